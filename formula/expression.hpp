@@ -1,0 +1,210 @@
+#pragma once
+
+#include <concepts>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string>
+#include <string_view>
+#include <unordered_map>
+#include <vector>
+
+/// The user's formulas: one hash-consed graph from which values, derivatives and Taylor series are taken.
+namespace rubato::formula {
+
+/// What a node of the graph computes from its arguments.
+enum class Operation : std::uint8_t {
+  constant,
+  variable,
+  add,
+  subtract,
+  multiply,
+  divide,
+  negate,
+  power,
+  sin,
+  cos,
+  tan,
+  asin,
+  acos,
+  atan,
+  atan2,
+  sinh,
+  cosh,
+  tanh,
+  asinh,
+  acosh,
+  atanh,
+  exp,
+  log,
+  sqrt,
+  cbrt,
+  abs,
+  sech,
+  csch,
+  sign,
+  min,
+  max,
+};
+
+/// Number of arguments of an operation: 0, 1 or 2.
+[[nodiscard]] int arity(Operation operation);
+/// The name a user writes: "sin", "+", …
+[[nodiscard]] std::string_view name(Operation operation);
+
+using NodeIndex = std::uint32_t;
+
+struct Node {
+  Operation operation;
+  NodeIndex a = 0;     ///< first argument; for a variable, its number
+  NodeIndex b = 0;     ///< second argument
+  double value = 0.0;  ///< of a constant
+};
+
+class Graph;
+
+/// A formula: a node of a graph. Copied freely; valid while its graph lives.
+///
+/// Arithmetic and the functions of the formula language are overloaded for it (found by argument-dependent look-up), so
+/// that a generic lambda called with Expressions records itself in the graph.
+class Expression {
+public:
+  Expression() = default;
+  Expression(Graph* graph, NodeIndex index) : graph_(graph), index_(index) {}
+  [[nodiscard]] Graph* graph() const { return graph_; }
+  [[nodiscard]] NodeIndex index() const { return index_; }
+  [[nodiscard]] bool valid() const { return graph_ != nullptr; }
+  [[nodiscard]] bool is_constant() const;
+  [[nodiscard]] bool is_constant(double value) const;  ///< bitwise for zero: -0 is not 0
+  [[nodiscard]] double constant_value() const;          ///< throws std::invalid_argument unless is_constant()
+  friend bool operator==(const Expression&, const Expression&) = default;
+
+private:
+  Graph* graph_ = nullptr;
+  NodeIndex index_ = 0;
+};
+
+/// The arena in which expressions live. A node is made after its arguments, so indices are a topological order, and
+/// equal nodes are made once (hash-consing), so common subexpressions are shared by construction.
+///
+/// Simplifications never change the domain of a formula: `x + 0`, `1*x`, `x/1`, `x^1`, `--x` and constant folding (when
+/// the result is finite) are made; `0*x`, `x - x`, `x/x` and `sqrt(x)^2` are left as they stand.
+/// Not thread-safe while being added to; const use from many threads is.
+class Graph {
+public:
+  Graph();
+  Graph(const Graph&) = delete;
+  Graph& operator=(const Graph&) = delete;
+
+  /// The variable called `name`, made at its first mention. Variables are numbered in the order they are made.
+  Expression variable(std::string_view name);
+  Expression constant(double value);
+  Expression make(Operation operation, Expression a);
+  Expression make(Operation operation, Expression a, Expression b);
+
+  [[nodiscard]] std::size_t size() const { return nodes_.size(); }
+  [[nodiscard]] const Node& node(NodeIndex index) const { return nodes_[index]; }
+  [[nodiscard]] std::size_t variable_count() const { return variable_names_.size(); }
+  [[nodiscard]] const std::string& variable_name(std::size_t number) const { return variable_names_[number]; }
+
+private:
+  struct Key {
+    Operation operation;
+    NodeIndex a, b;
+    std::uint64_t bits;
+    bool operator==(const Key&) const = default;
+  };
+  struct KeyHash {
+    std::size_t operator()(const Key& key) const;
+  };
+  NodeIndex intern(const Node& node);
+
+  std::vector<Node> nodes_;
+  std::unordered_map<Key, NodeIndex, KeyHash> known_;
+  std::vector<std::string> variable_names_;
+  std::unordered_map<std::string, NodeIndex> variables_;
+};
+
+// ---- building -------------------------------------------------------------------------------------------------------
+
+Expression operator+(Expression a, Expression b);
+Expression operator-(Expression a, Expression b);
+Expression operator*(Expression a, Expression b);
+Expression operator/(Expression a, Expression b);
+Expression operator-(Expression a);
+Expression operator+(Expression a);
+
+template <typename Number>
+concept Scalar = std::is_arithmetic_v<Number>;
+
+Expression constant_like(Expression a, double value);  ///< a constant in the graph of `a`
+
+// clang-format off
+template <Scalar N> Expression operator+(Expression a, N b) { return a + constant_like(a, static_cast<double>(b)); }
+template <Scalar N> Expression operator+(N a, Expression b) { return constant_like(b, static_cast<double>(a)) + b; }
+template <Scalar N> Expression operator-(Expression a, N b) { return a - constant_like(a, static_cast<double>(b)); }
+template <Scalar N> Expression operator-(N a, Expression b) { return constant_like(b, static_cast<double>(a)) - b; }
+template <Scalar N> Expression operator*(Expression a, N b) { return a * constant_like(a, static_cast<double>(b)); }
+template <Scalar N> Expression operator*(N a, Expression b) { return constant_like(b, static_cast<double>(a)) * b; }
+template <Scalar N> Expression operator/(Expression a, N b) { return a / constant_like(a, static_cast<double>(b)); }
+template <Scalar N> Expression operator/(N a, Expression b) { return constant_like(b, static_cast<double>(a)) / b; }
+
+template <typename T> Expression& operator+=(Expression& a, T b) { return a = a + b; }
+template <typename T> Expression& operator-=(Expression& a, T b) { return a = a - b; }
+template <typename T> Expression& operator*=(Expression& a, T b) { return a = a * b; }
+template <typename T> Expression& operator/=(Expression& a, T b) { return a = a / b; }
+// clang-format on
+
+Expression pow(Expression base, Expression exponent);
+Expression pow(Expression base, double exponent);
+Expression sin(Expression a);
+Expression cos(Expression a);
+Expression tan(Expression a);
+Expression asin(Expression a);
+Expression acos(Expression a);
+Expression atan(Expression a);
+Expression atan2(Expression y, Expression x);
+Expression sinh(Expression a);
+Expression cosh(Expression a);
+Expression tanh(Expression a);
+Expression asinh(Expression a);
+Expression acosh(Expression a);
+Expression atanh(Expression a);
+Expression exp(Expression a);
+Expression log(Expression a);
+Expression sqrt(Expression a);
+Expression cbrt(Expression a);
+Expression abs(Expression a);
+Expression sech(Expression a);
+Expression csch(Expression a);
+Expression sign(Expression a);
+Expression min(Expression a, Expression b);
+Expression max(Expression a, Expression b);
+
+// ---- using ----------------------------------------------------------------------------------------------------------
+
+/// Infix text that parse() reads back to the same expression (numbers with 17 significant digits).
+[[nodiscard]] std::string to_string(Expression expression);
+
+/// Numbers of the variables on which `expression` depends, ascending.
+[[nodiscard]] std::vector<std::size_t> variables_of(Expression expression);
+
+/// `expression` with each `from[i]` (variables of its graph) replaced by `to[i]`; all `to` in one graph, which may be
+/// another one: then every variable not replaced is carried over by name.
+[[nodiscard]] Expression substitute(Expression expression, std::span<const Expression> from,
+                                    std::span<const Expression> to);
+/// The same for several expressions at once, sharing what they share. `into` is the graph of the results.
+[[nodiscard]] std::vector<Expression> substitute(std::span<const Expression> expressions, Graph& into,
+                                                 std::span<const Expression> from, std::span<const Expression> to);
+
+/// Gradient of `expression` with respect to `variables` by one reverse sweep; the entry of a variable on which it does
+/// not depend is the constant 0. At kinks (`abs`, `min`, `max`, `sign`) the mean of the one-sided derivatives is taken.
+[[nodiscard]] std::vector<Expression> gradient(Expression expression, std::span<const Expression> variables);
+
+/// Upper triangle, row by row, of the Hessian with respect to `variables` (size n): n(n+1)/2 expressions.
+[[nodiscard]] std::vector<Expression> hessian_upper(Expression expression, std::span<const Expression> variables);
+
+/// Derivative of `expression` with respect to one variable (forward), sharing subexpressions.
+[[nodiscard]] Expression derivative(Expression expression, Expression variable);
+
+}  // namespace rubato::formula

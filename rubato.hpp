@@ -1,0 +1,4 @@
+#pragma once
+
+/// \file
+/// Everything a user of the library needs.
