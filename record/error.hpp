@@ -1,0 +1,27 @@
+#pragma once
+
+#include <filesystem>
+#include <stdexcept>
+#include <string>
+
+namespace rubato::record {
+
+/// A record could not be read or written: the text names the file and the reason the system or HDF5 gave.
+class Error : public std::runtime_error {
+public:
+  Error(std::filesystem::path file, const std::string& reason)
+      : std::runtime_error(file.string() + ": " + reason), file_(std::move(file)) {}
+
+  [[nodiscard]] const std::filesystem::path& file() const { return file_; }
+
+private:
+  std::filesystem::path file_;
+};
+
+/// A new record was to be written where a file already is, without leave to replace it.
+class AlreadyExists : public Error {
+public:
+  using Error::Error;
+};
+
+}  // namespace rubato::record

@@ -1,0 +1,108 @@
+#pragma once
+
+#include <chrono>
+#include <concepts>
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <span>
+
+#include <rubato/record/error.hpp>
+#include <rubato/record/layout.hpp>
+
+namespace rubato::record {
+
+/// When a run publishes what it has computed.
+struct CommitPolicy {
+  /// At least this long between two commits, …
+  std::chrono::duration<double> interval = std::chrono::seconds(2);
+  /// … and at least this many times the duration of the last commit: at most 1/20 of the time goes into commits.
+  double times_last_commit = 20.0;
+  /// Whole chunks wait in memory for at most about this many bytes; beyond, they move to the working file.
+  std::size_t buffer_bytes = std::size_t{64} << 20;
+};
+
+/// Writes the record of a run, level by level.
+///
+/// The file at the record's path is at any moment a complete, closed HDF5 file that holds whole levels only: rows
+/// gather in memory and in a working file beside it (`NAME.partial`), and `commit` makes a new version of the whole
+/// file (`NAME.next`) and renames it over the old one. A process killed at any moment thus leaves the last version
+/// committed, which any reader opens and `resume` continues; files left beside it are taken over or removed by the next
+/// writer. A reader that has the old version open keeps it. Disk space for two further copies is needed during a run.
+///
+/// Only `finish` waits for the disk (fsync): renaming protects against the death of the process, and losing the last
+/// versions of an unfinished run in a power failure costs less than waiting for the disk at every commit.
+///
+/// A record has one writer at a time; a second one is refused. Different writers may be used by different threads.
+///
+/// All operations that touch files throw Error; the published version then stays as it was, and the writer must not be
+/// used further. An unfinished writer that goes out of scope publishes nothing more.
+///
+///     auto writer = Writer::create("pendulum.h5", layout);
+///     writer.append(0, t); …; writer.end_level(); writer.commit(checkpoint);
+///     while (…) {
+///       writer.append(0, t); …; writer.end_level();
+///       if (writer.commit_due()) writer.commit(checkpoint);
+///     }
+///     writer.finish(checkpoint, Completion::complete);
+class Writer {
+public:
+  /// Prepares a new record; nothing is at `file` before the first commit. Throws std::invalid_argument if the layout
+  /// contradicts itself, AlreadyExists if the file exists and `overwrite` is false.
+  [[nodiscard]] static Writer create(const std::filesystem::path& file, const Layout& layout, bool overwrite = false,
+                                     CommitPolicy policy = {});
+
+  /// Continues a record after its last complete level; `layout` is that of the run that wrote it. The checkpoint is
+  /// read with `Reader`. Throws Error if there is no such record, or if its scales or datasets are not those of the
+  /// layout. Title, problem, version, compiler and threads are replaced by those of the layout at the next commit.
+  [[nodiscard]] static Writer resume(const std::filesystem::path& file, const Layout& layout, CommitPolicy policy = {});
+
+  Writer(Writer&&) noexcept;
+  Writer& operator=(Writer&&) noexcept;
+  ~Writer();
+
+  /// Appends one row to the dataset number `dataset` of the layout. Throws std::invalid_argument if the size is not
+  /// that of a row, if the dataset is of another type, or if a value is not finite and the dataset does not say that
+  /// it may be.
+  void append(std::size_t dataset, std::span<const double> row);
+
+  /// The same for the integer types; a value outside the stored type's range is refused too.
+  void append(std::size_t dataset, std::span<const std::int64_t> row);
+
+  /// One number, for datasets with one number per row.
+  void append(std::size_t dataset, std::floating_point auto value) {
+    const double number = value;
+    append(dataset, std::span<const double>(&number, 1));
+  }
+  void append(std::size_t dataset, std::integral auto value) {
+    const auto number = static_cast<std::int64_t>(value);
+    append(dataset, std::span<const std::int64_t>(&number, 1));
+  }
+
+  /// The number of rows appended to a dataset so far, those of earlier runs included.
+  [[nodiscard]] std::size_t rows(std::size_t dataset) const;
+
+  /// Declares that the rows appended so far describe whole levels; rows appended later are published only after the
+  /// next call. Throws std::logic_error if datasets with the same axis differ in their number of rows.
+  void end_level();
+
+  /// Whether enough time has passed since the last commit (see CommitPolicy).
+  [[nodiscard]] bool commit_due() const;
+
+  /// Publishes everything up to the last `end_level`, with the checkpoint that belongs to it.
+  void commit(const Checkpoint& checkpoint);
+
+  enum class Completion { interrupted, complete };
+
+  /// Publishes for the last time and waits until it is on the disk. The attribute `finished` of the record becomes 1 if
+  /// the run is complete. No other call may follow.
+  void finish(const Checkpoint& checkpoint, Completion completion);
+
+private:
+  class Implementation;
+  explicit Writer(std::unique_ptr<Implementation> implementation);
+  std::unique_ptr<Implementation> implementation_;
+};
+
+}  // namespace rubato::record
