@@ -1,0 +1,176 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <variant>
+#include <vector>
+
+#include <rubato/formula/expression.hpp>
+#include <rubato/study/location.hpp>
+
+/// Problems as files: read, validated, run, resumed and checked.
+namespace rubato::study {
+
+/// A formula as the user wrote it, and where its first character stands.
+struct FormulaText {
+  std::string text;
+  Location location;
+};
+
+/// A formula with a name: an invariant, or one component of an exact solution.
+struct NamedFormula {
+  std::string name;
+  FormulaText formula;
+};
+
+/// A parameter with its value; parameters may refer to each other in any order.
+struct Parameter {
+  std::string name;
+  double value = 0.0;
+  Location location;
+};
+
+/// Dense square matrix, row by row.
+struct Matrix {
+  std::size_t size = 0;
+  std::vector<double> entries;  ///< size * size
+  Location location;
+
+  [[nodiscard]] double operator()(std::size_t row, std::size_t column) const { return entries[row * size + column]; }
+  double& operator()(std::size_t row, std::size_t column) { return entries[row * size + column]; }
+};
+
+/// A point of the phase space at its own time.
+struct PhasePoint {
+  double t = 0.0;
+  std::vector<double> q, p;
+  Location location;  ///< of its table
+};
+
+/// [hamiltonian]: an ODE in canonical coordinates.
+struct HamiltonianProblem {
+  std::vector<std::string> q, p;  ///< names, vectors expanded: r[3] is r1, r2, r3
+  FormulaText H;                  ///< in q, p and parameters
+  PhasePoint initial;
+  std::optional<PhasePoint> next;        ///< [initial.next]: the second level of a starting pair
+  std::vector<NamedFormula> invariants;  ///< in q, p, in the order of the file
+  std::vector<NamedFormula> exact;       ///< in t; names of some coordinates and momenta, in the order q, p
+
+  /// q followed by p.
+  [[nodiscard]] std::vector<std::string> names() const;
+};
+
+/// One direction of the periodic grid: nodes from + i (to - from)/cells, i = 0 … cells-1.
+struct GridAxis {
+  std::string name;  ///< "x", "y" or "z"
+  double from = 0.0, to = 0.0;
+  std::int64_t cells = 0;
+  Location location;
+};
+
+/// A linear symmetry z -> z + s B z.
+struct LinearSymmetry {
+  std::string name;
+  Matrix B;
+};
+
+/// [multisymplectic]: M z_t + K_x z_x (+ K_y z_y + K_z z_z) = ∇S(z) on a periodic grid.
+struct MultisymplecticProblem {
+  std::vector<std::string> fields;
+  Matrix M;               ///< skew
+  std::vector<Matrix> K;  ///< one per grid axis, skew
+  FormulaText S;          ///< in the fields and parameters
+  std::vector<GridAxis> axes;
+  double start = 0.0;
+  /// Per field, in the grid's coordinates; may hold dx(f), dy(f), dz(f) of other fields. A field may be left out.
+  std::vector<std::optional<FormulaText>> initial;
+  Location initial_location;
+  std::vector<NamedFormula> invariants;  ///< densities in the fields, with dx(f) …
+  std::vector<NamedFormula> exact;       ///< in the grid's coordinates and t; names of some fields, in their order
+  std::vector<LinearSymmetry> symmetries;
+
+  [[nodiscard]] std::vector<std::string> axis_names() const;
+};
+
+enum class Lagrangian { midpoint, forward, generating, custom, box, fourier, euler_box };
+enum class Levels { variable, fixed };
+enum class OnSingular { bridge, fixed, stop };
+
+/// What the user writes: "midpoint", "euler-box", "variable", "stop", …
+[[nodiscard]] std::string_view to_string(Lagrangian lagrangian);
+[[nodiscard]] std::string_view to_string(Levels levels);
+[[nodiscard]] std::string_view to_string(OnSingular on_singular);
+
+/// The normal Darboux matrix of a generating function: F = 0, ±[[0, I], [I, 0]], or the user's symmetric 2n×2n F.
+enum class DarbouxKind { midpoint, euler_a, euler_b, matrix };
+
+/// [scheme]
+struct Scheme {
+  Lagrangian lagrangian = Lagrangian::midpoint;
+  Levels levels = Levels::variable;
+  OnSingular on_singular = OnSingular::bridge;
+  /// t_1 - t_0, finite, nonzero, with the sign of until - start. Absent for step = "auto" only (then energy_tolerance
+  /// holds); taken from [initial.next] where that is given.
+  std::optional<double> step;
+  std::optional<double> energy_tolerance;
+  double until = 0.0;
+  std::optional<int> order;  ///< generating
+  DarbouxKind darboux = DarbouxKind::midpoint;
+  std::optional<Matrix> darboux_matrix;
+  std::optional<FormulaText> L;  ///< custom: in t_0, t_1 and every coordinate and momentum with suffix _0 and _1
+  bool allow_unstable = false;
+  std::int64_t max_steps = 100'000'000;
+  double tolerance = 1e-13;
+
+  Location location;  ///< of the table
+  Location step_location, until_location, lagrangian_location, levels_location, order_location, darboux_location;
+};
+
+/// [output]
+struct Output {
+  std::string file;  ///< default: the problem's name with .h5
+  std::int64_t every = 1;
+  Location file_location;
+};
+
+/// A whole problem, read and validated: names, types, signs, sizes and the syntax of every formula are in order.
+struct Problem {
+  std::string name;    ///< of the file without folder and extension, or of the catalogue entry
+  std::string title;   ///< default: the name
+  std::string source;  ///< the file as the user named it
+  std::string text;    ///< the whole effective problem, TOML: reading it again gives the same problem
+  std::vector<Parameter> parameters;
+  std::variant<HamiltonianProblem, MultisymplecticProblem> system;
+  Scheme scheme;
+  Output output;
+
+  [[nodiscard]] const HamiltonianProblem* hamiltonian() const { return std::get_if<HamiltonianProblem>(&system); }
+  [[nodiscard]] const MultisymplecticProblem* multisymplectic() const {
+    return std::get_if<MultisymplecticProblem>(&system);
+  }
+  /// Start time.
+  [[nodiscard]] double start() const;
+
+  /// The formula as an expression of `graph` in the variables `names` (made in that order if they are new), parameters
+  /// put in as constants. With `derivatives`, dx(f), dy(f), dz(f) of one of `differentiable` stand for a variable
+  /// called "dx(f)" and so on, and may be nested. \throws ProblemError at the place in the file
+  [[nodiscard]] formula::Expression build(const FormulaText& formula, formula::Graph& graph,
+                                          std::span<const std::string> names,
+                                          std::span<const std::string> differentiable = {}) const;
+};
+
+/// Reads a problem: `problem` is a file, or else a catalogue name; `settings` are the values of `--set`,
+/// "table.key=value". \throws ProblemError if anything in it is wrong, or there is neither such a file nor such a
+/// catalogue entry \throws FileError if the file exists and cannot be read
+[[nodiscard]] Problem read_problem(const std::string& problem, std::span<const std::string> settings = {});
+
+/// Reads a problem from its text; `source` names it in messages, and its stem is the problem's name.
+/// \throws ProblemError
+[[nodiscard]] Problem parse_problem(std::string_view text, const std::string& source,
+                                    std::span<const std::string> settings = {});
+
+}  // namespace rubato::study
