@@ -10,20 +10,20 @@ namespace rubato::formula {
 
 /// What an instruction does: the operations of the graph, strength-reduced and fused.
 enum class OpCode : std::uint8_t {
-  add,             ///< r[target] = r[a] + r[b]
-  subtract,        ///< r[a] - r[b]
-  multiply,        ///< r[a] * r[b]
-  divide,          ///< r[a] / r[b]
-  negate,          ///< -r[a]
-  multiply_add,    ///< r[a]*r[b] + r[c], product rounded (not contracted)
-  multiply_subtract,         ///< r[a]*r[b] - r[c]
-  negative_multiply_add,     ///< r[c] - r[a]*r[b]
-  square,          ///< r[a]*r[a]
-  integer_power,   ///< r[a]^immediate, by repeated squaring; the immediate is `b` read as std::int32_t
-  power,           ///< pow(r[a], r[b])
+  add,                    ///< r[target] = r[a] + r[b]
+  subtract,               ///< r[a] - r[b]
+  multiply,               ///< r[a] * r[b]
+  divide,                 ///< r[a] / r[b]
+  negate,                 ///< -r[a]
+  multiply_add,           ///< r[a]*r[b] + r[c], product rounded (not contracted)
+  multiply_subtract,      ///< r[a]*r[b] - r[c]
+  negative_multiply_add,  ///< r[c] - r[a]*r[b]
+  square,                 ///< r[a]*r[a]
+  integer_power,          ///< r[a]^immediate, by repeated squaring; the immediate is `b` read as std::int32_t
+  power,                  ///< pow(r[a], r[b])
   sin,
   cos,
-  sincos,          ///< r[target] = sin r[a], r[b] = cos r[a]: `b` is a second target
+  sincos,  ///< r[target] = sin r[a], r[b] = cos r[a]: `b` is a second target
   tan,
   asin,
   acos,
@@ -43,9 +43,12 @@ enum class OpCode : std::uint8_t {
   sech,
   csch,
   sign,
-  min,
+  min,  ///< NaN if either argument is
   max,
 };
+
+/// How many of a, b, c are registers that an instruction reads: 1, 2 or 3 (integer_power and sincos: only a).
+[[nodiscard]] int operand_count(OpCode code);
 
 struct Instruction {
   OpCode code;
@@ -59,8 +62,8 @@ struct Instruction {
 /// arithmetic needs every intermediate series and compiles without reuse).
 class Bytecode {
 public:
-  /// Code that computes `outputs` from `inputs` (variables of the same graph). Every variable the outputs depend on must be an input.
-  /// \throws std::invalid_argument naming the first variable that is not
+  /// Code that computes `outputs` from `inputs` (variables of the same graph). Every variable the outputs depend on
+  /// must be an input. \throws std::invalid_argument naming the first variable that is not
   Bytecode(std::span<const Expression> outputs, std::span<const Expression> inputs, bool reuse_registers = true);
   Bytecode() = default;
 

@@ -1,11 +1,13 @@
 #pragma once
 
 #include <concepts>
+#include <cstddef>
 #include <cstdint>
-#include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
+#include <type_traits>
 #include <unordered_map>
 #include <vector>
 
@@ -76,7 +78,7 @@ public:
   [[nodiscard]] bool valid() const { return graph_ != nullptr; }
   [[nodiscard]] bool is_constant() const;
   [[nodiscard]] bool is_constant(double value) const;  ///< bitwise for zero: -0 is not 0
-  [[nodiscard]] double constant_value() const;          ///< throws std::invalid_argument unless is_constant()
+  [[nodiscard]] double constant_value() const;         ///< throws std::invalid_argument unless is_constant()
   friend bool operator==(const Expression&, const Expression&) = default;
 
 private:
@@ -107,20 +109,24 @@ public:
   [[nodiscard]] std::size_t variable_count() const { return variable_names_.size(); }
   [[nodiscard]] const std::string& variable_name(std::size_t number) const { return variable_names_[number]; }
 
+  /// The node `operation(a, b)` if it has been made already.
+  [[nodiscard]] std::optional<NodeIndex> find(Operation operation, NodeIndex a, NodeIndex b) const;
+
 private:
-  struct Key {
-    Operation operation;
-    NodeIndex a, b;
-    std::uint64_t bits;
-    bool operator==(const Key&) const = default;
-  };
-  struct KeyHash {
-    std::size_t operator()(const Key& key) const;
-  };
+  [[nodiscard]] std::size_t slot_of(const Node& node) const;
   NodeIndex intern(const Node& node);
+  void grow_table();
+  Expression at(NodeIndex index) { return {this, index}; }
+  void check_owner(Expression a) const;
+  Expression make_add(Expression a, Expression b);
+  Expression make_subtract(Expression a, Expression b);
+  Expression make_multiply(Expression a, Expression b);
+  Expression make_divide(Expression a, Expression b);
+  Expression make_power(Expression a, Expression b);
+  Expression first_orientation(Expression a);
 
   std::vector<Node> nodes_;
-  std::unordered_map<Key, NodeIndex, KeyHash> known_;
+  std::vector<NodeIndex> table_;  ///< open-addressed hash table of the nodes; its size is a power of two
   std::vector<std::string> variable_names_;
   std::unordered_map<std::string, NodeIndex> variables_;
 };

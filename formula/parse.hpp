@@ -10,14 +10,14 @@
 
 namespace rubato::formula {
 
-/// An error in a formula's text. what() is a complete message of several lines: what is wrong, the line of the formula with a caret
-/// under the place, and, for a misspelt name, a suggestion. `offset` is the byte offset in the text.
+/// An error in a formula's text. what() is a complete message of several lines: what is wrong, the line of the formula
+/// with a caret under the place, and, for a misspelt name, a suggestion. `offset` is the byte offset in the text.
 class ParseError : public std::invalid_argument {
 public:
   ParseError(std::string_view text, std::size_t offset, const std::string& reason);
   [[nodiscard]] std::size_t offset() const { return offset_; }
-  [[nodiscard]] std::size_t line() const { return line_; }      ///< 1-based, in the formula
-  [[nodiscard]] std::size_t column() const { return column_; }  ///< 1-based, in characters (UTF-8 code points)
+  [[nodiscard]] std::size_t line() const { return line_; }             ///< 1-based, in the formula
+  [[nodiscard]] std::size_t column() const { return column_; }         ///< 1-based, in characters (UTF-8 code points)
   [[nodiscard]] const std::string& reason() const { return reason_; }  ///< one line, without the excerpt
 
 private:
@@ -52,7 +52,8 @@ struct ParseContext {
 /// Whether `name` is a function of the language, or `pi`.
 [[nodiscard]] bool is_reserved_name(std::string_view name);
 
-/// The entry of `known` nearest to `name` (edit distance at most 2 and less than half the length), for "did you mean …".
+/// The entry of `known` nearest to `name` (edit distance at most 2 and less than half the length), for "did you mean
+/// …".
 [[nodiscard]] std::optional<std::string> nearest_name(std::string_view name, std::span<const std::string> known);
 
 }  // namespace rubato::formula

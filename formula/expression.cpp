@@ -1,0 +1,488 @@
+#include <rubato/formula/expression.hpp>
+
+#include <array>
+#include <bit>
+#include <cmath>
+#include <limits>
+#include <stdexcept>
+#include <utility>
+
+#include <fmt/format.h>
+
+#include <rubato/formula/arithmetic.hpp>
+
+namespace rubato::formula {
+
+namespace {
+
+struct OperationInfo {
+  std::string_view name;
+  int arity;
+};
+
+constexpr std::array<OperationInfo, 31> operations{{
+    {"constant", 0}, {"variable", 0}, {"+", 2},     {"-", 2},     {"*", 2},     {"/", 2},    {"-", 1},     {"^", 2},
+    {"sin", 1},      {"cos", 1},      {"tan", 1},   {"asin", 1},  {"acos", 1},  {"atan", 1}, {"atan2", 2}, {"sinh", 1},
+    {"cosh", 1},     {"tanh", 1},     {"asinh", 1}, {"acosh", 1}, {"atanh", 1}, {"exp", 1},  {"log", 1},   {"sqrt", 1},
+    {"cbrt", 1},     {"abs", 1},      {"sech", 1},  {"csch", 1},  {"sign", 1},  {"min", 2},  {"max", 2},
+}};
+static_assert(operations.size() == static_cast<std::size_t>(Operation::max) + 1);
+
+constexpr NodeIndex no_node = std::numeric_limits<NodeIndex>::max();
+
+bool is_even_function(Operation operation) {
+  return operation == Operation::cos || operation == Operation::cosh || operation == Operation::abs ||
+         operation == Operation::sech;
+}
+
+bool is_odd_function(Operation operation) {
+  switch (operation) {
+    case Operation::sin:
+    case Operation::tan:
+    case Operation::asin:
+    case Operation::atan:
+    case Operation::sinh:
+    case Operation::tanh:
+    case Operation::asinh:
+    case Operation::atanh:
+    case Operation::cbrt:
+    case Operation::csch:
+    case Operation::sign: return true;
+    default: return false;
+  }
+}
+
+bool same_node(const Node& x, const Node& y) {
+  return x.operation == y.operation && x.a == y.a && x.b == y.b &&
+         std::bit_cast<std::uint64_t>(x.value) == std::bit_cast<std::uint64_t>(y.value);
+}
+
+std::size_t hash(const Node& node) {
+  // Multiply-and-fold by odd constants: every input bit reaches the low bits that the table uses.
+  const auto mix = [](std::uint64_t h) {
+    h *= 0x9e3779b97f4a7c15U;
+    return h ^ (h >> 32U);
+  };
+  std::uint64_t h = mix((std::uint64_t{node.a} << 32U) | node.b);
+  h = mix(h ^ std::bit_cast<std::uint64_t>(node.value));
+  return static_cast<std::size_t>(mix(h + static_cast<std::uint64_t>(node.operation)));
+}
+
+}  // namespace
+
+int arity(Operation operation) {
+  return operations[static_cast<std::size_t>(operation)].arity;
+}
+
+std::string_view name(Operation operation) {
+  return operations[static_cast<std::size_t>(operation)].name;
+}
+
+double apply(Operation operation, double a, double b) {
+  switch (operation) {
+    case Operation::constant:
+    case Operation::variable: break;
+    case Operation::add: return a + b;
+    case Operation::subtract: return a - b;
+    case Operation::multiply: return a * b;
+    case Operation::divide: return a / b;
+    case Operation::negate: return -a;
+    case Operation::power: return std::pow(a, b);
+    case Operation::sin: return std::sin(a);
+    case Operation::cos: return std::cos(a);
+    case Operation::tan: return std::tan(a);
+    case Operation::asin: return std::asin(a);
+    case Operation::acos: return std::acos(a);
+    case Operation::atan: return std::atan(a);
+    case Operation::atan2: return std::atan2(a, b);
+    case Operation::sinh: return std::sinh(a);
+    case Operation::cosh: return std::cosh(a);
+    case Operation::tanh: return std::tanh(a);
+    case Operation::asinh: return std::asinh(a);
+    case Operation::acosh: return std::acosh(a);
+    case Operation::atanh: return std::atanh(a);
+    case Operation::exp: return std::exp(a);
+    case Operation::log: return std::log(a);
+    case Operation::sqrt: return std::sqrt(a);
+    case Operation::cbrt: return std::cbrt(a);
+    case Operation::abs: return std::abs(a);
+    case Operation::sech: return sech(a);
+    case Operation::csch: return csch(a);
+    case Operation::sign: return sign(a);
+    case Operation::min: return minimum(a, b);
+    case Operation::max: return maximum(a, b);
+  }
+  return std::numeric_limits<double>::quiet_NaN();
+}
+
+// ---- Expression -----------------------------------------------------------------------------------------------------
+
+bool Expression::is_constant() const {
+  return graph_ != nullptr && graph_->node(index_).operation == Operation::constant;
+}
+
+bool Expression::is_constant(double value) const {
+  return is_constant() &&
+         std::bit_cast<std::uint64_t>(graph_->node(index_).value) == std::bit_cast<std::uint64_t>(value);
+}
+
+double Expression::constant_value() const {
+  if (!is_constant()) {
+    throw std::invalid_argument("constant_value: the expression is not a constant");
+  }
+  return graph_->node(index_).value;
+}
+
+// ---- Graph ----------------------------------------------------------------------------------------------------------
+
+Graph::Graph() : table_(64, no_node) {}
+
+/// The place in the table where `node` is, or where it would go.
+std::size_t Graph::slot_of(const Node& node) const {
+  const std::size_t mask = table_.size() - 1;
+  std::size_t slot = hash(node) & mask;
+  while (table_[slot] != no_node && !same_node(nodes_[table_[slot]], node)) {
+    slot = (slot + 1) & mask;
+  }
+  return slot;
+}
+
+void Graph::grow_table() {
+  table_.assign(2 * table_.size(), no_node);
+  for (NodeIndex index = 0; index < nodes_.size(); ++index) {
+    table_[slot_of(nodes_[index])] = index;
+  }
+}
+
+NodeIndex Graph::intern(const Node& node) {
+  const std::size_t slot = slot_of(node);
+  if (table_[slot] != no_node) {
+    return table_[slot];
+  }
+  if (nodes_.size() >= no_node) {
+    throw std::length_error("a formula graph holds at most 4294967295 nodes");
+  }
+  const auto index = static_cast<NodeIndex>(nodes_.size());
+  nodes_.push_back(node);
+  table_[slot] = index;
+  if (2 * nodes_.size() > table_.size()) {
+    grow_table();
+  }
+  return index;
+}
+
+std::optional<NodeIndex> Graph::find(Operation operation, NodeIndex a, NodeIndex b) const {
+  const NodeIndex index = table_[slot_of({operation, a, b})];
+  return index == no_node ? std::nullopt : std::optional(index);
+}
+
+Expression Graph::variable(std::string_view name) {
+  const auto [entry, is_new] = variables_.try_emplace(std::string(name), NodeIndex{0});
+  if (is_new) {
+    const auto number = static_cast<NodeIndex>(variable_names_.size());
+    variable_names_.emplace_back(name);
+    entry->second = intern({Operation::variable, number});
+  }
+  return at(entry->second);
+}
+
+Expression Graph::constant(double value) {
+  if (!std::isfinite(value)) {
+    throw std::invalid_argument(fmt::format("a constant of a formula must be finite, got {}", value));
+  }
+  return at(intern({Operation::constant, 0, 0, value}));
+}
+
+void Graph::check_owner(Expression a) const {
+  if (a.graph() != this) {
+    throw std::invalid_argument(a.valid() ? "expressions of different graphs cannot be combined"
+                                          : "an empty expression cannot be an argument");
+  }
+}
+
+/// For an argument of an even function: of x - y and y - x, the one that was made first, so that both are shared.
+Expression Graph::first_orientation(Expression a) {
+  const Node node = nodes_[a.index()];
+  if (node.operation == Operation::negate) {
+    return at(node.a);
+  }
+  if (node.operation == Operation::subtract) {
+    if (const auto reversed = find(Operation::subtract, node.b, node.a); reversed && *reversed < a.index()) {
+      return at(*reversed);
+    }
+  }
+  return a;
+}
+
+Expression Graph::make(Operation operation, Expression a) {
+  check_owner(a);
+  if (arity(operation) != 1) {
+    throw std::invalid_argument(fmt::format("'{}' does not take one argument", name(operation)));
+  }
+  const Node node = nodes_[a.index()];
+  if (node.operation == Operation::constant) {
+    if (const double value = apply(operation, node.value); std::isfinite(value)) {
+      return constant(value);
+    }
+  }
+  if (operation == Operation::negate) {
+    if (node.operation == Operation::negate) {
+      return at(node.a);
+    }
+    // -(c·x) and -(c/x) keep their sign in the constant.
+    if ((node.operation == Operation::multiply || node.operation == Operation::divide) && at(node.a).is_constant()) {
+      return make(node.operation, constant(-nodes_[node.a].value), at(node.b));
+    }
+  } else if (is_even_function(operation)) {
+    a = first_orientation(a);
+  } else if (is_odd_function(operation) && node.operation == Operation::negate) {
+    return -make(operation, at(node.a));
+  }
+  return at(intern({operation, a.index()}));
+}
+
+Expression Graph::make(Operation operation, Expression a, Expression b) {
+  check_owner(a);
+  check_owner(b);
+  if (arity(operation) != 2) {
+    throw std::invalid_argument(fmt::format("'{}' does not take two arguments", name(operation)));
+  }
+  if (a.is_constant() && b.is_constant()) {
+    const double value = apply(operation, a.constant_value(), b.constant_value());
+    if (std::isfinite(value)) {
+      return constant(value);
+    }
+  }
+  switch (operation) {
+    case Operation::add: return make_add(a, b);
+    case Operation::subtract: return make_subtract(a, b);
+    case Operation::multiply: return make_multiply(a, b);
+    case Operation::divide: return make_divide(a, b);
+    case Operation::power: return make_power(a, b);
+    case Operation::min:
+    case Operation::max:
+      if (a == b) {
+        return a;
+      }
+      if (b.index() < a.index()) {
+        std::swap(a, b);
+      }
+      break;
+    default: break;
+  }
+  return at(intern({operation, a.index(), b.index()}));
+}
+
+Expression Graph::make_add(Expression a, Expression b) {
+  if (a.is_constant() || (!b.is_constant() && b.index() < a.index())) {
+    std::swap(a, b);  // canonical: a constant last, else in the order of making
+  }
+  const Node first = nodes_[a.index()];
+  const Node second = nodes_[b.index()];
+  if (second.operation == Operation::constant) {
+    if (second.value == 0.0) {
+      return a;
+    }
+    if (second.value < 0.0 && first.operation != Operation::constant) {
+      return at(intern({Operation::subtract, a.index(), constant(-second.value).index()}));
+    }
+  }
+  if (a == b) {
+    return make(Operation::multiply, constant(2.0), a);
+  }
+  if (second.operation == Operation::negate) {
+    return make(Operation::subtract, a, at(second.a));
+  }
+  if (first.operation == Operation::negate) {
+    return make(Operation::subtract, b, at(first.a));
+  }
+  return at(intern({Operation::add, a.index(), b.index()}));
+}
+
+Expression Graph::make_subtract(Expression a, Expression b) {
+  const Node second = nodes_[b.index()];
+  if (second.operation == Operation::constant) {
+    if (second.value == 0.0) {
+      return a;
+    }
+    if (second.value < 0.0) {
+      return make(Operation::add, a, constant(-second.value));
+    }
+  }
+  if (second.operation == Operation::negate) {
+    return make(Operation::add, a, at(second.a));
+  }
+  return at(intern({Operation::subtract, a.index(), b.index()}));
+}
+
+Expression Graph::make_multiply(Expression a, Expression b) {
+  if (b.is_constant() || (!a.is_constant() && b.index() < a.index())) {
+    std::swap(a, b);  // canonical: a constant first, else in the order of making
+  }
+  if (a.is_constant(1.0)) {
+    return b;
+  }
+  if (a.is_constant(-1.0)) {
+    return make(Operation::negate, b);
+  }
+  const Node first = nodes_[a.index()];
+  const Node second = nodes_[b.index()];
+  if (second.operation == Operation::negate) {
+    return make(Operation::negate, make(Operation::multiply, a, at(second.a)));
+  }
+  if (first.operation == Operation::negate) {
+    return make(Operation::negate, make(Operation::multiply, at(first.a), b));
+  }
+  if (a == b) {
+    return make(Operation::power, a, constant(2.0));
+  }
+  return at(intern({Operation::multiply, a.index(), b.index()}));
+}
+
+Expression Graph::make_divide(Expression a, Expression b) {
+  const Node first = nodes_[a.index()];
+  const Node second = nodes_[b.index()];
+  if (b.is_constant(1.0)) {
+    return a;
+  }
+  if (second.operation == Operation::constant && second.value < 0.0 && first.operation != Operation::constant) {
+    return make(Operation::negate, make(Operation::divide, a, constant(-second.value)));
+  }
+  if (first.operation == Operation::negate) {
+    return make(Operation::negate, make(Operation::divide, at(first.a), b));
+  }
+  if (second.operation == Operation::negate) {
+    return make(Operation::negate, make(Operation::divide, a, at(second.a)));
+  }
+  return at(intern({Operation::divide, a.index(), b.index()}));
+}
+
+Expression Graph::make_power(Expression a, Expression b) {
+  if (b.is_constant(1.0)) {
+    return a;
+  }
+  if (b.is_constant() && std::fmod(b.constant_value(), 2.0) == 0.0) {
+    a = first_orientation(a);
+  }
+  return at(intern({Operation::power, a.index(), b.index()}));
+}
+
+// ---- building -------------------------------------------------------------------------------------------------------
+
+namespace {
+
+Graph& graph_of(Expression a) {
+  if (!a.valid()) {
+    throw std::invalid_argument("an empty expression cannot be an argument");
+  }
+  return *a.graph();
+}
+
+Expression unary(Operation operation, Expression a) {
+  return graph_of(a).make(operation, a);
+}
+Expression binary(Operation operation, Expression a, Expression b) {
+  return graph_of(a).make(operation, a, b);
+}
+
+}  // namespace
+
+Expression constant_like(Expression a, double value) {
+  return graph_of(a).constant(value);
+}
+
+Expression operator+(Expression a, Expression b) {
+  return binary(Operation::add, a, b);
+}
+Expression operator-(Expression a, Expression b) {
+  return binary(Operation::subtract, a, b);
+}
+Expression operator*(Expression a, Expression b) {
+  return binary(Operation::multiply, a, b);
+}
+Expression operator/(Expression a, Expression b) {
+  return binary(Operation::divide, a, b);
+}
+Expression operator-(Expression a) {
+  return unary(Operation::negate, a);
+}
+Expression operator+(Expression a) {
+  return a;
+}
+Expression pow(Expression base, Expression exponent) {
+  return binary(Operation::power, base, exponent);
+}
+Expression pow(Expression base, double exponent) {
+  return pow(base, constant_like(base, exponent));
+}
+Expression sin(Expression a) {
+  return unary(Operation::sin, a);
+}
+Expression cos(Expression a) {
+  return unary(Operation::cos, a);
+}
+Expression tan(Expression a) {
+  return unary(Operation::tan, a);
+}
+Expression asin(Expression a) {
+  return unary(Operation::asin, a);
+}
+Expression acos(Expression a) {
+  return unary(Operation::acos, a);
+}
+Expression atan(Expression a) {
+  return unary(Operation::atan, a);
+}
+Expression atan2(Expression y, Expression x) {
+  return binary(Operation::atan2, y, x);
+}
+Expression sinh(Expression a) {
+  return unary(Operation::sinh, a);
+}
+Expression cosh(Expression a) {
+  return unary(Operation::cosh, a);
+}
+Expression tanh(Expression a) {
+  return unary(Operation::tanh, a);
+}
+Expression asinh(Expression a) {
+  return unary(Operation::asinh, a);
+}
+Expression acosh(Expression a) {
+  return unary(Operation::acosh, a);
+}
+Expression atanh(Expression a) {
+  return unary(Operation::atanh, a);
+}
+Expression exp(Expression a) {
+  return unary(Operation::exp, a);
+}
+Expression log(Expression a) {
+  return unary(Operation::log, a);
+}
+Expression sqrt(Expression a) {
+  return unary(Operation::sqrt, a);
+}
+Expression cbrt(Expression a) {
+  return unary(Operation::cbrt, a);
+}
+Expression abs(Expression a) {
+  return unary(Operation::abs, a);
+}
+Expression sech(Expression a) {
+  return unary(Operation::sech, a);
+}
+Expression csch(Expression a) {
+  return unary(Operation::csch, a);
+}
+Expression sign(Expression a) {
+  return unary(Operation::sign, a);
+}
+Expression min(Expression a, Expression b) {
+  return binary(Operation::min, a, b);
+}
+Expression max(Expression a, Expression b) {
+  return binary(Operation::max, a, b);
+}
+
+}  // namespace rubato::formula

@@ -1,0 +1,376 @@
+#include <rubato/formula/parse.hpp>
+
+#include <algorithm>
+#include <array>
+#include <limits>
+#include <numbers>
+#include <unordered_set>
+#include <utility>
+
+#include <fmt/format.h>
+
+#include <rubato/formula/tokens.hpp>
+
+namespace rubato::formula {
+
+namespace {
+
+constexpr int deepest_nesting = 1000;
+constexpr std::size_t excerpt_width = 80;
+
+/// Binding strengths: a loop over operators of at least a given strength reads each level of the grammar.
+constexpr int sum_strength = 1;
+constexpr int product_strength = 2;
+constexpr int power_strength = 3;
+
+int strength(const Token& token) {
+  if (token.is('+') || token.is('-')) {
+    return sum_strength;
+  }
+  if (token.is('*') || token.is('/')) {
+    return product_strength;
+  }
+  return token.is('^') ? power_strength : 0;
+}
+
+class Parser {
+public:
+  Parser(std::string_view text, Graph& graph, const ParseContext& context)
+      : text_(text), graph_(graph), context_(context), token_(next_token(text, 0)) {}
+
+  Expression parse_all() {
+    if (token_.kind == Token::Kind::end) {
+      fail(token_.offset, "the formula is empty");
+    }
+    const Expression result = parse_operators(sum_strength);
+    if (token_.kind == Token::Kind::end) {
+      return result;
+    }
+    if (token_.is(')')) {
+      fail(token_.offset, "this ) closes nothing");
+    }
+    refuse_after_operand();
+  }
+
+private:
+  struct Nesting {
+    explicit Nesting(Parser& parser) : depth(parser.depth_) {
+      if (++depth > deepest_nesting) {
+        --depth;
+        parser.fail(parser.token_.offset, fmt::format("nesting deeper than {} levels", deepest_nesting));
+      }
+    }
+    ~Nesting() { --depth; }
+    Nesting(const Nesting&) = delete;
+    Nesting& operator=(const Nesting&) = delete;
+    int& depth;
+  };
+
+  [[noreturn]] void fail(std::size_t offset, const std::string& reason) const {
+    throw ParseError(text_, offset, reason);
+  }
+
+  void advance() {
+    previous_ = token_;
+    token_ = next_token(text_, token_.offset + token_.text.size());
+  }
+
+  /// operand { operator operand }, with operators that bind at least so strongly.
+  Expression parse_operators(int at_least) {
+    Expression left = parse_operand();
+    for (int s = strength(token_); s >= at_least; s = strength(token_)) {
+      const char symbol = token_.text.front();
+      advance();
+      if (symbol == '*' && token_.is('*') && token_.offset == previous_.offset + 1) {
+        fail(previous_.offset, "** is not an operator: use ^ for a power");
+      }
+      if (symbol == '^') {
+        const Nesting nesting(*this);
+        left = pow(left, parse_operators(power_strength));
+        continue;
+      }
+      const Expression right = parse_operators(s + 1);
+      left = symbol == '+' ? left + right : symbol == '-' ? left - right : symbol == '*' ? left * right : left / right;
+    }
+    return left;
+  }
+
+  Expression parse_operand() {
+    const Token token = token_;
+    switch (token.kind) {
+      case Token::Kind::number: advance(); return finish_operand(graph_.constant(token.value));
+      case Token::Kind::name: advance(); return finish_operand(token_.is('(') ? parse_call(token) : resolve(token));
+      case Token::Kind::symbol:
+        if (token.is('-')) {
+          const Nesting nesting(*this);
+          advance();
+          return -parse_operators(power_strength);
+        }
+        if (token.is('(')) {
+          const Nesting nesting(*this);
+          advance();
+          const Expression inner = parse_operators(sum_strength);
+          close(token.offset);
+          return finish_operand(inner);
+        }
+        break;
+      case Token::Kind::end: break;
+    }
+    refuse_missing_operand();
+  }
+
+  /// After an operand another one may not follow.
+  Expression finish_operand(Expression operand) const {
+    if (token_.kind == Token::Kind::number || token_.kind == Token::Kind::name || token_.is('(')) {
+      refuse_after_operand();
+    }
+    return operand;
+  }
+
+  void close(std::size_t opening) {
+    if (token_.is(')')) {
+      advance();
+      return;
+    }
+    if (token_.kind == Token::Kind::end) {
+      fail(opening, "this ( is never closed");
+    }
+    refuse_after_operand();
+  }
+
+  Expression resolve(const Token& token) {
+    if (token.text == "pi") {
+      return graph_.constant(std::numbers::pi);
+    }
+    if (find_function(token.text) != nullptr) {
+      fail(token.offset, fmt::format("{0} is a function: write {0}(...)", token.text));
+    }
+    if (const auto known = context_.resolve(token.text)) {
+      return *known;
+    }
+    fail(token.offset, fmt::format("unknown name '{}'{}", token.text, suggestion(token.text)));
+  }
+
+  /// name ( argument {, argument} )
+  Expression parse_call(const Token& called) {
+    const Nesting nesting(*this);
+    const std::size_t opening = token_.offset;
+    const Function* const function = find_function(called.text);
+    if (function == nullptr && !context_.call) {
+      refuse_call(called);
+    }
+    advance();
+    std::vector<Expression> arguments;
+    if (!token_.is(')')) {
+      arguments.push_back(parse_operators(sum_strength));
+      while (token_.is(',')) {
+        advance();
+        arguments.push_back(parse_operators(sum_strength));
+      }
+    }
+    close(opening);
+    if (function == nullptr) {
+      if (const auto result = context_.call(called.text, arguments)) {
+        return *result;
+      }
+      refuse_call(called);
+    }
+    return apply_function(called, *function, arguments);
+  }
+
+  Expression apply_function(const Token& called, const Function& function, std::span<const Expression> arguments) {
+    const auto expected = static_cast<std::size_t>(arity(function.operation));
+    if (function.variadic ? arguments.size() < expected : arguments.size() != expected) {
+      fail(called.offset,
+           fmt::format("{} takes {}{} argument{}, got {}", function.name, expected, function.variadic ? " or more" : "",
+                       expected == 1 && !function.variadic ? "" : "s", arguments.size()));
+    }
+    if (expected == 1) {
+      return graph_.make(function.operation, arguments[0]);
+    }
+    Expression result = arguments[0];
+    for (const Expression argument : arguments.subspan(1)) {
+      result = graph_.make(function.operation, result, argument);
+    }
+    return result;
+  }
+
+  [[nodiscard]] std::string suggestion(std::string_view name) const {
+    auto nearest = nearest_name(name, context_.known_names);
+    if (!nearest) {
+      nearest = nearest_name(name, reserved_names());
+    }
+    return nearest ? fmt::format(": did you mean '{}'?", *nearest) : std::string();
+  }
+
+  [[noreturn]] void refuse_call(const Token& called) const {
+    if (called.text == "pi" || context_.resolve(called.text)) {
+      fail(called.offset, fmt::format("'{0}' is not a function: for a product write {0}*(...)", called.text));
+    }
+    if (called.text == "ln") {
+      fail(called.offset, "unknown function 'ln': the natural logarithm is log");
+    }
+    auto nearest = nearest_name(called.text, reserved_names());
+    if (!nearest) {
+      nearest = nearest_name(called.text, context_.known_names);
+    }
+    fail(called.offset, fmt::format("unknown function '{}'{}", called.text,
+                                    nearest ? fmt::format(": did you mean '{}'?", *nearest) : std::string()));
+  }
+
+  [[noreturn]] void refuse_missing_operand() const {
+    if (token_.kind == Token::Kind::end) {
+      fail(token_.offset, fmt::format("a number, name or ( is missing after '{}'", previous_.text));
+    }
+    if (token_.is('+')) {
+      fail(token_.offset, "a number, name or ( is missing before '+': a plus sign stands only between two operands");
+    }
+    if (previous_.is('(') && token_.is(')')) {
+      fail(previous_.offset, "nothing stands between ( and )");
+    }
+    fail(token_.offset, fmt::format("a number, name or ( is missing before '{}'", token_.text));
+  }
+
+  /// An operand has been read, and what follows it is neither an operator nor a closing parenthesis.
+  [[noreturn]] void refuse_after_operand() const {
+    if (token_.is(',')) {
+      const bool decimal = previous_.kind == Token::Kind::number;
+      fail(token_.offset, decimal ? "a comma separates the arguments of a function: decimals are written with a point"
+                                  : "a comma separates the arguments of a function");
+    }
+    const bool whole = !previous_.is(')') && !token_.is('(');
+    fail(token_.offset,
+         whole ? fmt::format("an operator is missing: for a product write {}*{}", previous_.text, token_.text)
+               : fmt::format("an operator is missing before '{}': for a product write *", token_.text));
+  }
+
+  std::string_view text_;
+  Graph& graph_;
+  const ParseContext& context_;
+  Token token_;
+  Token previous_;
+  int depth_ = 0;
+};
+
+// ---- messages -------------------------------------------------------------------------------------------------------
+
+struct Place {
+  std::size_t line = 1, column = 1;
+  std::string_view line_text;
+};
+
+Place place_of(std::string_view text, std::size_t offset) {
+  offset = std::min(offset, text.size());
+  const std::string_view before = text.substr(0, offset);
+  const std::size_t newline = before.rfind('\n');
+  const std::size_t begin = newline == std::string_view::npos ? 0 : newline + 1;
+  const std::string_view left = before.substr(begin);
+  std::string_view line = text.substr(begin, text.find('\n', offset) - begin);
+  if (line.ends_with('\r')) {
+    line.remove_suffix(1);
+  }
+  return {1 + static_cast<std::size_t>(std::count(before.begin(), before.end(), '\n')),
+          1 + static_cast<std::size_t>(std::count_if(left.begin(), left.end(), begins_character)), line};
+}
+
+/// The line around `column`, at most excerpt_width characters of it, and a caret below the column.
+std::string excerpt(std::string_view line, std::size_t column) {
+  std::vector<std::string_view> characters;
+  for (std::size_t begin = 0; begin < line.size();) {
+    std::size_t end = begin + 1;
+    while (end < line.size() && !begins_character(line[end])) {
+      ++end;
+    }
+    characters.push_back(line.substr(begin, end - begin));
+    begin = end;
+  }
+  const std::size_t place = column - 1;
+  std::size_t first = 0;
+  std::size_t last = characters.size();
+  if (last > excerpt_width) {
+    first = std::min(place > excerpt_width / 2 ? place - excerpt_width / 2 : 0, last - excerpt_width);
+    last = first + excerpt_width;
+  }
+  std::string shown = first > 0 ? "  ..." : "  ";
+  const std::string caret = std::string(shown.size() + (place - first), ' ') + '^';
+  for (std::size_t i = first; i < last; ++i) {
+    const bool is_control = characters[i].size() == 1 && static_cast<unsigned char>(characters[i].front()) < 0x20U;
+    shown += is_control ? std::string_view(" ") : characters[i];
+  }
+  return shown + (last < characters.size() ? "...\n" : "\n") + caret;
+}
+
+std::string message(std::string_view text, std::size_t offset, const std::string& reason) {
+  const Place place = place_of(text, offset);
+  return reason + '\n' + excerpt(place.line_text, place.column);
+}
+
+char lower(char c) {
+  return c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
+}
+
+/// Number of insertions, deletions, replacements and exchanges of neighbours (case aside) that turn x into y.
+std::size_t edit_distance(std::string_view x, std::string_view y) {
+  std::vector<std::size_t> before(y.size() + 1), above(y.size() + 1), row(y.size() + 1);
+  for (std::size_t j = 0; j <= y.size(); ++j) {
+    above[j] = j;
+  }
+  for (std::size_t i = 1; i <= x.size(); ++i) {
+    row[0] = i;
+    for (std::size_t j = 1; j <= y.size(); ++j) {
+      const auto same = [&](std::size_t k, std::size_t l) { return lower(x[k - 1]) == lower(y[l - 1]); };
+      row[j] = std::min({above[j] + 1, row[j - 1] + 1, above[j - 1] + (same(i, j) ? 0 : 1)});
+      if (i > 1 && j > 1 && same(i, j - 1) && same(i - 1, j)) {
+        row[j] = std::min(row[j], before[j - 2] + 1);
+      }
+    }
+    std::swap(before, above);
+    std::swap(above, row);
+  }
+  return above[y.size()];
+}
+
+}  // namespace
+
+ParseError::ParseError(std::string_view text, std::size_t offset, const std::string& reason)
+    : std::invalid_argument(message(text, offset, reason)), offset_(offset), reason_(reason) {
+  const Place place = place_of(text, offset);
+  line_ = place.line;
+  column_ = place.column;
+}
+
+std::optional<std::string> nearest_name(std::string_view name, std::span<const std::string> known) {
+  constexpr std::size_t farthest = 2;
+  std::size_t least = farthest + 1;
+  std::optional<std::string> nearest;
+  for (const std::string& candidate : known) {
+    const std::size_t gap =
+        candidate.size() > name.size() ? candidate.size() - name.size() : name.size() - candidate.size();
+    if (gap >= least) {
+      continue;
+    }
+    if (const std::size_t distance = edit_distance(name, candidate); distance < least && 2 * distance < name.size()) {
+      least = distance;
+      nearest = candidate;
+    }
+  }
+  return nearest;
+}
+
+Expression parse(std::string_view text, Graph& graph, const ParseContext& context) {
+  if (!context.resolve) {
+    throw std::invalid_argument("parse: the context has no resolver of names");
+  }
+  return Parser(text, graph, context).parse_all();
+}
+
+Expression parse(std::string_view text, Graph& graph, std::span<const std::string> names) {
+  const std::unordered_set<std::string_view> known(names.begin(), names.end());
+  const ParseContext context{.resolve = [&](std::string_view name) -> std::optional<Expression> {
+                               return known.contains(name) ? std::optional(graph.variable(name)) : std::nullopt;
+                             },
+                             .known_names = names};
+  return parse(text, graph, context);
+}
+
+}  // namespace rubato::formula

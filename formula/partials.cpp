@@ -1,0 +1,320 @@
+#include <rubato/formula/partials.hpp>
+
+#include <algorithm>
+#include <cmath>
+
+namespace rubato::formula {
+
+// ---- scaled arithmetic ----------------------------------------------------------------------------------------------
+
+Scaled scaled(Graph& graph, Expression expression) {
+  const Node node = graph.node(expression.index());
+  if (node.operation == Operation::constant) {
+    return {node.value, {}};
+  }
+  if (node.operation == Operation::negate) {
+    return {-1.0, {&graph, node.a}};
+  }
+  if (node.operation == Operation::multiply && graph.node(node.a).operation == Operation::constant) {
+    return {graph.node(node.a).value, {&graph, node.b}};
+  }
+  return {1.0, expression};
+}
+
+namespace {
+
+/// coefficient · expression, with the numerical factor of the expression absorbed; none is lost to overflow or
+/// underflow.
+Scaled combine(Graph& graph, double coefficient, Expression expression) {
+  const Scaled split = scaled(graph, expression);
+  const double product = coefficient * split.coefficient;
+  if (std::isfinite(product) && (product != 0.0 || coefficient == 0.0 || split.coefficient == 0.0)) {
+    return {product, split.factor};
+  }
+  return {coefficient, expression};
+}
+
+}  // namespace
+
+Scaled times(Graph& graph, const Scaled& x, const Scaled& y) {
+  const double coefficient = x.coefficient * y.coefficient;
+  if (!std::isfinite(coefficient) || (coefficient == 0.0 && !x.is_zero() && !y.is_zero())) {
+    return {1.0, graph.make(Operation::multiply, materialize(graph, x), materialize(graph, y))};
+  }
+  if (!x.factor.valid()) {
+    return {coefficient, y.factor};
+  }
+  if (!y.factor.valid()) {
+    return {coefficient, x.factor};
+  }
+  return combine(graph, coefficient, x.factor * y.factor);
+}
+
+Scaled square(Graph& graph, const Scaled& x) {
+  return times(graph, x, x);
+}
+
+Expression materialize(Graph& graph, const Scaled& x) {
+  if (x.is_zero()) {
+    return graph.constant(0.0);
+  }
+  if (!x.factor.valid()) {
+    return graph.constant(x.coefficient);
+  }
+  return graph.constant(x.coefficient) * x.factor;
+}
+
+Scaled sum_of(Graph& graph, std::vector<Scaled>& terms) {
+  if (terms.empty()) {
+    return {0.0, {}};
+  }
+  if (terms.size() == 1) {
+    return terms.front();
+  }
+  const auto rank = [](const Scaled& term) {  // the number last
+    return term.factor.valid() ? std::uint64_t{term.factor.index()} : ~std::uint64_t{0};
+  };
+  std::stable_sort(terms.begin(), terms.end(), [&](const Scaled& x, const Scaled& y) { return rank(x) < rank(y); });
+  std::size_t count = 0;
+  for (std::size_t i = 0; i < terms.size();) {
+    Scaled collected = terms[i];
+    for (++i; i < terms.size() && rank(terms[i]) == rank(collected); ++i) {
+      collected.coefficient += terms[i].coefficient;
+    }
+    if (!collected.is_zero()) {
+      terms[count++] = collected;
+    }
+  }
+  terms.resize(count);
+  if (count <= 1) {
+    return count == 0 ? Scaled{0.0, {}} : terms.front();
+  }
+  // One factor is taken out: the common magnitude where there is one, and the sign of the first term.
+  double common = std::abs(terms.front().coefficient);
+  if (std::any_of(terms.begin(), terms.end(), [&](const Scaled& x) { return std::abs(x.coefficient) != common; })) {
+    common = 1.0;
+  }
+  if (terms.front().coefficient < 0.0) {
+    common = -common;
+  }
+  Expression total;
+  for (const Scaled& term : terms) {
+    const double c = term.coefficient / common;
+    const Expression magnitude = materialize(graph, {std::abs(c), term.factor});
+    total = !total.valid() ? magnitude : c < 0.0 ? total - magnitude : total + magnitude;
+  }
+  return combine(graph, common, total);
+}
+
+// ---- partial derivatives --------------------------------------------------------------------------------------------
+
+namespace {
+
+/// What the formulas below are written in: an Expression and numbers, where the numbers stay apart.
+struct Builder {
+  Graph& graph;
+
+  [[nodiscard]] Expression reciprocal(Expression x) const { return 1.0 / x; }
+  [[nodiscard]] Scaled operator()(Expression x) const { return scaled(graph, x); }
+  [[nodiscard]] Scaled operator()(double c, Expression x) const { return times(graph, {c, {}}, scaled(graph, x)); }
+
+  /// 1/x; of a number, the number.
+  [[nodiscard]] Scaled inverse(Expression x) const {
+    if (x.is_constant() && std::isfinite(1.0 / x.constant_value())) {
+      return {1.0 / x.constant_value(), {}};
+    }
+    return {1.0, reciprocal(x)};
+  }
+
+  /// x^exponent, which for a number as exponent avoids x^0 and x^1.
+  [[nodiscard]] Scaled power(Expression x, Expression exponent) const {
+    if (exponent.is_constant() && exponent.constant_value() == 0.0) {
+      return {};
+    }
+    return (*this)(pow(x, exponent));
+  }
+};
+
+}  // namespace
+
+FirstPartials first_partials(Graph& graph, NodeIndex index, bool of_a, bool of_b) {
+  const Node node = graph.node(index);
+  const Builder build{graph};
+  const Expression v(&graph, index);
+  const Expression a(&graph, node.a);
+  const Expression b(&graph, node.b);
+  FirstPartials d;
+  switch (node.operation) {
+    case Operation::constant:
+    case Operation::variable:
+    case Operation::sign: break;
+    case Operation::add:
+      d.a = {1.0, {}};
+      d.b = {1.0, {}};
+      break;
+    case Operation::subtract:
+      d.a = {1.0, {}};
+      d.b = {-1.0, {}};
+      break;
+    case Operation::negate: d.a = {-1.0, {}}; break;
+    case Operation::multiply:
+      d.a = build(b);
+      d.b = build(a);
+      break;
+    case Operation::divide:
+      d.a = build.inverse(b);
+      if (of_b) {  // -(a/b)·(1/b)
+        d.b = times(graph, {-1.0, {}}, times(graph, build(v), build.inverse(b)));
+      }
+      break;
+    case Operation::power:
+      if (of_a) {  // b a^{b-1}
+        d.a = times(graph, build(b), build.power(a, b - 1.0));
+      }
+      if (of_b) {  // a^b log a
+        d.b = times(graph, build(v), build(log(a)));
+      }
+      break;
+    case Operation::sin: d.a = build(cos(a)); break;
+    case Operation::cos: d.a = build(-1.0, sin(a)); break;
+    case Operation::tan: d.a = build(1.0 + v * v); break;
+    case Operation::asin: d.a = build.inverse(sqrt((1.0 - a) * (1.0 + a))); break;
+    case Operation::acos: d.a = build(-1.0, build.reciprocal(sqrt((1.0 - a) * (1.0 + a)))); break;
+    case Operation::atan: d.a = build.inverse(1.0 + a * a); break;
+    case Operation::atan2: {  // atan2(y, x): x/(x² + y²) and -y/(x² + y²)
+      const Scaled q = build.inverse(a * a + b * b);
+      if (of_a) {
+        d.a = times(graph, build(b), q);
+      }
+      if (of_b) {
+        d.b = times(graph, build(-1.0, a), q);
+      }
+      break;
+    }
+    case Operation::sinh: d.a = build(cosh(a)); break;
+    case Operation::cosh: d.a = build(sinh(a)); break;
+    case Operation::tanh: d.a = build(1.0 - v * v); break;
+    case Operation::asinh: d.a = build.inverse(sqrt(1.0 + a * a)); break;
+    case Operation::acosh: d.a = build.inverse(sqrt(a - 1.0) * sqrt(a + 1.0)); break;
+    case Operation::atanh: d.a = build.inverse((1.0 - a) * (1.0 + a)); break;
+    case Operation::exp: d.a = build(v); break;
+    case Operation::log: d.a = build.inverse(a); break;
+    case Operation::sqrt: d.a = build(0.5, build.reciprocal(v)); break;
+    case Operation::cbrt: d.a = build(1.0 / 3.0, pow(build.reciprocal(v), 2.0)); break;
+    case Operation::abs: d.a = build(sign(a)); break;
+    case Operation::sech: d.a = build(-1.0, v * tanh(a)); break;
+    case Operation::csch: d.a = build(-1.0, v / tanh(a)); break;
+    case Operation::min:  // (1 ∓ sign(a - b))/2
+      d.a = build(0.5, 1.0 - sign(a - b));
+      d.b = build(0.5, 1.0 + sign(a - b));
+      break;
+    case Operation::max:
+      d.a = build(0.5, 1.0 + sign(a - b));
+      d.b = build(0.5, 1.0 - sign(a - b));
+      break;
+  }
+  return d;
+}
+
+SecondPartials second_partials(Graph& graph, NodeIndex index, bool of_a, bool of_b) {
+  const Node node = graph.node(index);
+  const Builder build{graph};
+  const Expression v(&graph, index);
+  const Expression a(&graph, node.a);
+  const Expression b(&graph, node.b);
+  const auto product = [&](double c, Scaled x, const Scaled& y) {
+    x.coefficient *= c;
+    return times(graph, x, y);
+  };
+  SecondPartials d;
+  switch (node.operation) {
+    case Operation::constant:
+    case Operation::variable:
+    case Operation::add:
+    case Operation::subtract:
+    case Operation::negate:
+    case Operation::abs:
+    case Operation::sign:
+    case Operation::min:
+    case Operation::max: break;
+    case Operation::multiply: d.ab = {1.0, {}}; break;
+    case Operation::divide:
+      if (of_b) {
+        const Scaled inverse = build.inverse(b);
+        const Scaled inverse_square = square(graph, inverse);
+        d.ab = product(-1.0, inverse_square, {});
+        d.bb = product(2.0, build(v), inverse_square);
+      }
+      break;
+    case Operation::power:
+      if (of_a) {  // b (b-1) a^{b-2}
+        const Scaled factor = times(graph, build(b), build(b - 1.0));
+        d.aa = factor.is_zero() ? factor : times(graph, factor, build.power(a, b - 2.0));
+      }
+      if (of_b) {  // a^b log² a
+        d.bb = times(graph, build(v), square(graph, build(log(a))));
+      }
+      if (of_a && of_b) {  // a^{b-1} (1 + b log a)
+        d.ab = times(graph, build.power(a, b - 1.0), build(1.0 + b * log(a)));
+      }
+      break;
+    case Operation::sin:
+    case Operation::cos: d.aa = build(-1.0, v); break;
+    case Operation::tan: d.aa = product(2.0, build(v), build(1.0 + v * v)); break;
+    case Operation::asin:
+    case Operation::acos: {
+      const Expression g = build.reciprocal(sqrt((1.0 - a) * (1.0 + a)));
+      d.aa = product(node.operation == Operation::asin ? 1.0 : -1.0, build(a), build(g * (g * g)));
+      break;
+    }
+    case Operation::atan: {
+      const Expression g = build.reciprocal(1.0 + a * a);
+      d.aa = product(-2.0, build(a), build(g * g));
+      break;
+    }
+    case Operation::atan2: {  // y = a, x = b, q = 1/(x² + y²): -2xyq², (y² - x²)q², 2xyq²
+      const Expression q = build.reciprocal(a * a + b * b);
+      d.aa = product(-2.0, build(a * b), build(q * q));
+      d.bb = product(2.0, build(a * b), build(q * q));
+      if (of_a && of_b) {
+        d.ab = times(graph, build(a * a - b * b), build(q * q));
+      }
+      break;
+    }
+    case Operation::sinh:
+    case Operation::cosh: d.aa = build(v); break;
+    case Operation::tanh: d.aa = product(-2.0, build(v), build(1.0 - v * v)); break;
+    case Operation::asinh: {
+      const Expression g = build.reciprocal(sqrt(1.0 + a * a));
+      d.aa = product(-1.0, build(a), build(g * (g * g)));
+      break;
+    }
+    case Operation::acosh: {
+      const Expression g = build.reciprocal(sqrt(a - 1.0) * sqrt(a + 1.0));
+      d.aa = product(-1.0, build(a), build(g * (g * g)));
+      break;
+    }
+    case Operation::atanh: {
+      const Expression g = build.reciprocal((1.0 - a) * (1.0 + a));
+      d.aa = product(2.0, build(a), build(g * g));
+      break;
+    }
+    case Operation::exp: d.aa = build(v); break;
+    case Operation::log: d.aa = product(-1.0, square(graph, build.inverse(a)), {}); break;
+    case Operation::sqrt: {  // -1/(4 v³)
+      const Expression g = build.reciprocal(v);
+      d.aa = build(-0.25, g * (g * g));
+      break;
+    }
+    case Operation::cbrt: {  // -2/(9 v⁵)
+      const Expression g = build.reciprocal(v);
+      d.aa = build(-2.0 / 9.0, g * pow(g * g, 2.0));
+      break;
+    }
+    case Operation::sech: d.aa = times(graph, build(v), build(1.0 - 2.0 * (v * v))); break;
+    case Operation::csch: d.aa = times(graph, build(v), build(1.0 + 2.0 * (v * v))); break;
+  }
+  return d;
+}
+
+}  // namespace rubato::formula

@@ -1,0 +1,42 @@
+#pragma once
+
+#include <cstddef>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include <rubato/formula/expression.hpp>
+
+/// The words of the formula language. Used by parse.cpp.
+namespace rubato::formula {
+
+struct Token {
+  enum class Kind { end, number, name, symbol };  ///< a symbol is one of + - * / ^ ( ) ,
+  Kind kind = Kind::end;
+  std::size_t offset = 0;
+  std::string_view text = {};
+  double value = 0.0;  ///< of a number
+
+  [[nodiscard]] bool is(char symbol) const { return kind == Kind::symbol && text.front() == symbol; }
+};
+
+/// Reads the token of `text` that begins at or after `offset`, past white space.
+/// \throws ParseError for a character outside the language, a malformed number, or one that overflows
+[[nodiscard]] Token next_token(std::string_view text, std::size_t offset);
+
+/// A function of the language; `variadic` takes two or more arguments.
+struct Function {
+  std::string_view name;
+  Operation operation;
+  bool variadic = false;
+};
+[[nodiscard]] const Function* find_function(std::string_view name);
+/// All functions' names, and `pi`.
+[[nodiscard]] const std::vector<std::string>& reserved_names();
+
+/// Whether a byte of UTF-8 text begins a character.
+[[nodiscard]] constexpr bool begins_character(char byte) {
+  return (static_cast<unsigned char>(byte) & 0xC0U) != 0x80U;
+}
+
+}  // namespace rubato::formula
