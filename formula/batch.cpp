@@ -1,0 +1,129 @@
+#include <rubato/formula/batch.hpp>
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cassert>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+
+#include <rubato/formula/arithmetic.hpp>
+#include <rubato/formula/batch_kernel.hpp>
+
+namespace rubato::formula {
+
+namespace batch {
+
+std::span<const NamedKernel> kernels() {
+  static const std::array<NamedKernel, 3> all = [] {
+    __builtin_cpu_init();
+    const bool avx512 = __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512cd") &&
+                        __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512bw");
+    return std::array<NamedKernel, 3>{{{"sse2", run_sse2, true},
+                                       {"avx2", run_avx2, __builtin_cpu_supports("avx2") != 0},
+                                       {"avx512", run_avx512, avx512}}};
+  }();
+  return all;
+}
+
+double evaluate_scalar(OpCode code, double a, double b) {
+  switch (code) {
+    case OpCode::sin: return std::sin(a);
+    case OpCode::cos: return std::cos(a);
+    case OpCode::tan: return std::tan(a);
+    case OpCode::sinh: return std::sinh(a);
+    case OpCode::cosh: return std::cosh(a);
+    case OpCode::sech: return sech(a);
+    case OpCode::csch: return csch(a);
+    case OpCode::asinh: return std::asinh(a);
+    case OpCode::acosh: return std::acosh(a);
+    case OpCode::atanh: return std::atanh(a);
+    case OpCode::exp: return std::exp(a);
+    case OpCode::log: return std::log(a);
+    case OpCode::cbrt: return std::cbrt(a);
+    case OpCode::power: return std::pow(a, b);
+    case OpCode::atan2: return std::atan2(a, b);
+    default: break;  // the kernels take all arguments of the others themselves
+  }
+  assert(false);
+  return std::numeric_limits<double>::quiet_NaN();
+}
+
+namespace {
+
+const NamedKernel& best_kernel() {
+  static const NamedKernel& best =
+      *std::find_if(kernels().rbegin(), kernels().rend(), [](const NamedKernel& kernel) { return kernel.supported; });
+  return best;
+}
+
+std::uintptr_t address(const double* p) {
+  return std::bit_cast<std::uintptr_t>(p);
+}
+
+}  // namespace
+
+}  // namespace batch
+
+std::string_view simd_name() {
+  return batch::best_kernel().name;
+}
+
+BatchEvaluator::BatchEvaluator(const Bytecode& code)
+    : code_(code),
+      registers_(code.register_count() * batch::block_points + batch::widest_vector),
+      read_(code.register_count()),
+      write_(code.register_count()),
+      in_place_(code.output_count()) {
+  const std::size_t first_temporary = code.input_count() + code.constants().size();
+  const auto outputs = code.outputs();
+  for (std::size_t j = 0; j < outputs.size(); ++j)
+    in_place_[j] = outputs[j] >= first_temporary && std::ranges::count(outputs.first(j), outputs[j]) == 0;
+}
+
+void BatchEvaluator::operator()(std::size_t points, std::span<const double* const> inputs,
+                                std::span<double* const> outputs) {
+  assert(inputs.size() == code_.input_count() && outputs.size() == code_.output_count());
+  using batch::block_points;
+  using batch::widest_vector;
+
+  // The vector's storage moves when the evaluator is copied or moved, so its alignment is found anew at each call.
+  double* aligned = registers_.data();
+  while (batch::address(aligned) % (widest_vector * sizeof(double)) != 0)
+    ++aligned;
+  for (std::size_t r = 0; r < read_.size(); ++r)
+    read_[r] = write_[r] = aligned + r * block_points;
+  const auto constants = code_.constants();
+  for (std::size_t c = 0; c < constants.size(); ++c)
+    std::fill_n(write_[inputs.size() + c], std::min(block_points, points + widest_vector - 1), constants[c]);
+
+  const batch::Kernel run = batch::best_kernel().run;
+  const auto instructions = code_.instructions();
+  const auto registers_of_outputs = code_.outputs();
+  for (std::size_t start = 0; start < points; start += block_points) {
+    const std::size_t count = std::min(block_points, points - start);
+    const bool whole = count % widest_vector == 0;
+    const std::size_t padded = (count + widest_vector - 1) / widest_vector * widest_vector;
+    for (std::size_t m = 0; m < inputs.size(); ++m) {
+      if (whole) {
+        read_[m] = inputs[m] + start;
+      } else {
+        std::copy_n(inputs[m] + start, count, write_[m]);
+        std::fill(write_[m] + count, write_[m] + padded, inputs[m][start + count - 1]);
+        read_[m] = write_[m];
+      }
+    }
+    for (std::size_t j = 0; j < outputs.size(); ++j)
+      if (in_place_[j]) {
+        const std::uint32_t r = registers_of_outputs[j];
+        read_[r] = write_[r] = whole ? outputs[j] + start : aligned + r * block_points;
+      }
+    run({padded, instructions.data(), instructions.data() + instructions.size(), read_.data(), write_.data()});
+    for (std::size_t j = 0; j < outputs.size(); ++j)
+      if (!whole || !in_place_[j])
+        std::copy_n(read_[registers_of_outputs[j]], count, outputs[j] + start);
+  }
+}
+
+}  // namespace rubato::formula
