@@ -1,0 +1,140 @@
+#include <rubato/ode/hamiltonian.hpp>
+
+#include <algorithm>
+#include <set>
+#include <stdexcept>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <rubato/formula/parse.hpp>
+
+namespace rubato {
+
+Hamiltonian::Hamiltonian(std::vector<std::string> q, std::vector<std::string> p, std::string_view H,
+                         const Parameters& parameters)
+    : graph_(std::make_shared<formula::Graph>()), q_names_(std::move(q)), p_names_(std::move(p)) {
+  std::vector<std::string> names = q_names_;
+  names.insert(names.end(), p_names_.begin(), p_names_.end());
+  for (const std::string& name : names) {
+    if (!formula::is_valid_name(name)) {
+      throw std::invalid_argument(fmt::format("'{}' cannot name a coordinate or momentum", name));
+    }
+    variables_.push_back(graph_->variable(name));
+  }
+  for (const auto& [name, value] : parameters) {
+    names.push_back(name);
+  }
+  const formula::ParseContext context{
+      .resolve = [&](std::string_view name) -> std::optional<formula::Expression> {
+        if (const auto found = parameters.find(std::string(name)); found != parameters.end()) {
+          return graph_->constant(found->second);
+        }
+        const auto variable = std::ranges::find(names, name);
+        return variable == names.end() ? std::nullopt : std::optional(graph_->variable(name));
+      },
+      .known_names = names};
+  expression_ = formula::parse(H, *graph_, context);
+  compile();
+}
+
+Hamiltonian::Hamiltonian(std::shared_ptr<formula::Graph> graph, std::vector<std::string> q, std::vector<std::string> p,
+                         formula::Expression H)
+    : graph_(std::move(graph)), q_names_(std::move(q)), p_names_(std::move(p)), expression_(H) {
+  for (const auto* names : {&q_names_, &p_names_}) {
+    for (const std::string& name : *names) {
+      variables_.push_back(graph_->variable(name));
+    }
+  }
+  compile();
+}
+
+std::vector<std::string> Hamiltonian::numbered(std::string_view stem, std::size_t n) {
+  std::vector<std::string> names;
+  for (std::size_t i = 1; i <= n; ++i) {
+    names.push_back(fmt::format("{}{}", stem, i));
+  }
+  return names;
+}
+
+void Hamiltonian::compile() {
+  if (q_names_.empty() || q_names_.size() != p_names_.size()) {
+    throw std::invalid_argument(fmt::format(
+        "a Hamiltonian needs as many momenta as coordinates, at least one: got {} coordinates [{}] and {} momenta [{}]",
+        q_names_.size(), fmt::join(q_names_, ", "), p_names_.size(), fmt::join(p_names_, ", ")));
+  }
+  std::set<std::string_view> seen;
+  for (const auto* names : {&q_names_, &p_names_}) {
+    for (const std::string& name : *names) {
+      if (!seen.insert(name).second) {
+        throw std::invalid_argument(fmt::format("'{}' is used twice among the coordinates and momenta", name));
+      }
+    }
+  }
+  std::vector<formula::Expression> outputs{expression_};
+  value_ = std::make_shared<formula::Bytecode>(outputs, variables_);
+  std::ranges::copy(formula::gradient(expression_, variables_), std::back_inserter(outputs));
+  gradient_ = std::make_shared<formula::Bytecode>(outputs, variables_);
+  std::ranges::copy(formula::hessian_upper(expression_, variables_), std::back_inserter(outputs));
+  hessian_ = std::make_shared<formula::Bytecode>(outputs, variables_);
+}
+
+HamiltonianEvaluator::HamiltonianEvaluator(const Hamiltonian& hamiltonian)
+    : dimension_(2 * hamiltonian.degrees_of_freedom()),
+      value_(hamiltonian.value_code()),
+      gradient_(hamiltonian.gradient_code()),
+      hessian_(hamiltonian.hessian_code()),
+      work_(dimension_ * (dimension_ + 2)) {}
+
+double HamiltonianEvaluator::value(const double* z) {
+  std::copy_n(z, dimension_, value_.inputs().data());
+  value_.run();
+  return value_.output(0);
+}
+
+double HamiltonianEvaluator::gradient(const double* z, double* gradient) {
+  std::copy_n(z, dimension_, gradient_.inputs().data());
+  gradient_.run();
+  for (std::size_t i = 0; i < dimension_; ++i) {
+    gradient[i] = gradient_.output(1 + i);
+  }
+  return gradient_.output(0);
+}
+
+double HamiltonianEvaluator::hessian(const double* z, double* gradient, double* hessian) {
+  std::copy_n(z, dimension_, hessian_.inputs().data());
+  hessian_.run();
+  for (std::size_t i = 0; i < dimension_; ++i) {
+    gradient[i] = hessian_.output(1 + i);
+  }
+  std::size_t next = 1 + dimension_;
+  for (std::size_t i = 0; i < dimension_; ++i) {
+    for (std::size_t j = i; j < dimension_; ++j) {
+      hessian[i * dimension_ + j] = hessian[j * dimension_ + i] = hessian_.output(next++);
+    }
+  }
+  return hessian_.output(0);
+}
+
+double HamiltonianEvaluator::gamma(const double* z, double& energy) {
+  const std::size_t n = dimension_ / 2;
+  double* gradient = work_.data();
+  double* f = gradient + dimension_;
+  double* matrix = f + dimension_;
+  energy = hessian(z, gradient, matrix);
+  for (std::size_t i = 0; i < n; ++i) {
+    f[i] = gradient[n + i];
+    f[n + i] = -gradient[i];
+  }
+  double sum = 0.0;
+  for (std::size_t i = 0; i < dimension_; ++i) {
+    double row = 0.0;
+    for (std::size_t j = 0; j < dimension_; ++j) {
+      row += matrix[i * dimension_ + j] * f[j];
+    }
+    sum += f[i] * row;
+  }
+  return sum;
+}
+
+}  // namespace rubato

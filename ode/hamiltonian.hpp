@@ -1,0 +1,103 @@
+#pragma once
+
+#include <map>
+#include <memory>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include <rubato/formula/bytecode.hpp>
+#include <rubato/formula/expression.hpp>
+
+namespace rubato {
+
+/// A Hamiltonian H(q, p) with n coordinates and n momenta, stated once, as a formula or as a generic lambda.
+///
+/// The state is z = (q, p); z' = J∇H(z), J = [[0, I], [-I, 0]], is q' = H_p, p' = -H_q (theory, section 1).
+/// Immutable and cheap to copy; may be shared between threads. Evaluation is through HamiltonianEvaluator.
+class Hamiltonian {
+public:
+  using Parameters = std::map<std::string, double>;
+
+  /// H as a formula in the names `q`, `p` and `parameters`.
+  /// \throws formula::ParseError; std::invalid_argument for unequal lengths, no coordinates or a name used twice
+  Hamiltonian(std::vector<std::string> q, std::vector<std::string> p, std::string_view H,
+              const Parameters& parameters = {});
+
+  /// H from an expression in a graph whose variables `q` and `p` name the state.
+  Hamiltonian(std::shared_ptr<formula::Graph> graph, std::vector<std::string> q, std::vector<std::string> p,
+              formula::Expression H);
+
+  /// H as a generic lambda `(auto q, auto p)`, called once with vectors of `n` expressions; the coordinates are called
+  /// q1 … qn and p1 … pn.
+  template <typename Function>
+  Hamiltonian(std::size_t n, Function&& H);
+
+  [[nodiscard]] std::size_t degrees_of_freedom() const { return q_names_.size(); }
+  [[nodiscard]] const std::vector<std::string>& q_names() const { return q_names_; }
+  [[nodiscard]] const std::vector<std::string>& p_names() const { return p_names_; }
+  /// The graph in which expression() and variables() live.
+  [[nodiscard]] const std::shared_ptr<formula::Graph>& graph() const { return graph_; }
+  [[nodiscard]] formula::Expression expression() const { return expression_; }
+  [[nodiscard]] const std::vector<formula::Expression>& variables() const { return variables_; }  ///< q, then p
+
+  [[nodiscard]] const formula::Bytecode& value_code() const { return *value_; }
+  [[nodiscard]] const formula::Bytecode& gradient_code() const { return *gradient_; }  ///< H, then ∇H
+  [[nodiscard]] const formula::Bytecode& hessian_code() const { return *hessian_; }  ///< H, ∇H, upper triangle of H_zz
+
+private:
+  static std::vector<std::string> numbered(std::string_view stem, std::size_t n);
+  void compile();
+
+  std::shared_ptr<formula::Graph> graph_;
+  std::vector<std::string> q_names_, p_names_;
+  std::vector<formula::Expression> variables_;
+  formula::Expression expression_;
+  std::shared_ptr<const formula::Bytecode> value_, gradient_, hessian_;
+};
+
+template <typename Function>
+Hamiltonian::Hamiltonian(std::size_t n, Function&& H)
+    : graph_(std::make_shared<formula::Graph>()), q_names_(numbered("q", n)), p_names_(numbered("p", n)) {
+  std::vector<formula::Expression> q, p;
+  for (const std::string& name : q_names_) {
+    q.push_back(graph_->variable(name));
+  }
+  for (const std::string& name : p_names_) {
+    p.push_back(graph_->variable(name));
+  }
+  variables_ = q;
+  variables_.insert(variables_.end(), p.begin(), p.end());
+  const auto traced = H(q, p);
+  if constexpr (formula::Scalar<std::remove_cvref_t<decltype(traced)>>) {
+    expression_ = graph_->constant(static_cast<double>(traced));
+  } else {
+    expression_ = traced;
+  }
+  compile();
+}
+
+/// Evaluates H, ∇H and H_zz at one point. Holds work space: one per thread. No allocation after construction.
+class HamiltonianEvaluator {
+public:
+  explicit HamiltonianEvaluator(const Hamiltonian& hamiltonian);
+
+  /// H(z); z has 2n entries. A value outside H's domain comes back as NaN or infinity, for the caller to judge.
+  [[nodiscard]] double value(const double* z);
+  /// H(z), and ∇H(z) into `gradient` (2n entries).
+  double gradient(const double* z, double* gradient);
+  /// H(z), ∇H(z), and the full symmetric H_zz(z) into `hessian` (2n × 2n).
+  double hessian(const double* z, double* gradient, double* hessian);
+  /// Γ(z) = fᵀ H_zz f with f = J∇H (theory, section 3), and H(z) into `energy`.
+  double gamma(const double* z, double& energy);
+
+  [[nodiscard]] std::size_t dimension() const { return dimension_; }  ///< 2n
+
+private:
+  std::size_t dimension_;
+  formula::ScalarEvaluator value_, gradient_, hessian_;
+  std::vector<double> work_;
+};
+
+}  // namespace rubato

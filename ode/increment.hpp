@@ -1,0 +1,175 @@
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <span>
+
+#include <Eigen/Core>
+
+#include <rubato/base/state.hpp>
+
+/// \file
+/// What every implicit scheme of this room does with its increment δ_k = z_{k+1} - z_k: predict it, judge corrections
+/// to it, and add it to the state without losing its low digits.
+
+namespace rubato {
+
+template <typename Vector>
+std::span<double> as_span(Vector& v) {
+  return {v.data(), static_cast<std::size_t>(v.size())};
+}
+template <typename Vector>
+std::span<const double> as_span(const Vector& v) {
+  return {v.data(), static_cast<std::size_t>(v.size())};
+}
+
+/// f = J g, J = [[0, I], [-I, 0]].
+template <typename In, typename Out>
+void apply_j(const In& g, Out& f) {
+  const Eigen::Index n = g.size() / 2;
+  f.head(n) = g.tail(n);
+  f.tail(n) = -g.head(n);
+}
+
+/// A state kept as high + low, so that many small increments do not lose digits: each component is a two-sum.
+template <typename Vector>
+class CompensatedState {
+public:
+  CompensatedState() = default;
+  explicit CompensatedState(const Vector& z) : high_(z), low_(Vector::Zero(z.size())), sum_(z) {}
+
+  [[nodiscard]] const Vector& value() const { return high_; }  ///< rounded to double
+  /// z + scale·δ, with the low part taken along.
+  void displaced(double scale, const Vector& delta, Vector& result) const { result = high_ + (low_ + scale * delta); }
+
+  void add(const Vector& delta) {
+    low_ += delta;
+    sum_ = high_ + low_;
+    low_ -= sum_ - high_;
+    high_ = sum_;
+  }
+
+  void save(StateWriter& state) const {
+    state.write(as_span(high_));
+    state.write(as_span(low_));
+  }
+  void restore(StateReader& state) {
+    state.read(as_span(high_));
+    state.read(as_span(low_));
+  }
+
+private:
+  Vector high_, low_, sum_;
+};
+
+/// The velocities δ/h at the midpoints of the last steps, extrapolated (Lagrange, at most cubic) to the middle of the
+/// coming one.
+template <typename Vector>
+class VelocityHistory {
+public:
+  VelocityHistory() = default;
+  explicit VelocityHistory(Eigen::Index size) : largest_(Vector::Zero(size)) {
+    for (Sample& sample : samples_) {
+      sample.velocity.setZero(size);
+    }
+  }
+
+  [[nodiscard]] bool empty() const { return known_ == 0; }
+
+  void record(double h, const Vector& delta) {
+    Sample oldest = std::move(samples_.back());
+    std::move_backward(samples_.begin(), samples_.end() - 1, samples_.end());
+    oldest.time = time_ + 0.5 * h;
+    oldest.velocity = delta / h;
+    samples_.front() = std::move(oldest);
+    known_ = std::min(known_ + 1, samples_.size());
+    largest_ = largest_.cwiseMax(delta.cwiseAbs());
+    time_ += h;
+  }
+
+  void predict(double h, Vector& delta) const {
+    const double at = time_ + 0.5 * h;
+    delta.setZero();
+    for (std::size_t i = 0; i < known_; ++i) {
+      double weight = h;
+      for (std::size_t j = 0; j < known_; ++j) {
+        if (j != i) {
+          weight *= (at - samples_[j].time) / (samples_[i].time - samples_[j].time);
+        }
+      }
+      delta += weight * samples_[i].velocity;
+    }
+  }
+
+  /// max_i |v_i| / max(|δ_i|, largest |δ_i| so far, ε|z_i|): components of different magnitude weigh the same. NaN if
+  /// any is.
+  [[nodiscard]] double relative_size(const Vector& v, const Vector& delta, const Vector& z) const {
+    double result = 0.0;
+    for (Eigen::Index i = 0; i < v.size(); ++i) {
+      const double scale =
+          std::max({std::abs(delta[i]), largest_[i], std::numeric_limits<double>::epsilon() * std::abs(z[i])});
+      const double ratio = v[i] == 0.0 ? 0.0 : std::abs(v[i]) / scale;
+      result = ratio > result || std::isnan(ratio) ? ratio : result;
+    }
+    return result;
+  }
+
+  void save(StateWriter& state) const {
+    state.write(time_);
+    state.write(static_cast<double>(known_));
+    state.write(as_span(largest_));
+    for (const Sample& sample : samples_) {
+      state.write(sample.time);
+      state.write(as_span(sample.velocity));
+    }
+  }
+  void restore(StateReader& state) {
+    state.read(time_);
+    state.read(known_);
+    state.read(as_span(largest_));
+    for (Sample& sample : samples_) {
+      state.read(sample.time);
+      state.read(as_span(sample.velocity));
+    }
+  }
+
+private:
+  struct Sample {
+    double time = 0.0;
+    Vector velocity;
+  };
+  double time_ = 0.0;  ///< since the start
+  std::array<Sample, 4> samples_;
+  std::size_t known_ = 0;
+  Vector largest_;
+};
+
+/// Judges the corrections of a contracting iteration: it is done when a correction is small enough or, within the
+/// region where rounding rules, when corrections no longer shrink.
+class StagnationTest {
+public:
+  enum class Verdict { done, again, slow };
+
+  /// \param accuracy relative size of the last correction at which to stop; 0 asks for stagnation
+  explicit StagnationTest(double accuracy)
+      : accuracy_(std::max(accuracy, 0.5 * std::numeric_limits<double>::epsilon())) {}
+
+  Verdict judge(double size) {
+    const bool stagnated = size >= 0.5 * previous_ && size < rounding_region;
+    const bool slow = size > poor_contraction * previous_ && size >= rounding_region;
+    previous_ = size;
+    return size <= accuracy_ || stagnated ? Verdict::done : slow ? Verdict::slow : Verdict::again;
+  }
+
+private:
+  /// Relative size of a correction below which no further shrinking is blamed on rounding.
+  static constexpr double rounding_region = 1e-10;
+  /// A correction that shrinks less than this asks for a new matrix.
+  static constexpr double poor_contraction = 0.1;
+  double accuracy_;
+  double previous_ = std::numeric_limits<double>::infinity();
+};
+
+}  // namespace rubato

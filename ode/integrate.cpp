@@ -1,0 +1,233 @@
+#include <rubato/ode/integrate.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+
+#include <fmt/format.h>
+
+#include <rubato/ode/discrete_lagrangian.hpp>
+#include <rubato/ode/midpoint_scheme.hpp>
+#include <rubato/ode/two_step_scheme.hpp>
+
+namespace rubato {
+
+namespace {
+
+template <typename... Functions>
+struct Overloaded : Functions... {
+  using Functions::operator()...;
+};
+template <typename... Functions>
+Overloaded(Functions...) -> Overloaded<Functions...>;
+
+std::vector<double> joined(const InitialState& state) {
+  std::vector<double> z = state.q;
+  z.insert(z.end(), state.p.begin(), state.p.end());
+  return z;
+}
+
+void check(const Hamiltonian& hamiltonian, const InitialState& initial, const IntegrationOptions& options) {
+  const std::size_t n = hamiltonian.degrees_of_freedom();
+  for (const InitialState* state : {&initial, options.next ? &*options.next : &initial}) {
+    if (state->q.size() != n || state->p.size() != n) {
+      throw std::invalid_argument(
+          fmt::format("the initial state has {} coordinates and {} momenta; the Hamiltonian has {} of each",
+                      state->q.size(), state->p.size(), n));
+    }
+    if (!std::isfinite(state->t)) {
+      throw std::invalid_argument(fmt::format("the start time must be finite; got {}", state->t));
+    }
+  }
+  if (!std::isfinite(options.step) || options.step == 0.0) {
+    throw std::invalid_argument(fmt::format("step must be finite and not 0; got {}", options.step));
+  }
+  if (!std::isfinite(options.until) || (options.until - initial.t) * options.step < 0.0) {
+    throw std::invalid_argument(
+        fmt::format("a step of {} does not lead from t = {} to until = {}", options.step, initial.t, options.until));
+  }
+  if (options.next && options.next->t - initial.t != options.step &&
+      std::abs(options.next->t - initial.t - options.step) > 1e-12 * std::abs(options.step)) {
+    throw std::invalid_argument(fmt::format("step = {} contradicts the starting pair, whose times differ by {}",
+                                            options.step, options.next->t - initial.t));
+  }
+}
+
+/// The second node of a starting pair: the user's, or one midpoint step.
+SegmentNode second_node(const Hamiltonian& hamiltonian, const SegmentNode& first, const IntegrationOptions& options) {
+  if (options.next) {
+    return {options.next->t, joined(*options.next)};
+  }
+  const auto midpoint = make_midpoint_scheme(hamiltonian, first.z);
+  if (const Status status = midpoint->advance(options.step, 0.0); status != Status::success) {
+    throw std::invalid_argument(
+        fmt::format("no midpoint step of length {} can be made from the initial state ({}): try a smaller step",
+                    options.step, to_string(status)));
+  }
+  midpoint->accept();
+  const auto z = midpoint->state();
+  return {first.t + options.step, {z.begin(), z.end()}};
+}
+
+std::unique_ptr<SegmentScheme> make_scheme(const Hamiltonian& hamiltonian, const InitialState& initial,
+                                           const IntegrationOptions& options) {
+  const SegmentNode first{initial.t, joined(initial)};
+  const auto two_step = [&](FormulaAction action) {
+    return make_two_step_scheme(std::make_unique<FormulaAction>(std::move(action)), hamiltonian, first,
+                                second_node(hamiltonian, first, options));
+  };
+  return std::visit(
+      Overloaded{
+          [&](const Midpoint&) -> std::unique_ptr<SegmentScheme> {
+            auto production = make_midpoint_scheme(hamiltonian, first.z);
+            return options.next ? two_step(midpoint_action(hamiltonian)) : std::move(production);
+          },
+          [&](const Forward& forward) -> std::unique_ptr<SegmentScheme> {
+            const double steps = std::ceil((options.until - initial.t) / options.step - 1e-9);
+            if (!forward.allow_unstable && steps > static_cast<double>(forward_step_limit)) {
+              throw std::invalid_argument(fmt::format(
+                  "lagrangian = \"forward\" is violently unstable as an initial-value method: on an oscillator of "
+                  "frequency w it multiplies "
+                  "a rounding error by about 16/(h w)^2 in every step (theory, section 2.2), and this run asks for {} "
+                  "steps; it is meant for "
+                  "boundary-value problems. Use lagrangian = \"midpoint\", at most {} steps, or allow_unstable = true",
+                  steps, forward_step_limit));
+            }
+            return two_step(forward_action(hamiltonian));
+          },
+          [&](const Custom& custom) -> std::unique_ptr<SegmentScheme> {
+            return two_step(lagrangian_action(hamiltonian, custom.L, custom.parameters));
+          }},
+      options.lagrangian);
+}
+
+}  // namespace
+
+OrbitIntegrator::OrbitIntegrator(const Hamiltonian& hamiltonian, const InitialState& initial,
+                                 const IntegrationOptions& options)
+    : options_(options) {
+  check(hamiltonian, initial, options);
+  scheme_ = make_scheme(hamiltonian, initial, options);
+  if (options.levels == Levels::variable) {
+    HamiltonianEvaluator evaluator(hamiltonian);
+    std::vector<double> gradient(scheme_->dimension());
+    evaluator.gradient(scheme_->state().data(), gradient.data());
+    if (std::ranges::all_of(gradient, [](double x) { return x == 0.0; })) {
+      throw EquilibriumError(
+          "the initial state is an equilibrium: the gradient of H vanishes there, so every step conserves the energy "
+          "and no energy law can "
+          "fix h; use levels = \"fixed\", or start elsewhere");
+    }
+  }
+  levels_ = std::make_unique<TimeLevels>(
+      *scheme_,
+      LevelOptions{.levels = options.levels, .on_singular = options.on_singular, .tolerance = options.tolerance},
+      initial.t, options.step);
+}
+
+bool OrbitIntegrator::finished() const {
+  // Levels are start + k·step only to rounding; a level this near to `until` is meant to be at it.
+  constexpr double slack = 1e-9;
+  const double direction = options_.step < 0.0 ? -1.0 : 1.0;
+  return direction * (levels_->time() - options_.until) >= -slack * std::abs(levels_->last_step());
+}
+
+void OrbitIntegrator::save(StateWriter& state) const {
+  scheme_->save(state);
+  levels_->save(state);
+}
+
+void OrbitIntegrator::restore(StateReader& state) {
+  scheme_->restore(state);
+  levels_->restore(state);
+}
+
+double Orbit::discrete_energy_deviation() const {
+  if (energy.empty()) {
+    return 0.0;
+  }
+  double scale = std::abs(energy.front());
+  for (const double value : node_energy) {
+    scale = std::max(scale, std::abs(value));
+  }
+  double deviation = 0.0;
+  for (std::size_t k = 0; k < energy.size(); ++k) {
+    if (bridged[k] == 0) {
+      deviation = std::max(deviation, std::abs(energy[k] - energy.front()));
+    }
+  }
+  return deviation / scale;
+}
+
+double Orbit::node_energy_deviation() const {
+  double deviation = 0.0;
+  for (const double value : node_energy) {
+    deviation = std::max(deviation, std::abs(value - node_energy.front()));
+  }
+  return deviation;
+}
+
+Orbit integrate(const Hamiltonian& hamiltonian, const InitialState& initial, const IntegrationOptions& options) {
+  OrbitIntegrator integrator(hamiltonian, initial, options);
+  Orbit orbit;
+  orbit.degrees_of_freedom = hamiltonian.degrees_of_freedom();
+  const auto record_level = [&] {
+    orbit.t.push_back(integrator.t());
+    const LevelNode node = integrator.node();
+    orbit.gamma.push_back(node.gamma);
+    orbit.node_energy.push_back(node.energy);
+    orbit.q.insert(orbit.q.end(), integrator.q().begin(), integrator.q().end());
+    orbit.p.insert(orbit.p.end(), integrator.p().begin(), integrator.p().end());
+  };
+  record_level();
+  while (!integrator.finished()) {
+    if (orbit.steps() == options.max_steps) {
+      orbit.status = Status::not_converged;
+      orbit.message = fmt::format("max_steps = {} reached at t = {:.10g}", options.max_steps, integrator.t());
+      break;
+    }
+    const StepReport report = integrator.step();
+    if (report.status != Status::success) {
+      orbit.status = report.status;
+      orbit.message = describe_failure(report, integrator.t(), integrator.node(), integrator.levels().last_step());
+      break;
+    }
+    orbit.h.push_back(report.h);
+    orbit.energy.push_back(report.energy);
+    orbit.condition.push_back(report.condition);
+    orbit.bridged.push_back(report.bridged ? 1 : 0);
+    record_level();
+  }
+  return orbit;
+}
+
+std::string describe_failure(const StepReport& report, double t, const LevelNode& node, double last_step) {
+  const std::string where =
+      fmt::format("at t = {:.10g}, Gamma = {:.4g}, last step h = {:.4g}", t, node.gamma, last_step);
+  switch (report.status) {
+    case Status::success: return {};
+    case Status::singular:
+      return fmt::format(
+          "the step equation has no solution with the required energy {}: Gamma nears 0 there (theory, section 3); use "
+          "on_singular = "
+          "\"bridge\" or \"fixed\", or levels = \"fixed\"",
+          where);
+    case Status::ill_conditioned:
+      return fmt::format(
+          "the energy law carries no information {}: the step condition {:.3g} exceeds 1e-2, rounding in H alone moves "
+          "h; take a larger step, or "
+          "levels = \"fixed\"",
+          where, report.condition);
+    case Status::not_converged:
+      return fmt::format("the step could not be solved {}: the iteration did not settle; take a smaller step", where);
+    case Status::undefined:
+      return fmt::format(
+          "the formula became undefined (not finite) on the way from the level {}: the orbit leaves the domain of H, "
+          "or the step "
+          "is too long",
+          where);
+  }
+  return {};
+}
+
+}  // namespace rubato

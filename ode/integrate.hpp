@@ -1,0 +1,116 @@
+#pragma once
+
+#include <cstddef>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <variant>
+#include <vector>
+
+#include <rubato/ode/hamiltonian.hpp>
+#include <rubato/ode/segment_scheme.hpp>
+#include <rubato/variation/time_levels.hpp>
+
+namespace rubato {
+
+/// The midpoint 𝕃 (3.15), the default: order 2.
+struct Midpoint {};
+/// The forward 𝕃 (3.23). Refused beyond `forward_step_limit` steps unless `allow_unstable` (theory, section 2.2).
+struct Forward {
+  bool allow_unstable = false;
+};
+/// Any 𝕃, as a formula in t_0, t_1 and every coordinate and momentum with suffix _0 and _1.
+struct Custom {
+  std::string L;
+  Hamiltonian::Parameters parameters = {};
+};
+using SegmentLagrangian = std::variant<Midpoint, Forward, Custom>;
+
+/// Steps after which a rounding error of the forward 𝕃 has typically swamped the orbit.
+inline constexpr std::size_t forward_step_limit = 5;
+
+struct InitialState {
+  std::vector<double> q, p;
+  double t = 0.0;
+};
+
+struct IntegrationOptions {
+  SegmentLagrangian lagrangian = Midpoint{};
+  double step = 0.0;   ///< t_1 - t_0; negative integrates backward
+  double until = 0.0;  ///< the run ends at the first level at or past it; no step is shortened to hit it
+  Levels levels = Levels::variable;
+  OnSingular on_singular = OnSingular::bridge;
+  double tolerance = 1e-13;  ///< of the level equation, relative
+  std::size_t max_steps = 100'000'000;
+  /// A second node z_1 at its own t: the two-step form from an arbitrary pair, instead of a midpoint step for z_1.
+  std::optional<InitialState> next = std::nullopt;
+};
+
+/// Initial data at which variable levels are meaningless: an equilibrium, where every h conserves the energy.
+class EquilibriumError : public std::invalid_argument {
+public:
+  using std::invalid_argument::invalid_argument;
+};
+
+/// Steps an orbit, level by level. integrate() is the loop over it.
+class OrbitIntegrator {
+public:
+  /// \throws std::invalid_argument with the offending values: sizes that do not fit, data that are not finite, a step
+  /// of 0 or away from `until`, H undefined at the start; EquilibriumError
+  OrbitIntegrator(const Hamiltonian& hamiltonian, const InitialState& initial, const IntegrationOptions& options);
+
+  [[nodiscard]] StepReport step() { return levels_->step(); }
+  /// Whether the present level is at or past `until` (a level within 1e-9 of a step of it counts as at it).
+  [[nodiscard]] bool finished() const;
+
+  [[nodiscard]] double t() const { return levels_->time(); }
+  [[nodiscard]] std::span<const double> q() const { return scheme_->state().first(scheme_->dimension() / 2); }
+  [[nodiscard]] std::span<const double> p() const { return scheme_->state().last(scheme_->dimension() / 2); }
+  [[nodiscard]] LevelNode node() { return scheme_->node(); }  ///< H(z_k) and Γ(z_k)
+  [[nodiscard]] const TimeLevels& levels() const { return *levels_; }
+  /// Whether E_k is one constant for the run; if not (𝕃 depends on t), energy_balance() is what (3.4) leaves.
+  [[nodiscard]] bool autonomous() const { return !scheme_->energy_target().has_value(); }
+  [[nodiscard]] const SegmentScheme& scheme() const { return *scheme_; }
+
+  void save(StateWriter& state) const;
+  void restore(StateReader& state);
+
+private:
+  IntegrationOptions options_;
+  std::unique_ptr<SegmentScheme> scheme_;
+  std::unique_ptr<TimeLevels> levels_;
+};
+
+/// An orbit in memory: level k at t[k] with q[k·n …], p[k·n …]; step k from level k to k+1.
+struct Orbit {
+  std::size_t degrees_of_freedom = 0;
+  std::vector<double> t, gamma, node_energy;  ///< per level
+  std::vector<double> q, p;                   ///< per level, n entries each
+  std::vector<double> h, energy, condition;   ///< per step
+  std::vector<unsigned char> bridged;         ///< per step
+  Status status = Status::success;            ///< why it ended: success at `until`
+  std::string message;                        ///< for people, empty on success
+
+  [[nodiscard]] std::size_t steps() const { return h.size(); }
+  [[nodiscard]] std::span<const double> q_at(std::size_t level) const {
+    return {q.data() + level * degrees_of_freedom, degrees_of_freedom};
+  }
+  [[nodiscard]] std::span<const double> p_at(std::size_t level) const {
+    return {p.data() + level * degrees_of_freedom, degrees_of_freedom};
+  }
+  /// max_k |E_k - E_0| / max(|E_0|, max |H|), over the steps that are not bridges.
+  [[nodiscard]] double discrete_energy_deviation() const;
+  /// max_k |H(z_k) - H(z_0)|
+  [[nodiscard]] double node_energy_deviation() const;
+};
+
+/// Integrates from `initial` to `options.until`. Ends early, with all levels so far and the status, where a step fails.
+/// \throws as OrbitIntegrator
+[[nodiscard]] Orbit integrate(const Hamiltonian& hamiltonian, const InitialState& initial,
+                              const IntegrationOptions& options);
+
+/// One sentence on why a step failed at time t, with the values that matter and what to do.
+[[nodiscard]] std::string describe_failure(const StepReport& report, double t, const LevelNode& node, double law_step);
+
+}  // namespace rubato

@@ -1,0 +1,195 @@
+#include <rubato/ode/midpoint_scheme.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+#include <vector>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <Eigen/Core>
+#include <Eigen/LU>
+
+#include <rubato/ode/increment.hpp>
+
+namespace rubato {
+
+namespace {
+
+constexpr int most_iterations = 50;
+
+/// Size is 2n where that is small enough for the compiler to unroll, else Eigen::Dynamic.
+template <int Size>
+class MidpointScheme final : public SegmentScheme {
+  using Vector = Eigen::Matrix<double, Size, 1>;
+  using Matrix = Eigen::Matrix<double, Size, Size>;
+
+public:
+  MidpointScheme(const Hamiltonian& hamiltonian, std::span<const double> z_0)
+      : evaluator_(hamiltonian),
+        size_(static_cast<Eigen::Index>(z_0.size())),
+        z_(Vector(Eigen::Map<const Eigen::VectorXd>(z_0.data(), size_))),
+        history_(size_) {
+    for (Vector* vector : {&delta_, &rate_, &correction_, &point_, &gradient_, &f_}) {
+      vector->setZero(size_);
+    }
+    hessian_.setZero(size_, size_);
+    matrix_.setZero(size_, size_);
+    factors_ = Eigen::PartialPivLU<Matrix>(matrix_);
+  }
+
+  [[nodiscard]] std::size_t dimension() const override { return static_cast<std::size_t>(size_); }
+  [[nodiscard]] std::span<const double> state() const override { return as_span(z_.value()); }
+
+  [[nodiscard]] Status advance(double h, double accuracy) override {
+    if (!factored_) {
+      predict(h);
+      if (!factor(h)) {
+        return Status::undefined;
+      }
+    } else {
+      delta_ += (h - trial_h_) * rate_;
+    }
+    trial_h_ = h;
+    StagnationTest test(accuracy);
+    for (int iteration = 0; iteration < most_iterations; ++iteration) {
+      z_.displaced(0.5, delta_, point_);
+      energy_ = evaluator_.gradient(point_.data(), gradient_.data());
+      ++iterations_;
+      apply_j(gradient_, f_);
+      correction_ = h * f_ - delta_;
+      correction_ = factors_.solve(correction_).eval();
+      delta_ += correction_;
+      const double size = history_.relative_size(correction_, delta_, z_.value());
+      if (!std::isfinite(size) || !std::isfinite(energy_)) {
+        factored_ = false;
+        return Status::undefined;
+      }
+      const auto verdict = test.judge(size);
+      if (verdict == StagnationTest::Verdict::done) {
+        energy_ += 0.5 * gradient_.dot(correction_);  // to first order, at the corrected midpoint
+        rate_ = factors_.solve(f_);
+        slope_ = 0.5 * gradient_.dot(rate_);
+        return Status::success;
+      }
+      if (verdict == StagnationTest::Verdict::slow && !factor(h)) {
+        return Status::undefined;
+      }
+    }
+    factored_ = false;
+    return Status::not_converged;
+  }
+
+  [[nodiscard]] double discrete_energy() const override { return energy_; }
+  [[nodiscard]] double discrete_energy_slope() const override { return slope_; }
+  [[nodiscard]] int iterations() const override { return iterations_; }
+
+  [[nodiscard]] LevelNode node() override {
+    if (!node_known_) {
+      node_.gamma = evaluator_.gamma(z_.value().data(), node_.energy);
+      node_known_ = true;
+    }
+    return node_;
+  }
+
+  [[nodiscard]] LevelNode trial_node() override {
+    LevelNode node;
+    z_.displaced(1.0, delta_, point_);
+    node.gamma = evaluator_.gamma(point_.data(), node.energy);
+    return node;
+  }
+
+  void accept() override {
+    history_.record(trial_h_, delta_);
+    z_.add(delta_);
+    start_level();
+  }
+
+  void save(StateWriter& state) const override {
+    z_.save(state);
+    history_.save(state);
+  }
+
+  void restore(StateReader& state) override {
+    z_.restore(state);
+    history_.restore(state);
+    start_level();
+  }
+
+private:
+  void start_level() {
+    factored_ = false;
+    node_known_ = false;
+    iterations_ = 0;
+  }
+
+  void predict(double h) {
+    if (!history_.empty()) {
+      history_.predict(h, delta_);
+      return;
+    }
+    evaluator_.gradient(z_.value().data(), gradient_.data());
+    apply_j(gradient_, f_);
+    delta_ = h * f_;
+  }
+
+  /// Factors I - ½h J H_zz at the middle of the present δ.
+  bool factor(double h) {
+    z_.displaced(0.5, delta_, point_);
+    evaluator_.hessian(point_.data(), gradient_.data(), hessian_.data());
+    ++iterations_;
+    const Eigen::Index n = size_ / 2;
+    matrix_.topRows(n) = -0.5 * h * hessian_.bottomRows(n);
+    matrix_.bottomRows(n) = 0.5 * h * hessian_.topRows(n);
+    matrix_.diagonal().array() += 1.0;
+    factored_ = matrix_.allFinite();
+    if (factored_) {
+      factors_.compute(matrix_);
+    }
+    return factored_;
+  }
+
+  HamiltonianEvaluator evaluator_;
+  Eigen::Index size_;
+  CompensatedState<Vector> z_;
+  VelocityHistory<Vector> history_;
+
+  Vector delta_, rate_, correction_, point_, gradient_, f_;  ///< rate_ = dδ/dh along the solved step
+  Matrix hessian_, matrix_;
+  Eigen::PartialPivLU<Matrix> factors_;
+  bool factored_ = false;  ///< whether there is a matrix, and a trial step, for this level
+  double trial_h_ = 0.0;
+  double energy_ = 0.0;
+  double slope_ = 0.0;
+  int iterations_ = 0;
+  LevelNode node_;
+  bool node_known_ = false;
+};
+
+}  // namespace
+
+std::unique_ptr<SegmentScheme> make_midpoint_scheme(const Hamiltonian& hamiltonian, std::span<const double> z_0) {
+  const std::size_t size = 2 * hamiltonian.degrees_of_freedom();
+  if (z_0.size() != size) {
+    throw std::invalid_argument(fmt::format(
+        "the initial state has {} entries, the Hamiltonian has {} coordinates and as many momenta: {} are needed",
+        z_0.size(), size / 2, size));
+  }
+  HamiltonianEvaluator evaluator(hamiltonian);
+  std::vector<double> gradient(size);
+  const double energy = evaluator.gradient(z_0.data(), gradient.data());
+  const auto finite = [](double x) { return std::isfinite(x); };
+  if (!std::ranges::all_of(z_0, finite) || !finite(energy) || !std::ranges::all_of(gradient, finite)) {
+    throw std::invalid_argument(
+        fmt::format("H or its gradient is not finite at the initial state ({}): H = {}, gradient ({})",
+                    fmt::join(z_0, ", "), energy, fmt::join(gradient, ", ")));
+  }
+  switch (size) {
+    case 2: return std::make_unique<MidpointScheme<2>>(hamiltonian, z_0);
+    case 4: return std::make_unique<MidpointScheme<4>>(hamiltonian, z_0);
+    case 6: return std::make_unique<MidpointScheme<6>>(hamiltonian, z_0);
+    default: return std::make_unique<MidpointScheme<Eigen::Dynamic>>(hamiltonian, z_0);
+  }
+}
+
+}  // namespace rubato

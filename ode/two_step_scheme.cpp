@@ -1,0 +1,227 @@
+#include <rubato/ode/two_step_scheme.hpp>
+
+#include <cmath>
+#include <stdexcept>
+#include <vector>
+
+#include <fmt/format.h>
+#include <Eigen/LU>
+
+#include <rubato/ode/discrete_lagrangian.hpp>
+#include <rubato/ode/increment.hpp>
+
+namespace rubato {
+
+namespace {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+constexpr int most_iterations = 50;
+
+class TwoStepScheme final : public SegmentScheme {
+public:
+  TwoStepScheme(std::unique_ptr<DiscreteAction> action, const Hamiltonian& hamiltonian, const SegmentNode& first,
+                const SegmentNode& second)
+      : action_(std::move(action)),
+        evaluator_(hamiltonian),
+        size_(static_cast<Index>(action_->element().values)),
+        corners_(action_->element().size()),
+        gradient_(static_cast<Index>(action_->element().size())),
+        hessian_(gradient_.size(), gradient_.size()),
+        z_(VectorXd(Eigen::Map<const VectorXd>(first.z.data(), size_))),
+        history_(size_),
+        t_(first.t) {
+    for (VectorXd* vector : {&delta_, &rate_, &correction_, &momentum_, &point_}) {
+      vector->setZero(size_);
+    }
+    delta_ = Eigen::Map<const VectorXd>(second.z.data(), size_) - z_.value();
+    place(second.t - first.t);
+    action_->gradient(corners_, gradient_);
+    action_->hessian(corners_, hessian_);
+    if (!gradient_.allFinite() || !hessian_.allFinite()) {
+      throw std::invalid_argument(
+          "the discrete Lagrangian or one of its derivatives is not finite at the starting pair");
+    }
+    autonomous_ = is_autonomous(*action_, corners_);
+    momentum_ = -gradient_.segment(first_value(0), size_);
+    target_ = gradient_[time(0)];
+    first_delta_ = delta_;
+  }
+
+  [[nodiscard]] std::size_t dimension() const override { return static_cast<std::size_t>(size_); }
+  [[nodiscard]] std::span<const double> state() const override { return as_span(z_.value()); }
+
+  [[nodiscard]] Status advance(double h, double accuracy) override {
+    if (!factored_) {
+      if (history_.empty()) {
+        delta_ = first_delta_;
+      } else {
+        history_.predict(h, delta_);
+      }
+      if (!factor(h)) {
+        return Status::undefined;
+      }
+    } else {
+      delta_ += (h - trial_h_) * rate_;
+    }
+    trial_h_ = h;
+    StagnationTest test(accuracy);
+    for (int iteration = 0; iteration < most_iterations; ++iteration) {
+      place(h);
+      action_->gradient(corners_, gradient_);
+      ++iterations_;
+      correction_ = -(gradient_.segment(first_value(0), size_) + momentum_);
+      correction_ = factors_.solve(correction_).eval();
+      delta_ += correction_;
+      const double size = history_.relative_size(correction_, delta_, z_.value());
+      if (!std::isfinite(size) || !std::isfinite(gradient_[time(0)])) {
+        factored_ = false;
+        return Status::undefined;
+      }
+      const auto verdict = test.judge(size);
+      if (verdict == StagnationTest::Verdict::done) {
+        // E at the corrected point, to first order; its total derivative follows dz_1/dh along the solved step.
+        energy_ = gradient_[time(0)] + energy_row_.dot(correction_);
+        slope_ = energy_slope_ + energy_row_.dot(rate_);
+        return Status::success;
+      }
+      if (verdict == StagnationTest::Verdict::slow && !factor(h)) {
+        return Status::undefined;
+      }
+    }
+    factored_ = false;
+    return Status::not_converged;
+  }
+
+  [[nodiscard]] double discrete_energy() const override { return energy_; }
+  [[nodiscard]] double discrete_energy_slope() const override { return slope_; }
+  [[nodiscard]] std::optional<double> energy_target() const override {
+    return autonomous_ ? std::nullopt : std::optional(target_);
+  }
+  [[nodiscard]] int iterations() const override { return iterations_; }
+
+  [[nodiscard]] LevelNode node() override { return node_at(z_.value()); }
+
+  [[nodiscard]] LevelNode trial_node() override {
+    z_.displaced(1.0, delta_, point_);
+    return node_at(point_);
+  }
+
+  void accept() override {
+    place(trial_h_);
+    action_->gradient(corners_, gradient_);
+    momentum_ = gradient_.segment(first_value(1), size_);
+    target_ = -gradient_[time(1)];
+    history_.record(trial_h_, delta_);
+    z_.add(delta_);
+    t_ += trial_h_;
+    factored_ = false;
+    iterations_ = 0;
+  }
+
+  void save(StateWriter& state) const override {
+    z_.save(state);
+    history_.save(state);
+    state.write(as_span(momentum_));
+    state.write(target_);
+    state.write(t_);
+  }
+
+  void restore(StateReader& state) override {
+    z_.restore(state);
+    history_.restore(state);
+    state.read(as_span(momentum_));
+    state.read(target_);
+    state.read(t_);
+    factored_ = false;
+    iterations_ = 0;
+  }
+
+private:
+  [[nodiscard]] Index time(std::size_t corner) const {
+    return static_cast<Index>(action_->element().coordinate(corner, 0));
+  }
+  [[nodiscard]] Index first_value(std::size_t corner) const {
+    return static_cast<Index>(action_->element().value(corner, 0));
+  }
+
+  /// Writes (t_k, z_k, t_k + h, z_k + δ) into the corner vector.
+  void place(double h) {
+    Eigen::Map<VectorXd> corners(corners_.data(), static_cast<Index>(corners_.size()));
+    corners[time(0)] = t_;
+    corners[time(1)] = t_ + h;
+    corners.segment(first_value(0), size_) = z_.value();
+    z_.displaced(1.0, delta_, point_);
+    corners.segment(first_value(1), size_) = point_;
+  }
+
+  /// Factors ∂²A/∂z_0∂z_1 at the present δ, and takes what dE/dh needs from the same second variation.
+  bool factor(double h) {
+    place(h);
+    action_->hessian(corners_, hessian_);
+    ++iterations_;
+    factored_ = hessian_.allFinite();
+    if (!factored_) {
+      return false;
+    }
+    factors_.compute(hessian_.block(first_value(0), first_value(1), size_, size_));
+    rate_ = factors_.solve(-hessian_.block(first_value(0), time(1), size_, 1));
+    energy_row_ = hessian_.block(time(0), first_value(1), 1, size_).transpose();
+    energy_slope_ = hessian_(time(0), time(1));
+    return true;
+  }
+
+  LevelNode node_at(const VectorXd& z) {
+    LevelNode node;
+    node.gamma = evaluator_.gamma(z.data(), node.energy);
+    return node;
+  }
+
+  std::unique_ptr<DiscreteAction> action_;
+  HamiltonianEvaluator evaluator_;
+  Index size_;
+  std::vector<double> corners_;
+  VectorXd gradient_;
+  MatrixXd hessian_;
+  CompensatedState<VectorXd> z_;
+  VelocityHistory<VectorXd> history_;
+  double t_;
+  bool autonomous_ = true;
+
+  VectorXd momentum_;    ///< ∂A_{k-1}/∂z_k
+  double target_ = 0.0;  ///< -∂A_{k-1}/∂t_k
+  VectorXd first_delta_;
+
+  VectorXd delta_, rate_, correction_, point_, energy_row_;
+  double energy_slope_ = 0.0;
+  Eigen::PartialPivLU<MatrixXd> factors_;
+  bool factored_ = false;
+  double trial_h_ = 0.0;
+  double energy_ = 0.0;
+  double slope_ = 0.0;
+  int iterations_ = 0;
+};
+
+}  // namespace
+
+std::unique_ptr<SegmentScheme> make_two_step_scheme(std::unique_ptr<DiscreteAction> action,
+                                                    const Hamiltonian& hamiltonian, const SegmentNode& first,
+                                                    const SegmentNode& second) {
+  const Element& element = action->element();
+  if (element.corners != 2 || element.coordinates != 1 || element.values != first.z.size() ||
+      element.values != second.z.size() || element.values != 2 * hamiltonian.degrees_of_freedom()) {
+    throw std::invalid_argument(
+        fmt::format("a starting pair with {} and {} entries does not fit a segment action with {} values and a "
+                    "Hamiltonian of {} variables",
+                    first.z.size(), second.z.size(), element.values, 2 * hamiltonian.degrees_of_freedom()));
+  }
+  if (!(std::isfinite(first.t) && std::isfinite(second.t)) || first.t == second.t) {
+    throw std::invalid_argument(
+        fmt::format("the times of a starting pair must be finite and differ; got {} and {}", first.t, second.t));
+  }
+  return std::make_unique<TwoStepScheme>(std::move(action), hamiltonian, first, second);
+}
+
+}  // namespace rubato

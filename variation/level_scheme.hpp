@@ -1,0 +1,49 @@
+#pragma once
+
+#include <optional>
+
+#include <rubato/base/outcome.hpp>
+#include <rubato/base/state.hpp>
+
+namespace rubato {
+
+/// What the choice of time levels reads at a level: the node energy H(z_k) and Γ(z_k) (theory, section 3; for order s
+/// Γ stands for -24 φ^(s+1), which is Γ itself for s = 2).
+struct LevelNode {
+  double energy = 0.0;
+  double gamma = 0.0;
+};
+
+/// What the choice of time levels (time_levels.hpp) needs from a time-stepping scheme, be it an orbit or a lattice.
+///
+/// A scheme stands at a *current* level. advance(h) solves its value equations (3.3) for a *trial* level at distance h;
+/// accept() makes the trial level the current one. Trying again with another h starts from the trial already found.
+class LevelScheme {
+public:
+  virtual ~LevelScheme() = default;
+
+  /// Solves (3.3) for the step of length h ≠ 0. `accuracy` is the relative size of the last correction at which the
+  /// iteration may stop; 0 asks for stagnation, that is for all that rounding allows.
+  [[nodiscard]] virtual Status advance(double h, double accuracy) = 0;
+
+  /// E_k of the trial step, (3.4).
+  [[nodiscard]] virtual double discrete_energy() const = 0;
+  /// Total derivative dE_k/dh along the solved step; -(h/4)Γ for the midpoint 𝕃, -s h^(s-1) (s+1)Γ/24 for order s.
+  [[nodiscard]] virtual double discrete_energy_slope() const = 0;
+  /// What E_k must equal when it is not one constant for the run (𝕃 depending on t explicitly), else nothing.
+  [[nodiscard]] virtual std::optional<double> energy_target() const { return std::nullopt; }
+  /// The exponent s of the step law h^(s+1) Γ = const.
+  [[nodiscard]] virtual int order() const { return 2; }
+
+  [[nodiscard]] virtual LevelNode node() = 0;        ///< at the current level
+  [[nodiscard]] virtual LevelNode trial_node() = 0;  ///< at the trial level
+  [[nodiscard]] virtual int iterations() const = 0;  ///< solver iterations since the last accept()
+
+  virtual void accept() = 0;
+
+  /// All that continuing bit for bit from the current level needs.
+  virtual void save(StateWriter& state) const = 0;
+  virtual void restore(StateReader& state) = 0;
+};
+
+}  // namespace rubato

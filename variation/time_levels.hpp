@@ -1,0 +1,112 @@
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <limits>
+
+#include <rubato/base/compensated_sum.hpp>
+#include <rubato/variation/level_scheme.hpp>
+
+namespace rubato {
+
+/// How the levels t_k are chosen.
+enum class Levels {
+  variable,  ///< by the total variation: E_k = E together with the step, (3.3) and (3.4)
+  fixed,     ///< t_k = start + k·step, (3.3) alone
+};
+
+/// What to do where the step equation has no solution (theory, section 3).
+enum class OnSingular {
+  bridge,  ///< cross it as theory, section 3.1 describes
+  fixed,   ///< plain steps of the last size until the energy law can be met again
+  stop,    ///< end the run there
+};
+
+struct LevelOptions {
+  Levels levels = Levels::variable;
+  OnSingular on_singular = OnSingular::bridge;
+  double tolerance = 1e-13;       ///< of the level equation, relative to max(|E|, max |H|)
+  double condition_limit = 1e-2;  ///< a step whose condition exceeds it is refused: its energy law is only rounding
+};
+
+/// What one call of TimeLevels::step() did.
+struct StepReport {
+  Status status = Status::success;
+  double h = 0.0;
+  double energy = 0.0;  ///< E_k of the step
+  double slope = 0.0;   ///< total derivative dE/dh of the step
+  double condition =
+      0.0;  ///< step condition ε|H|/|h dE/dh| = 4ε|H|/(h²|Γ|): relative error of h that rounding in H makes
+  int iterations = 0;
+  bool bridged = false;   ///< a plain step, taken where the energy law has no solution
+  bool crossing = false;  ///< the first step of a bridge
+};
+
+/// The choice of time levels, the same for orbits and lattices.
+///
+/// With variable levels each step solves E(h) = E for h by a safeguarded Newton iteration on the smooth scalar function
+/// h ↦ E(h), the step solved inside (theory, section 3.2). E is that of the first step, for the whole run. The
+/// predictor is the step law h^(s+1) Γ = const, extrapolated. A root is taken only where dE/dh has the sign it has
+/// along the orbit: beyond the fold of E(h) lies the other branch, at h < 0 the reflected root, and both have the
+/// opposite sign.
+class TimeLevels {
+public:
+  /// \param start t_0
+  /// \param first_step t_1 - t_0, which fixes E; negative integrates backward
+  TimeLevels(LevelScheme& scheme, const LevelOptions& options, double start, double first_step);
+
+  /// One step; on success the scheme stands at the new level. Otherwise the scheme and the levels are as before.
+  [[nodiscard]] StepReport step();
+
+  [[nodiscard]] double time() const { return time_.value(); }
+  [[nodiscard]] std::size_t steps() const { return steps_; }
+  [[nodiscard]] double energy() const { return energy_; }              ///< E, once the first step is taken
+  [[nodiscard]] double energy_scale() const { return energy_scale_; }  ///< max(|E|, max |H|) so far
+  [[nodiscard]] double law_constant() const {
+    return law_constant_;
+  }  ///< c of the node law H - E = c·sign(Γ)|Γ|^(1/(s+1))
+  [[nodiscard]] double last_step() const { return last_step_; }
+  [[nodiscard]] const LevelOptions& options() const { return options_; }
+
+  void save(StateWriter& state) const;
+  void restore(StateReader& state);
+
+private:
+  struct Sample {
+    double time;
+    double density;  ///< sign(Γ)|h|^-(s+1), proportional to Γ by the step law
+  };
+
+  StepReport fixed_step();
+  StepReport first_step();
+  StepReport variable_step();
+  StepReport plain_step(double h);
+  StepReport report(Status status, double h) const;
+  void take(StepReport& report);
+
+  [[nodiscard]] Status solve_level(double guess);
+  [[nodiscard]] double predicted_step() const;
+  [[nodiscard]] double law_step(double gamma) const;
+  void remember(double h, double slope);
+  [[nodiscard]] double condition(double h, double slope) const;
+
+  LevelScheme& scheme_;
+  LevelOptions options_;
+  double start_;
+  double fixed_h_;
+  CompensatedSum time_;
+  std::size_t steps_ = 0;
+
+  double energy_ = std::numeric_limits<double>::quiet_NaN();
+  double energy_scale_ = 0.0;
+  double law_constant_ = 0.0;
+  double step_constant_ = 0.0;  ///< |h^(s+1) Γ| of the first step
+  double last_step_ = 0.0;
+  double trial_step_ = 0.0;          ///< the step the scheme's trial level was last solved for
+  double direction_ = 1.0;           ///< sign of dE/d|h| on the branch the run is on
+  bool singular_ = false;            ///< inside a bridge
+  std::array<Sample, 4> history_{};  ///< of the last steps that met the law, newest first
+  std::size_t remembered_ = 0;
+};
+
+}  // namespace rubato
