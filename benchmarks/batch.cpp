@@ -104,5 +104,3 @@ const int registered = [] {
 }();
 
 }  // namespace
-
-BENCHMARK_MAIN();
