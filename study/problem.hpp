@@ -64,6 +64,9 @@ struct HamiltonianProblem {
   [[nodiscard]] std::vector<std::string> names() const;
 };
 
+/// The names in a custom 𝕃: t_0, every name of q and p with suffix _0, t_1, and the same with suffix _1.
+[[nodiscard]] std::vector<std::string> custom_lagrangian_names(const HamiltonianProblem& problem);
+
 /// One direction of the periodic grid: nodes from + i (to - from)/cells, i = 0 … cells-1.
 struct GridAxis {
   std::string name;  ///< "x", "y" or "z"

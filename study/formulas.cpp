@@ -1,0 +1,212 @@
+#include <algorithm>
+#include <cmath>
+#include <unordered_map>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <rubato/formula/parse.hpp>
+#include <rubato/study/reader.hpp>
+
+namespace rubato::study {
+namespace {
+
+/// The place in the file of character `column` of line `line` of a formula that begins at `start`.
+Location place_in_file(const Location& start, std::size_t line, std::size_t column) {
+  if (start.line == 0) {
+    return start;
+  }
+  const auto down = static_cast<int>(line) - 1;
+  const auto right = static_cast<int>(column);
+  return {start.file, start.line + down, down == 0 ? start.column + right - 1 : right};
+}
+
+std::string name_at(const std::string& text, std::size_t offset) {
+  std::size_t end = offset;
+  while (end < text.size() && (is_identifier(text.substr(offset, end - offset + 1)))) {
+    ++end;
+  }
+  return text.substr(std::min(offset, text.size()), end - offset);
+}
+
+bool contains(std::span<const std::string> names, std::string_view wanted) {
+  return std::find(names.begin(), names.end(), wanted) != names.end();
+}
+
+/// Why a name that looks right is not available here; empty if there is nothing to say.
+std::string remark_on(const std::string& name, const Vocabulary& vocabulary) {
+  const auto& names = vocabulary.names;
+  const auto has = [&names](const std::string& wanted) { return contains(names, wanted); };
+  if (has(name)) {
+    return "";
+  }
+  if (has(name + "1")) {
+    return fmt::format("\n{0} is a vector: its components are {0}1, {0}2, …", name);
+  }
+  if (has(name + "_0")) {
+    return fmt::format("\nL is a formula in the values at both ends of a step: {0}_0 and {0}_1", name);
+  }
+  if (name == "t") {
+    return "\nt is available in [exact], and as t_0 and t_1 in a custom L; the equations themselves may not depend on "
+           "it";
+  }
+  if (name == "x" || name == "y" || name == "z") {
+    return fmt::format(
+        "\nthe grid's {} is available in [initial] and [exact] only: the equations are the same everywhere", name);
+  }
+  if (name == "dx" || name == "dy" || name == "dz") {
+    return vocabulary.axes.empty()
+               ? fmt::format("\n{} is available in [initial] and [invariants] of a lattice only", name)
+               : fmt::format("\n{}(f) differentiates a field f along {} of the grid, which has {}", name, name[1],
+                             fmt::join(vocabulary.axes, ", "));
+  }
+  return "";
+}
+
+/// Parameters as they are read: formulas that may name each other.
+struct ParameterGraph {
+  const Value::Table& entries;
+  std::unordered_map<std::string_view, std::size_t> index;
+  std::vector<std::vector<std::size_t>> needs;  ///< which others each one names
+
+  explicit ParameterGraph(const Value::Table& table) : entries(table), needs(table.size()) {
+    std::vector<std::string> names;
+    for (std::size_t i = 0; i < table.size(); ++i) {
+      index.emplace(table[i].key, i);
+      names.push_back(table[i].key);
+    }
+    for (std::size_t i = 0; i < table.size(); ++i) {
+      if (table[i].value.string() == nullptr) {
+        continue;
+      }
+      formula::Graph graph;
+      const auto expression = build_formula(read_formula(table[i].value, table[i].key), graph, {names}, {});
+      for (const std::size_t variable : formula::variables_of(expression)) {
+        needs[i].push_back(index.at(graph.variable_name(variable)));
+      }
+    }
+  }
+
+  /// An order in which each comes after those it needs.
+  [[nodiscard]] std::vector<std::size_t> order() const {
+    std::vector<std::size_t> missing(entries.size());
+    std::vector<std::vector<std::size_t>> needed_by(entries.size());
+    std::vector<std::size_t> ready;
+    for (std::size_t i = 0; i < entries.size(); ++i) {
+      missing[i] = needs[i].size();
+      for (const std::size_t other : needs[i]) {
+        needed_by[other].push_back(i);
+      }
+      if (missing[i] == 0) {
+        ready.push_back(i);
+      }
+    }
+    for (std::size_t done = 0; done < ready.size(); ++done) {
+      for (const std::size_t other : needed_by[ready[done]]) {
+        if (--missing[other] == 0) {
+          ready.push_back(other);
+        }
+      }
+    }
+    if (ready.size() < entries.size()) {
+      refuse_cycle(missing);
+    }
+    return ready;
+  }
+
+private:
+  [[noreturn]] void refuse_cycle(const std::vector<std::size_t>& missing) const {
+    const auto unresolved = [&](std::size_t i) { return missing[i] > 0; };
+    std::size_t at = 0;
+    while (!unresolved(at)) {
+      ++at;
+    }
+    std::vector<std::size_t> path;
+    while (std::find(path.begin(), path.end(), at) == path.end()) {
+      path.push_back(at);
+      at = *std::find_if(needs[at].begin(), needs[at].end(), unresolved);
+    }
+    std::vector<std::string> cycle;
+    for (auto step = std::find(path.begin(), path.end(), at); step != path.end(); ++step) {
+      cycle.push_back(entries[*step].key);
+    }
+    cycle.push_back(entries[at].key);
+    constexpr std::size_t longest = 20;
+    if (cycle.size() > longest) {
+      cycle.resize(longest);
+      cycle.emplace_back("…");
+    }
+    throw ProblemError(entries[at].location,
+                       fmt::format("parameters depend on each other in a cycle: {}", fmt::join(cycle, " -> ")));
+  }
+};
+
+}  // namespace
+
+formula::Expression build_formula(const FormulaText& text, formula::Graph& graph, const Vocabulary& vocabulary,
+                                  std::span<const Parameter> parameters) {
+  const auto& [names, differentiable, axes] = vocabulary;
+  std::unordered_map<std::string_view, formula::Expression> known;
+  std::vector<std::string> suggestions(names.begin(), names.end());
+  for (const std::string& name : names) {
+    known.emplace(name, graph.variable(name));
+  }
+  for (const Parameter& parameter : parameters) {
+    known.emplace(parameter.name, graph.constant(parameter.value));
+    suggestions.push_back(parameter.name);
+  }
+  // dx(f) is a variable of that name; f, or again such a derivative, must be a variable that has one.
+  for (const std::string& name : differentiable) {
+    known.emplace(name, graph.variable(name));
+    suggestions.push_back(name);
+  }
+  const auto resolve = [&known](std::string_view name) -> std::optional<formula::Expression> {
+    const auto found = known.find(name);
+    return found == known.end() ? std::nullopt : std::optional(found->second);
+  };
+  const auto call = [&](std::string_view name,
+                        std::span<const formula::Expression> arguments) -> std::optional<formula::Expression> {
+    const bool is_derivative = name.starts_with('d') && contains(vocabulary.axes, name.substr(1));
+    if (!is_derivative || arguments.size() != 1) {
+      return std::nullopt;
+    }
+    const formula::Node& node = graph.node(arguments[0].index());
+    if (node.operation != formula::Operation::variable) {
+      return std::nullopt;
+    }
+    const std::string& inner = graph.variable_name(node.a);
+    const bool allowed = inner.back() == ')' || contains(vocabulary.differentiable, inner);
+    return allowed ? std::optional(graph.variable(fmt::format("{}({})", name, inner))) : std::nullopt;
+  };
+  try {
+    return formula::parse(text.text, graph, {resolve, call, suggestions});
+  } catch (const formula::ParseError& error) {
+    std::string remark = remark_on(name_at(text.text, error.offset()), vocabulary);
+    throw ProblemError(place_in_file(text.location, error.line(), error.column()), error.what() + remark);
+  }
+}
+
+void check_formula(const FormulaText& text, const Vocabulary& vocabulary, std::span<const Parameter> parameters) {
+  formula::Graph graph;
+  static_cast<void>(build_formula(text, graph, vocabulary, parameters));
+}
+
+std::vector<Parameter> read_parameters(Section& root, Names& names) {
+  const auto section = root.take_section("parameters");
+  if (!section) {
+    return {};
+  }
+  const Value::Table& entries = section->entries();
+  for (const Entry& entry : entries) {
+    names.declare(entry.key, "a parameter", entry.location);
+  }
+  std::vector<Parameter> parameters;
+  parameters.reserve(entries.size());
+  for (const std::size_t i : ParameterGraph(entries).order()) {
+    parameters.push_back(
+        {entries[i].key, read_number(entries[i].value, entries[i].key, parameters), entries[i].value.location});
+  }
+  return parameters;
+}
+
+}  // namespace rubato::study

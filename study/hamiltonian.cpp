@@ -1,0 +1,99 @@
+#include <algorithm>
+#include <array>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <rubato/study/reader.hpp>
+
+namespace rubato::study {
+namespace {
+
+/// Every coordinate and momentum, and the time, from a table such as [initial].
+PhasePoint read_point(Section& section, const NameList& q, const NameList& p, double default_time,
+                      std::span<const Parameter> parameters) {
+  PhasePoint point;
+  point.location = section.location();
+  const Entry* time = section.take("t");
+  point.t = time == nullptr ? default_time : read_number(time->value, "t", parameters);
+
+  std::vector<std::string> missing;
+  const auto read = [&](const NameList& list, std::vector<double>& into) {
+    const auto values = take_values(section, list);
+    for (std::size_t i = 0; i < values.size(); ++i) {
+      if (values[i] == nullptr) {
+        missing.push_back(list.names[i]);
+      } else {
+        into.push_back(read_number(*values[i], list.names[i], parameters));
+      }
+    }
+  };
+  read(q, point.q);
+  read(p, point.p);
+  section.finish();  // before what is missing, so that a misspelt name is called that
+  if (!missing.empty()) {
+    throw ProblemError(point.location, fmt::format("{} gives no value for {}; every coordinate and momentum needs one",
+                                                   section.name(), fmt::join(missing, ", ")));
+  }
+  return point;
+}
+
+}  // namespace
+
+std::vector<std::string> HamiltonianProblem::names() const {
+  std::vector<std::string> all = q;
+  all.insert(all.end(), p.begin(), p.end());
+  return all;
+}
+
+void read_hamiltonian(Section& root, Section& section, Problem& problem) {
+  Names taken;
+  taken.reserve("t", "it is the time");
+  const NameList q = read_names(section.require("q", "the names of the coordinates, such as q = [\"q\"]").value, "q",
+                                "a coordinate", taken);
+  const Value& momenta = section.require("p", "the names of the momenta, such as p = [\"p\"]").value;
+  const NameList p = read_names(momenta, "p", "a momentum", taken);
+  if (q.names.size() != p.names.size()) {
+    throw ProblemError(momenta.location,
+                       fmt::format("q has {} names ({}) and p has {} ({}): every coordinate needs its momentum",
+                                   q.names.size(), fmt::join(q.names, ", "), p.names.size(), fmt::join(p.names, ", ")));
+  }
+  problem.parameters = read_parameters(root, taken);
+  const auto& parameters = problem.parameters;
+
+  HamiltonianProblem ode;
+  ode.q = q.names;
+  ode.p = p.names;
+  const auto names = ode.names();
+  ode.H = read_formula(section.require("H", "the Hamiltonian, such as H = \"p^2/2 - cos(q)\"").value, "H");
+  check_formula(ode.H, {names}, parameters);
+  section.finish();
+
+  auto initial = root.take_section("initial");
+  if (!initial) {
+    throw ProblemError(section.location(), "there is no [initial]: give a value for every coordinate and momentum");
+  }
+  const Entry* next = find(initial->entries(), "next");
+  std::optional<Section> next_section;
+  if (next != nullptr && next->value.table() != nullptr) {
+    next_section = initial->take_section("next");
+  }
+  ode.initial = read_point(*initial, q, p, 0.0, parameters);
+  if (next_section) {
+    if (find(next_section->entries(), "t") == nullptr) {
+      throw ProblemError(next_section->location(), "[initial.next] needs t: the time of the second level");
+    }
+    ode.next = read_point(*next_section, q, p, 0.0, parameters);
+  }
+  ode.invariants = read_invariants(root, {names}, parameters);
+  static const std::vector<std::string> time = {"t"};
+  ode.exact = read_exact(root, std::array{q, p}, time, parameters);
+  for (const std::string_view other : {"grid", "symmetries"}) {
+    if (const Entry* entry = root.take(other)) {
+      throw ProblemError(entry->location, fmt::format("[{}] belongs to a [multisymplectic] problem", other));
+    }
+  }
+  problem.system = std::move(ode);
+}
+
+}  // namespace rubato::study

@@ -1,0 +1,115 @@
+#include <algorithm>
+#include <cctype>
+#include <charconv>
+
+#include <fmt/format.h>
+
+#include <rubato/formula/parse.hpp>
+#include <rubato/study/reader.hpp>
+
+namespace rubato::study {
+namespace {
+
+constexpr std::size_t longest_vector = 10'000;
+
+/// "r[3]" as its base and its length; a plain name has no length.
+struct Declaration {
+  std::string base;
+  std::optional<std::size_t> length;
+};
+
+Declaration read_declaration(const Value& value, std::string_view what) {
+  const std::string& text = read_string(value, what);
+  const std::size_t bracket = text.find('[');
+  if (bracket == std::string::npos) {
+    return {text, std::nullopt};
+  }
+  std::size_t length = 0;
+  const char* const end = text.data() + text.size();
+  const auto [rest, error] = std::from_chars(text.data() + bracket + 1, end, length);
+  if (error != std::errc() || std::string_view(rest, end) != "]" || length < 1 || length > longest_vector) {
+    throw ProblemError(value.location,
+                       fmt::format("{}: \"{}\" does not declare a vector; write \"r[3]\", with a length from 1 to {}",
+                                   what, text.substr(0, 100), longest_vector));
+  }
+  return {text.substr(0, bracket), length};
+}
+
+}  // namespace
+
+bool is_identifier(std::string_view name) {
+  const auto is_letter = [](unsigned char c) { return (c < 0x80 && std::isalpha(c) != 0) || c == '_'; };
+  return !name.empty() && is_letter(static_cast<unsigned char>(name.front())) &&
+         std::all_of(name.begin(), name.end(), [&](unsigned char c) { return is_letter(c) || (c >= '0' && c <= '9'); });
+}
+
+void Names::reserve(std::string_view name, std::string_view reason) {
+  taken_.emplace(std::string(name), reason);
+}
+
+void Names::declare(std::string_view name, std::string_view role, const Location& location) {
+  const auto refuse = [&](std::string_view reason) {
+    throw ProblemError(location, fmt::format("\"{}\" cannot name {}: {}", name.substr(0, 100), role, reason));
+  };
+  if (!is_identifier(name)) {
+    refuse("a name is a letter or _, then letters, digits and _");
+  }
+  if (formula::is_reserved_name(name)) {
+    refuse(name == "pi" ? "it is the number" : "it is a function");
+  }
+  const auto [place, is_new] = taken_.emplace(std::string(name), fmt::format("it is already {}", role));
+  if (!is_new) {
+    refuse(place->second);
+  }
+}
+
+NameList read_names(const Value& value, std::string_view what, std::string_view role, Names& names) {
+  NameList list;
+  for (const Value& item : read_array(value, what, "names")) {
+    const auto [base, length] = read_declaration(item, what);
+    names.declare(base, length ? "a vector" : role, item.location);
+    list.groups.push_back({base, list.names.size(), length.value_or(1), length.has_value()});
+    if (!length) {
+      list.names.push_back(base);
+      continue;
+    }
+    for (std::size_t i = 1; i <= *length; ++i) {
+      list.names.push_back(fmt::format("{}{}", base, i));
+      names.declare(list.names.back(), role, item.location);
+    }
+  }
+  if (list.names.empty()) {
+    throw ProblemError(value.location, fmt::format("{} names nothing", what));
+  }
+  return list;
+}
+
+std::vector<const Value*> take_values(Section& section, const NameList& list) {
+  std::vector<const Value*> values(list.names.size(), nullptr);
+  for (const NameList::Group& group : list.groups) {
+    const Entry* whole = group.is_vector ? section.take(group.base) : nullptr;
+    if (whole != nullptr) {
+      const auto& items = read_array(whole->value, group.base, "numbers or formulas");
+      if (items.size() != group.count) {
+        throw ProblemError(whole->value.location, fmt::format("{} has {} values, and was declared as {}[{}]",
+                                                              group.base, items.size(), group.base, group.count));
+      }
+      for (std::size_t i = 0; i < group.count; ++i) {
+        values[group.first + i] = &items[i];
+      }
+    }
+    for (std::size_t i = group.first; i < group.first + group.count; ++i) {
+      const Entry* entry = section.take(list.names[i]);
+      if (entry != nullptr && whole != nullptr) {
+        throw ProblemError(entry->location, fmt::format("{0} is given twice, here and in {1} = [..]; write one of them",
+                                                        list.names[i], group.base));
+      }
+      if (entry != nullptr) {
+        values[i] = &entry->value;
+      }
+    }
+  }
+  return values;
+}
+
+}  // namespace rubato::study

@@ -1,0 +1,143 @@
+#include <rubato/study/problem.hpp>
+
+#include <cerrno>
+#include <cstdio>
+#include <cstring>
+#include <filesystem>
+#include <memory>
+
+#include <fmt/format.h>
+
+#include <rubato/catalogue/catalogue.hpp>
+#include <rubato/study/effective.hpp>
+#include <rubato/study/reader.hpp>
+
+namespace rubato::study {
+namespace {
+
+constexpr std::size_t largest_file = 64 << 20;
+
+/// The bytes of a file; absent if there is no such file.
+/// \throws FileError if there is one and it cannot be read
+std::optional<std::string> read_file(const std::string& path) {
+  errno = 0;
+  const std::unique_ptr<std::FILE, int (*)(std::FILE*)> file(std::fopen(path.c_str(), "rb"), &std::fclose);
+  if (!file && (errno == ENOENT || errno == ENOTDIR || errno == ENAMETOOLONG)) {
+    return std::nullopt;
+  }
+  std::string text;
+  std::string block(1 << 16, '\0');
+  while (file) {
+    const std::size_t count = std::fread(block.data(), 1, block.size(), file.get());
+    text.append(block, 0, count);
+    if (text.size() > largest_file) {
+      throw ProblemError({path, 0, 0}, fmt::format("larger than {} MB; is this a problem file?", largest_file >> 20));
+    }
+    if (count < block.size()) {
+      break;
+    }
+  }
+  if (!file || std::ferror(file.get()) != 0) {
+    throw FileError(fmt::format("{}: cannot be read: {}", path, std::strerror(errno)));
+  }
+  return text;
+}
+
+void read_output(Section& root, Problem& problem) {
+  problem.output.file = problem.name + ".h5";
+  problem.output.file_location = root.location();
+  if (auto section = root.take_section("output")) {
+    if (const Entry* file = section->take("file")) {
+      problem.output.file = read_string(file->value, "file");
+      problem.output.file_location = file->value.location;
+      if (problem.output.file.empty()) {
+        throw ProblemError(file->value.location, "file: the name is empty");
+      }
+    }
+    if (const Entry* every = section->take("every")) {
+      problem.output.every = read_integer(every->value, "every", problem.parameters, 1);
+    }
+    section->finish();
+  }
+}
+
+/// A misspelt table says more than a missing one, so that all names are looked at first.
+void check_tables(Section root) {
+  for (const std::string_view key : {"title", "hamiltonian", "multisymplectic", "grid", "parameters", "initial",
+                                     "invariants", "exact", "symmetries", "scheme", "output"}) {
+    static_cast<void>(root.take(key));
+  }
+  root.finish();
+}
+
+/// [hamiltonian] or [multisymplectic], whichever is there.
+void read_system(Section& root, Problem& problem) {
+  auto ode = root.take_section("hamiltonian");
+  auto pde = root.take_section("multisymplectic");
+  if (ode && pde) {
+    throw ProblemError(pde->location(), "[hamiltonian] and [multisymplectic] in one problem; keep one of them");
+  }
+  if (ode) {
+    read_hamiltonian(root, *ode, problem);
+  } else if (pde) {
+    read_multisymplectic(root, *pde, problem);
+  } else {
+    throw ProblemError(root.location(),
+                       "there is neither [hamiltonian] nor [multisymplectic]; `rubato show pendulum` prints "
+                       "a complete problem to start from");
+  }
+}
+
+}  // namespace
+
+double Problem::start() const {
+  const auto* ode = hamiltonian();
+  return ode != nullptr ? ode->initial.t : multisymplectic()->start;
+}
+
+formula::Expression Problem::build(const FormulaText& formula, formula::Graph& graph,
+                                   std::span<const std::string> names,
+                                   std::span<const std::string> differentiable) const {
+  const auto* pde = multisymplectic();
+  const auto axes = pde != nullptr ? pde->axis_names() : std::vector<std::string>();
+  return build_formula(formula, graph, {names, differentiable, axes}, parameters);
+}
+
+Problem parse_problem(std::string_view text, const std::string& source, std::span<const std::string> settings) {
+  EffectiveDocument document = effective_document(text, source, settings);
+  if (document.root.table()->empty()) {
+    throw ProblemError(document.root.location,
+                       "the file is empty; `rubato show pendulum` prints a complete problem to "
+                       "start from");
+  }
+  Problem problem;
+  problem.source = source;
+  problem.name = std::filesystem::path(source).stem().string();
+  problem.text = std::move(document.text);
+
+  Section root(*document.root.table(), document.root.location, "");
+  check_tables(root);
+  const Entry* title = root.take("title");
+  problem.title = title == nullptr ? problem.name : read_string(title->value, "title");
+  read_system(root, problem);
+  problem.scheme = read_scheme(root, problem);
+  read_output(root, problem);
+  return problem;
+}
+
+Problem read_problem(const std::string& problem, std::span<const std::string> settings) {
+  std::error_code ignored;
+  const bool is_folder = std::filesystem::is_directory(problem, ignored);
+  if (!is_folder) {
+    if (const auto text = read_file(problem)) {
+      return parse_problem(*text, problem, settings);
+    }
+  }
+  if (const auto entry = catalogue::find(problem)) {
+    return parse_problem(entry->text, problem + ".toml (built-in)", settings);
+  }
+  throw ProblemError({problem, 0, 0}, is_folder ? "this is a folder, not a problem file"
+                                                : "there is no such file" + catalogue_suggestion(problem));
+}
+
+}  // namespace rubato::study

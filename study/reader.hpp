@@ -1,0 +1,129 @@
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include <rubato/study/document.hpp>
+#include <rubato/study/problem.hpp>
+
+namespace rubato::study {
+
+/// A table being read: remembers which keys were asked for, so that finish() can refuse all others.
+class Section {
+public:
+  /// `name` is what messages call it, such as "[scheme]"; empty for the whole file.
+  Section(const Value::Table& table, Location location, std::string name);
+
+  /// The entry called `key`, if it is there.
+  const Entry* take(std::string_view key);
+  /// The same for an entry that must be there; `purpose` says what it is for.
+  const Entry& require(std::string_view key, std::string_view purpose);
+  /// The table called `key`, if it is there; an entry of another type is an error.
+  std::optional<Section> take_section(std::string_view key);
+  /// \throws ProblemError at the first key that nobody asked for, with the nearest of those that were
+  void finish() const;
+
+  [[nodiscard]] const Location& location() const { return location_; }
+  [[nodiscard]] const Value::Table& entries() const { return *table_; }
+  [[nodiscard]] const std::string& name() const { return name_; }
+
+private:
+  const Value::Table* table_;
+  Location location_;
+  std::string name_;
+  std::vector<std::string> known_;
+};
+
+/// "expected …, got …", at the value.
+[[noreturn]] void wrong_type(const Value& value, std::string_view what, std::string_view expected);
+
+[[nodiscard]] const std::string& read_string(const Value& value, std::string_view what);
+[[nodiscard]] bool read_boolean(const Value& value, std::string_view what);
+[[nodiscard]] const Value::Array& read_array(const Value& value, std::string_view what, std::string_view of);
+/// A formula given as a string or as a number.
+[[nodiscard]] FormulaText read_formula(const Value& value, std::string_view what);
+/// A finite number, given as a number or as a formula of the parameters.
+[[nodiscard]] double read_number(const Value& value, std::string_view what, std::span<const Parameter> parameters);
+/// The same, with an integer value between `least` and 2^53.
+[[nodiscard]] std::int64_t read_integer(const Value& value, std::string_view what,
+                                        std::span<const Parameter> parameters, std::int64_t least);
+/// One of `words`; the answer is its place among them.
+[[nodiscard]] std::size_t read_word(const Value& value, std::string_view what, std::span<const std::string_view> words);
+
+/// The names of a problem, which must all be distinct.
+class Names {
+public:
+  /// Sets a name aside; `reason` completes "… cannot name a coordinate: it …".
+  void reserve(std::string_view name, std::string_view reason);
+  /// \throws ProblemError if the name is malformed, reserved, or declared before; `role` is such as "a coordinate"
+  void declare(std::string_view name, std::string_view role, const Location& location);
+
+private:
+  std::map<std::string, std::string, std::less<>> taken_;  ///< with the reason why it may not be used again
+};
+
+/// Whether it matches `[A-Za-z_][A-Za-z0-9_]*`.
+[[nodiscard]] bool is_identifier(std::string_view name);
+
+/// Names as the user lists them, with vectors such as "r[3]", which stands for r1, r2, r3.
+struct NameList {
+  struct Group {
+    std::string base;
+    std::size_t first;
+    std::size_t count;
+    bool is_vector;
+  };
+  std::vector<Group> groups;
+  std::vector<std::string> names;
+};
+
+/// Reads and declares a list of names; `role` is such as "a coordinate".
+[[nodiscard]] NameList read_names(const Value& value, std::string_view what, std::string_view role, Names& names);
+
+/// The values given in `section` for the names of `list`: `r = [..]` or `r1 = .., r2 = ..`, not both. Those left out
+/// are null.
+[[nodiscard]] std::vector<const Value*> take_values(Section& section, const NameList& list);
+
+/// [parameters]: numbers and formulas that may refer to each other in any order.
+/// \throws ProblemError also for a cycle, naming it
+[[nodiscard]] std::vector<Parameter> read_parameters(Section& root, Names& names);
+
+/// What a formula may speak of, beside parameters and functions.
+struct Vocabulary {
+  std::span<const std::string> names;
+  std::span<const std::string> differentiable = {};  ///< names that dx() and its like may be applied to
+  std::span<const std::string> axes = {};            ///< the grid's directions: "x" allows dx()
+};
+
+/// A formula as an expression; see Problem::build.
+/// \throws ProblemError at the place in the file
+[[nodiscard]] formula::Expression build_formula(const FormulaText& text, formula::Graph& graph,
+                                                const Vocabulary& vocabulary, std::span<const Parameter> parameters);
+
+/// Checks a formula by building it in a graph of its own.
+void check_formula(const FormulaText& text, const Vocabulary& vocabulary, std::span<const Parameter> parameters);
+
+/// [invariants]: every entry a formula.
+[[nodiscard]] std::vector<NamedFormula> read_invariants(Section& root, const Vocabulary& vocabulary,
+                                                        std::span<const Parameter> parameters);
+
+/// [exact]: formulas of `arguments` for some of the names of `lists`.
+[[nodiscard]] std::vector<NamedFormula> read_exact(Section& root, std::span<const NameList> lists,
+                                                   std::span<const std::string> arguments,
+                                                   std::span<const Parameter> parameters);
+
+// ---- the parts of a problem -----------------------------------------------------------------------------------------
+
+/// [hamiltonian] and [multisymplectic] with all that belongs to them: [parameters], [initial], [invariants], [exact],
+/// and for the latter [grid] and [symmetries]. They set the problem's `parameters` and `system`.
+void read_hamiltonian(Section& root, Section& section, Problem& problem);
+void read_multisymplectic(Section& root, Section& section, Problem& problem);
+/// [scheme]; needs the rest of the problem.
+[[nodiscard]] Scheme read_scheme(Section& root, const Problem& problem);
+
+}  // namespace rubato::study

@@ -1,0 +1,325 @@
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <rubato/study/reader.hpp>
+
+namespace rubato::study {
+namespace {
+
+// In the order of the enumerations.
+constexpr std::array<std::string_view, 7> lagrangian_words = {"midpoint", "forward", "generating", "custom",
+                                                              "box",      "fourier", "euler-box"};
+constexpr std::array<std::string_view, 2> levels_words = {"variable", "fixed"};
+constexpr std::array<std::string_view, 3> on_singular_words = {"bridge", "fixed", "stop"};
+constexpr std::array<std::string_view, 3> darboux_words = {"midpoint", "euler-a", "euler-b"};
+constexpr std::size_t ode_lagrangians = 4;  ///< the first four act on a segment, the others on a cell
+
+/// Reads [scheme], one entry after the other.
+class SchemeReader {
+public:
+  SchemeReader(Section section, const Problem& problem)
+      : section_(std::move(section)), problem_(problem), parameters_(problem.parameters) {}
+
+  Scheme read() {
+    scheme_.location = section_.location();
+    read_lagrangian();
+    read_levels();
+    read_generating();
+    read_custom();
+    if (const Entry* entry = take_only_for("allow_unstable", Lagrangian::forward)) {
+      scheme_.allow_unstable = read_boolean(entry->value, "allow_unstable");
+    }
+    read_limits();
+    read_times();
+    section_.finish();
+    if (const auto* pde = problem_.multisymplectic()) {
+      check_lattice(*pde);
+    }
+    return scheme_;
+  }
+
+private:
+  void read_lagrangian() {
+    const bool ode = problem_.hamiltonian() != nullptr;
+    scheme_.lagrangian = ode ? Lagrangian::midpoint : Lagrangian::box;
+    scheme_.lagrangian_location = scheme_.location;
+    if (const Entry* entry = section_.take("lagrangian")) {
+      const std::span words(lagrangian_words);
+      const auto own = ode ? words.first(ode_lagrangians) : words.subspan(ode_lagrangians);
+      const auto others = ode ? words.subspan(ode_lagrangians) : words.first(ode_lagrangians);
+      scheme_.lagrangian_location = entry->value.location;
+      if (const auto* word = entry->value.string();
+          word && std::find(others.begin(), others.end(), *word) != others.end()) {
+        throw ProblemError(
+            entry->value.location,
+            fmt::format("lagrangian = \"{}\" is for {}; here it may be \"{}\"", *word,
+                        ode ? "lattices ([multisymplectic])" : "ODEs ([hamiltonian])", fmt::join(own, "\", \"")));
+      }
+      const std::size_t which = read_word(entry->value, "lagrangian", own);
+      scheme_.lagrangian = static_cast<Lagrangian>(which + (ode ? 0 : ode_lagrangians));
+    }
+  }
+
+  void read_levels() {
+    scheme_.levels_location = scheme_.location;
+    if (const Entry* entry = section_.take("levels")) {
+      scheme_.levels = static_cast<Levels>(read_word(entry->value, "levels", levels_words));
+      scheme_.levels_location = entry->value.location;
+    }
+    if (const Entry* entry = section_.take("on_singular")) {
+      scheme_.on_singular = static_cast<OnSingular>(read_word(entry->value, "on_singular", on_singular_words));
+    }
+  }
+
+  /// An entry that means something for one kind of 𝕃 only.
+  const Entry* take_only_for(std::string_view key, Lagrangian lagrangian) {
+    const Entry* entry = section_.take(key);
+    if (entry != nullptr && scheme_.lagrangian != lagrangian) {
+      throw ProblemError(entry->location, fmt::format("{} applies to lagrangian = \"{}\", and this problem has \"{}\"; "
+                                                      "leave it out",
+                                                      key, to_string(lagrangian), to_string(scheme_.lagrangian)));
+    }
+    return entry;
+  }
+
+  void read_generating() {
+    const Entry* darboux = take_only_for("darboux", Lagrangian::generating);
+    scheme_.darboux_location = scheme_.location;
+    if (darboux != nullptr) {
+      scheme_.darboux_location = darboux->value.location;
+      if (darboux->value.array() != nullptr) {
+        scheme_.darboux = DarbouxKind::matrix;
+        scheme_.darboux_matrix = read_darboux_matrix(darboux->value);
+      } else if (darboux->value.string() != nullptr) {
+        scheme_.darboux = static_cast<DarbouxKind>(read_word(darboux->value, "darboux", darboux_words));
+      } else {
+        wrong_type(darboux->value, "darboux", "\"midpoint\", \"euler-a\", \"euler-b\" or a symmetric 2n×2n array");
+      }
+    }
+    const Entry* order = take_only_for("order", Lagrangian::generating);
+    if (order != nullptr) {
+      scheme_.order_location = order->value.location;
+      scheme_.order =
+          static_cast<int>(std::min<std::int64_t>(read_integer(order->value, "order", parameters_, 1), 1000));
+      const bool only_even = scheme_.darboux == DarbouxKind::midpoint;
+      if (only_even && *scheme_.order % 2 != 0) {
+        throw ProblemError(order->value.location,
+                           fmt::format("order = {0}: with darboux = \"midpoint\" the even coefficients vanish, so that "
+                                       "orders are even and {0} rounds up to {1}; write order = {1}",
+                                       *scheme_.order, *scheme_.order + 1));
+      }
+    } else if (scheme_.lagrangian == Lagrangian::generating) {
+      throw ProblemError(scheme_.location, "lagrangian = \"generating\" needs an order, such as order = 4");
+    }
+  }
+
+  Matrix read_darboux_matrix(const Value& value) {
+    const std::size_t size = 2 * problem_.hamiltonian()->q.size();
+    const auto& rows = *value.array();
+    Matrix matrix{size, {}, value.location};
+    for (const Value& row : rows) {
+      const auto& items = read_array(row, "darboux", "numbers");
+      if (rows.size() != size || items.size() != size) {
+        throw ProblemError(row.location, fmt::format("darboux: a row has {} numbers and there are {} rows; with {} "
+                                                     "coordinates the matrix is {}×{}",
+                                                     items.size(), rows.size(), size / 2, size, size));
+      }
+      for (const Value& item : items) {
+        matrix.entries.push_back(read_number(item, "darboux", parameters_));
+      }
+    }
+    if (rows.empty()) {
+      throw ProblemError(value.location, fmt::format("darboux: the matrix is empty; it has to be {}×{}", size, size));
+    }
+    for (std::size_t i = 0; i < size; ++i) {
+      for (std::size_t j = 0; j < i; ++j) {
+        if (matrix(i, j) != matrix(j, i)) {
+          throw ProblemError(value.location,
+                             fmt::format("darboux is not symmetric: entry ({}, {}) is {} and ({}, {}) is {}", j + 1,
+                                         i + 1, matrix(j, i), i + 1, j + 1, matrix(i, j)));
+        }
+      }
+    }
+    return matrix;
+  }
+
+  void read_custom() {
+    if (const Entry* entry = take_only_for("L", Lagrangian::custom)) {
+      scheme_.L = read_formula(entry->value, "L");
+      check_formula(*scheme_.L, {custom_names(entry->location)}, parameters_);
+    } else if (scheme_.lagrangian == Lagrangian::custom) {
+      throw ProblemError(scheme_.location,
+                         "lagrangian = \"custom\" needs L: a formula in t_0, t_1 and each name with "
+                         "suffix _0 and _1");
+    }
+  }
+
+  /// The names in a custom 𝕃, which no parameter may hide.
+  std::vector<std::string> custom_names(const Location& location) const {
+    std::vector<std::string> names = custom_lagrangian_names(*problem_.hamiltonian());
+    for (const Parameter& parameter : parameters_) {
+      if (std::find(names.begin(), names.end(), parameter.name) != names.end()) {
+        throw ProblemError(location, fmt::format("L cannot tell the parameter {0} from the {0} of a step; rename the "
+                                                 "parameter",
+                                                 parameter.name));
+      }
+    }
+    return names;
+  }
+
+  void read_limits() {
+    if (const Entry* entry = section_.take("max_steps")) {
+      scheme_.max_steps = read_integer(entry->value, "max_steps", parameters_, 1);
+    }
+    if (const Entry* entry = section_.take("tolerance")) {
+      scheme_.tolerance = read_positive(entry->value, "tolerance");
+      if (scheme_.tolerance >= 1) {
+        throw ProblemError(entry->value.location,
+                           fmt::format("tolerance = {} is relative, and has to be less than 1", scheme_.tolerance));
+      }
+    }
+    if (const Entry* entry = section_.take("energy_tolerance")) {
+      scheme_.energy_tolerance = read_positive(entry->value, "energy_tolerance");
+      energy_tolerance_ = entry;
+    }
+  }
+
+  double read_positive(const Value& value, std::string_view what) const {
+    const double number = read_number(value, what, parameters_);
+    if (!(number > 0)) {
+      throw ProblemError(value.location, fmt::format("{} = {} has to be positive", what, number));
+    }
+    return number;
+  }
+
+  void read_times() {
+    const Entry& until = section_.require("until", "the time at which the run ends");
+    scheme_.until = read_number(until.value, "until", parameters_);
+    scheme_.until_location = until.value.location;
+    const double length = scheme_.until - problem_.start();
+    if (length == 0 || !std::isfinite(length)) {
+      throw ProblemError(until.value.location, fmt::format("until = {} leaves nothing to run: the start is t = {}",
+                                                           scheme_.until, problem_.start()));
+    }
+    read_step(length);
+    if (energy_tolerance_ != nullptr && scheme_.step) {
+      throw ProblemError(energy_tolerance_->location, "energy_tolerance applies to step = \"auto\"");
+    }
+    if (scheme_.step && *scheme_.step * length < 0) {
+      throw ProblemError(scheme_.step_location,
+                         fmt::format("step = {} does not lead from t = {} to until = {}; change its sign",
+                                     *scheme_.step, problem_.start(), scheme_.until));
+    }
+  }
+
+  void read_step(double length) {
+    const auto* ode = problem_.hamiltonian();
+    const std::optional<PhasePoint> next = ode == nullptr ? std::nullopt : ode->next;
+    const Entry* entry =
+        next ? section_.take("step") : &section_.require("step", "the first step, t_1 - t_0, such as step = 0.1");
+    scheme_.step_location = entry == nullptr ? next->location : entry->value.location;
+    if (entry != nullptr && entry->value.string() != nullptr && *entry->value.string() == "auto") {
+      if (next) {
+        throw ProblemError(entry->value.location,
+                           "step = \"auto\" and [initial.next] both fix the first step; give one");
+      }
+      if (!scheme_.energy_tolerance) {
+        throw ProblemError(entry->value.location,
+                           "step = \"auto\" needs energy_tolerance, such as "
+                           "energy_tolerance = 1e-6");
+      }
+      return;
+    }
+    if (entry != nullptr) {
+      scheme_.step = read_number(entry->value, "step", parameters_);
+    }
+    if (next) {
+      check_against_next(*next);
+    }
+    if (*scheme_.step == 0) {
+      throw ProblemError(scheme_.step_location,
+                         fmt::format("step = 0 leads nowhere; it has to be {}", length > 0 ? "positive" : "negative"));
+    }
+    const double start = problem_.start();
+    if (start + *scheme_.step == start) {
+      throw ProblemError(scheme_.step_location,
+                         fmt::format("step = {} is lost in rounding beside the start t = {}", *scheme_.step, start));
+    }
+  }
+
+  /// The starting pair sets the first step; a step that says otherwise contradicts it.
+  void check_against_next(const PhasePoint& next) {
+    const double between = next.t - problem_.start();
+    constexpr double rounding = 1e-9;
+    if (scheme_.step && std::abs(*scheme_.step - between) > rounding * std::abs(between)) {
+      throw ProblemError(scheme_.step_location, fmt::format("step = {}, but [initial.next] is at t = {}, {} after the "
+                                                            "start; leave step out",
+                                                            *scheme_.step, next.t, between));
+    }
+    scheme_.step = between;
+    scheme_.step_location = next.location;
+  }
+
+  void check_lattice(const MultisymplecticProblem& pde) const {
+    if (scheme_.lagrangian == Lagrangian::euler_box && scheme_.levels == Levels::variable) {
+      throw ProblemError(scheme_.levels_location,
+                         "lagrangian = \"euler-box\" runs with levels = \"fixed\" only: its discrete energy reads one "
+                         "level, so that the equation for the next step is singular at every turning point and on "
+                         "every travelling wave");
+    }
+    for (const GridAxis& axis : pde.axes) {
+      if (scheme_.lagrangian == Lagrangian::box && axis.cells % 2 == 0) {
+        throw ProblemError(
+            axis.location,
+            fmt::format("grid.{}: {} cells; lagrangian = \"box\" needs an odd number in every direction, "
+                        "because averaging annihilates the sawtooth of an even one, which then is "
+                        "undetermined or frozen. Write cells = {}",
+                        axis.name, axis.cells, axis.cells + 1));
+      }
+    }
+  }
+
+  Section section_;
+  const Problem& problem_;
+  const std::vector<Parameter>& parameters_;
+  const Entry* energy_tolerance_ = nullptr;
+  Scheme scheme_;
+};
+
+}  // namespace
+
+std::string_view to_string(Lagrangian lagrangian) {
+  return lagrangian_words[static_cast<std::size_t>(lagrangian)];
+}
+std::string_view to_string(Levels levels) {
+  return levels_words[static_cast<std::size_t>(levels)];
+}
+std::string_view to_string(OnSingular on_singular) {
+  return on_singular_words[static_cast<std::size_t>(on_singular)];
+}
+
+std::vector<std::string> custom_lagrangian_names(const HamiltonianProblem& problem) {
+  std::vector<std::string> names;
+  const auto coordinates = problem.names();
+  for (const std::string_view suffix : {"_0", "_1"}) {
+    names.push_back(fmt::format("t{}", suffix));
+    for (const std::string& name : coordinates) {
+      names.push_back(fmt::format("{}{}", name, suffix));
+    }
+  }
+  return names;
+}
+
+Scheme read_scheme(Section& root, const Problem& problem) {
+  auto section = root.take_section("scheme");
+  if (!section) {
+    throw ProblemError(root.location(), "there is no [scheme]: give at least step and until");
+  }
+  return SchemeReader(std::move(*section), problem).read();
+}
+
+}  // namespace rubato::study
