@@ -104,3 +104,5 @@ const int registered = [] {
 }();
 
 }  // namespace
+
+BENCHMARK_MAIN();
