@@ -49,6 +49,9 @@ public:
       }
     } else {
       delta_ += (h - trial_h_) * rate_;
+      if (std::abs(h - factored_h_) > refactor_ratio * std::abs(h) && !factor(h)) {
+        return Status::undefined;
+      }
     }
     trial_h_ = h;
     StagnationTest test(accuracy);
@@ -117,6 +120,10 @@ public:
   }
 
 private:
+  /// Relative change of h that asks for a new matrix before corrections are seen to contract poorly: for small systems
+  /// a matrix costs little more than the iterations it saves.
+  static constexpr double refactor_ratio = Size == Eigen::Dynamic ? 0.1 : 1e-4;
+
   void start_level() {
     factored_ = false;
     node_known_ = false;
@@ -145,6 +152,7 @@ private:
     factored_ = matrix_.allFinite();
     if (factored_) {
       factors_.compute(matrix_);
+      factored_h_ = h;
     }
     return factored_;
   }
@@ -158,6 +166,7 @@ private:
   Matrix hessian_, matrix_;
   Eigen::PartialPivLU<Matrix> factors_;
   bool factored_ = false;  ///< whether there is a matrix, and a trial step, for this level
+  double factored_h_ = 0.0;
   double trial_h_ = 0.0;
   double energy_ = 0.0;
   double slope_ = 0.0;

@@ -19,6 +19,8 @@ constexpr double loose = 1e-6;
 constexpr double largest_ratio = 4.0;
 /// Trial lengths per step. A regular step takes 2 or 3; the rest is for finding out that there is no root.
 constexpr int most_trials = 60;
+/// The level equation is solved to this part of the tolerance, so that what is reported stays within it.
+constexpr double margin = 0.1;
 /// Relative miss of the level equation below which failing to improve is blamed on rounding (terms of H that cancel).
 constexpr double stagnation_level = 1e-9;
 
@@ -176,7 +178,7 @@ double TimeLevels::predicted_step() const {
 Status TimeLevels::solve_level(double guess) {
   const double side = sign(guess);
   const double target = scheme_.energy_target().value_or(energy_);
-  const double tolerance = 0.5 * options_.tolerance * energy_scale_;
+  const double tolerance = margin * options_.tolerance * energy_scale_;
   const double longest = largest_ratio * std::abs(guess);
   const double shortest = std::abs(guess) / largest_ratio;
 
@@ -188,6 +190,8 @@ Status TimeLevels::solve_level(double guess) {
   double blocked = infinity;  // shortest length at which the step itself could not be solved
   double length = std::abs(guess);
   double best = infinity;
+  double last_length = 0.0;  // the last trial before the fold, for the secant
+  double last_miss = 0.0;
   bool full = false;
   Status failure = Status::singular;
 
@@ -250,7 +254,13 @@ Status TimeLevels::solve_level(double guess) {
       best = std::min(best, std::abs(miss));
     }
     const double upper = std::min({above, fold, blocked});
-    double next = length - miss / slope;
+    // A scheme may take its slope from a matrix that is a little out of date; where the secant agrees it is the better
+    // one.
+    const double secant = (miss - last_miss) / (length - last_length);
+    const bool agrees = last_length > 0.0 && secant > 0.8 * slope && secant < 1.25 * slope;
+    last_length = length;
+    last_miss = miss;
+    double next = length - miss / (agrees ? secant : slope);
     next = std::clamp(next, 0.5 * length, 2.0 * length);
     if (next <= below || next >= upper) {
       if (upper == fold && above == infinity && miss < 0.0) {
