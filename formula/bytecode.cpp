@@ -103,6 +103,7 @@ public:
 private:
   /// Beyond this, the error n·ε/2 of repeated squaring is no longer small beside that of pow.
   static constexpr double largest_integer_power = 64.0;
+  static constexpr std::int32_t largest_product = 8;
 
   struct Key {
     OpCode code;
@@ -118,20 +119,26 @@ private:
 
   [[nodiscard]] ValueId last() const { return static_cast<ValueId>(values_.size() - 1); }
 
-  ValueId square(ValueId x) { return operation(OpCode::square, x); }
-
+  /// Small powers as products that share their parts; large ones as one instruction.
   ValueId integer_power(ValueId x, std::int32_t n) {
-    switch (n) {
-      case 1: return x;
-      case 2: return square(x);
-      case 3: return operation(OpCode::multiply, x, square(x));
-      case 4: return square(square(x));
-      case -1: return operation(OpCode::divide, constant(1.0), x);
-      case -2:
-      case -3:
-      case -4: return integer_power(integer_power(x, -1), -n);
-      default: return operation(OpCode::integer_power, x, static_cast<ValueId>(n));
+    if (n == 1) {
+      return x;
     }
+    if (n == -1) {
+      return operation(OpCode::divide, constant(1.0), x);
+    }
+    if (n < -1 && n >= -largest_product) {
+      return integer_power(integer_power(x, -1), -n);
+    }
+    if (n > largest_product || n < 0) {
+      return operation(OpCode::integer_power, x, static_cast<ValueId>(n));
+    }
+    if (n % 2 == 0) {
+      return operation(OpCode::square, integer_power(x, n / 2));
+    }
+    const ValueId smaller = integer_power(x, n / 2);
+    const ValueId larger = integer_power(x, n / 2 + 1);
+    return operation(OpCode::multiply, smaller, larger);
   }
 
   /// x^{±1/2}, x^{±3/2}, x^{±5/2} by square roots, which are much cheaper than pow and agree with it for 0 <= x < inf.
@@ -141,16 +148,9 @@ private:
     }
     const ValueId root = operation(OpCode::sqrt, x);
     if (n < 0.0) {
-      return integer_power_or_fifth(operation(OpCode::divide, constant(1.0), root), static_cast<int>(-2.0 * n));
+      return integer_power(integer_power(root, -1), static_cast<std::int32_t>(-2.0 * n));
     }
-    if (n == 0.5) {
-      return root;
-    }
-    return operation(OpCode::multiply, n == 1.5 ? x : square(x), root);
-  }
-
-  ValueId integer_power_or_fifth(ValueId x, int n) {
-    return n == 5 ? operation(OpCode::multiply, x, square(square(x))) : integer_power(x, n);
+    return n == 0.5 ? root : operation(OpCode::multiply, root, integer_power(x, static_cast<std::int32_t>(n - 0.5)));
   }
 
   std::vector<Value> values_;

@@ -83,6 +83,10 @@ private:
 };
 
 /// Evaluates code at one point. Holds the registers (constants loaded once); no allocation in operator().
+///
+/// The instructions are put into another order than the code's, in which those of one kind that do not wait for each
+/// other stand together: each such group is one tight loop, and its results fill consecutive registers. Every result is
+/// the same double as in the order of the code.
 class ScalarEvaluator {
 public:
   explicit ScalarEvaluator(const Bytecode& code);  ///< copies the code
@@ -94,12 +98,26 @@ public:
   /// The same without copying: write the inputs here, run(), read outputs through output(i).
   [[nodiscard]] std::span<double> inputs() { return {registers_.data(), code_.input_count()}; }
   void run();
-  [[nodiscard]] double output(std::size_t i) const { return registers_[code_.outputs()[i]]; }
+  [[nodiscard]] double output(std::size_t i) const { return registers_[output_registers_[i]]; }
   [[nodiscard]] const Bytecode& code() const { return code_; }
 
 private:
+  struct Fill {  ///< outputs first … first + count - 1 are one constant
+    std::uint32_t first, count;
+    double value;
+  };
+  struct Copy {
+    std::uint32_t output, source;
+  };
+  void schedule();
+  void plan_outputs();
+
   Bytecode code_;
-  std::vector<double> registers_;
+  std::vector<std::uint32_t> stream_;  ///< groups in their new order: kind, length, operands
+  std::vector<double> registers_;      ///< inputs, constants, then one for each result
+  std::vector<std::uint32_t> output_registers_;
+  std::vector<Fill> fills_;
+  std::vector<Copy> copies_;
 };
 
 }  // namespace rubato::formula

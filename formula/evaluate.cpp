@@ -1,3 +1,6 @@
+#include <algorithm>
+#include <array>
+#include <bit>
 #include <cassert>
 #include <cmath>
 
@@ -6,65 +9,292 @@
 
 namespace rubato::formula {
 
-ScalarEvaluator::ScalarEvaluator(const Bytecode& code) : code_(code), registers_(code.register_count(), 0.0) {
-  std::copy(code.constants().begin(), code.constants().end(),
-            registers_.begin() + static_cast<std::ptrdiff_t>(code.input_count()));
+namespace {
+
+constexpr auto code_count = static_cast<std::uint32_t>(OpCode::max) + 1;
+
+// A word of the stream says what a group computes: an OpCode where its length follows, or one of the frequent codes for
+// a single instruction, or the end.
+constexpr std::uint32_t many(OpCode code) {
+  return static_cast<std::uint32_t>(code);
+}
+constexpr std::uint32_t single(OpCode code) {
+  return code_count + many(code);
+}
+constexpr std::uint32_t end_of_stream = single(OpCode::square) + 1;
+constexpr bool has_single_form(OpCode code) {
+  return code <= OpCode::square;
+}
+
+/// How many numbers an instruction keeps in the stream.
+std::size_t operand_words(OpCode code) {
+  return code == OpCode::integer_power ? 2 : static_cast<std::size_t>(operand_count(code));
+}
+
+/// Where a run has come to: the registers r, the next word of the stream, the register of the next result.
+struct Machine {
+  double* r;
+  const std::uint32_t* word;
+  double* target;
+
+  /// Computes one result from the next N operands.
+  template <int N, typename F>
+  void one(F f) {
+    if constexpr (N == 1) {
+      *target = f(r[word[0]]);
+    } else if constexpr (N == 2) {
+      *target = f(r[word[0]], r[word[1]]);
+    } else {
+      *target = f(r[word[0]], r[word[1]], r[word[2]]);
+    }
+    word += N;
+    ++target;
+  }
+
+  /// A group: its instructions do not wait for each other, so the processor overlaps them.
+  template <int N, typename F>
+  void group(F f) {
+    Machine machine = *this;
+    const std::uint32_t* const end = word + 1 + std::size_t{N} * *word;
+    ++machine.word;
+    do {
+      machine.one<N>(f);
+    } while (machine.word != end);
+    *this = machine;
+  }
+};
+
+}  // namespace
+
+ScalarEvaluator::ScalarEvaluator(const Bytecode& code) : code_(code) {
+  schedule();
+  plan_outputs();
+}
+
+void ScalarEvaluator::schedule() {
+  const std::span<const Instruction> instructions = code_.instructions();
+  const std::size_t fixed = code_.input_count() + code_.constants().size();
+
+  // Which result each operand is: result i of the code in order, or, below `fixed`, an input or a constant.
+  std::vector<std::uint32_t> holder(code_.register_count());  // what a register of the code holds at the moment
+  for (std::uint32_t i = 0; i < fixed; ++i) {
+    holder[i] = i;
+  }
+  struct Step {
+    std::array<std::uint32_t, 3> operands{};
+    std::uint32_t first_result = 0;
+    std::uint32_t waits_for = 0;
+  };
+  std::vector<Step> steps(instructions.size());
+  std::vector<std::uint32_t> maker;  // step of each result, from `fixed` on
+  for (std::size_t i = 0; i < instructions.size(); ++i) {
+    const Instruction& instruction = instructions[i];
+    const std::array registers{instruction.a, instruction.b, instruction.c};
+    const int operands = operand_count(instruction.code);
+    for (int k = 0; k < operands; ++k) {
+      steps[i].operands[k] = holder[registers[k]];
+      steps[i].waits_for += steps[i].operands[k] >= fixed ? 1 : 0;
+    }
+    if (instruction.code == OpCode::integer_power) {
+      steps[i].operands[1] = instruction.b;
+    }
+    steps[i].first_result = static_cast<std::uint32_t>(fixed + maker.size());
+    holder[instruction.target] = steps[i].first_result;
+    maker.push_back(static_cast<std::uint32_t>(i));
+    if (instruction.code == OpCode::sincos) {
+      holder[instruction.b] = steps[i].first_result + 1;
+      maker.push_back(static_cast<std::uint32_t>(i));
+    }
+  }
+
+  // Who waits for each step.
+  std::vector<std::uint32_t> first_waiter(instructions.size() + 1, 0);
+  const auto for_each_dependence = [&](auto&& visit) {
+    for (std::uint32_t i = 0; i < steps.size(); ++i) {
+      for (int k = 0; k < operand_count(instructions[i].code); ++k) {
+        if (steps[i].operands[k] >= fixed) {
+          visit(maker[steps[i].operands[k] - fixed], i);
+        }
+      }
+    }
+  };
+  for_each_dependence([&](std::uint32_t made, std::uint32_t) { ++first_waiter[made + 1]; });
+  for (std::size_t i = 0; i < steps.size(); ++i) {
+    first_waiter[i + 1] += first_waiter[i];
+  }
+  std::vector<std::uint32_t> waiters(first_waiter.back());
+  std::vector<std::uint32_t> place(first_waiter.begin(), first_waiter.end() - 1);
+  for_each_dependence([&](std::uint32_t made, std::uint32_t waiter) { waiters[place[made]++] = waiter; });
+
+  // Greedily the kind of which most are ready.
+  std::array<std::vector<std::uint32_t>, code_count> ready;
+  for (std::uint32_t i = 0; i < steps.size(); ++i) {
+    if (steps[i].waits_for == 0) {
+      ready[static_cast<std::size_t>(instructions[i].code)].push_back(i);
+    }
+  }
+  std::vector<std::uint32_t> new_register(fixed + maker.size());
+  for (std::uint32_t i = 0; i < fixed; ++i) {
+    new_register[i] = i;
+  }
+  auto next_register = static_cast<std::uint32_t>(fixed);
+  while (true) {
+    auto most =
+        std::max_element(ready.begin(), ready.end(), [](const auto& x, const auto& y) { return x.size() < y.size(); });
+    if (most->empty()) {
+      break;
+    }
+    const std::vector<std::uint32_t> group = std::move(*most);
+    most->clear();
+    const OpCode code = instructions[group.front()].code;
+    if (group.size() == 1 && has_single_form(code)) {
+      stream_.push_back(single(code));
+    } else {
+      stream_.insert(stream_.end(), {many(code), static_cast<std::uint32_t>(group.size())});
+    }
+    for (const std::uint32_t i : group) {
+      const auto registers = static_cast<std::size_t>(operand_count(code));
+      for (std::size_t k = 0; k < operand_words(code); ++k) {
+        stream_.push_back(k < registers ? new_register[steps[i].operands[k]] : steps[i].operands[k]);
+      }
+      new_register[steps[i].first_result] = next_register++;
+      if (code == OpCode::sincos) {
+        new_register[steps[i].first_result + 1] = next_register++;
+      }
+    }
+    for (const std::uint32_t i : group) {
+      for (std::uint32_t w = first_waiter[i]; w < first_waiter[i + 1]; ++w) {
+        if (--steps[waiters[w]].waits_for == 0) {
+          ready[static_cast<std::size_t>(instructions[waiters[w]].code)].push_back(waiters[w]);
+        }
+      }
+    }
+  }
+  stream_.push_back(end_of_stream);
+
+  registers_.assign(next_register, 0.0);
+  std::copy(code_.constants().begin(), code_.constants().end(),
+            registers_.begin() + static_cast<std::ptrdiff_t>(code_.input_count()));
+  output_registers_.reserve(code_.output_count());
+  for (const std::uint32_t output : code_.outputs()) {
+    output_registers_.push_back(new_register[holder[output]]);
+  }
+}
+
+/// Runs of one constant, as the zeros of a sparse Hessian, are filled; the rest is copied one by one.
+void ScalarEvaluator::plan_outputs() {
+  constexpr std::uint32_t shortest_fill = 4;
+  const std::size_t inputs = code_.input_count();
+  const auto is_constant = [&](std::uint32_t source) {
+    return source >= inputs && source < inputs + code_.constants().size();
+  };
+  const auto count = static_cast<std::uint32_t>(output_registers_.size());
+  for (std::uint32_t first = 0; first < count;) {
+    const std::uint32_t source = output_registers_[first];
+    std::uint32_t last = first + 1;
+    while (last < count && output_registers_[last] == source) {
+      ++last;
+    }
+    if (is_constant(source) && last - first >= shortest_fill) {
+      fills_.push_back({first, last - first, registers_[source]});
+    } else {
+      for (std::uint32_t i = first; i < last; ++i) {
+        copies_.push_back({i, source});
+      }
+    }
+    first = last;
+  }
 }
 
 void ScalarEvaluator::run() {
+  constexpr auto add = [](double a, double b) { return a + b; };
+  constexpr auto subtract = [](double a, double b) { return a - b; };
+  constexpr auto multiply = [](double a, double b) { return a * b; };
+  constexpr auto divide = [](double a, double b) { return a / b; };
+  constexpr auto negate = [](double a) { return -a; };
+  constexpr auto multiply_add = [](double a, double b, double c) { return a * b + c; };
+  constexpr auto multiply_subtract = [](double a, double b, double c) { return a * b - c; };
+  constexpr auto negative_multiply_add = [](double a, double b, double c) { return c - a * b; };
+  constexpr auto square = [](double a) { return a * a; };
+  if (stream_.empty()) {
+    return;
+  }
   double* const r = registers_.data();
-  for (const Instruction& i : code_.instructions()) {
-    switch (i.code) {
-      case OpCode::add: r[i.target] = r[i.a] + r[i.b]; break;
-      case OpCode::subtract: r[i.target] = r[i.a] - r[i.b]; break;
-      case OpCode::multiply: r[i.target] = r[i.a] * r[i.b]; break;
-      case OpCode::divide: r[i.target] = r[i.a] / r[i.b]; break;
-      case OpCode::negate: r[i.target] = -r[i.a]; break;
-      case OpCode::multiply_add: r[i.target] = r[i.a] * r[i.b] + r[i.c]; break;
-      case OpCode::multiply_subtract: r[i.target] = r[i.a] * r[i.b] - r[i.c]; break;
-      case OpCode::negative_multiply_add: r[i.target] = r[i.c] - r[i.a] * r[i.b]; break;
-      case OpCode::square: r[i.target] = r[i.a] * r[i.a]; break;
-      case OpCode::integer_power: r[i.target] = integer_power(r[i.a], static_cast<std::int32_t>(i.b)); break;
-      case OpCode::power: r[i.target] = std::pow(r[i.a], r[i.b]); break;
-      case OpCode::sin: r[i.target] = std::sin(r[i.a]); break;
-      case OpCode::cos: r[i.target] = std::cos(r[i.a]); break;
-      case OpCode::sincos: {
-        const double x = r[i.a];
-        r[i.target] = std::sin(x);
-        r[i.b] = std::cos(x);
+  Machine machine{r, stream_.data(), r + code_.input_count() + code_.constants().size()};
+  while (true) {
+    switch (*machine.word++) {
+      case end_of_stream: return;
+      case single(OpCode::add): machine.one<2>(add); break;
+      case single(OpCode::subtract): machine.one<2>(subtract); break;
+      case single(OpCode::multiply): machine.one<2>(multiply); break;
+      case single(OpCode::divide): machine.one<2>(divide); break;
+      case single(OpCode::negate): machine.one<1>(negate); break;
+      case single(OpCode::multiply_add): machine.one<3>(multiply_add); break;
+      case single(OpCode::multiply_subtract): machine.one<3>(multiply_subtract); break;
+      case single(OpCode::negative_multiply_add): machine.one<3>(negative_multiply_add); break;
+      case single(OpCode::square): machine.one<1>(square); break;
+      case many(OpCode::add): machine.group<2>(add); break;
+      case many(OpCode::subtract): machine.group<2>(subtract); break;
+      case many(OpCode::multiply): machine.group<2>(multiply); break;
+      case many(OpCode::divide): machine.group<2>(divide); break;
+      case many(OpCode::negate): machine.group<1>(negate); break;
+      case many(OpCode::multiply_add): machine.group<3>(multiply_add); break;
+      case many(OpCode::multiply_subtract): machine.group<3>(multiply_subtract); break;
+      case many(OpCode::negative_multiply_add): machine.group<3>(negative_multiply_add); break;
+      case many(OpCode::square): machine.group<1>(square); break;
+      case many(OpCode::integer_power):
+        for (std::uint32_t left = *machine.word++; left > 0; --left, machine.word += 2) {
+          *machine.target++ = integer_power(r[machine.word[0]], static_cast<std::int32_t>(machine.word[1]));
+        }
         break;
-      }
-      case OpCode::tan: r[i.target] = std::tan(r[i.a]); break;
-      case OpCode::asin: r[i.target] = std::asin(r[i.a]); break;
-      case OpCode::acos: r[i.target] = std::acos(r[i.a]); break;
-      case OpCode::atan: r[i.target] = std::atan(r[i.a]); break;
-      case OpCode::atan2: r[i.target] = std::atan2(r[i.a], r[i.b]); break;
-      case OpCode::sinh: r[i.target] = std::sinh(r[i.a]); break;
-      case OpCode::cosh: r[i.target] = std::cosh(r[i.a]); break;
-      case OpCode::tanh: r[i.target] = std::tanh(r[i.a]); break;
-      case OpCode::asinh: r[i.target] = std::asinh(r[i.a]); break;
-      case OpCode::acosh: r[i.target] = std::acosh(r[i.a]); break;
-      case OpCode::atanh: r[i.target] = std::atanh(r[i.a]); break;
-      case OpCode::exp: r[i.target] = std::exp(r[i.a]); break;
-      case OpCode::log: r[i.target] = std::log(r[i.a]); break;
-      case OpCode::sqrt: r[i.target] = std::sqrt(r[i.a]); break;
-      case OpCode::cbrt: r[i.target] = std::cbrt(r[i.a]); break;
-      case OpCode::abs: r[i.target] = std::abs(r[i.a]); break;
-      case OpCode::sech: r[i.target] = sech(r[i.a]); break;
-      case OpCode::csch: r[i.target] = csch(r[i.a]); break;
-      case OpCode::sign: r[i.target] = sign(r[i.a]); break;
-      case OpCode::min: r[i.target] = minimum(r[i.a], r[i.b]); break;
-      case OpCode::max: r[i.target] = maximum(r[i.a], r[i.b]); break;
+      case many(OpCode::sincos):
+        for (std::uint32_t left = *machine.word++; left > 0; --left, ++machine.word) {
+          const double x = r[*machine.word];
+          *machine.target++ = std::sin(x);
+          *machine.target++ = std::cos(x);
+        }
+        break;
+      case many(OpCode::sin): machine.group<1>([](double a) { return std::sin(a); }); break;
+      case many(OpCode::cos): machine.group<1>([](double a) { return std::cos(a); }); break;
+      case many(OpCode::tan): machine.group<1>([](double a) { return std::tan(a); }); break;
+      case many(OpCode::asin): machine.group<1>([](double a) { return std::asin(a); }); break;
+      case many(OpCode::acos): machine.group<1>([](double a) { return std::acos(a); }); break;
+      case many(OpCode::atan): machine.group<1>([](double a) { return std::atan(a); }); break;
+      case many(OpCode::sinh): machine.group<1>([](double a) { return std::sinh(a); }); break;
+      case many(OpCode::cosh): machine.group<1>([](double a) { return std::cosh(a); }); break;
+      case many(OpCode::tanh): machine.group<1>([](double a) { return std::tanh(a); }); break;
+      case many(OpCode::asinh): machine.group<1>([](double a) { return std::asinh(a); }); break;
+      case many(OpCode::acosh): machine.group<1>([](double a) { return std::acosh(a); }); break;
+      case many(OpCode::atanh): machine.group<1>([](double a) { return std::atanh(a); }); break;
+      case many(OpCode::exp): machine.group<1>([](double a) { return std::exp(a); }); break;
+      case many(OpCode::log): machine.group<1>([](double a) { return std::log(a); }); break;
+      case many(OpCode::sqrt): machine.group<1>([](double a) { return std::sqrt(a); }); break;
+      case many(OpCode::cbrt): machine.group<1>([](double a) { return std::cbrt(a); }); break;
+      case many(OpCode::abs): machine.group<1>([](double a) { return std::abs(a); }); break;
+      case many(OpCode::sech): machine.group<1>([](double a) { return sech(a); }); break;
+      case many(OpCode::csch): machine.group<1>([](double a) { return csch(a); }); break;
+      case many(OpCode::sign): machine.group<1>([](double a) { return sign(a); }); break;
+      case many(OpCode::power): machine.group<2>([](double a, double b) { return std::pow(a, b); }); break;
+      case many(OpCode::atan2): machine.group<2>([](double a, double b) { return std::atan2(a, b); }); break;
+      case many(OpCode::min): machine.group<2>([](double a, double b) { return minimum(a, b); }); break;
+      case many(OpCode::max): machine.group<2>([](double a, double b) { return maximum(a, b); }); break;
+      default: __builtin_unreachable();
     }
   }
 }
 
 void ScalarEvaluator::operator()(std::span<const double> inputs, std::span<double> outputs) {
   assert(inputs.size() == code_.input_count() && outputs.size() == code_.output_count());
-  std::copy(inputs.begin(), inputs.end(), registers_.begin());
+  double* const r = registers_.data();
+  for (std::size_t i = 0; i < inputs.size(); ++i) {
+    r[i] = inputs[i];
+  }
   run();
-  for (std::size_t i = 0; i < outputs.size(); ++i) {
-    outputs[i] = output(i);
+  for (const Fill& fill : fills_) {
+    std::fill_n(outputs.data() + fill.first, fill.count, fill.value);
+  }
+  for (const Copy& copy : copies_) {
+    outputs[copy.output] = r[copy.source];
   }
 }
 

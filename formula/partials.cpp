@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
+#include <optional>
 
 namespace rubato::formula {
 
@@ -34,6 +36,61 @@ Scaled combine(Graph& graph, double coefficient, Expression expression) {
   return {coefficient, expression};
 }
 
+struct Power {
+  Expression base;
+  double exponent = 1.0;
+};
+
+/// expression = base^exponent, with a positive whole exponent.
+Power as_power(Graph& graph, Expression expression) {
+  const Node node = graph.node(expression.index());
+  if (node.operation == Operation::power && graph.node(node.b).operation == Operation::constant) {
+    const double exponent = graph.node(node.b).value;
+    if (exponent > 0.0 && exponent == std::trunc(exponent)) {
+      return {{&graph, node.a}, exponent};
+    }
+  }
+  return {expression};
+}
+
+/// x·y where both are powers of one base, as one power.
+std::optional<Expression> merged(Graph& graph, Expression x, Expression y) {
+  const Power p = as_power(graph, x);
+  const Power q = as_power(graph, y);
+  return p.base == q.base ? std::optional(pow(p.base, p.exponent + q.exponent)) : std::nullopt;
+}
+
+/// x·y where one factor of the product x merges with y.
+std::optional<Expression> merged_into(Graph& graph, Expression x, Expression y) {
+  const Node node = graph.node(x.index());
+  if (node.operation != Operation::multiply) {
+    return std::nullopt;
+  }
+  const Expression u(&graph, node.a);
+  const Expression v(&graph, node.b);
+  if (const auto power = merged(graph, u, y)) {
+    return *power * v;
+  }
+  if (const auto power = merged(graph, v, y)) {
+    return u * *power;
+  }
+  return std::nullopt;
+}
+
+/// x·y with powers of one base collected, so that equal products reached by different ways are one node.
+Expression product(Graph& graph, Expression x, Expression y) {
+  if (const auto power = merged(graph, x, y)) {
+    return *power;
+  }
+  if (const auto inside = merged_into(graph, x, y)) {
+    return *inside;
+  }
+  if (const auto inside = merged_into(graph, y, x)) {
+    return *inside;
+  }
+  return x * y;
+}
+
 }  // namespace
 
 Scaled times(Graph& graph, const Scaled& x, const Scaled& y) {
@@ -47,7 +104,7 @@ Scaled times(Graph& graph, const Scaled& x, const Scaled& y) {
   if (!y.factor.valid()) {
     return {coefficient, x.factor};
   }
-  return combine(graph, coefficient, x.factor * y.factor);
+  return combine(graph, coefficient, product(graph, x.factor, y.factor));
 }
 
 Scaled square(Graph& graph, const Scaled& x) {
@@ -63,6 +120,24 @@ Expression materialize(Graph& graph, const Scaled& x) {
   }
   return graph.constant(x.coefficient) * x.factor;
 }
+
+namespace {
+
+/// The term whose sign a sum is normalized by: the number, else one of the majority, else the first.
+const Scaled& leading_term(const std::vector<Scaled>& terms) {
+  if (!terms.back().factor.valid()) {
+    return terms.back();
+  }
+  const auto is_negative = [](const Scaled& x) { return x.coefficient < 0.0; };
+  const auto negative = std::count_if(terms.begin(), terms.end(), is_negative);
+  const auto positive = static_cast<std::ptrdiff_t>(terms.size()) - negative;
+  const bool first_is_minority = is_negative(terms.front()) ? negative < positive : positive < negative;
+  return !first_is_minority ? terms.front() : *std::find_if(terms.begin(), terms.end(), [&](const Scaled& x) {
+    return is_negative(x) != is_negative(terms.front());
+  });
+}
+
+}  // namespace
 
 Scaled sum_of(Graph& graph, std::vector<Scaled>& terms) {
   if (terms.empty()) {
@@ -89,14 +164,16 @@ Scaled sum_of(Graph& graph, std::vector<Scaled>& terms) {
   if (count <= 1) {
     return count == 0 ? Scaled{0.0, {}} : terms.front();
   }
-  // One factor is taken out: the common magnitude where there is one, and the sign of the first term.
+  // One factor is taken out: the common magnitude where there is one, and a sign that the negated sum would lose too.
   double common = std::abs(terms.front().coefficient);
   if (std::any_of(terms.begin(), terms.end(), [&](const Scaled& x) { return std::abs(x.coefficient) != common; })) {
     common = 1.0;
   }
-  if (terms.front().coefficient < 0.0) {
-    common = -common;
-  }
+  common = std::copysign(common, leading_term(terms).coefficient);
+  // Written from a positive term on, so that the sum needs no negation.
+  const auto positive =
+      std::find_if(terms.begin(), terms.end(), [&](const Scaled& x) { return x.coefficient / common > 0.0; });
+  std::rotate(terms.begin(), positive, positive + 1);
   Expression total;
   for (const Scaled& term : terms) {
     const double c = term.coefficient / common;
@@ -264,7 +341,7 @@ SecondPartials second_partials(Graph& graph, NodeIndex index, bool of_a, bool of
     case Operation::asin:
     case Operation::acos: {
       const Expression g = build.reciprocal(sqrt((1.0 - a) * (1.0 + a)));
-      d.aa = product(node.operation == Operation::asin ? 1.0 : -1.0, build(a), build(g * (g * g)));
+      d.aa = product(node.operation == Operation::asin ? 1.0 : -1.0, build(a), build(pow(g, 3.0)));
       break;
     }
     case Operation::atan: {
@@ -286,12 +363,12 @@ SecondPartials second_partials(Graph& graph, NodeIndex index, bool of_a, bool of
     case Operation::tanh: d.aa = product(-2.0, build(v), build(1.0 - v * v)); break;
     case Operation::asinh: {
       const Expression g = build.reciprocal(sqrt(1.0 + a * a));
-      d.aa = product(-1.0, build(a), build(g * (g * g)));
+      d.aa = product(-1.0, build(a), build(pow(g, 3.0)));
       break;
     }
     case Operation::acosh: {
       const Expression g = build.reciprocal(sqrt(a - 1.0) * sqrt(a + 1.0));
-      d.aa = product(-1.0, build(a), build(g * (g * g)));
+      d.aa = product(-1.0, build(a), build(pow(g, 3.0)));
       break;
     }
     case Operation::atanh: {
@@ -303,12 +380,12 @@ SecondPartials second_partials(Graph& graph, NodeIndex index, bool of_a, bool of
     case Operation::log: d.aa = product(-1.0, square(graph, build.inverse(a)), {}); break;
     case Operation::sqrt: {  // -1/(4 v³)
       const Expression g = build.reciprocal(v);
-      d.aa = build(-0.25, g * (g * g));
+      d.aa = build(-0.25, pow(g, 3.0));
       break;
     }
     case Operation::cbrt: {  // -2/(9 v⁵)
       const Expression g = build.reciprocal(v);
-      d.aa = build(-2.0 / 9.0, g * pow(g * g, 2.0));
+      d.aa = build(-2.0 / 9.0, pow(g, 5.0));
       break;
     }
     case Operation::sech: d.aa = times(graph, build(v), build(1.0 - 2.0 * (v * v))); break;
