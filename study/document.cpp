@@ -94,10 +94,16 @@ private:
   std::vector<std::string_view> lines_;
 };
 
-/// One line without control characters, short enough for a terminal.
-std::string one_line(std::string_view text) {
+/// The parser's message without its preamble ("Error while parsing key-value pair: "), in one line fit for a terminal.
+std::string reworded(std::string_view description) {
+  constexpr std::string_view preamble = "Error while parsing ";
+  if (const std::size_t colon = description.find(": ");
+      description.starts_with(preamble) && colon != description.npos) {
+    description.remove_prefix(colon + 2);
+  }
   std::string result;
-  for (const char c : text.substr(0, 300)) {
+  constexpr std::size_t longest = 300;
+  for (const char c : description.substr(0, longest)) {
     result += static_cast<unsigned char>(c) < 0x20 ? ' ' : c;
   }
   return result;
@@ -208,7 +214,7 @@ Value read_document(std::string_view text, const std::string& source) {
     root.location = {source, 1, 1};
     return root;
   } catch (const toml::parse_error& error) {
-    throw ProblemError(converter.location(error.source().begin), "not TOML: " + one_line(error.description()));
+    throw ProblemError(converter.location(error.source().begin), "not TOML: " + reworded(error.description()));
   }
 }
 
