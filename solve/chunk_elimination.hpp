@@ -1,0 +1,80 @@
+#pragma once
+
+// Internal to the cyclic block solver: what one chunk of cells does, for several chunks at once, one in each SIMD lane.
+
+#include <cstddef>
+#include <span>
+
+#include <rubato/solve/cyclic_block.hpp>
+
+namespace rubato::solve::chunks {
+
+/// Sizes of one cyclic system. A cell's record holds, all blocks column by column:
+/// L, R (d × d), X = [B | r] (d × extras), C of its first node and C left on its last node (k × d each, by field), and
+/// its share of the border equations [D | s] (k × extras).
+struct Shape {
+  int d = 0;        ///< block
+  int borders = 0;  ///< k
+  int columns = 0;  ///< right-hand sides
+
+  [[nodiscard]] int extras() const { return borders + columns; }
+  [[nodiscard]] int right() const { return d * d; }
+  [[nodiscard]] int extra() const { return 2 * d * d; }
+  [[nodiscard]] int first_row() const { return extra() + d * extras(); }
+  [[nodiscard]] int last_row() const { return first_row() + borders * d; }
+  [[nodiscard]] int share() const { return last_row() + borders * d; }
+  [[nodiscard]] int record() const { return share() + borders * extras(); }
+  /// What the way back needs of one eliminated node: U, G, R (d × d) and X (d × extras).
+  [[nodiscard]] int slot() const { return d * (3 * d + extras()); }
+};
+
+/// The system of one level: the user's (matrix != nullptr) or stored records.
+struct System {
+  Shape shape;
+  std::size_t cells = 0;
+  std::size_t chunks = 0;
+  const CyclicBidiagonal* matrix = nullptr;
+  const CyclicBorder* border = nullptr;
+  std::span<const double* const> rhs;
+  const double* records = nullptr;
+
+  /// Chunks differ by at most one cell; the longer ones come first.
+  [[nodiscard]] std::size_t first_cell(std::size_t chunk) const {
+    const std::size_t longer = cells % chunks;
+    return chunk * (cells / chunks) + (chunk < longer ? chunk : longer);
+  }
+};
+
+/// Where pass two finds the solution at the chunks' first nodes, and where it puts that of all nodes: either the user's
+/// arrays or an array of nodes × columns × d.
+struct Solution {
+  const double* separators = nullptr;  ///< chunks × columns × d
+  const double* border = nullptr;      ///< columns × k
+  std::span<double* const> fields;
+  double* nodes = nullptr;
+};
+
+/// The two passes over a group of `lanes` chunks that begins with chunk `first`.
+struct Kernels {
+  int lanes = 0;
+  /// Eliminates the interior nodes; the records of the reduced cells go to reduced[chunk · record].
+  void (*reduce)(const System&, std::size_t first, double* workspace, double* reduced) = nullptr;
+  /// Repeats that and computes the interior nodes from the chunk's ends.
+  void (*expand)(const System&, std::size_t first, double* workspace, const Solution&) = nullptr;
+};
+
+/// Doubles of workspace for chunks of at most `cells_per_chunk` cells, for any kernel; to be aligned to 64 bytes.
+inline std::size_t workspace_size(const Shape& shape, std::size_t cells_per_chunk) {
+  constexpr std::size_t widest = 8;
+  return widest * (3 * static_cast<std::size_t>(shape.record()) + cells_per_chunk * shape.slot() +
+                   4 * static_cast<std::size_t>(shape.d + 1) * shape.extras());
+}
+
+/// Kernels for blocks of d, in the widest instruction set of this machine. They differ in speed alone.
+Kernels kernels(int d);
+
+Kernels kernels_portable(int d);
+Kernels kernels_avx2(int d);
+Kernels kernels_avx512(int d);
+
+}  // namespace rubato::solve::chunks

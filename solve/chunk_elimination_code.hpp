@@ -1,0 +1,389 @@
+#pragma once
+
+// Internal: the code of the kernels, compiled once for each instruction set by the chunk_elimination_*.cpp beside it.
+// `Lanes` gives a vector type V of `lanes` doubles and its square root.
+
+#include <algorithm>
+#include <cmath>
+
+#include <rubato/solve/chunk_elimination.hpp>
+
+namespace rubato::solve::chunks {
+
+template <class Lanes, int Fixed>
+struct Elimination {
+  using V = typename Lanes::V;
+  static constexpr int lanes = Lanes::lanes;
+  static constexpr int largest = Fixed > 0 ? Fixed : 16;
+
+  const System& system;
+  const Shape shape;
+  std::size_t first;
+  std::size_t begin[lanes];   ///< first cell of each lane's chunk
+  std::size_t length[lanes];  ///< its number of cells
+  std::size_t steps = 0;      ///< the longest of them
+  V* cell;                    ///< record of the cell being taken in
+  V* state;                   ///< record of the chunk so far
+  V* slots;                   ///< U, G, R, X of each eliminated node
+  V* spare;
+
+  Elimination(const System& s, std::size_t first_chunk, double* workspace)
+      : system(s), shape(s.shape), first(first_chunk), cell(reinterpret_cast<V*>(workspace)) {
+    for (int l = 0; l < lanes; ++l) {
+      // Lanes past the last chunk repeat it; what they compute is not stored.
+      const std::size_t chunk = std::min(first + l, s.chunks - 1);
+      begin[l] = s.first_cell(chunk);
+      length[l] = s.first_cell(chunk + 1) - begin[l];
+      steps = std::max(steps, length[l]);
+    }
+    state = cell + shape.record();
+    slots = state + shape.record();
+    spare = slots + steps * shape.slot();
+    std::fill(cell, cell + shape.record(), V{});
+    if (s.matrix != nullptr) {
+      load_constants();
+    }
+  }
+
+  [[nodiscard]] int d() const { return Fixed > 0 ? Fixed : shape.d; }
+  [[nodiscard]] int active() const { return static_cast<int>(std::min<std::size_t>(lanes, system.chunks - first)); }
+
+  void load_constants() {
+    const int n = d();
+    for (int r = 0; r < n; ++r) {
+      for (int c = 0; c < n; ++c) {
+        cell[r + c * n] = V{} + system.matrix->left[r * n + c];
+        cell[shape.right() + r + c * n] = V{} + system.matrix->right[r * n + c];
+      }
+    }
+    for (int b = 0; b < shape.borders; ++b) {
+      for (int f = 0; f < n; ++f) {
+        cell[shape.extra() + b * n + f] = V{} + system.border->columns[b * n + f].constant;
+        cell[shape.first_row() + b * n + f] = V{} + system.border->rows[b * n + f].constant;
+      }
+    }
+  }
+
+  V gather(const double* values, std::size_t step) const {
+    V v;
+    for (int l = 0; l < lanes; ++l) {
+      v[l] = values[begin[l] + std::min(step, length[l] - 1)];
+    }
+    return v;
+  }
+
+  void load_from_matrix(std::size_t step) {
+    const int n = d();
+    const CyclicBidiagonal& m = *system.matrix;
+    for (const CyclicEntry& e : m.entries) {
+      cell[e.row + e.column * n] = V{} + m.left[e.row * n + e.column];
+      cell[shape.right() + e.row + e.column * n] = V{} + m.right[e.row * n + e.column];
+    }
+    for (const CyclicEntry& e : m.entries) {
+      const V value = gather(e.values, step);
+      cell[e.row + e.column * n] += e.left * value;
+      cell[shape.right() + e.row + e.column * n] += e.right * value;
+    }
+    for (int j = 0; j < shape.borders * n; ++j) {
+      if (const auto& c = system.border->columns[j]; c.values != nullptr) {
+        cell[shape.extra() + j] = c.constant + gather(c.values, step);
+      }
+      if (const auto& c = system.border->rows[j]; c.values != nullptr) {
+        cell[shape.first_row() + j] = c.constant + gather(c.values, step);
+      }
+    }
+    for (int j = 0; j < shape.columns * n; ++j) {
+      cell[shape.extra() + shape.borders * n + j] = gather(system.rhs[j], step);
+    }
+  }
+
+  void load_from_records(std::size_t step) {
+    const int size = shape.record();
+    for (int l = 0; l < lanes; ++l) {
+      const std::size_t i = begin[l] + std::min(step, length[l] - 1);
+      const double* own = system.records + i * size;
+      const double* previous = system.records + (i == 0 ? system.cells - 1 : i - 1) * size;
+      for (int j = 0; j < size; ++j) {
+        cell[j][l] = own[j];
+      }
+      for (int j = 0; j < shape.borders * d(); ++j) {
+        cell[shape.first_row() + j][l] += previous[shape.last_row() + j];
+      }
+    }
+  }
+
+  /// Takes in a cell of every lane. A lane whose chunk is one cell shorter gets s (z_{i+1} - z_i) = 0 at the end, with
+  /// s of the size of its other coefficients.
+  void load(std::size_t step) {
+    if (system.matrix != nullptr) {
+      load_from_matrix(step);
+    } else {
+      load_from_records(step);
+    }
+    for (int l = 0; l < lanes; ++l) {
+      if (step < length[l]) {
+        continue;
+      }
+      double scale = 0.0;
+      for (int j = 0; j < shape.extra(); ++j) {
+        scale = std::max(scale, std::abs(cell[j][l]));
+      }
+      for (int j = 0; j < shape.record(); ++j) {
+        cell[j][l] = 0.0;
+      }
+      for (int j = 0; j < d(); ++j) {
+        cell[j + j * d()][l] = -scale;
+        cell[shape.right() + j + j * d()][l] = scale;
+      }
+    }
+  }
+
+  enum class Filled { top, bottom, all };  ///< which half of a column of 2d rows is not zero
+
+  /// Applies the reflections I - v vᵀ factor of the first `count` columns to one more column.
+  template <Filled filled>
+  [[gnu::always_inline]] void reflect(V* a, const V (*v)[2 * largest], const V* factor, int count) const {
+    const int n = d();
+    for (int p = 0; p < count; ++p) {
+      // Before the first reflection one half is zero.
+      const int from = p == 0 && filled == Filled::bottom ? n : p;
+      const int to = p == 0 && filled == Filled::top ? n : 2 * n;
+      V sum = v[p][from] * a[from];
+      for (int i = from + 1; i < to; ++i) {
+        sum += v[p][i] * a[i];
+      }
+      sum *= factor[p];
+      for (int i = p; i < 2 * n; ++i) {
+        a[i] -= sum * v[p][i];
+      }
+    }
+  }
+
+  /// [G E 0 X; 0 L R X'] → Qᵀ · that = [G₁ U R₁ X₁; G₂ 0 E₂ X₂]: the upper rows determine the node and go to its slot,
+  /// the lower ones replace the state.
+  void eliminate(V* slot) {
+    const int n = d();
+    V v[largest][2 * largest];
+    V factor[largest];
+    V a[2 * largest];
+    V* u = slot;
+    for (int p = 0; p < n; ++p) {
+      for (int i = 0; i < n; ++i) {
+        a[i] = state[shape.right() + p * n + i];
+        a[n + i] = cell[p * n + i];
+      }
+      reflect<Filled::all>(a, v, factor, p);
+      V square = a[p] * a[p];
+      for (int i = p + 1; i < 2 * n; ++i) {
+        square += a[i] * a[i];
+      }
+      const V norm = Lanes::sqrt(square);
+      const V beta = a[p] < V{} ? norm : -norm;  // U_pp; the sign avoids cancellation in v_p
+      for (int i = 0; i < p; ++i) {
+        u[p * n + i] = a[i];
+      }
+      for (int i = p + 1; i < 2 * n; ++i) {
+        v[p][i] = a[i];
+      }
+      v[p][p] = a[p] - beta;
+      const V quotient = 1.0 / (beta * v[p][p]);  // vᵀv = -2 β v_p
+      factor[p] = -quotient;
+      u[p * n + p] = v[p][p] * quotient;  // 1 / U_pp
+    }
+    V* g = slot + n * n;
+    V* r = g + n * n;
+    V* x = r + n * n;
+    for (int c = 0; c < n; ++c) {
+      for (int i = 0; i < n; ++i) {
+        a[i] = state[c * n + i];
+        a[n + i] = V{};
+      }
+      reflect<Filled::top>(a, v, factor, n);
+      for (int i = 0; i < n; ++i) {
+        g[c * n + i] = a[i];
+        state[c * n + i] = a[n + i];
+      }
+    }
+    for (int c = 0; c < n; ++c) {
+      for (int i = 0; i < n; ++i) {
+        a[i] = V{};
+        a[n + i] = cell[shape.right() + c * n + i];
+      }
+      reflect<Filled::bottom>(a, v, factor, n);
+      for (int i = 0; i < n; ++i) {
+        r[c * n + i] = a[i];
+        state[shape.right() + c * n + i] = a[n + i];
+      }
+    }
+    for (int c = 0; c < shape.extras(); ++c) {
+      V* own = state + shape.extra() + c * n;
+      for (int i = 0; i < n; ++i) {
+        a[i] = own[i];
+        a[n + i] = cell[shape.extra() + c * n + i];
+      }
+      reflect<Filled::all>(a, v, factor, n);
+      for (int i = 0; i < n; ++i) {
+        x[c * n + i] = a[i];
+        own[i] = a[n + i];
+      }
+    }
+  }
+
+  /// The border rows: with z_j = U⁻¹(x - G z_a - R z_{j+1} - B y), the part c z_j of each becomes coefficients of z_a,
+  /// z_{j+1}, y and a part of its right-hand side.
+  void eliminate_from_borders(const V* slot) {
+    const int n = d();
+    const V* u = slot;
+    const V* g = slot + n * n;
+    const V* r = g + n * n;
+    const V* x = r + n * n;
+    V w[largest];
+    for (int b = 0; b < shape.borders; ++b) {
+      V* last = state + shape.last_row() + b * n;
+      for (int p = 0; p < n; ++p) {  // w = c U⁻¹
+        V sum = last[p] + cell[shape.first_row() + b * n + p];
+        for (int i = 0; i < p; ++i) {
+          sum -= w[i] * u[p * n + i];
+        }
+        w[p] = sum * u[p * n + p];
+      }
+      const auto product = [&](const V* column) {
+        V sum = w[0] * column[0];
+        for (int i = 1; i < n; ++i) {
+          sum += w[i] * column[i];
+        }
+        return sum;
+      };
+      for (int c = 0; c < n; ++c) {
+        state[shape.first_row() + b * n + c] -= product(g + c * n);
+        last[c] = -product(r + c * n);
+      }
+      for (int c = 0; c < shape.extras(); ++c) {
+        V& share = state[shape.share() + b * shape.extras() + c];
+        share += cell[shape.share() + b * shape.extras() + c] - product(x + c * n);
+      }
+    }
+  }
+
+  void reduce(double* reduced) {
+    load(0);
+    std::copy(cell, cell + shape.record(), state);
+    std::fill(state + shape.last_row(), state + shape.share(), V{});
+    for (std::size_t step = 1; step < steps; ++step) {
+      load(step);
+      eliminate(slots);
+      if (shape.borders > 0) {
+        eliminate_from_borders(slots);
+      }
+    }
+    const int size = shape.record();
+    for (int l = 0; l < active(); ++l) {
+      for (int j = 0; j < size; ++j) {
+        reduced[(first + l) * size + j] = state[j][l];
+      }
+    }
+  }
+
+  void store(const Solution& to, std::size_t step, const V* z) {
+    const int n = d();
+    for (int l = 0; l < active(); ++l) {
+      if (step >= length[l]) {
+        continue;
+      }
+      const std::size_t node = begin[l] + step;
+      for (int j = 0; j < shape.columns * n; ++j) {
+        if (to.nodes != nullptr) {
+          to.nodes[node * shape.columns * n + j] = z[j][l];
+        } else {
+          to.fields[j][node] = z[j][l];
+        }
+      }
+    }
+  }
+
+  void expand(const Solution& solution) {
+    const int n = d();
+    const int per_node = shape.columns * n;
+    load(0);
+    std::copy(cell, cell + shape.record(), state);
+    for (std::size_t step = 1; step < steps; ++step) {
+      load(step);
+      eliminate(slots + step * shape.slot());
+    }
+    V* start = spare;
+    V* next = start + per_node;
+    for (int l = 0; l < lanes; ++l) {
+      const std::size_t chunk = std::min(first + l, system.chunks - 1);
+      const std::size_t following = chunk + 1 == system.chunks ? 0 : chunk + 1;
+      for (int j = 0; j < per_node; ++j) {
+        start[j][l] = solution.separators[chunk * per_node + j];
+        next[j][l] = solution.separators[following * per_node + j];
+      }
+    }
+    store(solution, 0, start);
+    for (std::size_t step = steps - 1; step > 0; --step) {
+      const V* u = slots + step * shape.slot();
+      const V* g = u + n * n;
+      const V* r = g + n * n;
+      const V* x = r + n * n;
+      for (int column = 0; column < shape.columns; ++column) {
+        const V* z_start = start + column * n;
+        V* z = next + column * n;  // z_{j+1}, replaced by z_j
+        V a[largest];
+        for (int i = 0; i < n; ++i) {
+          a[i] = x[(shape.borders + column) * n + i];
+        }
+        for (int b = 0; b < shape.borders; ++b) {
+          const double y = solution.border[column * shape.borders + b];
+          for (int i = 0; i < n; ++i) {
+            a[i] -= x[b * n + i] * y;
+          }
+        }
+        for (int c = 0; c < n; ++c) {
+          for (int i = 0; i < n; ++i) {
+            a[i] -= g[c * n + i] * z_start[c];
+          }
+        }
+        for (int c = 0; c < n; ++c) {
+          for (int i = 0; i < n; ++i) {
+            a[i] -= r[c * n + i] * z[c];
+          }
+        }
+        for (int p = n - 1; p >= 0; --p) {
+          a[p] *= u[p * n + p];
+          for (int i = 0; i < p; ++i) {
+            a[i] -= u[p * n + i] * a[p];
+          }
+        }
+        std::copy(a, a + n, z);
+      }
+      store(solution, step, next);
+    }
+  }
+};
+
+template <class Lanes, int Fixed>
+Kernels kernels_of() {
+  return {Lanes::lanes,
+          [](const System& system, std::size_t first, double* workspace, double* reduced) {
+            Elimination<Lanes, Fixed>(system, first, workspace).reduce(reduced);
+          },
+          [](const System& system, std::size_t first, double* workspace, const Solution& solution) {
+            Elimination<Lanes, Fixed>(system, first, workspace).expand(solution);
+          }};
+}
+
+/// The common block sizes have code of their own, with loops unrolled; 0 stands for any.
+template <class Lanes>
+Kernels choose_kernels(int d) {
+  switch (d) {
+    case 2: return kernels_of<Lanes, 2>();
+    case 3: return kernels_of<Lanes, 3>();
+    case 4: return kernels_of<Lanes, 4>();
+    case 5: return kernels_of<Lanes, 5>();
+    case 6: return kernels_of<Lanes, 6>();
+    default: return kernels_of<Lanes, 0>();
+  }
+}
+
+}  // namespace rubato::solve::chunks
