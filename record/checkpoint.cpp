@@ -1,0 +1,91 @@
+#include <rubato/record/detail/hdf5.hpp>
+
+namespace rubato::record::detail {
+
+namespace {
+
+constexpr const char* group_name = "/checkpoint";
+
+struct Bytes {
+  hid_t stored;
+  hid_t memory;
+  hsize_t count;
+  const void* data;
+};
+
+Bytes bytes_of(const CheckpointArray& array) {
+  if (const auto* numbers = std::get_if<std::vector<double>>(&array))
+    return {H5T_IEEE_F64LE, H5T_NATIVE_DOUBLE, numbers->size(), numbers->data()};
+  if (const auto* integers = std::get_if<std::vector<std::int64_t>>(&array))
+    return {H5T_STD_I64LE, H5T_NATIVE_INT64, integers->size(), integers->data()};
+  const auto& text = std::get<std::string>(array);
+  return {H5T_STD_U8LE, H5T_NATIVE_UINT8, text.size(), text.data()};
+}
+
+/// Whether the array stored under this name has the same size and type, so that it can be overwritten in place.
+bool fits(hid_t group, const std::string& name, const Bytes& bytes) {
+  const Handle dataset = open_dataset(group, name);
+  const Handle type(H5Dget_type(dataset), H5Tclose, "writing the checkpoint");
+  return extent(dataset) == std::vector<hsize_t>{bytes.count} && H5Tequal(type, bytes.stored) > 0;
+}
+
+std::vector<std::string> names_in(hid_t group) {
+  std::vector<std::string> names;
+  const auto collect = [](hid_t, const char* name, const H5L_info_t*, void* list) -> herr_t {
+    static_cast<std::vector<std::string>*>(list)->emplace_back(name);
+    return 0;
+  };
+  check(H5Literate(group, H5_INDEX_NAME, H5_ITER_INC, nullptr, collect, &names), "listing the checkpoint");
+  return names;
+}
+
+template <class Container>
+Container read_all(hid_t dataset, hid_t memory) {
+  const auto sizes = extent(dataset);
+  Container values(sizes.size() == 1 ? sizes[0] : 0, {});
+  read_rows(dataset, memory, 0, values.size(), values.data());
+  return values;
+}
+
+}  // namespace
+
+void write_checkpoint(hid_t file, const Checkpoint& checkpoint) {
+  const std::string doing = "writing the checkpoint";
+  const Handle group =
+      check(H5Lexists(file, group_name, H5P_DEFAULT), doing) > 0
+          ? Handle(H5Gopen2(file, group_name, H5P_DEFAULT), H5Gclose, doing)
+          : Handle(H5Gcreate2(file, group_name, H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT), H5Gclose, doing);
+  for (const auto& name : names_in(group)) {
+    const auto wanted = checkpoint.find(name);
+    if (wanted == checkpoint.end() || !fits(group, name, bytes_of(wanted->second)))
+      check(H5Ldelete(group, name.c_str(), H5P_DEFAULT), doing);
+  }
+  for (const auto& [name, array] : checkpoint) {
+    const Bytes bytes = bytes_of(array);
+    const Handle space(H5Screate_simple(1, &bytes.count, nullptr), H5Sclose, doing);
+    const Handle dataset =
+        check(H5Lexists(group, name.c_str(), H5P_DEFAULT), doing) > 0
+            ? open_dataset(group, name)
+            : Handle(H5Dcreate2(group, name.c_str(), bytes.stored, space, H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT),
+                     H5Dclose, doing);
+    write_rows(dataset, bytes.memory, 0, bytes.count, bytes.data);
+  }
+}
+
+Checkpoint read_checkpoint(hid_t file) {
+  const Handle group(H5Gopen2(file, group_name, H5P_DEFAULT), H5Gclose, "reading the checkpoint");
+  Checkpoint checkpoint;
+  for (const auto& name : names_in(group)) {
+    const Handle dataset = open_dataset(group, name);
+    const Handle type(H5Dget_type(dataset), H5Tclose, "reading the checkpoint");
+    if (H5Tget_class(type) == H5T_FLOAT)
+      checkpoint[name] = read_all<std::vector<double>>(dataset, H5T_NATIVE_DOUBLE);
+    else if (H5Tget_size(type) == 1)
+      checkpoint[name] = read_all<std::string>(dataset, H5T_NATIVE_UINT8);
+    else
+      checkpoint[name] = read_all<std::vector<std::int64_t>>(dataset, H5T_NATIVE_INT64);
+  }
+  return checkpoint;
+}
+
+}  // namespace rubato::record::detail

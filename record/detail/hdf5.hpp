@@ -1,0 +1,122 @@
+#pragma once
+
+// The only header that shows HDF5; not installed.
+
+#include <filesystem>
+#include <mutex>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <hdf5.h>
+
+#include <rubato/record/error.hpp>
+#include <rubato/record/layout.hpp>
+
+namespace rubato::record::detail {
+
+/// Debian's serial HDF5 is not safe for threads: every use of it holds this one lock of the process. While it is held,
+/// HDF5 prints nothing on its own; the printing that the host program chose is restored afterwards.
+class Session {
+public:
+  Session();
+  ~Session();
+  Session(const Session&) = delete;
+  Session& operator=(const Session&) = delete;
+
+private:
+  std::lock_guard<std::recursive_mutex> lock_;
+  H5E_auto2_t print_ = nullptr;
+  void* print_data_ = nullptr;
+};
+
+/// A call to HDF5, or to the system, failed. Becomes an Error where the file is known (`with_file`).
+class Failure : public std::runtime_error {
+public:
+  using std::runtime_error::runtime_error;
+};
+
+/// Throws a Failure "doing: reason" with the innermost reason on HDF5's error stack.
+[[noreturn]] void fail(const std::string& doing);
+
+/// Passes on what an HDF5 function returned, unless it says failure (negative).
+template <class T>
+T check(T returned, const std::string& doing) {
+  if (returned < 0)
+    fail(doing);
+  return returned;
+}
+
+/// An HDF5 identifier with its closing function.
+class Handle {
+public:
+  using Close = herr_t (*)(hid_t);
+
+  Handle() = default;
+  Handle(hid_t id, Close closing, const std::string& doing) : id_(check(id, doing)), close_(closing) {}
+  Handle(Handle&& other) noexcept : id_(std::exchange(other.id_, H5I_INVALID_HID)), close_(other.close_) {}
+  Handle& operator=(Handle&& other) noexcept {
+    std::swap(id_, other.id_);
+    std::swap(close_, other.close_);
+    return *this;
+  }
+  ~Handle() {
+    if (id_ >= 0)
+      close_(id_);
+  }
+
+  /// Closes now, and reports failure: closing a file is what writes the rest of it.
+  void close(const std::string& doing) { check(close_(std::exchange(id_, H5I_INVALID_HID)), doing); }
+
+  operator hid_t() const { return id_; }  // NOLINT(google-explicit-constructor): made to be passed to HDF5
+
+private:
+  hid_t id_ = H5I_INVALID_HID;
+  Close close_ = nullptr;
+};
+
+/// Runs `action` inside a Session; what fails becomes an Error about `file`.
+template <class Action>
+auto with_file(const std::filesystem::path& file, Action&& action) {
+  const Session session;
+  try {
+    return std::forward<Action>(action)();
+  } catch (const Failure& failure) {
+    throw Error(file, failure.what());
+  } catch (const std::filesystem::filesystem_error& failure) {
+    throw Error(file, failure.code().message());
+  }
+}
+
+/// Files are opened without HDF5's own locks: a published file is never written to, and a file being written is
+/// locked by `FileLock` for longer than it is open.
+[[nodiscard]] Handle create_file(const std::filesystem::path& file);
+[[nodiscard]] Handle open_file(const std::filesystem::path& file, unsigned flags);
+
+[[nodiscard]] Handle open_dataset(hid_t file, const std::string& path);
+[[nodiscard]] std::vector<hsize_t> extent(hid_t dataset);
+
+[[nodiscard]] hid_t stored_type(Type type);
+[[nodiscard]] hid_t memory_type(Type type);
+[[nodiscard]] std::size_t size_of(Type type);
+
+/// UTF-8 of variable length, which h5py, netCDF and MATLAB read as strings.
+[[nodiscard]] Handle text_type();
+
+/// Attributes of one value: created or replaced.
+void write_attribute(hid_t object, const std::string& name, const std::string& text);
+void write_attribute(hid_t object, const std::string& name, Type type, std::int64_t value);
+[[nodiscard]] bool has_attribute(hid_t object, const std::string& name);
+[[nodiscard]] std::string read_text_attribute(hid_t object, const std::string& name);
+[[nodiscard]] std::int64_t read_integer_attribute(hid_t object, const std::string& name);
+
+/// Rows first, …, first + count - 1 of a dataset, as `memory` numbers; `data` has room for them.
+void read_rows(hid_t dataset, hid_t memory, hsize_t first, hsize_t count, void* data);
+/// Writes them into an extent that already has room.
+void write_rows(hid_t dataset, hid_t memory, hsize_t first, hsize_t count, const void* data);
+
+void write_checkpoint(hid_t file, const Checkpoint& checkpoint);
+[[nodiscard]] Checkpoint read_checkpoint(hid_t file);
+
+}  // namespace rubato::record::detail

@@ -1,0 +1,180 @@
+#include <cstring>
+
+#include <rubato/record/detail/hdf5.hpp>
+
+namespace rubato::record::detail {
+
+namespace {
+
+std::recursive_mutex& process_lock() {
+  static std::recursive_mutex mutex;
+  return mutex;
+}
+
+/// HDF5 wraps the system's message in a line of internals; the user wants the message.
+std::string essence(const std::string& description) {
+  static constexpr std::string_view mark = "error message = '";
+  const auto begin = description.find(mark);
+  if (begin == std::string::npos)
+    return description;
+  const auto end = description.find('\'', begin + mark.size());
+  return description.substr(begin + mark.size(), end - begin - mark.size());
+}
+
+Handle access_without_locks() {
+  Handle access(H5Pcreate(H5P_FILE_ACCESS), H5Pclose, "preparing file access");
+  check(H5Pset_file_locking(access, false, true), "preparing file access");
+  // Closing the file closes whatever is still open in it, so that closing is never silently put off.
+  check(H5Pset_fclose_degree(access, H5F_CLOSE_STRONG), "preparing file access");
+  return access;
+}
+
+Handle select_rows(hid_t space, hsize_t first, hsize_t count) {
+  const int rank = check(H5Sget_simple_extent_ndims(space), "selecting rows");
+  std::vector<hsize_t> sizes(rank);
+  std::vector<hsize_t> start(rank, 0);
+  check(H5Sget_simple_extent_dims(space, sizes.data(), nullptr), "selecting rows");
+  start.at(0) = first;
+  sizes.at(0) = count;
+  check(H5Sselect_hyperslab(space, H5S_SELECT_SET, start.data(), nullptr, sizes.data(), nullptr), "selecting rows");
+  return {H5Screate_simple(rank, sizes.data(), nullptr), H5Sclose, "selecting rows"};
+}
+
+Handle open_attribute(hid_t object, const std::string& name) {
+  return {H5Aopen(object, name.c_str(), H5P_DEFAULT), H5Aclose, "reading attribute '" + name + "'"};
+}
+
+}  // namespace
+
+Session::Session() : lock_(process_lock()) {
+  H5Eget_auto2(H5E_DEFAULT, &print_, &print_data_);
+  H5Eset_auto2(H5E_DEFAULT, nullptr, nullptr);
+}
+
+Session::~Session() {
+  H5Eset_auto2(H5E_DEFAULT, print_, print_data_);
+}
+
+void fail(const std::string& doing) {
+  std::string reason;
+  const auto keep_first = [](unsigned position, const H5E_error2_t* error, void* text) -> herr_t {
+    if (position == 0 && error->desc)
+      *static_cast<std::string*>(text) = error->desc;
+    return 0;
+  };
+  H5Ewalk2(H5E_DEFAULT, H5E_WALK_UPWARD, keep_first, &reason);
+  throw Failure(reason.empty() ? doing : doing + ": " + essence(reason));
+}
+
+Handle create_file(const std::filesystem::path& file) {
+  return {H5Fcreate(file.c_str(), H5F_ACC_TRUNC, H5P_DEFAULT, access_without_locks()), H5Fclose, "creating the file"};
+}
+
+Handle open_file(const std::filesystem::path& file, unsigned flags) {
+  return {H5Fopen(file.c_str(), flags, access_without_locks()), H5Fclose, "opening the file"};
+}
+
+Handle open_dataset(hid_t file, const std::string& path) {
+  return {H5Dopen2(file, path.c_str(), H5P_DEFAULT), H5Dclose, "opening dataset '" + path + "'"};
+}
+
+std::vector<hsize_t> extent(hid_t dataset) {
+  const Handle space(H5Dget_space(dataset), H5Sclose, "reading an extent");
+  std::vector<hsize_t> sizes(check(H5Sget_simple_extent_ndims(space), "reading an extent"));
+  check(H5Sget_simple_extent_dims(space, sizes.data(), nullptr), "reading an extent");
+  return sizes;
+}
+
+hid_t stored_type(Type type) {
+  switch (type) {
+    case Type::f64: return H5T_IEEE_F64LE;
+    case Type::i64: return H5T_STD_I64LE;
+    case Type::i32: return H5T_STD_I32LE;
+    case Type::u8: return H5T_STD_U8LE;
+  }
+  return H5I_INVALID_HID;
+}
+
+hid_t memory_type(Type type) {
+  switch (type) {
+    case Type::f64: return H5T_NATIVE_DOUBLE;
+    case Type::i64: return H5T_NATIVE_INT64;
+    case Type::i32: return H5T_NATIVE_INT32;
+    case Type::u8: return H5T_NATIVE_UINT8;
+  }
+  return H5I_INVALID_HID;
+}
+
+std::size_t size_of(Type type) {
+  return H5Tget_size(memory_type(type));
+}
+
+Handle text_type() {
+  Handle type(H5Tcopy(H5T_C_S1), H5Tclose, "preparing text");
+  check(H5Tset_size(type, H5T_VARIABLE), "preparing text");
+  check(H5Tset_cset(type, H5T_CSET_UTF8), "preparing text");
+  return type;
+}
+
+bool has_attribute(hid_t object, const std::string& name) {
+  return check(H5Aexists(object, name.c_str()), "looking for attribute '" + name + "'") > 0;
+}
+
+void write_attribute(hid_t object, const std::string& name, const std::string& text) {
+  const std::string doing = "writing attribute '" + name + "'";
+  if (has_attribute(object, name))
+    check(H5Adelete(object, name.c_str()), doing);
+  const Handle type = text_type();
+  const Handle space(H5Screate(H5S_SCALAR), H5Sclose, doing);
+  const Handle attribute(H5Acreate2(object, name.c_str(), type, space, H5P_DEFAULT, H5P_DEFAULT), H5Aclose, doing);
+  const char* characters = text.c_str();
+  check(H5Awrite(attribute, type, &characters), doing);
+}
+
+void write_attribute(hid_t object, const std::string& name, Type type, std::int64_t value) {
+  const std::string doing = "writing attribute '" + name + "'";
+  const Handle space(H5Screate(H5S_SCALAR), H5Sclose, doing);
+  const Handle attribute =
+      has_attribute(object, name)
+          ? open_attribute(object, name)
+          : Handle(H5Acreate2(object, name.c_str(), stored_type(type), space, H5P_DEFAULT, H5P_DEFAULT), H5Aclose,
+                   doing);
+  check(H5Awrite(attribute, H5T_NATIVE_INT64, &value), doing);
+}
+
+std::string read_text_attribute(hid_t object, const std::string& name) {
+  const Handle attribute = open_attribute(object, name);
+  const Handle stored(H5Aget_type(attribute), H5Tclose, "reading attribute '" + name + "'");
+  if (H5Tis_variable_str(stored) <= 0)
+    throw Failure("attribute '" + name + "' is not a text of variable length");
+  const Handle type = text_type();
+  char* characters = nullptr;
+  check(H5Aread(attribute, type, &characters), "reading attribute '" + name + "'");
+  const std::string text = characters ? characters : "";
+  H5free_memory(characters);
+  return text;
+}
+
+std::int64_t read_integer_attribute(hid_t object, const std::string& name) {
+  std::int64_t value = 0;
+  check(H5Aread(open_attribute(object, name), H5T_NATIVE_INT64, &value), "reading attribute '" + name + "'");
+  return value;
+}
+
+void read_rows(hid_t dataset, hid_t memory, hsize_t first, hsize_t count, void* data) {
+  if (count == 0)
+    return;
+  const Handle space(H5Dget_space(dataset), H5Sclose, "reading rows");
+  const Handle room = select_rows(space, first, count);
+  check(H5Dread(dataset, memory, room, space, H5P_DEFAULT, data), "reading rows");
+}
+
+void write_rows(hid_t dataset, hid_t memory, hsize_t first, hsize_t count, const void* data) {
+  if (count == 0)
+    return;
+  const Handle space(H5Dget_space(dataset), H5Sclose, "writing rows");
+  const Handle room = select_rows(space, first, count);
+  check(H5Dwrite(dataset, memory, room, space, H5P_DEFAULT, data), "writing rows");
+}
+
+}  // namespace rubato::record::detail

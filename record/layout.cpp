@@ -1,0 +1,113 @@
+#include <algorithm>
+#include <map>
+#include <stdexcept>
+
+#include <fmt/format.h>
+
+#include <rubato/record/detail/structure.hpp>
+
+namespace rubato::record::detail {
+
+namespace {
+
+void validate_path(const std::string& path) {
+  const bool well_formed = path.size() > 1 && path.front() == '/' && path.back() != '/' &&
+                           path.find("//") == std::string::npos && path.find('\0') == std::string::npos;
+  if (!well_formed)
+    throw std::invalid_argument(fmt::format("record: '{}' is not an absolute path of a dataset", path));
+  if (path.starts_with("/checkpoint/") || path == "/checkpoint")
+    throw std::invalid_argument(fmt::format("record: '{}' is in the checkpoint, which the writer keeps itself", path));
+}
+
+std::size_t size_of(const Scale& scale) {
+  return std::visit([](const auto& values) { return values.size(); }, scale.values);
+}
+
+const Scale& scale_at(const Layout& layout, const std::string& path) {
+  const auto found = std::ranges::find(layout.scales, path, &Scale::path);
+  if (found == layout.scales.end())
+    throw std::invalid_argument(fmt::format("record: there is no scale '{}'", path));
+  return *found;
+}
+
+}  // namespace
+
+void validate(const Layout& layout) {
+  std::map<std::string, std::string> target_of;  // what each name in the file leads to
+  const auto claim = [&](const std::string& name, const std::string& target) {
+    const auto [place, is_new] = target_of.emplace(name, target);
+    if (!is_new && place->second != target)
+      throw std::invalid_argument(fmt::format("record: '{}' would be both '{}' and '{}'", name, place->second, target));
+    return is_new;
+  };
+  const auto claim_own = [&](const std::string& path) {
+    validate_path(path);
+    if (!claim(path, path))
+      throw std::invalid_argument(fmt::format("record: '{}' is declared twice", path));
+  };
+
+  for (const auto& scale : layout.scales) {
+    claim_own(scale.path);
+    if (size_of(scale) == 0)
+      throw std::invalid_argument(fmt::format("record: scale '{}' is empty", scale.path));
+  }
+  for (const auto& dataset : layout.datasets)
+    claim_own(dataset.path);
+  for (const auto& dataset : layout.datasets) {
+    const auto axis = std::ranges::find(layout.datasets, dataset.axis, &Dataset::path);
+    if (axis == layout.datasets.end() || axis->axis != axis->path || !axis->dimensions.empty())
+      throw std::invalid_argument(
+          fmt::format("record: the axis '{}' of '{}' is not a dataset that is its own axis and has one number per row",
+                      dataset.axis, dataset.path));
+    for (const auto& dimension : dataset.dimensions)
+      (void)scale_at(layout, dimension);
+    for (const auto& [link, target] : links_of(dataset))
+      claim(link, target);
+  }
+}
+
+std::vector<std::pair<std::string, std::string>> links_of(const Dataset& dataset) {
+  const auto group_of = [](const std::string& path) { return path.substr(0, path.rfind('/')); };
+  const auto name_of = [](const std::string& path) { return path.substr(path.rfind('/')); };
+  std::vector<std::string> used{dataset.axis};
+  used.insert(used.end(), dataset.dimensions.begin(), dataset.dimensions.end());
+  std::vector<std::pair<std::string, std::string>> links;
+  for (const auto& path : used)
+    if (group_of(path) != group_of(dataset.path))
+      links.emplace_back(group_of(dataset.path) + name_of(path), path);
+  return links;
+}
+
+std::vector<hsize_t> row_shape(const Layout& layout, const Dataset& dataset) {
+  std::vector<hsize_t> shape;
+  for (const auto& dimension : dataset.dimensions)
+    shape.push_back(size_of(scale_at(layout, dimension)));
+  return shape;
+}
+
+std::size_t row_size(const Layout& layout, const Dataset& dataset) {
+  std::size_t size = 1;
+  for (const auto extent : row_shape(layout, dataset))
+    size *= extent;
+  return size;
+}
+
+std::vector<hsize_t> chunk_shape(std::vector<hsize_t> row, std::size_t value_bytes) {
+  constexpr std::size_t target_bytes = std::size_t{128} << 10;
+  constexpr std::size_t most_bytes = std::size_t{1} << 20;
+  constexpr std::size_t most_rows = 16384;
+
+  const auto bytes = [&] {
+    std::size_t product = value_bytes;
+    for (const auto extent : row)
+      product *= extent;
+    return product;
+  };
+  for (auto& extent : row)
+    while (bytes() > most_bytes && extent > 1)
+      extent = (extent + 1) / 2;
+  row.insert(row.begin(), std::clamp<std::size_t>(target_bytes / bytes(), 1, most_rows));
+  return row;
+}
+
+}  // namespace rubato::record::detail
