@@ -54,9 +54,9 @@ public:
                                      CommitPolicy policy = {});
 
   /// Continues a record after its last complete level; `layout` is that of the run that wrote it. The checkpoint is
-  /// read with `Reader`, after this call, when no other writer can replace it any more. Throws Error if there is no such
-  /// record, if another run is writing it, or if its scales or datasets are not those of the layout. Title, problem,
-  /// version, compiler and threads are replaced by those of the layout at the next commit.
+  /// read with `Reader`, after this call, when no other writer can replace it any more. Throws Error if there is no
+  /// such record, if another run is writing it, or if its scales or datasets are not those of the layout. Title,
+  /// problem, version, compiler and threads are replaced by those of the layout at the next commit.
   [[nodiscard]] static Writer resume(const std::filesystem::path& file, const Layout& layout, CommitPolicy policy = {});
 
   Writer(Writer&&) noexcept;
