@@ -1,0 +1,75 @@
+#pragma once
+
+#include <complex>
+#include <memory>
+#include <span>
+
+#include <rubato/grids/grid.hpp>
+
+namespace rubato::grids {
+
+/// θ = 2π k / n of wave index k, and the symbols of the operators on e^{iθj}.
+///@{
+[[nodiscard]] double wave_angle(std::ptrdiff_t k, std::size_t n);
+/// A: (1 + e^{iθ})/2.
+[[nodiscard]] std::complex<double> average_symbol(double theta);
+/// D: (e^{iθ} - 1)/Δx.
+[[nodiscard]] std::complex<double> difference_symbol(double theta, double spacing);
+/// ∂: i 2π k / length, and 0 for the Nyquist mode 2|k| = n, whose derivative no real grid function represents.
+[[nodiscard]] std::complex<double> derivative_symbol(std::ptrdiff_t k, const Axis& axis);
+///@}
+
+/// Discrete Fourier transforms of `fields` real grid functions at once, û(k) = Σ_j u_j e^{-iθ·j}, and back.
+///
+/// Half of the modes along x are kept, k_x = 0 … n_x/2; those of y and z run 0 … n-1 and stand for k - n beyond n/2.
+/// Plans are made once, with FFTW_ESTIMATE: measured plans differ from run to run and with them the last bits, and a
+/// resumed run must go on bit by bit. Each one-dimensional transform is done by one thread, different ones by different
+/// threads, so that results do not depend on their number. FFTW's planner is not thread-safe and is guarded by a lock.
+class Fourier {
+public:
+  using Complex = std::complex<double>;
+
+  /// Throws std::bad_alloc. Takes about 2 · fields · size doubles.
+  Fourier(const Grid& grid, int fields);
+  ~Fourier();
+  Fourier(Fourier&&) noexcept;
+  Fourier& operator=(Fourier&&) noexcept;
+
+  [[nodiscard]] int fields() const;
+  /// Modes kept: (n_x/2 + 1) n_y n_z.
+  [[nodiscard]] std::size_t modes() const;
+  /// Signed wave indices (k_x, k_y, k_z) of a mode, |2 k_a| <= n_a.
+  [[nodiscard]] std::array<std::ptrdiff_t, 3> wave(std::size_t mode) const;
+  /// The coefficient of a field at a mode, to read after `forward` and to change before `inverse`.
+  [[nodiscard]] Complex& at(int field, std::size_t mode);
+  [[nodiscard]] const Complex& at(int field, std::size_t mode) const;
+
+  /// Transforms one array of grid values for each field.
+  void forward(std::span<const double* const> values);
+  /// The inverse, with the factor 1/size; the coefficients are lost.
+  void inverse(std::span<double* const> values);
+
+private:
+  struct Storage;
+  std::unique_ptr<Storage> storage_;
+};
+
+/// Spectral derivatives: exact for every trigonometric polynomial that the grid resolves; the Nyquist mode of an even
+/// number of cells is given derivative zero. Plans and threads as in `Fourier`.
+class SpectralDerivative {
+public:
+  explicit SpectralDerivative(const Grid& grid);
+  ~SpectralDerivative();
+  SpectralDerivative(SpectralDerivative&&) noexcept;
+  SpectralDerivative& operator=(SpectralDerivative&&) noexcept;
+
+  /// out[f] = ∂_axis in[f] for each field; in[f] and out[f] may be the same.
+  void operator()(int axis, std::span<const double* const> in, std::span<double* const> out) const;
+  void operator()(int axis, const double* in, double* out) const;
+
+private:
+  struct Storage;
+  std::unique_ptr<Storage> storage_;
+};
+
+}  // namespace rubato::grids

@@ -1,0 +1,73 @@
+#include <rubato/grids/grid.hpp>
+
+#include <unistd.h>
+
+#include <cmath>
+#include <stdexcept>
+#include <utility>
+
+#include <fmt/core.h>
+
+namespace rubato::grids {
+namespace {
+
+void check(const std::vector<Axis>& axes) {
+  if (axes.empty() || axes.size() > 3) {
+    throw std::invalid_argument(fmt::format("a grid has 1 to 3 axes, not {}", axes.size()));
+  }
+  double total = 1.0;
+  for (std::size_t a = 0; a < axes.size(); ++a) {
+    const Axis& axis = axes[a];
+    if (!std::isfinite(axis.from) || !std::isfinite(axis.to) || !std::isfinite(axis.to - axis.from)) {
+      throw std::invalid_argument(
+          fmt::format("axis {}: the ends must be finite, not from = {}, to = {}", axis.name, axis.from, axis.to));
+    }
+    if (!(axis.from < axis.to)) {
+      throw std::invalid_argument(
+          fmt::format("axis {}: from = {} must be less than to = {}", axis.name, axis.from, axis.to));
+    }
+    if (axis.cells < 3) {
+      throw std::invalid_argument(fmt::format("axis {}: at least 3 cells are needed, not {}", axis.name, axis.cells));
+    }
+    if (!(axis.node(1) > axis.from)) {
+      throw std::invalid_argument(fmt::format("axis {}: {} cells from {} to {} are closer than rounding", axis.name,
+                                              axis.cells, axis.from, axis.to));
+    }
+    for (std::size_t b = 0; b < a; ++b) {
+      if (axes[b].name == axis.name) {
+        throw std::invalid_argument(fmt::format("two axes are named {}", axis.name));
+      }
+    }
+    total *= static_cast<double>(axis.cells);
+  }
+  require_memory(total, fmt::format("a grid of {:.6g} nodes", total));
+}
+
+}  // namespace
+
+void require_memory(double doubles, const std::string& what) {
+  const double available = static_cast<double>(sysconf(_SC_PHYS_PAGES)) * static_cast<double>(sysconf(_SC_PAGE_SIZE));
+  const double needed = doubles * static_cast<double>(sizeof(double));
+  if (needed > available) {
+    throw std::invalid_argument(fmt::format("{} would take {:.3g} GB of memory, and this machine has {:.3g} GB", what,
+                                            needed * 1e-9, available * 1e-9));
+  }
+}
+
+Grid::Grid(std::vector<Axis> axes) : axes_(std::move(axes)) {
+  check(axes_);
+  for (int a = 0; a < 3; ++a) {
+    strides_[a] = size_;
+    size_ *= cells(a);
+  }
+}
+
+double Grid::cell_volume() const {
+  double volume = 1.0;
+  for (const Axis& axis : axes_) {
+    volume *= axis.spacing();
+  }
+  return volume;
+}
+
+}  // namespace rubato::grids

@@ -1,0 +1,63 @@
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <string>
+#include <vector>
+
+namespace rubato::grids {
+
+/// One periodic direction: nodes from + i Δx for i = 0 … cells-1, Δx = (to - from)/cells, and node `cells` is node 0.
+struct Axis {
+  std::string name;
+  double from = 0.0;
+  double to = 1.0;
+  std::size_t cells = 0;
+
+  [[nodiscard]] double length() const { return to - from; }
+  [[nodiscard]] double spacing() const { return (to - from) / static_cast<double>(cells); }
+  [[nodiscard]] double node(std::size_t i) const { return from + static_cast<double>(i) * spacing(); }
+  /// The middle of cell i, between nodes i and i + 1.
+  [[nodiscard]] double centre(std::size_t i) const { return from + (static_cast<double>(i) + 0.5) * spacing(); }
+};
+
+/// A periodic grid in 1 to 3 dimensions. Nodes are numbered with the first axis fastest: node (i, j, k) of axes x, y, z
+/// is i + n_x (j + n_y k), so that an array of nodes is [z][y][x] in C order. There are as many cells as nodes; cell
+/// (i, j, k) has the node (i, j, k) as its lower corner and carries its number.
+class Grid {
+public:
+  /// Throws std::invalid_argument (naming axis and values) unless there are 1 to 3 axes with different names, from < to
+  /// finite, at least 3 cells each, and one field of all nodes fits into this machine's memory.
+  explicit Grid(std::vector<Axis> axes);
+
+  [[nodiscard]] int dimensions() const { return static_cast<int>(axes_.size()); }
+  [[nodiscard]] const Axis& axis(int a) const { return axes_[a]; }
+  [[nodiscard]] const std::vector<Axis>& axes() const { return axes_; }
+  [[nodiscard]] std::size_t size() const { return size_; }
+  /// Cells along axis a; 1 for an axis beyond the last.
+  [[nodiscard]] std::size_t cells(int a) const { return a < dimensions() ? axes_[a].cells : 1; }
+  /// How far apart neighbours along axis a are in an array of nodes.
+  [[nodiscard]] std::size_t stride(int a) const { return strides_[a]; }
+  [[nodiscard]] double spacing(int a) const { return axes_[a].spacing(); }
+  /// Δx Δy Δz.
+  [[nodiscard]] double cell_volume() const;
+
+  [[nodiscard]] std::size_t index(std::size_t i, std::size_t j = 0, std::size_t k = 0) const {
+    return i + j * strides_[1] + k * strides_[2];
+  }
+  /// The place of a node along each axis.
+  [[nodiscard]] std::array<std::size_t, 3> place(std::size_t node) const {
+    return {node % cells(0), node / strides_[1] % cells(1), node / strides_[2]};
+  }
+
+private:
+  std::vector<Axis> axes_;
+  std::array<std::size_t, 3> strides_{};
+  std::size_t size_ = 1;
+};
+
+/// Throws std::invalid_argument, saying how much `doubles` doubles take and how much there is, if they exceed this
+/// machine's memory. `what` begins the message.
+void require_memory(double doubles, const std::string& what);
+
+}  // namespace rubato::grids

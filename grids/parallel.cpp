@@ -1,0 +1,31 @@
+#include <rubato/grids/parallel.hpp>
+
+#include <omp.h>
+
+#include <algorithm>
+
+namespace rubato::grids {
+
+void detail::for_each_block(std::size_t count, std::size_t block, void (*call)(void*, std::size_t, std::size_t),
+                            void* function) {
+  const auto blocks = static_cast<std::ptrdiff_t>((count + block - 1) / block);
+#pragma omp parallel for schedule(static) if (blocks > 1)
+  for (std::ptrdiff_t b = 0; b < blocks; ++b) {
+    const std::size_t begin = static_cast<std::size_t>(b) * block;
+    call(function, begin, std::min(begin + block, count));
+  }
+}
+
+void parallel_fill(double* values, std::size_t count, double value) {
+  for_each_block(count, 4096,
+                 [&](std::size_t begin, std::size_t end) { std::fill(values + begin, values + end, value); });
+}
+
+int thread_count() {
+  return omp_get_max_threads();
+}
+int thread_number() {
+  return omp_get_thread_num();
+}
+
+}  // namespace rubato::grids

@@ -1,0 +1,31 @@
+#pragma once
+
+#include <cstddef>
+#include <type_traits>
+
+namespace rubato::grids {
+
+namespace detail {
+void for_each_block(std::size_t count, std::size_t block, void (*call)(void*, std::size_t, std::size_t),
+                    void* function);
+}
+
+/// Calls f(begin, end) for consecutive pieces of `block` indices of [0, count), spread over OpenMP's threads. The
+/// pieces do not depend on the number of threads, so that what f computes for an index cannot either. f must not throw.
+template <class F>
+void for_each_block(std::size_t count, std::size_t block, F&& f) {
+  using Function = std::remove_reference_t<F>;
+  detail::for_each_block(
+      count, block,
+      [](void* function, std::size_t begin, std::size_t end) { (*static_cast<Function*>(function))(begin, end); },
+      const_cast<void*>(static_cast<const void*>(&f)));
+}
+
+/// Sets all values to `value`, each page first by the thread that `for_each_block` gives it to later.
+void parallel_fill(double* values, std::size_t count, double value);
+
+/// OpenMP's number of threads and this thread's number among them, for callers compiled without OpenMP.
+int thread_count();
+int thread_number();
+
+}  // namespace rubato::grids

@@ -1,0 +1,117 @@
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <span>
+
+#include <rubato/base/compensated_sum.hpp>
+#include <rubato/grids/parallel.hpp>
+
+namespace rubato::grids {
+
+/// The pieces a reduction over `count` values is cut into; at most 1024, and a function of `count` alone, so that
+/// results do not depend on the number of threads.
+struct ReductionBlocks {
+  static constexpr std::size_t most = 1024;
+  std::size_t block;
+  std::size_t blocks;
+  explicit ReductionBlocks(std::size_t count)
+      : block(std::max<std::size_t>(4096, ((count + most - 1) / most + 7) / 8 * 8)),
+        blocks((count + block - 1) / block) {}
+};
+
+/// Σ_i f(i) for i in [0, count), in parallel, with the rounding errors carried along: eight compensated partial sums in
+/// each block (Knuth's branch-free two-sum), blocks added in their order. Error: one rounding of the result plus O(n
+/// ε²) of the terms. The result is the same bit by bit for every number of threads. NaN and infinite terms give NaN or
+/// an infinity.
+template <class F>
+CompensatedSum compensated_sum_of(std::size_t count, F&& f) {
+  const ReductionBlocks pieces(count);
+  std::array<CompensatedSum, ReductionBlocks::most> partial;
+  for_each_block(count, pieces.block, [&](std::size_t begin, std::size_t end) {
+    constexpr std::size_t lanes = 8;
+    std::array<double, lanes> high{};
+    std::array<double, lanes> low{};
+    const auto take = [&](std::size_t lane, double term) {
+      const double sum = high[lane] + term;
+      const double moved = sum - high[lane];
+      low[lane] += (high[lane] - (sum - moved)) + (term - moved);
+      high[lane] = sum;
+    };
+    std::size_t i = begin;
+    for (; i + lanes <= end; i += lanes) {
+      for (std::size_t l = 0; l < lanes; ++l) {
+        take(l, f(i + l));
+      }
+    }
+    for (std::size_t l = 0; i + l < end; ++l) {
+      take(l, f(i + l));
+    }
+    CompensatedSum total;
+    for (std::size_t l = 0; l < lanes; ++l) {
+      total.add(high[l]);
+      total.low += low[l];
+    }
+    partial[begin / pieces.block] = total;
+  });
+  CompensatedSum total;
+  for (std::size_t b = 0; b < pieces.blocks; ++b) {
+    total.add(partial[b].high);
+    total.low += partial[b].low;
+  }
+  return total;
+}
+
+template <class F>
+double sum_of(std::size_t count, F&& f) {
+  const CompensatedSum total = compensated_sum_of(count, f);
+  // With an infinite term the carried error is NaN; the plain part says which infinity.
+  return std::isfinite(total.high) ? total.value() : total.high;
+}
+
+/// max_i |f(i)|, 0 for none; NaN if one of the values is NaN.
+template <class F>
+double max_abs_of(std::size_t count, F&& f) {
+  const ReductionBlocks pieces(count);
+  std::array<double, ReductionBlocks::most> partial;
+  const auto larger = [](double a, double b) { return b > a || b != b ? b : a; };
+  for_each_block(count, pieces.block, [&](std::size_t begin, std::size_t end) {
+    double largest = 0.0;
+    double poison = 0.0;  // becomes NaN with the first value that is not finite
+    for (std::size_t i = begin; i < end; ++i) {
+      const double size = std::abs(f(i));
+      largest = size > largest ? size : largest;
+      poison += 0.0 * size;
+    }
+    if (poison != 0.0 || poison != poison) {
+      for (std::size_t i = begin; i < end && largest == largest; ++i) {
+        largest = larger(largest, std::abs(f(i)));
+      }
+    }
+    partial[begin / pieces.block] = largest;
+  });
+  double largest = 0.0;
+  for (std::size_t b = 0; b < pieces.blocks && largest == largest; ++b) {
+    largest = larger(largest, partial[b]);
+  }
+  return largest;
+}
+
+inline double sum(std::span<const double> values) {
+  return sum_of(values.size(), [v = values.data()](std::size_t i) { return v[i]; });
+}
+inline double max_abs(std::span<const double> values) {
+  return max_abs_of(values.size(), [v = values.data()](std::size_t i) { return v[i]; });
+}
+/// Σ a_i b_i; products rounded, their sum compensated. Hypothesis: equal sizes.
+inline double dot(std::span<const double> a, std::span<const double> b) {
+  return sum_of(a.size(), [p = a.data(), q = b.data()](std::size_t i) { return p[i] * q[i]; });
+}
+/// sqrt(Σ v_i² / n).
+inline double rms(std::span<const double> values) {
+  return values.empty() ? 0.0 : std::sqrt(dot(values, values) / static_cast<double>(values.size()));
+}
+
+}  // namespace rubato::grids
