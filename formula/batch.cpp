@@ -2,10 +2,8 @@
 
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <cassert>
 #include <cmath>
-#include <cstdint>
 #include <limits>
 
 #include <rubato/formula/arithmetic.hpp>
@@ -58,10 +56,6 @@ const NamedKernel& best_kernel() {
   return best;
 }
 
-std::uintptr_t address(const double* p) {
-  return std::bit_cast<std::uintptr_t>(p);
-}
-
 }  // namespace
 
 }  // namespace batch
@@ -72,10 +66,18 @@ std::string_view simd_name() {
 
 BatchEvaluator::BatchEvaluator(const Bytecode& code)
     : code_(code),
-      registers_(code.register_count() * batch::block_points + batch::widest_vector),
+      registers_(code.register_count() * batch::block_points / batch::widest_vector),
       read_(code.register_count()),
       write_(code.register_count()),
       in_place_(code.output_count()) {
+  static_assert(sizeof(Chunk) == batch::widest_vector * sizeof(double));
+  const auto constants = code.constants();
+  for (std::size_t c = 0; c < constants.size(); ++c) {
+    Chunk chunk;
+    std::ranges::fill(chunk.values, constants[c]);
+    constexpr std::size_t chunks = batch::block_points / batch::widest_vector;
+    std::fill_n(registers_.begin() + static_cast<std::ptrdiff_t>((code.input_count() + c) * chunks), chunks, chunk);
+  }
   const std::size_t first_temporary = code.input_count() + code.constants().size();
   const auto outputs = code.outputs();
   for (std::size_t j = 0; j < outputs.size(); ++j)
@@ -88,15 +90,10 @@ void BatchEvaluator::operator()(std::size_t points, std::span<const double* cons
   using batch::block_points;
   using batch::widest_vector;
 
-  // The vector's storage moves when the evaluator is copied or moved, so its alignment is found anew at each call.
-  double* aligned = registers_.data();
-  while (batch::address(aligned) % (widest_vector * sizeof(double)) != 0)
-    ++aligned;
+  // Found anew at each call, since the evaluator may have been copied or moved.
+  double* const registers = registers_.empty() ? nullptr : registers_.front().values;
   for (std::size_t r = 0; r < read_.size(); ++r)
-    read_[r] = write_[r] = aligned + r * block_points;
-  const auto constants = code_.constants();
-  for (std::size_t c = 0; c < constants.size(); ++c)
-    std::fill_n(write_[inputs.size() + c], std::min(block_points, points + widest_vector - 1), constants[c]);
+    read_[r] = write_[r] = registers + r * block_points;
 
   const batch::Kernel run = batch::best_kernel().run;
   const auto instructions = code_.instructions();
@@ -117,7 +114,7 @@ void BatchEvaluator::operator()(std::size_t points, std::span<const double* cons
     for (std::size_t j = 0; j < outputs.size(); ++j)
       if (in_place_[j]) {
         const std::uint32_t r = registers_of_outputs[j];
-        read_[r] = write_[r] = whole ? outputs[j] + start : aligned + r * block_points;
+        read_[r] = write_[r] = whole ? outputs[j] + start : registers + r * block_points;
       }
     run({padded, instructions.data(), instructions.data() + instructions.size(), read_.data(), write_.data()});
     for (std::size_t j = 0; j < outputs.size(); ++j)

@@ -36,10 +36,12 @@ double ulp_distance(double a, double b) {
   return static_cast<double>(static_cast<std::uint64_t>(high) - static_cast<std::uint64_t>(low));
 }
 
+/// Bit for bit, except that one NaN is as good as another: which of two NaN a sum passes on depends on the order in
+/// which the compiler put its operands.
 bool same_bits(const Column& a, const Column& b) {
-  return std::ranges::equal(
-      a, b, {}, [](double x) { return std::bit_cast<std::uint64_t>(x); },
-      [](double x) { return std::bit_cast<std::uint64_t>(x); });
+  return std::ranges::equal(a, b, [](double x, double y) {
+    return std::bit_cast<std::uint64_t>(x) == std::bit_cast<std::uint64_t>(y) || (std::isnan(x) && std::isnan(y));
+  });
 }
 
 std::vector<Column> batched(const Bytecode& code, const std::vector<Column>& inputs, std::size_t first,
@@ -110,22 +112,22 @@ const std::vector<Bounded>& unary_functions() {
                                                  {"sqrt", sqrt, 0},
                                                  {"abs", abs, 0},
                                                  {"sign", sign, 0},
-                                                 {"sin", sin, 3},
-                                                 {"cos", cos, 3},
-                                                 {"tan", tan, 4},
-                                                 {"asin", asin, 2},
-                                                 {"acos", acos, 2},
-                                                 {"atan", atan, 3},
-                                                 {"sinh", sinh, 3},
-                                                 {"cosh", cosh, 3},
-                                                 {"tanh", tanh, 3},
-                                                 {"sech", sech, 4},
-                                                 {"csch", csch, 4},
-                                                 {"asinh", asinh, 2},
-                                                 {"acosh", acosh, 2},
+                                                 {"sin", sin, 2},
+                                                 {"cos", cos, 2},
+                                                 {"tan", tan, 3},
+                                                 {"asin", asin, 1},
+                                                 {"acos", acos, 1},
+                                                 {"atan", atan, 2},
+                                                 {"sinh", sinh, 2},
+                                                 {"cosh", cosh, 2},
+                                                 {"tanh", tanh, 2},
+                                                 {"sech", sech, 2},
+                                                 {"csch", csch, 3},
+                                                 {"asinh", asinh, 1},
+                                                 {"acosh", acosh, 1},
                                                  {"atanh", atanh, 2},
-                                                 {"exp", exp, 2},
-                                                 {"log", log, 2},
+                                                 {"exp", exp, 1},
+                                                 {"log", log, 1},
                                                  {"cbrt", cbrt, 3}};
   return functions;
 }
@@ -261,6 +263,8 @@ TEST_CASE("a point's result does not depend on its place, its neighbours or the 
   Column other = whole[0];
   other[1000] = std::nextafter(other[1000], 0.0);
   CHECK_FALSE(same_bits(whole[0], other));
+  CHECK_FALSE(same_bits({0.0}, {-0.0}));
+  CHECK_FALSE(same_bits({not_a_number}, {1.0}));
 }
 
 TEST_CASE("threads with an evaluator each get what one thread gets") {
