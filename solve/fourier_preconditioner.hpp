@@ -1,0 +1,51 @@
+#pragma once
+
+#include <array>
+#include <complex>
+#include <cstddef>
+#include <functional>
+#include <span>
+#include <vector>
+
+#include <rubato/base/outcome.hpp>
+#include <rubato/grids/fourier.hpp>
+#include <rubato/grids/grid.hpp>
+
+namespace rubato::solve {
+
+/// The inverse of a system with constant coefficients on a periodic grid: block-diagonal in Fourier space, one complex
+/// matrix of fields × fields for each wave. As the preconditioner of a system with variable coefficients (S'' frozen at
+/// its mean) it leaves a spectrum in which GMRES needs few iterations whatever the grid; as the inverse of a linear
+/// problem's matrix it is exact.
+class FourierPreconditioner {
+public:
+  using Complex = std::complex<double>;
+
+  /// Fills the matrix (row by row) of the wave with indices k, from the symbols of grids/fourier.hpp. The matrix of -k
+  /// must be the conjugate of that of k, as it is for every real operator. Called by several threads at once.
+  using Symbol = std::function<void(const std::array<std::ptrdiff_t, 3>& k, Complex* matrix)>;
+
+  /// Memory: fields² + 2 fields doubles per node, about. Throws std::invalid_argument unless 1 <= fields <= 16.
+  FourierPreconditioner(const grids::Grid& grid, int fields);
+
+  /// Inverts the matrix of every wave once. A matrix that is singular to rounding (pivots below 1e-13 of the largest)
+  /// gets its pseudo-inverse, so that the constant of a potential, say, is left alone; `deficient_waves` counts them.
+  /// Status::undefined if an entry is not finite.
+  Status factor(const Symbol& symbol);
+  [[nodiscard]] std::size_t deficient_waves() const { return deficient_; }
+
+  /// out = (constant-coefficient matrix)⁻¹ in: `fields` arrays of grid values one after the other, as in
+  /// grids::FieldSet. in and out may be the same. Hypothesis: the last `factor` succeeded.
+  void operator()(const double* in, double* out);
+
+private:
+  int fields_;
+  std::size_t size_;
+  grids::Fourier fourier_;
+  std::vector<Complex> inverses_;  ///< for each mode, column by column
+  std::size_t deficient_ = 0;
+  std::vector<const double*> in_;
+  std::vector<double*> out_;
+};
+
+}  // namespace rubato::solve
