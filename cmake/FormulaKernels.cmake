@@ -8,7 +8,8 @@ foreach(kernel IN ITEMS sse2 avx2 avx512)
     list(APPEND options -mavx2)
   elseif(kernel STREQUAL avx512)
     # The warnings are false ones of g++ 12 about its own intrinsics.
-    list(APPEND options -mavx512f -mavx512cd -mavx512dq -mavx512bw -Wno-uninitialized -Wno-maybe-uninitialized)
+    list(APPEND options -mavx512f -mavx512cd -mavx512dq -mavx512bw
+      $<$<CXX_COMPILER_ID:GNU>:-Wno-uninitialized> $<$<CXX_COMPILER_ID:GNU>:-Wno-maybe-uninitialized>)
   endif()
   set_source_files_properties(${PROJECT_SOURCE_DIR}/formula/batch_${kernel}.cpp PROPERTIES COMPILE_OPTIONS "${options}")
 endforeach()

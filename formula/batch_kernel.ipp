@@ -227,7 +227,7 @@ void run_instruction(const Block& block, const Instruction& i) {
     case OpCode::sinh: return guarded(block, i, 0.0, exp_range, [](Batch a) { return xsimd::sinh(a); });
     case OpCode::cosh:
       return guarded(block, i, 0.0, exp_range, [](Batch a) {
-        const Batch half = Batch(0.5) * exponential(a);
+        const Batch half = Batch(0.5) * exponential(xsimd::abs(a));
         return half + Batch(0.25) / half;
       });
     case OpCode::sech:
