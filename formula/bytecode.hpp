@@ -59,7 +59,8 @@ struct Instruction {
 /// with its own workspace.
 ///
 /// Registers are numbered: inputs first, then constants, then temporaries (reused when `reuse_registers`; Taylor
-/// arithmetic needs every intermediate series and compiles without reuse).
+/// arithmetic needs every intermediate series and compiles without reuse). With reuse, a target may be the register of
+/// an operand of the same instruction; inputs and constants are never written.
 class Bytecode {
 public:
   /// Code that computes `outputs` from `inputs` (variables of the same graph). Every variable the outputs depend on

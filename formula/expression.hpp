@@ -109,7 +109,7 @@ public:
   [[nodiscard]] std::size_t variable_count() const { return variable_names_.size(); }
   [[nodiscard]] const std::string& variable_name(std::size_t number) const { return variable_names_[number]; }
 
-  /// The node `operation(a, b)` if it has been made already.
+  /// The node `operation(a, b)` as it stands, if it has been made already.
   [[nodiscard]] std::optional<NodeIndex> find(Operation operation, NodeIndex a, NodeIndex b) const;
 
 private:
@@ -207,10 +207,12 @@ Expression max(Expression a, Expression b);
 /// not depend is the constant 0. At kinks (`abs`, `min`, `max`, `sign`) the mean of the one-sided derivatives is taken.
 [[nodiscard]] std::vector<Expression> gradient(Expression expression, std::span<const Expression> variables);
 
-/// Upper triangle, row by row, of the Hessian with respect to `variables` (size n): n(n+1)/2 expressions.
+/// Upper triangle, row by row, of the Hessian with respect to `variables` (size n): n(n+1)/2 expressions, by one
+/// reverse sweep that pushes second-order adjoints. An entry that vanishes identically is the constant 0. The entries
+/// share their parts with each other and with the gradient.
 [[nodiscard]] std::vector<Expression> hessian_upper(Expression expression, std::span<const Expression> variables);
 
-/// Derivative of `expression` with respect to one variable (forward), sharing subexpressions.
+/// Derivative of `expression` with respect to one variable: gradient() of one variable.
 [[nodiscard]] Expression derivative(Expression expression, Expression variable);
 
 }  // namespace rubato::formula
