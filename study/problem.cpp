@@ -136,8 +136,9 @@ Problem read_problem(const std::string& problem, std::span<const std::string> se
   if (const auto entry = catalogue::find(problem)) {
     return parse_problem(entry->text, problem + ".toml (built-in)", settings);
   }
-  throw ProblemError({problem, 0, 0}, is_folder ? "this is a folder, not a problem file"
-                                                : "there is no such file" + catalogue_suggestion(problem));
+  throw ProblemError(
+      {problem.empty() ? "\"\"" : problem, 0, 0},
+      is_folder ? "this is a folder, not a problem file" : "there is no such file" + catalogue_suggestion(problem));
 }
 
 }  // namespace rubato::study

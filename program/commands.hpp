@@ -1,0 +1,44 @@
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <rubato/study/run.hpp>
+
+/// The commands of the program, each a thin call into study/. Errors are thrown; main() turns them into exit statuses.
+namespace rubato::program {
+
+/// What `run` and `resume` have in common.
+struct Reporting {
+  bool json = false;
+  bool quiet = false;
+  int threads = 0;
+};
+
+struct RunCommand {
+  std::string problem;
+  std::vector<std::string> settings;
+  std::optional<std::string> output;
+  bool force = false;
+  Reporting reporting;
+};
+
+struct ResumeCommand {
+  std::string file;
+  std::optional<double> until;
+  Reporting reporting;
+};
+
+struct CheckCommand {
+  std::string file;
+  bool json = false;
+};
+
+[[nodiscard]] study::ExitStatus run(const RunCommand& command);
+[[nodiscard]] study::ExitStatus resume(const ResumeCommand& command);
+[[nodiscard]] study::ExitStatus check(const CheckCommand& command);
+[[nodiscard]] study::ExitStatus list();
+[[nodiscard]] study::ExitStatus show(const std::string& name);
+
+}  // namespace rubato::program

@@ -1,0 +1,191 @@
+#include <cmath>
+#include <exception>
+#include <new>
+#include <string>
+#include <vector>
+
+#include <fmt/format.h>
+#include <CLI/CLI.hpp>
+
+#include <rubato/record/error.hpp>
+#include <rubato/study/browse.hpp>
+#include <rubato/study/version.hpp>
+
+#include "commands.hpp"
+#include "terminal.hpp"
+
+namespace {
+
+using rubato::program::print_error;
+using rubato::study::ExitStatus;
+
+constexpr const char* description =
+    "Variational integration with variable time levels.\n"
+    "A problem is a small TOML file; `rubato show pendulum` prints one to start from.";
+
+constexpr const char* examples =
+    "Examples:\n"
+    "  rubato list                          what the catalogue has\n"
+    "  rubato show pendulum > mine.toml     a problem file to start from\n"
+    "  rubato run mine.toml                 run it: writes mine.h5 or the file it names\n"
+    "  rubato run kepler --set parameters.e=0.3 -o kepler.h5\n"
+    "  rubato resume mine.h5 --until 200    go on from the last level\n"
+    "  rubato check mine.h5                 the laws again, from the states alone\n"
+    "\n"
+    "Exit status: 0 done; 2 input or usage wrong; 3 stopped at a singular point of the step\n"
+    "equation; 4 the solver failed; 5 a file could not be read or written; 130 interrupted.\n";
+
+constexpr const char* run_examples =
+    "Examples:\n"
+    "  rubato run mine.toml\n"
+    "  rubato run pendulum --set scheme.step=0.05 --set scheme.until=20*pi\n"
+    "  rubato run pendulum --set scheme.levels=fixed -o fixed.h5 --force\n"
+    "  rubato run pendulum --json | python3 -m json.tool\n";
+
+/// A whole number of threads, or the reason why not.
+std::string check_threads(const std::string& text) {
+  constexpr int most = 4096;
+  int threads = 0;
+  const bool is_number = CLI::detail::lexical_cast(text, threads);
+  return is_number && threads >= 1 && threads <= most
+             ? ""
+             : fmt::format("{} is not a number of threads from 1 to {}", text, most);
+}
+
+std::string check_finite(const std::string& text) {
+  double number = 0;
+  return CLI::detail::lexical_cast(text, number) && std::isfinite(number) ? "" : text + " is not a finite number";
+}
+
+void add_reporting(CLI::App& command, rubato::program::Reporting& reporting) {
+  command.add_flag("--json", reporting.json, "Print one JSON object, and nothing else, on standard output");
+  command.add_flag("-q,--quiet", reporting.quiet, "No progress line, table or warnings");
+  command.add_option("--threads", reporting.threads, "Number of threads (default: OpenMP's)")
+      ->option_text("N")
+      ->check(check_threads);
+}
+
+/// The command line: its options are stored where the commands find them, and the command chosen is carried out by
+/// act().
+class CommandLine {
+public:
+  CommandLine() : app_(description, "rubato") {
+    app_.set_version_flag("--version", fmt::format("rubato {}", rubato::study::version()));
+    app_.footer(examples);
+    app_.require_subcommand(1);
+    add_run();
+    add_resume();
+    add_check();
+    app_.add_subcommand("list", "List the catalogue");
+    CLI::App& show = *app_.add_subcommand("show", "Print a complete problem file of the catalogue");
+    show.add_option("name", name_, "A catalogue name")->option_text("NAME")->required();
+  }
+
+  [[nodiscard]] ExitStatus act(int argc, char** argv) {
+    try {
+      app_.parse(argc, argv);
+    } catch (const CLI::ParseError& error) {
+      return explain(error, argc, argv);
+    }
+    if (app_.got_subcommand("run")) {
+      return rubato::program::run(run_);
+    }
+    if (app_.got_subcommand("resume")) {
+      return rubato::program::resume(resume_);
+    }
+    if (app_.got_subcommand("check")) {
+      return rubato::program::check(check_);
+    }
+    return app_.got_subcommand("list") ? rubato::program::list() : rubato::program::show(name_);
+  }
+
+private:
+  void add_run() {
+    CLI::App& command = *app_.add_subcommand("run", "Run a problem and write its record");
+    command.add_option("problem", run_.problem, "A problem file, or a catalogue name")
+        ->option_text("PROBLEM")
+        ->required();
+    command.add_option("-o,--output", run_.output, "The record to write (default: as the problem says)")
+        ->option_text("OUT.h5");
+    command.add_option("--set", run_.settings, "Change one entry of the problem; repeatable")
+        ->option_text("table.key=value")
+        ->allow_extra_args(false);
+    command.add_flag("-f,--force", run_.force, "Overwrite an existing record");
+    add_reporting(command, run_.reporting);
+    command.footer(run_examples);
+  }
+
+  void add_resume() {
+    CLI::App& command = *app_.add_subcommand("resume", "Continue a record from its last complete level");
+    command.add_option("file", resume_.file, "A record")->option_text("OUT.h5")->required();
+    command.add_option("--until", resume_.until, "Run to this time, in place of the problem's")
+        ->option_text("T")
+        ->check(check_finite);
+    add_reporting(command, resume_.reporting);
+  }
+
+  void add_check() {
+    CLI::App& command = *app_.add_subcommand("check", "Recompute every conservation law from a record's states alone");
+    command.add_option("file", check_.file, "A record")->option_text("OUT.h5")->required();
+    command.add_flag("--json", check_.json, "Print one JSON object, and nothing else, on standard output");
+  }
+
+  /// Help and version are asked for; everything else is a usage error.
+  ExitStatus explain(const CLI::ParseError& error, int argc, char** argv) {
+    if (error.get_exit_code() == 0) {
+      return app_.exit(error) == 0 ? ExitStatus::done : ExitStatus::wrong_input;
+    }
+    std::string message = error.what();
+    if (argc > 1 && app_.get_subcommands().empty()) {
+      std::vector<std::string> names;
+      for (const CLI::App* command : app_.get_subcommands({})) {
+        names.push_back(command->get_name());
+      }
+      const std::string word = argv[1];
+      message =
+          word.starts_with('-') ? fmt::format("unknown option {}", word) : fmt::format("unknown command {}", word);
+      if (const std::string guess = rubato::study::did_you_mean(word, names); !guess.empty()) {
+        message += "; " + guess;
+      }
+    }
+    const auto chosen = app_.get_subcommands();
+    print_error(fmt::format("{}\nSee rubato {}--help", message, chosen.empty() ? "" : chosen[0]->get_name() + " "));
+    return ExitStatus::wrong_input;
+  }
+
+  CLI::App app_;
+  rubato::program::RunCommand run_;
+  rubato::program::ResumeCommand resume_;
+  rubato::program::CheckCommand check_;
+  std::string name_;
+};
+
+ExitStatus guarded(int argc, char** argv) {
+  try {
+    return CommandLine().act(argc, argv);
+  } catch (const rubato::record::AlreadyExists& error) {
+    print_error(fmt::format("{}; --force overwrites it, -o names another file", error.what()));
+    return ExitStatus::wrong_input;
+  } catch (const rubato::record::Error& error) {
+    print_error(error.what());
+    return ExitStatus::file_error;
+  } catch (const rubato::study::FileError& error) {
+    print_error(error.what());
+    return ExitStatus::file_error;
+  } catch (const std::invalid_argument& error) {
+    print_error(error.what());
+    return ExitStatus::wrong_input;
+  } catch (const std::bad_alloc&) {
+    print_error("there is not enough memory for this problem");
+    return ExitStatus::failed;
+  } catch (const std::exception& error) {
+    print_error(error.what());
+    return ExitStatus::failed;
+  }
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  return static_cast<int>(guarded(argc, argv));
+}

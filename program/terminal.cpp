@@ -1,0 +1,85 @@
+#include "terminal.hpp"
+
+#include <unistd.h>
+
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+
+#include <fmt/format.h>
+
+namespace rubato::program {
+namespace {
+
+bool is_set(const char* variable) {
+  const char* const value = std::getenv(variable);
+  return value != nullptr && *value != '\0';
+}
+
+bool has_colour() {
+  const char* const terminal = std::getenv("TERM");
+  const bool is_dumb = terminal == nullptr || std::strcmp(terminal, "dumb") == 0;
+  return isatty(STDERR_FILENO) != 0 && !is_set("NO_COLOR") && !is_dumb;
+}
+
+void print_message(std::string_view kind, std::string_view colour, std::string_view message) {
+  if (has_colour()) {
+    fmt::print(stderr, "rubato: \x1b[1;{}m{}:\x1b[0m {}\n", colour, kind, message);
+  } else {
+    fmt::print(stderr, "rubato: {}: {}\n", kind, message);
+  }
+}
+
+std::string duration(double seconds) {
+  const auto whole = static_cast<long long>(std::ceil(seconds));
+  if (whole < 60) {
+    return fmt::format("{} s", whole);
+  }
+  if (whole < 3600) {
+    return fmt::format("{} min {:02} s", whole / 60, whole % 60);
+  }
+  return fmt::format("{} h {:02} min", whole / 3600, whole / 60 % 60);
+}
+
+}  // namespace
+
+void print_error(std::string_view message) {
+  print_message("error", "31", message);
+}
+void print_warning(std::string_view message) {
+  print_message("warning", "33", message);
+}
+
+void print(std::string_view text) {
+  if (std::fwrite(text.data(), 1, text.size(), stdout) != text.size() || std::fflush(stdout) != 0) {
+    throw study::FileError("standard output cannot be written");
+  }
+}
+
+ProgressLine::ProgressLine() : begin_(std::chrono::steady_clock::now()), is_terminal_(isatty(STDERR_FILENO) != 0) {}
+
+ProgressLine::~ProgressLine() {
+  if (is_dirty_) {
+    std::fputs("\r\x1b[K", stderr);
+  }
+}
+
+void ProgressLine::update(const study::Progress& progress) {
+  if (!is_terminal_) {
+    return;
+  }
+  if (!is_dirty_) {
+    first_t_ = progress.t;
+  }
+  const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - begin_;
+  const double done = (progress.t - first_t_) / (progress.until - first_t_);
+  const std::string left = done > 0.001 ? duration(elapsed.count() * (1 - done) / done) + " left" : "";
+  const std::string bridges = progress.bridges > 0 ? fmt::format("  {} bridges", progress.bridges) : "";
+  fmt::print(stderr, "\r\x1b[Kt = {:.6g} of {:.6g}  {} steps  h = {:.3g}  energy {:.1e}{}  {}", progress.t,
+             progress.until, progress.steps, progress.h, progress.relative_energy_deviation, bridges, left);
+  std::fflush(stderr);
+  is_dirty_ = true;
+}
+
+}  // namespace rubato::program

@@ -1,0 +1,228 @@
+#!/usr/bin/env bash
+# Tests of the built program: program.sh RUBATO SOURCE_FOLDER CASE. Every check names what it expects, and `expect` itself
+# is tried on a false expectation first, so that a script that checks nothing cannot pass.
+set -u
+rubato=$1
+source_folder=$2
+case_name=$3
+
+folder=$(mktemp -d)
+trap 'rm -rf "$folder"' EXIT
+cd "$folder" || exit 1
+failures=0
+
+# run ARGUMENTS…: runs the program; its status, output and messages are then in $status, out and err.
+run() {
+  "$rubato" "$@" >out 2>err </dev/null
+  status=$?
+  last="rubato $*"
+}
+
+# check DESCRIPTION COMMAND…: counts a failure unless the command succeeds.
+check() {
+  local description=$1
+  shift
+  if ! "$@"; then
+    echo "FAILED: $description"
+    echo "  after: ${last:-} (status ${status:-none})"
+    echo "  out: $(head -c 600 out 2>/dev/null)"
+    echo "  err: $(head -c 600 err 2>/dev/null)"
+    failures=$((failures + 1))
+  fi
+}
+
+# expect STATUS [TEXT]: the status, and a text on standard error (for status 0: on standard output).
+expect() {
+  check "status $1" test "$status" -eq "$1"
+  if [ "$1" -eq 0 ]; then
+    [ $# -lt 2 ] || check "prints: $2" grep -qF -- "$2" out
+  else
+    [ $# -lt 2 ] || check "says: $2" grep -qF -- "$2" err
+    check "begins with rubato: error:" grep -q '^rubato: error: ' err
+  fi
+}
+
+nothing_written() { check "writes no record" test -z "$(find . -name '*.h5*')"; }
+
+json() { # json KEY: one number of the JSON object in `out`
+  grep -o "\"$1\": *[-+0-9.eE]*" out | head -1 | sed 's/.*: *//'
+}
+
+write_problem() {
+  cat >problem.toml <<'END'
+[hamiltonian]
+q = ["q"]
+p = ["p"]
+H = "p^2/2 - cos(q)"
+[initial]
+q = 0
+p = 1.9
+[scheme]
+step = 0.1
+until = 10
+END
+}
+
+# The checks themselves: a false expectation has to be counted.
+run --version
+expect 2 "no such text" >/dev/null
+if [ "$failures" -lt 2 ]; then
+  echo "the checks check nothing"
+  exit 1
+fi
+failures=0
+
+case $case_name in
+  catalogue)
+    run list
+    expect 0 kepler
+    for name in $(grep -oE '^  [a-z0-9-]+' out); do
+      run show "$name"
+      expect 0 '[scheme]'
+      cmp -s out "$source_folder/catalogue/$name.toml" || check "show prints the file $name.toml" false
+    done
+    run show keppler
+    expect 2 'did you mean "kepler"?'
+    "$rubato" list >/dev/full 2>err
+    status=$?
+    expect 5 'cannot be written'
+    ;;
+  usage)
+    run --help
+    expect 0 'Examples:'
+    run run --help
+    expect 0 '--set'
+    run --version
+    expect 0 'rubato '
+    run
+    expect 2
+    run rnu pendulum
+    expect 2 'did you mean run?'
+    run run
+    expect 2 'problem is required'
+    run run pendulum --jsn
+    expect 2 '--jsn'
+    run run pendulum --threads none
+    expect 2 'number of threads'
+    run resume a.h5 --until nan
+    expect 2 'not a finite number'
+    nothing_written
+    NO_COLOR=1 run rnu
+    check "no colour codes" bash -c '! grep -q $'"'"'\x1b'"'"' err'
+    ;;
+  bad_input)
+    write_problem
+    sed 's/cos(q)/coss(q)/' problem.toml >bad.toml
+    run run bad.toml
+    expect 2 'bad.toml:4:14: '
+    check "a suggestion" grep -q "did you mean 'cos'" err
+    check "a caret" grep -q '^ *^$' err
+    sed 's/step =/stpe =/' problem.toml >bad.toml
+    run run bad.toml --json
+    expect 2 'bad.toml:9:1: unknown key stpe in [scheme]; did you mean step?'
+    check "no JSON for status 2" test ! -s out
+    : >empty.toml
+    run run empty.toml
+    expect 2 'the file is empty'
+    head -c 10000000 /dev/zero | tr '\0' 'x' >long.toml
+    run run long.toml
+    expect 2 'the limit is'
+    { printf 'a = '; head -c 100000 /dev/zero | tr '\0' '['; } >deep.toml
+    run run deep.toml
+    expect 2 'nested deeper'
+    head -c 4096 /dev/urandom >junk.toml
+    run run junk.toml
+    expect 2 'junk.toml:'
+    mkdir folder
+    run run folder
+    expect 2 'this is a folder'
+    run run missing.toml
+    expect 2 'there is no such file'
+    run run /proc/self/mem # exists, and reading it fails
+    expect 5 'cannot be read'
+    run run problem.toml --set scheme.step=0
+    expect 2 '--set scheme.step=0: step = 0 leads nowhere'
+    run run problem.toml --set scheme.stpe=1
+    expect 2 '--set scheme.stpe=1: unknown key stpe'
+    nothing_written
+    ;;
+  settings)
+    run run pendulum --set scheme.until=1 --set scheme.levels=fixed -o a.h5 --json
+    expect 0 '"steps"'
+    check "ten steps of 0.1" test "$(json steps)" -eq 10
+    run run --set scheme.until=1 --set scheme.step=0.05 --set scheme.levels=fixed pendulum -o b.h5 --json
+    expect 0
+    check "twenty steps of 0.05" test "$(json steps)" -eq 20
+    ;;
+  run)
+    write_problem
+    run run problem.toml
+    expect 0 steps
+    check "writes the file of the problem's name" test -s problem.h5
+    cp problem.h5 before.h5
+    run run problem.toml
+    expect 2 --force
+    check "leaves the record alone" cmp -s problem.h5 before.h5
+    run run problem.toml --force --json
+    expect 0 discrete_energy
+    check "one JSON object" test "$(grep -c '^{' out)" -eq 1
+    run run problem.toml --force --quiet
+    expect 0
+    check "quiet prints nothing" test ! -s out -a ! -s err
+    run run problem.toml -o missing/folder/a.h5
+    expect 5 missing/folder
+    run run kepler --set parameters.e=0.85 --set scheme.on_singular=stop -o singular.h5 --json
+    expect 3 'h ='
+    check "JSON for status 3" grep -q '"status": *3' out
+    check "the record up to there" test -s singular.h5
+    ;;
+  resume)
+    run run pendulum --set scheme.until=5 -o part.h5 --quiet
+    expect 0
+    run resume part.h5 --until 10 --json
+    expect 0 '"steps"'
+    steps=$(json steps)
+    run run pendulum --set scheme.until=10 -o whole.h5 --json
+    check "as many steps as in one run" test "$(json steps)" -eq "$steps"
+    run check part.h5 --json
+    expect 0 max_relative_deviation
+    check "check sees the same steps" test "$(json steps)" -eq "$steps"
+    run resume missing.h5
+    check "status 2 or 5" test "$status" -eq 2 -o "$status" -eq 5
+    ;;
+  interrupt)
+    "$rubato" run pendulum --set scheme.until=1e7 -o long.h5 --json >out 2>err &
+    process=$!
+    for _ in $(seq 100); do
+      [ -s long.h5 ] && break
+      sleep 0.05
+    done
+    sleep 0.3
+    kill -INT "$process"
+    wait "$process"
+    status=$?
+    last="rubato run, then SIGINT"
+    check "status 130" test "$status" -eq 130
+    check "JSON for status 130" grep -q '"status": *130' out
+    steps=$(json steps)
+    check "some steps were made" test "$steps" -gt 0
+    run check long.h5 --json
+    check "the record is whole" test "$(json steps)" -eq "$steps"
+    ;;
+  example)
+    run run "$source_folder/examples/pendulum.toml" --json
+    expect 0 max_relative_deviation
+    # With variable levels the discrete energy is exact up to the tolerance of the level equation, 1e-13 relative.
+    deviation=$(json max_relative_deviation)
+    check "discrete energy held to 1e-13" awk "BEGIN { exit !($deviation <= 1e-13) }"
+    run run "$source_folder/examples/pendulum.toml" --set scheme.levels=fixed -o fixed.h5 --json
+    deviation=$(json max_relative_deviation)
+    check "and not so with fixed levels" awk "BEGIN { exit !($deviation > 1e-13) }"
+    ;;
+  *)
+    echo "no case $case_name"
+    exit 1
+    ;;
+esac
+
+[ "$failures" -eq 0 ] || { echo "$failures failed"; exit 1; }

@@ -1,0 +1,170 @@
+#include <catch2/catch.hpp>
+#include <fstream>
+#include <string>
+#include <vector>
+
+#include <rubato/study/problem.hpp>
+
+#include "problem_texts.hpp"
+
+namespace {
+
+using namespace rubato::study;
+using namespace rubato::study_tests;
+
+/// What reading `text` says, or "" if nothing is wrong with it.
+std::string complaint(const std::string& text, const std::vector<std::string>& settings = {}) {
+  try {
+    static_cast<void>(parse_problem(text, "f.toml", settings));
+    return "";
+  } catch (const ProblemError& error) {
+    return error.what();
+  }
+}
+
+struct Case {
+  std::string from, to;
+  std::string where;  ///< line:column
+  std::string what;   ///< part of the message
+};
+
+/// Every change of `text` is refused, at its place and with its reason; unchanged it is accepted, so that the
+/// complaint is about the change.
+void check_cases(const std::string& text, const std::vector<Case>& cases) {
+  REQUIRE(complaint(text).empty());
+  for (const Case& c : cases) {
+    INFO(c.from << " -> " << c.to.substr(0, 100));
+    const std::string message = complaint(replaced(text, c.from, c.to));
+    CHECK_THAT(message, Catch::StartsWith("f.toml:" + c.where + ": ") && Catch::Contains(c.what));
+    CHECK(message.size() < 1000);
+  }
+}
+
+}  // namespace
+
+TEST_CASE("an ODE problem with one thing wrong is refused at that place", "[study][bad input]") {
+  check_cases(
+      pendulum,
+      {
+          // keys and types
+          {"step =", "stpe =", "12:1", "unknown key stpe in [scheme]; did you mean step?"},
+          {"until = 10", "until = 10\nlevles = 1", "14:1", "did you mean levels?"},
+          {"[scheme]", "[ouput]\n[scheme]", "11:2", "unknown table ouput; did you mean output?"},
+          {"0.1", "true", "12:8", "step: expected a number or a formula, got a boolean"},
+          {"until = 10", "until = 1979-05-27", "13:9", "got a date or time"},
+          {"[\"q\"]", "\"q\"", "3:6", "expected an array of names, got a string"},
+          {"p = 1.9", "p = 1.9\np = 2", "11:5", "cannot redefine"},
+          {"[scheme]\n", "[schem]\n", "11:2", "did you mean scheme?"},
+          // formulas
+          {"cos(q)", "coss(q)", "5:14", "did you mean 'cos'?"},
+          {"cos(q)", "cos(q", "5:17", "never closed"},
+          {"cos(q)", "cos(q, p)", "5:14", "takes 1 argument, got 2"},
+          {"cos(q)", "cos(Q)", "5:18", "unknown name 'Q'"},
+          {"cos(q)", "cos(t)", "5:18", "t is available in [exact]"},
+          {"cos(q)", std::string(100'000, '(') + "q" + std::string(100'000, ')'), "5:1014", "nesting deeper"},
+          {"\"p^2/2 - cos(q)\"", "\"\"\"\np^2/2\n - coz(q)\"\"\"", "7:4", "did you mean 'cos'?"},
+          {"\"p^2/2 - cos(q)\"", "\" \"", "5:6", "the formula is empty"},
+          // names
+          {"[\"p\"]", "[\"q\"]", "4:7", "already a coordinate"},
+          {"[\"p\"]", "[\"sin\"]", "4:7", "it is a function"},
+          {"[\"p\"]", "[\"t\"]", "4:7", "it is the time"},
+          {"[\"p\"]", "[\"2p\"]", "4:7", "a name is a letter or _"},
+          {"k = 1.0", "p = 1.0", "7:1", "already a momentum"},
+          {"[\"q\"]", "[\"q\", \"r\"]", "4:5", "every coordinate needs its momentum"},
+          {"[\"q\"]", "[\"r[x]\"]", "3:7", "does not declare a vector"},
+          // parameters
+          {"k = 1.0", "k = \"1/0\"", "7:6", "no finite value"},
+          {"k = 1.0", "k = \"a + 1\"\na = \"b\"\nb = \"a\"", "8:1", "in a cycle: a -> b -> a"},
+          // initial data
+          {"p = 1.9\n", "", "8:2", "[initial] gives no value for p"},
+          {"1.9", "nan", "10:5", "nan is not a finite number"},
+          {"1.9", "-inf", "10:5", "-inf is not a finite number"},
+          {"1.9", "[1, 2]", "10:5", "got an array"},
+          // the scheme
+          {"0.1", "0", "12:8", "step = 0 leads nowhere; it has to be positive"},
+          {"0.1", "-0.1", "12:8", "does not lead from t = 0 to until = 10"},
+          {"until = 10", "until = 0", "13:9", "leaves nothing to run"},
+          {"until = 10", "until = 10\nmax_steps = 0", "14:13", "at least 1"},
+          {"until = 10", "until = 10\ntolerance = 0", "14:13", "has to be positive"},
+          {"until = 10", "until = 10\norder = 4", "14:1", "applies to lagrangian = \"generating\""},
+          {"until = 10", "until = 10\nlagrangian = \"box\"", "14:15", "is for lattices"},
+          {"until = 10", "until = 10\nlagrangian = \"midpiont\"", "14:15", "did you mean \"midpoint\"?"},
+          {"until = 10", "until = 10\nlagrangian = \"generating\"\norder = 3", "15:9", "rounds up to 4"},
+          {"until = 10", "until = 10\nlagrangian = \"generating\"\norder = 4\ndarboux = [[1, 2], [3, 4]]", "16:11",
+           "not symmetric"},
+          {"until = 10", "until = 10\nlagrangian = \"custom\"\nL = \"p_0*(q_1 - q)\"", "15:17", "q_0 and q_1"},
+          {"0.1", "\"auto\"", "12:9", "needs energy_tolerance"},
+          {"[scheme]", "[initial.next]\nt = 0.2\nq = 0\np = 1\n[scheme]", "16:8", "[initial.next] is at t = 0.2"},
+          // output
+          {"until = 10", "until = 10\n[output]\nevery = -1", "15:9", "at least 1"},
+          {"until = 10", "until = 10\n[grid]\nx = 1", "14:2", "belongs to a [multisymplectic] problem"},
+          // not TOML
+          {"cos(q)\"", "cos(q)", "5:5", "the string that opens here is not closed"},
+          {"title", "hello there", "1:7", "not TOML"},
+      });
+}
+
+TEST_CASE("a lattice problem with one thing wrong is refused at that place", "[study][bad input]") {
+  check_cases(breather, {
+                            {"[[\"u\", \"v\", -1]]", "[[0, -1, 0], [1, 0, 1], [0, 0, 0]]", "4:5", "M is not skew"},
+                            {"[[\"u\", \"v\", -1]]", "[[1, 0, 0], [0, 0, 0], [0, 0, 0]]", "4:5", "diagonal"},
+                            {"[[\"u\", \"v\", -1]]", "[[\"u\", \"v\", -1], [1, 0, 0]]", "4:22", "mixes"},
+                            {"[[\"u\", \"v\", -1]]", "[[\"u\", \"v\", -1], [\"v\", \"u\", 1]]", "4:22", "given twice"},
+                            {"[[\"u\", \"v\", -1]]", "[[\"u\", \"u\", -1]]", "4:6", "on the diagonal"},
+                            {"[[\"u\", \"v\", -1]]", "[[\"u\", \"vv\", -1]]", "4:13", "not a field"},
+                            {"\"v\", \"w\"]", "\"v\", \"u\"]", "3:22", "already a field"},
+                            {"\"v\", \"w\"]", "\"v\", \"x\"]", "3:22", "a coordinate of the grid"},
+                            {"cos(u)", "cos(u + x)", "6:34", "grid's x is available in [initial] and [exact] only"},
+                            {"cos(u)", "cos(uu)", "6:30", "unknown name 'uu'"},
+                            {"to = 20", "to = -20", "8:1", "has to be less than"},
+                            {"cells = 401", "cells = 2", "8:36", "at least 3"},
+                            {"cells = 401", "cells = 400", "8:1", "Write cells = 401"},
+                            {"K.x", "K.y", "5:1", "K.x is not given"},
+                            {"u = \"0\"", "u = nan", "13:5", "not a finite number"},
+                            {"u = \"0\"", "u = \"0\"\nw = \"2*u\"", "14:6", "only its derivatives"},
+                            {"u = \"0\"", "u = \"0\"\nw = \"dy(u)\"", "14:6", "the grid, which has x"},
+                            {"u = \"0\"", "u = \"dx(w)\"\nw = \"dx(u)\"", "13:6", "depends on its own derivatives"},
+                            {"omega = 0.5", "omega = 2", "11:10", "no finite value"},
+                            {"turn", "energy", "20:1", "a built-in law has that name"},
+                            {"\"box\"", "\"euler-box\"", "23:11", "runs with levels = \"fixed\" only"},
+                        });
+}
+
+TEST_CASE("a file that is no problem file is refused without a crash", "[study][bad input]") {
+  const auto begins = [](const std::string& text) { return complaint(text).substr(0, 200); };
+  CHECK_THAT(begins(""), Catch::StartsWith("f.toml:1:1: the file is empty"));
+  CHECK_THAT(begins("# only a comment\n"), Catch::StartsWith("f.toml:1:1: the file is empty"));
+  CHECK_THAT(begins("title = \"x\"\n"), Catch::Contains("neither [hamiltonian] nor [multisymplectic]"));
+  std::string line = "H = ", brackets = "a = ";
+  line.append(10'000'000, 'q');
+  brackets.append(100'000, '[');
+  CHECK_THAT(begins(line), Catch::StartsWith("f.toml:1:1: this line is"));
+  CHECK_THAT(begins(brackets), Catch::Contains("brackets nested deeper"));
+  std::string braces = "a = ", dots = "a";
+  for (int i = 0; i < 100'000; ++i) {
+    braces += "{a=";
+    dots += ".a";
+  }
+  CHECK_THAT(begins(braces), Catch::Contains("brackets nested deeper"));
+  CHECK_THAT(begins(dots + " = 1"), Catch::Contains("keys nested deeper"));
+  CHECK_THAT(begins("[" + dots + "]"), Catch::Contains("keys nested deeper"));
+  CHECK_THAT(begins(std::string("title = \"\0\"", 11)), Catch::Contains("1:10: byte 0x00 does not belong"));
+  CHECK_THAT(begins("title = \"\xE9\""), Catch::Contains("1:10: byte 0xE9 does not belong"));
+  CHECK_THAT(begins("title = \"\xED\xA0\x80\""), Catch::Contains("does not belong"));  // a surrogate
+  CHECK_THROWS_AS(read_problem("/"), ProblemError);
+  CHECK_THROWS_WITH(read_problem("pendulun"), Catch::Contains("did you mean \"pendulum\"?"));
+  CHECK_THROWS_WITH(read_problem("/dev/zero"), Catch::Contains("larger than"));
+}
+
+TEST_CASE("a wrong --set is refused by name", "[study][bad input]") {
+  const auto set = [](const std::string& setting) { return complaint(pendulum, {setting}); };
+  CHECK(set("scheme.step=0.2").empty());
+  CHECK_THAT(set("scheme.stpe=0.2"), Catch::StartsWith("--set scheme.stpe=0.2: unknown key stpe"));
+  CHECK_THAT(set("shceme.step=0.2"), Catch::StartsWith("--set shceme.step=0.2: unknown table shceme"));
+  CHECK_THAT(set("scheme.step.x=0.2"), Catch::Contains("step is a number, not a table"));
+  CHECK_THAT(set("parameters.kk=2"), Catch::Contains("nothing called kk in [parameters]"));
+  CHECK_THAT(set("scheme.step"), Catch::Contains("expected table.key=value"));
+  CHECK_THAT(set("scheme..step=1"), Catch::Contains("expected table.key=value"));
+  CHECK_THAT(set("scheme.step=0"), Catch::Contains("leads nowhere"));
+  CHECK_THAT(set("hamiltonian.H=p^2/2 - coz(q)"), Catch::Contains("did you mean 'cos'?"));
+}
