@@ -5,7 +5,6 @@ find_package(OpenMP REQUIRED COMPONENTS CXX)
 find_package(xtl REQUIRED)   # xsimd's config needs it found first
 find_package(xsimd REQUIRED)
 find_package(tomlplusplus REQUIRED)
-find_package(nlohmann_json REQUIRED)
 find_package(CLI11 REQUIRED)
 
 find_package(PkgConfig REQUIRED)

@@ -41,7 +41,7 @@ function(rubato_test_room room)
   add_executable(test_${room} ${sources})
   target_link_libraries(test_${room} PRIVATE rubato_test_main ${arg_LINK} rubato_warnings)
   target_include_directories(test_${room} PRIVATE ${PROJECT_SOURCE_DIR}/tests)
-  target_precompile_headers(test_${room} REUSE_FROM rubato_test_main)
+  target_precompile_headers(test_${room} REUSE_FROM rubato_test_header)
   catch_discover_tests(test_${room} TEST_PREFIX "${room}: " TEST_SPEC "~[long]" PROPERTIES TIMEOUT 240)
   catch_discover_tests(test_${room} TEST_PREFIX "${room} (long): " TEST_SPEC "[long]" TEST_LIST ${room}_long
     PROPERTIES LABELS long TIMEOUT 7200)

@@ -69,44 +69,46 @@ SegmentNode second_node(const Hamiltonian& hamiltonian, const SegmentNode& first
   return {first.t + options.step, {z.begin(), z.end()}};
 }
 
+/// \throws std::invalid_argument if the forward 𝕃 is asked to run as an initial-value method
+void check_stability(const InitialState& initial, const IntegrationOptions& options) {
+  const auto* forward = std::get_if<Forward>(&options.lagrangian);
+  const double steps = std::ceil((options.until - initial.t) / options.step - 1e-9);
+  if (forward != nullptr && !forward->allow_unstable && steps > static_cast<double>(forward_step_limit)) {
+    throw UnstableError(fmt::format(
+        "lagrangian = \"forward\" is violently unstable as an initial-value method: on an oscillator of frequency w it "
+        "multiplies a rounding error by about 16/(h w)^2 in every step (theory, section 2.2), and this run asks for {} "
+        "steps; it is meant for boundary-value problems. Use lagrangian = \"midpoint\", at most {} steps, or "
+        "allow_unstable = true",
+        steps, forward_step_limit));
+  }
+}
+
+/// The midpoint 𝕃 has a one-step production form; every other one, and an arbitrary starting pair, is two-step.
 std::unique_ptr<SegmentScheme> make_scheme(const Hamiltonian& hamiltonian, const InitialState& initial,
                                            const IntegrationOptions& options) {
   const SegmentNode first{initial.t, joined(initial)};
-  const auto two_step = [&](FormulaAction action) {
-    return make_two_step_scheme(std::make_unique<FormulaAction>(std::move(action)), hamiltonian, first,
-                                second_node(hamiltonian, first, options));
-  };
-  return std::visit(
-      Overloaded{
-          [&](const Midpoint&) -> std::unique_ptr<SegmentScheme> {
-            auto production = make_midpoint_scheme(hamiltonian, first.z);
-            return options.next ? two_step(midpoint_action(hamiltonian)) : std::move(production);
-          },
-          [&](const Forward& forward) -> std::unique_ptr<SegmentScheme> {
-            const double steps = std::ceil((options.until - initial.t) / options.step - 1e-9);
-            if (!forward.allow_unstable && steps > static_cast<double>(forward_step_limit)) {
-              throw std::invalid_argument(fmt::format(
-                  "lagrangian = \"forward\" is violently unstable as an initial-value method: on an oscillator of "
-                  "frequency w it multiplies "
-                  "a rounding error by about 16/(h w)^2 in every step (theory, section 2.2), and this run asks for {} "
-                  "steps; it is meant for "
-                  "boundary-value problems. Use lagrangian = \"midpoint\", at most {} steps, or allow_unstable = true",
-                  steps, forward_step_limit));
-            }
-            return two_step(forward_action(hamiltonian));
-          },
-          [&](const Custom& custom) -> std::unique_ptr<SegmentScheme> {
-            return two_step(lagrangian_action(hamiltonian, custom.L, custom.parameters));
-          }},
-      options.lagrangian);
+  if (std::holds_alternative<Midpoint>(options.lagrangian) && !options.next) {
+    return make_midpoint_scheme(hamiltonian, first.z);
+  }
+  return make_two_step_scheme(make_action(hamiltonian, options.lagrangian), hamiltonian, first,
+                              second_node(hamiltonian, first, options));
 }
 
 }  // namespace
+
+std::unique_ptr<DiscreteAction> make_action(const Hamiltonian& hamiltonian, const SegmentLagrangian& lagrangian) {
+  return std::make_unique<FormulaAction>(std::visit(
+      Overloaded{[&](const Midpoint&) { return midpoint_action(hamiltonian); },
+                 [&](const Forward&) { return forward_action(hamiltonian); },
+                 [&](const Custom& custom) { return lagrangian_action(hamiltonian, custom.L, custom.parameters); }},
+      lagrangian));
+}
 
 OrbitIntegrator::OrbitIntegrator(const Hamiltonian& hamiltonian, const InitialState& initial,
                                  const IntegrationOptions& options)
     : options_(options) {
   check(hamiltonian, initial, options);
+  check_stability(initial, options);
   scheme_ = make_scheme(hamiltonian, initial, options);
   if (options.levels == Levels::variable) {
     HamiltonianEvaluator evaluator(hamiltonian);

@@ -10,6 +10,7 @@
 
 #include <rubato/ode/hamiltonian.hpp>
 #include <rubato/ode/segment_scheme.hpp>
+#include <rubato/variation/discrete_action.hpp>
 #include <rubato/variation/time_levels.hpp>
 
 namespace rubato {
@@ -26,6 +27,10 @@ struct Custom {
   Hamiltonian::Parameters parameters = {};
 };
 using SegmentLagrangian = std::variant<Midpoint, Forward, Custom>;
+
+/// The action A = (t_1 - t_0)·𝕃 of a segment. \throws formula::ParseError (Custom)
+[[nodiscard]] std::unique_ptr<DiscreteAction> make_action(const Hamiltonian& hamiltonian,
+                                                          const SegmentLagrangian& lagrangian);
 
 /// Steps after which a rounding error of the forward 𝕃 has typically swamped the orbit.
 inline constexpr std::size_t forward_step_limit = 5;
@@ -49,6 +54,12 @@ struct IntegrationOptions {
 
 /// Initial data at which variable levels are meaningless: an equilibrium, where every h conserves the energy.
 class EquilibriumError : public std::invalid_argument {
+public:
+  using std::invalid_argument::invalid_argument;
+};
+
+/// The forward 𝕃 asked to run as an initial-value method for more than a few steps.
+class UnstableError : public std::invalid_argument {
 public:
   using std::invalid_argument::invalid_argument;
 };

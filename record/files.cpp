@@ -109,7 +109,7 @@ void trim(const std::filesystem::path& file) {
 }
 
 void synchronize(const std::filesystem::path& file_or_folder) {
-  const Descriptor descriptor(file_or_folder, O_RDONLY, "flushing to the disk");
+  const Descriptor descriptor(file_or_folder.empty() ? "." : file_or_folder, O_RDONLY, "flushing to the disk");
   // Some file systems cannot flush a folder and say EINVAL; there is nothing more to be done there.
   if (::fsync(descriptor) != 0 && errno != EINVAL)
     fail_with_errno("flushing to the disk");

@@ -70,7 +70,7 @@ void store(std::span<const std::int64_t> values, const std::string& path, std::b
 class Writer::Implementation {
 public:
   Implementation(const std::filesystem::path& file, const Layout& layout, CommitPolicy policy)
-      : path_(std::filesystem::weakly_canonical(file)),  // a symbolic link stays, what it leads to is replaced
+      : path_(std::filesystem::weakly_canonical(std::filesystem::absolute(file))),  // a symbolic link stays, what it leads to is replaced
         working_(with_suffix(".partial")),
         next_(with_suffix(".next")),
         policy_(policy),
@@ -155,7 +155,7 @@ public:
     detail::with_file(path_, [&] {
       flush();
       detail::copy_contents(working_, next_);
-      complete_version(next_, checkpoint, Completion::interrupted);
+      complete_version(next_, checkpoint, Completion::interrupted, false);
       std::filesystem::rename(next_, path_);
     });
     last_commit_ = Clock::now();
@@ -165,7 +165,8 @@ public:
   void finish(const Checkpoint& checkpoint, Completion completion) {
     detail::with_file(path_, [&] {
       flush();
-      complete_version(working_, checkpoint, completion);
+      check_axes();
+      complete_version(working_, checkpoint, completion, true);
       detail::synchronize(working_);
       // An ordinary reader takes a shared lock, which ours would refuse.
       lock_.release();
@@ -260,7 +261,8 @@ private:
   }
 
   /// Adds to a file with whole chunks what makes it a record of all complete levels.
-  void complete_version(const std::filesystem::path& version, const Checkpoint& checkpoint, Completion completion) {
+  void complete_version(const std::filesystem::path& version, const Checkpoint& checkpoint, Completion completion,
+                        bool last) {
     detail::Handle file = detail::open_file(version, H5F_ACC_RDWR);
     std::uint64_t checkpoint_bytes = 0;
     for (const auto& [name, array] : checkpoint)
@@ -268,7 +270,8 @@ private:
     detail::reserve(version, waiting_bytes() + structure_bytes() + checkpoint_bytes);
     for (const auto& column : columns_) {
       const detail::Handle dataset = detail::open_dataset(file, column.description.path);
-      write_column(dataset, column, column.complete);
+      // The last version shows provisional rows too; the attribute tells `resume` where the whole levels end.
+      write_column(dataset, column, last ? column.appended : column.complete);
       detail::write_attribute(dataset, detail::rows_attribute, Type::i64, static_cast<std::int64_t>(column.complete));
     }
     detail::write_checkpoint(file, checkpoint);

@@ -97,7 +97,8 @@ public:
   enum class Completion { interrupted, complete };
 
   /// Publishes for the last time and waits until it is on the disk. The attribute `finished` of the record becomes 1 if
-  /// the run is complete. No other call may follow.
+  /// the run is complete. Rows appended after the last `end_level` are provisional: readers see them, `resume` drops
+  /// them (the last state of a run, where it is not one of every n-th). No other call may follow.
   void finish(const Checkpoint& checkpoint, Completion completion);
 
 private:

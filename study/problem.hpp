@@ -11,6 +11,7 @@
 
 #include <rubato/formula/expression.hpp>
 #include <rubato/study/location.hpp>
+#include <rubato/variation/time_levels.hpp>
 
 /// Problems as files: read, validated, run, resumed and checked.
 namespace rubato::study {
@@ -100,8 +101,6 @@ struct MultisymplecticProblem {
 };
 
 enum class Lagrangian { midpoint, forward, generating, custom, box, fourier, euler_box };
-enum class Levels { variable, fixed };
-enum class OnSingular { bridge, fixed, stop };
 
 /// What the user writes: "midpoint", "euler-box", "variable", "stop", …
 [[nodiscard]] std::string_view to_string(Lagrangian lagrangian);

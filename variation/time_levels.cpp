@@ -58,6 +58,7 @@ StepReport TimeLevels::report(Status status, double h) const {
   if (status == Status::success || status == Status::ill_conditioned) {
     result.energy = scheme_.discrete_energy();
     result.slope = scheme_.discrete_energy_slope();
+    result.target = scheme_.energy_target().value_or(steps_ == 0 ? result.energy : energy_);
     result.condition = condition(h, result.slope);
   }
   return result;

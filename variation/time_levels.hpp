@@ -34,6 +34,7 @@ struct StepReport {
   Status status = Status::success;
   double h = 0.0;
   double energy = 0.0;  ///< E_k of the step
+  double target = 0.0;  ///< what E_k has to equal with variable levels: E, or the other side of the balance (3.4)
   double slope = 0.0;   ///< total derivative dE/dh of the step
   double condition =
       0.0;  ///< step condition ε|H|/|h dE/dh| = 4ε|H|/(h²|Γ|): relative error of h that rounding in H makes

@@ -1,0 +1,168 @@
+#include <algorithm>
+
+#include <fmt/format.h>
+
+#include <rubato/ode/integrate.hpp>
+#include <rubato/study/formula_table.hpp>
+#include <rubato/study/orbit_problem.hpp>
+#include <rubato/study/simulation.hpp>
+
+namespace rubato::study {
+
+namespace {
+
+class OrbitSimulation final : public Simulation {
+public:
+  explicit OrbitSimulation(const Problem& problem)
+      : orbit_(*problem.hamiltonian()),
+        integrator_(make_integrator(problem)),
+        invariants_(problem, orbit_.invariants, orbit_.names()),
+        exact_(problem, orbit_.exact, {"t"}) {
+    const std::vector<std::string> names = orbit_.names();
+    for (const NamedFormula& formula : orbit_.exact) {
+      exact_index_.push_back(static_cast<std::size_t>(std::ranges::find(names, formula.name) - names.begin()));
+    }
+    remember();
+  }
+
+  [[nodiscard]] StepReport step() override {
+    remember();
+    return integrator_.step();
+  }
+  [[nodiscard]] bool finished() const override { return integrator_.finished(); }
+  [[nodiscard]] double t() const override { return integrator_.t(); }
+  [[nodiscard]] LevelNode node() override { return integrator_.node(); }
+  [[nodiscard]] bool autonomous() const override { return integrator_.autonomous(); }
+  [[nodiscard]] double last_step() const override { return integrator_.levels().last_step(); }
+
+  [[nodiscard]] std::vector<std::string> invariant_names() const override { return invariants_.names(); }
+  [[nodiscard]] std::span<const double> invariants() override { return invariants_(integrator_.scheme().state()); }
+
+  [[nodiscard]] std::vector<Named<MaxRms>> errors() override {
+    const double now = t();
+    const std::span<const double> exact = exact_({&now, 1});
+    std::vector<Named<MaxRms>> errors;
+    for (std::size_t i = 0; i < exact.size(); ++i) {
+      errors.push_back({exact_.names()[i], {}});
+      errors.back().value.add(integrator_.scheme().state()[exact_index_[i]] - exact[i]);
+    }
+    return errors;
+  }
+
+  void describe_states(record::Layout& layout, bool with_previous) override {
+    layout.scales.push_back({"/states/coordinate", orbit_.q, "names of the coordinates"});
+    layout.scales.push_back({"/states/momentum", orbit_.p, "names of the momenta"});
+    const auto describe = [&](const std::string& group, const std::string& axis, const std::string& which) {
+      layout.datasets.push_back(
+          {group + "/q", axis, {"/states/coordinate"}, record::Type::f64, "coordinates " + which});
+      layout.datasets.push_back({group + "/p", axis, {"/states/momentum"}, record::Type::f64, "momenta " + which});
+    };
+    describe("/states", "/states/t", "at the stored levels");
+    if (with_previous) {
+      const std::string before = "one level before each stored one (the first row repeats the start)";
+      layout.datasets.push_back({"/states/previous/t", "/states/previous/t", {}, record::Type::f64, "time " + before});
+      describe("/states/previous", "/states/previous/t", before);
+    }
+    for (const std::string& name : exact_.names()) {
+      layout.datasets.push_back(
+          {"/exact/" + name, "/states/t", {}, record::Type::f64, "exact solution, from [exact]", true});
+    }
+  }
+
+  void append_state(record::Writer& writer, std::size_t first, bool with_previous) override {
+    writer.append(first++, integrator_.q());
+    writer.append(first++, integrator_.p());
+    if (with_previous) {
+      const std::size_t n = previous_.size() / 2;
+      writer.append(first++, previous_t_);
+      writer.append(first++, std::span<const double>(previous_).first(n));
+      writer.append(first++, std::span<const double>(previous_).last(n));
+    }
+    const double now = t();
+    for (const double value : exact_({&now, 1})) {
+      writer.append(first++, value);
+    }
+  }
+
+  void save(StateWriter& state) const override { integrator_.save(state); }
+  void restore(StateReader& state) override { integrator_.restore(state); }
+
+private:
+  void remember() {
+    const auto z = integrator_.scheme().state();
+    previous_.assign(z.begin(), z.end());
+    previous_t_ = integrator_.t();
+  }
+
+  const HamiltonianProblem& orbit_;
+  OrbitIntegrator integrator_;
+  FormulaTable invariants_, exact_;
+  std::vector<std::size_t> exact_index_;
+  std::vector<double> previous_;
+  double previous_t_ = 0.0;
+};
+
+}  // namespace
+
+Hamiltonian::Parameters parameters_of(const Problem& problem) {
+  Hamiltonian::Parameters parameters;
+  for (const Parameter& parameter : problem.parameters) {
+    parameters[parameter.name] = parameter.value;
+  }
+  return parameters;
+}
+
+Hamiltonian make_hamiltonian(const Problem& problem) {
+  const HamiltonianProblem& orbit = *problem.hamiltonian();
+  auto graph = std::make_shared<formula::Graph>();
+  const formula::Expression H = problem.build(orbit.H, *graph, orbit.names());
+  return Hamiltonian(graph, orbit.q, orbit.p, H);
+}
+
+SegmentLagrangian make_lagrangian(const Problem& problem) {
+  const Scheme& scheme = problem.scheme;
+  switch (scheme.lagrangian) {
+    case Lagrangian::midpoint: return Midpoint{};
+    case Lagrangian::forward: return Forward{.allow_unstable = scheme.allow_unstable};
+    case Lagrangian::custom: return Custom{.L = scheme.L->text, .parameters = parameters_of(problem)};
+    default:
+      throw ProblemError(scheme.lagrangian_location,
+                         fmt::format("lagrangian = \"{}\" is not available for an orbit in this version",
+                                     to_string(scheme.lagrangian)));
+  }
+}
+
+OrbitIntegrator make_integrator(const Problem& problem) {
+  const HamiltonianProblem& orbit = *problem.hamiltonian();
+  const Scheme& scheme = problem.scheme;
+  if (!scheme.step) {
+    throw ProblemError(scheme.step_location,
+                       "step = \"auto\" is not available in this version: give the first step as a number");
+  }
+  IntegrationOptions options{.lagrangian = make_lagrangian(problem),
+                             .step = *scheme.step,
+                             .until = scheme.until,
+                             .levels = scheme.levels,
+                             .on_singular = scheme.on_singular,
+                             .tolerance = scheme.tolerance,
+                             .max_steps = static_cast<std::size_t>(scheme.max_steps)};
+  if (orbit.next) {
+    options.next = InitialState{.q = orbit.next->q, .p = orbit.next->p, .t = orbit.next->t};
+  }
+  const InitialState initial{.q = orbit.initial.q, .p = orbit.initial.p, .t = orbit.initial.t};
+  try {
+    return OrbitIntegrator(make_hamiltonian(problem), initial, options);
+  } catch (const ProblemError&) {
+    throw;
+  } catch (const UnstableError& error) {
+    throw ProblemError(scheme.lagrangian_location, error.what());
+  } catch (const std::invalid_argument& error) {
+    throw ProblemError(orbit.initial.location, error.what());
+  }
+}
+
+std::unique_ptr<Simulation> make_orbit_simulation(const Problem& problem) {
+  return std::make_unique<OrbitSimulation>(problem);
+}
+
+}  // namespace rubato::study

@@ -1,0 +1,293 @@
+#include <rubato/study/run.hpp>
+
+#include <chrono>
+#include <cmath>
+#include <memory>
+
+#include <fmt/format.h>
+#include <omp.h>
+
+#include <rubato/ode/integrate.hpp>
+#include <rubato/record/reader.hpp>
+#include <rubato/record/writer.hpp>
+#include <rubato/study/simulation.hpp>
+#include <rubato/study/version.hpp>
+
+namespace rubato::study {
+
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+/// Above this step condition the energy law still holds to the tolerance but its levels carry visible rounding.
+constexpr double condition_warning = 1e-6;
+
+/// The datasets that every record has, in the order in which level_rows and step_rows append them.
+record::Layout make_layout(const Problem& problem, Simulation& simulation, int threads) {
+  using record::Type;
+  record::Layout layout{.title = problem.title,
+                        .problem = problem.text,
+                        .version = std::string(version()),
+                        .compiler = std::string(compiler()),
+                        .threads = threads};
+  layout.datasets = {
+      {"/levels/t", "/levels/t", {}, Type::f64, "time of every level"},
+      {"/levels/gamma", "/levels/t", {}, Type::f64, "Gamma(z_k) (theory, section 3)"},
+      {"/levels/node_energy", "/levels/t", {}, Type::f64, "H(z_k)"},
+      {"/levels/step", "/levels/step", {}, Type::i64, "number of the step from level k to k+1"},
+      {"/levels/h", "/levels/step", {}, Type::f64, "t_{k+1} - t_k"},
+      {"/levels/energy", "/levels/step", {}, Type::f64, "discrete energy E_k (3.4)"},
+      {"/levels/iterations", "/levels/step", {}, Type::i32, "evaluations of the gradient or Hessian in the step"},
+      {"/levels/bridged", "/levels/step", {}, Type::u8, "1 on bridging steps, which do not meet the energy law"},
+      {"/levels/step_condition", "/levels/step", {}, Type::f64, "relative error of h that rounding in H makes", true},
+  };
+  for (const std::string& name : simulation.invariant_names()) {
+    layout.datasets.push_back(
+        {"/laws/" + name, "/levels/t", {}, Type::f64, "invariant " + name + " at every level", true});
+  }
+  for (const std::string& name : simulation.residual_names()) {
+    layout.datasets.push_back(
+        {"/laws/" + name + "_max", "/levels/step", {}, Type::f64, "largest local residual of the step"});
+    layout.datasets.push_back(
+        {"/laws/" + name + "_rms", "/levels/step", {}, Type::f64, "root mean square of the local residuals"});
+  }
+  layout.datasets.push_back({"/states/t", "/states/t", {}, Type::f64, "time of the stored levels"});
+  layout.datasets.push_back({"/states/level", "/states/t", {}, Type::i64, "number of the stored level"});
+  simulation.describe_states(layout, problem.output.every > 1);
+  return layout;
+}
+
+/// A run under way: the simulation, what is known of it so far, and its record.
+class Driver {
+public:
+  Driver(const Problem& problem, const RunOptions& options, std::string file)
+      : problem_(problem), options_(options), simulation_(make_simulation(problem)) {
+    if (options.threads > 0) {
+      omp_set_num_threads(options.threads);
+    }
+    outcome_.title = problem.title;
+    outcome_.file = std::move(file);
+    outcome_.variable_levels = problem.scheme.levels == Levels::variable;
+    for (const std::string& name : simulation_->invariant_names()) {
+      outcome_.statistics.invariants.push_back({name, {}});
+    }
+    for (const std::string& name : simulation_->residual_names()) {
+      outcome_.statistics.residuals.push_back({name, {}});
+    }
+    outcome_.statistics.autonomous = simulation_->autonomous();
+    layout_ = make_layout(problem, *simulation_, omp_get_max_threads());
+    first_state_ = layout_index("/states/t");
+  }
+
+  Outcome start() {
+    writer_ = std::make_unique<record::Writer>(record::Writer::create(outcome_.file, layout_, options_.overwrite));
+    outcome_.statistics.add_start(simulation_->t(), simulation_->node(), simulation_->invariants());
+    append_level();
+    append_state();
+    writer_->end_level();
+    writer_->commit(checkpoint());
+    return loop();
+  }
+
+  Outcome resume(const record::Checkpoint& checkpoint) {
+    StateReader state(std::get<std::vector<double>>(checkpoint.at("state")));
+    simulation_->restore(state);
+    outcome_.statistics.restore(state);
+    state.read(stored_);
+    writer_ = std::make_unique<record::Writer>(record::Writer::resume(outcome_.file, layout_));
+    return loop();
+  }
+
+private:
+  [[nodiscard]] std::size_t layout_index(std::string_view path) const {
+    const auto found = std::ranges::find(layout_.datasets, path, &record::Dataset::path);
+    return static_cast<std::size_t>(found - layout_.datasets.begin());
+  }
+
+  [[nodiscard]] record::Checkpoint checkpoint() const {
+    StateWriter state;
+    simulation_->save(state);
+    outcome_.statistics.save(state);
+    state.write(static_cast<double>(stored_));
+    return {{"state", state.values()}};
+  }
+
+  void append_level() {
+    std::size_t next = 0;
+    writer_->append(next++, simulation_->t());
+    writer_->append(next++, simulation_->node().gamma);
+    writer_->append(next++, simulation_->node().energy);
+    next = first_law();
+    for (const double value : simulation_->invariants()) {
+      writer_->append(next++, value);
+    }
+  }
+
+  void append_step(const StepReport& report) {
+    std::size_t next = layout_index("/levels/step");
+    writer_->append(next++, static_cast<std::int64_t>(outcome_.statistics.steps - 1));
+    writer_->append(next++, report.h);
+    writer_->append(next++, report.energy);
+    writer_->append(next++, report.iterations);
+    writer_->append(next++, report.bridged ? 1 : 0);
+    writer_->append(next++, report.condition);
+    next = first_law() + outcome_.statistics.invariants.size();
+    for (const MaxRms& residual : simulation_->residuals()) {
+      writer_->append(next++, residual.max);
+      writer_->append(next++, residual.rms());
+    }
+  }
+
+  [[nodiscard]] std::size_t first_law() const { return layout_index("/levels/step_condition") + 1; }
+
+  void append_state() {
+    writer_->append(first_state_, simulation_->t());
+    writer_->append(first_state_ + 1, static_cast<std::int64_t>(outcome_.statistics.steps));
+    simulation_->append_state(*writer_, first_state_ + 2, problem_.output.every > 1);
+    stored_ = outcome_.statistics.steps;
+  }
+
+  Outcome loop() {
+    const auto begin = Clock::now();
+    last_progress_ = begin;
+    while (outcome_.status == ExitStatus::done && !simulation_->finished()) {
+      one_step();
+    }
+    outcome_.complete = outcome_.status == ExitStatus::done;
+    finish();
+    outcome_.statistics.errors = simulation_->errors();
+    outcome_.wall_seconds = std::chrono::duration<double>(Clock::now() - begin).count();
+    add_warnings();
+    return std::move(outcome_);
+  }
+
+  void finish() {
+    const record::Checkpoint last = checkpoint();
+    // The last state is always stored. Where it is not one of every n-th it is provisional: `resume` drops it again, so
+    // that a run continued is the same as one never stopped.
+    if (stored_ != outcome_.statistics.steps) {
+      append_state();
+    }
+    writer_->finish(last,
+                    outcome_.complete ? record::Writer::Completion::complete : record::Writer::Completion::interrupted);
+  }
+
+  void one_step() {
+    if (options_.interrupt != nullptr && options_.interrupt->load()) {
+      outcome_.status = ExitStatus::interrupted;
+      outcome_.message =
+          fmt::format("interrupted at t = {:.10g}; the record is whole up to there: continue with `rubato resume {}`",
+                      simulation_->t(), outcome_.file);
+      return;
+    }
+    if (outcome_.statistics.steps >= static_cast<std::size_t>(problem_.scheme.max_steps)) {
+      outcome_.status = ExitStatus::failed;
+      outcome_.message = fmt::format(
+          "max_steps = {} reached at t = {:.10g}, before until = {:.10g}: raise scheme.max_steps, or take a larger "
+          "step",
+          problem_.scheme.max_steps, simulation_->t(), problem_.scheme.until);
+      return;
+    }
+    const StepReport report = simulation_->step();
+    if (report.status != Status::success) {
+      const bool singular = report.status == Status::singular || report.status == Status::ill_conditioned;
+      outcome_.status = singular ? ExitStatus::singular : ExitStatus::failed;
+      outcome_.message = describe_failure(report, simulation_->t(), simulation_->node(), simulation_->last_step());
+      return;
+    }
+    Statistics& statistics = outcome_.statistics;
+    const LevelNode node = simulation_->node();
+    if (!std::isfinite(node.energy) || !std::isfinite(node.gamma)) {
+      outcome_.status = ExitStatus::failed;
+      outcome_.message =
+          fmt::format("the node energy or Gamma is not finite at t = {:.10g}: the orbit left the domain of the formula",
+                      simulation_->t());
+      return;
+    }
+    statistics.add_step(report, simulation_->t(), node, simulation_->invariants());
+    const auto residuals = simulation_->residuals();
+    for (std::size_t i = 0; i < residuals.size(); ++i) {
+      statistics.residuals[i].value.add(residuals[i]);
+    }
+    append_level();
+    append_step(report);
+    if (statistics.steps % static_cast<std::size_t>(problem_.output.every) == 0) {
+      append_state();
+    }
+    writer_->end_level();
+    if (writer_->commit_due()) {
+      writer_->commit(checkpoint());
+    }
+    show_progress(report);
+  }
+
+  void show_progress(const StepReport& report) {
+    if (!options_.progress) {
+      return;
+    }
+    const auto now = Clock::now();
+    if (now - last_progress_ < std::chrono::milliseconds(100)) {
+      return;
+    }
+    last_progress_ = now;
+    const Statistics& statistics = outcome_.statistics;
+    options_.progress({.t = simulation_->t(),
+                       .start = problem_.start(),
+                       .until = problem_.scheme.until,
+                       .h = report.h,
+                       .steps = statistics.steps,
+                       .bridges = statistics.bridges,
+                       .relative_energy_deviation = statistics.relative_energy_deviation()});
+  }
+
+  void add_warnings() {
+    const Statistics& statistics = outcome_.statistics;
+    if (outcome_.variable_levels && statistics.condition > condition_warning) {
+      outcome_.warnings.push_back(
+          fmt::format("the step condition reached {:.2g}: rounding in H moves the levels by that relative amount; "
+                      "larger steps make it smaller",
+                      statistics.condition));
+    }
+  }
+
+  const Problem& problem_;
+  const RunOptions& options_;
+  std::unique_ptr<Simulation> simulation_;
+  record::Layout layout_;
+  std::size_t first_state_ = 0;
+  std::unique_ptr<record::Writer> writer_;
+  std::size_t stored_ = 0;  ///< number of the last level whose state is stored
+  Clock::time_point last_progress_;
+  Outcome outcome_;
+};
+
+}  // namespace
+
+std::unique_ptr<Simulation> make_simulation(const Problem& problem) {
+  if (problem.hamiltonian() != nullptr) {
+    return make_orbit_simulation(problem);
+  }
+  throw ProblemError(problem.scheme.location, "lattices are not available in this version");
+}
+
+Outcome run(const Problem& problem, const RunOptions& options) {
+  return Driver(problem, options, options.output.value_or(problem.output.file)).start();
+}
+
+Outcome resume(const std::string& file, std::optional<double> until, const RunOptions& options) {
+  std::string text;
+  record::Checkpoint checkpoint;
+  {
+    const record::Reader reader(file);
+    text = reader.header().problem;
+    checkpoint = reader.checkpoint();
+  }
+  std::vector<std::string> settings;
+  if (until) {
+    settings.push_back(fmt::format("scheme.until={:.17g}", *until));
+  }
+  const Problem problem = parse_problem(text, file, settings);
+  return Driver(problem, options, file).resume(checkpoint);
+}
+
+}  // namespace rubato::study

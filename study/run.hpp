@@ -1,0 +1,67 @@
+#pragma once
+
+#include <atomic>
+#include <functional>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <rubato/study/problem.hpp>
+#include <rubato/study/statistics.hpp>
+
+namespace rubato::study {
+
+/// Exit statuses of the program (and of a run).
+enum class ExitStatus {
+  done = 0,
+  wrong_input = 2,
+  singular = 3,
+  failed = 4,
+  file_error = 5,
+  interrupted = 130,
+};
+
+struct Progress {
+  double t, start, until, h;
+  std::size_t steps, bridges;
+  double relative_energy_deviation;
+};
+
+struct RunOptions {
+  std::optional<std::string> output = std::nullopt;  ///< in place of the problem's [output] file
+  bool overwrite = false;
+  int threads = 0;  ///< 0: OpenMP's default
+  /// Set from a signal handler to end the run cleanly after the present level.
+  const std::atomic<bool>* interrupt = nullptr;
+  /// Called now and then (at most ten times a second).
+  std::function<void(const Progress&)> progress = {};
+};
+
+/// How a run ended.
+struct Outcome {
+  ExitStatus status = ExitStatus::done;
+  std::string title;
+  std::string file;
+  Statistics statistics;
+  bool variable_levels = true;
+  bool complete = false;               ///< whether `until` was reached
+  std::string message;                 ///< why it ended early, with the remedy; empty when it did not
+  std::vector<std::string> warnings;   ///< each one sentence, with the remedy
+  std::optional<double> wall_seconds;  ///< of this process; absent for `check`
+};
+
+/// Runs a problem and writes its record. Numerical failure is an Outcome; the record then holds every level computed.
+/// \throws ProblemError, record::AlreadyExists (wrong input: nothing is written); record::Error, FileError
+[[nodiscard]] Outcome run(const Problem& problem, const RunOptions& options = {});
+
+/// Continues a record from its last complete level, bit for bit as if it had never stopped. `until` replaces the
+/// problem's. \throws as run
+[[nodiscard]] Outcome resume(const std::string& file, std::optional<double> until, const RunOptions& options = {});
+
+/// One JSON object (interface, section 3): doubles with 17 digits, absent keys where they do not apply, never NaN.
+[[nodiscard]] std::string to_json(const Outcome& outcome);
+
+/// The table a person reads.
+[[nodiscard]] std::string to_table(const Outcome& outcome);
+
+}  // namespace rubato::study

@@ -1,0 +1,52 @@
+#pragma once
+
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include <rubato/record/layout.hpp>
+#include <rubato/record/writer.hpp>
+#include <rubato/study/problem.hpp>
+#include <rubato/study/statistics.hpp>
+#include <rubato/variation/time_levels.hpp>
+
+namespace rubato::study {
+
+/// What a run does level by level, be it an orbit or a lattice: the driver in run.cpp knows no more than this.
+class Simulation {
+public:
+  virtual ~Simulation() = default;
+
+  [[nodiscard]] virtual StepReport step() = 0;
+  [[nodiscard]] virtual bool finished() const = 0;
+  [[nodiscard]] virtual double t() const = 0;
+  [[nodiscard]] virtual LevelNode node() = 0;  ///< H(z_k) and Γ(z_k)
+  [[nodiscard]] virtual bool autonomous() const = 0;
+  [[nodiscard]] virtual double last_step() const = 0;
+
+  [[nodiscard]] virtual std::vector<std::string> invariant_names() const = 0;
+  /// At the present level. Valid until the next call.
+  [[nodiscard]] virtual std::span<const double> invariants() = 0;
+  /// |z - exact| at the present level, one entry per name of [exact].
+  [[nodiscard]] virtual std::vector<Named<MaxRms>> errors() = 0;
+
+  [[nodiscard]] virtual std::vector<std::string> residual_names() const { return {}; }
+  /// Local residuals of the step just taken, in the order of residual_names().
+  [[nodiscard]] virtual std::span<const MaxRms> residuals() { return {}; }
+
+  /// Names the datasets of a stored state (under /states, /states/previous when `with_previous`, /exact) and their
+  /// scales.
+  virtual void describe_states(record::Layout& layout, bool with_previous) = 0;
+  /// Appends one row to each of them, the first of which is number `first` of the layout.
+  virtual void append_state(record::Writer& writer, std::size_t first, bool with_previous) = 0;
+
+  virtual void save(StateWriter& state) const = 0;
+  virtual void restore(StateReader& state) = 0;
+};
+
+/// \throws ProblemError at the place in the problem that is wrong
+[[nodiscard]] std::unique_ptr<Simulation> make_orbit_simulation(const Problem& problem);
+[[nodiscard]] std::unique_ptr<Simulation> make_simulation(const Problem& problem);
+
+}  // namespace rubato::study

@@ -1,0 +1,81 @@
+#include <rubato/study/statistics.hpp>
+
+namespace rubato::study {
+
+void Statistics::add_level(double time, const LevelNode& node) {
+  t = time;
+  energy_magnitude.add(std::abs(node.energy));
+  gamma.add(node.gamma);
+}
+
+void Statistics::add_start(double time, const LevelNode& node, std::span<const double> invariant_values) {
+  add_level(time, node);
+  node_energy.start(node.energy);
+  for (std::size_t i = 0; i < invariants.size(); ++i) {
+    invariants[i].value.start(invariant_values[i]);
+  }
+}
+
+void Statistics::add_step(const StepReport& report, double time, const LevelNode& node,
+                          std::span<const double> invariant_values) {
+  if (steps == 0) {
+    energy = report.energy;
+  }
+  ++steps;
+  h.add(report.h);
+  double& deviation = report.bridged ? bridge_deviation : energy_deviation;
+  deviation = std::max(deviation, std::abs(report.energy - report.target));
+  bridges += report.crossing ? 1 : 0;
+  bridge_steps += report.bridged ? 1 : 0;
+  condition = std::max(condition, report.bridged ? 0.0 : report.condition);
+  iterations += report.iterations;
+  most_iterations = std::max(most_iterations, static_cast<double>(report.iterations));
+  add_level(time, node);
+  node_energy.add(node.energy);
+  for (std::size_t i = 0; i < invariants.size(); ++i) {
+    invariants[i].value.add(invariant_values[i]);
+  }
+}
+
+template <typename Visitor>
+void Statistics::visit(Visitor&& visitor) {
+  visitor(steps);
+  visitor(t);
+  visitor(h.min);
+  visitor(h.max);
+  visitor(energy);
+  visitor(energy_deviation);
+  visitor(bridge_deviation);
+  visitor(autonomous);
+  visitor(energy_magnitude.min);
+  visitor(energy_magnitude.max);
+  visitor(node_energy.initial);
+  visitor(node_energy.max);
+  visitor(gamma.min);
+  visitor(gamma.max);
+  visitor(bridges);
+  visitor(bridge_steps);
+  visitor(condition);
+  visitor(iterations);
+  visitor(most_iterations);
+  for (auto& residual : residuals) {
+    visitor(residual.value.max);
+    visitor(residual.value.sum_of_squares);
+    visitor(residual.value.count);
+  }
+  for (auto& invariant : invariants) {
+    visitor(invariant.value.initial);
+    visitor(invariant.value.max);
+  }
+}
+
+void Statistics::save(StateWriter& state) const {
+  Statistics copy = *this;
+  copy.visit([&state](auto& value) { state.write(static_cast<double>(value)); });
+}
+
+void Statistics::restore(StateReader& state) {
+  visit([&state](auto& value) { state.read(value); });
+}
+
+}  // namespace rubato::study

@@ -1,0 +1,1 @@
+// See CMakeLists.txt: the precompiled header belongs to this file.
