@@ -243,6 +243,10 @@ Status TimeLevels::solve_level(double guess) {
       trial_step_ = side * length;
       return Status::success;
     }
+    if (!full && std::abs(miss) <= tolerance) {
+      full = true;  // met already: the same length again, solved to stagnation
+      continue;
+    }
     if (miss < 0.0) {
       if (length > below) {
         below = length;
