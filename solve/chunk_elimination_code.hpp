@@ -5,10 +5,28 @@
 
 #include <algorithm>
 #include <cmath>
+#include <type_traits>
+#include <utility>
 
 #include <rubato/solve/chunk_elimination.hpp>
 
 namespace rubato::solve::chunks {
+
+/// f(0), …, f(count - 1); for a std::integral_constant the calls are written out, with constants as arguments, so that
+/// the loops inside them have constant bounds and arrays live in registers.
+template <class Count, class F>
+[[gnu::always_inline]] inline void repeat(Count count, F&& f) {
+  if constexpr (std::is_same_v<Count, int>) {
+    for (int i = 0; i < count; ++i) {
+      f(i);
+    }
+  } else {
+    [&]<int... I>(std::integer_sequence<int, I...>) {
+      (f(std::integral_constant<int, I>{}), ...);
+    }
+    (std::make_integer_sequence<int, Count::value>{});
+  }
+}
 
 template <class Lanes, int Fixed>
 struct Elimination {
@@ -45,11 +63,18 @@ struct Elimination {
     }
   }
 
-  [[nodiscard]] int d() const { return Fixed > 0 ? Fixed : shape.d; }
+  /// The block size: a constant for the sizes with code of their own.
+  [[nodiscard]] auto d() const {
+    if constexpr (Fixed > 0) {
+      return std::integral_constant<int, Fixed>{};
+    } else {
+      return shape.d;
+    }
+  }
   [[nodiscard]] int active() const { return static_cast<int>(std::min<std::size_t>(lanes, system.chunks - first)); }
 
   void load_constants() {
-    const int n = d();
+    const auto n = d();
     for (int r = 0; r < n; ++r) {
       for (int c = 0; c < n; ++c) {
         cell[r + c * n] = V{} + system.matrix->left[r * n + c];
@@ -73,7 +98,7 @@ struct Elimination {
   }
 
   void load_from_matrix(std::size_t step) {
-    const int n = d();
+    const auto n = d();
     const CyclicBidiagonal& m = *system.matrix;
     for (const CyclicEntry& e : m.entries) {
       cell[e.row + e.column * n] = V{} + m.left[e.row * n + e.column];
@@ -141,10 +166,10 @@ struct Elimination {
   enum class Filled { top, bottom, all };  ///< which half of a column of 2d rows is not zero
 
   /// Applies the reflections I - v vᵀ factor of the first `count` columns to one more column.
-  template <Filled filled>
-  [[gnu::always_inline]] void reflect(V* a, const V (*v)[2 * largest], const V* factor, int count) const {
-    const int n = d();
-    for (int p = 0; p < count; ++p) {
+  template <Filled filled, class Count>
+  [[gnu::always_inline]] void reflect(V* a, const V (*v)[2 * largest], const V* factor, Count count) const {
+    const auto n = d();
+    repeat(count, [&](auto p) {
       // Before the first reflection one half is zero.
       const int from = p == 0 && filled == Filled::bottom ? n : p;
       const int to = p == 0 && filled == Filled::top ? n : 2 * n;
@@ -156,22 +181,22 @@ struct Elimination {
       for (int i = p; i < 2 * n; ++i) {
         a[i] -= sum * v[p][i];
       }
-    }
+    });
   }
 
   /// [G E 0 X; 0 L R X'] → Qᵀ · that = [G₁ U R₁ X₁; G₂ 0 E₂ X₂]: the upper rows determine the node and go to its slot,
   /// the lower ones replace the state.
   void eliminate(V* slot) {
-    const int n = d();
+    const auto n = d();
     V v[largest][2 * largest];
     V factor[largest];
     V a[2 * largest];
     V* u = slot;
-    for (int p = 0; p < n; ++p) {
-      for (int i = 0; i < n; ++i) {
+    repeat(n, [&](auto p) {
+      repeat(n, [&](auto i) {
         a[i] = state[shape.right() + p * n + i];
         a[n + i] = cell[p * n + i];
-      }
+      });
       reflect<Filled::all>(a, v, factor, p);
       V square = a[p] * a[p];
       for (int i = p + 1; i < 2 * n; ++i) {
@@ -179,60 +204,59 @@ struct Elimination {
       }
       const V norm = Lanes::sqrt(square);
       const V beta = a[p] < V{} ? norm : -norm;  // U_pp; the sign avoids cancellation in v_p
-      for (int i = 0; i < p; ++i) {
-        u[p * n + i] = a[i];
-      }
-      for (int i = p + 1; i < 2 * n; ++i) {
+      repeat(p, [&](auto i) { u[p * n + i] = a[i]; });
+      repeat(n, [&](auto i) {
         v[p][i] = a[i];
-      }
+        v[p][n + i] = a[n + i];
+      });
       v[p][p] = a[p] - beta;
       const V quotient = 1.0 / (beta * v[p][p]);  // vᵀv = -2 β v_p
       factor[p] = -quotient;
       u[p * n + p] = v[p][p] * quotient;  // 1 / U_pp
-    }
+    });
     V* g = slot + n * n;
     V* r = g + n * n;
     V* x = r + n * n;
     for (int c = 0; c < n; ++c) {
-      for (int i = 0; i < n; ++i) {
+      repeat(n, [&](auto i) {
         a[i] = state[c * n + i];
         a[n + i] = V{};
-      }
+      });
       reflect<Filled::top>(a, v, factor, n);
-      for (int i = 0; i < n; ++i) {
+      repeat(n, [&](auto i) {
         g[c * n + i] = a[i];
         state[c * n + i] = a[n + i];
-      }
+      });
     }
     for (int c = 0; c < n; ++c) {
-      for (int i = 0; i < n; ++i) {
+      repeat(n, [&](auto i) {
         a[i] = V{};
         a[n + i] = cell[shape.right() + c * n + i];
-      }
+      });
       reflect<Filled::bottom>(a, v, factor, n);
-      for (int i = 0; i < n; ++i) {
+      repeat(n, [&](auto i) {
         r[c * n + i] = a[i];
         state[shape.right() + c * n + i] = a[n + i];
-      }
+      });
     }
     for (int c = 0; c < shape.extras(); ++c) {
       V* own = state + shape.extra() + c * n;
-      for (int i = 0; i < n; ++i) {
+      repeat(n, [&](auto i) {
         a[i] = own[i];
         a[n + i] = cell[shape.extra() + c * n + i];
-      }
+      });
       reflect<Filled::all>(a, v, factor, n);
-      for (int i = 0; i < n; ++i) {
+      repeat(n, [&](auto i) {
         x[c * n + i] = a[i];
         own[i] = a[n + i];
-      }
+      });
     }
   }
 
   /// The border rows: with z_j = U⁻¹(x - G z_a - R z_{j+1} - B y), the part c z_j of each becomes coefficients of z_a,
   /// z_{j+1}, y and a part of its right-hand side.
   void eliminate_from_borders(const V* slot) {
-    const int n = d();
+    const auto n = d();
     const V* u = slot;
     const V* g = slot + n * n;
     const V* r = g + n * n;
@@ -285,7 +309,7 @@ struct Elimination {
   }
 
   void store(const Solution& to, std::size_t step, const V* z) {
-    const int n = d();
+    const auto n = d();
     for (int l = 0; l < active(); ++l) {
       if (step >= length[l]) {
         continue;
@@ -302,7 +326,7 @@ struct Elimination {
   }
 
   void expand(const Solution& solution) {
-    const int n = d();
+    const auto n = d();
     const int per_node = shape.columns * n;
     load(0);
     std::copy(cell, cell + shape.record(), state);
@@ -330,9 +354,7 @@ struct Elimination {
         const V* z_start = start + column * n;
         V* z = next + column * n;  // z_{j+1}, replaced by z_j
         V a[largest];
-        for (int i = 0; i < n; ++i) {
-          a[i] = x[(shape.borders + column) * n + i];
-        }
+        repeat(n, [&](auto i) { a[i] = x[(shape.borders + column) * n + i]; });
         for (int b = 0; b < shape.borders; ++b) {
           const double y = solution.border[column * shape.borders + b];
           for (int i = 0; i < n; ++i) {
@@ -355,7 +377,7 @@ struct Elimination {
             a[i] -= u[p * n + i] * a[p];
           }
         }
-        std::copy(a, a + n, z);
+        repeat(n, [&](auto i) { z[i] = a[i]; });
       }
       store(solution, step, next);
     }

@@ -19,12 +19,19 @@ namespace rubato::solve {
 namespace {
 
 constexpr std::size_t residual_block = 512;  ///< cells whose residual is computed together, in first-level cache
-constexpr double refine_above = 1e-14;       ///< times block: what the elimination leaves is a few ε per row
+constexpr double refine_above = 1e-12;
 constexpr double unacceptable_backward_error = 1e-9;
 
+#if defined(__x86_64__)
+#define RUBATO_WIDE_VECTORS [[gnu::target_clones("avx512f", "avx2", "default")]]  // chosen when the program is loaded
+#else
+#define RUBATO_WIDE_VECTORS
+#endif
+
 /// out[j] = rhs - (A z + B y) of equation `row` at cells begin + j, j < count, none of which is the last cell.
-void residual_of_row(const CyclicBidiagonal& a, const CyclicBorder& border, const double* rhs, const double* const* z,
-                     const double* y, int row, std::size_t begin, std::size_t count, double* out) {
+RUBATO_WIDE_VECTORS void residual_of_row(const CyclicBidiagonal& a, const CyclicBorder& border, const double* rhs,
+                                         const double* const* z, const double* y, int row, std::size_t begin,
+                                         std::size_t count, double* out) {
   const int d = a.block;
   for (std::size_t j = 0; j < count; ++j) {
     out[j] = rhs != nullptr ? rhs[begin + j] : 0.0;
@@ -272,22 +279,22 @@ double CyclicBlockSolver::Storage::backward_error(const CyclicBidiagonal& a, con
     finite = finite && std::isfinite(value);
     return value;
   };
-  double sizes[16];
+  double size = 0.0;  // of the solution, all fields: rounding in one spreads to the others
   for (int c = 0; c < d; ++c) {
-    sizes[c] = largest_of(z[c], cells);
+    size = std::max(size, largest_of(z[c], cells));
   }
   row_scales.assign(d, 0.0);
   for (int r = 0; r < d; ++r) {
     row_scales[r] = seen(largest_of(rhs[r], cells));
     for (int c = 0; c < d; ++c) {
-      row_scales[r] += seen(std::abs(a.left[r * d + c]) + std::abs(a.right[r * d + c])) * sizes[c];
+      row_scales[r] += seen(std::abs(a.left[r * d + c]) + std::abs(a.right[r * d + c])) * size;
     }
     for (int b = 0; b < border.count; ++b) {
       row_scales[r] += seen(largest_of(border.columns[b * d + r], cells)) * std::abs(y[b]);
     }
   }
   for (const CyclicEntry& e : a.entries) {
-    row_scales[e.row] += seen(largest_of(e.values, cells)) * (std::abs(e.left) + std::abs(e.right)) * sizes[e.column];
+    row_scales[e.row] += seen(largest_of(e.values, cells)) * (std::abs(e.left) + std::abs(e.right)) * size;
   }
   undefined = !finite;
 
@@ -297,9 +304,9 @@ double CyclicBlockSolver::Storage::backward_error(const CyclicBidiagonal& a, con
     double largest_here = 0.0;
     double poison = 0.0;
     for (std::size_t j = 0; j < count; ++j) {
-      const double size = std::abs(out[j]);
-      largest_here = size > largest_here ? size : largest_here;
-      poison += 0.0 * size;
+      const double here = std::abs(out[j]);
+      largest_here = here > largest_here ? here : largest_here;
+      poison += 0.0 * here;
     }
     largest_residuals[begin / residual_block * d + row] = poison == 0.0 ? largest_here : infinity;
   });
@@ -318,7 +325,7 @@ double CyclicBlockSolver::Storage::backward_error(const CyclicBidiagonal& a, con
     for (int c = 0; c < d; ++c) {
       const CyclicCoefficient& row = border.rows[b * d + c];
       add_product(row, z[c], cells, product);
-      scale += seen(largest_of(row, cells)) * sizes[c] * static_cast<double>(cells);
+      scale += seen(largest_of(row, cells)) * size * static_cast<double>(cells);
     }
     sum.add(-product.value());
     for (int j = 0; j < border.count; ++j) {
@@ -377,13 +384,14 @@ CyclicBlockSolver::CyclicBlockSolver(CyclicBlockSolver&&) noexcept = default;
 CyclicBlockSolver& CyclicBlockSolver::operator=(CyclicBlockSolver&&) noexcept = default;
 
 CyclicOutcome CyclicBlockSolver::solve(const CyclicBidiagonal& matrix, std::span<const double* const> rhs,
-                                       std::span<double* const> solution) {
-  return solve(matrix, CyclicBorder{}, rhs, {}, solution, {});
+                                       std::span<double* const> solution, CyclicCheck check) {
+  return solve(matrix, CyclicBorder{}, rhs, {}, solution, {}, check);
 }
 
 CyclicOutcome CyclicBlockSolver::solve(const CyclicBidiagonal& matrix, const CyclicBorder& border,
                                        std::span<const double* const> rhs, std::span<const double> border_rhs,
-                                       std::span<double* const> solution, std::span<double> border_solution) {
+                                       std::span<double* const> solution, std::span<double> border_solution,
+                                       CyclicCheck check) {
   Storage& s = *storage_;
   const int d = s.largest.d;
   const int k = border.count;
@@ -429,12 +437,15 @@ CyclicOutcome CyclicBlockSolver::solve(const CyclicBidiagonal& matrix, const Cyc
   outcome.status = s.solve_once(matrix, border, rhs, border_rhs.data(), solution, border_solution.data(), columns,
                                 outcome.rcond_estimate);
   if (outcome.status == Status::success) {
+    if (check == CyclicCheck::left_to_caller) {
+      return outcome;
+    }
     outcome.backward_error = worst_of();
     if (undefined) {
       outcome.status = Status::undefined;
       return outcome;
     }
-    if (std::isfinite(outcome.backward_error) && outcome.backward_error > refine_above * d) {
+    if (std::isfinite(outcome.backward_error) && outcome.backward_error > refine_above) {
       outcome.refined = true;
       const std::size_t size = rhs.size() * s.cells;
       if (s.residual.size() < size) {

@@ -52,10 +52,20 @@ struct CyclicBorder {
   std::vector<double> corner;
 };
 
+/// Who looks at the residual of a solve.
+enum class CyclicCheck {
+  every_solve,
+  /// The caller computes it, as Newton's method does at its next iterate anyway: saves a third of the time. Then
+  /// neither refinement nor fallback happens unless the elimination breaks down, and values that are not finite are
+  /// noticed only as far as they reach the last system (those of a matrix or right-hand side do).
+  left_to_caller,
+};
+
 /// How a solve went.
 struct CyclicOutcome {
   Status status = Status::success;
-  double backward_error = 0.0;  ///< the largest residual, relative to the largest terms in the rows of its kind
+  double backward_error =
+      0.0;  ///< the largest residual, relative to the size of its row and of the solution; 0 if left to the caller
   double rcond_estimate = 0.0;  ///< pivot ratio of the last, dense system: an order of magnitude
   bool refined = false;         ///< one step of iterative refinement was needed
   bool fallback = false;        ///< the general sparse LU was needed
@@ -73,9 +83,9 @@ struct CyclicOutcome {
 /// below (2 block + borders + columns) · block / 7 doubles per cell. Right-hand sides known together should be solved
 /// together.
 ///
-/// The residual of every solve is computed; above 1e-14 · block one refinement is made. With borders, elimination takes
-/// the C rows along by ordinary elimination: where that fails (a kernel of A that lives on few nodes) the bordered
-/// matrix goes to Eigen's SparseLU.
+/// The residual of every solve is computed (see CyclicCheck); above 1e-12 one refinement is made. With borders,
+/// elimination takes the C rows along by ordinary elimination: where that fails (a kernel of A that lives on few nodes)
+/// the bordered matrix goes to Eigen's SparseLU.
 class CyclicBlockSolver {
 public:
   /// Throws std::invalid_argument unless 1 <= block <= 16, cells >= 2, 0 <= borders <= 8, 1 <= max_columns <= 16.
@@ -93,11 +103,11 @@ public:
   /// ill_conditioned if the residual stays above 1e-9 even so.
   CyclicOutcome solve(const CyclicBidiagonal& matrix, const CyclicBorder& border, std::span<const double* const> rhs,
                       std::span<const double> border_rhs, std::span<double* const> solution,
-                      std::span<double> border_solution);
+                      std::span<double> border_solution, CyclicCheck check = CyclicCheck::every_solve);
 
   /// The same without borders.
   CyclicOutcome solve(const CyclicBidiagonal& matrix, std::span<const double* const> rhs,
-                      std::span<double* const> solution);
+                      std::span<double* const> solution, CyclicCheck check = CyclicCheck::every_solve);
 
   /// Doubles held per cell, all levels and workspaces.
   [[nodiscard]] double memory_per_cell() const;
