@@ -116,25 +116,41 @@ StepReport TimeLevels::first_step() {
   // h^s Γ.
   step_constant_ = 24.0 * result.h * result.h * std::abs(result.slope) / (s * (s + 1.0));
   law_constant_ = (s + 1.0) / 24.0 * std::pow(step_constant_, s / (s + 1.0));
-  remember(result.h, result.slope);
-  take(result);
+  take_ordinary(result);
+  return result;
+}
+
+StepReport TimeLevels::ordinary_step(double guess) {
+  const Status status = solve_level(guess);
+  StepReport result = report(status, trial_step_);
+  if (status == Status::success && !(result.condition <= options_.condition_limit)) {
+    result.status = Status::ill_conditioned;
+  }
   return result;
 }
 
 StepReport TimeLevels::variable_step() {
-  const double guess = predicted_step();
-  const Status status = solve_level(guess);
-  const double h = trial_step_;
-  StepReport result = report(status, h);
-  if (status == Status::success && !(result.condition <= options_.condition_limit)) {
-    result.status = Status::ill_conditioned;
+  if (singular_) {
+    return wait_step();
   }
-  if (result.status != Status::success) {
-    return result;
+  StepReport result = ordinary_step(predicted_step());
+  // Near the zero of Γ the step may be so long that its own equation cannot be solved either.
+  const bool lost = result.status != Status::success && (result.status != Status::undefined || crossing_is_near());
+  const bool near =
+      result.status == Status::success && options_.on_singular == OnSingular::bridge && crossing_is_near();
+  if (near || (lost && options_.on_singular != OnSingular::stop)) {
+    return singular_step(result);
   }
-  remember(result.h, result.slope);
-  take(result);
+  if (result.status == Status::success) {
+    take_ordinary(result);
+  }
   return result;
+}
+
+void TimeLevels::take_ordinary(StepReport& result) {
+  remember(result.h, result.slope);
+  regular_step_ = result.h;
+  take(result);
 }
 
 void TimeLevels::remember(double h, double slope) {
@@ -149,17 +165,22 @@ double TimeLevels::law_step(double gamma) const {
   return std::pow(step_constant_ / std::abs(gamma), 1.0 / (scheme_.order() + 1.0));
 }
 
+void TimeLevels::set_direction(double gamma) {
+  // dE/d|h| = -s(s+1)/24 |h|^(s-1) sign(h)^s Γ
+  direction_ = -sign(gamma) * (scheme_.order() % 2 == 0 ? 1.0 : sign(last_step_));
+}
+
 double TimeLevels::predicted_step() const {
   if (remembered_ < 2) {
-    return last_step_;
+    return regular_step_;
   }
   // The density Γ ∝ 1/h^(s+1) is a smooth function of time; extrapolate it to the middle of the coming step, whose
   // length it gives: a short fixed-point iteration.
   const double exponent = -1.0 / (scheme_.order() + 1.0);
-  const double limit = 2.0 * std::abs(last_step_);
-  double length = std::abs(last_step_);
+  const double limit = 2.0 * std::abs(regular_step_);
+  double length = std::abs(regular_step_);
   for (int iteration = 0; iteration < 3; ++iteration) {
-    const double at = time_.value() + 0.5 * length * sign(last_step_);
+    const double at = time_.value() + 0.5 * length * sign(regular_step_);
     double density = 0.0;
     for (std::size_t i = 0; i < remembered_; ++i) {
       double weight = 1.0;
@@ -173,7 +194,7 @@ double TimeLevels::predicted_step() const {
     const bool same_sign = density * history_[0].density > 0.0;
     length = same_sign ? std::min(std::pow(std::abs(density), exponent), limit) : limit;
   }
-  return std::max(length, 0.5 * std::abs(last_step_)) * sign(last_step_);
+  return std::max(length, 0.5 * std::abs(regular_step_)) * sign(regular_step_);
 }
 
 Status TimeLevels::solve_level(double guess) {
@@ -292,8 +313,9 @@ void TimeLevels::save(StateWriter& state) const {
   state.write(time_.high);
   state.write(time_.low);
   for (const double value :
-       {static_cast<double>(steps_), energy_, energy_scale_, law_constant_, step_constant_, last_step_, direction_,
-        static_cast<double>(singular_), static_cast<double>(remembered_)}) {
+       {static_cast<double>(steps_), energy_, energy_scale_, law_constant_, step_constant_, last_step_, regular_step_,
+        direction_, static_cast<double>(singular_), bridge_.h, static_cast<double>(bridge_.count), bridge_.end.energy,
+        bridge_.end.gamma, static_cast<double>(remembered_)}) {
     state.write(value);
   }
   for (const Sample& sample : history_) {
@@ -311,8 +333,13 @@ void TimeLevels::restore(StateReader& state) {
   state.read(law_constant_);
   state.read(step_constant_);
   state.read(last_step_);
+  state.read(regular_step_);
   state.read(direction_);
   state.read(singular_);
+  state.read(bridge_.h);
+  state.read(bridge_.count);
+  state.read(bridge_.end.energy);
+  state.read(bridge_.end.gamma);
   state.read(remembered_);
   for (Sample& sample : history_) {
     state.read(sample.time);

@@ -3,6 +3,7 @@
 #include <array>
 #include <cstddef>
 #include <limits>
+#include <optional>
 
 #include <rubato/base/compensated_sum.hpp>
 #include <rubato/variation/level_scheme.hpp>
@@ -82,14 +83,41 @@ private:
   StepReport first_step();
   StepReport variable_step();
   StepReport plain_step(double h);
+  StepReport ordinary_step(double guess);
   StepReport report(Status status, double h) const;
   void take(StepReport& report);
+  void take_ordinary(StepReport& report);
 
   [[nodiscard]] Status solve_level(double guess);
   [[nodiscard]] double predicted_step() const;
   [[nodiscard]] double law_step(double gamma) const;
+  void set_direction(double gamma);
   void remember(double h, double slope);
   [[nodiscard]] double condition(double h, double slope) const;
+
+  // bridge.cpp: what happens where the step equation loses its solution (theory, section 3.1).
+  /// `count` equal plain steps of length h, whose end meets the node law.
+  struct Bridge {
+    double h = 0.0;
+    int count = 0;
+    LevelNode end;
+  };
+  StepReport singular_step(StepReport ordinary);
+  StepReport wait_step();
+  StepReport waiting_step();
+  StepReport long_bridge();
+  StepReport start_bridge(const Bridge& bridge);
+  StepReport bridge_step();
+  StepReport flagged(StepReport report);
+  [[nodiscard]] bool crossing_is_near() const;
+  [[nodiscard]] double law_defect(const LevelNode& node) const;
+  [[nodiscard]] double step_after(const Bridge& bridge) const;
+  [[nodiscard]] double plain_length() const;
+  [[nodiscard]] std::optional<LevelNode> plain_end(double h, int count);
+  [[nodiscard]] std::optional<Bridge> find_bridge(int count, bool crossing);
+  [[nodiscard]] std::optional<Bridge> refine_bridge(int count, double near_h, double near_defect, double far_h,
+                                                    double far_defect);
+  [[nodiscard]] bool law_holds_after(const Bridge& bridge);
 
   LevelScheme& scheme_;
   LevelOptions options_;
@@ -105,7 +133,9 @@ private:
   double last_step_ = 0.0;
   double trial_step_ = 0.0;          ///< the step the scheme's trial level was last solved for
   double direction_ = 1.0;           ///< sign of dE/d|h| on the branch the run is on
-  bool singular_ = false;            ///< inside a bridge
+  double regular_step_ = 0.0;        ///< the last step that met the law
+  bool singular_ = false;            ///< inside a bridge, or waiting for the energy law to be met again
+  Bridge bridge_;                    ///< under way while its count, the steps still to take, is not 0
   std::array<Sample, 4> history_{};  ///< of the last steps that met the law, newest first
   std::size_t remembered_ = 0;
 };
