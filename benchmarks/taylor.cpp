@@ -69,7 +69,7 @@ void family(benchmark::State& state) {
     flows.restart();
     for (int d = 0; d <= order; ++d) {
       for (std::size_t m = 0; m < c.size(); ++m)
-        c[m] = d == 0 ? bodies.start[m] : 0.5 * flows.part(m, d)[1];
+        c[m] = d == 0 ? bodies.start[m] : 0.5 * flows.part(m, d)[d - 1];
       if (flows.extend(c) != rubato::Status::success)
         return state.SkipWithError(flows.failure().c_str());
     }

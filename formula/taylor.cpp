@@ -337,5 +337,6 @@ std::string BasicTaylorEvaluator<Grading>::failure() const {
 
 template class BasicTaylorEvaluator<Univariate>;
 template class BasicTaylorEvaluator<Bivariate>;
+template class BasicTaylorEvaluator<EvenBivariate>;
 
 }  // namespace rubato::formula

@@ -24,10 +24,21 @@ struct Univariate {
   [[nodiscard]] static constexpr std::size_t offset(int order) { return static_cast<std::size_t>(order); }
 };
 
-/// u(s, t) = Σ_{i+j=d} u[d][i] s^i t^j, graded by total degree d: the part of order d is d + 1 numbers, by powers of s.
+/// u(s, t) = Σ_d Σ_i u[d][i] s^(d-i) t^i, graded by total degree d: the part of order d is d + 1 numbers, by powers of
+/// t.
 struct Bivariate {
+  static constexpr int stride = 1;  ///< between the powers of t
   [[nodiscard]] static constexpr std::size_t size(int order) { return static_cast<std::size_t>(order) + 1; }
   [[nodiscard]] static constexpr std::size_t offset(int order) { return size(order) * (size(order) - 1) / 2; }
+};
+
+/// The same for u even in t: u(s, t) = Σ_d Σ_i u[d][i] s^(d-2i) t^(2i). Half the numbers and a quarter of the work.
+struct EvenBivariate {
+  static constexpr int stride = 2;
+  [[nodiscard]] static constexpr std::size_t size(int order) { return static_cast<std::size_t>(order) / 2 + 1; }
+  [[nodiscard]] static constexpr std::size_t offset(int order) {
+    return size(order) * (size(order) - (order % 2 == 0 ? 1 : 0));
+  }
 };
 
 /// Carries series through code, all at once or order by order. With N the highest order, an instruction costs O(N²)
@@ -137,9 +148,11 @@ private:
 
 extern template class BasicTaylorEvaluator<Univariate>;
 extern template class BasicTaylorEvaluator<Bivariate>;
+extern template class BasicTaylorEvaluator<EvenBivariate>;
 
 using TaylorEvaluator = BasicTaylorEvaluator<Univariate>;
 using BivariateTaylorEvaluator = BasicTaylorEvaluator<Bivariate>;
+using EvenBivariateTaylorEvaluator = BasicTaylorEvaluator<EvenBivariate>;
 
 /// Taylor coefficients in s of the solution of z' = f(z), z(0) = z_0: (j+1) z[j+1] = f(z)[j].
 class TaylorFlow {
@@ -174,11 +187,13 @@ private:
 ///
 /// Given the coefficients of c up to t^d, the parts of Z of degree d + 1 are known but for that of s^0, which is the
 /// coefficient of t^(d+1) in c. So an equation c(t) = w + (terms with at least one factor s) gives one
-/// coefficient of c after the other, in one pass of cost O(order⁴) per instruction of f.
-class TaylorFlowFamily {
+/// coefficient of c after the other, in one pass of cost O(order⁴) per instruction of f. With EvenBivariate, c and with
+/// it Z are even in t, and the coefficients of odd powers that are handed in must be 0.
+template <typename Grading>
+class BasicTaylorFlowFamily {
 public:
   /// `field` as for TaylorFlow.
-  TaylorFlowFamily(const Bytecode& field, int order);
+  BasicTaylorFlowFamily(const Bytecode& field, int order);
 
   [[nodiscard]] int order() const { return order_; }
   [[nodiscard]] std::size_t dimension() const { return dimension_; }
@@ -187,10 +202,10 @@ public:
   void restart();
   /// Gives the next coefficient c_d of c(t) and computes the parts of degree d + 1 (while d < order()).
   Status extend(std::span<const double> coefficient);
-  /// Coefficients of s^i t^(d-i), i = 0 … d, in component m of Z. After extend(c_d) those of degree d + 1 stand with 0
-  /// for i = 0.
+  /// Coefficients of s^(d-ki) t^(ki), i = 0, 1, …, k = Grading::stride, in component m of Z. After extend(c_d) those of
+  /// degree d + 1 stand with 0 for s^0.
   [[nodiscard]] std::span<const double> part(std::size_t m, int d) const {
-    return {parts_.data() + m * Bivariate::offset(order_ + 1) + Bivariate::offset(d), Bivariate::size(d)};
+    return {parts_.data() + m * stride_ + Grading::offset(d), Grading::size(d)};
   }
   [[nodiscard]] std::string failure() const { return field_.failure(); }
 
@@ -198,8 +213,15 @@ private:
   int order_;
   int next_ = 0;
   std::size_t dimension_;
-  BivariateTaylorEvaluator field_;
+  std::size_t stride_;
+  BasicTaylorEvaluator<Grading> field_;
   std::vector<double> parts_;
 };
+
+extern template class BasicTaylorFlowFamily<Bivariate>;
+extern template class BasicTaylorFlowFamily<EvenBivariate>;
+
+using TaylorFlowFamily = BasicTaylorFlowFamily<Bivariate>;
+using EvenTaylorFlowFamily = BasicTaylorFlowFamily<EvenBivariate>;
 
 }  // namespace rubato::formula

@@ -58,40 +58,49 @@ void TaylorFlow::evaluate(double s, std::span<double> z) const {
   }
 }
 
-TaylorFlowFamily::TaylorFlowFamily(const Bytecode& field, int order)
+template <typename Grading>
+BasicTaylorFlowFamily<Grading>::BasicTaylorFlowFamily(const Bytecode& field, int order)
     : order_(order),
       dimension_(field.input_count()),
+      stride_(Grading::offset(order + 1)),
       field_(checked_field(field), std::max(order - 1, std::min(order, 0))),
-      parts_(dimension_ * Bivariate::offset(order + 1)) {}
+      parts_(dimension_ * stride_) {}
 
-void TaylorFlowFamily::restart() {
+template <typename Grading>
+void BasicTaylorFlowFamily<Grading>::restart() {
   next_ = 0;
   field_.restart();
 }
 
-Status TaylorFlowFamily::extend(std::span<const double> coefficient) {
+template <typename Grading>
+Status BasicTaylorFlowFamily<Grading>::extend(std::span<const double> coefficient) {
   assert(coefficient.size() == dimension_ && next_ <= order_);
-  const std::size_t stride = Bivariate::offset(order_ + 1);
   const int d = next_;
+  const bool has_own = d % Grading::stride == 0;  // whether parts of degree d hold a coefficient of t^d
+  assert(has_own || std::ranges::all_of(coefficient, [](double x) { return x == 0.0; }));
   for (std::size_t m = 0; m < dimension_; ++m) {
-    double* own = parts_.data() + m * stride + Bivariate::offset(d);
-    own[0] = coefficient[m];
+    double* own = parts_.data() + m * stride_ + Grading::offset(d);
+    if (has_own)
+      own[Grading::size(d) - 1] = coefficient[m];
     if (d < order_)
-      std::copy_n(own, Bivariate::size(d), field_.input(m, d).begin());
+      std::copy_n(own, Grading::size(d), field_.input(m, d).begin());
   }
   if (d < order_) {
     if (const Status status = field_.advance(); status != Status::success)
       return status;
     for (std::size_t m = 0; m < dimension_; ++m) {
       const auto derivative = field_.output(m, d);
-      double* next = parts_.data() + m * stride + Bivariate::offset(d + 1);
-      next[0] = 0.0;
-      for (int i = 0; i <= d; ++i)
-        next[i + 1] = derivative[static_cast<std::size_t>(i)] / (i + 1);
+      double* next = parts_.data() + m * stride_ + Grading::offset(d + 1);
+      next[Grading::size(d + 1) - 1] = 0.0;
+      for (std::size_t i = 0; i < derivative.size(); ++i)
+        next[i] = derivative[i] / (d + 1 - Grading::stride * static_cast<int>(i));
     }
   }
   ++next_;
   return Status::success;
 }
+
+template class BasicTaylorFlowFamily<Bivariate>;
+template class BasicTaylorFlowFamily<EvenBivariate>;
 
 }  // namespace rubato::formula

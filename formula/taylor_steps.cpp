@@ -230,7 +230,9 @@ bool BasicTaylorEvaluator<Grading>::extend(const Step& step, int d) {
 
 template bool BasicTaylorEvaluator<Univariate>::start(const Step&);
 template bool BasicTaylorEvaluator<Bivariate>::start(const Step&);
+template bool BasicTaylorEvaluator<EvenBivariate>::start(const Step&);
 template bool BasicTaylorEvaluator<Univariate>::extend(const Step&, int);
 template bool BasicTaylorEvaluator<Bivariate>::extend(const Step&, int);
+template bool BasicTaylorEvaluator<EvenBivariate>::extend(const Step&, int);
 
 }  // namespace rubato::formula

@@ -7,17 +7,17 @@
 /// Cauchy products of graded series; shared by the parts of the Taylor arithmetic and of no use elsewhere.
 namespace rubato::formula::taylor {
 
-/// out += factor · (part of order j of a)·(part of order k of b), as polynomials in s.
-inline void add_part_product(Bivariate, double* __restrict out, double factor, const double* a, int j, const double* b,
-                             int k) {
-  if (j > k) {  // the longer one inside
+/// out += factor · (m numbers of a)·(n numbers of b), as polynomials.
+inline void add_part_product(double* __restrict out, double factor, const double* a, std::size_t m, const double* b,
+                             std::size_t n) {
+  if (m > n) {  // the longer one inside
     std::swap(a, b);
-    std::swap(j, k);
+    std::swap(m, n);
   }
-  for (int i = 0; i <= j; ++i) {
+  for (std::size_t i = 0; i < m; ++i) {
     const double x = factor * a[i];
     double* shifted = out + i;
-    for (int l = 0; l <= k; ++l)
+    for (std::size_t l = 0; l < n; ++l)
       shifted[l] += x * b[l];
   }
 }
@@ -38,11 +38,11 @@ void add_products(Univariate, double* out, const double* a, const double* b, int
   *out += even + odd;
 }
 
-template <typename Weight>
-void add_products(Bivariate grading, double* out, const double* a, const double* b, int d, int from, int to,
-                  Weight weight) {
+template <typename Grading, typename Weight>
+void add_products(Grading, double* out, const double* a, const double* b, int d, int from, int to, Weight weight) {
   for (int k = from; k <= to; ++k)
-    add_part_product(grading, out, weight(k), a + Bivariate::offset(k), k, b + Bivariate::offset(d - k), d - k);
+    add_part_product(out, weight(k), a + Grading::offset(k), Grading::size(k), b + Grading::offset(d - k),
+                     Grading::size(d - k));
 }
 
 /// Σ_{k=from..d-from} a_k·a_{d-k} added to out, each pair once.

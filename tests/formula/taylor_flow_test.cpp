@@ -115,7 +115,7 @@ Generating generating_function(const System& system, const Matrix& f, const Vect
     for (std::size_t m = 0; m < dimension; ++m) {
       const auto part = family.part(m, d + 1);
       for (int i = 1; i <= d + 1; ++i)
-        (i % 2 == 0 ? even : odd)[m] += part[static_cast<std::size_t>(i)] * std::pow(0.5, i);
+        (i % 2 == 0 ? even : odd)[m] += part[static_cast<std::size_t>(d + 1 - i)] * std::pow(0.5, i);
     }
     const Vector twist = apply_j(multiply(f, odd));
     for (std::size_t m = 0; m < dimension; ++m)
@@ -223,7 +223,7 @@ TEST_CASE("a family of flows is the flow from every point of its path") {
     for (std::size_t m = 0; m < 4; ++m)
       for (int d = order; d >= 0; --d)
         for (int i = 0; i <= d; ++i)
-          z[m] += family.part(m, d)[static_cast<std::size_t>(i)] * std::pow(time, i) * std::pow(t, d - i);
+          z[m] += family.part(m, d)[static_cast<std::size_t>(i)] * std::pow(time, d - i) * std::pow(t, i);
     return z;
   };
   const auto start = [&](double t) {
@@ -236,6 +236,34 @@ TEST_CASE("a family of flows is the flow from every point of its path") {
   CHECK(distance(evaluate(0.06, 0.04), flow(s, start(0.04), 0.06, 30, 1)) <= 20 * epsilon);
   CHECK(distance(evaluate(-0.05, 0.05), flow(s, start(0.05), -0.05, 30, 1)) <= 20 * epsilon);
   CHECK(distance(evaluate(0.05, 0.05), flow(s, start(0.05), -0.05, 30, 1)) > 1e-3);
+}
+
+TEST_CASE("a family along an even path is the same at a quarter of the work") {
+  System s;
+  make_henon_heiles(s);
+  constexpr int order = 11;
+  const Matrix path = {
+      {0.1, 0.2, -0.1, 0.3}, Vector(4, 0.0), {0.1, 0.4, -0.2, 0.7}, Vector(4, 0.0), {-0.3, 0.2, 0.5, 0.1}};
+  TaylorFlowFamily family(s.field_code(), order);
+  EvenTaylorFlowFamily even(s.field_code(), order);
+  for (int d = 0; d <= order; ++d) {
+    const Vector c = d < 5 ? path[static_cast<std::size_t>(d)] : Vector(4, 0.0);
+    REQUIRE(family.extend(c) == Status::success);
+    REQUIRE(even.extend(c) == Status::success);
+  }
+  double largest = 0.0;
+  for (std::size_t m = 0; m < 4; ++m)
+    for (int d = 0; d <= order; ++d)
+      for (int i = 0; i <= d; ++i) {
+        const double full = family.part(m, d)[static_cast<std::size_t>(i)];
+        if (i % 2 == 1) {
+          CHECK(full == 0.0);
+        } else {
+          CHECK(even.part(m, d)[static_cast<std::size_t>(i / 2)] == Approx(full).epsilon(1e-13).margin(1e-15));
+          largest = i > 0 ? std::max(largest, std::abs(full)) : largest;
+        }
+      }
+  CHECK(largest > 0.1);  // what is compared is not all 0
 }
 
 TEST_CASE("generating functions come out of a family of flows") {
