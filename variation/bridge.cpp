@@ -17,6 +17,8 @@ namespace rubato {
 
 namespace {
 
+/// A step this many times longer than the one before tells that Γ is about to vanish, or of a root beyond its zero.
+constexpr double sudden_growth = 1.5;
 /// Accuracy asked of trial steps while a bridge is being looked for.
 constexpr double trial_accuracy = 1e-9;
 /// Lengths tried for the n equal steps of a bridge, in units of the last regular step. Over plain steps of length κh
@@ -37,7 +39,10 @@ double sign(double x) {
 
 }  // namespace
 
-bool TimeLevels::crossing_is_near() const {
+bool TimeLevels::crossing_is_near(double h) const {
+  if (std::abs(h) > sudden_growth * std::abs(regular_step_)) {
+    return true;
+  }
   if (remembered_ < 2) {
     return false;
   }
