@@ -1,4 +1,19 @@
 #pragma once
 
 /// \file
-/// Everything a user of the library needs.
+/// Everything a user of the library needs: orbits and discrete Lagrangians, the discrete total variation behind them,
+/// problem files and runs, and records. A header of a single room serves as well, such as <rubato/ode/integrate.hpp>.
+
+#include <rubato/formula/parse.hpp>
+#include <rubato/ode/discrete_lagrangian.hpp>
+#include <rubato/ode/hamiltonian.hpp>
+#include <rubato/ode/integrate.hpp>
+#include <rubato/record/reader.hpp>
+#include <rubato/study/browse.hpp>
+#include <rubato/study/check.hpp>
+#include <rubato/study/problem.hpp>
+#include <rubato/study/run.hpp>
+#include <rubato/study/version.hpp>
+#include <rubato/variation/formula_action.hpp>
+#include <rubato/variation/time_levels.hpp>
+#include <rubato/variation/total_variation.hpp>

@@ -1,0 +1,33 @@
+// What the program does, done from C++: read a problem, run it into a record, check the record from its states alone,
+// and read numbers out of it.
+
+#include <cmath>
+#include <cstdio>
+#include <filesystem>
+#include <string>
+
+#include <fmt/format.h>
+
+#include <rubato/rubato.hpp>
+
+int main() {
+  namespace study = rubato::study;
+  const std::string file = (std::filesystem::temp_directory_path() / "rubato-example-problem_file.h5").string();
+
+  const study::Problem problem = study::read_problem("henon-heiles", std::vector<std::string>{"scheme.until=50"});
+  const study::Outcome run = study::run(problem, {.output = file, .overwrite = true});
+  const study::Outcome check = study::check(file);
+  fmt::print("{}\nand again, from the states alone:\n\n{}\n", study::to_table(run), study::to_table(check));
+
+  const rubato::record::Reader record(file);
+  const std::vector<double> t = record.read("/levels/t");
+  fmt::print("{} levels, the last at t = {:.4f}\n", t.size(), t.back());
+  std::remove(file.c_str());
+
+  // Both must meet the tolerance of the level equation, 1e-13 relative; they compute E_k along different paths, so that
+  // they agree to rounding and not to the bit.
+  const bool as_expected = run.status == study::ExitStatus::done && t.size() == run.statistics.steps + 1 &&
+                           run.statistics.relative_energy_deviation() <= 1e-13 &&
+                           check.statistics.relative_energy_deviation() <= 2e-13;
+  return as_expected ? 0 : 1;
+}
