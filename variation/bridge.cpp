@@ -24,11 +24,12 @@ constexpr double trial_accuracy = 1e-9;
 /// Lengths tried for the n equal steps of a bridge, in units of the last regular step. Over plain steps of length κh
 /// H changes by (κh)²ΔΓ/24; from Γ to -Γ the node law asks for 2(h²/8)Γ, that is κ = √3, and for a return to the same Γ
 /// (Γ only touches zero) any κ but 1 will do: at κ = 1 the law is met to second order, and not crossed.
-constexpr std::array lengths = {0.3, 0.5, 0.7, 0.85, 1.0, 1.2, 1.4, 1.6, 1.8, 2.0, 2.25, 2.5, 2.8, 3.2};
+constexpr std::array lengths = {0.3, 0.5, 0.7, 0.85, 1.0, 1.2, 1.4, 1.6, 1.8, 2.0, 2.25, 2.5, 2.75, 3.0, 3.3, 3.6};
 /// A plain step longer than this, relative to what the step law asks for at its ends, does not belong to a bridge: Γ is
 /// large there, and the law must be met before.
-constexpr double longest_for_gamma = 2.5;
-/// Steps tried while no bridge is found, relative to the step law: whichever leaves the smallest defect of the node law.
+constexpr double longest_for_gamma = 3.5;
+/// Steps tried while no bridge is found, relative to the step law: whichever leaves the smallest defect of the node
+/// law.
 constexpr std::array waiting_lengths = {0.6, 1.0, 1.5};
 /// Numbers of steps tried where one step does not suffice.
 constexpr std::array counts = {2, 3, 4, 5, 6, 8, 10, 12, 16, 20, 24, 32};
@@ -89,8 +90,8 @@ std::optional<LevelNode> TimeLevels::plain_end(double h, int count) {
   return end;
 }
 
-/// Looks for the shortest `count` equal plain steps that end on the node law with Γ moving away from zero; when
-/// `crossing`, on the other side of it.
+/// Looks for the shortest `count` equal plain steps that end on the node law and after which the step equation has a
+/// solution; when `crossing`, on the other side of zero.
 std::optional<TimeLevels::Bridge> TimeLevels::find_bridge(int count, bool crossing) {
   const double here = scheme_.node().gamma;
   const double unit = plain_length();
@@ -103,11 +104,10 @@ std::optional<TimeLevels::Bridge> TimeLevels::find_bridge(int count, bool crossi
       return std::nullopt;
     }
     if (previous) {
-      const bool outward = node->gamma * (node->gamma - previous->gamma) > 0.0;
       const bool across = !crossing || node->gamma * here < 0.0;
       const double defect = law_defect(*node);
       const double previous_defect = law_defect(*previous);
-      if (outward && across && defect * previous_defect <= 0.0) {
+      if (across && defect * previous_defect <= 0.0) {
         const std::optional<Bridge> bridge = refine_bridge(count, previous_h, previous_defect, h, defect);
         if (bridge && (!crossing || bridge->end.gamma * here < 0.0) && law_holds_after(*bridge)) {
           return bridge;
