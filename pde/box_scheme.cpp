@@ -1,0 +1,361 @@
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <stdexcept>
+#include <vector>
+
+#include <fmt/format.h>
+
+#include <rubato/grids/reductions.hpp>
+#include <rubato/pde/cell_solver.hpp>
+#include <rubato/pde/kernel_conditions.hpp>
+#include <rubato/pde/lattice_scheme.hpp>
+#include <rubato/pde/level_history.hpp>
+
+namespace rubato {
+
+namespace {
+
+constexpr double epsilon = std::numeric_limits<double>::epsilon();
+constexpr int most_iterations = 20;
+constexpr std::size_t piece = 4096;
+/// The residual, relative to the terms of its row, at which nothing but rounding is left.
+constexpr double residual_floor = 4.0 * epsilon;
+/// Length of the two steps, one forward and one back, that find the velocity at the start, relative to the first step.
+constexpr double start_ratio = 1e-2;
+
+void check(const MultisymplecticSystem& system, const grids::Grid& grid, const LatticeLevel& first) {
+  if (system.directions() != grid.dimensions()) {
+    throw std::invalid_argument(
+        fmt::format("the system has {} space direction(s), the grid {}", system.directions(), grid.dimensions()));
+  }
+  for (int a = 0; a < grid.dimensions(); ++a) {
+    if (grid.cells(a) % 2 == 0) {
+      throw std::invalid_argument(
+          fmt::format("box needs an odd number of cells in every direction, and {} has {}: with an even one the "
+                      "average of neighbours annihilates the sawtooth (-1)^i, which the scheme then cannot determine; "
+                      "take {} cells",
+                      grid.axis(a).name, grid.cells(a), grid.cells(a) + 1));
+    }
+  }
+  if (first.fields.fields() != system.field_count() || first.fields.size() != grid.size()) {
+    throw std::invalid_argument(fmt::format("the first level has {} fields of {} values; {} of {} are needed",
+                                            first.fields.fields(), first.fields.size(), system.field_count(),
+                                            grid.size()));
+  }
+}
+
+class BoxScheme final : public LatticeScheme {
+public:
+  BoxScheme(const MultisymplecticSystem& system, const grids::Grid& grid, LatticeLevel first, double first_step)
+      : system_(system),
+        grid_(grid),
+        level_(std::move(first)),
+        at_midpoints_(midpoint_fields(system)),
+        sweep_(system, grid),
+        low_(system.field_count(), grid.size()),
+        delta_(low_),
+        point_(low_),
+        residual_(low_),
+        correction_(low_),
+        hessian_(static_cast<int>(system.varying_hessian().size()), grid.size()),
+        history_(at_midpoints_, grid.size()),
+        largest_(at_midpoints_.size(), 0.0),
+        start_step_(start_ratio * first_step),
+        conditions_(step_conditions(system, first_step)),
+        border_(static_cast<std::size_t>(conditions_.count())),
+        solver_(make_cyclic_cell_solver(grid, system.field_count(), conditions_.count())) {
+    for (int a = 0; a < system.directions(); ++a) {
+      matrix_.difference.push_back(system.K(a));
+    }
+    for (std::size_t e = 0; e < system.varying_hessian().size(); ++e) {
+      const auto [row, column] = system.varying_hessian()[e];
+      const double* values = hessian_.field(static_cast<int>(e)).data();
+      matrix_.entries.push_back({row, column, -1.0, values});
+      if (row != column) {
+        matrix_.entries.push_back({column, row, -1.0, values});
+      }
+    }
+    if (!level_sweep({}).finite) {
+      throw std::invalid_argument("S is not finite at the initial level");
+    }
+  }
+
+  [[nodiscard]] const MultisymplecticSystem& system() const override { return system_; }
+  [[nodiscard]] const grids::Grid& grid() const override { return grid_; }
+  [[nodiscard]] const LatticeLevel& level() const override { return level_; }
+
+  [[nodiscard]] Status advance(double h, double accuracy) override {
+    find_start_velocity();
+    if (trial_h_ == 0.0) {
+      history_.predict(h, delta_);
+    } else {
+      history_.shift(trial_h_, h, delta_);
+    }
+    const Status status = solve(h, accuracy);
+    trial_h_ = status == Status::success ? h : 0.0;
+    return status;
+  }
+
+  [[nodiscard]] double discrete_energy() const override { return energy_; }
+  [[nodiscard]] double discrete_energy_slope() const override { return slope_; }
+  [[nodiscard]] int iterations() const override { return iterations_; }
+
+  [[nodiscard]] LevelNode node() override {
+    if (!node_known_) {
+      find_start_velocity();
+      history_.velocity(correction_);
+      node_ = level_node(level_.fields);
+      node_known_ = true;
+    }
+    return node_;
+  }
+
+  [[nodiscard]] LevelNode trial_node() override {
+    history_.velocity_after(trial_h_, delta_, correction_);
+    make_point(1.0);
+    return level_node(point_);
+  }
+
+  void accept() override {
+    history_.record(0.5 * trial_h_, trial_h_, delta_);
+    history_.advance(trial_h_);
+    for (int f = 0; f < system_.field_count(); ++f) {
+      const auto i = static_cast<std::size_t>(f);
+      double* high = level_.fields.field(f).data();
+      double* low = low_.field(f).data();
+      const double* delta = delta_.field(f).data();
+      largest_[i] = std::max(largest_[i], grids::max_abs(delta_.field(f)));
+      grids::for_each_block(grid_.size(), piece, [=, midpoint = at_midpoints_[i]](std::size_t begin, std::size_t end) {
+        for (std::size_t n = begin; n < end; ++n) {
+          if (midpoint) {
+            high[n] = 0.5 * delta[n];
+            continue;
+          }
+          const double rest = low[n] + delta[n];
+          const double sum = high[n] + rest;
+          low[n] = rest - (sum - high[n]);
+          high[n] = sum;
+        }
+      });
+    }
+    start_level();
+  }
+
+  void save(StateWriter& state) const override {
+    state.write(level_.fields.all());
+    state.write(low_.all());
+    state.write(largest_);
+    for (const auto& slope : level_.slopes.of_field) {
+      state.write(slope);
+    }
+    history_.save(state);
+  }
+
+  void restore(StateReader& state) override {
+    state.read(level_.fields.all());
+    state.read(low_.all());
+    state.read(std::span<double>(largest_));
+    for (auto& slope : level_.slopes.of_field) {
+      state.read(std::span<double>(slope));
+    }
+    history_.restore(state);
+    start_level();
+  }
+
+private:
+  static std::vector<bool> midpoint_fields(const MultisymplecticSystem& system) {
+    std::vector<bool> result;
+    for (int f = 0; f < system.field_count(); ++f) {
+      result.push_back(system.structure().at_midpoints(f));
+    }
+    return result;
+  }
+
+  void start_level() {
+    trial_h_ = 0.0;
+    node_known_ = false;
+    iterations_ = 0;
+  }
+
+  /// point = z + scale·δ at every node; fields at midpoints have z = 0.
+  void make_point(double scale) {
+    for (int f = 0; f < system_.field_count(); ++f) {
+      const double* high = level_.fields.field(f).data();
+      const double* low = low_.field(f).data();
+      const double* delta = delta_.field(f).data();
+      double* point = point_.field(f).data();
+      const double keep = at_midpoints_[static_cast<std::size_t>(f)] ? 0.0 : 1.0;
+      grids::for_each_block(grid_.size(), piece, [=](std::size_t begin, std::size_t end) {
+        for (std::size_t n = begin; n < end; ++n) {
+          point[n] = keep * high[n] + (low[n] + scale * delta[n]);
+        }
+      });
+    }
+  }
+
+  /// Rates without those of fields at midpoints, whose δ is no difference in time.
+  [[nodiscard]] std::vector<const double*> evolving(const grids::FieldSet& rate) const {
+    std::vector<const double*> pointers(rate.pointers().begin(), rate.pointers().end());
+    for (std::size_t f = 0; f < pointers.size(); ++f) {
+      if (at_midpoints_[f]) {
+        pointers[f] = nullptr;
+      }
+    }
+    return pointers;
+  }
+
+  SweepResult level_sweep(std::span<const double* const> rate) {
+    const grids::FieldSet& fields = level_.fields;
+    return sweep_(fields.pointers(), level_.slopes, rate, 0.0, {}, {});
+  }
+
+  /// At the node values `fields`, with the velocities in correction_.
+  LevelNode level_node(const grids::FieldSet& fields) {
+    const auto rate = evolving(correction_);
+    if (&fields != &point_) {
+      point_.copy_from(fields);
+    }
+    for (int f = 0; f < system_.field_count(); ++f) {
+      if (at_midpoints_[static_cast<std::size_t>(f)]) {
+        std::ranges::fill(point_.field(f), 0.0);
+      }
+    }
+    const grids::FieldSet& point = point_;
+    const SweepResult result = sweep_(point.pointers(), level_.slopes, rate, 0.0, {}, {});
+    return {result.energy, -result.quadratic};
+  }
+
+  /// The velocity at the start, from one short step forward and one back: without it the first prediction, and Γ of the
+  /// first levels, would have nothing to go by.
+  void find_start_velocity() {
+    if (!history_.empty() || start_tried_) {
+      return;
+    }
+    start_tried_ = true;
+    delta_.fill(0.0);
+    if (solve(start_step_, 0.0) != Status::success) {
+      delta_.fill(0.0);
+      return;
+    }
+    grids::FieldSet forward = delta_;
+    for (int f = 0; f < system_.field_count(); ++f) {
+      if (!at_midpoints_[static_cast<std::size_t>(f)]) {
+        for (double& value : delta_.field(f)) {
+          value = -value;
+        }
+      }
+    }
+    if (solve(-start_step_, 0.0) == Status::success) {
+      for (int f = 0; f < system_.field_count(); ++f) {
+        const bool midpoint = at_midpoints_[static_cast<std::size_t>(f)];
+        for (std::size_t n = 0; n < grid_.size(); ++n) {
+          const double back = delta_.field(f)[n];
+          forward.field(f)[n] = midpoint ? 0.5 * (forward.field(f)[n] + back) : forward.field(f)[n] - back;
+        }
+      }
+      history_.record(0.0, 2.0 * start_step_, forward);
+    }
+    delta_.fill(0.0);
+  }
+
+  [[nodiscard]] Status solve(double h, double accuracy) {
+    const double enough = std::sqrt(std::max(accuracy, 0.5 * epsilon));
+    if (conditions_.count() > 0 && h != conditions_h_) {
+      conditions_ = step_conditions(system_, h);
+      conditions_h_ = h;
+    }
+    matrix_.mean = (2.0 / h) * system_.M() - system_.constant_hessian();
+    const auto rate = evolving(delta_);
+    const grids::FieldSet& point = point_;
+    const grids::FieldSet& residual = residual_;
+    double last = std::numeric_limits<double>::infinity();
+    for (int iteration = 0;; ++iteration) {
+      make_point(0.5);
+      const SweepResult result =
+          sweep_(point.pointers(), level_.slopes, rate, 1.0 / h, residual_.pointers(), hessian_.pointers());
+      ++iterations_;
+      if (!result.finite) {
+        return Status::undefined;
+      }
+      energy_ = result.energy;
+      slope_ = result.quadratic / (4.0 * h);
+      // Newton's error is of the order of the square of its last correction.
+      if (last <= enough || result.residual <= residual_floor) {
+        return Status::success;
+      }
+      if (iteration == most_iterations) {
+        return Status::not_converged;
+      }
+      if (const Status status =
+              solver_->solve(matrix_, conditions_, residual.pointers(), correction_.pointers(), border_);
+          status != Status::success) {
+        return status == Status::undefined ? status : Status::not_converged;
+      }
+      const double size = add_correction();
+      if (!std::isfinite(size)) {
+        return Status::undefined;
+      }
+      if (size > 1e3 && size > last) {
+        return Status::not_converged;
+      }
+      last = size;
+    }
+  }
+
+  /// δ += 2 c; the largest relative size of c over the fields.
+  double add_correction() {
+    double size = 0.0;
+    for (int f = 0; f < system_.field_count(); ++f) {
+      double* delta = delta_.field(f).data();
+      const double* correction = correction_.field(f).data();
+      grids::for_each_block(grid_.size(), piece, [=](std::size_t begin, std::size_t end) {
+        for (std::size_t n = begin; n < end; ++n) {
+          delta[n] += 2.0 * correction[n];
+        }
+      });
+      const double change = 2.0 * grids::max_abs(correction_.field(f));
+      if (change != 0.0) {
+        const double scale = std::max({grids::max_abs(delta_.field(f)), largest_[static_cast<std::size_t>(f)],
+                                       epsilon * grids::max_abs(level_.fields.field(f))});
+        size = change / scale > size || std::isnan(change) ? change / scale : size;
+      }
+    }
+    return size;
+  }
+
+  MultisymplecticSystem system_;
+  grids::Grid grid_;
+  LatticeLevel level_;
+  std::vector<bool> at_midpoints_;
+  CellSweep sweep_;
+  grids::FieldSet low_;  ///< the fields are level_.fields + low_
+  grids::FieldSet delta_, point_, residual_, correction_, hessian_;
+  LevelHistory history_;
+  std::vector<double> largest_;  ///< of |δ| of each field so far
+  double start_step_;
+  bool start_tried_ = false;
+
+  CellMatrix matrix_;
+  KernelConditions conditions_;
+  double conditions_h_ = 0.0;
+  std::vector<double> border_;
+  std::unique_ptr<CellSolver> solver_;
+
+  double trial_h_ = 0.0;  ///< 0: no trial of this level
+  double energy_ = 0.0;
+  double slope_ = 0.0;
+  int iterations_ = 0;
+  LevelNode node_;
+  bool node_known_ = false;
+};
+
+}  // namespace
+
+std::unique_ptr<LatticeScheme> make_box_scheme(const MultisymplecticSystem& system, const grids::Grid& grid,
+                                               LatticeLevel first, double first_step) {
+  check(system, grid, first);
+  return std::make_unique<BoxScheme>(system, grid, std::move(first), first_step);
+}
+
+}  // namespace rubato

@@ -1,0 +1,70 @@
+#include <rubato/pde/cell_action.hpp>
+
+#include <array>
+#include <stdexcept>
+
+#include <fmt/format.h>
+
+namespace rubato {
+
+namespace {
+
+using formula::Expression;
+using Corners = std::array<Expression, 4>;
+
+Expression mean(const Corners& c) {
+  return (c[0] + c[1] + c[2] + c[3]) * 0.25;
+}
+Expression in_time(const Corners& c) {
+  return ((c[2] - c[0]) + (c[3] - c[1])) * 0.5;
+}
+Expression in_space(const Corners& c) {
+  return ((c[1] - c[0]) + (c[3] - c[2])) * 0.5;
+}
+
+}  // namespace
+
+FormulaAction box_cell_action(const MultisymplecticSystem& system) {
+  if (system.directions() != 1) {
+    throw std::invalid_argument(
+        fmt::format("the cell action is stated for one space direction; the system has {}", system.directions()));
+  }
+  auto graph = std::make_shared<formula::Graph>();
+  const int d = system.field_count();
+  std::vector<Expression> corners;
+  Corners t, x;
+  std::vector<Corners> z(static_cast<std::size_t>(d));
+  for (std::size_t c = 0; c < 4; ++c) {
+    const auto at_corner = [&](const std::string& name) {
+      corners.push_back(graph->variable(fmt::format("{} at corner {}", name, c)));
+      return corners.back();
+    };
+    t[c] = at_corner("t");
+    x[c] = at_corner("x");
+    for (std::size_t f = 0; f < z.size(); ++f) {
+      z[f][c] = at_corner(system.fields()[f]);
+    }
+  }
+
+  std::vector<Expression> means;
+  for (const Corners& field : z) {
+    means.push_back(mean(field));
+  }
+  const Expression S = formula::substitute(std::array{system.expression()}, *graph, system.variables(), means).front();
+  Expression action = -(in_time(t) * in_space(x) - in_time(x) * in_space(t)) * S;
+  for (int i = 0; i < d; ++i) {
+    for (int j = 0; j < d; ++j) {
+      const Corners& field = z[static_cast<std::size_t>(j)];
+      const Expression weight = means[static_cast<std::size_t>(i)] * 0.5;
+      if (const double m = system.M()(i, j); m != 0.0) {
+        action += weight * (m * (in_time(field) * in_space(x) - in_space(field) * in_time(x)));
+      }
+      if (const double k = system.K(0)(i, j); k != 0.0) {
+        action += weight * (k * (in_space(field) * in_time(t) - in_time(field) * in_space(t)));
+      }
+    }
+  }
+  return {graph, action, corners, Element{.corners = 4, .coordinates = 2, .values = static_cast<std::size_t>(d)}};
+}
+
+}  // namespace rubato

@@ -1,0 +1,397 @@
+#include <rubato/pde/cell_sweep.hpp>
+
+#include <omp.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <utility>
+
+#include <rubato/base/compensated_sum.hpp>
+#include <rubato/grids/buffer.hpp>
+
+namespace rubato {
+
+BoxGather::BoxGather(const grids::Grid& grid) : dimensions_(grid.dimensions()) {
+  for (int a = 0; a < 3; ++a) {
+    n_[a] = grid.cells(a);
+    stride_[a] = a < dimensions_ ? grid.stride(a) : 0;
+    inverse_spacing_[a] = a < dimensions_ ? 1.0 / grid.spacing(a) : 0.0;
+  }
+}
+
+namespace {
+
+constexpr std::size_t block_size = CellBlocks::most;
+using Line = std::array<double, block_size + 1>;
+
+/// Nodes begin … begin + count of a line (count + 1 of them), the last one cyclically.
+template <typename Use>
+void for_each_node(std::size_t begin, std::size_t count, std::size_t n, Use&& use) {
+  const std::size_t inner = begin + count == n ? count : count + 1;
+  for (std::size_t i = 0; i < inner; ++i) {
+    use(i, begin + i);
+  }
+  if (inner == count) {
+    use(count, 0);
+  }
+}
+
+void average(const Line& nodes, std::size_t count, double* out) {
+  for (std::size_t i = 0; i < count; ++i) {
+    out[i] = 0.5 * (nodes[i] + nodes[i + 1]);
+  }
+}
+
+}  // namespace
+
+void BoxGather::operator()(const double* field, std::size_t line, std::size_t begin, std::size_t count, double* mean,
+                           double* const* difference) const {
+  Line a, b, c;
+  const std::size_t j = line % n_[1];
+  const std::size_t k = line / n_[1];
+  const double* r00 = field + j * stride_[1] + k * stride_[2];
+  const double* r10 = field + (j + 1 == n_[1] ? 0 : j + 1) * stride_[1] + k * stride_[2];
+  if (dimensions_ == 1) {
+    for_each_node(begin, count, n_[0], [&](std::size_t i, std::size_t node) { a[i] = r00[node]; });
+  } else if (dimensions_ == 2) {
+    const double scale = inverse_spacing_[1];
+    for_each_node(begin, count, n_[0], [&](std::size_t i, std::size_t node) {
+      a[i] = 0.5 * (r00[node] + r10[node]);
+      b[i] = (r10[node] - r00[node]) * scale;
+    });
+  } else {
+    const std::size_t k_next = k + 1 == n_[2] ? 0 : k + 1;
+    const double* r01 = field + j * stride_[1] + k_next * stride_[2];
+    const double* r11 = field + (j + 1 == n_[1] ? 0 : j + 1) * stride_[1] + k_next * stride_[2];
+    const double scale_y = 0.5 * inverse_spacing_[1];
+    const double scale_z = 0.5 * inverse_spacing_[2];
+    for_each_node(begin, count, n_[0], [&](std::size_t i, std::size_t node) {
+      a[i] = 0.25 * ((r00[node] + r10[node]) + (r01[node] + r11[node]));
+      b[i] = ((r10[node] - r00[node]) + (r11[node] - r01[node])) * scale_y;
+      c[i] = ((r01[node] - r00[node]) + (r11[node] - r10[node])) * scale_z;
+    });
+  }
+  if (mean != nullptr) {
+    average(a, count, mean);
+  }
+  if (difference[0] != nullptr) {
+    for (std::size_t i = 0; i < count; ++i) {
+      difference[0][i] = (a[i + 1] - a[i]) * inverse_spacing_[0];
+    }
+  }
+  if (dimensions_ > 1 && difference[1] != nullptr) {
+    average(b, count, difference[1]);
+  }
+  if (dimensions_ > 2 && difference[2] != nullptr) {
+    average(c, count, difference[2]);
+  }
+}
+
+namespace {
+
+struct Term {
+  int row, column;
+  double value;
+};
+
+std::vector<Term> terms_of(const Eigen::MatrixXd& matrix) {
+  std::vector<Term> terms;
+  for (int i = 0; i < matrix.rows(); ++i) {
+    for (int j = 0; j < matrix.cols(); ++j) {
+      if (matrix(i, j) != 0.0) {
+        terms.push_back({i, j, matrix(i, j)});
+      }
+    }
+  }
+  return terms;
+}
+
+/// What one block adds to the sums and maxima.
+struct BlockResult {
+  double energy = 0.0;
+  double quadratic = 0.0;
+  bool finite = true;
+  std::array<double, MultisymplecticSystem::most_fields> residual{};  ///< max |R| of each row
+  std::array<double, MultisymplecticSystem::most_fields> scale{};     ///< Σ of the largest terms of each row
+};
+
+/// One thread's arrays of a block: per field A and D_a of the point, the same of the rate, ∇S, S and S''.
+struct Workspace {
+  grids::Buffer memory;
+  formula::BatchEvaluator gradient, hessian;
+  std::vector<double*> mean, rate_mean, outputs;
+  std::vector<std::array<double*, 3>> difference, rate_difference;
+  std::vector<const double*> inputs;
+};
+
+double largest(const double* values, std::size_t count) {
+  double result = 0.0;
+  for (std::size_t i = 0; i < count; ++i) {
+    const double size = std::abs(values[i]);
+    result = size > result ? size : result;
+  }
+  return result;
+}
+
+/// Σ values, eight partial sums side by side so that it vectorises.
+double sum(const double* values, std::size_t count) {
+  double partial[8] = {};
+  std::size_t i = 0;
+  for (; i + 8 <= count; i += 8) {
+    for (std::size_t l = 0; l < 8; ++l) {
+      partial[l] += values[i + l];
+    }
+  }
+  double result = 0.0;
+  for (; i < count; ++i) {
+    result += values[i];
+  }
+  for (const double part : partial) {
+    result += part;
+  }
+  return result;
+}
+
+}  // namespace
+
+struct CellSweep::Storage {
+  MultisymplecticSystem system;
+  CellBlocks blocks;
+  BoxGather gather;
+  int d, dimensions;
+  double volume;
+  double inverse_spacing[3] = {};
+  std::vector<Term> M, constant_hessian;
+  std::vector<std::vector<Term>> K, K_plus;
+  std::vector<std::array<bool, 3>> differentiated;  ///< of each field, along each direction
+  std::vector<BlockResult> results;
+  std::vector<std::unique_ptr<Workspace>> workspaces;
+
+  Storage(const MultisymplecticSystem& s, const grids::Grid& grid)
+      : system(s),
+        blocks(grid),
+        gather(grid),
+        d(s.field_count()),
+        dimensions(grid.dimensions()),
+        volume(grid.cell_volume()),
+        M(terms_of(s.M())),
+        constant_hessian(terms_of(s.constant_hessian())),
+        differentiated(static_cast<std::size_t>(d)),
+        results(blocks.count()) {
+    for (int a = 0; a < dimensions; ++a) {
+      inverse_spacing[a] = 1.0 / grid.spacing(a);
+      K.push_back(terms_of(s.K(a)));
+      K_plus.push_back(terms_of(s.structure().K_plus[static_cast<std::size_t>(a)]));
+      for (const Term& term : K.back()) {
+        differentiated[static_cast<std::size_t>(term.column)][static_cast<std::size_t>(a)] = true;
+      }
+    }
+  }
+
+  void prepare_workspaces() {
+    while (workspaces.size() < static_cast<std::size_t>(omp_get_max_threads())) {
+      workspaces.push_back(make_workspace());
+    }
+  }
+
+  std::unique_ptr<Workspace> make_workspace() const {
+    auto work = std::make_unique<Workspace>();
+    const std::size_t varying = system.varying_hessian().size();
+    const auto fields = static_cast<std::size_t>(d);
+    const std::size_t arrays = 2 * fields * (1 + static_cast<std::size_t>(dimensions)) + 1 + fields + varying;
+    work->memory = grids::Buffer(arrays * block_size);
+    double* next = work->memory.data();
+    const auto take = [&next] { return std::exchange(next, next + block_size); };
+    for (std::size_t f = 0; f < fields; ++f) {
+      work->mean.push_back(take());
+      work->rate_mean.push_back(take());
+      auto& difference = work->difference.emplace_back();
+      auto& rate_difference = work->rate_difference.emplace_back();
+      for (std::size_t a = 0; a < static_cast<std::size_t>(dimensions); ++a) {
+        difference[a] = differentiated[f][a] ? take() : nullptr;
+        rate_difference[a] = differentiated[f][a] ? take() : nullptr;
+      }
+      work->inputs.push_back(work->mean.back());
+    }
+    for (std::size_t j = 0; j < 1 + fields + varying; ++j) {
+      work->outputs.push_back(take());
+    }
+    work->gradient = formula::BatchEvaluator(system.gradient_code());
+    work->hessian = formula::BatchEvaluator(system.hessian_code());
+    return work;
+  }
+
+  void run_block(std::size_t block, Workspace& work, std::span<const double* const> point,
+                 const PotentialSlopes& slopes, std::span<const double* const> rate, double inverse_h,
+                 std::span<double* const> residual, std::span<double* const> hessian);
+  void residual_row(int row, std::size_t count, bool with_rate, double inverse_h, const Workspace& work, double* out,
+                    BlockResult& result) const;
+};
+
+void CellSweep::Storage::run_block(std::size_t block, Workspace& work, std::span<const double* const> point,
+                                   const PotentialSlopes& slopes, std::span<const double* const> rate, double inverse_h,
+                                   std::span<double* const> residual, std::span<double* const> hessian) {
+  const std::size_t line = block / blocks.per_line;
+  const std::size_t begin = block % blocks.per_line * block_size;
+  const std::size_t count = std::min(block_size, blocks.line - begin);
+  const std::size_t offset = line * blocks.line + begin;
+  BlockResult& result = results[block];
+  result = {};
+
+  for (int f = 0; f < d; ++f) {
+    const auto i = static_cast<std::size_t>(f);
+    gather(point[i], line, begin, count, work.mean[i], work.difference[i].data());
+    if (const double slope = slopes.at(f, line); slope != 0.0 && work.difference[i][0] != nullptr) {
+      for (std::size_t c = 0; c < count; ++c) {
+        work.difference[i][0][c] += slope;
+      }
+    }
+    if (!rate.empty()) {
+      if (rate[i] != nullptr) {
+        gather(rate[i], line, begin, count, work.rate_mean[i], work.rate_difference[i].data());
+      } else {
+        std::fill_n(work.rate_mean[i], count, 0.0);
+        for (double* difference : work.rate_difference[i]) {
+          if (difference != nullptr) {
+            std::fill_n(difference, count, 0.0);
+          }
+        }
+      }
+    }
+  }
+
+  const bool with_hessian = !hessian.empty() || !rate.empty();
+  const std::size_t outputs = 1 + static_cast<std::size_t>(d) + (with_hessian ? system.varying_hessian().size() : 0);
+  (with_hessian ? work.hessian : work.gradient)(count, work.inputs,
+                                                std::span<double* const>(work.outputs.data(), outputs));
+  double* const* varying = work.outputs.data() + 1 + d;
+  for (std::size_t e = 0; e < hessian.size(); ++e) {
+    std::copy_n(varying[e], count, hessian[e] + offset);
+  }
+
+  if (!residual.empty()) {
+    for (int row = 0; row < d; ++row) {
+      residual_row(row, count, !rate.empty(), inverse_h, work, residual[static_cast<std::size_t>(row)] + offset,
+                   result);
+    }
+  }
+
+  double* density = work.outputs[0];
+  for (std::size_t a = 0; a < K_plus.size(); ++a) {
+    for (const Term& term : K_plus[a]) {
+      const double* difference = work.difference[static_cast<std::size_t>(term.row)][a];
+      const double* mean = work.mean[static_cast<std::size_t>(term.column)];
+      for (std::size_t c = 0; c < count; ++c) {
+        density[c] += term.value * difference[c] * mean[c];
+      }
+    }
+  }
+  result.energy = sum(density, count);
+  result.finite = result.finite && std::isfinite(result.energy);
+
+  if (!rate.empty()) {
+    double* form = density;  // no longer needed
+    std::fill_n(form, count, 0.0);
+    const auto add = [&](int row, const double* column, double value) {
+      const double* left = work.rate_mean[static_cast<std::size_t>(row)];
+      for (std::size_t c = 0; c < count; ++c) {
+        form[c] += value * left[c] * column[c];
+      }
+    };
+    for (std::size_t a = 0; a < K.size(); ++a) {
+      for (const Term& term : K[a]) {
+        add(term.row, work.rate_difference[static_cast<std::size_t>(term.column)][a], term.value);
+      }
+    }
+    for (const Term& term : constant_hessian) {
+      add(term.row, work.rate_mean[static_cast<std::size_t>(term.column)], -term.value);
+    }
+    for (std::size_t e = 0; e < system.varying_hessian().size(); ++e) {
+      const auto [row, column] = system.varying_hessian()[e];
+      const double* left = work.rate_mean[static_cast<std::size_t>(row)];
+      const double* right = work.rate_mean[static_cast<std::size_t>(column)];
+      const double factor = row == column ? -1.0 : -2.0;
+      for (std::size_t c = 0; c < count; ++c) {
+        form[c] += factor * varying[e][c] * left[c] * right[c];
+      }
+    }
+    result.quadratic = sum(form, count);
+  }
+}
+
+void CellSweep::Storage::residual_row(int row, std::size_t count, bool with_rate, double inverse_h,
+                                      const Workspace& work, double* out, BlockResult& result) const {
+  const double* gradient = work.outputs[1 + static_cast<std::size_t>(row)];
+  double scale = largest(gradient, count);
+  std::copy_n(gradient, count, out);
+  const auto subtract = [&](const double* values, double factor) {
+    for (std::size_t c = 0; c < count; ++c) {
+      out[c] -= factor * values[c];
+    }
+  };
+  if (with_rate) {
+    for (const Term& term : M) {
+      if (term.row == row) {
+        const double* rate = work.rate_mean[static_cast<std::size_t>(term.column)];
+        subtract(rate, inverse_h * term.value);
+        scale += std::abs(inverse_h * term.value) * largest(rate, count);
+      }
+    }
+  }
+  for (std::size_t a = 0; a < K.size(); ++a) {
+    for (const Term& term : K[a]) {
+      if (term.row == row) {
+        const auto column = static_cast<std::size_t>(term.column);
+        subtract(work.difference[column][a], term.value);
+        // The difference of two nearly equal values has the rounding error of the values.
+        scale += std::abs(term.value) * (largest(work.difference[column][a], count) +
+                                         2.0 * inverse_spacing[a] * largest(work.mean[column], count));
+      }
+    }
+  }
+  const auto r = static_cast<std::size_t>(row);
+  result.residual[r] = largest(out, count);
+  result.scale[r] = scale;
+  result.finite = result.finite && std::isfinite(sum(out, count));
+}
+
+CellSweep::CellSweep(const MultisymplecticSystem& system, const grids::Grid& grid)
+    : storage_(std::make_unique<Storage>(system, grid)) {}
+CellSweep::~CellSweep() = default;
+
+SweepResult CellSweep::operator()(std::span<const double* const> point, const PotentialSlopes& slopes,
+                                  std::span<const double* const> rate, double inverse_h,
+                                  std::span<double* const> residual, std::span<double* const> hessian) {
+  Storage& s = *storage_;
+  s.prepare_workspaces();
+  const auto blocks = static_cast<std::ptrdiff_t>(s.blocks.count());
+#pragma omp parallel for schedule(static) if (blocks > 8)
+  for (std::ptrdiff_t block = 0; block < blocks; ++block) {
+    s.run_block(static_cast<std::size_t>(block), *s.workspaces[static_cast<std::size_t>(omp_get_thread_num())], point,
+                slopes, rate, inverse_h, residual, hessian);
+  }
+
+  SweepResult total;
+  CompensatedSum energy, quadratic;
+  std::array<double, MultisymplecticSystem::most_fields> residuals{}, scales{};
+  for (const BlockResult& result : s.results) {
+    energy.add(result.energy);
+    quadratic.add(result.quadratic);
+    total.finite = total.finite && result.finite;
+    for (std::size_t r = 0; r < static_cast<std::size_t>(s.d); ++r) {
+      residuals[r] = std::max(residuals[r], result.residual[r]);
+      scales[r] = std::max(scales[r], result.scale[r]);
+    }
+  }
+  total.energy = s.volume * energy.value();
+  total.quadratic = s.volume * quadratic.value();
+  for (std::size_t r = 0; r < static_cast<std::size_t>(s.d); ++r) {
+    if (residuals[r] > 0.0) {
+      total.residual = std::max(total.residual, residuals[r] / scales[r]);
+    }
+  }
+  return total;
+}
+
+}  // namespace rubato

@@ -1,0 +1,79 @@
+#pragma once
+
+#include <memory>
+#include <vector>
+
+#include <rubato/formula/batch.hpp>
+#include <rubato/grids/field_set.hpp>
+#include <rubato/grids/grid.hpp>
+#include <rubato/pde/multisymplectic_system.hpp>
+
+namespace rubato {
+
+/// The linear parts of potentials, z = slope·x + periodic: what is added to D_x z. One value for each line of cells
+/// along x (a single one in one dimension), for the fields that have a slope.
+struct PotentialSlopes {
+  std::vector<std::vector<double>> of_field;  ///< empty for a field without slope, else one value for each line
+
+  [[nodiscard]] double at(int field, std::size_t line) const {
+    const auto f = static_cast<std::size_t>(field);
+    return f >= of_field.size() || of_field[f].empty() ? 0.0 : of_field[f][line];
+  }
+};
+
+/// Where the batch evaluator's blocks of cells begin and end: pieces of at most 256 cells of one line along x.
+/// A function of the grid alone, so that results do not depend on the number of threads.
+struct CellBlocks {
+  static constexpr std::size_t most = 256;
+  std::size_t line = 0;      ///< cells in a line along x
+  std::size_t lines = 0;     ///< n_y n_z
+  std::size_t per_line = 0;  ///< blocks in a line
+  explicit CellBlocks(const grids::Grid& grid)
+      : line(grid.cells(0)), lines(grid.size() / line), per_line((line + most - 1) / most) {}
+  [[nodiscard]] std::size_t count() const { return lines * per_line; }
+};
+
+/// A, D_x, D_y, D_z of fields on a block of cells: box averages and differences of the nodes around (theory, section
+/// 5).
+class BoxGather {
+public:
+  explicit BoxGather(const grids::Grid& grid);
+
+  /// mean[i] = A z and difference[a][i] = D_a z at cells begin + i of a line, for i < count; null pointers are skipped.
+  void operator()(const double* field, std::size_t line, std::size_t begin, std::size_t count, double* mean,
+                  double* const* difference) const;
+
+private:
+  int dimensions_;
+  std::size_t n_[3];
+  std::size_t stride_[3];
+  double inverse_spacing_[3];
+};
+
+/// What one sweep over all cells gives.
+struct SweepResult {
+  double energy = 0.0;     ///< Σ ΔV [S + Σ_a (D_a z)ᵀK₊A z], the split energy density
+  double quadratic = 0.0;  ///< Σ ΔV (A v)ᵀ(Σ_a K_a D_a v - S''A v) of the rate v
+  double residual = 0.0;   ///< the largest |R| relative to the terms of its row
+  bool finite = true;
+};
+
+/// Evaluates the equation in every cell, in batches, in parallel. Holds work space for each thread.
+class CellSweep {
+public:
+  CellSweep(const MultisymplecticSystem& system, const grids::Grid& grid);
+  ~CellSweep();
+
+  /// At node values `point` (z̄ = A point, D_a point) with slopes, and node rates `rate` (empty for none; null pointers
+  /// in it stand for zero fields). If wanted (not empty), `residual` receives -R, one array for each row of
+  /// R = inverse_h·M A rate + Σ K_a D_a point - ∇S(z̄), and `hessian` the varying entries of S''(z̄).
+  SweepResult operator()(std::span<const double* const> point, const PotentialSlopes& slopes,
+                         std::span<const double* const> rate, double inverse_h, std::span<double* const> residual,
+                         std::span<double* const> hessian);
+
+private:
+  struct Storage;
+  std::unique_ptr<Storage> storage_;
+};
+
+}  // namespace rubato

@@ -1,0 +1,65 @@
+#include <rubato/pde/cell_solver.hpp>
+
+#include <rubato/solve/cyclic_block.hpp>
+
+namespace rubato {
+
+namespace {
+
+class CyclicCellSolver final : public CellSolver {
+public:
+  CyclicCellSolver(const grids::Grid& grid, int size, int conditions)
+      : inverse_spacing_(1.0 / grid.spacing(0)), solver_(size, grid.cells(0), conditions) {
+    const auto block = static_cast<std::size_t>(size);
+    const auto count = static_cast<std::size_t>(conditions);
+    matrix_.block = size;
+    matrix_.cells = grid.cells(0);
+    matrix_.left.resize(block * block);
+    matrix_.right.resize(block * block);
+    border_.count = conditions;
+    border_.columns.resize(count * block);
+    border_.rows.resize(count * block);
+    border_.corner.assign(count * count, 0.0);
+    border_rhs_.assign(count, 0.0);
+  }
+
+  Status solve(const CellMatrix& matrix, const KernelConditions& conditions, std::span<const double* const> rhs,
+               std::span<double* const> solution, std::span<double> y) override {
+    const int d = matrix_.block;
+    for (int i = 0; i < d; ++i) {
+      for (int j = 0; j < d; ++j) {
+        const double mean = 0.5 * matrix.mean(i, j);
+        const double difference = inverse_spacing_ * matrix.difference[0](i, j);
+        matrix_.left[static_cast<std::size_t>(i * d + j)] = mean - difference;
+        matrix_.right[static_cast<std::size_t>(i * d + j)] = mean + difference;
+      }
+    }
+    matrix_.entries.clear();
+    for (const CellMatrix::Entry& entry : matrix.entries) {
+      matrix_.entries.push_back({entry.row, entry.column, 0.5 * entry.factor, 0.5 * entry.factor, entry.values});
+    }
+    const double weight = 1.0 / static_cast<double>(matrix_.cells);
+    for (int b = 0; b < conditions.count(); ++b) {
+      for (int i = 0; i < d; ++i) {
+        border_.columns[static_cast<std::size_t>(b * d + i)].constant = conditions.columns(i, b);
+        border_.rows[static_cast<std::size_t>(b * d + i)].constant = weight * conditions.pins(b, i);
+      }
+    }
+    return solver_.solve(matrix_, border_, rhs, border_rhs_, solution, y).status;
+  }
+
+private:
+  double inverse_spacing_;
+  solve::CyclicBlockSolver solver_;
+  solve::CyclicBidiagonal matrix_;
+  solve::CyclicBorder border_;
+  std::vector<double> border_rhs_;
+};
+
+}  // namespace
+
+std::unique_ptr<CellSolver> make_cyclic_cell_solver(const grids::Grid& grid, int size, int conditions) {
+  return std::make_unique<CyclicCellSolver>(grid, size, conditions);
+}
+
+}  // namespace rubato

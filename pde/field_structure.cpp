@@ -1,0 +1,260 @@
+#include <rubato/pde/field_structure.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <complex>
+#include <stdexcept>
+#include <string>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <Eigen/LU>
+#include <Eigen/SVD>
+
+#include <rubato/pde/multisymplectic_system.hpp>
+
+namespace rubato {
+
+namespace {
+
+using Eigen::Index;
+using Eigen::MatrixXcd;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+constexpr double rank_threshold = 1e-10;    ///< of the largest singular value
+constexpr double support_threshold = 1e-7;  ///< of a unit vector's components
+
+template <typename Matrix>
+Matrix null_space_of(const Matrix& matrix) {
+  const Index columns = matrix.cols();
+  if (matrix.rows() == 0 || columns == 0) {
+    return Matrix::Identity(columns, columns);
+  }
+  const Eigen::JacobiSVD<Matrix> svd(matrix, Eigen::ComputeFullV);
+  const auto& values = svd.singularValues();
+  Index rank = 0;
+  while (rank < values.size() && values[rank] > rank_threshold * values[0]) {
+    ++rank;
+  }
+  return svd.matrixV().rightCols(columns - rank);
+}
+
+/// The column space of `basis` in reduced column echelon form.
+MatrixXd echelon(MatrixXd basis) {
+  Index column = 0;
+  for (Index row = 0; row < basis.rows() && column < basis.cols(); ++row) {
+    Index pivot = 0;
+    if (basis.row(row).tail(basis.cols() - column).cwiseAbs().maxCoeff(&pivot) < support_threshold) {
+      continue;
+    }
+    basis.col(column).swap(basis.col(column + pivot));
+    basis.col(column) /= basis(row, column);
+    for (Index other = 0; other < basis.cols(); ++other) {
+      if (other != column) {
+        basis.col(other) -= basis(row, other) * basis.col(column);
+      }
+    }
+    ++column;
+  }
+  return basis.unaryExpr([](double x) { return std::abs(x) < 1e-9 ? 0.0 : x; });
+}
+
+/// Fields that occur in some vector of the space spanned by the columns.
+template <typename Matrix>
+std::vector<bool> support(const Matrix& basis) {
+  std::vector<bool> result(static_cast<std::size_t>(basis.rows()), false);
+  for (Index f = 0; f < basis.rows(); ++f) {
+    result[static_cast<std::size_t>(f)] = basis.cols() > 0 && basis.row(f).norm() > support_threshold;
+  }
+  return result;
+}
+
+/// Σ iκ_a K_a - S'' at random wave numbers: what the equations in space are on one wave.
+MatrixXcd generic_symbol(const MultisymplecticSystem& system, const MatrixXd& hessian, std::mt19937_64& random) {
+  std::uniform_real_distribution<double> wave(0.5, 1.5);
+  MatrixXcd symbol = -hessian.cast<std::complex<double>>();
+  for (int a = 0; a < system.directions(); ++a) {
+    symbol += std::complex<double>(0.0, wave(random)) * system.K(a).cast<std::complex<double>>();
+  }
+  return symbol;
+}
+
+void split(const MatrixXd& matrix, const FieldStructure& structure, MatrixXd& plus) {
+  const Index d = matrix.rows();
+  plus = MatrixXd::Zero(d, d);
+  for (Index i = 0; i < d; ++i) {
+    for (Index j = i + 1; j < d; ++j) {
+      const auto first = static_cast<std::size_t>(i);
+      const auto second = static_cast<std::size_t>(j);
+      const bool swap = structure.potential[first] != structure.potential[second]
+                            ? structure.potential[second]
+                            : structure.algebraic[first] && !structure.algebraic[second];
+      if (swap) {
+        plus(j, i) = matrix(j, i);
+      } else {
+        plus(i, j) = matrix(i, j);
+      }
+    }
+  }
+}
+
+void refuse_undetermined(const MultisymplecticSystem& system, const MatrixXd& hessian, std::mt19937_64& random) {
+  std::uniform_real_distribution<double> rate(0.5, 1.5);
+  MatrixXcd symbol = generic_symbol(system, hessian, random);
+  symbol += rate(random) * system.M().cast<std::complex<double>>();
+  const MatrixXcd null = null_space(symbol);
+  if (null.cols() == 0) {
+    return;
+  }
+  std::vector<std::string> names;
+  const auto in_support = support(null);
+  for (std::size_t f = 0; f < in_support.size(); ++f) {
+    if (in_support[f]) {
+      names.push_back(system.fields()[f]);
+    }
+  }
+  throw std::invalid_argument(fmt::format(
+      fmt::runtime(names.size() == 1
+                       ? "the field {} is not determined: its rows of M and K and its part of S leave it free"
+                       : "the fields {} are not determined: the equations leave a combination of them free"),
+      fmt::join(names, ", ")));
+}
+
+/// Constant vectors b with b·∇S = 0, from gradients at random points.
+MatrixXd find_affine_symmetries(const MultisymplecticSystem& system, std::mt19937_64& random) {
+  const Index d = system.field_count();
+  formula::ScalarEvaluator evaluate(system.gradient_code());
+  std::vector<double> z(static_cast<std::size_t>(d));
+  std::vector<double> outputs(static_cast<std::size_t>(d) + 1);
+  MatrixXd gradients = MatrixXd::Zero(4 * d, d);
+  std::uniform_real_distribution<double> value(0.1, 1.4);
+  Index row = 0;
+  for (int attempt = 0; attempt < 40 * d && row < gradients.rows(); ++attempt) {
+    for (double& component : z) {
+      component = attempt % 2 == 0 ? value(random) : value(random) - 0.75;
+    }
+    evaluate(z, outputs);
+    const Eigen::Map<const VectorXd> gradient(outputs.data() + 1, d);
+    if (gradient.allFinite()) {
+      gradients.row(row++) = gradient.transpose();
+    }
+  }
+  if (row < gradients.rows()) {  // S is finite almost nowhere near 0: only the fields that do not occur are certain
+    const auto used = formula::variables_of(system.expression());
+    gradients.setIdentity(d, d);
+    for (Index f = 0; f < d; ++f) {
+      const auto number = system.graph()->node(system.variables()[static_cast<std::size_t>(f)].index()).a;
+      gradients(f, f) = std::ranges::find(used, number) == used.end() ? 0.0 : 1.0;
+    }
+  }
+  return gradients.isZero(0.0) ? MatrixXd::Identity(d, d) : echelon(null_space(gradients));
+}
+
+/// The columns of `candidates` for which keep(column) holds.
+template <typename Keep>
+MatrixXd select(const MatrixXd& candidates, Keep&& keep) {
+  MatrixXd result(candidates.rows(), 0);
+  for (Index c = 0; c < candidates.cols(); ++c) {
+    if (keep(candidates.col(c))) {
+      result.conservativeResize(Eigen::NoChange, result.cols() + 1);
+      result.col(result.cols() - 1) = candidates.col(c);
+    }
+  }
+  return result;
+}
+
+}  // namespace
+
+MatrixXcd null_space(const MatrixXcd& matrix) {
+  return null_space_of(matrix);
+}
+MatrixXd null_space(const MatrixXd& matrix) {
+  return null_space_of(matrix);
+}
+Index rank(const MatrixXcd& matrix) {
+  return matrix.cols() - null_space_of(matrix).cols();
+}
+
+MatrixXd generic_hessian(const MultisymplecticSystem& system, std::mt19937_64& random) {
+  std::uniform_real_distribution<double> value(0.1, 1.4);
+  std::vector<double> z(static_cast<std::size_t>(system.field_count()));
+  for (int attempt = 0; attempt < 40; ++attempt) {
+    for (double& component : z) {
+      component = attempt % 2 == 0 ? value(random) : value(random) - 0.75;
+    }
+    const MatrixXd hessian = system.hessian(z);
+    if (hessian.allFinite()) {
+      return hessian;
+    }
+  }
+  MatrixXd hessian = system.constant_hessian();
+  for (const auto [row, column] : system.varying_hessian()) {
+    hessian(row, column) = hessian(column, row) = value(random);
+  }
+  return hessian;
+}
+
+FieldStructure analyse(const MultisymplecticSystem& system) {
+  std::mt19937_64 random(20);  // any seed: the exceptional points have measure zero
+  const MatrixXd hessian = generic_hessian(system, random);
+  refuse_undetermined(system, hessian, random);
+
+  const Index d = system.field_count();
+  FieldStructure result;
+  result.kernel = system.M().isZero(0.0) ? MatrixXd::Identity(d, d) : echelon(null_space(system.M()));
+  result.affine_symmetries = find_affine_symmetries(system, random);
+  const auto used = formula::variables_of(system.expression());
+  for (Index f = 0; f < d; ++f) {
+    const auto number = system.graph()->node(system.variables()[static_cast<std::size_t>(f)].index()).a;
+    result.algebraic.push_back(system.M().col(f).isZero(0.0));
+    result.potential.push_back(std::ranges::find(used, number) == used.end());
+  }
+
+  // On one wave, the constraints of a level act on its part in ker M by nᵀ(iκK - S'')n'.
+  const MatrixXcd kernel = result.kernel.cast<std::complex<double>>();
+  const MatrixXcd symbol = generic_symbol(system, hessian, random);
+  const MatrixXcd undetermined = kernel * null_space(MatrixXcd(kernel.transpose() * symbol * kernel));
+  result.multiplier = support(undetermined);
+
+  result.level_constraints = select(result.kernel, [&](const auto& n) {
+    const Eigen::RowVectorXcd row = n.transpose().template cast<std::complex<double>>() * symbol;
+    for (Index f = 0; f < d; ++f) {
+      if (result.multiplier[static_cast<std::size_t>(f)] && std::abs(row[f]) > support_threshold) {
+        return false;
+      }
+    }
+    return row.norm() > support_threshold;
+  });
+
+  const MatrixXd linear = select(result.level_constraints, [&](const auto& n) {
+    for (const auto [row, column] : system.varying_hessian()) {
+      if (n[row] != 0.0 || n[column] != 0.0) {
+        return false;
+      }
+    }
+    return true;
+  });
+  const MatrixXcd determined_linearly = linear.cast<std::complex<double>>().transpose() * symbol * kernel;
+  const auto rest = support(MatrixXcd(kernel * null_space(determined_linearly)));
+  result.nonlinear.assign(static_cast<std::size_t>(d), false);
+  for (Index f = 0; f < d; ++f) {
+    const auto i = static_cast<std::size_t>(f);
+    result.nonlinear[i] = rest[i] && !result.multiplier[i];
+    if (rest[i] && !result.algebraic[i]) {
+      throw std::invalid_argument(
+          fmt::format("a constraint that is not linear binds a combination of fields that holds {0}, which has an "
+                      "equation of motion of its own; choose fields in which {0} does not occur in the kernel of M",
+                      system.fields()[i]));
+    }
+  }
+
+  split(system.M(), result, result.M_plus);
+  result.K_plus.resize(static_cast<std::size_t>(system.directions()));
+  for (int a = 0; a < system.directions(); ++a) {
+    split(system.K(a), result, result.K_plus[static_cast<std::size_t>(a)]);
+  }
+  return result;
+}
+
+}  // namespace rubato

@@ -1,0 +1,309 @@
+#include <rubato/pde/initial_level.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <random>
+#include <stdexcept>
+#include <string>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <rubato/grids/reductions.hpp>
+#include <rubato/pde/cell_solver.hpp>
+#include <rubato/pde/kernel_conditions.hpp>
+
+namespace rubato {
+
+namespace {
+
+using Eigen::Index;
+using Eigen::MatrixXcd;
+using Eigen::MatrixXd;
+
+constexpr int most_iterations = 30;
+
+/// Which fields are computed, by which combinations of rows.
+struct Plan {
+  std::vector<int> unknowns;
+  MatrixXd rows;  ///< d × unknowns
+};
+
+void check(const MultisymplecticSystem& system, const grids::Grid& grid, const InitialFields& given) {
+  if (given.size() != system.fields().size()) {
+    throw std::invalid_argument(
+        fmt::format("initial data for {} fields; the system has {}", given.size(), system.fields().size()));
+  }
+  for (std::size_t f = 0; f < given.size(); ++f) {
+    if (!given[f]) {
+      continue;
+    }
+    if (given[f]->size() != grid.size()) {
+      throw std::invalid_argument(fmt::format("the initial {} has {} values; the grid has {} nodes", system.fields()[f],
+                                              given[f]->size(), grid.size()));
+    }
+    const auto bad = std::ranges::find_if(*given[f], [](double value) { return !std::isfinite(value); });
+    if (bad != given[f]->end()) {
+      throw std::invalid_argument(fmt::format("the initial {} is {} at node {}: it has to be finite everywhere",
+                                              system.fields()[f], *bad, bad - given[f]->begin()));
+    }
+  }
+}
+
+/// The symbol Σ iκ_a K_a - S'' on a generic wave.
+MatrixXcd generic_symbol(const MultisymplecticSystem& system) {
+  std::mt19937_64 random(40);
+  std::uniform_real_distribution<double> wave(0.5, 1.5);
+  MatrixXcd symbol = -generic_hessian(system, random).cast<std::complex<double>>();
+  for (int a = 0; a < system.directions(); ++a) {
+    symbol += std::complex<double>(0.0, wave(random)) * system.K(a).cast<std::complex<double>>();
+  }
+  return symbol;
+}
+
+Plan make_plan(const MultisymplecticSystem& system, const InitialFields& given) {
+  const FieldStructure& structure = system.structure();
+  const int d = system.field_count();
+  // In the order in which they are rather computed than used: what is not given, algebraic fields before those with an
+  // equation of motion, then what is given and has to agree.
+  std::vector<int> order;
+  for (int turn = 0; turn < 5; ++turn) {
+    for (int f = 0; f < d; ++f) {
+      const auto i = static_cast<std::size_t>(f);
+      const int rank = given[i] ? structure.algebraic[i]   ? 2
+                                  : structure.potential[i] ? 3
+                                                           : 4
+                                : (structure.algebraic[i] ? 0 : 1);
+      if (rank == turn && !structure.multiplier[i]) {
+        order.push_back(f);
+      }
+    }
+  }
+  const MatrixXcd constraints = structure.level_constraints.cast<std::complex<double>>().transpose();
+  const MatrixXcd on_wave = constraints * generic_symbol(system);
+  Plan plan;
+  plan.unknowns = independent_rows(on_wave.transpose(), order);
+  MatrixXcd square(on_wave.rows(), static_cast<Index>(plan.unknowns.size()));
+  for (std::size_t u = 0; u < plan.unknowns.size(); ++u) {
+    square.col(static_cast<Index>(u)) = on_wave.col(plan.unknowns[u]);
+  }
+  std::vector<int> all_rows(static_cast<std::size_t>(square.rows()));
+  for (std::size_t r = 0; r < all_rows.size(); ++r) {
+    all_rows[r] = static_cast<int>(r);
+  }
+  const auto rows = independent_rows(square, all_rows);
+  plan.rows = MatrixXd(d, static_cast<Index>(rows.size()));
+  for (std::size_t r = 0; r < rows.size(); ++r) {
+    plan.rows.col(static_cast<Index>(r)) = structure.level_constraints.col(rows[r]);
+  }
+  std::vector<std::string> missing;
+  for (int f = 0; f < d; ++f) {
+    const auto i = static_cast<std::size_t>(f);
+    if (!given[i] && !structure.multiplier[i] && std::ranges::find(plan.unknowns, f) == plan.unknowns.end()) {
+      missing.push_back(system.fields()[i]);
+    }
+  }
+  if (!missing.empty()) {
+    throw std::invalid_argument(fmt::format("no initial data for {}, and no constraint determines {} from the others",
+                                            fmt::join(missing, ", "), missing.size() == 1 ? "it" : "them"));
+  }
+  return plan;
+}
+
+/// Newton on the discrete constraints.
+class ConstraintSolve {
+public:
+  ConstraintSolve(const MultisymplecticSystem& system, const grids::Grid& grid, const Plan& plan)
+      : system_(system),
+        plan_(plan),
+        sweep_(system, grid),
+        size_(static_cast<int>(plan.unknowns.size())),
+        residual_(system.field_count(), grid.size()),
+        hessian_(static_cast<int>(system.varying_hessian().size()), grid.size()),
+        rhs_(size_, grid.size()),
+        correction_(size_, grid.size()) {
+    const Index d = system.field_count();
+    MatrixXd columns = MatrixXd::Zero(d, size_);
+    for (int u = 0; u < size_; ++u) {
+      columns(plan.unknowns[static_cast<std::size_t>(u)], u) = 1.0;
+    }
+    const MatrixXd kernel = common_null_space(system, 0.0, plan.rows, columns);
+    std::vector<int> order;
+    for (int u = 0; u < size_; ++u) {
+      order.push_back(u);
+    }
+    const auto pinned = independent_rows(kernel.cast<std::complex<double>>(), order);
+    conditions_.pins = MatrixXd::Zero(static_cast<Index>(pinned.size()), size_);
+    conditions_.columns = MatrixXd(size_, static_cast<Index>(pinned.size()));
+    for (std::size_t b = 0; b < pinned.size(); ++b) {
+      const int field = plan.unknowns[static_cast<std::size_t>(pinned[b])];
+      conditions_.pins(static_cast<Index>(b), pinned[b]) = 1.0;
+      conditions_.columns.col(static_cast<Index>(b)) = plan.rows.transpose() * system.K(0).col(field);
+      pinned_.push_back(field);
+    }
+    matrix_.mean = -plan.rows.transpose() * system.constant_hessian() * columns;
+    for (int a = 0; a < system.directions(); ++a) {
+      matrix_.difference.push_back(plan.rows.transpose() * system.K(a) * columns);
+    }
+    for (std::size_t e = 0; e < system.varying_hessian().size(); ++e) {
+      const auto [row, column] = system.varying_hessian()[e];
+      add_entries(row, column, hessian_.field(static_cast<int>(e)).data());
+      if (row != column) {
+        add_entries(column, row, hessian_.field(static_cast<int>(e)).data());
+      }
+    }
+    solver_ = make_cyclic_cell_solver(grid, size_, conditions_.count());
+  }
+
+  [[nodiscard]] Status run(LatticeLevel& level) {
+    std::vector<double> y(static_cast<std::size_t>(conditions_.count()));
+    double last = std::numeric_limits<double>::infinity();
+    for (int iteration = 0; iteration < most_iterations; ++iteration) {
+      const grids::FieldSet& fields = level.fields;
+      const SweepResult result =
+          sweep_(fields.pointers(), level.slopes, {}, 0.0, residual_.pointers(), hessian_.pointers());
+      if (!result.finite) {
+        return Status::undefined;
+      }
+      for (int u = 0; u < size_; ++u) {
+        combine_rows(u);
+      }
+      const grids::FieldSet& rhs = rhs_;
+      const Status status = solver_->solve(matrix_, conditions_, rhs.pointers(), correction_.pointers(), y);
+      if (status != Status::success) {
+        return status;
+      }
+      double change = 0.0;
+      double scale = 0.0;
+      for (int u = 0; u < size_; ++u) {
+        const auto values = level.fields.field(plan_.unknowns[static_cast<std::size_t>(u)]);
+        const auto correction = correction_.field(u);
+        for (std::size_t i = 0; i < values.size(); ++i) {
+          values[i] += correction[i];
+        }
+        change = std::max(change, grids::max_abs(correction));
+        scale = std::max(scale, grids::max_abs(values));
+      }
+      for (std::size_t b = 0; b < pinned_.size(); ++b) {
+        auto& slope = level.slopes.of_field[static_cast<std::size_t>(pinned_[b])];
+        slope.resize(1);
+        slope[0] += y[b];
+      }
+      if (change <= 1e-15 * scale || (change <= 1e-9 * scale && change >= 0.25 * last)) {
+        return Status::success;
+      }
+      last = change;
+    }
+    return Status::not_converged;
+  }
+
+private:
+  void add_entries(int row, int column, const double* values) {
+    const auto unknown = std::ranges::find(plan_.unknowns, column);
+    if (unknown == plan_.unknowns.end()) {
+      return;
+    }
+    for (int r = 0; r < size_; ++r) {
+      if (plan_.rows(row, r) != 0.0) {
+        matrix_.entries.push_back({r, static_cast<int>(unknown - plan_.unknowns.begin()), -plan_.rows(row, r), values});
+      }
+    }
+  }
+
+  void combine_rows(int u) {
+    const auto out = rhs_.field(u);
+    std::ranges::fill(out, 0.0);
+    for (int r = 0; r < system_.field_count(); ++r) {
+      const double factor = plan_.rows(r, u);
+      if (factor != 0.0) {
+        const auto in = residual_.field(r);
+        for (std::size_t i = 0; i < out.size(); ++i) {
+          out[i] += factor * in[i];
+        }
+      }
+    }
+  }
+
+  const MultisymplecticSystem& system_;
+  const Plan& plan_;
+  CellSweep sweep_;
+  int size_;
+  grids::FieldSet residual_, hessian_, rhs_, correction_;
+  KernelConditions conditions_;
+  std::vector<int> pinned_;
+  CellMatrix matrix_;
+  std::unique_ptr<CellSolver> solver_;
+};
+
+/// Whether what the user gave for a computed field can be what was computed, within truncation error.
+void check_agreement(const MultisymplecticSystem& system, int field, std::span<const double> given,
+                     std::span<const double> computed, const MatrixXd& rows) {
+  const std::size_t n = given.size();
+  const bool potential = system.structure().potential[static_cast<std::size_t>(field)];
+  double offset = 0.0;
+  if (potential) {
+    offset = (grids::sum(given) - grids::sum(computed)) / static_cast<double>(n);
+  }
+  double difference = 0.0;
+  double second_difference = 0.0;
+  for (std::size_t i = 0; i < n; ++i) {
+    const std::size_t next = i + 1 == n ? 0 : i + 1;
+    const std::size_t after = next + 1 == n ? 0 : next + 1;
+    // Averages of neighbours: the discrete constraint fixes those, and they are free of what its inverse amplifies.
+    difference = std::max(difference,
+                          std::abs(0.5 * (given[i] + given[next]) - (0.5 * (computed[i] + computed[next]) + offset)));
+    second_difference = std::max(second_difference, std::abs(given[i] - 2.0 * given[next] + given[after]));
+  }
+  const double allowed = 2.0 * second_difference + 1e-9 * (grids::max_abs(given) + grids::max_abs(computed));
+  if (difference <= allowed) {
+    return;
+  }
+  std::vector<std::string> names;
+  for (Index r = 0; r < rows.rows(); ++r) {
+    if (!rows.row(r).isZero(0.0)) {
+      names.push_back(system.fields()[static_cast<std::size_t>(r)]);
+    }
+  }
+  throw std::invalid_argument(fmt::format(
+      "the initial {0} contradicts its constraint (the row of {1} in M z_t + K z_x = grad S): it differs by up to "
+      "{2:.3g} from what the other fields determine, and truncation error accounts for {3:.2g} at most; leave {0} out, "
+      "or correct it",
+      system.fields()[static_cast<std::size_t>(field)], fmt::join(names, ", "), difference, allowed));
+}
+
+}  // namespace
+
+LatticeLevel initial_level(const MultisymplecticSystem& system, const grids::Grid& grid, const InitialFields& given) {
+  check(system, grid, given);
+  const Plan plan = make_plan(system, given);
+  const int d = system.field_count();
+  LatticeLevel level{grids::FieldSet(d, grid.size()), {}};
+  level.slopes.of_field.resize(static_cast<std::size_t>(d));
+  for (int f = 0; f < d; ++f) {
+    const auto i = static_cast<std::size_t>(f);
+    const bool unknown = std::ranges::find(plan.unknowns, f) != plan.unknowns.end();
+    if (given[i] && !system.structure().multiplier[i] && !(unknown && system.structure().potential[i])) {
+      std::ranges::copy(*given[i], level.fields.field(f).begin());
+    }
+  }
+  if (plan.unknowns.empty()) {
+    return level;
+  }
+  ConstraintSolve solve(system, grid, plan);
+  if (const Status status = solve.run(level); status != Status::success) {
+    std::vector<std::string> names;
+    for (const int f : plan.unknowns) {
+      names.push_back(system.fields()[static_cast<std::size_t>(f)]);
+    }
+    throw std::invalid_argument(fmt::format("the constraints of the initial level could not be solved for {}: {}",
+                                            fmt::join(names, ", "), to_string(status)));
+  }
+  for (const int f : plan.unknowns) {
+    if (given[static_cast<std::size_t>(f)]) {
+      check_agreement(system, f, *given[static_cast<std::size_t>(f)], level.fields.field(f), plan.rows);
+    }
+  }
+  return level;
+}
+
+}  // namespace rubato

@@ -1,0 +1,64 @@
+#include <rubato/pde/kernel_conditions.hpp>
+
+#include <random>
+
+namespace rubato {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+
+MatrixXd common_null_space(const MultisymplecticSystem& system, double theta, const MatrixXd& rows,
+                           const MatrixXd& columns) {
+  constexpr Index samples = 4;  // one would do, were the coefficients of S random as well
+  std::mt19937_64 random(30);
+  MatrixXd stacked(samples * rows.cols(), columns.cols());
+  for (Index s = 0; s < samples; ++s) {
+    const MatrixXd hessian = generic_hessian(system, random);
+    stacked.middleRows(s * rows.cols(), rows.cols()) = rows.transpose() * (theta * system.M() - hessian) * columns;
+  }
+  return null_space(stacked);
+}
+
+std::vector<int> independent_rows(const Eigen::MatrixXcd& basis, const std::vector<int>& preferred) {
+  std::vector<int> chosen;
+  Eigen::MatrixXcd rows(0, basis.cols());
+  for (const int candidate : preferred) {
+    Eigen::MatrixXcd extended(rows.rows() + 1, basis.cols());
+    extended.topRows(rows.rows()) = rows;
+    extended.bottomRows(1) = basis.row(candidate);
+    if (rank(extended.adjoint()) == extended.rows()) {
+      rows = extended;
+      chosen.push_back(candidate);
+    }
+  }
+  return chosen;
+}
+
+KernelConditions step_conditions(const MultisymplecticSystem& system, double h) {
+  const Index d = system.field_count();
+  const MatrixXd identity = MatrixXd::Identity(d, d);
+  const double theta = 2.0 / h;
+  const MatrixXd kernel = common_null_space(system, theta, identity, identity);
+  KernelConditions conditions;
+  conditions.columns = common_null_space(system, -theta, identity, identity);  // (θM - S'')ᵀ = -θM - S''
+  conditions.pins = MatrixXd::Zero(kernel.cols(), d);
+  if (kernel.cols() == 0) {
+    return conditions;
+  }
+  const FieldStructure& structure = system.structure();
+  std::vector<int> order;
+  for (const bool potentials : {true, false}) {
+    for (int f = 0; f < d; ++f) {
+      if ((structure.potential[static_cast<std::size_t>(f)] && !structure.at_midpoints(f)) == potentials) {
+        order.push_back(f);
+      }
+    }
+  }
+  const auto pinned = independent_rows(kernel.cast<std::complex<double>>(), order);
+  for (std::size_t b = 0; b < pinned.size(); ++b) {
+    conditions.pins(static_cast<Index>(b), pinned[b]) = 1.0;
+  }
+  return conditions;
+}
+
+}  // namespace rubato

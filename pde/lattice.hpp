@@ -1,0 +1,83 @@
+#pragma once
+
+#include <memory>
+#include <span>
+#include <vector>
+
+#include <rubato/grids/grid.hpp>
+#include <rubato/pde/initial_level.hpp>
+#include <rubato/pde/lattice_scheme.hpp>
+#include <rubato/pde/local_laws.hpp>
+#include <rubato/pde/multisymplectic_system.hpp>
+#include <rubato/variation/time_levels.hpp>
+
+namespace rubato {
+
+/// The discrete Lagrangians on a lattice (theory, section 5).
+enum class LatticeLagrangian {
+  box,  ///< midpoint in space and time, the default: order 2
+};
+
+struct LatticeOptions {
+  LatticeLagrangian lagrangian = LatticeLagrangian::box;
+  double start = 0.0;  ///< t_0
+  double step = 0.0;   ///< t_1 - t_0; negative integrates backward
+  double until = 0.0;  ///< the run ends at the first level at or past it; no step is shortened to hit it
+  Levels levels = Levels::variable;
+  OnSingular on_singular = OnSingular::bridge;
+  double tolerance = 1e-13;  ///< of the level equation, relative
+  std::vector<LinearSymmetry> symmetries = {};
+};
+
+/// Steps a lattice, level by level:
+///
+///     LatticeIntegrator lattice(system, grid, {u, v, std::nullopt}, {.step = 0.1, .until = 20});
+///     while (!lattice.finished()) {
+///       const StepReport report = lattice.step();
+///       if (report.status != Status::success) break;
+///       lattice.residuals();   // the local laws of the step just taken
+///     }
+class LatticeIntegrator {
+public:
+  /// \throws std::invalid_argument with the offending values: what initial_level() and the scheme refuse, a step of 0,
+  /// not finite or away from `until`, a symmetry that is none
+  LatticeIntegrator(const MultisymplecticSystem& system, const grids::Grid& grid, const InitialFields& initial,
+                    const LatticeOptions& options);
+
+  /// One step. On success level() is the new level and previous() the one before; otherwise nothing has changed.
+  [[nodiscard]] StepReport step();
+  /// Whether the present level is at or past `until` (a level within 1e-9 of a step of it counts as at it).
+  [[nodiscard]] bool finished() const;
+
+  [[nodiscard]] double t() const { return levels_->time(); }
+  [[nodiscard]] LevelNode node() { return scheme_->node(); }  ///< 𝓔(z_k) and Γ(z_k)
+  [[nodiscard]] const TimeLevels& levels() const { return *levels_; }
+  [[nodiscard]] const MultisymplecticSystem& system() const { return scheme_->system(); }
+  [[nodiscard]] const grids::Grid& grid() const { return scheme_->grid(); }
+
+  /// The present level, and the one before it (the same at the start). Of a field with
+  /// `system().structure().at_midpoints(f)` a level holds the value in the middle of the step that led to it.
+  [[nodiscard]] const LatticeLevel& level() const { return scheme_->level(); }
+  [[nodiscard]] const LatticeLevel& previous() const { return previous_; }
+  [[nodiscard]] std::span<const double> field(int f) const { return level().fields.field(f); }
+
+  /// The local laws; laws().names() names them.
+  [[nodiscard]] LocalLaws& laws() { return laws_; }
+  /// Their residuals over the step just taken. Sizes, and into `cells[law]`, if given, one value for each cell.
+  std::vector<LawSize> residuals(std::span<double* const> cells = {});
+  /// Σ ΔV of their densities at the present level.
+  std::vector<double> totals() { return laws_.totals(level()); }
+
+  /// All that continuing bit for bit needs. restore() is for an integrator constructed from the same arguments.
+  void save(StateWriter& state) const;
+  void restore(StateReader& state);
+
+private:
+  LatticeOptions options_;
+  std::unique_ptr<LatticeScheme> scheme_;
+  std::unique_ptr<TimeLevels> levels_;
+  LocalLaws laws_;
+  LatticeLevel previous_;
+};
+
+}  // namespace rubato

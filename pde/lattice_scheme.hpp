@@ -1,0 +1,38 @@
+#pragma once
+
+#include <memory>
+
+#include <rubato/pde/initial_level.hpp>
+#include <rubato/pde/multisymplectic_system.hpp>
+#include <rubato/variation/level_scheme.hpp>
+
+namespace rubato {
+
+/// A time-stepping scheme for a lattice: what TimeLevels needs, and the present level.
+class LatticeScheme : public LevelScheme {
+public:
+  [[nodiscard]] virtual const MultisymplecticSystem& system() const = 0;
+  [[nodiscard]] virtual const grids::Grid& grid() const = 0;
+  [[nodiscard]] virtual const LatticeLevel& level() const = 0;
+};
+
+/// The box (Preissman) scheme, the production form of the discrete action of cell_action.hpp (theory, section 5): in
+/// every cell
+///
+///     R = M D_t z + Σ_a K_a D_a z̄ - ∇S(z̄) = 0,      E_k = Σ ΔV [S(z̄) + Σ_a (D_a z̄)ᵀK₊z̄],
+///
+/// z̄ the mean of the cell's corners. The two-step value equation of the action, Σ_{cells of a node} R = 0, has it as
+/// the solution that starts with R = 0; this form does not accumulate the parasites of the other. Order 2 in h and Δx,
+/// multisymplectic at fixed levels and with variable ones.
+///
+/// The increment is solved by Newton's method, the matrix renewed at every correction (its factors are not kept, see
+/// CyclicBlockSolver, so an old one would cost as much), until a correction's square is below rounding or the residual
+/// is. Fields in ker M have no increment of their own: multipliers are solved for at the midpoint only. States are
+/// summed with compensation. Results do not depend on the number of threads.
+/// \throws std::invalid_argument for an even number of cells in some direction, where the averages annihilate the
+/// sawtooth (-1)^i; if the dimensions of grid and system differ; if the first level's fields or S there are not finite
+[[nodiscard]] std::unique_ptr<LatticeScheme> make_box_scheme(const MultisymplecticSystem& system,
+                                                             const grids::Grid& grid, LatticeLevel first,
+                                                             double first_step);
+
+}  // namespace rubato

@@ -1,0 +1,136 @@
+#include <rubato/pde/level_history.hpp>
+
+#include <algorithm>
+
+namespace rubato {
+
+namespace {
+
+constexpr std::size_t piece = 4096;
+
+}  // namespace
+
+LevelHistory::LevelHistory(std::vector<bool> at_midpoints, std::size_t nodes) : at_midpoints_(std::move(at_midpoints)) {
+  for (Sample& sample : samples_) {
+    sample.rate = grids::FieldSet(static_cast<int>(at_midpoints_.size()), nodes);
+  }
+}
+
+void LevelHistory::record(double time, double h, const grids::FieldSet& delta) {
+  std::rotate(samples_.begin(), samples_.end() - 1, samples_.end());
+  Sample& sample = samples_.front();
+  sample.time = time;
+  for (int f = 0; f < delta.fields(); ++f) {
+    const double factor = at_midpoints_[static_cast<std::size_t>(f)] ? 0.5 : 1.0 / h;
+    const double* in = delta.field(f).data();
+    double* out = sample.rate.field(f).data();
+    grids::for_each_block(delta.size(), piece, [=](std::size_t begin, std::size_t end) {
+      for (std::size_t i = begin; i < end; ++i) {
+        out[i] = factor * in[i];
+      }
+    });
+  }
+  known_ = std::min(known_ + 1, most);
+}
+
+void LevelHistory::advance(double h) {
+  for (Sample& sample : samples_) {
+    sample.time -= h;
+  }
+}
+
+LevelHistory::Weights LevelHistory::weights(double time) const {
+  Weights result{};
+  for (std::size_t i = 0; i < known_; ++i) {
+    result[i] = 1.0;
+    for (std::size_t j = 0; j < known_; ++j) {
+      if (j != i) {
+        result[i] *= (time - samples_[j].time) / (samples_[i].time - samples_[j].time);
+      }
+    }
+  }
+  return result;
+}
+
+void LevelHistory::combine(const Weights& evolving, const Weights& midpoint, double keep, grids::FieldSet& out) const {
+  for (int f = 0; f < out.fields(); ++f) {
+    const Weights w = at_midpoints_[static_cast<std::size_t>(f)] ? midpoint : evolving;
+    double* to = out.field(f).data();
+    std::array<const double*, most> from;
+    for (std::size_t s = 0; s < most; ++s) {
+      from[s] = samples_[s].rate.field(f).data();
+    }
+    grids::for_each_block(out.size(), piece, [=](std::size_t begin, std::size_t end) {
+      for (std::size_t i = begin; i < end; ++i) {
+        const double predicted = (w[0] * from[0][i] + w[1] * from[1][i]) + (w[2] * from[2][i] + w[3] * from[3][i]);
+        to[i] = keep * to[i] + predicted;
+      }
+    });
+  }
+}
+
+void LevelHistory::predict(double h, grids::FieldSet& delta) const {
+  Weights evolving = weights(0.5 * h);
+  Weights midpoint = evolving;
+  for (std::size_t i = 0; i < most; ++i) {
+    evolving[i] *= h;
+    midpoint[i] *= 2.0;
+  }
+  combine(evolving, midpoint, 0.0, delta);
+}
+
+void LevelHistory::shift(double from, double h, grids::FieldSet& delta) const {
+  const Weights old_weights = weights(0.5 * from);
+  Weights evolving = weights(0.5 * h);
+  Weights midpoint = evolving;
+  for (std::size_t i = 0; i < most; ++i) {
+    evolving[i] = h * evolving[i] - from * old_weights[i];
+    midpoint[i] = 2.0 * (midpoint[i] - old_weights[i]);
+  }
+  combine(evolving, midpoint, 1.0, delta);
+}
+
+void LevelHistory::velocity(grids::FieldSet& rate) const {
+  combine(weights(0.0), {}, 0.0, rate);
+}
+
+void LevelHistory::velocity_after(double h, const grids::FieldSet& delta, grids::FieldSet& rate) const {
+  // Lagrange extrapolation over the trial's velocity and all samples but the oldest of four.
+  const std::size_t used = std::min(known_, most - 1);
+  double trial = 1.0 / h;
+  Weights w{};
+  for (std::size_t i = 0; i < used; ++i) {
+    trial *= (h - samples_[i].time) / (0.5 * h - samples_[i].time);
+    w[i] = 0.5 * h / (samples_[i].time - 0.5 * h);
+    for (std::size_t j = 0; j < used; ++j) {
+      if (j != i) {
+        w[i] *= (h - samples_[j].time) / (samples_[i].time - samples_[j].time);
+      }
+    }
+  }
+  rate.copy_from(delta);
+  for (int f = 0; f < rate.fields(); ++f) {
+    if (at_midpoints_[static_cast<std::size_t>(f)]) {
+      std::ranges::fill(rate.field(f), 0.0);
+    }
+  }
+  combine(w, {}, trial, rate);
+}
+
+void LevelHistory::save(StateWriter& state) const {
+  state.write(static_cast<double>(known_));
+  for (std::size_t i = 0; i < known_; ++i) {
+    state.write(samples_[i].time);
+    state.write(samples_[i].rate.all());
+  }
+}
+
+void LevelHistory::restore(StateReader& state) {
+  state.read(known_);
+  for (std::size_t i = 0; i < known_; ++i) {
+    state.read(samples_[i].time);
+    state.read(samples_[i].rate.all());
+  }
+}
+
+}  // namespace rubato

@@ -1,0 +1,54 @@
+#pragma once
+
+#include <array>
+#include <span>
+#include <vector>
+
+#include <rubato/base/state.hpp>
+#include <rubato/grids/field_set.hpp>
+
+namespace rubato {
+
+/// The rates of the last steps, for prediction: of a field that evolves its velocity δ/h at the middle of the step, of
+/// a field that exists at midpoints only its value there (held as δ/2); extrapolated in time (Lagrange, at most cubic).
+class LevelHistory {
+public:
+  static constexpr std::size_t most = 4;
+
+  LevelHistory(std::vector<bool> at_midpoints, std::size_t nodes);
+
+  [[nodiscard]] bool empty() const { return known_ == 0; }
+
+  /// A sample at a time relative to the current level; the oldest one falls out.
+  void record(double time, double h, const grids::FieldSet& delta);
+  /// The current level moves on by h.
+  void advance(double h);
+
+  /// δ of the coming step of length h, predicted.
+  void predict(double h, grids::FieldSet& delta) const;
+  /// δ(h) - δ(from) of the prediction, added to delta: how the step changes with its length.
+  void shift(double from, double h, grids::FieldSet& delta) const;
+  /// Velocities at the current level (0 for fields at midpoints).
+  void velocity(grids::FieldSet& rate) const;
+  /// Velocities at the end of a trial step of length h with increment δ, which counts as one more sample.
+  void velocity_after(double h, const grids::FieldSet& delta, grids::FieldSet& rate) const;
+
+  void save(StateWriter& state) const;
+  void restore(StateReader& state);
+
+private:
+  struct Sample {
+    double time = 0.0;  ///< relative to the current level
+    grids::FieldSet rate;
+  };
+  using Weights = std::array<double, most>;
+  [[nodiscard]] Weights weights(double time) const;
+  /// out = keep·out + Σ evolving[i] rate_i, or with the weights of fields at midpoints.
+  void combine(const Weights& evolving, const Weights& midpoint, double keep, grids::FieldSet& out) const;
+
+  std::vector<bool> at_midpoints_;
+  std::array<Sample, most> samples_;  ///< newest first
+  std::size_t known_ = 0;
+};
+
+}  // namespace rubato

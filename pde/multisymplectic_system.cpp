@@ -1,0 +1,149 @@
+#include <rubato/pde/multisymplectic_system.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+#include <stdexcept>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <rubato/formula/parse.hpp>
+
+namespace rubato {
+
+namespace {
+
+void check_skew(const Eigen::MatrixXd& matrix, const std::string& what, const std::vector<std::string>& fields) {
+  const auto d = static_cast<Eigen::Index>(fields.size());
+  if (matrix.rows() != d || matrix.cols() != d) {
+    throw std::invalid_argument(
+        fmt::format("{} is {} by {}, but there are {} fields", what, matrix.rows(), matrix.cols(), d));
+  }
+  for (Eigen::Index i = 0; i < d; ++i) {
+    for (Eigen::Index j = 0; j <= i; ++j) {
+      if (!(matrix(i, j) == -matrix(j, i)) || !std::isfinite(matrix(i, j))) {
+        throw std::invalid_argument(fmt::format("{} is not skew-symmetric: [{}, {}] is {} and [{}, {}] is {}", what,
+                                                fields[j], fields[i], matrix(j, i), fields[i], fields[j],
+                                                matrix(i, j)));
+      }
+    }
+  }
+}
+
+}  // namespace
+
+MultisymplecticSystem::Traced MultisymplecticSystem::parse(std::vector<std::string> fields, std::string_view S,
+                                                           const Parameters& parameters) {
+  auto graph = std::make_shared<formula::Graph>();
+  std::vector<std::string> known = fields;
+  for (const std::string& name : fields) {
+    if (!formula::is_valid_name(name)) {
+      throw std::invalid_argument(fmt::format("\"{}\" cannot name a field", name));
+    }
+    graph->variable(name);
+  }
+  for (const auto& [name, value] : parameters) {
+    if (std::ranges::find(fields, name) != fields.end()) {
+      throw std::invalid_argument(fmt::format("\"{}\" names both a field and a parameter", name));
+    }
+    known.push_back(name);
+  }
+  const auto resolve = [&](std::string_view name) -> std::optional<formula::Expression> {
+    if (std::ranges::find(fields, name) != fields.end()) {
+      return graph->variable(name);
+    }
+    const auto parameter = parameters.find(std::string(name));
+    return parameter == parameters.end() ? std::nullopt : std::optional(graph->constant(parameter->second));
+  };
+  const formula::Expression expression = formula::parse(S, *graph, {.resolve = resolve, .known_names = known});
+  return {graph, std::move(fields), expression};
+}
+
+MultisymplecticSystem::MultisymplecticSystem(std::vector<std::string> fields, Eigen::MatrixXd M,
+                                             std::vector<Eigen::MatrixXd> K, std::string_view S,
+                                             const Parameters& parameters)
+    : MultisymplecticSystem(parse(std::move(fields), S, parameters), std::move(M), std::move(K)) {}
+
+MultisymplecticSystem::MultisymplecticSystem(std::shared_ptr<formula::Graph> graph, std::vector<std::string> fields,
+                                             Eigen::MatrixXd M, std::vector<Eigen::MatrixXd> K, formula::Expression S)
+    : MultisymplecticSystem(Traced{std::move(graph), std::move(fields), S}, std::move(M), std::move(K)) {}
+
+MultisymplecticSystem::MultisymplecticSystem(Traced traced, Eigen::MatrixXd M, std::vector<Eigen::MatrixXd> K)
+    : graph_(std::move(traced.graph)),
+      fields_(std::move(traced.fields)),
+      M_(std::move(M)),
+      K_(std::move(K)),
+      S_(traced.S) {
+  check();
+  compile();
+  structure_ = std::make_shared<const FieldStructure>(analyse(*this));
+}
+
+int MultisymplecticSystem::field(std::string_view name) const {
+  const auto found = std::ranges::find(fields_, name);
+  if (found == fields_.end()) {
+    throw std::invalid_argument(
+        fmt::format("there is no field \"{}\"; the fields are {}", name, fmt::join(fields_, ", ")));
+  }
+  return static_cast<int>(found - fields_.begin());
+}
+
+void MultisymplecticSystem::check() const {
+  if (fields_.empty() || fields_.size() > static_cast<std::size_t>(most_fields)) {
+    throw std::invalid_argument(
+        fmt::format("a multisymplectic system has 1 to {} fields; got {}", most_fields, fields_.size()));
+  }
+  for (std::size_t i = 0; i < fields_.size(); ++i) {
+    if (std::ranges::count(fields_, fields_[i]) > 1) {
+      throw std::invalid_argument(fmt::format("the field \"{}\" is named twice", fields_[i]));
+    }
+  }
+  if (K_.empty() || K_.size() > 3) {
+    throw std::invalid_argument(fmt::format("there must be one K for each of 1 to 3 directions; got {}", K_.size()));
+  }
+  check_skew(M_, "M", fields_);
+  for (std::size_t a = 0; a < K_.size(); ++a) {
+    check_skew(K_[a], fmt::format("K.{}", "xyz"[a]), fields_);
+  }
+}
+
+void MultisymplecticSystem::compile() {
+  for (const std::string& name : fields_) {
+    variables_.push_back(graph_->variable(name));
+  }
+  std::vector<formula::Expression> outputs = {S_};
+  value_ = std::make_shared<const formula::Bytecode>(outputs, variables_);
+  std::ranges::copy(formula::gradient(S_, variables_), std::back_inserter(outputs));
+  gradient_ = std::make_shared<const formula::Bytecode>(outputs, variables_);
+  const auto upper = formula::hessian_upper(S_, variables_);
+  const int d = field_count();
+  constant_hessian_ = Eigen::MatrixXd::Zero(d, d);
+  std::size_t next = 0;
+  for (int i = 0; i < d; ++i) {
+    for (int j = i; j < d; ++j) {
+      const formula::Expression entry = upper[next++];
+      if (entry.is_constant()) {
+        constant_hessian_(i, j) = constant_hessian_(j, i) = entry.constant_value();
+      } else {
+        varying_.push_back({i, j});
+        outputs.push_back(entry);
+      }
+    }
+  }
+  hessian_ = std::make_shared<const formula::Bytecode>(outputs, variables_);
+}
+
+Eigen::MatrixXd MultisymplecticSystem::hessian(std::span<const double> z) const {
+  formula::ScalarEvaluator evaluate(*hessian_);
+  std::vector<double> outputs(hessian_->output_count());
+  evaluate(z, outputs);
+  Eigen::MatrixXd result = constant_hessian_;
+  for (std::size_t e = 0; e < varying_.size(); ++e) {
+    const auto [row, column] = varying_[e];
+    result(row, column) = result(column, row) = outputs[1 + fields_.size() + e];
+  }
+  return result;
+}
+
+}  // namespace rubato

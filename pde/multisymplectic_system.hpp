@@ -1,0 +1,114 @@
+#pragma once
+
+#include <cstddef>
+#include <map>
+#include <memory>
+#include <span>
+#include <string>
+#include <string_view>
+#include <type_traits>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include <rubato/formula/bytecode.hpp>
+#include <rubato/formula/expression.hpp>
+#include <rubato/pde/field_structure.hpp>
+
+namespace rubato {
+
+/// A place (row ≤ column) of the Hessian S'' whose entry is not a constant.
+struct HessianEntry {
+  int row = 0;
+  int column = 0;
+};
+
+/// A multisymplectic equation M z_t + Σ_a K_a z_{x_a} = ∇S(z), all of M, K_a skew-symmetric (theory, section 1), stated
+/// once: the fields' names, M, one K for each space direction, and S as a formula or as a generic lambda.
+///
+/// Gradient, Hessian, densities and fluxes follow from that statement, and so does the structure of the equation (which
+/// fields are constrained, which are multipliers, which are bare potentials): see FieldStructure.
+/// Immutable and cheap to copy; may be shared between threads.
+class MultisymplecticSystem {
+public:
+  using Parameters = std::map<std::string, double>;
+  static constexpr int most_fields = 16;
+
+  /// S as a formula in the names `fields` and `parameters`.
+  /// \throws formula::ParseError; std::invalid_argument with the offending values if a field is named twice, there are
+  /// more than 16, M or some K_a is not d × d, not finite or not skew, there are not 1 to 3 directions, or a field is
+  /// not determined by the equation
+  MultisymplecticSystem(std::vector<std::string> fields, Eigen::MatrixXd M, std::vector<Eigen::MatrixXd> K,
+                        std::string_view S, const Parameters& parameters = {});
+
+  /// S from an expression in a graph whose variables `fields` name the state.
+  MultisymplecticSystem(std::shared_ptr<formula::Graph> graph, std::vector<std::string> fields, Eigen::MatrixXd M,
+                        std::vector<Eigen::MatrixXd> K, formula::Expression S);
+
+  /// S as a generic lambda `(auto z)`, called once with the vector of the fields' expressions.
+  template <typename Function>
+  requires std::is_invocable_v<Function, std::vector<formula::Expression>> MultisymplecticSystem(
+      std::vector<std::string> fields, Eigen::MatrixXd M, std::vector<Eigen::MatrixXd> K, Function&& S)
+      : MultisymplecticSystem(trace(std::move(fields), std::forward<Function>(S)), std::move(M), std::move(K)) {}
+
+  [[nodiscard]] int field_count() const { return static_cast<int>(fields_.size()); }
+  [[nodiscard]] int directions() const { return static_cast<int>(K_.size()); }
+  [[nodiscard]] const std::vector<std::string>& fields() const { return fields_; }
+  /// The number of the field called `name`. \throws std::invalid_argument if there is none
+  [[nodiscard]] int field(std::string_view name) const;
+  [[nodiscard]] const Eigen::MatrixXd& M() const { return M_; }
+  [[nodiscard]] const Eigen::MatrixXd& K(int direction) const { return K_[static_cast<std::size_t>(direction)]; }
+  [[nodiscard]] const FieldStructure& structure() const { return *structure_; }
+
+  /// The graph in which expression() and variables() live.
+  [[nodiscard]] const std::shared_ptr<formula::Graph>& graph() const { return graph_; }
+  [[nodiscard]] formula::Expression expression() const { return S_; }
+  [[nodiscard]] const std::vector<formula::Expression>& variables() const { return variables_; }
+
+  [[nodiscard]] const formula::Bytecode& value_code() const { return *value_; }        ///< S
+  [[nodiscard]] const formula::Bytecode& gradient_code() const { return *gradient_; }  ///< S, then ∇S
+  /// S, ∇S, then the entries of S'' listed in varying_hessian(); the others are constants.
+  [[nodiscard]] const formula::Bytecode& hessian_code() const { return *hessian_; }
+  [[nodiscard]] const std::vector<HessianEntry>& varying_hessian() const { return varying_; }
+  [[nodiscard]] const Eigen::MatrixXd& constant_hessian() const { return constant_hessian_; }
+  /// S'' in full at one point.
+  [[nodiscard]] Eigen::MatrixXd hessian(std::span<const double> z) const;
+
+private:
+  struct Traced {
+    std::shared_ptr<formula::Graph> graph;
+    std::vector<std::string> fields;
+    formula::Expression S;
+  };
+  template <typename Function>
+  static Traced trace(std::vector<std::string> fields, Function&& S) {
+    auto graph = std::make_shared<formula::Graph>();
+    std::vector<formula::Expression> z;
+    for (const std::string& name : fields) {
+      z.push_back(graph->variable(name));
+    }
+    const auto traced = S(z);
+    if constexpr (formula::Scalar<std::remove_cvref_t<decltype(traced)>>) {
+      return {graph, std::move(fields), graph->constant(static_cast<double>(traced))};
+    } else {
+      return {graph, std::move(fields), traced};
+    }
+  }
+  static Traced parse(std::vector<std::string> fields, std::string_view S, const Parameters& parameters);
+  MultisymplecticSystem(Traced traced, Eigen::MatrixXd M, std::vector<Eigen::MatrixXd> K);
+  void check() const;
+  void compile();
+
+  std::shared_ptr<formula::Graph> graph_;
+  std::vector<std::string> fields_;
+  Eigen::MatrixXd M_;
+  std::vector<Eigen::MatrixXd> K_;
+  formula::Expression S_;
+  std::vector<formula::Expression> variables_;
+  std::vector<HessianEntry> varying_;
+  Eigen::MatrixXd constant_hessian_;
+  std::shared_ptr<const formula::Bytecode> value_, gradient_, hessian_;
+  std::shared_ptr<const FieldStructure> structure_;
+};
+
+}  // namespace rubato

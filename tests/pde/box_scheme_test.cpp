@@ -1,0 +1,127 @@
+#include <catch2/catch.hpp>
+
+#include <rubato/pde/lattice.hpp>
+
+#include "equations.hpp"
+
+using namespace rubato;
+using namespace rubato::tests;
+
+namespace {
+
+constexpr double omega = 0.5;
+const double width = std::sqrt(1 - omega * omega);
+
+double breather(double x, double t) {
+  return 4 * std::atan(width / omega * std::sin(omega * t) * sech(width * x));
+}
+
+struct Row {
+  std::size_t steps = 0;
+  double shortest = 1e300, longest = 0.0, spread = 0.0, residual = 0.0, error = 0.0;
+};
+
+Row run_breather(std::size_t cells, double step, Levels levels, const MultisymplecticSystem& system = sine_gordon()) {
+  const grids::Grid grid({{"x", -20, 20, cells}});
+  LatticeIntegrator lattice(system, grid,
+                            {sampled(grid, [](double) { return 0.0; }),
+                             sampled(grid, [](double x) { return 4 * width * sech(width * x); }), std::nullopt},
+                            {.step = step, .until = 20, .levels = levels, .on_singular = OnSingular::stop});
+  Row row;
+  double lowest = 1e300;
+  double highest = -1e300;
+  while (!lattice.finished()) {
+    const StepReport report = lattice.step();
+    REQUIRE(report.status == Status::success);
+    row.shortest = std::min(row.shortest, report.h);
+    row.longest = std::max(row.longest, report.h);
+    lowest = std::min(lowest, report.energy);
+    highest = std::max(highest, report.energy);
+    row.residual = std::max(row.residual, lattice.residuals()[0].max());
+  }
+  row.steps = lattice.levels().steps();
+  row.spread = (highest - lowest) / std::abs(highest);
+  row.error = largest_difference(lattice.field(0), sampled(grid, [&](double x) { return breather(x, lattice.t()); }));
+  return row;
+}
+
+bool within(double value, double expected, double relative) {
+  return std::abs(value - expected) <= relative * std::abs(expected);
+}
+
+}  // namespace
+
+TEST_CASE("the sine-Gordon breather by box: the table of theory, section 5") {
+  struct Expected {
+    std::size_t cells;
+    double step;
+    Levels levels;
+    std::size_t steps;
+    double shortest, longest, residual, error;
+  };
+  const Expected table[] = {{201, 0.1, Levels::fixed, 200, 0.1, 0.1, 1.15e-2, 0.392},
+                            {201, 0.1, Levels::variable, 101, 0.0998, 0.297, 1.51e-2, 0.462},
+                            {401, 0.05, Levels::fixed, 400, 0.05, 0.05, 2.93e-3, 0.113},
+                            {401, 0.05, Levels::variable, 199, 0.05, 0.152, 3.89e-3, 0.147}};
+  for (const Expected& expected : table) {
+    const Row row = run_breather(expected.cells, expected.step, expected.levels);
+    INFO(expected.cells << " cells: " << row.steps << " steps, h " << row.shortest << " to " << row.longest
+                        << ", spread " << row.spread << ", residual " << row.residual << ", error " << row.error);
+    CHECK(std::abs(static_cast<double>(row.steps) - static_cast<double>(expected.steps)) <= 2);
+    CHECK(within(row.shortest, expected.shortest, 0.02));
+    CHECK(within(row.longest, expected.longest, 0.02));
+    CHECK(within(row.residual, expected.residual, 0.02));
+    CHECK(within(row.error, expected.error, 0.02));
+    if (expected.levels == Levels::variable) {
+      CHECK(row.spread <= 1e-12);
+    } else {
+      // The second-order oscillation of the discrete energy at fixed levels: what the variable ones remove.
+      CHECK(within(row.spread, expected.cells == 201 ? 2.0e-3 : 5.0e-4, 0.02));
+    }
+  }
+}
+
+TEST_CASE("the table's error tells a wrong equation") {
+  const Row row = run_breather(201, 0.1, Levels::fixed, wave_equation("1.02*(1 - cos(u))"));
+  CHECK_FALSE(within(row.error, 0.392, 0.02));
+}
+
+TEST_CASE("box refuses even cell counts and names the next odd one") {
+  const grids::Grid grid({{"x", -20, 20, 200}});
+  const auto zero = sampled(grid, [](double) { return 0.0; });
+  CHECK_THROWS_WITH(LatticeIntegrator(sine_gordon(), grid, {zero, zero, zero}, {.step = 0.1, .until = 1}),
+                    Catch::Matchers::Contains("201"));
+}
+
+TEST_CASE("a restored lattice goes on bit for bit") {
+  const grids::Grid grid({{"x", 0, 20, 101}});
+  const InitialFields initial = {std::nullopt, sampled(grid, [](double x) { return 2 * std::pow(sech(x - 8), 2); }),
+                                 std::nullopt, std::nullopt};
+  const auto make = [&] {
+    return LatticeIntegrator(korteweg_de_vries(6, 1), grid, initial,
+                             {.step = 0.01, .until = 1, .levels = Levels::fixed});
+  };
+  LatticeIntegrator straight = make();
+  LatticeIntegrator first = make();
+  for (int k = 0; k < 5; ++k) {
+    REQUIRE(straight.step().status == Status::success);
+    REQUIRE(first.step().status == Status::success);
+  }
+  StateWriter writer;
+  first.save(writer);
+  LatticeIntegrator second = make();
+  StateReader reader(writer.values());
+  second.restore(reader);
+  CHECK(reader.done());
+  for (int k = 0; k < 5; ++k) {
+    REQUIRE(straight.step().status == Status::success);
+    REQUIRE(second.step().status == Status::success);
+  }
+  const auto a = straight.level().fields.all();
+  const auto b = second.level().fields.all();
+  CHECK(std::equal(a.begin(), a.end(), b.begin()));
+  CHECK(straight.t() == second.t());
+  // The twin: one more step makes a difference.
+  REQUIRE(second.step().status == Status::success);
+  CHECK_FALSE(std::equal(a.begin(), a.end(), second.level().fields.all().begin()));
+}

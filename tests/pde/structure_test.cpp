@@ -1,0 +1,103 @@
+#include <catch2/catch.hpp>
+
+#include "equations.hpp"
+
+using namespace rubato;
+using namespace rubato::tests;
+
+namespace {
+
+std::vector<std::string> names(const MultisymplecticSystem& system, const std::vector<bool>& which) {
+  std::vector<std::string> result;
+  for (std::size_t f = 0; f < which.size(); ++f) {
+    if (which[f]) {
+      result.push_back(system.fields()[f]);
+    }
+  }
+  return result;
+}
+
+using Names = std::vector<std::string>;
+
+}  // namespace
+
+TEST_CASE("the structure of an equation follows from M, K and S") {
+  struct Expected {
+    MultisymplecticSystem system;
+    Names algebraic, multipliers, nonlinear, potentials;
+  };
+  const Expected expected[] = {
+      {sine_gordon(), {"w"}, {}, {}, {}},
+      {schroedinger(2), {"v", "w"}, {}, {}, {}},
+      {korteweg_de_vries(6, 1), {"v", "w"}, {"w"}, {}, {"phi"}},
+      {benjamin_bona_mahony(1, 1, 1), {"w", "p"}, {"w", "p"}, {}, {"phi"}},
+      {camassa_holm(1), {"w", "v"}, {"w", "v"}, {}, {"phi"}},
+      {good_boussinesq(), {"u", "w", "p"}, {}, {"p"}, {"phi"}},
+      {dirac(1, 1), {}, {}, {}, {}},
+      {zakharov_kuznetsov(), {"v", "w", "p"}, {"p"}, {}, {"phi"}},
+  };
+  for (const auto& [system, algebraic, multipliers, nonlinear, potentials] : expected) {
+    INFO(system.fields()[0] << " of " << system.field_count() << " fields");
+    const FieldStructure& structure = system.structure();
+    CHECK(names(system, structure.algebraic) == algebraic);
+    CHECK(names(system, structure.multiplier) == multipliers);
+    CHECK(names(system, structure.nonlinear) == nonlinear);
+    CHECK(names(system, structure.potential) == potentials);
+    CHECK((structure.M_plus - structure.M_plus.transpose() - system.M()).isZero(0.0));
+    for (int a = 0; a < system.directions(); ++a) {
+      const auto& plus = structure.K_plus[static_cast<std::size_t>(a)];
+      CHECK((plus - plus.transpose() - system.K(a)).isZero(0.0));
+      for (int f = 0; f < system.field_count(); ++f) {  // no bare potential, no differentiated multiplier
+        CHECK((!structure.potential[static_cast<std::size_t>(f)] || plus.col(f).isZero(0.0)));
+        CHECK((!structure.multiplier[static_cast<std::size_t>(f)] || plus.row(f).isZero(0.0)));
+      }
+    }
+  }
+}
+
+TEST_CASE("the splitting of KdV is the one that gives its known densities") {
+  const auto system = korteweg_de_vries(6, 0.5);
+  const FieldStructure& structure = system.structure();
+  // Energy S + φ_x w - γ u_x v with φ_x = u: η u³/6 + ½v² - γ u_x v; momentum -½ φ_x u.
+  CHECK(structure.K_plus[0](system.field("phi"), system.field("w")) == 1.0);
+  CHECK(structure.K_plus[0](system.field("u"), system.field("v")) == -0.5);
+  CHECK(structure.M_plus(system.field("phi"), system.field("u")) == 0.5);
+  // b = e_φ is the only constant null vector of ∇S.
+  REQUIRE(structure.affine_symmetries.cols() == 1);
+  CHECK((structure.affine_symmetries.col(0) - Eigen::VectorXd::Unit(4, 0)).isZero(1e-12));
+}
+
+TEST_CASE("a constant null vector of the gradient need not be a field's unit vector") {
+  // S depends on a - b alone.
+  const auto system = make_system({"a", "b", "v", "w"}, {{"a", "v", -1}, {"b", "w", -1}}, {{{"a", "b", 1}}},
+                                  "cos(a - b) + (v^2 + w^2)/2");
+  REQUIRE(system.structure().affine_symmetries.cols() == 1);
+  const Eigen::VectorXd b = system.structure().affine_symmetries.col(0);
+  CHECK(b[0] == Approx(b[1]));
+  CHECK(b.tail(2).norm() < 1e-12);
+  CHECK(names(system, system.structure().potential).empty());
+}
+
+TEST_CASE("bad systems are refused with the reason") {
+  using Catch::Matchers::Contains;
+  const Eigen::MatrixXd zero = Eigen::MatrixXd::Zero(2, 2);
+  Eigen::MatrixXd skew = zero;
+  skew(0, 1) = 1.0;
+  skew(1, 0) = -1.0;
+  Eigen::MatrixXd symmetric = zero;
+  symmetric(0, 1) = symmetric(1, 0) = 3.0;
+  const auto make = [](const std::vector<std::string>& fields, const Eigen::MatrixXd& M, const Eigen::MatrixXd& K,
+                       const std::string& S) { return MultisymplecticSystem(fields, M, {K}, S); };
+  CHECK_NOTHROW(make({"a", "b"}, skew, zero, "a^2 + b^2"));
+  CHECK_THROWS_WITH(make({"a", "b"}, symmetric, zero, "a^2"), Contains("M is not skew-symmetric: [a, b] is 3"));
+  CHECK_THROWS_WITH(make({"a", "b"}, skew, symmetric, "a^2"), Contains("K.x is not skew-symmetric"));
+  CHECK_THROWS_WITH(make({"a", "a"}, skew, zero, "a^2"), Contains("\"a\" is named twice"));
+  CHECK_THROWS_WITH(make({"a", "b"}, skew, zero, "a^2 + c"), Contains("c"));
+  CHECK_THROWS_WITH(make({"a", "b", "c"}, skew, zero, "a^2"), Contains("2 by 2"));
+  // c has neither M nor K; what determines it is S, if it does.
+  const auto with_c = [](const std::string& S) {
+    return make_system({"a", "b", "c"}, {{"a", "b", 1}}, {{{"a", "b", 1}}}, S);
+  };
+  CHECK_NOTHROW(with_c("a^2 + c^2"));
+  CHECK_THROWS_WITH(with_c("a^2 + b^2"), Contains("the field c is not determined"));
+}
