@@ -31,6 +31,8 @@ constexpr double longest_for_gamma = 3.5;
 /// Steps tried while no bridge is found, relative to the step law: whichever leaves the smallest defect of the node
 /// law.
 constexpr std::array waiting_lengths = {0.6, 1.0, 1.5};
+/// How far the end of a bridge may be off the node law, relative to H - E, where none meets it.
+constexpr double largest_miss = 0.5;
 /// Numbers of steps tried where one step does not suffice.
 constexpr std::array counts = {2, 3, 4, 5, 6, 8, 10, 12, 16, 20, 24, 32};
 
@@ -103,6 +105,10 @@ std::optional<TimeLevels::Bridge> TimeLevels::find_bridge(int count, bool crossi
     if (!node) {
       return std::nullopt;
     }
+    const double miss = std::abs(law_defect(*node) / (node->energy - energy_ - law_defect(*node)));
+    if (!crossing && miss < nearest_.miss) {
+      nearest_ = {.h = h, .count = count, .end = *node, .miss = miss};
+    }
     if (previous) {
       const bool across = !crossing || node->gamma * here < 0.0;
       const double defect = law_defect(*node);
@@ -123,7 +129,8 @@ std::optional<TimeLevels::Bridge> TimeLevels::find_bridge(int count, bool crossi
 /// Zero of the law defect between two lengths at which it has opposite signs (Illinois variant of false position).
 std::optional<TimeLevels::Bridge> TimeLevels::refine_bridge(int count, double near_h, double near_defect, double far_h,
                                                             double far_defect) {
-  Bridge bridge{.count = count};
+  Bridge bridge;
+  bridge.count = count;
   for (int iteration = 0; iteration < 60; ++iteration) {
     bridge.h = far_h - far_defect * (far_h - near_h) / (far_defect - near_defect);
     const std::optional<LevelNode> node = plain_end(bridge.h, count);
@@ -231,13 +238,18 @@ StepReport TimeLevels::start_bridge(const Bridge& bridge) {
   return bridge_step();
 }
 
-/// A bridge of several equal steps, the fewest for which its end meets the law; where there is none, a plain step to
-/// look again from its end.
+/// A bridge of several equal steps, the fewest for which its end meets the law. Where steps are so coarse that none does,
+/// the one that comes nearest: the amplitude of H - E is then off until the next bridge, which asks for the same c again.
+/// Else a plain step, to look again from its end.
 StepReport TimeLevels::long_bridge() {
+  nearest_ = {.miss = largest_miss};
   for (const int count : counts) {
     if (const std::optional<Bridge> bridge = find_bridge(count, false)) {
       return start_bridge(*bridge);
     }
+  }
+  if (nearest_.count > 0 && law_holds_after(nearest_)) {
+    return start_bridge(nearest_);
   }
   return waiting_step();
 }

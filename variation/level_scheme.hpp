@@ -1,6 +1,7 @@
 #pragma once
 
 #include <optional>
+#include <string>
 
 #include <rubato/base/outcome.hpp>
 #include <rubato/base/state.hpp>
@@ -38,6 +39,9 @@ public:
   [[nodiscard]] virtual LevelNode node() = 0;        ///< at the current level
   [[nodiscard]] virtual LevelNode trial_node() = 0;  ///< at the trial level
   [[nodiscard]] virtual int iterations() const = 0;  ///< solver iterations since the last accept()
+
+  /// After Status::undefined, or where Γ is not a number: why, for people; empty where nothing more is known.
+  [[nodiscard]] virtual std::string failure_reason() const { return {}; }
 
   virtual void accept() = 0;
 

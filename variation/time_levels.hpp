@@ -101,6 +101,7 @@ private:
     double h = 0.0;
     int count = 0;
     LevelNode end;
+    double miss = 0.0;  ///< relative, of the node law at the end
   };
   StepReport singular_step(StepReport ordinary);
   StepReport wait_step();
@@ -135,6 +136,7 @@ private:
   double direction_ = 1.0;           ///< sign of dE/d|h| on the branch the run is on
   double regular_step_ = 0.0;        ///< the last step that met the law
   bool singular_ = false;            ///< inside a bridge, or waiting for the energy law to be met again
+  Bridge nearest_;                   ///< of those that long_bridge() tried
   Bridge bridge_;                    ///< under way while its count, the steps still to take, is not 0
   std::array<Sample, 4> history_{};  ///< of the last steps that met the law, newest first
   std::size_t remembered_ = 0;
