@@ -33,8 +33,8 @@ constexpr double longest_for_gamma = 3.5;
 constexpr std::array waiting_lengths = {0.6, 1.0, 1.5};
 /// How far the end of a bridge may be off the node law, relative to H - E, where none meets it.
 constexpr double largest_miss = 0.5;
-/// Numbers of steps tried where one step does not suffice.
-constexpr std::array counts = {2, 3, 4, 5, 6, 8, 10, 12, 16, 20, 24, 32};
+/// Numbers of steps tried where no single step leads across.
+constexpr std::array counts = {1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 20, 24, 32};
 
 double sign(double x) {
   return x < 0.0 ? -1.0 : 1.0;
@@ -42,8 +42,9 @@ double sign(double x) {
 
 }  // namespace
 
-bool TimeLevels::crossing_is_near(double h) const {
-  if (std::abs(h) > sudden_growth * std::abs(regular_step_)) {
+bool TimeLevels::crossing_is_near(const StepReport& step) {
+  const bool grown = std::abs(step.h) > sudden_growth * std::abs(regular_step_);
+  if (grown || (step.status == Status::success && scheme_.trial_node().gamma * scheme_.node().gamma <= 0.0)) {
     return true;
   }
   if (remembered_ < 2) {

@@ -135,9 +135,9 @@ StepReport TimeLevels::variable_step() {
   }
   StepReport result = ordinary_step(predicted_step());
   // Near the zero of Γ the step may be so long that its own equation cannot be solved either.
-  const bool lost = result.status != Status::success && (result.status != Status::undefined || crossing_is_near(result.h));
+  const bool lost = result.status != Status::success && (result.status != Status::undefined || crossing_is_near(result));
   const bool near =
-      result.status == Status::success && options_.on_singular == OnSingular::bridge && crossing_is_near(result.h);
+      result.status == Status::success && options_.on_singular == OnSingular::bridge && crossing_is_near(result);
   if (near || (lost && options_.on_singular != OnSingular::stop)) {
     return singular_step(result);
   }

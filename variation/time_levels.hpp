@@ -110,7 +110,7 @@ private:
   StepReport start_bridge(const Bridge& bridge);
   StepReport bridge_step();
   StepReport flagged(StepReport report);
-  [[nodiscard]] bool crossing_is_near(double h) const;
+  [[nodiscard]] bool crossing_is_near(const StepReport& step);
   [[nodiscard]] double law_defect(const LevelNode& node) const;
   [[nodiscard]] double step_after(const Bridge& bridge) const;
   [[nodiscard]] double plain_length() const;
