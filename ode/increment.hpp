@@ -25,10 +25,17 @@ std::span<const double> as_span(const Vector& v) {
   return {v.data(), static_cast<std::size_t>(v.size())};
 }
 
+/// n of a vector or matrix with 2n rows, known to the compiler where the rows are.
+template <typename Object>
+auto half_rows(const Object& object) {
+  constexpr int rows = Object::RowsAtCompileTime;
+  return Eigen::fix < rows == Eigen::Dynamic ? Eigen::Dynamic : rows / 2 > (static_cast<int>(object.rows() / 2));
+}
+
 /// f = J g, J = [[0, I], [-I, 0]].
 template <typename In, typename Out>
 void apply_j(const In& g, Out& f) {
-  const Eigen::Index n = g.size() / 2;
+  const auto n = half_rows(g);
   f.head(n) = g.tail(n);
   f.tail(n) = -g.head(n);
 }

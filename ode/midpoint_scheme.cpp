@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <stdexcept>
+#include <utility>
 #include <vector>
 
 #include <fmt/format.h>
@@ -42,6 +44,7 @@ public:
   [[nodiscard]] std::span<const double> state() const override { return as_span(z_.value()); }
 
   [[nodiscard]] Status advance(double h, double accuracy) override {
+    trial_node_.reset();
     if (!factored_) {
       predict(h);
       if (!factor(h)) {
@@ -60,8 +63,7 @@ public:
       energy_ = evaluator_.gradient(point_.data(), gradient_.data());
       ++iterations_;
       apply_j(gradient_, f_);
-      correction_ = h * f_ - delta_;
-      correction_ = factors_.solve(correction_).eval();
+      correction_ = factors_.solve(h * f_ - delta_);
       delta_ += correction_;
       const double size = history_.relative_size(correction_, delta_, z_.value());
       if (!std::isfinite(size) || !std::isfinite(energy_)) {
@@ -88,24 +90,25 @@ public:
   [[nodiscard]] int iterations() const override { return iterations_; }
 
   [[nodiscard]] LevelNode node() override {
-    if (!node_known_) {
-      node_.gamma = evaluator_.gamma(z_.value().data(), node_.energy);
-      node_known_ = true;
+    if (!node_) {
+      node_ = node_at(z_.value());
     }
-    return node_;
+    return *node_;
   }
 
   [[nodiscard]] LevelNode trial_node() override {
-    LevelNode node;
-    z_.displaced(1.0, delta_, point_);
-    node.gamma = evaluator_.gamma(point_.data(), node.energy);
-    return node;
+    if (!trial_node_) {
+      z_.displaced(1.0, delta_, point_);
+      trial_node_ = node_at(point_);
+    }
+    return *trial_node_;
   }
 
   void accept() override {
     history_.record(trial_h_, delta_);
     z_.add(delta_);
     start_level();
+    node_ = std::exchange(trial_node_, std::nullopt);
   }
 
   void save(StateWriter& state) const override {
@@ -116,6 +119,7 @@ public:
   void restore(StateReader& state) override {
     z_.restore(state);
     history_.restore(state);
+    trial_node_.reset();
     start_level();
   }
 
@@ -126,8 +130,14 @@ private:
 
   void start_level() {
     factored_ = false;
-    node_known_ = false;
+    node_.reset();
     iterations_ = 0;
+  }
+
+  LevelNode node_at(const Vector& z) {
+    LevelNode node;
+    node.gamma = evaluator_.gamma(z.data(), node.energy);
+    return node;
   }
 
   void predict(double h) {
@@ -145,7 +155,7 @@ private:
     z_.displaced(0.5, delta_, point_);
     evaluator_.hessian(point_.data(), gradient_.data(), hessian_.data());
     ++iterations_;
-    const Eigen::Index n = size_ / 2;
+    const auto n = half_rows(hessian_);
     matrix_.topRows(n) = -0.5 * h * hessian_.bottomRows(n);
     matrix_.bottomRows(n) = 0.5 * h * hessian_.topRows(n);
     matrix_.diagonal().array() += 1.0;
@@ -171,8 +181,7 @@ private:
   double energy_ = 0.0;
   double slope_ = 0.0;
   int iterations_ = 0;
-  LevelNode node_;
-  bool node_known_ = false;
+  std::optional<LevelNode> node_, trial_node_;  ///< where already asked for
 };
 
 }  // namespace

@@ -1,0 +1,131 @@
+// A step allocates nothing. Every allocation is counted where all of them end, in malloc: Eigen calls it directly and
+// operator new calls it too. (Sanitizers bring their own malloc, which must not be replaced: no test there.)
+
+#include <catch2/catch.hpp>
+
+#if defined(__GLIBC__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+
+#include <atomic>
+#include <cerrno>
+#include <cstddef>
+#include <cstdlib>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include <rubato/ode/hamiltonian.hpp>
+#include <rubato/ode/midpoint_scheme.hpp>
+#include <rubato/variation/time_levels.hpp>
+
+namespace {
+
+std::atomic<std::size_t> allocations{0};
+
+}  // namespace
+
+extern "C" {
+
+void* __libc_malloc(std::size_t size);                           // NOLINT: glibc's names
+void* __libc_calloc(std::size_t count, std::size_t size);        // NOLINT
+void* __libc_realloc(void* memory, std::size_t size);            // NOLINT
+void* __libc_memalign(std::size_t alignment, std::size_t size);  // NOLINT
+
+void* malloc(std::size_t size) {
+  ++allocations;
+  return __libc_malloc(size);
+}
+void* calloc(std::size_t count, std::size_t size) {
+  ++allocations;
+  return __libc_calloc(count, size);
+}
+void* realloc(void* memory, std::size_t size) {
+  ++allocations;
+  return __libc_realloc(memory, size);
+}
+void* aligned_alloc(std::size_t alignment, std::size_t size) {
+  ++allocations;
+  return __libc_memalign(alignment, size);
+}
+int posix_memalign(void** memory, std::size_t alignment, std::size_t size) {
+  ++allocations;
+  *memory = __libc_memalign(alignment, size);
+  return *memory == nullptr ? ENOMEM : 0;
+}
+
+}  // extern "C"
+
+namespace {
+
+using namespace rubato;
+
+/// A chain of n anharmonic oscillators. H is convex, so that Γ = fᵀ H_zz f has no zero but at equilibria and no step
+/// needs a bridge.
+Hamiltonian chain(std::size_t n) {
+  return Hamiltonian(n, [n](auto q, auto p) {
+    auto H = p[0] * p[0] / 2;
+    for (std::size_t i = 0; i < n; ++i) {
+      H = H + (i > 0 ? p[i] * p[i] / 2 + pow(q[i] - q[i - 1], 2) / 2 : pow(q[i], 2) / 2) + pow(q[i], 4) / 4;
+    }
+    return H;
+  });
+}
+
+std::vector<double> start(std::size_t n) {
+  std::vector<double> z(2 * n);
+  for (std::size_t i = 0; i < n; ++i) {
+    z[i] = 0.3 + 0.1 * static_cast<double>(i % 3);
+    z[n + i] = 0.5 - 0.2 * static_cast<double>(i % 2);
+  }
+  return z;
+}
+
+/// Allocations during `counted` steps that come after the first few, each followed by `extra`.
+template <typename Extra>
+std::size_t allocations_in_steps(std::size_t n, Levels kind, Extra extra) {
+  constexpr int first = 5;
+  constexpr int counted = 100;
+  const auto scheme = make_midpoint_scheme(chain(n), start(n));
+  TimeLevels levels(*scheme, {.levels = kind}, 0.0, 0.05);
+  std::size_t before = 0;
+  bool made = true;
+  for (int k = 0; k < first + counted; ++k) {
+    if (k == first) {
+      before = allocations;
+    }
+    const StepReport report = levels.step();
+    made = made && report.status == Status::success && !report.bridged;
+    made = made && std::isfinite(scheme->node().gamma);
+    extra(*scheme);
+  }
+  const std::size_t after = allocations;
+  REQUIRE(made);
+  return after - before;
+}
+
+std::size_t allocations_in_steps(std::size_t n, Levels kind) {
+  return allocations_in_steps(n, kind, [](const SegmentScheme&) {});
+}
+
+}  // namespace
+
+TEST_CASE("a step of the midpoint scheme allocates nothing") {
+  const std::size_t n = GENERATE(1, 2, 3, 10);
+  const Levels kind = GENERATE(Levels::variable, Levels::fixed);
+  CAPTURE(n);
+  CHECK(allocations_in_steps(n, kind) == 0);
+}
+
+TEST_CASE("an allocation in a step would be counted") {
+  const auto by_new = [](const SegmentScheme& scheme) {
+    StateWriter state;
+    scheme.save(state);
+  };
+  const auto by_eigen = [](const SegmentScheme& scheme) {
+    Eigen::VectorXd copy = Eigen::Map<const Eigen::VectorXd>(scheme.state().data(), 2);
+    CHECK(copy.allFinite());
+  };
+  CHECK(allocations_in_steps(2, Levels::variable, by_new) >= 100);
+  CHECK(allocations_in_steps(2, Levels::variable, by_eigen) >= 100);
+}
+
+#endif
