@@ -63,8 +63,8 @@ public:
         largest_(at_midpoints_.size(), 0.0),
         start_step_(start_ratio * first_step),
         conditions_(step_conditions(system, first_step)),
-        border_(static_cast<std::size_t>(conditions_.count())),
-        solver_(make_cyclic_cell_solver(grid, system.field_count(), conditions_.count())) {
+        border_(static_cast<std::size_t>(conditions_.count()) * (grid.size() / grid.cells(0))),
+        solver_(make_cell_solver(grid, system.field_count(), conditions_.count(), newton_tolerance)) {
     for (int a = 0; a < system.directions(); ++a) {
       matrix_.difference.push_back(system.K(a));
     }
@@ -173,6 +173,7 @@ private:
   }
 
   void start_level() {
+    solver_->forget();
     trial_h_ = 0.0;
     node_known_ = false;
     iterations_ = 0;

@@ -31,11 +31,15 @@ struct CellMatrix {
   [[nodiscard]] int size() const { return static_cast<int>(mean.rows()); }
 };
 
-/// The conditions that make a system with a kernel of constant vectors solvable: column b of `columns` times an unknown
-/// y_b is added to the equations of every cell, and the mean over all nodes of Σ_f pins(b, f) c_f is to be 0.
+/// What makes a system with a kernel of constant vectors solvable: an unknown y_b times column b of `columns` is added
+/// to the equations of every cell, and the mean over the nodes of Σ_f pins(b, f) c_f is to be 0. In more than one
+/// dimension a kernel vector that no C_a of a direction sees may vary in that direction: then y_b is one unknown for
+/// each line of cells, and the mean over each line is held.
 struct KernelConditions {
   Eigen::MatrixXd pins;     ///< conditions × unknowns
   Eigen::MatrixXd columns;  ///< equations × conditions
+  Eigen::MatrixXd kernel;   ///< unknowns × conditions: the constant vectors c with Bc = 0, entries included
+  Eigen::MatrixXd left;     ///< equations × conditions: those with lᵀB = 0
 
   [[nodiscard]] int count() const { return static_cast<int>(pins.rows()); }
 };
@@ -45,13 +49,22 @@ class CellSolver {
 public:
   virtual ~CellSolver() = default;
   /// rhs: one array for each equation; solution: one for each unknown, not overlapping rhs. `y` receives the unknowns
-  /// of the conditions.
+  /// of the conditions, y[b·lines + line], lines = n_y n_z.
   [[nodiscard]] virtual Status solve(const CellMatrix& matrix, const KernelConditions& conditions,
                                      std::span<const double* const> rhs, std::span<double* const> solution,
                                      std::span<double> y) = 0;
+  /// Forgets what was kept from the last solves, so that the next ones do not depend on them.
+  virtual void forget() {}
 };
 
-/// The box in one dimension: cyclic block elimination, O(cells).
+/// What Newton's method needs of a linear solve: its next correction squares the error, so no more than that.
+inline constexpr double newton_tolerance = 1e-9;
+
+/// For the box: cyclic block elimination, O(cells), in one dimension; in more GMRES, preconditioned by the matrix with
+/// the entries' means, block by block in Fourier space, to the relative residual `tolerance`.
+[[nodiscard]] std::unique_ptr<CellSolver> make_cell_solver(const grids::Grid& grid, int size, int conditions,
+                                                           double tolerance);
 [[nodiscard]] std::unique_ptr<CellSolver> make_cyclic_cell_solver(const grids::Grid& grid, int size, int conditions);
+[[nodiscard]] std::unique_ptr<CellSolver> make_krylov_cell_solver(const grids::Grid& grid, int size, double tolerance);
 
 }  // namespace rubato

@@ -118,6 +118,7 @@ public:
         plan_(plan),
         sweep_(system, grid),
         size_(static_cast<int>(plan.unknowns.size())),
+        lines_(grid.size() / grid.cells(0)),
         residual_(system.field_count(), grid.size()),
         hessian_(static_cast<int>(system.varying_hessian().size()), grid.size()),
         rhs_(size_, grid.size()),
@@ -133,6 +134,8 @@ public:
       order.push_back(u);
     }
     const auto pinned = independent_rows(kernel.cast<std::complex<double>>(), order);
+    conditions_.kernel = kernel;
+    conditions_.left = common_null_space(system, 0.0, columns, plan.rows);
     conditions_.pins = MatrixXd::Zero(static_cast<Index>(pinned.size()), size_);
     conditions_.columns = MatrixXd(size_, static_cast<Index>(pinned.size()));
     for (std::size_t b = 0; b < pinned.size(); ++b) {
@@ -152,11 +155,11 @@ public:
         add_entries(column, row, hessian_.field(static_cast<int>(e)).data());
       }
     }
-    solver_ = make_cyclic_cell_solver(grid, size_, conditions_.count());
+    solver_ = make_cell_solver(grid, size_, conditions_.count(), newton_tolerance);
   }
 
   [[nodiscard]] Status run(LatticeLevel& level) {
-    std::vector<double> y(static_cast<std::size_t>(conditions_.count()));
+    std::vector<double> y(static_cast<std::size_t>(conditions_.count()) * lines_);
     double last = std::numeric_limits<double>::infinity();
     for (int iteration = 0; iteration < most_iterations; ++iteration) {
       const grids::FieldSet& fields = level.fields;
@@ -186,8 +189,10 @@ public:
       }
       for (std::size_t b = 0; b < pinned_.size(); ++b) {
         auto& slope = level.slopes.of_field[static_cast<std::size_t>(pinned_[b])];
-        slope.resize(1);
-        slope[0] += y[b];
+        slope.resize(lines_);
+        for (std::size_t line = 0; line < lines_; ++line) {
+          slope[line] += y[b * lines_ + line];
+        }
       }
       if (change <= 1e-15 * scale || (change <= 1e-9 * scale && change >= 0.25 * last)) {
         return Status::success;
@@ -228,6 +233,7 @@ private:
   const Plan& plan_;
   CellSweep sweep_;
   int size_;
+  std::size_t lines_;
   grids::FieldSet residual_, hessian_, rhs_, correction_;
   KernelConditions conditions_;
   std::vector<int> pinned_;

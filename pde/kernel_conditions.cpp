@@ -41,6 +41,8 @@ KernelConditions step_conditions(const MultisymplecticSystem& system, double h) 
   const MatrixXd kernel = common_null_space(system, theta, identity, identity);
   KernelConditions conditions;
   conditions.columns = common_null_space(system, -theta, identity, identity);  // (θM - S'')ᵀ = -θM - S''
+  conditions.left = conditions.columns;
+  conditions.kernel = kernel;
   conditions.pins = MatrixXd::Zero(kernel.cols(), d);
   if (kernel.cols() == 0) {
     return conditions;
