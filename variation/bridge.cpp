@@ -33,6 +33,8 @@ constexpr double longest_for_gamma = 3.5;
 constexpr std::array waiting_lengths = {0.6, 1.0, 1.5};
 /// How far the end of a bridge may be off the node law, relative to H - E, where none meets it.
 constexpr double largest_miss = 0.5;
+/// With `fixed`, the first step that meets the energy law again may differ from the step law by this factor.
+constexpr double largest_misfit = 1.5;
 /// Numbers of steps tried where no single step leads across.
 constexpr std::array counts = {1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 20, 24, 32};
 
@@ -239,9 +241,9 @@ StepReport TimeLevels::start_bridge(const Bridge& bridge) {
   return bridge_step();
 }
 
-/// A bridge of several equal steps, the fewest for which its end meets the law. Where steps are so coarse that none does,
-/// the one that comes nearest: the amplitude of H - E is then off until the next bridge, which asks for the same c again.
-/// Else a plain step, to look again from its end.
+/// A bridge of several equal steps, the fewest for which its end meets the law. Where steps are so coarse that none
+/// does, the one that comes nearest: the amplitude of H - E is then off until the next bridge, which asks for the same
+/// c again. Else a plain step, to look again from its end.
 StepReport TimeLevels::long_bridge() {
   nearest_ = {.miss = largest_miss};
   for (const int count : counts) {
@@ -295,9 +297,13 @@ StepReport TimeLevels::wait_step() {
     return bridge ? start_bridge(*bridge) : waiting_step();
   }
   if (singular_) {
-    set_direction(scheme_.node().gamma);
-    StepReport result = ordinary_step(regular_step_);
-    if (result.status == Status::success) {
+    const LevelNode here = scheme_.node();
+    set_direction(here.gamma);
+    const double expected = law_step(here.gamma);
+    StepReport result = ordinary_step(std::min(expected, std::abs(regular_step_)) * sign(regular_step_));
+    // A step far from what the law asks for with the run's own constant would let the amplitude of H - E wander off.
+    const bool fits = std::abs(result.h) > expected / largest_misfit && std::abs(result.h) < expected * largest_misfit;
+    if (result.status == Status::success && fits) {
       singular_ = false;
       remembered_ = 0;
       take_ordinary(result);

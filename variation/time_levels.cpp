@@ -47,7 +47,7 @@ StepReport TimeLevels::step() {
   if (options_.levels == Levels::fixed) {
     return fixed_step();
   }
-  return steps_ == 0 ? first_step() : variable_step();
+  return std::isnan(energy_) ? first_step() : variable_step();
 }
 
 StepReport TimeLevels::report(Status status, double h) const {
@@ -58,7 +58,7 @@ StepReport TimeLevels::report(Status status, double h) const {
   if (status == Status::success || status == Status::ill_conditioned) {
     result.energy = scheme_.discrete_energy();
     result.slope = scheme_.discrete_energy_slope();
-    result.target = scheme_.energy_target().value_or(steps_ == 0 ? result.energy : energy_);
+    result.target = scheme_.energy_target().value_or(std::isnan(energy_) ? result.energy : energy_);
     result.condition = condition(h, result.slope);
   }
   return result;
@@ -98,17 +98,27 @@ StepReport TimeLevels::fixed_step() {
 }
 
 StepReport TimeLevels::first_step() {
-  energy_scale_ = std::abs(scheme_.node().energy);
+  const LevelNode here = scheme_.node();
+  energy_scale_ = std::max(energy_scale_, std::abs(here.energy));
   StepReport result = plain_step(fixed_h_);
   if (result.status != Status::success) {
     return result;
   }
-  energy_scale_ = std::max({energy_scale_, std::abs(result.energy), std::abs(scheme_.trial_node().energy)});
+  const LevelNode next = scheme_.trial_node();
+  energy_scale_ = std::max({energy_scale_, std::abs(result.energy), std::abs(next.energy)});
   result.condition = condition(result.h, result.slope);
-  if (!(result.condition <= options_.condition_limit)) {
-    result.status = Status::ill_conditioned;
-    return result;
+  const bool ill_conditioned = !(result.condition <= options_.condition_limit);
+  if (options_.on_singular == OnSingular::stop) {
+    if (ill_conditioned) {
+      result.status = Status::ill_conditioned;
+      return result;
+    }
+  } else if (ill_conditioned || here.gamma * next.gamma <= 0.0 ||
+             std::min(std::abs(here.gamma), std::abs(next.gamma)) < 0.5 * std::abs(next.gamma - here.gamma)) {
+    // Too near a zero of Γ for this step to set the law's constants: go on with plain steps until one can.
+    return flagged(result);
   }
+  singular_ = false;
   energy_ = result.energy;
   direction_ = sign(result.slope * result.h);
   const double s = scheme_.order();
@@ -135,7 +145,8 @@ StepReport TimeLevels::variable_step() {
   }
   StepReport result = ordinary_step(predicted_step());
   // Near the zero of Γ the step may be so long that its own equation cannot be solved either.
-  const bool lost = result.status != Status::success && (result.status != Status::undefined || crossing_is_near(result));
+  const bool lost =
+      result.status != Status::success && (result.status != Status::undefined || crossing_is_near(result));
   const bool near =
       result.status == Status::success && options_.on_singular == OnSingular::bridge && crossing_is_near(result);
   if (near || (lost && options_.on_singular != OnSingular::stop)) {
