@@ -7,6 +7,8 @@
 #include <fmt/format.h>
 
 #include <rubato/ode/discrete_lagrangian.hpp>
+#include <rubato/ode/generating_action.hpp>
+#include <rubato/ode/generating_scheme.hpp>
 #include <rubato/ode/midpoint_scheme.hpp>
 #include <rubato/ode/two_step_scheme.hpp>
 
@@ -90,18 +92,39 @@ std::unique_ptr<SegmentScheme> make_scheme(const Hamiltonian& hamiltonian, const
   if (std::holds_alternative<Midpoint>(options.lagrangian) && !options.next) {
     return make_midpoint_scheme(hamiltonian, first.z);
   }
+  if (const auto* generating = std::get_if<Generating>(&options.lagrangian)) {
+    const Eigen::MatrixXd F = generating->F(hamiltonian.degrees_of_freedom());
+    if (!options.next) {
+      return make_generating_scheme(hamiltonian, F, generating->order, first.z);
+    }
+    static_cast<void>(parasite_matrix(F));  // throws where no two-step map exists
+  }
   return make_two_step_scheme(make_action(hamiltonian, options.lagrangian), hamiltonian, first,
                               second_node(hamiltonian, first, options));
 }
 
 }  // namespace
 
+Eigen::MatrixXd Generating::F(std::size_t degrees_of_freedom) const {
+  const auto n = static_cast<Eigen::Index>(degrees_of_freedom);
+  const auto* type = std::get_if<DarbouxType>(&darboux);
+  return type != nullptr ? darboux_symmetric(*type, n) : std::get<Eigen::MatrixXd>(darboux);
+}
+
 std::unique_ptr<DiscreteAction> make_action(const Hamiltonian& hamiltonian, const SegmentLagrangian& lagrangian) {
-  return std::make_unique<FormulaAction>(std::visit(
-      Overloaded{[&](const Midpoint&) { return midpoint_action(hamiltonian); },
-                 [&](const Forward&) { return forward_action(hamiltonian); },
-                 [&](const Custom& custom) { return lagrangian_action(hamiltonian, custom.L, custom.parameters); }},
-      lagrangian));
+  const auto formula = [](FormulaAction action) -> std::unique_ptr<DiscreteAction> {
+    return std::make_unique<FormulaAction>(std::move(action));
+  };
+  return std::visit(Overloaded{[&](const Midpoint&) { return formula(midpoint_action(hamiltonian)); },
+                               [&](const Forward&) { return formula(forward_action(hamiltonian)); },
+                               [&](const Custom& custom) {
+                                 return formula(lagrangian_action(hamiltonian, custom.L, custom.parameters));
+                               },
+                               [&](const Generating& generating) -> std::unique_ptr<DiscreteAction> {
+                                 return std::make_unique<GeneratingAction>(
+                                     hamiltonian, generating.F(hamiltonian.degrees_of_freedom()), generating.order);
+                               }},
+                    lagrangian);
 }
 
 OrbitIntegrator::OrbitIntegrator(const Hamiltonian& hamiltonian, const InitialState& initial,

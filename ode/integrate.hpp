@@ -8,6 +8,7 @@
 #include <variant>
 #include <vector>
 
+#include <rubato/ode/darboux.hpp>
 #include <rubato/ode/hamiltonian.hpp>
 #include <rubato/ode/segment_scheme.hpp>
 #include <rubato/variation/discrete_action.hpp>
@@ -26,7 +27,15 @@ struct Custom {
   std::string L;
   Hamiltonian::Parameters parameters = {};
 };
-using SegmentLagrangian = std::variant<Midpoint, Forward, Custom>;
+/// The generating function of the flow of normal Darboux type F, truncated (theory, section 4): any order.
+struct Generating {
+  int order = 4;  ///< as generating_order() understands it: with F = 0 an odd one rounds up
+  /// F by its name, or as a symmetric 2n × 2n matrix.
+  std::variant<DarbouxType, Eigen::MatrixXd> darboux = DarbouxType::midpoint;
+
+  [[nodiscard]] Eigen::MatrixXd F(std::size_t degrees_of_freedom) const;
+};
+using SegmentLagrangian = std::variant<Midpoint, Forward, Custom, Generating>;
 
 /// The action A = (t_1 - t_0)·𝕃 of a segment. \throws formula::ParseError (Custom)
 [[nodiscard]] std::unique_ptr<DiscreteAction> make_action(const Hamiltonian& hamiltonian,

@@ -119,12 +119,33 @@ Hamiltonian make_hamiltonian(const Problem& problem) {
   return Hamiltonian(graph, orbit.q, orbit.p, H);
 }
 
+namespace {
+
+Generating make_generating(const Scheme& scheme) {
+  Generating generating{.order = *scheme.order};
+  switch (scheme.darboux) {
+    case DarbouxKind::midpoint: generating.darboux = DarbouxType::midpoint; break;
+    case DarbouxKind::euler_a: generating.darboux = DarbouxType::euler_a; break;
+    case DarbouxKind::euler_b: generating.darboux = DarbouxType::euler_b; break;
+    case DarbouxKind::matrix: {
+      const auto size = static_cast<Eigen::Index>(scheme.darboux_matrix->size);
+      generating.darboux = Eigen::MatrixXd(
+          Eigen::Map<const Eigen::MatrixXd>(scheme.darboux_matrix->entries.data(), size, size));  // symmetric
+      break;
+    }
+  }
+  return generating;
+}
+
+}  // namespace
+
 SegmentLagrangian make_lagrangian(const Problem& problem) {
   const Scheme& scheme = problem.scheme;
   switch (scheme.lagrangian) {
     case Lagrangian::midpoint: return Midpoint{};
     case Lagrangian::forward: return Forward{.allow_unstable = scheme.allow_unstable};
     case Lagrangian::custom: return Custom{.L = scheme.L->text, .parameters = parameters_of(problem)};
+    case Lagrangian::generating: return make_generating(scheme);
     default:
       throw ProblemError(scheme.lagrangian_location,
                          fmt::format("lagrangian = \"{}\" is not available for an orbit in this version",

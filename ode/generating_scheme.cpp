@@ -1,0 +1,291 @@
+#include <rubato/ode/generating_scheme.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <stdexcept>
+#include <vector>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <rubato/ode/flow_map.hpp>
+#include <rubato/ode/generating_action.hpp>
+#include <rubato/ode/generating_function.hpp>
+#include <rubato/ode/increment.hpp>
+
+namespace rubato {
+
+namespace {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+constexpr double epsilon = std::numeric_limits<double>::epsilon();
+constexpr int most_iterations = 30;
+/// Relative size of the displacement whose flow is differenced for a tangent: small beside what it bends over, large
+/// beside rounding.
+constexpr double displacement = 1e-5;
+/// Below this relative size a residual is its own correction.
+constexpr double negligible_residual = 4.0 * epsilon;
+/// A correction at least this large shows, by the next one, how fast corrections contract.
+constexpr double measurable = 1e-12;
+/// How much worse than in an earlier step the first correction of a step is taken to contract.
+constexpr double rate_margin = 100.0;
+/// Relative change of h within a level that asks for a new φ^(s+1).
+constexpr double tail_ratio = 0.05;
+/// Orders of the Taylor steps: those of the scheme and some more, since they go a whole step from their centre and the
+/// generating function only half of one.
+constexpr int extra_flow_order = 3;
+
+/// -24 φ^(s+1), which the step law of order s has in place of Γ.
+constexpr double gamma_factor = -24.0;
+
+class GeneratingScheme final : public SegmentScheme {
+public:
+  GeneratingScheme(const Hamiltonian& hamiltonian, const MatrixXd& F, const GeneratingOrder& order,
+                   std::span<const double> z_0)
+      : order_(order),
+        generating_(hamiltonian, F, order.order),
+        flow_(hamiltonian, order.order + extra_flow_order),
+        energy_evaluator_(hamiltonian),
+        plain_(generating_.odd()),
+        size_(F.rows()),
+        weight_(0.5 * (MatrixXd::Identity(size_, size_) + symplectic_unit(size_ / 2) * F)),
+        z_(VectorXd(Eigen::Map<const VectorXd>(z_0.data(), size_))),
+        history_(size_) {
+    for (VectorXd* vector : {&delta_, &base_, &step_, &point_, &slope_, &residual_, &correction_, &moved_}) {
+      vector->setZero(size_);
+    }
+    node_ = node_at(z_.value());
+    node_known_ = true;
+  }
+
+  [[nodiscard]] std::size_t dimension() const override { return static_cast<std::size_t>(size_); }
+  [[nodiscard]] std::span<const double> state() const override { return as_span(z_.value()); }
+  [[nodiscard]] int order() const override { return order_.order; }
+
+  [[nodiscard]] Status advance(double h, double accuracy) override {
+    if (const Status status = predict(h); status != Status::success) {
+      return status;
+    }
+    const double rounding = std::max(accuracy, 0.25 * epsilon);
+    double rate = std::min(1.0, rate_margin * rate_);  // by which the coming correction is smaller than the present one
+    double previous = 0.0;
+    double slowest = 0.0;
+    StagnationTest test(accuracy);
+    for (int iteration = 0; iteration < most_iterations; ++iteration) {
+      if (const Status status = correct(h); status != Status::success) {
+        return fail(status);
+      }
+      const double size = history_.relative_size(correction_, delta_, z_.value());
+      if (!std::isfinite(size)) {
+        return fail(Status::undefined);
+      }
+      if (previous > measurable) {
+        slowest = std::max(slowest, size / previous);
+        rate_ = slowest;
+      }
+      if (previous > 0.0) {
+        rate = std::min(1.0, size / previous);
+      }
+      previous = size;
+      if (test.judge(size) == StagnationTest::Verdict::done || rate * size <= rounding) {
+        return finish(h);
+      }
+    }
+    return fail(Status::not_converged);
+  }
+
+  [[nodiscard]] double discrete_energy() const override { return energy_; }
+  /// s(s+1) h^(s-1) φ^(s+1)(w), to leading order.
+  [[nodiscard]] double discrete_energy_slope() const override {
+    const int s = order_.order;
+    return s * (s + 1.0) * std::pow(trial_h_, s - 1) * tail_;
+  }
+  [[nodiscard]] int iterations() const override { return iterations_; }
+  [[nodiscard]] std::string failure_reason() const override { return reason_; }
+
+  [[nodiscard]] LevelNode node() override {
+    if (!node_known_) {
+      node_ = node_at(z_.value());
+      node_known_ = true;
+    }
+    return node_;
+  }
+
+  [[nodiscard]] LevelNode trial_node() override {
+    z_.displaced(1.0, delta_, point_);
+    return node_at(point_);
+  }
+
+  void accept() override {
+    history_.record(trial_h_, delta_);
+    z_.add(delta_);
+    start_level();
+  }
+
+  void save(StateWriter& state) const override {
+    z_.save(state);
+    history_.save(state);
+    state.write(rate_);
+  }
+
+  void restore(StateReader& state) override {
+    z_.restore(state);
+    history_.restore(state);
+    state.read(rate_);
+    start_level();
+  }
+
+private:
+  void start_level() {
+    predicted_ = tail_known_ = node_known_ = false;
+    iterations_ = 0;
+  }
+
+  Status fail(Status status) {
+    predicted_ = false;
+    return status;
+  }
+
+  /// δ from the Taylor step; at a second h within the level, with the correction already found.
+  Status predict(double h) {
+    if (!predicted_) {
+      if (const Status status = flow_.start(z_.value(), h); status != Status::success) {
+        reason_ = flow_.failure();
+        return status;
+      }
+      flow_.increment(h, base_);
+      delta_ = base_;
+    } else {
+      flow_.increment(h, moved_);
+      delta_ += moved_ - base_;
+      base_ = moved_;
+    }
+    predicted_ = true;
+    trial_h_ = h;
+    return Status::success;
+  }
+
+  /// w = z_k + E_F δ
+  void place() {
+    if (plain_) {
+      z_.displaced(0.5, delta_, point_);
+    } else {
+      step_.noalias() = weight_ * delta_;
+      z_.displaced(1.0, step_, point_);
+    }
+  }
+
+  /// One correction of δ.
+  Status correct(double h) {
+    place();
+    ++iterations_;
+    if (const Status status = generating_.expand_gradients(as_span(point_), order_.terms); status != Status::success) {
+      reason_ = generating_.failure();
+      return status;
+    }
+    generating_.gradient_sum(h, order_.terms, slope_);
+    apply_j(slope_, residual_);
+    residual_ = -residual_ - delta_;
+    correction_ = residual_;
+    const double size = history_.relative_size(residual_, delta_, z_.value());
+    if (size > negligible_residual) {
+      step_.noalias() = weight_ * residual_;
+      const double scale = displacement / size;
+      point_ = z_.value() + scale * step_;
+      if (const Status status = flow_.increment_from(point_, h, moved_); status != Status::success) {
+        reason_ = flow_.failure();
+        return status;
+      }
+      correction_ += (moved_ - base_) / scale;
+    }
+    delta_ += correction_;
+    return Status::success;
+  }
+
+  /// E_k at the last w, and to first order at the δ corrected since; φ^(s+1) there.
+  Status finish(double h) {
+    Status status = Status::success;
+    generating_.gradient_sum_rate(h, order_.terms, slope_);
+    step_.noalias() = weight_ * correction_;
+    const double change = slope_.dot(step_);
+    const bool fresh = !tail_known_ || std::abs(h - tail_h_) > tail_ratio * std::abs(h);
+    if (fresh) {
+      status = generating_.extend_gradients(order_.order);
+    }
+    if (status == Status::success) {
+      status = generating_.expand_values();
+    }
+    if (status != Status::success) {
+      reason_ = generating_.failure();
+      return fail(status);
+    }
+    if (fresh) {
+      tail_ = generating_.coefficient(order_.order + 1);
+      tail_h_ = h;
+      tail_known_ = true;
+    }
+    energy_ = -(generating_.sum_rate(h, order_.terms) + change);
+    return Status::success;
+  }
+
+  /// NaN where H has no Taylor expansion, for the caller to judge.
+  LevelNode node_at(const VectorXd& z) {
+    LevelNode node{energy_evaluator_.value(z.data()), std::numeric_limits<double>::quiet_NaN()};
+    if (generating_.expand(as_span(z)) == Status::success) {
+      node.gamma = gamma_factor * generating_.coefficient(order_.order + 1);
+    } else {
+      reason_ = generating_.failure();
+    }
+    return node;
+  }
+
+  GeneratingOrder order_;
+  GeneratingFunction generating_;
+  FlowMap flow_;
+  HamiltonianEvaluator energy_evaluator_;
+  bool plain_;  ///< F = 0
+  Index size_;
+  MatrixXd weight_;  ///< E_F
+  CompensatedState<VectorXd> z_;
+  VelocityHistory<VectorXd> history_;
+
+  VectorXd delta_, base_;  ///< base_: the Taylor step for the present h
+  VectorXd step_, point_, slope_, residual_, correction_, moved_;
+  double rate_ = 1.0;  ///< contraction of the corrections when last measured
+  bool predicted_ = false;
+  double trial_h_ = 0.0;
+  double energy_ = 0.0;
+  double tail_ = 0.0, tail_h_ = 0.0;  ///< φ^(s+1) at w, and the h for which it was last computed
+  bool tail_known_ = false;
+  int iterations_ = 0;
+  LevelNode node_;
+  bool node_known_ = false;
+  std::string reason_;
+};
+
+}  // namespace
+
+std::unique_ptr<SegmentScheme> make_generating_scheme(const Hamiltonian& hamiltonian, const MatrixXd& F, int order,
+                                                      std::span<const double> z_0) {
+  const std::size_t size = 2 * hamiltonian.degrees_of_freedom();
+  if (z_0.size() != size) {
+    throw std::invalid_argument(fmt::format(
+        "the initial state has {} entries, the Hamiltonian has {} coordinates and as many momenta: {} are needed",
+        z_0.size(), size / 2, size));
+  }
+  check_darboux_symmetric(F, static_cast<Index>(size / 2));
+  auto scheme = std::make_unique<GeneratingScheme>(hamiltonian, F, generating_order(order, F), z_0);
+  const LevelNode node = scheme->node();
+  if (!std::isfinite(node.energy) || !std::isfinite(node.gamma)) {
+    throw std::invalid_argument(fmt::format(
+        "H has no Taylor expansion at the initial state ({}): {}", fmt::join(z_0, ", "),
+        scheme->failure_reason().empty() ? fmt::format("its value is {}", node.energy) : scheme->failure_reason()));
+  }
+  return scheme;
+}
+
+}  // namespace rubato

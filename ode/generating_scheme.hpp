@@ -1,0 +1,36 @@
+#pragma once
+
+#include <memory>
+#include <span>
+
+#include <Eigen/Core>
+
+#include <rubato/ode/hamiltonian.hpp>
+#include <rubato/ode/segment_scheme.hpp>
+
+namespace rubato {
+
+/// The production form of the action of GeneratingAction (theory, section 4): with E_F = (I + JF)/2,
+///
+///     J δ = ∇Φ_s(w, h),   w = z_k + E_F δ,   E_k = -∂_hΦ_s(w, h)
+///
+/// for any symmetric F. It is the two-step equation (3.3) started without a parasite. Symplectic at fixed levels; with
+/// variable ones it preserves dp∧dq - dE∧dt. F = 0 with order 2 is the midpoint rule, the Euler types with order 1 are
+/// the symplectic Euler methods.
+///
+/// Solver. Let M be the tangent of the exact flow over h. The Newton matrix of δ + J∇Φ_s(z + E_F δ, h) = 0 is the
+/// inverse of I + (M - I)E_F up to the truncation error of Φ_s, so that a residual -r is corrected by r + (M - I)E_F r
+/// where (M - I)v is the difference of two Taylor steps of the flow: no Hessian of Φ, no matrix, and corrections that
+/// contract by 1e-4 to 1e-6. The start is the Taylor step itself. The iteration ends when what the rate of
+/// contraction (of this step, or a hundred times that of an earlier one) leaves for the next correction is below
+/// rounding, or when corrections stagnate. z is summed with
+/// compensation.
+///
+/// Γ stands for -24 φ^(s+1) with s the order (theory, section 4).
+/// \throws std::invalid_argument as GeneratingAction; if z_0 has not 2n entries or is not finite, or H has no Taylor
+/// expansion there
+[[nodiscard]] std::unique_ptr<SegmentScheme> make_generating_scheme(const Hamiltonian& hamiltonian,
+                                                                    const Eigen::MatrixXd& F, int order,
+                                                                    std::span<const double> z_0);
+
+}  // namespace rubato
