@@ -31,7 +31,7 @@ function(rubato_room room)
 endfunction()
 
 # rubato_test_room(<room> [LINK <target>...]): every tests/<room>/*.cpp becomes part of one Catch2 program test_<room>.
-# A test case tagged [long] gets the CTest label `long` and is left out of the default run.
+# Test cases tagged [long] are left out of the default run; `ctest -C Long -L long` runs them, one test per room.
 function(rubato_test_room room)
   cmake_parse_arguments(PARSE_ARGV 1 arg "" "" "LINK")
   file(GLOB sources CONFIGURE_DEPENDS ${PROJECT_SOURCE_DIR}/tests/${room}/*.cpp)
@@ -43,6 +43,6 @@ function(rubato_test_room room)
   target_include_directories(test_${room} PRIVATE ${PROJECT_SOURCE_DIR}/tests)
   target_precompile_headers(test_${room} REUSE_FROM rubato_test_header)
   catch_discover_tests(test_${room} TEST_PREFIX "${room}: " TEST_SPEC "~[long]" PROPERTIES TIMEOUT 240)
-  catch_discover_tests(test_${room} TEST_PREFIX "${room} (long): " TEST_SPEC "[long]" TEST_LIST ${room}_long
-    PROPERTIES LABELS long TIMEOUT 7200)
+  add_test(NAME "${room}: long" CONFIGURATIONS Long COMMAND test_${room} [long])
+  set_tests_properties("${room}: long" PROPERTIES LABELS long TIMEOUT 7200)
 endfunction()
