@@ -146,10 +146,15 @@ TEST_CASE("every eccentricity is crossed, fine and coarse, tangency included") {
 
 TEST_CASE("Kepler orbits of high eccentricity keep their node energy over 100 revolutions", "[long]") {
   for (const double e : {0.8, 0.9, 0.95, 0.99}) {
-    const Judged run = judge(kepler, kepler_pericentre(e), kepler_step(e, e < 0.94 ? 0.02 : 0.03), 100.0 * orbit);
+    const Judged run = judge(kepler, kepler_pericentre(e),
+                             kepler_step(e, e < 0.94   ? 0.02
+                                            : e < 0.98 ? 0.03
+                                                       : 0.05),
+                             100.0 * orbit);
     INFO("e " << e << ", levels per orbit " << static_cast<double>(run.steps) / 100.0 << ", eighths differ by "
               << (*std::ranges::max_element(run.eighth_means) - *std::ranges::min_element(run.eighth_means)));
     REQUIRE(run.status == Status::success);
+    CHECK(run.steps <= 100 * 400);
     // No drift: the eighth-means differ by less than a hundredth of the largest excursion of H.
     const auto [low, high] = std::ranges::minmax(run.eighth_means);
     CHECK(high - low <= 0.01 * run.node_deviation);
