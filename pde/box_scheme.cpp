@@ -24,13 +24,14 @@ constexpr double residual_floor = 4.0 * epsilon;
 /// Length of the two steps, one forward and one back, that find the velocity at the start, relative to the first step.
 constexpr double start_ratio = 1e-2;
 
-void check(const MultisymplecticSystem& system, const grids::Grid& grid, const LatticeLevel& first) {
+void check(const MultisymplecticSystem& system, const grids::Grid& grid, Placement placement,
+           const LatticeLevel& first) {
   if (system.directions() != grid.dimensions()) {
     throw std::invalid_argument(
         fmt::format("the system has {} space direction(s), the grid {}", system.directions(), grid.dimensions()));
   }
   for (int a = 0; a < grid.dimensions(); ++a) {
-    if (grid.cells(a) % 2 == 0) {
+    if (placement == Placement::cells && grid.cells(a) % 2 == 0) {
       throw std::invalid_argument(
           fmt::format("box needs an odd number of cells in every direction, and {} has {}: with an even one the "
                       "average of neighbours annihilates the sawtooth (-1)^i, which the scheme then cannot determine; "
@@ -45,14 +46,16 @@ void check(const MultisymplecticSystem& system, const grids::Grid& grid, const L
   }
 }
 
-class BoxScheme final : public LatticeScheme {
+/// Box and Fourier: the same midpoint rule in time with another A and D_a.
+class MidpointLattice final : public LatticeScheme {
 public:
-  BoxScheme(const MultisymplecticSystem& system, const grids::Grid& grid, LatticeLevel first, double first_step)
+  MidpointLattice(const MultisymplecticSystem& system, const grids::Grid& grid, Placement placement, LatticeLevel first,
+                  double first_step)
       : system_(system),
         grid_(grid),
         level_(std::move(first)),
         at_midpoints_(midpoint_fields(system)),
-        sweep_(system, grid),
+        sweep_(system, grid, placement),
         low_(system.field_count(), grid.size()),
         delta_(low_),
         point_(low_),
@@ -64,7 +67,7 @@ public:
         start_step_(start_ratio * first_step),
         conditions_(step_conditions(system, first_step)),
         border_(static_cast<std::size_t>(conditions_.count()) * (grid.size() / grid.cells(0))),
-        solver_(make_cell_solver(grid, system.field_count(), conditions_.count(), newton_tolerance)) {
+        solver_(make_cell_solver(grid, placement, system.field_count(), conditions_.count(), newton_tolerance)) {
     for (int a = 0; a < system.directions(); ++a) {
       matrix_.difference.push_back(system.K(a));
     }
@@ -355,8 +358,14 @@ private:
 
 std::unique_ptr<LatticeScheme> make_box_scheme(const MultisymplecticSystem& system, const grids::Grid& grid,
                                                LatticeLevel first, double first_step) {
-  check(system, grid, first);
-  return std::make_unique<BoxScheme>(system, grid, std::move(first), first_step);
+  check(system, grid, Placement::cells, first);
+  return std::make_unique<MidpointLattice>(system, grid, Placement::cells, std::move(first), first_step);
+}
+
+std::unique_ptr<LatticeScheme> make_fourier_scheme(const MultisymplecticSystem& system, const grids::Grid& grid,
+                                                   LatticeLevel first, double first_step) {
+  check(system, grid, Placement::nodes, first);
+  return std::make_unique<MidpointLattice>(system, grid, Placement::nodes, std::move(first), first_step);
 }
 
 }  // namespace rubato

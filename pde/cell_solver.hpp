@@ -8,6 +8,7 @@
 
 #include <rubato/base/outcome.hpp>
 #include <rubato/grids/grid.hpp>
+#include <rubato/pde/cell_sweep.hpp>
 
 namespace rubato {
 
@@ -60,10 +61,10 @@ public:
 /// What Newton's method needs of a linear solve: its next correction squares the error, so no more than that.
 inline constexpr double newton_tolerance = 1e-9;
 
-/// For the box: cyclic block elimination, O(cells), in one dimension; in more GMRES, preconditioned by the matrix with
-/// the entries' means, block by block in Fourier space, to the relative residual `tolerance`.
-[[nodiscard]] std::unique_ptr<CellSolver> make_cell_solver(const grids::Grid& grid, int size, int conditions,
-                                                           double tolerance);
+/// For the box in one dimension cyclic block elimination, O(cells); in more, and at nodes, GMRES, preconditioned by the
+/// matrix with the entries' means, block by block in Fourier space, to the relative residual `tolerance`.
+[[nodiscard]] std::unique_ptr<CellSolver> make_cell_solver(const grids::Grid& grid, Placement placement, int size,
+                                                           int conditions, double tolerance);
 [[nodiscard]] std::unique_ptr<CellSolver> make_cyclic_cell_solver(const grids::Grid& grid, int size, int conditions);
 [[nodiscard]] std::unique_ptr<CellSolver> make_krylov_cell_solver(const grids::Grid& grid, int size, double tolerance);
 

@@ -9,6 +9,7 @@
 
 #include <rubato/base/compensated_sum.hpp>
 #include <rubato/grids/buffer.hpp>
+#include <rubato/grids/fourier.hpp>
 
 namespace rubato {
 
@@ -167,8 +168,11 @@ struct CellSweep::Storage {
   std::vector<std::array<bool, 3>> differentiated;  ///< of each field, along each direction
   std::vector<BlockResult> results;
   std::vector<std::unique_ptr<Workspace>> workspaces;
+  /// At nodes: the spectral derivatives of point and rate along each axis, made before the blocks are run.
+  std::unique_ptr<grids::SpectralDerivative> spectral;
+  std::vector<grids::FieldSet> point_derivative, rate_derivative;
 
-  Storage(const MultisymplecticSystem& s, const grids::Grid& grid)
+  Storage(const MultisymplecticSystem& s, const grids::Grid& grid, Placement placement)
       : system(s),
         blocks(grid),
         gather(grid),
@@ -185,6 +189,37 @@ struct CellSweep::Storage {
       K_plus.push_back(terms_of(s.structure().K_plus[static_cast<std::size_t>(a)]));
       for (const Term& term : K.back()) {
         differentiated[static_cast<std::size_t>(term.column)][static_cast<std::size_t>(a)] = true;
+      }
+    }
+    if (placement == Placement::nodes) {
+      spectral = std::make_unique<grids::SpectralDerivative>(grid);
+      point_derivative.assign(static_cast<std::size_t>(dimensions), grids::FieldSet(d, grid.size()));
+      rate_derivative = point_derivative;
+    }
+  }
+
+  void differentiate(std::span<const double* const> fields, std::vector<grids::FieldSet>& derivatives) const {
+    for (std::size_t f = 0; f < fields.size(); ++f) {
+      for (std::size_t a = 0; a < derivatives.size(); ++a) {
+        if (differentiated[f][a] && fields[f] != nullptr) {
+          (*spectral)(static_cast<int>(a), fields[f], derivatives[a].field(static_cast<int>(f)).data());
+        }
+      }
+    }
+  }
+
+  /// A and D_a of one field on a block.
+  void take(const double* field, int f, const std::vector<grids::FieldSet>& derivatives, std::size_t line,
+            std::size_t begin, std::size_t count, double* mean, const std::array<double*, 3>& difference) const {
+    if (spectral == nullptr) {
+      gather(field, line, begin, count, mean, difference.data());
+      return;
+    }
+    const std::size_t offset = line * blocks.line + begin;
+    std::copy_n(field + offset, count, mean);
+    for (std::size_t a = 0; a < derivatives.size(); ++a) {
+      if (difference[a] != nullptr) {
+        std::copy_n(derivatives[a].field(f).data() + offset, count, difference[a]);
       }
     }
   }
@@ -241,7 +276,7 @@ void CellSweep::Storage::run_block(std::size_t block, Workspace& work, std::span
 
   for (int f = 0; f < d; ++f) {
     const auto i = static_cast<std::size_t>(f);
-    gather(point[i], line, begin, count, work.mean[i], work.difference[i].data());
+    take(point[i], f, point_derivative, line, begin, count, work.mean[i], work.difference[i]);
     if (const double slope = slopes.at(f, line); slope != 0.0 && work.difference[i][0] != nullptr) {
       for (std::size_t c = 0; c < count; ++c) {
         work.difference[i][0][c] += slope;
@@ -249,7 +284,7 @@ void CellSweep::Storage::run_block(std::size_t block, Workspace& work, std::span
     }
     if (!rate.empty()) {
       if (rate[i] != nullptr) {
-        gather(rate[i], line, begin, count, work.rate_mean[i], work.rate_difference[i].data());
+        take(rate[i], f, rate_derivative, line, begin, count, work.rate_mean[i], work.rate_difference[i]);
       } else {
         std::fill_n(work.rate_mean[i], count, 0.0);
         for (double* difference : work.rate_difference[i]) {
@@ -356,8 +391,8 @@ void CellSweep::Storage::residual_row(int row, std::size_t count, bool with_rate
   result.finite = result.finite && std::isfinite(sum(out, count));
 }
 
-CellSweep::CellSweep(const MultisymplecticSystem& system, const grids::Grid& grid)
-    : storage_(std::make_unique<Storage>(system, grid)) {}
+CellSweep::CellSweep(const MultisymplecticSystem& system, const grids::Grid& grid, Placement placement)
+    : storage_(std::make_unique<Storage>(system, grid, placement)) {}
 CellSweep::~CellSweep() = default;
 
 SweepResult CellSweep::operator()(std::span<const double* const> point, const PotentialSlopes& slopes,
@@ -365,6 +400,10 @@ SweepResult CellSweep::operator()(std::span<const double* const> point, const Po
                                   std::span<double* const> residual, std::span<double* const> hessian) {
   Storage& s = *storage_;
   s.prepare_workspaces();
+  if (s.spectral != nullptr) {
+    s.differentiate(point, s.point_derivative);
+    s.differentiate(rate, s.rate_derivative);
+  }
   const auto blocks = static_cast<std::ptrdiff_t>(s.blocks.count());
 #pragma omp parallel for schedule(static) if (blocks > 8)
   for (std::ptrdiff_t block = 0; block < blocks; ++block) {

@@ -21,6 +21,12 @@ struct PotentialSlopes {
   }
 };
 
+/// Where the equation is imposed, and by which operators A and D_a.
+enum class Placement {
+  cells,  ///< in the middle of cells, by averages and differences of the nodes around: the box
+  nodes,  ///< at the nodes, A the identity and D_a the spectral derivative: Fourier
+};
+
 /// Where the batch evaluator's blocks of cells begin and end: pieces of at most 256 cells of one line along x.
 /// A function of the grid alone, so that results do not depend on the number of threads.
 struct CellBlocks {
@@ -61,7 +67,7 @@ struct SweepResult {
 /// Evaluates the equation in every cell, in batches, in parallel. Holds work space for each thread.
 class CellSweep {
 public:
-  CellSweep(const MultisymplecticSystem& system, const grids::Grid& grid);
+  CellSweep(const MultisymplecticSystem& system, const grids::Grid& grid, Placement placement = Placement::cells);
   ~CellSweep();
 
   /// At node values `point` (z̄ = A point, D_a point) with slopes, and node rates `rate` (empty for none; null pointers

@@ -113,10 +113,10 @@ Plan make_plan(const MultisymplecticSystem& system, const InitialFields& given) 
 /// Newton on the discrete constraints.
 class ConstraintSolve {
 public:
-  ConstraintSolve(const MultisymplecticSystem& system, const grids::Grid& grid, const Plan& plan)
+  ConstraintSolve(const MultisymplecticSystem& system, const grids::Grid& grid, Placement placement, const Plan& plan)
       : system_(system),
         plan_(plan),
-        sweep_(system, grid),
+        sweep_(system, grid, placement),
         size_(static_cast<int>(plan.unknowns.size())),
         lines_(grid.size() / grid.cells(0)),
         residual_(system.field_count(), grid.size()),
@@ -155,7 +155,7 @@ public:
         add_entries(column, row, hessian_.field(static_cast<int>(e)).data());
       }
     }
-    solver_ = make_cell_solver(grid, size_, conditions_.count(), newton_tolerance);
+    solver_ = make_cell_solver(grid, placement, size_, conditions_.count(), newton_tolerance);
   }
 
   [[nodiscard]] Status run(LatticeLevel& level) {
@@ -279,7 +279,8 @@ void check_agreement(const MultisymplecticSystem& system, int field, std::span<c
 
 }  // namespace
 
-LatticeLevel initial_level(const MultisymplecticSystem& system, const grids::Grid& grid, const InitialFields& given) {
+LatticeLevel initial_level(const MultisymplecticSystem& system, const grids::Grid& grid, const InitialFields& given,
+                           Placement placement) {
   check(system, grid, given);
   const Plan plan = make_plan(system, given);
   const int d = system.field_count();
@@ -295,7 +296,7 @@ LatticeLevel initial_level(const MultisymplecticSystem& system, const grids::Gri
   if (plan.unknowns.empty()) {
     return level;
   }
-  ConstraintSolve solve(system, grid, plan);
+  ConstraintSolve solve(system, grid, placement, plan);
   if (const Status status = solve.run(level); status != Status::success) {
     std::vector<std::string> names;
     for (const int f : plan.unknowns) {

@@ -22,14 +22,14 @@ struct LatticeLevel {
 using InitialFields = std::vector<std::optional<std::vector<double>>>;
 
 /// The first level from the user's data: fields that the constraints of a level determine are computed from the others
-/// by the *discrete* constraints nᵀ(Σ K_a D_a z - ∇S(A z)) = 0 (theory, section 5, "Algebraic fields"), whatever the
-/// user wrote for them; a potential φ with φ_x = u is split into m·x + periodic part, so that u is used as given,
-/// whatever its mean, and the periodic part has mean 0.
+/// by the *discrete* constraints nᵀ(Σ K_a D_a z - ∇S(A z)) = 0 of the placement (theory, section 5, "Algebraic
+/// fields"), whatever the user wrote for them; a potential φ with φ_x = u is split into m·x + periodic part, so that u
+/// is used as given, whatever its mean, and the periodic part has mean 0.
 ///
 /// \throws std::invalid_argument if a size does not fit, a value is not finite, a field is missing that nothing
 /// determines, or data given for a field that is computed differ from it by more than truncation error explains (twice
 /// the largest second difference of the data)
 [[nodiscard]] LatticeLevel initial_level(const MultisymplecticSystem& system, const grids::Grid& grid,
-                                         const InitialFields& given);
+                                         const InitialFields& given, Placement placement = Placement::cells);
 
 }  // namespace rubato

@@ -26,7 +26,7 @@ constexpr double stale = 0.1;
 
 class KrylovCellSolver final : public CellSolver {
 public:
-  KrylovCellSolver(const grids::Grid& grid, int size, double tolerance)
+  KrylovCellSolver(const grids::Grid& grid, Placement placement, int size, double tolerance)
       : grid_(grid),
         size_(size),
         tolerance_(tolerance),
@@ -35,7 +35,12 @@ public:
         precondition_(grid, size),
         gmres_(static_cast<std::size_t>(size) * grid.size(), restart),
         rhs_(size, grid.size()),
-        solution_(rhs_) {}
+        solution_(rhs_) {
+    if (placement == Placement::nodes) {
+      spectral_ = std::make_unique<grids::SpectralDerivative>(grid);
+      derivative_.assign(static_cast<std::size_t>(grid.dimensions()), grids::FieldSet(size, grid.size()));
+    }
+  }
 
   Status solve(const CellMatrix& matrix, const KernelConditions& conditions, std::span<const double* const> rhs,
                std::span<double* const> solution, std::span<double> y) override {
@@ -177,6 +182,10 @@ private:
       std::array<std::complex<double>, 3> difference{};
       for (int a = 0; a < grid_.dimensions(); ++a) {
         const auto i = static_cast<std::size_t>(a);
+        if (spectral_ != nullptr) {
+          difference[i] = grids::derivative_symbol(k[i], grid_.axis(a));
+          continue;
+        }
         const double theta = grids::wave_angle(k[i], grid_.cells(a));
         average[i] = grids::average_symbol(theta);
         difference[i] = grids::difference_symbol(theta, grid_.spacing(a));
@@ -198,8 +207,15 @@ private:
     });
   }
 
-  void multiply(const CellMatrix& matrix, const double* in, double* out) const {
+  void multiply(const CellMatrix& matrix, const double* in, double* out) {
     const std::size_t n = grid_.size();
+    for (std::size_t a = 0; a < derivative_.size(); ++a) {
+      for (int f = 0; f < size_; ++f) {
+        if (!matrix.difference[a].col(f).isZero(0.0)) {
+          (*spectral_)(static_cast<int>(a), in + static_cast<std::size_t>(f) * n, derivative_[a].field(f).data());
+        }
+      }
+    }
     grids::for_each_block(blocks_.count(), 1, [&](std::size_t first, std::size_t last) {
       for (std::size_t block = first; block < last; ++block) {
         multiply_block(matrix, in, out, n, block);
@@ -219,7 +235,14 @@ private:
       std::fill_n(out + static_cast<std::size_t>(r) * n + offset, count, 0.0);
     }
     for (int f = 0; f < size_; ++f) {
-      gather_(in + static_cast<std::size_t>(f) * n, line, begin, count, mean, differences);
+      if (spectral_ == nullptr) {
+        gather_(in + static_cast<std::size_t>(f) * n, line, begin, count, mean, differences);
+      } else {
+        std::copy_n(in + static_cast<std::size_t>(f) * n + offset, count, mean);
+        for (std::size_t a = 0; a < derivative_.size(); ++a) {
+          std::copy_n(derivative_[a].field(f).data() + offset, count, differences[a]);
+        }
+      }
       for (int r = 0; r < size_; ++r) {
         double* to = out + static_cast<std::size_t>(r) * n + offset;
         const auto add = [&](double factor, const double* values) {
@@ -252,19 +275,25 @@ private:
   solve::FourierPreconditioner precondition_;
   solve::Gmres gmres_;
   grids::FieldSet rhs_, solution_;
+  std::unique_ptr<grids::SpectralDerivative> spectral_;  ///< at nodes only
+  std::vector<grids::FieldSet> derivative_;              ///< along each axis
   MatrixXd prepared_mean_;
   std::vector<double> means_;
 };
 
 }  // namespace
 
-std::unique_ptr<CellSolver> make_krylov_cell_solver(const grids::Grid& grid, int size, double tolerance) {
-  return std::make_unique<KrylovCellSolver>(grid, size, tolerance);
+std::unique_ptr<CellSolver> make_krylov_cell_solver(const grids::Grid& grid, Placement placement, int size,
+                                                    double tolerance) {
+  return std::make_unique<KrylovCellSolver>(grid, placement, size, tolerance);
 }
 
-std::unique_ptr<CellSolver> make_cell_solver(const grids::Grid& grid, int size, int conditions, double tolerance) {
-  return grid.dimensions() == 1 ? make_cyclic_cell_solver(grid, size, conditions)
-                                : make_krylov_cell_solver(grid, size, tolerance);
+std::unique_ptr<CellSolver> make_cell_solver(const grids::Grid& grid, Placement placement, int size, int conditions,
+                                             double tolerance) {
+  if (grid.dimensions() == 1 && placement == Placement::cells) {
+    return make_cyclic_cell_solver(grid, size, conditions);
+  }
+  return make_krylov_cell_solver(grid, placement, size, tolerance);
 }
 
 }  // namespace rubato

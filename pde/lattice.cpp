@@ -20,17 +20,28 @@ const LatticeOptions& checked(const LatticeOptions& options) {
   return options;
 }
 
+Placement placement_of(LatticeLagrangian lagrangian) {
+  return lagrangian == LatticeLagrangian::fourier ? Placement::nodes : Placement::cells;
+}
+
+std::unique_ptr<LatticeScheme> make_scheme(const MultisymplecticSystem& system, const grids::Grid& grid,
+                                           const InitialFields& initial, const LatticeOptions& options) {
+  const Placement placement = placement_of(options.lagrangian);
+  const auto make = placement == Placement::nodes ? make_fourier_scheme : make_box_scheme;
+  return make(system, grid, initial_level(system, grid, initial, placement), options.step);
+}
+
 }  // namespace
 
 LatticeIntegrator::LatticeIntegrator(const MultisymplecticSystem& system, const grids::Grid& grid,
                                      const InitialFields& initial, const LatticeOptions& options)
     : options_(checked(options)),
-      scheme_(make_box_scheme(system, grid, initial_level(system, grid, initial), options.step)),
+      scheme_(make_scheme(system, grid, initial, options)),
       levels_(std::make_unique<TimeLevels>(
           *scheme_,
           LevelOptions{.levels = options.levels, .on_singular = options.on_singular, .tolerance = options.tolerance},
           options.start, options.step)),
-      laws_(system, grid, options.symmetries),
+      laws_(system, grid, options.symmetries, placement_of(options.lagrangian)),
       previous_(scheme_->level()) {}
 
 StepReport LatticeIntegrator::step() {

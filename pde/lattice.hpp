@@ -15,7 +15,8 @@ namespace rubato {
 
 /// The discrete Lagrangians on a lattice (theory, section 5).
 enum class LatticeLagrangian {
-  box,  ///< midpoint in space and time, the default: order 2
+  box,      ///< midpoint in space and time, the default: order 2; odd numbers of cells
+  fourier,  ///< spectral in space, midpoint in time
 };
 
 struct LatticeOptions {

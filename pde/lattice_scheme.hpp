@@ -35,4 +35,16 @@ public:
                                                              const grids::Grid& grid, LatticeLevel first,
                                                              double first_step);
 
+/// The Fourier scheme (theory, section 5): spectral differentiation ∂ in space at the midpoint in time,
+///
+///     M δ_t z + Σ_a K_a ∂_a z̄ = ∇S(z̄)  at every node,      E_k = Σ ΔV [S(z̄) + Σ_a (∂_a z̄)ᵀK₊z̄].
+///
+/// Spectrally accurate in space, order 2 in time. Any number of cells; on even ones ∂ annihilates the Nyquist mode, so
+/// odd ones are to be preferred. The linear systems are solved by GMRES, preconditioned in Fourier space.
+/// \throws std::invalid_argument as make_box_scheme, but for the number of cells; `first` from initial_level() with
+/// Placement::nodes
+[[nodiscard]] std::unique_ptr<LatticeScheme> make_fourier_scheme(const MultisymplecticSystem& system,
+                                                                 const grids::Grid& grid, LatticeLevel first,
+                                                                 double first_step);
+
 }  // namespace rubato

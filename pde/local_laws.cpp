@@ -13,6 +13,7 @@
 #include <rubato/base/compensated_sum.hpp>
 #include <rubato/formula/batch.hpp>
 #include <rubato/grids/buffer.hpp>
+#include <rubato/grids/fourier.hpp>
 #include <rubato/grids/reductions.hpp>
 #include <rubato/pde/face_gather.hpp>
 
@@ -124,9 +125,12 @@ struct LocalLaws::Storage {
   std::vector<std::string> names;
   std::vector<std::unique_ptr<Workspace>> workspaces;
   grids::FieldSet middle, rate;
-  std::vector<std::vector<double>> maxima, squares;  ///< [law][block]
+  std::unique_ptr<grids::SpectralDerivative> spectral;  ///< at nodes only
+  std::vector<grids::FieldSet> derivatives;             ///< along each axis, of the fields in use
+  std::vector<std::vector<double>> maxima, squares;     ///< [law][block]
 
-  Storage(const MultisymplecticSystem& s, const grids::Grid& g, std::vector<LinearSymmetry> symmetries)
+  Storage(const MultisymplecticSystem& s, const grids::Grid& g, std::vector<LinearSymmetry> symmetries,
+          Placement placement)
       : system(s),
         grid(g),
         blocks(g),
@@ -154,6 +158,10 @@ struct LocalLaws::Storage {
       }
     }
     add_affine_symmetries();
+    if (placement == Placement::nodes) {
+      spectral = std::make_unique<grids::SpectralDerivative>(g);
+      derivatives.assign(static_cast<std::size_t>(g.dimensions()), grids::FieldSet(d, g.size()));
+    }
     maxima.assign(names.size(), std::vector<double>(blocks.count()));
     squares = maxima;
   }
@@ -247,14 +255,25 @@ struct LocalLaws::Storage {
         }
         continue;
       }
-      face(values.field(f).data(), line, begin, count, mu, upper, mu, faces.mean[i]);
+      const std::size_t offset = line * blocks.line + begin;
+      if (spectral != nullptr) {
+        std::copy_n(values.field(f).data() + offset, count, faces.mean[i]);
+      } else {
+        face(values.field(f).data(), line, begin, count, mu, upper, mu, faces.mean[i]);
+      }
       for (int nu = 0; nu < directions; ++nu) {
         if (nu == mu) {
           continue;
         }
         double* derivative = faces.derivative[i][static_cast<std::size_t>(nu)];
         const double* from = nu == time ? rate.field(f).data() : values.field(f).data();
-        face(from, line, begin, count, mu, upper, nu, derivative);
+        if (spectral == nullptr) {
+          face(from, line, begin, count, mu, upper, nu, derivative);
+        } else if (nu == time) {
+          std::copy_n(from + offset, count, derivative);
+        } else {
+          std::copy_n(derivatives[static_cast<std::size_t>(nu) - 1].field(f).data() + offset, count, derivative);
+        }
         if (const double slope = nu == 1 ? slopes.at(f, line) : 0.0; slope != 0.0) {
           for (std::size_t c = 0; c < count; ++c) {
             derivative[c] += slope;
@@ -356,6 +375,47 @@ struct LocalLaws::Storage {
     currents(work.faces, count, mu);
   }
 
+  void differentiate(const grids::FieldSet& values) {
+    for (std::size_t a = 0; a < derivatives.size(); ++a) {
+      for (int f = 0; f < d; ++f) {
+        (*spectral)(static_cast<int>(a), values.field(f).data(), derivatives[a].field(f).data());
+      }
+    }
+  }
+
+  /// The currents J_μ of all laws at the nodes.
+  void currents_at_nodes(int mu, const grids::FieldSet& values, const PotentialSlopes& slopes,
+                         grids::FieldSet& result) {
+    differentiate(values);
+    for_each_block_of_cells([&](std::size_t, std::size_t line, std::size_t begin, std::size_t count, Workspace& work) {
+      fill(work, line, begin, count, mu, false, values, slopes);
+      currents(work.faces, count, mu);
+      for (std::size_t l = 0; l < names.size(); ++l) {
+        std::copy_n(work.faces.currents[l], count,
+                    result.field(static_cast<int>(l)).data() + line * blocks.line + begin);
+      }
+    });
+  }
+
+  /// Residuals with spectral derivatives, into sum[law].
+  void residuals_at_nodes(const LatticeLevel& before, const LatticeLevel& after, double h, grids::FieldSet& sum) {
+    grids::FieldSet current(static_cast<int>(names.size()), grid.size());
+    currents_at_nodes(time, after.fields, after.slopes, sum);
+    currents_at_nodes(time, before.fields, before.slopes, current);
+    for (std::size_t i = 0; i < sum.all().size(); ++i) {
+      sum.all()[i] = (sum.all()[i] - current.all()[i]) / h;
+    }
+    for (int a = 0; a < grid.dimensions(); ++a) {
+      currents_at_nodes(1 + a, middle, after.slopes, current);
+      for (int l = 0; l < current.fields(); ++l) {
+        (*spectral)(a, current.field(l).data(), current.field(l).data());
+      }
+      for (std::size_t i = 0; i < sum.all().size(); ++i) {
+        sum.all()[i] += current.all()[i];
+      }
+    }
+  }
+
   /// Calls use(block, line, begin, count, workspace) for every block of cells, in parallel.
   template <typename Use>
   void for_each_block_of_cells(Use&& use) {
@@ -401,8 +461,8 @@ struct LocalLaws::Storage {
 };
 
 LocalLaws::LocalLaws(const MultisymplecticSystem& system, const grids::Grid& grid,
-                     std::vector<LinearSymmetry> symmetries)
-    : storage_(std::make_unique<Storage>(system, grid, std::move(symmetries))) {}
+                     std::vector<LinearSymmetry> symmetries, Placement placement)
+    : storage_(std::make_unique<Storage>(system, grid, std::move(symmetries), placement)) {}
 LocalLaws::~LocalLaws() = default;
 LocalLaws::LocalLaws(LocalLaws&&) noexcept = default;
 LocalLaws& LocalLaws::operator=(LocalLaws&&) noexcept = default;
@@ -416,6 +476,19 @@ std::vector<LawSize> LocalLaws::residuals(const LatticeLevel& before, const Latt
   Storage& s = *storage_;
   s.make_middle(before.fields, after.fields, h);
   const std::size_t laws = count();
+  std::vector<LawSize> sizes;
+  if (s.spectral != nullptr) {
+    grids::FieldSet sum(static_cast<int>(laws), s.grid.size());
+    s.residuals_at_nodes(before, after, h, sum);
+    for (std::size_t l = 0; l < laws; ++l) {
+      const auto values = std::as_const(sum).field(static_cast<int>(l));
+      sizes.emplace_back().add(grids::max_abs(values), grids::dot(values, values), values.size());
+      if (!residuals.empty()) {
+        std::ranges::copy(values, residuals[l]);
+      }
+    }
+    return sizes;
+  }
   s.for_each_block_of_cells(
       [&](std::size_t block, std::size_t line, std::size_t begin, std::size_t count, Workspace& work) {
         std::vector<double> sum(laws * block_size, 0.0);
@@ -438,7 +511,6 @@ std::vector<LawSize> LocalLaws::residuals(const LatticeLevel& before, const Latt
           }
         }
       });
-  std::vector<LawSize> sizes;
   for (std::size_t l = 0; l < laws; ++l) {
     sizes.push_back(s.size_of(l));
   }
@@ -448,6 +520,9 @@ std::vector<LawSize> LocalLaws::residuals(const LatticeLevel& before, const Latt
 std::vector<double> LocalLaws::totals(const LatticeLevel& level) {
   Storage& s = *storage_;
   const std::size_t laws = count();
+  if (s.spectral != nullptr) {
+    s.differentiate(level.fields);
+  }
   s.for_each_block_of_cells(
       [&](std::size_t block, std::size_t line, std::size_t begin, std::size_t count, Workspace& work) {
         s.prepare_currents(work, line, begin, count, time, false, level, level);

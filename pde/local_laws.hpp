@@ -51,11 +51,15 @@ private:
 /// energy and momentum hold to rounding with any levels; for others energy is O(h²) and momentum O(Δx²); symmetries
 /// hold to rounding always.
 ///
+/// With Placement::nodes, for the Fourier scheme, currents are at the nodes and D_a is the spectral derivative: laws in
+/// space hold to aliasing error only.
+///
 /// Laws are computed from two levels and h alone, so a run and its record give the same numbers.
 class LocalLaws {
 public:
   /// \throws std::invalid_argument if one of `symmetries` is none
-  LocalLaws(const MultisymplecticSystem& system, const grids::Grid& grid, std::vector<LinearSymmetry> symmetries = {});
+  LocalLaws(const MultisymplecticSystem& system, const grids::Grid& grid, std::vector<LinearSymmetry> symmetries = {},
+            Placement placement = Placement::cells);
   ~LocalLaws();
   LocalLaws(LocalLaws&&) noexcept;
   LocalLaws& operator=(LocalLaws&&) noexcept;

@@ -42,7 +42,7 @@ struct TangentStep::Storage {
     }
     const int conditions = step_conditions(s, 1.0).count();
     border.resize(static_cast<std::size_t>(conditions) * blocks.lines);
-    solver = make_cell_solver(grid, s.field_count(), conditions, 1e-14);
+    solver = make_cell_solver(grid, Placement::cells, s.field_count(), conditions, 1e-14);
   }
 
   /// rhs = (2/h) M A u.

@@ -1,0 +1,155 @@
+#include <rubato/pde/node_formula.hpp>
+
+#include <algorithm>
+#include <stdexcept>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <rubato/formula/batch.hpp>
+#include <rubato/grids/fourier.hpp>
+#include <rubato/grids/reductions.hpp>
+
+namespace rubato {
+
+namespace {
+
+/// Where the values of a variable come from.
+struct Input {
+  enum class Kind { time, axis, field } kind = Kind::time;
+  int number = 0;                ///< of the axis or the field
+  std::vector<int> derivatives;  ///< axes, the innermost first
+};
+
+}  // namespace
+
+struct NodeFormula::Storage {
+  std::shared_ptr<const formula::Graph> graph;
+  std::vector<std::string> fields;
+  grids::Grid grid;
+  std::size_t outputs;
+  std::vector<Input> inputs;
+  formula::BatchEvaluator evaluate;
+  grids::SpectralDerivative derivative;
+
+  Storage(std::shared_ptr<const formula::Graph> g, std::span<const formula::Expression> expressions,
+          std::vector<std::string> names, const grids::Grid& on)
+      : graph(std::move(g)), fields(std::move(names)), grid(on), outputs(expressions.size()), derivative(on) {
+    std::vector<std::size_t> numbers;
+    for (const formula::Expression expression : expressions) {
+      for (const std::size_t number : formula::variables_of(expression)) {
+        if (std::ranges::find(numbers, number) == numbers.end()) {
+          numbers.push_back(number);
+        }
+      }
+    }
+    std::vector<formula::Expression> variables;
+    for (const std::size_t number : numbers) {
+      const std::string& name = graph->variable_name(number);
+      inputs.push_back(understand(name));
+      // The graph makes no new node for a variable that it has.
+      variables.push_back(expressions.front().graph()->variable(name));
+    }
+    evaluate = formula::BatchEvaluator(formula::Bytecode(expressions, variables));
+  }
+
+  [[nodiscard]] Input understand(std::string name) const {
+    const std::string whole = name;
+    Input input;
+    while (name.size() > 4 && name[0] == 'd' && name[2] == '(' && name.back() == ')') {
+      const int axis = find_axis(name.substr(1, 1));
+      if (axis < 0) {
+        break;
+      }
+      input.derivatives.insert(input.derivatives.begin(), axis);
+      name = name.substr(3, name.size() - 4);
+    }
+    if (const auto field = std::ranges::find(fields, name); field != fields.end()) {
+      input.kind = Input::Kind::field;
+      input.number = static_cast<int>(field - fields.begin());
+      return input;
+    }
+    if (input.derivatives.empty() && name == "t") {
+      return input;
+    }
+    if (input.derivatives.empty() && find_axis(name) >= 0) {
+      input.kind = Input::Kind::axis;
+      input.number = find_axis(name);
+      return input;
+    }
+    throw std::invalid_argument(
+        fmt::format("a formula on the grid names {}; it may name the fields {}, their derivatives, the grid's "
+                    "coordinates and t",
+                    whole, fmt::join(fields, ", ")));
+  }
+
+  [[nodiscard]] int find_axis(const std::string& name) const {
+    for (int a = 0; a < grid.dimensions(); ++a) {
+      if (grid.axis(a).name == name) {
+        return a;
+      }
+    }
+    return -1;
+  }
+
+  /// The values of one input at every node.
+  std::vector<double> values_of(const Input& input, std::span<const double* const> values, double t,
+                                const PotentialSlopes& slopes) const {
+    std::vector<double> result(grid.size(), t);
+    if (input.kind == Input::Kind::axis) {
+      for (std::size_t i = 0; i < result.size(); ++i) {
+        result[i] = grid.axis(input.number).node(i / grid.stride(input.number) % grid.cells(input.number));
+      }
+    } else if (input.kind == Input::Kind::field) {
+      std::copy_n(values[static_cast<std::size_t>(input.number)], result.size(), result.begin());
+      for (const int axis : input.derivatives) {
+        derivative(axis, result.data(), result.data());
+      }
+      if (input.derivatives == std::vector<int>{0}) {
+        for (std::size_t i = 0; i < result.size(); ++i) {
+          result[i] += slopes.at(input.number, i / grid.cells(0));
+        }
+      }
+    }
+    return result;
+  }
+};
+
+NodeFormula::NodeFormula(std::shared_ptr<const formula::Graph> graph, std::vector<formula::Expression> outputs,
+                         std::vector<std::string> fields, const grids::Grid& grid)
+    : storage_(std::make_unique<Storage>(std::move(graph), outputs, std::move(fields), grid)) {}
+NodeFormula::~NodeFormula() = default;
+NodeFormula::NodeFormula(NodeFormula&&) noexcept = default;
+NodeFormula& NodeFormula::operator=(NodeFormula&&) noexcept = default;
+
+std::vector<std::vector<double>> NodeFormula::operator()(std::span<const double* const> values, double t,
+                                                         const PotentialSlopes& slopes) {
+  Storage& s = *storage_;
+  std::vector<std::vector<double>> inputs;
+  std::vector<const double*> in;
+  for (const Input& input : s.inputs) {
+    inputs.push_back(s.values_of(input, values, t, slopes));
+    in.push_back(inputs.back().data());
+  }
+  std::vector<std::vector<double>> results(s.outputs, std::vector<double>(s.grid.size()));
+  std::vector<double*> out;
+  for (auto& result : results) {
+    out.push_back(result.data());
+  }
+  s.evaluate(s.grid.size(), in, out);
+  return results;
+}
+
+std::vector<std::vector<double>> NodeFormula::operator()(const LatticeLevel& level, double t) {
+  return (*this)(level.fields.pointers(), t, level.slopes);
+}
+
+std::vector<double> NodeFormula::integrals(const LatticeLevel& level, double t) {
+  std::vector<double> result;
+  for (const auto& values : (*this)(level, t)) {
+    result.push_back(storage_->grid.cell_volume() * grids::sum(values));
+  }
+  return result;
+}
+
+}  // namespace rubato
