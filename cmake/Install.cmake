@@ -5,3 +5,4 @@ write_basic_package_version_file(${PROJECT_BINARY_DIR}/rubato-config-version.cma
 install(EXPORT rubato-targets NAMESPACE rubato:: DESTINATION ${config_dir})
 install(FILES ${PROJECT_BINARY_DIR}/rubato-config.cmake ${PROJECT_BINARY_DIR}/rubato-config-version.cmake
   DESTINATION ${config_dir})
+install(FILES LICENSE README.md CHANGELOG.md DESTINATION ${CMAKE_INSTALL_DOCDIR})
