@@ -18,6 +18,8 @@ namespace {
 
 constexpr double epsilon = std::numeric_limits<double>::epsilon();
 constexpr int most_iterations = 20;
+/// Corrections after which a linear solve that went wrong is thought of; a regular step takes 2 to 4.
+constexpr int careful_after = 6;
 constexpr std::size_t piece = 4096;
 /// The residual, relative to the terms of its row, at which nothing but rounding is left.
 constexpr double residual_floor = 4.0 * epsilon;
@@ -291,6 +293,8 @@ private:
       if (iteration == most_iterations) {
         return Status::not_converged;
       }
+      // The next sweep shows what a solve left; with a kernel to be bordered, elimination can fail and is checked.
+      solver_->check_residuals(conditions_.count() > 0 || iteration >= careful_after);
       if (const Status status =
               solver_->solve(matrix_, conditions_, residual.pointers(), correction_.pointers(), border_);
           status != Status::success) {

@@ -56,6 +56,8 @@ public:
                                      std::span<double> y) = 0;
   /// Forgets what was kept from the last solves, so that the next ones do not depend on them.
   virtual void forget() {}
+  /// Whether the next solves look at their residuals themselves (as they do at first), or leave that to the caller.
+  virtual void check_residuals(bool) {}
 };
 
 /// What Newton's method needs of a linear solve: its next correction squares the error, so no more than that.

@@ -45,7 +45,11 @@ public:
         border_.rows[static_cast<std::size_t>(b * d + i)].constant = weight * conditions.pins(b, i);
       }
     }
-    return solver_.solve(matrix_, border_, rhs, border_rhs_, solution, y).status;
+    return solver_.solve(matrix_, border_, rhs, border_rhs_, solution, y, check_).status;
+  }
+
+  void check_residuals(bool on) override {
+    check_ = on ? solve::CyclicCheck::every_solve : solve::CyclicCheck::left_to_caller;
   }
 
 private:
@@ -54,6 +58,7 @@ private:
   solve::CyclicBidiagonal matrix_;
   solve::CyclicBorder border_;
   std::vector<double> border_rhs_;
+  solve::CyclicCheck check_ = solve::CyclicCheck::every_solve;
 };
 
 }  // namespace

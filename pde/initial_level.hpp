@@ -27,7 +27,7 @@ using InitialFields = std::vector<std::optional<std::vector<double>>>;
 /// is used as given, whatever its mean, and the periodic part has mean 0.
 ///
 /// \throws std::invalid_argument if a size does not fit, a value is not finite, a field is missing that nothing
-/// determines, or data given for a field that is computed differ from it by more than truncation error explains (twice
+/// determines, or data given for a field that is computed differ from it by more than truncation error explains (half
 /// the largest second difference of the data)
 [[nodiscard]] LatticeLevel initial_level(const MultisymplecticSystem& system, const grids::Grid& grid,
                                          const InitialFields& given, Placement placement = Placement::cells);

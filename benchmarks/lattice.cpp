@@ -1,0 +1,173 @@
+// One level of sine-Gordon by box with variable levels, in one and two dimensions, per cell: beside one streaming pass
+// (read z_k, write z_{k+1}), and beside the same Newton iteration with Eigen's SparseLU.
+#include <benchmark/benchmark.h>
+#include <omp.h>
+
+#include <cmath>
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include <rubato/grids/field_set.hpp>
+#include <rubato/pde/cell_solver.hpp>
+#include <rubato/pde/cell_sweep.hpp>
+#include <rubato/pde/lattice_scheme.hpp>
+#include <rubato/solve/cyclic_sparse.hpp>
+#include <rubato/variation/time_levels.hpp>
+
+namespace {
+
+using namespace rubato;
+
+constexpr double step = 0.05;
+constexpr double period = 40.0;
+
+MultisymplecticSystem sine_gordon(int dimensions) {
+  const int d = 2 + dimensions;
+  Eigen::MatrixXd M = Eigen::MatrixXd::Zero(d, d);
+  M(0, 1) = -1;
+  M(1, 0) = 1;
+  std::vector<Eigen::MatrixXd> K;
+  for (int a = 0; a < dimensions; ++a) {
+    Eigen::MatrixXd matrix = Eigen::MatrixXd::Zero(d, d);
+    matrix(0, 2 + a) = 1;
+    matrix(2 + a, 0) = -1;
+    K.push_back(matrix);
+  }
+  return dimensions == 1 ? MultisymplecticSystem({"u", "v", "w"}, M, K, "(v^2 - w^2)/2 + 1 - cos(u)")
+                         : MultisymplecticSystem({"u", "v", "a", "b"}, M, K, "(v^2 - a^2 - b^2)/2 + 1 - cos(u)");
+}
+
+grids::Grid make_grid(int dimensions, std::size_t cells) {
+  std::vector<grids::Axis> axes{{"x", -period / 2, period / 2, cells}};
+  if (dimensions == 2) {
+    axes.push_back({"y", -period / 2, period / 2, cells});
+  }
+  return grids::Grid(axes);
+}
+
+/// The breather's data in one dimension, a round bump in two.
+LatticeLevel first_level(const MultisymplecticSystem& system, const grids::Grid& grid) {
+  std::vector<double> u(grid.size(), 0.0);
+  std::vector<double> v(grid.size());
+  const double width = std::sqrt(0.75);
+  for (std::size_t i = 0; i < v.size(); ++i) {
+    const double x = grid.axis(0).node(i % grid.cells(0));
+    const double y = grid.dimensions() == 2 ? grid.axis(1).node(i / grid.cells(0)) : 0.0;
+    v[i] = 4 * width / std::cosh(width * std::hypot(x, y));
+  }
+  InitialFields initial{u, v};
+  initial.resize(system.fields().size());
+  return initial_level(system, grid, initial);
+}
+
+void count_cells(benchmark::State& state, std::size_t cells) {
+  state.counters["ns/cell"] = benchmark::Counter(
+      1e-9 * static_cast<double>(cells), benchmark::Counter::kIsIterationInvariantRate | benchmark::Counter::kInvert);
+}
+
+/// range(0): cells along an axis; range(1): threads.
+template <int dimensions>
+void one_level(benchmark::State& state) {
+  omp_set_num_threads(static_cast<int>(state.range(1)));
+  const auto system = sine_gordon(dimensions);
+  const auto grid = make_grid(dimensions, static_cast<std::size_t>(state.range(0)));
+  const auto scheme = make_box_scheme(system, grid, first_level(system, grid), step);
+  TimeLevels levels(*scheme, {.on_singular = OnSingular::stop, .tolerance = 1e-12}, 0.0, step);
+  for (int warm_up = 0; warm_up < 5; ++warm_up) {  // until the predictors have their history
+    if (levels.step().status != Status::success) {
+      state.SkipWithError("the step failed");
+      return;
+    }
+  }
+  for (auto _ : state) {
+    if (levels.step().status != Status::success) {
+      state.SkipWithError("the step failed");
+      return;
+    }
+  }
+  count_cells(state, grid.size());
+}
+
+/// z_{k+1} = z_k + 1 for three fields, nothing else.
+void streaming_pass(benchmark::State& state) {
+  omp_set_num_threads(static_cast<int>(state.range(1)));
+  const auto cells = static_cast<std::size_t>(state.range(0));
+  const grids::FieldSet from(3, cells);
+  grids::FieldSet to(3, cells);
+  for (auto _ : state) {
+    for (int f = 0; f < 3; ++f) {
+      const double* in = from.field(f).data();
+      double* out = to.field(f).data();
+      grids::for_each_block(cells, 4096, [=](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) {
+          out[i] = in[i] + 1.0;
+        }
+      });
+    }
+    benchmark::DoNotOptimize(to.field(0).data());
+    benchmark::ClobberMemory();
+  }
+  count_cells(state, cells);
+}
+
+/// The sweeps and linear solves of a level as the scheme makes them at this size, three and two, with SparseLU.
+void one_level_with_sparse_lu(benchmark::State& state) {
+  omp_set_num_threads(static_cast<int>(state.range(1)));
+  const auto system = sine_gordon(1);
+  const auto grid = make_grid(1, static_cast<std::size_t>(state.range(0)));
+  const LatticeLevel level = first_level(system, grid);
+  CellSweep sweep(system, grid);
+  grids::FieldSet residual(3, grid.size());
+  grids::FieldSet hessian(1, grid.size());
+  grids::FieldSet solution(3, grid.size());
+  solve::CyclicBidiagonal matrix{3, grid.size(), {}, {}, {}};
+  const double difference = 1.0 / grid.spacing(0);
+  for (const double sign : {-1.0, 1.0}) {
+    const Eigen::MatrixXd block = system.M() / step + sign * difference * system.K(0) - 0.5 * system.constant_hessian();
+    auto& side = sign < 0 ? matrix.left : matrix.right;
+    for (int i = 0; i < 9; ++i) {
+      side.push_back(block(i / 3, i % 3));
+    }
+  }
+  matrix.entries = {{0, 0, -0.5, -0.5, hessian.field(0).data()}};
+  const grids::FieldSet& rhs = residual;
+  for (auto _ : state) {
+    for (int iteration = 0; iteration < 3; ++iteration) {
+      benchmark::DoNotOptimize(sweep(level.fields.pointers(), level.slopes, level.fields.pointers(), 1.0 / step,
+                                     residual.pointers(), hessian.pointers()));
+      if (iteration < 2 && solve::solve_cyclic_by_sparse_lu(matrix, {}, rhs.pointers(), {}, solution.pointers(), {}) !=
+                               Status::success) {
+        state.SkipWithError("SparseLU failed");
+        return;
+      }
+    }
+  }
+  count_cells(state, grid.size());
+}
+
+BENCHMARK(streaming_pass)->ArgNames({"cells", "threads"})->Args({1'000'001, 1})->Args({10'000'001, 1})->UseRealTime();
+BENCHMARK(one_level<1>)
+    ->Name("one_level")
+    ->ArgNames({"cells", "threads"})
+    ->Args({100'001, 1})
+    ->Args({1'000'001, 1})
+    ->Args({1'000'001, 2})
+    ->Args({10'000'001, 1})
+    ->UseRealTime()
+    ->Unit(benchmark::kMillisecond);
+BENCHMARK(one_level_with_sparse_lu)
+    ->ArgNames({"cells", "threads"})
+    ->Args({100'001, 1})
+    ->UseRealTime()
+    ->Unit(benchmark::kMillisecond);
+BENCHMARK(one_level<2>)
+    ->Name("one_level_2d")
+    ->ArgNames({"cells", "threads"})
+    ->Args({511, 1})
+    ->UseRealTime()
+    ->Unit(benchmark::kMillisecond);
+
+}  // namespace
+
+BENCHMARK_MAIN();
