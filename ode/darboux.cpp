@@ -14,7 +14,7 @@ namespace {
 using Eigen::Index;
 using Eigen::MatrixXd;
 
-/// Reciprocal condition number below which a matrix counts as singular.
+/// Ratio of the last pivot to the largest below which a matrix counts as singular.
 constexpr double singular_limit = 1e-13;
 /// Relative asymmetry that is blamed on rounding.
 constexpr double symmetry_tolerance = 1e-10;
@@ -33,11 +33,10 @@ MatrixXd apply_fraction(const MatrixXd& blocks, const MatrixXd& argument, std::s
   const Index size = argument.rows();
   const MatrixXd numerator = blocks.topLeftCorner(size, size) * argument + blocks.topRightCorner(size, size);
   const MatrixXd denominator = blocks.bottomLeftCorner(size, size) * argument + blocks.bottomRightCorner(size, size);
-  const Eigen::PartialPivLU<MatrixXd> factors(denominator.transpose());
-  if (!(factors.rcond() > singular_limit)) {
-    throw std::invalid_argument(
-        fmt::format("the fractional transform is not defined here: {} is singular (reciprocal condition {:.2g})", name,
-                    factors.rcond()));
+  Eigen::FullPivLU<MatrixXd> factors(denominator.transpose());
+  factors.setThreshold(singular_limit);
+  if (!denominator.allFinite() || !factors.isInvertible()) {
+    throw std::invalid_argument(fmt::format("the fractional transform is not defined here: {} is singular", name));
   }
   return factors.solve(numerator.transpose()).transpose();
 }
@@ -165,8 +164,9 @@ MatrixXd inverse_fractional_transform(const MatrixXd& alpha, const MatrixXd& M) 
 MatrixXd parasite_matrix(const MatrixXd& F) {
   const MatrixXd twice = 2.0 * weight(F).transpose();  // I - FJ
   const MatrixXd identity = MatrixXd::Identity(F.rows(), F.rows());
-  const Eigen::PartialPivLU<MatrixXd> factors(2.0 * identity - twice);
-  if (!(factors.rcond() > singular_limit)) {
+  Eigen::FullPivLU<MatrixXd> factors(2.0 * identity - twice);
+  factors.setThreshold(singular_limit);
+  if (!factors.isInvertible()) {
     throw std::invalid_argument(
         "I + FJ is singular for this Darboux type (as for both symplectic-Euler types): the two-step equation forces "
         "the one-step equation, so that an arbitrary starting pair cannot be continued (theory, section 4)");

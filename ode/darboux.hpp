@@ -41,7 +41,7 @@ void check_darboux_symmetric(const Eigen::MatrixXd& F, Eigen::Index n);
 /// σ_α(S) = (AS + B)(CS + D)⁻¹, a symmetric matrix, for α = [[A, B], [C, D]]. Defined for symplectic S (2n × 2n) with
 /// CS + D regular; for a normal Darboux matrix that is so near S = I, which goes to 0.
 /// \throws std::invalid_argument outside: α not Darboux, S not symplectic, sizes that do not fit, or CS + D singular to
-/// working accuracy (reciprocal condition below 1e-13)
+/// working accuracy (a pivot below 1e-13 of the largest)
 [[nodiscard]] Eigen::MatrixXd fractional_transform(const Eigen::MatrixXd& alpha, const Eigen::MatrixXd& S);
 
 /// σ_α⁻¹(M) = (A₁M + B₁)(C₁M + D₁)⁻¹, a symplectic matrix, with α⁻¹ = [[A₁, B₁], [C₁, D₁]] (the inverse is

@@ -20,10 +20,9 @@ constexpr double undefined = std::numeric_limits<double>::quiet_NaN();
 }  // namespace
 
 GeneratingOrder generating_order(int order, const MatrixXd& F) {
-  constexpr int most = GeneratingFunction::most_terms - 1;
-  if (order < 1 || order > most) {
-    throw std::invalid_argument(
-        fmt::format("the order of a generating function has to be between 1 and {}; got {}", most, order));
+  if (order < 1 || order > most_generating_order) {
+    throw std::invalid_argument(fmt::format("the order of a generating function has to be between 1 and {}; got {}",
+                                            most_generating_order, order));
   }
   if (!F.isZero(0.0)) {
     return {.terms = order, .order = order};

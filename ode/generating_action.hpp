@@ -16,7 +16,8 @@ struct GeneratingOrder {
   int terms = 1;  ///< kept: j ≤ terms
   int order = 2;  ///< of the scheme; the first coefficient left out is φ^(order+1)
 };
-/// \throws std::invalid_argument if order < 1 or more than GeneratingFunction::most_terms - 1 terms are needed
+inline constexpr int most_generating_order = GeneratingFunction::most_terms - 1;
+/// \throws std::invalid_argument unless 1 ≤ order ≤ most_generating_order
 [[nodiscard]] GeneratingOrder generating_order(int order, const Eigen::MatrixXd& F);
 
 /// The discrete action of the truncated generating function Φ_s(w, h) = Σ_{j≤s} h^j φ^j(w) of type F (theory, section

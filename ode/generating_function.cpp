@@ -150,7 +150,7 @@ struct GeneratingFunction::State {
         terms(count),
         expansion(flow_code(h), matrix, count),
         stride(expansion.plain() ? 2 : 1),
-        energy(energy_code(h), count / stride),
+        energy(energy_code(h), std::max(1, count / stride)),
         phi(static_cast<std::size_t>(count) + 2, 0.0) {}
 
   Hamiltonian hamiltonian;
@@ -205,7 +205,23 @@ Status GeneratingFunction::expand_gradients(std::span<const double> w, int terms
 
 Status GeneratingFunction::extend_gradients(int terms) {
   assert(terms <= state_->terms);
-  return state_->expansion.extend(terms);
+  const Status status = state_->expansion.extend(terms);
+  if (status != Status::success) {
+    probe_energy();
+  }
+  return status;
+}
+
+/// The user wrote H, not its gradient: whether H itself fails along some line through w decides how a failure is told.
+void GeneratingFunction::probe_energy() {
+  formula::TaylorEvaluator& energy = state_->energy;
+  const std::span<const double> w = state_->expansion.centre(0);
+  for (std::size_t m = 0; m < w.size(); ++m) {
+    std::ranges::fill(energy.input(m), 0.0);
+    energy.input(m)[0] = w[m];
+    energy.input(m)[1] = 1.0 + std::sqrt(2.0 + static_cast<double>(m));  // a direction along no symmetry
+  }
+  state_->energy_failed = energy() != Status::success;
 }
 
 Status GeneratingFunction::expand_values() {

@@ -74,6 +74,8 @@ public:
   [[nodiscard]] std::string failure() const;
 
 private:
+  void probe_energy();
+
   class Expansion;
   struct State;
   std::unique_ptr<State> state_;

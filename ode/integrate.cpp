@@ -214,7 +214,9 @@ Orbit integrate(const Hamiltonian& hamiltonian, const InitialState& initial, con
     const StepReport report = integrator.step();
     if (report.status != Status::success) {
       orbit.status = report.status;
-      orbit.message = describe_failure(report, integrator.t(), integrator.node(), integrator.levels().last_step());
+      const std::string reason = integrator.failure_reason();
+      orbit.message =
+          describe_failure(report, integrator.t(), integrator.node(), integrator.levels().last_step(), reason);
       break;
     }
     orbit.h.push_back(report.h);
@@ -226,7 +228,8 @@ Orbit integrate(const Hamiltonian& hamiltonian, const InitialState& initial, con
   return orbit;
 }
 
-std::string describe_failure(const StepReport& report, double t, const LevelNode& node, double last_step) {
+std::string describe_failure(const StepReport& report, double t, const LevelNode& node, double last_step,
+                             std::string_view reason) {
   const std::string where =
       fmt::format("at t = {:.10g}, Gamma = {:.4g}, last step h = {:.4g}", t, node.gamma, last_step);
   switch (report.status) {
@@ -247,10 +250,9 @@ std::string describe_failure(const StepReport& report, double t, const LevelNode
       return fmt::format("the step could not be solved {}: the iteration did not settle; take a smaller step", where);
     case Status::undefined:
       return fmt::format(
-          "the formula became undefined (not finite) on the way from the level {}: the orbit leaves the domain of H, "
-          "or the step "
+          "the formula became undefined{} on the way from the level {}: the orbit leaves the domain of H, or the step "
           "is too long",
-          where);
+          reason.empty() ? std::string(" (not finite)") : fmt::format(" ({})", reason), where);
   }
   return {};
 }

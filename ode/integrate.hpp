@@ -92,6 +92,8 @@ public:
   /// Whether E_k is one constant for the run; if not (𝕃 depends on t), energy_balance() is what (3.4) leaves.
   [[nodiscard]] bool autonomous() const { return !scheme_->energy_target().has_value(); }
   [[nodiscard]] const SegmentScheme& scheme() const { return *scheme_; }
+  /// After Status::undefined: what of the formula was not defined, where that is known.
+  [[nodiscard]] std::string failure_reason() const { return scheme_->failure_reason(); }
 
   void save(StateWriter& state) const;
   void restore(StateReader& state);
@@ -130,7 +132,9 @@ struct Orbit {
 [[nodiscard]] Orbit integrate(const Hamiltonian& hamiltonian, const InitialState& initial,
                               const IntegrationOptions& options);
 
-/// One sentence on why a step failed at time t, with the values that matter and what to do.
-[[nodiscard]] std::string describe_failure(const StepReport& report, double t, const LevelNode& node, double law_step);
+/// One sentence on why a step failed at time t, with the values that matter and what to do. `reason`: what of the
+/// formula was not defined, where that is known.
+[[nodiscard]] std::string describe_failure(const StepReport& report, double t, const LevelNode& node, double law_step,
+                                           std::string_view reason = {});
 
 }  // namespace rubato

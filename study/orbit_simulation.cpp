@@ -34,6 +34,7 @@ public:
   [[nodiscard]] LevelNode node() override { return integrator_.node(); }
   [[nodiscard]] bool autonomous() const override { return integrator_.autonomous(); }
   [[nodiscard]] double last_step() const override { return integrator_.levels().last_step(); }
+  [[nodiscard]] std::string failure_reason() const override { return integrator_.failure_reason(); }
 
   [[nodiscard]] std::vector<std::string> invariant_names() const override { return invariants_.names(); }
   [[nodiscard]] std::span<const double> invariants() override { return invariants_(integrator_.scheme().state()); }

@@ -192,16 +192,19 @@ private:
     if (report.status != Status::success) {
       const bool singular = report.status == Status::singular || report.status == Status::ill_conditioned;
       outcome_.status = singular ? ExitStatus::singular : ExitStatus::failed;
-      outcome_.message = describe_failure(report, simulation_->t(), simulation_->node(), simulation_->last_step());
+      const std::string reason = simulation_->failure_reason();
+      outcome_.message =
+          describe_failure(report, simulation_->t(), simulation_->node(), simulation_->last_step(), reason);
       return;
     }
     Statistics& statistics = outcome_.statistics;
     const LevelNode node = simulation_->node();
     if (!std::isfinite(node.energy) || !std::isfinite(node.gamma)) {
       outcome_.status = ExitStatus::failed;
-      outcome_.message =
-          fmt::format("the node energy or Gamma is not finite at t = {:.10g}: the orbit left the domain of the formula",
-                      simulation_->t());
+      outcome_.message = fmt::format(
+          "the node energy or Gamma is not finite at t = {:.10g}: the orbit left the domain of the formula{}",
+          simulation_->t(),
+          simulation_->failure_reason().empty() ? "" : fmt::format(" ({})", simulation_->failure_reason()));
       return;
     }
     statistics.add_step(report, simulation_->t(), node, simulation_->invariants());
@@ -242,6 +245,24 @@ private:
 
   void add_warnings() {
     const Statistics& statistics = outcome_.statistics;
+    const Scheme& scheme = problem_.scheme;
+    if (scheme.order && scheme.darboux == DarbouxKind::midpoint && *scheme.order % 2 != 0) {
+      outcome_.warnings.push_back(
+          fmt::format("order = {0} rounds up to {1}: with darboux = \"midpoint\" the even coefficients of the "
+                      "generating function vanish, so that orders are even; write order = {1}",
+                      *scheme.order, *scheme.order + 1));
+    }
+    if (statistics.bridge_steps > 0) {
+      outcome_.warnings.push_back(
+          fmt::format("Gamma changes sign on this orbit: {} bridge{} in {} steps, on which the discrete energy is off "
+                      "by up to {:.2g} (relative); this falls as "
+                      "the square of the step{}",
+                      statistics.bridges, statistics.bridges == 1 ? "" : "s", statistics.steps,
+                      statistics.relative_bridge_deviation(),
+                      statistics.bridge_steps > 2 * statistics.bridges
+                          ? ", and so does the number of steps a bridge takes: here it is large, take a smaller step"
+                          : ""));
+    }
     if (outcome_.variable_levels && statistics.condition > condition_warning) {
       outcome_.warnings.push_back(
           fmt::format("the step condition reached {:.2g}: rounding in H moves the levels by that relative amount; "

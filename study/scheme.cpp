@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <rubato/ode/generating_action.hpp>
 #include <rubato/study/reader.hpp>
 
 namespace rubato::study {
@@ -103,15 +104,12 @@ private:
     const Entry* order = take_only_for("order", Lagrangian::generating);
     if (order != nullptr) {
       scheme_.order_location = order->value.location;
-      scheme_.order =
-          static_cast<int>(std::min<std::int64_t>(read_integer(order->value, "order", parameters_, 1), 1000));
-      const bool only_even = scheme_.darboux == DarbouxKind::midpoint;
-      if (only_even && *scheme_.order % 2 != 0) {
-        throw ProblemError(order->value.location,
-                           fmt::format("order = {0}: with darboux = \"midpoint\" the even coefficients vanish, so that "
-                                       "orders are even and {0} rounds up to {1}; write order = {1}",
-                                       *scheme_.order, *scheme_.order + 1));
+      const std::int64_t number = read_integer(order->value, "order", parameters_, 1);
+      if (number > most_generating_order) {
+        throw ProblemError(order->value.location, fmt::format("order = {}: generating functions go up to order {}",
+                                                              number, most_generating_order));
       }
+      scheme_.order = static_cast<int>(number);
     } else if (scheme_.lagrangian == Lagrangian::generating) {
       throw ProblemError(scheme_.location, "lagrangian = \"generating\" needs an order, such as order = 4");
     }

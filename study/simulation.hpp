@@ -24,6 +24,8 @@ public:
   [[nodiscard]] virtual LevelNode node() = 0;  ///< H(z_k) and Γ(z_k)
   [[nodiscard]] virtual bool autonomous() const = 0;
   [[nodiscard]] virtual double last_step() const = 0;
+  /// After Status::undefined: what of the formula was not defined, where that is known.
+  [[nodiscard]] virtual std::string failure_reason() const { return {}; }
 
   [[nodiscard]] virtual std::vector<std::string> invariant_names() const = 0;
   /// At the present level. Valid until the next call.

@@ -89,7 +89,6 @@ TEST_CASE("an ODE problem with one thing wrong is refused at that place", "[stud
           {"until = 10", "until = 10\norder = 4", "14:1", "applies to lagrangian = \"generating\""},
           {"until = 10", "until = 10\nlagrangian = \"box\"", "14:15", "is for lattices"},
           {"until = 10", "until = 10\nlagrangian = \"midpiont\"", "14:15", "did you mean \"midpoint\"?"},
-          {"until = 10", "until = 10\nlagrangian = \"generating\"\norder = 3", "15:9", "rounds up to 4"},
           {"until = 10", "until = 10\nlagrangian = \"generating\"\norder = 4\ndarboux = [[1, 2], [3, 4]]", "16:11",
            "not symmetric"},
           {"until = 10", "until = 10\nlagrangian = \"custom\"\nL = \"p_0*(q_1 - q)\"", "15:17", "q_0 and q_1"},
