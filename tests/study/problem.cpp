@@ -168,7 +168,7 @@ TEST_CASE("formulas are built with parameters as constants and derivatives as va
   CHECK_THROWS_AS(problem.build({"dx(u^2)", {}}, other, fields, fields), ProblemError);
 }
 
-TEST_CASE("--set changes the effective problem, which reads back the same", "[study]") {
+TEST_CASE("a setting changes the effective problem, which reads back the same", "[study]") {
   const Problem problem = read(pendulum, {"scheme.step=0.05", "scheme.levels=fixed", "parameters.k=sqrt(2)",
                                           "output.file=other.h5", "initial.p=1.1000000000000001"});
   CHECK(problem.scheme.step == 0.05);
