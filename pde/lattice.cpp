@@ -26,6 +26,15 @@ Placement placement_of(LatticeLagrangian lagrangian) {
 
 std::unique_ptr<LatticeScheme> make_scheme(const MultisymplecticSystem& system, const grids::Grid& grid,
                                            const InitialFields& initial, const LatticeOptions& options) {
+  if (options.lagrangian == LatticeLagrangian::euler_box) {
+    if (options.levels == Levels::variable) {
+      throw std::invalid_argument(
+          "euler-box has fixed levels only: its discrete energy reads one level, so that no step can be solved from it "
+          "at turning points or on travelling waves, and with varying levels it drops to first order; use levels = "
+          "\"fixed\", or lagrangian = \"box\"");
+    }
+    return make_euler_box_scheme(system, grid, initial);
+  }
   const Placement placement = placement_of(options.lagrangian);
   const auto make = placement == Placement::nodes ? make_fourier_scheme : make_box_scheme;
   return make(system, grid, initial_level(system, grid, initial, placement), options.step);

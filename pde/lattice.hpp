@@ -15,8 +15,9 @@ namespace rubato {
 
 /// The discrete Lagrangians on a lattice (theory, section 5).
 enum class LatticeLagrangian {
-  box,      ///< midpoint in space and time, the default: order 2; odd numbers of cells
-  fourier,  ///< spectral in space, midpoint in time
+  box,        ///< midpoint in space and time, the default: order 2; odd numbers of cells
+  fourier,    ///< spectral in space, midpoint in time
+  euler_box,  ///< explicit; fixed levels only
 };
 
 struct LatticeOptions {
