@@ -70,7 +70,8 @@ void store(std::span<const std::int64_t> values, const std::string& path, std::b
 class Writer::Implementation {
 public:
   Implementation(const std::filesystem::path& file, const Layout& layout, CommitPolicy policy)
-      : path_(std::filesystem::weakly_canonical(std::filesystem::absolute(file))),  // a symbolic link stays, what it leads to is replaced
+      : path_(std::filesystem::weakly_canonical(
+            std::filesystem::absolute(file))),  // a symbolic link stays, what it leads to is replaced
         working_(with_suffix(".partial")),
         next_(with_suffix(".next")),
         policy_(policy),
