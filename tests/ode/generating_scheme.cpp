@@ -239,8 +239,8 @@ TEST_CASE("step law h^(2m+1) φ^(2m+1) and node law, where φ^(2m+1) keeps its s
     }
     INFO("order " << order << ", spreads " << spreads[0] << ", " << spreads[1] << ", misfits " << misfits[0] << ", "
                   << misfits[1]);
-    CHECK(spreads[0] / spreads[1] == Approx(4.0).epsilon(0.35));
-    CHECK(misfits[0] / misfits[1] == Approx(4.0).epsilon(0.35));
+    CHECK(spreads[0] / spreads[1] > 2.8);  // 2 would be O(h)
+    CHECK(misfits[0] / misfits[1] > 2.8);
     CHECK(misfits[0] < 0.5);
   }
 }
