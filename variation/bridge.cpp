@@ -52,12 +52,13 @@ bool TimeLevels::crossing_is_near(const StepReport& step) {
   if (remembered_ < 2) {
     return false;
   }
-  // Γ ∝ density; its straight line through the last two midpoints meets zero within the next three steps.
-  const Sample& newest = history_[0];
-  const Sample& older = history_[1];
-  const double rate = (newest.density - older.density) / (newest.time - older.time);
-  const double ahead = -newest.density / rate * sign(regular_step_) - 0.5 * std::abs(regular_step_);
-  return ahead > 0.0 && ahead < 3.0 * std::abs(regular_step_);
+  // Γ ∝ density, extrapolated as the predictor does: does it change sign within the next steps?
+  for (const double ahead : {0.5, 1.0, 1.5, 2.0, 2.5, 3.0}) {
+    if (density_at(time_.value() + ahead * regular_step_) * history_[0].density <= 0.0) {
+      return true;
+    }
+  }
+  return false;
 }
 
 double TimeLevels::law_defect(const LevelNode& node) const {
@@ -110,7 +111,7 @@ std::optional<TimeLevels::Bridge> TimeLevels::find_bridge(int count, bool crossi
     }
     const double miss = std::abs(law_defect(*node) / (node->energy - energy_ - law_defect(*node)));
     if (!crossing && miss < nearest_.miss) {
-      nearest_ = {.h = h, .count = count, .end = *node, .miss = miss};
+      nearest_ = Bridge{h, count, *node, miss};
     }
     if (previous) {
       const bool across = !crossing || node->gamma * here < 0.0;
@@ -245,7 +246,8 @@ StepReport TimeLevels::start_bridge(const Bridge& bridge) {
 /// does, the one that comes nearest: the amplitude of H - E is then off until the next bridge, which asks for the same
 /// c again. Else a plain step, to look again from its end.
 StepReport TimeLevels::long_bridge() {
-  nearest_ = {.miss = largest_miss};
+  nearest_ = Bridge{};
+  nearest_.miss = largest_miss;
   for (const int count : counts) {
     if (const std::optional<Bridge> bridge = find_bridge(count, false)) {
       return start_bridge(*bridge);
@@ -297,9 +299,12 @@ StepReport TimeLevels::wait_step() {
     return bridge ? start_bridge(*bridge) : waiting_step();
   }
   if (singular_) {
-    const LevelNode here = scheme_.node();
-    set_direction(here.gamma);
-    const double expected = law_step(here.gamma);
+    double expected = std::abs(regular_step_);
+    if (scheme_.has_node_law()) {
+      const LevelNode here = scheme_.node();
+      set_direction(here.gamma);
+      expected = law_step(here.gamma);
+    }
     StepReport result = ordinary_step(std::min(expected, std::abs(regular_step_)) * sign(regular_step_));
     // A step far from what the law asks for with the run's own constant would let the amplitude of H - E wander off.
     const bool fits = std::abs(result.h) > expected / largest_misfit && std::abs(result.h) < expected * largest_misfit;

@@ -36,6 +36,10 @@ public:
   /// The exponent s of the step law h^(s+1) Γ = const.
   [[nodiscard]] virtual int order() const { return 2; }
 
+  /// Whether the Γ of node() governs this scheme: the step law, and the node law H - E = (s+1)/24 h^s Γ + …, on which
+  /// bridges stand. Not so for an arbitrary 𝕃.
+  [[nodiscard]] virtual bool has_node_law() const { return true; }
+
   [[nodiscard]] virtual LevelNode node() = 0;        ///< at the current level
   [[nodiscard]] virtual LevelNode trial_node() = 0;  ///< at the trial level
   [[nodiscard]] virtual int iterations() const = 0;  ///< solver iterations since the last accept()

@@ -37,6 +37,9 @@ TimeLevels::TimeLevels(LevelScheme& scheme, const LevelOptions& options, double 
         fmt::format("time levels need a finite start and a finite first step that is not 0; got start {} and step {}",
                     start, first_step));
   }
+  if (!scheme.has_node_law() && options_.on_singular == OnSingular::bridge) {
+    options_.on_singular = OnSingular::stop;
+  }
   if (!(options.tolerance > 0.0)) {
     throw std::invalid_argument(
         fmt::format("the tolerance of the level equation must be positive; got {}", options.tolerance));
@@ -113,8 +116,9 @@ StepReport TimeLevels::first_step() {
       result.status = Status::ill_conditioned;
       return result;
     }
-  } else if (ill_conditioned || here.gamma * next.gamma <= 0.0 ||
-             std::min(std::abs(here.gamma), std::abs(next.gamma)) < 0.5 * std::abs(next.gamma - here.gamma)) {
+  } else if (ill_conditioned || (scheme_.has_node_law() && (here.gamma * next.gamma <= 0.0 ||
+                                                            std::min(std::abs(here.gamma), std::abs(next.gamma)) <
+                                                                0.5 * std::abs(next.gamma - here.gamma)))) {
     // Too near a zero of Γ for this step to set the law's constants: go on with plain steps until one can.
     return flagged(result);
   }
@@ -181,6 +185,20 @@ void TimeLevels::set_direction(double gamma) {
   direction_ = -sign(gamma) * (scheme_.order() % 2 == 0 ? 1.0 : sign(last_step_));
 }
 
+double TimeLevels::density_at(double time) const {
+  double density = 0.0;
+  for (std::size_t i = 0; i < remembered_; ++i) {
+    double weight = 1.0;
+    for (std::size_t j = 0; j < remembered_; ++j) {
+      if (j != i) {
+        weight *= (time - history_[j].time) / (history_[i].time - history_[j].time);
+      }
+    }
+    density += weight * history_[i].density;
+  }
+  return density;
+}
+
 double TimeLevels::predicted_step() const {
   if (remembered_ < 2) {
     return regular_step_;
@@ -191,17 +209,7 @@ double TimeLevels::predicted_step() const {
   const double limit = 2.0 * std::abs(regular_step_);
   double length = std::abs(regular_step_);
   for (int iteration = 0; iteration < 3; ++iteration) {
-    const double at = time_.value() + 0.5 * length * sign(regular_step_);
-    double density = 0.0;
-    for (std::size_t i = 0; i < remembered_; ++i) {
-      double weight = 1.0;
-      for (std::size_t j = 0; j < remembered_; ++j) {
-        if (j != i) {
-          weight *= (at - history_[j].time) / (history_[i].time - history_[j].time);
-        }
-      }
-      density += weight * history_[i].density;
-    }
+    const double density = density_at(time_.value() + 0.5 * length * sign(regular_step_));
     const bool same_sign = density * history_[0].density > 0.0;
     length = same_sign ? std::min(std::pow(std::abs(density), exponent), limit) : limit;
   }

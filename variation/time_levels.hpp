@@ -18,7 +18,7 @@ enum class Levels {
 
 /// What to do where the step equation has no solution (theory, section 3).
 enum class OnSingular {
-  bridge,  ///< cross it as theory, section 3.1 describes
+  bridge,  ///< cross it as theory, section 3.1 describes; `stop` for a scheme that has no node law
   fixed,   ///< plain steps of the last size until the energy law can be met again
   stop,    ///< end the run there
 };
@@ -89,6 +89,7 @@ private:
   void take_ordinary(StepReport& report);
 
   [[nodiscard]] Status solve_level(double guess);
+  [[nodiscard]] double density_at(double time) const;
   [[nodiscard]] double predicted_step() const;
   [[nodiscard]] double law_step(double gamma) const;
   void set_direction(double gamma);
