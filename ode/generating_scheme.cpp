@@ -31,6 +31,10 @@ constexpr double displacement = 1e-5;
 constexpr double negligible_residual = 4.0 * epsilon;
 /// A correction at least this large shows, by the next one, how fast corrections contract.
 constexpr double measurable = 1e-12;
+/// No rate of contraction is believed to be better: a correction that rounds to 0 shows nothing.
+constexpr double fastest_rate = 1e-6;
+/// First corrections up to this size contract as they did in earlier steps.
+constexpr double linear_size = 1e-10;
 /// How much worse than in an earlier step the first correction of a step is taken to contract.
 constexpr double rate_margin = 100.0;
 /// Relative change of h within a level that asks for a new φ^(s+1).
@@ -70,7 +74,6 @@ public:
     if (const Status status = predict(h); status != Status::success) {
       return status;
     }
-    const double rounding = std::max(accuracy, 0.25 * epsilon);
     double rate = std::min(1.0, rate_margin * rate_);  // by which the coming correction is smaller than the present one
     double previous = 0.0;
     double slowest = 0.0;
@@ -85,13 +88,14 @@ public:
       }
       if (previous > measurable) {
         slowest = std::max(slowest, size / previous);
-        rate_ = slowest;
+        rate_ = std::max(slowest, fastest_rate);
       }
       if (previous > 0.0) {
         rate = std::min(1.0, size / previous);
       }
+      const bool linear = previous > 0.0 || size <= linear_size;  // else the rate of other steps says nothing
       previous = size;
-      if (test.judge(size) == StagnationTest::Verdict::done || rate * size <= rounding) {
+      if (test.judge(size) == StagnationTest::Verdict::done || (linear && rate * size <= 0.25 * epsilon)) {
         return finish(h);
       }
     }

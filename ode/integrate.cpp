@@ -100,7 +100,7 @@ std::unique_ptr<SegmentScheme> make_scheme(const Hamiltonian& hamiltonian, const
     static_cast<void>(parasite_matrix(F));  // throws where no two-step map exists
   }
   return make_two_step_scheme(make_action(hamiltonian, options.lagrangian), hamiltonian, first,
-                              second_node(hamiltonian, first, options));
+                              second_node(hamiltonian, first, options), make_node_law(hamiltonian, options.lagrangian));
 }
 
 }  // namespace
@@ -125,6 +125,13 @@ std::unique_ptr<DiscreteAction> make_action(const Hamiltonian& hamiltonian, cons
                                      hamiltonian, generating.F(hamiltonian.degrees_of_freedom()), generating.order);
                                }},
                     lagrangian);
+}
+
+NodeLaw make_node_law(const Hamiltonian& hamiltonian, const SegmentLagrangian& lagrangian) {
+  const auto* generating = std::get_if<Generating>(&lagrangian);
+  return generating == nullptr
+             ? NodeLaw(hamiltonian)
+             : NodeLaw(hamiltonian, generating->F(hamiltonian.degrees_of_freedom()), generating->order);
 }
 
 OrbitIntegrator::OrbitIntegrator(const Hamiltonian& hamiltonian, const InitialState& initial,

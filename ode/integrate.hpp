@@ -10,6 +10,7 @@
 
 #include <rubato/ode/darboux.hpp>
 #include <rubato/ode/hamiltonian.hpp>
+#include <rubato/ode/node_law.hpp>
 #include <rubato/ode/segment_scheme.hpp>
 #include <rubato/variation/discrete_action.hpp>
 #include <rubato/variation/time_levels.hpp>
@@ -40,6 +41,9 @@ using SegmentLagrangian = std::variant<Midpoint, Forward, Custom, Generating>;
 /// The action A = (t_1 - t_0)·𝕃 of a segment. \throws formula::ParseError (Custom)
 [[nodiscard]] std::unique_ptr<DiscreteAction> make_action(const Hamiltonian& hamiltonian,
                                                           const SegmentLagrangian& lagrangian);
+
+/// What the time levels of that 𝕃 read at a node. \throws std::invalid_argument as NodeLaw
+[[nodiscard]] NodeLaw make_node_law(const Hamiltonian& hamiltonian, const SegmentLagrangian& lagrangian);
 
 /// Steps after which a rounding error of the forward 𝕃 has typically swamped the orbit.
 inline constexpr std::size_t forward_step_limit = 5;

@@ -22,10 +22,10 @@ constexpr int most_iterations = 50;
 
 class TwoStepScheme final : public SegmentScheme {
 public:
-  TwoStepScheme(std::unique_ptr<DiscreteAction> action, const Hamiltonian& hamiltonian, const SegmentNode& first,
+  TwoStepScheme(std::unique_ptr<DiscreteAction> action, NodeLaw law, const SegmentNode& first,
                 const SegmentNode& second)
       : action_(std::move(action)),
-        evaluator_(hamiltonian),
+        law_(std::move(law)),
         size_(static_cast<Index>(action_->element().values)),
         corners_(action_->element().size()),
         gradient_(static_cast<Index>(action_->element().size())),
@@ -100,7 +100,9 @@ public:
   [[nodiscard]] std::optional<double> energy_target() const override {
     return autonomous_ ? std::nullopt : std::optional(target_);
   }
+  [[nodiscard]] int order() const override { return law_.order(); }
   [[nodiscard]] int iterations() const override { return iterations_; }
+  [[nodiscard]] bool has_node_law() const override { return false; }
 
   [[nodiscard]] LevelNode node() override { return node_at(z_.value()); }
 
@@ -173,14 +175,10 @@ private:
     return true;
   }
 
-  LevelNode node_at(const VectorXd& z) {
-    LevelNode node;
-    node.gamma = evaluator_.gamma(z.data(), node.energy);
-    return node;
-  }
+  LevelNode node_at(const VectorXd& z) { return law_(z.data()); }
 
   std::unique_ptr<DiscreteAction> action_;
-  HamiltonianEvaluator evaluator_;
+  NodeLaw law_;
   Index size_;
   std::vector<double> corners_;
   VectorXd gradient_;
@@ -208,7 +206,7 @@ private:
 
 std::unique_ptr<SegmentScheme> make_two_step_scheme(std::unique_ptr<DiscreteAction> action,
                                                     const Hamiltonian& hamiltonian, const SegmentNode& first,
-                                                    const SegmentNode& second) {
+                                                    const SegmentNode& second, std::optional<NodeLaw> law) {
   const Element& element = action->element();
   if (element.corners != 2 || element.coordinates != 1 || element.values != first.z.size() ||
       element.values != second.z.size() || element.values != 2 * hamiltonian.degrees_of_freedom()) {
@@ -221,7 +219,8 @@ std::unique_ptr<SegmentScheme> make_two_step_scheme(std::unique_ptr<DiscreteActi
     throw std::invalid_argument(
         fmt::format("the times of a starting pair must be finite and differ; got {} and {}", first.t, second.t));
   }
-  return std::make_unique<TwoStepScheme>(std::move(action), hamiltonian, first, second);
+  return std::make_unique<TwoStepScheme>(std::move(action), law ? std::move(*law) : NodeLaw(hamiltonian), first,
+                                         second);
 }
 
 }  // namespace rubato

@@ -1,9 +1,11 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 #include <span>
 
 #include <rubato/ode/hamiltonian.hpp>
+#include <rubato/ode/node_law.hpp>
 #include <rubato/ode/segment_scheme.hpp>
 #include <rubato/variation/discrete_action.hpp>
 
@@ -24,11 +26,12 @@ struct SegmentNode {
 /// gives what E_k has to equal. The arbitrary starting pair (first, second) is entered through the momentum it induces,
 /// P_0 = -∂A_0/∂z_0: the first step then finds `second` again.
 ///
-/// `hamiltonian` serves the node energy H(z_k) and Γ(z_k) only.
+/// `law` gives the node energy H(z_k) and Γ(z_k), and the order of the step law; without it, those of order 2.
 /// \throws std::invalid_argument if the pair does not fit the action, its times are equal, or A or its derivatives are
 /// not finite there
 [[nodiscard]] std::unique_ptr<SegmentScheme> make_two_step_scheme(std::unique_ptr<DiscreteAction> action,
                                                                   const Hamiltonian& hamiltonian,
-                                                                  const SegmentNode& first, const SegmentNode& second);
+                                                                  const SegmentNode& first, const SegmentNode& second,
+                                                                  std::optional<NodeLaw> law = std::nullopt);
 
 }  // namespace rubato

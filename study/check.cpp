@@ -59,7 +59,7 @@ public:
         problem_(problem),
         orbit_(*problem.hamiltonian()),
         hamiltonian_(make_hamiltonian(problem)),
-        evaluator_(hamiltonian_),
+        law_(make_node_law(hamiltonian_, make_lagrangian(problem))),
         action_(make_action(hamiltonian_, make_lagrangian(problem))),
         invariants_(problem, orbit_.invariants, orbit_.names()),
         states_(reader, "/states", hamiltonian_.degrees_of_freedom()) {
@@ -80,8 +80,7 @@ private:
   void check_states() {
     for (std::size_t row = 0; row < states_.rows(); ++row) {
       const std::vector<double> z = states_.z(row);
-      LevelNode node;
-      node.gamma = evaluator_.gamma(z.data(), node.energy);
+      const LevelNode node = law_(z.data());
       statistics_.energy_magnitude.add(std::abs(node.energy));
       statistics_.gamma.add(node.gamma);
       const std::span<const double> values = invariants_(z);
@@ -169,7 +168,7 @@ private:
   const Problem& problem_;
   const HamiltonianProblem& orbit_;
   Hamiltonian hamiltonian_;
-  HamiltonianEvaluator evaluator_;
+  NodeLaw law_;
   std::unique_ptr<DiscreteAction> action_;
   FormulaTable invariants_;
   StoredStates states_;

@@ -1,0 +1,243 @@
+// What a step of order 2 … 20 costs, and work against accuracy beside Gauss collocation of the same order.
+//
+//   step/...      one step of the generating function's scheme (F = 0, fixed levels), in microseconds
+//   gauss/...     one step of Gauss collocation of the same order: the stages by fixed-point iteration from the
+//                 collocation polynomial of the step before, until the corrections stagnate; compensated summation
+//   error         energy error at the end of the time span named in the counters, relative; with the time of a
+//                 step and their number it gives the curve
+#include <benchmark/benchmark.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <memory>
+#include <numbers>
+#include <vector>
+
+#include <Eigen/Dense>
+
+#include <rubato/ode/generating_scheme.hpp>
+#include <rubato/ode/increment.hpp>
+#include <rubato/ode/integrate.hpp>
+#include <rubato/study/orbit_problem.hpp>
+
+namespace {
+
+using namespace rubato;
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+struct System {
+  Hamiltonian hamiltonian;
+  std::vector<double> z;
+  double period;  ///< of the fastest body
+};
+
+System system_from(const char* name, std::vector<std::string> settings, double period) {
+  const study::Problem problem = study::read_problem(name, settings);
+  const study::PhasePoint& start = problem.hamiltonian()->initial;
+  std::vector<double> z = start.q;
+  z.insert(z.end(), start.p.begin(), start.p.end());
+  return {study::make_hamiltonian(problem), z, period};
+}
+
+const System& system(Index number) {
+  static const System systems[] = {system_from("kepler", {"parameters.e=0.3"}, 2 * std::numbers::pi),
+                                   system_from("outer-solar-system", {}, 4332.6)};
+  return systems[number];
+}
+
+/// Gauss collocation with s stages, order 2s.
+class Gauss {
+public:
+  Gauss(const Hamiltonian& hamiltonian, int stages, const std::vector<double>& z)
+      : evaluator_(hamiltonian),
+        s_(stages),
+        z_(VectorXd(Eigen::Map<const VectorXd>(z.data(), static_cast<Index>(z.size())))),
+        slopes_(MatrixXd::Zero(z_.value().size(), stages)),
+        gradient_(z_.value()),
+        point_(z_.value()),
+        f_(z_.value()),
+        increments_(slopes_),
+        last_(slopes_) {
+    // The nodes are the zeros of the Legendre polynomial, shifted to [0, 1]: eigenvalues of its Jacobi matrix.
+    MatrixXd jacobi = MatrixXd::Zero(s_, s_);
+    for (int k = 1; k < s_; ++k) {
+      jacobi(k, k - 1) = jacobi(k - 1, k) = k / std::sqrt(4.0 * k * k - 1.0);
+    }
+    nodes_ = (Eigen::SelfAdjointEigenSolver<MatrixXd>(jacobi).eigenvalues().array() + 1.0) / 2.0;
+    // Σ_j a_ij c_j^k = c_i^(k+1)/(k+1) and Σ_j b_j c_j^k = 1/(k+1), in Chebyshev-like scale by long double.
+    using Long = Eigen::Matrix<long double, Eigen::Dynamic, Eigen::Dynamic>;
+    Long powers(s_, s_), rights(s_, s_), ahead(s_, s_), weights(1, s_);
+    for (int k = 0; k < s_; ++k) {
+      weights(0, k) = 1.0L / (k + 1);
+      for (int j = 0; j < s_; ++j) {
+        const long double c = nodes_[j];
+        powers(j, k) = std::pow(c, static_cast<long double>(k));
+        rights(j, k) = std::pow(c, static_cast<long double>(k + 1)) / (k + 1);
+        ahead(j, k) = std::pow(1 + c, static_cast<long double>(k));
+      }
+    }
+    const Long inverse = powers.fullPivLu().inverse();
+    a_ = (rights * inverse).cast<double>();
+    b_ = (weights * inverse).cast<double>().transpose();
+    extrapolation_ = (ahead * inverse).cast<double>();
+    for (int i = 0; i < s_; ++i) {
+      evaluate(z_.value(), i);
+    }
+  }
+
+  int step(double h) {
+    slopes_ = (slopes_ * extrapolation_.transpose()).eval();
+    last_.setConstant(std::numeric_limits<double>::infinity());
+    double previous = std::numeric_limits<double>::infinity();
+    int iterations = 0;
+    while (iterations < 50) {
+      ++iterations;
+      increments_.noalias() = h * slopes_ * a_.transpose();
+      double change = 0.0;
+      for (int i = 0; i < s_; ++i) {
+        for (Index m = 0; m < point_.size(); ++m) {
+          const double size = std::max(std::abs(increments_(m, i)), std::numeric_limits<double>::min());
+          change = std::max(change, std::abs(increments_(m, i) - last_(m, i)) / size);
+        }
+        z_.displaced(1.0, increments_.col(i), point_);
+        evaluate(point_, i);
+      }
+      last_ = increments_;
+      if (change <= 0.5 * std::numeric_limits<double>::epsilon() || (change >= 0.5 * previous && change < 1e-10)) {
+        break;
+      }
+      previous = change;
+    }
+    f_.noalias() = h * slopes_ * b_;
+    z_.add(f_);
+    return iterations;
+  }
+
+  [[nodiscard]] const VectorXd& state() const { return z_.value(); }
+
+private:
+  void evaluate(const VectorXd& z, int stage) {
+    evaluator_.gradient(z.data(), gradient_.data());
+    const Index n = z.size() / 2;
+    slopes_.col(stage).head(n) = gradient_.tail(n);
+    slopes_.col(stage).tail(n) = -gradient_.head(n);
+  }
+
+  HamiltonianEvaluator evaluator_;
+  int s_;
+  CompensatedState<VectorXd> z_;
+  VectorXd nodes_, b_;
+  MatrixXd a_, extrapolation_, slopes_;
+  VectorXd gradient_, point_, f_;
+  MatrixXd increments_, last_;
+};
+
+/// Steps over ten periods: the counters hold the largest relative energy error and the work that made it.
+template <typename Step, typename State>
+void follow(benchmark::State& state, const System& system, double h, Step step, State present) {
+  HamiltonianEvaluator evaluator(system.hamiltonian);
+  const double start = evaluator.value(system.z.data());
+  const auto steps = static_cast<long>(10.0 * system.period / h);
+  double worst = 0.0;
+  for (long k = 0; k < steps; ++k) {
+    step();
+    worst = std::max(worst, std::abs(evaluator.value(present()) / start - 1.0));
+  }
+  for ([[maybe_unused]] const auto iteration : state) {
+    step();
+  }
+  state.counters["energy_error"] = worst;
+  state.counters["steps_per_period"] = system.period / h;
+}
+
+/// Arguments: system, order, steps per period.
+void step(benchmark::State& state) {
+  const System& s = system(state.range(0));
+  const double h = s.period / static_cast<double>(state.range(2));
+  const auto scheme = make_generating_scheme(
+      s.hamiltonian, MatrixXd::Zero(static_cast<Index>(s.z.size()), static_cast<Index>(s.z.size())),
+      static_cast<int>(state.range(1)), s.z);
+  long iterations = 0;
+  long steps = 0;
+  follow(
+      state, s, h,
+      [&] {
+        if (scheme->advance(h, 0.0) != Status::success) {
+          throw std::runtime_error("a step failed: " + scheme->failure_reason());
+        }
+        iterations += scheme->iterations();
+        ++steps;
+        scheme->accept();
+      },
+      [&] { return scheme->state().data(); });
+  state.counters["iterations"] = static_cast<double>(iterations) / static_cast<double>(steps);
+}
+
+void gauss(benchmark::State& state) {
+  const System& s = system(state.range(0));
+  const double h = s.period / static_cast<double>(state.range(2));
+  Gauss method(s.hamiltonian, static_cast<int>(state.range(1)) / 2, s.z);
+  long iterations = 0;
+  long steps = 0;
+  follow(
+      state, s, h,
+      [&] {
+        iterations += method.step(h);
+        ++steps;
+      },
+      [&] { return method.state().data(); });
+  state.counters["iterations"] = static_cast<double>(iterations) / static_cast<double>(steps);
+}
+
+BENCHMARK(step)->ArgsProduct({{0, 1}, {2, 4, 8, 12, 16, 20}, {20, 40, 80, 160}})->Unit(benchmark::kMicrosecond);
+BENCHMARK(gauss)->ArgsProduct({{0, 1}, {2, 4, 8, 12, 16, 20}, {10, 20, 40, 80, 160}})->Unit(benchmark::kMicrosecond);
+
+/// Variable levels (e: eccentricity in hundredths, order, first step in thousandths of the pericentre's time scale):
+/// cost of one period, and the largest deviation of the node energy.
+void variable_levels(benchmark::State& state) {
+  const double e = 0.01 * static_cast<double>(state.range(0));
+  const System s = system_from("kepler", {"parameters.e=" + std::to_string(e)}, 2 * std::numbers::pi);
+  const auto n = static_cast<std::ptrdiff_t>(s.z.size() / 2);
+  const double step = 1e-3 * static_cast<double>(state.range(2)) * std::pow(1 - e, 1.5);
+  const InitialState start{.q = {s.z.begin(), s.z.begin() + n}, .p = {s.z.begin() + n, s.z.end()}};
+  double deviation = 0.0;
+  std::size_t steps = 0;
+  for ([[maybe_unused]] const auto iteration : state) {
+    const Orbit orbit = integrate(
+        s.hamiltonian, start,
+        {.lagrangian = Generating{.order = static_cast<int>(state.range(1))}, .step = step, .until = s.period});
+    deviation = orbit.node_energy_deviation();
+    steps = orbit.steps();
+  }
+  state.counters["energy_error"] = deviation / 0.5;
+  state.counters["steps_per_period"] = static_cast<double>(steps);
+}
+
+BENCHMARK(variable_levels)->ArgsProduct({{60}, {2, 4}, {50, 100, 200, 400}})->Unit(benchmark::kMicrosecond);
+
+/// The same orbit by Gauss collocation with fixed steps: e, order, steps per period.
+void gauss_eccentric(benchmark::State& state) {
+  const double e = 0.01 * static_cast<double>(state.range(0));
+  const System s = system_from("kepler", {"parameters.e=" + std::to_string(e)}, 2 * std::numbers::pi);
+  HamiltonianEvaluator evaluator(s.hamiltonian);
+  const double h = s.period / static_cast<double>(state.range(2));
+  double worst = 0.0;
+  for ([[maybe_unused]] const auto iteration : state) {
+    Gauss method(s.hamiltonian, static_cast<int>(state.range(1)) / 2, s.z);
+    for (int k = 0; k < state.range(2); ++k) {
+      method.step(h);
+      worst = std::max(worst, std::abs(evaluator.value(method.state().data()) / -0.5 - 1.0));
+    }
+  }
+  state.counters["energy_error"] = worst;
+  state.counters["steps_per_period"] = static_cast<double>(state.range(2));
+}
+
+BENCHMARK(gauss_eccentric)->ArgsProduct({{60}, {2, 4}, {50, 100, 200, 400, 800}})->Unit(benchmark::kMicrosecond);
+
+}  // namespace
+
+BENCHMARK_MAIN();

@@ -1,0 +1,19 @@
+#include <rubato/ode/node_law.hpp>
+
+#include <limits>
+
+namespace rubato {
+
+LevelNode NodeLaw::operator()(const double* z) {
+  LevelNode node;
+  if (!generating_) {
+    node.gamma = evaluator_.gamma(z, node.energy);
+    return node;
+  }
+  node.energy = evaluator_.value(z);
+  const bool defined = generating_->expand({z, evaluator_.dimension()}) == Status::success;
+  node.gamma = defined ? -24.0 * generating_->coefficient(order_ + 1) : std::numeric_limits<double>::quiet_NaN();
+  return node;
+}
+
+}  // namespace rubato
