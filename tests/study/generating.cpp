@@ -19,7 +19,7 @@ using namespace rubato::study;
 
 std::string problem_text(const std::string& H, const std::string& scheme, const std::string& q = "0.5") {
   return "[hamiltonian]\nq = [\"q\"]\np = [\"p\"]\nH = \"" + H + "\"\n[initial]\nq = " + q +
-         "\np = 0\n[scheme]\nlagrangian = \"generating\"\nlevels = \"fixed\"\nstep = 0.25\nuntil = 2\n" + scheme;
+         "\np = 1\n[scheme]\nlagrangian = \"generating\"\nlevels = \"fixed\"\nstep = 0.25\nuntil = 2\n" + scheme;
 }
 
 Outcome run_text(const std::string& text) {
