@@ -1,0 +1,150 @@
+// kill_and_resume RUBATO: kills `rubato run` and `rubato resume` with SIGKILL at 20 random moments, for every = 1
+// and 7. Each time an ordinary reader has to open the record; in the end it is, dataset by dataset and bit by bit, that
+// of a run never stopped. Exits 0 if all of this holds.
+
+#include <chrono>
+#include <csignal>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <random>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include <fcntl.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <fmt/format.h>
+#include <hdf5.h>
+
+#include <rubato/record/reader.hpp>
+
+#include "record/sample.hpp"
+
+namespace {
+
+constexpr int kills = 20;
+int failures = 0;
+
+void expect(bool holds, const std::string& what) {
+  if (!holds) {
+    fmt::print("FAILED: {}\n", what);
+    ++failures;
+  }
+}
+
+pid_t start(const std::string& program, std::vector<std::string> arguments) {
+  arguments.insert(arguments.begin(), program);
+  std::vector<char*> argv;
+  for (std::string& argument : arguments) {
+    argv.push_back(argument.data());
+  }
+  argv.push_back(nullptr);
+  const pid_t child = ::fork();
+  if (child == 0) {
+    const int null = ::open("/dev/null", O_WRONLY);
+    ::dup2(null, STDOUT_FILENO);
+    ::execv(program.c_str(), argv.data());
+    ::_exit(127);
+  }
+  return child;
+}
+
+/// The exit status, or minus the signal that ended it.
+int wait_for(pid_t child) {
+  int status = 0;
+  ::waitpid(child, &status, 0);
+  return WIFSIGNALED(status) ? -WTERMSIG(status) : WEXITSTATUS(status);
+}
+
+/// HDF5 alone, with its own locks, without this library.
+bool opens_read_only(const std::filesystem::path& file) {
+  const hid_t id = H5Fopen(file.c_str(), H5F_ACC_RDONLY, H5P_DEFAULT);
+  if (id < 0) {
+    return false;
+  }
+  H5Fclose(id);
+  return true;
+}
+
+/// A pendulum whose H takes long to evaluate, so that minutes of running make a small record.
+void write_problem(const std::filesystem::path& file, int every) {
+  std::string H = "p^2/2 - cos(q)";
+  for (int k = 2; k < 150; ++k) {
+    H += fmt::format(" - 1e-6*cos({}*q + {})/{}^4", k, k, k);
+  }
+  std::ofstream(file) << fmt::format(
+      "[hamiltonian]\nq = [\"q\"]\np = [\"p\"]\nH = \"{}\"\n[initial]\nq = 0\np = 1.9\n[invariants]\nspeed = \"p^2\"\n"
+      "[scheme]\nstep = 0.1\nuntil = 1e9\non_singular = \"stop\"\n[output]\nevery = {}\n",
+      H, every);
+}
+
+void kill_and_resume(const std::string& program, const sample::Folder& folder, int every, std::mt19937& random) {
+  const std::string problem = (folder / fmt::format("problem{}.toml", every)).string();
+  const std::string killed = (folder / fmt::format("killed{}.h5", every)).string();
+  const std::string never = (folder / fmt::format("never{}.h5", every)).string();
+  write_problem(problem, every);
+
+  // Commits come every 2 seconds: about half the moments lie before the first one of their process, half after.
+  std::uniform_int_distribution<int> milliseconds(1, 4000);
+  int grown = 0;
+  std::size_t levels = 0;
+  for (int kill = 0; kill < kills; ++kill) {
+    const bool is_new = !std::filesystem::exists(killed);
+    const auto arguments = is_new ? std::vector<std::string>{"run", problem, "-o", killed, "--quiet"}
+                                  : std::vector<std::string>{"resume", killed, "--quiet"};
+    const pid_t child = start(program, arguments);
+    std::this_thread::sleep_for(std::chrono::milliseconds(milliseconds(random)));
+    ::kill(child, SIGKILL);
+    const int status = wait_for(child);
+    expect(status == -SIGKILL, fmt::format("the run is still going when it is killed; its status was {}", status));
+    if (!std::filesystem::exists(killed)) {
+      continue;  // killed before level 0
+    }
+    expect(opens_read_only(killed), fmt::format("an ordinary reader opens the record after kill {}", kill + 1));
+    const std::size_t now = rubato::record::Reader(killed).rows("/levels/t");
+    expect(now >= levels, "no level is lost");
+    grown += now > levels ? 1 : 0;
+    levels = now;
+  }
+  expect(grown >= 4, fmt::format("several of the {} processes added levels; {} did", kills, grown));
+
+  const double last = rubato::record::Reader(killed).read("/levels/t").back();
+  const std::string until = fmt::format("{:.17g}", last + 12.34);
+  expect(wait_for(start(program, {"resume", killed, "--until", until, "--quiet"})) == 0, "the last resume ends well");
+  expect(wait_for(start(program, {"run", problem, "-o", never, "--set", "scheme.until=" + until, "--quiet"})) == 0,
+         "the run never stopped ends well");
+  const std::string difference = sample::difference(killed, never);
+  expect(difference.empty(), "the records are the same, bit by bit: " + difference);
+  fmt::print("every = {}: {} kills, {} of them after new levels, {} levels at the last; {}\n", every, kills, grown,
+             levels, difference.empty() ? "records identical" : difference);
+
+  // The twin: a run whose step differs in the last digit is told apart.
+  const std::string other = (folder / "other.h5").string();
+  expect(wait_for(start(program, {"run", problem, "-o", other, "--force", "--set", "scheme.until=" + until, "--set",
+                                  "scheme.step=0.10000000000000002", "--quiet"})) == 0,
+         "the run of the twin ends well");
+  expect(!sample::difference(killed, other).empty(), "a run of another step is told apart");
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  if (argc != 2) {
+    fmt::print("usage: kill_and_resume RUBATO\n");
+    return 2;
+  }
+  try {
+    const sample::Folder folder;
+    std::mt19937 random(20);
+    for (const int every : {1, 7}) {
+      kill_and_resume(argv[1], folder, every, random);
+    }
+  } catch (const std::exception& error) {
+    fmt::print("FAILED: {}\n", error.what());
+    return 1;
+  }
+  return failures == 0 ? 0 : 1;
+}
