@@ -233,6 +233,7 @@ Status TimeLevels::solve_level(double guess) {
   double best = infinity;
   double last_length = 0.0;  // the last trial before the fold, for the secant
   double last_miss = 0.0;
+  int stalls = 0;  // trials in a row that brought no improvement
   bool full = false;
   Status failure = Status::singular;
 
@@ -277,8 +278,9 @@ Status TimeLevels::solve_level(double guess) {
       continue;
     }
 
-    // Met, or as near as rounding inside H allows: no longer improving although Newton has converged.
-    const bool stagnated = std::abs(miss) >= 0.5 * best && std::abs(miss) <= stagnation_level * energy_scale_;
+    // Met, or as near as rounding inside H allows: Newton's own correction, too, no longer improves it.
+    stalls = full && std::abs(miss) >= 0.5 * best ? stalls + 1 : 0;
+    const bool stagnated = stalls >= 2 && std::abs(miss) <= stagnation_level * energy_scale_;
     if (full && (std::abs(miss) <= tolerance || stagnated)) {
       trial_step_ = side * length;
       return Status::success;
@@ -287,12 +289,14 @@ Status TimeLevels::solve_level(double guess) {
       full = true;  // met already: the same length again, solved to stagnation
       continue;
     }
-    if (miss < 0.0) {
+    // A loosely solved step may tell the wrong side of a root it is nearly at: it moves the bracket only from afar.
+    const bool reliable = full || std::abs(miss) > loose * slope * length;
+    if (reliable && miss < 0.0) {
       if (length > below) {
         below = length;
         below_slope = slope;
       }
-    } else {
+    } else if (reliable) {
       above = std::min(above, length);
     }
     if (full) {
@@ -302,7 +306,7 @@ Status TimeLevels::solve_level(double guess) {
     // A scheme may take its slope from a matrix that is a little out of date; where the secant agrees it is the better
     // one.
     const double secant = (miss - last_miss) / (length - last_length);
-    const bool agrees = last_length > 0.0 && secant > 0.8 * slope && secant < 1.25 * slope;
+    const bool agrees = stalls == 0 && last_length > 0.0 && secant > 0.8 * slope && secant < 1.25 * slope;
     last_length = length;
     last_miss = miss;
     double next = length - miss / (agrees ? secant : slope);
