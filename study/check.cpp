@@ -181,6 +181,9 @@ private:
 Outcome check(const std::string& file) {
   const record::Reader reader(file);
   const Problem problem = parse_problem(reader.header().problem, file);
+  if (problem.hamiltonian() == nullptr) {
+    throw ProblemError(problem.scheme.location, "the check of a lattice record is not available in this version");
+  }
   Outcome outcome;
   outcome.title = problem.title;
   outcome.file = file;

@@ -244,6 +244,7 @@ private:
   }
 
   void add_warnings() {
+    outcome_.warnings = simulation_->warnings();
     const Statistics& statistics = outcome_.statistics;
     const Scheme& scheme = problem_.scheme;
     if (scheme.order && scheme.darboux == DarbouxKind::midpoint && *scheme.order % 2 != 0) {
@@ -288,7 +289,7 @@ std::unique_ptr<Simulation> make_simulation(const Problem& problem) {
   if (problem.hamiltonian() != nullptr) {
     return make_orbit_simulation(problem);
   }
-  throw ProblemError(problem.scheme.location, "lattices are not available in this version");
+  return make_lattice_simulation(problem, false);
 }
 
 Outcome run(const Problem& problem, const RunOptions& options) {

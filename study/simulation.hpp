@@ -33,6 +33,13 @@ public:
   /// |z - exact| at the present level, one entry per name of [exact].
   [[nodiscard]] virtual std::vector<Named<MaxRms>> errors() = 0;
 
+  /// Sentences for the user that belong to the end of the run.
+  [[nodiscard]] virtual std::vector<std::string> warnings() const { return {}; }
+
+  /// Totals over the domain of the densities of local laws, other than the energy's, at the present level.
+  [[nodiscard]] virtual std::vector<std::string> total_names() const { return {}; }
+  [[nodiscard]] virtual std::span<const double> totals() { return {}; }
+
   [[nodiscard]] virtual std::vector<std::string> residual_names() const { return {}; }
   /// Local residuals of the step just taken, in the order of residual_names().
   [[nodiscard]] virtual std::span<const MaxRms> residuals() { return {}; }
@@ -49,6 +56,8 @@ public:
 
 /// \throws ProblemError at the place in the problem that is wrong
 [[nodiscard]] std::unique_ptr<Simulation> make_orbit_simulation(const Problem& problem);
+/// `tangents`: carry two tangent solutions along and report the multisymplectic residual (box only).
+[[nodiscard]] std::unique_ptr<Simulation> make_lattice_simulation(const Problem& problem, bool tangents);
 [[nodiscard]] std::unique_ptr<Simulation> make_simulation(const Problem& problem);
 
 }  // namespace rubato::study

@@ -1,0 +1,246 @@
+#include <rubato/study/lattice_problem.hpp>
+
+#include <algorithm>
+#include <cmath>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+namespace rubato::study {
+
+namespace {
+
+/// Doubles per cell and field that the leanest scheme and its laws keep: two levels, the rounding they carry, the
+/// increment, residual, correction and four rates for prediction.
+constexpr double least_doubles = 14.0;
+
+Eigen::MatrixXd dense(const Matrix& matrix) {
+  using Rows = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+  const auto size = static_cast<Eigen::Index>(matrix.size);
+  return Eigen::Map<const Rows>(matrix.entries.data(), size, size);
+}
+
+/// The field in "dx(dy(f))", or the name itself.
+std::string differentiated_field(const std::string& name) {
+  const std::size_t open = name.rfind('(');
+  return open == std::string::npos ? name : name.substr(open + 1, name.find(')') - open - 1);
+}
+
+std::vector<std::string> fields_in(const formula::Graph& graph, formula::Expression expression) {
+  std::vector<std::string> fields;
+  for (const std::size_t variable : formula::variables_of(expression)) {
+    fields.push_back(differentiated_field(graph.variable_name(variable)));
+  }
+  return fields;
+}
+
+std::string place_of(const grids::Grid& grid, std::size_t node) {
+  const auto place = grid.place(node);
+  std::vector<std::string> coordinates;
+  for (int a = 0; a < grid.dimensions(); ++a) {
+    coordinates.push_back(
+        fmt::format("{} = {:.6g}", grid.axis(a).name, grid.axis(a).node(place[static_cast<std::size_t>(a)])));
+  }
+  return fmt::format("{}", fmt::join(coordinates, ", "));
+}
+
+/// Evaluates the initial fields one by one.
+class InitialValues {
+public:
+  InitialValues(const Problem& problem, const grids::Grid& grid)
+      : problem_(problem), pde_(*problem.multisymplectic()), grid_(grid), values_(pde_.fields.size()) {}
+
+  InitialFields take() {
+    // The reader has made sure that no field depends on itself: every round settles at least one.
+    for (bool again = true; again;) {
+      again = false;
+      for (std::size_t f = 0; f < values_.size(); ++f) {
+        again = (pde_.initial[f] && !values_[f] && evaluate(f)) || again;
+      }
+    }
+    return std::move(values_);
+  }
+
+private:
+  /// \return whether all that the formula needs is known, so that the field is now, too
+  bool evaluate(std::size_t f) {
+    const FormulaText& text = *pde_.initial[f];
+    auto graph = std::make_shared<formula::Graph>();
+    const formula::Expression expression = problem_.build(text, *graph, pde_.axis_names(), pde_.fields);
+    std::vector<const double*> known(values_.size(), nullptr);
+    for (std::size_t i = 0; i < values_.size(); ++i) {
+      known[i] = values_[i] ? values_[i]->data() : nullptr;
+    }
+    for (const std::string& name : fields_in(*graph, expression)) {
+      const auto needed = static_cast<std::size_t>(std::ranges::find(pde_.fields, name) - pde_.fields.begin());
+      if (needed < values_.size() && known[needed] == nullptr) {
+        return false;
+      }
+    }
+    NodeFormula formula(graph, {expression}, pde_.fields, grid_);
+    values_[f] = std::move(formula(known, pde_.start).front());
+    const auto wrong = std::ranges::find_if(*values_[f], [](double value) { return !std::isfinite(value); });
+    if (wrong != values_[f]->end()) {
+      throw ProblemError(text.location,
+                         fmt::format("the initial {} is {} at {}", pde_.fields[f], *wrong,
+                                     place_of(grid_, static_cast<std::size_t>(wrong - values_[f]->begin()))));
+    }
+    return true;
+  }
+
+  const Problem& problem_;
+  const MultisymplecticProblem& pde_;
+  const grids::Grid& grid_;
+  InitialFields values_;
+};
+
+LatticeLagrangian lattice_lagrangian(const Scheme& scheme) {
+  switch (scheme.lagrangian) {
+    case Lagrangian::box: return LatticeLagrangian::box;
+    case Lagrangian::fourier: return LatticeLagrangian::fourier;
+    default:
+      throw ProblemError(scheme.lagrangian_location,
+                         fmt::format("lagrangian = \"{}\" is not available for a lattice in this version",
+                                     to_string(scheme.lagrangian)));
+  }
+}
+
+/// Calls `make`; what the library refuses is wrong at `location`.
+template <typename Make>
+auto at_location(const Location& location, const Make& make) {
+  try {
+    return make();
+  } catch (const ProblemError&) {
+    throw;
+  } catch (const std::invalid_argument& error) {
+    throw ProblemError(location, error.what());
+  }
+}
+
+}  // namespace
+
+MultisymplecticSystem make_system(const Problem& problem) {
+  const MultisymplecticProblem& pde = *problem.multisymplectic();
+  auto graph = std::make_shared<formula::Graph>();
+  const formula::Expression S = problem.build(pde.S, *graph, pde.fields);
+  std::vector<Eigen::MatrixXd> K;
+  for (const Matrix& matrix : pde.K) {
+    K.push_back(dense(matrix));
+  }
+  return at_location(pde.M.location,
+                     [&] { return MultisymplecticSystem(graph, pde.fields, dense(pde.M), std::move(K), S); });
+}
+
+grids::Grid make_grid(const Problem& problem) {
+  const MultisymplecticProblem& pde = *problem.multisymplectic();
+  return at_location(pde.axes.front().location, [&] {
+    std::vector<grids::Axis> axes;
+    double nodes = 1.0;
+    for (const GridAxis& axis : pde.axes) {
+      axes.push_back({axis.name, axis.from, axis.to, static_cast<std::size_t>(axis.cells)});
+      nodes *= static_cast<double>(axis.cells);
+    }
+    grids::require_memory(least_doubles * nodes * static_cast<double>(pde.fields.size()),
+                          fmt::format("a run with {} fields on {:.6g} nodes", pde.fields.size(), nodes));
+    return grids::Grid(std::move(axes));
+  });
+}
+
+InitialFields make_initial_fields(const Problem& problem, const grids::Grid& grid) {
+  return InitialValues(problem, grid).take();
+}
+
+LatticeOptions make_lattice_options(const Problem& problem, const MultisymplecticSystem& system) {
+  const MultisymplecticProblem& pde = *problem.multisymplectic();
+  const Scheme& scheme = problem.scheme;
+  if (!scheme.step) {
+    throw ProblemError(scheme.step_location,
+                       "step = \"auto\" is not available in this version: give the first step as a number");
+  }
+  LatticeOptions options{.lagrangian = lattice_lagrangian(scheme),
+                         .start = pde.start,
+                         .step = *scheme.step,
+                         .until = scheme.until,
+                         .levels = scheme.levels,
+                         .on_singular = scheme.on_singular,
+                         .tolerance = scheme.tolerance};
+  for (const LinearSymmetry& symmetry : pde.symmetries) {
+    options.symmetries.push_back({symmetry.name, dense(symmetry.B)});
+    at_location(symmetry.B.location, [&] { check_symmetry(system, options.symmetries.back()); });
+  }
+  return options;
+}
+
+LatticeIntegrator make_lattice(const Problem& problem) {
+  const MultisymplecticSystem system = make_system(problem);
+  const grids::Grid grid = make_grid(problem);
+  const LatticeOptions options = make_lattice_options(problem, system);
+  const InitialFields initial = make_initial_fields(problem, grid);
+  return at_location(problem.multisymplectic()->initial_location,
+                     [&] { return LatticeIntegrator(system, grid, initial, options); });
+}
+
+Placement placement_of(const Problem& problem) {
+  return problem.scheme.lagrangian == Lagrangian::fourier ? Placement::nodes : Placement::cells;
+}
+
+LatticeLevel make_initial_level(const Problem& problem, const MultisymplecticSystem& system, const grids::Grid& grid) {
+  const InitialFields initial = make_initial_fields(problem, grid);
+  return at_location(problem.multisymplectic()->initial_location,
+                     [&] { return initial_level(system, grid, initial, placement_of(problem)); });
+}
+
+NodeTable::NodeTable(const Problem& problem, const std::vector<NamedFormula>& formulas,
+                     const std::vector<std::string>& fields, const grids::Grid& grid) {
+  std::vector<std::string> names = fields;
+  if (fields.empty()) {
+    names = problem.multisymplectic()->axis_names();
+    names.emplace_back("t");
+  }
+  auto graph = std::make_shared<formula::Graph>();
+  std::vector<formula::Expression> outputs;
+  for (const NamedFormula& formula : formulas) {
+    names_.push_back(formula.name);
+    outputs.push_back(problem.build(formula.formula, *graph, names, fields));
+  }
+  if (!outputs.empty()) {
+    formula_.emplace(graph, std::move(outputs), fields, grid);
+  }
+}
+
+std::vector<std::vector<double>> NodeTable::at(const LatticeLevel& level, double t) {
+  return formula_ ? (*formula_)(level, t) : std::vector<std::vector<double>>();
+}
+
+std::vector<double> NodeTable::integrals(const LatticeLevel& level, double t) {
+  return formula_ ? formula_->integrals(level, t) : std::vector<double>();
+}
+
+NodeTable make_invariants(const Problem& problem, const MultisymplecticSystem& system, const grids::Grid& grid) {
+  const MultisymplecticProblem& pde = *problem.multisymplectic();
+  for (const NamedFormula& invariant : pde.invariants) {
+    formula::Graph graph;
+    for (const std::string& field : fields_in(graph, problem.build(invariant.formula, graph, pde.fields, pde.fields))) {
+      if (system.structure().at_midpoints(system.field(field))) {
+        throw ProblemError(
+            invariant.formula.location,
+            fmt::format("{} exists in the middle of steps only, and invariants are taken at levels", field));
+      }
+    }
+  }
+  return {problem, pde.invariants, pde.fields, grid};
+}
+
+NodeTable make_exact(const Problem& problem, const MultisymplecticSystem& system, const grids::Grid& grid) {
+  const MultisymplecticProblem& pde = *problem.multisymplectic();
+  for (const NamedFormula& exact : pde.exact) {
+    if (system.structure().at_midpoints(system.field(exact.name))) {
+      throw ProblemError(
+          exact.formula.location,
+          fmt::format("{} exists in the middle of steps only, and errors are taken at levels", exact.name));
+    }
+  }
+  return {problem, pde.exact, {}, grid};
+}
+
+}  // namespace rubato::study

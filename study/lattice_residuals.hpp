@@ -1,0 +1,67 @@
+#pragma once
+
+#include <cstddef>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include <rubato/base/state.hpp>
+#include <rubato/pde/local_laws.hpp>
+#include <rubato/pde/tangent.hpp>
+#include <rubato/pde/variational_laws.hpp>
+#include <rubato/study/statistics.hpp>
+
+namespace rubato::study {
+
+/// The local residuals that are reported of a lattice, step by step, from two levels and h alone: a run and the check
+/// of its record differ in where the levels come from only.
+///
+/// First those of LocalLaws, in every cell; then, of steps that follow each other, VariationalLaws at the nodes of the
+/// level between; then the multisymplectic residual of two random tangent solutions, which start with a fixed seed at
+/// the first step taken.
+class LatticeResiduals {
+public:
+  struct Wanted {
+    bool variational = true;  ///< steps follow each other
+    bool tangents = false;
+  };
+
+  LatticeResiduals(LocalLaws& laws, const MultisymplecticSystem& system, const grids::Grid& grid, Wanted wanted);
+
+  [[nodiscard]] const std::vector<std::string>& names() const { return names_; }
+
+  /// Takes the step from `before` to `after`.
+  void take(const LatticeLevel& before, const LatticeLevel& after, double h);
+
+  /// Sizes over the step taken last, in the order of names(); with count 0 where there is none.
+  [[nodiscard]] std::span<const MaxRms> sizes() const { return sizes_; }
+  /// The residual of LocalLaws number `law` in every cell; not a number before the first step.
+  [[nodiscard]] std::span<const double> cells(std::size_t law) const { return cells_.field(static_cast<int>(law)); }
+
+  /// What became of the tangent solutions, if their step could not be solved: they end there.
+  [[nodiscard]] Status tangent_status() const { return tangent_status_; }
+
+  void save(StateWriter& state) const;
+  /// `before`, `after` and `h` are those of the step taken last before save(), if there was any (h not 0).
+  void restore(StateReader& state, const LatticeLevel& before, const LatticeLevel& after, double h);
+
+private:
+  struct Tangents {
+    TangentStep step;
+    grids::FieldSet u, v, next_u, next_v;
+  };
+  [[nodiscard]] MaxRms size_of(const LawSize& size) const;
+  [[nodiscard]] MaxRms take_tangents(const LatticeLevel& before, const LatticeLevel& after, double h);
+
+  LocalLaws& laws_;
+  std::size_t count_;
+  std::vector<std::string> names_;
+  std::optional<VariationalLaws> variational_;
+  std::optional<Tangents> tangents_;
+  Status tangent_status_ = Status::success;
+  grids::FieldSet cells_;
+  std::vector<MaxRms> sizes_;
+};
+
+}  // namespace rubato::study

@@ -1,0 +1,208 @@
+#include <algorithm>
+#include <limits>
+
+#include <fmt/format.h>
+
+#include <rubato/study/lattice_problem.hpp>
+#include <rubato/study/lattice_residuals.hpp>
+#include <rubato/study/simulation.hpp>
+
+namespace rubato::study {
+
+namespace {
+
+class LatticeSimulation final : public Simulation {
+public:
+  LatticeSimulation(const Problem& problem, bool tangents)
+      : problem_(problem),
+        lattice_(make_lattice(problem)),
+        law_names_(lattice_.laws().names()),
+        residuals_(lattice_.laws(), lattice_.system(), lattice_.grid(),
+                   {.variational = problem.scheme.lagrangian == Lagrangian::box, .tangents = tangents}),
+        invariants_(make_invariants(problem, lattice_.system(), lattice_.grid())),
+        exact_(make_exact(problem, lattice_.system(), lattice_.grid())),
+        previous_t_(lattice_.t()) {}
+
+  [[nodiscard]] StepReport step() override {
+    const double before = lattice_.t();
+    const StepReport report = lattice_.step();
+    if (report.status == Status::success) {
+      previous_t_ = before;
+      last_h_ = report.h;
+      residuals_.take(lattice_.previous(), lattice_.level(), report.h);
+    }
+    return report;
+  }
+  [[nodiscard]] bool finished() const override { return lattice_.finished(); }
+  [[nodiscard]] double t() const override { return lattice_.t(); }
+  [[nodiscard]] LevelNode node() override { return lattice_.node(); }
+  [[nodiscard]] bool autonomous() const override { return true; }
+  [[nodiscard]] double last_step() const override { return lattice_.levels().last_step(); }
+
+  [[nodiscard]] std::vector<std::string> warnings() const override {
+    if (residuals_.tangent_status() == Status::success) {
+      return {};
+    }
+    return {
+        fmt::format("the tangent solutions ended early ({}), and with them the multisymplectic residual: a smaller "
+                    "step may help",
+                    to_string(residuals_.tangent_status()))};
+  }
+
+  [[nodiscard]] std::vector<std::string> invariant_names() const override { return invariants_.names(); }
+  [[nodiscard]] std::span<const double> invariants() override {
+    return invariant_values_ = invariants_.integrals(lattice_.level(), t());
+  }
+
+  [[nodiscard]] std::vector<std::string> total_names() const override {
+    return {law_names_.begin() + 1, law_names_.end()};  // the first is energy, which node() gives
+  }
+  [[nodiscard]] std::span<const double> totals() override {
+    total_values_ = lattice_.totals();
+    return std::span<const double>(total_values_).subspan(1);
+  }
+
+  [[nodiscard]] std::vector<Named<MaxRms>> errors() override {
+    return lattice_errors(exact_, lattice_.system(), lattice_.level(), t());
+  }
+
+  [[nodiscard]] std::vector<std::string> residual_names() const override { return residuals_.names(); }
+  [[nodiscard]] std::span<const MaxRms> residuals() override { return residuals_.sizes(); }
+
+  void describe_states(record::Layout& layout, bool with_previous) override {
+    const grids::Grid& grid = lattice_.grid();
+    std::vector<std::string> nodes, cells;
+    for (int a = grid.dimensions() - 1; a >= 0; --a) {
+      nodes.push_back("/grid/" + grid.axis(a).name);
+      cells.push_back("/grid/" + grid.axis(a).name + "_cell");
+    }
+    for (int a = 0; a < grid.dimensions(); ++a) {
+      std::vector<double> node, centre;
+      for (std::size_t i = 0; i < grid.cells(a); ++i) {
+        node.push_back(grid.axis(a).node(i));
+        centre.push_back(grid.axis(a).centre(i));
+      }
+      layout.scales.push_back({"/grid/" + grid.axis(a).name, node, "coordinates of the nodes"});
+      layout.scales.push_back(
+          {"/grid/" + grid.axis(a).name + "_cell", centre, "coordinates of the middle of the cells"});
+    }
+    const auto describe = [&](const std::string& path, const std::string& axis, const auto& dimensions,
+                              const std::string& description, bool may_be_undefined = false) {
+      layout.datasets.push_back({path, axis, dimensions, record::Type::f64, description, may_be_undefined});
+    };
+    for (int f = 0; f < lattice_.system().field_count(); ++f) {
+      const std::string& name = lattice_.system().fields()[static_cast<std::size_t>(f)];
+      if (at_midpoints(f)) {
+        describe("/states/midpoints/" + name, "/states/t", nodes,
+                 "field " + name +
+                     " in the middle of the step that led to the stored level, where alone it exists; "
+                     "undefined at the start",
+                 true);
+      } else {
+        describe("/states/" + name, "/states/t", nodes, "field " + name + " at the stored levels" + slope_remark(f));
+      }
+    }
+    if (with_previous) {
+      const std::string before = "one level before each stored one (the first row repeats the start)";
+      describe("/states/previous/t", "/states/previous/t", std::vector<std::string>(), "time " + before);
+      for (int f = 0; f < lattice_.system().field_count(); ++f) {
+        const std::string& name = lattice_.system().fields()[static_cast<std::size_t>(f)];
+        if (!at_midpoints(f)) {
+          describe("/states/previous/" + name, "/states/previous/t", nodes, "field " + name + " " + before);
+        }
+      }
+    }
+    for (const std::string& name : exact_.names()) {
+      describe("/exact/" + name, "/states/t", nodes, "exact solution, from [exact]", true);
+    }
+    for (const std::string& name : law_names_) {
+      describe("/laws/fields/" + name, "/states/t", placement_of(problem_) == Placement::cells ? cells : nodes,
+               "local residual of " + name + " over the step that led to the stored level; undefined at the start",
+               true);
+    }
+  }
+
+  void append_state(record::Writer& writer, std::size_t first, bool with_previous) override {
+    const int d = lattice_.system().field_count();
+    const std::vector<double> undefined(last_h_ == 0.0 ? lattice_.grid().size() : 0,
+                                        std::numeric_limits<double>::quiet_NaN());
+    for (int f = 0; f < d; ++f) {
+      const bool missing = at_midpoints(f) && last_h_ == 0.0;
+      writer.append(first++, missing ? std::span<const double>(undefined) : lattice_.field(f));
+    }
+    if (with_previous) {
+      writer.append(first++, previous_t_);
+      for (int f = 0; f < d; ++f) {
+        if (!at_midpoints(f)) {
+          writer.append(first++, lattice_.previous().fields.field(f));
+        }
+      }
+    }
+    for (const std::vector<double>& values : exact_.at(lattice_.level(), t())) {
+      writer.append(first++, std::span<const double>(values));
+    }
+    for (std::size_t law = 0; law < law_names_.size(); ++law) {
+      writer.append(first++, residuals_.cells(law));
+    }
+  }
+
+  void save(StateWriter& state) const override {
+    lattice_.save(state);
+    state.write(previous_t_);
+    state.write(last_h_);
+    residuals_.save(state);
+  }
+  void restore(StateReader& state) override {
+    lattice_.restore(state);
+    state.read(previous_t_);
+    state.read(last_h_);
+    residuals_.restore(state, lattice_.previous(), lattice_.level(), last_h_);
+  }
+
+private:
+  [[nodiscard]] bool at_midpoints(int field) const { return lattice_.system().structure().at_midpoints(field); }
+
+  /// Of a potential only the periodic part is a grid function.
+  [[nodiscard]] std::string slope_remark(int field) const {
+    const auto& slopes = lattice_.level().slopes.of_field;
+    const auto f = static_cast<std::size_t>(field);
+    const bool sloping = f < slopes.size() && std::ranges::any_of(slopes[f], [](double slope) { return slope != 0.0; });
+    return sloping ? ", its periodic part (the whole potential has a mean slope along x)" : "";
+  }
+
+  const Problem& problem_;
+  LatticeIntegrator lattice_;
+  std::vector<std::string> law_names_;
+  LatticeResiduals residuals_;
+  NodeTable invariants_, exact_;
+  std::vector<double> invariant_values_, total_values_;
+  double previous_t_;
+  double last_h_ = 0.0;  ///< of the step taken last; 0 before the first
+};
+
+}  // namespace
+
+std::vector<Named<MaxRms>> lattice_errors(NodeTable& exact, const MultisymplecticSystem& system,
+                                          const LatticeLevel& level, double t) {
+  std::vector<Named<MaxRms>> errors;
+  const std::vector<std::vector<double>> values = exact.at(level, t);
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    errors.push_back({exact.names()[i], {}});
+    const std::span<const double> field = level.fields.field(system.field(exact.names()[i]));
+    for (std::size_t node = 0; node < field.size(); ++node) {
+      errors.back().value.add(field[node] - values[i][node]);
+    }
+  }
+  return errors;
+}
+
+std::unique_ptr<Simulation> make_lattice_simulation(const Problem& problem, bool tangents) {
+  if (tangents && problem.scheme.lagrangian != Lagrangian::box) {
+    throw ProblemError(problem.scheme.lagrangian_location,
+                       fmt::format("tangent solutions are available for lagrangian = \"box\", not for \"{}\"",
+                                   to_string(problem.scheme.lagrangian)));
+  }
+  return std::make_unique<LatticeSimulation>(problem, tangents);
+}
+
+}  // namespace rubato::study
