@@ -289,6 +289,7 @@ private:
     double best = infinity;
     double last_length = 0.0;
     double last_miss = 0.0;
+    int stalls = 0;
     bool full = false;
     for (int trial = 0; trial < 60; ++trial) {
       if (!advance(length, full ? 0.0 : 1e-6)) {
@@ -299,7 +300,8 @@ private:
       if (!std::isfinite(miss) || !(slope > 0.0)) {
         return false;
       }
-      const bool stagnated = std::abs(miss) >= 0.5 * best && std::abs(miss) <= 1e-9 * energy_scale_;
+      stalls = full && std::abs(miss) >= 0.5 * best ? stalls + 1 : 0;
+      const bool stagnated = stalls >= 2 && std::abs(miss) <= 1e-9 * energy_scale_;
       if (full && (std::abs(miss) <= tolerance || stagnated)) {
         h = length;
         return true;
@@ -308,16 +310,17 @@ private:
         full = true;
         continue;
       }
-      if (miss < 0.0) {
+      const bool reliable = full || std::abs(miss) > 1e-6 * slope * length;
+      if (reliable && miss < 0.0) {
         below = std::max(below, length);
-      } else {
+      } else if (reliable) {
         above = std::min(above, length);
       }
       if (full) {
         best = std::min(best, std::abs(miss));
       }
       const double secant = (miss - last_miss) / (length - last_length);
-      const bool agrees = last_length > 0.0 && secant > 0.8 * slope && secant < 1.25 * slope;
+      const bool agrees = stalls == 0 && last_length > 0.0 && secant > 0.8 * slope && secant < 1.25 * slope;
       last_length = length;
       last_miss = miss;
       double next = length - miss / (agrees ? secant : slope);
