@@ -53,6 +53,7 @@ study::ExitStatus run(const RunCommand& command) {
   study::RunOptions options;
   options.output = command.output;
   options.overwrite = command.force;
+  options.tangents = command.tangents;
   return report_on(command.reporting, options,
                    [&](const study::RunOptions& complete) { return study::run(problem, complete); });
 }

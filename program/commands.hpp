@@ -21,6 +21,7 @@ struct RunCommand {
   std::vector<std::string> settings;
   std::optional<std::string> output;
   bool force = false;
+  bool tangents = false;
   Reporting reporting;
 };
 

@@ -111,6 +111,8 @@ private:
         ->option_text("table.key=value")
         ->allow_extra_args(false);
     command.add_flag("-f,--force", run_.force, "Overwrite an existing record");
+    command.add_flag("--tangents", run_.tangents,
+                     "Carry two random tangent solutions along a lattice: reports the multisymplectic residual");
     add_reporting(command, run_.reporting);
     command.footer(run_examples);
   }

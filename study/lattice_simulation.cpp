@@ -182,20 +182,6 @@ private:
 
 }  // namespace
 
-std::vector<Named<MaxRms>> lattice_errors(NodeTable& exact, const MultisymplecticSystem& system,
-                                          const LatticeLevel& level, double t) {
-  std::vector<Named<MaxRms>> errors;
-  const std::vector<std::vector<double>> values = exact.at(level, t);
-  for (std::size_t i = 0; i < values.size(); ++i) {
-    errors.push_back({exact.names()[i], {}});
-    const std::span<const double> field = level.fields.field(system.field(exact.names()[i]));
-    for (std::size_t node = 0; node < field.size(); ++node) {
-      errors.back().value.add(field[node] - values[i][node]);
-    }
-  }
-  return errors;
-}
-
 std::unique_ptr<Simulation> make_lattice_simulation(const Problem& problem, bool tangents) {
   if (tangents && problem.scheme.lagrangian != Lagrangian::box) {
     throw ProblemError(problem.scheme.lagrangian_location,

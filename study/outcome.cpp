@@ -106,6 +106,9 @@ std::string to_json(const Outcome& outcome) {
   if (!statistics.invariants.empty()) {
     object.object("invariants", json(statistics.invariants));
   }
+  if (!statistics.totals.empty()) {
+    object.object("totals", json(statistics.totals));
+  }
   if (!statistics.errors.empty()) {
     object.object("error", json(statistics.errors));
   }
@@ -149,6 +152,9 @@ std::string to_table(const Outcome& outcome) {
   }
   for (const auto& [name, value] : statistics.residuals) {
     row("residual " + name, fmt::format("max {:.3g}, rms {:.3g}", value.max, value.rms()));
+  }
+  for (const auto& [name, value] : statistics.totals) {
+    row("total " + name, fmt::format("{:.10g}, deviation {:.3g}", value.initial, value.max));
   }
   for (const auto& [name, value] : statistics.invariants) {
     row(name, fmt::format("{:.10g}, deviation {:.3g}", value.initial, value.max));

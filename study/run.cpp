@@ -2,6 +2,7 @@
 
 #include <chrono>
 #include <cmath>
+#include <limits>
 #include <memory>
 
 #include <fmt/format.h>
@@ -45,11 +46,20 @@ record::Layout make_layout(const Problem& problem, Simulation& simulation, int t
     layout.datasets.push_back(
         {"/laws/" + name, "/levels/t", {}, Type::f64, "invariant " + name + " at every level", true});
   }
+  for (const std::string& name : simulation.total_names()) {
+    layout.datasets.push_back(
+        {"/laws/totals/" + name, "/levels/t", {}, Type::f64, "total of the density of " + name + " at every level"});
+  }
   for (const std::string& name : simulation.residual_names()) {
+    const std::string remark = " of the step (undefined where it has none)";
     layout.datasets.push_back(
-        {"/laws/" + name + "_max", "/levels/step", {}, Type::f64, "largest local residual of the step"});
-    layout.datasets.push_back(
-        {"/laws/" + name + "_rms", "/levels/step", {}, Type::f64, "root mean square of the local residuals"});
+        {"/laws/" + name + "_max", "/levels/step", {}, Type::f64, "largest local residual" + remark, true});
+    layout.datasets.push_back({"/laws/" + name + "_rms",
+                               "/levels/step",
+                               {},
+                               Type::f64,
+                               "root mean square of the local residuals" + remark,
+                               true});
   }
   layout.datasets.push_back({"/states/t", "/states/t", {}, Type::f64, "time of the stored levels"});
   layout.datasets.push_back({"/states/level", "/states/t", {}, Type::i64, "number of the stored level"});
@@ -57,19 +67,29 @@ record::Layout make_layout(const Problem& problem, Simulation& simulation, int t
   return layout;
 }
 
+/// The number of threads has to be known before anything allocates work space for each of them.
+std::unique_ptr<Simulation> make_simulation_on(int threads, const Problem& problem, bool tangents) {
+  if (threads > 0) {
+    omp_set_num_threads(threads);
+  }
+  return make_simulation(problem, tangents);
+}
+
 /// A run under way: the simulation, what is known of it so far, and its record.
 class Driver {
 public:
   Driver(const Problem& problem, const RunOptions& options, std::string file)
-      : problem_(problem), options_(options), simulation_(make_simulation(problem)) {
-    if (options.threads > 0) {
-      omp_set_num_threads(options.threads);
-    }
+      : problem_(problem),
+        options_(options),
+        simulation_(make_simulation_on(options.threads, problem, options.tangents)) {
     outcome_.title = problem.title;
     outcome_.file = std::move(file);
     outcome_.variable_levels = problem.scheme.levels == Levels::variable;
     for (const std::string& name : simulation_->invariant_names()) {
       outcome_.statistics.invariants.push_back({name, {}});
+    }
+    for (const std::string& name : simulation_->total_names()) {
+      outcome_.statistics.totals.push_back({name, {}});
     }
     for (const std::string& name : simulation_->residual_names()) {
       outcome_.statistics.residuals.push_back({name, {}});
@@ -81,7 +101,8 @@ public:
 
   Outcome start() {
     writer_ = std::make_unique<record::Writer>(record::Writer::create(outcome_.file, layout_, options_.overwrite));
-    outcome_.statistics.add_start(simulation_->t(), simulation_->node(), simulation_->invariants());
+    outcome_.statistics.add_start(simulation_->t(), simulation_->node(), simulation_->invariants(),
+                                  simulation_->totals());
     append_level();
     append_state();
     writer_->end_level();
@@ -118,8 +139,10 @@ private:
     writer_->append(next++, simulation_->node().gamma);
     writer_->append(next++, simulation_->node().energy);
     next = first_law();
-    for (const double value : simulation_->invariants()) {
-      writer_->append(next++, value);
+    for (const std::span<const double> values : {simulation_->invariants(), simulation_->totals()}) {
+      for (const double value : values) {
+        writer_->append(next++, value);
+      }
     }
   }
 
@@ -131,10 +154,11 @@ private:
     writer_->append(next++, report.iterations);
     writer_->append(next++, report.bridged ? 1 : 0);
     writer_->append(next++, report.condition);
-    next = first_law() + outcome_.statistics.invariants.size();
+    next = first_law() + outcome_.statistics.invariants.size() + outcome_.statistics.totals.size();
     for (const MaxRms& residual : simulation_->residuals()) {
-      writer_->append(next++, residual.max);
-      writer_->append(next++, residual.rms());
+      const bool known = residual.count > 0.0;
+      writer_->append(next++, known ? residual.max : std::numeric_limits<double>::quiet_NaN());
+      writer_->append(next++, known ? residual.rms() : std::numeric_limits<double>::quiet_NaN());
     }
   }
 
@@ -207,7 +231,7 @@ private:
           simulation_->failure_reason().empty() ? "" : fmt::format(" ({})", simulation_->failure_reason()));
       return;
     }
-    statistics.add_step(report, simulation_->t(), node, simulation_->invariants());
+    statistics.add_step(report, simulation_->t(), node, simulation_->invariants(), simulation_->totals());
     const auto residuals = simulation_->residuals();
     for (std::size_t i = 0; i < residuals.size(); ++i) {
       statistics.residuals[i].value.add(residuals[i]);
@@ -285,11 +309,15 @@ private:
 
 }  // namespace
 
-std::unique_ptr<Simulation> make_simulation(const Problem& problem) {
-  if (problem.hamiltonian() != nullptr) {
-    return make_orbit_simulation(problem);
+std::unique_ptr<Simulation> make_simulation(const Problem& problem, bool tangents) {
+  if (problem.hamiltonian() == nullptr) {
+    return make_lattice_simulation(problem, tangents);
   }
-  return make_lattice_simulation(problem, false);
+  if (tangents) {
+    throw ProblemError(problem.hamiltonian()->H.location,
+                       "tangent solutions are carried along a lattice only: leave out --tangents for an orbit");
+  }
+  return make_orbit_simulation(problem);
 }
 
 Outcome run(const Problem& problem, const RunOptions& options) {
@@ -299,8 +327,10 @@ Outcome run(const Problem& problem, const RunOptions& options) {
 Outcome resume(const std::string& file, std::optional<double> until, const RunOptions& options) {
   std::string text;
   record::Checkpoint checkpoint;
+  RunOptions as_begun = options;
   {
     const record::Reader reader(file);
+    as_begun.tangents = reader.has("/laws/multisymplectic_max");
     text = reader.header().problem;
     checkpoint = reader.checkpoint();
   }
@@ -309,7 +339,7 @@ Outcome resume(const std::string& file, std::optional<double> until, const RunOp
     settings.push_back(fmt::format("scheme.until={:.17g}", *until));
   }
   const Problem problem = parse_problem(text, file, settings);
-  return Driver(problem, options, file).resume(checkpoint);
+  return Driver(problem, as_begun, file).resume(checkpoint);
 }
 
 }  // namespace rubato::study

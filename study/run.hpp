@@ -31,6 +31,9 @@ struct RunOptions {
   std::optional<std::string> output = std::nullopt;  ///< in place of the problem's [output] file
   bool overwrite = false;
   int threads = 0;  ///< 0: OpenMP's default
+  /// Carries two random tangent solutions along a lattice and reports the multisymplectic residual. `resume` goes on as
+  /// the run began.
+  bool tangents = false;
   /// Set from a signal handler to end the run cleanly after the present level.
   const std::atomic<bool>* interrupt = nullptr;
   /// Called now and then (at most ten times a second).

@@ -33,15 +33,16 @@ public:
   /// |z - exact| at the present level, one entry per name of [exact].
   [[nodiscard]] virtual std::vector<Named<MaxRms>> errors() = 0;
 
-  /// Sentences for the user that belong to the end of the run.
+  /// What to tell the user at the end, each one sentence with the remedy.
   [[nodiscard]] virtual std::vector<std::string> warnings() const { return {}; }
 
-  /// Totals over the domain of the densities of local laws, other than the energy's, at the present level.
+  /// Totals over the domain of the densities of the local laws at the present level, but for energy, which node()
+  /// gives. Valid until the next call.
   [[nodiscard]] virtual std::vector<std::string> total_names() const { return {}; }
   [[nodiscard]] virtual std::span<const double> totals() { return {}; }
 
   [[nodiscard]] virtual std::vector<std::string> residual_names() const { return {}; }
-  /// Local residuals of the step just taken, in the order of residual_names().
+  /// Local residuals of the step just taken, in the order of residual_names(); with count 0 where a step has none.
   [[nodiscard]] virtual std::span<const MaxRms> residuals() { return {}; }
 
   /// Names the datasets of a stored state (under /states, /states/previous when `with_previous`, /exact) and their
@@ -56,8 +57,9 @@ public:
 
 /// \throws ProblemError at the place in the problem that is wrong
 [[nodiscard]] std::unique_ptr<Simulation> make_orbit_simulation(const Problem& problem);
-/// `tangents`: carry two tangent solutions along and report the multisymplectic residual (box only).
+/// With `tangents`, two tangent solutions are carried along a lattice and the multisymplectic residual is reported.
+/// \throws ProblemError likewise; std::invalid_argument
 [[nodiscard]] std::unique_ptr<Simulation> make_lattice_simulation(const Problem& problem, bool tangents);
-[[nodiscard]] std::unique_ptr<Simulation> make_simulation(const Problem& problem);
+[[nodiscard]] std::unique_ptr<Simulation> make_simulation(const Problem& problem, bool tangents = false);
 
 }  // namespace rubato::study

@@ -2,22 +2,34 @@
 
 namespace rubato::study {
 
+void start(std::vector<Named<Deviation>>& deviations, std::span<const double> values) {
+  for (std::size_t i = 0; i < deviations.size(); ++i) {
+    deviations[i].value.start(values[i]);
+  }
+}
+
+void add(std::vector<Named<Deviation>>& deviations, std::span<const double> values) {
+  for (std::size_t i = 0; i < deviations.size(); ++i) {
+    deviations[i].value.add(values[i]);
+  }
+}
+
 void Statistics::add_level(double time, const LevelNode& node) {
   t = time;
   energy_magnitude.add(std::abs(node.energy));
   gamma.add(node.gamma);
 }
 
-void Statistics::add_start(double time, const LevelNode& node, std::span<const double> invariant_values) {
+void Statistics::add_start(double time, const LevelNode& node, std::span<const double> invariant_values,
+                           std::span<const double> total_values) {
   add_level(time, node);
   node_energy.start(node.energy);
-  for (std::size_t i = 0; i < invariants.size(); ++i) {
-    invariants[i].value.start(invariant_values[i]);
-  }
+  start(invariants, invariant_values);
+  start(totals, total_values);
 }
 
 void Statistics::add_step(const StepReport& report, double time, const LevelNode& node,
-                          std::span<const double> invariant_values) {
+                          std::span<const double> invariant_values, std::span<const double> total_values) {
   if (steps == 0) {
     energy = report.energy;
   }
@@ -32,9 +44,8 @@ void Statistics::add_step(const StepReport& report, double time, const LevelNode
   most_iterations = std::max(most_iterations, static_cast<double>(report.iterations));
   add_level(time, node);
   node_energy.add(node.energy);
-  for (std::size_t i = 0; i < invariants.size(); ++i) {
-    invariants[i].value.add(invariant_values[i]);
-  }
+  add(invariants, invariant_values);
+  add(totals, total_values);
 }
 
 template <typename Visitor>
@@ -63,9 +74,11 @@ void Statistics::visit(Visitor&& visitor) {
     visitor(residual.value.sum_of_squares);
     visitor(residual.value.count);
   }
-  for (auto& invariant : invariants) {
-    visitor(invariant.value.initial);
-    visitor(invariant.value.max);
+  for (auto* deviations : {&invariants, &totals}) {
+    for (auto& deviation : *deviations) {
+      visitor(deviation.value.initial);
+      visitor(deviation.value.max);
+    }
   }
 }
 

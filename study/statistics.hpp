@@ -55,6 +55,9 @@ struct Named {
   T value = {};
 };
 
+void start(std::vector<Named<Deviation>>& deviations, std::span<const double> values);
+void add(std::vector<Named<Deviation>>& deviations, std::span<const double> values);
+
 /// What a run tells of how well each law held, gathered level by level. The same class serves `run`, which feeds it as
 /// it goes, and `check`, which feeds it from the record.
 struct Statistics {
@@ -75,15 +78,18 @@ struct Statistics {
   double most_iterations = 0.0;
   std::vector<Named<MaxRms>> residuals;
   std::vector<Named<Deviation>> invariants;
-  std::vector<Named<MaxRms>> errors;  ///< at the last level
+  std::vector<Named<Deviation>> totals;  ///< of the densities of local laws
+  std::vector<Named<MaxRms>> errors;     ///< at the last level
 
   /// max(|E_0|, max |H| on the orbit): what energies are relative to.
   [[nodiscard]] double energy_scale() const { return std::max(std::abs(energy), energy_magnitude.max); }
   [[nodiscard]] double relative_energy_deviation() const { return relative(energy_deviation); }
   [[nodiscard]] double relative_bridge_deviation() const { return relative(bridge_deviation); }
 
-  void add_start(double t, const LevelNode& node, std::span<const double> invariant_values);
-  void add_step(const StepReport& report, double t, const LevelNode& node, std::span<const double> invariant_values);
+  void add_start(double t, const LevelNode& node, std::span<const double> invariant_values,
+                 std::span<const double> total_values);
+  void add_step(const StepReport& report, double t, const LevelNode& node, std::span<const double> invariant_values,
+                std::span<const double> total_values);
 
   void save(StateWriter& state) const;
   /// The names must be in place already.
