@@ -1,0 +1,56 @@
+#include <rubato/report/contents.hpp>
+
+#include <optional>
+#include <string_view>
+
+namespace rubato::report {
+
+namespace {
+
+/// The rest of a path directly inside a group.
+std::optional<std::string> name_in(std::string_view group, std::string_view path) {
+  if (!path.starts_with(group) || path.find('/', group.size()) != std::string_view::npos) {
+    return std::nullopt;
+  }
+  return std::string(path.substr(group.size()));
+}
+
+bool lies_along(const record::DatasetInfo& info, std::string_view axis) {
+  return info.grows && !info.dimensions.empty() && info.dimensions.front() == axis && !info.path.ends_with("/t") &&
+         !info.path.ends_with("/level");
+}
+
+}  // namespace
+
+Contents contents_of(const record::Reader& reader) {
+  Contents contents;
+  constexpr std::string_view suffix = "_max";
+  for (const record::DatasetInfo& info : reader.datasets()) {
+    const bool is_field = info.shape.size() > 1;
+    if (const auto midpoint = name_in("/states/midpoints/", info.path); midpoint && is_field) {
+      contents.fields.push_back({*midpoint, info.path, true});
+    } else if (const auto state = name_in("/states/", info.path);
+               state && is_field && info.dimensions[1] != "coordinate" && info.dimensions[1] != "momentum") {
+      contents.fields.push_back({*state, info.path, false});
+      contents.axes.assign(info.dimensions.begin() + 1, info.dimensions.end());
+    } else if (const auto exact = name_in("/exact/", info.path); exact && lies_along(info, "t")) {
+      contents.exact.push_back(*exact);
+    } else if (const auto total = name_in("/laws/totals/", info.path); total && lies_along(info, "t")) {
+      contents.totals.push_back(*total);
+    } else if (const auto residual = name_in("/laws/fields/", info.path); residual && is_field) {
+      contents.residual_fields.push_back(*residual);
+    } else if (const auto law = name_in("/laws/", info.path); law && lies_along(info, "t")) {
+      contents.invariants.push_back(*law);
+    } else if (law && info.grows && law->ends_with(suffix) && !info.is_text) {
+      contents.residuals.push_back(law->substr(0, law->size() - suffix.size()));
+    }
+  }
+  contents.kind = contents.fields.empty() ? Contents::Kind::orbit : Contents::Kind::lattice;
+  if (contents.kind == Contents::Kind::orbit) {
+    contents.coordinates = reader.read_strings("/states/coordinate");
+    contents.momenta = reader.read_strings("/states/momentum");
+  }
+  return contents;
+}
+
+}  // namespace rubato::report

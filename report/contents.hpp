@@ -1,0 +1,33 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include <rubato/record/reader.hpp>
+
+namespace rubato::report {
+
+/// What a record holds, found by what is in it.
+struct Contents {
+  enum class Kind { orbit, lattice };
+
+  Kind kind = Kind::orbit;
+  std::vector<std::string> coordinates, momenta;  ///< of an orbit
+  /// Fields of a lattice with the datasets that hold them, in the order of the record; `midpoints` are known in the
+  /// middle of steps only.
+  struct Field {
+    std::string name, path;
+    bool at_midpoints = false;
+  };
+  std::vector<Field> fields;
+  std::vector<std::string> axes;             ///< of a lattice's grid, slowest first: "z", "y", "x"
+  std::vector<std::string> exact;            ///< names under /exact
+  std::vector<std::string> invariants;       ///< names under /laws, one number per level
+  std::vector<std::string> totals;           ///< names under /laws/totals
+  std::vector<std::string> residuals;        ///< names of /laws/NAME_max and _rms
+  std::vector<std::string> residual_fields;  ///< names under /laws/fields
+};
+
+[[nodiscard]] Contents contents_of(const record::Reader& reader);
+
+}  // namespace rubato::report

@@ -1,0 +1,140 @@
+"use strict";
+
+/**
+ * Curves over time (or over space), drawn by uPlot. rubato.curve(host, options) with
+ *   label    what the picture shows, for screen readers
+ *   series   [{ label, x, y, dash?, fill? }], NaN and null are gaps; each has its own x
+ *   xLabel, yLabel, logarithmic, height
+ *   time     whether x is time: cursors and zoom are then shared with all other curves over time
+ *   bridges  [[t, t], …] to be marked
+ * answers { plot, replace(series), reset() }.
+ */
+rubato.curve = (() => {
+  const overTime = [];
+  let spreading = false;
+
+  /** uPlot wants ascending x, and null for gaps. */
+  const ordered = ({ x, y }) => {
+    const xs = Array.from(x);
+    const ys = Array.from(y, (value) => (value === null || Number.isNaN(value) ? null : value));
+    return xs.length > 1 && xs[0] > xs[xs.length - 1] ? [xs.reverse(), ys.reverse()] : [xs, ys];
+  };
+  const table = (series) => uPlot.join(series.map(ordered));
+
+  /** The nearest index at which a series has a value: curves joined from different selections have holes. */
+  const nearest = (plot, index, hovered) => {
+    const values = plot.data[index];
+    if (index === 0 || hovered === null || (values[hovered] !== undefined && values[hovered] !== null)) return hovered;
+    for (let distance = 1; distance < 400; ++distance) {
+      for (const candidate of [hovered - distance, hovered + distance]) {
+        if (values[candidate] !== undefined && values[candidate] !== null) return candidate;
+      }
+    }
+    return hovered;
+  };
+
+  const markBridges = (bridges) => (plot) => {
+    const { ctx } = plot;
+    ctx.save();
+    ctx.fillStyle = rubato.theme.colour("bridge");
+    bridges.forEach(([from, to]) => {
+      const left = plot.valToPos(from, "x", true);
+      const right = plot.valToPos(to, "x", true);
+      const width = Math.max(Math.abs(right - left), 2 * devicePixelRatio);
+      ctx.fillRect(Math.min(left, right), plot.bbox.top, width, plot.bbox.height);
+    });
+    ctx.restore();
+  };
+
+  const spreadZoom = (plot, key) => {
+    if (key !== "x" || spreading) return;
+    const { min, max } = plot.scales.x;
+    spreading = true;
+    overTime.forEach((other) => {
+      if (other !== plot && (other.scales.x.min !== min || other.scales.x.max !== max)) other.setScale("x", { min, max });
+    });
+    spreading = false;
+  };
+
+  const decades = (plot, splits) => splits.map((value) => {
+    const exponent = Math.log10(value);
+    return value > 0 && Math.abs(exponent - Math.round(exponent)) < 1e-9 ? rubato.format.power(Math.round(exponent)) : "";
+  });
+
+  const axis = (label, values, size) => ({
+    label, values, size, labelSize: 20, gap: 4, font: rubato.theme.font(12), labelFont: rubato.theme.font(12.5), labelGap: 0,
+    stroke: () => rubato.theme.colour("faint"),
+    grid: { stroke: () => rubato.theme.colour("grid"), width: 1 },
+    ticks: { stroke: () => rubato.theme.colour("line"), width: 1, size: 5 },
+  });
+
+  const keys = (host, curve) => host.addEventListener("keydown", (event) => {
+    const { plot } = curve;
+    const { min, max } = plot.scales.x;
+    const middle = (min + max) / 2;
+    const zoom = (factor) => plot.setScale("x", { min: middle - (max - min) * factor / 2, max: middle + (max - min) * factor / 2 });
+    const move = (pixels) => plot.setCursor({ left: Math.max(0, (plot.cursor.left < 0 ? plot.over.clientWidth / 2 : plot.cursor.left) + pixels), top: 10 });
+    const actions = {
+      ArrowLeft: () => move(-4), ArrowRight: () => move(4), "+": () => zoom(0.5), "-": () => zoom(2), "0": curve.reset, Escape: curve.reset,
+    };
+    if (!actions[event.key]) return;
+    event.preventDefault();
+    actions[event.key]();
+  });
+
+  return (host, options) => {
+    const { label, series, xLabel = "t", yLabel = "", logarithmic = false, height = 230, time = true, bridges = [], right = 14, range } = options;
+    const holder = rubato.element("div", { class: "curve", tabindex: "0", role: "group",
+      "aria-label": `${label}. Arrow keys move the cursor, plus and minus zoom, 0 shows all.` });
+    host.append(holder);
+    const lines = (all) => all.map((one, index) => ({
+      label: one.label,
+      stroke: () => rubato.colour.series(one.colour === undefined ? index : one.colour),
+      width: one.width || 1.4, dash: one.dash, points: { show: one.y.length < 40, size: 5 }, spanGaps: false,
+      value: (plot, value) => rubato.format.number(value, one.digits || 6),
+    }));
+    const values = logarithmic ? decades : (plot, splits) => rubato.format.tickTexts(splits);
+    const plot = new uPlot({
+      width: Math.max(holder.clientWidth, 240), height,
+      padding: [10, right, 0, 0],
+      scales: { x: { time: false }, y: { distr: logarithmic ? 3 : 1, range } },
+      axes: [axis(xLabel, (self, splits) => rubato.format.tickTexts(splits), 34), axis(yLabel, values, 62)],
+      series: [{ label: xLabel, value: (self, value) => rubato.format.number(value, 7) }, ...lines(series)],
+      cursor: {
+        dataIdx: nearest, drag: { x: true, y: false, setScale: true },
+        sync: time ? { key: "t", scales: ["x", null], setSeries: false } : undefined,
+        points: { size: 6 },
+      },
+      hooks: { drawClear: [markBridges(bridges)], setScale: time ? [spreadZoom] : [], draw: [(self) => { moveClock(self); }] },
+    }, table(series), holder);
+
+    const now = rubato.element("div", { class: "now", hidden: "" });
+    plot.over.append(now);
+    function moveClock(self) {
+      if (!time || !now.isConnected) return;
+      const left = self.valToPos(rubato.clock.get(), "x");
+      now.hidden = !(left >= 0 && left <= self.over.clientWidth);
+      now.style.left = `${left}px`;
+    }
+    const curve = {
+      plot,
+      replace: (next) => plot.setData(table(next), false),
+      /** All of x, on every curve that shares it. */
+      reset: () => {
+        const xs = plot.data[0];
+        plot.setScale("x", { min: xs[0], max: xs[xs.length - 1] });
+      },
+    };
+    if (time) {
+      overTime.push(plot);
+      rubato.clock.watch(() => moveClock(plot));
+      moveClock(plot);
+    }
+    keys(holder, curve);
+    rubato.theme.watch(() => plot.redraw(false, true));
+    new ResizeObserver(() => {
+      if (holder.clientWidth > 0 && holder.clientWidth !== plot.width) plot.setSize({ width: holder.clientWidth, height });
+    }).observe(holder);
+    return curve;
+  };
+})();

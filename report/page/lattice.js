@@ -1,0 +1,46 @@
+"use strict";
+
+/** The page of a lattice. */
+rubato.lattice = (data) => {
+  const maps = data.maps.map(rubato.unpackMap);
+  const group = (name) => maps.filter((map) => map.packed.group === name);
+  const remark = (map) => {
+    const { packed } = map;
+    const parts = [];
+    if (packed.slice) parts.push(`The slice ${packed.slice.axis} = ${rubato.format.number(packed.slice.at)}.`);
+    if (packed.shape === "film") {
+      if (packed.levels.parts < packed.levels.count) parts.push(`${packed.levels.parts} of ${packed.levels.count} stored levels.`);
+      if (packed.thinned) parts.push(`Thinned: each of ${packed.x.parts} \u00d7 ${packed.y.parts} blocks shows, of its values, the one farthest from zero (of residuals and one-signed fields the largest).`);
+    } else if (packed.thinned) {
+      parts.push(`Thinned: ${packed.levels.count} levels \u00d7 ${packed.x.count} cells in ${packed.levels.parts} \u00d7 ${packed.x.parts} blocks. ` +
+        "Each keeps its smallest and its largest value and shows the one farthest from zero (of residuals and one-signed fields the largest).");
+    }
+    return parts.join(" ");
+  };
+  const show = (grid, map, title, exact) => {
+    const card = rubato.card(grid, title);
+    const plane = rubato.mapPlane(card.body, map, title);
+    card.control(rubato.button("Reset zoom", "Show the whole map", plane.reset));
+    if (map.packed.shape === "film") {
+      const { extremes } = map.packed;
+      const t = rubato.unpack.array(extremes.t);
+      rubato.curve(card.body, { label: `${title}: extremes over the whole grid`, yLabel: "extremes", height: 150, right: 74,
+        logarithmic: map.packed.logarithmic,
+        series: [{ label: "largest", x: t, y: rubato.unpack.array(extremes.high) }, { label: "smallest", x: t, y: rubato.unpack.array(extremes.low), colour: 1 }]
+          .slice(0, map.packed.logarithmic ? 1 : 2) });
+    } else if (map.packed.group === "field") {
+      rubato.profile(card.body, map, exact);
+    }
+    const text = remark(map);
+    if (text) card.note(text);
+  };
+  const fields = rubato.section("Fields", "fields");
+  group("field").forEach((map) => show(fields, map, `Field ${map.packed.name}`, group("exact").find((one) => one.packed.name === map.packed.name)));
+  group("error").forEach((map) => show(fields, map, `Error in ${map.packed.name}`));
+  if (group("residual").length > 0) {
+    const residuals = rubato.section("Local laws, cell by cell", "maps");
+    group("residual").forEach((map) => show(residuals, map, `Residual of ${map.packed.name}, magnitude`));
+  }
+  rubato.commonCurves.all(data);
+  rubato.player(maps.length > 0 ? maps[0].first : rubato.unpack.array(data.curves[1].x));
+};

@@ -1,0 +1,196 @@
+"use strict";
+
+/** Maps: blocks of a lattice's values over space and time, or over the plane at one time, as colours. */
+
+/** A map as packed by maps.cpp, with the values of its blocks at hand. */
+rubato.unpackMap = (packed) => {
+  const high = rubato.unpack.coded(packed.high);
+  const low = packed.low ? rubato.unpack.coded(packed.low) : high;
+  const columns = packed.x.parts;
+  const rows = packed.shape === "film" ? packed.y.parts : packed.levels.parts;
+  const { minimum, maximum } = packed.high;
+  const signed = !packed.logarithmic && minimum < 0 && maximum > 0;
+  const limit = Math.max(-minimum, maximum);
+  const range = signed ? [-limit, limit] : [minimum, maximum > minimum ? maximum : minimum + 1];
+  const zero = signed ? high.code(0) : -1;
+  /** Of two codes the one that a picture must not lose: farther from zero, or larger. */
+  const stronger = (a, b) => {
+    if (a === rubato.unpack.undefinedCode) return b;
+    if (b === rubato.unpack.undefinedCode) return a;
+    return signed ? (Math.abs(a - zero) >= Math.abs(b - zero) ? a : b) : Math.max(a, b);
+  };
+  const shown = Uint16Array.from(high.codes, (code, i) => stronger(code, low.codes[i]));
+  const index = new Uint8Array(65536);
+  for (let code = 0; code <= rubato.unpack.steps; ++code) {
+    index[code] = Math.round(255 * Math.min(1, Math.max(0, (high.value(code) - range[0]) / (range[1] - range[0]))));
+  }
+  const first = rubato.unpack.array(packed.t_first);
+  const last = rubato.unpack.array(packed.t_last);
+  /** Edges of the places along time, half way between the levels. */
+  const edges = new Float64Array(first.length + 1);
+  edges[0] = first[0];
+  for (let i = 1; i < first.length; ++i) edges[i] = (last[i - 1] + first[i]) / 2;
+  edges[first.length] = last[last.length - 1];
+  const backward = edges[first.length] < edges[0];
+  const place = (t) => {
+    let from = 0;
+    let to = first.length - 1;
+    while (from < to) {
+      const middle = (from + to + 1) >> 1;
+      if (backward ? edges[middle] >= t : edges[middle] <= t) from = middle;
+      else to = middle - 1;
+    }
+    return from;
+  };
+  const axis = (packedAxis) => {
+    const spacing = packedAxis.count > 1 ? (packedAxis.last - packedAxis.first) / (packedAxis.count - 1) : 1;
+    const begin = (part) => Math.ceil(part * packedAxis.count / packedAxis.parts);
+    return {
+      name: packedAxis.name,
+      extent: [packedAxis.first - spacing / 2, packedAxis.last + spacing / 2],
+      part: (x) => {
+        const node = Math.round((x - packedAxis.first) / spacing);
+        return node < 0 || node >= packedAxis.count ? -1 : Math.floor(node * packedAxis.parts / packedAxis.count);
+      },
+      /** The middle of a part. */
+      centre: (part) => packedAxis.first + spacing * (begin(part) + begin(part + 1) - 1) / 2,
+      parts: packedAxis.parts,
+    };
+  };
+  const text = (at) => {
+    const [a, b] = [low.value(low.codes[at]), high.value(high.codes[at])];
+    const value = (x) => rubato.format.number(packed.logarithmic ? 10 ** x : x, 5);
+    return Number.isNaN(a) ? "undefined" : (a === b ? value(a) : `${value(a)} to ${value(b)}`);
+  };
+  return { packed, high, low, rows, columns, signed, range, shown, stronger, index, first, last, edges, place, text,
+    times: first.length, x: axis(packed.x), y: packed.y ? axis(packed.y) : null,
+    colours: () => (signed ? rubato.colour.diverging() : rubato.colour.sequential()) };
+};
+
+/** Draws a map, or frame number `frame` of a film, into the frame of a plane. */
+rubato.drawMap = (ctx, frame, map, rowPart, frameNumber = 0) => {
+  const ratio = window.devicePixelRatio || 1;
+  const width = Math.max(1, Math.round(frame.width * ratio));
+  const height = Math.max(1, Math.round(frame.height * ratio));
+  const image = new ImageData(width, height);
+  const colours = map.colours();
+  const offset = frameNumber * map.rows * map.columns;
+  const places = (count, at, part) => Array.from({ length: count }, (_, i) => {
+    const [a, b] = [part(at(i)), part(at(i + 0.999))];
+    return [Math.min(a, b), Math.max(a, b)];
+  });
+  const columns = places(width, (i) => frame.atX(frame.left + i / ratio), map.x.part);
+  const rows = places(height, (i) => frame.atY(frame.top + i / ratio), rowPart);
+  const line = new Uint16Array(map.columns);
+  let previous = null;
+  for (let j = 0; j < height; ++j) {
+    const [row0, row1] = rows[j];
+    if (row1 < 0) continue;
+    if (!previous || previous[0] !== row0 || previous[1] !== row1) {
+      line.set(map.shown.subarray(offset + row1 * map.columns, offset + (row1 + 1) * map.columns));
+      for (let row = Math.max(row0, 0); row < row1; ++row) {
+        for (let column = 0; column < map.columns; ++column) {
+          line[column] = map.stronger(line[column], map.shown[offset + row * map.columns + column]);
+        }
+      }
+      previous = rows[j];
+    }
+    for (let i = 0; i < width; ++i) {
+      const [column0, column1] = columns[i];
+      if (column1 < 0) continue;
+      let code = line[column1];
+      for (let column = Math.max(column0, 0); column < column1; ++column) code = map.stronger(code, line[column]);
+      if (code === rubato.unpack.undefinedCode) continue;
+      const colour = colours[map.index[code]];
+      const at = 4 * (j * width + i);
+      image.data[at] = colour[0];
+      image.data[at + 1] = colour[1];
+      image.data[at + 2] = colour[2];
+      image.data[at + 3] = 255;
+    }
+  }
+  const canvas = document.createElement("canvas");
+  canvas.width = width;
+  canvas.height = height;
+  canvas.getContext("2d").putImageData(image, 0, 0);
+  ctx.drawImage(canvas, frame.left, frame.top, frame.width, frame.height);
+};
+
+/** The colour bar to the right of a plane. */
+rubato.drawColourBar = (ctx, frame, map) => {
+  const left = frame.left + frame.width + 12;
+  const colours = map.colours();
+  for (let i = 0; i < 256; ++i) {
+    ctx.fillStyle = rubato.colour.css(colours[255 - i]);
+    ctx.fillRect(left, frame.top + frame.height * i / 256, 12, frame.height / 256 + 1);
+  }
+  ctx.strokeStyle = rubato.theme.colour("line");
+  ctx.strokeRect(left + 0.5, frame.top + 0.5, 12, frame.height - 1);
+  const [low, high] = map.range;
+  const y = (value) => frame.top + frame.height * (high - value) / (high - low);
+  ctx.fillStyle = rubato.theme.colour("faint");
+  ctx.font = rubato.theme.font(11.5);
+  ctx.textAlign = "left";
+  ctx.textBaseline = "middle";
+  let values = rubato.format.ticks(low, high, Math.max(2, frame.height / 45));
+  if (map.packed.logarithmic) values = values.filter((value) => Math.abs(value - Math.round(value)) < 1e-9);
+  const texts = map.packed.logarithmic ? values.map((value) => rubato.format.power(Math.round(value))) : rubato.format.tickTexts(values);
+  texts.forEach((text, i) => {
+    ctx.fillRect(left + 12, y(values[i]), 4, 1);
+    ctx.fillText(text, left + 19, y(values[i]));
+  });
+};
+
+/** A map with its axes, colour bar and time cursor, linked to the clock. */
+rubato.mapPlane = (host, map, label) => {
+  const isFilm = map.packed.shape === "film";
+  let shownFrame = -1;
+  const plane = rubato.plane(host, {
+    label, right: 74,
+    height: isFilm ? undefined : 330,
+    ratio: isFilm ? Math.min(1.1, (map.y.extent[1] - map.y.extent[0]) / (map.x.extent[1] - map.x.extent[0])) : undefined,
+    xLabel: () => map.x.name,
+    yLabel: () => (isFilm ? map.y.name : "t"),
+    extent: { x: map.x.extent, y: isFilm ? map.y.extent : [map.edges[0], map.edges[map.times]].sort((a, b) => a - b) },
+    draw: (ctx, frame) => {
+      shownFrame = map.place(rubato.clock.get());
+      rubato.drawMap(ctx, frame, map, isFilm ? map.y.part : map.place, isFilm ? shownFrame : 0);
+    },
+    decorate: (ctx, frame) => rubato.drawColourBar(ctx, frame, map),
+    mark: (ctx, frame) => {
+      if (isFilm) return;
+      const y = frame.y(rubato.clock.get());
+      ctx.lineWidth = 3;
+      ctx.strokeStyle = rubato.theme.colour("card");
+      ctx.beginPath();
+      ctx.moveTo(frame.left, y);
+      ctx.lineTo(frame.left + frame.width, y);
+      ctx.stroke();
+      ctx.lineWidth = 1.5;
+      ctx.strokeStyle = rubato.theme.colour("accent");
+      ctx.stroke();
+      ctx.lineWidth = 1;
+    },
+    describe: (x, y) => {
+      const now = map.place(rubato.clock.get());
+      if (x === null) return isFilm ? `t = ${rubato.format.number(map.first[now])}` : " ";
+      const column = map.x.part(x);
+      const row = isFilm ? map.y.part(y) : map.place(y);
+      if (column < 0 || row < 0) return " ";
+      const at = (isFilm ? now * map.rows * map.columns : 0) + row * map.columns + column;
+      const t = isFilm ? map.first[now] : y;
+      return `${map.x.name} = ${rubato.format.number(x, 5)}, ${isFilm ? `${map.y.name} = ${rubato.format.number(y, 5)}, ` : ""}` +
+        `t = ${rubato.format.number(t, 5)}: ${map.packed.name} ${map.packed.logarithmic ? "residual " : ""}${map.text(at)}`;
+    },
+    choose: (x, y) => { if (!isFilm) rubato.clock.set(y); },
+    step: (dx, dy) => {
+      const next = Math.min(map.times - 1, Math.max(0, map.place(rubato.clock.get()) + (dy || dx)));
+      rubato.clock.set(map.first[next]);
+    },
+  });
+  rubato.clock.watch((t) => {
+    if (isFilm && map.place(t) !== shownFrame) plane.redraw();
+    else plane.remark();
+  });
+  return plane;
+};
