@@ -204,7 +204,8 @@ Status CyclicBlockSolver::Storage::solve_once(const CyclicBidiagonal& matrix, co
   };
   const auto for_each_group = [&](std::size_t count, auto&& work) {
     const auto groups = static_cast<std::ptrdiff_t>((count + kernels.lanes - 1) / kernels.lanes);
-#pragma omp parallel for schedule(static) if (groups > 4)
+    // Below some 0.1 ms of work the threads cost more than they save, much more so where something else runs as well.
+#pragma omp parallel for schedule(static) if (matrix.cells >= 4096 && groups > 4)
     for (std::ptrdiff_t group = 0; group < groups; ++group) {
       work(static_cast<std::size_t>(group) * kernels.lanes, workspaces[omp_get_thread_num()].data());
     }
