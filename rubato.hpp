@@ -1,13 +1,16 @@
 #pragma once
 
 /// \file
-/// Everything a user of the library needs: orbits and discrete Lagrangians, the discrete total variation behind them,
-/// problem files and runs, and records. A header of a single room serves as well, such as <rubato/ode/integrate.hpp>.
+/// Everything a user of the library needs: orbits and discrete Lagrangians, generating functions, lattices, the
+/// discrete total variation behind them all, problem files and runs, and records. A header of a single room serves as
+/// well, such as <rubato/ode/integrate.hpp>.
 
 #include <rubato/formula/parse.hpp>
 #include <rubato/ode/discrete_lagrangian.hpp>
+#include <rubato/ode/generating_function.hpp>
 #include <rubato/ode/hamiltonian.hpp>
 #include <rubato/ode/integrate.hpp>
+#include <rubato/pde/lattice.hpp>
 #include <rubato/record/reader.hpp>
 #include <rubato/study/browse.hpp>
 #include <rubato/study/check.hpp>

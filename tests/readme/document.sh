@@ -3,7 +3,8 @@
 #
 # In a folder of its own it runs every `build/rubato …` line of the document's sh blocks, in order. A text block must be
 # what the last such line before it prints, but for figures that differ from run to run; a line with the comment
-# "# exit status N" must end so. With PYTHON, the python blocks are run as well.
+# "# exit status N" must end so. A toml block that begins with the comment "# NAME.toml" becomes that file. With PYTHON,
+# the python blocks are run as well.
 set -euo pipefail
 rubato=$1
 source_folder=$2
@@ -34,6 +35,7 @@ run_commands() {
   : >printed
   while IFS= read -r line; do
     line=${line##*&& }
+    line=${line#"${line%%[! ]*}"}
     [[ $line == build/rubato* ]] || continue
     expected=0
     [[ $line =~ \#\ exit\ status\ ([0-9]+) ]] && expected=${BASH_REMATCH[1]}
@@ -54,14 +56,18 @@ compare() {
 }
 
 # One file per fenced block: NUMBER.LANGUAGE, in the order of the document.
-awk '/^```[a-z]+$/ && !inside { inside = 1; name = sprintf("%03d.%s", ++n, substr($0, 4)); printf "" >name; next }
-     /^```$/ { inside = 0; close(name); next }
+awk '/^ *```[a-z]+$/ && !inside { inside = 1; sub(/^ */, ""); name = sprintf("%03d.%s", ++n, substr($0, 4)); printf "" >name; next }
+     /^ *```$/ { inside = 0; close(name); next }
      inside { print >name }' "$source_folder/$document"
 
 for block in [0-9][0-9][0-9].*; do
   case $block in
     *.sh) run_commands "$block" ;;
     *.text) compare "$block" ;;
+    *.toml)
+      read -r _ name <"$block"
+      [[ $name == *.toml ]] && cp "$block" "$name"
+      ;;
     *.python)
       if [ -n "$python" ]; then
         "$python" "$block" || fail "a python block fails: $(head -3 "$block")"

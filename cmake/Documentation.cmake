@@ -1,0 +1,23 @@
+# `cmake --build build --target documentation` builds the reference of all public headers into reference/html.
+find_package(Doxygen QUIET)
+if(DOXYGEN_FOUND)
+  set(DOXYGEN_PROJECT_NAME Rubato)
+  set(DOXYGEN_PROJECT_BRIEF "${PROJECT_DESCRIPTION}")
+  set(DOXYGEN_OUTPUT_DIRECTORY ${PROJECT_BINARY_DIR}/reference)
+  set(DOXYGEN_FILE_PATTERNS *.hpp *.md)
+  set(DOXYGEN_EXCLUDE_PATTERNS */detail/* */third_party/* */vendor/*)
+  set(DOXYGEN_USE_MDFILE_AS_MAINPAGE ${PROJECT_SOURCE_DIR}/README.md)
+  set(DOXYGEN_STRIP_FROM_PATH ${PROJECT_SOURCE_DIR})
+  set(DOXYGEN_JAVADOC_AUTOBRIEF YES)
+  set(DOXYGEN_BUILTIN_STL_SUPPORT YES)
+  set(DOXYGEN_WARN_IF_UNDOCUMENTED NO)
+  set(DOXYGEN_WARN_IF_INCOMPLETE_DOC NO)
+  set(DOXYGEN_WARN_LOGFILE ${PROJECT_BINARY_DIR}/reference-warnings.txt)
+  set(DOXYGEN_GENERATE_LATEX NO)
+  set(DOXYGEN_QUIET YES)
+  doxygen_add_docs(documentation README.md CHANGELOG.md docs base formula grids solve variation ode pde record study report rubato.hpp
+    COMMENT "Reference pages, into reference/html")
+else()
+  add_custom_target(documentation COMMAND ${CMAKE_COMMAND} -E echo
+    "Doxygen is not installed: ./bootstrap --dev installs it" COMMAND ${CMAKE_COMMAND} -E false)
+endif()
