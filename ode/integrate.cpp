@@ -151,10 +151,12 @@ OrbitIntegrator::OrbitIntegrator(const Hamiltonian& hamiltonian, const InitialSt
           "fix h; use levels = \"fixed\", or start elsewhere");
     }
   }
-  levels_ = std::make_unique<TimeLevels>(
-      *scheme_,
-      LevelOptions{.levels = options.levels, .on_singular = options.on_singular, .tolerance = options.tolerance},
-      initial.t, options.step);
+  levels_ = std::make_unique<TimeLevels>(*scheme_,
+                                         LevelOptions{.levels = options.levels,
+                                                      .on_singular = options.on_singular,
+                                                      .bridge = options.bridge,
+                                                      .tolerance = options.tolerance},
+                                         initial.t, options.step);
 }
 
 bool OrbitIntegrator::finished() const {

@@ -59,6 +59,7 @@ struct IntegrationOptions {
   double until = 0.0;  ///< the run ends at the first level at or past it; no step is shortened to hit it
   Levels levels = Levels::variable;
   OnSingular on_singular = OnSingular::bridge;
+  BridgeRule bridge = BridgeRule::anchored;
   double tolerance = 1e-13;  ///< of the level equation, relative
   std::size_t max_steps = 100'000'000;
   /// A second node z_1 at its own t: the two-step form from an arbitrary pair, instead of a midpoint step for z_1.

@@ -19,6 +19,8 @@ namespace {
 
 /// A step this many times longer than the one before tells that Γ is about to vanish, or of a root beyond its zero.
 constexpr double sudden_growth = 1.5;
+/// Where to look for the zero of Γ, in ordinary steps. Bridges start from levels up to 1.45 steps away from it.
+constexpr std::array look_ahead = {1.0, 1.25, 1.5, 1.75, 2.0};
 /// Accuracy asked of trial steps while a bridge is being looked for.
 constexpr double trial_accuracy = 1e-9;
 /// Lengths tried for the n equal steps of a bridge, in units of the last regular step. Over plain steps of length κh
@@ -31,10 +33,25 @@ constexpr double longest_for_gamma = 3.5;
 /// Steps tried while no bridge is found, relative to the step law: whichever leaves the smallest defect of the node
 /// law.
 constexpr std::array waiting_lengths = {0.6, 1.0, 1.5};
+/// A bridge across a simple zero has values of Γ at its ends whose ratio is 4 at most. A root of the node law's
+/// equation with a more lopsided one is another: the cube root is so steep beside the zero that it has two there.
+constexpr double largest_imbalance = 32.0;
 /// How far the end of a bridge may be off the node law, relative to H - E, where none meets it.
 constexpr double largest_miss = 0.5;
-/// With `fixed`, the first step that meets the energy law again may differ from the step law by this factor.
+/// With `fixed`, or after `longest_wait` plain steps, the first step that meets the energy law again may
+/// differ from the step law by this factor; after twice as many by its square. Where Γ hardly changes no plain step
+/// makes a defect of the node law smaller, and it would be waited for in vain.
 constexpr double largest_misfit = 1.5;
+constexpr int longest_wait = 8;
+/// The reversible rule believes no measured amplitude that differs from the last one by more than this factor.
+constexpr double largest_change = 4.0;
+/// How well the anchored rule meets the law one step after a bridge, relative to H - E, which the law itself has to a
+/// thousandth there; the largest change of a bridge's length at once, and how many.
+constexpr double polish_accuracy = 1e-3;
+constexpr double longest_polish = 0.2;
+constexpr int most_polishing = 20;
+/// A relative change of a bridge's length that no longer makes the defect smaller: rounding.
+constexpr double stagnation_polish = 1e-10;
 /// Numbers of steps tried where no single step leads across.
 constexpr std::array counts = {1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 20, 24, 32};
 
@@ -42,41 +59,72 @@ double sign(double x) {
   return x < 0.0 ? -1.0 : 1.0;
 }
 
+/// Whether a bridge may lead from one of these Γ to the other.
+bool balanced(double from, double to) {
+  return from * to < 0.0 && std::abs(from) <= largest_imbalance * std::abs(to) &&
+         std::abs(to) <= largest_imbalance * std::abs(from);
+}
+
 }  // namespace
 
 bool TimeLevels::crossing_is_near(const StepReport& step) {
-  const bool grown = std::abs(step.h) > sudden_growth * std::abs(regular_step_);
-  if (grown || (step.status == Status::success && scheme_.trial_node().gamma * scheme_.node().gamma <= 0.0)) {
+  if (std::abs(step.h) > sudden_growth * std::abs(regular_step_)) {
     return true;
   }
-  if (remembered_ < 2) {
-    return false;
+  if (step.status != Status::success) {
+    return remembered_ > 1 && density_at(time_.value() + 2.0 * regular_step_) * history_[0].density <= 0.0;
   }
-  // Γ ∝ density, extrapolated as the predictor does: does it change sign within the next steps?
-  for (const double ahead : {0.5, 1.0, 1.5, 2.0, 2.5, 3.0}) {
-    if (density_at(time_.value() + ahead * regular_step_) * history_[0].density <= 0.0) {
-      return true;
-    }
-  }
-  return false;
+  const double here = scheme_.node().gamma;
+  const double next = scheme_.trial_node().gamma;
+  // Γ(t) by divided differences over the last level, this one and the next: does it change sign soon after the next?
+  const double slope = (next - here) / step.h;
+  const double curvature =
+      std::isnan(last_node_.gamma) ? 0.0 : (slope - (here - last_node_.gamma) / last_step_) / (step.h + last_step_);
+  return std::ranges::any_of(look_ahead, [&](double ratio) {
+    const double ahead = ratio * step.h;
+    return (here + ahead * (slope + (ahead - step.h) * curvature)) * here <= 0.0;
+  });
+}
+
+/// sign(Γ)|Γ|^(1/(s+1)), and h^s carries the sign of h.
+double TimeLevels::law_power(double gamma) const {
+  const double orientation = scheme_.order() % 2 == 0 ? 1.0 : sign(regular_step_);
+  return orientation * sign(gamma) * std::pow(std::abs(gamma), 1.0 / (scheme_.order() + 1.0));
 }
 
 double TimeLevels::law_defect(const LevelNode& node) const {
-  const double exponent = 1.0 / (scheme_.order() + 1.0);
-  const double orientation = scheme_.order() % 2 == 0 ? 1.0 : sign(regular_step_);  // h^s carries the sign of h
-  return node.energy - energy_ -
-         orientation * law_constant_ * sign(node.gamma) * std::pow(std::abs(node.gamma), exponent);
+  return node.energy - energy_ - law_constant_ * law_power(node.gamma);
+}
+
+/// Where the amplitude before a bridge from the present level is read: at the level before, as the amplitude after the
+/// bridge is at the level after its end.
+LevelNode TimeLevels::law_node() {
+  const LevelNode here = scheme_.node();
+  return remembered_ > 0 && last_node_.gamma * here.gamma > 0.0 ? last_node_ : here;
+}
+
+/// The reversible rule: the law's constant is the amplitude at this node.
+void TimeLevels::measure_law(const LevelNode& node) {
+  if (options_.bridge == BridgeRule::anchored) {
+    return;
+  }
+  const double measured = (node.energy - energy_) / law_power(node.gamma);
+  if (measured > law_constant_ / largest_change && measured < law_constant_ * largest_change) {
+    const double s = scheme_.order();
+    law_constant_ = measured;
+    step_constant_ = std::pow(24.0 / (s + 1.0) * measured, (s + 1.0) / s);
+  }
 }
 
 /// The end of `count` plain steps of length h. Leaves the scheme at the present level.
-std::optional<LevelNode> TimeLevels::plain_end(double h, int count) {
+std::optional<LevelNode> TimeLevels::plain_end(double h, int count, double accuracy) {
   StateWriter before;
   if (count > 1) {
     scheme_.save(before);
   }
   std::optional<LevelNode> end;
   for (int i = 1; i <= count; ++i) {
-    if (scheme_.advance(h, trial_accuracy) != Status::success) {
+    if (scheme_.advance(h, accuracy) != Status::success) {
       break;
     }
     const LevelNode node = scheme_.trial_node();
@@ -105,21 +153,22 @@ std::optional<TimeLevels::Bridge> TimeLevels::find_bridge(int count, bool crossi
   double previous_h = 0.0;
   for (const double ratio : lengths) {
     const double h = ratio * unit;
-    const std::optional<LevelNode> node = plain_end(h, count);
+    const std::optional<LevelNode> node = plain_end(h, count, trial_accuracy);
     if (!node) {
       return std::nullopt;
     }
     const double miss = std::abs(law_defect(*node) / (node->energy - energy_ - law_defect(*node)));
     if (!crossing && miss < nearest_.miss) {
-      nearest_ = Bridge{h, count, *node, miss};
+      nearest_ = Bridge{.h = h, .count = count, .end = *node, .miss = miss};
     }
     if (previous) {
       const bool across = !crossing || node->gamma * here < 0.0;
       const double defect = law_defect(*node);
       const double previous_defect = law_defect(*previous);
       if (across && defect * previous_defect <= 0.0) {
-        const std::optional<Bridge> bridge = refine_bridge(count, previous_h, previous_defect, h, defect);
-        if (bridge && (!crossing || bridge->end.gamma * here < 0.0) && law_holds_after(*bridge)) {
+        std::optional<Bridge> bridge = refine_bridge(count, previous_h, previous_defect, h, defect);
+        if (bridge && (!crossing || balanced(here, bridge->end.gamma)) && law_holds_after(*bridge)) {
+          polish(*bridge);
           return bridge;
         }
       }
@@ -137,12 +186,13 @@ std::optional<TimeLevels::Bridge> TimeLevels::refine_bridge(int count, double ne
   bridge.count = count;
   for (int iteration = 0; iteration < 60; ++iteration) {
     bridge.h = far_h - far_defect * (far_h - near_h) / (far_defect - near_defect);
-    const std::optional<LevelNode> node = plain_end(bridge.h, count);
+    const std::optional<LevelNode> node = plain_end(bridge.h, count, 0.0);
     if (!node) {
       return std::nullopt;
     }
     bridge.end = *node;
     const double defect = law_defect(*node);
+    bridge.slope = (far_defect - near_defect) / (far_h - near_h);
     if (std::abs(defect) <= 0.1 * options_.tolerance * energy_scale_ ||
         std::abs(far_h - near_h) <= 1e-14 * std::abs(far_h)) {
       return bridge;
@@ -164,9 +214,9 @@ double TimeLevels::step_after(const Bridge& bridge) const {
   return std::min(law_step(bridge.end.gamma), std::abs(bridge.h)) * sign(bridge.h);
 }
 
-/// Whether the ordinary step equation has a solution from the end of the bridge. Leaves the scheme at the present
-/// level.
-bool TimeLevels::law_holds_after(const Bridge& bridge) {
+/// Whether the ordinary step equation has a solution from the end of the bridge, and which. Leaves the scheme at the
+/// present level.
+bool TimeLevels::law_holds_after(Bridge& bridge) {
   StateWriter before;
   scheme_.save(before);
   const double direction = direction_;
@@ -178,13 +228,58 @@ bool TimeLevels::law_holds_after(const Bridge& bridge) {
     }
   }
   if (holds) {
+    bridge.end = scheme_.node();
     set_direction(bridge.end.gamma);
-    holds = ordinary_step(step_after(bridge)).status == Status::success;
+    const StepReport after = ordinary_step(step_after(bridge));
+    holds = after.status == Status::success;
+    if (holds) {
+      bridge.after = after.h;
+      bridge.next = scheme_.trial_node();
+    }
   }
   direction_ = direction;
   StateReader reader(before.values());
   scheme_.restore(reader);
   return holds;
+}
+
+/// The node law has an error of a few per cent at the end of a bridge, and of a thousandth one step later (the terms it
+/// leaves out fall off like the 8/3rd power of the distance from the zero): lengthens or shortens the bridge so that
+/// the law is met there.
+void TimeLevels::polish(Bridge& bridge) {
+  const auto matters = [&](const Bridge& candidate) {
+    return candidate.next.gamma * candidate.end.gamma > 0.0 &&
+           std::abs(candidate.next.gamma) > std::abs(candidate.end.gamma);
+  };
+  if (!matters(bridge)) {
+    return;
+  }
+  double defect = law_defect(bridge.next);
+  double slope = bridge.slope * law_power(bridge.next.gamma) / law_power(bridge.end.gamma);
+  const double enough = options_.bridge == BridgeRule::anchored
+                            ? polish_accuracy * std::abs(bridge.next.energy - energy_)
+                            : 0.1 * options_.tolerance * energy_scale_;
+  double shortening = 1.0;
+  for (int iteration = 0; iteration < most_polishing && std::abs(defect) > enough; ++iteration) {
+    Bridge other = bridge;
+    other.h -= shortening * std::clamp(defect / (slope * bridge.h), -longest_polish, longest_polish) * bridge.h;
+    if (other.h == bridge.h) {
+      return;
+    }
+    if (!law_holds_after(other) || other.end.gamma * bridge.end.gamma <= 0.0 || !matters(other)) {
+      shortening *= 0.5;
+      continue;
+    }
+    const double other_defect = law_defect(other.next);
+    slope = (other_defect - defect) / (other.h - bridge.h);
+    shortening = 1.0;
+    if (std::abs(other_defect) < std::abs(defect)) {
+      defect = other_defect;
+      bridge = other;
+    } else if (std::abs(other.h - bridge.h) < stagnation_polish * std::abs(bridge.h)) {
+      return;
+    }
+  }
 }
 
 StepReport TimeLevels::flagged(StepReport result) {
@@ -209,25 +304,105 @@ StepReport TimeLevels::bridge_step() {
   return result;
 }
 
-/// The ordinary step from here does not exist, or comes near the zero of Γ: bridge from here or from its end, whichever
-/// bridge is the more centred on the zero.
-StepReport TimeLevels::singular_step(StepReport ordinary) {
+/// Whether to take the bridge from here, though the ordinary step exists and stays on this side of the zero.
+///
+/// Anchored: if it is more centred on the zero than a bridge from the end of the ordinary step would be. Reversible: if
+/// it and the ordinary step after it take less time than the ordinary step and the bridge from its end; a run backward
+/// in time asks what the run forward would have done at the far end of the bridge.
+bool TimeLevels::bridge_now(const Bridge& bridge, const StepReport& ordinary, const LevelNode& next) {
+  if (options_.bridge == BridgeRule::reversible) {
+    return regular_step_ > 0.0 || remembered_ == 0 ? is_sooner(bridge.h + bridge.after, ordinary.h)
+                                                   : is_way_back(bridge);
+  }
+  const double here = scheme_.node().gamma;
+  const double rate = (bridge.end.gamma - here) / bridge.h;
+  const double centre_next = std::abs(next.gamma + bridge.end.gamma + rate * ordinary.h);
+  return std::abs(here + bridge.end.gamma) <= centre_next;
+}
+
+/// Whether a bridge and the step after it, of this length together, are shorter than an ordinary step and the bridge
+/// from its end. Leaves the scheme at the present level.
+bool TimeLevels::is_sooner(double bridge_and_step, double ordinary) {
+  StateWriter before;
+  save_all(before);
+  const LevelNode here = scheme_.node();
+  bool sooner = true;
+  if (scheme_.advance(ordinary, 0.0) == Status::success) {
+    scheme_.accept();
+    measure_law(here);
+    const std::optional<Bridge> later = find_bridge(1, true);
+    sooner = !later || std::abs(bridge_and_step) < std::abs(ordinary + later->h);
+  }
+  StateReader reader(before.values());
+  restore_all(reader);
+  return sooner;
+}
+
+/// For a run backward in time: whether a run forward would take this bridge from its far end to the present level, and
+/// not one from the level before that end.
+bool TimeLevels::is_way_back(const Bridge& bridge) {
+  StateWriter before;
+  save_all(before);
+  const bool is = scheme_.advance(bridge.h, 0.0) == Status::success && (scheme_.accept(), true) &&
+                  !is_bridged_before(bridge) && is_bridged_at_end(bridge);
+  StateReader reader(before.values());
+  restore_all(reader);
+  return is;
+}
+
+/// From the far end of a bridge backward in time: whether a run forward would rather bridge from the level before it.
+bool TimeLevels::is_bridged_before(const Bridge& bridge) {
+  StateWriter before;
+  save_all(before);
+  bool is = false;
+  if (scheme_.advance(bridge.after, 0.0) == Status::success) {
+    scheme_.accept();
+    last_step_ = regular_step_ = bridge.after;
+    set_direction(scheme_.node().gamma);
+    if (ordinary_step(bridge.after).status == Status::success) {
+      measure_law(scheme_.trial_node());
+      last_step_ = regular_step_ = -bridge.after;
+      const std::optional<Bridge> earlier = find_bridge(1, true);
+      is = earlier && std::abs(earlier->h + earlier->after) < std::abs(bridge.after + bridge.h);
+    }
+  }
+  StateReader reader(before.values());
+  restore_all(reader);
+  return is;
+}
+
+/// From the far end of a bridge backward in time: whether a run forward would take it there, not an ordinary step.
+bool TimeLevels::is_bridged_at_end(const Bridge& bridge) {
+  const LevelNode far = scheme_.node();
+  const double bridge_and_step = bridge.h + last_step_;
+  last_step_ = regular_step_ = -bridge.after;
+  set_direction(far.gamma);
+  const StepReport ordinary = ordinary_step(std::min(law_step(far.gamma), 2.0 * regular_step_));
+  const bool same_side = ordinary.status == Status::success && scheme_.trial_node().gamma * far.gamma > 0.0;
+  return !same_side || is_sooner(bridge_and_step, ordinary.h);
+}
+
+void TimeLevels::save_all(StateWriter& state) const {
+  scheme_.save(state);
+  save(state);
+}
+
+void TimeLevels::restore_all(StateReader& state) {
+  scheme_.restore(state);
+  restore(state);
+}
+
+/// The ordinary step from here does not exist, or comes near the zero of Γ: bridge from here, or from its end.
+StepReport TimeLevels::singular_step(const StepReport& ordinary) {
   if (options_.on_singular == OnSingular::fixed) {
     return wait_step();
   }
-  const LevelNode here = scheme_.node();
   const bool exists = ordinary.status == Status::success;
-  const LevelNode next = exists ? scheme_.trial_node() : here;
-  const bool same_side = exists && next.gamma * here.gamma > 0.0;
-  std::optional<Bridge> bridge = find_bridge(1, true);
-  bool from_here = bridge.has_value();
-  if (bridge && same_side) {
-    const double rate = (bridge->end.gamma - here.gamma) / bridge->h;
-    const double centre_here = std::abs(here.gamma + bridge->end.gamma);
-    const double centre_next = std::abs(next.gamma + bridge->end.gamma + rate * ordinary.h);
-    from_here = centre_here <= centre_next;
-  }
-  if (!from_here && same_side) {
+  const LevelNode next = exists ? scheme_.trial_node() : LevelNode{};
+  const bool same_side = exists && next.gamma * scheme_.node().gamma > 0.0;
+  measure_law(law_node());
+  const std::optional<Bridge> bridge = find_bridge(1, true);
+  if (same_side && !(bridge && bridge_now(*bridge, ordinary, next))) {
     StepReport result = plain_step(ordinary.h);
     if (result.status == Status::success) {
       take_ordinary(result);
@@ -239,6 +414,7 @@ StepReport TimeLevels::singular_step(StepReport ordinary) {
 
 StepReport TimeLevels::start_bridge(const Bridge& bridge) {
   bridge_ = bridge;
+  waited_ = 0;
   return bridge_step();
 }
 
@@ -273,7 +449,7 @@ StepReport TimeLevels::waiting_step() {
   double smallest = std::numeric_limits<double>::infinity();
   for (int halving = 0; halving < 10 && smallest == std::numeric_limits<double>::infinity(); ++halving) {
     for (const double ratio : waiting_lengths) {
-      const std::optional<LevelNode> end = plain_end(ratio * length, 1);
+      const std::optional<LevelNode> end = plain_end(ratio * length, 1, trial_accuracy);
       if (!end) {
         continue;
       }
@@ -289,32 +465,45 @@ StepReport TimeLevels::waiting_step() {
   return flagged(plain_step(best));
 }
 
+/// An ordinary step from here, after plain ones, if it differs from what the law asks for with the run's own constant
+/// by less than the factor `misfit`: one farther off would let the amplitude of H - E wander away.
+std::optional<StepReport> TimeLevels::resumed_step(double misfit) {
+  double expected = std::abs(regular_step_);
+  if (scheme_.has_node_law()) {
+    const LevelNode here = scheme_.node();
+    set_direction(here.gamma);
+    expected = law_step(here.gamma);
+  }
+  StepReport result = ordinary_step(std::min(expected, std::abs(regular_step_)) * sign(regular_step_));
+  const bool fits = std::abs(result.h) > expected / misfit && std::abs(result.h) < expected * misfit;
+  if (result.status != Status::success || !fits) {
+    return std::nullopt;
+  }
+  singular_ = false;
+  waited_ = 0;
+  remembered_ = 0;
+  take_ordinary(result);
+  return result;
+}
+
 /// Between two steps that meet the law: go on with the bridge under way, or see whether the law can be met again.
 StepReport TimeLevels::wait_step() {
   if (bridge_.count > 0) {
     return bridge_step();
   }
-  if (options_.on_singular == OnSingular::bridge) {
-    const std::optional<Bridge> bridge = find_bridge(1, false);
-    return bridge ? start_bridge(*bridge) : waiting_step();
-  }
-  if (singular_) {
-    double expected = std::abs(regular_step_);
-    if (scheme_.has_node_law()) {
-      const LevelNode here = scheme_.node();
-      set_direction(here.gamma);
-      expected = law_step(here.gamma);
-    }
-    StepReport result = ordinary_step(std::min(expected, std::abs(regular_step_)) * sign(regular_step_));
-    // A step far from what the law asks for with the run's own constant would let the amplitude of H - E wander off.
-    const bool fits = std::abs(result.h) > expected / largest_misfit && std::abs(result.h) < expected * largest_misfit;
-    if (result.status == Status::success && fits) {
-      singular_ = false;
-      remembered_ = 0;
-      take_ordinary(result);
-      return result;
+  const bool bridging = options_.on_singular == OnSingular::bridge;
+  if (bridging) {
+    if (const std::optional<Bridge> bridge = find_bridge(1, false)) {
+      return start_bridge(*bridge);
     }
   }
+  if (singular_ && (!bridging || waited_ >= longest_wait)) {
+    const double misfit = bridging && waited_ >= 2 * longest_wait ? largest_misfit * largest_misfit : largest_misfit;
+    if (std::optional<StepReport> resumed = resumed_step(misfit)) {
+      return *resumed;
+    }
+  }
+  ++waited_;
   return waiting_step();
 }
 

@@ -57,6 +57,9 @@ StepReport TimeLevels::report(Status status, double h) const {
 
 void TimeLevels::take(StepReport& result) {
   energy_scale_ = std::max(energy_scale_, std::abs(result.energy));
+  if (options_.levels == Levels::variable && options_.on_singular == OnSingular::bridge) {
+    last_node_ = scheme_.node();
+  }
   scheme_.accept();
   ++steps_;
   if (options_.levels == Levels::fixed) {
@@ -209,8 +212,9 @@ void TimeLevels::save(StateWriter& state) const {
   state.write(time_.low);
   for (const double value :
        {static_cast<double>(steps_), energy_, energy_scale_, law_constant_, step_constant_, last_step_, regular_step_,
-        direction_, static_cast<double>(singular_), bridge_.h, static_cast<double>(bridge_.count), bridge_.end.energy,
-        bridge_.end.gamma, static_cast<double>(remembered_)}) {
+        direction_, static_cast<double>(singular_), static_cast<double>(waited_), bridge_.h,
+        static_cast<double>(bridge_.count), bridge_.end.energy, bridge_.end.gamma, last_node_.energy, last_node_.gamma,
+        static_cast<double>(remembered_)}) {
     state.write(value);
   }
   for (const Sample& sample : history_) {
@@ -231,10 +235,13 @@ void TimeLevels::restore(StateReader& state) {
   state.read(regular_step_);
   state.read(direction_);
   state.read(singular_);
+  state.read(waited_);
   state.read(bridge_.h);
   state.read(bridge_.count);
   state.read(bridge_.end.energy);
   state.read(bridge_.end.gamma);
+  state.read(last_node_.energy);
+  state.read(last_node_.gamma);
   state.read(remembered_);
   for (Sample& sample : history_) {
     state.read(sample.time);

@@ -23,9 +23,16 @@ enum class OnSingular {
   stop,    ///< end the run there
 };
 
+/// The amplitude c of the node law H - E = c·sign(Γ)|Γ|^(1/(s+1)) that a bridge leads to.
+enum class BridgeRule {
+  anchored,    ///< the run's own, set by its first step: what one bridge is off the next puts right, nothing drifts
+  reversible,  ///< the one before the bridge: run backward, a bridge leads back to where it came from
+};
+
 struct LevelOptions {
   Levels levels = Levels::variable;
   OnSingular on_singular = OnSingular::bridge;
+  BridgeRule bridge = BridgeRule::anchored;
   double tolerance = 1e-13;       ///< of the level equation, relative to max(|E|, max |H|)
   double condition_limit = 1e-2;  ///< a step whose condition exceeds it is refused: its energy law is only rounding
 };
@@ -97,29 +104,44 @@ private:
   [[nodiscard]] double condition(double h, double slope) const;
 
   // bridge.cpp: what happens where the step equation loses its solution (theory, section 3.1).
-  /// `count` equal plain steps of length h, whose end meets the node law.
+  /// `count` equal plain steps of length h, after which the ordinary step exists again.
   struct Bridge {
     double h = 0.0;
     int count = 0;
-    LevelNode end;
-    double miss = 0.0;  ///< relative, of the node law at the end
+    LevelNode end = {};
+    double miss = 0.0;    ///< relative, of the node law at the end
+    double after = 0.0;   ///< length of the ordinary step that follows
+    LevelNode next = {};  ///< at its end
+    double slope = 0.0;   ///< of the law defect at `end`, by h
   };
-  StepReport singular_step(StepReport ordinary);
+  StepReport singular_step(const StepReport& ordinary);
   StepReport wait_step();
+  [[nodiscard]] std::optional<StepReport> resumed_step(double misfit);
   StepReport waiting_step();
   StepReport long_bridge();
   StepReport start_bridge(const Bridge& bridge);
   StepReport bridge_step();
   StepReport flagged(StepReport report);
   [[nodiscard]] bool crossing_is_near(const StepReport& step);
+  [[nodiscard]] bool bridge_now(const Bridge& bridge, const StepReport& ordinary, const LevelNode& next);
+  [[nodiscard]] bool is_sooner(double bridge_and_step, double ordinary);
+  [[nodiscard]] bool is_way_back(const Bridge& bridge);
+  [[nodiscard]] bool is_bridged_before(const Bridge& bridge);
+  [[nodiscard]] bool is_bridged_at_end(const Bridge& bridge);
+  void save_all(StateWriter& state) const;
+  void restore_all(StateReader& state);
+  void measure_law(const LevelNode& node);
+  [[nodiscard]] LevelNode law_node();
+  [[nodiscard]] double law_power(double gamma) const;
   [[nodiscard]] double law_defect(const LevelNode& node) const;
   [[nodiscard]] double step_after(const Bridge& bridge) const;
   [[nodiscard]] double plain_length() const;
-  [[nodiscard]] std::optional<LevelNode> plain_end(double h, int count);
+  [[nodiscard]] std::optional<LevelNode> plain_end(double h, int count, double accuracy);
   [[nodiscard]] std::optional<Bridge> find_bridge(int count, bool crossing);
   [[nodiscard]] std::optional<Bridge> refine_bridge(int count, double near_h, double near_defect, double far_h,
                                                     double far_defect);
-  [[nodiscard]] bool law_holds_after(const Bridge& bridge);
+  [[nodiscard]] bool law_holds_after(Bridge& bridge);
+  void polish(Bridge& bridge);
 
   LevelScheme& scheme_;
   LevelOptions options_;
@@ -131,12 +153,15 @@ private:
   double energy_ = std::numeric_limits<double>::quiet_NaN();
   double energy_scale_ = 0.0;
   double law_constant_ = 0.0;
-  double step_constant_ = 0.0;  ///< |h^(s+1) Γ| of the first step
+  double step_constant_ = 0.0;  ///< |h^(s+1) Γ|, of the first step or as law_constant_ has it
   double last_step_ = 0.0;
+  LevelNode last_node_{std::numeric_limits<double>::quiet_NaN(),
+                       std::numeric_limits<double>::quiet_NaN()};  ///< the level before this one, for bridges
   double trial_step_ = 0.0;          ///< the step the scheme's trial level was last solved for
   double direction_ = 1.0;           ///< sign of dE/d|h| on the branch the run is on
   double regular_step_ = 0.0;        ///< the last step that met the law
   bool singular_ = false;            ///< inside a bridge, or waiting for the energy law to be met again
+  int waited_ = 0;                   ///< plain steps since a bridge was looked for in vain
   Bridge nearest_;                   ///< of those that long_bridge() tried
   Bridge bridge_;                    ///< under way while its count, the steps still to take, is not 0
   std::array<Sample, 4> history_{};  ///< of the last steps that met the law, newest first
