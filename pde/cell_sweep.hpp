@@ -23,8 +23,9 @@ struct PotentialSlopes {
 
 /// Where the equation is imposed, and by which operators A and D_a.
 enum class Placement {
-  cells,  ///< in the middle of cells, by averages and differences of the nodes around: the box
-  nodes,  ///< at the nodes, A the identity and D_a the spectral derivative: Fourier
+  cells,    ///< in the middle of cells, by averages and differences of the nodes around: the box
+  nodes,    ///< at the nodes, A the identity and D_a the spectral derivative: Fourier
+  corners,  ///< at the nodes too, by one-sided differences: euler-box
 };
 
 /// Where the batch evaluator's blocks of cells begin and end: pieces of at most 256 cells of one line along x.

@@ -11,6 +11,7 @@
 
 #include <rubato/grids/reductions.hpp>
 #include <rubato/pde/cell_solver.hpp>
+#include <rubato/pde/euler_box_map.hpp>
 #include <rubato/pde/kernel_conditions.hpp>
 
 namespace rubato {
@@ -282,6 +283,9 @@ void check_agreement(const MultisymplecticSystem& system, int field, std::span<c
 
 LatticeLevel initial_level(const MultisymplecticSystem& system, const grids::Grid& grid, const InitialFields& given,
                            Placement placement) {
+  if (placement == Placement::corners) {
+    return euler_box_level(system, grid, given);
+  }
   check(system, grid, given);
   const Plan plan = make_plan(system, given);
   const int d = system.field_count();

@@ -20,36 +20,44 @@ const LatticeOptions& checked(const LatticeOptions& options) {
   return options;
 }
 
-Placement placement_of(LatticeLagrangian lagrangian) {
-  return lagrangian == LatticeLagrangian::fourier ? Placement::nodes : Placement::cells;
-}
-
 std::unique_ptr<LatticeScheme> make_scheme(const MultisymplecticSystem& system, const grids::Grid& grid,
                                            const InitialFields& initial, const LatticeOptions& options) {
-  if (options.lagrangian == LatticeLagrangian::euler_box) {
-    if (options.levels == Levels::variable) {
-      throw std::invalid_argument(
-          "euler-box has fixed levels only: its discrete energy reads one level, so that no step can be solved from it "
-          "at turning points or on travelling waves, and with varying levels it drops to first order; use levels = "
-          "\"fixed\", or lagrangian = \"box\"");
-    }
-    return make_euler_box_scheme(system, grid, initial);
+  if (options.lagrangian == LatticeLagrangian::euler_box && options.levels == Levels::variable) {
+    throw std::invalid_argument(
+        "euler-box has fixed levels only: its discrete energy reads one level, so that no step can be solved from it "
+        "at turning points or on travelling waves, and with varying levels it drops to first order; use levels = "
+        "\"fixed\", or lagrangian = \"box\"");
   }
-  const Placement placement = placement_of(options.lagrangian);
-  const auto make = placement == Placement::nodes ? make_fourier_scheme : make_box_scheme;
-  return make(system, grid, initial_level(system, grid, initial, placement), options.step);
+  LatticeLevel first = initial_level(system, grid, initial, placement_of(options.lagrangian));
+  switch (options.lagrangian) {
+    case LatticeLagrangian::box: return make_box_scheme(system, grid, std::move(first), options.step);
+    case LatticeLagrangian::fourier: return make_fourier_scheme(system, grid, std::move(first), options.step);
+    case LatticeLagrangian::euler_box: return make_euler_box_scheme(system, grid, std::move(first));
+  }
+  throw std::invalid_argument("no such lagrangian on a lattice");
 }
 
 }  // namespace
+
+Placement placement_of(LatticeLagrangian lagrangian) {
+  switch (lagrangian) {
+    case LatticeLagrangian::box: return Placement::cells;
+    case LatticeLagrangian::fourier: return Placement::nodes;
+    case LatticeLagrangian::euler_box: return Placement::corners;
+  }
+  throw std::invalid_argument("no such lagrangian on a lattice");
+}
 
 LatticeIntegrator::LatticeIntegrator(const MultisymplecticSystem& system, const grids::Grid& grid,
                                      const InitialFields& initial, const LatticeOptions& options)
     : options_(checked(options)),
       scheme_(make_scheme(system, grid, initial, options)),
-      levels_(std::make_unique<TimeLevels>(
-          *scheme_,
-          LevelOptions{.levels = options.levels, .on_singular = options.on_singular, .tolerance = options.tolerance},
-          options.start, options.step)),
+      levels_(std::make_unique<TimeLevels>(*scheme_,
+                                           LevelOptions{.levels = options.levels,
+                                                        .on_singular = options.on_singular,
+                                                        .bridge = options.bridge,
+                                                        .tolerance = options.tolerance},
+                                           options.start, options.step)),
       laws_(system, grid, options.symmetries, placement_of(options.lagrangian)),
       previous_(scheme_->level()) {}
 

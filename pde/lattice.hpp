@@ -20,6 +20,9 @@ enum class LatticeLagrangian {
   euler_box,  ///< explicit; fixed levels only
 };
 
+/// Where a scheme imposes its equation.
+[[nodiscard]] Placement placement_of(LatticeLagrangian lagrangian);
+
 struct LatticeOptions {
   LatticeLagrangian lagrangian = LatticeLagrangian::box;
   double start = 0.0;  ///< t_0
@@ -27,6 +30,7 @@ struct LatticeOptions {
   double until = 0.0;  ///< the run ends at the first level at or past it; no step is shortened to hit it
   Levels levels = Levels::variable;
   OnSingular on_singular = OnSingular::bridge;
+  BridgeRule bridge = BridgeRule::anchored;
   double tolerance = 1e-13;  ///< of the level equation, relative
   std::vector<LinearSymmetry> symmetries = {};
 };

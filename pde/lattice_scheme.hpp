@@ -52,14 +52,13 @@ public:
 ///     M₊(z_{k+1} - z_k) - M₊ᵀ(z_k - z_{k-1}) = h [∇S - Σ_a K₊δ_a⁺z + K₊ᵀδ_a⁻z]  at every node.
 ///
 /// The rows of M₊ at a level give the fields of its columns at the next; then the other rows at that level give the
-/// other fields, one after the other, node by node (by Newton's method where S is not quadratic in one). Taken as a
-/// map of levels it is of first order in h (symplectic Euler in time). For fixed levels only: its
+/// other fields, one after the other, node by node: see EulerBoxMap. As a map of levels it is of first order in h
+/// (symplectic Euler in time). For fixed levels only: its
 /// E_k = Σ ΔV [S - Σ_a zᵀK₊δ_a⁺z] reads one level, and no h could be solved from it at turning points or on travelling
 /// waves. Stable under a CFL condition only, h < Δx for wave equations.
 /// \throws std::invalid_argument if the rows cannot be put into such an order (KdV and other potential forms, Dirac),
-/// saying which field is left
+/// saying which field is left; `first` from initial_level() with Placement::corners
 [[nodiscard]] std::unique_ptr<LatticeScheme> make_euler_box_scheme(const MultisymplecticSystem& system,
-                                                                   const grids::Grid& grid,
-                                                                   const InitialFields& initial);
+                                                                   const grids::Grid& grid, LatticeLevel first);
 
 }  // namespace rubato

@@ -37,29 +37,50 @@ private:
   std::size_t count_ = 0;
 };
 
-/// The local conservation laws of the box scheme on the edges of its cells (theory, section 5, "Edge residuals").
+/// A solution of the linearised scheme over one step; for euler-box also one level earlier.
+struct TangentLevels {
+  const grids::FieldSet& before;
+  const grids::FieldSet& after;
+  const grids::FieldSet* earlier = nullptr;
+};
+
+class LawEngine;
+
+/// The local conservation laws of a lattice, in the form that its scheme has them (theory, section 5): the placement
+/// says which.
 ///
 /// With the directions μ = t, x, y, z, the matrices Λ_t = M, Λ_a = K_a and Λ = Λ₊ - Λ₊ᵀ, every law is
-/// Σ_μ D_μ J_μ = 0 with the current J_μ on the faces normal to μ, where z is averaged in all other directions:
+/// Σ_μ D_μ J_μ = 0. Translation in ν = t gives the law of energy, in ν = x, y, z those of momentum. The densities J_t
+/// hold no bare potentials, and no multipliers but times a constraint that vanishes at levels.
+///
+/// **Placement::cells, the box** ("Edge residuals"): currents on the faces of cells, J_μ on those normal to μ, where z
+/// is averaged in all other directions:
 ///
 ///     translation in ν:   J_μ = -(D_ν z)ᵀΛ₊_μ z (μ ≠ ν),   J_ν = S(z) + Σ_{μ≠ν} (D_μ z)ᵀΛ₊_μ z
 ///     linear symmetry:    J_μ = ½ zᵀΛ_μB z
 ///     affine symmetry b:  J_μ = bᵀΛ_μ z        (b·∇S = 0)
 ///
-/// ν = t is the law of energy, ν = x, y, z are those of momentum. The densities J_t hold no bare potentials, and no
-/// multipliers but times a constraint that vanishes at levels. The residual is divided by the cell: for S quadratic
-/// energy and momentum hold to rounding with any levels; for others energy is O(h²) and momentum O(Δx²); symmetries
-/// hold to rounding always.
+/// The residual is divided by the cell: for S quadratic energy and momentum hold to rounding with any levels; for
+/// others energy is O(h²) and momentum O(Δx²); symmetries hold to rounding always.
 ///
-/// With Placement::nodes, for the Fourier scheme, currents are at the nodes and D_a is the spectral derivative: laws in
-/// space hold to aliasing error only.
+/// **Placement::nodes, Fourier**: the same currents at the nodes, D_a the spectral derivative: laws in space hold to
+/// aliasing error only.
+///
+/// **Placement::corners, euler-box**: the currents of its node laws e = S - zᵀK₊δ_x⁺z, f = zᵀK₊δ_t⁺z, m = zᵀM₊δ_x⁺z,
+/// g = S - zᵀM₊δ_t⁺z at the base corner of a cell, with zᵀΛ₊δ⁺z = δ⁺(zᵀΛ₊z) - (δ⁺z)ᵀΛ₊z⁺ put in so that bare potentials
+/// drop out, z⁺ the neighbour in the direction of δ⁺:
+///
+///     J_μ = -(δ_ν⁺z)ᵀΛ₊_μ z⁺ (μ ≠ ν),   J_ν = S(z) + Σ_{μ≠ν} (δ_μ⁺z)ᵀΛ₊_μ z⁺,   δ_t⁺J_t + Σ_a δ_a⁺J_a,
+///
+/// which leaves the sum of differences as it is. Symmetries as for the box, with z at the base corner. All are of
+/// first order only, but for affine symmetries of potentials, which hold to rounding.
 ///
 /// Laws are computed from two levels and h alone, so a run and its record give the same numbers.
 class LocalLaws {
 public:
   /// \throws std::invalid_argument if one of `symmetries` is none
-  LocalLaws(const MultisymplecticSystem& system, const grids::Grid& grid, std::vector<LinearSymmetry> symmetries = {},
-            Placement placement = Placement::cells);
+  LocalLaws(const MultisymplecticSystem& system, const grids::Grid& grid,
+            const std::vector<LinearSymmetry>& symmetries = {}, Placement placement = Placement::cells);
   ~LocalLaws();
   LocalLaws(LocalLaws&&) noexcept;
   LocalLaws& operator=(LocalLaws&&) noexcept;
@@ -68,6 +89,7 @@ public:
   /// symmetries with a density: "mass", or "mass_FIELD" where there are several.
   [[nodiscard]] const std::vector<std::string>& names() const;
   [[nodiscard]] std::size_t count() const { return names().size(); }
+  [[nodiscard]] Placement placement() const { return placement_; }
 
   /// The residual of every law in every cell of the step from `before` to `after`, h apart, into residuals[law], one
   /// value for each cell (an empty span if only sizes are wanted).
@@ -80,18 +102,24 @@ public:
 
   /// The currents of energy (ν = t) and momentum (ν = x, …) in the middle of every cell, J^ν_μ into
   /// currents[ν·(1 + dimensions) + μ]: ½ z̄ᵀΛ_μD_νz for μ ≠ ν, S(z̄) - Σ_{μ≠ν} ½ z̄ᵀΛ_μD_μz for μ = ν; with a potential
-  /// in the system -(D_νz)ᵀΛ₊_μz̄ stands for ½ z̄ᵀΛ_μD_νz. See VariationalLaws.
+  /// in the system -(D_νz)ᵀΛ₊_μz̄ stands for ½ z̄ᵀΛ_μD_νz. For Placement::corners at the base corner instead, at the
+  /// level `before`, with zᵀΛ₊_μδ_ν⁺z for ½ z̄ᵀΛ_μD_νz, or -(δ_ν⁺z)ᵀΛ₊_μz⁺. See VariationalLaws.
   void cell_currents(const LatticeLevel& before, const LatticeLevel& after, double h,
                      std::span<double* const> currents);
 
-  /// D_t(UᵀMV) + Σ D_a(UᵀK_aV) in every cell, for two tangent solutions over the same step; `residual` may be null.
-  LawSize multisymplectic_residual(const grids::FieldSet& u_before, const grids::FieldSet& u_after,
-                                   const grids::FieldSet& v_before, const grids::FieldSet& v_after, double h,
+  /// D_t(UᵀMV) + Σ D_a(UᵀK_aV) in every cell, for two tangent solutions over the same step: UᵀMV averaged in x at
+  /// levels, UᵀK_aV in t on the faces between cells. For Placement::corners, at the node of the level `before`,
+  ///
+  ///     (W_{k+1} - W_k)/h + Σ_a (X_{i+1} - X_i)/Δx_a,   W_k = U_{k-1}ᵀM₊V_k - V_{k-1}ᵀM₊U_k,
+  ///                                                     X_i = U_{i-1}ᵀK₊V_i - V_{i-1}ᵀK₊U_i.
+  ///
+  /// `residual` may be null. \throws std::invalid_argument for Placement::corners without the earlier levels
+  LawSize multisymplectic_residual(const TangentLevels& u, const TangentLevels& v, double h,
                                    double* residual = nullptr);
 
 private:
-  struct Storage;
-  std::unique_ptr<Storage> storage_;
+  std::unique_ptr<LawEngine> engine_;
+  Placement placement_;
 };
 
 }  // namespace rubato

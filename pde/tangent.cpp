@@ -3,14 +3,26 @@
 #include <cmath>
 #include <numbers>
 #include <random>
+#include <stdexcept>
+#include <utility>
 
 #include <rubato/pde/cell_solver.hpp>
 #include <rubato/pde/cell_sweep.hpp>
+#include <rubato/pde/euler_box_map.hpp>
 #include <rubato/pde/kernel_conditions.hpp>
 
 namespace rubato {
 
 struct TangentStep::Storage {
+  Storage() = default;
+  Storage(const Storage&) = delete;
+  Storage& operator=(const Storage&) = delete;
+  virtual ~Storage() = default;
+  [[nodiscard]] virtual Status step(const LatticeLevel& before, const LatticeLevel& after, double h,
+                                    const grids::FieldSet& u_before, grids::FieldSet& u_after) = 0;
+};
+
+struct TangentStep::Box final : TangentStep::Storage {
   MultisymplecticSystem system;
   CellSweep sweep;
   CellBlocks blocks;
@@ -20,7 +32,7 @@ struct TangentStep::Storage {
   std::vector<double> border;
   std::unique_ptr<CellSolver> solver;
 
-  Storage(const MultisymplecticSystem& s, const grids::Grid& grid)
+  Box(const MultisymplecticSystem& s, const grids::Grid& grid)
       : system(s),
         sweep(s, grid),
         blocks(grid),
@@ -66,48 +78,67 @@ struct TangentStep::Storage {
       }
     }
   }
+
+  Status step(const LatticeLevel& before, const LatticeLevel& after, double h, const grids::FieldSet& u_before,
+              grids::FieldSet& u_after) override {
+    const FieldStructure& structure = system.structure();
+    for (int f = 0; f < system.field_count(); ++f) {
+      const auto z_0 = before.fields.field(f);
+      const auto z_1 = after.fields.field(f);
+      const auto at = point.field(f);
+      for (std::size_t i = 0; i < at.size(); ++i) {
+        at[i] = structure.at_midpoints(f) ? z_1[i] : 0.5 * (z_0[i] + z_1[i]);
+      }
+    }
+    if (!sweep(std::as_const(point).pointers(), after.slopes, {}, 0.0, {}, hessian.pointers()).finite) {
+      return Status::undefined;
+    }
+    matrix.mean = (2.0 / h) * system.M() - system.constant_hessian();
+    make_rhs(u_before, h);
+    solver->forget();
+    if (const Status status =
+            solver->solve(matrix, step_conditions(system, h), std::as_const(rhs).pointers(), middle.pointers(), border);
+        status != Status::success) {
+      return status;
+    }
+    for (int f = 0; f < system.field_count(); ++f) {
+      const auto u_0 = u_before.field(f);
+      const auto u_1 = u_after.field(f);
+      const auto mean = std::as_const(middle).field(f);
+      for (std::size_t i = 0; i < u_1.size(); ++i) {
+        u_1[i] = structure.at_midpoints(f) ? mean[i] : 2.0 * mean[i] - u_0[i];
+      }
+    }
+    return Status::success;
+  }
 };
 
-TangentStep::TangentStep(const MultisymplecticSystem& system, const grids::Grid& grid)
-    : storage_(std::make_unique<Storage>(system, grid)) {}
+struct TangentStep::EulerBox final : TangentStep::Storage {
+  EulerBoxMap map;
+
+  EulerBox(const MultisymplecticSystem& system, const grids::Grid& grid) : map(system, grid) {}
+
+  Status step(const LatticeLevel& before, const LatticeLevel& after, double h, const grids::FieldSet& u_before,
+              grids::FieldSet& u_after) override {
+    return map.tangent(h, before.fields, after.fields, u_before, u_after);
+  }
+};
+
+TangentStep::TangentStep(const MultisymplecticSystem& system, const grids::Grid& grid, Placement placement) {
+  switch (placement) {
+    case Placement::cells: storage_ = std::make_unique<Box>(system, grid); return;
+    case Placement::corners: storage_ = std::make_unique<EulerBox>(system, grid); return;
+    case Placement::nodes: break;
+  }
+  throw std::invalid_argument("tangent solutions are available for box and euler-box, not for fourier");
+}
 TangentStep::~TangentStep() = default;
 TangentStep::TangentStep(TangentStep&&) noexcept = default;
 TangentStep& TangentStep::operator=(TangentStep&&) noexcept = default;
 
 Status TangentStep::operator()(const LatticeLevel& before, const LatticeLevel& after, double h,
                                const grids::FieldSet& u_before, grids::FieldSet& u_after) {
-  Storage& s = *storage_;
-  const FieldStructure& structure = s.system.structure();
-  for (int f = 0; f < s.system.field_count(); ++f) {
-    const auto z_0 = before.fields.field(f);
-    const auto z_1 = after.fields.field(f);
-    const auto point = s.point.field(f);
-    for (std::size_t i = 0; i < point.size(); ++i) {
-      point[i] = structure.at_midpoints(f) ? z_1[i] : 0.5 * (z_0[i] + z_1[i]);
-    }
-  }
-  const grids::FieldSet& point = s.point;
-  if (!s.sweep(point.pointers(), after.slopes, {}, 0.0, {}, s.hessian.pointers()).finite) {
-    return Status::undefined;
-  }
-  s.matrix.mean = (2.0 / h) * s.system.M() - s.system.constant_hessian();
-  s.make_rhs(u_before, h);
-  s.solver->forget();
-  const grids::FieldSet& rhs = s.rhs;
-  if (const Status status =
-          s.solver->solve(s.matrix, step_conditions(s.system, h), rhs.pointers(), s.middle.pointers(), s.border);
-      status != Status::success) {
-    return status;
-  }
-  for (int f = 0; f < s.system.field_count(); ++f) {
-    const auto u_0 = u_before.field(f);
-    const auto u_1 = u_after.field(f);
-    const auto middle = s.middle.field(f);
-    for (std::size_t i = 0; i < u_1.size(); ++i) {
-      u_1[i] = structure.at_midpoints(f) ? middle[i] : 2.0 * middle[i] - u_0[i];
-    }
-  }
-  return Status::success;
+  return storage_->step(before, after, h, u_before, u_after);
 }
 
 grids::FieldSet random_tangent(const MultisymplecticSystem& system, const grids::Grid& grid, std::uint64_t seed) {
@@ -138,6 +169,55 @@ grids::FieldSet random_tangent(const MultisymplecticSystem& system, const grids:
     }
   }
   return tangent;
+}
+
+TangentPair::TangentPair(LocalLaws& laws, const MultisymplecticSystem& system, const grids::Grid& grid,
+                         std::uint64_t seed)
+    : laws_(laws), step_(system, grid, laws.placement()) {
+  u_.now = random_tangent(system, grid, seed);
+  v_.now = random_tangent(system, grid, seed + 1);
+  for (Tangent* tangent : {&u_, &v_}) {
+    tangent->next = tangent->now;
+    tangent->earlier = laws.placement() == Placement::corners ? tangent->now : grids::FieldSet();
+  }
+}
+
+Status TangentPair::take(const LatticeLevel& before, const LatticeLevel& after, double h) {
+  for (Tangent* tangent : {&u_, &v_}) {
+    if (const Status status = step_(before, after, h, tangent->now, tangent->next); status != Status::success) {
+      return status;
+    }
+  }
+  const bool corners = laws_.placement() == Placement::corners;
+  residual_.reset();
+  if (!corners || steps_ > 0) {
+    residual_ = laws_.multisymplectic_residual({u_.now, u_.next, &u_.earlier}, {v_.now, v_.next, &v_.earlier}, h);
+  }
+  for (Tangent* tangent : {&u_, &v_}) {
+    if (corners) {
+      std::swap(tangent->earlier, tangent->now);
+    }
+    std::swap(tangent->now, tangent->next);
+  }
+  ++steps_;
+  return Status::success;
+}
+
+void TangentPair::save(StateWriter& state) const {
+  state.write(static_cast<double>(steps_));
+  for (const Tangent* tangent : {&u_, &v_}) {
+    state.write(tangent->now.all());
+    state.write(tangent->earlier.all());
+  }
+}
+
+void TangentPair::restore(StateReader& state) {
+  state.read(steps_);
+  for (Tangent* tangent : {&u_, &v_}) {
+    state.read(tangent->now.all());
+    state.read(tangent->earlier.all());
+  }
+  residual_.reset();
 }
 
 }  // namespace rubato

@@ -38,10 +38,13 @@ std::optional<std::vector<LawSize>> VariationalLaws::take(const LatticeLevel& be
   const int n = 1 + grid_.dimensions();
   laws_.cell_currents(before, after, h, currents_.pointers());
   const double volume = grid_.cell_volume();
+  const bool corners = laws_.placement() == Placement::corners;
   grids::BoxOperator mean{grids::Along::identity, grids::Along::identity, grids::Along::identity};
-  for (int a = 0; a < grid_.dimensions(); ++a) {
+  for (int a = 0; a < grid_.dimensions() && !corners; ++a) {
     mean[static_cast<std::size_t>(a)] = grids::Along::average;
   }
+  // The node's fluxes are means of the steps before and after; those of a base corner are of the step after alone.
+  const double share = corners ? 1.0 : 0.5;
   std::vector<LawSize> sizes;
   for (int nu = 0; nu < n; ++nu) {
     const auto residual = residual_.field(nu);
@@ -49,7 +52,7 @@ std::optional<std::vector<LawSize>> VariationalLaws::take(const LatticeLevel& be
     const auto flux = flux_.field(nu);
     const auto scratch = scratch_.field(0);
     for (std::size_t i = 0; i < residual.size(); ++i) {
-      residual[i] = flux[i] - density[i];  // of the last step
+      residual[i] = (1.0 - share) / share * flux[i] - density[i];  // of the last step
     }
     grids::apply_adjoint(grid_, mean, currents_.field(nu * n).data(), density.data());
     for (double& value : density) {
@@ -61,7 +64,7 @@ std::optional<std::vector<LawSize>> VariationalLaws::take(const LatticeLevel& be
       across[static_cast<std::size_t>(a)] = grids::Along::difference;
       grids::apply_adjoint(grid_, across, currents_.field(nu * n + 1 + a).data(), scratch.data());
       for (std::size_t i = 0; i < flux.size(); ++i) {
-        flux[i] -= 0.5 * h * volume * scratch[i];
+        flux[i] -= share * h * volume * scratch[i];
       }
     }
     for (std::size_t i = 0; i < residual.size(); ++i) {

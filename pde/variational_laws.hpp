@@ -15,6 +15,9 @@ namespace rubato {
 ///
 /// ⟨ ⟩ the mean of the cells on that side of the node: ν = t is the law of energy, whose sum over the nodes is
 /// E_k - E_{k-1}; ν = x, … are those of momentum. They vanish to truncation error only.
+///
+/// For euler-box (Placement::corners) the currents of a cell belong to its base corner, and the laws are its node laws,
+/// with e, f, m, g of theory: [e_k - e_{k-1}] ΔV + h Σ_a (f_i - f_{i-1}) ΔV/Δx_a, and so for momentum.
 class VariationalLaws {
 public:
   VariationalLaws(LocalLaws& laws, const grids::Grid& grid);
@@ -36,7 +39,7 @@ private:
   grids::Grid grid_;
   std::vector<std::string> names_;
   grids::FieldSet currents_, scratch_;
-  grids::FieldSet density_, flux_;  ///< of the last step at nodes, ΔV⟨J_t⟩ and half of the differences of fluxes
+  grids::FieldSet density_, flux_;  ///< of the last step at nodes, ΔV⟨J_t⟩ and its share of the differences of fluxes
   grids::FieldSet residual_;
   bool started_ = false;
 };

@@ -181,7 +181,7 @@ LatticeIntegrator make_lattice(const Problem& problem) {
 }
 
 Placement placement_of(const Problem& problem) {
-  return problem.scheme.lagrangian == Lagrangian::fourier ? Placement::nodes : Placement::cells;
+  return placement_of(lattice_lagrangian(problem.scheme));
 }
 
 LatticeLevel make_initial_level(const Problem& problem, const MultisymplecticSystem& system, const grids::Grid& grid) {

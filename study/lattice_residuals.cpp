@@ -1,14 +1,12 @@
 #include <rubato/study/lattice_residuals.hpp>
 
 #include <limits>
-#include <utility>
 
 namespace rubato::study {
 
 namespace {
 
-constexpr std::uint64_t first_seed = 1;
-constexpr std::uint64_t second_seed = 2;
+constexpr std::uint64_t seed = 1;
 
 }  // namespace
 
@@ -21,8 +19,7 @@ LatticeResiduals::LatticeResiduals(LocalLaws& laws, const MultisymplecticSystem&
     names_.insert(names_.end(), variational_->names().begin(), variational_->names().end());
   }
   if (wanted.tangents) {
-    const grids::FieldSet u = random_tangent(system, grid, first_seed);
-    tangents_.emplace(Tangents{TangentStep(system, grid), u, random_tangent(system, grid, second_seed), u, u});
+    tangents_.emplace(laws, system, grid, seed);
     names_.emplace_back("multisymplectic");
   }
   sizes_.resize(names_.size());
@@ -48,37 +45,24 @@ void LatticeResiduals::take(const LatticeLevel& before, const LatticeLevel& afte
     next += variational_->names().size();
   }
   if (tangents_ && tangent_status_ == Status::success) {
-    sizes_[next] = take_tangents(before, after, h);
-  }
-}
-
-MaxRms LatticeResiduals::take_tangents(const LatticeLevel& before, const LatticeLevel& after, double h) {
-  Tangents& t = *tangents_;
-  for (const auto& [now, next] : {std::pair{&t.u, &t.next_u}, std::pair{&t.v, &t.next_v}}) {
-    tangent_status_ = t.step(before, after, h, *now, *next);
-    if (tangent_status_ != Status::success) {
-      return {};
+    tangent_status_ = tangents_->take(before, after, h);
+    if (tangent_status_ == Status::success && tangents_->residual()) {
+      sizes_[next] = size_of(*tangents_->residual());
     }
   }
-  const LawSize size = laws_.multisymplectic_residual(t.u, t.next_u, t.v, t.next_v, h);
-  std::swap(t.u, t.next_u);
-  std::swap(t.v, t.next_v);
-  return size_of(size);
 }
 
 void LatticeResiduals::save(StateWriter& state) const {
   if (tangents_) {
     state.write(static_cast<double>(tangent_status_));
-    state.write(tangents_->u.all());
-    state.write(tangents_->v.all());
+    tangents_->save(state);
   }
 }
 
 void LatticeResiduals::restore(StateReader& state, const LatticeLevel& before, const LatticeLevel& after, double h) {
   if (tangents_) {
     tangent_status_ = static_cast<Status>(static_cast<int>(state.read()));
-    state.read(tangents_->u.all());
-    state.read(tangents_->v.all());
+    tangents_->restore(state);
   }
   if (h != 0.0) {
     laws_.residuals(before, after, h, cells_.pointers());

@@ -47,18 +47,13 @@ public:
   void restore(StateReader& state, const LatticeLevel& before, const LatticeLevel& after, double h);
 
 private:
-  struct Tangents {
-    TangentStep step;
-    grids::FieldSet u, v, next_u, next_v;
-  };
   [[nodiscard]] MaxRms size_of(const LawSize& size) const;
-  [[nodiscard]] MaxRms take_tangents(const LatticeLevel& before, const LatticeLevel& after, double h);
 
   LocalLaws& laws_;
   std::size_t count_;
   std::vector<std::string> names_;
   std::optional<VariationalLaws> variational_;
-  std::optional<Tangents> tangents_;
+  std::optional<TangentPair> tangents_;
   Status tangent_status_ = Status::success;
   grids::FieldSet cells_;
   std::vector<MaxRms> sizes_;

@@ -1,0 +1,319 @@
+#include <rubato/pde/euler_box_map.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <stdexcept>
+#include <string>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <rubato/grids/box_operators.hpp>
+#include <rubato/grids/reductions.hpp>
+
+namespace rubato {
+
+namespace {
+
+constexpr int most_iterations = 50;
+
+[[noreturn]] void refuse(const std::string& reason) {
+  throw std::invalid_argument(
+      fmt::format("euler-box is not explicit for this system: {}; use lagrangian = \"box\" or \"fourier\"", reason));
+}
+
+grids::BoxOperator difference_along(int axis) {
+  grids::BoxOperator difference{grids::Along::identity, grids::Along::identity, grids::Along::identity};
+  difference[static_cast<std::size_t>(axis)] = grids::Along::difference;
+  return difference;
+}
+
+/// out += factor in.
+void add(double factor, std::span<const double> in, std::span<double> out) {
+  for (std::size_t i = 0; i < out.size(); ++i) {
+    out[i] += factor * in[i];
+  }
+}
+
+/// out_i += factor a_i b_i.
+void add_product(double factor, std::span<const double> a, std::span<const double> b, std::span<double> out) {
+  for (std::size_t i = 0; i < out.size(); ++i) {
+    out[i] += factor * a[i] * b[i];
+  }
+}
+
+}  // namespace
+
+EulerBoxMap::EulerBoxMap(const MultisymplecticSystem& system, const grids::Grid& grid)
+    : system_(system),
+      grid_(grid),
+      outputs_(static_cast<int>(system.hessian_code().output_count()), grid.size()),
+      row_(1, grid.size()),
+      scratch_(row_),
+      evaluate_(system.hessian_code()) {
+  if (system.directions() != grid.dimensions()) {
+    throw std::invalid_argument(
+        fmt::format("the system has {} space direction(s), the grid {}", system.directions(), grid.dimensions()));
+  }
+  plan();
+}
+
+Status EulerBoxMap::start(grids::FieldSet& fields) {
+  for (const LocalSolve& solve : start_solves_) {
+    if (const Status status = run(solve, 1.0, fields, fields); status != Status::success) {
+      return status;
+    }
+  }
+  return Status::success;
+}
+
+Status EulerBoxMap::advance(double h, const grids::FieldSet& before, grids::FieldSet& after) {
+  after.copy_from(before);
+  evaluate(before);
+  for (const Kick& entry : kicks_) {
+    row_of_gradient(entry.row);
+    add_differences(entry.row, before);
+    kick(entry, h, after);
+  }
+  for (const LocalSolve& solve : solves_) {
+    if (const Status status = run(solve, h, before, after); status != Status::success) {
+      return status;
+    }
+  }
+  return Status::success;
+}
+
+Status EulerBoxMap::tangent(double h, const grids::FieldSet& before, const grids::FieldSet& after,
+                            const grids::FieldSet& u_before, grids::FieldSet& u_after) {
+  u_after.copy_from(u_before);
+  evaluate(before);
+  for (const Kick& entry : kicks_) {
+    row_of_hessian(entry.row, u_before);
+    add_differences(entry.row, u_before);
+    kick(entry, h, u_after);
+  }
+  evaluate(after);
+  for (const LocalSolve& solve : solves_) {
+    row_of_hessian(solve.row, u_after);
+    add_differences(solve.row, u_after);
+    if (!std::isfinite(correct(solve, h, u_before, u_after))) {
+      return Status::undefined;
+    }
+  }
+  return Status::success;
+}
+
+double EulerBoxMap::energy(const grids::FieldSet& fields) {
+  evaluate(fields);
+  double sum = grids::sum(outputs_.field(0));
+  for (int a = 0; a < grid_.dimensions(); ++a) {
+    const auto& plus = system_.structure().K_plus[static_cast<std::size_t>(a)];
+    for (int r = 0; r < system_.field_count(); ++r) {
+      for (int c = 0; c < system_.field_count(); ++c) {
+        if (plus(r, c) != 0.0) {
+          grids::apply(grid_, difference_along(a), fields.field(c).data(), scratch_.field(0).data());
+          sum -= plus(r, c) * grids::dot(fields.field(r), scratch_.field(0));
+        }
+      }
+    }
+  }
+  return grid_.cell_volume() * sum;
+}
+
+/// Finds an order in which each equation of a level has one unknown, which it holds at the node itself.
+void EulerBoxMap::plan() {
+  const auto& M_plus = system_.structure().M_plus;
+  const int d = system_.field_count();
+  std::vector<bool> known(static_cast<std::size_t>(d), false);
+  std::vector<bool> used(static_cast<std::size_t>(d), false);
+  for (int r = 0; r < d; ++r) {
+    for (int c = 0; c < d; ++c) {
+      if (M_plus(r, c) == 0.0) {
+        continue;
+      }
+      if ((M_plus.row(r).array() != 0.0).count() > 1 || (M_plus.col(c).array() != 0.0).count() > 1 ||
+          !M_plus.col(r).isZero(0.0)) {
+        refuse(fmt::format("its part M+ of M couples {} to more than one field",
+                           system_.fields()[static_cast<std::size_t>(r)]));
+      }
+      kicks_.push_back({r, c, M_plus(r, c)});
+      known[static_cast<std::size_t>(c)] = true;
+      used[static_cast<std::size_t>(r)] = true;
+    }
+  }
+  order_solves(known, used, solves_);
+  // At the start every field with an equation of motion is known, and the constraints give the rest.
+  for (int f = 0; f < d; ++f) {
+    const bool algebraic = system_.structure().algebraic[static_cast<std::size_t>(f)];
+    known[static_cast<std::size_t>(f)] = used[static_cast<std::size_t>(f)] = !algebraic;
+  }
+  order_solves(known, used, start_solves_);
+}
+
+void EulerBoxMap::order_solves(std::vector<bool> known, std::vector<bool> used, std::vector<LocalSolve>& solves) const {
+  const int d = system_.field_count();
+  for (bool progress = true; progress;) {
+    progress = false;
+    for (int r = 0; r < d; ++r) {
+      std::vector<int> unknown;
+      for (int f = 0; f < d; ++f) {
+        if (!known[static_cast<std::size_t>(f)] && (local(r, f) || across(r, f))) {
+          unknown.push_back(f);
+        }
+      }
+      if (!used[static_cast<std::size_t>(r)] && unknown.size() == 1 && !across(r, unknown[0])) {
+        solves.push_back({r, unknown[0], rate_of(r, unknown[0])});
+        known[static_cast<std::size_t>(unknown[0])] = used[static_cast<std::size_t>(r)] = progress = true;
+      }
+    }
+  }
+  std::vector<std::string> left;
+  for (int f = 0; f < d; ++f) {
+    if (!known[static_cast<std::size_t>(f)]) {
+      left.push_back(system_.fields()[static_cast<std::size_t>(f)]);
+    }
+  }
+  if (!left.empty()) {
+    refuse(fmt::format("no equation gives {} at a level node by node", fmt::join(left, ", ")));
+  }
+}
+
+bool EulerBoxMap::local(int row, int field) const {
+  if (rate_of(row, field) != 0.0 || system_.constant_hessian()(row, field) != 0.0) {
+    return true;
+  }
+  return varying_entry(row, field) >= 0;
+}
+
+bool EulerBoxMap::across(int row, int field) const {
+  return std::ranges::any_of(system_.structure().K_plus, [&](const Eigen::MatrixXd& plus) {
+    return plus(row, field) != 0.0 || plus(field, row) != 0.0;
+  });
+}
+
+/// Where S''(row, field) is in varying_hessian(); -1 if it is constant.
+int EulerBoxMap::varying_entry(int row, int field) const {
+  const auto& varying = system_.varying_hessian();
+  const auto found = std::ranges::find_if(varying, [&](const HessianEntry& e) {
+    return (e.row == row && e.column == field) || (e.row == field && e.column == row);
+  });
+  return found == varying.end() ? -1 : static_cast<int>(found - varying.begin());
+}
+
+void EulerBoxMap::evaluate(const grids::FieldSet& fields) {
+  evaluate_(grid_.size(), fields.pointers(), outputs_.pointers());
+  ++evaluations_;
+}
+
+/// row_ = ∇S of one row, as last evaluated.
+void EulerBoxMap::row_of_gradient(int row) {
+  std::ranges::copy(outputs_.field(1 + row), row_.field(0).begin());
+}
+
+/// row_ = S''u of one row, S'' as last evaluated.
+void EulerBoxMap::row_of_hessian(int row, const grids::FieldSet& u) {
+  row_.fill(0.0);
+  for (int f = 0; f < system_.field_count(); ++f) {
+    if (const int entry = varying_entry(row, f); entry >= 0) {
+      add_product(1.0, outputs_.field(1 + system_.field_count() + entry), u.field(f), row_.field(0));
+    } else if (const double constant = system_.constant_hessian()(row, f); constant != 0.0) {
+      add(constant, u.field(f), row_.field(0));
+    }
+  }
+}
+
+/// row_ += -K₊δ⁺z + K₊ᵀδ⁻z of one row.
+void EulerBoxMap::add_differences(int row, const grids::FieldSet& fields) {
+  const auto out = row_.field(0);
+  const auto scratch = scratch_.field(0);
+  for (int a = 0; a < grid_.dimensions(); ++a) {
+    const auto& plus = system_.structure().K_plus[static_cast<std::size_t>(a)];
+    for (int f = 0; f < system_.field_count(); ++f) {
+      if (plus(row, f) != 0.0) {
+        grids::apply(grid_, difference_along(a), fields.field(f).data(), scratch.data());
+        add(-plus(row, f), scratch, out);
+      }
+      if (plus(f, row) != 0.0) {  // δ⁻ is minus the adjoint of δ⁺
+        grids::apply_adjoint(grid_, difference_along(a), fields.field(f).data(), scratch.data());
+        add(-plus(f, row), scratch, out);
+      }
+    }
+  }
+}
+
+/// M₊[row, column] (z_{k+1} - z_k)_column = h row_.
+void EulerBoxMap::kick(const Kick& kick, double h, grids::FieldSet& fields) const {
+  add(h / kick.value, row_.field(0), fields.field(kick.column));
+}
+
+/// One correction at every node to row_ + rate (z - z_before)/h = 0, in the one field. \return the largest
+double EulerBoxMap::correct(const LocalSolve& solve, double h, const grids::FieldSet& before,
+                            grids::FieldSet& fields) const {
+  const int entry = varying_entry(solve.row, solve.field);
+  const double constant = (entry < 0 ? system_.constant_hessian()(solve.row, solve.field) : 0.0) + solve.rate / h;
+  const auto row = row_.field(0);
+  const auto values = fields.field(solve.field);
+  const auto old = before.field(solve.field);
+  double change = 0.0;
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    const double derivative = constant + (entry < 0 ? 0.0 : outputs_.field(1 + system_.field_count() + entry)[i]);
+    const double correction = (row[i] + solve.rate / h * (values[i] - old[i])) / derivative;
+    values[i] -= correction;
+    change = std::abs(correction) > change || std::isnan(correction) ? std::abs(correction) : change;
+  }
+  return change;
+}
+
+/// Newton's method at every node for the row of a level, in the one field.
+Status EulerBoxMap::run(const LocalSolve& solve, double h, const grids::FieldSet& before, grids::FieldSet& fields) {
+  double last = std::numeric_limits<double>::infinity();
+  for (int iteration = 0; iteration < most_iterations; ++iteration) {
+    evaluate(fields);
+    row_of_gradient(solve.row);
+    add_differences(solve.row, fields);
+    const double change = correct(solve, h, before, fields);
+    if (!std::isfinite(change)) {
+      return Status::undefined;
+    }
+    const double scale = grids::max_abs(std::as_const(fields).field(solve.field));
+    if (change <= 1e-15 * scale || (change <= 1e-10 * scale && change >= 0.5 * last)) {
+      return Status::success;
+    }
+    last = change;
+  }
+  return Status::not_converged;
+}
+
+LatticeLevel euler_box_level(const MultisymplecticSystem& system, const grids::Grid& grid, const InitialFields& given) {
+  EulerBoxMap map(system, grid);
+  LatticeLevel level{grids::FieldSet(system.field_count(), grid.size()), {}};
+  if (given.size() != system.fields().size()) {
+    throw std::invalid_argument(
+        fmt::format("initial data for {} fields; the system has {}", given.size(), system.fields().size()));
+  }
+  for (int f = 0; f < system.field_count(); ++f) {
+    const auto& values = given[static_cast<std::size_t>(f)];
+    const auto& name = system.fields()[static_cast<std::size_t>(f)];
+    if (!values && !system.structure().algebraic[static_cast<std::size_t>(f)]) {
+      throw std::invalid_argument(fmt::format("no initial data for {}", name));
+    }
+    if (values && values->size() != grid.size()) {
+      throw std::invalid_argument(
+          fmt::format("the initial {} has {} values; the grid has {} nodes", name, values->size(), grid.size()));
+    }
+    if (values && !std::ranges::all_of(*values, [](double x) { return std::isfinite(x); })) {
+      throw std::invalid_argument(fmt::format("the initial {} is not finite everywhere", name));
+    }
+    if (values) {
+      std::ranges::copy(*values, level.fields.field(f).begin());
+    }
+  }
+  if (const Status status = map.start(level.fields); status != Status::success) {
+    throw std::invalid_argument(
+        fmt::format("the constraints of the initial level could not be solved: {}", to_string(status)));
+  }
+  return level;
+}
+
+}  // namespace rubato

@@ -1,0 +1,83 @@
+#pragma once
+
+#include <vector>
+
+#include <rubato/base/outcome.hpp>
+#include <rubato/formula/batch.hpp>
+#include <rubato/grids/field_set.hpp>
+#include <rubato/grids/grid.hpp>
+#include <rubato/pde/initial_level.hpp>
+#include <rubato/pde/multisymplectic_system.hpp>
+
+namespace rubato {
+
+/// The Euler box equation as an explicit map of levels, z_k → z_{k+1}, and its tangent (theory, section 5):
+///
+///     M₊(z_{k+1} - z_k) - M₊ᵀ(z_k - z_{k-1}) = h [∇S - Σ_a K₊δ_a⁺z + K₊ᵀδ_a⁻z]  at every node.
+///
+/// The rows of M₊ at level k give the fields of its columns at the next; then the other rows at level k + 1 give the
+/// other fields, one after the other, node by node (by Newton's method where S is not quadratic in one).
+class EulerBoxMap {
+public:
+  /// \throws std::invalid_argument if the rows cannot be put into such an order, saying which field is left; if the
+  /// dimensions of grid and system differ
+  EulerBoxMap(const MultisymplecticSystem& system, const grids::Grid& grid);
+
+  /// Computes the algebraic fields of a first level from the others, by the constraints at its nodes.
+  [[nodiscard]] Status start(grids::FieldSet& fields);
+  [[nodiscard]] Status advance(double h, const grids::FieldSet& before, grids::FieldSet& after);
+  /// Takes a solution u of the linearised equation over the step from `before` to `after`.
+  [[nodiscard]] Status tangent(double h, const grids::FieldSet& before, const grids::FieldSet& after,
+                               const grids::FieldSet& u_before, grids::FieldSet& u_after);
+  /// E = Σ ΔV [S - Σ_a zᵀK₊δ_a⁺z] of a level.
+  [[nodiscard]] double energy(const grids::FieldSet& fields);
+
+  [[nodiscard]] int evaluations() const { return evaluations_; }  ///< of S and its derivatives, since construction
+
+private:
+  /// An entry of M₊: the equation of `row` at a level gives `column` at the next.
+  struct Kick {
+    int row = 0;
+    int column = 0;
+    double value = 0.0;
+  };
+  /// The equation of `row` at one level gives `field` there, node by node; `rate` is the entry of M₊ that multiplies
+  /// its increment (0 for a constraint).
+  struct LocalSolve {
+    int row = 0;
+    int field = 0;
+    double rate = 0.0;
+  };
+
+  void plan();
+  void order_solves(std::vector<bool> known, std::vector<bool> used, std::vector<LocalSolve>& solves) const;
+  [[nodiscard]] double rate_of(int row, int field) const { return system_.structure().M_plus(field, row); }
+  [[nodiscard]] bool local(int row, int field) const;
+  [[nodiscard]] bool across(int row, int field) const;
+  [[nodiscard]] int varying_entry(int row, int field) const;
+
+  void evaluate(const grids::FieldSet& fields);
+  void row_of_gradient(int row);
+  void row_of_hessian(int row, const grids::FieldSet& u);
+  void add_differences(int row, const grids::FieldSet& fields);
+  void kick(const Kick& kick, double h, grids::FieldSet& fields) const;
+  [[nodiscard]] double correct(const LocalSolve& solve, double h, const grids::FieldSet& before,
+                               grids::FieldSet& fields) const;
+  [[nodiscard]] Status run(const LocalSolve& solve, double h, const grids::FieldSet& before, grids::FieldSet& fields);
+
+  MultisymplecticSystem system_;
+  grids::Grid grid_;
+  grids::FieldSet outputs_;  ///< S, ∇S and the varying entries of S'' as last evaluated
+  grids::FieldSet row_, scratch_;
+  formula::BatchEvaluator evaluate_;
+  std::vector<Kick> kicks_;
+  std::vector<LocalSolve> solves_, start_solves_;
+  int evaluations_ = 0;
+};
+
+/// The first level of an euler-box run from the user's data: what initial_level() gives for Placement::corners.
+/// \throws std::invalid_argument as initial_level() and EulerBoxMap
+[[nodiscard]] LatticeLevel euler_box_level(const MultisymplecticSystem& system, const grids::Grid& grid,
+                                           const InitialFields& given);
+
+}  // namespace rubato

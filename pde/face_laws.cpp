@@ -1,0 +1,479 @@
+#include <omp.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <utility>
+
+#include <rubato/base/compensated_sum.hpp>
+#include <rubato/formula/batch.hpp>
+#include <rubato/grids/buffer.hpp>
+#include <rubato/grids/fourier.hpp>
+#include <rubato/grids/reductions.hpp>
+#include <rubato/pde/face_gather.hpp>
+#include <rubato/pde/law_engine.hpp>
+
+namespace rubato {
+
+namespace {
+
+constexpr std::size_t block_size = CellBlocks::most;
+constexpr int time = LawTables::time;
+
+/// The fields on the faces of one block: means and derivatives in the directions within the face, and S.
+struct Faces {
+  std::vector<double*> mean;
+  std::vector<std::array<double*, 4>> derivative;  ///< of each field in direction μ
+  double* S = nullptr;
+  std::vector<double*> currents;  ///< of each law
+};
+
+struct Workspace {
+  grids::Buffer memory;
+  formula::BatchEvaluator S;
+  Faces faces;
+};
+
+/// What the laws are computed with: the operators on faces, in blocks of cells.
+struct FaceOperators : LawTables {
+  CellBlocks blocks;
+  FaceGather gather;
+  std::vector<std::unique_ptr<Workspace>> workspaces;
+  grids::FieldSet middle, rate;
+  std::unique_ptr<grids::SpectralDerivative> spectral;  ///< at nodes only
+  std::vector<grids::FieldSet> derivatives;             ///< along each axis, of the fields in use
+  std::vector<std::vector<double>> maxima, squares;     ///< [law][block]
+
+  FaceOperators(LawTables tables, Placement placement)
+      : LawTables(std::move(tables)), blocks(grid), gather(grid), middle(d, grid.size()), rate(d, grid.size()) {
+    if (placement == Placement::nodes) {
+      spectral = std::make_unique<grids::SpectralDerivative>(grid);
+      derivatives.assign(static_cast<std::size_t>(grid.dimensions()), grids::FieldSet(d, grid.size()));
+    }
+    maxima.assign(names.size(), std::vector<double>(blocks.count()));
+    squares = maxima;
+  }
+
+  void prepare_workspaces() {
+    while (workspaces.size() < static_cast<std::size_t>(omp_get_max_threads())) {
+      auto work = std::make_unique<Workspace>();
+      const auto fields = static_cast<std::size_t>(d);
+      const std::size_t arrays = fields * (1 + static_cast<std::size_t>(directions)) + 1 + names.size();
+      work->memory = grids::Buffer(arrays * block_size);
+      double* next = work->memory.data();
+      const auto take = [&next] { return std::exchange(next, next + block_size); };
+      for (std::size_t f = 0; f < fields; ++f) {
+        work->faces.mean.push_back(take());
+        auto& derivative = work->faces.derivative.emplace_back();
+        for (int mu = 0; mu < directions; ++mu) {
+          derivative[static_cast<std::size_t>(mu)] = take();
+        }
+      }
+      work->faces.S = take();
+      for (std::size_t l = 0; l < names.size(); ++l) {
+        work->faces.currents.push_back(take());
+      }
+      work->S = formula::BatchEvaluator(system.value_code());
+      workspaces.push_back(std::move(work));
+    }
+  }
+
+  /// z̄ and D_t z of a step at the nodes; fields at midpoints have the value that `after` holds, and no D_t.
+  void make_middle(const grids::FieldSet& before, const grids::FieldSet& after, double h) {
+    for (int f = 0; f < d; ++f) {
+      const double* z_0 = before.field(f).data();
+      const double* z_1 = after.field(f).data();
+      double* m = middle.field(f).data();
+      double* r = rate.field(f).data();
+      const bool midpoint = system.structure().at_midpoints(f);
+      grids::for_each_block(grid.size(), 4096, [=](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) {
+          m[i] = midpoint ? z_1[i] : 0.5 * (z_0[i] + z_1[i]);
+          r[i] = midpoint ? 0.0 : (z_1[i] - z_0[i]) / h;
+        }
+      });
+    }
+  }
+
+  /// The operations along x, y, z on the faces normal to `mu` that differentiate in `nu` (nu = mu: none).
+  void face(const double* field, std::size_t line, std::size_t begin, std::size_t count, int mu, bool upper, int nu,
+            double* out) const {
+    FaceOperation operations[3] = {FaceOperation::average, FaceOperation::average, FaceOperation::average};
+    if (mu != time) {
+      operations[mu - 1] = upper ? FaceOperation::second : FaceOperation::first;
+    }
+    if (nu != mu && nu != time) {
+      operations[nu - 1] = FaceOperation::difference;
+    }
+    gather(field, line, begin, count, operations, out);
+  }
+
+  /// Means, derivatives and S on one side of the cells of a block.
+  void fill(Workspace& work, std::size_t line, std::size_t begin, std::size_t count, int mu, bool upper,
+            const grids::FieldSet& values, const PotentialSlopes& slopes) const {
+    Faces& faces = work.faces;
+    for (int f = 0; f < d; ++f) {
+      const auto i = static_cast<std::size_t>(f);
+      if (mu == time && system.structure().at_midpoints(f)) {  // not there at levels, and not in the densities
+        std::fill_n(faces.mean[i], count, 0.0);
+        for (int nu = 0; nu < directions; ++nu) {
+          std::fill_n(faces.derivative[i][static_cast<std::size_t>(nu)], count, 0.0);
+        }
+        continue;
+      }
+      const std::size_t offset = line * blocks.line + begin;
+      if (spectral != nullptr) {
+        std::copy_n(values.field(f).data() + offset, count, faces.mean[i]);
+      } else {
+        face(values.field(f).data(), line, begin, count, mu, upper, mu, faces.mean[i]);
+      }
+      for (int nu = 0; nu < directions; ++nu) {
+        if (nu == mu) {
+          continue;
+        }
+        double* derivative = faces.derivative[i][static_cast<std::size_t>(nu)];
+        const double* from = nu == time ? rate.field(f).data() : values.field(f).data();
+        if (spectral == nullptr) {
+          face(from, line, begin, count, mu, upper, nu, derivative);
+        } else if (nu == time) {
+          std::copy_n(from + offset, count, derivative);
+        } else {
+          std::copy_n(derivatives[static_cast<std::size_t>(nu) - 1].field(f).data() + offset, count, derivative);
+        }
+        if (const double slope = nu == 1 ? slopes.at(f, line) : 0.0; slope != 0.0) {
+          for (std::size_t c = 0; c < count; ++c) {
+            derivative[c] += slope;
+          }
+        }
+      }
+    }
+    double* const outputs[] = {faces.S};
+    work.S(count, std::span<const double* const>(faces.mean.data(), faces.mean.size()), outputs);
+  }
+
+  /// The currents J_μ of all laws on those faces.
+  void currents(Faces& faces, std::size_t count, int mu) const {
+    const auto add = [count](double* out, double factor, const double* left, const double* right) {
+      for (std::size_t c = 0; c < count; ++c) {
+        out[c] += factor * left[c] * right[c];
+      }
+    };
+    const auto mean = [&](int f) { return faces.mean[static_cast<std::size_t>(f)]; };
+    const auto derivative = [&](int f, int nu) {
+      return faces.derivative[static_cast<std::size_t>(f)][static_cast<std::size_t>(nu)];
+    };
+    for (int nu = 0; nu < directions; ++nu) {
+      double* out = faces.currents[static_cast<std::size_t>(nu)];
+      if (nu != mu) {
+        std::fill_n(out, count, 0.0);
+        for (const Term& term : plus[static_cast<std::size_t>(mu)]) {
+          add(out, -term.value, derivative(term.row, nu), mean(term.column));
+        }
+        continue;
+      }
+      std::copy_n(faces.S, count, out);
+      for (int other = 0; other < directions; ++other) {
+        if (other != nu) {
+          for (const Term& term : plus[static_cast<std::size_t>(other)]) {
+            add(out, term.value, derivative(term.row, other), mean(term.column));
+          }
+        }
+      }
+    }
+    auto law = static_cast<std::size_t>(directions);
+    for (const auto& symmetry : quadratic) {
+      double* out = faces.currents[law++];
+      std::fill_n(out, count, 0.0);
+      for (const Term& term : symmetry[static_cast<std::size_t>(mu)]) {
+        add(out, term.value, mean(term.row), mean(term.column));
+      }
+    }
+    for (const auto& symmetry : linear) {
+      double* out = faces.currents[law++];
+      std::fill_n(out, count, 0.0);
+      for (const Term& term : symmetry[static_cast<std::size_t>(mu)]) {
+        for (std::size_t c = 0; c < count; ++c) {
+          out[c] += term.value * mean(term.column)[c];
+        }
+      }
+    }
+  }
+
+  /// Means, derivatives in all directions and S in the middle of the cells of a block.
+  void fill_centres(Workspace& work, std::size_t line, std::size_t begin, std::size_t count,
+                    const PotentialSlopes& slopes) const {
+    Faces& faces = work.faces;
+    for (int f = 0; f < d; ++f) {
+      const auto i = static_cast<std::size_t>(f);
+      face(middle.field(f).data(), line, begin, count, time, false, time, faces.mean[i]);
+      face(rate.field(f).data(), line, begin, count, time, false, time, faces.derivative[i][time]);
+      for (int nu = 1; nu < directions; ++nu) {
+        double* derivative = faces.derivative[i][static_cast<std::size_t>(nu)];
+        face(middle.field(f).data(), line, begin, count, time, false, nu, derivative);
+        if (const double slope = nu == 1 ? slopes.at(f, line) : 0.0; slope != 0.0) {
+          for (std::size_t c = 0; c < count; ++c) {
+            derivative[c] += slope;
+          }
+        }
+      }
+    }
+    double* const outputs[] = {faces.S};
+    work.S(count, std::span<const double* const>(faces.mean.data(), faces.mean.size()), outputs);
+  }
+
+  /// out += factor·½ z̄ᵀΛ_μD_νz, or -factor·(D_νz)ᵀΛ₊_μz̄.
+  void add_centre_product(const Faces& faces, std::size_t count, bool split, std::size_t mu, std::size_t nu,
+                          double factor, double* out) const {
+    for (const Term& term : split ? plus[mu] : full[mu]) {
+      const double* derivative = faces.derivative[static_cast<std::size_t>(split ? term.row : term.column)][nu];
+      const double* mean = faces.mean[static_cast<std::size_t>(split ? term.column : term.row)];
+      const double weight = factor * term.value * (split ? -1.0 : 0.5);
+      for (std::size_t c = 0; c < count; ++c) {
+        out[c] += weight * derivative[c] * mean[c];
+      }
+    }
+  }
+
+  void prepare_currents(Workspace& work, std::size_t line, std::size_t begin, std::size_t count, int mu, bool upper,
+                        const LatticeLevel& before, const LatticeLevel& after) const {
+    const grids::FieldSet& values = mu != time ? middle : upper ? after.fields : before.fields;
+    fill(work, line, begin, count, mu, upper, values, after.slopes);
+    currents(work.faces, count, mu);
+  }
+
+  void differentiate(const grids::FieldSet& values) {
+    for (std::size_t a = 0; a < derivatives.size(); ++a) {
+      for (int f = 0; f < d; ++f) {
+        (*spectral)(static_cast<int>(a), values.field(f).data(), derivatives[a].field(f).data());
+      }
+    }
+  }
+
+  /// The currents J_μ of all laws at the nodes.
+  void currents_at_nodes(int mu, const grids::FieldSet& values, const PotentialSlopes& slopes,
+                         grids::FieldSet& result) {
+    differentiate(values);
+    for_each_block_of_cells([&](std::size_t, std::size_t line, std::size_t begin, std::size_t count, Workspace& work) {
+      fill(work, line, begin, count, mu, false, values, slopes);
+      currents(work.faces, count, mu);
+      for (std::size_t l = 0; l < names.size(); ++l) {
+        std::copy_n(work.faces.currents[l], count,
+                    result.field(static_cast<int>(l)).data() + line * blocks.line + begin);
+      }
+    });
+  }
+
+  /// Residuals with spectral derivatives, into sum[law].
+  void residuals_at_nodes(const LatticeLevel& before, const LatticeLevel& after, double h, grids::FieldSet& sum) {
+    grids::FieldSet current(static_cast<int>(names.size()), grid.size());
+    currents_at_nodes(time, after.fields, after.slopes, sum);
+    currents_at_nodes(time, before.fields, before.slopes, current);
+    for (std::size_t i = 0; i < sum.all().size(); ++i) {
+      sum.all()[i] = (sum.all()[i] - current.all()[i]) / h;
+    }
+    for (int a = 0; a < grid.dimensions(); ++a) {
+      currents_at_nodes(1 + a, middle, after.slopes, current);
+      for (int l = 0; l < current.fields(); ++l) {
+        (*spectral)(a, current.field(l).data(), current.field(l).data());
+      }
+      for (std::size_t i = 0; i < sum.all().size(); ++i) {
+        sum.all()[i] += current.all()[i];
+      }
+    }
+  }
+
+  /// Calls use(block, line, begin, count, workspace) for every block of cells, in parallel.
+  template <typename Use>
+  void for_each_block_of_cells(Use&& use) {
+    prepare_workspaces();
+    const auto count = static_cast<std::ptrdiff_t>(blocks.count());
+#pragma omp parallel for schedule(static) if (count > 8)
+    for (std::ptrdiff_t b = 0; b < count; ++b) {
+      const auto block = static_cast<std::size_t>(b);
+      const std::size_t begin = block % blocks.per_line * block_size;
+      use(block, block / blocks.per_line, begin, std::min(block_size, blocks.line - begin),
+          *workspaces[static_cast<std::size_t>(omp_get_thread_num())]);
+    }
+  }
+
+  /// Takes the size of one law's residual in a block.
+  void measure(std::size_t law, std::size_t block, const double* values, std::size_t count) {
+    double max = 0.0;
+    double sum = 0.0;
+    for (std::size_t c = 0; c < count; ++c) {
+      const double size = std::abs(values[c]);
+      max = size > max || std::isnan(size) ? size : max;
+      sum += values[c] * values[c];
+    }
+    maxima[law][block] = max;
+    squares[law][block] = sum;
+  }
+
+  [[nodiscard]] LawSize size_of(std::size_t law) const {
+    CompensatedSum sum;
+    double max = 0.0;
+    for (std::size_t b = 0; b < blocks.count(); ++b) {
+      sum.add(squares[law][b]);
+      max = std::max(max, maxima[law][b]);
+    }
+    LawSize size;
+    size.add(max, sum.value(), grid.size());
+    return size;
+  }
+};
+
+class FaceLaws final : public LawEngine {
+public:
+  FaceLaws(LawTables tables, Placement placement) : operators_(std::move(tables), placement) {}
+
+  [[nodiscard]] const LawTables& tables() const override { return operators_; }
+  std::vector<LawSize> residuals(const LatticeLevel& before, const LatticeLevel& after, double h,
+                                 std::span<double* const> residuals) override;
+  std::vector<double> totals(const LatticeLevel& level) override;
+  void cell_currents(const LatticeLevel& before, const LatticeLevel& after, double h,
+                     std::span<double* const> out) override;
+  LawSize multisymplectic_residual(const TangentLevels& u, const TangentLevels& v, double h, double* residual) override;
+
+private:
+  FaceOperators operators_;
+};
+
+std::vector<LawSize> FaceLaws::residuals(const LatticeLevel& before, const LatticeLevel& after, double h,
+                                         std::span<double* const> residuals) {
+  FaceOperators& s = operators_;
+  s.make_middle(before.fields, after.fields, h);
+  const std::size_t laws = s.names.size();
+  std::vector<LawSize> sizes;
+  if (s.spectral != nullptr) {
+    grids::FieldSet sum(static_cast<int>(laws), s.grid.size());
+    s.residuals_at_nodes(before, after, h, sum);
+    for (std::size_t l = 0; l < laws; ++l) {
+      const auto values = std::as_const(sum).field(static_cast<int>(l));
+      sizes.emplace_back().add(grids::max_abs(values), grids::dot(values, values), values.size());
+      if (!residuals.empty()) {
+        std::ranges::copy(values, residuals[l]);
+      }
+    }
+    return sizes;
+  }
+  s.for_each_block_of_cells(
+      [&](std::size_t block, std::size_t line, std::size_t begin, std::size_t count, Workspace& work) {
+        std::vector<double> sum(laws * block_size, 0.0);
+        for (int mu = 0; mu < s.directions; ++mu) {
+          const double inverse = 1.0 / s.spacing(mu, h);
+          for (const bool upper : {false, true}) {
+            s.prepare_currents(work, line, begin, count, mu, upper, before, after);
+            const double factor = upper ? inverse : -inverse;
+            for (std::size_t l = 0; l < laws; ++l) {
+              for (std::size_t c = 0; c < count; ++c) {
+                sum[l * block_size + c] += factor * work.faces.currents[l][c];
+              }
+            }
+          }
+        }
+        for (std::size_t l = 0; l < laws; ++l) {
+          s.measure(l, block, &sum[l * block_size], count);
+          if (!residuals.empty()) {
+            std::copy_n(&sum[l * block_size], count, residuals[l] + line * s.blocks.line + begin);
+          }
+        }
+      });
+  for (std::size_t l = 0; l < laws; ++l) {
+    sizes.push_back(s.size_of(l));
+  }
+  return sizes;
+}
+
+std::vector<double> FaceLaws::totals(const LatticeLevel& level) {
+  FaceOperators& s = operators_;
+  const std::size_t laws = s.names.size();
+  if (s.spectral != nullptr) {
+    s.differentiate(level.fields);
+  }
+  s.for_each_block_of_cells(
+      [&](std::size_t block, std::size_t line, std::size_t begin, std::size_t count, Workspace& work) {
+        s.prepare_currents(work, line, begin, count, time, false, level, level);
+        for (std::size_t l = 0; l < laws; ++l) {
+          CompensatedSum sum;
+          for (std::size_t c = 0; c < count; ++c) {
+            sum.add(work.faces.currents[l][c]);
+          }
+          s.squares[l][block] = sum.value();
+        }
+      });
+  std::vector<double> totals;
+  for (std::size_t l = 0; l < laws; ++l) {
+    CompensatedSum sum;
+    for (const double part : s.squares[l]) {
+      sum.add(part);
+    }
+    totals.push_back(s.grid.cell_volume() * sum.value());
+  }
+  return totals;
+}
+
+void FaceLaws::cell_currents(const LatticeLevel& before, const LatticeLevel& after, double h,
+                             std::span<double* const> out) {
+  FaceOperators& s = operators_;
+  s.make_middle(before.fields, after.fields, h);
+  const auto& potential = s.system.structure().potential;
+  const bool split = std::ranges::find(potential, true) != potential.end();
+  const auto n = static_cast<std::size_t>(s.directions);
+  s.for_each_block_of_cells([&](std::size_t, std::size_t line, std::size_t begin, std::size_t count, Workspace& work) {
+    s.fill_centres(work, line, begin, count, after.slopes);
+    const std::size_t offset = line * s.blocks.line + begin;
+    for (std::size_t nu = 0; nu < n; ++nu) {
+      double* own = out[nu * n + nu] + offset;
+      std::copy_n(work.faces.S, count, own);
+      for (std::size_t mu = 0; mu < n; ++mu) {
+        if (mu == nu) {
+          continue;
+        }
+        s.add_centre_product(work.faces, count, split, mu, mu, -1.0, own);
+        double* current = out[nu * n + mu] + offset;
+        std::fill_n(current, count, 0.0);
+        s.add_centre_product(work.faces, count, split, mu, nu, 1.0, current);
+      }
+    }
+  });
+}
+
+LawSize FaceLaws::multisymplectic_residual(const TangentLevels& u, const TangentLevels& v, double h, double* residual) {
+  FaceOperators& s = operators_;
+  s.make_middle(u.before, u.after, h);
+  const grids::FieldSet u_middle = s.middle;
+  s.make_middle(v.before, v.after, h);
+  s.for_each_block_of_cells(
+      [&](std::size_t block, std::size_t line, std::size_t begin, std::size_t count, Workspace& work) {
+        double sum[block_size] = {};
+        double* left = work.faces.S;
+        double* right = work.faces.mean[0];
+        for (int mu = 0; mu < s.directions; ++mu) {
+          for (const bool upper : {false, true}) {
+            const grids::FieldSet& left_fields = mu != time ? u_middle : upper ? u.after : u.before;
+            const grids::FieldSet& right_fields = mu != time ? s.middle : upper ? v.after : v.before;
+            const double factor = (upper ? 1.0 : -1.0) / s.spacing(mu, h);
+            for (const LawTables::Term& term : s.full[static_cast<std::size_t>(mu)]) {
+              s.face(left_fields.field(term.row).data(), line, begin, count, mu, upper, mu, left);
+              s.face(right_fields.field(term.column).data(), line, begin, count, mu, upper, mu, right);
+              for (std::size_t c = 0; c < count; ++c) {
+                sum[c] += factor * term.value * left[c] * right[c];
+              }
+            }
+          }
+        }
+        s.measure(0, block, sum, count);
+        if (residual != nullptr) {
+          std::copy_n(sum, count, residual + line * s.blocks.line + begin);
+        }
+      });
+  return s.size_of(0);
+}
+
+}  // namespace
+
+std::unique_ptr<LawEngine> make_face_laws(LawTables tables, Placement placement) {
+  return std::make_unique<FaceLaws>(std::move(tables), placement);
+}
+
+}  // namespace rubato

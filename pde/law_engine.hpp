@@ -1,0 +1,65 @@
+#pragma once
+
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include <rubato/pde/local_laws.hpp>
+
+namespace rubato {
+
+/// What the laws of a system need to know of it, whatever the scheme: directions μ are 0 for time and 1 + a for axis a.
+struct LawTables {
+  static constexpr int time = 0;
+
+  /// An entry of a matrix that is not 0.
+  struct Term {
+    int row, column;
+    double value;
+  };
+  using Terms = std::vector<Term>;
+
+  /// \throws std::invalid_argument if one of `symmetries` is none
+  LawTables(const MultisymplecticSystem& system, const grids::Grid& grid,
+            const std::vector<LinearSymmetry>& symmetries);
+
+  [[nodiscard]] double spacing(int mu, double h) const { return mu == time ? h : grid.spacing(mu - 1); }
+
+  MultisymplecticSystem system;
+  grids::Grid grid;
+  int d, directions;                          ///< directions: 1 + dimensions
+  std::vector<Terms> plus;                    ///< Λ₊ of each direction
+  std::vector<Terms> full;                    ///< Λ of each direction, for the two-form
+  std::vector<std::vector<Terms>> quadratic;  ///< ½ΛB: [symmetry][direction]
+  std::vector<std::vector<Terms>> linear;     ///< bᵀΛ: [symmetry][direction], in `column`
+  std::vector<std::string> names;
+
+private:
+  void add_affine_symmetries();
+};
+
+/// The laws of one family of schemes; LocalLaws documents the functions.
+class LawEngine {
+public:
+  LawEngine() = default;
+  LawEngine(const LawEngine&) = delete;
+  LawEngine& operator=(const LawEngine&) = delete;
+  virtual ~LawEngine() = default;
+
+  [[nodiscard]] virtual const LawTables& tables() const = 0;
+  virtual std::vector<LawSize> residuals(const LatticeLevel& before, const LatticeLevel& after, double h,
+                                         std::span<double* const> residuals) = 0;
+  virtual std::vector<double> totals(const LatticeLevel& level) = 0;
+  virtual void cell_currents(const LatticeLevel& before, const LatticeLevel& after, double h,
+                             std::span<double* const> out) = 0;
+  virtual LawSize multisymplectic_residual(const TangentLevels& u, const TangentLevels& v, double h,
+                                           double* residual) = 0;
+};
+
+/// On the faces of cells, with Placement::cells; at the nodes with spectral derivatives, with Placement::nodes.
+[[nodiscard]] std::unique_ptr<LawEngine> make_face_laws(LawTables tables, Placement placement);
+/// On cells with their values at the base corner: Placement::corners.
+[[nodiscard]] std::unique_ptr<LawEngine> make_corner_laws(LawTables tables);
+
+}  // namespace rubato

@@ -1,0 +1,69 @@
+#include <rubato/pde/law_engine.hpp>
+
+#include <fmt/format.h>
+
+namespace rubato {
+
+namespace {
+
+LawTables::Terms terms_of(const Eigen::MatrixXd& matrix) {
+  LawTables::Terms terms;
+  for (int i = 0; i < matrix.rows(); ++i) {
+    for (int j = 0; j < matrix.cols(); ++j) {
+      if (matrix(i, j) != 0.0) {
+        terms.push_back({i, j, matrix(i, j)});
+      }
+    }
+  }
+  return terms;
+}
+
+}  // namespace
+
+LawTables::LawTables(const MultisymplecticSystem& s, const grids::Grid& g,
+                     const std::vector<LinearSymmetry>& symmetries)
+    : system(s), grid(g), d(s.field_count()), directions(1 + g.dimensions()) {
+  const FieldStructure& structure = system.structure();
+  const auto matrix = [&](int mu) -> const Eigen::MatrixXd& { return mu == time ? s.M() : s.K(mu - 1); };
+  names.emplace_back("energy");
+  for (int mu = 0; mu < directions; ++mu) {
+    plus.push_back(terms_of(mu == time ? structure.M_plus : structure.K_plus[static_cast<std::size_t>(mu) - 1]));
+    full.push_back(terms_of(matrix(mu)));
+    if (mu > 0) {
+      names.emplace_back(g.dimensions() == 1 ? "momentum" : fmt::format("momentum_{}", g.axis(mu - 1).name));
+    }
+  }
+  for (const LinearSymmetry& symmetry : symmetries) {
+    check_symmetry(system, symmetry);
+    names.push_back(symmetry.name);
+    auto& terms = quadratic.emplace_back();
+    for (int mu = 0; mu < directions; ++mu) {
+      terms.push_back(terms_of(0.5 * matrix(mu) * symmetry.B));
+    }
+  }
+  add_affine_symmetries();
+}
+
+/// Those whose density bᵀMz is not zero: (bᵀMz)_t + … = 0 is mass in KdV.
+void LawTables::add_affine_symmetries() {
+  const Eigen::MatrixXd& all = system.structure().affine_symmetries;
+  std::vector<Eigen::Index> kept;
+  for (Eigen::Index c = 0; c < all.cols(); ++c) {
+    if (!(system.M() * all.col(c)).isZero(0.0)) {
+      kept.push_back(c);
+    }
+  }
+  for (const Eigen::Index c : kept) {
+    Eigen::Index lead = 0;
+    all.col(c).cwiseAbs().maxCoeff(&lead);
+    names.push_back(kept.size() == 1 ? std::string("mass")
+                                     : fmt::format("mass_{}", system.fields()[static_cast<std::size_t>(lead)]));
+    auto& terms = linear.emplace_back();
+    for (int mu = 0; mu < directions; ++mu) {
+      const Eigen::MatrixXd& lambda = mu == time ? system.M() : system.K(mu - 1);
+      terms.push_back(terms_of(all.col(c).transpose() * lambda));
+    }
+  }
+}
+
+}  // namespace rubato
