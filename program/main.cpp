@@ -12,6 +12,8 @@
 #include <rubato/study/version.hpp>
 
 #include "commands.hpp"
+#include "completion.hpp"
+#include "report_command.hpp"
 #include "terminal.hpp"
 
 namespace {
@@ -31,6 +33,9 @@ constexpr const char* examples =
     "  rubato run kepler --set parameters.e=0.3 -o kepler.h5\n"
     "  rubato resume mine.h5 --until 200    go on from the last level\n"
     "  rubato check mine.h5                 the laws again, from the states alone\n"
+    "  rubato report mine.h5                writes mine.html: plots of all of it, for a browser\n"
+    "  rubato compare mine.h5 fixed.h5      two records side by side\n"
+    "  rubato export mine.h5                CSV files, for spreadsheets and other programs\n"
     "\n"
     "Exit status: 0 done; 2 input or usage wrong; 3 stopped at a singular point of the step\n"
     "equation; 4 the solver failed; 5 a file could not be read or written; 130 interrupted.\n";
@@ -76,9 +81,13 @@ public:
     add_run();
     add_resume();
     add_check();
+    reports_.add_to(app_);
     app_.add_subcommand("list", "List the catalogue");
     CLI::App& show = *app_.add_subcommand("show", "Print a complete problem file of the catalogue");
     show.add_option("name", name_, "A catalogue name")->option_text("NAME")->required();
+    CLI::App& completion = *app_.add_subcommand("completion", "Print a script that makes a shell complete commands");
+    completion.add_option("shell", name_, "bash, zsh or fish")->option_text("SHELL")->required();
+    completion.footer("Example:\n  source <(rubato completion bash)\n");
   }
 
   [[nodiscard]] ExitStatus act(int argc, char** argv) {
@@ -95,6 +104,13 @@ public:
     }
     if (app_.got_subcommand("check")) {
       return rubato::program::check(check_);
+    }
+    if (const auto status = reports_.act()) {
+      return *status;
+    }
+    if (app_.got_subcommand("completion")) {
+      rubato::program::print(rubato::program::completion(app_, name_));
+      return ExitStatus::done;
     }
     return app_.got_subcommand("list") ? rubato::program::list() : rubato::program::show(name_);
   }
@@ -159,6 +175,7 @@ private:
   rubato::program::RunCommand run_;
   rubato::program::ResumeCommand resume_;
   rubato::program::CheckCommand check_;
+  rubato::program::ReportCommands reports_;
   std::string name_;
 };
 

@@ -89,10 +89,16 @@ void write_partition(Json& json, std::string_view key, const Partition& partitio
   json.key(key).begin_object().entry("count", partition.places()).entry("parts", partition.parts()).end_object();
 }
 
+/// The middles of cells lie along the same axis as the nodes.
+std::string_view display_name(std::string_view dimension) {
+  constexpr std::string_view cells = "_cell";
+  return dimension.ends_with(cells) ? dimension.substr(0, dimension.size() - cells.size()) : dimension;
+}
+
 void write_axis(Json& json, std::string_view key, const record::Reader& reader, const std::string& name,
                 const Partition& partition) {
   const std::vector<double> x = reader.read("/grid/" + name);
-  json.key(key).begin_object().entry("name", name).entry("first", x.front()).entry("last", x.back());
+  json.key(key).begin_object().entry("name", display_name(name)).entry("first", x.front()).entry("last", x.back());
   json.entry("count", partition.places()).entry("parts", partition.parts()).end_object();
 }
 
@@ -207,7 +213,11 @@ public:
     write_axis(json, "x", reader, dimensions.back(), columns_);
     if (slices_ > 1) {
       const std::vector<double> across = reader.read("/grid/" + dimensions.front());
-      json.key("slice").begin_object().entry("axis", dimensions.front()).entry("at", across[slices_ / 2]).end_object();
+      json.key("slice")
+          .begin_object()
+          .entry("axis", display_name(dimensions.front()))
+          .entry("at", across[slices_ / 2])
+          .end_object();
     }
     write_blocks(json, drawing_, low_, high_, is_whole());
     std::vector<double> lowest, highest;

@@ -1,7 +1,5 @@
 #include <rubato/report/page.hpp>
 
-#include <unistd.h>
-
 #include <algorithm>
 #include <array>
 #include <fstream>
@@ -11,6 +9,8 @@
 #include <fmt/format.h>
 
 #include <rubato/report/assets.hpp>
+#include <rubato/report/comparison.hpp>
+#include <rubato/report/output_file.hpp>
 #include <rubato/report/page_data.hpp>
 
 namespace rubato::report {
@@ -18,9 +18,9 @@ namespace rubato::report {
 namespace {
 
 /// In the order in which they are run: each uses only those before it.
-constexpr std::array scripts{"theme.js", "unpack.js", "format.js",  "colour.js",  "curve.js",
-                             "plane.js", "map.js",    "profile.js", "player.js",  "portrait.js",
-                             "cards.js", "tables.js", "orbit.js",   "lattice.js", "main.js"};
+constexpr std::array scripts{"theme.js", "unpack.js",  "format.js",     "colour.js",   "curve.js", "plane.js",
+                             "map.js",   "profile.js", "player.js",     "portrait.js", "cards.js", "tables.js",
+                             "orbit.js", "lattice.js", "comparison.js", "main.js"};
 
 /// What write_page() recognises its own pages by, near their beginning.
 constexpr std::string_view mark = "<meta name=\"generator\" content=\"Rubato\">";
@@ -79,14 +79,13 @@ Resolution resolution_for(const PageOptions& options, const Contents& contents, 
   return resolution;
 }
 
-void write_contents(Json& json, const record::Reader& reader, const Contents& contents, const Resolution& resolution,
-                    bool with_maps) {
+void write_contents(Json& json, const record::Reader& reader, const Contents& contents, const Resolution& resolution) {
   write_description(json, reader, contents);
   write_curves(json, reader, contents, resolution);
   write_bridges(json, reader);
   if (contents.kind == Contents::Kind::orbit) {
     write_states(json, reader, contents, resolution);
-  } else if (with_maps) {
+  } else {
     write_maps(json, reader, contents, resolution);
   }
 }
@@ -111,7 +110,7 @@ void write_description(Json& json, const record::Reader& reader, const Contents&
   json.entry("threads", static_cast<std::size_t>(header.threads)).entry("finished", header.finished).end_object();
   json.key("summary").begin_array();
   for (const Line& line : lines_of(summarise(reader, contents))) {
-    json.begin_array().value(line.label).value(line.value).value(line.remark).end_array();
+    json.begin_array().value(line.label).value(line.value).value(line.remark).value(line.is_headline).end_array();
   }
   json.end_array();
 }
@@ -121,33 +120,48 @@ std::string page(const record::Reader& reader, const PageOptions& options) {
   const Resolution resolution = resolution_for(options, contents, 1);
   Json json;
   json.begin_object().entry("kind", contents.kind == Contents::Kind::orbit ? "orbit" : "lattice");
-  write_contents(json, reader, contents, resolution, true);
+  write_contents(json, reader, contents, resolution);
   json.end_object();
   return assemble(reader.header().title, json.text());
 }
 
+std::string comparison_page(const record::Reader& a, const record::Reader& b, const PageOptions& options,
+                            const Canonical& canonical) {
+  const Comparison comparison = compare(a, b, canonical);
+  Json json;
+  json.begin_object().entry("kind", "comparison").key("lines").begin_array();
+  for (const auto& line : comparison.lines) {
+    json.begin_array().value(line[0]).value(line[1]).value(line[2]).end_array();
+  }
+  json.end_array().key("only_in").begin_array();
+  for (const auto& lines : comparison.only_in) {
+    json.begin_array();
+    for (const std::string& line : lines) {
+      json.value(line);
+    }
+    json.end_array();
+  }
+  json.end_array().key("records").begin_array();
+  for (const record::Reader* reader : {&a, &b}) {
+    const Contents contents = contents_of(*reader);
+    json.begin_object().entry("kind", contents.kind == Contents::Kind::orbit ? "orbit" : "lattice");
+    write_contents(json, *reader, contents, resolution_for(options, contents, 2));
+    json.end_object();
+  }
+  json.end_array().end_object();
+  return assemble(fmt::format("{} and {}", a.file().filename().string(), b.file().filename().string()), json.text());
+}
+
 void write_page(const std::filesystem::path& file, const std::string& text, bool overwrite) {
-  if (std::filesystem::exists(file) && !overwrite) {
+  bool may_replace = overwrite;
+  if (!overwrite && std::filesystem::is_regular_file(file)) {
     std::string beginning(1000, '\0');
     std::ifstream(file).read(beginning.data(), static_cast<std::streamsize>(beginning.size()));
-    if (beginning.find(mark) == std::string::npos) {
-      throw record::AlreadyExists(file, "exists already, and is no page of Rubato's");
-    }
+    may_replace = beginning.find(mark) != std::string::npos;
   }
-  const std::filesystem::path next = fmt::format("{}.{}.next", file.string(), ::getpid());
-  std::ofstream stream(next, std::ios::binary);
-  stream << text << std::flush;
-  const bool written = stream.good();
-  stream.close();
-  std::error_code error;
-  if (written) {
-    std::filesystem::rename(next, file, error);
-  }
-  if (!written || error) {
-    std::error_code ignored;
-    std::filesystem::remove(next, ignored);
-    throw record::Error(file, written ? error.message() : "cannot be written");
-  }
+  OutputFile output(file, may_replace);
+  output.write(text);
+  output.finish();
 }
 
 }  // namespace rubato::report

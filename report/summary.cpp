@@ -125,40 +125,44 @@ Summary summarise(const record::Reader& reader, const Contents& contents) {
 }
 
 std::vector<Line> lines_of(const Summary& summary) {
+  const auto range = [](const Summary::Range& values) {
+    return fmt::format("{:.4g} to {:.4g}", values.min, values.max);
+  };
   std::vector<Line> lines;
   lines.push_back({"steps", fmt::format("{}", summary.steps),
-                   fmt::format("t = {:.10g} to {:.10g}{}", summary.t_first, summary.t_last,
-                               summary.finished ? "" : " (not finished)")});
+                   fmt::format("t = {:.8g} to {:.8g}{}", summary.t_first, summary.t_last,
+                               summary.finished ? "" : " (not finished)"),
+                   true});
   if (summary.h) {
-    lines.push_back({"step length h", fmt::format("{:.6g} to {:.6g}", summary.h->min, summary.h->max), ""});
-    lines.push_back({"discrete energy E_k",
-                     fmt::format("relative deviation {:.2g}", summary.relative(summary.discrete_energy.max)),
-                     fmt::format("E_0 = {:.10g}", summary.discrete_energy.initial)});
+    lines.push_back({"step length", range(*summary.h), "", true});
+    lines.push_back({"discrete energy, relative deviation",
+                     fmt::format("{:.2g}", summary.relative(summary.discrete_energy.max)),
+                     fmt::format("E_0 = {:.10g}", summary.discrete_energy.initial), true});
   }
-  lines.push_back({"node energy H(z_k)", fmt::format("deviation {:.3g}", summary.node_energy.max),
-                   fmt::format("H(z_0) = {:.10g}", summary.node_energy.initial)});
-  lines.push_back({"Gamma", fmt::format("{:.6g} to {:.6g}", summary.gamma.min, summary.gamma.max), ""});
+  lines.push_back({"node energy, deviation", fmt::format("{:.3g}", summary.node_energy.max),
+                   fmt::format("H(z_0) = {:.10g}", summary.node_energy.initial), true});
+  lines.push_back({"Gamma", range(summary.gamma), "", true});
   lines.push_back({"bridging steps", summary.bridge_steps == 0 ? "none" : fmt::format("{}", summary.bridge_steps),
                    summary.bridge_steps == 0
                        ? ""
-                       : fmt::format("E_k off by up to {:.2g} there", summary.relative(summary.bridge_deviation))});
-  lines.push_back({"step condition", fmt::format("{:.2g}", summary.step_condition), ""});
-  lines.push_back({"iterations per step", fmt::format("{:.3g} on average", summary.mean_iterations),
+                       : fmt::format("E_k off by up to {:.2g} there", summary.relative(summary.bridge_deviation)),
+                   true});
+  lines.push_back({"step condition", fmt::format("{:.2g}", summary.step_condition), "relative error of h, at most"});
+  lines.push_back({"iterations per step", fmt::format("{:.3g}", summary.mean_iterations),
                    fmt::format("at most {}", summary.most_iterations)});
   for (const Summary::MaxRms& residual : summary.residuals) {
-    lines.push_back({"residual " + residual.name, fmt::format("max {:.3g}", residual.max),
+    lines.push_back({"residual " + residual.name + ", largest", fmt::format("{:.3g}", residual.max),
                      fmt::format("rms {:.3g}", residual.rms)});
   }
   for (const auto* deviations : {&summary.totals, &summary.invariants}) {
     for (const Summary::Deviation& deviation : *deviations) {
-      lines.push_back({deviations == &summary.totals ? "total " + deviation.name : deviation.name,
-                       fmt::format("deviation {:.3g}", deviation.max),
-                       fmt::format("first value {:.10g}", deviation.initial)});
+      lines.push_back({(deviations == &summary.totals ? "total " : "") + deviation.name + ", deviation",
+                       fmt::format("{:.3g}", deviation.max), fmt::format("first value {:.10g}", deviation.initial)});
     }
   }
   for (const Summary::MaxRms& error : summary.errors) {
-    lines.push_back({"error in " + error.name, fmt::format("max {:.3g}", error.max),
-                     fmt::format("rms {:.3g}, at the last stored level", error.rms)});
+    lines.push_back({"error in " + error.name + ", largest", fmt::format("{:.3g}", error.max),
+                     fmt::format("rms {:.3g}, last stored level", error.rms), true});
   }
   return lines;
 }

@@ -49,9 +49,10 @@ struct Summary {
 /// \throws record::Error
 [[nodiscard]] Summary summarise(const record::Reader& reader, const Contents& contents);
 
-/// A line of the table: what, its value, and a remark or nothing.
+/// A line of the table: what, its value, and a remark or nothing. Headlines are what to look at first.
 struct Line {
   std::string label, value, remark;
+  bool is_headline = false;
 };
 [[nodiscard]] std::vector<Line> lines_of(const Summary& summary);
 

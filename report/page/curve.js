@@ -56,13 +56,27 @@ rubato.curve = (() => {
     spreading = false;
   };
 
-  const decades = (plot, splits) => splits.map((value) => {
-    const exponent = Math.log10(value);
-    return value > 0 && Math.abs(exponent - Math.round(exponent)) < 1e-9 ? rubato.format.power(Math.round(exponent)) : "";
-  });
+  /**
+   * A logarithmic picture is a plain one of log10: uPlot's own logarithmic scale does not end for values below 1e-23.
+   * Zero has no place on it, and is a gap.
+   */
+  const logarithms = (one) => ({ ...one, y: Float64Array.from(one.y, (value) => (value > 0 ? Math.log10(value) : NaN)) });
+  const decades = (low, high, room) => {
+    const every = Math.max(1, Math.ceil((high - low) / room));
+    const values = rubato.format.ticks(Math.ceil(low / every), Math.floor(high / every), Infinity).map((value) => value * every);
+    return high - low < 1.5 ? rubato.format.ticks(low, high, room) : values;
+  };
+  const powerTexts = (values) => values.map((value) => (Number.isInteger(value) ? rubato.format.power(value) : rubato.format.number(10 ** value, 2)));
 
-  const axis = (label, values, size) => ({
-    label, values, size, labelSize: 20, gap: 4, font: rubato.theme.font(12), labelFont: rubato.theme.font(12.5), labelGap: 0,
+  /** Some room above and below, also where all values are equal or uPlot would call their range nothing. */
+  const padded = (plot, low, high) => {
+    if (low === null || high === null) return [0, 1];
+    const pad = (high - low) * 0.08 || Math.abs(high) * 0.1 || 1;
+    return [low - pad, high + pad];
+  };
+
+  const axis = (label, splits, values, size) => ({
+    label, splits, values: (plot, all) => values(all), size, labelSize: 18, gap: 4, font: rubato.theme.font(12), labelFont: rubato.theme.font(12.5), labelGap: 0,
     stroke: () => rubato.theme.colour("faint"),
     grid: { stroke: () => rubato.theme.colour("grid"), width: 1 },
     ticks: { stroke: () => rubato.theme.colour("line"), width: 1, size: 5 },
@@ -91,14 +105,17 @@ rubato.curve = (() => {
       label: one.label,
       stroke: () => rubato.colour.series(one.colour === undefined ? index : one.colour),
       width: one.width || 1.4, dash: one.dash, points: { show: one.y.length < 40, size: 5 }, spanGaps: false,
-      value: (plot, value) => rubato.format.number(value, one.digits || 6),
+      value: (plot, value) => rubato.format.number(logarithmic && value !== null ? 10 ** value : value, one.digits || 6),
     }));
-    const values = logarithmic ? decades : (plot, splits) => rubato.format.tickTexts(splits);
+    const prepared = (all) => table(logarithmic ? all.map(logarithms) : all);
+    const { ticks, tickTexts } = rubato.format;
+    const across = (plot, index, low, high) => ticks(low, high, Math.max(2, (plot.width - 100) / 80));
+    const up = (plot, index, low, high) => (logarithmic ? decades : ticks)(low, high, Math.max(2, (plot.height - 60) / 36));
     const plot = new uPlot({
       width: Math.max(holder.clientWidth, 240), height,
       padding: [10, right, 0, 0],
-      scales: { x: { time: false }, y: { distr: logarithmic ? 3 : 1, range } },
-      axes: [axis(xLabel, (self, splits) => rubato.format.tickTexts(splits), 34), axis(yLabel, values, 62)],
+      scales: { x: { time: false }, y: { range: range || padded } },
+      axes: [axis(xLabel, across, tickTexts, 28), axis(yLabel, up, logarithmic ? powerTexts : tickTexts, 54)],
       series: [{ label: xLabel, value: (self, value) => rubato.format.number(value, 7) }, ...lines(series)],
       cursor: {
         dataIdx: nearest, drag: { x: true, y: false, setScale: true },
@@ -106,7 +123,7 @@ rubato.curve = (() => {
         points: { size: 6 },
       },
       hooks: { drawClear: [markBridges(bridges)], setScale: time ? [spreadZoom] : [], draw: [(self) => { moveClock(self); }] },
-    }, table(series), holder);
+    }, prepared(series), holder);
 
     const now = rubato.element("div", { class: "now", hidden: "" });
     plot.over.append(now);
@@ -118,7 +135,7 @@ rubato.curve = (() => {
     }
     const curve = {
       plot,
-      replace: (next) => plot.setData(table(next), false),
+      replace: (next) => plot.setData(prepared(next), false),
       /** All of x, on every curve that shares it. */
       reset: () => {
         const xs = plot.data[0];

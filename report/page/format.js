@@ -19,8 +19,9 @@ rubato.format = (() => {
   const power = (exponent) => "10" + (exponent < 0 ? "\u207b" : "") +
     String(Math.abs(exponent)).split("").map((digit) => superscripts[digit]).join("");
 
-  /** A step of 1, 2 or 5 times a power of ten that divides a range into about `count` parts. */
+  /** A step of 1, 2 or 5 times a power of ten that divides a range into about `count` parts; 1 if into as many as there are whole numbers. */
   const step = (range, count) => {
+    if (count === Infinity) return 1;
     const rough = range / Math.max(count, 1);
     const base = 10 ** Math.floor(Math.log10(rough));
     return base * ([1, 2, 5].find((factor) => factor * base >= rough) || 10);

@@ -29,7 +29,8 @@ rubato.lattice = (data) => {
         series: [{ label: "largest", x: t, y: rubato.unpack.array(extremes.high) }, { label: "smallest", x: t, y: rubato.unpack.array(extremes.low), colour: 1 }]
           .slice(0, map.packed.logarithmic ? 1 : 2) });
     } else if (map.packed.group === "field") {
-      rubato.profile(card.body, map, exact);
+      const entries = [{ map, label: map.packed.name, colour: 0 }];
+      rubato.profile(card.body, map.packed.name, exact ? [...entries, { map: exact, label: "exact", colour: 1, dash: [6, 4] }] : entries);
     }
     const text = remark(map);
     if (text) card.note(text);
@@ -42,5 +43,6 @@ rubato.lattice = (data) => {
     group("residual").forEach((map) => show(residuals, map, `Residual of ${map.packed.name}, magnitude`));
   }
   rubato.commonCurves.all(data);
-  rubato.player(maps.length > 0 ? maps[0].first : rubato.unpack.array(data.curves[1].x));
+  const times = maps[0].first;
+  rubato.player(times, times[times.length - 1]);
 };

@@ -70,11 +70,7 @@ rubato.orbit = (data) => {
   states.bodies = [...bodies.values()].filter((names) => names.length > 1);
 
   const grid = rubato.section("Orbit", "orbit");
-  const draw = (title, chosen) => {
-    const card = rubato.card(grid, title);
-    card.title = title;
-    rubato.portrait(card, states, chosen);
-  };
+  const draw = (title, chosen) => rubato.portrait(rubato.card(grid, title), [states], { ...chosen, title });
   const many = states.bodies.length > 1;
   if (many) draw("Configuration, all bodies", { x: "bodies", y: "bodies" });
   else if (q.length > 1) draw("Configuration", { x: q[0].name, y: q[1].name });

@@ -14,7 +14,7 @@
  * answers { redraw(), remark(), reset(), extend(extent) }.
  */
 rubato.plane = (() => {
-  const margin = { left: 62, top: 10, bottom: 42 };
+  const margin = { left: 72, top: 10, bottom: 42 };
 
   return (host, options) => {
     const right = options.right || 14;

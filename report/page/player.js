@@ -1,7 +1,7 @@
 "use strict";
 
-/** The bar that moves the clock: play, step, a slider over the levels shown, and speed. */
-rubato.player = (times) => {
+/** The bar that moves the clock: play, step, a slider over the levels shown, and speed. The clock starts at `start`. */
+rubato.player = (times, start = times[0]) => {
   const count = times.length;
   const [first, last] = [times[0], times[count - 1]];
   const nearest = (t) => {
@@ -41,5 +41,5 @@ rubato.player = (times) => {
   document.body.append(rubato.element("div", { class: "player", role: "group", "aria-label": "Animation" }, play,
     rubato.button("\u2039", "One level back", () => step(-1)), rubato.button("\u203a", "One level on", () => step(1)),
     slider, output, rubato.select("speed", speeds, "10", (value) => { seconds = Number(value); })));
-  rubato.clock.set(first);
+  rubato.clock.set(start);
 };

@@ -1,0 +1,147 @@
+#include "report_command.hpp"
+
+#include <cmath>
+#include <filesystem>
+
+#include <fmt/format.h>
+
+#include <rubato/record/reader.hpp>
+#include <rubato/report/comparison.hpp>
+#include <rubato/report/csv.hpp>
+#include <rubato/report/page.hpp>
+#include <rubato/report/xdmf.hpp>
+#include <rubato/study/document.hpp>
+
+#include "terminal.hpp"
+
+namespace rubato::program {
+
+namespace {
+
+constexpr const char* report_examples =
+    "Examples:\n"
+    "  rubato report mine.h5                      writes mine.html: open it in a browser, no network needed\n"
+    "  rubato report mine.h5 -o seen.html --max-size 20\n"
+    "  rubato report mine.h5 --full               every number of the record, however large the page\n";
+
+constexpr const char* compare_examples =
+    "Examples:\n"
+    "  rubato compare variable.h5 fixed.h5        a table, and where the problems differ\n"
+    "  rubato compare coarse.h5 fine.h5 -o both.html\n";
+
+constexpr const char* export_examples =
+    "Examples:\n"
+    "  rubato export mine.h5                      CSV files in the folder mine-csv\n"
+    "  rubato export mine.h5 -o tables\n"
+    "  rubato export field.h5 --xdmf              field.xdmf, which ParaView opens\n";
+
+std::string check_megabytes(const std::string& text) {
+  double number = 0;
+  return CLI::detail::lexical_cast(text, number) && std::isfinite(number) && number > 0 && number < 1e6
+             ? ""
+             : text + " is not a size in megabytes";
+}
+
+/// The same problem in the same words, however it was written.
+std::string canonical(const std::string& problem) {
+  return study::write_document(study::read_document(problem, "problem"));
+}
+
+/// A name beside the record: its own with another ending.
+std::string beside(const std::string& record, const std::string& ending) {
+  std::filesystem::path path(record);
+  if (path.extension() == ".h5" || path.extension() == ".hdf5") {
+    path.replace_extension();
+  }
+  return path.string() + ending;
+}
+
+}  // namespace
+
+void ReportCommands::add_to(CLI::App& app) {
+  add_report(app);
+  add_compare(app);
+  add_export(app);
+}
+
+void ReportCommands::add_report(CLI::App& app) {
+  report_ = app.add_subcommand("report", "Draw a record as one page for a browser, which needs no network");
+  report_->add_option("file", file_, "A record")->option_text("OUT.h5")->required();
+  report_->add_option("-o,--output", output_, "The page to write (default: OUT.html)")->option_text("OUT.html");
+  CLI::Option* const size =
+      report_->add_option("--max-size", max_size_, "Size of the page, in megabytes, up to which it is detailed (5)")
+          ->option_text("MB")
+          ->check(check_megabytes);
+  report_->add_flag("--full", full_, "Thin nothing")->excludes(size);
+  report_->add_flag("-f,--force", force_, "Overwrite a file that is no report");
+  report_->footer(report_examples);
+}
+
+void ReportCommands::add_compare(CLI::App& app) {
+  compare_ = app.add_subcommand("compare", "Put two records side by side");
+  compare_->add_option("first", file_, "A record")->option_text("A.h5")->required();
+  compare_->add_option("second", other_file_, "Another one")->option_text("B.h5")->required();
+  compare_->add_option("-o,--output", output_, "Write a page with the curves of both as well")->option_text("OUT.html");
+  compare_->add_flag("--json", json_, "Print one JSON object, and nothing else, on standard output");
+  compare_->add_flag("-f,--force", force_, "Overwrite a file that is no report");
+  compare_->footer(compare_examples);
+}
+
+void ReportCommands::add_export(CLI::App& app) {
+  export_ = app.add_subcommand("export", "Write a record for other programs, as CSV or XDMF");
+  export_->add_option("file", file_, "A record")->option_text("OUT.h5")->required();
+  export_->add_option("-o,--output", output_, "The folder for the CSV files, or the XDMF file")->option_text("PATH");
+  export_->add_flag("--xdmf", xdmf_, "An XDMF file that refers to the record, for ParaView");
+  export_->add_flag("-f,--force", force_, "Overwrite existing files");
+  export_->footer(export_examples);
+}
+
+std::optional<study::ExitStatus> ReportCommands::act() const {
+  if (report_->parsed()) {
+    report();
+  } else if (compare_->parsed()) {
+    compare();
+  } else if (export_->parsed()) {
+    export_record();
+  } else {
+    return std::nullopt;
+  }
+  return study::ExitStatus::done;
+}
+
+void ReportCommands::report() const {
+  const record::Reader reader(file_);
+  const std::string output = output_.value_or(beside(file_, ".html"));
+  const std::string page =
+      report::page(reader, {.max_bytes = static_cast<std::size_t>(max_size_ * 1e6), .full = full_});
+  report::write_page(output, page, force_);
+  print(fmt::format("{} ({:.1f} MB)\n", output, static_cast<double>(page.size()) / 1e6));
+}
+
+void ReportCommands::compare() const {
+  const record::Reader first(file_), second(other_file_);
+  const report::Comparison comparison = report::compare(first, second, canonical);
+  if (output_) {
+    report::write_page(*output_, report::comparison_page(first, second, {}, canonical), force_);
+  }
+  print(json_ ? report::to_json(comparison) + "\n" : report::to_table(comparison));
+  if (output_ && !json_) {
+    print(*output_ + "\n");
+  }
+}
+
+void ReportCommands::export_record() const {
+  const record::Reader reader(file_);
+  if (xdmf_) {
+    const std::string output = output_.value_or(beside(file_, ".xdmf"));
+    report::export_xdmf(reader, output, force_);
+    print(output + "\n");
+    return;
+  }
+  for (const std::filesystem::path& file :
+       report::export_csv(reader, output_.value_or(beside(file_, "-csv")), force_)) {
+    print(file.string() + "\n");
+  }
+}
+
+}  // namespace rubato::program

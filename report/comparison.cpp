@@ -1,0 +1,221 @@
+#include <rubato/report/comparison.hpp>
+
+#include <algorithm>
+#include <map>
+#include <optional>
+#include <set>
+#include <stdexcept>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <rubato/report/contents.hpp>
+#include <rubato/report/packing.hpp>
+
+namespace rubato::report {
+
+namespace {
+
+std::vector<std::string> names_of(const Contents& contents) {
+  if (contents.kind == Contents::Kind::orbit) {
+    return contents.coordinates;
+  }
+  std::vector<std::string> names;
+  for (const Contents::Field& field : contents.fields) {
+    names.push_back(field.name);
+  }
+  return names;
+}
+
+std::string described(const Contents& contents) {
+  return fmt::format("{} in {}", contents.kind == Contents::Kind::orbit ? "an orbit" : "a lattice",
+                     fmt::join(names_of(contents), ", "));
+}
+
+void require_something_in_common(const record::Reader& a, const Contents& in_a, const record::Reader& b,
+                                 const Contents& in_b) {
+  std::set<std::string> left, both;
+  std::ranges::copy(names_of(in_a), std::inserter(left, left.end()));
+  for (const std::string& name : names_of(in_b)) {
+    if (left.contains(name)) {
+      both.insert(name);
+    }
+  }
+  if (in_a.kind != in_b.kind || in_a.axes.size() != in_b.axes.size() || both.empty()) {
+    throw std::invalid_argument(fmt::format("nothing can be compared: {} is {}, {} is {}", a.file().string(),
+                                            described(in_a), b.file().string(), described(in_b)));
+  }
+}
+
+/// A line of TOML without its comment and the blanks around it. (Texts of several lines may lose what looks like one:
+/// both problems lose it.)
+std::string_view without_comment(std::string_view line) {
+  char quote = 0;
+  std::size_t end = 0;
+  for (; end < line.size() && (quote != 0 || line[end] != '#'); ++end) {
+    if (quote == 0 && (line[end] == '"' || line[end] == '\'')) {
+      quote = line[end];
+    } else if (line[end] == quote) {
+      quote = 0;
+    }
+  }
+  line = line.substr(0, end);
+  const std::size_t first = line.find_first_not_of(" \t\r"), last = line.find_last_not_of(" \t\r");
+  return first == std::string_view::npos ? std::string_view() : line.substr(first, last + 1 - first);
+}
+
+std::vector<std::string> lines_of_text(std::string_view text) {
+  std::vector<std::string> lines;
+  while (!text.empty()) {
+    const std::size_t end = text.find('\n');
+    const std::string_view line = without_comment(text.substr(0, end));
+    text.remove_prefix(end == std::string_view::npos ? text.size() : end + 1);
+    if (!line.empty()) {
+      lines.emplace_back(line);
+    }
+  }
+  return lines;
+}
+
+/// What remains of each text when a longest common subsequence of lines is taken out of both.
+std::array<std::vector<std::string>, 2> differing_lines(const std::vector<std::string>& a,
+                                                        const std::vector<std::string>& b) {
+  // common[i][j]: length of the longest common subsequence of a[i…] and b[j…]. Problem files are short.
+  std::vector<std::vector<std::size_t>> common(a.size() + 1, std::vector<std::size_t>(b.size() + 1, 0));
+  for (std::size_t i = a.size(); i-- > 0;) {
+    for (std::size_t j = b.size(); j-- > 0;) {
+      common[i][j] = a[i] == b[j] ? common[i + 1][j + 1] + 1 : std::max(common[i + 1][j], common[i][j + 1]);
+    }
+  }
+  std::array<std::vector<std::string>, 2> only;
+  std::size_t i = 0, j = 0;
+  while (i < a.size() || j < b.size()) {
+    if (i < a.size() && j < b.size() && a[i] == b[j]) {
+      ++i;
+      ++j;
+    } else if (j == b.size() || (i < a.size() && common[i + 1][j] >= common[i][j + 1])) {
+      only[0].push_back(a[i++]);
+    } else {
+      only[1].push_back(b[j++]);
+    }
+  }
+  return only;
+}
+
+/// Lines with the same label side by side, in the order of the first; what only the second has comes last.
+std::vector<std::array<std::string, 3>> side_by_side(const std::vector<Line>& a, const std::vector<Line>& b) {
+  std::vector<std::array<std::string, 3>> rows;
+  const auto value_in = [](const std::vector<Line>& lines, const std::string& label) {
+    const auto found = std::ranges::find(lines, label, &Line::label);
+    return found == lines.end() ? std::string() : found->value;
+  };
+  for (const Line& line : a) {
+    rows.push_back({line.label, line.value, value_in(b, line.label)});
+  }
+  for (const Line& line : b) {
+    if (std::ranges::find(a, line.label, &Line::label) == a.end()) {
+      rows.push_back({line.label, "", line.value});
+    }
+  }
+  return rows;
+}
+
+void write_max_rms(Json& json, std::string_view key, const std::vector<Summary::MaxRms>& all) {
+  json.key(key).begin_object();
+  for (const Summary::MaxRms& one : all) {
+    json.key(one.name).begin_object().entry("max", one.max).entry("rms", one.rms).end_object();
+  }
+  json.end_object();
+}
+
+void write_summary(Json& json, const std::string& file, const Summary& summary) {
+  json.begin_object().entry("file", file).entry("steps", summary.steps).entry("t", summary.t_last);
+  if (summary.h) {
+    json.key("h").begin_object().entry("min", summary.h->min).entry("max", summary.h->max).end_object();
+    json.key("discrete_energy").begin_object().entry("value", summary.discrete_energy.initial);
+    json.entry("max_relative_deviation", summary.relative(summary.discrete_energy.max)).end_object();
+  }
+  json.key("node_energy").begin_object().entry("initial", summary.node_energy.initial);
+  json.entry("max_deviation", summary.node_energy.max).end_object();
+  json.key("bridges").begin_object().entry("steps", summary.bridge_steps);
+  json.entry("max_deviation", summary.relative(summary.bridge_deviation)).end_object();
+  json.key("gamma").begin_object().entry("min", summary.gamma.min).entry("max", summary.gamma.max).end_object();
+  json.key("step_condition").begin_object().entry("max", summary.step_condition).end_object();
+  json.key("newton_iterations").begin_object().entry("mean", summary.mean_iterations);
+  json.entry("max", summary.most_iterations).end_object();
+  write_max_rms(json, "residuals", summary.residuals);
+  json.key("invariants").begin_object();
+  for (const Summary::Deviation& invariant : summary.invariants) {
+    json.key(invariant.name).begin_object().entry("initial", invariant.initial);
+    json.entry("max_deviation", invariant.max).end_object();
+  }
+  json.end_object();
+  write_max_rms(json, "error", summary.errors);
+  json.end_object();
+}
+
+}  // namespace
+
+Comparison compare(const record::Reader& a, const record::Reader& b, const Canonical& canonical) {
+  const auto problem = [&](const record::Reader& reader) {
+    return lines_of_text(canonical ? canonical(reader.header().problem) : reader.header().problem);
+  };
+  const Contents in_a = contents_of(a), in_b = contents_of(b);
+  require_something_in_common(a, in_a, b, in_b);
+  Comparison comparison{.files = {a.file().string(), b.file().string()},
+                        .titles = {a.header().title, b.header().title},
+                        .summaries = {summarise(a, in_a), summarise(b, in_b)},
+                        .lines = {},
+                        .only_in = differing_lines(problem(a), problem(b))};
+  comparison.lines = side_by_side(lines_of(comparison.summaries[0]), lines_of(comparison.summaries[1]));
+  return comparison;
+}
+
+std::string to_table(const Comparison& comparison) {
+  std::vector<std::array<std::string, 3>> rows{{"", comparison.files[0], comparison.files[1]}};
+  rows.insert(rows.end(), comparison.lines.begin(), comparison.lines.end());
+  std::array<std::size_t, 2> width{0, 0};
+  for (const auto& row : rows) {
+    for (const std::size_t column : {0, 1}) {
+      width[column] = std::max(width[column], row[column].size());
+    }
+  }
+  std::string text = comparison.titles[0];
+  if (comparison.titles[0] != comparison.titles[1]) {
+    text += " | " + comparison.titles[1];
+  }
+  text += '\n';
+  for (const auto& [label, a, b] : rows) {
+    text += fmt::format("  {:<{}}  {:<{}}  {}\n", label, width[0], a.empty() && !label.empty() ? "-" : a, width[1],
+                        b.empty() ? "-" : b);
+  }
+  for (const std::size_t i : {0, 1}) {
+    if (!comparison.only_in[i].empty()) {
+      text += fmt::format("only in the problem of {}:\n", comparison.files[i]);
+      for (const std::string& line : comparison.only_in[i]) {
+        text += "  " + line + '\n';
+      }
+    }
+  }
+  return text;
+}
+
+std::string to_json(const Comparison& comparison) {
+  Json json;
+  json.begin_object().key("records").begin_array();
+  for (const std::size_t i : {0, 1}) {
+    write_summary(json, comparison.files[i], comparison.summaries[i]);
+  }
+  json.end_array().key("problem_differences").begin_array();
+  for (const auto& lines : comparison.only_in) {
+    json.begin_array();
+    for (const std::string& line : lines) {
+      json.value(line);
+    }
+    json.end_array();
+  }
+  json.end_array().end_object();
+  return json.text();
+}
+
+}  // namespace rubato::report

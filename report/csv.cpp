@@ -1,0 +1,187 @@
+#include <rubato/report/csv.hpp>
+
+#include <algorithm>
+#include <string>
+
+#include <fmt/format.h>
+
+#include <rubato/report/contents.hpp>
+#include <rubato/report/output_file.hpp>
+
+namespace rubato::report {
+
+namespace {
+
+/// A name as one field of a row: in quotes where it would not be one otherwise.
+std::string quoted(const std::string& name) {
+  if (name.find_first_of(",\"\n\r") == std::string::npos) {
+    return name;
+  }
+  std::string text = "\"";
+  for (const char c : name) {
+    text += c;
+    if (c == '"') {
+      text += c;
+    }
+  }
+  return text + '"';
+}
+
+/// A dataset with one or more columns, as part of a table.
+struct Source {
+  std::string path;
+  std::vector<std::string> names;
+};
+
+class Exporter {
+public:
+  Exporter(const record::Reader& reader, std::filesystem::path folder, bool overwrite)
+      : reader_(reader), folder_(std::move(folder)), overwrite_(overwrite) {
+    std::error_code error;
+    std::filesystem::create_directories(folder_, error);
+    if (error) {
+      throw record::Error(folder_, error.message());
+    }
+  }
+
+  /// Datasets with equally many rows, side by side; `number` counts the rows from 0.
+  void table(const std::string& name, const std::string& number, const std::vector<Source>& sources) {
+    OutputFile file(folder_ / name, overwrite_);
+    std::string text = number;
+    for (const Source& source : sources) {
+      for (const std::string& column : source.names) {
+        text += text.empty() ? "" : ",";
+        text += quoted(column);
+      }
+    }
+    text += '\n';
+    constexpr std::size_t slab = 8192;
+    const std::size_t rows = reader_.rows(sources.front().path);
+    for (std::size_t first = 0; first < rows; first += slab) {
+      const std::size_t count = std::min(slab, rows - first);
+      std::vector<std::vector<double>> values;
+      for (const Source& source : sources) {
+        values.push_back(reader_.read(source.path, first, count));
+      }
+      for (std::size_t row = 0; row < count; ++row) {
+        bool is_first = number.empty();
+        if (!is_first) {
+          text += fmt::format("{}", first + row);
+        }
+        for (std::size_t i = 0; i < sources.size(); ++i) {
+          const std::size_t width = sources[i].names.size();
+          for (std::size_t column = 0; column < width; ++column) {
+            text += is_first ? "" : ",";
+            fmt::format_to(std::back_inserter(text), "{}", values[i][row * width + column]);
+            is_first = false;
+          }
+        }
+        text += '\n';
+      }
+      file.write(text);
+      text.clear();
+    }
+    file.write(text);
+    finish(file, name);
+  }
+
+  /// A grid function over all stored levels.
+  void field(const std::string& name, const std::string& path) {
+    OutputFile file(folder_ / name, overwrite_);
+    const record::DatasetInfo info = reader_.info(path);
+    std::vector<std::vector<double>> axes;
+    for (std::size_t i = 1; i < info.dimensions.size(); ++i) {
+      axes.push_back(reader_.read("/grid/" + info.dimensions[i]));
+    }
+    std::size_t inner = info.row_size();
+    for (std::size_t axis = 0; axis < axes.size(); ++axis) {
+      inner /= axes[axis].size();
+      std::string text = info.dimensions[axis + 1];
+      for (std::size_t i = 0; i < info.row_size(); ++i) {
+        fmt::format_to(std::back_inserter(text), ",{}", axes[axis][i / inner % axes[axis].size()]);
+      }
+      file.write(text + '\n');
+    }
+    const std::vector<double> t = reader_.read("/states/t");
+    for (std::size_t level = 0; level < t.size(); ++level) {
+      std::string text = fmt::format("{}", t[level]);
+      for (const double value : reader_.read(path, level, 1)) {
+        fmt::format_to(std::back_inserter(text), ",{}", value);
+      }
+      file.write(text + '\n');
+    }
+    finish(file, name);
+  }
+
+  [[nodiscard]] std::vector<std::filesystem::path> files() && { return std::move(files_); }
+
+private:
+  void finish(OutputFile& file, const std::string& name) {
+    file.finish();
+    files_.push_back(folder_ / name);
+  }
+
+  const record::Reader& reader_;
+  std::filesystem::path folder_;
+  bool overwrite_;
+  std::vector<std::filesystem::path> files_;
+};
+
+void export_levels(Exporter& exporter, const Contents& contents) {
+  std::vector<Source> levels{
+      {"/levels/t", {"t"}}, {"/levels/gamma", {"gamma"}}, {"/levels/node_energy", {"node_energy"}}};
+  for (const std::string& name : contents.invariants) {
+    levels.push_back({"/laws/" + name, {name}});
+  }
+  for (const std::string& name : contents.totals) {
+    levels.push_back({"/laws/totals/" + name, {"total_" + name}});
+  }
+  exporter.table("levels.csv", "level", levels);
+
+  std::vector<Source> steps;
+  for (const char* name : {"h", "energy", "iterations", "bridged", "step_condition"}) {
+    steps.push_back({std::string("/levels/") + name, {name}});
+  }
+  for (const std::string& name : contents.residuals) {
+    for (const char* suffix : {"_max", "_rms"}) {
+      steps.push_back({"/laws/" + name + suffix, {name + suffix}});
+    }
+  }
+  exporter.table("steps.csv", "step", steps);
+}
+
+void export_states(Exporter& exporter, const Contents& contents) {
+  std::vector<Source> states{{"/states/level", {"level"}},
+                             {"/states/t", {"t"}},
+                             {"/states/q", contents.coordinates},
+                             {"/states/p", contents.momenta}};
+  for (const std::string& name : contents.exact) {
+    states.push_back({"/exact/" + name, {"exact_" + name}});
+  }
+  exporter.table("states.csv", "", states);
+}
+
+}  // namespace
+
+std::vector<std::filesystem::path> export_csv(const record::Reader& reader, const std::filesystem::path& folder,
+                                              bool overwrite) {
+  const Contents contents = contents_of(reader);
+  Exporter exporter(reader, folder, overwrite);
+  export_levels(exporter, contents);
+  if (contents.kind == Contents::Kind::orbit) {
+    export_states(exporter, contents);
+    return std::move(exporter).files();
+  }
+  for (const Contents::Field& field : contents.fields) {
+    exporter.field("field_" + field.name + ".csv", field.path);
+  }
+  for (const std::string& name : contents.exact) {
+    exporter.field("exact_" + name + ".csv", "/exact/" + name);
+  }
+  for (const std::string& name : contents.residual_fields) {
+    exporter.field("residual_" + name + ".csv", "/laws/fields/" + name);
+  }
+  return std::move(exporter).files();
+}
+
+}  // namespace rubato::report

@@ -1,0 +1,25 @@
+#pragma once
+
+#include <filesystem>
+#include <vector>
+
+#include <rubato/record/reader.hpp>
+
+namespace rubato::report {
+
+/// Writes a record as text for spreadsheets and other programs, into a folder that is made if there is none:
+///
+///     levels.csv        level, t, gamma, node_energy, each invariant, total_NAME of each density
+///     steps.csv         step, h, energy, iterations, bridged, step_condition, NAME_max and NAME_rms of each residual
+///     states.csv        of an orbit: level, t, each coordinate and momentum, exact_NAME
+///     field_NAME.csv    of a lattice, one file for each field, exact_NAME.csv and residual_NAME.csv likewise: one row
+///                       of coordinates for each axis of the grid, then a row for each stored level; the first column
+///                       names the axis, or holds t
+///
+/// Numbers have as many digits as it takes to read the same number back; what is not finite is written nan or inf.
+/// Answers the files written. \throws record::AlreadyExists if one of them exists and `overwrite` is false;
+/// record::Error
+std::vector<std::filesystem::path> export_csv(const record::Reader& reader, const std::filesystem::path& folder,
+                                              bool overwrite = false);
+
+}  // namespace rubato::report

@@ -1,0 +1,78 @@
+"use strict";
+
+/** The page of two records laid over each other. */
+rubato.comparison = (data) => {
+  const { records } = data;
+  const labels = records.map((record, i) => `${"AB"[i]}: ${record.provenance.record}`);
+  const letter = (i) => "AB"[i];
+  const line = (label) => {
+    const found = data.lines.find(([name]) => name === label);
+    return found ? [label, `A ${found[1] || "\u2013"}`, `B ${found[2] || "\u2013"}`] : null;
+  };
+  rubato.tables.head(records[0].title === records[1].title ? records[0].title : `${records[0].title} and ${records[1].title}`,
+    labels.join(" \u00b7 "), ["steps", "step length", "discrete energy, relative deviation", "node energy, deviation"].map(line).filter(Boolean));
+
+  if (records[0].kind === "orbit") rubato.comparedOrbits(records, letter);
+  else rubato.comparedLattices(records, letter);
+
+  const curves = records.map((record) => record.curves.map(rubato.commonCurves.unpack));
+  const bridges = records.flatMap((record) => record.bridges);
+  const titles = { energy: "Energy", h: "Time levels", gamma: "Time levels", condition: "Time levels", iterations: "Time levels",
+    residual: "Local laws, step by step", total: "Totals and invariants", invariant: "Totals and invariants" };
+  const logarithmic = ["energy", "condition", "residual"];
+  const grids = {};
+  const names = new Map(curves.flat().map((curve) => [`${curve.group} ${curve.name}`, curve]));
+  names.forEach(({ group, name }) => {
+    const both = curves.map((all, i) => all.filter((curve) => curve.group === group && curve.name === name)
+      .map((curve) => ({ ...curve, label: `${letter(i)} ${name}`, colour: i, dash: i === 1 ? [5, 3] : undefined }))).flat();
+    const section = titles[group];
+    grids[section] = grids[section] || rubato.section(section);
+    const isLogarithmic = logarithmic.includes(group);
+    const title = group === "energy" ? `Deviation of the ${name}` : (group === "total" ? `Total ${name}` : name);
+    rubato.commonCurves.show(grids[section], title, isLogarithmic ? both.map(rubato.commonCurves.magnitude) : both,
+      { logarithmic: isLogarithmic, yLabel: ["invariant", "total"].includes(group) ? "deviation" : name, bridges });
+  });
+
+  rubato.tables.laws(["Law or figure", labels[0], labels[1]], data.lines.map((row) => row.map((text) => text || "\u2013")));
+  const difference = rubato.card(rubato.section("Problem and provenance", "problem"), "Where the problems differ", { wide: true });
+  const marked = data.only_in.flatMap((lines, i) => lines.map((text) => `${letter(i)}  ${text}\n`));
+  difference.body.append(rubato.element("pre", {}, marked.length > 0 ? marked.join("") : "Nowhere: both records are of the same problem."));
+  rubato.tables.origin(records);
+};
+
+/** Portraits and coordinates of two orbits. */
+rubato.comparedOrbits = (records, letter) => {
+  const states = records.map((record) => ({ ...record.states, t: rubato.unpack.array(record.states.t),
+    columns: record.states.columns.map((column) => ({ ...column, values: rubato.unpack.array(column.values) })) }));
+  const common = states[0].columns.filter((column) => column.group !== "exact" &&
+    states[1].columns.some((other) => other.name === column.name && other.group === column.group));
+  const q = common.filter((column) => column.group === "q");
+  const p = common.filter((column) => column.group === "p");
+  const grid = rubato.section("Orbits", "orbit");
+  const draw = (title, chosen) => rubato.portrait(rubato.card(grid, title), states, { ...chosen, title });
+  if (q.length > 1) draw("Configuration", { x: q[0].name, y: q[1].name });
+  if (p.length > 0) draw("Phase portrait", { x: q[0].name, y: p[0].name });
+  q.slice(0, 3).forEach(({ name }) => rubato.commonCurves.show(grid, `${name} against time`, states.map((one, i) => ({
+    name: `${letter(i)} ${name}`, x: one.t, y: one.columns.find((column) => column.name === name).values, colour: i, count: 0,
+    dash: i === 1 ? [5, 3] : undefined })), { yLabel: name, height: q.length > 1 ? 230 : 408 }));
+  rubato.player(states[0].t);
+};
+
+/** Fields of two lattices: profiles over each other where there is one space dimension, else maps side by side. */
+rubato.comparedLattices = (records, letter) => {
+  const maps = records.map((record) => record.maps.map(rubato.unpackMap));
+  const grid = rubato.section("Fields", "fields");
+  maps[0].filter((map) => map.packed.group === "field").forEach((map) => {
+    const other = maps[1].find((one) => one.packed.group === "field" && one.packed.name === map.packed.name);
+    if (!other) return;
+    const { name } = map.packed;
+    [map, other].forEach((one, i) => rubato.mapPlane(rubato.card(grid, `${letter(i)}: field ${name}`).body, one, `Field ${name} of ${letter(i)}`));
+    if (map.packed.shape === "film") return;
+    const card = rubato.card(grid, `Profiles of ${name} at the same time`, { wide: true });
+    const exact = maps[0].find((one) => one.packed.group === "exact" && one.packed.name === name);
+    const entries = [{ map, label: `A ${name}`, colour: 0 }, { map: other, label: `B ${name}`, colour: 1, dash: [5, 3] }];
+    rubato.profile(card.body, name, exact ? [...entries, { map: exact, label: "exact", colour: 2, dash: [2, 3] }] : entries);
+  });
+  const times = maps[0][0].first;
+  rubato.player(times, times[times.length - 1]);
+};

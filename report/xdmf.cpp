@@ -1,0 +1,129 @@
+#include <rubato/report/xdmf.hpp>
+
+#include <algorithm>
+#include <stdexcept>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <rubato/report/contents.hpp>
+#include <rubato/report/output_file.hpp>
+#include <rubato/report/packing.hpp>
+
+namespace rubato::report {
+
+namespace {
+
+struct Attribute {
+  std::string name, path;
+};
+
+class Xdmf {
+public:
+  Xdmf(const record::Reader& reader, const std::filesystem::path& file)
+      : reader_(reader),
+        record_(escape_html(std::filesystem::proximate(std::filesystem::absolute(reader.file()),
+                                                       std::filesystem::absolute(file).parent_path())
+                                .generic_string())),
+        t_(reader.read("/states/t")) {}
+
+  /// One grid for each stored level, all with the same nodes. Axes are slowest first, as in the record.
+  void collection(const std::string& name, const std::vector<std::string>& axes,
+                  const std::vector<Attribute>& attributes) {
+    std::vector<std::size_t> sizes;
+    std::vector<double> origin, spacing;
+    for (const std::string& axis : axes) {
+      const std::vector<double> x = reader_.read("/grid/" + axis);
+      sizes.push_back(x.size());
+      origin.push_back(x.front());
+      spacing.push_back(x.size() > 1 ? (x.back() - x.front()) / static_cast<double>(x.size() - 1) : 1.0);
+    }
+    // XDMF knows regular grids in two and three dimensions; a line is one of a single row.
+    if (sizes.size() == 1) {
+      sizes.insert(sizes.begin(), 1);
+      origin.insert(origin.begin(), 0.0);
+      spacing.insert(spacing.begin(), 1.0);
+    }
+    const std::string dimensions = fmt::format("{}", fmt::join(sizes, " "));
+    const bool is_flat = sizes.size() == 2;
+    text_ += fmt::format(R"(    <Grid Name="{}" GridType="Collection" CollectionType="Temporal">)", name) + "\n";
+    for (std::size_t level = 0; level < t_.size(); ++level) {
+      text_ += fmt::format(R"(      <Grid Name="{0} {1}" GridType="Uniform">
+        <Time Value="{2}"/>
+        <Topology TopologyType="{3}" Dimensions="{4}"/>
+        <Geometry GeometryType="{5}">
+          <DataItem Dimensions="{6}" Format="XML">{7}</DataItem>
+          <DataItem Dimensions="{6}" Format="XML">{8}</DataItem>
+        </Geometry>
+)",
+                           name, level, t_[level], is_flat ? "2DCoRectMesh" : "3DCoRectMesh", dimensions,
+                           is_flat ? "ORIGIN_DXDY" : "ORIGIN_DXDYDZ", sizes.size(), fmt::join(origin, " "),
+                           fmt::join(spacing, " "));
+      for (const Attribute& attribute : attributes) {
+        write(attribute, level, dimensions);
+      }
+      text_ += "      </Grid>\n";
+    }
+    text_ += "    </Grid>\n";
+  }
+
+  [[nodiscard]] std::string text() const {
+    return "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<Xdmf Version=\"2.0\">\n  <Domain>\n" + text_ +
+           "  </Domain>\n</Xdmf>\n";
+  }
+
+private:
+  /// Row number `level` of a dataset: its first value, the strides, and how many values, along each dimension.
+  void write(const Attribute& attribute, std::size_t level, const std::string& dimensions) {
+    const std::vector<std::size_t> shape = reader_.info(attribute.path).shape;
+    std::vector<std::size_t> start(shape.size(), 0), stride(shape.size(), 1), count = shape;
+    start[0] = level;
+    count[0] = 1;
+    text_ += fmt::format(R"(        <Attribute Name="{0}" AttributeType="Scalar" Center="Node">
+          <DataItem ItemType="HyperSlab" Dimensions="{1}">
+            <DataItem Dimensions="3 {2}" Format="XML">{3} {4} {5}</DataItem>
+            <DataItem Dimensions="{6}" NumberType="Float" Precision="8" Format="HDF">{7}:{8}</DataItem>
+          </DataItem>
+        </Attribute>
+)",
+                         escape_html(attribute.name), dimensions, shape.size(), fmt::join(start, " "),
+                         fmt::join(stride, " "), fmt::join(count, " "), fmt::join(shape, " "), record_,
+                         escape_html(attribute.path));
+  }
+
+  const record::Reader& reader_;
+  std::string record_;
+  std::vector<double> t_;
+  std::string text_;
+};
+
+}  // namespace
+
+void export_xdmf(const record::Reader& reader, const std::filesystem::path& file, bool overwrite) {
+  const Contents contents = contents_of(reader);
+  if (contents.kind != Contents::Kind::lattice) {
+    throw std::invalid_argument(
+        fmt::format("{}: is the record of an orbit; XDMF describes fields on a grid", reader.file().string()));
+  }
+  std::vector<Attribute> fields, residuals;
+  for (const Contents::Field& field : contents.fields) {
+    fields.push_back({field.name, field.path});
+  }
+  for (const std::string& name : contents.exact) {
+    fields.push_back({"exact " + name, "/exact/" + name});
+  }
+  for (const std::string& name : contents.residual_fields) {
+    residuals.push_back({"residual of " + name, "/laws/fields/" + name});
+  }
+  Xdmf xdmf(reader, file);
+  xdmf.collection("fields", contents.axes, fields);
+  if (!residuals.empty()) {
+    const std::vector<std::string> dimensions = reader.info(residuals.front().path).dimensions;
+    xdmf.collection("residuals", {dimensions.begin() + 1, dimensions.end()}, residuals);
+  }
+  OutputFile output(file, overwrite);
+  output.write(xdmf.text());
+  output.finish();
+}
+
+}  // namespace rubato::report
