@@ -7,9 +7,11 @@
 
 #include <rubato/formula/parse.hpp>
 #include <rubato/ode/discrete_lagrangian.hpp>
+#include <rubato/ode/first_step.hpp>
 #include <rubato/ode/generating_function.hpp>
 #include <rubato/ode/hamiltonian.hpp>
 #include <rubato/ode/integrate.hpp>
+#include <rubato/pde/first_step.hpp>
 #include <rubato/pde/lattice.hpp>
 #include <rubato/record/reader.hpp>
 #include <rubato/study/browse.hpp>

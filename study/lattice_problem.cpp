@@ -6,6 +6,8 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <rubato/pde/first_step.hpp>
+
 namespace rubato::study {
 
 namespace {
@@ -98,6 +100,7 @@ LatticeLagrangian lattice_lagrangian(const Scheme& scheme) {
   switch (scheme.lagrangian) {
     case Lagrangian::box: return LatticeLagrangian::box;
     case Lagrangian::fourier: return LatticeLagrangian::fourier;
+    case Lagrangian::euler_box: return LatticeLagrangian::euler_box;
     default:
       throw ProblemError(scheme.lagrangian_location,
                          fmt::format("lagrangian = \"{}\" is not available for a lattice in this version",
@@ -153,16 +156,13 @@ InitialFields make_initial_fields(const Problem& problem, const grids::Grid& gri
 LatticeOptions make_lattice_options(const Problem& problem, const MultisymplecticSystem& system) {
   const MultisymplecticProblem& pde = *problem.multisymplectic();
   const Scheme& scheme = problem.scheme;
-  if (!scheme.step) {
-    throw ProblemError(scheme.step_location,
-                       "step = \"auto\" is not available in this version: give the first step as a number");
-  }
   LatticeOptions options{.lagrangian = lattice_lagrangian(scheme),
                          .start = pde.start,
-                         .step = *scheme.step,
+                         .step = scheme.step.value_or(0.0),
                          .until = scheme.until,
                          .levels = scheme.levels,
                          .on_singular = scheme.on_singular,
+                         .bridge = scheme.bridge,
                          .tolerance = scheme.tolerance};
   for (const LinearSymmetry& symmetry : pde.symmetries) {
     options.symmetries.push_back({symmetry.name, dense(symmetry.B)});
@@ -174,10 +174,14 @@ LatticeOptions make_lattice_options(const Problem& problem, const Multisymplecti
 LatticeIntegrator make_lattice(const Problem& problem) {
   const MultisymplecticSystem system = make_system(problem);
   const grids::Grid grid = make_grid(problem);
-  const LatticeOptions options = make_lattice_options(problem, system);
+  LatticeOptions options = make_lattice_options(problem, system);
   const InitialFields initial = make_initial_fields(problem, grid);
-  return at_location(problem.multisymplectic()->initial_location,
-                     [&] { return LatticeIntegrator(system, grid, initial, options); });
+  return at_location(problem.multisymplectic()->initial_location, [&] {
+    if (const auto& scheme = problem.scheme; !scheme.step) {
+      options.step = choose_first_step(system, grid, initial, options, *scheme.energy_tolerance);
+    }
+    return LatticeIntegrator(system, grid, initial, options);
+  });
 }
 
 Placement placement_of(const Problem& problem) {

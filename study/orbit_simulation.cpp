@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <rubato/ode/first_step.hpp>
 #include <rubato/ode/integrate.hpp>
 #include <rubato/study/formula_table.hpp>
 #include <rubato/study/orbit_problem.hpp>
@@ -157,23 +158,24 @@ SegmentLagrangian make_lagrangian(const Problem& problem) {
 OrbitIntegrator make_integrator(const Problem& problem) {
   const HamiltonianProblem& orbit = *problem.hamiltonian();
   const Scheme& scheme = problem.scheme;
-  if (!scheme.step) {
-    throw ProblemError(scheme.step_location,
-                       "step = \"auto\" is not available in this version: give the first step as a number");
-  }
   IntegrationOptions options{.lagrangian = make_lagrangian(problem),
-                             .step = *scheme.step,
+                             .step = scheme.step.value_or(0.0),
                              .until = scheme.until,
                              .levels = scheme.levels,
                              .on_singular = scheme.on_singular,
+                             .bridge = scheme.bridge,
                              .tolerance = scheme.tolerance,
                              .max_steps = static_cast<std::size_t>(scheme.max_steps)};
   if (orbit.next) {
     options.next = InitialState{.q = orbit.next->q, .p = orbit.next->p, .t = orbit.next->t};
   }
   const InitialState initial{.q = orbit.initial.q, .p = orbit.initial.p, .t = orbit.initial.t};
+  const Hamiltonian hamiltonian = make_hamiltonian(problem);
   try {
-    return OrbitIntegrator(make_hamiltonian(problem), initial, options);
+    if (!scheme.step) {
+      options.step = choose_first_step(hamiltonian, initial, options, *scheme.energy_tolerance);
+    }
+    return OrbitIntegrator(hamiltonian, initial, options);
   } catch (const ProblemError&) {
     throw;
   } catch (const UnstableError& error) {

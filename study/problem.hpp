@@ -106,6 +106,7 @@ enum class Lagrangian { midpoint, forward, generating, custom, box, fourier, eul
 [[nodiscard]] std::string_view to_string(Lagrangian lagrangian);
 [[nodiscard]] std::string_view to_string(Levels levels);
 [[nodiscard]] std::string_view to_string(OnSingular on_singular);
+[[nodiscard]] std::string_view to_string(BridgeRule bridge);
 
 /// The normal Darboux matrix of a generating function: F = 0, ±[[0, I], [I, 0]], or the user's symmetric 2n×2n F.
 enum class DarbouxKind { midpoint, euler_a, euler_b, matrix };
@@ -115,6 +116,7 @@ struct Scheme {
   Lagrangian lagrangian = Lagrangian::midpoint;
   Levels levels = Levels::variable;
   OnSingular on_singular = OnSingular::bridge;
+  BridgeRule bridge = BridgeRule::anchored;
   /// t_1 - t_0, finite, nonzero, with the sign of until - start. Absent for step = "auto" only (then energy_tolerance
   /// holds); taken from [initial.next] where that is given.
   std::optional<double> step;

@@ -16,6 +16,7 @@ constexpr std::array<std::string_view, 7> lagrangian_words = {"midpoint", "forwa
                                                               "box",      "fourier", "euler-box"};
 constexpr std::array<std::string_view, 2> levels_words = {"variable", "fixed"};
 constexpr std::array<std::string_view, 3> on_singular_words = {"bridge", "fixed", "stop"};
+constexpr std::array<std::string_view, 2> bridge_words = {"anchored", "reversible"};
 constexpr std::array<std::string_view, 3> darboux_words = {"midpoint", "euler-a", "euler-b"};
 constexpr std::size_t ode_lagrangians = 4;  ///< the first four act on a segment, the others on a cell
 
@@ -73,6 +74,14 @@ private:
     }
     if (const Entry* entry = section_.take("on_singular")) {
       scheme_.on_singular = static_cast<OnSingular>(read_word(entry->value, "on_singular", on_singular_words));
+    }
+    if (const Entry* entry = section_.take("bridge")) {
+      scheme_.bridge = static_cast<BridgeRule>(read_word(entry->value, "bridge", bridge_words));
+      if (scheme_.on_singular != OnSingular::bridge) {
+        throw ProblemError(entry->location, fmt::format("bridge applies to on_singular = \"bridge\", and this problem "
+                                                        "has \"{}\"; leave it out",
+                                                        to_string(scheme_.on_singular)));
+      }
     }
   }
 
@@ -182,6 +191,11 @@ private:
     }
     if (const Entry* entry = section_.take("energy_tolerance")) {
       scheme_.energy_tolerance = read_positive(entry->value, "energy_tolerance");
+      if (*scheme_.energy_tolerance >= 1) {
+        throw ProblemError(entry->value.location,
+                           fmt::format("energy_tolerance = {} is relative to the energy, and has to be less than 1",
+                                       *scheme_.energy_tolerance));
+      }
       energy_tolerance_ = entry;
     }
   }
@@ -298,6 +312,10 @@ std::string_view to_string(Levels levels) {
 }
 std::string_view to_string(OnSingular on_singular) {
   return on_singular_words[static_cast<std::size_t>(on_singular)];
+}
+
+std::string_view to_string(BridgeRule bridge) {
+  return bridge_words[static_cast<std::size_t>(bridge)];
 }
 
 std::vector<std::string> custom_lagrangian_names(const HamiltonianProblem& problem) {
