@@ -21,14 +21,15 @@ rubato.comparison = (data) => {
     residual: "Local laws, step by step", total: "Totals and invariants", invariant: "Totals and invariants" };
   const logarithmic = ["energy", "condition", "residual"];
   const grids = {};
-  const names = new Map(curves.flat().map((curve) => [`${curve.group} ${curve.name}`, curve]));
-  names.forEach(({ group, name }) => {
+  const found = new Map(curves.flat().map((curve) => [`${curve.group} ${curve.name}`, curve]));
+  found.forEach(({ group, name }) => {
     const both = curves.map((all, i) => all.filter((curve) => curve.group === group && curve.name === name)
       .map((curve) => ({ ...curve, label: `${letter(i)} ${name}`, colour: i, dash: i === 1 ? [5, 3] : undefined }))).flat();
     const section = titles[group];
     grids[section] = grids[section] || rubato.section(section);
     const isLogarithmic = logarithmic.includes(group);
-    const title = group === "energy" ? `Deviation of the ${name}` : (group === "total" ? `Total ${name}` : name);
+    const names = { h: "Step length", gamma: "\u0393", "step condition": "Step condition", iterations: "Iterations of the step" };
+    const title = group === "energy" ? `Deviation of the ${name}` : (group === "total" ? `Total ${name}` : names[name] || name);
     rubato.commonCurves.show(grids[section], title, isLogarithmic ? both.map(rubato.commonCurves.magnitude) : both,
       { logarithmic: isLogarithmic, yLabel: ["invariant", "total"].includes(group) ? "deviation" : name, bridges });
   });

@@ -10,7 +10,6 @@
  * answers { plot, replace(series), reset() }.
  */
 rubato.curve = (() => {
-  const overTime = [];
   let spreading = false;
 
   /** uPlot wants ascending x, and null for gaps. */
@@ -50,8 +49,8 @@ rubato.curve = (() => {
     if (key !== "x" || spreading) return;
     const { min, max } = plot.scales.x;
     spreading = true;
-    overTime.forEach((other) => {
-      if (other !== plot && (other.scales.x.min !== min || other.scales.x.max !== max)) other.setScale("x", { min, max });
+    rubato.pictures.curves.forEach(({ plot: other, time }) => {
+      if (time && other !== plot && (other.scales.x.min !== min || other.scales.x.max !== max)) other.setScale("x", { min, max });
     });
     spreading = false;
   };
@@ -76,7 +75,7 @@ rubato.curve = (() => {
   };
 
   const axis = (label, splits, values, size) => ({
-    label, splits, values: (plot, all) => values(all), size, labelSize: 18, gap: 4, font: rubato.theme.font(12), labelFont: rubato.theme.font(12.5), labelGap: 0,
+    label, splits, values: (plot, all) => values(all), size, labelSize: 20, gap: 4, font: rubato.theme.font(12), labelFont: rubato.theme.font(12.5), labelGap: 0,
     stroke: () => rubato.theme.colour("faint"),
     grid: { stroke: () => rubato.theme.colour("grid"), width: 1 },
     ticks: { stroke: () => rubato.theme.colour("line"), width: 1, size: 5 },
@@ -115,7 +114,7 @@ rubato.curve = (() => {
       width: Math.max(holder.clientWidth, 240), height,
       padding: [10, right, 0, 0],
       scales: { x: { time: false }, y: { range: range || padded } },
-      axes: [axis(xLabel, across, tickTexts, 28), axis(yLabel, up, logarithmic ? powerTexts : tickTexts, 54)],
+      axes: [axis(xLabel, across, tickTexts, 28), axis(yLabel, up, logarithmic ? powerTexts : tickTexts, 58)],
       series: [{ label: xLabel, value: (self, value) => rubato.format.number(value, 7) }, ...lines(series)],
       cursor: {
         dataIdx: nearest, drag: { x: true, y: false, setScale: true },
@@ -135,6 +134,7 @@ rubato.curve = (() => {
     }
     const curve = {
       plot,
+      time,
       replace: (next) => plot.setData(prepared(next), false),
       /** All of x, on every curve that shares it. */
       reset: () => {
@@ -143,10 +143,10 @@ rubato.curve = (() => {
       },
     };
     if (time) {
-      overTime.push(plot);
       rubato.clock.watch(() => moveClock(plot));
       moveClock(plot);
     }
+    rubato.pictures.curves.push(curve);
     keys(holder, curve);
     rubato.theme.watch(() => plot.redraw(false, true));
     new ResizeObserver(() => {

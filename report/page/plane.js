@@ -14,7 +14,7 @@
  * answers { redraw(), remark(), reset(), extend(extent) }.
  */
 rubato.plane = (() => {
-  const margin = { left: 72, top: 10, bottom: 42 };
+  const margin = { left: 78, top: 10, bottom: 42 };
 
   return (host, options) => {
     const right = options.right || 14;
@@ -206,10 +206,15 @@ rubato.plane = (() => {
     new ResizeObserver(resize).observe(holder);
     resize();
     rubato.theme.watch(redraw);
-    return { redraw, remark, reset, extent: () => extent,
+    const plane = {
+      redraw, remark, reset,
+      extent: () => extent,
       extend: (next) => {
         full = next;
         reset();
-      } };
+      },
+    };
+    rubato.pictures.planes.push(plane);
+    return plane;
   };
 })();

@@ -20,6 +20,9 @@ rubato.signal = (initial) => {
 /** The time that the player, the cursors of maps and the marks on curves share. */
 rubato.clock = rubato.signal(0);
 
+/** Everything drawn so far: the curves, and the planes of maps and portraits. */
+rubato.pictures = { curves: [], planes: [] };
+
 /** Light or dark: as the reader's system says, until the button says otherwise. */
 rubato.theme = (() => {
   const root = document.documentElement;

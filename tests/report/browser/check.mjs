@@ -1,0 +1,214 @@
+// Opens the pages of make_pages in a headless browser and looks at them as a reader would:
+//   node check.mjs FOLDER_OF_PLAYWRIGHT CHROMIUM FOLDER_OF_PAGES
+// Pages named broken-… are wrong in one way each: the same checks have to find it.
+
+import { createRequire } from "node:module";
+import { mkdtempSync, readdirSync, rmSync } from "node:fs";
+import { tmpdir } from "node:os";
+import { join } from "node:path";
+import { pathToFileURL } from "node:url";
+
+const [, , playwright, executablePath, folder] = process.argv;
+const { chromium } = createRequire(join(playwright, "index.js"))("playwright-core");
+
+/** What each broken page has to be found out by. */
+const expected = { "broken-cut": "errors", "broken-empty": "drawn", "broken-request": "requests", "broken-loud": "errors",
+  "broken-mute": "clock", "broken-scheme": "scheme" };
+
+/** Defines, in a page, a function that reads a canvas by way of a copy: reading it itself would change how it is kept. */
+const defineReading = () => {
+  window.pixelsOf = (canvas) => {
+    const copy = new OffscreenCanvas(canvas.width, canvas.height).getContext("2d", { willReadFrequently: true });
+    copy.drawImage(canvas, 0, 0);
+    return copy.getImageData(0, 0, canvas.width, canvas.height).data;
+  };
+};
+
+/** How many colours each canvas has that is not merely a layer for cursors. */
+const coloursOfCanvases = () => [...document.querySelectorAll(".plane canvas:first-child, .uplot canvas")].map((canvas) => {
+  const data = pixelsOf(canvas);
+  const colours = new Map();
+  for (let i = 0; i < data.length; i += 4) {
+    if (data[i + 3] > 200) colours.set(data[i] << 16 | data[i + 1] << 8 | data[i + 2], true);
+  }
+  return colours.size;
+});
+
+/** The colour in which each curve is drawn, counted on its canvas: zero for a curve that is not there. */
+const linesDrawn = () => rubato.pictures.curves.map(({ plot }) => {
+  const data = pixelsOf(plot.ctx.canvas);
+  const wanted = plot.series.slice(1).map((series) => /rgb\((\d+), (\d+), (\d+)\)/.exec(series.stroke(plot)).slice(1).map(Number));
+  return Math.max(...wanted.map(([red, green, blue]) => {
+    let count = 0;
+    for (let i = 0; i < data.length; i += 4) {
+      if (Math.abs(data[i] - red) + Math.abs(data[i + 1] - green) + Math.abs(data[i + 2] - blue) < 40) ++count;
+    }
+    return count;
+  }));
+});
+
+class Checker {
+  constructor() {
+    this.failures = [];
+  }
+  check(kind, condition, text) {
+    if (!condition) this.failures.push({ kind, text });
+  }
+}
+
+async function dragAcross(page, box) {
+  await page.mouse.move(box.x + box.width * 0.3, box.y + box.height * 0.3);
+  await page.mouse.down();
+  await page.mouse.move(box.x + box.width * 0.45, box.y + box.height * 0.5, { steps: 4 });
+  await page.mouse.move(box.x + box.width * 0.6, box.y + box.height * 0.7, { steps: 4 });
+  await page.mouse.up();
+}
+
+async function boxOf(page, element) {
+  await element.evaluate((node) => node.scrollIntoView({ block: "center", behavior: "instant" }));
+  return element.boundingBox();
+}
+
+async function checkCurve(page, checker) {
+  const over = page.locator(".uplot .u-over").first();
+  const box = await boxOf(page, over);
+  const scale = () => page.evaluate(() => ({ ...rubato.pictures.curves[0].plot.scales.x }));
+  const legend = () => page.locator(".u-legend").first().innerText();
+  await page.mouse.move(box.x + box.width * 0.25, box.y + box.height / 2);
+  const first = await legend();
+  await page.mouse.move(box.x + box.width * 0.75, box.y + box.height / 2);
+  const second = await legend();
+  checker.check("cursor", first !== second && /\d/.test(second), `the legend of a curve stays "${first}"`);
+  const whole = await scale();
+  await dragAcross(page, box);
+  const part = await scale();
+  checker.check("zoom", part.max - part.min < 0.6 * (whole.max - whole.min), "dragging does not zoom a curve");
+  await page.mouse.dblclick(box.x + box.width / 2, box.y + box.height / 2);
+  const again = await scale();
+  checker.check("zoom", Math.abs(again.max - whole.max) + Math.abs(again.min - whole.min) < 1e-9, "a double click does not show the whole curve");
+}
+
+async function checkPlane(page, checker) {
+  const over = page.locator(".plane canvas:nth-child(2)").first();
+  const box = await boxOf(page, over);
+  const extent = () => page.evaluate(() => rubato.pictures.planes[0].extent());
+  const width = ({ x }) => x[1] - x[0];
+  const readout = page.locator(".readout").first();
+  await page.mouse.move(box.x + box.width * 0.4, box.y + box.height * 0.4);
+  const first = await readout.innerText();
+  await page.mouse.move(box.x + box.width * 0.6, box.y + box.height * 0.6);
+  const second = await readout.innerText();
+  checker.check("cursor", first !== second && /\d/.test(second), `the values under the pointer stay "${first}"`);
+  const whole = await extent();
+  await dragAcross(page, box);
+  checker.check("zoom", width(await extent()) < 0.6 * width(whole), "dragging does not zoom a plane");
+  await page.mouse.dblclick(box.x + box.width / 2, box.y + box.height / 2);
+  checker.check("zoom", width(await extent()) === width(whole), "a double click does not show the whole plane");
+  await page.locator(".plane").first().focus();
+  await page.keyboard.press("+");
+  checker.check("keys", width(await extent()) < width(whole), "the key + does not zoom");
+  await page.keyboard.press("0");
+  checker.check("keys", width(await extent()) === width(whole), "the key 0 does not show the whole");
+}
+
+async function checkClock(page, checker) {
+  const output = page.locator(".player output");
+  const slider = page.locator(".player input");
+  const profiles = () => page.evaluate(() => JSON.stringify(rubato.pictures.curves.filter((curve) => !curve.time).map(({ plot }) => plot.data.slice(1))));
+  const marks = () => page.evaluate(() => [...document.querySelectorAll(".plane canvas:nth-child(2)")].map((canvas) => canvas.toDataURL()).join());
+  const pictures = () => page.evaluate(() => [...document.querySelectorAll(".plane canvas:first-child")].map((canvas) => canvas.toDataURL()).join());
+  await slider.fill("3");
+  const before = [await output.innerText(), await profiles(), (await marks()) + (await pictures())];
+  await slider.fill("17");
+  const after = [await output.innerText(), await profiles(), (await marks()) + (await pictures())];
+  checker.check("clock", before[0] !== after[0], "the time shown does not follow the slider");
+  checker.check("clock", before[1] === "[]" || before[1] !== after[1], "profiles do not follow the slider");
+  checker.check("clock", before[2] !== after[2], "planes do not follow the slider");
+  const play = page.locator(".player button").first();
+  await play.click();
+  await page.waitForTimeout(400);
+  await play.click();
+  checker.check("clock", (await output.innerText()) !== after[0], "playing does not move the time");
+}
+
+async function checkPage(context, name) {
+  const checker = new Checker();
+  const page = await context.newPage();
+  const url = pathToFileURL(join(folder, `${name}.html`)).href;
+  const requests = [];
+  const errors = [];
+  page.on("request", (request) => requests.push(request.url()));
+  page.on("pageerror", (error) => errors.push(error.message));
+  page.on("console", (message) => { if (["error", "warning"].includes(message.type())) errors.push(message.text()); });
+  await page.addInitScript(defineReading);
+  const begin = Date.now();
+  await page.goto(url);
+  const ready = await page.waitForFunction(() => document.documentElement.dataset.ready === "yes", null, { timeout: 15000 }).catch(() => null);
+  const milliseconds = Date.now() - begin;
+  checker.check("errors", ready !== null, "the page does not become ready");
+  if (ready) {
+    await page.waitForTimeout(100);
+    const colours = await page.evaluate(coloursOfCanvases);
+    checker.check("drawn", colours.length >= 5, `only ${colours.length} pictures`);
+    checker.check("drawn", colours.every((count) => count > 3), `colours of canvases: ${colours}`);
+    const lines = await page.evaluate(linesDrawn);
+    checker.check("drawn", lines.every((count) => count > 20), `pixels of curves: ${lines}`);
+    await checkClock(page, checker);
+    await checkCurve(page, checker);
+    await checkPlane(page, checker);
+    const background = () => page.evaluate(() => getComputedStyle(document.body).backgroundColor);
+    const first = await background();
+    await page.locator("header button").click();
+    checker.check("scheme", (await background()) !== first, "the button does not change the scheme");
+    await page.waitForTimeout(50);
+    checker.check("scheme", (await page.evaluate(coloursOfCanvases)).every((count) => count > 3), "blank in the other scheme");
+    checker.check("scheme", await page.evaluate(() => window.bad === undefined), "text of the record was run");
+  }
+  checker.check("requests", requests.length === 1 && requests[0] === url, `requests: ${requests.slice(0, 5)}`);
+  checker.check("errors", errors.length === 0, `errors: ${errors.slice(0, 3)}`);
+  const background = await page.evaluate(() => getComputedStyle(document.body).backgroundColor);
+  await page.close();
+  return { failures: checker.failures, milliseconds, background };
+}
+
+async function withBrowser(colorScheme, use) {
+  const profile = mkdtempSync(join(tmpdir(), "rubato-browser-"));
+  const context = await chromium.launchPersistentContext(profile, {
+    executablePath, headless: true, colorScheme, viewport: { width: 1280, height: 900 },
+    args: ["--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
+      "--disable-component-update", "--disable-sync"],
+  });
+  try {
+    return await use(context);
+  } finally {
+    await context.close();
+    rmSync(profile, { recursive: true, force: true });
+  }
+}
+
+const names = readdirSync(folder).filter((file) => file.endsWith(".html")).map((file) => file.replace(/\.html$/, "")).sort();
+let wrong = 0;
+const seen = {};
+for (const scheme of ["light", "dark"]) {
+  await withBrowser(scheme, async (context) => {
+    for (const name of names) {
+      if (expected[name] && scheme === "dark") continue;
+      const { failures, milliseconds, background } = await checkPage(context, name);
+      if (expected[name]) {
+        const found = failures.some(({ kind }) => kind === expected[name]);
+        console.log(`${found ? "found" : "MISSED"}  ${name}: ${failures.map(({ text }) => text).join("; ").slice(0, 120)}`);
+        wrong += found ? 0 : 1;
+      } else {
+        console.log(`${failures.length === 0 ? "ok" : "FAILED"}  ${name}, ${scheme}, ready after ${milliseconds} ms`);
+        failures.forEach(({ kind, text }) => console.log(`    ${kind}: ${text}`));
+        wrong += failures.length;
+        seen[scheme] = background;
+      }
+    }
+  });
+}
+if (seen.light === seen.dark) {
+  console.log("FAILED  both schemes look the same");
+  ++wrong;
+}
+process.exit(wrong === 0 ? 0 : 1);
