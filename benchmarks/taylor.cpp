@@ -1,10 +1,11 @@
-// Taylor series of the flow of N bodies in space (3N degrees of freedom): alone, and of a starting point that is a
-// series itself (what a generating function costs per solve). The argument is the order; growth per doubling of it
-// shows the exponent.
+// Taylor series of the flow of N bodies in space (3N degrees of freedom): alone, and several side by side (what a
+// generating function costs per solve). The arguments are the bodies, the order and the lanes; growth per doubling of
+// the order shows the exponent.
 #include <benchmark/benchmark.h>
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 #include <rubato/formula/expression.hpp>
 #include <rubato/formula/taylor.hpp>
@@ -60,25 +61,31 @@ void flow(benchmark::State& state) {
   report(state, bodies);
 }
 
-void family(benchmark::State& state) {
+/// Series side by side, every order from the one before by a map between lanes: what a generating function does.
+void lanes(benchmark::State& state) {
   const Bodies bodies = prepare(static_cast<std::size_t>(state.range(0)));
   const int order = static_cast<int>(state.range(1));
-  TaylorFlowFamily flows(bodies.field, order);
-  std::vector<double> c = bodies.start;
+  TaylorEvaluator field(bodies.field, order, static_cast<int>(state.range(2)));
+  const std::size_t n = field.lanes();
+  const TaylorEvaluator::LaneMap map(field, std::vector<double>(n * n, 0.5 / static_cast<double>(n)));
   for ([[maybe_unused]] const auto iteration : state) {
-    flows.restart();
+    field.restart();
+    for (std::size_t m = 0; m < bodies.start.size(); ++m) {
+      std::ranges::fill(field.input(m, 0), bodies.start[m]);
+    }
     for (int d = 0; d <= order; ++d) {
-      for (std::size_t m = 0; m < c.size(); ++m)
-        c[m] = d == 0 ? bodies.start[m] : 0.5 * flows.part(m, d)[d - 1];
-      if (flows.extend(c) != rubato::Status::success)
-        return state.SkipWithError(flows.failure().c_str());
+      if (d > 0) {
+        field.feed_back(map);
+      }
+      if (field.advance() != rubato::Status::success)
+        return state.SkipWithError(field.failure().c_str());
     }
   }
   report(state, bodies);
 }
 
 BENCHMARK(flow)->ArgsProduct({{2, 6}, {5, 10, 20, 40}})->Unit(benchmark::kMicrosecond);
-BENCHMARK(family)->ArgsProduct({{2, 6}, {5, 10, 20}})->Unit(benchmark::kMicrosecond);
+BENCHMARK(lanes)->ArgsProduct({{2, 6}, {5, 10, 20}, {1, 4, 8, 12}})->Unit(benchmark::kMicrosecond);
 
 }  // namespace
 

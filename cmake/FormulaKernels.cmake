@@ -1,7 +1,7 @@
-# The batch evaluator's kernel is one source compiled once per instruction set and chosen at run time. FMA is left out on
-# purpose: without it all variants round alike and a record does not depend on the machine that wrote it. The kernels
-# are optimised in every build type, so that no inline function of a header stays behind, compiled for an instruction set
-# that the linker knows nothing of.
+# The kernels of the batch evaluator and of Taylor arithmetic are each one source compiled once per instruction set and
+# chosen at run time. FMA is left out on purpose: without it all variants round alike and a record does not depend on the
+# machine that wrote it. The kernels are optimised in every build type, so that no inline function of a header stays
+# behind, compiled for an instruction set that the linker knows nothing of.
 foreach(kernel IN ITEMS sse2 avx2 avx512)
   set(options -O3)
   if(kernel STREQUAL avx2)
@@ -11,5 +11,7 @@ foreach(kernel IN ITEMS sse2 avx2 avx512)
     list(APPEND options -mavx512f -mavx512cd -mavx512dq -mavx512bw
       $<$<CXX_COMPILER_ID:GNU>:-Wno-uninitialized> $<$<CXX_COMPILER_ID:GNU>:-Wno-maybe-uninitialized>)
   endif()
-  set_source_files_properties(${PROJECT_SOURCE_DIR}/formula/batch_${kernel}.cpp PROPERTIES COMPILE_OPTIONS "${options}")
+  foreach(source IN ITEMS batch taylor)
+    set_source_files_properties(${PROJECT_SOURCE_DIR}/formula/${source}_${kernel}.cpp PROPERTIES COMPILE_OPTIONS "${options}")
+  endforeach()
 endforeach()

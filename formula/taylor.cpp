@@ -1,19 +1,22 @@
+#include <rubato/formula/taylor.hpp>
+
 #include <algorithm>
 #include <cassert>
 #include <cmath>
-#include <limits>
 #include <stdexcept>
 #include <string_view>
 
 #include <fmt/format.h>
 
-#include <rubato/formula/taylor.hpp>
+#include <rubato/formula/arithmetic.hpp>
+#include <rubato/formula/taylor_kernel.hpp>
 
 namespace rubato::formula {
 
 namespace {
 
-constexpr double nothing = -0.0;  // adding it changes no number, not even -0
+using taylor::Kind;
+using taylor::Step;
 
 /// How a user knows an operation of the code.
 std::string_view name_of(OpCode code) {
@@ -57,250 +60,142 @@ std::string_view name_of(OpCode code) {
   return "?";
 }
 
-/// Each register written at most once, and no input or constant overwritten.
-bool reuses_registers(const Bytecode& code) {
-  std::vector<bool> written(code.register_count(), false);
-  std::fill_n(written.begin(), code.input_count() + code.constants().size(), true);
-  const auto write = [&](std::uint32_t r) {
-    const bool again = written[r];
-    written[r] = true;
-    return again;
-  };
-  return std::any_of(code.instructions().begin(), code.instructions().end(),
-                     [&](const Instruction& i) { return write(i.target) || (i.code == OpCode::sincos && write(i.b)); });
+/// f(a_0) of the functions with D f(a) = ±(D a)/b; NaN outside the open interval where that holds.
+double leading_value(OpCode code, double a) {
+  switch (code) {
+    case OpCode::asin: return std::asin(a);
+    case OpCode::acos: return std::acos(a);
+    case OpCode::atan: return std::atan(a);
+    case OpCode::asinh: return std::asinh(a);
+    case OpCode::acosh: return std::acosh(a);
+    case OpCode::atanh: return std::atanh(a);
+    default: return std::log(a);  // of log itself and of a general power
+  }
+}
+
+bool in_domain(OpCode code, double a) {
+  switch (code) {
+    case OpCode::asin:
+    case OpCode::acos:
+    case OpCode::atanh: return std::abs(a) < 1.0;
+    case OpCode::acosh: return a > 1.0;
+    case OpCode::atan:
+    case OpCode::asinh: return true;
+    default: return a > 0.0;
+  }
+}
+
+/// x^p; the powers of roots and quotients are formed from them.
+double leading_power(const Step& step, double x) {
+  if (step.code == OpCode::cbrt) {
+    return std::cbrt(x);
+  }
+  const double doubled = 2.0 * step.value;
+  if (std::abs(doubled) <= 16.0 && doubled == std::nearbyint(doubled)) {
+    return integer_power(step.positive ? std::sqrt(x) : x,
+                         static_cast<std::int32_t>(step.positive ? doubled : step.value));
+  }
+  return std::pow(x, step.value);
+}
+
+bool has_kink(Kind kind) {
+  return kind == Kind::absolute || kind == Kind::sign || kind == Kind::minimum || kind == Kind::maximum;
+}
+
+const taylor::Kernel& kernel() {
+  static const taylor::Kernel best = [] {
+    __builtin_cpu_init();
+    return __builtin_cpu_supports("avx2") ? taylor::kernel_avx2() : taylor::kernel_sse2();
+  }();
+  return best;
+}
+
+/// 1, 2 or a multiple of 4.
+std::size_t padded(int lanes) {
+  if (lanes < 1) {
+    throw std::invalid_argument(fmt::format("a Taylor expansion needs at least one lane ({} given)", lanes));
+  }
+  return lanes <= 2 ? static_cast<std::size_t>(lanes) : (static_cast<std::size_t>(lanes) + 3) / 4 * 4;
 }
 
 }  // namespace
 
-template <typename Grading>
-BasicTaylorEvaluator<Grading>::BasicTaylorEvaluator(const Bytecode& code, int order)
+TaylorEvaluator::TaylorEvaluator(const Bytecode& code, int order, int lanes)
     : order_(order),
-      input_count_(code.input_count()),
-      series_count_(code.register_count()),
-      outputs_(code.outputs().begin(), code.outputs().end()) {
-  if (order < 0)
+      lanes_(static_cast<std::size_t>(lanes)),
+      width_(padded(lanes)),
+      series_stride_((static_cast<std::size_t>(std::max(order, 0)) + 1) * width_),
+      program_(taylor::lower(code)),
+      kinks_(std::ranges::any_of(program_.steps, [](const Step& step) { return has_kink(step.kind); })) {
+  if (order < 0) {
     throw std::invalid_argument(fmt::format("the order of a Taylor expansion must not be negative ({} given)", order));
-  if (reuses_registers(code))
-    throw std::invalid_argument("Taylor arithmetic needs code compiled without reuse of registers");
-  stride_ = Grading::offset(order + 1);
-  for (const Instruction& instruction : code.instructions())
-    lower(instruction, code);
-  series_.assign(series_count_ * stride_, 0.0);
-  const auto constants = code.constants();
-  for (std::size_t c = 0; c < constants.size(); ++c)
-    at(input_count_ + c)[0] = constants[c];
-}
-
-template <typename Grading>
-std::uint32_t BasicTaylorEvaluator<Grading>::new_series() {
-  return static_cast<std::uint32_t>(series_count_++);
-}
-
-template <typename Grading>
-void BasicTaylorEvaluator<Grading>::lower(const Instruction& instruction, const Bytecode& code) {
-  const auto constant = [&](std::uint32_t r) -> const double* {
-    const std::size_t c = r - code.input_count();
-    return r >= code.input_count() && c < code.constants().size() ? &code.constants()[c] : nullptr;
-  };
-  Step base;
-  base.code = instruction.code;
-  base.target = instruction.target;
-  base.a = instruction.a;
-  base.b = instruction.b;
-  base.culprit = instruction.code == OpCode::divide ? instruction.b : instruction.a;
-  const auto emit = [&](Kind kind, std::uint32_t target, std::uint32_t a, std::uint32_t b = 0) -> Step& {
-    Step step = base;
-    step.kind = kind;
-    step.target = target;
-    step.a = a;
-    step.b = b;
-    return steps_.emplace_back(step);
-  };
-  const auto affine = [&](std::uint32_t target, double value, double factor, std::uint32_t a) {
-    Step& step = emit(Kind::affine, target, a);
-    step.value = value;
-    step.factor = factor;
-  };
-  const auto product = [&](std::uint32_t target, std::uint32_t a, std::uint32_t b) {
-    if (constant(a))
-      affine(target, nothing, *constant(a), b);
-    else if (constant(b))
-      affine(target, nothing, *constant(b), a);
-    else if (a == b)
-      emit(Kind::square, target, a);
-    else
-      emit(Kind::multiply, target, a, b);
-  };
-  // The series value + factor·a².
-  const auto quadratic = [&](double value, double factor) {
-    const std::uint32_t square = new_series();
-    emit(Kind::square, square, base.a);
-    const std::uint32_t result = new_series();
-    affine(result, value, factor, square);
-    return result;
-  };
-  const auto root_of = [&](std::uint32_t a) {
-    const std::uint32_t root = new_series();
-    emit(Kind::square_root, root, a);
-    return root;
-  };
-  const auto integral = [&](double factor, std::uint32_t denominator) {
-    emit(Kind::quotient_integral, base.target, base.a, denominator).factor = factor;
-  };
-
-  switch (instruction.code) {
-    case OpCode::add: emit(Kind::add, base.target, base.a, base.b); return;
-    case OpCode::subtract: emit(Kind::subtract, base.target, base.a, base.b); return;
-    case OpCode::multiply: product(base.target, base.a, base.b); return;
-    case OpCode::divide:
-      if (const double* divisor = constant(base.b))
-        emit(Kind::divide_by_number, base.target, base.a).value = *divisor;
-      else
-        emit(Kind::divide, base.target, base.a, base.b);
-      return;
-    case OpCode::negate: affine(base.target, nothing, -1.0, base.a); return;
-    case OpCode::multiply_add:
-    case OpCode::multiply_subtract:
-    case OpCode::negative_multiply_add: {
-      const std::uint32_t rounded = new_series();
-      product(rounded, base.a, base.b);
-      if (instruction.code == OpCode::multiply_add)
-        emit(Kind::add, base.target, rounded, instruction.c);
-      else if (instruction.code == OpCode::multiply_subtract)
-        emit(Kind::subtract, base.target, rounded, instruction.c);
-      else
-        emit(Kind::subtract, base.target, instruction.c, rounded);
-      return;
-    }
-    case OpCode::square: emit(Kind::square, base.target, base.a); return;
-    case OpCode::integer_power: lower_power(base, static_cast<std::int32_t>(instruction.b)); return;
-    case OpCode::power:
-      if (const double* exponent = constant(base.b)) {
-        if (*exponent == std::nearbyint(*exponent) && std::abs(*exponent) <= std::numeric_limits<std::int32_t>::max()) {
-          lower_power(base, static_cast<std::int64_t>(*exponent));
-          return;
-        }
-        emit(Kind::power, base.target, base.a).value = *exponent;
-      } else {
-        const std::uint32_t logarithm = new_series();
-        emit(Kind::quotient_integral, logarithm, base.a, base.a).factor = 1.0;
-        const std::uint32_t exponent_of_e = new_series();
-        product(exponent_of_e, logarithm, base.b);
-        emit(Kind::exponential, base.target, exponent_of_e);
-      }
-      return;
-    case OpCode::sin: emit(Kind::circular, base.target, base.a, new_series()); return;
-    case OpCode::cos: emit(Kind::circular, new_series(), base.a, base.target); return;
-    case OpCode::sincos: emit(Kind::circular, base.target, base.a, base.b); return;
-    case OpCode::sinh: emit(Kind::hyperbolic, base.target, base.a, new_series()); return;
-    case OpCode::cosh: emit(Kind::hyperbolic, new_series(), base.a, base.target); return;
-    case OpCode::tan: emit(Kind::tangent, base.target, base.a, new_series()).factor = 1.0; return;
-    case OpCode::tanh: emit(Kind::tangent, base.target, base.a, new_series()).factor = -1.0; return;
-    case OpCode::sech:
-    case OpCode::csch: {
-      Step& step = emit(Kind::secant, base.target, base.a, new_series());
-      step.factor = instruction.code == OpCode::sech ? 1.0 : -1.0;
-      step.c = new_series();
-      step.d = new_series();
-      return;
-    }
-    case OpCode::asin: integral(1.0, root_of(quadratic(1.0, -1.0))); return;
-    case OpCode::acos: integral(-1.0, root_of(quadratic(1.0, -1.0))); return;
-    case OpCode::atan: integral(1.0, quadratic(1.0, 1.0)); return;
-    case OpCode::asinh: integral(1.0, root_of(quadratic(1.0, 1.0))); return;
-    case OpCode::acosh: integral(1.0, root_of(quadratic(-1.0, 1.0))); return;
-    case OpCode::atanh: integral(1.0, quadratic(1.0, -1.0)); return;
-    case OpCode::atan2: emit(Kind::argument, base.target, base.a, base.b).c = new_series(); return;
-    case OpCode::exp: emit(Kind::exponential, base.target, base.a); return;
-    case OpCode::log: integral(1.0, base.a); return;
-    case OpCode::sqrt: emit(Kind::square_root, base.target, base.a); return;
-    case OpCode::cbrt: emit(Kind::power, base.target, base.a).value = 1.0 / 3.0; return;
-    case OpCode::abs: emit(Kind::absolute, base.target, base.a); return;
-    case OpCode::sign: emit(Kind::sign, base.target, base.a); return;
-    case OpCode::min: emit(Kind::minimum, base.target, base.a, base.b); return;
-    case OpCode::max: emit(Kind::maximum, base.target, base.a, base.b); return;
   }
+  series_.assign((program_.series_count * series_stride_ + line - 1) / line, CacheLine{});
+  for (std::size_t c = 0; c < program_.constants.size(); ++c) {
+    std::fill_n(at(program_.input_count + c), width_, program_.constants[c]);
+  }
+  weights_.assign(static_cast<std::size_t>(order) + 1, 0.0);
 }
 
-/// Repeated squaring of the series, which needs no division by its leading part and so also works where that is 0.
-template <typename Grading>
-void BasicTaylorEvaluator<Grading>::lower_power(const Step& base, std::int64_t exponent) {
-  const auto emit = [&](Kind kind, std::uint32_t target, std::uint32_t a, std::uint32_t b = 0) {
-    Step step = base;
-    step.kind = kind;
-    step.target = target;
-    step.a = a;
-    step.b = b;
-    step.value = step.factor = 1.0;
-    steps_.push_back(step);
-  };
-  if (exponent == 0)
-    return emit(Kind::fill, base.target, base.a);
-  std::uint32_t power = base.a;
-  std::uint32_t result = base.a;
-  bool first = true;
-  for (std::int64_t rest = std::abs(exponent); rest != 0; rest >>= 1) {
-    if (rest & 1) {
-      if (first) {
-        result = power;
-      } else {
-        const std::uint32_t next = new_series();
-        emit(Kind::multiply, next, result, power);
-        result = next;
-      }
-      first = false;
-    }
-    if (rest > 1) {
-      const std::uint32_t next = new_series();
-      emit(Kind::square, next, power);
-      power = next;
-    }
-  }
-  if (exponent < 0)
-    return emit(Kind::reciprocal, base.target, result);
-  if (result == base.a) {
-    emit(Kind::affine, base.target, base.a);
-    steps_.back().value = nothing;
-  } else {
-    steps_.back().target = base.target;  // the product or square just made is the result
-  }
-}
-
-template <typename Grading>
-void BasicTaylorEvaluator<Grading>::restart() {
+void TaylorEvaluator::restart() {
   next_ = 0;
+  fed_ = false;
   failure_ = Failure::none;
 }
 
-template <typename Grading>
-bool BasicTaylorEvaluator<Grading>::inputs_finite(int d) {
-  for (std::size_t m = 0; m < input_count_; ++m)
-    for (const double x : part(m, d))
-      if (!std::isfinite(x)) {
-        failure_ = Failure::input;
-        failed_argument_ = static_cast<double>(m);
-        return false;
-      }
+taylor::Work TaylorEvaluator::work() {
+  return {at(0), series_stride_, width_, weights_.data()};
+}
+
+/// Pads the inputs' coefficients; false if one is not finite.
+bool TaylorEvaluator::take_inputs() {
+  uniform_ = true;
+  for (std::size_t m = 0; m < program_.input_count; ++m) {
+    double* const values = at(m, next_);
+    std::fill(values + lanes_, values + width_, values[lanes_ - 1]);
+    uniform_ = uniform_ && std::all_of(values, values + lanes_, [&](double x) { return x == values[0]; });
+    if (!std::all_of(values, values + (uniform_ ? 1 : lanes_), [](double x) { return std::isfinite(x); })) {
+      failure_ = Failure::input;
+      failed_argument_ = static_cast<double>(m);
+      return false;
+    }
+  }
   return true;
 }
 
-template <typename Grading>
-Status BasicTaylorEvaluator<Grading>::advance() {
-  assert(next_ <= order_);
-  if (failure_ != Failure::none || !inputs_finite(next_))
-    return Status::undefined;
-  for (const Step& step : steps_) {
-    const bool expandable = next_ == 0 ? start(step) : extend(step, next_);
-    if (!expandable) {
-      failure_ = Failure::no_expansion;
-    } else {
-      const auto result = part(step.target, next_);
-      if (!std::all_of(result.begin(), result.end(), [](double x) { return std::isfinite(x); }))
-        failure_ = Failure::not_finite;
+/// Order 0, where lanes that begin at one point are computed once.
+bool TaylorEvaluator::start() {
+  const std::size_t own = uniform_ ? 1 : lanes_;
+  for (std::size_t lane = 0; lane < own; ++lane) {
+    if (!start_lane(lane)) {
+      return !std::ranges::any_of(program_.steps, [&](const Step& step) { return fails(step, own); });
     }
-    if (failure_ != Failure::none) {
-      failed_code_ = step.code;
-      failed_argument_ = at(step.culprit)[0];
+  }
+  if (own < width_) {
+    for (std::size_t s = program_.input_count + program_.constants.size(); s < program_.series_count; ++s) {
+      double* const values = at(s);
+      std::fill(values + own, values + width_, values[own - 1]);
+    }
+  }
+  return true;
+}
+
+Status TaylorEvaluator::advance() {
+  assert(next_ <= order_);
+  if (failure_ != Failure::none || !(fed_ || take_inputs())) {
+    return Status::undefined;
+  }
+  fed_ = false;
+  if (next_ == 0) {
+    if (!start()) {
+      return Status::undefined;
+    }
+  } else {
+    kernel().extend(work(), program_.scheduled.data(), program_.groups.data(),
+                    program_.groups.data() + program_.groups.size(), next_);
+    // What is not finite spreads to an output, unless it stops at a kink.
+    if ((kinks_ || !kernel().finite(work(), program_.outputs.data(), program_.outputs.size(), next_)) &&
+        std::ranges::any_of(program_.steps, [&](const Step& step) { return fails(step, lanes_); })) {
       return Status::undefined;
     }
   }
@@ -308,17 +203,128 @@ Status BasicTaylorEvaluator<Grading>::advance() {
   return Status::success;
 }
 
-template <typename Grading>
-Status BasicTaylorEvaluator<Grading>::operator()() {
+Status TaylorEvaluator::operator()() {
   restart();
-  while (next_ <= order_)
-    if (const Status status = advance(); status != Status::success)
+  while (next_ <= order_) {
+    if (const Status status = advance(); status != Status::success) {
       return status;
+    }
+  }
   return Status::success;
 }
 
-template <typename Grading>
-std::string BasicTaylorEvaluator<Grading>::failure() const {
+bool TaylorEvaluator::fails(const Step& step, std::size_t lanes) {
+  for (std::size_t lane = 0; lane < lanes; ++lane) {
+    if (!has_expansion(step, lane)) {
+      failure_ = Failure::no_expansion;
+    } else if (!std::isfinite(at(step.target, next_)[lane])) {
+      failure_ = Failure::not_finite;
+    }
+    if (failure_ != Failure::none) {
+      failed_code_ = step.code;
+      failed_argument_ = at(step.culprit)[lane];
+      return true;
+    }
+  }
+  return false;
+}
+
+/// By order 0, and for kinks by the next order.
+bool TaylorEvaluator::has_expansion(const Step& step, std::size_t lane) const {
+  const double a = at(step.a)[lane];
+  const double b = at(step.b)[lane];
+  switch (step.kind) {
+    case Kind::divide_by_number: return step.value != 0.0;
+    case Kind::divide: return b != 0.0;
+    case Kind::reciprocal: return a != 0.0;
+    case Kind::square_root: return a > 0.0;
+    case Kind::power: return step.positive ? a > 0.0 : a != 0.0;
+    case Kind::quotient_integral: return in_domain(step.code, a);
+    case Kind::secant: return step.factor > 0.0 || a != 0.0;
+    case Kind::argument: return at(step.c)[lane] > 0.0;
+    case Kind::absolute:
+    case Kind::sign: return next_ == 0 || a != 0.0 || at(step.a, next_)[lane] == 0.0;
+    case Kind::minimum:
+    case Kind::maximum: return next_ == 0 || a != b || at(step.a, next_)[lane] == at(step.b, next_)[lane];
+    default: return true;
+  }
+}
+
+/// Order 0 of one lane; false if something in it has no expansion or is not finite.
+bool TaylorEvaluator::start_lane(std::size_t lane) {
+  double* const values = at(0) + lane;
+  bool expandable = true;
+  double test = 0.0;  // or NaN, once a value has not been finite
+  for (const Step& step : program_.steps) {
+    double& target = values[step.target * series_stride_];
+    const double a = values[step.a * series_stride_];
+    double& second = values[step.b * series_stride_];
+    const double b = second;
+    switch (step.kind) {
+      case Kind::fill: target = step.value; break;
+      case Kind::add: target = a + b; break;
+      case Kind::subtract: target = a - b; break;
+      case Kind::affine: target = step.value + step.factor * a; break;
+      case Kind::divide_by_number: target = a / step.value; break;
+      case Kind::multiply: target = a * b; break;
+      case Kind::square: target = a * a; break;
+      case Kind::divide: target = a / b; break;
+      case Kind::reciprocal: target = 1.0 / a; break;
+      case Kind::square_root: target = std::sqrt(a); break;
+      case Kind::power: target = step.factor * leading_power(step, a); break;
+      case Kind::exponential: target = std::exp(a); break;
+      case Kind::quotient_integral: target = leading_value(step.code, a); break;
+      case Kind::circular:
+        target = std::sin(a);
+        second = std::cos(a);
+        break;
+      case Kind::hyperbolic:
+        target = std::sinh(a);
+        second = std::cosh(a);
+        break;
+      case Kind::tangent:
+        target = step.factor > 0.0 ? std::tan(a) : std::tanh(a);
+        second = 1.0 + step.factor * target * target;
+        break;
+      case Kind::secant:
+        target = step.factor > 0.0 ? sech(a) : csch(a);
+        second = step.factor > 0.0 ? std::tanh(a) : 1.0 / std::tanh(a);
+        values[step.c * series_stride_] = target * second;
+        values[step.d * series_stride_] = target * target;
+        break;
+      case Kind::argument:
+        target = std::atan2(a, b);
+        values[step.c * series_stride_] = a * a + b * b;
+        break;
+      case Kind::absolute: target = std::abs(a); break;
+      case Kind::sign: target = sign(a); break;
+      case Kind::minimum: target = minimum(a, b); break;
+      case Kind::maximum: target = maximum(a, b); break;
+    }
+    test += target - target;
+    expandable = expandable && has_expansion(step, lane);
+  }
+  return expandable && test == 0.0;
+}
+
+TaylorEvaluator::LaneMap::LaneMap(const TaylorEvaluator& evaluator, std::span<const double> matrix)
+    : columns_(evaluator.lanes_ * evaluator.width_) {
+  const std::size_t lanes = evaluator.lanes_;
+  assert(matrix.size() == lanes * lanes);
+  for (std::size_t j = 0; j < lanes; ++j) {
+    for (std::size_t i = 0; i < evaluator.width_; ++i) {
+      columns_[j * evaluator.width_ + i] = matrix[j * lanes + std::min(i, lanes - 1)];
+    }
+  }
+}
+
+void TaylorEvaluator::feed_back(const LaneMap& map) {
+  assert(program_.outputs.size() == program_.input_count && next_ > 0 && next_ <= order_);
+  fed_ = true;
+  kernel().feed_back(work(), map.columns_.data(), lanes_, program_.outputs.data(), program_.input_count, next_ - 1);
+}
+
+std::string TaylorEvaluator::failure() const {
   switch (failure_) {
     case Failure::none: return {};
     case Failure::input:
@@ -334,9 +340,5 @@ std::string BasicTaylorEvaluator<Grading>::failure() const {
     return "atan2 has no Taylor expansion at (0, 0)";
   return fmt::format("{} has no Taylor expansion at {}", name_of(failed_code_), failed_argument_);
 }
-
-template class BasicTaylorEvaluator<Univariate>;
-template class BasicTaylorEvaluator<Bivariate>;
-template class BasicTaylorEvaluator<EvenBivariate>;
 
 }  // namespace rubato::formula

@@ -21,86 +21,49 @@ const Bytecode& checked_field(const Bytecode& field) {
 
 }  // namespace
 
-TaylorFlow::TaylorFlow(const Bytecode& field, int order)
+TaylorFlow::TaylorFlow(const Bytecode& field, int order, int lanes)
     : order_(order),
-      dimension_(field.input_count()),
-      field_(checked_field(field), std::max(order - 1, std::min(order, 0))),
-      coefficients_(dimension_ * (static_cast<std::size_t>(order) + 1)) {}
+      lanes_(static_cast<std::size_t>(std::max(lanes, 1))),
+      field_(checked_field(field), std::max(order - 1, std::min(order, 0)), lanes),
+      coefficients_(field.input_count() * (static_cast<std::size_t>(order) + 1) * lanes_) {}
 
-Status TaylorFlow::operator()(std::span<const double> initial) {
-  assert(initial.size() == dimension_);
-  const auto stride = static_cast<std::size_t>(order_) + 1;
-  const auto set = [&](std::size_t m, int j, double value) {
-    coefficients_[m * stride + static_cast<std::size_t>(j)] = value;
-    if (j <= field_.order())
-      field_.input(m, j)[0] = value;
-  };
-  for (std::size_t m = 0; m < dimension_; ++m)
-    set(m, 0, initial[m]);
+Status TaylorFlow::operator()(std::span<const double* const> initial) {
+  assert(initial.size() == lanes_);
+  const std::size_t dimension = field_.input_count();
+  const auto stride = (static_cast<std::size_t>(order_) + 1) * lanes_;
+  for (std::size_t m = 0; m < dimension; ++m) {
+    for (std::size_t lane = 0; lane < lanes_; ++lane) {
+      field_.input(m, 0)[lane] = coefficients_[m * stride + lane] = initial[lane][m];
+    }
+  }
   field_.restart();
   for (int j = 0; j < order_; ++j) {
-    if (const Status status = field_.advance(); status != Status::success)
+    if (const Status status = field_.advance(); status != Status::success) {
       return status;
-    for (std::size_t m = 0; m < dimension_; ++m)
-      set(m, j + 1, field_.output(m, j)[0] / (j + 1));
+    }
+    for (std::size_t m = 0; m < dimension; ++m) {
+      const auto derivative = field_.output(m, j);
+      double* const next = coefficients_.data() + m * stride + static_cast<std::size_t>(j + 1) * lanes_;
+      for (std::size_t lane = 0; lane < lanes_; ++lane) {
+        next[lane] = derivative[lane] / (j + 1);
+      }
+      if (j + 1 < order_) {
+        std::copy_n(next, lanes_, field_.input(m, j + 1).begin());
+      }
+    }
   }
   return Status::success;
 }
 
-void TaylorFlow::evaluate(double s, std::span<double> z) const {
-  assert(z.size() == dimension_);
-  for (std::size_t m = 0; m < dimension_; ++m) {
-    const auto c = coefficients(m);
+void TaylorFlow::evaluate(double t, std::span<double> z, std::size_t lane) const {
+  assert(z.size() == dimension() && lane < lanes_);
+  for (std::size_t m = 0; m < z.size(); ++m) {
     double value = 0.0;
-    for (std::size_t j = c.size(); j-- > 0;)
-      value = value * s + c[j];
+    for (int j = order_; j >= 0; --j) {
+      value = value * t + coefficient(m, j, lane);
+    }
     z[m] = value;
   }
 }
-
-template <typename Grading>
-BasicTaylorFlowFamily<Grading>::BasicTaylorFlowFamily(const Bytecode& field, int order)
-    : order_(order),
-      dimension_(field.input_count()),
-      stride_(Grading::offset(order + 1)),
-      field_(checked_field(field), std::max(order - 1, std::min(order, 0))),
-      parts_(dimension_ * stride_) {}
-
-template <typename Grading>
-void BasicTaylorFlowFamily<Grading>::restart() {
-  next_ = 0;
-  field_.restart();
-}
-
-template <typename Grading>
-Status BasicTaylorFlowFamily<Grading>::extend(std::span<const double> coefficient) {
-  assert(coefficient.size() == dimension_ && next_ <= order_);
-  const int d = next_;
-  const bool has_own = d % Grading::stride == 0;  // whether parts of degree d hold a coefficient of t^d
-  assert(has_own || std::ranges::all_of(coefficient, [](double x) { return x == 0.0; }));
-  for (std::size_t m = 0; m < dimension_; ++m) {
-    double* own = parts_.data() + m * stride_ + Grading::offset(d);
-    if (has_own)
-      own[Grading::size(d) - 1] = coefficient[m];
-    if (d < order_)
-      std::copy_n(own, Grading::size(d), field_.input(m, d).begin());
-  }
-  if (d < order_) {
-    if (const Status status = field_.advance(); status != Status::success)
-      return status;
-    for (std::size_t m = 0; m < dimension_; ++m) {
-      const auto derivative = field_.output(m, d);
-      double* next = parts_.data() + m * stride_ + Grading::offset(d + 1);
-      next[Grading::size(d + 1) - 1] = 0.0;
-      for (std::size_t i = 0; i < derivative.size(); ++i)
-        next[i] = derivative[i] / (d + 1 - Grading::stride * static_cast<int>(i));
-    }
-  }
-  ++next_;
-  return Status::success;
-}
-
-template class BasicTaylorFlowFamily<Bivariate>;
-template class BasicTaylorFlowFamily<EvenBivariate>;
 
 }  // namespace rubato::formula

@@ -14,54 +14,45 @@ constexpr int most_parts = 64;
 /// Size of a part's last term beside its first at which the part counts as resolved. It need not be small: the map is
 /// a start and a direction for an iteration that corrects it.
 constexpr double resolved = 1e-3;
+/// The same for a tangent, beside the displaced vector.
+constexpr double tangent_resolved = 1e-2;
 
 }  // namespace
 
-FlowMap::FlowMap(const Hamiltonian& hamiltonian, int order)
-    : order_(order), flow_(flow_code(hamiltonian), order), other_(flow_) {
-  for (Eigen::VectorXd* vector : {&before_last_, &other_before_last_, &point_}) {
+FlowMap::FlowMap(const Hamiltonian& hamiltonian, int order) : order_(order), flow_(flow_code(hamiltonian), order) {
+  for (Eigen::VectorXd* vector : {&before_last_, &point_}) {
     vector->setZero(static_cast<Eigen::Index>(flow_.dimension()));
   }
 }
 
-void FlowMap::add_part(const formula::TaylorFlow& flow, double h, Eigen::VectorXd& delta) const {
+void FlowMap::add_part(double h, Eigen::VectorXd& delta) const {
   for (Eigen::Index m = 0; m < delta.size(); ++m) {
-    const auto c = flow.coefficients(static_cast<std::size_t>(m));
     double sum = 0.0;
-    for (std::size_t j = c.size() - 1; j >= 1; --j) {
-      sum = c[j] + h * sum;
+    for (int j = order_; j >= 1; --j) {
+      sum = flow_.coefficient(static_cast<std::size_t>(m), j) + h * sum;
     }
     delta[m] += h * sum;
   }
 }
 
-/// Expands part after part; leaves the last one's series in `flow` and the increment before it in `before_last`.
-Status FlowMap::follow(formula::TaylorFlow& flow, const Eigen::VectorXd& z, Eigen::VectorXd& before_last) {
-  before_last.setZero();
-  for (int part = 0; part < parts_; ++part) {
-    point_ = z + before_last;
-    if (const Status status = flow(as_span(point_)); status != Status::success) {
-      return status;
-    }
-    if (part + 1 < parts_) {
-      add_part(flow, part_, before_last);
-    }
-  }
-  return Status::success;
-}
-
 Status FlowMap::start(const Eigen::VectorXd& z, double h) {
   for (parts_ = 1; parts_ <= most_parts; parts_ *= 2) {
     part_ = h / parts_;
-    if (const Status status = follow(flow_, z, before_last_); status != Status::success) {
-      return status;
+    before_last_.setZero();
+    for (int part = 0; part < parts_; ++part) {
+      if (part > 0) {
+        add_part(part_, before_last_);
+      }
+      point_ = z + before_last_;
+      if (const Status status = flow_(as_span(point_)); status != Status::success) {
+        return status;
+      }
     }
     double first = 0.0;
     double last = 0.0;
     for (std::size_t m = 0; m < flow_.dimension(); ++m) {
-      const auto c = flow_.coefficients(m);
-      first = std::max(first, std::abs(c[1] * part_));
-      last = std::max(last, std::abs(c.back()) * std::pow(std::abs(part_), order_));
+      first = std::max(first, std::abs(flow_.coefficient(m, 1) * part_));
+      last = std::max(last, std::abs(flow_.coefficient(m, order_)) * std::pow(std::abs(part_), order_));
     }
     if (last <= resolved * first) {
       break;
@@ -73,16 +64,53 @@ Status FlowMap::start(const Eigen::VectorXd& z, double h) {
 
 void FlowMap::increment(double h, Eigen::VectorXd& delta) const {
   delta = before_last_;
-  add_part(flow_, h - (parts_ - 1) * part_, delta);
+  add_part(h - (parts_ - 1) * part_, delta);
 }
 
-Status FlowMap::increment_from(const Eigen::VectorXd& z, double h, Eigen::VectorXd& delta) {
-  const Status status = follow(other_, z, other_before_last_);
-  if (status == Status::success) {
-    delta = other_before_last_;
-    add_part(other_, h - (parts_ - 1) * part_, delta);
+FlowTangent::FlowTangent(const Hamiltonian& hamiltonian, int order)
+    : order_(order), flow_(flow_code(hamiltonian), order, 2) {
+  points_[0] = points_[1] = last_terms_ = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(flow_.dimension()));
+}
+
+/// Moves both points through all parts; adds up the last terms.
+Status FlowTangent::follow(const Eigen::VectorXd& z, const Eigen::VectorXd& v, double part, int parts) {
+  points_[0] = z;
+  points_[1] = z + v;
+  last_terms_.setZero();
+  const double* const starts[] = {points_[0].data(), points_[1].data()};
+  const double last_power = std::pow(std::abs(part), order_);
+  for (int k = 0; k < parts; ++k) {
+    if (const Status status = flow_(starts); status != Status::success) {
+      return status;
+    }
+    for (Eigen::Index m = 0; m < z.size(); ++m) {
+      const auto component = static_cast<std::size_t>(m);
+      const double last = flow_.coefficient(component, order_, 1) - flow_.coefficient(component, order_, 0);
+      last_terms_[m] += std::abs(last) * last_power;
+      for (std::size_t lane = 0; lane < 2; ++lane) {
+        double sum = 0.0;
+        for (int j = order_; j >= 1; --j) {
+          sum = flow_.coefficient(component, j, lane) + part * sum;
+        }
+        points_[lane][m] += part * sum;
+      }
+    }
   }
-  return status;
+  return Status::success;
+}
+
+Status FlowTangent::apply(const Eigen::VectorXd& z, const Eigen::VectorXd& v, double h, Eigen::VectorXd& result) {
+  for (int parts = 1; parts <= most_parts; parts *= 2) {
+    if (const Status status = follow(z, v, h / parts, parts); status != Status::success) {
+      return status;
+    }
+    result = (points_[1] - v - z) - (points_[0] - z);
+    if ((last_terms_.array() <= tangent_resolved * (v + result).array().abs() + tangent_resolved * v.array().abs())
+            .all()) {
+      break;
+    }
+  }
+  return Status::success;
 }
 
 }  // namespace rubato

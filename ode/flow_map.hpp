@@ -11,8 +11,7 @@
 namespace rubato {
 
 /// The exact flow z ↦ z + δ(z; h) of a Hamiltonian to high accuracy, by one or more Taylor steps: what a high-order
-/// implicit scheme starts from, and whose derivative is its Newton matrix. Univariate series cost O(order²), next to
-/// nothing beside the O(order⁴) of a generating function.
+/// implicit scheme starts its first step from.
 class FlowMap {
 public:
   FlowMap(const Hamiltonian& hamiltonian, int order);
@@ -21,21 +20,37 @@ public:
   Status start(const Eigen::VectorXd& z, double h);
   /// δ(z; h) for the z of start(), at any h of about that size.
   void increment(double h, Eigen::VectorXd& delta) const;
-  /// δ(z + v; h) for another starting point, in the same parts.
-  Status increment_from(const Eigen::VectorXd& z, double h, Eigen::VectorXd& delta);
 
   [[nodiscard]] int parts() const { return parts_; }
   [[nodiscard]] std::string failure() const { return flow_.failure(); }
 
 private:
-  Status follow(formula::TaylorFlow& flow, const Eigen::VectorXd& z, Eigen::VectorXd& before_last);
-  void add_part(const formula::TaylorFlow& flow, double h, Eigen::VectorXd& delta) const;
+  void add_part(double h, Eigen::VectorXd& delta) const;
 
   int order_;
-  formula::TaylorFlow flow_, other_;
+  formula::TaylorFlow flow_;
   int parts_ = 1;
   double part_ = 0.0;  ///< length of every part but the last
-  Eigen::VectorXd before_last_, other_before_last_, point_;
+  Eigen::VectorXd before_last_, point_;
+};
+
+/// The tangent M - I of that map: (M - I)v = δ(z + v; h) - δ(z; h) for a small displacement v, by Taylor steps of a low
+/// order from both points side by side. Its use is as a Newton matrix.
+class FlowTangent {
+public:
+  FlowTangent(const Hamiltonian& hamiltonian, int order);
+
+  Status apply(const Eigen::VectorXd& z, const Eigen::VectorXd& v, double h, Eigen::VectorXd& result);
+  /// The last terms of the Taylor series that went into the last result: how wrong it is, if they decrease.
+  [[nodiscard]] const Eigen::VectorXd& last_terms() const { return last_terms_; }
+  [[nodiscard]] std::string failure() const { return flow_.failure(); }
+
+private:
+  Status follow(const Eigen::VectorXd& z, const Eigen::VectorXd& v, double part, int parts);
+
+  int order_;
+  formula::TaylorFlow flow_;  ///< from z and from z + v
+  Eigen::VectorXd points_[2], last_terms_;
 };
 
 }  // namespace rubato

@@ -9,6 +9,8 @@
 #include <fmt/format.h>
 
 #include <rubato/formula/taylor.hpp>
+#include <rubato/ode/generating_nodes.hpp>
+#include <rubato/ode/increment.hpp>
 #include <rubato/ode/taylor_code.hpp>
 
 namespace rubato {
@@ -18,53 +20,6 @@ namespace {
 using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
-
-/// A family of flows Z(s; c(t)) of either parity, with Z(±t/2; c(t)) split into its even and odd part.
-class SplitFlow {
-public:
-  virtual ~SplitFlow() = default;
-  virtual void restart() = 0;
-  virtual Status extend(std::span<const double> coefficient) = 0;
-  /// The coefficients of t^d in Ev - c and in Od.
-  virtual void split(int d, double* even, double* odd) const = 0;
-  [[nodiscard]] virtual std::string failure() const = 0;
-};
-
-template <typename Grading>
-class GradedSplitFlow final : public SplitFlow {
-public:
-  GradedSplitFlow(const formula::Bytecode& field, int order) : family_(field, order) {}
-
-  void restart() override { family_.restart(); }
-  Status extend(std::span<const double> coefficient) override { return family_.extend(coefficient); }
-  [[nodiscard]] std::string failure() const override { return family_.failure(); }
-
-  void split(int d, double* even, double* odd) const override {
-    for (std::size_t m = 0; m < family_.dimension(); ++m) {
-      const std::span<const double> part = family_.part(m, d);
-      double sums[2] = {0.0, 0.0};
-      // From the highest power of t, whose factor 2^-i is the largest; s^0 is c itself.
-      for (int i = static_cast<int>(part.size()) - 1; i >= 0; --i) {
-        const int power = d - Grading::stride * i;
-        if (power > 0) {
-          sums[power % 2] += std::ldexp(part[static_cast<std::size_t>(i)], -power);
-        }
-      }
-      even[m] = sums[0];
-      odd[m] = sums[1];
-    }
-  }
-
-private:
-  formula::BasicTaylorFlowFamily<Grading> family_;
-};
-
-std::unique_ptr<SplitFlow> make_flow(const formula::Bytecode& field, int order, bool even_in_t) {
-  if (even_in_t) {
-    return std::make_unique<GradedSplitFlow<formula::EvenBivariate>>(field, order);
-  }
-  return std::make_unique<GradedSplitFlow<formula::Bivariate>>(field, order);
-}
 
 /// Σ_{j=first..last} weight(j)·coefficient(j)·h^(j-first) by Horner's rule.
 template <typename Coefficient>
@@ -86,38 +41,33 @@ public:
       : half_(F.rows() / 2),
         rows_(static_cast<Index>(field.input_count())),
         plain_(F.isZero(0.0)),
-        twist_(symplectic_unit(half_) * F),
-        flow_(make_flow(field, terms, plain_)),
-        even_(VectorXd::Zero(rows_)),
-        odd_(even_),
+        half_twist_(0.5 * symplectic_unit(half_) * F),
+        nodes_(terms, plain_),
+        field_(field, terms - 1, nodes_.count),
+        antiderivative_{{field_, as_span(nodes_.antiderivative[0])}, {field_, as_span(nodes_.antiderivative[1])}},
+        jump_(VectorXd::Zero(rows_)),
+        shift_(jump_),
         centres_(MatrixXd::Zero(rows_, terms + 1)),
         gradients_(MatrixXd::Zero(rows_, terms + 1)) {}
 
   void start(std::span<const double> w) {
-    flow_->restart();
+    field_.restart();
+    for (std::size_t m = 0; m < w.size(); ++m) {
+      std::ranges::fill(field_.input(m, 0), w[m]);
+    }
     centres_.col(0) = Eigen::Map<const VectorXd>(w.data(), rows_);
     known_ = 0;
   }
 
   Status extend(int terms) {
     for (; known_ < terms; ++known_) {
-      if (const Status status = flow_->extend(column(centres_, known_)); status != Status::success) {
+      if (known_ > 0) {
+        feed_back();
+      }
+      if (const Status status = field_.advance(); status != Status::success) {
         return status;
       }
-      const Index next = known_ + 1;
-      flow_->split(known_ + 1, even_.data(), odd_.data());
-      auto centre = centres_.col(next);
-      centre = -even_;
-      for (Index block = 0; block < rows_; block += 2 * half_) {
-        if (!plain_) {
-          centre.segment(block, 2 * half_).noalias() -= twist_ * odd_.segment(block, 2 * half_);
-        }
-        gradients_.col(next).segment(block, half_) = 2.0 * odd_.segment(block + half_, half_);
-        gradients_.col(next).segment(block + half_, half_) = -2.0 * odd_.segment(block, half_);
-      }
-      if (plain_ && next % 2 == 1) {
-        centre.setZero();  // instead of -0
-      }
+      take_term();
     }
     return Status::success;
   }
@@ -127,18 +77,63 @@ public:
   [[nodiscard]] std::span<const double> centre(int d) const { return column(centres_, d); }
   [[nodiscard]] const MatrixXd& gradients() const { return gradients_; }
   [[nodiscard]] std::span<const double> gradient(int j) const { return column(gradients_, j); }
-  [[nodiscard]] std::string failure() const { return flow_->failure(); }
+  [[nodiscard]] const GeneratingNodes& nodes() const { return nodes_; }
+  [[nodiscard]] std::span<const double> slopes(std::size_t m) const { return field_.output_lanes(m); }
+  [[nodiscard]] Index slope_stride() const { return static_cast<Index>(field_.lane_stride()); }
+  [[nodiscard]] std::string failure() const { return field_.failure(); }
 
 private:
   [[nodiscard]] static std::span<const double> column(const MatrixXd& matrix, int j) {
     return {matrix.col(j).data(), static_cast<std::size_t>(matrix.rows())};
   }
+  [[nodiscard]] auto slope(Index m) const {
+    const std::span<const double> lanes = field_.output(static_cast<std::size_t>(m), known_);
+    return Eigen::Map<const VectorXd>(lanes.data(), nodes_.count);
+  }
+
+  /// y_d at the nodes from f(y)_{d-1}.
+  void feed_back() {
+    field_.feed_back(antiderivative_[(known_ - 1) % 2]);
+    if (!plain_) {
+      for (Index m = 0; m < rows_; ++m) {
+        for (double& value : field_.input(static_cast<std::size_t>(m), known_)) {
+          value -= shift_[m];
+        }
+      }
+    }
+  }
+
+  /// From f(y)_d: the coefficients of t^(d+1) in ẑ - z, hence in ∇φ, and in c = y(0).
+  void take_term() {
+    const Index next = known_ + 1;
+    const bool has_centre = !plain_ || known_ % 2 == 1;
+    const bool has_jump = !plain_ || known_ % 2 == 0;
+    if (has_jump) {
+      for (Index m = 0; m < rows_; ++m) {
+        jump_[m] = nodes_.integral.dot(slope(m));
+      }
+      for (Index block = 0; block < rows_; block += 2 * half_) {
+        gradients_.col(next).segment(block, half_) = jump_.segment(block + half_, half_);
+        gradients_.col(next).segment(block + half_, half_) = -jump_.segment(block, half_);
+        if (!plain_) {
+          shift_.segment(block, 2 * half_).noalias() = half_twist_ * jump_.segment(block, 2 * half_);
+        }
+      }
+    }
+    if (has_centre) {
+      for (Index m = 0; m < rows_; ++m) {
+        centres_(m, next) = nodes_.centre_integral[known_ % 2].dot(slope(m)) - shift_[m];
+      }
+    }
+  }
 
   Index half_, rows_;
-  bool plain_;      ///< F = 0
-  MatrixXd twist_;  ///< JF
-  std::unique_ptr<SplitFlow> flow_;
-  VectorXd even_, odd_;
+  bool plain_;           ///< F = 0: the even terms of ∇φ and the odd ones of c vanish
+  MatrixXd half_twist_;  ///< ½JF
+  GeneratingNodes nodes_;
+  formula::TaylorEvaluator field_;  ///< a lane for each node
+  formula::TaylorEvaluator::LaneMap antiderivative_[2];
+  VectorXd jump_, shift_;         ///< coefficients in ẑ - z, in ½JF(ẑ - z)
   MatrixXd centres_, gradients_;  ///< column d: of t^d
   int known_ = 0;                 ///< highest term
 };
@@ -253,6 +248,19 @@ std::span<const double> GeneratingFunction::gradient(int j) const {
 std::span<const double> GeneratingFunction::centre(int d) const {
   assert(d >= 0 && d <= state_->terms);
   return state_->expansion.centre(d);
+}
+
+int GeneratingFunction::known_terms() const {
+  return state_->expansion.known();
+}
+const GeneratingNodes& GeneratingFunction::nodes() const {
+  return state_->expansion.nodes();
+}
+std::span<const double> GeneratingFunction::slopes(std::size_t m) const {
+  return state_->expansion.slopes(m);
+}
+Index GeneratingFunction::slope_stride() const {
+  return state_->expansion.slope_stride();
 }
 
 double GeneratingFunction::sum(double h, int s) const {

@@ -8,6 +8,7 @@
 
 #include <rubato/base/outcome.hpp>
 #include <rubato/ode/darboux.hpp>
+#include <rubato/ode/generating_nodes.hpp>
 #include <rubato/ode/hamiltonian.hpp>
 
 namespace rubato {
@@ -23,8 +24,12 @@ namespace rubato {
 ///
 ///     w = Ev(t; c(t)) + JF·Od(t; c(t)),   ∇φ(w, t) = 2J·Od(t; c(t)),   -∂φ/∂t(w, t) = H(c(t)).
 ///
-/// Any H the formula engine takes will do, separable or not. For F = 0 the even coefficients vanish identically, and
-/// half the series with them. Cost: O(N⁴) per operation of ∇H for N terms.
+/// The orbit between z and ẑ is carried along as its values at Gauss' nodes in time (GeneratingNodes), each a power
+/// series in t: N recurrences of univariate Taylor arithmetic side by side, N/2 for F = 0, where the orbit at -τ is
+/// that at τ with the sign of t changed.
+///
+/// Any H the formula engine takes will do, separable or not. For F = 0 the even coefficients vanish identically. Cost:
+/// O(N³) per operation of ∇H for N terms, in vectors of the machine.
 ///
 /// Holds work space: one per thread. No allocation after construction (hessian() apart).
 class GeneratingFunction {
@@ -59,6 +64,14 @@ public:
   [[nodiscard]] std::span<const double> gradient(int j) const;
   /// The coefficient of t^d in the centre c(t), 0 ≤ d ≤ terms(); c_0 = w.
   [[nodiscard]] std::span<const double> centre(int d) const;
+
+  /// How many ∇φ^j the last expansion holds.
+  [[nodiscard]] int known_terms() const;
+  /// What it holds of the orbit from z to ẑ: the coefficients of t^d in component m of J∇H at the nodes, d <
+  /// known_terms(), `slope_stride()` numbers from one d to the next.
+  [[nodiscard]] const GeneratingNodes& nodes() const;
+  [[nodiscard]] std::span<const double> slopes(std::size_t m) const;
+  [[nodiscard]] Eigen::Index slope_stride() const;
 
   /// Φ_s(w, h) = Σ_{j≤s} h^j φ^j(w), and its first derivatives ∂_hΦ_s, ∇Φ_s, ∂_h∇Φ_s; s ≤ terms().
   [[nodiscard]] double sum(double h, int s) const;

@@ -11,6 +11,7 @@
 
 #include <rubato/ode/flow_map.hpp>
 #include <rubato/ode/generating_action.hpp>
+#include <rubato/ode/generating_continuation.hpp>
 #include <rubato/ode/generating_function.hpp>
 #include <rubato/ode/increment.hpp>
 
@@ -27,21 +28,20 @@ constexpr int most_iterations = 30;
 /// Relative size of the displacement whose flow is differenced for a tangent: small beside what it bends over, large
 /// beside rounding.
 constexpr double displacement = 1e-5;
-/// Below this relative size a residual is its own correction.
-constexpr double negligible_residual = 4.0 * epsilon;
+/// Below this relative size a residual is its own correction: what that leaves is smaller by a factor of the order of a
+/// step in units of the system's time scale, and hence at rounding.
+constexpr double negligible_residual = 8.0 * epsilon;
 /// A correction at least this large shows, by the next one, how fast corrections contract.
 constexpr double measurable = 1e-12;
-/// No rate of contraction is believed to be better: a correction that rounds to 0 shows nothing.
-constexpr double fastest_rate = 1e-6;
-/// First corrections up to this size contract as they did in earlier steps.
-constexpr double linear_size = 1e-10;
-/// How much worse than in an earlier step the first correction of a step is taken to contract.
-constexpr double rate_margin = 100.0;
+/// How much larger than its estimate the contraction of a correction is taken to be.
+constexpr double rate_margin = 10.0;
 /// Relative change of h within a level that asks for a new φ^(s+1).
 constexpr double tail_ratio = 0.05;
-/// Orders of the Taylor steps: those of the scheme and some more, since they go a whole step from their centre and the
-/// generating function only half of one.
+/// Orders of the Taylor step that a run starts from: those of the scheme and some more, since it goes a whole step from
+/// its centre and the generating function only half of one.
 constexpr int extra_flow_order = 3;
+/// Highest order of the flow whose tangent corrects residuals.
+constexpr int most_tangent_order = 6;
 
 /// -24 φ^(s+1), which the step law of order s has in place of Γ.
 constexpr double gamma_factor = -24.0;
@@ -52,14 +52,18 @@ public:
                    std::span<const double> z_0)
       : order_(order),
         generating_(hamiltonian, F, order.order),
+        at_node_(hamiltonian, F, order.order),
+        continuation_(generating_),
         flow_(hamiltonian, order.order + extra_flow_order),
+        tangent_(hamiltonian, std::min(order.order + extra_flow_order, most_tangent_order)),
         energy_evaluator_(hamiltonian),
         plain_(generating_.odd()),
         size_(F.rows()),
         weight_(0.5 * (MatrixXd::Identity(size_, size_) + symplectic_unit(size_ / 2) * F)),
         z_(VectorXd(Eigen::Map<const VectorXd>(z_0.data(), size_))),
         history_(size_) {
-    for (VectorXd* vector : {&delta_, &base_, &step_, &point_, &slope_, &residual_, &correction_, &moved_}) {
+    for (VectorXd* vector :
+         {&delta_, &base_, &step_, &point_, &w_, &continued_from_, &slope_, &residual_, &correction_, &moved_}) {
       vector->setZero(size_);
     }
     node_ = node_at(z_.value());
@@ -74,9 +78,7 @@ public:
     if (const Status status = predict(h); status != Status::success) {
       return status;
     }
-    double rate = std::min(1.0, rate_margin * rate_);  // by which the coming correction is smaller than the present one
     double previous = 0.0;
-    double slowest = 0.0;
     StagnationTest test(accuracy);
     for (int iteration = 0; iteration < most_iterations; ++iteration) {
       if (const Status status = correct(h); status != Status::success) {
@@ -87,15 +89,12 @@ public:
         return fail(Status::undefined);
       }
       if (previous > measurable) {
-        slowest = std::max(slowest, size / previous);
-        rate_ = std::max(slowest, fastest_rate);
+        surprise_ = std::max(surprise_, size / (previous * estimate_));
       }
-      if (previous > 0.0) {
-        rate = std::min(1.0, size / previous);
-      }
-      const bool linear = previous > 0.0 || size <= linear_size;  // else the rate of other steps says nothing
+      estimate_ = own_correction_ ? 0.0 : displacement + size + tangent_error_;
       previous = size;
-      if (test.judge(size) == StagnationTest::Verdict::done || (linear && rate * size <= 0.25 * epsilon)) {
+      const double rate = std::min(1.0, rate_margin * surprise_ * estimate_);
+      if (test.judge(size) == StagnationTest::Verdict::done || rate * size <= 0.25 * epsilon) {
         return finish(h);
       }
     }
@@ -125,6 +124,8 @@ public:
   }
 
   void accept() override {
+    continuation_.take(generating_, trial_h_);
+    continued_from_ = w_;
     history_.record(trial_h_, delta_);
     z_.add(delta_);
     start_level();
@@ -133,13 +134,23 @@ public:
   void save(StateWriter& state) const override {
     z_.save(state);
     history_.save(state);
-    state.write(rate_);
+    state.write(surprise_);
+    state.write(continuation_.step());
+    state.write(static_cast<double>(continuation_.terms()));
+    state.write(as_span(continued_from_));
   }
 
   void restore(StateReader& state) override {
     z_.restore(state);
     history_.restore(state);
-    state.read(rate_);
+    state.read(surprise_);
+    const double h = state.read();
+    const int terms = static_cast<int>(state.read());
+    state.read(as_span(continued_from_));
+    continuation_.forget();
+    if (h != 0.0 && generating_.expand_gradients(as_span(continued_from_), terms) == Status::success) {
+      continuation_.take(generating_, h);
+    }
     start_level();
   }
 
@@ -154,17 +165,25 @@ private:
     return status;
   }
 
-  /// δ from the Taylor step; at a second h within the level, with the correction already found.
+  /// δ of the orbit of the last step continued, or of a Taylor step; at a second h within the level, with the
+  /// correction already found.
   Status predict(double h) {
     if (!predicted_) {
-      if (const Status status = flow_.start(z_.value(), h); status != Status::success) {
-        reason_ = flow_.failure();
-        return status;
+      continued_ = !continuation_.empty() && continuation_.increment(h, base_);
+      if (!continued_) {
+        if (const Status status = flow_.start(z_.value(), h); status != Status::success) {
+          reason_ = flow_.failure();
+          return status;
+        }
+        flow_.increment(h, base_);
       }
-      flow_.increment(h, base_);
       delta_ = base_;
     } else {
-      flow_.increment(h, moved_);
+      if (continued_) {
+        static_cast<void>(continuation_.increment(h, moved_));  // of use or not, δ is near already
+      } else {
+        flow_.increment(h, moved_);
+      }
       delta_ += moved_ - base_;
       base_ = moved_;
     }
@@ -176,10 +195,10 @@ private:
   /// w = z_k + E_F δ
   void place() {
     if (plain_) {
-      z_.displaced(0.5, delta_, point_);
+      z_.displaced(0.5, delta_, w_);
     } else {
       step_.noalias() = weight_ * delta_;
-      z_.displaced(1.0, step_, point_);
+      z_.displaced(1.0, step_, w_);
     }
   }
 
@@ -187,7 +206,7 @@ private:
   Status correct(double h) {
     place();
     ++iterations_;
-    if (const Status status = generating_.expand_gradients(as_span(point_), order_.terms); status != Status::success) {
+    if (const Status status = generating_.expand_gradients(as_span(w_), order_.terms); status != Status::success) {
       reason_ = generating_.failure();
       return status;
     }
@@ -196,15 +215,16 @@ private:
     residual_ = -residual_ - delta_;
     correction_ = residual_;
     const double size = history_.relative_size(residual_, delta_, z_.value());
-    if (size > negligible_residual) {
-      step_.noalias() = weight_ * residual_;
+    own_correction_ = size <= negligible_residual;
+    if (!own_correction_) {
       const double scale = displacement / size;
-      point_ = z_.value() + scale * step_;
-      if (const Status status = flow_.increment_from(point_, h, moved_); status != Status::success) {
-        reason_ = flow_.failure();
+      step_.noalias() = scale * (weight_ * residual_);
+      if (const Status status = tangent_.apply(z_.value(), step_, h, moved_); status != Status::success) {
+        reason_ = tangent_.failure();
         return status;
       }
-      correction_ += (moved_ - base_) / scale;
+      correction_ += moved_ / scale;
+      tangent_error_ = history_.relative_size(tangent_.last_terms(), delta_, z_.value()) / displacement;
     }
     delta_ += correction_;
     return Status::success;
@@ -239,17 +259,19 @@ private:
   /// NaN where H has no Taylor expansion, for the caller to judge.
   LevelNode node_at(const VectorXd& z) {
     LevelNode node{energy_evaluator_.value(z.data()), std::numeric_limits<double>::quiet_NaN()};
-    if (generating_.expand(as_span(z)) == Status::success) {
-      node.gamma = gamma_factor * generating_.coefficient(order_.order + 1);
+    if (at_node_.expand(as_span(z)) == Status::success) {
+      node.gamma = gamma_factor * at_node_.coefficient(order_.order + 1);
     } else {
-      reason_ = generating_.failure();
+      reason_ = at_node_.failure();
     }
     return node;
   }
 
   GeneratingOrder order_;
-  GeneratingFunction generating_;
+  GeneratingFunction generating_, at_node_;  ///< at w, and at z
+  OrbitContinuation continuation_;
   FlowMap flow_;
+  FlowTangent tangent_;
   HamiltonianEvaluator energy_evaluator_;
   bool plain_;  ///< F = 0
   Index size_;
@@ -257,9 +279,15 @@ private:
   CompensatedState<VectorXd> z_;
   VelocityHistory<VectorXd> history_;
 
-  VectorXd delta_, base_;  ///< base_: the Taylor step for the present h
+  VectorXd delta_, base_;  ///< base_: the prediction for the present h
+  VectorXd w_;
+  VectorXd continued_from_;  ///< w of the last step
+  bool continued_ = false;   ///< whether base_ continues the orbit of the last step
   VectorXd step_, point_, slope_, residual_, correction_, moved_;
-  double rate_ = 1.0;  ///< contraction of the corrections when last measured
+  bool own_correction_ = false;  ///< whether the residual was its own correction
+  double tangent_error_ = 0.0;   ///< of the tangent that made the last correction, relative
+  double estimate_ = 0.0;        ///< of how much smaller than the last correction the next will be
+  double surprise_ = 1.0;        ///< the largest factor so far by which it was larger than that
   bool predicted_ = false;
   double trial_h_ = 0.0;
   double energy_ = 0.0;

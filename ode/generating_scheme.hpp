@@ -20,11 +20,12 @@ namespace rubato {
 ///
 /// Solver. Let M be the tangent of the exact flow over h. The Newton matrix of δ + J∇Φ_s(z + E_F δ, h) = 0 is the
 /// inverse of I + (M - I)E_F up to the truncation error of Φ_s, so that a residual -r is corrected by r + (M - I)E_F r
-/// where (M - I)v is the difference of two Taylor steps of the flow: no Hessian of Φ, no matrix, and corrections that
-/// contract by 1e-4 to 1e-6. The start is the Taylor step itself. The iteration ends when what the rate of
-/// contraction (of this step, or a hundred times that of an earlier one) leaves for the next correction is below
-/// rounding, or when corrections stagnate. z is summed with
-/// compensation.
+/// where (M - I)v is the difference of two Taylor steps of a low order: no Hessian of Φ, no matrix, and corrections
+/// that contract by 1e-4 and better. The start is the orbit of the last step, continued (OrbitContinuation), or a
+/// Taylor step; where it is within 1e-12 or so, one expansion is all that a step takes. The iteration ends when what
+/// the next correction can be expected to be is below rounding, or when corrections stagnate. The expectation is the
+/// size of the last correction times the error of the tangent, times the largest factor by which that proved too small
+/// so far, times ten. z is summed with compensation.
 ///
 /// Γ stands for -24 φ^(s+1) with s the order (theory, section 4).
 /// \throws std::invalid_argument as GeneratingAction; if z_0 has not 2n entries or is not finite, or H has no Taylor
