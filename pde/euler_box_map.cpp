@@ -104,6 +104,29 @@ Status EulerBoxMap::tangent(double h, const grids::FieldSet& before, const grids
   return Status::success;
 }
 
+void EulerBoxMap::residual(double h, const grids::FieldSet& before, const grids::FieldSet& after,
+                           grids::FieldSet& rows) {
+  rows.fill(0.0);
+  const auto set = [&](int row, double sign, int field, double rate) {
+    const auto out = rows.field(row);
+    add(sign, std::as_const(row_).field(0), out);
+    add(rate / h, after.field(field), out);
+    add(-rate / h, before.field(field), out);
+  };
+  evaluate(before);
+  for (const Kick& entry : kicks_) {
+    row_of_gradient(entry.row);
+    add_differences(entry.row, before);
+    set(entry.row, -1.0, entry.column, entry.value);
+  }
+  evaluate(after);
+  for (const LocalSolve& solve : solves_) {
+    row_of_gradient(solve.row);
+    add_differences(solve.row, after);
+    set(solve.row, 1.0, solve.field, solve.rate);
+  }
+}
+
 double EulerBoxMap::energy(const grids::FieldSet& fields) {
   evaluate(fields);
   double sum = grids::sum(outputs_.field(0));

@@ -26,6 +26,9 @@ public:
   /// Computes the algebraic fields of a first level from the others, by the constraints at its nodes.
   [[nodiscard]] Status start(grids::FieldSet& fields);
   [[nodiscard]] Status advance(double h, const grids::FieldSet& before, grids::FieldSet& after);
+  /// What two levels, h apart, leave of the equations that the map solves: of each row of M₊ at the level `before`, of
+  /// the other rows at `after`; 0 to rounding if `after` is the image of `before`.
+  void residual(double h, const grids::FieldSet& before, const grids::FieldSet& after, grids::FieldSet& rows);
   /// Takes a solution u of the linearised equation over the step from `before` to `after`.
   [[nodiscard]] Status tangent(double h, const grids::FieldSet& before, const grids::FieldSet& after,
                                const grids::FieldSet& u_before, grids::FieldSet& u_after);

@@ -1,199 +1,32 @@
 #include <rubato/study/check.hpp>
 
-#include <algorithm>
-#include <cmath>
-
 #include <fmt/format.h>
-#include <Eigen/Core>
 
-#include <rubato/ode/discrete_lagrangian.hpp>
-#include <rubato/ode/integrate.hpp>
-#include <rubato/record/reader.hpp>
-#include <rubato/study/formula_table.hpp>
-#include <rubato/study/orbit_problem.hpp>
-#include <rubato/variation/total_variation.hpp>
+#include <rubato/study/lattice_check.hpp>
+#include <rubato/study/orbit_check.hpp>
 
 namespace rubato::study {
-
-namespace {
-
-/// The stored states of an orbit, row by row, each joined to (q, p).
-struct StoredStates {
-  std::vector<double> t, q, p;
-  std::size_t n = 0;
-
-  StoredStates(const record::Reader& reader, const std::string& group, std::size_t degrees_of_freedom)
-      : t(reader.read(group + "/t")),
-        q(reader.read(group + "/q")),
-        p(reader.read(group + "/p")),
-        n(degrees_of_freedom) {}
-
-  [[nodiscard]] std::size_t rows() const { return t.size(); }
-
-  [[nodiscard]] std::vector<double> z(std::size_t row) const {
-    std::vector<double> state(q.begin() + static_cast<std::ptrdiff_t>(row * n),
-                              q.begin() + static_cast<std::ptrdiff_t>((row + 1) * n));
-    state.insert(state.end(), p.begin() + static_cast<std::ptrdiff_t>(row * n),
-                 p.begin() + static_cast<std::ptrdiff_t>((row + 1) * n));
-    return state;
-  }
-};
-
-void copy_counts(const record::Reader& reader, Statistics& statistics) {
-  const std::vector<double> t = reader.read("/levels/t");
-  statistics.steps = t.size() - 1;
-  statistics.t = t.back();
-  for (const double h : reader.read("/levels/h")) {
-    statistics.h.add(h);
-  }
-  for (const double iterations : reader.read("/levels/iterations")) {
-    statistics.iterations += iterations;
-    statistics.most_iterations = std::max(statistics.most_iterations, iterations);
-  }
-}
-
-class OrbitCheck {
-public:
-  OrbitCheck(const record::Reader& reader, const Problem& problem)
-      : reader_(reader),
-        problem_(problem),
-        orbit_(*problem.hamiltonian()),
-        hamiltonian_(make_hamiltonian(problem)),
-        law_(make_node_law(hamiltonian_, make_lagrangian(problem))),
-        action_(make_action(hamiltonian_, make_lagrangian(problem))),
-        invariants_(problem, orbit_.invariants, orbit_.names()),
-        states_(reader, "/states", hamiltonian_.degrees_of_freedom()) {
-    for (const std::string& name : invariants_.names()) {
-      statistics_.invariants.push_back({name, {}});
-    }
-  }
-
-  Statistics run() {
-    copy_counts(reader_, statistics_);
-    check_states();
-    check_steps();
-    check_exact();
-    return std::move(statistics_);
-  }
-
-private:
-  void check_states() {
-    for (std::size_t row = 0; row < states_.rows(); ++row) {
-      const std::vector<double> z = states_.z(row);
-      const LevelNode node = law_(z.data());
-      statistics_.energy_magnitude.add(std::abs(node.energy));
-      statistics_.gamma.add(node.gamma);
-      const std::span<const double> values = invariants_(z);
-      if (row == 0) {
-        statistics_.node_energy.start(node.energy);
-      }
-      statistics_.node_energy.add(node.energy);
-      for (std::size_t i = 0; i < values.size(); ++i) {
-        Deviation& deviation = statistics_.invariants[i].value;
-        if (row == 0) {
-          deviation.start(values[i]);
-        }
-        deviation.add(values[i]);
-      }
-    }
-  }
-
-  /// E_k = ∂A_k/∂t_k on every stored pair, and the step equation where two pairs follow each other.
-  void check_steps() {
-    const std::vector<double> level = reader_.read("/states/level");
-    const std::vector<double> bridged = reader_.read("/levels/bridged");
-    const std::vector<double> condition = reader_.read("/levels/step_condition");
-    const bool sparse = reader_.has("/states/previous/t");
-    const StoredStates before = sparse ? StoredStates(reader_, "/states/previous", states_.n) : states_;
-    Eigen::VectorXd gradient(static_cast<Eigen::Index>(action_->element().size()));
-    std::vector<double> corners, last_corners;
-    bool first = true;
-    bool in_bridge = false;
-    for (std::size_t row = 1; row < states_.rows(); ++row) {
-      const std::size_t from = sparse ? row : row - 1;
-      corners = {before.t[from]};
-      const std::vector<double> z_0 = before.z(from);
-      const std::vector<double> z_1 = states_.z(row);
-      corners.insert(corners.end(), z_0.begin(), z_0.end());
-      corners.push_back(states_.t[row]);
-      corners.insert(corners.end(), z_1.begin(), z_1.end());
-      action_->gradient(corners, gradient);
-      const double energy = gradient[static_cast<Eigen::Index>(action_->element().coordinate(0, 0))];
-      const auto step = static_cast<std::size_t>(level[row]) - 1;
-      const bool bridge = bridged[step] != 0.0;
-      if (first) {
-        statistics_.energy = energy;
-        statistics_.autonomous = is_autonomous(*action_, corners);
-        first = false;
-      }
-      if (statistics_.autonomous) {
-        double& deviation = bridge ? statistics_.bridge_deviation : statistics_.energy_deviation;
-        deviation = std::max(deviation, std::abs(energy - statistics_.energy));
-      } else if (!sparse && !last_corners.empty()) {
-        const Incidence pair[] = {{last_corners, 1}, {corners, 0}};
-        statistics_.energy_deviation =
-            std::max(statistics_.energy_deviation, std::abs(coordinate_variation(*action_, pair, 0)));
-      }
-      statistics_.bridge_steps += bridge ? 1 : 0;
-      statistics_.bridges += bridge && !in_bridge ? 1 : 0;
-      in_bridge = bridge;
-      statistics_.condition = std::max(statistics_.condition, bridge ? 0.0 : condition[step]);
-      if (!sparse && !last_corners.empty()) {
-        const Incidence pair[] = {{last_corners, 1}, {corners, 0}};
-        for (const double residual : value_variation(*action_, pair)) {
-          step_equation_.add(residual);
-        }
-      }
-      last_corners = corners;
-    }
-    if (step_equation_.count > 0.0) {
-      statistics_.residuals.push_back({"step_equation", step_equation_});
-    }
-  }
-
-  void check_exact() {
-    FormulaTable exact(problem_, orbit_.exact, {"t"});
-    const std::vector<std::string> names = orbit_.names();
-    const std::size_t row = states_.rows() - 1;
-    const std::vector<double> z = states_.z(row);
-    const std::span<const double> values = exact({&states_.t[row], 1});
-    for (std::size_t i = 0; i < values.size(); ++i) {
-      const auto index = static_cast<std::size_t>(std::ranges::find(names, exact.names()[i]) - names.begin());
-      statistics_.errors.push_back({exact.names()[i], {}});
-      statistics_.errors.back().value.add(z[index] - values[i]);
-    }
-  }
-
-  const record::Reader& reader_;
-  const Problem& problem_;
-  const HamiltonianProblem& orbit_;
-  Hamiltonian hamiltonian_;
-  NodeLaw law_;
-  std::unique_ptr<DiscreteAction> action_;
-  FormulaTable invariants_;
-  StoredStates states_;
-  MaxRms step_equation_;
-  Statistics statistics_;
-};
-
-}  // namespace
 
 Outcome check(const std::string& file) {
   const record::Reader reader(file);
   const Problem problem = parse_problem(reader.header().problem, file);
-  if (problem.hamiltonian() == nullptr) {
-    throw ProblemError(problem.scheme.location, "the check of a lattice record is not available in this version");
-  }
+  const StoredLevels levels(reader);
   Outcome outcome;
   outcome.title = problem.title;
   outcome.file = file;
   outcome.variable_levels = problem.scheme.levels == Levels::variable;
   outcome.complete = reader.header().finished;
-  outcome.statistics = OrbitCheck(reader, problem).run();
-  if (problem.output.every > 1) {
+  outcome.statistics = (problem.hamiltonian() != nullptr ? check_orbit : check_lattice)(reader, levels, problem);
+  if (levels.sparse) {
     outcome.warnings.push_back(
         fmt::format("the record keeps every {}-th state and its predecessor: laws were checked on those steps only",
                     problem.output.every));
+  }
+  if (const double mismatch = levels.mismatch(); mismatch > 0.0) {
+    outcome.warnings.push_back(
+        fmt::format("the times in the record do not fit its steps: they differ by up to {:.3g}; it is damaged, or was "
+                    "altered",
+                    mismatch));
   }
   return outcome;
 }

@@ -18,7 +18,7 @@ public:
         lattice_(make_lattice(problem)),
         law_names_(lattice_.laws().names()),
         residuals_(lattice_.laws(), lattice_.system(), lattice_.grid(),
-                   {.variational = problem.scheme.lagrangian == Lagrangian::box, .tangents = tangents}),
+                   {.variational = placement_of(problem) != Placement::nodes, .tangents = tangents}),
         invariants_(make_invariants(problem, lattice_.system(), lattice_.grid())),
         exact_(make_exact(problem, lattice_.system(), lattice_.grid())),
         previous_t_(lattice_.t()) {}
@@ -183,9 +183,10 @@ private:
 }  // namespace
 
 std::unique_ptr<Simulation> make_lattice_simulation(const Problem& problem, bool tangents) {
-  if (tangents && problem.scheme.lagrangian != Lagrangian::box) {
+  if (tangents && placement_of(problem) == Placement::nodes) {
     throw ProblemError(problem.scheme.lagrangian_location,
-                       fmt::format("tangent solutions are available for lagrangian = \"box\", not for \"{}\"",
+                       fmt::format("tangent solutions are available for \"box\" and \"euler-box\", not for \"{}\", "
+                                   "whose derivatives are not local: leave out --tangents",
                                    to_string(problem.scheme.lagrangian)));
   }
   return std::make_unique<LatticeSimulation>(problem, tangents);

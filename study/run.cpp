@@ -40,6 +40,7 @@ record::Layout make_layout(const Problem& problem, Simulation& simulation, int t
       {"/levels/energy", "/levels/step", {}, Type::f64, "discrete energy E_k (3.4)"},
       {"/levels/iterations", "/levels/step", {}, Type::i32, "evaluations of the gradient or Hessian in the step"},
       {"/levels/bridged", "/levels/step", {}, Type::u8, "1 on bridging steps, which do not meet the energy law"},
+      {"/levels/crossing", "/levels/step", {}, Type::u8, "1 on the first step of each bridge"},
       {"/levels/step_condition", "/levels/step", {}, Type::f64, "relative error of h that rounding in H makes", true},
   };
   for (const std::string& name : simulation.invariant_names()) {
@@ -153,6 +154,7 @@ private:
     writer_->append(next++, report.energy);
     writer_->append(next++, report.iterations);
     writer_->append(next++, report.bridged ? 1 : 0);
+    writer_->append(next++, report.crossing ? 1 : 0);
     writer_->append(next++, report.condition);
     next = first_law() + outcome_.statistics.invariants.size() + outcome_.statistics.totals.size();
     for (const MaxRms& residual : simulation_->residuals()) {

@@ -1,0 +1,159 @@
+#include <rubato/study/step_equation.hpp>
+
+#include <algorithm>
+#include <limits>
+#include <utility>
+
+#include <rubato/grids/reductions.hpp>
+#include <rubato/pde/cell_sweep.hpp>
+#include <rubato/pde/euler_box_map.hpp>
+#include <rubato/pde/lattice_scheme.hpp>
+#include <rubato/pde/level_history.hpp>
+
+namespace rubato::study {
+
+namespace {
+
+/// Length of the two short steps, relative to the first step; as in a run, so that the Γ of the first levels agrees.
+constexpr double start_ratio = 1e-2;
+
+MaxRms size_of(std::span<const double> values) {
+  return {grids::max_abs(values), grids::dot(values, values), static_cast<double>(values.size())};
+}
+
+std::vector<bool> fields_at_midpoints(const MultisymplecticSystem& system) {
+  std::vector<bool> result;
+  for (int f = 0; f < system.field_count(); ++f) {
+    result.push_back(system.structure().at_midpoints(f));
+  }
+  return result;
+}
+
+class MidpointEquation final : public StepEquation {
+public:
+  MidpointEquation(const MultisymplecticSystem& system, const grids::Grid& grid, Placement placement,
+                   const LatticeLevel& first, double first_step)
+      : system_(system),
+        at_midpoints_(fields_at_midpoints(system)),
+        sweep_(system, grid, placement),
+        point_(system.field_count(), grid.size()),
+        delta_(point_),
+        residual_(point_),
+        history_(at_midpoints_, grid.size()) {
+    const double h = start_ratio * first_step;
+    const auto make = placement == Placement::nodes ? make_fourier_scheme : make_box_scheme;
+    if (h != 0.0 && short_step(*make(system, grid, first, h), first, h, delta_) &&
+        short_step(*make(system, grid, first, -h), first, -h, point_)) {
+      for (int f = 0; f < system.field_count(); ++f) {
+        const auto forward = delta_.field(f);
+        const auto back = std::as_const(point_).field(f);
+        for (std::size_t i = 0; i < forward.size(); ++i) {
+          forward[i] = is_at_midpoints(f) ? 0.5 * (forward[i] + back[i]) : forward[i] - back[i];
+        }
+      }
+      history_.record(0.0, 2.0 * h, delta_);
+    }
+  }
+
+  [[nodiscard]] LevelNode node(const LatticeLevel& level) override {
+    point_.copy_from(level.fields);
+    for (int f = 0; f < system_.field_count(); ++f) {
+      if (is_at_midpoints(f)) {
+        std::ranges::fill(point_.field(f), 0.0);
+      }
+    }
+    history_.velocity(delta_);
+    const SweepResult result = sweep(level.slopes, 0.0, {});
+    return {result.energy, -result.quadratic};
+  }
+
+  [[nodiscard]] StepLaw judge(const LatticeLevel& before, const LatticeLevel& after, double h) override {
+    set_increment(before.fields, after.fields, delta_);
+    for (int f = 0; f < system_.field_count(); ++f) {
+      const auto z_0 = before.fields.field(f);
+      const auto z_1 = after.fields.field(f);
+      const auto middle = point_.field(f);
+      for (std::size_t i = 0; i < middle.size(); ++i) {
+        middle[i] = is_at_midpoints(f) ? z_1[i] : 0.5 * (z_0[i] + z_1[i]);
+      }
+    }
+    const SweepResult result = sweep(after.slopes, 1.0 / h, residual_.pointers());
+    history_.record(0.5 * h, h, delta_);
+    history_.advance(h);
+    return {result.energy, -result.quadratic / (h * h), size_of(std::as_const(residual_).all())};
+  }
+
+private:
+  [[nodiscard]] bool is_at_midpoints(int field) const { return at_midpoints_[static_cast<std::size_t>(field)]; }
+
+  /// At point_, with the rates in delta_ but for fields at midpoints, which have none.
+  SweepResult sweep(const PotentialSlopes& slopes, double inverse_h, std::span<double* const> residual) {
+    const auto all = std::as_const(delta_).pointers();
+    std::vector<const double*> rates(all.begin(), all.end());
+    for (std::size_t f = 0; f < rates.size(); ++f) {
+      rates[f] = at_midpoints_[f] ? nullptr : rates[f];
+    }
+    SweepResult result = sweep_(std::as_const(point_).pointers(), slopes, rates, inverse_h, residual, {});
+    if (!result.finite) {
+      result.energy = std::numeric_limits<double>::quiet_NaN();
+    }
+    return result;
+  }
+
+  /// δ; of fields at midpoints twice the value, as LevelHistory has it.
+  void set_increment(const grids::FieldSet& before, const grids::FieldSet& after, grids::FieldSet& delta) const {
+    for (int f = 0; f < system_.field_count(); ++f) {
+      const auto z_0 = before.field(f);
+      const auto z_1 = after.field(f);
+      const auto out = delta.field(f);
+      for (std::size_t i = 0; i < out.size(); ++i) {
+        out[i] = is_at_midpoints(f) ? 2.0 * z_1[i] : z_1[i] - z_0[i];
+      }
+    }
+  }
+
+  [[nodiscard]] bool short_step(LatticeScheme& scheme, const LatticeLevel& first, double h,
+                                grids::FieldSet& delta) const {
+    if (scheme.advance(h, 0.0) != Status::success) {
+      return false;
+    }
+    scheme.accept();
+    set_increment(first.fields, scheme.level().fields, delta);
+    return true;
+  }
+
+  const MultisymplecticSystem& system_;
+  std::vector<bool> at_midpoints_;
+  CellSweep sweep_;
+  grids::FieldSet point_, delta_, residual_;
+  LevelHistory history_;
+};
+
+class EulerBoxEquation final : public StepEquation {
+public:
+  EulerBoxEquation(const MultisymplecticSystem& system, const grids::Grid& grid)
+      : map_(system, grid), residual_(system.field_count(), grid.size()) {}
+
+  [[nodiscard]] LevelNode node(const LatticeLevel& level) override { return {map_.energy(level.fields), 0.0}; }
+
+  [[nodiscard]] StepLaw judge(const LatticeLevel& before, const LatticeLevel& after, double h) override {
+    map_.residual(h, before.fields, after.fields, residual_);
+    return {map_.energy(before.fields), 0.0, size_of(std::as_const(residual_).all())};
+  }
+
+private:
+  EulerBoxMap map_;
+  grids::FieldSet residual_;
+};
+
+}  // namespace
+
+std::unique_ptr<StepEquation> make_step_equation(const MultisymplecticSystem& system, const grids::Grid& grid,
+                                                 Placement placement, const LatticeLevel& first, double first_step) {
+  if (placement == Placement::corners) {
+    return std::make_unique<EulerBoxEquation>(system, grid);
+  }
+  return std::make_unique<MidpointEquation>(system, grid, placement, first, first_step);
+}
+
+}  // namespace rubato::study

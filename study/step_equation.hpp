@@ -1,0 +1,37 @@
+#pragma once
+
+#include <memory>
+
+#include <rubato/pde/initial_level.hpp>
+#include <rubato/study/statistics.hpp>
+
+namespace rubato::study {
+
+/// What one step of a lattice says by itself.
+struct StepLaw {
+  double energy = 0.0;  ///< E_k
+  double gamma = 0.0;   ///< Γ in the middle of the step
+  MaxRms residual;      ///< what the two levels leave of the scheme's equation, over all rows and nodes
+};
+
+/// A scheme on a lattice read as an equation for two levels that are there already: it judges steps and takes none.
+class StepEquation {
+public:
+  virtual ~StepEquation() = default;
+  /// 𝓔(z_k); and Γ(z_k) if all steps that led to the level were judged before, one after the other. Not finite where S
+  /// is not.
+  [[nodiscard]] virtual LevelNode node(const LatticeLevel& level) = 0;
+  [[nodiscard]] virtual StepLaw judge(const LatticeLevel& before, const LatticeLevel& after, double h) = 0;
+};
+
+/// The equation of the scheme that imposes it at `placement`; box and Fourier: R = M D_t z + Σ_a K_a D_a z̄ - ∇S(z̄) and
+/// E_k = Σ ΔV [S(z̄) + Σ_a (D_a z̄)ᵀK₊z̄], euler-box: the rows of its map (EulerBoxMap) and the energy of the level
+/// before.
+///
+/// Γ at a level comes from the rates of the last steps, as in a run. At `first`, the level that all started from, there
+/// are none, and a short step forward and one back stand for them, hundredths of `first_step` long.
+[[nodiscard]] std::unique_ptr<StepEquation> make_step_equation(const MultisymplecticSystem& system,
+                                                               const grids::Grid& grid, Placement placement,
+                                                               const LatticeLevel& first, double first_step);
+
+}  // namespace rubato::study

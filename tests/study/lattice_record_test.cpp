@@ -1,0 +1,195 @@
+// What `check` makes of the record of a lattice alone, next to what the run told.
+
+#include <catch2/catch.hpp>
+
+#include <algorithm>
+#include <string>
+#include <vector>
+
+#include <fmt/format.h>
+
+#include <rubato/record/reader.hpp>
+#include <rubato/study/browse.hpp>
+#include <rubato/study/check.hpp>
+#include <rubato/study/lattice_problem.hpp>
+#include <rubato/study/problem.hpp>
+#include <rubato/study/run.hpp>
+
+#include "records.hpp"
+
+using namespace rubato::study;
+using namespace rubato::study_tests;
+
+namespace {
+
+/// A few steps of a catalogue problem on a small grid.
+std::vector<std::string> shortened(const std::string& name, const std::string& lagrangian) {
+  const Problem problem = read_problem(name);
+  const auto& axes = problem.multisymplectic()->axes;
+  std::vector<std::string> settings = {
+      "scheme.lagrangian=" + lagrangian,
+      fmt::format("scheme.until={:.17g}", problem.start() + 6.0 * problem.scheme.step.value())};
+  if (lagrangian == "euler-box") {
+    settings.emplace_back("scheme.levels=fixed");
+  }
+  const int cells[] = {101, 25, 5};
+  for (const GridAxis& axis : axes) {
+    settings.push_back(fmt::format("grid.{}.cells={}", axis.name, cells[axes.size() - 1]));
+  }
+  return settings;
+}
+
+double step_equation(const Outcome& checked) {
+  const auto& residuals = checked.statistics.residuals;
+  const auto found = std::ranges::find(residuals, "step_equation", &Named<MaxRms>::name);
+  REQUIRE(found != residuals.end());
+  return found->value.max;
+}
+
+const MaxRms& residual(const Outcome& outcome, const std::string& name) {
+  const auto& residuals = outcome.statistics.residuals;
+  const auto found = std::ranges::find(residuals, name, &Named<MaxRms>::name);
+  REQUIRE(found != residuals.end());
+  return found->value;
+}
+
+/// E_k of states rounded to double against the solver's own: a few ε of the terms it is summed from. Γ is a quadratic
+/// form of rates that at the first levels rest on two steps of a hundredth of h, whose differences have lost digits:
+/// ε z/(h/50 z_t), here with z up to 1e2 h z_t.
+constexpr double rounding = 1e-10;
+
+/// Every residual that the run told is the same number, everything else agrees to rounding; and a stored value,
+/// whichever field it is of, that is altered by 1e-6 is seen.
+void check_reproduces(const std::string& name, const std::string& lagrangian, const std::string& file) {
+  INFO(name << ", " << lagrangian);
+  const bool tangents = lagrangian != "fourier";
+  const Outcome ran = run_problem(name, file, shortened(name, lagrangian), tangents);
+  REQUIRE(ran.status == ExitStatus::done);
+  const Outcome checked = check(file);
+  // The multisymplectic energy of the plane wave vanishes, and so does Γ: rounding is that of terms of order 1.
+  const double least_energy = name == "maxwell" ? 1.0 : 0.0;
+  CHECK(differences(ran, checked, rounding, least_energy) == Names{});
+  CHECK(checked.warnings.empty());
+  CHECK(ran.statistics.residuals.size() + 1 == checked.statistics.residuals.size());
+  const double sound = step_equation(checked);
+
+  const Problem problem = read_problem(name);
+  for (const std::string& field : problem.multisymplectic()->fields) {
+    INFO("altered " << field);
+    const bool at_midpoints = !rubato::record::Reader(file).has("/states/" + field);
+    const std::string path = (at_midpoints ? "/states/midpoints/" : "/states/") + field;
+    const std::size_t nodes = rubato::record::Reader(file).info(path).row_size();
+    falsify(file, path, 3 * nodes + nodes / 2, 1e-6);
+    CHECK(step_equation(check(file)) > 100.0 * sound);
+    falsify(file, path, 3 * nodes + nodes / 2, -1e-6);
+  }
+}
+
+}  // namespace
+
+TEST_CASE("check reproduces the box run of every catalogue lattice", "[study][lattice]") {
+  const Folder folder;
+  int lattices = 0;
+  for (const CatalogueItem& item : list_catalogue()) {
+    if (item.is_lattice) {
+      check_reproduces(item.name, "box", folder / "lattice.h5");
+      ++lattices;
+    }
+  }
+  CHECK(lattices >= 11);  // the rows of the table of equations
+}
+
+TEST_CASE("check reproduces Fourier runs", "[study][lattice]") {
+  const Folder folder;
+  for (const char* name :
+       {"sine-gordon", "nls", "kdv", "boussinesq", "sine-gordon-2d", "zakharov-kuznetsov", "maxwell"}) {
+    check_reproduces(name, "fourier", folder / "lattice.h5");
+  }
+}
+
+TEST_CASE("check reproduces euler-box runs", "[study][lattice]") {
+  const Folder folder;
+  for (const char* name : {"sine-gordon", "klein-gordon", "nls", "sine-gordon-2d", "maxwell"}) {
+    check_reproduces(name, "euler-box", folder / "lattice.h5");
+  }
+  CHECK_THROWS_WITH(run_problem("sine-gordon", folder / "lattice.h5", {"scheme.lagrangian=euler-box"}),
+                    Catch::Contains("levels = \"fixed\" only"));
+  CHECK_THROWS_WITH(run_problem("kdv", folder / "lattice.h5", {"scheme.lagrangian=euler-box", "scheme.levels=fixed"}),
+                    Catch::Contains("no equation gives phi, w"));
+}
+
+TEST_CASE("check counts the bridges of a run and finds their energies", "[study][lattice]") {
+  const Folder folder;
+  const std::string file = folder / "kinks.h5";
+  const Outcome ran = run_problem("sine-gordon-kinks", file, {"scheme.until=30"});
+  REQUIRE(ran.statistics.bridges >= 2);
+  CHECK(differences(ran, check(file), rounding) == Names{});
+}
+
+TEST_CASE("check with every = 7 finds the residuals of the stored steps", "[study][lattice]") {
+  const Folder folder;
+  const std::string file = folder / "sparse.h5";
+  for (const char* name : {"sine-gordon", "bbm"}) {
+    INFO(name);
+    const Outcome ran = run_problem(name, file, {"grid.x.cells=101", "scheme.until=3", "output.every=7"});
+    const Outcome checked = check(file);
+    CHECK(checked.statistics.steps == ran.statistics.steps);
+    CHECK(checked.statistics.relative_energy_deviation() <= 1e-13);
+    CHECK(checked.warnings.size() == 1);
+    {
+      const rubato::record::Reader reader(file);
+      const std::vector<double> level = reader.read("/states/level");
+      REQUIRE(level.size() > 3);
+      CHECK(level.back() == static_cast<double>(ran.statistics.steps));  // the last state is stored whatever its number
+      for (const char* law : {"energy", "momentum"}) {
+        const std::vector<double> stored = reader.read(fmt::format("/laws/{}_max", law));
+        double worst = 0.0;
+        for (std::size_t row = 1; row < level.size(); ++row) {
+          worst = std::max(worst, stored[static_cast<std::size_t>(level[row]) - 1]);
+        }
+        CHECK(residual(checked, law).max == worst);
+        CHECK(residual(checked, law).count == static_cast<double>((level.size() - 1) * 101));
+      }
+    }
+    // Γ in the middle of the stored steps, to truncation error.
+    CHECK(checked.statistics.gamma.min >= 0.9 * ran.statistics.gamma.min);
+    CHECK(checked.statistics.gamma.max <= 1.1 * ran.statistics.gamma.max);
+    const double sound = step_equation(checked);
+    falsify(file, "/states/previous/u", 2 * 101 + 50, 1e-6);
+    CHECK(step_equation(check(file)) > 100.0 * sound);
+  }
+}
+
+TEST_CASE("check reads a record that ended between stored levels", "[study][lattice]") {
+  const Folder folder;
+  const std::string file = folder / "ended.h5";
+  const Outcome ran = run_problem("sine-gordon", file, {"grid.x.cells=101", "output.every=7", "scheme.max_steps=10"});
+  REQUIRE(ran.status == ExitStatus::failed);
+  const Outcome checked = check(file);
+  CHECK_FALSE(checked.complete);
+  CHECK(checked.statistics.steps == 10);
+  CHECK(residual(checked, "energy").count == 2.0 * 101.0);  // the steps to levels 7 and 10
+  CHECK(checked.statistics.t == ran.statistics.t);
+  CHECK(checked.statistics.errors.front().value.max == ran.statistics.errors.front().value.max);
+}
+
+TEST_CASE("check says of a damaged lattice record what is wrong", "[study][lattice]") {
+  const Folder folder;
+  const std::string file = folder / "damaged.h5";
+  const std::vector<std::string> settings = {"grid.x.cells=51", "scheme.until=1"};
+  const auto run_again = [&] { run_problem("sine-gordon", file, settings); };
+  run_again();
+  CHECK(check(file).warnings.empty());
+  falsify(file, "/levels/t", 3, 1e-6);
+  REQUIRE(check(file).warnings.size() == 1);
+  CHECK_THAT(check(file).warnings.front(), Catch::Contains("differ by up to 1e-06"));
+  run_again();
+  falsify(file, "/levels/h", 3, 1e-6);
+  CHECK(check(file).warnings.size() == 1);
+  run_again();
+  falsify(file, "/states/u", 60, 1.0 / 0.0);
+  CHECK_THROWS_WITH(check(file), Catch::Contains("not finite"));
+  run_again();
+  falsify(file, "/states/level", 2, 5.0);
+  CHECK_THROWS_WITH(check(file), Catch::Contains("do not fit together"));
+}

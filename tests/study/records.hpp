@@ -1,0 +1,39 @@
+#pragma once
+
+#include <cstddef>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include <rubato/study/run.hpp>
+
+namespace rubato::study_tests {
+
+/// A folder of its own for one test, removed afterwards.
+class Folder {
+public:
+  Folder();
+  Folder(const Folder&) = delete;
+  Folder& operator=(const Folder&) = delete;
+  ~Folder() { std::filesystem::remove_all(path_); }
+  [[nodiscard]] std::string operator/(const std::string& name) const { return (path_ / name).string(); }
+
+private:
+  std::filesystem::path path_;
+};
+
+study::Outcome run_problem(const std::string& name, const std::string& file,
+                           const std::vector<std::string>& settings = {}, bool tangents = false);
+
+using Names = std::vector<std::string>;
+
+/// What differs in the tables of a run and of its check, by name. Counts, and the residuals that the run told, are the
+/// same numbers; energies, invariants and errors may differ by `rounding`, relative to their scale: for energies and Γ
+/// the largest on the orbit, or `least_energy` where that is more.
+Names differences(const study::Outcome& run, const study::Outcome& check, double rounding = 64.0 * 2.2e-16,
+                  double least_energy = 0.0);
+
+/// Adds `change` to one number of a record.
+void falsify(const std::string& file, const std::string& dataset, std::size_t index, double change);
+
+}  // namespace rubato::study_tests
