@@ -253,9 +253,9 @@ bool TaylorEvaluator::has_expansion(const Step& step, std::size_t lane) const {
 /// Order 0 of one lane; false if something in it has no expansion or is not finite.
 bool TaylorEvaluator::start_lane(std::size_t lane) {
   double* const values = at(0) + lane;
-  bool expandable = true;
-  double test = 0.0;  // or NaN, once a value has not been finite
-  for (const Step& step : program_.steps) {
+  bool expandable = true;  // as far as the values are finite without an expansion
+  double test = 0.0;       // or NaN, once a value has not been finite
+  for (const Step& step : program_.scheduled) {
     double& target = values[step.target * series_stride_];
     const double a = values[step.a * series_stride_];
     double& second = values[step.b * series_stride_];
@@ -270,10 +270,19 @@ bool TaylorEvaluator::start_lane(std::size_t lane) {
       case Kind::square: target = a * a; break;
       case Kind::divide: target = a / b; break;
       case Kind::reciprocal: target = 1.0 / a; break;
-      case Kind::square_root: target = std::sqrt(a); break;
-      case Kind::power: target = step.factor * leading_power(step, a); break;
+      case Kind::square_root:
+        target = std::sqrt(a);
+        expandable = expandable && a > 0.0;
+        break;
+      case Kind::power:
+        target = step.factor * leading_power(step, a);
+        expandable = expandable && (step.positive ? a > 0.0 : a != 0.0);
+        break;
       case Kind::exponential: target = std::exp(a); break;
-      case Kind::quotient_integral: target = leading_value(step.code, a); break;
+      case Kind::quotient_integral:
+        target = leading_value(step.code, a);
+        expandable = expandable && in_domain(step.code, a);
+        break;
       case Kind::circular:
         target = std::sin(a);
         second = std::cos(a);
@@ -295,6 +304,7 @@ bool TaylorEvaluator::start_lane(std::size_t lane) {
       case Kind::argument:
         target = std::atan2(a, b);
         values[step.c * series_stride_] = a * a + b * b;
+        expandable = expandable && a * a + b * b > 0.0;
         break;
       case Kind::absolute: target = std::abs(a); break;
       case Kind::sign: target = sign(a); break;
@@ -302,7 +312,6 @@ bool TaylorEvaluator::start_lane(std::size_t lane) {
       case Kind::maximum: target = maximum(a, b); break;
     }
     test += target - target;
-    expandable = expandable && has_expansion(step, lane);
   }
   return expandable && test == 0.0;
 }

@@ -74,8 +74,8 @@ FlowTangent::FlowTangent(const Hamiltonian& hamiltonian, int order)
 
 /// Moves both points through all parts; adds up the last terms.
 Status FlowTangent::follow(const Eigen::VectorXd& z, const Eigen::VectorXd& v, double part, int parts) {
-  points_[0] = z;
-  points_[1] = z + v;
+  points_[0] = z + v;
+  points_[1] = z - v;
   last_terms_.setZero();
   const double* const starts[] = {points_[0].data(), points_[1].data()};
   const double last_power = std::pow(std::abs(part), order_);
@@ -85,8 +85,8 @@ Status FlowTangent::follow(const Eigen::VectorXd& z, const Eigen::VectorXd& v, d
     }
     for (Eigen::Index m = 0; m < z.size(); ++m) {
       const auto component = static_cast<std::size_t>(m);
-      const double last = flow_.coefficient(component, order_, 1) - flow_.coefficient(component, order_, 0);
-      last_terms_[m] += std::abs(last) * last_power;
+      const double last = flow_.coefficient(component, order_, 0) - flow_.coefficient(component, order_, 1);
+      last_terms_[m] += 0.5 * std::abs(last) * last_power;
       for (std::size_t lane = 0; lane < 2; ++lane) {
         double sum = 0.0;
         for (int j = order_; j >= 1; --j) {
@@ -104,7 +104,7 @@ Status FlowTangent::apply(const Eigen::VectorXd& z, const Eigen::VectorXd& v, do
     if (const Status status = follow(z, v, h / parts, parts); status != Status::success) {
       return status;
     }
-    result = (points_[1] - v - z) - (points_[0] - z);
+    result = 0.5 * (points_[0] - points_[1]) - v;
     if ((last_terms_.array() <= tangent_resolved * (v + result).array().abs() + tangent_resolved * v.array().abs())
             .all()) {
       break;

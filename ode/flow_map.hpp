@@ -34,8 +34,8 @@ private:
   Eigen::VectorXd before_last_, point_;
 };
 
-/// The tangent M - I of that map: (M - I)v = δ(z + v; h) - δ(z; h) for a small displacement v, by Taylor steps of a low
-/// order from both points side by side. Its use is as a Newton matrix.
+/// The tangent M - I of that map: (M - I)v = ½(δ(z + v; h) - δ(z - v; h)) for a small displacement v, by Taylor steps of
+/// a low order from both points side by side. Its use is as a Newton matrix.
 class FlowTangent {
 public:
   FlowTangent(const Hamiltonian& hamiltonian, int order);
@@ -49,7 +49,7 @@ private:
   Status follow(const Eigen::VectorXd& z, const Eigen::VectorXd& v, double part, int parts);
 
   int order_;
-  formula::TaylorFlow flow_;  ///< from z and from z + v
+  formula::TaylorFlow flow_;  ///< from z + v and from z - v
   Eigen::VectorXd points_[2], last_terms_;
 };
 

@@ -28,6 +28,8 @@ constexpr int most_iterations = 30;
 /// Relative size of the displacement whose flow is differenced for a tangent: small beside what it bends over, large
 /// beside rounding.
 constexpr double displacement = 1e-5;
+/// What that leaves of a tangent undetermined, relative: ε over a displacement of 1e-5 of a step, 1e-10 of curvature.
+constexpr double displacement_error = 1e-9;
 /// Below this relative size a residual is its own correction: what that leaves is smaller by a factor of the order of a
 /// step in units of the system's time scale, and hence at rounding.
 constexpr double negligible_residual = 8.0 * epsilon;
@@ -41,7 +43,7 @@ constexpr double tail_ratio = 0.05;
 /// its centre and the generating function only half of one.
 constexpr int extra_flow_order = 3;
 /// Highest order of the flow whose tangent corrects residuals.
-constexpr int most_tangent_order = 6;
+constexpr int most_tangent_order = 10;
 
 /// -24 φ^(s+1), which the step law of order s has in place of Γ.
 constexpr double gamma_factor = -24.0;
@@ -55,7 +57,7 @@ public:
         at_node_(hamiltonian, F, order.order),
         continuation_(generating_),
         flow_(hamiltonian, order.order + extra_flow_order),
-        tangent_(hamiltonian, std::min(order.order + extra_flow_order, most_tangent_order)),
+        tangent_(hamiltonian, std::min(order.order + 1, most_tangent_order)),
         energy_evaluator_(hamiltonian),
         plain_(generating_.odd()),
         size_(F.rows()),
@@ -79,6 +81,7 @@ public:
       return status;
     }
     double previous = 0.0;
+    double first = 0.0;
     StagnationTest test(accuracy);
     for (int iteration = 0; iteration < most_iterations; ++iteration) {
       if (const Status status = correct(h); status != Status::success) {
@@ -89,9 +92,12 @@ public:
         return fail(Status::undefined);
       }
       if (previous > measurable) {
-        surprise_ = std::max(surprise_, size / (previous * estimate_));
+        surprise_ = std::max(surprise_, (size - negligible_residual) / (previous * estimate_));
       }
-      estimate_ = own_correction_ ? 0.0 : displacement + size + tangent_error_;
+      if (iteration == 0) {
+        first = size;
+      }
+      estimate_ = own_correction_ ? 0.0 : displacement_error + tangent_error_ + first;
       previous = size;
       const double rate = std::min(1.0, rate_margin * surprise_ * estimate_);
       if (test.judge(size) == StagnationTest::Verdict::done || rate * size <= 0.25 * epsilon) {
@@ -286,8 +292,9 @@ private:
   VectorXd step_, point_, slope_, residual_, correction_, moved_;
   bool own_correction_ = false;  ///< whether the residual was its own correction
   double tangent_error_ = 0.0;   ///< of the tangent that made the last correction, relative
-  double estimate_ = 0.0;        ///< of how much smaller than the last correction the next will be
-  double surprise_ = 1.0;        ///< the largest factor so far by which it was larger than that
+  double estimate_ = 0.0;  ///< of how much smaller than the last correction the next will be: by the errors of the
+                           ///< tangent, and by what truncation and curvature make of the first correction
+  double surprise_ = 1.0;  ///< the largest factor so far by which it was larger than that
   bool predicted_ = false;
   double trial_h_ = 0.0;
   double energy_ = 0.0;
