@@ -71,7 +71,7 @@ Resolution resolution_for(const PageOptions& options, const Contents& contents, 
   const std::size_t used = 2 * buckets * curve_point_bytes * count_curves(contents);
   const std::size_t left = room > used ? room - used : 0;
   if (is_lattice) {
-    resolution.map_bytes = left * 3 / 4 / std::max<std::size_t>(1, count_maps(contents));
+    resolution.map_bytes = left * 3 / 4;
   } else {
     const std::size_t columns = 2 * std::min<std::size_t>(contents.coordinates.size(), 48) + contents.exact.size() + 2;
     resolution.state_buckets = std::min<std::size_t>(5000, left * 3 / 4 / (8 * columns));

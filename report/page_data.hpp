@@ -19,7 +19,7 @@ namespace rubato::report {
 struct Resolution {
   std::size_t curve_buckets;  ///< of each curve
   std::size_t state_buckets;  ///< of an orbit's states, shared by its coordinates
-  std::size_t map_bytes;      ///< of each map, before base 64
+  std::size_t map_bytes;      ///< of all maps together, before base 64
 };
 
 /// "curves": what every record has per level and per step, and its laws: [{"name", "group", "initial", "count", "x",
@@ -35,9 +35,6 @@ void write_states(Json& json, const record::Reader& reader, const Contents& cont
 
 /// "maps": a lattice's fields, errors and residual fields over space and time.
 void write_maps(Json& json, const record::Reader& reader, const Contents& contents, const Resolution& resolution);
-
-/// How many maps write_maps() writes.
-[[nodiscard]] std::size_t count_maps(const Contents& contents);
 
 /// How many curves write_curves() writes.
 [[nodiscard]] std::size_t count_curves(const Contents& contents);

@@ -4,16 +4,19 @@
 rubato.lattice = (data) => {
   const maps = data.maps.map(rubato.unpackMap);
   const group = (name) => maps.filter((map) => map.packed.group === name);
-  const remark = (map) => {
-    const { packed } = map;
+  const remark = ({ packed }) => {
+    const shown = packed.logarithmic ? "its largest value" : `its value farthest from ${packed.centre === 0 ? "zero" : `the mean, ${rubato.format.number(packed.centre, 4)}`}`;
     const parts = [];
     if (packed.slice) parts.push(`The slice ${packed.slice.axis} = ${rubato.format.number(packed.slice.at)}.`);
-    if (packed.shape === "film") {
-      if (packed.levels.parts < packed.levels.count) parts.push(`${packed.levels.parts} of ${packed.levels.count} stored levels.`);
-      if (packed.thinned) parts.push(`Thinned: each of ${packed.x.parts} \u00d7 ${packed.y.parts} blocks shows, of its values, the one farthest from zero (of residuals and one-signed fields the largest).`);
-    } else if (packed.thinned) {
-      parts.push(`Thinned: ${packed.levels.count} levels \u00d7 ${packed.x.count} cells in ${packed.levels.parts} \u00d7 ${packed.x.parts} blocks. ` +
-        "Each keeps its smallest and its largest value and shows the one farthest from zero (of residuals and one-signed fields the largest).");
+    if (packed.shape === "film" && packed.levels.parts < packed.levels.count) {
+      parts.push(`${packed.levels.parts} of ${packed.levels.count} stored levels; the extremes below are of all of them.`);
+    }
+    if (packed.shape === "film" && packed.thinned) {
+      parts.push(`Thinned: ${packed.x.count} \u00d7 ${packed.y.count} nodes in ${packed.x.parts} \u00d7 ${packed.y.parts} blocks, each of which shows ${shown}.`);
+    }
+    if (packed.shape !== "film" && packed.thinned) {
+      parts.push(`Thinned: ${packed.levels.count} levels \u00d7 ${packed.x.count} cells in ${packed.levels.parts} \u00d7 ${packed.x.parts} blocks, each of which shows ${shown}.` +
+        (packed.profile ? " Profiles are of the first level in each row of blocks." : ""));
     }
     return parts.join(" ");
   };
@@ -28,7 +31,7 @@ rubato.lattice = (data) => {
         logarithmic: map.packed.logarithmic,
         series: [{ label: "largest", x: t, y: rubato.unpack.array(extremes.high) }, { label: "smallest", x: t, y: rubato.unpack.array(extremes.low), colour: 1 }]
           .slice(0, map.packed.logarithmic ? 1 : 2) });
-    } else if (map.packed.group === "field") {
+    } else if (map.packed.group === "field" || (map.packed.group === "error" && !map.packed.thinned)) {
       const entries = [{ map, label: map.packed.name, colour: 0 }];
       rubato.profile(card.body, map.packed.name, exact ? [...entries, { map: exact, label: "exact", colour: 1, dash: [6, 4] }] : entries);
     }

@@ -2,27 +2,31 @@
 
 /** Maps: blocks of a lattice's values over space and time, or over the plane at one time, as colours. */
 
-/** A map as packed by maps.cpp, with the values of its blocks at hand. */
+/** A map as packed by space_time_map.cpp or film.cpp, with the values of its blocks and its profiles at hand. */
 rubato.unpackMap = (packed) => {
-  const high = rubato.unpack.coded(packed.high);
-  const low = packed.low ? rubato.unpack.coded(packed.low) : high;
+  const own = packed.values ? rubato.unpack.coded(packed.values) : null;
+  const profile = packed.profile
+    ? { high: rubato.unpack.coded(packed.profile.high), low: packed.profile.low ? rubato.unpack.coded(packed.profile.low) : null }
+    : { high: own, low: null };
   const columns = packed.x.parts;
   const rows = packed.shape === "film" ? packed.y.parts : packed.levels.parts;
-  const { minimum, maximum } = packed.high;
+  const { minimum, maximum } = own || profile.high;
   const signed = !packed.logarithmic && minimum < 0 && maximum > 0;
   const limit = Math.max(-minimum, maximum);
   const range = signed ? [-limit, limit] : [minimum, maximum > minimum ? maximum : minimum + 1];
-  const zero = signed ? high.code(0) : -1;
-  /** Of two codes the one that a picture must not lose: farther from zero, or larger. */
+  const { undefinedCode } = rubato.unpack;
+  const centre = own && !packed.logarithmic ? own.code(packed.centre) : -1;
+  /** Of two codes the one that a picture must not lose: farther from the centre, or larger. */
   const stronger = (a, b) => {
-    if (a === rubato.unpack.undefinedCode) return b;
-    if (b === rubato.unpack.undefinedCode) return a;
-    return signed ? (Math.abs(a - zero) >= Math.abs(b - zero) ? a : b) : Math.max(a, b);
+    if (a === undefinedCode) return b;
+    if (b === undefinedCode) return a;
+    return Math.abs(a - centre) >= Math.abs(b - centre) ? a : b;
   };
-  const shown = Uint16Array.from(high.codes, (code, i) => stronger(code, low.codes[i]));
   const index = new Uint8Array(65536);
-  for (let code = 0; code <= rubato.unpack.steps; ++code) {
-    index[code] = Math.round(255 * Math.min(1, Math.max(0, (high.value(code) - range[0]) / (range[1] - range[0]))));
+  if (own) {
+    for (let code = 0; code <= rubato.unpack.steps; ++code) {
+      index[code] = Math.round(255 * Math.min(1, Math.max(0, (own.value(code) - range[0]) / (range[1] - range[0]))));
+    }
   }
   const first = rubato.unpack.array(packed.t_first);
   const last = rubato.unpack.array(packed.t_last);
@@ -58,11 +62,10 @@ rubato.unpackMap = (packed) => {
     };
   };
   const text = (at) => {
-    const [a, b] = [low.value(low.codes[at]), high.value(high.codes[at])];
-    const value = (x) => rubato.format.number(packed.logarithmic ? 10 ** x : x, 5);
-    return Number.isNaN(a) ? "undefined" : (a === b ? value(a) : `${value(a)} to ${value(b)}`);
+    const value = own.value(own.codes[at]);
+    return Number.isNaN(value) ? "undefined" : rubato.format.number(packed.logarithmic ? 10 ** value : value, 5);
   };
-  return { packed, high, low, rows, columns, signed, range, shown, stronger, index, first, last, edges, place, text,
+  return { packed, profile, rows, columns, range, shown: own ? own.codes : null, stronger, index, first, edges, place, text,
     times: first.length, x: axis(packed.x), y: packed.y ? axis(packed.y) : null,
     colours: () => (signed ? rubato.colour.diverging() : rubato.colour.sequential()) };
 };

@@ -2,7 +2,8 @@
 
 /**
  * Profiles along space at the time of the clock, laid over each other: rubato.profile(host, name, entries) with entries
- * [{ map, label, colour, dash? }]. Of a thinned map both the largest and the smallest values of the blocks are drawn.
+ * [{ map, label, colour, dash? }]. Where cells are
+ * thinned both the largest and the smallest values of their blocks are drawn.
  */
 rubato.profile = (host, name, entries) => {
   const own = entries.map((entry) => ({ ...entry, x: Array.from({ length: entry.map.columns }, (_, i) => entry.map.x.centre(i)) }));
@@ -12,10 +13,11 @@ rubato.profile = (host, name, entries) => {
   };
   const series = (t) => own.flatMap((entry) => {
     const { map, x, label, colour, dash } = entry;
-    const high = { label, x, y: row(entry, map.high, t), colour, dash, width: 1.7 };
-    return map.packed.thinned ? [high, { label: `${label} (smallest)`, x, y: row(entry, map.low, t), colour, dash, width: 1 }] : [high];
+    const { high, low } = map.profile;
+    const line = { label, x, y: row(entry, high, t), colour, dash, width: 1.7 };
+    return low ? [line, { ...line, label: `${label} (smallest)`, y: row(entry, low, t), width: 1 }] : [line];
   });
-  const bounds = own.flatMap(({ map }) => [map.packed.high.minimum, map.packed.high.maximum]);
+  const bounds = own.flatMap(({ map }) => [map.profile.high.minimum, map.profile.high.maximum]);
   const [low, high] = [Math.min(...bounds), Math.max(...bounds)];
   const pad = (high - low || 1) * 0.06;
   const curve = rubato.curve(host, {

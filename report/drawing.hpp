@@ -1,0 +1,46 @@
+#pragma once
+
+#include <cstddef>
+#include <limits>
+#include <span>
+#include <string>
+#include <vector>
+
+#include <rubato/record/reader.hpp>
+#include <rubato/report/packing.hpp>
+#include <rubato/report/thinning.hpp>
+
+/// What the maps of a line and the films of planes and volumes have in common. Not part of the library's interface.
+namespace rubato::report {
+
+/// What is drawn of one grid function over all stored levels.
+struct Drawing {
+  std::string name;
+  std::string group;         ///< "field", "error", "exact", "residual"
+  bool logarithmic = false;  ///< log10 of its magnitude
+};
+
+struct Extremes {
+  double low = std::numeric_limits<double>::infinity(), high = -std::numeric_limits<double>::infinity();
+  void add(std::span<const double> values) {
+    for (const double value : values) {
+      low = value < low ? value : low;
+      high = value > high ? value : high;
+    }
+  }
+  [[nodiscard]] bool is_empty() const { return low > high; }
+};
+
+/// Writes of each block the value that a picture must not lose: of a field with both signs the one farthest from zero,
+/// of one with a single sign the one farthest from its mean, of logarithms the largest. Keys "logarithmic", "centre"
+/// (absent for logarithms) and "values".
+void write_blocks(Json& json, const Drawing& drawing, std::vector<double> low, std::vector<double> high);
+
+/// "x": {"name", "first", "last", "count", "parts"} of an axis of the grid that is divided so.
+void write_axis(Json& json, std::string_view key, const record::Reader& reader, const std::string& dimension,
+                const Partition& partition);
+
+/// The middles of cells lie along the same axis as the nodes: "x_cell" is shown as "x".
+[[nodiscard]] std::string_view display_name(std::string_view dimension);
+
+}  // namespace rubato::report

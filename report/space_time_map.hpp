@@ -1,0 +1,31 @@
+#pragma once
+
+#include <rubato/report/contents.hpp>
+#include <rubato/report/drawing.hpp>
+
+namespace rubato::report {
+
+/// A drawing of a lattice on a line: space by time in blocks, and the profile along space of the first level in each
+/// row of blocks. Levels are added one after the other. Not part of the library's interface.
+class SpaceTimeMap {
+public:
+  /// How the levels and the cells of all maps of a page are divided.
+  struct Plan {
+    Partition levels, cells;
+  };
+  /// As finely as `bytes` allow for all maps together: not at all if possible, else along time only, else with as many
+  /// blocks along time as along space.
+  [[nodiscard]] static Plan plan(const record::DatasetInfo& field, const Contents& contents, std::size_t bytes);
+
+  SpaceTimeMap(Drawing drawing, const Plan& plan);
+  void add(std::size_t level, std::span<const double> values);
+  void write(Json& json, const record::Reader& reader, const std::vector<std::string>& dimensions) const;
+
+private:
+  [[nodiscard]] bool has_profiles() const { return drawing_.group == "field" || drawing_.group == "exact"; }
+
+  Drawing drawing_;
+  BlockEnvelope blocks_, profiles_;
+};
+
+}  // namespace rubato::report
