@@ -27,7 +27,7 @@ rubato.lattice = (data) => {
     if (map.packed.shape === "film") {
       const { extremes } = map.packed;
       const t = rubato.unpack.array(extremes.t);
-      rubato.curve(card.body, { label: `${title}: extremes over the whole grid`, yLabel: "extremes", height: 150, right: 74,
+      rubato.curve(card.body, { label: `${title}: extremes over the whole grid`, yLabel: "extremes", height: 150, right: 86,
         logarithmic: map.packed.logarithmic,
         series: [{ label: "largest", x: t, y: rubato.unpack.array(extremes.high) }, { label: "smallest", x: t, y: rubato.unpack.array(extremes.low), colour: 1 }]
           .slice(0, map.packed.logarithmic ? 1 : 2) });

@@ -149,7 +149,7 @@ rubato.mapPlane = (host, map, label) => {
   const isFilm = map.packed.shape === "film";
   let shownFrame = -1;
   const plane = rubato.plane(host, {
-    label, right: 74,
+    label, right: 86,
     height: isFilm ? undefined : 330,
     ratio: isFilm ? Math.min(1.1, (map.y.extent[1] - map.y.extent[0]) / (map.x.extent[1] - map.x.extent[0])) : undefined,
     xLabel: () => map.x.name,

@@ -80,7 +80,7 @@ rubato.orbit = (data) => {
     q.length > few.length ? `The first ${few.length} of ${states.coordinates} coordinates; choose others above.` : null].filter(Boolean).join(" ");
   rubato.commonCurves.show(grid, "Coordinates against time", [...few.map((column, index) => ({ name: column.name, x: states.t, y: column.values, colour: index, count: 0 })),
     ...exact.filter((column) => few.some((one) => one.name === column.name))
-      .map((column) => ({ name: `${column.name} exact`, x: states.t, y: column.values, colour: few.findIndex((one) => one.name === column.name) + 1, dash: [6, 4], count: 0 }))],
+      .map((column) => ({ name: `${column.name} exact`, x: states.t, y: column.values, colour: few.length + few.findIndex((one) => one.name === column.name), dash: [6, 4], count: 0 }))],
   { yLabel: few.map((column) => column.name).join(", "), bridges: data.bridges, note: note || undefined, wide: q.length > 1, height: q.length > 1 ? 280 : 408 });
   exact.forEach((column) => {
     const own = states.columns.find((one) => one.name === column.name && one.group !== "exact");

@@ -22,7 +22,7 @@ rubato.profile = (host, name, entries) => {
   const pad = (high - low || 1) * 0.06;
   const curve = rubato.curve(host, {
     label: `Profile of ${name}`, series: series(rubato.clock.get()), xLabel: own[0].map.x.name, yLabel: name,
-    time: false, height: 190, right: 74, range: () => [low - pad, high + pad],
+    time: false, height: 190, right: 86, range: () => [low - pad, high + pad],
   });
   rubato.clock.watch((t) => curve.replace(series(t)));
   return curve;

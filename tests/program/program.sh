@@ -190,6 +190,56 @@ case $case_name in
     run resume missing.h5
     check "status 2 or 5" test "$status" -eq 2 -o "$status" -eq 5
     ;;
+  report)
+    run run pendulum --set scheme.until=5 -o a.h5 --quiet
+    run run pendulum --set scheme.until=5 --set scheme.levels=fixed -o b.h5 --quiet
+    run report a.h5
+    expect 0 a.html
+    check "a page" grep -q '^<!DOCTYPE html>' a.html
+    run report a.h5
+    expect 0
+    echo mine >mine.html
+    run report a.h5 -o mine.html
+    expect 2 --force
+    check "leaves the file alone" test "$(cat mine.html)" = mine
+    run report a.h5 -o missing/folder/a.html
+    expect 5 missing/folder
+    run report missing.h5
+    expect 5 'no such file'
+    run report a.h5 --max-size nothing
+    expect 2 'size in megabytes'
+    run compare a.h5 b.h5 -o both.html
+    expect 0 'levels = "fixed"'
+    check "what is the same is not told" bash -c '! grep -q "until = 5" out'
+    check "a page of both" test -s both.html
+    run compare a.h5 b.h5 --json
+    check "one JSON object" test "$(grep -c '^{"records"' out)" -eq 1
+    run run kepler --set scheme.until=1 -o k.h5 --quiet
+    run compare a.h5 k.h5
+    expect 2 'nothing can be compared'
+    run export a.h5
+    expect 0 a-csv/states.csv
+    check "a row for each level" test "$(wc -l <a-csv/levels.csv)" -eq "$(($(wc -l <a-csv/steps.csv) + 1))"
+    run export a.h5
+    expect 2 --force
+    run export a.h5 --xdmf
+    expect 2 'an orbit'
+    ;;
+  completion)
+    for shell in bash zsh fish; do
+      run completion "$shell"
+      expect 0 kepler
+    done
+    run completion tcsh
+    expect 2 'bash, zsh or fish'
+    run completion bash
+    # What a user sees who types the words given and then Tab.
+    complete_words() { bash -c '. ./out; COMP_WORDS=("$@"); COMP_CWORD=$(($# - 1)); _rubato; echo "${COMPREPLY[*]}"' _ "$@"; }
+    check "commands" test "$(complete_words rubato re)" = 'resume report'
+    check "catalogue names" test "$(complete_words rubato show kep)" = kepler
+    check "options" test "$(complete_words rubato run --th)" = --threads
+    check "and nothing else" test -z "$(complete_words rubato run --nonsense)"
+    ;;
   interrupt)
     "$rubato" run pendulum --set scheme.until=1e7 -o long.h5 --json >out 2>err &
     process=$!
