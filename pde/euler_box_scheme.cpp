@@ -19,10 +19,12 @@ public:
   [[nodiscard]] const LatticeLevel& level() const override { return level_; }
 
   [[nodiscard]] Status advance(double h, double) override {
-    if (const Status status = map_.advance(h, level_.fields, trial_); status != Status::success) {
+    const int counted = map_.evaluations();
+    const Status status = map_.advance(h, level_.fields, trial_);
+    iterations_ += map_.evaluations() - counted;
+    if (status != Status::success) {
       return status;
     }
-    iterations_ = map_.evaluations() - counted_;
     energy_ = map_.energy(level_.fields);
     slope_ = (map_.energy(trial_) - energy_) / h;
     return std::isfinite(slope_) ? Status::success : Status::undefined;
@@ -37,10 +39,12 @@ public:
   void accept() override {
     level_.fields.copy_from(trial_);
     iterations_ = 0;
-    counted_ = map_.evaluations();
   }
   void save(StateWriter& state) const override { state.write(level_.fields.all()); }
-  void restore(StateReader& state) override { state.read(level_.fields.all()); }
+  void restore(StateReader& state) override {
+    state.read(level_.fields.all());
+    iterations_ = 0;
+  }
 
 private:
   MultisymplecticSystem system_;
@@ -51,7 +55,6 @@ private:
   double energy_ = 0.0;
   double slope_ = 0.0;
   int iterations_ = 0;
-  int counted_ = 0;  ///< evaluations up to the last accept()
 };
 
 }  // namespace

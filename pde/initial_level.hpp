@@ -28,7 +28,7 @@ using InitialFields = std::vector<std::optional<std::vector<double>>>;
 ///
 /// \throws std::invalid_argument if a size does not fit, a value is not finite, a field is missing that nothing
 /// determines, or data given for a field that is computed differ from it by more than truncation error explains (half
-/// the largest second difference of the data)
+/// the largest second differences of the data along the axes, for Placement::corners three quarters of the first ones)
 [[nodiscard]] LatticeLevel initial_level(const MultisymplecticSystem& system, const grids::Grid& grid,
                                          const InitialFields& given, Placement placement = Placement::cells);
 

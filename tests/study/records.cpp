@@ -4,9 +4,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 
 #include <hdf5.h>
 
+#include <rubato/record/reader.hpp>
 #include <rubato/study/problem.hpp>
 
 namespace rubato::study_tests {
@@ -73,6 +75,29 @@ Names differences(const Outcome& a, const Outcome& b, double rounding, double le
                near(left.errors[i].value.max, right.errors[i].value.max, 1.0) &&
                near(left.errors[i].value.rms(), right.errors[i].value.rms(), 1.0),
            "error of " + left.errors[i].name);
+  }
+  return found;
+}
+
+Names different_datasets(const std::string& a, const std::string& b) {
+  const record::Reader left(a);
+  const record::Reader right(b);
+  Names found;
+  const auto known = right.datasets();
+  for (const record::DatasetInfo& info : left.datasets()) {
+    const auto other = std::ranges::find(known, info.path, &record::DatasetInfo::path);
+    if (other == known.end() || other->shape != info.shape) {
+      found.push_back(info.path);
+    } else if (!info.is_text) {
+      const std::vector<double> x = left.read(info.path);
+      const std::vector<double> y = right.read(info.path);
+      if (!x.empty() && std::memcmp(x.data(), y.data(), x.size() * sizeof(double)) != 0) {
+        found.push_back(info.path);
+      }
+    }
+  }
+  if (known.size() != left.datasets().size()) {
+    found.emplace_back("number of datasets");
   }
   return found;
 }

@@ -33,6 +33,9 @@ using Names = std::vector<std::string>;
 Names differences(const study::Outcome& run, const study::Outcome& check, double rounding = 64.0 * 2.2e-16,
                   double least_energy = 0.0);
 
+/// The datasets of two records that are not the same bit by bit, by path.
+Names different_datasets(const std::string& a, const std::string& b);
+
 /// Adds `change` to one number of a record.
 void falsify(const std::string& file, const std::string& dataset, std::size_t index, double change);
 
