@@ -45,9 +45,7 @@ constexpr double largest_misfit = 1.5;
 constexpr int longest_wait = 8;
 /// The reversible rule believes no measured amplitude that differs from the last one by more than this factor.
 constexpr double largest_change = 4.0;
-/// How well the anchored rule meets the law one step after a bridge, relative to H - E, which the law itself has to a
-/// thousandth there; the largest change of a bridge's length at once, and how many.
-constexpr double polish_accuracy = 1e-3;
+/// The largest change of a bridge's length at once while it is made to meet the law one step later, and how many.
 constexpr double longest_polish = 0.2;
 constexpr int most_polishing = 20;
 /// A relative change of a bridge's length that no longer makes the defect smaller: rounding.
@@ -256,9 +254,7 @@ void TimeLevels::polish(Bridge& bridge) {
   }
   double defect = law_defect(bridge.next);
   double slope = bridge.slope * law_power(bridge.next.gamma) / law_power(bridge.end.gamma);
-  const double enough = options_.bridge == BridgeRule::anchored
-                            ? polish_accuracy * std::abs(bridge.next.energy - energy_)
-                            : 0.1 * options_.tolerance * energy_scale_;
+  const double enough = 0.1 * options_.tolerance * energy_scale_;
   double shortening = 1.0;
   for (int iteration = 0; iteration < most_polishing && std::abs(defect) > enough; ++iteration) {
     Bridge other = bridge;
@@ -302,94 +298,6 @@ StepReport TimeLevels::bridge_step() {
     regular_step_ = step_after(bridge_);
   }
   return result;
-}
-
-/// Whether to take the bridge from here, though the ordinary step exists and stays on this side of the zero.
-///
-/// Anchored: if it is more centred on the zero than a bridge from the end of the ordinary step would be. Reversible: if
-/// it and the ordinary step after it take less time than the ordinary step and the bridge from its end; a run backward
-/// in time asks what the run forward would have done at the far end of the bridge.
-bool TimeLevels::bridge_now(const Bridge& bridge, const StepReport& ordinary, const LevelNode& next) {
-  if (options_.bridge == BridgeRule::reversible) {
-    return regular_step_ > 0.0 || remembered_ == 0 ? is_sooner(bridge.h + bridge.after, ordinary.h)
-                                                   : is_way_back(bridge);
-  }
-  const double here = scheme_.node().gamma;
-  const double rate = (bridge.end.gamma - here) / bridge.h;
-  const double centre_next = std::abs(next.gamma + bridge.end.gamma + rate * ordinary.h);
-  return std::abs(here + bridge.end.gamma) <= centre_next;
-}
-
-/// Whether a bridge and the step after it, of this length together, are shorter than an ordinary step and the bridge
-/// from its end. Leaves the scheme at the present level.
-bool TimeLevels::is_sooner(double bridge_and_step, double ordinary) {
-  StateWriter before;
-  save_all(before);
-  const LevelNode here = scheme_.node();
-  bool sooner = true;
-  if (scheme_.advance(ordinary, 0.0) == Status::success) {
-    scheme_.accept();
-    measure_law(here);
-    const std::optional<Bridge> later = find_bridge(1, true);
-    sooner = !later || std::abs(bridge_and_step) < std::abs(ordinary + later->h);
-  }
-  StateReader reader(before.values());
-  restore_all(reader);
-  return sooner;
-}
-
-/// For a run backward in time: whether a run forward would take this bridge from its far end to the present level, and
-/// not one from the level before that end.
-bool TimeLevels::is_way_back(const Bridge& bridge) {
-  StateWriter before;
-  save_all(before);
-  const bool is = scheme_.advance(bridge.h, 0.0) == Status::success && (scheme_.accept(), true) &&
-                  !is_bridged_before(bridge) && is_bridged_at_end(bridge);
-  StateReader reader(before.values());
-  restore_all(reader);
-  return is;
-}
-
-/// From the far end of a bridge backward in time: whether a run forward would rather bridge from the level before it.
-bool TimeLevels::is_bridged_before(const Bridge& bridge) {
-  StateWriter before;
-  save_all(before);
-  bool is = false;
-  if (scheme_.advance(bridge.after, 0.0) == Status::success) {
-    scheme_.accept();
-    last_step_ = regular_step_ = bridge.after;
-    set_direction(scheme_.node().gamma);
-    if (ordinary_step(bridge.after).status == Status::success) {
-      measure_law(scheme_.trial_node());
-      last_step_ = regular_step_ = -bridge.after;
-      const std::optional<Bridge> earlier = find_bridge(1, true);
-      is = earlier && std::abs(earlier->h + earlier->after) < std::abs(bridge.after + bridge.h);
-    }
-  }
-  StateReader reader(before.values());
-  restore_all(reader);
-  return is;
-}
-
-/// From the far end of a bridge backward in time: whether a run forward would take it there, not an ordinary step.
-bool TimeLevels::is_bridged_at_end(const Bridge& bridge) {
-  const LevelNode far = scheme_.node();
-  const double bridge_and_step = bridge.h + last_step_;
-  last_step_ = regular_step_ = -bridge.after;
-  set_direction(far.gamma);
-  const StepReport ordinary = ordinary_step(std::min(law_step(far.gamma), 2.0 * regular_step_));
-  const bool same_side = ordinary.status == Status::success && scheme_.trial_node().gamma * far.gamma > 0.0;
-  return !same_side || is_sooner(bridge_and_step, ordinary.h);
-}
-
-void TimeLevels::save_all(StateWriter& state) const {
-  scheme_.save(state);
-  save(state);
-}
-
-void TimeLevels::restore_all(StateReader& state) {
-  scheme_.restore(state);
-  restore(state);
 }
 
 /// The ordinary step from here does not exist, or comes near the zero of Γ: bridge from here, or from its end.

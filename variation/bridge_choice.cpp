@@ -1,0 +1,109 @@
+#include <algorithm>
+#include <cmath>
+
+#include <rubato/variation/time_levels.hpp>
+
+// Which of two bridges across a zero of Γ is taken: the one from the present level, or the one from the end of the
+// ordinary step that still exists there.
+//
+// For the reversible rule the choice has to be undone by a run backward. Call R the ordinary step towards the zero, B
+// the bridge, S the ordinary step away from it. From a level a the two ways are S∘B and B∘R. A run that takes B where
+// S∘B is the shorter takes it from the levels between a curve Y, where both ways take the same time, and R(Y); their
+// bridges end between B(R(Y)) and B(Y), which S carries into each other as far as the two ways, that take the same time
+// on Y, also end in the same state. So each orbit beyond the zero is met once, but for those in a strip as thin as the
+// amplitude of H - E is uncertain, 1e-4 of all. A run backward asks what the run forward would have done.
+
+namespace rubato {
+
+/// Whether to take the bridge from here, though the ordinary step exists and stays on this side of the zero.
+///
+/// Anchored: if it is more centred on the zero than a bridge from the end of the ordinary step would be. Reversible: if
+/// it and the ordinary step after it take less time than the ordinary step and the bridge from its end; a run backward
+/// in time asks what the run forward would have done at the far end of the bridge.
+bool TimeLevels::bridge_now(const Bridge& bridge, const StepReport& ordinary, const LevelNode& next) {
+  if (options_.bridge == BridgeRule::reversible) {
+    return regular_step_ > 0.0 || remembered_ == 0 ? is_sooner(bridge.h + bridge.after, ordinary.h)
+                                                   : is_way_back(bridge);
+  }
+  const double here = scheme_.node().gamma;
+  const double rate = (bridge.end.gamma - here) / bridge.h;
+  const double centre_next = std::abs(next.gamma + bridge.end.gamma + rate * ordinary.h);
+  return std::abs(here + bridge.end.gamma) <= centre_next;
+}
+
+/// Whether a bridge and the step after it, of this length together, are shorter than an ordinary step and the bridge
+/// from its end. Leaves the scheme at the present level.
+bool TimeLevels::is_sooner(double bridge_and_step, double ordinary) {
+  StateWriter before;
+  save_all(before);
+  const LevelNode here = scheme_.node();
+  bool sooner = true;
+  if (scheme_.advance(ordinary, 0.0) == Status::success) {
+    scheme_.accept();
+    measure_law(here);
+    const std::optional<Bridge> later = find_bridge(1, true);
+    sooner = !later || std::abs(bridge_and_step) < std::abs(ordinary + later->h);
+  }
+  StateReader reader(before.values());
+  restore_all(reader);
+  return sooner;
+}
+
+/// For a run backward in time: whether a run forward would take this bridge from its far end to the present level, and
+/// not one from the level before that end.
+bool TimeLevels::is_way_back(const Bridge& bridge) {
+  StateWriter before;
+  save_all(before);
+  bool is = false;
+  if (scheme_.advance(bridge.h, 0.0) == Status::success) {
+    scheme_.accept();
+    is = !is_bridged_before(bridge) && is_bridged_at_end(bridge);
+  }
+  StateReader reader(before.values());
+  restore_all(reader);
+  return is;
+}
+
+/// From the far end of a bridge backward in time: whether a run forward would rather bridge from the level before it.
+bool TimeLevels::is_bridged_before(const Bridge& bridge) {
+  StateWriter before;
+  save_all(before);
+  bool is = false;
+  if (scheme_.advance(bridge.after, 0.0) == Status::success) {
+    scheme_.accept();
+    last_step_ = regular_step_ = bridge.after;
+    set_direction(scheme_.node().gamma);
+    if (ordinary_step(bridge.after).status == Status::success) {
+      measure_law(scheme_.trial_node());
+      last_step_ = regular_step_ = -bridge.after;
+      const std::optional<Bridge> earlier = find_bridge(1, true);
+      is = earlier && std::abs(earlier->h + earlier->after) < std::abs(bridge.after + bridge.h);
+    }
+  }
+  StateReader reader(before.values());
+  restore_all(reader);
+  return is;
+}
+
+/// From the far end of a bridge backward in time: whether a run forward would take it there, not an ordinary step.
+bool TimeLevels::is_bridged_at_end(const Bridge& bridge) {
+  const LevelNode far = scheme_.node();
+  const double bridge_and_step = bridge.h + last_step_;
+  last_step_ = regular_step_ = -bridge.after;
+  set_direction(far.gamma);
+  const StepReport ordinary = ordinary_step(std::min(law_step(far.gamma), 2.0 * regular_step_));
+  const bool same_side = ordinary.status == Status::success && scheme_.trial_node().gamma * far.gamma > 0.0;
+  return !same_side || is_sooner(bridge_and_step, ordinary.h);
+}
+
+void TimeLevels::save_all(StateWriter& state) const {
+  scheme_.save(state);
+  save(state);
+}
+
+void TimeLevels::restore_all(StateReader& state) {
+  scheme_.restore(state);
+  restore(state);
+}
+
+}  // namespace rubato
