@@ -47,6 +47,7 @@ FormulaAction box_cell_action(const MultisymplecticSystem& system) {
   }
 
   std::vector<Expression> means;
+  means.reserve(z.size());
   for (const Corners& field : z) {
     means.push_back(mean(field));
   }

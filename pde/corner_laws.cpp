@@ -63,6 +63,7 @@ public:
     differentiate(level.fields);
     currents(time, level.fields, 1.0, density);
     std::vector<double> totals;
+    totals.reserve(tables_.names.size());
     for (int l = 0; l < density.fields(); ++l) {
       totals.push_back(tables_.grid.cell_volume() * grids::sum(std::as_const(density).field(l)));
     }
@@ -75,10 +76,11 @@ public:
     differentiate_in_time(before.fields, after.fields, h);
     const auto& potential = tables_.system.structure().potential;
     const bool split = std::ranges::find(potential, true) != potential.end();
+    const auto n = static_cast<std::size_t>(tables_.directions);
     for (int nu = 0; nu < tables_.directions; ++nu) {
       for (int mu = 0; mu < tables_.directions; ++mu) {
         translation(mu, nu, before.fields, h, split,
-                    {out[static_cast<std::size_t>(nu * tables_.directions + mu)], tables_.grid.size()});
+                    {out[static_cast<std::size_t>(nu) * n + static_cast<std::size_t>(mu)], tables_.grid.size()});
       }
     }
   }
@@ -95,7 +97,7 @@ public:
       const grids::FieldSet u_next = shifted(u.before, a);
       const grids::FieldSet v_next = shifted(v.before, a);
       form_.fill(0.0);  // X_{i+1}, at node i
-      add_form(tables_.plus[static_cast<std::size_t>(1 + a)], u.before, u_next, v.before, v_next, 1.0, form_.field(0));
+      add_form(tables_.plus[static_cast<std::size_t>(a) + 1], u.before, u_next, v.before, v_next, 1.0, form_.field(0));
       grids::apply_adjoint(tables_.grid, along(a), form_.field(0).data(), scratch_.field(0).data());
       combine(1.0, sum.field(0), -1.0, scratch_.field(0), sum.field(0));  // the adjoint of δ⁺ is -δ⁻
     }
@@ -160,7 +162,7 @@ private:
     for (int a = 0; a < tables_.grid.dimensions(); ++a) {
       for (int f = 0; f < tables_.d; ++f) {
         grids::apply(tables_.grid, along(a), fields.field(f).data(),
-                     differences_[static_cast<std::size_t>(1 + a)].field(f).data());
+                     differences_[static_cast<std::size_t>(a) + 1].field(f).data());
       }
     }
   }

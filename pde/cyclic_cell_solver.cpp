@@ -26,12 +26,13 @@ public:
   Status solve(const CellMatrix& matrix, const KernelConditions& conditions, std::span<const double* const> rhs,
                std::span<double* const> solution, std::span<double> y) override {
     const int d = matrix_.block;
+    std::size_t next = 0;
     for (int i = 0; i < d; ++i) {
       for (int j = 0; j < d; ++j) {
         const double mean = 0.5 * matrix.mean(i, j);
         const double difference = inverse_spacing_ * matrix.difference[0](i, j);
-        matrix_.left[static_cast<std::size_t>(i * d + j)] = mean - difference;
-        matrix_.right[static_cast<std::size_t>(i * d + j)] = mean + difference;
+        matrix_.left[next] = mean - difference;
+        matrix_.right[next++] = mean + difference;
       }
     }
     matrix_.entries.clear();
@@ -39,10 +40,11 @@ public:
       matrix_.entries.push_back({entry.row, entry.column, 0.5 * entry.factor, 0.5 * entry.factor, entry.values});
     }
     const double weight = 1.0 / static_cast<double>(matrix_.cells);
+    next = 0;
     for (int b = 0; b < conditions.count(); ++b) {
       for (int i = 0; i < d; ++i) {
-        border_.columns[static_cast<std::size_t>(b * d + i)].constant = conditions.columns(i, b);
-        border_.rows[static_cast<std::size_t>(b * d + i)].constant = weight * conditions.pins(b, i);
+        border_.columns[next].constant = conditions.columns(i, b);
+        border_.rows[next++].constant = weight * conditions.pins(b, i);
       }
     }
     return solver_.solve(matrix_, border_, rhs, border_rhs_, solution, y, check_).status;

@@ -20,7 +20,7 @@ constexpr int most_iterations = 50;
 
 [[noreturn]] void refuse(const std::string& reason) {
   throw std::invalid_argument(
-      fmt::format("euler-box is not explicit for this system: {}; use lagrangian = \"box\" or \"fourier\"", reason));
+      fmt::format(R"(euler-box is not explicit for this system: {}; use lagrangian = "box" or "fourier")", reason));
 }
 
 grids::BoxOperator difference_along(int axis) {
@@ -211,7 +211,7 @@ bool EulerBoxMap::local(int row, int field) const {
 
 bool EulerBoxMap::across(int row, int field) const {
   return std::ranges::any_of(system_.structure().K_plus, [&](const Eigen::MatrixXd& plus) {
-    return plus(row, field) != 0.0 || plus(field, row) != 0.0;
+    return plus(row, field) != 0.0 || plus.transpose()(row, field) != 0.0;
   });
 }
 

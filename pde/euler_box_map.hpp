@@ -54,7 +54,7 @@ private:
 
   void plan();
   void order_solves(std::vector<bool> known, std::vector<bool> used, std::vector<LocalSolve>& solves) const;
-  [[nodiscard]] double rate_of(int row, int field) const { return system_.structure().M_plus(field, row); }
+  [[nodiscard]] double rate_of(int row, int field) const { return system_.structure().M_plus.transpose()(row, field); }
   [[nodiscard]] bool local(int row, int field) const;
   [[nodiscard]] bool across(int row, int field) const;
   [[nodiscard]] int varying_entry(int row, int field) const;

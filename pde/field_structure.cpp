@@ -183,7 +183,7 @@ MatrixXd generic_hessian(const MultisymplecticSystem& system, std::mt19937_64& r
     for (double& component : z) {
       component = attempt % 2 == 0 ? value(random) : value(random) - 0.75;
     }
-    const MatrixXd hessian = system.hessian(z);
+    MatrixXd hessian = system.hessian(z);
     if (hessian.allFinite()) {
       return hessian;
     }

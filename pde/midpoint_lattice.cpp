@@ -171,6 +171,7 @@ public:
 private:
   static std::vector<bool> midpoint_fields(const MultisymplecticSystem& system) {
     std::vector<bool> result;
+    result.reserve(system.fields().size());
     for (int f = 0; f < system.field_count(); ++f) {
       result.push_back(system.structure().at_midpoints(f));
     }

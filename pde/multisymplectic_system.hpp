@@ -84,6 +84,7 @@ private:
   static Traced trace(std::vector<std::string> fields, Function&& S) {
     auto graph = std::make_shared<formula::Graph>();
     std::vector<formula::Expression> z;
+    z.reserve(fields.size());
     for (const std::string& name : fields) {
       z.push_back(graph->variable(name));
     }

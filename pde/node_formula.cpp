@@ -133,6 +133,7 @@ std::vector<std::vector<double>> NodeFormula::operator()(std::span<const double*
   }
   std::vector<std::vector<double>> results(s.outputs, std::vector<double>(s.grid.size()));
   std::vector<double*> out;
+  out.reserve(results.size());
   for (auto& result : results) {
     out.push_back(result.data());
   }

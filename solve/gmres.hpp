@@ -14,6 +14,7 @@ namespace rubato::solve {
 /// A linear operator out = A in, as a view of any callable f(const double* in, double* out) that outlives it.
 class OperatorRef {
 public:
+  // NOLINTNEXTLINE(bugprone-forwarding-reference-overload): the constraint leaves copies alone
   template <class F>
   requires std::invocable<F&, const double*, double*> &&
       (!std::same_as<std::remove_cvref_t<F>, OperatorRef>)OperatorRef(F&& f)
