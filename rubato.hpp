@@ -2,8 +2,8 @@
 
 /// \file
 /// Everything a user of the library needs: orbits and discrete Lagrangians, generating functions, lattices, the
-/// discrete total variation behind them all, problem files and runs, and records. A header of a single room serves as
-/// well, such as <rubato/ode/integrate.hpp>.
+/// discrete total variation behind them all, problem files and runs, records and reports. A header of a single room
+/// serves as well, such as <rubato/ode/integrate.hpp>.
 
 #include <rubato/formula/parse.hpp>
 #include <rubato/ode/discrete_lagrangian.hpp>
@@ -14,6 +14,10 @@
 #include <rubato/pde/first_step.hpp>
 #include <rubato/pde/lattice.hpp>
 #include <rubato/record/reader.hpp>
+#include <rubato/report/comparison.hpp>
+#include <rubato/report/csv.hpp>
+#include <rubato/report/page.hpp>
+#include <rubato/report/xdmf.hpp>
 #include <rubato/study/browse.hpp>
 #include <rubato/study/check.hpp>
 #include <rubato/study/problem.hpp>

@@ -3,7 +3,7 @@
 /**
  * Colours, computed in OKLab (B. Ottosson, 2020), where equal distances look equally large. The maps run along straight
  * lines in it between blue and yellow or blue and orange: a difference along these axes is seen with every common form
- * of colour blindness, and lightness alone tells the order.
+ * of colour blindness, and lightness alone tells the order. All points on the lines are colours that sRGB has.
  */
 rubato.colour = (() => {
   const lab = (lightness, chroma, degrees) => {
@@ -38,9 +38,9 @@ rubato.colour = (() => {
     });
   };
 
-  const sequential = table(lab(0.22, 0.09, 268), lab(0.95, 0.135, 100));
-  const divergingLight = table(lab(0.38, 0.135, 258), lab(0.97, 0.004, 250), lab(0.47, 0.135, 45));
-  const divergingDark = table(lab(0.82, 0.115, 240), lab(0.20, 0.008, 265), lab(0.84, 0.13, 68));
+  const sequential = table(lab(0.25, 0.09, 266), lab(0.94, 0.13, 102));
+  const divergingLight = table(lab(0.38, 0.135, 258), lab(0.97, 0.004, 250), lab(0.47, 0.12, 50));
+  const divergingDark = table(lab(0.80, 0.11, 240), lab(0.20, 0.008, 265), lab(0.82, 0.12, 70));
 
   /** Colours of curves: hues and lightnesses both differ. */
   const hues = [[0.52, 0.15, 258], [0.66, 0.15, 55], [0.58, 0.12, 165], [0.58, 0.17, 350], [0.72, 0.13, 95], [0.45, 0.14, 300]];

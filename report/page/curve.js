@@ -109,7 +109,7 @@ rubato.curve = (() => {
     const prepared = (all) => table(logarithmic ? all.map(logarithms) : all);
     const { ticks, tickTexts } = rubato.format;
     const across = (plot, index, low, high) => ticks(low, high, Math.max(2, (plot.width - 100) / 80));
-    const up = (plot, index, low, high) => (logarithmic ? decades : ticks)(low, high, Math.max(2, (plot.height - 60) / 36));
+    const up = (plot, index, low, high) => (logarithmic ? decades : ticks)(low, high, Math.max(3, (plot.height - 60) / 36));
     const plot = new uPlot({
       width: Math.max(holder.clientWidth, 240), height,
       padding: [10, right, 0, 0],

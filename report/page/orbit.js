@@ -61,13 +61,15 @@ rubato.orbit = (data) => {
   const p = states.columns.filter((column) => column.group === "p");
   const exact = states.columns.filter((column) => column.group === "exact");
 
-  /** Coordinates named alike but for a last digit belong to one body. */
+  /** The vectors of a problem (`r = "r[3]"` has r1, r2, r3), if it has nothing else: each is a body. */
   const bodies = new Map();
   q.forEach(({ name }) => {
     const match = /^(.*?)([123])$/.exec(name);
     if (match) bodies.set(match[1], [...(bodies.get(match[1]) || []), name]);
   });
-  states.bodies = [...bodies.values()].filter((names) => names.length > 1);
+  const vectors = [...bodies.values()];
+  const allAlike = vectors.every((names) => names.length === vectors[0].length && names.length > 1);
+  states.bodies = allAlike && vectors.flat().length === q.length ? vectors : [];
 
   const grid = rubato.section("Orbit", "orbit");
   const draw = (title, chosen) => rubato.portrait(rubato.card(grid, title), [states], { ...chosen, title });

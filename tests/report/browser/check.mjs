@@ -13,7 +13,7 @@ const { chromium } = createRequire(join(playwright, "index.js"))("playwright-cor
 
 /** What each broken page has to be found out by. */
 const expected = { "broken-cut": "errors", "broken-empty": "drawn", "broken-request": "requests", "broken-loud": "errors",
-  "broken-mute": "clock", "broken-scheme": "scheme" };
+  "broken-mute": "clock", "broken-scheme": "scheme", "broken-rainbow": "colours" };
 
 /** Defines, in a page, a function that reads a canvas by way of a copy: reading it itself would change how it is kept. */
 const defineReading = () => {
@@ -131,6 +131,41 @@ async function checkClock(page, checker) {
   checker.check("clock", (await output.innerText()) !== after[0], "playing does not move the time");
 }
 
+/** Colours in OKLab, by the way back from sRGB: not the code that the page makes them with. */
+function toLab(rgb) {
+  const [r, g, b] = rgb.map((byte) => byte / 255).map((x) => (x <= 0.04045 ? x / 12.92 : ((x + 0.055) / 1.055) ** 2.4));
+  const l = Math.cbrt(0.4122214708 * r + 0.5363325363 * g + 0.0514459929 * b);
+  const m = Math.cbrt(0.2119034982 * r + 0.6806995451 * g + 0.1073969566 * b);
+  const s = Math.cbrt(0.0883024619 * r + 0.2817188376 * g + 0.6299787005 * b);
+  return [0.2104542553 * l + 0.7936177850 * m - 0.0040720468 * s, 1.9779984951 * l - 2.4285922050 * m + 0.4505937099 * s,
+    0.0259040371 * l + 0.7827717662 * m - 0.8086757660 * s];
+}
+
+/**
+ * How uneven a table of 256 colours is: the longest over the shortest distance between colours 16 places apart. Rounding to
+ * bytes moves a colour by up to 0.002, and 16 places are some 0.045: what is even comes out below 1 + 4 (0.002/0.045), or 1.2.
+ */
+function unevenness(table) {
+  const points = table.map(toLab);
+  const distances = points.slice(16).map((point, i) => Math.hypot(...point.map((x, axis) => x - points[i][axis])));
+  return Math.max(...distances) / Math.min(...distances);
+}
+
+/** Lightness alone tells the order of a sequential map, and the distance from zero of each half of a diverging one. */
+const risesInLightness = (table) => table.map(toLab).every(([lightness], i, all) => i < 8 || lightness > all[i - 8][0]);
+
+async function checkColours(page, checker) {
+  const { sequential, diverging } = await page.evaluate(() => ({ sequential: rubato.colour.sequential(), diverging: rubato.colour.diverging() }));
+  const halves = [diverging.slice(0, 128), diverging.slice(128)];
+  const isLight = toLab(diverging[128])[0] > 0.5;
+  checker.check("colours", unevenness(sequential) < 1.2, `the sequential map is uneven: ${unevenness(sequential)}`);
+  checker.check("colours", risesInLightness(sequential), "the sequential map does not rise in lightness");
+  halves.forEach((half, i) => {
+    checker.check("colours", unevenness(half) < 1.2, `half ${i} of the diverging map is uneven: ${unevenness(half)}`);
+    checker.check("colours", risesInLightness((i === 0) === isLight ? half : [...half].reverse()), `half ${i} of the diverging map has no order`);
+  });
+}
+
 async function checkPage(context, name) {
   const checker = new Checker();
   const page = await context.newPage();
@@ -153,6 +188,7 @@ async function checkPage(context, name) {
     checker.check("drawn", colours.every((count) => count > 3), `colours of canvases: ${colours}`);
     const lines = await page.evaluate(linesDrawn);
     checker.check("drawn", lines.every((count) => count > 20), `pixels of curves: ${lines}`);
+    await checkColours(page, checker);
     await checkClock(page, checker);
     await checkCurve(page, checker);
     await checkPlane(page, checker);

@@ -69,6 +69,9 @@ void write_pages(const std::filesystem::path& folder) {
   write("broken-request", with(good, "<main", "<img src=\"elsewhere.png\" alt=\"\">"));
   write("broken-loud", with(good, "rubato.main();", "console.error('loud');"));
   write("broken-mute", with(good, "rubato.main();", "rubato.clock.watch = () => {};"));
+  write("broken-rainbow", with(good, "rubato.main();",
+                               "rubato.colour.sequential = () => Array.from({length: 256}, (_, i) => [0, 120, 240].map("
+                               "(at) => Math.round(255 * Math.max(0, 1 - Math.abs(i - at) / 120))));"));
   write("broken-scheme", with(good, "rubato.main();", "rubato.theme.toggle = () => {};"));
 }
 
