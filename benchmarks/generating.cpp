@@ -42,9 +42,43 @@ System system_from(const char* name, std::vector<std::string> settings, double p
   return {study::make_hamiltonian(problem), z, period};
 }
 
+/// Pendula in a ring, coupled by springs (Frenkel and Kontorova): as many sines as degrees of freedom, little else.
+System pendulum_ring(int n) {
+  const auto count = static_cast<std::size_t>(n);
+  std::vector<double> z(2 * count, 0.0);
+  for (std::size_t i = 0; i < count; ++i) {
+    z[i] = 1.2 * std::sin(1.0 + 2.7 * static_cast<double>(i));
+  }
+  const Hamiltonian hamiltonian(n, [count](auto q, auto p) {
+    auto energy = p[0] * p[0] / 2 - cos(q[0]) + pow(q[0] - q[count - 1], 2) / 8;
+    for (std::size_t i = 1; i < count; ++i) {
+      energy += p[i] * p[i] / 2 - cos(q[i]) + pow(q[i] - q[i - 1], 2) / 8;
+    }
+    return energy;
+  });
+  return {hamiltonian, z, 2 * std::numbers::pi};
+}
+
+/// Particles in a ring with Toda's exponential interaction.
+System toda_ring(int n) {
+  const auto count = static_cast<std::size_t>(n);
+  std::vector<double> z(2 * count, 0.0);
+  for (std::size_t i = 0; i < count; ++i) {
+    z[count + i] = std::sin(1.0 + 2.7 * static_cast<double>(i));
+  }
+  const Hamiltonian hamiltonian(n, [count](auto q, auto p) {
+    auto energy = p[0] * p[0] / 2 + exp(q[count - 1] - q[0]);
+    for (std::size_t i = 1; i < count; ++i) {
+      energy += p[i] * p[i] / 2 + exp(q[i - 1] - q[i]);
+    }
+    return energy;
+  });
+  return {hamiltonian, z, 2 * std::numbers::pi};
+}
+
 const System& system(Index number) {
   static const System systems[] = {system_from("kepler", {"parameters.e=0.3"}, 2 * std::numbers::pi),
-                                   system_from("outer-solar-system", {}, 4332.6)};
+                                   system_from("outer-solar-system", {}, 4332.6), pendulum_ring(16), toda_ring(16)};
   return systems[number];
 }
 
@@ -162,17 +196,22 @@ void step(benchmark::State& state) {
       static_cast<int>(state.range(1)), s.z);
   long iterations = 0;
   long steps = 0;
+  bool failed = false;
   follow(
       state, s, h,
       [&] {
-        if (scheme->advance(h, 0.0) != Status::success) {
-          throw std::runtime_error("a step failed: " + scheme->failure_reason());
+        failed = failed || scheme->advance(h, 0.0) != Status::success;
+        if (failed) {
+          return;
         }
         iterations += scheme->iterations();
         ++steps;
         scheme->accept();
       },
       [&] { return scheme->state().data(); });
+  if (failed) {
+    state.SkipWithError("the iteration does not converge at steps of this size");
+  }
   state.counters["iterations"] = static_cast<double>(iterations) / static_cast<double>(steps);
 }
 
@@ -192,8 +231,8 @@ void gauss(benchmark::State& state) {
   state.counters["iterations"] = static_cast<double>(iterations) / static_cast<double>(steps);
 }
 
-BENCHMARK(step)->ArgsProduct({{0, 1}, {2, 4, 8, 12, 16, 20}, {20, 40, 80, 160}})->Unit(benchmark::kMicrosecond);
-BENCHMARK(gauss)->ArgsProduct({{0, 1}, {2, 4, 8, 12, 16, 20}, {10, 20, 40, 80, 160}})->Unit(benchmark::kMicrosecond);
+BENCHMARK(step)->ArgsProduct({{0, 1, 2, 3}, {2, 4, 8, 12, 16, 20}, {5, 10, 20, 40, 80, 160}})->Unit(benchmark::kMicrosecond);
+BENCHMARK(gauss)->ArgsProduct({{0, 1, 2, 3}, {2, 4, 8, 12, 16, 20}, {5, 10, 20, 40, 80, 160}})->Unit(benchmark::kMicrosecond);
 
 /// Variable levels (e: eccentricity in hundredths, order, first step in thousandths of the pericentre's time scale):
 /// cost of one period, and the largest deviation of the node energy.

@@ -149,12 +149,16 @@ taylor::Work TaylorEvaluator::work() {
 
 /// Pads the inputs' coefficients; false if one is not finite.
 bool TaylorEvaluator::take_inputs() {
-  uniform_ = true;
+  uniform_ = next_ == 0;
   for (std::size_t m = 0; m < program_.input_count; ++m) {
     double* const values = at(m, next_);
     std::fill(values + lanes_, values + width_, values[lanes_ - 1]);
     uniform_ = uniform_ && std::all_of(values, values + lanes_, [&](double x) { return x == values[0]; });
-    if (!std::all_of(values, values + (uniform_ ? 1 : lanes_), [](double x) { return std::isfinite(x); })) {
+    double test = 0.0;  // or NaN
+    for (std::size_t lane = 0; lane < lanes_; ++lane) {
+      test += values[lane] - values[lane];
+    }
+    if (test != 0.0) {
       failure_ = Failure::input;
       failed_argument_ = static_cast<double>(m);
       return false;

@@ -282,18 +282,27 @@ void feed_back(const Work& work, const double* matrix, std::size_t lanes, const 
   const std::size_t width = work.width;
   const std::size_t offset = static_cast<std::size_t>(d) * width;
   for_each_vector(width, [=]<typename L>(std::size_t lane) {
-    for (std::size_t m = 0; m < count; ++m) {
-      const double* in = work.series + outputs[m] * work.series_stride + offset;
-      L even = L::all(0.0);
-      L odd = L::all(0.0);
-      std::size_t i = 0;
-      for (; i + 1 < lanes; i += 2) {
-        even = even + in[i] * L::load(matrix + i * width + lane);
-        odd = odd + in[i + 1] * L::load(matrix + (i + 1) * width + lane);
+    const auto source = [=](std::size_t m) { return work.series + outputs[m] * work.series_stride + offset; };
+    const auto target = [=](std::size_t m) { return work.series + m * work.series_stride + offset + width + lane; };
+    std::size_t m = 0;
+    for (; m + 1 < count; m += 2) {  // two at a time share the columns
+      const double* const first = source(m);
+      const double* const second = source(m + 1);
+      L sum = L::all(0.0);
+      L other = L::all(0.0);
+      for (std::size_t i = 0; i < lanes; ++i) {
+        const L column = L::load(matrix + i * width + lane);
+        sum = sum + first[i] * column;
+        other = other + second[i] * column;
       }
-      if (i < lanes)
-        even = even + in[i] * L::load(matrix + i * width + lane);
-      (even + odd).store(work.series + m * work.series_stride + offset + width + lane);
+      sum.store(target(m));
+      other.store(target(m + 1));
+    }
+    if (m < count) {
+      L sum = L::all(0.0);
+      for (std::size_t i = 0; i < lanes; ++i)
+        sum = sum + source(m)[i] * L::load(matrix + i * width + lane);
+      sum.store(target(m));
     }
   });
 }

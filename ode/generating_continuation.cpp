@@ -1,6 +1,7 @@
 #include <rubato/ode/generating_continuation.hpp>
 
 #include <algorithm>
+#include <cmath>
 namespace rubato {
 
 namespace {
@@ -13,46 +14,40 @@ constexpr double converged = 1e-3;
 }  // namespace
 
 OrbitContinuation::OrbitContinuation(const GeneratingFunction& generating)
-    : nodes_(generating.nodes()),
-      lane_stride_(generating.slope_stride()),
-      slopes_(Eigen::MatrixXd::Zero(generating.terms() * lane_stride_, static_cast<Index>(generating.dimension()))),
-      weights_(Eigen::MatrixXd::Zero(slopes_.rows(), 2)),
-      sums_(Eigen::MatrixXd::Zero(slopes_.cols(), 2)) {}
+    : lane_stride_(generating.slope_stride()), weights_(Eigen::VectorXd::Zero(generating.terms() * lane_stride_)) {}
 
-void OrbitContinuation::take(const GeneratingFunction& generating, double h) {
-  known_ = generating.known_terms();
+void OrbitContinuation::set_weights(const GeneratingNodes& nodes, double h, double ratio, int terms) {
   h_ = h;
-  for (Index m = 0; m < slopes_.cols(); ++m) {
-    const std::span<const double> values = generating.slopes(static_cast<std::size_t>(m));
-    std::copy_n(values.data(), known_ * lane_stride_, slopes_.col(m).data());
-  }
-}
-
-void OrbitContinuation::set_weights(double ratio) {
-  const Eigen::VectorXd integrals = nodes_.integrals_beyond(ratio);
+  ratio_ = ratio;
+  terms_ = terms;
+  const Eigen::VectorXd integrals = nodes.integrals_beyond(ratio);
   weights_.setZero();
-  double power = h_;
-  for (int d = 0; d < known_; ++d, power *= h_) {
-    auto row = weights_.col(0).segment(d * lane_stride_, nodes_.count);
-    for (int l = nodes_.parity ? d % 2 : 0; l <= d; l += nodes_.parity ? 2 : 1) {
-      row += power * integrals[l] * nodes_.transform.row(l).transpose();
+  double power = h;
+  for (int d = 0; d < terms; ++d, power *= h) {
+    auto row = weights_.segment(d * lane_stride_, nodes.count);
+    for (int l = nodes.parity ? d % 2 : 0; l <= d; l += nodes.parity ? 2 : 1) {
+      row += power * integrals[l] * nodes.transform.row(l).transpose();
     }
   }
-  const Index last = std::max(0, known_ - 2) * lane_stride_;
-  weights_.col(1).tail(weights_.rows() - last) = weights_.col(0).tail(weights_.rows() - last);
-  weights_h_ = h_;
-  weights_ratio_ = ratio;
-  weights_known_ = known_;
 }
 
-bool OrbitContinuation::increment(double next, Eigen::VectorXd& delta) {
-  const double ratio = next / h_;
-  if (weights_h_ != h_ || weights_ratio_ != ratio || weights_known_ != known_) {
-    set_weights(ratio);
+bool OrbitContinuation::increment(const GeneratingFunction& generating, double h, double next, Eigen::VectorXd& delta) {
+  const double ratio = next / h;
+  if (h_ != h || ratio_ != ratio || terms_ != generating.known_terms()) {
+    set_weights(generating.nodes(), h, ratio, generating.known_terms());
   }
-  sums_.noalias() = slopes_.transpose() * weights_;
-  delta = sums_.col(0);
-  return sums_.col(1).lpNorm<Eigen::Infinity>() <= converged * delta.lpNorm<Eigen::Infinity>();
+  const Index all = terms_ * lane_stride_;
+  const Index last = std::min<Index>(terms_, 2) * lane_stride_;
+  double largest = 0.0;
+  double largest_last = 0.0;
+  for (Index m = 0; m < delta.size(); ++m) {
+    const Eigen::Map<const Eigen::VectorXd> slopes(generating.slopes(static_cast<std::size_t>(m)).data(), all);
+    const double tail = slopes.tail(last).dot(weights_.segment(all - last, last));
+    delta[m] = slopes.head(all - last).dot(weights_.head(all - last)) + tail;
+    largest = std::max(largest, std::abs(delta[m]));
+    largest_last = std::max(largest_last, std::abs(tail));
+  }
+  return largest_last <= converged * largest;
 }
 
 }  // namespace rubato

@@ -18,27 +18,17 @@ class OrbitContinuation {
 public:
   explicit OrbitContinuation(const GeneratingFunction& generating);
 
-  [[nodiscard]] bool empty() const { return h_ == 0.0; }
-  [[nodiscard]] double step() const { return h_; }  ///< h
-  [[nodiscard]] int terms() const { return known_; }
-  /// The orbit of the last expansion, all terms known of it, for a step of length h ≠ 0.
-  void take(const GeneratingFunction& generating, double h);
-  void forget() { h_ = 0.0; }
-  /// δ over the next step, of length `next`. False where the series has not converged well enough to be of use.
-  [[nodiscard]] bool increment(double next, Eigen::VectorXd& delta);
+  /// δ over a time `next` from the end of the step of length h ≠ 0 that the last expansion of `generating`, of which
+  /// this was made, is for. False where the series has not converged well enough to be of use.
+  [[nodiscard]] bool increment(const GeneratingFunction& generating, double h, double next, Eigen::VectorXd& delta);
 
 private:
-  void set_weights(double ratio);
+  void set_weights(const GeneratingNodes& nodes, double h, double ratio, int terms);
 
-  GeneratingNodes nodes_;
   Eigen::Index lane_stride_;
-  int known_ = 0;            ///< terms taken
-  Eigen::MatrixXd slopes_;   ///< f_d at the nodes: by order and lane, and by component
-  Eigen::MatrixXd weights_;  ///< by order and lane: of all orders, and of the last two alone
-  double h_ = 0.0;
-  double weights_h_ = 0.0, weights_ratio_ = 0.0;
-  int weights_known_ = 0;
-  Eigen::MatrixXd sums_;
+  Eigen::VectorXd weights_;  ///< by order and lane
+  double h_ = 0.0, ratio_ = 0.0;
+  int terms_ = 0;
 };
 
 }  // namespace rubato

@@ -48,6 +48,7 @@ public:
         jump_(VectorXd::Zero(rows_)),
         shift_(jump_),
         centres_(MatrixXd::Zero(rows_, terms + 1)),
+        centre_slopes_(centres_),
         gradients_(MatrixXd::Zero(rows_, terms + 1)) {}
 
   void start(std::span<const double> w) {
@@ -76,6 +77,18 @@ public:
   [[nodiscard]] int known() const { return known_; }
   [[nodiscard]] std::span<const double> centre(int d) const { return column(centres_, d); }
   [[nodiscard]] const MatrixXd& gradients() const { return gradients_; }
+  /// Of t^d in H(c(t)), 1 ≤ d ≤ known(), by its derivative ∇H(c)·c' = (J∇H(c))ᵀJc', for a field alone.
+  [[nodiscard]] double energy(int d) const {
+    double sum = 0.0;
+    for (int k = stride(); k <= d; k += stride()) {
+      const auto slope = centre_slopes_.col(d - k);
+      const auto centre = centres_.col(k);
+      sum += k * (slope.head(half_).dot(centre.tail(half_)) - slope.tail(half_).dot(centre.head(half_)));
+    }
+    return sum / d;
+  }
+  /// Between the powers of t in c(t).
+  [[nodiscard]] int stride() const { return plain_ ? 2 : 1; }
   [[nodiscard]] std::span<const double> gradient(int j) const { return column(gradients_, j); }
   [[nodiscard]] const GeneratingNodes& nodes() const { return nodes_; }
   [[nodiscard]] std::span<const double> slopes(std::size_t m) const { return field_.output_lanes(m); }
@@ -111,6 +124,7 @@ private:
     if (has_jump) {
       for (Index m = 0; m < rows_; ++m) {
         jump_[m] = nodes_.integral.dot(slope(m));
+        centre_slopes_(m, known_) = nodes_.centre_value.dot(slope(m));
       }
       for (Index block = 0; block < rows_; block += 2 * half_) {
         gradients_.col(next).segment(block, half_) = jump_.segment(block + half_, half_);
@@ -133,9 +147,9 @@ private:
   GeneratingNodes nodes_;
   formula::TaylorEvaluator field_;  ///< a lane for each node
   formula::TaylorEvaluator::LaneMap antiderivative_[2];
-  VectorXd jump_, shift_;         ///< coefficients in ẑ - z, in ½JF(ẑ - z)
-  MatrixXd centres_, gradients_;  ///< column d: of t^d
-  int known_ = 0;                 ///< highest term
+  VectorXd jump_, shift_;                         ///< coefficients in ẑ - z, in ½JF(ẑ - z)
+  MatrixXd centres_, centre_slopes_, gradients_;  ///< column d: of t^d in c, in J∇H(c) and in ∇φ
+  int known_ = 0;                                 ///< highest term
 };
 
 struct GeneratingFunction::State {
@@ -144,19 +158,19 @@ struct GeneratingFunction::State {
         F(matrix),
         terms(count),
         expansion(flow_code(h), matrix, count),
-        stride(expansion.plain() ? 2 : 1),
-        energy(energy_code(h), std::max(1, count / stride)),
+        energy(h),
         phi(static_cast<std::size_t>(count) + 2, 0.0) {}
 
   Hamiltonian hamiltonian;
   MatrixXd F;
   int terms;
   Expansion expansion;
-  int stride;                       ///< between the powers of t in c(t)
-  formula::TaylorEvaluator energy;  ///< H(c(t)) as a series in t^stride
+  HamiltonianEvaluator energy;
+  int known_values = 0;  ///< the φ^j known are those with j up to this
   std::vector<double> phi;
   std::unique_ptr<Expansion> tangent;  ///< made when first needed
-  bool energy_failed = false, tangent_failed = false;
+  bool tangent_failed = false;
+  std::string energy_failure;  ///< why H itself has no expansion, if it has none
 };
 
 GeneratingFunction::GeneratingFunction(const Hamiltonian& hamiltonian, const MatrixXd& F, int terms) {
@@ -192,8 +206,9 @@ Status GeneratingFunction::expand(std::span<const double> w) {
 
 Status GeneratingFunction::expand_gradients(std::span<const double> w, int terms) {
   assert(w.size() == dimension());
-  state_->energy.restart();
-  state_->energy_failed = state_->tangent_failed = false;
+  state_->known_values = 0;
+  state_->energy_failure.clear();
+  state_->tangent_failed = false;
   state_->expansion.start(w);
   return extend_gradients(terms);
 }
@@ -209,30 +224,29 @@ Status GeneratingFunction::extend_gradients(int terms) {
 
 /// The user wrote H, not its gradient: whether H itself fails along some line through w decides how a failure is told.
 void GeneratingFunction::probe_energy() {
-  formula::TaylorEvaluator& energy = state_->energy;
+  formula::TaylorEvaluator energy(energy_code(state_->hamiltonian), 1);
   const std::span<const double> w = state_->expansion.centre(0);
   for (std::size_t m = 0; m < w.size(); ++m) {
-    std::ranges::fill(energy.input(m), 0.0);
     energy.input(m)[0] = w[m];
     energy.input(m)[1] = 1.0 + std::sqrt(2.0 + static_cast<double>(m));  // a direction along no symmetry
   }
-  state_->energy_failed = energy() != Status::success;
+  state_->energy_failure = energy() == Status::success ? "" : energy.failure();
 }
 
 Status GeneratingFunction::expand_values() {
-  formula::TaylorEvaluator& energy = state_->energy;
-  const int stride = state_->stride;
-  for (int i = energy.next_order(); i * stride <= state_->expansion.known(); ++i) {
-    const std::span<const double> centre = state_->expansion.centre(i * stride);
-    for (std::size_t m = 0; m < centre.size(); ++m) {
-      energy.input(m, i)[0] = centre[m];
+  State& state = *state_;
+  const int stride = state.expansion.stride();
+  if (state.known_values == 0) {
+    state.phi[1] = -state.energy.value(state.expansion.centre(0).data());
+    state.known_values = 1;
+    if (!std::isfinite(state.phi[1])) {
+      probe_energy();
+      return Status::undefined;
     }
-    if (const Status status = energy.advance(); status != Status::success) {
-      state_->energy_failed = true;
-      return status;
-    }
-    const int j = i * stride + 1;
-    state_->phi[static_cast<std::size_t>(j)] = -energy.output(0, i)[0] / j;
+  }
+  for (int d = state.known_values - 1 + stride; d <= state.expansion.known(); d += stride) {
+    state.phi[static_cast<std::size_t>(d) + 1] = -state.expansion.energy(d) / (d + 1);
+    state.known_values = d + 1;
   }
   return Status::success;
 }
@@ -320,9 +334,9 @@ Status GeneratingFunction::hessian_sum(std::span<const double> w, double h, int 
 }
 
 std::string GeneratingFunction::failure() const {
-  return state_->tangent_failed  ? state_->tangent->failure()
-         : state_->energy_failed ? state_->energy.failure()
-                                 : state_->expansion.failure();
+  return state_->tangent_failed            ? state_->tangent->failure()
+         : !state_->energy_failure.empty() ? state_->energy_failure
+                                           : state_->expansion.failure();
 }
 
 }  // namespace rubato

@@ -63,6 +63,7 @@ GeneratingNodes::GeneratingNodes(int terms, bool with_parity)
   tau.resize(count);
   integral.resize(count);
   transform.resize(degrees, count);
+  centre_value.setZero(count);
   for (int d = 0; d < 2; ++d) {
     antiderivative[d].setZero(count, count);
     centre_integral[d].setZero(count);
@@ -76,6 +77,7 @@ GeneratingNodes::GeneratingNodes(int terms, bool with_parity)
       const long double coefficient =
           (2 * l + 1) * weight * p[static_cast<std::size_t>(j)][static_cast<std::size_t>(l)] / (parity ? 1 : 2);
       transform(l, j) = static_cast<double>(coefficient);
+      centre_value[j] += static_cast<double>(coefficient * at_centre[static_cast<std::size_t>(l)]);
       for (int d = 0; d < 2; ++d) {
         if (parity && l % 2 != d) {
           continue;

@@ -25,6 +25,7 @@ struct GeneratingNodes {
   Eigen::MatrixXd transform;           ///< (l, j): contribution of a value at node j to the coefficient of P_l(2τ)
   Eigen::MatrixXd antiderivative[2];   ///< for even d and odd d: values of ∫^τ f(y)_d from those of f(y)_d
   Eigen::VectorXd integral;            ///< ∫_{-½}^{½} f(y)_d = integral·values (0 for odd d, with parity)
+  Eigen::VectorXd centre_value;        ///< f(y)_d at τ = 0, for any d (0 for odd d, with parity)
   Eigen::VectorXd centre_integral[2];  ///< ∫^0 f(y)_d, for even d (0, with parity) and odd d
 
   /// ∫_{½}^{½+ratio} P_l(2τ) dτ for all l that are represented.

@@ -12,6 +12,7 @@
 #include <rubato/ode/flow_map.hpp>
 #include <rubato/ode/generating_action.hpp>
 #include <rubato/ode/generating_continuation.hpp>
+#include <rubato/ode/generating_forecast.hpp>
 #include <rubato/ode/generating_function.hpp>
 #include <rubato/ode/increment.hpp>
 
@@ -56,6 +57,7 @@ public:
         generating_(hamiltonian, F, order.order),
         at_node_(hamiltonian, F, order.order),
         continuation_(generating_),
+        prediction_error_(F.rows()),
         flow_(hamiltonian, order.order + extra_flow_order),
         tangent_(hamiltonian, std::min(order.order + 1, most_tangent_order)),
         energy_evaluator_(hamiltonian),
@@ -65,7 +67,7 @@ public:
         z_(VectorXd(Eigen::Map<const VectorXd>(z_0.data(), size_))),
         history_(size_) {
     for (VectorXd* vector :
-         {&delta_, &base_, &step_, &point_, &w_, &continued_from_, &slope_, &residual_, &correction_, &moved_}) {
+         {&delta_, &step_, &point_, &w_, &continued_from_, &continued_, &slope_, &residual_, &correction_, &moved_}) {
       vector->setZero(size_);
     }
     node_ = node_at(z_.value());
@@ -87,7 +89,7 @@ public:
       if (const Status status = correct(h); status != Status::success) {
         return fail(status);
       }
-      const double size = history_.relative_size(correction_, delta_, z_.value());
+      const double size = relative_size(correction_);
       if (!std::isfinite(size)) {
         return fail(Status::undefined);
       }
@@ -95,7 +97,7 @@ public:
         surprise_ = std::max(surprise_, (size - negligible_residual) / (previous * estimate_));
       }
       if (iteration == 0) {
-        first = size;
+        first = std::max(size, forecast_size_);
       }
       estimate_ = own_correction_ ? 0.0 : displacement_error + tangent_error_ + first;
       previous = size;
@@ -130,8 +132,15 @@ public:
   }
 
   void accept() override {
-    continuation_.take(generating_, trial_h_);
+    continued_h_ = trial_h_;
+    continued_terms_ = generating_.known_terms();
     continued_from_ = w_;
+    if (is_continued_) {
+      moved_ = delta_ - continued_;
+      prediction_error_.record(trial_h_, moved_, [this](const VectorXd& v) { return relative_size(v); });
+    } else {
+      prediction_error_.restart();
+    }
     history_.record(trial_h_, delta_);
     z_.add(delta_);
     start_level();
@@ -140,22 +149,24 @@ public:
   void save(StateWriter& state) const override {
     z_.save(state);
     history_.save(state);
+    prediction_error_.save(state);
     state.write(surprise_);
-    state.write(continuation_.step());
-    state.write(static_cast<double>(continuation_.terms()));
+    state.write(continued_h_);
+    state.write(static_cast<double>(continued_terms_));
     state.write(as_span(continued_from_));
   }
 
   void restore(StateReader& state) override {
     z_.restore(state);
     history_.restore(state);
+    prediction_error_.restore(state);
     state.read(surprise_);
-    const double h = state.read();
-    const int terms = static_cast<int>(state.read());
+    state.read(continued_h_);
+    state.read(continued_terms_);
     state.read(as_span(continued_from_));
-    continuation_.forget();
-    if (h != 0.0 && generating_.expand_gradients(as_span(continued_from_), terms) == Status::success) {
-      continuation_.take(generating_, h);
+    if (continued_h_ != 0.0 &&
+        generating_.expand_gradients(as_span(continued_from_), continued_terms_) != Status::success) {
+      continued_h_ = 0.0;
     }
     start_level();
   }
@@ -166,32 +177,35 @@ private:
     iterations_ = 0;
   }
 
+  [[nodiscard]] double relative_size(const VectorXd& v) const { return history_.relative_size(v, delta_, z_.value()); }
+
   Status fail(Status status) {
     predicted_ = false;
     return status;
   }
 
-  /// δ of the orbit of the last step continued, or of a Taylor step; at a second h within the level, with the
-  /// correction already found.
+  /// δ of the orbit of the last step continued, or of a Taylor step; at a second h within the level, that of the trial
+  /// continued.
   Status predict(double h) {
-    if (!predicted_) {
-      continued_ = !continuation_.empty() && continuation_.increment(h, base_);
-      if (!continued_) {
+    if (predicted_) {
+      is_continued_ = is_continued_ && h == trial_h_;
+      static_cast<void>(continuation_.increment(generating_, trial_h_, h - trial_h_, moved_));  // near at any rate
+      delta_ += moved_;
+    } else {
+      is_continued_ = continued_h_ != 0.0 && continuation_.increment(generating_, continued_h_, h, continued_);
+      forecast_size_ = 0.0;
+      if (is_continued_) {
+        delta_ = continued_;
+        prediction_error_.correct(h, delta_);
+        moved_ = delta_ - continued_;
+        forecast_size_ = relative_size(moved_);
+      } else {
         if (const Status status = flow_.start(z_.value(), h); status != Status::success) {
           reason_ = flow_.failure();
           return status;
         }
-        flow_.increment(h, base_);
+        flow_.increment(h, delta_);
       }
-      delta_ = base_;
-    } else {
-      if (continued_) {
-        static_cast<void>(continuation_.increment(h, moved_));  // of use or not, δ is near already
-      } else {
-        flow_.increment(h, moved_);
-      }
-      delta_ += moved_ - base_;
-      base_ = moved_;
     }
     predicted_ = true;
     trial_h_ = h;
@@ -220,7 +234,7 @@ private:
     apply_j(slope_, residual_);
     residual_ = -residual_ - delta_;
     correction_ = residual_;
-    const double size = history_.relative_size(residual_, delta_, z_.value());
+    const double size = relative_size(residual_);
     own_correction_ = size <= negligible_residual;
     if (!own_correction_) {
       const double scale = displacement / size;
@@ -230,7 +244,7 @@ private:
         return status;
       }
       correction_ += moved_ / scale;
-      tangent_error_ = history_.relative_size(tangent_.last_terms(), delta_, z_.value()) / displacement;
+      tangent_error_ = relative_size(tangent_.last_terms()) / displacement;
     }
     delta_ += correction_;
     return Status::success;
@@ -276,6 +290,7 @@ private:
   GeneratingOrder order_;
   GeneratingFunction generating_, at_node_;  ///< at w, and at z
   OrbitContinuation continuation_;
+  PredictionError prediction_error_;
   FlowMap flow_;
   FlowTangent tangent_;
   HamiltonianEvaluator energy_evaluator_;
@@ -285,10 +300,13 @@ private:
   CompensatedState<VectorXd> z_;
   VelocityHistory<VectorXd> history_;
 
-  VectorXd delta_, base_;  ///< base_: the prediction for the present h
-  VectorXd w_;
-  VectorXd continued_from_;  ///< w of the last step
-  bool continued_ = false;   ///< whether base_ continues the orbit of the last step
+  VectorXd delta_, w_;
+  VectorXd continued_from_;   ///< w of the last step, whose orbit generating_ holds at a new level
+  double continued_h_ = 0.0;  ///< its length; 0 before the first
+  int continued_terms_ = 0;
+  VectorXd continued_;          ///< the prediction by it
+  bool is_continued_ = false;   ///< whether δ started there, and with the present h
+  double forecast_size_ = 0.0;  ///< of what was added to it
   VectorXd step_, point_, slope_, residual_, correction_, moved_;
   bool own_correction_ = false;  ///< whether the residual was its own correction
   double tangent_error_ = 0.0;   ///< of the tangent that made the last correction, relative
