@@ -164,6 +164,24 @@ MatrixXd select(const MatrixXd& candidates, Keep&& keep) {
   return result;
 }
 
+/// The energy of a level holds S with all its fields. One that exists at midpoints only drops out if S is linear in it:
+/// its factor is then what its row says of the other fields, and vanishes.
+void refuse_nonlinear_at_levels(const MultisymplecticSystem& system, const MatrixXd& hessian,
+                                const FieldStructure& structure) {
+  for (Index f = 0; f < hessian.rows(); ++f) {
+    for (Index g = 0; g <= f; ++g) {
+      const auto i = static_cast<std::size_t>(f);
+      if (structure.nonlinear[i] && structure.nonlinear[static_cast<std::size_t>(g)] && hessian(f, g) != 0.0) {
+        throw std::invalid_argument(fmt::format(
+            "the constraint that determines {0} is not linear, and S is not linear in {0}: the scheme knows {0} in the "
+            "middle of steps only, and the energy of a level would need it there; put what its row gives for {0} into "
+            "S and leave the field out, or let {0} be linear in S as p is in the catalogue's boussinesq",
+            system.fields()[i]));
+      }
+    }
+  }
+}
+
 }  // namespace
 
 MatrixXcd null_space(const MatrixXcd& matrix) {
@@ -248,6 +266,8 @@ FieldStructure analyse(const MultisymplecticSystem& system) {
                       system.fields()[i]));
     }
   }
+
+  refuse_nonlinear_at_levels(system, hessian, result);
 
   split(system.M(), result, result.M_plus);
   result.K_plus.resize(static_cast<std::size_t>(system.directions()));

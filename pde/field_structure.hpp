@@ -43,7 +43,7 @@ struct FieldStructure {
 };
 
 /// \throws std::invalid_argument naming the field if one is not determined by the equation, or if a constraint that is
-/// not linear binds a combination of fields that is not a field of its own
+/// not linear binds a combination of fields that is not a field of its own, or binds a field in which S is not linear
 [[nodiscard]] FieldStructure analyse(const MultisymplecticSystem& system);
 
 /// S'' at a random point where it is finite; if none is found, its constant part with random values for the others.

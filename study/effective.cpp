@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cctype>
 #include <vector>
 
 #include <fmt/format.h>
@@ -168,13 +169,24 @@ bool expand(Value& root, std::string_view table_name, std::string_view reference
 }  // namespace
 
 std::string catalogue_suggestion(std::string_view name) {
-  std::vector<std::string> names;
+  // Names in the catalogue are lower-case words with hyphens.
+  std::string word(name);
+  for (char& c : word) {
+    c = c == '_' || c == ' ' ? '-' : static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  }
+  std::vector<std::string> names, related;
   for (const auto& entry : catalogue::entries()) {
     names.emplace_back(entry.name);
+    if (word.size() > 2 && (names.back().find(word) != std::string::npos || word.find(names.back()) == 0)) {
+      related.push_back(fmt::format("\"{}\"", names.back()));
+    }
   }
-  const auto nearest = formula::nearest_name(name, names);
-  return nearest ? fmt::format("; did you mean \"{}\"?", *nearest)
-                 : fmt::format("; the catalogue has {}", fmt::join(names, ", "));
+  if (const auto nearest = formula::nearest_name(word, names)) {
+    return fmt::format("; did you mean \"{}\"?", *nearest);
+  }
+  std::ranges::sort(related);
+  return related.empty() ? fmt::format("; the catalogue has {}", fmt::join(names, ", "))
+                         : fmt::format("; did you mean {}?", fmt::join(related, " or "));
 }
 
 EffectiveDocument effective_document(std::string_view text, const std::string& source,

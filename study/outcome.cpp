@@ -59,6 +59,12 @@ JsonObject json(const Deviation& value) {
   return JsonObject().number("initial", value.initial).number("max_deviation", value.max);
 }
 
+/// euler-box has none: it chooses no levels, and is told as 0.
+bool has_gamma(const Outcome& outcome) {
+  const Range& gamma = outcome.statistics.gamma;
+  return outcome.variable_levels || gamma.min != 0.0 || gamma.max != 0.0;
+}
+
 template <typename T>
 JsonObject json(const std::vector<Named<T>>& values) {
   JsonObject object;
@@ -90,7 +96,9 @@ std::string to_json(const Outcome& outcome) {
                                  .count("steps", statistics.bridge_steps)
                                  .number("max_deviation", statistics.relative_bridge_deviation()));
   }
-  object.object("gamma", json(statistics.gamma));
+  if (has_gamma(outcome)) {
+    object.object("gamma", json(statistics.gamma));
+  }
   if (outcome.variable_levels && statistics.steps > 0) {
     object.object("step_condition", JsonObject().number("max", statistics.condition));
   }
@@ -141,7 +149,9 @@ std::string to_table(const Outcome& outcome) {
   }
   row("node energy H(z_k)",
       fmt::format("{:.10g}, deviation {:.3g}", statistics.node_energy.initial, statistics.node_energy.max));
-  row("Gamma", fmt::format("{:.6g} to {:.6g}", statistics.gamma.min, statistics.gamma.max));
+  if (has_gamma(outcome)) {
+    row("Gamma", fmt::format("{:.6g} to {:.6g}", statistics.gamma.min, statistics.gamma.max));
+  }
   if (outcome.variable_levels && statistics.steps > 0) {
     row("bridges",
         statistics.bridge_steps == 0

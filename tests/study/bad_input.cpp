@@ -152,6 +152,11 @@ TEST_CASE("a file that is no problem file is refused without a crash", "[study][
   CHECK_THAT(begins("title = \"\xED\xA0\x80\""), Catch::Contains("does not belong"));  // a surrogate
   CHECK_THROWS_AS(read_problem("/"), ProblemError);
   CHECK_THROWS_WITH(read_problem("pendulun"), Catch::Contains("did you mean \"pendulum\"?"));
+  CHECK_THROWS_WITH(read_problem("sine_gordn"), Catch::Contains("did you mean \"sine-gordon\"?"));
+  CHECK_THROWS_WITH(read_problem("Zakharov"), Catch::Contains("did you mean \"zakharov-kuznetsov\" or "));
+  CHECK_THROWS_WITH(read_problem("kdv-soliton"), Catch::Contains("did you mean \"kdv\"?"));
+  CHECK_THROWS_WITH(read_problem("nothing of the kind"),
+                    Catch::Contains("the catalogue has ") && Catch::Contains("kepler"));
   CHECK_THROWS_WITH(read_problem("/dev/zero"), Catch::Contains("larger than"));
 }
 

@@ -138,6 +138,16 @@ TEST_CASE("a lattice problem that cannot be is refused with status 2, and nothin
              Catch::Equals(""));
 }
 
+TEST_CASE("a field whose level value the energy would need and nothing gives is refused", "[study][lattice]") {
+  // s = u² by its own row. With s left at 0 in levels the node energy would be 3.28 here, and not 3.87.
+  const auto with = [](const std::string& fields, const std::string& term) {
+    return complaint(replaced(replaced(short_breather, "\"v\", \"w\"]", "\"v\", \"w\"" + fields + "]"), "- cos(u)",
+                              "- cos(u) + " + term));
+  };
+  CHECK_THAT(with(", \"s\"", "s*u^2 - s^2/2"), Catch::Contains("S is not linear in s"));
+  CHECK(with("", "u^4/2").empty());
+}
+
 TEST_CASE("data that contradict a constraint are found in every direction", "[study][lattice]") {
   const auto with_b = [](const std::string& b) {
     return complaint(replaced(plane_wave, "u = \"sin(x + y)\"", "u = \"sin(x + y)\"\nb = \"" + b + "\""));
