@@ -9,9 +9,9 @@
 //
 //     H(z_k) - E = c·sign(Γ(z_k))|Γ(z_k)|^(1/(s+1)),   c fixed by the first step for the whole run,
 //
-// so a bridge is a plain step of (3.3) whose length is chosen so that its *end* meets the node law; after it the
-// ordinary step equation has a solution again, with the same E. Choosing c anew instead would let the amplitude of
-// H - E random-walk.
+// so a bridge is a plain step of (3.3) whose length is chosen so that the node law is met beyond the zero, one ordinary
+// step after the bridge's end: at the end itself the law has an error of a few per cent. With the reversible rule c is
+// read in the same way before the bridge; which bridge is taken, bridge_choice.cpp says.
 
 namespace rubato {
 
