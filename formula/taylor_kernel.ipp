@@ -121,6 +121,25 @@ struct Recurrence {
       even = even + term(k, x, y);
     return even + odd;
   }
+  /// Parts d of x and y from Σ_{k=1..d} c_k·y_{d-k} and Σ_{k=1..d} c_k·x_{d-k}, times their factors over d.
+  [[gnu::always_inline]] inline void integrate_pair(std::uint32_t c, std::uint32_t x, double x_factor, std::uint32_t y,
+                                                    double y_factor) const {
+    const double* p = at(c, 1);
+    const double* u = at(x, d - 1);
+    const double* v = at(y, d - 1);
+    L first = L::all(0.0);
+    L second = L::all(0.0);
+    for (int k = 1; k <= d; ++k) {
+      const L weight = L::load(p);
+      first = first + weight * L::load(v);
+      second = second + weight * L::load(u);
+      p += width;
+      u -= width;
+      v -= width;
+    }
+    set(x, (x_factor / d) * first);
+    set(y, (y_factor / d) * second);
+  }
   /// Σ_{k=from..d-from} a_k·a_{d-k}, each pair once.
   [[nodiscard, gnu::always_inline]] inline L squares(std::uint32_t a, int from) const {
     const L pairs = 2.0 * products(a, a, from, (d - 1) / 2);
@@ -156,17 +175,20 @@ struct Recurrence {
       case Kind::power:  // a·D u = p·u·D a
         set(s.target, products(s.a, s.target, 1, d, Table{weights}) / leading(s.a));
         break;
-      case Kind::exponential: set(s.target, integral(s.a, s.target, 1.0)); break;
+      case Kind::exponential:
+        set(s.c, static_cast<double>(d) * part(s.a));
+        set(s.target, (1.0 / d) * products(s.c, s.target, 1, d));
+        break;
       case Kind::quotient_integral:  // b·D u = factor·D a
         set(s.target, (s.factor * part(s.a) - (1.0 / d) * products(s.target, s.b, 1, d - 1, ByOrder{})) / leading(s.b));
         break;
       case Kind::circular:
-        set(s.target, integral(s.a, s.b, 1.0));
-        set(s.b, integral(s.a, s.target, -1.0));
+        set(s.c, static_cast<double>(d) * part(s.a));
+        integrate_pair(s.c, s.target, 1.0, s.b, -1.0);
         break;
       case Kind::hyperbolic:
-        set(s.target, integral(s.a, s.b, 1.0));
-        set(s.b, integral(s.a, s.target, 1.0));
+        set(s.c, static_cast<double>(d) * part(s.a));
+        integrate_pair(s.c, s.target, 1.0, s.b, 1.0);
         break;
       case Kind::tangent:
         set(s.target, integral(s.a, s.b, 1.0));

@@ -198,6 +198,9 @@ private:
     emit(Kind::square_root, root, a);
     return root;
   }
+  void with_derivative(Kind kind, std::uint32_t target, std::uint32_t partner) {
+    emit(kind, target, base_.a, partner).c = new_series();
+  }
   void integral(double factor, std::uint32_t denominator) {
     emit(Kind::quotient_integral, base_.target, base_.a, denominator).factor = factor;
   }
@@ -257,14 +260,14 @@ void Lowering::lower(const Instruction& instruction) {
         emit(Kind::quotient_integral, logarithm, base_.a, base_.a);
         const std::uint32_t exponent_of_e = new_series();
         product(exponent_of_e, logarithm, base_.b);
-        emit(Kind::exponential, base_.target, exponent_of_e);
+        emit(Kind::exponential, base_.target, exponent_of_e).c = new_series();
       }
       return;
-    case OpCode::sin: emit(Kind::circular, base_.target, base_.a, new_series()); return;
-    case OpCode::cos: emit(Kind::circular, new_series(), base_.a, base_.target); return;
-    case OpCode::sincos: emit(Kind::circular, base_.target, base_.a, base_.b); return;
-    case OpCode::sinh: emit(Kind::hyperbolic, base_.target, base_.a, new_series()); return;
-    case OpCode::cosh: emit(Kind::hyperbolic, new_series(), base_.a, base_.target); return;
+    case OpCode::sin: with_derivative(Kind::circular, base_.target, new_series()); return;
+    case OpCode::cos: with_derivative(Kind::circular, new_series(), base_.target); return;
+    case OpCode::sincos: with_derivative(Kind::circular, base_.target, base_.b); return;
+    case OpCode::sinh: with_derivative(Kind::hyperbolic, base_.target, new_series()); return;
+    case OpCode::cosh: with_derivative(Kind::hyperbolic, new_series(), base_.target); return;
     case OpCode::tan: emit(Kind::tangent, base_.target, base_.a, new_series()); return;
     case OpCode::tanh: emit(Kind::tangent, base_.target, base_.a, new_series()).factor = -1.0; return;
     case OpCode::sech:
@@ -282,7 +285,7 @@ void Lowering::lower(const Instruction& instruction) {
     case OpCode::acosh: integral(1.0, root_of(quadratic(-1.0, 1.0))); return;
     case OpCode::atanh: integral(1.0, quadratic(1.0, -1.0)); return;
     case OpCode::atan2: emit(Kind::argument, base_.target, base_.a, base_.b).c = new_series(); return;
-    case OpCode::exp: emit(Kind::exponential, base_.target, base_.a); return;
+    case OpCode::exp: with_derivative(Kind::exponential, base_.target, 0); return;
     case OpCode::log: integral(1.0, base_.a); return;
     case OpCode::sqrt: emit(Kind::square_root, base_.target, base_.a); return;
     case OpCode::cbrt: emit(Kind::power, base_.target, base_.a).value = 1.0 / 3.0; return;
@@ -404,8 +407,9 @@ Series read_by(const Step& step) {
 
 Series made_by(const Step& step) {
   switch (step.kind) {
+    case Kind::exponential: return {{step.target, step.c}, 2};
     case Kind::circular:
-    case Kind::hyperbolic:
+    case Kind::hyperbolic: return {{step.target, step.b, step.c}, 3};
     case Kind::tangent: return {{step.target, step.b}, 2};
     case Kind::secant: return {{step.target, step.b, step.c, step.d}, 4};
     case Kind::argument: return {{step.target, step.c}, 2};

@@ -21,8 +21,8 @@ enum class Kind : std::uint8_t {
   divide,
   reciprocal,
   square_root,
-  power,  // factor·a^value
-  exponential,
+  power,              // factor·a^value
+  exponential,        // c = D a, here and in the next two
   quotient_integral,  // D target = factor·(D a)/b
   circular,           // target = sin a, b = cos a
   hyperbolic,         // target = sinh a, b = cosh a
