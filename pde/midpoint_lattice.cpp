@@ -11,6 +11,7 @@
 #include <rubato/pde/kernel_conditions.hpp>
 #include <rubato/pde/lattice_scheme.hpp>
 #include <rubato/pde/level_history.hpp>
+#include <rubato/pde/slaved_fields.hpp>
 
 namespace rubato {
 
@@ -69,12 +70,19 @@ public:
         start_step_(start_ratio * first_step),
         conditions_(step_conditions(system, first_step)),
         border_(static_cast<std::size_t>(conditions_.count()) * (grid.size() / grid.cells(0))),
-        solver_(make_cell_solver(grid, placement, system.field_count(), conditions_.count(), newton_tolerance)) {
+        slaved_(conditions_.count() > 0 ? SlavedFields(system, nullptr) : SlavedFields(system)),
+        solver_(make_cell_solver(grid, placement, static_cast<int>(slaved_.free().size()), conditions_.count(),
+                                 newton_tolerance)) {
     for (int a = 0; a < system.directions(); ++a) {
-      matrix_.difference.push_back(system.K(a));
+      matrix_.difference.push_back(slaved_.restricted(system.K(a)));
+    }
+    for (const int f : slaved_.free()) {
+      free_residual_.push_back(std::as_const(residual_).field(f).data());
+      free_correction_.push_back(correction_.field(f).data());
     }
     for (std::size_t e = 0; e < system.varying_hessian().size(); ++e) {
-      const auto [row, column] = system.varying_hessian()[e];
+      const int row = slaved_.place(system.varying_hessian()[e].row);
+      const int column = slaved_.place(system.varying_hessian()[e].column);
       const double* values = hessian_.field(static_cast<int>(e)).data();
       matrix_.entries.push_back({row, column, -1.0, values});
       if (row != column) {
@@ -240,6 +248,12 @@ private:
       return;
     }
     start_tried_ = true;
+    const int counted = iterations_;  // of the step alone: a run resumed at the start has the velocity already
+    solve_start_velocity();
+    iterations_ = counted;
+  }
+
+  void solve_start_velocity() {
     delta_.fill(0.0);
     if (solve(start_step_, 0.0) != Status::success) {
       delta_.fill(0.0);
@@ -272,10 +286,10 @@ private:
       conditions_ = step_conditions(system_, h);
       conditions_h_ = h;
     }
-    matrix_.mean = (2.0 / h) * system_.M() - system_.constant_hessian();
+    matrix_.mean = slaved_.reduced_mean(h);
+    slaved_.follow(h, level_.fields, low_, delta_);
     const auto rate = evolving(delta_);
     const grids::FieldSet& point = point_;
-    const grids::FieldSet& residual = residual_;
     double last = std::numeric_limits<double>::infinity();
     for (int iteration = 0;; ++iteration) {
       make_point(0.5);
@@ -296,11 +310,11 @@ private:
       }
       // The next sweep shows what a solve left; with a kernel to be bordered, elimination can fail and is checked.
       solver_->check_residuals(conditions_.count() > 0 || iteration >= careful_after);
-      if (const Status status =
-              solver_->solve(matrix_, conditions_, residual.pointers(), correction_.pointers(), border_);
+      if (const Status status = solver_->solve(matrix_, conditions_, free_residual_, free_correction_, border_);
           status != Status::success) {
         return status == Status::undefined ? status : Status::not_converged;
       }
+      slaved_.correct(h, correction_);
       const double size = add_correction();
       if (!std::isfinite(size)) {
         return Status::undefined;
@@ -349,6 +363,9 @@ private:
   KernelConditions conditions_;
   double conditions_h_ = 0.0;
   std::vector<double> border_;
+  SlavedFields slaved_;
+  std::vector<const double*> free_residual_;  ///< of the fields that are solved for
+  std::vector<double*> free_correction_;
   std::unique_ptr<CellSolver> solver_;
 
   double trial_h_ = 0.0;  ///< 0: no trial of this level

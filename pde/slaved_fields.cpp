@@ -1,0 +1,131 @@
+#include <rubato/pde/slaved_fields.hpp>
+
+#include <algorithm>
+
+#include <rubato/formula/batch.hpp>
+
+namespace rubato {
+
+namespace {
+
+constexpr std::size_t piece = 4096;
+
+bool constant_in_its_row(const MultisymplecticSystem& system, int field) {
+  const auto& varying = system.varying_hessian();
+  if (std::ranges::any_of(varying, [&](const HessianEntry& e) { return e.row == field || e.column == field; })) {
+    return false;
+  }
+  const Eigen::MatrixXd& hessian = system.constant_hessian();
+  return hessian(field, field) != 0.0 && (hessian.row(field).array() != 0.0).count() == 1;
+}
+
+bool in_no_K(const MultisymplecticSystem& system, int field) {
+  for (int a = 0; a < system.directions(); ++a) {
+    if (!system.K(a).row(field).isZero(0.0)) {
+      return false;
+    }
+  }
+  return true;
+}
+
+}  // namespace
+
+SlavedFields::SlavedFields(const MultisymplecticSystem& system, std::nullptr_t) : system_(system) {
+  for (int f = 0; f < system.field_count(); ++f) {
+    free_.push_back(f);
+  }
+}
+
+SlavedFields::SlavedFields(const MultisymplecticSystem& system) : system_(system) {
+  const std::vector<double> ones(system.fields().size(), 1.0);
+  std::vector<double> outputs(ones.size() + 1);
+  formula::ScalarEvaluator(system.gradient_code())(ones, outputs);
+  std::vector<bool> slaved(ones.size(), false);
+  for (int f = 0; f < system.field_count(); ++f) {
+    const auto i = static_cast<std::size_t>(f);
+    const auto masters_evolve = [&] {
+      for (int j = 0; j < system.field_count(); ++j) {
+        if (system.M()(f, j) != 0.0 && (slaved[static_cast<std::size_t>(j)] || system.structure().at_midpoints(j))) {
+          return false;
+        }
+      }
+      return true;
+    };
+    if (system.structure().at_midpoints(f) || !in_no_K(system, f) || !constant_in_its_row(system, f) ||
+        !masters_evolve()) {
+      continue;
+    }
+    slaved[i] = true;
+    Slave slave{f, system.constant_hessian()(f, f), 0.0, {}};
+    slave.b = outputs[1 + i] - slave.a;  // ∂S/∂s depends on s alone
+    for (int j = 0; j < system.field_count(); ++j) {
+      if (system.M()(f, j) != 0.0) {
+        slave.masters.emplace_back(j, system.M()(f, j));
+      }
+    }
+    slaves_.push_back(std::move(slave));
+  }
+  for (int f = 0; f < system.field_count(); ++f) {
+    if (!slaved[static_cast<std::size_t>(f)]) {
+      free_.push_back(f);
+    }
+  }
+}
+
+Eigen::MatrixXd SlavedFields::restricted(const Eigen::MatrixXd& matrix) const {
+  return matrix(free_, free_);
+}
+
+Eigen::MatrixXd SlavedFields::reduced_mean(double h) const {
+  Eigen::MatrixXd mean = (2.0 / h) * system_.M() - system_.constant_hessian();
+  for (const Slave& slave : slaves_) {
+    const Eigen::MatrixXd row = mean.row(slave.field) / mean(slave.field, slave.field);
+    mean -= mean.col(slave.field) * row;
+  }
+  return restricted(mean);
+}
+
+int SlavedFields::place(int field) const {
+  return static_cast<int>(std::ranges::find(free_, field) - free_.begin());
+}
+
+void SlavedFields::follow(double h, const grids::FieldSet& high, const grids::FieldSet& low,
+                          grids::FieldSet& delta) const {
+  for (const Slave& slave : slaves_) {
+    const double constant = -slave.b / slave.a;
+    const double* z = high.field(slave.field).data();
+    const double* rest = low.field(slave.field).data();
+    double* out = delta.field(slave.field).data();
+    grids::for_each_block(delta.size(), piece, [&, z, rest, out](std::size_t begin, std::size_t end) {
+      std::fill(out + begin, out + end, constant);
+      for (const auto& [field, entry] : slave.masters) {
+        const double factor = entry / (h * slave.a);
+        const double* in = delta.field(field).data();
+        for (std::size_t i = begin; i < end; ++i) {
+          out[i] += factor * in[i];
+        }
+      }
+      for (std::size_t i = begin; i < end; ++i) {
+        out[i] = 2.0 * ((out[i] - z[i]) - rest[i]);
+      }
+    });
+  }
+}
+
+void SlavedFields::correct(double h, grids::FieldSet& correction) const {
+  for (const Slave& slave : slaves_) {
+    double* out = correction.field(slave.field).data();
+    grids::for_each_block(correction.size(), piece, [&, out](std::size_t begin, std::size_t end) {
+      std::fill(out + begin, out + end, 0.0);
+      for (const auto& [field, entry] : slave.masters) {
+        const double factor = 2.0 * entry / (h * slave.a);
+        const double* in = correction.field(field).data();
+        for (std::size_t i = begin; i < end; ++i) {
+          out[i] += factor * in[i];
+        }
+      }
+    });
+  }
+}
+
+}  // namespace rubato
