@@ -49,20 +49,19 @@ std::vector<Command> commands_of(const CLI::App& app) {
   return commands;
 }
 
-std::string catalogue_names() {
-  std::vector<std::string> names;
-  for (const study::CatalogueItem& item : study::list_catalogue()) {
-    names.push_back(item.name);
+/// The names of what has names, with spaces between them.
+template <typename Range>
+std::string names_of(const Range& range) {
+  std::string names;
+  for (const auto& named : range) {
+    names += names.empty() ? "" : " ";
+    names += named.name;
   }
-  return fmt::format("{}", fmt::join(names, " "));
+  return names;
 }
 
-std::string names_of(const std::vector<Command>& commands) {
-  std::vector<std::string> names;
-  for (const Command& command : commands) {
-    names.push_back(command.name);
-  }
-  return fmt::format("{}", fmt::join(names, " "));
+std::string catalogue_names() {
+  return names_of(study::list_catalogue());
 }
 
 std::string option_names(const Command& command) {

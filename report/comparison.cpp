@@ -105,6 +105,7 @@ std::array<std::vector<std::string>, 2> differing_lines(const std::vector<std::s
 /// Lines with the same label side by side, in the order of the first; what only the second has comes last.
 std::vector<std::array<std::string, 3>> side_by_side(const std::vector<Line>& a, const std::vector<Line>& b) {
   std::vector<std::array<std::string, 3>> rows;
+  rows.reserve(a.size() + b.size());
   const auto value_in = [](const std::vector<Line>& lines, const std::string& label) {
     const auto found = std::ranges::find(lines, label, &Line::label);
     return found == lines.end() ? std::string() : found->value;

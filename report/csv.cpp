@@ -60,6 +60,7 @@ public:
     for (std::size_t first = 0; first < rows; first += slab) {
       const std::size_t count = std::min(slab, rows - first);
       std::vector<std::vector<double>> values;
+      values.reserve(sources.size());
       for (const Source& source : sources) {
         values.push_back(reader_.read(source.path, first, count));
       }

@@ -49,7 +49,7 @@ void write_blocks(Json& json, const Drawing& drawing, std::vector<double> low, s
   } else {
     extremes.add(low);
     extremes.add(high);
-    const double centre = centre_of(low, high, extremes);
+    const double centre = drawing.group == "error" ? 0.0 : centre_of(low, high, extremes);
     json.entry("centre", centre);
     for (std::size_t i = 0; i < shown.size(); ++i) {
       shown[i] = centre - low[i] > high[i] - centre ? low[i] : high[i];

@@ -31,9 +31,9 @@ struct Extremes {
   [[nodiscard]] bool is_empty() const { return low > high; }
 };
 
-/// Writes of each block the value that a picture must not lose: of a field with both signs the one farthest from zero,
-/// of one with a single sign the one farthest from its mean, of logarithms the largest. Keys "logarithmic", "centre"
-/// (absent for logarithms) and "values".
+/// Writes of each block the value that a picture must not lose: of a field with both signs, and of errors, the one
+/// farthest from zero, of a field with a single sign the one farthest from its mean, of logarithms the largest. Keys
+/// "logarithmic", "centre" (absent for logarithms) and "values".
 void write_blocks(Json& json, const Drawing& drawing, std::vector<double> low, std::vector<double> high);
 
 /// "x": {"name", "first", "last", "count", "parts"} of an axis of the grid that is divided so.

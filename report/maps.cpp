@@ -19,6 +19,7 @@ void for_each_row(const record::Reader& reader, const std::vector<std::string>& 
   for (std::size_t first = 0; first < rows; first += slab) {
     const std::size_t count = std::min(slab, rows - first);
     std::vector<std::vector<double>> slabs;
+    slabs.reserve(paths.size());
     for (const std::string& path : paths) {
       slabs.push_back(reader.read(path, first, count));
     }

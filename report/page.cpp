@@ -23,7 +23,7 @@ constexpr std::array scripts{"theme.js", "unpack.js",  "format.js",     "colour.
                              "orbit.js", "lattice.js", "comparison.js", "main.js"};
 
 /// What write_page() recognises its own pages by, near their beginning.
-constexpr std::string_view mark = "<meta name=\"generator\" content=\"Rubato\">";
+constexpr std::string_view mark = R"(<meta name="generator" content="Rubato">)";
 
 std::string replace_once(std::string text, std::string_view place, std::string_view content) {
   return text.replace(text.find(place), place.size(), content);

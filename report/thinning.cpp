@@ -52,8 +52,7 @@ std::vector<std::size_t> envelope(std::span<const double> y, std::size_t buckets
     }
     std::erase(here, none);
     std::ranges::sort(here);
-    const auto repeated = std::ranges::unique(here);
-    kept.insert(kept.end(), here.begin(), repeated.begin());
+    kept.insert(kept.end(), here.begin(), std::unique(here.begin(), here.end()));
   }
   return kept;
 }

@@ -114,7 +114,7 @@ rubato.curve = (() => {
       width: Math.max(holder.clientWidth, 240), height,
       padding: [10, right, 0, 0],
       scales: { x: { time: false }, y: { range: range || padded } },
-      axes: [axis(xLabel, across, tickTexts, 28), axis(yLabel, up, logarithmic ? powerTexts : tickTexts, 58)],
+      axes: [axis(xLabel, across, tickTexts, 28), axis(yLabel, up, logarithmic ? powerTexts : tickTexts, 62)],
       series: [{ label: xLabel, value: (self, value) => rubato.format.number(value, 7) }, ...lines(series)],
       cursor: {
         dataIdx: nearest, drag: { x: true, y: false, setScale: true },

@@ -11,8 +11,8 @@ rubato.unpackMap = (packed) => {
   const columns = packed.x.parts;
   const rows = packed.shape === "film" ? packed.y.parts : packed.levels.parts;
   const { minimum, maximum } = own || profile.high;
-  const signed = !packed.logarithmic && minimum < 0 && maximum > 0;
-  const limit = Math.max(-minimum, maximum);
+  const signed = !packed.logarithmic && ((minimum < 0 && maximum > 0) || packed.group === "error");
+  const limit = Math.max(-minimum, maximum) || 1;
   const range = signed ? [-limit, limit] : [minimum, maximum > minimum ? maximum : minimum + 1];
   const { undefinedCode } = rubato.unpack;
   const centre = own && !packed.logarithmic ? own.code(packed.centre) : -1;

@@ -33,6 +33,12 @@ rubato.commonCurves = (() => {
     const levels = rubato.section("Time levels", "levels");
     show(levels, "Step length", byName("h").map((curve) => ({ ...curve, label: "h\u2096", colour: 2 })), { yLabel: "h\u2096", bridges, note: bridgeNote });
     show(levels, "\u0393", byName("gamma").map((curve) => ({ ...curve, label: "\u0393(z\u2096)", colour: 5 })), { yLabel: "\u0393", bridges, note: bridgeNote });
+    const gamma = byName("gamma").map(magnitude);
+    const sizes = gamma.flatMap((curve) => Array.from(curve.y)).filter(Number.isFinite);
+    const [smallest, largest] = sizes.reduce(([low, high], size) => [Math.min(low, size), Math.max(high, size)], [Infinity, 0]);
+    if (largest > 100 * smallest) {
+      show(levels, "Size of \u0393", gamma.map((curve) => ({ ...curve, label: "|\u0393(z\u2096)|", colour: 5 })), { yLabel: "|\u0393|", logarithmic: true, bridges });
+    }
     show(levels, "Step condition", byName("step condition").map(magnitude).map((curve) => ({ ...curve, colour: 3 })),
       { yLabel: "relative error of h", logarithmic: true, bridges, note: "The relative error of h that rounding in H makes." });
     show(levels, "Iterations of the step", byName("iterations").map((curve) => ({ ...curve, colour: 4 })), { yLabel: "evaluations", bridges });

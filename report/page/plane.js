@@ -14,7 +14,7 @@
  * answers { redraw(), remark(), reset(), extend(extent) }.
  */
 rubato.plane = (() => {
-  const margin = { left: 78, top: 10, bottom: 42 };
+  const margin = { left: 82, top: 10, bottom: 42 };
 
   return (host, options) => {
     const right = options.right || 14;
