@@ -50,6 +50,35 @@ TEST_CASE("an odd order with F = 0 rounds up, and the run says so", "[study]") {
   CHECK(run_text(problem_text("p^2/2 - cos(q)", "order = 3\ndarboux = \"euler-a\"\n")).warnings.empty());
 }
 
+TEST_CASE("types that are no good for variable levels or for starting pairs are warned of, or refused", "[study]") {
+  const std::string H = "p^2/2 - cos(q)";
+  // The angle grows throughout, but φ² = ∓½q'p' changes sign at every turning point of p; the run ends before one.
+  const auto with_levels = [&](const std::string& levels, const std::string& darboux) {
+    std::string text = problem_text(H, "order = 1\ndarboux = \"" + darboux + "\"\non_singular = \"fixed\"\n");
+    const std::string fixed = "levels = \"fixed\"";
+    text.replace(text.find(fixed), fixed.size(), "levels = \"" + levels + "\"");
+    return run_text(text).warnings;
+  };
+  const auto mentions = [](const std::vector<std::string>& warnings, const std::string& words) {
+    return std::ranges::any_of(warnings, [&](const std::string& w) { return w.find(words) != std::string::npos; });
+  };
+  CHECK(mentions(with_levels("variable", "euler-a"), "sign at every turning point"));
+  CHECK(mentions(with_levels("variable", "euler-b"), "levels = \"fixed\" is the choice"));
+  CHECK_FALSE(mentions(with_levels("fixed", "euler-a"), "turning point"));
+  CHECK_FALSE(mentions(with_levels("variable", "midpoint"), "turning point"));
+
+  const auto with_pair = [&](const std::string& darboux) {
+    return problem_text(H, "order = 2\ndarboux = " + darboux + "\n[initial.next]\nt = 0.25\nq = 0.73\np = 0.86\n");
+  };
+  // FJ = [[-b, a], [-c, b]] for F = [[a, b], [b, c]]: eigenvalues ±√(b² - ac), imaginary for definite F.
+  CHECK(mentions(run_text(with_pair("[[1, 0], [0, -0.25]]")).warnings, "grows by a factor of 3 in every step"));
+  CHECK_FALSE(mentions(run_text(with_pair("[[1, 0], [0, 0.25]]")).warnings, "parasite"));
+  CHECK_FALSE(mentions(run_text(with_pair("\"midpoint\"")).warnings, "parasite"));
+  const std::string refused = refusal(with_pair("\"euler-a\""));
+  CHECK_THAT(refused, Catch::Contains("arbitrary starting pair cannot be continued"));
+  CHECK_THAT(refused, Catch::Contains("test.toml:15:"));  // [initial.next]
+}
+
 TEST_CASE("generating functions that cannot be are refused at their place", "[study]") {
   const std::string H = "p^2/2 - cos(q)";
   CHECK_THAT(refusal(problem_text(H, "order = 0\n")), Catch::Contains("test.toml:13:9"));
