@@ -17,7 +17,7 @@ std::string quoted(const std::string& name) {
   if (name.find_first_of(",\"\n\r") == std::string::npos) {
     return name;
   }
-  std::string text = "\"";
+  std::string text = R"(")";
   for (const char c : name) {
     text += c;
     if (c == '"') {

@@ -130,12 +130,12 @@ TEST_CASE("two records side by side") {
                       {.steps = 300, .problem = "# fixed\n[scheme]\nlevels = \"fixed\"\nstep = 0.1\n"});
   const record::Reader a(folder / "a.h5"), b(folder / "b.h5");
   const report::Comparison comparison = report::compare(a, b);
-  CHECK(comparison.only_in[0] == std::vector<std::string>{"levels = \"variable\""});
-  CHECK(comparison.only_in[1] == std::vector<std::string>{"levels = \"fixed\""});
+  CHECK(comparison.only_in[0] == std::vector<std::string>{R"(levels = "variable")"});
+  CHECK(comparison.only_in[1] == std::vector<std::string>{R"(levels = "fixed")"});
   CHECK(comparison.lines.front() == std::array<std::string, 3>{"steps", "500", "300"});
   const std::string table = report::to_table(comparison), json = report::to_json(comparison);
   CHECK(table.find("step length") != std::string::npos);
-  CHECK(json.find("\"steps\":300") != std::string::npos);
+  CHECK(json.find(R"("steps":300)") != std::string::npos);
   CHECK(report::comparison_page(a, b).size() < 5'000'000);
 
   const report::Comparison itself = report::compare(a, a);

@@ -36,7 +36,8 @@ std::vector<unsigned char> decoded(const std::string& text) {
 }
 
 std::string field_of(const std::string& json, const std::string& key) {
-  const std::size_t begin = json.find('"' + key + "\":\"") + key.size() + 4;
+  const std::string name = '"' + key + R"(":")";
+  const std::size_t begin = json.find(name) + name.size();
   return json.substr(begin, json.find('"', begin) - begin);
 }
 
@@ -101,11 +102,10 @@ TEST_CASE("text in JSON cannot end the script that holds it") {
   json.key("empty").begin_array().end_array();
   json.key("numbers").begin_array().value(0.1).value(std::nan("")).value(std::size_t{3}).value(true).end_array();
   json.end_object();
-  CHECK(json.text() ==
-        "{\"title\":\"a\\u003c/script>\\u003cscript>alert(\\\"1\\\")\\u003c/script> \\\\ \\n\\u0009\\u0001 Γ\","
-        "\"empty\":[],\"numbers\":[0.10000000000000001,null,3,true]}");
+  CHECK(json.text() == R"({"title":"a\u003c/script>\u003cscript>alert(\"1\")\u003c/script> \\ \n\u0009\u0001 Γ",)"
+                       R"("empty":[],"numbers":[0.10000000000000001,null,3,true]})");
 }
 
 TEST_CASE("text in HTML is text") {
-  CHECK(escape_html("<b a=\"1\" b='2'>&amp;") == "&lt;b a=&quot;1&quot; b=&#39;2&#39;&gt;&amp;amp;");
+  CHECK(escape_html(R"(<b a="1" b='2'>&amp;)") == "&lt;b a=&quot;1&quot; b=&#39;2&#39;&gt;&amp;amp;");
 }

@@ -36,7 +36,7 @@ bool asks_for_nothing(std::string page) {
   }
   static const std::regex reference(
       R"re((src\s*=|href\s*=\s*"[^#d]|@import|url\(|https?:|import\s*\(|fetch\s*\(|XMLHttpRequest))re");
-  return !std::regex_search(page.substr(0, page.find("<script id=\"data\"")), reference);
+  return !std::regex_search(page.substr(0, page.find(R"(<script id="data")")), reference);
 }
 
 }  // namespace
@@ -48,15 +48,15 @@ TEST_CASE("a page asks the network for nothing") {
   CHECK(asks_for_nothing(page));
   const std::size_t head = page.find("</head>");
   for (const std::string bad :
-       {"<script src=\"x.js\"></script>", "<link rel=\"stylesheet\" href=\"https://example.org/a.css\">",
-        "<style>@import \"a.css\";</style>", "<style>a { background: url(b.png) }</style>"}) {
+       {R"(<script src="x.js"></script>)", R"(<link rel="stylesheet" href="https://example.org/a.css">)",
+        R"(<style>@import "a.css";</style>)", "<style>a { background: url(b.png) }</style>"}) {
     CHECK_FALSE(asks_for_nothing(std::string(page).insert(head, bad)));
   }
 }
 
 TEST_CASE("what a record says cannot become part of the page's code") {
   const sample::Folder folder;
-  const std::string nasty = "</script><script>window.bad=1</script> \"quoted\" {{data}} {{script}} Γ θ̇ 𝕃";
+  const std::string nasty = R"(</script><script>window.bad=1</script> "quoted" {{data}} {{script}} Γ θ̇ 𝕃)";
   sample::write_orbit(folder / "nasty.h5", {.title = nasty, .problem = "title = '''" + nasty + "'''\n# <!-- & -->\n"});
   sample::write_orbit(folder / "plain.h5", {});
   const std::string page = page_of(folder / "nasty.h5"), plain = page_of(folder / "plain.h5");
@@ -85,8 +85,8 @@ TEST_CASE("a page stays below its size, and thins only where it must") {
   CHECK(page_of(folder / "lattice.h5").size() < 5'000'000);
   CHECK(page_of(folder / "lattice.h5", {.max_bytes = 1'000'000}).size() < 1'000'000);
   sample::write_lattice(folder / "small.h5", {.levels = 100, .nx = 201});
-  CHECK(page_of(folder / "small.h5").find("\"thinned\":true") == std::string::npos);
-  CHECK(page_of(folder / "lattice.h5", {.max_bytes = 1'000'000}).find("\"thinned\":true") != std::string::npos);
+  CHECK(page_of(folder / "small.h5").find(R"("thinned":true)") == std::string::npos);
+  CHECK(page_of(folder / "lattice.h5", {.max_bytes = 1'000'000}).find(R"("thinned":true)") != std::string::npos);
 }
 
 TEST_CASE("a spike reaches the page, however much is thinned") {
@@ -94,7 +94,7 @@ TEST_CASE("a spike reaches the page, however much is thinned") {
   sample::write_lattice(folder / "spike.h5", {.levels = 300, .nx = 301, .spike_level = 123, .spike_cell = 77});
   sample::write_lattice(folder / "flat.h5", {.levels = 300, .nx = 301});
   const auto shows_spike = [&](const std::string& name) {
-    return page_of(folder / name, {.max_bytes = 700'000}).find("\"maximum\":100,") != std::string::npos;
+    return page_of(folder / name, {.max_bytes = 700'000}).find(R"("maximum":100,)") != std::string::npos;
   };
   CHECK(shows_spike("spike.h5"));
   CHECK_FALSE(shows_spike("flat.h5"));
@@ -105,9 +105,9 @@ TEST_CASE("planes and volumes become films") {
   sample::write_lattice(folder / "plane.h5", {.levels = 30, .nx = 64, .ny = 48});
   sample::write_lattice(folder / "volume.h5", {.levels = 10, .nx = 24, .ny = 20, .nz = 16});
   const std::string plane = page_of(folder / "plane.h5"), volume = page_of(folder / "volume.h5");
-  CHECK(count(plane, "\"shape\":\"film\"") == 3);
-  CHECK(count(plane, "\"slice\":") == 0);
-  CHECK(count(volume, "\"slice\":{\"axis\":\"z\",\"at\":") == 3);
+  CHECK(count(plane, R"("shape":"film")") == 3);
+  CHECK(count(plane, R"("slice":)") == 0);
+  CHECK(count(volume, R"("slice":{"axis":"z","at":)") == 3);
   sample::write_lattice(folder / "long.h5", {.levels = 200, .nx = 128, .ny = 128});
   CHECK(page_of(folder / "long.h5").size() < 5'000'000);
 }

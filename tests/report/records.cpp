@@ -106,7 +106,7 @@ void write_orbit(const std::filesystem::path& file, const OrbitRecord& orbit) {
 }
 
 void write_lattice(const std::filesystem::path& file, const LatticeRecord& lattice) {
-  record::Layout layout = common_layout(lattice.title, "title = \"" + lattice.title + "\"\n");
+  record::Layout layout = common_layout(lattice.title, R"(title = ")" + lattice.title + "\"\n");
   std::vector<std::string> nodes, cells;
   for (const auto& [name, size] : {std::pair("z", lattice.nz), {"y", lattice.ny}, {"x", lattice.nx}}) {
     if (size == 1) {

@@ -26,14 +26,14 @@ std::string with(std::string page, const std::string& place, const std::string& 
 
 /// Without the second half of the numbers of one array.
 std::string cut(std::string page) {
-  const std::string begin = "\"type\":\"f64\",\"data\":\"";
+  const std::string begin = R"("type":"f64","data":")";
   const std::size_t first = page.find(begin) + begin.size(), last = page.find('"', first);
   return page.erase(first + (last - first) / 8 * 4 + 1, (last - first) / 2);
 }
 
 /// With every number of the curves replaced by the one of an undefined value.
 std::string emptied(std::string page) {
-  const std::string begin = "\"type\":\"f32\",\"data\":\"";
+  const std::string begin = R"("type":"f32","data":")";
   for (std::size_t at = page.find(begin); at != std::string::npos; at = page.find(begin, at)) {
     at += begin.size();
     const std::size_t size = page.find('"', at) - at;
@@ -50,7 +50,7 @@ void write_pages(const std::filesystem::path& folder) {
   const auto write = [&](const std::string& name, const std::string& page) {
     report::write_page(folder / (name + ".html"), page, true);
   };
-  sample::write_orbit(folder / "orbit.h5", {.dimension = 2, .title = "An orbit with </script> & \"quotes\" — Γ"});
+  sample::write_orbit(folder / "orbit.h5", {.dimension = 2, .title = R"(An orbit with </script> & "quotes" — Γ)"});
   sample::write_orbit(folder / "other.h5", {.steps = 400, .dimension = 2, .frequency = 1.1});
   sample::write_orbit(folder / "long-orbit.h5", {.steps = 50000, .dimension = 1});
   sample::write_lattice(folder / "lattice.h5", {.levels = 80});
@@ -66,7 +66,7 @@ void write_pages(const std::filesystem::path& folder) {
   const std::string good = report::page(record("lattice"));
   write("broken-cut", cut(good));
   write("broken-empty", emptied(good));
-  write("broken-request", with(good, "<main", "<img src=\"elsewhere.png\" alt=\"\">"));
+  write("broken-request", with(good, "<main", R"(<img src="elsewhere.png" alt="">)"));
   write("broken-loud", with(good, "rubato.main();", "console.error('loud');"));
   write("broken-mute", with(good, "rubato.main();", "rubato.clock.watch = () => {};"));
   write("broken-rainbow", with(good, "rubato.main();",
