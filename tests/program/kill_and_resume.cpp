@@ -1,6 +1,6 @@
-// kill_and_resume RUBATO: kills `rubato run` and `rubato resume` with SIGKILL at 20 random moments, for every = 1
-// and 7. Each time an ordinary reader has to open the record; in the end it is, dataset by dataset and bit by bit, that
-// of a run never stopped. Exits 0 if all of this holds.
+// kill_and_resume RUBATO: kills `rubato run` and `rubato resume` with SIGKILL at 20 random moments, for an orbit
+// and a lattice with every = 1 and 7. Each time an ordinary reader has to open the record; in the end it is, dataset by
+// dataset and bit by bit, that of a run never stopped. Exits 0 if all of this holds.
 
 #include <chrono>
 #include <csignal>
@@ -69,6 +69,19 @@ bool opens_read_only(const std::filesystem::path& file) {
   return true;
 }
 
+/// A travelling wave on a small lattice, in a potential that takes long to evaluate.
+void write_lattice(const std::filesystem::path& file, int every) {
+  std::string S = "(v^2 - w^2)/2 + u^2/2";
+  for (int k = 2; k < 400; ++k) {
+    S += fmt::format(" + 1e-7*cos({}*u + {})/{}^4", k, k, k);
+  }
+  std::ofstream(file) << fmt::format(
+      "[multisymplectic]\nfields = [\"u\", \"v\", \"w\"]\nM = [[\"u\", \"v\", -1]]\nK.x = [[\"u\", \"w\", 1]]\n"
+      "S = \"{}\"\n[grid]\nx = {{ from = 0, to = \"2*pi\", cells = 21 }}\n[initial]\nu = \"sin(x)\"\n"
+      "v = \"-sqrt(2)*cos(x)\"\n[scheme]\nstep = 0.1\nuntil = 1e9\n[output]\nevery = {}\n",
+      S, every);
+}
+
 /// A pendulum whose H takes long to evaluate, so that minutes of running make a small record.
 void write_problem(const std::filesystem::path& file, int every) {
   std::string H = "p^2/2 - cos(q)";
@@ -81,11 +94,14 @@ void write_problem(const std::filesystem::path& file, int every) {
       H, every);
 }
 
-void kill_and_resume(const std::string& program, const sample::Folder& folder, int every, std::mt19937& random) {
-  const std::string problem = (folder / fmt::format("problem{}.toml", every)).string();
-  const std::string killed = (folder / fmt::format("killed{}.h5", every)).string();
-  const std::string never = (folder / fmt::format("never{}.h5", every)).string();
-  write_problem(problem, every);
+void kill_and_resume(const std::string& program, const sample::Folder& parent, bool lattice, int every,
+                     std::mt19937& random) {
+  const std::filesystem::path folder = parent / fmt::format("{}{}", lattice ? "lattice" : "orbit", every);
+  std::filesystem::create_directory(folder);
+  const std::string problem = (folder / "problem.toml").string();
+  const std::string killed = (folder / "killed.h5").string();
+  const std::string never = (folder / "never.h5").string();
+  (lattice ? write_lattice : write_problem)(problem, every);
 
   // Commits come every 2 seconds: about half the moments lie before the first one of their process, half after.
   std::uniform_int_distribution<int> milliseconds(1, 4000);
@@ -106,6 +122,9 @@ void kill_and_resume(const std::string& program, const sample::Folder& folder, i
     expect(opens_read_only(killed), fmt::format("an ordinary reader opens the record after kill {}", kill + 1));
     const std::size_t now = rubato::record::Reader(killed).rows("/levels/t");
     expect(now >= levels, "no level is lost");
+    if (kill % 5 == 4) {
+      expect(wait_for(start(program, {"check", killed})) == 0, "the record of a run that was killed can be checked");
+    }
     grown += now > levels ? 1 : 0;
     levels = now;
   }
@@ -118,8 +137,9 @@ void kill_and_resume(const std::string& program, const sample::Folder& folder, i
          "the run never stopped ends well");
   const std::string difference = sample::difference(killed, never);
   expect(difference.empty(), "the records are the same, bit by bit: " + difference);
-  fmt::print("every = {}: {} kills, {} of them after new levels, {} levels at the last; {}\n", every, kills, grown,
-             levels, difference.empty() ? "records identical" : difference);
+  fmt::print("{}, every = {}: {} kills, {} of them after new levels, {} levels at the last; {}\n",
+             lattice ? "lattice" : "orbit", every, kills, grown, levels,
+             difference.empty() ? "records identical" : difference);
 
   // The twin: a run whose step differs in the last digit is told apart.
   const std::string other = (folder / "other.h5").string();
@@ -139,8 +159,10 @@ int main(int argc, char** argv) {
   try {
     const sample::Folder folder;
     std::mt19937 random(20);
-    for (const int every : {1, 7}) {
-      kill_and_resume(argv[1], folder, every, random);
+    for (const bool lattice : {false, true}) {
+      for (const int every : {1, 7}) {
+        kill_and_resume(argv[1], folder, lattice, every, random);
+      }
     }
   } catch (const std::exception& error) {
     fmt::print("FAILED: {}\n", error.what());

@@ -48,6 +48,40 @@ json() { # json KEY: one number of the JSON object in `out`
   grep -o "\"$1\": *[-+0-9.eE]*" out | head -1 | sed 's/.*: *//'
 }
 
+# A wave of long life on a small lattice: linear but for terms that only take time.
+write_lattice() {
+  local S="(v^2 - w^2)/2 + u^2/2"
+  for k in $(seq 2 120); do S="$S + 1e-7*cos($k*u + $k)/$k^4"; done
+  cat >lattice.toml <<END
+[multisymplectic]
+fields = ["u", "v", "w"]
+M = [["u", "v", -1]]
+K.x = [["u", "w", 1]]
+S = "$S"
+[grid]
+x = { from = 0, to = "2*pi", cells = 31 }
+[initial]
+u = "sin(x)"
+v = "-sqrt(2)*cos(x)"
+[exact]
+u = "sin(x - sqrt(2)*t)"
+[invariants]
+area = "u"
+[scheme]
+step = 0.1
+until = 1e9
+END
+}
+
+# wait_for_record FILE SECONDS: until the record is there, and a while longer.
+wait_for_record() {
+  for _ in $(seq 200); do
+    [ -s "$1" ] && break
+    sleep 0.05
+  done
+  sleep "$2"
+}
+
 write_problem() {
   cat >problem.toml <<'END'
 [hamiltonian]
@@ -258,6 +292,98 @@ case $case_name in
     check "some steps were made" test "$steps" -gt 0
     run check long.h5 --json
     check "the record is whole" test "$(json steps)" -eq "$steps"
+    ;;
+  lattice)
+    run run sine-gordon --set grid.x.cells=101 --set scheme.until=2 --tangents -o a.h5 --json
+    expect 0
+    for key in h discrete_energy node_energy bridges gamma step_condition newton_iterations residuals energy momentum \
+      variational_energy variational_momentum multisymplectic invariants topological_charge totals error u; do
+      check "the key $key" grep -q "\"$key\": {\"" out
+    done
+    for key in status steps t wall_seconds; do
+      check "the number $key" test -n "$(json $key)"
+    done
+    check "no number that is none" bash -c '! grep -qiE "nan|inf" out'
+    residuals=$(grep -oE '"energy": \{"max.*"multisymplectic": \{[^}]*\}' out)
+    run check a.h5 --json
+    expect 0 step_equation
+    check "the residuals of the run, digit by digit" test \
+      "$(grep -oE '"energy": \{"max.*"multisymplectic": \{[^}]*\}' out)" = "$residuals"
+    run check a.h5
+    expect 0 'residual step_equation'
+    run run sine-gordon-2d --set grid.x.cells=31 --set grid.y.cells=31 --set scheme.until=0.2 -o b.h5 --json --threads 1
+    expect 0 momentum_y
+    one=$(sed 's/"wall_seconds.*//' out)
+    run run sine-gordon-2d --set grid.x.cells=31 --set grid.y.cells=31 --set scheme.until=0.2 -o b.h5 --json --threads 2 \
+      --force
+    expect 0
+    check "two threads say the same as one" test "$(sed 's/"wall_seconds.*//' out)" = "$one"
+    run run maxwell --set grid.x.cells=5 --set grid.y.cells=5 --set grid.z.cells=5 --set scheme.until=0.3 -o c.h5 --json
+    expect 0 momentum_z
+    run check c.h5
+    expect 0 'residual momentum_z'
+    run run sine-gordon --set scheme.lagrangian=euler-box -o d.h5
+    expect 2 'levels = "fixed"'
+    run run sine-gordon --set scheme.lagrangian=euler-box --set scheme.levels=fixed --set scheme.until=1 -o d.h5 --json
+    expect 0 variational_energy
+    check "no Gamma, which it has not" bash -c '! grep -q gamma out'
+    ;;
+  lattice_input)
+    run run sine-gordon --set grid.x.cells=400
+    expect 2 401
+    run run sine-gordon --set grid.x.cells=1000000000001
+    expect 2 'memory'
+    run run sine-gordon --set 'initial.u=log(x)'
+    expect 2 'the initial u is'
+    run run sine-gordon --set 'initial.w=sech(x)'
+    expect 2 'contradicts its constraint (the row of w'
+    "$rubato" show sine-gordon >good.toml
+    sed 's/fields = .*/fields = ["u", "v", "w", "z1"]/' good.toml >bad.toml
+    run run bad.toml
+    expect 2 'the field z1 is not determined'
+    { cat good.toml; printf '[symmetries]\nswap = [["u", "v", 1], ["v", "u", 1]]\n'; } >bad.toml
+    run run bad.toml
+    expect 2 'swap is not a symmetry'
+    run run sine-gordn
+    expect 2 'did you mean "sine-gordon"?'
+    run show sine-gordon2d
+    expect 2 'did you mean "sine-gordon-2d"?'
+    nothing_written
+    run run good.toml --set scheme.until=0.1
+    expect 0
+    ;;
+  lattice_stop)
+    write_lattice
+    "$rubato" run lattice.toml -o killed.h5 --quiet --threads 1 2>err &
+    process=$!
+    wait_for_record killed.h5 3 # the second version comes after two seconds
+    kill -KILL "$process"
+    wait "$process" 2>/dev/null
+    last="rubato run, then SIGKILL"
+    run check killed.h5 --json
+    expect 0 step_equation
+    check "levels were kept" test "$(json steps)" -gt 0
+    killed=$(json steps)
+    "$rubato" resume killed.h5 --quiet --threads 1 >out 2>err &
+    process=$!
+    sleep 0.5
+    kill -INT "$process"
+    wait "$process"
+    status=$?
+    last="rubato resume, then SIGINT"
+    check "status 130" test "$status" -eq 130
+    run check killed.h5 --json
+    check "no level is lost" test "$(json steps)" -ge "$killed"
+    end=$(awk "BEGIN { print $(json t) + 2 }")
+    run resume killed.h5 --until "$end" --json --threads 1
+    expect 0
+    resumed=$(sed 's/"wall_seconds.*//' out)
+    run run lattice.toml --set scheme.until="$end" -o whole.h5 --json --threads 1
+    expect 0
+    check "resumed as if never stopped" test "$(sed 's/"wall_seconds.*//' out)" = "$resumed"
+    run run lattice.toml --set scheme.until="$end" --set scheme.step=0.10000000000000002 -o whole.h5 --force --json \
+      --threads 1
+    check "another step is told apart" test "$(sed 's/"wall_seconds.*//' out)" != "$resumed"
     ;;
   example)
     run run "$source_folder/examples/pendulum.toml" --json

@@ -3,6 +3,7 @@
 #include <catch2/catch.hpp>
 
 #include <algorithm>
+#include <atomic>
 #include <filesystem>
 #include <string>
 #include <vector>
@@ -47,6 +48,23 @@ void check_resumes(const std::string& name, std::vector<std::string> settings, d
 const std::string short_breather =
     replaced(replaced(breather, "[symmetries]\nturn = [[\"u\", \"v\", 1], [\"v\", \"u\", -1]]\n", ""), "until = 20",
              "until = 0.1");
+
+/// Ends before the first step, and resumes.
+void check_resumes_at_start(const std::string& name, std::vector<std::string> settings) {
+  INFO(name);
+  const Folder folder;
+  settings.push_back("grid.x.cells=51");
+  settings.push_back("scheme.until=0.5");
+  const std::atomic<bool> interrupt = true;
+  const std::string file = folder / "stopped.h5";
+  const Outcome stopped = run(read_problem(name, settings), {.output = file, .threads = 1, .interrupt = &interrupt});
+  REQUIRE(stopped.status == ExitStatus::interrupted);
+  REQUIRE(stopped.statistics.steps == 0);
+  CHECK(check(file).statistics.steps == 0);
+  CHECK(resume(file, std::nullopt, {.threads = 1}).status == ExitStatus::done);
+  run_problem(name, folder / "whole.h5", settings);
+  CHECK(different_datasets(file, folder / "whole.h5") == Names{});
+}
 
 /// A plane wave of the linear Klein-Gordon equation in two dimensions, in a box that is no square.
 const std::string plane_wave = R"toml(
@@ -93,6 +111,9 @@ TEST_CASE("a lattice run that is stopped and resumed is the same, bit by bit", "
   check_resumes("sine-gordon", {"grid.x.cells=101", "scheme.lagrangian=euler-box", "scheme.levels=fixed"}, 1.3, 3.0,
                 true);
   check_resumes("sine-gordon-kinks", {}, 17.5, 30.0);  // inside a bridge
+  check_resumes_at_start("sine-gordon", {});
+  check_resumes_at_start("bbm", {});
+  check_resumes_at_start("sine-gordon", {"scheme.lagrangian=euler-box", "scheme.levels=fixed"});
   // The twin: another step is told apart.
   const Folder folder;
   run_problem("sine-gordon", folder / "a.h5", {"grid.x.cells=51", "scheme.until=1"});
