@@ -99,14 +99,24 @@ Status FlowTangent::follow(const Eigen::VectorXd& z, const Eigen::VectorXd& v, d
   return Status::success;
 }
 
+/// Coordinates and momenta are compared among themselves: their units differ.
+bool FlowTangent::resolved_in(const Eigen::VectorXd& v, const Eigen::VectorXd& result) const {
+  const Eigen::Index n = v.size() / 2;
+  const auto resolved_block = [&](Eigen::Index first) {
+    const double scale = std::max(v.segment(first, n).lpNorm<Eigen::Infinity>(),
+                                  (v + result).segment(first, n).lpNorm<Eigen::Infinity>());
+    return last_terms_.segment(first, n).lpNorm<Eigen::Infinity>() <= tangent_resolved * scale;
+  };
+  return resolved_block(0) && resolved_block(n);
+}
+
 Status FlowTangent::apply(const Eigen::VectorXd& z, const Eigen::VectorXd& v, double h, Eigen::VectorXd& result) {
   for (int parts = 1; parts <= most_parts; parts *= 2) {
     if (const Status status = follow(z, v, h / parts, parts); status != Status::success) {
       return status;
     }
     result = 0.5 * (points_[0] - points_[1]) - v;
-    if ((last_terms_.array() <= tangent_resolved * (v + result).array().abs() + tangent_resolved * v.array().abs())
-            .all()) {
+    if (resolved_in(v, result)) {
       break;
     }
   }

@@ -34,8 +34,8 @@ private:
   Eigen::VectorXd before_last_, point_;
 };
 
-/// The tangent M - I of that map: (M - I)v = ½(δ(z + v; h) - δ(z - v; h)) for a small displacement v, by Taylor steps of
-/// a low order from both points side by side. Its use is as a Newton matrix.
+/// The tangent M - I of that map: (M - I)v = ½(δ(z + v; h) - δ(z - v; h)) for a small displacement v, by Taylor steps
+/// of a low order from both points side by side. Its use is as a Newton matrix.
 class FlowTangent {
 public:
   FlowTangent(const Hamiltonian& hamiltonian, int order);
@@ -47,6 +47,7 @@ public:
 
 private:
   Status follow(const Eigen::VectorXd& z, const Eigen::VectorXd& v, double part, int parts);
+  [[nodiscard]] bool resolved_in(const Eigen::VectorXd& v, const Eigen::VectorXd& result) const;
 
   int order_;
   formula::TaylorFlow flow_;  ///< from z + v and from z - v
