@@ -15,7 +15,7 @@ constexpr int most_parts = 64;
 /// a start and a direction for an iteration that corrects it.
 constexpr double resolved = 1e-3;
 /// The same for a tangent, beside the displaced vector.
-constexpr double tangent_resolved = 1e-2;
+constexpr double tangent_resolved = 0.1;
 
 }  // namespace
 
