@@ -166,6 +166,7 @@ struct CellSweep::Storage {
   std::vector<Term> M, constant_hessian;
   std::vector<std::vector<Term>> K, K_plus;
   std::vector<std::array<bool, 3>> differentiated;  ///< of each field, along each direction
+  std::vector<bool> evolves;                        ///< whether the field is in M
   std::vector<BlockResult> results;
   std::vector<std::unique_ptr<Workspace>> workspaces;
   /// At nodes: the spectral derivatives of point and rate along each axis, made before the blocks are run.
@@ -182,7 +183,11 @@ struct CellSweep::Storage {
         M(terms_of(s.M())),
         constant_hessian(terms_of(s.constant_hessian())),
         differentiated(static_cast<std::size_t>(d)),
+        evolves(static_cast<std::size_t>(d), false),
         results(blocks.count()) {
+    for (const Term& term : M) {
+      evolves[static_cast<std::size_t>(term.column)] = true;
+    }
     for (int a = 0; a < dimensions; ++a) {
       inverse_spacing[a] = 1.0 / grid.spacing(a);
       K.push_back(terms_of(s.K(a)));
@@ -260,6 +265,9 @@ struct CellSweep::Storage {
   void run_block(std::size_t block, Workspace& work, std::span<const double* const> point,
                  const PotentialSlopes& slopes, std::span<const double* const> rate, double inverse_h,
                  std::span<double* const> residual, std::span<double* const> hessian);
+  [[nodiscard]] double energy_change(std::size_t block, Workspace& work, std::span<const double* const> rate,
+                                     double inverse_h, std::span<const double* const> residual,
+                                     std::span<const double* const> correction) const;
   void residual_row(int row, std::size_t count, bool with_rate, double inverse_h, const Workspace& work, double* out,
                     BlockResult& result) const;
 };
@@ -391,6 +399,43 @@ void CellSweep::Storage::residual_row(int row, std::size_t count, bool with_rate
   result.finite = result.finite && std::isfinite(sum(out, count));
 }
 
+double CellSweep::Storage::energy_change(std::size_t block, Workspace& work, std::span<const double* const> rate,
+                                         double inverse_h, std::span<const double* const> residual,
+                                         std::span<const double* const> correction) const {
+  const std::size_t line = block / blocks.per_line;
+  const std::size_t begin = block % blocks.per_line * block_size;
+  const std::size_t count = std::min(block_size, blocks.line - begin);
+  const std::size_t offset = line * blocks.line + begin;
+  const std::array<double*, 3> none{};
+  for (int f = 0; f < d; ++f) {
+    const auto i = static_cast<std::size_t>(f);
+    take(correction[i], f, rate_derivative, line, begin, count, work.mean[i], none);
+    if (rate[i] != nullptr && evolves[i]) {
+      take(rate[i], f, rate_derivative, line, begin, count, work.rate_mean[i], none);
+    }
+  }
+  double* change = work.outputs[0];
+  std::fill_n(change, count, 0.0);
+  for (std::size_t f = 0; f < static_cast<std::size_t>(d); ++f) {
+    const double* r = residual[f] + offset;  // -R
+    const double* c = work.mean[f];
+    for (std::size_t i = 0; i < count; ++i) {
+      change[i] += 0.5 * c[i] * r[i];
+    }
+  }
+  for (const Term& term : M) {
+    if (rate[static_cast<std::size_t>(term.column)] != nullptr) {
+      const double factor = inverse_h * term.value;
+      const double* c = work.mean[static_cast<std::size_t>(term.row)];
+      const double* delta = work.rate_mean[static_cast<std::size_t>(term.column)];
+      for (std::size_t i = 0; i < count; ++i) {
+        change[i] += factor * c[i] * delta[i];
+      }
+    }
+  }
+  return sum(change, count);
+}
+
 CellSweep::CellSweep(const MultisymplecticSystem& system, const grids::Grid& grid, Placement placement)
     : storage_(std::make_unique<Storage>(system, grid, placement)) {}
 CellSweep::~CellSweep() = default;
@@ -431,6 +476,24 @@ SweepResult CellSweep::operator()(std::span<const double* const> point, const Po
     }
   }
   return total;
+}
+
+double CellSweep::energy_change(std::span<const double* const> rate, double inverse_h,
+                                std::span<const double* const> residual, std::span<const double* const> correction) {
+  Storage& s = *storage_;
+  s.prepare_workspaces();
+  const auto blocks = static_cast<std::ptrdiff_t>(s.blocks.count());
+#pragma omp parallel for schedule(static) if (blocks > 8)
+  for (std::ptrdiff_t block = 0; block < blocks; ++block) {
+    const auto b = static_cast<std::size_t>(block);
+    s.results[b].energy = s.energy_change(b, *s.workspaces[static_cast<std::size_t>(omp_get_thread_num())], rate,
+                                          inverse_h, residual, correction);
+  }
+  CompensatedSum change;
+  for (const BlockResult& result : s.results) {
+    change.add(result.energy);
+  }
+  return s.volume * change.value();
 }
 
 }  // namespace rubato

@@ -78,6 +78,16 @@ public:
                          std::span<const double* const> rate, double inverse_h, std::span<double* const> residual,
                          std::span<double* const> hessian);
 
+  /// By how much Σ ΔV [S + Σ_a (D_a z)ᵀK₊A z] changes from the point of the last sweep to point + c, for a correction c
+  /// that solves the equations linearised there, (2/h) M A c + Σ K_a D_a c - S''A c = -R:
+  ///
+  ///     Σ ΔV (A c)ᵀ(M A δ/h - R/2) + O(c³),
+  ///
+  /// since the first variation is ∇S - Σ K_a D_a z = M A δ/h - R, the second S''A c - Σ K_a D_a c = (2/h) M A c + R,
+  /// and M is skew (so that δ may hold c already). `rate`, `inverse_h` and `residual` as in that sweep.
+  double energy_change(std::span<const double* const> rate, double inverse_h, std::span<const double* const> residual,
+                       std::span<const double* const> correction);
+
 private:
   struct Storage;
   std::unique_ptr<Storage> storage_;

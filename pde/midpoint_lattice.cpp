@@ -308,8 +308,9 @@ private:
       if (iteration == most_iterations) {
         return Status::not_converged;
       }
-      // The next sweep shows what a solve left; with a kernel to be bordered, elimination can fail and is checked.
-      solver_->check_residuals(conditions_.count() > 0 || iteration >= careful_after);
+      // The next sweep shows what a solve left, but the last solve of a step may have none; with a kernel to be
+      // bordered, elimination can fail and is checked.
+      solver_->check_residuals(conditions_.count() > 0 || iteration >= careful_after || accuracy == 0.0);
       if (const Status status = solver_->solve(matrix_, conditions_, free_residual_, free_correction_, border_);
           status != Status::success) {
         return status == Status::undefined ? status : Status::not_converged;
@@ -321,6 +322,12 @@ private:
       }
       if (size > 1e3 && size > last) {
         return Status::not_converged;
+      }
+      if (size <= enough && conditions_.count() == 0) {
+        // What another sweep would show. δ holds c by now, which changes nothing: M is skew.
+        energy_ += sweep_.energy_change(rate, 1.0 / h, std::as_const(residual_).pointers(),
+                                        std::as_const(correction_).pointers());
+        return std::isfinite(energy_) ? Status::success : Status::undefined;
       }
       last = size;
     }
