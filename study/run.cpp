@@ -117,7 +117,15 @@ public:
     outcome_.statistics.restore(state);
     state.read(stored_);
     writer_ = std::make_unique<record::Writer>(record::Writer::resume(outcome_.file, layout_));
-    return loop();
+    const bool at_end = simulation_->finished();
+    Outcome outcome = loop();
+    if (at_end) {
+      outcome.warnings.push_back(fmt::format(
+          "nothing was added: the record goes to t = {:.10g}, and until = {:.10g} is not beyond that; give a "
+          "later --until",
+          simulation_->t(), problem_.scheme.until));
+    }
+    return outcome;
   }
 
 private:

@@ -93,6 +93,12 @@ TEST_CASE("an ODE problem with one thing wrong is refused at that place", "[stud
            "not symmetric"},
           {"until = 10", "until = 10\nlagrangian = \"custom\"\nL = \"p_0*(q_1 - q)\"", "15:17", "q_0 and q_1"},
           {"0.1", "\"auto\"", "12:9", "needs energy_tolerance"},
+          {"until = 10", "until = 10\nenergy_tolerance = 1e-3", "14:1", "applies to step = \"auto\""},
+          {"until = 10", "until = 10\nenergy_tolerance = 0", "14:20", "has to be positive"},
+          {"until = 10", "until = 10\nenergy_tolerance = 2", "14:20", "has to be less than 1"},
+          {"until = 10", "until = 10\nbridge = \"reversable\"", "14:11", "did you mean \"reversible\"?"},
+          {"until = 10", "until = 10\non_singular = \"stop\"\nbridge = \"anchored\"", "15:1",
+           "applies to on_singular = \"bridge\""},
           {"[scheme]", "[initial.next]\nt = 0.2\nq = 0\np = 1\n[scheme]", "16:8", "[initial.next] is at t = 0.2"},
           // output
           {"until = 10", "until = 10\n[output]\nevery = -1", "15:9", "at least 1"},
