@@ -78,15 +78,26 @@ double max_abs_of(std::size_t count, F&& f) {
   std::array<double, ReductionBlocks::most> partial;
   const auto larger = [](double a, double b) { return b > a || b != b ? b : a; };
   for_each_block(count, pieces.block, [&](std::size_t begin, std::size_t end) {
-    double largest = 0.0;
-    double poison = 0.0;  // becomes NaN with the first value that is not finite
-    for (std::size_t i = begin; i < end; ++i) {
-      const double size = std::abs(f(i));
-      largest = size > largest ? size : largest;
-      poison += 0.0 * size;
+    constexpr std::size_t lanes = 8;
+    std::array<double, lanes> sizes{};
+    std::array<double, lanes> poison{};  // becomes NaN with the first value that is not finite
+    const auto take = [&](std::size_t lane, double value) {
+      const double size = std::abs(value);
+      sizes[lane] = size > sizes[lane] ? size : sizes[lane];
+      poison[lane] += 0.0 * size;
+    };
+    std::size_t i = begin;
+    for (; i + lanes <= end; i += lanes) {
+      for (std::size_t l = 0; l < lanes; ++l) {
+        take(l, f(i + l));
+      }
     }
-    if (poison != 0.0 || poison != poison) {
-      for (std::size_t i = begin; i < end && largest == largest; ++i) {
+    for (std::size_t l = 0; i + l < end; ++l) {
+      take(l, f(i + l));
+    }
+    double largest = *std::max_element(sizes.begin(), sizes.end());
+    if (std::any_of(poison.begin(), poison.end(), [](double value) { return value != 0.0; })) {
+      for (i = begin; i < end && largest == largest; ++i) {
         largest = larger(largest, std::abs(f(i)));
       }
     }

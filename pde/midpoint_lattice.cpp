@@ -67,6 +67,7 @@ public:
         hessian_(static_cast<int>(system.varying_hessian().size()), grid.size()),
         history_(at_midpoints_, grid.size()),
         largest_(at_midpoints_.size(), 0.0),
+        level_sizes_(at_midpoints_.size(), -1.0),
         start_step_(start_ratio * first_step),
         conditions_(step_conditions(system, first_step)),
         border_(static_cast<std::size_t>(conditions_.count()) * (grid.size() / grid.cells(0))),
@@ -187,6 +188,7 @@ private:
   }
 
   void start_level() {
+    std::ranges::fill(level_sizes_, -1.0);
     solver_->forget();
     trial_h_ = 0.0;
     node_known_ = false;
@@ -333,6 +335,15 @@ private:
     }
   }
 
+  /// max |z| of a field at the present level.
+  [[nodiscard]] double level_size(int f) {
+    double& size = level_sizes_[static_cast<std::size_t>(f)];
+    if (size < 0.0) {
+      size = grids::max_abs(std::as_const(level_.fields).field(f));
+    }
+    return size;
+  }
+
   /// δ += 2 c; the largest relative size of c over the fields.
   double add_correction() {
     double size = 0.0;
@@ -346,8 +357,8 @@ private:
       });
       const double change = 2.0 * grids::max_abs(correction_.field(f));
       if (change != 0.0) {
-        const double scale = std::max({grids::max_abs(delta_.field(f)), largest_[static_cast<std::size_t>(f)],
-                                       epsilon * grids::max_abs(level_.fields.field(f))});
+        const double scale =
+            std::max({grids::max_abs(delta_.field(f)), largest_[static_cast<std::size_t>(f)], epsilon * level_size(f)});
         size = change / scale > size || std::isnan(change) ? change / scale : size;
       }
     }
@@ -362,7 +373,8 @@ private:
   grids::FieldSet low_;  ///< the fields are level_.fields + low_
   grids::FieldSet delta_, point_, residual_, correction_, hessian_;
   LevelHistory history_;
-  std::vector<double> largest_;  ///< of |δ| of each field so far
+  std::vector<double> largest_;      ///< of |δ| of each field so far
+  std::vector<double> level_sizes_;  ///< max |z| of each field; -1: not known yet
   double start_step_;
   bool start_tried_ = false;
 
