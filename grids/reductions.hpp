@@ -22,6 +22,26 @@ struct ReductionBlocks {
         blocks((count + block - 1) / block) {}
 };
 
+namespace detail {
+
+inline constexpr std::size_t reduction_lanes = 8;
+
+/// take(lane, f(i)) for i in [begin, end), lane after lane, so that the compiler can keep the lanes in vectors.
+template <class F, class Take>
+void take_in_lanes(std::size_t begin, std::size_t end, F& f, const Take& take) {
+  std::size_t i = begin;
+  for (; i + reduction_lanes <= end; i += reduction_lanes) {
+    for (std::size_t l = 0; l < reduction_lanes; ++l) {
+      take(l, f(i + l));
+    }
+  }
+  for (std::size_t l = 0; i + l < end; ++l) {
+    take(l, f(i + l));
+  }
+}
+
+}  // namespace detail
+
 /// Σ_i f(i) for i in [0, count), in parallel, with the rounding errors carried along: eight compensated partial sums in
 /// each block (Knuth's branch-free two-sum), blocks added in their order. Error: one rounding of the result plus O(n
 /// ε²) of the terms. The result is the same bit by bit for every number of threads. NaN and infinite terms give NaN or
@@ -31,7 +51,7 @@ CompensatedSum compensated_sum_of(std::size_t count, F&& f) {
   const ReductionBlocks pieces(count);
   std::array<CompensatedSum, ReductionBlocks::most> partial;
   for_each_block(count, pieces.block, [&](std::size_t begin, std::size_t end) {
-    constexpr std::size_t lanes = 8;
+    constexpr std::size_t lanes = detail::reduction_lanes;
     std::array<double, lanes> high{};
     std::array<double, lanes> low{};
     const auto take = [&](std::size_t lane, double term) {
@@ -40,15 +60,7 @@ CompensatedSum compensated_sum_of(std::size_t count, F&& f) {
       low[lane] += (high[lane] - (sum - moved)) + (term - moved);
       high[lane] = sum;
     };
-    std::size_t i = begin;
-    for (; i + lanes <= end; i += lanes) {
-      for (std::size_t l = 0; l < lanes; ++l) {
-        take(l, f(i + l));
-      }
-    }
-    for (std::size_t l = 0; i + l < end; ++l) {
-      take(l, f(i + l));
-    }
+    detail::take_in_lanes(begin, end, f, take);
     CompensatedSum total;
     for (std::size_t l = 0; l < lanes; ++l) {
       total.add(high[l]);
@@ -78,7 +90,7 @@ double max_abs_of(std::size_t count, F&& f) {
   std::array<double, ReductionBlocks::most> partial;
   const auto larger = [](double a, double b) { return b > a || b != b ? b : a; };
   for_each_block(count, pieces.block, [&](std::size_t begin, std::size_t end) {
-    constexpr std::size_t lanes = 8;
+    constexpr std::size_t lanes = detail::reduction_lanes;
     std::array<double, lanes> sizes{};
     std::array<double, lanes> poison{};  // becomes NaN with the first value that is not finite
     const auto take = [&](std::size_t lane, double value) {
@@ -86,18 +98,10 @@ double max_abs_of(std::size_t count, F&& f) {
       sizes[lane] = size > sizes[lane] ? size : sizes[lane];
       poison[lane] += 0.0 * size;
     };
-    std::size_t i = begin;
-    for (; i + lanes <= end; i += lanes) {
-      for (std::size_t l = 0; l < lanes; ++l) {
-        take(l, f(i + l));
-      }
-    }
-    for (std::size_t l = 0; i + l < end; ++l) {
-      take(l, f(i + l));
-    }
+    detail::take_in_lanes(begin, end, f, take);
     double largest = *std::max_element(sizes.begin(), sizes.end());
     if (std::any_of(poison.begin(), poison.end(), [](double value) { return value != 0.0; })) {
-      for (i = begin; i < end && largest == largest; ++i) {
+      for (std::size_t i = begin; i < end && largest == largest; ++i) {
         largest = larger(largest, std::abs(f(i)));
       }
     }

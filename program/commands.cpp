@@ -4,9 +4,13 @@
 
 #include <fmt/format.h>
 
+#include <rubato/record/error.hpp>
+#include <rubato/record/reader.hpp>
+#include <rubato/report/xdmf.hpp>
 #include <rubato/study/browse.hpp>
 #include <rubato/study/check.hpp>
 
+#include "beside.hpp"
 #include "signals.hpp"
 #include "terminal.hpp"
 
@@ -31,18 +35,32 @@ study::ExitStatus report(const study::Outcome& outcome, bool json, bool quiet) {
   return outcome.status;
 }
 
+/// Beside the record of a plane or a volume, the small file that lets ParaView open it.
+void write_xdmf(study::Outcome& outcome, bool overwrite) {
+  const std::string file = beside(outcome.file, ".xdmf");
+  try {
+    const record::Reader reader(outcome.file);
+    if (reader.has("/grid/y")) {
+      report::export_xdmf(reader, file, overwrite);
+    }
+  } catch (const record::Error& error) {
+    outcome.warnings.push_back(fmt::format("{} was not written ({})", file, error.what()));
+  }
+}
+
 /// Carries out `work` with a progress line, and reports its outcome.
 template <typename Work>
 study::ExitStatus report_on(const Reporting& reporting, study::RunOptions options, const Work& work) {
   options.threads = reporting.threads;
   options.interrupt = &catch_interrupts();
-  const auto outcome = [&] {
+  study::Outcome outcome = [&] {
     ProgressLine line;
     if (line.is_shown() && !reporting.quiet) {
       options.progress = [&line](const study::Progress& progress) { line.update(progress); };
     }
     return work(options);
   }();
+  write_xdmf(outcome, options.overwrite);
   return report(outcome, reporting.json, reporting.quiet);
 }
 
@@ -59,7 +77,9 @@ study::ExitStatus run(const RunCommand& command) {
 }
 
 study::ExitStatus resume(const ResumeCommand& command) {
-  return report_on(command.reporting, {}, [&](const study::RunOptions& complete) {
+  study::RunOptions options;
+  options.overwrite = true;  // the record is there already, and what is beside it with it
+  return report_on(command.reporting, options, [&](const study::RunOptions& complete) {
     return study::resume(command.file, command.until, complete);
   });
 }

@@ -12,6 +12,7 @@
 #include <rubato/report/xdmf.hpp>
 #include <rubato/study/document.hpp>
 
+#include "beside.hpp"
 #include "terminal.hpp"
 
 namespace rubato::program {
@@ -45,15 +46,6 @@ std::string check_megabytes(const std::string& text) {
 /// The same problem in the same words, however it was written.
 std::string canonical(const std::string& problem) {
   return study::write_document(study::read_document(problem, "problem"));
-}
-
-/// A name beside the record: its own with another ending.
-std::string beside(const std::string& record, const std::string& ending) {
-  std::filesystem::path path(record);
-  if (path.extension() == ".h5" || path.extension() == ".hdf5") {
-    path.replace_extension();
-  }
-  return path.string() + ending;
 }
 
 }  // namespace

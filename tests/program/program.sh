@@ -313,6 +313,8 @@ case $case_name in
     expect 0 'residual step_equation'
     run run sine-gordon-2d --set grid.x.cells=31 --set grid.y.cells=31 --set scheme.until=0.2 -o b.h5 --json --threads 1
     expect 0 momentum_y
+    check "a file for ParaView beside the record of a plane" grep -q 'b.h5:/states/u' b.xdmf
+    check "none beside that of a line" test ! -e a.xdmf
     one=$(sed 's/"wall_seconds.*//' out)
     run run sine-gordon-2d --set grid.x.cells=31 --set grid.y.cells=31 --set scheme.until=0.2 -o b.h5 --json --threads 2 \
       --force
