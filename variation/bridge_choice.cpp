@@ -15,6 +15,22 @@
 
 namespace rubato {
 
+template <typename Judge>
+bool TimeLevels::seen_after(double h, bool otherwise, const Judge& judge) {
+  StateWriter before;
+  scheme_.save(before);
+  save(before);
+  bool verdict = otherwise;
+  if (scheme_.advance(h, 0.0) == Status::success) {
+    scheme_.accept();
+    verdict = judge();
+  }
+  StateReader reader(before.values());
+  scheme_.restore(reader);
+  restore(reader);
+  return verdict;
+}
+
 /// Whether to take the bridge from here, though the ordinary step exists and stays on this side of the zero.
 ///
 /// Anchored: if it is more centred on the zero than a bridge from the end of the ordinary step would be. Reversible: if
@@ -32,57 +48,35 @@ bool TimeLevels::bridge_now(const Bridge& bridge, const StepReport& ordinary, co
 }
 
 /// Whether a bridge and the step after it, of this length together, are shorter than an ordinary step and the bridge
-/// from its end. Leaves the scheme at the present level.
+/// from its end.
 bool TimeLevels::is_sooner(double bridge_and_step, double ordinary) {
-  StateWriter before;
-  save_all(before);
   const LevelNode here = scheme_.node();
-  bool sooner = true;
-  if (scheme_.advance(ordinary, 0.0) == Status::success) {
-    scheme_.accept();
+  return seen_after(ordinary, true, [&] {
     measure_law(here);
     const std::optional<Bridge> later = find_bridge(1, true);
-    sooner = !later || std::abs(bridge_and_step) < std::abs(ordinary + later->h);
-  }
-  StateReader reader(before.values());
-  restore_all(reader);
-  return sooner;
+    return !later || std::abs(bridge_and_step) < std::abs(ordinary + later->h);
+  });
 }
 
 /// For a run backward in time: whether a run forward would take this bridge from its far end to the present level, and
 /// not one from the level before that end.
 bool TimeLevels::is_way_back(const Bridge& bridge) {
-  StateWriter before;
-  save_all(before);
-  bool is = false;
-  if (scheme_.advance(bridge.h, 0.0) == Status::success) {
-    scheme_.accept();
-    is = !is_bridged_before(bridge) && is_bridged_at_end(bridge);
-  }
-  StateReader reader(before.values());
-  restore_all(reader);
-  return is;
+  return seen_after(bridge.h, false, [&] { return !is_bridged_before(bridge) && is_bridged_at_end(bridge); });
 }
 
 /// From the far end of a bridge backward in time: whether a run forward would rather bridge from the level before it.
 bool TimeLevels::is_bridged_before(const Bridge& bridge) {
-  StateWriter before;
-  save_all(before);
-  bool is = false;
-  if (scheme_.advance(bridge.after, 0.0) == Status::success) {
-    scheme_.accept();
+  return seen_after(bridge.after, false, [&] {
     last_step_ = regular_step_ = bridge.after;
     set_direction(scheme_.node().gamma);
-    if (ordinary_step(bridge.after).status == Status::success) {
-      measure_law(scheme_.trial_node());
-      last_step_ = regular_step_ = -bridge.after;
-      const std::optional<Bridge> earlier = find_bridge(1, true);
-      is = earlier && std::abs(earlier->h + earlier->after) < std::abs(bridge.after + bridge.h);
+    if (ordinary_step(bridge.after).status != Status::success) {
+      return false;
     }
-  }
-  StateReader reader(before.values());
-  restore_all(reader);
-  return is;
+    measure_law(scheme_.trial_node());
+    last_step_ = regular_step_ = -bridge.after;
+    const std::optional<Bridge> earlier = find_bridge(1, true);
+    return earlier && std::abs(earlier->h + earlier->after) < std::abs(bridge.after + bridge.h);
+  });
 }
 
 /// From the far end of a bridge backward in time: whether a run forward would take it there, not an ordinary step.
@@ -94,16 +88,6 @@ bool TimeLevels::is_bridged_at_end(const Bridge& bridge) {
   const StepReport ordinary = ordinary_step(std::min(law_step(far.gamma), 2.0 * regular_step_));
   const bool same_side = ordinary.status == Status::success && scheme_.trial_node().gamma * far.gamma > 0.0;
   return !same_side || is_sooner(bridge_and_step, ordinary.h);
-}
-
-void TimeLevels::save_all(StateWriter& state) const {
-  scheme_.save(state);
-  save(state);
-}
-
-void TimeLevels::restore_all(StateReader& state) {
-  scheme_.restore(state);
-  restore(state);
 }
 
 }  // namespace rubato

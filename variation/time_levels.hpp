@@ -128,8 +128,9 @@ private:
   [[nodiscard]] bool is_way_back(const Bridge& bridge);
   [[nodiscard]] bool is_bridged_before(const Bridge& bridge);
   [[nodiscard]] bool is_bridged_at_end(const Bridge& bridge);
-  void save_all(StateWriter& state) const;
-  void restore_all(StateReader& state);
+  /// What `judge` says at the end of a step of length h, or `otherwise` if there is none; leaves all as it was.
+  template <typename Judge>
+  [[nodiscard]] bool seen_after(double h, bool otherwise, const Judge& judge);
   void measure_law(const LevelNode& node);
   [[nodiscard]] LevelNode law_node();
   [[nodiscard]] double law_power(double gamma) const;

@@ -1,7 +1,6 @@
 #include <catch2/catch.hpp>
 
 #include <cmath>
-#include <random>
 #include <stdexcept>
 
 #include <Eigen/Eigenvalues>
@@ -9,24 +8,13 @@
 
 #include <rubato/ode/darboux.hpp>
 
+#include "matrices.hpp"
+
 namespace {
 
 using namespace rubato;
 using Eigen::Index;
 using Eigen::MatrixXd;
-
-/// Entries between -1 and 1; the same for the same seed.
-MatrixXd random_symmetric(Index size, unsigned seed) {
-  std::mt19937 random(seed);
-  std::uniform_real_distribution<double> unit(-1.0, 1.0);
-  MatrixXd F(size, size);
-  for (Index i = 0; i < size; ++i) {
-    for (Index j = 0; j <= i; ++j) {
-      F(i, j) = F(j, i) = unit(random);
-    }
-  }
-  return F;
-}
 
 /// (I - M)⁻¹(I + M) with M = ½·size·J·(symmetric): the Cayley transform of a Hamiltonian matrix is symplectic.
 MatrixXd random_symplectic(Index n, unsigned seed, double size) {
