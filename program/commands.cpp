@@ -48,9 +48,9 @@ void write_xdmf(study::Outcome& outcome, bool overwrite) {
   }
 }
 
-/// Carries out `work` with a progress line, and reports its outcome.
+/// Carries out `work` with a progress line, and reports its outcome. `replace`: what is beside the record already.
 template <typename Work>
-study::ExitStatus report_on(const Reporting& reporting, study::RunOptions options, const Work& work) {
+study::ExitStatus report_on(const Reporting& reporting, study::RunOptions options, bool replace, const Work& work) {
   options.threads = reporting.threads;
   options.interrupt = &catch_interrupts();
   study::Outcome outcome = [&] {
@@ -60,7 +60,7 @@ study::ExitStatus report_on(const Reporting& reporting, study::RunOptions option
     }
     return work(options);
   }();
-  write_xdmf(outcome, options.overwrite);
+  write_xdmf(outcome, replace);
   return report(outcome, reporting.json, reporting.quiet);
 }
 
@@ -72,14 +72,12 @@ study::ExitStatus run(const RunCommand& command) {
   options.output = command.output;
   options.overwrite = command.force;
   options.tangents = command.tangents;
-  return report_on(command.reporting, options,
+  return report_on(command.reporting, options, command.force,
                    [&](const study::RunOptions& complete) { return study::run(problem, complete); });
 }
 
 study::ExitStatus resume(const ResumeCommand& command) {
-  study::RunOptions options;
-  options.overwrite = true;  // the record is there already, and what is beside it with it
-  return report_on(command.reporting, options, [&](const study::RunOptions& complete) {
+  return report_on(command.reporting, {}, true, [&](const study::RunOptions& complete) {
     return study::resume(command.file, command.until, complete);
   });
 }
