@@ -31,11 +31,13 @@ constexpr int most_iterations = 30;
 constexpr double displacement = 1e-5;
 /// What that leaves of a tangent undetermined, relative: ε over a displacement of 1e-5 of a step, 1e-10 of curvature.
 constexpr double displacement_error = 1e-9;
-/// Below this relative size a residual is its own correction: what that leaves is smaller by a factor of the order of a
-/// step in units of the system's time scale, and hence at rounding.
-constexpr double negligible_residual = 8.0 * epsilon;
+/// Up to this relative size of a residual a tangent of a few orders corrects it to far below rounding. It cannot be
+/// left out: what is smooth in a correction, however small, adds up in one direction for the whole run.
+constexpr double small_residual = 1e-13;
 /// A correction at least this large shows, by the next one, how fast corrections contract.
 constexpr double measurable = 1e-12;
+/// Relative size of a correction that rounding alone may make.
+constexpr double rounding = 8.0 * epsilon;
 /// How much larger than its estimate the contraction of a correction is taken to be.
 constexpr double rate_margin = 10.0;
 /// Relative change of h within a level that asks for a new φ^(s+1).
@@ -43,8 +45,9 @@ constexpr double tail_ratio = 0.05;
 /// Orders of the Taylor step that a run starts from: those of the scheme and some more, since it goes a whole step from
 /// its centre and the generating function only half of one.
 constexpr int extra_flow_order = 3;
-/// Highest order of the flow whose tangent corrects residuals.
+/// Highest orders of the flow whose tangent corrects residuals, and small ones.
 constexpr int most_tangent_order = 10;
+constexpr int small_tangent_order = 4;
 
 /// -24 φ^(s+1), which the step law of order s has in place of Γ.
 constexpr double gamma_factor = -24.0;
@@ -60,14 +63,15 @@ public:
         prediction_error_(F.rows()),
         flow_(hamiltonian, order.order + extra_flow_order),
         tangent_(hamiltonian, std::min(order.order + 1, most_tangent_order)),
+        small_tangent_(hamiltonian, std::min(order.order + 1, small_tangent_order)),
         energy_evaluator_(hamiltonian),
         plain_(generating_.odd()),
         size_(F.rows()),
         weight_(0.5 * (MatrixXd::Identity(size_, size_) + symplectic_unit(size_ / 2) * F)),
         z_(VectorXd(Eigen::Map<const VectorXd>(z_0.data(), size_))),
         history_(size_) {
-    for (VectorXd* vector :
-         {&delta_, &step_, &point_, &w_, &continued_from_, &continued_, &slope_, &residual_, &correction_, &moved_}) {
+    for (VectorXd* vector : {&delta_, &step_, &point_, &w_, &continued_from_, &continued_, &slope_, &residual_,
+                             &correction_, &lost_, &moved_}) {
       vector->setZero(size_);
     }
     node_ = node_at(z_.value());
@@ -94,12 +98,12 @@ public:
         return fail(Status::undefined);
       }
       if (previous > measurable) {
-        surprise_ = std::max(surprise_, (size - negligible_residual) / (previous * estimate_));
+        surprise_ = std::max(surprise_, (size - rounding) / (previous * estimate_));
       }
       if (iteration == 0) {
         first = std::max(size, forecast_size_);
       }
-      estimate_ = own_correction_ ? 0.0 : displacement_error + tangent_error_ + first;
+      estimate_ = displacement_error + tangent_error_ + first;
       previous = size;
       const double rate = std::min(1.0, rate_margin * surprise_ * estimate_);
       if (test.judge(size) == StagnationTest::Verdict::done || rate * size <= 0.25 * epsilon) {
@@ -142,7 +146,7 @@ public:
       prediction_error_.restart();
     }
     history_.record(trial_h_, delta_);
-    z_.add(delta_);
+    z_.add(delta_, lost_);
     start_level();
   }
 
@@ -234,19 +238,20 @@ private:
     apply_j(slope_, residual_);
     residual_ = -residual_ - delta_;
     correction_ = residual_;
-    const double size = relative_size(residual_);
-    own_correction_ = size <= negligible_residual;
-    if (!own_correction_) {
+    if (const double size = relative_size(residual_); size > 0.0) {
+      FlowTangent& tangent = size <= small_residual ? small_tangent_ : tangent_;
       const double scale = displacement / size;
       step_.noalias() = scale * (weight_ * residual_);
-      if (const Status status = tangent_.apply(z_.value(), step_, h, moved_); status != Status::success) {
-        reason_ = tangent_.failure();
+      if (const Status status = tangent.apply(z_.value(), step_, h, moved_); status != Status::success) {
+        reason_ = tangent.failure();
         return status;
       }
       correction_ += moved_ / scale;
-      tangent_error_ = relative_size(tangent_.last_terms()) / displacement;
+      tangent_error_ = relative_size(tangent.last_terms()) / displacement;
     }
+    moved_ = delta_;
     delta_ += correction_;
+    lost_ = correction_ - (delta_ - moved_);
     return Status::success;
   }
 
@@ -292,7 +297,7 @@ private:
   OrbitContinuation continuation_;
   PredictionError prediction_error_;
   FlowMap flow_;
-  FlowTangent tangent_;
+  FlowTangent tangent_, small_tangent_;
   HamiltonianEvaluator energy_evaluator_;
   bool plain_;  ///< F = 0
   Index size_;
@@ -308,11 +313,11 @@ private:
   bool is_continued_ = false;   ///< whether δ started there, and with the present h
   double forecast_size_ = 0.0;  ///< of what was added to it
   VectorXd step_, point_, slope_, residual_, correction_, moved_;
-  bool own_correction_ = false;  ///< whether the residual was its own correction
-  double tangent_error_ = 0.0;   ///< of the tangent that made the last correction, relative
-  double estimate_ = 0.0;  ///< of how much smaller than the last correction the next will be: by the errors of the
-                           ///< tangent, and by what truncation and curvature make of the first correction
-  double surprise_ = 1.0;  ///< the largest factor so far by which it was larger than that
+  VectorXd lost_;               ///< of the last correction, when it was added to δ
+  double tangent_error_ = 0.0;  ///< of the tangent that made the last correction, relative
+  double estimate_ = 0.0;       ///< of how much smaller than the last correction the next will be: by the errors of the
+                                ///< tangent, and by what truncation and curvature make of the first correction
+  double surprise_ = 1.0;       ///< the largest factor so far by which it was larger than that
   bool predicted_ = false;
   double trial_h_ = 0.0;
   double energy_ = 0.0;

@@ -40,22 +40,27 @@ void apply_j(const In& g, Out& f) {
   f.tail(n) = -g.head(n);
 }
 
-/// A state kept as high + low, so that many small increments do not lose digits: each component is a two-sum.
+/// A state kept as high + low, so that many small increments do not lose digits. Adding δ rounds at ε²|z|, not at ε|δ|:
+/// a scheme whose δ is rounded from something known better, always to the same side, would drift by that.
 template <typename Vector>
 class CompensatedState {
 public:
   CompensatedState() = default;
-  explicit CompensatedState(const Vector& z) : high_(z), low_(Vector::Zero(z.size())), sum_(z) {}
+  explicit CompensatedState(const Vector& z) : high_(z), low_(Vector::Zero(z.size())), sum_(z), part_(z) {}
 
   [[nodiscard]] const Vector& value() const { return high_; }  ///< rounded to double
   /// z + scale·δ, with the low part taken along.
   void displaced(double scale, const Vector& delta, Vector& result) const { result = high_ + (low_ + scale * delta); }
 
   void add(const Vector& delta) {
-    low_ += delta;
-    sum_ = high_ + low_;
-    low_ -= sum_ - high_;
-    high_ = sum_;
+    two_sum(delta);
+    renormalise();
+  }
+  /// δ and what it lost when it was rounded.
+  void add(const Vector& delta, const Vector& lost) {
+    two_sum(delta);
+    low_ += lost;
+    renormalise();
   }
 
   void save(StateWriter& state) const {
@@ -68,7 +73,18 @@ public:
   }
 
 private:
-  Vector high_, low_, sum_;
+  /// high + δ = sum + error exactly (Knuth), the error added to the low part.
+  void two_sum(const Vector& delta) {
+    sum_ = high_ + delta;
+    part_ = sum_ - high_;
+    low_ += (high_ - (sum_ - part_)) + (delta - part_);
+  }
+  void renormalise() {
+    high_ = sum_ + low_;
+    low_ -= high_ - sum_;
+  }
+
+  Vector high_, low_, sum_, part_;
 };
 
 /// The velocities δ/h at the midpoints of the last steps, extrapolated (Lagrange, at most cubic) to the middle of the

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <numeric>
 
 #include <rubato/ode/integrate.hpp>
 
@@ -14,32 +15,32 @@ struct Judged {
   std::size_t steps = 0;
   std::size_t crossings = 0;
   std::size_t bridge_steps = 0;
-  double energy_deviation = 0.0;         ///< max |E_k - E| off bridges
-  double node_deviation = 0.0;           ///< max |H(z_k) - E|
-  std::array<double, 8> eighth_means{};  ///< of H(z_k) - E over eighths of the run, by the trapezoidal rule
+  double energy_deviation = 0.0;  ///< max |E_k - E| off bridges
+  double node_deviation = 0.0;    ///< max |H(z_k) - E|
+  /// Means of H(z_k) - E over eighths of the run: of the levels, and by the trapezoidal rule over time.
+  std::array<double, 8> level_means{}, time_means{};
 
   [[nodiscard]] double steps_per_crossing() const {
     return static_cast<double>(bridge_steps) / static_cast<double>(std::max<std::size_t>(crossings, 1));
   }
-  /// max - min of the eighth-means.
-  [[nodiscard]] double spread() const {
-    const auto [low, high] = std::ranges::minmax(eighth_means);
-    return high - low;
-  }
-  /// (max - min)/|mean| of the eighth-means: a drift of the amplitude of H - E shows here.
+  /// max - min of the means over time.
+  [[nodiscard]] double spread() const { return range(time_means); }
+  /// (max - min)/|mean| of the means of the levels: a drift of the amplitude of H - E shows here.
   [[nodiscard]] double drift() const {
-    double mean = 0.0;
-    for (const double value : eighth_means) {
-      mean += value / 8.0;
-    }
-    return spread() / std::abs(mean);
+    return 8.0 * range(level_means) / std::abs(std::accumulate(level_means.begin(), level_means.end(), 0.0));
+  }
+
+private:
+  [[nodiscard]] static double range(const std::array<double, 8>& means) {
+    const auto [low, high] = std::ranges::minmax(means);
+    return high - low;
   }
 };
 
 inline Judged judge(const Hamiltonian& hamiltonian, const InitialState& initial, const IntegrationOptions& options) {
   OrbitIntegrator integrator(hamiltonian, initial, options);
   Judged judged;
-  std::array<double, 8> durations{};
+  std::array<double, 8> durations{}, levels{};
   double last_energy = integrator.node().energy;
   while (!integrator.finished()) {
     const StepReport report = integrator.step();
@@ -58,13 +59,16 @@ inline Judged judge(const Hamiltonian& hamiltonian, const InitialState& initial,
       judged.node_deviation = std::max(judged.node_deviation, std::abs(energy - E));
       const double middle = (integrator.t() - 0.5 * report.h) / options.until;
       const auto eighth = std::min<std::size_t>(7, static_cast<std::size_t>(8.0 * middle));
-      judged.eighth_means[eighth] += (0.5 * (last_energy + energy) - E) * report.h;
+      judged.time_means[eighth] += (0.5 * (last_energy + energy) - E) * report.h;
       durations[eighth] += report.h;
+      judged.level_means[eighth] += energy - E;
+      levels[eighth] += 1.0;
     }
     last_energy = energy;
   }
   for (std::size_t i = 0; i < 8; ++i) {
-    judged.eighth_means[i] /= durations[i];
+    judged.time_means[i] /= durations[i];
+    judged.level_means[i] /= levels[i];
   }
   return judged;
 }
