@@ -58,13 +58,18 @@ public:
   virtual void forget() {}
   /// Whether the next solves look at their residuals themselves (as they do at first), or leave that to the caller.
   virtual void check_residuals(bool) {}
+  /// The relative error that the next solutions may have; a direct solver has that of rounding in any case.
+  virtual void set_tolerance(double) {}
+  /// About the relative error of the last solution, 0 where it is that of rounding.
+  [[nodiscard]] virtual double error() const { return 0.0; }
 };
 
 /// What Newton's method needs of a linear solve: its next correction squares the error, so no more than that.
 inline constexpr double newton_tolerance = 1e-9;
 
-/// For the box in one dimension cyclic block elimination, O(cells); in more, and at nodes, GMRES, preconditioned by the
-/// matrix with the entries' means, block by block in Fourier space, to the relative residual `tolerance`.
+/// For the box in one dimension cyclic block elimination, O(cells); in more, and at nodes, by the inverse of the matrix
+/// with the entries' means, block by block in Fourier space, and GMRES for what the entries differ from their means
+/// where that is not small, to the relative error `tolerance`; where residuals are checked, to that residual.
 [[nodiscard]] std::unique_ptr<CellSolver> make_cell_solver(const grids::Grid& grid, Placement placement, int size,
                                                            int conditions, double tolerance);
 [[nodiscard]] std::unique_ptr<CellSolver> make_cyclic_cell_solver(const grids::Grid& grid, int size, int conditions);

@@ -166,7 +166,6 @@ struct CellSweep::Storage {
   std::vector<Term> M, constant_hessian;
   std::vector<std::vector<Term>> K, K_plus;
   std::vector<std::array<bool, 3>> differentiated;  ///< of each field, along each direction
-  std::vector<bool> evolves;                        ///< whether the field is in M
   std::vector<BlockResult> results;
   std::vector<std::unique_ptr<Workspace>> workspaces;
   /// At nodes: the spectral derivatives of point and rate along each axis, made before the blocks are run.
@@ -183,11 +182,7 @@ struct CellSweep::Storage {
         M(terms_of(s.M())),
         constant_hessian(terms_of(s.constant_hessian())),
         differentiated(static_cast<std::size_t>(d)),
-        evolves(static_cast<std::size_t>(d), false),
         results(blocks.count()) {
-    for (const Term& term : M) {
-      evolves[static_cast<std::size_t>(term.column)] = true;
-    }
     for (int a = 0; a < dimensions; ++a) {
       inverse_spacing[a] = 1.0 / grid.spacing(a);
       K.push_back(terms_of(s.K(a)));
@@ -265,9 +260,8 @@ struct CellSweep::Storage {
   void run_block(std::size_t block, Workspace& work, std::span<const double* const> point,
                  const PotentialSlopes& slopes, std::span<const double* const> rate, double inverse_h,
                  std::span<double* const> residual, std::span<double* const> hessian);
-  [[nodiscard]] double energy_change(std::size_t block, Workspace& work, std::span<const double* const> rate,
-                                     double inverse_h, std::span<const double* const> residual,
-                                     std::span<const double* const> correction) const;
+  void energy_change(std::size_t block, Workspace& work, std::span<const double* const> rate, double inverse_h,
+                     std::span<const double* const> residual, std::span<const double* const> correction);
   void residual_row(int row, std::size_t count, bool with_rate, double inverse_h, const Workspace& work, double* out,
                     BlockResult& result) const;
 };
@@ -399,28 +393,34 @@ void CellSweep::Storage::residual_row(int row, std::size_t count, bool with_rate
   result.finite = result.finite && std::isfinite(sum(out, count));
 }
 
-double CellSweep::Storage::energy_change(std::size_t block, Workspace& work, std::span<const double* const> rate,
-                                         double inverse_h, std::span<const double* const> residual,
-                                         std::span<const double* const> correction) const {
+void CellSweep::Storage::energy_change(std::size_t block, Workspace& work, std::span<const double* const> rate,
+                                       double inverse_h, std::span<const double* const> residual,
+                                       std::span<const double* const> correction) {
   const std::size_t line = block / blocks.per_line;
   const std::size_t begin = block % blocks.per_line * block_size;
   const std::size_t count = std::min(block_size, blocks.line - begin);
   const std::size_t offset = line * blocks.line + begin;
   const std::array<double*, 3> none{};
+  double* twisted = work.outputs[0];    // (A c)ᵀM A δ/h
+  double* corrected = work.outputs[1];  // -(A c)ᵀR
+  double* moved = work.outputs[2];      // -(A δ)ᵀR
+  std::fill_n(twisted, count, 0.0);
+  std::fill_n(corrected, count, 0.0);
+  std::fill_n(moved, count, 0.0);
   for (int f = 0; f < d; ++f) {
     const auto i = static_cast<std::size_t>(f);
+    const double* r = residual[i] + offset;  // -R
     take(correction[i], f, rate_derivative, line, begin, count, work.mean[i], none);
-    if (rate[i] != nullptr && evolves[i]) {
-      take(rate[i], f, rate_derivative, line, begin, count, work.rate_mean[i], none);
+    const double* c = work.mean[i];
+    for (std::size_t cell = 0; cell < count; ++cell) {
+      corrected[cell] += c[cell] * r[cell];
     }
-  }
-  double* change = work.outputs[0];
-  std::fill_n(change, count, 0.0);
-  for (std::size_t f = 0; f < static_cast<std::size_t>(d); ++f) {
-    const double* r = residual[f] + offset;  // -R
-    const double* c = work.mean[f];
-    for (std::size_t i = 0; i < count; ++i) {
-      change[i] += 0.5 * c[i] * r[i];
+    if (rate[i] != nullptr) {
+      take(rate[i], f, rate_derivative, line, begin, count, work.rate_mean[i], none);
+      const double* delta = work.rate_mean[i];
+      for (std::size_t cell = 0; cell < count; ++cell) {
+        moved[cell] += delta[cell] * r[cell];
+      }
     }
   }
   for (const Term& term : M) {
@@ -428,12 +428,16 @@ double CellSweep::Storage::energy_change(std::size_t block, Workspace& work, std
       const double factor = inverse_h * term.value;
       const double* c = work.mean[static_cast<std::size_t>(term.row)];
       const double* delta = work.rate_mean[static_cast<std::size_t>(term.column)];
-      for (std::size_t i = 0; i < count; ++i) {
-        change[i] += factor * c[i] * delta[i];
+      for (std::size_t cell = 0; cell < count; ++cell) {
+        twisted[cell] += factor * c[cell] * delta[cell];
       }
     }
   }
-  return sum(change, count);
+  BlockResult& result = results[block];
+  const double work_of_M = sum(twisted, count);
+  const double work_of_R = sum(corrected, count);
+  result.energy = work_of_M + 0.5 * work_of_R;
+  result.quadratic = 4.0 * ((sum(moved, count) - work_of_R) + 2.0 * work_of_M);
 }
 
 CellSweep::CellSweep(const MultisymplecticSystem& system, const grids::Grid& grid, Placement placement)
@@ -478,22 +482,23 @@ SweepResult CellSweep::operator()(std::span<const double* const> point, const Po
   return total;
 }
 
-double CellSweep::energy_change(std::span<const double* const> rate, double inverse_h,
-                                std::span<const double* const> residual, std::span<const double* const> correction) {
+EnergyChange CellSweep::energy_change(std::span<const double* const> rate, double inverse_h,
+                                      std::span<const double* const> residual,
+                                      std::span<const double* const> correction) {
   Storage& s = *storage_;
   s.prepare_workspaces();
   const auto blocks = static_cast<std::ptrdiff_t>(s.blocks.count());
 #pragma omp parallel for schedule(static) if (blocks > 8)
   for (std::ptrdiff_t block = 0; block < blocks; ++block) {
-    const auto b = static_cast<std::size_t>(block);
-    s.results[b].energy = s.energy_change(b, *s.workspaces[static_cast<std::size_t>(omp_get_thread_num())], rate,
-                                          inverse_h, residual, correction);
+    s.energy_change(static_cast<std::size_t>(block), *s.workspaces[static_cast<std::size_t>(omp_get_thread_num())],
+                    rate, inverse_h, residual, correction);
   }
-  CompensatedSum change;
+  CompensatedSum energy, quadratic;
   for (const BlockResult& result : s.results) {
-    change.add(result.energy);
+    energy.add(result.energy);
+    quadratic.add(result.quadratic);
   }
-  return s.volume * change.value();
+  return {s.volume * energy.value(), s.volume * quadratic.value()};
 }
 
 }  // namespace rubato

@@ -65,6 +65,12 @@ struct SweepResult {
   bool finite = true;
 };
 
+/// By how much `energy` and `quadratic` of a sweep change.
+struct EnergyChange {
+  double energy = 0.0;
+  double quadratic = 0.0;
+};
+
 /// Evaluates the equation in every cell, in batches, in parallel. Holds work space for each thread.
 class CellSweep {
 public:
@@ -78,15 +84,18 @@ public:
                          std::span<const double* const> rate, double inverse_h, std::span<double* const> residual,
                          std::span<double* const> hessian);
 
-  /// By how much Σ ΔV [S + Σ_a (D_a z)ᵀK₊A z] changes from the point of the last sweep to point + c, for a correction c
-  /// that solves the equations linearised there, (2/h) M A c + Σ K_a D_a c - S''A c = -R:
+  /// By how much energy and quadratic form of the last sweep change when a correction c of the point, 2 c of the rate
+  /// is added, one that solves the equations linearised there, (2/h) M A c + Σ K_a D_a c - S''A c = -R:
   ///
-  ///     Σ ΔV (A c)ᵀ(M A δ/h - R/2) + O(c³),
+  ///     Σ ΔV (A c)ᵀ(M A δ/h - R/2) + O(c³)   and   4 Σ ΔV [2 (A c)ᵀM A δ/h - (A δ - A c)ᵀR] + O(c).
   ///
-  /// since the first variation is ∇S - Σ K_a D_a z = M A δ/h - R, the second S''A c - Σ K_a D_a c = (2/h) M A c + R,
-  /// and M is skew (so that δ may hold c already). `rate`, `inverse_h` and `residual` as in that sweep.
-  double energy_change(std::span<const double* const> rate, double inverse_h, std::span<const double* const> residual,
-                       std::span<const double* const> correction);
+  /// For the first variation of the energy is ∇S - Σ K_a D_a z = M A δ/h - R and the second S''A c - Σ K_a D_a c =
+  /// (2/h) M A c + R; the quadratic form is the latter's and symmetric in the sum over all cells; and M is skew, so
+  /// that `rate` is δ with 2 c in it. What is left of the second line comes from the change of S'' alone. Null pointers
+  /// in `rate` leave the first line as it is, the second one wrong. `inverse_h` and `residual` as in that sweep.
+  [[nodiscard]] EnergyChange energy_change(std::span<const double* const> rate, double inverse_h,
+                                           std::span<const double* const> residual,
+                                           std::span<const double* const> correction);
 
 private:
   struct Storage;

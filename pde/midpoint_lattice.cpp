@@ -11,6 +11,7 @@
 #include <rubato/pde/kernel_conditions.hpp>
 #include <rubato/pde/lattice_scheme.hpp>
 #include <rubato/pde/level_history.hpp>
+#include <rubato/pde/newton_contraction.hpp>
 #include <rubato/pde/slaved_fields.hpp>
 
 namespace rubato {
@@ -21,6 +22,11 @@ constexpr double epsilon = std::numeric_limits<double>::epsilon();
 constexpr int most_iterations = 20;
 /// Corrections after which a linear solve that went wrong is thought of; a regular step takes 2 to 4.
 constexpr int careful_after = 6;
+/// Accuracy of a trial beside the cube of its relative distance from the last one.
+constexpr double trial_accuracy = 1e-3;
+constexpr double finest_trial = 1e-13;
+/// Correction of a trial, relative, beside its distance from the last one: what shifting it leaves.
+constexpr double expected_correction = 1e-2;
 constexpr std::size_t piece = 4096;
 /// The residual, relative to the terms of its row, at which nothing but rounding is left.
 constexpr double residual_floor = 4.0 * epsilon;
@@ -70,6 +76,7 @@ public:
         level_sizes_(at_midpoints_.size(), -1.0),
         start_step_(start_ratio * first_step),
         conditions_(step_conditions(system, first_step)),
+        change_known_(conditions_.count() == 0 && std::ranges::find(at_midpoints_, true) == at_midpoints_.end()),
         border_(static_cast<std::size_t>(conditions_.count()) * (grid.size() / grid.cells(0))),
         slaved_(conditions_.count() > 0 ? SlavedFields(system, nullptr) : SlavedFields(system)),
         solver_(make_cell_solver(grid, placement, static_cast<int>(slaved_.free().size()), conditions_.count(),
@@ -106,13 +113,14 @@ public:
     } else {
       history_.shift(trial_h_, h, delta_);
     }
-    const Status status = solve(h, accuracy);
+    const Status status = solve(h, accuracy, trial_h_ == 0.0 ? 1.0 : std::abs(h - trial_h_) / std::abs(h));
     trial_h_ = status == Status::success ? h : 0.0;
     return status;
   }
 
   [[nodiscard]] double discrete_energy() const override { return energy_; }
   [[nodiscard]] double discrete_energy_slope() const override { return slope_; }
+  [[nodiscard]] bool slope_to_leading_order() const override { return true; }
   [[nodiscard]] int iterations() const override { return iterations_; }
 
   [[nodiscard]] LevelNode node() override {
@@ -134,6 +142,7 @@ public:
   void accept() override {
     history_.record(0.5 * trial_h_, trial_h_, delta_);
     history_.advance(trial_h_);
+    contraction_.advance();
     for (int f = 0; f < system_.field_count(); ++f) {
       const auto i = static_cast<std::size_t>(f);
       double* high = level_.fields.field(f).data();
@@ -164,6 +173,7 @@ public:
       state.write(slope);
     }
     history_.save(state);
+    contraction_.save(state);
   }
 
   void restore(StateReader& state) override {
@@ -174,6 +184,7 @@ public:
       state.read(std::span<double>(slope));
     }
     history_.restore(state);
+    contraction_.restore(state);
     start_level();
   }
 
@@ -250,9 +261,12 @@ private:
       return;
     }
     start_tried_ = true;
-    const int counted = iterations_;  // of the step alone: a run resumed at the start has the velocity already
+    // Of the step alone: a run resumed at the start has the velocity already.
+    const int counted = iterations_;
+    const NewtonContraction measured = contraction_;
     solve_start_velocity();
     iterations_ = counted;
+    contraction_ = measured;
   }
 
   void solve_start_velocity() {
@@ -282,8 +296,12 @@ private:
     delta_.fill(0.0);
   }
 
-  [[nodiscard]] Status solve(double h, double accuracy) {
-    const double enough = std::sqrt(std::max(accuracy, 0.5 * epsilon));
+  /// \param distance relative, from the length of the last trial: the next one will be nearer by as much again or more,
+  /// and needs to be told its energy accordingly
+  [[nodiscard]] Status solve(double h, double accuracy, double distance = 1.0) {
+    const double near = std::max(trial_accuracy * distance * distance * distance, finest_trial);
+    const double enough = std::max(std::min(accuracy, near), 0.5 * epsilon);
+    solver_->set_tolerance(std::clamp(0.1 * enough / (expected_correction * distance), 1e-9, 1e-6));
     if (conditions_.count() > 0 && h != conditions_h_) {
       conditions_ = step_conditions(system_, h);
       conditions_h_ = h;
@@ -292,7 +310,8 @@ private:
     slaved_.follow(h, level_.fields, low_, delta_);
     const auto rate = evolving(delta_);
     const grids::FieldSet& point = point_;
-    double last = std::numeric_limits<double>::infinity();
+    double last = std::numeric_limits<double>::infinity();  // the size of the last correction
+    double error = std::numeric_limits<double>::infinity();
     for (int iteration = 0;; ++iteration) {
       make_point(0.5);
       const SweepResult result =
@@ -303,8 +322,7 @@ private:
       }
       energy_ = result.energy;
       slope_ = result.quadratic / (4.0 * h);
-      // Newton's error is of the order of the square of its last correction.
-      if (last <= enough || result.residual <= residual_floor) {
+      if (error <= enough || result.residual <= residual_floor) {
         return Status::success;
       }
       if (iteration == most_iterations) {
@@ -325,11 +343,17 @@ private:
       if (size > 1e3 && size > last) {
         return Status::not_converged;
       }
-      if (size <= enough && conditions_.count() == 0) {
-        // What another sweep would show. δ holds c by now, which changes nothing: M is skew.
-        energy_ += sweep_.energy_change(rate, 1.0 / h, std::as_const(residual_).pointers(),
-                                        std::as_const(correction_).pointers());
-        return std::isfinite(energy_) ? Status::success : Status::undefined;
+      if (iteration > 0) {
+        contraction_.observe(last, size, h);
+      }
+      error = contraction_.error_after(size, h) + solver_->error() * size;
+      if (error <= enough && change_known_) {
+        // What another sweep would show.
+        const EnergyChange change = sweep_.energy_change(rate, 1.0 / h, std::as_const(residual_).pointers(),
+                                                         std::as_const(correction_).pointers());
+        energy_ += change.energy;
+        slope_ += change.quadratic / (4.0 * h);
+        return std::isfinite(energy_) && std::isfinite(slope_) ? Status::success : Status::undefined;
       }
       last = size;
     }
@@ -377,10 +401,12 @@ private:
   std::vector<double> level_sizes_;  ///< max |z| of each field; -1: not known yet
   double start_step_;
   bool start_tried_ = false;
+  NewtonContraction contraction_;
 
   CellMatrix matrix_;
   KernelConditions conditions_;
   double conditions_h_ = 0.0;
+  bool change_known_;  ///< whether a correction's energy can be had without another sweep
   std::vector<double> border_;
   SlavedFields slaved_;
   std::vector<const double*> free_residual_;  ///< of the fields that are solved for

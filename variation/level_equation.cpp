@@ -126,8 +126,9 @@ Status TimeLevels::solve_level(double guess) {
     }
     const double upper = std::min({above, fold, blocked});
     // A scheme may take its slope from a matrix that is a little out of date, and a lattice knows it to leading order
-    // only, which is far off where Γ is small. Where it is nearly right the secant itself serves; elsewhere secants
-    // that stand out from the errors of their ends correct it.
+    // only, which is far off where Γ is small. Where it is nearly right the secant itself serves, moved by the
+    // curvature that slopes to leading order tell as well; elsewhere secants that stand out from the errors of their
+    // ends correct it.
     const double secant = (miss - last_miss) / (length - last_length);
     const bool agrees = stalls == 0 && last_length > 0.0 && secant > 0.8 * slope && secant < 1.25 * slope;
     const double error = full && last_full ? 16.0 * epsilon * energy_scale_ : loose * slope * length;
@@ -135,11 +136,13 @@ Status TimeLevels::solve_level(double guess) {
       const double ratio = secant / (0.5 * (slope + last_slope));
       correction = ratio > 0.8 && ratio < 1.25 ? 1.0 : ratio;
     }
+    const double bend = scheme_.slope_to_leading_order() ? slope / (0.5 * (slope + last_slope)) : 1.0;
+    const double local_slope = agrees ? bend * secant : correction * slope;
     last_length = length;
     last_miss = miss;
     last_slope = slope;
     last_full = full;
-    double next = length - miss / (agrees ? secant : correction * slope);
+    double next = length - miss / local_slope;
     newton = true;
     next = std::clamp(next, 0.5 * length, 2.0 * length);
     if (next <= below || next >= upper) {

@@ -31,6 +31,8 @@ public:
   [[nodiscard]] virtual double discrete_energy() const = 0;
   /// Total derivative dE_k/dh along the solved step; -(h/4)Γ for the midpoint 𝕃, -s h^(s-1) (s+1)Γ/24 for order s.
   [[nodiscard]] virtual double discrete_energy_slope() const = 0;
+  /// Whether that is the leading term of the derivative alone, off by a factor that hardly depends on h.
+  [[nodiscard]] virtual bool slope_to_leading_order() const { return false; }
   /// What E_k must equal when it is not one constant for the run (𝕃 depending on t explicitly), else nothing.
   [[nodiscard]] virtual std::optional<double> energy_target() const { return std::nullopt; }
   /// The exponent s of the step law h^(s+1) Γ = const.
