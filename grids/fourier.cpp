@@ -81,10 +81,10 @@ struct Fourier::Storage {
 
   fftw_complex* spectrum(std::size_t offset) { return reinterpret_cast<fftw_complex*>(complex.data()) + offset; }
 
-  void transform_columns(fftw_plan plan, bool along_z) {
+  void transform_columns(fftw_plan plan, bool along_z, std::size_t count) {
     const std::size_t groups = complex_row / together;
     const std::size_t planes = along_z ? ny : nz;  // of the direction that is not transformed
-    for_each_block(fields * planes * groups, 4, [&](std::size_t begin, std::size_t end) {
+    for_each_block(count * planes * groups, 4, [&](std::size_t begin, std::size_t end) {
       for (std::size_t unit = begin; unit < end; ++unit) {
         const std::size_t plane = unit / groups % planes;
         const std::size_t field = unit / groups / planes;
@@ -106,6 +106,10 @@ int Fourier::fields() const {
 }
 std::size_t Fourier::modes() const {
   return storage_->half * storage_->ny * storage_->nz;
+}
+
+std::size_t Fourier::row_length() const {
+  return storage_->half;
 }
 
 std::array<std::ptrdiff_t, 3> Fourier::wave(std::size_t mode) const {
@@ -130,7 +134,7 @@ const Fourier::Complex& Fourier::at(int field, std::size_t mode) const {
 void Fourier::forward(std::span<const double* const> values) {
   Storage& s = *storage_;
   const std::size_t rows = s.ny * s.nz;
-  for_each_block(s.fields * rows, std::max<std::size_t>(1, 1024 / s.nx), [&](std::size_t begin, std::size_t end) {
+  for_each_block(values.size() * rows, std::max<std::size_t>(1, 1024 / s.nx), [&](std::size_t begin, std::size_t end) {
     for (std::size_t row = begin; row < end; ++row) {
       double* to = s.real.data() + row * s.real_row;
       std::copy_n(values[row / rows] + row % rows * s.nx, s.nx, to);
@@ -138,24 +142,24 @@ void Fourier::forward(std::span<const double* const> values) {
     }
   });
   if (s.y_forward) {
-    s.transform_columns(s.y_forward.get(), false);
+    s.transform_columns(s.y_forward.get(), false, values.size());
   }
   if (s.z_forward) {
-    s.transform_columns(s.z_forward.get(), true);
+    s.transform_columns(s.z_forward.get(), true, values.size());
   }
 }
 
 void Fourier::inverse(std::span<double* const> values) {
   Storage& s = *storage_;
   if (s.z_inverse) {
-    s.transform_columns(s.z_inverse.get(), true);
+    s.transform_columns(s.z_inverse.get(), true, values.size());
   }
   if (s.y_inverse) {
-    s.transform_columns(s.y_inverse.get(), false);
+    s.transform_columns(s.y_inverse.get(), false, values.size());
   }
   const std::size_t rows = s.ny * s.nz;
   const double factor = 1.0 / static_cast<double>(s.grid.size());
-  for_each_block(s.fields * rows, std::max<std::size_t>(1, 1024 / s.nx), [&](std::size_t begin, std::size_t end) {
+  for_each_block(values.size() * rows, std::max<std::size_t>(1, 1024 / s.nx), [&](std::size_t begin, std::size_t end) {
     for (std::size_t row = begin; row < end; ++row) {
       double* from = s.real.data() + row * s.real_row;
       fftw_execute_dft_c2r(s.rows_inverse.get(), s.spectrum(row * s.complex_row), from);

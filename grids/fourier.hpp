@@ -38,15 +38,17 @@ public:
   [[nodiscard]] int fields() const;
   /// Modes kept: (n_x/2 + 1) n_y n_z.
   [[nodiscard]] std::size_t modes() const;
+  /// Those with the same k_y and k_z follow each other in numbers, and for each field in memory too.
+  [[nodiscard]] std::size_t row_length() const;
   /// Signed wave indices (k_x, k_y, k_z) of a mode, |2 k_a| <= n_a.
   [[nodiscard]] std::array<std::ptrdiff_t, 3> wave(std::size_t mode) const;
   /// The coefficient of a field at a mode, to read after `forward` and to change before `inverse`.
   [[nodiscard]] Complex& at(int field, std::size_t mode);
   [[nodiscard]] const Complex& at(int field, std::size_t mode) const;
 
-  /// Transforms one array of grid values for each field.
+  /// Transforms one array of grid values for each field, or for the first few.
   void forward(std::span<const double* const> values);
-  /// The inverse, with the factor 1/size; the coefficients are lost.
+  /// The inverse, with the factor 1/size, of all fields or the first few; their coefficients are lost.
   void inverse(std::span<double* const> values);
 
 private:

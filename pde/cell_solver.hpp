@@ -73,6 +73,7 @@ inline constexpr double newton_tolerance = 1e-9;
 [[nodiscard]] std::unique_ptr<CellSolver> make_cell_solver(const grids::Grid& grid, Placement placement, int size,
                                                            int conditions, double tolerance);
 [[nodiscard]] std::unique_ptr<CellSolver> make_cyclic_cell_solver(const grids::Grid& grid, int size, int conditions);
-[[nodiscard]] std::unique_ptr<CellSolver> make_krylov_cell_solver(const grids::Grid& grid, int size, double tolerance);
+[[nodiscard]] std::unique_ptr<CellSolver> make_krylov_cell_solver(const grids::Grid& grid, Placement placement,
+                                                                  int size, double tolerance);
 
 }  // namespace rubato

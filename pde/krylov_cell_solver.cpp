@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <array>
 #include <complex>
+#include <numeric>
+#include <utility>
 
 #include <Eigen/LU>
 
@@ -21,52 +23,65 @@ using Eigen::Index;
 using Eigen::MatrixXd;
 
 constexpr int restart = 20;
-/// Relative change of the constant-coefficient matrix beyond which the preconditioner is made anew.
-constexpr double stale = 0.1;
+/// Change of the constants, relative, beyond which the matrix with the entries' means is inverted anew.
+constexpr double stale = 1e-5;
+/// Corrections, after the first solution, where the residual is looked at.
+constexpr int most_refinements = 5;
 
+/// With C the matrix whose entries are their means, inverted block by block in Fourier space, and V the entries less
+/// their means, the system (C + V A) c = r is one for w, those fields of c that V multiplies, alone:
+///
+///     c = C⁻¹(r - V A w),      w = (C⁻¹ r)_w - (C⁻¹ V A w)_w,
+///
+/// a second-kind equation with a small operator. c has the error of w, made smaller by that operator once more.
 class KrylovCellSolver final : public CellSolver {
 public:
   KrylovCellSolver(const grids::Grid& grid, Placement placement, int size, double tolerance)
       : grid_(grid),
+        placement_(placement),
         size_(size),
         tolerance_(tolerance),
         blocks_(grid),
         gather_(grid),
-        precondition_(grid, size),
-        gmres_(static_cast<std::size_t>(size) * grid.size(), restart),
-        rhs_(size, grid.size()),
-        solution_(rhs_) {
+        inverse_(grid, size),
+        all_(static_cast<std::size_t>(size)),
+        rhs_(size, grid.size()) {
+    std::iota(all_.begin(), all_.end(), 0);
     if (placement == Placement::nodes) {
       spectral_ = std::make_unique<grids::SpectralDerivative>(grid);
-      derivative_.assign(static_cast<std::size_t>(grid.dimensions()), grids::FieldSet(size, grid.size()));
     }
   }
 
   Status solve(const CellMatrix& matrix, const KernelConditions& conditions, std::span<const double* const> rhs,
                std::span<double* const> solution, std::span<double> y) override {
-    for (int r = 0; r < size_; ++r) {
-      std::copy_n(rhs[static_cast<std::size_t>(r)], grid_.size(), rhs_.field(r).begin());
+    std::span<const double* const> right = rhs;
+    if (check_ || conditions.count() > 0) {
+      for (int r = 0; r < size_; ++r) {
+        std::ranges::copy(std::span(rhs[static_cast<std::size_t>(r)], grid_.size()), rhs_.field(r).begin());
+      }
+      make_consistent(matrix, conditions, y);
+      right = std::as_const(rhs_).pointers();
     }
-    make_consistent(matrix, conditions, y);
     if (const Status status = prepare(matrix); status != Status::success) {
       return status;
     }
-    solution_.fill(0.0);
-    const auto apply = [&](const double* in, double* out) { multiply(matrix, in, out); };
-    const auto outcome =
-        gmres_.solve(apply, precondition_, rhs_.all(), solution_.all(),
-                     {.tolerance = tolerance_, .acceptable = 100.0 * tolerance_, .max_iterations = 200});
-    if (outcome.status != Status::success) {
-      return outcome.status;
+    Status status = solve_once(right, solution, tolerance_);
+    if (status == Status::success && check_) {
+      status = refine(matrix, solution);
     }
-    hold_means(matrix, conditions);
-    for (int f = 0; f < size_; ++f) {
-      std::ranges::copy(solution_.field(f), solution[static_cast<std::size_t>(f)]);
+    if (status == Status::success) {
+      hold_means(matrix, conditions, solution);
     }
-    return Status::success;
+    return status;
   }
 
-  void forget() override { prepared_mean_.resize(0, 0); }
+  void forget() override {
+    prepared_.resize(0, 0);
+    spread_ = 0.0;
+  }
+  void check_residuals(bool on) override { check_ = on; }
+  void set_tolerance(double tolerance) override { tolerance_ = tolerance; }
+  [[nodiscard]] double error() const override { return error_; }
 
 private:
   /// Which lines of cells along x belong together: the kernel's vectors may differ between groups. With `free`
@@ -89,7 +104,7 @@ private:
   }
 
   /// means[b·lines + line] of Σ_r weights(r, b) values_r over the line's group.
-  void group_means(const MatrixXd& weights, const grids::FieldSet& values, const std::array<bool, 2>& free,
+  void group_means(const MatrixXd& weights, std::span<double* const> values, const std::array<bool, 2>& free,
                    std::vector<double>& means) const {
     const auto count = static_cast<std::size_t>(weights.cols());
     const std::size_t lines = blocks_.lines;
@@ -103,8 +118,8 @@ private:
         for (int r = 0; r < size_; ++r) {
           const double weight = weights(r, static_cast<Index>(b));
           if (weight != 0.0) {
-            const auto row = values.field(r).subspan(line * blocks_.line, blocks_.line);
-            sums[group].add(weight * grids::sum(row));
+            const double* row = values[static_cast<std::size_t>(r)] + line * blocks_.line;
+            sums[group].add(weight * grids::sum({row, blocks_.line}));
           }
         }
       }
@@ -116,12 +131,13 @@ private:
   }
 
   /// rhs -= columns·vectors[line].
-  void subtract(const MatrixXd& columns, std::span<const double> vectors, grids::FieldSet& values) const {
+  void subtract(const MatrixXd& columns, std::span<const double> vectors, std::span<double* const> values) const {
     for (Index b = 0; b < columns.cols(); ++b) {
       for (int r = 0; r < size_; ++r) {
         for (std::size_t line = 0; columns(r, b) != 0.0 && line < blocks_.lines; ++line) {
           const double change = columns(r, b) * vectors[static_cast<std::size_t>(b) * blocks_.lines + line];
-          for (double& value : values.field(r).subspan(line * blocks_.line, blocks_.line)) {
+          double* row = values[static_cast<std::size_t>(r)] + line * blocks_.line;
+          for (double& value : std::span(row, blocks_.line)) {
             value -= change;
           }
         }
@@ -134,21 +150,21 @@ private:
     if (conditions.count() == 0) {
       return;
     }
-    group_means(conditions.left, rhs_, free_directions(matrix, conditions.left, true), means_);
+    group_means(conditions.left, rhs_.pointers(), free_directions(matrix, conditions.left, true), means_);
     const MatrixXd inverse = (conditions.left.transpose() * conditions.columns).inverse();
     mix(inverse, means_, y);
-    subtract(conditions.columns, y, rhs_);
+    subtract(conditions.columns, y, rhs_.pointers());
   }
 
   /// Adds kernel vectors so that the means of the pins are 0.
-  void hold_means(const CellMatrix& matrix, const KernelConditions& conditions) {
+  void hold_means(const CellMatrix& matrix, const KernelConditions& conditions, std::span<double* const> solution) {
     if (conditions.count() == 0) {
       return;
     }
-    group_means(conditions.pins.transpose(), solution_, free_directions(matrix, conditions.kernel, false), means_);
+    group_means(conditions.pins.transpose(), solution, free_directions(matrix, conditions.kernel, false), means_);
     std::vector<double> amplitudes(means_.size());
     mix((conditions.pins * conditions.kernel).inverse(), means_, amplitudes);
-    subtract(conditions.kernel, amplitudes, solution_);
+    subtract(conditions.kernel, amplitudes, solution);
   }
 
   /// out = matrix · in for each line.
@@ -165,19 +181,215 @@ private:
   }
 
   Status prepare(const CellMatrix& matrix) {
-    MatrixXd mean = matrix.mean;
-    for (const CellMatrix::Entry& entry : matrix.entries) {
-      mean(entry.row, entry.column) +=
-          entry.factor * grids::sum({entry.values, grid_.size()}) / static_cast<double>(grid_.size());
+    const bool anew = prepared_.size() == 0 || (matrix.mean - prepared_).norm() > stale * prepared_.norm();
+    if (anew) {
+      prepared_ = matrix.mean;
+      means_of_entries_.clear();
+      inverted_ = matrix.mean;
+      for (const CellMatrix::Entry& entry : matrix.entries) {
+        means_of_entries_.push_back(grids::sum({entry.values, grid_.size()}) / static_cast<double>(grid_.size()));
+        inverted_(entry.row, entry.column) += entry.factor * means_of_entries_.back();
+      }
+      if (!inverted_.allFinite()) {
+        prepared_.resize(0, 0);
+        return Status::undefined;
+      }
     }
-    if (!mean.allFinite()) {
-      return Status::undefined;
+    find_variation(matrix);
+    return anew ? factor(matrix) : Status::success;
+  }
+
+  /// What C leaves out: the entries less their means, and what the constants have changed since.
+  void find_variation(const CellMatrix& matrix) {
+    variation_.clear();
+    rows_.clear();
+    columns_.clear();
+    const auto place_in = [](std::vector<int>& list, int value) {
+      const auto found = std::ranges::find(list, value);
+      const auto place = static_cast<std::size_t>(found - list.begin());
+      if (found == list.end()) {
+        list.push_back(value);
+      }
+      return place;
+    };
+    for (std::size_t e = 0; e < matrix.entries.size(); ++e) {
+      const CellMatrix::Entry& entry = matrix.entries[e];
+      variation_.push_back({place_in(rows_, entry.row), place_in(columns_, entry.column), entry.factor,
+                            -entry.factor * means_of_entries_[e], entry.values});
     }
-    if (prepared_mean_.size() > 0 && (mean - prepared_mean_).norm() <= stale * mean.norm()) {
+    for (int r = 0; r < size_; ++r) {
+      for (int c = 0; c < size_; ++c) {
+        if (const double change = matrix.mean(r, c) - prepared_(r, c); change != 0.0) {
+          variation_.push_back({place_in(rows_, r), place_in(columns_, c), 0.0, change, nullptr});
+        }
+      }
+    }
+    const int columns = static_cast<int>(columns_.size());
+    if (start_.fields() < columns) {
+      start_ = grids::FieldSet(columns, grid_.size());
+      image_ = start_;
+      gmres_.reset();
+    }
+    if (products_.fields() < static_cast<int>(rows_.size())) {
+      products_ = grids::FieldSet(static_cast<int>(rows_.size()), grid_.size());
+    }
+    if (columns > 0 && (gmres_ == nullptr || gmres_->size() != columns_.size() * grid_.size())) {
+      gmres_ = std::make_unique<solve::Gmres>(columns_.size() * grid_.size(), restart);
+    }
+  }
+
+  /// c of (C + V A) c = rhs, to the relative error `tolerance` if the operator is small, as far as GMRES comes else.
+  Status solve_once(std::span<const double* const> rhs, std::span<double* const> solution, double tolerance) {
+    error_ = 0.0;
+    inverse_.take(rhs);
+    if (variation_.empty()) {
+      inverse_.solve({}, {}, all_, solution);
       return Status::success;
     }
-    prepared_mean_ = mean;
-    return precondition_.factor([&](const std::array<std::ptrdiff_t, 3>& k, std::complex<double>* out) {
+    const std::span<double> w = image_.all().first(columns_.size() * grid_.size());
+    inverse_.solve({}, {}, columns_, start_.pointers().first(columns_.size()));
+    // w = (C⁻¹ r)_w is off by the operator's size, c then by its square.
+    if (spread_ * spread_ <= tolerance) {
+      finish(start_.all().data(), solution);
+      error_ = spread_ * spread_;
+      if (error_ <= tolerance) {
+        return Status::success;
+      }
+    }
+    grids::parallel_fill(w.data(), w.size(), 0.0);
+    const auto apply = [&](const double* in, double* out) { apply_operator(in, out); };
+    const auto copy = [&](const double* in, double* out) { std::copy_n(in, w.size(), out); };
+    const double needed = std::max(tolerance, tolerance / std::max(spread_, 1e-3));
+    const auto outcome = gmres_->solve(
+        apply, copy, start_.all().first(w.size()), w,
+        {.tolerance = std::min(needed, 1e-2), .acceptable = std::max(100.0 * tolerance, 1e-13), .max_iterations = 200});
+    if (outcome.status != Status::success) {
+      return outcome.status;
+    }
+    finish(w.data(), solution);
+    error_ = outcome.residual * std::min(1.0, spread_);
+    return Status::success;
+  }
+
+  /// c of w, and how far (C⁻¹ r)_w was from c_w.
+  void finish(const double* w, std::span<double* const> solution) {
+    multiply_variation(w);
+    inverse_.solve(rows_, std::as_const(products_).pointers().first(rows_.size()), all_, solution);
+    double distance = 0.0;
+    double size = 0.0;
+    for (std::size_t j = 0; j < columns_.size(); ++j) {
+      const double* c = solution[static_cast<std::size_t>(columns_[j])];
+      const double* first = start_.field(static_cast<int>(j)).data();
+      distance += grids::sum_of(grid_.size(), [=](std::size_t i) { return (c[i] - first[i]) * (c[i] - first[i]); });
+      size += grids::dot({c, grid_.size()}, {c, grid_.size()});
+    }
+    spread_ = size > 0.0 ? std::sqrt(distance / size) : 0.0;
+  }
+
+  /// out = w + (C⁻¹ V A w)_w.
+  void apply_operator(const double* w, double* out) {
+    multiply_variation(w);
+    for (std::size_t j = 0; j < columns_.size(); ++j) {
+      outputs_[j] = out + j * grid_.size();
+    }
+    inverse_.respond(rows_, std::as_const(products_).pointers().first(rows_.size()), columns_,
+                     std::span<double* const>(outputs_.data(), columns_.size()));
+    grids::for_each_block(columns_.size() * grid_.size(), 4096, [=](std::size_t begin, std::size_t end) {
+      for (std::size_t i = begin; i < end; ++i) {
+        out[i] += w[i];
+      }
+    });
+  }
+
+  /// products = V A w.
+  void multiply_variation(const double* w) {
+    grids::for_each_block(blocks_.count(), 1, [&](std::size_t first, std::size_t last) {
+      double mean[CellBlocks::most];
+      double* const none[3] = {};
+      for (std::size_t block = first; block < last; ++block) {
+        const std::size_t line = block / blocks_.per_line;
+        const std::size_t begin = block % blocks_.per_line * CellBlocks::most;
+        const std::size_t count = std::min(CellBlocks::most, blocks_.line - begin);
+        const std::size_t offset = line * blocks_.line + begin;
+        for (std::size_t r = 0; r < rows_.size(); ++r) {
+          std::fill_n(products_.field(static_cast<int>(r)).data() + offset, count, 0.0);
+        }
+        for (std::size_t j = 0; j < columns_.size(); ++j) {
+          take_mean(w + j * grid_.size(), line, begin, count, mean, none);
+          for (const Variation& v : variation_) {
+            if (v.column != j) {
+              continue;
+            }
+            double* out = products_.field(static_cast<int>(v.row)).data() + offset;
+            const double* values = v.values != nullptr ? v.values + offset : nullptr;
+            for (std::size_t i = 0; i < count; ++i) {
+              out[i] += (v.shift + (values != nullptr ? v.factor * values[i] : 0.0)) * mean[i];
+            }
+          }
+        }
+      }
+    });
+  }
+
+  void take_mean(const double* field, std::size_t line, std::size_t begin, std::size_t count, double* mean,
+                 double* const* none) const {
+    if (placement_ == Placement::nodes) {
+      std::copy_n(field + line * blocks_.line + begin, count, mean);
+    } else {
+      gather_(field, line, begin, count, mean, none);
+    }
+  }
+
+  /// Makes the residual of the whole system as small as asked, or as rounding allows.
+  Status refine(const CellMatrix& matrix, std::span<double* const> solution) {
+    const double size = std::sqrt(grids::dot(rhs_.all(), rhs_.all()));
+    if (correction_.fields() == 0) {
+      correction_ = grids::FieldSet(size_, grid_.size());
+      residual_ = correction_;
+      derivative_.assign(spectral_ != nullptr ? static_cast<std::size_t>(grid_.dimensions()) : 0, correction_);
+    }
+    double previous = 0.0;
+    for (int pass = 0;; ++pass) {
+      multiply(matrix, solution);
+      double* r = residual_.all().data();
+      const double* b = std::as_const(rhs_).all().data();
+      grids::for_each_block(rhs_.all().size(), 4096, [=](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) {
+          r[i] = b[i] - r[i];
+        }
+      });
+      const double left = size > 0.0 ? std::sqrt(grids::dot(residual_.all(), residual_.all())) / size : 0.0;
+      if (!std::isfinite(left)) {
+        return Status::undefined;
+      }
+      if (left <= tolerance_) {
+        return Status::success;
+      }
+      if (pass == most_refinements || (pass > 0 && left > 0.5 * previous)) {
+        return left <= 100.0 * tolerance_ ? Status::success : Status::not_converged;
+      }
+      previous = left;
+      const double error = error_;
+      const Status status = solve_once(std::as_const(residual_).pointers(), correction_.pointers(), 1e-3);
+      if (status != Status::success) {
+        return status;
+      }
+      error_ = std::min(error, error_ * left);
+      for (int f = 0; f < size_; ++f) {
+        double* out = solution[static_cast<std::size_t>(f)];
+        const double* change = std::as_const(correction_).field(f).data();
+        grids::for_each_block(grid_.size(), 4096, [=](std::size_t begin, std::size_t end) {
+          for (std::size_t i = begin; i < end; ++i) {
+            out[i] += change[i];
+          }
+        });
+      }
+    }
+  }
+
+  Status factor(const CellMatrix& matrix) {
+    const MatrixXd& mean = inverted_;
+    return inverse_.factor([&](const std::array<std::ptrdiff_t, 3>& k, std::complex<double>* out) {
       std::array<std::complex<double>, 3> average{1.0, 1.0, 1.0};
       std::array<std::complex<double>, 3> difference{};
       for (int a = 0; a < grid_.dimensions(); ++a) {
@@ -207,23 +419,23 @@ private:
     });
   }
 
-  void multiply(const CellMatrix& matrix, const double* in, double* out) {
-    const std::size_t n = grid_.size();
+  /// residual = matrix · in.
+  void multiply(const CellMatrix& matrix, std::span<double* const> in) {
     for (std::size_t a = 0; a < derivative_.size(); ++a) {
       for (int f = 0; f < size_; ++f) {
         if (!matrix.difference[a].col(f).isZero(0.0)) {
-          (*spectral_)(static_cast<int>(a), in + static_cast<std::size_t>(f) * n, derivative_[a].field(f).data());
+          (*spectral_)(static_cast<int>(a), in[static_cast<std::size_t>(f)], derivative_[a].field(f).data());
         }
       }
     }
     grids::for_each_block(blocks_.count(), 1, [&](std::size_t first, std::size_t last) {
       for (std::size_t block = first; block < last; ++block) {
-        multiply_block(matrix, in, out, n, block);
+        multiply_block(matrix, in, block);
       }
     });
   }
 
-  void multiply_block(const CellMatrix& matrix, const double* in, double* out, std::size_t n, std::size_t block) const {
+  void multiply_block(const CellMatrix& matrix, std::span<double* const> in, std::size_t block) {
     const std::size_t line = block / blocks_.per_line;
     const std::size_t begin = block % blocks_.per_line * CellBlocks::most;
     const std::size_t count = std::min(CellBlocks::most, blocks_.line - begin);
@@ -232,19 +444,19 @@ private:
     double difference[3][CellBlocks::most];
     double* const differences[3] = {difference[0], difference[1], difference[2]};
     for (int r = 0; r < size_; ++r) {
-      std::fill_n(out + static_cast<std::size_t>(r) * n + offset, count, 0.0);
+      std::fill_n(residual_.field(r).data() + offset, count, 0.0);
     }
     for (int f = 0; f < size_; ++f) {
       if (spectral_ == nullptr) {
-        gather_(in + static_cast<std::size_t>(f) * n, line, begin, count, mean, differences);
+        gather_(in[static_cast<std::size_t>(f)], line, begin, count, mean, differences);
       } else {
-        std::copy_n(in + static_cast<std::size_t>(f) * n + offset, count, mean);
+        std::copy_n(in[static_cast<std::size_t>(f)] + offset, count, mean);
         for (std::size_t a = 0; a < derivative_.size(); ++a) {
           std::copy_n(derivative_[a].field(f).data() + offset, count, differences[a]);
         }
       }
       for (int r = 0; r < size_; ++r) {
-        double* to = out + static_cast<std::size_t>(r) * n + offset;
+        double* to = residual_.field(r).data() + offset;
         const auto add = [&](double factor, const double* values) {
           for (std::size_t c = 0; factor != 0.0 && c < count; ++c) {
             to[c] += factor * values[c];
@@ -257,7 +469,7 @@ private:
       }
       for (const CellMatrix::Entry& entry : matrix.entries) {
         if (entry.column == f) {
-          double* to = out + static_cast<std::size_t>(entry.row) * n + offset;
+          double* to = residual_.field(entry.row).data() + offset;
           const double* values = entry.values + offset;
           for (std::size_t c = 0; c < count; ++c) {
             to[c] += entry.factor * values[c] * mean[c];
@@ -267,17 +479,36 @@ private:
     }
   }
 
+  struct Variation {
+    std::size_t row, column;  ///< places in rows_ and columns_
+    double factor, shift;
+    const double* values;  ///< may be null
+  };
+
   grids::Grid grid_;
+  Placement placement_;
   int size_;
   double tolerance_;
   CellBlocks blocks_;
   BoxGather gather_;
-  solve::FourierPreconditioner precondition_;
-  solve::Gmres gmres_;
-  grids::FieldSet rhs_, solution_;
+  solve::FourierPreconditioner inverse_;  ///< C⁻¹
+  std::vector<int> all_;
+  grids::FieldSet rhs_;
   std::unique_ptr<grids::SpectralDerivative> spectral_;  ///< at nodes only
-  std::vector<grids::FieldSet> derivative_;              ///< along each axis
-  MatrixXd prepared_mean_;
+  bool check_ = true;
+  double error_ = 0.0;  ///< of the last solution, relative
+
+  MatrixXd prepared_;  ///< the constants that C was made of
+  MatrixXd inverted_;  ///< with the entries' means
+  std::vector<double> means_of_entries_;
+  double spread_ = 0.0;  ///< the operator's size, as last seen
+  std::vector<Variation> variation_;
+  std::vector<int> rows_, columns_;           ///< that V touches
+  grids::FieldSet start_, image_, products_;  ///< (C⁻¹ r)_w, w, V A w
+  std::array<double*, 16> outputs_{};
+  std::unique_ptr<solve::Gmres> gmres_;      ///< for w
+  grids::FieldSet correction_, residual_;    ///< of refinements, made when first needed
+  std::vector<grids::FieldSet> derivative_;  ///< at nodes, along each axis
   std::vector<double> means_;
 };
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
+#include <numeric>
 #include <stdexcept>
 #include <utility>
 
@@ -17,6 +18,7 @@ using Complex = std::complex<double>;
 using Matrix = Eigen::MatrixXcd;
 
 constexpr double deficient_below = 1e-13;
+constexpr std::size_t piece = 128;  ///< modes multiplied together, in first-level cache
 
 bool finite(Complex z) {
   return std::isfinite(z.real()) && std::isfinite(z.imag());
@@ -81,26 +83,30 @@ void pseudo_invert(int n, const Complex* a, Complex* inverse) {
 FourierPreconditioner::FourierPreconditioner(const grids::Grid& grid, int fields)
     : fields_(fields),
       size_(grid.size()),
-      fourier_(grid, std::max(1, fields)),
+      taken_(grid, std::max(1, fields)),
+      work_(grid, std::max(1, fields)),
+      all_(std::max(0, fields)),
       in_(std::max(0, fields)),
       out_(std::max(0, fields)) {
   if (fields < 1 || fields > 16) {
     throw std::invalid_argument(fmt::format("FourierPreconditioner: {} fields, expected 1 to 16", fields));
   }
-  inverses_.resize(fourier_.modes() * static_cast<std::size_t>(fields) * fields);
+  std::iota(all_.begin(), all_.end(), 0);
+  inverses_.resize(taken_.modes() * static_cast<std::size_t>(fields) * fields);
 }
 
 Status FourierPreconditioner::factor(const Symbol& symbol) {
   std::atomic<std::size_t> deficient = 0;
   std::atomic<bool> undefined = false;
   const int n = fields_;
-  grids::for_each_block(fourier_.modes(), 64, [&](std::size_t begin, std::size_t end) {
+  const std::size_t modes = taken_.modes();
+  grids::for_each_block(modes, 64, [&](std::size_t begin, std::size_t end) {
     std::array<Complex, 256> matrix;
     std::array<Complex, 256> work;
     std::array<Complex, 256> inverse;
     for (std::size_t mode = begin; mode < end; ++mode) {
       std::fill_n(matrix.begin(), n * n, Complex{});
-      symbol(fourier_.wave(mode), matrix.data());
+      symbol(taken_.wave(mode), matrix.data());
       if (!std::all_of(matrix.begin(), matrix.begin() + n * n, finite)) {
         undefined = true;
         return;
@@ -110,10 +116,9 @@ Status FourierPreconditioner::factor(const Symbol& symbol) {
         pseudo_invert(n, matrix.data(), inverse.data());
         ++deficient;
       }
-      Complex* to = &inverses_[mode * n * n];
       for (int r = 0; r < n; ++r) {
         for (int c = 0; c < n; ++c) {
-          to[c * n + r] = inverse[r * n + c];
+          inverses_[static_cast<std::size_t>(c * n + r) * modes + mode] = inverse[r * n + c];
         }
       }
     }
@@ -123,34 +128,72 @@ Status FourierPreconditioner::factor(const Symbol& symbol) {
 }
 
 void FourierPreconditioner::operator()(const double* in, double* out) {
-  const int n = fields_;
-  for (int f = 0; f < n; ++f) {
+  for (int f = 0; f < fields_; ++f) {
     in_[f] = in + static_cast<std::size_t>(f) * size_;
     out_[f] = out + static_cast<std::size_t>(f) * size_;
   }
-  fourier_.forward(in_);
-  grids::for_each_block(fourier_.modes(), 256, [&](std::size_t begin, std::size_t end) {
-    std::array<double, 16> real;
-    std::array<double, 16> imaginary;
-    for (std::size_t mode = begin; mode < end; ++mode) {
-      const Complex* inverse = &inverses_[mode * n * n];
-      real.fill(0.0);
-      imaginary.fill(0.0);
-      for (int c = 0; c < n; ++c) {
-        const double a = fourier_.at(c, mode).real();
-        const double b = fourier_.at(c, mode).imag();
-        for (int r = 0; r < n; ++r) {  // in real arithmetic: std::complex's product looks out for infinities
-          const Complex m = inverse[c * n + r];
-          real[r] += m.real() * a - m.imag() * b;
-          imaginary[r] += m.real() * b + m.imag() * a;
+  respond(all_, in_, all_, out_);
+}
+
+void FourierPreconditioner::take(std::span<const double* const> rhs) {
+  taken_.forward(rhs);
+}
+
+void FourierPreconditioner::solve(std::span<const int> rows, std::span<const double* const> values,
+                                  std::span<const int> fields, std::span<double* const> out) {
+  work_.forward(values);
+  multiply(true, -1.0, rows, fields);
+  work_.inverse(out);
+}
+
+void FourierPreconditioner::respond(std::span<const int> rows, std::span<const double* const> values,
+                                    std::span<const int> fields, std::span<double* const> out) {
+  work_.forward(values);
+  multiply(false, 1.0, rows, fields);
+  work_.inverse(out);
+}
+
+/// work = (matrix)⁻¹ (taken + factor · work), in the order of `rows` before and of `fields` after.
+void FourierPreconditioner::multiply(bool with_taken, double factor, std::span<const int> rows,
+                                     std::span<const int> fields) {
+  const auto n = static_cast<std::size_t>(fields_);
+  const std::size_t modes = taken_.modes();
+  const std::size_t row_length = taken_.row_length();
+  const std::size_t pieces = (row_length + piece - 1) / piece;
+  grids::for_each_block(
+      modes / row_length * pieces, std::max<std::size_t>(1, 4 / pieces), [&](std::size_t first, std::size_t last) {
+        std::array<std::array<double, 2 * piece>, 16> in;  // real and imaginary parts in turn
+        std::array<double, 2 * piece> product;
+        for (std::size_t unit = first; unit < last; ++unit) {
+          const std::size_t start = unit % pieces * piece;
+          const std::size_t begin = unit / pieces * row_length + start;
+          const std::size_t count = std::min(piece, row_length - start);
+          for (int r = 0; with_taken && r < fields_; ++r) {
+            std::copy_n(reinterpret_cast<const double*>(&taken_.at(r, begin)), 2 * count, in[r].begin());
+          }
+          for (std::size_t i = 0; i < rows.size(); ++i) {
+            const auto* values = reinterpret_cast<const double*>(&work_.at(static_cast<int>(i), begin));
+            double* to = in[rows[i]].data();
+            for (std::size_t j = 0; j < 2 * count; ++j) {
+              to[j] = (with_taken ? to[j] : 0.0) + factor * values[j];
+            }
+          }
+          for (std::size_t j = 0; j < fields.size(); ++j) {
+            product.fill(0.0);
+            const auto add = [&](int row) {
+              const auto entry = static_cast<std::size_t>(row) * n + static_cast<std::size_t>(fields[j]);
+              const auto* m = reinterpret_cast<const double*>(&inverses_[entry * modes + begin]);
+              const double* a = in[row].data();
+              for (std::size_t k = 0; k < 2 * count; k += 2) {  // std::complex's product looks out for infinities
+                product[k] += m[k] * a[k] - m[k + 1] * a[k + 1];
+                product[k + 1] += m[k] * a[k + 1] + m[k + 1] * a[k];
+              }
+            };
+            std::ranges::for_each(with_taken ? std::span<const int>(all_) : rows, add);
+            std::copy_n(product.begin(), 2 * count, reinterpret_cast<double*>(&work_.at(static_cast<int>(j), begin)));
+          }
         }
-      }
-      for (int r = 0; r < n; ++r) {
-        fourier_.at(r, mode) = {real[r], imaginary[r]};
-      }
-    }
-  });
-  fourier_.inverse(out_);
+      });
 }
 
 }  // namespace rubato::solve

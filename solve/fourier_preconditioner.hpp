@@ -25,7 +25,7 @@ public:
   /// must be the conjugate of that of k, as it is for every real operator. Called by several threads at once.
   using Symbol = std::function<void(const std::array<std::ptrdiff_t, 3>& k, Complex* matrix)>;
 
-  /// Memory: fields² + 2 fields doubles per node, about. Throws std::invalid_argument unless 1 <= fields <= 16.
+  /// Memory: fields² + 4 fields doubles per node, about. Throws std::invalid_argument unless 1 <= fields <= 16.
   FourierPreconditioner(const grids::Grid& grid, int fields);
 
   /// Inverts the matrix of every wave once. A matrix that is singular to rounding (pivots below 1e-13 of the largest)
@@ -38,12 +38,29 @@ public:
   /// grids::FieldSet. in and out may be the same. Hypothesis: the last `factor` succeeded.
   void operator()(const double* in, double* out);
 
+  /// The same in parts, for a right-hand side of which only some rows change, or a solution of which only some fields
+  /// are wanted: half a transform less for each that is left out.
+  ///
+  /// Keeps the transform of a right-hand side, one array for each row, for solve().
+  void take(std::span<const double* const> rhs);
+  /// out[j] = field fields[j] of (matrix)⁻¹ (what was taken - values[i] in row rows[i]). Hypothesis: different rows,
+  /// different fields.
+  void solve(std::span<const int> rows, std::span<const double* const> values, std::span<const int> fields,
+             std::span<double* const> out);
+  /// out[j] = field fields[j] of (matrix)⁻¹ (values[i] in row rows[i], 0 in the others).
+  void respond(std::span<const int> rows, std::span<const double* const> values, std::span<const int> fields,
+               std::span<double* const> out);
+
 private:
+  void multiply(bool with_taken, double factor, std::span<const int> rows, std::span<const int> fields);
+
   int fields_;
   std::size_t size_;
-  grids::Fourier fourier_;
-  std::vector<Complex> inverses_;  ///< for each mode, column by column
+  grids::Fourier taken_;
+  grids::Fourier work_;
+  std::vector<Complex> inverses_;  ///< entry (row, column) of all modes at (column fields + row) modes
   std::size_t deficient_ = 0;
+  std::vector<int> all_;
   std::vector<const double*> in_;
   std::vector<double*> out_;
 };
