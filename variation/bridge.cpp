@@ -33,6 +33,8 @@ constexpr double longest_for_gamma = 3.5;
 /// Steps tried while no bridge is found, relative to the step law: whichever leaves the smallest defect of the node
 /// law.
 constexpr std::array waiting_lengths = {0.6, 1.0, 1.5};
+/// How much longer than the last one plain steps may become.
+constexpr double largest_growth = 1.5;
 /// A bridge across a simple zero has values of Γ at its ends whose ratio is 4 at most. A root of the node law's
 /// equation with a more lopsided one is another: the cube root is so steep beside the zero that it has two there.
 constexpr double largest_imbalance = 32.0;
@@ -343,9 +345,11 @@ StepReport TimeLevels::long_bridge() {
   return waiting_step();
 }
 
-/// The last regular step, or what the step law asks for here if that is shorter: Γ may be large by now.
+/// The last regular step, or what the step law asks for here if that is shorter: Γ may be large by now. Where no bridge
+/// is found, and Γ falls by powers of ten meanwhile, plain steps grow with the law's.
 double TimeLevels::plain_length() const {
-  return std::min(std::abs(regular_step_), law_step(scheme_.node().gamma)) * sign(regular_step_);
+  const double longest = waited_ > 0 ? largest_growth * std::abs(last_step_) : std::abs(regular_step_);
+  return std::min(longest, law_step(scheme_.node().gamma)) * sign(regular_step_);
 }
 
 StepReport TimeLevels::waiting_step() {
