@@ -7,6 +7,8 @@
 
 #include <fmt/format.h>
 
+#include <rubato/base/quoted.hpp>
+
 namespace rubato::report {
 
 static_assert(std::endian::native == std::endian::little, "numbers are packed as they lie in memory");
@@ -52,22 +54,10 @@ Json& Json::key(std::string_view name) {
 
 Json& Json::value(std::string_view text) {
   separate();
-  text_ += '"';
-  for (const char c : text) {
-    switch (c) {
-      case '"': text_ += "\\\""; break;
-      case '\\': text_ += "\\\\"; break;
-      case '\n': text_ += "\\n"; break;
-      case '<': text_ += "\\u003c"; break;
-      default:
-        if (static_cast<unsigned char>(c) < 0x20) {
-          text_ += fmt::format("\\u{:04x}", static_cast<unsigned>(c));
-        } else {
-          text_ += c;
-        }
-    }
+  // The object may stand in a <script> element, which any "</script>" in it would end.
+  for (const char c : quoted(text)) {
+    text_ += c == '<' ? std::string_view("\\u003c") : std::string_view(&c, 1);
   }
-  text_ += '"';
   return *this;
 }
 

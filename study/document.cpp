@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 #include <toml++/toml.h>
 
+#include <rubato/base/quoted.hpp>
 #include <rubato/study/scan.hpp>
 
 namespace rubato::study {
@@ -44,6 +45,9 @@ public:
     } else if (const auto* string = node.as_string()) {
       value.data = string->get();
       value.location = content_of_string(value.location);
+      if (string->get().find('\0') != std::string::npos) {
+        throw ProblemError(value.location, "this text holds the character U+0000, which ends a text everywhere else");
+      }
     } else if (const auto* integer = node.as_integer()) {
       value.data = integer->get();
     } else if (const auto* real = node.as_floating_point()) {
@@ -112,26 +116,6 @@ std::string reworded(std::string_view description) {
 bool is_bare_key(std::string_view key) {
   return !key.empty() && std::all_of(key.begin(), key.end(),
                                      [](unsigned char c) { return std::isalnum(c) != 0 || c == '_' || c == '-'; });
-}
-
-std::string quoted(std::string_view text) {
-  std::string result = "\"";
-  for (const char c : text) {
-    switch (c) {
-      case '"': result += "\\\""; break;
-      case '\\': result += "\\\\"; break;
-      case '\n': result += "\\n"; break;
-      case '\r': result += "\\r"; break;
-      case '\t': result += "\\t"; break;
-      default:
-        if (static_cast<unsigned char>(c) < 0x20 || c == 0x7F) {
-          result += fmt::format("\\u{:04X}", static_cast<unsigned>(c));
-        } else {
-          result += c;
-        }
-    }
-  }
-  return result + '"';
 }
 
 std::string written_key(const std::string& key) {

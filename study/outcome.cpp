@@ -3,31 +3,12 @@
 
 #include <fmt/format.h>
 
+#include <rubato/base/quoted.hpp>
 #include <rubato/study/run.hpp>
 
 namespace rubato::study {
 
 namespace {
-
-/// Text as a JSON string.
-std::string quoted(std::string_view text) {
-  std::string result = "\"";
-  for (const char c : text) {
-    switch (c) {
-      case '"': result += "\\\""; break;
-      case '\\': result += "\\\\"; break;
-      case '\n': result += "\\n"; break;
-      case '\t': result += "\\t"; break;
-      default:
-        if (static_cast<unsigned char>(c) < 0x20) {
-          result += fmt::format("\\u{:04x}", static_cast<unsigned char>(c));
-        } else {
-          result += c;
-        }
-    }
-  }
-  return result + '"';
-}
 
 /// Builds one JSON object. A number that is not finite has no JSON form and is left out with its key.
 class JsonObject {
@@ -37,9 +18,11 @@ public:
   }
   JsonObject& count(std::string_view key, std::size_t value) { return raw(key, fmt::format("{}", value)); }
   JsonObject& text(std::string_view key, std::string_view value) { return raw(key, quoted(value)); }
-  JsonObject& object(std::string_view key, const JsonObject& value) { return raw(key, value.str()); }
+  /// One without entries is left out too.
+  JsonObject& object(std::string_view key, const JsonObject& value) {
+    return value.body_.empty() ? *this : raw(key, value.str());
+  }
   [[nodiscard]] std::string str() const { return "{" + body_ + "}"; }
-  [[nodiscard]] bool empty() const { return body_.empty(); }
 
 private:
   JsonObject& raw(std::string_view key, std::string_view value) {
@@ -167,10 +150,13 @@ std::string to_table(const Outcome& outcome) {
     row("total " + name, fmt::format("{:.10g}, deviation {:.3g}", value.initial, value.max));
   }
   for (const auto& [name, value] : statistics.invariants) {
-    row(name, fmt::format("{:.10g}, deviation {:.3g}", value.initial, value.max));
+    row(name,
+        std::isfinite(value.max) ? fmt::format("{:.10g}, deviation {:.3g}", value.initial, value.max) : "undefined");
   }
   for (const auto& [name, value] : statistics.errors) {
-    row("error in " + name, fmt::format("max {:.3g}, rms {:.3g} at the last level", value.max, value.rms()));
+    row("error in " + name, std::isfinite(value.max)
+                                ? fmt::format("max {:.3g}, rms {:.3g} at the last level", value.max, value.rms())
+                                : "undefined at the last level");
   }
   if (statistics.iterations > 0.0) {
     row("iterations per step",

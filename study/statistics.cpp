@@ -1,5 +1,7 @@
 #include <rubato/study/statistics.hpp>
 
+#include <fmt/format.h>
+
 namespace rubato::study {
 
 void start(std::vector<Named<Deviation>>& deviations, std::span<const double> values) {
@@ -46,6 +48,22 @@ void Statistics::add_step(const StepReport& report, double time, const LevelNode
   node_energy.add(node.energy);
   add(invariants, invariant_values);
   add(totals, total_values);
+}
+
+std::vector<std::string> Statistics::undefined_quantities() const {
+  std::vector<std::string> sentences;
+  for (const auto& [name, value] : invariants) {
+    if (!std::isfinite(value.initial) || !std::isfinite(value.max)) {
+      sentences.push_back(fmt::format("the invariant {} is not defined at every level: correct its formula", name));
+    }
+  }
+  for (const auto& [name, value] : errors) {
+    if (!std::isfinite(value.max)) {
+      sentences.push_back(
+          fmt::format("the exact solution of {} is not defined at t = {:.10g}: correct its formula", name, t));
+    }
+  }
+  return sentences;
 }
 
 template <typename Visitor>

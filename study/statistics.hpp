@@ -22,18 +22,23 @@ struct Range {
   }
 };
 
+/// The larger of both; undefined once one of them is, so that it shows in the end.
+[[nodiscard]] inline double larger(double a, double b) {
+  return std::isnan(a) || a >= b ? a : b;
+}
+
 /// Largest magnitude and root mean square of many values.
 struct MaxRms {
   double max = 0.0;
   double sum_of_squares = 0.0;
   double count = 0.0;
   void add(double value) {
-    max = std::max(max, std::abs(value));
+    max = larger(max, std::abs(value));
     sum_of_squares += value * value;
     count += 1.0;
   }
   void add(const MaxRms& other) {
-    max = std::max(max, other.max);
+    max = larger(max, other.max);
     sum_of_squares += other.sum_of_squares;
     count += other.count;
   }
@@ -45,7 +50,7 @@ struct Deviation {
   double initial = 0.0;
   double max = 0.0;
   void start(double value) { initial = value; }
-  void add(double value) { max = std::max(max, std::abs(value - initial)); }
+  void add(double value) { max = larger(max, std::abs(value - initial)); }
 };
 
 /// A quantity under its name, in the order of the problem file.
@@ -90,6 +95,9 @@ struct Statistics {
                  std::span<const double> total_values);
   void add_step(const StepReport& report, double t, const LevelNode& node, std::span<const double> invariant_values,
                 std::span<const double> total_values);
+
+  /// One sentence for each invariant and each error that is not a number, since its formula left its domain.
+  [[nodiscard]] std::vector<std::string> undefined_quantities() const;
 
   void save(StateWriter& state) const;
   /// The names must be in place already.

@@ -102,7 +102,7 @@ TEST_CASE("text in JSON cannot end the script that holds it") {
   json.key("empty").begin_array().end_array();
   json.key("numbers").begin_array().value(0.1).value(std::nan("")).value(std::size_t{3}).value(true).end_array();
   json.end_object();
-  CHECK(json.text() == R"({"title":"a\u003c/script>\u003cscript>alert(\"1\")\u003c/script> \\ \n\u0009\u0001 Γ",)"
+  CHECK(json.text() == R"({"title":"a\u003c/script>\u003cscript>alert(\"1\")\u003c/script> \\ \n\t\u0001 Γ",)"
                        R"("empty":[],"numbers":[0.10000000000000001,null,3,true]})");
 }
 
