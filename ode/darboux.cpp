@@ -167,7 +167,7 @@ MatrixXd parasite_matrix(const MatrixXd& F) {
   Eigen::FullPivLU<MatrixXd> factors(2.0 * identity - twice);
   factors.setThreshold(singular_limit);
   if (!factors.isInvertible()) {
-    throw std::invalid_argument(
+    throw StartingPairError(
         "I + FJ is singular for this Darboux type (as for both symplectic-Euler types): the two-step equation forces "
         "the one-step equation, so that an arbitrary starting pair cannot be continued (theory, section 4)");
   }

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <stdexcept>
+
 #include <Eigen/Core>
 
 /// \file
@@ -49,10 +51,16 @@ void check_darboux_symmetric(const Eigen::MatrixXd& F, Eigen::Index n);
 /// \throws std::invalid_argument outside, as fractional_transform
 [[nodiscard]] Eigen::MatrixXd inverse_fractional_transform(const Eigen::MatrixXd& alpha, const Eigen::MatrixXd& M);
 
+/// A generating function whose two-step equation has no solution from an arbitrary starting pair.
+class StartingPairError : public std::invalid_argument {
+public:
+  using std::invalid_argument::invalid_argument;
+};
+
 /// With the defect d_k = Jδ_k - ∇Φ the two-step equation (3.3) of type F is (I + FJ) d_k + (I - FJ) d_{k-1} = 0
 /// (theory, section 4): the parasite of an arbitrary starting pair is multiplied by -(I + FJ)⁻¹(I - FJ) in every step.
 /// It is bounded where all eigenvalues of FJ are imaginary and semisimple (F = 0, F definite) and grows otherwise.
-/// \throws std::invalid_argument if I + FJ is singular, as for both Euler types: there d_k = 0 follows, no two-step map
+/// \throws StartingPairError if I + FJ is singular, as for both Euler types: there d_k = 0 follows, no two-step map
 /// exists, and an arbitrary starting pair cannot be continued
 [[nodiscard]] Eigen::MatrixXd parasite_matrix(const Eigen::MatrixXd& F);
 

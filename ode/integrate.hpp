@@ -82,7 +82,7 @@ public:
 class OrbitIntegrator {
 public:
   /// \throws std::invalid_argument with the offending values: sizes that do not fit, data that are not finite, a step
-  /// of 0 or away from `until`, H undefined at the start; EquilibriumError
+  /// of 0 or away from `until`, H undefined at the start; EquilibriumError, UnstableError, StartingPairError
   OrbitIntegrator(const Hamiltonian& hamiltonian, const InitialState& initial, const IntegrationOptions& options);
 
   [[nodiscard]] StepReport step() { return levels_->step(); }

@@ -203,13 +203,6 @@ OrbitIntegrator make_integrator(const Problem& problem) {
   }
   const InitialState initial{.q = orbit.initial.q, .p = orbit.initial.p, .t = orbit.initial.t};
   const Hamiltonian hamiltonian = make_hamiltonian(problem);
-  if (orbit.next && scheme.lagrangian == Lagrangian::generating) {
-    try {
-      static_cast<void>(parasite_matrix(make_generating(scheme).F(orbit.q.size())));
-    } catch (const std::invalid_argument& error) {
-      throw ProblemError(orbit.next->location, error.what());
-    }
-  }
   try {
     if (!scheme.step) {
       options.step = choose_first_step(hamiltonian, initial, options, *scheme.energy_tolerance);
@@ -217,6 +210,8 @@ OrbitIntegrator make_integrator(const Problem& problem) {
     return OrbitIntegrator(hamiltonian, initial, options);
   } catch (const ProblemError&) {
     throw;
+  } catch (const StartingPairError& error) {
+    throw ProblemError(orbit.next->location, error.what());
   } catch (const UnstableError& error) {
     throw ProblemError(scheme.lagrangian_location, error.what());
   } catch (const std::invalid_argument& error) {
