@@ -53,6 +53,11 @@ void validate(const Layout& layout) {
   }
   for (const auto& dataset : layout.datasets)
     claim_own(dataset.path);
+  for (const auto& [name, target] : target_of)
+    for (std::size_t slash = name.find('/', 1); slash != std::string::npos; slash = name.find('/', slash + 1))
+      if (target_of.contains(name.substr(0, slash)))
+        throw std::invalid_argument(
+            fmt::format("record: '{}' would be both a dataset and the group of '{}'", name.substr(0, slash), name));
   for (const auto& dataset : layout.datasets) {
     const auto axis = std::ranges::find(layout.datasets, dataset.axis, &Dataset::path);
     if (axis == layout.datasets.end() || axis->axis != axis->path || !axis->dimensions.empty())

@@ -107,7 +107,8 @@ public:
     detail::write_attribute(file, "finished", Type::u8, 0);
     file.close("writing the working file");
     detail::trim(working_);
-    check_axes();
+    if (const std::string contradiction = different_rows(); !contradiction.empty())
+      throw detail::Failure(contradiction);
   }
 
   void append(std::size_t dataset, std::span<const double> row) {
@@ -216,14 +217,21 @@ private:
     return column.waiting.data() + column.waiting.size() - column.row_bytes;
   }
 
-  void check_axes() const {
+  /// Which datasets of one axis are not of one length; empty if none.
+  [[nodiscard]] std::string different_rows() const {
     std::map<std::string_view, const Column*> axes;
     for (const auto& column : columns_) {
       const Column& first = *axes.try_emplace(column.description.axis, &column).first->second;
       if (first.appended != column.appended)
-        throw std::logic_error(fmt::format("record: '{}' has {} rows, but '{}' has {}", first.description.path,
-                                           first.appended, column.description.path, column.appended));
+        return fmt::format("'{}' has {} rows, but '{}' has {}", first.description.path, first.appended,
+                           column.description.path, column.appended);
     }
+    return {};
+  }
+
+  void check_axes() const {
+    if (const std::string contradiction = different_rows(); !contradiction.empty())
+      throw std::logic_error("record: " + contradiction);
   }
 
   void take_over(hid_t file, Column& column) const {

@@ -142,6 +142,8 @@ TEST_CASE("layouts that contradict themselves are refused") {
   CHECK_THAT(refused([](Layout& l) { l.datasets[7].dimensions = {"/grid/z"}; }), Contains("no scale '/grid/z'"));
   CHECK_THAT(refused([](Layout& l) { l.datasets[1].path = "/laws/t"; }), Contains("'/laws/t' would be both"));
   CHECK_THAT(refused([](Layout& l) { l.scales[0].values = std::vector<double>{}; }), Contains("empty"));
+  CHECK_THAT(refused([](Layout& l) { l.datasets[1].path = "/states"; }),
+             Contains("'/states' would be both a dataset and the group of '/states/"));
 }
 
 TEST_CASE("what is not a record is refused with the reason") {
