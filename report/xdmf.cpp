@@ -1,6 +1,7 @@
 #include <rubato/report/xdmf.hpp>
 
 #include <algorithm>
+#include <fstream>
 #include <stdexcept>
 
 #include <fmt/format.h>
@@ -14,18 +15,39 @@ namespace rubato::report {
 
 namespace {
 
+constexpr std::string_view first_line = "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n";
+
 struct Attribute {
   std::string name, path;
 };
 
+/// How an XDMF file names the record: relative to itself.
+std::string name_of_record(const record::Reader& reader, const std::filesystem::path& file) {
+  return escape_html(std::filesystem::proximate(std::filesystem::absolute(reader.file()),
+                                                std::filesystem::absolute(file).parent_path())
+                         .generic_string());
+}
+
+/// What stands before a dataset of the record.
+std::string reference_to(const std::string& record) {
+  return fmt::format("Format=\"HDF\">{}:/", record);
+}
+
+/// Whether the file was written for this record: its first reference to data, near its beginning, leads there.
+bool describes(const std::filesystem::path& file, const record::Reader& reader) {
+  constexpr std::size_t first_grid = 8192;
+  std::string beginning(first_grid, '\0');
+  std::ifstream stream(file, std::ios::binary);
+  stream.read(beginning.data(), first_grid);
+  std::error_code ignored;
+  return std::filesystem::is_regular_file(file, ignored) && beginning.starts_with(first_line) &&
+         beginning.find(reference_to(name_of_record(reader, file))) != std::string::npos;
+}
+
 class Xdmf {
 public:
   Xdmf(const record::Reader& reader, const std::filesystem::path& file)
-      : reader_(reader),
-        record_(escape_html(std::filesystem::proximate(std::filesystem::absolute(reader.file()),
-                                                       std::filesystem::absolute(file).parent_path())
-                                .generic_string())),
-        t_(reader.read("/states/t")) {}
+      : reader_(reader), reference_(reference_to(name_of_record(reader, file))), t_(reader.read("/states/t")) {}
 
   /// One grid for each stored level, all with the same nodes. Axes are slowest first, as in the record.
   void collection(const std::string& name, const std::vector<std::string>& axes,
@@ -68,8 +90,7 @@ public:
   }
 
   [[nodiscard]] std::string text() const {
-    return "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<Xdmf Version=\"2.0\">\n  <Domain>\n" + text_ +
-           "  </Domain>\n</Xdmf>\n";
+    return fmt::format("{}<Xdmf Version=\"2.0\">\n  <Domain>\n{}  </Domain>\n</Xdmf>\n", first_line, text_);
   }
 
 private:
@@ -82,17 +103,17 @@ private:
     text_ += fmt::format(R"(        <Attribute Name="{0}" AttributeType="Scalar" Center="Node">
           <DataItem ItemType="HyperSlab" Dimensions="{1}">
             <DataItem Dimensions="3 {2}" Format="XML">{3} {4} {5}</DataItem>
-            <DataItem Dimensions="{6}" NumberType="Float" Precision="8" Format="HDF">{7}:{8}</DataItem>
+            <DataItem Dimensions="{6}" NumberType="Float" Precision="8" {7}{8}</DataItem>
           </DataItem>
         </Attribute>
 )",
                          escape_html(attribute.name), dimensions, shape.size(), fmt::join(start, " "),
-                         fmt::join(stride, " "), fmt::join(count, " "), fmt::join(shape, " "), record_,
-                         escape_html(attribute.path));
+                         fmt::join(stride, " "), fmt::join(count, " "), fmt::join(shape, " "), reference_,
+                         escape_html(attribute.path.substr(1)));
   }
 
   const record::Reader& reader_;
-  std::string record_;
+  std::string reference_;
   std::vector<double> t_;
   std::string text_;
 };
@@ -121,7 +142,7 @@ void export_xdmf(const record::Reader& reader, const std::filesystem::path& file
     const std::vector<std::string> dimensions = reader.info(residuals.front().path).dimensions;
     xdmf.collection("residuals", {dimensions.begin() + 1, dimensions.end()}, residuals);
   }
-  OutputFile output(file, overwrite);
+  OutputFile output(file, overwrite || describes(file, reader));
   output.write(xdmf.text());
   output.finish();
 }

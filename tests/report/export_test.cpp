@@ -90,8 +90,17 @@ TEST_CASE("exports overwrite only when told to") {
   report::export_csv(reader, folder / "csv");
   CHECK_THROWS_AS(report::export_csv(reader, folder / "csv"), record::AlreadyExists);
   CHECK_NOTHROW(report::export_csv(reader, folder / "csv", true));
+  // XDMF of the same record is brought up to date; that of another one, or whatever else there is, is left alone.
   report::export_xdmf(reader, folder / "line.xdmf");
+  const std::string text = text_of(folder / "line.xdmf");
+  CHECK_NOTHROW(report::export_xdmf(reader, folder / "line.xdmf"));
+  sample::write_lattice(folder / "other.h5", {});
+  CHECK_THROWS_AS(report::export_xdmf(record::Reader(folder / "other.h5"), folder / "line.xdmf"),
+                  record::AlreadyExists);
+  CHECK(text_of(folder / "line.xdmf") == text);
+  std::ofstream(folder / "line.xdmf") << "mine";
   CHECK_THROWS_AS(report::export_xdmf(reader, folder / "line.xdmf"), record::AlreadyExists);
+  CHECK_NOTHROW(report::export_xdmf(reader, folder / "line.xdmf", true));
 }
 
 TEST_CASE("XDMF refers to rows that the record has") {
