@@ -159,7 +159,11 @@ void write_summary(Json& json, const std::string& file, const Summary& summary) 
 
 Comparison compare(const record::Reader& a, const record::Reader& b, const Canonical& canonical) {
   const auto problem = [&](const record::Reader& reader) {
-    return lines_of_text(canonical ? canonical(reader.header().problem) : reader.header().problem);
+    try {
+      return lines_of_text(canonical ? canonical(reader.header().problem) : reader.header().problem);
+    } catch (const std::invalid_argument& error) {
+      throw record::Error(reader.file(), fmt::format("the problem in it cannot be read ({})", error.what()));
+    }
   };
   const Contents in_a = contents_of(a), in_b = contents_of(b);
   require_something_in_common(a, in_a, b, in_b);

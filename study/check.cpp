@@ -9,7 +9,7 @@ namespace rubato::study {
 
 Outcome check(const std::string& file) {
   const record::Reader reader(file);
-  const Problem problem = parse_problem(reader.header().problem, file);
+  const Problem problem = stored_problem(reader);
   const StoredLevels levels(reader);
   Outcome outcome;
   outcome.title = problem.title;
@@ -17,6 +17,7 @@ Outcome check(const std::string& file) {
   outcome.variable_levels = problem.scheme.levels == Levels::variable;
   outcome.complete = reader.header().finished;
   outcome.statistics = (problem.hamiltonian() != nullptr ? check_orbit : check_lattice)(reader, levels, problem);
+  outcome.warnings = outcome.statistics.undefined_quantities();
   if (levels.sparse) {
     outcome.warnings.push_back(
         fmt::format("the record keeps every {}-th state and its predecessor: laws were checked on those steps only",

@@ -11,7 +11,7 @@ namespace rubato::study {
 /// /levels. With `every` > 1, states are compared with the predecessors kept beside them.
 ///
 /// The record is read level by level. It may be that of a run still going, or of one that was killed. \throws
-/// record::Error if it cannot be read, or contradicts itself; ProblemError if the problem in it cannot be read
+/// record::Error if it cannot be read, or contradicts itself
 [[nodiscard]] Outcome check(const std::string& file);
 
 }  // namespace rubato::study

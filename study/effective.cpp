@@ -27,6 +27,11 @@ Value read_setting_value(const std::string& text, const std::string& source) {
   return {text, {}};
 }
 
+std::string without_blanks(const std::string& text) {
+  const std::size_t first = text.find_first_not_of(" \t"), last = text.find_last_not_of(" \t");
+  return first == std::string::npos ? "" : text.substr(first, last + 1 - first);
+}
+
 /// Every place inside `value` becomes `location`.
 void relocate(Value& value, const Location& location) {
   value.location = location;
@@ -55,7 +60,7 @@ struct Setting {
     }
     for (std::size_t begin = 0; begin <= equals;) {
       const std::size_t end = std::min(text.find('.', begin), equals);
-      path.push_back(text.substr(begin, end - begin));
+      path.push_back(without_blanks(text.substr(begin, end - begin)));
       if (path.back().empty()) {
         throw ProblemError(location, "expected table.key=value, with a name on each side of every dot");
       }

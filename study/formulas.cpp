@@ -51,8 +51,7 @@ std::string remark_on(const std::string& name, const Vocabulary& vocabulary) {
            "it";
   }
   if (name == "x" || name == "y" || name == "z") {
-    return fmt::format(
-        "\nthe grid's {} is available in [initial] and [exact] only: the equations are the same everywhere", name);
+    return fmt::format("\n{} is available in [initial] and [exact] of a lattice that has this direction only", name);
   }
   if (name == "dx" || name == "dy" || name == "dz") {
     return vocabulary.axes.empty()

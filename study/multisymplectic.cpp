@@ -280,19 +280,52 @@ private:
   std::vector<std::vector<std::size_t>> needs_;
 };
 
+bool is_built_in_law(std::string_view name) {
+  static constexpr std::array<std::string_view, 5> laws = {"energy", "momentum", "variational_energy",
+                                                           "variational_momentum", "multisymplectic"};
+  return std::ranges::find(laws, name) != laws.end() || name.starts_with("momentum_") ||
+         name.starts_with("variational_momentum_");  // in two and three dimensions
+}
+
+/// The record has LAW_max and LAW_rms for every law.
+void check_invariant_names(const std::vector<NamedFormula>& invariants, const std::vector<LinearSymmetry>& symmetries) {
+  for (const auto& [name, formula] : invariants) {
+    std::string_view law = name;
+    if (!law.ends_with("_max") && !law.ends_with("_rms")) {
+      continue;
+    }
+    law.remove_suffix(4);
+    if (is_built_in_law(law) || std::ranges::find(symmetries, law, &LinearSymmetry::name) != symmetries.end()) {
+      throw ProblemError(formula.location, fmt::format("\"{}\" cannot name an invariant: {}", name, name_of_record));
+    }
+  }
+}
+
+/// Fields are datasets of the group /states.
+void check_field_names(const Value::Array& fields) {
+  static constexpr std::array<std::string_view, 3> names_in_record = {"level", "previous", "midpoints"};
+  for (const Value& field : fields) {
+    if (std::ranges::find(names_in_record, *field.string()) != names_in_record.end()) {
+      throw ProblemError(field.location,
+                         fmt::format("\"{}\" cannot name a field: {}", *field.string(), name_of_record));
+    }
+  }
+}
+
 std::vector<LinearSymmetry> read_symmetries(Section& root, const MatrixReader& matrices) {
-  // The names share a table with the built-in residuals.
-  static constexpr std::array<std::string_view, 5> residuals = {"energy", "momentum", "variational_energy",
-                                                                "variational_momentum", "multisymplectic"};
+  // The names share a table with the built-in laws, and a group of the record with what their axes are called.
+  static constexpr std::array<std::string_view, 7> axes = {"t", "x", "y", "z", "x_cell", "y_cell", "z_cell"};
   std::vector<LinearSymmetry> symmetries;
   if (const auto section = root.take_section("symmetries")) {
     for (const Entry& entry : section->entries()) {
-      const bool is_residual = std::find(residuals.begin(), residuals.end(), entry.key) != residuals.end();
-      if (!is_identifier(entry.key) || is_residual) {
-        throw ProblemError(entry.location, fmt::format("\"{}\" cannot name a symmetry: {}", entry.key.substr(0, 100),
-                                                       is_residual ? "a built-in law has that name"
-                                                                   : "a name is a letter or _, then letters, digits "
-                                                                     "and _"));
+      if (!is_identifier(entry.key)) {
+        refuse_name(entry, "a symmetry", malformed_name);
+      }
+      if (is_built_in_law(entry.key)) {
+        refuse_name(entry, "a symmetry", "a built-in law has that name");
+      }
+      if (std::ranges::find(axes, entry.key) != axes.end()) {
+        refuse_name(entry, "a symmetry", name_of_record);
       }
       symmetries.push_back({entry.key, matrices.general(entry.value, entry.key)});
     }
@@ -317,9 +350,9 @@ void read_multisymplectic(Section& root, Section& section, Problem& problem) {
     taken.reserve(axis, "it is a coordinate of the grid");
     taken.reserve("d" + axis, "it is a derivative");
   }
-  const NameList fields =
-      read_names(section.require("fields", "the names of the fields, such as [\"u\", \"v\", \"w\"]").value, "fields",
-                 "a field", taken);
+  const Value& names = section.require("fields", "the names of the fields, such as [\"u\", \"v\", \"w\"]").value;
+  const NameList fields = read_names(names, "fields", "a field", taken);
+  check_field_names(*names.array());
   problem.parameters = read_parameters(root, taken);
   const auto& parameters = problem.parameters;
 
@@ -345,6 +378,7 @@ void read_multisymplectic(Section& root, Section& section, Problem& problem) {
   arguments.emplace_back("t");
   pde.exact = read_exact(root, std::array{fields}, arguments, parameters);
   pde.symmetries = read_symmetries(root, matrices);
+  check_invariant_names(pde.invariants, pde.symmetries);
   problem.system = std::move(pde);
 }
 

@@ -52,7 +52,7 @@ void Names::declare(std::string_view name, std::string_view role, const Location
     throw ProblemError(location, fmt::format("\"{}\" cannot name {}: {}", name.substr(0, 100), role, reason));
   };
   if (!is_identifier(name)) {
-    refuse("a name is a letter or _, then letters, digits and _");
+    refuse(malformed_name);
   }
   if (formula::is_reserved_name(name)) {
     refuse(name == "pi" ? "it is the number" : "it is a function");

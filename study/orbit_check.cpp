@@ -5,6 +5,8 @@
 
 #include <Eigen/Core>
 
+#include <fmt/format.h>
+
 #include <rubato/ode/discrete_lagrangian.hpp>
 #include <rubato/ode/integrate.hpp>
 #include <rubato/study/formula_table.hpp>
@@ -24,7 +26,12 @@ struct StoredStates {
       : t(reader.read(group + "/t")),
         q(reader.read(group + "/q")),
         p(reader.read(group + "/p")),
-        n(degrees_of_freedom) {}
+        n(degrees_of_freedom) {
+    if (q.size() != t.size() * n || p.size() != t.size() * n) {
+      throw record::Error(reader.file(), fmt::format("{}: {} times, {} coordinates and {} momenta do not fit together",
+                                                     group, t.size(), q.size(), p.size()));
+    }
+  }
 
   [[nodiscard]] std::size_t rows() const { return t.size(); }
 
@@ -88,6 +95,9 @@ private:
   void check_steps() {
     const bool sparse = levels_.sparse;
     const StoredStates before = sparse ? StoredStates(reader_, "/states/previous", states_.n) : states_;
+    if (states_.rows() != levels_.state_t.size() || before.rows() != states_.rows()) {
+      throw record::Error(reader_.file(), "the states and their predecessors do not fit together");
+    }
     Eigen::VectorXd gradient(static_cast<Eigen::Index>(action_->element().size()));
     std::vector<double> corners, last_corners;
     bool first = true;

@@ -1,6 +1,7 @@
 #include <rubato/study/reader.hpp>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include <fmt/format.h>
@@ -149,15 +150,21 @@ std::size_t read_word(const Value& value, std::string_view what, std::span<const
   return static_cast<std::size_t>(found - words.begin());
 }
 
+void refuse_name(const Entry& entry, std::string_view role, std::string_view reason) {
+  throw ProblemError(entry.location, fmt::format("\"{}\" cannot name {}: {}", entry.key.substr(0, 100), role, reason));
+}
+
 std::vector<NamedFormula> read_invariants(Section& root, const Vocabulary& vocabulary,
                                           std::span<const Parameter> parameters) {
+  static constexpr std::array<std::string_view, 4> names_in_record = {"t", "step", "totals", "fields"};  // under /laws
   std::vector<NamedFormula> invariants;
   if (const auto section = root.take_section("invariants")) {
     for (const Entry& entry : section->entries()) {
       if (!is_identifier(entry.key)) {
-        throw ProblemError(entry.location, fmt::format("\"{}\" cannot name an invariant: a name is a letter or _, then "
-                                                       "letters, digits and _",
-                                                       entry.key.substr(0, 100)));
+        refuse_name(entry, "an invariant", malformed_name);
+      }
+      if (std::ranges::find(names_in_record, entry.key) != names_in_record.end()) {
+        refuse_name(entry, "an invariant", name_of_record);
       }
       invariants.push_back({entry.key, read_formula(entry.value, entry.key)});
       check_formula(invariants.back().formula, vocabulary, parameters);

@@ -55,6 +55,12 @@ private:
 /// One of `words`; the answer is its place among them.
 [[nodiscard]] std::size_t read_word(const Value& value, std::string_view what, std::span<const std::string_view> words);
 
+/// Why a name may not be used.
+inline constexpr std::string_view malformed_name = "a name is a letter or _, then letters, digits and _";
+inline constexpr std::string_view name_of_record = "records have something else of that name";
+/// \throws ProblemError "… cannot name …: reason" at the entry's key; `role` is such as "an invariant"
+[[noreturn]] void refuse_name(const Entry& entry, std::string_view role, std::string_view reason);
+
 /// The names of a problem, which must all be distinct.
 class Names {
 public:

@@ -12,6 +12,7 @@
 #include <rubato/record/reader.hpp>
 #include <rubato/record/writer.hpp>
 #include <rubato/study/simulation.hpp>
+#include <rubato/study/stored.hpp>
 #include <rubato/study/version.hpp>
 
 namespace rubato::study {
@@ -76,6 +77,23 @@ std::unique_ptr<Simulation> make_simulation_on(int threads, const Problem& probl
   return make_simulation(problem, tangents);
 }
 
+/// Of a generating function: with F = 0 its even coefficients vanish, so that an odd order rounds up.
+int reached_order(const Scheme& scheme) {
+  return *scheme.order + (scheme.darboux == DarbouxKind::midpoint ? *scheme.order % 2 : 0);
+}
+
+/// How the energy that bridges leave open depends on the step: like the error of the node energy, which is of the order
+/// of the scheme.
+std::string how_it_falls(const Scheme& scheme) {
+  if (scheme.lagrangian == Lagrangian::custom || scheme.lagrangian == Lagrangian::forward) {
+    return "smaller steps make this smaller";
+  }
+  const int order = scheme.lagrangian == Lagrangian::generating ? reached_order(scheme) : 2;
+  return order == 1   ? "this falls in proportion to the step"
+         : order == 2 ? "this falls as the square of the step"
+                      : fmt::format("this falls as the power {} of the step", order);
+}
+
 /// A run under way: the simulation, what is known of it so far, and its record.
 class Driver {
 public:
@@ -112,10 +130,7 @@ public:
   }
 
   Outcome resume(const record::Checkpoint& checkpoint) {
-    StateReader state(std::get<std::vector<double>>(checkpoint.at("state")));
-    simulation_->restore(state);
-    outcome_.statistics.restore(state);
-    state.read(stored_);
+    restore(checkpoint);
     writer_ = std::make_unique<record::Writer>(record::Writer::resume(outcome_.file, layout_));
     const bool at_end = simulation_->finished();
     Outcome outcome = loop();
@@ -140,6 +155,24 @@ private:
     outcome_.statistics.save(state);
     state.write(static_cast<double>(stored_));
     return {{"state", state.values()}};
+  }
+
+  void restore(const record::Checkpoint& checkpoint) {
+    const auto found = checkpoint.find("state");
+    const auto* values = found == checkpoint.end() ? nullptr : std::get_if<std::vector<double>>(&found->second);
+    bool whole = values != nullptr;
+    try {
+      StateReader state(whole ? std::span<const double>(*values) : std::span<const double>());
+      simulation_->restore(state);
+      outcome_.statistics.restore(state);
+      state.read(stored_);
+      whole = whole && state.done();
+    } catch (const std::invalid_argument&) {
+      whole = false;  // shorter than what it should restore
+    }
+    if (!whole) {
+      throw record::Error(outcome_.file, "its checkpoint is not that of its problem: the run cannot be continued");
+    }
   }
 
   void append_level() {
@@ -281,22 +314,17 @@ private:
     outcome_.warnings = simulation_->warnings();
     const Statistics& statistics = outcome_.statistics;
     const Scheme& scheme = problem_.scheme;
-    if (scheme.order && scheme.darboux == DarbouxKind::midpoint && *scheme.order % 2 != 0) {
+    for (std::string& sentence : statistics.undefined_quantities()) {
+      outcome_.warnings.push_back(std::move(sentence));
+    }
+    if (scheme.order && reached_order(scheme) != *scheme.order) {
       outcome_.warnings.push_back(
           fmt::format("order = {0} rounds up to {1}: with darboux = \"midpoint\" the even coefficients of the "
                       "generating function vanish, so that orders are even; write order = {1}",
-                      *scheme.order, *scheme.order + 1));
+                      *scheme.order, reached_order(scheme)));
     }
     if (statistics.bridge_steps > 0) {
-      outcome_.warnings.push_back(
-          fmt::format("Gamma changes sign on this orbit: {} bridge{} in {} steps, on which the discrete energy is off "
-                      "by up to {:.2g} (relative); this falls as "
-                      "the square of the step{}",
-                      statistics.bridges, statistics.bridges == 1 ? "" : "s", statistics.steps,
-                      statistics.relative_bridge_deviation(),
-                      statistics.bridge_steps > 2 * statistics.bridges
-                          ? ", and so does the number of steps a bridge takes: here it is large, take a smaller step"
-                          : ""));
+      outcome_.warnings.push_back(about_bridges());
     }
     if (outcome_.variable_levels && statistics.condition > condition_warning) {
       outcome_.warnings.push_back(
@@ -304,6 +332,26 @@ private:
                       "larger steps make it smaller",
                       statistics.condition));
     }
+  }
+
+  [[nodiscard]] std::string about_bridges() const {
+    const Statistics& statistics = outcome_.statistics;
+    // Where Γ is 0 to rounding, any h keeps the energy: H is linear, or the order so high that its errors vanish.
+    constexpr double rounding = 1e-12;
+    if (statistics.relative_bridge_deviation() <= rounding) {
+      return fmt::format(
+          "Gamma is 0 to rounding on {} of {} steps: there the discrete energy is the same whatever h is, and h was "
+          "left as it was; larger steps, a lower order or levels = \"fixed\" may suit this problem better",
+          statistics.bridge_steps, statistics.steps);
+    }
+    const bool long_bridges = statistics.bridge_steps > 2 * statistics.bridges;
+    return fmt::format(
+        "Gamma {} on this orbit: {} bridge{} in {} steps, on which the discrete energy is off by up to "
+        "{:.2g} (relative); {}{}",
+        statistics.gamma.min < 0.0 && statistics.gamma.max > 0.0 ? "changes sign" : "nears 0", statistics.bridges,
+        statistics.bridges == 1 ? "" : "s", statistics.steps, statistics.relative_bridge_deviation(),
+        how_it_falls(problem_.scheme),
+        long_bridges ? ". Here a bridge takes many steps, which smaller steps mend too" : "");
   }
 
   const Problem& problem_;
@@ -335,20 +383,19 @@ Outcome run(const Problem& problem, const RunOptions& options) {
 }
 
 Outcome resume(const std::string& file, std::optional<double> until, const RunOptions& options) {
-  std::string text;
+  Problem problem;
   record::Checkpoint checkpoint;
   RunOptions as_begun = options;
   {
     const record::Reader reader(file);
     as_begun.tangents = reader.has("/laws/multisymplectic_max");
-    text = reader.header().problem;
+    problem = stored_problem(reader);
     checkpoint = reader.checkpoint();
   }
-  std::vector<std::string> settings;
   if (until) {
-    settings.push_back(fmt::format("scheme.until={:.17g}", *until));
+    const std::vector<std::string> settings = {fmt::format("scheme.until={:.17g}", *until)};
+    problem = parse_problem(problem.text, file, settings);
   }
-  const Problem problem = parse_problem(text, file, settings);
   return Driver(problem, as_begun, file).resume(checkpoint);
 }
 

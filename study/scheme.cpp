@@ -256,6 +256,14 @@ private:
       throw ProblemError(scheme_.step_location,
                          fmt::format("step = 0 leads nowhere; it has to be {}", length > 0 ? "positive" : "negative"));
     }
+    // Where an integrator takes a level for the end of the run.
+    constexpr double slack = 1e-9;
+    if (std::abs(length) <= slack * std::abs(*scheme_.step)) {
+      throw ProblemError(scheme_.step_location,
+                         fmt::format("step = {} is so long beside the run, from t = {} to until = {}, that its start "
+                                     "counts as its end; take a smaller step",
+                                     *scheme_.step, problem_.start(), scheme_.until));
+    }
     const double start = problem_.start();
     if (start + *scheme_.step == start) {
       throw ProblemError(scheme_.step_location,

@@ -76,6 +76,14 @@ double StoredLevels::mismatch() const {
   return worst;
 }
 
+Problem stored_problem(const record::Reader& reader) {
+  try {
+    return parse_problem(reader.header().problem, reader.file().string());
+  } catch (const ProblemError& error) {
+    throw record::Error(reader.file(), fmt::format("the problem in it cannot be read ({})", error.what()));
+  }
+}
+
 void copy_counts(const record::Reader& reader, const StoredLevels& levels, Statistics& statistics) {
   statistics.steps = levels.h.size();
   statistics.t = levels.t.back();

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include <rubato/record/reader.hpp>
+#include <rubato/study/problem.hpp>
 #include <rubato/study/statistics.hpp>
 
 namespace rubato::study {
@@ -46,6 +47,9 @@ struct StoredLevels {
   /// the rounding of times explains; 0 in a sound record.
   [[nodiscard]] double mismatch() const;
 };
+
+/// The problem that a record says it is of. \throws record::Error if that text cannot be read
+[[nodiscard]] Problem stored_problem(const record::Reader& reader);
 
 /// Takes over what only the run itself knows: steps, h, bridges, step condition, iterations.
 void copy_counts(const record::Reader& reader, const StoredLevels& levels, Statistics& statistics);

@@ -61,6 +61,10 @@ TEST_CASE("an ODE problem with one thing wrong is refused at that place", "[stud
           {"cos(q)", "cos(q, p)", "5:14", "takes 1 argument, got 2"},
           {"cos(q)", "cos(Q)", "5:18", "unknown name 'Q'"},
           {"cos(q)", "cos(t)", "5:18", "t is available in [exact]"},
+          {"cos(q)", "cos(x)", "5:18", "x is available in [initial] and [exact] of a lattice"},
+          {"\"T\"", "\"a\\u0000b\"", "1:10", "this text holds the character U+0000"},
+          {"0.1", "1e11", "12:8", "so long beside the run, from t = 0 to until = 10"},
+          {"[scheme]", "[invariants]\nt = \"q\"\n[scheme]", "12:1", "records have something else of that name"},
           {"cos(q)", std::string(100'000, '(') + "q" + std::string(100'000, ')'), "5:1014", "nesting deeper"},
           {"\"p^2/2 - cos(q)\"", "\"\"\"\np^2/2\n - coz(q)\"\"\"", "7:4", "did you mean 'cos'?"},
           {"\"p^2/2 - cos(q)\"", "\" \"", "5:6", "the formula is empty"},
@@ -119,7 +123,13 @@ TEST_CASE("a lattice problem with one thing wrong is refused at that place", "[s
                             {"[[\"u\", \"v\", -1]]", "[[\"u\", \"vv\", -1]]", "4:13", "not a field"},
                             {"\"v\", \"w\"]", "\"v\", \"u\"]", "3:22", "already a field"},
                             {"\"v\", \"w\"]", "\"v\", \"x\"]", "3:22", "a coordinate of the grid"},
-                            {"cos(u)", "cos(u + x)", "6:34", "grid's x is available in [initial] and [exact] only"},
+                            {"cos(u)", "cos(u + x)", "6:34", "x is available in [initial] and [exact] of a lattice"},
+                            {"omega*t", "omega*z", "16:35", "z is available in [initial] and [exact] of a lattice"},
+                            {"\"v\", \"w\"]", "\"v\", \"level\"]", "3:22", "records have something else"},
+                            {"turn", "x_cell", "20:1", "records have something else of that name"},
+                            {"turn", "momentum_x", "20:1", "a built-in law has that name"},
+                            {"topological_charge", "energy_max", "18:15", "records have something else"},
+                            {"topological_charge", "turn_rms", "18:13", "records have something else"},
                             {"cos(u)", "cos(uu)", "6:30", "unknown name 'uu'"},
                             {"to = 20", "to = -20", "8:1", "has to be less than"},
                             {"cells = 401", "cells = 2", "8:36", "at least 3"},
@@ -169,6 +179,7 @@ TEST_CASE("a file that is no problem file is refused without a crash", "[study][
 TEST_CASE("a wrong --set is refused by name", "[study][bad input]") {
   const auto set = [](const std::string& setting) { return complaint(pendulum, {setting}); };
   CHECK(set("scheme.step=0.2").empty());
+  CHECK(set(" scheme . step = 0.2").empty());
   CHECK_THAT(set("scheme.stpe=0.2"), Catch::StartsWith("--set scheme.stpe=0.2: unknown key stpe"));
   CHECK_THAT(set("shceme.step=0.2"), Catch::StartsWith("--set shceme.step=0.2: unknown table shceme"));
   CHECK_THAT(set("scheme.step.x=0.2"), Catch::Contains("step is a number, not a table"));

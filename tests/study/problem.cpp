@@ -4,6 +4,7 @@
 
 #include <rubato/catalogue/catalogue.hpp>
 #include <rubato/formula/bytecode.hpp>
+#include <rubato/study/document.hpp>
 #include <rubato/study/problem.hpp>
 
 #include "problem_texts.hpp"
@@ -180,6 +181,22 @@ TEST_CASE("a setting changes the effective problem, which reads back the same", 
   CHECK(again.text == problem.text);
   CHECK(!same(problem, read(pendulum)));
   CHECK(read(breather, {"grid.x.cells=201"}).multisymplectic()->axes[0].cells == 201);
+}
+
+TEST_CASE("any text is read back as it was written", "[study]") {
+  std::string text = "Schwingung \\ \" ' <é>";
+  for (char c = 1; c <= 0x20; ++c) {
+    text += c;
+  }
+  text += '\x7F';
+  Value root;
+  root.data = Value::Table(1);
+  root.table()->front().key = "a key\t";
+  root.table()->front().value.data = text;
+  const Value again = read_document(write_document(root), "f.toml");
+  REQUIRE(again.table()->size() == 1);
+  CHECK(again.table()->front().key == "a key\t");
+  CHECK(*again.table()->front().value.string() == text);
 }
 
 TEST_CASE("the catalogue gives a system or an equation, and the user's parameters win", "[study]") {
