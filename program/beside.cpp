@@ -1,6 +1,9 @@
 #include "beside.hpp"
 
 #include <filesystem>
+#include <stdexcept>
+
+#include <fmt/format.h>
 
 namespace rubato::program {
 
@@ -10,6 +13,14 @@ std::string beside(const std::string& record, const std::string& ending) {
     path.replace_extension();
   }
   return path.string() + ending;
+}
+
+void refuse_replacing(const std::string& input, const std::string& output) {
+  std::error_code ignored;
+  if (std::filesystem::equivalent(input, output, ignored)) {
+    throw std::invalid_argument(
+        fmt::format("{}: the output would replace the file that is read; -o names another", output));
+  }
 }
 
 }  // namespace rubato::program

@@ -36,21 +36,25 @@ study::ExitStatus report(const study::Outcome& outcome, bool json, bool quiet) {
 }
 
 /// Beside the record of a plane or a volume, the small file that lets ParaView open it.
-void write_xdmf(study::Outcome& outcome, bool overwrite) {
+void write_xdmf(study::Outcome& outcome) {
   const std::string file = beside(outcome.file, ".xdmf");
   try {
     const record::Reader reader(outcome.file);
     if (reader.has("/grid/y")) {
-      report::export_xdmf(reader, file, overwrite);
+      report::export_xdmf(reader, file);
     }
+  } catch (const record::AlreadyExists&) {
+    outcome.warnings.push_back(fmt::format(
+        "{} is left as it is, since it was not written for this record; `rubato export --xdmf --force` replaces it",
+        file));
   } catch (const record::Error& error) {
     outcome.warnings.push_back(fmt::format("{} was not written ({})", file, error.what()));
   }
 }
 
-/// Carries out `work` with a progress line, and reports its outcome. `replace`: what is beside the record already.
+/// Carries out `work` with a progress line, and reports its outcome.
 template <typename Work>
-study::ExitStatus report_on(const Reporting& reporting, study::RunOptions options, bool replace, const Work& work) {
+study::ExitStatus report_on(const Reporting& reporting, study::RunOptions options, const Work& work) {
   options.threads = reporting.threads;
   options.interrupt = &catch_interrupts();
   study::Outcome outcome = [&] {
@@ -60,7 +64,7 @@ study::ExitStatus report_on(const Reporting& reporting, study::RunOptions option
     }
     return work(options);
   }();
-  write_xdmf(outcome, replace);
+  write_xdmf(outcome);
   return report(outcome, reporting.json, reporting.quiet);
 }
 
@@ -72,12 +76,13 @@ study::ExitStatus run(const RunCommand& command) {
   options.output = command.output;
   options.overwrite = command.force;
   options.tangents = command.tangents;
-  return report_on(command.reporting, options, command.force,
+  refuse_replacing(command.problem, command.output.value_or(problem.output.file));
+  return report_on(command.reporting, options,
                    [&](const study::RunOptions& complete) { return study::run(problem, complete); });
 }
 
 study::ExitStatus resume(const ResumeCommand& command) {
-  return report_on(command.reporting, {}, true, [&](const study::RunOptions& complete) {
+  return report_on(command.reporting, {}, [&](const study::RunOptions& complete) {
     return study::resume(command.file, command.until, complete);
   });
 }

@@ -14,6 +14,7 @@
 #include "commands.hpp"
 #include "completion.hpp"
 #include "report_command.hpp"
+#include "signals.hpp"
 #include "terminal.hpp"
 
 namespace {
@@ -62,6 +63,10 @@ std::string check_finite(const std::string& text) {
   return CLI::detail::lexical_cast(text, number) && std::isfinite(number) ? "" : text + " is not a finite number";
 }
 
+std::string check_not_empty(const std::string& text) {
+  return text.empty() ? "the name is empty" : "";
+}
+
 void add_reporting(CLI::App& command, rubato::program::Reporting& reporting) {
   command.add_flag("--json", reporting.json, "Print one JSON object, and nothing else, on standard output");
   command.add_flag("-q,--quiet", reporting.quiet, "No progress line, table or warnings");
@@ -99,6 +104,7 @@ public:
     if (app_.got_subcommand("run")) {
       return rubato::program::run(run_);
     }
+    rubato::program::explain_crashes();  // all others read records
     if (app_.got_subcommand("resume")) {
       return rubato::program::resume(resume_);
     }
@@ -120,9 +126,11 @@ private:
     CLI::App& command = *app_.add_subcommand("run", "Run a problem and write its record");
     command.add_option("problem", run_.problem, "A problem file, or a catalogue name")
         ->option_text("PROBLEM")
+        ->check(check_not_empty)
         ->required();
     command.add_option("-o,--output", run_.output, "The record to write (default: as the problem says)")
-        ->option_text("OUT.h5");
+        ->option_text("OUT.h5")
+        ->check(check_not_empty);
     command.add_option("--set", run_.settings, "Change one entry of the problem; repeatable")
         ->option_text("table.key=value")
         ->allow_extra_args(false);
@@ -135,7 +143,7 @@ private:
 
   void add_resume() {
     CLI::App& command = *app_.add_subcommand("resume", "Continue a record from its last complete level");
-    command.add_option("file", resume_.file, "A record")->option_text("OUT.h5")->required();
+    command.add_option("file", resume_.file, "A record")->option_text("OUT.h5")->check(check_not_empty)->required();
     command.add_option("--until", resume_.until, "Run to this time, in place of the problem's")
         ->option_text("T")
         ->check(check_finite);
@@ -144,7 +152,7 @@ private:
 
   void add_check() {
     CLI::App& command = *app_.add_subcommand("check", "Recompute every conservation law from a record's states alone");
-    command.add_option("file", check_.file, "A record")->option_text("OUT.h5")->required();
+    command.add_option("file", check_.file, "A record")->option_text("OUT.h5")->check(check_not_empty)->required();
     command.add_flag("--json", check_.json, "Print one JSON object, and nothing else, on standard output");
   }
 
@@ -206,5 +214,6 @@ ExitStatus guarded(int argc, char** argv) {
 }  // namespace
 
 int main(int argc, char** argv) {
+  rubato::program::keep_standard_streams();
   return static_cast<int>(guarded(argc, argv));
 }

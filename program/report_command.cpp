@@ -104,6 +104,7 @@ std::optional<study::ExitStatus> ReportCommands::act() const {
 void ReportCommands::report() const {
   const record::Reader reader(file_);
   const std::string output = output_.value_or(beside(file_, ".html"));
+  refuse_replacing(file_, output);
   const std::string page =
       report::page(reader, {.max_bytes = static_cast<std::size_t>(max_size_ * 1e6), .full = full_});
   report::write_page(output, page, force_);
@@ -114,6 +115,8 @@ void ReportCommands::compare() const {
   const record::Reader first(file_), second(other_file_);
   const report::Comparison comparison = report::compare(first, second, canonical);
   if (output_) {
+    refuse_replacing(file_, *output_);
+    refuse_replacing(other_file_, *output_);
     report::write_page(*output_, report::comparison_page(first, second, {}, canonical), force_);
   }
   print(json_ ? report::to_json(comparison) + "\n" : report::to_table(comparison));
@@ -126,6 +129,7 @@ void ReportCommands::export_record() const {
   const record::Reader reader(file_);
   if (xdmf_) {
     const std::string output = output_.value_or(beside(file_, ".xdmf"));
+    refuse_replacing(file_, output);
     report::export_xdmf(reader, output, force_);
     print(output + "\n");
     return;

@@ -1,6 +1,12 @@
 #include "signals.hpp"
 
+#include <fcntl.h>
+#include <unistd.h>
+
 #include <csignal>
+#include <string_view>
+
+#include <rubato/study/run.hpp>
 
 namespace rubato::program {
 namespace {
@@ -12,6 +18,14 @@ extern "C" void on_signal(int /*number*/) {
   interrupted = true;
 }
 
+/// Only what is allowed in a signal handler.
+extern "C" void on_crash(int /*number*/) {
+  static constexpr std::string_view message =
+      "rubato: error: crashed while reading a record, which is probably damaged; take it from a copy\n";
+  static_cast<void>(!write(STDERR_FILENO, message.data(), message.size()));
+  _exit(static_cast<int>(study::ExitStatus::file_error));
+}
+
 }  // namespace
 
 const std::atomic<bool>& catch_interrupts() {
@@ -21,7 +35,31 @@ const std::atomic<bool>& catch_interrupts() {
   sigemptyset(&action.sa_mask);
   sigaction(SIGINT, &action, nullptr);
   sigaction(SIGTERM, &action, nullptr);
+  struct sigaction hangup = {};
+  if (sigaction(SIGHUP, nullptr, &hangup) == 0 && hangup.sa_handler != SIG_IGN) {
+    sigaction(SIGHUP, &action, nullptr);
+  }
   return interrupted;
+}
+
+void explain_crashes() {
+  struct sigaction action = {};
+  action.sa_handler = &on_crash;
+  sigemptyset(&action.sa_mask);
+  for (const int signal : {SIGSEGV, SIGBUS}) {
+    struct sigaction before = {};
+    if (sigaction(signal, nullptr, &before) == 0 && before.sa_handler == SIG_DFL) {  // not that of a sanitizer
+      sigaction(signal, &action, nullptr);
+    }
+  }
+}
+
+void keep_standard_streams() {
+  for (const int stream : {STDIN_FILENO, STDOUT_FILENO, STDERR_FILENO}) {
+    if (fcntl(stream, F_GETFD) < 0) {
+      static_cast<void>(open("/dev/null", O_RDONLY));  // takes the lowest free number, which is this one
+    }
+  }
 }
 
 }  // namespace rubato::program

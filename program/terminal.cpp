@@ -24,11 +24,10 @@ bool has_colour() {
 }
 
 void print_message(std::string_view kind, std::string_view colour, std::string_view message) {
-  if (has_colour()) {
-    fmt::print(stderr, "rubato: \x1b[1;{}m{}:\x1b[0m {}\n", colour, kind, message);
-  } else {
-    fmt::print(stderr, "rubato: {}: {}\n", kind, message);
-  }
+  // Not fmt::print, which throws where standard error cannot be written: then there is nobody to tell.
+  const std::string text = has_colour() ? fmt::format("rubato: \x1b[1;{}m{}:\x1b[0m {}\n", colour, kind, message)
+                                        : fmt::format("rubato: {}: {}\n", kind, message);
+  std::fputs(text.c_str(), stderr);
 }
 
 std::string duration(double seconds) {
@@ -76,8 +75,10 @@ void ProgressLine::update(const study::Progress& progress) {
   const double done = (progress.t - first_t_) / (progress.until - first_t_);
   const std::string left = done > 0.001 ? duration(elapsed.count() * (1 - done) / done) + " left" : "";
   const std::string bridges = progress.bridges > 0 ? fmt::format("  {} bridges", progress.bridges) : "";
-  fmt::print(stderr, "\r\x1b[Kt = {:.6g} of {:.6g}  {} steps  h = {:.3g}  energy {:.1e}{}  {}", progress.t,
-             progress.until, progress.steps, progress.h, progress.relative_energy_deviation, bridges, left);
+  const std::string line =
+      fmt::format("\r\x1b[Kt = {:.6g} of {:.6g}  {} steps  h = {:.3g}  energy {:.1e}{}  {}", progress.t, progress.until,
+                  progress.steps, progress.h, progress.relative_energy_deviation, bridges, left);
+  std::fputs(line.c_str(), stderr);
   std::fflush(stderr);
   is_dirty_ = true;
 }

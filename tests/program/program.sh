@@ -140,6 +140,12 @@ case $case_name in
     expect 2 'number of threads'
     run resume a.h5 --until nan
     expect 2 'not a finite number'
+    run run ''
+    expect 2 'the name is empty'
+    run run pendulum -o ''
+    expect 2 'the name is empty'
+    run check ''
+    expect 2 'the name is empty'
     nothing_written
     NO_COLOR=1 run rnu
     check "no colour codes" bash -c '! grep -q $'"'"'\x1b'"'"' err'
@@ -205,6 +211,16 @@ case $case_name in
     check "quiet prints nothing" test ! -s out -a ! -s err
     run run problem.toml -o missing/folder/a.h5
     expect 5 missing/folder
+    cp problem.toml copy.toml
+    run run copy.toml --force -o ./copy.toml
+    expect 2 'would replace the file that is read'
+    check "leaves the problem alone" cmp -s copy.toml problem.toml
+    "$rubato" run problem.toml --force >&- 2>&-
+    status=$?
+    last='rubato run with closed standard streams'
+    check "status 5" test "$status" -eq 5
+    run check problem.h5
+    expect 0 steps
     run run kepler --set parameters.e=0.85 --set scheme.on_singular=stop -o singular.h5 --json
     expect 3 'h ='
     check "JSON for status 3" grep -q '"status": *3' out
@@ -240,6 +256,12 @@ case $case_name in
     expect 5 missing/folder
     run report missing.h5
     expect 5 'no such file'
+    cp a.h5 before.h5
+    run report a.h5 --force -o ./a.h5
+    expect 2 'would replace the file that is read'
+    run compare a.h5 b.h5 --force -o a.h5
+    expect 2 'would replace the file that is read'
+    check "leaves the record alone" cmp -s a.h5 before.h5
     run report a.h5 --max-size nothing
     expect 2 'size in megabytes'
     run compare a.h5 b.h5 -o both.html
@@ -275,23 +297,38 @@ case $case_name in
     check "and nothing else" test -z "$(complete_words rubato run --nonsense)"
     ;;
   interrupt)
-    "$rubato" run pendulum --set scheme.until=1e7 -o long.h5 --json >out 2>err &
-    process=$!
-    for _ in $(seq 100); do
-      [ -s long.h5 ] && break
-      sleep 0.05
+    for signal in INT TERM HUP; do
+      rm -f long.h5
+      "$rubato" run pendulum --set scheme.until=1e7 -o long.h5 --json >out 2>err &
+      process=$!
+      wait_for_record long.h5 0.3
+      kill -$signal "$process"
+      wait "$process"
+      status=$?
+      last="rubato run, then SIG$signal"
+      check "status 130" test "$status" -eq 130
+      check "JSON for status 130" grep -q '"status": *130' out
+      steps=$(json steps)
+      check "some steps were made" test "$steps" -gt 0
+      run check long.h5 --json
+      check "the record is whole" test "$(json steps)" -eq "$steps"
     done
-    sleep 0.3
-    kill -INT "$process"
-    wait "$process"
-    status=$?
-    last="rubato run, then SIGINT"
-    check "status 130" test "$status" -eq 130
-    check "JSON for status 130" grep -q '"status": *130' out
-    steps=$(json steps)
-    check "some steps were made" test "$steps" -gt 0
-    run check long.h5 --json
-    check "the record is whole" test "$(json steps)" -eq "$steps"
+    ;;
+  damage)
+    # Every byte counts somewhere: whatever is read of a damaged record, the program ends with a status that means it.
+    run run pendulum --set scheme.until=5 -o a.h5 --quiet
+    size=$(stat -c %s a.h5)
+    for place in $(seq 40 "$((size / 60))" "$size"); do
+      cp a.h5 b.h5
+      head -c 24 /dev/zero | tr '\0' '\377' | dd of=b.h5 bs=1 seek="$place" conv=notrunc 2>/dev/null
+      run check b.h5 --json
+      check "status 0 or 5, damaged at $place" test "$status" -eq 0 -o "$status" -eq 5
+      refused=$((${refused:-0} + (status == 5)))
+    done
+    check "damage was seen" test "$refused" -gt 10
+    head -c 3000 a.h5 >b.h5
+    run check b.h5
+    expect 5 truncated
     ;;
   lattice)
     run run sine-gordon --set grid.x.cells=101 --set scheme.until=2 --tangents -o a.h5 --json
@@ -315,6 +352,15 @@ case $case_name in
     expect 0 momentum_y
     check "a file for ParaView beside the record of a plane" grep -q 'b.h5:/states/u' b.xdmf
     check "none beside that of a line" test ! -e a.xdmf
+    lines=$(wc -l <b.xdmf)
+    run resume b.h5 --until 0.4 --quiet
+    check "which grows with it" test "$(wc -l <b.xdmf)" -gt "$lines"
+    echo mine >b.xdmf
+    run resume b.h5 --until 0.5
+    check "and is left alone where it is not of this record" test "$(cat b.xdmf)" = mine
+    check "which is said" grep -q 'b.xdmf is left as it is' err
+    run run sine-gordon-2d --set grid.x.cells=31 --set grid.y.cells=31 --set scheme.until=0.2 -o b.h5 --json --threads 1 \
+      --force
     one=$(sed 's/"wall_seconds.*//' out)
     run run sine-gordon-2d --set grid.x.cells=31 --set grid.y.cells=31 --set scheme.until=0.2 -o b.h5 --json --threads 2 \
       --force
