@@ -119,6 +119,7 @@ public:
     const int s = order_.order;
     return s * (s + 1.0) * std::pow(trial_h_, s - 1) * tail_;
   }
+  [[nodiscard]] bool slope_to_leading_order() const override { return true; }
   [[nodiscard]] int iterations() const override { return iterations_; }
   [[nodiscard]] std::string failure_reason() const override { return reason_; }
 
