@@ -224,8 +224,8 @@ Orbit integrate(const Hamiltonian& hamiltonian, const InitialState& initial, con
     if (report.status != Status::success) {
       orbit.status = report.status;
       const std::string reason = integrator.failure_reason();
-      orbit.message =
-          describe_failure(report, integrator.t(), integrator.node(), integrator.levels().last_step(), reason);
+      orbit.message = describe_failure(report, integrator.t(), integrator.node(), integrator.levels().last_step(),
+                                       options.on_singular, reason);
       break;
     }
     orbit.h.push_back(report.h);
@@ -238,17 +238,19 @@ Orbit integrate(const Hamiltonian& hamiltonian, const InitialState& initial, con
 }
 
 std::string describe_failure(const StepReport& report, double t, const LevelNode& node, double last_step,
-                             std::string_view reason) {
+                             OnSingular on_singular, std::string_view reason) {
   const std::string where =
       fmt::format("at t = {:.10g}, Gamma = {:.4g}, last step h = {:.4g}", t, node.gamma, last_step);
   switch (report.status) {
     case Status::success: return {};
     case Status::singular:
       return fmt::format(
-          "the step equation has no solution with the required energy {}: Gamma nears 0 there (theory, section 3); use "
-          "on_singular = "
-          "\"bridge\" or \"fixed\", or levels = \"fixed\"",
-          where);
+          "the step equation has no solution with the required energy {}: Gamma nears 0 there (theory, section 3){}",
+          where,
+          on_singular == OnSingular::stop     ? "; use on_singular = \"bridge\" or \"fixed\", or levels = \"fixed\""
+          : on_singular == OnSingular::bridge ? ", and no bridge over it was found; use another step, or levels = "
+                                                "\"fixed\""
+                                              : "; use another step, or levels = \"fixed\"");
     case Status::ill_conditioned:
       return fmt::format(
           "the energy law carries no information {}: the step condition {:.3g} exceeds 1e-2, rounding in H alone moves "

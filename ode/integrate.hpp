@@ -137,9 +137,9 @@ struct Orbit {
 [[nodiscard]] Orbit integrate(const Hamiltonian& hamiltonian, const InitialState& initial,
                               const IntegrationOptions& options);
 
-/// One sentence on why a step failed at time t, with the values that matter and what to do. `reason`: what of the
-/// formula was not defined, where that is known.
-[[nodiscard]] std::string describe_failure(const StepReport& report, double t, const LevelNode& node, double law_step,
-                                           std::string_view reason = {});
+/// One sentence on why a step failed at time t, with the values that matter and what to do, given what the run does
+/// already where Γ vanishes. `reason`: what of the formula was not defined, where that is known.
+[[nodiscard]] std::string describe_failure(const StepReport& report, double t, const LevelNode& node, double last_step,
+                                           OnSingular on_singular, std::string_view reason = {});
 
 }  // namespace rubato

@@ -260,8 +260,8 @@ private:
       const bool singular = report.status == Status::singular || report.status == Status::ill_conditioned;
       outcome_.status = singular ? ExitStatus::singular : ExitStatus::failed;
       const std::string reason = simulation_->failure_reason();
-      outcome_.message =
-          describe_failure(report, simulation_->t(), simulation_->node(), simulation_->last_step(), reason);
+      outcome_.message = describe_failure(report, simulation_->t(), simulation_->node(), simulation_->last_step(),
+                                          problem_.scheme.on_singular, reason);
       return;
     }
     Statistics& statistics = outcome_.statistics;
