@@ -32,7 +32,9 @@ std::complex<double> derivative_symbol(std::ptrdiff_t k, const Axis& axis) {
 }
 
 /// Each row along x is padded to whole cache lines, so that every transform of an axis finds the alignment its plan was
-/// made for. Along y and z, four neighbouring columns (a cache line of complex numbers) are transformed together.
+/// made for. Two neighbouring rows of a field are transformed as real and imaginary part of one: FFTW does large prime
+/// factors of complex transforms much faster than those of real ones, and grids of boxes are odd. Along y and z, four
+/// neighbouring columns (a cache line of complex numbers) are transformed together.
 struct Fourier::Storage {
   static constexpr std::size_t together = 4;
 
@@ -44,7 +46,7 @@ struct Fourier::Storage {
   std::size_t complex_row;  ///< complex numbers from row to row
   Buffer real;
   Buffer complex;
-  Plan rows_forward, rows_inverse, y_forward, y_inverse, z_forward, z_inverse;
+  Plan pair_forward, pair_inverse, row_forward, row_inverse, y_forward, y_inverse, z_forward, z_inverse;
 
   Storage(const Grid& g, int n)
       : grid(g),
@@ -60,8 +62,16 @@ struct Fourier::Storage {
     parallel_fill(real.data(), real.size(), 0.0);
     parallel_fill(complex.data(), complex.size(), 0.0);
     const int length = static_cast<int>(nx);
-    rows_forward = make_plan([&] { return fftw_plan_dft_r2c_1d(length, real.data(), spectrum(0), FFTW_ESTIMATE); });
-    rows_inverse = make_plan([&] { return fftw_plan_dft_c2r_1d(length, spectrum(0), real.data(), FFTW_ESTIMATE); });
+    row_forward = make_plan([&] { return fftw_plan_dft_r2c_1d(length, real.data(), spectrum(0), FFTW_ESTIMATE); });
+    row_inverse = make_plan([&] { return fftw_plan_dft_c2r_1d(length, spectrum(0), real.data(), FFTW_ESTIMATE); });
+    if (ny * nz > 1) {
+      const auto pair = [&](int sign) {
+        auto* rows = reinterpret_cast<fftw_complex*>(real.data());
+        return make_plan([&] { return fftw_plan_dft_1d(length, rows, rows, sign, FFTW_ESTIMATE); });
+      };
+      pair_forward = pair(FFTW_FORWARD);
+      pair_inverse = pair(FFTW_BACKWARD);
+    }
     const auto columns = [&](std::size_t size, std::size_t stride, int sign) {
       const int lengths[] = {static_cast<int>(size)};
       return make_plan([&] {
@@ -80,6 +90,66 @@ struct Fourier::Storage {
   }
 
   fftw_complex* spectrum(std::size_t offset) { return reinterpret_cast<fftw_complex*>(complex.data()) + offset; }
+
+  /// The rows of `count` fields, pair by pair: use(field, first row, whether there is a second one).
+  template <class Use>
+  void for_each_pair(std::size_t count, Use&& use) const {
+    const std::size_t rows = ny * nz;
+    const std::size_t pairs = (rows + 1) / 2;
+    for_each_block(count * pairs, std::max<std::size_t>(1, 512 / nx), [&](std::size_t begin, std::size_t end) {
+      for (std::size_t unit = begin; unit < end; ++unit) {
+        const std::size_t row = 2 * (unit % pairs);
+        use(unit / pairs, row, row + 1 < rows);
+      }
+    });
+  }
+
+  double* real_at(std::size_t row) { return real.data() + row * real_row; }
+  double* spectrum_at(std::size_t row) { return complex.data() + 2 * row * complex_row; }
+
+  void forward(const double* first, const double* second, std::size_t row) {
+    double* z = real_at(row);
+    for (std::size_t i = 0; i < nx; ++i) {
+      z[2 * i] = first[i];
+      z[2 * i + 1] = second[i];
+    }
+    auto* rows = reinterpret_cast<fftw_complex*>(z);
+    fftw_execute_dft(pair_forward.get(), rows, rows);
+    double* x = spectrum_at(row);
+    double* y = spectrum_at(row + 1);
+    for (std::size_t k = 0; k < half; ++k) {  // X_k = (Z_k + Z̄_{n-k})/2, Y_k = (Z_k - Z̄_{n-k})/2i
+      const double* a = z + 2 * k;
+      const double* b = z + 2 * (k == 0 ? 0 : nx - k);
+      x[2 * k] = 0.5 * (a[0] + b[0]);
+      x[2 * k + 1] = 0.5 * (a[1] - b[1]);
+      y[2 * k] = 0.5 * (a[1] + b[1]);
+      y[2 * k + 1] = 0.5 * (b[0] - a[0]);
+    }
+  }
+
+  void inverse(std::size_t row, double factor, double* first, double* second) {
+    double* z = real_at(row);
+    const double* x = spectrum_at(row);
+    const double* y = spectrum_at(row + 1);
+    for (std::size_t k = 1; 2 * k < nx; ++k) {  // Z_k = X_k + iY_k, Z_{n-k} = X̄_k + iȲ_k
+      z[2 * k] = x[2 * k] - y[2 * k + 1];
+      z[2 * k + 1] = x[2 * k + 1] + y[2 * k];
+      z[2 * (nx - k)] = x[2 * k] + y[2 * k + 1];
+      z[2 * (nx - k) + 1] = y[2 * k] - x[2 * k + 1];
+    }
+    for (const std::size_t k : {std::size_t{0}, nx / 2}) {  // the modes that a real row has no imaginary part of
+      if (2 * k % nx == 0) {
+        z[2 * k] = x[2 * k];
+        z[2 * k + 1] = y[2 * k];
+      }
+    }
+    auto* rows = reinterpret_cast<fftw_complex*>(z);
+    fftw_execute_dft(pair_inverse.get(), rows, rows);
+    for (std::size_t i = 0; i < nx; ++i) {
+      first[i] = factor * z[2 * i];
+      second[i] = factor * z[2 * i + 1];
+    }
+  }
 
   void transform_columns(fftw_plan plan, bool along_z, std::size_t count) {
     const std::size_t groups = complex_row / together;
@@ -134,11 +204,14 @@ const Fourier::Complex& Fourier::at(int field, std::size_t mode) const {
 void Fourier::forward(std::span<const double* const> values) {
   Storage& s = *storage_;
   const std::size_t rows = s.ny * s.nz;
-  for_each_block(values.size() * rows, std::max<std::size_t>(1, 1024 / s.nx), [&](std::size_t begin, std::size_t end) {
-    for (std::size_t row = begin; row < end; ++row) {
-      double* to = s.real.data() + row * s.real_row;
-      std::copy_n(values[row / rows] + row % rows * s.nx, s.nx, to);
-      fftw_execute_dft_r2c(s.rows_forward.get(), to, s.spectrum(row * s.complex_row));
+  s.for_each_pair(values.size(), [&](std::size_t field, std::size_t row, bool paired) {
+    const double* from = values[field] + row * s.nx;
+    const std::size_t place = field * rows + row;
+    if (paired) {
+      s.forward(from, from + s.nx, place);
+    } else {
+      std::copy_n(from, s.nx, s.real_at(place));
+      fftw_execute_dft_r2c(s.row_forward.get(), s.real_at(place), s.spectrum(place * s.complex_row));
     }
   });
   if (s.y_forward) {
@@ -159,14 +232,14 @@ void Fourier::inverse(std::span<double* const> values) {
   }
   const std::size_t rows = s.ny * s.nz;
   const double factor = 1.0 / static_cast<double>(s.grid.size());
-  for_each_block(values.size() * rows, std::max<std::size_t>(1, 1024 / s.nx), [&](std::size_t begin, std::size_t end) {
-    for (std::size_t row = begin; row < end; ++row) {
-      double* from = s.real.data() + row * s.real_row;
-      fftw_execute_dft_c2r(s.rows_inverse.get(), s.spectrum(row * s.complex_row), from);
-      double* to = values[row / rows] + row % rows * s.nx;
-      for (std::size_t i = 0; i < s.nx; ++i) {
-        to[i] = factor * from[i];
-      }
+  s.for_each_pair(values.size(), [&](std::size_t field, std::size_t row, bool paired) {
+    double* to = values[field] + row * s.nx;
+    const std::size_t place = field * rows + row;
+    if (paired) {
+      s.inverse(place, factor, to, to + s.nx);
+    } else {
+      fftw_execute_dft_c2r(s.row_inverse.get(), s.spectrum(place * s.complex_row), s.real_at(place));
+      std::transform(s.real_at(place), s.real_at(place) + s.nx, to, [=](double value) { return factor * value; });
     }
   });
 }
