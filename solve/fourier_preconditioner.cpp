@@ -24,14 +24,16 @@ bool finite(Complex z) {
   return std::isfinite(z.real()) && std::isfinite(z.imag());
 }
 
-/// Gauss–Jordan with row pivoting, a (row by row) → its inverse in `inverse`. False if a pivot is below
-/// deficient_below times the largest; a is destroyed.
-bool invert(int n, Complex* a, Complex* inverse) {
-  std::fill_n(inverse, n * n, Complex{});
-  for (int i = 0; i < n; ++i) {
-    inverse[i * n + i] = 1.0;
-  }
-  double largest = 0.0;
+// std::complex's product and quotient look out for infinities.
+Complex product(Complex a, Complex b) {
+  return {a.real() * b.real() - a.imag() * b.imag(), a.real() * b.imag() + a.imag() * b.real()};
+}
+
+/// Gauss–Jordan with row pivoting, in place: a (row by row) → its inverse. False, and a in disorder, if a pivot is
+/// below deficient_below times the largest.
+bool invert(int n, Complex* a) {
+  std::array<int, 16> swapped;
+  double largest = 0.0;  // squares
   for (int k = 0; k < n; ++k) {
     int row = k;
     for (int i = k + 1; i < n; ++i) {
@@ -39,27 +41,34 @@ bool invert(int n, Complex* a, Complex* inverse) {
         row = i;
       }
     }
-    const double size = std::abs(a[row * n + k]);
-    largest = std::max(largest, size);
-    if (!(size > deficient_below * largest)) {
+    swapped[k] = row;
+    const double square = std::norm(a[row * n + k]);
+    largest = std::max(largest, square);
+    if (!(square > deficient_below * deficient_below * largest)) {
       return false;
     }
-    std::swap_ranges(a + k * n, a + k * n + n, a + row * n);
-    std::swap_ranges(inverse + k * n, inverse + k * n + n, inverse + row * n);
-    const Complex reciprocal = 1.0 / a[k * n + k];
+    if (row != k) {
+      std::swap_ranges(a + k * n, a + k * n + n, a + row * n);
+    }
+    const Complex reciprocal = std::conj(a[k * n + k]) / square;
+    a[k * n + k] = 1.0;
     for (int j = 0; j < n; ++j) {
-      a[k * n + j] *= reciprocal;
-      inverse[k * n + j] *= reciprocal;
+      a[k * n + j] = product(a[k * n + j], reciprocal);
     }
     for (int i = 0; i < n; ++i) {
       const Complex factor = a[i * n + k];
       if (i == k || factor == 0.0) {
         continue;
       }
+      a[i * n + k] = 0.0;
       for (int j = 0; j < n; ++j) {
-        a[i * n + j] -= factor * a[k * n + j];
-        inverse[i * n + j] -= factor * inverse[k * n + j];
+        a[i * n + j] -= product(factor, a[k * n + j]);
       }
+    }
+  }
+  for (int k = n - 1; k >= 0; --k) {
+    for (int i = 0; swapped[k] != k && i < n; ++i) {
+      std::swap(a[i * n + k], a[i * n + swapped[k]]);
     }
   }
   return true;
@@ -102,7 +111,6 @@ Status FourierPreconditioner::factor(const Symbol& symbol) {
   const std::size_t modes = taken_.modes();
   grids::for_each_block(modes, 64, [&](std::size_t begin, std::size_t end) {
     std::array<Complex, 256> matrix;
-    std::array<Complex, 256> work;
     std::array<Complex, 256> inverse;
     for (std::size_t mode = begin; mode < end; ++mode) {
       std::fill_n(matrix.begin(), n * n, Complex{});
@@ -111,8 +119,8 @@ Status FourierPreconditioner::factor(const Symbol& symbol) {
         undefined = true;
         return;
       }
-      work = matrix;
-      if (!invert(n, work.data(), inverse.data())) {
+      std::copy_n(matrix.begin(), n * n, inverse.begin());
+      if (!invert(n, inverse.data())) {
         pseudo_invert(n, matrix.data(), inverse.data());
         ++deficient;
       }
@@ -163,7 +171,7 @@ void FourierPreconditioner::multiply(bool with_taken, double factor, std::span<c
   grids::for_each_block(
       modes / row_length * pieces, std::max<std::size_t>(1, 4 / pieces), [&](std::size_t first, std::size_t last) {
         std::array<std::array<double, 2 * piece>, 16> in;  // real and imaginary parts in turn
-        std::array<double, 2 * piece> product;
+        std::array<double, 2 * piece> sum;
         for (std::size_t unit = first; unit < last; ++unit) {
           const std::size_t start = unit % pieces * piece;
           const std::size_t begin = unit / pieces * row_length + start;
@@ -179,18 +187,18 @@ void FourierPreconditioner::multiply(bool with_taken, double factor, std::span<c
             }
           }
           for (std::size_t j = 0; j < fields.size(); ++j) {
-            product.fill(0.0);
+            sum.fill(0.0);
             const auto add = [&](int row) {
               const auto entry = static_cast<std::size_t>(row) * n + static_cast<std::size_t>(fields[j]);
               const auto* m = reinterpret_cast<const double*>(&inverses_[entry * modes + begin]);
               const double* a = in[row].data();
               for (std::size_t k = 0; k < 2 * count; k += 2) {  // std::complex's product looks out for infinities
-                product[k] += m[k] * a[k] - m[k + 1] * a[k + 1];
-                product[k + 1] += m[k] * a[k + 1] + m[k + 1] * a[k];
+                sum[k] += m[k] * a[k] - m[k + 1] * a[k + 1];
+                sum[k + 1] += m[k] * a[k + 1] + m[k + 1] * a[k];
               }
             };
             std::ranges::for_each(with_taken ? std::span<const int>(all_) : rows, add);
-            std::copy_n(product.begin(), 2 * count, reinterpret_cast<double*>(&work_.at(static_cast<int>(j), begin)));
+            std::copy_n(sum.begin(), 2 * count, reinterpret_cast<double*>(&work_.at(static_cast<int>(j), begin)));
           }
         }
       });
