@@ -10,6 +10,7 @@
 #include <rubato/base/compensated_sum.hpp>
 #include <rubato/grids/buffer.hpp>
 #include <rubato/grids/fourier.hpp>
+#include <rubato/grids/wide_vectors.hpp>
 
 namespace rubato {
 
@@ -38,29 +39,51 @@ void for_each_node(std::size_t begin, std::size_t count, std::size_t n, Use&& us
   }
 }
 
-void average(const Line& nodes, std::size_t count, double* out) {
-  for (std::size_t i = 0; i < count; ++i) {
-    out[i] = 0.5 * (nodes[i] + nodes[i + 1]);
+/// Means and differences, as far as wanted, of nodes and of the nodes after them.
+RUBATO_WIDE_VECTORS void combine(const double* nodes, std::size_t count, double inverse_spacing, double* mean,
+                                 double* difference) {
+  if (mean != nullptr) {
+    for (std::size_t i = 0; i < count; ++i) {
+      mean[i] = 0.5 * (nodes[i] + nodes[i + 1]);
+    }
   }
+  if (difference != nullptr) {
+    for (std::size_t i = 0; i < count; ++i) {
+      difference[i] = (nodes[i + 1] - nodes[i]) * inverse_spacing;
+    }
+  }
+}
+
+/// The two lines of nodes beside a line of cells, and what makes of them the line's nodes across y.
+RUBATO_WIDE_VECTORS void combine_lines(const double* r0, const double* r1, std::size_t begin, std::size_t count,
+                                       std::size_t n, double scale, double* mean, double* difference) {
+  for_each_node(begin, count, n, [=](std::size_t i, std::size_t node) { mean[i] = 0.5 * (r0[node] + r1[node]); });
+  for_each_node(begin, count, n,
+                [=](std::size_t i, std::size_t node) { difference[i] = (r1[node] - r0[node]) * scale; });
 }
 
 }  // namespace
 
 void BoxGather::operator()(const double* field, std::size_t line, std::size_t begin, std::size_t count, double* mean,
                            double* const* difference) const {
-  Line a, b, c;
   const std::size_t j = line % n_[1];
   const std::size_t k = line / n_[1];
   const double* r00 = field + j * stride_[1] + k * stride_[2];
   const double* r10 = field + (j + 1 == n_[1] ? 0 : j + 1) * stride_[1] + k * stride_[2];
   if (dimensions_ == 1) {
-    for_each_node(begin, count, n_[0], [&](std::size_t i, std::size_t node) { a[i] = r00[node]; });
-  } else if (dimensions_ == 2) {
-    const double scale = inverse_spacing_[1];
-    for_each_node(begin, count, n_[0], [&](std::size_t i, std::size_t node) {
-      a[i] = 0.5 * (r00[node] + r10[node]);
-      b[i] = (r10[node] - r00[node]) * scale;
-    });
+    const bool at_seam = begin + count == n_[0];
+    const std::size_t inner = at_seam ? count - 1 : count;
+    combine(r00 + begin, inner, inverse_spacing_[0], mean, difference[0]);
+    if (at_seam) {
+      const double nodes[2] = {r00[n_[0] - 1], r00[0]};
+      combine(nodes, 1, inverse_spacing_[0], mean != nullptr ? mean + inner : nullptr,
+              difference[0] != nullptr ? difference[0] + inner : nullptr);
+    }
+    return;
+  }
+  Line a, b, c;
+  if (dimensions_ == 2) {
+    combine_lines(r00, r10, begin, count, n_[0], inverse_spacing_[1], a.data(), b.data());
   } else {
     const std::size_t k_next = k + 1 == n_[2] ? 0 : k + 1;
     const double* r01 = field + j * stride_[1] + k_next * stride_[2];
@@ -73,19 +96,10 @@ void BoxGather::operator()(const double* field, std::size_t line, std::size_t be
       c[i] = ((r01[node] - r00[node]) + (r11[node] - r10[node])) * scale_z;
     });
   }
-  if (mean != nullptr) {
-    average(a, count, mean);
-  }
-  if (difference[0] != nullptr) {
-    for (std::size_t i = 0; i < count; ++i) {
-      difference[0][i] = (a[i + 1] - a[i]) * inverse_spacing_[0];
-    }
-  }
-  if (dimensions_ > 1 && difference[1] != nullptr) {
-    average(b, count, difference[1]);
-  }
-  if (dimensions_ > 2 && difference[2] != nullptr) {
-    average(c, count, difference[2]);
+  combine(a.data(), count, inverse_spacing_[0], mean, difference[0]);
+  combine(b.data(), count, 0.0, difference[1], nullptr);
+  if (dimensions_ > 2) {
+    combine(c.data(), count, 0.0, difference[2], nullptr);
   }
 }
 
@@ -126,17 +140,50 @@ struct Workspace {
   std::vector<const double*> inputs;
 };
 
-double largest(const double* values, std::size_t count) {
+/// max |values|, NaN left out; eight side by side so that it vectorises.
+RUBATO_WIDE_VECTORS double largest(const double* values, std::size_t count) {
+  double partial[8] = {};
+  std::size_t i = 0;
+  for (; i + 8 <= count; i += 8) {
+    for (std::size_t l = 0; l < 8; ++l) {
+      const double size = std::abs(values[i + l]);
+      partial[l] = size > partial[l] ? size : partial[l];
+    }
+  }
   double result = 0.0;
-  for (std::size_t i = 0; i < count; ++i) {
-    const double size = std::abs(values[i]);
-    result = size > result ? size : result;
+  for (; i < count; ++i) {
+    result = std::max(result, std::abs(values[i]));
+  }
+  for (const double part : partial) {
+    result = std::max(result, part);
   }
   return result;
 }
 
+/// out += factor · values.
+RUBATO_WIDE_VECTORS void add(double factor, const double* values, std::size_t count, double* out) {
+  for (std::size_t i = 0; i < count; ++i) {
+    out[i] += factor * values[i];
+  }
+}
+
+/// out += factor · a · b · c.
+RUBATO_WIDE_VECTORS void add(double factor, const double* a, const double* b, const double* c, std::size_t count,
+                             double* out) {
+  for (std::size_t i = 0; i < count; ++i) {
+    out[i] += factor * a[i] * b[i] * c[i];
+  }
+}
+
+/// out += factor · a · b.
+RUBATO_WIDE_VECTORS void add(double factor, const double* a, const double* b, std::size_t count, double* out) {
+  for (std::size_t i = 0; i < count; ++i) {
+    out[i] += factor * a[i] * b[i];
+  }
+}
+
 /// Σ values, eight partial sums side by side so that it vectorises.
-double sum(const double* values, std::size_t count) {
+RUBATO_WIDE_VECTORS double sum(const double* values, std::size_t count) {
   double partial[8] = {};
   std::size_t i = 0;
   for (; i + 8 <= count; i += 8) {
@@ -319,9 +366,7 @@ void CellSweep::Storage::run_block(std::size_t block, Workspace& work, std::span
     for (const Term& term : K_plus[a]) {
       const double* difference = work.difference[static_cast<std::size_t>(term.row)][a];
       const double* mean = work.mean[static_cast<std::size_t>(term.column)];
-      for (std::size_t c = 0; c < count; ++c) {
-        density[c] += term.value * difference[c] * mean[c];
-      }
+      add(term.value, difference, mean, count, density);
     }
   }
   result.energy = sum(density, count);
@@ -330,28 +375,23 @@ void CellSweep::Storage::run_block(std::size_t block, Workspace& work, std::span
   if (!rate.empty()) {
     double* form = density;  // no longer needed
     std::fill_n(form, count, 0.0);
-    const auto add = [&](int row, const double* column, double value) {
-      const double* left = work.rate_mean[static_cast<std::size_t>(row)];
-      for (std::size_t c = 0; c < count; ++c) {
-        form[c] += value * left[c] * column[c];
-      }
+    const auto add_product = [&](int row, const double* column, double value) {
+      add(value, work.rate_mean[static_cast<std::size_t>(row)], column, count, form);
     };
     for (std::size_t a = 0; a < K.size(); ++a) {
       for (const Term& term : K[a]) {
-        add(term.row, work.rate_difference[static_cast<std::size_t>(term.column)][a], term.value);
+        add_product(term.row, work.rate_difference[static_cast<std::size_t>(term.column)][a], term.value);
       }
     }
     for (const Term& term : constant_hessian) {
-      add(term.row, work.rate_mean[static_cast<std::size_t>(term.column)], -term.value);
+      add_product(term.row, work.rate_mean[static_cast<std::size_t>(term.column)], -term.value);
     }
     for (std::size_t e = 0; e < system.varying_hessian().size(); ++e) {
       const auto [row, column] = system.varying_hessian()[e];
       const double* left = work.rate_mean[static_cast<std::size_t>(row)];
       const double* right = work.rate_mean[static_cast<std::size_t>(column)];
       const double factor = row == column ? -1.0 : -2.0;
-      for (std::size_t c = 0; c < count; ++c) {
-        form[c] += factor * varying[e][c] * left[c] * right[c];
-      }
+      add(factor, varying[e], left, right, count, form);
     }
     result.quadratic = sum(form, count);
   }
@@ -362,16 +402,11 @@ void CellSweep::Storage::residual_row(int row, std::size_t count, bool with_rate
   const double* gradient = work.outputs[1 + static_cast<std::size_t>(row)];
   double scale = largest(gradient, count);
   std::copy_n(gradient, count, out);
-  const auto subtract = [&](const double* values, double factor) {
-    for (std::size_t c = 0; c < count; ++c) {
-      out[c] -= factor * values[c];
-    }
-  };
   if (with_rate) {
     for (const Term& term : M) {
       if (term.row == row) {
         const double* rate = work.rate_mean[static_cast<std::size_t>(term.column)];
-        subtract(rate, inverse_h * term.value);
+        add(-inverse_h * term.value, rate, count, out);
         scale += std::abs(inverse_h * term.value) * largest(rate, count);
       }
     }
@@ -380,7 +415,7 @@ void CellSweep::Storage::residual_row(int row, std::size_t count, bool with_rate
     for (const Term& term : K[a]) {
       if (term.row == row) {
         const auto column = static_cast<std::size_t>(term.column);
-        subtract(work.difference[column][a], term.value);
+        add(-term.value, work.difference[column][a], count, out);
         // The difference of two nearly equal values has the rounding error of the values.
         scale += std::abs(term.value) * (largest(work.difference[column][a], count) +
                                          2.0 * inverse_spacing[a] * largest(work.mean[column], count));
@@ -412,15 +447,10 @@ void CellSweep::Storage::energy_change(std::size_t block, Workspace& work, std::
     const double* r = residual[i] + offset;  // -R
     take(correction[i], f, rate_derivative, line, begin, count, work.mean[i], none);
     const double* c = work.mean[i];
-    for (std::size_t cell = 0; cell < count; ++cell) {
-      corrected[cell] += c[cell] * r[cell];
-    }
+    add(1.0, c, r, count, corrected);
     if (rate[i] != nullptr) {
       take(rate[i], f, rate_derivative, line, begin, count, work.rate_mean[i], none);
-      const double* delta = work.rate_mean[i];
-      for (std::size_t cell = 0; cell < count; ++cell) {
-        moved[cell] += delta[cell] * r[cell];
-      }
+      add(1.0, work.rate_mean[i], r, count, moved);
     }
   }
   for (const Term& term : M) {
@@ -428,9 +458,7 @@ void CellSweep::Storage::energy_change(std::size_t block, Workspace& work, std::
       const double factor = inverse_h * term.value;
       const double* c = work.mean[static_cast<std::size_t>(term.row)];
       const double* delta = work.rate_mean[static_cast<std::size_t>(term.column)];
-      for (std::size_t cell = 0; cell < count; ++cell) {
-        twisted[cell] += factor * c[cell] * delta[cell];
-      }
+      add(factor, c, delta, count, twisted);
     }
   }
   BlockResult& result = results[block];

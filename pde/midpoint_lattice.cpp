@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <stdexcept>
@@ -7,6 +8,7 @@
 #include <fmt/format.h>
 
 #include <rubato/grids/reductions.hpp>
+#include <rubato/grids/wide_vectors.hpp>
 #include <rubato/pde/cell_solver.hpp>
 #include <rubato/pde/kernel_conditions.hpp>
 #include <rubato/pde/lattice_scheme.hpp>
@@ -53,6 +55,61 @@ void check(const MultisymplecticSystem& system, const grids::Grid& grid, Placeme
                                             first.fields.fields(), first.fields.size(), system.field_count(),
                                             grid.size()));
   }
+}
+
+/// Largest absolute values, NaN if one is not finite.
+struct Sizes {
+  double added = 0.0;
+  double sum = 0.0;
+};
+
+RUBATO_WIDE_VECTORS Sizes add_twice_in_block(const double* c, double* delta, std::size_t count) {
+  constexpr std::size_t lanes = 8;
+  double added[lanes] = {};
+  double sums[lanes] = {};
+  double poison[lanes] = {};  // becomes NaN with the first value that is not finite
+  const auto take = [&](std::size_t lane, std::size_t i) {
+    const double change = 2.0 * c[i];
+    const double sum = delta[i] + change;
+    delta[i] = sum;
+    added[lane] = std::abs(change) > added[lane] ? std::abs(change) : added[lane];
+    sums[lane] = std::abs(sum) > sums[lane] ? std::abs(sum) : sums[lane];
+    poison[lane] += 0.0 * sum;
+  };
+  std::size_t i = 0;
+  for (; i + lanes <= count; i += lanes) {
+    for (std::size_t l = 0; l < lanes; ++l) {
+      take(l, i + l);
+    }
+  }
+  for (std::size_t l = 0; i + l < count; ++l) {
+    take(l, i + l);
+  }
+  Sizes result;
+  for (std::size_t l = 0; l < lanes; ++l) {
+    result.added = std::max(result.added, added[l]);
+    result.sum = std::max(result.sum, sums[l]);
+  }
+  if (std::ranges::any_of(poison, [](double value) { return value != 0.0; })) {
+    result.added = result.sum = std::numeric_limits<double>::quiet_NaN();
+  }
+  return result;
+}
+
+/// δ += 2 c.
+Sizes add_twice(std::span<const double> c, std::span<double> delta) {
+  const grids::ReductionBlocks pieces(c.size());
+  std::array<Sizes, grids::ReductionBlocks::most> partial;
+  grids::for_each_block(c.size(), pieces.block, [&](std::size_t begin, std::size_t end) {
+    partial[begin / pieces.block] = add_twice_in_block(c.data() + begin, delta.data() + begin, end - begin);
+  });
+  Sizes result;
+  for (std::size_t b = 0; b < pieces.blocks; ++b) {
+    const auto larger = [](double a, double value) { return value > a || std::isnan(value) ? value : a; };
+    result.added = std::isnan(result.added) ? result.added : larger(result.added, partial[b].added);
+    result.sum = std::isnan(result.sum) ? result.sum : larger(result.sum, partial[b].sum);
+  }
+  return result;
 }
 
 /// Box and Fourier: the same midpoint rule in time with another A and D_a.
@@ -372,18 +429,10 @@ private:
   double add_correction() {
     double size = 0.0;
     for (int f = 0; f < system_.field_count(); ++f) {
-      double* delta = delta_.field(f).data();
-      const double* correction = correction_.field(f).data();
-      grids::for_each_block(grid_.size(), piece, [=](std::size_t begin, std::size_t end) {
-        for (std::size_t n = begin; n < end; ++n) {
-          delta[n] += 2.0 * correction[n];
-        }
-      });
-      const double change = 2.0 * grids::max_abs(correction_.field(f));
-      if (change != 0.0) {
-        const double scale =
-            std::max({grids::max_abs(delta_.field(f)), largest_[static_cast<std::size_t>(f)], epsilon * level_size(f)});
-        size = change / scale > size || std::isnan(change) ? change / scale : size;
+      const Sizes sizes = add_twice(std::as_const(correction_).field(f), delta_.field(f));
+      if (sizes.added != 0.0) {
+        const double scale = std::max({sizes.sum, largest_[static_cast<std::size_t>(f)], epsilon * level_size(f)});
+        size = sizes.added / scale > size || std::isnan(sizes.added) ? sizes.added / scale : size;
       }
     }
     return size;

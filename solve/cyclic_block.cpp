@@ -11,6 +11,7 @@
 #include <fmt/core.h>
 #include <rubato/base/compensated_sum.hpp>
 #include <rubato/grids/buffer.hpp>
+#include <rubato/grids/wide_vectors.hpp>
 #include <rubato/solve/chunk_elimination.hpp>
 #include <rubato/solve/cyclic_sparse.hpp>
 #include <rubato/solve/dense_solver.hpp>
@@ -21,12 +22,6 @@ namespace {
 constexpr std::size_t residual_block = 512;  ///< cells whose residual is computed together, in first-level cache
 constexpr double refine_above = 1e-12;
 constexpr double unacceptable_backward_error = 1e-9;
-
-#if defined(__x86_64__)
-#define RUBATO_WIDE_VECTORS [[gnu::target_clones("avx512f", "avx2", "default")]]  // chosen when the program is loaded
-#else
-#define RUBATO_WIDE_VECTORS
-#endif
 
 /// out[j] = rhs - (A z + B y) of equation `row` at cells begin + j, j < count, none of which is the last cell.
 RUBATO_WIDE_VECTORS void residual_of_row(const CyclicBidiagonal& a, const CyclicBorder& border, const double* rhs,
@@ -106,21 +101,39 @@ void for_each_residual(const CyclicBidiagonal& a, const CyclicBorder& border, co
   }
 }
 
-/// max |values[i]|; infinity if one of them is not finite.
+/// max |values[i]|, eight side by side; infinity if one of them is not finite.
+RUBATO_WIDE_VECTORS double largest_in_block(const double* values, std::size_t count) {
+  constexpr std::size_t lanes = 8;
+  double sizes[lanes] = {};
+  double poison[lanes] = {};  // 0 · x is NaN when x is not finite
+  const auto take = [&](std::size_t lane, double value) {
+    const double size = std::abs(value);
+    sizes[lane] = size > sizes[lane] ? size : sizes[lane];
+    poison[lane] += 0.0 * size;
+  };
+  std::size_t i = 0;
+  for (; i + lanes <= count; i += lanes) {
+    for (std::size_t l = 0; l < lanes; ++l) {
+      take(l, values[i + l]);
+    }
+  }
+  for (; i < count; ++i) {
+    take(0, values[i]);
+  }
+  double largest = 0.0;
+  for (std::size_t l = 0; l < lanes; ++l) {
+    largest = poison[l] == 0.0 ? std::max(largest, sizes[l]) : std::numeric_limits<double>::infinity();
+  }
+  return largest;
+}
+
 double largest_of(const double* values, std::size_t count) {
   const auto blocks = static_cast<std::ptrdiff_t>((count + 4095) / 4096);
   double result = 0.0;
 #pragma omp parallel for schedule(static) reduction(max : result) if (blocks > 8)
   for (std::ptrdiff_t block = 0; block < blocks; ++block) {
-    const std::size_t end = std::min(count, static_cast<std::size_t>(block + 1) * 4096);
-    double largest = 0.0;
-    double poison = 0.0;  // 0 · x is NaN when x is not finite
-    for (std::size_t i = static_cast<std::size_t>(block) * 4096; i < end; ++i) {
-      const double size = std::abs(values[i]);
-      largest = size > largest ? size : largest;
-      poison += 0.0 * size;
-    }
-    result = std::max(result, poison == 0.0 ? largest : std::numeric_limits<double>::infinity());
+    const std::size_t begin = static_cast<std::size_t>(block) * 4096;
+    result = std::max(result, largest_in_block(values + begin, std::min<std::size_t>(4096, count - begin)));
   }
   return result;
 }
@@ -302,14 +315,7 @@ double CyclicBlockSolver::Storage::backward_error(const CyclicBidiagonal& a, con
   const std::size_t blocks = (cells + residual_block - 1) / residual_block;
   largest_residuals.assign(blocks * d, 0.0);
   for_each_residual(a, border, rhs, z, y, [&](std::size_t begin, std::size_t count, int row, const double* out) {
-    double largest_here = 0.0;
-    double poison = 0.0;
-    for (std::size_t j = 0; j < count; ++j) {
-      const double here = std::abs(out[j]);
-      largest_here = here > largest_here ? here : largest_here;
-      poison += 0.0 * here;
-    }
-    largest_residuals[begin / residual_block * d + row] = poison == 0.0 ? largest_here : infinity;
+    largest_residuals[begin / residual_block * d + row] = largest_in_block(out, count);
   });
   double result = 0.0;
   for (std::size_t j = 0; j < largest_residuals.size(); ++j) {
