@@ -41,8 +41,9 @@ struct Entry {
 [[nodiscard]] Entry* find(Value::Table& table, std::string_view key);
 
 /// Reads TOML; `source` names it in locations. The root is a table.
-/// Refused before the TOML parser sees them: bytes that are not UTF-8 text, unclosed strings (named by where they
-/// open), nesting deeper than 100 levels, lines longer than 10^6 bytes. \throws ProblemError
+/// Refused before the TOML parser sees them: bytes that are not UTF-8 text, characters beyond ASCII outside strings
+/// and comments, unclosed strings (named by where they open), nesting deeper than 100 levels, lines longer than 10^6
+/// bytes. \throws ProblemError
 [[nodiscard]] Value read_document(std::string_view text, const std::string& source);
 
 /// TOML that read_document() reads back to the same values in the same order.

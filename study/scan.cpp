@@ -97,8 +97,20 @@ private:
     } else if (c == '"' || c == '\'') {
       skip_string(c);
     } else {
+      refuse_beyond_ascii();
       count(c);
       advance();
+    }
+  }
+
+  /// Typographic quotes, most often. (The parser's own classification of such characters has gaps.)
+  void refuse_beyond_ascii() const {
+    const std::size_t length = sequence_length(text_.substr(position_));
+    if (length > 1) {
+      throw ProblemError(here(),
+                         fmt::format("'{}' may stand in strings and comments only; elsewhere names are of plain "
+                                     "letters, and quotes are \" and '",
+                                     text_.substr(position_, length)));
     }
   }
 

@@ -167,6 +167,9 @@ TEST_CASE("a file that is no problem file is refused without a crash", "[study][
   CHECK_THAT(begins("title = \"\xE9\""), Catch::Contains("1:10: byte 0xE9 does not belong"));
   CHECK_THAT(begins("[.x]"),
              Catch::StartsWith("f.toml:1:2: not TOML"));  // an assertion of the parser, in builds with any
+  CHECK_THAT(begins("title = “é”"), Catch::StartsWith("f.toml:1:9: '“' may stand in strings and comments only"));
+  CHECK_THAT(begins("tt\xEF\xBB\xBD$"), Catch::StartsWith("f.toml:1:3: "));  // unreachable, by the parser's tables
+  CHECK_THAT(begins("title = \"é\" # “é”"), Catch::Contains("neither [hamiltonian]"));
   CHECK_THAT(begins("title = \"\xED\xA0\x80\""), Catch::Contains("does not belong"));  // a surrogate
   CHECK_THROWS_AS(read_problem("/"), ProblemError);
   CHECK_THROWS_WITH(read_problem("pendulun"), Catch::Contains("did you mean \"pendulum\"?"));
