@@ -402,29 +402,35 @@ private:
   }
 
   Status factor(const CellMatrix& matrix) {
-    const MatrixXd& mean = inverted_;
-    return inverse_.factor([&](const std::array<std::ptrdiff_t, 3>& k, std::complex<double>* out) {
-      std::array<std::complex<double>, 3> average{1.0, 1.0, 1.0};
-      std::array<std::complex<double>, 3> difference{};
+    const std::vector<Term> constants = terms_of(inverted_);
+    std::vector<std::vector<Term>> differences;
+    for (const MatrixXd& C : matrix.difference) {
+      differences.push_back(terms_of(C));
+    }
+    using Complex = std::complex<double>;
+    const auto product = [](Complex a, Complex b) {  // std::complex's looks out for infinities
+      return Complex(a.real() * b.real() - a.imag() * b.imag(), a.real() * b.imag() + a.imag() * b.real());
+    };
+    return inverse_.factor([&](const std::array<std::ptrdiff_t, 3>& k, Complex* out) {
+      std::array<Symbol, 3> symbols{{{1.0, 0.0}, {1.0, 0.0}, {1.0, 0.0}}};
       for (std::size_t a = 0; a < symbols_.size(); ++a) {
-        const auto wave =
-            static_cast<std::size_t>(k[a] < 0 ? k[a] + static_cast<std::ptrdiff_t>(symbols_[a].size()) : k[a]);
-        average[a] = symbols_[a][wave].average;
-        difference[a] = symbols_[a][wave].difference;
+        const auto waves = static_cast<std::ptrdiff_t>(symbols_[a].size());
+        symbols[a] = symbols_[a][static_cast<std::size_t>(k[a] < 0 ? k[a] + waves : k[a])];
       }
-      const std::complex<double> all = average[0] * average[1] * average[2];
-      for (int r = 0; r < size_; ++r) {
-        for (int c = 0; c < size_; ++c) {
-          out[r * size_ + c] = mean(r, c) * all;
+      const auto add = [&](const std::vector<Term>& terms, Complex symbol) {
+        for (const Term& term : terms) {
+          out[term.row * size_ + term.column] += term.value * symbol;
         }
+      };
+      const Complex yz = product(symbols[1].average, symbols[2].average);
+      const Complex x = symbols[0].average;
+      add(constants, product(x, yz));
+      add(differences[0], product(symbols[0].difference, yz));
+      if (differences.size() > 1) {
+        add(differences[1], product(product(x, symbols[1].difference), symbols[2].average));
       }
-      for (std::size_t a = 0; a < static_cast<std::size_t>(grid_.dimensions()); ++a) {
-        const std::complex<double> symbol = difference[a] * average[(a + 1) % 3] * average[(a + 2) % 3];
-        for (int r = 0; r < size_; ++r) {
-          for (int c = 0; c < size_; ++c) {
-            out[r * size_ + c] += matrix.difference[a](r, c) * symbol;
-          }
-        }
+      if (differences.size() > 2) {
+        add(differences[2], product(product(x, symbols[1].average), symbols[2].difference));
       }
     });
   }
@@ -493,6 +499,21 @@ private:
   struct Symbol {
     std::complex<double> average, difference;
   };
+  struct Term {
+    int row, column;
+    double value;
+  };
+  static std::vector<Term> terms_of(const MatrixXd& matrix) {
+    std::vector<Term> terms;
+    for (int r = 0; r < matrix.rows(); ++r) {
+      for (int c = 0; c < matrix.cols(); ++c) {
+        if (matrix(r, c) != 0.0) {
+          terms.push_back({r, c, matrix(r, c)});
+        }
+      }
+    }
+    return terms;
+  }
   struct Variation {
     std::size_t row, column;  ///< places in rows_ and columns_
     double factor, shift;

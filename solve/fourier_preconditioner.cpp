@@ -31,7 +31,9 @@ Complex product(Complex a, Complex b) {
 
 /// Gauss–Jordan with row pivoting, in place: a (row by row) → its inverse. False, and a in disorder, if a pivot is
 /// below deficient_below times the largest.
-bool invert(int n, Complex* a) {
+template <int Fixed>
+bool invert(int size, Complex* a) {
+  const int n = Fixed > 0 ? Fixed : size;  // a constant where loops are short
   std::array<int, 16> swapped;
   double largest = 0.0;  // squares
   for (int k = 0; k < n; ++k) {
@@ -72,6 +74,16 @@ bool invert(int n, Complex* a) {
     }
   }
   return true;
+}
+
+bool invert(int n, Complex* a) {
+  switch (n) {
+    case 1: return invert<1>(n, a);
+    case 2: return invert<2>(n, a);
+    case 3: return invert<3>(n, a);
+    case 4: return invert<4>(n, a);
+    default: return invert<0>(n, a);
+  }
 }
 
 void pseudo_invert(int n, const Complex* a, Complex* inverse) {
