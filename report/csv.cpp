@@ -1,6 +1,7 @@
 #include <rubato/report/csv.hpp>
 
 #include <algorithm>
+#include <cmath>
 #include <string>
 
 #include <fmt/format.h>
@@ -32,6 +33,11 @@ struct Source {
   std::string path;
   std::vector<std::string> names;
 };
+
+/// The sign of a value that is not a number means nothing, and would be written.
+double unsigned_if_undefined(double value) {
+  return std::isnan(value) ? std::abs(value) : value;
+}
 
 class Exporter {
 public:
@@ -73,7 +79,7 @@ public:
           const std::size_t width = sources[i].names.size();
           for (std::size_t column = 0; column < width; ++column) {
             text += is_first ? "" : ",";
-            fmt::format_to(std::back_inserter(text), "{}", values[i][row * width + column]);
+            fmt::format_to(std::back_inserter(text), "{}", unsigned_if_undefined(values[i][row * width + column]));
             is_first = false;
           }
         }
@@ -107,7 +113,7 @@ public:
     for (std::size_t level = 0; level < t.size(); ++level) {
       std::string text = fmt::format("{}", t[level]);
       for (const double value : reader_.read(path, level, 1)) {
-        fmt::format_to(std::back_inserter(text), ",{}", value);
+        fmt::format_to(std::back_inserter(text), ",{}", unsigned_if_undefined(value));
       }
       file.write(text + '\n');
     }

@@ -6,9 +6,17 @@
 
 #include <fmt/format.h>
 
+#include <rubato/base/larger.hpp>
+#include <rubato/record/error.hpp>
+
 namespace rubato::report {
 
 namespace {
+
+/// A number to three digits, or that there is none.
+std::string figure(double value) {
+  return std::isfinite(value) ? fmt::format("{:.3g}", value) : "undefined";
+}
 
 Summary::Range range_of(std::span<const double> values) {
   const auto [min, max] = std::ranges::minmax(values);
@@ -18,7 +26,7 @@ Summary::Range range_of(std::span<const double> values) {
 Summary::Deviation deviation_of(std::string name, std::span<const double> values) {
   Summary::Deviation deviation{.name = std::move(name), .initial = values.empty() ? 0.0 : values.front()};
   for (const double value : values) {
-    deviation.max = std::max(deviation.max, std::abs(value - deviation.initial));
+    deviation.max = larger(deviation.max, std::abs(value - deviation.initial));
   }
   return deviation;
 }
@@ -65,13 +73,29 @@ std::vector<Summary::MaxRms> errors_of(const record::Reader& reader, const Conte
     }
     Summary::MaxRms error{.name = name};
     for (std::size_t i = 0; i < state.size(); ++i) {
-      error.max = std::max(error.max, std::abs(state[i] - exact[i]));
+      error.max = larger(error.max, std::abs(state[i] - exact[i]));
       error.rms += (state[i] - exact[i]) * (state[i] - exact[i]) / static_cast<double>(state.size());
     }
     error.rms = std::sqrt(error.rms);
     errors.push_back(error);
   }
   return errors;
+}
+
+/// \throws record::Error if what is said of levels and of steps is not of one length
+void check_sizes(const record::Reader& reader, std::size_t levels) {
+  const auto check = [&](const char* path, std::size_t rows) {
+    if (reader.rows(path) != rows) {
+      throw record::Error(reader.file(),
+                          fmt::format("{} has {} rows, and {} levels need {}", path, reader.rows(path), levels, rows));
+    }
+  };
+  for (const char* path : {"/levels/gamma", "/levels/node_energy"}) {
+    check(path, levels);
+  }
+  for (const char* path : {"/levels/h", "/levels/energy", "/levels/bridged", "/levels/iterations"}) {
+    check(path, levels - 1);
+  }
 }
 
 void add_steps(Summary& summary, const record::Reader& reader) {
@@ -101,6 +125,7 @@ Summary summarise(const record::Reader& reader, const Contents& contents) {
   const std::size_t levels = reader.rows("/levels/t");
   summary.t_first = reader.read("/levels/t", 0, 1).front();
   summary.t_last = reader.read("/levels/t", levels - 1, 1).front();
+  check_sizes(reader, levels);
   const std::vector<double> node_energy = reader.read("/levels/node_energy");
   summary.node_energy = deviation_of("node energy", node_energy);
   summary.gamma = range_of(reader.read("/levels/gamma"));
@@ -157,12 +182,12 @@ std::vector<Line> lines_of(const Summary& summary) {
   for (const auto* deviations : {&summary.totals, &summary.invariants}) {
     for (const Summary::Deviation& deviation : *deviations) {
       lines.push_back({(deviations == &summary.totals ? "total " : "") + deviation.name + ", deviation",
-                       fmt::format("{:.3g}", deviation.max), fmt::format("first value {:.10g}", deviation.initial)});
+                       figure(deviation.max), fmt::format("first value {:.10g}", deviation.initial)});
     }
   }
   for (const Summary::MaxRms& error : summary.errors) {
-    lines.push_back({"error in " + error.name + ", largest", fmt::format("{:.3g}", error.max),
-                     fmt::format("rms {:.3g}, last stored level", error.rms), true});
+    lines.push_back({"error in " + error.name + ", largest", figure(error.max),
+                     fmt::format("rms {}, last stored level", figure(error.rms)), true});
   }
   return lines;
 }

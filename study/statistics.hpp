@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include <rubato/base/larger.hpp>
 #include <rubato/base/state.hpp>
 #include <rubato/variation/time_levels.hpp>
 
@@ -21,11 +22,6 @@ struct Range {
     max = std::max(max, value);
   }
 };
-
-/// The larger of both; undefined once one of them is, so that it shows in the end.
-[[nodiscard]] inline double larger(double a, double b) {
-  return std::isnan(a) || a >= b ? a : b;
-}
 
 /// Largest magnitude and root mean square of many values.
 struct MaxRms {

@@ -280,6 +280,17 @@ case $case_name in
     expect 2 --force
     run export a.h5 --xdmf
     expect 2 'an orbit'
+    write_problem
+    printf '[invariants]\nI = "log(q - 5)"\nJ = "q"\n' >>problem.toml
+    run run problem.toml -o u.h5
+    check "a warning" grep -q 'the invariant I is not defined' err
+    run compare u.h5 u.h5
+    check "what is undefined has no deviation" grep -q '^  I, deviation  *undefined  *undefined' out
+    check "and what is defined has one" bash -c '! grep -q "^  J, deviation .*undefined" out'
+    run compare u.h5 u.h5 --json
+    check "nor in JSON" grep -q '"I":{"initial":null,"max_deviation":null},"J":{"initial":0,' out
+    run export u.h5
+    check "nor has it a sign" grep -q '^0,0,.*,nan,0$' u-csv/levels.csv
     ;;
   completion)
     for shell in bash zsh fish; do

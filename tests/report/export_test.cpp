@@ -4,6 +4,7 @@
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
+#include <hdf5.h>
 #include <catch2/catch.hpp>
 
 #include <rubato/record/reader.hpp>
@@ -149,6 +150,24 @@ TEST_CASE("two records side by side") {
 
   const report::Comparison itself = report::compare(a, a);
   CHECK((itself.only_in[0].empty() && itself.only_in[1].empty()));
+}
+
+TEST_CASE("a record with fewer steps than its levels need is not summed up") {
+  const sample::Folder folder;
+  const std::string file = folder / "a.h5";
+  sample::write_orbit(file, {});
+  const auto compared = [&] {
+    const record::Reader reader(file);
+    static_cast<void>(report::compare(reader, reader));
+  };
+  CHECK_NOTHROW(compared());
+  const hid_t id = H5Fopen(file.c_str(), H5F_ACC_RDWR, H5P_DEFAULT);
+  const hid_t energy = H5Dopen2(id, "/levels/energy", H5P_DEFAULT);
+  const hsize_t rows = 7;
+  REQUIRE(H5Dset_extent(energy, &rows) >= 0);
+  H5Dclose(energy);
+  H5Fclose(id);
+  CHECK_THROWS_WITH(compared(), Catch::Contains("/levels/energy has 7 rows, and 501 levels need 500"));
 }
 
 TEST_CASE("records with nothing in common are not compared") {
