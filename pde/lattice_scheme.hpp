@@ -26,9 +26,11 @@ public:
 /// multisymplectic at fixed levels and with variable ones.
 ///
 /// The increment is solved by Newton's method, the matrix renewed at every correction (its factors are not kept, see
-/// CyclicBlockSolver, so an old one would cost as much), until a correction's square is below rounding or the residual
-/// is. Fields in ker M have no increment of their own: multipliers are solved for at the midpoint only. States are
-/// summed with compensation. Results do not depend on the number of threads.
+/// CyclicBlockSolver, so an old one would cost as much), until the error that the last correction left, as the measured
+/// contraction tells it (NewtonContraction), is below rounding or the residual is; for a trial length that will not be
+/// the last, below what the level equation can make use of. One correction does for most trials of a regular step, and
+/// its energy follows without another sweep. Fields in ker M have no increment of their own: multipliers are solved for
+/// at the midpoint only. States are summed with compensation. Results do not depend on the number of threads.
 /// \throws std::invalid_argument for an even number of cells in some direction, where the averages annihilate the
 /// sawtooth (-1)^i; if the dimensions of grid and system differ; if the first level's fields or S there are not finite
 [[nodiscard]] std::unique_ptr<LatticeScheme> make_box_scheme(const MultisymplecticSystem& system,
@@ -40,7 +42,7 @@ public:
 ///     M δ_t z + Σ_a K_a ∂_a z̄ = ∇S(z̄)  at every node,      E_k = Σ ΔV [S(z̄) + Σ_a (∂_a z̄)ᵀK₊z̄].
 ///
 /// Spectrally accurate in space, order 2 in time. Any number of cells; on even ones ∂ annihilates the Nyquist mode, so
-/// odd ones are to be preferred. The linear systems are solved by GMRES, preconditioned in Fourier space.
+/// odd ones are to be preferred. The linear systems are solved in Fourier space, with GMRES where S'' varies much.
 /// \throws std::invalid_argument as make_box_scheme, but for the number of cells; `first` from initial_level() with
 /// Placement::nodes
 [[nodiscard]] std::unique_ptr<LatticeScheme> make_fourier_scheme(const MultisymplecticSystem& system,
