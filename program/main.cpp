@@ -1,4 +1,6 @@
 #include <cmath>
+#include <cstdio>
+#include <cstdlib>
 #include <exception>
 #include <new>
 #include <string>
@@ -215,5 +217,12 @@ ExitStatus guarded(int argc, char** argv) {
 
 int main(int argc, char** argv) {
   rubato::program::keep_standard_streams();
-  return static_cast<int>(guarded(argc, argv));
+  rubato::program::survive_file_limits();
+  const ExitStatus status = guarded(argc, argv);
+  if (status == ExitStatus::file_error) {
+    // HDF5, at the end of the process, takes up again what it could not write or read, and may crash there.
+    std::fflush(nullptr);
+    std::_Exit(static_cast<int>(status));
+  }
+  return static_cast<int>(status);
 }

@@ -16,4 +16,8 @@ void explain_crashes();
 /// the next file opened, such as a record, would be in the place of one that the caller closed, and get its messages.
 void keep_standard_streams();
 
+/// From now on a write beyond the allowed size of files (ulimit -f) fails, as it does on a full disk, and the reason is
+/// told; otherwise it ends the process.
+void survive_file_limits();
+
 }  // namespace rubato::program

@@ -221,6 +221,11 @@ case $case_name in
     check "status 5" test "$status" -eq 5
     run check problem.h5
     expect 0 steps
+    (ulimit -f 20 && exec "$rubato" run pendulum --set scheme.until=1e5 -o limited.h5 --quiet) >out 2>err
+    status=$?
+    last='rubato run with a limit on the size of files'
+    expect 5 'limited.h5: '
+    check "leaves nothing of it" test ! -e limited.h5.partial
     run run kepler --set parameters.e=0.85 --set scheme.on_singular=stop -o singular.h5 --json
     expect 3 'h ='
     check "JSON for status 3" grep -q '"status": *3' out
