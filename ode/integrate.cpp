@@ -4,6 +4,8 @@
 #include <cmath>
 #include <stdexcept>
 
+#include <Eigen/Eigenvalues>
+
 #include <fmt/format.h>
 
 #include <rubato/ode/discrete_lagrangian.hpp>
@@ -15,6 +17,9 @@
 namespace rubato {
 
 namespace {
+
+/// Rounding in the eigenvalues of a parasite that neither grows nor decays; multiple ones are the roots of it.
+constexpr double growth_tolerance = 1e-6;
 
 template <typename... Functions>
 struct Overloaded : Functions... {
@@ -166,6 +171,32 @@ bool OrbitIntegrator::finished() const {
   return direction * (levels_->time() - options_.until) >= -slack * std::abs(levels_->last_step());
 }
 
+std::vector<std::string> OrbitIntegrator::cautions() const {
+  const auto* const generating = std::get_if<Generating>(&options_.lagrangian);
+  if (generating == nullptr) {
+    return {};
+  }
+  const std::size_t n = scheme_->dimension() / 2;
+  const Eigen::MatrixXd F = generating->F(n);
+  const auto is_type = [&](DarbouxType type) { return F == darboux_symmetric(type, static_cast<Eigen::Index>(n)); };
+  std::vector<std::string> cautions;
+  if (options_.levels == Levels::variable && (is_type(DarbouxType::euler_a) || is_type(DarbouxType::euler_b))) {
+    cautions.emplace_back(
+        "with the symplectic-Euler types the step law changes sign at every turning point of the orbit, where no step "
+        "keeps the energy: levels = \"fixed\" is the choice for them, or darboux = \"midpoint\"");
+  }
+  if (options_.next) {
+    const double growth = parasite_matrix(F).eigenvalues().cwiseAbs().maxCoeff();
+    if (growth > 1.0 + growth_tolerance) {
+      cautions.push_back(
+          fmt::format("with this darboux matrix the parasite of a starting pair grows by a factor of {:.3g} in every "
+                      "step: leave out [initial.next], or take darboux = \"midpoint\" or a definite matrix",
+                      growth));
+    }
+  }
+  return cautions;
+}
+
 void OrbitIntegrator::save(StateWriter& state) const {
   scheme_->save(state);
   levels_->save(state);
@@ -205,6 +236,7 @@ Orbit integrate(const Hamiltonian& hamiltonian, const InitialState& initial, con
   OrbitIntegrator integrator(hamiltonian, initial, options);
   Orbit orbit;
   orbit.degrees_of_freedom = hamiltonian.degrees_of_freedom();
+  orbit.cautions = integrator.cautions();
   const auto record_level = [&] {
     orbit.t.push_back(integrator.t());
     const LevelNode node = integrator.node();

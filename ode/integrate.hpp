@@ -97,6 +97,9 @@ public:
   /// Whether E_k is one constant for the run; if not (𝕃 depends on t), energy_balance() is what (3.4) leaves.
   [[nodiscard]] bool autonomous() const { return !scheme_->energy_target().has_value(); }
   [[nodiscard]] const SegmentScheme& scheme() const { return *scheme_; }
+  /// What these options do badly although they can, with a remedy: sentences for people (theory, section 4). The step
+  /// law of the Euler types changes sign at every turning point; the parasite of an arbitrary pair may grow.
+  [[nodiscard]] std::vector<std::string> cautions() const;
   /// After Status::undefined: what of the formula was not defined, where that is known.
   [[nodiscard]] std::string failure_reason() const { return scheme_->failure_reason(); }
 
@@ -118,6 +121,7 @@ struct Orbit {
   std::vector<unsigned char> bridged;         ///< per step
   Status status = Status::success;            ///< why it ended: success at `until`
   std::string message;                        ///< for people, empty on success
+  std::vector<std::string> cautions;          ///< OrbitIntegrator::cautions()
 
   [[nodiscard]] std::size_t steps() const { return h.size(); }
   [[nodiscard]] std::span<const double> q_at(std::size_t level) const {

@@ -1,10 +1,7 @@
 #include <algorithm>
 
-#include <Eigen/Eigenvalues>
-
 #include <fmt/format.h>
 
-#include <rubato/ode/darboux.hpp>
 #include <rubato/ode/first_step.hpp>
 #include <rubato/ode/integrate.hpp>
 #include <rubato/study/formula_table.hpp>
@@ -14,9 +11,6 @@
 namespace rubato::study {
 
 namespace {
-
-/// Rounding in the eigenvalues of a parasite that neither grows nor decays; multiple ones are the roots of it.
-constexpr double growth_tolerance = 1e-6;
 
 Generating make_generating(const Scheme& scheme) {
   Generating generating{.order = *scheme.order};
@@ -34,40 +28,13 @@ Generating make_generating(const Scheme& scheme) {
   return generating;
 }
 
-/// What generating functions do badly although they can (theory, section 4).
-std::vector<std::string> generating_warnings(const Problem& problem) {
-  const Scheme& scheme = problem.scheme;
-  if (scheme.lagrangian != Lagrangian::generating) {
-    return {};
-  }
-  std::vector<std::string> warnings;
-  const bool euler = scheme.darboux == DarbouxKind::euler_a || scheme.darboux == DarbouxKind::euler_b;
-  if (euler && scheme.levels == Levels::variable) {
-    warnings.emplace_back(
-        "with the symplectic-Euler types the step law changes sign at every turning point of the orbit, where no step "
-        "keeps the energy: levels = \"fixed\" is the choice for them, or darboux = \"midpoint\"");
-  }
-  if (problem.hamiltonian()->next) {
-    const Eigen::MatrixXd F = make_generating(scheme).F(problem.hamiltonian()->q.size());
-    const double growth = parasite_matrix(F).eigenvalues().cwiseAbs().maxCoeff();
-    if (growth > 1.0 + growth_tolerance) {
-      warnings.push_back(
-          fmt::format("with this darboux matrix the parasite of a starting pair grows by a factor of {:.3g} in every "
-                      "step: leave out [initial.next], or take darboux = \"midpoint\" or a definite matrix",
-                      growth));
-    }
-  }
-  return warnings;
-}
-
 class OrbitSimulation final : public Simulation {
 public:
   explicit OrbitSimulation(const Problem& problem)
       : orbit_(*problem.hamiltonian()),
         integrator_(make_integrator(problem)),
         invariants_(problem, orbit_.invariants, orbit_.names()),
-        exact_(problem, orbit_.exact, {"t"}),
-        warnings_(generating_warnings(problem)) {
+        exact_(problem, orbit_.exact, {"t"}) {
     const std::vector<std::string> names = orbit_.names();
     for (const NamedFormula& formula : orbit_.exact) {
       exact_index_.push_back(static_cast<std::size_t>(std::ranges::find(names, formula.name) - names.begin()));
@@ -86,7 +53,7 @@ public:
   [[nodiscard]] double last_step() const override { return integrator_.levels().last_step(); }
   [[nodiscard]] std::string failure_reason() const override { return integrator_.failure_reason(); }
 
-  [[nodiscard]] std::vector<std::string> warnings() const override { return warnings_; }
+  [[nodiscard]] std::vector<std::string> warnings() const override { return integrator_.cautions(); }
 
   [[nodiscard]] std::vector<std::string> invariant_names() const override { return invariants_.names(); }
   [[nodiscard]] std::span<const double> invariants() override { return invariants_(integrator_.scheme().state()); }
@@ -150,7 +117,6 @@ private:
   const HamiltonianProblem& orbit_;
   OrbitIntegrator integrator_;
   FormulaTable invariants_, exact_;
-  std::vector<std::string> warnings_;
   std::vector<std::size_t> exact_index_;
   std::vector<double> previous_;
   double previous_t_ = 0.0;

@@ -252,3 +252,27 @@ TEST_CASE("the parasite of an arbitrary pair grows or stays as F says") {
     CHECK_NOTHROW(integrate(hamiltonian, {.q = {0.1, 0.2}, .p = {0.35, -0.1}}, options));
   }
 }
+
+TEST_CASE("what generating functions do badly is said") {
+  const auto cautions = [](const MatrixXd& F, Levels levels, bool pair) {
+    const InitialState start{.q = {0.1, 0.2}, .p = {0.3, 0.4}};
+    IntegrationOptions options{
+        .lagrangian = Generating{.order = 2, .darboux = F}, .step = 0.01, .until = 0.02, .levels = levels};
+    if (pair) {
+      options.next = InitialState{.q = {0.103, 0.204}, .p = {0.299, 0.399}, .t = 0.01};
+    }
+    return integrate(henon_heiles(), start, options).cautions;
+  };
+  const MatrixXd euler = darboux_symmetric(DarbouxType::euler_b, 2);
+  const MatrixXd plain = MatrixXd::Zero(4, 4);
+  REQUIRE(cautions(euler, Levels::variable, false).size() == 1);
+  CHECK_THAT(cautions(euler, Levels::variable, false)[0], Catch::Contains("turning point"));
+  CHECK(cautions(euler, Levels::fixed, false).empty());
+  CHECK(cautions(plain, Levels::variable, false).empty());
+  const MatrixXd random = random_symmetric(4, 7);
+  REQUIRE(cautions(random, Levels::fixed, true).size() == 1);
+  CHECK_THAT(cautions(random, Levels::fixed, true)[0], Catch::Contains("grows by a factor of"));
+  CHECK(cautions(random, Levels::fixed, false).empty());
+  CHECK(cautions(definite(4), Levels::fixed, true).empty());
+  CHECK(cautions(plain, Levels::fixed, true).empty());
+}
