@@ -97,7 +97,7 @@ private:
       matrix(row, column) = read_number(items[2], what, parameters_);
       if (skew) {
         given[column * matrix.size + row] = true;
-        matrix(column, row) = -matrix(row, column);
+        matrix.entries[column * matrix.size + row] = -matrix(row, column);  // transposed
       }
     }
   }
@@ -179,7 +179,7 @@ std::vector<GridAxis> read_grid(Section& root, const Section& owner, std::span<c
 
 /// K.x, K.y, K.z: one for each direction of the grid.
 std::vector<Matrix> read_K(Section& section, const std::vector<std::string>& axes, const MatrixReader& matrices) {
-  const Entry& entry = section.require("K", "one matrix per direction, such as K.x = [[\"u\", \"w\", 1]]");
+  const Entry& entry = section.require("K", R"(one matrix per direction, such as K.x = [["u", "w", 1]])");
   if (entry.value.table() == nullptr) {
     throw ProblemError(entry.location, "K: write K.x = …, and K.y, K.z in more dimensions");
   }
@@ -350,7 +350,7 @@ void read_multisymplectic(Section& root, Section& section, Problem& problem) {
     taken.reserve(axis, "it is a coordinate of the grid");
     taken.reserve("d" + axis, "it is a derivative");
   }
-  const Value& names = section.require("fields", "the names of the fields, such as [\"u\", \"v\", \"w\"]").value;
+  const Value& names = section.require("fields", R"(the names of the fields, such as ["u", "v", "w"])").value;
   const NameList fields = read_names(names, "fields", "a field", taken);
   check_field_names(*names.array());
   problem.parameters = read_parameters(root, taken);
@@ -361,7 +361,7 @@ void read_multisymplectic(Section& root, Section& section, Problem& problem) {
   pde.axes = read_grid(root, section, parameters);
   const auto axes = pde.axis_names();
   const MatrixReader matrices(pde.fields, parameters);
-  pde.M = matrices.skew(section.require("M", "the matrix of z_t, such as [[\"u\", \"v\", -1]]").value, "M");
+  pde.M = matrices.skew(section.require("M", R"(the matrix of z_t, such as [["u", "v", -1]])").value, "M");
   pde.K = read_K(section, axes, matrices);
   pde.S = read_formula(section.require("S", "a formula of the fields").value, "S");
   check_formula(pde.S, {pde.fields}, parameters);
