@@ -324,6 +324,7 @@ private:
     solve_start_velocity();
     iterations_ = counted;
     contraction_ = measured;
+    solver_->forget();
   }
 
   void solve_start_velocity() {
