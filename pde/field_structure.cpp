@@ -24,12 +24,29 @@ using Eigen::VectorXd;
 
 constexpr double rank_threshold = 1e-10;    ///< of the largest singular value
 constexpr double support_threshold = 1e-7;  ///< of a unit vector's components
+constexpr int equilibration_sweeps = 12;    ///< each takes the root of the ratio that is left
+constexpr double cancelled = 1e-13;         ///< of the sum of |terms|
 
+/// 2^k next to the inverse root of x; 1 for 0.
+double inverse_root(double x) {
+  return x > 0.0 ? std::ldexp(1.0, -std::ilogb(x) / 2) : 1.0;
+}
+
+/// Fields and equations have units of their own (c² of a wave equation may be 1 or 9e16): ranks are those of the matrix
+/// with its rows and columns scaled until the largest entry of each is about 1 (Ruiz), by powers of two. Rows and
+/// columns that are 0 have to be exactly 0.
 template <typename Matrix>
-Matrix null_space_of(const Matrix& matrix) {
+Matrix null_space_of(Matrix matrix) {
   const Index columns = matrix.cols();
   if (matrix.rows() == 0 || columns == 0) {
     return Matrix::Identity(columns, columns);
+  }
+  VectorXd scale = VectorXd::Ones(columns);
+  for (int sweep = 0; sweep < equilibration_sweeps; ++sweep) {
+    const VectorXd rows = matrix.cwiseAbs().rowwise().maxCoeff().unaryExpr(&inverse_root);
+    const VectorXd cols = matrix.cwiseAbs().colwise().maxCoeff().transpose().unaryExpr(&inverse_root);
+    matrix = (rows.asDiagonal() * matrix * cols.asDiagonal()).eval();
+    scale.array() *= cols.array();
   }
   const Eigen::JacobiSVD<Matrix> svd(matrix, Eigen::ComputeFullV);
   const auto& values = svd.singularValues();
@@ -37,7 +54,30 @@ Matrix null_space_of(const Matrix& matrix) {
   while (rank < values.size() && values[rank] > rank_threshold * values[0]) {
     ++rank;
   }
-  return svd.matrixV().rightCols(columns - rank);
+  if (rank == columns) {
+    return Matrix(columns, 0);
+  }
+  using Scalar = typename Matrix::Scalar;
+  const Matrix scaled = svd.matrixV().rightCols(columns - rank).unaryExpr([](const Scalar& x) {
+    return std::abs(x) < rank_threshold ? Scalar(0.0) : x;
+  });
+  Matrix null = scale.asDiagonal() * scaled;
+  null.colwise().normalize();
+  // Q = A R⁻¹, which leaves rows of zeros what they are.
+  const Matrix R = null.householderQr().matrixQR().topRows(null.cols());
+  return R.template triangularView<Eigen::Upper>().template solve<Eigen::OnTheRight>(null);
+}
+
+/// AᵀBC, with entries that are nothing but rounding of their terms set to 0.
+MatrixXcd product(const MatrixXcd& A, const MatrixXcd& B, const MatrixXcd& C) {
+  MatrixXcd result = A.transpose() * B * C;
+  const MatrixXd terms = A.transpose().cwiseAbs() * B.cwiseAbs() * C.cwiseAbs();
+  for (Index i = 0; i < result.size(); ++i) {
+    if (std::abs(result(i)) <= cancelled * terms(i)) {
+      result(i) = 0.0;
+    }
+  }
+  return result;
 }
 
 /// The column space of `basis` in reduced column echelon form.
@@ -65,7 +105,7 @@ template <typename Matrix>
 std::vector<bool> support(const Matrix& basis) {
   std::vector<bool> result(static_cast<std::size_t>(basis.rows()), false);
   for (Index f = 0; f < basis.rows(); ++f) {
-    result[static_cast<std::size_t>(f)] = basis.cols() > 0 && basis.row(f).norm() > support_threshold;
+    result[static_cast<std::size_t>(f)] = basis.cols() > 0 && basis.row(f).norm() > cancelled;
   }
   return result;
 }
@@ -232,17 +272,17 @@ FieldStructure analyse(const MultisymplecticSystem& system) {
   // On one wave, the constraints of a level act on its part in ker M by nᵀ(iκK - S'')n'.
   const MatrixXcd kernel = result.kernel.cast<std::complex<double>>();
   const MatrixXcd symbol = generic_symbol(system, hessian, random);
-  const MatrixXcd undetermined = kernel * null_space(MatrixXcd(kernel.transpose() * symbol * kernel));
+  const MatrixXcd undetermined = kernel * null_space(product(kernel, symbol, kernel));
   result.multiplier = support(undetermined);
 
   result.level_constraints = select(result.kernel, [&](const auto& n) {
-    const Eigen::RowVectorXcd row = n.transpose().template cast<std::complex<double>>() * symbol;
+    const MatrixXcd row = product(n.template cast<std::complex<double>>(), symbol, MatrixXcd::Identity(d, d));
     for (Index f = 0; f < d; ++f) {
-      if (result.multiplier[static_cast<std::size_t>(f)] && std::abs(row[f]) > support_threshold) {
+      if (result.multiplier[static_cast<std::size_t>(f)] && row(0, f) != 0.0) {
         return false;
       }
     }
-    return row.norm() > support_threshold;
+    return !row.isZero(0.0);
   });
 
   const MatrixXd linear = select(result.level_constraints, [&](const auto& n) {
@@ -253,7 +293,7 @@ FieldStructure analyse(const MultisymplecticSystem& system) {
     }
     return true;
   });
-  const MatrixXcd determined_linearly = linear.cast<std::complex<double>>().transpose() * symbol * kernel;
+  const MatrixXcd determined_linearly = product(linear.cast<std::complex<double>>(), symbol, kernel);
   const auto rest = support(MatrixXcd(kernel * null_space(determined_linearly)));
   result.nonlinear.assign(static_cast<std::size_t>(d), false);
   for (Index f = 0; f < d; ++f) {

@@ -49,7 +49,8 @@ struct FieldStructure {
 /// S'' at a random point where it is finite; if none is found, its constant part with random values for the others.
 [[nodiscard]] Eigen::MatrixXd generic_hessian(const MultisymplecticSystem& system, std::mt19937_64& random);
 
-/// An orthonormal basis of the kernel, singular values below 1e-10 of the largest counting as zero.
+/// An orthonormal basis of the kernel, singular values below 1e-10 of the largest counting as zero once rows and
+/// columns are scaled to entries of about 1.
 [[nodiscard]] Eigen::MatrixXcd null_space(const Eigen::MatrixXcd& matrix);
 [[nodiscard]] Eigen::MatrixXd null_space(const Eigen::MatrixXd& matrix);
 [[nodiscard]] Eigen::Index rank(const Eigen::MatrixXcd& matrix);

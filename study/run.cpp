@@ -91,7 +91,8 @@ std::string how_it_falls(const Scheme& scheme) {
   const int order = scheme.lagrangian == Lagrangian::generating ? reached_order(scheme) : 2;
   return order == 1   ? "this falls in proportion to the step"
          : order == 2 ? "this falls as the square of the step"
-                      : fmt::format("this falls as the power {} of the step", order);
+         : order == 3 ? "this falls as the cube of the step"
+                      : fmt::format("this falls as the {}th power of the step", order);
 }
 
 /// A run under way: the simulation, what is known of it so far, and its record.

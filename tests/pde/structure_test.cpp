@@ -1,5 +1,7 @@
 #include <catch2/catch.hpp>
 
+#include <fmt/format.h>
+
 #include "equations.hpp"
 
 using namespace rubato;
@@ -100,4 +102,42 @@ TEST_CASE("bad systems are refused with the reason") {
   };
   CHECK_NOTHROW(with_c("a^2 + c^2"));
   CHECK_THROWS_WITH(with_c("a^2 + b^2"), Contains("the field c is not determined"));
+}
+
+TEST_CASE("the units of fields and equations do not matter") {
+  // u_tt = c² u_xx - V'(u) as v = u_t, w = c² u_x: -v_t + w_x = V'(u), u_t = v, -u_x = -w/c². In other units M, K and S
+  // are multiplied by anything.
+  const auto wave = [](double row, double field, double c) {
+    Eigen::MatrixXd M = Eigen::MatrixXd::Zero(3, 3);
+    Eigen::MatrixXd K = M;
+    M(0, 1) = -row * field;
+    M(1, 0) = row * field;
+    K(0, 2) = row * c;
+    K(2, 0) = -row * c;
+    return MultisymplecticSystem(
+        {"u", "v", "w"}, M, {K},
+        fmt::format("{:.17g}*((v*{:.17g})^2 - w^2)/2 + {:.17g}*(1 - cos(u))", row, field, row));
+  };
+  const FieldStructure& plain = wave(1.0, 1.0, 1.0).structure();
+  for (const double row : {1e-12, 1.0, 1e12}) {
+    for (const double field : {1e-6, 1.0, 1e6}) {
+      for (const double c : {1e-5, 1.0, 3e8}) {
+        INFO("row " << row << ", field " << field << ", c " << c);
+        const MultisymplecticSystem system = wave(row, field, c);
+        CHECK(system.structure().algebraic == plain.algebraic);
+        CHECK(system.structure().multiplier == plain.multiplier);
+        CHECK(system.structure().nonlinear == plain.nonlinear);
+        CHECK(system.structure().potential == plain.potential);
+        CHECK(system.structure().kernel == plain.kernel);
+      }
+    }
+  }
+  // A potential that grows by powers of ten beside linear terms of order one.
+  CHECK_NOTHROW(make_system({"u", "v", "w"}, {{"u", "v", -1}}, {{{"u", "w", 1}}}, "(v^2 - w^2)/2 + exp(30*u)/900"));
+  // The twins: what is not determined is refused in all units.
+  for (const double c : {1.0, 1e5, 1e10}) {
+    CHECK_THROWS_WITH(
+        make_system({"a", "b", "w"}, {{"a", "b", c}}, {{{"a", "b", 1}}}, fmt::format("a^2 + {:.17g}*b^2", c)),
+        Catch::Contains("the field w is not determined"));
+  }
 }

@@ -149,7 +149,7 @@ TEST_CASE("a run says of its bridges how they shrink, with the order of its sche
   };
   const std::string until = "scheme.until=20", generating = "scheme.lagrangian=generating";
   CHECK_THAT(warning({until}), Contains("changes sign") && Contains("as the square of the step"));
-  CHECK_THAT(warning({until, generating, "scheme.order=4"}), Contains("as the power 4 of the step"));
+  CHECK_THAT(warning({until, generating, "scheme.order=4"}), Contains("as the 4th power of the step"));
   CHECK_THAT(warning({until, generating, "scheme.order=2"}), Contains("as the square of the step"));
   // With H linear in q and p every step conserves it, and Γ is 0 throughout.
   const Outcome linear = run_text(replaced(pendulum, "p^2/2 - cos(q)", "2*q + 3*p"), folder / "a.h5");
