@@ -49,6 +49,39 @@ bool within(double value, double expected, double relative) {
   return std::abs(value - expected) <= relative * std::abs(expected);
 }
 
+/// A lattice saved after `before` steps and restored in another goes on, for `after` steps, as if never stopped.
+template <typename Make>
+void check_continuation(const Make& make, int before, int after) {
+  LatticeIntegrator straight = make();
+  LatticeIntegrator first = make();
+  REQUIRE(std::isfinite(first.node().gamma));  // for which the velocity at the start is found
+  for (int k = 0; k < before; ++k) {
+    REQUIRE(straight.step().status == Status::success);
+    REQUIRE(first.step().status == Status::success);
+  }
+  StateWriter writer;
+  first.save(writer);
+  LatticeIntegrator second = make();
+  StateReader reader(writer.values());
+  second.restore(reader);
+  CHECK(reader.done());
+  for (int k = 0; k < after; ++k) {
+    const StepReport a = straight.step();
+    const StepReport b = second.step();
+    REQUIRE(a.status == Status::success);
+    CHECK(a.h == b.h);
+    CHECK(a.energy == b.energy);
+    CHECK(a.iterations == b.iterations);
+  }
+  const auto a = straight.level().fields.all();
+  const auto b = second.level().fields.all();
+  CHECK(std::equal(a.begin(), a.end(), b.begin()));
+  CHECK(straight.t() == second.t());
+  // The twin: one more step makes a difference.
+  REQUIRE(second.step().status == Status::success);
+  CHECK_FALSE(std::equal(a.begin(), a.end(), second.level().fields.all().begin()));
+}
+
 }  // namespace
 
 TEST_CASE("the sine-Gordon breather by box: the table of theory, section 5") {
@@ -101,29 +134,7 @@ TEST_CASE("a restored lattice goes on bit for bit") {
     return LatticeIntegrator(korteweg_de_vries(6, 1), grid, initial,
                              {.step = 0.01, .until = 1, .levels = Levels::fixed});
   };
-  LatticeIntegrator straight = make();
-  LatticeIntegrator first = make();
-  for (int k = 0; k < 5; ++k) {
-    REQUIRE(straight.step().status == Status::success);
-    REQUIRE(first.step().status == Status::success);
-  }
-  StateWriter writer;
-  first.save(writer);
-  LatticeIntegrator second = make();
-  StateReader reader(writer.values());
-  second.restore(reader);
-  CHECK(reader.done());
-  for (int k = 0; k < 5; ++k) {
-    REQUIRE(straight.step().status == Status::success);
-    REQUIRE(second.step().status == Status::success);
-  }
-  const auto a = straight.level().fields.all();
-  const auto b = second.level().fields.all();
-  CHECK(std::equal(a.begin(), a.end(), b.begin()));
-  CHECK(straight.t() == second.t());
-  // The twin: one more step makes a difference.
-  REQUIRE(second.step().status == Status::success);
-  CHECK_FALSE(std::equal(a.begin(), a.end(), second.level().fields.all().begin()));
+  check_continuation(make, 5, 5);
 }
 
 TEST_CASE("a restored lattice in the plane goes on bit for bit with variable levels, from its start too") {
@@ -140,33 +151,7 @@ TEST_CASE("a restored lattice in the plane goes on bit for bit with variable lev
   };
   for (const int before : {0, 3}) {
     INFO("saved after " << before << " steps");
-    LatticeIntegrator straight = make();
-    LatticeIntegrator first = make();
-    REQUIRE(std::isfinite(first.node().gamma));  // for which the velocity at the start is found
-    for (int k = 0; k < before; ++k) {
-      REQUIRE(straight.step().status == Status::success);
-      REQUIRE(first.step().status == Status::success);
-    }
-    StateWriter writer;
-    first.save(writer);
-    LatticeIntegrator second = make();
-    StateReader reader(writer.values());
-    second.restore(reader);
-    CHECK(reader.done());
-    for (int k = 0; k < 4; ++k) {
-      const StepReport a = straight.step();
-      const StepReport b = second.step();
-      REQUIRE(a.status == Status::success);
-      CHECK(a.h == b.h);
-      CHECK(a.energy == b.energy);
-      CHECK(a.iterations == b.iterations);
-    }
-    const auto a = straight.level().fields.all();
-    const auto b = second.level().fields.all();
-    CHECK(std::equal(a.begin(), a.end(), b.begin()));
-    // The twin: one more step makes a difference.
-    REQUIRE(second.step().status == Status::success);
-    CHECK_FALSE(std::equal(a.begin(), a.end(), second.level().fields.all().begin()));
+    check_continuation(make, before, 4);
   }
 }
 
