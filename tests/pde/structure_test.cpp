@@ -118,7 +118,8 @@ TEST_CASE("the units of fields and equations do not matter") {
         {"u", "v", "w"}, M, {K},
         fmt::format("{:.17g}*((v*{:.17g})^2 - w^2)/2 + {:.17g}*(1 - cos(u))", row, field, row));
   };
-  const FieldStructure& plain = wave(1.0, 1.0, 1.0).structure();
+  const MultisymplecticSystem natural = wave(1.0, 1.0, 1.0);
+  const FieldStructure& plain = natural.structure();
   for (const double row : {1e-12, 1.0, 1e12}) {
     for (const double field : {1e-6, 1.0, 1e6}) {
       for (const double c : {1e-5, 1.0, 3e8}) {
