@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <string>
 #include <vector>
 
@@ -11,6 +10,8 @@
 #include <rubato/study/location.hpp>
 #include <rubato/study/orbit_problem.hpp>
 #include <rubato/study/run.hpp>
+
+#include "records.hpp"
 
 namespace {
 
@@ -23,10 +24,8 @@ std::string problem_text(const std::string& H, const std::string& scheme, const 
 }
 
 Outcome run_text(const std::string& text) {
-  const std::string file = "generating_test.h5";
-  const Outcome outcome = run(parse_problem(text, "test.toml"), {.output = file, .overwrite = true});
-  std::remove(file.c_str());
-  return outcome;
+  const study_tests::Folder folder;  // of its own: tests may run side by side
+  return run(parse_problem(text, "test.toml"), {.output = folder / "run.h5"});
 }
 
 /// What is said of a problem that is refused, with its place in front; empty if it is not refused.
