@@ -8,6 +8,7 @@
 
 #include <Eigen/Core>
 
+#include <rubato/base/larger.hpp>
 #include <rubato/base/state.hpp>
 
 /// \file
@@ -134,7 +135,7 @@ public:
       const double scale =
           std::max({std::abs(delta[i]), largest_[i], std::numeric_limits<double>::epsilon() * std::abs(z[i])});
       const double ratio = v[i] == 0.0 ? 0.0 : std::abs(v[i]) / scale;
-      result = ratio > result || std::isnan(ratio) ? ratio : result;
+      result = larger(result, ratio);
     }
     return result;
   }

@@ -11,6 +11,7 @@
 #include <rubato/grids/buffer.hpp>
 #include <rubato/grids/fourier.hpp>
 #include <rubato/grids/wide_vectors.hpp>
+#include <rubato/pde/matrix_terms.hpp>
 
 namespace rubato {
 
@@ -105,23 +106,6 @@ void BoxGather::operator()(const double* field, std::size_t line, std::size_t be
 
 namespace {
 
-struct Term {
-  int row, column;
-  double value;
-};
-
-std::vector<Term> terms_of(const Eigen::MatrixXd& matrix) {
-  std::vector<Term> terms;
-  for (int i = 0; i < matrix.rows(); ++i) {
-    for (int j = 0; j < matrix.cols(); ++j) {
-      if (matrix(i, j) != 0.0) {
-        terms.push_back({i, j, matrix(i, j)});
-      }
-    }
-  }
-  return terms;
-}
-
 /// What one block adds to the sums and maxima.
 struct BlockResult {
   double energy = 0.0;
@@ -210,8 +194,8 @@ struct CellSweep::Storage {
   int d, dimensions;
   double volume;
   double inverse_spacing[3] = {};
-  std::vector<Term> M, constant_hessian;
-  std::vector<std::vector<Term>> K, K_plus;
+  MatrixTerms M, constant_hessian;
+  std::vector<MatrixTerms> K, K_plus;
   std::vector<std::array<bool, 3>> differentiated;  ///< of each field, along each direction
   std::vector<BlockResult> results;
   std::vector<std::unique_ptr<Workspace>> workspaces;
@@ -234,7 +218,7 @@ struct CellSweep::Storage {
       inverse_spacing[a] = 1.0 / grid.spacing(a);
       K.push_back(terms_of(s.K(a)));
       K_plus.push_back(terms_of(s.structure().K_plus[static_cast<std::size_t>(a)]));
-      for (const Term& term : K.back()) {
+      for (const MatrixTerm& term : K.back()) {
         differentiated[static_cast<std::size_t>(term.column)][static_cast<std::size_t>(a)] = true;
       }
     }
@@ -363,7 +347,7 @@ void CellSweep::Storage::run_block(std::size_t block, Workspace& work, std::span
 
   double* density = work.outputs[0];
   for (std::size_t a = 0; a < K_plus.size(); ++a) {
-    for (const Term& term : K_plus[a]) {
+    for (const MatrixTerm& term : K_plus[a]) {
       const double* difference = work.difference[static_cast<std::size_t>(term.row)][a];
       const double* mean = work.mean[static_cast<std::size_t>(term.column)];
       add(term.value, difference, mean, count, density);
@@ -379,11 +363,11 @@ void CellSweep::Storage::run_block(std::size_t block, Workspace& work, std::span
       add(value, work.rate_mean[static_cast<std::size_t>(row)], column, count, form);
     };
     for (std::size_t a = 0; a < K.size(); ++a) {
-      for (const Term& term : K[a]) {
+      for (const MatrixTerm& term : K[a]) {
         add_product(term.row, work.rate_difference[static_cast<std::size_t>(term.column)][a], term.value);
       }
     }
-    for (const Term& term : constant_hessian) {
+    for (const MatrixTerm& term : constant_hessian) {
       add_product(term.row, work.rate_mean[static_cast<std::size_t>(term.column)], -term.value);
     }
     for (std::size_t e = 0; e < system.varying_hessian().size(); ++e) {
@@ -403,7 +387,7 @@ void CellSweep::Storage::residual_row(int row, std::size_t count, bool with_rate
   double scale = largest(gradient, count);
   std::copy_n(gradient, count, out);
   if (with_rate) {
-    for (const Term& term : M) {
+    for (const MatrixTerm& term : M) {
       if (term.row == row) {
         const double* rate = work.rate_mean[static_cast<std::size_t>(term.column)];
         add(-inverse_h * term.value, rate, count, out);
@@ -412,7 +396,7 @@ void CellSweep::Storage::residual_row(int row, std::size_t count, bool with_rate
     }
   }
   for (std::size_t a = 0; a < K.size(); ++a) {
-    for (const Term& term : K[a]) {
+    for (const MatrixTerm& term : K[a]) {
       if (term.row == row) {
         const auto column = static_cast<std::size_t>(term.column);
         add(-term.value, work.difference[column][a], count, out);
@@ -453,7 +437,7 @@ void CellSweep::Storage::energy_change(std::size_t block, Workspace& work, std::
       add(1.0, work.rate_mean[i], r, count, moved);
     }
   }
-  for (const Term& term : M) {
+  for (const MatrixTerm& term : M) {
     if (rate[static_cast<std::size_t>(term.column)] != nullptr) {
       const double factor = inverse_h * term.value;
       const double* c = work.mean[static_cast<std::size_t>(term.row)];

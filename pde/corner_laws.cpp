@@ -131,9 +131,9 @@ private:
   }
 
   /// out += factor Σ Λ₊[r, c] (U_r V⁺_c - V_r U⁺_c).
-  static void add_form(const LawTables::Terms& plus, const grids::FieldSet& u, const grids::FieldSet& u_next,
+  static void add_form(const MatrixTerms& plus, const grids::FieldSet& u, const grids::FieldSet& u_next,
                        const grids::FieldSet& v, const grids::FieldSet& v_next, double factor, std::span<double> out) {
-    for (const LawTables::Term& term : plus) {
+    for (const MatrixTerm& term : plus) {
       const double weight = factor * term.value;
       const auto u_row = u.field(term.row);
       const auto v_row = v.field(term.row);
@@ -178,7 +178,7 @@ private:
                    std::span<double> out) const {
     const grids::FieldSet& difference = differences_[static_cast<std::size_t>(nu)];
     const double reach = tables_.spacing(nu, h);
-    for (const LawTables::Term& term : tables_.plus[static_cast<std::size_t>(mu)]) {
+    for (const MatrixTerm& term : tables_.plus[static_cast<std::size_t>(mu)]) {
       const double weight = factor * term.value * (split ? -1.0 : 1.0);
       const auto row = z.field(term.row);
       const auto column = z.field(term.column);
@@ -218,7 +218,7 @@ private:
     for (const auto& symmetry : tables_.quadratic) {
       const auto values = out.field(law++);
       std::ranges::fill(values, 0.0);
-      for (const LawTables::Term& term : symmetry[static_cast<std::size_t>(mu)]) {
+      for (const MatrixTerm& term : symmetry[static_cast<std::size_t>(mu)]) {
         for (std::size_t i = 0; i < values.size(); ++i) {
           values[i] += term.value * z.field(term.row)[i] * z.field(term.column)[i];
         }
@@ -227,7 +227,7 @@ private:
     for (const auto& symmetry : tables_.linear) {
       const auto values = out.field(law++);
       std::ranges::fill(values, 0.0);
-      for (const LawTables::Term& term : symmetry[static_cast<std::size_t>(mu)]) {
+      for (const MatrixTerm& term : symmetry[static_cast<std::size_t>(mu)]) {
         combine(1.0, values, term.value, z.field(term.column), values);
       }
     }

@@ -9,6 +9,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <rubato/base/larger.hpp>
 #include <rubato/grids/box_operators.hpp>
 #include <rubato/grids/reductions.hpp>
 
@@ -283,7 +284,7 @@ double EulerBoxMap::correct(const LocalSolve& solve, double h, const grids::Fiel
     const double derivative = constant + (entry < 0 ? 0.0 : outputs_.field(1 + system_.field_count() + entry)[i]);
     const double correction = (row[i] + solve.rate / h * (values[i] - old[i])) / derivative;
     values[i] -= correction;
-    change = std::abs(correction) > change || std::isnan(correction) ? std::abs(correction) : change;
+    change = larger(change, std::abs(correction));
   }
   return change;
 }

@@ -166,7 +166,7 @@ struct FaceOperators : LawTables {
       double* out = faces.currents[static_cast<std::size_t>(nu)];
       if (nu != mu) {
         std::fill_n(out, count, 0.0);
-        for (const Term& term : plus[static_cast<std::size_t>(mu)]) {
+        for (const MatrixTerm& term : plus[static_cast<std::size_t>(mu)]) {
           add(out, -term.value, derivative(term.row, nu), mean(term.column));
         }
         continue;
@@ -174,7 +174,7 @@ struct FaceOperators : LawTables {
       std::copy_n(faces.S, count, out);
       for (int other = 0; other < directions; ++other) {
         if (other != nu) {
-          for (const Term& term : plus[static_cast<std::size_t>(other)]) {
+          for (const MatrixTerm& term : plus[static_cast<std::size_t>(other)]) {
             add(out, term.value, derivative(term.row, other), mean(term.column));
           }
         }
@@ -184,14 +184,14 @@ struct FaceOperators : LawTables {
     for (const auto& symmetry : quadratic) {
       double* out = faces.currents[law++];
       std::fill_n(out, count, 0.0);
-      for (const Term& term : symmetry[static_cast<std::size_t>(mu)]) {
+      for (const MatrixTerm& term : symmetry[static_cast<std::size_t>(mu)]) {
         add(out, term.value, mean(term.row), mean(term.column));
       }
     }
     for (const auto& symmetry : linear) {
       double* out = faces.currents[law++];
       std::fill_n(out, count, 0.0);
-      for (const Term& term : symmetry[static_cast<std::size_t>(mu)]) {
+      for (const MatrixTerm& term : symmetry[static_cast<std::size_t>(mu)]) {
         for (std::size_t c = 0; c < count; ++c) {
           out[c] += term.value * mean(term.column)[c];
         }
@@ -224,7 +224,7 @@ struct FaceOperators : LawTables {
   /// out += factor·½ z̄ᵀΛ_μD_νz, or -factor·(D_νz)ᵀΛ₊_μz̄.
   void add_centre_product(const Faces& faces, std::size_t count, bool split, std::size_t mu, std::size_t nu,
                           double factor, double* out) const {
-    for (const Term& term : split ? plus[mu] : full[mu]) {
+    for (const MatrixTerm& term : split ? plus[mu] : full[mu]) {
       const double* derivative = faces.derivative[static_cast<std::size_t>(split ? term.row : term.column)][nu];
       const double* mean = faces.mean[static_cast<std::size_t>(split ? term.column : term.row)];
       const double weight = factor * term.value * (split ? -1.0 : 0.5);
@@ -453,7 +453,7 @@ LawSize FaceLaws::multisymplectic_residual(const TangentLevels& u, const Tangent
             const grids::FieldSet& left_fields = mu != time ? u_middle : upper ? u.after : u.before;
             const grids::FieldSet& right_fields = mu != time ? s.middle : upper ? v.after : v.before;
             const double factor = (upper ? 1.0 : -1.0) / s.spacing(mu, h);
-            for (const LawTables::Term& term : s.full[static_cast<std::size_t>(mu)]) {
+            for (const MatrixTerm& term : s.full[static_cast<std::size_t>(mu)]) {
               s.face(left_fields.field(term.row).data(), line, begin, count, mu, upper, mu, left);
               s.face(right_fields.field(term.column).data(), line, begin, count, mu, upper, mu, right);
               for (std::size_t c = 0; c < count; ++c) {

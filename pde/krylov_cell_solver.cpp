@@ -12,6 +12,7 @@
 #include <rubato/grids/fourier.hpp>
 #include <rubato/grids/reductions.hpp>
 #include <rubato/pde/cell_sweep.hpp>
+#include <rubato/pde/matrix_terms.hpp>
 #include <rubato/solve/fourier_preconditioner.hpp>
 #include <rubato/solve/gmres.hpp>
 
@@ -402,8 +403,8 @@ private:
   }
 
   Status factor(const CellMatrix& matrix) {
-    const std::vector<Term> constants = terms_of(inverted_);
-    std::vector<std::vector<Term>> differences;
+    const MatrixTerms constants = terms_of(inverted_);
+    std::vector<MatrixTerms> differences;
     for (const MatrixXd& C : matrix.difference) {
       differences.push_back(terms_of(C));
     }
@@ -417,8 +418,8 @@ private:
         const auto waves = static_cast<std::ptrdiff_t>(symbols_[a].size());
         symbols[a] = symbols_[a][static_cast<std::size_t>(k[a] < 0 ? k[a] + waves : k[a])];
       }
-      const auto add = [&](const std::vector<Term>& terms, Complex symbol) {
-        for (const Term& term : terms) {
+      const auto add = [&](const MatrixTerms& terms, Complex symbol) {
+        for (const MatrixTerm& term : terms) {
           out[term.row * size_ + term.column] += term.value * symbol;
         }
       };
@@ -499,21 +500,6 @@ private:
   struct Symbol {
     std::complex<double> average, difference;
   };
-  struct Term {
-    int row, column;
-    double value;
-  };
-  static std::vector<Term> terms_of(const MatrixXd& matrix) {
-    std::vector<Term> terms;
-    for (int r = 0; r < matrix.rows(); ++r) {
-      for (int c = 0; c < matrix.cols(); ++c) {
-        if (matrix(r, c) != 0.0) {
-          terms.push_back({r, c, matrix(r, c)});
-        }
-      }
-    }
-    return terms;
-  }
   struct Variation {
     std::size_t row, column;  ///< places in rows_ and columns_
     double factor, shift;

@@ -6,19 +6,13 @@
 #include <vector>
 
 #include <rubato/pde/local_laws.hpp>
+#include <rubato/pde/matrix_terms.hpp>
 
 namespace rubato {
 
 /// What the laws of a system need to know of it, whatever the scheme: directions μ are 0 for time and 1 + a for axis a.
 struct LawTables {
   static constexpr int time = 0;
-
-  /// An entry of a matrix that is not 0.
-  struct Term {
-    int row, column;
-    double value;
-  };
-  using Terms = std::vector<Term>;
 
   /// \throws std::invalid_argument if one of `symmetries` is none
   LawTables(const MultisymplecticSystem& system, const grids::Grid& grid,
@@ -28,11 +22,11 @@ struct LawTables {
 
   MultisymplecticSystem system;
   grids::Grid grid;
-  int d, directions;                          ///< directions: 1 + dimensions
-  std::vector<Terms> plus;                    ///< Λ₊ of each direction
-  std::vector<Terms> full;                    ///< Λ of each direction, for the two-form
-  std::vector<std::vector<Terms>> quadratic;  ///< ½ΛB: [symmetry][direction]
-  std::vector<std::vector<Terms>> linear;     ///< bᵀΛ: [symmetry][direction], in `column`
+  int d, directions;                                ///< directions: 1 + dimensions
+  std::vector<MatrixTerms> plus;                    ///< Λ₊ of each direction
+  std::vector<MatrixTerms> full;                    ///< Λ of each direction, for the two-form
+  std::vector<std::vector<MatrixTerms>> quadratic;  ///< ½ΛB: [symmetry][direction]
+  std::vector<std::vector<MatrixTerms>> linear;     ///< bᵀΛ: [symmetry][direction], in `column`
   std::vector<std::string> names;
 
 private:

@@ -4,22 +4,6 @@
 
 namespace rubato {
 
-namespace {
-
-LawTables::Terms terms_of(const Eigen::MatrixXd& matrix) {
-  LawTables::Terms terms;
-  for (int i = 0; i < matrix.rows(); ++i) {
-    for (int j = 0; j < matrix.cols(); ++j) {
-      if (matrix(i, j) != 0.0) {
-        terms.push_back({i, j, matrix(i, j)});
-      }
-    }
-  }
-  return terms;
-}
-
-}  // namespace
-
 LawTables::LawTables(const MultisymplecticSystem& s, const grids::Grid& g,
                      const std::vector<LinearSymmetry>& symmetries)
     : system(s), grid(g), d(s.field_count()), directions(1 + g.dimensions()) {

@@ -7,6 +7,7 @@
 
 #include <fmt/format.h>
 
+#include <rubato/base/larger.hpp>
 #include <rubato/grids/reductions.hpp>
 #include <rubato/grids/wide_vectors.hpp>
 #include <rubato/pde/cell_solver.hpp>
@@ -105,9 +106,8 @@ Sizes add_twice(std::span<const double> c, std::span<double> delta) {
   });
   Sizes result;
   for (std::size_t b = 0; b < pieces.blocks; ++b) {
-    const auto larger = [](double a, double value) { return value > a || std::isnan(value) ? value : a; };
-    result.added = std::isnan(result.added) ? result.added : larger(result.added, partial[b].added);
-    result.sum = std::isnan(result.sum) ? result.sum : larger(result.sum, partial[b].sum);
+    result.added = larger(result.added, partial[b].added);
+    result.sum = larger(result.sum, partial[b].sum);
   }
   return result;
 }
@@ -433,7 +433,7 @@ private:
       const Sizes sizes = add_twice(std::as_const(correction_).field(f), delta_.field(f));
       if (sizes.added != 0.0) {
         const double scale = std::max({sizes.sum, largest_[static_cast<std::size_t>(f)], epsilon * level_size(f)});
-        size = sizes.added / scale > size || std::isnan(sizes.added) ? sizes.added / scale : size;
+        size = larger(size, sizes.added / scale);
       }
     }
     return size;
