@@ -78,3 +78,4 @@ for block in [0-9][0-9][0-9].*; do
 done
 echo "$document: $commands commands, $compared outputs compared, $scripts scripts"
 [ "$commands" -gt 0 ] || fail 'no command found'
+[ -z "$python" ] || [ "$scripts" -gt 0 ] || fail 'no python block found'

@@ -2,6 +2,7 @@
 
 Usage: other_readers.py PATH_OF_TEST_PROGRAM
 """
+import math
 import os
 import subprocess
 import sys
@@ -9,11 +10,15 @@ import tempfile
 
 try:
     import h5py
-    import numpy
     import xarray
 except ImportError as missing:
     print(f"skipped: {missing}")
     sys.exit(77)
+
+
+def close(value, expected):
+    """To some roundings: the cosine of one library is not the cosine of another."""
+    return abs(float(value) - expected) <= 1e-15
 
 
 def engines():
@@ -47,13 +52,13 @@ def read_with_xarray(path, engine):
     levels = xarray.open_dataset(path, group="levels", engine=engine)
     assert levels.h.dims == ("step",) and levels.gamma.dims == ("t",), levels
     assert levels.sizes["t"] == levels.sizes["step"] + 1 == 31
-    assert float(levels.gamma.sel(t=0.5, method="nearest")) == numpy.cos(5.0)
+    assert close(levels.gamma.sel(t=0.5, method="nearest"), math.cos(5.0))
 
     states = xarray.open_dataset(path, group="states", engine=engine)
     assert states.u.dims == ("t", "y", "x") and states.q.dims == ("t", "coordinate"), states
     assert float(states.x[0]) == -20.0
     assert list(states.coordinate.values) == ["θ", "q2"], states.coordinate
-    assert float(states.q.sel(coordinate="θ")[1]) == numpy.sin(3.0)
+    assert close(states.q.sel(coordinate="θ")[1], math.sin(3.0))
     assert states.attrs == {}
 
     previous = xarray.open_dataset(path, group="states/previous", engine=engine)
