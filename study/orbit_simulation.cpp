@@ -39,12 +39,21 @@ public:
     for (const NamedFormula& formula : orbit_.exact) {
       exact_index_.push_back(static_cast<std::size_t>(std::ranges::find(names, formula.name) - names.begin()));
     }
-    remember();
+    const auto z = integrator_.scheme().state();
+    previous_.assign(z.begin(), z.end());
+    previous_t_ = integrator_.t();
   }
 
   [[nodiscard]] StepReport step() override {
-    remember();
-    return integrator_.step();
+    const auto z = integrator_.scheme().state();
+    before_.assign(z.begin(), z.end());
+    const double before_t = integrator_.t();
+    const StepReport report = integrator_.step();
+    if (report.status == Status::success) {
+      previous_.swap(before_);
+      previous_t_ = before_t;
+    }
+    return report;
   }
   [[nodiscard]] bool finished() const override { return integrator_.finished(); }
   [[nodiscard]] double t() const override { return integrator_.t(); }
@@ -104,21 +113,27 @@ public:
     }
   }
 
-  void save(StateWriter& state) const override { integrator_.save(state); }
-  void restore(StateReader& state) override { integrator_.restore(state); }
-
-private:
-  void remember() {
-    const auto z = integrator_.scheme().state();
-    previous_.assign(z.begin(), z.end());
-    previous_t_ = integrator_.t();
+  void save(StateWriter& state) const override {
+    integrator_.save(state);
+    state.write(previous_t_);
+    for (const double value : previous_) {
+      state.write(value);
+    }
+  }
+  void restore(StateReader& state) override {
+    integrator_.restore(state);
+    state.read(previous_t_);
+    for (double& value : previous_) {
+      state.read(value);
+    }
   }
 
+private:
   const HamiltonianProblem& orbit_;
   OrbitIntegrator integrator_;
   FormulaTable invariants_, exact_;
   std::vector<std::size_t> exact_index_;
-  std::vector<double> previous_;
+  std::vector<double> previous_, before_;  ///< the level before this one; what it is while a step is tried
   double previous_t_ = 0.0;
 };
 
