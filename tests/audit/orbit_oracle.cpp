@@ -1,0 +1,218 @@
+#include "audit/orbit_oracle.hpp"
+
+#include <algorithm>
+
+namespace audit {
+
+namespace {
+
+using Lagrangian = OrbitProblem::Lagrangian;
+using Vector = std::vector<Bounded>;
+
+/// J v, v = (a, b): (b, -a)
+template <typename T>
+std::vector<T> times_J(std::span<const T> v) {
+  const std::size_t n = v.size() / 2;
+  std::vector<T> result(v.begin(), v.end());
+  for (std::size_t i = 0; i < n; ++i) {
+    result[i] = v[n + i];
+    result[n + i] = -v[i];
+  }
+  return result;
+}
+
+template <typename T>
+std::vector<T> times(std::span<const double> matrix, std::span<const T> v) {
+  std::vector<T> result;
+  for (std::size_t i = 0; i < v.size(); ++i) {
+    T sum = Bounded(static_cast<long double>(matrix[i * v.size()])) * v[0];
+    for (std::size_t j = 1; j < v.size(); ++j) {
+      sum += Bounded(static_cast<long double>(matrix[i * v.size() + j])) * v[j];
+    }
+    result.push_back(sum);
+  }
+  return result;
+}
+
+Vector stored(std::span<const double> values) {
+  Vector result;
+  for (const double value : values) {
+    result.push_back(Bounded::stored(value));
+  }
+  return result;
+}
+
+const Bounded half = 0.5L;
+
+}  // namespace
+
+std::size_t OrbitOracle::terms() const {
+  if (problem_.lagrangian == Lagrangian::midpoint) {
+    return 1;
+  }
+  // F = 0: the even coefficients vanish, and an odd order rounds up.
+  return problem_.F.empty() ? static_cast<std::size_t>((problem_.order + 1) / 2 * 2 - 1)
+                            : static_cast<std::size_t>(problem_.order);
+}
+
+double OrbitOracle::cost() const {
+  if (problem_.lagrangian == Lagrangian::custom || problem_.lagrangian == Lagrangian::forward) {
+    return 1e4;
+  }
+  const std::size_t degree = terms() + 1;
+  return 60.0 * static_cast<double>(degree * Shape::of(2 * problem_.degrees_of_freedom() + 1, degree).products.size());
+}
+
+OrbitOracle::Generated OrbitOracle::generate(std::span<const Bounded> w, std::size_t degree) const {
+  const std::size_t size = w.size();
+  const Shape& shape = Shape::of(size + 1, degree);
+  const std::size_t time = size;
+  std::vector<Series> points;
+  for (std::size_t i = 0; i < size; ++i) {
+    points.emplace_back(shape, w[i], i);
+  }
+  Generated phi;
+  phi.gradient.assign(size, Series(shape, 0.0L));
+  // φ_t = -H(ẑ), ẑ = w - ½(I - JF)J∇φ; each round makes one more power of t right.
+  for (std::size_t round = 0; round <= degree; ++round) {
+    std::vector<Series> end = points;
+    const std::vector<Series> rotated = times_J<Series>(phi.gradient);
+    std::vector<Series> sheared;
+    if (!problem_.F.empty()) {
+      sheared = times_J<Series>(times<Series>(problem_.F, rotated));
+    }
+    for (std::size_t i = 0; i < size; ++i) {
+      end[i] += -(half * rotated[i]);
+      if (!sheared.empty()) {
+        end[i] += half * sheared[i];
+      }
+    }
+    phi.rate = -problem_.H(std::span<const Series>(end));
+    for (std::size_t i = 0; i < size; ++i) {
+      phi.gradient[i] = phi.rate.differentiated(i).integrated(time);
+    }
+  }
+  return phi;
+}
+
+OrbitStep OrbitOracle::generated_step(std::span<const Bounded> z_0, std::span<const Bounded> z_1, Bounded h) const {
+  const std::size_t size = z_0.size(), s = terms();
+  Vector difference, w;
+  for (std::size_t i = 0; i < size; ++i) {
+    difference.push_back(z_1[i] - z_0[i]);
+    w.push_back(half * (z_0[i] + z_1[i]));
+  }
+  const Vector rotated = times_J<Bounded>(difference);
+  Vector sheared(size);
+  if (!problem_.F.empty()) {
+    sheared = times<Bounded>(problem_.F, difference);
+    const Vector shift = times_J<Bounded>(sheared);
+    for (std::size_t i = 0; i < size; ++i) {
+      w[i] = w[i] + half * shift[i];
+    }
+  }
+  const Generated phi = generate(w, s);
+  OrbitStep step;
+  Vector gradient(size);
+  Bounded power = 1.0L;
+  for (std::size_t j = 1; j <= s; ++j) {
+    // E = -∂Φ/∂h = -Σ j h^(j-1) φ^j
+    step.energy = step.energy - power * phi.rate.coefficient(size, j - 1);
+    power = power * h;
+    for (std::size_t i = 0; i < size; ++i) {
+      gradient[i] = gradient[i] + power * phi.gradient[i].coefficient(size, j);
+    }
+  }
+  for (std::size_t i = 0; i < size; ++i) {
+    step.defect.push_back(rotated[i] - gradient[i]);
+  }
+  // A = -½ z̄ᵀJδ + Φ(w) - ¼ δᵀFδ, so that ∂A/∂z_0 = ½(Jz̄ - ½Jδ... ) collects to ∓½(I ± FJ)(…) of the defect plus what
+  // is a total difference, the same from both sides: (3.3) is (I + FJ) d_k + (I - FJ) d_{k-1} = 0.
+  step.first = step.defect;
+  step.second = step.defect;
+  if (!problem_.F.empty()) {
+    const Vector turned = times<Bounded>(problem_.F, times_J<Bounded>(step.defect));
+    for (std::size_t i = 0; i < size; ++i) {
+      step.first[i] = step.first[i] + turned[i];
+      step.second[i] = step.second[i] - turned[i];
+    }
+  }
+  return step;
+}
+
+OrbitStep OrbitOracle::varied_step(std::span<const Bounded> z_0, std::span<const Bounded> z_1, Bounded h) const {
+  const std::size_t size = z_0.size(), corner = size + 1;
+  const Shape& shape = Shape::of(2 * corner, 1);
+  std::vector<Series> variables;
+  for (std::size_t end = 0; end < 2; ++end) {
+    variables.emplace_back(shape, end == 0 ? Bounded() : h, end * corner);
+    for (std::size_t i = 0; i < size; ++i) {
+      variables.emplace_back(shape, (end == 0 ? z_0 : z_1)[i], end * corner + 1 + i);
+    }
+  }
+  const Series action = (variables[corner] - variables[0]) * problem_.L(std::span<const Series>(variables));
+  OrbitStep step;
+  for (std::size_t i = 0; i < size; ++i) {
+    step.first.push_back(action.derivative(1 + i));
+    step.second.push_back(action.derivative(corner + 1 + i));
+  }
+  step.energy = action.derivative(0);
+  return step;
+}
+
+OrbitStep OrbitOracle::step(std::span<const double> z_0, std::span<const double> z_1, double h,
+                            long double time_rounding) const {
+  Bounded length = Bounded::stored(h);
+  length.error += time_rounding;
+  const bool generated = problem_.lagrangian == Lagrangian::midpoint || problem_.lagrangian == Lagrangian::generating;
+  return generated ? generated_step(stored(z_0), stored(z_1), length) : varied_step(stored(z_0), stored(z_1), length);
+}
+
+Bounded OrbitOracle::node_energy(std::span<const double> z) const {
+  return problem_.H(std::span<const Bounded>(stored(z)));
+}
+
+long double OrbitOracle::magnitude_of_terms(std::span<const double> z) const {
+  return problem_.H.sum_of_magnitudes(std::span<const Bounded>(stored(z)));
+}
+
+std::optional<Bounded> OrbitOracle::gamma(std::span<const double> z) const {
+  const Vector state = stored(z);
+  if (problem_.lagrangian == Lagrangian::midpoint) {
+    // fᵀH''f is the second derivative of H along f.
+    const Shape& gradient_shape = Shape::of(z.size(), 1);
+    std::vector<Series> variables;
+    for (std::size_t i = 0; i < z.size(); ++i) {
+      variables.emplace_back(gradient_shape, state[i], i);
+    }
+    const Series H = problem_.H(std::span<const Series>(variables));
+    Vector gradient;
+    for (std::size_t i = 0; i < z.size(); ++i) {
+      gradient.push_back(H.derivative(i));
+    }
+    const Vector velocity = times_J<Bounded>(gradient);
+    std::vector<Series> line;
+    for (std::size_t i = 0; i < z.size(); ++i) {
+      line.emplace_back(Shape::of(1, 2), state[i]);
+      line.back()[1] = velocity[i];
+    }
+    return Bounded(2.0L) * problem_.H(std::span<const Series>(line))[2];
+  }
+  if (problem_.lagrangian == Lagrangian::generating) {
+    const std::size_t power = problem_.F.empty() ? terms() + 1 : terms();  // of t in φ_t: the first left out
+    const Generated phi = generate(state, power);
+    return Bounded(-24.0L / static_cast<long double>(power + 1)) * phi.rate.coefficient(z.size(), power);
+  }
+  return std::nullopt;
+}
+
+std::vector<Bounded> OrbitOracle::invariants(std::span<const double> z) const {
+  const Vector state = stored(z);
+  Vector values;
+  for (const auto& [name, formula] : problem_.invariants) {
+    values.push_back(formula(std::span<const Bounded>(state)));
+  }
+  return values;
+}
+
+}  // namespace audit

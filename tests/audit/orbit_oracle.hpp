@@ -1,0 +1,54 @@
+#pragma once
+
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "audit/orbit_problem.hpp"
+#include "audit/series.hpp"
+
+namespace audit {
+
+/// What two levels and the step between them say: theory, sections 2 and 4, written out once more.
+struct OrbitStep {
+  /// d = Jδ - ∇Φ_s(w, h), which a step makes 0. Empty for a Lagrangian that has no such form.
+  std::vector<Bounded> defect;
+  /// ∂A/∂z_0 and ∂A/∂z_1 for (3.3), the same for every Lagrangian.
+  std::vector<Bounded> first, second;
+  Bounded energy;  ///< E = -∂A/∂h
+};
+
+/// The equations of an orbit's scheme, evaluated in extended precision from the expressions that the problem was made
+/// of, with a bound of what rounding makes of each in double. Generating functions come from the recursion (4.10) of
+/// Hamilton and Jacobi, in power series of the state and the time: not the way the library has them.
+class OrbitOracle {
+public:
+  explicit OrbitOracle(const OrbitProblem& problem) : problem_(problem) {}
+
+  /// \param time_rounding what t_1 - t_0 may be off h by
+  [[nodiscard]] OrbitStep step(std::span<const double> z_0, std::span<const double> z_1, double h,
+                               long double time_rounding) const;
+  [[nodiscard]] Bounded node_energy(std::span<const double> z) const;
+  /// Σ |terms of H|
+  [[nodiscard]] long double magnitude_of_terms(std::span<const double> z) const;
+  /// Γ, or what stands for it; nothing for Lagrangians that are not generating functions.
+  [[nodiscard]] std::optional<Bounded> gamma(std::span<const double> z) const;
+  [[nodiscard]] std::vector<Bounded> invariants(std::span<const double> z) const;
+  /// Multiplications of numbers that one step takes, roughly.
+  [[nodiscard]] double cost() const;
+
+private:
+  /// φ_t(w + u, t) as a series in u and t, and ∇φ.
+  struct Generated {
+    Series rate;
+    std::vector<Series> gradient;
+  };
+  [[nodiscard]] Generated generate(std::span<const Bounded> w, std::size_t degree) const;
+  [[nodiscard]] OrbitStep generated_step(std::span<const Bounded> z_0, std::span<const Bounded> z_1, Bounded h) const;
+  [[nodiscard]] OrbitStep varied_step(std::span<const Bounded> z_0, std::span<const Bounded> z_1, Bounded h) const;
+  [[nodiscard]] std::size_t terms() const;  ///< s, of Φ_s
+
+  const OrbitProblem& problem_;
+};
+
+}  // namespace audit

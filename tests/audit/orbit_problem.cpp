@@ -1,0 +1,504 @@
+#include "audit/orbit_problem.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include "audit/random.hpp"
+#include "audit/series.hpp"
+
+namespace audit {
+
+namespace {
+
+std::string quoted_list(std::span<const std::string> names) {
+  return fmt::format("[\"{}\"]", fmt::join(names, "\", \""));
+}
+
+std::vector<std::string> corner_names(std::span<const std::string> names) {
+  std::vector<std::string> corners;
+  for (const char* suffix : {"_0", "_1"}) {
+    corners.push_back(std::string("t") + suffix);
+    for (const std::string& name : names) {
+      corners.push_back(name + suffix);
+    }
+  }
+  return corners;
+}
+
+/// Velocity and its rate of change, to find out how fast things happen.
+struct Motion {
+  std::vector<long double> velocity, acceleration;
+  long double gamma = 0.0L;
+
+  Motion(const Expression& H, std::span<const double> z) {
+    const std::size_t size = z.size(), n = size / 2;
+    const Shape& shape = Shape::of(size, 2);
+    std::vector<Series> variables;
+    for (std::size_t i = 0; i < size; ++i) {
+      variables.emplace_back(shape, Bounded(static_cast<long double>(z[i])), i);
+    }
+    const Series energy = H(std::span<const Series>(variables));
+    const auto flip = [n](std::span<const long double> g) {
+      std::vector<long double> f(g.size());
+      for (std::size_t i = 0; i < n; ++i) {
+        f[i] = g[n + i];
+        f[n + i] = -g[i];
+      }
+      return f;
+    };
+    std::vector<long double> gradient(size);
+    for (std::size_t i = 0; i < size; ++i) {
+      gradient[i] = energy.derivative(i).value;
+    }
+    velocity = flip(gradient);
+    std::vector<long double> image(size);
+    for (std::size_t i = 0; i < size; ++i) {
+      const Series row = energy.differentiated(i);
+      for (std::size_t j = 0; j < size; ++j) {
+        image[i] += row.derivative(j).value * velocity[j];
+      }
+      gamma += velocity[i] * image[i];
+    }
+    acceleration = flip(image);
+  }
+
+  static long double norm(std::span<const long double> values) {
+    long double sum = 0.0L;
+    for (const long double value : values) {
+      sum += value * value;
+    }
+    return std::sqrt(sum);
+  }
+  [[nodiscard]] double time_scale() const { return static_cast<double>(norm(velocity) / norm(acceleration)); }
+};
+
+class Generator {
+public:
+  explicit Generator(std::uint64_t number) : random_(number) {}
+
+  OrbitProblem make() {
+    do {
+      problem_ = {};
+      choose_motion();
+      move_start();
+    } while (!choose_scheme());
+    return problem_;
+  }
+
+private:
+  using Variables = std::vector<Expression>;
+
+  Expression q(std::size_t i) const { return Expression::variable(i); }
+  Expression p(std::size_t i) const { return Expression::variable(problem_.start.size() / 2 + i); }
+  static Expression square(const Expression& a) { return Expression::raised(a, 2); }
+  double coefficient() { return random_.between(0.05, 2.0); }
+
+  void declare(std::size_t n) {
+    constexpr std::array<const char*, 3> coordinates = {"x", "y", "z"}, momenta = {"u", "v", "w"};
+    for (std::size_t i = 0; i < n; ++i) {
+      problem_.names.emplace_back(coordinates.at(i));
+    }
+    for (std::size_t i = 0; i < n; ++i) {
+      problem_.names.emplace_back(momenta.at(i));
+    }
+    for (std::size_t i = 0; i < 2 * n; ++i) {
+      problem_.start.push_back(random_.between(-1.3, 1.3));
+    }
+  }
+
+  Expression kinetic() {
+    Expression sum = coefficient() * square(p(0));
+    for (std::size_t i = 1; i < problem_.start.size() / 2; ++i) {
+      sum = sum + coefficient() * square(p(i));
+    }
+    return sum;
+  }
+
+  /// Any of the state's variables.
+  Expression any() { return Expression::variable(random_.below(problem_.start.size())); }
+
+  void polynomial() {
+    problem_.family = "polynomial";
+    const std::size_t n = 1 + random_.below(3);
+    declare(n);
+    problem_.H = kinetic();
+    for (std::size_t i = 0; i < n; ++i) {
+      problem_.H = problem_.H + random_.between(-0.6, 1.5) * square(q(i)) + coefficient() * Expression::raised(q(i), 4);
+    }
+    for (std::size_t terms = random_.below(4); terms-- > 0;) {
+      problem_.H = problem_.H + random_.between(-0.4, 0.4) * any() * any() * any();
+    }
+  }
+
+  void trigonometric() {
+    problem_.family = "trigonometric";
+    const std::size_t n = 1 + random_.below(3);
+    declare(n);
+    problem_.H = kinetic();
+    for (std::size_t i = 0; i < n; ++i) {
+      problem_.H = problem_.H - coefficient() * cos(q(i));
+      if (i > 0) {
+        problem_.H = problem_.H - random_.between(-1, 1) * cos(q(i) - q(i - 1));
+      }
+    }
+    for (std::size_t terms = random_.below(3); terms-- > 0;) {
+      const Expression argument = any() + random_.between(-1, 1) * any();
+      problem_.H = problem_.H + random_.between(-0.7, 0.7) * (random_.chance(0.5) ? sin(argument) : cos(argument));
+    }
+    if (random_.chance(0.3)) {
+      problem_.H = problem_.H + random_.between(-0.3, 0.3) * any() * any();
+    }
+  }
+
+  void pendulum() {
+    declare(1);
+    problem_.H = square(p(0)) / 2.0 - cos(q(0));
+    switch (random_.below(4)) {
+      case 0:
+        problem_.family = "pendulum of energy 0";
+        problem_.start = {0.0, std::sqrt(2.0)};
+        break;
+      case 1:
+        problem_.family = "pendulum near its separatrix";
+        problem_.start = {0.0, 2.0 * (1.0 + random_.sign() * random_.decades(-9, -2))};
+        break;
+      case 2:
+        problem_.family = "pendulum that turns over";
+        problem_.start = {random_.between(-3, 3), random_.sign() * random_.between(2.05, 3)};
+        break;
+      default:
+        problem_.family = "pendulum";
+        problem_.start = {random_.between(-2, 2), random_.between(-1, 1)};
+        break;
+    }
+  }
+
+  void double_well() {
+    problem_.family = "double well";
+    declare(1);
+    problem_.H = square(p(0)) / 2.0 + (Expression::raised(q(0), 4) - square(q(0))) / 2.0;
+    if (random_.chance(0.5)) {
+      problem_.family = "double well near its separatrix";
+      problem_.start = {1.0, random_.sign() * random_.decades(-8, -2)};
+    }
+  }
+
+  void blow_up() {
+    problem_.family = "motion without bound";
+    declare(1);
+    const int degree = random_.one_of({3, 4, 6, 8});
+    if (random_.chance(0.4)) {
+      problem_.H = square(p(0)) / 2.0 - 1.0 / square(q(0));
+      problem_.start = {random_.between(0.5, 1.5), random_.between(-2, 2)};
+    } else {
+      problem_.H = square(p(0)) / 2.0 - coefficient() * Expression::raised(q(0), degree);
+    }
+  }
+
+  void kepler() {
+    problem_.family = "Kepler";
+    declare(2);
+    const double e = random_.between(0.0, 0.97);
+    problem_.H = (square(p(0)) + square(p(1))) / 2.0 - 1.0 / Expression::raised(square(q(0)) + square(q(1)), 0.5);
+    problem_.start = {1 - e, 0.0, 0.0, std::sqrt((1 + e) / (1 - e))};
+    problem_.invariants.emplace_back("angular_momentum", q(0) * p(1) - q(1) * p(0));
+  }
+
+  void double_pendulum() {
+    problem_.family = "double pendulum";
+    declare(2);
+    const Expression difference = q(0) - q(1);
+    problem_.H = (square(p(0)) + 2.0 * square(p(1)) - 2.0 * p(0) * p(1) * cos(difference)) /
+                     (2.0 * (1.0 + square(sin(difference)))) -
+                 2.0 * cos(q(0)) - cos(q(1));
+    if (random_.chance(0.5)) {
+      problem_.start = {std::acos(0.0), std::acos(0.0), 0.0, 0.0};
+    }
+  }
+
+  void not_separable() {
+    problem_.family = "not separable";
+    declare(1);
+    problem_.H = (square(q(0)) + 1.0) * (square(p(0)) + 1.0) / 2.0;
+    if (random_.chance(0.4)) {
+      problem_.H = problem_.H + random_.between(-0.5, 0.5) * exp(random_.between(-0.5, 0.5) * any());
+    }
+  }
+
+  /// Energies and steps that tell nothing: oscillators, free particles.
+  void degenerate() {
+    declare(1 + random_.below(2));
+    problem_.H = kinetic();
+    if (random_.chance(0.7)) {
+      problem_.family = "oscillator";
+      problem_.H = problem_.H + coefficient() * square(q(0));
+    } else {
+      problem_.family = "free particle";
+    }
+    if (random_.chance(0.4)) {
+      problem_.family += ", disturbed";
+      problem_.H = problem_.H + random_.decades(-9, -2) * Expression::raised(q(0), 4);
+    }
+  }
+
+  void choose_motion() {
+    const std::size_t which = random_.below(20);
+    if (which < 6) {
+      polynomial();
+    } else if (which < 11) {
+      trigonometric();
+    } else if (which < 13) {
+      pendulum();
+    } else if (which < 14) {
+      double_well();
+    } else if (which < 15) {
+      blow_up();
+    } else if (which < 17) {
+      kepler();
+    } else if (which < 18) {
+      double_pendulum();
+    } else if (which < 19) {
+      not_separable();
+    } else {
+      degenerate();
+    }
+    if (problem_.invariants.empty()) {
+      problem_.invariants.emplace_back("something", any() * any() + random_.between(-1, 1) * any());
+    }
+  }
+
+  /// To where Γ, or H, or the motion vanishes.
+  void move_start() {
+    const double which = random_.unit();
+    if (which < 0.08) {
+      start_at_zero_of_gamma();
+    } else if (which < 0.12 && problem_.family != "Kepler" &&
+               problem_.family.find("without bound") == std::string::npos) {
+      problem_.family += ", near an equilibrium";
+      const double scale = random_.decades(-7, -2);
+      for (double& value : problem_.start) {
+        value *= scale;
+      }
+    } else if (which < 0.27) {
+      problem_.family += ", H = 0 at the start";
+      const double energy = energy_of(problem_.start);
+      problem_.H = problem_.H - (random_.chance(0.5) ? energy : Random::short_number(energy));
+    } else if (which < 0.31) {
+      problem_.family += ", a large constant in H";
+      problem_.H = problem_.H + random_.sign() * random_.decades(1, 3);
+    }
+    if (random_.chance(0.2)) {
+      problem_.start_time = random_.between(-20, 20);
+    }
+  }
+
+  [[nodiscard]] double energy_of(std::span<const double> z) const {
+    std::vector<Bounded> variables(z.begin(), z.end());
+    return static_cast<double>(problem_.H(std::span<const Bounded>(variables)).value);
+  }
+
+  void start_at_zero_of_gamma() {
+    const std::vector<double> start = problem_.start;
+    const std::size_t n = start.size() / 2;
+    const auto scaled = [&](double factor) {
+      std::vector<double> z = start;
+      for (std::size_t i = n; i < 2 * n; ++i) {
+        z[i] *= factor;
+      }
+      return z;
+    };
+    const auto gamma = [&](double factor) { return Motion(problem_.H, scaled(factor)).gamma; };
+    double low = 0.0;
+    for (double high = 0.25; high < 5.0; low = high, high += 0.25) {
+      if (gamma(low) * gamma(high) < 0) {
+        for (int i = 0; i < 60; ++i) {
+          const double middle = (low + high) / 2;
+          (gamma(low) * gamma(middle) <= 0 ? high : low) = middle;
+        }
+        problem_.family += random_.chance(0.5) ? ", at a zero of Gamma" : ", beside a zero of Gamma";
+        const bool beside = problem_.family.ends_with("beside a zero of Gamma");
+        problem_.start = scaled(beside ? high * (1 + random_.sign() * random_.decades(-6, -1)) : high);
+        return;
+      }
+    }
+  }
+
+  void choose_lagrangian() {
+    const std::size_t n = problem_.degrees_of_freedom();
+    const std::size_t which = random_.below(20);
+    if (which < 11) {
+      return;
+    }
+    if (which < 17) {
+      problem_.lagrangian = OrbitProblem::Lagrangian::generating;
+      problem_.order = random_.one_of({2, 4, 4, 6, 6, 8});
+      if (n == 3) {
+        problem_.order = std::min(problem_.order, 6);
+      }
+      if (random_.chance(0.25)) {
+        problem_.order = random_.one_of({1, 2, 3, 4});
+        choose_darboux(n);
+      }
+    } else if (which < 19) {
+      problem_.lagrangian = OrbitProblem::Lagrangian::custom;
+      mix_lagrangian(random_.one_of({0.0, 0.5, 1.0 / 3, 0.7}), 0.5);
+    } else {
+      problem_.lagrangian = OrbitProblem::Lagrangian::forward;
+      mix_lagrangian(1.0, 1.0);
+    }
+  }
+
+  void choose_darboux(std::size_t n) {
+    const std::size_t kind = random_.below(3);
+    problem_.F.assign(4 * n * n, 0.0);
+    if (kind < 2) {
+      problem_.darboux = kind == 0 ? "euler-a" : "euler-b";
+      for (std::size_t i = 0; i < n; ++i) {
+        problem_.F[i * 2 * n + n + i] = problem_.F[(n + i) * 2 * n + i] = kind == 0 ? 1.0 : -1.0;
+      }
+      return;
+    }
+    problem_.darboux = "matrix";
+    for (std::size_t i = 0; i < 2 * n; ++i) {
+      for (std::size_t j = 0; j <= i; ++j) {
+        problem_.F[i * 2 * n + j] = problem_.F[j * 2 * n + i] = random_.between(-0.6, 0.6);
+      }
+    }
+  }
+
+  /// 𝕃 = (weighted p)·Δq/Δt - (part of H in the middle) - (the rest, a mean of H at the ends)
+  void mix_lagrangian(double middle, double weight_of_first) {
+    const std::size_t size = problem_.start.size(), n = size / 2;
+    const auto corner = [size](std::size_t end, std::size_t i) {
+      return Expression::variable(end * (size + 1) + 1 + i);
+    };
+    const Expression duration = Expression::variable(size + 1) - Expression::variable(0);
+    Variables means, firsts, lasts;
+    for (std::size_t i = 0; i < size; ++i) {
+      firsts.push_back(corner(0, i));
+      lasts.push_back(corner(1, i));
+      means.push_back((corner(0, i) + corner(1, i)) / 2.0);
+    }
+    Expression L = 0.0;
+    for (std::size_t i = 0; i < n; ++i) {
+      const Expression momentum = weight_of_first == 1.0 ? firsts[n + i] : means[n + i];
+      const Expression term = momentum * (lasts[i] - firsts[i]) / duration;
+      L = i == 0 ? term : L + term;
+    }
+    if (middle > 0.0) {
+      L = L - (middle == 1.0 ? problem_.H.with(means) : middle * problem_.H.with(means));
+    }
+    if (middle < 1.0) {
+      L = L - (1.0 - middle) / 2.0 * (problem_.H.with(firsts) + problem_.H.with(lasts));
+    }
+    problem_.L = L;
+  }
+
+  bool choose_scheme() {
+    const Motion motion(problem_.H, problem_.start);
+    const double time_scale = motion.time_scale();
+    if (!std::isfinite(time_scale) && problem_.family.find("free") == std::string::npos) {
+      return false;
+    }
+    choose_lagrangian();
+    const bool forward = problem_.lagrangian == OrbitProblem::Lagrangian::forward;
+    const double length = random_.chance(0.12) ? random_.decades(-0.3, 0.6) : random_.decades(-2.2, -0.3);
+    const int direction = random_.chance(0.7) ? 1 : -1;
+    problem_.step = direction * Random::short_number(length * (std::isfinite(time_scale) ? time_scale : 1.0));
+    const double steps = forward ? 4.5 : random_.between(20, 250);
+    problem_.until = problem_.start_time + Random::short_number(steps * problem_.step);
+    problem_.fixed = random_.chance(0.15);
+    problem_.max_steps = forward ? 5 : 600;
+    problem_.every = random_.one_of({1, 1, 3, 16});
+    if (random_.chance(0.25)) {
+      problem_.tolerance = random_.decades(-14, -6);
+      problem_.tolerance_given = true;
+    }
+    if (random_.chance(0.25)) {
+      problem_.on_singular = random_.chance(0.5) ? "fixed" : "stop";
+    } else if (random_.chance(0.25)) {
+      problem_.reversible = true;
+    }
+    if (random_.chance(0.15) && problem_.F.empty() && !forward) {
+      give_next(motion);
+    } else if (random_.chance(0.1) && !forward) {
+      problem_.energy_tolerance = random_.decades(-6, -2);
+    }
+    return true;
+  }
+
+  /// A second level that no step leads to, so that the form with two steps is solved.
+  void give_next(const Motion& motion) {
+    for (std::size_t i = 0; i < problem_.start.size(); ++i) {
+      const double moved = problem_.start[i] + problem_.step * static_cast<double>(motion.velocity[i]);
+      problem_.next.push_back(Random::short_number(moved + 1e-3 * problem_.step * random_.between(-1, 1)));
+    }
+  }
+
+  Random random_;
+  OrbitProblem problem_;
+};
+
+}  // namespace
+
+std::string OrbitProblem::toml() const {
+  const std::size_t n = degrees_of_freedom();
+  std::string text =
+      fmt::format("title = \"{}\"\n[hamiltonian]\nq = {}\np = {}\nH = \"{}\"\n", family,
+                  quoted_list(std::span(names).first(n)), quoted_list(std::span(names).last(n)), H.text(names));
+  text += "[initial]\n";
+  if (start_time != 0.0) {
+    text += fmt::format("t = {}\n", start_time);
+  }
+  for (std::size_t i = 0; i < start.size(); ++i) {
+    text += fmt::format("{} = {}\n", names[i], start[i]);
+  }
+  if (!next.empty()) {
+    text += fmt::format("[initial.next]\nt = {:.17g}\n", start_time + step);
+    for (std::size_t i = 0; i < next.size(); ++i) {
+      text += fmt::format("{} = {}\n", names[i], next[i]);
+    }
+  }
+  text += "[invariants]\n";
+  for (const auto& [name, formula] : invariants) {
+    text += fmt::format("{} = \"{}\"\n", name, formula.text(names));
+  }
+  constexpr std::array<const char*, 4> words = {"midpoint", "generating", "custom", "forward"};
+  text += fmt::format("[scheme]\nlagrangian = \"{}\"\n", words.at(static_cast<std::size_t>(lagrangian)));
+  if (lagrangian == Lagrangian::generating) {
+    text += fmt::format("order = {}\n", order);
+    if (darboux == "matrix") {
+      text += "darboux = [";
+      for (std::size_t i = 0; i < 2 * n; ++i) {
+        text += fmt::format("{}[{}]", i == 0 ? "" : ", ", fmt::join(std::span(F).subspan(i * 2 * n, 2 * n), ", "));
+      }
+      text += "]\n";
+    } else if (darboux != "midpoint") {
+      text += fmt::format("darboux = \"{}\"\n", darboux);
+    }
+  } else if (lagrangian == Lagrangian::custom) {
+    text += fmt::format("L = \"{}\"\n", L.text(corner_names(names)));
+  }
+  text += fixed ? "levels = \"fixed\"\n" : "";
+  if (energy_tolerance) {
+    text += fmt::format("step = \"auto\"\nenergy_tolerance = {}\n", *energy_tolerance);
+  } else if (next.empty()) {
+    text += fmt::format("step = {}\n", step);
+  }
+  text += fmt::format("until = {}\n", until);
+  text += tolerance_given ? fmt::format("tolerance = {}\n", tolerance) : "";
+  text += on_singular != "bridge" ? fmt::format("on_singular = \"{}\"\n", on_singular) : "";
+  text += reversible ? "bridge = \"reversible\"\n" : "";
+  text += fmt::format("max_steps = {}\n[output]\nevery = {}\n", max_steps, every);
+  return text;
+}
+
+OrbitProblem random_orbit(std::uint64_t number) {
+  return Generator(number).make();
+}
+
+}  // namespace audit

@@ -1,0 +1,51 @@
+#pragma once
+
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "audit/expression.hpp"
+
+namespace audit {
+
+/// A random orbit and how it is to be run. Its variables are numbered q_1 … q_n, p_1 … p_n.
+struct OrbitProblem {
+  enum class Lagrangian { midpoint, generating, custom, forward };
+
+  std::string family;              ///< what kind of motion, and what is nasty about it
+  std::vector<std::string> names;  ///< of q, then of p
+  Expression H = 0.0;
+  std::vector<double> start;  ///< z_0
+  double start_time = 0.0;
+  std::vector<double> next;  ///< z_1 where the problem gives it
+  std::vector<std::pair<std::string, Expression>> invariants;
+
+  Lagrangian lagrangian = Lagrangian::midpoint;
+  int order = 2;  ///< of a generating function
+  std::string darboux = "midpoint";
+  std::vector<double> F;  ///< of it, row by row; empty means 0
+  Expression L = 0.0;     ///< of t_0, z_0, t_1, z_1, numbered in this order
+  bool fixed = false;
+  double step = 0.0;
+  std::optional<double> energy_tolerance;  ///< step = "auto"
+  double until = 0.0;
+  double tolerance = 1e-13;
+  bool tolerance_given = false;
+  std::string on_singular = "bridge";
+  bool reversible = false;
+  int max_steps = 0;
+  int every = 1;
+
+  [[nodiscard]] std::size_t degrees_of_freedom() const { return start.size() / 2; }
+  /// Each value stands for the one before, so that the step equation needs two steps.
+  [[nodiscard]] bool is_two_step() const {
+    return lagrangian == Lagrangian::custom || lagrangian == Lagrangian::forward || !next.empty();
+  }
+  [[nodiscard]] std::string toml() const;
+};
+
+/// The same for the same number, on every machine.
+OrbitProblem random_orbit(std::uint64_t number);
+
+}  // namespace audit
