@@ -74,7 +74,9 @@ void run(const Grid& grid, const BoxOperator& op, bool adjoint, const double* in
   }
   // The adjoint has the same two points mirrored: the neighbour is the one before, and takes the sign +.
   const auto sign_of_neighbour = [](Along) { return 1.0; };
-  const auto sign_of_own = [](Along kind) { return kind == Along::difference ? -1.0 : 1.0; };
+  const auto sign_of_own = [](Along kind) {
+    return kind == Along::difference ? -1.0 : kind == Along::next ? 0.0 : 1.0;
+  };
   const auto neighbour = [&](std::size_t i, std::size_t n) {
     return adjoint ? (i == 0 ? n - 1 : i - 1) : (i + 1 == n ? 0 : i + 1);
   };

@@ -9,6 +9,7 @@ namespace rubato::grids {
 /// What a box operator does along one axis, with z_{i+1} taken cyclically:
 enum class Along {
   identity,    ///< z_i
+  next,        ///< z_{i+1}
   average,     ///< A: (z_i + z_{i+1})/2, to cell centres
   difference,  ///< D: (z_{i+1} - z_i)/Δx
 };

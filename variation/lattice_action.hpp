@@ -1,0 +1,112 @@
+#pragma once
+
+#include <memory>
+#include <utility>
+#include <vector>
+
+#include <rubato/formula/expression.hpp>
+#include <rubato/grids/stencil.hpp>
+
+namespace rubato {
+
+/// What a stencil does in time, over the slab between two levels.
+enum class InTime {
+  before,      ///< z_k
+  after,       ///< z_{k+1}
+  mean,        ///< (z_k + z_{k+1})/2
+  difference,  ///< (z_{k+1} - z_k)/h
+};
+
+/// One operator of a stencil: from the values on the two levels of a slab to one number in each cell.
+struct StencilOperator {
+  InTime time = InTime::mean;
+  grids::SpaceOperator space;
+
+  bool operator==(const StencilOperator&) const = default;
+};
+
+/// The discrete action of a lattice (theory, sections 2 and 5; the paper's (5.1)–(5.5) carried out): a sum over the
+/// cells of the slabs between levels,
+///
+///     𝕊 = Σ_slabs Σ_cells h ΔV L(L_o z),
+///
+/// of a density L that reads the fields through the operators L_o of a stencil. This is all that a scheme states:
+/// values, levels, places and boundaries are varied by LatticeVariation.
+///
+/// Among the operators are the differences D_ρ, ρ = t, x, y, z, that act on the nodes' coordinates, too. Where nodes
+/// move, F_ρν = D_ρ x^ν is no longer the unit matrix, and derivatives become F⁻¹D: so are the coordinates varied. L has
+/// two kinds of terms,
+///
+///     L = V(L_o z, D_ρ z) + Σ_μ Q^μ_μ,
+///
+/// of which V becomes det F · V(L_o z, F⁻¹Dz), and Q^μ_ρ, linear in differences along ρ as zᵀΛ_μ D_ρ z is, becomes
+/// Σ_ρ det F (F⁻¹)_μρ Q^μ_ρ. (A product rule moves a difference within Q^μ_ρ without leaving its direction ρ, so that
+/// this kind states what a function of D_ρ z alone does not.)
+struct LatticeAction {
+  /// A variable of L that stands for L_o z_f in a cell.
+  struct Value {
+    int field = 0;
+    int op = 0;  ///< which of `operators`
+    formula::Expression variable;
+  };
+
+  /// Q^μ_ρ for one μ, ρ = 0 … dimensions.
+  struct OneForm {
+    int mu = 0;
+    std::vector<formula::Expression> along;
+  };
+
+  std::shared_ptr<formula::Graph> graph;
+  int fields = 0;
+  int dimensions = 0;           ///< of space
+  formula::Expression density;  ///< V
+  std::vector<OneForm> forms;   ///< Q^μ; there may be several for one μ
+  /// Fields that live in the slab, not on its levels (multipliers, whose value no level determines): every operator in
+  /// time gives that value. They are read from the upper level's fields, and varied with them.
+  std::vector<bool> at_midpoints;
+  std::vector<StencilOperator> operators;
+  std::vector<Value> values;     ///< all that `value` of the builder was asked for
+  std::vector<int> derivatives;  ///< D_ρ as numbers of `operators`: time, then the directions of space
+
+  /// L = V + Σ_μ Q^μ_μ, on a rectangle.
+  [[nodiscard]] formula::Expression lagrangian() const;
+};
+
+/// Makes the variables of a LatticeAction, so that the density is stated as a formula of them.
+class LatticeActionBuilder {
+public:
+  /// Fields are called by number.
+  /// \throws std::invalid_argument unless there are fields and 1 to 3 dimensions
+  LatticeActionBuilder(int fields, int dimensions);
+
+  [[nodiscard]] formula::Graph& graph() { return *action_.graph; }
+  /// Adds an operator to the stencil. \return its number
+  int add(const StencilOperator& op);
+  /// Adds D_t, then D_x, …: one after the other. \return its number
+  int add_derivative(const StencilOperator& op);
+  /// Declares that a field lives in the slab.
+  void set_at_midpoints(int field) { action_.at_midpoints[static_cast<std::size_t>(field)] = true; }
+  /// L_o z_f.
+  [[nodiscard]] formula::Expression value(int field, int op);
+  /// D_ρ z_f, ρ = 0 for time.
+  [[nodiscard]] formula::Expression derivative(int field, int rho) {
+    return value(field, action_.derivatives.at(static_cast<std::size_t>(rho)));
+  }
+  /// Adds Q^μ_ρ = along(ρ) for one μ.
+  template <typename Along>
+  void add_form(int mu, Along&& along) {
+    LatticeAction::OneForm form{mu, {}};
+    for (int rho = 0; rho <= action_.dimensions; ++rho) {
+      form.along.push_back(along(rho));
+    }
+    action_.forms.push_back(std::move(form));
+  }
+
+  /// \throws std::invalid_argument unless there is a D_ρ for time and every direction of space
+  [[nodiscard]] LatticeAction finish(formula::Expression density);
+
+private:
+  LatticeAction action_;
+};
+
+}  // namespace rubato

@@ -1,0 +1,360 @@
+#include <rubato/variation/lattice_variation.hpp>
+
+#include <algorithm>
+#include <array>
+#include <optional>
+#include <stdexcept>
+#include <utility>
+
+#include <fmt/format.h>
+
+#include <rubato/formula/batch.hpp>
+#include <rubato/grids/parallel.hpp>
+#include <rubato/grids/reductions.hpp>
+
+namespace rubato {
+
+namespace {
+
+using formula::Expression;
+using grids::FieldSet;
+using Side = LatticeVariation::Side;
+
+/// Points that one call of an evaluator is given.
+constexpr std::size_t piece = 4096;
+
+/// The operator that a field is read by: in the slab there is one value, whatever the operator in time.
+InTime time_of(const LatticeAction& action, int field, const StencilOperator& op) {
+  return action.at_midpoints[static_cast<std::size_t>(field)] ? InTime::after : op.time;
+}
+
+/// How much of an operator's result the value at one side's level is: ∂(L_o z)/∂z_side, apart from space.
+double weight(Side side, InTime time, double h) {
+  switch (time) {
+    case InTime::before: return side == Side::before ? 1.0 : 0.0;
+    case InTime::after: return side == Side::after ? 1.0 : 0.0;
+    case InTime::mean: return 0.5;
+    case InTime::difference: return (side == Side::after ? 1.0 : -1.0) / h;
+  }
+  return 0.0;
+}
+
+/// Code evaluated at every cell, each thread with a copy of its own.
+class GridCode {
+public:
+  GridCode() = default;
+  GridCode(std::span<const Expression> outputs, std::span<const Expression> inputs)
+      : prototype_(formula::Bytecode(outputs, inputs)) {}
+
+  void operator()(std::size_t cells, std::span<const double* const> inputs, std::span<double* const> outputs) {
+    while (evaluators_.size() < static_cast<std::size_t>(grids::thread_count())) {
+      evaluators_.push_back(prototype_);
+      in_.emplace_back(inputs.size());
+      out_.emplace_back(outputs.size());
+    }
+    grids::for_each_block(cells, piece, [&](std::size_t begin, std::size_t end) {
+      const auto thread = static_cast<std::size_t>(grids::thread_number());
+      for (std::size_t j = 0; j < inputs.size(); ++j) {
+        in_[thread][j] = inputs[j] + begin;
+      }
+      for (std::size_t j = 0; j < outputs.size(); ++j) {
+        out_[thread][j] = outputs[j] + begin;
+      }
+      evaluators_[thread](end - begin, in_[thread], out_[thread]);
+    });
+  }
+
+private:
+  formula::BatchEvaluator prototype_;
+  std::vector<formula::BatchEvaluator> evaluators_;
+  std::vector<std::vector<const double*>> in_;
+  std::vector<std::vector<double*>> out_;
+};
+
+/// One term of a gather back to the nodes: weight · L_spaceᵀ(cells).
+struct GatherTerm {
+  double weight;
+  grids::SpaceOperator space;
+  const double* cells;
+};
+
+}  // namespace
+
+struct LatticeVariation::Storage {
+  Storage(LatticeAction stated, const grids::Grid& g)
+      : action(std::move(stated)),
+        grid(g),
+        stencil(g),
+        inputs(static_cast<int>(action.values.size()), g.size()),
+        directions(inputs),
+        gradient(inputs),
+        currents((1 + action.dimensions) * (1 + action.dimensions), g.size()),
+        scratch(2, g.size()) {
+    for (const LatticeAction::Value& value : action.values) {
+      variables.push_back(value.variable);
+    }
+    const Expression lagrangian = action.lagrangian();
+    density_code = GridCode(std::array{lagrangian}, variables);
+    const std::vector<Expression> first = formula::gradient(lagrangian, variables);
+    gradient_code = GridCode(first, variables);
+    compile_currents();
+    compile_second_variation(first);
+  }
+
+  [[nodiscard]] std::size_t index_of(int field, int op) const {
+    const auto found = std::ranges::find_if(
+        action.values, [&](const LatticeAction::Value& value) { return value.field == field && value.op == op; });
+    return static_cast<std::size_t>(found - action.values.begin());
+  }
+  [[nodiscard]] int directions_count() const { return 1 + action.dimensions; }
+  [[nodiscard]] int derivative(int rho) const { return action.derivatives[static_cast<std::size_t>(rho)]; }
+
+  /// J^ν_ρ = P_ρ·D_ν z + Q^ρ_ν - δ_ρν L; in J^ρ_ρ the terms Q^ρ_ρ cancel and are left out.
+  void compile_currents() {
+    formula::Graph& graph = *action.graph;
+    const std::vector<Expression> first = formula::gradient(action.density, variables);
+    std::vector<Expression> outputs;
+    for (int nu = 0; nu < directions_count(); ++nu) {
+      for (int rho = 0; rho < directions_count(); ++rho) {
+        Expression current = nu == rho ? -action.density : graph.constant(0.0);
+        for (int f = 0; f < action.fields; ++f) {
+          const Expression momentum = first[index_of(f, derivative(rho))];
+          if (!momentum.is_constant() || momentum.constant_value() != 0.0) {
+            current += momentum * variables[index_of(f, derivative(nu))];
+          }
+        }
+        for (const LatticeAction::OneForm& form : action.forms) {
+          if (nu != rho && form.mu == rho) {
+            current += form.along[static_cast<std::size_t>(nu)];
+          } else if (nu == rho && form.mu != rho) {
+            current -= form.along[static_cast<std::size_t>(form.mu)];
+          }
+        }
+        outputs.push_back(current);
+      }
+    }
+    currents_code = GridCode(outputs, variables);
+  }
+
+  /// The gradient of (∂L/∂values)·u: the second variation applied to a direction u.
+  void compile_second_variation(std::span<const Expression> first) {
+    formula::Graph& graph = *action.graph;
+    std::vector<Expression> inputs_and_directions = variables;
+    Expression along = graph.constant(0.0);
+    for (std::size_t j = 0; j < variables.size(); ++j) {
+      inputs_and_directions.push_back(graph.variable(fmt::format("variation of value {}", j)));
+      along += first[j] * inputs_and_directions.back();
+    }
+    const std::vector<Expression> rows = formula::gradient(along, variables);
+    second_code = GridCode(rows, inputs_and_directions);
+  }
+
+  /// L_o of the fields of a slab, into one array for each value of the action.
+  void gather(const FieldSet& before, const FieldSet& after, const PotentialSlopes* slopes, FieldSet& out) {
+    for (std::size_t j = 0; j < action.values.size(); ++j) {
+      const auto [field, op, variable] = action.values[j];
+      const StencilOperator& o = action.operators[static_cast<std::size_t>(op)];
+      const auto result = out.field(static_cast<int>(j));
+      const double* in = in_time(time_of(action, field, o), before.field(field), after.field(field));
+      if (o.space == grids::SpaceOperator::identity()) {
+        std::ranges::copy(std::span(in, grid.size()), result.begin());
+      } else {
+        stencil.apply(o.space, in, result.data());
+      }
+      if (slopes != nullptr && o.time != InTime::difference && along_first_axis(o.space)) {
+        const std::size_t line = grid.cells(0);
+        for (std::size_t l = 0; l * line < grid.size(); ++l) {
+          if (const double slope = slopes->at(field, l); slope != 0.0) {
+            for (double& value : result.subspan(l * line, line)) {
+              value += slope;
+            }
+          }
+        }
+      }
+    }
+  }
+
+  [[nodiscard]] static bool along_first_axis(const grids::SpaceOperator& op) {
+    return op.spectral_axis == 0 || op.box[0] == grids::Along::difference;
+  }
+
+  const double* in_time(InTime time, std::span<const double> before, std::span<const double> after) {
+    if (time == InTime::before || time == InTime::after) {
+      return (time == InTime::before ? before : after).data();
+    }
+    const double factor = time == InTime::mean ? 0.5 : 1.0 / h;
+    const double sign = time == InTime::mean ? 1.0 : -1.0;
+    double* out = scratch.field(0).data();
+    grids::for_each_block(grid.size(), piece, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t i = begin; i < end; ++i) {
+        out[i] = factor * (after[i] + sign * before[i]);
+      }
+    });
+    return out;
+  }
+
+  /// out = h ΔV Σ weight · L_spaceᵀ(cells), those of one operator in space together.
+  void gather_back(std::vector<GatherTerm> terms, std::span<double> out) {
+    std::ranges::fill(out, 0.0);
+    const double volume = h * grid.cell_volume();
+    while (!terms.empty()) {
+      const grids::SpaceOperator space = terms.front().space;
+      double* sum = scratch.field(0).data();
+      double* moved = scratch.field(1).data();
+      std::fill_n(sum, grid.size(), 0.0);
+      std::erase_if(terms, [&](const GatherTerm& term) {
+        if (term.space != space) {
+          return false;
+        }
+        for (std::size_t i = 0; i < grid.size(); ++i) {
+          sum[i] += term.weight * term.cells[i];
+        }
+        return true;
+      });
+      const double* result = sum;
+      if (space != grids::SpaceOperator::identity()) {
+        stencil.apply_adjoint(space, sum, moved);
+        result = moved;
+      }
+      for (std::size_t i = 0; i < out.size(); ++i) {
+        out[i] += volume * result[i];
+      }
+    }
+  }
+
+  /// Σ_o (∂L_o z/∂z)ᵀ of one array for each value of the action.
+  void back_to_values(Side side, const FieldSet& of_values, FieldSet& out) {
+    for (int f = 0; f < action.fields; ++f) {
+      std::vector<GatherTerm> terms;
+      for (std::size_t j = 0; j < action.values.size(); ++j) {
+        if (action.values[j].field == f) {
+          const StencilOperator& op = action.operators[static_cast<std::size_t>(action.values[j].op)];
+          if (const double w = weight(side, time_of(action, f, op), h); w != 0.0) {
+            terms.push_back({w, op.space, of_values.field(static_cast<int>(j)).data()});
+          }
+        }
+      }
+      gather_back(std::move(terms), out.field(f));
+    }
+  }
+
+  void need_gradient() {
+    if (!std::exchange(gradient_known, true)) {
+      gradient_code(grid.size(), std::as_const(inputs).pointers(), gradient.pointers());
+    }
+  }
+  void need_currents() {
+    if (!std::exchange(currents_known, true)) {
+      currents_code(grid.size(), std::as_const(inputs).pointers(), currents.pointers());
+    }
+  }
+
+  LatticeAction action;
+  grids::Grid grid;
+  grids::Stencil stencil;
+  std::vector<Expression> variables;
+  GridCode density_code, gradient_code, currents_code, second_code;
+  FieldSet inputs;      ///< L_o z of the slab
+  FieldSet directions;  ///< L_o u of a tangent solution, then the second variation
+  FieldSet gradient;    ///< ∂L/∂(L_o z)
+  FieldSet currents;    ///< J^ν_ρ
+  FieldSet scratch;
+  std::optional<FieldSet> second;
+  double h = 0.0;
+  bool gradient_known = false;
+  bool currents_known = false;
+};
+
+LatticeVariation::LatticeVariation(LatticeAction action, const grids::Grid& grid) {
+  if (action.dimensions != grid.dimensions()) {
+    throw std::invalid_argument(fmt::format("an action in {} dimensions cannot be varied on a grid with {}",
+                                            action.dimensions, grid.dimensions()));
+  }
+  storage_ = std::make_unique<Storage>(std::move(action), grid);
+}
+LatticeVariation::~LatticeVariation() = default;
+LatticeVariation::LatticeVariation(LatticeVariation&&) noexcept = default;
+LatticeVariation& LatticeVariation::operator=(LatticeVariation&&) noexcept = default;
+
+const LatticeAction& LatticeVariation::action() const {
+  return storage_->action;
+}
+
+void LatticeVariation::take(const FieldSet& before, const FieldSet& after, double h, const PotentialSlopes& slopes) {
+  Storage& s = *storage_;
+  s.h = h;
+  s.gather(before, after, &slopes, s.inputs);
+  s.gradient_known = false;
+  s.currents_known = false;
+}
+
+double LatticeVariation::action_value() {
+  Storage& s = *storage_;
+  double* const density[] = {s.scratch.field(0).data()};
+  s.density_code(s.grid.size(), std::as_const(s.inputs).pointers(), density);
+  return s.h * s.grid.cell_volume() * grids::sum(s.scratch.field(0));
+}
+
+double LatticeVariation::energy() {
+  Storage& s = *storage_;
+  s.need_currents();
+  return s.grid.cell_volume() * grids::sum(std::as_const(s.currents).field(0));
+}
+
+void LatticeVariation::values(Side side, FieldSet& out) {
+  storage_->need_gradient();
+  storage_->back_to_values(side, storage_->gradient, out);
+}
+
+void LatticeVariation::coordinates(Side side, FieldSet& out) {
+  Storage& s = *storage_;
+  s.need_currents();
+  const int n = s.directions_count();
+  for (int nu = 0; nu < n; ++nu) {
+    std::vector<GatherTerm> terms;
+    for (int rho = 0; rho < n; ++rho) {
+      const StencilOperator& op = s.action.operators[static_cast<std::size_t>(s.derivative(rho))];
+      if (const double w = weight(side, op.time, s.h); w != 0.0) {
+        terms.push_back({-w, op.space, std::as_const(s.currents).field(nu * n + rho).data()});
+      }
+    }
+    s.gather_back(std::move(terms), out.field(nu));
+  }
+}
+
+void LatticeVariation::currents(FieldSet& out) {
+  storage_->need_currents();
+  out.copy_from(storage_->currents);
+}
+
+void LatticeVariation::tangent(Side side, const FieldSet& u_before, const FieldSet& u_after, FieldSet& out) {
+  Storage& s = *storage_;
+  s.gather(u_before, u_after, nullptr, s.directions);
+  if (!s.second) {
+    s.second.emplace(s.inputs.fields(), s.grid.size());
+  }
+  std::vector<const double*> inputs;
+  for (const FieldSet* part : {&std::as_const(s.inputs), &std::as_const(s.directions)}) {
+    inputs.insert(inputs.end(), part->pointers().begin(), part->pointers().end());
+  }
+  s.second_code(s.grid.size(), inputs, s.second->pointers());
+  s.back_to_values(side, *s.second, out);
+}
+
+void LatticeVariation::two_form(Side side, const FieldSet& u_before, const FieldSet& u_after, const FieldSet& v_before,
+                                const FieldSet& v_after, std::span<double> out) {
+  const FieldSet& u = side == Side::before ? u_before : u_after;
+  const FieldSet& v = side == Side::before ? v_before : v_after;
+  FieldSet of_u(u.fields(), u.size());
+  FieldSet of_v(of_u);
+  tangent(side, u_before, u_after, of_u);
+  tangent(side, v_before, v_after, of_v);
+  std::ranges::fill(out, 0.0);
+  for (int f = 0; f < u.fields(); ++f) {
+    for (std::size_t i = 0; i < out.size(); ++i) {
+      out[i] += u.field(f)[i] * std::as_const(of_v).field(f)[i] - v.field(f)[i] * std::as_const(of_u).field(f)[i];
+    }
+  }
+}
+
+}  // namespace rubato

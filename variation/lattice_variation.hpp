@@ -1,0 +1,74 @@
+#pragma once
+
+#include <memory>
+#include <span>
+#include <vector>
+
+#include <rubato/grids/field_set.hpp>
+#include <rubato/variation/lattice_action.hpp>
+#include <rubato/variation/potential_slopes.hpp>
+
+namespace rubato {
+
+/// The total variation of a lattice's action over one slab (theory, section 2): what LatticeAction states is varied
+/// here, once for all schemes, in one to three dimensions.
+///
+/// | vary                     | gives                                                            | here              |
+/// |--------------------------|------------------------------------------------------------------|-------------------|
+/// | the values at a node     | discrete Euler–Lagrange equation: the sum over both slabs is 0   | values()          |
+/// | the time of a level      | discrete energy E_k = -∂𝕊/∂h; the law is E_k = E_{k-1}           | energy()          |
+/// | t or x of one node       | local laws of energy and momentum, the sum over both slabs       | coordinates()     |
+/// | anything at a level      | boundary one-forms, and the two-form Ω of two tangent solutions  | two_form()        |
+///
+/// A slab's part at its lower level is told from that at its upper level: at a level between two slabs the variation is
+/// the upper part of the slab before it plus the lower part of the slab after it.
+///
+/// Currents of energy and momentum: with L = V + Σ_μ Q^μ_μ as in LatticeAction, F_ρν = D_ρ x^ν and P_ρ = ∂V/∂(D_ρ z),
+///
+///     J^ν_ρ := -∂(L of a cell)/∂F_ρν at F = I  =  P_ρ·D_ν z + Q^ρ_ν - δ_ρν L,
+///
+/// so that the variation by the place x^ν of a node is -Σ_ρ D_ρᵀ h ΔV J^ν_ρ: theory's e, f, m, g are J^t_t, J^t_x,
+/// J^x_t, J^x_x.
+class LatticeVariation {
+public:
+  /// The level of a slab: its lower one, t_k, or its upper one, t_{k+1}.
+  enum class Side { before, after };
+
+  /// \throws std::invalid_argument if the dimensions of action and grid differ
+  LatticeVariation(LatticeAction action, const grids::Grid& grid);
+  ~LatticeVariation();
+  LatticeVariation(LatticeVariation&&) noexcept;
+  LatticeVariation& operator=(LatticeVariation&&) noexcept;
+
+  [[nodiscard]] const LatticeAction& action() const;
+
+  /// Reads the slab from `before` to `after`, h apart: everything below is of this slab. Of potentials, which are
+  /// slope·x + periodic, the fields hold the periodic part.
+  void take(const grids::FieldSet& before, const grids::FieldSet& after, double h, const PotentialSlopes& slopes = {});
+
+  /// 𝕊 of the slab.
+  [[nodiscard]] double action_value();
+  /// E = -∂𝕊/∂h.
+  [[nodiscard]] double energy();
+  /// ∂𝕊/∂z_f(node) of the nodes on one side, into out.field(f).
+  void values(Side side, grids::FieldSet& out);
+  /// ∂𝕊/∂x^ν(node) of the nodes on one side, ν = 0 for time, into out.field(ν).
+  void coordinates(Side side, grids::FieldSet& out);
+  /// J^ν_ρ in every cell, into out.field(ν·(1 + dimensions) + ρ).
+  void currents(grids::FieldSet& out);
+
+  /// Takes a tangent solution over the slab (variations of the values at frozen levels), δ𝕊_z into `rows` on one side:
+  /// the variation of values().
+  void tangent(Side side, const grids::FieldSet& u_before, const grids::FieldSet& u_after, grids::FieldSet& out);
+  /// Ω(U, V) at the nodes of one side: Uᵀδ_V(∂𝕊/∂z) - Vᵀδ_U(∂𝕊/∂z). Over both sides it sums to 0 for any U and V (the
+  /// second variation is symmetric), and at a node between two slabs for solutions U, V of the linearised equation: the
+  /// multisymplectic law.
+  void two_form(Side side, const grids::FieldSet& u_before, const grids::FieldSet& u_after,
+                const grids::FieldSet& v_before, const grids::FieldSet& v_after, std::span<double> out);
+
+private:
+  struct Storage;
+  std::unique_ptr<Storage> storage_;
+};
+
+}  // namespace rubato
