@@ -70,21 +70,6 @@ public:
     return totals;
   }
 
-  void cell_currents(const LatticeLevel& before, const LatticeLevel& after, double h,
-                     std::span<double* const> out) override {
-    differentiate(before.fields);
-    differentiate_in_time(before.fields, after.fields, h);
-    const auto& potential = tables_.system.structure().potential;
-    const bool split = std::ranges::find(potential, true) != potential.end();
-    const auto n = static_cast<std::size_t>(tables_.directions);
-    for (int nu = 0; nu < tables_.directions; ++nu) {
-      for (int mu = 0; mu < tables_.directions; ++mu) {
-        translation(mu, nu, before.fields, h, split,
-                    {out[static_cast<std::size_t>(nu) * n + static_cast<std::size_t>(mu)], tables_.grid.size()});
-      }
-    }
-  }
-
   LawSize multisymplectic_residual(const TangentLevels& u, const TangentLevels& v, double h,
                                    double* residual) override {
     if (u.earlier == nullptr || v.earlier == nullptr) {
@@ -173,38 +158,36 @@ private:
     }
   }
 
-  /// out += factor·zᵀΛ₊_μδ_ν⁺z, or with split -factor·(δ_ν⁺z)ᵀΛ₊_μz⁺.
-  void add_product(int mu, int nu, const grids::FieldSet& z, double h, bool split, double factor,
-                   std::span<double> out) const {
+  /// out -= factor·(δ_ν⁺z)ᵀΛ₊_μz⁺.
+  void subtract_product(int mu, int nu, const grids::FieldSet& z, double h, double factor,
+                        std::span<double> out) const {
     const grids::FieldSet& difference = differences_[static_cast<std::size_t>(nu)];
     const double reach = tables_.spacing(nu, h);
     for (const MatrixTerm& term : tables_.plus[static_cast<std::size_t>(mu)]) {
-      const double weight = factor * term.value * (split ? -1.0 : 1.0);
-      const auto row = z.field(term.row);
+      const double weight = -factor * term.value;
       const auto column = z.field(term.column);
       const auto row_difference = difference.field(term.row);
       const auto column_difference = difference.field(term.column);
       grids::for_each_block(out.size(), piece, [=](std::size_t begin, std::size_t end) {
         for (std::size_t i = begin; i < end; ++i) {
-          out[i] += weight * (split ? row_difference[i] * (column[i] + reach * column_difference[i])
-                                    : row[i] * column_difference[i]);
+          out[i] += weight * row_difference[i] * (column[i] + reach * column_difference[i]);
         }
       });
     }
   }
 
   /// J^ν_μ at the base corners, differences taken before.
-  void translation(int mu, int nu, const grids::FieldSet& z, double h, bool split, std::span<double> out) {
+  void translation(int mu, int nu, const grids::FieldSet& z, double h, std::span<double> out) {
     std::ranges::fill(out, 0.0);
     if (mu != nu) {
-      add_product(mu, nu, z, h, split, 1.0, out);
+      subtract_product(mu, nu, z, h, 1.0, out);
       return;
     }
     double* const outputs[] = {out.data()};
     S_(out.size(), z.pointers(), outputs);
     for (int other = 0; other < tables_.directions; ++other) {
       if (other != nu) {
-        add_product(other, other, z, h, split, -1.0, out);
+        subtract_product(other, other, z, h, -1.0, out);
       }
     }
   }
@@ -213,7 +196,7 @@ private:
   void currents(int mu, const grids::FieldSet& z, double h, grids::FieldSet& out) {
     int law = 0;
     for (int nu = 0; nu < tables_.directions; ++nu) {
-      translation(mu, nu, z, h, true, out.field(law++));
+      translation(mu, nu, z, h, out.field(law++));
     }
     for (const auto& symmetry : tables_.quadratic) {
       const auto values = out.field(law++);

@@ -199,41 +199,6 @@ struct FaceOperators : LawTables {
     }
   }
 
-  /// Means, derivatives in all directions and S in the middle of the cells of a block.
-  void fill_centres(Workspace& work, std::size_t line, std::size_t begin, std::size_t count,
-                    const PotentialSlopes& slopes) const {
-    Faces& faces = work.faces;
-    for (int f = 0; f < d; ++f) {
-      const auto i = static_cast<std::size_t>(f);
-      face(middle.field(f).data(), line, begin, count, time, false, time, faces.mean[i]);
-      face(rate.field(f).data(), line, begin, count, time, false, time, faces.derivative[i][time]);
-      for (int nu = 1; nu < directions; ++nu) {
-        double* derivative = faces.derivative[i][static_cast<std::size_t>(nu)];
-        face(middle.field(f).data(), line, begin, count, time, false, nu, derivative);
-        if (const double slope = nu == 1 ? slopes.at(f, line) : 0.0; slope != 0.0) {
-          for (std::size_t c = 0; c < count; ++c) {
-            derivative[c] += slope;
-          }
-        }
-      }
-    }
-    double* const outputs[] = {faces.S};
-    work.S(count, std::span<const double* const>(faces.mean.data(), faces.mean.size()), outputs);
-  }
-
-  /// out += factor·½ z̄ᵀΛ_μD_νz, or -factor·(D_νz)ᵀΛ₊_μz̄.
-  void add_centre_product(const Faces& faces, std::size_t count, bool split, std::size_t mu, std::size_t nu,
-                          double factor, double* out) const {
-    for (const MatrixTerm& term : split ? plus[mu] : full[mu]) {
-      const double* derivative = faces.derivative[static_cast<std::size_t>(split ? term.row : term.column)][nu];
-      const double* mean = faces.mean[static_cast<std::size_t>(split ? term.column : term.row)];
-      const double weight = factor * term.value * (split ? -1.0 : 0.5);
-      for (std::size_t c = 0; c < count; ++c) {
-        out[c] += weight * derivative[c] * mean[c];
-      }
-    }
-  }
-
   void prepare_currents(Workspace& work, std::size_t line, std::size_t begin, std::size_t count, int mu, bool upper,
                         const LatticeLevel& before, const LatticeLevel& after) const {
     const grids::FieldSet& values = mu != time ? middle : upper ? after.fields : before.fields;
@@ -330,8 +295,6 @@ public:
   std::vector<LawSize> residuals(const LatticeLevel& before, const LatticeLevel& after, double h,
                                  std::span<double* const> residuals) override;
   std::vector<double> totals(const LatticeLevel& level) override;
-  void cell_currents(const LatticeLevel& before, const LatticeLevel& after, double h,
-                     std::span<double* const> out) override;
   LawSize multisymplectic_residual(const TangentLevels& u, const TangentLevels& v, double h, double* residual) override;
 
 private:
@@ -410,32 +373,6 @@ std::vector<double> FaceLaws::totals(const LatticeLevel& level) {
     totals.push_back(s.grid.cell_volume() * sum.value());
   }
   return totals;
-}
-
-void FaceLaws::cell_currents(const LatticeLevel& before, const LatticeLevel& after, double h,
-                             std::span<double* const> out) {
-  FaceOperators& s = operators_;
-  s.make_middle(before.fields, after.fields, h);
-  const auto& potential = s.system.structure().potential;
-  const bool split = std::ranges::find(potential, true) != potential.end();
-  const auto n = static_cast<std::size_t>(s.directions);
-  s.for_each_block_of_cells([&](std::size_t, std::size_t line, std::size_t begin, std::size_t count, Workspace& work) {
-    s.fill_centres(work, line, begin, count, after.slopes);
-    const std::size_t offset = line * s.blocks.line + begin;
-    for (std::size_t nu = 0; nu < n; ++nu) {
-      double* own = out[nu * n + nu] + offset;
-      std::copy_n(work.faces.S, count, own);
-      for (std::size_t mu = 0; mu < n; ++mu) {
-        if (mu == nu) {
-          continue;
-        }
-        s.add_centre_product(work.faces, count, split, mu, mu, -1.0, own);
-        double* current = out[nu * n + mu] + offset;
-        std::fill_n(current, count, 0.0);
-        s.add_centre_product(work.faces, count, split, mu, nu, 1.0, current);
-      }
-    }
-  });
 }
 
 LawSize FaceLaws::multisymplectic_residual(const TangentLevels& u, const TangentLevels& v, double h, double* residual) {

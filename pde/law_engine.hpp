@@ -45,8 +45,6 @@ public:
   virtual std::vector<LawSize> residuals(const LatticeLevel& before, const LatticeLevel& after, double h,
                                          std::span<double* const> residuals) = 0;
   virtual std::vector<double> totals(const LatticeLevel& level) = 0;
-  virtual void cell_currents(const LatticeLevel& before, const LatticeLevel& after, double h,
-                             std::span<double* const> out) = 0;
   virtual LawSize multisymplectic_residual(const TangentLevels& u, const TangentLevels& v, double h,
                                            double* residual) = 0;
 };

@@ -93,11 +93,6 @@ std::vector<double> LocalLaws::totals(const LatticeLevel& level) {
   return engine_->totals(level);
 }
 
-void LocalLaws::cell_currents(const LatticeLevel& before, const LatticeLevel& after, double h,
-                              std::span<double* const> currents) {
-  engine_->cell_currents(before, after, h, currents);
-}
-
 LawSize LocalLaws::multisymplectic_residual(const TangentLevels& u, const TangentLevels& v, double h,
                                             double* residual) {
   return engine_->multisymplectic_residual(u, v, h, residual);

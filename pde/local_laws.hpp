@@ -100,13 +100,6 @@ public:
   /// Σ ΔV J_t over the level: total energy 𝓔(z_k), momenta, charges.
   std::vector<double> totals(const LatticeLevel& level);
 
-  /// The currents of energy (ν = t) and momentum (ν = x, …) in the middle of every cell, J^ν_μ into
-  /// currents[ν·(1 + dimensions) + μ]: ½ z̄ᵀΛ_μD_νz for μ ≠ ν, S(z̄) - Σ_{μ≠ν} ½ z̄ᵀΛ_μD_μz for μ = ν; with a potential
-  /// in the system -(D_νz)ᵀΛ₊_μz̄ stands for ½ z̄ᵀΛ_μD_νz. For Placement::corners at the base corner instead, at the
-  /// level `before`, with zᵀΛ₊_μδ_ν⁺z for ½ z̄ᵀΛ_μD_νz, or -(δ_ν⁺z)ᵀΛ₊_μz⁺. See VariationalLaws.
-  void cell_currents(const LatticeLevel& before, const LatticeLevel& after, double h,
-                     std::span<double* const> currents);
-
   /// D_t(UᵀMV) + Σ D_a(UᵀK_aV) in every cell, for two tangent solutions over the same step: UᵀMV averaged in x at
   /// levels, UᵀK_aV in t on the faces between cells. For Placement::corners, at the node of the level `before`,
   ///

@@ -4,23 +4,24 @@
 #include <string>
 #include <vector>
 
+#include <rubato/pde/initial_level.hpp>
 #include <rubato/pde/local_laws.hpp>
+#include <rubato/variation/lattice_variation.hpp>
 
 namespace rubato {
 
 /// The local laws that varying the place of one node gives (theory, section 5, "Local laws"): at every node of a level
-/// between two steps,
+/// between two steps, with the currents J^ν_ρ of LatticeVariation,
 ///
-///     [⟨J^ν_t⟩_k - ⟨J^ν_t⟩_{k-1}] ΔV + Σ_a (⟨h J^ν_a⟩_right - ⟨h J^ν_a⟩_left) ΔV/Δx_a,
+///     ∂𝕊/∂x^ν(node) = -Σ_ρ D_ρᵀ h ΔV J^ν_ρ,  the sum over both steps:
 ///
-/// ⟨ ⟩ the mean of the cells on that side of the node: ν = t is the law of energy, whose sum over the nodes is
-/// E_k - E_{k-1}; ν = x, … are those of momentum. They vanish to truncation error only.
-///
-/// For euler-box (Placement::corners) the currents of a cell belong to its base corner, and the laws are its node laws,
-/// with e, f, m, g of theory: [e_k - e_{k-1}] ΔV + h Σ_a (f_i - f_{i-1}) ΔV/Δx_a, and so for momentum.
+/// ν = t is the law of energy, whose sum over the nodes is E_k - E_{k-1}: [⟨e⟩_k - ⟨e⟩_{k-1}]Δx + ⟨h f⟩_right -
+/// ⟨h f⟩_left for the box, ⟨ ⟩ the mean of the cells on that side of the node, and without means for euler-box. ν = x,
+/// … are those of momentum. They vanish to truncation error only.
 class VariationalLaws {
 public:
-  VariationalLaws(LocalLaws& laws, const grids::Grid& grid);
+  /// \throws std::invalid_argument if the dimensions of action and grid differ
+  VariationalLaws(LatticeAction action, const grids::Grid& grid);
 
   /// "variational_energy", "variational_momentum" (in more dimensions "variational_momentum_x", …).
   [[nodiscard]] const std::vector<std::string>& names() const { return names_; }
@@ -35,11 +36,9 @@ public:
   void reset() { started_ = false; }
 
 private:
-  LocalLaws& laws_;
-  grids::Grid grid_;
+  LatticeVariation variation_;
   std::vector<std::string> names_;
-  grids::FieldSet currents_, scratch_;
-  grids::FieldSet density_, flux_;  ///< of the last step at nodes, ΔV⟨J_t⟩ and its share of the differences of fluxes
+  grids::FieldSet upper_;  ///< of the last step, at its upper level
   grids::FieldSet residual_;
   bool started_ = false;
 };

@@ -2,6 +2,8 @@
 
 #include <limits>
 
+#include <rubato/pde/lattice_actions.hpp>
+
 namespace rubato::study {
 
 namespace {
@@ -15,7 +17,7 @@ LatticeResiduals::LatticeResiduals(LocalLaws& laws, const MultisymplecticSystem&
     : laws_(laws), count_(grid.size()), names_(laws.names()), cells_(static_cast<int>(laws.count()), grid.size()) {
   cells_.fill(std::numeric_limits<double>::quiet_NaN());
   if (wanted.variational) {
-    variational_.emplace(laws, grid);
+    variational_.emplace(action_of(system, laws.placement()), grid);
     names_.insert(names_.end(), variational_->names().begin(), variational_->names().end());
   }
   if (wanted.tangents) {

@@ -23,20 +23,30 @@ using Side = LatticeVariation::Side;
 /// Points that one call of an evaluator is given.
 constexpr std::size_t piece = 4096;
 
-/// The operator that a field is read by: in the slab there is one value, whatever the operator in time.
-InTime time_of(const LatticeAction& action, int field, const StencilOperator& op) {
-  return action.at_midpoints[static_cast<std::size_t>(field)] ? InTime::after : op.time;
+/// What an operator makes of the values on both levels, apart from space: before·z_k + after·z_{k+1}.
+struct TimeWeights {
+  double before = 0.0;
+  double after = 0.0;
+
+  [[nodiscard]] double of(Side side) const { return side == Side::before ? before : after; }
+};
+
+TimeWeights weights(InTime time, double h) {
+  switch (time) {
+    case InTime::before: return {1.0, 0.0};
+    case InTime::after: return {0.0, 1.0};
+    case InTime::mean: return {0.5, 0.5};
+    case InTime::difference: return {-1.0 / h, 1.0 / h};
+  }
+  return {};
 }
 
-/// How much of an operator's result the value at one side's level is: ∂(L_o z)/∂z_side, apart from space.
-double weight(Side side, InTime time, double h) {
-  switch (time) {
-    case InTime::before: return side == Side::before ? 1.0 : 0.0;
-    case InTime::after: return side == Side::after ? 1.0 : 0.0;
-    case InTime::mean: return 0.5;
-    case InTime::difference: return (side == Side::after ? 1.0 : -1.0) / h;
+/// A field in the slab has one value there, and no difference.
+TimeWeights weights(const LatticeAction& action, int field, InTime time, double h) {
+  if (!action.at_midpoints[static_cast<std::size_t>(field)]) {
+    return weights(time, h);
   }
-  return 0.0;
+  return {0.0, time == InTime::difference ? 0.0 : 1.0};
 }
 
 /// Code evaluated at every cell, each thread with a copy of its own.
@@ -155,7 +165,7 @@ struct LatticeVariation::Storage {
       const auto [field, op, variable] = action.values[j];
       const StencilOperator& o = action.operators[static_cast<std::size_t>(op)];
       const auto result = out.field(static_cast<int>(j));
-      const double* in = in_time(time_of(action, field, o), before.field(field), after.field(field));
+      const double* in = in_time(weights(action, field, o.time, h), before.field(field), after.field(field));
       if (o.space == grids::SpaceOperator::identity()) {
         std::ranges::copy(std::span(in, grid.size()), result.begin());
       } else {
@@ -178,16 +188,19 @@ struct LatticeVariation::Storage {
     return op.spectral_axis == 0 || op.box[0] == grids::Along::difference;
   }
 
-  const double* in_time(InTime time, std::span<const double> before, std::span<const double> after) {
-    if (time == InTime::before || time == InTime::after) {
-      return (time == InTime::before ? before : after).data();
+  const double* in_time(TimeWeights w, std::span<const double> before, std::span<const double> after) {
+    if (w.before == 0.0 && w.after == 1.0) {
+      return after.data();
     }
-    const double factor = time == InTime::mean ? 0.5 : 1.0 / h;
-    const double sign = time == InTime::mean ? 1.0 : -1.0;
+    if (w.before == 1.0 && w.after == 0.0) {
+      return before.data();
+    }
+    // The same two weights but for a sign: values that agree leave no rounding in a difference.
+    const double ratio = w.after == 0.0 ? 0.0 : w.before / w.after;
     double* out = scratch.field(0).data();
     grids::for_each_block(grid.size(), piece, [&](std::size_t begin, std::size_t end) {
       for (std::size_t i = begin; i < end; ++i) {
-        out[i] = factor * (after[i] + sign * before[i]);
+        out[i] = w.after * (after[i] + ratio * before[i]);
       }
     });
     return out;
@@ -229,7 +242,7 @@ struct LatticeVariation::Storage {
       for (std::size_t j = 0; j < action.values.size(); ++j) {
         if (action.values[j].field == f) {
           const StencilOperator& op = action.operators[static_cast<std::size_t>(action.values[j].op)];
-          if (const double w = weight(side, time_of(action, f, op), h); w != 0.0) {
+          if (const double w = weights(action, f, op.time, h).of(side); w != 0.0) {
             terms.push_back({w, op.space, of_values.field(static_cast<int>(j)).data()});
           }
         }
@@ -314,7 +327,7 @@ void LatticeVariation::coordinates(Side side, FieldSet& out) {
     std::vector<GatherTerm> terms;
     for (int rho = 0; rho < n; ++rho) {
       const StencilOperator& op = s.action.operators[static_cast<std::size_t>(s.derivative(rho))];
-      if (const double w = weight(side, op.time, s.h); w != 0.0) {
+      if (const double w = weights(op.time, s.h).of(side); w != 0.0) {
         terms.push_back({-w, op.space, std::as_const(s.currents).field(nu * n + rho).data()});
       }
     }

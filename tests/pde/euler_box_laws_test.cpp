@@ -5,6 +5,7 @@
 #include <catch2/catch.hpp>
 
 #include <rubato/pde/lattice.hpp>
+#include <rubato/pde/lattice_actions.hpp>
 #include <rubato/pde/tangent.hpp>
 #include <rubato/pde/variational_laws.hpp>
 #include <rubato/variation/total_variation.hpp>
@@ -137,7 +138,7 @@ TEST_CASE("the variational residuals of euler-box are the variations of its acti
   const grids::Grid grid({{"x", -6, 6, 60}});
   const double h = 0.1;
   LatticeIntegrator lattice(system, grid, bumps(system, grid), euler_box(h, 1));
-  VariationalLaws variational(lattice.laws(), grid);
+  VariationalLaws variational(euler_box_action(system), grid);
   REQUIRE(lattice.step().status == Status::success);
   const LatticeLevel first = lattice.previous();
   const LatticeLevel second = lattice.level();

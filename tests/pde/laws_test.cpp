@@ -5,6 +5,7 @@
 
 #include <rubato/pde/cell_action.hpp>
 #include <rubato/pde/lattice.hpp>
+#include <rubato/pde/lattice_actions.hpp>
 #include <rubato/pde/tangent.hpp>
 #include <rubato/pde/variational_laws.hpp>
 #include <rubato/variation/total_variation.hpp>
@@ -208,8 +209,7 @@ TEST_CASE("the variational node residuals are the variations of the action in th
   const auto system = sine_gordon();
   const grids::Grid grid({{"x", -6, 6, 61}});
   FreeRun run(system, grid, gaussians(system, grid), 0.1);
-  LocalLaws laws(system, grid);
-  VariationalLaws variational(laws, grid);
+  VariationalLaws variational(box_action(system), grid);
   run.step(0.1);
   const LatticeLevel first = run.previous;
   const LatticeLevel second = run.scheme->level();
