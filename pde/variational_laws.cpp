@@ -11,8 +11,8 @@ namespace rubato {
 VariationalLaws::VariationalLaws(LatticeAction action, const grids::Grid& grid)
     : variation_(std::move(action), grid),
       names_{"variational_energy"},
-      upper_(1 + grid.dimensions(), grid.size()),
-      residual_(upper_) {
+      parts_(1 + grid.dimensions(), grid.size()),
+      residual_(parts_.after) {
   for (const grids::Axis& axis : grid.axes()) {
     names_.push_back(grid.dimensions() == 1 ? "variational_momentum"
                                             : fmt::format("variational_momentum_{}", axis.name));
@@ -21,18 +21,18 @@ VariationalLaws::VariationalLaws(LatticeAction action, const grids::Grid& grid)
 
 std::optional<std::vector<LawSize>> VariationalLaws::take(const LatticeLevel& before, const LatticeLevel& after,
                                                           double h) {
+  residual_.copy_from(parts_.after);  // of the last step
   variation_.take(before.fields, after.fields, h, after.slopes);
-  variation_.coordinates(LatticeVariation::Side::before, residual_);
+  variation_.coordinates(parts_);
   std::vector<LawSize> sizes;
   for (int nu = 0; nu < residual_.fields(); ++nu) {
     const auto residual = residual_.field(nu);
-    const auto last = std::as_const(upper_).field(nu);
+    const auto next = std::as_const(parts_.before).field(nu);
     for (std::size_t i = 0; i < residual.size(); ++i) {
-      residual[i] += last[i];
+      residual[i] += next[i];
     }
     sizes.emplace_back().add(grids::max_abs(residual), grids::dot(residual, residual), residual.size());
   }
-  variation_.coordinates(LatticeVariation::Side::after, upper_);
   if (!std::exchange(started_, true)) {
     return std::nullopt;
   }

@@ -38,7 +38,7 @@ public:
 private:
   LatticeVariation variation_;
   std::vector<std::string> names_;
-  grids::FieldSet upper_;  ///< of the last step, at its upper level
+  LatticeVariation::Parts parts_;  ///< of the step taken last
   grids::FieldSet residual_;
   bool started_ = false;
 };

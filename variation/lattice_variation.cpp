@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <array>
-#include <optional>
 #include <stdexcept>
 #include <utility>
 
@@ -18,7 +17,7 @@ namespace {
 
 using formula::Expression;
 using grids::FieldSet;
-using Side = LatticeVariation::Side;
+using Parts = LatticeVariation::Parts;
 
 /// Points that one call of an evaluator is given.
 constexpr std::size_t piece = 4096;
@@ -27,8 +26,6 @@ constexpr std::size_t piece = 4096;
 struct TimeWeights {
   double before = 0.0;
   double after = 0.0;
-
-  [[nodiscard]] double of(Side side) const { return side == Side::before ? before : after; }
 };
 
 TimeWeights weights(InTime time, double h) {
@@ -81,13 +78,6 @@ private:
   std::vector<std::vector<double*>> out_;
 };
 
-/// One term of a gather back to the nodes: weight · L_spaceᵀ(cells).
-struct GatherTerm {
-  double weight;
-  grids::SpaceOperator space;
-  const double* cells;
-};
-
 }  // namespace
 
 struct LatticeVariation::Storage {
@@ -99,7 +89,8 @@ struct LatticeVariation::Storage {
         directions(inputs),
         gradient(inputs),
         currents((1 + action.dimensions) * (1 + action.dimensions), g.size()),
-        scratch(2, g.size()) {
+        second(inputs),
+        scratch(1, g.size()) {
     for (const LatticeAction::Value& value : action.values) {
       variables.push_back(value.variable);
     }
@@ -107,6 +98,9 @@ struct LatticeVariation::Storage {
     density_code = GridCode(std::array{lagrangian}, variables);
     const std::vector<Expression> first = formula::gradient(lagrangian, variables);
     gradient_code = GridCode(first, variables);
+    for (const Expression derivative : first) {
+      read.push_back(!derivative.is_constant() || derivative.constant_value() != 0.0);
+    }
     compile_currents();
     compile_second_variation(first);
   }
@@ -149,14 +143,14 @@ struct LatticeVariation::Storage {
   /// The gradient of (∂L/∂values)·u: the second variation applied to a direction u.
   void compile_second_variation(std::span<const Expression> first) {
     formula::Graph& graph = *action.graph;
-    std::vector<Expression> inputs_and_directions = variables;
+    std::vector<Expression> both = variables;
     Expression along = graph.constant(0.0);
     for (std::size_t j = 0; j < variables.size(); ++j) {
-      inputs_and_directions.push_back(graph.variable(fmt::format("variation of value {}", j)));
-      along += first[j] * inputs_and_directions.back();
+      both.push_back(graph.variable(fmt::format("variation of value {}", j)));
+      along += first[j] * both.back();
     }
     const std::vector<Expression> rows = formula::gradient(along, variables);
-    second_code = GridCode(rows, inputs_and_directions);
+    second_code = GridCode(rows, both);
   }
 
   /// L_o of the fields of a slab, into one array for each value of the action.
@@ -206,49 +200,47 @@ struct LatticeVariation::Storage {
     return out;
   }
 
-  /// out = h ΔV Σ weight · L_spaceᵀ(cells), those of one operator in space together.
-  void gather_back(std::vector<GatherTerm> terms, std::span<double> out) {
-    std::ranges::fill(out, 0.0);
-    const double volume = h * grid.cell_volume();
-    while (!terms.empty()) {
-      const grids::SpaceOperator space = terms.front().space;
-      double* sum = scratch.field(0).data();
-      double* moved = scratch.field(1).data();
-      std::fill_n(sum, grid.size(), 0.0);
-      std::erase_if(terms, [&](const GatherTerm& term) {
-        if (term.space != space) {
-          return false;
-        }
-        for (std::size_t i = 0; i < grid.size(); ++i) {
-          sum[i] += term.weight * term.cells[i];
-        }
-        return true;
-      });
-      const double* result = sum;
-      if (space != grids::SpaceOperator::identity()) {
-        stencil.apply_adjoint(space, sum, moved);
-        result = moved;
+  /// Row `row` of out += factor · h ΔV · (L_o)ᵀ(cells), with the operator's weights on both levels.
+  void gather_back(const StencilOperator& op, TimeWeights w, double factor, const double* cells, int row, Parts& out) {
+    const double volume = factor * h * grid.cell_volume();
+    const double* moved = cells;
+    if (op.space != grids::SpaceOperator::identity()) {
+      moved = scratch.field(0).data();
+      stencil.apply_adjoint(op.space, cells, scratch.field(0).data());
+    }
+    const auto add = [&](double weight, std::span<double> to) {
+      if (weight != 0.0) {
+        grids::for_each_block(to.size(), piece, [&, weight](std::size_t begin, std::size_t end) {
+          for (std::size_t i = begin; i < end; ++i) {
+            to[i] += weight * moved[i];
+          }
+        });
       }
-      for (std::size_t i = 0; i < out.size(); ++i) {
-        out[i] += volume * result[i];
+    };
+    add(volume * w.before, out.before.field(row));
+    add(volume * w.after, out.after.field(row));
+  }
+
+  /// Σ_o (∂L_o z/∂z)ᵀ of one array for each value of the action.
+  void back_to_values(const FieldSet& of_values, Parts& out) {
+    out.before.fill(0.0);
+    out.after.fill(0.0);
+    for (std::size_t j = 0; j < action.values.size(); ++j) {
+      if (read[j]) {
+        const auto& [field, number, variable] = action.values[j];
+        const StencilOperator& op = action.operators[static_cast<std::size_t>(number)];
+        gather_back(op, weights(action, field, op.time, h), 1.0, of_values.field(static_cast<int>(j)).data(), field,
+                    out);
       }
     }
   }
 
-  /// Σ_o (∂L_o z/∂z)ᵀ of one array for each value of the action.
-  void back_to_values(Side side, const FieldSet& of_values, FieldSet& out) {
-    for (int f = 0; f < action.fields; ++f) {
-      std::vector<GatherTerm> terms;
-      for (std::size_t j = 0; j < action.values.size(); ++j) {
-        if (action.values[j].field == f) {
-          const StencilOperator& op = action.operators[static_cast<std::size_t>(action.values[j].op)];
-          if (const double w = weights(action, f, op.time, h).of(side); w != 0.0) {
-            terms.push_back({w, op.space, of_values.field(static_cast<int>(j)).data()});
-          }
-        }
-      }
-      gather_back(std::move(terms), out.field(f));
+  [[nodiscard]] std::vector<const double*> inputs_and_directions() const {
+    std::vector<const double*> both;
+    for (const FieldSet* part : {&inputs, &directions}) {
+      both.insert(both.end(), part->pointers().begin(), part->pointers().end());
     }
+    return both;
   }
 
   void need_gradient() {
@@ -268,11 +260,12 @@ struct LatticeVariation::Storage {
   std::vector<Expression> variables;
   GridCode density_code, gradient_code, currents_code, second_code;
   FieldSet inputs;      ///< L_o z of the slab
-  FieldSet directions;  ///< L_o u of a tangent solution, then the second variation
+  FieldSet directions;  ///< L_o u of a variation u
   FieldSet gradient;    ///< ∂L/∂(L_o z)
   FieldSet currents;    ///< J^ν_ρ
+  FieldSet second;      ///< the second variation applied to them
   FieldSet scratch;
-  std::optional<FieldSet> second;
+  std::vector<bool> read;  ///< whether L depends on a value (the currents read all)
   double h = 0.0;
   bool gradient_known = false;
   bool currents_known = false;
@@ -314,24 +307,22 @@ double LatticeVariation::energy() {
   return s.grid.cell_volume() * grids::sum(std::as_const(s.currents).field(0));
 }
 
-void LatticeVariation::values(Side side, FieldSet& out) {
+void LatticeVariation::values(Parts& out) {
   storage_->need_gradient();
-  storage_->back_to_values(side, storage_->gradient, out);
+  storage_->back_to_values(storage_->gradient, out);
 }
 
-void LatticeVariation::coordinates(Side side, FieldSet& out) {
+void LatticeVariation::coordinates(Parts& out) {
   Storage& s = *storage_;
   s.need_currents();
+  out.before.fill(0.0);
+  out.after.fill(0.0);
   const int n = s.directions_count();
   for (int nu = 0; nu < n; ++nu) {
-    std::vector<GatherTerm> terms;
     for (int rho = 0; rho < n; ++rho) {
       const StencilOperator& op = s.action.operators[static_cast<std::size_t>(s.derivative(rho))];
-      if (const double w = weights(op.time, s.h).of(side); w != 0.0) {
-        terms.push_back({-w, op.space, std::as_const(s.currents).field(nu * n + rho).data()});
-      }
+      s.gather_back(op, weights(op.time, s.h), -1.0, std::as_const(s.currents).field(nu * n + rho).data(), nu, out);
     }
-    s.gather_back(std::move(terms), out.field(nu));
   }
 }
 
@@ -340,34 +331,30 @@ void LatticeVariation::currents(FieldSet& out) {
   out.copy_from(storage_->currents);
 }
 
-void LatticeVariation::tangent(Side side, const FieldSet& u_before, const FieldSet& u_after, FieldSet& out) {
+void LatticeVariation::tangent(const Parts& u, Parts& out) {
   Storage& s = *storage_;
-  s.gather(u_before, u_after, nullptr, s.directions);
-  if (!s.second) {
-    s.second.emplace(s.inputs.fields(), s.grid.size());
-  }
-  std::vector<const double*> inputs;
-  for (const FieldSet* part : {&std::as_const(s.inputs), &std::as_const(s.directions)}) {
-    inputs.insert(inputs.end(), part->pointers().begin(), part->pointers().end());
-  }
-  s.second_code(s.grid.size(), inputs, s.second->pointers());
-  s.back_to_values(side, *s.second, out);
+  s.gather(u.before, u.after, nullptr, s.directions);
+  s.second_code(s.grid.size(), s.inputs_and_directions(), s.second.pointers());
+  s.back_to_values(s.second, out);
 }
 
-void LatticeVariation::two_form(Side side, const FieldSet& u_before, const FieldSet& u_after, const FieldSet& v_before,
-                                const FieldSet& v_after, std::span<double> out) {
-  const FieldSet& u = side == Side::before ? u_before : u_after;
-  const FieldSet& v = side == Side::before ? v_before : v_after;
-  FieldSet of_u(u.fields(), u.size());
-  FieldSet of_v(of_u);
-  tangent(side, u_before, u_after, of_u);
-  tangent(side, v_before, v_after, of_v);
-  std::ranges::fill(out, 0.0);
-  for (int f = 0; f < u.fields(); ++f) {
-    for (std::size_t i = 0; i < out.size(); ++i) {
-      out[i] += u.field(f)[i] * std::as_const(of_v).field(f)[i] - v.field(f)[i] * std::as_const(of_u).field(f)[i];
+void LatticeVariation::two_form(const Parts& u, const Parts& v, Parts& out) {
+  const int fields = u.before.fields();
+  Parts of_u(fields, u.before.size());
+  Parts of_v(of_u);
+  tangent(u, of_u);
+  tangent(v, of_v);
+  const auto contract = [fields](const FieldSet& a, const FieldSet& of_b, const FieldSet& b, const FieldSet& of_a,
+                                 std::span<double> result) {
+    std::ranges::fill(result, 0.0);
+    for (int f = 0; f < fields; ++f) {
+      for (std::size_t i = 0; i < result.size(); ++i) {
+        result[i] += a.field(f)[i] * of_b.field(f)[i] - b.field(f)[i] * of_a.field(f)[i];
+      }
     }
-  }
+  };
+  contract(u.before, of_v.before, v.before, of_u.before, out.before.field(0));
+  contract(u.after, of_v.after, v.after, of_u.after, out.after.field(0));
 }
 
 }  // namespace rubato

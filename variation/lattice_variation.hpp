@@ -31,8 +31,12 @@ namespace rubato {
 /// J^x_t, J^x_x.
 class LatticeVariation {
 public:
-  /// The level of a slab: its lower one, t_k, or its upper one, t_{k+1}.
-  enum class Side { before, after };
+  /// One row of values for each quantity at the nodes of both levels of the slab: what it gives at t_k and at t_{k+1}.
+  struct Parts {
+    grids::FieldSet before, after;
+
+    Parts(int rows, std::size_t nodes) : before(rows, nodes), after(rows, nodes) {}
+  };
 
   /// \throws std::invalid_argument if the dimensions of action and grid differ
   LatticeVariation(LatticeAction action, const grids::Grid& grid);
@@ -50,21 +54,19 @@ public:
   [[nodiscard]] double action_value();
   /// E = -∂𝕊/∂h.
   [[nodiscard]] double energy();
-  /// ∂𝕊/∂z_f(node) of the nodes on one side, into out.field(f).
-  void values(Side side, grids::FieldSet& out);
-  /// ∂𝕊/∂x^ν(node) of the nodes on one side, ν = 0 for time, into out.field(ν).
-  void coordinates(Side side, grids::FieldSet& out);
+  /// ∂𝕊/∂z_f(node), row f.
+  void values(Parts& out);
+  /// ∂𝕊/∂x^ν(node), row ν, 0 for time.
+  void coordinates(Parts& out);
   /// J^ν_ρ in every cell, into out.field(ν·(1 + dimensions) + ρ).
   void currents(grids::FieldSet& out);
 
-  /// Takes a tangent solution over the slab (variations of the values at frozen levels), δ𝕊_z into `rows` on one side:
-  /// the variation of values().
-  void tangent(Side side, const grids::FieldSet& u_before, const grids::FieldSet& u_after, grids::FieldSet& out);
-  /// Ω(U, V) at the nodes of one side: Uᵀδ_V(∂𝕊/∂z) - Vᵀδ_U(∂𝕊/∂z). Over both sides it sums to 0 for any U and V (the
+  /// The variation of values() along u, a variation of the values at frozen levels: row f.
+  void tangent(const Parts& u, Parts& out);
+  /// Ω(U, V) at the nodes, Uᵀδ_V(∂𝕊/∂z) - Vᵀδ_U(∂𝕊/∂z), in row 0. Over both levels it sums to 0 for any U and V (the
   /// second variation is symmetric), and at a node between two slabs for solutions U, V of the linearised equation: the
   /// multisymplectic law.
-  void two_form(Side side, const grids::FieldSet& u_before, const grids::FieldSet& u_after,
-                const grids::FieldSet& v_before, const grids::FieldSet& v_after, std::span<double> out);
+  void two_form(const Parts& u, const Parts& v, Parts& out);
 
 private:
   struct Storage;

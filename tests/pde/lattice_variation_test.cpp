@@ -20,7 +20,7 @@
 using namespace rubato;
 using namespace rubato::tests;
 using grids::FieldSet;
-using Side = LatticeVariation::Side;
+using Parts = LatticeVariation::Parts;
 
 namespace {
 
@@ -108,15 +108,15 @@ TEST_CASE("the variations on the mesh are those of the cell's action as a functi
     const std::array levels{random_fields(d, 7, 1), random_fields(d, 7, 2), random_fields(d, 7, 3)};
     const std::array<double, 3> t{0.3, 0.42, 0.61};
     LatticeVariation mesh(box_action(system), grid);
-    FieldSet values_before(d, 7), values_after(d, 7), places_before(2, 7), places_after(2, 7);
-    mesh.take(levels[0], levels[1], t[1] - t[0]);
-    mesh.values(Side::after, values_after);
-    mesh.coordinates(Side::after, places_after);
-    mesh.take(levels[1], levels[2], t[2] - t[1]);
-    mesh.values(Side::before, values_before);
-    mesh.coordinates(Side::before, places_before);
-    const FieldSet values = sum(values_before, values_after);
-    const FieldSet places = sum(places_before, places_after);
+    std::array values_of{Parts(d, 7), Parts(d, 7)};
+    std::array places_of{Parts(2, 7), Parts(2, 7)};
+    for (std::size_t k = 0; k < 2; ++k) {
+      mesh.take(levels[k], levels[k + 1], t[k + 1] - t[k]);
+      mesh.values(values_of[k]);
+      mesh.coordinates(places_of[k]);
+    }
+    const FieldSet values = sum(values_of[0].after, values_of[1].before);
+    const FieldSet places = sum(places_of[0].after, places_of[1].before);
 
     FormulaAction cell = box_cell_action(system);
     double worst = 0.0;
@@ -155,10 +155,9 @@ TEST_CASE("variations of values and of the step are the derivatives of the actio
       FieldSet before = random_fields(d, grid.size(), 4);
       FieldSet after = random_fields(d, grid.size(), 5);
       const double h = 0.2;
-      FieldSet lower(d, grid.size()), upper(d, grid.size());
+      Parts variations(d, grid.size());
       mesh.take(before, after, h);
-      mesh.values(Side::before, lower);
-      mesh.values(Side::after, upper);
+      mesh.values(variations);
       const double energy = mesh.energy();
       for (int f = 0; f < d; ++f) {
         for (const std::size_t node : {std::size_t{0}, grid.size() / 2, grid.size() - 1}) {
@@ -172,7 +171,7 @@ TEST_CASE("variations of values and of the step are the derivatives of the actio
               action[side] = mesh.action_value();
             }
             value = old;
-            const FieldSet& variation = level == &before ? lower : upper;
+            const FieldSet& variation = level == &before ? variations.before : variations.after;
             CHECK(std::abs((action[1] - action[0]) / (2 * width) - variation.field(f)[node]) < tolerance);
           }
         }
@@ -193,11 +192,10 @@ TEST_CASE("the times of all nodes of a level vary the action by its discrete ene
       LatticeVariation mesh(state(system), grid);
       const int d = system.field_count();
       mesh.take(random_fields(d, grid.size(), 6), random_fields(d, grid.size(), 7), 0.2);
-      FieldSet places(1 + grid.dimensions(), grid.size());
-      mesh.coordinates(Side::before, places);
-      CHECK(std::abs(grids::sum(std::as_const(places).field(0)) - mesh.energy()) < 10 * rounding);
-      mesh.coordinates(Side::after, places);
-      CHECK(std::abs(grids::sum(std::as_const(places).field(0)) + mesh.energy()) < 10 * rounding);
+      Parts places(1 + grid.dimensions(), grid.size());
+      mesh.coordinates(places);
+      CHECK(std::abs(grids::sum(std::as_const(places.before).field(0)) - mesh.energy()) < 10 * rounding);
+      CHECK(std::abs(grids::sum(std::as_const(places.after).field(0)) + mesh.energy()) < 10 * rounding);
     }
   }
 }
@@ -314,9 +312,10 @@ TEST_CASE("variations of places are the derivatives of the action on a mesh whos
       LatticeVariation mesh((corners ? euler_box_action : box_action)(system), grid);
       mesh.take(z[0], z[1], h);
       CHECK(std::abs(moved(z, moves) - mesh.action_value()) < rounding * static_cast<double>(grid.size()));
+      Parts parts(n, grid.size());
+      mesh.coordinates(parts);
       for (std::size_t level = 0; level < 2; ++level) {
-        FieldSet places(n, grid.size());
-        mesh.coordinates(level == 0 ? Side::before : Side::after, places);
+        const FieldSet& places = level == 0 ? parts.before : parts.after;
         for (int nu = 0; nu < n; ++nu) {
           for (const std::size_t node : {std::size_t{0}, grid.size() / 2, grid.size() - 1}) {
             double& move = moves[level].field(nu)[node];
@@ -325,8 +324,8 @@ TEST_CASE("variations of places are the derivatives of the action on a mesh whos
             move = -width;
             const double slope = (forward - moved(z, moves)) / (2 * width);
             move = 0.0;
-            CHECK(std::abs(slope - std::as_const(places).field(nu)[node]) < tolerance);
-            CHECK(std::abs(slope - std::as_const(places).field(nu)[(node + 1) % grid.size()]) > tolerance);  // a twin
+            CHECK(std::abs(slope - places.field(nu)[node]) < tolerance);
+            CHECK(std::abs(slope - places.field(nu)[(node + 1) % grid.size()]) > tolerance);  // a twin
           }
         }
       }
@@ -339,15 +338,21 @@ TEST_CASE("the two-form of any two variations sums to zero over both levels of a
     for (const Statement state : statements) {
       LatticeVariation mesh(state(system), grid);
       const int d = system.field_count();
-      const auto field = [&](unsigned seed) { return random_fields(d, grid.size(), seed); };
-      mesh.take(field(20), field(21), 0.2);
-      const FieldSet u_0 = field(22), u_1 = field(23), v_0 = field(24), v_1 = field(25);
-      std::vector<double> lower(grid.size()), upper(grid.size());
-      mesh.two_form(Side::before, u_0, u_1, v_0, v_1, lower);
-      mesh.two_form(Side::after, u_0, u_1, v_0, v_1, upper);
-      CHECK(std::abs(grids::sum(lower) + grids::sum(upper)) < 10 * rounding);
-      mesh.two_form(Side::after, u_0, u_1, v_0, field(26), upper);  // the twin: another V
-      CHECK(std::abs(grids::sum(lower) + grids::sum(upper)) > 1e6 * rounding);
+      const auto pair = [&](unsigned seed) {
+        Parts result(d, grid.size());
+        result.before = random_fields(d, grid.size(), seed);
+        result.after = random_fields(d, grid.size(), seed + 1);
+        return result;
+      };
+      const Parts levels = pair(20);
+      mesh.take(levels.before, levels.after, 0.2);
+      const Parts u = pair(22), v = pair(24);
+      Parts form(1, grid.size());
+      mesh.two_form(u, v, form);
+      const double lower = grids::sum(form.before.field(0));
+      CHECK(std::abs(lower + grids::sum(form.after.field(0))) < 10 * rounding);
+      mesh.two_form(u, pair(26), form);  // the twin: another V
+      CHECK(std::abs(lower + grids::sum(form.after.field(0))) > 1e6 * rounding);
     }
   }
 }
@@ -364,17 +369,17 @@ TEST_CASE("varying the values of the euler-box action gives its map") {
     REQUIRE(map.advance(h, first, second) == Status::success);
     REQUIRE(map.advance(h, second, third) == Status::success);
     LatticeVariation mesh(euler_box_action(system), grid);
-    FieldSet upper(d, grid.size()), lower(upper);
+    Parts into(d, grid.size()), from(into);
     mesh.take(first, second, h);
-    mesh.values(Side::after, upper);
+    mesh.values(into);
     mesh.take(second, third, h);
-    mesh.values(Side::before, lower);
-    CHECK(largest(sum(lower, upper)) < rounding);
+    mesh.values(from);
+    CHECK(largest(sum(into.after, from.before)) < rounding);
     for (int f = 0; f < d; ++f) {
       third.field(f)[3] += 1e-6;  // the twin
     }
     mesh.take(second, third, h);
-    mesh.values(Side::before, lower);
-    CHECK(largest(sum(lower, upper)) > 1e-9);
+    mesh.values(from);
+    CHECK(largest(sum(into.after, from.before)) > 1e-9);
   }
 }
