@@ -11,13 +11,16 @@
 ///
 ///     𝕊 = Σ_elements A(corner coordinates, corner values)
 ///
-/// | vary            | at                 | gives                                                    | here |
-/// |-----------------|--------------------|----------------------------------------------------------|---------------------|
-/// | the value z     | an interior node   | discrete Euler–Lagrange equation (3.3): the integrator   | value_variation
-/// | | the time t      | an interior node   | discrete energy law (3.4)                                |
-/// coordinate_variation| | the position x  | an interior node   | discrete momentum law | coordinate_variation| |
-/// anything        | a boundary corner  | one-forms θ⁻, θ⁺ (3.6)–(3.7); ω = dθ⁺ (3.13)              |
-/// boundary_one_form, two_form |
+// clang-format off
+/// | vary            | at                | gives                                                  | here                 |
+/// |-----------------|-------------------|--------------------------------------------------------|----------------------|
+/// | the value z     | an interior node  | discrete Euler–Lagrange equation (3.3): the integrator | value_variation      |
+/// | the time t      | an interior node  | discrete energy law (3.4)                              | coordinate_variation |
+/// | the position x  | an interior node  | discrete momentum law                                  | coordinate_variation |
+/// | anything        | a boundary corner | one-forms θ⁻, θ⁺ (3.6)–(3.7); ω = dθ⁺ (3.13)           | boundary_one_form, two_form |
+///
+/// These act on single elements; on a whole lattice, LatticeVariation does the same for all nodes at once.
+// clang-format on
 
 namespace rubato {
 
