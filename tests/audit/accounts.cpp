@@ -36,10 +36,12 @@ long double rounding_of(const std::string& key, const Json& run, const Roundings
     return 2 * roundings.node_energy;
   }
   if (begins(key, "gamma")) {
-    return roundings.gamma;
+    // That of a lattice comes from differences of levels, whose rounding nobody has bounded.
+    return roundings.gamma > 0 ? roundings.gamma
+                               : 1e-9L * std::abs(run["gamma.min"]) + 1e-9L * std::abs(run["gamma.max"]);
   }
   for (const auto& [name, rounding] : roundings.invariants) {
-    if (begins(key, ("invariants." + name + ".").c_str())) {
+    if (begins(key, ("totals." + name + ".").c_str()) || begins(key, ("invariants." + name + ".").c_str())) {
       return 2 * rounding;
     }
   }
@@ -105,13 +107,16 @@ std::vector<std::string> prefixes_of(const std::string& row) {
   if (const auto found = known.find(row); found != known.end()) {
     return found->second;
   }
-  for (const char* word : {"residual ", "total ", "error in "}) {
-    if (row.rfind(word, 0) == 0) {
-      const std::string group = word[0] == 'r' ? "residuals." : word[0] == 't' ? "totals." : "error.";
-      return {group + row.substr(std::string(word).size()) + "."};
+  std::string name = row;
+  for (const std::string& suffix : {std::string(", deviation"), std::string(", largest")}) {
+    name = name.ends_with(suffix) ? name.substr(0, name.size() - suffix.size()) : name;
+  }
+  for (const auto& [word, group] :
+       {std::pair{"residual ", "residuals."}, {"total ", "totals."}, {"error in ", "error."}}) {
+    if (begins(name, word)) {
+      return {group + name.substr(std::string(word).size()) + "."};
     }
   }
-  const std::string name = row.ends_with(", deviation") ? row.substr(0, row.size() - 11) : row;
   return {"invariants." + name + "."};
 }
 

@@ -22,6 +22,7 @@
 
 #include <fmt/format.h>
 
+#include "audit/lattice_audit.hpp"
 #include "audit/orbit_audit.hpp"
 #include "audit/orbit_problem.hpp"
 
@@ -33,9 +34,10 @@ constexpr std::size_t most_told = 3;  ///< findings of a kind in one case
 
 bool judge(const std::string& program, const std::string& kind, std::uint64_t number) {
   Findings findings;
-  audit_orbit(program, number, findings);
+  (kind == "orbit" ? audit_orbit : audit_lattice)(program, number, findings);
   if (!findings.list.empty()) {
-    fmt::print("{} {} ({})\n", kind, number, random_orbit(number).family);
+    fmt::print("{} {} ({})\n", kind, number,
+               kind == "orbit" ? random_orbit(number).family : random_lattice(number).family);
   }
   std::map<std::string, std::size_t> told;
   for (const auto& [word, text] : findings.list) {
@@ -89,14 +91,15 @@ int main(int argc, char** argv) {
     return usage();
   }
   if (words[1] == "twins") {
-    return orbit_twins(std::filesystem::absolute(words[0]).string()) == 0 ? 0 : 1;
+    const std::string program = std::filesystem::absolute(words[0]).string();
+    return orbit_twins(program) + lattice_twins(program) == 0 ? 0 : 1;
   }
   if (words.size() < 3 || (words[1] != "orbit" && words[1] != "lattice")) {
     return usage();
   }
   const std::uint64_t first = std::stoull(words[2]);
   if (words[0] == "problem") {
-    fmt::print("{}", random_orbit(first).toml());
+    fmt::print("{}", words[1] == "orbit" ? random_orbit(first).toml() : random_lattice(first).toml());
     return 0;
   }
   const std::uint64_t end = words.size() > 3 ? std::stoull(words[3]) : first + 1;

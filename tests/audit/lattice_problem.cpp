@@ -218,6 +218,15 @@ std::size_t LatticeProblem::nodes() const {
   return count;
 }
 
+LevelRules LatticeProblem::rules() const {
+  return {.start = start_time,
+          .until = until,
+          .step = step,
+          .tolerance = tolerance,
+          .fixed = fixed,
+          .every = static_cast<std::size_t>(every)};
+}
+
 std::string LatticeProblem::toml() const {
   std::string text = fmt::format("title = \"{}\"\n[multisymplectic]\nfields = [\"{}\"]\nM = {}\n", family,
                                  fmt::join(fields, "\", \""), entries(M, fields));

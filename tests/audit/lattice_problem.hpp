@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "audit/expression.hpp"
+#include "audit/level_rules.hpp"
 
 namespace audit {
 
@@ -49,6 +50,7 @@ struct LatticeProblem {
   int every = 1;
 
   [[nodiscard]] std::size_t nodes() const;
+  [[nodiscard]] LevelRules rules() const;
   [[nodiscard]] std::string toml() const;
 };
 

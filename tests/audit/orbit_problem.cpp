@@ -445,6 +445,15 @@ private:
 
 }  // namespace
 
+LevelRules OrbitProblem::rules() const {
+  return {.start = start_time,
+          .until = until,
+          .step = energy_tolerance || !next.empty() ? 0.0 : step,
+          .tolerance = tolerance,
+          .fixed = fixed,
+          .every = static_cast<std::size_t>(every)};
+}
+
 std::string OrbitProblem::toml() const {
   const std::size_t n = degrees_of_freedom();
   std::string text =

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "audit/expression.hpp"
+#include "audit/level_rules.hpp"
 
 namespace audit {
 
@@ -42,6 +43,7 @@ struct OrbitProblem {
   [[nodiscard]] bool is_two_step() const {
     return lagrangian == Lagrangian::custom || lagrangian == Lagrangian::forward || !next.empty();
   }
+  [[nodiscard]] LevelRules rules() const;
   [[nodiscard]] std::string toml() const;
 };
 

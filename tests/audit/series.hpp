@@ -12,7 +12,7 @@ namespace audit {
 
 /// The monomials in `variables` variables up to a total degree, and which two of them multiply to a third.
 struct Shape {
-  using Exponents = std::array<std::uint8_t, 8>;  ///< as many as there are variables, then zeros
+  using Exponents = std::array<std::uint8_t, 16>;  ///< as many as there are variables, then zeros
   struct Product {
     std::uint32_t left, right, result;
   };

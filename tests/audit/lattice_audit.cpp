@@ -1,0 +1,203 @@
+#include "audit/lattice_audit.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+
+#include <fmt/format.h>
+
+#include "audit/case_audit.hpp"
+#include "audit/lattice_oracle.hpp"
+
+namespace audit {
+
+namespace {
+
+class LatticeJudge {
+public:
+  LatticeJudge(const LatticeProblem& problem, const Stored& record, const Json& told, Findings& findings)
+      : problem_(problem), record_(record), oracle_(problem), levels_(problem.rules(), record, told, findings) {}
+
+  Roundings judge() {
+    if (levels_.judge_levels()) {
+      oracle_.set_slope(state("/states", 0));
+      judge_nodes();
+      for (std::size_t row = 1; row < levels_.stored_levels().size(); ++row) {
+        judge_step(row);
+      }
+      levels_.judge_told();
+    }
+    return levels_.roundings();
+  }
+
+private:
+  /// Fields of midpoints only come from the row of the level after, and stand for both ends of the step.
+  [[nodiscard]] LatticeState state(const std::string& group, std::size_t row) const {
+    std::vector<std::vector<double>> fields;
+    for (std::size_t f = 0; f < problem_.fields.size(); ++f) {
+      fields.push_back(
+          record_.row((problem_.midpoint_only[f] ? "/states/midpoints/" : group + "/") + problem_.fields[f], row));
+    }
+    return oracle_.state(fields);
+  }
+
+  void judge_nodes() {
+    for (std::size_t row = 0; row < levels_.stored_levels().size(); ++row) {
+      const std::size_t level = levels_.stored_levels()[row];
+      const LatticeState z = state("/states", row);
+      levels_.add_scale(oracle_.magnitude_of_terms(z));
+      levels_.compare("node energy", record_["/levels/node_energy"][level], oracle_.node_energy(z), level,
+                      levels_.roundings().node_energy);
+      if (problem_.axes.size() == 1 && problem_.lagrangian != LatticeProblem::Lagrangian::euler_box) {
+        levels_.compare("total momentum", record_["/laws/totals/momentum"][level], oracle_.momentum(z), level,
+                        levels_.roundings().invariants["momentum"]);
+      }
+    }
+  }
+
+  void judge_step(std::size_t row) {
+    const std::size_t k = levels_.stored_levels()[row] - 1;
+    LatticeState before = problem_.every > 1 ? state("/states/previous", row) : state("/states", row - 1);
+    const LatticeState after = state("/states", row);
+    for (std::size_t f = 0; f < before.size(); ++f) {
+      before[f] = problem_.midpoint_only[f] ? after[f] : before[f];
+    }
+    levels_.judge_energy(k, oracle_.energy(before, after));
+    const LatticeState rows = oracle_.residual(before, after, levels_.h(k));
+    std::vector<Bounded> worst;
+    for (const Values& values : rows) {
+      worst.push_back(worst_of(values));
+    }
+    levels_.judge_equation(worst, k);
+    if (problem_.lagrangian == LatticeProblem::Lagrangian::euler_box) {
+      return;
+    }
+    judge_law("energy", oracle_.energy_law(before, after, levels_.h(k)), row, k);
+    if (problem_.axes.size() == 1) {
+      judge_law("momentum", oracle_.momentum_law(before, after, levels_.h(k)), row, k);
+    }
+  }
+
+  /// One equation couples all cells: what is rounding in one of them is rounding in all.
+  static Bounded worst_of(const Values& values) {
+    Bounded worst;
+    for (const Bounded& value : values) {
+      worst.value =
+          std::abs(value.value) > worst.value || std::isnan(value.value) ? std::abs(value.value) : worst.value;
+      worst.error = std::max(worst.error, value.error);
+    }
+    return worst;
+  }
+
+  void judge_law(const std::string& name, const Values& law, std::size_t row, std::size_t k) {
+    const long double limit = evaluations * worst_of(law).error;
+    const std::vector<double> stored = record_.row("/laws/fields/" + name, row);
+    long double off = 0.0L, largest = 0.0L, squares = 0.0L;
+    for (std::size_t i = 0; i < law.size(); ++i) {
+      off = std::max(off, std::abs(law[i].value - stored[i]));
+      largest = std::max(largest, std::abs(law[i].value));
+      squares += law[i].value * law[i].value;
+    }
+    const auto told = [&](const char* what, long double difference) {
+      levels_.findings().within("local " + name, difference, limit, [&] {
+        return fmt::format("step {}: {} is off by {:.2g} in place of {:.2g}, in a residual of {:.2g}", k, what,
+                           static_cast<double>(difference), static_cast<double>(limit), static_cast<double>(largest));
+      });
+    };
+    told("the field", off);
+    told("its largest value", std::abs(record_["/laws/" + name + "_max"][k] - largest));
+    told("its rms",
+         std::abs(record_["/laws/" + name + "_rms"][k] - std::sqrt(squares / static_cast<long double>(law.size()))));
+  }
+
+  const LatticeProblem& problem_;
+  const Stored& record_;
+  LatticeOracle oracle_;
+  LevelsJudge levels_;
+};
+
+Case case_of(const LatticeProblem& problem) {
+  return {
+      .problem = problem.toml(),
+      .rules = problem.rules(),
+      .max_steps = problem.max_steps,
+      .shifted =
+          [&problem](double constant) {
+            double volume = 1.0;
+            for (const Axis& axis : problem.axes) {
+              volume *= axis.length();
+            }
+            LatticeProblem shifted = problem;
+            shifted.S = shifted.S + constant / volume;
+            return shifted.toml();
+          },
+      .judge = [&problem](const Stored& record, const Json& told,
+                          Findings& found) { return judge_lattice(problem, record, told, found); },
+  };
+}
+
+}  // namespace
+
+Roundings judge_lattice(const LatticeProblem& problem, const Stored& record, const Json& told, Findings& findings) {
+  return LatticeJudge(problem, record, told, findings).judge();
+}
+
+void audit_lattice(const std::string& program, std::uint64_t number, Findings& findings) {
+  const LatticeProblem problem = random_lattice(number);
+  audit_case(program, case_of(problem), findings);
+}
+
+int lattice_twins(const std::string& program) {
+  // Box in a line, with every kind of figure in the record.
+  std::uint64_t number = 0;
+  LatticeProblem problem = random_lattice(number);
+  while (problem.lagrangian != LatticeProblem::Lagrangian::box || problem.axes.size() != 1 || problem.every != 1 ||
+         problem.fixed || problem.potential) {
+    problem = random_lattice(++number);
+  }
+  const Folder folder;
+  write_text(folder.path() / "p.toml", problem.toml());
+  const Json told = parse_json(call(program, {"run", "p.toml", "--json", "-o", "p.h5"}, folder.path()).output);
+  const Stored record = read_record(folder.path() / "p.h5");
+  const std::string field = "/states/" + problem.fields[0];
+  struct Twin {
+    const char* kind;
+    std::string path;
+    std::size_t place;
+    double factor;
+  };
+  const Twin twins[] = {
+      {"step equation", field, 3 * problem.nodes() + 2, 1 + 1e-11},
+      {"step equation", "/levels/h", 4, 1 + 1e-11},
+      {"stored energy", "/levels/energy", 4, 1 + 1e-11},
+      {"node energy", "/levels/node_energy", 4, 1 + 1e-11},
+      {"total momentum", "/laws/totals/momentum", 4, 1.001},
+      {"local energy", "/laws/fields/energy", 4 * problem.nodes() + 1, 1.001},
+      {"local energy", "/laws/energy_max", 4, 1.001},
+      {"local energy", "/laws/energy_rms", 4, 1.001},
+      {"local momentum", "/laws/fields/momentum", 4 * problem.nodes() + 1, 1.001},
+      {"times", "/levels/t", 4, 1 + 1e-12},
+  };
+  int missed = 0;
+  for (const Twin& twin : twins) {
+    Stored damaged = record;
+    double& value = damaged.datasets.at(twin.path).at(twin.place);
+    value *= twin.factor;
+    value += std::string(twin.kind).find("o") == 1 ? 1e-9 : 0.0;  // local laws and totals may be 0 to rounding
+    Findings found;
+    judge_lattice(problem, damaged, told, found);
+    if (!found.has(twin.kind)) {
+      fmt::print("FAILED: a lattice's record with a wrong {} was taken for good\n", twin.path);
+      ++missed;
+    }
+  }
+  Findings none;
+  judge_lattice(problem, record, told, none);
+  for (const auto& [kind, text] : none.list) {
+    fmt::print("FAILED: the undamaged record: {}: {}\n", kind, text);
+    ++missed;
+  }
+  return missed;
+}
+
+}  // namespace audit

@@ -1,0 +1,169 @@
+#include "audit/levels_judge.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include <fmt/format.h>
+
+namespace audit {
+
+LevelsJudge::LevelsJudge(const LevelRules& rules, const Stored& record, const Json& told, Findings& findings)
+    : rules_(rules), record_(record), told_(told), findings_(findings) {}
+
+void LevelsJudge::add_scale(long double value) {
+  roundings_.scale = std::max(roundings_.scale, std::abs(value));
+}
+
+bool LevelsJudge::judge_levels() {
+  t_ = record_["/levels/t"];
+  h_ = record_["/levels/h"];
+  bridged_ = record_["/levels/bridged"];
+  energies_ = record_["/levels/energy"];
+  if (t_.size() != h_.size() + 1 || bridged_.size() != h_.size() || energies_.size() != h_.size()) {
+    findings_.add("shape", fmt::format("{} levels, {} steps", t_.size(), h_.size()));
+    return false;
+  }
+  for (const double energy : record_["/levels/node_energy"]) {
+    add_scale(energy);
+  }
+  const double direction = rules_.until < rules_.start ? -1.0 : 1.0;
+  if (t_[0] != rules_.start) {
+    findings_.add("times", fmt::format("t_0 = {}", t_[0]));
+  }
+  for (std::size_t k = 0; k < h_.size(); ++k) {
+    if (!(direction * h_[k] > 0)) {
+      findings_.add("sign of h", fmt::format("step {}: h = {}", k, h_[k]));
+    }
+    const long double gap = static_cast<long double>(t_[k + 1]) - t_[k] - h_[k];
+    // t and h are rounded, each level once; fixed levels are sums of the start and a multiple of the step.
+    const long double terms = rules_.fixed ? std::abs(rules_.start) + std::abs(t_[k + 1] - rules_.start) : 0.0L;
+    const long double rounding = unit_roundoff * (std::abs(t_[k + 1]) + std::abs(t_[k]) + std::abs(h_[k]) + terms);
+    findings_.within("times", std::abs(gap), 2 * rounding,
+                     [&] { return fmt::format("t_{} is off t + h by {}", k + 1, static_cast<double>(gap)); });
+    if (rules_.fixed) {
+      const long double step = rules_.step != 0.0 ? rules_.step : h_[0];
+      const long double level = rules_.start + static_cast<long double>(k + 1) * step;
+      findings_.within("fixed levels", std::abs(level - t_[k + 1]), 4 * rounding,
+                       [&] { return fmt::format("t_{} = {}", k + 1, t_[k + 1]); });
+    }
+  }
+  const std::vector<double>& times = record_["/states/t"];
+  for (const double level : record_["/states/level"]) {
+    levels_.push_back(static_cast<std::size_t>(level));
+    if (levels_.back() >= t_.size() || times.at(levels_.size() - 1) != t_[levels_.back()]) {
+      findings_.add("stored levels", fmt::format("row {} is not at the time of its level", levels_.size() - 1));
+      return false;
+    }
+  }
+  // Every n-th, the first and the last.
+  for (std::size_t row = 0; row + 1 < levels_.size(); ++row) {
+    if (levels_[row] != row * rules_.every) {
+      findings_.add("stored levels", fmt::format("row {} is level {}", row, levels_[row]));
+      return false;
+    }
+  }
+  if (levels_.empty() || levels_.back() != h_.size()) {
+    findings_.add("stored levels", "the last level is not stored");
+    return false;
+  }
+  return true;
+}
+
+void LevelsJudge::compare(const std::string& kind, double value, const Bounded& right, std::size_t at,
+                          long double& largest) {
+  largest = std::max(largest, evaluations * right.error);
+  findings_.within(kind, std::abs(value - right.value), evaluations * right.error, [&] {
+    return fmt::format("at {}: {} in place of {} ± {:.2g}", at, value, static_cast<double>(right.value),
+                       static_cast<double>(right.error));
+  });
+}
+
+void LevelsJudge::judge_energy(std::size_t k, const Bounded& energy) {
+  compare("stored energy", energies_[k], energy, k, roundings_.energy);
+  if (rules_.fixed || !told_.has("discrete_energy.value") || bridged_[k] != 0.0) {
+    return;
+  }
+  const long double target = told_["discrete_energy.value"];
+  const long double off = std::abs(energy.value - target);
+  const long double limit =
+      rules_.tolerance * std::max(roundings_.scale, std::abs(target)) + evaluations * energy.error;
+  findings_.within("energy law", off, limit, [&] {
+    return fmt::format("step {} of {}, not flagged, has E_k - E = {:.3g} in place of {:.3g} (E = {}, h = {})", k,
+                       h_.size(), static_cast<double>(off), static_cast<double>(limit), static_cast<double>(target),
+                       h_[k]);
+  });
+}
+
+void LevelsJudge::judge_equation(const std::vector<Bounded>& rows, std::size_t k) {
+  for (std::size_t row = 0; row < rows.size(); ++row) {
+    findings_.within("step equation", std::abs(rows[row].value), evaluations * rows[row].error, [&] {
+      return fmt::format("step {} of {}{}, h = {}, row {}: {:.3g} in place of {:.3g}", k, h_.size(),
+                         bridged_[k] != 0.0 ? " (flagged)" : "", h_[k], row, static_cast<double>(rows[row].value),
+                         static_cast<double>(evaluations * rows[row].error));
+    });
+  }
+}
+
+void LevelsJudge::judge_told() {
+  exactly("steps", static_cast<double>(h_.size()));
+  exactly("t", t_.back());
+  if (h_.empty()) {
+    return;
+  }
+  exactly("h.min", *std::ranges::min_element(h_));
+  exactly("h.max", *std::ranges::max_element(h_));
+  if (!rules_.fixed) {
+    const std::vector<double>& crossing = record_["/levels/crossing"];
+    exactly("bridges.steps", static_cast<double>(std::ranges::count(bridged_, 1.0)));
+    exactly("bridges.count", static_cast<double>(std::ranges::count(crossing, 1.0)));
+  }
+  const std::vector<double>& node_energies = record_["/levels/node_energy"];
+  exactly("node_energy.initial", node_energies[0]);
+  double deviation = 0.0;
+  for (const double energy : node_energies) {
+    deviation = std::max(deviation, std::abs(energy - node_energies[0]));
+  }
+  exactly("node_energy.max_deviation", deviation);
+  const std::vector<double>& gammas = record_["/levels/gamma"];
+  if (told_.has("gamma.min")) {
+    exactly("gamma.min", *std::ranges::min_element(gammas));
+    exactly("gamma.max", *std::ranges::max_element(gammas));
+  }
+  if (!told_.has("discrete_energy.value")) {
+    return;
+  }
+  const double target = told_["discrete_energy.value"];
+  long double off[2] = {0.0L, 0.0L};
+  for (std::size_t k = 0; k < h_.size(); ++k) {
+    long double& largest = off[bridged_[k] != 0.0 ? 1 : 0];
+    largest = std::max(largest, std::abs(static_cast<long double>(energies_[k]) - target));
+  }
+  deviation_told("discrete_energy.max_relative_deviation", off[0]);
+  deviation_told("bridges.max_deviation", off[1]);
+}
+
+void LevelsJudge::exactly(const std::string& key, double value) {
+  if (!told_.has(key) || told_[key] != value) {
+    findings_.add("told " + key, fmt::format("{} in place of {}", told_.has(key) ? told_[key] : std::nan(""), value));
+  }
+}
+
+/// Relative to a scale between the largest |H| and the largest sum of its terms' magnitudes.
+void LevelsJudge::deviation_told(const std::string& key, long double off) {
+  if (!told_.has(key)) {
+    return;
+  }
+  long double smallest = std::abs(static_cast<long double>(told_["discrete_energy.value"]));
+  for (const double energy : record_["/levels/node_energy"]) {
+    smallest = std::max(smallest, std::abs(static_cast<long double>(energy)));
+  }
+  const long double most = smallest > 0 ? off / smallest : 1.0L;
+  const long double least = roundings_.scale > 0 ? off / roundings_.scale : 0.0L;
+  const double value = told_[key];
+  if (!(value <= most * (1 + 1e-6L) + 4 * unit_roundoff) || !(value >= least / 4 - 4 * unit_roundoff)) {
+    findings_.add("told " + key, fmt::format("{:.3g} where it lies between {:.3g} and {:.3g}", value,
+                                             static_cast<double>(least), static_cast<double>(most)));
+  }
+}
+
+}  // namespace audit

@@ -1,0 +1,58 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "audit/accounts.hpp"
+#include "audit/bounded.hpp"
+#include "audit/findings.hpp"
+#include "audit/level_rules.hpp"
+#include "audit/program.hpp"
+#include "audit/stored.hpp"
+
+namespace audit {
+
+/// A solved equation is evaluated once more in double when its iteration stops, and a last correction is rounded: twice
+/// the bound of one evaluation. Compilers and the library may sum in another order: twice that.
+inline constexpr long double evaluations = 4.0L;
+
+/// Judges what orbits and lattices have in common: the levels, and what is told of them.
+class LevelsJudge {
+public:
+  LevelsJudge(const LevelRules& rules, const Stored& record, const Json& told, Findings& findings);
+
+  /// Times, steps and their direction, and which levels are stored. False if there is too little to go on with.
+  bool judge_levels();
+  /// E_k of a step against what is stored, and against E if the step is not flagged.
+  void judge_energy(std::size_t step, const Bounded& energy);
+  /// The figures that the levels alone decide.
+  void judge_told();
+  /// A stored value against what it should be; keeps the largest rounding in `largest`.
+  void compare(const std::string& kind, double value, const Bounded& right, std::size_t at, long double& largest);
+  /// All rows of an equation, each within the rounding of its terms.
+  void judge_equation(const std::vector<Bounded>& rows, std::size_t step);
+
+  /// Of each state in the record the number of its level.
+  [[nodiscard]] const std::vector<std::size_t>& stored_levels() const { return levels_; }
+  [[nodiscard]] double h(std::size_t step) const { return h_[step]; }
+  [[nodiscard]] double t(std::size_t level) const { return t_[level]; }
+  [[nodiscard]] bool flagged(std::size_t step) const { return bridged_[step] != 0.0; }
+  [[nodiscard]] Findings& findings() { return findings_; }
+  [[nodiscard]] Roundings& roundings() { return roundings_; }
+  /// A scale of the energy that has been seen: |H|, or the magnitudes of its terms.
+  void add_scale(long double value);
+
+private:
+  void exactly(const std::string& key, double value);
+  void deviation_told(const std::string& key, long double off);
+
+  LevelRules rules_;
+  const Stored& record_;
+  const Json& told_;
+  Findings& findings_;
+  Roundings roundings_;
+  std::vector<double> t_, h_, bridged_, energies_;
+  std::vector<std::size_t> levels_;
+};
+
+}  // namespace audit
