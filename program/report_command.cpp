@@ -11,6 +11,7 @@
 #include <rubato/report/page.hpp>
 #include <rubato/report/xdmf.hpp>
 #include <rubato/study/document.hpp>
+#include <rubato/study/record_notes.hpp>
 
 #include "beside.hpp"
 #include "terminal.hpp"
@@ -48,6 +49,24 @@ std::string canonical(const std::string& problem) {
   return study::write_document(study::read_document(problem, "problem"));
 }
 
+/// What the problem in a record tells of its numbers; nothing, where that problem cannot be read or is not of these
+/// states: the numbers can be drawn without.
+report::Notes notes_on(const record::Reader& reader) {
+  try {
+    study::RecordNotes notes = study::notes_on(reader);
+    return {std::move(notes.fields), std::move(notes.rounding)};
+  } catch (const std::invalid_argument&) {
+    return {};
+  } catch (const record::Error&) {
+    return {};
+  }
+}
+
+/// \throws std::invalid_argument if the page would be too small
+report::PageOptions page_options(double megabytes, bool full) {
+  return {.max_bytes = static_cast<std::size_t>(megabytes * 1e6), .full = full, .notes = notes_on};
+}
+
 }  // namespace
 
 void ReportCommands::add_to(CLI::App& app) {
@@ -60,13 +79,17 @@ void ReportCommands::add_report(CLI::App& app) {
   report_ = app.add_subcommand("report", "Draw a record as one page for a browser, which needs no network");
   report_->add_option("file", file_, "A record")->option_text("OUT.h5")->required();
   report_->add_option("-o,--output", output_, "The page to write (default: OUT.html)")->option_text("OUT.html");
-  CLI::Option* const size =
-      report_->add_option("--max-size", max_size_, "Size of the page, in megabytes, up to which it is detailed (5)")
-          ->option_text("MB")
-          ->check(check_megabytes);
-  report_->add_flag("--full", full_, "Thin nothing")->excludes(size);
+  add_size(*report_);
   report_->add_flag("-f,--force", force_, "Overwrite a file that is no report");
   report_->footer(report_examples);
+}
+
+void ReportCommands::add_size(CLI::App& command) {
+  CLI::Option* const size =
+      command.add_option("--max-size", max_size_, "The most that the page may have, in megabytes (5): thinned to fit")
+          ->option_text("MB")
+          ->check(check_megabytes);
+  command.add_flag("--full", full_, "Thin nothing")->excludes(size);
 }
 
 void ReportCommands::add_compare(CLI::App& app) {
@@ -74,6 +97,7 @@ void ReportCommands::add_compare(CLI::App& app) {
   compare_->add_option("first", file_, "A record")->option_text("A.h5")->required();
   compare_->add_option("second", other_file_, "Another one")->option_text("B.h5")->required();
   compare_->add_option("-o,--output", output_, "Write a page with the curves of both as well")->option_text("OUT.html");
+  add_size(*compare_);
   compare_->add_flag("--json", json_, "Print one JSON object, and nothing else, on standard output");
   compare_->add_flag("-f,--force", force_, "Overwrite a file that is no report");
   compare_->footer(compare_examples);
@@ -105,8 +129,7 @@ void ReportCommands::report() const {
   const record::Reader reader(file_);
   const std::string output = output_.value_or(beside(file_, ".html"));
   refuse_replacing(file_, output);
-  const std::string page =
-      report::page(reader, {.max_bytes = static_cast<std::size_t>(max_size_ * 1e6), .full = full_});
+  const std::string page = report::page(reader, page_options(max_size_, full_));
   report::write_page(output, page, force_);
   print(fmt::format("{} ({:.1f} MB)\n", output, static_cast<double>(page.size()) / 1e6));
 }
@@ -117,7 +140,7 @@ void ReportCommands::compare() const {
   if (output_) {
     refuse_replacing(file_, *output_);
     refuse_replacing(other_file_, *output_);
-    report::write_page(*output_, report::comparison_page(first, second, {}, canonical), force_);
+    report::write_page(*output_, report::comparison_page(first, second, page_options(max_size_, full_), canonical), force_);
   }
   print(json_ ? report::to_json(comparison) + "\n" : report::to_table(comparison));
   if (output_ && !json_) {

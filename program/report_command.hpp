@@ -21,6 +21,7 @@ public:
 private:
   void add_report(CLI::App& app);
   void add_compare(CLI::App& app);
+  void add_size(CLI::App& command);
   void add_export(CLI::App& app);
   void report() const;
   void compare() const;

@@ -1,4 +1,7 @@
 #include <algorithm>
+#include <array>
+#include <cmath>
+#include <optional>
 
 #include <rubato/report/page_data.hpp>
 
@@ -6,78 +9,137 @@ namespace rubato::report {
 
 namespace {
 
-/// Writes curves over the time of the levels, or of the middle of the steps.
+/// What the values of a curve belong to: levels, the middle of steps, or stored levels.
+enum class Axis { levels, steps, states };
+constexpr std::array axis_names{"levels", "steps", "states"};
+
+/// The first value that there is; 0 if there is none.
+double first_defined(std::span<const double> values) {
+  const auto found = std::ranges::find_if(values, [](double value) { return std::isfinite(value); });
+  return found == values.end() ? 0.0 : *found;
+}
+
 class CurveWriter {
 public:
-  CurveWriter(Json& json, const record::Reader& reader, const Resolution& resolution)
-      : json_(json), reader_(reader), buckets_(resolution.curve_buckets), levels_(reader.read("/levels/t")) {
-    for (std::size_t k = 0; k + 1 < levels_.size(); ++k) {
-      steps_.push_back(levels_[k] + (levels_[k + 1] - levels_[k]) / 2);
+  CurveWriter(Json& json, const Source& source, const Resolution& resolution)
+      : json_(json), source_(source), points_(resolution.curve_points) {
+    std::vector<double>& levels = times_[0] = source.reader.read("/levels/t");
+    for (std::size_t k = 0; k + 1 < levels.size(); ++k) {
+      times_[1].push_back(levels[k] + (levels[k + 1] - levels[k]) / 2);
     }
+    times_[2] = source.reader.read("/states/t");
   }
 
-  void levels(std::string_view name, std::string_view group, const std::string& path, bool from_first = false) {
-    write(name, group, path, from_first, levels_);
+  void values(std::string_view name, std::string_view group, Axis axis, const std::string& path) {
+    write(name, group, axis, path, source_.reader.read(path), 0.0);
   }
-  void steps(std::string_view name, std::string_view group, const std::string& path, bool from_first = false) {
-    if (!steps_.empty()) {
-      write(name, group, path, from_first, steps_);
+  /// Their deviations from `initial`; if that is not given, from the first that there is.
+  void deviations(std::string_view name, std::string_view group, Axis axis, const std::string& path,
+                  std::optional<double> initial = {}) {
+    std::vector<double> y = source_.reader.read(path);
+    const double from = initial.value_or(first_defined(y));
+    std::ranges::for_each(y, [from](double& value) { value -= from; });
+    write(name, group, axis, path, std::move(y), from);
+  }
+  void write(std::string_view name, std::string_view group, Axis axis, const std::string& path, std::vector<double> y,
+             double initial) {
+    if (y.empty()) {
+      return;
     }
-  }
-
-private:
-  void write(std::string_view name, std::string_view group, const std::string& path, bool from_first,
-             std::span<const double> t) {
-    std::vector<double> y = reader_.read(path);
-    const double initial = from_first ? y.front() : 0.0;
-    std::ranges::for_each(y, [initial](double& value) { value -= initial; });
-    const std::vector<std::size_t> kept = envelope(y, buckets_);
+    const auto number = static_cast<std::size_t>(axis);
+    const auto undefined = std::ranges::count_if(y, [](double value) { return !std::isfinite(value); });
     json_.begin_object().entry("name", name).entry("group", group).entry("initial", initial).entry("count", y.size());
-    json_.key("x");
-    write_f64(json_, pick(t, kept));
-    json_.key("y");
-    write_f32(json_, pick(y, kept));
+    json_.entry("undefined", static_cast<std::size_t>(undefined));
+    if (const auto level = source_.notes.rounding.find(path); level != source_.notes.rounding.end()) {
+      json_.entry("rounding", level->second);
+    }
+    if (points_ == no_limit) {
+      json_.entry("axis", axis_names[number]);
+      json_.key("y");
+      write_f32(json_, y);
+    } else {
+      const std::vector<std::size_t> kept = envelope_within(y, points_);
+      json_.key("x");
+      write_f64(json_, pick(times_[number], kept));
+      json_.key("y");
+      write_f32(json_, pick(y, kept));
+    }
     json_.end_object();
   }
 
+  /// The times of the curves that have all their values.
+  void write_times() {
+    json_.key("times").begin_object();
+    for (std::size_t i = 0; points_ == no_limit && i < axis_names.size(); ++i) {
+      json_.key(axis_names[i]);
+      write_f64(json_, times_[i]);
+    }
+    json_.end_object();
+  }
+
+private:
   Json& json_;
-  const record::Reader& reader_;
-  std::size_t buckets_;
-  std::vector<double> levels_, steps_;
+  const Source& source_;
+  std::size_t points_;
+  std::array<std::vector<double>, 3> times_;
 };
+
+/// Of an orbit: what differs from each exact solution, computed here in double precision.
+void write_errors(CurveWriter& curves, const Source& source) {
+  const std::vector<StateColumn> columns = state_columns(source.contents);
+  for (const std::string& name : source.contents.exact) {
+    const auto own = std::ranges::find_if(
+        columns, [&](const StateColumn& column) { return column.name == name && column.group != "exact"; });
+    if (own == columns.end()) {
+      continue;
+    }
+    const std::vector<double> state = source.reader.read(own->path);
+    std::vector<double> error = source.reader.read("/exact/" + name);
+    const std::size_t stride = state.size() / error.size();
+    for (std::size_t k = 0; k < error.size(); ++k) {
+      error[k] = state[k * stride + own->offset] - error[k];
+    }
+    curves.write(name, "error", Axis::states, "", std::move(error), 0.0);
+  }
+}
 
 }  // namespace
 
 std::size_t count_curves(const Contents& contents) {
   constexpr std::size_t always = 6;
-  return always + contents.invariants.size() + contents.totals.size() + 2 * contents.residuals.size();
+  return always + contents.invariants.size() + contents.totals.size() + 2 * contents.residuals.size() +
+         (contents.kind == Contents::Kind::orbit ? contents.exact.size() : 0);
 }
 
-void write_curves(Json& json, const record::Reader& reader, const Contents& contents, const Resolution& resolution) {
-  CurveWriter curves(json, reader, resolution);
+void write_curves(Json& json, const Source& source, const Resolution& resolution) {
+  const Contents& contents = source.contents;
+  const Summary& summary = source.summary;
+  CurveWriter curves(json, source, resolution);
   json.key("curves").begin_array();
-  curves.steps("discrete energy", "energy", "/levels/energy", true);
-  curves.levels("node energy", "energy", "/levels/node_energy", true);
-  curves.steps("h", "h", "/levels/h");
-  curves.levels("gamma", "gamma", "/levels/gamma");
-  curves.steps("step condition", "condition", "/levels/step_condition");
-  curves.steps("iterations", "iterations", "/levels/iterations");
+  curves.deviations("discrete energy", "energy", Axis::steps, "/levels/energy", summary.discrete_energy.initial);
+  curves.deviations("node energy", "energy", Axis::levels, "/levels/node_energy", summary.node_energy.initial);
+  curves.values("h", "h", Axis::steps, "/levels/h");
+  curves.values("gamma", "gamma", Axis::levels, "/levels/gamma");
+  curves.values("step condition", "condition", Axis::steps, "/levels/step_condition");
+  curves.values("iterations", "iterations", Axis::steps, "/levels/iterations");
   for (const std::string& name : contents.invariants) {
-    curves.levels(name, "invariant", "/laws/" + name, true);
+    curves.deviations(name, "invariant", Axis::levels, "/laws/" + name);
   }
   for (const std::string& name : contents.totals) {
-    curves.levels(name, "total", "/laws/totals/" + name, true);
+    curves.deviations(name, "total", Axis::levels, "/laws/totals/" + name);
   }
   for (const std::string& name : contents.residuals) {
-    curves.steps(name + " max", "residual", "/laws/" + name + "_max");
-    curves.steps(name + " rms", "residual", "/laws/" + name + "_rms");
+    curves.values(name + " max", "residual", Axis::steps, "/laws/" + name + "_max");
+    curves.values(name + " rms", "residual", Axis::steps, "/laws/" + name + "_rms");
+  }
+  if (contents.kind == Contents::Kind::orbit) {
+    write_errors(curves, source);
   }
   json.end_array();
+  curves.write_times();
 }
 
-void write_bridges(Json& json, const record::Reader& reader) {
-  // More marks than a picture can show are joined with their neighbours.
-  constexpr std::size_t most = 2000;
+std::vector<std::pair<double, double>> bridge_spans(const record::Reader& reader) {
   const std::vector<double> t = reader.read("/levels/t");
   const std::vector<double> bridged =
       reader.has("/levels/bridged") ? reader.read("/levels/bridged") : std::vector<double>();
@@ -92,12 +154,23 @@ void write_bridges(Json& json, const record::Reader& reader) {
       spans.emplace_back(t[k], t[k + 1]);
     }
   }
-  const std::size_t joined = spans.size() / most + 1;
-  json.entry("bridge_count", spans.size()).key("bridges").begin_array();
+  return spans;
+}
+
+void write_bridges(Json& json, const record::Reader& reader, const Resolution& resolution) {
+  const std::vector<std::pair<double, double>> spans = bridge_spans(reader);
+  // More marks than there is room for are joined with their neighbours.
+  const std::size_t joined = spans.empty() ? 1 : (spans.size() - 1) / resolution.bridges + 1;
+  std::vector<double> from, to;
   for (std::size_t i = 0; i < spans.size(); i += joined) {
-    json.begin_array().value(spans[i].first).value(spans[std::min(i + joined, spans.size()) - 1].second).end_array();
+    from.push_back(spans[i].first);
+    to.push_back(spans[std::min(i + joined, spans.size()) - 1].second);
   }
-  json.end_array();
+  json.entry("bridge_count", spans.size()).key("bridges").begin_object().key("from");
+  write_f64(json, from);
+  json.key("to");
+  write_f64(json, to);
+  json.end_object();
 }
 
 }  // namespace rubato::report

@@ -39,6 +39,41 @@ double centre_of(std::span<const double> low, std::span<const double> high, cons
 
 }  // namespace
 
+void Census::add(std::span<const double> more) {
+  values += more.size();
+  undefined += static_cast<std::size_t>(
+      std::ranges::count_if(more, [](double value) { return !std::isfinite(value); }));
+}
+
+bool is_before_start(const Drawing& drawing, std::size_t level, std::span<const double> values) {
+  return drawing.starts_late && level == 0 &&
+         std::ranges::all_of(values, [](double value) { return std::isnan(value); });
+}
+
+void write_drawing(Json& json, const Drawing& drawing, const Census& census) {
+  json.entry("name", drawing.name).entry("group", drawing.group).entry("count", census.values);
+  json.entry("undefined", census.undefined).entry("starts_late", drawing.starts_late);
+  if (drawing.rounding) {
+    json.entry("rounding", *drawing.rounding);
+  }
+}
+
+MapCounts::MapCounts(const Contents& contents)
+    : fields(contents.fields.size()), exact(contents.exact.size()), residuals(contents.residual_fields.size()), frames(0) {
+  std::size_t axes = 0;
+  for (const std::string& axis : contents.axes) {
+    axes += frame_of(axis) - frame_of("");
+  }
+  for (const Contents::Field& field : contents.fields) {
+    frames += frame_of(field.name) + axes;
+  }
+  for (const auto* names : {&contents.exact, &contents.exact, &contents.residual_fields}) {
+    for (const std::string& name : *names) {
+      frames += frame_of(name) + axes;
+    }
+  }
+}
+
 void write_blocks(Json& json, const Drawing& drawing, std::vector<double> low, std::vector<double> high) {
   Extremes extremes;
   std::vector<double>& shown = high;

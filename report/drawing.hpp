@@ -2,11 +2,13 @@
 
 #include <cstddef>
 #include <limits>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
 
 #include <rubato/record/reader.hpp>
+#include <rubato/report/budget.hpp>
 #include <rubato/report/packing.hpp>
 #include <rubato/report/thinning.hpp>
 
@@ -16,8 +18,29 @@ namespace rubato::report {
 /// What is drawn of one grid function over all stored levels.
 struct Drawing {
   std::string name;
-  std::string group;         ///< "field", "error", "exact", "residual"
-  bool logarithmic = false;  ///< log10 of its magnitude
+  std::string group;                  ///< "field", "error", "exact", "residual"
+  bool logarithmic = false;           ///< log10 of its magnitude
+  bool starts_late = false;           ///< no value before the first step: not to be counted as undefined
+  std::optional<double> rounding{};  ///< size of what rounding alone leaves of it
+};
+
+/// How many values there are, and how many of them are none.
+struct Census {
+  std::size_t values = 0, undefined = 0;
+  void add(std::span<const double> more);
+};
+
+/// "name", "group", "count", "undefined", "starts_late", "rounding" of a drawing.
+void write_drawing(Json& json, const Drawing& drawing, const Census& census);
+
+/// Whether these are the values of a level at which `drawing` has none yet.
+[[nodiscard]] bool is_before_start(const Drawing& drawing, std::size_t level, std::span<const double> values);
+
+/// How many arrays the maps of a lattice need, and what surrounds them.
+struct MapCounts {
+  explicit MapCounts(const Contents& contents);
+  std::size_t fields, exact, residuals;
+  std::size_t frames;  ///< bytes
 };
 
 struct Extremes {

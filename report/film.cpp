@@ -5,36 +5,80 @@
 
 namespace rubato::report {
 
-Film::Plan Film::plan(const record::DatasetInfo& field, const Contents& contents, std::size_t bytes) {
-  constexpr std::size_t value_bytes = 2, enough_frames = 40, smallest_side = 32;
-  const std::size_t levels = field.shape.front(), height = field.shape[field.shape.size() - 2],
-                    width = field.shape.back();
-  const std::size_t films = contents.fields.size() + contents.exact.size() + contents.residual_fields.size();
-  const std::size_t values = bytes / value_bytes / films;
+namespace {
 
-  const double picture = static_cast<double>(values) / static_cast<double>(std::min(levels, enough_frames));
-  const double scale = std::min(1.0, std::sqrt(picture / static_cast<double>(height * width)));
-  const auto reduced = [&](std::size_t size) {
-    const auto wanted = static_cast<std::size_t>(static_cast<double>(size) * scale);
-    return Partition(size, std::max(wanted, smallest_side));
+constexpr std::size_t value_bytes = 2, enough_frames = 24, smallest_side = 32, least_frames = 2, least_points = 40;
+/// A point of the extremes: t in double, two values in single precision; two envelopes select points.
+constexpr std::size_t extremes_bytes = packed_size(2 * (8 + 4 + 4)), padding = 16;
+
+std::size_t count_films(const MapCounts& counts) {
+  return counts.fields + counts.exact + counts.residuals;
+}
+
+}  // namespace
+
+Demand Film::demand(const record::DatasetInfo& field, const Contents& contents) {
+  const MapCounts counts(contents);
+  const std::size_t levels = field.shape.front(), height = field.shape[field.shape.size() - 2],
+                    width = field.shape.back(), films = count_films(counts);
+  const auto bytes = [&](std::size_t frames, std::size_t rows, std::size_t columns, std::size_t points) {
+    return counts.frames + packed_size(8 * frames) +
+           films * (packed_size(value_bytes * frames * rows * columns) + extremes_bytes * points + padding);
   };
+  const std::size_t whole = bytes(levels, height, width, levels);
+  return {std::min(whole, bytes(std::min(levels, least_frames), std::min(height, smallest_side),
+                                std::min(width, smallest_side), std::min(levels, least_points))),
+          whole};
+}
+
+Film::Plan Film::plan(const record::DatasetInfo& field, const Contents& contents, std::size_t bytes) {
+  const MapCounts counts(contents);
+  const std::size_t levels = field.shape.front(), height = field.shape[field.shape.size() - 2],
+                    width = field.shape.back(), films = count_films(counts);
   Plan plan{.height = height,
             .width = width,
             .slices = field.row_size() / (height * width),
-            .rows = reduced(height),
-            .columns = reduced(width),
+            .rows = {height, height},
+            .columns = {width, width},
             .frames = {},
-            .levels = levels};
-  const std::size_t most = std::max<std::size_t>(2, values / (plan.rows.parts() * plan.columns.parts()));
-  const std::size_t frames = std::min(most, levels);
+            .levels = levels,
+            .extremes_points = no_limit};
+  std::size_t frames = levels;
+  if (bytes < demand(field, contents).whole) {
+    // Curves of extremes take at most an eighth.
+    const std::size_t room = (bytes - counts.frames) / films;
+    plan.extremes_points = std::clamp<std::size_t>(room / 8 / extremes_bytes, least_points, 4000);
+    const std::size_t left = room - std::min(levels, plan.extremes_points) * extremes_bytes - padding;
+    // What is given to the times of the pictures is no more than to one value each.
+    const std::size_t values = left / 4 * 3 / value_bytes;
+    const double picture = static_cast<double>(values) / static_cast<double>(std::min(levels, enough_frames));
+    // Blocks are squares of nodes, all of the same size but at the border.
+    const double block = std::ceil(std::sqrt(static_cast<double>(height * width) / picture));
+    const auto reduced = [&](std::size_t size) {
+      const auto wanted = static_cast<std::size_t>(std::ceil(static_cast<double>(size) / std::max(1.0, block)));
+      return Partition(size, std::max(wanted, std::min(size, smallest_side)));
+    };
+    plan.rows = reduced(height);
+    plan.columns = reduced(width);
+    frames = std::clamp<std::size_t>(values / (plan.rows.parts() * plan.columns.parts() + 4), least_frames, levels);
+  }
   for (std::size_t i = 0; i < frames; ++i) {
     plan.frames.push_back(frames == 1 ? 0 : i * (levels - 1) / (frames - 1));
   }
   return plan;
 }
 
+void Film::write_times(Json& json, const record::Reader& reader, const Plan& plan) {
+  json.key("map_times").begin_object().key("first");
+  write_f64(json, pick(reader.read("/states/t"), plan.frames));
+  json.end_object();
+}
+
 void Film::add(std::size_t level, std::span<const double> values) {
   extremes_.emplace_back().add(values);
+  if (!is_before_start(drawing_, level, values)) {
+    census_.add(values);
+  }
   if (!std::ranges::binary_search(plan_.frames, level)) {
     return;
   }
@@ -49,13 +93,11 @@ void Film::add(std::size_t level, std::span<const double> values) {
 
 void Film::write(Json& json, const record::Reader& reader, const std::vector<std::string>& dimensions) const {
   const std::vector<double> t = reader.read("/states/t");
-  json.begin_object().entry("name", drawing_.name).entry("group", drawing_.group).entry("shape", "film");
+  json.begin_object();
+  write_drawing(json, drawing_, census_);
+  json.entry("shape", "film");
   json.entry("thinned", !plan_.rows.is_whole() || !plan_.columns.is_whole());
   json.key("levels").begin_object().entry("count", plan_.levels).entry("parts", plan_.frames.size()).end_object();
-  for (const char* key : {"t_first", "t_last"}) {
-    json.key(key);
-    write_f64(json, pick(t, plan_.frames));
-  }
   write_axis(json, "y", reader, dimensions[dimensions.size() - 2], plan_.rows);
   write_axis(json, "x", reader, dimensions.back(), plan_.columns);
   if (plan_.slices > 1) {
@@ -75,9 +117,8 @@ void Film::write_extremes(Json& json, std::span<const double> t) const {
     lowest.push_back(extremes.is_empty() ? undefined : extremes.low);
     highest.push_back(extremes.is_empty() ? undefined : extremes.high);
   }
-  constexpr std::size_t buckets = 1000;
-  const auto kept = merge(envelope(lowest, buckets), envelope(highest, buckets));
-  json.key("extremes").begin_object().key("t");
+  const auto kept = merge(envelope_within(lowest, plan_.extremes_points), envelope_within(highest, plan_.extremes_points));
+  json.key("extremes").begin_object().entry("count", t.size()).key("t");
   write_f64(json, pick(t, kept));
   json.key("low");
   write_f32(json, pick(lowest, kept));

@@ -16,9 +16,14 @@ public:
     Partition rows, columns;            ///< of a picture
     std::vector<std::size_t> frames;
     std::size_t levels;
+    std::size_t extremes_points;
   };
-  /// As finely as `bytes` allow for all films together: pictures of at least some 40 levels come before their detail.
+  [[nodiscard]] static Demand demand(const record::DatasetInfo& field, const Contents& contents);
+  /// As finely as `bytes` of the page allow for all films together: pictures of at least some 24 levels come before
+  /// their detail.
   [[nodiscard]] static Plan plan(const record::DatasetInfo& field, const Contents& contents, std::size_t bytes);
+  /// "map_times": the times of the pictures.
+  static void write_times(Json& json, const record::Reader& reader, const Plan& plan);
 
   Film(Drawing drawing, const Plan& plan) : drawing_(std::move(drawing)), plan_(plan) {}
   void add(std::size_t level, std::span<const double> values);
@@ -29,6 +34,7 @@ private:
 
   Drawing drawing_;
   Plan plan_;
+  Census census_;
   std::vector<Extremes> extremes_;
   std::vector<double> low_, high_;
 };

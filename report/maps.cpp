@@ -36,12 +36,12 @@ void for_each_row(const record::Reader& reader, const std::vector<std::string>& 
 template <typename Map>
 class MapWriter {
 public:
-  MapWriter(Json& json, const record::Reader& reader, const typename Map::Plan& plan)
-      : json_(json), reader_(reader), plan_(plan) {}
+  MapWriter(Json& json, const Source& source, const typename Map::Plan& plan)
+      : json_(json), reader_(source.reader), notes_(source.notes), plan_(plan) {}
 
   void field(const Contents::Field& field) {
     const record::DatasetInfo info = reader_.info(field.path);
-    Map map({field.name, "field"}, plan_);
+    Map map({.name = field.name, .group = "field", .starts_late = field.at_midpoints}, plan_);
     const std::string exact_path = "/exact/" + field.name;
     if (field.at_midpoints || !reader_.has(exact_path)) {
       for_each_row(reader_, {field.path}, [&](std::size_t level, const auto& values) { map.add(level, values[0]); });
@@ -49,7 +49,7 @@ public:
       return;
     }
     constexpr bool draws_exact = std::is_same_v<Map, SpaceTimeMap>;
-    Map exact({field.name, "exact"}, plan_), error({field.name, "error"}, plan_);
+    Map exact({.name = field.name, .group = "exact"}, plan_), error({.name = field.name, .group = "error"}, plan_);
     std::vector<double> difference(info.row_size());
     for_each_row(reader_, {field.path, exact_path}, [&](std::size_t level, const auto& values) {
       std::ranges::transform(values[0], values[1], difference.begin(), std::minus());
@@ -69,7 +69,11 @@ public:
   void residual(const std::string& name) {
     const std::string path = "/laws/fields/" + name;
     const record::DatasetInfo info = reader_.info(path);
-    Map map({name, "residual", true}, plan_);
+    Drawing drawing{.name = name, .group = "residual", .logarithmic = true, .starts_late = true};
+    if (const auto level = notes_.rounding.find(path); level != notes_.rounding.end()) {
+      drawing.rounding = level->second;
+    }
+    Map map(drawing, plan_);
     std::vector<double> magnitude(info.row_size());
     for_each_row(reader_, {path}, [&](std::size_t level, const auto& values) {
       std::ranges::transform(values[0], magnitude.begin(), [](double value) { return std::abs(value); });
@@ -85,13 +89,17 @@ private:
 
   Json& json_;
   const record::Reader& reader_;
+  const Notes& notes_;
   const typename Map::Plan& plan_;
 };
 
 template <typename Map>
-void write_all(Json& json, const record::Reader& reader, const Contents& contents, std::size_t bytes) {
-  const typename Map::Plan plan = Map::plan(reader.info(contents.fields.front().path), contents, bytes);
-  MapWriter<Map> writer(json, reader, plan);
+void write_all(Json& json, const Source& source, const Resolution& resolution) {
+  const Contents& contents = source.contents;
+  const typename Map::Plan plan =
+      Map::plan(source.reader.info(contents.fields.front().path), contents, resolution.map_bytes);
+  Map::write_times(json, source.reader, plan);
+  MapWriter<Map> writer(json, source, plan);
   json.key("maps").begin_array();
   for (const Contents::Field& field : contents.fields) {
     writer.field(field);
@@ -104,11 +112,11 @@ void write_all(Json& json, const record::Reader& reader, const Contents& content
 
 }  // namespace
 
-void write_maps(Json& json, const record::Reader& reader, const Contents& contents, const Resolution& resolution) {
-  if (contents.axes.size() < 2) {
-    write_all<SpaceTimeMap>(json, reader, contents, resolution.map_bytes);
+void write_maps(Json& json, const Source& source, const Resolution& resolution) {
+  if (source.contents.axes.size() < 2) {
+    write_all<SpaceTimeMap>(json, source, resolution);
   } else {
-    write_all<Film>(json, reader, contents, resolution.map_bytes);
+    write_all<Film>(json, source, resolution);
   }
 }
 

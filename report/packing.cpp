@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <limits>
 #include <vector>
 
 #include <fmt/format.h>
@@ -95,9 +96,28 @@ void write_f64(Json& json, std::span<const double> values) {
 }
 
 void write_f32(Json& json, std::span<const double> values) {
+  double low = std::numeric_limits<double>::infinity(), high = -low;
+  for (const double value : values) {
+    if (std::isfinite(value)) {
+      low = std::min(low, value);
+      high = std::max(high, value);
+    }
+  }
+  // Seven digits are of the variation where that is small, and exponents beyond those of single precision are kept.
+  constexpr double narrow = 1e-3, smallest = 1e-30, largest = 1e30;
+  const bool is_narrow = high > low && high / 2 - low / 2 < narrow * std::max(std::abs(low), std::abs(high));
+  const double base = is_narrow ? low / 2 + high / 2 : 0.0;
+  const double size = std::max(std::abs(low - base), std::abs(high - base));
+  const bool is_far = std::isfinite(size) && size > 0.0 && (size < smallest || size > largest);
+  const double scale = is_far ? std::ldexp(1.0, std::ilogb(size)) : 1.0;
   std::vector<float> numbers(values.size());
-  std::ranges::transform(values, numbers.begin(), [](double value) { return static_cast<float>(value); });
+  std::ranges::transform(values, numbers.begin(), [&](double value) {
+    return std::isfinite(value) ? static_cast<float>((value - base) / scale) : std::numeric_limits<float>::quiet_NaN();
+  });
   json.begin_object();
+  if (base != 0.0 || scale != 1.0) {
+    json.entry("base", base).entry("scale", scale);
+  }
   write_array(json, "f32", numbers);
   json.end_object();
 }
@@ -105,12 +125,12 @@ void write_f32(Json& json, std::span<const double> values) {
 void write_u16(Json& json, std::span<const double> values, double minimum, double maximum) {
   constexpr double most = 65534.0;
   constexpr std::uint16_t undefined = 65535;
-  const double scale = maximum > minimum ? most / (maximum - minimum) : 0.0;
+  // In halves, since the difference of two numbers may be too large for one.
+  const double range = maximum / 2 - minimum / 2;
   std::vector<std::uint16_t> codes(values.size());
   std::ranges::transform(values, codes.begin(), [&](double value) {
-    return std::isfinite(value)
-               ? static_cast<std::uint16_t>(std::clamp(std::round((value - minimum) * scale), 0.0, most))
-               : undefined;
+    const double part = range > 0.0 ? (value / 2 - minimum / 2) / range : 0.0;
+    return std::isfinite(value) ? static_cast<std::uint16_t>(std::clamp(std::round(part * most), 0.0, most)) : undefined;
   });
   json.begin_object();
   json.entry("minimum", minimum).entry("maximum", maximum);

@@ -45,6 +45,7 @@ private:
 };
 
 /// How the numbers of an array are written into the page, all little-endian and in base 64: {"type", "data"}.
+/// In single precision a value is base + scale · number, where "base" and "scale" are given; what is not finite is NaN.
 void write_f64(Json& json, std::span<const double> values);
 void write_f32(Json& json, std::span<const double> values);
 /// In 16 bits: a value is minimum + code · (maximum - minimum)/65534, the code 65535 stands for what is not finite. Off

@@ -3,8 +3,9 @@
 #include <algorithm>
 #include <array>
 #include <fstream>
-#include <limits>
+#include <cmath>
 #include <stdexcept>
+#include <tuple>
 
 #include <fmt/format.h>
 
@@ -43,51 +44,105 @@ std::string assemble(std::string_view title, const std::string& data) {
   return replace_once(std::move(page), "{{title}}", escape_html(title));
 }
 
-std::size_t size_of_text() {
-  std::size_t size = 0;
-  for (const Asset& asset : assets()) {
-    size += asset.text.size();
+/// Everything that a page shows of one record.
+class Part {
+public:
+  Part(const record::Reader& reader, const PageOptions& options)
+      : reader_(reader),
+        contents_(contents_of(reader)),
+        summary_(summarise(reader, contents_)),
+        notes_(options.notes ? options.notes(reader) : Notes()),
+        needs_(reader, contents_) {
+    std::ranges::stable_sort(contents_.fields, {}, [&](const Contents::Field& field) {
+      return std::tuple(std::ranges::find(notes_.fields, field.name) - notes_.fields.begin(), !has_exact(field.name),
+                        field.at_midpoints);
+    });
   }
-  return size;
-}
 
-constexpr std::size_t curve_point_bytes = 16;  // 12 bytes, in base 64
+  [[nodiscard]] const Needs& needs() const { return needs_; }
 
-/// Shares the bytes of a page among what it shows.
-Resolution resolution_for(const PageOptions& options, const Contents& contents, std::size_t records) {
-  constexpr std::size_t unlimited = std::size_t{1} << 40;
+  void write_kind(Json& json) const {
+    json.entry("kind", contents_.kind == Contents::Kind::orbit ? "orbit" : "lattice");
+    write_description(json, {reader_, contents_, summary_, notes_});
+  }
+  void write_figures(Json& json, std::span<const std::size_t> shares) const {
+    const Source source{reader_, contents_, summary_, notes_};
+    const Resolution resolution = shares.empty() ? Resolution() : needs_.resolution(shares);
+    write_curves(json, source, resolution);
+    write_bridges(json, reader_, resolution);
+    if (contents_.kind == Contents::Kind::orbit) {
+      write_states(json, source, resolution);
+    } else {
+      write_maps(json, source, resolution);
+    }
+  }
+
+private:
+  [[nodiscard]] bool has_exact(const std::string& name) const {
+    return std::ranges::find(contents_.exact, name) != contents_.exact.end();
+  }
+
+  const record::Reader& reader_;
+  Contents contents_;
+  Summary summary_;
+  Notes notes_;
+  Needs needs_;
+};
+
+/// Shares the bytes of a page among the figures of its parts; nothing for a page in full. `text` is what the page has
+/// besides.
+std::vector<std::vector<std::size_t>> shares_for(const std::vector<Part>& parts, std::size_t text,
+                                                 const PageOptions& options) {
+  std::vector<std::vector<std::size_t>> shares(parts.size());
   if (options.full) {
-    return {unlimited, unlimited, unlimited};
+    return shares;
   }
-  constexpr std::size_t reserve = 60'000;  // the problem, tables, names
-  const std::size_t fixed = size_of_text() + reserve;
-  const std::size_t room = (options.max_bytes > fixed ? options.max_bytes - fixed : 0) / records;
-  const bool is_lattice = contents.kind == Contents::Kind::lattice;
-  // Curves take at most a third of the room where there are maps, else half; states as much again.
-  const std::size_t for_curves = room / (is_lattice ? 3 : 2);
-  const std::size_t buckets =
-      std::clamp<std::size_t>(for_curves / (2 * curve_point_bytes * count_curves(contents)), 20, 2000);
-  Resolution resolution{.curve_buckets = buckets, .state_buckets = 0, .map_bytes = 0};
-  const std::size_t used = 2 * buckets * curve_point_bytes * count_curves(contents);
-  const std::size_t left = room > used ? room - used : 0;
-  if (is_lattice) {
-    resolution.map_bytes = left * 3 / 4;
-  } else {
-    const std::size_t columns = 2 * std::min<std::size_t>(contents.coordinates.size(), 48) + contents.exact.size() + 2;
-    resolution.state_buckets = std::min<std::size_t>(5000, left * 3 / 4 / (8 * columns));
+  std::vector<Demand> demands;
+  std::size_t least = text;
+  for (const Part& part : parts) {
+    for (const Demand& demand : part.needs().demands()) {
+      demands.push_back(demand);
+      least += demand.least;
+    }
   }
-  return resolution;
+  if (least > options.max_bytes) {
+    throw std::invalid_argument(
+        fmt::format("a page of {} MB is too small: {} least {:.2f} MB", static_cast<double>(options.max_bytes) / 1e6,
+                    parts.size() == 1 ? "this record needs at" : "these records need at",
+                    std::ceil(static_cast<double>(least) / 1e4) / 1e2));
+  }
+  const std::vector<std::size_t> all = share(options.max_bytes - text, demands);
+  auto next = all.begin();
+  for (std::size_t i = 0; i < parts.size(); ++i) {
+    const auto count = static_cast<std::ptrdiff_t>(parts[i].needs().demands().size());
+    shares[i].assign(next, next + count);
+    next += count;
+  }
+  return shares;
 }
 
-void write_contents(Json& json, const record::Reader& reader, const Contents& contents, const Resolution& resolution) {
-  write_description(json, reader, contents);
-  write_curves(json, reader, contents, resolution);
-  write_bridges(json, reader);
-  if (contents.kind == Contents::Kind::orbit) {
-    write_states(json, reader, contents, resolution);
-  } else {
-    write_maps(json, reader, contents, resolution);
+/// The page whose data begin with what `begin` writes; then comes what is said and drawn of each part, by `write_part`.
+/// Written twice: without figures, which tells how long its text is, and with them.
+template <typename Write>
+std::string assemble_within(std::string_view title, const std::vector<Part>& parts, const PageOptions& options,
+                            const Write& write) {
+  std::vector<std::vector<std::size_t>> shares;
+  const auto data = [&](bool with_figures) {
+    Json json;
+    write(json, [&](std::size_t part) {
+      parts[part].write_kind(json);
+      if (with_figures) {
+        parts[part].write_figures(json, shares[part]);
+      }
+    });
+    return json.text();
+  };
+  shares = shares_for(parts, assemble(title, data(false)).size(), options);
+  std::string page = assemble(title, data(true));
+  if (!options.full && page.size() > options.max_bytes) {
+    throw std::logic_error(fmt::format("report: a page of {} bytes where {} were to suffice", page.size(), options.max_bytes));
   }
+  return page;
 }
 
 }  // namespace
@@ -101,55 +156,58 @@ std::string_view asset(std::string_view name) {
   return found->text;
 }
 
-void write_description(Json& json, const record::Reader& reader, const Contents& contents) {
-  const record::Header& header = reader.header();
+void write_description(Json& json, const Source& source) {
+  const record::Header& header = source.reader.header();
   json.entry("title", header.title).entry("problem", header.problem);
   json.key("provenance").begin_object();
-  json.entry("record", reader.file().filename().string()).entry("format", header.format);
+  json.entry("record", source.reader.file().filename().string()).entry("format", header.format);
   json.entry("version", header.version).entry("compiler", header.compiler);
   json.entry("threads", static_cast<std::size_t>(header.threads)).entry("finished", header.finished).end_object();
   json.key("summary").begin_array();
-  for (const Line& line : lines_of(summarise(reader, contents))) {
+  for (const Line& line : lines_of(source.summary)) {
     json.begin_array().value(line.label).value(line.value).value(line.remark).value(line.is_headline).end_array();
   }
   json.end_array();
 }
 
 std::string page(const record::Reader& reader, const PageOptions& options) {
-  const Contents contents = contents_of(reader);
-  const Resolution resolution = resolution_for(options, contents, 1);
-  Json json;
-  json.begin_object().entry("kind", contents.kind == Contents::Kind::orbit ? "orbit" : "lattice");
-  write_contents(json, reader, contents, resolution);
-  json.end_object();
-  return assemble(reader.header().title, json.text());
+  std::vector<Part> parts;
+  parts.emplace_back(reader, options);
+  return assemble_within(reader.header().title, parts, options, [](Json& json, const auto& write_part) {
+    json.begin_object();
+    write_part(0);
+    json.end_object();
+  });
 }
 
 std::string comparison_page(const record::Reader& a, const record::Reader& b, const PageOptions& options,
                             const Canonical& canonical) {
   const Comparison comparison = compare(a, b, canonical);
-  Json json;
-  json.begin_object().entry("kind", "comparison").key("lines").begin_array();
-  for (const auto& line : comparison.lines) {
-    json.begin_array().value(line[0]).value(line[1]).value(line[2]).end_array();
-  }
-  json.end_array().key("only_in").begin_array();
-  for (const auto& lines : comparison.only_in) {
-    json.begin_array();
-    for (const std::string& line : lines) {
-      json.value(line);
+  std::vector<Part> parts;
+  parts.emplace_back(a, options);
+  parts.emplace_back(b, options);
+  const std::string title = fmt::format("{} and {}", a.file().filename().string(), b.file().filename().string());
+  return assemble_within(title, parts, options, [&](Json& json, const auto& write_part) {
+    json.begin_object().entry("kind", "comparison").key("lines").begin_array();
+    for (const auto& line : comparison.lines) {
+      json.begin_array().value(line[0]).value(line[1]).value(line[2]).end_array();
     }
-    json.end_array();
-  }
-  json.end_array().key("records").begin_array();
-  for (const record::Reader* reader : {&a, &b}) {
-    const Contents contents = contents_of(*reader);
-    json.begin_object().entry("kind", contents.kind == Contents::Kind::orbit ? "orbit" : "lattice");
-    write_contents(json, *reader, contents, resolution_for(options, contents, 2));
-    json.end_object();
-  }
-  json.end_array().end_object();
-  return assemble(fmt::format("{} and {}", a.file().filename().string(), b.file().filename().string()), json.text());
+    json.end_array().key("only_in").begin_array();
+    for (const auto& lines : comparison.only_in) {
+      json.begin_array();
+      for (const std::string& line : lines) {
+        json.value(line);
+      }
+      json.end_array();
+    }
+    json.end_array().key("records").begin_array();
+    for (const std::size_t part : {0, 1}) {
+      json.begin_object();
+      write_part(part);
+      json.end_object();
+    }
+    json.end_array().end_object();
+  });
 }
 
 void write_page(const std::filesystem::path& file, const std::string& text, bool overwrite) {

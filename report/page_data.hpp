@@ -3,9 +3,11 @@
 #include <cstddef>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <rubato/record/reader.hpp>
+#include <rubato/report/budget.hpp>
 #include <rubato/report/contents.hpp>
 #include <rubato/report/packing.hpp>
 #include <rubato/report/page.hpp>
@@ -15,31 +17,45 @@
 /// The numbers of a page, as the JSON that its scripts read. Not part of the library's interface.
 namespace rubato::report {
 
-/// How finely a page shows what it shows.
-struct Resolution {
-  std::size_t curve_buckets;  ///< of each curve
-  std::size_t state_buckets;  ///< of an orbit's states, shared by its coordinates
-  std::size_t map_bytes;      ///< of all maps together, before base 64
+/// What a page shows of one record, and what is known of it.
+struct Source {
+  const record::Reader& reader;
+  const Contents& contents;
+  const Summary& summary;
+  const Notes& notes;
 };
 
-/// "curves": what every record has per level and per step, and its laws: [{"name", "group", "initial", "count", "x",
-/// "y"}, …]. Energies, totals and invariants are deviations from their first value, "initial". "count" is the number of
-/// points of which the envelope was taken.
-void write_curves(Json& json, const record::Reader& reader, const Contents& contents, const Resolution& resolution);
+/// "curves": what every record has per level and per step, its laws, and the errors of an orbit: [{"name", "group",
+/// "initial", "count", "undefined", "rounding", "axis" or "x", "y"}, …]. Energies, totals and invariants are deviations
+/// from "initial". "count" is the number of values, of which "undefined" are none; "axis" names one of "times" where all
+/// are there. "rounding" is the size of what rounding leaves, where that is known.
+void write_curves(Json& json, const Source& source, const Resolution& resolution);
 
-/// "bridges": [[t, t], …], the times between which steps were bridging.
-void write_bridges(Json& json, const record::Reader& reader);
+/// The times between which steps were bridging, bridges that touch as one.
+[[nodiscard]] std::vector<std::pair<double, double>> bridge_spans(const record::Reader& reader);
 
-/// "states": an orbit's coordinates and momenta along the same selection of stored levels.
-void write_states(Json& json, const record::Reader& reader, const Contents& contents, const Resolution& resolution);
+/// "bridges": {"from", "to"}: the times between which steps were bridging; "bridge_count": how many there are.
+void write_bridges(Json& json, const record::Reader& reader, const Resolution& resolution);
 
-/// "maps": a lattice's fields, errors and residual fields over space and time.
-void write_maps(Json& json, const record::Reader& reader, const Contents& contents, const Resolution& resolution);
+/// A coordinate, a momentum or an exact solution: column `offset` of a dataset.
+struct StateColumn {
+  std::string name, group, path;
+  std::size_t offset;
+};
+/// Those that a page shows of an orbit. Coordinates beyond the first 48 are left to the record; the page says so.
+[[nodiscard]] std::vector<StateColumn> state_columns(const Contents& contents);
+
+/// "states": an orbit's coordinates and momenta along the same selection of stored levels, and, where that is not all
+/// of them, each against time by its own.
+void write_states(Json& json, const Source& source, const Resolution& resolution);
+
+/// "map_times" and "maps": a lattice's fields, errors and residual fields over space and time.
+void write_maps(Json& json, const Source& source, const Resolution& resolution);
 
 /// How many curves write_curves() writes.
 [[nodiscard]] std::size_t count_curves(const Contents& contents);
 
 /// "title", "summary", "problem", "provenance" of one record.
-void write_description(Json& json, const record::Reader& reader, const Contents& contents);
+void write_description(Json& json, const Source& source);
 
 }  // namespace rubato::report

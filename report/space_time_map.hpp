@@ -13,9 +13,12 @@ public:
   struct Plan {
     Partition levels, cells;
   };
-  /// As finely as `bytes` allow for all maps together: not at all if possible, else along time only, else with as many
-  /// blocks along time as along space.
+  [[nodiscard]] static Demand demand(const record::DatasetInfo& field, const Contents& contents);
+  /// As finely as `bytes` of the page allow for all maps together: in full if possible, else thinned along time only,
+  /// else with as many blocks along time as along space.
   [[nodiscard]] static Plan plan(const record::DatasetInfo& field, const Contents& contents, std::size_t bytes);
+  /// "map_times": the first and the last time in each row of blocks.
+  static void write_times(Json& json, const record::Reader& reader, const Plan& plan);
 
   SpaceTimeMap(Drawing drawing, const Plan& plan);
   void add(std::size_t level, std::span<const double> values);
@@ -25,6 +28,7 @@ private:
   [[nodiscard]] bool has_profiles() const { return drawing_.group == "field" || drawing_.group == "exact"; }
 
   Drawing drawing_;
+  Census census_;
   BlockEnvelope blocks_, profiles_;
 };
 

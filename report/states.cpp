@@ -1,5 +1,5 @@
 #include <algorithm>
-#include <numeric>
+#include <map>
 
 #include <rubato/report/page_data.hpp>
 
@@ -7,63 +7,87 @@ namespace rubato::report {
 
 namespace {
 
-/// Coordinates beyond these are left to the record itself; the page says so.
 constexpr std::size_t most_coordinates = 48;
-/// The first states are all kept, so that a piece of the orbit can be drawn as a line.
-constexpr std::size_t lead = 1500;
 
-struct Column {
-  std::string name, group;
-  const std::vector<double>* rows;
-  std::size_t stride, offset;
+/// The datasets of an orbit's states, each read once.
+class States {
+public:
+  explicit States(const record::Reader& reader) : t_(reader.read("/states/t")), reader_(reader) {}
+
+  [[nodiscard]] const std::vector<double>& t() const { return t_; }
+  [[nodiscard]] const double* column(const StateColumn& column) {
+    return dataset(column.path).data() + column.offset;
+  }
+  [[nodiscard]] std::size_t stride(const StateColumn& column) { return dataset(column.path).size() / t_.size(); }
+
+private:
+  const std::vector<double>& dataset(const std::string& path) {
+    const auto found = datasets_.find(path);
+    return found != datasets_.end() ? found->second : datasets_.emplace(path, reader_.read(path)).first->second;
+  }
+
+  std::vector<double> t_;
+  const record::Reader& reader_;
+  std::map<std::string, std::vector<double>> datasets_;
 };
 
 }  // namespace
 
-void write_states(Json& json, const record::Reader& reader, const Contents& contents, const Resolution& resolution) {
-  const std::vector<double> t = reader.read("/states/t");
-  const std::vector<double> q = reader.read("/states/q");
-  const std::vector<double> p = reader.read("/states/p");
-  std::vector<std::vector<double>> exact;
-  for (const std::string& name : contents.exact) {
-    exact.push_back(reader.read("/exact/" + name));
-  }
-  const std::size_t n = contents.coordinates.size();
-  const std::size_t shown = std::min(n, most_coordinates);
-  std::vector<Column> columns;
-  for (std::size_t i = 0; i < shown; ++i) {
-    columns.push_back({contents.coordinates[i], "q", &q, n, i});
-  }
-  for (std::size_t i = 0; i < shown; ++i) {
-    columns.push_back({contents.momenta[i], "p", &p, n, i});
-  }
-  for (std::size_t i = 0; i < exact.size(); ++i) {
-    columns.push_back({contents.exact[i], "exact", &exact[i], 1, 0});
-  }
-
-  std::vector<std::size_t> kept(std::min(t.size(), lead));
-  std::iota(kept.begin(), kept.end(), std::size_t{0});
-  std::vector<std::size_t> every(t.size());
-  std::iota(every.begin(), every.end(), std::size_t{0});
-  const std::size_t buckets = std::max<std::size_t>(50, resolution.state_buckets / (2 * shown));
-  if (t.size() <= 2 * resolution.state_buckets + lead) {
-    kept = every;
-  } else {
-    for (std::size_t i = 0; i < 2 * shown; ++i) {
-      const Column& column = columns[i];
-      kept = merge(kept, envelope(pick(*column.rows, every, column.stride, column.offset), buckets));
+std::vector<StateColumn> state_columns(const Contents& contents) {
+  std::vector<StateColumn> columns;
+  for (const auto& [names, group, path] :
+       {std::tuple(&contents.coordinates, "q", "/states/q"), {&contents.momenta, "p", "/states/p"}}) {
+    for (std::size_t i = 0; i < std::min(names->size(), most_coordinates); ++i) {
+      columns.push_back({(*names)[i], group, path, i});
     }
   }
+  for (const std::string& name : contents.exact) {
+    columns.push_back({name, "exact", "/exact/" + name, 0});
+  }
+  return columns;
+}
 
-  json.key("states").begin_object();
-  json.entry("count", t.size()).entry("lead", kept.size() == t.size() ? t.size() : lead);
-  json.entry("coordinates", n).entry("coordinates_shown", shown);
-  json.key("t");
-  write_f64(json, pick(t, kept));
+void write_states(Json& json, const Source& source, const Resolution& resolution) {
+  States states(source.reader);
+  const std::vector<StateColumn> columns = state_columns(source.contents);
+  const std::vector<double>& t = states.t();
+
+  Path path{.size = t.size(), .columns = {}, .strides = {}};
+  for (const StateColumn& column : columns) {
+    if (column.group != "exact") {
+      path.columns.push_back(states.column(column));
+      path.strides.push_back(states.stride(column));
+    }
+  }
+  const PathSelection selection = thin_path(path, resolution.path_states);
+  const bool is_whole = selection.kept.size() == t.size();
+
+  json.key("states").begin_object().entry("count", t.size()).entry("deviation", selection.deviation);
+  json.entry("coordinates", source.contents.coordinates.size());
+  json.key("starts").begin_array();
+  for (const std::size_t start : selection.starts) {
+    json.value(start);
+  }
+  json.end_array().key("t");
+  write_f64(json, pick(t, selection.kept));
   json.key("columns").begin_array();
-  for (const Column& column : columns) {
+  for (const StateColumn& column : columns) {
+    const std::span<const double> values(states.column(column), (t.size() - 1) * states.stride(column) + 1);
+    const auto picked = [&](std::span<const std::size_t> kept) { return pick(values, kept, states.stride(column)); };
     json.begin_object().entry("name", column.name).entry("group", column.group).key("values");
-    write_f32(json, pick(*column.rows, kept, column.stride, column.offset));
+    write_f32(json, picked(selection.kept));
+    if (!is_whole) {
+      std::vector<double> all;
+      for (std::size_t k = 0; k < t.size(); ++k) {
+        all.push_back(values[k * states.stride(column)]);
+      }
+      const std::vector<std::size_t> kept = envelope_within(all, resolution.column_points);
+      json.key("over_time").begin_object().key("x");
+      write_f64(json, pick(t, kept));
+      json.key("y");
+      write_f32(json, pick(all, kept));
+      json.end_object();
+    }
     json.end_object();
   }
   json.end_array().end_object();

@@ -57,6 +57,14 @@ std::vector<std::size_t> envelope(std::span<const double> y, std::size_t buckets
   return kept;
 }
 
+std::vector<std::size_t> envelope_within(std::span<const double> y, std::size_t points) {
+  if (y.size() <= points) {
+    return envelope(y, y.size() + 1);
+  }
+  const bool has_gaps = !std::ranges::all_of(y, [](double value) { return std::isfinite(value); });
+  return envelope(y, (points - 2) / (has_gaps ? 3 : 2));  // with both ends
+}
+
 std::vector<std::size_t> merge(std::span<const std::size_t> a, std::span<const std::size_t> b) {
   std::vector<std::size_t> both;
   std::ranges::set_union(a, b, std::back_inserter(both));
@@ -91,26 +99,31 @@ void BlockEnvelope::add_row(std::span<const double> values) {
     throw std::invalid_argument(fmt::format("BlockEnvelope: row {} of {} values, but the matrix is {} by {}", next_row_,
                                             values.size(), rows_.places(), columns_.places()));
   }
-  const std::size_t part = rows_.part_of(next_row_++);
+  const std::size_t part = rows_.part_of(next_row_);
   for (std::size_t column = 0; column < columns_.parts(); ++column) {
     double& low = low_[part * columns_.parts() + column];
     double& high = high_[part * columns_.parts() + column];
     for (std::size_t i = columns_.begin(column); i < columns_.end(column); ++i) {
-      const double value = values[i];  // comparisons with NaN are false, and infinities are left out below
-      if (value < low && value > -infinity) {
-        low = value;
+      const double value = values[i];
+      if (!std::isfinite(value)) {
+        low = high = std::numeric_limits<double>::quiet_NaN();  // with which no comparison below is true any more
       }
-      if (value > high && value < infinity) {
-        high = value;
-      }
+      low = value < low ? value : low;
+      high = value > high ? value : high;
     }
   }
-  if (next_row_ == rows_.end(part)) {
-    close_row_of_blocks(part);
-  }
+  close_row();
 }
 
-void BlockEnvelope::close_row_of_blocks(std::size_t part) {
+void BlockEnvelope::skip_row() {
+  close_row();
+}
+
+void BlockEnvelope::close_row() {
+  const std::size_t part = rows_.part_of(next_row_++);
+  if (next_row_ != rows_.end(part)) {
+    return;
+  }
   for (std::size_t i = part * columns_.parts(); i < (part + 1) * columns_.parts(); ++i) {
     if (low_[i] > high_[i]) {
       low_[i] = high_[i] = std::numeric_limits<double>::quiet_NaN();

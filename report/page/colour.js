@@ -50,7 +50,15 @@ rubato.colour = (() => {
     return css(rgb(lab(lightness + bend, chroma * (rubato.theme.isDark() ? 0.85 : 1), hue)));
   };
 
+  /** Stripes, as no map of colours has them, for what is undefined. */
+  const undefinedAt = (i, j) => {
+    const isDark = rubato.theme.isDark();
+    const [one, other] = isDark ? [[120, 124, 134], [60, 64, 74]] : [[150, 152, 158], [216, 217, 220]];
+    return (i + j) % 8 < 4 ? one : other;
+  };
+
   return {
+    undefinedAt,
     sequential: () => sequential,
     diverging: () => (rubato.theme.isDark() ? divergingDark : divergingLight),
     series,

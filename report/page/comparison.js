@@ -15,10 +15,10 @@ rubato.comparison = (data) => {
   if (records[0].kind === "orbit") rubato.comparedOrbits(records, letter);
   else rubato.comparedLattices(records, letter);
 
-  const curves = records.map((record) => record.curves.map(rubato.commonCurves.unpack));
-  const bridges = records.flatMap((record) => record.bridges);
+  const curves = records.map(rubato.commonCurves.unpack);
+  const bridges = records.flatMap(rubato.commonCurves.bridges);
   const titles = { energy: "Energy", h: "Time levels", gamma: "Time levels", condition: "Time levels", iterations: "Time levels",
-    residual: "Local laws, step by step", total: "Totals and invariants", invariant: "Totals and invariants" };
+    error: "Errors", residual: "Local laws, step by step", total: "Totals and invariants", invariant: "Totals and invariants" };
   const logarithmic = ["energy", "condition", "residual"];
   const grids = {};
   const found = new Map(curves.flat().map((curve) => [`${curve.group} ${curve.name}`, curve]));
@@ -29,7 +29,7 @@ rubato.comparison = (data) => {
     grids[section] = grids[section] || rubato.section(section);
     const isLogarithmic = logarithmic.includes(group);
     const names = { h: "Step length", gamma: "\u0393", "step condition": "Step condition", iterations: "Iterations of the step" };
-    const title = group === "energy" ? `Deviation of the ${name}` : (group === "total" ? `Total ${name}` : names[name] || name);
+    const title = group === "error" ? `Error in ${name}` : group === "energy" ? `Deviation of the ${name}` : (group === "total" ? `Total ${name}` : names[name] || name);
     rubato.commonCurves.show(grids[section], title, isLogarithmic ? both.map(rubato.commonCurves.magnitude) : both,
       { logarithmic: isLogarithmic, yLabel: ["invariant", "total"].includes(group) ? "deviation" : name, bridges });
   });
@@ -43,8 +43,7 @@ rubato.comparison = (data) => {
 
 /** Portraits and coordinates of two orbits. */
 rubato.comparedOrbits = (records, letter) => {
-  const states = records.map((record) => ({ ...record.states, t: rubato.unpack.array(record.states.t),
-    columns: record.states.columns.map((column) => ({ ...column, values: rubato.unpack.array(column.values) })) }));
+  const states = records.map((record, i) => ({ ...rubato.unpackStates(record.states), label: letter(i) }));
   const common = states[0].columns.filter((column) => column.group !== "exact" &&
     states[1].columns.some((other) => other.name === column.name && other.group === column.group));
   const q = common.filter((column) => column.group === "q");
@@ -53,15 +52,26 @@ rubato.comparedOrbits = (records, letter) => {
   const draw = (title, chosen) => rubato.portrait(rubato.card(grid, title), states, { ...chosen, title });
   if (q.length > 1) draw("Configuration", { x: q[0].name, y: q[1].name });
   if (p.length > 0) draw("Phase portrait", { x: q[0].name, y: p[0].name });
-  q.slice(0, 3).forEach(({ name }) => rubato.commonCurves.show(grid, `${name} against time`, states.map((one, i) => ({
-    name: `${letter(i)} ${name}`, x: one.t, y: one.columns.find((column) => column.name === name).values, colour: i, count: 0,
-    dash: i === 1 ? [5, 3] : undefined })), { yLabel: name, height: q.length > 1 ? 230 : 408 }));
+  const card = rubato.card(grid, "A coordinate against time", { wide: q.length > 1 });
+  const note = rubato.element("figcaption", { class: "note" });
+  let picture = null;
+  const show = (name) => {
+    if (picture) picture.remove();
+    const series = states.map((one, i) => ({ label: `${letter(i)} ${name}`, colour: i, dash: i === 1 ? [5, 3] : undefined,
+      ...rubato.overTime(one, one.columns.find((column) => column.name === name && column.group !== "exact")) }));
+    picture = rubato.curve(card.body, { label: `${name} against time`, series, yLabel: name, height: q.length > 1 ? 280 : 340 });
+    note.textContent = states.map((one, i) => rubato.thinningNote(one.count, series[i].x.length, `states of ${letter(i)}`)).filter(Boolean).join(" ");
+    card.body.append(note);
+  };
+  card.control(rubato.select("coordinate", common.map(({ name }) => [name, name]), q[0].name, show), " ",
+    rubato.button("Reset zoom", "Show all times", () => picture.reset()));
+  show(q[0].name);
   rubato.player(states[0].t);
 };
 
 /** Fields of two lattices: profiles over each other where there is one space dimension, else maps side by side. */
 rubato.comparedLattices = (records, letter) => {
-  const maps = records.map((record) => record.maps.map(rubato.unpackMap));
+  const maps = records.map(rubato.unpackMaps);
   const grid = rubato.section("Fields", "fields");
   maps[0].filter((map) => map.packed.group === "field").forEach((map) => {
     const other = maps[1].find((one) => one.packed.group === "field" && one.packed.name === map.packed.name);

@@ -7,7 +7,8 @@
  *   xLabel, yLabel, logarithmic, height
  *   time     whether x is time: cursors and zoom are then shared with all other curves over time
  *   bridges  [[t, t], …] to be marked
- * answers { plot, replace(series), reset() }.
+ *   rounding the size below which values are rounding: shaded, and never the whole picture
+ * answers { plot, replace(series), reset(), remove() }.
  */
 rubato.curve = (() => {
   let spreading = false;
@@ -15,10 +16,14 @@ rubato.curve = (() => {
   /** uPlot wants ascending x, and null for gaps. */
   const ordered = ({ x, y }) => {
     const xs = Array.from(x);
-    const ys = Array.from(y, (value) => (value === null || Number.isNaN(value) ? null : value));
+    const ys = Array.from(y, (value) => (Number.isFinite(value) ? value : null));
     return xs.length > 1 && xs[0] > xs[xs.length - 1] ? [xs.reverse(), ys.reverse()] : [xs, ys];
   };
-  const table = (series) => uPlot.join(series.map(ordered));
+  const table = (series) => {
+    const all = series.map(ordered);
+    const isShared = series.every(({ x }) => x === series[0].x);
+    return isShared && all.length > 0 ? [all[0][0], ...all.map(([, y]) => y)] : uPlot.join(all);
+  };
 
   /** The nearest index at which a series has a value: curves joined from different selections have holes. */
   const nearest = (plot, index, hovered) => {
@@ -43,6 +48,32 @@ rubato.curve = (() => {
       ctx.fillRect(Math.min(left, right), plot.bbox.top, width, plot.bbox.height);
     });
     ctx.restore();
+  };
+
+  /** Where values are no more than rounding: from -size to size, or on a logarithmic scale below it. */
+  const markRounding = (size, logarithmic) => (plot) => {
+    const { ctx, bbox } = plot;
+    const place = (value) => Math.min(bbox.top + bbox.height, Math.max(bbox.top, plot.valToPos(value, "y", true)));
+    const top = place(logarithmic ? Math.log10(size) : size);
+    const bottom = logarithmic ? bbox.top + bbox.height : place(-size);
+    ctx.save();
+    ctx.fillStyle = rubato.theme.colour("rounding");
+    ctx.fillRect(bbox.left, top, bbox.width, bottom - top);
+    if (bottom - top > 14 * devicePixelRatio) {
+      ctx.fillStyle = rubato.theme.colour("faint");
+      ctx.font = rubato.theme.font(11 * devicePixelRatio);
+      ctx.textAlign = "right";
+      ctx.textBaseline = "top";
+      ctx.fillText(`rounding: ${rubato.format.number(size, 2)}`, bbox.left + bbox.width - 6 * devicePixelRatio, top + 3 * devicePixelRatio);
+    }
+    ctx.restore();
+  };
+  /** A range that shows rounding as small as it is: a twelfth of the picture, or a third of at least six decades. */
+  const withRounding = (size, logarithmic, range) => (plot, low, high) => {
+    const [from, to] = range(plot, low, high);
+    if (!logarithmic) return [Math.min(from, -6 * size), Math.max(to, 6 * size)];
+    const level = Math.log10(size);
+    return low === null ? [level - 2, level + 4] : [Math.min(from, level - 2), Math.max(to, level + 4)];
   };
 
   const spreadZoom = (plot, key) => {
@@ -70,8 +101,21 @@ rubato.curve = (() => {
   /** Some room above and below, also where all values are equal or uPlot would call their range nothing. */
   const padded = (plot, low, high) => {
     if (low === null || high === null) return [0, 1];
-    const pad = (high - low) * 0.08 || Math.abs(high) * 0.1 || 1;
+    const pad = (high / 2 - low / 2) * 0.16 || Math.abs(high) * 0.1 || 1;
     return [low - pad, high + pad];
+  };
+
+  /** Few values, or single ones between gaps, which no line shows. */
+  const isSparse = (values) => {
+    const has = (i) => values[i] !== null && values[i] !== undefined;
+    let count = 0;
+    let isAlone = false;
+    for (let i = 0; i < values.length; ++i) {
+      if (!has(i)) continue;
+      ++count;
+      isAlone = isAlone || (values[i - 1] === null && values[i + 1] === null);
+    }
+    return count < 40 || isAlone;
   };
 
   const axis = (label, splits, values, size) => ({
@@ -96,14 +140,15 @@ rubato.curve = (() => {
   });
 
   return (host, options) => {
-    const { label, series, xLabel = "t", yLabel = "", logarithmic = false, height = 230, time = true, bridges = [], right = 14, range } = options;
+    const { label, series, xLabel = "t", yLabel = "", logarithmic = false, height = 230, time = true, bridges = [], right = 14, rounding = 0 } = options;
+    const range = rounding > 0 ? withRounding(rounding, logarithmic, options.range || padded) : options.range || padded;
     const holder = rubato.element("div", { class: "curve", tabindex: "0", role: "group",
       "aria-label": `${label}. Arrow keys move the cursor, plus and minus zoom, 0 shows all.` });
     host.append(holder);
     const lines = (all) => all.map((one, index) => ({
       label: one.label,
       stroke: () => rubato.colour.series(one.colour === undefined ? index : one.colour),
-      width: one.width || 1.4, dash: one.dash, points: { show: one.y.length < 40, size: 5 }, spanGaps: false,
+      width: one.width || 1.4, dash: one.dash, points: { show: (self, index) => isSparse(self.data[index]), size: 5 }, spanGaps: false,
       value: (plot, value) => rubato.format.number(logarithmic && value !== null ? 10 ** value : value, one.digits || 6),
     }));
     const prepared = (all) => table(logarithmic ? all.map(logarithms) : all);
@@ -113,7 +158,7 @@ rubato.curve = (() => {
     const plot = new uPlot({
       width: Math.max(holder.clientWidth, 240), height,
       padding: [10, right, 0, 0],
-      scales: { x: { time: false }, y: { range: range || padded } },
+      scales: { x: { time: false }, y: { range } },
       axes: [axis(xLabel, across, tickTexts, 28), axis(yLabel, up, logarithmic ? powerTexts : tickTexts, 62)],
       series: [{ label: xLabel, value: (self, value) => rubato.format.number(value, 7) }, ...lines(series)],
       cursor: {
@@ -121,18 +166,27 @@ rubato.curve = (() => {
         sync: time ? { key: "t", scales: ["x", null], setSeries: false } : undefined,
         points: { size: 6 },
       },
-      hooks: { drawClear: [markBridges(bridges)], setScale: time ? [spreadZoom] : [], draw: [(self) => { moveClock(self); }] },
+      hooks: { drawClear: [...(rounding > 0 ? [markRounding(rounding, logarithmic)] : []), markBridges(bridges)], setScale: time ? [spreadZoom] : [], draw: [(self) => { moveClock(self); }] },
     }, prepared(series), holder);
 
+    let isGone = false;
     const now = rubato.element("div", { class: "now", hidden: "" });
     plot.over.append(now);
     function moveClock(self) {
-      if (!time || !now.isConnected) return;
+      if (!time || isGone || !now.isConnected) return;
       const left = self.valToPos(rubato.clock.get(), "x");
       now.hidden = !(left >= 0 && left <= self.over.clientWidth);
       now.style.left = `${left}px`;
     }
     const curve = {
+      /** Takes the picture away: others may take its place. */
+      remove: () => {
+        isGone = true;
+        sizes.disconnect();
+        rubato.pictures.curves.splice(rubato.pictures.curves.indexOf(curve), 1);
+        plot.destroy();
+        holder.remove();
+      },
       plot,
       time,
       replace: (next) => plot.setData(prepared(next), false),
@@ -142,16 +196,17 @@ rubato.curve = (() => {
         plot.setScale("x", { min: xs[0], max: xs[xs.length - 1] });
       },
     };
+    const sizes = new ResizeObserver(() => {
+      if (holder.clientWidth > 0 && holder.clientWidth !== plot.width) plot.setSize({ width: holder.clientWidth, height });
+    });
     if (time) {
       rubato.clock.watch(() => moveClock(plot));
       moveClock(plot);
     }
     rubato.pictures.curves.push(curve);
     keys(holder, curve);
-    rubato.theme.watch(() => plot.redraw(false, true));
-    new ResizeObserver(() => {
-      if (holder.clientWidth > 0 && holder.clientWidth !== plot.width) plot.setSize({ width: holder.clientWidth, height });
-    }).observe(holder);
+    rubato.theme.watch(() => { if (!isGone) plot.redraw(false, true); });
+    sizes.observe(holder);
     return curve;
   };
 })();

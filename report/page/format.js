@@ -7,6 +7,7 @@ rubato.format = (() => {
   /** With `digits` significant digits, and no zeros at the end. */
   const number = (value, digits = 6) => {
     if (value === null || value === undefined || Number.isNaN(value)) return "\u2013";
+    if (!Number.isFinite(value)) return value > 0 ? "\u221e" : "\u2212\u221e";
     if (value === 0) return "0";
     const size = Math.abs(value);
     if (size >= 1e-4 && size < 1e7) return minus(String(Number(value.toPrecision(digits))));
@@ -29,10 +30,13 @@ rubato.format = (() => {
 
   /** Round numbers in [low, high]. */
   const ticks = (low, high, count) => {
-    if (!(high > low)) return [low];
+    if (!(high > low) || !Number.isFinite(high - low)) return [low];
     const spacing = step(high - low, count);
+    const first = Math.ceil(low / spacing - 1e-9);
+    // Beyond 2^53 there is no next whole number, and between close neighbours no round one.
+    if (!(Math.abs(first) < 2 ** 52)) return [low, high];
     const values = [];
-    for (let i = Math.ceil(low / spacing - 1e-9); i * spacing <= high + 1e-9 * spacing; ++i) values.push(i * spacing);
+    for (let i = 0; i < 1000 && (first + i) * spacing <= high + 1e-9 * spacing; ++i) values.push((first + i) * spacing);
     return values;
   };
 
@@ -41,9 +45,19 @@ rubato.format = (() => {
     if (values.length < 2) return values.map((value) => number(value, 4));
     const spacing = Math.abs(values[1] - values[0]);
     const largest = Math.max(...values.map(Math.abs));
-    const digits = Math.min(15, Math.max(1, Math.floor(Math.log10(largest)) - Math.floor(Math.log10(spacing)) + 2));
+    const digits = Math.min(16, Math.max(1, Math.floor(Math.log10(largest)) - Math.floor(Math.log10(spacing)) + 2)) || 1;
     return values.map((value) => number(Math.abs(value) < spacing * 1e-6 ? 0 : value, digits));
   };
 
-  return { number, power, ticks, tickTexts };
+  /** How many, with groups of thousands. */
+  const count = (value) => value.toLocaleString("en");
+  /** A part of a whole, in percent, that is not rounded to none or to all. */
+  const percent = (part, whole) => {
+    const exact = 100 * part / whole;
+    if (exact > 0 && exact < 0.1) return "less than 0.1 %";
+    if (exact > 99.9 && exact < 100) return "more than 99.9 %";
+    return `${number(exact, exact < 10 ? 2 : 3)} %`;
+  };
+
+  return { count, percent, number, power, ticks, tickTexts };
 })();

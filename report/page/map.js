@@ -2,8 +2,18 @@
 
 /** Maps: blocks of a lattice's values over space and time, or over the plane at one time, as colours. */
 
-/** A map as packed by space_time_map.cpp or film.cpp, with the values of its blocks and its profiles at hand. */
-rubato.unpackMap = (packed) => {
+/** All maps of a record. */
+rubato.unpackMaps = ({ maps, map_times: times }) => {
+  const first = rubato.unpack.array(times.first);
+  const last = times.last ? rubato.unpack.array(times.last) : first;
+  return maps.map((packed) => rubato.unpackMap(packed, first, last));
+};
+
+/**
+ * A map as packed by space_time_map.cpp or film.cpp, with the values of its blocks and its profiles at hand. The colours of
+ * a residual end where rounding begins, and span at least four decades: a law met to rounding is dark.
+ */
+rubato.unpackMap = (packed, first, last) => {
   const own = packed.values ? rubato.unpack.coded(packed.values) : null;
   const profile = packed.profile
     ? { high: rubato.unpack.coded(packed.profile.high), low: packed.profile.low ? rubato.unpack.coded(packed.profile.low) : null }
@@ -13,23 +23,22 @@ rubato.unpackMap = (packed) => {
   const { minimum, maximum } = own || profile.high;
   const signed = !packed.logarithmic && ((minimum < 0 && maximum > 0) || packed.group === "error");
   const limit = Math.max(-minimum, maximum) || 1;
-  const range = signed ? [-limit, limit] : [minimum, maximum > minimum ? maximum : minimum + 1];
+  const rounding = packed.logarithmic && packed.rounding > 0 ? Math.log10(packed.rounding) : null;
+  const above = (low, high) => [low, high > low ? high : low + (Math.abs(low) * 0.1 || 1)];
+  const range = rounding !== null ? [rounding, Math.max(maximum, rounding + 4)] : (signed ? [-limit, limit] : above(minimum, maximum));
   const { undefinedCode } = rubato.unpack;
   const centre = own && !packed.logarithmic ? own.code(packed.centre) : -1;
   /** Of two codes the one that a picture must not lose: farther from the centre, or larger. */
   const stronger = (a, b) => {
-    if (a === undefinedCode) return b;
-    if (b === undefinedCode) return a;
+    if (a === undefinedCode || b === undefinedCode) return undefinedCode;
     return Math.abs(a - centre) >= Math.abs(b - centre) ? a : b;
   };
   const index = new Uint8Array(65536);
   if (own) {
     for (let code = 0; code <= rubato.unpack.steps; ++code) {
-      index[code] = Math.round(255 * Math.min(1, Math.max(0, (own.value(code) - range[0]) / (range[1] - range[0]))));
+      index[code] = Math.round(255 * Math.min(1, Math.max(0, (own.value(code) / 2 - range[0] / 2) / (range[1] / 2 - range[0] / 2))));
     }
   }
-  const first = rubato.unpack.array(packed.t_first);
-  const last = rubato.unpack.array(packed.t_last);
   /** Edges of the places along time, half way between the levels. */
   const edges = new Float64Array(first.length + 1);
   edges[0] = first[0];
@@ -63,9 +72,10 @@ rubato.unpackMap = (packed) => {
   };
   const text = (at) => {
     const value = own.value(own.codes[at]);
-    return Number.isNaN(value) ? "undefined" : rubato.format.number(packed.logarithmic ? 10 ** value : value, 5);
+    if (Number.isNaN(value)) return "undefined";
+    return rubato.format.number(packed.logarithmic ? 10 ** value : value, 5) + (rounding !== null && value <= rounding ? " (rounding)" : "");
   };
-  return { packed, profile, rows, columns, range, shown: own ? own.codes : null, stronger, index, first, edges, place, text,
+  return { packed, profile, rows, columns, range, rounding, shown: own ? own.codes : null, stronger, index, first, edges, place, text,
     times: first.length, x: axis(packed.x), y: packed.y ? axis(packed.y) : null,
     colours: () => (signed ? rubato.colour.diverging() : rubato.colour.sequential()) };
 };
@@ -103,8 +113,7 @@ rubato.drawMap = (ctx, frame, map, rowPart, frameNumber = 0) => {
       if (column1 < 0) continue;
       let code = line[column1];
       for (let column = Math.max(column0, 0); column < column1; ++column) code = map.stronger(code, line[column]);
-      if (code === rubato.unpack.undefinedCode) continue;
-      const colour = colours[map.index[code]];
+      const colour = code === rubato.unpack.undefinedCode ? rubato.colour.undefinedAt(i, j) : colours[map.index[code]];
       const at = 4 * (j * width + i);
       image.data[at] = colour[0];
       image.data[at + 1] = colour[1];
@@ -129,6 +138,16 @@ rubato.drawColourBar = (ctx, frame, map) => {
   }
   ctx.strokeStyle = rubato.theme.colour("line");
   ctx.strokeRect(left + 0.5, frame.top + 0.5, 12, frame.height - 1);
+  if (map.rounding !== null) {
+    const bottom = frame.top + frame.height;
+    ctx.fillStyle = rubato.theme.colour("faint");
+    ctx.font = rubato.theme.font(11);
+    ctx.textAlign = "left";
+    ctx.textBaseline = "top";
+    ctx.fillText("rounding", left - 6, bottom + 5);
+    ctx.fillText(`\u2264 ${rubato.format.number(10 ** map.rounding, 2)}`, left - 6, bottom + 19);
+    ctx.fillRect(left, bottom - 2, 16, 2);
+  }
   const [low, high] = map.range;
   const y = (value) => frame.top + frame.height * (high - value) / (high - low);
   ctx.fillStyle = rubato.theme.colour("faint");

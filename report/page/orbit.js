@@ -2,100 +2,144 @@
 
 /** Curves that every record has. */
 rubato.commonCurves = (() => {
-  const unpack = (curve) => ({ ...curve, x: rubato.unpack.array(curve.x), y: rubato.unpack.array(curve.y) });
+  /** All curves of a record; those in full share the times of levels, steps or states. */
+  const unpack = (data) => {
+    const times = Object.fromEntries(Object.entries(data.times).map(([name, packed]) => [name, rubato.unpack.array(packed)]));
+    return data.curves.map((curve) => ({ ...curve, x: curve.axis ? times[curve.axis] : rubato.unpack.array(curve.x), y: rubato.unpack.array(curve.y) }));
+  };
   const magnitude = (curve) => ({ ...curve, y: Float64Array.from(curve.y, (value) => (value === 0 ? NaN : Math.abs(value))) });
+  const bridges = (data) => {
+    const to = rubato.unpack.array(data.bridges.to);
+    return Array.from(rubato.unpack.array(data.bridges.from), (from, i) => [from, to[i]]);
+  };
+  const roundingNote = (rounding) => (rounding > 0
+    ? `Shaded: up to ${rubato.format.number(rounding, 2)}, what rounding alone leaves (\u03b5 times the terms of the law).` : null);
 
-  /** A card with one picture of some curves. */
+  /** A card with one picture of some curves, and what is to be said of it. */
   const show = (grid, title, curves, options = {}) => {
     if (curves.length === 0 || curves.every((curve) => curve.y.length === 0)) return;
     const card = rubato.card(grid, title, { wide: options.wide });
-    const picture = rubato.curve(card.body, { label: title, ...options,
+    const rounding = Math.max(0, ...curves.map((curve) => curve.rounding || 0));
+    const picture = rubato.curve(card.body, { label: title, ...options, rounding,
       series: curves.map((curve, index) => ({ label: curve.label || curve.name, colour: curve.colour === undefined ? index : curve.colour, ...curve })) });
     card.control(rubato.button("Reset zoom", "Show all times", picture.reset));
     const thinned = curves.find((curve) => curve.count > curve.y.length);
-    if (options.note) card.note(options.note);
-    if (thinned) card.note(rubato.thinningNote(thinned.count, thinned.y.length, "values"));
+    const undefinedOnes = curves.filter((curve) => curve.undefined > 0)
+      .map((curve) => rubato.undefinedNote(curve.undefined, curve.count, curves.length > 1 ? `values of ${curve.label || curve.name}` : "values"));
+    [options.note, roundingNote(rounding), ...undefinedOnes, thinned ? rubato.thinningNote(thinned.count, thinned.y.length, "values") : null]
+      .filter(Boolean).forEach(card.note);
   };
 
   const all = (data) => {
-    const curves = data.curves.map(unpack);
+    const curves = unpack(data);
     const group = (name) => curves.filter((curve) => curve.group === name);
     const byName = (name) => curves.filter((curve) => curve.name === name);
-    const bridges = data.bridges;
+    const bridged = bridges(data);
+    const common = { bridges: bridged };
     const bridgeNote = data.bridge_count > 0 ? `Shaded: ${data.bridge_count} bridge${data.bridge_count === 1 ? "" : "s"}, where the energy law is not met.` : null;
     const grid = rubato.section("Energy", "energy");
-    const energies = group("energy").map((curve, index) => ({ ...curve, colour: index, label: curve.name === "discrete energy" ? "E\u2096 \u2212 E\u2080" : "H(z\u2096) \u2212 H(z\u2080)" }));
+    const energies = group("energy").map((curve, index) => ({ ...curve, colour: index, label: curve.name === "discrete energy" ? "E\u2096 \u2212 E" : "H(z\u2096) \u2212 H(z\u2080)" }));
     show(grid, "Both energies: size of the deviation", energies.map(magnitude).map((curve) => ({ ...curve, label: `|${curve.label}|` })),
-      { logarithmic: true, yLabel: "deviation", wide: true, height: 270, bridges,
-        note: "On one logarithmic scale: the discrete energy is what the scheme conserves, the node energy is H at the levels. Zeros are left out." });
+      { ...common, logarithmic: true, yLabel: "deviation", wide: true, height: 270,
+        note: "On one logarithmic scale: the discrete energy is what the scheme conserves, the node energy is H at the levels. Zeros have no place on it." });
     energies.forEach((curve) => show(grid, curve.name === "discrete energy" ? "Discrete energy" : "Node energy", [curve],
-      { yLabel: curve.label, bridges, note: `First value ${rubato.format.number(curve.initial, 15)}.` }));
+      { ...common, yLabel: curve.label, note: `Deviation from ${rubato.format.number(curve.initial, 15)}.` }));
     const levels = rubato.section("Time levels", "levels");
-    show(levels, "Step length", byName("h").map((curve) => ({ ...curve, label: "h\u2096", colour: 2 })), { yLabel: "h\u2096", bridges, note: bridgeNote });
-    show(levels, "\u0393", byName("gamma").map((curve) => ({ ...curve, label: "\u0393(z\u2096)", colour: 5 })), { yLabel: "\u0393", bridges, note: bridgeNote });
+    show(levels, "Step length", byName("h").map((curve) => ({ ...curve, label: "h\u2096", colour: 2 })), { ...common, yLabel: "h\u2096", note: bridgeNote });
+    show(levels, "\u0393", byName("gamma").map((curve) => ({ ...curve, label: "\u0393(z\u2096)", colour: 5 })), { ...common, yLabel: "\u0393", note: bridgeNote });
     const gamma = byName("gamma").map(magnitude);
     const sizes = gamma.flatMap((curve) => Array.from(curve.y)).filter(Number.isFinite);
     const [smallest, largest] = sizes.reduce(([low, high], size) => [Math.min(low, size), Math.max(high, size)], [Infinity, 0]);
     if (largest > 100 * smallest) {
-      show(levels, "Size of \u0393", gamma.map((curve) => ({ ...curve, label: "|\u0393(z\u2096)|", colour: 5 })), { yLabel: "|\u0393|", logarithmic: true, bridges });
+      show(levels, "Size of \u0393", gamma.map((curve) => ({ ...curve, label: "|\u0393(z\u2096)|", colour: 5 })), { ...common, yLabel: "|\u0393|", logarithmic: true });
     }
     show(levels, "Step condition", byName("step condition").map(magnitude).map((curve) => ({ ...curve, colour: 3 })),
-      { yLabel: "relative error of h", logarithmic: true, bridges, note: "The relative error of h that rounding in H makes." });
-    show(levels, "Iterations of the step", byName("iterations").map((curve) => ({ ...curve, colour: 4 })), { yLabel: "evaluations", bridges });
+      { ...common, yLabel: "relative error of h", logarithmic: true, note: "The relative error of h that rounding makes." });
+    show(levels, "Iterations of the step", byName("iterations").map((curve) => ({ ...curve, colour: 4 })), { ...common, yLabel: "evaluations" });
     if (group("residual").length > 0) {
       const residuals = rubato.section("Local laws, step by step", "residuals");
       [...new Set(group("residual").map((curve) => curve.name.replace(/ (max|rms)$/, "")))].forEach((name) => {
         show(residuals, `Residual of ${name.replace("_", " ")}`, byName(`${name} max`).concat(byName(`${name} rms`)).map(magnitude)
-          .map((curve) => ({ ...curve, label: curve.name.endsWith("max") ? "largest" : "root mean square" })), { yLabel: "residual", logarithmic: true, bridges });
+          .map((curve) => ({ ...curve, label: curve.name.endsWith("max") ? "largest" : "root mean square" })), { ...common, yLabel: "residual", logarithmic: true });
       });
     }
     const kept = [...group("total").map((curve) => ({ ...curve, title: `Total ${curve.name}` })), ...group("invariant").map((curve) => ({ ...curve, title: curve.name }))];
     if (kept.length > 0) {
       const invariants = rubato.section("Totals and invariants", "invariants");
       kept.forEach((curve) => show(invariants, curve.title, [{ ...curve, label: "deviation", colour: 0 }],
-        { yLabel: "deviation", bridges, note: `Deviation from the first value, ${rubato.format.number(curve.initial, 12)}.` }));
+        { ...common, yLabel: "deviation", note: `Deviation from ${rubato.format.number(curve.initial, 12)}, the first value that there is.` }));
     }
   };
-  return { all, show, unpack, magnitude };
+  return { all, show, unpack, magnitude, bridges };
 })();
 
-/** The page of an orbit. */
-rubato.orbit = (data) => {
-  const states = { ...data.states, t: rubato.unpack.array(data.states.t),
-    columns: data.states.columns.map((column) => ({ ...column, values: rubato.unpack.array(column.values) })) };
-  const q = states.columns.filter((column) => column.group === "q");
-  const p = states.columns.filter((column) => column.group === "p");
-  const exact = states.columns.filter((column) => column.group === "exact");
+/** The states of an orbit as packed by states.cpp. */
+rubato.unpackStates = (packed) => ({ ...packed, t: rubato.unpack.array(packed.t),
+  columns: packed.columns.map((column) => ({ ...column, values: rubato.unpack.array(column.values) })) });
 
-  /** The vectors of a problem (`r = "r[3]"` has r1, r2, r3), if it has nothing else: each is a body. */
+/** Against time a column that the path thins has a selection of its own. */
+rubato.overTime = (states, column) => (column.over_time
+  ? { x: rubato.unpack.array(column.over_time.x), y: rubato.unpack.array(column.over_time.y) }
+  : { x: states.t, y: column.values });
+
+/** The vectors of a problem (`r = "r[3]"` has r1, r2, r3), if it has nothing else: each is a body, with the names of its columns. */
+rubato.bodiesOf = (q) => {
   const bodies = new Map();
   q.forEach(({ name }) => {
     const match = /^(.*?)([123])$/.exec(name);
     if (match) bodies.set(match[1], [...(bodies.get(match[1]) || []), name]);
   });
-  const vectors = [...bodies.values()];
-  const allAlike = vectors.every((names) => names.length === vectors[0].length && names.length > 1);
-  states.bodies = allAlike && vectors.flat().length === q.length ? vectors : [];
+  const all = [...bodies].map(([name, columns]) => ({ name, columns }));
+  const areAlike = all.every(({ columns }) => columns.length === all[0].columns.length && columns.length > 1);
+  return areAlike && all.length > 1 && all.flatMap(({ columns }) => columns).length === q.length ? all : [];
+};
+
+/** Coordinates and momenta against time, as many at once as the reader ticks. */
+rubato.coordinates = (grid, states, bridges) => {
+  const own = states.columns.filter((column) => column.group !== "exact");
+  const exact = states.columns.filter((column) => column.group === "exact");
+  const q = own.filter((column) => column.group === "q");
+  const card = rubato.card(grid, "Coordinates against time", { wide: q.length > 1 });
+  const note = rubato.element("figcaption", { class: "note" });
+  let picture = null;
+  const draw = (names) => {
+    const series = own.flatMap((column, index) => (names.includes(column.name)
+      ? [{ column, label: column.name, colour: index }, ...exact.filter((one) => one.name === column.name)
+        .map((one) => ({ column: one, label: `${one.name} exact`, colour: own.length + index, dash: [6, 4] }))]
+      : [])).map(({ column, ...look }) => ({ ...look, ...rubato.overTime(states, column) }));
+    if (picture) picture.remove();
+    picture = null;
+    if (series.length > 0) {
+      picture = rubato.curve(card.body, { label: "Coordinates against time", series, yLabel: names.slice(0, 6).join(", ") + (names.length > 6 ? ", \u2026" : ""),
+        bridges, height: q.length > 1 ? 280 : 340 });
+    }
+    const shown = Math.max(0, ...series.map(({ x }) => x.length));
+    note.textContent = [series.length === 0 ? "Nothing is chosen." : null, rubato.thinningNote(states.count, shown || states.count, "states"),
+      `${names.length} of ${2 * states.coordinates} coordinates and momenta are drawn${names.length < own.length ? ": choose others above" : ""}.`,
+      own.length < 2 * states.coordinates ? `The last ${2 * states.coordinates - own.length} are in the record only.` : null].filter(Boolean).join(" ");
+    card.body.append(note);
+  };
+  const first = q.slice(0, 4).map(({ name }) => name);
+  card.control(rubato.choose("choose", own.map(({ name }) => [name, name]), first, draw), " ",
+    rubato.button("Reset zoom", "Show all times", () => picture && picture.reset()));
+  draw(first);
+};
+
+/** The page of an orbit. */
+rubato.orbit = (data) => {
+  const states = rubato.unpackStates(data.states);
+  const q = states.columns.filter((column) => column.group === "q");
+  const p = states.columns.filter((column) => column.group === "p");
+  states.bodies = rubato.bodiesOf(q);
 
   const grid = rubato.section("Orbit", "orbit");
   const draw = (title, chosen) => rubato.portrait(rubato.card(grid, title), [states], { ...chosen, title });
-  const many = states.bodies.length > 1;
-  if (many) draw("Configuration, all bodies", { x: "bodies", y: "bodies" });
+  if (states.bodies.length > 0) draw("Configuration, all bodies", { bodies: [0, 1] });
   else if (q.length > 1) draw("Configuration", { x: q[0].name, y: q[1].name });
   draw("Phase portrait", { x: q[0].name, y: p[0].name });
-  const few = q.slice(0, 4);
-  const note = [rubato.thinningNote(states.count, states.t.length, "states"),
-    q.length > few.length ? `The first ${few.length} of ${states.coordinates} coordinates; choose others above.` : null].filter(Boolean).join(" ");
-  rubato.commonCurves.show(grid, "Coordinates against time", [...few.map((column, index) => ({ name: column.name, x: states.t, y: column.values, colour: index, count: 0 })),
-    ...exact.filter((column) => few.some((one) => one.name === column.name))
-      .map((column) => ({ name: `${column.name} exact`, x: states.t, y: column.values, colour: few.length + few.findIndex((one) => one.name === column.name), dash: [6, 4], count: 0 }))],
-  { yLabel: few.map((column) => column.name).join(", "), bridges: data.bridges, note: note || undefined, wide: q.length > 1, height: q.length > 1 ? 280 : 408 });
-  exact.forEach((column) => {
-    const own = states.columns.find((one) => one.name === column.name && one.group !== "exact");
-    if (own) {
-      rubato.commonCurves.show(grid, `Error in ${column.name}`, [{ name: "error", x: states.t, y: own.values.map((value, i) => value - column.values[i]), count: 0, colour: 3 }],
-        { yLabel: `${column.name} \u2212 exact`, note: "Rounded to single precision in this page." });
-    }
+  rubato.coordinates(grid, states, rubato.commonCurves.bridges(data));
+  rubato.commonCurves.unpack(data).filter((curve) => curve.group === "error").forEach((curve) => {
+    rubato.commonCurves.show(grid, `Error in ${curve.name}`, [{ ...curve, label: "error", colour: 3 }], { yLabel: `${curve.name} \u2212 exact` });
   });
   rubato.commonCurves.all(data);
   rubato.player(states.t);

@@ -208,6 +208,7 @@ rubato.plane = (() => {
     rubato.theme.watch(redraw);
     const plane = {
       redraw, remark, reset,
+      frame: frameOf,
       extent: () => extent,
       extend: (next) => {
         full = next;

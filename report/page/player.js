@@ -4,10 +4,15 @@
 rubato.player = (times, start = times[0]) => {
   const count = times.length;
   const [first, last] = [times[0], times[count - 1]];
+  const sign = Math.sign(last - first) || 1;
   const nearest = (t) => {
-    let best = 0;
-    for (let i = 1; i < count; ++i) if (Math.abs(times[i] - t) < Math.abs(times[best] - t)) best = i;
-    return best;
+    let [from, to] = [0, count - 1];
+    while (to - from > 1) {
+      const middle = (from + to) >> 1;
+      if ((times[middle] - t) * sign <= 0) from = middle;
+      else to = middle;
+    }
+    return Math.abs(times[from] - t) <= Math.abs(times[to] - t) ? from : to;
   };
   const slider = rubato.element("input", { type: "range", min: "0", max: String(count - 1), step: "1", value: "0", "aria-label": "Time" });
   const output = rubato.element("output", { "aria-live": "off" });

@@ -11,7 +11,10 @@ rubato.unpack = (() => {
   const kinds = { f64: Float64Array, f32: Float32Array, u16: Uint16Array };
 
   /** Typed numbers; for "u16" the codes. */
-  const array = (packed) => new kinds[packed.type](bytes(packed.data));
+  const array = (packed) => {
+    const numbers = new kinds[packed.type](bytes(packed.data));
+    return packed.scale === undefined ? numbers : Float64Array.from(numbers, (number) => packed.base + packed.scale * number);
+  };
 
   /** The code of values that are not finite. */
   const undefinedCode = 65535;
@@ -19,13 +22,13 @@ rubato.unpack = (() => {
 
   /** Codes with the way back to values. */
   const coded = (packed) => {
-    const scale = (packed.maximum - packed.minimum) / steps;
+    const { minimum, maximum } = packed;
+    const range = maximum / 2 - minimum / 2;
     return {
       codes: array(packed),
-      minimum: packed.minimum,
-      maximum: packed.maximum,
-      value: (code) => (code === undefinedCode ? NaN : packed.minimum + code * scale),
-      code: (value) => (scale > 0 ? (value - packed.minimum) / scale : 0),
+      minimum, maximum,
+      value: (code) => (code === undefinedCode ? NaN : minimum * (1 - code / steps) + maximum * (code / steps)),
+      code: (value) => (range > 0 ? (value / 2 - minimum / 2) / range * steps : 0),
     };
   };
 

@@ -8,31 +8,15 @@
 
 #include <rubato/report/packing.hpp>
 
+#include "page_reader.hpp"
+
 using namespace rubato::report;
+using sample::decoded;
 
 namespace {
 
 std::string encoded(std::string_view text) {
   return base64(std::as_bytes(std::span(text)));
-}
-
-/// What the page does: the inverse of base64().
-std::vector<unsigned char> decoded(const std::string& text) {
-  static constexpr std::string_view digits = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-  std::vector<unsigned char> bytes;
-  unsigned bits = 0, count = 0;
-  for (const char c : text) {
-    if (c == '=') {
-      break;
-    }
-    bits = bits << 6U | static_cast<unsigned>(digits.find(c));
-    count += 6;
-    if (count >= 8) {
-      count -= 8;
-      bytes.push_back(static_cast<unsigned char>(bits >> count & 255U));
-    }
-  }
-  return bytes;
 }
 
 std::string field_of(const std::string& json, const std::string& key) {
@@ -94,6 +78,36 @@ TEST_CASE("arrays keep their numbers") {
   Json single;
   write_f32(single, values);
   CHECK(decoded(field_of(single.text(), "data")).size() == 4 * values.size());
+}
+
+TEST_CASE("single precision is that of what varies, and exponents have no limits") {
+  const auto worst = [](const std::vector<double>& values) {
+    Json json;
+    write_f32(json, values);
+    const std::vector<double> numbers = sample::numbers_after(json.text(), {});
+    double largest = 0.0;
+    for (std::size_t i = 0; i < values.size(); ++i) {
+      largest = std::max(largest, std::abs(numbers[i] - values[i]));
+    }
+    return largest;
+  };
+  CHECK(worst({0.05, 0.05 + 1e-12, 0.05 - 1e-12}) <= 1e-12 * 6e-8);
+  CHECK(worst({1e60, -3e60, 0.0}) <= 3e60 * 6e-8);
+  CHECK(worst({1e-60, -3e-60, 0.0}) <= 3e-60 * 6e-8);
+  CHECK(worst({1.0, -0.1, 0.3}) > 1e-9);  // it is single precision
+  Json json;
+  write_f32(json, std::vector{1.0, std::numeric_limits<double>::infinity()});
+  CHECK(std::isnan(sample::numbers_after(json.text(), {}).back()));
+}
+
+TEST_CASE("16 bits hold the largest numbers there are") {
+  const double most = std::numeric_limits<double>::max();
+  Json json;
+  write_u16(json, std::vector{-most, 0.0, most, 0.0}, -most, most);
+  CHECK(sample::numbers_after(json.text(), {}) == std::vector{0.0, 32767.0, 65534.0, 32767.0});
+  Json constant;
+  write_u16(constant, std::vector{5.0, 5.0}, 5.0, 5.0);
+  CHECK(sample::numbers_after(constant.text(), {}) == std::vector{0.0, 0.0});
 }
 
 TEST_CASE("text in JSON cannot end the script that holds it") {

@@ -1,3 +1,5 @@
+#include <algorithm>
+#include <cmath>
 #include <fstream>
 #include <regex>
 
@@ -5,10 +7,12 @@
 
 #include <rubato/record/reader.hpp>
 #include <rubato/report/assets.hpp>
+#include <rubato/report/comparison.hpp>
 #include <rubato/report/contents.hpp>
 #include <rubato/report/page.hpp>
 #include <rubato/report/summary.hpp>
 
+#include "page_reader.hpp"
 #include "record/sample.hpp"
 #include "records.hpp"
 
@@ -56,37 +60,96 @@ TEST_CASE("a page asks the network for nothing") {
 
 TEST_CASE("what a record says cannot become part of the page's code") {
   const sample::Folder folder;
-  const std::string nasty = R"(</script><script>window.bad=1</script> "quoted" {{data}} {{script}} Γ θ̇ 𝕃)";
+  // U+2028 ends a line of JavaScript, but not of JSON; a comment opened in a script hides its end.
+  const std::string nasty = "</script><script>window.bad=1</script> <!-- <script> \"quoted\" {{data}} {{script}} Γ θ̇ 𝕃 \u2028\u2029";
   sample::write_orbit(folder / "nasty.h5", {.title = nasty, .problem = "title = '''" + nasty + "'''\n# <!-- & -->\n"});
   sample::write_orbit(folder / "plain.h5", {});
   const std::string page = page_of(folder / "nasty.h5"), plain = page_of(folder / "plain.h5");
-  CHECK(count(page, "</script>") == count(plain, "</script>"));
-  CHECK(count(page, "<script") == count(plain, "<script"));
+  const auto is_code_of = [&](const std::string& text) {
+    return count(text, "</script>") == count(plain, "</script>") && count(text, "<script") == count(plain, "<script") &&
+           count(text, "<!--") == count(plain, "<!--");
+  };
+  CHECK(is_code_of(page));
+  CHECK(sample::data_of(page).find('<') == std::string::npos);
   CHECK(page.find("<title>&lt;/script&gt;") != std::string::npos);
   CHECK(page.find("{{data}} {{script}} Γ θ̇ 𝕃") != std::string::npos);
-  // The same checks see a page that was put together without escaping.
-  std::string careless = plain;
-  careless.insert(careless.find("</title>"), nasty);
-  CHECK(count(careless, "</script>") != count(plain, "</script>"));
+  // The same checks see pages that were put together without escaping.
+  for (const char* place : {"</title>", R"(,"problem":)"}) {
+    std::string careless = plain;
+    careless.insert(careless.find(place), nasty);
+    CHECK_FALSE(is_code_of(careless));
+  }
 }
 
-TEST_CASE("a page stays below its size, and thins only where it must") {
+TEST_CASE("a page has at most the size it may have, and uses it") {
   const sample::Folder folder;
   sample::write_orbit(folder / "orbit.h5", {.steps = 60000, .dimension = 3});
-  const std::string page = page_of(folder / "orbit.h5");
-  CHECK(page.size() < 5'000'000);
-  const std::string small = page_of(folder / "orbit.h5", {.max_bytes = 500'000});
-  CHECK(small.size() < 500'000);
-  CHECK(small.size() < page.size());
-  const std::string full = page_of(folder / "orbit.h5", {.full = true});
-  CHECK(full.size() > 5'000'000);  // so that the bound above is one that this record can break
-
+  sample::write_orbit(folder / "many.h5", {.steps = 4000, .dimension = 40});
   sample::write_lattice(folder / "lattice.h5", {.levels = 400, .nx = 1001});
-  CHECK(page_of(folder / "lattice.h5").size() < 5'000'000);
-  CHECK(page_of(folder / "lattice.h5", {.max_bytes = 1'000'000}).size() < 1'000'000);
+  sample::write_lattice(folder / "long.h5", {.levels = 20000, .nx = 15});
+  sample::write_lattice(folder / "plane.h5", {.levels = 100, .nx = 128, .ny = 128});
+  sample::write_lattice(folder / "volume.h5", {.levels = 100, .nx = 64, .ny = 48, .nz = 3});
+  const std::string name = GENERATE("orbit.h5", "many.h5", "lattice.h5", "long.h5", "plane.h5", "volume.h5");
+  CAPTURE(name);
+  const std::size_t full = page_of(folder / name, {.full = true}).size();
+  for (const std::size_t size : {600'000U, 1'000'000U, 2'000'000U, 5'000'000U}) {
+    CAPTURE(size, full);
+    const std::size_t bytes = page_of(folder / name, {.max_bytes = size}).size();
+    CHECK(bytes <= size);
+    // Beyond rounding to whole rows, blocks and frames, only what the record does not need is left.
+    CHECK(bytes >= std::min<std::size_t>(full, size * 7 / 10));
+  }
+  CHECK(page_of(folder / name, {.max_bytes = full + 100'000}).size() == full);
+  CHECK(full > 1'000'000);  // so that the bounds above are ones that this record can break
+}
+
+TEST_CASE("two records share a page") {
+  const sample::Folder folder;
+  sample::write_orbit(folder / "long.h5", {.steps = 30000});
+  sample::write_orbit(folder / "short.h5", {.steps = 50});
+  const record::Reader a(folder / "long.h5"), b(folder / "short.h5");
+  const std::string page = report::comparison_page(a, b, {.max_bytes = 1'000'000});
+  CHECK(page.size() <= 1'000'000);
+  CHECK(page.size() > 700'000);  // what the short one does not need is the long one's
+  CHECK_THROWS_WITH(report::comparison_page(a, b, {.max_bytes = 1000}), Catch::Contains("these records need at least"));
+}
+
+TEST_CASE("too small a page is refused with the least that is possible") {
+  const sample::Folder folder;
+  sample::write_orbit(folder / "orbit.h5", {.steps = 20000, .dimension = 3});
+  sample::write_lattice(folder / "plane.h5", {.levels = 100, .nx = 128, .ny = 128});
+  const std::string name = GENERATE("orbit.h5", "plane.h5");
+  std::size_t least = 0;
+  try {
+    static_cast<void>(page_of(folder / name, {.max_bytes = 100'000}));
+  } catch (const std::invalid_argument& error) {
+    static const std::regex pattern(R"(a page of 0\.1 MB is too small: this record needs at least ([0-9.]+) MB)");
+    std::smatch match;
+    const std::string message = error.what();
+    REQUIRE(std::regex_match(message, match, pattern));
+    least = static_cast<std::size_t>(std::lround(std::stod(match[1]) * 1e6));
+  }
+  REQUIRE(least > 100'000);
+  CHECK(page_of(folder / name, {.max_bytes = least}).size() <= least);
+  CHECK_THROWS_AS(page_of(folder / name, {.max_bytes = least - 10'000}), std::invalid_argument);
+}
+
+TEST_CASE("a page thins only where it must") {
+  const sample::Folder folder;
   sample::write_lattice(folder / "small.h5", {.levels = 100, .nx = 201});
+  sample::write_orbit(folder / "orbit.h5", {.steps = 20000, .dimension = 2});
+  sample::write_lattice(folder / "plane.h5", {.levels = 60, .nx = 81, .ny = 81});
   CHECK(page_of(folder / "small.h5").find(R"("thinned":true)") == std::string::npos);
-  CHECK(page_of(folder / "lattice.h5", {.max_bytes = 1'000'000}).find(R"("thinned":true)") != std::string::npos);
+  CHECK(page_of(folder / "small.h5", {.max_bytes = 250'000}).find(R"("thinned":true)") != std::string::npos);
+  const std::string page = sample::data_of(page_of(folder / "orbit.h5"));
+  CHECK(sample::numbers_after(page, {R"("states":)", R"("t":)"}).size() == 20001);
+  CHECK(sample::numbers_after(page, {R"("name":"gamma")", R"("y":)"}).size() == 20001);
+  const std::string small = sample::data_of(page_of(folder / "orbit.h5", {.max_bytes = 500'000}));
+  CHECK(sample::numbers_after(small, {R"("states":)", R"("t":)"}).size() < 20001);
+  // Pictures of 81 by 81 nodes keep them all; of the levels some are left out.
+  const std::string plane = sample::data_of(page_of(folder / "plane.h5", {.max_bytes = 2'000'000}));
+  CHECK(plane.find(R"("shape":"film","thinned":false)") != std::string::npos);
+  CHECK(plane.find(R"("count":60,"parts":60)") == std::string::npos);
 }
 
 TEST_CASE("a spike reaches the page, however much is thinned") {
@@ -98,6 +161,42 @@ TEST_CASE("a spike reaches the page, however much is thinned") {
   };
   CHECK(shows_spike("spike.h5"));
   CHECK_FALSE(shows_spike("flat.h5"));
+}
+
+TEST_CASE("what is undefined is counted and shown, however much is thinned") {
+  const sample::Folder folder;
+  sample::write_lattice(folder / "holes.h5", {.levels = 300, .nx = 301, .undefined_every = 7});
+  sample::write_lattice(folder / "sound.h5", {.levels = 300, .nx = 301});
+  const std::size_t size = GENERATE(std::size_t{300'000}, std::size_t{5'000'000});
+  const std::string page = sample::data_of(page_of(folder / "holes.h5", {.max_bytes = size}));
+  // Of 299 steps, the 42 whose level is a multiple of 7 have one cell without a value, and no momentum.
+  CHECK(sample::after(page, {R"("maps":)", R"("group":"residual")"}).starts_with(R"(,"count":89999,"undefined":42,)"));
+  CHECK(sample::after(page, {R"("name":"momentum")"}).find(R"("count":300,"undefined":42)") != std::string_view::npos);
+  const auto striped = [](const std::string& data) {
+    const std::vector<double> codes = sample::numbers_after(data, {R"("maps":)", R"("group":"residual")", R"("values":)"});
+    return std::ranges::count(codes, 65535.0);
+  };
+  const std::string sound = sample::data_of(page_of(folder / "sound.h5", {.max_bytes = size}));
+  CHECK(striped(page) > striped(sound) + 10);
+  CHECK(sound.find(R"("undefined":42)") == std::string::npos);
+}
+
+TEST_CASE("the unknown comes first, and what rounding leaves is told") {
+  const sample::Folder folder;
+  sample::write_lattice(folder / "lattice.h5", {.field = "u", .other_field = "a"});
+  const auto first_field = [&](const report::PageOptions& options) {
+    const std::string data = sample::data_of(page_of(folder / "lattice.h5", options));
+    const std::string_view name = sample::after(data, {R"("maps":[{"name":")"});
+    return std::string(name.substr(0, name.find('"')));
+  };
+  CHECK(first_field({}) == "u");  // which has an exact solution; in the record "a" comes before it
+  const auto notes = [](const record::Reader&) {
+    return report::Notes{.fields = {"a", "u"}, .rounding = {{"/laws/fields/energy", 0.125}, {"/laws/energy_max", 0.125}}};
+  };
+  CHECK(first_field({.notes = notes}) == "a");
+  const std::string data = sample::data_of(page_of(folder / "lattice.h5", {.notes = notes}));
+  CHECK(count(data, R"("rounding":0.125)") == 2);
+  CHECK(sample::after(data, {R"("name":"energy max")"}).substr(0, 100).find(R"("rounding":0.125)") != std::string_view::npos);
 }
 
 TEST_CASE("planes and volumes become films") {
@@ -112,12 +211,35 @@ TEST_CASE("planes and volumes become films") {
   CHECK(page_of(folder / "long.h5").size() < 5'000'000);
 }
 
-TEST_CASE("a record that has only just begun has a page") {
+TEST_CASE("a record that has only just begun has a page with its first level") {
   const sample::Folder folder;
   sample::write_orbit(folder / "start.h5", {.steps = 0, .with_exact = false});
-  sample::write_lattice(folder / "first.h5", {.levels = 1});
-  CHECK(page_of(folder / "start.h5").size() > 100'000);
-  CHECK(page_of(folder / "first.h5").size() > 100'000);
+  sample::write_lattice(folder / "first.h5", {.levels = 1, .nx = 11});
+  const std::string orbit = sample::data_of(page_of(folder / "start.h5"));
+  CHECK(sample::numbers_after(orbit, {R"("name":"gamma")", R"("y":)"}) == std::vector{1.5});  // 1.5 + sin 0
+  CHECK(sample::numbers_after(orbit, {R"("states":)", R"("t":)"}) == std::vector{0.0});
+  CHECK(orbit.find(R"("name":"h")") == std::string::npos);  // there is no step yet
+  const std::string lattice = sample::data_of(page_of(folder / "first.h5"));
+  const std::vector<double> codes = sample::numbers_after(lattice, {R"("maps":)", R"("name":"u","group":"field")", R"("values":)"});
+  REQUIRE(codes.size() == 11);
+  CHECK(std::ranges::max(codes) == 65534.0);
+  CHECK(std::ranges::min(codes) == 0.0);
+  CHECK(sample::numbers_after(lattice, {R"("group":"residual")", R"("values":)"}) == std::vector(11, 65535.0));
+}
+
+TEST_CASE("an error is the difference of double numbers") {
+  const sample::Folder folder;
+  sample::write_orbit(folder / "orbit.h5", {.steps = 100});
+  const std::string data = sample::data_of(page_of(folder / "orbit.h5"));
+  const std::vector<double> error = sample::numbers_after(data, {R"("name":"q1","group":"error")", R"("y":)"});
+  const std::vector<double> t = sample::numbers_after(data, {R"("times":)", R"("states":)"});
+  REQUIRE(error.size() == 101);
+  double largest = 0.0;
+  for (std::size_t k = 0; k < error.size(); ++k) {
+    largest = std::max(largest, std::abs(error[k] + 1e-4 * t[k]));
+  }
+  // Single precision of the error itself, at most 1e-3, and not of the coordinate, which is about 1.
+  CHECK(largest < 1e-3 * 6e-8);
 }
 
 TEST_CASE("the summary has the figures of the record") {

@@ -15,6 +15,8 @@ namespace {
 namespace record = rubato::record;
 using record::Type;
 
+constexpr double undefined = std::numeric_limits<double>::quiet_NaN();
+
 /// Publishes only at the end.
 constexpr record::CommitPolicy once{.interval = std::chrono::hours(1)};
 
@@ -34,7 +36,7 @@ record::Layout common_layout(const std::string& title, const std::string& proble
                        {"/levels/iterations", "/levels/step", {}, Type::i32},
                        {"/levels/bridged", "/levels/step", {}, Type::u8},
                        {"/levels/step_condition", "/levels/step", {}, Type::f64, "", true},
-                       {"/laws/momentum", "/levels/t"},
+                       {"/laws/momentum", "/levels/t", {}, Type::f64, "", true},
                        {"/laws/energy_max", "/levels/step"},
                        {"/laws/energy_rms", "/levels/step"},
                        {"/states/t", "/states/t"},
@@ -47,7 +49,8 @@ double time_of(std::size_t level) {
 }
 
 /// What belongs to the level, to the step that led to it, and to its stored state; answers the next dataset's number.
-std::size_t append_common(record::Writer& writer, std::size_t level, bool bridged, double node_energy) {
+std::size_t append_common(record::Writer& writer, std::size_t level, bool bridged, double node_energy,
+                          bool is_momentum_undefined = false) {
   const double t = time_of(level);
   writer.append(0, t);
   writer.append(1, 1.5 + std::sin(t));
@@ -62,7 +65,7 @@ std::size_t append_common(record::Writer& writer, std::size_t level, bool bridge
     writer.append(10, 1e-4 * (1.1 + std::sin(t)));
     writer.append(11, 1e-5 * (1.1 + std::sin(t)));
   }
-  writer.append(9, 2.0 + 1e-14 * std::cos(t));
+  writer.append(9, is_momentum_undefined ? undefined : 2.0 + 1e-14 * std::cos(t));
   writer.append(12, t);
   writer.append(13, static_cast<std::int64_t>(level));
   return 14;
@@ -74,13 +77,14 @@ void write_orbit(const std::filesystem::path& file, const OrbitRecord& orbit) {
   record::Layout layout = common_layout(orbit.title, orbit.problem);
   std::vector<std::string> q, p;
   for (std::size_t i = 1; i <= orbit.dimension; ++i) {
-    q.push_back(fmt::format("q{}", i));
-    p.push_back(fmt::format("p{}", i));
+    q.push_back(orbit.names.empty() ? fmt::format("q{}", i) : orbit.names.at(i - 1));
+    p.push_back(orbit.names.empty() ? fmt::format("p{}", i) : "p_" + q.back());
   }
   layout.scales = {{"/states/coordinate", q}, {"/states/momentum", p}};
   layout.datasets.push_back({"/states/q", "/states/t", {"/states/coordinate"}});
   layout.datasets.push_back({"/states/p", "/states/t", {"/states/momentum"}});
-  if (orbit.with_exact) {
+  const bool has_exact = orbit.with_exact && orbit.names.empty();
+  if (has_exact) {
     layout.datasets.push_back({"/exact/q1", "/states/t"});
   }
   auto writer = record::Writer::create(file, layout, true, once);
@@ -92,12 +96,12 @@ void write_orbit(const std::filesystem::path& file, const OrbitRecord& orbit) {
     std::vector<double> position, momentum;
     for (std::size_t i = 1; i <= orbit.dimension; ++i) {
       const double phase = orbit.frequency * static_cast<double>(i) * t;
-      position.push_back(std::sin(phase));
+      position.push_back(orbit.size * std::sin(phase));
       momentum.push_back(std::cos(phase));
     }
     writer.append(next++, position);
     writer.append(next++, momentum);
-    if (orbit.with_exact) {
+    if (has_exact) {
       writer.append(next++, std::sin(orbit.frequency * t) + 1e-4 * t);
     }
     writer.end_level();
@@ -124,6 +128,9 @@ void write_lattice(const std::filesystem::path& file, const LatticeRecord& latti
     cells.push_back(path + "_cell");
   }
   layout.datasets.push_back({"/states/" + lattice.field, "/states/t", nodes});
+  if (!lattice.other_field.empty()) {
+    layout.datasets.push_back({"/states/" + lattice.other_field, "/states/t", nodes});
+  }
   layout.datasets.push_back({"/exact/" + lattice.field, "/states/t", nodes, Type::f64, "", true});
   layout.datasets.push_back({"/laws/fields/energy", "/states/t", cells, Type::f64, "", true});
   auto writer = record::Writer::create(file, layout, true, once);
@@ -137,13 +144,20 @@ void write_lattice(const std::filesystem::path& file, const LatticeRecord& latti
       const double r = x * x + (lattice.ny > 1 ? y * y : 0.0);
       exact[i] = std::cos(t) / (1.0 + r);
       field[i] = exact[i] + 1e-3 * t * x / (1.0 + r);
-      residual[i] = level == 0 ? std::numeric_limits<double>::quiet_NaN() : 1e-6 * std::exp(-r) * std::sin(t + x);
+      residual[i] = level == 0 ? undefined : lattice.residual * std::exp(-r) * std::sin(t + x);
+    }
+    const bool has_hole = lattice.undefined_every != 0 && level > 0 && level % lattice.undefined_every == 0;
+    if (has_hole) {
+      residual[level % size] = undefined;
     }
     if (lattice.spike_level != 0 && level == lattice.spike_level) {
       field[lattice.spike_cell] = 100.0;
     }
-    std::size_t next = append_common(writer, level, false, 0.5 + 1e-3 * std::cos(t));
+    std::size_t next = append_common(writer, level, false, 0.5 + 1e-3 * std::cos(t), has_hole);
     writer.append(next++, field);
+    if (!lattice.other_field.empty()) {
+      writer.append(next++, exact);
+    }
     writer.append(next++, exact);
     writer.append(next++, residual);
     writer.end_level();

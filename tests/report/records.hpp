@@ -3,6 +3,7 @@
 #include <cstddef>
 #include <filesystem>
 #include <string>
+#include <vector>
 
 /// Records as `rubato run` writes them, but with numbers that need no integration: the tests of reports, exports and
 /// comparisons look at these.
@@ -17,6 +18,8 @@ struct OrbitRecord {
   bool with_exact = true;
   bool with_bridges = true;
   std::size_t spike = 0;  ///< number of a level at which H jumps by 1, if not 0
+  std::vector<std::string> names = {};  ///< of the coordinates, if not q1, q2, …
+  double size = 1.0;                    ///< of the coordinates
 };
 void write_orbit(const std::filesystem::path& file, const OrbitRecord& orbit);
 
@@ -26,6 +29,9 @@ struct LatticeRecord {
   std::string title = "A lattice";
   std::string field = "u";
   std::size_t spike_level = 0, spike_cell = 0;  ///< where the field is 100, if the level is not 0
+  std::string other_field = "";                 ///< a field more, without an exact solution
+  std::size_t undefined_every = 0;              ///< levels at which one residual and the momentum have no value
+  double residual = 1e-6;                       ///< size of the local residual
 };
 void write_lattice(const std::filesystem::path& file, const LatticeRecord& lattice);
 

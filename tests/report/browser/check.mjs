@@ -13,7 +13,12 @@ const { chromium } = createRequire(join(playwright, "index.js"))("playwright-cor
 
 /** What each broken page has to be found out by. */
 const expected = { "broken-cut": "errors", "broken-empty": "drawn", "broken-request": "requests", "broken-loud": "errors",
-  "broken-mute": "clock", "broken-scheme": "scheme", "broken-rainbow": "colours" };
+  "broken-mute": "clock", "broken-scheme": "scheme", "broken-rainbow": "colours", "broken-dots": "joined", "broken-choice": "choice",
+  "broken-legend": "legend", "broken-bright": "rounding", "broken-hidden": "undefined", "broken-uncounted": "undefined",
+  "broken-silent": "thinned", "broken-order": "order", "broken-faint": "contrast", "broken-nameless": "names" };
+/** Broken pages whose sound twin is another than the lattice. */
+const twins = { "broken-dots": "orbit", "broken-choice": "orbit", "broken-legend": "bodies", "broken-bright": "quiet", "broken-hidden": "holes",
+  "broken-uncounted": "holes", "broken-silent": "thinned", "broken-order": "two-fields" };
 
 /** Defines, in a page, a function that reads a canvas by way of a copy: reading it itself would change how it is kept. */
 const defineReading = () => {
@@ -55,6 +60,170 @@ class Checker {
     if (!condition) this.failures.push({ kind, text });
   }
 }
+
+/**
+ * Of an orbit, how many lines between neighbouring states are not there in the first plane: places half way between states
+ * that are some pixels apart are empty.
+ */
+const gapsInOrbit = () => {
+  const data = JSON.parse(document.getElementById("data").textContent);
+  if (data.kind !== "orbit") return null;
+  const states = rubato.unpackStates(data.states);
+  const column = (group, i) => states.columns.filter((one) => one.group === group)[i].values;
+  const isPlane = states.columns.filter((one) => one.group === "q").length > 1;
+  const [x, y] = [column("q", 0), isPlane ? column("q", 1) : column("p", 0)];
+  const frame = rubato.pictures.planes[0].frame();
+  const canvas = document.querySelector(".plane canvas:first-child");
+  const data4 = pixelsOf(canvas);
+  const isDrawn = (left, top) => {
+    for (const dx of [-1, 0, 1]) {
+      for (const dy of [-1, 0, 1]) {
+        if (data4[4 * ((Math.round(top * devicePixelRatio) + dy) * canvas.width + Math.round(left * devicePixelRatio) + dx) + 3] > 40) return true;
+      }
+    }
+    return false;
+  };
+  let [gaps, lines] = [0, 0];
+  for (let i = 0; i + 1 < x.length && lines < 200; ++i) {
+    const [a, b, c, d] = [frame.x(x[i]), frame.x(x[i + 1]), frame.y(y[i]), frame.y(y[i + 1])];
+    if (states.starts.includes(i + 1) || Math.hypot(b - a, d - c) < 8) continue;
+    ++lines;
+    if (!isDrawn((a + b) / 2, (c + d) / 2)) ++gaps;
+  }
+  return { gaps, lines };
+};
+
+/** The mean lightness of the last map, inside its axes. */
+const lightnessOfLastMap = () => {
+  const plane = rubato.pictures.planes[rubato.pictures.planes.length - 1];
+  const canvas = [...document.querySelectorAll(".plane canvas:first-child")].pop();
+  const data = pixelsOf(canvas);
+  const { left, top, width, height } = plane.frame();
+  let [sum, count] = [0, 0];
+  for (let j = Math.ceil(top) + 4; j < top + height - 4; ++j) {
+    for (let i = Math.ceil(left) + 4; i < left + width - 4; ++i) {
+      const at = 4 * (Math.round(j * devicePixelRatio) * canvas.width + Math.round(i * devicePixelRatio));
+      sum += (data[at] + data[at + 1] + data[at + 2]) / 3;
+      ++count;
+    }
+  }
+  return sum / count;
+};
+
+/** How many pixels of the last map have one of the two colours of the stripes for what is undefined. */
+const stripesOfLastMap = () => {
+  const stripes = [[120, 124, 134], [60, 64, 74], [150, 152, 158], [216, 217, 220]].map((colour) => colour.join());
+  const data = pixelsOf([...document.querySelectorAll(".plane canvas:first-child")].pop());
+  let count = 0;
+  for (let i = 0; i < data.length; i += 4) if (stripes.includes([data[i], data[i + 1], data[i + 2]].join())) ++count;
+  return count;
+};
+
+/** How many pixels of the first plane have the colour of each entry of its legend. */
+const pixelsOfLegend = () => {
+  const data = pixelsOf(document.querySelector(".plane canvas:first-child"));
+  return [...document.querySelectorAll(".legend")][0] ? [...document.querySelector(".legend").children].map((entry) => {
+    const [red, green, blue] = /rgb\((\d+), (\d+), (\d+)\)/.exec(entry.querySelector(".swatch").style.background).slice(1).map(Number);
+    let count = 0;
+    for (let i = 0; i < data.length; i += 4) {
+      if (data[i + 3] > 100 && Math.abs(data[i] - red) + Math.abs(data[i + 1] - green) + Math.abs(data[i + 2] - blue) < 24) ++count;
+    }
+    return count;
+  }) : [];
+};
+
+/** Contrasts (WCAG 2) of the colours of text on those under it. */
+const contrasts = () => {
+  const probe = document.createElement("span");
+  document.body.append(probe);
+  const luminance = (name) => {
+    probe.style.color = `var(--${name})`;
+    const [r, g, b] = getComputedStyle(probe).color.match(/\d+/g).map(Number)
+      .map((byte) => byte / 255).map((x) => (x <= 0.04045 ? x / 12.92 : ((x + 0.055) / 1.055) ** 2.4));
+    return 0.2126 * r + 0.7152 * g + 0.0722 * b;
+  };
+  const all = ["ink", "faint"].flatMap((text) => ["page", "card"].map((ground) => {
+    const [low, high] = [luminance(text), luminance(ground)].sort((a, b) => a - b);
+    return (high + 0.05) / (low + 0.05);
+  }));
+  probe.remove();
+  return all;
+};
+
+/** Controls and pictures that a screen reader has no name for. */
+const nameless = () => [...document.querySelectorAll("button, select, input, .plane, .curve, figure")]
+  .filter((one) => !(one.getAttribute("aria-label") || one.textContent.trim() || one.closest("label"))).length;
+
+async function checkOrbit(page, checker) {
+  const orbit = await page.evaluate(gapsInOrbit);
+  if (!orbit) return;
+  checker.check("joined", orbit.lines > 0 && orbit.gaps === 0, `${orbit.gaps} of ${orbit.lines} lines of the orbit are not drawn`);
+  const menu = page.locator(".choose").first();
+  const names = () => page.evaluate(() => rubato.pictures.curves[0].plot.series.slice(1).map(({ label }) => label));
+  const before = await names();
+  const says = (await page.locator("main").innerText()).includes("choose others above");
+  const hasMenu = await menu.count() > 0;
+  checker.check("choice", hasMenu, "there is no menu of coordinates");
+  checker.check("choice", hasMenu || !says, "the page offers a choice that it does not have");
+  if (!hasMenu) return;
+  await menu.locator("summary").click();
+  const boxes = menu.locator("input");
+  const last = boxes.nth(await boxes.count() - 1);
+  const name = await last.getAttribute("value");
+  const index = () => page.evaluate(() => rubato.pictures.curves.findIndex(({ plot }) => plot.root.closest("figure").querySelector(".choose")));
+  const shown = async () => page.evaluate((i) => rubato.pictures.curves[i].plot.series.slice(1).map(({ label }) => label), await index());
+  const first = await shown();
+  await last.check();
+  const next = await shown();
+  checker.check("choice", !first.includes(name) && next.includes(name) && next.length > first.length, `choosing ${name} draws ${next}`);
+  await last.uncheck();
+  checker.check("choice", JSON.stringify(await shown()) === JSON.stringify(first), "what is no longer chosen is still drawn");
+  await page.keyboard.press("Escape");
+  checker.check("choice", before.length > 0, "no curves");
+}
+
+/** What single pages have to show. */
+const special = {
+  bodies: async (page, checker) => {
+    const entries = page.locator(".legend").first().locator("button");
+    checker.check("legend", (await entries.allInnerTexts()).join() === "sun,moon", `the legend has ${await entries.allInnerTexts()}`);
+    if (await entries.count() === 0) return;
+    const before = await page.evaluate(pixelsOfLegend);
+    checker.check("legend", before.every((count) => count > 20), `pixels in the colours of the legend: ${before}`);
+    await entries.first().click();
+    await page.waitForTimeout(50);
+    const after = await page.evaluate(pixelsOfLegend);
+    checker.check("legend", after[0] === 0 && after[1] > 20, `pixels without the first body: ${after}`);
+    await entries.first().click();
+  },
+  quiet: async (page, checker) => {
+    const lightness = await page.evaluate(lightnessOfLastMap);
+    checker.check("rounding", lightness < 60, `rounding is drawn with a lightness of ${lightness}`);
+    checker.check("rounding", (await page.locator("#maps").innerText()).includes("rounding"), "the map does not say where rounding begins");
+    const heights = await page.evaluate(() => rubato.pictures.curves.filter(({ plot }) => plot.root.closest("#residuals")).map(({ plot }) => plot.scales.y.max));
+    checker.check("rounding", heights.length > 0 && heights.every((top) => top >= -13 + 4), `residual curves end at 10^${heights}`);
+  },
+  holes: async (page, checker) => {
+    checker.check("undefined", await page.evaluate(stripesOfLastMap) > 10, "undefined cells are not striped");
+    const map = await page.locator("#maps").innerText();
+    checker.check("undefined", /Undefined: 5 of 1,599 values/.test(map), `the map says: ${map}`);
+    const curve = await page.locator("#invariants").innerText();
+    checker.check("undefined", /Undefined: 5 of 40 values/.test(curve), `the invariant says: ${curve}`);
+  },
+  thinned: async (page, checker) => {
+    const silent = await page.evaluate(() => [...document.querySelectorAll("#orbit figure, #energy figure, #levels figure")]
+      .filter((figure) => !figure.innerText.includes("left out")).map((figure) => figure.getAttribute("aria-label")));
+    checker.check("thinned", silent.length === 0, `these figures do not say what is left out: ${silent}`);
+  },
+  "two-fields": async (page, checker) => {
+    const title = await page.locator("#fields h3").first().innerText();
+    checker.check("order", title === "Field u", `the first field is "${title}"`);
+  },
+  hostile: async (page, checker) => {
+    checker.check("scheme", (await page.locator("h1").innerText()).startsWith("</title><script>"), "the title is not what the record has");
+    checker.check("scheme", await page.evaluate(() => document.images.length) === 0, "a name became an image");
+  },
+};
 
 async function dragAcross(page, box) {
   await page.mouse.move(box.x + box.width * 0.3, box.y + box.height * 0.3);
@@ -189,6 +358,15 @@ async function checkPage(context, name) {
     const lines = await page.evaluate(linesDrawn);
     checker.check("drawn", lines.every((count) => count > 20), `pixels of curves: ${lines}`);
     await checkColours(page, checker);
+    await checkOrbit(page, checker);
+    const base = twins[name] || name;
+    if (special[base]) await special[base](page, checker);
+    checker.check("names", await page.evaluate(nameless) === 0, `${await page.evaluate(nameless)} controls or pictures without a name`);
+    const ratios = await page.evaluate(contrasts);
+    checker.check("contrast", Math.min(...ratios) >= 4.5, `contrasts of text: ${ratios}`);
+    await page.emulateMedia({ media: "print" });
+    checker.check("print", !(await page.locator(".player").isVisible()), "the player is printed");
+    await page.emulateMedia({ media: "screen" });
     await checkClock(page, checker);
     await checkCurve(page, checker);
     await checkPlane(page, checker);

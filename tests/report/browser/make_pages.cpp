@@ -3,6 +3,7 @@
 
 #include <cstdio>
 #include <filesystem>
+#include <map>
 #include <stdexcept>
 #include <string>
 
@@ -57,9 +58,28 @@ void write_pages(const std::filesystem::path& folder) {
   sample::write_lattice(folder / "large-lattice.h5",
                         {.levels = 700, .nx = 1001, .spike_level = 300, .spike_cell = 100});
   sample::write_lattice(folder / "plane.h5", {.levels = 25, .nx = 64, .ny = 48});
-  for (const char* name : {"orbit", "long-orbit", "lattice", "large-lattice", "plane"}) {
+  sample::write_orbit(folder / "bodies.h5",
+                      {.dimension = 6, .names = {"sun1", "sun2", "sun3", "moon1", "moon2", "moon3"}});
+  const std::string image = "<img src=x onerror=window.bad=1>";
+  sample::write_orbit(folder / "hostile.h5", {.dimension = 2,
+                                              .title = "</title><script>window.bad = 1</script><!-- <script> \u2028",
+                                              .problem = image + "\u2028</script><!--",
+                                              .names = {image, "'\"><script>window.bad=1</script>"}});
+  sample::write_orbit(folder / "huge.h5", {.dimension = 2, .names = {"x", "y"}, .size = 1e200});
+  sample::write_orbit(folder / "tiny.h5", {.dimension = 2, .names = {"x", "y"}, .size = 1e-200});
+  sample::write_lattice(folder / "quiet.h5", {.levels = 40, .residual = 1e-15});
+  sample::write_lattice(folder / "holes.h5", {.levels = 40, .nx = 41, .undefined_every = 7});
+  sample::write_lattice(folder / "two-fields.h5", {.levels = 30, .nx = 31, .other_field = "a"});
+  for (const char* name : {"orbit", "long-orbit", "lattice", "large-lattice", "plane", "bodies", "hostile", "huge", "tiny",
+                           "holes", "two-fields"}) {
     write(name, report::page(record(name)));
   }
+  const report::PageOptions small{.max_bytes = 350'000};
+  write("thinned", report::page(record("long-orbit"), small));
+  const std::map<std::string, double> levels{{"/laws/fields/energy", 1e-13}, {"/laws/energy_max", 1e-13}};
+  write("quiet", report::page(record("quiet"), {.notes = [&](const record::Reader&) {
+                                return report::Notes{.fields = {}, .rounding = levels};
+                              }}));
   write("comparison", report::comparison_page(record("orbit"), record("other")));
   write("lattice-comparison", report::comparison_page(record("lattice"), record("large-lattice")));
 
@@ -72,6 +92,25 @@ void write_pages(const std::filesystem::path& folder) {
   write("broken-rainbow", with(good, "rubato.main();",
                                "rubato.colour.sequential = () => Array.from({length: 256}, (_, i) => [0, 120, 240].map("
                                "(at) => Math.round(255 * Math.max(0, 1 - Math.abs(i - at) / 120))));"));
+  const std::string orbit = report::page(record("orbit"));
+  write("broken-dots", with(orbit, "rubato.main();",
+                            "CanvasRenderingContext2D.prototype.lineTo = function (x, y) {"
+                            "this.fillRect(x - 0.75, y - 0.75, 1.5, 1.5); this.moveTo(x, y); };"));
+  write("broken-choice", with(orbit, "rubato.main();", "rubato.choose = () => document.createElement('span');"));
+  write("broken-legend", with(report::page(record("bodies")), "rubato.main();", "rubato.legend = () => {};"));
+  write("broken-bright", report::page(record("quiet")));
+  write("broken-hidden", with(report::page(record("holes")), "rubato.main();",
+                              "rubato.colour.undefinedAt = () => [255, 255, 255];"));
+  write("broken-uncounted", with(report::page(record("holes")), "rubato.main();", "rubato.undefinedNote = () => null;"));
+  write("broken-silent", with(report::page(record("long-orbit"), small), "rubato.main();",
+                              "rubato.thinningNote = () => null;"));
+  write("broken-order", report::page(record("two-fields"), {.notes = [](const record::Reader&) {
+                                       return report::Notes{.fields = {"a"}, .rounding = {}};
+                                     }}));
+  write("broken-faint", with(good, "rubato.main();",
+                             "document.documentElement.style.setProperty('--faint', '#c0c0c0');"));
+  write("broken-nameless", with(good, "rubato.main();",
+                                "rubato.button = (text, label, action) => rubato.element('button', { click: action });"));
   write("broken-scheme", with(good, "rubato.main();", "rubato.theme.toggle = () => {};"));
 }
 
