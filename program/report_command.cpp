@@ -29,7 +29,7 @@ constexpr const char* report_examples =
 constexpr const char* compare_examples =
     "Examples:\n"
     "  rubato compare variable.h5 fixed.h5        a table, and where the problems differ\n"
-    "  rubato compare coarse.h5 fine.h5 -o both.html\n";
+    "  rubato compare coarse.h5 fine.h5 -o both.html --max-size 10\n";
 
 constexpr const char* export_examples =
     "Examples:\n"
@@ -140,7 +140,8 @@ void ReportCommands::compare() const {
   if (output_) {
     refuse_replacing(file_, *output_);
     refuse_replacing(other_file_, *output_);
-    report::write_page(*output_, report::comparison_page(first, second, page_options(max_size_, full_), canonical), force_);
+    report::write_page(*output_, report::comparison_page(first, second, page_options(max_size_, full_), canonical),
+                       force_);
   }
   print(json_ ? report::to_json(comparison) + "\n" : report::to_table(comparison));
   if (output_ && !json_) {

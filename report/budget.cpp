@@ -24,7 +24,8 @@ std::size_t thinned_curves(std::size_t curves, std::size_t points) {
 
 Demand demand_of_curves(const record::Reader& reader, const Contents& contents, std::size_t frames) {
   const std::size_t levels = reader.rows("/levels/t"), stored = reader.rows("/states/t");
-  const std::size_t curves = count_curves(contents), errors = contents.kind == Contents::Kind::orbit ? contents.exact.size() : 0;
+  const std::size_t curves = count_curves(contents),
+                    errors = contents.kind == Contents::Kind::orbit ? contents.exact.size() : 0;
   // Drawn in full, curves share their times.
   const std::size_t whole = frames + (curves - errors) * packed_size(4 * levels) + 2 * packed_size(8 * levels) +
                             errors * packed_size(4 * stored) + packed_size(8 * stored);
@@ -74,19 +75,24 @@ std::vector<std::size_t> share(std::size_t bytes, std::span<const Demand> demand
   return at(low);
 }
 
-std::size_t frame_of(std::string_view name) {
-  constexpr std::size_t keys = 1200, escaped = 6;
-  return keys + 2 * escaped * name.size();
+std::size_t frame_of(Frame frame, std::string_view name) {
+  constexpr std::size_t escaped = 6;
+  return static_cast<std::size_t>(frame) + escaped * name.size();
 }
 
 Needs::Needs(const record::Reader& reader, const Contents& contents)
-    : is_orbit_(contents.kind == Contents::Kind::orbit), curves_(count_curves(contents)), curve_frames_(0),
-      columns_(0), column_frames_(0) {
-  constexpr double pictures = 3.0;  // paths and maps say more than a curve
-  curve_frames_ = curves_ * frame_of("");
-  for (const auto* names : {&contents.invariants, &contents.totals, &contents.residuals, &contents.residuals, &contents.exact}) {
+    : is_orbit_(contents.kind == Contents::Kind::orbit),
+      curves_(count_curves(contents)),
+      curve_frames_(0),
+      columns_(0),
+      column_frames_(0) {
+  constexpr double pictures = 3.0;   // paths and maps say more than a curve
+  constexpr std::size_t rest = 500;  // keys of times and of states
+  curve_frames_ = rest + curves_ * frame_of(Frame::curve, "");
+  for (const auto* names :
+       {&contents.invariants, &contents.totals, &contents.residuals, &contents.residuals, &contents.exact}) {
     for (const std::string& name : *names) {
-      curve_frames_ += frame_of(name) - frame_of("");
+      curve_frames_ += frame_of(Frame::curve, name) - frame_of(Frame::curve, "");
     }
   }
   demands_.push_back(demand_of_curves(reader, contents, curve_frames_));
@@ -101,11 +107,12 @@ Needs::Needs(const record::Reader& reader, const Contents& contents)
   const std::vector<StateColumn> columns = state_columns(contents);
   columns_ = columns.size();
   for (const StateColumn& column : columns) {
-    column_frames_ += frame_of(column.name);
+    column_frames_ += frame_of(Frame::column, column.name);
   }
   const std::size_t states = reader.rows("/states/t");
   const std::size_t whole = column_frames_ + path_bytes(states, columns_);
-  const std::size_t least = column_frames_ + path_bytes(least_states, columns_) + thinned_curves(columns_, least_points);
+  const std::size_t least =
+      column_frames_ + path_bytes(least_states, columns_) + thinned_curves(columns_, least_points);
   demands_.push_back({std::min(whole, least), whole, pictures});
 }
 

@@ -34,8 +34,9 @@ struct Demand {
   return bytes == no_limit ? no_limit : bytes / 4 * 3 / bytes_per_entry;
 }
 
-/// A bound for what surrounds the arrays of one figure: keys, braces and its name, every byte of which may be escaped.
-[[nodiscard]] std::size_t frame_of(std::string_view name);
+/// Bounds for what surrounds the arrays of one figure: keys, braces and its name, every byte of which may be escaped.
+enum class Frame : std::size_t { column = 380, curve = 420, map = 1200 };
+[[nodiscard]] std::size_t frame_of(Frame frame, std::string_view name);
 
 /// How finely a page shows what it shows of one record; no_limit: in full.
 struct Resolution {
@@ -56,7 +57,8 @@ public:
   [[nodiscard]] Resolution resolution(std::span<const std::size_t> shares) const;
 
 private:
-  std::vector<Demand> demands_;  ///< of curves, bridges, and the path and the columns of an orbit, or the maps of a lattice
+  std::vector<Demand>
+      demands_;  ///< of curves, bridges, and the path and the columns of an orbit, or the maps of a lattice
   bool is_orbit_;
   std::size_t curves_, curve_frames_, columns_, column_frames_;
 };

@@ -41,8 +41,8 @@ double centre_of(std::span<const double> low, std::span<const double> high, cons
 
 void Census::add(std::span<const double> more) {
   values += more.size();
-  undefined += static_cast<std::size_t>(
-      std::ranges::count_if(more, [](double value) { return !std::isfinite(value); }));
+  undefined +=
+      static_cast<std::size_t>(std::ranges::count_if(more, [](double value) { return !std::isfinite(value); }));
 }
 
 bool is_before_start(const Drawing& drawing, std::size_t level, std::span<const double> values) {
@@ -59,17 +59,20 @@ void write_drawing(Json& json, const Drawing& drawing, const Census& census) {
 }
 
 MapCounts::MapCounts(const Contents& contents)
-    : fields(contents.fields.size()), exact(contents.exact.size()), residuals(contents.residual_fields.size()), frames(0) {
+    : fields(contents.fields.size()),
+      exact(contents.exact.size()),
+      residuals(contents.residual_fields.size()),
+      frames(0) {
   std::size_t axes = 0;
   for (const std::string& axis : contents.axes) {
-    axes += frame_of(axis) - frame_of("");
+    axes += 2 * (frame_of(Frame::map, axis) - frame_of(Frame::map, ""));
   }
   for (const Contents::Field& field : contents.fields) {
-    frames += frame_of(field.name) + axes;
+    frames += frame_of(Frame::map, field.name) + axes;
   }
   for (const auto* names : {&contents.exact, &contents.exact, &contents.residual_fields}) {
     for (const std::string& name : *names) {
-      frames += frame_of(name) + axes;
+      frames += frame_of(Frame::map, name) + axes;
     }
   }
 }

@@ -18,9 +18,9 @@ namespace rubato::report {
 /// What is drawn of one grid function over all stored levels.
 struct Drawing {
   std::string name;
-  std::string group;                  ///< "field", "error", "exact", "residual"
-  bool logarithmic = false;           ///< log10 of its magnitude
-  bool starts_late = false;           ///< no value before the first step: not to be counted as undefined
+  std::string group;                 ///< "field", "error", "exact", "residual"
+  bool logarithmic = false;          ///< log10 of its magnitude
+  bool starts_late = false;          ///< no value before the first step: not to be counted as undefined
   std::optional<double> rounding{};  ///< size of what rounding alone leaves of it
 };
 

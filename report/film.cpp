@@ -117,7 +117,8 @@ void Film::write_extremes(Json& json, std::span<const double> t) const {
     lowest.push_back(extremes.is_empty() ? undefined : extremes.low);
     highest.push_back(extremes.is_empty() ? undefined : extremes.high);
   }
-  const auto kept = merge(envelope_within(lowest, plan_.extremes_points), envelope_within(highest, plan_.extremes_points));
+  const auto kept =
+      merge(envelope_within(lowest, plan_.extremes_points), envelope_within(highest, plan_.extremes_points));
   json.key("extremes").begin_object().entry("count", t.size()).key("t");
   write_f64(json, pick(t, kept));
   json.key("low");

@@ -130,7 +130,8 @@ void write_u16(Json& json, std::span<const double> values, double minimum, doubl
   std::vector<std::uint16_t> codes(values.size());
   std::ranges::transform(values, codes.begin(), [&](double value) {
     const double part = range > 0.0 ? (value / 2 - minimum / 2) / range : 0.0;
-    return std::isfinite(value) ? static_cast<std::uint16_t>(std::clamp(std::round(part * most), 0.0, most)) : undefined;
+    return std::isfinite(value) ? static_cast<std::uint16_t>(std::clamp(std::round(part * most), 0.0, most))
+                                : undefined;
   });
   json.begin_object();
   json.entry("minimum", minimum).entry("maximum", maximum);

@@ -2,8 +2,8 @@
 
 #include <algorithm>
 #include <array>
-#include <fstream>
 #include <cmath>
+#include <fstream>
 #include <stdexcept>
 #include <tuple>
 
@@ -106,10 +106,10 @@ std::vector<std::vector<std::size_t>> shares_for(const std::vector<Part>& parts,
     }
   }
   if (least > options.max_bytes) {
-    throw std::invalid_argument(
-        fmt::format("a page of {} MB is too small: {} least {:.2f} MB", static_cast<double>(options.max_bytes) / 1e6,
-                    parts.size() == 1 ? "this record needs at" : "these records need at",
-                    std::ceil(static_cast<double>(least) / 1e4) / 1e2));
+    throw std::invalid_argument(fmt::format("a page of {} MB is too small: {} least {:.2f} MB",
+                                            static_cast<double>(options.max_bytes) / 1e6,
+                                            parts.size() == 1 ? "this record needs at" : "these records need at",
+                                            std::ceil(static_cast<double>(least) / 1e4) / 1e2));
   }
   const std::vector<std::size_t> all = share(options.max_bytes - text, demands);
   auto next = all.begin();
@@ -140,7 +140,8 @@ std::string assemble_within(std::string_view title, const std::vector<Part>& par
   shares = shares_for(parts, assemble(title, data(false)).size(), options);
   std::string page = assemble(title, data(true));
   if (!options.full && page.size() > options.max_bytes) {
-    throw std::logic_error(fmt::format("report: a page of {} bytes where {} were to suffice", page.size(), options.max_bytes));
+    throw std::logic_error(
+        fmt::format("report: a page of {} bytes where {} were to suffice", page.size(), options.max_bytes));
   }
   return page;
 }

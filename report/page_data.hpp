@@ -27,8 +27,8 @@ struct Source {
 
 /// "curves": what every record has per level and per step, its laws, and the errors of an orbit: [{"name", "group",
 /// "initial", "count", "undefined", "rounding", "axis" or "x", "y"}, …]. Energies, totals and invariants are deviations
-/// from "initial". "count" is the number of values, of which "undefined" are none; "axis" names one of "times" where all
-/// are there. "rounding" is the size of what rounding leaves, where that is known.
+/// from "initial". "count" is the number of values, of which "undefined" are none; "axis" names one of "times" where
+/// all are there. "rounding" is the size of what rounding leaves, where that is known.
 void write_curves(Json& json, const Source& source, const Resolution& resolution);
 
 /// The times between which steps were bridging, bridges that touch as one.

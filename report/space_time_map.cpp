@@ -35,7 +35,8 @@ Demand SpaceTimeMap::demand(const record::DatasetInfo& field, const Contents& co
     return counts.frames + packed_size(rows * row_bytes(arrays, columns)) + padding * (arrays + 2);
   };
   const std::size_t whole = bytes(levels, whole_arrays(counts), cells);
-  return {std::min(whole, bytes(std::min(levels, least_rows), block_arrays(counts), std::min(cells, least_columns))), whole};
+  return {std::min(whole, bytes(std::min(levels, least_rows), block_arrays(counts), std::min(cells, least_columns))),
+          whole};
 }
 
 SpaceTimeMap::Plan SpaceTimeMap::plan(const record::DatasetInfo& field, const Contents& contents, std::size_t bytes) {

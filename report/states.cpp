@@ -15,9 +15,7 @@ public:
   explicit States(const record::Reader& reader) : t_(reader.read("/states/t")), reader_(reader) {}
 
   [[nodiscard]] const std::vector<double>& t() const { return t_; }
-  [[nodiscard]] const double* column(const StateColumn& column) {
-    return dataset(column.path).data() + column.offset;
-  }
+  [[nodiscard]] const double* column(const StateColumn& column) { return dataset(column.path).data() + column.offset; }
   [[nodiscard]] std::size_t stride(const StateColumn& column) { return dataset(column.path).size() / t_.size(); }
 
 private:

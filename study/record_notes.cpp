@@ -123,8 +123,7 @@ private:
     for (int f = 0; f < level_.fields.fields(); ++f) {
       const std::string& name = tables_.system.fields()[static_cast<std::size_t>(f)];
       const bool at_midpoints = tables_.system.structure().at_midpoints(f);
-      const std::vector<double> values =
-          reader.read((at_midpoints ? "/states/midpoints/" : "/states/") + name, row, 1);
+      const std::vector<double> values = reader.read((at_midpoints ? "/states/midpoints/" : "/states/") + name, row, 1);
       if (values.size() != tables_.grid.size()) {
         throw record::Error(reader.file(), "the states are not those of its problem");
       }

@@ -140,7 +140,7 @@ rubato.curve = (() => {
   });
 
   return (host, options) => {
-    const { label, series, xLabel = "t", yLabel = "", logarithmic = false, height = 230, time = true, bridges = [], right = 14, rounding = 0 } = options;
+    const { label, series, xLabel = "t", yLabel = "", logarithmic = false, height = 230, time = true, bridges = [], right = 24, rounding = 0 } = options;
     const range = rounding > 0 ? withRounding(rounding, logarithmic, options.range || padded) : options.range || padded;
     const holder = rubato.element("div", { class: "curve", tabindex: "0", role: "group",
       "aria-label": `${label}. Arrow keys move the cursor, plus and minus zoom, 0 shows all.` });

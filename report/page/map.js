@@ -144,8 +144,8 @@ rubato.drawColourBar = (ctx, frame, map) => {
     ctx.font = rubato.theme.font(11);
     ctx.textAlign = "left";
     ctx.textBaseline = "top";
-    ctx.fillText("rounding", left - 6, bottom + 5);
-    ctx.fillText(`\u2264 ${rubato.format.number(10 ** map.rounding, 2)}`, left - 6, bottom + 19);
+    ctx.fillText("rounding", left, bottom + 5);
+    ctx.fillText(`\u2264 ${rubato.format.number(10 ** map.rounding, 2)}`, left, bottom + 19);
     ctx.fillRect(left, bottom - 2, 16, 2);
   }
   const [low, high] = map.range;

@@ -269,10 +269,20 @@ case $case_name in
     check "leaves the record alone" cmp -s a.h5 before.h5
     run report a.h5 --max-size nothing
     expect 2 'size in megabytes'
+    run report a.h5 --max-size 0.01
+    expect 2 'this record needs at least'
+    least=$(sed -n 's/.* at least \([0-9.]*\) MB.*/\1/p' err)
+    run report a.h5 --max-size "$least" -o least.html
+    expect 0 least.html
+    check "as small as it said" test "$(wc -c <least.html)" -le "$(awk "BEGIN { printf \"%d\", $least * 1e6 + 0.5 }")"
+    run report a.h5 --max-size 1 --full
+    expect 2
     run compare a.h5 b.h5 -o both.html
     expect 0 'levels = "fixed"'
     check "what is the same is not told" bash -c '! grep -q "until = 5" out'
     check "a page of both" test -s both.html
+    run compare a.h5 b.h5 -o both.html --max-size 0.01
+    expect 2 'these records need at least'
     run compare a.h5 b.h5 --json
     check "one JSON object" test "$(grep -c '^{"records"' out)" -eq 1
     run run kepler --set scheme.until=1 -o k.h5 --quiet

@@ -61,7 +61,8 @@ TEST_CASE("a page asks the network for nothing") {
 TEST_CASE("what a record says cannot become part of the page's code") {
   const sample::Folder folder;
   // U+2028 ends a line of JavaScript, but not of JSON; a comment opened in a script hides its end.
-  const std::string nasty = "</script><script>window.bad=1</script> <!-- <script> \"quoted\" {{data}} {{script}} Γ θ̇ 𝕃 \u2028\u2029";
+  const std::string nasty =
+      "</script><script>window.bad=1</script> <!-- <script> \"quoted\" {{data}} {{script}} Γ θ̇ 𝕃 \u2028\u2029";
   sample::write_orbit(folder / "nasty.h5", {.title = nasty, .problem = "title = '''" + nasty + "'''\n# <!-- & -->\n"});
   sample::write_orbit(folder / "plain.h5", {});
   const std::string page = page_of(folder / "nasty.h5"), plain = page_of(folder / "plain.h5");
@@ -173,7 +174,8 @@ TEST_CASE("what is undefined is counted and shown, however much is thinned") {
   CHECK(sample::after(page, {R"("maps":)", R"("group":"residual")"}).starts_with(R"(,"count":89999,"undefined":42,)"));
   CHECK(sample::after(page, {R"("name":"momentum")"}).find(R"("count":300,"undefined":42)") != std::string_view::npos);
   const auto striped = [](const std::string& data) {
-    const std::vector<double> codes = sample::numbers_after(data, {R"("maps":)", R"("group":"residual")", R"("values":)"});
+    const std::vector<double> codes =
+        sample::numbers_after(data, {R"("maps":)", R"("group":"residual")", R"("values":)"});
     return std::ranges::count(codes, 65535.0);
   };
   const std::string sound = sample::data_of(page_of(folder / "sound.h5", {.max_bytes = size}));
@@ -191,12 +193,14 @@ TEST_CASE("the unknown comes first, and what rounding leaves is told") {
   };
   CHECK(first_field({}) == "u");  // which has an exact solution; in the record "a" comes before it
   const auto notes = [](const record::Reader&) {
-    return report::Notes{.fields = {"a", "u"}, .rounding = {{"/laws/fields/energy", 0.125}, {"/laws/energy_max", 0.125}}};
+    return report::Notes{.fields = {"a", "u"},
+                         .rounding = {{"/laws/fields/energy", 0.125}, {"/laws/energy_max", 0.125}}};
   };
   CHECK(first_field({.notes = notes}) == "a");
   const std::string data = sample::data_of(page_of(folder / "lattice.h5", {.notes = notes}));
   CHECK(count(data, R"("rounding":0.125)") == 2);
-  CHECK(sample::after(data, {R"("name":"energy max")"}).substr(0, 100).find(R"("rounding":0.125)") != std::string_view::npos);
+  CHECK(sample::after(data, {R"("name":"energy max")"}).substr(0, 100).find(R"("rounding":0.125)") !=
+        std::string_view::npos);
 }
 
 TEST_CASE("planes and volumes become films") {
@@ -220,7 +224,8 @@ TEST_CASE("a record that has only just begun has a page with its first level") {
   CHECK(sample::numbers_after(orbit, {R"("states":)", R"("t":)"}) == std::vector{0.0});
   CHECK(orbit.find(R"("name":"h")") == std::string::npos);  // there is no step yet
   const std::string lattice = sample::data_of(page_of(folder / "first.h5"));
-  const std::vector<double> codes = sample::numbers_after(lattice, {R"("maps":)", R"("name":"u","group":"field")", R"("values":)"});
+  const std::vector<double> codes =
+      sample::numbers_after(lattice, {R"("maps":)", R"("name":"u","group":"field")", R"("values":)"});
   REQUIRE(codes.size() == 11);
   CHECK(std::ranges::max(codes) == 65534.0);
   CHECK(std::ranges::min(codes) == 0.0);

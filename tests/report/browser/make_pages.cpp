@@ -52,6 +52,7 @@ void write_pages(const std::filesystem::path& folder) {
     report::write_page(folder / (name + ".html"), page, true);
   };
   sample::write_orbit(folder / "orbit.h5", {.dimension = 2, .title = R"(An orbit with </script> & "quotes" — Γ)"});
+  sample::write_orbit(folder / "short.h5", {.steps = 60, .dimension = 2});
   sample::write_orbit(folder / "other.h5", {.steps = 400, .dimension = 2, .frequency = 1.1});
   sample::write_orbit(folder / "long-orbit.h5", {.steps = 50000, .dimension = 1});
   sample::write_lattice(folder / "lattice.h5", {.levels = 80});
@@ -70,8 +71,8 @@ void write_pages(const std::filesystem::path& folder) {
   sample::write_lattice(folder / "quiet.h5", {.levels = 40, .residual = 1e-15});
   sample::write_lattice(folder / "holes.h5", {.levels = 40, .nx = 41, .undefined_every = 7});
   sample::write_lattice(folder / "two-fields.h5", {.levels = 30, .nx = 31, .other_field = "a"});
-  for (const char* name : {"orbit", "long-orbit", "lattice", "large-lattice", "plane", "bodies", "hostile", "huge", "tiny",
-                           "holes", "two-fields"}) {
+  for (const char* name : {"orbit", "short", "long-orbit", "lattice", "large-lattice", "plane", "bodies", "hostile",
+                           "huge", "tiny", "holes", "two-fields"}) {
     write(name, report::page(record(name)));
   }
   const report::PageOptions small{.max_bytes = 350'000};
@@ -93,24 +94,26 @@ void write_pages(const std::filesystem::path& folder) {
                                "rubato.colour.sequential = () => Array.from({length: 256}, (_, i) => [0, 120, 240].map("
                                "(at) => Math.round(255 * Math.max(0, 1 - Math.abs(i - at) / 120))));"));
   const std::string orbit = report::page(record("orbit"));
-  write("broken-dots", with(orbit, "rubato.main();",
+  write("broken-dots", with(report::page(record("short")), "rubato.main();",
                             "CanvasRenderingContext2D.prototype.lineTo = function (x, y) {"
                             "this.fillRect(x - 0.75, y - 0.75, 1.5, 1.5); this.moveTo(x, y); };"));
   write("broken-choice", with(orbit, "rubato.main();", "rubato.choose = () => document.createElement('span');"));
   write("broken-legend", with(report::page(record("bodies")), "rubato.main();", "rubato.legend = () => {};"));
   write("broken-bright", report::page(record("quiet")));
-  write("broken-hidden", with(report::page(record("holes")), "rubato.main();",
-                              "rubato.colour.undefinedAt = () => [255, 255, 255];"));
-  write("broken-uncounted", with(report::page(record("holes")), "rubato.main();", "rubato.undefinedNote = () => null;"));
-  write("broken-silent", with(report::page(record("long-orbit"), small), "rubato.main();",
-                              "rubato.thinningNote = () => null;"));
+  write("broken-hidden",
+        with(report::page(record("holes")), "rubato.main();", "rubato.colour.undefinedAt = () => [255, 255, 255];"));
+  write("broken-uncounted",
+        with(report::page(record("holes")), "rubato.main();", "rubato.undefinedNote = () => null;"));
+  write("broken-silent",
+        with(report::page(record("long-orbit"), small), "rubato.main();", "rubato.thinningNote = () => null;"));
   write("broken-order", report::page(record("two-fields"), {.notes = [](const record::Reader&) {
                                        return report::Notes{.fields = {"a"}, .rounding = {}};
                                      }}));
-  write("broken-faint", with(good, "rubato.main();",
-                             "document.documentElement.style.setProperty('--faint', '#c0c0c0');"));
-  write("broken-nameless", with(good, "rubato.main();",
-                                "rubato.button = (text, label, action) => rubato.element('button', { click: action });"));
+  write("broken-faint",
+        with(good, "rubato.main();", "document.documentElement.style.setProperty('--faint', '#c0c0c0');"));
+  write("broken-nameless",
+        with(good, "rubato.main();",
+             "rubato.button = (text, label, action) => rubato.element('button', { click: action });"));
   write("broken-scheme", with(good, "rubato.main();", "rubato.theme.toggle = () => {};"));
 }
 
