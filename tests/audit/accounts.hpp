@@ -11,7 +11,7 @@ namespace audit {
 /// How much of a run's figures is rounding: bounds of what two evaluations of the same thing may differ by.
 struct Roundings {
   long double energy = 0.0L, node_energy = 0.0L, gamma = 0.0L;
-  std::map<std::string, long double> invariants;
+  std::map<std::string, long double> invariants, errors;
   long double scale = 0.0L;  ///< the largest sum of the magnitudes of the terms of H
 };
 

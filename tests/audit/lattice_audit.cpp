@@ -25,6 +25,7 @@ public:
       for (std::size_t row = 1; row < levels_.stored_levels().size(); ++row) {
         judge_step(row);
       }
+      judge_exact();
       levels_.judge_told();
     }
     return levels_.roundings();
@@ -53,6 +54,31 @@ private:
                         levels_.roundings().invariants["momentum"]);
       }
     }
+  }
+
+  void judge_exact() {
+    if (!problem_.exact) {
+      return;
+    }
+    const std::string& name = problem_.fields[problem_.initial[0].first];
+    const std::size_t last = levels_.stored_levels().size() - 1;
+    const std::vector<double> field = record_.row("/states/" + name, last);
+    const std::vector<double> stored = record_.row("/exact/" + name, last);
+    std::vector<Bounded> differences;
+    for (std::size_t node = 0; node < field.size(); ++node) {
+      std::vector<Bounded> place;
+      std::size_t rest = node;
+      for (const Axis& axis : problem_.axes) {
+        const long double x = axis.from + static_cast<long double>(rest % axis.cells) * axis.width();
+        place.push_back({x, 2 * unit_roundoff * (std::abs(x) + std::abs(static_cast<long double>(axis.from)))});
+        rest /= axis.cells;
+      }
+      place.push_back(Bounded::stored(levels_.t(levels_.stored_levels()[last])));
+      const Bounded exact = (*problem_.exact)(std::span<const Bounded>(place));
+      levels_.compare("exact solution", stored[node], exact, node, levels_.roundings().errors[name]);
+      differences.push_back(Bounded::stored(field[node]) - exact);
+    }
+    levels_.judge_error(name, differences);
   }
 
   void judge_step(std::size_t row) {

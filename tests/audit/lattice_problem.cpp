@@ -190,6 +190,10 @@ private:
     if (!explicit_scheme && random_.chance(0.25)) {
       problem_.on_singular = random_.chance(0.5) ? "fixed" : "stop";
     }
+    if (random_.chance(0.4)) {
+      const Expression t = Expression::variable(problem_.axes.size());
+      problem_.exact = profile(1.0) + random_.between(-0.5, 0.5) * sin(t + Expression::variable(0));
+    }
     if (random_.chance(0.15)) {
       problem_.S = problem_.S + random_.sign() * random_.decades(-1, 3);
       problem_.family += ", a constant in S";
@@ -244,6 +248,11 @@ std::string LatticeProblem::toml() const {
   }
   for (const auto& [field, formula] : initial) {
     text += fmt::format("{} = \"{}\"\n", fields[field], formula.text(axis_names));
+  }
+  if (exact) {
+    std::vector<std::string> names(axis_names.begin(), axis_names.begin() + static_cast<std::ptrdiff_t>(axes.size()));
+    names.emplace_back("t");
+    text += fmt::format("[exact]\n{} = \"{}\"\n", fields[initial[0].first], exact->text(names));
   }
   constexpr const char* words[] = {"box", "fourier", "euler-box"};
   text += fmt::format("[scheme]\nlagrangian = \"{}\"\nstep = {}\nuntil = {}\nmax_steps = {}\n",

@@ -35,9 +35,11 @@ struct LatticeProblem {
   std::vector<Axis> axes;  ///< x, and y in a plane
   double start_time = 0.0;
   std::vector<std::pair<std::size_t, Expression>> initial;  ///< fields as formulas in x and y
-  std::vector<bool> slaved;                                 ///< which fields follow from a constraint in space
-  std::vector<bool> midpoint_only;                          ///< which exist in the middle of steps only
-  std::optional<std::size_t> potential;                     ///< of which the record keeps the periodic part
+  /// What stands in [exact] for the first field with an equation of its own: a formula of x, (y,) t, exact or not.
+  std::optional<Expression> exact;
+  std::vector<bool> slaved;              ///< which fields follow from a constraint in space
+  std::vector<bool> midpoint_only;       ///< which exist in the middle of steps only
+  std::optional<std::size_t> potential;  ///< of which the record keeps the periodic part
   std::size_t derivative_of_potential = 0;
 
   Lagrangian lagrangian = Lagrangian::box;

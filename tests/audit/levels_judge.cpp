@@ -104,6 +104,23 @@ void LevelsJudge::judge_equation(const std::vector<Bounded>& rows, std::size_t k
   }
 }
 
+void LevelsJudge::judge_error(const std::string& name, const std::vector<Bounded>& differences) {
+  long double largest = 0.0L, squares = 0.0L, rounding = 0.0L;
+  for (const Bounded& difference : differences) {
+    largest = std::max(largest, std::abs(difference.value));
+    squares += difference.value * difference.value;
+    rounding = std::max(rounding, evaluations * difference.error);
+  }
+  const long double rms = std::sqrt(squares / static_cast<long double>(differences.size()));
+  for (const auto& [word, value] : {std::pair{".max", largest}, {".rms", rms}}) {
+    const std::string key = "error." + name + word;
+    const double told = told_.has(key) ? told_[key] : std::nan("");
+    findings_.within("told error", std::abs(told - value), rounding,
+                     [&] { return fmt::format("{}: {} in place of {}", key, told, static_cast<double>(value)); });
+  }
+  roundings_.errors[name] = std::max(roundings_.errors[name], 2 * rounding);
+}
+
 void LevelsJudge::judge_told() {
   exactly("steps", static_cast<double>(h_.size()));
   exactly("t", t_.back());

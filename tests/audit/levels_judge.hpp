@@ -29,6 +29,8 @@ public:
   void judge_told();
   /// A stored value against what it should be; keeps the largest rounding in `largest`.
   void compare(const std::string& kind, double value, const Bounded& right, std::size_t at, long double& largest);
+  /// What the run tells of the differences from [exact], at each node of the last level.
+  void judge_error(const std::string& name, const std::vector<Bounded>& differences);
   /// All rows of an equation, each within the rounding of its terms.
   void judge_equation(const std::vector<Bounded>& rows, std::size_t step);
 

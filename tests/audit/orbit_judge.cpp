@@ -22,6 +22,7 @@ public:
       read_states();
       judge_nodes();
       judge_steps();
+      judge_exact();
       levels_.judge_told();
     }
     return levels_.roundings();
@@ -70,6 +71,19 @@ private:
       for (std::size_t i = 0; i < invariants.size(); ++i) {
         const std::string& name = problem_.invariants[i].first;
         levels_.compare("invariant", record_["/laws/" + name][level], invariants[i], level, roundings.invariants[name]);
+      }
+    }
+  }
+
+  void judge_exact() {
+    for (std::size_t row = 0; problem_.exact && row < states_.size(); ++row) {
+      const double t = levels_.t(levels_.stored_levels()[row]);
+      const std::vector<Bounded> time = {Bounded::stored(t)};
+      const Bounded exact = (*problem_.exact)(std::span<const Bounded>(time));
+      long double& rounding = levels_.roundings().errors[problem_.names[0]];
+      levels_.compare("exact solution", record_["/exact/" + problem_.names[0]][row], exact, row, rounding);
+      if (row + 1 == states_.size()) {
+        levels_.judge_error(problem_.names[0], {Bounded::stored(states_[row][0]) - exact});
       }
     }
   }

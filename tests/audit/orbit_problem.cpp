@@ -428,6 +428,10 @@ private:
     } else if (random_.chance(0.1) && !forward) {
       problem_.energy_tolerance = random_.decades(-6, -2);
     }
+    if (random_.chance(0.4)) {
+      const Expression t = Expression::variable(0);
+      problem_.exact = random_.between(-1, 1) * cos(random_.between(0.2, 2) * t) + random_.between(-0.1, 0.1) * t;
+    }
     return true;
   }
 
@@ -475,6 +479,10 @@ std::string OrbitProblem::toml() const {
   text += "[invariants]\n";
   for (const auto& [name, formula] : invariants) {
     text += fmt::format("{} = \"{}\"\n", name, formula.text(names));
+  }
+  if (exact) {
+    const std::vector<std::string> time = {"t"};
+    text += fmt::format("[exact]\n{} = \"{}\"\n", names[0], exact->text(time));
   }
   constexpr std::array<const char*, 4> words = {"midpoint", "generating", "custom", "forward"};
   text += fmt::format("[scheme]\nlagrangian = \"{}\"\n", words.at(static_cast<std::size_t>(lagrangian)));

@@ -21,6 +21,8 @@ struct OrbitProblem {
   double start_time = 0.0;
   std::vector<double> next;  ///< z_1 where the problem gives it
   std::vector<std::pair<std::string, Expression>> invariants;
+  /// What stands in [exact] for the first coordinate: a formula of t, exact or not.
+  std::optional<Expression> exact;
 
   Lagrangian lagrangian = Lagrangian::midpoint;
   int order = 2;  ///< of a generating function
