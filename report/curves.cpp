@@ -3,6 +3,9 @@
 #include <cmath>
 #include <optional>
 
+#include <fmt/format.h>
+
+#include <rubato/record/error.hpp>
 #include <rubato/report/page_data.hpp>
 
 namespace rubato::report {
@@ -47,6 +50,10 @@ public:
       return;
     }
     const auto number = static_cast<std::size_t>(axis);
+    if (y.size() != times_[number].size()) {
+      throw record::Error(source_.reader.file(), fmt::format("{} has {} values, and there are {} {}", path, y.size(),
+                                                             times_[number].size(), axis_names[number]));
+    }
     const auto undefined = std::ranges::count_if(y, [](double value) { return !std::isfinite(value); });
     json_.begin_object().entry("name", name).entry("group", group).entry("initial", initial).entry("count", y.size());
     json_.entry("undefined", static_cast<std::size_t>(undefined));
@@ -87,19 +94,20 @@ private:
 /// Of an orbit: what differs from each exact solution, computed here in double precision.
 void write_errors(CurveWriter& curves, const Source& source) {
   const std::vector<StateColumn> columns = state_columns(source.contents);
+  const std::size_t rows = source.reader.rows("/states/t");
   for (const std::string& name : source.contents.exact) {
     const auto own = std::ranges::find_if(
         columns, [&](const StateColumn& column) { return column.name == name && column.group != "exact"; });
     if (own == columns.end()) {
       continue;
     }
-    const std::vector<double> state = source.reader.read(own->path);
-    std::vector<double> error = source.reader.read("/exact/" + name);
-    const std::size_t stride = state.size() / error.size();
+    const std::vector<double> state = read_rows(source.reader, own->path, rows, own->offset);
+    std::vector<double> error = read_rows(source.reader, "/exact/" + name, rows, 0);
+    const std::size_t stride = state.size() / rows;
     for (std::size_t k = 0; k < error.size(); ++k) {
       error[k] = state[k * stride + own->offset] - error[k];
     }
-    curves.write(name, "error", Axis::states, "", std::move(error), 0.0);
+    curves.write(name, "error", Axis::states, "/exact/" + name, std::move(error), 0.0);
   }
 }
 

@@ -1,6 +1,9 @@
 #include <algorithm>
 #include <cmath>
 
+#include <fmt/format.h>
+
+#include <rubato/record/error.hpp>
 #include <rubato/report/film.hpp>
 #include <rubato/report/page_data.hpp>
 #include <rubato/report/space_time_map.hpp>
@@ -13,8 +16,15 @@ namespace {
 template <typename Use>
 void for_each_row(const record::Reader& reader, const std::vector<std::string>& paths, const Use& use) {
   constexpr std::size_t slab_values = std::size_t{1} << 20;
-  const std::size_t rows = reader.rows(paths.front());
+  const std::size_t rows = reader.rows("/states/t");
   const std::size_t size = reader.info(paths.front()).row_size();
+  for (const std::string& path : paths) {
+    const record::DatasetInfo info = reader.info(path);
+    if (info.shape.front() != rows || info.row_size() != size) {
+      throw record::Error(reader.file(), fmt::format("{} has {} rows of {} values, where {} of {} are stored", path,
+                                                     info.shape.front(), info.row_size(), rows, size));
+    }
+  }
   const std::size_t slab = std::clamp<std::size_t>(slab_values / size, 1, rows);
   for (std::size_t first = 0; first < rows; first += slab) {
     const std::size_t count = std::min(slab, rows - first);
@@ -37,10 +47,14 @@ template <typename Map>
 class MapWriter {
 public:
   MapWriter(Json& json, const Source& source, const typename Map::Plan& plan)
-      : json_(json), reader_(source.reader), notes_(source.notes), plan_(plan) {}
+      : json_(json),
+        reader_(source.reader),
+        notes_(source.notes),
+        plan_(plan),
+        shape_(reader_.info(source.contents.fields.front().path).shape) {}
 
   void field(const Contents::Field& field) {
-    const record::DatasetInfo info = reader_.info(field.path);
+    const record::DatasetInfo info = shape_of(field.path);
     Map map({.name = field.name, .group = "field", .starts_late = field.at_midpoints}, plan_);
     const std::string exact_path = "/exact/" + field.name;
     if (field.at_midpoints || !reader_.has(exact_path)) {
@@ -68,7 +82,7 @@ public:
 
   void residual(const std::string& name) {
     const std::string path = "/laws/fields/" + name;
-    const record::DatasetInfo info = reader_.info(path);
+    const record::DatasetInfo info = shape_of(path);
     Drawing drawing{.name = name, .group = "residual", .logarithmic = true, .starts_late = true};
     if (const auto level = notes_.rounding.find(path); level != notes_.rounding.end()) {
       drawing.rounding = level->second;
@@ -83,6 +97,15 @@ public:
   }
 
 private:
+  /// \throws record::Error if it is not that of the first field, which the plan is for
+  [[nodiscard]] record::DatasetInfo shape_of(const std::string& path) const {
+    record::DatasetInfo info = reader_.info(path);
+    if (info.shape != shape_) {
+      throw record::Error(reader_.file(), path + " has not the shape of the fields");
+    }
+    return info;
+  }
+
   void write(const Map& map, const record::DatasetInfo& info) {
     map.write(json_, reader_, {info.dimensions.begin() + 1, info.dimensions.end()});
   }
@@ -91,6 +114,7 @@ private:
   const record::Reader& reader_;
   const Notes& notes_;
   const typename Map::Plan& plan_;
+  std::vector<std::size_t> shape_;
 };
 
 template <typename Map>

@@ -45,6 +45,10 @@ struct StateColumn {
 /// Those that a page shows of an orbit. Coordinates beyond the first 48 are left to the record; the page says so.
 [[nodiscard]] std::vector<StateColumn> state_columns(const Contents& contents);
 
+/// All of a dataset that has to have `rows` rows and a column number `column`. \throws record::Error
+[[nodiscard]] std::vector<double> read_rows(const record::Reader& reader, const std::string& path, std::size_t rows,
+                                            std::size_t column);
+
 /// "states": an orbit's coordinates and momenta along the same selection of stored levels, and, where that is not all
 /// of them, each against time by its own.
 void write_states(Json& json, const Source& source, const Resolution& resolution);

@@ -1,6 +1,9 @@
 #include <algorithm>
 #include <map>
 
+#include <fmt/format.h>
+
+#include <rubato/record/error.hpp>
 #include <rubato/report/page_data.hpp>
 
 namespace rubato::report {
@@ -15,13 +18,16 @@ public:
   explicit States(const record::Reader& reader) : t_(reader.read("/states/t")), reader_(reader) {}
 
   [[nodiscard]] const std::vector<double>& t() const { return t_; }
-  [[nodiscard]] const double* column(const StateColumn& column) { return dataset(column.path).data() + column.offset; }
-  [[nodiscard]] std::size_t stride(const StateColumn& column) { return dataset(column.path).size() / t_.size(); }
+  [[nodiscard]] const double* column(const StateColumn& column) { return dataset(column).data() + column.offset; }
+  [[nodiscard]] std::size_t stride(const StateColumn& column) { return dataset(column).size() / t_.size(); }
 
 private:
-  const std::vector<double>& dataset(const std::string& path) {
-    const auto found = datasets_.find(path);
-    return found != datasets_.end() ? found->second : datasets_.emplace(path, reader_.read(path)).first->second;
+  const std::vector<double>& dataset(const StateColumn& column) {
+    const auto found = datasets_.find(column.path);
+    return found != datasets_.end()
+               ? found->second
+               : datasets_.emplace(column.path, read_rows(reader_, column.path, t_.size(), column.offset))
+                     .first->second;
   }
 
   std::vector<double> t_;
@@ -30,6 +36,16 @@ private:
 };
 
 }  // namespace
+
+std::vector<double> read_rows(const record::Reader& reader, const std::string& path, std::size_t rows,
+                              std::size_t column) {
+  std::vector<double> values = reader.read(path);
+  if (rows == 0 || values.size() % rows != 0 || values.size() / rows <= column) {
+    throw record::Error(reader.file(), fmt::format("{} has {} values, which are not {} rows with a column number {}",
+                                                   path, values.size(), rows, column + 1));
+  }
+  return values;
+}
 
 std::vector<StateColumn> state_columns(const Contents& contents) {
   std::vector<StateColumn> columns;
@@ -52,6 +68,9 @@ void write_states(Json& json, const Source& source, const Resolution& resolution
 
   Path path{.size = t.size(), .columns = {}, .strides = {}};
   for (const StateColumn& column : columns) {
+    if (column.offset >= states.stride(column)) {
+      throw record::Error(source.reader.file(), fmt::format("{} has no column for {}", column.path, column.name));
+    }
     if (column.group != "exact") {
       path.columns.push_back(states.column(column));
       path.strides.push_back(states.stride(column));

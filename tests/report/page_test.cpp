@@ -1,8 +1,10 @@
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <fstream>
 #include <regex>
 
+#include <hdf5.h>
 #include <catch2/catch.hpp>
 
 #include <rubato/record/reader.hpp>
@@ -245,6 +247,31 @@ TEST_CASE("an error is the difference of double numbers") {
   }
   // Single precision of the error itself, at most 1e-3, and not of the coordinate, which is about 1.
   CHECK(largest < 1e-3 * 6e-8);
+}
+
+TEST_CASE("a record whose parts do not fit has no page") {
+  const sample::Folder folder;
+  sample::write_orbit(folder / "orbit.h5", {.steps = 100});
+  sample::write_lattice(folder / "lattice.h5", {.levels = 20, .nx = 31});
+  const auto [name, dataset] = GENERATE(table<std::string, std::string>({{"orbit.h5", "/laws/momentum"},
+                                                                         {"orbit.h5", "/states/q"},
+                                                                         {"orbit.h5", "/exact/q1"},
+                                                                         {"lattice.h5", "/states/u"},
+                                                                         {"lattice.h5", "/exact/u"},
+                                                                         {"lattice.h5", "/laws/fields/energy"}}));
+  CAPTURE(name, dataset);
+  CHECK_NOTHROW(page_of(folder / name));
+  const hid_t file = H5Fopen((folder / name).c_str(), H5F_ACC_RDWR, H5P_DEFAULT);
+  const hid_t set = H5Dopen2(file, dataset.c_str(), H5P_DEFAULT);
+  const hid_t space = H5Dget_space(set);
+  std::array<hsize_t, 4> shape{};
+  H5Sget_simple_extent_dims(space, shape.data(), nullptr);
+  shape[0] -= 3;
+  REQUIRE(H5Dset_extent(set, shape.data()) >= 0);
+  H5Sclose(space);
+  H5Dclose(set);
+  H5Fclose(file);
+  CHECK_THROWS_AS(page_of(folder / name), record::Error);
 }
 
 TEST_CASE("the summary has the figures of the record") {
