@@ -21,6 +21,7 @@
 #include <rubato/study/browse.hpp>
 #include <rubato/study/check.hpp>
 #include <rubato/study/problem.hpp>
+#include <rubato/study/record_notes.hpp>
 #include <rubato/study/run.hpp>
 #include <rubato/study/version.hpp>
 #include <rubato/variation/formula_action.hpp>

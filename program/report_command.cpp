@@ -55,7 +55,7 @@ report::Notes notes_on(const record::Reader& reader) {
   try {
     study::RecordNotes notes = study::notes_on(reader);
     return {std::move(notes.fields), std::move(notes.rounding)};
-  } catch (const std::invalid_argument&) {
+  } catch (const std::logic_error&) {
     return {};
   } catch (const record::Error&) {
     return {};

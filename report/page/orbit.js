@@ -82,16 +82,25 @@ rubato.overTime = (states, column) => (column.over_time
   ? { x: rubato.unpack.array(column.over_time.x), y: rubato.unpack.array(column.over_time.y) }
   : { x: states.t, y: column.values });
 
-/** The vectors of a problem (`r = "r[3]"` has r1, r2, r3), if it has nothing else: each is a body, with the names of its columns. */
+/**
+ * The bodies of a problem that has nothing else, by the names of its coordinates: x1, y1, x2, y2 are the bodies 1 and 2;
+ * the vectors `sun[3]` and `moon[3]` (sun1, sun2, sun3, …) are sun and moon. [{ name, columns }], none if there is but one.
+ */
 rubato.bodiesOf = (q) => {
-  const bodies = new Map();
-  q.forEach(({ name }) => {
-    const match = /^(.*?)([123])$/.exec(name);
-    if (match) bodies.set(match[1], [...(bodies.get(match[1]) || []), name]);
-  });
-  const all = [...bodies].map(([name, columns]) => ({ name, columns }));
-  const areAlike = all.every(({ columns }) => columns.length === all[0].columns.length && columns.length > 1);
-  return areAlike && all.length > 1 && all.flatMap(({ columns }) => columns).length === q.length ? all : [];
+  const grouped = (pattern, nameOf, placeOf) => {
+    const bodies = new Map();
+    for (const { name } of q) {
+      const match = pattern.exec(name);
+      if (!match) return [];
+      const body = bodies.get(nameOf(match)) || [];
+      bodies.set(nameOf(match), [...body, { name, place: placeOf(match) }]);
+    }
+    const all = [...bodies].map(([name, columns]) => ({ name, columns: columns.map((column) => column.name), places: columns.map(({ place }) => place).join() }));
+    const areBodies = all.length > 1 && all.every(({ places }) => places === all[0].places && /^(x,y(,z)?|1,2(,3)?)$/.test(places));
+    return areBodies ? all : [];
+  };
+  const byNumber = grouped(/^([xyz])_?(.+)$/, ([, , number]) => number, ([, letter]) => letter);
+  return byNumber.length > 0 ? byNumber : grouped(/^(.+?)([123])$/, ([, name]) => name, ([, , place]) => place);
 };
 
 /** Coordinates and momenta against time, as many at once as the reader ticks. */

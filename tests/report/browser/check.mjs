@@ -199,6 +199,14 @@ const special = {
     checker.check("legend", after[0] === 0 && after[1] > 20, `pixels without the first body: ${after}`);
     await entries.first().click();
   },
+  numbered: async (page, checker) => {
+    const found = await page.evaluate(() => ["x1 y1 x2 y2", "x_a y_a z_a x_b y_b z_b", "x1 x2 y1 y2", "r11 r12 r13 r21 r22 r23", "q1 q2 q3 q4", "x y", "x1 y1 x2", "r1 r2 r3"]
+      .map((names) => rubato.bodiesOf(names.split(" ").map((name) => ({ name }))).map(({ name, columns }) => `${name}:${columns}`).join(" ")));
+    const wanted = ["1:x1,y1 2:x2,y2", "a:x_a,y_a,z_a b:x_b,y_b,z_b", "1:x1,y1 2:x2,y2", "r1:r11,r12,r13 r2:r21,r22,r23", "", "", "", ""];
+    checker.check("legend", JSON.stringify(found) === JSON.stringify(wanted), `bodies are found as ${JSON.stringify(found)}`);
+    const entries = await page.locator(".legend").first().locator("button").allInnerTexts();
+    checker.check("legend", entries.join() === "1,2", `the legend has ${entries}`);
+  },
   quiet: async (page, checker) => {
     const lightness = await page.evaluate(lightnessOfLastMap);
     checker.check("rounding", lightness < 60, `rounding is drawn with a lightness of ${lightness}`);
