@@ -31,6 +31,20 @@ std::complex<double> derivative_symbol(std::ptrdiff_t k, const Axis& axis) {
   return {0.0, 2.0 * std::numbers::pi * static_cast<double>(k) / axis.length()};
 }
 
+std::size_t good_odd_count(std::size_t least) {
+  for (std::size_t n = least | 1U;; n += 2) {
+    std::size_t rest = n;
+    for (const std::size_t prime : {3U, 5U, 7U}) {
+      while (rest % prime == 0) {
+        rest /= prime;
+      }
+    }
+    if (rest == 1) {
+      return n;
+    }
+  }
+}
+
 /// Each row along x is padded to whole cache lines, so that every transform of an axis finds the alignment its plan was
 /// made for. Two neighbouring rows of a field are transformed as real and imaginary part of one: FFTW does large prime
 /// factors of complex transforms much faster than those of real ones, and grids of boxes are odd. Along y and z, four

@@ -19,6 +19,10 @@ namespace rubato::grids {
 [[nodiscard]] std::complex<double> derivative_symbol(std::ptrdiff_t k, const Axis& axis);
 ///@}
 
+/// The least odd number from `least` on that has no prime factor beyond 7: a good number of cells where an even one
+/// will not do, for transforms whose lengths have larger ones take longer.
+[[nodiscard]] std::size_t good_odd_count(std::size_t least);
+
 /// Discrete Fourier transforms of `fields` real grid functions at once, û(k) = Σ_j u_j e^{-iθ·j}, and back.
 ///
 /// Half of the modes along x are kept, k_x = 0 … n_x/2; those of y and z run 0 … n-1 and stand for k - n beyond n/2.

@@ -9,11 +9,15 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include <rubato/grids/box_operators.hpp>
+#include <rubato/grids/fourier.hpp>
+#include <rubato/grids/lines.hpp>
 #include <rubato/grids/reductions.hpp>
 #include <rubato/pde/cell_solver.hpp>
 #include <rubato/pde/euler_box_map.hpp>
+#include <rubato/pde/initial_agreement.hpp>
+#include <rubato/pde/initial_sawtooths.hpp>
 #include <rubato/pde/kernel_conditions.hpp>
+#include <rubato/pde/periodicity.hpp>
 
 namespace rubato {
 
@@ -160,6 +164,9 @@ public:
     solver_ = make_cell_solver(grid, placement, size_, conditions_.count(), newton_tolerance);
   }
 
+  /// Of the constraints, as combinations of the equation's rows.
+  [[nodiscard]] MatrixXd left_kernel() const { return plan_.rows * conditions_.left; }
+
   [[nodiscard]] Status run(LatticeLevel& level) {
     std::vector<double> y(static_cast<std::size_t>(conditions_.count()) * lines_);
     double last = std::numeric_limits<double>::infinity();
@@ -247,82 +254,85 @@ private:
   std::unique_ptr<CellSolver> solver_;
 };
 
-/// The largest |z_{i+1} - z_i| and |z_i - 2 z_{i+1} + z_{i+2}| along each axis, added up over the axes.
-struct Differences {
-  double first = 0.0;
-  double second = 0.0;
-};
-
-Differences differences_of(const grids::Grid& grid, std::span<const double> values) {
-  Differences sum;
-  for (int a = 0; a < grid.dimensions(); ++a) {
-    const std::size_t stride = grid.stride(a);
-    const std::size_t cells = grid.cells(a);
-    double first = 0.0;
-    double second = 0.0;
-    for (std::size_t i = 0; i < values.size(); ++i) {
-      const std::size_t place = i / stride % cells;
-      const std::size_t next = place + 1 == cells ? i - place * stride : i + stride;
-      const std::size_t last = place == 0 ? i + (cells - 1) * stride : i - stride;
-      first = std::max(first, std::abs(values[next] - values[i]));
-      second = std::max(second, std::abs(values[last] - 2.0 * values[i] + values[next]));
-    }
-    sum.first += first;
-    sum.second += second;
+/// What of a given field was taken off as a sawtooth, if it was more than truncation error.
+std::optional<std::string> sawtooth_caution(const grids::Grid& grid, const std::string& field,
+                                            const std::vector<double>& given, std::span<const double> used) {
+  double taken = 0.0;
+  for (std::size_t i = 0; i < given.size(); ++i) {
+    taken = std::max(taken, std::abs(given[i] - used[i]));
   }
-  return sum;
+  double second = 0.0;
+  for (int a = 0; a < grid.dimensions(); ++a) {
+    std::vector<double> line(grid.cells(a));
+    for (const grids::Line& at : grids::lines_along(grid, a)) {
+      at.read(given.data(), line);
+      for (std::size_t i = 0, n = line.size(); i < n; ++i) {
+        second = std::max(second, std::abs(line[(i + n - 1) % n] - 2.0 * line[i] + line[(i + 1) % n]));
+      }
+    }
+  }
+  // Half of the roughest place would be the sawtooth, whose second difference is four times its amplitude.
+  if (taken == 0.0 || 4.0 * taken <= 0.5 * second) {
+    return std::nullopt;
+  }
+  std::vector<std::string> cells;
+  for (const grids::Axis& axis : grid.axes()) {
+    if (axis.cells % 2 == 0) {
+      cells.push_back(fmt::format("{} = {}", axis.name, grids::good_odd_count(axis.cells)));
+    }
+  }
+  return fmt::format(
+      "the initial {} holds the sawtooth (-1)^i with an amplitude of {:.3g}, whose derivative on an even number of "
+      "cells is 0, so that the potential behind {} cannot have it: it was taken out. Give smoother data, or an odd "
+      "number of cells ({})",
+      field, taken, field, fmt::join(cells, ", "));
 }
 
-/// Whether what the user gave for a computed field can be what was computed, within truncation error.
-void check_agreement(const MultisymplecticSystem& system, const grids::Grid& grid, Placement placement, int field,
-                     std::span<const double> given, std::span<const double> computed, const MatrixXd& rows) {
-  const std::size_t n = given.size();
-  const bool potential = system.structure().potential[static_cast<std::size_t>(field)];
-  const double offset = potential ? (grids::sum(given) - grids::sum(computed)) / static_cast<double>(n) : 0.0;
-  std::vector<double> difference(n), mean(n);
-  for (std::size_t i = 0; i < n; ++i) {
-    difference[i] = given[i] - computed[i] - offset;
-  }
-  // Averages over cells: the discrete constraint fixes those, and they are free of what its inverse amplifies.
-  grids::BoxOperator average{grids::Along::identity, grids::Along::identity, grids::Along::identity};
-  std::fill_n(average.begin(), grid.dimensions(), grids::Along::average);
-  grids::apply(grid, average, difference.data(), mean.data());
-  const double worst = grids::max_abs(mean);
-  // A w = D u makes w differ from u_x by Δx² w_xx/12 in the leading order, a twelfth of the second difference; the
-  // one-sided differences of euler-box by Δx w_x/2, half of the first.
-  const Differences sizes = differences_of(grid, given);
-  const double allowed = (placement == Placement::corners ? 0.75 * sizes.first : 0.5 * sizes.second) +
-                         1e-9 * (grids::max_abs(given) + grids::max_abs(computed));
-  if (worst <= allowed) {
-    return;
-  }
-  std::vector<std::string> names;
-  for (Index r = 0; r < rows.rows(); ++r) {
-    if (!rows.row(r).isZero(0.0)) {
-      names.push_back(system.fields()[static_cast<std::size_t>(r)]);
+/// What the user should know about the data. `computed`: the fields that the constraints gave.
+std::vector<std::string> find_cautions(const MultisymplecticSystem& system, const grids::Grid& grid,
+                                       const InitialFields& given, const std::vector<int>& computed,
+                                       const LatticeLevel& level) {
+  std::vector<std::string> cautions;
+  for (int f = 0; f < system.field_count(); ++f) {
+    const auto i = static_cast<std::size_t>(f);
+    const std::string& name = system.fields()[i];
+    if (!given[i] || std::ranges::find(computed, f) != computed.end()) {
+      continue;
+    }
+    if (system.structure().multiplier[i]) {
+      cautions.push_back(fmt::format(
+          "the initial {0} is not used: {0} exists in the middle of steps only, where the step determines it; leave it "
+          "out",
+          name));
+      continue;
+    }
+    if (const auto broken = find_seam_break(grid, *given[i])) {
+      cautions.push_back(describe(*broken, grid, name));
+    }
+    if (auto caution = sawtooth_caution(grid, name, *given[i], level.fields.field(f))) {
+      cautions.push_back(std::move(*caution));
     }
   }
-  throw std::invalid_argument(fmt::format(
-      "the initial {0} contradicts its constraint (the row of {1} in M z_t + K z_x = grad S): it differs by up to "
-      "{2:.3g} from what the other fields determine, and truncation error accounts for {3:.2g} at most; leave {0} out, "
-      "or correct it",
-      system.fields()[static_cast<std::size_t>(field)], fmt::join(names, ", "), worst, allowed));
+  return cautions;
 }
 
 }  // namespace
 
-LatticeLevel initial_level(const MultisymplecticSystem& system, const grids::Grid& grid, const InitialFields& given,
-                           Placement placement) {
+InitialLevel prepare_initial_level(const MultisymplecticSystem& system, const grids::Grid& grid,
+                                   const InitialFields& given, Placement placement) {
   if (placement == Placement::corners) {
     LatticeLevel level = euler_box_level(system, grid, given);
+    std::vector<int> computed;
     for (int f = 0; f < system.field_count(); ++f) {
-      if (const auto& values = given[static_cast<std::size_t>(f)];
-          values && system.structure().algebraic[static_cast<std::size_t>(f)]) {
-        check_agreement(system, grid, placement, f, *values, level.fields.field(f),
-                        system.structure().level_constraints);
+      if (system.structure().algebraic[static_cast<std::size_t>(f)]) {
+        computed.push_back(f);
+        if (given[static_cast<std::size_t>(f)]) {
+          check_agreement(system, grid, placement, f, given, level, system.structure().level_constraints);
+        }
       }
     }
-    return level;
+    auto cautions = find_cautions(system, grid, given, computed, level);
+    return {std::move(level), std::move(cautions)};
   }
   check(system, grid, given);
   const Plan plan = make_plan(system, given);
@@ -337,9 +347,11 @@ LatticeLevel initial_level(const MultisymplecticSystem& system, const grids::Gri
     }
   }
   if (plan.unknowns.empty()) {
-    return level;
+    auto cautions = find_cautions(system, grid, given, {}, level);
+    return {std::move(level), std::move(cautions)};
   }
   ConstraintSolve solve(system, grid, placement, plan);
+  remove_sawtooths(system, grid, placement, plan.unknowns, solve.left_kernel(), level);
   if (const Status status = solve.run(level); status != Status::success) {
     std::vector<std::string> names;
     for (const int f : plan.unknowns) {
@@ -350,11 +362,16 @@ LatticeLevel initial_level(const MultisymplecticSystem& system, const grids::Gri
   }
   for (const int f : plan.unknowns) {
     if (given[static_cast<std::size_t>(f)]) {
-      check_agreement(system, grid, placement, f, *given[static_cast<std::size_t>(f)], level.fields.field(f),
-                      plan.rows);
+      check_agreement(system, grid, placement, f, given, level, plan.rows);
     }
   }
-  return level;
+  auto cautions = find_cautions(system, grid, given, plan.unknowns, level);
+  return {std::move(level), std::move(cautions)};
+}
+
+LatticeLevel initial_level(const MultisymplecticSystem& system, const grids::Grid& grid, const InitialFields& given,
+                           Placement placement) {
+  return prepare_initial_level(system, grid, given, placement).level;
 }
 
 }  // namespace rubato

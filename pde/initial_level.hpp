@@ -1,7 +1,8 @@
 #pragma once
 
 #include <optional>
-#include <span>
+#include <stdexcept>
+#include <string>
 #include <vector>
 
 #include <rubato/grids/field_set.hpp>
@@ -21,14 +22,38 @@ struct LatticeLevel {
 /// What the user gives at the start: per field one value for each node, or nothing.
 using InitialFields = std::vector<std::optional<std::vector<double>>>;
 
+/// Initial data of a field that contradict the constraint which determines it.
+class InitialFieldError : public std::invalid_argument {
+public:
+  InitialFieldError(int field, const std::string& message) : std::invalid_argument(message), field_(field) {}
+  [[nodiscard]] int field() const { return field_; }
+
+private:
+  int field_;
+};
+
+/// The first level, and what the user should know about the data it was made of: sentences with the remedy.
+struct InitialLevel {
+  LatticeLevel level;
+  std::vector<std::string> cautions;
+};
+
 /// The first level from the user's data: fields that the constraints of a level determine are computed from the others
 /// by the *discrete* constraints nᵀ(Σ K_a D_a z - ∇S(A z)) = 0 of the placement (theory, section 5, "Algebraic
 /// fields"), whatever the user wrote for them; a potential φ with φ_x = u is split into m·x + periodic part, so that u
-/// is used as given, whatever its mean, and the periodic part has mean 0.
+/// is used as given, whatever its mean, and the periodic part has mean 0. With Placement::nodes and an even number of
+/// cells u loses its Nyquist mode, which φ_x cannot have.
 ///
-/// \throws std::invalid_argument if a size does not fit, a value is not finite, a field is missing that nothing
-/// determines, or data given for a field that is computed differ from it by more than truncation error explains (half
-/// the largest second differences of the data along the axes, for Placement::corners three quarters of the first ones)
+/// Cautions: data that do not repeat with the period of the grid (find_seam_break), a Nyquist mode that was more than
+/// truncation error, data given for a field that exists at midpoints only.
+///
+/// \throws std::invalid_argument if a size does not fit, a value is not finite, or a field is missing that nothing
+/// determines; InitialFieldError if data given for a field that is computed differ from it by more than truncation
+/// error explains (check_agreement)
+[[nodiscard]] InitialLevel prepare_initial_level(const MultisymplecticSystem& system, const grids::Grid& grid,
+                                                 const InitialFields& given, Placement placement = Placement::cells);
+
+/// Its level alone.
 [[nodiscard]] LatticeLevel initial_level(const MultisymplecticSystem& system, const grids::Grid& grid,
                                          const InitialFields& given, Placement placement = Placement::cells);
 

@@ -13,6 +13,7 @@
 #include <rubato/grids/reductions.hpp>
 #include <rubato/pde/cell_sweep.hpp>
 #include <rubato/pde/matrix_terms.hpp>
+#include <rubato/pde/still_waves.hpp>
 #include <rubato/solve/fourier_preconditioner.hpp>
 #include <rubato/solve/gmres.hpp>
 
@@ -98,27 +99,30 @@ public:
   [[nodiscard]] double error() const override { return error_; }
 
 private:
-  /// Which lines of cells along x belong together: the kernel's vectors may differ between groups. With `free`
-  /// directions y, z each combination of indices along them is a group.
-  [[nodiscard]] std::size_t group_of(std::size_t line, const std::array<bool, 2>& free) const {
-    const std::size_t j = line % grid_.cells(1);
-    const std::size_t k = line / grid_.cells(1);
-    return (free[0] ? j : 0) + (free[1] ? k * (free[0] ? grid_.cells(1) : 1) : 0);
-  }
-
-  [[nodiscard]] std::array<bool, 2> free_directions(const CellMatrix& matrix, const MatrixXd& vectors,
-                                                    bool transposed) const {
+  /// The waves on which the kernel's vectors are to be looked for, and the lines along x over which they are one.
+  [[nodiscard]] StillWaves still_waves(const CellMatrix& matrix, const MatrixXd& vectors, bool transposed) const {
     std::array<bool, 2> free{};
     for (int a = 1; a < grid_.dimensions(); ++a) {
       const MatrixXd& C = matrix.difference[static_cast<std::size_t>(a)];
       const MatrixXd product = transposed ? MatrixXd(C.transpose() * vectors) : MatrixXd(C * vectors);
       free[static_cast<std::size_t>(a) - 1] = product.isZero(1e-9);
     }
-    return free;
+    return {grid_, placement_, free};
   }
 
-  /// means[b·lines + line] of Σ_r weights(r, b) values_r over the line's group.
-  void group_means(const MatrixXd& weights, std::span<double* const> values, const std::array<bool, 2>& free,
+  [[nodiscard]] double line_sum(unsigned pattern, const double* row) const {
+    if (!StillWaves::alternates_along_x(pattern)) {
+      return grids::sum({row, blocks_.line});
+    }
+    CompensatedSum sum;
+    for (std::size_t i = 0; i < blocks_.line; ++i) {
+      sum.add(i % 2 == 0 ? row[i] : -row[i]);
+    }
+    return sum.value();
+  }
+
+  /// means[b·lines + line] of Σ_r weights(r, b) values_r times the wave over the line's group.
+  void group_means(const MatrixXd& weights, std::span<double* const> values, const StillWaves& waves, unsigned pattern,
                    std::vector<double>& means) const {
     const auto count = static_cast<std::size_t>(weights.cols());
     const std::size_t lines = blocks_.lines;
@@ -127,58 +131,72 @@ private:
       std::vector<CompensatedSum> sums(lines);
       std::vector<std::size_t> members(lines, 0);
       for (std::size_t line = 0; line < lines; ++line) {
-        const std::size_t group = group_of(line, free);
+        const std::size_t group = waves.group_of(line);
+        const double sign = waves.sign_of(pattern, line);
         members[group] += blocks_.line;
         for (int r = 0; r < size_; ++r) {
-          const double weight = weights(r, static_cast<Index>(b));
+          const double weight = sign * weights(r, static_cast<Index>(b));
           if (weight != 0.0) {
-            const double* row = values[static_cast<std::size_t>(r)] + line * blocks_.line;
-            sums[group].add(weight * grids::sum({row, blocks_.line}));
+            sums[group].add(weight * line_sum(pattern, values[static_cast<std::size_t>(r)] + line * blocks_.line));
           }
         }
       }
       for (std::size_t line = 0; line < lines; ++line) {
-        const std::size_t group = group_of(line, free);
+        const std::size_t group = waves.group_of(line);
         means[b * lines + line] = sums[group].value() / static_cast<double>(members[group]);
       }
     }
   }
 
-  /// rhs -= columns·vectors[line].
-  void subtract(const MatrixXd& columns, std::span<const double> vectors, std::span<double* const> values) const {
+  /// rhs -= columns·vectors[line] times the wave.
+  void subtract(const MatrixXd& columns, std::span<const double> vectors, const StillWaves& waves, unsigned pattern,
+                std::span<double* const> values) const {
+    const double next = StillWaves::alternates_along_x(pattern) ? -1.0 : 1.0;
     for (Index b = 0; b < columns.cols(); ++b) {
       for (int r = 0; r < size_; ++r) {
         for (std::size_t line = 0; columns(r, b) != 0.0 && line < blocks_.lines; ++line) {
-          const double change = columns(r, b) * vectors[static_cast<std::size_t>(b) * blocks_.lines + line];
+          double change = waves.sign_of(pattern, line) * columns(r, b) *
+                          vectors[static_cast<std::size_t>(b) * blocks_.lines + line];
           double* row = values[static_cast<std::size_t>(r)] + line * blocks_.line;
           for (double& value : std::span(row, blocks_.line)) {
             value -= change;
+            change *= next;
           }
         }
       }
     }
   }
 
-  /// Solves leftᵀ(rhs - columns y) = 0 in the mean over every group of lines, and takes columns·y off the rhs.
+  /// Solves leftᵀ(rhs - columns y) = 0 in the mean over every group of lines, and takes columns·y off the rhs; the same
+  /// on sawtooths, whose amplitudes no one else needs to know.
   void make_consistent(const CellMatrix& matrix, const KernelConditions& conditions, std::span<double> y) {
     if (conditions.count() == 0) {
       return;
     }
-    group_means(conditions.left, rhs_.pointers(), free_directions(matrix, conditions.left, true), means_);
     const MatrixXd inverse = (conditions.left.transpose() * conditions.columns).inverse();
-    mix(inverse, means_, y);
-    subtract(conditions.columns, y, rhs_.pointers());
+    const StillWaves waves = still_waves(matrix, conditions.left, true);
+    std::vector<double> amplitudes(y.size());
+    for (const unsigned pattern : waves.patterns()) {
+      group_means(conditions.left, rhs_.pointers(), waves, pattern, means_);
+      const std::span<double> out = pattern == 0 ? y : std::span<double>(amplitudes);
+      mix(inverse, means_, out);
+      subtract(conditions.columns, out, waves, pattern, rhs_.pointers());
+    }
   }
 
-  /// Adds kernel vectors so that the means of the pins are 0.
+  /// Adds kernel vectors so that the means of the pins, and their sawtooths, are 0.
   void hold_means(const CellMatrix& matrix, const KernelConditions& conditions, std::span<double* const> solution) {
     if (conditions.count() == 0) {
       return;
     }
-    group_means(conditions.pins.transpose(), solution, free_directions(matrix, conditions.kernel, false), means_);
-    std::vector<double> amplitudes(means_.size());
-    mix((conditions.pins * conditions.kernel).inverse(), means_, amplitudes);
-    subtract(conditions.kernel, amplitudes, solution);
+    const MatrixXd inverse = (conditions.pins * conditions.kernel).inverse();
+    const StillWaves waves = still_waves(matrix, conditions.kernel, false);
+    for (const unsigned pattern : waves.patterns()) {
+      group_means(conditions.pins.transpose(), solution, waves, pattern, means_);
+      std::vector<double> amplitudes(means_.size());
+      mix(inverse, means_, amplitudes);
+      subtract(conditions.kernel, amplitudes, waves, pattern, solution);
+    }
   }
 
   /// out = matrix · in for each line.

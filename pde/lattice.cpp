@@ -2,33 +2,37 @@
 
 #include <cmath>
 #include <stdexcept>
+#include <utility>
 
 #include <fmt/format.h>
+
+#include <rubato/pde/well_posedness.hpp>
+#include <rubato/variation/run_span.hpp>
 
 namespace rubato {
 
 namespace {
 
 const LatticeOptions& checked(const LatticeOptions& options) {
-  const double span = options.until - options.start;
-  if (!std::isfinite(options.step) || options.step == 0.0 || !std::isfinite(span) || span * options.step < 0.0) {
-    throw std::invalid_argument(
-        fmt::format("the step has to be finite, not 0, and lead from start to until; got step = {}, start = {}, "
-                    "until = {}",
-                    options.step, options.start, options.until));
-  }
+  check_run_span(options.start, options.step, options.until, options.tolerance);
   return options;
 }
 
+/// \param cautions receives what the user should know about the problem
 std::unique_ptr<LatticeScheme> make_scheme(const MultisymplecticSystem& system, const grids::Grid& grid,
-                                           const InitialFields& initial, const LatticeOptions& options) {
+                                           const InitialFields& initial, const LatticeOptions& options,
+                                           std::vector<std::string>& cautions) {
   if (options.lagrangian == LatticeLagrangian::euler_box && options.levels == Levels::variable) {
     throw std::invalid_argument(
         "euler-box has fixed levels only: its discrete energy reads one level, so that no step can be solved from it "
         "at turning points or on travelling waves, and with varying levels it drops to first order; use levels = "
         "\"fixed\", or lagrangian = \"box\"");
   }
-  LatticeLevel first = initial_level(system, grid, initial, placement_of(options.lagrangian));
+  auto [first, about_data] = prepare_initial_level(system, grid, initial, placement_of(options.lagrangian));
+  cautions = std::move(about_data);
+  if (const auto growth = find_short_wave_growth(system, grid, first)) {
+    cautions.insert(cautions.begin(), describe(*growth, grid, system));
+  }
   switch (options.lagrangian) {
     case LatticeLagrangian::box: return make_box_scheme(system, grid, std::move(first), options.step);
     case LatticeLagrangian::fourier: return make_fourier_scheme(system, grid, std::move(first), options.step);
@@ -51,7 +55,7 @@ Placement placement_of(LatticeLagrangian lagrangian) {
 LatticeIntegrator::LatticeIntegrator(const MultisymplecticSystem& system, const grids::Grid& grid,
                                      const InitialFields& initial, const LatticeOptions& options)
     : options_(checked(options)),
-      scheme_(make_scheme(system, grid, initial, options)),
+      scheme_(make_scheme(system, grid, initial, options, cautions_)),
       levels_(std::make_unique<TimeLevels>(*scheme_,
                                            LevelOptions{.levels = options.levels,
                                                         .on_singular = options.on_singular,

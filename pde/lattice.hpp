@@ -2,6 +2,7 @@
 
 #include <memory>
 #include <span>
+#include <string>
 #include <vector>
 
 #include <rubato/grids/grid.hpp>
@@ -26,8 +27,9 @@ enum class LatticeLagrangian {
 struct LatticeOptions {
   LatticeLagrangian lagrangian = LatticeLagrangian::box;
   double start = 0.0;  ///< t_0
-  double step = 0.0;   ///< t_1 - t_0; negative integrates backward
-  double until = 0.0;  ///< the run ends at the first level at or past it; no step is shortened to hit it
+  double step = 0.0;   ///< t_1 - t_0; negative integrates backward; has to be given
+  double until =
+      0.0;  ///< the run ends at the first level at or past it; no step is shortened to hit it; has to be given
   Levels levels = Levels::variable;
   OnSingular on_singular = OnSingular::bridge;
   BridgeRule bridge = BridgeRule::anchored;
@@ -45,8 +47,8 @@ struct LatticeOptions {
 ///     }
 class LatticeIntegrator {
 public:
-  /// \throws std::invalid_argument with the offending values: what initial_level() and the scheme refuse, a step of 0,
-  /// not finite or away from `until`, a symmetry that is none
+  /// \throws std::invalid_argument with the offending values: what initial_level(), the scheme and
+  /// check_run_span() refuse (`step` or `until` left out, too), a symmetry that is none
   LatticeIntegrator(const MultisymplecticSystem& system, const grids::Grid& grid, const InitialFields& initial,
                     const LatticeOptions& options);
 
@@ -67,6 +69,10 @@ public:
   [[nodiscard]] const LatticeLevel& previous() const { return previous_; }
   [[nodiscard]] std::span<const double> field(int f) const { return level().fields.field(f); }
 
+  /// What the user should know about this problem although it can be run, with the remedy: sentences for people. Data
+  /// that do not repeat with the period, waves that grow without bound (prepare_initial_level, find_short_wave_growth).
+  [[nodiscard]] const std::vector<std::string>& cautions() const { return cautions_; }
+
   /// The local laws; laws().names() names them.
   [[nodiscard]] LocalLaws& laws() { return laws_; }
   /// Their residuals over the step just taken. Sizes, and into `cells[law]`, if given, one value for each cell.
@@ -80,6 +86,7 @@ public:
 
 private:
   LatticeOptions options_;
+  std::vector<std::string> cautions_;
   std::unique_ptr<LatticeScheme> scheme_;
   std::unique_ptr<TimeLevels> levels_;
   LocalLaws laws_;

@@ -17,8 +17,9 @@
 namespace rubato::program {
 namespace {
 
-/// Prints an outcome, and answers with its status.
-study::ExitStatus report(const study::Outcome& outcome, bool json, bool quiet) {
+/// Prints an outcome, and answers with its status. `said`: warnings that were printed already.
+study::ExitStatus report(const study::Outcome& outcome, bool json, bool quiet,
+                         const std::vector<std::string>& said = {}) {
   if (json) {
     print(study::to_json(outcome) + "\n");
   } else if (!quiet) {
@@ -26,7 +27,9 @@ study::ExitStatus report(const study::Outcome& outcome, bool json, bool quiet) {
   }
   if (!quiet) {
     for (const std::string& warning : outcome.warnings) {
-      print_warning(warning);
+      if (std::ranges::find(said, warning) == said.end()) {
+        print_warning(warning);
+      }
     }
   }
   if (!outcome.message.empty()) {
@@ -57,15 +60,22 @@ template <typename Work>
 study::ExitStatus report_on(const Reporting& reporting, study::RunOptions options, const Work& work) {
   options.threads = reporting.threads;
   options.interrupt = &catch_interrupts();
+  std::vector<std::string> said;
   study::Outcome outcome = [&] {
     ProgressLine line;
+    if (!reporting.quiet) {
+      options.caution = [&said](const std::string& sentence) {
+        print_warning(sentence);
+        said.push_back(sentence);
+      };
+    }
     if (line.is_shown() && !reporting.quiet) {
       options.progress = [&line](const study::Progress& progress) { line.update(progress); };
     }
     return work(options);
   }();
   write_xdmf(outcome);
-  return report(outcome, reporting.json, reporting.quiet);
+  return report(outcome, reporting.json, reporting.quiet, said);
 }
 
 }  // namespace

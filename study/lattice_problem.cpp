@@ -120,6 +120,20 @@ auto at_location(const Location& location, const Make& make) {
   }
 }
 
+/// The same for what is made of [initial]: what is wrong with one field is wrong at its formula.
+template <typename Make>
+auto at_initial(const Problem& problem, const Make& make) {
+  const MultisymplecticProblem& pde = *problem.multisymplectic();
+  return at_location(pde.initial_location, [&] {
+    try {
+      return make();
+    } catch (const InitialFieldError& error) {
+      const auto& text = pde.initial[static_cast<std::size_t>(error.field())];
+      throw ProblemError(text ? text->location : pde.initial_location, error.what());
+    }
+  });
+}
+
 }  // namespace
 
 MultisymplecticSystem make_system(const Problem& problem) {
@@ -176,7 +190,7 @@ LatticeIntegrator make_lattice(const Problem& problem) {
   const grids::Grid grid = make_grid(problem);
   LatticeOptions options = make_lattice_options(problem, system);
   const InitialFields initial = make_initial_fields(problem, grid);
-  return at_location(problem.multisymplectic()->initial_location, [&] {
+  return at_initial(problem, [&] {
     if (const auto& scheme = problem.scheme; !scheme.step) {
       options.step = choose_first_step(system, grid, initial, options, *scheme.energy_tolerance);
     }
@@ -190,8 +204,7 @@ Placement placement_of(const Problem& problem) {
 
 LatticeLevel make_initial_level(const Problem& problem, const MultisymplecticSystem& system, const grids::Grid& grid) {
   const InitialFields initial = make_initial_fields(problem, grid);
-  return at_location(problem.multisymplectic()->initial_location,
-                     [&] { return initial_level(system, grid, initial, placement_of(problem)); });
+  return at_initial(problem, [&] { return initial_level(system, grid, initial, placement_of(problem)); });
 }
 
 NodeTable::NodeTable(const Problem& problem, const std::vector<NamedFormula>& formulas,

@@ -39,14 +39,16 @@ public:
   [[nodiscard]] bool autonomous() const override { return true; }
   [[nodiscard]] double last_step() const override { return lattice_.levels().last_step(); }
 
+  [[nodiscard]] std::vector<std::string> cautions() const override { return lattice_.cautions(); }
   [[nodiscard]] std::vector<std::string> warnings() const override {
-    if (residuals_.tangent_status() == Status::success) {
-      return {};
+    std::vector<std::string> warnings;
+    if (residuals_.tangent_status() != Status::success) {
+      warnings.push_back(
+          fmt::format("the tangent solutions ended early ({}), and with them the multisymplectic residual: a smaller "
+                      "step may help",
+                      to_string(residuals_.tangent_status())));
     }
-    return {
-        fmt::format("the tangent solutions ended early ({}), and with them the multisymplectic residual: a smaller "
-                    "step may help",
-                    to_string(residuals_.tangent_status()))};
+    return warnings;
   }
 
   [[nodiscard]] std::vector<std::string> invariant_names() const override { return invariants_.names(); }

@@ -62,7 +62,7 @@ public:
   [[nodiscard]] double last_step() const override { return integrator_.levels().last_step(); }
   [[nodiscard]] std::string failure_reason() const override { return integrator_.failure_reason(); }
 
-  [[nodiscard]] std::vector<std::string> warnings() const override { return integrator_.cautions(); }
+  [[nodiscard]] std::vector<std::string> cautions() const override { return integrator_.cautions(); }
 
   [[nodiscard]] std::vector<std::string> invariant_names() const override { return invariants_.names(); }
   [[nodiscard]] std::span<const double> invariants() override { return invariants_(integrator_.scheme().state()); }

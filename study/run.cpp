@@ -218,6 +218,12 @@ private:
   Outcome loop() {
     const auto begin = Clock::now();
     last_progress_ = begin;
+    outcome_.warnings = simulation_->cautions();
+    for (const std::string& sentence : outcome_.warnings) {
+      if (options_.caution) {
+        options_.caution(sentence);
+      }
+    }
     while (outcome_.status == ExitStatus::done && !simulation_->finished()) {
       one_step();
     }
@@ -312,7 +318,9 @@ private:
   }
 
   void add_warnings() {
-    outcome_.warnings = simulation_->warnings();
+    for (std::string& sentence : simulation_->warnings()) {
+      outcome_.warnings.push_back(std::move(sentence));
+    }
     const Statistics& statistics = outcome_.statistics;
     const Scheme& scheme = problem_.scheme;
     for (std::string& sentence : statistics.undefined_quantities()) {

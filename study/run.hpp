@@ -38,6 +38,8 @@ struct RunOptions {
   const std::atomic<bool>* interrupt = nullptr;
   /// Called now and then (at most ten times a second).
   std::function<void(const Progress&)> progress = {};
+  /// Called at the start with each warning that is known then; all are in Outcome::warnings as well.
+  std::function<void(const std::string&)> caution = {};
 };
 
 /// How a run ended.

@@ -33,6 +33,8 @@ public:
   /// |z - exact| at the present level, one entry per name of [exact].
   [[nodiscard]] virtual std::vector<Named<MaxRms>> errors() = 0;
 
+  /// What to tell the user at the start: what is doubtful about the problem, each one sentence with the remedy.
+  [[nodiscard]] virtual std::vector<std::string> cautions() const { return {}; }
   /// What to tell the user at the end, each one sentence with the remedy.
   [[nodiscard]] virtual std::vector<std::string> warnings() const { return {}; }
 

@@ -1,0 +1,53 @@
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <vector>
+
+#include <rubato/grids/grid.hpp>
+#include <rubato/pde/cell_sweep.hpp>
+
+namespace rubato {
+
+/// The waves on which every derivative of a grid vanishes: the constant and, where derivatives are spectral, the
+/// sawtooths (-1)^i of directions with an even number of cells (∂ of the Nyquist mode is 0). What the kernel of a
+/// linear system is on the constant, it is on each of them.
+///
+/// A direction y or z is free if the kernel's vectors may vary along it: each index along it is then a group of lines
+/// of its own, and no sawtooth along it need be looked at.
+class StillWaves {
+public:
+  StillWaves(const grids::Grid& grid, Placement placement, const std::array<bool, 2>& free)
+      : ny_(grid.cells(1)), free_(free) {
+    for (int a = 0; placement == Placement::nodes && a < grid.dimensions(); ++a) {
+      if (grid.cells(a) % 2 == 0 && !(a > 0 && free[static_cast<std::size_t>(a) - 1])) {
+        for (std::size_t i = 0, count = patterns_.size(); i < count; ++i) {
+          patterns_.push_back(patterns_[i] | 1U << static_cast<unsigned>(a));
+        }
+      }
+    }
+  }
+
+  /// One bit for each direction in which the wave alternates; the first is the constant.
+  [[nodiscard]] const std::vector<unsigned>& patterns() const { return patterns_; }
+  [[nodiscard]] static bool alternates_along_x(unsigned pattern) { return (pattern & 1U) != 0; }
+
+  /// The group of line j + n_y k of nodes along x.
+  [[nodiscard]] std::size_t group_of(std::size_t line) const {
+    const std::size_t j = line % ny_;
+    const std::size_t k = line / ny_;
+    return (free_[0] ? j : 0) + (free_[1] ? k * (free_[0] ? ny_ : 1) : 0);
+  }
+  /// The wave at the first node of that line.
+  [[nodiscard]] double sign_of(unsigned pattern, std::size_t line) const {
+    const std::size_t flips = ((pattern & 2U) != 0 ? line % ny_ : 0) + ((pattern & 4U) != 0 ? line / ny_ : 0);
+    return flips % 2 == 0 ? 1.0 : -1.0;
+  }
+
+private:
+  std::size_t ny_;
+  std::array<bool, 2> free_;
+  std::vector<unsigned> patterns_{0};
+};
+
+}  // namespace rubato

@@ -1,0 +1,314 @@
+#include <rubato/pde/well_posedness.hpp>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <complex>
+#include <numbers>
+#include <utility>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <Eigen/Eigenvalues>
+#include <Eigen/LU>
+
+#include <rubato/grids/reductions.hpp>
+
+namespace rubato {
+
+namespace {
+
+using Complex = std::complex<double>;
+using Eigen::Index;
+using Eigen::MatrixXcd;
+using Eigen::MatrixXd;
+using Eigen::VectorXcd;
+
+constexpr double cancelled = 1e-13;    ///< of the sum of |terms|
+constexpr double significant = 1e-6;   ///< of the largest term of the polynomial on some circle
+constexpr double shorter = 64.0;       ///< the waves at the far end, beside the shortest of the grid
+constexpr double least_growth = 4.0;   ///< of the rate up to there
+constexpr double beside_sigma = 1e-3;  ///< Re σ beside |σ|: multiple roots have real parts from rounding
+constexpr std::size_t sample_states = 16;
+
+/// ZᵀXZ, entries that are nothing but rounding of their terms set to 0.
+MatrixXcd congruent(const MatrixXd& Z, const MatrixXcd& X) {
+  const MatrixXcd z = Z.cast<Complex>();
+  MatrixXcd result = z.transpose() * X * z;
+  const MatrixXd terms = Z.transpose().cwiseAbs() * X.cwiseAbs() * Z.cwiseAbs();
+  for (Index i = 0; i < result.size(); ++i) {
+    if (std::abs(result(i)) <= cancelled * terms(i)) {
+      result(i) = 0.0;
+    }
+  }
+  return result;
+}
+
+/// Unit vectors that complete the kernel, and the kernel: in these, M is 0 where it should be, exactly.
+MatrixXd basis_with_kernel(const MatrixXd& kernel, Index d) {
+  MatrixXd Z(d, 0);
+  const auto add = [&](const Eigen::VectorXd& vector) {
+    MatrixXd extended(d, Z.cols() + 1);
+    extended << Z, vector;
+    if (Eigen::FullPivLU<MatrixXd>(extended).rank() == extended.cols()) {
+      Z = extended;
+    }
+  };
+  for (Index c = 0; c < kernel.cols(); ++c) {
+    add(kernel.col(c));
+  }
+  for (Index f = 0; f < d; ++f) {
+    add(Eigen::VectorXd::Unit(d, f));
+  }
+  return Z;
+}
+
+/// All waves of the same direction: σ as a function of the length of k.
+class Pencil {
+public:
+  Pencil(const MatrixXd& M, const MatrixXd& kernel)
+      : Z_(basis_with_kernel(kernel, M.rows())), M_(congruent(Z_, M.cast<Complex>())) {}
+
+  /// The polynomial det(σM - B) is known by its values on circles, each of which shows the coefficients that matter
+  /// there.
+  [[nodiscard]] std::vector<Complex> roots(const MatrixXcd& matrix) const {
+    const MatrixXcd B = congruent(Z_, matrix);
+    const Index d = M_.rows();
+    const Index count = d + 1;
+    std::vector<Complex> coefficient(static_cast<std::size_t>(count), 0.0);  // of σ^j
+    std::vector<double> logarithm(coefficient.size(), 0.0);                  // its factor e^…
+    std::vector<double> weight(coefficient.size(), significant);
+    for (int power = -8; power <= 24; power += 2) {
+      const double radius = std::pow(10.0, power);
+      std::vector<Complex> values;
+      std::vector<double> logs;
+      for (Index m = 0; m < count; ++m) {
+        const Complex sigma =
+            std::polar(radius, 2.0 * std::numbers::pi * static_cast<double>(m) / static_cast<double>(count));
+        const auto [value, log] = determinant(sigma * M_ - B);
+        values.push_back(value);
+        logs.push_back(log);
+      }
+      const double largest = *std::ranges::max_element(logs);
+      if (!std::isfinite(largest)) {
+        continue;
+      }
+      std::vector<Complex> terms;  // c_j radius^j / e^largest
+      double most = 0.0;
+      for (Index j = 0; j < count; ++j) {
+        Complex sum = 0.0;
+        for (Index m = 0; m < count; ++m) {
+          const auto i = static_cast<std::size_t>(m);
+          sum += values[i] * std::exp(logs[i] - largest) *
+                 std::polar(1.0,
+                            -2.0 * std::numbers::pi * static_cast<double>(j * m % count) / static_cast<double>(count));
+        }
+        terms.push_back(sum / static_cast<double>(count));
+        most = std::max(most, std::abs(terms.back()));
+      }
+      for (Index j = 0; j < count; ++j) {
+        const auto i = static_cast<std::size_t>(j);
+        if (const double share = std::abs(terms[i]) / most; share > weight[i]) {
+          weight[i] = share;
+          coefficient[i] = terms[i];
+          logarithm[i] = largest - static_cast<double>(j) * std::log(radius);
+        }
+      }
+    }
+    return roots_of(coefficient, logarithm);
+  }
+
+private:
+  /// A determinant as value · e^log, |value| = 1 or 0.
+  static std::pair<Complex, double> determinant(const MatrixXcd& matrix) {
+    const Eigen::PartialPivLU<MatrixXcd> lu(matrix);
+    Complex value = static_cast<double>(lu.permutationP().determinant());
+    double log = 0.0;
+    for (Index i = 0; i < matrix.rows(); ++i) {
+      const Complex pivot = lu.matrixLU()(i, i);
+      const double size = std::abs(pivot);
+      if (!(size > 0.0) || !std::isfinite(size)) {
+        return {0.0, -std::numeric_limits<double>::infinity()};
+      }
+      value *= pivot / size;
+      log += std::log(size);
+    }
+    return {value, log};
+  }
+
+  static std::vector<Complex> roots_of(const std::vector<Complex>& coefficient, const std::vector<double>& logarithm) {
+    std::size_t degree = coefficient.size();
+    while (degree > 0 && coefficient[degree - 1] == 0.0) {
+      --degree;
+    }
+    std::size_t lowest = 0;  // σ = 0, so many times
+    while (lowest < degree && coefficient[lowest] == 0.0) {
+      ++lowest;
+    }
+    std::vector<Complex> roots(lowest < degree ? lowest : 0, 0.0);
+    if (degree < lowest + 2) {
+      return roots;
+    }
+    // In units in which the first and the last coefficient are alike: the roots' geometric mean.
+    const std::size_t top = degree - 1;
+    const auto log_of = [&](std::size_t j) { return std::log(std::abs(coefficient[j])) + logarithm[j]; };
+    const double unit = (log_of(lowest) - log_of(top)) / static_cast<double>(top - lowest);
+    const auto size = static_cast<Index>(top - lowest);
+    MatrixXcd companion = MatrixXcd::Zero(size, size);
+    for (Index i = 0; i < size; ++i) {
+      const std::size_t j = lowest + static_cast<std::size_t>(i);
+      if (coefficient[j] != 0.0) {
+        const double log = logarithm[j] - logarithm[top] + (static_cast<double>(j) - static_cast<double>(top)) * unit;
+        companion(i, size - 1) = -coefficient[j] / coefficient[top] * std::exp(log);
+      }
+      if (i > 0) {
+        companion(i, i - 1) = 1.0;
+      }
+    }
+    if (!companion.allFinite()) {
+      return {};
+    }
+    const VectorXcd values = Eigen::ComplexEigenSolver<MatrixXcd>(companion, false).eigenvalues();
+    for (const Complex& value : values) {
+      roots.push_back(value * std::exp(unit));
+    }
+    return roots;
+  }
+
+  MatrixXd Z_;
+  MatrixXcd M_;
+};
+
+/// The axes and, in more dimensions, the diagonals, as factors of the largest wave number along each.
+std::vector<std::array<double, 3>> directions_of(int dimensions) {
+  std::vector<std::array<double, 3>> result;
+  const std::array<double, 3> steps{1.0, 0.0, -1.0};
+  for (const double x : steps) {
+    for (const double y : steps) {
+      for (const double z : steps) {
+        const std::array<double, 3> direction{x, y, z};
+        const auto* const first = std::ranges::find_if(direction, [](double c) { return c != 0.0; });
+        const bool beyond = (dimensions < 2 && y != 0.0) || (dimensions < 3 && z != 0.0);
+        if (first != direction.end() && *first > 0.0 && !beyond) {  // -k is the conjugate of k
+          result.push_back(direction);
+        }
+      }
+    }
+  }
+  return result;
+}
+
+/// The mean of a level and its values at some nodes; 0 for fields that a level does not have.
+std::vector<std::vector<double>> states_of(const MultisymplecticSystem& system, const LatticeLevel& level) {
+  const std::size_t nodes = level.fields.size();
+  const std::size_t samples = std::min(nodes, sample_states);
+  std::vector<std::vector<double>> states(samples + 1, std::vector<double>(system.fields().size(), 0.0));
+  for (int f = 0; f < system.field_count(); ++f) {
+    if (system.structure().at_midpoints(f)) {
+      continue;
+    }
+    const std::span<const double> values = level.fields.field(f);
+    const auto i = static_cast<std::size_t>(f);
+    states[0][i] = grids::sum(values) / static_cast<double>(nodes);
+    for (std::size_t s = 0; s < samples; ++s) {
+      // Multiples of the golden mean: not in step with the grid's rows.
+      const double place = std::fmod(static_cast<double>(s) * std::numbers::phi, 1.0);
+      states[s + 1][i] = values[std::min(nodes - 1, static_cast<std::size_t>(place * static_cast<double>(nodes)))];
+    }
+  }
+  return states;
+}
+
+struct Rates {
+  double growth = 0.0;  ///< the largest Re σ
+  double size = 0.0;    ///< the largest |σ|
+};
+
+Rates rates_of(const std::vector<Complex>& roots) {
+  Rates rates;
+  for (const Complex& sigma : roots) {
+    rates.growth = std::max(rates.growth, sigma.real());
+    rates.size = std::max(rates.size, std::abs(sigma));
+  }
+  return rates;
+}
+
+}  // namespace
+
+std::vector<Complex> finite_roots(const MatrixXd& M, const MatrixXd& kernel, const MatrixXcd& B) {
+  return Pencil(M, kernel).roots(B);
+}
+
+std::optional<ShortWaveGrowth> find_short_wave_growth(const MultisymplecticSystem& system, const grids::Grid& grid,
+                                                      const LatticeLevel& level) {
+  const Pencil pencil(system.M(), system.structure().kernel);
+  std::optional<ShortWaveGrowth> worst;
+  bool about_mean = true;
+  for (const std::vector<double>& state : states_of(system, level)) {
+    const MatrixXd hessian = system.hessian(state);
+    if (!hessian.allFinite()) {
+      continue;
+    }
+    for (const std::array<double, 3>& direction : directions_of(grid.dimensions())) {
+      std::vector<double> wave;
+      MatrixXd K = MatrixXd::Zero(hessian.rows(), hessian.cols());
+      for (int a = 0; a < grid.dimensions(); ++a) {
+        wave.push_back(direction[static_cast<std::size_t>(a)] * std::numbers::pi / grid.spacing(a));
+        K += wave.back() * system.K(a);
+      }
+      const auto rates = [&](double times) {
+        MatrixXcd B = hessian.cast<Complex>();
+        B -= Complex(0.0, times) * K.cast<Complex>();
+        return rates_of(pencil.roots(B));
+      };
+      const Rates far = rates(shorter);
+      if (!(far.growth > beside_sigma * far.size)) {
+        continue;
+      }
+      const Rates here = rates(1.0);
+      const bool grows = here.growth > beside_sigma * here.size;
+      if (!grows || far.growth < least_growth * here.growth || (worst && worst->rate >= here.growth)) {
+        continue;
+      }
+      worst = ShortWaveGrowth{wave, here.growth, rates(2.0).growth, about_mean ? std::vector<double>() : state};
+    }
+    if (worst || system.varying_hessian().empty()) {
+      break;  // nothing new can be said
+    }
+    about_mean = false;
+  }
+  return worst;
+}
+
+std::string describe(const ShortWaveGrowth& growth, const grids::Grid& grid, const MultisymplecticSystem& system) {
+  double square = 0.0;
+  std::vector<std::string> along;
+  for (int a = 0; a < grid.dimensions(); ++a) {
+    const double k = growth.wave[static_cast<std::size_t>(a)];
+    square += k * k;
+    if (k != 0.0) {
+      along.push_back(grid.axis(a).name);
+    }
+  }
+  std::vector<std::string> state;
+  for (const auto& [row, column] : system.varying_hessian()) {
+    for (const int f : {row, column}) {
+      const auto i = static_cast<std::size_t>(f);
+      if (growth.state.empty()) {
+        continue;
+      }
+      const std::string shown = fmt::format("{} = {:.3g}", system.fields()[i], growth.state[i]);
+      if (std::ranges::find(state, shown) == state.end()) {
+        state.push_back(shown);
+      }
+    }
+  }
+  return fmt::format(
+      "this equation is ill-posed{}{}: the shorter a wave, the faster it grows, without bound. Waves of length {:.3g} "
+      "along {}, the shortest of this grid, grow as exp({:.3g} t), and those of half that length as exp({:.3g} t): "
+      "the solution is lost in them, on finer grids the sooner. A sign in S, M or K is likely to be wrong",
+      state.empty() ? "" : " near ", fmt::join(state, ", "), 2.0 * std::numbers::pi / std::sqrt(square),
+      fmt::join(along, " and "), growth.rate, growth.rate_of_half);
+}
+
+}  // namespace rubato
