@@ -7,12 +7,14 @@
 #include <Eigen/Eigenvalues>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <rubato/ode/discrete_lagrangian.hpp>
 #include <rubato/ode/generating_action.hpp>
 #include <rubato/ode/generating_scheme.hpp>
 #include <rubato/ode/midpoint_scheme.hpp>
 #include <rubato/ode/two_step_scheme.hpp>
+#include <rubato/variation/run_span.hpp>
 
 namespace rubato {
 
@@ -42,16 +44,18 @@ void check(const Hamiltonian& hamiltonian, const InitialState& initial, const In
           fmt::format("the initial state has {} coordinates and {} momenta; the Hamiltonian has {} of each",
                       state->q.size(), state->p.size(), n));
     }
-    if (!std::isfinite(state->t)) {
-      throw std::invalid_argument(fmt::format("the start time must be finite; got {}", state->t));
+    for (const auto* values : {&state->q, &state->p}) {
+      for (const double value : *values) {
+        if (!std::isfinite(value)) {
+          throw std::invalid_argument(fmt::format("the initial state is not finite: q = ({}), p = ({})",
+                                                  fmt::join(state->q, ", "), fmt::join(state->p, ", ")));
+        }
+      }
     }
   }
-  if (!std::isfinite(options.step) || options.step == 0.0) {
-    throw std::invalid_argument(fmt::format("step must be finite and not 0; got {}", options.step));
-  }
-  if (!std::isfinite(options.until) || (options.until - initial.t) * options.step < 0.0) {
-    throw std::invalid_argument(
-        fmt::format("a step of {} does not lead from t = {} to until = {}", options.step, initial.t, options.until));
+  check_run_span(initial.t, options.step, options.until, options.tolerance);
+  if (options.max_steps == 0) {
+    throw std::invalid_argument("max_steps = 0 allows no step: leave it out, or give a larger number");
   }
   if (options.next && options.next->t - initial.t != options.step &&
       std::abs(options.next->t - initial.t - options.step) > 1e-12 * std::abs(options.step)) {

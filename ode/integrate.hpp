@@ -55,8 +55,9 @@ struct InitialState {
 
 struct IntegrationOptions {
   SegmentLagrangian lagrangian = Midpoint{};
-  double step = 0.0;   ///< t_1 - t_0; negative integrates backward
-  double until = 0.0;  ///< the run ends at the first level at or past it; no step is shortened to hit it
+  double step = 0.0;  ///< t_1 - t_0; negative integrates backward; has to be given
+  double until =
+      0.0;  ///< the run ends at the first level at or past it; no step is shortened to hit it; has to be given
   Levels levels = Levels::variable;
   OnSingular on_singular = OnSingular::bridge;
   BridgeRule bridge = BridgeRule::anchored;
@@ -81,8 +82,9 @@ public:
 /// Steps an orbit, level by level. integrate() is the loop over it.
 class OrbitIntegrator {
 public:
-  /// \throws std::invalid_argument with the offending values: sizes that do not fit, data that are not finite, a step
-  /// of 0 or away from `until`, H undefined at the start; EquilibriumError, UnstableError, StartingPairError
+  /// \throws std::invalid_argument with the offending values: sizes that do not fit, data that are not finite, what
+  /// check_run_span() refuses (`step` or `until` left out, too), max_steps = 0, H undefined at the start;
+  /// EquilibriumError, UnstableError, StartingPairError
   OrbitIntegrator(const Hamiltonian& hamiltonian, const InitialState& initial, const IntegrationOptions& options);
 
   [[nodiscard]] StepReport step() { return levels_->step(); }
