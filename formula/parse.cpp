@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <array>
 #include <limits>
-#include <numbers>
 #include <unordered_set>
 #include <utility>
 
@@ -18,19 +17,11 @@ namespace {
 constexpr int deepest_nesting = 1000;
 constexpr std::size_t excerpt_width = 80;
 
-/// Binding strengths: a loop over operators of at least a given strength reads each level of the grammar.
-constexpr int sum_strength = 1;
-constexpr int product_strength = 2;
-constexpr int power_strength = 3;
-
+/// Of an operator; 0 for everything else. A loop over operators of at least a given strength reads each level of the
+/// grammar.
 int strength(const Token& token) {
-  if (token.is('+') || token.is('-')) {
-    return sum_strength;
-  }
-  if (token.is('*') || token.is('/')) {
-    return product_strength;
-  }
-  return token.is('^') ? power_strength : 0;
+  const Operator* const found = token.kind == Token::Kind::symbol ? find_operator(token.text.front()) : nullptr;
+  return found == nullptr ? 0 : found->strength;
 }
 
 class Parser {
@@ -42,7 +33,7 @@ public:
     if (token_.kind == Token::Kind::end) {
       fail(token_.offset, "the formula is empty");
     }
-    const Expression result = parse_operators(sum_strength);
+    const Expression result = parse_operators(strength_of_sum);
     if (token_.kind == Token::Kind::end) {
       return result;
     }
@@ -84,9 +75,9 @@ private:
       if (symbol == '*' && token_.is('*') && token_.offset == previous_.offset + 1) {
         fail(previous_.offset, "** is not an operator: use ^ for a power");
       }
-      if (symbol == '^') {
+      if (find_operator(symbol)->to_the_right) {
         const Nesting nesting(*this);
-        left = pow(left, parse_operators(power_strength));
+        left = pow(left, parse_operators(s));
         continue;
       }
       const Expression right = parse_operators(s + 1);
@@ -104,12 +95,12 @@ private:
         if (token.is('-')) {
           const Nesting nesting(*this);
           advance();
-          return -parse_operators(power_strength);
+          return -parse_operators(strength_of_power);
         }
         if (token.is('(')) {
           const Nesting nesting(*this);
           advance();
-          const Expression inner = parse_operators(sum_strength);
+          const Expression inner = parse_operators(strength_of_sum);
           close(token.offset);
           return finish_operand(inner);
         }
@@ -139,8 +130,8 @@ private:
   }
 
   Expression resolve(const Token& token) {
-    if (token.text == "pi") {
-      return graph_.constant(std::numbers::pi);
+    if (const Constant* const constant = find_constant(token.text)) {
+      return graph_.constant(constant->value);
     }
     if (find_function(token.text) != nullptr) {
       fail(token.offset, fmt::format("{0} is a function: write {0}(...)", token.text));
@@ -162,10 +153,10 @@ private:
     advance();
     std::vector<Expression> arguments;
     if (!token_.is(')')) {
-      arguments.push_back(parse_operators(sum_strength));
+      arguments.push_back(parse_operators(strength_of_sum));
       while (token_.is(',')) {
         advance();
-        arguments.push_back(parse_operators(sum_strength));
+        arguments.push_back(parse_operators(strength_of_sum));
       }
     }
     close(opening);
@@ -204,7 +195,7 @@ private:
   }
 
   [[noreturn]] void refuse_call(const Token& called) const {
-    if (called.text == "pi" || context_.resolve(called.text)) {
+    if (find_constant(called.text) != nullptr || context_.resolve(called.text)) {
       fail(called.offset, fmt::format("'{0}' is not a function: for a product write {0}*(...)", called.text));
     }
     if (called.text == "ln") {

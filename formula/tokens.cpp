@@ -13,17 +13,6 @@ namespace rubato::formula {
 
 namespace {
 
-constexpr std::array<Function, 23> functions{{
-    {"sin", Operation::sin},       {"cos", Operation::cos},       {"tan", Operation::tan},
-    {"asin", Operation::asin},     {"acos", Operation::acos},     {"atan", Operation::atan},
-    {"atan2", Operation::atan2},   {"sinh", Operation::sinh},     {"cosh", Operation::cosh},
-    {"tanh", Operation::tanh},     {"asinh", Operation::asinh},   {"acosh", Operation::acosh},
-    {"atanh", Operation::atanh},   {"exp", Operation::exp},       {"log", Operation::log},
-    {"sqrt", Operation::sqrt},     {"cbrt", Operation::cbrt},     {"abs", Operation::abs},
-    {"sech", Operation::sech},     {"csch", Operation::csch},     {"sign", Operation::sign},
-    {"min", Operation::min, true}, {"max", Operation::max, true},
-}};
-
 // The character classes of the C locale, whatever the program's locale is.
 bool is_space(char c) {
   return c == ' ' || c == '\t' || c == '\n' || c == '\r';
@@ -148,22 +137,19 @@ Token next_token(std::string_view text, std::size_t offset) {
     }
     return {Token::Kind::name, offset, text.substr(offset, end - offset)};
   }
-  if (std::string_view("+-*/^(),").find(c) == std::string_view::npos) {
+  if (find_operator(c) == nullptr && std::string_view("(),").find(c) == std::string_view::npos) {
     refuse_character(text, offset);
   }
   return {Token::Kind::symbol, offset, text.substr(offset, 1)};
 }
 
-const Function* find_function(std::string_view name) {
-  const auto* const found =
-      std::find_if(functions.begin(), functions.end(), [&](const Function& function) { return function.name == name; });
-  return found == functions.end() ? nullptr : found;
-}
-
 const std::vector<std::string>& reserved_names() {
   static const std::vector<std::string> names = [] {
-    std::vector<std::string> all{"pi"};
-    for (const Function& function : functions) {
+    std::vector<std::string> all;
+    for (const Constant& constant : constants()) {
+      all.emplace_back(constant.name);
+    }
+    for (const Function& function : functions()) {
       all.emplace_back(function.name);
     }
     return all;
@@ -172,7 +158,7 @@ const std::vector<std::string>& reserved_names() {
 }
 
 bool is_reserved_name(std::string_view name) {
-  return name == "pi" || find_function(name) != nullptr;
+  return find_constant(name) != nullptr || find_function(name) != nullptr;
 }
 
 bool is_valid_name(std::string_view name) {

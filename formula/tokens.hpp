@@ -5,9 +5,9 @@
 #include <string_view>
 #include <vector>
 
-#include <rubato/formula/expression.hpp>
+#include <rubato/formula/language.hpp>
 
-/// The words of the formula language. Used by parse.cpp.
+/// Reading a formula word by word. Used by parse.cpp.
 namespace rubato::formula {
 
 struct Token {
@@ -24,14 +24,7 @@ struct Token {
 /// \throws ParseError for a character outside the language, a malformed number, or one that overflows
 [[nodiscard]] Token next_token(std::string_view text, std::size_t offset);
 
-/// A function of the language; `variadic` takes two or more arguments.
-struct Function {
-  std::string_view name;
-  Operation operation;
-  bool variadic = false;
-};
-[[nodiscard]] const Function* find_function(std::string_view name);
-/// All functions' names, and `pi`.
+/// The names of all functions and constants.
 [[nodiscard]] const std::vector<std::string>& reserved_names();
 
 /// Whether a byte of UTF-8 text begins a character.

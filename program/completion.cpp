@@ -7,6 +7,7 @@
 #include <fmt/ranges.h>
 
 #include <rubato/study/browse.hpp>
+#include <rubato/study/help.hpp>
 
 namespace rubato::program {
 
@@ -22,7 +23,19 @@ struct Command {
   std::string name, description;
   std::vector<Option> options;
   bool takes_catalogue_name = false, takes_file = false;
+  std::string words;  ///< what it may be given, with spaces between them
 };
+
+/// The names of what has names, with spaces between them.
+template <typename Range>
+std::string names_of(const Range& range) {
+  std::string names;
+  for (const auto& named : range) {
+    names += names.empty() ? "" : " ";
+    names += named.name;
+  }
+  return names;
+}
 
 std::vector<Command> commands_of(const CLI::App& app) {
   std::vector<Command> commands;
@@ -30,7 +43,8 @@ std::vector<Command> commands_of(const CLI::App& app) {
     Command command{.name = subcommand->get_name(), .description = subcommand->get_description(), .options = {}};
     for (const CLI::Option* const option : subcommand->get_options()) {
       if (option->get_positional()) {
-        command.takes_file = command.takes_file || (command.name != "show" && command.name != "completion");
+        command.takes_file =
+            command.takes_file || (command.name != "show" && command.name != "completion" && command.name != "help");
         continue;
       }
       Option described{
@@ -44,20 +58,15 @@ std::vector<Command> commands_of(const CLI::App& app) {
       command.options.push_back(described);
     }
     command.takes_catalogue_name = command.name == "run" || command.name == "show";
+    command.words = command.name == "completion" ? "bash zsh fish" : "";
     commands.push_back(command);
   }
-  return commands;
-}
-
-/// The names of what has names, with spaces between them.
-template <typename Range>
-std::string names_of(const Range& range) {
-  std::string names;
-  for (const auto& named : range) {
-    names += names.empty() ? "" : " ";
-    names += named.name;
+  for (Command& command : commands) {
+    if (command.name == "help") {
+      command.words = fmt::format("{} {}", fmt::join(study::help_topics(), " "), names_of(commands));
+    }
   }
-  return names;
+  return commands;
 }
 
 std::string catalogue_names() {
@@ -92,8 +101,8 @@ std::string bash_script(const std::vector<Command>& commands) {
         fmt::format("      {})\n        if [[ $word == -* ]]; then words='{}'", command.name, option_names(command));
     if (command.takes_catalogue_name) {
       text += fmt::format("\n        else words='{}'", catalogue_names());
-    } else if (command.name == "completion") {
-      text += "\n        else words='bash zsh fish'";
+    } else if (!command.words.empty()) {
+      text += fmt::format("\n        else words='{}'", command.words);
     }
     text += "; fi ;;\n";
   }
@@ -117,8 +126,8 @@ std::string zsh_script(const std::vector<Command>& commands) {
     if (command.takes_catalogue_name) {
       text += fmt::format("      compadd -- {}\n", catalogue_names());
     }
-    if (command.name == "completion") {
-      text += "      compadd -- bash zsh fish\n";
+    if (!command.words.empty()) {
+      text += fmt::format("      compadd -- {}\n", command.words);
     }
     text += command.takes_file ? "      _files ;;\n" : "      ;;\n";
   }
@@ -141,8 +150,8 @@ std::string fish_script(const std::vector<Command>& commands) {
     }
     if (command.takes_catalogue_name) {
       text += fmt::format("{}{} -a '{}'\n", here, command.takes_file ? "" : " -f", catalogue_names());
-    } else if (command.name == "completion") {
-      text += here + " -f -a 'bash zsh fish'\n";
+    } else if (!command.words.empty()) {
+      text += fmt::format("{} -f -a '{}'\n", here, command.words);
     }
   }
   return text;

@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
@@ -7,10 +8,12 @@
 #include <vector>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <CLI/CLI.hpp>
 
 #include <rubato/record/error.hpp>
 #include <rubato/study/browse.hpp>
+#include <rubato/study/help.hpp>
 #include <rubato/study/version.hpp>
 
 #include "commands.hpp"
@@ -39,6 +42,7 @@ constexpr const char* examples =
     "  rubato report mine.h5                writes mine.html: plots of all of it, for a browser\n"
     "  rubato compare mine.h5 fixed.h5      two records side by side\n"
     "  rubato export mine.h5                CSV files, for spreadsheets and other programs\n"
+    "  rubato help formulas                 what a formula may hold; help problem: every key of a file\n"
     "\n"
     "Exit status: 0 done; 2 input or usage wrong; 3 stopped at a singular point of the step\n"
     "equation; 4 the solver failed; 5 a file could not be read or written; 130 interrupted.\n";
@@ -92,6 +96,11 @@ public:
     app_.add_subcommand("list", "List the catalogue");
     CLI::App& show = *app_.add_subcommand("show", "Print a complete problem file of the catalogue");
     show.add_option("name", name_, "A catalogue name")->option_text("NAME")->required();
+    CLI::App& help = *app_.add_subcommand("help", "Explain formulas, problem files or a command");
+    help.add_option("topic", name_, "formulas, problem, or a command")->option_text("TOPIC");
+    help.footer(
+        "Examples:\n  rubato help formulas   functions, operators, names\n  rubato help problem    every key of a "
+        "problem file\n");
     CLI::App& completion = *app_.add_subcommand("completion", "Print a script that makes a shell complete commands");
     completion.add_option("shell", name_, "bash, zsh or fish")->option_text("SHELL")->required();
     completion.footer("Example:\n  source <(rubato completion bash)\n");
@@ -116,6 +125,9 @@ public:
     if (const auto status = reports_.act()) {
       return *status;
     }
+    if (app_.got_subcommand("help")) {
+      return help();
+    }
     if (app_.got_subcommand("completion")) {
       rubato::program::print(rubato::program::completion(app_, name_));
       return ExitStatus::done;
@@ -124,6 +136,35 @@ public:
   }
 
 private:
+  [[nodiscard]] std::vector<std::string> command_names() {
+    std::vector<std::string> names;
+    for (const CLI::App* command : app_.get_subcommands({})) {
+      names.push_back(command->get_name());
+    }
+    return names;
+  }
+
+  /// A topic, a command, or everything.
+  ExitStatus help() {
+    std::vector<std::string> known = command_names();
+    const auto& topics = rubato::study::help_topics();
+    if (name_.empty()) {
+      rubato::program::print(app_.help());
+    } else if (std::ranges::find(topics, name_) != topics.end()) {
+      rubato::program::print(rubato::study::help_text(name_));
+    } else if (std::ranges::find(known, name_) != known.end()) {
+      rubato::program::print(app_.get_subcommand(name_)->help("rubato"));
+    } else {
+      known.insert(known.end(), topics.begin(), topics.end());
+      const std::string guess = rubato::study::did_you_mean(name_, known);
+      print_error(fmt::format("there is no help on {}; {}\nTopics: {}. Commands: see rubato --help",
+                              name_.substr(0, 100), guess.empty() ? "it is neither a topic nor a command" : guess,
+                              fmt::join(topics, ", ")));
+      return ExitStatus::wrong_input;
+    }
+    return ExitStatus::done;
+  }
+
   void add_run() {
     CLI::App& command = *app_.add_subcommand("run", "Run a problem and write its record");
     command.add_option("problem", run_.problem, "A problem file, or a catalogue name")
@@ -165,10 +206,7 @@ private:
     }
     std::string message = error.what();
     if (argc > 1 && app_.get_subcommands().empty()) {
-      std::vector<std::string> names;
-      for (const CLI::App* command : app_.get_subcommands({})) {
-        names.push_back(command->get_name());
-      }
+      const std::vector<std::string> names = command_names();
       const std::string word = argv[1];
       message =
           word.starts_with('-') ? fmt::format("unknown option {}", word) : fmt::format("unknown command {}", word);

@@ -6,12 +6,13 @@
 #include <fmt/ranges.h>
 
 #include <rubato/formula/parse.hpp>
+#include <rubato/study/keys.hpp>
 #include <rubato/study/reader.hpp>
 
 namespace rubato::study {
 namespace {
 
-const std::vector<std::string> all_axes = {"x", "y", "z"};
+const std::vector<std::string> all_axes(axis_letters.begin(), axis_letters.end());
 
 /// Reads M, K.x or a symmetry's B: triples (row, column, value) or a full array.
 class MatrixReader {

@@ -4,6 +4,7 @@
 
 #include <fmt/format.h>
 
+#include <rubato/formula/language.hpp>
 #include <rubato/formula/parse.hpp>
 #include <rubato/study/reader.hpp>
 
@@ -55,7 +56,7 @@ void Names::declare(std::string_view name, std::string_view role, const Location
     refuse(malformed_name);
   }
   if (formula::is_reserved_name(name)) {
-    refuse(name == "pi" ? "it is the number" : "it is a function");
+    refuse(formula::find_constant(name) != nullptr ? "it is the number" : "it is a function");
   }
   const auto [place, is_new] = taken_.emplace(std::string(name), fmt::format("it is already {}", role));
   if (!is_new) {

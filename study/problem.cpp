@@ -10,6 +10,7 @@
 
 #include <rubato/catalogue/catalogue.hpp>
 #include <rubato/study/effective.hpp>
+#include <rubato/study/keys.hpp>
 #include <rubato/study/reader.hpp>
 
 namespace rubato::study {
@@ -63,8 +64,7 @@ void read_output(Section& root, Problem& problem) {
 
 /// A misspelt table says more than a missing one, so that all names are looked at first.
 void check_tables(Section root) {
-  for (const std::string_view key : {"title", "hamiltonian", "multisymplectic", "grid", "parameters", "initial",
-                                     "invariants", "exact", "symmetries", "scheme", "output"}) {
+  for (const std::string_view key : keys_of("")) {
     static_cast<void>(root.take(key));
   }
   root.finish();

@@ -3,11 +3,13 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <stdexcept>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
 #include <rubato/formula/parse.hpp>
+#include <rubato/study/keys.hpp>
 
 namespace rubato::study {
 
@@ -15,6 +17,11 @@ Section::Section(const Value::Table& table, Location location, std::string name)
     : table_(&table), location_(std::move(location)), name_(std::move(name)) {}
 
 const Entry* Section::take(std::string_view key) {
+  const std::string_view table =
+      name_.empty() ? std::string_view() : std::string_view(name_).substr(1, name_.size() - 2);
+  if (!is_documented(table, key)) {
+    throw std::logic_error(fmt::format("{} in [{}] is not in the table of keys", key, table));
+  }
   known_.emplace_back(key);
   return find(*table_, key);
 }

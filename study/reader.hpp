@@ -19,7 +19,8 @@ public:
   /// `name` is what messages call it, such as "[scheme]"; empty for the whole file.
   Section(const Value::Table& table, Location location, std::string name);
 
-  /// The entry called `key`, if it is there.
+  /// The entry called `key`, if it is there. The key has to be in the table of keys (keys.hpp), which is what people
+  /// are told.
   const Entry* take(std::string_view key);
   /// The same for an entry that must be there; `purpose` says what it is for.
   const Entry& require(std::string_view key, std::string_view purpose);

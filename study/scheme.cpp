@@ -6,19 +6,11 @@
 #include <fmt/ranges.h>
 
 #include <rubato/ode/generating_action.hpp>
+#include <rubato/study/keys.hpp>
 #include <rubato/study/reader.hpp>
 
 namespace rubato::study {
 namespace {
-
-// In the order of the enumerations.
-constexpr std::array<std::string_view, 7> lagrangian_words = {"midpoint", "forward", "generating", "custom",
-                                                              "box",      "fourier", "euler-box"};
-constexpr std::array<std::string_view, 2> levels_words = {"variable", "fixed"};
-constexpr std::array<std::string_view, 3> on_singular_words = {"bridge", "fixed", "stop"};
-constexpr std::array<std::string_view, 2> bridge_words = {"anchored", "reversible"};
-constexpr std::array<std::string_view, 3> darboux_words = {"midpoint", "euler-a", "euler-b"};
-constexpr std::size_t ode_lagrangians = 4;  ///< the first four act on a segment, the others on a cell
 
 /// Reads [scheme], one entry after the other.
 class SchemeReader {

@@ -1,0 +1,155 @@
+#include <rubato/study/keys.hpp>
+
+#include <algorithm>
+
+#include <fmt/format.h>
+
+#include <rubato/study/problem.hpp>
+
+namespace rubato::study {
+
+namespace {
+
+constexpr std::array<TableEntry, 14> all_tables{{
+    {"", "the file itself; one of [hamiltonian] and [multisymplectic] says what is to be solved"},
+    {"hamiltonian", "an orbit: q' = dH/dp, p' = -dH/dq"},
+    {"multisymplectic", "a lattice: M z_t + K.x z_x (+ K.y z_y + K.z z_z) = grad S(z)"},
+    {"multisymplectic.K", "the matrices of the space derivatives, one for each direction of the grid"},
+    {"grid", "the periodic grid of a lattice"},
+    {"grid.x", "one direction, and so grid.y, grid.z: nodes from + i*(to - from)/cells, i = 0 ... cells-1"},
+    {"parameters", "numbers and formulas of each other, in any order", "a parameter"},
+    {"initial",
+     "where the run starts: for an orbit a number for every coordinate and momentum, for a lattice formulas "
+     "of x, y, z for the fields that no constraint determines",
+     "a coordinate, a momentum or a field"},
+    {"initial.next", "a second level for an orbit, in place of a midpoint step to it: the two-step form of a scheme",
+     "a coordinate or a momentum"},
+    {"invariants",
+     "formulas that are reported along the run: of q and p; on a lattice densities, summed over the nodes",
+     "a quantity"},
+    {"exact", "the exact solution as formulas of t, on a lattice of x, y, z and t: the error is reported",
+     "a coordinate, a momentum or a field"},
+    {"symmetries",
+     "linear symmetries z -> z + s B z of a lattice, each the entries [row, column, value] of B or the "
+     "whole of it: their local laws are reported",
+     "a symmetry"},
+    {"scheme", "how it is solved"},
+    {"output", "the record"},
+}};
+
+std::vector<KeyEntry> make_keys() {
+  const Scheme scheme;
+  const Output output;
+  const std::string required = "required";
+  const std::string none = "none";
+  const std::span words(lagrangian_words);
+  return {
+      {"", "title", "text", "the file's name", "What reports call the problem."},
+      {"", "hamiltonian", "table", none, "See [hamiltonian]."},
+      {"", "multisymplectic", "table", none, "See [multisymplectic]."},
+      {"", "grid", "table", "required for a lattice", "See [grid]."},
+      {"", "parameters", "table", none, "See [parameters]."},
+      {"", "initial", "table", required, "See [initial]."},
+      {"", "invariants", "table", none, "See [invariants]."},
+      {"", "exact", "table", none, "See [exact]."},
+      {"", "symmetries", "table", none, "See [symmetries]; for lattices."},
+      {"", "scheme", "table", required, "See [scheme]."},
+      {"", "output", "table", none, "See [output]."},
+
+      {"hamiltonian", "q", "list of names", required, "The coordinates; \"r[3]\" declares the vector r1, r2, r3."},
+      {"hamiltonian", "p", "list of names", required, "The momenta, in the same order."},
+      {"hamiltonian", "H", "formula", required, "The Hamiltonian, of coordinates, momenta and parameters."},
+
+      {"multisymplectic", "fields", "list of names", required, "The fields z; \"r[3]\" declares r1, r2, r3."},
+      {"multisymplectic", "M", "matrix", required,
+       "Of z_t, skew: a list of entries [\"row\", \"column\", value], each with the opposite one across the diagonal, "
+       "or "
+       "all rows in full."},
+      {"multisymplectic", "K", "table", required, "See [multisymplectic.K]; written K.x = ..."},
+      {"multisymplectic", "S", "formula", required, "Of the fields and parameters."},
+      {"multisymplectic.K", "x", "matrix", required, "Of z_x, as M."},
+      {"multisymplectic.K", "y", "matrix", "required if the grid has y", "Of z_y."},
+      {"multisymplectic.K", "z", "matrix", "required if the grid has z", "Of z_z."},
+
+      {"grid", "x", "table", required, "See [grid.x]; written x = { from = ..., to = ..., cells = ... }."},
+      {"grid", "y", "table", none, "The second direction."},
+      {"grid", "z", "table", none, "The third direction."},
+      {"grid.x", "from", "number", required, "Where the period begins: the first node."},
+      {"grid.x", "to", "number", required, "Where it ends: the first node again."},
+      {"grid.x", "cells", "integer, at least 3", required,
+       "Nodes in a period. \"box\" needs odd numbers; transforms are fast with small prime factors."},
+
+      {"initial", "t", "number", "0", "The time of the start."},
+      {"initial", "next", "table", none, "See [initial.next]; for orbits."},
+      {"initial.next", "t", "number", required, "The time of the second level."},
+
+      {"scheme", "lagrangian", "word", fmt::format("{} for orbits, {} for lattices", words[0], words[ode_lagrangians]),
+       "The discrete Lagrangian; the first four are for orbits, the others for lattices.", words},
+      {"scheme", "levels", "word", std::string(to_string(scheme.levels)),
+       "Levels from the total variation, which keep the discrete energy, or equal ones.", levels_words},
+      {"scheme", "step", "number, or \"auto\"", required,
+       "The first step t_1 - t_0, with the sign of until - start; \"auto\" chooses it for energy_tolerance."},
+      {"scheme", "until", "number", required, "The run ends at the first level at or past this time."},
+      {"scheme", "energy_tolerance", "number between 0 and 1", "required by step = \"auto\"",
+       "How far the energy at the nodes may stray, relative to it."},
+      {"scheme", "on_singular", "word", std::string(to_string(scheme.on_singular)),
+       "What to do where no step keeps the energy: bridge the gap, take steps of fixed length over it, or end the run.",
+       on_singular_words},
+      {"scheme", "bridge", "word", std::string(to_string(scheme.bridge)),
+       "Bridges that keep the run's own node law, or those that a run backward finds again.", bridge_words},
+      {"scheme", "order", "integer", "required by generating", "The order of a generating function."},
+      {"scheme", "darboux", "word, or matrix", std::string(darboux_words[0]),
+       "The type of a generating function; as a matrix a symmetric 2n x 2n one, in full.", darboux_words},
+      {"scheme", "L", "formula", "required by custom",
+       "The discrete Lagrangian, of t_0, t_1 and every coordinate and momentum with _0 and _1: q_0, q_1."},
+      {"scheme", "allow_unstable", "true or false", scheme.allow_unstable ? "true" : "false",
+       "Lets forward run for more than a few steps, over which it is unstable."},
+      {"scheme", "max_steps", "integer, at least 1", fmt::format("{}", scheme.max_steps),
+       "The run ends after so many steps."},
+      {"scheme", "tolerance", "number between 0 and 1", fmt::format("{}", scheme.tolerance),
+       "Of the energy in each step, relative; the step itself is always solved to rounding."},
+
+      {"output", "file", "text", "the problem's name with .h5", "The record, relative to the current folder."},
+      {"output", "every", "integer, at least 1", fmt::format("{}", output.every),
+       "Every n-th level is stored, and the first and the last."},
+  };
+}
+
+/// "grid.y" and "grid.z" are documented as "grid.x".
+std::string_view documented_name(std::string_view table) {
+  return table == "grid.y" || table == "grid.z" ? "grid.x" : table;
+}
+
+}  // namespace
+
+std::span<const TableEntry> problem_tables() {
+  return all_tables;
+}
+
+std::span<const KeyEntry> problem_keys() {
+  static const std::vector<KeyEntry> keys = make_keys();
+  return keys;
+}
+
+std::vector<std::string_view> keys_of(std::string_view table) {
+  std::vector<std::string_view> names;
+  for (const KeyEntry& key : problem_keys()) {
+    if (key.table == table) {
+      names.push_back(key.name);
+    }
+  }
+  return names;
+}
+
+bool is_documented(std::string_view table, std::string_view key) {
+  const std::string_view name = documented_name(table);
+  const auto entry = std::ranges::find(problem_tables(), name, &TableEntry::name);
+  if (entry == problem_tables().end()) {
+    return false;
+  }
+  return !entry->names_what.empty() || std::ranges::any_of(problem_keys(), [&](const KeyEntry& known) {
+    return known.table == name && known.name == key;
+  });
+}
+
+}  // namespace rubato::study

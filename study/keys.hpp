@@ -1,0 +1,48 @@
+#pragma once
+
+#include <array>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+/// The tables and keys of a problem file: what the reader accepts is what `rubato help problem` prints.
+namespace rubato::study {
+
+/// A table. Where `names_what` is not empty, its keys are names of the user's: "a parameter", say.
+struct TableEntry {
+  std::string_view name;  ///< without brackets: "scheme", "initial.next"; empty for the file itself
+  std::string_view meaning;
+  std::string_view names_what = "";
+};
+[[nodiscard]] std::span<const TableEntry> problem_tables();
+
+/// A key of one of them.
+struct KeyEntry {
+  std::string_view table;
+  std::string_view name;
+  std::string_view type;
+  std::string fallback;  ///< what holds where it is left out, or "required"
+  std::string_view meaning;
+  std::span<const std::string_view> words = {};  ///< those it may be, where it is a word
+};
+[[nodiscard]] std::span<const KeyEntry> problem_keys();
+/// The keys of one table.
+[[nodiscard]] std::vector<std::string_view> keys_of(std::string_view table);
+
+/// Whether the reader may ask for a key; "grid.y" and "grid.z" are as "grid.x".
+[[nodiscard]] bool is_documented(std::string_view table, std::string_view key);
+
+// In the order of the enumerations.
+inline constexpr std::array<std::string_view, 7> lagrangian_words = {"midpoint", "forward", "generating", "custom",
+                                                                     "box",      "fourier", "euler-box"};
+inline constexpr std::size_t ode_lagrangians = 4;  ///< the first four act on a segment, the others on a cell
+inline constexpr std::array<std::string_view, 2> levels_words = {"variable", "fixed"};
+inline constexpr std::array<std::string_view, 3> on_singular_words = {"bridge", "fixed", "stop"};
+inline constexpr std::array<std::string_view, 2> bridge_words = {"anchored", "reversible"};
+inline constexpr std::array<std::string_view, 3> darboux_words = {"midpoint", "euler-a", "euler-b"};
+
+/// The directions of a grid.
+inline constexpr std::array<std::string_view, 3> axis_letters = {"x", "y", "z"};
+
+}  // namespace rubato::study

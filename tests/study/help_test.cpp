@@ -1,0 +1,122 @@
+// What `rubato help` prints is what the parser and the reader accept.
+
+#include <algorithm>
+#include <string>
+#include <vector>
+
+#include <catch2/catch.hpp>
+
+#include <rubato/formula/language.hpp>
+#include <rubato/formula/parse.hpp>
+#include <rubato/study/help.hpp>
+#include <rubato/study/keys.hpp>
+#include <rubato/study/problem.hpp>
+
+#include "problem_texts.hpp"
+
+using namespace rubato;
+using namespace rubato::study;
+using namespace rubato::study_tests;
+using Catch::Contains;
+
+namespace {
+
+/// What is said of a problem; empty if nothing.
+std::string refusal(const std::string& text, const std::vector<std::string>& settings) {
+  try {
+    static_cast<void>(parse_problem(text, "p.toml", settings));
+    return {};
+  } catch (const ProblemError& error) {
+    return error.what();
+  }
+}
+
+/// Whether one of two problems, an orbit and a lattice, knows the key.
+bool is_known(const std::string& path) {
+  for (const std::string& text : {pendulum, breather}) {
+    // A date is right nowhere: a key that is known is called wrong for its value, or for its place.
+    const std::string said = refusal(text, {path + "=1979-05-27"});
+    if (said.find("unknown key") == std::string::npos && said.find("unknown table") == std::string::npos &&
+        said.find("not a field") == std::string::npos) {
+      return true;
+    }
+  }
+  return false;
+}
+
+std::string path_of(std::string_view table, std::string_view key) {
+  return table.empty() ? std::string(key) : std::string(table) + "." + std::string(key);
+}
+
+}  // namespace
+
+TEST_CASE("every key that help problem lists is read, and no other") {
+  for (const KeyEntry& key : problem_keys()) {
+    if (key.table == "initial.next" || key.table == "multisymplectic.K") {
+      continue;  // below
+    }
+    const std::string path = path_of(key.table, key.name);
+    INFO(path);
+    CHECK(is_known(path));
+    const auto table = std::ranges::find(problem_tables(), key.table, &TableEntry::name);
+    REQUIRE(table != problem_tables().end());
+    if (table->names_what.empty()) {
+      CHECK_FALSE(is_known(path + "qq"));
+    }
+  }
+  CHECK_THAT(refusal(pendulum, {"initial.next.q=1", "initial.next.p=1"}), Contains("[initial.next] needs t"));
+  CHECK_THAT(refusal(breather, {"multisymplectic.K.y=[]"}), Contains("K.y is given, but [grid] has no y"));
+  CHECK_THAT(refusal(breather, {"multisymplectic.K.q=[]"}), Contains("unknown key q"));
+}
+
+TEST_CASE("every word that help problem lists is one") {
+  for (const KeyEntry& key : problem_keys()) {
+    for (const std::string_view word : key.words) {
+      INFO(key.name << " = " << word);
+      bool accepted = false;
+      for (const std::string& text : {pendulum, breather}) {
+        const std::string said =
+            refusal(text, {"scheme.lagrangian=" + std::string(key.name == "darboux" ? "generating" : word),
+                           "scheme.order=4", path_of(key.table, key.name) + "=" + std::string(word)});
+        accepted = accepted || said.find("is not known") == std::string::npos;
+      }
+      CHECK(accepted);
+    }
+  }
+  CHECK_THAT(refusal(pendulum, {"scheme.levels=variabel"}), Contains("did you mean \"variable\"?"));
+}
+
+TEST_CASE("every function, operator and constant that help formulas lists is parsed, and stands there") {
+  const std::string text = help_text("formulas");
+  const std::vector<std::string> names = {"a", "b"};
+  formula::Graph graph;
+  for (const formula::Function& function : formula::functions()) {
+    const std::string name(function.name);
+    INFO(name);
+    CHECK_THAT(text, Contains("  " + name + "("));
+    CHECK(function.name == formula::name(function.operation));
+    CHECK_NOTHROW(formula::parse(name + (formula::arity(function.operation) == 1 ? "(a)" : "(a, b)"), graph, names));
+    if (function.variadic) {
+      CHECK_NOTHROW(formula::parse(name + "(a, b, 1)", graph, names));
+    }
+    CHECK(formula::is_reserved_name(name));
+  }
+  for (const formula::Operator& op : formula::operators()) {
+    CHECK_NOTHROW(formula::parse(std::string("a ") + op.symbol + " b", graph, names));
+    CHECK_THAT(text, Contains(std::string("  a ") + op.symbol + " b"));
+  }
+  for (const formula::Constant& constant : formula::constants()) {
+    CHECK(formula::parse(constant.name, graph, names).constant_value() == constant.value);
+    CHECK_THAT(text, Contains("  " + std::string(constant.name)));
+  }
+  CHECK_THAT(text, Contains("^; then the sign of -a; then * and /; then + and -"));
+}
+
+TEST_CASE("help on what there is none for names the nearest") {
+  CHECK_THROWS_WITH(help_text("formula"), Contains("did you mean formulas?"));
+  CHECK_THROWS_WITH(help_text("xyz"), Contains("topics are formulas and problem"));
+  for (const std::string& topic : help_topics()) {
+    const std::string text = help_text(topic);
+    CHECK(text.size() > 1000);
+  }
+}
