@@ -41,8 +41,9 @@ public:
 ///
 ///     M δ_t z + Σ_a K_a ∂_a z̄ = ∇S(z̄)  at every node,      E_k = Σ ΔV [S(z̄) + Σ_a (∂_a z̄)ᵀK₊z̄].
 ///
-/// Spectrally accurate in space, order 2 in time. Any number of cells; on even ones ∂ annihilates the Nyquist mode, so
-/// odd ones are to be preferred. The linear systems are solved in Fourier space, with GMRES where S'' varies much.
+/// Spectrally accurate in space, order 2 in time. Any number of cells: on even ones ∂ annihilates the Nyquist mode, on
+/// which the step's matrix then has the kernel that it has on the constant; it is held there too (StillWaves), and the
+/// first level has no Nyquist mode where a potential cannot. The linear systems are solved in Fourier space, with GMRES where S'' varies much.
 /// \throws std::invalid_argument as make_box_scheme, but for the number of cells; `first` from initial_level() with
 /// Placement::nodes
 [[nodiscard]] std::unique_ptr<LatticeScheme> make_fourier_scheme(const MultisymplecticSystem& system,

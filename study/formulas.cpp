@@ -181,6 +181,15 @@ formula::Expression build_formula(const FormulaText& text, formula::Graph& graph
     return formula::parse(text.text, graph, {resolve, call, suggestions});
   } catch (const formula::ParseError& error) {
     std::string remark = remark_on(name_at(text.text, error.offset()), vocabulary);
+    constexpr std::size_t longest_list = 12;
+    if (remark.empty() && error.reason().starts_with("unknown name") && error.reason().ends_with("'")) {
+      // Nothing near it: what there is.
+      std::sort(suggestions.begin(), suggestions.end());
+      suggestions.erase(std::unique(suggestions.begin(), suggestions.end()), suggestions.end());
+      remark = names.empty() && parameters.empty()  ? "\nno names are known here, but for pi and the functions"
+               : suggestions.size() <= longest_list ? fmt::format("\nknown here: {}", fmt::join(suggestions, ", "))
+                                                    : "";
+    }
     throw ProblemError(place_in_file(text.location, error.line(), error.column()), error.what() + remark);
   }
 }

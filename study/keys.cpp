@@ -141,6 +141,19 @@ std::vector<std::string_view> keys_of(std::string_view table) {
   return names;
 }
 
+std::optional<std::string_view> table_of(std::string_view key) {
+  std::optional<std::string_view> table;
+  for (const KeyEntry& known : problem_keys()) {
+    if (known.name == key) {
+      if (table) {
+        return std::nullopt;
+      }
+      table = known.table;
+    }
+  }
+  return table && !table->empty() ? table : std::nullopt;
+}
+
 bool is_documented(std::string_view table, std::string_view key) {
   const std::string_view name = documented_name(table);
   const auto entry = std::ranges::find(problem_tables(), name, &TableEntry::name);

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <array>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -32,6 +33,9 @@ struct KeyEntry {
 
 /// Whether the reader may ask for a key; "grid.y" and "grid.z" are as "grid.x".
 [[nodiscard]] bool is_documented(std::string_view table, std::string_view key);
+
+/// The one table that has a key of that name; nothing if none has it, or several have.
+[[nodiscard]] std::optional<std::string_view> table_of(std::string_view key);
 
 // In the order of the enumerations.
 inline constexpr std::array<std::string_view, 7> lagrangian_words = {"midpoint", "forward", "generating", "custom",

@@ -60,9 +60,11 @@ void Section::finish() const {
       continue;
     }
     const auto nearest = formula::nearest_name(entry.key, known_);
+    const auto owner = table_of(entry.key);
     const std::string where = name_.empty() ? "" : " in " + name_;
     constexpr std::size_t longest_list = 20;
-    const std::string advice = nearest                        ? fmt::format("did you mean {}?", *nearest)
+    const std::string advice = owner                          ? fmt::format("it belongs to [{}]", *owner)
+                               : nearest                      ? fmt::format("did you mean {}?", *nearest)
                                : known_.size() > longest_list ? "see the list of names"
                                                               : fmt::format("known here: {}", fmt::join(known_, ", "));
     throw ProblemError(entry.location, fmt::format("unknown {} {}{}; {}", entry.value.table() ? "table" : "key",
@@ -136,10 +138,21 @@ double read_number(const Value& value, std::string_view what, std::span<const Pa
 
 std::int64_t read_integer(const Value& value, std::string_view what, std::span<const Parameter> parameters,
                           std::int64_t least) {
+  if (const auto* integer = std::get_if<std::int64_t>(&value.data)) {
+    if (*integer < least) {
+      throw ProblemError(value.location,
+                         fmt::format("{} = {}: expected an integer, at least {}", what, *integer, least));
+    }
+    return *integer;
+  }
   constexpr double largest = 9007199254740992.0;  // 2^53: beyond it not every integer is a double
   const double number = read_number(value, what, parameters);
-  if (number != std::round(number) || number < static_cast<double>(least) || number > largest) {
+  if (number != std::round(number) || number < static_cast<double>(least)) {
     throw ProblemError(value.location, fmt::format("{} = {}: expected an integer, at least {}", what, number, least));
+  }
+  if (number > largest) {
+    throw ProblemError(value.location, fmt::format("{} = {} is too large: not every integer beyond {} is a double",
+                                                   what, number, static_cast<std::int64_t>(largest)));
   }
   return static_cast<std::int64_t>(number);
 }

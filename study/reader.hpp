@@ -50,7 +50,7 @@ private:
 [[nodiscard]] FormulaText read_formula(const Value& value, std::string_view what);
 /// A finite number, given as a number or as a formula of the parameters.
 [[nodiscard]] double read_number(const Value& value, std::string_view what, std::span<const Parameter> parameters);
-/// The same, with an integer value between `least` and 2^53.
+/// The same, with an integer value from `least` on: any written as an integer, a formula's up to 2^53.
 [[nodiscard]] std::int64_t read_integer(const Value& value, std::string_view what,
                                         std::span<const Parameter> parameters, std::int64_t least);
 /// One of `words`; the answer is its place among them.
