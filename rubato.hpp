@@ -20,6 +20,7 @@
 #include <rubato/report/xdmf.hpp>
 #include <rubato/study/browse.hpp>
 #include <rubato/study/check.hpp>
+#include <rubato/study/help.hpp>
 #include <rubato/study/problem.hpp>
 #include <rubato/study/record_notes.hpp>
 #include <rubato/study/run.hpp>

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <fmt/format.h>
@@ -156,7 +157,21 @@ private:
         }
       }
     }
-    return allowed;
+    return largest_of_corners(std::move(allowed));
+  }
+
+  /// Of a cell's nodes.
+  [[nodiscard]] Values largest_of_corners(Values values) const {
+    for (int a = 0; a < grid_.dimensions(); ++a) {
+      Values line(grid_.cells(a));
+      for (const grids::Line& at : grids::lines_along(grid_, a)) {
+        at.read(values.data(), line);
+        for (std::size_t i = 0; i < line.size(); ++i) {
+          values[at.first + i * at.stride] = std::max(line[i], line[(i + 1) % line.size()]);
+        }
+      }
+    }
+    return values;
   }
 
   /// What the derivatives of the other fields make of their jumps across the seam: J/Δx.

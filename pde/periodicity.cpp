@@ -13,7 +13,7 @@ namespace rubato {
 
 namespace {
 
-constexpr std::size_t shortest_line = 16;
+constexpr std::size_t shortest_line = 20;
 constexpr std::size_t nearest = 4;  ///< a stencil of five nodes reaches 2 to each side of a break
 constexpr std::size_t farthest = 10;
 constexpr double standing_out = 10.0;
@@ -21,50 +21,47 @@ constexpr double beyond_inside = 4.5;  ///< a kink between two nodes gives a qua
 constexpr double of_second_difference = 0.02;
 constexpr double rounding = 1e-12;
 
-/// What one line says.
-struct LineBreak {
-  double seam = 0.0;    ///< by how much a node at the seam stands out
-  double inside = 0.0;  ///< the same of nodes inside
-  double fourth = 0.0;  ///< the largest |D⁴| at the seam
-  double second = 0.0;  ///< the largest second difference inside
-};
-
-class LineReader {
+/// One line of values, round its period.
+class Line {
 public:
-  explicit LineReader(std::size_t cells) : line_(cells), fourth_(cells) {}
+  explicit Line(std::size_t cells) : values_(cells), reach_(std::min(farthest, cells / 2 - 1)) {}
 
-  LineBreak operator()(const grids::Line& at, const double* values) {
-    at.read(values, line_);
-    const std::size_t n = line_.size();
-    const auto z = [&](std::size_t i) { return line_[i % n]; };
-    LineBreak result;
-    for (std::size_t i = 0; i < n; ++i) {
-      fourth_[i] = std::abs(z(i + n - 2) - 4.0 * z(i + n - 1) + 6.0 * z(i) - 4.0 * z(i + 1) + z(i + 2));
-      if (i > 0 && i + 1 < n) {
-        result.second = std::max(result.second, std::abs(z(i - 1) - 2.0 * z(i) + z(i + 1)));
+  void read(const grids::Line& at, const double* values) { at.read(values, values_); }
+
+  [[nodiscard]] double at(std::size_t i) const { return values_[i % values_.size()]; }
+  [[nodiscard]] double second(std::size_t i) const {
+    return std::abs(at(i + values_.size() - 1) - 2.0 * at(i) + at(i + 1));
+  }
+  [[nodiscard]] double fourth(std::size_t i) const {
+    const std::size_t n = values_.size();
+    return std::abs(at(i + n - 2) - 4.0 * at(i + n - 1) + 6.0 * at(i) - 4.0 * at(i + 1) + at(i + 2));
+  }
+  [[nodiscard]] bool at_seam(std::size_t i) const { return i < 2 || i + 2 >= values_.size(); }
+
+  /// By how much a node stands out among those around it; what the seam does to them is not looked at.
+  [[nodiscard]] double standing_out_at(std::size_t i) const {
+    const std::size_t n = values_.size();
+    const double own = fourth(i);
+    double around = 0.0;
+    for (std::size_t away = nearest; away <= reach_ && own > standing_out * around; ++away) {
+      for (const std::size_t j : {(i + away) % n, (i + n - away) % n}) {
+        around = at_seam(j) ? around : std::max(around, fourth(j));
       }
     }
-    const std::size_t reach = std::min(farthest, n / 2 - nearest);
-    for (std::size_t i = 0; i < n; ++i) {
-      const bool at_seam = i < 2 || i + 2 >= n;
-      if (!at_seam && (i < 2 + nearest || i + 2 + nearest >= n)) {
-        continue;  // sees the seam itself
-      }
-      double around = 0.0;
-      for (std::size_t away = nearest; away <= reach; ++away) {
-        around = std::max({around, fourth_[(i + away) % n], fourth_[(i + n - away) % n]});
-      }
-      const double out = fourth_[i] - standing_out * around;
-      (at_seam ? result.seam : result.inside) = std::max(at_seam ? result.seam : result.inside, out);
-      result.fourth = at_seam ? std::max(result.fourth, fourth_[i]) : result.fourth;
-    }
-    return result;
+    return own - standing_out * around;
   }
 
-  [[nodiscard]] const std::vector<double>& line() const { return line_; }
+  /// The same of the seam.
+  [[nodiscard]] double seam() const {
+    const std::size_t n = values_.size();
+    return std::max({standing_out_at(0), standing_out_at(1), standing_out_at(n - 2), standing_out_at(n - 1)});
+  }
+
+  [[nodiscard]] const std::vector<double>& values() const { return values_; }
 
 private:
-  std::vector<double> line_, fourth_;
+  std::vector<double> values_;
+  std::size_t reach_;
 };
 
 /// What kind of break the line has.
@@ -91,30 +88,39 @@ SeamBreak classify(const std::vector<double>& line, int axis, std::size_t node, 
 
 std::optional<SeamBreak> find_seam_break(const grids::Grid& grid, std::span<const double> values) {
   std::optional<SeamBreak> worst;
-  double most = 0.0;
-  const double size = grids::max_abs(values);
+  double most = rounding * grids::max_abs(values);
   for (int a = 0; a < grid.dimensions(); ++a) {
-    if (grid.cells(a) < shortest_line) {
+    const std::size_t n = grid.cells(a);
+    if (n < shortest_line) {
       continue;
     }
-    LineReader read(grid.cells(a));
-    LineBreak all;
+    Line line(n);
+    const auto lines = grids::lines_along(grid, a);
+    double seam = 0.0;
     grids::Line shown;
-    for (const grids::Line& at : grids::lines_along(grid, a)) {
-      const LineBreak line = read(at, values.data());
-      if (line.seam > all.seam) {
-        all.seam = line.seam;
-        all.fourth = line.fourth;
+    for (const grids::Line& at : lines) {
+      line.read(at, values.data());
+      if (const double out = line.seam(); out > seam) {
+        seam = out;
         shown = at;
       }
-      all.inside = std::max(all.inside, line.inside);
-      all.second = std::max(all.second, line.second);
     }
-    if (all.seam > beyond_inside * all.inside && all.fourth / 3.0 > of_second_difference * all.second &&
-        all.seam > rounding * size && all.seam > most) {
-      most = all.seam;
-      static_cast<void>(read(shown, values.data()));
-      worst = classify(read.line(), a, shown.first, grid.spacing(a));
+    if (seam <= most) {
+      continue;
+    }
+    double inside = 0.0;
+    double second = 0.0;
+    for (const grids::Line& at : lines) {
+      line.read(at, values.data());
+      for (std::size_t i = 2; i + 2 < n; ++i) {
+        inside = std::max(inside, line.standing_out_at(i));
+        second = std::max(second, line.second(i));
+      }
+    }
+    if (seam > beyond_inside * inside && seam > 3.0 * of_second_difference * second) {
+      most = seam;
+      line.read(shown, values.data());
+      worst = classify(line.values(), a, shown.first, grid.spacing(a));
     }
   }
   return worst;

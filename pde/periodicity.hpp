@@ -23,7 +23,7 @@ struct SeamBreak {
 /// at a distance of 4 to 10 cells. Smooth data that repeat stand out nowhere, nor do random ones, whose neighbours are
 /// as rough; a jump J gives 3 J at the seam and a jump J' of the slope 2 Δx J'. The seam is broken if a node next to it
 /// stands out, 4.5 times as much as any inside (data may have fronts and cusps there, too), and by more than a
-/// fiftieth of the largest second difference: less is lost in the truncation error. Lines shorter than 16 cells say
+/// fiftieth of the largest second difference: less is lost in the truncation error. Lines shorter than 20 cells say
 /// too little.
 [[nodiscard]] std::optional<SeamBreak> find_seam_break(const grids::Grid& grid, std::span<const double> values);
 

@@ -4,7 +4,9 @@
 #include <array>
 #include <cmath>
 #include <complex>
+#include <limits>
 #include <numbers>
+#include <set>
 #include <utility>
 
 #include <fmt/format.h>
@@ -63,6 +65,106 @@ MatrixXd basis_with_kernel(const MatrixXd& kernel, Index d) {
   return Z;
 }
 
+/// e^{2πi m/n}.
+Complex unit_root(std::size_t m, std::size_t n) {
+  return std::polar(1.0, 2.0 * std::numbers::pi * static_cast<double>(m % n) / static_cast<double>(n));
+}
+
+/// Σ c_j σ^j, found from values on circles. Numbers of any size: each with a logarithm of its own.
+class Polynomial {
+public:
+  explicit Polynomial(std::size_t size) : coefficient_(size, 0.0), logarithm_(size, 0.0), share_(size, significant) {}
+
+  [[nodiscard]] std::size_t size() const { return coefficient_.size(); }
+
+  /// Values times e^logs at the unit roots times radius.
+  void observe(double radius, const std::vector<Complex>& values, const std::vector<double>& logs) {
+    const double largest = *std::ranges::max_element(logs);
+    if (!std::isfinite(largest)) {
+      return;
+    }
+    std::vector<Complex> terms;  // c_j radius^j / e^largest
+    double most = 0.0;
+    for (std::size_t j = 0; j < size(); ++j) {
+      Complex sum = 0.0;
+      for (std::size_t m = 0; m < size(); ++m) {
+        sum += values[m] * std::exp(logs[m] - largest) * std::conj(unit_root(j * m, size()));
+      }
+      terms.push_back(sum / static_cast<double>(size()));
+      most = std::max(most, std::abs(terms.back()));
+    }
+    for (std::size_t j = 0; j < size(); ++j) {
+      if (const double share = std::abs(terms[j]) / most; share > share_[j]) {
+        share_[j] = share;
+        coefficient_[j] = terms[j];
+        logarithm_[j] = largest - static_cast<double>(j) * std::log(radius);
+      }
+    }
+  }
+
+  /// The geometric mean of the sizes of the roots that are not 0, if there are any.
+  [[nodiscard]] std::optional<double> scale_of_roots() const {
+    const std::size_t top = degree();
+    const std::size_t low = lowest();
+    if (top <= low) {
+      return std::nullopt;
+    }
+    return std::exp((log_of(low) - log_of(top)) / static_cast<double>(top - low));
+  }
+
+  [[nodiscard]] std::vector<Complex> roots() const {
+    const std::size_t low = lowest();
+    const std::size_t top = degree();
+    const auto scale = scale_of_roots();
+    if (!scale) {
+      return {};
+    }
+    std::vector<Complex> result(low, 0.0);
+    const auto count = static_cast<Index>(top - low);
+    MatrixXcd companion = MatrixXcd::Zero(count, count);
+    for (Index i = 0; i < count; ++i) {
+      const std::size_t j = low + static_cast<std::size_t>(i);
+      if (coefficient_[j] != 0.0) {
+        const double log = logarithm_[j] - logarithm_[top] - static_cast<double>(top - j) * std::log(*scale);
+        companion(i, count - 1) = -coefficient_[j] / coefficient_[top] * std::exp(log);
+      }
+      if (i > 0) {
+        companion(i, i - 1) = 1.0;
+      }
+    }
+    if (!companion.allFinite()) {
+      return {};
+    }
+    const VectorXcd values = Eigen::ComplexEigenSolver<MatrixXcd>(companion, false).eigenvalues();
+    for (const Complex& value : values) {
+      result.push_back(value * *scale);
+    }
+    return result;
+  }
+
+private:
+  [[nodiscard]] double log_of(std::size_t j) const { return std::log(std::abs(coefficient_[j])) + logarithm_[j]; }
+  /// Of the last coefficient that is not 0, and of the first.
+  [[nodiscard]] std::size_t degree() const {
+    std::size_t top = size() - 1;
+    while (top > 0 && coefficient_[top] == 0.0) {
+      --top;
+    }
+    return top;
+  }
+  [[nodiscard]] std::size_t lowest() const {
+    std::size_t low = 0;
+    while (low < degree() && coefficient_[low] == 0.0) {
+      ++low;
+    }
+    return low;
+  }
+
+  std::vector<Complex> coefficient_;
+  std::vector<double> logarithm_;  ///< of a factor beside each
+  std::vector<double> share_;      ///< of the circle that showed it best
+};
+
 /// All waves of the same direction: σ as a function of the length of k.
 class Pencil {
 public:
@@ -70,52 +172,17 @@ public:
       : Z_(basis_with_kernel(kernel, M.rows())), M_(congruent(Z_, M.cast<Complex>())) {}
 
   /// The polynomial det(σM - B) is known by its values on circles, each of which shows the coefficients that matter
-  /// there.
+  /// there; one more, through the roots' geometric mean, shows those of roots alike in size best.
   [[nodiscard]] std::vector<Complex> roots(const MatrixXcd& matrix) const {
     const MatrixXcd B = congruent(Z_, matrix);
-    const Index d = M_.rows();
-    const Index count = d + 1;
-    std::vector<Complex> coefficient(static_cast<std::size_t>(count), 0.0);  // of σ^j
-    std::vector<double> logarithm(coefficient.size(), 0.0);                  // its factor e^…
-    std::vector<double> weight(coefficient.size(), significant);
+    Polynomial polynomial(static_cast<std::size_t>(M_.rows()) + 1);
     for (int power = -8; power <= 24; power += 2) {
-      const double radius = std::pow(10.0, power);
-      std::vector<Complex> values;
-      std::vector<double> logs;
-      for (Index m = 0; m < count; ++m) {
-        const Complex sigma =
-            std::polar(radius, 2.0 * std::numbers::pi * static_cast<double>(m) / static_cast<double>(count));
-        const auto [value, log] = determinant(sigma * M_ - B);
-        values.push_back(value);
-        logs.push_back(log);
-      }
-      const double largest = *std::ranges::max_element(logs);
-      if (!std::isfinite(largest)) {
-        continue;
-      }
-      std::vector<Complex> terms;  // c_j radius^j / e^largest
-      double most = 0.0;
-      for (Index j = 0; j < count; ++j) {
-        Complex sum = 0.0;
-        for (Index m = 0; m < count; ++m) {
-          const auto i = static_cast<std::size_t>(m);
-          sum += values[i] * std::exp(logs[i] - largest) *
-                 std::polar(1.0,
-                            -2.0 * std::numbers::pi * static_cast<double>(j * m % count) / static_cast<double>(count));
-        }
-        terms.push_back(sum / static_cast<double>(count));
-        most = std::max(most, std::abs(terms.back()));
-      }
-      for (Index j = 0; j < count; ++j) {
-        const auto i = static_cast<std::size_t>(j);
-        if (const double share = std::abs(terms[i]) / most; share > weight[i]) {
-          weight[i] = share;
-          coefficient[i] = terms[i];
-          logarithm[i] = largest - static_cast<double>(j) * std::log(radius);
-        }
-      }
+      observe(polynomial, std::pow(10.0, power), B);
     }
-    return roots_of(coefficient, logarithm);
+    if (const auto scale = polynomial.scale_of_roots()) {
+      observe(polynomial, *scale, B);
+    }
+    return polynomial.roots();
   }
 
 private:
@@ -136,43 +203,16 @@ private:
     return {value, log};
   }
 
-  static std::vector<Complex> roots_of(const std::vector<Complex>& coefficient, const std::vector<double>& logarithm) {
-    std::size_t degree = coefficient.size();
-    while (degree > 0 && coefficient[degree - 1] == 0.0) {
-      --degree;
+  void observe(Polynomial& polynomial, double radius, const MatrixXcd& B) const {
+    const std::size_t count = polynomial.size();
+    std::vector<Complex> values;
+    std::vector<double> logs;
+    for (std::size_t m = 0; m < count; ++m) {
+      const auto [value, log] = determinant(radius * unit_root(m, count) * M_ - B);
+      values.push_back(value);
+      logs.push_back(log);
     }
-    std::size_t lowest = 0;  // σ = 0, so many times
-    while (lowest < degree && coefficient[lowest] == 0.0) {
-      ++lowest;
-    }
-    std::vector<Complex> roots(lowest < degree ? lowest : 0, 0.0);
-    if (degree < lowest + 2) {
-      return roots;
-    }
-    // In units in which the first and the last coefficient are alike: the roots' geometric mean.
-    const std::size_t top = degree - 1;
-    const auto log_of = [&](std::size_t j) { return std::log(std::abs(coefficient[j])) + logarithm[j]; };
-    const double unit = (log_of(lowest) - log_of(top)) / static_cast<double>(top - lowest);
-    const auto size = static_cast<Index>(top - lowest);
-    MatrixXcd companion = MatrixXcd::Zero(size, size);
-    for (Index i = 0; i < size; ++i) {
-      const std::size_t j = lowest + static_cast<std::size_t>(i);
-      if (coefficient[j] != 0.0) {
-        const double log = logarithm[j] - logarithm[top] + (static_cast<double>(j) - static_cast<double>(top)) * unit;
-        companion(i, size - 1) = -coefficient[j] / coefficient[top] * std::exp(log);
-      }
-      if (i > 0) {
-        companion(i, i - 1) = 1.0;
-      }
-    }
-    if (!companion.allFinite()) {
-      return {};
-    }
-    const VectorXcd values = Eigen::ComplexEigenSolver<MatrixXcd>(companion, false).eigenvalues();
-    for (const Complex& value : values) {
-      roots.push_back(value * std::exp(unit));
-    }
-    return roots;
+    polynomial.observe(radius, values, logs);
   }
 
   MatrixXd Z_;
@@ -198,22 +238,33 @@ std::vector<std::array<double, 3>> directions_of(int dimensions) {
   return result;
 }
 
-/// The mean of a level and its values at some nodes; 0 for fields that a level does not have.
+/// The mean of a level and its values at some nodes, those where a field is least or greatest among them; 0 for fields
+/// that a level does not have.
 std::vector<std::vector<double>> states_of(const MultisymplecticSystem& system, const LatticeLevel& level) {
   const std::size_t nodes = level.fields.size();
-  const std::size_t samples = std::min(nodes, sample_states);
-  std::vector<std::vector<double>> states(samples + 1, std::vector<double>(system.fields().size(), 0.0));
+  std::set<std::size_t> samples;
+  for (std::size_t s = 0; s < sample_states; ++s) {
+    // Multiples of the golden mean: not in step with the grid's rows.
+    const double place = std::fmod(static_cast<double>(s) * std::numbers::phi, 1.0);
+    samples.insert(std::min(nodes - 1, static_cast<std::size_t>(place * static_cast<double>(nodes))));
+  }
+  std::vector<double> mean(system.fields().size(), 0.0);
   for (int f = 0; f < system.field_count(); ++f) {
-    if (system.structure().at_midpoints(f)) {
-      continue;
+    if (!system.structure().at_midpoints(f)) {
+      const std::span<const double> values = level.fields.field(f);
+      mean[static_cast<std::size_t>(f)] = grids::sum(values) / static_cast<double>(nodes);
+      const auto [least, greatest] = std::ranges::minmax_element(values);
+      samples.insert(
+          {static_cast<std::size_t>(least - values.begin()), static_cast<std::size_t>(greatest - values.begin())});
     }
-    const std::span<const double> values = level.fields.field(f);
-    const auto i = static_cast<std::size_t>(f);
-    states[0][i] = grids::sum(values) / static_cast<double>(nodes);
-    for (std::size_t s = 0; s < samples; ++s) {
-      // Multiples of the golden mean: not in step with the grid's rows.
-      const double place = std::fmod(static_cast<double>(s) * std::numbers::phi, 1.0);
-      states[s + 1][i] = values[std::min(nodes - 1, static_cast<std::size_t>(place * static_cast<double>(nodes)))];
+  }
+  std::vector<std::vector<double>> states{mean};
+  for (const std::size_t node : samples) {
+    std::vector<double>& state = states.emplace_back(mean.size(), 0.0);
+    for (int f = 0; f < system.field_count(); ++f) {
+      if (!system.structure().at_midpoints(f)) {
+        state[static_cast<std::size_t>(f)] = level.fields.field(f)[node];
+      }
     }
   }
   return states;
@@ -272,8 +323,8 @@ std::optional<ShortWaveGrowth> find_short_wave_growth(const MultisymplecticSyste
       }
       worst = ShortWaveGrowth{wave, here.growth, rates(2.0).growth, about_mean ? std::vector<double>() : state};
     }
-    if (worst || system.varying_hessian().empty()) {
-      break;  // nothing new can be said
+    if ((worst && about_mean) || system.varying_hessian().empty()) {
+      break;  // it does not take a special state
     }
     about_mean = false;
   }

@@ -28,7 +28,7 @@ struct ShortWaveGrowth {
 /// det(σM + iΣ k_a K_a - S'') = 0. The largest Re σ is looked at for the shortest waves of the grid along the axes and
 /// their diagonals, and on to 64 times as short: growth by more than the third root of that, and not small beside |σ|,
 /// is without bound. Instabilities of physics, such as that of modulated waves, stay below one rate and are not meant.
-/// States: the mean of the level and its values at some of the nodes.
+/// States: the mean of the level and its values at some of the nodes, those of the extremes of each field among them.
 ///
 /// What is found with coefficients frozen is necessary for being well-posed, not sufficient.
 [[nodiscard]] std::optional<ShortWaveGrowth> find_short_wave_growth(const MultisymplecticSystem& system,

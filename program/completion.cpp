@@ -23,7 +23,7 @@ struct Command {
   std::string name, description;
   std::vector<Option> options;
   bool takes_catalogue_name = false, takes_file = false;
-  std::string words;  ///< what it may be given, with spaces between them
+  std::string words = {};  ///< what it may be given, with spaces between them
 };
 
 /// The names of what has names, with spaces between them.

@@ -149,7 +149,8 @@ private:
     std::vector<std::string> known = command_names();
     const auto& topics = rubato::study::help_topics();
     if (name_.empty()) {
-      rubato::program::print(app_.help());
+      // App::help() would be that of the command chosen, which is this one.
+      rubato::program::print(app_.get_formatter()->make_help(&app_, app_.get_name(), CLI::AppFormatMode::Normal));
     } else if (std::ranges::find(topics, name_) != topics.end()) {
       rubato::program::print(rubato::study::help_text(name_));
     } else if (std::ranges::find(known, name_) != known.end()) {

@@ -26,7 +26,10 @@ std::string wrapped(std::string_view text, std::size_t indent) {
       result += std::string(indent, ' ') + line + "\n";
       line.clear();
     }
-    line += (line.empty() ? "" : " ") + std::string(text.substr(0, end));
+    if (!line.empty()) {
+      line += ' ';
+    }
+    line += text.substr(0, end);
     text.remove_prefix(std::min(end + 1, text.size()));
   }
   return line.empty() ? result : result + std::string(indent, ' ') + line + "\n";

@@ -321,6 +321,42 @@ case $case_name in
     check "catalogue names" test "$(complete_words rubato show kep)" = kepler
     check "options" test "$(complete_words rubato run --th)" = --threads
     check "and nothing else" test -z "$(complete_words rubato run --nonsense)"
+    check "topics of help" test "$(complete_words rubato help fo)" = formulas
+    check "and commands" test "$(complete_words rubato help res)" = resume
+    ;;
+  help)
+    run help
+    expect 0 'rubato show pendulum > mine.toml'
+    run help formulas
+    expect 0 'atan2(y, x)'
+    run help problem
+    expect 0 '[scheme]'
+    check "lines fit a terminal" test "$(wc -L <out)" -le 100
+    run help run
+    expect 0 'Usage: rubato run'
+    run help formula
+    expect 2 'did you mean formulas?'
+    run help xyzzy
+    expect 2 'Topics: formulas, problem'
+    run hepl
+    expect 2 'did you mean help?'
+    run run pendulum --set step=0.1
+    expect 2 'it belongs to [scheme]'
+    run run pendulum --set 'hamiltonian.H=p^2/2 - cos(zz)'
+    expect 2 'known here: p, q'
+    run run pendulum --set scheme.max_steps=1e300
+    expect 2 'too large'
+    nothing_written
+    ;;
+  warnings)
+    cp "$source_folder"/tests/defects/files/not-periodic.toml .
+    run run not-periodic.toml
+    expect 0
+    check "a warning, once" test "$(grep -c 'is not periodic in x' err)" -eq 1
+    run run not-periodic.toml --force --json
+    check "JSON alone on standard output" test "$(grep -c 'not periodic' out)" -eq 0
+    run run not-periodic.toml --force --quiet
+    check "nothing when quiet" test ! -s err
     ;;
   interrupt)
     for signal in INT TERM HUP; do
