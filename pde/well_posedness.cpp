@@ -11,8 +11,6 @@
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
-#include <Eigen/Eigenvalues>
-#include <Eigen/LU>
 
 #include <rubato/grids/reductions.hpp>
 
@@ -24,7 +22,6 @@ using Complex = std::complex<double>;
 using Eigen::Index;
 using Eigen::MatrixXcd;
 using Eigen::MatrixXd;
-using Eigen::VectorXcd;
 
 constexpr double cancelled = 1e-13;    ///< of the sum of |terms|
 constexpr double significant = 1e-6;   ///< of the largest term of the polynomial on some circle
@@ -46,23 +43,54 @@ MatrixXcd congruent(const MatrixXd& Z, const MatrixXcd& X) {
   return result;
 }
 
-/// Unit vectors that complete the kernel, and the kernel: in these, M is 0 where it should be, exactly.
+/// Unit vectors that complete the kernel, and the kernel: in these, M is 0 where it should be, exactly. In reduced
+/// echelon form the first entry of a column is the only one of its row: that unit vector is left out.
 MatrixXd basis_with_kernel(const MatrixXd& kernel, Index d) {
-  MatrixXd Z(d, 0);
-  const auto add = [&](const Eigen::VectorXd& vector) {
-    MatrixXd extended(d, Z.cols() + 1);
-    extended << Z, vector;
-    if (Eigen::FullPivLU<MatrixXd>(extended).rank() == extended.cols()) {
-      Z = extended;
-    }
-  };
+  std::vector<bool> pivot(static_cast<std::size_t>(d), false);
   for (Index c = 0; c < kernel.cols(); ++c) {
-    add(kernel.col(c));
+    Index row = 0;
+    while (row + 1 < d && kernel(row, c) == 0.0) {
+      ++row;
+    }
+    pivot[static_cast<std::size_t>(row)] = true;
   }
-  for (Index f = 0; f < d; ++f) {
-    add(Eigen::VectorXd::Unit(d, f));
+  MatrixXd Z = MatrixXd::Zero(d, d);
+  Z.leftCols(kernel.cols()) = kernel;
+  Index column = kernel.cols();
+  for (Index f = 0; f < d && column < d; ++f) {
+    if (!pivot[static_cast<std::size_t>(f)]) {
+      Z(f, column++) = 1.0;
+    }
   }
   return Z;
+}
+
+/// The roots of σⁿ + a[n-1] σⁿ⁻¹ + … + a[0], whose sizes are about 1, by the iteration of Weierstrass for all at once:
+/// multiple ones come out as accurate as rounding in the coefficients leaves them.
+std::vector<Complex> roots_of_monic(const std::vector<Complex>& a) {
+  constexpr int most_iterations = 300;
+  std::vector<Complex> roots;
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    roots.push_back(std::pow(Complex(0.4, 0.9), static_cast<double>(i)));  // neither real nor on one circle
+  }
+  for (int iteration = 0; iteration < most_iterations; ++iteration) {
+    double change = 0.0;
+    for (std::size_t i = 0; i < roots.size(); ++i) {
+      Complex value = 1.0;
+      Complex others = 1.0;
+      for (std::size_t j = a.size(); j > 0; --j) {
+        value = value * roots[i] + a[j - 1];
+        others *= j - 1 == i ? 1.0 : roots[i] - roots[j - 1];
+      }
+      const Complex step = others == 0.0 ? Complex(1e-8, 1e-8) : value / others;
+      roots[i] -= step;
+      change = std::max(change, std::abs(step) / std::max(1.0, std::abs(roots[i])));
+    }
+    if (!(change > 1e-14)) {
+      break;
+    }
+  }
+  return roots;
 }
 
 /// e^{2πi m/n}.
@@ -119,25 +147,14 @@ public:
     if (!scale) {
       return {};
     }
+    std::vector<Complex> monic;  // in units of the scale
+    for (std::size_t j = low; j < top; ++j) {
+      const double log = logarithm_[j] - logarithm_[top] - static_cast<double>(top - j) * std::log(*scale);
+      monic.push_back(coefficient_[j] == 0.0 ? 0.0 : coefficient_[j] / coefficient_[top] * std::exp(log));
+    }
     std::vector<Complex> result(low, 0.0);
-    const auto count = static_cast<Index>(top - low);
-    MatrixXcd companion = MatrixXcd::Zero(count, count);
-    for (Index i = 0; i < count; ++i) {
-      const std::size_t j = low + static_cast<std::size_t>(i);
-      if (coefficient_[j] != 0.0) {
-        const double log = logarithm_[j] - logarithm_[top] - static_cast<double>(top - j) * std::log(*scale);
-        companion(i, count - 1) = -coefficient_[j] / coefficient_[top] * std::exp(log);
-      }
-      if (i > 0) {
-        companion(i, i - 1) = 1.0;
-      }
-    }
-    if (!companion.allFinite()) {
-      return {};
-    }
-    const VectorXcd values = Eigen::ComplexEigenSolver<MatrixXcd>(companion, false).eigenvalues();
-    for (const Complex& value : values) {
-      result.push_back(value * *scale);
+    for (const Complex& root : roots_of_monic(monic)) {
+      result.push_back(root * *scale);
     }
     return result;
   }
@@ -186,19 +203,31 @@ public:
   }
 
 private:
-  /// A determinant as value · e^log, |value| = 1 or 0.
-  static std::pair<Complex, double> determinant(const MatrixXcd& matrix) {
-    const Eigen::PartialPivLU<MatrixXcd> lu(matrix);
-    Complex value = static_cast<double>(lu.permutationP().determinant());
+  /// A determinant as value · e^log, |value| = 1 or 0: elimination with row pivoting.
+  static std::pair<Complex, double> determinant(MatrixXcd A) {
+    const Index d = A.rows();
+    Complex value = 1.0;
     double log = 0.0;
-    for (Index i = 0; i < matrix.rows(); ++i) {
-      const Complex pivot = lu.matrixLU()(i, i);
-      const double size = std::abs(pivot);
+    for (Index k = 0; k < d; ++k) {
+      Index pivot = k;
+      for (Index i = k + 1; i < d; ++i) {
+        pivot = std::abs(A(i, k)) > std::abs(A(pivot, k)) ? i : pivot;
+      }
+      const double size = std::abs(A(pivot, k));
       if (!(size > 0.0) || !std::isfinite(size)) {
         return {0.0, -std::numeric_limits<double>::infinity()};
       }
-      value *= pivot / size;
+      value *= (pivot == k ? 1.0 : -1.0) * A(pivot, k) / size;
       log += std::log(size);
+      for (Index j = k; j < d; ++j) {
+        std::swap(A(k, j), A(pivot, j));
+      }
+      for (Index i = k + 1; i < d; ++i) {
+        const Complex factor = A(i, k) / A(k, k);
+        for (Index j = k; factor != 0.0 && j < d; ++j) {
+          A(i, j) -= factor * A(k, j);
+        }
+      }
     }
     return {value, log};
   }

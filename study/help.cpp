@@ -138,11 +138,19 @@ std::string problem() {
   for (const TableEntry& table : problem_tables()) {
     text += table.name.empty() ? "\nThe file\n" : fmt::format("\n[{}]\n", table.name);
     text += wrapped(table.meaning, 2);
+    std::vector<std::string> tables;
     for (const KeyEntry& key : problem_keys()) {
-      if (key.table == table.name) {
+      if (key.table != table.name) {
+        continue;
+      }
+      if (table.name.empty() && key.type == "table") {
+        tables.push_back(
+            fmt::format("[{}]{}", key.name, key.fallback == "none" ? "" : fmt::format(" ({})", key.fallback)));
+      } else {
         text += key_text(key);
       }
     }
+    text += tables.empty() ? "" : wrapped(fmt::format("Tables: {}.", fmt::join(tables, ", ")), 2);
     if (!table.names_what.empty()) {
       text += fmt::format("  {:<18}the value of {}\n", "NAME", table.names_what);
     }

@@ -11,7 +11,7 @@ namespace rubato::study {
 namespace {
 
 constexpr std::array<TableEntry, 14> all_tables{{
-    {"", "the file itself; one of [hamiltonian] and [multisymplectic] says what is to be solved"},
+    {"", "one of [hamiltonian] and [multisymplectic] says what is to be solved"},
     {"hamiltonian", "an orbit: q' = dH/dp, p' = -dH/dq"},
     {"multisymplectic", "a lattice: M z_t + K.x z_x (+ K.y z_y + K.z z_z) = grad S(z)"},
     {"multisymplectic.K", "the matrices of the space derivatives, one for each direction of the grid"},
@@ -45,16 +45,16 @@ std::vector<KeyEntry> make_keys() {
   const std::span words(lagrangian_words);
   return {
       {"", "title", "text", "the file's name", "What reports call the problem."},
-      {"", "hamiltonian", "table", none, "See [hamiltonian]."},
-      {"", "multisymplectic", "table", none, "See [multisymplectic]."},
-      {"", "grid", "table", "required for a lattice", "See [grid]."},
-      {"", "parameters", "table", none, "See [parameters]."},
-      {"", "initial", "table", required, "See [initial]."},
-      {"", "invariants", "table", none, "See [invariants]."},
-      {"", "exact", "table", none, "See [exact]."},
-      {"", "symmetries", "table", none, "See [symmetries]; for lattices."},
-      {"", "scheme", "table", required, "See [scheme]."},
-      {"", "output", "table", none, "See [output]."},
+      {"", "hamiltonian", "table", none, ""},
+      {"", "multisymplectic", "table", none, ""},
+      {"", "grid", "table", "required for a lattice", ""},
+      {"", "parameters", "table", none, ""},
+      {"", "initial", "table", required, ""},
+      {"", "invariants", "table", none, ""},
+      {"", "exact", "table", none, ""},
+      {"", "symmetries", "table", none, ""},
+      {"", "scheme", "table", required, ""},
+      {"", "output", "table", none, ""},
 
       {"hamiltonian", "q", "list of names", required, "The coordinates; \"r[3]\" declares the vector r1, r2, r3."},
       {"hamiltonian", "p", "list of names", required, "The momenta, in the same order."},

@@ -152,7 +152,8 @@ TEST_CASE("a sawtooth that a potential cannot have is taken out of the data, and
     u[i] += i % 2 == 0 ? 0.05 : -0.05;
   }
   const InitialLevel first = prepare_initial_level(system, grid, initial, Placement::nodes);
-  CHECK(largest_difference(first.level.fields.field(system.field("u")), smooth) < 1e-14);
+  // What the smooth data have of it themselves: their kink at the seam, exp(-25), and less.
+  CHECK(largest_difference(first.level.fields.field(system.field("u")), smooth) < 1e-11);
   REQUIRE(first.cautions.size() == 1);
   CHECK_THAT(first.cautions.front(), Catch::Contains("the initial u holds the sawtooth") && Catch::Contains("0.05") &&
                                          Catch::Contains("x = 49"));

@@ -1,0 +1,68 @@
+// Every lattice of the catalogue: nothing doubtful about it, and `fourier` runs it on even and odd numbers of cells.
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+#include <vector>
+
+#include <catch2/catch.hpp>
+
+#include <rubato/study/browse.hpp>
+#include <rubato/study/lattice_problem.hpp>
+#include <rubato/study/problem.hpp>
+
+using namespace rubato;
+using namespace rubato::study;
+
+namespace {
+
+std::vector<std::string> lattices() {
+  std::vector<std::string> names;
+  for (const CatalogueItem& item : list_catalogue()) {
+    if (item.is_lattice) {
+      names.push_back(item.name);
+    }
+  }
+  return names;
+}
+
+}  // namespace
+
+TEST_CASE("no lattice of the catalogue is called ill-posed, or its data not periodic") {
+  REQUIRE(lattices().size() > 10);
+  for (const std::string& name : lattices()) {
+    INFO(name);
+    CHECK(make_lattice(read_problem(name)).cautions() == std::vector<std::string>{});
+  }
+}
+
+TEST_CASE("fourier runs every lattice of the catalogue on 64, 65, 125 and 128 cells with both kinds of levels") {
+  for (const std::string& name : lattices()) {
+    for (const int cells : {64, 65, 125, 128}) {
+      for (const std::string levels : {"fixed", "variable"}) {
+        INFO(name << ", " << cells << " cells, " << levels);
+        std::vector<std::string> settings = {"scheme.lagrangian=fourier", "scheme.levels=" + levels,
+                                             "grid.x.cells=" + std::to_string(cells)};
+        const std::size_t directions = read_problem(name).multisymplectic()->axes.size();
+        if (directions > 1) {
+          settings.emplace_back(cells % 2 == 0 ? "grid.y.cells=27" : "grid.y.cells=24");
+        }
+        if (directions > 2) {
+          settings.emplace_back("grid.z.cells=4");
+        }
+        LatticeIntegrator lattice = make_lattice(read_problem(name, settings));
+        double energy = 0.0;
+        double scale = 0.0;
+        for (int step = 0; step < 3; ++step) {
+          const StepReport report = lattice.step();
+          REQUIRE(report.status == Status::success);
+          energy = step == 0 ? report.energy : energy;
+          scale = std::max({scale, std::abs(report.energy), std::abs(lattice.node().energy)});
+          if (levels == "variable" && !report.bridged) {
+            CHECK(std::abs(report.energy - energy) <= 1e-12 * scale);
+          }
+        }
+      }
+    }
+  }
+}
