@@ -36,11 +36,11 @@ public:
   void values(std::string_view name, std::string_view group, Axis axis, const std::string& path) {
     write(name, group, axis, path, source_.reader.read(path), 0.0);
   }
-  /// Their deviations from `initial`; if that is not given, from the first that there is.
+  /// Their deviations from `initial`; if that is not given or undefined, from the first that there is.
   void deviations(std::string_view name, std::string_view group, Axis axis, const std::string& path,
                   std::optional<double> initial = {}) {
     std::vector<double> y = source_.reader.read(path);
-    const double from = initial.value_or(first_defined(y));
+    const double from = initial && std::isfinite(*initial) ? *initial : first_defined(y);
     std::ranges::for_each(y, [from](double& value) { value -= from; });
     write(name, group, axis, path, std::move(y), from);
   }

@@ -2,6 +2,7 @@
 #include <array>
 #include <cmath>
 #include <fstream>
+#include <map>
 #include <regex>
 
 #include <hdf5.h>
@@ -86,16 +87,22 @@ TEST_CASE("what a record says cannot become part of the page's code") {
 
 TEST_CASE("a page has at most the size it may have, and uses it") {
   const sample::Folder folder;
-  sample::write_orbit(folder / "orbit.h5", {.steps = 60000, .dimension = 3});
-  sample::write_orbit(folder / "many.h5", {.steps = 4000, .dimension = 40});
-  sample::write_lattice(folder / "lattice.h5", {.levels = 400, .nx = 1001});
-  sample::write_lattice(folder / "long.h5", {.levels = 20000, .nx = 15});
-  sample::write_lattice(folder / "plane.h5", {.levels = 100, .nx = 128, .ny = 128});
-  sample::write_lattice(folder / "volume.h5", {.levels = 100, .nx = 64, .ny = 48, .nz = 3});
-  const std::string name = GENERATE("orbit.h5", "many.h5", "lattice.h5", "long.h5", "plane.h5", "volume.h5");
+  const std::string name = GENERATE("orbit", "many", "lattice", "long", "plane", "volume");
+  if (name == "orbit" || name == "many") {
+    sample::write_orbit(folder / name, name == "orbit" ? sample::OrbitRecord{.steps = 60000, .dimension = 3}
+                                                       : sample::OrbitRecord{.steps = 4000, .dimension = 40});
+  } else {
+    const std::map<std::string, sample::LatticeRecord> lattices{
+        {"lattice", {.levels = 400, .nx = 1001}},
+        {"long", {.levels = 20000, .nx = 15}},
+        {"plane", {.levels = 60, .nx = 128, .ny = 128}},
+        {"volume", {.levels = 60, .nx = 64, .ny = 48, .nz = 3}},
+    };
+    sample::write_lattice(folder / name, lattices.at(name));
+  }
   CAPTURE(name);
   const std::size_t full = page_of(folder / name, {.full = true}).size();
-  for (const std::size_t size : {600'000U, 1'000'000U, 2'000'000U, 5'000'000U}) {
+  for (const std::size_t size : {600'000U, 2'000'000U, 5'000'000U}) {
     CAPTURE(size, full);
     const std::size_t bytes = page_of(folder / name, {.max_bytes = size}).size();
     CHECK(bytes <= size);
