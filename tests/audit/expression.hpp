@@ -40,7 +40,10 @@ public:
     return evaluate(*node_, variables);
   }
 
-  /// Σ |term| over the terms of the outermost sum.
+  /// The numbers among the terms of the outermost sum, added up.
+  [[nodiscard]] double added_constant() const { return added_constant(*node_); }
+
+  /// Σ |term| over the terms of the outermost sum that are no constants.
   template <typename T>
   [[nodiscard]] long double sum_of_magnitudes(std::span<const T> variables) const {
     return sum_of_magnitudes(*node_, variables);
@@ -86,12 +89,19 @@ private:
     return variables[0];
   }
 
+  static double added_constant(const Node& node) {
+    const bool sum = node.kind == Kind::add || node.kind == Kind::subtract;
+    return node.kind == Kind::number ? node.number
+           : sum ? added_constant(*node.left) + (node.kind == Kind::add ? 1 : -1) * added_constant(*node.right)
+                 : 0.0;
+  }
+
   template <typename T>
   static long double sum_of_magnitudes(const Node& node, std::span<const T> variables) {
     if (node.kind == Kind::add || node.kind == Kind::subtract) {
       return sum_of_magnitudes(*node.left, variables) + sum_of_magnitudes(*node.right, variables);
     }
-    return magnitude(evaluate(node, variables));
+    return node.kind == Kind::number ? 0.0L : magnitude(evaluate(node, variables));
   }
 
   template <typename T>

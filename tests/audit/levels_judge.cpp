@@ -23,9 +23,6 @@ bool LevelsJudge::judge_levels() {
     findings_.add("shape", fmt::format("{} levels, {} steps", t_.size(), h_.size()));
     return false;
   }
-  for (const double energy : record_["/levels/node_energy"]) {
-    add_scale(energy);
-  }
   const double direction = rules_.until < rules_.start ? -1.0 : 1.0;
   if (t_[0] != rules_.start) {
     findings_.add("times", fmt::format("t_0 = {}", t_[0]));
@@ -85,8 +82,11 @@ void LevelsJudge::judge_energy(std::size_t k, const Bounded& energy) {
   }
   const long double target = told_["discrete_energy.value"];
   const long double off = std::abs(energy.value - target);
-  const long double limit =
-      rules_.tolerance * std::max(roundings_.scale, std::abs(target)) + evaluations * energy.error;
+  // What one unit in the last place of h does, from the step condition (|E_k - E| + rounding)/|h dE/dh|.
+  const long double condition = record_["/levels/step_condition"][k];
+  const long double met = rules_.tolerance * roundings_.scale + evaluations * energy.error;
+  const long double last_place = condition > 0 ? 2 * unit_roundoff * met / condition : 0.0L;
+  const long double limit = met + std::min(last_place, met);
   findings_.within("energy law", off, limit, [&] {
     return fmt::format("step {} of {}, not flagged, has E_k - E = {:.3g} in place of {:.3g} (E = {}, h = {})", k,
                        h_.size(), static_cast<double>(off), static_cast<double>(limit), static_cast<double>(target),
@@ -177,9 +177,10 @@ void LevelsJudge::deviation_told(const std::string& key, long double off) {
   const long double most = smallest > 0 ? off / smallest : 1.0L;
   const long double least = roundings_.scale > 0 ? off / roundings_.scale : 0.0L;
   const double value = told_[key];
-  if (!(value <= most * (1 + 1e-6L) + 4 * unit_roundoff) || !(value >= least / 4 - 4 * unit_roundoff)) {
+  const auto [low, high] = std::minmax(least, most);
+  if (!(value <= high * (1 + 1e-6L) + 4 * unit_roundoff) || !(value >= low / 4 - 4 * unit_roundoff)) {
     findings_.add("told " + key, fmt::format("{:.3g} where it lies between {:.3g} and {:.3g}", value,
-                                             static_cast<double>(least), static_cast<double>(most)));
+                                             static_cast<double>(low), static_cast<double>(high)));
   }
 }
 

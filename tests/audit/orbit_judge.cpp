@@ -61,7 +61,7 @@ private:
       const std::size_t level = levels_.stored_levels()[row];
       const Bounded energy = oracle_.node_energy(states_[row]);
       levels_.compare("node energy", node_energies[level], energy, level, roundings.node_energy);
-      levels_.add_scale(oracle_.magnitude_of_terms(states_[row]));
+      levels_.add_scale(oracle_.scale(states_[row]));
       if (row % stride == 0) {
         if (const auto gamma = oracle_.gamma(states_[row])) {
           levels_.compare("gamma", gammas[level], *gamma, level, roundings.gamma);
@@ -103,6 +103,7 @@ private:
       }
       const OrbitStep step =
           oracle_.step(z_0, z_1, levels_.h(k), unit_roundoff * std::abs(static_cast<long double>(levels_.t(k + 1))));
+      levels_.add_scale(step.energy.value - static_cast<long double>(problem_.H.added_constant()));
       levels_.judge_energy(k, step.energy);
       if (!problem_.is_two_step() || (k == 0 && problem_.next.empty() && !step.defect.empty())) {
         levels_.judge_equation(step.defect, k);

@@ -172,8 +172,9 @@ Bounded OrbitOracle::node_energy(std::span<const double> z) const {
   return problem_.H(std::span<const Bounded>(stored(z)));
 }
 
-long double OrbitOracle::magnitude_of_terms(std::span<const double> z) const {
-  return problem_.H.sum_of_magnitudes(std::span<const Bounded>(stored(z)));
+long double OrbitOracle::scale(std::span<const double> z) const {
+  const long double bare = node_energy(z).value - problem_.H.added_constant();
+  return std::max(std::abs(bare), 0.03L * problem_.H.sum_of_magnitudes(std::span<const Bounded>(stored(z))));
 }
 
 std::optional<Bounded> OrbitOracle::gamma(std::span<const double> z) const {

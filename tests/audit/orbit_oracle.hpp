@@ -29,8 +29,8 @@ public:
   [[nodiscard]] OrbitStep step(std::span<const double> z_0, std::span<const double> z_1, double h,
                                long double time_rounding) const;
   [[nodiscard]] Bounded node_energy(std::span<const double> z) const;
-  /// Σ |terms of H|
-  [[nodiscard]] long double magnitude_of_terms(std::span<const double> z) const;
+  /// What the tolerance is relative to: |H| without added constants, or 3 % of the sum of the magnitudes of its terms.
+  [[nodiscard]] long double scale(std::span<const double> z) const;
   /// Γ, or what stands for it; nothing for Lagrangians that are not generating functions.
   [[nodiscard]] std::optional<Bounded> gamma(std::span<const double> z) const;
   [[nodiscard]] std::vector<Bounded> invariants(std::span<const double> z) const;
