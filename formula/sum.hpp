@@ -1,0 +1,29 @@
+#pragma once
+
+#include <vector>
+
+#include <rubato/formula/expression.hpp>
+
+/// The sum that a formula is at its top: what H or S is as a sum of energies, each of which has a size of its own,
+/// while the zero of the sum is anybody's choice.
+namespace rubato::formula {
+
+/// A formula and the constant that was added to it.
+struct WithoutConstant {
+  Expression rest;
+  double constant = 0.0;  ///< the formula is rest + constant
+};
+
+/// Takes out the constants that are added to, or subtracted from, the rest of the formula: through sums, differences,
+/// signs, and products and quotients with constants. `p^2/2 - cos(q) + 3` is rest + 3, and so is `(p^2 + 6)/2 -
+/// cos(q)`; those within functions or products with variables stay where they are. The rest is associated as it was, so
+/// that formulas that differ by a constant alone have rests of the same value to the last bit. Nothing is changed if
+/// there is no such constant; a formula that is a constant itself leaves 0.
+[[nodiscard]] WithoutConstant separate_constant(Expression expression);
+
+/// The terms of the sum, up to sign: through sums, differences, signs, and products and quotients with constants (whose
+/// factor each term then has). Together they are what the value can cancel from. A formula with more than 100,000 is
+/// one term.
+[[nodiscard]] std::vector<Expression> terms_of(Expression expression);
+
+}  // namespace rubato::formula
