@@ -171,25 +171,39 @@ private:
 };
 
 /// Judges the corrections of a contracting iteration: it is done when a correction is small enough or, within the
-/// region where rounding rules, when corrections no longer shrink.
+/// region where rounding rules, when corrections no longer shrink. A few ε of the increment are always rounding; more
+/// than that may be, or it may be that the iteration contracts badly: the caller has to find out which.
 class StagnationTest {
 public:
-  enum class Verdict { done, again, slow };
+  enum class Verdict {
+    done,
+    again,
+    slow,     ///< they shrink too slowly: take another matrix
+    stalled,  ///< they no longer shrink, at a size that rounding may explain or not
+  };
 
   /// \param accuracy relative size of the last correction at which to stop; 0 asks for stagnation
   explicit StagnationTest(double accuracy)
       : accuracy_(std::max(accuracy, 0.5 * std::numeric_limits<double>::epsilon())) {}
 
   Verdict judge(double size) {
-    const bool stagnated = size >= 0.5 * previous_ && size < rounding_region;
-    const bool slow = size > poor_contraction * previous_ && size >= rounding_region;
+    const bool smaller = size < 0.5 * previous_;
+    const bool slow = size > poor_contraction * previous_;
     previous_ = size;
-    return size <= accuracy_ || stagnated ? Verdict::done : slow ? Verdict::slow : Verdict::again;
+    if (size <= accuracy_ || (!smaller && size <= certain_rounding)) {
+      return Verdict::done;
+    }
+    if (size < rounding_region) {
+      return smaller ? Verdict::again : Verdict::stalled;
+    }
+    return slow ? Verdict::slow : Verdict::again;
   }
 
 private:
-  /// Relative size of a correction below which no further shrinking is blamed on rounding.
-  static constexpr double rounding_region = 1e-10;
+  /// Relative size of a correction that is nothing but rounding if no smaller one follows.
+  static constexpr double certain_rounding = 16.0 * std::numeric_limits<double>::epsilon();
+  /// Relative size of a correction below which no further shrinking may be due to rounding.
+  static constexpr double rounding_region = 1e-8;
   /// A correction that shrinks less than this asks for a new matrix.
   static constexpr double poor_contraction = 0.1;
   double accuracy_;

@@ -15,25 +15,24 @@ namespace rubato {
 /// sizes relative to the increment δ. The error after a correction is the size of the next one, so that with a measured
 /// κ the iteration ends without the correction that would only show how small it is. κ is a property of the solution
 /// and the step, and both change slowly: a measurement serves the following levels, with a margin that grows from level
-/// to level until it takes another one. Without any, κ = 1.
+/// to level until it takes another one, up to κ = 1 where what was measured is less. Without any, κ = 1.
 class NewtonContraction {
 public:
   /// The error, relative, that a correction of this size leaves in a step of length h.
   [[nodiscard]] double error_after(double size, double h) const {
     const double growth = std::max(1.0, std::abs(h / measured_h_));
-    return std::min(1.0, margin_ * kappa_ * growth * growth * growth) * size * size;
+    const double kappa = kappa_ * growth * growth * growth;
+    return std::min(margin_ * kappa, std::max(1.0, first_margin * kappa)) * size * size;
   }
 
   /// Two successive corrections of a step of length h.
   void observe(double size, double next, double h) {
     const double kappa = std::max(next, rounding) / (size * size);
     // A next one of the size of rounding errors gives an upper bound only.
-    if (kappa < 1.0 && (next > rounding || kappa < margin_ * kappa_)) {
+    if (next > rounding || kappa < margin_ * kappa_) {
       kappa_ = kappa;
       measured_h_ = h;
       margin_ = first_margin;
-    } else if (!(kappa < 1.0) && next > rounding) {
-      *this = {};
     }
   }
 
