@@ -7,6 +7,7 @@
 #include <string>
 
 #include <rubato/formula/parse.hpp>
+#include <rubato/formula/sum.hpp>
 
 namespace rubato {
 
@@ -61,19 +62,7 @@ FormulaAction phase_space_action(const Hamiltonian& hamiltonian, Momentum moment
   return segment.action(A);
 }
 
-}  // namespace
-
-FormulaAction midpoint_action(const Hamiltonian& hamiltonian) {
-  return phase_space_action(hamiltonian, [](const Segment& segment, std::size_t i) { return segment.middle(i); });
-}
-
-FormulaAction forward_action(const Hamiltonian& hamiltonian) {
-  return phase_space_action(hamiltonian, [](const Segment& segment, std::size_t i) { return segment.z(0, i); });
-}
-
-FormulaAction lagrangian_action(const Hamiltonian& hamiltonian, std::string_view L,
-                                const Hamiltonian::Parameters& parameters) {
-  const Segment segment(hamiltonian);
+Expression parse_lagrangian(const Segment& segment, std::string_view L, const Hamiltonian::Parameters& parameters) {
   std::vector<std::string> names;
   for (std::size_t i = 0; i < segment.graph->variable_count(); ++i) {
     names.push_back(segment.graph->variable_name(i));
@@ -91,7 +80,30 @@ FormulaAction lagrangian_action(const Hamiltonian& hamiltonian, std::string_view
         return std::find(names.begin(), end, name) == end ? std::nullopt : std::optional(segment.graph->variable(name));
       },
       .known_names = names};
-  return segment.action(segment.h() * formula::parse(L, *segment.graph, context));
+  return formula::parse(L, *segment.graph, context);
+}
+
+}  // namespace
+
+FormulaAction midpoint_action(const Hamiltonian& hamiltonian) {
+  return phase_space_action(hamiltonian, [](const Segment& segment, std::size_t i) { return segment.middle(i); });
+}
+
+FormulaAction forward_action(const Hamiltonian& hamiltonian) {
+  return phase_space_action(hamiltonian, [](const Segment& segment, std::size_t i) { return segment.z(0, i); });
+}
+
+FormulaAction lagrangian_action(const Hamiltonian& hamiltonian, std::string_view L,
+                                const Hamiltonian::Parameters& parameters) {
+  const Segment segment(hamiltonian);
+  return segment.action(segment.h() * parse_lagrangian(segment, L, parameters));
+}
+
+ReducedAction reduced_lagrangian_action(const Hamiltonian& hamiltonian, std::string_view L,
+                                        const Hamiltonian::Parameters& parameters) {
+  const Segment segment(hamiltonian);
+  const auto [rest, constant] = formula::separate_constant(parse_lagrangian(segment, L, parameters));
+  return {segment.action(segment.h() * rest), constant};
 }
 
 bool is_autonomous(DiscreteAction& action, std::span<const double> corners) {

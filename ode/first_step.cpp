@@ -15,7 +15,8 @@ double choose_first_step(const Hamiltonian& hamiltonian, const InitialState& ini
     OrbitIntegrator integrator(hamiltonian, initial, options);
     return trial_run(integrator, most_steps);
   };
-  return choose_first_step(run, start.node(), start.scheme().order(), tolerance, length);
+  return choose_first_step(run, start.node(), starting_scale(start.levels()), start.scheme().order(), tolerance,
+                           length);
 }
 
 }  // namespace rubato

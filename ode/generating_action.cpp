@@ -33,6 +33,7 @@ GeneratingOrder generating_order(int order, const MatrixXd& F) {
 
 GeneratingAction::GeneratingAction(const Hamiltonian& hamiltonian, const MatrixXd& F, int order)
     : generating_(hamiltonian, F, generating_order(order, F).terms),
+      energy_size_(hamiltonian.size_code()),
       terms_(generating_.terms()),
       element_{.corners = 2, .coordinates = 1, .values = generating_.dimension()},
       J_(symplectic_unit(F.rows() / 2)),
@@ -79,6 +80,15 @@ void GeneratingAction::gradient(std::span<const double> corners, Eigen::Ref<Vect
   result[static_cast<Index>(element_.coordinate(1, 0))] = rate;
   result.segment(static_cast<Index>(element_.value(0, 0)), size) = 0.5 * by_middle - by_delta;
   result.segment(static_cast<Index>(element_.value(1, 0)), size) = 0.5 * by_middle + by_delta;
+}
+
+formula::SumSize GeneratingAction::energy_size(std::span<const double> corners) {
+  formula::SumSize size;
+  if (expand(corners) == Status::success) {
+    size = energy_size_(as_span(w_));
+    size.rounding += generating_.rate_rounding(h_, terms_);
+  }
+  return size;
 }
 
 void GeneratingAction::hessian(std::span<const double> corners, Eigen::Ref<MatrixXd> result) {

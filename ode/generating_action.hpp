@@ -38,11 +38,13 @@ public:
   [[nodiscard]] double value(std::span<const double> corners) override;
   void gradient(std::span<const double> corners, Eigen::Ref<Eigen::VectorXd> result) override;
   void hessian(std::span<const double> corners, Eigen::Ref<Eigen::MatrixXd> result) override;
+  [[nodiscard]] formula::SumSize energy_size(std::span<const double> corners) override;
 
 private:
   [[nodiscard]] Status expand(std::span<const double> corners);
 
   GeneratingFunction generating_;
+  formula::SumSizeEvaluator energy_size_;
   int terms_;
   Element element_;
   Eigen::MatrixXd J_, weight_;  ///< weight = ½JF = ∂w/∂δ

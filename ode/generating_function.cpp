@@ -287,6 +287,15 @@ double GeneratingFunction::sum_second_rate(double h, int s) const {
   return s < 2 ? 0.0 : horner(h, 2, s, [&](int j) { return j * (j - 1) * coefficient(j); });
 }
 
+double GeneratingFunction::rate_rounding(double h, int s) const {
+  double rest = 0.0;
+  for (int j = s; j >= 2; --j) {
+    rest = std::abs(h) * (j * std::abs(coefficient(j)) + rest);
+  }
+  // φ^j comes from some j products of series that were rounded themselves.
+  return s * std::numeric_limits<double>::epsilon() * rest;
+}
+
 void GeneratingFunction::gradient_sum(double h, int s, Eigen::Ref<VectorXd> result) const {
   const MatrixXd& gradients = state_->expansion.gradients();
   result = gradients.col(s);

@@ -77,6 +77,8 @@ public:
   [[nodiscard]] double sum(double h, int s) const;
   [[nodiscard]] double sum_rate(double h, int s) const;
   [[nodiscard]] double sum_second_rate(double h, int s) const;  ///< ∂²_hΦ_s
+  /// What rounding makes of the terms of ∂_hΦ_s beyond the first, -H(w): an estimate.
+  [[nodiscard]] double rate_rounding(double h, int s) const;
   void gradient_sum(double h, int s, Eigen::Ref<Eigen::VectorXd> result) const;
   void gradient_sum_rate(double h, int s, Eigen::Ref<Eigen::VectorXd> result) const;
   /// The matrix of second derivatives of Φ_s in w, at any w: 2n expansions of twice the size. Leaves the expansion at

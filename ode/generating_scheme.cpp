@@ -25,7 +25,9 @@ using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
 constexpr double epsilon = std::numeric_limits<double>::epsilon();
-constexpr int most_iterations = 30;
+/// Where the tangent is poor, on coarse steps, corrections shrink by little: an accurate step is worth some more of
+/// them.
+constexpr int most_iterations = 100;
 /// Relative size of the displacement whose flow is differenced for a tangent: small beside what it bends over, large
 /// beside rounding.
 constexpr double displacement = 1e-5;
@@ -65,13 +67,15 @@ public:
         tangent_(hamiltonian, std::min(order.order + 1, most_tangent_order)),
         small_tangent_(hamiltonian, std::min(order.order + 1, small_tangent_order)),
         energy_evaluator_(hamiltonian),
+        energy_size_(hamiltonian.size_code()),
+        gradient_rounding_(hamiltonian.gradient_code()),
         plain_(generating_.odd()),
         size_(F.rows()),
         weight_(0.5 * (MatrixXd::Identity(size_, size_) + symplectic_unit(size_ / 2) * F)),
         z_(VectorXd(Eigen::Map<const VectorXd>(z_0.data(), size_))),
         history_(size_) {
     for (VectorXd* vector : {&delta_, &step_, &point_, &w_, &continued_from_, &continued_, &slope_, &residual_,
-                             &correction_, &lost_, &moved_}) {
+                             &correction_, &lost_, &moved_, &rounding_point_}) {
       vector->setZero(size_);
     }
     node_ = node_at(z_.value());
@@ -106,7 +110,9 @@ public:
       estimate_ = displacement_error + tangent_error_ + first;
       previous = size;
       const double rate = std::min(1.0, rate_margin * surprise_ * estimate_);
-      if (test.judge(size) == StagnationTest::Verdict::done || rate * size <= 0.25 * epsilon) {
+      const auto verdict = test.judge(size);
+      if (verdict == StagnationTest::Verdict::done || rate * size <= 0.25 * epsilon ||
+          (verdict == StagnationTest::Verdict::stalled && residual_is_rounding(h))) {
         return finish(h);
       }
     }
@@ -114,6 +120,14 @@ public:
   }
 
   [[nodiscard]] double discrete_energy() const override { return energy_; }
+  [[nodiscard]] formula::SumSize energy_size() override {
+    if (!predicted_) {
+      return energy_size_(as_span(z_.value()));
+    }
+    formula::SumSize size = energy_size_(as_span(w_));
+    size.rounding += generating_.rate_rounding(trial_h_, order_.terms);
+    return size;
+  }
   /// s(s+1) h^(s-1) φ^(s+1)(w), to leading order.
   [[nodiscard]] double discrete_energy_slope() const override {
     const int s = order_.order;
@@ -256,6 +270,23 @@ private:
     return Status::success;
   }
 
+  /// Whether the last residual, -J∇Φ_s(w, h) - δ, was no more than its evaluation rounds at: that of its first term,
+  /// hJ∇H(w), with w itself rounded, and as much again from each of the others.
+  bool residual_is_rounding(double h) {
+    rounding_point_ = w_.cwiseAbs() + delta_.cwiseAbs();
+    gradient_rounding_.run(as_span(w_), as_span(rounding_point_));
+    const auto n = static_cast<std::size_t>(size_) / 2;
+    for (std::size_t i = 0; i < 2 * n; ++i) {
+      const auto row = static_cast<Index>(i);
+      const double slope_bound = gradient_rounding_.bound(1 + (i < n ? n + i : i - n));
+      const double bound = order_.terms * std::abs(h) * slope_bound + 4.0 * std::abs(delta_[row]);
+      if (!(std::abs(residual_[row]) <= epsilon * bound)) {
+        return false;
+      }
+    }
+    return true;
+  }
+
   /// E_k at the last w, and to first order at the δ corrected since; φ^(s+1) there.
   Status finish(double h) {
     Status status = Status::success;
@@ -300,6 +331,8 @@ private:
   FlowMap flow_;
   FlowTangent tangent_, small_tangent_;
   HamiltonianEvaluator energy_evaluator_;
+  formula::SumSizeEvaluator energy_size_;
+  formula::RoundingEvaluator gradient_rounding_;
   bool plain_;  ///< F = 0
   Index size_;
   MatrixXd weight_;  ///< E_F
@@ -313,7 +346,7 @@ private:
   VectorXd continued_;          ///< the prediction by it
   bool is_continued_ = false;   ///< whether δ started there, and with the present h
   double forecast_size_ = 0.0;  ///< of what was added to it
-  VectorXd step_, point_, slope_, residual_, correction_, moved_;
+  VectorXd step_, point_, slope_, residual_, correction_, moved_, rounding_point_;
   VectorXd lost_;               ///< of the last correction, when it was added to δ
   double tangent_error_ = 0.0;  ///< of the tangent that made the last correction, relative
   double estimate_ = 0.0;       ///< of how much smaller than the last correction the next will be: by the errors of the

@@ -8,6 +8,8 @@
 #include <fmt/ranges.h>
 
 #include <rubato/formula/parse.hpp>
+#include <rubato/formula/rounding.hpp>
+#include <rubato/formula/sum.hpp>
 
 namespace rubato {
 
@@ -71,6 +73,12 @@ void Hamiltonian::compile() {
       }
     }
   }
+  const formula::WithoutConstant separated = formula::separate_constant(expression_);
+  if (separated.constant != 0.0) {
+    constant_ = separated.constant;
+    reduced_ = std::make_shared<Hamiltonian>(graph_, q_names_, p_names_, separated.rest);
+  }
+  size_ = std::make_shared<formula::Bytecode>(formula::sum_size_code(expression_, variables_));
   std::vector<formula::Expression> outputs{expression_};
   value_ = std::make_shared<formula::Bytecode>(outputs, variables_);
   std::ranges::copy(formula::gradient(expression_, variables_), std::back_inserter(outputs));

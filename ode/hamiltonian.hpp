@@ -42,9 +42,16 @@ public:
   [[nodiscard]] formula::Expression expression() const { return expression_; }
   [[nodiscard]] const std::vector<formula::Expression>& variables() const { return variables_; }  ///< q, then p
 
+  /// The constant c that was added to H (formula::separate_constant), and H - c: the motion, its steps and all that is
+  /// judged by the rounding of H know nothing of c, so they are computed from H - c.
+  [[nodiscard]] double constant() const { return constant_; }
+  [[nodiscard]] const Hamiltonian& without_constant() const { return reduced_ ? *reduced_ : *this; }
+
   [[nodiscard]] const formula::Bytecode& value_code() const { return *value_; }
   [[nodiscard]] const formula::Bytecode& gradient_code() const { return *gradient_; }  ///< H, then ∇H
   [[nodiscard]] const formula::Bytecode& hessian_code() const { return *hessian_; }  ///< H, ∇H, upper triangle of H_zz
+  /// For a formula::SumSizeEvaluator: how large the terms of H are, and what rounding makes of H.
+  [[nodiscard]] const formula::Bytecode& size_code() const { return *size_; }
 
 private:
   static std::vector<std::string> numbered(std::string_view stem, std::size_t n);
@@ -54,7 +61,9 @@ private:
   std::vector<std::string> q_names_, p_names_;
   std::vector<formula::Expression> variables_;
   formula::Expression expression_;
-  std::shared_ptr<const formula::Bytecode> value_, gradient_, hessian_;
+  double constant_ = 0.0;
+  std::shared_ptr<const Hamiltonian> reduced_;  ///< H - c, if c is not 0
+  std::shared_ptr<const formula::Bytecode> value_, gradient_, hessian_, size_;
 };
 
 template <typename Function>

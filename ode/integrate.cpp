@@ -14,6 +14,7 @@
 #include <rubato/ode/generating_scheme.hpp>
 #include <rubato/ode/midpoint_scheme.hpp>
 #include <rubato/ode/two_step_scheme.hpp>
+#include <rubato/variation/bridge_causes.hpp>
 #include <rubato/variation/run_span.hpp>
 
 namespace rubato {
@@ -94,22 +95,40 @@ void check_stability(const InitialState& initial, const IntegrationOptions& opti
   }
 }
 
+/// A scheme for H, or 𝕃, without the constant that was added to it, and what that adds to the discrete energy.
+struct ReducedScheme {
+  std::unique_ptr<SegmentScheme> scheme;
+  double energy_constant = 0.0;
+};
+
 /// The midpoint 𝕃 has a one-step production form; every other one, and an arbitrary starting pair, is two-step.
-std::unique_ptr<SegmentScheme> make_scheme(const Hamiltonian& hamiltonian, const InitialState& initial,
-                                           const IntegrationOptions& options) {
+ReducedScheme make_scheme(const Hamiltonian& whole, const InitialState& initial, const IntegrationOptions& options) {
+  const Hamiltonian& hamiltonian = whole.without_constant();
   const SegmentNode first{initial.t, joined(initial)};
   if (std::holds_alternative<Midpoint>(options.lagrangian) && !options.next) {
-    return make_midpoint_scheme(hamiltonian, first.z);
+    return {make_midpoint_scheme(hamiltonian, first.z), whole.constant()};
   }
   if (const auto* generating = std::get_if<Generating>(&options.lagrangian)) {
     const Eigen::MatrixXd F = generating->F(hamiltonian.degrees_of_freedom());
     if (!options.next) {
-      return make_generating_scheme(hamiltonian, F, generating->order, first.z);
+      return {make_generating_scheme(hamiltonian, F, generating->order, first.z), whole.constant()};
     }
     static_cast<void>(parasite_matrix(F));  // throws where no two-step map exists
   }
-  return make_two_step_scheme(make_action(hamiltonian, options.lagrangian), hamiltonian, first,
-                              second_node(hamiltonian, first, options), make_node_law(hamiltonian, options.lagrangian));
+  const SegmentNode second = second_node(hamiltonian, first, options);
+  if (const auto* custom = std::get_if<Custom>(&options.lagrangian)) {
+    ReducedAction reduced = reduced_lagrangian_action(hamiltonian, custom->L, custom->parameters);
+    return {make_two_step_scheme(std::make_unique<FormulaAction>(std::move(reduced.action)), hamiltonian, first, second,
+                                 std::nullopt),
+            -reduced.constant};
+  }
+  std::optional<NodeLaw> law;
+  if (!std::holds_alternative<Forward>(options.lagrangian)) {
+    law = make_node_law(hamiltonian, options.lagrangian);
+  }
+  return {
+      make_two_step_scheme(make_action(hamiltonian, options.lagrangian), hamiltonian, first, second, std::move(law)),
+      whole.constant()};
 }
 
 }  // namespace
@@ -145,12 +164,13 @@ NodeLaw make_node_law(const Hamiltonian& hamiltonian, const SegmentLagrangian& l
 
 OrbitIntegrator::OrbitIntegrator(const Hamiltonian& hamiltonian, const InitialState& initial,
                                  const IntegrationOptions& options)
-    : options_(options) {
+    : options_(options), node_constant_(hamiltonian.constant()) {
   check(hamiltonian, initial, options);
   check_stability(initial, options);
-  scheme_ = make_scheme(hamiltonian, initial, options);
+  auto [scheme, energy_constant] = make_scheme(hamiltonian, initial, options);
+  scheme_ = std::move(scheme);
   if (options.levels == Levels::variable) {
-    HamiltonianEvaluator evaluator(hamiltonian);
+    HamiltonianEvaluator evaluator(hamiltonian.without_constant());
     std::vector<double> gradient(scheme_->dimension());
     evaluator.gradient(scheme_->state().data(), gradient.data());
     if (std::ranges::all_of(gradient, [](double x) { return x == 0.0; })) {
@@ -160,12 +180,26 @@ OrbitIntegrator::OrbitIntegrator(const Hamiltonian& hamiltonian, const InitialSt
           "fix h; use levels = \"fixed\", or start elsewhere");
     }
   }
+  if (const double gamma = scheme_->node().gamma; scheme_->has_gamma() && !std::isfinite(gamma)) {
+    throw std::invalid_argument(
+        fmt::format("Gamma is {} at the initial state ({}): the derivatives of H that it is made of are not finite "
+                    "there{}; start elsewhere",
+                    gamma, fmt::join(scheme_->state(), ", "),
+                    scheme_->failure_reason().empty() ? "" : fmt::format(" ({})", scheme_->failure_reason())));
+  }
   levels_ = std::make_unique<TimeLevels>(*scheme_,
                                          LevelOptions{.levels = options.levels,
                                                       .on_singular = options.on_singular,
                                                       .bridge = options.bridge,
-                                                      .tolerance = options.tolerance},
+                                                      .tolerance = options.tolerance,
+                                                      .energy_constant = energy_constant},
                                          initial.t, options.step);
+}
+
+LevelNode OrbitIntegrator::node() {
+  LevelNode node = scheme_->node();
+  node.energy += node_constant_;
+  return node;
 }
 
 bool OrbitIntegrator::finished() const {
@@ -212,17 +246,19 @@ void OrbitIntegrator::restore(StateReader& state) {
 }
 
 double Orbit::discrete_energy_deviation() const {
-  if (energy.empty()) {
+  const auto first = std::ranges::find(bridged, 0);
+  if (first == bridged.end()) {
     return 0.0;
   }
-  double scale = std::abs(energy.front());
+  const double law = energy[static_cast<std::size_t>(first - bridged.begin())];
+  double scale = std::abs(law);
   for (const double value : node_energy) {
     scale = std::max(scale, std::abs(value));
   }
   double deviation = 0.0;
   for (std::size_t k = 0; k < energy.size(); ++k) {
     if (bridged[k] == 0) {
-      deviation = std::max(deviation, std::abs(energy[k] - energy.front()));
+      deviation = std::max(deviation, std::abs(energy[k] - law));
     }
   }
   return deviation / scale;
@@ -273,28 +309,63 @@ Orbit integrate(const Hamiltonian& hamiltonian, const InitialState& initial, con
   return orbit;
 }
 
+namespace {
+
+/// What Γ is called where it was read off the slopes of steps.
+std::string_view gamma_name(const StepReport& report) {
+  return report.gamma_from_slope ? "-(4/h) dE/dh" : "Gamma";
+}
+
+std::string trend_of(const StepReport& report) {
+  return fmt::format("{} went from {:.4g} to {:.4g} over the last step", gamma_name(report), report.gamma_before,
+                     report.gamma_after);
+}
+
+std::string why_singular(const StepReport& report, OnSingular on_singular) {
+  const GammaTrend trend{report.gamma_before, report.gamma_after};
+  const bool bridging = on_singular == OnSingular::bridge && !report.gamma_from_slope;
+  if (trend.meets_zero()) {
+    return fmt::format("{} nears 0 there ({}; theory, section 3){}", gamma_name(report), trend_of(report),
+                       bridging ? ", and no bridge over it was found; use another step, or levels = \"fixed\""
+                       : report.gamma_from_slope || on_singular == OnSingular::fixed
+                           ? "; use another step, or levels = \"fixed\""
+                           : "; use on_singular = \"bridge\" or \"fixed\", or levels = \"fixed\"");
+  }
+  if (trend.known() && trend.ratio() > GammaTrend::changes_much) {
+    return fmt::format("the step is too long for the motion: {}; take a smaller step", trend_of(report));
+  }
+  return "E(h) turns back, or leaves the branch the run is on, before it comes to E; take a smaller step, or levels = "
+         "\"fixed\"";
+}
+
+}  // namespace
+
 std::string describe_failure(const StepReport& report, double t, const LevelNode& node, double last_step,
                              OnSingular on_singular, std::string_view reason) {
   const std::string where =
-      fmt::format("at t = {:.10g}, Gamma = {:.4g}, last step h = {:.4g}", t, node.gamma, last_step);
+      std::isfinite(node.gamma)
+          ? fmt::format("at t = {:.10g}, Gamma = {:.4g}, last step h = {:.4g}", t, node.gamma, last_step)
+          : fmt::format("at t = {:.10g}, last step h = {:.4g}", t, last_step);
   switch (report.status) {
     case Status::success: return {};
     case Status::singular:
-      return fmt::format(
-          "the step equation has no solution with the required energy {}: Gamma nears 0 there (theory, section 3){}",
-          where,
-          on_singular == OnSingular::stop     ? "; use on_singular = \"bridge\" or \"fixed\", or levels = \"fixed\""
-          : on_singular == OnSingular::bridge ? ", and no bridge over it was found; use another step, or levels = "
-                                                "\"fixed\""
-                                              : "; use another step, or levels = \"fixed\"");
+      return fmt::format("the step equation has no solution with the required energy {}: {}", where,
+                         why_singular(report, on_singular));
     case Status::ill_conditioned:
       return fmt::format(
           "the energy law carries no information {}: the step condition {:.3g} exceeds 1e-2, rounding in H alone moves "
-          "h; take a larger step, or "
-          "levels = \"fixed\"",
+          "h; take a larger step, or levels = \"fixed\"",
           where, report.condition);
-    case Status::not_converged:
-      return fmt::format("the step could not be solved {}: the iteration did not settle; take a smaller step", where);
+    case Status::not_converged: {
+      const GammaTrend trend{report.gamma_before, report.gamma_after};
+      return trend.known() && trend.ratio() > GammaTrend::changes_much
+                 ? fmt::format(
+                       "the step could not be solved {}: it is too long for a motion that speeds up like this "
+                       "({}); take a smaller step, and end the run before the motion blows up, if it does",
+                       where, trend_of(report))
+                 : fmt::format("the step could not be solved {}: the iteration did not settle; take a smaller step",
+                               where);
+    }
     case Status::undefined:
       return fmt::format(
           "the formula became undefined{} on the way from the level {}: the orbit leaves the domain of H, or the step "

@@ -94,7 +94,10 @@ public:
   [[nodiscard]] double t() const { return levels_->time(); }
   [[nodiscard]] std::span<const double> q() const { return scheme_->state().first(scheme_->dimension() / 2); }
   [[nodiscard]] std::span<const double> p() const { return scheme_->state().last(scheme_->dimension() / 2); }
-  [[nodiscard]] LevelNode node() { return scheme_->node(); }  ///< H(z_k) and Γ(z_k)
+  [[nodiscard]] LevelNode node();  ///< H(z_k) and Γ(z_k); Γ is NaN where the scheme has none
+  /// The same of H without the constant that was added to it.
+  [[nodiscard]] LevelNode bare_node() { return scheme_->node(); }
+  [[nodiscard]] bool has_gamma() const { return scheme_->has_gamma(); }
   [[nodiscard]] const TimeLevels& levels() const { return *levels_; }
   /// Whether E_k is one constant for the run; if not (𝕃 depends on t), energy_balance() is what (3.4) leaves.
   [[nodiscard]] bool autonomous() const { return !scheme_->energy_target().has_value(); }
@@ -110,7 +113,8 @@ public:
 
 private:
   IntegrationOptions options_;
-  std::unique_ptr<SegmentScheme> scheme_;
+  double node_constant_;                   ///< what was added to H
+  std::unique_ptr<SegmentScheme> scheme_;  ///< of H without it
   std::unique_ptr<TimeLevels> levels_;
 };
 
@@ -132,7 +136,7 @@ struct Orbit {
   [[nodiscard]] std::span<const double> p_at(std::size_t level) const {
     return {p.data() + level * degrees_of_freedom, degrees_of_freedom};
   }
-  /// max_k |E_k - E_0| / max(|E_0|, max |H|), over the steps that are not bridges.
+  /// max_k |E_k - E| / max(|E|, max |H|), over the steps that are not bridges; E is that of the first of them.
   [[nodiscard]] double discrete_energy_deviation() const;
   /// max_k |H(z_k) - H(z_0)|
   [[nodiscard]] double node_energy_deviation() const;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <optional>
 #include <stdexcept>
 #include <utility>
@@ -29,10 +30,12 @@ class MidpointScheme final : public SegmentScheme {
 public:
   MidpointScheme(const Hamiltonian& hamiltonian, std::span<const double> z_0)
       : evaluator_(hamiltonian),
+        energy_size_(hamiltonian.size_code()),
+        gradient_rounding_(hamiltonian.gradient_code()),
         size_(static_cast<Eigen::Index>(z_0.size())),
         z_(Vector(Eigen::Map<const Eigen::VectorXd>(z_0.data(), size_))),
         history_(size_) {
-    for (Vector* vector : {&delta_, &rate_, &correction_, &point_, &gradient_, &f_}) {
+    for (Vector* vector : {&delta_, &rate_, &correction_, &point_, &gradient_, &f_, &rounding_point_}) {
       vector->setZero(size_);
     }
     hessian_.setZero(size_, size_);
@@ -71,13 +74,14 @@ public:
         return Status::undefined;
       }
       const auto verdict = test.judge(size);
-      if (verdict == StagnationTest::Verdict::done) {
+      if (verdict == StagnationTest::Verdict::done ||
+          (verdict == StagnationTest::Verdict::stalled && residual_is_rounding(h))) {
         energy_ += 0.5 * gradient_.dot(correction_);  // to first order, at the corrected midpoint
         rate_ = factors_.solve(f_);
         slope_ = 0.5 * gradient_.dot(rate_);
         return Status::success;
       }
-      if (verdict == StagnationTest::Verdict::slow && !factor(h)) {
+      if (verdict != StagnationTest::Verdict::again && !factor(h)) {
         return Status::undefined;
       }
     }
@@ -86,6 +90,12 @@ public:
   }
 
   [[nodiscard]] double discrete_energy() const override { return energy_; }
+  [[nodiscard]] formula::SumSize energy_size() override {
+    z_.displaced(0.5, delta_, point_);
+    // z_k is rounded where it is told, and so is the middle; what that makes of the rest of the step comes on top.
+    rounding_point_ = 2.5 * (point_.cwiseAbs() + delta_.cwiseAbs());
+    return energy_size_(as_span(point_), as_span(rounding_point_));
+  }
   [[nodiscard]] double discrete_energy_slope() const override { return slope_; }
   [[nodiscard]] int iterations() const override { return iterations_; }
 
@@ -140,6 +150,24 @@ private:
     return node;
   }
 
+  /// Whether what the last correction mended, h f - δ, was no more than its evaluation rounds at.
+  bool residual_is_rounding(double h) {
+    constexpr double unit = 0.5 * std::numeric_limits<double>::epsilon();
+    // δ before the correction, and the midpoint made of it, are rounded.
+    rounding_point_ = point_.cwiseAbs() + delta_.cwiseAbs();
+    gradient_rounding_.run(as_span(point_), as_span(rounding_point_));
+    const auto n = static_cast<std::size_t>(size_) / 2;
+    for (std::size_t i = 0; i < 2 * n; ++i) {
+      const auto row = static_cast<Eigen::Index>(i);
+      const double residual = std::abs(h * f_[row] - (delta_[row] - correction_[row]));
+      const double slope_bound = gradient_rounding_.bound(1 + (i < n ? n + i : i - n));
+      if (!(residual <= 2.0 * unit * (std::abs(h) * slope_bound + 4.0 * std::abs(delta_[row])))) {
+        return false;
+      }
+    }
+    return true;
+  }
+
   void predict(double h) {
     if (!history_.empty()) {
       history_.predict(h, delta_);
@@ -168,11 +196,13 @@ private:
   }
 
   HamiltonianEvaluator evaluator_;
+  formula::SumSizeEvaluator energy_size_;
+  formula::RoundingEvaluator gradient_rounding_;
   Eigen::Index size_;
   CompensatedState<Vector> z_;
   VelocityHistory<Vector> history_;
 
-  Vector delta_, rate_, correction_, point_, gradient_, f_;  ///< rate_ = dδ/dh along the solved step
+  Vector delta_, rate_, correction_, point_, gradient_, f_, rounding_point_;  ///< rate_ = dδ/dh along the solved step
   Matrix hessian_, matrix_;
   Eigen::PartialPivLU<Matrix> factors_;
   bool factored_ = false;  ///< whether there is a matrix, and a trial step, for this level

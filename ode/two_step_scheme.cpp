@@ -1,6 +1,7 @@
 #include <rubato/ode/two_step_scheme.hpp>
 
 #include <cmath>
+#include <limits>
 #include <stdexcept>
 #include <vector>
 
@@ -19,13 +20,16 @@ using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
 constexpr int most_iterations = 50;
+/// Corrections by Newton's own matrix, renewed each time, that do not shrink: rounding is all that is left.
+constexpr int rounding_stalls = 3;
 
 class TwoStepScheme final : public SegmentScheme {
 public:
-  TwoStepScheme(std::unique_ptr<DiscreteAction> action, NodeLaw law, const SegmentNode& first,
-                const SegmentNode& second)
+  TwoStepScheme(std::unique_ptr<DiscreteAction> action, const Hamiltonian& hamiltonian, std::optional<NodeLaw> law,
+                const SegmentNode& first, const SegmentNode& second)
       : action_(std::move(action)),
         law_(std::move(law)),
+        node_energy_(hamiltonian),
         size_(static_cast<Index>(action_->element().values)),
         corners_(action_->element().size()),
         gradient_(static_cast<Index>(action_->element().size())),
@@ -37,7 +41,8 @@ public:
       vector->setZero(size_);
     }
     delta_ = Eigen::Map<const VectorXd>(second.z.data(), size_) - z_.value();
-    place(second.t - first.t);
+    trial_h_ = second.t - first.t;
+    place(trial_h_);
     action_->gradient(corners_, gradient_);
     action_->hessian(corners_, hessian_);
     if (!gradient_.allFinite() || !hessian_.allFinite()) {
@@ -45,6 +50,10 @@ public:
           "the discrete Lagrangian or one of its derivatives is not finite at the starting pair");
     }
     autonomous_ = is_autonomous(*action_, corners_);
+    if (autonomous_) {
+      place(trial_h_);
+      action_->gradient(corners_, gradient_);
+    }
     momentum_ = -gradient_.segment(first_value(0), size_);
     target_ = gradient_[time(0)];
     first_delta_ = delta_;
@@ -68,6 +77,7 @@ public:
     }
     trial_h_ = h;
     StagnationTest test(accuracy);
+    int stalls = 0;
     for (int iteration = 0; iteration < most_iterations; ++iteration) {
       place(h);
       action_->gradient(corners_, gradient_);
@@ -81,13 +91,14 @@ public:
         return Status::undefined;
       }
       const auto verdict = test.judge(size);
-      if (verdict == StagnationTest::Verdict::done) {
+      stalls += verdict == StagnationTest::Verdict::stalled ? 1 : 0;
+      if (verdict == StagnationTest::Verdict::done || stalls == rounding_stalls) {
         // E at the corrected point, to first order; its total derivative follows dz_1/dh along the solved step.
         energy_ = gradient_[time(0)] + energy_row_.dot(correction_);
         slope_ = energy_slope_ + energy_row_.dot(rate_);
         return Status::success;
       }
-      if (verdict == StagnationTest::Verdict::slow && !factor(h)) {
+      if (verdict != StagnationTest::Verdict::again && !factor(h)) {
         return Status::undefined;
       }
     }
@@ -96,11 +107,16 @@ public:
   }
 
   [[nodiscard]] double discrete_energy() const override { return energy_; }
+  [[nodiscard]] formula::SumSize energy_size() override {
+    place(trial_h_);
+    return action_->energy_size(corners_);
+  }
   [[nodiscard]] double discrete_energy_slope() const override { return slope_; }
   [[nodiscard]] std::optional<double> energy_target() const override {
     return autonomous_ ? std::nullopt : std::optional(target_);
   }
-  [[nodiscard]] int order() const override { return law_.order(); }
+  [[nodiscard]] int order() const override { return law_ ? law_->order() : 2; }
+  [[nodiscard]] bool has_gamma() const override { return law_.has_value(); }
   [[nodiscard]] int iterations() const override { return iterations_; }
   [[nodiscard]] bool has_node_law() const override { return false; }
 
@@ -149,11 +165,13 @@ private:
     return static_cast<Index>(action_->element().value(corner, 0));
   }
 
-  /// Writes (t_k, z_k, t_k + h, z_k + δ) into the corner vector.
+  /// Writes (t_k, z_k, t_k + h, z_k + δ) into the corner vector; where t_k does not matter, 0 in its place: t_k + h
+  /// would round h away.
   void place(double h) {
     Eigen::Map<VectorXd> corners(corners_.data(), static_cast<Index>(corners_.size()));
-    corners[time(0)] = t_;
-    corners[time(1)] = t_ + h;
+    const double start = autonomous_ ? 0.0 : t_;
+    corners[time(0)] = start;
+    corners[time(1)] = start + h;
     corners.segment(first_value(0), size_) = z_.value();
     z_.displaced(1.0, delta_, point_);
     corners.segment(first_value(1), size_) = point_;
@@ -175,10 +193,14 @@ private:
     return true;
   }
 
-  LevelNode node_at(const VectorXd& z) { return law_(z.data()); }
+  LevelNode node_at(const VectorXd& z) {
+    return law_ ? (*law_)(z.data())
+                : LevelNode{.energy = node_energy_.value(z.data()), .gamma = std::numeric_limits<double>::quiet_NaN()};
+  }
 
   std::unique_ptr<DiscreteAction> action_;
-  NodeLaw law_;
+  std::optional<NodeLaw> law_;
+  HamiltonianEvaluator node_energy_;
   Index size_;
   std::vector<double> corners_;
   VectorXd gradient_;
@@ -186,7 +208,7 @@ private:
   CompensatedState<VectorXd> z_;
   VelocityHistory<VectorXd> history_;
   double t_;
-  bool autonomous_ = true;
+  bool autonomous_ = false;
 
   VectorXd momentum_;    ///< ∂A_{k-1}/∂z_k
   double target_ = 0.0;  ///< -∂A_{k-1}/∂t_k
@@ -219,8 +241,7 @@ std::unique_ptr<SegmentScheme> make_two_step_scheme(std::unique_ptr<DiscreteActi
     throw std::invalid_argument(
         fmt::format("the times of a starting pair must be finite and differ; got {} and {}", first.t, second.t));
   }
-  return std::make_unique<TwoStepScheme>(std::move(action), law ? std::move(*law) : NodeLaw(hamiltonian), first,
-                                         second);
+  return std::make_unique<TwoStepScheme>(std::move(action), hamiltonian, std::move(law), first, second);
 }
 
 }  // namespace rubato

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <utility>
 
 #include <rubato/base/compensated_sum.hpp>
@@ -119,6 +120,8 @@ struct BlockResult {
 struct Workspace {
   grids::Buffer memory;
   formula::BatchEvaluator gradient, hessian;
+  formula::RoundingEvaluator size;
+  std::vector<double> cell, cell_error;
   std::vector<double*> mean, rate_mean, outputs;
   std::vector<std::array<double*, 3>> difference, rate_difference;
   std::vector<const double*> inputs;
@@ -285,17 +288,43 @@ struct CellSweep::Storage {
     }
     work->gradient = formula::BatchEvaluator(system.gradient_code());
     work->hessian = formula::BatchEvaluator(system.hessian_code());
+    work->size = formula::RoundingEvaluator(system.size_code());
+    work->cell.resize(fields);
+    work->cell_error.resize(fields);
     return work;
   }
 
   void run_block(std::size_t block, Workspace& work, std::span<const double* const> point,
                  const PotentialSlopes& slopes, std::span<const double* const> rate, double inverse_h,
                  std::span<double* const> residual, std::span<double* const> hessian);
+  void gather_point(std::size_t block, Workspace& work, std::span<const double* const> point,
+                    const PotentialSlopes& slopes) const;
+  void energy_size(std::size_t block, Workspace& work, std::span<const double* const> point,
+                   const PotentialSlopes& slopes, std::span<const double> references);
+  /// The terms of S in cell c of the block that was gathered last.
+  static void evaluate_terms(Workspace& work, std::size_t c);
   void energy_change(std::size_t block, Workspace& work, std::span<const double* const> rate, double inverse_h,
                      std::span<const double* const> residual, std::span<const double* const> correction);
   void residual_row(int row, std::size_t count, bool with_rate, double inverse_h, const Workspace& work, double* out,
                     BlockResult& result) const;
 };
+
+/// A and D_a of the point on a block, the potentials' slopes included.
+void CellSweep::Storage::gather_point(std::size_t block, Workspace& work, std::span<const double* const> point,
+                                      const PotentialSlopes& slopes) const {
+  const std::size_t line = block / blocks.per_line;
+  const std::size_t begin = block % blocks.per_line * block_size;
+  const std::size_t count = std::min(block_size, blocks.line - begin);
+  for (int f = 0; f < d; ++f) {
+    const auto i = static_cast<std::size_t>(f);
+    take(point[i], f, point_derivative, line, begin, count, work.mean[i], work.difference[i]);
+    if (const double slope = slopes.at(f, line); slope != 0.0 && work.difference[i][0] != nullptr) {
+      for (std::size_t c = 0; c < count; ++c) {
+        work.difference[i][0][c] += slope;
+      }
+    }
+  }
+}
 
 void CellSweep::Storage::run_block(std::size_t block, Workspace& work, std::span<const double* const> point,
                                    const PotentialSlopes& slopes, std::span<const double* const> rate, double inverse_h,
@@ -307,15 +336,10 @@ void CellSweep::Storage::run_block(std::size_t block, Workspace& work, std::span
   BlockResult& result = results[block];
   result = {};
 
-  for (int f = 0; f < d; ++f) {
-    const auto i = static_cast<std::size_t>(f);
-    take(point[i], f, point_derivative, line, begin, count, work.mean[i], work.difference[i]);
-    if (const double slope = slopes.at(f, line); slope != 0.0 && work.difference[i][0] != nullptr) {
-      for (std::size_t c = 0; c < count; ++c) {
-        work.difference[i][0][c] += slope;
-      }
-    }
-    if (!rate.empty()) {
+  gather_point(block, work, point, slopes);
+  if (!rate.empty()) {
+    for (int f = 0; f < d; ++f) {
+      const auto i = static_cast<std::size_t>(f);
       if (rate[i] != nullptr) {
         take(rate[i], f, rate_derivative, line, begin, count, work.rate_mean[i], work.rate_difference[i]);
       } else {
@@ -410,6 +434,49 @@ void CellSweep::Storage::residual_row(int row, std::size_t count, bool with_rate
   result.residual[r] = largest(out, count);
   result.scale[r] = scale;
   result.finite = result.finite && std::isfinite(sum(out, count));
+}
+
+void CellSweep::Storage::evaluate_terms(Workspace& work, std::size_t c) {
+  for (std::size_t f = 0; f < work.cell.size(); ++f) {
+    work.cell[f] = work.mean[f][c];
+    work.cell_error[f] = 2.0 * std::abs(work.cell[f]);  // nodes are rounded, and so are their means
+  }
+  work.size.run(work.cell, work.cell_error);
+}
+
+/// `energy` becomes Σ |terms - references| of the block, `quadratic` the sum of the cells' errors, residual[0] that of
+/// their squares, scale[0] Σ |terms|.
+void CellSweep::Storage::energy_size(std::size_t block, Workspace& work, std::span<const double* const> point,
+                                     const PotentialSlopes& slopes, std::span<const double> references) {
+  constexpr double unit = 0.5 * std::numeric_limits<double>::epsilon();
+  const std::size_t count = std::min(block_size, blocks.line - block % blocks.per_line * block_size);
+  BlockResult& result = results[block];
+  result = {};
+  gather_point(block, work, point, slopes);
+  for (std::size_t c = 0; c < count; ++c) {
+    evaluate_terms(work, c);
+    formula::SumSize size;
+    double magnitude = 0.0;
+    for (std::size_t i = 0; i < references.size(); ++i) {
+      size.terms += std::abs(work.size.value(1 + i) - references[i]);
+      magnitude += std::abs(work.size.value(1 + i));
+    }
+    size.rounding = unit * (std::isfinite(work.size.bound(0)) ? work.size.bound(0) : magnitude);
+    for (std::size_t a = 0; a < K_plus.size(); ++a) {
+      for (const MatrixTerm& term : K_plus[a]) {
+        const auto row = static_cast<std::size_t>(term.row);
+        const double factor = std::abs(term.value * work.mean[static_cast<std::size_t>(term.column)][c]);
+        const double product = factor * std::abs(work.difference[row][a][c]);
+        size.terms += product;
+        magnitude += product;
+        size.rounding += unit * (4.0 * product + 2.0 * factor * inverse_spacing[a] * std::abs(work.mean[row][c]));
+      }
+    }
+    result.energy += size.terms;
+    result.quadratic += size.rounding;
+    result.residual[0] += size.rounding * size.rounding;
+    result.scale[0] += magnitude;
+  }
 }
 
 void CellSweep::Storage::energy_change(std::size_t block, Workspace& work, std::span<const double* const> rate,
@@ -511,6 +578,58 @@ EnergyChange CellSweep::energy_change(std::span<const double* const> rate, doubl
     quadratic.add(result.quadratic);
   }
   return {s.volume * energy.value(), s.volume * quadratic.value()};
+}
+
+std::vector<double> CellSweep::mean_terms(std::span<const double* const> point, const PotentialSlopes& slopes) {
+  Storage& s = *storage_;
+  s.prepare_workspaces();
+  if (s.spectral != nullptr) {
+    s.differentiate(point, s.point_derivative);
+  }
+  Workspace& work = *s.workspaces.front();
+  std::vector<double> means(work.size.output_count() - 1, 0.0);
+  for (std::size_t block = 0; block < s.blocks.count(); ++block) {
+    s.gather_point(block, work, point, slopes);
+    const std::size_t begin = block % s.blocks.per_line * block_size;
+    for (std::size_t c = 0; c < std::min(block_size, s.blocks.line - begin); ++c) {
+      s.evaluate_terms(work, c);
+      for (std::size_t i = 0; i < means.size(); ++i) {
+        means[i] += work.size.value(1 + i);
+      }
+    }
+  }
+  for (double& mean : means) {
+    mean /= static_cast<double>(s.blocks.line * s.blocks.lines);
+  }
+  return means;
+}
+
+formula::SumSize CellSweep::energy_size(std::span<const double* const> point, const PotentialSlopes& slopes,
+                                        std::span<const double> references) {
+  Storage& s = *storage_;
+  s.prepare_workspaces();
+  if (s.spectral != nullptr) {
+    s.differentiate(point, s.point_derivative);
+  }
+  const auto blocks = static_cast<std::ptrdiff_t>(s.blocks.count());
+#pragma omp parallel for schedule(static) if (blocks > 8)
+  for (std::ptrdiff_t block = 0; block < blocks; ++block) {
+    s.energy_size(static_cast<std::size_t>(block), *s.workspaces[static_cast<std::size_t>(omp_get_thread_num())], point,
+                  slopes, references);
+  }
+  double terms = 0.0;
+  double magnitudes = 0.0;
+  double sum = 0.0;
+  double squares = 0.0;
+  for (const BlockResult& result : s.results) {
+    terms += result.energy;
+    sum += result.quadratic;
+    squares += result.residual[0];
+    magnitudes += result.scale[0];
+  }
+  // A block is summed in eight lanes of up to 32 cells, whose partial sums are rounded, too.
+  const double summing = std::numeric_limits<double>::epsilon() * magnitudes / std::sqrt(static_cast<double>(blocks));
+  return {.terms = s.volume * terms, .rounding = s.volume * (std::min(sum, 4.0 * std::sqrt(squares)) + summing)};
 }
 
 }  // namespace rubato

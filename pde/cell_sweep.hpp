@@ -3,6 +3,7 @@
 #include <memory>
 
 #include <rubato/formula/batch.hpp>
+#include <rubato/formula/rounding.hpp>
 #include <rubato/grids/field_set.hpp>
 #include <rubato/grids/grid.hpp>
 #include <rubato/pde/multisymplectic_system.hpp>
@@ -85,6 +86,17 @@ public:
   [[nodiscard]] EnergyChange energy_change(std::span<const double* const> rate, double inverse_h,
                                            std::span<const double* const> residual,
                                            std::span<const double* const> correction);
+
+  /// The means over all cells of the terms that S is the sum of (formula::terms_of), at this point.
+  [[nodiscard]] std::vector<double> mean_terms(std::span<const double* const> point, const PotentialSlopes& slopes);
+
+  /// How far the terms of the energy of a sweep at this point are from `references`, mean_terms() of some level of the
+  /// same run: so it does not depend on how large a box of a vacuum with S ≠ 0 is around what moves. And what rounding
+  /// makes of the energy: the nodes' values are rounded, so are their differences and the terms of each cell. The
+  /// cells' errors are taken to be independent: four times the root of their squares' sum, no more than their sum; so
+  /// is what rounding makes of partial sums. Costs more than a sweep.
+  [[nodiscard]] formula::SumSize energy_size(std::span<const double* const> point, const PotentialSlopes& slopes,
+                                             std::span<const double> references);
 
 private:
   struct Storage;

@@ -1,4 +1,5 @@
 #include <cmath>
+#include <limits>
 
 #include <fmt/format.h>
 
@@ -31,7 +32,12 @@ public:
   }
 
   [[nodiscard]] double discrete_energy() const override { return energy_; }
+  /// Levels are fixed: nothing is solved to it.
+  [[nodiscard]] formula::SumSize energy_size() override {
+    return {.terms = std::abs(energy_), .rounding = std::numeric_limits<double>::epsilon() * std::abs(energy_)};
+  }
   [[nodiscard]] double discrete_energy_slope() const override { return slope_; }
+  [[nodiscard]] bool has_gamma() const override { return false; }
   [[nodiscard]] LevelNode node() override { return {map_.energy(level_.fields), 0.0}; }
   [[nodiscard]] LevelNode trial_node() override { return {map_.energy(trial_), 0.0}; }
   [[nodiscard]] int iterations() const override { return iterations_; }

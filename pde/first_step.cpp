@@ -16,7 +16,7 @@ double choose_first_step(const MultisymplecticSystem& system, const grids::Grid&
     LatticeIntegrator integrator(system, grid, initial, options);
     return trial_run(integrator, most_steps);
   };
-  return choose_first_step(run, start.node(), order, tolerance, length);
+  return choose_first_step(run, start.node(), starting_scale(start.levels()), order, tolerance, length);
 }
 
 }  // namespace rubato

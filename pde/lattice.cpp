@@ -55,12 +55,15 @@ Placement placement_of(LatticeLagrangian lagrangian) {
 LatticeIntegrator::LatticeIntegrator(const MultisymplecticSystem& system, const grids::Grid& grid,
                                      const InitialFields& initial, const LatticeOptions& options)
     : options_(checked(options)),
-      scheme_(make_scheme(system, grid, initial, options, cautions_)),
+      system_(system),
+      energy_constant_(system.constant() * grid.cell_volume() * static_cast<double>(grid.size())),
+      scheme_(make_scheme(system.without_constant(), grid, initial, options, cautions_)),
       levels_(std::make_unique<TimeLevels>(*scheme_,
                                            LevelOptions{.levels = options.levels,
                                                         .on_singular = options.on_singular,
                                                         .bridge = options.bridge,
-                                                        .tolerance = options.tolerance},
+                                                        .tolerance = options.tolerance,
+                                                        .energy_constant = energy_constant_},
                                            options.start, options.step)),
       laws_(system, grid, options.symmetries, placement_of(options.lagrangian)),
       previous_(scheme_->level()) {}
@@ -69,6 +72,12 @@ StepReport LatticeIntegrator::step() {
   // The scheme overwrites its level only when the step is accepted, but a copy is needed before that.
   previous_.fields.copy_from(scheme_->level().fields);
   return levels_->step();
+}
+
+LevelNode LatticeIntegrator::node() {
+  LevelNode node = scheme_->node();
+  node.energy += energy_constant_;
+  return node;
 }
 
 bool LatticeIntegrator::finished() const {

@@ -58,9 +58,12 @@ public:
   [[nodiscard]] bool finished() const;
 
   [[nodiscard]] double t() const { return levels_->time(); }
-  [[nodiscard]] LevelNode node() { return scheme_->node(); }  ///< 𝓔(z_k) and Γ(z_k)
+  [[nodiscard]] LevelNode node();  ///< 𝓔(z_k) and Γ(z_k)
+  /// The same of S without the constant that was added to it.
+  [[nodiscard]] LevelNode bare_node() { return scheme_->node(); }
   [[nodiscard]] const TimeLevels& levels() const { return *levels_; }
-  [[nodiscard]] const MultisymplecticSystem& system() const { return scheme_->system(); }
+  [[nodiscard]] const LatticeScheme& scheme() const { return *scheme_; }  ///< of S without its constant
+  [[nodiscard]] const MultisymplecticSystem& system() const { return system_; }
   [[nodiscard]] const grids::Grid& grid() const { return scheme_->grid(); }
 
   /// The present level, and the one before it (the same at the start). Of a field with
@@ -87,6 +90,8 @@ public:
 private:
   LatticeOptions options_;
   std::vector<std::string> cautions_;
+  MultisymplecticSystem system_;
+  double energy_constant_;  ///< what the constant in S adds to energies
   std::unique_ptr<LatticeScheme> scheme_;
   std::unique_ptr<TimeLevels> levels_;
   LocalLaws laws_;

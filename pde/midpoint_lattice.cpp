@@ -31,6 +31,8 @@ constexpr double finest_trial = 1e-13;
 /// Correction of a trial, relative, beside its distance from the last one: what shifting it leaves.
 constexpr double expected_correction = 1e-2;
 constexpr std::size_t piece = 4096;
+/// Levels for which the size of the energy's terms serves.
+constexpr int size_period = 16;
 /// The residual, relative to the terms of its row, at which nothing but rounding is left.
 constexpr double residual_floor = 4.0 * epsilon;
 /// Length of the two steps, one forward and one back, that find the velocity at the start, relative to the first step.
@@ -157,6 +159,8 @@ public:
     if (!level_sweep({}).finite) {
       throw std::invalid_argument("S is not finite at the initial level");
     }
+    const grids::FieldSet& fields = level_.fields;
+    terms_at_start_ = sweep_.mean_terms(fields.pointers(), level_.slopes);
   }
 
   [[nodiscard]] const MultisymplecticSystem& system() const override { return system_; }
@@ -176,6 +180,16 @@ public:
   }
 
   [[nodiscard]] double discrete_energy() const override { return energy_; }
+  /// It changes slowly, and costs more than a sweep: taken anew now and then.
+  [[nodiscard]] formula::SumSize energy_size() override {
+    if (size_age_ >= size_period) {
+      const grids::FieldSet& point = point_;
+      make_point(0.5);
+      size_of_energy_ = sweep_.energy_size(point.pointers(), level_.slopes, terms_at_start_);
+      size_age_ = 0;
+    }
+    return size_of_energy_;
+  }
   [[nodiscard]] double discrete_energy_slope() const override { return slope_; }
   [[nodiscard]] bool slope_to_leading_order() const override { return true; }
   [[nodiscard]] int iterations() const override { return iterations_; }
@@ -200,6 +214,7 @@ public:
     history_.record(0.5 * trial_h_, trial_h_, delta_);
     history_.advance(trial_h_);
     contraction_.advance();
+    ++size_age_;
     for (int f = 0; f < system_.field_count(); ++f) {
       const auto i = static_cast<std::size_t>(f);
       double* high = level_.fields.field(f).data();
@@ -231,6 +246,9 @@ public:
     }
     history_.save(state);
     contraction_.save(state);
+    for (const double value : {size_of_energy_.terms, size_of_energy_.rounding, static_cast<double>(size_age_)}) {
+      state.write(value);
+    }
   }
 
   void restore(StateReader& state) override {
@@ -242,6 +260,9 @@ public:
     }
     history_.restore(state);
     contraction_.restore(state);
+    state.read(size_of_energy_.terms);
+    state.read(size_of_energy_.rounding);
+    state.read(size_age_);
     start_level();
   }
 
@@ -467,6 +488,9 @@ private:
   double energy_ = 0.0;
   double slope_ = 0.0;
   int iterations_ = 0;
+  std::vector<double> terms_at_start_;  ///< means over the cells of the terms of S
+  formula::SumSize size_of_energy_;
+  int size_age_ = size_period;  ///< levels since it was taken
   LevelNode node_;
   bool node_known_ = false;
 };

@@ -9,6 +9,8 @@
 #include <fmt/ranges.h>
 
 #include <rubato/formula/parse.hpp>
+#include <rubato/formula/rounding.hpp>
+#include <rubato/formula/sum.hpp>
 
 namespace rubato {
 
@@ -112,6 +114,12 @@ void MultisymplecticSystem::compile() {
   for (const std::string& name : fields_) {
     variables_.push_back(graph_->variable(name));
   }
+  const formula::WithoutConstant separated = formula::separate_constant(S_);
+  if (separated.constant != 0.0) {
+    constant_ = separated.constant;
+    reduced_ = std::make_shared<const MultisymplecticSystem>(graph_, fields_, M_, K_, separated.rest);
+  }
+  size_ = std::make_shared<const formula::Bytecode>(formula::sum_size_code(S_, variables_));
   std::vector<formula::Expression> outputs = {S_};
   value_ = std::make_shared<const formula::Bytecode>(outputs, variables_);
   std::ranges::copy(formula::gradient(S_, variables_), std::back_inserter(outputs));

@@ -65,12 +65,19 @@ public:
   [[nodiscard]] formula::Expression expression() const { return S_; }
   [[nodiscard]] const std::vector<formula::Expression>& variables() const { return variables_; }
 
+  /// The constant c that was added to S (formula::separate_constant), and the system with S - c: the steps are those of
+  /// the latter, c times the volume of the grid is what it adds to the energy.
+  [[nodiscard]] double constant() const { return constant_; }
+  [[nodiscard]] const MultisymplecticSystem& without_constant() const { return reduced_ ? *reduced_ : *this; }
+
   [[nodiscard]] const formula::Bytecode& value_code() const { return *value_; }        ///< S
   [[nodiscard]] const formula::Bytecode& gradient_code() const { return *gradient_; }  ///< S, then ∇S
   /// S, ∇S, then the entries of S'' listed in varying_hessian(); the others are constants.
   [[nodiscard]] const formula::Bytecode& hessian_code() const { return *hessian_; }
   [[nodiscard]] const std::vector<HessianEntry>& varying_hessian() const { return varying_; }
   [[nodiscard]] const Eigen::MatrixXd& constant_hessian() const { return constant_hessian_; }
+  /// For a formula::SumSizeEvaluator: how large the terms of S are, and what rounding makes of S.
+  [[nodiscard]] const formula::Bytecode& size_code() const { return *size_; }
   /// S'' in full at one point.
   [[nodiscard]] Eigen::MatrixXd hessian(std::span<const double> z) const;
 
@@ -108,7 +115,9 @@ private:
   std::vector<formula::Expression> variables_;
   std::vector<HessianEntry> varying_;
   Eigen::MatrixXd constant_hessian_;
-  std::shared_ptr<const formula::Bytecode> value_, gradient_, hessian_;
+  double constant_ = 0.0;
+  std::shared_ptr<const MultisymplecticSystem> reduced_;  ///< with S - c, if c is not 0
+  std::shared_ptr<const formula::Bytecode> value_, gradient_, hessian_, size_;
   std::shared_ptr<const FieldStructure> structure_;
 };
 

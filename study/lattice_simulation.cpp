@@ -37,6 +37,7 @@ public:
   [[nodiscard]] double t() const override { return lattice_.t(); }
   [[nodiscard]] LevelNode node() override { return lattice_.node(); }
   [[nodiscard]] bool autonomous() const override { return true; }
+  [[nodiscard]] bool has_gamma() const override { return lattice_.scheme().has_gamma(); }
   [[nodiscard]] double last_step() const override { return lattice_.levels().last_step(); }
 
   [[nodiscard]] std::vector<std::string> cautions() const override { return lattice_.cautions(); }

@@ -59,6 +59,7 @@ public:
   [[nodiscard]] double t() const override { return integrator_.t(); }
   [[nodiscard]] LevelNode node() override { return integrator_.node(); }
   [[nodiscard]] bool autonomous() const override { return integrator_.autonomous(); }
+  [[nodiscard]] bool has_gamma() const override { return integrator_.has_gamma(); }
   [[nodiscard]] double last_step() const override { return integrator_.levels().last_step(); }
   [[nodiscard]] std::string failure_reason() const override { return integrator_.failure_reason(); }
 

@@ -45,7 +45,7 @@ JsonObject json(const Deviation& value) {
 /// euler-box has none: it chooses no levels, and is told as 0.
 bool has_gamma(const Outcome& outcome) {
   const Range& gamma = outcome.statistics.gamma;
-  return outcome.variable_levels || gamma.min != 0.0 || gamma.max != 0.0;
+  return gamma.min <= gamma.max && (outcome.variable_levels || gamma.min != 0.0 || gamma.max != 0.0);
 }
 
 template <typename T>

@@ -14,6 +14,7 @@
 #include <rubato/study/simulation.hpp>
 #include <rubato/study/stored.hpp>
 #include <rubato/study/version.hpp>
+#include <rubato/variation/bridge_causes.hpp>
 
 namespace rubato::study {
 
@@ -23,6 +24,15 @@ using Clock = std::chrono::steady_clock;
 
 /// Above this step condition the energy law still holds to the tolerance but its levels carry visible rounding.
 constexpr double condition_warning = 1e-6;
+
+std::string about_gamma(const Problem& problem, const Simulation& simulation) {
+  if (!simulation.has_gamma()) {
+    return "Gamma(z_k) is not defined for this scheme";
+  }
+  return problem.hamiltonian() != nullptr
+             ? "Gamma(z_k) (theory, section 3)"
+             : "Gamma(z_k) (theory, section 5), from velocities extrapolated over the last steps: an approximation";
+}
 
 /// The datasets that every record has, in the order in which level_rows and step_rows append them.
 record::Layout make_layout(const Problem& problem, Simulation& simulation, int threads) {
@@ -34,7 +44,7 @@ record::Layout make_layout(const Problem& problem, Simulation& simulation, int t
                         .threads = threads};
   layout.datasets = {
       {"/levels/t", "/levels/t", {}, Type::f64, "time of every level"},
-      {"/levels/gamma", "/levels/t", {}, Type::f64, "Gamma(z_k) (theory, section 3)"},
+      {"/levels/gamma", "/levels/t", {}, Type::f64, about_gamma(problem, simulation), !simulation.has_gamma()},
       {"/levels/node_energy", "/levels/t", {}, Type::f64, "H(z_k)"},
       {"/levels/step", "/levels/step", {}, Type::i64, "number of the step from level k to k+1"},
       {"/levels/h", "/levels/step", {}, Type::f64, "t_{k+1} - t_k"},
@@ -42,7 +52,12 @@ record::Layout make_layout(const Problem& problem, Simulation& simulation, int t
       {"/levels/iterations", "/levels/step", {}, Type::i32, "evaluations of the gradient or Hessian in the step"},
       {"/levels/bridged", "/levels/step", {}, Type::u8, "1 on bridging steps, which do not meet the energy law"},
       {"/levels/crossing", "/levels/step", {}, Type::u8, "1 on the first step of each bridge"},
-      {"/levels/step_condition", "/levels/step", {}, Type::f64, "relative error of h that rounding in H makes", true},
+      {"/levels/step_condition",
+       "/levels/step",
+       {},
+       Type::f64,
+       "relative error of h: what is left of the level equation, and rounding in E_k, by |h dE/dh|",
+       true},
   };
   for (const std::string& name : simulation.invariant_names()) {
     layout.datasets.push_back(
@@ -154,6 +169,7 @@ private:
     StateWriter state;
     simulation_->save(state);
     outcome_.statistics.save(state);
+    causes_.save(state);
     state.write(static_cast<double>(stored_));
     return {{"state", state.values()}};
   }
@@ -166,6 +182,7 @@ private:
       StateReader state(whole ? std::span<const double>(*values) : std::span<const double>());
       simulation_->restore(state);
       outcome_.statistics.restore(state);
+      causes_.restore(state);
       state.read(stored_);
       whole = whole && state.done();
     } catch (const std::invalid_argument&) {
@@ -263,6 +280,7 @@ private:
       return;
     }
     const StepReport report = simulation_->step();
+    causes_.add(report);
     if (report.status != Status::success) {
       const bool singular = report.status == Status::singular || report.status == Status::ill_conditioned;
       outcome_.status = singular ? ExitStatus::singular : ExitStatus::failed;
@@ -273,7 +291,7 @@ private:
     }
     Statistics& statistics = outcome_.statistics;
     const LevelNode node = simulation_->node();
-    if (!std::isfinite(node.energy) || !std::isfinite(node.gamma)) {
+    if (!std::isfinite(node.energy) || (simulation_->has_gamma() && !std::isfinite(node.gamma))) {
       outcome_.status = ExitStatus::failed;
       outcome_.message = fmt::format(
           "the node energy or Gamma is not finite at t = {:.10g}: the orbit left the domain of the formula{}",
@@ -343,24 +361,49 @@ private:
     }
   }
 
+  /// Why there were bridging steps, by what they show (BridgeCauses), and what to do.
   [[nodiscard]] std::string about_bridges() const {
     const Statistics& statistics = outcome_.statistics;
-    // Where Γ is 0 to rounding, any h keeps the energy: H is linear, or the order so high that its errors vanish.
-    constexpr double rounding = 1e-12;
-    if (statistics.relative_bridge_deviation() <= rounding) {
+    const std::string count = fmt::format("{} of {} steps", statistics.bridge_steps, statistics.steps);
+    // Where most of them are flat any h keeps the energy: H is linear, or the order so high that its errors vanish.
+    if (2 * causes_.flat() > causes_.steps()) {
       return fmt::format(
-          "Gamma is 0 to rounding on {} of {} steps: there the discrete energy is the same whatever h is, and h was "
-          "left as it was; larger steps, a lower order or levels = \"fixed\" may suit this problem better",
-          statistics.bridge_steps, statistics.steps);
+          "Gamma is 0 to rounding on {}: there the discrete energy is the same whatever h is, and h was left as it "
+          "was; larger steps, a lower order or levels = \"fixed\" may suit this problem better",
+          count);
+    }
+    if (causes_.starting() == causes_.steps()) {
+      return fmt::format(
+          "the first step is too long to set the law: {}, and {} plain; E is {}; take a smaller step", too_long(),
+          count, causes_.steps() == statistics.steps ? "not set yet" : "that of the first step that meets the law");
+    }
+    const std::string off = fmt::format(
+        "{} bridge{} in {} steps, on which the discrete energy is off by up to {:.2g} "
+        "(relative); {}",
+        statistics.bridges, statistics.bridges == 1 ? "" : "s", statistics.steps,
+        statistics.relative_bridge_deviation(), how_it_falls(problem_.scheme));
+    if (causes_.crossings() == 0 && !nears_zero()) {
+      return fmt::format("the step is too long for this orbit: {}; {}", too_long(), off);
     }
     const bool long_bridges = statistics.bridge_steps > 2 * statistics.bridges;
-    return fmt::format(
-        "Gamma {} on this orbit: {} bridge{} in {} steps, on which the discrete energy is off by up to "
-        "{:.2g} (relative); {}{}",
-        statistics.gamma.min < 0.0 && statistics.gamma.max > 0.0 ? "changes sign" : "nears 0", statistics.bridges,
-        statistics.bridges == 1 ? "" : "s", statistics.steps, statistics.relative_bridge_deviation(),
-        how_it_falls(problem_.scheme),
-        long_bridges ? ". Here a bridge takes many steps, which smaller steps mend too" : "");
+    return fmt::format("{}: {}{}", causes_.crossings() > 0 ? "Gamma changes sign on this orbit" : nearly_zero(), off,
+                       long_bridges ? ". Here a bridge takes many steps, which smaller steps mend too" : "");
+  }
+
+  /// The smallest |Γ| of the run beside the largest.
+  [[nodiscard]] bool nears_zero() const {
+    constexpr double near = 0.02;
+    const Range& gamma = outcome_.statistics.gamma;
+    return gamma.min * gamma.max <= 0.0 || std::min(std::abs(gamma.min), std::abs(gamma.max)) <
+                                               near * std::max(std::abs(gamma.min), std::abs(gamma.max));
+  }
+  [[nodiscard]] std::string nearly_zero() const {
+    const Range& gamma = outcome_.statistics.gamma;
+    return fmt::format("Gamma nears 0 on this orbit ({:.3g} to {:.3g})", gamma.min, gamma.max);
+  }
+  [[nodiscard]] std::string too_long() const {
+    return fmt::format("{} goes from {:.4g} to {:.4g} in one step", causes_.from_slopes() ? "-(4/h) dE/dh" : "Gamma",
+                       causes_.gamma_before(), causes_.gamma_after());
   }
 
   const Problem& problem_;
@@ -369,6 +412,7 @@ private:
   record::Layout layout_;
   std::size_t first_state_ = 0;
   std::unique_ptr<record::Writer> writer_;
+  BridgeCauses causes_;
   std::size_t stored_ = 0;  ///< number of the last level whose state is stored
   Clock::time_point last_progress_;
   Outcome outcome_;

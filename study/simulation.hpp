@@ -23,6 +23,8 @@ public:
   [[nodiscard]] virtual double t() const = 0;
   [[nodiscard]] virtual LevelNode node() = 0;  ///< H(z_k) and Γ(z_k)
   [[nodiscard]] virtual bool autonomous() const = 0;
+  /// Whether node() knows Γ: not for an arbitrary 𝕃, nor where no levels are chosen by it.
+  [[nodiscard]] virtual bool has_gamma() const = 0;
   [[nodiscard]] virtual double last_step() const = 0;
   /// After Status::undefined: what of the formula was not defined, where that is known.
   [[nodiscard]] virtual std::string failure_reason() const { return {}; }

@@ -285,6 +285,9 @@ StepReport TimeLevels::flagged(StepReport result) {
     result.bridged = true;
     result.crossing = !singular_;
     singular_ = true;
+    result.gamma_from_slope = !scheme_.has_gamma();
+    result.gamma_before = result.gamma_from_slope ? slope_gamma_[0] : scheme_.node().gamma;
+    result.gamma_after = result.gamma_from_slope ? gamma_of(result) : scheme_.trial_node().gamma;
     take(result);
   }
   return result;
@@ -313,11 +316,12 @@ StepReport TimeLevels::singular_step(const StepReport& ordinary) {
   measure_law(law_node());
   const std::optional<Bridge> bridge = find_bridge(1, true);
   if (same_side && !(bridge && bridge_now(*bridge, ordinary, next))) {
-    StepReport result = plain_step(ordinary.h);
+    // The looking around has left the scheme elsewhere, and another solution of the value equations may be nearer now.
+    StepReport result = ordinary_step(ordinary.h);
     if (result.status == Status::success) {
       take_ordinary(result);
+      return result;
     }
-    return result;
   }
   return bridge ? start_bridge(*bridge) : long_bridge();
 }

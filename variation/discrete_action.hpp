@@ -5,6 +5,8 @@
 
 #include <Eigen/Core>
 
+#include <rubato/formula/rounding.hpp>
+
 namespace rubato {
 
 /// The mesh element on which a discrete action lives: its corners, and what varies at each of them.
@@ -41,6 +43,8 @@ public:
   virtual void gradient(std::span<const double> corners, Eigen::Ref<Eigen::VectorXd> result) = 0;
   /// Second variation: the symmetric matrix ∂²A/∂(corners)².
   virtual void hessian(std::span<const double> corners, Eigen::Ref<Eigen::MatrixXd> result) = 0;
+  /// How large the terms are whose sum is ∂A/∂t at the first corner (on a segment: E), and what rounding makes of it.
+  [[nodiscard]] virtual formula::SumSize energy_size(std::span<const double> corners) = 0;
 
 protected:
   DiscreteAction() = default;

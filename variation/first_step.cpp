@@ -71,8 +71,8 @@ private:
 
 }  // namespace
 
-double choose_first_step(const std::function<TrialRun(double)>& run, const LevelNode& start, int order,
-                         double tolerance, double length) {
+double choose_first_step(const std::function<TrialRun(double)>& run, const LevelNode& start, double energy_scale,
+                         int order, double tolerance, double length) {
   if (!(tolerance > 0.0 && tolerance < 1.0)) {
     throw std::invalid_argument(
         fmt::format("the tolerance of the node energy is relative and has to be between 0 and 1; got {}", tolerance));
@@ -80,7 +80,7 @@ double choose_first_step(const std::function<TrialRun(double)>& run, const Level
   const Search search(run, order, length);
   double reached = std::max(tolerance, coarse_tolerance);
   // |H - E| = (s+1)/24 h^s |Γ| at the start
-  const double law = 24.0 * reached * std::abs(start.energy) / ((order + 1.0) * std::abs(start.gamma));
+  const double law = 24.0 * reached * energy_scale / ((order + 1.0) * std::abs(start.gamma));
   const double guess = std::pow(law, 1.0 / order);
   double step = search(std::isfinite(guess) && guess > 0.0 ? guess : 0.1 * std::abs(length), reached, true);
   while (reached > tolerance) {

@@ -9,7 +9,7 @@ namespace rubato {
 
 FormulaAction::FormulaAction(std::shared_ptr<const formula::Graph> graph, formula::Expression action,
                              std::span<const formula::Expression> corners, Element element)
-    : graph_(std::move(graph)), action_(action), element_(element) {
+    : graph_(std::move(graph)), action_(action), corners_(corners.begin(), corners.end()), element_(element) {
   if (corners.size() != element.size()) {
     throw std::invalid_argument(
         fmt::format("a discrete action on {} corners with {} coordinates and {} values each needs {} variables, got {}",
@@ -45,6 +45,14 @@ void FormulaAction::hessian(std::span<const double> corners, Eigen::Ref<Eigen::M
       result(i, j) = result(j, i) = hessian_.output(next++);
     }
   }
+}
+
+formula::SumSize FormulaAction::energy_size(std::span<const double> corners) {
+  if (!energy_size_) {
+    const formula::Expression energy = formula::derivative(action_, corners_[element_.coordinate(0, 0)]);
+    energy_size_.emplace(formula::sum_size_code(energy, corners_));
+  }
+  return (*energy_size_)(corners);
 }
 
 }  // namespace rubato

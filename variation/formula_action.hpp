@@ -1,6 +1,7 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include <rubato/formula/bytecode.hpp>
@@ -22,14 +23,17 @@ public:
   [[nodiscard]] double value(std::span<const double> corners) override;
   void gradient(std::span<const double> corners, Eigen::Ref<Eigen::VectorXd> result) override;
   void hessian(std::span<const double> corners, Eigen::Ref<Eigen::MatrixXd> result) override;
+  [[nodiscard]] formula::SumSize energy_size(std::span<const double> corners) override;
 
   [[nodiscard]] formula::Expression expression() const { return action_; }
 
 private:
   std::shared_ptr<const formula::Graph> graph_;
   formula::Expression action_;
+  std::vector<formula::Expression> corners_;
   Element element_;
   formula::ScalarEvaluator value_, gradient_, hessian_;
+  std::optional<formula::SumSizeEvaluator> energy_size_;  ///< made when first asked for
 };
 
 }  // namespace rubato

@@ -18,10 +18,11 @@ constexpr double loose = 1e-6;
 constexpr double largest_ratio = 4.0;
 /// Trial lengths per step. A regular step takes 2 or 3; the rest is for finding out that there is no root.
 constexpr int most_trials = 60;
-/// The level equation is solved to this part of the tolerance, so that what is reported stays within it.
+/// The level equation is solved to this part of the tolerance, so that what is reported stays within it, and further
+/// down to what rounding makes of E_k: a trial more is cheap, and what is left of the equation is part of the error of
+/// h.
 constexpr double margin = 0.1;
-/// Relative miss of the level equation below which failing to improve is blamed on rounding (terms of H that cancel).
-constexpr double stagnation_level = 1e-9;
+constexpr double least_margin = 0.01;
 
 double sign(double x) {
   return x < 0.0 ? -1.0 : 1.0;
@@ -32,7 +33,8 @@ double sign(double x) {
 Status TimeLevels::solve_level(double guess) {
   const double side = sign(guess);
   const double target = scheme_.energy_target().value_or(energy_);
-  const double tolerance = margin * options_.tolerance * energy_scale_;
+  const double tolerance = std::clamp(rounding_, least_margin * options_.tolerance * energy_scale_,
+                                      margin * options_.tolerance * energy_scale_);
   const double longest = largest_ratio * std::abs(guess);
   const double shortest = std::abs(guess) / largest_ratio;
 
@@ -52,6 +54,7 @@ Status TimeLevels::solve_level(double guess) {
   bool newton = true;  // whether this length came from the last slope, not from halving a bracket
   int stalls = 0;      // such trials in a row that brought no improvement
   bool full = false;
+  bool reopened = false;
   Status failure = Status::singular;
 
   for (int trial = 0; trial < most_trials; ++trial) {
@@ -102,10 +105,22 @@ Status TimeLevels::solve_level(double guess) {
     const bool worse = full && std::abs(miss) >= 0.5 * best;
     stalls = worse ? stalls + (newton ? 1 : 0) : 0;
     const bool closed = worse && std::min(above, fold) - below <= 4.0 * epsilon * length;
-    const bool stagnated = (stalls >= 2 || closed) && std::abs(miss) <= stagnation_level * energy_scale_;
+    if (stalls >= 2 || closed) {
+      measure();  // rounding may be more than at the last level
+    }
+    const bool stagnated = (stalls >= 2 || closed) && std::abs(miss) <= std::max(options_.tolerance * energy_scale_,
+                                                                                 rounding_ + epsilon * slope * length);
     if (full && (std::abs(miss) <= tolerance || stagnated)) {
       trial_step_ = side * length;
       return Status::success;
+    }
+    if (closed && !reopened) {
+      // The bracket closed on no root: some trial was solved too loosely to tell its side.
+      reopened = true;
+      below = below_slope = 0.0;
+      above = blocked = infinity;
+      best = infinity;
+      stalls = 0;
     }
     if (!full && std::abs(miss) <= tolerance) {
       full = true;  // met already: the same length again, solved to stagnation
@@ -131,13 +146,16 @@ Status TimeLevels::solve_level(double guess) {
     // ends correct it.
     const double secant = (miss - last_miss) / (length - last_length);
     const bool agrees = stalls == 0 && last_length > 0.0 && secant > 0.8 * slope && secant < 1.25 * slope;
-    const double error = full && last_full ? 16.0 * epsilon * energy_scale_ : loose * slope * length;
+    const double error = full && last_full ? 2.0 * rounding_ : loose * slope * length;
     if (last_length > 0.0 && secant > 0.0 && std::abs(miss - last_miss) > 100.0 * error) {
       const double ratio = secant / (0.5 * (slope + last_slope));
       correction = ratio > 0.8 && ratio < 1.25 ? 1.0 : ratio;
     }
     const double bend = scheme_.slope_to_leading_order() ? slope / (0.5 * (slope + last_slope)) : 1.0;
-    const double local_slope = agrees ? bend * secant : correction * slope;
+    // Where Newton's steps have stalled, the secant between two solved steps is the truth as far as rounding lets it
+    // be.
+    const bool measured = stalls > 0 && full && last_full && secant > 0.0 && std::abs(miss - last_miss) > error;
+    const double local_slope = measured ? secant : agrees ? bend * secant : correction * slope;
     last_length = length;
     last_miss = miss;
     last_slope = slope;

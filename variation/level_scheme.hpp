@@ -5,6 +5,7 @@
 
 #include <rubato/base/outcome.hpp>
 #include <rubato/base/state.hpp>
+#include <rubato/formula/rounding.hpp>
 
 namespace rubato {
 
@@ -29,6 +30,10 @@ public:
 
   /// E_k of the trial step, (3.4).
   [[nodiscard]] virtual double discrete_energy() const = 0;
+  /// How large E_k is, as a sum of terms that may cancel and without added constants, and what rounding makes of it:
+  /// the scale of the tolerance, and the error of h. Where E_k was last evaluated; at the current level if it has not
+  /// been yet.
+  [[nodiscard]] virtual formula::SumSize energy_size() = 0;
   /// Total derivative dE_k/dh along the solved step; -(h/4)Γ for the midpoint 𝕃, -s h^(s-1) (s+1)Γ/24 for order s.
   [[nodiscard]] virtual double discrete_energy_slope() const = 0;
   /// Whether that is the leading term of the derivative alone, off by a factor that hardly depends on h.
@@ -45,6 +50,9 @@ public:
   [[nodiscard]] virtual LevelNode node() = 0;        ///< at the current level
   [[nodiscard]] virtual LevelNode trial_node() = 0;  ///< at the trial level
   [[nodiscard]] virtual int iterations() const = 0;  ///< solver iterations since the last accept()
+
+  /// Whether node() knows Γ, the quantity that dE_k/dh of this scheme is proportional to; else it is NaN there.
+  [[nodiscard]] virtual bool has_gamma() const { return has_node_law(); }
 
   /// After Status::undefined, or where Γ is not a number: why, for people; empty where nothing more is known.
   [[nodiscard]] virtual std::string failure_reason() const { return {}; }

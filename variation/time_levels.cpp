@@ -11,6 +11,8 @@ namespace rubato {
 namespace {
 
 constexpr double epsilon = std::numeric_limits<double>::epsilon();
+/// With fixed levels, steps for which the size of the energy's terms serves.
+constexpr std::size_t size_period = 16;
 
 double sign(double x) {
   return x < 0.0 ? -1.0 : 1.0;
@@ -32,31 +34,69 @@ TimeLevels::TimeLevels(LevelScheme& scheme, const LevelOptions& options, double 
     throw std::invalid_argument(
         fmt::format("the tolerance of the level equation must be positive; got {}", options.tolerance));
   }
+  measure();
 }
 
 StepReport TimeLevels::step() {
-  if (options_.levels == Levels::fixed) {
-    return fixed_step();
+  StepReport result = options_.levels == Levels::fixed ? fixed_step()
+                      : std::isnan(energy_)            ? first_step()
+                                                       : variable_step();
+  if (result.status != Status::success) {
+    add_evidence(result);
   }
-  return std::isnan(energy_) ? first_step() : variable_step();
+  result.energy += options_.energy_constant;
+  result.target += options_.energy_constant;
+  return result;
 }
 
-StepReport TimeLevels::report(Status status, double h) const {
+/// What the terms of E_k and its rounding are at the trial step. With fixed levels nothing is solved to it.
+void TimeLevels::measure() {
+  if (options_.levels == Levels::fixed && steps_ % size_period != 0) {
+    return;
+  }
+  const formula::SumSize size = scheme_.energy_size();
+  if (std::isfinite(size.terms) && std::isfinite(size.rounding)) {
+    energy_scale_ = std::max(energy_scale_, size.terms);
+    rounding_ = size.rounding;
+  }
+}
+
+StepReport TimeLevels::report(Status status, double h) {
   StepReport result;
   result.status = status;
   result.h = h;
   result.iterations = scheme_.iterations();
-  if (status == Status::success || status == Status::ill_conditioned) {
+  result.target = scheme_.energy_target().value_or(energy_);
+  if (status == Status::success) {
+    measure();
     result.energy = scheme_.discrete_energy();
     result.slope = scheme_.discrete_energy_slope();
-    result.target = scheme_.energy_target().value_or(std::isnan(energy_) ? result.energy : energy_);
-    result.condition = condition(h, result.slope);
+    result.condition = options_.levels == Levels::fixed ? std::numeric_limits<double>::quiet_NaN()
+                                                        : rounding_ / std::abs(h * result.slope);
   }
   return result;
 }
 
+/// |E_k - E| up to which a step meets the law: the tolerance, or where that is less, what rounding in E_k and in h
+/// leave.
+double TimeLevels::allowed_miss(const StepReport& step) const {
+  return std::max(options_.tolerance * energy_scale_, 2.0 * (rounding_ + epsilon * std::abs(step.h * step.slope)));
+}
+
+/// What the slope of a step makes of Γ, from dE/dh = -s(s+1)/24 h^(s-1) Γ.
+double TimeLevels::gamma_of(const StepReport& step) const {
+  const double s = scheme_.order();
+  return -24.0 * step.slope / (s * (s + 1.0) * std::pow(step.h, s - 1.0));
+}
+
+void TimeLevels::add_evidence(StepReport& failed) {
+  failed.gamma_from_slope = !scheme_.has_gamma() || std::isnan(last_node_.gamma);
+  failed.gamma_before = failed.gamma_from_slope ? slope_gamma_[1] : last_node_.gamma;
+  failed.gamma_after = failed.gamma_from_slope ? slope_gamma_[0] : scheme_.node().gamma;
+}
+
 void TimeLevels::take(StepReport& result) {
-  energy_scale_ = std::max(energy_scale_, std::abs(result.energy));
+  slope_gamma_ = {gamma_of(result), slope_gamma_[0]};
   if (options_.levels == Levels::variable && options_.on_singular == OnSingular::bridge) {
     last_node_ = scheme_.node();
   }
@@ -72,10 +112,6 @@ void TimeLevels::take(StepReport& result) {
   last_step_ = result.h;
 }
 
-double TimeLevels::condition(double h, double slope) const {
-  return epsilon * energy_scale_ / std::abs(h * slope);
-}
-
 StepReport TimeLevels::plain_step(double h) {
   return report(scheme_.advance(h, 0.0), h);
 }
@@ -85,6 +121,7 @@ StepReport TimeLevels::fixed_step() {
   if (result.status == Status::success) {
     if (steps_ == 0) {
       energy_ = result.energy;
+      result.target = scheme_.energy_target().value_or(energy_);
     }
     take(result);
   }
@@ -93,14 +130,11 @@ StepReport TimeLevels::fixed_step() {
 
 StepReport TimeLevels::first_step() {
   const LevelNode here = scheme_.node();
-  energy_scale_ = std::max(energy_scale_, std::abs(here.energy));
   StepReport result = plain_step(fixed_h_);
   if (result.status != Status::success) {
     return result;
   }
   const LevelNode next = scheme_.trial_node();
-  energy_scale_ = std::max({energy_scale_, std::abs(result.energy), std::abs(next.energy)});
-  result.condition = condition(result.h, result.slope);
   const bool ill_conditioned = !(result.condition <= options_.condition_limit);
   if (options_.on_singular == OnSingular::stop) {
     if (ill_conditioned) {
@@ -115,6 +149,7 @@ StepReport TimeLevels::first_step() {
   }
   singular_ = false;
   energy_ = result.energy;
+  result.target = scheme_.energy_target().value_or(energy_);
   direction_ = sign(result.slope * result.h);
   const double s = scheme_.order();
   // From dE/dh = -s(s+1)/24 h^(s-1) Γ: |h^(s+1) Γ| = 24 h²|dE/dh| / (s(s+1)), and c by the node law H - E = (s+1)/24
@@ -128,8 +163,14 @@ StepReport TimeLevels::first_step() {
 StepReport TimeLevels::ordinary_step(double guess) {
   const Status status = solve_level(guess);
   StepReport result = report(status, trial_step_);
-  if (status == Status::success && !(result.condition <= options_.condition_limit)) {
-    result.status = Status::ill_conditioned;
+  if (status == Status::success) {
+    const double miss = std::abs(result.energy - result.target);
+    result.condition += miss / std::abs(result.h * result.slope);
+    if (!(miss <= allowed_miss(result))) {
+      result.status = Status::not_converged;
+    } else if (!(result.condition <= options_.condition_limit)) {
+      result.status = Status::ill_conditioned;
+    }
   }
   return result;
 }
@@ -210,11 +251,26 @@ double TimeLevels::predicted_step() const {
 void TimeLevels::save(StateWriter& state) const {
   state.write(time_.high);
   state.write(time_.low);
-  for (const double value :
-       {static_cast<double>(steps_), energy_, energy_scale_, law_constant_, step_constant_, last_step_, regular_step_,
-        direction_, static_cast<double>(singular_), static_cast<double>(waited_), bridge_.h,
-        static_cast<double>(bridge_.count), bridge_.end.energy, bridge_.end.gamma, last_node_.energy, last_node_.gamma,
-        static_cast<double>(remembered_)}) {
+  for (const double value : {static_cast<double>(steps_),
+                             energy_,
+                             energy_scale_,
+                             rounding_,
+                             law_constant_,
+                             step_constant_,
+                             last_step_,
+                             regular_step_,
+                             direction_,
+                             static_cast<double>(singular_),
+                             static_cast<double>(waited_),
+                             bridge_.h,
+                             static_cast<double>(bridge_.count),
+                             bridge_.end.energy,
+                             bridge_.end.gamma,
+                             last_node_.energy,
+                             last_node_.gamma,
+                             slope_gamma_[0],
+                             slope_gamma_[1],
+                             static_cast<double>(remembered_)}) {
     state.write(value);
   }
   for (const Sample& sample : history_) {
@@ -229,6 +285,7 @@ void TimeLevels::restore(StateReader& state) {
   state.read(steps_);
   state.read(energy_);
   state.read(energy_scale_);
+  state.read(rounding_);
   state.read(law_constant_);
   state.read(step_constant_);
   state.read(last_step_);
@@ -242,6 +299,8 @@ void TimeLevels::restore(StateReader& state) {
   state.read(bridge_.end.gamma);
   state.read(last_node_.energy);
   state.read(last_node_.gamma);
+  state.read(slope_gamma_[0]);
+  state.read(slope_gamma_[1]);
   state.read(remembered_);
   for (Sample& sample : history_) {
     state.read(sample.time);

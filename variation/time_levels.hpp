@@ -33,8 +33,9 @@ struct LevelOptions {
   Levels levels = Levels::variable;
   OnSingular on_singular = OnSingular::bridge;
   BridgeRule bridge = BridgeRule::anchored;
-  double tolerance = 1e-13;       ///< of the level equation, relative to max(|E|, max |H|)
+  double tolerance = 1e-13;       ///< of the level equation, relative to energy_scale()
   double condition_limit = 1e-2;  ///< a step whose condition exceeds it is refused: its energy law is only rounding
+  double energy_constant = 0.0;   ///< to be added to the scheme's energies in what is told of them
 };
 
 /// What one call of TimeLevels::step() did.
@@ -42,13 +43,23 @@ struct StepReport {
   Status status = Status::success;
   double h = 0.0;
   double energy = 0.0;  ///< E_k of the step
-  double target = 0.0;  ///< what E_k has to equal with variable levels: E, or the other side of the balance (3.4)
+  double target = 0.0;  ///< what E_k has to equal with variable levels: E, or the other side of the balance (3.4); NaN
+                        ///< as long as no step has met the law, so that there is no E yet
   double slope = 0.0;   ///< total derivative dE/dh of the step
-  double condition =
-      0.0;  ///< step condition ε|H|/|h dE/dh| = 4ε|H|/(h²|Γ|): relative error of h that rounding in H makes
+  /// Step condition (|E_k - E| + δE) / |h dE/dh|, the relative error of h: by what is left of the level equation (on
+  /// steps that meet it), and by δE, a bound of what rounding makes of E_k. For the midpoint 𝕃 |h dE/dh| = h²|Γ|/4. NaN
+  /// with fixed levels, where h is what was asked for.
+  double condition = 0.0;
   int iterations = 0;
   bool bridged = false;   ///< a plain step, taken where the energy law has no solution
   bool crossing = false;  ///< the first step of a bridge
+
+  /// Evidence for why a step was flagged, or failed: Γ at both ends of a flagged step; of a failed one at the level
+  /// before and at the level it failed from. Where the scheme does not know its Γ, or no level before is kept, what the
+  /// slopes of the last two steps make of it, -24 dE/dh / (s(s+1) h^(s-1)). NaN where nothing is known.
+  double gamma_before = std::numeric_limits<double>::quiet_NaN();
+  double gamma_after = std::numeric_limits<double>::quiet_NaN();
+  bool gamma_from_slope = false;
 };
 
 /// The choice of time levels, the same for orbits and lattices.
@@ -58,6 +69,11 @@ struct StepReport {
 /// predictor is the step law h^(s+1) Γ = const, extrapolated. A root is taken only where dE/dh has the sign it has
 /// along the orbit: beyond the fold of E(h) lies the other branch, at h < 0 the reflected root, and both have the
 /// opposite sign.
+///
+/// A step that is not flagged as bridged meets E_k = E, to the tolerance or to what rounding in E_k leaves, whichever
+/// is larger; the very numbers of its report are judged before it is taken. H has no preferred zero: what the tolerance
+/// is relative to, and what rounding makes of E_k, are properties of the terms that E_k is the sum of
+/// (LevelScheme::energy_size), not of its value.
 class TimeLevels {
 public:
   /// \param start t_0
@@ -69,8 +85,15 @@ public:
 
   [[nodiscard]] double time() const { return time_.value(); }
   [[nodiscard]] std::size_t steps() const { return steps_; }
-  [[nodiscard]] double energy() const { return energy_; }              ///< E, once the first step is taken
-  [[nodiscard]] double energy_scale() const { return energy_scale_; }  ///< max(|E|, max |H|) so far
+  /// E, once a step has met the law; NaN before that.
+  [[nodiscard]] double energy() const { return energy_ + options_.energy_constant; }
+  /// The same without the constant that is added to energies.
+  [[nodiscard]] double bare_energy() const { return energy_; }
+  /// The largest size of E_k so far (LevelScheme::energy_size), added constants left out: what the tolerance is
+  /// relative to.
+  [[nodiscard]] double energy_scale() const { return energy_scale_; }
+  /// A bound of what rounding makes of E_k, near the present level.
+  [[nodiscard]] double energy_rounding() const { return rounding_; }
   [[nodiscard]] double law_constant() const {
     return law_constant_;
   }  ///< c of the node law H - E = c·sign(Γ)|Γ|^(1/(s+1))
@@ -91,9 +114,12 @@ private:
   StepReport variable_step();
   StepReport plain_step(double h);
   StepReport ordinary_step(double guess);
-  StepReport report(Status status, double h) const;
+  StepReport report(Status status, double h);
   void take(StepReport& report);
   void take_ordinary(StepReport& report);
+  [[nodiscard]] double allowed_miss(const StepReport& step) const;
+  [[nodiscard]] double gamma_of(const StepReport& step) const;
+  void add_evidence(StepReport& failed);
 
   [[nodiscard]] Status solve_level(double guess);
   [[nodiscard]] double density_at(double time) const;
@@ -101,7 +127,7 @@ private:
   [[nodiscard]] double law_step(double gamma) const;
   void set_direction(double gamma);
   void remember(double h, double slope);
-  [[nodiscard]] double condition(double h, double slope) const;
+  void measure();
 
   // bridge.cpp: what happens where the step equation loses its solution (theory, section 3.1).
   /// `count` equal plain steps of length h, after which the ordinary step exists again.
@@ -153,19 +179,23 @@ private:
 
   double energy_ = std::numeric_limits<double>::quiet_NaN();
   double energy_scale_ = 0.0;
+  double rounding_ = 0.0;
   double law_constant_ = 0.0;
   double step_constant_ = 0.0;  ///< |h^(s+1) Γ|, of the first step or as law_constant_ has it
   double last_step_ = 0.0;
   LevelNode last_node_{std::numeric_limits<double>::quiet_NaN(),
                        std::numeric_limits<double>::quiet_NaN()};  ///< the level before this one, for bridges
-  double trial_step_ = 0.0;          ///< the step the scheme's trial level was last solved for
-  double direction_ = 1.0;           ///< sign of dE/d|h| on the branch the run is on
-  double regular_step_ = 0.0;        ///< the last step that met the law
-  bool singular_ = false;            ///< inside a bridge, or waiting for the energy law to be met again
-  int waited_ = 0;                   ///< plain steps since a bridge was looked for in vain
-  Bridge nearest_;                   ///< of those that long_bridge() tried
-  Bridge bridge_;                    ///< under way while its count, the steps still to take, is not 0
-  std::array<Sample, 4> history_{};  ///< of the last steps that met the law, newest first
+  double trial_step_ = 0.0;    ///< the step the scheme's trial level was last solved for
+  double direction_ = 1.0;     ///< sign of dE/d|h| on the branch the run is on
+  double regular_step_ = 0.0;  ///< the last step that met the law
+  bool singular_ = false;      ///< inside a bridge, or waiting for the energy law to be met again
+  int waited_ = 0;             ///< plain steps since a bridge was looked for in vain
+  Bridge nearest_;             ///< of those that long_bridge() tried
+  Bridge bridge_;              ///< under way while its count, the steps still to take, is not 0
+  std::array<double, 2> slope_gamma_{
+      std::numeric_limits<double>::quiet_NaN(),
+      std::numeric_limits<double>::quiet_NaN()};  ///< of the last two steps, newest first
+  std::array<Sample, 4> history_{};               ///< of the last steps that met the law, newest first
   std::size_t remembered_ = 0;
 };
 

@@ -53,6 +53,9 @@ public:
     result(1, last) += fault_ == Fault::hessian || fault_ == Fault::symmetry ? 1e-4 : 0.0;
     result(last, 1) += fault_ == Fault::hessian ? 1e-4 : 0.0;
   }
+  [[nodiscard]] formula::SumSize energy_size(std::span<const double> corners) override {
+    return right_->energy_size(corners);
+  }
 
 private:
   std::unique_ptr<DiscreteAction> right_;

@@ -78,7 +78,7 @@ TEST_CASE("a first step is chosen for fixed levels and where every step will do,
   const Hamiltonian pendulum({"q"}, {"p"}, "p^2/2 - cos(q)");
   const InitialState start{.q = {0.0}, .p = {1.9}};
   const double fixed = choose_first_step(pendulum, start, {.until = 100.0, .levels = Levels::fixed}, 1e-4);
-  CHECK(fixed == Approx(0.0134).epsilon(0.05));
+  CHECK(fixed == Approx(0.013).epsilon(0.1));  // between 0.7 and 1 of the tolerance, so between 0.84 and 1 in h
   const Hamiltonian free({"q"}, {"p"}, "p^2/2");
   CHECK(choose_first_step(free, {.q = {0.0}, .p = {1.0}}, {.until = 100.0}, 1e-6) == Approx(10.0));
   for (const double tolerance : {0.0, -1e-3, 1.0, std::nan("")}) {

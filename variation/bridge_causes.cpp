@@ -1,0 +1,81 @@
+#include <rubato/variation/bridge_causes.hpp>
+
+#include <algorithm>
+#include <cmath>
+
+namespace rubato {
+
+namespace {
+
+/// How many steps ahead a zero of Γ explains why a step does not exist: the step law has h grow without bound there.
+constexpr double steps_ahead = 3.0;
+/// A sign change from one Γ to another this many times larger is no crossing of a simple zero: those are balanced.
+constexpr double largest_imbalance = 16.0;
+
+}  // namespace
+
+double GammaTrend::ratio() const {
+  const double a = std::abs(before);
+  const double b = std::abs(after);
+  return std::max(a, b) / std::min(a, b);
+}
+
+bool GammaTrend::known() const {
+  return std::isfinite(before) && std::isfinite(after);
+}
+
+bool GammaTrend::meets_zero() const {
+  if (!known()) {
+    return false;
+  }
+  if (before * after <= 0.0) {
+    return !(ratio() > largest_imbalance) || before == 0.0 || after == 0.0;
+  }
+  return (after + steps_ahead * (after - before)) * after <= 0.0;
+}
+
+void BridgeCauses::add(const StepReport& step) {
+  if (!step.bridged) {
+    return;
+  }
+  constexpr double flat_condition = 1e-2;
+  ++steps_;
+  starting_ += std::isnan(step.target) ? 1 : 0;
+  if (!(step.condition <= flat_condition)) {
+    ++flat_;
+    return;
+  }
+  const GammaTrend trend{step.gamma_before, step.gamma_after};
+  if (!trend.known()) {
+    return;
+  }
+  from_slopes_ = step.gamma_from_slope;
+  if (trend.before * trend.after <= 0.0 && trend.meets_zero()) {
+    ++crossings_;
+  } else if (trend.ratio() > ratio_) {
+    ratio_ = trend.ratio();
+    before_ = trend.before;
+    after_ = trend.after;
+  }
+}
+
+void BridgeCauses::save(StateWriter& state) const {
+  for (const std::size_t count : {steps_, starting_, flat_, crossings_}) {
+    state.write(static_cast<double>(count));
+  }
+  for (const double value : {ratio_, before_, after_, static_cast<double>(from_slopes_)}) {
+    state.write(value);
+  }
+}
+
+void BridgeCauses::restore(StateReader& state) {
+  for (std::size_t* count : {&steps_, &starting_, &flat_, &crossings_}) {
+    state.read(*count);
+  }
+  for (double* value : {&ratio_, &before_, &after_}) {
+    state.read(*value);
+  }
+  state.read(from_slopes_);
+}
+
+}  // namespace rubato
