@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 
+#include <rubato/base/lanes.hpp>
 #include <rubato/formula/arithmetic.hpp>
 #include <rubato/formula/batch_kernel.hpp>
 
@@ -18,9 +19,9 @@ std::span<const NamedKernel> kernels() {
     __builtin_cpu_init();
     const bool avx512 = __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512cd") &&
                         __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512bw");
-    return std::array<NamedKernel, 3>{{{"sse2", run_sse2, true},
-                                       {"avx2", run_avx2, __builtin_cpu_supports("avx2") != 0},
-                                       {"avx512", run_avx512, avx512}}};
+    return std::array<NamedKernel, 3>{{{"sse2", 2, run_sse2, true},
+                                       {"avx2", 4, run_avx2, __builtin_cpu_supports("avx2") != 0},
+                                       {"avx512", 8, run_avx512, avx512}}};
   }();
   return all;
 }
@@ -51,8 +52,9 @@ double evaluate_scalar(OpCode code, double a, double b) {
 namespace {
 
 const NamedKernel& best_kernel() {
-  static const NamedKernel& best =
-      *std::find_if(kernels().rbegin(), kernels().rend(), [](const NamedKernel& kernel) { return kernel.supported; });
+  static const NamedKernel& best = *std::find_if(kernels().rbegin(), kernels().rend(), [](const NamedKernel& kernel) {
+    return kernel.supported && (lanes_asked_for() == 0 || kernel.lanes <= lanes_asked_for());
+  });
   return best;
 }
 

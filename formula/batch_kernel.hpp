@@ -32,6 +32,7 @@ void run_avx512(const Block& block);
 
 struct NamedKernel {
   const char* name;
+  int lanes;
   Kernel run;
   bool supported;  ///< by this machine
 };

@@ -8,6 +8,7 @@
 
 #include <fmt/format.h>
 
+#include <rubato/base/lanes.hpp>
 #include <rubato/formula/arithmetic.hpp>
 #include <rubato/formula/taylor_kernel.hpp>
 
@@ -105,7 +106,8 @@ bool has_kink(Kind kind) {
 const taylor::Kernel& kernel() {
   static const taylor::Kernel best = [] {
     __builtin_cpu_init();
-    return __builtin_cpu_supports("avx2") ? taylor::kernel_avx2() : taylor::kernel_sse2();
+    const bool narrow = lanes_asked_for() == 2 || !__builtin_cpu_supports("avx2");
+    return narrow ? taylor::kernel_sse2() : taylor::kernel_avx2();
   }();
   return best;
 }

@@ -70,10 +70,24 @@ inline std::size_t workspace_size(const Shape& shape, std::size_t cells_per_chun
                    4 * static_cast<std::size_t>(shape.d + 1) * shape.extras());
 }
 
-/// Kernels for blocks of d, in the widest instruction set of this machine. They differ in speed alone.
+/// Kernels for blocks of d, in the widest instruction set of this machine or as many lanes as asked for
+/// (base/lanes.hpp). They differ in speed alone: a chunk's results do not depend on the chunks beside it, nor on their
+/// number.
 Kernels kernels(int d);
 
+/// Those of one kind, for the tests to compare.
+struct NamedKernels {
+  const char* name;
+  Kernels (*of)(int d);
+  bool supported;  ///< by this machine
+};
+/// All kinds. Besides those of the instruction sets there are 4 and 8 lanes for any machine, so that every machine can
+/// test them.
+std::span<const NamedKernels> all_kernels();
+
 Kernels kernels_portable(int d);
+Kernels kernels_portable_4(int d);
+Kernels kernels_portable_8(int d);
 Kernels kernels_avx2(int d);
 Kernels kernels_avx512(int d);
 

@@ -40,8 +40,10 @@ struct Elimination {
   std::size_t begin[lanes];   ///< first cell of each lane's chunk
   std::size_t length[lanes];  ///< its number of cells
   std::size_t steps = 0;      ///< the longest of them
+  std::size_t common = 0;     ///< the shortest of them: at most one less
   V* cell;                    ///< record of the cell being taken in
   V* state;                   ///< record of the chunk so far
+  V* kept;                    ///< the same, for lanes that have come to their end
   V* slots;                   ///< U, G, R, X of each eliminated node
   V* spare;
 
@@ -53,13 +55,27 @@ struct Elimination {
       begin[l] = s.first_cell(chunk);
       length[l] = s.first_cell(chunk + 1) - begin[l];
       steps = std::max(steps, length[l]);
+      common = l == 0 ? length[l] : std::min(common, length[l]);
     }
     state = cell + shape.record();
-    slots = state + shape.record();
+    kept = state + shape.record();
+    slots = kept + shape.record();
     spare = slots + steps * shape.slot();
-    std::fill(cell, cell + shape.record(), V{});
+    clear(cell, shape.record());
     if (s.matrix != nullptr) {
       load_constants();
+    }
+  }
+
+  // Not std::copy and std::fill: of theirs the linker keeps one for all instruction sets.
+  static void copy(const V* from, int count, V* to) {
+    for (int j = 0; j < count; ++j) {
+      to[j] = from[j];
+    }
+  }
+  static void clear(V* values, int count) {
+    for (int j = 0; j < count; ++j) {
+      values[j] = V{};
     }
   }
 
@@ -137,28 +153,21 @@ struct Elimination {
     }
   }
 
-  /// Takes in a cell of every lane. A lane whose chunk is one cell shorter gets s (z_{i+1} - z_i) = 0 at the end, with
-  /// s of the size of its other coefficients.
+  /// Takes in a cell of every lane. A lane whose chunk has come to its end gets its last cell again.
   void load(std::size_t step) {
     if (system.matrix != nullptr) {
       load_from_matrix(step);
     } else {
       load_from_records(step);
     }
+  }
+
+  /// Gives lanes whose chunk had come to its end before `step` back what they had: which chunks share a group, hence
+  /// the number of lanes, must not matter to any of them.
+  void keep_ended(std::size_t step, V* values, const V* before, int count) const {
     for (int l = 0; l < lanes; ++l) {
-      if (step < length[l]) {
-        continue;
-      }
-      double scale = 0.0;
-      for (int j = 0; j < shape.extra(); ++j) {
-        scale = std::max(scale, std::abs(cell[j][l]));
-      }
-      for (int j = 0; j < shape.record(); ++j) {
-        cell[j][l] = 0.0;
-      }
-      for (int j = 0; j < d(); ++j) {
-        cell[j + j * d()][l] = -scale;
-        cell[shape.right() + j + j * d()][l] = scale;
+      for (int j = 0; step >= length[l] && j < count; ++j) {
+        values[j][l] = before[j][l];
       }
     }
   }
@@ -291,13 +300,19 @@ struct Elimination {
 
   void reduce(double* reduced) {
     load(0);
-    std::copy(cell, cell + shape.record(), state);
-    std::fill(state + shape.last_row(), state + shape.share(), V{});
+    copy(cell, shape.record(), state);
+    clear(state + shape.last_row(), shape.share() - shape.last_row());
     for (std::size_t step = 1; step < steps; ++step) {
       load(step);
+      if (step >= common) {
+        copy(state, shape.record(), kept);
+      }
       eliminate(slots);
       if (shape.borders > 0) {
         eliminate_from_borders(slots);
+      }
+      if (step >= common) {
+        keep_ended(step, state, kept, shape.record());
       }
     }
     const int size = shape.record();
@@ -329,7 +344,7 @@ struct Elimination {
     const auto n = d();
     const int per_node = shape.columns * n;
     load(0);
-    std::copy(cell, cell + shape.record(), state);
+    copy(cell, shape.record(), state);
     for (std::size_t step = 1; step < steps; ++step) {
       load(step);
       eliminate(slots + step * shape.slot());
@@ -346,6 +361,9 @@ struct Elimination {
     }
     store(solution, 0, start);
     for (std::size_t step = steps - 1; step > 0; --step) {
+      if (step >= common) {
+        copy(next, per_node, kept);
+      }
       const V* u = slots + step * shape.slot();
       const V* g = u + n * n;
       const V* r = g + n * n;
@@ -379,13 +397,16 @@ struct Elimination {
         }
         repeat(n, [&](auto i) { z[i] = a[i]; });
       }
+      if (step >= common) {
+        keep_ended(step, next, kept, per_node);
+      }
       store(solution, step, next);
     }
   }
 };
 
 template <class Lanes, int Fixed>
-Kernels kernels_of() {
+Kernels kernels_with() {
   return {Lanes::lanes,
           [](const System& system, std::size_t first, double* workspace, double* reduced) {
             Elimination<Lanes, Fixed>(system, first, workspace).reduce(reduced);
@@ -399,12 +420,12 @@ Kernels kernels_of() {
 template <class Lanes>
 Kernels choose_kernels(int d) {
   switch (d) {
-    case 2: return kernels_of<Lanes, 2>();
-    case 3: return kernels_of<Lanes, 3>();
-    case 4: return kernels_of<Lanes, 4>();
-    case 5: return kernels_of<Lanes, 5>();
-    case 6: return kernels_of<Lanes, 6>();
-    default: return kernels_of<Lanes, 0>();
+    case 2: return kernels_with<Lanes, 2>();
+    case 3: return kernels_with<Lanes, 3>();
+    case 4: return kernels_with<Lanes, 4>();
+    case 5: return kernels_with<Lanes, 5>();
+    case 6: return kernels_with<Lanes, 6>();
+    default: return kernels_with<Lanes, 0>();
   }
 }
 

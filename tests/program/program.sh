@@ -307,6 +307,27 @@ case $case_name in
     run export u.h5
     check "nor has it a sign" grep -q '^0,0,.*,nan,0$' u-csv/levels.csv
     ;;
+  lanes)
+    # How many numbers the processor takes side by side changes no figure. 501 cells are chunks of two lengths.
+    write_lattice
+    sed -i 's/cells = 31/cells = 501/' lattice.toml
+    write_problem
+    for problem in lattice problem; do
+      [ $problem = lattice ] || sed -i 's/^step = /lagrangian = "generating"\norder = 4\nstep = /' problem.toml
+      for lanes in 2 4 8; do
+        RUBATO_LANES=$lanes run run $problem.toml --set scheme.until=1 -o $problem-$lanes.h5
+        expect 0
+        run export $problem-$lanes.h5
+        expect 0
+        check "the same with $lanes lanes" diff -r $problem-2-csv $problem-$lanes-csv
+      done
+    done
+    run run lattice.toml --set scheme.until=1 --set scheme.step=0.100000001 -o other.h5
+    run export other.h5
+    check 'the comparison sees another step' test -n "$(diff -rq lattice-2-csv other-csv)"
+    RUBATO_LANES=3 run run lattice.toml -o wrong.h5
+    expect 2 'RUBATO_LANES has to be 2, 4 or 8'
+    ;;
   completion)
     for shell in bash zsh fish; do
       run completion "$shell"

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include <catch2/catch.hpp>
+#include <rubato/grids/buffer.hpp>
 #include <rubato/solve/chunk_elimination.hpp>
 #include <rubato/solve/cyclic_block.hpp>
 #include <rubato/solve/cyclic_sparse.hpp>
@@ -337,7 +338,7 @@ TEST_CASE("the box scheme of the wave equation is solved whatever h/Δx and the 
   CHECK(p.error() < 1e-16 * static_cast<double>(cells) * std::max(1.0 / h, static_cast<double>(cells) / 40.0) * 100);
 }
 
-TEST_CASE("results are the same bit by bit for every number of threads and instruction set") {
+TEST_CASE("results are the same bit by bit for every number of threads") {
   Problem p = wave(20003, 0.05, 0.1, 2);
   p.manufacture(9);
   const int threads = omp_get_max_threads();
@@ -353,34 +354,70 @@ TEST_CASE("results are the same bit by bit for every number of threads and instr
   // Twin: the last bit of one number.
   p.solution[1][777] = std::nextafter(p.solution[1][777], 2.0);
   CHECK_FALSE(same_bits(one, p.solution));
+}
 
-  // One chunk pass by each set of kernels this machine has.
-  std::vector<chunks::Kernels> available{chunks::kernels_portable(3)};
-#if defined(__x86_64__)
-  if (__builtin_cpu_supports("avx2")) {
-    available.push_back(chunks::kernels_avx2(3));
+namespace {
+
+/// What the two passes of one set of kernels make of a system: the reduced records, and the solution at all nodes.
+std::vector<Field> passes(const chunks::Kernels& kernels, const chunks::System& system, const Field& separators,
+                          const Field& border) {
+  const chunks::Shape& shape = system.shape;
+  const std::size_t per_node = static_cast<std::size_t>(shape.columns) * shape.d;
+  grids::Buffer space(chunks::workspace_size(shape, system.cells / system.chunks + 1));
+  std::vector<Field> result{Field(system.chunks * shape.record()), Field(system.cells * per_node)};
+  chunks::Solution solution{separators.data(), border.data(), {}, result[1].data()};
+  for (std::size_t first = 0; first < system.chunks; first += kernels.lanes) {
+    kernels.reduce(system, first, space.data(), result[0].data());
+    kernels.expand(system, first, space.data(), solution);
   }
-  if (__builtin_cpu_supports("avx512f")) {
-    available.push_back(chunks::kernels_avx512(3));
-  }
-#endif
-  const chunks::Shape shape{3, 0, 2};
-  const std::size_t chunk_count = 100;
-  const std::vector<const double*> rhs = Problem::pointers(p.rhs);
-  chunks::System system{shape, p.matrix.cells, chunk_count, &p.matrix, &p.border, rhs, nullptr};
-  const std::size_t size = chunks::workspace_size(shape, p.matrix.cells / chunk_count + 1);
-  std::vector<double> space(size + 8);
-  double* aligned = space.data() + (64 - reinterpret_cast<std::uintptr_t>(space.data()) % 64) % 64 / sizeof(double);
-  std::vector<Field> reduced;
-  for (const chunks::Kernels& k : available) {
-    Field records(chunk_count * shape.record());
-    for (std::size_t first = 0; first < chunk_count; first += k.lanes) {
-      k.reduce(system, first, aligned, records.data());
+  return result;
+}
+
+}  // namespace
+
+TEST_CASE("what a chunk comes to does not depend on how many lanes carry it, nor on the chunks beside it") {
+  const int d = GENERATE(1, 2, 3, 4, 5, 6, 7);
+  const std::size_t chunk_count = GENERATE(1, 3, 17, 100);
+  CAPTURE(d, chunk_count);
+  const std::size_t cells = 317;
+  const chunks::Shape shape{d, 1, 2};
+  std::mt19937_64 engine(40 + d);
+  Problem p(d, cells, shape.columns);
+  p.matrix.left = random_field(static_cast<std::size_t>(d) * d, engine);
+  p.matrix.right = random_field(static_cast<std::size_t>(d) * d, engine);
+  p.add_entry(0, d - 1, 0.5, 0.25, random_field(cells, engine));
+  p.border.count = shape.borders;
+  p.border_fields = {random_field(cells, engine), random_field(cells, engine)};
+  p.border.columns.assign(d, {0.5, p.border_fields[0].data()});
+  p.border.rows.assign(d, {-0.25, p.border_fields[1].data()});
+  p.border.corner = {0.0};
+  p.manufacture(5);
+  const auto rhs = Problem::pointers(p.rhs);
+  const Field separators = random_field(chunk_count * shape.columns * d, engine);
+  const Field border = random_field(shape.columns, engine);
+  // The system of the user, and one that an earlier pass left: records of its cells.
+  const Field records = random_field(cells * shape.record(), engine);
+  const chunks::System first{shape, cells, chunk_count, &p.matrix, &p.border, rhs, nullptr};
+  const chunks::System later{shape, cells, chunk_count, nullptr, nullptr, {}, records.data()};
+  for (const chunks::System& system : {first, later}) {
+    const std::vector<Field> expected = passes(chunks::kernels_portable(d), system, separators, border);
+    for (const chunks::NamedKernels& kernels : chunks::all_kernels()) {
+      INFO(kernels.name);
+      if (kernels.supported) {
+        CHECK(same_bits(expected, passes(kernels.of(d), system, separators, border)));
+      } else {
+        WARN("not tested, this machine has no " << kernels.name);
+      }
     }
-    reduced.push_back(records);
-  }
-  for (const Field& other : reduced) {
-    CHECK(same_bits({reduced.front()}, {other}));
+    CHECK(same_bits(expected, passes(chunks::kernels(d), system, separators, border)));
+    // Twin: a chunk that saw one more cell.
+    chunks::System other = system;
+    other.chunks = chunk_count + 1;
+    Field more = separators;
+    more.resize(other.chunks * shape.columns * d, 0.5);
+    std::vector<Field> found = passes(chunks::kernels_portable(d), other, more, border);
+    found[0].resize(expected[0].size());
+    CHECK_FALSE(same_bits(expected, found));
   }
 }
 
