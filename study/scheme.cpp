@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <rubato/grids/fourier.hpp>
 #include <rubato/ode/generating_action.hpp>
 #include <rubato/study/keys.hpp>
 #include <rubato/study/reader.hpp>
@@ -285,12 +286,18 @@ private:
     }
     for (const GridAxis& axis : pde.axes) {
       if (scheme_.lagrangian == Lagrangian::box && axis.cells % 2 == 0) {
+        // In planes and volumes there are transforms, which like small prime factors.
+        constexpr std::int64_t largest_plane = 1'000'000;
+        const bool transforms = pde.axes.size() > 1 && axis.cells < largest_plane;
+        const auto odd = transforms
+                             ? static_cast<std::int64_t>(grids::good_odd_count(static_cast<std::size_t>(axis.cells)))
+                             : axis.cells + 1;
         throw ProblemError(
             axis.location,
             fmt::format("grid.{}: {} cells; lagrangian = \"box\" needs an odd number in every direction, "
                         "because averaging annihilates the sawtooth of an even one, which then is "
-                        "undetermined or frozen. Write cells = {}",
-                        axis.name, axis.cells, axis.cells + 1));
+                        "undetermined or frozen. Write cells = {}, or lagrangian = \"fourier\", which takes any number",
+                        axis.name, axis.cells, odd));
       }
     }
   }

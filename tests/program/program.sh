@@ -365,6 +365,8 @@ case $case_name in
     expect 2 'it belongs to [scheme]'
     run run pendulum --set 'hamiltonian.H=p^2/2 - cos(zz)'
     expect 2 'known here: p, q'
+    run run sine-gordon-2d --set grid.y.cells=128
+    expect 2 'Write cells = 135'
     run run pendulum --set scheme.max_steps=1e300
     expect 2 'too large'
     nothing_written
