@@ -51,9 +51,9 @@ int main() {
     energy_deviation = std::max(energy_deviation, std::abs(step.energy - first_energy));
     shortest = std::min(shortest, step.h);
     longest = std::max(longest, step.h);
-    const std::vector<rubato::LawSize> residuals = lattice.residuals();
+    const std::vector<rubato::Spread> residuals = lattice.residuals();
     for (std::size_t law = 0; law < residuals.size(); ++law) {
-      worst[law] = std::max(worst[law], residuals[law].max());
+      worst[law] = std::max(worst[law], residuals[law].largest());
     }
   }
   fmt::print("{} steps to t = {:.4f}, h from {:.4f} to {:.4f}\n", steps, lattice.t(), shortest, longest);

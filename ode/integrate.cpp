@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <stdexcept>
 
 #include <Eigen/Eigenvalues>
@@ -9,6 +10,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <rubato/base/spread.hpp>
 #include <rubato/ode/discrete_lagrangian.hpp>
 #include <rubato/ode/generating_action.hpp>
 #include <rubato/ode/generating_scheme.hpp>
@@ -246,30 +248,30 @@ void OrbitIntegrator::restore(StateReader& state) {
 }
 
 double Orbit::discrete_energy_deviation() const {
-  const auto first = std::ranges::find(bridged, 0);
-  if (first == bridged.end()) {
-    return 0.0;
-  }
-  const double law = energy[static_cast<std::size_t>(first - bridged.begin())];
-  double scale = std::abs(law);
-  for (const double value : node_energy) {
-    scale = std::max(scale, std::abs(value));
-  }
-  double deviation = 0.0;
+  Spread law, nodes;
+  double E = 0.0;  // of the first step that meets the law
   for (std::size_t k = 0; k < energy.size(); ++k) {
     if (bridged[k] == 0) {
-      deviation = std::max(deviation, std::abs(energy[k] - law));
+      E = law.count() == 0.0 ? energy[k] : E;
+      law.add(energy[k]);
     }
   }
-  return deviation / scale;
+  for (const double value : node_energy) {
+    nodes.add(value);
+  }
+  if (law.undefined + nodes.undefined > 0.0) {
+    return std::numeric_limits<double>::quiet_NaN();
+  }
+  const double deviation = law.farthest(E);
+  return deviation == 0.0 ? 0.0 : deviation / std::max(std::abs(E), nodes.largest());
 }
 
 double Orbit::node_energy_deviation() const {
-  double deviation = 0.0;
+  Spread nodes;
   for (const double value : node_energy) {
-    deviation = std::max(deviation, std::abs(value - node_energy.front()));
+    nodes.add(value);
   }
-  return deviation;
+  return nodes.undefined > 0.0 ? std::numeric_limits<double>::quiet_NaN() : nodes.farthest(node_energy.front());
 }
 
 Orbit integrate(const Hamiltonian& hamiltonian, const InitialState& initial, const IntegrationOptions& options) {

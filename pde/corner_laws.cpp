@@ -27,8 +27,8 @@ public:
 
   [[nodiscard]] const LawTables& tables() const override { return tables_; }
 
-  std::vector<LawSize> residuals(const LatticeLevel& before, const LatticeLevel& after, double h,
-                                 std::span<double* const> residuals) override {
+  std::vector<Spread> residuals(const LatticeLevel& before, const LatticeLevel& after, double h,
+                                std::span<double* const> residuals) override {
     const auto laws = static_cast<int>(tables_.names.size());
     grids::FieldSet sum(laws, tables_.grid.size());
     grids::FieldSet current(sum);
@@ -47,10 +47,10 @@ public:
         combine(1.0, sum.field(l), 1.0, scratch_.field(0), sum.field(l));
       }
     }
-    std::vector<LawSize> sizes;
+    std::vector<Spread> sizes;
     for (int l = 0; l < laws; ++l) {
       const auto values = std::as_const(sum).field(l);
-      sizes.push_back(size_of(values));
+      sizes.push_back(grids::magnitudes(values));
       if (!residuals.empty()) {
         std::ranges::copy(values, residuals[static_cast<std::size_t>(l)]);
       }
@@ -70,8 +70,7 @@ public:
     return totals;
   }
 
-  LawSize multisymplectic_residual(const TangentLevels& u, const TangentLevels& v, double h,
-                                   double* residual) override {
+  Spread multisymplectic_residual(const TangentLevels& u, const TangentLevels& v, double h, double* residual) override {
     if (u.earlier == nullptr || v.earlier == nullptr) {
       throw std::invalid_argument("the multisymplectic law of euler-box needs tangent solutions at three levels");
     }
@@ -89,7 +88,7 @@ public:
     if (residual != nullptr) {
       std::ranges::copy(sum.field(0), residual);
     }
-    return size_of(std::as_const(sum).field(0));
+    return grids::magnitudes(std::as_const(sum).field(0));
   }
 
 private:
@@ -97,12 +96,6 @@ private:
     grids::BoxOperator difference{grids::Along::identity, grids::Along::identity, grids::Along::identity};
     difference[static_cast<std::size_t>(axis)] = grids::Along::difference;
     return difference;
-  }
-
-  static LawSize size_of(std::span<const double> values) {
-    LawSize size;
-    size.add(grids::max_abs(values), grids::dot(values, values), values.size());
-    return size;
   }
 
   /// out = α x + β y; out may be x or y.

@@ -40,9 +40,9 @@ struct FaceOperators : LawTables {
   FaceGather gather;
   std::vector<std::unique_ptr<Workspace>> workspaces;
   grids::FieldSet middle, rate;
-  std::unique_ptr<grids::SpectralDerivative> spectral;  ///< at nodes only
-  std::vector<grids::FieldSet> derivatives;             ///< along each axis, of the fields in use
-  std::vector<std::vector<double>> maxima, squares;     ///< [law][block]
+  std::unique_ptr<grids::SpectralDerivative> spectral;           ///< at nodes only
+  std::vector<grids::FieldSet> derivatives;                      ///< along each axis, of the fields in use
+  std::vector<std::vector<double>> maxima, squares, undefineds;  ///< [law][block]
 
   FaceOperators(LawTables tables, Placement placement)
       : LawTables(std::move(tables)), blocks(grid), gather(grid), middle(d, grid.size()), rate(d, grid.size()) {
@@ -52,6 +52,7 @@ struct FaceOperators : LawTables {
     }
     maxima.assign(names.size(), std::vector<double>(blocks.count()));
     squares = maxima;
+    undefineds = maxima;
   }
 
   void prepare_workspaces() {
@@ -265,25 +266,36 @@ struct FaceOperators : LawTables {
   void measure(std::size_t law, std::size_t block, const double* values, std::size_t count) {
     double max = 0.0;
     double sum = 0.0;
+    double undefined = 0.0;
     for (std::size_t c = 0; c < count; ++c) {
       const double size = std::abs(values[c]);
-      max = size > max || std::isnan(size) ? size : max;
+      max = size > max ? size : max;
       sum += values[c] * values[c];
+    }
+    if (!std::isfinite(sum)) {  // where a value is not: count these, and leave them out
+      Spread defined;
+      for (std::size_t c = 0; c < count; ++c) {
+        defined.add(values[c]);
+      }
+      max = defined.largest();
+      sum = defined.squares;
+      undefined = defined.undefined;
     }
     maxima[law][block] = max;
     squares[law][block] = sum;
+    undefineds[law][block] = undefined;
   }
 
-  [[nodiscard]] LawSize size_of(std::size_t law) const {
+  [[nodiscard]] Spread size_of(std::size_t law) const {
     CompensatedSum sum;
     double max = 0.0;
+    double undefined = 0.0;
     for (std::size_t b = 0; b < blocks.count(); ++b) {
       sum.add(squares[law][b]);
       max = std::max(max, maxima[law][b]);
+      undefined += undefineds[law][b];
     }
-    LawSize size;
-    size.add(max, sum.value(), grid.size());
-    return size;
+    return Spread::of_magnitudes(max, sum.value(), static_cast<double>(grid.size()) - undefined, undefined);
   }
 };
 
@@ -292,27 +304,27 @@ public:
   FaceLaws(LawTables tables, Placement placement) : operators_(std::move(tables), placement) {}
 
   [[nodiscard]] const LawTables& tables() const override { return operators_; }
-  std::vector<LawSize> residuals(const LatticeLevel& before, const LatticeLevel& after, double h,
-                                 std::span<double* const> residuals) override;
+  std::vector<Spread> residuals(const LatticeLevel& before, const LatticeLevel& after, double h,
+                                std::span<double* const> residuals) override;
   std::vector<double> totals(const LatticeLevel& level) override;
-  LawSize multisymplectic_residual(const TangentLevels& u, const TangentLevels& v, double h, double* residual) override;
+  Spread multisymplectic_residual(const TangentLevels& u, const TangentLevels& v, double h, double* residual) override;
 
 private:
   FaceOperators operators_;
 };
 
-std::vector<LawSize> FaceLaws::residuals(const LatticeLevel& before, const LatticeLevel& after, double h,
-                                         std::span<double* const> residuals) {
+std::vector<Spread> FaceLaws::residuals(const LatticeLevel& before, const LatticeLevel& after, double h,
+                                        std::span<double* const> residuals) {
   FaceOperators& s = operators_;
   s.make_middle(before.fields, after.fields, h);
   const std::size_t laws = s.names.size();
-  std::vector<LawSize> sizes;
+  std::vector<Spread> sizes;
   if (s.spectral != nullptr) {
     grids::FieldSet sum(static_cast<int>(laws), s.grid.size());
     s.residuals_at_nodes(before, after, h, sum);
     for (std::size_t l = 0; l < laws; ++l) {
       const auto values = std::as_const(sum).field(static_cast<int>(l));
-      sizes.emplace_back().add(grids::max_abs(values), grids::dot(values, values), values.size());
+      sizes.push_back(grids::magnitudes(values));
       if (!residuals.empty()) {
         std::ranges::copy(values, residuals[l]);
       }
@@ -375,7 +387,7 @@ std::vector<double> FaceLaws::totals(const LatticeLevel& level) {
   return totals;
 }
 
-LawSize FaceLaws::multisymplectic_residual(const TangentLevels& u, const TangentLevels& v, double h, double* residual) {
+Spread FaceLaws::multisymplectic_residual(const TangentLevels& u, const TangentLevels& v, double h, double* residual) {
   FaceOperators& s = operators_;
   s.make_middle(u.before, u.after, h);
   const grids::FieldSet u_middle = s.middle;

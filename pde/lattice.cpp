@@ -87,7 +87,7 @@ bool LatticeIntegrator::finished() const {
   return direction * (levels_->time() - options_.until) >= -slack * std::abs(levels_->last_step());
 }
 
-std::vector<LawSize> LatticeIntegrator::residuals(std::span<double* const> cells) {
+std::vector<Spread> LatticeIntegrator::residuals(std::span<double* const> cells) {
   return laws_.residuals(previous_, level(), levels_->last_step(), cells);
 }
 

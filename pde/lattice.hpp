@@ -79,7 +79,7 @@ public:
   /// The local laws; laws().names() names them.
   [[nodiscard]] LocalLaws& laws() { return laws_; }
   /// Their residuals over the step just taken. Sizes, and into `cells[law]`, if given, one value for each cell.
-  std::vector<LawSize> residuals(std::span<double* const> cells = {});
+  std::vector<Spread> residuals(std::span<double* const> cells = {});
   /// Σ ΔV of their densities at the present level.
   std::vector<double> totals() { return laws_.totals(level()); }
 

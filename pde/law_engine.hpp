@@ -42,11 +42,11 @@ public:
   virtual ~LawEngine() = default;
 
   [[nodiscard]] virtual const LawTables& tables() const = 0;
-  virtual std::vector<LawSize> residuals(const LatticeLevel& before, const LatticeLevel& after, double h,
-                                         std::span<double* const> residuals) = 0;
+  virtual std::vector<Spread> residuals(const LatticeLevel& before, const LatticeLevel& after, double h,
+                                        std::span<double* const> residuals) = 0;
   virtual std::vector<double> totals(const LatticeLevel& level) = 0;
-  virtual LawSize multisymplectic_residual(const TangentLevels& u, const TangentLevels& v, double h,
-                                           double* residual) = 0;
+  virtual Spread multisymplectic_residual(const TangentLevels& u, const TangentLevels& v, double h,
+                                          double* residual) = 0;
 };
 
 /// On the faces of cells, with Placement::cells; at the nodes with spectral derivatives, with Placement::nodes.

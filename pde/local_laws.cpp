@@ -59,16 +59,6 @@ void check_symmetry(const MultisymplecticSystem& system, const LinearSymmetry& s
   }
 }
 
-void LawSize::add(double max, double sum_of_squares, std::size_t count) {
-  max_ = std::max(max_, max);
-  squares_ += sum_of_squares;
-  count_ += count;
-}
-
-double LawSize::rms() const {
-  return count_ == 0 ? 0.0 : std::sqrt(squares_ / static_cast<double>(count_));
-}
-
 LocalLaws::LocalLaws(const MultisymplecticSystem& system, const grids::Grid& grid,
                      const std::vector<LinearSymmetry>& symmetries, Placement placement)
     : placement_(placement) {
@@ -84,8 +74,8 @@ const std::vector<std::string>& LocalLaws::names() const {
   return engine_->tables().names;
 }
 
-std::vector<LawSize> LocalLaws::residuals(const LatticeLevel& before, const LatticeLevel& after, double h,
-                                          std::span<double* const> residuals) {
+std::vector<Spread> LocalLaws::residuals(const LatticeLevel& before, const LatticeLevel& after, double h,
+                                         std::span<double* const> residuals) {
   return engine_->residuals(before, after, h, residuals);
 }
 
@@ -93,8 +83,7 @@ std::vector<double> LocalLaws::totals(const LatticeLevel& level) {
   return engine_->totals(level);
 }
 
-LawSize LocalLaws::multisymplectic_residual(const TangentLevels& u, const TangentLevels& v, double h,
-                                            double* residual) {
+Spread LocalLaws::multisymplectic_residual(const TangentLevels& u, const TangentLevels& v, double h, double* residual) {
   return engine_->multisymplectic_residual(u, v, h, residual);
 }
 

@@ -7,6 +7,7 @@
 
 #include <Eigen/Core>
 
+#include <rubato/base/spread.hpp>
 #include <rubato/grids/grid.hpp>
 #include <rubato/pde/initial_level.hpp>
 #include <rubato/pde/multisymplectic_system.hpp>
@@ -22,20 +23,6 @@ struct LinearSymmetry {
 
 /// \throws std::invalid_argument, with the entry or the value of ∇S·Bz, if B is no symmetry of the system
 void check_symmetry(const MultisymplecticSystem& system, const LinearSymmetry& symmetry);
-
-/// The size of a residual over cells (and levels).
-class LawSize {
-public:
-  void add(double max, double sum_of_squares, std::size_t count);
-  void add(const LawSize& other) { add(other.max_, other.squares_, other.count_); }
-  [[nodiscard]] double max() const { return max_; }
-  [[nodiscard]] double rms() const;
-
-private:
-  double max_ = 0.0;
-  double squares_ = 0.0;
-  std::size_t count_ = 0;
-};
 
 /// A solution of the linearised scheme over one step; for euler-box also one level earlier.
 struct TangentLevels {
@@ -93,9 +80,9 @@ public:
 
   /// The residual of every law in every cell of the step from `before` to `after`, h apart, into residuals[law], one
   /// value for each cell (an empty span if only sizes are wanted).
-  /// \return the size of each
-  std::vector<LawSize> residuals(const LatticeLevel& before, const LatticeLevel& after, double h,
-                                 std::span<double* const> residuals = {});
+  /// \return the magnitudes of each over the cells
+  std::vector<Spread> residuals(const LatticeLevel& before, const LatticeLevel& after, double h,
+                                std::span<double* const> residuals = {});
 
   /// Σ ΔV J_t over the level: total energy 𝓔(z_k), momenta, charges.
   std::vector<double> totals(const LatticeLevel& level);
@@ -107,8 +94,7 @@ public:
   ///                                                     X_i = U_{i-1}ᵀK₊V_i - V_{i-1}ᵀK₊U_i.
   ///
   /// `residual` may be null. \throws std::invalid_argument for Placement::corners without the earlier levels
-  LawSize multisymplectic_residual(const TangentLevels& u, const TangentLevels& v, double h,
-                                   double* residual = nullptr);
+  Spread multisymplectic_residual(const TangentLevels& u, const TangentLevels& v, double h, double* residual = nullptr);
 
 private:
   std::unique_ptr<LawEngine> engine_;

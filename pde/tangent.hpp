@@ -53,7 +53,7 @@ public:
   [[nodiscard]] Status take(const LatticeLevel& before, const LatticeLevel& after, double h);
   /// The size of the residual over the step taken last; nothing before the first, and for euler-box, whose law at a
   /// node needs three levels, before the second.
-  [[nodiscard]] const std::optional<LawSize>& residual() const { return residual_; }
+  [[nodiscard]] const std::optional<Spread>& residual() const { return residual_; }
 
   [[nodiscard]] const grids::FieldSet& u() const { return u_.now; }
   [[nodiscard]] const grids::FieldSet& v() const { return v_.now; }
@@ -70,7 +70,7 @@ private:
   TangentStep step_;
   Tangent u_, v_;
   std::uint64_t steps_ = 0;
-  std::optional<LawSize> residual_;
+  std::optional<Spread> residual_;
 };
 
 }  // namespace rubato

@@ -19,19 +19,19 @@ VariationalLaws::VariationalLaws(LatticeAction action, const grids::Grid& grid)
   }
 }
 
-std::optional<std::vector<LawSize>> VariationalLaws::take(const LatticeLevel& before, const LatticeLevel& after,
-                                                          double h) {
+std::optional<std::vector<Spread>> VariationalLaws::take(const LatticeLevel& before, const LatticeLevel& after,
+                                                         double h) {
   residual_.copy_from(parts_.after);  // of the last step
   variation_.take(before.fields, after.fields, h, after.slopes);
   variation_.coordinates(parts_);
-  std::vector<LawSize> sizes;
+  std::vector<Spread> sizes;
   for (int nu = 0; nu < residual_.fields(); ++nu) {
     const auto residual = residual_.field(nu);
     const auto next = std::as_const(parts_.before).field(nu);
     for (std::size_t i = 0; i < residual.size(); ++i) {
       residual[i] += next[i];
     }
-    sizes.emplace_back().add(grids::max_abs(residual), grids::dot(residual, residual), residual.size());
+    sizes.push_back(grids::magnitudes(residual));
   }
   if (!std::exchange(started_, true)) {
     return std::nullopt;

@@ -98,7 +98,7 @@ study::ExitStatus resume(const ResumeCommand& command) {
 }
 
 study::ExitStatus check(const CheckCommand& command) {
-  return report(study::check(command.file), command.json, false);
+  return report(study::check(command.file, {.replay = command.replay}), command.json, false);
 }
 
 study::ExitStatus list() {

@@ -34,6 +34,7 @@ struct ResumeCommand {
 struct CheckCommand {
   std::string file;
   bool json = false;
+  bool replay = false;
 };
 
 [[nodiscard]] study::ExitStatus run(const RunCommand& command);

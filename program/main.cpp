@@ -38,14 +38,15 @@ constexpr const char* examples =
     "  rubato run mine.toml                 run it: writes mine.h5 or the file it names\n"
     "  rubato run kepler --set parameters.e=0.3 -o kepler.h5\n"
     "  rubato resume mine.h5 --until 200    go on from the last level\n"
-    "  rubato check mine.h5                 the laws again, from the states alone\n"
+    "  rubato check mine.h5                 all of it again, from the states alone\n"
     "  rubato report mine.h5                writes mine.html: plots of all of it, for a browser\n"
     "  rubato compare mine.h5 fixed.h5      two records side by side\n"
     "  rubato export mine.h5                CSV files, for spreadsheets and other programs\n"
     "  rubato help formulas                 what a formula may hold; help problem: every key of a file\n"
     "\n"
     "Exit status: 0 done; 2 input or usage wrong; 3 stopped at a singular point of the step\n"
-    "equation; 4 the solver failed; 5 a file could not be read or written; 130 interrupted.\n";
+    "equation; 4 the solver failed; 5 a file could not be read or written; 6 (check) the record\n"
+    "contradicts itself; 130 interrupted.\n";
 
 constexpr const char* run_examples =
     "Examples:\n"
@@ -195,9 +196,16 @@ private:
   }
 
   void add_check() {
-    CLI::App& command = *app_.add_subcommand("check", "Recompute every conservation law from a record's states alone");
+    CLI::App& command =
+        *app_.add_subcommand("check", "Recompute all of a record that its states tell again, and compare");
     command.add_option("file", check_.file, "A record")->option_text("OUT.h5")->check(check_not_empty)->required();
     command.add_flag("--json", check_.json, "Print one JSON object, and nothing else, on standard output");
+    command.add_flag("--replay", check_.replay,
+                     "Take every step again as well and compare bit by bit: as long as the run was");
+    command.footer(
+        "Everything stored that the stored states tell again is recomputed and compared.\n"
+        "Exit status 0: it agrees; 6: the record contradicts itself, and the table and\n"
+        "\"disagreements\" in JSON name what disagrees; 5: it cannot be read.\n");
   }
 
   /// Help and version are asked for; everything else is a usage error.

@@ -77,7 +77,7 @@ void ProgressLine::update(const study::Progress& progress) {
   const std::string bridges = progress.bridges > 0 ? fmt::format("  {} bridges", progress.bridges) : "";
   const std::string line =
       fmt::format("\r\x1b[Kt = {:.6g} of {:.6g}  {} steps  h = {:.3g}  energy {:.1e}{}  {}", progress.t, progress.until,
-                  progress.steps, progress.h, progress.relative_energy_deviation, bridges, left);
+                  progress.steps, progress.h, progress.energy_deviation, bridges, left);
   std::fputs(line.c_str(), stderr);
   std::fflush(stderr);
   is_dirty_ = true;

@@ -9,8 +9,8 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <rubato/figures/text.hpp>
 #include <rubato/report/contents.hpp>
-#include <rubato/report/packing.hpp>
 
 namespace rubato::report {
 
@@ -103,56 +103,23 @@ std::array<std::vector<std::string>, 2> differing_lines(const std::vector<std::s
 }
 
 /// Lines with the same label side by side, in the order of the first; what only the second has comes last.
-std::vector<std::array<std::string, 3>> side_by_side(const std::vector<Line>& a, const std::vector<Line>& b) {
+std::vector<std::array<std::string, 3>> side_by_side(const std::vector<figures::Line>& a,
+                                                     const std::vector<figures::Line>& b) {
   std::vector<std::array<std::string, 3>> rows;
   rows.reserve(a.size() + b.size());
-  const auto value_in = [](const std::vector<Line>& lines, const std::string& label) {
-    const auto found = std::ranges::find(lines, label, &Line::label);
+  const auto value_in = [](const std::vector<figures::Line>& lines, const std::string& label) {
+    const auto found = std::ranges::find(lines, label, &figures::Line::label);
     return found == lines.end() ? std::string() : found->value;
   };
-  for (const Line& line : a) {
+  for (const figures::Line& line : a) {
     rows.push_back({line.label, line.value, value_in(b, line.label)});
   }
-  for (const Line& line : b) {
-    if (std::ranges::find(a, line.label, &Line::label) == a.end()) {
+  for (const figures::Line& line : b) {
+    if (std::ranges::find(a, line.label, &figures::Line::label) == a.end()) {
       rows.push_back({line.label, "", line.value});
     }
   }
   return rows;
-}
-
-void write_max_rms(Json& json, std::string_view key, const std::vector<Summary::MaxRms>& all) {
-  json.key(key).begin_object();
-  for (const Summary::MaxRms& one : all) {
-    json.key(one.name).begin_object().entry("max", one.max).entry("rms", one.rms).end_object();
-  }
-  json.end_object();
-}
-
-void write_summary(Json& json, const std::string& file, const Summary& summary) {
-  json.begin_object().entry("file", file).entry("steps", summary.steps).entry("t", summary.t_last);
-  if (summary.h) {
-    json.key("h").begin_object().entry("min", summary.h->min).entry("max", summary.h->max).end_object();
-    json.key("discrete_energy").begin_object().entry("value", summary.discrete_energy.initial);
-    json.entry("max_relative_deviation", summary.relative(summary.discrete_energy.max)).end_object();
-  }
-  json.key("node_energy").begin_object().entry("initial", summary.node_energy.initial);
-  json.entry("max_deviation", summary.node_energy.max).end_object();
-  json.key("bridges").begin_object().entry("steps", summary.bridge_steps);
-  json.entry("max_deviation", summary.relative(summary.bridge_deviation)).end_object();
-  json.key("gamma").begin_object().entry("min", summary.gamma.min).entry("max", summary.gamma.max).end_object();
-  json.key("step_condition").begin_object().entry("max", summary.step_condition).end_object();
-  json.key("newton_iterations").begin_object().entry("mean", summary.mean_iterations);
-  json.entry("max", summary.most_iterations).end_object();
-  write_max_rms(json, "residuals", summary.residuals);
-  json.key("invariants").begin_object();
-  for (const Summary::Deviation& invariant : summary.invariants) {
-    json.key(invariant.name).begin_object().entry("initial", invariant.initial);
-    json.entry("max_deviation", invariant.max).end_object();
-  }
-  json.end_object();
-  write_max_rms(json, "error", summary.errors);
-  json.end_object();
 }
 
 }  // namespace
@@ -169,10 +136,11 @@ Comparison compare(const record::Reader& a, const record::Reader& b, const Canon
   require_something_in_common(a, in_a, b, in_b);
   Comparison comparison{.files = {a.file().string(), b.file().string()},
                         .titles = {a.header().title, b.header().title},
-                        .summaries = {summarise(a, in_a), summarise(b, in_b)},
+                        .statistics = {summarise(a, in_a), summarise(b, in_b)},
                         .lines = {},
                         .only_in = differing_lines(problem(a), problem(b))};
-  comparison.lines = side_by_side(lines_of(comparison.summaries[0]), lines_of(comparison.summaries[1]));
+  comparison.lines =
+      side_by_side(figures::lines_of(comparison.statistics[0]), figures::lines_of(comparison.statistics[1]));
   return comparison;
 }
 
@@ -206,21 +174,15 @@ std::string to_table(const Comparison& comparison) {
 }
 
 std::string to_json(const Comparison& comparison) {
-  Json json;
-  json.begin_object().key("records").begin_array();
+  std::vector<figures::JsonObject> records(2);
   for (const std::size_t i : {0, 1}) {
-    write_summary(json, comparison.files[i], comparison.summaries[i]);
+    records[i].text("file", comparison.files[i]);
+    figures::add_figures(records[i], comparison.statistics[i]);
   }
-  json.end_array().key("problem_differences").begin_array();
-  for (const auto& lines : comparison.only_in) {
-    json.begin_array();
-    for (const std::string& line : lines) {
-      json.value(line);
-    }
-    json.end_array();
-  }
-  json.end_array().end_object();
-  return json.text();
+  return figures::JsonObject()
+      .objects("records", records)
+      .lists("problem_differences", {comparison.only_in[0], comparison.only_in[1]})
+      .str();
 }
 
 }  // namespace rubato::report

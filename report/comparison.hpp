@@ -5,9 +5,9 @@
 #include <string>
 #include <vector>
 
+#include <rubato/figures/statistics.hpp>
 #include <rubato/record/reader.hpp>
 #include <rubato/report/page.hpp>
-#include <rubato/report/summary.hpp>
 
 namespace rubato::report {
 
@@ -15,7 +15,7 @@ namespace rubato::report {
 struct Comparison {
   std::array<std::string, 2> files;
   std::array<std::string, 2> titles;
-  std::array<Summary, 2> summaries;
+  std::array<figures::Statistics, 2> statistics;
   /// What both have a line for, or one of them: label, value in the first, value in the second ("" where it has none).
   std::vector<std::array<std::string, 3>> lines;
   /// Lines of the problem files that only one of them has, in order, comments and blank lines left out.

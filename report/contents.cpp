@@ -53,4 +53,11 @@ Contents contents_of(const record::Reader& reader) {
   return contents;
 }
 
+figures::Statistics summarise(const record::Reader& reader, const Contents& contents) {
+  return figures::stored_statistics(reader, {.invariants = contents.invariants,
+                                             .totals = contents.totals,
+                                             .residuals = contents.residuals,
+                                             .exact = contents.exact});
+}
+
 }  // namespace rubato::report

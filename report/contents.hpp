@@ -3,6 +3,7 @@
 #include <string>
 #include <vector>
 
+#include <rubato/figures/stored.hpp>
 #include <rubato/record/reader.hpp>
 
 namespace rubato::report {
@@ -29,5 +30,8 @@ struct Contents {
 };
 
 [[nodiscard]] Contents contents_of(const record::Reader& reader);
+
+/// The figures that the run told, from its record. \throws record::Error
+[[nodiscard]] figures::Statistics summarise(const record::Reader& reader, const Contents& contents);
 
 }  // namespace rubato::report

@@ -121,10 +121,10 @@ std::size_t count_curves(const Contents& contents) {
 
 void write_curves(Json& json, const Source& source, const Resolution& resolution) {
   const Contents& contents = source.contents;
-  const Summary& summary = source.summary;
+  const figures::Statistics& summary = source.summary;
   CurveWriter curves(json, source, resolution);
   json.key("curves").begin_array();
-  curves.deviations("discrete energy", "energy", Axis::steps, "/levels/energy", summary.discrete_energy.initial);
+  curves.deviations("discrete energy", "energy", Axis::steps, "/levels/energy", summary.energy());
   curves.deviations("node energy", "energy", Axis::levels, "/levels/node_energy", summary.node_energy.initial);
   curves.values("h", "h", Axis::steps, "/levels/h");
   curves.values("gamma", "gamma", Axis::levels, "/levels/gamma");

@@ -9,6 +9,7 @@
 
 #include <fmt/format.h>
 
+#include <rubato/figures/text.hpp>
 #include <rubato/report/assets.hpp>
 #include <rubato/report/comparison.hpp>
 #include <rubato/report/output_file.hpp>
@@ -84,7 +85,7 @@ private:
 
   const record::Reader& reader_;
   Contents contents_;
-  Summary summary_;
+  figures::Statistics summary_;
   Notes notes_;
   Needs needs_;
 };
@@ -165,7 +166,7 @@ void write_description(Json& json, const Source& source) {
   json.entry("version", header.version).entry("compiler", header.compiler);
   json.entry("threads", static_cast<std::size_t>(header.threads)).entry("finished", header.finished).end_object();
   json.key("summary").begin_array();
-  for (const Line& line : lines_of(source.summary)) {
+  for (const figures::Line& line : figures::lines_of(source.summary)) {
     json.begin_array().value(line.label).value(line.value).value(line.remark).value(line.is_headline).end_array();
   }
   json.end_array();

@@ -11,7 +11,6 @@
 #include <rubato/report/contents.hpp>
 #include <rubato/report/packing.hpp>
 #include <rubato/report/page.hpp>
-#include <rubato/report/summary.hpp>
 #include <rubato/report/thinning.hpp>
 
 /// The numbers of a page, as the JSON that its scripts read. Not part of the library's interface.
@@ -21,7 +20,7 @@ namespace rubato::report {
 struct Source {
   const record::Reader& reader;
   const Contents& contents;
-  const Summary& summary;
+  const figures::Statistics& summary;
   const Notes& notes;
 };
 

@@ -1,35 +1,110 @@
 #include <rubato/study/check.hpp>
 
+#include <cmath>
+
 #include <fmt/format.h>
 
+#include <rubato/study/checkpoint_check.hpp>
 #include <rubato/study/lattice_check.hpp>
+#include <rubato/study/level_check.hpp>
 #include <rubato/study/orbit_check.hpp>
 
 namespace rubato::study {
 
-Outcome check(const std::string& file) {
+namespace {
+
+/// What a run of the problem tells, in its order. \throws record::Error where the problem cannot be run
+Chronicle make_chronicle(const record::Reader& reader, const Problem& problem) {
+  try {
+    return {problem, reader.has("/laws/multisymplectic_max")};
+  } catch (const ProblemError& error) {
+    throw record::Error(reader.file(), fmt::format("the problem in it cannot be run ({})", error.what()));
+  }
+}
+
+figures::Names names_in(const record::Reader& reader, const Chronicle& chronicle) {
+  figures::Names names{.invariants = chronicle.simulation().invariant_names(),
+                       .totals = chronicle.simulation().total_names(),
+                       .residuals = chronicle.simulation().residual_names(),
+                       .exact = {}};
+  for (const record::Dataset& dataset : chronicle.layout().datasets) {
+    constexpr std::string_view group = "/exact/";
+    if (dataset.path.starts_with(group) && reader.has(dataset.path)) {
+      names.exact.push_back(dataset.path.substr(group.size()));
+    }
+  }
+  return names;
+}
+
+class RecordCheck {
+public:
+  RecordCheck(const record::Reader& reader, const CheckOptions& options)
+      : reader_(reader), options_(options), problem_(stored_problem(reader)) {
+    outcome_.title = problem_.title;
+    outcome_.file = reader.file().string();
+    outcome_.variable_levels = problem_.scheme.levels == Levels::variable;
+    outcome_.complete = reader.header().finished;
+  }
+
+  Outcome run() {
+    try {
+      recompute();
+    } catch (const figures::Mismatch& mismatch) {  // with the problem, whatever else is true of the record
+      findings_.add({.dataset = mismatch.dataset(), .reason = mismatch.reason()});
+    }
+    outcome_.compared = findings_.compared();
+    outcome_.disagreement_count = findings_.disagreements();
+    outcome_.disagreements = findings_.listed();
+    if (findings_.disagreements() > 0) {
+      outcome_.status = ExitStatus::contradiction;
+      outcome_.message = fmt::format(
+          "{} contradicts itself: of {} numbers that were recomputed {} disagree; the first: {}", outcome_.file,
+          findings_.compared(), findings_.disagreements(), to_string(findings_.listed().front()));
+    }
+    return std::move(outcome_);
+  }
+
+private:
+  void recompute() {
+    const StoredLevels levels(reader_, static_cast<std::size_t>(problem_.output.every));
+    Chronicle chronicle = make_chronicle(reader_, problem_);
+    const figures::Names names = names_in(reader_, chronicle);
+    const CheckpointFindings checkpoint = check_checkpoint(reader_, levels, names, chronicle, findings_);
+    check_levels(reader_, levels, problem_, checkpoint.energy_terms, findings_);
+    const auto check_states = problem_.hamiltonian() != nullptr ? check_orbit : check_lattice;
+    const Spread equation = check_states(reader_, levels, problem_, chronicle.simulation().has_gamma(), findings_);
+    if (options_.replay) {
+      replay(reader_, levels, problem_, findings_);
+    }
+    outcome_.statistics = figures::stored_statistics(reader_, names, findings_.corrections());
+    if (equation.count() > 0.0) {
+      outcome_.statistics.residuals.push_back({"step_equation", equation});
+    }
+    outcome_.warnings = outcome_.statistics.undefined_quantities();
+    if (levels.sparse && !options_.replay) {
+      outcome_.warnings.push_back(fmt::format(
+          "the record keeps every {}-th state and its predecessor: {} of {} steps were recomputed; what the record "
+          "tells of the others was compared with the digests of the run only (--replay takes all steps again)",
+          problem_.output.every, levels.state_level.size() - 1, levels.steps()));
+    }
+    if (!checkpoint.has_digests) {
+      outcome_.warnings.emplace_back(
+          "the record was written by an earlier version, without digests: what cannot be recomputed was not checked");
+    }
+  }
+
+  const record::Reader& reader_;
+  CheckOptions options_;
+  Problem problem_;
+  Findings findings_;
+  Outcome outcome_;
+};
+
+}  // namespace
+
+Outcome check(const std::string& file, const CheckOptions& options) {
   const record::Reader reader(file);
-  const Problem problem = stored_problem(reader);
-  const StoredLevels levels(reader);
-  Outcome outcome;
-  outcome.title = problem.title;
-  outcome.file = file;
-  outcome.variable_levels = problem.scheme.levels == Levels::variable;
-  outcome.complete = reader.header().finished;
-  outcome.statistics = (problem.hamiltonian() != nullptr ? check_orbit : check_lattice)(reader, levels, problem);
-  outcome.warnings = outcome.statistics.undefined_quantities();
-  if (levels.sparse) {
-    outcome.warnings.push_back(
-        fmt::format("the record keeps every {}-th state and its predecessor: laws were checked on those steps only",
-                    problem.output.every));
-  }
-  if (const double mismatch = levels.mismatch(); mismatch > 0.0) {
-    outcome.warnings.push_back(
-        fmt::format("the times in the record do not fit its steps: they differ by up to {:.3g}; it is damaged, or was "
-                    "altered",
-                    mismatch));
-  }
-  return outcome;
+  return RecordCheck(reader, options).run();
 }
 
 }  // namespace rubato::study

@@ -6,12 +6,23 @@
 
 namespace rubato::study {
 
-/// Recomputes every conservation law of a record from its stored states alone, by a path independent of the run: see
-/// check_orbit and check_lattice. Counts (steps, h, iterations, bridges, step condition) are those stored under
-/// /levels. With `every` > 1, states are compared with the predecessors kept beside them.
+struct CheckOptions {
+  /// Takes every step again, from the start, and compares all rows bit by bit: as long as the run was. Bits may differ
+  /// between machines whose elementary functions round differently.
+  bool replay = false;
+};
+
+/// Recomputes everything of a record that its stored states tell again, and compares: check_levels, check_orbit,
+/// check_lattice. Beside that the digests that the run kept of every dataset in its checkpoint, which see that a number
+/// was altered but not which, and its statistics.
+///
+/// Where numbers disagree the outcome's status is ExitStatus::contradiction, and Outcome::disagreements names them. Its
+/// figures are those of the record, with what was recomputed in place of what disagrees; with the residual of the step
+/// equation in addition. What could not be recomputed is told in its warnings: with `every` > 1 steps between stored
+/// states, but for their digests; iterations.
 ///
 /// The record is read level by level. It may be that of a run still going, or of one that was killed. \throws
-/// record::Error if it cannot be read, or contradicts itself
-[[nodiscard]] Outcome check(const std::string& file);
+/// record::Error if it cannot be read, or its datasets do not fit together
+[[nodiscard]] Outcome check(const std::string& file, const CheckOptions& options = {});
 
 }  // namespace rubato::study

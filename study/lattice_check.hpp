@@ -1,17 +1,22 @@
 #pragma once
 
+#include <rubato/base/spread.hpp>
+#include <rubato/study/findings.hpp>
 #include <rubato/study/problem.hpp>
 #include <rubato/study/stored.hpp>
 
 namespace rubato::study {
 
-/// The laws of a lattice from its record alone, level by level: E_k of every step, the residual of the scheme's own
-/// equation ("step_equation"), the local residuals (LatticeResiduals), node energy, Γ, totals, invariants and errors.
+/// Everything of a lattice's record that its stored states tell again, by a path independent of the run's solver:
 ///
-/// Where only some levels are stored, each with the one before it, these are the laws of those steps; Γ is then that in
-/// their middle, and what needs consecutive steps (variational residuals, tangent solutions) is left out.
-/// \throws record::Error
-[[nodiscard]] Statistics check_lattice(const record::Reader& reader, const StoredLevels& levels,
-                                       const Problem& problem);
+/// - the grid, from the problem;
+/// - at each stored level: the node energy, Γ (where every level is stored), totals, invariants, the exact solution;
+///   the first is the problem's initial level;
+/// - of each step between two of them: E_k, what they leave of the scheme's equation, the local laws in every cell and
+///   their sizes; of steps that follow each other also the variational laws and the multisymplectic residual.
+///
+/// One level is in memory at a time. \return the residuals of the step equation \throws record::Error
+[[nodiscard]] Spread check_lattice(const record::Reader& reader, const StoredLevels& levels, const Problem& problem,
+                                   bool has_gamma, Findings& findings);
 
 }  // namespace rubato::study

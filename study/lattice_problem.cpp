@@ -260,15 +260,15 @@ NodeTable make_exact(const Problem& problem, const MultisymplecticSystem& system
   return {problem, pde.exact, {}, grid};
 }
 
-std::vector<Named<MaxRms>> lattice_errors(NodeTable& exact, const MultisymplecticSystem& system,
-                                          const LatticeLevel& level, double t) {
-  std::vector<Named<MaxRms>> errors;
+std::vector<figures::Named<Spread>> lattice_errors(NodeTable& exact, const MultisymplecticSystem& system,
+                                                   const LatticeLevel& level, double t) {
+  std::vector<figures::Named<Spread>> errors;
   const std::vector<std::vector<double>> values = exact.at(level, t);
   for (std::size_t i = 0; i < values.size(); ++i) {
     errors.push_back({exact.names()[i], {}});
     const std::span<const double> field = level.fields.field(system.field(exact.names()[i]));
     for (std::size_t node = 0; node < field.size(); ++node) {
-      errors.back().value.add(field[node] - values[i][node]);
+      errors.back().value.add(std::abs(field[node] - values[i][node]));
     }
   }
   return errors;

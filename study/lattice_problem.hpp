@@ -5,10 +5,10 @@
 #include <string>
 #include <vector>
 
+#include <rubato/figures/statistics.hpp>
 #include <rubato/pde/lattice.hpp>
 #include <rubato/pde/node_formula.hpp>
 #include <rubato/study/problem.hpp>
-#include <rubato/study/statistics.hpp>
 
 namespace rubato::study {
 
@@ -56,7 +56,7 @@ private:
                                    const grids::Grid& grid);
 
 /// |field - exact| over the nodes of a level, for each name of [exact].
-[[nodiscard]] std::vector<Named<MaxRms>> lattice_errors(NodeTable& exact, const MultisymplecticSystem& system,
-                                                        const LatticeLevel& level, double t);
+[[nodiscard]] std::vector<figures::Named<Spread>> lattice_errors(NodeTable& exact, const MultisymplecticSystem& system,
+                                                                 const LatticeLevel& level, double t);
 
 }  // namespace rubato::study

@@ -14,7 +14,7 @@ constexpr std::uint64_t seed = 1;
 
 LatticeResiduals::LatticeResiduals(LocalLaws& laws, const MultisymplecticSystem& system, const grids::Grid& grid,
                                    Wanted wanted)
-    : laws_(laws), count_(grid.size()), names_(laws.names()), cells_(static_cast<int>(laws.count()), grid.size()) {
+    : laws_(laws), names_(laws.names()), cells_(static_cast<int>(laws.count()), grid.size()) {
   cells_.fill(std::numeric_limits<double>::quiet_NaN());
   if (wanted.variational) {
     variational_.emplace(action_of(system, laws.placement()), grid);
@@ -27,21 +27,16 @@ LatticeResiduals::LatticeResiduals(LocalLaws& laws, const MultisymplecticSystem&
   sizes_.resize(names_.size());
 }
 
-MaxRms LatticeResiduals::size_of(const LawSize& size) const {
-  const double count = static_cast<double>(count_);
-  return {size.max(), size.rms() * size.rms() * count, count};
-}
-
 void LatticeResiduals::take(const LatticeLevel& before, const LatticeLevel& after, double h) {
-  sizes_.assign(names_.size(), MaxRms{});
+  sizes_.assign(names_.size(), Spread{});
   std::size_t next = 0;
-  for (const LawSize& size : laws_.residuals(before, after, h, cells_.pointers())) {
-    sizes_[next++] = size_of(size);
+  for (const Spread& size : laws_.residuals(before, after, h, cells_.pointers())) {
+    sizes_[next++] = size;
   }
   if (variational_) {
     if (const auto sizes = variational_->take(before, after, h)) {
       for (std::size_t i = 0; i < sizes->size(); ++i) {
-        sizes_[next + i] = size_of((*sizes)[i]);
+        sizes_[next + i] = (*sizes)[i];
       }
     }
     next += variational_->names().size();
@@ -49,7 +44,7 @@ void LatticeResiduals::take(const LatticeLevel& before, const LatticeLevel& afte
   if (tangents_ && tangent_status_ == Status::success) {
     tangent_status_ = tangents_->take(before, after, h);
     if (tangent_status_ == Status::success && tangents_->residual()) {
-      sizes_[next] = size_of(*tangents_->residual());
+      sizes_[next] = *tangents_->residual();
     }
   }
 }

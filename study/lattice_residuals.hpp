@@ -10,7 +10,6 @@
 #include <rubato/pde/local_laws.hpp>
 #include <rubato/pde/tangent.hpp>
 #include <rubato/pde/variational_laws.hpp>
-#include <rubato/study/statistics.hpp>
 
 namespace rubato::study {
 
@@ -35,7 +34,7 @@ public:
   void take(const LatticeLevel& before, const LatticeLevel& after, double h);
 
   /// Sizes over the step taken last, in the order of names(); with count 0 where there is none.
-  [[nodiscard]] std::span<const MaxRms> sizes() const { return sizes_; }
+  [[nodiscard]] std::span<const Spread> sizes() const { return sizes_; }
   /// The residual of LocalLaws number `law` in every cell; not a number before the first step.
   [[nodiscard]] std::span<const double> cells(std::size_t law) const { return cells_.field(static_cast<int>(law)); }
 
@@ -47,16 +46,13 @@ public:
   void restore(StateReader& state, const LatticeLevel& before, const LatticeLevel& after, double h);
 
 private:
-  [[nodiscard]] MaxRms size_of(const LawSize& size) const;
-
   LocalLaws& laws_;
-  std::size_t count_;
   std::vector<std::string> names_;
   std::optional<VariationalLaws> variational_;
   std::optional<TangentPair> tangents_;
   Status tangent_status_ = Status::success;
   grids::FieldSet cells_;
-  std::vector<MaxRms> sizes_;
+  std::vector<Spread> sizes_;
 };
 
 }  // namespace rubato::study

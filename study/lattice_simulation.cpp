@@ -39,6 +39,8 @@ public:
   [[nodiscard]] bool autonomous() const override { return true; }
   [[nodiscard]] bool has_gamma() const override { return lattice_.scheme().has_gamma(); }
   [[nodiscard]] double last_step() const override { return lattice_.levels().last_step(); }
+  [[nodiscard]] double energy_rounding() const override { return lattice_.levels().energy_rounding(); }
+  [[nodiscard]] double energy_terms() const override { return lattice_.levels().energy_scale(); }
 
   [[nodiscard]] std::vector<std::string> cautions() const override { return lattice_.cautions(); }
   [[nodiscard]] std::vector<std::string> warnings() const override {
@@ -65,12 +67,12 @@ public:
     return std::span<const double>(total_values_).subspan(1);
   }
 
-  [[nodiscard]] std::vector<Named<MaxRms>> errors() override {
+  [[nodiscard]] std::vector<Named<Spread>> errors() override {
     return lattice_errors(exact_, lattice_.system(), lattice_.level(), t());
   }
 
   [[nodiscard]] std::vector<std::string> residual_names() const override { return residuals_.names(); }
-  [[nodiscard]] std::span<const MaxRms> residuals() override { return residuals_.sizes(); }
+  [[nodiscard]] std::span<const Spread> residuals() override { return residuals_.sizes(); }
 
   void describe_states(record::Layout& layout, bool with_previous) override {
     const grids::Grid& grid = lattice_.grid();
@@ -125,27 +127,27 @@ public:
     }
   }
 
-  void append_state(record::Writer& writer, std::size_t first, bool with_previous) override {
+  void append_state(RowSink& sink, std::size_t first, bool with_previous) override {
     const int d = lattice_.system().field_count();
     const std::vector<double> undefined(last_h_ == 0.0 ? lattice_.grid().size() : 0,
                                         std::numeric_limits<double>::quiet_NaN());
     for (int f = 0; f < d; ++f) {
       const bool missing = at_midpoints(f) && last_h_ == 0.0;
-      writer.append(first++, missing ? std::span<const double>(undefined) : lattice_.field(f));
+      sink.append(first++, missing ? std::span<const double>(undefined) : lattice_.field(f));
     }
     if (with_previous) {
-      writer.append(first++, previous_t_);
+      sink.append(first++, previous_t_);
       for (int f = 0; f < d; ++f) {
         if (!at_midpoints(f)) {
-          writer.append(first++, lattice_.previous().fields.field(f));
+          sink.append(first++, lattice_.previous().fields.field(f));
         }
       }
     }
     for (const std::vector<double>& values : exact_.at(lattice_.level(), t())) {
-      writer.append(first++, std::span<const double>(values));
+      sink.append(first++, std::span<const double>(values));
     }
     for (std::size_t law = 0; law < law_names_.size(); ++law) {
-      writer.append(first++, residuals_.cells(law));
+      sink.append(first++, residuals_.cells(law));
     }
   }
 

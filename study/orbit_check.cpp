@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <memory>
+#include <utility>
 
 #include <Eigen/Core>
 
@@ -17,158 +19,338 @@ namespace rubato::study {
 
 namespace {
 
-/// The stored states of an orbit, row by row, each joined to (q, p).
-struct StoredStates {
-  std::vector<double> t, q, p;
-  std::size_t n = 0;
+using Eigen::Index;
 
-  StoredStates(const record::Reader& reader, const std::string& group, std::size_t degrees_of_freedom)
-      : t(reader.read(group + "/t")),
-        q(reader.read(group + "/q")),
-        p(reader.read(group + "/p")),
-        n(degrees_of_freedom) {
-    if (q.size() != t.size() * n || p.size() != t.size() * n) {
-      throw record::Error(reader.file(), fmt::format("{}: {} times, {} coordinates and {} momenta do not fit together",
-                                                     group, t.size(), q.size(), p.size()));
+/// The stored states of an orbit, row by row, each joined to (q, p).
+class StoredStates {
+public:
+  StoredStates(const record::Reader& reader, const std::string& group, std::size_t degrees_of_freedom, std::size_t rows)
+      : n_(degrees_of_freedom), q_(reader, group + "/q", n_), p_(reader, group + "/p", n_) {
+    for (const StoredRows* part : {&q_, &p_}) {
+      if (part->rows() != rows) {
+        throw record::Error(reader.file(), fmt::format("{} has {} rows; {} stored levels do not fit together with that",
+                                                       part->path(), part->rows(), rows));
+      }
     }
   }
 
-  [[nodiscard]] std::size_t rows() const { return t.size(); }
-
-  [[nodiscard]] std::vector<double> z(std::size_t row) const {
-    std::vector<double> state(q.begin() + static_cast<std::ptrdiff_t>(row * n),
-                              q.begin() + static_cast<std::ptrdiff_t>((row + 1) * n));
-    state.insert(state.end(), p.begin() + static_cast<std::ptrdiff_t>(row * n),
-                 p.begin() + static_cast<std::ptrdiff_t>((row + 1) * n));
+  [[nodiscard]] std::vector<double> z(std::size_t row) {
+    const std::span<const double> q = q_.row(row);
+    std::vector<double> state(q.begin(), q.end());
+    const std::span<const double> p = p_.row(row);
+    state.insert(state.end(), p.begin(), p.end());
     return state;
   }
+  /// Where component i of z is stored.
+  [[nodiscard]] const std::string& path(std::size_t i) const { return i < n_ ? q_.path() : p_.path(); }
+  [[nodiscard]] std::size_t index(std::size_t i) const { return i % n_; }
+
+private:
+  std::size_t n_;
+  StoredRows q_, p_;
 };
+
+bool all_finite(const std::vector<double>& values) {
+  return std::ranges::all_of(values, [](double value) { return std::isfinite(value); });
+}
 
 class OrbitCheck {
 public:
-  OrbitCheck(const record::Reader& reader, const StoredLevels& levels, const Problem& problem)
+  OrbitCheck(const record::Reader& reader, const StoredLevels& levels, const Problem& problem, bool has_gamma,
+             Findings& findings)
       : reader_(reader),
         levels_(levels),
         problem_(problem),
+        has_gamma_(has_gamma),
+        findings_(findings),
         orbit_(*problem.hamiltonian()),
         hamiltonian_(make_hamiltonian(problem)),
         law_(make_node_law(hamiltonian_, make_lagrangian(problem))),
         action_(make_action(hamiltonian_, make_lagrangian(problem))),
+        one_step_(!orbit_.next && (problem.scheme.lagrangian == Lagrangian::midpoint ||
+                                   problem.scheme.lagrangian == Lagrangian::generating)),
+        n_(hamiltonian_.degrees_of_freedom()),
+        autonomous_(problem.scheme.lagrangian != Lagrangian::custom),
+        gradient_(static_cast<Index>(action_->element().size())),
         invariants_(problem, orbit_.invariants, orbit_.names()),
-        states_(reader, "/states", hamiltonian_.degrees_of_freedom()) {
+        exact_(problem, orbit_.exact, {"t"}),
+        states_(reader, "/states", n_, levels.state_level.size()),
+        scale_(2 * n_, 0.0),
+        node_energy_(reader, "/levels/node_energy"),
+        gamma_(reader, "/levels/gamma"),
+        energy_(reader, "/levels/energy") {
+    if (levels.sparse) {
+      before_.emplace(reader, "/states/previous", n_, levels.state_level.size());
+    }
     for (const std::string& name : invariants_.names()) {
-      statistics_.invariants.push_back({name, {}});
+      laws_.emplace_back(reader, "/laws/" + name);
+    }
+    for (const std::string& name : exact_.names()) {
+      exacts_.emplace_back(reader, "/exact/" + name);
     }
   }
 
-  Statistics run() {
-    copy_counts(reader_, levels_, statistics_);
-    check_states();
-    check_steps();
-    check_exact();
-    return std::move(statistics_);
+  Spread run() {
+    find_scales();
+    std::vector<double> last;
+    for (std::size_t row = 0; row < levels_.state_level.size(); ++row) {
+      const std::vector<double> z = states_.z(row);
+      const bool whole = require_finite(states_, row, z);
+      if (row == 0) {
+        check_start(z);
+      }
+      std::vector<double> previous = before_ ? before_->z(row) : last;
+      if (before_) {
+        check_previous(row, previous, row == 0 ? z : last);
+      }
+      if (row > 0 && before_ && all_finite(previous)) {
+        check_node(previous, levels_.state_level[row] - 1);
+      }
+      if (whole) {
+        check_node(z, levels_.state_level[row]);
+      }
+      check_exact(row);
+      if (row > 0 && whole && !previous.empty() && all_finite(previous)) {
+        check_step(row, previous, z);
+      } else {
+        last_corners_.clear();
+      }
+      last = z;
+    }
+    return equation_;
   }
 
 private:
-  void check_states() {
-    for (std::size_t row = 0; row < states_.rows(); ++row) {
+  void find_scales() {
+    for (std::size_t row = 0; row < levels_.state_level.size(); ++row) {
       const std::vector<double> z = states_.z(row);
-      const LevelNode node = law_(z.data());
-      statistics_.energy_magnitude.add(std::abs(node.energy));
-      statistics_.gamma.add(node.gamma);
-      const std::span<const double> values = invariants_(z);
-      if (row == 0) {
-        statistics_.node_energy.start(node.energy);
-      }
-      statistics_.node_energy.add(node.energy);
-      for (std::size_t i = 0; i < values.size(); ++i) {
-        Deviation& deviation = statistics_.invariants[i].value;
-        if (row == 0) {
-          deviation.start(values[i]);
-        }
-        deviation.add(values[i]);
+      for (std::size_t i = 0; i < z.size(); ++i) {
+        scale_[i] = std::isfinite(z[i]) ? std::max(scale_[i], std::abs(z[i])) : scale_[i];
       }
     }
   }
 
-  /// E_k = ∂A_k/∂t_k on every stored pair, and the step equation where two pairs follow each other.
-  void check_steps() {
-    const bool sparse = levels_.sparse;
-    const StoredStates before = sparse ? StoredStates(reader_, "/states/previous", states_.n) : states_;
-    if (states_.rows() != levels_.state_t.size() || before.rows() != states_.rows()) {
-      throw record::Error(reader_.file(), "the states and their predecessors do not fit together");
+  bool require_finite(StoredStates& states, std::size_t row, const std::vector<double>& z) {
+    for (std::size_t i = 0; i < z.size(); ++i) {
+      if (!std::isfinite(z[i])) {
+        findings_.add({.dataset = states.path(i),
+                       .row = row,
+                       .index = states.index(i),
+                       .stored = z[i],
+                       .reason = "a state is finite"});
+      }
     }
-    Eigen::VectorXd gradient(static_cast<Eigen::Index>(action_->element().size()));
-    std::vector<double> corners, last_corners;
-    bool first = true;
-    for (std::size_t row = 1; row < states_.rows(); ++row) {
-      const std::size_t from = sparse ? row : row - 1;
-      corners = {before.t[from]};
-      const std::vector<double> z_0 = before.z(from);
-      const std::vector<double> z_1 = states_.z(row);
-      corners.insert(corners.end(), z_0.begin(), z_0.end());
-      corners.push_back(states_.t[row]);
-      corners.insert(corners.end(), z_1.begin(), z_1.end());
-      action_->gradient(corners, gradient);
-      const double energy = gradient[static_cast<Eigen::Index>(action_->element().coordinate(0, 0))];
-      const std::size_t step = levels_.state_level[row] - 1;
-      const bool bridge = levels_.bridged[step] != 0.0;
-      if (first) {
-        statistics_.energy = energy;
-        statistics_.autonomous = is_autonomous(*action_, corners);
-        first = false;
-      }
-      if (statistics_.autonomous) {
-        double& deviation = bridge ? statistics_.bridge_deviation : statistics_.energy_deviation;
-        deviation = std::max(deviation, std::abs(energy - statistics_.energy));
-      } else if (!sparse && !last_corners.empty()) {
-        const Incidence pair[] = {{last_corners, 1}, {corners, 0}};
-        statistics_.energy_deviation =
-            std::max(statistics_.energy_deviation, std::abs(coordinate_variation(*action_, pair, 0)));
-      }
-      if (!sparse && !last_corners.empty()) {
-        const Incidence pair[] = {{last_corners, 1}, {corners, 0}};
-        for (const double residual : value_variation(*action_, pair)) {
-          step_equation_.add(residual);
-        }
-      }
-      last_corners = corners;
-    }
-    if (step_equation_.count > 0.0) {
-      statistics_.residuals.push_back({"step_equation", step_equation_});
+    return all_finite(z);
+  }
+
+  void check_start(const std::vector<double>& z) {
+    std::vector<double> start = orbit_.initial.q;
+    start.insert(start.end(), orbit_.initial.p.begin(), orbit_.initial.p.end());
+    compare_states(states_, 0, z, start, "the initial state of the problem");
+    if (orbit_.next && !levels_.sparse && levels_.state_level.size() > 1) {
+      std::vector<double> next = orbit_.next->q;
+      next.insert(next.end(), orbit_.next->p.begin(), orbit_.next->p.end());
+      compare_states(states_, 1, states_.z(1), next, "[initial.next] of the problem");
     }
   }
 
-  void check_exact() {
-    FormulaTable exact(problem_, orbit_.exact, {"t"});
-    const std::vector<std::string> names = orbit_.names();
-    const std::size_t row = states_.rows() - 1;
-    const std::vector<double> z = states_.z(row);
-    const std::span<const double> values = exact({&states_.t[row], 1});
-    for (std::size_t i = 0; i < values.size(); ++i) {
-      const auto index = static_cast<std::size_t>(std::ranges::find(names, exact.names()[i]) - names.begin());
-      statistics_.errors.push_back({exact.names()[i], {}});
-      statistics_.errors.back().value.add(z[index] - values[i]);
+  void compare_states(StoredStates& states, std::size_t row, const std::vector<double>& z,
+                      const std::vector<double>& expected, const std::string& reason) {
+    for (std::size_t i = 0; i < z.size(); ++i) {
+      // What is read from a formula may differ by the rounding of a few operations from machine to machine.
+      findings_.compare(
+          states.path(i), row, states.index(i), z[i], expected[i],
+          [&] { return Rounding::unit * std::abs(expected[i]); }, reason);
+    }
+  }
+
+  void check_previous(std::size_t row, const std::vector<double>& previous, const std::vector<double>& neighbour) {
+    require_finite(*before_, row, previous);
+    if (row == 0 || levels_.follows(row)) {
+      compare_states(*before_, row, previous, neighbour,
+                     row == 0 ? "the first row repeats the start" : "the stored level before");
+    }
+  }
+
+  /// H, Γ and the invariants at a level.
+  void check_node(const std::vector<double>& z, std::size_t level) {
+    const std::size_t outputs = 2 + laws_.size();
+    const auto evaluate = [this](const std::vector<double>& state, std::vector<double>& out) {
+      const LevelNode node = law_(state.data());
+      out[0] = node.energy;
+      out[1] = node.gamma;
+      std::ranges::copy(invariants_(state), out.begin() + 2);
+    };
+    std::vector<double> found(outputs), tolerances;
+    evaluate(z, found);
+    const auto tolerance = [&](std::size_t output) {
+      return [&, output] {
+        if (tolerances.empty()) {
+          tolerances = Rounding::tolerances(z, scale_, outputs, evaluate);
+        }
+        return tolerances[output];
+      };
+    };
+    const char* reason = "from the state at that level";
+    findings_.compare("/levels/node_energy", level, {}, node_energy_.at(level), found[0], tolerance(0), reason);
+    if (has_gamma_) {
+      findings_.compare("/levels/gamma", level, {}, gamma_.at(level), found[1], tolerance(1), reason);
+    }
+    for (std::size_t i = 0; i < laws_.size(); ++i) {
+      findings_.compare(laws_[i].path(), level, {}, laws_[i].at(level), found[2 + i], tolerance(2 + i), reason);
+    }
+  }
+
+  void check_exact(std::size_t row) {
+    const double t = levels_.state_t[row];
+    const std::span<const double> values = exact_({&t, 1});
+    const std::vector<double> found(values.begin(), values.end());
+    for (std::size_t i = 0; i < exacts_.size(); ++i) {
+      findings_.compare(
+          exacts_[i].path(), row, {}, exacts_[i].at(row), found[i],
+          [&] {
+            return Rounding::tolerances({t}, {std::abs(t)}, exacts_.size(),
+                                        [this](const std::vector<double>& time, std::vector<double>& out) {
+                                          std::ranges::copy(exact_(time), out.begin());
+                                        })[i];
+          },
+          "[exact] of the problem");
+    }
+  }
+
+  /// E_k, and after it what the two levels leave of Jδ - ∇Φ, in the order q, p: both from the first variation of the
+  /// action, and from nothing else. With -½ z̄ᵀJδ before Φ the sum of its derivatives by both levels is ∇Φ - ½Jδ; the
+  /// midpoint 𝕃 has p̄·(q_1 - q_0) in its place, whose sum is (0, δq).
+  void evaluate_step(const std::vector<double>& corners, std::vector<double>& out) {
+    const Element& element = action_->element();
+    action_->gradient(corners, gradient_);
+    out[0] = gradient_[static_cast<Index>(element.coordinate(0, 0))];
+    if (!one_step_) {
+      return;
+    }
+    const bool generating = problem_.scheme.lagrangian == Lagrangian::generating;
+    for (std::size_t i = 0; i < 2 * n_; ++i) {
+      const std::size_t other = i < n_ ? i + n_ : i - n_;
+      const double delta = corners[element.value(1, other)] - corners[element.value(0, other)];
+      const double share = i < n_ ? (generating ? -0.5 : -1.0) : (generating ? 0.5 : 0.0);
+      out[1 + i] = gradient_[static_cast<Index>(element.value(0, i))] +
+                   gradient_[static_cast<Index>(element.value(1, i))] + share * delta;
+    }
+  }
+
+  void check_step(std::size_t row, const std::vector<double>& z_0, const std::vector<double>& z_1) {
+    const std::size_t step = levels_.step_to(row);
+    // Where t does not matter it is left out: t_{k+1} - t_k would lose digits of h.
+    const double t = autonomous_ ? 0.0 : levels_.t[step], h = levels_.h[step];
+    std::vector<double> corners = {t}, scales = {std::abs(t)};
+    corners.insert(corners.end(), z_0.begin(), z_0.end());
+    corners.push_back(t + h);
+    corners.insert(corners.end(), z_1.begin(), z_1.end());
+    scales.insert(scales.end(), scale_.begin(), scale_.end());
+    scales.push_back(std::abs(t + h));
+    scales.insert(scales.end(), scale_.begin(), scale_.end());
+    if (!autonomous_ && !std::exchange(autonomous_known_, true) && is_autonomous(*action_, corners)) {
+      autonomous_ = true;
+      check_step(row, z_0, z_1);
+      return;
+    }
+    const std::size_t outputs = one_step_ ? 1 + 2 * n_ : 1;
+    std::vector<double> found(outputs), tolerances;
+    const auto evaluate = [this](const std::vector<double>& at, std::vector<double>& out) { evaluate_step(at, out); };
+    evaluate(corners, found);
+    const auto tolerance = [&](std::size_t output) {
+      return [&, output] {
+        if (tolerances.empty()) {
+          tolerances = Rounding::tolerances(corners, scales, outputs, evaluate);
+        }
+        return tolerances[output];
+      };
+    };
+    findings_.compare("/levels/energy", step, {}, energy_.at(step), found[0], tolerance(0),
+                      "from the states around the step");
+    for (std::size_t i = 0; i + 1 < outputs; ++i) {
+      equation_.add(std::abs(found[1 + i]));
+      // The equation of a coordinate is that of its rate, and its defect that of the momentum's row of Jδ.
+      const std::size_t component = i < n_ ? i + n_ : i - n_;
+      check_equation(row, component, found[1 + i], tolerance(1 + i));
+    }
+    if (!one_step_ && !levels_.sparse) {
+      check_two_steps(row, corners, scales);
+    }
+    last_corners_ = corners;
+  }
+
+  template <typename Tolerance>
+  void check_equation(std::size_t row, std::size_t component, double defect, Tolerance&& tolerance) {
+    findings_.count(1);
+    const double allowed = defect == 0.0 ? 0.0 : tolerance();
+    if (!(std::abs(defect) <= allowed)) {
+      findings_.add({.dataset = states_.path(component),
+                     .row = row,
+                     .index = states_.index(component),
+                     .stored = defect,
+                     .recomputed = 0.0,
+                     .tolerance = allowed,
+                     .reason = "what the step from the level before leaves of its equation"});
+    }
+  }
+
+  /// (3.3) of two steps that follow each other, at the level between.
+  void check_two_steps(std::size_t row, const std::vector<double>& corners, const std::vector<double>& scales) {
+    if (last_corners_.empty()) {
+      return;
+    }
+    const std::size_t size = corners.size();
+    std::vector<double> both = last_corners_, both_scales = scales;
+    both.insert(both.end(), corners.begin(), corners.end());
+    both_scales.insert(both_scales.end(), scales.begin(), scales.end());
+    std::vector<double> found(2 * n_), tolerances;
+    const auto evaluate = [this, size](const std::vector<double>& at, std::vector<double>& out) {
+      const std::span<const double> all(at);
+      const Incidence pair[] = {{all.first(size), 1}, {all.last(size), 0}};
+      std::ranges::copy(value_variation(*action_, pair), out.begin());
+    };
+    evaluate(both, found);
+    for (std::size_t i = 0; i < found.size(); ++i) {
+      equation_.add(std::abs(found[i]));
+      check_equation(row, i, found[i], [&] {
+        if (tolerances.empty()) {
+          tolerances = Rounding::tolerances(both, both_scales, found.size(), evaluate);
+        }
+        return tolerances[i];
+      });
     }
   }
 
   const record::Reader& reader_;
   const StoredLevels& levels_;
   const Problem& problem_;
+  bool has_gamma_;
+  Findings& findings_;
   const HamiltonianProblem& orbit_;
   Hamiltonian hamiltonian_;
   NodeLaw law_;
   std::unique_ptr<DiscreteAction> action_;
-  FormulaTable invariants_;
+  bool one_step_;
+  std::size_t n_;
+  bool autonomous_;
+  bool autonomous_known_ = false;
+  Eigen::VectorXd gradient_;
+  FormulaTable invariants_, exact_;
   StoredStates states_;
-  MaxRms step_equation_;
-  Statistics statistics_;
+  std::optional<StoredStates> before_;
+  std::vector<double> scale_;  ///< largest magnitude of each component
+  StoredRows node_energy_, gamma_, energy_;
+  std::vector<StoredRows> laws_, exacts_;
+  std::vector<double> last_corners_;
+  Spread equation_;
 };
 
 }  // namespace
 
-Statistics check_orbit(const record::Reader& reader, const StoredLevels& levels, const Problem& problem) {
-  return OrbitCheck(reader, levels, problem).run();
+Spread check_orbit(const record::Reader& reader, const StoredLevels& levels, const Problem& problem, bool has_gamma,
+                   Findings& findings) {
+  return OrbitCheck(reader, levels, problem, has_gamma, findings).run();
 }
 
 }  // namespace rubato::study

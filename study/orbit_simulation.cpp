@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <cmath>
 
 #include <fmt/format.h>
 
@@ -61,6 +62,8 @@ public:
   [[nodiscard]] bool autonomous() const override { return integrator_.autonomous(); }
   [[nodiscard]] bool has_gamma() const override { return integrator_.has_gamma(); }
   [[nodiscard]] double last_step() const override { return integrator_.levels().last_step(); }
+  [[nodiscard]] double energy_rounding() const override { return integrator_.levels().energy_rounding(); }
+  [[nodiscard]] double energy_terms() const override { return integrator_.levels().energy_scale(); }
   [[nodiscard]] std::string failure_reason() const override { return integrator_.failure_reason(); }
 
   [[nodiscard]] std::vector<std::string> cautions() const override { return integrator_.cautions(); }
@@ -68,13 +71,13 @@ public:
   [[nodiscard]] std::vector<std::string> invariant_names() const override { return invariants_.names(); }
   [[nodiscard]] std::span<const double> invariants() override { return invariants_(integrator_.scheme().state()); }
 
-  [[nodiscard]] std::vector<Named<MaxRms>> errors() override {
+  [[nodiscard]] std::vector<Named<Spread>> errors() override {
     const double now = t();
     const std::span<const double> exact = exact_({&now, 1});
-    std::vector<Named<MaxRms>> errors;
+    std::vector<Named<Spread>> errors;
     for (std::size_t i = 0; i < exact.size(); ++i) {
       errors.push_back({exact_.names()[i], {}});
-      errors.back().value.add(integrator_.scheme().state()[exact_index_[i]] - exact[i]);
+      errors.back().value.add(std::abs(integrator_.scheme().state()[exact_index_[i]] - exact[i]));
     }
     return errors;
   }
@@ -99,18 +102,18 @@ public:
     }
   }
 
-  void append_state(record::Writer& writer, std::size_t first, bool with_previous) override {
-    writer.append(first++, integrator_.q());
-    writer.append(first++, integrator_.p());
+  void append_state(RowSink& sink, std::size_t first, bool with_previous) override {
+    sink.append(first++, integrator_.q());
+    sink.append(first++, integrator_.p());
     if (with_previous) {
       const std::size_t n = previous_.size() / 2;
-      writer.append(first++, previous_t_);
-      writer.append(first++, std::span<const double>(previous_).first(n));
-      writer.append(first++, std::span<const double>(previous_).last(n));
+      sink.append(first++, previous_t_);
+      sink.append(first++, std::span<const double>(previous_).first(n));
+      sink.append(first++, std::span<const double>(previous_).last(n));
     }
     const double now = t();
     for (const double value : exact_({&now, 1})) {
-      writer.append(first++, value);
+      sink.append(first++, value);
     }
   }
 

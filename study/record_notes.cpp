@@ -106,10 +106,11 @@ public:
         S_(system.expression(), system.variables()),
         invariants_(make_invariants(problem, system, tables_.grid)),
         level_(make_initial_level(problem, system, tables_.grid)),
+        every_(static_cast<std::size_t>(problem.output.every)),
         z_(static_cast<std::size_t>(system.field_count())) {}
 
   std::map<std::string, double> take(const record::Reader& reader) {
-    const StoredLevels stored(reader);
+    const StoredLevels stored(reader, every_);
     for (const std::size_t row : sample(stored.state_level.size())) {
       load(reader, row);
       see_laws(std::abs(stored.h.at(stored.state_level[row] - 1)));
@@ -218,6 +219,7 @@ private:
   Magnitude S_;
   NodeTable invariants_;
   LatticeLevel level_;
+  std::size_t every_;
   std::vector<double> z_;
   Levels levels_;
 };

@@ -6,10 +6,14 @@
 #include <string>
 #include <vector>
 
+#include <rubato/figures/statistics.hpp>
+#include <rubato/study/disagreement.hpp>
 #include <rubato/study/problem.hpp>
-#include <rubato/study/statistics.hpp>
 
 namespace rubato::study {
+
+using figures::Named;
+using figures::Statistics;
 
 /// Exit statuses of the program (and of a run).
 enum class ExitStatus {
@@ -18,13 +22,14 @@ enum class ExitStatus {
   singular = 3,
   failed = 4,
   file_error = 5,
+  contradiction = 6,  ///< `check`: the record contradicts itself
   interrupted = 130,
 };
 
 struct Progress {
   double t, start, until, h;
   std::size_t steps, bridges;
-  double relative_energy_deviation;
+  double energy_deviation;  ///< relative, where that says something
 };
 
 struct RunOptions {
@@ -53,6 +58,11 @@ struct Outcome {
   std::string message;                 ///< why it ended early, with the remedy; empty when it did not
   std::vector<std::string> warnings;   ///< each one sentence, with the remedy
   std::optional<double> wall_seconds;  ///< of this process; absent for `check`
+
+  // Of `check` only:
+  std::size_t compared = 0;                 ///< numbers that were recomputed and compared
+  std::size_t disagreement_count = 0;       ///< of these those that disagree,
+  std::vector<Disagreement> disagreements;  ///< the first ones of each dataset
 };
 
 /// Runs a problem and writes its record. Numerical failure is an Outcome; the record then holds every level computed.

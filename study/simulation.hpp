@@ -5,13 +5,15 @@
 #include <string>
 #include <vector>
 
+#include <rubato/figures/statistics.hpp>
 #include <rubato/record/layout.hpp>
-#include <rubato/record/writer.hpp>
 #include <rubato/study/problem.hpp>
-#include <rubato/study/statistics.hpp>
+#include <rubato/study/row_sink.hpp>
 #include <rubato/variation/time_levels.hpp>
 
 namespace rubato::study {
+
+using figures::Named;
 
 /// What a run does level by level, be it an orbit or a lattice: the driver in run.cpp knows no more than this.
 class Simulation {
@@ -26,6 +28,12 @@ public:
   /// Whether node() knows Γ: not for an arbitrary 𝕃, nor where no levels are chosen by it.
   [[nodiscard]] virtual bool has_gamma() const = 0;
   [[nodiscard]] virtual double last_step() const = 0;
+  /// A bound of what rounding makes of E_k of the step just taken, and the largest sum of the magnitudes of its terms
+  /// so far, which the tolerance of the law is relative to.
+  ///@{
+  [[nodiscard]] virtual double energy_rounding() const = 0;
+  [[nodiscard]] virtual double energy_terms() const = 0;
+  ///@}
   /// After Status::undefined: what of the formula was not defined, where that is known.
   [[nodiscard]] virtual std::string failure_reason() const { return {}; }
 
@@ -33,7 +41,7 @@ public:
   /// At the present level. Valid until the next call.
   [[nodiscard]] virtual std::span<const double> invariants() = 0;
   /// |z - exact| at the present level, one entry per name of [exact].
-  [[nodiscard]] virtual std::vector<Named<MaxRms>> errors() = 0;
+  [[nodiscard]] virtual std::vector<Named<Spread>> errors() = 0;
 
   /// What to tell the user at the start: what is doubtful about the problem, each one sentence with the remedy.
   [[nodiscard]] virtual std::vector<std::string> cautions() const { return {}; }
@@ -47,13 +55,13 @@ public:
 
   [[nodiscard]] virtual std::vector<std::string> residual_names() const { return {}; }
   /// Local residuals of the step just taken, in the order of residual_names(); with count 0 where a step has none.
-  [[nodiscard]] virtual std::span<const MaxRms> residuals() { return {}; }
+  [[nodiscard]] virtual std::span<const Spread> residuals() { return {}; }
 
   /// Names the datasets of a stored state (under /states, /states/previous when `with_previous`, /exact) and their
   /// scales.
   virtual void describe_states(record::Layout& layout, bool with_previous) = 0;
   /// Appends one row to each of them, the first of which is number `first` of the layout.
-  virtual void append_state(record::Writer& writer, std::size_t first, bool with_previous) = 0;
+  virtual void append_state(RowSink& sink, std::size_t first, bool with_previous) = 0;
 
   virtual void save(StateWriter& state) const = 0;
   virtual void restore(StateReader& state) = 0;

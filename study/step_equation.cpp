@@ -17,10 +17,6 @@ namespace {
 /// Length of the two short steps, relative to the first step; as in a run, so that the Γ of the first levels agrees.
 constexpr double start_ratio = 1e-2;
 
-MaxRms size_of(std::span<const double> values) {
-  return {grids::max_abs(values), grids::dot(values, values), static_cast<double>(values.size())};
-}
-
 std::vector<bool> fields_at_midpoints(const MultisymplecticSystem& system) {
   std::vector<bool> result;
   for (int f = 0; f < system.field_count(); ++f) {
@@ -68,6 +64,13 @@ public:
   }
 
   [[nodiscard]] StepLaw judge(const LatticeLevel& before, const LatticeLevel& after, double h) override {
+    const StepLaw law = measure(before, after, h);
+    history_.record(0.5 * h, h, delta_);
+    history_.advance(h);
+    return law;
+  }
+
+  [[nodiscard]] StepLaw measure(const LatticeLevel& before, const LatticeLevel& after, double h) override {
     set_increment(before.fields, after.fields, delta_);
     for (int f = 0; f < system_.field_count(); ++f) {
       const auto z_0 = before.fields.field(f);
@@ -78,9 +81,7 @@ public:
       }
     }
     const SweepResult result = sweep(after.slopes, 1.0 / h, residual_.pointers());
-    history_.record(0.5 * h, h, delta_);
-    history_.advance(h);
-    return {result.energy, -result.quadratic / (h * h), size_of(std::as_const(residual_).all())};
+    return {result.energy, -result.quadratic / (h * h), grids::magnitudes(std::as_const(residual_).all())};
   }
 
 private:
@@ -137,8 +138,12 @@ public:
   [[nodiscard]] LevelNode node(const LatticeLevel& level) override { return {map_.energy(level.fields), 0.0}; }
 
   [[nodiscard]] StepLaw judge(const LatticeLevel& before, const LatticeLevel& after, double h) override {
+    return measure(before, after, h);
+  }
+
+  [[nodiscard]] StepLaw measure(const LatticeLevel& before, const LatticeLevel& after, double h) override {
     map_.residual(h, before.fields, after.fields, residual_);
-    return {map_.energy(before.fields), 0.0, size_of(std::as_const(residual_).all())};
+    return {map_.energy(before.fields), 0.0, grids::magnitudes(std::as_const(residual_).all())};
   }
 
 private:

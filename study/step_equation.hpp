@@ -2,8 +2,9 @@
 
 #include <memory>
 
+#include <rubato/base/spread.hpp>
 #include <rubato/pde/initial_level.hpp>
-#include <rubato/study/statistics.hpp>
+#include <rubato/variation/level_scheme.hpp>
 
 namespace rubato::study {
 
@@ -11,7 +12,7 @@ namespace rubato::study {
 struct StepLaw {
   double energy = 0.0;  ///< E_k
   double gamma = 0.0;   ///< Γ in the middle of the step
-  MaxRms residual;      ///< what the two levels leave of the scheme's equation, over all rows and nodes
+  Spread residual;      ///< what the two levels leave of the scheme's equation, over all rows and nodes
 };
 
 /// A scheme on a lattice read as an equation for two levels that are there already: it judges steps and takes none.
@@ -22,6 +23,8 @@ public:
   /// is not.
   [[nodiscard]] virtual LevelNode node(const LatticeLevel& level) = 0;
   [[nodiscard]] virtual StepLaw judge(const LatticeLevel& before, const LatticeLevel& after, double h) = 0;
+  /// The same for any two levels: no step that was judged.
+  [[nodiscard]] virtual StepLaw measure(const LatticeLevel& before, const LatticeLevel& after, double h) = 0;
 };
 
 /// The equation of the scheme that imposes it at `placement`; box and Fourier: R = M D_t z + Σ_a K_a D_a z̄ - ∇S(z̄) and

@@ -37,7 +37,7 @@ Row run_breather(std::size_t cells, double step, Levels levels, const Multisympl
     row.longest = std::max(row.longest, report.h);
     lowest = std::min(lowest, report.energy);
     highest = std::max(highest, report.energy);
-    row.residual = std::max(row.residual, lattice.residuals()[0].max());
+    row.residual = std::max(row.residual, lattice.residuals()[0].largest());
   }
   row.steps = lattice.levels().steps();
   row.spread = (highest - lowest) / std::abs(highest);

@@ -56,7 +56,7 @@ double worst_form(const MultisymplecticSystem& system, const MultisymplecticSyst
   while (!lattice.finished()) {
     REQUIRE(lattice.step().status == Status::success);
     REQUIRE(tangents.take(lattice.previous(), lattice.level(), step) == Status::success);
-    worst = std::max(worst, tangents.residual() ? tangents.residual()->max() : 0.0);
+    worst = std::max(worst, tangents.residual() ? tangents.residual()->largest() : 0.0);
   }
   REQUIRE(tangents.residual().has_value());
   return worst;
@@ -92,7 +92,7 @@ TEST_CASE("the box's form is not that of euler-box") {
   REQUIRE(lattice.step().status == Status::success);
   REQUIRE(step(lattice.previous(), lattice.level(), 0.05, u, u_next) == Status::success);
   REQUIRE(step(lattice.previous(), lattice.level(), 0.05, v, v_next) == Status::success);
-  CHECK(box_laws.multisymplectic_residual({u, u_next}, {v, v_next}, 0.05).max() > 1e-3);
+  CHECK(box_laws.multisymplectic_residual({u, u_next}, {v, v_next}, 0.05).largest() > 1e-3);
   LocalLaws laws(system, line, {}, Placement::corners);
   CHECK_THROWS_WITH(laws.multisymplectic_residual({u, u_next}, {v, v_next}, 0.05),
                     Catch::Matchers::Contains("three levels"));
@@ -188,7 +188,7 @@ TEST_CASE("the laws of euler-box are of first order, its totals those of the dis
     const auto system = sine_gordon();
     const grids::Grid grid({{"x", -10, 10, cells}});
     LatticeIntegrator lattice(system, grid, bumps(system, grid), euler_box(step, 1));
-    std::array<LawSize, 2> worst;
+    std::array<Spread, 2> worst;
     double first = 0.0;
     double sum = 0.0;
     while (!lattice.finished()) {
@@ -206,7 +206,7 @@ TEST_CASE("the laws of euler-box are of first order, its totals those of the dis
       worst[1].add(residuals[1]);
     }
     CHECK(std::abs(sum - (lattice.totals()[0] - first)) < 1e-12);  // fluxes telescope
-    return std::array{worst[0].max(), worst[1].max()};
+    return std::array{worst[0].largest(), worst[1].largest()};
   };
   const auto coarse = sizes(400, 0.025);
   const auto fine = sizes(800, 0.0125);
@@ -225,8 +225,8 @@ TEST_CASE("the mass of a potential is conserved by euler-box to rounding") {
   while (!lattice.finished()) {
     REQUIRE(lattice.step().status == Status::success);
     const auto sizes = lattice.residuals();
-    mass = std::max(mass, sizes.back().max());
-    energy = std::max(energy, sizes.front().max());
+    mass = std::max(mass, sizes.back().largest());
+    energy = std::max(energy, sizes.front().largest());
   }
   CHECK(mass < 1e-12);  // v_t and w_x are of order 1, and round to 1e-16 over h or Δx
   CHECK(energy > 1e-4);

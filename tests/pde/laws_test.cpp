@@ -74,9 +74,9 @@ std::array<double, 2> worst_with_random_levels(const MultisymplecticSystem& syst
     const double h = 0.1 * (1 + spread(random));
     run.step(h);
     const auto sizes = laws.residuals(run.previous, run.scheme->level(), h);
-    worst[0] = std::max(worst[0], sizes[0].max());
+    worst[0] = std::max(worst[0], sizes[0].largest());
     for (int a = 1; a <= grid.dimensions(); ++a) {
-      worst[1] = std::max(worst[1], sizes[static_cast<std::size_t>(a)].max());
+      worst[1] = std::max(worst[1], sizes[static_cast<std::size_t>(a)].largest());
     }
   }
   return worst;
@@ -129,14 +129,14 @@ TEST_CASE("for other S the energy residual is of order h² whatever Δx, the mom
         sine_gordon(), grid,
         {sampled(grid, [](double) { return 0.0; }), sampled(grid, [](double x) { return 3 * sech(x); }), std::nullopt},
         {.step = h, .until = 2, .levels = Levels::fixed});
-    std::array<LawSize, 2> worst;
+    std::array<Spread, 2> worst;
     while (!lattice.finished()) {
       REQUIRE(lattice.step().status == Status::success);
       const auto step = lattice.residuals();
       worst[0].add(step[0]);
       worst[1].add(step[1]);
     }
-    return std::array{worst[0].max(), worst[1].max()};
+    return std::array{worst[0].largest(), worst[1].largest()};
   };
   const auto base = sizes(401, 0.05);
   const auto half_h = sizes(401, 0.025);
@@ -158,7 +158,7 @@ TEST_CASE("the multisymplectic form of two tangent solutions is conserved in eve
       const double h = k % 2 == 0 ? 0.05 : 0.08;
       run.step(h);
       REQUIRE(tangents.take(run.previous, run.scheme->level(), h) == Status::success);
-      largest = std::max(largest, tangents.residual()->max());
+      largest = std::max(largest, tangents.residual()->largest());
     }
     return largest;
   };
@@ -194,7 +194,7 @@ TEST_CASE("the charge of the Schrödinger equation is conserved exactly, average
   double local = 0.0;
   while (!lattice.finished()) {
     REQUIRE(lattice.step().status == Status::success);
-    local = std::max(local, lattice.residuals()[2].max());
+    local = std::max(local, lattice.residuals()[2].largest());
   }
   CHECK(local < 1e-12);
   CHECK(std::abs(lattice.totals()[2] - before) < 1e-12 * before);

@@ -84,8 +84,8 @@ std::vector<double> results(const Case& run, int count, double nudge = 0.0) {
     const StepReport report = lattice.step();
     REQUIRE(report.status == Status::success);
     all.insert(all.end(), {report.h, report.energy});
-    for (const LawSize& size : lattice.residuals()) {
-      all.insert(all.end(), {size.max(), size.rms()});
+    for (const Spread& size : lattice.residuals()) {
+      all.insert(all.end(), {size.largest(), size.rms()});
     }
     const std::vector<double> totals = lattice.totals();
     all.insert(all.end(), totals.begin(), totals.end());

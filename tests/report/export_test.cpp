@@ -142,10 +142,11 @@ TEST_CASE("two records side by side") {
   const report::Comparison comparison = report::compare(a, b);
   CHECK(comparison.only_in[0] == std::vector<std::string>{R"(levels = "variable")"});
   CHECK(comparison.only_in[1] == std::vector<std::string>{R"(levels = "fixed")"});
-  CHECK(comparison.lines.front() == std::array<std::string, 3>{"steps", "500", "300"});
+  CHECK(comparison.lines.front() ==
+        std::array<std::string, 3>{"steps", "500, to t = 49.9947525", "300, to t = 29.98023937"});
   const std::string table = report::to_table(comparison), json = report::to_json(comparison);
-  CHECK(table.find("step length") != std::string::npos);
-  CHECK(json.find(R"("steps":300)") != std::string::npos);
+  CHECK(table.find("discrete energy") != std::string::npos);
+  CHECK(json.find(R"("steps": 300)") != std::string::npos);
   CHECK(report::comparison_page(a, b).size() < 5'000'000);
 
   const report::Comparison itself = report::compare(a, a);
@@ -167,7 +168,7 @@ TEST_CASE("a record with fewer steps than its levels need is not summed up") {
   REQUIRE(H5Dset_extent(energy, &rows) >= 0);
   H5Dclose(energy);
   H5Fclose(id);
-  CHECK_THROWS_WITH(compared(), Catch::Contains("/levels/energy has 7 rows, and 501 levels need 500"));
+  CHECK_THROWS_WITH(compared(), Catch::Contains("/levels/energy has 7 rows; the record's levels need 500"));
 }
 
 TEST_CASE("records with nothing in common are not compared") {

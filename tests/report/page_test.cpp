@@ -13,7 +13,6 @@
 #include <rubato/report/comparison.hpp>
 #include <rubato/report/contents.hpp>
 #include <rubato/report/page.hpp>
-#include <rubato/report/summary.hpp>
 
 #include "page_reader.hpp"
 #include "record/sample.hpp"
@@ -289,15 +288,15 @@ TEST_CASE("the summary has the figures of the record") {
   CHECK(contents.kind == report::Contents::Kind::orbit);
   CHECK(contents.invariants == std::vector<std::string>{"momentum"});
   CHECK(contents.residuals == std::vector<std::string>{"energy"});
-  const report::Summary summary = report::summarise(reader, contents);
+  const figures::Statistics summary = report::summarise(reader, contents);
   CHECK(summary.steps == 500);
   CHECK(summary.bridge_steps == 15);  // three in every hundred
-  CHECK(summary.bridge_deviation == Approx(1e-4));
-  CHECK(summary.discrete_energy.max < 3e-15);
-  CHECK(summary.node_energy.max > 0.99);
+  CHECK(summary.bridge_deviation() == Approx(1e-4));
+  CHECK(summary.energy_deviation() < 3e-15);
+  CHECK(summary.node_energy.max() > 0.99);
   REQUIRE(summary.errors.size() == 1);
   // The last level is at t = 50 + 0.02 sin 50, and the error there is 1e-4 t.
-  CHECK(summary.errors[0].max == Approx(1e-4 * (50.0 + 0.02 * std::sin(50.0))));
+  CHECK(summary.errors[0].value.max == Approx(1e-4 * (50.0 + 0.02 * std::sin(50.0))));
 }
 
 TEST_CASE("only pages of this library are replaced unasked") {

@@ -41,34 +41,32 @@ std::vector<std::string> shortened(const std::string& name, const std::string& l
 
 double step_equation(const Outcome& checked) {
   const auto& residuals = checked.statistics.residuals;
-  const auto found = std::ranges::find(residuals, "step_equation", &Named<MaxRms>::name);
+  const auto found = std::ranges::find(residuals, "step_equation", &Named<rubato::Spread>::name);
   REQUIRE(found != residuals.end());
-  return found->value.max;
+  return found->value.largest();
 }
 
-const MaxRms& residual(const Outcome& outcome, const std::string& name) {
+const rubato::Spread& residual(const Outcome& outcome, const std::string& name) {
   const auto& residuals = outcome.statistics.residuals;
-  const auto found = std::ranges::find(residuals, name, &Named<MaxRms>::name);
+  const auto found = std::ranges::find(residuals, name, &Named<rubato::Spread>::name);
   REQUIRE(found != residuals.end());
   return found->value;
 }
 
-/// E_k of states rounded to double against the solver's own: a few ε of the terms it is summed from. Γ is a quadratic
-/// form of rates that at the first levels rest on two steps of a hundredth of h, whose differences have lost digits:
-/// ε z/(h/50 z_t), here with z up to 1e2 h z_t.
-constexpr double rounding = 1e-10;
-
-/// Every residual that the run told is the same number, everything else agrees to rounding; and a stored value,
-/// whichever field it is of, that is altered by 1e-6 is seen.
+/// Every figure that the run told is the same number; and a stored value, whichever field it is of, that is altered by
+/// 1e-6 is seen.
 void check_reproduces(const std::string& name, const std::string& lagrangian, const std::string& file) {
   INFO(name << ", " << lagrangian);
   const bool tangents = lagrangian != "fourier";
   const Outcome ran = run_problem(name, file, shortened(name, lagrangian), tangents);
   REQUIRE(ran.status == ExitStatus::done);
   const Outcome checked = check(file);
-  // The multisymplectic energy of the plane wave vanishes, and so does Γ: rounding is that of terms of order 1.
-  const double least_energy = name == "maxwell" ? 1.0 : 0.0;
-  CHECK(differences(ran, checked, rounding, least_energy) == Names{});
+  CHECK(checked.status == ExitStatus::done);
+  for (const Disagreement& disagreement : checked.disagreements) {
+    UNSCOPED_INFO(to_string(disagreement));
+  }
+  CHECK(checked.disagreements.empty());
+  CHECK(differences(ran, checked) == Names{});
   CHECK(checked.warnings.empty());
   CHECK(ran.statistics.residuals.size() + 1 == checked.statistics.residuals.size());
   const double sound = step_equation(checked);
@@ -80,7 +78,9 @@ void check_reproduces(const std::string& name, const std::string& lagrangian, co
     const std::string path = (at_midpoints ? "/states/midpoints/" : "/states/") + field;
     const std::size_t nodes = rubato::record::Reader(file).info(path).row_size();
     falsify(file, path, 3 * nodes + nodes / 2, 1e-6);
-    CHECK(step_equation(check(file)) > 100.0 * sound);
+    const Outcome altered = check(file);
+    CHECK(altered.status == ExitStatus::contradiction);
+    CHECK(step_equation(altered) > 100.0 * sound);
     falsify(file, path, 3 * nodes + nodes / 2, -1e-6);
   }
 }
@@ -123,7 +123,7 @@ TEST_CASE("check counts the bridges of a run and finds their energies", "[study]
   const std::string file = folder / "kinks.h5";
   const Outcome ran = run_problem("sine-gordon-kinks", file, {"scheme.until=30"});
   REQUIRE(ran.statistics.bridges >= 2);
-  CHECK(differences(ran, check(file), rounding) == Names{});
+  CHECK(differences(ran, check(file)) == Names{});
 }
 
 TEST_CASE("check with every = 7 finds the residuals of the stored steps", "[study][lattice]") {
@@ -133,27 +133,15 @@ TEST_CASE("check with every = 7 finds the residuals of the stored steps", "[stud
     INFO(name);
     const Outcome ran = run_problem(name, file, {"grid.x.cells=101", "scheme.until=3", "output.every=7"});
     const Outcome checked = check(file);
-    CHECK(checked.statistics.steps == ran.statistics.steps);
-    CHECK(checked.statistics.relative_energy_deviation() <= 1e-13);
+    CHECK(checked.status == ExitStatus::done);
+    CHECK(differences(ran, checked) == Names{});
     CHECK(checked.warnings.size() == 1);
     {
       const rubato::record::Reader reader(file);
       const std::vector<double> level = reader.read("/states/level");
       REQUIRE(level.size() > 3);
       CHECK(level.back() == static_cast<double>(ran.statistics.steps));  // the last state is stored whatever its number
-      for (const char* law : {"energy", "momentum"}) {
-        const std::vector<double> stored = reader.read(fmt::format("/laws/{}_max", law));
-        double worst = 0.0;
-        for (std::size_t row = 1; row < level.size(); ++row) {
-          worst = std::max(worst, stored[static_cast<std::size_t>(level[row]) - 1]);
-        }
-        CHECK(residual(checked, law).max == worst);
-        CHECK(residual(checked, law).count == static_cast<double>((level.size() - 1) * 101));
-      }
     }
-    // Γ in the middle of the stored steps, to truncation error.
-    CHECK(checked.statistics.gamma.min >= 0.9 * ran.statistics.gamma.min);
-    CHECK(checked.statistics.gamma.max <= 1.1 * ran.statistics.gamma.max);
     const double sound = step_equation(checked);
     falsify(file, "/states/previous/u", 2 * 101 + 50, 1e-6);
     CHECK(step_equation(check(file)) > 100.0 * sound);
@@ -168,9 +156,9 @@ TEST_CASE("check reads a record that ended between stored levels", "[study][latt
   const Outcome checked = check(file);
   CHECK_FALSE(checked.complete);
   CHECK(checked.statistics.steps == 10);
-  CHECK(residual(checked, "energy").count == 2.0 * 101.0);  // the steps to levels 7 and 10
+  CHECK(residual(checked, "energy").count() == 10.0 * 101.0);
   CHECK(checked.statistics.t == ran.statistics.t);
-  CHECK(checked.statistics.errors.front().value.max == ran.statistics.errors.front().value.max);
+  CHECK(checked.statistics.errors.front().value.largest() == ran.statistics.errors.front().value.largest());
 }
 
 TEST_CASE("check says of a damaged lattice record what is wrong", "[study][lattice]") {
@@ -179,17 +167,22 @@ TEST_CASE("check says of a damaged lattice record what is wrong", "[study][latti
   const std::vector<std::string> settings = {"grid.x.cells=51", "scheme.until=1"};
   const auto run_again = [&] { run_problem("sine-gordon", file, settings); };
   run_again();
-  CHECK(check(file).warnings.empty());
+  CHECK(check(file).status == ExitStatus::done);
+  const auto names = [&](const std::string& path) {
+    const Outcome checked = check(file);
+    const bool named =
+        std::ranges::find(checked.disagreements, path, &Disagreement::dataset) != checked.disagreements.end();
+    return checked.status == ExitStatus::contradiction && named;
+  };
   falsify(file, "/levels/t", 3, 1e-6);
-  REQUIRE(check(file).warnings.size() == 1);
-  CHECK_THAT(check(file).warnings.front(), Catch::Contains("differ by up to 1e-06"));
+  CHECK(names("/levels/t"));
   run_again();
   falsify(file, "/levels/h", 3, 1e-6);
-  CHECK(check(file).warnings.size() == 1);
+  CHECK(names("/levels/h"));
   run_again();
   falsify(file, "/states/u", 60, 1.0 / 0.0);
-  CHECK_THROWS_WITH(check(file), Catch::Contains("not finite"));
+  CHECK(names("/states/u"));
   run_again();
   falsify(file, "/states/level", 2, 5.0);
-  CHECK_THROWS_WITH(check(file), Catch::Contains("do not fit together"));
+  CHECK(names("/states/level"));
 }

@@ -27,11 +27,8 @@ study::Outcome run_problem(const std::string& name, const std::string& file,
 
 using Names = std::vector<std::string>;
 
-/// What differs in the tables of a run and of its check, by name. Counts, and the residuals that the run told, are the
-/// same numbers; energies, invariants and errors may differ by `rounding`, relative to their scale: for energies and Γ
-/// the largest on the orbit, or `least_energy` where that is more.
-Names differences(const study::Outcome& run, const study::Outcome& check, double rounding = 64.0 * 2.2e-16,
-                  double least_energy = 0.0);
+/// What differs in the tables of a run and of its check, or of another run, by name: every figure is the same number.
+Names differences(const study::Outcome& run, const study::Outcome& check);
 
 /// The datasets of two records that are not the same bit by bit, by path.
 Names different_datasets(const std::string& a, const std::string& b);

@@ -1,0 +1,182 @@
+#include <rubato/figures/statistics.hpp>
+
+#include <algorithm>
+#include <cmath>
+
+#include <fmt/format.h>
+
+namespace rubato::figures {
+
+namespace {
+
+constexpr double none = std::numeric_limits<double>::quiet_NaN();
+
+template <typename T>
+void begin(std::vector<Named<T>>& list, const std::vector<std::string>& names) {
+  list.clear();
+  for (const std::string& name : names) {
+    list.push_back({name, {}});
+  }
+}
+
+void add(std::vector<Named<Deviation>>& deviations, std::span<const double> values) {
+  for (std::size_t i = 0; i < deviations.size(); ++i) {
+    deviations[i].value.add(values[i]);
+  }
+}
+
+}  // namespace
+
+ResidualFigures ResidualFigures::of(const Spread& magnitudes) {
+  return {.max = magnitudes.any() ? magnitudes.largest() : none,
+          .rms = magnitudes.any() ? magnitudes.rms() : none,
+          .defined = magnitudes.defined,
+          .undefined = magnitudes.undefined};
+}
+
+Spread ResidualFigures::magnitudes() const {
+  return Spread::of_magnitudes(max, defined > 0.0 ? rms * rms * defined : 0.0, defined, undefined);
+}
+
+void Statistics::name(const std::vector<std::string>& invariant_names, const std::vector<std::string>& total_names,
+                      const std::vector<std::string>& residual_names) {
+  begin(invariants, invariant_names);
+  begin(totals, total_names);
+  begin(residuals, residual_names);
+}
+
+void Statistics::add_level(const LevelFigures& level, std::span<const double> invariant_values,
+                           std::span<const double> total_values) {
+  if (node_energy.values.count() == 0.0) {
+    start = level.t;
+  }
+  t = level.t;
+  node_energy.add(level.node_energy);
+  gamma.add(level.gamma);
+  add(invariants, invariant_values);
+  add(totals, total_values);
+}
+
+void Statistics::add_step(const StepFigures& step) {
+  ++steps;
+  h.add(step.h);
+  energies_.add(step.energy);
+  // With fixed levels nothing sets E but the first step.
+  const double target = std::isnan(step.target) && !step.bridged ? energy() : step.target;
+  if (std::isnan(target)) {
+    before_law_.add(step.energy);
+  } else {
+    one_energy_ = one_energy_ && (!has_law() || target == energy_);
+    energy_ = has_law() ? energy_ : target;
+    (step.bridged ? bridge_misses_ : misses_).add(step.energy - target);
+  }
+  bridges += step.crossing ? 1 : 0;
+  bridge_steps += step.bridged ? 1 : 0;
+  if (!step.bridged) {
+    condition.add(step.condition);
+  }
+  rounding.add(step.rounding);
+  iterations.add(step.iterations);
+  all_iterations += step.iterations;
+}
+
+void Statistics::add_residual(std::size_t residual, const ResidualFigures& figures) {
+  residuals[residual].value.add(figures.magnitudes());
+}
+
+double Statistics::bridge_deviation() const {
+  return std::max(bridge_misses_.largest(), before_law_.farthest(energy()));
+}
+
+double Statistics::energy_scale() const {
+  return std::max(steps > 0 ? std::abs(energy()) : 0.0, node_energy.values.largest());
+}
+
+bool Statistics::has_energy_scale() const {
+  // A scale that itself is known to two digits at most makes every deviation look large.
+  constexpr double least = 100.0;
+  const double scale = energy_scale();
+  return scale > 0.0 && scale > least * rounding.largest();
+}
+
+std::optional<double> Statistics::relative(double deviation) const {
+  if (!has_energy_scale()) {
+    return std::nullopt;
+  }
+  return deviation / energy_scale();
+}
+
+std::vector<std::string> Statistics::undefined_quantities() const {
+  std::vector<std::string> sentences;
+  for (const auto& [name, value] : residuals) {
+    if (value.undefined > 0.0) {
+      sentences.push_back(fmt::format(
+          "the residual of {} has no value in {:.0f} of {:.0f} cells (of all steps together): a formula left its "
+          "domain there; what is told of it is of the other cells",
+          name, value.undefined, value.count()));
+    }
+  }
+  for (const auto& [kind, list] : {std::pair("invariant", &invariants), std::pair("total of", &totals)}) {
+    for (const auto& [name, value] : *list) {
+      if (value.values.undefined > 0.0) {
+        sentences.push_back(
+            fmt::format("the {} {} is not defined at every level, but has no value at {:.0f} of {:.0f}: "
+                        "correct its formula",
+                        kind, name, value.values.undefined, value.values.count()));
+      }
+    }
+  }
+  for (const auto& [name, value] : errors) {
+    if (value.undefined > 0.0) {
+      sentences.push_back(fmt::format(
+          "the exact solution of {} is not defined at t = {:.10g}{}: correct its formula", name, t,
+          value.count() > 1.0 ? fmt::format(" at {:.0f} of {:.0f} nodes", value.undefined, value.count()) : ""));
+    }
+  }
+  return sentences;
+}
+
+template <typename Self, typename Visitor>
+void Statistics::visit(Self& self, Visitor&& visitor) {
+  const auto spread = [&](auto& value) { Spread::visit(value, visitor); };
+  const auto deviation = [&](auto& value) {
+    visitor(value.initial);
+    spread(value.values);
+  };
+  visitor(self.steps);
+  visitor(self.t);
+  visitor(self.start);
+  spread(self.h);
+  deviation(self.node_energy);
+  spread(self.gamma);
+  visitor(self.bridges);
+  visitor(self.bridge_steps);
+  spread(self.condition);
+  spread(self.rounding);
+  spread(self.iterations);
+  visitor(self.all_iterations);
+  visitor(self.energy_);
+  visitor(self.one_energy_);
+  deviation(self.energies_);
+  spread(self.misses_);
+  spread(self.bridge_misses_);
+  spread(self.before_law_);
+  for (auto& [name, value] : self.residuals) {
+    spread(value);
+  }
+  for (auto* list : {&self.invariants, &self.totals}) {
+    for (auto& [name, value] : *list) {
+      deviation(value);
+    }
+  }
+}
+
+void Statistics::save(StateWriter& state) const {
+  visit(*this, [&state](const auto& value) { state.write(static_cast<double>(value)); });
+}
+
+void Statistics::restore(StateReader& state) {
+  visit(*this, [&state](auto& value) { state.read(value); });
+}
+
+}  // namespace rubato::figures

@@ -1,0 +1,151 @@
+#pragma once
+
+#include <cstddef>
+#include <limits>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include <rubato/base/spread.hpp>
+#include <rubato/base/state.hpp>
+
+namespace rubato::figures {
+
+/// A quantity under its name, in the order of the problem file.
+template <typename T>
+struct Named {
+  std::string name;
+  T value = {};
+};
+
+/// A conserved quantity along a run, level by level: its first value and how far it strays.
+struct Deviation {
+  double initial = std::numeric_limits<double>::quiet_NaN();
+  Spread values;
+
+  void add(double value) {
+    if (values.count() == 0.0) {
+      initial = value;
+    }
+    values.add(value);
+  }
+  /// Whether the first value is defined, so that deviations from it are.
+  [[nodiscard]] bool has_initial() const { return initial - initial == 0.0; }
+  /// max |value - initial| over the defined ones; 0 without a first value.
+  [[nodiscard]] double max() const { return has_initial() ? values.farthest(initial) : 0.0; }
+};
+
+/// What is known of a level.
+struct LevelFigures {
+  double t = 0.0;
+  double node_energy = 0.0;                                 ///< H(z_k)
+  double gamma = std::numeric_limits<double>::quiet_NaN();  ///< Γ(z_k), or not a number where the scheme has none
+};
+
+/// What is known of a step.
+struct StepFigures {
+  double h = 0.0;
+  double energy = 0.0;  ///< E_k
+  /// What E_k has to equal; not a number as long as no step has met the law.
+  double target = std::numeric_limits<double>::quiet_NaN();
+  double condition = std::numeric_limits<double>::quiet_NaN();  ///< not a number with fixed levels
+  double rounding = 0.0;                                        ///< of E_k, absolute
+  double iterations = 0.0;
+  bool bridged = false;
+  bool crossing = false;
+};
+
+/// The magnitudes of a local residual over the cells of a step, as a record keeps them: what `run` adds up step by step
+/// is then what others add up from its record.
+struct ResidualFigures {
+  double max = std::numeric_limits<double>::quiet_NaN();  ///< of the defined values, not a number if there is none
+  double rms = std::numeric_limits<double>::quiet_NaN();
+  double defined = 0.0, undefined = 0.0;  ///< numbers of cells; both 0 on a step that has no such residual
+
+  [[nodiscard]] static ResidualFigures of(const Spread& magnitudes);
+  [[nodiscard]] Spread magnitudes() const;
+};
+
+/// What a run tells of how well each law held: every figure that the table of a run, `check`, `compare` and a report
+/// print is computed here, from the same numbers, level by level and step by step, be it along the run or from its
+/// record (stored_statistics).
+///
+/// The *energy law* is E_k = E with one E for the run, which its first step that is no bridge sets. Steps before that
+/// one are measured by the E that came later.
+class Statistics {
+public:
+  std::size_t steps = 0;
+  double t = 0.0;
+  double start = 0.0;
+  Spread h;
+  Deviation node_energy;  ///< of H(z_k)
+  Spread gamma;           ///< at levels
+  std::size_t bridges = 0;
+  std::size_t bridge_steps = 0;
+  Spread condition;  ///< of the steps that are no bridges
+  Spread rounding;   ///< of E_k, absolute
+  Spread iterations;
+  double all_iterations = 0.0;
+  std::vector<Named<Spread>> residuals;  ///< magnitudes over cells and steps
+  std::vector<Named<Deviation>> invariants;
+  std::vector<Named<Deviation>> totals;  ///< of the densities of local laws
+  std::vector<Named<Spread>> errors;     ///< magnitudes, at the last level
+
+  /// Begins the three lists with their names.
+  void name(const std::vector<std::string>& invariant_names, const std::vector<std::string>& total_names,
+            const std::vector<std::string>& residual_names);
+
+  void add_level(const LevelFigures& level, std::span<const double> invariant_values,
+                 std::span<const double> total_values);
+  void add_step(const StepFigures& step);
+  void add_residual(std::size_t residual, const ResidualFigures& figures);
+
+  /// Whether h was chosen by the law: false with fixed levels.
+  [[nodiscard]] bool variable_levels() const { return condition.any() || bridge_steps > 0; }
+  /// Whether E_k has to equal one number for the run; not so for an 𝕃 that depends on t.
+  [[nodiscard]] bool autonomous() const { return one_energy_; }
+  /// Whether any step met the law, so that there is an E.
+  [[nodiscard]] bool has_law() const { return energy_ - energy_ == 0.0; }
+  /// E of the law; of the first step where no step met it.
+  [[nodiscard]] double energy() const { return has_law() ? energy_ : energies_.initial; }
+  [[nodiscard]] double first_energy() const { return energies_.initial; }    ///< E_0
+  [[nodiscard]] const Spread& energies() const { return energies_.values; }  ///< all E_k
+  /// Steps that are no bridges.
+  [[nodiscard]] std::size_t law_steps() const { return steps - bridge_steps; }
+  /// max |E_k - target| over the steps that are no bridges, and over bridges. Those before the law was first met count
+  /// against energy().
+  ///@{
+  [[nodiscard]] double energy_deviation() const { return misses_.largest(); }
+  [[nodiscard]] double bridge_deviation() const;
+  ///@}
+
+  /// max(|E|, max |H| on the orbit): what energies are relative to.
+  [[nodiscard]] double energy_scale() const;
+  /// Whether that is more than rounding: a deviation relative to nothing says nothing.
+  [[nodiscard]] bool has_energy_scale() const;
+  /// A deviation of energy over energy_scale(), if there is one.
+  [[nodiscard]] std::optional<double> relative(double deviation) const;
+  [[nodiscard]] std::optional<double> relative_energy_deviation() const { return relative(energy_deviation()); }
+  [[nodiscard]] std::optional<double> relative_bridge_deviation() const { return relative(bridge_deviation()); }
+
+  /// One sentence for each law, invariant and error that is not a number everywhere, since its formula left its domain.
+  [[nodiscard]] std::vector<std::string> undefined_quantities() const;
+
+  void save(StateWriter& state) const;
+  /// The names must be in place already.
+  void restore(StateReader& state);
+
+private:
+  double energy_ = std::numeric_limits<double>::quiet_NaN();
+  bool one_energy_ = true;
+  Deviation energies_;    ///< E_k of all steps
+  Spread misses_;         ///< E_k - target on steps that are no bridges
+  Spread bridge_misses_;  ///< the same on bridges
+  Spread before_law_;     ///< E_k of bridges before the law was first met
+
+  template <typename Self, typename Visitor>
+  static void visit(Self& self, Visitor&& visitor);
+};
+
+}  // namespace rubato::figures

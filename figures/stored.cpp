@@ -1,0 +1,204 @@
+#include <rubato/figures/stored.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+
+#include <fmt/format.h>
+
+namespace rubato::figures {
+
+namespace {
+
+/// Values of one dataset in memory: many rows of a small grid, so that no chunk is read again and again.
+constexpr std::size_t values_at_once = std::size_t{1} << 18;
+
+/// One number for each level or step, as stored or as corrected.
+class Column {
+public:
+  Column(const record::Reader& reader, const std::string& path, std::size_t rows, const Corrections& corrections)
+      : values_(reader, path) {
+    if (values_.rows() != rows) {
+      throw record::Error(reader.file(),
+                          fmt::format("{} has {} rows; the record's levels need {}", path, values_.rows(), rows));
+    }
+    if (const auto found = corrections.find(path); found != corrections.end()) {
+      corrections_ = &found->second;
+    }
+  }
+  [[nodiscard]] double at(std::size_t row) {
+    if (corrections_ != nullptr) {
+      if (const auto found = corrections_->find(row); found != corrections_->end()) {
+        return found->second;
+      }
+    }
+    return values_.at(row);
+  }
+
+private:
+  StoredRows values_;
+  const std::map<std::size_t, double>* corrections_ = nullptr;
+};
+
+class Reading {
+public:
+  Reading(const record::Reader& reader, const Names& names, const Corrections& corrections)
+      : reader_(reader), names_(names), corrections_(corrections), levels_(reader.rows("/levels/t")) {}
+
+  Statistics run() {
+    if (levels_ == 0) {
+      throw record::Error(reader_.file(), "it has no level");
+    }
+    statistics_.name(names_.invariants, names_.totals, names_.residuals);
+    add_levels();
+    if (levels_ > 1 || reader_.has("/levels/h")) {
+      add_steps();
+      add_residuals();
+    }
+    add_errors();
+    return std::move(statistics_);
+  }
+
+private:
+  Column column(const std::string& path, std::size_t rows) { return {reader_, path, rows, corrections_}; }
+  std::optional<Column> optional_column(const std::string& path, std::size_t rows) {
+    return reader_.has(path) ? std::optional(column(path, rows)) : std::nullopt;
+  }
+  [[nodiscard]] std::size_t steps() const { return levels_ - 1; }
+
+  void add_levels() {
+    Column t = column("/levels/t", levels_), gamma = column("/levels/gamma", levels_),
+           energy = column("/levels/node_energy", levels_);
+    std::vector<Column> invariants, totals;
+    for (const std::string& name : names_.invariants) {
+      invariants.push_back(column("/laws/" + name, levels_));
+    }
+    for (const std::string& name : names_.totals) {
+      totals.push_back(column("/laws/totals/" + name, levels_));
+    }
+    std::vector<double> invariant_values(invariants.size()), total_values(totals.size());
+    for (std::size_t k = 0; k < levels_; ++k) {
+      std::ranges::transform(invariants, invariant_values.begin(), [k](Column& column) { return column.at(k); });
+      std::ranges::transform(totals, total_values.begin(), [k](Column& column) { return column.at(k); });
+      statistics_.add_level({.t = t.at(k), .node_energy = energy.at(k), .gamma = gamma.at(k)}, invariant_values,
+                            total_values);
+    }
+  }
+
+  void add_steps() {
+    Column h = column("/levels/h", steps()), energy = column("/levels/energy", steps()),
+           bridged = column("/levels/bridged", steps()), condition = column("/levels/step_condition", steps()),
+           iterations = column("/levels/iterations", steps());
+    std::optional<Column> target = optional_column("/levels/target", steps()),
+                          crossing = optional_column("/levels/crossing", steps()),
+                          rounding = optional_column("/levels/rounding", steps());
+    bool was_bridged = false;
+    for (std::size_t k = 0; k < steps(); ++k) {
+      StepFigures step{.h = h.at(k),
+                       .energy = energy.at(k),
+                       .condition = condition.at(k),
+                       .iterations = iterations.at(k),
+                       .bridged = bridged.at(k) != 0.0};
+      step.crossing = crossing ? crossing->at(k) != 0.0 : step.bridged && !was_bridged;
+      step.rounding = rounding ? rounding->at(k) : 0.0;
+      if (target) {
+        step.target = target->at(k);
+      } else if (statistics_.has_law()) {
+        step.target = statistics_.energy();
+      }
+      was_bridged = step.bridged;
+      statistics_.add_step(step);
+    }
+  }
+
+  void add_residuals() {
+    const auto cells = static_cast<double>(stored_cells(reader_));
+    for (std::size_t i = 0; i < names_.residuals.size(); ++i) {
+      const std::string path = "/laws/" + names_.residuals[i];
+      Column max = column(path + "_max", steps()), rms = column(path + "_rms", steps());
+      std::optional<Column> undefined = optional_column(path + "_undefined", steps());
+      for (std::size_t k = 0; k < steps(); ++k) {
+        ResidualFigures figures{.max = max.at(k), .rms = rms.at(k)};
+        figures.undefined = undefined ? undefined->at(k) : 0.0;
+        figures.defined = std::isnan(figures.rms) ? 0.0 : cells - figures.undefined;
+        statistics_.add_residual(i, figures);
+      }
+    }
+  }
+
+  void add_errors() {
+    const std::size_t last = reader_.rows("/states/t") - 1;
+    for (const std::string& name : names_.exact) {
+      const std::vector<double> state = state_of(name, last);
+      const std::vector<double> exact = reader_.read("/exact/" + name, last, 1);
+      if (state.size() != exact.size()) {
+        continue;
+      }
+      Named<Spread> error{name, {}};
+      for (std::size_t i = 0; i < state.size(); ++i) {
+        error.value.add(std::abs(state[i] - exact[i]));
+      }
+      statistics_.errors.push_back(error);
+    }
+  }
+
+  /// A row of a coordinate, a momentum or a field.
+  [[nodiscard]] std::vector<double> state_of(const std::string& name, std::size_t row) const {
+    for (const auto& [scale, path] :
+         {std::pair("/states/coordinate", "/states/q"), {"/states/momentum", "/states/p"}}) {
+      if (!reader_.has(scale)) {
+        continue;
+      }
+      const std::vector<std::string> names = reader_.read_strings(scale);
+      if (const auto found = std::ranges::find(names, name); found != names.end()) {
+        return {reader_.read(path, row, 1).at(static_cast<std::size_t>(found - names.begin()))};
+      }
+    }
+    return reader_.has("/states/" + name) ? reader_.read("/states/" + name, row, 1) : std::vector<double>();
+  }
+
+  const record::Reader& reader_;
+  const Names& names_;
+  const Corrections& corrections_;
+  std::size_t levels_;
+  Statistics statistics_;
+};
+
+}  // namespace
+
+StoredRows::StoredRows(const record::Reader& reader, std::string path, std::size_t row_size)
+    : reader_(&reader), path_(std::move(path)), row_size_(row_size) {
+  if (!reader.has(path_)) {
+    throw Mismatch(reader.file(), path_, fmt::format("there is no dataset {}", path_));
+  }
+  const record::DatasetInfo info = reader.info(path_);
+  if (info.is_text || info.shape.empty() || info.row_size() != row_size) {
+    throw Mismatch(reader.file(), path_,
+                   fmt::format("a row of {} has {} values; by the problem it should have {}", path_,
+                               info.is_text || info.shape.empty() ? 0 : info.row_size(), row_size));
+  }
+  rows_ = info.shape.front();
+  block_ = std::max<std::size_t>(1, values_at_once / std::max<std::size_t>(1, row_size));
+}
+
+std::span<const double> StoredRows::row(std::size_t row) {
+  if (row < first_ || row >= first_ + values_.size() / row_size_) {
+    first_ = row - row % block_;
+    values_ = reader_->read(path_, first_, std::min(block_, rows_ - std::min(rows_, first_)));
+  }
+  return std::span<const double>(values_).subspan((row - first_) * row_size_, row_size_);
+}
+
+std::size_t stored_cells(const record::Reader& reader) {
+  std::size_t cells = 1;
+  for (const char* axis : {"/grid/x", "/grid/y", "/grid/z"}) {
+    cells *= reader.has(axis) ? reader.rows(axis) : 1;
+  }
+  return cells;
+}
+
+Statistics stored_statistics(const record::Reader& reader, const Names& names, const Corrections& corrections) {
+  return Reading(reader, names, corrections).run();
+}
+
+}  // namespace rubato::figures

@@ -1,0 +1,246 @@
+#include <rubato/figures/text.hpp>
+
+#include <cmath>
+
+#include <fmt/format.h>
+
+#include <rubato/base/quoted.hpp>
+
+namespace rubato::figures {
+
+namespace {
+
+JsonObject range(const Spread& values) {
+  return values.any() ? JsonObject().number("min", values.min).number("max", values.max) : JsonObject();
+}
+
+JsonObject& add_undefined(JsonObject& object, const Spread& values) {
+  return values.undefined > 0.0 ? object.count("undefined", static_cast<std::size_t>(values.undefined))
+                                      .count("count", static_cast<std::size_t>(values.count()))
+                                : object;
+}
+
+JsonObject json(const Spread& magnitudes) {
+  JsonObject object;
+  if (magnitudes.any()) {
+    object.number("max", magnitudes.largest()).number("rms", magnitudes.rms());
+  }
+  return add_undefined(object, magnitudes);
+}
+
+JsonObject json(const Deviation& deviation) {
+  JsonObject object;
+  if (deviation.has_initial()) {
+    object.number("initial", deviation.initial).number("max_deviation", deviation.max());
+  }
+  return add_undefined(object, deviation.values);
+}
+
+template <typename T>
+JsonObject json(const std::vector<Named<T>>& values) {
+  JsonObject object;
+  for (const auto& [name, value] : values) {
+    object.object(name, json(value));
+  }
+  return object;
+}
+
+/// euler-box has none: it chooses no levels, and is told as 0.
+bool has_gamma(const Statistics& statistics) {
+  return statistics.gamma.any() && (statistics.variable_levels() || statistics.gamma.largest() != 0.0);
+}
+
+JsonObject energy_json(const Statistics& statistics) {
+  JsonObject object;
+  if (!statistics.autonomous()) {
+    return object.number("value", statistics.first_energy()).number("max_balance", statistics.energy_deviation());
+  }
+  if (!statistics.has_law()) {
+    return range(statistics.energies());
+  }
+  object.number("value", statistics.energy());
+  if (const auto relative = statistics.relative_energy_deviation()) {
+    object.number("max_relative_deviation", *relative);
+  }
+  object.number("max_deviation", statistics.energy_deviation());
+  return object.count("law_steps", statistics.law_steps()).count("steps", statistics.steps);
+}
+
+JsonObject bridges_json(const Statistics& statistics) {
+  JsonObject object;
+  object.count("count", statistics.bridges).count("steps", statistics.bridge_steps);
+  const double deviation = statistics.bridge_deviation();
+  if (const auto relative = statistics.relative(deviation)) {
+    return object.number("max_deviation", *relative);
+  }
+  return object.number("max_absolute_deviation", deviation);
+}
+
+std::string with_undefined(std::string text, const Spread& values, std::string_view what) {
+  if (values.undefined > 0.0) {
+    text += fmt::format("{}no value in {:.0f} of {:.0f} {}", text.empty() ? "" : "; ", values.undefined, values.count(),
+                        what);
+  }
+  return text;
+}
+
+std::string max_rms(const Spread& magnitudes) {
+  return magnitudes.any() ? fmt::format("max {:.3g}, rms {:.3g}", magnitudes.largest(), magnitudes.rms()) : "";
+}
+
+std::string deviation_text(const Deviation& deviation) {
+  return with_undefined(deviation.has_initial()
+                            ? fmt::format("{:.10g}, deviation {:.3g}", deviation.initial, deviation.max())
+                            : "undefined at the start",
+                        deviation.values, "levels");
+}
+
+/// A deviation of energy, relative where that says something.
+std::string energy_deviation_text(const Statistics& statistics, double deviation) {
+  const auto relative = statistics.relative(deviation);
+  return relative ? fmt::format("relative deviation {:.2g}", *relative)
+                  : fmt::format("deviation {:.2g} (absolute: the energies are 0 to rounding)", deviation);
+}
+
+std::string energy_text(const Statistics& statistics) {
+  if (!statistics.autonomous()) {
+    return fmt::format("depends on t; largest imbalance of (3.4): {:.2g}", statistics.energy_deviation());
+  }
+  if (!statistics.has_law()) {
+    return fmt::format("no step met the energy law; E_k from {:.6g} to {:.6g}", statistics.energies().min,
+                       statistics.energies().max);
+  }
+  const std::string deviation = energy_deviation_text(statistics, statistics.energy_deviation());
+  return statistics.law_steps() < statistics.bridge_steps
+             ? fmt::format("{:.15g}, met on {} of {} steps only ({}); see bridges", statistics.energy(),
+                           statistics.law_steps(), statistics.steps, deviation)
+             : fmt::format("{:.15g}, {}", statistics.energy(), deviation);
+}
+
+std::string bridges_text(const Statistics& statistics) {
+  if (statistics.bridge_steps == 0) {
+    return "none";
+  }
+  const double deviation = statistics.bridge_deviation();
+  const auto relative = statistics.relative(deviation);
+  return fmt::format("{} crossings in {} steps, {} energy deviation {:.2g} on them{}", statistics.bridges,
+                     statistics.bridge_steps, relative ? "relative" : "absolute", relative.value_or(deviation),
+                     statistics.has_law() ? "" : " (from that of the first step)");
+}
+
+}  // namespace
+
+JsonObject& JsonObject::number(std::string_view key, double value) {
+  return std::isfinite(value) ? raw(key, fmt::format("{:.17g}", value)) : *this;
+}
+JsonObject& JsonObject::count(std::string_view key, std::size_t value) {
+  return raw(key, fmt::format("{}", value));
+}
+JsonObject& JsonObject::text(std::string_view key, std::string_view value) {
+  return raw(key, quoted(value));
+}
+JsonObject& JsonObject::flag(std::string_view key, bool value) {
+  return value ? raw(key, "true") : *this;
+}
+JsonObject& JsonObject::object(std::string_view key, const JsonObject& value) {
+  return value.body_.empty() ? *this : raw(key, value.str());
+}
+JsonObject& JsonObject::objects(std::string_view key, const std::vector<JsonObject>& values) {
+  std::string array;
+  for (const JsonObject& value : values) {
+    array += (array.empty() ? "" : ", ") + value.str();
+  }
+  return raw(key, "[" + array + "]");
+}
+JsonObject& JsonObject::lists(std::string_view key, const std::vector<std::vector<std::string>>& lists) {
+  std::string array;
+  for (const std::vector<std::string>& list : lists) {
+    std::string texts;
+    for (const std::string& one : list) {
+      texts += (texts.empty() ? "" : ", ") + quoted(one);
+    }
+    array += (array.empty() ? "[" : ", [") + texts + "]";
+  }
+  return raw(key, "[" + array + "]");
+}
+JsonObject& JsonObject::raw(std::string_view key, std::string_view value) {
+  body_ += fmt::format("{}{}: {}", body_.empty() ? "" : ", ", quoted(key), value);
+  return *this;
+}
+
+void add_figures(JsonObject& object, const Statistics& statistics) {
+  object.count("steps", statistics.steps);
+  object.number("t", statistics.t);
+  if (statistics.steps > 0) {
+    object.object("h", range(statistics.h));
+    object.object("discrete_energy", energy_json(statistics));
+  }
+  object.object("node_energy", json(statistics.node_energy));
+  if (statistics.variable_levels()) {
+    object.object("bridges", bridges_json(statistics));
+  }
+  if (has_gamma(statistics)) {
+    object.object("gamma", range(statistics.gamma));
+  }
+  if (statistics.condition.any()) {
+    object.object("step_condition", JsonObject().number("max", statistics.condition.max));
+  }
+  if (statistics.all_iterations > 0.0) {
+    object.object("newton_iterations",
+                  JsonObject()
+                      .number("mean", statistics.all_iterations / static_cast<double>(statistics.steps))
+                      .number("max", statistics.iterations.max));
+  }
+  object.object("residuals", json(statistics.residuals));
+  object.object("invariants", json(statistics.invariants));
+  object.object("totals", json(statistics.totals));
+  object.object("error", json(statistics.errors));
+}
+
+std::vector<Line> lines_of(const Statistics& statistics) {
+  std::vector<Line> lines;
+  const auto add = [&lines](std::string label, std::string value, std::string remark = {}, bool is_headline = false) {
+    lines.push_back({std::move(label), std::move(value), std::move(remark), is_headline});
+  };
+  constexpr bool headline = true;
+  add("steps", fmt::format("{}, to t = {:.10g}", statistics.steps, statistics.t),
+      fmt::format("from t = {:.10g}", statistics.start), headline);
+  if (statistics.steps > 0) {
+    add("h", fmt::format("{:.6g} to {:.6g}", statistics.h.min, statistics.h.max), "step length", headline);
+    add("discrete energy", energy_text(statistics), "E_k, which the law keeps", headline);
+  }
+  add("node energy H(z_k)", deviation_text(statistics.node_energy), "at the levels", headline);
+  if (has_gamma(statistics)) {
+    add("Gamma", fmt::format("{:.6g} to {:.6g}", statistics.gamma.min, statistics.gamma.max), "at the levels",
+        headline);
+  }
+  if (statistics.variable_levels()) {
+    add("bridges", bridges_text(statistics), "where the law has no solution", headline);
+  }
+  if (statistics.condition.any()) {
+    add("step condition", fmt::format("{:.2g}", statistics.condition.max), "relative error of h, at most");
+  }
+  for (const auto& [name, value] : statistics.residuals) {
+    add("residual " + name, with_undefined(max_rms(value), value, "cells (of all steps)"));
+  }
+  for (const auto& [name, value] : statistics.totals) {
+    add("total " + name, deviation_text(value));
+  }
+  for (const auto& [name, value] : statistics.invariants) {
+    add(name, deviation_text(value));
+  }
+  for (const auto& [name, value] : statistics.errors) {
+    add("error in " + name,
+        value.undefined == value.count() ? "undefined at the last level"
+                                         : with_undefined(max_rms(value), value, "nodes") + " at the last level",
+        "", headline);
+  }
+  if (statistics.all_iterations > 0.0) {
+    add("iterations per step",
+        fmt::format("{:.3g} on average, at most {:.0f}",
+                    statistics.all_iterations / static_cast<double>(statistics.steps), statistics.iterations.max));
+  }
+  return lines;
+}
+
+}  // namespace rubato::figures

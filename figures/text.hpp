@@ -1,0 +1,44 @@
+#pragma once
+
+#include <cstddef>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include <rubato/figures/statistics.hpp>
+
+namespace rubato::figures {
+
+/// Builds one JSON object. A number that is not finite has no JSON form and is left out with its key.
+class JsonObject {
+public:
+  JsonObject& number(std::string_view key, double value);
+  JsonObject& count(std::string_view key, std::size_t value);
+  JsonObject& text(std::string_view key, std::string_view value);
+  /// Left out where it is not true.
+  JsonObject& flag(std::string_view key, bool value);
+  /// One without entries is left out too.
+  JsonObject& object(std::string_view key, const JsonObject& value);
+  /// An array of objects.
+  JsonObject& objects(std::string_view key, const std::vector<JsonObject>& values);
+  /// An array of arrays of texts.
+  JsonObject& lists(std::string_view key, const std::vector<std::vector<std::string>>& lists);
+  [[nodiscard]] std::string str() const { return "{" + body_ + "}"; }
+
+private:
+  JsonObject& raw(std::string_view key, std::string_view value);
+  std::string body_;
+};
+
+/// Adds every figure under its key: absent where it does not apply, never NaN; values that are not defined are counted
+/// under "undefined".
+void add_figures(JsonObject& object, const Statistics& statistics);
+
+/// A line of the table a person reads: what, its value, and a remark or nothing. Headlines are what to look at first.
+struct Line {
+  std::string label, value, remark;
+  bool is_headline = false;
+};
+[[nodiscard]] std::vector<Line> lines_of(const Statistics& statistics);
+
+}  // namespace rubato::figures

@@ -1,0 +1,182 @@
+#include <rubato/study/chronicle.hpp>
+
+#include <algorithm>
+#include <limits>
+
+#include <fmt/format.h>
+#include <omp.h>
+
+#include <rubato/study/version.hpp>
+
+namespace rubato::study {
+
+namespace {
+
+std::string about_gamma(const Problem& problem, const Simulation& simulation) {
+  if (!simulation.has_gamma()) {
+    return "Gamma(z_k) is not defined for this scheme";
+  }
+  return problem.hamiltonian() != nullptr
+             ? "Gamma(z_k) (theory, section 3)"
+             : "Gamma(z_k) (theory, section 5), from velocities extrapolated over the last steps: an approximation";
+}
+
+/// The datasets that every record has, in the order in which a Chronicle tells of them.
+record::Layout make_layout(const Problem& problem, Simulation& simulation, int threads) {
+  using record::Type;
+  record::Layout layout{.title = problem.title,
+                        .problem = problem.text,
+                        .version = std::string(version()),
+                        .compiler = std::string(compiler()),
+                        .threads = threads};
+  layout.datasets = {
+      {"/levels/t", "/levels/t", {}, Type::f64, "time of every level"},
+      {"/levels/gamma", "/levels/t", {}, Type::f64, about_gamma(problem, simulation), true},
+      {"/levels/node_energy", "/levels/t", {}, Type::f64, "H(z_k)", true},
+      {"/levels/step", "/levels/step", {}, Type::i64, "number of the step from level k to k+1"},
+      {"/levels/h", "/levels/step", {}, Type::f64, "t_{k+1} - t_k"},
+      {"/levels/energy", "/levels/step", {}, Type::f64, "discrete energy E_k (3.4)"},
+      {"/levels/target", "/levels/step", {}, Type::f64, "what E_k has to equal; undefined before E is set", true},
+      {"/levels/rounding", "/levels/step", {}, Type::f64, "a bound of what rounding makes of E_k"},
+      {"/levels/iterations", "/levels/step", {}, Type::i32, "evaluations of the gradient or Hessian in the step"},
+      {"/levels/bridged", "/levels/step", {}, Type::u8, "1 on bridging steps, which do not meet the energy law"},
+      {"/levels/crossing", "/levels/step", {}, Type::u8, "1 on the first step of each bridge"},
+      {"/levels/step_condition",
+       "/levels/step",
+       {},
+       Type::f64,
+       "relative error of h: what is left of the level equation, and rounding in E_k, by |h dE/dh|; undefined with "
+       "fixed levels",
+       true},
+  };
+  for (const std::string& name : simulation.invariant_names()) {
+    layout.datasets.push_back(
+        {"/laws/" + name, "/levels/t", {}, Type::f64, "invariant " + name + " at every level", true});
+  }
+  for (const std::string& name : simulation.total_names()) {
+    layout.datasets.push_back({"/laws/totals/" + name,
+                               "/levels/t",
+                               {},
+                               Type::f64,
+                               "total of the density of " + name + " at every level",
+                               true});
+  }
+  for (const std::string& name : simulation.residual_names()) {
+    const std::string remark = " of the step (undefined where it has none)";
+    layout.datasets.push_back(
+        {"/laws/" + name + "_max", "/levels/step", {}, Type::f64, "largest local residual" + remark, true});
+    layout.datasets.push_back({"/laws/" + name + "_rms",
+                               "/levels/step",
+                               {},
+                               Type::f64,
+                               "root mean square of the local residuals" + remark,
+                               true});
+    layout.datasets.push_back({"/laws/" + name + "_undefined",
+                               "/levels/step",
+                               {},
+                               Type::i32,
+                               "number of cells in which the local residual of the step is not defined"});
+  }
+  layout.datasets.push_back({"/states/t", "/states/t", {}, Type::f64, "time of the stored levels"});
+  layout.datasets.push_back({"/states/level", "/states/t", {}, Type::i64, "number of the stored level"});
+  simulation.describe_states(layout, problem.output.every > 1);
+  return layout;
+}
+
+}  // namespace
+
+Chronicle::Chronicle(const Problem& problem, bool tangents)
+    : problem_(problem),
+      simulation_(make_simulation(problem, tangents)),
+      layout_(make_layout(problem, *simulation_, omp_get_max_threads())),
+      first_step_(dataset("/levels/step")),
+      first_law_(dataset("/levels/step_condition") + 1),
+      first_state_(dataset("/states/t")) {
+  statistics_.name(simulation_->invariant_names(), simulation_->total_names(), simulation_->residual_names());
+}
+
+std::size_t Chronicle::dataset(std::string_view path) const {
+  const auto found = std::ranges::find(layout_.datasets, path, &record::Dataset::path);
+  return static_cast<std::size_t>(found - layout_.datasets.begin());
+}
+
+void Chronicle::tell_start(RowSink& sink) {
+  tell_level(sink);
+  tell_state(sink);
+}
+
+void Chronicle::tell_level(RowSink& sink) {
+  const LevelNode node = simulation_->node();
+  const figures::LevelFigures level{.t = simulation_->t(), .node_energy = node.energy, .gamma = node.gamma};
+  const auto invariants = simulation_->invariants(), totals = simulation_->totals();
+  statistics_.add_level(level, invariants, totals);
+  std::size_t next = 0;
+  sink.append(next++, level.t);
+  sink.append(next++, level.gamma);
+  sink.append(next++, level.node_energy);
+  next = first_law_;
+  for (const std::span<const double> values : {invariants, totals}) {
+    for (const double value : values) {
+      sink.append(next++, value);
+    }
+  }
+}
+
+void Chronicle::tell_step(const StepReport& report, RowSink& sink) {
+  tell_level(sink);
+  causes_.add(report);
+  const figures::StepFigures step{.h = report.h,
+                                  .energy = report.energy,
+                                  .target = report.target,
+                                  .condition = report.condition,
+                                  .rounding = simulation_->energy_rounding(),
+                                  .iterations = static_cast<double>(report.iterations),
+                                  .bridged = report.bridged,
+                                  .crossing = report.crossing};
+  statistics_.add_step(step);
+  std::size_t next = first_step_;
+  sink.append(next++, statistics_.steps - 1);
+  sink.append(next++, step.h);
+  sink.append(next++, step.energy);
+  sink.append(next++, step.target);
+  sink.append(next++, step.rounding);
+  sink.append(next++, report.iterations);
+  sink.append(next++, step.bridged ? 1 : 0);
+  sink.append(next++, step.crossing ? 1 : 0);
+  sink.append(next++, step.condition);
+  next = first_law_ + statistics_.invariants.size() + statistics_.totals.size();
+  const auto residuals = simulation_->residuals();
+  for (std::size_t i = 0; i < residuals.size(); ++i) {
+    const auto residual = figures::ResidualFigures::of(residuals[i]);
+    statistics_.add_residual(i, residual);
+    sink.append(next++, residual.max);
+    sink.append(next++, residual.rms);
+    sink.append(next++, static_cast<std::int64_t>(residual.undefined));
+  }
+  if (statistics_.steps % static_cast<std::size_t>(problem_.output.every) == 0) {
+    tell_state(sink);
+  }
+}
+
+void Chronicle::tell_state(RowSink& sink) {
+  sink.append(first_state_, simulation_->t());
+  sink.append(first_state_ + 1, statistics_.steps);
+  simulation_->append_state(sink, first_state_ + 2, problem_.output.every > 1);
+  stored_ = statistics_.steps;
+}
+
+void Chronicle::save(StateWriter& state) const {
+  simulation_->save(state);
+  causes_.save(state);
+  statistics_.save(state);
+  state.write(static_cast<double>(stored_));
+}
+
+void Chronicle::restore(StateReader& state) {
+  simulation_->restore(state);
+  causes_.restore(state);
+  statistics_.restore(state);
+  state.read(stored_);
+}
+
+}  // namespace rubato::study

@@ -1,0 +1,57 @@
+#pragma once
+
+#include <cstddef>
+#include <memory>
+#include <string_view>
+
+#include <rubato/figures/statistics.hpp>
+#include <rubato/record/layout.hpp>
+#include <rubato/study/problem.hpp>
+#include <rubato/study/row_sink.hpp>
+#include <rubato/study/simulation.hpp>
+#include <rubato/variation/bridge_causes.hpp>
+
+namespace rubato::study {
+
+/// A simulation and all that is told of it, level by level: the rows of its record, and the statistics, which are made
+/// of the same numbers. `run` sends the rows into the record; `check --replay` compares them with one.
+class Chronicle {
+public:
+  /// \throws ProblemError
+  Chronicle(const Problem& problem, bool tangents);
+
+  [[nodiscard]] Simulation& simulation() { return *simulation_; }
+  [[nodiscard]] const Simulation& simulation() const { return *simulation_; }
+  [[nodiscard]] const figures::Statistics& statistics() const { return statistics_; }
+  [[nodiscard]] figures::Statistics& statistics() { return statistics_; }
+  [[nodiscard]] const BridgeCauses& causes() const { return causes_; }
+  /// The datasets in the order in which their rows are numbered.
+  [[nodiscard]] const record::Layout& layout() const { return layout_; }
+  [[nodiscard]] std::size_t dataset(std::string_view path) const;
+  /// Number of the last level whose state went to a sink.
+  [[nodiscard]] std::size_t last_stored() const { return stored_; }
+
+  /// The level that the simulation starts from, and its state.
+  void tell_start(RowSink& sink);
+  /// The step just taken, the level it led to, and its state if it is one of every n-th.
+  void tell_step(const StepReport& report, RowSink& sink);
+  /// The state of the present level.
+  void tell_state(RowSink& sink);
+
+  void save(StateWriter& state) const;
+  /// \throws std::invalid_argument if `state` is shorter than what it should restore
+  void restore(StateReader& state);
+
+private:
+  void tell_level(RowSink& sink);
+
+  const Problem& problem_;
+  std::unique_ptr<Simulation> simulation_;
+  record::Layout layout_;
+  std::size_t first_step_, first_law_, first_state_;  ///< numbers of datasets
+  figures::Statistics statistics_;
+  BridgeCauses causes_;
+  std::size_t stored_ = 0;
+};
+
+}  // namespace rubato::study

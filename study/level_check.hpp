@@ -1,0 +1,22 @@
+#pragma once
+
+#include <rubato/study/findings.hpp>
+#include <rubato/study/problem.hpp>
+#include <rubato/study/stored.hpp>
+
+namespace rubato::study {
+
+/// Whether what a record tells of its levels and steps fits together, and its problem, whatever the states are:
+///
+/// - times, steps and their numbers: t_{k+1} = t_k + h_k; with fixed levels t_k = start + k·step; the first step is the
+///   problem's; stored levels are every n-th and the last;
+/// - flags: a bridge begins with a crossing; fixed levels have none;
+/// - the energy law: one E, set by the first step that is no bridge, and |E_k - E| within the tolerance, or within what
+///   rounding leaves, on every step that is no bridge;
+/// - no number is missing where there has to be one.
+///
+/// `energy_terms`: what the law's tolerance is relative to, as the checkpoint has it.
+void check_levels(const record::Reader& reader, const StoredLevels& levels, const Problem& problem, double energy_terms,
+                  Findings& findings);
+
+}  // namespace rubato::study

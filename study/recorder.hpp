@@ -1,0 +1,49 @@
+#pragma once
+
+#include <cstddef>
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include <rubato/record/writer.hpp>
+#include <rubato/study/chronicle.hpp>
+#include <rubato/study/digest.hpp>
+#include <rubato/study/row_sink.hpp>
+
+namespace rubato::study {
+
+/// One for each dataset of a layout.
+using Digests = std::vector<Digest>;
+
+/// Writes rows into a record, and keeps digests of them.
+class Recorder final : public RowSink {
+public:
+  using RowSink::append;
+
+  Recorder(record::Writer writer, Digests digests) : writer_(std::move(writer)), digests_(std::move(digests)) {}
+
+  void append(std::size_t dataset, std::span<const double> row) override {
+    writer_.append(dataset, row);
+    digests_[dataset].add_row(row);
+  }
+  void append(std::size_t dataset, std::span<const std::int64_t> row) override {
+    writer_.append(dataset, row);
+    digests_[dataset].add_row(row);
+  }
+  [[nodiscard]] record::Writer& writer() { return writer_; }
+  [[nodiscard]] const Digests& digests() const { return digests_; }
+
+private:
+  record::Writer writer_;
+  Digests digests_;
+};
+
+/// All that `resume` needs, and the digests of the rows that belong to it: "state" and "digests", each two integers,
+/// its number of rows and its value; the last is that of "state" itself.
+[[nodiscard]] record::Checkpoint make_checkpoint(const Chronicle& chronicle, const Digests& digests);
+
+/// Brings a chronicle to where the checkpoint was made. Nothing, and the chronicle in no state to be used, if the
+/// checkpoint is not one of its problem.
+[[nodiscard]] std::optional<Digests> restored(const record::Checkpoint& checkpoint, Chronicle& chronicle);
+
+}  // namespace rubato::study
