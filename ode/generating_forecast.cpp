@@ -1,6 +1,7 @@
 #include <rubato/ode/generating_forecast.hpp>
 
 #include <algorithm>
+#include <stdexcept>
 
 #include <rubato/ode/increment.hpp>
 
@@ -48,6 +49,9 @@ void PredictionError::restore(StateReader& state) {
   state.read(h_);
   state.read(known_);
   state.read(points_);
+  if (known_ > errors_.size() || points_ > errors_.size()) {
+    throw std::invalid_argument("a saved state has more errors than there are");
+  }
   for (Eigen::VectorXd& error : errors_) {
     state.read(as_span(error));
   }

@@ -182,6 +182,9 @@ public:
     state.read(surprise_);
     state.read(continued_h_);
     state.read(continued_terms_);
+    if (continued_terms_ < 0 || continued_terms_ > generating_.terms()) {
+      throw std::invalid_argument("a saved state has more terms than there are");
+    }
     state.read(as_span(continued_from_));
     if (continued_h_ != 0.0 &&
         generating_.expand_gradients(as_span(continued_from_), continued_terms_) != Status::success) {

@@ -1,6 +1,7 @@
 #include <rubato/pde/level_history.hpp>
 
 #include <algorithm>
+#include <stdexcept>
 
 namespace rubato {
 
@@ -127,6 +128,9 @@ void LevelHistory::save(StateWriter& state) const {
 
 void LevelHistory::restore(StateReader& state) {
   state.read(known_);
+  if (known_ > samples_.size()) {
+    throw std::invalid_argument("a saved state has more samples than there are");
+  }
   for (std::size_t i = 0; i < known_; ++i) {
     state.read(samples_[i].time);
     state.read(samples_[i].rate.all());

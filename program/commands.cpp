@@ -74,7 +74,9 @@ study::ExitStatus report_on(const Reporting& reporting, study::RunOptions option
     }
     return work(options);
   }();
-  write_xdmf(outcome);
+  if (!outcome.file.empty()) {
+    write_xdmf(outcome);
+  }
   return report(outcome, reporting.json, reporting.quiet, said);
 }
 

@@ -14,6 +14,7 @@
 #include <rubato/record/error.hpp>
 #include <rubato/study/browse.hpp>
 #include <rubato/study/help.hpp>
+#include <rubato/study/threads.hpp>
 #include <rubato/study/version.hpp>
 
 #include "commands.hpp"
@@ -57,7 +58,7 @@ constexpr const char* run_examples =
 
 /// A whole number of threads, or the reason why not.
 std::string check_threads(const std::string& text) {
-  constexpr int most = 4096;
+  constexpr int most = rubato::study::most_threads;
   int threads = 0;
   const bool is_number = CLI::detail::lexical_cast(text, threads);
   return is_number && threads >= 1 && threads <= most
@@ -116,7 +117,8 @@ public:
     if (app_.got_subcommand("run")) {
       return rubato::program::run(run_);
     }
-    rubato::program::explain_crashes();  // all others read records
+    records_ = files_read(*app_.get_subcommands().front());
+    rubato::program::explain_crashes(records_);  // all others read records
     if (app_.got_subcommand("resume")) {
       return rubato::program::resume(resume_);
     }
@@ -135,6 +137,9 @@ public:
     }
     return app_.got_subcommand("list") ? rubato::program::list() : rubato::program::show(name_);
   }
+
+  /// The records that the command chosen reads, "a.h5, b.h5"; empty if none.
+  [[nodiscard]] const std::string& records() const { return records_; }
 
 private:
   [[nodiscard]] std::vector<std::string> command_names() {
@@ -165,6 +170,16 @@ private:
       return ExitStatus::wrong_input;
     }
     return ExitStatus::done;
+  }
+
+  [[nodiscard]] static std::string files_read(const CLI::App& command) {
+    std::string files;
+    for (const CLI::Option* const option : command.get_options()) {
+      for (const std::string& file : option->get_positional() ? option->results() : std::vector<std::string>()) {
+        files += (files.empty() ? "" : ", ") + file;
+      }
+    }
+    return files;
   }
 
   void add_run() {
@@ -233,12 +248,22 @@ private:
   rubato::program::ResumeCommand resume_;
   rubato::program::CheckCommand check_;
   rubato::program::ReportCommands reports_;
-  std::string name_;
+  std::string name_, records_;
 };
 
+/// What is wrong although nothing checked for it: with a record, or else with the problem that is run.
+ExitStatus unforeseen(const std::string& records, std::string_view reason) {
+  print_error(records.empty() || reason.find(records) != std::string_view::npos
+                  ? std::string(reason)
+                  : fmt::format("{}: {}", records, reason));
+  return records.empty() ? ExitStatus::failed : ExitStatus::file_error;
+}
+
 ExitStatus guarded(int argc, char** argv) {
+  CommandLine line;
+  constexpr const char* no_memory = "there is not enough memory for what it holds";
   try {
-    return CommandLine().act(argc, argv);
+    return line.act(argc, argv);
   } catch (const rubato::record::AlreadyExists& error) {
     print_error(fmt::format("{}; --force overwrites it, -o names another file", error.what()));
     return ExitStatus::wrong_input;
@@ -252,11 +277,13 @@ ExitStatus guarded(int argc, char** argv) {
     print_error(error.what());
     return ExitStatus::wrong_input;
   } catch (const std::bad_alloc&) {
-    print_error("there is not enough memory for this problem");
-    return ExitStatus::failed;
+    return unforeseen(line.records(),
+                      line.records().empty() ? "there is not enough memory for this problem" : no_memory);
+  } catch (const std::length_error&) {
+    return unforeseen(line.records(),
+                      line.records().empty() ? "there is not enough memory for this problem" : no_memory);
   } catch (const std::exception& error) {
-    print_error(error.what());
-    return ExitStatus::failed;
+    return unforeseen(line.records(), error.what());
   }
 }
 

@@ -4,8 +4,12 @@
 #include <unistd.h>
 
 #include <csignal>
+#include <string>
 #include <string_view>
 
+#include <fmt/format.h>
+
+#include <rubato/base/utf8.hpp>
 #include <rubato/study/run.hpp>
 
 namespace rubato::program {
@@ -18,11 +22,12 @@ extern "C" void on_signal(int /*number*/) {
   interrupted = true;
 }
 
+/// Made beforehand: a signal handler may not.
+std::string crash_message;
+
 /// Only what is allowed in a signal handler.
 extern "C" void on_crash(int /*number*/) {
-  static constexpr std::string_view message =
-      "rubato: error: crashed while reading a record, which is probably damaged; take it from a copy\n";
-  static_cast<void>(!write(STDERR_FILENO, message.data(), message.size()));
+  static_cast<void>(!write(STDERR_FILENO, crash_message.data(), crash_message.size()));
   _exit(static_cast<int>(study::ExitStatus::file_error));
 }
 
@@ -42,11 +47,14 @@ const std::atomic<bool>& catch_interrupts() {
   return interrupted;
 }
 
-void explain_crashes() {
+void explain_crashes(std::string_view files) {
+  crash_message = fmt::format(
+      "rubato: error: {}: crashed while reading the record, which is probably damaged; take it from a copy\n",
+      printable(files));
   struct sigaction action = {};
   action.sa_handler = &on_crash;
   sigemptyset(&action.sa_mask);
-  for (const int signal : {SIGSEGV, SIGBUS}) {
+  for (const int signal : {SIGSEGV, SIGBUS, SIGFPE, SIGABRT}) {
     struct sigaction before = {};
     if (sigaction(signal, nullptr, &before) == 0 && before.sa_handler == SIG_DFL) {  // not that of a sanitizer
       sigaction(signal, &action, nullptr);

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <atomic>
+#include <string_view>
 
 namespace rubato::program {
 
@@ -8,9 +9,9 @@ namespace rubato::program {
 /// can end with a whole record. A second signal ends the process at once.
 [[nodiscard]] const std::atomic<bool>& catch_interrupts();
 
-/// From now on a crash ends the program with a message that the records it reads may be damaged, and the status of
-/// that: HDF5 refuses most damaged files, but a few crash it.
-void explain_crashes();
+/// From now on a crash ends the program with a message that the records it reads, `files`, may be damaged, and the
+/// status of that: HDF5 refuses most damaged files, but a few crash it.
+void explain_crashes(std::string_view files);
 
 /// Makes sure that standard input, output and error are open, if only on something that cannot be written: otherwise
 /// the next file opened, such as a record, would be in the place of one that the caller closed, and get its messages.

@@ -9,6 +9,8 @@
 
 #include <fmt/format.h>
 
+#include <rubato/base/utf8.hpp>
+
 namespace rubato::program {
 namespace {
 
@@ -25,8 +27,9 @@ bool has_colour() {
 
 void print_message(std::string_view kind, std::string_view colour, std::string_view message) {
   // Not fmt::print, which throws where standard error cannot be written: then there is nobody to tell.
-  const std::string text = has_colour() ? fmt::format("rubato: \x1b[1;{}m{}:\x1b[0m {}\n", colour, kind, message)
-                                        : fmt::format("rubato: {}: {}\n", kind, message);
+  const std::string shown = printable(message);
+  const std::string text = has_colour() ? fmt::format("rubato: \x1b[1;{}m{}:\x1b[0m {}\n", colour, kind, shown)
+                                        : fmt::format("rubato: {}: {}\n", kind, shown);
   std::fputs(text.c_str(), stderr);
 }
 
@@ -50,7 +53,8 @@ void print_warning(std::string_view message) {
   print_message("warning", "33", message);
 }
 
-void print(std::string_view text) {
+void print(std::string_view unchecked) {
+  const std::string text = printable(unchecked);
   if (std::fwrite(text.data(), 1, text.size(), stdout) != text.size() || std::fflush(stdout) != 0) {
     throw study::FileError("standard output cannot be written");
   }

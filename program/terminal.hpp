@@ -11,7 +11,8 @@ namespace rubato::program {
 void print_error(std::string_view message);
 void print_warning(std::string_view message);
 
-/// Writes to standard output.
+/// Writes to standard output. Here, and in messages, what a file or an argument contains cannot command the terminal
+/// (rubato::printable).
 /// \throws study::FileError if that fails, as on a full disk
 void print(std::string_view text);
 

@@ -1,10 +1,16 @@
+#include <bit>
+#include <span>
+
+#include <rubato/record/detail/checksum.hpp>
 #include <rubato/record/detail/hdf5.hpp>
+#include <rubato/record/detail/structure.hpp>
 
 namespace rubato::record::detail {
 
 namespace {
 
 constexpr const char* group_name = "/checkpoint";
+constexpr const char* checksum_attribute = "checksum";
 
 struct Bytes {
   hid_t stored;
@@ -22,11 +28,28 @@ Bytes bytes_of(const CheckpointArray& array) {
   return {H5T_STD_U8LE, H5T_NATIVE_UINT8, text.size(), text.data()};
 }
 
+/// One number for all that `resume` starts from: names, sizes and values, the numbers as little-endian machines keep
+/// them (this library runs on no others).
+std::int64_t checksum_of(const Checkpoint& checkpoint) {
+  static_assert(std::endian::native == std::endian::little);
+  Checksum checksum;
+  for (const auto& [name, array] : checkpoint) {
+    checksum.add(std::as_bytes(std::span(name.c_str(), name.size() + 1)));
+    const Bytes bytes = bytes_of(array);
+    const std::uint64_t head[] = {array.index(), bytes.count};
+    checksum.add(std::as_bytes(std::span(head)));
+    checksum.add({static_cast<const std::byte*>(bytes.data), bytes.count * H5Tget_size(bytes.memory)});
+  }
+  return std::bit_cast<std::int64_t>(checksum.value());
+}
+
 /// Whether the array stored under this name has the same size and type, so that it can be overwritten in place.
 bool fits(hid_t group, const std::string& name, const Bytes& bytes) {
   const Handle dataset = open_dataset(group, name);
   const Handle type(H5Dget_type(dataset), H5Tclose, "writing the checkpoint");
-  return extent(dataset) == std::vector<hsize_t>{bytes.count} && H5Tequal(type, bytes.stored) > 0;
+  const Handle properties(H5Dget_create_plist(dataset), H5Pclose, "writing the checkpoint");
+  return (bytes.count == 0 || H5Pget_nfilters(properties) > 0) &&  // records of before had no checksums
+         extent(dataset) == std::vector<hsize_t>{bytes.count} && H5Tequal(type, bytes.stored) > 0;
 }
 
 std::vector<std::string> names_in(hid_t group) {
@@ -66,10 +89,12 @@ void write_checkpoint(hid_t file, const Checkpoint& checkpoint) {
     const Handle dataset =
         check(H5Lexists(group, name.c_str(), H5P_DEFAULT), doing) > 0
             ? open_dataset(group, name)
-            : Handle(H5Dcreate2(group, name.c_str(), bytes.stored, space, H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT),
+            : Handle(H5Dcreate2(group, name.c_str(), bytes.stored, space, H5P_DEFAULT,
+                                checked_storage(bytes.count, H5Tget_size(bytes.stored)), H5P_DEFAULT),
                      H5Dclose, doing);
     write_rows(dataset, bytes.memory, 0, bytes.count, bytes.data);
   }
+  write_attribute(group, checksum_attribute, Type::i64, checksum_of(checkpoint));
 }
 
 Checkpoint read_checkpoint(hid_t file) {
@@ -78,13 +103,24 @@ Checkpoint read_checkpoint(hid_t file) {
   for (const auto& name : names_in(group)) {
     const Handle dataset = open_dataset(group, name);
     const Handle type(H5Dget_type(dataset), H5Tclose, "reading the checkpoint");
-    if (H5Tget_class(type) == H5T_FLOAT)
-      checkpoint[name] = read_all<std::vector<double>>(dataset, H5T_NATIVE_DOUBLE);
-    else if (H5Tget_size(type) == 1)
-      checkpoint[name] = read_all<std::string>(dataset, H5T_NATIVE_UINT8);
-    else
-      checkpoint[name] = read_all<std::vector<std::int64_t>>(dataset, H5T_NATIVE_INT64);
+    if (extent(dataset).size() != 1 || H5Tget_class(type) == H5T_STRING)
+      throw Failure("dataset '/checkpoint/" + name + "' is not a list of numbers");
+    try {
+      if (H5Tget_class(type) == H5T_FLOAT)
+        checkpoint[name] = read_all<std::vector<double>>(dataset, H5T_NATIVE_DOUBLE);
+      else if (H5Tget_size(type) == 1)
+        checkpoint[name] = read_all<std::string>(dataset, H5T_NATIVE_UINT8);
+      else
+        checkpoint[name] = read_all<std::vector<std::int64_t>>(dataset, H5T_NATIVE_INT64);
+    } catch (const Failure& failure) {
+      throw Failure("dataset '/checkpoint/" + name + "': " + failure.what());
+    }
   }
+  if (has_attribute(group, checksum_attribute) &&
+      read_integer_attribute(group, checksum_attribute) != checksum_of(checkpoint))
+    throw Failure(
+        "group '/checkpoint' is damaged: its arrays are not those that were written, by their checksum, and "
+        "the run cannot be continued");
   return checkpoint;
 }
 

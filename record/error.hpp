@@ -24,4 +24,10 @@ public:
   using Error::Error;
 };
 
+/// A value that is not finite was to be stored where none may be: the text names the dataset, the row and the value.
+class NotFinite : public std::invalid_argument {
+public:
+  using std::invalid_argument::invalid_argument;
+};
+
 }  // namespace rubato::record

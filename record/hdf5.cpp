@@ -26,6 +26,7 @@ Handle access_without_locks() {
   check(H5Pset_file_locking(access, false, true), "preparing file access");
   // Closing the file closes whatever is still open in it, so that closing is never silently put off.
   check(H5Pset_fclose_degree(access, H5F_CLOSE_STRONG), "preparing file access");
+  check(H5Pset_libver_bounds(access, H5F_LIBVER_V18, H5F_LIBVER_LATEST), "preparing file access");
   return access;
 }
 
@@ -42,6 +43,18 @@ Handle select_rows(hid_t space, hsize_t first, hsize_t count) {
 
 Handle open_attribute(hid_t object, const std::string& name) {
   return {H5Aopen(object, name.c_str(), H5P_DEFAULT), H5Aclose, "reading attribute '" + name + "'"};
+}
+
+/// The number of values, without regard to their shape.
+hsize_t count_of(hid_t attribute, const std::string& name) {
+  const Handle space(H5Aget_space(attribute), H5Sclose, "reading attribute '" + name + "'");
+  return static_cast<hsize_t>(check(H5Sget_simple_extent_npoints(space), "reading attribute '" + name + "'"));
+}
+
+void require_one_integer(hid_t attribute, const std::string& name) {
+  const Handle type(H5Aget_type(attribute), H5Tclose, "reading attribute '" + name + "'");
+  if (H5Tget_class(type) != H5T_INTEGER || H5Tget_size(type) > sizeof(std::int64_t) || count_of(attribute, name) != 1)
+    throw Failure("attribute '" + name + "' is not one integer");
 }
 
 }  // namespace
@@ -72,6 +85,12 @@ Handle create_file(const std::filesystem::path& file) {
 
 Handle open_file(const std::filesystem::path& file, unsigned flags) {
   return {H5Fopen(file.c_str(), flags, access_without_locks()), H5Fclose, "opening the file"};
+}
+
+int descriptor_of(hid_t file) {
+  void* handle = nullptr;
+  check(H5Fget_vfd_handle(file, H5P_DEFAULT, &handle), "looking at the file");
+  return *static_cast<const int*>(handle);
 }
 
 Handle open_dataset(hid_t file, const std::string& path) {
@@ -139,25 +158,37 @@ void write_attribute(hid_t object, const std::string& name, Type type, std::int6
           ? open_attribute(object, name)
           : Handle(H5Acreate2(object, name.c_str(), stored_type(type), space, H5P_DEFAULT, H5P_DEFAULT), H5Aclose,
                    doing);
+  require_one_integer(attribute, name);
   check(H5Awrite(attribute, H5T_NATIVE_INT64, &value), doing);
 }
 
 std::string read_text_attribute(hid_t object, const std::string& name) {
+  return read_text_list(object, name, 1).front();
+}
+
+std::vector<std::string> read_text_list(hid_t object, const std::string& name, std::size_t count) {
+  const std::string doing = "reading attribute '" + name + "'";
   const Handle attribute = open_attribute(object, name);
-  const Handle stored(H5Aget_type(attribute), H5Tclose, "reading attribute '" + name + "'");
-  if (H5Tis_variable_str(stored) <= 0)
-    throw Failure("attribute '" + name + "' is not a text of variable length");
+  const Handle stored(H5Aget_type(attribute), H5Tclose, doing);
+  if (H5Tis_variable_str(stored) <= 0 || count_of(attribute, name) != count)
+    throw Failure("attribute '" + name + "' is not " +
+                  (count == 1 ? "a text" : "a list of " + std::to_string(count) + " texts") + " of variable length");
   const Handle type = text_type();
-  char* characters = nullptr;
-  check(H5Aread(attribute, type, &characters), "reading attribute '" + name + "'");
-  const std::string text = characters ? characters : "";
-  H5free_memory(characters);
-  return text;
+  std::vector<char*> characters(count, nullptr);
+  check(H5Aread(attribute, type, characters.data()), doing);
+  std::vector<std::string> texts;
+  for (char* text : characters) {
+    texts.emplace_back(text != nullptr ? text : "");
+    H5free_memory(text);
+  }
+  return texts;
 }
 
 std::int64_t read_integer_attribute(hid_t object, const std::string& name) {
   std::int64_t value = 0;
-  check(H5Aread(open_attribute(object, name), H5T_NATIVE_INT64, &value), "reading attribute '" + name + "'");
+  const Handle attribute = open_attribute(object, name);
+  require_one_integer(attribute, name);
+  check(H5Aread(attribute, H5T_NATIVE_INT64, &value), "reading attribute '" + name + "'");
   return value;
 }
 

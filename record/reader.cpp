@@ -1,6 +1,6 @@
 #include <fmt/format.h>
-#include <hdf5_hl.h>
-
+#include <rubato/record/detail/files.hpp>
+#include <rubato/record/detail/gate.hpp>
 #include <rubato/record/detail/structure.hpp>
 #include <rubato/record/reader.hpp>
 
@@ -9,7 +9,6 @@ namespace rubato::record {
 namespace {
 
 Header read_header(hid_t file) {
-  detail::check_format(file);
   Header header;
   header.format = detail::read_text_attribute(file, "format");
   header.title = detail::read_text_attribute(file, "title");
@@ -19,15 +18,6 @@ Header read_header(hid_t file) {
   header.threads = static_cast<int>(detail::read_integer_attribute(file, "threads"));
   header.finished = detail::read_integer_attribute(file, "finished") != 0;
   return header;
-}
-
-std::string label(hid_t dataset, unsigned dimension) {
-  const ssize_t length = detail::check(H5DSget_label(dataset, dimension, nullptr, 0), "reading a dimension's name");
-  std::string text(static_cast<std::size_t>(length) + 1, '\0');
-  if (length > 0)
-    detail::check(H5DSget_label(dataset, dimension, text.data(), text.size()), "reading a dimension's name");
-  text.resize(static_cast<std::size_t>(length));
-  return text;
 }
 
 Type type_of(hid_t stored, const std::string& path) {
@@ -47,8 +37,7 @@ DatasetInfo describe(hid_t file, const std::string& path) {
     info.type = type_of(type, path);
   for (const auto size : detail::extent(dataset))
     info.shape.push_back(size);
-  for (unsigned dimension = 0; dimension < info.shape.size(); ++dimension)
-    info.dimensions.push_back(label(dataset, dimension));
+  info.dimensions = detail::dimension_names(dataset, path);
   if (detail::has_attribute(dataset, "description"))
     info.description = detail::read_text_attribute(dataset, "description");
   info.grows = detail::has_attribute(dataset, detail::rows_attribute);
@@ -82,13 +71,18 @@ std::size_t DatasetInfo::row_size() const {
 class Reader::Implementation {
 public:
   explicit Implementation(std::filesystem::path path) : path_(std::move(path)) {
-    if (!std::filesystem::exists(path_))
-      throw Error(path_, "no such file");
-    if (!std::filesystem::is_regular_file(path_))
-      throw Error(path_, "is not a regular file");
-    if (H5Fis_hdf5(path_.c_str()) == 0)
-      throw Error(path_, "is not an HDF5 file");
-    file_ = detail::open_file(path_, H5F_ACC_RDONLY);
+    // A run may put a new version into its place between two looks.
+    constexpr int most_tries = 10;
+    detail::Descriptor opened;
+    for (int i = 0; i < most_tries; ++i) {
+      opened = detail::open_regular(path_);
+      if (H5Fis_hdf5(path_.c_str()) == 0)
+        throw Error(path_, "is not an HDF5 file");
+      file_ = detail::open_file(path_, H5F_ACC_RDONLY);
+      if (detail::same_file(opened.number(), detail::descriptor_of(file_)))
+        break;
+    }
+    detail::admit(file_, opened.number());
     header_ = read_header(file_);
   }
   Implementation(const Implementation&) = delete;
@@ -105,7 +99,15 @@ public:
   }
   template <class Read>
   auto in_dataset(const std::string& path, Read&& read) const {
-    return detail::with_file(path_, [&] { return read(detail::open_dataset(file_, path)); });
+    return detail::with_file(path_, [&] {
+      try {
+        return read(detail::open_dataset(file_, path));
+      } catch (const detail::Failure& failure) {
+        const std::string reason = failure.what();
+        throw detail::Failure(reason.find(path) != std::string::npos ? reason
+                                                                     : fmt::format("dataset '{}': {}", path, reason));
+      }
+    });
   }
 
   [[nodiscard]] const std::filesystem::path& path() const { return path_; }

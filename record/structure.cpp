@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <set>
 
 #include <fmt/format.h>
@@ -27,7 +28,10 @@ void create_scale(hid_t file, const Scale& scale) {
   const std::string doing = "writing scale '" + scale.path + "'";
   const auto create = [&](hid_t type, hsize_t count) {
     const Handle space(H5Screate_simple(1, &count, nullptr), H5Sclose, doing);
-    return Handle(H5Dcreate2(file, scale.path.c_str(), type, space, creating_groups(), H5P_DEFAULT, H5P_DEFAULT),
+    // HDF5 has no checksums for texts of variable length.
+    const Handle properties = H5Tget_class(type) == H5T_STRING ? Handle(H5Pcreate(H5P_DATASET_CREATE), H5Pclose, doing)
+                                                               : checked_storage(count, H5Tget_size(type));
+    return Handle(H5Dcreate2(file, scale.path.c_str(), type, space, creating_groups(), properties, H5P_DEFAULT),
                   H5Dclose, doing);
   };
   Handle dataset;
@@ -60,6 +64,7 @@ void create_dataset(hid_t file, const Layout& layout, const Dataset& description
   check(H5Pset_chunk(properties, static_cast<int>(chunk.size()), chunk.data()), doing);
   check(H5Pset_shuffle(properties), doing);
   check(H5Pset_deflate(properties, 4), doing);
+  check(H5Pset_fletcher32(properties), doing);
   const Handle dataset(H5Dcreate2(file, description.path.c_str(), stored_type(description.type), space,
                                   creating_groups(), properties, H5P_DEFAULT),
                        H5Dclose, doing);
@@ -120,6 +125,17 @@ void compare_dataset(hid_t file, const Layout& layout, const Dataset& descriptio
 }
 
 }  // namespace
+
+Handle checked_storage(hsize_t count, std::size_t value_bytes) {
+  constexpr hsize_t most_bytes = hsize_t{1} << 20;
+  Handle properties(H5Pcreate(H5P_DATASET_CREATE), H5Pclose, "preparing a dataset");
+  if (count == 0)
+    return properties;
+  const hsize_t chunk = std::min(count, most_bytes / value_bytes);
+  check(H5Pset_chunk(properties, 1, &chunk), "preparing a dataset");
+  check(H5Pset_fletcher32(properties), "preparing a dataset");
+  return properties;
+}
 
 std::vector<std::string> read_texts(hid_t dataset) {
   const Handle stored(H5Dget_type(dataset), H5Tclose, "reading texts");

@@ -3,12 +3,15 @@
 #include <cstring>
 #include <limits>
 #include <map>
+#include <optional>
 #include <stdexcept>
 #include <vector>
 
 #include <fmt/format.h>
 
+#include <rubato/record/detail/checksum.hpp>
 #include <rubato/record/detail/files.hpp>
+#include <rubato/record/detail/gate.hpp>
 #include <rubato/record/detail/hdf5.hpp>
 #include <rubato/record/detail/structure.hpp>
 #include <rubato/record/writer.hpp>
@@ -65,48 +68,84 @@ void store(std::span<const std::int64_t> values, const std::string& path, std::b
   }
 }
 
+/// What is at the place of a record: nothing, or a regular file.
+bool is_there(const std::filesystem::path& file) {
+  const auto status = std::filesystem::symlink_status(file);
+  if (!std::filesystem::exists(status))
+    return false;
+  if (std::filesystem::is_symlink(status) && !std::filesystem::exists(file))
+    throw Error(file, "is a symbolic link that leads nowhere");
+  if (!std::filesystem::is_regular_file(file))
+    throw Error(file, "is not a regular file");
+  return true;
+}
+
+void require_leave(const std::filesystem::path& file, bool overwrite) {
+  if (is_there(file) && !overwrite)
+    throw AlreadyExists(file, "already exists");
+}
+
 }  // namespace
+
+class Claim::Lock {
+public:
+  explicit Lock(const std::filesystem::path& file) : lock_(file) {}
+
+private:
+  detail::FileLock lock_;
+};
+
+Claim::Claim(const std::filesystem::path& file) : file_(file) {
+  detail::with_file(file, [&] {
+    (void)is_there(file);  // no lock beside a folder or a device
+    target_ = std::filesystem::weakly_canonical(std::filesystem::absolute(file));
+    std::filesystem::path lock = target_;
+    lock += ".lock";
+    lock_ = std::make_unique<Lock>(lock);
+  });
+}
+Claim::Claim(Claim&&) noexcept = default;
+Claim& Claim::operator=(Claim&&) noexcept = default;
+Claim::~Claim() = default;
 
 class Writer::Implementation {
 public:
-  Implementation(const std::filesystem::path& file, const Layout& layout, CommitPolicy policy)
-      : path_(std::filesystem::weakly_canonical(
-            std::filesystem::absolute(file))),  // a symbolic link stays, what it leads to is replaced
-        working_(with_suffix(".partial")),
-        next_(with_suffix(".next")),
+  Implementation(Claim claim, const Layout& layout, bool overwrite, CommitPolicy policy)
+      : claim_(std::move(claim)),
+        path_(claim_.target()),
+        overwrite_(overwrite),
         policy_(policy),
         layout_(layout),
-        columns_(columns_of(layout)),
-        lock_(working_) {}
-
-  ~Implementation() {
-    if (closed_)
-      return;
-    std::error_code ignored;
-    std::filesystem::remove(next_, ignored);
-    std::filesystem::remove(working_, ignored);
+        columns_(columns_of(layout)) {
+    detail::remove_leftovers(path_);
+    working_.emplace(path_, "partial");
   }
 
   void start() {
-    detail::Handle file = detail::create_file(working_);
-    detail::reserve(working_, structure_bytes());
+    detail::Handle file = detail::create_file(working_->name_of_descriptor());
+    working_->reserve(structure_bytes());
     detail::create_structure(file, layout_);
     file.close("writing the working file");
-    detail::trim(working_);
+    working_->trim();
   }
 
   void take_over() {
-    detail::copy_contents(path_, working_);
-    detail::Handle file = detail::open_file(working_, H5F_ACC_RDWR);
-    detail::check_format(file);
+    overwrite_ = true;
+    {
+      const detail::Descriptor published = detail::open_regular(path_);
+      detail::admit(detail::open_file(path_, H5F_ACC_RDONLY), published.number());
+      working_->copy_from(published.number());
+    }
+    detail::Handle file = open(*working_);
     detail::compare_structure(file, layout_);
-    detail::reserve(working_, structure_bytes());
+    checkpoint_ = detail::read_checkpoint(file);
+    working_->reserve(structure_bytes());
     for (auto& column : columns_)
       take_over(file, column);
     detail::write_root_attributes(file, layout_);
     detail::write_attribute(file, "finished", Type::u8, 0);
     file.close("writing the working file");
-    detail::trim(working_);
+    working_->trim();
     if (const std::string contradiction = different_rows(); !contradiction.empty())
       throw detail::Failure(contradiction);
   }
@@ -118,8 +157,8 @@ public:
     if (!column.description.may_be_undefined)
       for (std::size_t i = 0; i < row.size(); ++i)
         if (!std::isfinite(row[i]))
-          throw std::invalid_argument(fmt::format("record: value {} of row {} of '{}' is {}", i, column.appended,
-                                                  column.description.path, row[i]));
+          throw NotFinite(fmt::format("record: value {} of row {} of '{}' is {}", i, column.appended,
+                                      column.description.path, row[i]));
     std::memcpy(grow(column), row.data(), column.row_bytes);
     ++column.appended;
   }
@@ -148,6 +187,15 @@ public:
       detail::with_file(path_, [&] { flush(); });
   }
 
+  void drop_level() {
+    for (auto& column : columns_) {
+      column.waiting.resize(column.waiting.size() - (column.appended - column.complete) * column.row_bytes);
+      column.appended = column.complete;
+    }
+  }
+
+  [[nodiscard]] const Checkpoint& checkpoint() const { return checkpoint_; }
+
   [[nodiscard]] bool commit_due() const {
     return Clock::now() - last_commit_ >= std::max(policy_.interval, policy_.times_last_commit * commit_duration_);
   }
@@ -156,9 +204,10 @@ public:
     const auto begin = Clock::now();
     detail::with_file(path_, [&] {
       flush();
-      detail::copy_contents(working_, next_);
-      complete_version(next_, checkpoint, Completion::interrupted, false);
-      std::filesystem::rename(next_, path_);
+      detail::TemporaryFile next(path_, "next");
+      next.copy_from(working_->descriptor());
+      complete_version(next, checkpoint, Completion::interrupted, false);
+      publish(next, policy_.durable);
     });
     last_commit_ = Clock::now();
     commit_duration_ = last_commit_ - begin;
@@ -168,24 +217,31 @@ public:
     detail::with_file(path_, [&] {
       flush();
       check_axes();
-      complete_version(working_, checkpoint, completion, true);
-      detail::synchronize(working_);
-      // An ordinary reader takes a shared lock, which ours would refuse.
-      lock_.release();
-      std::filesystem::rename(working_, path_);
-      closed_ = true;
-      std::filesystem::remove(next_);  // left by a writer that was killed
-      detail::synchronize(path_.parent_path());
+      complete_version(*working_, checkpoint, completion, true);
+      publish(*working_, true);
     });
   }
 
   [[nodiscard]] const std::filesystem::path& path() const { return path_; }
 
 private:
-  [[nodiscard]] std::filesystem::path with_suffix(const char* suffix) const {
-    std::filesystem::path sibling = path_;
-    sibling += suffix;
-    return sibling;
+  [[nodiscard]] static detail::Handle open(const detail::TemporaryFile& file) {
+    return detail::open_file(file.name_of_descriptor(), H5F_ACC_RDWR);
+  }
+
+  /// Gives a version its name. What it replaces keeps its owner and permissions.
+  void publish(detail::TemporaryFile& version, bool durable) {
+    using Replace = detail::TemporaryFile::Replace;
+    if (durable)
+      version.synchronize();
+    std::optional<detail::Access> access;
+    if (overwrite_ && is_there(path_))
+      access = detail::access_of(detail::open_regular(path_).number());
+    if (!version.publish(path_, access ? &*access : nullptr, overwrite_ ? Replace::yes : Replace::no))
+      throw AlreadyExists(claim_.file(), "already exists, since a moment ago");
+    overwrite_ = true;  // from now on it is this run's own
+    if (durable)
+      detail::synchronize_folder(path_.parent_path());
   }
 
   /// Generous bounds of what is written besides rows: object headers, indices of chunks, scales, attributes.
@@ -196,10 +252,11 @@ private:
     return bytes + (std::uint64_t{16} << 10) * layout_.datasets.size();
   }
 
+  /// A sixteenth more is for what cannot be compressed, and a little for the empty part of a chunk, which is all zeros.
   [[nodiscard]] std::uint64_t waiting_bytes() const {
     std::uint64_t bytes = 0;
     for (const auto& column : columns_)
-      bytes += column.waiting.size() + column.waiting.size() / 16 + column.chunk_rows * column.row_bytes;
+      bytes += column.waiting.size() + column.waiting.size() / 16 + column.chunk_rows * column.row_bytes / 500 + 4096;
     return bytes;
   }
 
@@ -255,13 +312,13 @@ private:
     bytes_since_flush_ = 0;
     if (std::ranges::none_of(columns_, [](const Column& column) { return column.flushable() > column.flushed; }))
       return;
-    detail::Handle file = detail::open_file(working_, H5F_ACC_RDWR);
-    detail::reserve(working_, waiting_bytes() + structure_bytes());
+    detail::Handle file = open(*working_);
+    working_->reserve(waiting_bytes() + structure_bytes());
     for (const auto& column : columns_)
       if (column.flushable() > column.flushed)
         write_column(detail::open_dataset(file, column.description.path), column, column.flushable());
     file.close("writing the working file");
-    detail::trim(working_);
+    working_->trim();
     for (auto& column : columns_) {
       const std::size_t done = (column.flushable() - column.flushed) * column.row_bytes;
       column.waiting.erase(column.waiting.begin(), column.waiting.begin() + static_cast<std::ptrdiff_t>(done));
@@ -270,13 +327,13 @@ private:
   }
 
   /// Adds to a file with whole chunks what makes it a record of all complete levels.
-  void complete_version(const std::filesystem::path& version, const Checkpoint& checkpoint, Completion completion,
+  void complete_version(detail::TemporaryFile& version, const Checkpoint& checkpoint, Completion completion,
                         bool last) {
-    detail::Handle file = detail::open_file(version, H5F_ACC_RDWR);
+    detail::Handle file = open(version);
     std::uint64_t checkpoint_bytes = 0;
     for (const auto& [name, array] : checkpoint)
-      checkpoint_bytes += 1024 + std::visit([](const auto& a) { return a.size() * sizeof(a[0]); }, array);
-    detail::reserve(version, waiting_bytes() + structure_bytes() + checkpoint_bytes);
+      checkpoint_bytes += 4096 + std::visit([](const auto& a) { return a.size() * sizeof(a[0]); }, array);
+    version.reserve(waiting_bytes() + structure_bytes() + checkpoint_bytes);
     for (const auto& column : columns_) {
       const detail::Handle dataset = detail::open_dataset(file, column.description.path);
       // The last version shows provisional rows too; the attribute tells `resume` where the whole levels end.
@@ -286,20 +343,21 @@ private:
     detail::write_checkpoint(file, checkpoint);
     detail::write_attribute(file, "finished", Type::u8, completion == Completion::complete ? 1 : 0);
     file.close("writing the record");
-    detail::trim(version);
+    version.trim();
+    detail::mark(version);
   }
 
+  Claim claim_;
   std::filesystem::path path_;
-  std::filesystem::path working_;
-  std::filesystem::path next_;
+  bool overwrite_;
   CommitPolicy policy_;
   Layout layout_;
   std::vector<Column> columns_;
-  detail::FileLock lock_;
+  Checkpoint checkpoint_;
+  std::optional<detail::TemporaryFile> working_;
   std::size_t bytes_since_flush_ = 0;
   Clock::time_point last_commit_ = Clock::now();
   std::chrono::duration<double> commit_duration_{0};
-  bool closed_ = false;
 };
 
 Writer::Writer(std::unique_ptr<Implementation> implementation) : implementation_(std::move(implementation)) {}
@@ -310,26 +368,28 @@ Writer::~Writer() = default;
 Writer Writer::create(const std::filesystem::path& file, const Layout& layout, bool overwrite, CommitPolicy policy) {
   detail::validate(layout);
   return detail::with_file(file, [&] {
-    if (std::filesystem::exists(file)) {
-      if (!std::filesystem::is_regular_file(file))
-        throw Error(file, "is not a regular file");
-      if (!overwrite)
-        throw AlreadyExists(file, "already exists");
-    }
-    auto implementation = std::make_unique<Implementation>(file, layout, policy);
+    require_leave(file, overwrite);  // before a lock is made beside it
+    Claim claim(file);
+    require_leave(file, overwrite);
+    auto implementation = std::make_unique<Implementation>(std::move(claim), layout, overwrite, policy);
     implementation->start();
     return Writer(std::move(implementation));
   });
 }
 
 Writer Writer::resume(const std::filesystem::path& file, const Layout& layout, CommitPolicy policy) {
+  return resume(Claim(file), layout, policy);
+}
+
+Writer Writer::resume(Claim claim, const Layout& layout, CommitPolicy policy) {
   detail::validate(layout);
+  const std::filesystem::path file = claim.file();
   return detail::with_file(file, [&] {
-    {
-      const detail::Handle published = detail::open_file(file, H5F_ACC_RDONLY);
-      detail::check_format(published);
-    }
-    auto implementation = std::make_unique<Implementation>(file, layout, policy);
+    if (!is_there(file))
+      throw Error(file, "no such file");
+    if (H5Fis_hdf5(file.c_str()) == 0)
+      throw Error(file, "is not an HDF5 file");
+    auto implementation = std::make_unique<Implementation>(std::move(claim), layout, true, policy);
     implementation->take_over();
     return Writer(std::move(implementation));
   });
@@ -344,8 +404,14 @@ void Writer::append(std::size_t dataset, std::span<const std::int64_t> row) {
 std::size_t Writer::rows(std::size_t dataset) const {
   return implementation_->rows(dataset);
 }
+const Checkpoint& Writer::checkpoint() const {
+  return implementation_->checkpoint();
+}
 void Writer::end_level() {
   implementation_->end_level();
+}
+void Writer::drop_level() {
+  implementation_->drop_level();
 }
 bool Writer::commit_due() const {
   return implementation_->commit_due();

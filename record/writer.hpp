@@ -21,20 +21,47 @@ struct CommitPolicy {
   double times_last_commit = 20.0;
   /// Whole chunks wait in memory for at most about this many bytes; beyond, they move to the working file.
   std::size_t buffer_bytes = std::size_t{64} << 20;
+  /// Waits at every commit until the version is on the disk (fsync of the file before it is renamed, and of the folder
+  /// after): a version then survives a crash of the whole machine, too, on every file system. The waiting counts as
+  /// part of the commit, and so is bounded by `times_last_commit`.
+  bool durable = true;
+};
+
+/// The right to write a record: while it lasts, no other process or thread that asks for it gets it, so that what is
+/// seen of the record does not change. It is a lock on the file `NAME.lock` beside the record, which ends with the
+/// process at the latest. Throws Error if another one has it, or if no file can be made there.
+class Claim {
+public:
+  explicit Claim(const std::filesystem::path& file);
+  Claim(Claim&&) noexcept;
+  Claim& operator=(Claim&&) noexcept;
+  ~Claim();
+
+  /// As it was named.
+  [[nodiscard]] const std::filesystem::path& file() const { return file_; }
+  /// Where it lies: a symbolic link stays, and what it leads to is replaced.
+  [[nodiscard]] const std::filesystem::path& target() const { return target_; }
+
+private:
+  class Lock;
+  std::filesystem::path file_, target_;
+  std::unique_ptr<Lock> lock_;
 };
 
 /// Writes the record of a run, level by level.
 ///
 /// The file at the record's path is at any moment a complete, closed HDF5 file that holds whole levels only: rows
-/// gather in memory and in a working file beside it (`NAME.partial`), and `commit` makes a new version of the whole
-/// file (`NAME.next`) and renames it over the old one. A process killed at any moment thus leaves the last version
-/// committed, which any reader opens and `resume` continues; files left beside it are taken over or removed by the next
+/// gather in memory and in a working file beside it (`NAME.<random>.partial`), and `commit` makes a new version of the
+/// whole file (`NAME.<random>.next`) and renames it over the old one. A process killed at any moment thus leaves the
+/// last version committed, which any reader opens and `resume` continues; files left beside it are removed by the next
 /// writer. A reader that has the old version open keeps it. Disk space for two further copies is needed during a run.
+/// The permissions of a record that is replaced stay, and until then only its owner can read what is written.
 ///
-/// Only `finish` waits for the disk (fsync): renaming protects against the death of the process, and losing the last
-/// versions of an unfinished run in a power failure costs less than waiting for the disk at every commit.
+/// The last version, made by `finish`, is waited for until it is on the disk, and so are those before it unless
+/// CommitPolicy says otherwise.
 ///
-/// A record has one writer at a time; a second one is refused. Different writers may be used by different threads.
+/// A record has one writer at a time (see Claim); a second one is refused. Different writers may be used by different
+/// threads.
 ///
 /// All operations that touch files throw Error; the published version then stays as it was, and the writer must not be
 /// used further. An unfinished writer that goes out of scope publishes nothing more.
@@ -53,10 +80,11 @@ public:
   [[nodiscard]] static Writer create(const std::filesystem::path& file, const Layout& layout, bool overwrite = false,
                                      CommitPolicy policy = {});
 
-  /// Continues a record after its last complete level; `layout` is that of the run that wrote it. The checkpoint is
-  /// read with `Reader`, after this call, when no other writer can replace it any more. Throws Error if there is no
-  /// such record, if another run is writing it, or if its scales or datasets are not those of the layout. Title,
-  /// problem, version, compiler and threads are replaced by those of the layout at the next commit.
+  /// Continues a record after its last complete level; `layout` is that of the run that wrote it, which is read, like
+  /// all else, while the claim lasts. Throws Error if there is no such record or if its scales or datasets are not
+  /// those of the layout. Title, problem, version, compiler and threads are replaced by those of the layout at the next
+  /// commit.
+  [[nodiscard]] static Writer resume(Claim claim, const Layout& layout, CommitPolicy policy = {});
   [[nodiscard]] static Writer resume(const std::filesystem::path& file, const Layout& layout, CommitPolicy policy = {});
 
   Writer(Writer&&) noexcept;
@@ -64,8 +92,8 @@ public:
   ~Writer();
 
   /// Appends one row to the dataset number `dataset` of the layout. Throws std::invalid_argument if the size is not
-  /// that of a row, if the dataset is of another type, or if a value is not finite and the dataset does not say that
-  /// it may be.
+  /// that of a row or if the dataset is of another type; NotFinite if a value is not finite and the dataset does not
+  /// say that it may be.
   void append(std::size_t dataset, std::span<const double> row);
 
   /// The same for the integer types; a value outside the stored type's range is refused too.
@@ -81,12 +109,18 @@ public:
     append(dataset, std::span<const std::int64_t>(&number, 1));
   }
 
+  /// The checkpoint of the record that is resumed, read together with its rows.
+  [[nodiscard]] const Checkpoint& checkpoint() const;
+
   /// The number of rows appended to a dataset so far, those of earlier runs included.
   [[nodiscard]] std::size_t rows(std::size_t dataset) const;
 
   /// Declares that the rows appended so far describe whole levels; rows appended later are published only after the
   /// next call. Throws std::logic_error if datasets with the same axis differ in their number of rows.
   void end_level();
+
+  /// Forgets the rows appended since then.
+  void drop_level();
 
   /// Whether enough time has passed since the last commit (see CommitPolicy).
   [[nodiscard]] bool commit_due() const;

@@ -3,6 +3,8 @@
 #include <optional>
 #include <string_view>
 
+#include <rubato/record/run_shape.hpp>
+
 namespace rubato::report {
 
 namespace {
@@ -23,6 +25,7 @@ bool lies_along(const record::DatasetInfo& info, std::string_view axis) {
 }  // namespace
 
 Contents contents_of(const record::Reader& reader) {
+  record::require_run(reader);
   Contents contents;
   constexpr std::string_view suffix = "_max";
   for (const record::DatasetInfo& info : reader.datasets()) {

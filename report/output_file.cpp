@@ -1,58 +1,73 @@
 #include <rubato/report/output_file.hpp>
 
-#include <unistd.h>
+#include <optional>
 
-#include <cerrno>
-#include <system_error>
-
-#include <fmt/format.h>
+#include <rubato/record/detail/failure.hpp>
+#include <rubato/record/detail/files.hpp>
 
 namespace rubato::report {
 
 namespace {
 
-std::string last_error() {
-  return std::error_code(errno, std::generic_category()).message();
+namespace files = record::detail;
+
+/// Calls `action`; what fails is about `file`.
+template <typename Action>
+auto about(const std::filesystem::path& file, const Action& action) {
+  try {
+    return action();
+  } catch (const files::Failure& failure) {
+    throw record::Error(file, failure.what());
+  }
 }
 
 }  // namespace
 
-OutputFile::OutputFile(std::filesystem::path file, bool overwrite)
-    : file_(std::move(file)), next_(fmt::format("{}.{}.next", file_.string(), ::getpid())) {
-  if (!overwrite && std::filesystem::exists(file_)) {
-    throw record::AlreadyExists(file_, "exists already");
+OutputFile::OutputFile(std::filesystem::path file, bool overwrite) : file_(std::move(file)), overwrite_(overwrite) {
+  std::error_code ignored;
+  const auto status = std::filesystem::symlink_status(file_, ignored);
+  if (std::filesystem::exists(status)) {
+    if (!std::filesystem::is_regular_file(file_, ignored)) {
+      throw record::Error(file_, "is not a regular file");
+    }
+    if (!overwrite) {
+      throw record::AlreadyExists(file_, "exists already");
+    }
   }
-  stream_.open(next_, std::ios::binary);
-  if (!stream_) {
-    throw record::Error(file_, last_error());
-  }
+  about(file_, [&] {
+    files::remove_leftovers(file_);
+    next_ = std::make_unique<files::TemporaryFile>(file_, "next");
+  });
 }
 
-OutputFile::~OutputFile() {
-  if (!is_finished_) {
-    stream_.close();
-    std::error_code ignored;
-    std::filesystem::remove(next_, ignored);
-  }
-}
+OutputFile::~OutputFile() = default;
 
 void OutputFile::write(std::string_view text) {
-  if (!stream_.write(text.data(), static_cast<std::streamsize>(text.size()))) {
-    throw record::Error(file_, last_error());
+  constexpr std::size_t block = std::size_t{1} << 20;
+  waiting_ += text;
+  if (waiting_.size() >= block) {
+    flush();
   }
+}
+
+void OutputFile::flush() {
+  about(file_, [&] { next_->append(waiting_); });
+  waiting_.clear();
 }
 
 void OutputFile::finish() {
-  stream_.close();
-  if (!stream_) {
-    throw record::Error(file_, last_error());
+  using Replace = files::TemporaryFile::Replace;
+  flush();
+  const bool is_published = about(file_, [&] {
+    std::optional<files::Access> access;
+    if (overwrite_ && std::filesystem::exists(file_)) {
+      access = files::access_of(files::open_regular(file_).number());
+    }
+    return next_->publish(file_, access ? &*access : nullptr, overwrite_ ? Replace::yes : Replace::no);
+  });
+  if (!is_published) {
+    throw record::AlreadyExists(file_, "exists already");
   }
-  std::error_code error;
-  std::filesystem::rename(next_, file_, error);
-  if (error) {
-    throw record::Error(file_, error.message());
-  }
-  is_finished_ = true;
 }
 
 }  // namespace rubato::report

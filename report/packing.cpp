@@ -9,6 +9,7 @@
 #include <fmt/format.h>
 
 #include <rubato/base/quoted.hpp>
+#include <rubato/base/utf8.hpp>
 
 namespace rubato::report {
 
@@ -141,7 +142,7 @@ void write_u16(Json& json, std::span<const double> values, double minimum, doubl
 
 std::string escape_html(std::string_view text) {
   std::string escaped;
-  for (const char c : text) {
+  for (const char c : printable(text)) {
     switch (c) {
       case '&': escaped += "&amp;"; break;
       case '<': escaped += "&lt;"; break;

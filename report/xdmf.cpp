@@ -35,12 +35,15 @@ std::string reference_to(const std::string& record) {
 
 /// Whether the file was written for this record: its first reference to data, near its beginning, leads there.
 bool describes(const std::filesystem::path& file, const record::Reader& reader) {
+  std::error_code ignored;
+  if (!std::filesystem::is_regular_file(file, ignored)) {
+    return false;  // a pipe would be waited for
+  }
   constexpr std::size_t first_grid = 8192;
   std::string beginning(first_grid, '\0');
   std::ifstream stream(file, std::ios::binary);
   stream.read(beginning.data(), first_grid);
-  std::error_code ignored;
-  return std::filesystem::is_regular_file(file, ignored) && beginning.starts_with(first_line) &&
+  return beginning.starts_with(first_line) &&
          beginning.find(reference_to(name_of_record(reader, file))) != std::string::npos;
 }
 

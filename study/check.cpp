@@ -8,6 +8,7 @@
 #include <rubato/study/lattice_check.hpp>
 #include <rubato/study/level_check.hpp>
 #include <rubato/study/orbit_check.hpp>
+#include <rubato/study/threads.hpp>
 
 namespace rubato::study {
 
@@ -103,8 +104,9 @@ private:
 }  // namespace
 
 Outcome check(const std::string& file, const CheckOptions& options) {
+  use_threads(0);
   const record::Reader reader(file);
-  return RecordCheck(reader, options).run();
+  return blame_record(file, [&] { return RecordCheck(reader, options).run(); });
 }
 
 }  // namespace rubato::study

@@ -112,6 +112,8 @@ std::vector<KeyEntry> make_keys() {
       {"output", "file", "text", "the problem's name with .h5", "The record, relative to the current folder."},
       {"output", "every", "integer, at least 1", fmt::format("{}", output.every),
        "Every n-th level is stored, and the first and the last."},
+      {"output", "durable", "true or false", output.durable ? "true" : "false",
+       "Every version of the record is on the disk before it takes its place."},
   };
 }
 

@@ -36,7 +36,9 @@ std::string to_json(const Outcome& outcome) {
   if (outcome.wall_seconds) {
     object.number("wall_seconds", *outcome.wall_seconds);
   }
-  object.text("file", outcome.file);
+  if (!outcome.file.empty()) {
+    object.text("file", outcome.file);
+  }
   if (outcome.compared > 0 || outcome.disagreement_count > 0) {
     object.count("compared", outcome.compared).count("disagreement_count", outcome.disagreement_count);
     std::vector<figures::JsonObject> disagreements;
@@ -62,7 +64,9 @@ std::string to_table(const Outcome& outcome) {
   if (outcome.wall_seconds) {
     row("time taken", fmt::format("{:.3g} s", *outcome.wall_seconds));
   }
-  row("record", outcome.file);
+  if (!outcome.file.empty()) {
+    row("record", outcome.file);
+  }
   if (outcome.compared > 0 || outcome.disagreement_count > 0) {
     table += outcome.disagreement_count == 0
                  ? fmt::format("{} numbers recomputed: all agree\n", outcome.compared)

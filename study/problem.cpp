@@ -58,6 +58,9 @@ void read_output(Section& root, Problem& problem) {
     if (const Entry* every = section->take("every")) {
       problem.output.every = read_integer(every->value, "every", problem.parameters, 1);
     }
+    if (const Entry* durable = section->take("durable")) {
+      problem.output.durable = read_boolean(durable->value, "durable");
+    }
     section->finish();
   }
 }

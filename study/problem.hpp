@@ -138,6 +138,7 @@ struct Scheme {
 struct Output {
   std::string file;  ///< default: the problem's name with .h5
   std::int64_t every = 1;
+  bool durable = true;  ///< every version of the record is on the disk before it takes its place
   Location file_location;
 };
 

@@ -32,6 +32,8 @@ public:
   }
   [[nodiscard]] record::Writer& writer() { return writer_; }
   [[nodiscard]] const Digests& digests() const { return digests_; }
+  /// Those of the rows that are left where rows were dropped.
+  void set_digests(Digests digests) { digests_ = std::move(digests); }
 
 private:
   record::Writer writer_;

@@ -6,13 +6,13 @@
 #include <memory>
 
 #include <fmt/format.h>
-#include <omp.h>
 
 #include <rubato/ode/integrate.hpp>
 #include <rubato/record/reader.hpp>
 #include <rubato/record/writer.hpp>
 #include <rubato/study/recorder.hpp>
 #include <rubato/study/stored.hpp>
+#include <rubato/study/threads.hpp>
 
 namespace rubato::study {
 
@@ -23,13 +23,16 @@ using Clock = std::chrono::steady_clock;
 /// Above this step condition the energy law still holds to the tolerance but its levels carry visible rounding.
 constexpr double condition_warning = 1e-6;
 
-/// The number of threads has to be known before anything allocates work space for each of them.
-Chronicle make_chronicle_on(int threads, const Problem& problem, bool tangents) {
-  if (threads > 0) {
-    omp_set_num_threads(threads);
-  }
-  return {problem, tangents};
-}
+/// Keeps digests of rows that a record has already.
+class DigestSink final : public RowSink {
+public:
+  explicit DigestSink(Digests& digests) : digests_(digests) {}
+  void append(std::size_t dataset, std::span<const double> row) override { digests_[dataset].add_row(row); }
+  void append(std::size_t dataset, std::span<const std::int64_t> row) override { digests_[dataset].add_row(row); }
+
+private:
+  Digests& digests_;
+};
 
 /// Of a generating function: with F = 0 its even coefficients vanish, so that an odd order rounds up.
 int reached_order(const Scheme& scheme) {
@@ -52,30 +55,33 @@ std::string how_it_falls(const Scheme& scheme) {
 /// A run under way: the simulation, what is known of it so far, and its record.
 class Driver {
 public:
-  Driver(const Problem& problem, const RunOptions& options, std::string file)
-      : problem_(problem),
-        options_(options),
-        chronicle_(make_chronicle_on(options.threads, problem, options.tangents)) {
+  Driver(const Problem& problem, const RunOptions& options, std::string file) : problem_(problem), options_(options) {
+    use_threads(options.threads);  // has to be known before anything allocates work space for each of them
+    chronicle_.emplace(problem, options.tangents);
     outcome_.title = problem.title;
     outcome_.file = std::move(file);
     outcome_.variable_levels = problem.scheme.levels == Levels::variable;
   }
 
   Outcome start() {
-    recorder_.emplace(record::Writer::create(outcome_.file, chronicle_.layout(), options_.overwrite),
-                      Digests(chronicle_.layout().datasets.size()));
-    chronicle_.tell_start(*recorder_);
+    recorder_.emplace(record::Writer::create(outcome_.file, chronicle_->layout(), options_.overwrite, commit_policy()),
+                      Digests(chronicle_->layout().datasets.size()));
+    try {
+      chronicle_->tell_start(*recorder_);
+    } catch (const record::NotFinite& error) {
+      return undefined_at_start(error);
+    }
     writer().end_level();
     writer().commit(checkpoint());
     return loop();
   }
 
-  Outcome resume(const record::Checkpoint& checkpoint) {
-    const std::optional<Digests> digests = restored(checkpoint, chronicle_);
-    if (!digests) {
-      throw record::Error(outcome_.file, "its checkpoint is not that of its problem: the run cannot be continued");
-    }
-    recorder_.emplace(record::Writer::resume(outcome_.file, chronicle_.layout()), *digests);
+  /// Nobody else can have written the record since it was claimed: the problem that this driver was made for, the
+  /// checkpoint and the rows are of one version.
+  Outcome resume(record::Claim claim) {
+    auto continued = record::Writer::resume(std::move(claim), chronicle_->layout(), commit_policy());
+    Digests digests = restore(continued.checkpoint());
+    recorder_.emplace(std::move(continued), std::move(digests));
     const bool at_end = simulation().finished();
     Outcome outcome = loop();
     if (at_end) {
@@ -88,11 +94,64 @@ public:
   }
 
 private:
-  [[nodiscard]] Simulation& simulation() { return chronicle_.simulation(); }
-  [[nodiscard]] const Statistics& statistics() const { return chronicle_.statistics(); }
-  [[nodiscard]] const BridgeCauses& causes() const { return chronicle_.causes(); }
+  [[nodiscard]] Simulation& simulation() { return chronicle_->simulation(); }
+  [[nodiscard]] const Statistics& statistics() const { return chronicle_->statistics(); }
+  [[nodiscard]] const BridgeCauses& causes() const { return chronicle_->causes(); }
   [[nodiscard]] record::Writer& writer() { return recorder_->writer(); }
-  [[nodiscard]] record::Checkpoint checkpoint() const { return make_checkpoint(chronicle_, recorder_->digests()); }
+  [[nodiscard]] record::Checkpoint checkpoint() const { return make_checkpoint(*chronicle_, recorder_->digests()); }
+
+  [[nodiscard]] record::CommitPolicy commit_policy() const { return {.durable = problem_.output.durable}; }
+
+  Digests restore(const record::Checkpoint& checkpoint) {
+    std::optional<Digests> digests = restored(checkpoint, *chronicle_);
+    if (!digests) {
+      throw record::Error(outcome_.file, "its checkpoint is not that of its problem: the run cannot be continued");
+    }
+    return *std::move(digests);
+  }
+
+  /// Where a level begins that cannot be stored, the run ends with the one before it: the simulation is taken back to
+  /// the last checkpoint published and repeats the steps since then, so that what is stored last is a state of the
+  /// record.
+  void go_back_to(std::size_t steps) {
+    writer().drop_level();
+    chronicle_.emplace(problem_, options_.tangents);
+    Digests digests = restore(record::Reader(outcome_.file).checkpoint());
+    DigestSink sink(digests);
+    while (statistics().steps < steps) {
+      const StepReport report = simulation().step();
+      if (report.status != Status::success) {
+        throw std::logic_error("a step that was taken before cannot be repeated");
+      }
+      chronicle_->tell_step(report, sink);
+    }
+    recorder_->set_digests(std::move(digests));
+  }
+
+  [[nodiscard]] std::string cause_of_undefined() {
+    const std::string reason = simulation().failure_reason();
+    return reason.empty() ? "" : fmt::format(" ({})", reason);
+  }
+
+  Outcome undefined_at_start(const record::NotFinite& error) {
+    recorder_.reset();  // nothing was written
+    const auto* orbit = problem_.hamiltonian();
+    const Location& place = orbit != nullptr ? orbit->initial.location : problem_.multisymplectic()->initial_location;
+    outcome_.status = ExitStatus::failed;
+    outcome_.message = fmt::format(
+        "{}: a value is not finite at the start, t = {:.10g}{}: {}. A formula, or a derivative of it, is not defined "
+        "there: start elsewhere. Nothing was written",
+        place.text(), simulation().t(), cause_of_undefined(), explained(error));
+    outcome_.file.clear();
+    return std::move(outcome_);
+  }
+
+  /// "record: value 0 of row 3 of '/states/u' is inf" in the words of a user.
+  [[nodiscard]] static std::string explained(const record::NotFinite& error) {
+    const std::string_view text = error.what();
+    const std::size_t colon = text.find(": ");
+    return std::string(colon == std::string_view::npos ? text : text.substr(colon + 2));
+  }
 
   Outcome loop() {
     const auto begin = Clock::now();
@@ -119,8 +178,8 @@ private:
     const record::Checkpoint last = checkpoint();
     // The last state is always stored. Where it is not one of every n-th it is provisional: `resume` drops it again, so
     // that a run continued is the same as one never stopped.
-    if (chronicle_.last_stored() != statistics().steps) {
-      chronicle_.tell_state(*recorder_);
+    if (chronicle_->last_stored() != statistics().steps) {
+      chronicle_->tell_state(*recorder_);
     }
     writer().finish(last,
                     outcome_.complete ? record::Writer::Completion::complete : record::Writer::Completion::interrupted);
@@ -151,15 +210,25 @@ private:
                                           problem_.scheme.on_singular, reason);
       return;
     }
-    chronicle_.tell_step(report, *recorder_);
+    const std::size_t steps = statistics().steps;
+    try {
+      chronicle_->tell_step(report, *recorder_);
+    } catch (const record::NotFinite& error) {
+      outcome_.status = ExitStatus::failed;
+      outcome_.message = fmt::format(
+          "{}: a value is not finite at t = {:.10g}{}: {}. The solution left the domain of a formula, or of its "
+          "derivatives, or grew without bound; the record ends with the level before",
+          problem_.scheme.location.file, simulation().t(), cause_of_undefined(), explained(error));
+      go_back_to(steps);
+      return;
+    }
     writer().end_level();
     if (const LevelNode node = simulation().node();
         !std::isfinite(node.energy) || (simulation().has_gamma() && !std::isfinite(node.gamma))) {
       outcome_.status = ExitStatus::failed;
       outcome_.message = fmt::format(
-          "the node energy or Gamma is not finite at t = {:.10g}: the orbit left the domain of the formula{}",
-          simulation().t(),
-          simulation().failure_reason().empty() ? "" : fmt::format(" ({})", simulation().failure_reason()));
+          "{}: the node energy or Gamma is not finite at t = {:.10g}: the orbit left the domain of the formula{}",
+          problem_.scheme.location.file, simulation().t(), cause_of_undefined());
       return;
     }
     if (writer().commit_due()) {
@@ -261,7 +330,7 @@ private:
 
   const Problem& problem_;
   const RunOptions& options_;
-  Chronicle chronicle_;
+  std::optional<Chronicle> chronicle_;
   std::optional<Recorder> recorder_;
   Clock::time_point last_progress_;
   Outcome outcome_;
@@ -285,20 +354,20 @@ Outcome run(const Problem& problem, const RunOptions& options) {
 }
 
 Outcome resume(const std::string& file, std::optional<double> until, const RunOptions& options) {
+  record::Claim claim(file);  // before anything is read: a run that is just ending would change it
   Problem problem;
-  record::Checkpoint checkpoint;
   RunOptions as_begun = options;
   {
     const record::Reader reader(file);
     as_begun.tangents = reader.has("/laws/multisymplectic_max");
     problem = stored_problem(reader);
-    checkpoint = reader.checkpoint();
   }
   if (until) {
     const std::vector<std::string> settings = {fmt::format("scheme.until={:.17g}", *until)};
     problem = parse_problem(problem.text, file, settings);
   }
-  return Driver(problem, as_begun, file).resume(checkpoint);
+  use_threads(options.threads);
+  return blame_record(file, [&] { return Driver(problem, as_begun, file).resume(std::move(claim)); });
 }
 
 }  // namespace rubato::study

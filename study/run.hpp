@@ -51,7 +51,7 @@ struct RunOptions {
 struct Outcome {
   ExitStatus status = ExitStatus::done;
   std::string title;
-  std::string file;
+  std::string file;  ///< the record; empty where none could be written
   Statistics statistics;
   bool variable_levels = true;
   bool complete = false;               ///< whether `until` was reached

@@ -2,6 +2,8 @@
 
 #include <fmt/format.h>
 
+#include <rubato/record/run_shape.hpp>
+
 namespace rubato::study {
 
 StoredLevels::StoredLevels(const record::Reader& reader, std::size_t stored_every)
@@ -30,9 +32,46 @@ StoredLevels::StoredLevels(const record::Reader& reader, std::size_t stored_ever
   }
 }
 
+namespace {
+
+/// What a problem claims is compared with what the record has before anything of that size is made.
+void require_fit(const Problem& problem, const record::Reader& reader) {
+  const auto require = [&](const std::string& path, std::size_t size) {
+    if (!reader.has(path)) {
+      throw record::Error(reader.file(), fmt::format("there is no dataset '{}', which its problem asks for", path));
+    }
+    if (const std::size_t rows = reader.rows(path); rows != size) {
+      throw record::Error(
+          reader.file(), fmt::format("dataset '{}' has {} values; by the problem it should have {}", path, rows, size));
+    }
+  };
+  if (const HamiltonianProblem* orbit = problem.hamiltonian()) {
+    require("/states/coordinate", orbit->q.size());
+    require("/states/momentum", orbit->p.size());
+    return;
+  }
+  const MultisymplecticProblem& pde = *problem.multisymplectic();
+  for (const GridAxis& axis : pde.axes) {
+    require("/grid/" + axis.name, static_cast<std::size_t>(axis.cells));
+  }
+  for (const std::string& field : pde.fields) {
+    const bool at_midpoints = reader.has("/states/midpoints/" + field);
+    const record::DatasetInfo info = reader.info((at_midpoints ? "/states/midpoints/" : "/states/") + field);
+    if (info.is_text || info.shape.size() != pde.axes.size() + 1) {
+      throw record::Error(reader.file(),
+                          fmt::format("dataset '{}' does not lie on the grid of the problem", info.path));
+    }
+  }
+}
+
+}  // namespace
+
 Problem stored_problem(const record::Reader& reader) {
+  record::require_run(reader);
   try {
-    return parse_problem(reader.header().problem, reader.file().string());
+    Problem problem = parse_problem(reader.header().problem, reader.file().string());
+    require_fit(problem, reader);
+    return problem;
   } catch (const ProblemError& error) {
     throw record::Error(reader.file(), fmt::format("the problem in it cannot be read ({})", error.what()));
   }

@@ -1,7 +1,11 @@
 #pragma once
 
 #include <cstddef>
+#include <stdexcept>
+#include <string>
 #include <vector>
+
+#include <fmt/format.h>
 
 #include <rubato/figures/stored.hpp>
 #include <rubato/record/reader.hpp>
@@ -35,5 +39,16 @@ struct StoredLevels {
 
 /// The problem that a record says it is of. \throws record::Error if that text cannot be read
 [[nodiscard]] Problem stored_problem(const record::Reader& reader);
+
+/// Calls `action`, which takes the problem in a record for what it says: where it cannot be carried out, the record is
+/// wrong, and not what the user typed. \throws record::Error in place of ProblemError and std::invalid_argument
+template <typename Action>
+auto blame_record(const std::string& file, const Action& action) {
+  try {
+    return action();
+  } catch (const std::invalid_argument& error) {
+    throw record::Error(file, fmt::format("the problem in it cannot be carried out ({})", error.what()));
+  }
+}
 
 }  // namespace rubato::study

@@ -4,13 +4,13 @@
 
 #include <filesystem>
 #include <mutex>
-#include <stdexcept>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include <hdf5.h>
 
+#include <rubato/record/detail/failure.hpp>
 #include <rubato/record/error.hpp>
 #include <rubato/record/layout.hpp>
 
@@ -29,12 +29,6 @@ private:
   std::lock_guard<std::recursive_mutex> lock_;
   H5E_auto2_t print_ = nullptr;
   void* print_data_ = nullptr;
-};
-
-/// A call to HDF5, or to the system, failed. Becomes an Error where the file is known (`with_file`).
-class Failure : public std::runtime_error {
-public:
-  using std::runtime_error::runtime_error;
 };
 
 /// Throws a Failure "doing: reason" with the innermost reason on HDF5's error stack.
@@ -89,10 +83,12 @@ auto with_file(const std::filesystem::path& file, Action&& action) {
   }
 }
 
-/// Files are opened without HDF5's own locks: a published file is never written to, and a file being written is
-/// locked by `FileLock` for longer than it is open.
+/// Files are opened without HDF5's own locks: a published file is never written to, and a file being written is known
+/// to nobody else. New ones are of the format of HDF5 1.8, whose bookkeeping has checksums.
 [[nodiscard]] Handle create_file(const std::filesystem::path& file);
 [[nodiscard]] Handle open_file(const std::filesystem::path& file, unsigned flags);
+/// What the system opened for it.
+[[nodiscard]] int descriptor_of(hid_t file);
 
 [[nodiscard]] Handle open_dataset(hid_t file, const std::string& path);
 [[nodiscard]] std::vector<hsize_t> extent(hid_t dataset);
@@ -104,12 +100,15 @@ auto with_file(const std::filesystem::path& file, Action&& action) {
 /// UTF-8 of variable length, which h5py, netCDF and MATLAB read as strings.
 [[nodiscard]] Handle text_type();
 
-/// Attributes of one value: created or replaced.
+/// Attributes of one value: created or replaced. Reading throws Failure, with the attribute, if it has another type or
+/// shape than the one asked for.
 void write_attribute(hid_t object, const std::string& name, const std::string& text);
 void write_attribute(hid_t object, const std::string& name, Type type, std::int64_t value);
 [[nodiscard]] bool has_attribute(hid_t object, const std::string& name);
 [[nodiscard]] std::string read_text_attribute(hid_t object, const std::string& name);
 [[nodiscard]] std::int64_t read_integer_attribute(hid_t object, const std::string& name);
+/// One of `count` texts.
+[[nodiscard]] std::vector<std::string> read_text_list(hid_t object, const std::string& name, std::size_t count);
 
 /// Rows first, …, first + count - 1 of a dataset, as `memory` numbers; `data` has room for them.
 void read_rows(hid_t dataset, hid_t memory, hsize_t first, hsize_t count, void* data);

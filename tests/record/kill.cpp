@@ -23,7 +23,8 @@ constexpr std::int64_t last_level = 60000;
 /// child that is to be killed waits for it at the last level, if it gets that far.
 [[noreturn]] void run_in_child(const std::filesystem::path& file, bool to_be_killed) {
   try {
-    constexpr CommitPolicy often{.interval = std::chrono::seconds(0), .times_last_commit = 0.0, .buffer_bytes = 50000};
+    constexpr CommitPolicy often{
+        .interval = std::chrono::seconds(0), .times_last_commit = 0.0, .buffer_bytes = 50000, .durable = false};
     const bool is_new = !std::filesystem::exists(file);
     auto writer =
         is_new ? Writer::create(file, sample::layout(), false, often) : Writer::resume(file, sample::layout(), often);

@@ -85,7 +85,7 @@ TEST_CASE("a record that does not fit its own problem is a file that cannot be r
   CHECK_THAT(check_and_resume([](hid_t id) {
                shorten(id, "/states/q", {3, 1});
              })[0],
-             Contains("/states/q has 3 rows") && Contains("do not fit together"));
+             Contains("dataset '/states/q': it should have") && Contains("rows, but has 3"));
   CHECK_THAT(check_and_resume([](hid_t id) { H5Ldelete(id, "/checkpoint/state", H5P_DEFAULT); })[1],
              Contains("cannot be continued"));
   const auto replace_checkpoint = [](hid_t id) {

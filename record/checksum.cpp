@@ -1,0 +1,119 @@
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cerrno>
+#include <cstring>
+#include <string_view>
+#include <system_error>
+#include <vector>
+
+#include <unistd.h>
+
+#include <rubato/record/detail/checksum.hpp>
+#include <rubato/record/detail/files.hpp>
+#include <rubato/record/detail/hdf5.hpp>
+
+namespace rubato::record::detail {
+
+namespace {
+
+constexpr std::size_t width = 8;  // bytes taken at once
+using Tables = std::array<std::array<std::uint64_t, 256>, width>;
+
+/// tables[k][b]: the effect of byte b with k bytes behind it.
+constexpr Tables make_tables() {
+  constexpr std::uint64_t polynomial = 0xC96C5795D7870F42;  // ECMA-182, bits reversed
+  Tables tables{};
+  for (std::size_t byte = 0; byte < 256; ++byte) {
+    std::uint64_t value = byte;
+    for (int bit = 0; bit < 8; ++bit)
+      value = (value >> 1) ^ ((value & 1) != 0 ? polynomial : 0);
+    tables[0][byte] = value;
+  }
+  for (std::size_t k = 1; k < width; ++k)
+    for (std::size_t byte = 0; byte < 256; ++byte)
+      tables[k][byte] = (tables[k - 1][byte] >> 8) ^ tables[0][tables[k - 1][byte] & 0xFF];
+  return tables;
+}
+
+constexpr Tables tables = make_tables();
+
+std::uint64_t little_endian(const std::byte* bytes) {
+  std::uint64_t value = 0;
+  for (std::size_t i = 0; i < width; ++i)
+    value |= std::to_integer<std::uint64_t>(bytes[i]) << (8 * i);
+  return value;
+}
+
+void append_little_endian(std::string& text, std::uint64_t value) {
+  for (std::size_t i = 0; i < width; ++i)
+    text += static_cast<char>((value >> (8 * i)) & 0xFF);
+}
+
+constexpr std::string_view signature("RUBATO\0\1", width);
+constexpr std::size_t mark_size = 3 * width;
+
+void read_exactly(int descriptor, std::span<std::byte> bytes, std::uint64_t place) {
+  while (!bytes.empty()) {
+    const ssize_t count = ::pread(descriptor, bytes.data(), bytes.size(), static_cast<off_t>(place));
+    if (count < 0 && errno == EINTR)
+      continue;
+    if (count < 0)
+      throw Failure("cannot be read: " + std::generic_category().message(errno));
+    if (count == 0)
+      throw Failure("became shorter while it was read");
+    bytes = bytes.subspan(static_cast<std::size_t>(count));
+    place += static_cast<std::uint64_t>(count);
+  }
+}
+
+std::uint64_t checksum_of(int descriptor, std::uint64_t size) {
+  Checksum checksum;
+  std::vector<std::byte> block(std::size_t{1} << 20);
+  for (std::uint64_t place = 0; place < size; place += block.size()) {
+    const auto part = std::span(block).first(std::min<std::uint64_t>(block.size(), size - place));
+    read_exactly(descriptor, part, place);
+    checksum.add(part);
+  }
+  return checksum.value();
+}
+
+}  // namespace
+
+void Checksum::add(std::span<const std::byte> bytes) {
+  std::uint64_t state = state_;
+  for (; bytes.size() >= width; bytes = bytes.subspan(width)) {
+    state ^= little_endian(bytes.data());
+    std::uint64_t next = 0;
+    for (std::size_t i = 0; i < width; ++i)
+      next ^= tables[width - 1 - i][(state >> (8 * i)) & 0xFF];
+    state = next;
+  }
+  for (const std::byte byte : bytes)
+    state = (state >> 8) ^ tables[0][(state ^ std::to_integer<std::uint64_t>(byte)) & 0xFF];
+  state_ = state;
+}
+
+Integrity integrity_of(int descriptor) {
+  const std::uint64_t size = size_of(descriptor);
+  if (size < mark_size)
+    return Integrity::unknown;
+  std::array<std::byte, mark_size> end{};
+  read_exactly(descriptor, end, size - mark_size);
+  const bool is_marked =
+      std::memcmp(end.data(), signature.data(), width) == 0 && little_endian(end.data() + width) == size - mark_size;
+  if (!is_marked)
+    return Integrity::unknown;
+  return checksum_of(descriptor, size - mark_size) == little_endian(end.data() + 2 * width) ? Integrity::intact
+                                                                                            : Integrity::damaged;
+}
+
+void mark(TemporaryFile& file) {
+  const std::uint64_t size = size_of(file.descriptor());
+  std::string text(signature);
+  append_little_endian(text, size);
+  append_little_endian(text, checksum_of(file.descriptor(), size));
+  file.append(text);
+}
+
+}  // namespace rubato::record::detail

@@ -1,0 +1,13 @@
+#pragma once
+
+#include <stdexcept>
+
+namespace rubato::record::detail {
+
+/// A call to HDF5, or to the system, failed. Becomes an Error where the file is known (`with_file`).
+class Failure : public std::runtime_error {
+public:
+  using std::runtime_error::runtime_error;
+};
+
+}  // namespace rubato::record::detail
