@@ -12,6 +12,7 @@ foreach(kernel IN ITEMS sse2 avx2 avx512)
       $<$<CXX_COMPILER_ID:GNU>:-Wno-uninitialized> $<$<CXX_COMPILER_ID:GNU>:-Wno-maybe-uninitialized>)
   endif()
   foreach(source IN ITEMS batch taylor)
-    set_source_files_properties(${PROJECT_SOURCE_DIR}/formula/${source}_${kernel}.cpp PROPERTIES COMPILE_OPTIONS "${options}")
+    set_source_files_properties(${PROJECT_SOURCE_DIR}/formula/${source}_${kernel}.cpp PROPERTIES
+      COMPILE_OPTIONS "${options}" SKIP_PRECOMPILE_HEADERS ON)
   endforeach()
 endforeach()

@@ -5,7 +5,8 @@
 #include <string_view>
 
 #include <fmt/format.h>
-#include <Eigen/LU>
+
+#include <rubato/solve/small_matrices.hpp>
 
 namespace rubato {
 
@@ -13,6 +14,7 @@ namespace {
 
 using Eigen::Index;
 using Eigen::MatrixXd;
+using solve::product;
 
 /// Ratio of the last pivot to the largest below which a matrix counts as singular.
 constexpr double singular_limit = 1e-13;
@@ -31,14 +33,13 @@ double squared_scale(const MatrixXd& m) {
 /// The blocks of the inverse of a regular matrix, and the fractional map they make of `argument`.
 MatrixXd apply_fraction(const MatrixXd& blocks, const MatrixXd& argument, std::string_view name) {
   const Index size = argument.rows();
-  const MatrixXd numerator = blocks.topLeftCorner(size, size) * argument + blocks.topRightCorner(size, size);
-  const MatrixXd denominator = blocks.bottomLeftCorner(size, size) * argument + blocks.bottomRightCorner(size, size);
-  Eigen::FullPivLU<MatrixXd> factors(denominator.transpose());
-  factors.setThreshold(singular_limit);
-  if (!denominator.allFinite() || !factors.isInvertible()) {
+  const MatrixXd left = product(blocks.leftCols(size), argument) + blocks.rightCols(size);
+  const auto transposed =
+      solve::quotient(left.bottomRows(size).transpose(), left.topRows(size).transpose(), singular_limit);
+  if (!transposed) {
     throw std::invalid_argument(fmt::format("the fractional transform is not defined here: {} is singular", name));
   }
-  return factors.solve(numerator.transpose()).transpose();
+  return transposed->transpose();
 }
 
 void check_darboux(const MatrixXd& alpha, const MatrixXd& argument) {
@@ -58,7 +59,7 @@ MatrixXd weight(const MatrixXd& F) {
     throw std::invalid_argument(fmt::format("F has to be 2n×2n; got {}×{}", F.rows(), F.cols()));
   }
   check_darboux_symmetric(F, F.rows() / 2);
-  return 0.5 * (MatrixXd::Identity(F.rows(), F.rows()) + symplectic_unit(F.rows() / 2) * F);
+  return 0.5 * (MatrixXd::Identity(F.rows(), F.rows()) + product(symplectic_unit(F.rows() / 2), F));
 }
 
 }  // namespace
@@ -105,7 +106,8 @@ bool is_darboux(const MatrixXd& alpha, double tolerance) {
   MatrixXd split = MatrixXd::Zero(2 * half, 2 * half);
   split.topLeftCorner(half, half) = symplectic_unit(half / 2);
   split.bottomRightCorner(half, half) = -symplectic_unit(half / 2);
-  return is_close(-alpha.transpose() * symplectic_unit(half) * alpha, split, tolerance * squared_scale(alpha));
+  const MatrixXd form = product(-alpha.transpose(), product(symplectic_unit(half), alpha));
+  return is_close(form, split, tolerance * squared_scale(alpha));
 }
 
 MatrixXd normal_darboux(const MatrixXd& F) {
@@ -124,8 +126,8 @@ MatrixXd normal_darboux_inverse(const MatrixXd& F) {
   const Index size = F.rows();
   const MatrixXd J = symplectic_unit(size / 2);
   MatrixXd inverse(2 * size, 2 * size);
-  inverse.topLeftCorner(size, size) = (E - MatrixXd::Identity(size, size)) * J;
-  inverse.bottomLeftCorner(size, size) = E * J;
+  inverse.topLeftCorner(size, size) = product(E - MatrixXd::Identity(size, size), J);
+  inverse.bottomLeftCorner(size, size) = product(E, J);
   inverse.topRightCorner(size, size).setIdentity();
   inverse.bottomRightCorner(size, size).setIdentity();
   return inverse;
@@ -136,7 +138,7 @@ bool is_symplectic(const MatrixXd& S, double tolerance) {
     return false;
   }
   const MatrixXd J = symplectic_unit(S.rows() / 2);
-  return is_close(S.transpose() * J * S, J, tolerance * squared_scale(S));
+  return is_close(product(S.transpose(), product(J, S)), J, tolerance * squared_scale(S));
 }
 
 MatrixXd fractional_transform(const MatrixXd& alpha, const MatrixXd& S) {
@@ -157,21 +159,20 @@ MatrixXd inverse_fractional_transform(const MatrixXd& alpha, const MatrixXd& M) 
   MatrixXd split = MatrixXd::Zero(2 * size, 2 * size);
   split.topLeftCorner(size, size) = symplectic_unit(size / 2);
   split.bottomRightCorner(size, size) = -symplectic_unit(size / 2);
-  const MatrixXd inverse = split * alpha.transpose() * symplectic_unit(size);  // two signs cancel
+  const MatrixXd inverse = product(product(split, alpha.transpose()), symplectic_unit(size));  // two signs cancel
   return apply_fraction(inverse, M, "C₁M + D₁");
 }
 
 MatrixXd parasite_matrix(const MatrixXd& F) {
   const MatrixXd twice = 2.0 * weight(F).transpose();  // I - FJ
   const MatrixXd identity = MatrixXd::Identity(F.rows(), F.rows());
-  Eigen::FullPivLU<MatrixXd> factors(2.0 * identity - twice);
-  factors.setThreshold(singular_limit);
-  if (!factors.isInvertible()) {
+  const auto negative = solve::quotient(2.0 * identity - twice, twice, singular_limit);
+  if (!negative) {
     throw StartingPairError(
         "I + FJ is singular for this Darboux type (as for both symplectic-Euler types): the two-step equation forces "
         "the one-step equation, so that an arbitrary starting pair cannot be continued (theory, section 4)");
   }
-  return -factors.solve(twice);
+  return -*negative;
 }
 
 }  // namespace rubato

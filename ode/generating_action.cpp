@@ -114,8 +114,8 @@ void GeneratingAction::hessian(std::span<const double> corners, Eigen::Ref<Matri
       result.block(t_a, z_b, 1, size) = dt[a] * (dw[b].transpose() * slope_rate_).transpose();
       result.block(z_a, t_b, size, 1) = dt[b] * (dw[a].transpose() * slope_rate_);
       // -½ z̄ᵀJδ: ∂²/∂z_a∂z_b = -¼ (J dd_b - J dd_a) with Jᵀ = -J.
-      result.block(z_a, z_b, size, size) =
-          dw[a].transpose() * curvature_ * dw[b] - 0.25 * (dd[b] - dd[a]) * J_ - 0.5 * dd[a] * dd[b] * F;
+      result.block(z_a, z_b, size, size) = dw[a].transpose().lazyProduct(curvature_.lazyProduct(dw[b])) -
+                                           0.25 * (dd[b] - dd[a]) * J_ - 0.5 * dd[a] * dd[b] * F;
     }
   }
 }

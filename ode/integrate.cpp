@@ -5,8 +5,6 @@
 #include <limits>
 #include <stdexcept>
 
-#include <Eigen/Eigenvalues>
-
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
@@ -16,6 +14,7 @@
 #include <rubato/ode/generating_scheme.hpp>
 #include <rubato/ode/midpoint_scheme.hpp>
 #include <rubato/ode/two_step_scheme.hpp>
+#include <rubato/solve/small_matrices.hpp>
 #include <rubato/variation/bridge_causes.hpp>
 #include <rubato/variation/run_span.hpp>
 
@@ -226,7 +225,7 @@ std::vector<std::string> OrbitIntegrator::cautions() const {
         "keeps the energy: levels = \"fixed\" is the choice for them, or darboux = \"midpoint\"");
   }
   if (options_.next) {
-    const double growth = parasite_matrix(F).eigenvalues().cwiseAbs().maxCoeff();
+    const double growth = solve::spectral_radius(parasite_matrix(F));
     if (growth > 1.0 + growth_tolerance) {
       cautions.push_back(
           fmt::format("with this darboux matrix the parasite of a starting pair grows by a factor of {:.3g} in every "

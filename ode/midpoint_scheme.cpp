@@ -5,15 +5,17 @@
 #include <limits>
 #include <optional>
 #include <stdexcept>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <Eigen/Core>
-#include <Eigen/LU>
 
 #include <rubato/ode/increment.hpp>
+#include <rubato/solve/dense_solver.hpp>
+#include <rubato/solve/elimination.hpp>
 
 namespace rubato {
 
@@ -26,6 +28,7 @@ template <int Size>
 class MidpointScheme final : public SegmentScheme {
   using Vector = Eigen::Matrix<double, Size, 1>;
   using Matrix = Eigen::Matrix<double, Size, Size>;
+  using Solver = std::conditional_t<Size == Eigen::Dynamic, solve::DenseSolver, solve::FixedSolver<std::max(Size, 1)>>;
 
 public:
   MidpointScheme(const Hamiltonian& hamiltonian, std::span<const double> z_0)
@@ -34,13 +37,13 @@ public:
         gradient_rounding_(hamiltonian.gradient_code()),
         size_(static_cast<Eigen::Index>(z_0.size())),
         z_(Vector(Eigen::Map<const Eigen::VectorXd>(z_0.data(), size_))),
-        history_(size_) {
+        history_(size_),
+        factors_(static_cast<int>(size_)) {
     for (Vector* vector : {&delta_, &rate_, &correction_, &point_, &gradient_, &f_, &rounding_point_}) {
       vector->setZero(size_);
     }
     hessian_.setZero(size_, size_);
     matrix_.setZero(size_, size_);
-    factors_ = Eigen::PartialPivLU<Matrix>(matrix_);
   }
 
   [[nodiscard]] std::size_t dimension() const override { return static_cast<std::size_t>(size_); }
@@ -66,7 +69,8 @@ public:
       energy_ = evaluator_.gradient(point_.data(), gradient_.data());
       ++iterations_;
       apply_j(gradient_, f_);
-      correction_ = factors_.solve(h * f_ - delta_);
+      correction_ = h * f_ - delta_;
+      factors_.solve(correction_.data());
       delta_ += correction_;
       const double size = history_.relative_size(correction_, delta_, z_.value());
       if (!std::isfinite(size) || !std::isfinite(energy_)) {
@@ -77,7 +81,8 @@ public:
       if (verdict == StagnationTest::Verdict::done ||
           (verdict == StagnationTest::Verdict::stalled && residual_is_rounding(h))) {
         energy_ += 0.5 * gradient_.dot(correction_);  // to first order, at the corrected midpoint
-        rate_ = factors_.solve(f_);
+        rate_ = f_;
+        factors_.solve(rate_.data());
         slope_ = 0.5 * gradient_.dot(rate_);
         return Status::success;
       }
@@ -187,11 +192,8 @@ private:
     matrix_.topRows(n) = -0.5 * h * hessian_.bottomRows(n);
     matrix_.bottomRows(n) = 0.5 * h * hessian_.topRows(n);
     matrix_.diagonal().array() += 1.0;
-    factored_ = matrix_.allFinite();
-    if (factored_) {
-      factors_.compute(matrix_);
-      factored_h_ = h;
-    }
+    factored_ = factors_.factor(matrix_.data()) == Status::success;
+    factored_h_ = h;
     return factored_;
   }
 
@@ -204,7 +206,7 @@ private:
 
   Vector delta_, rate_, correction_, point_, gradient_, f_, rounding_point_;  ///< rate_ = dδ/dh along the solved step
   Matrix hessian_, matrix_;
-  Eigen::PartialPivLU<Matrix> factors_;
+  Solver factors_;
   bool factored_ = false;  ///< whether there is a matrix, and a trial step, for this level
   double factored_h_ = 0.0;
   double trial_h_ = 0.0;

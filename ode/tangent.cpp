@@ -2,11 +2,12 @@
 
 #include <cmath>
 #include <stdexcept>
+#include <utility>
 
 #include <fmt/format.h>
-#include <Eigen/LU>
 
 #include <rubato/ode/increment.hpp>
+#include <rubato/solve/small_matrices.hpp>
 
 namespace rubato {
 
@@ -15,6 +16,15 @@ namespace {
 using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
+
+/// A⁻¹B. \throws std::invalid_argument where the tangent does not exist
+MatrixXd quotient_or_throw(const MatrixXd& A, const MatrixXd& B) {
+  auto result = solve::quotient(A, B);
+  if (!result) {
+    throw std::invalid_argument("the tangent of this step does not exist: the step's equation degenerates there");
+  }
+  return std::move(*result);
+}
 
 /// What the linearised midpoint step is made of: f = J∇H and g = ∇H at z̄, and ½hJH_zz.
 struct LinearisedStep {
@@ -71,7 +81,7 @@ MatrixXd fixed_level_tangent(HamiltonianEvaluator& hamiltonian, std::span<const 
                              std::span<const double> z_1, double h) {
   const LinearisedStep step = linearise(hamiltonian, z_0, z_1, h);
   const MatrixXd identity = MatrixXd::Identity(step.f.size(), step.f.size());
-  return (identity - step.half_jacobian).partialPivLu().solve(identity + step.half_jacobian);
+  return quotient_or_throw(identity - step.half_jacobian, identity + step.half_jacobian);
 }
 
 MatrixXd variable_level_tangent(HamiltonianEvaluator& hamiltonian, std::span<const double> z_0,
@@ -89,7 +99,7 @@ MatrixXd variable_level_tangent(HamiltonianEvaluator& hamiltonian, std::span<con
   right.bottomLeftCorner(1, size) = -0.5 * step.g.transpose();
   right(size, energy) = 1.0;
   MatrixXd tangent = MatrixXd::Zero(size + 2, size + 2);
-  tangent.topRows(size + 1) = left.fullPivLu().solve(right);
+  tangent.topRows(size + 1) = quotient_or_throw(left, right);
   tangent(time, time) += 1.0;
   tangent(energy, energy) = 1.0;
   return tangent;

@@ -24,7 +24,8 @@ namespace rubato {
 ///
 /// It preserves dp∧dq. The step is given by both its ends, which have to satisfy it: a pair that does not gives the
 /// tangent of no step.
-/// \throws std::invalid_argument unless both have 2n entries, h ≠ 0 is finite, and H, ∇H, H_zz are finite at z̄
+/// \throws std::invalid_argument unless both have 2n entries, h ≠ 0 is finite, H, ∇H, H_zz are finite at z̄, and the
+/// matrix on the left is regular
 [[nodiscard]] Eigen::MatrixXd fixed_level_tangent(HamiltonianEvaluator& hamiltonian, std::span<const double> z_0,
                                                   std::span<const double> z_1, double h);
 

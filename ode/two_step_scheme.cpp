@@ -6,10 +6,10 @@
 #include <vector>
 
 #include <fmt/format.h>
-#include <Eigen/LU>
 
 #include <rubato/ode/discrete_lagrangian.hpp>
 #include <rubato/ode/increment.hpp>
+#include <rubato/solve/dense_solver.hpp>
 
 namespace rubato {
 
@@ -36,7 +36,8 @@ public:
         hessian_(gradient_.size(), gradient_.size()),
         z_(VectorXd(Eigen::Map<const VectorXd>(first.z.data(), size_))),
         history_(size_),
-        t_(first.t) {
+        t_(first.t),
+        factors_(static_cast<int>(size_)) {
     for (VectorXd* vector : {&delta_, &rate_, &correction_, &momentum_, &point_}) {
       vector->setZero(size_);
     }
@@ -83,7 +84,7 @@ public:
       action_->gradient(corners_, gradient_);
       ++iterations_;
       correction_ = -(gradient_.segment(first_value(0), size_) + momentum_);
-      correction_ = factors_.solve(correction_).eval();
+      factors_.solve(correction_.data());
       delta_ += correction_;
       const double size = history_.relative_size(correction_, delta_, z_.value());
       if (!std::isfinite(size) || !std::isfinite(gradient_[time(0)])) {
@@ -182,12 +183,13 @@ private:
     place(h);
     action_->hessian(corners_, hessian_);
     ++iterations_;
-    factored_ = hessian_.allFinite();
+    mixed_ = hessian_.block(first_value(0), first_value(1), size_, size_);
+    factored_ = hessian_.allFinite() && factors_.factor(mixed_.data()) == Status::success;
     if (!factored_) {
       return false;
     }
-    factors_.compute(hessian_.block(first_value(0), first_value(1), size_, size_));
-    rate_ = factors_.solve(-hessian_.block(first_value(0), time(1), size_, 1));
+    rate_ = -hessian_.block(first_value(0), time(1), size_, 1);
+    factors_.solve(rate_.data());
     energy_row_ = hessian_.block(time(0), first_value(1), 1, size_).transpose();
     energy_slope_ = hessian_(time(0), time(1));
     return true;
@@ -216,7 +218,8 @@ private:
 
   VectorXd delta_, rate_, correction_, point_, energy_row_;
   double energy_slope_ = 0.0;
-  Eigen::PartialPivLU<MatrixXd> factors_;
+  MatrixXd mixed_;  ///< ∂²A/∂z_0∂z_1
+  solve::DenseSolver factors_;
   bool factored_ = false;
   double trial_h_ = 0.0;
   double energy_ = 0.0;

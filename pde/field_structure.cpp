@@ -8,10 +8,9 @@
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
-#include <Eigen/LU>
-#include <Eigen/SVD>
 
 #include <rubato/pde/multisymplectic_system.hpp>
+#include <rubato/solve/small_matrices.hpp>
 
 namespace rubato {
 
@@ -48,8 +47,7 @@ Matrix null_space_of(Matrix matrix) {
     matrix = (rows.asDiagonal() * matrix * cols.asDiagonal()).eval();
     scale.array() *= cols.array();
   }
-  const Eigen::JacobiSVD<Matrix> svd(matrix, Eigen::ComputeFullV);
-  const auto& values = svd.singularValues();
+  const auto [values, vectors, images] = solve::singular_values(matrix);
   Index rank = 0;
   while (rank < values.size() && values[rank] > rank_threshold * values[0]) {
     ++rank;
@@ -58,20 +56,28 @@ Matrix null_space_of(Matrix matrix) {
     return Matrix(columns, 0);
   }
   using Scalar = typename Matrix::Scalar;
-  const Matrix scaled = svd.matrixV().rightCols(columns - rank).unaryExpr([](const Scalar& x) {
+  const Matrix scaled = vectors.rightCols(columns - rank).unaryExpr([](const Scalar& x) {
     return std::abs(x) < rank_threshold ? Scalar(0.0) : x;
   });
   Matrix null = scale.asDiagonal() * scaled;
-  null.colwise().normalize();
-  // Q = A R⁻¹, which leaves rows of zeros what they are.
-  const Matrix R = null.householderQr().matrixQR().topRows(null.cols());
-  return R.template triangularView<Eigen::Upper>().template solve<Eigen::OnTheRight>(null);
+  // Gram and Schmidt's method, twice: it leaves rows of zeros what they are.
+  for (Index c = 0; c < null.cols(); ++c) {
+    null.col(c).normalize();
+    for (int pass = 0; pass < 2; ++pass) {
+      for (Index earlier = 0; earlier < c; ++earlier) {
+        const auto overlap = null.col(earlier).dot(null.col(c));
+        null.col(c) -= overlap * null.col(earlier);
+      }
+      null.col(c).normalize();
+    }
+  }
+  return null;
 }
 
 /// AᵀBC, with entries that are nothing but rounding of their terms set to 0.
 MatrixXcd product(const MatrixXcd& A, const MatrixXcd& B, const MatrixXcd& C) {
-  MatrixXcd result = A.transpose() * B * C;
-  const MatrixXd terms = A.transpose().cwiseAbs() * B.cwiseAbs() * C.cwiseAbs();
+  MatrixXcd result = solve::product(solve::product(A.transpose(), B), C);
+  const MatrixXd terms = solve::product(solve::product(A.transpose().cwiseAbs(), B.cwiseAbs()), C.cwiseAbs());
   for (Index i = 0; i < result.size(); ++i) {
     if (std::abs(result(i)) <= cancelled * terms(i)) {
       result(i) = 0.0;
@@ -272,7 +278,7 @@ FieldStructure analyse(const MultisymplecticSystem& system) {
   // On one wave, the constraints of a level act on its part in ker M by nᵀ(iκK - S'')n'.
   const MatrixXcd kernel = result.kernel.cast<std::complex<double>>();
   const MatrixXcd symbol = generic_symbol(system, hessian, random);
-  const MatrixXcd undetermined = kernel * null_space(product(kernel, symbol, kernel));
+  const MatrixXcd undetermined = solve::product(kernel, null_space(product(kernel, symbol, kernel)));
   result.multiplier = support(undetermined);
 
   result.level_constraints = select(result.kernel, [&](const auto& n) {
@@ -294,7 +300,7 @@ FieldStructure analyse(const MultisymplecticSystem& system) {
     return true;
   });
   const MatrixXcd determined_linearly = product(linear.cast<std::complex<double>>(), symbol, kernel);
-  const auto rest = support(MatrixXcd(kernel * null_space(determined_linearly)));
+  const auto rest = support(solve::product(kernel, null_space(determined_linearly)));
   result.nonlinear.assign(static_cast<std::size_t>(d), false);
   for (Index f = 0; f < d; ++f) {
     const auto i = static_cast<std::size_t>(f);

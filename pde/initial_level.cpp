@@ -18,6 +18,7 @@
 #include <rubato/pde/initial_sawtooths.hpp>
 #include <rubato/pde/kernel_conditions.hpp>
 #include <rubato/pde/periodicity.hpp>
+#include <rubato/solve/small_matrices.hpp>
 
 namespace rubato {
 
@@ -86,7 +87,7 @@ Plan make_plan(const MultisymplecticSystem& system, const InitialFields& given) 
     }
   }
   const MatrixXcd constraints = structure.level_constraints.cast<std::complex<double>>().transpose();
-  const MatrixXcd on_wave = constraints * generic_symbol(system);
+  const MatrixXcd on_wave = solve::product(constraints, generic_symbol(system));
   Plan plan;
   plan.unknowns = independent_rows(on_wave.transpose(), order);
   MatrixXcd square(on_wave.rows(), static_cast<Index>(plan.unknowns.size()));
@@ -147,12 +148,15 @@ public:
     for (std::size_t b = 0; b < pinned.size(); ++b) {
       const int field = plan.unknowns[static_cast<std::size_t>(pinned[b])];
       conditions_.pins(static_cast<Index>(b), pinned[b]) = 1.0;
-      conditions_.columns.col(static_cast<Index>(b)) = plan.rows.transpose() * system.K(0).col(field);
+      conditions_.columns.col(static_cast<Index>(b)) = solve::product(plan.rows.transpose(), system.K(0).col(field));
       pinned_.push_back(field);
     }
-    matrix_.mean = -plan.rows.transpose() * system.constant_hessian() * columns;
+    const auto restricted = [&](const MatrixXd& matrix) {
+      return solve::product(solve::product(plan.rows.transpose(), matrix), columns);
+    };
+    matrix_.mean = restricted(-system.constant_hessian());
     for (int a = 0; a < system.directions(); ++a) {
-      matrix_.difference.push_back(plan.rows.transpose() * system.K(a) * columns);
+      matrix_.difference.push_back(restricted(system.K(a)));
     }
     for (std::size_t e = 0; e < system.varying_hessian().size(); ++e) {
       const auto [row, column] = system.varying_hessian()[e];

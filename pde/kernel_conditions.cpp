@@ -2,6 +2,8 @@
 
 #include <random>
 
+#include <rubato/solve/small_matrices.hpp>
+
 namespace rubato {
 
 using Eigen::Index;
@@ -14,7 +16,8 @@ MatrixXd common_null_space(const MultisymplecticSystem& system, double theta, co
   MatrixXd stacked(samples * rows.cols(), columns.cols());
   for (Index s = 0; s < samples; ++s) {
     const MatrixXd hessian = generic_hessian(system, random);
-    stacked.middleRows(s * rows.cols(), rows.cols()) = rows.transpose() * (theta * system.M() - hessian) * columns;
+    stacked.middleRows(s * rows.cols(), rows.cols()) =
+        solve::product(solve::product(rows.transpose(), theta * system.M() - hessian), columns);
   }
   return null_space(stacked);
 }

@@ -3,10 +3,9 @@
 #include <algorithm>
 #include <array>
 #include <complex>
+#include <limits>
 #include <numeric>
 #include <utility>
-
-#include <Eigen/LU>
 
 #include <rubato/grids/field_set.hpp>
 #include <rubato/grids/fourier.hpp>
@@ -16,6 +15,7 @@
 #include <rubato/pde/still_waves.hpp>
 #include <rubato/solve/fourier_preconditioner.hpp>
 #include <rubato/solve/gmres.hpp>
+#include <rubato/solve/small_matrices.hpp>
 
 namespace rubato {
 
@@ -29,6 +29,12 @@ constexpr int restart = 20;
 constexpr double stale = 1e-5;
 /// Corrections, after the first solution, where the residual is looked at.
 constexpr int most_refinements = 5;
+
+/// A⁻¹; not finite where A is singular, for the residual to show.
+MatrixXd inverse_of(const MatrixXd& A) {
+  const MatrixXd identity = MatrixXd::Identity(A.rows(), A.rows());
+  return solve::quotient(A, identity).value_or(identity * std::numeric_limits<double>::infinity());
+}
 
 /// With C the matrix whose entries are their means, inverted block by block in Fourier space, and V the entries less
 /// their means, the system (C + V A) c = r is one for w, those fields of c that V multiplies, alone:
@@ -104,8 +110,8 @@ private:
     std::array<bool, 2> free{};
     for (int a = 1; a < grid_.dimensions(); ++a) {
       const MatrixXd& C = matrix.difference[static_cast<std::size_t>(a)];
-      const MatrixXd product = transposed ? MatrixXd(C.transpose() * vectors) : MatrixXd(C * vectors);
-      free[static_cast<std::size_t>(a) - 1] = product.isZero(1e-9);
+      free[static_cast<std::size_t>(a) - 1] =
+          solve::product(transposed ? MatrixXd(C.transpose()) : C, vectors).isZero(1e-9);
     }
     return {grid_, placement_, free};
   }
@@ -173,7 +179,7 @@ private:
     if (conditions.count() == 0) {
       return;
     }
-    const MatrixXd inverse = (conditions.left.transpose() * conditions.columns).inverse();
+    const MatrixXd inverse = inverse_of(solve::product(conditions.left.transpose(), conditions.columns));
     const StillWaves waves = still_waves(matrix, conditions.left, true);
     std::vector<double> amplitudes(y.size());
     for (const unsigned pattern : waves.patterns()) {
@@ -189,7 +195,7 @@ private:
     if (conditions.count() == 0) {
       return;
     }
-    const MatrixXd inverse = (conditions.pins * conditions.kernel).inverse();
+    const MatrixXd inverse = inverse_of(solve::product(conditions.pins, conditions.kernel));
     const StillWaves waves = still_waves(matrix, conditions.kernel, false);
     for (const unsigned pattern : waves.patterns()) {
       group_means(conditions.pins.transpose(), solution, waves, pattern, means_);

@@ -2,6 +2,8 @@
 
 #include <fmt/format.h>
 
+#include <rubato/solve/small_matrices.hpp>
+
 namespace rubato {
 
 LawTables::LawTables(const MultisymplecticSystem& s, const grids::Grid& g,
@@ -22,7 +24,7 @@ LawTables::LawTables(const MultisymplecticSystem& s, const grids::Grid& g,
     names.push_back(symmetry.name);
     auto& terms = quadratic.emplace_back();
     for (int mu = 0; mu < directions; ++mu) {
-      terms.push_back(terms_of(0.5 * matrix(mu) * symmetry.B));
+      terms.push_back(terms_of(solve::product(0.5 * matrix(mu), symmetry.B)));
     }
   }
   add_affine_symmetries();
@@ -33,7 +35,7 @@ void LawTables::add_affine_symmetries() {
   const Eigen::MatrixXd& all = system.structure().affine_symmetries;
   std::vector<Eigen::Index> kept;
   for (Eigen::Index c = 0; c < all.cols(); ++c) {
-    if (!(system.M() * all.col(c)).isZero(0.0)) {
+    if (!solve::product(system.M(), all.col(c)).isZero(0.0)) {
       kept.push_back(c);
     }
   }
@@ -45,7 +47,7 @@ void LawTables::add_affine_symmetries() {
     auto& terms = linear.emplace_back();
     for (int mu = 0; mu < directions; ++mu) {
       const Eigen::MatrixXd& lambda = mu == time ? system.M() : system.K(mu - 1);
-      terms.push_back(terms_of(all.col(c).transpose() * lambda));
+      terms.push_back(terms_of(solve::product(all.col(c).transpose(), lambda)));
     }
   }
 }

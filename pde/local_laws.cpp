@@ -10,6 +10,7 @@
 
 #include <rubato/formula/batch.hpp>
 #include <rubato/pde/law_engine.hpp>
+#include <rubato/solve/small_matrices.hpp>
 
 namespace rubato {
 
@@ -22,7 +23,7 @@ void check_symmetry(const MultisymplecticSystem& system, const LinearSymmetry& s
         fmt::format("the symmetry {} is {} by {}, but there are {} fields", name, B.rows(), B.cols(), d));
   }
   const auto check_symmetric = [&](const Eigen::MatrixXd& matrix, const std::string& what) {
-    const Eigen::MatrixXd product = matrix * B;
+    const Eigen::MatrixXd product = solve::product(matrix, B);
     for (Eigen::Index i = 0; i < d; ++i) {
       for (Eigen::Index j = 0; j < i; ++j) {
         if (std::abs(product(i, j) - product(j, i)) > 1e-12 * product.cwiseAbs().maxCoeff()) {
@@ -50,7 +51,7 @@ void check_symmetry(const MultisymplecticSystem& system, const LinearSymmetry& s
     }
     evaluate({z.data(), static_cast<std::size_t>(d)}, outputs);
     const Eigen::Map<const Eigen::VectorXd> gradient(outputs.data() + 1, d);
-    const Eigen::VectorXd direction = B * z;
+    const Eigen::VectorXd direction = solve::product(B, z);
     const double derivative = gradient.dot(direction);
     if (std::abs(derivative) > 1e-11 * gradient.norm() * direction.norm()) {
       throw std::invalid_argument(

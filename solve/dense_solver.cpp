@@ -1,90 +1,22 @@
 #include <rubato/solve/dense_solver.hpp>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <limits>
 #include <stdexcept>
-#include <utility>
 #include <vector>
 
 #include <fmt/core.h>
 #include <Eigen/LU>
+#include <rubato/solve/elimination.hpp>
 
 namespace rubato::solve {
 namespace {
 
+using elimination::factor_in_place;
+using elimination::substitute;
+using elimination::usable;
+
 constexpr int largest_unblocked = 16;
-
-/// Whether a pivot can be divided by; its reciprocal must be finite as well.
-bool usable(double pivot) {
-  const double reciprocal = 1.0 / pivot;
-  return std::isfinite(reciprocal) && reciprocal != 0.0;
-}
-
-/// An entry that is not finite always reaches the diagonal of U: its row is filled by its multiplier, its column by
-/// every multiplier of its pivot row (0 · inf and 0 · NaN are NaN). So looking at pivots is enough.
-Status judge(double pivot) {
-  return std::isfinite(pivot) ? Status::singular : Status::undefined;
-}
-
-/// Right-looking LU of the n × n column-major array a; reciprocals of the pivots go to the diagonal's own array, which
-/// saves the divisions of every solve. With n a std::integral_constant the loops unroll.
-template <class Size>
-Status factor_in_place(Size n, double* a, double* reciprocals, int* swaps, double& rcond) {
-  double smallest = std::numeric_limits<double>::infinity();
-  double largest = 0.0;
-  for (int k = 0; k < n; ++k) {
-    int row = k;
-    for (int i = k + 1; i < n; ++i) {
-      if (std::abs(a[i + k * n]) > std::abs(a[row + k * n])) {
-        row = i;
-      }
-    }
-    swaps[k] = row;
-    if (row != k) {
-      for (int j = 0; j < n; ++j) {
-        std::swap(a[k + j * n], a[row + j * n]);
-      }
-    }
-    const double pivot = a[k + k * n];
-    if (!usable(pivot)) {
-      return judge(pivot);
-    }
-    smallest = std::min(smallest, std::abs(pivot));
-    largest = std::max(largest, std::abs(pivot));
-    reciprocals[k] = 1.0 / pivot;
-    for (int i = k + 1; i < n; ++i) {
-      a[i + k * n] *= reciprocals[k];
-    }
-    for (int j = k + 1; j < n; ++j) {
-      const double factor = a[k + j * n];
-      for (int i = k + 1; i < n; ++i) {
-        a[i + j * n] -= a[i + k * n] * factor;
-      }
-    }
-  }
-  rcond = smallest / largest;
-  return Status::success;
-}
-
-template <class Size>
-void substitute(Size n, const double* a, const double* reciprocals, const int* swaps, double* b) {
-  for (int k = 0; k < n; ++k) {
-    std::swap(b[k], b[swaps[k]]);
-  }
-  for (int k = 0; k < n; ++k) {
-    for (int i = k + 1; i < n; ++i) {
-      b[i] -= a[i + k * n] * b[k];
-    }
-  }
-  for (int k = n - 1; k >= 0; --k) {
-    b[k] *= reciprocals[k];
-    for (int i = 0; i < k; ++i) {
-      b[i] -= a[i + k * n] * b[k];
-    }
-  }
-}
 
 template <int N>
 using Fixed = std::integral_constant<int, N>;

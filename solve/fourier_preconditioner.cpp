@@ -8,14 +8,13 @@
 #include <utility>
 
 #include <fmt/core.h>
-#include <Eigen/SVD>
 #include <rubato/grids/parallel.hpp>
+#include <rubato/solve/small_matrices.hpp>
 
 namespace rubato::solve {
 namespace {
 
 using Complex = std::complex<double>;
-using Matrix = Eigen::MatrixXcd;
 
 constexpr double deficient_below = 1e-13;
 constexpr std::size_t piece = 128;  ///< modes multiplied together, in first-level cache
@@ -87,16 +86,27 @@ bool invert(int n, Complex* a) {
 }
 
 void pseudo_invert(int n, const Complex* a, Complex* inverse) {
-  using RowMajor = Eigen::Matrix<Complex, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-  const Matrix matrix = Eigen::Map<const RowMajor>(a, n, n);
-  const Eigen::JacobiSVD<Matrix> svd(matrix, Eigen::ComputeFullU | Eigen::ComputeFullV);
-  Eigen::VectorXd values = svd.singularValues();
+  double scale = 0.0;
+  for (int i = 0; i < n * n; ++i) {
+    scale = std::max({scale, std::abs(a[i].real()), std::abs(a[i].imag())});
+  }
+  std::fill_n(inverse, n * n, Complex{});
+  if (scale == 0.0) {
+    return;
+  }
+  Eigen::MatrixXcd matrix(n, n);
+  for (int i = 0; i < n * n; ++i) {
+    matrix(i / n, i % n) = a[i] / scale;
+  }
+  const auto [values, v, av] = singular_values(matrix);
   // Ten times looser than for pivots: a matrix that came here loses at least its smallest value.
   const double smallest_kept = std::max(10.0 * deficient_below * values(0), values(n - 1) * (1.0 + 1e-12));
-  for (double& v : values) {
-    v = v > smallest_kept ? 1.0 / v : 0.0;
+  for (int j = 0; j < n && values(j) > smallest_kept; ++j) {  // Σ v_j u_jᴴ / σ_j, u_j = A v_j / σ_j
+    const double factor = 1.0 / (values(j) * values(j) * scale);
+    for (int i = 0; i < n * n; ++i) {
+      inverse[i] += product(factor * v(i / n, j), std::conj(av(i % n, j)));
+    }
   }
-  Eigen::Map<RowMajor>(inverse, n, n) = svd.matrixV() * values.asDiagonal() * svd.matrixU().adjoint();
 }
 
 }  // namespace

@@ -2,7 +2,7 @@
 
 #include <stdexcept>
 
-#include <Eigen/LU>
+#include <rubato/solve/small_matrices.hpp>
 
 namespace rubato {
 
@@ -82,7 +82,11 @@ MatrixXd two_step_tangent(DiscreteAction& action, std::span<const double> first,
   right.rightCols(half) = -(before.bottomRightCorner(half, half) + after.topLeftCorner(half, half));
   MatrixXd tangent = MatrixXd::Zero(size, size);
   tangent.topRightCorner(half, half).setIdentity();
-  tangent.bottomRows(half) = after.topRightCorner(half, half).fullPivLu().solve(right);
+  const auto solution = solve::quotient(after.topRightCorner(half, half), right);
+  if (!solution) {
+    throw std::invalid_argument("the two-step tangent does not exist: the second variation is singular or not finite");
+  }
+  tangent.bottomRows(half) = *solution;
   return tangent;
 }
 

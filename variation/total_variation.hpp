@@ -59,7 +59,7 @@ struct Incidence {
 ///     ∂²A/∂1∂2 (12) · δ2 = −[∂²A/∂1∂1 (01) + ∂²A/∂1∂1 (12)] δ1 − ∂²A/∂1∂0 (01) · δ0,
 ///
 /// where "1" stands for (t_1, z_1). The matrix on the left degenerates where the step does: det ∝ hΓ.
-/// \throws std::invalid_argument unless the element is a segment
+/// \throws std::invalid_argument unless the element is a segment and that matrix is regular
 [[nodiscard]] Eigen::MatrixXd two_step_tangent(DiscreteAction& action, std::span<const double> first,
                                                std::span<const double> second);
 

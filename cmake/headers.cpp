@@ -1,0 +1,1 @@
+// A target needs a source; what is compiled is headers.hpp.
