@@ -322,13 +322,15 @@ std::string trend_of(const StepReport& report) {
                      report.gamma_after);
 }
 
-std::string why_singular(const StepReport& report, OnSingular on_singular) {
+/// `has_gamma`: whether the scheme knows its Γ, so that there are bridges (with stop, the report has it from slopes all
+/// the same, since no level before is kept).
+std::string why_singular(const StepReport& report, OnSingular on_singular, bool has_gamma) {
   const GammaTrend trend{report.gamma_before, report.gamma_after};
-  const bool bridging = on_singular == OnSingular::bridge && !report.gamma_from_slope;
+  const bool bridging = on_singular == OnSingular::bridge && has_gamma;
   if (trend.meets_zero()) {
     return fmt::format("{} nears 0 there ({}; theory, section 3){}", gamma_name(report), trend_of(report),
                        bridging ? ", and no bridge over it was found; use another step, or levels = \"fixed\""
-                       : report.gamma_from_slope || on_singular == OnSingular::fixed
+                       : !has_gamma || on_singular == OnSingular::fixed
                            ? "; use another step, or levels = \"fixed\""
                            : "; use on_singular = \"bridge\" or \"fixed\", or levels = \"fixed\"");
   }
@@ -351,7 +353,7 @@ std::string describe_failure(const StepReport& report, double t, const LevelNode
     case Status::success: return {};
     case Status::singular:
       return fmt::format("the step equation has no solution with the required energy {}: {}", where,
-                         why_singular(report, on_singular));
+                         why_singular(report, on_singular, std::isfinite(node.gamma)));
     case Status::ill_conditioned:
       return fmt::format(
           "the energy law carries no information {}: the step condition {:.3g} exceeds 1e-2, rounding in H alone moves "
