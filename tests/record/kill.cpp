@@ -1,5 +1,6 @@
 #include <catch2/catch.hpp>
 
+#include <algorithm>
 #include <csignal>
 #include <random>
 
@@ -81,7 +82,8 @@ TEST_CASE("a record killed at 24 random moments is always whole and ends bit for
   const Folder folder;
   const auto file = folder / "killed.h5";
   std::mt19937 random(20);  // a fixed seed; the machine's load makes the moments random all the same
-  std::uniform_int_distribution<int> milliseconds(1, 100);
+  // On a busy machine a child needs longer to get anywhere.
+  int longest = 100;
 
   int kills = 0;
   int seen_whole = 0;
@@ -91,19 +93,20 @@ TEST_CASE("a record killed at 24 random moments is always whole and ends bit for
     if (child == 0)
       run_in_child(file, kills < 24);
     if (kills < 24) {
-      ::usleep(1000 * static_cast<useconds_t>(milliseconds(random)));
+      ::usleep(1000 * static_cast<useconds_t>(std::uniform_int_distribution<int>(1, longest)(random)));
       ::kill(child, SIGKILL);
     }
     int status = 0;
     ::waitpid(child, &status, 0);
-    if (WIFSIGNALED(status)) {
-      ++kills;
-    } else {
+    if (!WIFSIGNALED(status)) {
       REQUIRE(WEXITSTATUS(status) == 0);
       break;
     }
-    if (!std::filesystem::exists(file))
-      continue;  // killed before level 0
+    if (!std::filesystem::exists(file)) {  // killed before level 0
+      longest = std::min(2 * longest, 10'000);
+      continue;
+    }
+    ++kills;
     REQUIRE(opens_read_only(file));
     check_whole(file);
     ++seen_whole;
@@ -113,9 +116,8 @@ TEST_CASE("a record killed at 24 random moments is always whole and ends bit for
   }
   INFO("rows at the last kill: " << rows_at_kill);
   CHECK(kills == 24);
-  CHECK(seen_whole >= 20);
-  CHECK_FALSE(std::filesystem::exists(folder / "killed.h5.partial"));
-  CHECK_FALSE(std::filesystem::exists(folder / "killed.h5.next"));
+  CHECK(seen_whole == kills);
+  CHECK(std::distance(std::filesystem::directory_iterator(folder.path()), {}) == 1);  // nothing is left beside it
 
   sample::write_whole(folder / "never.h5", last_level);
   CHECK(sample::difference(file, folder / "never.h5").empty());
