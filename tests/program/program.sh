@@ -303,7 +303,7 @@ case $case_name in
     check "what is undefined has no deviation" grep -q '^  I  *undefined at the start; no value in .* levels  *undefined' out
     check "and what is defined has one" grep -q '^  J  *0, deviation ' out
     run compare u.h5 u.h5 --json
-    check "nor in JSON" grep -q '"I": {"undefined": [0-9]*}, "J": {"initial": 0,' out
+    check "nor in JSON" grep -q '"I": {"undefined": [0-9]*, "count": [0-9]*}, "J": {"initial": 0,' out
     run export u.h5
     check "nor has it a sign" grep -q '^0,0,.*,nan,0$' u-csv/levels.csv
     ;;
