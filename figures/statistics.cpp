@@ -120,7 +120,7 @@ std::vector<std::string> Statistics::undefined_quantities() const {
     for (const auto& [name, value] : *list) {
       if (value.values.undefined > 0.0) {
         sentences.push_back(
-            fmt::format("the {} {} is not defined at every level, but has no value at {:.0f} of {:.0f}: "
+            fmt::format("the {} {} is not defined at every level: it has no value at {:.0f} of {:.0f}; "
                         "correct its formula",
                         kind, name, value.values.undefined, value.values.count()));
       }
