@@ -219,22 +219,8 @@ private:
 }  // namespace
 
 std::unique_ptr<SegmentScheme> make_midpoint_scheme(const Hamiltonian& hamiltonian, std::span<const double> z_0) {
-  const std::size_t size = 2 * hamiltonian.degrees_of_freedom();
-  if (z_0.size() != size) {
-    throw std::invalid_argument(fmt::format(
-        "the initial state has {} entries, the Hamiltonian has {} coordinates and as many momenta: {} are needed",
-        z_0.size(), size / 2, size));
-  }
-  HamiltonianEvaluator evaluator(hamiltonian);
-  std::vector<double> gradient(size);
-  const double energy = evaluator.gradient(z_0.data(), gradient.data());
-  const auto finite = [](double x) { return std::isfinite(x); };
-  if (!std::ranges::all_of(z_0, finite) || !finite(energy) || !std::ranges::all_of(gradient, finite)) {
-    throw std::invalid_argument(
-        fmt::format("H or its gradient is not finite at the initial state ({}): H = {}, gradient ({})",
-                    fmt::join(z_0, ", "), energy, fmt::join(gradient, ", ")));
-  }
-  switch (size) {
+  check_initial_state(hamiltonian, z_0);
+  switch (z_0.size()) {
     case 2: return std::make_unique<MidpointScheme<2>>(hamiltonian, z_0);
     case 4: return std::make_unique<MidpointScheme<4>>(hamiltonian, z_0);
     case 6: return std::make_unique<MidpointScheme<6>>(hamiltonian, z_0);

@@ -2,6 +2,7 @@
 
 #include <span>
 
+#include <rubato/ode/hamiltonian.hpp>
 #include <rubato/variation/level_scheme.hpp>
 
 namespace rubato {
@@ -12,5 +13,9 @@ public:
   [[nodiscard]] virtual std::size_t dimension() const = 0;          ///< 2n
   [[nodiscard]] virtual std::span<const double> state() const = 0;  ///< z_k, rounded to double
 };
+
+/// What every one-step scheme asks of z_0. \throws std::invalid_argument, with the values, if it has not 2n entries or
+/// is not finite, or H or ∇H is not finite there
+void check_initial_state(const Hamiltonian& hamiltonian, std::span<const double> z_0);
 
 }  // namespace rubato

@@ -1,0 +1,83 @@
+#include <rubato/ode/composition.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+
+#include <fmt/format.h>
+
+namespace rubato {
+
+namespace {
+
+using Parts = std::vector<Composition::Part>;
+
+/// A palindrome from its first half, the middle part last: kinds alternate, beginning with `drift`.
+Parts palindrome(bool drift, const std::vector<double>& half) {
+  Parts parts;
+  for (std::size_t i = 0; i < half.size(); ++i, drift = !drift) {
+    parts.push_back({drift, half[i]});
+  }
+  for (std::size_t i = half.size() - 1; i-- > 0;) {
+    parts.push_back(parts[i]);
+  }
+  return parts;
+}
+
+/// Verlet steps of these lengths and back; kicks that meet are one.
+Parts of_verlet(const std::vector<double>& half) {
+  std::vector<double> lengths = half;
+  for (std::size_t i = half.size() - 1; i-- > 0;) {
+    lengths.push_back(half[i]);
+  }
+  Parts parts = {{false, 0.5 * lengths.front()}};
+  for (std::size_t i = 0; i < lengths.size(); ++i) {
+    const double next = i + 1 < lengths.size() ? lengths[i + 1] : 0.0;
+    parts.push_back({true, lengths[i]});
+    parts.push_back({false, 0.5 * (lengths[i] + next)});
+  }
+  return parts;
+}
+
+std::vector<Composition> make_compositions() {
+  const double golden = (3.0 - std::sqrt(5.0)) / 4.0;
+  const double suzuki = 1.0 / (4.0 - std::cbrt(4.0));
+  const double a[] = {0.0792036964311957, 0.353172906049774, -0.0420650803577195};
+  const double b[] = {0.209515106613362, -0.143851773179818};
+  return {
+      {"golden", 2, "theory, section 8.2", palindrome(true, {golden, 0.5, 1.0 - 2.0 * golden})},
+      {"verlet", 2, "Störmer 1907, Verlet 1967", of_verlet({1.0})},
+      {"suzuki-4", 4, "Suzuki, Phys. Lett. A 146 (1990)", of_verlet({suzuki, suzuki, 1.0 - 4.0 * suzuki})},
+      {"blanes-moan-4", 4, "Blanes and Moan, J. Comput. Appl. Math. 142 (2002)",
+       palindrome(true, {a[0], b[0], a[1], b[1], a[2], 0.5 - (b[0] + b[1]), 1.0 - 2.0 * (a[0] + a[1] + a[2])})},
+      {"kahan-li-6", 6, "Kahan and Li, Math. Comp. 66 (1997), s9odr6a",
+       of_verlet({0.39216144400731413927925056, 0.33259913678935943859974864, -0.70624617255763935980996482,
+                  0.08221359629355080023149045, 0.79854399093482996339895035})},
+      {"kahan-li-8", 8, "Kahan and Li, Math. Comp. 66 (1997), s17odr8a",
+       of_verlet({0.13020248308889008087881763, 0.56116298177510838456196441, -0.38947496264484728640807860,
+                  0.15884190655515560089621075, -0.39590389413323757733623154, 0.18453964097831570709183254,
+                  0.25837438768632204729397911, 0.29501172360931029887096624, -0.60550853383003451169892108})},
+  };
+}
+
+}  // namespace
+
+std::span<const Composition> compositions() {
+  static const std::vector<Composition> all = make_compositions();
+  return all;
+}
+
+const Composition& composition(std::string_view name) {
+  const auto all = compositions();
+  const auto found = std::ranges::find(all, name, &Composition::name);
+  if (found == all.end()) {
+    std::string names;
+    for (const Composition& one : all) {
+      names += fmt::format("{}{}", names.empty() ? "" : ", ", one.name);
+    }
+    throw std::invalid_argument(fmt::format("there is no composition \"{}\"; there are {}", name, names));
+  }
+  return *found;
+}
+
+}  // namespace rubato

@@ -1,0 +1,376 @@
+#include <rubato/ode/gauss_scheme.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <optional>
+#include <stdexcept>
+#include <utility>
+#include <vector>
+
+#include <Eigen/LU>
+
+#include <rubato/formula/batch.hpp>
+#include <rubato/ode/gauss_tableau.hpp>
+#include <rubato/ode/increment.hpp>
+
+namespace rubato {
+
+namespace {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+/// One row for each component of the state, the stages side by side.
+using Rows = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+
+constexpr int most_iterations = 100;
+/// A fixed-point iteration that shrinks its corrections less than this gives way to Newton's.
+constexpr double slow_contraction = 0.2;
+/// Newton's iteration stays while steps are at least this part of the one that asked for it.
+constexpr double back_to_fixed_point = 0.5;
+/// E_k is told from its neighbours by terms of order h^s, and its slope with it: a trial that is not the last is solved
+/// nearly as well as the last.
+constexpr double loosest = 1e-13;
+/// Unknowns m·2n up to which a dense matrix is factored.
+constexpr Index most_newton_size = 512;
+/// A step this many times longer or shorter than the last one is not begun from its polynomial.
+constexpr double longest_continuation = 3.0;
+
+/// J∇H at the stages, and H there.
+class StageEvaluator {
+public:
+  StageEvaluator(const Hamiltonian& hamiltonian, int stages)
+      : evaluate_(hamiltonian.gradient_code()), outputs_(hamiltonian.gradient_code().output_count(), stages) {}
+
+  void operator()(const Rows& Z, Rows& f, VectorXd& energies) {
+    in_.clear();
+    out_.clear();
+    for (Index r = 0; r < Z.rows(); ++r) {
+      in_.push_back(Z.row(r).data());
+    }
+    for (Index r = 0; r < outputs_.rows(); ++r) {
+      out_.push_back(outputs_.row(r).data());
+    }
+    evaluate_(static_cast<std::size_t>(Z.cols()), in_, out_);
+    const Index n = Z.rows() / 2;
+    energies = outputs_.row(0).transpose();
+    f.topRows(n) = outputs_.bottomRows(n);
+    f.bottomRows(n) = -outputs_.middleRows(1, n);
+  }
+
+private:
+  formula::BatchEvaluator evaluate_;
+  Rows outputs_;  ///< H, then ∇H
+  std::vector<const double*> in_;
+  std::vector<double*> out_;
+};
+
+class GaussScheme final : public SegmentScheme {
+public:
+  GaussScheme(const Hamiltonian& hamiltonian, int stages, std::span<const double> z_0)
+      : tableau_(stages),
+        evaluator_(hamiltonian),
+        stages_(hamiltonian, stages),
+        energy_size_(hamiltonian.size_code()),
+        rounding_(hamiltonian.gradient_code()),
+        m_(stages),
+        size_(static_cast<Index>(z_0.size())),
+        z_(VectorXd(Eigen::Map<const VectorXd>(z_0.data(), size_))) {
+    for (Rows* rows : {&Y_, &Z_, &f_, &last_f_, &next_, &correction_}) {
+      rows->setZero(size_, m_);
+    }
+    for (VectorXd* vector : {&delta_, &lost_, &largest_, &point_, &gradient_, &errors_}) {
+      vector->setZero(size_);
+    }
+    energies_.setZero(m_);
+    weights_.setZero(m_, m_);
+    if (m_ * size_ <= most_newton_size) {
+      hessian_.setZero(size_, size_);
+      matrix_.setZero(m_ * size_, m_ * size_);
+      factors_ = Eigen::PartialPivLU<MatrixXd>(matrix_);
+      right_.setZero(m_ * size_);
+      solution_.setZero(m_ * size_);
+    }
+  }
+
+  [[nodiscard]] std::size_t dimension() const override { return static_cast<std::size_t>(size_); }
+  [[nodiscard]] std::span<const double> state() const override { return as_span(z_.value()); }
+  [[nodiscard]] int order() const override { return static_cast<int>(2 * m_); }
+  [[nodiscard]] bool has_node_law() const override { return false; }
+
+  [[nodiscard]] Status advance(double h, double accuracy) override {
+    end_energy_.reset();
+    start(h);
+    trial_h_ = h;
+    if (newton_ && std::abs(h) < back_to_fixed_point * newton_step_) {
+      newton_ = false;
+    }
+    Status status = iterate(h, accuracy);
+    if (status == Status::not_converged && !newton_ && matrix_.size() > 0) {
+      newton_ = true;
+      newton_step_ = std::abs(h);
+      status = iterate(h, accuracy);
+    }
+    solved_ = status == Status::success;
+    if (solved_) {
+      finish(h);
+    }
+    return status;
+  }
+
+  [[nodiscard]] double discrete_energy() const override { return energy_; }
+  [[nodiscard]] double discrete_energy_slope() const override {
+    if (!node_energy_) {
+      node_energy_ = evaluator_.value(z_.value().data());
+    }
+    if (!end_energy_) {
+      z_.displaced(1.0, delta_, end_);
+      end_energy_ = evaluator_.value(end_.data());
+    }
+    return 2.0 * static_cast<double>(m_) * (energy_ - 0.5 * (*node_energy_ + *end_energy_)) / trial_h_;
+  }
+  [[nodiscard]] bool slope_to_leading_order() const override { return true; }
+  [[nodiscard]] formula::SumSize energy_size() override {
+    z_.displaced(0.5, delta_, point_);
+    errors_ = 2.0 * (point_.cwiseAbs() + delta_.cwiseAbs());  // stages are rounded, and known to about an ε of δ
+    return energy_size_(as_span(std::as_const(point_)), as_span(std::as_const(errors_)));
+  }
+  [[nodiscard]] int iterations() const override { return iterations_; }
+
+  [[nodiscard]] LevelNode node() override {
+    if (!node_energy_) {
+      node_energy_ = evaluator_.value(z_.value().data());
+    }
+    return {*node_energy_, std::numeric_limits<double>::quiet_NaN()};
+  }
+  [[nodiscard]] LevelNode trial_node() override {
+    static_cast<void>(discrete_energy_slope());
+    return {*end_energy_, std::numeric_limits<double>::quiet_NaN()};
+  }
+
+  void accept() override {
+    largest_ = largest_.cwiseMax(delta_.cwiseAbs());
+    z_.add(delta_, lost_);
+    std::swap(last_f_, f_);
+    last_h_ = trial_h_;
+    node_energy_ = std::exchange(end_energy_, std::nullopt);
+    solved_ = false;
+    factored_h_ = 0.0;
+    iterations_ = 0;
+  }
+
+  void save(StateWriter& state) const override {
+    z_.save(state);
+    for (const double value : {last_h_, static_cast<double>(newton_), newton_step_}) {
+      state.write(value);
+    }
+    state.write(as_span(largest_));
+    state.write({last_f_.data(), static_cast<std::size_t>(last_f_.size())});
+  }
+  void restore(StateReader& state) override {
+    z_.restore(state);
+    state.read(last_h_);
+    state.read(newton_);
+    state.read(newton_step_);
+    state.read(as_span(largest_));
+    state.read(std::span<double>(last_f_.data(), static_cast<std::size_t>(last_f_.size())));
+    node_energy_.reset();
+    end_energy_.reset();
+    solved_ = false;
+    factored_h_ = 0.0;
+    iterations_ = 0;
+  }
+
+private:
+  /// The stages to begin with: of the trial already made at this level, of the last step's polynomial, or on the
+  /// tangent.
+  void start(double h) {
+    if (solved_ && near(h / trial_h_)) {
+      tableau_.continuation(tableau_.from_start, h / trial_h_, weights_);
+      Y_ = trial_h_ * f_.lazyProduct(weights_.transpose());
+    } else if (last_h_ != 0.0 && near(h / last_h_)) {
+      tableau_.continuation(tableau_.from_end, h / last_h_, weights_);
+      Y_ = last_h_ * last_f_.lazyProduct(weights_.transpose());
+    } else {
+      evaluator_.gradient(z_.value().data(), gradient_.data());
+      apply_j(gradient_, point_);
+      Y_.noalias() = h * point_ * tableau_.c.transpose();
+    }
+  }
+  [[nodiscard]] static bool near(double ratio) {
+    return ratio > 1.0 / longest_continuation && ratio < longest_continuation;
+  }
+
+  [[nodiscard]] Status iterate(double h, double accuracy) {
+    if (newton_ && !factor(h)) {
+      return Status::undefined;
+    }
+    StagnationTest test(std::min(accuracy, loosest));
+    double last = std::numeric_limits<double>::infinity();
+    for (int iteration = 0; iteration < most_iterations; ++iteration) {
+      for (Index i = 0; i < m_; ++i) {
+        z_.displaced(1.0, Y_.col(i), point_);
+        Z_.col(i) = point_;
+      }
+      stages_(Z_, f_, energies_);
+      ++iterations_;
+      next_ = f_.lazyProduct(tableau_.a_rest.transpose());
+      next_ += f_.lazyProduct(tableau_.a_short.transpose());
+      correction_ = h * next_ - Y_;
+      if (newton_) {
+        solve();
+      }
+      const double size = relative_size();
+      if (!std::isfinite(size) || !energies_.allFinite()) {
+        return Status::undefined;
+      }
+      Y_ += correction_;
+      const auto verdict = test.judge(size);
+      if (verdict == StagnationTest::Verdict::done || (verdict == StagnationTest::Verdict::stalled && is_rounding(h))) {
+        return Status::success;
+      }
+      if (!newton_ && iteration > 1 && size > slow_contraction * last && verdict != StagnationTest::Verdict::again) {
+        return Status::not_converged;
+      }
+      if (newton_ && verdict == StagnationTest::Verdict::slow && iteration > most_iterations / 2) {
+        return Status::not_converged;
+      }
+      last = size;
+    }
+    return Status::not_converged;
+  }
+
+  /// Corrections relative to the increments, each component in units of its own.
+  [[nodiscard]] double relative_size() const {
+    double result = 0.0;
+    for (Index r = 0; r < size_; ++r) {
+      const double scale = std::max({Y_.row(r).cwiseAbs().maxCoeff(), largest_[r],
+                                     std::numeric_limits<double>::epsilon() * std::abs(z_.value()[r])});
+      const double correction = correction_.row(r).cwiseAbs().sum();
+      result = larger(result, correction == 0.0 ? 0.0 : correction / scale);
+    }
+    return result;
+  }
+
+  /// Whether the last corrections are no more than what the evaluation of the stages rounds at.
+  [[nodiscard]] bool is_rounding(double h) {
+    constexpr double unit = 0.5 * std::numeric_limits<double>::epsilon();
+    const Index n = size_ / 2;
+    bounds_.setZero(size_, m_);
+    for (Index i = 0; i < m_; ++i) {
+      point_ = Z_.col(i);
+      errors_ = point_.cwiseAbs() + Y_.col(i).cwiseAbs();
+      rounding_.run(as_span(std::as_const(point_)), as_span(std::as_const(errors_)));
+      for (Index r = 0; r < size_; ++r) {
+        bounds_(r, i) = rounding_.bound(static_cast<std::size_t>(1 + (r < n ? n + r : r - n)));
+      }
+    }
+    for (Index i = 0; i < m_; ++i) {
+      for (Index r = 0; r < size_; ++r) {
+        const double slopes = tableau_.a.row(i).cwiseAbs().dot(bounds_.row(r));
+        if (!(std::abs(correction_(r, i)) <= 2.0 * unit * (std::abs(h) * slopes + 4.0 * std::abs(Y_(r, i))))) {
+          return false;
+        }
+      }
+    }
+    return true;
+  }
+
+  /// Factors I - h A⊗J H_zz, H_zz in the middle of the stages to begin with.
+  [[nodiscard]] bool factor(double h) {
+    if (factored_h_ == h) {
+      return true;
+    }
+    const VectorXd& b = tableau_.b;
+    delta_ = Y_.lazyProduct(b);
+    z_.displaced(1.0, delta_, point_);
+    evaluator_.hessian(point_.data(), gradient_.data(), hessian_.data());
+    ++iterations_;
+    const Index n = size_ / 2;
+    for (Index i = 0; i < m_; ++i) {
+      for (Index j = 0; j < m_; ++j) {
+        auto block = matrix_.block(i * size_, j * size_, size_, size_);
+        block.topRows(n) = -h * tableau_.a(i, j) * hessian_.bottomRows(n);
+        block.bottomRows(n) = h * tableau_.a(i, j) * hessian_.topRows(n);
+      }
+    }
+    matrix_.diagonal().array() += 1.0;
+    if (!matrix_.allFinite()) {
+      return false;
+    }
+    factors_.compute(matrix_);
+    factored_h_ = h;
+    return true;
+  }
+
+  void solve() {
+    for (Index i = 0; i < m_; ++i) {
+      right_.segment(i * size_, size_) = correction_.col(i);
+    }
+    solution_ = factors_.solve(right_);
+    for (Index i = 0; i < m_; ++i) {
+      correction_.col(i) = solution_.segment(i * size_, size_);
+    }
+  }
+
+  /// δ with what its rounding loses, and E, from the stages last evaluated.
+  void finish(double h) {
+    for (Index r = 0; r < size_; ++r) {
+      long double sum = 0.0L;
+      for (Index i = 0; i < m_; ++i) {
+        sum += (static_cast<long double>(tableau_.b_short[i]) + static_cast<long double>(tableau_.b_rest[i])) *
+               static_cast<long double>(f_(r, i));
+      }
+      sum *= static_cast<long double>(h);
+      delta_[r] = static_cast<double>(sum);
+      lost_[r] = static_cast<double>(sum - static_cast<long double>(delta_[r]));
+    }
+    long double energy = 0.0L;
+    for (Index i = 0; i < m_; ++i) {
+      energy += (static_cast<long double>(tableau_.b_short[i]) + static_cast<long double>(tableau_.b_rest[i])) *
+                static_cast<long double>(energies_[i]);
+    }
+    // To first order at the corrected stages; ∇H = -Jf.
+    const Index n = size_ / 2;
+    for (Index i = 0; i < m_; ++i) {
+      energy += static_cast<long double>(tableau_.b[i]) *
+                static_cast<long double>(f_.col(i).head(n).dot(correction_.col(i).tail(n)) -
+                                         f_.col(i).tail(n).dot(correction_.col(i).head(n)));
+    }
+    energy_ = static_cast<double>(energy);
+  }
+
+  GaussTableau tableau_;
+  mutable HamiltonianEvaluator evaluator_;
+  StageEvaluator stages_;
+  formula::SumSizeEvaluator energy_size_;
+  formula::RoundingEvaluator rounding_;
+  Index m_, size_;
+  CompensatedState<VectorXd> z_;
+  Rows Y_, Z_, f_, last_f_;  ///< Z_i - z_k, Z_i, J∇H(Z_i), and that of the last step
+  Rows next_, correction_, bounds_;
+  VectorXd energies_;
+  VectorXd delta_, lost_, largest_, point_, gradient_, errors_;
+  mutable VectorXd end_;
+  MatrixXd weights_, hessian_, matrix_;
+  Eigen::PartialPivLU<MatrixXd> factors_;
+  VectorXd right_, solution_;
+  bool newton_ = false;
+  double newton_step_ = 0.0;  ///< |h| at which fixed-point iteration was too slow
+  bool solved_ = false;       ///< whether f_ belongs to a trial step from this level
+  double trial_h_ = 0.0, last_h_ = 0.0, factored_h_ = 0.0;
+  double energy_ = 0.0;
+  int iterations_ = 0;
+  mutable std::optional<double> node_energy_, end_energy_;
+};
+
+}  // namespace
+
+std::unique_ptr<SegmentScheme> make_gauss_scheme(const Hamiltonian& hamiltonian, int stages,
+                                                 std::span<const double> z_0) {
+  check_initial_state(hamiltonian, z_0);
+  return std::make_unique<GaussScheme>(hamiltonian, stages, z_0);
+}
+
+}  // namespace rubato

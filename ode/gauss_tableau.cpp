@@ -1,0 +1,131 @@
+#include <rubato/ode/gauss_tableau.hpp>
+
+#include <array>
+#include <cmath>
+#include <stdexcept>
+#include <vector>
+
+#include <fmt/format.h>
+
+namespace rubato {
+
+namespace {
+
+using Real = long double;
+using Polynomial = std::vector<Real>;  // coefficients, constant first
+
+/// The roots of the Legendre polynomial of degree m on [0, 1], ascending, by Newton's method on its recurrence.
+std::vector<Real> nodes(int m) {
+  std::vector<Real> c;
+  for (int i = 0; i < m; ++i) {
+    Real x = -std::cos(3.14159265358979323846L * (i + 0.75L) / (m + 0.5L));
+    for (int iteration = 0; iteration < 100; ++iteration) {
+      Real last = 1.0L, value = x;
+      for (int k = 2; k <= m; ++k) {
+        const Real next = ((2 * k - 1) * x * value - (k - 1) * last) / k;
+        last = value;
+        value = next;
+      }
+      const Real slope = m * (x * value - last) / (x * x - 1.0L);
+      const Real change = value / slope;
+      x -= change;
+      if (std::abs(change) < 1e-19L) {
+        break;
+      }
+    }
+    c.push_back(0.5L * (1.0L + x));
+  }
+  if (m % 2 == 1) {
+    c[static_cast<std::size_t>(m / 2)] = 0.5L;
+  }
+  return c;
+}
+
+/// ℓ_j(origin + σ) as a polynomial in σ.
+Polynomial lagrange(const std::vector<Real>& c, std::size_t j, Real origin) {
+  Polynomial result = {1.0L};
+  for (std::size_t i = 0; i < c.size(); ++i) {
+    if (i == j) {
+      continue;
+    }
+    const Real scale = 1.0L / (c[j] - c[i]);
+    const Real constant = (origin - c[i]) * scale;
+    Polynomial next(result.size() + 1, 0.0L);
+    for (std::size_t k = 0; k < result.size(); ++k) {
+      next[k] += constant * result[k];
+      next[k + 1] += scale * result[k];
+    }
+    result = std::move(next);
+  }
+  return result;
+}
+
+/// Coefficients p_k of ∫_origin^{origin+σ} = Σ p_k σ^{k+1}.
+Polynomial integral(const Polynomial& polynomial) {
+  Polynomial result;
+  for (std::size_t k = 0; k < polynomial.size(); ++k) {
+    result.push_back(polynomial[k] / static_cast<Real>(k + 1));
+  }
+  return result;
+}
+
+Real at(const Polynomial& coefficients, Real sigma) {
+  Real sum = 0.0L;
+  for (std::size_t k = coefficients.size(); k-- > 0;) {
+    sum = (sum + coefficients[k]) * sigma;
+  }
+  return sum;
+}
+
+/// `value` in two parts, the first with 12 bits.
+void split(Real value, double& brief, double& rest) {
+  constexpr Real scale = 4096.0L;
+  brief = static_cast<double>(std::round(value * scale) / scale);
+  rest = static_cast<double>(value - static_cast<Real>(brief));
+}
+
+}  // namespace
+
+GaussTableau::GaussTableau(int count) : stages(count) {
+  if (count < 1 || count > most_stages) {
+    throw std::invalid_argument(
+        fmt::format("the number of Gauss stages has to be between 1 and {}; got {}", most_stages, count));
+  }
+  for (Eigen::VectorXd* vector : {&c, &b, &b_short, &b_rest}) {
+    vector->setZero(count);
+  }
+  for (Eigen::MatrixXd* matrix : {&a, &a_short, &a_rest, &from_start, &from_end}) {
+    matrix->setZero(count, count);
+  }
+  const std::vector<Real> node = nodes(count);
+  for (int j = 0; j < count; ++j) {
+    const Polynomial start = integral(lagrange(node, static_cast<std::size_t>(j), 0.0L));
+    const Polynomial end = integral(lagrange(node, static_cast<std::size_t>(j), 1.0L));
+    c[j] = static_cast<double>(node[static_cast<std::size_t>(j)]);
+    const Real weight = at(start, 1.0L);
+    b[j] = static_cast<double>(weight);
+    split(weight, b_short[j], b_rest[j]);
+    for (int i = 0; i < count; ++i) {
+      const Real entry = at(start, node[static_cast<std::size_t>(i)]);
+      a(i, j) = static_cast<double>(entry);
+      split(entry, a_short(i, j), a_rest(i, j));
+      from_start(i, j) = static_cast<double>(start[static_cast<std::size_t>(i)]);
+      from_end(i, j) = static_cast<double>(end[static_cast<std::size_t>(i)]);
+    }
+  }
+}
+
+void GaussTableau::continuation(const Eigen::MatrixXd& about, double theta, Eigen::MatrixXd& weights) const {
+  for (int i = 0; i < stages; ++i) {
+    const double sigma = theta * c[i];
+    for (int j = 0; j < stages; ++j) {
+      double sum = 0.0;
+      for (int k = stages; k-- > 0;) {
+        sum = (sum + about(k, j)) * sigma;
+      }
+      weights(i, j) = sum;
+    }
+  }
+}
+
+}  // namespace rubato

@@ -1,0 +1,34 @@
+#pragma once
+
+#include <Eigen/Core>
+
+namespace rubato {
+
+/// The tableau of Gauss collocation with m stages, order 2m: nodes c_i, the roots of the shifted Legendre polynomial of
+/// degree m; with the Lagrange polynomials ℓ_j of the nodes, b_j = ∫₀¹ ℓ_j and a_ij = ∫₀^{c_i} ℓ_j. It is symplectic:
+/// b_i a_ij + b_j a_ji = b_i b_j.
+///
+/// A coefficient that is rounded makes the method miss its symplecticity by the same amount in every step, which shows
+/// as a drift. So each is told in two parts, a = a_short + a_rest: the first has 12 bits, so that products with it err
+/// at random only, and the rest is 4096 times smaller, and its rounding with it (after Hairer, McLachlan and
+/// Razakarivony, "Achieving Brouwer's law with implicit Runge–Kutta methods", BIT 48, 2008).
+struct GaussTableau {
+  static constexpr int most_stages = 8;
+
+  /// \throws std::invalid_argument unless 1 ≤ stages ≤ most_stages
+  explicit GaussTableau(int stages);
+
+  int stages;
+  Eigen::VectorXd c, b;
+  Eigen::MatrixXd a;
+  Eigen::VectorXd b_short, b_rest;
+  Eigen::MatrixXd a_short, a_rest;
+  /// Coefficients of ∫_o^{o+σ} ℓ_j = Σ_k p_kj σ^{k+1} about the beginning o = 0 and the end o = 1 of a step; k < m.
+  Eigen::MatrixXd from_start, from_end;
+
+  /// Rows of weights of the stage slopes f_j of a step (of length 1) that give ∫_o^{o+θc_i} Σ_j f_j ℓ_j: the
+  /// collocation polynomial, less its value at o, where a step of θ times the length beginning at o has its stages.
+  void continuation(const Eigen::MatrixXd& about, double theta, Eigen::MatrixXd& weights) const;
+};
+
+}  // namespace rubato

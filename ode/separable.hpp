@@ -1,0 +1,21 @@
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <rubato/ode/hamiltonian.hpp>
+
+namespace rubato {
+
+/// H = T(p) + V(q), found from the formula: every term of its sum depends on momenta alone or on coordinates alone.
+/// A factor or divisor that is a number is carried into the sum it stands before. Constants count as part of V.
+struct Separation {
+  formula::Expression T, V;
+  std::string mixed;  ///< the first term that depends on both, as a formula; empty if there is none
+
+  [[nodiscard]] bool separable() const { return mixed.empty(); }
+};
+[[nodiscard]] Separation separate(const Hamiltonian& hamiltonian);
+
+}  // namespace rubato

@@ -1,0 +1,29 @@
+#pragma once
+
+#include <memory>
+#include <span>
+
+#include <rubato/ode/composition.hpp>
+#include <rubato/ode/hamiltonian.hpp>
+#include <rubato/ode/segment_scheme.hpp>
+
+namespace rubato {
+
+/// An explicit splitting of H = T(p) + V(q), with its discrete energy (theory, sections 8 and 8.2): the composition of
+/// the flows of T and of V over a_i h and b_i h, and
+///
+///     E_k = Σ a_i T(p on drift i) + Σ b_i V(q on kick i),
+///
+/// the Hamiltonian that generates the family of maps in h. With levels from E_k = E the step is symplectic in the
+/// extended sense.
+///
+/// The golden splitting obeys the midpoint rule's step law, with E_k - H = ((7 - 3√5)/16) h²Γ + O(h⁴): its Γ, in the
+/// terms of LevelNode, is -((7 - 3√5)/2) fᵀH_zz f, and bridges cross its zeros. The others have no node law in closed
+/// form: a run with variable levels ends where the level equation has no solution. The slope dE/dh is that of
+/// make_gauss_scheme().
+/// \throws std::invalid_argument if H is not separable, naming the term; if sizes do not fit or H is not finite at z_0
+[[nodiscard]] std::unique_ptr<SegmentScheme> make_splitting_scheme(const Hamiltonian& hamiltonian,
+                                                                   const Composition& composition,
+                                                                   std::span<const double> z_0);
+
+}  // namespace rubato

@@ -1,0 +1,378 @@
+#include <cmath>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include <catch2/catch.hpp>
+
+#include <rubato/ode/composition.hpp>
+#include <rubato/ode/gauss_function.hpp>
+#include <rubato/ode/gauss_scheme.hpp>
+#include <rubato/ode/gauss_tableau.hpp>
+#include <rubato/ode/separable.hpp>
+#include <rubato/ode/splitting_scheme.hpp>
+#include <rubato/ode/tangent.hpp>
+#include <rubato/variation/time_levels.hpp>
+
+#include "systems.hpp"
+
+using namespace rubato;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+namespace {
+
+constexpr double epsilon = std::numeric_limits<double>::epsilon();
+
+Hamiltonian henon_heiles() {
+  return systems::henon_heiles().hamiltonian;
+}
+Hamiltonian not_separable() {
+  return systems::non_separable().hamiltonian;
+}
+
+/// A family of symplectic maps: its scheme for a given H, begun at z.
+struct Family {
+  std::string name;
+  std::function<std::unique_ptr<SegmentScheme>(const Hamiltonian&, const VectorXd&)> make;
+  bool separable_only = false;
+  int order = 2;
+};
+
+std::span<const double> span_of(const VectorXd& z) {
+  return {z.data(), static_cast<std::size_t>(z.size())};
+}
+
+std::vector<Family> families() {
+  std::vector<Family> all;
+  for (int stages = 1; stages <= GaussTableau::most_stages; ++stages) {
+    all.push_back(
+        {"gauss " + std::to_string(stages),
+         [stages](const Hamiltonian& H, const VectorXd& z) { return make_gauss_scheme(H, stages, span_of(z)); }, false,
+         2 * stages});
+  }
+  for (const Composition& one : compositions()) {
+    all.push_back(
+        {std::string(one.name),
+         [&one](const Hamiltonian& H, const VectorXd& z) { return make_splitting_scheme(H, one, span_of(z)); }, true,
+         one.order});
+  }
+  return all;
+}
+
+VectorXd state_of(const SegmentScheme& scheme) {
+  return Eigen::Map<const VectorXd>(scheme.state().data(), static_cast<Eigen::Index>(scheme.dimension()));
+}
+
+/// One step from z: the state at its end, and E_k.
+struct Step {
+  VectorXd z;
+  double energy = 0.0;
+};
+Step step_from(const Family& family, const Hamiltonian& H, const VectorXd& z, double h) {
+  const auto scheme = family.make(H, z);
+  REQUIRE(scheme->advance(h, 0.0) == Status::success);
+  const double energy = scheme->discrete_energy();
+  scheme->accept();
+  return {state_of(*scheme), energy};
+}
+
+VectorXd orbit(const Family& family, const Hamiltonian& H, const VectorXd& z, double h, int steps) {
+  const auto scheme = family.make(H, z);
+  for (int k = 0; k < steps; ++k) {
+    REQUIRE(scheme->advance(h, 0.0) == Status::success);
+    scheme->accept();
+  }
+  return state_of(*scheme);
+}
+
+/// Central differences of a function of z, column by column.
+MatrixXd jacobian(const std::function<VectorXd(const VectorXd&)>& function, const VectorXd& z, double width) {
+  MatrixXd result(function(z).size(), z.size());
+  for (Eigen::Index i = 0; i < z.size(); ++i) {
+    VectorXd up = z, down = z;
+    up[i] += width;
+    down[i] -= width;
+    result.col(i) = (function(up) - function(down)) / (2 * width);
+  }
+  return result;
+}
+
+}  // namespace
+
+TEST_CASE("the tableau of Gauss is symplectic and of order 2m") {
+  for (int m = 1; m <= GaussTableau::most_stages; ++m) {
+    const GaussTableau tableau(m);
+    for (int i = 0; i < m; ++i) {
+      for (int j = 0; j < m; ++j) {
+        CHECK(std::abs(tableau.b[i] * tableau.a(i, j) + tableau.b[j] * tableau.a(j, i) - tableau.b[i] * tableau.b[j]) <
+              epsilon);
+        CHECK(tableau.a_short(i, j) + tableau.a_rest(i, j) == tableau.a(i, j));
+      }
+    }
+    for (int k = 1; k <= 2 * m; ++k) {
+      CHECK(std::abs(tableau.b.dot(tableau.c.array().pow(k - 1).matrix()) - 1.0 / k) < 4 * epsilon);
+    }
+    CHECK(std::abs(tableau.b.dot(tableau.c.array().pow(2 * m).matrix()) - 1.0 / (2 * m + 1)) > 100 * epsilon);  // twin
+  }
+  CHECK_THROWS_WITH(GaussTableau(9), Catch::Matchers::Contains("between 1 and 8; got 9"));
+  CHECK_THROWS_WITH(GaussTableau(0), Catch::Matchers::Contains("got 0"));
+}
+
+TEST_CASE("orders of Gauss collocation and of the splittings on nonlinear problems") {
+  for (const Family& family : families()) {
+    if (family.order > 8) {
+      continue;  // rounding is reached before three points show the order
+    }
+    const Hamiltonian H = family.separable_only ? henon_heiles() : not_separable();
+    VectorXd z(static_cast<Eigen::Index>(2 * H.degrees_of_freedom()));
+    z.setLinSpaced(0.3, 0.5);
+    const double T = 2.4;
+    const auto exact = [&] {
+      return orbit({"", [](const Hamiltonian& h, const VectorXd& at) { return make_gauss_scheme(h, 8, span_of(at)); }},
+                   H, z, T / 96, 96);
+    }();
+    // Three halvings above rounding; the coarsest where the order shows to a tenth or so.
+    const int coarsest = family.order <= 2 ? 24 : family.order <= 4 ? 12 : 6;
+    std::vector<double> errors;
+    for (int steps = coarsest; steps <= 4 * coarsest; steps *= 2) {
+      errors.push_back((orbit(family, H, z, T / steps, steps) - exact).norm());
+    }
+    INFO(family.name << ": errors " << errors[0] << ", " << errors[1] << ", " << errors[2]);
+    REQUIRE(errors.back() > 1e-14);
+    for (std::size_t i = 1; i < errors.size(); ++i) {
+      const double slope = std::log2(errors[i - 1] / errors[i]);
+      CHECK(slope > family.order - 0.5);
+      CHECK(slope < family.order + 1.0);
+    }
+  }
+}
+
+TEST_CASE("the discrete energy of a family is the Hamiltonian that generates it in h") {
+  // ∂_hψ_h(z) = J∇K_h at ψ_h(z) (theory, section 8). Families here are symmetric: ψ_h⁻¹ = ψ_{-h}, so K_h(y) is E of the
+  // step that ends in y. Central differences of width 1e-4 of functions with derivatives of order 1: 1e-8.
+  constexpr double width = 1e-4;
+  constexpr double tolerance = 3e-8;
+  for (const Family& family : families()) {
+    const Hamiltonian H = family.separable_only ? henon_heiles() : not_separable();
+    const auto size = static_cast<Eigen::Index>(2 * H.degrees_of_freedom());
+    VectorXd z(size);
+    z.setLinSpaced(0.3, 0.5);
+    const double h = 0.3;
+    const VectorXd end = step_from(family, H, z, h).z;
+    const VectorXd velocity =
+        (step_from(family, H, z, h + width).z - step_from(family, H, z, h - width).z) / (2 * width);
+    const auto K = [&](const VectorXd& y) {
+      return VectorXd::Constant(1, step_from(family, H, step_from(family, H, y, -h).z, h).energy);
+    };
+    HamiltonianEvaluator evaluator(H);
+    const auto plain = [&](const VectorXd& y) { return VectorXd::Constant(1, evaluator.value(y.data())); };
+    const auto field = [&](const std::function<VectorXd(const VectorXd&)>& energy) {
+      const VectorXd gradient = jacobian(energy, end, width).row(0).transpose();
+      VectorXd result(size);
+      result << gradient.tail(size / 2), -gradient.head(size / 2);
+      return result;
+    };
+    INFO(family.name);
+    CHECK((velocity - field(K)).norm() < tolerance);
+    if (family.order <= 4) {
+      CHECK((velocity - field(plain)).norm() > 10 * tolerance);  // the twin: H does not generate it
+    }
+  }
+}
+
+TEST_CASE("steps of a family with the length from its discrete energy preserve dp^dq at fixed E") {
+  // The length is a root that rounding moves by ε|E|/|dE/dh|, 1e-13 to 1e-12 here; over the width of the differences
+  // that is 1e-6 of the largest entries of T. Their truncation is below: width² times third derivatives.
+  constexpr double width = 1e-6;
+  constexpr double tolerance = 1e-5;
+  for (const Family& family : families()) {
+    if (family.order > 4) {
+      continue;  // the slope of K is below what differences resolve
+    }
+    const Hamiltonian H = family.separable_only ? henon_heiles() : not_separable();
+    const auto size = static_cast<Eigen::Index>(2 * H.degrees_of_freedom());
+    VectorXd z(size);
+    z.setLinSpaced(0.3, 0.5);
+    const double h_0 = family.order == 2 ? 0.3 : 0.6;
+    // The twin's energy differs by a function of the state; one of h alone would do no harm (theory, section 9).
+    const auto map_with = [&](double wrong) {
+      const auto energy = [&, wrong](const VectorXd& at, double h) {
+        const Step step = step_from(family, H, at, h);
+        return step.energy + wrong * h * step.z[0];
+      };
+      const double E = energy(z, h_0);
+      return [&, energy, E](const VectorXd& at) {
+        double last = h_0, last_miss = energy(at, last) - E;
+        double h = h_0 * (1.0 + 1e-4);
+        for (int i = 0; i < 50; ++i) {
+          const double miss = energy(at, h) - E;
+          if (miss == last_miss || std::abs(h - last) < 1e-15) {
+            break;
+          }
+          const double next = h - miss * (h - last) / (miss - last_miss);
+          last = h, last_miss = miss, h = next;
+        }
+        return step_from(family, H, at, h).z;
+      };
+    };
+    const MatrixXd W = canonical_two_form(H.degrees_of_freedom());
+    const auto defect = [&](double wrong) {
+      const MatrixXd T = jacobian(map_with(wrong), z, width);
+      return (T.transpose() * W * T - W).norm() / T.squaredNorm();
+    };
+    INFO(family.name);
+    CHECK(defect(0.0) < tolerance);
+    CHECK(defect(0.1) > 100 * tolerance);
+  }
+}
+
+TEST_CASE("the generating function of Gauss's step has its discrete energy and its own derivatives") {
+  const Hamiltonian H = henon_heiles();
+  for (int stages = 1; stages <= GaussTableau::most_stages; ++stages) {
+    VectorXd z(4);
+    z << 0.1, 0.2, 0.3, 0.1;
+    const double h = 0.3;
+    const Family gauss{
+        "", [stages](const Hamiltonian& g, const VectorXd& at) { return make_gauss_scheme(g, stages, span_of(at)); }};
+    const Step step = step_from(gauss, H, z, h);
+    GaussFunction function(H, stages);
+    VectorXd w = 0.5 * (z + step.z);
+    REQUIRE(function.expand(span_of(w), h) == Status::success);
+    CHECK(std::abs(function.rate() + step.energy) < 16 * epsilon);
+    VectorXd J_delta(4);
+    J_delta << (step.z - z).tail(2), -(step.z - z).head(2);
+    CHECK((function.gradient() - J_delta).norm() < 16 * epsilon);
+
+    // Differences of width 1e-5: truncation and rounding below 1e-9.
+    const double d = 1e-5;
+    double second_rate = 0.0;
+    VectorXd gradient_rate;
+    MatrixXd hessian;
+    function.second_variation(second_rate, gradient_rate, hessian);
+    const VectorXd gradient = function.gradient();
+    const double rate = function.rate();
+    const auto at = [&](const VectorXd& place, double length) {
+      REQUIRE(function.expand(span_of(place), length) == Status::success);
+      VectorXd all(6);
+      all << function.value(), function.rate(), function.gradient();
+      return all;
+    };
+    const VectorXd by_h = (at(w, h + d) - at(w, h - d)) / (2 * d);
+    CHECK(std::abs(by_h[0] - rate) < 1e-9);
+    CHECK(std::abs(by_h[1] - second_rate) < 1e-9);
+    CHECK((by_h.tail(4) - gradient_rate).norm() < 1e-9);
+    const MatrixXd by_w = jacobian([&](const VectorXd& place) { return at(place, h); }, w, d);
+    CHECK((by_w.row(0).transpose() - gradient).norm() < 1e-9);
+    CHECK((by_w.row(1).transpose() - gradient_rate).norm() < 1e-9);
+    CHECK((by_w.bottomRows(4) - hessian).norm() < 1e-9);
+    CHECK((by_w.bottomRows(4) + hessian).norm() > 1e-3);  // a twin
+  }
+}
+
+TEST_CASE("with variable levels the discrete energy of every family that keeps a sign is one number") {
+  VectorXd z(4);
+  z << 0.1, 0.2, 0.3, 0.1;
+  const Hamiltonian H = henon_heiles();
+  for (const Family& family : families()) {
+    if (family.name != "golden" && family.name != "gauss 1" && family.name != "gauss 2" && family.name != "gauss 3") {
+      continue;  // on this orbit the others' step laws change their sign, or their terms are below rounding
+    }
+    const auto scheme = family.make(H, z);
+    TimeLevels levels(*scheme, {.on_singular = OnSingular::stop}, 0.0, 0.2);
+    double least = INFINITY, greatest = -INFINITY, shortest = INFINITY, longest = 0.0;
+    while (levels.time() < 100.0) {
+      const StepReport report = levels.step();
+      INFO(family.name << " at t = " << levels.time());
+      REQUIRE(report.status == Status::success);
+      least = std::min(least, report.energy);
+      greatest = std::max(greatest, report.energy);
+      shortest = std::min(shortest, report.h);
+      longest = std::max(longest, report.h);
+    }
+    INFO(family.name);
+    CHECK(greatest - least <= 1e-13 * levels.energy_scale() * 2);
+    CHECK(longest > 1.01 * shortest);  // it is the levels that keep it
+  }
+}
+
+TEST_CASE("the golden splitting crosses the zeros of its Gamma by bridges") {
+  VectorXd z(2);
+  z << 0.0, 2.2;
+  const Hamiltonian H({"q"}, {"p"}, "p^2/2 - cos(q)");
+  const auto scheme = make_splitting_scheme(H, composition("golden"), span_of(z));
+  TimeLevels levels(*scheme, {}, 0.0, 0.05);
+  int bridged = 0, steps = 0;
+  double deviation = 0.0;
+  HamiltonianEvaluator evaluator(H);
+  const double start = evaluator.value(z.data());
+  while (levels.time() < 300.0) {
+    const StepReport report = levels.step();
+    REQUIRE(report.status == Status::success);
+    bridged += report.bridged;
+    ++steps;
+    deviation = std::max(deviation, std::abs(evaluator.value(scheme->state().data()) - start));
+  }
+  // Γ changes its sign twice a turn, one bridging step each; the node energy's amplitude is (7-3√5)/16 h²Γ of the first
+  // step, 1.2e-4, times what |Γ| grows to, less than four.
+  CHECK(bridged > 100);
+  CHECK(bridged < steps / 20);
+  CHECK(deviation < 5e-4);
+}
+
+TEST_CASE("a family's run goes on bit for bit from its saved state, and a trial that is not taken leaves no trace") {
+  VectorXd z(4);
+  z << 0.1, 0.2, 0.3, 0.1;
+  const Hamiltonian H = henon_heiles();
+  for (const Family& family : families()) {
+    const auto whole = family.make(H, z);
+    const auto again = family.make(H, z);
+    StateWriter saved;
+    for (int k = 0; k < 20; ++k) {
+      REQUIRE(whole->advance(0.2, 0.0) == Status::success);
+      whole->accept();
+      if (k == 9) {
+        whole->save(saved);
+      }
+    }
+    StateReader reader(saved.values());
+    again->restore(reader);
+    CHECK(reader.done());
+    for (int k = 10; k < 20; ++k) {
+      REQUIRE(again->advance(0.2, 0.0) == Status::success);
+      again->accept();
+    }
+    INFO(family.name);
+    CHECK(state_of(*whole) == state_of(*again));
+  }
+}
+
+TEST_CASE("the slope of a family's discrete energy is its derivative to leading order") {
+  VectorXd z(4);
+  z << 0.1, 0.2, 0.3, 0.1;
+  const Hamiltonian H = henon_heiles();
+  for (const Family& family : families()) {
+    if (family.order > 6) {
+      continue;
+    }
+    const double h = family.order == 2 ? 0.1 : 0.4, width = 1e-3 * h;
+    const auto scheme = family.make(H, z);
+    REQUIRE(scheme->advance(h, 0.0) == Status::success);
+    const double slope = scheme->discrete_energy_slope();
+    const double difference =
+        (step_from(family, H, z, h + width).energy - step_from(family, H, z, h - width).energy) / (2 * width);
+    INFO(family.name << ": " << slope << ", " << difference);
+    CHECK(std::abs(slope / difference - 1.0) < 0.3);
+  }
+}
+
+TEST_CASE("a splitting names the term that mixes coordinates and momenta") {
+  VectorXd z(2);
+  z << 0.3, 0.4;
+  CHECK(separate(henon_heiles()).separable());
+  CHECK(separate(Hamiltonian({"q"}, {"p"}, "(p^2 - 2*cos(q))/2 - (3 - exp(p))*2")).separable());
+  const Hamiltonian mixed({"q"}, {"p"}, "p^2/2 + q*p + q^2");
+  CHECK(separate(mixed).mixed == "q*p");
+  CHECK_THROWS_WITH(make_splitting_scheme(mixed, composition("golden"), span_of(z)), Catch::Matchers::Contains("q*p"));
+  CHECK_THROWS_WITH(composition("ruth-3"), Catch::Matchers::Contains("kahan-li-8"));
+}
