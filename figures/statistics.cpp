@@ -35,7 +35,7 @@ ResidualFigures ResidualFigures::of(const Spread& magnitudes) {
 }
 
 Spread ResidualFigures::magnitudes() const {
-  return Spread::of_magnitudes(max, defined > 0.0 ? rms * rms * defined : 0.0, defined, undefined);
+  return Spread::of_magnitudes_with_rms(max, defined > 0.0 ? rms : 0.0, defined, undefined);
 }
 
 void Statistics::name(const std::vector<std::string>& invariant_names, const std::vector<std::string>& total_names,

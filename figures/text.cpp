@@ -98,8 +98,9 @@ std::string deviation_text(const Deviation& deviation) {
 /// A deviation of energy, relative where that says something.
 std::string energy_deviation_text(const Statistics& statistics, double deviation) {
   const auto relative = statistics.relative(deviation);
-  return relative ? fmt::format("relative deviation {:.2g}", *relative)
-                  : fmt::format("deviation {:.2g} (absolute: the energies are 0 to rounding)", deviation);
+  return relative
+             ? fmt::format("relative deviation {:.2g}", *relative)
+             : fmt::format("deviation {:.2g} (absolute: rounding leaves the energies at most two digits)", deviation);
 }
 
 std::string energy_text(const Statistics& statistics) {

@@ -125,20 +125,18 @@ inline double max_abs(std::span<const double> values) {
 inline double dot(std::span<const double> a, std::span<const double> b) {
   return sum_of(a.size(), [p = a.data(), q = b.data()](std::size_t i) { return p[i] * q[i]; });
 }
-/// The magnitudes |v_i|. Values that are not finite are rare: they are looked for only where Σ v_i² says that there are
-/// any.
+/// The magnitudes |v_i|. Values that are not finite, or whose squares are not, are rare: they are looked for only where
+/// Σ v_i² says that there are any.
 inline Spread magnitudes(std::span<const double> values) {
   const double squares = dot(values, values);
   if (std::isfinite(squares)) {
     return Spread::of_magnitudes(max_abs(values), squares, static_cast<double>(values.size()), 0.0);
   }
-  Spread defined;
-  CompensatedSum sum;
+  Spread spread;
   for (const double value : values) {
-    defined.add(std::abs(value));
-    sum.add(std::isfinite(value) ? value * value : 0.0);
+    spread.add(std::isfinite(value) ? std::abs(value) : value);
   }
-  return Spread::of_magnitudes(defined.largest(), sum.value(), defined.defined, defined.undefined);
+  return spread;
 }
 /// sqrt(Σ v_i² / n).
 inline double rms(std::span<const double> values) {

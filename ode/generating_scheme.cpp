@@ -110,7 +110,7 @@ public:
       estimate_ = displacement_error + tangent_error_ + first;
       previous = size;
       const double rate = std::min(1.0, rate_margin * surprise_ * estimate_);
-      const auto verdict = test.judge(size);
+      const auto verdict = test.judge(size, relative_size(residual_));
       if (verdict == StagnationTest::Verdict::done || rate * size <= 0.25 * epsilon ||
           (verdict == StagnationTest::Verdict::stalled && residual_is_rounding(h))) {
         return finish(h);

@@ -179,25 +179,34 @@ public:
     done,
     again,
     slow,     ///< they shrink too slowly: take another matrix
-    stalled,  ///< they no longer shrink, at a size that rounding may explain or not
+    stalled,  ///< they no longer shrink, or shrink without mending, at a size that rounding may explain or not
   };
 
   /// \param accuracy relative size of the last correction at which to stop; 0 asks for stagnation
   explicit StagnationTest(double accuracy)
-      : accuracy_(std::max(accuracy, 0.5 * std::numeric_limits<double>::epsilon())) {}
+      : accuracy_(std::max(accuracy, 0.5 * std::numeric_limits<double>::epsilon())), to_stagnation_(accuracy == 0.0) {}
 
-  Verdict judge(double size) {
-    const bool smaller = size < 0.5 * previous_;
-    const bool slow = size > poor_contraction * previous_;
-    previous_ = size;
+  /// \param size of the correction, relative
+  /// \param residual that it was made from, relative
+  Verdict judge(double size, double residual) {
+    const bool smaller = size < 0.5 * size_;
+    const bool slow = size > poor_contraction * size_;
+    // A matrix from where H changes very fast makes every residual look small: corrections shrink, and what they are to
+    // mend does not.
+    const bool mended = !smaller || std::isinf(size_) || residual < 0.5 * residual_;
+    size_ = size;
+    residual_ = residual;
     if (size <= accuracy_ || (!smaller && size <= certain_rounding)) {
-      return Verdict::done;
+      const bool certain = residual <= std::max(accuracy_, certain_rounding) || !to_stagnation_;
+      return certain ? Verdict::done : Verdict::stalled;
     }
     if (size < rounding_region) {
-      return smaller ? Verdict::again : Verdict::stalled;
+      return smaller && mended ? Verdict::again : Verdict::stalled;
     }
     return slow ? Verdict::slow : Verdict::again;
   }
+  /// Of an iteration whose corrections are its residuals.
+  Verdict judge(double size) { return judge(size, size); }
 
 private:
   /// Relative size of a correction that is nothing but rounding if no smaller one follows.
@@ -207,7 +216,8 @@ private:
   /// A correction that shrinks less than this asks for a new matrix.
   static constexpr double poor_contraction = 0.1;
   double accuracy_;
-  double previous_ = std::numeric_limits<double>::infinity();
+  bool to_stagnation_;
+  double size_ = std::numeric_limits<double>::infinity(), residual_ = std::numeric_limits<double>::infinity();
 };
 
 }  // namespace rubato

@@ -70,6 +70,7 @@ public:
       ++iterations_;
       apply_j(gradient_, f_);
       correction_ = h * f_ - delta_;
+      const double residual = history_.relative_size(correction_, delta_, z_.value());
       factors_.solve(correction_.data());
       delta_ += correction_;
       const double size = history_.relative_size(correction_, delta_, z_.value());
@@ -77,7 +78,7 @@ public:
         factored_ = false;
         return Status::undefined;
       }
-      const auto verdict = test.judge(size);
+      const auto verdict = test.judge(size, residual);
       if (verdict == StagnationTest::Verdict::done ||
           (verdict == StagnationTest::Verdict::stalled && residual_is_rounding(h))) {
         energy_ += 0.5 * gradient_.dot(correction_);  // to first order, at the corrected midpoint

@@ -84,6 +84,7 @@ public:
       action_->gradient(corners_, gradient_);
       ++iterations_;
       correction_ = -(gradient_.segment(first_value(0), size_) + momentum_);
+      const double residual = history_.relative_size(correction_, delta_, z_.value());
       factors_.solve(correction_.data());
       delta_ += correction_;
       const double size = history_.relative_size(correction_, delta_, z_.value());
@@ -91,7 +92,7 @@ public:
         factored_ = false;
         return Status::undefined;
       }
-      const auto verdict = test.judge(size);
+      const auto verdict = test.judge(size, residual);
       stalls += verdict == StagnationTest::Verdict::stalled ? 1 : 0;
       if (verdict == StagnationTest::Verdict::done || stalls == rounding_stalls) {
         // E at the corrected point, to first order; its total derivative follows dz_1/dh along the solved step.

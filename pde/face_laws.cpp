@@ -40,9 +40,10 @@ struct FaceOperators : LawTables {
   FaceGather gather;
   std::vector<std::unique_ptr<Workspace>> workspaces;
   grids::FieldSet middle, rate;
-  std::unique_ptr<grids::SpectralDerivative> spectral;           ///< at nodes only
-  std::vector<grids::FieldSet> derivatives;                      ///< along each axis, of the fields in use
-  std::vector<std::vector<double>> maxima, squares, undefineds;  ///< [law][block]
+  std::unique_ptr<grids::SpectralDerivative> spectral;  ///< at nodes only
+  std::vector<grids::FieldSet> derivatives;             ///< along each axis, of the fields in use
+  std::vector<std::vector<Spread>> sizes;               ///< [law][block]: of residuals
+  std::vector<std::vector<double>> sums;                ///< [law][block]: of densities
 
   FaceOperators(LawTables tables, Placement placement)
       : LawTables(std::move(tables)), blocks(grid), gather(grid), middle(d, grid.size()), rate(d, grid.size()) {
@@ -50,9 +51,8 @@ struct FaceOperators : LawTables {
       spectral = std::make_unique<grids::SpectralDerivative>(grid);
       derivatives.assign(static_cast<std::size_t>(grid.dimensions()), grids::FieldSet(d, grid.size()));
     }
-    maxima.assign(names.size(), std::vector<double>(blocks.count()));
-    squares = maxima;
-    undefineds = maxima;
+    sizes.assign(names.size(), std::vector<Spread>(blocks.count()));
+    sums.assign(names.size(), std::vector<double>(blocks.count()));
   }
 
   void prepare_workspaces() {
@@ -266,36 +266,27 @@ struct FaceOperators : LawTables {
   void measure(std::size_t law, std::size_t block, const double* values, std::size_t count) {
     double max = 0.0;
     double sum = 0.0;
-    double undefined = 0.0;
     for (std::size_t c = 0; c < count; ++c) {
       const double size = std::abs(values[c]);
       max = size > max ? size : max;
       sum += values[c] * values[c];
     }
-    if (!std::isfinite(sum)) {  // where a value is not: count these, and leave them out
-      Spread defined;
-      for (std::size_t c = 0; c < count; ++c) {
-        defined.add(values[c]);
-      }
-      max = defined.largest();
-      sum = defined.squares;
-      undefined = defined.undefined;
+    if (std::isfinite(sum)) {
+      sizes[law][block] = Spread::of_magnitudes(max, sum, static_cast<double>(count), 0.0);
+    } else {  // a value, or its square, is not
+      sizes[law][block] = grids::magnitudes({values, count});
     }
-    maxima[law][block] = max;
-    squares[law][block] = sum;
-    undefineds[law][block] = undefined;
   }
 
   [[nodiscard]] Spread size_of(std::size_t law) const {
-    CompensatedSum sum;
-    double max = 0.0;
-    double undefined = 0.0;
+    Spread size;
+    CompensatedSum squares;
     for (std::size_t b = 0; b < blocks.count(); ++b) {
-      sum.add(squares[law][b]);
-      max = std::max(max, maxima[law][b]);
-      undefined += undefineds[law][b];
+      size.add(sizes[law][b]);
+      squares.add(sizes[law][b].squares);
     }
-    return Spread::of_magnitudes(max, sum.value(), static_cast<double>(grid.size()) - undefined, undefined);
+    size.squares = squares.value();
+    return size;
   }
 };
 
@@ -373,13 +364,13 @@ std::vector<double> FaceLaws::totals(const LatticeLevel& level) {
           for (std::size_t c = 0; c < count; ++c) {
             sum.add(work.faces.currents[l][c]);
           }
-          s.squares[l][block] = sum.value();
+          s.sums[l][block] = sum.value();
         }
       });
   std::vector<double> totals;
   for (std::size_t l = 0; l < laws; ++l) {
     CompensatedSum sum;
-    for (const double part : s.squares[l]) {
+    for (const double part : s.sums[l]) {
       sum.add(part);
     }
     totals.push_back(s.grid.cell_volume() * sum.value());

@@ -103,7 +103,10 @@ void check_state(const record::Reader& reader, const StoredLevels& levels, const
     // Bits may differ between machines whose elementary functions round differently.
     findings.compare(
         path, last, {}, stored, expected,
-        [&] { return Rounding::unit * std::max(std::abs(expected), chronicle.statistics().energy_scale()); },
+        [&] {
+          return Rounding::unit *
+                 std::max({std::abs(expected), chronicle.statistics().energy_scale(), simulation.energy_terms()});
+        },
         "the level of the checkpoint");
   };
   findings.same("/levels/t", last, {}, levels.t.back(), simulation.t(), "the level of the checkpoint");

@@ -1,8 +1,11 @@
 #pragma once
 
+#include <algorithm>
 #include <bit>
 #include <cmath>
 #include <cstdint>
+#include <initializer_list>
+#include <limits>
 #include <map>
 #include <string>
 #include <string_view>
@@ -68,50 +71,78 @@ private:
 };
 
 /// What rounding makes of a function of many numbers, where all that is known is the function. Each input is off by a
-/// few units in the last place of its scale, in a direction of its own: the function is evaluated at inputs displaced
-/// by 2^-26 of their scales with random signs, and its changes are scaled down to `roundings` units. Of four
-/// displacements two move the two levels of a step together, as far as sums are concerned, and two against each other.
+/// few units in the last place of its scale. Of few inputs each is displaced alone by 2^-26 of its scale and the
+/// changes of the function are added up, which bounds what all of them together can do. Of many all are displaced at
+/// once with random signs: those of a number at two or three levels go together in some attempts and against each other
+/// in the others, so that neither a sum, nor a difference, nor the difference of differences goes unseen. The changes
+/// are scaled down to `roundings` units.
 class Rounding {
 public:
   static constexpr double displacement = 1.0 / (1 << 26);
   static constexpr int displacements = 4;
+  /// More inputs than this are displaced at once.
+  static constexpr std::size_t few = 48;
   /// The step is solved until corrections stagnate, which leaves it a few units off; evaluating it another way leaves
-  /// another few; and a sum of four random displacements may be four times less than the worst.
+  /// another few; and a formula may round numbers between that are larger than what is displaced here tells.
   static constexpr double roundings = 64.0;
   static constexpr double unit = roundings * std::numeric_limits<double>::epsilon();
 
-  /// +1 or -1, at random, the same everywhere; for one number at the two levels of a step the same in even attempts,
-  /// and opposite in odd ones.
-  [[nodiscard]] static double sign(int attempt, std::uint64_t input, bool after) {
+  /// +1 or -1, at random, the same everywhere; for one number at several levels of consecutive steps (0, 1, 2) the same
+  /// but for one of the levels, another in each attempt after the first.
+  [[nodiscard]] static double sign(int attempt, std::uint64_t input, int level) {
+    const int against = attempt == displacements - 1 ? 0 : attempt;
     std::uint64_t word =
         static_cast<std::uint64_t>(attempt + 1) * 0x9E3779B97F4A7C15 ^ (input + 1) * 0xBF58476D1CE4E5B9;
     word ^= word >> 31;
     word *= 0x94D049BB133111EB;
-    return ((word >> 63) != 0) == (after && attempt % 2 != 0) ? -1.0 : 1.0;
+    return ((word >> 63) != 0) == (attempt > 0 && level == against) ? -1.0 : 1.0;
   }
 
-  /// The tolerances of all outputs. `evaluate(inputs, outputs)`; of an input with scale 0 nothing is displaced.
+  /// The tolerances of all outputs. `evaluate(inputs, outputs)`; the inputs are equal shares of numbers of `levels`,
+  /// the same numbers in the same order. Of an input with scale 0 nothing is displaced.
   template <typename Evaluate>
-  [[nodiscard]] static std::vector<double> tolerances(std::vector<double> inputs, const std::vector<double>& scales,
-                                                      std::size_t outputs, Evaluate&& evaluate) {
-    std::vector<double> sound(outputs), moved(outputs), result(outputs, 0.0);
-    evaluate(inputs, sound);
-    const std::vector<double> exact = inputs;
-    const std::size_t half = (inputs.size() + 1) / 2;  // of a step: the level before
-    for (int attempt = 0; attempt < displacements; ++attempt) {
-      for (std::size_t i = 0; i < inputs.size(); ++i) {
-        inputs[i] = exact[i] + sign(attempt, i % half, i >= half) * displacement * scales[i];
-      }
-      evaluate(inputs, moved);
+  [[nodiscard]] static std::vector<double> tolerances(const std::vector<double>& inputs,
+                                                      const std::vector<double>& scales,
+                                                      std::initializer_list<int> levels, std::size_t outputs,
+                                                      Evaluate&& evaluate) {
+    std::vector<double> sound(outputs), moved(outputs), changes(outputs, 0.0), at = inputs;
+    evaluate(at, sound);
+    const std::size_t share = inputs.size() / levels.size();
+    const auto level_of = [&](std::size_t i) { return levels.begin()[i / share]; };
+    const auto each_change = [&](auto&& use) {
+      evaluate(at, moved);
       for (std::size_t j = 0; j < outputs; ++j) {
-        const double change = std::abs(moved[j] - sound[j]) / displacement;
-        result[j] = change > result[j] ? change : result[j];
+        use(changes[j], std::abs(moved[j] - sound[j]) / displacement);
+      }
+      at = inputs;
+    };
+    if (inputs.size() <= few) {
+      const int last = *std::ranges::max_element(levels);
+      for (std::size_t number = 0; number < share; ++number) {
+        for (int level = 0; level <= last; ++level) {
+          bool any = false;
+          for (std::size_t i = number; i < inputs.size(); i += share) {
+            const double size = level_of(i) == level ? displacement * scales[i] : 0.0;
+            at[i] += size;
+            any = any || size > 0.0;
+          }
+          if (any) {
+            each_change([](double& sum, double change) { sum += std::isfinite(change) ? change : 0.0; });
+          }
+        }
+      }
+    } else {
+      for (int attempt = 0; attempt < displacements; ++attempt) {
+        for (std::size_t i = 0; i < inputs.size(); ++i) {
+          at[i] += sign(attempt, i % share, level_of(i)) * displacement * scales[i];
+        }
+        each_change([](double& largest, double change) { largest = change > largest ? change : largest; });
       }
     }
     for (std::size_t j = 0; j < outputs; ++j) {
-      result[j] = unit * (result[j] + std::abs(sound[j]));
+      changes[j] = unit * (changes[j] + std::abs(sound[j]));
     }
-    return result;
+    return changes;
   }
 };
 

@@ -259,14 +259,14 @@ private:
   }
 
   /// Fields displaced as Rounding says, by the largest magnitude of each so far.
-  void displace(const LatticeLevel& level, int attempt, bool after, LatticeLevel& moved) const {
+  void displace(const LatticeLevel& state, int attempt, int level, LatticeLevel& moved) const {
     std::uint64_t number = 0;
     for (int f = 0; f < system_.field_count(); ++f) {
       const double size = Rounding::displacement * largest_[static_cast<std::size_t>(f)];
-      const auto from = level.fields.field(f);
+      const auto from = state.fields.field(f);
       const auto to = moved.fields.field(f);
       for (std::size_t i = 0; i < to.size(); ++i) {
-        to[i] = from[i] + Rounding::sign(attempt, ++number, after) * size;
+        to[i] = from[i] + Rounding::sign(attempt, ++number, level) * size;
       }
     }
   }
@@ -277,8 +277,8 @@ private:
     const std::vector<double> sound = evaluate(before_, after_);
     std::vector<double> result(sound.size(), 0.0);
     for (int attempt = 0; attempt < Rounding::displacements; ++attempt) {
-      displace(before_, attempt, false, moved_before_);
-      displace(after_, attempt, true, moved_after_);
+      displace(before_, attempt, 0, moved_before_);
+      displace(after_, attempt, 1, moved_after_);
       const std::vector<double> moved = evaluate(moved_before_, moved_after_);
       for (std::size_t i = 0; i < result.size(); ++i) {
         const double change = std::abs(moved[i] - sound[i]) / Rounding::displacement;

@@ -290,8 +290,8 @@ private:
     // Where most of them are flat any h keeps the energy: H is linear, or the order so high that its errors vanish.
     if (2 * causes().flat() > causes().steps()) {
       return fmt::format(
-          "Gamma is 0 to rounding on {}: there the discrete energy is the same whatever h is, and h was left as it "
-          "was; larger steps, a lower order or levels = \"fixed\" may suit this problem better",
+          "on {} the discrete energy is the same to rounding whatever h is: h was left as it was there; larger steps, "
+          "a lower order or levels = \"fixed\" may suit this problem better",
           count);
     }
     if (causes().starting() == causes().steps()) {

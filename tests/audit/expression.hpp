@@ -101,7 +101,18 @@ private:
     if (node.kind == Kind::add || node.kind == Kind::subtract) {
       return sum_of_magnitudes(*node.left, variables) + sum_of_magnitudes(*node.right, variables);
     }
-    return node.kind == Kind::number ? 0.0L : magnitude(evaluate(node, variables));
+    return node.kind == Kind::number ? 0.0L : magnitude_of(node, variables);
+  }
+  /// The same of a sum in a product; numbers count there.
+  template <typename T>
+  static long double magnitude_of(const Node& node, std::span<const T> variables) {
+    switch (node.kind) {
+      case Kind::add:
+      case Kind::subtract: return magnitude_of(*node.left, variables) + magnitude_of(*node.right, variables);
+      case Kind::multiply: return magnitude_of(*node.left, variables) * magnitude_of(*node.right, variables);
+      case Kind::divide: return magnitude_of(*node.left, variables) / magnitude(evaluate(*node.right, variables));
+      default: return magnitude(evaluate(node, variables));
+    }
   }
 
   template <typename T>

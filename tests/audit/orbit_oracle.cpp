@@ -1,6 +1,7 @@
 #include "audit/orbit_oracle.hpp"
 
 #include <algorithm>
+#include <cmath>
 
 namespace audit {
 
@@ -165,7 +166,13 @@ OrbitStep OrbitOracle::step(std::span<const double> z_0, std::span<const double>
   Bounded length = Bounded::stored(h);
   length.error += time_rounding;
   const bool generated = problem_.lagrangian == Lagrangian::midpoint || problem_.lagrangian == Lagrangian::generating;
-  return generated ? generated_step(stored(z_0), stored(z_1), length) : varied_step(stored(z_0), stored(z_1), length);
+  const Vector first = stored(z_0);
+  Vector second = stored(z_1);
+  for (std::size_t i = 0; i < second.size(); ++i) {
+    // A step is solved for z_1 - z_0, which is rounded, too, and may be longer than z_1.
+    second[i].error += unit_roundoff * std::abs(second[i].value - first[i].value);
+  }
+  return generated ? generated_step(first, second, length) : varied_step(first, second, length);
 }
 
 Bounded OrbitOracle::node_energy(std::span<const double> z) const {
@@ -174,7 +181,9 @@ Bounded OrbitOracle::node_energy(std::span<const double> z) const {
 
 long double OrbitOracle::scale(std::span<const double> z) const {
   const long double bare = node_energy(z).value - problem_.H.added_constant();
-  return std::max(std::abs(bare), 0.03L * problem_.H.sum_of_magnitudes(std::span<const Bounded>(stored(z))));
+  // A sparse record does not show the levels between, where the terms may be larger.
+  const long double part = problem_.every > 1 ? 1.0L : 0.03L;
+  return std::max(std::abs(bare), part * problem_.H.sum_of_magnitudes(std::span<const Bounded>(stored(z))));
 }
 
 std::optional<Bounded> OrbitOracle::gamma(std::span<const double> z) const {
