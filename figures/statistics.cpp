@@ -76,6 +76,7 @@ void Statistics::add_step(const StepFigures& step) {
     condition.add(step.condition);
   }
   rounding.add(step.rounding);
+  potential.add(step.potential);
   iterations.add(step.iterations);
   all_iterations += step.iterations;
 }
@@ -153,6 +154,7 @@ void Statistics::visit(Self& self, Visitor&& visitor) {
   visitor(self.bridge_steps);
   spread(self.condition);
   spread(self.rounding);
+  spread(self.potential);
   spread(self.iterations);
   visitor(self.all_iterations);
   visitor(self.energy_);

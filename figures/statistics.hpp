@@ -51,6 +51,7 @@ struct StepFigures {
   double target = std::numeric_limits<double>::quiet_NaN();
   double condition = std::numeric_limits<double>::quiet_NaN();  ///< not a number with fixed levels
   double rounding = 0.0;                                        ///< of E_k, absolute
+  double potential = 0.0;                                       ///< f'(h), the step potential's part of E_k
   double iterations = 0.0;
   bool bridged = false;
   bool crossing = false;
@@ -85,6 +86,7 @@ public:
   std::size_t bridge_steps = 0;
   Spread condition;  ///< of the steps that are no bridges
   Spread rounding;   ///< of E_k, absolute
+  Spread potential;  ///< f'(h), the step potential's part of E_k; 0 without one
   Spread iterations;
   double all_iterations = 0.0;
   std::vector<Named<Spread>> residuals;  ///< magnitudes over cells and steps

@@ -91,7 +91,8 @@ private:
            iterations = column("/levels/iterations", steps());
     std::optional<Column> target = optional_column("/levels/target", steps()),
                           crossing = optional_column("/levels/crossing", steps()),
-                          rounding = optional_column("/levels/rounding", steps());
+                          rounding = optional_column("/levels/rounding", steps()),
+                          potential = optional_column("/levels/step_potential", steps());
     bool was_bridged = false;
     for (std::size_t k = 0; k < steps(); ++k) {
       StepFigures step{.h = h.at(k),
@@ -101,6 +102,7 @@ private:
                        .bridged = bridged.at(k) != 0.0};
       step.crossing = crossing ? crossing->at(k) != 0.0 : step.bridged && !was_bridged;
       step.rounding = rounding ? rounding->at(k) : 0.0;
+      step.potential = potential ? potential->at(k) : 0.0;
       if (target) {
         step.target = target->at(k);
       } else if (statistics_.has_law()) {

@@ -176,6 +176,9 @@ void add_figures(JsonObject& object, const Statistics& statistics) {
     object.object("h", range(statistics.h));
     object.object("discrete_energy", energy_json(statistics));
   }
+  if (statistics.potential.largest() > 0.0) {
+    object.object("step_potential", range(statistics.potential));
+  }
   object.object("node_energy", json(statistics.node_energy));
   if (statistics.variable_levels()) {
     object.object("bridges", bridges_json(statistics));
@@ -209,6 +212,10 @@ std::vector<Line> lines_of(const Statistics& statistics) {
   if (statistics.steps > 0) {
     add("h", fmt::format("{:.6g} to {:.6g}", statistics.h.min, statistics.h.max), "step length", headline);
     add("discrete energy", energy_text(statistics), "E_k, which the law keeps", headline);
+  }
+  if (statistics.potential.largest() > 0.0) {
+    add("step potential", fmt::format("{:.3g} to {:.3g} of it", statistics.potential.min, statistics.potential.max),
+        "f'(h), contained in the discrete energy", headline);
   }
   add("node energy H(z_k)", deviation_text(statistics.node_energy), "at the levels", headline);
   if (has_gamma(statistics)) {

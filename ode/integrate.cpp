@@ -170,7 +170,7 @@ OrbitIntegrator::OrbitIntegrator(const Hamiltonian& hamiltonian, const InitialSt
   check_stability(initial, options);
   auto [scheme, energy_constant] = make_scheme(hamiltonian, initial, options);
   scheme_ = std::move(scheme);
-  if (options.levels == Levels::variable) {
+  if (options.levels == Levels::variable && options.potential.kind == StepPotentialChoice::Kind::none) {
     HamiltonianEvaluator evaluator(hamiltonian.without_constant());
     std::vector<double> gradient(scheme_->dimension());
     evaluator.gradient(scheme_->state().data(), gradient.data());
@@ -193,7 +193,8 @@ OrbitIntegrator::OrbitIntegrator(const Hamiltonian& hamiltonian, const InitialSt
                                                       .on_singular = options.on_singular,
                                                       .bridge = options.bridge,
                                                       .tolerance = options.tolerance,
-                                                      .energy_constant = energy_constant},
+                                                      .energy_constant = energy_constant,
+                                                      .potential = options.potential},
                                          initial.t, options.step);
 }
 

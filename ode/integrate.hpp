@@ -61,7 +61,8 @@ struct IntegrationOptions {
   Levels levels = Levels::variable;
   OnSingular on_singular = OnSingular::bridge;
   BridgeRule bridge = BridgeRule::anchored;
-  double tolerance = 1e-13;  ///< of the level equation, relative
+  StepPotentialChoice potential = {};  ///< that makes levels exist everywhere, in place of bridges
+  double tolerance = 1e-13;            ///< of the level equation, relative
   std::size_t max_steps = 100'000'000;
   /// A second node z_1 at its own t: the two-step form from an arbitrary pair, instead of a midpoint step for z_1.
   std::optional<InitialState> next = std::nullopt;

@@ -63,7 +63,8 @@ LatticeIntegrator::LatticeIntegrator(const MultisymplecticSystem& system, const 
                                                         .on_singular = options.on_singular,
                                                         .bridge = options.bridge,
                                                         .tolerance = options.tolerance,
-                                                        .energy_constant = energy_constant_},
+                                                        .energy_constant = energy_constant_,
+                                                        .potential = options.potential},
                                            options.start, options.step)),
       laws_(system, grid, options.symmetries, placement_of(options.lagrangian)),
       previous_(scheme_->level()) {}

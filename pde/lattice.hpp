@@ -32,6 +32,7 @@ struct LatticeOptions {
       0.0;  ///< the run ends at the first level at or past it; no step is shortened to hit it; has to be given
   Levels levels = Levels::variable;
   OnSingular on_singular = OnSingular::bridge;
+  StepPotentialChoice potential = {};  ///< as IntegrationOptions has it
   BridgeRule bridge = BridgeRule::anchored;
   double tolerance = 1e-13;  ///< of the level equation, relative
   std::vector<LinearSymmetry> symmetries = {};

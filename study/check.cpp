@@ -71,7 +71,7 @@ private:
     Chronicle chronicle = make_chronicle(reader_, problem_);
     const figures::Names names = names_in(reader_, chronicle);
     const CheckpointFindings checkpoint = check_checkpoint(reader_, levels, names, chronicle, findings_);
-    check_levels(reader_, levels, problem_, checkpoint.energy_terms, findings_);
+    check_levels(reader_, levels, problem_, checkpoint, findings_);
     const auto check_states = problem_.hamiltonian() != nullptr ? check_orbit : check_lattice;
     const Spread equation = check_states(reader_, levels, problem_, chronicle.simulation().has_gamma(), findings_);
     if (options_.replay) {

@@ -155,7 +155,9 @@ CheckpointFindings check_checkpoint(const record::Reader& reader, const StoredLe
         {.dataset = state_path, .reason = "it is not what the run wrote, by the digest in /checkpoint/digests"});
   }
   check_digests(reader, chronicle, *digests, findings);
-  CheckpointFindings result{.has_digests = true, .energy_terms = chronicle.simulation().energy_terms()};
+  CheckpointFindings result{.has_digests = true,
+                            .energy_terms = chronicle.simulation().energy_terms(),
+                            .potential = chronicle.simulation().step_potential()};
   check_state(reader, levels, names, chronicle, findings);
   return result;
 }

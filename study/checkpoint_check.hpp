@@ -11,6 +11,7 @@ struct CheckpointFindings {
   bool has_digests = false;
   /// What the tolerance of the energy law is relative to, as the run had it; 0 where the checkpoint does not tell.
   double energy_terms = 0.0;
+  StepPotential potential = {};
 };
 
 /// Whether the checkpoint belongs to the rest of the record: the digests of every dataset; the statistics, made anew of

@@ -49,6 +49,9 @@ record::Layout make_layout(const Problem& problem, Simulation& simulation, int t
        "fixed levels",
        true},
   };
+  if (problem.scheme.potential.kind != StepPotentialChoice::Kind::none) {
+    layout.datasets.push_back({"/levels/step_potential", "/levels/step", {}, Type::f64, "f'(h), a part of E_k"});
+  }
   for (const std::string& name : simulation.invariant_names()) {
     layout.datasets.push_back(
         {"/laws/" + name, "/levels/t", {}, Type::f64, "invariant " + name + " at every level", true});
@@ -90,7 +93,8 @@ Chronicle::Chronicle(const Problem& problem, bool tangents)
       simulation_(make_simulation(problem, tangents)),
       layout_(make_layout(problem, *simulation_, omp_get_max_threads())),
       first_step_(dataset("/levels/step")),
-      first_law_(dataset("/levels/step_condition") + 1),
+      has_potential_(problem.scheme.potential.kind != StepPotentialChoice::Kind::none),
+      first_law_(dataset("/levels/step_condition") + (has_potential_ ? 2 : 1)),
       first_state_(dataset("/states/t")) {
   statistics_.name(simulation_->invariant_names(), simulation_->total_names(), simulation_->residual_names());
 }
@@ -130,6 +134,7 @@ void Chronicle::tell_step(const StepReport& report, RowSink& sink) {
                                   .target = report.target,
                                   .condition = report.condition,
                                   .rounding = simulation_->energy_rounding(),
+                                  .potential = report.potential,
                                   .iterations = static_cast<double>(report.iterations),
                                   .bridged = report.bridged,
                                   .crossing = report.crossing};
@@ -144,6 +149,9 @@ void Chronicle::tell_step(const StepReport& report, RowSink& sink) {
   sink.append(next++, step.bridged ? 1 : 0);
   sink.append(next++, step.crossing ? 1 : 0);
   sink.append(next++, step.condition);
+  if (has_potential_) {
+    sink.append(next++, step.potential);
+  }
   next = first_law_ + statistics_.invariants.size() + statistics_.totals.size();
   const auto residuals = simulation_->residuals();
   for (std::size_t i = 0; i < residuals.size(); ++i) {

@@ -48,7 +48,9 @@ private:
   const Problem& problem_;
   std::unique_ptr<Simulation> simulation_;
   record::Layout layout_;
-  std::size_t first_step_, first_law_, first_state_;  ///< numbers of datasets
+  std::size_t first_step_;  ///< numbers of datasets, and so the next two
+  bool has_potential_;
+  std::size_t first_law_, first_state_;
   figures::Statistics statistics_;
   BridgeCauses causes_;
   std::size_t stored_ = 0;

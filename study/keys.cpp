@@ -10,7 +10,7 @@ namespace rubato::study {
 
 namespace {
 
-constexpr std::array<TableEntry, 14> all_tables{{
+constexpr std::array<TableEntry, 15> all_tables{{
     {"", "one of [hamiltonian] and [multisymplectic] says what is to be solved"},
     {"hamiltonian", "an orbit: q' = dH/dp, p' = -dH/dq"},
     {"multisymplectic", "a lattice: M z_t + K.x z_x (+ K.y z_y + K.z z_z) = grad S(z)"},
@@ -34,6 +34,8 @@ constexpr std::array<TableEntry, 14> all_tables{{
      "whole of it: their local laws are reported",
      "a symmetry"},
     {"scheme", "how it is solved"},
+    {"scheme.step_potential",
+     "a step potential by its numbers: f'(h) = +-(s+1) |eta| h0^s (|h|/(kappa h0))^p, of the first step h0"},
     {"output", "the record"},
 }};
 
@@ -97,6 +99,13 @@ std::vector<KeyEntry> make_keys() {
        on_singular_words},
       {"scheme", "bridge", "word", std::string(to_string(scheme.bridge)),
        "Bridges that keep the run's own node law, or those that a run backward finds again.", bridge_words},
+      {"scheme", "step_potential", "word, or table", std::string(potential_words[0]),
+       "A function of the step alone that is part of the conserved energy and makes a next level exist everywhere, "
+       "so that there are no bridges: chosen by a scout of equal steps, or by its numbers.",
+       potential_words},
+      {"scheme", "largest_step", "number", none, "How long steps may become, about; for step_potential = \"auto\"."},
+      {"scheme.step_potential", "kappa", "number", required, "kappa h0 is about the largest step."},
+      {"scheme.step_potential", "p", "number greater than the order", required, "How suddenly it is felt."},
       {"scheme", "order", "integer", "required by generating", "The order of a generating function."},
       {"scheme", "darboux", "word, or matrix", std::string(darboux_words[0]),
        "The type of a generating function; as a matrix a symmetric 2n x 2n one, in full.", darboux_words},

@@ -44,6 +44,7 @@ inline constexpr std::size_t ode_lagrangians = 4;  ///< the first four act on a 
 inline constexpr std::array<std::string_view, 2> levels_words = {"variable", "fixed"};
 inline constexpr std::array<std::string_view, 3> on_singular_words = {"bridge", "fixed", "stop"};
 inline constexpr std::array<std::string_view, 2> bridge_words = {"anchored", "reversible"};
+inline constexpr std::array<std::string_view, 2> potential_words = {"none", "auto"};
 inline constexpr std::array<std::string_view, 3> darboux_words = {"midpoint", "euler-a", "euler-b"};
 
 /// The directions of a grid.

@@ -373,8 +373,8 @@ private:
         return allowed[i];
       };
     };
-    findings_.compare("/levels/energy", step, {}, energy_.at(step), law.energy, tolerance(0),
-                      "from the states around the step");
+    findings_.compare("/levels/energy", step, {}, energy_.at(step), law.energy + levels_.potential_of(step),
+                      tolerance(0), "from the states around the step");
     residual_.add(law.residual);
     findings_.count(grid_.size());
     if (law.residual.undefined > 0.0 || law.residual.largest() > equation_tolerance_) {

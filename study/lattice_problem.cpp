@@ -176,6 +176,7 @@ LatticeOptions make_lattice_options(const Problem& problem, const Multisymplecti
                          .until = scheme.until,
                          .levels = scheme.levels,
                          .on_singular = scheme.on_singular,
+                         .potential = scheme.potential,
                          .bridge = scheme.bridge,
                          .tolerance = scheme.tolerance};
   for (const LinearSymmetry& symmetry : pde.symmetries) {

@@ -41,6 +41,7 @@ public:
   [[nodiscard]] double last_step() const override { return lattice_.levels().last_step(); }
   [[nodiscard]] double energy_rounding() const override { return lattice_.levels().energy_rounding(); }
   [[nodiscard]] double energy_terms() const override { return lattice_.levels().energy_scale(); }
+  [[nodiscard]] const StepPotential& step_potential() const override { return lattice_.levels().potential(); }
 
   [[nodiscard]] std::vector<std::string> cautions() const override { return lattice_.cautions(); }
   [[nodiscard]] std::vector<std::string> warnings() const override {

@@ -15,13 +15,13 @@ constexpr double none = std::numeric_limits<double>::quiet_NaN();
 
 class LevelCheck {
 public:
-  LevelCheck(const record::Reader& reader, const StoredLevels& levels, const Problem& problem, double energy_terms,
-             Findings& findings)
+  LevelCheck(const record::Reader& reader, const StoredLevels& levels, const Problem& problem,
+             const CheckpointFindings& checkpoint, Findings& findings)
       : reader_(reader),
         levels_(levels),
         problem_(problem),
         fixed_(problem.scheme.levels == Levels::fixed),
-        energy_terms_(energy_terms),
+        checkpoint_(checkpoint),
         findings_(findings) {}
 
   void run() {
@@ -29,6 +29,7 @@ public:
     check_stored_levels();
     check_flags();
     check_law();
+    check_potential();
     check_columns();
   }
 
@@ -123,7 +124,7 @@ private:
   [[nodiscard]] double allowed(double energy, double target, double rounding, double condition) const {
     const double miss = std::abs(energy - target);
     const double slope = condition > 0.0 ? (miss + rounding) / condition : 0.0;
-    const double terms = std::max(energy_terms_, std::abs(target));
+    const double terms = std::max(checkpoint_.energy_terms, std::abs(target));
     return 1.01 * std::max(problem_.scheme.tolerance * terms, 2.0 * (rounding + epsilon * slope)) +
            4.0 * epsilon * std::abs(target);
   }
@@ -171,6 +172,19 @@ private:
     }
   }
 
+  /// f'(h) of every step. Elementary functions may round differently on another machine.
+  void check_potential() {
+    if (levels_.potential.empty() || !checkpoint_.has_digests) {
+      return;
+    }
+    for (std::size_t k = 0; k < levels_.steps(); ++k) {
+      const double expected = checkpoint_.potential.energy(levels_.h[k]);
+      findings_.compare(
+          "/levels/step_potential", k, {}, levels_.potential[k], expected,
+          [&] { return Rounding::unit * std::abs(expected); }, "f'(h) of the step potential in the checkpoint");
+    }
+  }
+
   /// 𝕃 may depend on t only where the user wrote it, or H does.
   [[nodiscard]] bool is_autonomous() const { return problem_.scheme.lagrangian != Lagrangian::custom; }
 
@@ -198,15 +212,15 @@ private:
   const StoredLevels& levels_;
   const Problem& problem_;
   bool fixed_;
-  double energy_terms_;
+  const CheckpointFindings& checkpoint_;
   Findings& findings_;
 };
 
 }  // namespace
 
-void check_levels(const record::Reader& reader, const StoredLevels& levels, const Problem& problem, double energy_terms,
-                  Findings& findings) {
-  LevelCheck(reader, levels, problem, energy_terms, findings).run();
+void check_levels(const record::Reader& reader, const StoredLevels& levels, const Problem& problem,
+                  const CheckpointFindings& checkpoint, Findings& findings) {
+  LevelCheck(reader, levels, problem, checkpoint, findings).run();
 }
 
 }  // namespace rubato::study

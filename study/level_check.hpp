@@ -1,5 +1,6 @@
 #pragma once
 
+#include <rubato/study/checkpoint_check.hpp>
 #include <rubato/study/findings.hpp>
 #include <rubato/study/problem.hpp>
 #include <rubato/study/stored.hpp>
@@ -13,10 +14,11 @@ namespace rubato::study {
 /// - flags: a bridge begins with a crossing; fixed levels have none;
 /// - the energy law: one E, set by the first step that is no bridge, and |E_k - E| within the tolerance, or within what
 ///   rounding leaves, on every step that is no bridge;
-/// - no number is missing where there has to be one.
+/// - no number is missing where there has to be one;
+/// - the step potential's part of E_k is that of the potential in the checkpoint.
 ///
-/// `energy_terms`: what the law's tolerance is relative to, as the checkpoint has it.
-void check_levels(const record::Reader& reader, const StoredLevels& levels, const Problem& problem, double energy_terms,
-                  Findings& findings);
+/// `checkpoint`: what the law's tolerance is relative to, and the step potential, as the checkpoint has them.
+void check_levels(const record::Reader& reader, const StoredLevels& levels, const Problem& problem,
+                  const CheckpointFindings& checkpoint, Findings& findings);
 
 }  // namespace rubato::study

@@ -272,7 +272,7 @@ private:
     };
     // What rounding made of E_k when the step was taken may have grown inside H, where no displaced state shows it.
     findings_.compare(
-        "/levels/energy", step, {}, energy_.at(step), found[0],
+        "/levels/energy", step, {}, energy_.at(step), found[0] + levels_.potential_of(step),
         [&] { return tolerance(0)() + (rounding_ ? 2.0 * rounding_->at(step) : 0.0); },
         "from the states around the step");
     for (std::size_t i = 0; i + 1 < outputs; ++i) {

@@ -64,6 +64,7 @@ public:
   [[nodiscard]] double last_step() const override { return integrator_.levels().last_step(); }
   [[nodiscard]] double energy_rounding() const override { return integrator_.levels().energy_rounding(); }
   [[nodiscard]] double energy_terms() const override { return integrator_.levels().energy_scale(); }
+  [[nodiscard]] const StepPotential& step_potential() const override { return integrator_.levels().potential(); }
   [[nodiscard]] std::string failure_reason() const override { return integrator_.failure_reason(); }
 
   [[nodiscard]] std::vector<std::string> cautions() const override { return integrator_.cautions(); }
@@ -181,6 +182,7 @@ OrbitIntegrator make_integrator(const Problem& problem) {
                              .levels = scheme.levels,
                              .on_singular = scheme.on_singular,
                              .bridge = scheme.bridge,
+                             .potential = scheme.potential,
                              .tolerance = scheme.tolerance,
                              .max_steps = static_cast<std::size_t>(scheme.max_steps)};
   if (orbit.next) {

@@ -117,6 +117,7 @@ struct Scheme {
   Levels levels = Levels::variable;
   OnSingular on_singular = OnSingular::bridge;
   BridgeRule bridge = BridgeRule::anchored;
+  StepPotentialChoice potential = {};
   /// t_1 - t_0, finite, nonzero, with the sign of until - start. Absent for step = "auto" only (then energy_tolerance
   /// holds); taken from [initial.next] where that is given.
   std::optional<double> step;

@@ -23,6 +23,7 @@ public:
     scheme_.location = section_.location();
     read_lagrangian();
     read_levels();
+    read_potential();
     read_generating();
     read_custom();
     if (const Entry* entry = take_only_for("allow_unstable", Lagrangian::forward)) {
@@ -75,6 +76,39 @@ private:
                                                         "has \"{}\"; leave it out",
                                                         to_string(scheme_.on_singular)));
       }
+    }
+  }
+
+  void read_potential() {
+    using Kind = StepPotentialChoice::Kind;
+    const Entry* entry = find(section_.entries(), "step_potential");
+    if (entry != nullptr && entry->value.table() != nullptr) {
+      std::optional<Section> numbers = section_.take_section("step_potential");
+      scheme_.potential.kind = Kind::given;
+      scheme_.potential.kappa = read_positive(
+          numbers->require("kappa", "kappa times the first step is about the largest one").value, "kappa");
+      scheme_.potential.exponent = read_positive(numbers->require("p", "the power of the step").value, "p");
+      numbers->finish();
+    } else if (section_.take("step_potential") != nullptr) {
+      scheme_.potential.kind = static_cast<Kind>(read_word(entry->value, "step_potential", potential_words));
+    }
+    if (scheme_.potential.kind != Kind::none) {
+      if (scheme_.levels == Levels::fixed || scheme_.lagrangian == Lagrangian::custom) {
+        throw ProblemError(
+            entry->location,
+            scheme_.levels == Levels::fixed
+                ? "step_potential applies to levels = \"variable\"; leave it out"
+                : "step_potential is not for lagrangian = \"custom\": write it into L, as -f(t_1 - t_0)");
+      }
+      if (find(section_.entries(), "bridge") != nullptr) {
+        throw ProblemError(entry->location, "with a step potential there are no bridges; leave bridge out");
+      }
+    }
+    if (const Entry* largest = section_.take("largest_step")) {
+      if (scheme_.potential.kind != Kind::automatic) {
+        throw ProblemError(largest->location, "largest_step applies to step_potential = \"auto\"");
+      }
+      scheme_.potential.largest_step = read_positive(largest->value, "largest_step");
     }
   }
 

@@ -34,6 +34,8 @@ public:
   [[nodiscard]] virtual double energy_rounding() const = 0;
   [[nodiscard]] virtual double energy_terms() const = 0;
   ///@}
+  /// The step potential of the run; none before its first step.
+  [[nodiscard]] virtual const StepPotential& step_potential() const = 0;
   /// After Status::undefined: what of the formula was not defined, where that is known.
   [[nodiscard]] virtual std::string failure_reason() const { return {}; }
 

@@ -21,7 +21,12 @@ StoredLevels::StoredLevels(const record::Reader& reader, std::size_t stored_ever
     return fmt::format("{} levels, {} steps and {} stored states do not fit together", t.size(), h.size(),
                        state_t.size());
   };
-  if (t.size() != h.size() + 1 || bridged.size() != h.size() || told_level.size() != state_t.size()) {
+  if (reader.has("/levels/step_potential")) {
+    potential = reader.read("/levels/step_potential");
+  }
+  const bool fits_potential = potential.empty() || potential.size() == h.size();
+  if (t.size() != h.size() + 1 || bridged.size() != h.size() || !fits_potential ||
+      told_level.size() != state_t.size()) {
     throw record::Error(reader.file(), unfit());
   }
   if (!fits || (every > 1 && !sparse)) {

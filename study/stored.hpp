@@ -21,6 +21,7 @@ struct StoredLevels {
   std::vector<double> t;                 ///< of every level
   std::vector<double> h;                 ///< of every step
   std::vector<double> bridged;           ///< of every step: 1 on bridges
+  std::vector<double> potential;         ///< of every step: f'(h), a part of E_k; empty without a step potential
   std::vector<double> state_t;           ///< of the stored levels
   std::vector<std::size_t> state_level;  ///< their numbers, as `every` and the number of levels have them
   std::vector<double> told_level;        ///< their numbers as stored
@@ -31,6 +32,7 @@ struct StoredLevels {
   StoredLevels(const record::Reader& reader, std::size_t every);
 
   [[nodiscard]] std::size_t steps() const { return h.size(); }
+  [[nodiscard]] double potential_of(std::size_t step) const { return potential.empty() ? 0.0 : potential[step]; }
   /// Of the step that led to a stored level.
   [[nodiscard]] std::size_t step_to(std::size_t row) const { return state_level[row] - 1; }
   /// Whether the level before that of `row`, which is not the first, is the one that the row before it has.

@@ -27,8 +27,14 @@ TimeLevels::TimeLevels(LevelScheme& scheme, const LevelOptions& options, double 
         fmt::format("time levels need a finite start and a finite first step that is not 0; got start {} and step {}",
                     start, first_step));
   }
-  if (!scheme.has_node_law() && options_.on_singular == OnSingular::bridge) {
-    options_.on_singular = OnSingular::stop;
+  if (options_.levels == Levels::fixed || scheme.energy_target()) {
+    options_.potential = {};
+  }
+  if (options_.on_singular == OnSingular::bridge) {
+    const bool potential = options_.potential.kind != StepPotentialChoice::Kind::none;
+    options_.on_singular = potential               ? OnSingular::fixed
+                           : scheme.has_node_law() ? OnSingular::bridge
+                                                   : OnSingular::stop;
   }
   if (!(options.tolerance > 0.0)) {
     throw std::invalid_argument(
@@ -69,8 +75,9 @@ StepReport TimeLevels::report(Status status, double h) {
   result.target = scheme_.energy_target().value_or(energy_);
   if (status == Status::success) {
     measure();
-    result.energy = scheme_.discrete_energy();
-    result.slope = scheme_.discrete_energy_slope();
+    result.potential = potential_.energy(h);
+    result.energy = scheme_.discrete_energy() + result.potential;
+    result.slope = scheme_.discrete_energy_slope() + potential_.slope(h);
     result.condition = options_.levels == Levels::fixed ? std::numeric_limits<double>::quiet_NaN()
                                                         : rounding_ / std::abs(h * result.slope);
   }
@@ -83,10 +90,10 @@ double TimeLevels::allowed_miss(const StepReport& step) const {
   return std::max(options_.tolerance * energy_scale_, 2.0 * (rounding_ + epsilon * std::abs(step.h * step.slope)));
 }
 
-/// What the slope of a step makes of Γ, from dE/dh = -s(s+1)/24 h^(s-1) Γ.
+/// What the slope of a step makes of Γ, from dK/dh = -s(s+1)/24 h^(s-1) Γ.
 double TimeLevels::gamma_of(const StepReport& step) const {
   const double s = scheme_.order();
-  return -24.0 * step.slope / (s * (s + 1.0) * std::pow(step.h, s - 1.0));
+  return -24.0 * (step.slope - potential_.slope(step.h)) / (s * (s + 1.0) * std::pow(step.h, s - 1.0));
 }
 
 void TimeLevels::add_evidence(StepReport& failed) {
@@ -129,6 +136,7 @@ StepReport TimeLevels::fixed_step() {
 }
 
 StepReport TimeLevels::first_step() {
+  choose_potential();
   const LevelNode here = scheme_.node();
   StepReport result = plain_step(fixed_h_);
   if (result.status != Status::success) {
@@ -136,6 +144,17 @@ StepReport TimeLevels::first_step() {
   }
   const LevelNode next = scheme_.trial_node();
   const bool ill_conditioned = !(result.condition <= options_.condition_limit);
+  if (potential_.active()) {
+    if (ill_conditioned) {
+      result.status = Status::ill_conditioned;
+      return result;
+    }
+    energy_ = result.energy;
+    result.target = energy_;
+    direction_ = sign(potential_.strength);
+    take_ordinary(result);
+    return result;
+  }
   if (options_.on_singular == OnSingular::stop) {
     if (ill_conditioned) {
       result.status = Status::ill_conditioned;
@@ -161,7 +180,7 @@ StepReport TimeLevels::first_step() {
 }
 
 StepReport TimeLevels::ordinary_step(double guess) {
-  const Status status = solve_level(guess);
+  const Status status = potential_.active() ? solve_with_potential(guess) : solve_level(guess);
   StepReport result = report(status, trial_step_);
   if (status == Status::success) {
     const double miss = std::abs(result.energy - result.target);
@@ -177,7 +196,7 @@ StepReport TimeLevels::ordinary_step(double guess) {
 
 StepReport TimeLevels::variable_step() {
   if (singular_) {
-    return wait_step();
+    return potential_.active() ? resumed_with_potential() : wait_step();
   }
   StepReport result = ordinary_step(predicted_step());
   // Near the zero of Γ the step may be so long that its own equation cannot be solved either.
@@ -186,7 +205,7 @@ StepReport TimeLevels::variable_step() {
   const bool near =
       result.status == Status::success && options_.on_singular == OnSingular::bridge && crossing_is_near(result);
   if (near || (lost && options_.on_singular != OnSingular::stop)) {
-    return singular_step(result);
+    return potential_.active() ? resumed_with_potential() : singular_step(result);
   }
   if (result.status == Status::success) {
     take_ordinary(result);
@@ -204,7 +223,8 @@ void TimeLevels::remember(double h, double slope) {
   const int s = scheme_.order();
   std::move_backward(history_.begin(), history_.end() - 1, history_.end());
   const double gamma_sign = -sign(slope * std::pow(sign(h), s - 1));
-  history_[0] = {time_.value() + 0.5 * h, gamma_sign * std::pow(std::abs(h), -(s + 1))};
+  history_[0] = {time_.value() + 0.5 * h,
+                 potential_.active() ? std::abs(h) : gamma_sign * std::pow(std::abs(h), -(s + 1))};
   remembered_ = std::min(remembered_ + 1, history_.size());
 }
 
@@ -235,6 +255,9 @@ double TimeLevels::predicted_step() const {
   if (remembered_ < 2) {
     return regular_step_;
   }
+  if (potential_.active()) {
+    return extrapolated_step();
+  }
   // The density Γ ∝ 1/h^(s+1) is a smooth function of time; extrapolate it to the middle of the coming step, whose
   // length it gives: a short fixed-point iteration.
   const double exponent = -1.0 / (scheme_.order() + 1.0);
@@ -249,6 +272,7 @@ double TimeLevels::predicted_step() const {
 }
 
 void TimeLevels::save(StateWriter& state) const {
+  potential_.save(state);
   state.write(time_.high);
   state.write(time_.low);
   for (const double value : {static_cast<double>(steps_),
@@ -280,6 +304,7 @@ void TimeLevels::save(StateWriter& state) const {
 }
 
 void TimeLevels::restore(StateReader& state) {
+  potential_.restore(state);
   state.read(time_.high);
   state.read(time_.low);
   state.read(steps_);

@@ -4,9 +4,11 @@
 #include <cstddef>
 #include <limits>
 #include <optional>
+#include <vector>
 
 #include <rubato/base/compensated_sum.hpp>
 #include <rubato/variation/level_scheme.hpp>
+#include <rubato/variation/step_potential.hpp>
 
 namespace rubato {
 
@@ -36,13 +38,15 @@ struct LevelOptions {
   double tolerance = 1e-13;       ///< of the level equation, relative to energy_scale()
   double condition_limit = 1e-2;  ///< a step whose condition exceeds it is refused: its energy law is only rounding
   double energy_constant = 0.0;   ///< to be added to the scheme's energies in what is told of them
+  StepPotentialChoice potential = {};
 };
 
 /// What one call of TimeLevels::step() did.
 struct StepReport {
   Status status = Status::success;
   double h = 0.0;
-  double energy = 0.0;  ///< E_k of the step
+  double energy = 0.0;     ///< E_k of the step, f'(h) included
+  double potential = 0.0;  ///< f'(h), the step potential's part of it
   double target = 0.0;  ///< what E_k has to equal with variable levels: E, or the other side of the balance (3.4); NaN
                         ///< as long as no step has met the law, so that there is no E yet
   double slope = 0.0;   ///< total derivative dE/dh of the step
@@ -69,6 +73,10 @@ struct StepReport {
 /// predictor is the step law h^(s+1) Γ = const, extrapolated. A root is taken only where dE/dh has the sign it has
 /// along the orbit: beyond the fold of E(h) lies the other branch, at h < 0 the reflected root, and both have the
 /// opposite sign.
+///
+/// With a step potential f, E_k is K_h + f'(h) everywhere, K_h the scheme's: chosen before the first step, it makes the
+/// level equation solvable where K_h alone has no solution, and there are no bridges. Where an orbit leaves what the
+/// potential was chosen for, plain steps are taken, flagged, until the law can be met again; `stop` ends the run there.
 ///
 /// A step that is not flagged as bridged meets E_k = E, to the tolerance or to what rounding in E_k leaves, whichever
 /// is larger; the very numbers of its report are judged before it is taken. H has no preferred zero: what the tolerance
@@ -98,6 +106,8 @@ public:
     return law_constant_;
   }  ///< c of the node law H - E = c·sign(Γ)|Γ|^(1/(s+1))
   [[nodiscard]] double last_step() const { return last_step_; }
+  /// The step potential of the run; none before the first step.
+  [[nodiscard]] const StepPotential& potential() const { return potential_; }
   [[nodiscard]] const LevelOptions& options() const { return options_; }
 
   void save(StateWriter& state) const;
@@ -106,7 +116,7 @@ public:
 private:
   struct Sample {
     double time;
-    double density;  ///< sign(Γ)|h|^-(s+1), proportional to Γ by the step law
+    double density;  ///< sign(Γ)|h|^-(s+1), proportional to Γ by the step law; with a step potential |h|
   };
 
   StepReport fixed_step();
@@ -122,6 +132,13 @@ private:
   void add_evidence(StepReport& failed);
 
   [[nodiscard]] Status solve_level(double guess);
+
+  // potential_levels.cpp: levels with a step potential (theory, section 9).
+  void choose_potential();
+  [[nodiscard]] std::vector<double> scout(std::size_t steps, double& energy_size);
+  [[nodiscard]] Status solve_with_potential(double guess);
+  [[nodiscard]] double extrapolated_step() const;
+  [[nodiscard]] StepReport resumed_with_potential();
   [[nodiscard]] double density_at(double time) const;
   [[nodiscard]] double predicted_step() const;
   [[nodiscard]] double law_step(double gamma) const;
@@ -177,6 +194,7 @@ private:
   CompensatedSum time_;
   std::size_t steps_ = 0;
 
+  StepPotential potential_;
   double energy_ = std::numeric_limits<double>::quiet_NaN();
   double energy_scale_ = 0.0;
   double rounding_ = 0.0;

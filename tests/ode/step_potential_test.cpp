@@ -1,0 +1,182 @@
+// Levels with a step potential (theory, section 9): every step meets the law, where bridges were needed; the extended
+// two-form is preserved; a run comes back.
+
+#include <catch2/catch.hpp>
+
+#include <cmath>
+#include <numeric>
+
+#include <rubato/ode/integrate.hpp>
+#include <rubato/variation/step_potential.hpp>
+
+#include "systems.hpp"
+
+using namespace rubato;
+using systems::System;
+
+namespace {
+
+using Kind = StepPotentialChoice::Kind;
+
+struct Case {
+  System system;
+  double until;
+  SegmentLagrangian lagrangian = Midpoint{};
+  std::string name = {};
+};
+
+System with(System system, std::vector<double> q, std::vector<double> p, double step) {
+  system.initial = {.q = std::move(q), .p = std::move(p)};
+  system.step = step;
+  return system;
+}
+
+System free_particle() {
+  return {"free particle", {{"q"}, {"p"}, "p^2/2"}, {.q = {0.0}, .p = {1.0}}, 0.1};
+}
+
+IntegrationOptions options_of(const Case& run, StepPotentialChoice potential) {
+  return {.lagrangian = run.lagrangian, .step = run.system.step, .until = run.until, .potential = potential};
+}
+
+std::size_t flagged(const Orbit& orbit) {
+  return static_cast<std::size_t>(std::accumulate(orbit.bridged.begin(), orbit.bridged.end(), 0));
+}
+
+}  // namespace
+
+TEST_CASE("with a step potential every step meets the energy law, where bridges were needed, too") {
+  const std::vector<Case> cases = {
+      {with(systems::pendulum(), {0.0}, {2.2}, 0.05), 100.0},     // rotating: Γ changes sign twice a turn
+      {with(systems::pendulum(), {0.2}, {1.97}, 0.1), 100.0},     // beside the separatrix
+      {with(systems::double_well(), {0.3}, {0.9}, 0.05), 100.0},  // across both wells
+      {systems::kepler(0.8), 10.0},                               // Γ touches zero
+      {with(systems::pendulum(), {0.0}, {2.2}, 0.1), 60.0, Generating{.order = 4}},
+      {with(systems::pendulum(), {0.0}, {1.9}, 0.1), 60.0, Generating{.order = 6}},
+      {with(systems::double_well(), {0.3}, {0.9}, 0.1), 60.0, Generating{.order = 4}},
+      {with(systems::pendulum(), {0.0}, {2.2}, -0.05), -60.0},  // backward
+  };
+  std::size_t bridged = 0;
+  for (const Case& run : cases) {
+    INFO(run.system.name << ", step " << run.system.step);
+    const Orbit orbit =
+        integrate(run.system.hamiltonian, run.system.initial, options_of(run, {.kind = Kind::automatic}));
+    REQUIRE(orbit.status == Status::success);
+    CHECK(flagged(orbit) == 0);
+    // The tolerance is 1e-13 of the terms of K, of which the energies here are at least a third.
+    CHECK(orbit.discrete_energy_deviation() <= 3e-13);
+    bridged += flagged(integrate(run.system.hamiltonian, run.system.initial, options_of(run, {})));
+  }
+  CHECK(bridged > 20);  // the twin: the same orbits without a potential
+}
+
+TEST_CASE("where K is the same for every step, the potential keeps the steps equal") {
+  for (const System& system : {free_particle(), systems::oscillator()}) {
+    INFO(system.name);
+    const Orbit orbit =
+        integrate(system.hamiltonian, system.initial, options_of({system, 20.0}, {.kind = Kind::automatic}));
+    REQUIRE(orbit.status == Status::success);
+    CHECK(flagged(orbit) == 0);
+    for (const double h : orbit.h) {
+      // h is as well determined as its condition says.
+      REQUIRE(std::abs(h - system.step) <= 1e-6 * system.step);
+    }
+  }
+}
+
+TEST_CASE("the extended two-form is preserved with a step potential, E being K + f'") {
+  // dp∧dq - dE∧dt at the end of a run, as a form of (q_0, p_0, h_0), is dp_0∧dq_0: by differences.
+  const System system = with(systems::pendulum(), {0.2}, {2.2}, 0.05);
+  OrbitIntegrator chosen(system.hamiltonian, system.initial, options_of({system, 10.0}, {.kind = Kind::automatic}));
+  REQUIRE(chosen.step().status == Status::success);
+  const StepPotential f = chosen.levels().potential();
+  REQUIRE(f.active());
+  constexpr int steps = 60;  // more than a turn: through places where Γ = 0
+  struct End {
+    double q, p, t, E, K;
+  };
+  const auto end_of = [&](double dq, double dp, double dh) {
+    OrbitIntegrator run(system.hamiltonian, {.q = {0.2 + dq}, .p = {2.2 + dp}},
+                        {.step = 0.05 + dh, .until = 1e3, .potential = {.kind = Kind::stated, .potential = f}});
+    StepReport first, step;
+    for (int k = 0; k < steps; ++k) {
+      step = run.step();
+      REQUIRE(step.status == Status::success);
+      REQUIRE(!step.bridged);
+      first = k == 0 ? step : first;
+    }
+    return End{run.q()[0], run.p()[0], run.t(), first.energy, first.energy - first.potential};
+  };
+  constexpr double d = 3e-4;
+  const auto derivative = [&](int i) {
+    const auto at = [&](double x) { return end_of(i == 0 ? x : 0.0, i == 1 ? x : 0.0, i == 2 ? x : 0.0); };
+    const End far = at(2.0 * d), more = at(d), less = at(-d), back = at(-2.0 * d);
+    const auto rate = [&](double End::*part) {
+      return (8.0 * (more.*part - less.*part) - (far.*part - back.*part)) / (12.0 * d);
+    };
+    return End{rate(&End::q), rate(&End::p), rate(&End::t), rate(&End::E), rate(&End::K)};
+  };
+  const End by[] = {derivative(0), derivative(1), derivative(2)};
+  double largest = 0.0, wrong = 0.0;
+  for (const auto& [i, j] : {std::pair(0, 1), std::pair(0, 2), std::pair(1, 2)}) {
+    const End &a = by[i], &b = by[j];
+    const double before = (i == 0 && j == 1) ? -1.0 : 0.0;  // dp_0∧dq_0 of the two directions
+    const double area = a.p * b.q - a.q * b.p;
+    const double size = std::abs(a.p * b.q) + std::abs(a.q * b.p) + std::abs(a.E * b.t) + std::abs(a.t * b.E) + 1.0;
+    largest = std::max(largest, std::abs(area - (a.E * b.t - a.t * b.E) - before) / size);
+    wrong = std::max(wrong, std::abs(area - (a.K * b.t - a.t * b.K) - before) / size);
+  }
+  // Differences of fourth order are off by d⁴ times fifth derivatives, which the turn has made some 10⁵ times larger.
+  CHECK(largest < 1e-7);
+  CHECK(wrong > 50.0 * largest);  // the twin: f' left out of E
+}
+
+TEST_CASE("a run with a step potential comes back when it is turned round") {
+  const System system = with(systems::pendulum(), {0.2}, {2.2}, 0.05);
+  OrbitIntegrator there(system.hamiltonian, system.initial, options_of({system, 1e3}, {.kind = Kind::automatic}));
+  constexpr int steps = 500;
+  for (int k = 0; k < steps; ++k) {
+    REQUIRE(there.step().status == Status::success);
+  }
+  const double last = there.levels().last_step();
+  OrbitIntegrator back(
+      system.hamiltonian, {.q = {there.q()[0]}, .p = {there.p()[0]}, .t = there.t()},
+      {.step = -last, .until = -1.0, .potential = {.kind = Kind::stated, .potential = there.levels().potential()}});
+  for (int k = 0; k < steps; ++k) {
+    const StepReport step = back.step();
+    REQUIRE(step.status == Status::success);
+    REQUIRE(!step.bridged);
+  }
+  // E is met to 1e-13, and h with it to the step condition, 1e-10; the levels' own dynamics carries that on for 500
+  // steps. Bridges come back to a few hundredths.
+  CHECK(std::abs(back.t()) < 1e-5);
+  CHECK(std::abs(back.q()[0] - 0.2) < 1e-5);
+  CHECK(std::abs(back.p()[0] - 2.2) < 1e-5);
+}
+
+TEST_CASE("f'' is the derivative of f', which is even") {
+  const StepPotential f{.strength = -0.3, .length = 0.2, .exponent = 5.0};
+  for (const double h : {0.07, 0.3, -0.07, -0.3}) {
+    CHECK(f.energy(h) == f.energy(-h));
+    const double d = 1e-5;
+    CHECK(f.slope(h) == Approx((f.energy(h + d) - f.energy(h - d)) / (2.0 * d)).epsilon(1e-6));
+  }
+}
+
+TEST_CASE("levels are forecast to exist where η keeps its sign, and need a potential where it does not") {
+  std::vector<double> definite, changing;
+  for (int k = 0; k < 200; ++k) {
+    definite.push_back(1.0 + 0.5 * std::sin(0.1 * k));
+    changing.push_back(std::sin(0.1 * k + 0.5));
+  }
+  const StepPotential hardly{.strength = 1e-12, .length = 1.0, .exponent = 3.0};
+  const Scouting calm{.order = 2, .step = 0.1, .eta = definite, .energy_size = 1.0};
+  const Scouting wild{.order = 2, .step = 0.1, .eta = changing, .energy_size = 1.0};
+  CHECK(forecast_levels(calm, hardly).complete);
+  CHECK_FALSE(forecast_levels(wild, hardly).complete);
+  const StepPotential chosen = choose_step_potential(wild, std::nullopt);
+  const LevelForecast forecast = forecast_levels(wild, chosen);
+  CHECK(forecast.complete);
+  CHECK(forecast.shortest > 0.02);
+  CHECK(forecast.longest < 0.5);
+}

@@ -1,0 +1,175 @@
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include <rubato/variation/time_levels.hpp>
+
+// Levels with a step potential (theory, section 9): its choice, and the scalar equation K_h + f'(h) = E.
+
+namespace rubato {
+
+namespace {
+
+constexpr double epsilon = std::numeric_limits<double>::epsilon();
+constexpr double infinity = std::numeric_limits<double>::infinity();
+/// The scout: a period of what an orbit does is some dozens of steps that resolve it. η is wanted to two digits.
+constexpr std::size_t scout_steps = 400;
+constexpr double scout_accuracy = 1e-5;
+/// Accuracy asked of a step whose length will still change.
+constexpr double loose = 1e-6;
+constexpr int most_trials = 40;
+/// As in the equation without a potential: how far below the tolerance it is solved.
+constexpr double margin = 0.1, least_margin = 0.01;
+/// A root this many times longer or shorter than foreseen is not taken.
+constexpr double largest_ratio = 2.0;
+/// How far one trial may be from the last, and how near they are for a secant to be a slope.
+constexpr double longest_move = 1.25, nearby = 0.05;
+/// Longer than any step foreseen from those before it.
+constexpr double largest_growth = 1.25;
+
+double sign(double x) {
+  return x < 0.0 ? -1.0 : 1.0;
+}
+
+}  // namespace
+
+/// First steps of equal length, as many as can be taken, and what was seen of η; the scheme goes back.
+std::vector<double> TimeLevels::scout(std::size_t steps, double& energy_size) {
+  const double s = scheme_.order(), h = fixed_h_;
+  StateWriter before;
+  scheme_.save(before);
+  std::vector<double> eta;
+  while (eta.size() < steps && scheme_.advance(h, scout_accuracy) == Status::success) {
+    const double value = scheme_.discrete_energy_slope() * sign(h) / (s * (s + 1.0) * std::pow(std::abs(h), s - 1.0));
+    if (!std::isfinite(value)) {
+      break;
+    }
+    eta.push_back(value);
+    energy_size = std::max(energy_size, scheme_.energy_size().terms);
+    scheme_.accept();
+  }
+  StateReader reader(before.values());
+  scheme_.restore(reader);
+  return eta;
+}
+
+void TimeLevels::choose_potential() {
+  const StepPotentialChoice& choice = options_.potential;
+  if (choice.kind == StepPotentialChoice::Kind::none || potential_.active()) {
+    return;
+  }
+  if (choice.kind == StepPotentialChoice::Kind::stated) {
+    potential_ = choice.potential;
+    return;
+  }
+  const bool given = choice.kind == StepPotentialChoice::Kind::given;
+  double size = 0.0;
+  const std::vector<double> eta = scout(given ? 1 : scout_steps, size);
+  if (eta.empty()) {
+    return;  // the first step will tell why
+  }
+  const Scouting scouting{.order = scheme_.order(), .step = std::abs(fixed_h_), .eta = eta, .energy_size = size};
+  potential_ = given ? make_step_potential(scouting, choice.kappa, choice.exponent)
+                     : choose_step_potential(scouting, choice.largest_step);
+}
+
+/// |h| as a polynomial of time, at the middle of the coming step.
+double TimeLevels::extrapolated_step() const {
+  const double last = std::abs(regular_step_), side = sign(regular_step_);
+  double length = last;
+  for (int iteration = 0; iteration < 2; ++iteration) {
+    length = std::clamp(density_at(time_.value() + 0.5 * length * side), last / largest_growth, last * largest_growth);
+  }
+  return side * length;
+}
+
+/// Newton's iteration on h ↦ K_h + f'(h), kept between lengths known to be too short and too long. A root is taken only
+/// where E_k grows to the side of the potential.
+Status TimeLevels::solve_with_potential(double guess) {
+  const double side = sign(guess);
+  const double foreseen = std::abs(guess);
+  const double tolerance = std::clamp(rounding_, least_margin * options_.tolerance * energy_scale_,
+                                      margin * options_.tolerance * energy_scale_);
+  double length = foreseen, last_length = 0.0, last_miss = 0.0, best = infinity;
+  double below = 0.0, above = infinity;
+  bool full = false, last_full = false;
+  int stalls = 0;
+  for (int trial = 0; trial < most_trials; ++trial) {
+    if (const Status status = scheme_.advance(side * length, full ? 0.0 : loose); status != Status::success) {
+      // Too long for its own equation, it may be: half way back to the step before.
+      const double shorter = 0.5 * (length + std::min(length, std::abs(regular_step_)));
+      if (shorter > 0.99 * length) {
+        return status;
+      }
+      length = shorter;
+      full = false;
+      continue;
+    }
+    const double h = side * length;
+    const double miss = direction_ * (scheme_.discrete_energy() + potential_.energy(h) - energy_);
+    const double slope = direction_ * side * (scheme_.discrete_energy_slope() + potential_.slope(h));
+    if (!std::isfinite(miss) || !std::isfinite(slope)) {
+      return Status::undefined;
+    }
+    stalls = full && std::abs(miss) >= 0.5 * best ? stalls + 1 : 0;
+    if (stalls >= 2) {
+      measure();  // rounding may be more than at the last level
+    }
+    const bool stagnated = stalls >= 2 && std::abs(miss) <= std::max(options_.tolerance * energy_scale_,
+                                                                     rounding_ + epsilon * std::abs(slope) * length);
+    if (full && (std::abs(miss) <= tolerance || stagnated)) {
+      trial_step_ = h;
+      return slope > 0.0 ? Status::success : Status::singular;
+    }
+    if (!full && std::abs(miss) <= tolerance) {
+      full = true;  // met already: the same length again, solved to stagnation
+      continue;
+    }
+    best = full ? std::min(best, std::abs(miss)) : best;
+    // E_k has one branch that grows with the length to the side of the potential: a root lies between a length that is
+    // too short, or short of that branch, and one that is too long. A loosely solved step may tell the wrong side of a
+    // root it is nearly at.
+    const double error = full && last_full ? 2.0 * rounding_ : loose * std::abs(slope) * length;
+    const bool reliable = full || std::abs(miss) > error;
+    if (slope <= 0.0 || (reliable && miss < 0.0)) {
+      below = std::max(below, length);
+    } else if (reliable) {
+      above = std::min(above, length);
+    }
+    // Secants between neighbours are truer than a slope known to leading order.
+    const double secant = (miss - last_miss) / (length - last_length);
+    const bool measured = std::abs(length - last_length) < nearby * length && secant > 0.0 &&
+                          std::abs(miss - last_miss) > (full && last_full ? 1.0 : 100.0) * error;
+    const double rate = measured ? secant : slope;
+    last_length = length;
+    last_miss = miss;
+    last_full = full;
+    double next = rate > 0.0 ? std::clamp(length - miss / rate, length / longest_move, longest_move * length)
+                             : longest_move * length;
+    if (stalls == 0 && (next <= below || next >= above)) {
+      next = above < infinity ? 0.5 * (below + above) : longest_move * below;
+    }
+    if (next > largest_ratio * foreseen || next < foreseen / largest_ratio) {
+      return Status::singular;
+    }
+    full = full || std::abs(next - length) < 1e-4 * length;
+    length = next;
+  }
+  return Status::not_converged;
+}
+
+/// The law again, if it can be met from here; else a plain step, flagged.
+StepReport TimeLevels::resumed_with_potential() {
+  if (singular_) {
+    StepReport result = ordinary_step(regular_step_);
+    if (result.status == Status::success) {
+      singular_ = false;
+      remembered_ = 0;
+      take_ordinary(result);
+      return result;
+    }
+  }
+  return flagged(plain_step(regular_step_));
+}
+
+}  // namespace rubato

@@ -1,0 +1,77 @@
+#pragma once
+
+#include <optional>
+#include <span>
+
+#include <rubato/base/state.hpp>
+
+namespace rubato {
+
+/// A function f of the step alone, subtracted from the discrete action (theory, section 9): A - f(h). No value equation
+/// changes, so that the map is the same; the discrete energy becomes K_h + f'(h). Like a spring in the direction of
+/// time it resists long steps, and where the law of K_h alone has no solution this one still has:
+///
+///     f'(h) = strength · (|h| / length)^exponent.
+struct StepPotential {
+  double strength = 0.0;  ///< signed; 0 for no potential
+  double length = 1.0;    ///< about the largest step
+  double exponent = 2.0;  ///< p, greater than the order
+
+  [[nodiscard]] bool active() const { return strength != 0.0; }
+  /// f'(h), what it adds to the discrete energy, an even function of h.
+  [[nodiscard]] double energy(double h) const;
+  /// f''(h).
+  [[nodiscard]] double slope(double h) const;
+
+  void save(StateWriter& state) const;
+  void restore(StateReader& state);
+};
+
+/// How the step potential of a run is chosen.
+struct StepPotentialChoice {
+  enum class Kind {
+    none,
+    automatic,  ///< by a scout of equal steps (choose_step_potential)
+    given,      ///< f' = σ (s+1)|η_0| h_0^s (h/(κ h_0))^p, with σ the sign of η_0, of the first step h_0
+    stated,     ///< `potential` itself
+  };
+  Kind kind = Kind::none;
+  double kappa = 0.0;                                 ///< given: κ h_0 is about the largest step
+  double exponent = 0.0;                              ///< given: p
+  std::optional<double> largest_step = std::nullopt;  ///< automatic: κ h_0 is at most this
+  StepPotential potential = {};                       ///< stated
+};
+
+/// What a scout of equal steps saw of an orbit: η in the middle of each step, from dK/d|h| = s(s+1)|h|^(s-1) η (theory,
+/// section 8).
+struct Scouting {
+  int order = 2;
+  double step = 0.0;  ///< |h_0|, of the scout and of the run's first step
+  std::span<const double> eta;
+  double energy_size = 0.0;  ///< of the terms of K: what a potential has to be seen beside where η vanishes
+};
+
+/// What a potential makes of the levels along a scouted orbit, by the levels' own leading order (the surrogate of
+/// theory, section 9): with D = E - H(z_k),
+///
+///     (s+1) h^s η + f'(h) = D,    D ← D + h^s Δη.
+struct LevelForecast {
+  bool complete = false;  ///< every level exists, and steps change slowly
+  double steps = 0.0;     ///< needed for the scouted stretch
+  double shortest = 0.0, longest = 0.0;
+  double energy = 0.0;     ///< max |D - D_0|, how far the node energy strays
+  double potential = 0.0;  ///< max |f'|
+};
+[[nodiscard]] LevelForecast forecast_levels(const Scouting& scouting, const StepPotential& potential,
+                                            double eta_factor = 1.0);
+
+/// The potential that makes the best of its steps among those for which all levels are forecast to exist, with a
+/// margin: both signs, several exponents, and lengths from steps that are nearly equal to steps that hardly feel it.
+/// What counts is steps · max|D - D_0|^(1/s), the number of steps it takes for an error. Hypothesis: at least one η,
+/// all finite.
+[[nodiscard]] StepPotential choose_step_potential(const Scouting& scouting, std::optional<double> largest_step);
+
+/// The potential of StepPotentialChoice::Kind::given.
+[[nodiscard]] StepPotential make_step_potential(const Scouting& scouting, double kappa, double exponent);
+
+}  // namespace rubato
