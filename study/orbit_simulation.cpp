@@ -199,6 +199,8 @@ OrbitIntegrator make_integrator(const Problem& problem) {
     throw;
   } catch (const StartingPairError& error) {
     throw ProblemError(orbit.next->location, error.what());
+  } catch (const StepPotentialError& error) {
+    throw ProblemError(scheme.potential_location, error.what());
   } catch (const UnstableError& error) {
     throw ProblemError(scheme.lagrangian_location, error.what());
   } catch (const std::invalid_argument& error) {

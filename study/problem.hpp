@@ -132,7 +132,8 @@ struct Scheme {
   double tolerance = 1e-13;
 
   Location location;  ///< of the table
-  Location step_location, until_location, lagrangian_location, levels_location, order_location, darboux_location;
+  Location potential_location, step_location, until_location, lagrangian_location, levels_location, order_location,
+      darboux_location;
 };
 
 /// [output]

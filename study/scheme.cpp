@@ -82,13 +82,18 @@ private:
   void read_potential() {
     using Kind = StepPotentialChoice::Kind;
     const Entry* entry = find(section_.entries(), "step_potential");
+    scheme_.potential_location = entry != nullptr ? entry->value.location : scheme_.location;
     if (entry != nullptr && entry->value.table() != nullptr) {
       std::optional<Section> numbers = section_.take_section("step_potential");
       scheme_.potential.kind = Kind::given;
-      scheme_.potential.kappa = read_positive(
-          numbers->require("kappa", "kappa times the first step is about the largest one").value, "kappa");
-      scheme_.potential.exponent = read_positive(numbers->require("p", "the power of the step").value, "p");
+      const Entry* kappa = numbers->take("kappa");
+      const Entry* p = numbers->take("p");
       numbers->finish();
+      if (kappa == nullptr || p == nullptr) {
+        throw ProblemError(numbers->location(), "step_potential needs kappa and p, such as { kappa = 2.5, p = 8 }");
+      }
+      scheme_.potential.kappa = read_positive(kappa->value, "kappa");
+      scheme_.potential.exponent = read_positive(p->value, "p");
     } else if (section_.take("step_potential") != nullptr) {
       scheme_.potential.kind = static_cast<Kind>(read_word(entry->value, "step_potential", potential_words));
     }

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <optional>
+#include <stdexcept>
 #include <span>
 
 #include <rubato/base/state.hpp>
@@ -40,6 +41,12 @@ struct StepPotentialChoice {
   double exponent = 0.0;                              ///< given: p
   std::optional<double> largest_step = std::nullopt;  ///< automatic: κ h_0 is at most this
   StepPotential potential = {};                       ///< stated
+};
+
+/// Numbers of a step potential that make none: p not greater than the order of the scheme, or κ not positive.
+class StepPotentialError : public std::invalid_argument {
+public:
+  using std::invalid_argument::invalid_argument;
 };
 
 /// What a scout of equal steps saw of an orbit: η in the middle of each step, from dK/d|h| = s(s+1)|h|^(s-1) η (theory,

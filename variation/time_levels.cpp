@@ -30,6 +30,14 @@ TimeLevels::TimeLevels(LevelScheme& scheme, const LevelOptions& options, double 
   if (options_.levels == Levels::fixed || scheme.energy_target()) {
     options_.potential = {};
   }
+  if (const StepPotentialChoice& choice = options_.potential; choice.kind == StepPotentialChoice::Kind::given) {
+    if (!(choice.kappa > 0.0) || !(choice.exponent > scheme.order())) {
+      throw StepPotentialError(
+          fmt::format("a step potential needs kappa > 0 and p greater than the order of the scheme, {}; got kappa = {} "
+                      "and p = {}",
+                      scheme.order(), choice.kappa, choice.exponent));
+    }
+  }
   if (options_.on_singular == OnSingular::bridge) {
     const bool potential = options_.potential.kind != StepPotentialChoice::Kind::none;
     options_.on_singular = potential               ? OnSingular::fixed
