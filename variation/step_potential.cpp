@@ -12,6 +12,8 @@ namespace {
 constexpr double largest_change = 0.2;
 /// The levels have to exist for an η that much larger, too: the orbit will meet what the scout did not.
 constexpr double margin = 1.5;
+/// h dE/dh has to be this part of the terms of K: rounding in these then moves h by 1e-6 of itself at most.
+constexpr double least_slope = 1e-10;
 /// κ tried: from steps as long as the orbit lets them be to steps that are nearly equal.
 constexpr double largest_kappa = 60.0, least_kappa = 1.0 / 16.0, kappa_ratio = 1.2;
 /// How large f' may become, beside what the node energy is off with equal steps.
@@ -95,6 +97,7 @@ LevelForecast forecast_levels(const Scouting& scouting, const StepPotential& pot
   const double s = scouting.order;
   const double side = std::copysign(1.0, potential.strength);
   double h = scouting.step, time = 0.0, here = eta(0.0);
+  const double resolved = least_slope * scouting.energy_size;
   double defect = (s + 1.0) * std::pow(h, s) * here + potential.energy(h);
   LevelForecast forecast{.complete = true,
                          .steps = 0.0,
@@ -113,7 +116,7 @@ LevelForecast forecast_levels(const Scouting& scouting, const StepPotential& pot
       const double power = std::pow(h, s - 1.0);
       const double miss = (s + 1.0) * power * h * here + potential.energy(h) - defect;
       const double slope = s * (s + 1.0) * power * here + potential.slope(h);
-      if (!(slope * side > 0.0)) {
+      if (!(slope * side * h > resolved)) {
         break;
       }
       const double next = std::clamp(h - miss / slope, 0.5 * h, 2.0 * h);

@@ -1,8 +1,8 @@
 #pragma once
 
 #include <optional>
-#include <stdexcept>
 #include <span>
+#include <stdexcept>
 
 #include <rubato/base/state.hpp>
 
@@ -63,7 +63,7 @@ struct Scouting {
 ///
 ///     (s+1) h^s η + f'(h) = D,    D ← D + h^s Δη.
 struct LevelForecast {
-  bool complete = false;  ///< every level exists, and steps change slowly
+  bool complete = false;  ///< every level exists and is well determined, and steps change slowly
   double steps = 0.0;     ///< needed for the scouted stretch
   double shortest = 0.0, longest = 0.0;
   double energy = 0.0;     ///< max |D - D_0|, how far the node energy strays
