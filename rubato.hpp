@@ -6,11 +6,16 @@
 /// serves as well, such as <rubato/ode/integrate.hpp>.
 
 #include <rubato/formula/parse.hpp>
+#include <rubato/ode/composition.hpp>
 #include <rubato/ode/discrete_lagrangian.hpp>
 #include <rubato/ode/first_step.hpp>
+#include <rubato/ode/gauss_function.hpp>
+#include <rubato/ode/gauss_scheme.hpp>
 #include <rubato/ode/generating_function.hpp>
 #include <rubato/ode/hamiltonian.hpp>
 #include <rubato/ode/integrate.hpp>
+#include <rubato/ode/separable.hpp>
+#include <rubato/ode/splitting_scheme.hpp>
 #include <rubato/pde/first_step.hpp>
 #include <rubato/pde/lattice.hpp>
 #include <rubato/record/reader.hpp>

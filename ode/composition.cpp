@@ -45,7 +45,8 @@ std::vector<Composition> make_compositions() {
   const double a[] = {0.0792036964311957, 0.353172906049774, -0.0420650803577195};
   const double b[] = {0.209515106613362, -0.143851773179818};
   return {
-      {"golden", 2, "theory, section 8.2", palindrome(true, {golden, 0.5, 1.0 - 2.0 * golden})},
+      {"golden", 2, "theory, section 8.2", palindrome(true, {golden, 0.5, 1.0 - 2.0 * golden}),
+       -0.5 * (7.0 - 3.0 * std::sqrt(5.0))},
       {"verlet", 2, "Störmer 1907, Verlet 1967", of_verlet({1.0})},
       {"suzuki-4", 4, "Suzuki, Phys. Lett. A 146 (1990)", of_verlet({suzuki, suzuki, 1.0 - 4.0 * suzuki})},
       {"blanes-moan-4", 4, "Blanes and Moan, J. Comput. Appl. Math. 142 (2002)",
@@ -61,6 +62,14 @@ std::vector<Composition> make_compositions() {
 }
 
 }  // namespace
+
+double Composition::magnitude() const {
+  double drifts = 0.0, kicks = 0.0;
+  for (const Part& part : parts) {
+    (part.drift ? drifts : kicks) += std::abs(part.length);
+  }
+  return std::max(drifts, kicks);
+}
 
 std::span<const Composition> compositions() {
   static const std::vector<Composition> all = make_compositions();
@@ -78,6 +87,18 @@ const Composition& composition(std::string_view name) {
     throw std::invalid_argument(fmt::format("there is no composition \"{}\"; there are {}", name, names));
   }
   return *found;
+}
+
+const Composition& composition_of_order(int order) {
+  switch (order) {
+    case 2: return composition("golden");
+    case 4: return composition("blanes-moan-4");
+    case 6: return composition("kahan-li-6");
+    case 8: return composition("kahan-li-8");
+    default:
+      throw std::invalid_argument(
+          fmt::format("there is no composition of order {}; there are those of order 2, 4, 6 and 8", order));
+  }
 }
 
 }  // namespace rubato

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <cmath>
+#include <limits>
 #include <span>
 #include <string_view>
 #include <vector>
@@ -18,6 +20,13 @@ struct Composition {
   int order = 2;
   std::string_view source;  ///< of the coefficients
   std::vector<Part> parts;
+  /// -24 η of the node law E - H = (s+1) h^s η, in units of fᵀH_zz f (theory, section 8); NaN where η is no multiple of
+  /// that.
+  double gamma = std::numeric_limits<double>::quiet_NaN();
+
+  /// The larger of Σ|a_i| and Σ|b_i|: how much more than that of H the terms of the discrete energy come to.
+  [[nodiscard]] double magnitude() const;
+  [[nodiscard]] bool has_node_law() const { return !std::isnan(gamma); }
 };
 
 /// By name:
@@ -36,5 +45,8 @@ struct Composition {
 /// \throws std::invalid_argument for another name, with the list
 [[nodiscard]] const Composition& composition(std::string_view name);
 [[nodiscard]] std::span<const Composition> compositions();
+/// The one to be taken where only the order is asked for: golden, blanes-moan-4, kahan-li-6 or kahan-li-8. \throws
+/// std::invalid_argument for an order that none has, with those there are
+[[nodiscard]] const Composition& composition_of_order(int order);
 
 }  // namespace rubato

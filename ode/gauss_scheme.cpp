@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <optional>
 #include <stdexcept>
 #include <utility>
 #include <vector>
@@ -13,6 +12,7 @@
 #include <rubato/formula/batch.hpp>
 #include <rubato/ode/gauss_tableau.hpp>
 #include <rubato/ode/increment.hpp>
+#include <rubato/ode/one_step_state.hpp>
 
 namespace rubato {
 
@@ -66,21 +66,20 @@ private:
   std::vector<double*> out_;
 };
 
-class GaussScheme final : public SegmentScheme {
+class GaussScheme final : public OneStepState<VectorXd> {
 public:
   GaussScheme(const Hamiltonian& hamiltonian, int stages, std::span<const double> z_0)
-      : tableau_(stages),
-        evaluator_(hamiltonian),
+      : OneStepState(hamiltonian, z_0),
+        tableau_(stages),
         stages_(hamiltonian, stages),
         energy_size_(hamiltonian.size_code()),
         rounding_(hamiltonian.gradient_code()),
         m_(stages),
-        size_(static_cast<Index>(z_0.size())),
-        z_(VectorXd(Eigen::Map<const VectorXd>(z_0.data(), size_))) {
-    for (Rows* rows : {&Y_, &Z_, &f_, &last_f_, &next_, &correction_}) {
+        size_(static_cast<Index>(z_0.size())) {
+    for (Rows* rows : {&Y_, &Z_, &f_, &last_f_, &next_, &correction_, &bounds_}) {
       rows->setZero(size_, m_);
     }
-    for (VectorXd* vector : {&delta_, &lost_, &largest_, &point_, &gradient_, &errors_}) {
+    for (VectorXd* vector : {&lost_, &largest_, &point_, &gradient_, &errors_}) {
       vector->setZero(size_);
     }
     energies_.setZero(m_);
@@ -94,24 +93,30 @@ public:
     }
   }
 
-  [[nodiscard]] std::size_t dimension() const override { return static_cast<std::size_t>(size_); }
-  [[nodiscard]] std::span<const double> state() const override { return as_span(z_.value()); }
   [[nodiscard]] int order() const override { return static_cast<int>(2 * m_); }
   [[nodiscard]] bool has_node_law() const override { return false; }
 
   [[nodiscard]] Status advance(double h, double accuracy) override {
-    end_energy_.reset();
-    start(h);
-    trial_h_ = h;
+    forget_trial();
     if (newton_ && std::abs(h) < back_to_fixed_point * newton_step_) {
       newton_ = false;
     }
+    bool continued = start(h);
     Status status = iterate(h, accuracy);
-    if (status == Status::not_converged && !newton_ && matrix_.size() > 0) {
-      newton_ = true;
-      newton_step_ = std::abs(h);
-      status = iterate(h, accuracy);
+    if (status != Status::success && matrix_.size() > 0) {
+      // Newton's iteration from the same start, and from the tangent.
+      if (!newton_) {
+        newton_ = true;
+        newton_step_ = std::abs(h);
+        continued = start(h);
+        status = iterate(h, accuracy);
+      }
+      if (status != Status::success && continued) {
+        start_on_tangent(h);
+        status = iterate(h, accuracy);
+      }
     }
+    trial_h_ = h;
     solved_ = status == Status::success;
     if (solved_) {
       finish(h);
@@ -120,16 +125,7 @@ public:
   }
 
   [[nodiscard]] double discrete_energy() const override { return energy_; }
-  [[nodiscard]] double discrete_energy_slope() const override {
-    if (!node_energy_) {
-      node_energy_ = evaluator_.value(z_.value().data());
-    }
-    if (!end_energy_) {
-      z_.displaced(1.0, delta_, end_);
-      end_energy_ = evaluator_.value(end_.data());
-    }
-    return 2.0 * static_cast<double>(m_) * (energy_ - 0.5 * (*node_energy_ + *end_energy_)) / trial_h_;
-  }
+  [[nodiscard]] double discrete_energy_slope() const override { return slope_by_nodes(energy_, trial_h_); }
   [[nodiscard]] bool slope_to_leading_order() const override { return true; }
   [[nodiscard]] formula::SumSize energy_size() override {
     z_.displaced(0.5, delta_, point_);
@@ -138,26 +134,19 @@ public:
   }
   [[nodiscard]] int iterations() const override { return iterations_; }
 
-  [[nodiscard]] LevelNode node() override {
-    if (!node_energy_) {
-      node_energy_ = evaluator_.value(z_.value().data());
-    }
-    return {*node_energy_, std::numeric_limits<double>::quiet_NaN()};
-  }
-  [[nodiscard]] LevelNode trial_node() override {
-    static_cast<void>(discrete_energy_slope());
-    return {*end_energy_, std::numeric_limits<double>::quiet_NaN()};
-  }
-
   void accept() override {
     largest_ = largest_.cwiseMax(delta_.cwiseAbs());
-    z_.add(delta_, lost_);
+    take(lost_);
     std::swap(last_f_, f_);
     last_h_ = trial_h_;
-    node_energy_ = std::exchange(end_energy_, std::nullopt);
-    solved_ = false;
-    factored_h_ = 0.0;
-    iterations_ = 0;
+    start_level();
+  }
+  void restart(std::span<const double> z) override {
+    stand_at(Eigen::Map<const VectorXd>(z.data(), size_));
+    largest_.setZero();
+    last_h_ = newton_step_ = 0.0;
+    newton_ = false;
+    start_level();
   }
 
   void save(StateWriter& state) const override {
@@ -169,34 +158,46 @@ public:
     state.write({last_f_.data(), static_cast<std::size_t>(last_f_.size())});
   }
   void restore(StateReader& state) override {
-    z_.restore(state);
+    restore_state(state);
     state.read(last_h_);
     state.read(newton_);
     state.read(newton_step_);
     state.read(as_span(largest_));
     state.read(std::span<double>(last_f_.data(), static_cast<std::size_t>(last_f_.size())));
-    node_energy_.reset();
-    end_energy_.reset();
+    start_level();
+  }
+
+private:
+  [[nodiscard]] LevelNode node_at(const VectorXd& z) override {
+    return {evaluator_.value(z.data()), std::numeric_limits<double>::quiet_NaN()};
+  }
+
+  void start_level() {
     solved_ = false;
     factored_h_ = 0.0;
     iterations_ = 0;
   }
 
-private:
   /// The stages to begin with: of the trial already made at this level, of the last step's polynomial, or on the
-  /// tangent.
-  void start(double h) {
-    if (solved_ && near(h / trial_h_)) {
+  /// tangent. \return whether from a step made before
+  bool start(double h) {
+    const bool again = std::exchange(solved_, false);  // f_ is about to be overwritten
+    if (again && near(h / trial_h_)) {
       tableau_.continuation(tableau_.from_start, h / trial_h_, weights_);
       Y_ = trial_h_ * f_.lazyProduct(weights_.transpose());
     } else if (last_h_ != 0.0 && near(h / last_h_)) {
       tableau_.continuation(tableau_.from_end, h / last_h_, weights_);
       Y_ = last_h_ * last_f_.lazyProduct(weights_.transpose());
     } else {
-      evaluator_.gradient(z_.value().data(), gradient_.data());
-      apply_j(gradient_, point_);
-      Y_.noalias() = h * point_ * tableau_.c.transpose();
+      start_on_tangent(h);
+      return false;
     }
+    return true;
+  }
+  void start_on_tangent(double h) {
+    evaluator_.gradient(z_.value().data(), gradient_.data());
+    apply_j(gradient_, point_);
+    Y_.noalias() = h * point_ * tableau_.c.transpose();
   }
   [[nodiscard]] static bool near(double ratio) {
     return ratio > 1.0 / longest_continuation && ratio < longest_continuation;
@@ -217,16 +218,18 @@ private:
       ++iterations_;
       next_ = f_.lazyProduct(tableau_.a_rest.transpose());
       next_ += f_.lazyProduct(tableau_.a_short.transpose());
-      correction_ = h * next_ - Y_;
+      next_ = h * next_ - Y_;
+      correction_ = next_;
+      const double residual = relative_size();
       if (newton_) {
         solve();
       }
-      const double size = relative_size();
+      const double size = newton_ ? relative_size() : residual;
       if (!std::isfinite(size) || !energies_.allFinite()) {
         return Status::undefined;
       }
       Y_ += correction_;
-      const auto verdict = test.judge(size);
+      const auto verdict = test.judge(size, residual);
       if (verdict == StagnationTest::Verdict::done || (verdict == StagnationTest::Verdict::stalled && is_rounding(h))) {
         return Status::success;
       }
@@ -253,11 +256,10 @@ private:
     return result;
   }
 
-  /// Whether the last corrections are no more than what the evaluation of the stages rounds at.
+  /// Whether what the last corrections mended is no more than what the evaluation of the stages rounds at.
   [[nodiscard]] bool is_rounding(double h) {
     constexpr double unit = 0.5 * std::numeric_limits<double>::epsilon();
     const Index n = size_ / 2;
-    bounds_.setZero(size_, m_);
     for (Index i = 0; i < m_; ++i) {
       point_ = Z_.col(i);
       errors_ = point_.cwiseAbs() + Y_.col(i).cwiseAbs();
@@ -269,7 +271,7 @@ private:
     for (Index i = 0; i < m_; ++i) {
       for (Index r = 0; r < size_; ++r) {
         const double slopes = tableau_.a.row(i).cwiseAbs().dot(bounds_.row(r));
-        if (!(std::abs(correction_(r, i)) <= 2.0 * unit * (std::abs(h) * slopes + 4.0 * std::abs(Y_(r, i))))) {
+        if (!(std::abs(next_(r, i)) <= 2.0 * unit * (std::abs(h) * slopes + 4.0 * std::abs(Y_(r, i))))) {
           return false;
         }
       }
@@ -342,17 +344,14 @@ private:
   }
 
   GaussTableau tableau_;
-  mutable HamiltonianEvaluator evaluator_;
   StageEvaluator stages_;
   formula::SumSizeEvaluator energy_size_;
   formula::RoundingEvaluator rounding_;
   Index m_, size_;
-  CompensatedState<VectorXd> z_;
-  Rows Y_, Z_, f_, last_f_;  ///< Z_i - z_k, Z_i, J∇H(Z_i), and that of the last step
-  Rows next_, correction_, bounds_;
+  Rows Y_, Z_, f_, last_f_;          ///< Z_i - z_k, Z_i, J∇H(Z_i), and that of the last step
+  Rows next_, correction_, bounds_;  ///< what the stages leave of their equations, what corrects it, and rounding
   VectorXd energies_;
-  VectorXd delta_, lost_, largest_, point_, gradient_, errors_;
-  mutable VectorXd end_;
+  VectorXd lost_, largest_, point_, gradient_, errors_;
   MatrixXd weights_, hessian_, matrix_;
   Eigen::PartialPivLU<MatrixXd> factors_;
   VectorXd right_, solution_;
@@ -362,12 +361,11 @@ private:
   double trial_h_ = 0.0, last_h_ = 0.0, factored_h_ = 0.0;
   double energy_ = 0.0;
   int iterations_ = 0;
-  mutable std::optional<double> node_energy_, end_energy_;
 };
 
 }  // namespace
 
-std::unique_ptr<SegmentScheme> make_gauss_scheme(const Hamiltonian& hamiltonian, int stages,
+std::unique_ptr<OneStepScheme> make_gauss_scheme(const Hamiltonian& hamiltonian, int stages,
                                                  std::span<const double> z_0) {
   check_initial_state(hamiltonian, z_0);
   return std::make_unique<GaussScheme>(hamiltonian, stages, z_0);

@@ -24,7 +24,7 @@ namespace rubato {
 /// that agree: dE/dh = s (E_k - (H(z_k) + H(z_{k+1}))/2)/h (1 + O(h²)). There is no node law in closed form, so that a
 /// run ends where the level equation has no solution: bridges are for other schemes. \throws std::invalid_argument if
 /// sizes do not fit, `stages` is not in 1 … 8, or H is not finite at z_0
-[[nodiscard]] std::unique_ptr<SegmentScheme> make_gauss_scheme(const Hamiltonian& hamiltonian, int stages,
+[[nodiscard]] std::unique_ptr<OneStepScheme> make_gauss_scheme(const Hamiltonian& hamiltonian, int stages,
                                                                std::span<const double> z_0);
 
 }  // namespace rubato

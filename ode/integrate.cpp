@@ -10,9 +10,11 @@
 
 #include <rubato/base/spread.hpp>
 #include <rubato/ode/discrete_lagrangian.hpp>
+#include <rubato/ode/gauss_scheme.hpp>
 #include <rubato/ode/generating_action.hpp>
 #include <rubato/ode/generating_scheme.hpp>
 #include <rubato/ode/midpoint_scheme.hpp>
+#include <rubato/ode/splitting_scheme.hpp>
 #include <rubato/ode/two_step_scheme.hpp>
 #include <rubato/solve/small_matrices.hpp>
 #include <rubato/variation/bridge_causes.hpp>
@@ -102,12 +104,20 @@ struct ReducedScheme {
   double energy_constant = 0.0;
 };
 
-/// The midpoint 𝕃 has a one-step production form; every other one, and an arbitrary starting pair, is two-step.
+/// The midpoint 𝕃 has a one-step production form, and some are nothing else; every other one, and an arbitrary starting
+/// pair, is two-step.
 ReducedScheme make_scheme(const Hamiltonian& whole, const InitialState& initial, const IntegrationOptions& options) {
   const Hamiltonian& hamiltonian = whole.without_constant();
   const SegmentNode first{initial.t, joined(initial)};
   if (std::holds_alternative<Midpoint>(options.lagrangian) && !options.next) {
     return {make_midpoint_scheme(hamiltonian, first.z), whole.constant()};
+  }
+  if (is_map(options.lagrangian)) {
+    if (options.next) {
+      throw std::invalid_argument(
+          "a starting pair is for two-step forms, and this scheme has none: leave out the second level");
+    }
+    return {make_one_step_scheme(hamiltonian, options.lagrangian, first.z), whole.constant()};
   }
   if (const auto* generating = std::get_if<Generating>(&options.lagrangian)) {
     const Eigen::MatrixXd F = generating->F(hamiltonian.degrees_of_freedom());
@@ -140,6 +150,21 @@ Eigen::MatrixXd Generating::F(std::size_t degrees_of_freedom) const {
   return type != nullptr ? darboux_symmetric(*type, n) : std::get<Eigen::MatrixXd>(darboux);
 }
 
+bool is_map(const SegmentLagrangian& lagrangian) {
+  return std::holds_alternative<Gauss>(lagrangian) || std::holds_alternative<Splitting>(lagrangian);
+}
+
+std::unique_ptr<OneStepScheme> make_one_step_scheme(const Hamiltonian& hamiltonian, const SegmentLagrangian& lagrangian,
+                                                    std::span<const double> z_0) {
+  if (const auto* gauss = std::get_if<Gauss>(&lagrangian)) {
+    return make_gauss_scheme(hamiltonian, gauss->stages, z_0);
+  }
+  if (const auto* splitting = std::get_if<Splitting>(&lagrangian)) {
+    return make_splitting_scheme(hamiltonian, composition(splitting->composition), z_0);
+  }
+  throw std::invalid_argument("this Lagrangian is told by its action");
+}
+
 std::unique_ptr<DiscreteAction> make_action(const Hamiltonian& hamiltonian, const SegmentLagrangian& lagrangian) {
   const auto formula = [](FormulaAction action) -> std::unique_ptr<DiscreteAction> {
     return std::make_unique<FormulaAction>(std::move(action));
@@ -152,11 +177,20 @@ std::unique_ptr<DiscreteAction> make_action(const Hamiltonian& hamiltonian, cons
                                [&](const Generating& generating) -> std::unique_ptr<DiscreteAction> {
                                  return std::make_unique<GeneratingAction>(
                                      hamiltonian, generating.F(hamiltonian.degrees_of_freedom()), generating.order);
+                               },
+                               [](const auto&) -> std::unique_ptr<DiscreteAction> {
+                                 throw std::invalid_argument("there is no action of a segment for this scheme");
                                }},
                     lagrangian);
 }
 
 NodeLaw make_node_law(const Hamiltonian& hamiltonian, const SegmentLagrangian& lagrangian) {
+  if (std::holds_alternative<Gauss>(lagrangian)) {
+    return NodeLaw(hamiltonian, std::numeric_limits<double>::quiet_NaN());
+  }
+  if (const auto* splitting = std::get_if<Splitting>(&lagrangian)) {
+    return NodeLaw(hamiltonian, composition(splitting->composition).gamma);
+  }
   const auto* generating = std::get_if<Generating>(&lagrangian);
   return generating == nullptr
              ? NodeLaw(hamiltonian)
@@ -209,6 +243,14 @@ bool OrbitIntegrator::finished() const {
   constexpr double slack = 1e-9;
   const double direction = options_.step < 0.0 ? -1.0 : 1.0;
   return direction * (levels_->time() - options_.until) >= -slack * std::abs(levels_->last_step());
+}
+
+SchemeTraits OrbitIntegrator::traits() const {
+  return {.order = scheme_->order(),
+          .bridged = is_map(options_.lagrangian) && !scheme_->has_node_law()
+                         ? "a scheme that has them: splitting = \"golden\" with lagrangian = \"splitting\", where H is "
+                           "T(p) + V(q), or \"midpoint\""
+                         : ""};
 }
 
 std::vector<std::string> OrbitIntegrator::cautions() const {
@@ -299,7 +341,7 @@ Orbit integrate(const Hamiltonian& hamiltonian, const InitialState& initial, con
       orbit.status = report.status;
       const std::string reason = integrator.failure_reason();
       orbit.message = describe_failure(report, integrator.t(), integrator.node(), integrator.levels().last_step(),
-                                       options.on_singular, reason);
+                                       options.on_singular, reason, integrator.traits());
       break;
     }
     orbit.h.push_back(report.h);
@@ -313,39 +355,52 @@ Orbit integrate(const Hamiltonian& hamiltonian, const InitialState& initial, con
 
 namespace {
 
-/// What Γ is called where it was read off the slopes of steps.
-std::string_view gamma_name(const StepReport& report) {
-  return report.gamma_from_slope ? "-(4/h) dE/dh" : "Gamma";
+std::string gamma_name(const StepReport& report, int order) {
+  return report.gamma_from_slope ? slope_name(order) : "Gamma";
 }
 
-std::string trend_of(const StepReport& report) {
-  return fmt::format("{} went from {:.4g} to {:.4g} over the last step", gamma_name(report), report.gamma_before,
+std::string trend_of(const StepReport& report, int order) {
+  return fmt::format("{} went from {:.4g} to {:.4g} over the last step", gamma_name(report, order), report.gamma_before,
                      report.gamma_after);
 }
 
 /// `has_gamma`: whether the scheme knows its Γ, so that there are bridges (with stop, the report has it from slopes all
 /// the same, since no level before is kept).
-std::string why_singular(const StepReport& report, OnSingular on_singular, bool has_gamma) {
+std::string why_singular(const StepReport& report, OnSingular on_singular, bool has_gamma, const SchemeTraits& scheme) {
   const GammaTrend trend{report.gamma_before, report.gamma_after};
   const bool bridging = on_singular == OnSingular::bridge && has_gamma;
+  const bool plain = on_singular == OnSingular::fixed;
   if (trend.meets_zero()) {
-    return fmt::format("{} nears 0 there ({}; theory, section 3){}", gamma_name(report), trend_of(report),
-                       bridging ? ", and no bridge over it was found; use another step, or levels = \"fixed\""
-                       : !has_gamma || on_singular == OnSingular::fixed
-                           ? "; use another step, or levels = \"fixed\""
-                           : "; use on_singular = \"bridge\" or \"fixed\", or levels = \"fixed\"");
+    const std::string what = fmt::format("{} nears 0 there ({}; theory, section {})", gamma_name(report, scheme.order),
+                                         trend_of(report, scheme.order), has_gamma ? 3 : 8);
+    if (bridging) {
+      return what + ", and no bridge over it was found; use another step, or levels = \"fixed\"";
+    }
+    if (!scheme.bridged.empty()) {
+      return fmt::format("{}, and this scheme has no bridges; use {}levels = \"fixed\", or {}", what,
+                         plain ? "" : "on_singular = \"fixed\", ", scheme.bridged);
+    }
+    return what + (!has_gamma || plain ? "; use another step, or levels = \"fixed\""
+                                       : "; use on_singular = \"bridge\" or \"fixed\", or levels = \"fixed\"");
   }
   if (trend.known() && trend.ratio() > GammaTrend::changes_much) {
-    return fmt::format("the step is too long for the motion: {}; take a smaller step", trend_of(report));
+    return fmt::format("the step is too long for the motion: {}; take a smaller step", trend_of(report, scheme.order));
   }
-  return "E(h) turns back, or leaves the branch the run is on, before it comes to E; take a smaller step, or levels = "
-         "\"fixed\"";
+  return fmt::format(
+      "E(h) turns back, or leaves the branch the run is on, before it comes to E; take a smaller step, {}",
+      scheme.bridged.empty() ? "or levels = \"fixed\"" : fmt::format("levels = \"fixed\", or {}", scheme.bridged));
 }
 
 }  // namespace
 
+std::string slope_name(int order) {
+  return order == 2   ? "-(4/h) dE/dh"
+         : order == 1 ? "-12 dE/dh"
+                      : fmt::format("-(24/({} h^{})) dE/dh", order * (order + 1), order - 1);
+}
+
 std::string describe_failure(const StepReport& report, double t, const LevelNode& node, double last_step,
-                             OnSingular on_singular, std::string_view reason) {
+                             OnSingular on_singular, std::string_view reason, const SchemeTraits& scheme) {
   const std::string where =
       std::isfinite(node.gamma)
           ? fmt::format("at t = {:.10g}, Gamma = {:.4g}, last step h = {:.4g}", t, node.gamma, last_step)
@@ -354,7 +409,7 @@ std::string describe_failure(const StepReport& report, double t, const LevelNode
     case Status::success: return {};
     case Status::singular:
       return fmt::format("the step equation has no solution with the required energy {}: {}", where,
-                         why_singular(report, on_singular, std::isfinite(node.gamma)));
+                         why_singular(report, on_singular, std::isfinite(node.gamma), scheme));
     case Status::ill_conditioned:
       return fmt::format(
           "the energy law carries no information {}: the step condition {:.3g} exceeds 1e-2, rounding in H alone moves "
@@ -366,7 +421,7 @@ std::string describe_failure(const StepReport& report, double t, const LevelNode
                  ? fmt::format(
                        "the step could not be solved {}: it is too long for a motion that speeds up like this "
                        "({}); take a smaller step, and end the run before the motion blows up, if it does",
-                       where, trend_of(report))
+                       where, trend_of(report, scheme.order))
                  : fmt::format("the step could not be solved {}: the iteration did not settle; take a smaller step",
                                where);
     }

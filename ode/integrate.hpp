@@ -36,9 +36,25 @@ struct Generating {
 
   [[nodiscard]] Eigen::MatrixXd F(std::size_t degrees_of_freedom) const;
 };
-using SegmentLagrangian = std::variant<Midpoint, Forward, Custom, Generating>;
+/// Gauss collocation (make_gauss_scheme): order 2m with m stages, for any H.
+struct Gauss {
+  int stages = 3;
+};
+/// An explicit splitting of H = T(p) + V(q) (make_splitting_scheme).
+struct Splitting {
+  std::string composition = "golden";  ///< see composition()
+};
+using SegmentLagrangian = std::variant<Midpoint, Forward, Custom, Generating, Gauss, Splitting>;
 
-/// The action A = (t_1 - t_0)·𝕃 of a segment. \throws formula::ParseError (Custom)
+/// Whether its scheme is a one-step map that is told as such, by make_one_step_scheme(), and not as an action: then
+/// there are no two-step form and no starting pair.
+[[nodiscard]] bool is_map(const SegmentLagrangian& lagrangian);
+/// \throws std::invalid_argument as the scheme's own function, or if is_map() does not hold
+[[nodiscard]] std::unique_ptr<OneStepScheme> make_one_step_scheme(const Hamiltonian& hamiltonian,
+                                                                  const SegmentLagrangian& lagrangian,
+                                                                  std::span<const double> z_0);
+
+/// The action A = (t_1 - t_0)·𝕃 of a segment. \throws formula::ParseError (Custom); std::invalid_argument if is_map()
 [[nodiscard]] std::unique_ptr<DiscreteAction> make_action(const Hamiltonian& hamiltonian,
                                                           const SegmentLagrangian& lagrangian);
 
@@ -80,6 +96,12 @@ public:
   using std::invalid_argument::invalid_argument;
 };
 
+/// What the account of a failure has to know of a scheme.
+struct SchemeTraits {
+  int order = 2;
+  std::string_view bridged = {};  ///< what to use in its place where it has no bridges; as an option of [scheme]
+};
+
 /// Steps an orbit, level by level. integrate() is the loop over it.
 class OrbitIntegrator {
 public:
@@ -99,6 +121,7 @@ public:
   /// The same of H without the constant that was added to it.
   [[nodiscard]] LevelNode bare_node() { return scheme_->node(); }
   [[nodiscard]] bool has_gamma() const { return scheme_->has_gamma(); }
+  [[nodiscard]] SchemeTraits traits() const;
   [[nodiscard]] const TimeLevels& levels() const { return *levels_; }
   /// Whether E_k is one constant for the run; if not (𝕃 depends on t), energy_balance() is what (3.4) leaves.
   [[nodiscard]] bool autonomous() const { return !scheme_->energy_target().has_value(); }
@@ -151,6 +174,11 @@ struct Orbit {
 /// One sentence on why a step failed at time t, with the values that matter and what to do, given what the run does
 /// already where Γ vanishes. `reason`: what of the formula was not defined, where that is known.
 [[nodiscard]] std::string describe_failure(const StepReport& report, double t, const LevelNode& node, double last_step,
-                                           OnSingular on_singular, std::string_view reason = {});
+                                           OnSingular on_singular, std::string_view reason = {},
+                                           const SchemeTraits& scheme = {});
+
+/// What is told in place of Γ where the slopes of steps are all that is known: "-(4/h) dE/dh" for order 2, and for
+/// order s -24/(s(s+1) h^(s-1)) dE/dh, which is -24 η to leading order (theory, section 8).
+[[nodiscard]] std::string slope_name(int order);
 
 }  // namespace rubato

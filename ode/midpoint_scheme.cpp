@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <optional>
 #include <stdexcept>
 #include <type_traits>
 #include <utility>
@@ -14,6 +13,7 @@
 #include <Eigen/Core>
 
 #include <rubato/ode/increment.hpp>
+#include <rubato/ode/one_step_state.hpp>
 #include <rubato/solve/dense_solver.hpp>
 #include <rubato/solve/elimination.hpp>
 
@@ -25,32 +25,32 @@ constexpr int most_iterations = 50;
 
 /// Size is 2n where that is small enough for the compiler to unroll, else Eigen::Dynamic.
 template <int Size>
-class MidpointScheme final : public SegmentScheme {
+class MidpointScheme final : public OneStepState<Eigen::Matrix<double, Size, 1>> {
   using Vector = Eigen::Matrix<double, Size, 1>;
   using Matrix = Eigen::Matrix<double, Size, Size>;
+  using Base = OneStepState<Vector>;
+  using Base::delta_;
+  using Base::evaluator_;
+  using Base::z_;
   using Solver = std::conditional_t<Size == Eigen::Dynamic, solve::DenseSolver, solve::FixedSolver<std::max(Size, 1)>>;
 
 public:
   MidpointScheme(const Hamiltonian& hamiltonian, std::span<const double> z_0)
-      : evaluator_(hamiltonian),
+      : Base(hamiltonian, z_0),
         energy_size_(hamiltonian.size_code()),
         gradient_rounding_(hamiltonian.gradient_code()),
         size_(static_cast<Eigen::Index>(z_0.size())),
-        z_(Vector(Eigen::Map<const Eigen::VectorXd>(z_0.data(), size_))),
         history_(size_),
         factors_(static_cast<int>(size_)) {
-    for (Vector* vector : {&delta_, &rate_, &correction_, &point_, &gradient_, &f_, &rounding_point_}) {
+    for (Vector* vector : {&rate_, &correction_, &point_, &gradient_, &f_, &rounding_point_}) {
       vector->setZero(size_);
     }
     hessian_.setZero(size_, size_);
     matrix_.setZero(size_, size_);
   }
 
-  [[nodiscard]] std::size_t dimension() const override { return static_cast<std::size_t>(size_); }
-  [[nodiscard]] std::span<const double> state() const override { return as_span(z_.value()); }
-
   [[nodiscard]] Status advance(double h, double accuracy) override {
-    trial_node_.reset();
+    Base::forget_trial();
     if (!factored_) {
       predict(h);
       if (!factor(h)) {
@@ -105,26 +105,10 @@ public:
   [[nodiscard]] double discrete_energy_slope() const override { return slope_; }
   [[nodiscard]] int iterations() const override { return iterations_; }
 
-  [[nodiscard]] LevelNode node() override {
-    if (!node_) {
-      node_ = node_at(z_.value());
-    }
-    return *node_;
-  }
-
-  [[nodiscard]] LevelNode trial_node() override {
-    if (!trial_node_) {
-      z_.displaced(1.0, delta_, point_);
-      trial_node_ = node_at(point_);
-    }
-    return *trial_node_;
-  }
-
   void accept() override {
     history_.record(trial_h_, delta_);
-    z_.add(delta_);
+    Base::take();
     start_level();
-    node_ = std::exchange(trial_node_, std::nullopt);
   }
 
   void save(StateWriter& state) const override {
@@ -133,9 +117,14 @@ public:
   }
 
   void restore(StateReader& state) override {
-    z_.restore(state);
+    Base::restore_state(state);
     history_.restore(state);
-    trial_node_.reset();
+    start_level();
+  }
+
+  void restart(std::span<const double> z) override {
+    Base::stand_at(Eigen::Map<const Vector>(z.data(), size_));
+    history_ = VelocityHistory<Vector>(size_);
     start_level();
   }
 
@@ -146,11 +135,10 @@ private:
 
   void start_level() {
     factored_ = false;
-    node_.reset();
     iterations_ = 0;
   }
 
-  LevelNode node_at(const Vector& z) {
+  [[nodiscard]] LevelNode node_at(const Vector& z) override {
     LevelNode node;
     node.gamma = evaluator_.gamma(z.data(), node.energy);
     return node;
@@ -198,14 +186,12 @@ private:
     return factored_;
   }
 
-  HamiltonianEvaluator evaluator_;
   formula::SumSizeEvaluator energy_size_;
   formula::RoundingEvaluator gradient_rounding_;
   Eigen::Index size_;
-  CompensatedState<Vector> z_;
   VelocityHistory<Vector> history_;
 
-  Vector delta_, rate_, correction_, point_, gradient_, f_, rounding_point_;  ///< rate_ = dδ/dh along the solved step
+  Vector rate_, correction_, point_, gradient_, f_, rounding_point_;  ///< rate_ = dδ/dh along the solved step
   Matrix hessian_, matrix_;
   Solver factors_;
   bool factored_ = false;  ///< whether there is a matrix, and a trial step, for this level
@@ -214,12 +200,11 @@ private:
   double energy_ = 0.0;
   double slope_ = 0.0;
   int iterations_ = 0;
-  std::optional<LevelNode> node_, trial_node_;  ///< where already asked for
 };
 
 }  // namespace
 
-std::unique_ptr<SegmentScheme> make_midpoint_scheme(const Hamiltonian& hamiltonian, std::span<const double> z_0) {
+std::unique_ptr<OneStepScheme> make_midpoint_scheme(const Hamiltonian& hamiltonian, std::span<const double> z_0) {
   check_initial_state(hamiltonian, z_0);
   switch (z_0.size()) {
     case 2: return std::make_unique<MidpointScheme<2>>(hamiltonian, z_0);

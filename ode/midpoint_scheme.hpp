@@ -19,7 +19,7 @@ namespace rubato {
 /// The increment δ is solved by simplified Newton, with (I - ½h J H_zz)⁻¹ factored once a step at the predicted
 /// midpoint and again when it contracts poorly, until the corrections stagnate. z is summed with compensation. \throws
 /// std::invalid_argument if z_0 has not 2n entries, is not finite, or H or ∇H is not finite there
-[[nodiscard]] std::unique_ptr<SegmentScheme> make_midpoint_scheme(const Hamiltonian& hamiltonian,
+[[nodiscard]] std::unique_ptr<OneStepScheme> make_midpoint_scheme(const Hamiltonian& hamiltonian,
                                                                   std::span<const double> z_0);
 
 }  // namespace rubato

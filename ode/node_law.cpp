@@ -1,5 +1,6 @@
 #include <rubato/ode/node_law.hpp>
 
+#include <cmath>
 #include <limits>
 
 namespace rubato {
@@ -7,7 +8,10 @@ namespace rubato {
 LevelNode NodeLaw::operator()(const double* z) {
   LevelNode node;
   if (!generating_) {
-    node.gamma = evaluator_.gamma(z, node.energy);
+    if (std::isnan(factor_)) {
+      return {evaluator_.value(z), factor_};
+    }
+    node.gamma = factor_ * evaluator_.gamma(z, node.energy);
     return node;
   }
   node.energy = evaluator_.value(z);

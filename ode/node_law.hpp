@@ -11,10 +11,12 @@
 namespace rubato {
 
 /// What the choice of time levels reads at a node of an orbit: H, and Γ = fᵀH_zz f for schemes of order 2 (theory,
-/// section 3), or -24 φ^(s+1), which is the same for s = 2, for a generating function's scheme of order s.
+/// section 3), or -24 φ^(s+1), which is the same for s = 2, for a generating function's scheme of order s. Other
+/// families have -24 η in its place (theory, section 8), where that is known in closed form.
 class NodeLaw {
 public:
-  explicit NodeLaw(const Hamiltonian& hamiltonian) : evaluator_(hamiltonian) {}
+  /// Γ is `factor` times fᵀH_zz f; with a factor that is NaN nothing is known of it, and Γ is told as NaN.
+  explicit NodeLaw(const Hamiltonian& hamiltonian, double factor = 1.0) : evaluator_(hamiltonian), factor_(factor) {}
   /// \throws std::invalid_argument as generating_order and GeneratingFunction
   NodeLaw(const Hamiltonian& hamiltonian, const Eigen::MatrixXd& F, int order)
       : evaluator_(hamiltonian),
@@ -30,6 +32,7 @@ public:
 
 private:
   HamiltonianEvaluator evaluator_;
+  double factor_ = 1.0;
   int order_ = 2;
   std::optional<GeneratingFunction> generating_;
 };

@@ -14,6 +14,14 @@ public:
   [[nodiscard]] virtual std::span<const double> state() const = 0;  ///< z_k, rounded to double
 };
 
+/// One whose step depends on z_k and h alone, z_{k+1} = ψ_h(z_k): the past serves to begin the solution of a step, and
+/// nothing else.
+class OneStepScheme : public SegmentScheme {
+public:
+  /// Stands at z (2n finite entries), with no past.
+  virtual void restart(std::span<const double> z) = 0;
+};
+
 /// What every one-step scheme asks of z_0. \throws std::invalid_argument, with the values, if it has not 2n entries or
 /// is not finite, or H or ∇H is not finite there
 void check_initial_state(const Hamiltonian& hamiltonian, std::span<const double> z_0);

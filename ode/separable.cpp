@@ -1,6 +1,7 @@
 #include <rubato/ode/separable.hpp>
 
 #include <algorithm>
+#include <vector>
 
 namespace rubato {
 
@@ -11,9 +12,9 @@ using formula::Operation;
 
 class Separator {
 public:
-  explicit Separator(const Hamiltonian& hamiltonian)
-      : graph_(*hamiltonian.graph()), first_momentum_(hamiltonian.degrees_of_freedom()) {
-    for (const Expression variable : hamiltonian.variables()) {
+  Separator(formula::Graph& graph, std::span<const Expression> variables)
+      : graph_(graph), first_momentum_(variables.size() / 2) {
+    for (const Expression variable : variables) {
       numbers_.push_back(graph_.node(variable.index()).a);
     }
     result_.T = graph_.constant(0.0);
@@ -71,8 +72,12 @@ private:
 
 }  // namespace
 
+Separation separate(Expression H, std::span<const Expression> variables) {
+  return Separator(*H.graph(), variables)(H);
+}
+
 Separation separate(const Hamiltonian& hamiltonian) {
-  return Separator(hamiltonian)(hamiltonian.expression());
+  return separate(hamiltonian.expression(), hamiltonian.variables());
 }
 
 }  // namespace rubato

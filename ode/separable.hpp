@@ -1,8 +1,7 @@
 #pragma once
 
-#include <optional>
+#include <span>
 #include <string>
-#include <vector>
 
 #include <rubato/ode/hamiltonian.hpp>
 
@@ -16,6 +15,8 @@ struct Separation {
 
   [[nodiscard]] bool separable() const { return mixed.empty(); }
 };
+/// `variables`: coordinates, then as many momenta.
+[[nodiscard]] Separation separate(formula::Expression H, std::span<const formula::Expression> variables);
 [[nodiscard]] Separation separate(const Hamiltonian& hamiltonian);
 
 }  // namespace rubato

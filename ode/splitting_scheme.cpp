@@ -1,15 +1,13 @@
 #include <rubato/ode/splitting_scheme.hpp>
 
-#include <array>
 #include <cmath>
-#include <limits>
-#include <optional>
 #include <stdexcept>
 #include <utility>
 
 #include <fmt/format.h>
 
-#include <rubato/ode/increment.hpp>
+#include <rubato/ode/node_law.hpp>
+#include <rubato/ode/one_step_state.hpp>
 #include <rubato/ode/separable.hpp>
 
 namespace rubato {
@@ -47,33 +45,28 @@ private:
   formula::ScalarEvaluator evaluate_;
 };
 
-class SplittingScheme final : public SegmentScheme {
+class SplittingScheme final : public OneStepState<VectorXd> {
 public:
   SplittingScheme(const Hamiltonian& hamiltonian, const Separation& halves, const Composition& composition,
                   std::span<const double> z_0)
-      : composition_(composition),
-        evaluator_(hamiltonian),
+      : OneStepState(hamiltonian, z_0),
+        composition_(composition),
+        law_(hamiltonian, composition.gamma),
         energy_size_(hamiltonian.size_code()),
         n_(static_cast<Index>(hamiltonian.degrees_of_freedom())),
         T_(halves.T, std::span(hamiltonian.variables()).subspan(hamiltonian.degrees_of_freedom())),
-        V_(halves.V, std::span(hamiltonian.variables()).first(hamiltonian.degrees_of_freedom())),
-        z_(VectorXd(Eigen::Map<const VectorXd>(z_0.data(), 2 * n_))),
-        golden_(composition.name == "golden") {
-    for (VectorXd* vector : {&delta_, &point_, &errors_}) {
-      vector->setZero(2 * n_);
-    }
+        V_(halves.V, std::span(hamiltonian.variables()).first(hamiltonian.degrees_of_freedom())) {
+    point_.setZero(2 * n_);
+    errors_.setZero(2 * n_);
   }
 
-  [[nodiscard]] std::size_t dimension() const override { return static_cast<std::size_t>(2 * n_); }
-  [[nodiscard]] std::span<const double> state() const override { return as_span(z_.value()); }
   [[nodiscard]] int order() const override { return composition_.order; }
-  [[nodiscard]] bool has_node_law() const override { return golden_; }
+  [[nodiscard]] bool has_node_law() const override { return composition_.has_node_law(); }
 
   /// Explicit: `accuracy` has nothing to bear on.
   [[nodiscard]] Status advance(double h, double /*accuracy*/) override {
     trial_h_ = h;
-    trial_node_.reset();
-    end_energy_.reset();
+    forget_trial();
     ++iterations_;
     delta_.setZero();
     double energy = 0.0;
@@ -88,85 +81,48 @@ public:
   }
 
   [[nodiscard]] double discrete_energy() const override { return energy_; }
-  [[nodiscard]] double discrete_energy_slope() const override {
-    if (!node_energy_) {
-      node_energy_ = evaluator_.value(z_.value().data());
-    }
-    if (!end_energy_) {
-      z_.displaced(1.0, delta_, end_);
-      end_energy_ = evaluator_.value(end_.data());
-    }
-    return composition_.order * (energy_ - 0.5 * (*node_energy_ + *end_energy_)) / trial_h_;
-  }
+  [[nodiscard]] double discrete_energy_slope() const override { return slope_by_nodes(energy_, trial_h_); }
   [[nodiscard]] bool slope_to_leading_order() const override { return true; }
   [[nodiscard]] formula::SumSize energy_size() override {
     z_.displaced(0.5, delta_, point_);
     errors_ = 2.0 * (point_.cwiseAbs() + delta_.cwiseAbs());
-    return energy_size_(as_span(std::as_const(point_)), as_span(std::as_const(errors_)));
+    formula::SumSize size = energy_size_(as_span(std::as_const(point_)), as_span(std::as_const(errors_)));
+    size.rounding *= composition_.magnitude();
+    return size;
   }
   [[nodiscard]] int iterations() const override { return iterations_; }
 
-  [[nodiscard]] LevelNode node() override {
-    if (!node_) {
-      node_ = node_at(z_.value());
-    }
-    return *node_;
-  }
-  [[nodiscard]] LevelNode trial_node() override {
-    if (!trial_node_) {
-      z_.displaced(1.0, delta_, point_);
-      trial_node_ = node_at(point_);
-    }
-    return *trial_node_;
-  }
-
   void accept() override {
-    z_.add(delta_);
-    node_ = std::exchange(trial_node_, std::nullopt);
-    node_energy_ = std::exchange(end_energy_, std::nullopt);
+    take();
+    iterations_ = 0;
+  }
+  void restart(std::span<const double> z) override {
+    stand_at(Eigen::Map<const VectorXd>(z.data(), 2 * n_));
     iterations_ = 0;
   }
 
   void save(StateWriter& state) const override { z_.save(state); }
   void restore(StateReader& state) override {
-    z_.restore(state);
-    node_.reset();
-    trial_node_.reset();
-    node_energy_.reset();
-    end_energy_.reset();
+    restore_state(state);
     iterations_ = 0;
   }
 
 private:
-  LevelNode node_at(const VectorXd& z) {
-    LevelNode node;
-    if (golden_) {
-      // E - H = 3 h² η and Γ := -24 η (theory, section 8): of (7 - 3√5)/16 h² fᵀH_zz f.
-      node.gamma = -0.5 * (7.0 - 3.0 * std::sqrt(5.0)) * evaluator_.gamma(z.data(), node.energy);
-    } else {
-      node = {evaluator_.value(z.data()), std::numeric_limits<double>::quiet_NaN()};
-    }
-    return node;
-  }
+  [[nodiscard]] LevelNode node_at(const VectorXd& z) override { return law_(z.data()); }
 
   const Composition& composition_;
-  mutable HamiltonianEvaluator evaluator_;
+  NodeLaw law_;
   formula::SumSizeEvaluator energy_size_;
   Index n_;
   Half T_, V_;
-  CompensatedState<VectorXd> z_;
-  bool golden_;
-  VectorXd delta_, point_, errors_;
-  mutable VectorXd end_;
+  VectorXd point_, errors_;
   double trial_h_ = 0.0, energy_ = 0.0;
   int iterations_ = 0;
-  std::optional<LevelNode> node_, trial_node_;  ///< where already asked for
-  mutable std::optional<double> node_energy_, end_energy_;
 };
 
 }  // namespace
 
-std::unique_ptr<SegmentScheme> make_splitting_scheme(const Hamiltonian& hamiltonian, const Composition& composition,
+std::unique_ptr<OneStepScheme> make_splitting_scheme(const Hamiltonian& hamiltonian, const Composition& composition,
                                                      std::span<const double> z_0) {
   check_initial_state(hamiltonian, z_0);
   const Separation halves = separate(hamiltonian);

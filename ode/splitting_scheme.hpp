@@ -22,7 +22,7 @@ namespace rubato {
 /// form: a run with variable levels ends where the level equation has no solution. The slope dE/dh is that of
 /// make_gauss_scheme().
 /// \throws std::invalid_argument if H is not separable, naming the term; if sizes do not fit or H is not finite at z_0
-[[nodiscard]] std::unique_ptr<SegmentScheme> make_splitting_scheme(const Hamiltonian& hamiltonian,
+[[nodiscard]] std::unique_ptr<OneStepScheme> make_splitting_scheme(const Hamiltonian& hamiltonian,
                                                                    const Composition& composition,
                                                                    std::span<const double> z_0);
 

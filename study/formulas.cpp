@@ -11,16 +11,6 @@
 namespace rubato::study {
 namespace {
 
-/// The place in the file of character `column` of line `line` of a formula that begins at `start`.
-Location place_in_file(const Location& start, std::size_t line, std::size_t column) {
-  if (start.line == 0) {
-    return start;
-  }
-  const auto down = static_cast<int>(line) - 1;
-  const auto right = static_cast<int>(column);
-  return {start.file, start.line + down, down == 0 ? start.column + right - 1 : right};
-}
-
 std::string name_at(const std::string& text, std::size_t offset) {
   std::size_t end = offset;
   while (end < text.size() && (is_identifier(text.substr(offset, end - offset + 1)))) {
@@ -141,6 +131,15 @@ private:
 };
 
 }  // namespace
+
+Location place_in_file(const Location& start, std::size_t line, std::size_t column) {
+  if (start.line == 0) {
+    return start;
+  }
+  const auto down = static_cast<int>(line) - 1;
+  const auto right = static_cast<int>(column);
+  return {start.file, start.line + down, down == 0 ? start.column + right - 1 : right};
+}
 
 formula::Expression build_formula(const FormulaText& text, formula::Graph& graph, const Vocabulary& vocabulary,
                                   std::span<const Parameter> parameters) {

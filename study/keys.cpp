@@ -4,6 +4,7 @@
 
 #include <fmt/format.h>
 
+#include <rubato/ode/composition.hpp>
 #include <rubato/study/problem.hpp>
 
 namespace rubato::study {
@@ -86,7 +87,9 @@ std::vector<KeyEntry> make_keys() {
       {"initial.next", "t", "number", required, "The time of the second level."},
 
       {"scheme", "lagrangian", "word", fmt::format("{} for orbits, {} for lattices", words[0], words[ode_lagrangians]),
-       "The discrete Lagrangian; the first four are for orbits, the others for lattices.", words},
+       "The discrete Lagrangian, or the family of symplectic maps; the first six are for orbits, the others for "
+       "lattices.",
+       words},
       {"scheme", "levels", "word", std::string(to_string(scheme.levels)),
        "Levels from the total variation, which keep the discrete energy, or equal ones.", levels_words},
       {"scheme", "step", "number, or \"auto\"", required,
@@ -106,7 +109,13 @@ std::vector<KeyEntry> make_keys() {
       {"scheme", "largest_step", "number", none, "How long steps may become, about; for step_potential = \"auto\"."},
       {"scheme.step_potential", "kappa", "number", required, "kappa h0 is about the largest step."},
       {"scheme.step_potential", "p", "number greater than the order", required, "How suddenly it is felt."},
-      {"scheme", "order", "integer", "required by generating", "The order of a generating function."},
+      {"scheme", "order", "integer", "required by generating",
+       "The order of a generating function; with splitting 2, 4, 6 or 8, for the best splitting of that order."},
+      {"scheme", "stages", "integer from 1 to 8", "required by gauss",
+       "The stages of Gauss collocation, of order 2*stages."},
+      {"scheme", "splitting", "word", scheme.splitting,
+       "The explicit splitting, of drifts and kicks; the number is its order, golden and verlet have 2.",
+       splitting_words()},
       {"scheme", "darboux", "word, or matrix", std::string(darboux_words[0]),
        "The type of a generating function; as a matrix a symmetric 2n x 2n one, in full.", darboux_words},
       {"scheme", "L", "formula", "required by custom",
@@ -126,12 +135,25 @@ std::vector<KeyEntry> make_keys() {
   };
 }
 
+std::vector<std::string_view> make_splitting_words() {
+  std::vector<std::string_view> words;
+  for (const Composition& one : compositions()) {
+    words.push_back(one.name);
+  }
+  return words;
+}
+
 /// "grid.y" and "grid.z" are documented as "grid.x".
 std::string_view documented_name(std::string_view table) {
   return table == "grid.y" || table == "grid.z" ? "grid.x" : table;
 }
 
 }  // namespace
+
+std::span<const std::string_view> splitting_words() {
+  static const std::vector<std::string_view> words = make_splitting_words();
+  return words;
+}
 
 std::span<const TableEntry> problem_tables() {
   return all_tables;

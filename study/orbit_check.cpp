@@ -2,8 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <memory>
 #include <optional>
+#include <span>
 #include <utility>
 
 #include <Eigen/Core>
@@ -67,12 +69,10 @@ public:
         orbit_(*problem.hamiltonian()),
         hamiltonian_(make_hamiltonian(problem)),
         law_(make_node_law(hamiltonian_, make_lagrangian(problem))),
-        action_(make_action(hamiltonian_, make_lagrangian(problem))),
         one_step_(!orbit_.next && (problem.scheme.lagrangian == Lagrangian::midpoint ||
                                    problem.scheme.lagrangian == Lagrangian::generating)),
         n_(hamiltonian_.degrees_of_freedom()),
         autonomous_(problem.scheme.lagrangian != Lagrangian::custom),
-        gradient_(static_cast<Index>(action_->element().size())),
         invariants_(problem, orbit_.invariants, orbit_.names()),
         exact_(problem, orbit_.exact, {"t"}),
         states_(reader, "/states", n_, levels.state_level.size()),
@@ -82,6 +82,13 @@ public:
         energy_(reader, "/levels/energy") {
     if (reader.has("/levels/rounding")) {  // records of earlier versions have none
       rounding_.emplace(reader, "/levels/rounding");
+    }
+    const SegmentLagrangian lagrangian = make_lagrangian(problem);
+    if (is_map(lagrangian)) {
+      map_ = make_one_step_scheme(hamiltonian_, lagrangian, initial_state());
+    } else {
+      action_ = make_action(hamiltonian_, lagrangian);
+      gradient_.resize(static_cast<Index>(action_->element().size()));
     }
     if (levels.sparse) {
       before_.emplace(reader, "/states/previous", n_, levels.state_level.size());
@@ -115,7 +122,7 @@ public:
       }
       check_exact(row);
       if (row > 0 && whole && !previous.empty() && all_finite(previous)) {
-        check_step(row, previous, z);
+        map_ ? check_map(row, previous, z) : check_step(row, previous, z);
       } else {
         last_corners_.clear();
       }
@@ -147,10 +154,14 @@ private:
     return all_finite(z);
   }
 
-  void check_start(const std::vector<double>& z) {
+  [[nodiscard]] std::vector<double> initial_state() const {
     std::vector<double> start = orbit_.initial.q;
     start.insert(start.end(), orbit_.initial.p.begin(), orbit_.initial.p.end());
-    compare_states(states_, 0, z, start, "the initial state of the problem");
+    return start;
+  }
+
+  void check_start(const std::vector<double>& z) {
+    compare_states(states_, 0, z, initial_state(), "the initial state of the problem");
     if (orbit_.next && !levels_.sparse && levels_.state_level.size() > 1) {
       std::vector<double> next = orbit_.next->q;
       next.insert(next.end(), orbit_.next->p.begin(), orbit_.next->p.end());
@@ -242,6 +253,42 @@ private:
     }
   }
 
+  /// E_k, and after it ψ_h(z_0): the step of a one-step map taken again, with no past to begin it from; not numbers
+  /// where it cannot be taken.
+  [[nodiscard]] std::vector<double> map_step(std::span<const double> z_0, double h) {
+    std::vector<double> result(1 + 2 * n_, std::numeric_limits<double>::quiet_NaN());
+    map_->restart(z_0);
+    // Where it cannot be solved from nothing, from a step of half the length.
+    if (map_->advance(h, 0.0) == Status::success ||
+        (map_->advance(0.5 * h, 0.0) == Status::success && map_->advance(h, 0.0) == Status::success)) {
+      result[0] = map_->discrete_energy();
+      map_->accept();
+      std::ranges::copy(map_->state(), result.begin() + 1);
+    }
+    return result;
+  }
+
+  /// The step of a one-step map: E_k, and z_1 - ψ_h(z_0). For what rounding makes of it: z_0 and h, z_1 and nothing.
+  void check_map(std::size_t row, const std::vector<double>& z_0, const std::vector<double>& z_1) {
+    const std::size_t size = 2 * n_;
+    const double h = levels_.h[levels_.step_to(row)];
+    std::vector<double> inputs = z_0, scales = scale_;
+    inputs.push_back(h);
+    scales.push_back(std::abs(h));
+    inputs.insert(inputs.end(), z_1.begin(), z_1.end());
+    scales.insert(scales.end(), scale_.begin(), scale_.end());
+    inputs.push_back(0.0);
+    scales.push_back(0.0);
+    const std::vector<double> sound = map_step(z_0, h);
+    compare_step(row, inputs, scales, 1 + size, [&](const std::vector<double>& at, std::vector<double>& out) {
+      const bool moved = !std::equal(at.begin(), at.begin() + static_cast<std::ptrdiff_t>(size) + 1, inputs.begin());
+      out = moved ? map_step(std::span(at).first(size), at[size]) : sound;
+      for (std::size_t i = 0; i < size; ++i) {
+        out[1 + i] = at[size + 1 + i] - out[1 + i];
+      }
+    });
+  }
+
   void check_step(std::size_t row, const std::vector<double>& z_0, const std::vector<double>& z_1) {
     const std::size_t step = levels_.step_to(row);
     // Where t does not matter it is left out: t_{k+1} - t_k would lose digits of h.
@@ -258,14 +305,25 @@ private:
       check_step(row, z_0, z_1);
       return;
     }
-    const std::size_t outputs = one_step_ ? 1 + 2 * n_ : 1;
+    compare_step(row, corners, scales, one_step_ ? 1 + 2 * n_ : 1,
+                 [this](const std::vector<double>& at, std::vector<double>& out) { evaluate_step(at, out); });
+    if (!one_step_ && !levels_.sparse) {
+      check_two_steps(row, corners, scales);
+    }
+    last_corners_ = corners;
+  }
+
+  /// E_k of the step to a stored level, and what it leaves of its equations: evaluate(inputs, outputs).
+  template <typename Evaluate>
+  void compare_step(std::size_t row, const std::vector<double>& inputs, const std::vector<double>& scales,
+                    std::size_t outputs, Evaluate&& evaluate) {
+    const std::size_t step = levels_.step_to(row);
     std::vector<double> found(outputs), tolerances;
-    const auto evaluate = [this](const std::vector<double>& at, std::vector<double>& out) { evaluate_step(at, out); };
-    evaluate(corners, found);
+    evaluate(inputs, found);
     const auto tolerance = [&](std::size_t output) {
       return [&, output] {
         if (tolerances.empty()) {
-          tolerances = Rounding::tolerances(corners, scales, {0, 1}, outputs, evaluate);
+          tolerances = Rounding::tolerances(inputs, scales, {0, 1}, outputs, evaluate);
         }
         return tolerances[output];
       };
@@ -277,14 +335,11 @@ private:
         "from the states around the step");
     for (std::size_t i = 0; i + 1 < outputs; ++i) {
       equation_.add(std::abs(found[1 + i]));
-      // The equation of a coordinate is that of its rate, and its defect that of the momentum's row of Jδ.
-      const std::size_t component = i < n_ ? i + n_ : i - n_;
+      // The equation of a coordinate is that of its rate, and its defect that of the momentum's row of Jδ; a map taken
+      // again leaves the states themselves.
+      const std::size_t component = map_ ? i : i < n_ ? i + n_ : i - n_;
       check_equation(row, component, found[1 + i], tolerance(1 + i));
     }
-    if (!one_step_ && !levels_.sparse) {
-      check_two_steps(row, corners, scales);
-    }
-    last_corners_ = corners;
   }
 
   template <typename Tolerance>
@@ -337,7 +392,8 @@ private:
   const HamiltonianProblem& orbit_;
   Hamiltonian hamiltonian_;
   NodeLaw law_;
-  std::unique_ptr<DiscreteAction> action_;
+  std::unique_ptr<DiscreteAction> action_;  ///< what a step is judged by: this, or
+  std::unique_ptr<OneStepScheme> map_;      ///< the map itself
   bool one_step_;
   std::size_t n_;
   bool autonomous_;

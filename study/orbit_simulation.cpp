@@ -66,6 +66,7 @@ public:
   [[nodiscard]] double energy_terms() const override { return integrator_.levels().energy_scale(); }
   [[nodiscard]] const StepPotential& step_potential() const override { return integrator_.levels().potential(); }
   [[nodiscard]] std::string failure_reason() const override { return integrator_.failure_reason(); }
+  [[nodiscard]] SchemeTraits traits() const override { return integrator_.traits(); }
 
   [[nodiscard]] std::vector<std::string> cautions() const override { return integrator_.cautions(); }
 
@@ -166,6 +167,8 @@ SegmentLagrangian make_lagrangian(const Problem& problem) {
     case Lagrangian::forward: return Forward{.allow_unstable = scheme.allow_unstable};
     case Lagrangian::custom: return Custom{.L = scheme.L->text, .parameters = parameters_of(problem)};
     case Lagrangian::generating: return make_generating(scheme);
+    case Lagrangian::gauss: return Gauss{.stages = *scheme.stages};
+    case Lagrangian::splitting: return Splitting{.composition = scheme.splitting};
     default:
       throw ProblemError(scheme.lagrangian_location,
                          fmt::format("lagrangian = \"{}\" is not available for an orbit in this version",

@@ -100,7 +100,7 @@ struct MultisymplecticProblem {
   [[nodiscard]] std::vector<std::string> axis_names() const;
 };
 
-enum class Lagrangian { midpoint, forward, generating, custom, box, fourier, euler_box };
+enum class Lagrangian { midpoint, forward, generating, custom, gauss, splitting, box, fourier, euler_box };
 
 /// What the user writes: "midpoint", "euler-box", "variable", "stop", …
 [[nodiscard]] std::string_view to_string(Lagrangian lagrangian);
@@ -123,7 +123,9 @@ struct Scheme {
   std::optional<double> step;
   std::optional<double> energy_tolerance;
   double until = 0.0;
-  std::optional<int> order;  ///< generating
+  std::optional<int> order;          ///< generating; of splitting only where it chose `splitting`
+  std::optional<int> stages;         ///< gauss
+  std::string splitting = "golden";  ///< splitting: the name of a composition
   DarbouxKind darboux = DarbouxKind::midpoint;
   std::optional<Matrix> darboux_matrix;
   std::optional<FormulaText> L;  ///< custom: in t_0, t_1 and every coordinate and momentum with suffix _0 and _1

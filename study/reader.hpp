@@ -112,6 +112,12 @@ struct Vocabulary {
 [[nodiscard]] formula::Expression build_formula(const FormulaText& text, formula::Graph& graph,
                                                 const Vocabulary& vocabulary, std::span<const Parameter> parameters);
 
+/// The place in the file of character `column` of line `line` of a formula that begins at `start`.
+[[nodiscard]] Location place_in_file(const Location& start, std::size_t line, std::size_t column);
+
+/// \throws ProblemError at the first term of H that depends on coordinates and momenta, if there is one
+void check_separable(const HamiltonianProblem& orbit, std::span<const Parameter> parameters);
+
 /// Checks a formula by building it in a graph of its own.
 void check_formula(const FormulaText& text, const Vocabulary& vocabulary, std::span<const Parameter> parameters);
 

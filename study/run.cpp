@@ -7,6 +7,7 @@
 
 #include <fmt/format.h>
 
+#include <rubato/ode/composition.hpp>
 #include <rubato/ode/integrate.hpp>
 #include <rubato/record/reader.hpp>
 #include <rubato/record/writer.hpp>
@@ -45,7 +46,10 @@ std::string how_it_falls(const Scheme& scheme) {
   if (scheme.lagrangian == Lagrangian::custom || scheme.lagrangian == Lagrangian::forward) {
     return "smaller steps make this smaller";
   }
-  const int order = scheme.lagrangian == Lagrangian::generating ? reached_order(scheme) : 2;
+  const int order = scheme.lagrangian == Lagrangian::generating  ? reached_order(scheme)
+                    : scheme.lagrangian == Lagrangian::gauss     ? 2 * *scheme.stages
+                    : scheme.lagrangian == Lagrangian::splitting ? composition(scheme.splitting).order
+                                                                 : 2;
   return order == 1   ? "this falls in proportion to the step"
          : order == 2 ? "this falls as the square of the step"
          : order == 3 ? "this falls as the cube of the step"
@@ -207,7 +211,7 @@ private:
       outcome_.status = singular ? ExitStatus::singular : ExitStatus::failed;
       const std::string reason = simulation().failure_reason();
       outcome_.message = describe_failure(report, simulation().t(), simulation().node(), simulation().last_step(),
-                                          problem_.scheme.on_singular, reason);
+                                          problem_.scheme.on_singular, reason, simulation().traits());
       return;
     }
     const std::size_t steps = statistics().steps;
@@ -266,7 +270,7 @@ private:
     for (std::string& sentence : statistics.undefined_quantities()) {
       outcome_.warnings.push_back(std::move(sentence));
     }
-    if (scheme.order && reached_order(scheme) != *scheme.order) {
+    if (scheme.lagrangian == Lagrangian::generating && reached_order(scheme) != *scheme.order) {
       outcome_.warnings.push_back(
           fmt::format("order = {0} rounds up to {1}: with darboux = \"midpoint\" the even coefficients of the "
                       "generating function vanish, so that orders are even; write order = {1}",
@@ -316,25 +320,32 @@ private:
     if (causes().crossings() == 0 && !nears_zero()) {
       return fmt::format("the step is too long for this orbit: {}; {}", too_long(), off);
     }
-    const bool long_bridges = statistics.bridge_steps > 2 * statistics.bridges;
-    return fmt::format("{}: {}{}", causes().crossings() > 0 ? "Gamma changes sign on this orbit" : nearly_zero(), off,
+    const bool long_bridges = !causes().from_slopes() && statistics.bridge_steps > 2 * statistics.bridges;
+    return fmt::format("{}: {}{}",
+                       causes().crossings() > 0 ? told_of_gamma() + " changes sign on this orbit" : nearly_zero(), off,
                        long_bridges ? ". Here a bridge takes many steps, which smaller steps mend too" : "");
+  }
+
+  /// Γ, or what the slopes of steps have in its place.
+  [[nodiscard]] std::string told_of_gamma() const {
+    return causes().from_slopes() ? slope_name(chronicle_->simulation().traits().order) : "Gamma";
   }
 
   /// The smallest |Γ| of the run beside the largest.
   [[nodiscard]] bool nears_zero() const {
     constexpr double near = 0.02;
     const Spread& gamma = statistics().gamma;
-    return gamma.min * gamma.max <= 0.0 || std::min(std::abs(gamma.min), std::abs(gamma.max)) <
-                                               near * std::max(std::abs(gamma.min), std::abs(gamma.max));
+    return gamma.any() &&
+           (gamma.min * gamma.max <= 0.0 || std::min(std::abs(gamma.min), std::abs(gamma.max)) <
+                                                near * std::max(std::abs(gamma.min), std::abs(gamma.max)));
   }
   [[nodiscard]] std::string nearly_zero() const {
     const Spread& gamma = statistics().gamma;
     return fmt::format("Gamma nears 0 on this orbit ({:.3g} to {:.3g})", gamma.min, gamma.max);
   }
   [[nodiscard]] std::string too_long() const {
-    return fmt::format("{} goes from {:.4g} to {:.4g} in one step", causes().from_slopes() ? "-(4/h) dE/dh" : "Gamma",
-                       causes().gamma_before(), causes().gamma_after());
+    return fmt::format("{} goes from {:.4g} to {:.4g} in one step", told_of_gamma(), causes().gamma_before(),
+                       causes().gamma_after());
   }
 
   const Problem& problem_;

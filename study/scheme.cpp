@@ -6,6 +6,8 @@
 #include <fmt/ranges.h>
 
 #include <rubato/grids/fourier.hpp>
+#include <rubato/ode/composition.hpp>
+#include <rubato/ode/gauss_tableau.hpp>
 #include <rubato/ode/generating_action.hpp>
 #include <rubato/study/keys.hpp>
 #include <rubato/study/reader.hpp>
@@ -22,6 +24,9 @@ public:
   Scheme read() {
     scheme_.location = section_.location();
     read_lagrangian();
+    read_order();
+    read_gauss();
+    read_splitting();
     read_levels();
     read_potential();
     read_generating();
@@ -71,6 +76,14 @@ private:
     }
     if (const Entry* entry = section_.take("bridge")) {
       scheme_.bridge = static_cast<BridgeRule>(read_word(entry->value, "bridge", bridge_words));
+      if (!has_bridges()) {
+        throw ProblemError(entry->location,
+                           fmt::format("bridge applies to schemes whose Gamma is known, and that of {} is not, so that "
+                                       "it has no bridges; leave it out",
+                                       scheme_.lagrangian == Lagrangian::gauss
+                                           ? "lagrangian = \"gauss\""
+                                           : fmt::format("splitting = \"{}\"", scheme_.splitting)));
+      }
       if (scheme_.on_singular != OnSingular::bridge) {
         throw ProblemError(entry->location, fmt::format("bridge applies to on_singular = \"bridge\", and this problem "
                                                         "has \"{}\"; leave it out",
@@ -142,18 +155,90 @@ private:
         wrong_type(darboux->value, "darboux", "\"midpoint\", \"euler-a\", \"euler-b\" or a symmetric 2n×2n array");
       }
     }
-    const Entry* order = take_only_for("order", Lagrangian::generating);
-    if (order != nullptr) {
-      scheme_.order_location = order->value.location;
-      const std::int64_t number = read_integer(order->value, "order", parameters_, 1);
-      if (number > most_generating_order) {
-        throw ProblemError(order->value.location, fmt::format("order = {}: generating functions go up to order {}",
-                                                              number, most_generating_order));
+  }
+
+  void read_order() {
+    const Entry* order = section_.take("order");
+    if (order == nullptr) {
+      if (scheme_.lagrangian == Lagrangian::generating) {
+        throw ProblemError(scheme_.location, "lagrangian = \"generating\" needs an order, such as order = 4");
       }
-      scheme_.order = static_cast<int>(number);
-    } else if (scheme_.lagrangian == Lagrangian::generating) {
-      throw ProblemError(scheme_.location, "lagrangian = \"generating\" needs an order, such as order = 4");
+      return;
     }
+    scheme_.order_location = order->value.location;
+    if (scheme_.lagrangian != Lagrangian::generating && scheme_.lagrangian != Lagrangian::splitting) {
+      throw ProblemError(
+          order->location,
+          fmt::format("order applies to lagrangian = \"generating\" and \"splitting\", and this problem has "
+                      "\"{}\"; {}",
+                      to_string(scheme_.lagrangian),
+                      scheme_.lagrangian == Lagrangian::gauss ? "write stages, half the order" : "leave it out"));
+    }
+    const std::int64_t number = read_integer(order->value, "order", parameters_, 1);
+    if (scheme_.lagrangian == Lagrangian::generating && number > most_generating_order) {
+      throw ProblemError(order->value.location, fmt::format("order = {}: generating functions go up to order {}",
+                                                            number, most_generating_order));
+    }
+    scheme_.order = static_cast<int>(std::min<std::int64_t>(number, most_generating_order));
+    if (scheme_.lagrangian == Lagrangian::splitting) {
+      check_splitting_order(number);
+    }
+  }
+
+  void check_splitting_order(std::int64_t number) {
+    std::vector<std::string> offered;
+    bool is_offered = false;
+    for (const Composition& one : compositions()) {
+      offered.push_back(fmt::format("{} ({})", one.order, one.name));
+      is_offered = is_offered || one.order == number;
+    }
+    if (!is_offered) {
+      throw ProblemError(scheme_.order_location,
+                         fmt::format("order = {}: there are splittings of order {}; for other orders use lagrangian = "
+                                     "\"gauss\" or \"generating\"",
+                                     number, fmt::join(offered, ", ")));
+    }
+  }
+
+  void read_gauss() {
+    const Entry* stages = take_only_for("stages", Lagrangian::gauss);
+    if (stages == nullptr) {
+      if (scheme_.lagrangian == Lagrangian::gauss) {
+        throw ProblemError(scheme_.location, "lagrangian = \"gauss\" needs stages, from 1 to 8, such as stages = 3");
+      }
+      return;
+    }
+    const std::int64_t number = read_integer(stages->value, "stages", parameters_, 1);
+    if (number > GaussTableau::most_stages) {
+      throw ProblemError(
+          stages->value.location,
+          fmt::format("stages = {}: Gauss collocation is made for 1 to {} stages", number, GaussTableau::most_stages));
+    }
+    scheme_.stages = static_cast<int>(number);
+  }
+
+  void read_splitting() {
+    const Entry* name = take_only_for("splitting", Lagrangian::splitting);
+    if (scheme_.lagrangian != Lagrangian::splitting) {
+      return;
+    }
+    check_separable(*problem_.hamiltonian(), parameters_);
+    if (name == nullptr) {
+      scheme_.splitting = scheme_.order ? composition_of_order(*scheme_.order).name : scheme_.splitting;
+      return;
+    }
+    scheme_.splitting = splitting_words()[read_word(name->value, "splitting", splitting_words())];
+    if (const int order = composition(scheme_.splitting).order; scheme_.order && *scheme_.order != order) {
+      throw ProblemError(scheme_.order_location,
+                         fmt::format("order = {}, and splitting = \"{}\" is of order {}; leave one of them out",
+                                     *scheme_.order, scheme_.splitting, order));
+    }
+  }
+
+  /// Whether levels that do not exist are crossed: not by families of which no node law is known in closed form.
+  [[nodiscard]] bool has_bridges() const {
+    return scheme_.lagrangian != Lagrangian::gauss &&
+           (scheme_.lagrangian != Lagrangian::splitting || composition(scheme_.splitting).has_node_law());
   }
 
   Matrix read_darboux_matrix(const Value& value) {
@@ -263,6 +348,13 @@ private:
   void read_step(double length) {
     const auto* ode = problem_.hamiltonian();
     const std::optional<PhasePoint> next = ode == nullptr ? std::nullopt : ode->next;
+    if (next && (scheme_.lagrangian == Lagrangian::gauss || scheme_.lagrangian == Lagrangian::splitting)) {
+      throw ProblemError(
+          next->location,
+          fmt::format("[initial.next] begins a two-step form, and lagrangian = \"{}\" is a one-step map; "
+                      "leave the table out",
+                      to_string(scheme_.lagrangian)));
+    }
     const Entry* entry =
         next ? section_.take("step") : &section_.require("step", "the first step, t_1 - t_0, such as step = 0.1");
     scheme_.step_location = entry == nullptr ? next->location : entry->value.location;

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include <rubato/figures/statistics.hpp>
+#include <rubato/ode/integrate.hpp>
 #include <rubato/record/layout.hpp>
 #include <rubato/study/problem.hpp>
 #include <rubato/study/row_sink.hpp>
@@ -38,6 +39,7 @@ public:
   [[nodiscard]] virtual const StepPotential& step_potential() const = 0;
   /// After Status::undefined: what of the formula was not defined, where that is known.
   [[nodiscard]] virtual std::string failure_reason() const { return {}; }
+  [[nodiscard]] virtual SchemeTraits traits() const { return {}; }
 
   [[nodiscard]] virtual std::vector<std::string> invariant_names() const = 0;
   /// At the present level. Valid until the next call.

@@ -350,8 +350,12 @@ StepReport TimeLevels::long_bridge() {
 }
 
 /// The last regular step, or what the step law asks for here if that is shorter: Γ may be large by now. Where no bridge
-/// is found, and Γ falls by powers of ten meanwhile, plain steps grow with the law's.
+/// is found, and Γ falls by powers of ten meanwhile, plain steps grow with the law's. Without a node law there is
+/// nothing to grow by.
 double TimeLevels::plain_length() const {
+  if (!scheme_.has_node_law()) {
+    return regular_step_;
+  }
   const double longest = waited_ > 0 ? largest_growth * std::abs(last_step_) : std::abs(regular_step_);
   return std::min(longest, law_step(scheme_.node().gamma)) * sign(regular_step_);
 }
@@ -389,6 +393,8 @@ std::optional<StepReport> TimeLevels::resumed_step(double misfit) {
     const LevelNode here = scheme_.node();
     set_direction(here.gamma);
     expected = law_step(here.gamma);
+  } else if (std::isfinite(slope_gamma_[0])) {
+    set_direction(slope_gamma_[0]);  // of the plain step before: the law may hold again beyond the zero
   }
   StepReport result = ordinary_step(std::min(expected, std::abs(regular_step_)) * sign(regular_step_));
   const bool fits = std::abs(result.h) > expected / misfit && std::abs(result.h) < expected * misfit;

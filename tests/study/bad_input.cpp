@@ -92,6 +92,25 @@ TEST_CASE("an ODE problem with one thing wrong is refused at that place", "[stud
           {"until = 10", "until = 10\ntolerance = 0", "14:13", "has to be positive"},
           {"until = 10", "until = 10\norder = 4", "14:1", "applies to lagrangian = \"generating\""},
           {"until = 10", "until = 10\nlagrangian = \"box\"", "14:15", "is for lattices"},
+          // families of maps
+          {"until = 10", "until = 10\nlagrangian = \"gauss\"", "11:2", "needs stages, from 1 to 8"},
+          {"until = 10", "until = 10\nlagrangian = \"gauss\"\nstages = 9", "15:10", "made for 1 to 8 stages"},
+          {"until = 10", "until = 10\nlagrangian = \"gauss\"\nstages = 0", "15:10", "at least 1"},
+          {"until = 10", "until = 10\nlagrangian = \"gauss\"\nstages = 2\norder = 4", "16:1", "write stages"},
+          {"until = 10", "until = 10\nlagrangian = \"gauss\"\nstages = 2\nbridge = \"anchored\"", "16:1",
+           "it has no bridges; leave it out"},
+          {"until = 10", "until = 10\nlagrangian = \"splitting\"\nsplitting = \"verlet\"\nbridge = \"anchored\"",
+           "16:1", "splitting = \"verlet\" is not"},
+          {"until = 10", "until = 10\nstages = 2", "14:1", "applies to lagrangian = \"gauss\""},
+          {"until = 10", "until = 10\nsplitting = \"verlet\"", "14:1", "applies to lagrangian = \"splitting\""},
+          {"until = 10", "until = 10\nlagrangian = \"splitting\"\nsplitting = \"verlett\"", "15:14",
+           "did you mean \"verlet\"?"},
+          {"until = 10", "until = 10\nlagrangian = \"splitting\"\norder = 5", "15:9",
+           "4 (blanes-moan-4), 6 (kahan-li-6)"},
+          {"until = 10", "until = 10\nlagrangian = \"splitting\"\norder = 4\nsplitting = \"golden\"", "15:9",
+           "is of order 2; leave one of them out"},
+          {"until = 10", "until = 10\nlagrangian = \"splitting\"\n[initial.next]\nt = 0.1\nq = 0\np = 1", "15:10",
+           "is a one-step map; leave the table out"},
           {"until = 10", "until = 10\nlagrangian = \"midpiont\"", "14:15", "did you mean \"midpoint\"?"},
           {"until = 10", "until = 10\nlagrangian = \"generating\"\norder = 4\ndarboux = [[1, 2], [3, 4]]", "16:11",
            "not symmetric"},
@@ -111,6 +130,18 @@ TEST_CASE("an ODE problem with one thing wrong is refused at that place", "[stud
           {"cos(q)\"", "cos(q)", "5:5", "the string that opens here is not closed"},
           {"title", "hello there", "1:7", "not TOML"},
       });
+}
+
+TEST_CASE("a splitting of an H that is none is refused at the term that mixes", "[study][bad input]") {
+  const std::string text = replaced(pendulum, "until = 10", "until = 10\nlagrangian = \"splitting\"");
+  check_cases(text, {
+                        {"cos(q)", "cos(q)*p", "5:14", "the term p*cos(q) depends"},
+                        {"p^2/2 -", "p^2/2 + -1e-3*(q - p)^2 -", "5:14", "use \"gauss\""},
+                        {"p^2/2 - cos(q)", "p^2/2 - (cos(q) + exp(p)*q)/2", "5:14", "the term q*exp(p)"},
+                        {"\"p^2/2 - cos(q)\"", "\"\"\"\np^2/2\n - cos(q)\n + q*p\"\"\"", "8:4", "the term q*p"},
+                    });
+  // Sums of sums, and numbers before them, are no obstacle.
+  CHECK(complaint(replaced(text, "p^2/2 - cos(q)", "-(cos(q) - 2*(p^2/2 - q))/4 + 1e-3*(p + q)")).empty());
 }
 
 TEST_CASE("a lattice problem with one thing wrong is refused at that place", "[study][bad input]") {

@@ -31,19 +31,6 @@ void alter(const std::string& file, const std::function<void(hid_t)>& change) {
   REQUIRE(H5Fclose(id) >= 0);
 }
 
-void write_text(hid_t file, const char* attribute, const char* text) {
-  REQUIRE(H5Adelete(file, attribute) >= 0);
-  const hid_t type = H5Tcopy(H5T_C_S1);
-  H5Tset_size(type, H5T_VARIABLE);
-  H5Tset_cset(type, H5T_CSET_UTF8);
-  const hid_t space = H5Screate(H5S_SCALAR);
-  const hid_t id = H5Acreate2(file, attribute, type, space, H5P_DEFAULT, H5P_DEFAULT);
-  REQUIRE(H5Awrite(id, type, &text) >= 0);
-  H5Aclose(id);
-  H5Sclose(space);
-  H5Tclose(type);
-}
-
 void shorten(hid_t file, const char* path, std::vector<hsize_t> sizes) {
   const hid_t id = H5Dopen2(file, path, H5P_DEFAULT);
   REQUIRE(H5Dset_extent(id, sizes.data()) >= 0);

@@ -111,4 +111,24 @@ void falsify(const std::string& file, const std::string& dataset, std::size_t in
   H5Fclose(id);
 }
 
+void write_text(hid_t file, const char* attribute, const char* text) {
+  REQUIRE(H5Adelete(file, attribute) >= 0);
+  const hid_t type = H5Tcopy(H5T_C_S1);
+  H5Tset_size(type, H5T_VARIABLE);
+  H5Tset_cset(type, H5T_CSET_UTF8);
+  const hid_t space = H5Screate(H5S_SCALAR);
+  const hid_t id = H5Acreate2(file, attribute, type, space, H5P_DEFAULT, H5P_DEFAULT);
+  REQUIRE(H5Awrite(id, type, &text) >= 0);
+  H5Aclose(id);
+  H5Sclose(space);
+  H5Tclose(type);
+}
+
+void replace_problem(const std::string& file, const std::string& text) {
+  const hid_t id = H5Fopen(file.c_str(), H5F_ACC_RDWR, H5P_DEFAULT);
+  REQUIRE(id >= 0);
+  write_text(id, "problem", text.c_str());
+  H5Fclose(id);
+}
+
 }  // namespace rubato::study_tests

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <filesystem>
 #include <string>
 #include <vector>
@@ -35,5 +36,10 @@ Names different_datasets(const std::string& a, const std::string& b);
 
 /// Adds `change` to one number of a record.
 void falsify(const std::string& file, const std::string& dataset, std::size_t index, double change);
+
+/// Puts another text in an attribute of an open file (hid_t).
+void write_text(std::int64_t file, const char* attribute, const char* text);
+/// Makes a record that of another problem.
+void replace_problem(const std::string& file, const std::string& text);
 
 }  // namespace rubato::study_tests
