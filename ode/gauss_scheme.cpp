@@ -1,6 +1,7 @@
 #include <rubato/ode/gauss_scheme.hpp>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <stdexcept>
@@ -32,10 +33,22 @@ constexpr double back_to_fixed_point = 0.5;
 /// E_k is told from its neighbours by terms of order h^s, and its slope with it: a trial that is not the last is solved
 /// nearly as well as the last.
 constexpr double loosest = 1e-13;
+/// What the next correction would mend, relative, by the contraction seen so far, at which a trial is solved well
+/// enough; and one that may be the last, whose leftovers, of one sign, must not add up.
+constexpr double loose_leftover = 0.5 * std::numeric_limits<double>::epsilon();
+constexpr double least_leftover = 1e-3 * std::numeric_limits<double>::epsilon();
+/// A correction larger than this shows how fast corrections contract.
+constexpr double measurable = 1e-13;
+/// Relative change of h that asks for another matrix.
+constexpr double refactor_ratio = 0.03;
 /// Unknowns m·2n up to which a dense matrix is factored.
 constexpr Index most_newton_size = 512;
 /// A step this many times longer or shorter than the last one is not begun from its polynomial.
 constexpr double longest_continuation = 3.0;
+
+/// Trial steps at one level that are kept to begin others from, and the largest weight that one may have.
+constexpr std::size_t most_trials = 4;
+constexpr double farthest_extrapolation = 20.0;
 
 /// J∇H at the stages, and H there.
 class StageEvaluator {
@@ -76,12 +89,16 @@ public:
         rounding_(hamiltonian.gradient_code()),
         m_(stages),
         size_(static_cast<Index>(z_0.size())) {
-    for (Rows* rows : {&Y_, &Z_, &f_, &last_f_, &next_, &correction_, &bounds_}) {
+    for (Rows* rows : {&Y_, &Z_, &f_, &last_f_, &trial_f_, &base_, &miss_, &next_, &correction_, &bounds_}) {
       rows->setZero(size_, m_);
+    }
+    for (Trial& trial : trials_) {
+      trial.gap.setZero(size_, m_);
     }
     for (VectorXd* vector : {&lost_, &largest_, &point_, &gradient_, &errors_}) {
       vector->setZero(size_);
     }
+    of_stages_ = tableau_.a.transpose().partialPivLu().solve(tableau_.b);
     energies_.setZero(m_);
     weights_.setZero(m_, m_);
     if (m_ * size_ <= most_newton_size) {
@@ -117,9 +134,9 @@ public:
       }
     }
     trial_h_ = h;
-    solved_ = status == Status::success;
-    if (solved_) {
+    if (status == Status::success) {
       finish(h);
+      remember(h);
     }
     return status;
   }
@@ -136,6 +153,11 @@ public:
 
   void accept() override {
     largest_ = largest_.cwiseMax(delta_.cwiseAbs());
+    missed_ = last_h_ != 0.0 && near(trial_h_ / last_h_);
+    if (missed_) {
+      continue_last(trial_h_);
+      miss_ = Y_ - base_;
+    }
     take(lost_);
     std::swap(last_f_, f_);
     last_h_ = trial_h_;
@@ -145,25 +167,30 @@ public:
     stand_at(Eigen::Map<const VectorXd>(z.data(), size_));
     largest_.setZero();
     last_h_ = newton_step_ = 0.0;
-    newton_ = false;
+    newton_ = missed_ = false;
     start_level();
   }
 
   void save(StateWriter& state) const override {
     z_.save(state);
-    for (const double value : {last_h_, static_cast<double>(newton_), newton_step_}) {
+    for (const double value : {last_h_, static_cast<double>(newton_), newton_step_, static_cast<double>(missed_)}) {
       state.write(value);
     }
     state.write(as_span(largest_));
-    state.write({last_f_.data(), static_cast<std::size_t>(last_f_.size())});
+    for (const Rows* rows : {&last_f_, &miss_}) {
+      state.write({rows->data(), static_cast<std::size_t>(rows->size())});
+    }
   }
   void restore(StateReader& state) override {
     restore_state(state);
     state.read(last_h_);
     state.read(newton_);
     state.read(newton_step_);
+    state.read(missed_);
     state.read(as_span(largest_));
-    state.read(std::span<double>(last_f_.data(), static_cast<std::size_t>(last_f_.size())));
+    for (Rows* rows : {&last_f_, &miss_}) {
+      state.read(std::span<double>(rows->data(), static_cast<std::size_t>(rows->size())));
+    }
     start_level();
   }
 
@@ -173,26 +200,72 @@ private:
   }
 
   void start_level() {
-    solved_ = false;
+    known_ = replaced_ = 0;
+    contraction_ = std::numeric_limits<double>::infinity();
     factored_h_ = 0.0;
     iterations_ = 0;
   }
 
-  /// The stages to begin with: of the trial already made at this level, of the last step's polynomial, or on the
-  /// tangent. \return whether from a step made before
+  /// The stages to begin with: by the trials already made at this level, by the last step's polynomial, or on the
+  /// tangent. \return whether by what was made before
   bool start(double h) {
-    const bool again = std::exchange(solved_, false);  // f_ is about to be overwritten
-    if (again && near(h / trial_h_)) {
-      tableau_.continuation(tableau_.from_start, h / trial_h_, weights_);
-      Y_ = trial_h_ * f_.lazyProduct(weights_.transpose());
+    if (known_ > 0 && near(h / trials_[0].h)) {
+      tableau_.continuation(tableau_.from_start, h / trials_[0].h, weights_);
+      base_ = trials_[0].h * trial_f_.lazyProduct(weights_.transpose());
+      Y_ = base_;
+      add_gap(h);
     } else if (last_h_ != 0.0 && near(h / last_h_)) {
-      tableau_.continuation(tableau_.from_end, h / last_h_, weights_);
-      Y_ = last_h_ * last_f_.lazyProduct(weights_.transpose());
+      continue_last(h);
+      Y_ = base_;
+      if (missed_) {
+        Y_ += std::pow(h / last_h_, static_cast<int>(m_) + 1) * miss_;
+      }
     } else {
       start_on_tangent(h);
       return false;
     }
     return true;
+  }
+  /// The collocation polynomial of the last step, at the stages of one that follows it.
+  void continue_last(double h) {
+    tableau_.continuation(tableau_.from_end, h / last_h_, weights_);
+    base_ = last_h_ * last_f_.lazyProduct(weights_.transpose());
+  }
+  /// What the polynomial of the first trial leaves of the stages of a step of length h: by Lagrange's interpolation
+  /// over the trials, of which the first leaves nothing.
+  void add_gap(double h) {
+    std::array<double, most_trials> factors{};
+    double largest = 0.0;
+    for (std::size_t i = 1; i < known_; ++i) {
+      factors[i] = 1.0;
+      for (std::size_t j = 0; j < known_; ++j) {
+        if (j != i) {
+          factors[i] *= (h - trials_[j].h) / (trials_[i].h - trials_[j].h);
+        }
+      }
+      largest = std::max(largest, std::abs(factors[i]));
+    }
+    for (std::size_t i = 1; i < known_ && largest < farthest_extrapolation; ++i) {
+      Y_ += factors[i] * trials_[i].gap;
+    }
+  }
+  /// Keeps the trial for others at this level; its stages are those with the last correction.
+  void remember(double h) {
+    if (known_ == 0) {
+      trial_f_ = f_;
+      trials_[0].h = h;
+      known_ = 1;
+      return;
+    }
+    const auto same = std::find_if(trials_.begin(), trials_.begin() + static_cast<std::ptrdiff_t>(known_),
+                                   [h](const Trial& trial) { return trial.h == h; });
+    if (same != trials_.begin() + static_cast<std::ptrdiff_t>(known_) || !near(h / trials_[0].h)) {
+      return;
+    }
+    const std::size_t place = known_ < most_trials ? known_++ : 1 + replaced_++ % (most_trials - 1);
+    tableau_.continuation(tableau_.from_start, h / trials_[0].h, weights_);
+    trials_[place].h = h;
+    trials_[place].gap = Y_ - trials_[0].h * trial_f_.lazyProduct(weights_.transpose());
   }
   void start_on_tangent(double h) {
     evaluator_.gradient(z_.value().data(), gradient_.data());
@@ -208,7 +281,8 @@ private:
       return Status::undefined;
     }
     StagnationTest test(std::min(accuracy, loosest));
-    double last = std::numeric_limits<double>::infinity();
+    const double leftover = accuracy > 0.0 ? loose_leftover : newton_ ? least_leftover : 0.0;
+    double last = std::numeric_limits<double>::infinity(), last_residual = last;
     for (int iteration = 0; iteration < most_iterations; ++iteration) {
       for (Index i = 0; i < m_; ++i) {
         z_.displaced(1.0, Y_.col(i), point_);
@@ -229,6 +303,13 @@ private:
         return Status::undefined;
       }
       Y_ += correction_;
+      if (last < 1.0 && size > measurable) {
+        contraction_ = std::max(size / last, residual / last_residual);
+      }
+      const double outdated = newton_ ? std::abs(h - factored_h_) / std::abs(h) : 0.0;
+      if (std::max(contraction_, outdated) * size <= leftover) {
+        return Status::success;
+      }
       const auto verdict = test.judge(size, residual);
       if (verdict == StagnationTest::Verdict::done || (verdict == StagnationTest::Verdict::stalled && is_rounding(h))) {
         return Status::success;
@@ -240,6 +321,7 @@ private:
         return Status::not_converged;
       }
       last = size;
+      last_residual = residual;
     }
     return Status::not_converged;
   }
@@ -281,7 +363,7 @@ private:
 
   /// Factors I - h A⊗J H_zz, H_zz in the middle of the stages to begin with.
   [[nodiscard]] bool factor(double h) {
-    if (factored_h_ == h) {
+    if (std::abs(h - factored_h_) <= refactor_ratio * std::abs(h)) {
       return true;
     }
     const VectorXd& b = tableau_.b;
@@ -325,6 +407,12 @@ private:
                static_cast<long double>(f_(r, i));
       }
       sum *= static_cast<long double>(h);
+      if (newton_) {
+        // f at the corrected stages, to first order: what A of it mends is the correction less the residual.
+        for (Index i = 0; i < m_; ++i) {
+          sum += static_cast<long double>(of_stages_[i] * (correction_(r, i) - next_(r, i)));
+        }
+      }
       delta_[r] = static_cast<double>(sum);
       lost_[r] = static_cast<double>(sum - static_cast<long double>(delta_[r]));
     }
@@ -348,16 +436,26 @@ private:
   formula::SumSizeEvaluator energy_size_;
   formula::RoundingEvaluator rounding_;
   Index m_, size_;
-  Rows Y_, Z_, f_, last_f_;          ///< Z_i - z_k, Z_i, J∇H(Z_i), and that of the last step
+  Rows Y_, Z_, f_, last_f_;  ///< Z_i - z_k, Z_i, J∇H(Z_i), and that of the last step
+  Rows base_, miss_;         ///< Y by a polynomial continued; what the last step's left of the present one's
+  bool missed_ = false;      ///< whether miss_ is known
+  struct Trial {
+    double h = 0.0;
+    Rows gap;  ///< Y less what the polynomial of the first trial makes of it
+  };
+  std::array<Trial, most_trials> trials_;  ///< at this level; the first always stays
+  Rows trial_f_;                           ///< J∇H at the stages of the first
+  std::size_t known_ = 0, replaced_ = 0;
   Rows next_, correction_, bounds_;  ///< what the stages leave of their equations, what corrects it, and rounding
   VectorXd energies_;
+  VectorXd of_stages_;  ///< A⁻ᵀb: δ = Σ (A⁻ᵀb)_i Y_i
   VectorXd lost_, largest_, point_, gradient_, errors_;
   MatrixXd weights_, hessian_, matrix_;
   Eigen::PartialPivLU<MatrixXd> factors_;
   VectorXd right_, solution_;
+  double contraction_ = std::numeric_limits<double>::infinity();  ///< of corrections at this level, where it was seen
   bool newton_ = false;
   double newton_step_ = 0.0;  ///< |h| at which fixed-point iteration was too slow
-  bool solved_ = false;       ///< whether f_ belongs to a trial step from this level
   double trial_h_ = 0.0, last_h_ = 0.0, factored_h_ = 0.0;
   double energy_ = 0.0;
   int iterations_ = 0;

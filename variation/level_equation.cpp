@@ -35,6 +35,7 @@ Status TimeLevels::solve_level(double guess) {
   const double target = scheme_.energy_target().value_or(energy_);
   const double tolerance = std::clamp(rounding_, least_margin * options_.tolerance * energy_scale_,
                                       margin * options_.tolerance * energy_scale_);
+  const int order = scheme_.order();
   const double longest = largest_ratio * std::abs(guess);
   const double shortest = std::abs(guess) / largest_ratio;
 
@@ -144,14 +145,18 @@ Status TimeLevels::solve_level(double guess) {
     // only, which is far off where Γ is small. Where it is nearly right the secant itself serves, moved by the
     // curvature that slopes to leading order tell as well; elsewhere secants that stand out from the errors of their
     // ends correct it.
-    const double secant = (miss - last_miss) / (length - last_length);
+    // All of it by h^s, on which E_k depends linearly to leading order, with the slope s h^(s-1) of the present length
+    // taken out.
+    const double unit = length / order;  // h^s over its derivative
+    const double secant = (miss - last_miss) / (unit * (1.0 - std::pow(last_length / length, order)));
+    const double same_slope = last_slope * std::pow(length / last_length, order - 1);  // that of the last trial, here
     const bool agrees = stalls == 0 && last_length > 0.0 && secant > 0.8 * slope && secant < 1.25 * slope;
     const double error = full && last_full ? 2.0 * rounding_ : loose * slope * length;
     if (last_length > 0.0 && secant > 0.0 && std::abs(miss - last_miss) > 100.0 * error) {
-      const double ratio = secant / (0.5 * (slope + last_slope));
+      const double ratio = secant / (0.5 * (slope + same_slope));
       correction = ratio > 0.8 && ratio < 1.25 ? 1.0 : ratio;
     }
-    const double bend = scheme_.slope_to_leading_order() ? slope / (0.5 * (slope + last_slope)) : 1.0;
+    const double bend = scheme_.slope_to_leading_order() ? slope / (0.5 * (slope + same_slope)) : 1.0;
     // Where Newton's steps have stalled, the secant between two solved steps is the truth as far as rounding lets it
     // be.
     const bool measured = stalls > 0 && full && last_full && secant > 0.0 && std::abs(miss - last_miss) > error;
@@ -160,7 +165,7 @@ Status TimeLevels::solve_level(double guess) {
     last_miss = miss;
     last_slope = slope;
     last_full = full;
-    double next = length - miss / local_slope;
+    double next = length * std::pow(std::max(0.0, 1.0 - miss / (local_slope * unit)), 1.0 / order);
     newton = true;
     next = std::clamp(next, 0.5 * length, 2.0 * length);
     if (next <= below || next >= upper) {
