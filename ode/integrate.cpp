@@ -377,8 +377,9 @@ std::string why_singular(const StepReport& report, OnSingular on_singular, bool 
       return what + ", and no bridge over it was found; use another step, or levels = \"fixed\"";
     }
     if (!scheme.bridged.empty()) {
-      return fmt::format("{}, and this scheme has no bridges; use {}levels = \"fixed\", or {}", what,
-                         plain ? "" : "on_singular = \"fixed\", ", scheme.bridged);
+      return fmt::format(
+          "{}, and this scheme has no bridges; use step_potential = \"auto\", {}levels = \"fixed\", or {}", what,
+          plain ? "" : "on_singular = \"fixed\", ", scheme.bridged);
     }
     return what + (!has_gamma || plain ? "; use another step, or levels = \"fixed\""
                                        : "; use on_singular = \"bridge\" or \"fixed\", or levels = \"fixed\"");
