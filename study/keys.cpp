@@ -102,7 +102,8 @@ std::vector<KeyEntry> make_keys() {
        on_singular_words},
       {"scheme", "bridge", "word", std::string(to_string(scheme.bridge)),
        "Bridges that keep the run's own node law, or those that a run backward finds again.", bridge_words},
-      {"scheme", "step_potential", "word, or table", std::string(potential_words[0]),
+      {"scheme", "step_potential", "word, or table",
+       fmt::format("{}; {} for gauss and splitting", potential_words[0], potential_words[1]),
        "A function of the step alone that is part of the conserved energy and makes a next level exist everywhere, "
        "so that there are no bridges: chosen by a scout of equal steps, or by its numbers.",
        potential_words},

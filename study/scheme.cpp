@@ -92,6 +92,12 @@ private:
     }
   }
 
+  /// Most of these families know no Γ, so that no bridge can be built where their law has no solution.
+  [[nodiscard]] bool needs_potential() const {
+    const bool family = scheme_.lagrangian == Lagrangian::gauss || scheme_.lagrangian == Lagrangian::splitting;
+    return family && scheme_.levels == Levels::variable && find(section_.entries(), "bridge") == nullptr;
+  }
+
   void read_potential() {
     using Kind = StepPotentialChoice::Kind;
     const Entry* entry = find(section_.entries(), "step_potential");
@@ -109,8 +115,10 @@ private:
       scheme_.potential.exponent = read_positive(p->value, "p");
     } else if (section_.take("step_potential") != nullptr) {
       scheme_.potential.kind = static_cast<Kind>(read_word(entry->value, "step_potential", potential_words));
+    } else if (needs_potential()) {
+      scheme_.potential.kind = Kind::automatic;
     }
-    if (scheme_.potential.kind != Kind::none) {
+    if (scheme_.potential.kind != Kind::none && entry != nullptr) {
       if (scheme_.levels == Levels::fixed || scheme_.lagrangian == Lagrangian::custom) {
         throw ProblemError(
             entry->location,
