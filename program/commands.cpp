@@ -11,6 +11,7 @@
 #include <rubato/study/check.hpp>
 
 #include "beside.hpp"
+#include "probe.hpp"
 #include "signals.hpp"
 #include "terminal.hpp"
 
@@ -94,12 +95,14 @@ study::ExitStatus run(const RunCommand& command) {
 }
 
 study::ExitStatus resume(const ResumeCommand& command) {
+  probe_record(command.file);
   return report_on(command.reporting, {}, [&](const study::RunOptions& complete) {
     return study::resume(command.file, command.until, complete);
   });
 }
 
 study::ExitStatus check(const CheckCommand& command) {
+  probe_record(command.file);
   return report(study::check(command.file, {.replay = command.replay}), command.json, false);
 }
 

@@ -14,6 +14,7 @@
 #include <rubato/study/record_notes.hpp>
 
 #include "beside.hpp"
+#include "probe.hpp"
 #include "terminal.hpp"
 
 namespace rubato::program {
@@ -126,6 +127,7 @@ std::optional<study::ExitStatus> ReportCommands::act() const {
 }
 
 void ReportCommands::report() const {
+  probe_record(file_);
   const record::Reader reader(file_);
   const std::string output = output_.value_or(beside(file_, ".html"));
   refuse_replacing(file_, output);
@@ -135,6 +137,8 @@ void ReportCommands::report() const {
 }
 
 void ReportCommands::compare() const {
+  probe_record(file_);
+  probe_record(other_file_);
   const record::Reader first(file_), second(other_file_);
   const report::Comparison comparison = report::compare(first, second, canonical);
   if (output_) {
@@ -150,6 +154,7 @@ void ReportCommands::compare() const {
 }
 
 void ReportCommands::export_record() const {
+  probe_record(file_);
   const record::Reader reader(file_);
   if (xdmf_) {
     const std::string output = output_.value_or(beside(file_, ".xdmf"));

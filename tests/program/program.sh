@@ -414,6 +414,14 @@ case $case_name in
     head -c 3000 a.h5 >b.h5
     run check b.h5
     expect 5 truncated
+    # HDF5 frees what it never allocated when it lists the links of this one: with other contents of memory it crashes.
+    cp "$source_folder/tests/defects/files/link-heap.h5" c.h5
+    for command in 'check c.h5' 'report c.h5' 'export c.h5' 'resume c.h5 --until 100' 'compare c.h5 a.h5'; do
+      run $command
+      expect 5 c.h5
+    done
+    run compare a.h5 a.h5
+    expect 0
     ;;
   lattice)
     run run sine-gordon --set grid.x.cells=101 --set scheme.until=2 --tangents -o a.h5 --json
