@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <limits>
+#include <map>
 #include <set>
 #include <utility>
 
@@ -251,11 +252,18 @@ void examine(hid_t file, std::uint64_t file_bytes) {
     throw Failure(fmt::format("attribute 'finished' is {}, neither 0 nor 1", finished));
 
   const std::vector<Link> links = all_links(file);
-  std::set<haddr_t> seen;
+  std::map<haddr_t, std::string> seen;
   std::uint64_t stored = 0;
+  const auto last_name = [](const std::string& path) { return path.substr(path.rfind('/') + 1); };
   for (const Link& link : links) {
-    if (link.is_group || !seen.insert(link.address).second)
+    if (link.is_group)
       continue;
+    // Axes are linked where they serve, under their name.
+    if (const auto [found, is_new] = seen.emplace(link.address, link.path); !is_new) {
+      if (last_name(found->second) != last_name(link.path))
+        throw Failure(fmt::format("'{}' and '{}' are one dataset", found->second, link.path));
+      continue;
+    }
     at_dataset(file, link.path, [&](hid_t dataset) {
       stored += examine_storage(dataset, file_bytes);
       examine_attributes(dataset, link.path);

@@ -76,11 +76,15 @@ TEST_CASE("a sound record is read by every command", "[defects]") {  // the twin
 
 TEST_CASE("damaged records are refused by every command, with the place", "[defects]") {
   const sample::Folder folder;
-  const std::vector<std::pair<std::string, std::string>> files{
-      {"p1.h5", "attribute 'finished'"}, {"p2.h5", "'/states/u'"},
-      {"p3.h5", "'/grid/x_cell'"},       {"p3b.h5", "'/grid/x'"},
-      {"p4.h5", "'/states/p'"},          {"p6.h5", "'/levels/gamma'"},
-      {"p7.h5", "'DIMENSION_LABELS'"},   {"b36.h5", "'/levels/step_condition'"}};
+  const std::vector<std::pair<std::string, std::string>> files{{"p1.h5", "attribute 'finished'"},
+                                                               {"p2.h5", "'/states/u'"},
+                                                               {"p3.h5", "'/grid/x_cell'"},
+                                                               {"p3b.h5", "'/grid/x'"},
+                                                               {"p4.h5", "'/states/p'"},
+                                                               {"p6.h5", "'/levels/gamma'"},
+                                                               {"p7.h5", "'DIMENSION_LABELS'"},
+                                                               {"b36.h5", "'/levels/step_condition'"},
+                                                               {"one-dataset.h5", "'/levels/target'"}};
   for (const auto& [name, place] : files) {
     const std::string file = (folder / name).string();
     std::filesystem::copy_file(defect_file(name), file);
