@@ -205,8 +205,6 @@ public:
     }
     return slow ? Verdict::slow : Verdict::again;
   }
-  /// Of an iteration whose corrections are its residuals.
-  Verdict judge(double size) { return judge(size, size); }
 
 private:
   /// Relative size of a correction that is nothing but rounding if no smaller one follows.

@@ -2,6 +2,7 @@
 #include <array>
 #include <cmath>
 
+#include <rubato/variation/sign.hpp>
 #include <rubato/variation/time_levels.hpp>
 
 // Where Γ changes sign the step equation loses its solution (theory, section 3). The node law continues through that
@@ -54,10 +55,6 @@ constexpr int most_polishing = 20;
 constexpr double stagnation_polish = 1e-10;
 /// Numbers of steps tried where no single step leads across.
 constexpr std::array counts = {1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 20, 24, 32};
-
-double sign(double x) {
-  return x < 0.0 ? -1.0 : 1.0;
-}
 
 /// Whether a bridge may lead from one of these Γ to the other.
 bool balanced(double from, double to) {

@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include <rubato/variation/sign.hpp>
 #include <rubato/variation/time_levels.hpp>
 
 // The scalar equation E(h) = E for the length of a step (theory, section 3.2).
@@ -23,10 +24,6 @@ constexpr int most_trials = 60;
 /// h.
 constexpr double margin = 0.1;
 constexpr double least_margin = 0.01;
-
-double sign(double x) {
-  return x < 0.0 ? -1.0 : 1.0;
-}
 
 }  // namespace
 

@@ -2,6 +2,7 @@
 #include <cmath>
 #include <vector>
 
+#include <rubato/variation/sign.hpp>
 #include <rubato/variation/time_levels.hpp>
 
 // Levels with a step potential (theory, section 9): its choice, and the scalar equation K_h + f'(h) = E.
@@ -26,10 +27,6 @@ constexpr double largest_ratio = 2.0;
 constexpr double longest_move = 1.25, nearby = 0.05;
 /// Longer than any step foreseen from those before it.
 constexpr double largest_growth = 1.25;
-
-double sign(double x) {
-  return x < 0.0 ? -1.0 : 1.0;
-}
 
 }  // namespace
 

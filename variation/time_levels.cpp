@@ -6,6 +6,8 @@
 
 #include <fmt/format.h>
 
+#include <rubato/variation/sign.hpp>
+
 namespace rubato {
 
 namespace {
@@ -13,10 +15,6 @@ namespace {
 constexpr double epsilon = std::numeric_limits<double>::epsilon();
 /// With fixed levels, steps for which the size of the energy's terms serves.
 constexpr std::size_t size_period = 16;
-
-double sign(double x) {
-  return x < 0.0 ? -1.0 : 1.0;
-}
 
 }  // namespace
 
