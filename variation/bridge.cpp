@@ -190,8 +190,7 @@ std::optional<TimeLevels::Bridge> TimeLevels::refine_bridge(int count, double ne
     bridge.end = *node;
     const double defect = law_defect(*node);
     bridge.slope = (far_defect - near_defect) / (far_h - near_h);
-    if (std::abs(defect) <= 0.1 * options_.tolerance * energy_scale_ ||
-        std::abs(far_h - near_h) <= 1e-14 * std::abs(far_h)) {
+    if (std::abs(defect) <= solved_to() || std::abs(far_h - near_h) <= 1e-14 * std::abs(far_h)) {
       return bridge;
     }
     if (defect * far_defect < 0.0) {
@@ -253,7 +252,7 @@ void TimeLevels::polish(Bridge& bridge) {
   }
   double defect = law_defect(bridge.next);
   double slope = bridge.slope * law_power(bridge.next.gamma) / law_power(bridge.end.gamma);
-  const double enough = 0.1 * options_.tolerance * energy_scale_;
+  const double enough = solved_to();
   double shortening = 1.0;
   for (int iteration = 0; iteration < most_polishing && std::abs(defect) > enough; ++iteration) {
     Bridge other = bridge;

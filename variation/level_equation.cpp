@@ -19,19 +19,13 @@ constexpr double loose = 1e-6;
 constexpr double largest_ratio = 4.0;
 /// Trial lengths per step. A regular step takes 2 or 3; the rest is for finding out that there is no root.
 constexpr int most_trials = 60;
-/// The level equation is solved to this part of the tolerance, so that what is reported stays within it, and further
-/// down to what rounding makes of E_k: a trial more is cheap, and what is left of the equation is part of the error of
-/// h.
-constexpr double margin = 0.1;
-constexpr double least_margin = 0.01;
 
 }  // namespace
 
 Status TimeLevels::solve_level(double guess) {
   const double side = sign(guess);
   const double target = scheme_.energy_target().value_or(energy_);
-  const double tolerance = std::clamp(rounding_, least_margin * options_.tolerance * energy_scale_,
-                                      margin * options_.tolerance * energy_scale_);
+  const double tolerance = solved_to();
   const int order = scheme_.order();
   const double longest = largest_ratio * std::abs(guess);
   const double shortest = std::abs(guess) / largest_ratio;

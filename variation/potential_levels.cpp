@@ -19,8 +19,6 @@ constexpr double scout_accuracy = 1e-5;
 /// Accuracy asked of a step whose length will still change.
 constexpr double loose = 1e-6;
 constexpr int most_trials = 40;
-/// As in the equation without a potential: how far below the tolerance it is solved.
-constexpr double margin = 0.1, least_margin = 0.01;
 /// A root this many times longer or shorter than foreseen is not taken.
 constexpr double largest_ratio = 2.0;
 /// How far one trial may be from the last, and how near they are for a secant to be a slope.
@@ -85,8 +83,7 @@ double TimeLevels::extrapolated_step() const {
 Status TimeLevels::solve_with_potential(double guess) {
   const double side = sign(guess);
   const double foreseen = std::abs(guess);
-  const double tolerance = std::clamp(rounding_, least_margin * options_.tolerance * energy_scale_,
-                                      margin * options_.tolerance * energy_scale_);
+  const double tolerance = solved_to();
   double length = foreseen, last_length = 0.0, last_miss = 0.0, best = infinity;
   double below = 0.0, above = infinity;
   bool full = false, last_full = false;

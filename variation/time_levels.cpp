@@ -13,6 +13,8 @@ namespace rubato {
 namespace {
 
 constexpr double epsilon = std::numeric_limits<double>::epsilon();
+/// Part of the tolerance to which equations are solved.
+constexpr double margin = 0.1;
 /// With fixed levels, steps for which the size of the energy's terms serves.
 constexpr std::size_t size_period = 16;
 
@@ -88,6 +90,17 @@ StepReport TimeLevels::report(Status status, double h) {
                                                         : rounding_ / std::abs(h * result.slope);
   }
   return result;
+}
+
+/// What may be left of the level equation, and of the node law at the end of a bridge. A part of the tolerance, so that
+/// what is reported stays within it, and further down to what rounding makes of E_k at this level, or to as many times
+/// that as the tolerance is coarser than the usual one: the tolerance is relative to the largest terms of the run,
+/// beside which H - E itself may be nothing where terms are small, as far out on an eccentric orbit. A trial more is
+/// cheap, and what is left of the equation is part of the error of h.
+double TimeLevels::solved_to() const {
+  const double rounding = std::max(rounding_, epsilon * std::abs(energy_));
+  const double coarser = std::max(1.0, options_.tolerance / LevelOptions{}.tolerance);
+  return std::min(coarser * rounding, margin * options_.tolerance * energy_scale_);
 }
 
 /// |E_k - E| up to which a step meets the law: the tolerance, or where that is less, what rounding in E_k and in h

@@ -127,6 +127,7 @@ private:
   StepReport report(Status status, double h);
   void take(StepReport& report);
   void take_ordinary(StepReport& report);
+  [[nodiscard]] double solved_to() const;
   [[nodiscard]] double allowed_miss(const StepReport& step) const;
   [[nodiscard]] double gamma_of(const StepReport& step) const;
   void add_evidence(StepReport& failed);
