@@ -1,9 +1,11 @@
 #include <algorithm>
 #include <array>
+#include <cmath>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <rubato/formula/bytecode.hpp>
 #include <rubato/study/reader.hpp>
 
 namespace rubato::study {
@@ -38,6 +40,46 @@ PhasePoint read_point(Section& section, const NameList& q, const NameList& p, do
   return point;
 }
 
+/// What [hamiltonian] time_scale = g adds: a coordinate, the time, and its momentum, -E.
+constexpr std::string_view clock = "time", clock_momentum = "minus_energy";
+
+double value_at(const PhasePoint& point, const FormulaText& formula, std::span<const std::string> names,
+                std::span<const Parameter> parameters) {
+  formula::Graph graph;
+  const std::array outputs = {build_formula(formula, graph, {names}, parameters)};
+  std::vector<formula::Expression> inputs;
+  for (const std::string& name : names) {
+    inputs.push_back(graph.variable(name));
+  }
+  formula::ScalarEvaluator evaluator{formula::Bytecode(outputs, inputs)};
+  std::ranges::copy(point.p, std::ranges::copy(point.q, evaluator.inputs().begin()).out);
+  evaluator.run();
+  return evaluator.output(0);
+}
+
+/// The problem in fictitious time s, dt = g ds (theory, section 9): g(q, p)·(H(q, p) + w) of the coordinates q, time
+/// and the momenta p, w, where w = -H(z_0) is -E, a constant.
+void take_fictitious_time(HamiltonianProblem& ode, const FormulaText& g, std::span<const Parameter> parameters) {
+  const std::vector<std::string> names = ode.names();
+  const double scale = value_at(ode.initial, g, names, parameters);
+  if (!(scale > 0.0) || !std::isfinite(scale)) {
+    throw ProblemError(g.location, fmt::format("time_scale is {} at the start; it has to be positive along the whole "
+                                               "orbit",
+                                               scale));
+  }
+  const double energy = value_at(ode.initial, ode.H, names, parameters);
+  if (!std::isfinite(energy)) {
+    throw ProblemError(ode.initial.location, fmt::format("H is {} at the start", energy));
+  }
+  ode.H.text = fmt::format("({})*(({}) + {})", g.text, ode.H.text, clock_momentum);
+  ode.q.emplace_back(clock);
+  ode.p.emplace_back(clock_momentum);
+  ode.initial.q.push_back(ode.initial.t);
+  ode.initial.p.push_back(-energy);
+  ode.initial.t = 0.0;
+  ode.fictitious_time = true;
+}
+
 }  // namespace
 
 std::vector<std::string> HamiltonianProblem::names() const {
@@ -49,6 +91,12 @@ std::vector<std::string> HamiltonianProblem::names() const {
 void read_hamiltonian(Section& root, Section& section, Problem& problem) {
   Names taken;
   taken.reserve("t", "it is the time");
+  const Entry* time_scale = section.take("time_scale");
+  if (time_scale != nullptr) {
+    for (const std::string_view name : {clock, clock_momentum}) {
+      taken.reserve(name, "time_scale makes a coordinate time and a momentum minus_energy");
+    }
+  }
   const NameList q = read_names(section.require("q", "the names of the coordinates, such as q = [\"q\"]").value, "q",
                                 "a coordinate", taken);
   const Value& momenta = section.require("p", "the names of the momenta, such as p = [\"p\"]").value;
@@ -67,6 +115,11 @@ void read_hamiltonian(Section& root, Section& section, Problem& problem) {
   const auto names = ode.names();
   ode.H = read_formula(section.require("H", "the Hamiltonian, such as H = \"p^2/2 - cos(q)\"").value, "H");
   check_formula(ode.H, {names}, parameters);
+  std::optional<FormulaText> g;
+  if (time_scale != nullptr) {
+    g = read_formula(time_scale->value, "time_scale");
+    check_formula(*g, {names}, parameters);
+  }
   section.finish();
 
   auto initial = root.take_section("initial");
@@ -85,7 +138,19 @@ void read_hamiltonian(Section& root, Section& section, Problem& problem) {
     }
     ode.next = read_point(*next_section, q, p, 0.0, parameters);
   }
-  ode.invariants = read_invariants(root, {names}, parameters);
+  if (g) {
+    for (const auto& [entry, remedy] : {std::pair(find(root.entries(), "exact"), "it is a function of the time"),
+                                        std::pair(next, "its step is one of the time")}) {
+      if (entry != nullptr) {
+        throw ProblemError(entry->location, fmt::format("with time_scale, t is the fictitious time, and {} means "
+                                                        "nothing: {}; leave it out",
+                                                        entry->key, remedy));
+      }
+    }
+    take_fictitious_time(ode, *g, parameters);
+  }
+  const auto all_names = ode.names();
+  ode.invariants = read_invariants(root, {all_names}, parameters);
   static const std::vector<std::string> time = {"t"};
   ode.exact = read_exact(root, std::array{q, p}, time, parameters);
   for (const std::string_view other : {"grid", "symmetries"}) {

@@ -62,6 +62,9 @@ std::vector<KeyEntry> make_keys() {
       {"hamiltonian", "q", "list of names", required, "The coordinates; \"r[3]\" declares the vector r1, r2, r3."},
       {"hamiltonian", "p", "list of names", required, "The momenta, in the same order."},
       {"hamiltonian", "H", "formula", required, "The Hamiltonian, of coordinates, momenta and parameters."},
+      {"hamiltonian", "time_scale", "formula", none,
+       "A positive g, of the same: the orbit in fictitious time, dt = g dt', in which step and until are then meant. "
+       "The time becomes a coordinate called time."},
 
       {"multisymplectic", "fields", "list of names", required, "The fields z; \"r[3]\" declares r1, r2, r3."},
       {"multisymplectic", "M", "matrix", required,
@@ -103,7 +106,7 @@ std::vector<KeyEntry> make_keys() {
       {"scheme", "bridge", "word", std::string(to_string(scheme.bridge)),
        "Bridges that keep the run's own node law, or those that a run backward finds again.", bridge_words},
       {"scheme", "step_potential", "word, or table",
-       fmt::format("{}; {} for gauss and splitting", potential_words[0], potential_words[1]),
+       fmt::format("{}; {} for gauss, splitting and time_scale", potential_words[0], potential_words[1]),
        "A function of the step alone that is part of the conserved energy and makes a next level exist everywhere, "
        "so that there are no bridges: chosen by a scout of equal steps, or by its numbers.",
        potential_words},

@@ -56,6 +56,7 @@ struct PhasePoint {
 struct HamiltonianProblem {
   std::vector<std::string> q, p;  ///< names, vectors expanded: r[3] is r1, r2, r3
   FormulaText H;                  ///< in q, p and parameters
+  bool fictitious_time = false;  ///< [hamiltonian] time_scale: t is s, the last coordinate is the time, H is g·(H - E)
   PhasePoint initial;
   std::optional<PhasePoint> next;        ///< [initial.next]: the second level of a starting pair
   std::vector<NamedFormula> invariants;  ///< in q, p, in the order of the file

@@ -44,6 +44,10 @@ public:
   }
 
 private:
+  [[nodiscard]] bool in_fictitious_time() const {
+    return problem_.hamiltonian() != nullptr && problem_.hamiltonian()->fictitious_time;
+  }
+
   void read_lagrangian() {
     const bool ode = problem_.hamiltonian() != nullptr;
     scheme_.lagrangian = ode ? Lagrangian::midpoint : Lagrangian::box;
@@ -92,10 +96,12 @@ private:
     }
   }
 
-  /// Most of these families know no Γ, so that no bridge can be built where their law has no solution.
+  /// Most of these families know no Γ, so that no bridge can be built where their law has no solution. In fictitious
+  /// time steps are nearly equal, and a weak potential keeps them so.
   [[nodiscard]] bool needs_potential() const {
     const bool family = scheme_.lagrangian == Lagrangian::gauss || scheme_.lagrangian == Lagrangian::splitting;
-    return family && scheme_.levels == Levels::variable && find(section_.entries(), "bridge") == nullptr;
+    return (family || in_fictitious_time()) && scheme_.levels == Levels::variable &&
+           find(section_.entries(), "bridge") == nullptr;
   }
 
   void read_potential() {
@@ -280,6 +286,11 @@ private:
   }
 
   void read_custom() {
+    if (scheme_.lagrangian == Lagrangian::custom && in_fictitious_time()) {
+      throw ProblemError(scheme_.lagrangian_location,
+                         "time_scale is not for lagrangian = \"custom\": state L in the time that it is meant in, and "
+                         "leave time_scale out");
+    }
     if (const Entry* entry = take_only_for("L", Lagrangian::custom)) {
       scheme_.L = read_formula(entry->value, "L");
       check_formula(*scheme_.L, {custom_names(entry->location)}, parameters_);
