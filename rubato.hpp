@@ -6,7 +6,7 @@
 /// serves as well, such as <rubato/ode/integrate.hpp>.
 
 #include <rubato/formula/parse.hpp>
-#include <rubato/ode/composition.hpp>
+#include <rubato/variation/composition.hpp>
 #include <rubato/ode/discrete_lagrangian.hpp>
 #include <rubato/ode/first_step.hpp>
 #include <rubato/ode/gauss_function.hpp>

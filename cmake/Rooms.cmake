@@ -9,7 +9,7 @@ file(CREATE_LINK ${PROJECT_SOURCE_DIR}/rubato.hpp ${RUBATO_INCLUDE_DIR}/rubato/r
 # rubato_room(<room> [ROOMS <room>...] [PUBLIC <target>...] [PRIVATE <target>...])
 function(rubato_room room)
   cmake_parse_arguments(PARSE_ARGV 1 arg "" "" "ROOMS;PUBLIC;PRIVATE")
-  file(GLOB sources CONFIGURE_DEPENDS ${PROJECT_SOURCE_DIR}/${room}/*.cpp)
+  file(GLOB_RECURSE sources CONFIGURE_DEPENDS ${PROJECT_SOURCE_DIR}/${room}/*.cpp)
   file(GLOB headers CONFIGURE_DEPENDS ${PROJECT_SOURCE_DIR}/${room}/*.hpp)
   file(CREATE_LINK ${PROJECT_SOURCE_DIR}/${room} ${RUBATO_INCLUDE_DIR}/rubato/${room} SYMBOLIC)
   if(sources)

@@ -7,7 +7,7 @@
 #include <Eigen/LU>
 
 #include <rubato/base/outcome.hpp>
-#include <rubato/ode/gauss_tableau.hpp>
+#include <rubato/variation/gauss_tableau.hpp>
 #include <rubato/ode/hamiltonian.hpp>
 
 namespace rubato {

@@ -11,7 +11,7 @@
 #include <Eigen/LU>
 
 #include <rubato/formula/batch.hpp>
-#include <rubato/ode/gauss_tableau.hpp>
+#include <rubato/variation/gauss_tableau.hpp>
 #include <rubato/ode/increment.hpp>
 #include <rubato/ode/one_step_state.hpp>
 

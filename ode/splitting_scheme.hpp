@@ -3,7 +3,7 @@
 #include <memory>
 #include <span>
 
-#include <rubato/ode/composition.hpp>
+#include <rubato/variation/composition.hpp>
 #include <rubato/ode/hamiltonian.hpp>
 #include <rubato/ode/segment_scheme.hpp>
 

@@ -19,45 +19,33 @@ const LatticeOptions& checked(const LatticeOptions& options) {
 }
 
 /// \param cautions receives what the user should know about the problem
-std::unique_ptr<LatticeScheme> make_scheme(const MultisymplecticSystem& system, const grids::Grid& grid,
-                                           const InitialFields& initial, const LatticeOptions& options,
-                                           std::vector<std::string>& cautions) {
-  if (options.lagrangian == LatticeLagrangian::euler_box && options.levels == Levels::variable) {
+std::unique_ptr<LatticeScheme> make_scheme(const LatticeMethod& method, const MultisymplecticSystem& system,
+                                           const grids::Grid& grid, const InitialFields& initial,
+                                           const LatticeOptions& options, std::vector<std::string>& cautions) {
+  if (const std::string_view reason = method.fixed_levels_only();
+      !reason.empty() && options.levels == Levels::variable) {
     throw std::invalid_argument(
-        "euler-box has fixed levels only: its discrete energy reads one level, so that no step can be solved from it "
-        "at turning points or on travelling waves, and with varying levels it drops to first order; use levels = "
-        "\"fixed\", or lagrangian = \"box\"");
+        fmt::format("{} has fixed levels only: {}; use levels = \"fixed\", or lagrangian = "
+                    "\"box\"",
+                    options.lagrangian, reason));
   }
-  auto [first, about_data] = prepare_initial_level(system, grid, initial, placement_of(options.lagrangian));
+  auto [first, about_data] = method.first_level(system, grid, initial);
   cautions = std::move(about_data);
   if (const auto growth = find_short_wave_growth(system, grid, first)) {
     cautions.insert(cautions.begin(), describe(*growth, grid, system));
   }
-  switch (options.lagrangian) {
-    case LatticeLagrangian::box: return make_box_scheme(system, grid, std::move(first), options.step);
-    case LatticeLagrangian::fourier: return make_fourier_scheme(system, grid, std::move(first), options.step);
-    case LatticeLagrangian::euler_box: return make_euler_box_scheme(system, grid, std::move(first));
-  }
-  throw std::invalid_argument("no such lagrangian on a lattice");
+  return method.scheme(system, grid, std::move(first), options.step);
 }
 
 }  // namespace
 
-Placement placement_of(LatticeLagrangian lagrangian) {
-  switch (lagrangian) {
-    case LatticeLagrangian::box: return Placement::cells;
-    case LatticeLagrangian::fourier: return Placement::nodes;
-    case LatticeLagrangian::euler_box: return Placement::corners;
-  }
-  throw std::invalid_argument("no such lagrangian on a lattice");
-}
-
 LatticeIntegrator::LatticeIntegrator(const MultisymplecticSystem& system, const grids::Grid& grid,
                                      const InitialFields& initial, const LatticeOptions& options)
     : options_(checked(options)),
+      method_(make_lattice_method(options.method())),
       system_(system),
       energy_constant_(system.constant() * grid.cell_volume() * static_cast<double>(grid.size())),
-      scheme_(make_scheme(system.without_constant(), grid, initial, options, cautions_)),
+      scheme_(make_scheme(*method_, system.without_constant(), grid, initial, options, cautions_)),
       levels_(std::make_unique<TimeLevels>(*scheme_,
                                            LevelOptions{.levels = options.levels,
                                                         .on_singular = options.on_singular,
@@ -66,7 +54,7 @@ LatticeIntegrator::LatticeIntegrator(const MultisymplecticSystem& system, const 
                                                         .energy_constant = energy_constant_,
                                                         .potential = options.potential},
                                            options.start, options.step)),
-      laws_(system, grid, options.symmetries, placement_of(options.lagrangian)),
+      laws_(make_local_laws(*method_, system, grid, options.symmetries)),
       previous_(scheme_->level()) {}
 
 StepReport LatticeIntegrator::step() {

@@ -7,6 +7,7 @@
 
 #include <rubato/grids/grid.hpp>
 #include <rubato/pde/initial_level.hpp>
+#include <rubato/pde/lattice_method.hpp>
 #include <rubato/pde/lattice_scheme.hpp>
 #include <rubato/pde/local_laws.hpp>
 #include <rubato/pde/multisymplectic_system.hpp>
@@ -14,20 +15,12 @@
 
 namespace rubato {
 
-/// The discrete Lagrangians on a lattice (theory, section 5).
-enum class LatticeLagrangian {
-  box,        ///< midpoint in space and time, the default: order 2; odd numbers of cells
-  fourier,    ///< spectral in space, midpoint in time
-  euler_box,  ///< explicit; fixed levels only
-};
-
-/// Where a scheme imposes its equation.
-[[nodiscard]] Placement placement_of(LatticeLagrangian lagrangian);
-
 struct LatticeOptions {
-  LatticeLagrangian lagrangian = LatticeLagrangian::box;
-  double start = 0.0;  ///< t_0
-  double step = 0.0;   ///< t_1 - t_0; negative integrates backward; has to be given
+  std::string lagrangian = "box";      ///< the scheme: of lattice_methods()
+  int stages = 1;                      ///< of Gauss collocation in time, order 2·stages; fourier
+  std::string composition = "golden";  ///< splitting
+  double start = 0.0;                  ///< t_0
+  double step = 0.0;                   ///< t_1 - t_0; negative integrates backward; has to be given
   double until =
       0.0;  ///< the run ends at the first level at or past it; no step is shortened to hit it; has to be given
   Levels levels = Levels::variable;
@@ -36,6 +29,7 @@ struct LatticeOptions {
   BridgeRule bridge = BridgeRule::anchored;
   double tolerance = 1e-13;  ///< of the level equation, relative
   std::vector<LinearSymmetry> symmetries = {};
+  [[nodiscard]] LatticeMethodChoice method() const { return {lagrangian, stages, composition}; }
 };
 
 /// Steps a lattice, level by level:
@@ -63,6 +57,7 @@ public:
   /// The same of S without the constant that was added to it.
   [[nodiscard]] LevelNode bare_node() { return scheme_->node(); }
   [[nodiscard]] const TimeLevels& levels() const { return *levels_; }
+  [[nodiscard]] const LatticeMethod& method() const { return *method_; }
   [[nodiscard]] const LatticeScheme& scheme() const { return *scheme_; }  ///< of S without its constant
   [[nodiscard]] const MultisymplecticSystem& system() const { return system_; }
   [[nodiscard]] const grids::Grid& grid() const { return scheme_->grid(); }
@@ -90,6 +85,7 @@ public:
 
 private:
   LatticeOptions options_;
+  std::unique_ptr<LatticeMethod> method_;
   std::vector<std::string> cautions_;
   MultisymplecticSystem system_;
   double energy_constant_;  ///< what the constant in S adds to energies

@@ -107,13 +107,4 @@ LatticeAction euler_box_action(const MultisymplecticSystem& system) {
   return build.finish(-potential_at(system, build, base));
 }
 
-LatticeAction action_of(const MultisymplecticSystem& system, Placement placement) {
-  switch (placement) {
-    case Placement::cells: return box_action(system);
-    case Placement::nodes: return fourier_action(system);
-    case Placement::corners: return euler_box_action(system);
-  }
-  throw std::invalid_argument("no such placement");
-}
-
 }  // namespace rubato

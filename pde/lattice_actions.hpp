@@ -25,7 +25,4 @@ namespace rubato {
 /// Euler box: z at the base corner of a cell, D_ρ forward differences from there: zᵀM₊δ_t⁺z + Σ_a zᵀK₊δ_a⁺z - S(z).
 [[nodiscard]] LatticeAction euler_box_action(const MultisymplecticSystem& system);
 
-/// The action of the scheme that imposes its equation there.
-[[nodiscard]] LatticeAction action_of(const MultisymplecticSystem& system, Placement placement);
-
 }  // namespace rubato

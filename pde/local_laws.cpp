@@ -60,13 +60,7 @@ void check_symmetry(const MultisymplecticSystem& system, const LinearSymmetry& s
   }
 }
 
-LocalLaws::LocalLaws(const MultisymplecticSystem& system, const grids::Grid& grid,
-                     const std::vector<LinearSymmetry>& symmetries, Placement placement)
-    : placement_(placement) {
-  LawTables tables(system, grid, symmetries);
-  engine_ = placement == Placement::corners ? make_corner_laws(std::move(tables))
-                                            : make_face_laws(std::move(tables), placement);
-}
+LocalLaws::LocalLaws(std::unique_ptr<LawEngine> engine) : engine_(std::move(engine)) {}
 LocalLaws::~LocalLaws() = default;
 LocalLaws::LocalLaws(LocalLaws&&) noexcept = default;
 LocalLaws& LocalLaws::operator=(LocalLaws&&) noexcept = default;

@@ -33,14 +33,13 @@ struct TangentLevels {
 
 class LawEngine;
 
-/// The local conservation laws of a lattice, in the form that its scheme has them (theory, section 5): the placement
-/// says which.
+/// The local conservation laws of a lattice, in the form that its scheme has them (theory, section 5).
 ///
 /// With the directions μ = t, x, y, z, the matrices Λ_t = M, Λ_a = K_a and Λ = Λ₊ - Λ₊ᵀ, every law is
 /// Σ_μ D_μ J_μ = 0. Translation in ν = t gives the law of energy, in ν = x, y, z those of momentum. The densities J_t
 /// hold no bare potentials, and no multipliers but times a constraint that vanishes at levels.
 ///
-/// **Placement::cells, the box** ("Edge residuals"): currents on the faces of cells, J_μ on those normal to μ, where z
+/// **The box** ("Edge residuals"): currents on the faces of cells, J_μ on those normal to μ, where z
 /// is averaged in all other directions:
 ///
 ///     translation in ν:   J_μ = -(D_ν z)ᵀΛ₊_μ z (μ ≠ ν),   J_ν = S(z) + Σ_{μ≠ν} (D_μ z)ᵀΛ₊_μ z
@@ -50,10 +49,10 @@ class LawEngine;
 /// The residual is divided by the cell: for S quadratic energy and momentum hold to rounding with any levels; for
 /// others energy is O(h²) and momentum O(Δx²); symmetries hold to rounding always.
 ///
-/// **Placement::nodes, Fourier**: the same currents at the nodes, D_a the spectral derivative: laws in space hold to
+/// **Fourier**: the same currents at the nodes, D_a the spectral derivative: laws in space hold to
 /// aliasing error only.
 ///
-/// **Placement::corners, euler-box**: the currents of its node laws e = S - zᵀK₊δ_x⁺z, f = zᵀK₊δ_t⁺z, m = zᵀM₊δ_x⁺z,
+/// **Euler-box**: the currents of its node laws e = S - zᵀK₊δ_x⁺z, f = zᵀK₊δ_t⁺z, m = zᵀM₊δ_x⁺z,
 /// g = S - zᵀM₊δ_t⁺z at the base corner of a cell, with zᵀΛ₊δ⁺z = δ⁺(zᵀΛ₊z) - (δ⁺z)ᵀΛ₊z⁺ put in so that bare potentials
 /// drop out, z⁺ the neighbour in the direction of δ⁺:
 ///
@@ -65,9 +64,8 @@ class LawEngine;
 /// Laws are computed from two levels and h alone, so a run and its record give the same numbers.
 class LocalLaws {
 public:
-  /// \throws std::invalid_argument if one of `symmetries` is none
-  LocalLaws(const MultisymplecticSystem& system, const grids::Grid& grid,
-            const std::vector<LinearSymmetry>& symmetries = {}, Placement placement = Placement::cells);
+  /// Those of a method: see make_local_laws() of lattice_method.hpp.
+  explicit LocalLaws(std::unique_ptr<LawEngine> engine);
   ~LocalLaws();
   LocalLaws(LocalLaws&&) noexcept;
   LocalLaws& operator=(LocalLaws&&) noexcept;
@@ -76,7 +74,6 @@ public:
   /// symmetries with a density: "mass", or "mass_FIELD" where there are several.
   [[nodiscard]] const std::vector<std::string>& names() const;
   [[nodiscard]] std::size_t count() const { return names().size(); }
-  [[nodiscard]] Placement placement() const { return placement_; }
 
   /// The residual of every law in every cell of the step from `before` to `after`, h apart, into residuals[law], one
   /// value for each cell (an empty span if only sizes are wanted).
@@ -88,17 +85,16 @@ public:
   std::vector<double> totals(const LatticeLevel& level);
 
   /// D_t(UᵀMV) + Σ D_a(UᵀK_aV) in every cell, for two tangent solutions over the same step: UᵀMV averaged in x at
-  /// levels, UᵀK_aV in t on the faces between cells. For Placement::corners, at the node of the level `before`,
+  /// levels, UᵀK_aV in t on the faces between cells. For euler-box, at the node of the level `before`,
   ///
   ///     (W_{k+1} - W_k)/h + Σ_a (X_{i+1} - X_i)/Δx_a,   W_k = U_{k-1}ᵀM₊V_k - V_{k-1}ᵀM₊U_k,
   ///                                                     X_i = U_{i-1}ᵀK₊V_i - V_{i-1}ᵀK₊U_i.
   ///
-  /// `residual` may be null. \throws std::invalid_argument for Placement::corners without the earlier levels
+  /// `residual` may be null. \throws std::invalid_argument for euler-box without the earlier levels
   Spread multisymplectic_residual(const TangentLevels& u, const TangentLevels& v, double h, double* residual = nullptr);
 
 private:
   std::unique_ptr<LawEngine> engine_;
-  Placement placement_;
 };
 
 }  // namespace rubato

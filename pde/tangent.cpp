@@ -13,26 +13,11 @@
 
 namespace rubato {
 
-struct TangentStep::Storage {
-  Storage() = default;
-  Storage(const Storage&) = delete;
-  Storage& operator=(const Storage&) = delete;
-  virtual ~Storage() = default;
-  [[nodiscard]] virtual Status step(const LatticeLevel& before, const LatticeLevel& after, double h,
-                                    const grids::FieldSet& u_before, grids::FieldSet& u_after) = 0;
-};
+namespace {
 
-struct TangentStep::Box final : TangentStep::Storage {
-  MultisymplecticSystem system;
-  CellSweep sweep;
-  CellBlocks blocks;
-  BoxGather gather;
-  grids::FieldSet point, hessian, rhs, middle;
-  CellMatrix matrix;
-  std::vector<double> border;
-  std::unique_ptr<CellSolver> solver;
-
-  Box(const MultisymplecticSystem& s, const grids::Grid& grid)
+class BoxTangents final : public TangentStep {
+public:
+  BoxTangents(const MultisymplecticSystem& s, const grids::Grid& grid)
       : system(s),
         sweep(s, grid),
         blocks(grid),
@@ -57,30 +42,8 @@ struct TangentStep::Box final : TangentStep::Storage {
     solver = make_cell_solver(grid, Placement::cells, s.field_count(), conditions, 1e-14);
   }
 
-  /// rhs = (2/h) M A u.
-  void make_rhs(const grids::FieldSet& u, double h) {
-    rhs.fill(0.0);
-    std::vector<double> mean(CellBlocks::most);
-    double* const none[3] = {};
-    for (std::size_t block = 0; block < blocks.count(); ++block) {
-      const std::size_t line = block / blocks.per_line;
-      const std::size_t begin = block % blocks.per_line * CellBlocks::most;
-      const std::size_t count = std::min(CellBlocks::most, blocks.line - begin);
-      for (int f = 0; f < system.field_count(); ++f) {
-        gather(u.field(f).data(), line, begin, count, mean.data(), none);
-        for (int r = 0; r < system.field_count(); ++r) {
-          const double factor = 2.0 / h * system.M()(r, f);
-          double* out = rhs.field(r).data() + line * blocks.line + begin;
-          for (std::size_t c = 0; factor != 0.0 && c < count; ++c) {
-            out[c] += factor * mean[c];
-          }
-        }
-      }
-    }
-  }
-
-  Status step(const LatticeLevel& before, const LatticeLevel& after, double h, const grids::FieldSet& u_before,
-              grids::FieldSet& u_after) override {
+  Status operator()(const LatticeLevel& before, const LatticeLevel& after, double h, const grids::FieldSet& u_before,
+                    grids::FieldSet& u_after) override {
     const FieldStructure& structure = system.structure();
     for (int f = 0; f < system.field_count(); ++f) {
       const auto z_0 = before.fields.field(f);
@@ -111,34 +74,61 @@ struct TangentStep::Box final : TangentStep::Storage {
     }
     return Status::success;
   }
+
+private:
+  /// rhs = (2/h) M A u.
+  void make_rhs(const grids::FieldSet& u, double h) {
+    rhs.fill(0.0);
+    std::vector<double> mean(CellBlocks::most);
+    double* const none[3] = {};
+    for (std::size_t block = 0; block < blocks.count(); ++block) {
+      const std::size_t line = block / blocks.per_line;
+      const std::size_t begin = block % blocks.per_line * CellBlocks::most;
+      const std::size_t count = std::min(CellBlocks::most, blocks.line - begin);
+      for (int f = 0; f < system.field_count(); ++f) {
+        gather(u.field(f).data(), line, begin, count, mean.data(), none);
+        for (int r = 0; r < system.field_count(); ++r) {
+          const double factor = 2.0 / h * system.M()(r, f);
+          double* out = rhs.field(r).data() + line * blocks.line + begin;
+          for (std::size_t c = 0; factor != 0.0 && c < count; ++c) {
+            out[c] += factor * mean[c];
+          }
+        }
+      }
+    }
+  }
+
+  MultisymplecticSystem system;
+  CellSweep sweep;
+  CellBlocks blocks;
+  BoxGather gather;
+  grids::FieldSet point, hessian, rhs, middle;
+  CellMatrix matrix;
+  std::vector<double> border;
+  std::unique_ptr<CellSolver> solver;
 };
 
-struct TangentStep::EulerBox final : TangentStep::Storage {
-  EulerBoxMap map;
+class EulerBoxTangents final : public TangentStep {
+public:
+  EulerBoxTangents(const MultisymplecticSystem& system, const grids::Grid& grid) : map_(system, grid) {}
 
-  EulerBox(const MultisymplecticSystem& system, const grids::Grid& grid) : map(system, grid) {}
-
-  Status step(const LatticeLevel& before, const LatticeLevel& after, double h, const grids::FieldSet& u_before,
-              grids::FieldSet& u_after) override {
-    return map.tangent(h, before.fields, after.fields, u_before, u_after);
+  [[nodiscard]] Status operator()(const LatticeLevel& before, const LatticeLevel& after, double h,
+                                  const grids::FieldSet& u_before, grids::FieldSet& u_after) override {
+    return map_.tangent(h, before.fields, after.fields, u_before, u_after);
   }
+  [[nodiscard]] bool law_on_three_levels() const override { return true; }
+
+private:
+  EulerBoxMap map_;
 };
 
-TangentStep::TangentStep(const MultisymplecticSystem& system, const grids::Grid& grid, Placement placement) {
-  switch (placement) {
-    case Placement::cells: storage_ = std::make_unique<Box>(system, grid); return;
-    case Placement::corners: storage_ = std::make_unique<EulerBox>(system, grid); return;
-    case Placement::nodes: break;
-  }
-  throw std::invalid_argument("tangent solutions are available for box and euler-box, not for fourier");
+}  // namespace
+
+std::unique_ptr<TangentStep> make_box_tangents(const MultisymplecticSystem& system, const grids::Grid& grid) {
+  return std::make_unique<BoxTangents>(system, grid);
 }
-TangentStep::~TangentStep() = default;
-TangentStep::TangentStep(TangentStep&&) noexcept = default;
-TangentStep& TangentStep::operator=(TangentStep&&) noexcept = default;
-
-Status TangentStep::operator()(const LatticeLevel& before, const LatticeLevel& after, double h,
-                               const grids::FieldSet& u_before, grids::FieldSet& u_after) {
-  return storage_->step(before, after, h, u_before, u_after);
+std::unique_ptr<TangentStep> make_euler_box_tangents(const MultisymplecticSystem& system, const grids::Grid& grid) {
+  return std::make_unique<EulerBoxTangents>(system, grid);
 }
 
 grids::FieldSet random_tangent(const MultisymplecticSystem& system, const grids::Grid& grid, std::uint64_t seed) {
@@ -171,30 +161,30 @@ grids::FieldSet random_tangent(const MultisymplecticSystem& system, const grids:
   return tangent;
 }
 
-TangentPair::TangentPair(LocalLaws& laws, const MultisymplecticSystem& system, const grids::Grid& grid,
-                         std::uint64_t seed)
-    : laws_(laws), step_(system, grid, laws.placement()) {
+TangentPair::TangentPair(LocalLaws& laws, std::unique_ptr<TangentStep> step, const MultisymplecticSystem& system,
+                         const grids::Grid& grid, std::uint64_t seed)
+    : laws_(laws), step_(std::move(step)) {
   u_.now = random_tangent(system, grid, seed);
   v_.now = random_tangent(system, grid, seed + 1);
   for (Tangent* tangent : {&u_, &v_}) {
     tangent->next = tangent->now;
-    tangent->earlier = laws.placement() == Placement::corners ? tangent->now : grids::FieldSet();
+    tangent->earlier = step_->law_on_three_levels() ? tangent->now : grids::FieldSet();
   }
 }
 
 Status TangentPair::take(const LatticeLevel& before, const LatticeLevel& after, double h) {
   for (Tangent* tangent : {&u_, &v_}) {
-    if (const Status status = step_(before, after, h, tangent->now, tangent->next); status != Status::success) {
+    if (const Status status = (*step_)(before, after, h, tangent->now, tangent->next); status != Status::success) {
       return status;
     }
   }
-  const bool corners = laws_.placement() == Placement::corners;
+  const bool three = step_->law_on_three_levels();
   residual_.reset();
-  if (!corners || steps_ > 0) {
+  if (!three || steps_ > 0) {
     residual_ = laws_.multisymplectic_residual({u_.now, u_.next, &u_.earlier}, {v_.now, v_.next, &v_.earlier}, h);
   }
   for (Tangent* tangent : {&u_, &v_}) {
-    if (corners) {
+    if (three) {
       std::swap(tangent->earlier, tangent->now);
     }
     std::swap(tangent->now, tangent->next);

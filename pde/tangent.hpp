@@ -12,47 +12,44 @@
 
 namespace rubato {
 
-/// Carries solutions of a linearised scheme along a run, at frozen levels: for the box M D_t U + Σ K_a D_a Ū = S''(z̄)Ū
-/// in every cell, for euler-box (Placement::corners) the derivative of its map.
+/// Carries solutions of a linearised scheme along a run, at frozen levels.
 ///
 /// As in a level, a field that exists at midpoints only holds its value in the middle of the last step.
 class TangentStep {
 public:
-  /// \throws std::invalid_argument for Placement::nodes (Fourier has no law of two tangents that is local); what
-  /// EulerBoxMap refuses
-  TangentStep(const MultisymplecticSystem& system, const grids::Grid& grid, Placement placement = Placement::cells);
-  ~TangentStep();
-  TangentStep(TangentStep&&) noexcept;
-  TangentStep& operator=(TangentStep&&) noexcept;
+  virtual ~TangentStep() = default;
 
   /// Takes U from the level `before` to `after`, h apart.
-  [[nodiscard]] Status operator()(const LatticeLevel& before, const LatticeLevel& after, double h,
-                                  const grids::FieldSet& u_before, grids::FieldSet& u_after);
-
-private:
-  struct Storage;
-  struct Box;
-  struct EulerBox;
-  std::unique_ptr<Storage> storage_;
+  [[nodiscard]] virtual Status operator()(const LatticeLevel& before, const LatticeLevel& after, double h,
+                                          const grids::FieldSet& u_before, grids::FieldSet& u_after) = 0;
+  /// Whether the local law of two solutions reads the level before the step, too.
+  [[nodiscard]] virtual bool law_on_three_levels() const { return false; }
 };
+
+/// Of the box: M D_t U + Σ K_a D_a Ū = S''(z̄)Ū in every cell.
+[[nodiscard]] std::unique_ptr<TangentStep> make_box_tangents(const MultisymplecticSystem& system,
+                                                             const grids::Grid& grid);
+/// Of euler-box: the derivative of its map. \throws std::invalid_argument as EulerBoxMap
+[[nodiscard]] std::unique_ptr<TangentStep> make_euler_box_tangents(const MultisymplecticSystem& system,
+                                                                   const grids::Grid& grid);
 
 /// A smooth random tangent: a few long waves of each field with amplitudes of order 1, each of mean 0 (so that the
 /// constraint of a potential can be met).
 [[nodiscard]] grids::FieldSet random_tangent(const MultisymplecticSystem& system, const grids::Grid& grid,
                                              std::uint64_t seed);
 
-/// Two random tangent solutions and their multisymplectic residual along a run, in the form that belongs to the laws'
-/// placement.
+/// Two random tangent solutions and their multisymplectic residual along a run, in the form that the laws have it.
 class TangentPair {
 public:
-  /// Starts from random_tangent(system, grid, seed) and of seed + 1. Keeps a reference to `laws`.
-  /// \throws std::invalid_argument as TangentStep
-  TangentPair(LocalLaws& laws, const MultisymplecticSystem& system, const grids::Grid& grid, std::uint64_t seed);
+  /// Starts from random_tangent(system, grid, seed) and of seed + 1. Keeps a reference to `laws`; `step` is of the same
+  /// scheme.
+  TangentPair(LocalLaws& laws, std::unique_ptr<TangentStep> step, const MultisymplecticSystem& system,
+              const grids::Grid& grid, std::uint64_t seed);
 
   /// Takes the step from `before` to `after`, which follows the one taken last. If it fails, nothing has changed.
   [[nodiscard]] Status take(const LatticeLevel& before, const LatticeLevel& after, double h);
-  /// The size of the residual over the step taken last; nothing before the first, and for euler-box, whose law at a
-  /// node needs three levels, before the second.
+  /// The size of the residual over the step taken last; nothing before the first, and where a law reads three
+  /// levels, before the second.
   [[nodiscard]] const std::optional<Spread>& residual() const { return residual_; }
 
   [[nodiscard]] const grids::FieldSet& u() const { return u_.now; }
@@ -67,7 +64,7 @@ private:
     grids::FieldSet now, next, earlier;
   };
   LocalLaws& laws_;
-  TangentStep step_;
+  std::unique_ptr<TangentStep> step_;
   Tangent u_, v_;
   std::uint64_t steps_ = 0;
   std::optional<Spread> residual_;

@@ -3,8 +3,10 @@
 #include <algorithm>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
-#include <rubato/ode/composition.hpp>
+#include <rubato/variation/composition.hpp>
+#include <rubato/pde/lattice_method.hpp>
 #include <rubato/study/problem.hpp>
 
 namespace rubato::study {
@@ -40,12 +42,23 @@ constexpr std::array<TableEntry, 15> all_tables{{
     {"output", "the record"},
 }};
 
+/// Those of orbits, then those of lattices; some are both.
+std::vector<std::string_view> all_lagrangians() {
+  std::vector<std::string_view> words(orbit_lagrangians.begin(), orbit_lagrangians.end());
+  for (const std::string_view word : lattice_lagrangians()) {
+    if (std::ranges::find(words, word) == words.end()) {
+      words.push_back(word);
+    }
+  }
+  return words;
+}
+
 std::vector<KeyEntry> make_keys() {
   const Scheme scheme;
   const Output output;
   const std::string required = "required";
   const std::string none = "none";
-  const std::span words(lagrangian_words);
+  static const std::vector<std::string_view> words = all_lagrangians();
   return {
       {"", "title", "text", "the file's name", "What reports call the problem."},
       {"", "hamiltonian", "table", none, ""},
@@ -89,9 +102,10 @@ std::vector<KeyEntry> make_keys() {
       {"initial", "next", "table", none, "See [initial.next]; for orbits."},
       {"initial.next", "t", "number", required, "The time of the second level."},
 
-      {"scheme", "lagrangian", "word", fmt::format("{} for orbits, {} for lattices", words[0], words[ode_lagrangians]),
-       "The discrete Lagrangian, or the family of symplectic maps; the first six are for orbits, the others for "
-       "lattices.",
+      {"scheme", "lagrangian", "word",
+       fmt::format("{} for orbits, {} for lattices", orbit_lagrangians[0], lattice_lagrangians()[0]),
+       fmt::format("The discrete Lagrangian, or the family of symplectic maps; for orbits {}, for lattices {}.",
+                   fmt::join(orbit_lagrangians, ", "), fmt::join(lattice_lagrangians(), ", ")),
        words},
       {"scheme", "levels", "word", std::string(to_string(scheme.levels)),
        "Levels from the total variation, which keep the discrete energy, or equal ones.", levels_words},
@@ -115,11 +129,11 @@ std::vector<KeyEntry> make_keys() {
       {"scheme.step_potential", "p", "number greater than the order", required, "How suddenly it is felt."},
       {"scheme", "order", "integer", "required by generating",
        "The order of a generating function; with splitting 2, 4, 6 or 8, for the best splitting of that order."},
-      {"scheme", "stages", "integer from 1 to 8", "required by gauss",
-       "The stages of Gauss collocation, of order 2*stages."},
-      {"scheme", "splitting", "word", scheme.splitting,
-       "The explicit splitting, of drifts and kicks; the number is its order, golden and verlet have 2.",
-       splitting_words()},
+      {"scheme", "stages", "integer from 1 to 8", "required by gauss; 1 for fourier",
+       "The stages of Gauss collocation in time, of order 2*stages."},
+      {"scheme", "composition", "word", scheme.composition,
+       "Of splitting: the flows that are composed; the number is the order, golden and verlet have 2.",
+       composition_words()},
       {"scheme", "darboux", "word, or matrix", std::string(darboux_words[0]),
        "The type of a generating function; as a matrix a symmetric 2n x 2n one, in full.", darboux_words},
       {"scheme", "L", "formula", "required by custom",
@@ -139,9 +153,10 @@ std::vector<KeyEntry> make_keys() {
   };
 }
 
-std::vector<std::string_view> make_splitting_words() {
+template <typename Entries>
+std::vector<std::string_view> names_of(const Entries& entries) {
   std::vector<std::string_view> words;
-  for (const Composition& one : compositions()) {
+  for (const auto& one : entries) {
     words.push_back(one.name);
   }
   return words;
@@ -154,8 +169,12 @@ std::string_view documented_name(std::string_view table) {
 
 }  // namespace
 
-std::span<const std::string_view> splitting_words() {
-  static const std::vector<std::string_view> words = make_splitting_words();
+std::span<const std::string_view> lattice_lagrangians() {
+  static const std::vector<std::string_view> words = names_of(lattice_methods());
+  return words;
+}
+std::span<const std::string_view> composition_words() {
+  static const std::vector<std::string_view> words = names_of(compositions());
   return words;
 }
 

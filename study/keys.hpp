@@ -24,7 +24,7 @@ struct KeyEntry {
   std::string_view name;
   std::string_view type;
   std::string fallback;  ///< what holds where it is left out, or "required"
-  std::string_view meaning;
+  std::string meaning;
   std::span<const std::string_view> words = {};  ///< those it may be, where it is a word
 };
 [[nodiscard]] std::span<const KeyEntry> problem_keys();
@@ -38,16 +38,18 @@ struct KeyEntry {
 [[nodiscard]] std::optional<std::string_view> table_of(std::string_view key);
 
 // In the order of the enumerations.
-inline constexpr std::array<std::string_view, 9> lagrangian_words = {
-    "midpoint", "forward", "generating", "custom", "gauss", "splitting", "box", "fourier", "euler-box"};
-inline constexpr std::size_t ode_lagrangians = 6;  ///< the first six act on a segment, the others on a cell
+inline constexpr std::array<std::string_view, 6> orbit_lagrangians = {"midpoint", "forward", "generating",
+                                                                      "custom",   "gauss",   "splitting"};
 inline constexpr std::array<std::string_view, 2> levels_words = {"variable", "fixed"};
 inline constexpr std::array<std::string_view, 3> on_singular_words = {"bridge", "fixed", "stop"};
 inline constexpr std::array<std::string_view, 2> bridge_words = {"anchored", "reversible"};
 inline constexpr std::array<std::string_view, 2> potential_words = {"none", "auto"};
 inline constexpr std::array<std::string_view, 3> darboux_words = {"midpoint", "euler-a", "euler-b"};
-/// Of explicit splittings, by what the library calls them.
-[[nodiscard]] std::span<const std::string_view> splitting_words();
+/// The schemes for lattices, and the compositions of explicit splittings, by what the library calls them.
+///@{
+[[nodiscard]] std::span<const std::string_view> lattice_lagrangians();
+[[nodiscard]] std::span<const std::string_view> composition_words();
+///@}
 
 /// The directions of a grid.
 inline constexpr std::array<std::string_view, 3> axis_letters = {"x", "y", "z"};

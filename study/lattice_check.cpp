@@ -10,7 +10,6 @@
 
 #include <rubato/study/lattice_problem.hpp>
 #include <rubato/study/lattice_residuals.hpp>
-#include <rubato/study/step_equation.hpp>
 
 namespace rubato::study {
 
@@ -123,10 +122,11 @@ public:
         findings_(findings),
         system_(make_system(problem)),
         grid_(make_grid(problem)),
-        laws_(system_, grid_, make_lattice_options(problem, system_).symmetries, placement_of(problem)),
-        residuals_(laws_, system_, grid_,
-                   {.variational = !levels.sparse && placement_of(problem) != Placement::nodes,
-                    .tangents = !levels.sparse && reader.has("/laws/multisymplectic_max")}),
+        method_(make_method(problem)),
+        laws_(make_local_laws(*method_, system_, grid_, make_lattice_options(problem, system_).symmetries)),
+        residuals_(
+            *method_, laws_, system_, grid_,
+            {.variational = !levels.sparse, .tangents = !levels.sparse && reader.has("/laws/multisymplectic_max")}),
         invariants_(make_invariants(problem, system_, grid_)),
         exact_(make_exact(problem, system_, grid_)),
         stored_(reader, system_, grid_.size(), levels, findings),
@@ -161,7 +161,7 @@ public:
     bool whole = stored_.load(0, after_.fields);
     check_start(initial);
     const bool in_turn = !levels_.sparse && levels_.steps() > 0;
-    equation_ = make_step_equation(system_, grid_, placement_of(problem_), after_, in_turn ? levels_.h.front() : 0.0);
+    equation_ = method_->equation(system_, grid_, after_, in_turn ? levels_.h.front() : 0.0);
     check_level(0, in_turn);
     bool start_known = true;
     for (std::size_t row = 1; row < levels_.state_level.size(); ++row) {
@@ -451,6 +451,7 @@ private:
   Findings& findings_;
   MultisymplecticSystem system_;
   grids::Grid grid_;
+  std::unique_ptr<LatticeMethod> method_;
   LocalLaws laws_;
   LatticeResiduals residuals_;
   NodeTable invariants_, exact_;

@@ -96,18 +96,6 @@ private:
   InitialFields values_;
 };
 
-LatticeLagrangian lattice_lagrangian(const Scheme& scheme) {
-  switch (scheme.lagrangian) {
-    case Lagrangian::box: return LatticeLagrangian::box;
-    case Lagrangian::fourier: return LatticeLagrangian::fourier;
-    case Lagrangian::euler_box: return LatticeLagrangian::euler_box;
-    default:
-      throw ProblemError(scheme.lagrangian_location,
-                         fmt::format("lagrangian = \"{}\" is not available for a lattice in this version",
-                                     to_string(scheme.lagrangian)));
-  }
-}
-
 /// Calls `make`; what the library refuses is wrong at `location`.
 template <typename Make>
 auto at_location(const Location& location, const Make& make) {
@@ -172,7 +160,9 @@ InitialFields make_initial_fields(const Problem& problem, const grids::Grid& gri
 LatticeOptions make_lattice_options(const Problem& problem, const MultisymplecticSystem& system) {
   const MultisymplecticProblem& pde = *problem.multisymplectic();
   const Scheme& scheme = problem.scheme;
-  LatticeOptions options{.lagrangian = lattice_lagrangian(scheme),
+  LatticeOptions options{.lagrangian = scheme.method,
+                         .stages = scheme.stages.value_or(1),
+                         .composition = scheme.composition,
                          .start = pde.start,
                          .step = scheme.step.value_or(0.0),
                          .until = scheme.until,
@@ -201,13 +191,13 @@ LatticeIntegrator make_lattice(const Problem& problem) {
   });
 }
 
-Placement placement_of(const Problem& problem) {
-  return placement_of(lattice_lagrangian(problem.scheme));
+std::unique_ptr<LatticeMethod> make_method(const Problem& problem) {
+  return make_lattice_method(method_choice(problem.scheme));
 }
 
 LatticeLevel make_initial_level(const Problem& problem, const MultisymplecticSystem& system, const grids::Grid& grid) {
   const InitialFields initial = make_initial_fields(problem, grid);
-  return at_initial(problem, [&] { return initial_level(system, grid, initial, placement_of(problem)); });
+  return at_initial(problem, [&] { return make_method(problem)->first_level(system, grid, initial).level; });
 }
 
 NodeTable::NodeTable(const Problem& problem, const std::vector<NamedFormula>& formulas,

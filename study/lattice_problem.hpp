@@ -22,8 +22,9 @@ namespace rubato::study {
 [[nodiscard]] InitialFields make_initial_fields(const Problem& problem, const grids::Grid& grid);
 [[nodiscard]] LatticeOptions make_lattice_options(const Problem& problem, const MultisymplecticSystem& system);
 [[nodiscard]] LatticeIntegrator make_lattice(const Problem& problem);
-/// Where the scheme of the problem imposes its equation.
-[[nodiscard]] Placement placement_of(const Problem& problem);
+/// The scheme of the problem.
+[[nodiscard]] LatticeMethodChoice method_choice(const Scheme& scheme);
+[[nodiscard]] std::unique_ptr<LatticeMethod> make_method(const Problem& problem);
 /// The level that a run of the problem starts from.
 [[nodiscard]] LatticeLevel make_initial_level(const Problem& problem, const MultisymplecticSystem& system,
                                               const grids::Grid& grid);

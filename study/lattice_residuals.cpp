@@ -2,8 +2,6 @@
 
 #include <limits>
 
-#include <rubato/pde/lattice_actions.hpp>
-
 namespace rubato::study {
 
 namespace {
@@ -12,16 +10,16 @@ constexpr std::uint64_t seed = 1;
 
 }  // namespace
 
-LatticeResiduals::LatticeResiduals(LocalLaws& laws, const MultisymplecticSystem& system, const grids::Grid& grid,
-                                   Wanted wanted)
+LatticeResiduals::LatticeResiduals(const LatticeMethod& method, LocalLaws& laws, const MultisymplecticSystem& system,
+                                   const grids::Grid& grid, Wanted wanted)
     : laws_(laws), names_(laws.names()), cells_(static_cast<int>(laws.count()), grid.size()) {
   cells_.fill(std::numeric_limits<double>::quiet_NaN());
-  if (wanted.variational) {
-    variational_.emplace(action_of(system, laws.placement()), grid);
+  if (wanted.variational && method.has_variational_laws()) {
+    variational_.emplace(method.action(system).value(), grid);
     names_.insert(names_.end(), variational_->names().begin(), variational_->names().end());
   }
   if (wanted.tangents) {
-    tangents_.emplace(laws, system, grid, seed);
+    tangents_.emplace(laws, method.tangents(system, grid), system, grid, seed);
     names_.emplace_back("multisymplectic");
   }
   sizes_.resize(names_.size());

@@ -7,8 +7,7 @@
 #include <vector>
 
 #include <rubato/base/state.hpp>
-#include <rubato/pde/local_laws.hpp>
-#include <rubato/pde/tangent.hpp>
+#include <rubato/pde/lattice_method.hpp>
 #include <rubato/pde/variational_laws.hpp>
 
 namespace rubato::study {
@@ -26,7 +25,10 @@ public:
     bool tangents = false;
   };
 
-  LatticeResiduals(LocalLaws& laws, const MultisymplecticSystem& system, const grids::Grid& grid, Wanted wanted);
+  /// Variational laws where the method has them, too. \throws std::invalid_argument if tangents are wanted that it has
+  /// not
+  LatticeResiduals(const LatticeMethod& method, LocalLaws& laws, const MultisymplecticSystem& system,
+                   const grids::Grid& grid, Wanted wanted);
 
   [[nodiscard]] const std::vector<std::string>& names() const { return names_; }
 

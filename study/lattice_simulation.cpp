@@ -14,11 +14,9 @@ namespace {
 class LatticeSimulation final : public Simulation {
 public:
   LatticeSimulation(const Problem& problem, bool tangents)
-      : problem_(problem),
-        lattice_(make_lattice(problem)),
+      : lattice_(make_lattice(problem)),
         law_names_(lattice_.laws().names()),
-        residuals_(lattice_.laws(), lattice_.system(), lattice_.grid(),
-                   {.variational = placement_of(problem) != Placement::nodes, .tangents = tangents}),
+        residuals_(lattice_.method(), lattice_.laws(), lattice_.system(), lattice_.grid(), {.tangents = tangents}),
         invariants_(make_invariants(problem, lattice_.system(), lattice_.grid())),
         exact_(make_exact(problem, lattice_.system(), lattice_.grid())),
         previous_t_(lattice_.t()) {}
@@ -122,7 +120,7 @@ public:
       describe("/exact/" + name, "/states/t", nodes, "exact solution, from [exact]", true);
     }
     for (const std::string& name : law_names_) {
-      describe("/laws/fields/" + name, "/states/t", placement_of(problem_) == Placement::cells ? cells : nodes,
+      describe("/laws/fields/" + name, "/states/t", lattice_.method().laws_in_cells() ? cells : nodes,
                "local residual of " + name + " over the step that led to the stored level; undefined at the start",
                true);
     }
@@ -176,7 +174,6 @@ private:
     return sloping ? ", its periodic part (the whole potential has a mean slope along x)" : "";
   }
 
-  const Problem& problem_;
   LatticeIntegrator lattice_;
   std::vector<std::string> law_names_;
   LatticeResiduals residuals_;
@@ -189,11 +186,14 @@ private:
 }  // namespace
 
 std::unique_ptr<Simulation> make_lattice_simulation(const Problem& problem, bool tangents) {
-  if (tangents && placement_of(problem) == Placement::nodes) {
-    throw ProblemError(problem.scheme.lagrangian_location,
-                       fmt::format("tangent solutions are available for \"box\" and \"euler-box\", not for \"{}\", "
-                                   "whose derivatives are not local: leave out --tangents",
-                                   to_string(problem.scheme.lagrangian)));
+  if (tangents) {
+    const MultisymplecticSystem system = make_system(problem);
+    if (make_method(problem)->tangents(system, make_grid(problem)) == nullptr) {
+      throw ProblemError(problem.scheme.lagrangian_location,
+                         fmt::format("tangent solutions are not available for \"{}\", which has no local law of two of "
+                                     "them (\"box\" and \"euler-box\" have): leave out --tangents",
+                                     problem.scheme.word()));
+    }
   }
   return std::make_unique<LatticeSimulation>(problem, tangents);
 }

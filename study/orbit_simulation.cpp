@@ -168,11 +168,11 @@ SegmentLagrangian make_lagrangian(const Problem& problem) {
     case Lagrangian::custom: return Custom{.L = scheme.L->text, .parameters = parameters_of(problem)};
     case Lagrangian::generating: return make_generating(scheme);
     case Lagrangian::gauss: return Gauss{.stages = *scheme.stages};
-    case Lagrangian::splitting: return Splitting{.composition = scheme.splitting};
+    case Lagrangian::splitting: return Splitting{.composition = scheme.composition};
     default:
-      throw ProblemError(scheme.lagrangian_location,
-                         fmt::format("lagrangian = \"{}\" is not available for an orbit in this version",
-                                     to_string(scheme.lagrangian)));
+      throw ProblemError(
+          scheme.lagrangian_location,
+          fmt::format("lagrangian = \"{}\" is not available for an orbit in this version", scheme.word()));
   }
 }
 

@@ -101,9 +101,10 @@ struct MultisymplecticProblem {
   [[nodiscard]] std::vector<std::string> axis_names() const;
 };
 
-enum class Lagrangian { midpoint, forward, generating, custom, gauss, splitting, box, fourier, euler_box };
+/// Of an orbit. A lattice's scheme is one of lattice_methods(), by its name.
+enum class Lagrangian { midpoint, forward, generating, custom, gauss, splitting, of_lattice };
 
-/// What the user writes: "midpoint", "euler-box", "variable", "stop", …
+/// What the user writes: "midpoint", "variable", "stop", …
 [[nodiscard]] std::string_view to_string(Lagrangian lagrangian);
 [[nodiscard]] std::string_view to_string(Levels levels);
 [[nodiscard]] std::string_view to_string(OnSingular on_singular);
@@ -115,6 +116,7 @@ enum class DarbouxKind { midpoint, euler_a, euler_b, matrix };
 /// [scheme]
 struct Scheme {
   Lagrangian lagrangian = Lagrangian::midpoint;
+  std::string method;  ///< a lattice's: a name of lattice_methods()
   Levels levels = Levels::variable;
   OnSingular on_singular = OnSingular::bridge;
   BridgeRule bridge = BridgeRule::anchored;
@@ -124,15 +126,18 @@ struct Scheme {
   std::optional<double> step;
   std::optional<double> energy_tolerance;
   double until = 0.0;
-  std::optional<int> order;          ///< generating; of splitting only where it chose `splitting`
-  std::optional<int> stages;         ///< gauss
-  std::string splitting = "golden";  ///< splitting: the name of a composition
+  std::optional<int> order;            ///< generating; of splitting only where it chose the composition
+  std::optional<int> stages;           ///< gauss, and methods for lattices that have stages
+  std::string composition = "golden";  ///< splitting: the name of one of compositions()
   DarbouxKind darboux = DarbouxKind::midpoint;
   std::optional<Matrix> darboux_matrix;
   std::optional<FormulaText> L;  ///< custom: in t_0, t_1 and every coordinate and momentum with suffix _0 and _1
   bool allow_unstable = false;
   std::int64_t max_steps = 100'000'000;
   double tolerance = 1e-13;
+
+  /// lagrangian = "…", as the user writes it.
+  [[nodiscard]] std::string_view word() const;
 
   Location location;  ///< of the table
   Location potential_location, step_location, until_location, lagrangian_location, levels_location, order_location,

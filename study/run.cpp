@@ -7,10 +7,11 @@
 
 #include <fmt/format.h>
 
-#include <rubato/ode/composition.hpp>
+#include <rubato/variation/composition.hpp>
 #include <rubato/ode/integrate.hpp>
 #include <rubato/record/reader.hpp>
 #include <rubato/record/writer.hpp>
+#include <rubato/study/lattice_problem.hpp>
 #include <rubato/study/recorder.hpp>
 #include <rubato/study/stored.hpp>
 #include <rubato/study/threads.hpp>
@@ -46,10 +47,11 @@ std::string how_it_falls(const Scheme& scheme) {
   if (scheme.lagrangian == Lagrangian::custom || scheme.lagrangian == Lagrangian::forward) {
     return "smaller steps make this smaller";
   }
-  const int order = scheme.lagrangian == Lagrangian::generating  ? reached_order(scheme)
-                    : scheme.lagrangian == Lagrangian::gauss     ? 2 * *scheme.stages
-                    : scheme.lagrangian == Lagrangian::splitting ? composition(scheme.splitting).order
-                                                                 : 2;
+  const int order = scheme.lagrangian == Lagrangian::generating   ? reached_order(scheme)
+                    : scheme.lagrangian == Lagrangian::gauss      ? 2 * *scheme.stages
+                    : scheme.lagrangian == Lagrangian::splitting  ? composition(scheme.composition).order
+                    : scheme.lagrangian == Lagrangian::of_lattice ? make_lattice_method(method_choice(scheme))->order()
+                                                                  : 2;
   return order == 1   ? "this falls in proportion to the step"
          : order == 2 ? "this falls as the square of the step"
          : order == 3 ? "this falls as the cube of the step"

@@ -5,11 +5,11 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include <rubato/grids/fourier.hpp>
-#include <rubato/ode/composition.hpp>
-#include <rubato/ode/gauss_tableau.hpp>
+#include <rubato/variation/composition.hpp>
+#include <rubato/variation/gauss_tableau.hpp>
 #include <rubato/ode/generating_action.hpp>
 #include <rubato/study/keys.hpp>
+#include <rubato/study/lattice_problem.hpp>
 #include <rubato/study/reader.hpp>
 
 namespace rubato::study {
@@ -26,7 +26,7 @@ public:
     read_lagrangian();
     read_order();
     read_gauss();
-    read_splitting();
+    read_composition();
     read_levels();
     read_potential();
     read_generating();
@@ -50,22 +50,26 @@ private:
 
   void read_lagrangian() {
     const bool ode = problem_.hamiltonian() != nullptr;
-    scheme_.lagrangian = ode ? Lagrangian::midpoint : Lagrangian::box;
+    const std::span<const std::string_view> own = ode ? orbit_lagrangians : lattice_lagrangians();
+    const std::span<const std::string_view> others = ode ? lattice_lagrangians() : orbit_lagrangians;
     scheme_.lagrangian_location = scheme_.location;
+    std::size_t which = 0;
     if (const Entry* entry = section_.take("lagrangian")) {
-      const std::span words(lagrangian_words);
-      const auto own = ode ? words.first(ode_lagrangians) : words.subspan(ode_lagrangians);
-      const auto others = ode ? words.subspan(ode_lagrangians) : words.first(ode_lagrangians);
       scheme_.lagrangian_location = entry->value.location;
       if (const auto* word = entry->value.string();
-          word && std::find(others.begin(), others.end(), *word) != others.end()) {
+          word && std::ranges::find(own, *word) == own.end() && std::ranges::find(others, *word) != others.end()) {
         throw ProblemError(
             entry->value.location,
             fmt::format("lagrangian = \"{}\" is for {}; here it may be \"{}\"", *word,
                         ode ? "lattices ([multisymplectic])" : "ODEs ([hamiltonian])", fmt::join(own, "\", \"")));
       }
-      const std::size_t which = read_word(entry->value, "lagrangian", own);
-      scheme_.lagrangian = static_cast<Lagrangian>(which + (ode ? 0 : ode_lagrangians));
+      which = read_word(entry->value, "lagrangian", own);
+    }
+    if (ode) {
+      scheme_.lagrangian = static_cast<Lagrangian>(which);
+    } else {
+      scheme_.lagrangian = Lagrangian::of_lattice;
+      scheme_.method = own[which];
     }
   }
 
@@ -84,9 +88,7 @@ private:
         throw ProblemError(entry->location,
                            fmt::format("bridge applies to schemes whose Gamma is known, and that of {} is not, so that "
                                        "it has no bridges; leave it out",
-                                       scheme_.lagrangian == Lagrangian::gauss
-                                           ? "lagrangian = \"gauss\""
-                                           : fmt::format("splitting = \"{}\"", scheme_.splitting)));
+                                       family_name()));
       }
       if (scheme_.on_singular != OnSingular::bridge) {
         throw ProblemError(entry->location, fmt::format("bridge applies to on_singular = \"bridge\", and this problem "
@@ -99,9 +101,8 @@ private:
   /// Most of these families know no Γ, so that no bridge can be built where their law has no solution. In fictitious
   /// time steps are nearly equal, and a weak potential keeps them so.
   [[nodiscard]] bool needs_potential() const {
-    const bool family = scheme_.lagrangian == Lagrangian::gauss || scheme_.lagrangian == Lagrangian::splitting;
-    return (family || in_fictitious_time()) && scheme_.levels == Levels::variable &&
-           find(section_.entries(), "bridge") == nullptr;
+    return (is_family() || in_fictitious_time()) && scheme_.levels == Levels::variable &&
+           find(section_.entries(), "bridge") == nullptr && find(section_.entries(), "on_singular") == nullptr;
   }
 
   void read_potential() {
@@ -146,13 +147,45 @@ private:
 
   /// An entry that means something for one kind of 𝕃 only.
   const Entry* take_only_for(std::string_view key, Lagrangian lagrangian) {
+    return take_only_for(key, scheme_.lagrangian == lagrangian, to_string(lagrangian));
+  }
+  const Entry* take_only_for(std::string_view key, bool applies, std::string_view owners) {
     const Entry* entry = section_.take(key);
-    if (entry != nullptr && scheme_.lagrangian != lagrangian) {
+    if (entry != nullptr && !applies) {
       throw ProblemError(entry->location, fmt::format("{} applies to lagrangian = \"{}\", and this problem has \"{}\"; "
                                                       "leave it out",
-                                                      key, to_string(lagrangian), to_string(scheme_.lagrangian)));
+                                                      key, owners, scheme_.word()));
     }
     return entry;
+  }
+
+  [[nodiscard]] const LatticeMethodEntry* lattice_entry() const {
+    return scheme_.method.empty() ? nullptr : &lattice_method_entry(scheme_.method);
+  }
+  /// The lagrangians that have stages.
+  [[nodiscard]] std::string stages_owners() const {
+    std::vector<std::string_view> owners;
+    for (const LatticeMethodEntry& entry : lattice_methods()) {
+      if (entry.has_stages) {
+        owners.push_back(entry.name);
+      }
+    }
+    return lattice_entry() == nullptr ? "gauss" : fmt::format("{}", fmt::join(owners, "\" and \""));
+  }
+  [[nodiscard]] bool has_stages() const {
+    return lattice_entry() != nullptr ? lattice_entry()->has_stages : scheme_.lagrangian == Lagrangian::gauss;
+  }
+  [[nodiscard]] bool has_compositions() const {
+    return lattice_entry() != nullptr ? lattice_entry()->has_compositions : scheme_.lagrangian == Lagrangian::splitting;
+  }
+  /// Whether it is a family of symplectic maps that has its discrete energy from theory, section 8.
+  [[nodiscard]] bool is_family() const {
+    return has_compositions() || (lattice_entry() != nullptr ? scheme_.stages.value_or(1) > 1 : has_stages());
+  }
+  [[nodiscard]] std::string family_name() const {
+    return has_compositions()           ? fmt::format("composition = \"{}\"", scheme_.composition)
+           : lattice_entry() != nullptr ? fmt::format("stages = {}", *scheme_.stages)
+                                        : fmt::format("lagrangian = \"{}\"", scheme_.word());
   }
 
   void read_generating() {
@@ -180,13 +213,12 @@ private:
       return;
     }
     scheme_.order_location = order->value.location;
-    if (scheme_.lagrangian != Lagrangian::generating && scheme_.lagrangian != Lagrangian::splitting) {
+    if (scheme_.lagrangian != Lagrangian::generating && !has_compositions()) {
       throw ProblemError(
           order->location,
           fmt::format("order applies to lagrangian = \"generating\" and \"splitting\", and this problem has "
                       "\"{}\"; {}",
-                      to_string(scheme_.lagrangian),
-                      scheme_.lagrangian == Lagrangian::gauss ? "write stages, half the order" : "leave it out"));
+                      scheme_.word(), has_stages() ? "write stages, half the order" : "leave it out"));
     }
     const std::int64_t number = read_integer(order->value, "order", parameters_, 1);
     if (scheme_.lagrangian == Lagrangian::generating && number > most_generating_order) {
@@ -194,12 +226,12 @@ private:
                                                             number, most_generating_order));
     }
     scheme_.order = static_cast<int>(std::min<std::int64_t>(number, most_generating_order));
-    if (scheme_.lagrangian == Lagrangian::splitting) {
-      check_splitting_order(number);
+    if (has_compositions()) {
+      check_composition_order(number);
     }
   }
 
-  void check_splitting_order(std::int64_t number) {
+  void check_composition_order(std::int64_t number) {
     std::vector<std::string> offered;
     bool is_offered = false;
     for (const Composition& one : compositions()) {
@@ -215,7 +247,7 @@ private:
   }
 
   void read_gauss() {
-    const Entry* stages = take_only_for("stages", Lagrangian::gauss);
+    const Entry* stages = take_only_for("stages", has_stages(), stages_owners());
     if (stages == nullptr) {
       if (scheme_.lagrangian == Lagrangian::gauss) {
         throw ProblemError(scheme_.location, "lagrangian = \"gauss\" needs stages, from 1 to 8, such as stages = 3");
@@ -231,28 +263,32 @@ private:
     scheme_.stages = static_cast<int>(number);
   }
 
-  void read_splitting() {
-    const Entry* name = take_only_for("splitting", Lagrangian::splitting);
-    if (scheme_.lagrangian != Lagrangian::splitting) {
+  void read_composition() {
+    const Entry* name = take_only_for("composition", has_compositions(), "splitting");
+    if (!has_compositions()) {
       return;
     }
-    check_separable(*problem_.hamiltonian(), parameters_);
+    if (problem_.hamiltonian() != nullptr) {
+      check_separable(*problem_.hamiltonian(), parameters_);
+    }
     if (name == nullptr) {
-      scheme_.splitting = scheme_.order ? composition_of_order(*scheme_.order).name : scheme_.splitting;
+      scheme_.composition = scheme_.order ? composition_of_order(*scheme_.order).name : scheme_.composition;
       return;
     }
-    scheme_.splitting = splitting_words()[read_word(name->value, "splitting", splitting_words())];
-    if (const int order = composition(scheme_.splitting).order; scheme_.order && *scheme_.order != order) {
+    scheme_.composition = composition_words()[read_word(name->value, "composition", composition_words())];
+    if (const int order = composition(scheme_.composition).order; scheme_.order && *scheme_.order != order) {
       throw ProblemError(scheme_.order_location,
-                         fmt::format("order = {}, and splitting = \"{}\" is of order {}; leave one of them out",
-                                     *scheme_.order, scheme_.splitting, order));
+                         fmt::format("order = {}, and composition = \"{}\" is of order {}; leave one of them out",
+                                     *scheme_.order, scheme_.composition, order));
     }
   }
 
   /// Whether levels that do not exist are crossed: not by families of which no node law is known in closed form.
   [[nodiscard]] bool has_bridges() const {
-    return scheme_.lagrangian != Lagrangian::gauss &&
-           (scheme_.lagrangian != Lagrangian::splitting || composition(scheme_.splitting).has_node_law());
+    if (lattice_entry() != nullptr) {
+      return make_lattice_method(method_choice(scheme_))->has_bridges();
+    }
+    return !has_stages() && (!has_compositions() || composition(scheme_.composition).has_node_law());
   }
 
   Matrix read_darboux_matrix(const Value& value) {
@@ -372,7 +408,7 @@ private:
           next->location,
           fmt::format("[initial.next] begins a two-step form, and lagrangian = \"{}\" is a one-step map; "
                       "leave the table out",
-                      to_string(scheme_.lagrangian)));
+                      scheme_.word()));
     }
     const Entry* entry =
         next ? section_.take("step") : &section_.require("step", "the first step, t_1 - t_0, such as step = 0.1");
@@ -428,26 +464,21 @@ private:
   }
 
   void check_lattice(const MultisymplecticProblem& pde) const {
-    if (scheme_.lagrangian == Lagrangian::euler_box && scheme_.levels == Levels::variable) {
-      throw ProblemError(scheme_.levels_location,
-                         "lagrangian = \"euler-box\" runs with levels = \"fixed\" only: its discrete energy reads one "
-                         "level, so that the equation for the next step is singular at every turning point and on "
-                         "every travelling wave");
+    const auto method = make_lattice_method(method_choice(scheme_));
+    if (const std::string_view reason = method->fixed_levels_only();
+        !reason.empty() && scheme_.levels == Levels::variable) {
+      throw ProblemError(
+          scheme_.levels_location,
+          fmt::format("lagrangian = \"{}\" runs with levels = \"fixed\" only: {}", scheme_.method, reason));
     }
     for (const GridAxis& axis : pde.axes) {
-      if (scheme_.lagrangian == Lagrangian::box && axis.cells % 2 == 0) {
-        // In planes and volumes there are transforms, which like small prime factors.
-        constexpr std::int64_t largest_plane = 1'000'000;
-        const bool transforms = pde.axes.size() > 1 && axis.cells < largest_plane;
-        const auto odd = transforms
-                             ? static_cast<std::int64_t>(grids::good_odd_count(static_cast<std::size_t>(axis.cells)))
-                             : axis.cells + 1;
+      if (const auto other =
+              method->other_count(static_cast<std::size_t>(axis.cells), static_cast<int>(pde.axes.size()))) {
         throw ProblemError(
             axis.location,
-            fmt::format("grid.{}: {} cells; lagrangian = \"box\" needs an odd number in every direction, "
-                        "because averaging annihilates the sawtooth of an even one, which then is "
-                        "undetermined or frozen. Write cells = {}, or lagrangian = \"fourier\", which takes any number",
-                        axis.name, axis.cells, odd));
+            fmt::format("grid.{}: {} cells; lagrangian = \"{}\" needs an odd number in every direction, because {}. "
+                        "Write cells = {}, or lagrangian = \"fourier\", which takes any number",
+                        axis.name, axis.cells, scheme_.method, other->reason, other->cells));
       }
     }
   }
@@ -462,7 +493,13 @@ private:
 }  // namespace
 
 std::string_view to_string(Lagrangian lagrangian) {
-  return lagrangian_words[static_cast<std::size_t>(lagrangian)];
+  return orbit_lagrangians.at(static_cast<std::size_t>(lagrangian));
+}
+std::string_view Scheme::word() const {
+  return method.empty() ? to_string(lagrangian) : method;
+}
+LatticeMethodChoice method_choice(const Scheme& scheme) {
+  return {.name = scheme.method, .stages = scheme.stages.value_or(1), .composition = scheme.composition};
 }
 std::string_view to_string(Levels levels) {
   return levels_words[static_cast<std::size_t>(levels)];

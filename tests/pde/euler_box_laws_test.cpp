@@ -20,7 +20,7 @@ using namespace rubato::tests;
 namespace {
 
 LatticeOptions euler_box(double step, double until) {
-  return {.lagrangian = LatticeLagrangian::euler_box, .step = step, .until = until, .levels = Levels::fixed};
+  return {.lagrangian = "euler-box", .step = step, .until = until, .levels = Levels::fixed};
 }
 
 /// exp(-|x - shift|²) in as many directions as the grid has.
@@ -50,8 +50,8 @@ InitialFields bumps(const MultisymplecticSystem& system, const grids::Grid& grid
 double worst_form(const MultisymplecticSystem& system, const MultisymplecticSystem& form, const grids::Grid& grid,
                   double step) {
   LatticeIntegrator lattice(system, grid, bumps(system, grid), euler_box(step, 20 * step));
-  LocalLaws laws(form, grid, {}, Placement::corners);
-  TangentPair tangents(laws, system, grid, 1);
+  LocalLaws laws = make_local_laws(*make_lattice_method({"euler-box"}), form, grid);
+  TangentPair tangents(laws, make_euler_box_tangents(system, grid), system, grid, 1);
   double worst = 0.0;
   while (!lattice.finished()) {
     REQUIRE(lattice.step().status == Status::success);
@@ -83,8 +83,9 @@ TEST_CASE("the box's form is not that of euler-box") {
   const auto system = sine_gordon();
   const grids::Grid line({{"x", -6, 6, 120}});
   LatticeIntegrator lattice(system, line, bumps(system, line), euler_box(0.05, 1));
-  LocalLaws box_laws(system, line);
-  TangentStep step(system, line, Placement::corners);
+  LocalLaws box_laws = make_local_laws(*make_lattice_method({"box"}), system, line);
+  const auto tangents = make_euler_box_tangents(system, line);
+  TangentStep& step = *tangents;
   grids::FieldSet u = random_tangent(system, line, 1);
   grids::FieldSet v = random_tangent(system, line, 2);
   grids::FieldSet u_next = u;
@@ -93,10 +94,10 @@ TEST_CASE("the box's form is not that of euler-box") {
   REQUIRE(step(lattice.previous(), lattice.level(), 0.05, u, u_next) == Status::success);
   REQUIRE(step(lattice.previous(), lattice.level(), 0.05, v, v_next) == Status::success);
   CHECK(box_laws.multisymplectic_residual({u, u_next}, {v, v_next}, 0.05).largest() > 1e-3);
-  LocalLaws laws(system, line, {}, Placement::corners);
+  LocalLaws laws = make_local_laws(*make_lattice_method({"euler-box"}), system, line);
   CHECK_THROWS_WITH(laws.multisymplectic_residual({u, u_next}, {v, v_next}, 0.05),
                     Catch::Matchers::Contains("three levels"));
-  CHECK_THROWS_WITH(TangentStep(system, line, Placement::nodes), Catch::Matchers::Contains("not for fourier"));
+  CHECK(make_lattice_method({"fourier"})->tangents(system, line) == nullptr);
 }
 
 TEST_CASE("the tangent of euler-box is the derivative of its map") {
@@ -116,8 +117,8 @@ TEST_CASE("the tangent of euler-box is the derivative of its map") {
     return scheme->level();
   };
   grids::FieldSet tangent = u;
-  TangentStep step(system, line, Placement::corners);
-  REQUIRE(step(first, after(0), h, u, tangent) == Status::success);
+  const auto step = make_euler_box_tangents(system, line);
+  REQUIRE((*step)(first, after(0), h, u, tangent) == Status::success);
   // The map's third derivative is of order 1: the central difference is right to ε²/6 and rounds to 1e-16/ε.
   constexpr double epsilon = 1e-5;
   const LatticeLevel up = after(epsilon);

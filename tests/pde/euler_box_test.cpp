@@ -14,11 +14,10 @@ double error(std::size_t cells, double step) {
   const double g = std::sqrt(0.75);
   const grids::Grid grid({{"x", -20, 20, cells}});
   const auto u = [g](double x, double t) { return 4 * std::atan(2 * g * std::sin(t / 2) * sech(g * x)); };
-  LatticeIntegrator lattice(
-      sine_gordon(), grid,
-      {sampled(grid, [&](double x) { return u(x, 0); }),
-       sampled(grid, [&](double x) { return (u(x, 0) - u(x, -step)) / step; }), std::nullopt},
-      {.lagrangian = LatticeLagrangian::euler_box, .step = step, .until = 4, .levels = Levels::fixed});
+  LatticeIntegrator lattice(sine_gordon(), grid,
+                            {sampled(grid, [&](double x) { return u(x, 0); }),
+                             sampled(grid, [&](double x) { return (u(x, 0) - u(x, -step)) / step; }), std::nullopt},
+                            {.lagrangian = "euler-box", .step = step, .until = 4, .levels = Levels::fixed});
   while (!lattice.finished()) {
     REQUIRE(lattice.step().status == Status::success);
   }
@@ -37,11 +36,10 @@ TEST_CASE("euler-box solves the wave equation as leapfrog does, to second order 
 TEST_CASE("euler-box satisfies its two-step equation") {
   const grids::Grid grid({{"x", -10, 10, 80}});
   const double h = 0.1;
-  LatticeIntegrator lattice(
-      schroedinger(2), grid,
-      {sampled(grid, [](double x) { return sech(x); }), sampled(grid, [](double x) { return 0.3 * sech(x - 1); }),
-       std::nullopt, std::nullopt},
-      {.lagrangian = LatticeLagrangian::euler_box, .step = 0.02 * h, .until = 1, .levels = Levels::fixed});
+  LatticeIntegrator lattice(schroedinger(2), grid,
+                            {sampled(grid, [](double x) { return sech(x); }),
+                             sampled(grid, [](double x) { return 0.3 * sech(x - 1); }), std::nullopt, std::nullopt},
+                            {.lagrangian = "euler-box", .step = 0.02 * h, .until = 1, .levels = Levels::fixed});
   REQUIRE(lattice.step().status == Status::success);
   const grids::FieldSet z_0 = lattice.previous().fields;
   const grids::FieldSet z_1 = lattice.level().fields;
@@ -70,7 +68,7 @@ TEST_CASE("euler-box refuses what it cannot do, with the reason") {
   const grids::Grid grid({{"x", -10, 10, 80}});
   const auto zero = sampled(grid, [](double) { return 0.0; });
   CHECK_THROWS_WITH(LatticeIntegrator(sine_gordon(), grid, {zero, zero, std::nullopt},
-                                      {.lagrangian = LatticeLagrangian::euler_box, .step = 0.1, .until = 1}),
+                                      {.lagrangian = "euler-box", .step = 0.1, .until = 1}),
                     Contains("fixed levels only"));
   CHECK_THROWS_WITH(initial_level(korteweg_de_vries(6, 1), grid, {zero, zero, zero, zero}, Placement::corners),
                     Contains("no equation gives phi"));

@@ -60,7 +60,7 @@ double sawtooth_of(std::span<const double> values) {
 /// max |u| of the difference at the end, and the run's own checks on the way.
 std::vector<double> run(const Case& example, const grids::Grid& grid, double step, double until, Levels levels) {
   LatticeIntegrator lattice(example.system, grid, humps(example.system, grid),
-                            {.lagrangian = LatticeLagrangian::fourier, .step = step, .until = until, .levels = levels});
+                            {.lagrangian = "fourier", .step = step, .until = until, .levels = levels});
   CHECK(lattice.cautions().empty());
   double energy = 0.0;
   int steps = 0;
@@ -133,9 +133,8 @@ TEST_CASE("a potential with derivatives in both directions has three sawtooths i
       const double y = grid.axis(1).node(grid.place(i)[1]);
       (*initial[1])[i] = -0.2 * x * std::exp(-(x * x + y * y) / 3.0);
     }
-    LatticeIntegrator lattice(
-        system, grid, initial,
-        {.lagrangian = LatticeLagrangian::fourier, .step = 0.02, .until = 0.1, .levels = Levels::fixed});
+    LatticeIntegrator lattice(system, grid, initial,
+                              {.lagrangian = "fourier", .step = 0.02, .until = 0.1, .levels = Levels::fixed});
     while (!lattice.finished()) {
       REQUIRE(lattice.step().status == Status::success);
     }

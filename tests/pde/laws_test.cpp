@@ -66,7 +66,7 @@ InitialFields gaussians(const MultisymplecticSystem& system, const grids::Grid& 
 /// The largest energy and momentum residuals over 30 random levels, relative to the largest densities per step.
 std::array<double, 2> worst_with_random_levels(const MultisymplecticSystem& system, const grids::Grid& grid) {
   FreeRun run(system, grid, gaussians(system, grid), 0.1);
-  LocalLaws laws(system, grid);
+  LocalLaws laws = make_local_laws(*make_lattice_method({"box"}), system, grid);
   std::mt19937_64 random(3);
   std::uniform_real_distribution<double> spread(-0.8, 0.8);
   std::array<double, 2> worst{};
@@ -151,8 +151,8 @@ TEST_CASE("the multisymplectic form of two tangent solutions is conserved in eve
   const auto worst = [](const MultisymplecticSystem& system, const MultisymplecticSystem& form,
                         const grids::Grid& grid) {
     FreeRun run(system, grid, gaussians(system, grid), 0.05);
-    LocalLaws laws(form, grid);
-    TangentPair tangents(laws, system, grid, 1);
+    LocalLaws laws = make_local_laws(*make_lattice_method({"box"}), form, grid);
+    TangentPair tangents(laws, make_box_tangents(system, grid), system, grid, 1);
     double largest = 0.0;
     for (int k = 0; k < 8; ++k) {
       const double h = k % 2 == 0 ? 0.05 : 0.08;
@@ -202,7 +202,8 @@ TEST_CASE("the charge of the Schrödinger equation is conserved exactly, average
 
   Eigen::MatrixXd wrong = phase_rotation();
   wrong(2, 3) = 1;
-  CHECK_THROWS_WITH(LocalLaws(system, grid, {{"charge", wrong}}), Catch::Matchers::Contains("charge"));
+  CHECK_THROWS_WITH(make_local_laws(*make_lattice_method({"box"}), system, grid, {{"charge", wrong}}),
+                    Catch::Matchers::Contains("charge"));
 }
 
 TEST_CASE("the variational node residuals are the variations of the action in the place of a node") {

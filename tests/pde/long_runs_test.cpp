@@ -23,7 +23,7 @@ TEST_CASE("Fourier holds the charge of a Schrödinger soliton over 10,000 levels
       schroedinger(2), grid,
       {sampled(grid, [=](double x) { return sech(x) * std::cos(k * x / 2); }),
        sampled(grid, [=](double x) { return sech(x) * std::sin(k * x / 2); }), std::nullopt, std::nullopt},
-      {.lagrangian = LatticeLagrangian::fourier,
+      {.lagrangian = "fourier",
        .step = 0.01,
        .until = 0.01 * levels,
        .levels = Levels::fixed,

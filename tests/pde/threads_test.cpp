@@ -45,12 +45,12 @@ std::vector<Case> cases() {
   const grids::Grid plane({{"x", -7, 7, 45}, {"y", -7, 7, 35}});
   const LatticeOptions box{.step = 0.02, .until = 0.04, .tolerance = 1e-12};
   LatticeOptions fourier = box;
-  fourier.lagrangian = LatticeLagrangian::fourier;
+  fourier.lagrangian = "fourier";
   fourier.levels = Levels::fixed;  // one solve a step: levels are chosen by the same code for all
   LatticeOptions box_in_plane = box;
   box_in_plane.levels = Levels::fixed;
   LatticeOptions euler_box = box;
-  euler_box.lagrangian = LatticeLagrangian::euler_box;
+  euler_box.lagrangian = "euler-box";
   euler_box.levels = Levels::fixed;
   euler_box.step = 0.0005;
   euler_box.until = 0.0015;

@@ -27,7 +27,7 @@ Settings gauss(int stages) {
   return {"scheme.lagrangian=gauss", "scheme.stages=" + std::to_string(stages)};
 }
 Settings splitting(const std::string& name) {
-  return {"scheme.lagrangian=splitting", "scheme.splitting=" + name};
+  return {"scheme.lagrangian=splitting", "scheme.composition=" + name};
 }
 Settings with(Settings settings, const Settings& more) {
   settings.insert(settings.end(), more.begin(), more.end());
@@ -73,8 +73,8 @@ TEST_CASE("check takes the steps of every family again and finds the figures of 
     REQUIRE(checked.statistics.residuals.size() == 1);
     CHECK(checked.statistics.residuals[0].value.largest() <= 1e-14);
     // Only the golden splitting knows its Γ.
-    CHECK(ran.statistics.gamma.any() == (family[1] == "scheme.splitting=golden"));
-    CHECK((to_table(ran).find("Gamma") != std::string::npos) == (family[1] == "scheme.splitting=golden"));
+    CHECK(ran.statistics.gamma.any() == (family[1] == "scheme.composition=golden"));
+    CHECK((to_table(ran).find("Gamma") != std::string::npos) == (family[1] == "scheme.composition=golden"));
   }
   // H that is not separable, and stages that need Newton's iteration.
   for (const char* step : {"0.1", "1"}) {
@@ -148,7 +148,7 @@ TEST_CASE("a record of one family is not one of another") {
 TEST_CASE("a resumed run of a family is that of one never stopped, bit for bit") {
   const Folder folder;
   for (const Settings& family : {gauss(2), gauss(4), splitting("golden"), splitting("kahan-li-6")}) {
-    const bool levels = family[1] == "scheme.stages=2" || family[1] == "scheme.splitting=golden";
+    const bool levels = family[1] == "scheme.stages=2" || family[1] == "scheme.composition=golden";
     INFO(family[1]);
     const std::string whole = folder / "whole.h5", stopped = folder / "stopped.h5";
     const Settings settings = with(family, levels ? variable : fixed);
@@ -172,8 +172,8 @@ TEST_CASE("where the level equation of a family has no solution the run ends, an
     CHECK(ended.statistics.bridge_steps == 0);
     CHECK_THAT(ended.message, Contains("dE/dh") && !Contains("Gamma") && Contains("this scheme has no bridges") &&
                                   Contains("levels = \"fixed\"") && Contains("golden"));
-    CHECK_THAT(ended.message, is_gauss || family[1] != "scheme.splitting=verlet" ? Contains("(24/(20 h^3)) dE/dh")
-                                                                                 : Contains("-(4/h) dE/dh"));
+    CHECK_THAT(ended.message, is_gauss || family[1] != "scheme.composition=verlet" ? Contains("(24/(20 h^3)) dE/dh")
+                                                                                   : Contains("-(4/h) dE/dh"));
     CHECK(check(file).status == ExitStatus::done);
     // The remedies that are named help.
     const Outcome plain = run_problem("pendulum-rotation", file, with(bare, {"scheme.on_singular=fixed"}));
@@ -203,13 +203,13 @@ TEST_CASE("order chooses the splitting") {
     INFO(order);
     const std::string by_order = folder / "order.h5", by_name = folder / "name.h5", other = folder / "other.h5";
     run_problem("henon-heiles", by_order, with(base, {std::string("scheme.order=") + order}));
-    run_problem("henon-heiles", by_name, with(base, {std::string("scheme.splitting=") + name}));
-    run_problem("henon-heiles", other, with(base, {"scheme.splitting=verlet"}));
+    run_problem("henon-heiles", by_name, with(base, {std::string("scheme.composition=") + name}));
+    run_problem("henon-heiles", other, with(base, {"scheme.composition=verlet"}));
     CHECK(different_datasets(by_order, by_name) == Names{});
     CHECK_FALSE(different_datasets(by_order, other) == Names{});
   }
   const std::string plain = folder / "plain.h5", golden = folder / "golden.h5";
   run_problem("henon-heiles", plain, base);
-  run_problem("henon-heiles", golden, with(base, {"scheme.splitting=golden"}));
+  run_problem("henon-heiles", golden, with(base, {"scheme.composition=golden"}));
   CHECK(different_datasets(plain, golden) == Names{});
 }

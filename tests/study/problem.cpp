@@ -33,7 +33,7 @@ double parameter(const Problem& problem, const std::string& name) {
 bool same(const Problem& a, const Problem& b) {
   bool equal = a.title == b.title && a.parameters.size() == b.parameters.size() && a.scheme.step == b.scheme.step &&
                a.scheme.until == b.scheme.until && a.scheme.levels == b.scheme.levels &&
-               a.scheme.lagrangian == b.scheme.lagrangian && a.scheme.on_singular == b.scheme.on_singular &&
+               a.scheme.word() == b.scheme.word() && a.scheme.on_singular == b.scheme.on_singular &&
                a.output.every == b.output.every;
   for (const Parameter& p : a.parameters) {
     equal = equal && parameter(b, p.name) == p.value;

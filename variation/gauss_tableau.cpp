@@ -1,4 +1,4 @@
-#include <rubato/ode/gauss_tableau.hpp>
+#include <rubato/variation/gauss_tableau.hpp>
 
 #include <array>
 #include <cmath>

@@ -6,7 +6,7 @@
 #include <rubato/pde/initial_level.hpp>
 #include <rubato/variation/level_scheme.hpp>
 
-namespace rubato::study {
+namespace rubato {
 
 /// What one step of a lattice says by itself.
 struct StepLaw {
@@ -27,14 +27,12 @@ public:
   [[nodiscard]] virtual StepLaw measure(const LatticeLevel& before, const LatticeLevel& after, double h) = 0;
 };
 
-/// The equation of the scheme that imposes it at `placement`; box and Fourier: R = M D_t z + Σ_a K_a D_a z̄ - ∇S(z̄) and
-/// E_k = Σ ΔV [S(z̄) + Σ_a (D_a z̄)ᵀK₊z̄], euler-box: the rows of its map (EulerBoxMap) and the energy of the level
-/// before.
+/// The equation of box and Fourier: R = M D_t z + Σ_a K_a D_a z̄ - ∇S(z̄) and E_k = Σ ΔV [S(z̄) + Σ_a (D_a z̄)ᵀK₊z̄].
 ///
 /// Γ at a level comes from the rates of the last steps, as in a run. At `first`, the level that all started from, there
 /// are none, and a short step forward and one back stand for them, hundredths of `first_step` long.
-[[nodiscard]] std::unique_ptr<StepEquation> make_step_equation(const MultisymplecticSystem& system,
-                                                               const grids::Grid& grid, Placement placement,
-                                                               const LatticeLevel& first, double first_step);
+[[nodiscard]] std::unique_ptr<StepEquation> make_midpoint_equation(const MultisymplecticSystem& system,
+                                                                   const grids::Grid& grid, Placement placement,
+                                                                   const LatticeLevel& first, double first_step);
 
-}  // namespace rubato::study
+}  // namespace rubato

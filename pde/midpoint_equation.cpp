@@ -1,4 +1,4 @@
-#include <rubato/study/step_equation.hpp>
+#include <rubato/pde/step_equation.hpp>
 
 #include <algorithm>
 #include <limits>
@@ -6,11 +6,10 @@
 
 #include <rubato/grids/reductions.hpp>
 #include <rubato/pde/cell_sweep.hpp>
-#include <rubato/pde/euler_box_map.hpp>
 #include <rubato/pde/lattice_scheme.hpp>
 #include <rubato/pde/level_history.hpp>
 
-namespace rubato::study {
+namespace rubato {
 
 namespace {
 
@@ -130,35 +129,12 @@ private:
   LevelHistory history_;
 };
 
-class EulerBoxEquation final : public StepEquation {
-public:
-  EulerBoxEquation(const MultisymplecticSystem& system, const grids::Grid& grid)
-      : map_(system, grid), residual_(system.field_count(), grid.size()) {}
-
-  [[nodiscard]] LevelNode node(const LatticeLevel& level) override { return {map_.energy(level.fields), 0.0}; }
-
-  [[nodiscard]] StepLaw judge(const LatticeLevel& before, const LatticeLevel& after, double h) override {
-    return measure(before, after, h);
-  }
-
-  [[nodiscard]] StepLaw measure(const LatticeLevel& before, const LatticeLevel& after, double h) override {
-    map_.residual(h, before.fields, after.fields, residual_);
-    return {map_.energy(before.fields), 0.0, grids::magnitudes(std::as_const(residual_).all())};
-  }
-
-private:
-  EulerBoxMap map_;
-  grids::FieldSet residual_;
-};
-
 }  // namespace
 
-std::unique_ptr<StepEquation> make_step_equation(const MultisymplecticSystem& system, const grids::Grid& grid,
-                                                 Placement placement, const LatticeLevel& first, double first_step) {
-  if (placement == Placement::corners) {
-    return std::make_unique<EulerBoxEquation>(system, grid);
-  }
+std::unique_ptr<StepEquation> make_midpoint_equation(const MultisymplecticSystem& system, const grids::Grid& grid,
+                                                     Placement placement, const LatticeLevel& first,
+                                                     double first_step) {
   return std::make_unique<MidpointEquation>(system, grid, placement, first, first_step);
 }
 
-}  // namespace rubato::study
+}  // namespace rubato

@@ -1,4 +1,4 @@
-#include <rubato/ode/composition.hpp>
+#include <rubato/variation/composition.hpp>
 
 #include <algorithm>
 #include <cmath>

@@ -1,0 +1,55 @@
+#include <rubato/pde/lattice_method.hpp>
+
+#include <algorithm>
+#include <stdexcept>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+namespace rubato {
+
+#define RUBATO_LATTICE_METHOD(name) [[nodiscard]] LatticeMethodEntry name##_method();
+#include <rubato/pde/schemes/registry.inc>
+#undef RUBATO_LATTICE_METHOD
+
+std::optional<LatticeMethod::OtherCount> LatticeMethod::other_count(std::size_t, int) const {
+  return std::nullopt;
+}
+
+std::span<const LatticeMethodEntry> lattice_methods() {
+#define RUBATO_LATTICE_METHOD(name) name##_method(),
+  static const LatticeMethodEntry all[] = {
+#include <rubato/pde/schemes/registry.inc>
+  };
+#undef RUBATO_LATTICE_METHOD
+  return all;
+}
+
+const LatticeMethodEntry& lattice_method_entry(std::string_view name) {
+  const auto all = lattice_methods();
+  const auto found = std::ranges::find(all, name, &LatticeMethodEntry::name);
+  if (found == all.end()) {
+    std::vector<std::string_view> names;
+    for (const LatticeMethodEntry& entry : all) {
+      names.push_back(entry.name);
+    }
+    throw std::invalid_argument(
+        fmt::format("\"{}\" is no scheme for lattices; there are \"{}\"", name, fmt::join(names, "\", \"")));
+  }
+  return *found;
+}
+
+std::unique_ptr<LatticeMethod> make_lattice_method(const LatticeMethodChoice& choice) {
+  const LatticeMethodEntry& entry = lattice_method_entry(choice.name);
+  if (choice.stages != 1 && !entry.has_stages) {
+    throw std::invalid_argument(fmt::format("stages = {}: {} has one stage", choice.stages, entry.name));
+  }
+  return entry.make(choice);
+}
+
+LocalLaws make_local_laws(const LatticeMethod& method, const MultisymplecticSystem& system, const grids::Grid& grid,
+                          const std::vector<LinearSymmetry>& symmetries) {
+  return LocalLaws(method.laws(LawTables(system, grid, symmetries)));
+}
+
+}  // namespace rubato

@@ -1,0 +1,95 @@
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include <rubato/pde/lattice_scheme.hpp>
+#include <rubato/pde/law_engine.hpp>
+#include <rubato/pde/local_laws.hpp>
+#include <rubato/pde/step_equation.hpp>
+#include <rubato/pde/tangent.hpp>
+#include <rubato/variation/lattice_action.hpp>
+
+namespace rubato {
+
+/// What a problem says of the scheme it wants.
+struct LatticeMethodChoice {
+  std::string name = "box";            ///< of lattice_methods()
+  int stages = 1;                      ///< of Gauss collocation in time, where the method has them
+  std::string composition = "golden";  ///< of compositions(), where the method has them
+};
+
+/// A discretisation of M z_t + Σ_a K_a z_{x_a} = ∇S(z), with all that the integrator, the check of records, the
+/// reports and the program's help ask of it. One file of `pde/schemes/` states each; whoever uses one knows this
+/// interface alone.
+class LatticeMethod {
+public:
+  LatticeMethod() = default;
+  LatticeMethod(const LatticeMethod&) = delete;
+  LatticeMethod& operator=(const LatticeMethod&) = delete;
+  virtual ~LatticeMethod() = default;
+
+  /// The order s in time.
+  [[nodiscard]] virtual int order() const { return 2; }
+  /// Why levels cannot be variable; empty where they can.
+  [[nodiscard]] virtual std::string_view fixed_levels_only() const { return {}; }
+  /// Whether there is a Γ that governs the step law and bridges; without, a step potential keeps levels in existence.
+  [[nodiscard]] virtual bool has_bridges() const { return true; }
+  /// The number of cells to take in place of `cells`, and why, where the method cannot take that one.
+  struct OtherCount {
+    std::size_t cells = 0;
+    std::string_view reason;
+  };
+  [[nodiscard]] virtual std::optional<OtherCount> other_count(std::size_t cells, int dimensions) const;
+  /// Whether local laws live in the middle of cells; else at nodes.
+  [[nodiscard]] virtual bool laws_in_cells() const { return false; }
+
+  /// The discrete action that states the scheme; nothing for a family of maps that has its K in place of one (theory,
+  /// section 8).
+  [[nodiscard]] virtual std::optional<LatticeAction> action(const MultisymplecticSystem& system) const = 0;
+  /// Whether varying the places of single nodes gives local laws: not where the action joins all nodes of a level.
+  [[nodiscard]] virtual bool has_variational_laws() const { return true; }
+
+  /// \throws std::invalid_argument as prepare_initial_level()
+  [[nodiscard]] virtual InitialLevel first_level(const MultisymplecticSystem& system, const grids::Grid& grid,
+                                                 const InitialFields& given) const = 0;
+  /// \throws std::invalid_argument if the method cannot take this system or grid, with the remedy
+  [[nodiscard]] virtual std::unique_ptr<LatticeScheme> scheme(const MultisymplecticSystem& system,
+                                                              const grids::Grid& grid, LatticeLevel first,
+                                                              double first_step) const = 0;
+  /// The local laws between two levels.
+  [[nodiscard]] virtual std::unique_ptr<LawEngine> laws(LawTables tables) const = 0;
+  /// What two levels leave of the scheme's equation. `first` and `first_step` are those of the run.
+  [[nodiscard]] virtual std::unique_ptr<StepEquation> equation(const MultisymplecticSystem& system,
+                                                               const grids::Grid& grid, const LatticeLevel& first,
+                                                               double first_step) const = 0;
+  /// The step of solutions of the linearised scheme; nothing where there is no local law of two of them.
+  [[nodiscard]] virtual std::unique_ptr<TangentStep> tangents(const MultisymplecticSystem& system,
+                                                              const grids::Grid& grid) const = 0;
+};
+
+/// A method by name.
+struct LatticeMethodEntry {
+  std::string_view name;
+  std::string_view summary;  ///< half a line, for the program's help
+  bool has_stages = false;
+  bool has_compositions = false;
+  std::unique_ptr<LatticeMethod> (*make)(const LatticeMethodChoice& choice) = nullptr;
+};
+
+/// All there are, the default first: pde/schemes/registry.inc.
+[[nodiscard]] std::span<const LatticeMethodEntry> lattice_methods();
+/// \throws std::invalid_argument for a name that is not there, with the list
+[[nodiscard]] const LatticeMethodEntry& lattice_method_entry(std::string_view name);
+/// \throws std::invalid_argument for a name that is not there, stages or a composition that it cannot have
+[[nodiscard]] std::unique_ptr<LatticeMethod> make_lattice_method(const LatticeMethodChoice& choice);
+
+/// The local laws of a method. \throws std::invalid_argument if one of `symmetries` is none
+[[nodiscard]] LocalLaws make_local_laws(const LatticeMethod& method, const MultisymplecticSystem& system,
+                                        const grids::Grid& grid, const std::vector<LinearSymmetry>& symmetries = {});
+
+}  // namespace rubato

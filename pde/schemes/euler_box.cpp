@@ -1,0 +1,136 @@
+#include <cmath>
+#include <limits>
+#include <utility>
+
+#include <fmt/format.h>
+
+#include <rubato/grids/reductions.hpp>
+#include <rubato/pde/euler_box_map.hpp>
+#include <rubato/pde/lattice_actions.hpp>
+#include <rubato/pde/lattice_method.hpp>
+
+namespace rubato {
+
+namespace {
+
+class EulerBoxScheme final : public LatticeScheme {
+public:
+  EulerBoxScheme(const MultisymplecticSystem& system, const grids::Grid& grid, LatticeLevel first)
+      : system_(system), grid_(grid), map_(system, grid), level_(std::move(first)), trial_(level_.fields) {}
+
+  [[nodiscard]] const MultisymplecticSystem& system() const override { return system_; }
+  [[nodiscard]] const grids::Grid& grid() const override { return grid_; }
+  [[nodiscard]] const LatticeLevel& level() const override { return level_; }
+
+  [[nodiscard]] Status advance(double h, double) override {
+    const int counted = map_.evaluations();
+    const Status status = map_.advance(h, level_.fields, trial_);
+    iterations_ += map_.evaluations() - counted;
+    if (status != Status::success) {
+      return status;
+    }
+    energy_ = map_.energy(level_.fields);
+    slope_ = (map_.energy(trial_) - energy_) / h;
+    return std::isfinite(slope_) ? Status::success : Status::undefined;
+  }
+
+  [[nodiscard]] double discrete_energy() const override { return energy_; }
+  /// Levels are fixed: nothing is solved to it.
+  [[nodiscard]] formula::SumSize energy_size() override {
+    return {.terms = std::abs(energy_), .rounding = std::numeric_limits<double>::epsilon() * std::abs(energy_)};
+  }
+  [[nodiscard]] double discrete_energy_slope() const override { return slope_; }
+  [[nodiscard]] bool has_gamma() const override { return false; }
+  [[nodiscard]] LevelNode node() override { return {map_.energy(level_.fields), 0.0}; }
+  [[nodiscard]] LevelNode trial_node() override { return {map_.energy(trial_), 0.0}; }
+  [[nodiscard]] int iterations() const override { return iterations_; }
+
+  void accept() override {
+    level_.fields.copy_from(trial_);
+    iterations_ = 0;
+  }
+  void save(StateWriter& state) const override { state.write(level_.fields.all()); }
+  void restore(StateReader& state) override {
+    state.read(level_.fields.all());
+    iterations_ = 0;
+  }
+
+private:
+  MultisymplecticSystem system_;
+  grids::Grid grid_;
+  EulerBoxMap map_;
+  LatticeLevel level_;
+  grids::FieldSet trial_;
+  double energy_ = 0.0;
+  double slope_ = 0.0;
+  int iterations_ = 0;
+};
+
+class EulerBoxEquation final : public StepEquation {
+public:
+  EulerBoxEquation(const MultisymplecticSystem& system, const grids::Grid& grid)
+      : map_(system, grid), residual_(system.field_count(), grid.size()) {}
+
+  [[nodiscard]] LevelNode node(const LatticeLevel& level) override { return {map_.energy(level.fields), 0.0}; }
+
+  [[nodiscard]] StepLaw judge(const LatticeLevel& before, const LatticeLevel& after, double h) override {
+    return measure(before, after, h);
+  }
+
+  [[nodiscard]] StepLaw measure(const LatticeLevel& before, const LatticeLevel& after, double h) override {
+    map_.residual(h, before.fields, after.fields, residual_);
+    return {map_.energy(before.fields), 0.0, grids::magnitudes(std::as_const(residual_).all())};
+  }
+
+private:
+  EulerBoxMap map_;
+  grids::FieldSet residual_;
+};
+
+class EulerBoxMethod final : public LatticeMethod {
+public:
+  [[nodiscard]] int order() const override { return 1; }
+  [[nodiscard]] std::string_view fixed_levels_only() const override {
+    return "its discrete energy reads one level, so that the equation for the next step is singular at every turning "
+           "point and on every travelling wave, and with varying levels it drops to first order";
+  }
+  [[nodiscard]] std::optional<LatticeAction> action(const MultisymplecticSystem& system) const override {
+    return euler_box_action(system);
+  }
+  [[nodiscard]] InitialLevel first_level(const MultisymplecticSystem& system, const grids::Grid& grid,
+                                         const InitialFields& given) const override {
+    return prepare_initial_level(system, grid, given, Placement::corners);
+  }
+  [[nodiscard]] std::unique_ptr<LatticeScheme> scheme(const MultisymplecticSystem& system, const grids::Grid& grid,
+                                                      LatticeLevel first, double) const override {
+    return make_euler_box_scheme(system, grid, std::move(first));
+  }
+  [[nodiscard]] std::unique_ptr<LawEngine> laws(LawTables tables) const override {
+    return make_corner_laws(std::move(tables));
+  }
+  [[nodiscard]] std::unique_ptr<StepEquation> equation(const MultisymplecticSystem& system, const grids::Grid& grid,
+                                                       const LatticeLevel&, double) const override {
+    return std::make_unique<EulerBoxEquation>(system, grid);
+  }
+  [[nodiscard]] std::unique_ptr<TangentStep> tangents(const MultisymplecticSystem& system,
+                                                      const grids::Grid& grid) const override {
+    return make_euler_box_tangents(system, grid);
+  }
+};
+
+}  // namespace
+
+std::unique_ptr<LatticeScheme> make_euler_box_scheme(const MultisymplecticSystem& system, const grids::Grid& grid,
+                                                     LatticeLevel first) {
+  return std::make_unique<EulerBoxScheme>(system, grid, std::move(first));
+}
+
+LatticeMethodEntry euler_box_method() {
+  return {.name = "euler-box",
+          .summary = "one-sided differences, explicit; fixed levels only",
+          .make = [](const LatticeMethodChoice&) -> std::unique_ptr<LatticeMethod> {
+            return std::make_unique<EulerBoxMethod>();
+          }};
+}
+
+}  // namespace rubato

@@ -1,0 +1,186 @@
+#include <rubato/pde/wave_resolvent.hpp>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numbers>
+
+#include <Eigen/LU>
+
+#include <rubato/grids/fourier.hpp>
+#include <rubato/pde/kernel_conditions.hpp>
+
+namespace rubato {
+
+namespace {
+
+using Complex = std::complex<double>;
+using Eigen::Index;
+using Eigen::MatrixXcd;
+using Eigen::MatrixXd;
+
+/// A pivot this much smaller than the largest means a matrix without inverse.
+constexpr double singular = 1e-13;
+
+/// The part Σ ik_a K_a - L of a wave.
+class Symbols {
+public:
+  Symbols(const MultisymplecticSystem& system, const grids::Grid& grid, const MatrixXd& L)
+      : grid_(grid), fourier_(grid, 0), L_(L.cast<Complex>()) {
+    for (int a = 0; a < grid.dimensions(); ++a) {
+      K_.push_back(system.K(a).cast<Complex>());
+    }
+  }
+  [[nodiscard]] std::size_t waves() const { return fourier_.modes(); }
+  /// Σ ik_a K_a.
+  [[nodiscard]] MatrixXcd derivatives(std::size_t wave) const {
+    const auto k = fourier_.wave(wave);
+    MatrixXcd sum = MatrixXcd::Zero(L_.rows(), L_.cols());
+    for (int a = 0; a < grid_.dimensions(); ++a) {
+      sum += grids::derivative_symbol(k[static_cast<std::size_t>(a)], grid_.axis(a)) * K_[static_cast<std::size_t>(a)];
+    }
+    return sum;
+  }
+  [[nodiscard]] const MatrixXcd& L() const { return L_; }
+
+private:
+  const grids::Grid& grid_;
+  grids::Fourier fourier_;
+  std::vector<MatrixXcd> K_;
+  MatrixXcd L_;
+};
+
+/// Rows and columns that make P regular: with c the vectors that P maps to 0 at every μ and l those that Pᴴ does, P is
+/// bordered by l and by the conditions that fix the multiple of c.
+struct Border {
+  MatrixXcd columns, rows;
+};
+
+}  // namespace
+
+WaveResolvent::WaveResolvent(const MultisymplecticSystem& system, const grids::Grid& grid, const MatrixXd& L,
+                             double radius)
+    : fields_(system.field_count()), radius_(radius) {
+  const Symbols symbols(system, grid, L);
+  waves_ = symbols.waves();
+  const MatrixXcd M = system.M().cast<Complex>();
+  degree_ = static_cast<int>(rank(M));  // even, so that the number of points is odd
+  const int points = degree_ + 1;
+  const KernelConditions conditions = step_conditions(system, 2.0 / radius);
+  const auto d = static_cast<Index>(fields_);
+  const std::size_t entries = static_cast<std::size_t>(fields_) * static_cast<std::size_t>(fields_);
+  adjoint_.assign(entries, WaveRows(points, waves_));
+  determinant_ = WaveRows(points, waves_);
+  std::vector<bool> failed(waves_, false);
+
+  grids::for_each_block(waves_, 64, [&](std::size_t begin, std::size_t end) {
+    std::vector<MatrixXcd> inverses(static_cast<std::size_t>(points));
+    std::vector<Complex> determinants(static_cast<std::size_t>(points));
+    Eigen::PartialPivLU<MatrixXcd> factors;
+    for (std::size_t wave = begin; wave < end; ++wave) {
+      const MatrixXcd D = symbols.derivatives(wave);
+      const MatrixXcd constant = D - symbols.L();
+      Border border{MatrixXcd(d, 0), MatrixXcd(0, d)};
+      if (conditions.count() > 0 && (D * conditions.kernel.cast<Complex>()).isZero(1e-9 * (1.0 + D.norm()))) {
+        border.columns = null_space(MatrixXcd((radius * M + constant).adjoint()));
+        border.rows = conditions.pins.cast<Complex>();
+      }
+      if (border.columns.cols() != border.rows.rows()) {
+        failed[wave] = true;
+        continue;
+      }
+      const Index size = d + border.columns.cols();
+      MatrixXcd P = MatrixXcd::Zero(size, size);
+      P.topRightCorner(d, size - d) = border.columns;
+      P.bottomLeftCorner(size - d, d) = border.rows;
+      double scale = 0.0;
+      for (int j = 0; j < points; ++j) {
+        const double angle = 2.0 * std::numbers::pi * j / points;
+        P.topLeftCorner(d, d) = constant + std::polar(radius, angle) * M;
+        factors.compute(P);
+        const auto pivots = factors.matrixLU().diagonal().cwiseAbs();
+        failed[wave] = failed[wave] || !(pivots.minCoeff() > singular * pivots.maxCoeff());
+        const auto i = static_cast<std::size_t>(j);
+        inverses[i] = factors.inverse().topLeftCorner(d, d);
+        determinants[i] = factors.determinant();
+        scale = std::max(scale, std::abs(determinants[i]));
+      }
+      // Coefficients from values on a circle; D is scaled, and A with it.
+      for (int k = 0; k < points; ++k) {
+        Complex sum = 0.0;
+        MatrixXcd all = MatrixXcd::Zero(d, d);
+        for (int j = 0; j < points; ++j) {
+          const Complex weight = std::polar(1.0 / points, -2.0 * std::numbers::pi * j * k / points);
+          const Complex value = weight * (determinants[static_cast<std::size_t>(j)] / scale);
+          sum += value;
+          all += value * inverses[static_cast<std::size_t>(j)];
+        }
+        determinant_.re.field(k)[wave] = sum.real();
+        determinant_.im.field(k)[wave] = sum.imag();
+        for (Index r = 0; r < d; ++r) {
+          for (Index c = 0; c < d; ++c) {
+            WaveRows& to = adjoint_[place(static_cast<int>(r), static_cast<int>(c))];
+            to.re.field(k)[wave] = all(r, c).real();
+            to.im.field(k)[wave] = all(r, c).imag();
+          }
+        }
+      }
+    }
+  });
+  if (std::ranges::find(failed, true) != failed.end()) {
+    status_ = Status::undefined;
+  }
+  zero_.resize(entries);
+  for (std::size_t e = 0; e < entries; ++e) {
+    const auto is_zero = [](double value) { return value == 0.0; };
+    zero_[e] = std::ranges::all_of(adjoint_[e].re.all(), is_zero) && std::ranges::all_of(adjoint_[e].im.all(), is_zero);
+    if (zero_[e]) {
+      adjoint_[e] = WaveRows();
+    }
+  }
+}
+
+void WaveResolvent::start(Complex mu, WaveRows& inverse) const {
+  const Complex x = mu / radius_;
+  double* out_re = inverse.re.field(0).data();
+  double* out_im = inverse.im.field(0).data();
+  grids::for_each_block(waves_, 4096, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t w = begin; w < end; ++w) {
+      double re = 0.0, im = 0.0;
+      for (int k = degree_; k >= 0; --k) {
+        const double next = re * x.real() - im * x.imag() + determinant_.re.pointers()[static_cast<std::size_t>(k)][w];
+        im = re * x.imag() + im * x.real() + determinant_.im.pointers()[static_cast<std::size_t>(k)][w];
+        re = next;
+      }
+      const double size = re * re + im * im;
+      out_re[w] = re / size;
+      out_im[w] = -im / size;
+    }
+  });
+}
+
+void WaveResolvent::entry(int row, int column, Complex mu, const WaveRows& inverse, std::size_t begin,
+                          std::size_t count, double* re, double* im) const {
+  const Complex x = mu / radius_;
+  const WaveRows& adjoint = adjoint_[place(row, column)];
+  std::fill_n(re, count, 0.0);
+  std::fill_n(im, count, 0.0);
+  for (int k = degree_; k >= 0; --k) {
+    const double* a = adjoint.re.field(k).data() + begin;
+    const double* b = adjoint.im.field(k).data() + begin;
+    for (std::size_t w = 0; w < count; ++w) {
+      const double next = re[w] * x.real() - im[w] * x.imag() + a[w];
+      im[w] = re[w] * x.imag() + im[w] * x.real() + b[w];
+      re[w] = next;
+    }
+  }
+  const double* a = inverse.re.field(0).data() + begin;
+  const double* b = inverse.im.field(0).data() + begin;
+  for (std::size_t w = 0; w < count; ++w) {
+    const double next = re[w] * a[w] - im[w] * b[w];
+    im[w] = re[w] * b[w] + im[w] * a[w];
+    re[w] = next;
+  }
+}
+
+}  // namespace rubato
