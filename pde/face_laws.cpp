@@ -11,6 +11,7 @@
 #include <rubato/grids/fourier.hpp>
 #include <rubato/grids/reductions.hpp>
 #include <rubato/pde/face_gather.hpp>
+#include <rubato/pde/gauss_slab.hpp>
 #include <rubato/pde/law_engine.hpp>
 
 namespace rubato {
@@ -44,6 +45,7 @@ struct FaceOperators : LawTables {
   std::vector<grids::FieldSet> derivatives;             ///< along each axis, of the fields in use
   std::vector<std::vector<Spread>> sizes;               ///< [law][block]: of residuals
   std::vector<std::vector<double>> sums;                ///< [law][block]: of densities
+  std::shared_ptr<StageSource> stages;                  ///< null: the laws of a step are taken at its middle
 
   FaceOperators(LawTables tables, Placement placement)
       : LawTables(std::move(tables)), blocks(grid), gather(grid), middle(d, grid.size()), rate(d, grid.size()) {
@@ -237,13 +239,30 @@ struct FaceOperators : LawTables {
     for (std::size_t i = 0; i < sum.all().size(); ++i) {
       sum.all()[i] = (sum.all()[i] - current.all()[i]) / h;
     }
+    if (stages == nullptr) {
+      add_fluxes(1.0, after.slopes, current, sum);
+      return;
+    }
+    const Status status = stages->take(before, after, h);
+    for (int i = 0; i < stages->count(); ++i) {
+      if (status == Status::success) {
+        stages->stage(i, middle, rate);
+      } else {
+        middle.fill(std::numeric_limits<double>::quiet_NaN());
+      }
+      add_fluxes(stages->weight(i), after.slopes, current, sum);
+    }
+  }
+
+  /// sum += weight · Σ_a ∂_a J_a at `middle` with the rates `rate`.
+  void add_fluxes(double weight, const PotentialSlopes& slopes, grids::FieldSet& current, grids::FieldSet& sum) {
     for (int a = 0; a < grid.dimensions(); ++a) {
-      currents_at_nodes(1 + a, middle, after.slopes, current);
+      currents_at_nodes(1 + a, middle, slopes, current);
       for (int l = 0; l < current.fields(); ++l) {
         (*spectral)(a, current.field(l).data(), current.field(l).data());
       }
       for (std::size_t i = 0; i < sum.all().size(); ++i) {
-        sum.all()[i] += current.all()[i];
+        sum.all()[i] += weight * current.all()[i];
       }
     }
   }
@@ -293,6 +312,9 @@ struct FaceOperators : LawTables {
 class FaceLaws final : public LawEngine {
 public:
   FaceLaws(LawTables tables, Placement placement) : operators_(std::move(tables), placement) {}
+  FaceLaws(LawTables tables, int stages) : operators_(std::move(tables), Placement::nodes), stages_(stages) {}
+
+  void share(std::shared_ptr<StageSource> stages) override { operators_.stages = std::move(stages); }
 
   [[nodiscard]] const LawTables& tables() const override { return operators_; }
   std::vector<Spread> residuals(const LatticeLevel& before, const LatticeLevel& after, double h,
@@ -302,12 +324,16 @@ public:
 
 private:
   FaceOperators operators_;
+  int stages_ = 0;  ///< of steps whose stages are asked for; 0 for none
 };
 
 std::vector<Spread> FaceLaws::residuals(const LatticeLevel& before, const LatticeLevel& after, double h,
                                         std::span<double* const> residuals) {
   FaceOperators& s = operators_;
   s.make_middle(before.fields, after.fields, h);
+  if (stages_ > 0 && s.stages == nullptr) {
+    s.stages = std::make_shared<GaussSlab>(s.system, s.grid, stages_, before);
+  }
   const std::size_t laws = s.names.size();
   std::vector<Spread> sizes;
   if (s.spectral != nullptr) {
@@ -414,6 +440,10 @@ Spread FaceLaws::multisymplectic_residual(const TangentLevels& u, const TangentL
 
 std::unique_ptr<LawEngine> make_face_laws(LawTables tables, Placement placement) {
   return std::make_unique<FaceLaws>(std::move(tables), placement);
+}
+
+std::unique_ptr<LawEngine> make_stage_laws(LawTables tables, int stages) {
+  return std::make_unique<FaceLaws>(std::move(tables), stages);
 }
 
 }  // namespace rubato

@@ -55,7 +55,9 @@ LatticeIntegrator::LatticeIntegrator(const MultisymplecticSystem& system, const 
                                                         .potential = options.potential},
                                            options.start, options.step)),
       laws_(make_local_laws(*method_, system, grid, options.symmetries)),
-      previous_(scheme_->level()) {}
+      previous_(scheme_->level()) {
+  laws_.share(scheme_->stages());
+}
 
 StepReport LatticeIntegrator::step() {
   // The scheme overwrites its level only when the step is accepted, but a copy is needed before that.

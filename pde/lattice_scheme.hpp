@@ -4,6 +4,7 @@
 
 #include <rubato/pde/initial_level.hpp>
 #include <rubato/pde/multisymplectic_system.hpp>
+#include <rubato/pde/stage_source.hpp>
 #include <rubato/variation/level_scheme.hpp>
 
 namespace rubato {
@@ -14,6 +15,8 @@ public:
   [[nodiscard]] virtual const MultisymplecticSystem& system() const = 0;
   [[nodiscard]] virtual const grids::Grid& grid() const = 0;
   [[nodiscard]] virtual const LatticeLevel& level() const = 0;
+  /// The stages of the step accepted last, for laws that need them; null for schemes whose laws two levels give.
+  [[nodiscard]] virtual std::shared_ptr<StageSource> stages() { return nullptr; }
 };
 
 /// The box (Preissman) scheme, the production form of the discrete action of cell_action.hpp (theory, section 5): in
@@ -50,6 +53,14 @@ public:
 [[nodiscard]] std::unique_ptr<LatticeScheme> make_fourier_scheme(const MultisymplecticSystem& system,
                                                                  const grids::Grid& grid, LatticeLevel first,
                                                                  double first_step);
+
+/// The same in space with Gauss collocation of order 2·stages in time (GaussSlab; theory, section 8.3): E_k is the
+/// Hamiltonian that generates the family of maps in h. No node law in closed form, so that where the level equation has
+/// no solution a step potential has to help. \throws std::invalid_argument if the dimensions of grid and system differ,
+/// stages are not 1 … 8, or S is not finite at the first level
+[[nodiscard]] std::unique_ptr<LatticeScheme> make_gauss_lattice(const MultisymplecticSystem& system,
+                                                                const grids::Grid& grid, int stages,
+                                                                LatticeLevel first);
 
 /// The Euler box scheme (theory, section 5), explicit: with M = M₊ - M₊ᵀ, K_a = K₊ - K₊ᵀ,
 ///

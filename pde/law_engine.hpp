@@ -7,6 +7,7 @@
 
 #include <rubato/pde/local_laws.hpp>
 #include <rubato/pde/matrix_terms.hpp>
+#include <rubato/pde/stage_source.hpp>
 
 namespace rubato {
 
@@ -42,6 +43,8 @@ public:
   virtual ~LawEngine() = default;
 
   [[nodiscard]] virtual const LawTables& tables() const = 0;
+  /// Where the stages of steps come from, if the laws need them: a run's own, so that they are solved once.
+  virtual void share(std::shared_ptr<StageSource> /*stages*/) {}
   virtual std::vector<Spread> residuals(const LatticeLevel& before, const LatticeLevel& after, double h,
                                         std::span<double* const> residuals) = 0;
   virtual std::vector<double> totals(const LatticeLevel& level) = 0;
@@ -51,6 +54,8 @@ public:
 
 /// On the faces of cells, with Placement::cells; at the nodes with spectral derivatives, with Placement::nodes.
 [[nodiscard]] std::unique_ptr<LawEngine> make_face_laws(LawTables tables, Placement placement);
+/// At the nodes, with the fluxes integrated over the stages of a step.
+[[nodiscard]] std::unique_ptr<LawEngine> make_stage_laws(LawTables tables, int stages);
 /// On cells with their values at the base corner: Placement::corners.
 [[nodiscard]] std::unique_ptr<LawEngine> make_corner_laws(LawTables tables);
 

@@ -65,6 +65,12 @@ LocalLaws::~LocalLaws() = default;
 LocalLaws::LocalLaws(LocalLaws&&) noexcept = default;
 LocalLaws& LocalLaws::operator=(LocalLaws&&) noexcept = default;
 
+void LocalLaws::share(std::shared_ptr<StageSource> stages) {
+  if (stages != nullptr) {
+    engine_->share(std::move(stages));
+  }
+}
+
 const std::vector<std::string>& LocalLaws::names() const {
   return engine_->tables().names;
 }

@@ -32,6 +32,7 @@ struct TangentLevels {
 };
 
 class LawEngine;
+class StageSource;
 
 /// The local conservation laws of a lattice, in the form that its scheme has them (theory, section 5).
 ///
@@ -69,6 +70,9 @@ public:
   ~LocalLaws();
   LocalLaws(LocalLaws&&) noexcept;
   LocalLaws& operator=(LocalLaws&&) noexcept;
+
+  /// See LawEngine.
+  void share(std::shared_ptr<StageSource> stages);
 
   /// "energy", "momentum" (in more dimensions "momentum_x", …), the linear symmetries' names, then the affine
   /// symmetries with a density: "mass", or "mass_FIELD" where there are several.

@@ -35,4 +35,10 @@ public:
                                                                    const grids::Grid& grid, Placement placement,
                                                                    const LatticeLevel& first, double first_step);
 
+/// Of Gauss collocation: steps are taken again, and the residual is what the level after differs from where its step
+/// leads, divided by h.
+[[nodiscard]] std::unique_ptr<StepEquation> make_gauss_equation(const MultisymplecticSystem& system,
+                                                                const grids::Grid& grid, int stages,
+                                                                const LatticeLevel& first);
+
 }  // namespace rubato

@@ -8,6 +8,7 @@
 #include <Eigen/LU>
 
 #include <rubato/grids/fourier.hpp>
+#include <rubato/grids/wide_vectors.hpp>
 #include <rubato/pde/kernel_conditions.hpp>
 
 namespace rubato {
@@ -26,7 +27,7 @@ constexpr double singular = 1e-13;
 class Symbols {
 public:
   Symbols(const MultisymplecticSystem& system, const grids::Grid& grid, const MatrixXd& L)
-      : grid_(grid), fourier_(grid, 0), L_(L.cast<Complex>()) {
+      : grid_(grid), fourier_(grid, 1), L_(L.cast<Complex>()) {
     for (int a = 0; a < grid.dimensions(); ++a) {
       K_.push_back(system.K(a).cast<Complex>());
     }
@@ -140,46 +141,57 @@ WaveResolvent::WaveResolvent(const MultisymplecticSystem& system, const grids::G
   }
 }
 
+namespace {
+
+/// re + i im = (re + i im)·x + a + i b.
+RUBATO_WIDE_VECTORS void horner(Complex x, const double* a, const double* b, std::size_t count, double* re,
+                                double* im) {
+  const double x_re = x.real(), x_im = x.imag();
+  for (std::size_t w = 0; w < count; ++w) {
+    const double next = re[w] * x_re - im[w] * x_im + a[w];
+    im[w] = re[w] * x_im + im[w] * x_re + b[w];
+    re[w] = next;
+  }
+}
+RUBATO_WIDE_VECTORS void multiply(const double* a, const double* b, std::size_t count, double* re, double* im) {
+  for (std::size_t w = 0; w < count; ++w) {
+    const double next = re[w] * a[w] - im[w] * b[w];
+    im[w] = re[w] * b[w] + im[w] * a[w];
+    re[w] = next;
+  }
+}
+RUBATO_WIDE_VECTORS void invert(std::size_t count, double* re, double* im) {
+  for (std::size_t w = 0; w < count; ++w) {
+    const double size = re[w] * re[w] + im[w] * im[w];
+    re[w] = re[w] / size;
+    im[w] = -im[w] / size;
+  }
+}
+
+}  // namespace
+
 void WaveResolvent::start(Complex mu, WaveRows& inverse) const {
-  const Complex x = mu / radius_;
-  double* out_re = inverse.re.field(0).data();
-  double* out_im = inverse.im.field(0).data();
+  double* re = inverse.re.field(0).data();
+  double* im = inverse.im.field(0).data();
   grids::for_each_block(waves_, 4096, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t w = begin; w < end; ++w) {
-      double re = 0.0, im = 0.0;
-      for (int k = degree_; k >= 0; --k) {
-        const double next = re * x.real() - im * x.imag() + determinant_.re.pointers()[static_cast<std::size_t>(k)][w];
-        im = re * x.imag() + im * x.real() + determinant_.im.pointers()[static_cast<std::size_t>(k)][w];
-        re = next;
-      }
-      const double size = re * re + im * im;
-      out_re[w] = re / size;
-      out_im[w] = -im / size;
-    }
+    polynomial(determinant_, mu, begin, end - begin, re + begin, im + begin);
+    invert(end - begin, re + begin, im + begin);
   });
 }
 
 void WaveResolvent::entry(int row, int column, Complex mu, const WaveRows& inverse, std::size_t begin,
                           std::size_t count, double* re, double* im) const {
-  const Complex x = mu / radius_;
-  const WaveRows& adjoint = adjoint_[place(row, column)];
-  std::fill_n(re, count, 0.0);
-  std::fill_n(im, count, 0.0);
-  for (int k = degree_; k >= 0; --k) {
-    const double* a = adjoint.re.field(k).data() + begin;
-    const double* b = adjoint.im.field(k).data() + begin;
-    for (std::size_t w = 0; w < count; ++w) {
-      const double next = re[w] * x.real() - im[w] * x.imag() + a[w];
-      im[w] = re[w] * x.imag() + im[w] * x.real() + b[w];
-      re[w] = next;
-    }
-  }
-  const double* a = inverse.re.field(0).data() + begin;
-  const double* b = inverse.im.field(0).data() + begin;
-  for (std::size_t w = 0; w < count; ++w) {
-    const double next = re[w] * a[w] - im[w] * b[w];
-    im[w] = re[w] * b[w] + im[w] * a[w];
-    re[w] = next;
+  polynomial(adjoint_[place(row, column)], mu, begin, count, re, im);
+  multiply(inverse.re.field(0).data() + begin, inverse.im.field(0).data() + begin, count, re, im);
+}
+
+void WaveResolvent::polynomial(const WaveRows& coefficients, Complex mu, std::size_t begin, std::size_t count,
+                               double* re, double* im) const {
+  std::copy_n(coefficients.re.field(degree_).data() + begin, count, re);
+  std::copy_n(coefficients.im.field(degree_).data() + begin, count, im);
+  for (int k = degree_ - 1; k >= 0; --k) {
+    horner(mu / radius_, coefficients.re.field(k).data() + begin, coefficients.im.field(k).data() + begin, count, re,
+           im);
   }
 }
 

@@ -60,6 +60,9 @@ private:
     return static_cast<std::size_t>(row) * static_cast<std::size_t>(fields_) + static_cast<std::size_t>(column);
   }
 
+  void polynomial(const WaveRows& coefficients, std::complex<double> mu, std::size_t begin, std::size_t count,
+                  double* re, double* im) const;
+
   int fields_, degree_;
   double radius_;
   std::size_t waves_;

@@ -1,16 +1,30 @@
+#include <stdexcept>
 #include <utility>
+
+#include <fmt/format.h>
 
 #include <rubato/pde/lattice_actions.hpp>
 #include <rubato/pde/lattice_method.hpp>
+#include <rubato/variation/gauss_tableau.hpp>
 
 namespace rubato {
 
 namespace {
 
+/// One stage is the midpoint rule, with Newton's method and a node law; more are Gauss collocation.
 class FourierMethod final : public LatticeMethod {
 public:
+  explicit FourierMethod(int stages) : stages_(stages) {
+    if (stages < 1 || stages > GaussTableau::most_stages) {
+      throw std::invalid_argument(
+          fmt::format("stages = {}: Gauss collocation is made for 1 to {} stages", stages, GaussTableau::most_stages));
+    }
+  }
+
+  [[nodiscard]] int order() const override { return 2 * stages_; }
+  [[nodiscard]] bool has_bridges() const override { return stages_ == 1; }
   [[nodiscard]] std::optional<LatticeAction> action(const MultisymplecticSystem& system) const override {
-    return fourier_action(system);
+    return stages_ == 1 ? std::optional(fourier_action(system)) : std::nullopt;
   }
   [[nodiscard]] bool has_variational_laws() const override { return false; }
   [[nodiscard]] InitialLevel first_level(const MultisymplecticSystem& system, const grids::Grid& grid,
@@ -19,27 +33,34 @@ public:
   }
   [[nodiscard]] std::unique_ptr<LatticeScheme> scheme(const MultisymplecticSystem& system, const grids::Grid& grid,
                                                       LatticeLevel first, double first_step) const override {
-    return make_fourier_scheme(system, grid, std::move(first), first_step);
+    return stages_ == 1 ? make_fourier_scheme(system, grid, std::move(first), first_step)
+                        : make_gauss_lattice(system, grid, stages_, std::move(first));
   }
   [[nodiscard]] std::unique_ptr<LawEngine> laws(LawTables tables) const override {
-    return make_face_laws(std::move(tables), Placement::nodes);
+    return stages_ == 1 ? make_face_laws(std::move(tables), Placement::nodes)
+                        : make_stage_laws(std::move(tables), stages_);
   }
   [[nodiscard]] std::unique_ptr<StepEquation> equation(const MultisymplecticSystem& system, const grids::Grid& grid,
                                                        const LatticeLevel& first, double first_step) const override {
-    return make_midpoint_equation(system, grid, Placement::nodes, first, first_step);
+    return stages_ == 1 ? make_midpoint_equation(system, grid, Placement::nodes, first, first_step)
+                        : make_gauss_equation(system, grid, stages_, first);
   }
   [[nodiscard]] std::unique_ptr<TangentStep> tangents(const MultisymplecticSystem&, const grids::Grid&) const override {
     return nullptr;
   }
+
+private:
+  int stages_;
 };
 
 }  // namespace
 
 LatticeMethodEntry fourier_method() {
   return {.name = "fourier",
-          .summary = "spectral in space, midpoint in time",
-          .make = [](const LatticeMethodChoice&) -> std::unique_ptr<LatticeMethod> {
-            return std::make_unique<FourierMethod>();
+          .summary = "spectral in space, Gauss collocation in time (one stage: midpoint)",
+          .has_stages = true,
+          .make = [](const LatticeMethodChoice& choice) -> std::unique_ptr<LatticeMethod> {
+            return std::make_unique<FourierMethod>(choice.stages);
           }};
 }
 

@@ -1,0 +1,791 @@
+#include <rubato/pde/gauss_slab.hpp>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <numeric>
+#include <utility>
+
+#include <Eigen/Eigenvalues>
+#include <Eigen/LU>
+
+#include <rubato/base/compensated_sum.hpp>
+#include <rubato/base/larger.hpp>
+#include <rubato/formula/bytecode.hpp>
+#include <rubato/grids/reductions.hpp>
+#include <rubato/grids/wide_vectors.hpp>
+#include <rubato/pde/matrix_terms.hpp>
+
+namespace rubato {
+
+namespace {
+
+using Complex = std::complex<double>;
+using formula::Expression;
+
+constexpr double epsilon = std::numeric_limits<double>::epsilon();
+constexpr int most_iterations = 200;
+/// What the next correction would mend, relative, at which nothing but rounding is left.
+constexpr double enough = 0.25 * epsilon;
+/// Corrections below this may have stopped to shrink by rounding; above, the iteration does not contract.
+constexpr double rounding_region = 1e-11;
+/// Corrections that shrink less than this lead nowhere within most_iterations.
+constexpr double no_contraction = 0.9;
+constexpr int patience = 8;
+/// Waves that are worked on at once: arrays of them stay in the cache.
+constexpr std::size_t wave_block = 128;
+/// |λ|/h may move by this factor before the resolvent is made anew.
+constexpr double drift = 0.5 * WaveResolvent::reach;
+
+/// out += value·in, complex, both with real and imaginary parts apart.
+RUBATO_WIDE_VECTORS void add(Complex value, const double* re, const double* im, std::size_t count, double* out_re,
+                             double* out_im) {
+  const double a = value.real(), b = value.imag();
+  for (std::size_t w = 0; w < count; ++w) {
+    out_re[w] += a * re[w] - b * im[w];
+    out_im[w] += a * im[w] + b * re[w];
+  }
+}
+/// out += x·y.
+RUBATO_WIDE_VECTORS void add_product(const double* x_re, const double* x_im, const double* y_re, const double* y_im,
+                                     std::size_t count, double* out_re, double* out_im) {
+  for (std::size_t w = 0; w < count; ++w) {
+    out_re[w] += x_re[w] * y_re[w] - x_im[w] * y_im[w];
+    out_im[w] += x_re[w] * y_im[w] + x_im[w] * y_re[w];
+  }
+}
+
+/// Real and imaginary parts of waves, a block at a time.
+struct WaveBlock {
+  alignas(64) double re[wave_block];
+  alignas(64) double im[wave_block];
+  void clear(std::size_t count) {
+    std::fill_n(re, count, 0.0);
+    std::fill_n(im, count, 0.0);
+  }
+};
+
+/// ℓ_j(x) of the nodes c.
+double lagrange(const Eigen::VectorXd& c, Eigen::Index j, double x) {
+  double value = 1.0;
+  for (Eigen::Index i = 0; i < c.size(); ++i) {
+    value *= i == j ? 1.0 : (x - c[i]) / (c[j] - c[i]);
+  }
+  return value;
+}
+
+}  // namespace
+
+GaussSlab::GaussSlab(const MultisymplecticSystem& system, const grids::Grid& grid, int stages,
+                     const LatticeLevel& first)
+    : system_(system),
+      grid_(grid),
+      tableau_(stages),
+      m_(stages),
+      d_(system.field_count()),
+      linear_(Eigen::VectorXd::Zero(d_)),
+      fourier_F_(grid, 1),
+      fourier_all_(grid, d_) {
+  for (int f = 0; f < d_; ++f) {
+    at_midpoints_.push_back(system.structure().at_midpoints(f));
+    all_.push_back(f);
+  }
+  find_varying_fields();
+  set_mean(first);
+  compile();
+  find_symbols();
+
+  a_inverse_ = tableau_.a.inverse();
+  const Eigen::EigenSolver<Eigen::MatrixXd> eigen(a_inverse_);
+  eigenvalues_ = eigen.eigenvalues();
+  V_ = eigen.eigenvectors();
+  V_inverse_ = V_.inverse();
+  ones_ = V_inverse_ * Eigen::VectorXcd::Ones(m_);
+  of_stages_ = tableau_.a.transpose().partialPivLu().solve(tableau_.b);
+  at_middle_.resize(m_);
+  for (int i = 0; i < m_; ++i) {
+    at_middle_[i] = lagrange(tableau_.c, i, 0.5);
+  }
+
+  const std::size_t waves = fourier_all_.modes(), nodes = grid.size();
+  const int n = static_cast<int>(F_.size());
+  fourier_F_ = grids::Fourier(grid, std::max(1, n * m_));
+  high_ = grids::FieldSet(d_, nodes);
+  work_ = high_;
+  level_F_ = grids::FieldSet(n, nodes);
+  low_F_ = level_F_;
+  level_ = WaveRows(d_, waves);
+  base_ = level_;
+  end_ = level_;
+  scratch_ = level_;
+  end_F_ = level_F_;
+  rows_F_.resize(static_cast<std::size_t>(n * m_));
+  std::iota(rows_F_.begin(), rows_F_.end(), 0);
+  Y_ = WaveRows(d_ * m_, waves);
+  base_F_ = WaveRows(n * m_, waves);
+  rest_ = base_F_;
+  Y_F_ = base_F_;
+  transfer_ = WaveRows(n * n * m_ * m_, waves);
+  inverse_.assign(static_cast<std::size_t>(m_), WaveRows(1, waves));
+  y_ = grids::FieldSet(n * m_, nodes);
+  y_last_ = y_;
+  point_ = y_;
+  rest_grid_ = y_;
+}
+
+void GaussSlab::find_varying_fields() {
+  for (const HessianEntry& entry : system_.varying_hessian()) {
+    for (const int f : {entry.row, entry.column}) {
+      if (std::ranges::find(F_, f) == F_.end()) {
+        F_.push_back(f);
+      }
+    }
+  }
+  std::ranges::sort(F_);
+}
+
+/// L: the constant entries of S'', and of the others their means, where these are finite.
+void GaussSlab::set_mean(const LatticeLevel& first) {
+  L_ = system_.constant_hessian();
+  const auto& entries = system_.varying_hessian();
+  if (!entries.empty()) {
+    formula::BatchEvaluator evaluate(system_.hessian_code());
+    grids::FieldSet at = first.fields;
+    for (int f = 0; f < d_; ++f) {
+      if (at_midpoints_[static_cast<std::size_t>(f)]) {
+        std::ranges::fill(at.field(f), 0.0);
+      }
+    }
+    grids::FieldSet outputs(1 + d_ + static_cast<int>(entries.size()), grid_.size());
+    evaluate(grid_.size(), std::as_const(at).pointers(), outputs.pointers());
+    for (std::size_t e = 0; e < entries.size(); ++e) {
+      const double mean =
+          grids::sum(std::as_const(outputs).field(1 + d_ + static_cast<int>(e))) / static_cast<double>(grid_.size());
+      L_(entries[e].row, entries[e].column) = L_(entries[e].column, entries[e].row) = std::isfinite(mean) ? mean : 0.0;
+    }
+  }
+  for (Eigen::Index r = 0; r < d_; ++r) {
+    for (Eigen::Index c = 0; c < d_; ++c) {
+      if (L_(r, c) != 0.0) {
+        L_terms_.push_back({static_cast<int>(r), static_cast<int>(c), L_(r, c)});
+      }
+    }
+  }
+}
+
+/// N = S - ½ zᵀLz and its gradient at the varying fields, the others 0.
+void GaussSlab::compile() {
+  auto graph = std::make_shared<formula::Graph>();
+  std::vector<Expression> to, varying;
+  for (int f = 0; f < d_; ++f) {
+    const bool varies = std::ranges::find(F_, f) != F_.end();
+    to.push_back(varies ? graph->variable(system_.fields()[static_cast<std::size_t>(f)]) : graph->constant(0.0));
+    if (varies) {
+      varying.push_back(to.back());
+    }
+  }
+  Expression rest = formula::substitute(std::array{system_.expression()}, *graph, system_.variables(), to).front();
+  for (std::size_t f = 0; f < F_.size(); ++f) {
+    for (std::size_t g = 0; g <= f; ++g) {
+      const double entry = L_(F_[f], F_[g]);
+      if (entry != 0.0) {
+        rest = rest - (f == g ? 0.5 * entry : entry) * (varying[f] * varying[g]);
+      }
+    }
+  }
+  if (!F_.empty()) {
+    rest_value_ = formula::BatchEvaluator(formula::Bytecode(std::array{rest}, varying));
+    rest_gradient_ = formula::BatchEvaluator(formula::Bytecode(formula::gradient(rest, varying), varying));
+  }
+  // ∂S/∂z_f of the other fields is linear in z.
+  formula::ScalarEvaluator gradient(system_.gradient_code());
+  std::vector<double> zero(static_cast<std::size_t>(d_), 0.0), outputs(static_cast<std::size_t>(d_) + 1);
+  gradient(zero, outputs);
+  for (int f = 0; f < d_; ++f) {
+    if (std::ranges::find(F_, f) == F_.end()) {
+      linear_[f] = outputs[static_cast<std::size_t>(f) + 1];
+    }
+  }
+}
+
+void GaussSlab::find_symbols() {
+  const std::size_t waves = fourier_all_.modes();
+  for (int a = 0; a < grid_.dimensions(); ++a) {
+    auto& numbers = wave_numbers_.emplace_back(waves);
+    for (std::size_t w = 0; w < waves; ++w) {
+      numbers[w] = grids::derivative_symbol(fourier_all_.wave(w)[static_cast<std::size_t>(a)], grid_.axis(a)).imag();
+    }
+    for (auto* list : {&K_, &K_plus_}) {
+      auto& terms = list->emplace_back();
+      for (const MatrixTerm& term :
+           terms_of(list == &K_ ? system_.K(a) : system_.structure().K_plus[static_cast<std::size_t>(a)])) {
+        terms.push_back({term.row, term.column, term.value});
+      }
+    }
+  }
+  parseval_.resize(waves);
+  for (std::size_t w = 0; w < waves; ++w) {
+    const auto k = fourier_all_.wave(w)[0];
+    const bool alone = k == 0 || 2 * static_cast<std::size_t>(k) == grid_.cells(0);
+    parseval_[w] = (alone ? 1.0 : 2.0) / static_cast<double>(grid_.size());
+  }
+}
+
+void GaussSlab::from_grid(std::span<const double* const> fields, grids::Fourier& fourier, WaveRows& rows) const {
+  fourier.forward(fields);
+  const std::size_t length = fourier.row_length();
+  grids::for_each_block(fields.size() * (rows.waves() / length), 16, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t unit = begin; unit < end; ++unit) {
+      const auto f = static_cast<int>(unit / (rows.waves() / length));
+      const std::size_t first = unit % (rows.waves() / length) * length;
+      const Complex* from = &fourier.at(f, first);
+      double* re = rows.re.field(f).data() + first;
+      double* im = rows.im.field(f).data() + first;
+      for (std::size_t w = 0; w < length; ++w) {
+        re[w] = from[w].real();
+        im[w] = from[w].imag();
+      }
+    }
+  });
+}
+
+void GaussSlab::to_grid(const WaveRows& rows, std::span<const int> which, grids::Fourier& fourier,
+                        std::span<double* const> fields) const {
+  const std::size_t length = fourier.row_length();
+  grids::for_each_block(which.size() * (rows.waves() / length), 16, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t unit = begin; unit < end; ++unit) {
+      const std::size_t f = unit / (rows.waves() / length);
+      const std::size_t first = unit % (rows.waves() / length) * length;
+      Complex* to = &fourier.at(static_cast<int>(f), first);
+      const double* re = rows.re.field(which[f]).data() + first;
+      const double* im = rows.im.field(which[f]).data() + first;
+      for (std::size_t w = 0; w < length; ++w) {
+        to[w] = Complex(re[w], im[w]);
+      }
+    }
+  });
+  fourier.inverse(fields);
+}
+
+void GaussSlab::add_slopes(const PotentialSlopes& slopes) {
+  const bool any = std::ranges::any_of(slopes.of_field, [](const auto& of) {
+    return std::ranges::any_of(of, [](double slope) { return slope != 0.0; });
+  });
+  if (!any) {
+    slopes_ = WaveRows();
+    return;
+  }
+  slopes_ = WaveRows(d_, level_.waves());
+  const std::size_t line = grid_.cells(0);
+  for (int f = 0; f < d_; ++f) {
+    for (std::size_t i = 0; i < grid_.size(); ++i) {
+      work_.field(f)[i] = slopes.at(f, i / line);
+    }
+  }
+  from_grid(std::as_const(work_).pointers(), fourier_all_, slopes_);
+}
+
+void GaussSlab::stand(const grids::FieldSet& high, const grids::FieldSet* low, const PotentialSlopes& slopes) {
+  ++stamp_;
+  solved_ = complete_ = end_known_ = false;
+  high_.copy_from(high);
+  for (int f = 0; f < d_; ++f) {
+    if (at_midpoints_[static_cast<std::size_t>(f)]) {
+      std::ranges::fill(high_.field(f), 0.0);
+    }
+  }
+  for (std::size_t f = 0; f < F_.size(); ++f) {
+    const int field = F_[f];
+    std::ranges::copy(std::as_const(high_).field(field), level_F_.field(static_cast<int>(f)).begin());
+    const auto rest = low_F_.field(static_cast<int>(f));
+    if (low == nullptr || at_midpoints_[static_cast<std::size_t>(field)]) {
+      std::ranges::fill(rest, 0.0);
+    } else {
+      std::ranges::copy(low->field(field), rest.begin());
+    }
+  }
+  if (stamp_ == 1) {
+    add_slopes(slopes);  // no step changes them
+  }
+  from_grid(std::as_const(high_).pointers(), fourier_all_, level_);
+  // b = (L - Σ ik_a K_a) ẑ - K_x slope + the linear terms of S.
+  base_.re.fill(0.0);
+  base_.im.fill(0.0);
+  grids::for_each_block(level_.waves(), wave_block, [&](std::size_t begin, std::size_t end) {
+    for (const Term& term : L_terms_) {
+      for (std::size_t w = begin; w < end; ++w) {
+        base_.re.pointers()[static_cast<std::size_t>(term.row)][w] += term.value * level_.re.field(term.column)[w];
+        base_.im.pointers()[static_cast<std::size_t>(term.row)][w] += term.value * level_.im.field(term.column)[w];
+      }
+    }
+    for (std::size_t a = 0; a < K_.size(); ++a) {
+      for (const Term& term : K_[a]) {
+        double* re = base_.re.pointers()[static_cast<std::size_t>(term.row)];
+        double* im = base_.im.pointers()[static_cast<std::size_t>(term.row)];
+        for (std::size_t w = begin; w < end; ++w) {
+          const double k = term.value * wave_numbers_[a][w];
+          re[w] += k * level_.im.field(term.column)[w];
+          im[w] -= k * level_.re.field(term.column)[w];
+        }
+        for (std::size_t w = begin; a == 0 && slopes_.rows() > 0 && w < end; ++w) {
+          re[w] -= term.value * slopes_.re.field(term.column)[w];
+          im[w] -= term.value * slopes_.im.field(term.column)[w];
+        }
+      }
+    }
+  });
+  for (int f = 0; f < d_; ++f) {
+    base_.re.field(f)[0] += linear_[f] * static_cast<double>(grid_.size());
+  }
+}
+
+void GaussSlab::begin_at_level() {
+  if (F_.empty()) {
+    return;
+  }
+  rest_gradient_(grid_.size(), std::as_const(level_F_).pointers(), rest_grid_.pointers().first(F_.size()));
+  std::vector<const double*> rows;
+  for (std::size_t f = 0; f < F_.size(); ++f) {
+    rows.push_back(std::as_const(rest_grid_).field(static_cast<int>(f)).data());
+  }
+  from_grid(rows, fourier_F_, rest_);
+  for (int f = static_cast<int>(F_.size()) - 1; f >= 0; --f) {
+    for (int i = m_ - 1; i >= 0; --i) {
+      if (varying(f, i) != f) {
+        std::ranges::copy(std::as_const(rest_.re).field(f), rest_.re.field(varying(f, i)).begin());
+        std::ranges::copy(std::as_const(rest_.im).field(f), rest_.im.field(varying(f, i)).begin());
+      }
+    }
+  }
+}
+
+void GaussSlab::continue_from(const WaveRows& rests, double ratio, bool at_its_end) {
+  const WaveRows* from = &rests;
+  WaveRows& copy = Y_F_;
+  if (from == &rest_) {
+    std::ranges::copy(std::as_const(rest_.re).all(), copy.re.all().begin());
+    std::ranges::copy(std::as_const(rest_.im).all(), copy.im.all().begin());
+    from = &copy;
+  }
+  rest_.re.fill(0.0);
+  rest_.im.fill(0.0);
+  for (int i = 0; i < m_; ++i) {
+    const double at = (at_its_end ? 1.0 : 0.0) + ratio * tableau_.c[i];
+    for (int j = 0; j < m_; ++j) {
+      const double weight = lagrange(tableau_.c, j, at);
+      for (int f = 0; f < static_cast<int>(F_.size()); ++f) {
+        add(weight, from->re.field(varying(f, j)).data(), from->im.field(varying(f, j)).data(), rest_.waves(),
+            rest_.re.field(varying(f, i)).data(), rest_.im.field(varying(f, i)).data());
+      }
+    }
+  }
+}
+
+bool GaussSlab::prepare(double h) {
+  const double size = eigenvalues_.cwiseAbs().mean() / std::abs(h);
+  if (!resolvent_ || size > drift * radius_ || size * drift < radius_) {
+    const bool kept = radius_ != 0.0 && size <= drift * radius_ && size * drift >= radius_;
+    radius_ = kept ? radius_ : size;
+    resolvent_.emplace(system_, grid_, L_, radius_);
+    h_ = 0.0;
+  }
+  return resolvent_->status() == Status::success;
+}
+
+/// base_F_ and transfer_ for steps of length h.
+void GaussSlab::invert(double h) {
+  for (int e = 0; e < m_; ++e) {
+    resolvent_->start(eigenvalues_[e] / h, inverse_[static_cast<std::size_t>(e)]);
+  }
+  const bool anew = h != h_;
+  const int n = static_cast<int>(F_.size());
+  base_F_.re.fill(0.0);
+  base_F_.im.fill(0.0);
+  if (anew) {
+    transfer_.re.fill(0.0);
+    transfer_.im.fill(0.0);
+  }
+  grids::for_each_block(level_.waves(), wave_block, [&](std::size_t begin, std::size_t end) {
+    const std::size_t count = end - begin;
+    WaveBlock entry, of_base;
+    for (int f = 0; f < n; ++f) {
+      for (int e = 0; e < m_; ++e) {
+        of_base.clear(count);
+        for (int c = 0; c < d_; ++c) {
+          const int row = F_[static_cast<std::size_t>(f)];
+          if (resolvent_->is_zero(row, c)) {
+            continue;
+          }
+          resolvent_->entry(row, c, eigenvalues_[e] / h, inverse_[static_cast<std::size_t>(e)], begin, count, entry.re,
+                            entry.im);
+          add_product(entry.re, entry.im, base_.re.field(c).data() + begin, base_.im.field(c).data() + begin, count,
+                      of_base.re, of_base.im);
+          const auto g = std::ranges::find(F_, c) - F_.begin();
+          for (int i = 0; anew && g < n && i < m_; ++i) {
+            for (int j = 0; j < m_; ++j) {
+              const int to = ((f * n + static_cast<int>(g)) * m_ + i) * m_ + j;
+              add(V_(i, e) * V_inverse_(e, j), entry.re, entry.im, count, transfer_.re.field(to).data() + begin,
+                  transfer_.im.field(to).data() + begin);
+            }
+          }
+        }
+        for (int i = 0; i < m_; ++i) {
+          add(V_(i, e) * ones_[e], of_base.re, of_base.im, count, base_F_.re.field(varying(f, i)).data() + begin,
+              base_F_.im.field(varying(f, i)).data() + begin);
+        }
+      }
+    }
+  });
+  h_ = h;
+}
+
+/// Ŷ_F of the rests.
+void GaussSlab::iterate_waves() {
+  const int n = static_cast<int>(F_.size());
+  grids::for_each_block(level_.waves(), wave_block, [&](std::size_t begin, std::size_t end) {
+    const std::size_t count = end - begin;
+    for (int f = 0; f < n; ++f) {
+      for (int i = 0; i < m_; ++i) {
+        const int row = varying(f, i);
+        double* re = Y_F_.re.pointers()[static_cast<std::size_t>(row)] + begin;
+        double* im = Y_F_.im.pointers()[static_cast<std::size_t>(row)] + begin;
+        std::copy_n(base_F_.re.field(row).data() + begin, count, re);
+        std::copy_n(base_F_.im.field(row).data() + begin, count, im);
+        for (int g = 0; g < n; ++g) {
+          for (int j = 0; j < m_; ++j) {
+            const int through = ((f * n + g) * m_ + i) * m_ + j;
+            const int from = varying(g, j);
+            add_product(std::as_const(transfer_.re).field(through).data() + begin,
+                        std::as_const(transfer_.im).field(through).data() + begin,
+                        std::as_const(rest_.re).field(from).data() + begin,
+                        std::as_const(rest_.im).field(from).data() + begin, count, re, im);
+          }
+        }
+      }
+    }
+  });
+}
+
+/// N' at the stages z + y_. \return whether it is finite
+bool GaussSlab::evaluate_rests() {
+  const std::size_t n = F_.size();
+  grids::for_each_block(grid_.size(), 4096, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t f = 0; f < n; ++f) {
+      const double* high = level_F_.pointers()[f];
+      const double* low = low_F_.pointers()[f];
+      for (int i = 0; i < m_; ++i) {
+        const auto row = static_cast<std::size_t>(varying(static_cast<int>(f), i));
+        for (std::size_t x = begin; x < end; ++x) {
+          point_.pointers()[row][x] = high[x] + (low[x] + y_.pointers()[row][x]);
+        }
+      }
+    }
+  });
+  std::array<const double*, MultisymplecticSystem::most_fields> in{};
+  std::array<double*, MultisymplecticSystem::most_fields> out{};
+  for (int i = 0; i < m_; ++i) {
+    for (std::size_t f = 0; f < n; ++f) {
+      const int row = varying(static_cast<int>(f), i);
+      in[f] = std::as_const(point_).field(row).data();
+      out[f] = rest_grid_.field(row).data();
+    }
+    rest_gradient_(grid_.size(), std::span(in).first(n), std::span(out).first(n));
+  }
+  if (!std::isfinite(grids::max_abs(std::as_const(rest_grid_).all()))) {
+    return false;
+  }
+  from_grid(std::as_const(rest_grid_).pointers(), fourier_F_, rest_);
+  return true;
+}
+
+/// y_ - y_last_ beside the increments.
+double GaussSlab::correction_size(std::span<const double> largest) {
+  double result = 0.0;
+  for (int f = 0; f < static_cast<int>(F_.size()); ++f) {
+    const int field = F_[static_cast<std::size_t>(f)];
+    double scale = std::max(largest.empty() ? 0.0 : largest[static_cast<std::size_t>(field)],
+                            epsilon * grids::max_abs(std::as_const(level_F_).field(f)));
+    double change = 0.0;
+    for (int i = 0; i < m_; ++i) {
+      const auto now = std::as_const(y_).field(varying(f, i)), last = std::as_const(y_last_).field(varying(f, i));
+      scale = std::max(scale, grids::max_abs(now));
+      change = larger(change, grids::max_abs_of(now.size(), [&](std::size_t x) { return now[x] - last[x]; }));
+    }
+    result = larger(result, change == 0.0 ? 0.0 : change / scale);
+  }
+  return result;
+}
+
+Status GaussSlab::solve(double h, double accuracy, std::span<const double> largest) {
+  solved_ = complete_ = end_known_ = false;
+  if (!prepare(h)) {
+    return Status::undefined;
+  }
+  invert(h);
+  double last = std::numeric_limits<double>::infinity();
+  int idle = 0;
+  for (int iteration = 0; !F_.empty(); ++iteration) {
+    std::swap(y_, y_last_);
+    iterate_waves();
+    to_grid(Y_F_, rows_F_, fourier_F_, y_.pointers());
+    ++iterations_;
+    if (!evaluate_rests()) {
+      return Status::undefined;
+    }
+    if (iteration == 0) {
+      continue;
+    }
+    const double size = correction_size(largest);
+    if (!std::isfinite(size)) {
+      return Status::undefined;
+    }
+    const double contraction = size / last;
+    last = size;
+    if (size <= enough ||
+        (iteration > 1 && contraction < 1.0 && contraction * size <= std::max(enough, 1e-3 * accuracy)) ||
+        (size < rounding_region && contraction > 0.5)) {
+      break;
+    }
+    idle = contraction > no_contraction ? idle + 1 : 0;
+    if (idle > patience || iteration == most_iterations) {
+      return Status::not_converged;
+    }
+  }
+  solved_ = true;
+  return Status::success;
+}
+
+/// Ŷ of all fields at all stages.
+void GaussSlab::complete() {
+  if (std::exchange(complete_, true)) {
+    return;
+  }
+  Y_.re.fill(0.0);
+  Y_.im.fill(0.0);
+  const int n = static_cast<int>(F_.size());
+  grids::for_each_block(level_.waves(), wave_block, [&](std::size_t begin, std::size_t end) {
+    const std::size_t count = end - begin;
+    WaveBlock entry, solution;
+    std::array<WaveBlock, MultisymplecticSystem::most_fields> right;
+    for (int e = 0; e < m_; ++e) {
+      for (int c = 0; c < d_; ++c) {
+        WaveBlock& of = right[static_cast<std::size_t>(c)];
+        of.clear(count);
+        add(ones_[e], base_.re.field(c).data() + begin, base_.im.field(c).data() + begin, count, of.re, of.im);
+      }
+      for (int f = 0; f < n; ++f) {
+        WaveBlock& of = right[static_cast<std::size_t>(F_[static_cast<std::size_t>(f)])];
+        for (int j = 0; j < m_; ++j) {
+          add(V_inverse_(e, j), std::as_const(rest_.re).field(varying(f, j)).data() + begin,
+              std::as_const(rest_.im).field(varying(f, j)).data() + begin, count, of.re, of.im);
+        }
+      }
+      for (int r = 0; r < d_; ++r) {
+        solution.clear(count);
+        for (int c = 0; c < d_; ++c) {
+          if (!resolvent_->is_zero(r, c)) {
+            const WaveBlock& of = right[static_cast<std::size_t>(c)];
+            resolvent_->entry(r, c, eigenvalues_[e] / h_, inverse_[static_cast<std::size_t>(e)], begin, count, entry.re,
+                              entry.im);
+            add_product(entry.re, entry.im, of.re, of.im, count, solution.re, solution.im);
+          }
+        }
+        for (int i = 0; i < m_; ++i) {
+          const auto to = static_cast<std::size_t>(r * m_ + i);
+          add(V_(i, e), solution.re, solution.im, count, Y_.re.pointers()[to] + begin, Y_.im.pointers()[to] + begin);
+        }
+      }
+    }
+  });
+}
+
+double GaussSlab::wave_energy(const WaveRows& rows, int stride, int offset) const {
+  const grids::ReductionBlocks pieces(rows.waves());
+  std::array<double, grids::ReductionBlocks::most> partial{};
+  grids::for_each_block(rows.waves(), pieces.block, [&](std::size_t begin, std::size_t end) {
+    WaveBlock left, right;
+    CompensatedSum sum;
+    std::array<double, wave_block> terms;
+    for (std::size_t first = begin; first < end; first += wave_block) {
+      const std::size_t count = std::min(wave_block, end - first);
+      const auto load = [&](int f, WaveBlock& to) {
+        const double* re = rows.re.field(f * stride + offset).data() + first;
+        const double* im = rows.im.field(f * stride + offset).data() + first;
+        const double* level_re = level_.re.field(f).data() + first;
+        const double* level_im = level_.im.field(f).data() + first;
+        for (std::size_t w = 0; w < count; ++w) {
+          to.re[w] = level_re[w] + re[w];
+          to.im[w] = level_im[w] + im[w];
+        }
+      };
+      terms.fill(0.0);
+      for (const Term& term : L_terms_) {
+        load(term.row, left);
+        load(term.column, right);
+        for (std::size_t w = 0; w < count; ++w) {
+          terms[w] += 0.5 * term.value * (left.re[w] * right.re[w] + left.im[w] * right.im[w]);
+        }
+      }
+      for (std::size_t a = 0; a < K_plus_.size(); ++a) {
+        const double* k = wave_numbers_[a].data() + first;
+        for (const Term& term : K_plus_[a]) {
+          load(term.row, left);
+          load(term.column, right);
+          for (std::size_t w = 0; w < count; ++w) {
+            terms[w] += term.value * k[w] * (left.re[w] * right.im[w] - left.im[w] * right.re[w]);
+          }
+          for (std::size_t w = 0; a == 0 && slopes_.rows() > 0 && w < count; ++w) {
+            terms[w] += term.value * (slopes_.re.field(term.row)[first + w] * right.re[w] +
+                                      slopes_.im.field(term.row)[first + w] * right.im[w]);
+          }
+        }
+      }
+      for (std::size_t w = 0; w < count; ++w) {
+        sum.add(parseval_[first + w] * terms[w]);
+      }
+    }
+    partial[begin / pieces.block] = sum.value();
+  });
+  CompensatedSum sum;
+  for (std::size_t b = 0; b < pieces.blocks; ++b) {
+    sum.add(partial[b]);
+  }
+  for (int f = 0; f < d_; ++f) {
+    if (linear_[f] != 0.0) {
+      sum.add(linear_[f] * (level_.re.field(f)[0] + rows.re.field(f * stride + offset)[0]));
+    }
+  }
+  return grid_.cell_volume() * sum.value();
+}
+
+double GaussSlab::rest_energy(std::span<const double* const> fields) {
+  if (F_.empty()) {
+    return 0.0;
+  }
+  double* const out[] = {work_.field(0).data()};
+  rest_value_(grid_.size(), fields, out);
+  return grid_.cell_volume() * grids::sum(std::as_const(work_).field(0));
+}
+
+double GaussSlab::energy() {
+  complete();
+  CompensatedSum sum;
+  for (int i = 0; i < m_; ++i) {
+    std::array<const double*, MultisymplecticSystem::most_fields> in{};
+    for (std::size_t f = 0; f < F_.size(); ++f) {
+      in[f] = std::as_const(point_).field(varying(static_cast<int>(f), i)).data();
+    }
+    sum.add(tableau_.b[i] * wave_energy(Y_, m_, i));
+    sum.add(tableau_.b[i] * rest_energy(std::span(in).first(F_.size())));
+  }
+  return sum.value();
+}
+
+/// ẑ_{k+1} - ẑ_k, and of fields at midpoints their value there.
+void GaussSlab::end_rows() {
+  complete();
+  if (std::exchange(end_known_, true)) {
+    return;
+  }
+  end_.re.fill(0.0);
+  end_.im.fill(0.0);
+  for (int f = 0; f < d_; ++f) {
+    for (int i = 0; i < m_; ++i) {
+      const double weight = at_midpoints_[static_cast<std::size_t>(f)] ? at_middle_[i] : of_stages_[i];
+      add(weight, std::as_const(Y_.re).field(f * m_ + i).data(), std::as_const(Y_.im).field(f * m_ + i).data(),
+          Y_.waves(), end_.re.field(f).data(), end_.im.field(f).data());
+    }
+  }
+}
+
+double GaussSlab::energy_at_end() {
+  end_rows();
+  WaveRows& level = scratch_;
+  std::ranges::copy(std::as_const(end_.re).all(), level.re.all().begin());
+  std::ranges::copy(std::as_const(end_.im).all(), level.im.all().begin());
+  for (int f = 0; f < d_; ++f) {
+    if (at_midpoints_[static_cast<std::size_t>(f)]) {
+      std::ranges::fill(level.re.field(f), 0.0);
+      std::ranges::fill(level.im.field(f), 0.0);
+    }
+  }
+  double energy = wave_energy(level, 1, 0);
+  if (!F_.empty()) {
+    grids::FieldSet& end = end_F_;
+    to_grid(level, F_, fourier_F_, end.pointers());
+    for (int f = 0; f < end.fields(); ++f) {
+      const auto high = std::as_const(level_F_).field(f), low = std::as_const(low_F_).field(f);
+      const auto z = end.field(f);
+      for (std::size_t x = 0; x < z.size(); ++x) {
+        z[x] = high[x] + (low[x] + z[x]);
+      }
+    }
+    energy += rest_energy(std::as_const(end).pointers());
+  }
+  return energy;
+}
+
+void GaussSlab::increment(grids::FieldSet& delta) {
+  end_rows();
+  to_grid(end_, all_, fourier_all_, delta.pointers());
+  for (int f = 0; f < d_; ++f) {
+    if (at_midpoints_[static_cast<std::size_t>(f)]) {
+      for (double& value : delta.field(f)) {
+        value *= 2.0;
+      }
+    }
+  }
+}
+
+Status GaussSlab::take(const LatticeLevel& before, const LatticeLevel&, double h) {
+  bool same = solved_ && h == h_;
+  for (int f = 0; same && f < d_; ++f) {
+    same = at_midpoints_[static_cast<std::size_t>(f)] ||
+           std::ranges::equal(std::as_const(high_).field(f), before.fields.field(f));
+  }
+  if (same) {
+    return Status::success;
+  }
+  stand(before.fields, nullptr, before.slopes);
+  begin_at_level();
+  return solve(h, 0.0, {});
+}
+
+void GaussSlab::stage(int stage, grids::FieldSet& z, grids::FieldSet& rate) {
+  complete();
+  WaveRows& rows = scratch_;
+  for (int f = 0; f < d_; ++f) {
+    std::ranges::copy(std::as_const(Y_.re).field(f * m_ + stage), rows.re.field(f).begin());
+    std::ranges::copy(std::as_const(Y_.im).field(f * m_ + stage), rows.im.field(f).begin());
+  }
+  to_grid(rows, all_, fourier_all_, z.pointers());
+  for (int f = 0; f < d_; ++f) {
+    const auto high = std::as_const(high_).field(f);
+    const auto to = z.field(f);
+    for (std::size_t x = 0; x < to.size(); ++x) {
+      to[x] += high[x];
+    }
+  }
+  rows.re.fill(0.0);
+  rows.im.fill(0.0);
+  for (int f = 0; f < d_; ++f) {
+    for (int j = 0; !at_midpoints_[static_cast<std::size_t>(f)] && j < m_; ++j) {
+      add(a_inverse_(stage, j) / h_, std::as_const(Y_.re).field(f * m_ + j).data(),
+          std::as_const(Y_.im).field(f * m_ + j).data(), level_.waves(), rows.re.field(f).data(),
+          rows.im.field(f).data());
+    }
+  }
+  to_grid(rows, all_, fourier_all_, rate.pointers());
+}
+
+void GaussSlab::save(StateWriter& state) const {
+  state.write(radius_);
+}
+void GaussSlab::restore(StateReader& state) {
+  state.read(radius_);
+  resolvent_.reset();
+  solved_ = false;
+}
+
+}  // namespace rubato

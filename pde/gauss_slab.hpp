@@ -1,0 +1,144 @@
+#pragma once
+
+#include <complex>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include <rubato/base/outcome.hpp>
+#include <rubato/base/state.hpp>
+#include <rubato/formula/batch.hpp>
+#include <rubato/grids/field_set.hpp>
+#include <rubato/grids/fourier.hpp>
+#include <rubato/pde/initial_level.hpp>
+#include <rubato/pde/multisymplectic_system.hpp>
+#include <rubato/pde/stage_source.hpp>
+#include <rubato/pde/wave_resolvent.hpp>
+#include <rubato/variation/gauss_tableau.hpp>
+
+namespace rubato {
+
+/// One step of Gauss collocation in time with spectral derivatives in space (theory, sections 8.1 and 8.3): with the
+/// stages Z_i = z_k + Y_i, Y_i = h Σ_j a_ij Ż_j,
+///
+///     M Ż_i + Σ_a K_a ∂_a Z_i = ∇S(Z_i)  at every node,      E_k = Σ_i b_i Σ ΔV [S(Z_i) + Σ_a (∂_a Z_i)ᵀK₊Z_i].
+///
+/// A field in ker M has stage values alone, and so have constraints: they hold at the stages. S is taken apart into a
+/// quadratic part with constant coefficients L (where S'' varies, its mean at the first level counts) and the rest N,
+/// a function of the fields F that S'' varies with. Then
+///
+///     (A⁻¹/h ⊗ M + I ⊗ (Σ ik_a K_a - L)) Ŷ = [L - Σ ik_a K_a] ẑ_k + N̂'(Z_F)
+///
+/// is solved exactly on every wave, A⁻¹ brought to its eigenvalues, and iterated on N' alone: a fixed point whose
+/// contraction does not depend on Δx, and which costs one transform there and one back of each field of F at each
+/// stage, whatever the number of fields.
+class GaussSlab final : public StageSource {
+public:
+  /// `first`: a level of the run, for the mean of S''. \throws std::invalid_argument if stages are not 1 … 8
+  GaussSlab(const MultisymplecticSystem& system, const grids::Grid& grid, int stages, const LatticeLevel& first);
+
+  /// The level z = high + low that steps are taken from; fields at midpoints count as 0. `low` may be null.
+  void stand(const grids::FieldSet& high, const grids::FieldSet* low, const PotentialSlopes& slopes);
+  /// Changes with every stand().
+  [[nodiscard]] std::uint64_t stamp() const { return stamp_; }
+
+  /// Where the iteration begins: with N' of the level at all stages, or with N' of another step's stages, continued as
+  /// a polynomial to a step `ratio` times as long, which begins where that one begins or ends.
+  ///@{
+  void begin_at_level();
+  void continue_from(const WaveRows& rests, double ratio, bool at_its_end);
+  ///@}
+  /// `largest`: the largest increment of each field so far, beside which corrections are judged.
+  [[nodiscard]] Status solve(double h, double accuracy, std::span<const double> largest);
+  [[nodiscard]] int iterations() const { return iterations_; }  ///< since construction
+
+  /// Of the step solved last.
+  ///@{
+  [[nodiscard]] double energy();           ///< E_k
+  [[nodiscard]] double energy_at_end();    ///< 𝓔 of the level it leads to
+  void increment(grids::FieldSet& delta);  ///< z_{k+1} - z_k; of fields at midpoints twice their value there
+  [[nodiscard]] const WaveRows& rests() const { return rest_; }  ///< N̂', row f·m + i
+  ///@}
+
+  [[nodiscard]] Status take(const LatticeLevel& before, const LatticeLevel& after, double h) override;
+  [[nodiscard]] int count() const override { return m_; }
+  [[nodiscard]] double weight(int stage) const override { return tableau_.b[stage]; }
+  void stage(int stage, grids::FieldSet& z, grids::FieldSet& rate) override;
+
+  void save(StateWriter& state) const;
+  void restore(StateReader& state);
+
+private:
+  struct Term {
+    int row = 0, column = 0;
+    double value = 0.0;
+  };
+
+  void find_varying_fields();
+  void set_mean(const LatticeLevel& first);
+  void compile();
+  void find_symbols();
+  void add_slopes(const PotentialSlopes& slopes);
+  [[nodiscard]] bool prepare(double h);
+  void invert(double h);
+  void iterate_waves();
+  [[nodiscard]] bool evaluate_rests();
+  [[nodiscard]] double correction_size(std::span<const double> largest);
+  void complete();
+  void end_rows();
+  [[nodiscard]] double wave_energy(const WaveRows& rows, int stride, int offset) const;
+  [[nodiscard]] double rest_energy(std::span<const double* const> fields);
+  void to_grid(const WaveRows& rows, std::span<const int> which, grids::Fourier& fourier,
+               std::span<double* const> fields) const;
+  void from_grid(std::span<const double* const> fields, grids::Fourier& fourier, WaveRows& rows) const;
+  [[nodiscard]] int varying(int f, int i) const { return f * m_ + i; }
+
+  MultisymplecticSystem system_;
+  grids::Grid grid_;
+  GaussTableau tableau_;
+  int m_, d_;
+  std::vector<bool> at_midpoints_;
+  std::vector<int> F_;  ///< fields that S'' varies with
+  Eigen::MatrixXd L_;
+  Eigen::VectorXd linear_;  ///< of S in the other fields
+  std::vector<Term> half_L_;
+  std::vector<std::vector<Term>> K_, K_plus_;  ///< per axis
+  std::vector<Term> L_terms_;
+  formula::BatchEvaluator rest_gradient_, rest_value_;
+  std::vector<std::vector<double>> wave_numbers_;  ///< k_a on each wave, 0 where ∂_a gives 0
+  std::vector<double> parseval_;
+
+  Eigen::VectorXcd eigenvalues_;  ///< of A⁻¹ = V Λ V⁻¹
+  Eigen::MatrixXcd V_, V_inverse_;
+  Eigen::VectorXcd ones_;  ///< V⁻¹ (1, …, 1)
+  Eigen::VectorXd of_stages_, at_middle_;
+  Eigen::MatrixXd a_inverse_;
+
+  std::optional<WaveResolvent> resolvent_;
+  double radius_ = 0.0;
+
+  std::uint64_t stamp_ = 0;
+  grids::FieldSet high_;     ///< the level
+  grids::FieldSet level_F_;  ///< its varying fields, and what they have beyond double precision
+  grids::FieldSet low_F_;
+  WaveRows level_;   ///< ẑ_k
+  WaveRows slopes_;  ///< of potentials, in their own rows; none if there are none
+  WaveRows base_;    ///< b of P Y = b + N'
+
+  double h_ = 0.0;
+  std::vector<WaveRows> inverse_;  ///< 1/D of each eigenvalue
+  WaveRows base_F_;                ///< what b makes of Y_F, row f·m + i
+  WaveRows transfer_;              ///< N' ↦ Y_F: row ((f·|F| + g)·m + i)·m + j
+  WaveRows rest_, Y_F_, Y_, end_, scratch_;
+  grids::FieldSet y_, y_last_, point_, rest_grid_, work_, end_F_;
+  grids::Fourier fourier_F_, fourier_all_;
+  std::vector<int> all_, rows_F_;
+  bool solved_ = false, complete_ = false, end_known_ = false;
+  int iterations_ = 0;
+};
+
+}  // namespace rubato
