@@ -39,8 +39,8 @@ constexpr std::size_t wave_block = 128;
 constexpr double drift = 0.5 * WaveResolvent::reach;
 
 /// out += value·in, complex, both with real and imaginary parts apart.
-RUBATO_WIDE_VECTORS void add(Complex value, const double* re, const double* im, std::size_t count, double* out_re,
-                             double* out_im) {
+RUBATO_WIDE_VECTORS void add(Complex value, const double* re, const double* im, std::size_t count,
+                             double* __restrict out_re, double* __restrict out_im) {
   const double a = value.real(), b = value.imag();
   for (std::size_t w = 0; w < count; ++w) {
     out_re[w] += a * re[w] - b * im[w];
@@ -49,7 +49,7 @@ RUBATO_WIDE_VECTORS void add(Complex value, const double* re, const double* im, 
 }
 /// out += x·y.
 RUBATO_WIDE_VECTORS void add_product(const double* x_re, const double* x_im, const double* y_re, const double* y_im,
-                                     std::size_t count, double* out_re, double* out_im) {
+                                     std::size_t count, double* __restrict out_re, double* __restrict out_im) {
   for (std::size_t w = 0; w < count; ++w) {
     out_re[w] += x_re[w] * y_re[w] - x_im[w] * y_im[w];
     out_im[w] += x_re[w] * y_im[w] + x_im[w] * y_re[w];

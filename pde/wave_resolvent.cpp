@@ -144,7 +144,7 @@ WaveResolvent::WaveResolvent(const MultisymplecticSystem& system, const grids::G
 namespace {
 
 /// re + i im = (re + i im)·x + a + i b.
-RUBATO_WIDE_VECTORS void horner(Complex x, const double* a, const double* b, std::size_t count, double* re,
+RUBATO_WIDE_VECTORS void horner(Complex x, const double* a, const double* b, std::size_t count, double* __restrict re,
                                 double* im) {
   const double x_re = x.real(), x_im = x.imag();
   for (std::size_t w = 0; w < count; ++w) {
@@ -153,14 +153,15 @@ RUBATO_WIDE_VECTORS void horner(Complex x, const double* a, const double* b, std
     re[w] = next;
   }
 }
-RUBATO_WIDE_VECTORS void multiply(const double* a, const double* b, std::size_t count, double* re, double* im) {
+RUBATO_WIDE_VECTORS void multiply(const double* a, const double* b, std::size_t count, double* __restrict re,
+                                  double* __restrict im) {
   for (std::size_t w = 0; w < count; ++w) {
     const double next = re[w] * a[w] - im[w] * b[w];
     im[w] = re[w] * b[w] + im[w] * a[w];
     re[w] = next;
   }
 }
-RUBATO_WIDE_VECTORS void invert(std::size_t count, double* re, double* im) {
+RUBATO_WIDE_VECTORS void invert(std::size_t count, double* __restrict re, double* __restrict im) {
   for (std::size_t w = 0; w < count; ++w) {
     const double size = re[w] * re[w] + im[w] * im[w];
     re[w] = re[w] / size;

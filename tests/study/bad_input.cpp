@@ -173,6 +173,10 @@ TEST_CASE("a lattice problem with one thing wrong is refused at that place", "[s
                             {"omega = 0.5", "omega = 2", "11:10", "no finite value"},
                             {"turn", "energy", "20:1", "a built-in law has that name"},
                             {"\"box\"", "\"euler-box\"", "23:11", "runs with levels = \"fixed\" only"},
+                            {"\"box\"", "\"fourier\"\nstages = 9", "23:10", "made for 1 to 8 stages"},
+                            {"\"box\"", "\"box\"\nstages = 2", "23:1", "applies to lagrangian = \"fourier\""},
+                            {"\"box\"", "\"fourier\"\nstages = 2\nbridge = \"anchored\"", "24:1", "has no bridges"},
+                            {"\"box\"", "\"fourier\"\ncomposition = \"golden\"", "23:1", "applies to"},
                         });
 }
 

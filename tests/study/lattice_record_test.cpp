@@ -55,10 +55,13 @@ const rubato::Spread& residual(const Outcome& outcome, const std::string& name) 
 
 /// Every figure that the run told is the same number; and a stored value, whichever field it is of, that is altered by
 /// 1e-6 is seen.
-void check_reproduces(const std::string& name, const std::string& lagrangian, const std::string& file) {
+void check_reproduces(const std::string& name, const std::string& lagrangian, const std::string& file,
+                      const std::vector<std::string>& more = {}) {
   INFO(name << ", " << lagrangian);
   const bool tangents = lagrangian != "fourier";
-  const Outcome ran = run_problem(name, file, shortened(name, lagrangian), tangents);
+  std::vector<std::string> settings = shortened(name, lagrangian);
+  settings.insert(settings.end(), more.begin(), more.end());
+  const Outcome ran = run_problem(name, file, settings, tangents);
   REQUIRE(ran.status == ExitStatus::done);
   const Outcome checked = check(file);
   CHECK(checked.status == ExitStatus::done);
@@ -104,6 +107,13 @@ TEST_CASE("check reproduces Fourier runs", "[study][lattice]") {
   for (const char* name :
        {"sine-gordon", "nls", "kdv", "boussinesq", "sine-gordon-2d", "zakharov-kuznetsov", "maxwell"}) {
     check_reproduces(name, "fourier", folder / "lattice.h5");
+  }
+}
+
+TEST_CASE("check reproduces runs with Gauss collocation", "[study][lattice]") {
+  const Folder folder;
+  for (const char* name : {"sine-gordon", "coupled-nls", "kdv", "boussinesq", "zakharov-kuznetsov"}) {
+    check_reproduces(name, "fourier", folder / "lattice.h5", {"scheme.stages=3"});
   }
 }
 

@@ -1,0 +1,247 @@
+// Gauss collocation in time on spectral lattices: against the midpoint scheme, by slopes, and by its own laws.
+
+#include <cmath>
+#include <memory>
+#include <numbers>
+#include <string>
+#include <vector>
+
+#include <catch2/catch.hpp>
+
+#include <rubato/grids/reductions.hpp>
+#include <rubato/pde/cell_sweep.hpp>
+#include <rubato/pde/gauss_slab.hpp>
+#include <rubato/pde/lattice.hpp>
+
+#include "equations.hpp"
+
+using namespace rubato;
+using namespace rubato::tests;
+
+namespace {
+
+struct Example {
+  std::string name;
+  MultisymplecticSystem system;
+  grids::Grid grid;
+  std::vector<std::string> given;  ///< fields that are given, humps
+};
+
+std::vector<Example> examples() {
+  const grids::Grid odd({{"x", -8, 8, 45}}), even({{"x", -8, 8, 48}});
+  return {{"sine-Gordon", sine_gordon(), even, {"u", "v"}},
+          {"Schroedinger", schroedinger(2), odd, {"p", "q"}},
+          {"KdV, odd", korteweg_de_vries(6, 1), odd, {"u"}},
+          {"KdV, even", korteweg_de_vries(6, 1), even, {"u"}},
+          {"BBM", benjamin_bona_mahony(1, 1, 1), even, {"u"}},
+          {"Camassa-Holm", camassa_holm(1), odd, {"u"}},
+          {"Boussinesq", good_boussinesq(), even, {"u", "v"}},
+          {"Dirac", dirac(1, 0.5), odd, {}},
+          {"Zakharov-Kuznetsov", zakharov_kuznetsov(), grids::Grid({{"x", -6, 6, 15}, {"y", -6, 6, 12}}), {"u"}},
+          {"wave in the plane",
+           wave_equation_2d("1 - cos(u)"),
+           grids::Grid({{"x", -6, 6, 15}, {"y", -6, 6, 12}}),
+           {"u", "v"}}};
+}
+
+LatticeLevel first_level(const Example& example) {
+  InitialFields initial(example.system.fields().size());
+  double shift = 0.0;
+  for (std::size_t f = 0; f < initial.size(); ++f) {
+    const bool given =
+        example.given.empty() || std::ranges::find(example.given, example.system.fields()[f]) != example.given.end();
+    if (!given) {
+      continue;
+    }
+    auto& values = initial[f].emplace(example.grid.size());
+    shift += 0.7;
+    for (std::size_t i = 0; i < values.size(); ++i) {
+      const auto place = example.grid.place(i);
+      double square = 0.0;
+      for (int a = 0; a < example.grid.dimensions(); ++a) {
+        const auto& axis = example.grid.axis(a);
+        const double length = axis.to - axis.from, pi = std::numbers::pi;  // a hump that repeats
+        square +=
+            std::pow(length / pi * std::sin(pi / length * (axis.node(place[static_cast<std::size_t>(a)]) - shift)), 2);
+      }
+      values[i] = (0.1 + 0.4 * std::exp(-square / 4.0)) * (f == 0 || example.given.size() != 2 ? 1.0 : 0.5);
+    }
+  }
+  return initial_level(example.system, example.grid, initial, Placement::nodes);
+}
+
+/// z after `steps` equal steps; fields at midpoints left out.
+grids::FieldSet after(LatticeScheme& scheme, double h, int steps) {
+  for (int k = 0; k < steps; ++k) {
+    REQUIRE(scheme.advance(h, 0.0) == Status::success);
+    scheme.accept();
+  }
+  grids::FieldSet fields = scheme.level().fields;
+  for (int f = 0; f < fields.fields(); ++f) {
+    if (scheme.system().structure().at_midpoints(f)) {
+      std::ranges::fill(fields.field(f), 0.0);
+    }
+  }
+  return fields;
+}
+
+}  // namespace
+
+TEST_CASE("one Gauss stage on a spectral lattice is the midpoint scheme") {
+  // Two programs that share no line of the step: Newton's method with GMRES, and the fixed point on every wave. What
+  // rounding makes of a step in the first is a few ε of the largest terms of the equation, (2/h)|z| and |k z| ~ 100
+  // times |z|, over 1e2 of the smallest eigenvalue: 1e-13 a step.
+  for (const Example& example : examples()) {
+    INFO(example.name);
+    const LatticeLevel first = first_level(example);
+    const double h = 0.02;
+    const auto midpoint = make_fourier_scheme(example.system, example.grid, first, h);
+    const auto gauss = make_gauss_lattice(example.system, example.grid, 1, first);
+    const auto two = make_gauss_lattice(example.system, example.grid, 2, first);
+    REQUIRE(midpoint->advance(h, 0.0) == Status::success);
+    REQUIRE(gauss->advance(h, 0.0) == Status::success);
+    REQUIRE(two->advance(h, 0.0) == Status::success);
+    const double energy = midpoint->discrete_energy();
+    CHECK(std::abs(gauss->discrete_energy() - energy) < 1e-12 * std::max(1.0, std::abs(energy)));
+    const auto expected = after(*midpoint, h, 3);
+    CHECK(largest_difference(after(*gauss, h, 3).all(), expected.all()) < 1e-12);
+    // The twin: two stages are another map, by terms of order h³.
+    CHECK(largest_difference(after(*two, h, 3).all(), expected.all()) > 1e-9);
+  }
+}
+
+TEST_CASE("Gauss collocation on lattices has order 2m") {
+  // Differences from four stages at the finest step, whose error is smaller by h² than those of three.
+  for (const Example& example : {examples()[0], examples()[3], examples()[4]}) {
+    const LatticeLevel first = first_level(example);
+    const double until = example.name == "KdV, even" ? 0.1 : 1.6;
+    const auto reference = after(*make_gauss_lattice(example.system, example.grid, 5, first), until / 32, 32);
+    for (const int stages : {2, 3}) {
+      INFO(example.name << ", " << stages << " stages");
+      std::vector<double> errors;
+      for (const int steps : {4, 8, 16}) {
+        const auto scheme = make_gauss_lattice(example.system, example.grid, stages, first);
+        errors.push_back(largest_difference(after(*scheme, until / steps, steps).all(), reference.all()));
+      }
+      REQUIRE(errors.back() > 1e-13);
+      const double slope = std::log2(errors[1] / errors[2]);
+      // The next term is smaller by (ωh)² < 0.3 at the middle step, which moves the slope by less than log2(1.3).
+      CHECK(slope == Approx(2.0 * stages).margin(0.4));
+      CHECK(std::log2(errors[0] / errors[2]) / 2.0 == Approx(2.0 * stages).margin(0.8));
+    }
+  }
+}
+
+TEST_CASE("the discrete energy of Gauss collocation is the mean of S over the stages, by another evaluation") {
+  for (const Example& example : examples()) {
+    INFO(example.name);
+    const LatticeLevel first = first_level(example);
+    const auto scheme = make_gauss_lattice(example.system, example.grid, 3, first);
+    REQUIRE(scheme->advance(0.05, 0.0) == Status::success);
+    const auto stages = scheme->stages();
+    CellSweep sweep(example.system, example.grid, Placement::nodes);
+    grids::FieldSet z = first.fields, rate = z;
+    double energy = 0.0, at_first = 0.0;
+    for (int i = 0; i < stages->count(); ++i) {
+      stages->stage(i, z, rate);
+      const double value = sweep(std::as_const(z).pointers(), first.slopes, {}, 0.0, {}, {}).energy;
+      energy += stages->weight(i) * value;
+      at_first = i == 0 ? value : at_first;
+    }
+    // Sums over 200 cells of terms of order 1, in real space and on waves.
+    CHECK(scheme->discrete_energy() == Approx(energy).epsilon(1e-12).margin(1e-12));
+    if (example.name == "sine-Gordon") {
+      CHECK(std::abs(scheme->discrete_energy() - at_first) > 1e-10);  // the twin: one stage alone
+    }
+  }
+}
+
+TEST_CASE("the stages of Gauss collocation solve the equation at every node") {
+  // R = M Ż + Σ K ∂Z - ∇S(Z), taken by the sweep of the midpoint scheme; its terms are of order 10, and what a rate
+  // rounds to is ε|z|/h with h = 0.05: 1e-13 leaves a margin of ten.
+  for (const Example& example : examples()) {
+    INFO(example.name);
+    const LatticeLevel first = first_level(example);
+    GaussSlab slab(example.system, example.grid, 3, first);
+    REQUIRE(slab.take(first, first, 0.05) == Status::success);
+    CellSweep sweep(example.system, example.grid, Placement::nodes);
+    grids::FieldSet z = first.fields, rate = z, residual = z;
+    for (int i = 0; i < slab.count(); ++i) {
+      slab.stage(i, z, rate);
+      sweep(std::as_const(z).pointers(), first.slopes, std::as_const(rate).pointers(), 1.0, residual.pointers(), {});
+      CHECK(grids::max_abs(std::as_const(residual).all()) < 1e-11);
+      sweep(std::as_const(z).pointers(), first.slopes, std::as_const(rate).pointers(), 1.01, residual.pointers(), {});
+      CHECK(grids::max_abs(std::as_const(residual).all()) > 1e-5);  // the twin: other rates
+    }
+  }
+}
+
+TEST_CASE("a lattice with Gauss collocation continues bit by bit from its saved state") {
+  const Example example = examples()[3];
+  const LatticeLevel first = first_level(example);
+  const auto straight = make_gauss_lattice(example.system, example.grid, 3, first);
+  static_cast<void>(after(*straight, 0.02, 3));
+  StateWriter saved;
+  straight->save(saved);
+  const auto resumed = make_gauss_lattice(example.system, example.grid, 3, first);
+  StateReader reader(saved.values());
+  resumed->restore(reader);
+  CHECK(reader.done());
+  // A trial that is not accepted leaves no trace.
+  REQUIRE(resumed->advance(0.03, 0.0) == Status::success);
+  StateReader again(saved.values());
+  resumed->restore(again);
+  const auto a = after(*straight, 0.025, 2), b = after(*resumed, 0.025, 2);
+  CHECK(std::ranges::equal(a.all(), b.all()));
+}
+
+TEST_CASE("levels of Gauss collocation on lattices keep the discrete energy, with a step potential") {
+  const Example example = examples()[0];
+  InitialFields initial(3);
+  initial[0] = sampled(example.grid, [](double x) { return 1.5 * std::exp(-x * x); });
+  initial[1] = sampled(example.grid, [](double) { return 0.0; });
+  for (const int stages : {2, 3}) {
+    LatticeIntegrator lattice(example.system, example.grid, initial,
+                              {.lagrangian = "fourier",
+                               .stages = stages,
+                               .step = 0.25,
+                               .until = 20,
+                               .potential = {.kind = StepPotentialChoice::Kind::automatic}});
+    double energy = 0.0, shortest = 1.0, longest = 0.0;
+    while (!lattice.finished()) {
+      const StepReport report = lattice.step();
+      REQUIRE(report.status == Status::success);
+      REQUIRE_FALSE(report.bridged);
+      energy = energy == 0.0 ? report.energy : energy;
+      CHECK(std::abs(report.energy - energy) <= 1e-12 * std::abs(energy));
+      shortest = std::min(shortest, report.h), longest = std::max(longest, report.h);
+    }
+    CHECK(longest > 1.001 * shortest);  // levels that vary, else nothing is shown
+  }
+}
+
+TEST_CASE("local laws of Gauss collocation fall as the order of the scheme says") {
+  // Energy: S is not quadratic, and the law of the stages' fluxes is O(h^2m). The grid resolves products of all waves,
+  // too: 96 cells leave 6e-7 of aliasing, 128 cells 2e-10.
+  const grids::Grid grid({{"x", -10, 10, 192}});
+  const auto system = sine_gordon();
+  InitialFields initial(3);
+  initial[0] = sampled(grid, [](double x) { return std::exp(-x * x); });
+  initial[1] = sampled(grid, [](double) { return 0.0; });
+  for (const int stages : {2, 3}) {
+    std::vector<double> worst;
+    for (const double h : {0.2, 0.1, 0.05}) {
+      LatticeIntegrator lattice(
+          system, grid, initial,
+          {.lagrangian = "fourier", .stages = stages, .step = h, .until = 1, .levels = Levels::fixed});
+      double largest = 0.0;
+      while (!lattice.finished()) {
+        REQUIRE(lattice.step().status == Status::success);
+        largest = std::max(largest, lattice.residuals()[0].largest());
+      }
+      worst.push_back(largest);
+    }
+    INFO(stages << " stages: " << worst[0] << ", " << worst[1] << ", " << worst[2]);
+    CHECK(std::log2(worst[1] / worst[2]) == Approx(2.0 * stages).margin(0.5));
+  }
+}
