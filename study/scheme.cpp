@@ -5,12 +5,12 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include <rubato/variation/composition.hpp>
-#include <rubato/variation/gauss_tableau.hpp>
 #include <rubato/ode/generating_action.hpp>
 #include <rubato/study/keys.hpp>
 #include <rubato/study/lattice_problem.hpp>
 #include <rubato/study/reader.hpp>
+#include <rubato/variation/composition.hpp>
+#include <rubato/variation/gauss_tableau.hpp>
 
 namespace rubato::study {
 namespace {
@@ -102,7 +102,7 @@ private:
   /// time steps are nearly equal, and a weak potential keeps them so.
   [[nodiscard]] bool needs_potential() const {
     return (is_family() || in_fictitious_time()) && scheme_.levels == Levels::variable &&
-           find(section_.entries(), "bridge") == nullptr && find(section_.entries(), "on_singular") == nullptr;
+           find(section_.entries(), "bridge") == nullptr && scheme_.on_singular == OnSingular::bridge;
   }
 
   void read_potential() {
