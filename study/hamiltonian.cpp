@@ -71,7 +71,8 @@ void take_fictitious_time(HamiltonianProblem& ode, const FormulaText& g, std::sp
   if (!std::isfinite(energy)) {
     throw ProblemError(ode.initial.location, fmt::format("H is {} at the start", energy));
   }
-  ode.H.text = fmt::format("({})*(({}) + {})", g.text, ode.H.text, clock_momentum);
+  // As a sum: the tolerance of the energy law goes by the size of its terms, and the sum itself is 0.
+  ode.H.text = fmt::format("({0})*({1}) + ({0})*{2}", g.text, ode.H.text, clock_momentum);
   ode.q.emplace_back(clock);
   ode.p.emplace_back(clock_momentum);
   ode.initial.q.push_back(ode.initial.t);

@@ -293,14 +293,17 @@ private:
   [[nodiscard]] std::string about_bridges() const {
     const Statistics& statistics = this->statistics();
     const std::string count = fmt::format("{} of {} steps", statistics.bridge_steps, statistics.steps);
+    const HamiltonianProblem* orbit = problem_.hamiltonian();
     if (problem_.scheme.potential.kind != StepPotentialChoice::Kind::none) {
       return fmt::format(
           "on {} the level equation had no solution in spite of the step potential: the orbit went beyond what that "
-          "was "
-          "chosen for; these steps are plain ones, off the law by up to {:.2g}{}; a smaller step or a smaller "
-          "largest_step may mend it",
+          "was chosen for; these steps are plain ones, off the law by up to {:.2g}{}; a smaller step or a smaller "
+          "largest_step may mend it{}",
           count, statistics.relative_bridge_deviation().value_or(statistics.bridge_deviation()),
-          statistics.relative_bridge_deviation() ? " (relative)" : "");
+          statistics.relative_bridge_deviation() ? " (relative)" : "",
+          orbit != nullptr && !orbit->fictitious_time
+              ? ", or hamiltonian.time_scale where the motion is fast in places, as on an eccentric orbit"
+              : "");
     }
     // Where most of them are flat any h keeps the energy: H is linear, or the order so high that its errors vanish.
     if (2 * causes().flat() > causes().steps()) {

@@ -414,6 +414,11 @@ private:
         next ? section_.take("step") : &section_.require("step", "the first step, t_1 - t_0, such as step = 0.1");
     scheme_.step_location = entry == nullptr ? next->location : entry->value.location;
     if (entry != nullptr && entry->value.string() != nullptr && *entry->value.string() == "auto") {
+      if (in_fictitious_time()) {
+        throw ProblemError(entry->value.location,
+                           "step = \"auto\" goes by the energy, which is 0 with time_scale; give the first step as a "
+                           "number, such as a fiftieth of an oscillation in units of the time scale");
+      }
       if (next) {
         throw ProblemError(entry->value.location,
                            "step = \"auto\" and [initial.next] both fix the first step; give one");

@@ -219,5 +219,7 @@ TEST_CASE("time scales that cannot be are refused with the place") {
              Contains("fictitious time"));
   CHECK_THAT(refusal({"hamiltonian.time_scale=x", "scheme.lagrangian=custom", "scheme.L=x_0"}),
              Contains("not for lagrangian = \"custom\""));
+  CHECK_THAT(refusal({kepler_scale, "scheme.step=auto", "scheme.energy_tolerance=1e-3"}),
+             Contains("give the first step as a number"));
   CHECK_THAT(refusal({kepler_scale, "scheme.lagrangian=splitting"}), Contains("T(p) + V(q)"));
 }
