@@ -442,8 +442,14 @@ std::unique_ptr<LawEngine> make_face_laws(LawTables tables, Placement placement)
   return std::make_unique<FaceLaws>(std::move(tables), placement);
 }
 
-std::unique_ptr<LawEngine> make_stage_laws(LawTables tables, int stages) {
-  return std::make_unique<FaceLaws>(std::move(tables), stages);
+std::unique_ptr<LawEngine> make_stage_laws(LawTables tables, int gauss_stages) {
+  return std::make_unique<FaceLaws>(std::move(tables), gauss_stages);
+}
+
+std::unique_ptr<LawEngine> make_stage_laws(LawTables tables, std::shared_ptr<StageSource> stages) {
+  auto laws = std::make_unique<FaceLaws>(std::move(tables), Placement::nodes);
+  laws->share(std::move(stages));
+  return laws;
 }
 
 }  // namespace rubato

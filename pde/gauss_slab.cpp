@@ -38,24 +38,6 @@ constexpr std::size_t wave_block = 128;
 /// |λ|/h may move by this factor before the resolvent is made anew.
 constexpr double drift = 0.5 * WaveResolvent::reach;
 
-/// out += value·in, complex, both with real and imaginary parts apart.
-RUBATO_WIDE_VECTORS void add(Complex value, const double* re, const double* im, std::size_t count,
-                             double* __restrict out_re, double* __restrict out_im) {
-  const double a = value.real(), b = value.imag();
-  for (std::size_t w = 0; w < count; ++w) {
-    out_re[w] += a * re[w] - b * im[w];
-    out_im[w] += a * im[w] + b * re[w];
-  }
-}
-/// out += x·y.
-RUBATO_WIDE_VECTORS void add_product(const double* x_re, const double* x_im, const double* y_re, const double* y_im,
-                                     std::size_t count, double* __restrict out_re, double* __restrict out_im) {
-  for (std::size_t w = 0; w < count; ++w) {
-    out_re[w] += x_re[w] * y_re[w] - x_im[w] * y_im[w];
-    out_im[w] += x_re[w] * y_im[w] + x_im[w] * y_re[w];
-  }
-}
-
 /// Real and imaginary parts of waves, a block at a time.
 struct WaveBlock {
   alignas(64) double re[wave_block];
@@ -224,48 +206,7 @@ void GaussSlab::find_symbols() {
       }
     }
   }
-  parseval_.resize(waves);
-  for (std::size_t w = 0; w < waves; ++w) {
-    const auto k = fourier_all_.wave(w)[0];
-    const bool alone = k == 0 || 2 * static_cast<std::size_t>(k) == grid_.cells(0);
-    parseval_[w] = (alone ? 1.0 : 2.0) / static_cast<double>(grid_.size());
-  }
-}
-
-void GaussSlab::from_grid(std::span<const double* const> fields, grids::Fourier& fourier, WaveRows& rows) const {
-  fourier.forward(fields);
-  const std::size_t length = fourier.row_length();
-  grids::for_each_block(fields.size() * (rows.waves() / length), 16, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t unit = begin; unit < end; ++unit) {
-      const auto f = static_cast<int>(unit / (rows.waves() / length));
-      const std::size_t first = unit % (rows.waves() / length) * length;
-      const Complex* from = &fourier.at(f, first);
-      double* re = rows.re.field(f).data() + first;
-      double* im = rows.im.field(f).data() + first;
-      for (std::size_t w = 0; w < length; ++w) {
-        re[w] = from[w].real();
-        im[w] = from[w].imag();
-      }
-    }
-  });
-}
-
-void GaussSlab::to_grid(const WaveRows& rows, std::span<const int> which, grids::Fourier& fourier,
-                        std::span<double* const> fields) const {
-  const std::size_t length = fourier.row_length();
-  grids::for_each_block(which.size() * (rows.waves() / length), 16, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t unit = begin; unit < end; ++unit) {
-      const std::size_t f = unit / (rows.waves() / length);
-      const std::size_t first = unit % (rows.waves() / length) * length;
-      Complex* to = &fourier.at(static_cast<int>(f), first);
-      const double* re = rows.re.field(which[f]).data() + first;
-      const double* im = rows.im.field(which[f]).data() + first;
-      for (std::size_t w = 0; w < length; ++w) {
-        to[w] = Complex(re[w], im[w]);
-      }
-    }
-  });
-  fourier.inverse(fields);
+  parseval_ = parseval_weights(fourier_all_, grid_);
 }
 
 void GaussSlab::add_slopes(const PotentialSlopes& slopes) {

@@ -92,9 +92,6 @@ private:
   void end_rows();
   [[nodiscard]] double wave_energy(const WaveRows& rows, int stride, int offset) const;
   [[nodiscard]] double rest_energy(std::span<const double* const> fields);
-  void to_grid(const WaveRows& rows, std::span<const int> which, grids::Fourier& fourier,
-               std::span<double* const> fields) const;
-  void from_grid(std::span<const double* const> fields, grids::Fourier& fourier, WaveRows& rows) const;
   [[nodiscard]] int varying(int f, int i) const { return f * m_ + i; }
 
   MultisymplecticSystem system_;

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <memory>
+#include <stdexcept>
 
 #include <rubato/pde/initial_level.hpp>
 #include <rubato/pde/multisymplectic_system.hpp>
@@ -8,6 +9,12 @@
 #include <rubato/variation/level_scheme.hpp>
 
 namespace rubato {
+
+/// A system or grid that a scheme cannot take, with the reason and the remedy.
+class SchemeRefusal : public std::invalid_argument {
+public:
+  using std::invalid_argument::invalid_argument;
+};
 
 /// A time-stepping scheme for a lattice: what TimeLevels needs, and the present level.
 class LatticeScheme : public LevelScheme {

@@ -8,22 +8,11 @@
 #include <Eigen/Core>
 
 #include <rubato/base/outcome.hpp>
-#include <rubato/grids/field_set.hpp>
 #include <rubato/grids/grid.hpp>
 #include <rubato/pde/multisymplectic_system.hpp>
+#include <rubato/pde/wave_rows.hpp>
 
 namespace rubato {
-
-/// One complex number for each wave of a grid (in the order of grids::Fourier) and row: real and imaginary parts apart,
-/// as vector units like them.
-struct WaveRows {
-  grids::FieldSet re, im;
-
-  WaveRows() = default;
-  WaveRows(int rows, std::size_t waves) : re(rows, waves), im(rows, waves) {}
-  [[nodiscard]] int rows() const { return re.fields(); }
-  [[nodiscard]] std::size_t waves() const { return re.size(); }
-};
 
 /// What inverts the linear part of a spectral scheme: on the wave with the symbols ik_a of ∂_a
 ///

@@ -117,6 +117,8 @@ auto at_initial(const Problem& problem, const Make& make) {
       return make();
     } catch (const StepPotentialError& error) {
       throw ProblemError(problem.scheme.potential_location, error.what());
+    } catch (const SchemeRefusal& error) {
+      throw ProblemError(problem.scheme.lagrangian_location, error.what());
     } catch (const InitialFieldError& error) {
       const auto& text = pde.initial[static_cast<std::size_t>(error.field())];
       throw ProblemError(text ? text->location : pde.initial_location, error.what());

@@ -110,6 +110,7 @@ TEST_CASE("a lattice run that is stopped and resumed is the same, bit by bit", "
   check_resumes("sine-gordon", {"grid.x.cells=64", "scheme.lagrangian=fourier"}, 0.5, 1.0);
   check_resumes("sine-gordon", {"grid.x.cells=64", "scheme.lagrangian=fourier", "scheme.stages=3"}, 0.5, 1.0);
   check_resumes("kdv", {"grid.x.cells=100", "scheme.lagrangian=fourier", "scheme.stages=2"}, 0.03, 0.06);
+  check_resumes("sine-gordon", {"grid.x.cells=64", "scheme.lagrangian=splitting"}, 0.5, 1.0);
   check_resumes("sine-gordon", {"grid.x.cells=101", "scheme.lagrangian=euler-box", "scheme.levels=fixed"}, 1.3, 3.0,
                 true);
   check_resumes("sine-gordon-kinks", {}, 17.5, 30.0);  // inside a bridge
@@ -129,6 +130,9 @@ TEST_CASE("records do not depend on the number of threads", "[study][lattice]") 
       {"sine-gordon", {"grid.x.cells=3001", "scheme.until=0.1"}},
       {"sine-gordon-2d", {"grid.x.cells=31", "grid.y.cells=31", "scheme.until=0.1"}},
       {"sine-gordon-2d", {"grid.x.cells=30", "grid.y.cells=30", "scheme.until=0.1", "scheme.lagrangian=fourier"}},
+      {"sine-gordon-2d",
+       {"grid.x.cells=50", "grid.y.cells=48", "scheme.until=0.1", "scheme.lagrangian=fourier", "scheme.stages=3"}},
+      {"sine-gordon-2d", {"grid.x.cells=50", "grid.y.cells=48", "scheme.until=0.1", "scheme.lagrangian=splitting"}},
       {"maxwell", {"grid.x.cells=7", "grid.y.cells=7", "grid.z.cells=7", "scheme.until=0.1"}},
   };
   const Folder folder;

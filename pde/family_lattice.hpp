@@ -1,0 +1,169 @@
+#pragma once
+
+#include <algorithm>
+#include <limits>
+#include <optional>
+#include <stdexcept>
+#include <utility>
+#include <vector>
+
+#include <rubato/pde/cell_sweep.hpp>
+#include <rubato/pde/lattice_scheme.hpp>
+
+namespace rubato {
+
+/// What families of symplectic maps on spectral lattices share (theory, section 8): the level, what is read of the
+/// energy there, and the slope of the discrete energy. They have no node law in closed form.
+class FamilyLattice : public LatticeScheme {
+public:
+  [[nodiscard]] const MultisymplecticSystem& system() const final { return system_; }
+  [[nodiscard]] const grids::Grid& grid() const final { return grid_; }
+  [[nodiscard]] const LatticeLevel& level() const final { return level_; }
+  [[nodiscard]] bool has_node_law() const final { return false; }
+
+  [[nodiscard]] double discrete_energy() const final { return energy_; }
+  /// By the node laws at both ends of the step, E - H = (s+1) h^s η + O(h^(s+1)) with signs that agree (theory, section
+  /// 8): s (E - (H(z_k) + H(z_{k+1}))/2)/h.
+  [[nodiscard]] double discrete_energy_slope() const final {
+    return order() * (energy_ - 0.5 * (energy_here() + energy_there())) / trial_h_;
+  }
+  [[nodiscard]] bool slope_to_leading_order() const final { return true; }
+  [[nodiscard]] int iterations() const final { return iterations_; }
+  [[nodiscard]] formula::SumSize energy_size() final {
+    if (size_age_ >= size_period) {
+      make_point();
+      size_of_energy_ = sweep_.energy_size(std::as_const(point_).pointers(), level_.slopes, terms_at_start_);
+      size_of_energy_.rounding *= stage_rounding;
+      size_age_ = 0;
+    }
+    return size_of_energy_;
+  }
+
+  [[nodiscard]] LevelNode node() final { return {energy_here(), std::numeric_limits<double>::quiet_NaN()}; }
+  [[nodiscard]] LevelNode trial_node() final { return {energy_there(), std::numeric_limits<double>::quiet_NaN()}; }
+
+protected:
+  /// \throws std::invalid_argument if S is not finite at the first level
+  FamilyLattice(const MultisymplecticSystem& system, const grids::Grid& grid, LatticeLevel first)
+      : system_(system),
+        grid_(grid),
+        level_(std::move(first)),
+        point_(level_.fields),
+        sweep_(system, grid, Placement::nodes) {
+    make_point();
+    if (!sweep_(std::as_const(point_).pointers(), level_.slopes, {}, 0.0, {}, {}).finite) {
+      throw std::invalid_argument("S is not finite at the initial level");
+    }
+    terms_at_start_ = sweep_.mean_terms(std::as_const(point_).pointers(), level_.slopes);
+  }
+
+  /// 𝓔 of the trial level.
+  [[nodiscard]] virtual double energy_at_end() const = 0;
+
+  /// After a trial that succeeded.
+  void set_trial(double h, double energy) {
+    trial_h_ = h;
+    energy_ = energy;
+    there_.reset();
+  }
+  void forget_trial() { trial_h_ = 0.0; }
+  [[nodiscard]] double trial_h() const { return trial_h_; }  ///< 0: no trial of this level
+  void count_iterations(int count) { iterations_ += count; }
+  /// After the level has changed.
+  void start_level() {
+    trial_h_ = 0.0;
+    here_.reset();
+    there_.reset();
+    iterations_ = 0;
+  }
+  void grow_older() { ++size_age_; }
+
+  void save_level(StateWriter& state) const {
+    state.write(level_.fields.all());
+    for (const auto& slope : level_.slopes.of_field) {
+      state.write(slope);
+    }
+    for (const double value : {size_of_energy_.terms, size_of_energy_.rounding, static_cast<double>(size_age_)}) {
+      state.write(value);
+    }
+  }
+  void restore_level(StateReader& state) {
+    state.read(level_.fields.all());
+    for (auto& slope : level_.slopes.of_field) {
+      state.read(std::span<double>(slope));
+    }
+    state.read(size_of_energy_.terms);
+    state.read(size_of_energy_.rounding);
+    state.read(size_age_);
+    start_level();
+  }
+
+  MultisymplecticSystem system_;
+  grids::Grid grid_;
+  LatticeLevel level_;
+
+private:
+  /// Levels for which the size of the energy's terms serves.
+  static constexpr int size_period = 16;
+  /// A sum over stages, each with transforms of its own, rounds more than one sweep over the cells of a level.
+  static constexpr double stage_rounding = 4.0;
+
+  /// The level without the fields that it does not have.
+  void make_point() const {
+    point_.copy_from(level_.fields);
+    for (int f = 0; f < system_.field_count(); ++f) {
+      if (system_.structure().at_midpoints(f)) {
+        std::ranges::fill(point_.field(f), 0.0);
+      }
+    }
+  }
+  [[nodiscard]] double energy_here() const {
+    if (!here_) {
+      make_point();
+      here_ = sweep_(std::as_const(point_).pointers(), level_.slopes, {}, 0.0, {}, {}).energy;
+    }
+    return *here_;
+  }
+  [[nodiscard]] double energy_there() const {
+    if (!there_) {
+      there_ = energy_at_end();
+    }
+    return *there_;
+  }
+
+  mutable grids::FieldSet point_;
+  mutable CellSweep sweep_;
+  double trial_h_ = 0.0;
+  double energy_ = 0.0;
+  mutable std::optional<double> here_, there_;
+  int iterations_ = 0;
+  std::vector<double> terms_at_start_;
+  formula::SumSize size_of_energy_;
+  int size_age_ = size_period;
+};
+
+/// 𝓔 of stored levels, for the equations of families.
+class LevelEnergy {
+public:
+  LevelEnergy(const MultisymplecticSystem& system, const grids::Grid& grid)
+      : system_(system), sweep_(system, grid, Placement::nodes), point_(system.field_count(), grid.size()) {}
+
+  /// NaN where S is not finite.
+  [[nodiscard]] double operator()(const LatticeLevel& level) {
+    point_.copy_from(level.fields);
+    for (int f = 0; f < system_.field_count(); ++f) {
+      if (system_.structure().at_midpoints(f)) {
+        std::ranges::fill(point_.field(f), 0.0);
+      }
+    }
+    const SweepResult result = sweep_(std::as_const(point_).pointers(), level.slopes, {}, 0.0, {}, {});
+    return result.finite ? result.energy : std::numeric_limits<double>::quiet_NaN();
+  }
+
+private:
+  MultisymplecticSystem system_;
+  CellSweep sweep_;
+  grids::FieldSet point_;
+};
+
+}  // namespace rubato

@@ -1,0 +1,169 @@
+#include <cmath>
+#include <limits>
+#include <memory>
+#include <utility>
+
+#include <rubato/grids/reductions.hpp>
+#include <rubato/pde/family_lattice.hpp>
+#include <rubato/pde/lattice_method.hpp>
+#include <rubato/pde/wave_splitting.hpp>
+#include <rubato/variation/composition.hpp>
+#include <rubato/variation/gauss_tableau.hpp>
+
+namespace rubato {
+
+namespace {
+
+class SplittingLattice final : public FamilyLattice {
+public:
+  SplittingLattice(const MultisymplecticSystem& system, const grids::Grid& grid, const Composition& composition,
+                   LatticeLevel first)
+      : FamilyLattice(system, grid, std::move(first)), splitting_(system, grid), composition_(composition) {
+    splitting_.stand(level_);
+  }
+
+  [[nodiscard]] int order() const override { return composition_.order; }
+
+  [[nodiscard]] Status advance(double h, double) override {
+    forget_trial();
+    count_iterations(1);
+    if (!splitting_.step(composition_, h)) {
+      return Status::undefined;
+    }
+    set_trial(h, splitting_.generator());
+    return Status::success;
+  }
+  void accept() override {
+    splitting_.fields(level_.fields);
+    splitting_.stand(level_);
+    grow_older();
+    start_level();
+  }
+  void save(StateWriter& state) const override { save_level(state); }
+  void restore(StateReader& state) override {
+    restore_level(state);
+    splitting_.stand(level_);
+  }
+
+private:
+  [[nodiscard]] double energy_at_end() const override { return splitting_.energy(); }
+
+  mutable WaveSplitting splitting_;
+  const Composition& composition_;
+};
+
+/// The step taken again, and what the level that is there differs from where it leads, divided by h.
+class SplittingEquation final : public StepEquation {
+public:
+  SplittingEquation(const MultisymplecticSystem& system, const grids::Grid& grid, const Composition& composition)
+      : splitting_(system, grid),
+        energy_(system, grid),
+        composition_(composition),
+        reached_(system.field_count(), grid.size()) {}
+
+  [[nodiscard]] LevelNode node(const LatticeLevel& level) override {
+    return {energy_(level), std::numeric_limits<double>::quiet_NaN()};
+  }
+  [[nodiscard]] StepLaw judge(const LatticeLevel& before, const LatticeLevel& after, double h) override {
+    return measure(before, after, h);
+  }
+  [[nodiscard]] StepLaw measure(const LatticeLevel& before, const LatticeLevel& after, double h) override {
+    StepLaw law{.energy = std::numeric_limits<double>::quiet_NaN(), .gamma = std::numeric_limits<double>::quiet_NaN()};
+    splitting_.stand(before);
+    if (splitting_.step(composition_, h)) {
+      law.energy = splitting_.generator();
+      splitting_.fields(reached_);
+      for (std::size_t i = 0; i < reached_.all().size(); ++i) {
+        reached_.all()[i] = (after.fields.all()[i] - reached_.all()[i]) / h;
+      }
+    } else {
+      reached_.fill(std::numeric_limits<double>::quiet_NaN());
+    }
+    law.residual = grids::magnitudes(std::as_const(reached_).all());
+    return law;
+  }
+
+private:
+  WaveSplitting splitting_;
+  LevelEnergy energy_;
+  const Composition& composition_;
+  grids::FieldSet reached_;
+};
+
+/// Gauss's quadrature of a step, its nodes reached by steps of the same splitting: as accurate as the step itself.
+class SplittingStages final : public StageSource {
+public:
+  SplittingStages(const MultisymplecticSystem& system, const grids::Grid& grid, const Composition& composition)
+      : splitting_(system, grid), tableau_(composition.order / 2), composition_(composition) {}
+
+  [[nodiscard]] Status take(const LatticeLevel& before, const LatticeLevel&, double h) override {
+    splitting_.stand(before);
+    h_ = h;
+    return Status::success;
+  }
+  [[nodiscard]] int count() const override { return tableau_.stages; }
+  [[nodiscard]] double weight(int stage) const override { return tableau_.b[stage]; }
+  void stage(int stage, grids::FieldSet& z, grids::FieldSet& rate) override {
+    if (!splitting_.step(composition_, tableau_.c[stage] * h_)) {
+      z.fill(std::numeric_limits<double>::quiet_NaN());
+      return;
+    }
+    splitting_.fields(z);
+    splitting_.rates(rate);
+  }
+
+private:
+  WaveSplitting splitting_;
+  GaussTableau tableau_;
+  const Composition& composition_;
+  double h_ = 0.0;
+};
+
+/// Compositions of the waves' exact flow and that of what is left of S: WaveSplitting.
+class SplittingMethod final : public LatticeMethod {
+public:
+  explicit SplittingMethod(const Composition& composition) : composition_(composition) {}
+
+  [[nodiscard]] int order() const override { return composition_.order; }
+  [[nodiscard]] bool has_bridges() const override { return false; }
+  [[nodiscard]] bool has_variational_laws() const override { return false; }
+  /// None: the family has its K.
+  [[nodiscard]] std::optional<LatticeAction> action(const MultisymplecticSystem&) const override {
+    return std::nullopt;
+  }
+  [[nodiscard]] InitialLevel first_level(const MultisymplecticSystem& system, const grids::Grid& grid,
+                                         const InitialFields& given) const override {
+    return prepare_initial_level(system, grid, given, Placement::nodes);
+  }
+  [[nodiscard]] std::unique_ptr<LatticeScheme> scheme(const MultisymplecticSystem& system, const grids::Grid& grid,
+                                                      LatticeLevel first, double) const override {
+    return std::make_unique<SplittingLattice>(system, grid, composition_, std::move(first));
+  }
+  [[nodiscard]] std::unique_ptr<LawEngine> laws(LawTables tables) const override {
+    auto stages = std::make_shared<SplittingStages>(tables.system, tables.grid, composition_);
+    return make_stage_laws(std::move(tables), std::move(stages));
+  }
+  [[nodiscard]] std::unique_ptr<StepEquation> equation(const MultisymplecticSystem& system, const grids::Grid& grid,
+                                                       const LatticeLevel&, double) const override {
+    return std::make_unique<SplittingEquation>(system, grid, composition_);
+  }
+  [[nodiscard]] std::unique_ptr<TangentStep> tangents(const MultisymplecticSystem&, const grids::Grid&) const override {
+    return nullptr;
+  }
+
+private:
+  const Composition& composition_;
+};
+
+}  // namespace
+
+LatticeMethodEntry splitting_method() {
+  return {.name = "splitting",
+          .summary = "waves exactly, the rest node by node, composed; explicit",
+          .has_compositions = true,
+          .make = [](const LatticeMethodChoice& choice) -> std::unique_ptr<LatticeMethod> {
+            return std::make_unique<SplittingMethod>(composition(choice.composition));
+          }};
+}
+
+}  // namespace rubato

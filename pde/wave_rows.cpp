@@ -1,0 +1,70 @@
+#include <rubato/pde/wave_rows.hpp>
+
+#include <rubato/grids/grid.hpp>
+#include <rubato/grids/parallel.hpp>
+
+namespace rubato {
+
+RUBATO_WIDE_VECTORS void add(std::complex<double> value, const double* re, const double* im, std::size_t count,
+                             double* __restrict out_re, double* __restrict out_im) {
+  const double a = value.real(), b = value.imag();
+  for (std::size_t w = 0; w < count; ++w) {
+    out_re[w] += a * re[w] - b * im[w];
+    out_im[w] += a * im[w] + b * re[w];
+  }
+}
+RUBATO_WIDE_VECTORS void add_product(const double* x_re, const double* x_im, const double* y_re, const double* y_im,
+                                     std::size_t count, double* __restrict out_re, double* __restrict out_im) {
+  for (std::size_t w = 0; w < count; ++w) {
+    out_re[w] += x_re[w] * y_re[w] - x_im[w] * y_im[w];
+    out_im[w] += x_re[w] * y_im[w] + x_im[w] * y_re[w];
+  }
+}
+
+void from_grid(std::span<const double* const> fields, grids::Fourier& fourier, WaveRows& rows) {
+  fourier.forward(fields);
+  const std::size_t length = fourier.row_length();
+  grids::for_each_block(fields.size() * (rows.waves() / length), 16, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t unit = begin; unit < end; ++unit) {
+      const auto f = static_cast<int>(unit / (rows.waves() / length));
+      const std::size_t first = unit % (rows.waves() / length) * length;
+      const std::complex<double>* from = &fourier.at(f, first);
+      double* re = rows.re.field(f).data() + first;
+      double* im = rows.im.field(f).data() + first;
+      for (std::size_t w = 0; w < length; ++w) {
+        re[w] = from[w].real();
+        im[w] = from[w].imag();
+      }
+    }
+  });
+}
+
+void to_grid(const WaveRows& rows, std::span<const int> which, grids::Fourier& fourier,
+             std::span<double* const> fields) {
+  const std::size_t length = fourier.row_length();
+  grids::for_each_block(which.size() * (rows.waves() / length), 16, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t unit = begin; unit < end; ++unit) {
+      const std::size_t f = unit / (rows.waves() / length);
+      const std::size_t first = unit % (rows.waves() / length) * length;
+      std::complex<double>* to = &fourier.at(static_cast<int>(f), first);
+      const double* re = rows.re.field(which[f]).data() + first;
+      const double* im = rows.im.field(which[f]).data() + first;
+      for (std::size_t w = 0; w < length; ++w) {
+        to[w] = std::complex<double>(re[w], im[w]);
+      }
+    }
+  });
+  fourier.inverse(fields);
+}
+
+std::vector<double> parseval_weights(const grids::Fourier& fourier, const grids::Grid& grid) {
+  std::vector<double> weights(fourier.modes());
+  for (std::size_t w = 0; w < weights.size(); ++w) {
+    const auto k = fourier.wave(w)[0];
+    const bool alone = k == 0 || 2 * static_cast<std::size_t>(k) == grid.cells(0);
+    weights[w] = (alone ? 1.0 : 2.0) / static_cast<double>(grid.size());
+  }
+  return weights;
+}
+
+}  // namespace rubato

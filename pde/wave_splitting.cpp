@@ -1,0 +1,560 @@
+#include <rubato/pde/wave_splitting.hpp>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <complex>
+#include <limits>
+#include <numeric>
+#include <random>
+
+#include <unsupported/Eigen/MatrixFunctions>
+
+#include <fmt/format.h>
+#include <Eigen/LU>
+
+#include <rubato/base/compensated_sum.hpp>
+#include <rubato/grids/reductions.hpp>
+#include <rubato/pde/lattice_scheme.hpp>
+#include <rubato/solve/small_matrices.hpp>
+
+namespace rubato {
+
+namespace {
+
+using Complex = std::complex<double>;
+using Eigen::Index;
+using Eigen::MatrixXcd;
+using Eigen::MatrixXd;
+using formula::Expression;
+
+constexpr std::size_t wave_block = 128;
+/// Steps of one composition have fewer different drifts than this.
+constexpr std::size_t most_propagators = 24;
+constexpr const char* remedy = "; take lagrangian = \"fourier\" with stages";
+
+/// sinh(√δ τ)/√δ and cosh(√δ τ).
+struct Waves {
+  Complex sine, cosine;
+};
+Waves waves_of(Complex delta, double tau) {
+  if (std::abs(delta.imag()) <= 1e-14 * std::abs(delta.real()) && delta.real() < 0.0) {
+    const double omega = std::sqrt(-delta.real());
+    return {std::sin(omega * tau) / omega, std::cos(omega * tau)};
+  }
+  const Complex root = std::sqrt(delta);
+  const Complex x = root * tau;
+  const Complex sine = std::abs(x) < 1e-4 ? tau * (1.0 + x * x / 6.0) : std::sinh(x) / root;
+  return {sine, std::cosh(x)};
+}
+
+MatrixXcd at_wave(const WaveRows& rows, std::size_t wave, Index height, Index width) {
+  MatrixXcd result(height, width);
+  for (Index r = 0; r < height; ++r) {
+    for (Index c = 0; c < width; ++c) {
+      const auto row = static_cast<int>(r * width + c);
+      result(r, c) = {rows.re.field(row)[wave], rows.im.field(row)[wave]};
+    }
+  }
+  return result;
+}
+void set_wave(const MatrixXcd& values, std::size_t wave, WaveRows& rows) {
+  for (Index r = 0; r < values.rows(); ++r) {
+    for (Index c = 0; c < values.cols(); ++c) {
+      const auto row = static_cast<std::size_t>(r * values.cols() + c);
+      rows.re.pointers()[row][wave] = values(r, c).real();
+      rows.im.pointers()[row][wave] = values(r, c).imag();
+    }
+  }
+}
+
+}  // namespace
+
+WaveSplitting::WaveSplitting(const MultisymplecticSystem& system, const grids::Grid& grid)
+    : system_(system), grid_(grid), fourier_(grid, system.field_count()) {
+  split_fields();
+  const auto zero = std::vector<double>(static_cast<std::size_t>(system.field_count()), 0.0);
+  L_ = system.hessian(zero);
+  for (const HessianEntry& entry : system.varying_hessian()) {
+    if (!std::isfinite(L_(entry.row, entry.column))) {
+      L_(entry.row, entry.column) = L_(entry.column, entry.row) = 0.0;
+    }
+  }
+  reduce();
+  group_waves();
+  compile_rest();
+  classify();
+  parseval_ = parseval_weights(fourier_, grid);
+  const std::size_t waves = fourier_.modes(), nodes = grid.size();
+  x_ = WaveRows(size(), waves);
+  moved_ = x_;
+  work_ = WaveRows(system.field_count(), waves);
+  const int n = static_cast<int>(varying_.size());
+  rest_rows_ = WaveRows(n, waves);
+  values_ = grids::FieldSet(n + 1, nodes);
+  outputs_ = grids::FieldSet(n + 1, nodes);
+  turned_ = grids::FieldSet(n, nodes);
+  grid_values_ = grids::FieldSet(system.field_count(), nodes);
+  all_.resize(static_cast<std::size_t>(system.field_count()));
+  std::iota(all_.begin(), all_.end(), 0);
+  propagators_.resize(most_propagators);
+}
+
+void WaveSplitting::split_fields() {
+  for (int f = 0; f < system_.field_count(); ++f) {
+    const auto& name = system_.fields()[static_cast<std::size_t>(f)];
+    if (system_.structure().at_midpoints(f)) {
+      throw SchemeRefusal(
+          fmt::format("splitting needs a linear part that can be solved for all fields without an equation of motion, "
+                      "and {} has none: only a whole step determines it{}",
+                      name, remedy));
+    }
+    (system_.structure().algebraic[static_cast<std::size_t>(f)] ? others_ : evolving_).push_back(f);
+  }
+  MatrixXd M(size(), size());
+  for (int r = 0; r < size(); ++r) {
+    for (int c = 0; c < size(); ++c) {
+      M(r, c) = system_.M()(evolving_[static_cast<std::size_t>(r)], evolving_[static_cast<std::size_t>(c)]);
+    }
+  }
+  if (rank(M.cast<Complex>()) != M.rows()) {
+    throw SchemeRefusal(
+        fmt::format("splitting needs as many equations of motion as there are fields with one, and M has rank {} on {} "
+                    "fields{}",
+                    rank(M.cast<Complex>()), M.rows(), remedy));
+  }
+  inverse_M_ = M.inverse();
+}
+
+/// With x the evolving fields and y the others, B = Σ ik_a K_a - L:  ŷ = -B₂₂⁻¹B₂₁ x̂,  M x̂_t = -(B₁₁ - B₁₂B₂₂⁻¹B₂₁) x̂.
+void WaveSplitting::reduce() {
+  const Index r = size(), o = static_cast<Index>(others_.size());
+  const std::size_t waves = fourier_.modes();
+  energy_form_ = WaveRows(static_cast<int>(r * r), waves);
+  generator_form_ = energy_form_;
+  slaves_ = WaveRows(static_cast<int>(o * r), waves);
+  const auto part = [](const MatrixXcd& B, const std::vector<int>& rows, const std::vector<int>& columns) {
+    MatrixXcd result(static_cast<Index>(rows.size()), static_cast<Index>(columns.size()));
+    for (std::size_t i = 0; i < rows.size(); ++i) {
+      for (std::size_t j = 0; j < columns.size(); ++j) {
+        result(static_cast<Index>(i), static_cast<Index>(j)) = B(rows[i], columns[j]);
+      }
+    }
+    return result;
+  };
+  for (std::size_t w = 0; w < waves; ++w) {
+    const auto k = fourier_.wave(w);
+    MatrixXcd B = -L_.cast<Complex>();
+    for (int a = 0; a < grid_.dimensions(); ++a) {
+      B += grids::derivative_symbol(k[static_cast<std::size_t>(a)], grid_.axis(a)) * system_.K(a).cast<Complex>();
+    }
+    MatrixXcd G = -part(B, evolving_, evolving_);
+    if (o > 0) {
+      const MatrixXcd B22 = part(B, others_, others_);
+      const Eigen::PartialPivLU<MatrixXcd> factors(B22);
+      const auto pivots = factors.matrixLU().diagonal().cwiseAbs();
+      if (!(pivots.minCoeff() > 1e-12 * (1.0 + pivots.maxCoeff()))) {
+        throw SchemeRefusal(
+            fmt::format("splitting needs a linear part that can be solved for the fields without an equation of motion "
+                        "({}, …) wave by wave, and on the wave number {} it cannot{}",
+                        system_.fields()[static_cast<std::size_t>(others_.front())], k[0], remedy));
+      }
+      const MatrixXcd C = -factors.solve(part(B, others_, evolving_));
+      G -= part(B, evolving_, others_) * C;
+      set_wave(C, w, slaves_);
+    }
+    set_wave(G, w, energy_form_);
+    set_wave(MatrixXcd(inverse_M_.cast<Complex>() * G), w, generator_form_);
+  }
+}
+
+void WaveSplitting::group_waves() {
+  std::vector<int> group(static_cast<std::size_t>(size()));
+  std::iota(group.begin(), group.end(), 0);
+  for (int r = 0; r < size(); ++r) {
+    for (int c = 0; c < size(); ++c) {
+      const int row = r * size() + c;
+      const bool any = grids::max_abs(std::as_const(generator_form_.re).field(row)) > 0.0 ||
+                       grids::max_abs(std::as_const(generator_form_.im).field(row)) > 0.0;
+      const int from = group[static_cast<std::size_t>(c)], to = group[static_cast<std::size_t>(r)];
+      if (any && from != to) {
+        std::ranges::replace(group, from, to);
+      }
+    }
+  }
+  for (int g = 0; g < size(); ++g) {
+    std::vector<int> members;
+    for (int f = 0; f < size(); ++f) {
+      if (group[static_cast<std::size_t>(f)] == g) {
+        members.push_back(f);
+      }
+    }
+    for (const int a : members) {
+      for (const int b : members) {
+        coupled_.emplace_back(a, b);
+      }
+    }
+    if (!members.empty()) {
+      groups_.push_back(std::move(members));
+    }
+  }
+}
+
+/// N = S - ½ zᵀLz at the fields that S'' varies with, or that S has a linear term of; the others 0.
+void WaveSplitting::compile_rest() {
+  formula::ScalarEvaluator gradient(system_.gradient_code());
+  std::vector<double> zero(static_cast<std::size_t>(system_.field_count()), 0.0);
+  std::vector<double> slope(zero.size() + 1);
+  gradient(zero, slope);
+  const auto varies = [&](int f) {
+    return std::ranges::any_of(system_.varying_hessian(),
+                               [f](const HessianEntry& entry) { return entry.row == f || entry.column == f; });
+  };
+  for (const int f : others_) {
+    if (varies(f) || slope[static_cast<std::size_t>(f) + 1] != 0.0) {
+      throw SchemeRefusal(
+          fmt::format("splitting needs a rest of S that depends on fields with an equation of motion alone, and beyond "
+                      "its quadratic terms S depends on {}{}",
+                      system_.fields()[static_cast<std::size_t>(f)], remedy));
+    }
+  }
+  auto graph = std::make_shared<formula::Graph>();
+  std::vector<Expression> to(zero.size(), graph->constant(0.0)), varying;
+  for (int p = 0; p < size(); ++p) {
+    const int f = evolving_[static_cast<std::size_t>(p)];
+    if (varies(f) || slope[static_cast<std::size_t>(f) + 1] != 0.0) {
+      varying_.push_back(p);
+      varying.push_back(graph->variable(system_.fields()[static_cast<std::size_t>(f)]));
+      to[static_cast<std::size_t>(f)] = varying.back();
+    }
+  }
+  Expression N = formula::substitute(std::array{system_.expression()}, *graph, system_.variables(), to).front();
+  for (std::size_t i = 0; i < varying.size(); ++i) {
+    for (std::size_t j = 0; j <= i; ++j) {
+      const double entry =
+          L_(evolving_[static_cast<std::size_t>(varying_[i])], evolving_[static_cast<std::size_t>(varying_[j])]);
+      if (entry != 0.0) {
+        N = N - (i == j ? 0.5 * entry : entry) * (varying[i] * varying[j]);
+      }
+    }
+  }
+  if (varying.empty()) {
+    return;
+  }
+  std::vector<Expression> outputs = {N};
+  const std::vector<Expression> first = formula::gradient(N, varying);
+  outputs.insert(outputs.end(), first.begin(), first.end());
+  rest_ = formula::BatchEvaluator(formula::Bytecode(outputs, varying));
+
+  // Where each varying field has one partner, the turn by the angle θ = μτ (p ∂_pN + q ∂_qN)/(p² + q²).
+  const Expression tau = graph->variable("the time of a turn");
+  std::vector<Expression> turned, inputs = varying;
+  inputs.push_back(tau);
+  for (std::size_t i = 0; i < varying.size(); ++i) {
+    for (std::size_t j = 0; j < varying.size(); ++j) {
+      const double mu = inverse_M_(varying_[i], varying_[j]);
+      if (mu != 0.0) {
+        // At 0 nothing is there to turn: the smallest numbers keep the quotient defined.
+        const Expression square = varying[i] * varying[i] + varying[j] * varying[j] + 1e-300;
+        const Expression theta = mu * tau * ((varying[i] * first[i] + varying[j] * first[j]) / square);
+        turned.push_back(varying[i] * cos(theta) + varying[j] * sin(theta));
+      }
+    }
+  }
+  if (turned.size() == varying.size()) {
+    turns_ = formula::BatchEvaluator(formula::Bytecode(turned, inputs));
+    flow_ = Flow::turn;
+  }
+}
+
+void WaveSplitting::classify() {
+  if (varying_.empty()) {
+    return;
+  }
+  bool moves_itself = false;
+  for (const int i : varying_) {
+    for (const int j : varying_) {
+      moves_itself = moves_itself || inverse_M_(i, j) != 0.0;
+    }
+  }
+  if (!moves_itself) {
+    flow_ = Flow::kick;
+    return;
+  }
+  if (flow_ == Flow::turn && is_turn()) {
+    return;
+  }
+  throw SchemeRefusal(fmt::format(
+      "splitting needs a rest of S whose flow at a node is known: kicks, as of V(u) in a wave equation, or "
+      "turns of pairs, as of V(p^2 + q^2); the rest here, in {} and others, is neither{}",
+      system_.fields()[static_cast<std::size_t>(evolving_[static_cast<std::size_t>(varying_.front())])], remedy));
+}
+
+/// Whether p ∂_qN = q ∂_pN for all pairs: N depends on p² + q² alone.
+bool WaveSplitting::is_turn() const {
+  constexpr std::size_t points = 32;
+  std::mt19937_64 random(20);
+  std::uniform_real_distribution<double> value(-1.3, 1.3);
+  const auto n = static_cast<int>(varying_.size());
+  grids::FieldSet at(n, points), outputs(n + 1, points);
+  for (double& component : at.all()) {
+    component = value(random);
+  }
+  formula::BatchEvaluator evaluate = rest_;
+  evaluate(points, std::as_const(at).pointers(), outputs.pointers());
+  for (int i = 0; i < n; ++i) {
+    for (int j = 0; j < n; ++j) {
+      if (inverse_M_(varying_[static_cast<std::size_t>(i)], varying_[static_cast<std::size_t>(j)]) == 0.0) {
+        continue;
+      }
+      for (std::size_t x = 0; x < points; ++x) {
+        const double left = at.field(i)[x] * outputs.field(1 + j)[x], right = at.field(j)[x] * outputs.field(1 + i)[x];
+        if (!(std::abs(left - right) <= 1e-10 * (1.0 + std::abs(left)))) {
+          return false;
+        }
+      }
+    }
+  }
+  return true;
+}
+
+void WaveSplitting::stand(const LatticeLevel& level) {
+  for (int f = 0; f < system_.field_count(); ++f) {
+    for (std::size_t line = 0; line * grid_.cells(0) < grid_.size(); ++line) {
+      if (level.slopes.at(f, line) != 0.0) {
+        throw SchemeRefusal(fmt::format("splitting takes no potential with a mean slope, and {} has one{}",
+                                        system_.fields()[static_cast<std::size_t>(f)], remedy));
+      }
+    }
+  }
+  std::array<const double*, MultisymplecticSystem::most_fields> from{};
+  for (int p = 0; p < size(); ++p) {
+    from[static_cast<std::size_t>(p)] = level.fields.field(evolving_[static_cast<std::size_t>(p)]).data();
+  }
+  from_grid(std::span(from).first(evolving_.size()), fourier_, x_);
+}
+
+void WaveSplitting::fill(double tau, WaveRows& entries) const {
+  grids::for_each_block(fourier_.modes(), wave_block, [&](std::size_t begin, std::size_t end) {
+    for (const std::vector<int>& members : groups_) {
+      const auto n = static_cast<Index>(members.size());
+      MatrixXcd A(n, n), E(n, n);
+      for (std::size_t w = begin; w < end; ++w) {
+        for (Index i = 0; i < n; ++i) {
+          for (Index j = 0; j < n; ++j) {
+            const int row = members[static_cast<std::size_t>(i)] * size() + members[static_cast<std::size_t>(j)];
+            A(i, j) = {generator_form_.re.field(row)[w], generator_form_.im.field(row)[w]};
+          }
+        }
+        if (n == 2) {
+          const Complex mean = 0.5 * (A(0, 0) + A(1, 1)), half = 0.5 * (A(0, 0) - A(1, 1));
+          const Waves waves = waves_of(half * half + A(0, 1) * A(1, 0), tau);
+          const Complex factor = mean == 0.0 ? 1.0 : std::exp(mean * tau);
+          E(0, 0) = factor * (waves.cosine + waves.sine * half);
+          E(1, 1) = factor * (waves.cosine - waves.sine * half);
+          E(0, 1) = factor * waves.sine * A(0, 1);
+          E(1, 0) = factor * waves.sine * A(1, 0);
+        } else {
+          E = MatrixXcd(tau * A).exp();
+        }
+        for (Index i = 0; i < n; ++i) {
+          for (Index j = 0; j < n; ++j) {
+            const auto row = static_cast<std::size_t>(members[static_cast<std::size_t>(i)] * size() +
+                                                      members[static_cast<std::size_t>(j)]);
+            entries.re.pointers()[row][w] = E(i, j).real();
+            entries.im.pointers()[row][w] = E(i, j).imag();
+          }
+        }
+      }
+    }
+  });
+}
+
+const WaveRows& WaveSplitting::propagator(double tau) {
+  for (const Propagator& known : propagators_) {
+    if (known.tau == tau && known.entries.rows() > 0) {
+      return known.entries;
+    }
+  }
+  Propagator& anew = propagators_[next_++ % propagators_.size()];
+  if (anew.entries.rows() == 0) {
+    anew.entries = WaveRows(size() * size(), fourier_.modes());
+  }
+  anew.tau = tau;
+  fill(tau, anew.entries);
+  return anew.entries;
+}
+
+/// out = matrix·in, over the coupled pairs.
+void WaveSplitting::multiply(const WaveRows& matrix, const WaveRows& in, WaveRows& out) const {
+  grids::for_each_block(in.waves(), wave_block, [&](std::size_t begin, std::size_t end) {
+    for (int p = 0; p < size(); ++p) {
+      std::fill(out.re.pointers()[static_cast<std::size_t>(p)] + begin,
+                out.re.pointers()[static_cast<std::size_t>(p)] + end, 0.0);
+      std::fill(out.im.pointers()[static_cast<std::size_t>(p)] + begin,
+                out.im.pointers()[static_cast<std::size_t>(p)] + end, 0.0);
+    }
+    for (const auto& [row, column] : coupled_) {
+      const int entry = row * size() + column;
+      add_product(matrix.re.field(entry).data() + begin, matrix.im.field(entry).data() + begin,
+                  in.re.field(column).data() + begin, in.im.field(column).data() + begin, end - begin,
+                  out.re.pointers()[static_cast<std::size_t>(row)] + begin,
+                  out.im.pointers()[static_cast<std::size_t>(row)] + begin);
+    }
+  });
+}
+
+/// X_1 of moved_.
+double WaveSplitting::wave_energy() const {
+  const grids::ReductionBlocks pieces(moved_.waves());
+  std::array<double, grids::ReductionBlocks::most> partial{};
+  grids::for_each_block(moved_.waves(), pieces.block, [&](std::size_t begin, std::size_t end) {
+    CompensatedSum sum;
+    std::array<double, wave_block> terms;
+    for (std::size_t first = begin; first < end; first += wave_block) {
+      const std::size_t count = std::min(wave_block, end - first);
+      terms.fill(0.0);
+      for (const auto& [row, column] : coupled_) {
+        const int entry = row * size() + column;
+        const double* g_re = energy_form_.re.field(entry).data() + first;
+        const double* g_im = energy_form_.im.field(entry).data() + first;
+        const double* l_re = moved_.re.field(row).data() + first;
+        const double* l_im = moved_.im.field(row).data() + first;
+        const double* r_re = moved_.re.field(column).data() + first;
+        const double* r_im = moved_.im.field(column).data() + first;
+        for (std::size_t w = 0; w < count; ++w) {
+          // Re(conj(l) g r)
+          const double re = g_re[w] * r_re[w] - g_im[w] * r_im[w], im = g_re[w] * r_im[w] + g_im[w] * r_re[w];
+          terms[w] += 0.5 * (l_re[w] * re + l_im[w] * im);
+        }
+      }
+      for (std::size_t w = 0; w < count; ++w) {
+        sum.add(parseval_[first + w] * terms[w]);
+      }
+    }
+    partial[begin / pieces.block] = sum.value();
+  });
+  CompensatedSum sum;
+  for (std::size_t b = 0; b < pieces.blocks; ++b) {
+    sum.add(partial[b]);
+  }
+  return grid_.cell_volume() * sum.value();
+}
+
+/// N and ∇N at moved_.
+bool WaveSplitting::evaluate_rest() {
+  if (varying_.empty()) {
+    rest_energy_ = 0.0;
+    return true;
+  }
+  const std::size_t n = varying_.size();
+  to_grid(moved_, varying_, fourier_, values_.pointers().first(n));
+  rest_(grid_.size(), std::as_const(values_).pointers().first(n), outputs_.pointers());
+  rest_energy_ = grid_.cell_volume() * grids::sum(std::as_const(outputs_).field(0));
+  return std::isfinite(rest_energy_);
+}
+
+/// moved_ goes along the flow of N for a time τ; leaves rest_energy_.
+bool WaveSplitting::kick(double tau) {
+  if (!evaluate_rest()) {
+    return false;
+  }
+  const std::size_t n = varying_.size();
+  if (flow_ == Flow::kick) {
+    from_grid(std::as_const(outputs_).pointers().subspan(1), fourier_, rest_rows_);
+    for (std::size_t v = 0; v < n; ++v) {
+      for (int p = 0; p < size(); ++p) {
+        if (const double rate = inverse_M_(p, varying_[v]); rate != 0.0) {
+          const auto row = static_cast<int>(v);
+          add(tau * rate, std::as_const(rest_rows_.re).field(row).data(),
+              std::as_const(rest_rows_.im).field(row).data(), moved_.waves(), moved_.re.field(p).data(),
+              moved_.im.field(p).data());
+        }
+      }
+    }
+  } else if (flow_ == Flow::turn) {
+    std::ranges::fill(values_.field(static_cast<int>(n)), tau);
+    turns_(grid_.size(), std::as_const(values_).pointers(), turned_.pointers());
+    from_grid(std::as_const(turned_).pointers(), fourier_, rest_rows_);
+    for (std::size_t v = 0; v < n; ++v) {
+      const auto row = static_cast<int>(v);
+      std::ranges::copy(std::as_const(rest_rows_.re).field(row), moved_.re.field(varying_[v]).begin());
+      std::ranges::copy(std::as_const(rest_rows_.im).field(row), moved_.im.field(varying_[v]).begin());
+    }
+  }
+  return true;
+}
+
+bool WaveSplitting::step(const Composition& composition, double h) {
+  std::ranges::copy(std::as_const(x_.re).all(), moved_.re.all().begin());
+  std::ranges::copy(std::as_const(x_.im).all(), moved_.im.all().begin());
+  CompensatedSum K;
+  for (const Composition::Part& part : composition.parts) {
+    if (part.drift) {
+      K.add(part.length * wave_energy());
+      multiply(propagator(part.length * h), moved_, work_);
+      for (int p = 0; p < size(); ++p) {
+        std::ranges::copy(std::as_const(work_.re).field(p), moved_.re.field(p).begin());
+        std::ranges::copy(std::as_const(work_.im).field(p), moved_.im.field(p).begin());
+      }
+    } else {
+      if (!kick(part.length * h)) {
+        return false;
+      }
+      K.add(part.length * rest_energy_);
+    }
+  }
+  generator_ = K.value();
+  return std::isfinite(generator_);
+}
+
+double WaveSplitting::energy() {
+  return evaluate_rest() ? wave_energy() + rest_energy_ : std::numeric_limits<double>::quiet_NaN();
+}
+
+void WaveSplitting::fields(grids::FieldSet& fields) {
+  for (int p = 0; p < size(); ++p) {
+    const int f = evolving_[static_cast<std::size_t>(p)];
+    std::ranges::copy(std::as_const(moved_.re).field(p), work_.re.field(f).begin());
+    std::ranges::copy(std::as_const(moved_.im).field(p), work_.im.field(f).begin());
+  }
+  for (std::size_t o = 0; o < others_.size(); ++o) {
+    double* re = work_.re.field(others_[o]).data();
+    double* im = work_.im.field(others_[o]).data();
+    std::fill_n(re, moved_.waves(), 0.0);
+    std::fill_n(im, moved_.waves(), 0.0);
+    for (int p = 0; p < size(); ++p) {
+      const int entry = static_cast<int>(o) * size() + p;
+      add_product(std::as_const(slaves_.re).field(entry).data(), std::as_const(slaves_.im).field(entry).data(),
+                  std::as_const(moved_.re).field(p).data(), std::as_const(moved_.im).field(p).data(), moved_.waves(),
+                  re, im);
+    }
+  }
+  to_grid(work_, all_, fourier_, fields.pointers());
+}
+
+/// x_t = A x + M⁻¹∇N.
+void WaveSplitting::rates(grids::FieldSet& rates) {
+  static_cast<void>(evaluate_rest());
+  const std::size_t n = varying_.size();
+  if (n > 0) {
+    from_grid(std::as_const(outputs_).pointers().subspan(1), fourier_, rest_rows_);
+  }
+  multiply(generator_form_, moved_, work_);
+  for (std::size_t v = 0; v < n; ++v) {
+    for (int p = 0; p < size(); ++p) {
+      const auto row = static_cast<int>(v);
+      add(inverse_M_(p, varying_[v]), std::as_const(rest_rows_.re).field(row).data(),
+          std::as_const(rest_rows_.im).field(row).data(), moved_.waves(), work_.re.field(p).data(),
+          work_.im.field(p).data());
+    }
+  }
+  rates.fill(0.0);
+  std::array<double*, MultisymplecticSystem::most_fields> to{};
+  for (int p = 0; p < size(); ++p) {
+    to[static_cast<std::size_t>(p)] = rates.field(evolving_[static_cast<std::size_t>(p)]).data();
+  }
+  to_grid(work_, std::span(all_).first(evolving_.size()), fourier_, std::span(to).first(evolving_.size()));
+}
+
+}  // namespace rubato

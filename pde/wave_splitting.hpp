@@ -1,0 +1,100 @@
+#pragma once
+
+#include <utility>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include <rubato/formula/batch.hpp>
+#include <rubato/grids/field_set.hpp>
+#include <rubato/grids/fourier.hpp>
+#include <rubato/pde/initial_level.hpp>
+#include <rubato/pde/multisymplectic_system.hpp>
+#include <rubato/pde/wave_rows.hpp>
+#include <rubato/variation/composition.hpp>
+
+namespace rubato {
+
+/// A splitting of S = ½ zᵀLz + N(x), L = S''(0), x the fields with an equation of motion (theory, sections 8 and 8.3):
+/// the flow of the waves, M z_t + Σ_a K_a ∂_a z = Lz, is exact on every wave, and that of M z_t = ∇N(x) at every node.
+/// Both are multisymplectic, and so are compositions of them (Ryland, McLachlan, Frank 2007). Two kinds of N have an
+/// exact flow here:
+///
+/// - *kicks*, where no field that N depends on is moved by it: N(u) of a wave equation moves v alone;
+/// - *turns*, where it moves pairs of fields around: N(|ψ|²) of Schrödinger equations.
+///
+/// With drifts a_i of the waves and kicks b_i of N the Hamiltonian that generates the composition in h is
+/// K = Σ a_i X_1 + Σ b_i X_2, X_1 the energy of the waves, X_2 = Σ ΔV N, each on its own part of the step.
+class WaveSplitting {
+public:
+  /// \throws SchemeRefusal where the linear part cannot be solved for the fields without an
+  /// equation of motion (KdV and other potential forms), where N depends on one of these, or where its flow is neither
+  /// a kick nor a turn
+  WaveSplitting(const MultisymplecticSystem& system, const grids::Grid& grid);
+
+  /// Stands at a level. \throws SchemeRefusal if a potential has a mean slope
+  void stand(const LatticeLevel& level);
+  /// Goes a step of length h from there; false if a value is not finite.
+  [[nodiscard]] bool step(const Composition& composition, double h);
+  /// K of that step.
+  [[nodiscard]] double generator() const { return generator_; }
+  /// 𝓔 where it led.
+  [[nodiscard]] double energy();
+  /// All fields where it led.
+  void fields(grids::FieldSet& fields);
+  /// Their rates, 0 for fields without equation of motion.
+  void rates(grids::FieldSet& rates);
+
+private:
+  enum class Flow { none, kick, turn };
+  /// exp(τA) on every wave, for one τ.
+  struct Propagator {
+    double tau = 0.0;
+    WaveRows entries;  ///< row·r + column; none before the first
+  };
+
+  void split_fields();
+  void reduce();
+  void group_waves();
+  void compile_rest();
+  void classify();
+  [[nodiscard]] bool is_turn() const;
+  void compile_turns();
+  [[nodiscard]] const WaveRows& propagator(double tau);
+  void fill(double tau, WaveRows& entries) const;
+  void multiply(const WaveRows& matrix, const WaveRows& in, WaveRows& out) const;
+  [[nodiscard]] bool kick(double tau);
+  [[nodiscard]] double wave_energy() const;
+  [[nodiscard]] bool evaluate_rest();
+  [[nodiscard]] int size() const { return static_cast<int>(evolving_.size()); }
+
+  MultisymplecticSystem system_;
+  grids::Grid grid_;
+  grids::Fourier fourier_;
+  std::vector<int> evolving_, others_;        ///< fields with an equation of motion, and without
+  Eigen::MatrixXd inverse_M_;                 ///< M⁻¹ of the evolving fields
+  Eigen::MatrixXd L_;                         ///< S''(0)
+  WaveRows energy_form_;                      ///< G of X_1 = ½ x̂ᴴ G x̂: row·r + column among evolving fields
+  WaveRows generator_form_;                   ///< A = M⁻¹G of x_t = Ax
+  WaveRows slaves_;                           ///< C of ŷ = C x̂, row·r + column
+  std::vector<std::vector<int>> groups_;      ///< places of evolving fields that A couples
+  std::vector<std::pair<int, int>> coupled_;  ///< pairs of places in one group
+  std::vector<Propagator> propagators_;
+  std::size_t next_ = 0;
+  std::vector<double> parseval_;
+
+  std::vector<int> varying_;  ///< places of the evolving fields that N depends on
+  Flow flow_ = Flow::none;
+  formula::BatchEvaluator rest_;   ///< N and ∇N of the varying fields
+  formula::BatchEvaluator turns_;  ///< of the varying fields and τ: where they are turned to
+  WaveRows x_, moved_, work_, rest_rows_;
+  grids::FieldSet values_;   ///< the varying fields at the nodes, then τ
+  grids::FieldSet outputs_;  ///< N and ∇N
+  grids::FieldSet turned_;
+  grids::FieldSet grid_values_;
+  std::vector<int> all_;
+  double rest_energy_ = 0.0;  ///< Σ ΔV N as last evaluated
+  double generator_ = 0.0;
+};
+
+}  // namespace rubato

@@ -1,0 +1,183 @@
+// Splittings on lattices: waves exactly, the rest node by node, composed; with their generating Hamiltonian.
+
+#include <cmath>
+#include <numbers>
+#include <string>
+#include <vector>
+
+#include <catch2/catch.hpp>
+
+#include <rubato/pde/lattice.hpp>
+#include <rubato/pde/wave_splitting.hpp>
+
+#include "equations.hpp"
+
+using namespace rubato;
+using namespace rubato::tests;
+
+namespace {
+
+double hump(double x, double scale) {
+  return scale * std::exp(std::cos(2 * std::numbers::pi * x / 16) * 3 - 3);  // period 16
+}
+
+LatticeLevel first_level(const MultisymplecticSystem& system, const grids::Grid& grid,
+                         const std::vector<std::string>& given) {
+  InitialFields initial(system.fields().size());
+  double scale = 1.0;
+  for (const std::string& name : given) {
+    initial[static_cast<std::size_t>(system.field(name))] =
+        sampled(grid, [scale](double x) { return hump(x - scale, scale); });
+    scale *= 0.6;
+  }
+  return initial_level(system, grid, initial, Placement::nodes);
+}
+
+struct Example {
+  std::string name;
+  MultisymplecticSystem system;
+  std::vector<std::string> given;
+  double until;
+};
+
+std::vector<Example> examples() {
+  return {{"sine-Gordon, a kick", sine_gordon(), {"u", "v"}, 2.0},
+          {"Schroedinger, a turn", schroedinger(2), {"p", "q"}, 0.4},
+          {"Dirac, turns of two pairs", dirac(1, 0.5), {"p1", "q1", "p2", "q2"}, 1.0}};
+}
+
+const grids::Grid line({{"x", -8, 8, 48}});
+
+/// z after `steps` equal steps; E_k of the last into `energy`.
+grids::FieldSet after(const Example& example, const std::string& name, int steps, double* energy = nullptr) {
+  const auto method = make_lattice_method({.name = "splitting", .composition = name});
+  const double h = example.until / steps;
+  const auto scheme = method->scheme(example.system, line, first_level(example.system, line, example.given), h);
+  for (int k = 0; k < steps; ++k) {
+    REQUIRE(scheme->advance(h, 0.0) == Status::success);
+    if (energy != nullptr) {
+      *energy = scheme->discrete_energy();
+    }
+    scheme->accept();
+  }
+  return scheme->level().fields;
+}
+
+}  // namespace
+
+TEST_CASE("splittings on lattices lead where Gauss collocation leads, with the order of their composition") {
+  // Six Gauss stages solve the same equation by another program; their error is far below those compared.
+  for (const Example& example : examples()) {
+    const auto gauss = make_gauss_lattice(example.system, line, 6, first_level(example.system, line, example.given));
+    for (int k = 0; k < 40; ++k) {
+      REQUIRE(gauss->advance(example.until / 40, 0.0) == Status::success);
+      gauss->accept();
+    }
+    for (const auto& [name, order] : {std::pair{"verlet", 2}, {"golden", 2}, {"blanes-moan-4", 4}, {"kahan-li-6", 6}}) {
+      INFO(example.name << ", " << name);
+      std::vector<double> errors;
+      for (const int steps : {10, 20, 40}) {
+        errors.push_back(largest_difference(after(example, name, steps).all(), gauss->level().fields.all()));
+      }
+      REQUIRE(errors.back() > 1e-13);
+      CHECK(std::log2(errors[1] / errors[2]) == Approx(order).margin(0.35));
+    }
+  }
+}
+
+TEST_CASE(
+    "the generating Hamiltonian of a splitting on a lattice is constant to the order only, its mean is the energy") {
+  // K_h = H + O(h^s), and with the coefficients of another composition it is not even that.
+  const Example example = examples()[0];
+  const auto level = first_level(example.system, line, example.given);
+  WaveSplitting splitting(example.system, line);
+  std::vector<double> misses;
+  for (const double h : {0.2, 0.1, 0.05}) {
+    splitting.stand(level);
+    REQUIRE(splitting.step(composition("golden"), h));
+    const double K = splitting.generator();
+    misses.push_back(std::abs(K - splitting.energy()));
+  }
+  CHECK(std::log2(misses[1] / misses[2]) == Approx(2.0).margin(0.3));
+}
+
+TEST_CASE("a splitting's K generates it in h") {
+  // ∂_hψ_h = J∇K_h∘ψ_h, so that K_h∘ψ_h changes along h by ∂_hK alone: for the flow of a linear system K is its energy,
+  // constant to rounding; a wrong weight of one part is seen.
+  const auto system = wave_equation("u^2/2");
+  const auto level = first_level(system, line, {"u", "v"});
+  WaveSplitting splitting(system, line);
+  splitting.stand(level);
+  REQUIRE(splitting.step(composition("golden"), 0.0));
+  const double energy = splitting.generator();
+  for (const double h : {0.1, 1.0, 7.0}) {
+    REQUIRE(splitting.step(composition("golden"), h));
+    CHECK(splitting.generator() == Approx(energy).epsilon(1e-13));
+    CHECK(splitting.energy() == Approx(energy).epsilon(1e-13));
+  }
+}
+
+TEST_CASE("a step of a splitting is taken back by the step of opposite length") {
+  // Symmetric compositions of exact flows: ψ_{-h}∘ψ_h = id, to rounding of some twenty transforms.
+  for (const Example& example : examples()) {
+    INFO(example.name);
+    const auto level = first_level(example.system, line, example.given);
+    WaveSplitting splitting(example.system, line);
+    LatticeLevel there = level;
+    splitting.stand(level);
+    REQUIRE(splitting.step(composition("kahan-li-6"), 0.1));
+    splitting.fields(there.fields);
+    CHECK(largest_difference(there.fields.all(), level.fields.all()) > 1e-3);
+    splitting.stand(there);
+    REQUIRE(splitting.step(composition("kahan-li-6"), -0.1));
+    splitting.fields(there.fields);
+    CHECK(largest_difference(there.fields.all(), level.fields.all()) < 1e-13);
+  }
+}
+
+TEST_CASE("levels of splittings on lattices keep the discrete energy, and their laws fall as the order says") {
+  const auto system = sine_gordon();
+  const grids::Grid fine({{"x", -10, 10, 192}});
+  InitialFields initial(3);
+  initial[0] = sampled(fine, [](double x) { return std::exp(-x * x); });
+  initial[1] = sampled(fine, [](double) { return 0.0; });
+  const LatticeOptions options = {.lagrangian = "splitting", .composition = "blanes-moan-4", .step = 0.2, .until = 2};
+  LatticeOptions variable = options;
+  variable.potential.kind = StepPotentialChoice::Kind::automatic;
+  LatticeIntegrator run(system, fine, initial, variable);
+  double energy = 0.0, longest = 0.0;
+  while (!run.finished()) {
+    const StepReport report = run.step();
+    REQUIRE(report.status == Status::success);
+    REQUIRE_FALSE(report.bridged);
+    energy = energy == 0.0 ? report.energy : energy;
+    CHECK(std::abs(report.energy - energy) <= 1e-12 * std::abs(energy));
+    longest = std::max(longest, report.h);
+  }
+  CHECK(longest > 0.21);
+  std::vector<double> worst;
+  for (const double h : {0.2, 0.1, 0.05}) {
+    LatticeOptions fixed = options;
+    fixed.step = h, fixed.levels = Levels::fixed;
+    LatticeIntegrator lattice(system, fine, initial, fixed);
+    double largest = 0.0;
+    while (!lattice.finished()) {
+      REQUIRE(lattice.step().status == Status::success);
+      largest = std::max(largest, lattice.residuals()[0].largest());
+    }
+    worst.push_back(largest);
+  }
+  INFO(worst[0] << ", " << worst[1] << ", " << worst[2]);
+  CHECK(std::log2(worst[1] / worst[2]) == Approx(4.0).margin(0.2));
+}
+
+TEST_CASE("what a splitting on a lattice cannot split is refused with the reason") {
+  using Catch::Matchers::Contains;
+  CHECK_THROWS_WITH(WaveSplitting(korteweg_de_vries(6, 1), line), Contains("w has none") && Contains("stages"));
+  CHECK_THROWS_WITH(
+      WaveSplitting(wave_equation_2d("1 - cos(u) + a^4"), grids::Grid({{"x", -1, 1, 8}, {"y", -1, 1, 8}})),
+      Contains("beyond its quadratic terms S depends on a"));
+  const auto neither = make_system({"p", "q", "v", "w"}, {{"p", "q", 1}}, {{{"p", "v", 1}, {"q", "w", 1}}},
+                                   "(v^2 + w^2)/2 + p^4 + q^2*p^2/3");
+  CHECK_THROWS_WITH(WaveSplitting(neither, line), Contains("neither"));
+}
