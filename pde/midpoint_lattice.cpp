@@ -168,6 +168,9 @@ public:
   [[nodiscard]] const LatticeLevel& level() const override { return level_; }
 
   [[nodiscard]] Status advance(double h, double accuracy) override {
+    if (!std::isfinite(h)) {
+      return Status::undefined;
+    }
     find_start_velocity();
     if (trial_h_ == 0.0) {
       history_.predict(h, delta_);

@@ -1,0 +1,228 @@
+// What every scheme for lattices has to do, for every one that the registry has: a new one is here by being registered.
+
+#include <cmath>
+#include <limits>
+#include <numbers>
+#include <string>
+#include <vector>
+
+#include <catch2/catch.hpp>
+
+#include <rubato/pde/lattice_method.hpp>
+#include <rubato/variation/composition.hpp>
+#include <rubato/variation/lattice_variation.hpp>
+
+#include "equations.hpp"
+
+using namespace rubato;
+using namespace rubato::tests;
+
+namespace {
+
+/// A wave equation, which all of them take, on a number of cells that all of them take.
+const grids::Grid line({{"x", -8, 8, 45}});
+
+std::vector<LatticeMethodChoice> all_choices() {
+  std::vector<LatticeMethodChoice> choices;
+  for (const LatticeMethodEntry& entry : lattice_methods()) {
+    const std::string name(entry.name);
+    for (const int stages : {1, 2, 3}) {
+      if (stages == 1 || entry.has_stages) {
+        choices.push_back({.name = name, .stages = stages});
+      }
+    }
+    for (const Composition& one : compositions()) {
+      if (entry.has_compositions && one.name != "golden") {
+        choices.push_back({.name = name, .composition = std::string(one.name)});
+      }
+    }
+  }
+  return choices;
+}
+
+std::string told(const LatticeMethodChoice& choice) {
+  return choice.name + ", stages " + std::to_string(choice.stages) + ", " + choice.composition;
+}
+
+class Subject {
+public:
+  explicit Subject(const LatticeMethodChoice& choice) : method(make_lattice_method(choice)), system(sine_gordon()) {
+    InitialFields initial(3);
+    const auto hump = [](double x) { return std::exp(2 * std::cos(2 * std::numbers::pi * (x - 1) / 16) - 2); };
+    initial[0] = sampled(line, hump);
+    initial[1] = sampled(line, [&](double x) { return 0.5 * hump(x + 2); });
+    first = method->first_level(system, line, initial).level;
+  }
+  [[nodiscard]] std::unique_ptr<LatticeScheme> scheme(double h) const { return method->scheme(system, line, first, h); }
+  [[nodiscard]] std::vector<double> after(LatticeScheme& scheme, double h, int steps) const {
+    for (int k = 0; k < steps; ++k) {
+      REQUIRE(scheme.advance(h, 0.0) == Status::success);
+      scheme.accept();
+    }
+    const auto all = scheme.level().fields.all();
+    return {all.begin(), all.end()};
+  }
+
+  std::unique_ptr<LatticeMethod> method;
+  MultisymplecticSystem system;
+  LatticeLevel first;
+};
+
+}  // namespace
+
+TEST_CASE("every scheme for lattices is found by its name, and no other") {
+  for (const LatticeMethodEntry& entry : lattice_methods()) {
+    CHECK(&lattice_method_entry(entry.name) == &entry);
+    CHECK_FALSE(entry.summary.empty());
+  }
+  CHECK_THROWS_WITH(make_lattice_method({"boxx"}), Catch::Matchers::Contains("\"boxx\" is no scheme") &&
+                                                       Catch::Matchers::Contains("\"box\", \"fourier\""));
+}
+
+TEST_CASE("every scheme for lattices continues from a saved state bit by bit, whatever was tried in between") {
+  for (const LatticeMethodChoice& choice : all_choices()) {
+    INFO(told(choice));
+    const Subject subject(choice);
+    const auto straight = subject.scheme(0.1);
+    static_cast<void>(subject.after(*straight, 0.1, 3));
+    StateWriter saved;
+    straight->save(saved);
+    const auto resumed = subject.scheme(0.1);
+    REQUIRE(resumed->advance(0.2, 0.0) == Status::success);
+    StateReader reader(saved.values());
+    resumed->restore(reader);
+    CHECK(reader.done());
+    const auto expected = subject.after(*straight, 0.11, 2);
+    CHECK(subject.after(*resumed, 0.11, 2) == expected);
+    const auto other = subject.scheme(0.1);
+    CHECK(subject.after(*other, 0.11, 2) != expected);  // the twin: from another level
+  }
+}
+
+TEST_CASE("every scheme for lattices is unimpressed by trials that it does not accept") {
+  // What is tried before decides where an iteration begins, and so the last digits: rounding of one step.
+  for (const LatticeMethodChoice& choice : all_choices()) {
+    INFO(told(choice));
+    const Subject subject(choice);
+    const auto plain = subject.scheme(0.1), tried = subject.scheme(0.1);
+    static_cast<void>(tried->advance(0.4, 0.0));
+    static_cast<void>(tried->advance(1e200, 0.0));
+    static_cast<void>(tried->advance(std::numeric_limits<double>::quiet_NaN(), 0.0));
+    static_cast<void>(tried->advance(-0.05, 1e-6));
+    const auto expected = subject.after(*plain, 0.1, 1);
+    const auto found = subject.after(*tried, 0.1, 1);
+    CHECK(largest_difference(found, expected) < 1e-13);
+  }
+}
+
+TEST_CASE("every scheme for lattices has the order that it says") {
+  // z_h - z_{h/2} at the same time on the same grid; the next term is smaller by less than h = 0.1 for odd ones, h² for
+  // the others.
+  for (const LatticeMethodChoice& choice : all_choices()) {
+    INFO(told(choice));
+    const Subject subject(choice);
+    const int order = subject.method->order();
+    const double until = order > 4 ? 1.6 : 0.8;
+    std::vector<std::vector<double>> levels;
+    for (const int steps : order > 4 ? std::vector{4, 8, 16} : std::vector{8, 16, 32}) {
+      const auto scheme = subject.scheme(until / steps);
+      levels.push_back(subject.after(*scheme, until / steps, steps));
+    }
+    const double coarse = largest_difference(levels[0], levels[1]), fine = largest_difference(levels[1], levels[2]);
+    if (fine < 1e-12) {
+      CHECK(order >= 8);  // rounding is reached before a slope is seen
+      continue;
+    }
+    CHECK(std::log2(coarse / fine) == Approx(order).margin(0.1 * order + 0.1));
+  }
+}
+
+TEST_CASE("every scheme for lattices tells the slope of its discrete energy, to leading order at least") {
+  for (const LatticeMethodChoice& choice : all_choices()) {
+    const Subject subject(choice);
+    if (!subject.method->fixed_levels_only().empty()) {
+      continue;
+    }
+    INFO(told(choice));
+    const double h = subject.method->order() > 4 ? 0.4 : 0.2, change = 1e-3 * h;
+    const auto energy_at = [&](double length) {
+      const auto scheme = subject.scheme(h);
+      REQUIRE(scheme->advance(length, 0.0) == Status::success);
+      return scheme->discrete_energy();
+    };
+    const auto scheme = subject.scheme(h);
+    REQUIRE(scheme->advance(h, 0.0) == Status::success);
+    const double difference = (energy_at(h + change) - energy_at(h - change)) / (2 * change);
+    // Off by a factor 1 + O(h), or by what rounding of E ~ 3 leaves of the difference.
+    CHECK(scheme->discrete_energy_slope() == Approx(difference).epsilon(0.5).margin(1e-14 / change));
+    if (!scheme->slope_to_leading_order()) {
+      CHECK(scheme->discrete_energy_slope() == Approx(difference).epsilon(1e-4).margin(1e-14 / change));
+    }
+  }
+}
+
+TEST_CASE("every scheme for lattices finds its own steps to solve its equation, and others not") {
+  for (const LatticeMethodChoice& choice : all_choices()) {
+    INFO(told(choice));
+    const Subject subject(choice);
+    const double h = 0.1;
+    const auto scheme = subject.scheme(h);
+    static_cast<void>(subject.after(*scheme, h, 1));
+    const LatticeLevel before = scheme->level();
+    REQUIRE(scheme->advance(h, 0.0) == Status::success);
+    const double energy = scheme->discrete_energy();
+    scheme->accept();
+    LatticeLevel after = scheme->level();
+    const auto equation = subject.method->equation(subject.system, line, subject.first, h);
+    const StepLaw law = equation->measure(before, after, h);
+    // ε |z|/h and ε |z|/Δx, times a few.
+    CHECK(law.residual.largest() < 1e-12);
+    CHECK(law.energy == Approx(energy).epsilon(1e-13));
+    after.fields.field(0)[7] += 1e-6;
+    CHECK(equation->measure(before, after, h).residual.largest() > 1e-7);
+  }
+}
+
+TEST_CASE("every scheme for lattices that states an action has the energy of that action") {
+  for (const LatticeMethodChoice& choice : all_choices()) {
+    const Subject subject(choice);
+    const auto action = subject.method->action(subject.system);
+    if (!action) {
+      CHECK_FALSE(subject.method->has_variational_laws());
+      continue;
+    }
+    INFO(told(choice));
+    const double h = 0.1;
+    const auto scheme = subject.scheme(h);
+    const LatticeLevel before = scheme->level();
+    REQUIRE(scheme->advance(h, 0.0) == Status::success);
+    const double energy = scheme->discrete_energy();
+    scheme->accept();
+    LatticeVariation variation(*action, line);
+    variation.take(before.fields, scheme->level().fields, h, before.slopes);
+    CHECK(variation.energy() == Approx(energy).epsilon(1e-12));
+    variation.take(scheme->level().fields, scheme->level().fields, h, before.slopes);
+    CHECK(std::abs(variation.energy() - energy) > 1e-6);  // the twin: another step
+  }
+}
+
+TEST_CASE("every scheme for lattices has local laws, small on its steps and large on others") {
+  for (const LatticeMethodChoice& choice : all_choices()) {
+    INFO(told(choice));
+    const Subject subject(choice);
+    LocalLaws laws = make_local_laws(*subject.method, subject.system, line);
+    REQUIRE(laws.names().front() == "energy");
+    const double h = 0.02;
+    const auto scheme = subject.scheme(h);
+    static_cast<void>(subject.after(*scheme, h, 2));
+    const LatticeLevel before = scheme->level();
+    static_cast<void>(subject.after(*scheme, h, 1));
+    LatticeLevel after = scheme->level();
+    const double sound = laws.residuals(before, after, h).front().largest();
+    CHECK(std::isfinite(sound));
+    for (double& value : after.fields.field(1)) {
+      value += 0.05;
+    }
+    CHECK(laws.residuals(before, after, h).front().largest() > 3.0 * sound);
+  }
+}
