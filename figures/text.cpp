@@ -138,7 +138,7 @@ JsonObject& JsonObject::count(std::string_view key, std::size_t value) {
   return raw(key, fmt::format("{}", value));
 }
 JsonObject& JsonObject::text(std::string_view key, std::string_view value) {
-  return raw(key, quoted(value));
+  return raw(key, rubato::quoted(value));
 }
 JsonObject& JsonObject::flag(std::string_view key, bool value) {
   return value ? raw(key, "true") : *this;
@@ -158,14 +158,14 @@ JsonObject& JsonObject::lists(std::string_view key, const std::vector<std::vecto
   for (const std::vector<std::string>& list : lists) {
     std::string texts;
     for (const std::string& one : list) {
-      texts += (texts.empty() ? "" : ", ") + quoted(one);
+      texts += (texts.empty() ? "" : ", ") + rubato::quoted(one);
     }
     array += (array.empty() ? "[" : ", [") + texts + "]";
   }
   return raw(key, "[" + array + "]");
 }
 JsonObject& JsonObject::raw(std::string_view key, std::string_view value) {
-  body_ += fmt::format("{}{}: {}", body_.empty() ? "" : ", ", quoted(key), value);
+  body_ += fmt::format("{}{}: {}", body_.empty() ? "" : ", ", rubato::quoted(key), value);
   return *this;
 }
 

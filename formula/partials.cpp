@@ -78,7 +78,7 @@ std::optional<Expression> merged_into(Graph& graph, Expression x, Expression y) 
 }
 
 /// x·y with powers of one base collected, so that equal products reached by different ways are one node.
-Expression product(Graph& graph, Expression x, Expression y) {
+Expression merged_product(Graph& graph, Expression x, Expression y) {
   if (const auto power = merged(graph, x, y)) {
     return *power;
   }
@@ -104,7 +104,7 @@ Scaled times(Graph& graph, const Scaled& x, const Scaled& y) {
   if (!y.factor.valid()) {
     return {coefficient, x.factor};
   }
-  return combine(graph, coefficient, product(graph, x.factor, y.factor));
+  return combine(graph, coefficient, merged_product(graph, x.factor, y.factor));
 }
 
 Scaled square(Graph& graph, const Scaled& x) {

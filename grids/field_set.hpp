@@ -48,7 +48,7 @@ public:
   void fill(double value) { parallel_fill(buffer_.data(), buffer_.size(), value); }
   /// Hypothesis: the same shape.
   void copy_from(const FieldSet& other) {
-    for_each_block(buffer_.size(), 4096, [&](std::size_t begin, std::size_t end) {
+    for_each_block(buffer_.size(), nodes_per_block, [&](std::size_t begin, std::size_t end) {
       std::copy(other.buffer_.data() + begin, other.buffer_.data() + end, buffer_.data() + begin);
     });
   }

@@ -17,7 +17,7 @@ void detail::for_each_block(std::size_t count, std::size_t block, void (*call)(v
 }
 
 void parallel_fill(double* values, std::size_t count, double value) {
-  for_each_block(count, 4096,
+  for_each_block(count, nodes_per_block,
                  [&](std::size_t begin, std::size_t end) { std::fill(values + begin, values + end, value); });
 }
 

@@ -5,6 +5,9 @@
 
 namespace rubato::grids {
 
+/// A block of work on one value per node: 32 KiB, what a first-level cache holds.
+inline constexpr std::size_t nodes_per_block = 4096;
+
 namespace detail {
 void for_each_block(std::size_t count, std::size_t block, void (*call)(void*, std::size_t, std::size_t),
                     void* function);

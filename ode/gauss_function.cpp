@@ -14,7 +14,7 @@ using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-constexpr int most_iterations = 50;
+constexpr int most_stage_iterations = 50;
 
 }  // namespace
 
@@ -67,7 +67,7 @@ Status GaussFunction::expand(std::span<const double> w, double h) {
     stages_.segment(i * size_, size_) = w_;
   }
   double last = std::numeric_limits<double>::infinity();
-  for (int iteration = 0; iteration < most_iterations; ++iteration) {
+  for (int iteration = 0; iteration < most_stage_iterations; ++iteration) {
     if (!evaluate()) {
       return Status::undefined;
     }

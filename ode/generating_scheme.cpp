@@ -9,6 +9,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <rubato/base/limits.hpp>
 #include <rubato/ode/flow_map.hpp>
 #include <rubato/ode/generating_action.hpp>
 #include <rubato/ode/generating_continuation.hpp>
@@ -24,10 +25,9 @@ using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-constexpr double epsilon = std::numeric_limits<double>::epsilon();
 /// Where the tangent is poor, on coarse steps, corrections shrink by little: an accurate step is worth some more of
 /// them.
-constexpr int most_iterations = 100;
+constexpr int most_generating_iterations = 100;
 /// Relative size of the displacement whose flow is differenced for a tangent: small beside what it bends over, large
 /// beside rounding.
 constexpr double displacement = 1e-5;
@@ -37,7 +37,7 @@ constexpr double displacement_error = 1e-9;
 /// left out: what is smooth in a correction, however small, adds up in one direction for the whole run.
 constexpr double small_residual = 1e-13;
 /// A correction at least this large shows, by the next one, how fast corrections contract.
-constexpr double measurable = 1e-12;
+constexpr double measurable_correction = 1e-12;
 /// Relative size of a correction that rounding alone may make.
 constexpr double rounding = 8.0 * epsilon;
 /// How much larger than its estimate the contraction of a correction is taken to be.
@@ -93,7 +93,7 @@ public:
     double previous = 0.0;
     double first = 0.0;
     StagnationTest test(accuracy);
-    for (int iteration = 0; iteration < most_iterations; ++iteration) {
+    for (int iteration = 0; iteration < most_generating_iterations; ++iteration) {
       if (const Status status = correct(h); status != Status::success) {
         return fail(status);
       }
@@ -101,7 +101,7 @@ public:
       if (!std::isfinite(size)) {
         return fail(Status::undefined);
       }
-      if (previous > measurable) {
+      if (previous > measurable_correction) {
         surprise_ = std::max(surprise_, (size - rounding) / (previous * estimate_));
       }
       if (iteration == 0) {

@@ -21,7 +21,7 @@ namespace rubato {
 
 namespace {
 
-constexpr int most_iterations = 50;
+constexpr int most_midpoint_iterations = 50;
 
 /// Size is 2n where that is small enough for the compiler to unroll, else Eigen::Dynamic.
 template <int Size>
@@ -64,7 +64,7 @@ public:
     }
     trial_h_ = h;
     StagnationTest test(accuracy);
-    for (int iteration = 0; iteration < most_iterations; ++iteration) {
+    for (int iteration = 0; iteration < most_midpoint_iterations; ++iteration) {
       z_.displaced(0.5, delta_, point_);
       energy_ = evaluator_.gradient(point_.data(), gradient_.data());
       ++iterations_;

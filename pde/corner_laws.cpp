@@ -12,9 +12,6 @@ namespace rubato {
 
 namespace {
 
-constexpr std::size_t piece = 4096;
-constexpr int time = LawTables::time;
-
 class CornerLaws final : public LawEngine {
 public:
   explicit CornerLaws(LawTables tables)
@@ -33,10 +30,10 @@ public:
     grids::FieldSet sum(laws, tables_.grid.size());
     grids::FieldSet current(sum);
     differentiate(after.fields);
-    currents(time, after.fields, h, sum);
+    currents(LawTables::time, after.fields, h, sum);
     differentiate(before.fields);
     differentiate_in_time(before.fields, after.fields, h);
-    currents(time, before.fields, h, current);
+    currents(LawTables::time, before.fields, h, current);
     for (int l = 0; l < laws; ++l) {
       combine(1.0 / h, sum.field(l), -1.0 / h, current.field(l), sum.field(l));
     }
@@ -61,7 +58,7 @@ public:
   std::vector<double> totals(const LatticeLevel& level) override {
     grids::FieldSet density(static_cast<int>(tables_.names.size()), tables_.grid.size());
     differentiate(level.fields);
-    currents(time, level.fields, 1.0, density);
+    currents(LawTables::time, level.fields, 1.0, density);
     std::vector<double> totals;
     totals.reserve(tables_.names.size());
     for (int l = 0; l < density.fields(); ++l) {
@@ -75,8 +72,8 @@ public:
       throw std::invalid_argument("the multisymplectic law of euler-box needs tangent solutions at three levels");
     }
     grids::FieldSet sum(1, tables_.grid.size());
-    add_form(tables_.plus[time], u.before, u.after, v.before, v.after, 1.0 / h, sum.field(0));
-    add_form(tables_.plus[time], *u.earlier, u.before, *v.earlier, v.before, -1.0 / h, sum.field(0));
+    add_form(tables_.plus[LawTables::time], u.before, u.after, v.before, v.after, 1.0 / h, sum.field(0));
+    add_form(tables_.plus[LawTables::time], *u.earlier, u.before, *v.earlier, v.before, -1.0 / h, sum.field(0));
     for (int a = 0; a < tables_.grid.dimensions(); ++a) {
       const grids::FieldSet u_next = shifted(u.before, a);
       const grids::FieldSet v_next = shifted(v.before, a);
@@ -101,7 +98,7 @@ private:
   /// out = α x + β y; out may be x or y.
   static void combine(double alpha, std::span<const double> x, double beta, std::span<const double> y,
                       std::span<double> out) {
-    grids::for_each_block(out.size(), piece, [=](std::size_t begin, std::size_t end) {
+    grids::for_each_block(out.size(), grids::nodes_per_block, [=](std::size_t begin, std::size_t end) {
       for (std::size_t i = begin; i < end; ++i) {
         out[i] = alpha * x[i] + beta * y[i];
       }
@@ -117,7 +114,7 @@ private:
       const auto v_row = v.field(term.row);
       const auto u_column = u_next.field(term.column);
       const auto v_column = v_next.field(term.column);
-      grids::for_each_block(out.size(), piece, [=](std::size_t begin, std::size_t end) {
+      grids::for_each_block(out.size(), grids::nodes_per_block, [=](std::size_t begin, std::size_t end) {
         for (std::size_t i = begin; i < end; ++i) {
           out[i] += weight * (u_row[i] * v_column[i] - v_row[i] * u_column[i]);
         }
@@ -147,7 +144,7 @@ private:
 
   void differentiate_in_time(const grids::FieldSet& before, const grids::FieldSet& after, double h) {
     for (int f = 0; f < tables_.d; ++f) {
-      combine(1.0 / h, after.field(f), -1.0 / h, before.field(f), differences_[time].field(f));
+      combine(1.0 / h, after.field(f), -1.0 / h, before.field(f), differences_[LawTables::time].field(f));
     }
   }
 
@@ -161,7 +158,7 @@ private:
       const auto column = z.field(term.column);
       const auto row_difference = difference.field(term.row);
       const auto column_difference = difference.field(term.column);
-      grids::for_each_block(out.size(), piece, [=](std::size_t begin, std::size_t end) {
+      grids::for_each_block(out.size(), grids::nodes_per_block, [=](std::size_t begin, std::size_t end) {
         for (std::size_t i = begin; i < end; ++i) {
           out[i] += weight * row_difference[i] * (column[i] + reach * column_difference[i]);
         }

@@ -19,7 +19,6 @@ namespace rubato {
 
 namespace {
 
-constexpr std::size_t piece = 4096;
 /// E_k is told from its neighbours by terms of order h^s: a trial that is not the last is solved nearly as well.
 constexpr double loosest = 1e-13;
 /// A step this many times longer or shorter than the last one is not begun from its stages.
@@ -82,7 +81,7 @@ public:
       const double* delta = delta_.field(f).data();
       const bool midpoint = system_.structure().at_midpoints(f);
       largest_[i] = std::max(largest_[i], grids::max_abs(std::as_const(delta_).field(f)));
-      grids::for_each_block(grid_.size(), piece, [=](std::size_t begin, std::size_t end) {
+      grids::for_each_block(grid_.size(), grids::nodes_per_block, [=](std::size_t begin, std::size_t end) {
         for (std::size_t n = begin; n < end; ++n) {
           if (midpoint) {
             high[n] = 0.5 * delta[n];

@@ -12,6 +12,7 @@
 
 #include <rubato/base/compensated_sum.hpp>
 #include <rubato/base/larger.hpp>
+#include <rubato/base/limits.hpp>
 #include <rubato/formula/bytecode.hpp>
 #include <rubato/grids/reductions.hpp>
 #include <rubato/grids/wide_vectors.hpp>
@@ -24,13 +25,12 @@ namespace {
 using Complex = std::complex<double>;
 using formula::Expression;
 
-constexpr double epsilon = std::numeric_limits<double>::epsilon();
-constexpr int most_iterations = 200;
+constexpr int most_slab_iterations = 200;
 /// What the next correction would mend, relative, at which nothing but rounding is left.
 constexpr double enough = 0.25 * epsilon;
 /// Corrections below this may have stopped to shrink by rounding; above, the iteration does not contract.
 constexpr double rounding_region = 1e-11;
-/// Corrections that shrink less than this lead nowhere within most_iterations.
+/// Corrections that shrink less than this lead nowhere within most_slab_iterations.
 constexpr double no_contraction = 0.9;
 constexpr int patience = 8;
 /// Waves that are worked on at once: arrays of them stay in the cache.
@@ -489,7 +489,7 @@ Status GaussSlab::solve(double h, double accuracy, std::span<const double> large
       break;
     }
     idle = contraction > no_contraction ? idle + 1 : 0;
-    if (idle > patience || iteration == most_iterations) {
+    if (idle > patience || iteration == most_slab_iterations) {
       return Status::not_converged;
     }
   }

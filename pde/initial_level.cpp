@@ -28,7 +28,7 @@ using Eigen::Index;
 using Eigen::MatrixXcd;
 using Eigen::MatrixXd;
 
-constexpr int most_iterations = 30;
+constexpr int most_level_iterations = 30;
 
 /// Which fields are computed, by which combinations of rows.
 struct Plan {
@@ -175,7 +175,7 @@ public:
     std::vector<double> y(static_cast<std::size_t>(conditions_.count()) * lines_);
     double last = std::numeric_limits<double>::infinity();
     double first = 0.0;
-    for (int iteration = 0; iteration < most_iterations; ++iteration) {
+    for (int iteration = 0; iteration < most_level_iterations; ++iteration) {
       const grids::FieldSet& fields = level.fields;
       const SweepResult result =
           sweep_(fields.pointers(), level.slopes, {}, 0.0, residual_.pointers(), hessian_.pointers());

@@ -5,12 +5,6 @@
 
 namespace rubato {
 
-namespace {
-
-constexpr std::size_t piece = 4096;
-
-}  // namespace
-
 LevelHistory::LevelHistory(std::vector<bool> at_midpoints, std::size_t nodes) : at_midpoints_(std::move(at_midpoints)) {
   for (Sample& sample : samples_) {
     sample.rate = grids::FieldSet(static_cast<int>(at_midpoints_.size()), nodes);
@@ -25,7 +19,7 @@ void LevelHistory::record(double time, double h, const grids::FieldSet& delta) {
     const double factor = at_midpoints_[static_cast<std::size_t>(f)] ? 0.5 : 1.0 / h;
     const double* in = delta.field(f).data();
     double* out = sample.rate.field(f).data();
-    grids::for_each_block(delta.size(), piece, [=](std::size_t begin, std::size_t end) {
+    grids::for_each_block(delta.size(), grids::nodes_per_block, [=](std::size_t begin, std::size_t end) {
       for (std::size_t i = begin; i < end; ++i) {
         out[i] = factor * in[i];
       }
@@ -61,7 +55,7 @@ void LevelHistory::combine(const Weights& evolving, const Weights& midpoint, dou
     for (std::size_t s = 0; s < most; ++s) {
       from[s] = samples_[s].rate.field(f).data();
     }
-    grids::for_each_block(out.size(), piece, [=](std::size_t begin, std::size_t end) {
+    grids::for_each_block(out.size(), grids::nodes_per_block, [=](std::size_t begin, std::size_t end) {
       for (std::size_t i = begin; i < end; ++i) {
         const double predicted = (w[0] * from[0][i] + w[1] * from[1][i]) + (w[2] * from[2][i] + w[3] * from[3][i]);
         to[i] = keep * to[i] + predicted;

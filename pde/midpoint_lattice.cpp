@@ -8,6 +8,7 @@
 #include <fmt/format.h>
 
 #include <rubato/base/larger.hpp>
+#include <rubato/base/limits.hpp>
 #include <rubato/grids/reductions.hpp>
 #include <rubato/grids/wide_vectors.hpp>
 #include <rubato/pde/cell_solver.hpp>
@@ -21,7 +22,6 @@ namespace rubato {
 
 namespace {
 
-constexpr double epsilon = std::numeric_limits<double>::epsilon();
 constexpr int most_iterations = 20;
 /// Corrections after which a linear solve that went wrong is thought of; a regular step takes 2 to 4.
 constexpr int careful_after = 6;
@@ -30,7 +30,6 @@ constexpr double trial_accuracy = 1e-3;
 constexpr double finest_trial = 1e-13;
 /// Correction of a trial, relative, beside its distance from the last one: what shifting it leaves.
 constexpr double expected_correction = 1e-2;
-constexpr std::size_t piece = 4096;
 /// Levels for which the size of the energy's terms serves.
 constexpr int size_period = 16;
 /// The residual, relative to the terms of its row, at which nothing but rounding is left.
@@ -224,18 +223,19 @@ public:
       double* low = low_.field(f).data();
       const double* delta = delta_.field(f).data();
       largest_[i] = std::max(largest_[i], grids::max_abs(delta_.field(f)));
-      grids::for_each_block(grid_.size(), piece, [=, midpoint = at_midpoints_[i]](std::size_t begin, std::size_t end) {
-        for (std::size_t n = begin; n < end; ++n) {
-          if (midpoint) {
-            high[n] = 0.5 * delta[n];
-            continue;
-          }
-          const double rest = low[n] + delta[n];
-          const double sum = high[n] + rest;
-          low[n] = rest - (sum - high[n]);
-          high[n] = sum;
-        }
-      });
+      grids::for_each_block(grid_.size(), grids::nodes_per_block,
+                            [=, midpoint = at_midpoints_[i]](std::size_t begin, std::size_t end) {
+                              for (std::size_t n = begin; n < end; ++n) {
+                                if (midpoint) {
+                                  high[n] = 0.5 * delta[n];
+                                  continue;
+                                }
+                                const double rest = low[n] + delta[n];
+                                const double sum = high[n] + rest;
+                                low[n] = rest - (sum - high[n]);
+                                high[n] = sum;
+                              }
+                            });
     }
     start_level();
   }
@@ -295,7 +295,7 @@ private:
       const double* delta = delta_.field(f).data();
       double* point = point_.field(f).data();
       const double keep = at_midpoints_[static_cast<std::size_t>(f)] ? 0.0 : 1.0;
-      grids::for_each_block(grid_.size(), piece, [=](std::size_t begin, std::size_t end) {
+      grids::for_each_block(grid_.size(), grids::nodes_per_block, [=](std::size_t begin, std::size_t end) {
         for (std::size_t n = begin; n < end; ++n) {
           point[n] = keep * high[n] + (low[n] + scale * delta[n]);
         }

@@ -19,7 +19,7 @@ constexpr std::size_t farthest = 10;
 constexpr double standing_out = 10.0;
 constexpr double beyond_inside = 4.5;  ///< a kink between two nodes gives a quarter of what one at a node gives
 constexpr double of_second_difference = 0.02;
-constexpr double rounding = 1e-12;
+constexpr double rounding_of_values = 1e-12;
 
 /// One line of values, round its period.
 class Line {
@@ -88,7 +88,7 @@ SeamBreak classify(const std::vector<double>& line, int axis, std::size_t node, 
 
 std::optional<SeamBreak> find_seam_break(const grids::Grid& grid, std::span<const double> values) {
   std::optional<SeamBreak> worst;
-  double most = rounding * grids::max_abs(values);
+  double most = rounding_of_values * grids::max_abs(values);
   for (int a = 0; a < grid.dimensions(); ++a) {
     const std::size_t n = grid.cells(a);
     if (n < shortest_line) {

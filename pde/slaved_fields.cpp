@@ -8,8 +8,6 @@ namespace rubato {
 
 namespace {
 
-constexpr std::size_t piece = 4096;
-
 bool constant_in_its_row(const MultisymplecticSystem& system, int field) {
   const auto& varying = system.varying_hessian();
   if (std::ranges::any_of(varying, [&](const HessianEntry& e) { return e.row == field || e.column == field; })) {
@@ -96,7 +94,7 @@ void SlavedFields::follow(double h, const grids::FieldSet& high, const grids::Fi
     const double* z = high.field(slave.field).data();
     const double* rest = low.field(slave.field).data();
     double* out = delta.field(slave.field).data();
-    grids::for_each_block(delta.size(), piece, [&, z, rest, out](std::size_t begin, std::size_t end) {
+    grids::for_each_block(delta.size(), grids::nodes_per_block, [&, z, rest, out](std::size_t begin, std::size_t end) {
       std::fill(out + begin, out + end, constant);
       for (const auto& [field, entry] : slave.masters) {
         const double factor = entry / (h * slave.a);
@@ -115,7 +113,7 @@ void SlavedFields::follow(double h, const grids::FieldSet& high, const grids::Fi
 void SlavedFields::correct(double h, grids::FieldSet& correction) const {
   for (const Slave& slave : slaves_) {
     double* out = correction.field(slave.field).data();
-    grids::for_each_block(correction.size(), piece, [&, out](std::size_t begin, std::size_t end) {
+    grids::for_each_block(correction.size(), grids::nodes_per_block, [&, out](std::size_t begin, std::size_t end) {
       std::fill(out + begin, out + end, 0.0);
       for (const auto& [field, entry] : slave.masters) {
         const double factor = 2.0 * entry / (h * slave.a);

@@ -19,7 +19,7 @@ void validate_path(const std::string& path) {
     throw std::invalid_argument(fmt::format("record: '{}' is in the checkpoint, which the writer keeps itself", path));
 }
 
-std::size_t size_of(const Scale& scale) {
+std::size_t length_of(const Scale& scale) {
   return std::visit([](const auto& values) { return values.size(); }, scale.values);
 }
 
@@ -48,7 +48,7 @@ void validate(const Layout& layout) {
 
   for (const auto& scale : layout.scales) {
     claim_own(scale.path);
-    if (size_of(scale) == 0)
+    if (length_of(scale) == 0)
       throw std::invalid_argument(fmt::format("record: scale '{}' is empty", scale.path));
   }
   for (const auto& dataset : layout.datasets)
@@ -86,7 +86,7 @@ std::vector<std::pair<std::string, std::string>> links_of(const Dataset& dataset
 std::vector<hsize_t> row_shape(const Layout& layout, const Dataset& dataset) {
   std::vector<hsize_t> shape;
   for (const auto& dimension : dataset.dimensions)
-    shape.push_back(size_of(scale_at(layout, dimension)));
+    shape.push_back(length_of(scale_at(layout, dimension)));
   return shape;
 }
 

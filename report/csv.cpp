@@ -14,7 +14,7 @@ namespace rubato::report {
 namespace {
 
 /// A name as one field of a row: in quotes where it would not be one otherwise.
-std::string quoted(const std::string& name) {
+std::string csv_field(const std::string& name) {
   if (name.find_first_of(",\"\n\r") == std::string::npos) {
     return name;
   }
@@ -29,7 +29,7 @@ std::string quoted(const std::string& name) {
 }
 
 /// A dataset with one or more columns, as part of a table.
-struct Source {
+struct TableSource {
   std::string path;
   std::vector<std::string> names;
 };
@@ -51,13 +51,13 @@ public:
   }
 
   /// Datasets with equally many rows, side by side; `number` counts the rows from 0.
-  void table(const std::string& name, const std::string& number, const std::vector<Source>& sources) {
+  void table(const std::string& name, const std::string& number, const std::vector<TableSource>& sources) {
     OutputFile file(folder_ / name, overwrite_);
     std::string text = number;
-    for (const Source& source : sources) {
+    for (const TableSource& source : sources) {
       for (const std::string& column : source.names) {
         text += text.empty() ? "" : ",";
-        text += quoted(column);
+        text += csv_field(column);
       }
     }
     text += '\n';
@@ -67,7 +67,7 @@ public:
       const std::size_t count = std::min(slab, rows - first);
       std::vector<std::vector<double>> values;
       values.reserve(sources.size());
-      for (const Source& source : sources) {
+      for (const TableSource& source : sources) {
         values.push_back(reader_.read(source.path, first, count));
       }
       for (std::size_t row = 0; row < count; ++row) {
@@ -135,7 +135,7 @@ private:
 };
 
 void export_levels(Exporter& exporter, const Contents& contents) {
-  std::vector<Source> levels{
+  std::vector<TableSource> levels{
       {"/levels/t", {"t"}}, {"/levels/gamma", {"gamma"}}, {"/levels/node_energy", {"node_energy"}}};
   for (const std::string& name : contents.invariants) {
     levels.push_back({"/laws/" + name, {name}});
@@ -145,7 +145,7 @@ void export_levels(Exporter& exporter, const Contents& contents) {
   }
   exporter.table("levels.csv", "level", levels);
 
-  std::vector<Source> steps;
+  std::vector<TableSource> steps;
   for (const char* name : {"h", "energy", "iterations", "bridged", "step_condition"}) {
     steps.push_back({std::string("/levels/") + name, {name}});
   }
@@ -158,10 +158,10 @@ void export_levels(Exporter& exporter, const Contents& contents) {
 }
 
 void export_states(Exporter& exporter, const Contents& contents) {
-  std::vector<Source> states{{"/states/level", {"level"}},
-                             {"/states/t", {"t"}},
-                             {"/states/q", contents.coordinates},
-                             {"/states/p", contents.momenta}};
+  std::vector<TableSource> states{{"/states/level", {"level"}},
+                                  {"/states/t", {"t"}},
+                                  {"/states/q", contents.coordinates},
+                                  {"/states/p", contents.momenta}};
   for (const std::string& name : contents.exact) {
     states.push_back({"/exact/" + name, {"exact_" + name}});
   }

@@ -7,9 +7,10 @@ namespace rubato::report {
 
 namespace {
 
-constexpr std::size_t value_bytes = 2, enough_frames = 24, smallest_side = 32, least_frames = 2, least_points = 40;
+constexpr std::size_t film_value_bytes = 2, enough_frames = 24, smallest_side = 32, least_frames = 2,
+                      least_extremes = 40;
 /// A point of the extremes: t in double, two values in single precision; two envelopes select points.
-constexpr std::size_t extremes_bytes = packed_size(2 * (8 + 4 + 4)), padding = 16;
+constexpr std::size_t extremes_bytes = packed_size(2 * (8 + 4 + 4)), film_padding = 16;
 
 std::size_t count_films(const MapCounts& counts) {
   return counts.fields + counts.exact + counts.residuals;
@@ -23,11 +24,11 @@ Demand Film::demand(const record::DatasetInfo& field, const Contents& contents) 
                     width = field.shape.back(), films = count_films(counts);
   const auto bytes = [&](std::size_t frames, std::size_t rows, std::size_t columns, std::size_t points) {
     return counts.frames + packed_size(8 * frames) +
-           films * (packed_size(value_bytes * frames * rows * columns) + extremes_bytes * points + padding);
+           films * (packed_size(film_value_bytes * frames * rows * columns) + extremes_bytes * points + film_padding);
   };
   const std::size_t whole = bytes(levels, height, width, levels);
   return {std::min(whole, bytes(std::min(levels, least_frames), std::min(height, smallest_side),
-                                std::min(width, smallest_side), std::min(levels, least_points))),
+                                std::min(width, smallest_side), std::min(levels, least_extremes))),
           whole};
 }
 
@@ -47,10 +48,10 @@ Film::Plan Film::plan(const record::DatasetInfo& field, const Contents& contents
   if (bytes < demand(field, contents).whole) {
     // Curves of extremes take at most an eighth.
     const std::size_t room = (bytes - counts.frames) / films;
-    plan.extremes_points = std::clamp<std::size_t>(room / 8 / extremes_bytes, least_points, 4000);
-    const std::size_t left = room - std::min(levels, plan.extremes_points) * extremes_bytes - padding;
+    plan.extremes_points = std::clamp<std::size_t>(room / 8 / extremes_bytes, least_extremes, 4000);
+    const std::size_t left = room - std::min(levels, plan.extremes_points) * extremes_bytes - film_padding;
     // What is given to the times of the pictures is no more than to one value each.
-    const std::size_t values = left / 4 * 3 / value_bytes;
+    const std::size_t values = left / 4 * 3 / film_value_bytes;
     const double picture = static_cast<double>(values) / static_cast<double>(std::min(levels, enough_frames));
     // Blocks are squares of nodes, all of the same size but at the border.
     const double block = std::ceil(std::sqrt(static_cast<double>(height * width) / picture));

@@ -57,7 +57,7 @@ Json& Json::key(std::string_view name) {
 Json& Json::value(std::string_view text) {
   separate();
   // The object may stand in a <script> element, which any "</script>" in it would end.
-  for (const char c : quoted(text)) {
+  for (const char c : rubato::quoted(text)) {
     text_ += c == '<' ? std::string_view("\\u003c") : std::string_view(&c, 1);
   }
   return *this;

@@ -9,13 +9,9 @@
 
 #include <fmt/format.h>
 
+#include <rubato/base/limits.hpp>
+
 namespace rubato::report {
-
-namespace {
-
-constexpr double infinity = std::numeric_limits<double>::infinity();
-
-}  // namespace
 
 std::vector<std::size_t> envelope(std::span<const double> y, std::size_t buckets) {
   if (buckets == 0) {

@@ -10,6 +10,7 @@
 
 #include <fmt/core.h>
 #include <rubato/base/compensated_sum.hpp>
+#include <rubato/base/limits.hpp>
 #include <rubato/grids/buffer.hpp>
 #include <rubato/grids/wide_vectors.hpp>
 #include <rubato/solve/chunk_elimination.hpp>
@@ -287,7 +288,6 @@ double CyclicBlockSolver::Storage::backward_error(const CyclicBidiagonal& a, con
                                                   const double* const* rhs, const double* border_rhs,
                                                   const double* const* z, const double* y, bool& undefined) {
   const int d = a.block;
-  const auto infinity = std::numeric_limits<double>::infinity();
   bool finite = true;
   const auto seen = [&](double value) {
     finite = finite && std::isfinite(value);

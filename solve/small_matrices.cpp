@@ -8,14 +8,14 @@
 #include <utility>
 #include <vector>
 
+#include <rubato/base/limits.hpp>
+
 namespace rubato::solve {
 namespace {
 
 using Eigen::Index;
 using Eigen::MatrixXcd;
 using Eigen::MatrixXd;
-
-constexpr double epsilon = std::numeric_limits<double>::epsilon();
 
 double conjugate(double x) {
   return x;

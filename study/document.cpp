@@ -123,7 +123,7 @@ bool is_bare_key(std::string_view key) {
 }
 
 std::string written_key(const std::string& key) {
-  return is_bare_key(key) ? key : quoted(key);
+  return is_bare_key(key) ? key : rubato::quoted(key);
 }
 
 /// Shortest digits that read back to the same double, in TOML's spelling of a float.
@@ -136,7 +136,7 @@ std::string written_real(double value) {
 }
 
 struct Writer {
-  std::string operator()(const std::string& text) const { return quoted(text); }
+  std::string operator()(const std::string& text) const { return rubato::quoted(text); }
   std::string operator()(std::int64_t number) const { return fmt::format("{}", number); }
   std::string operator()(double number) const { return written_real(number); }
   std::string operator()(bool value) const { return value ? "true" : "false"; }

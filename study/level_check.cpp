@@ -6,11 +6,12 @@
 
 #include <fmt/format.h>
 
+#include <rubato/base/limits.hpp>
+
 namespace rubato::study {
 
 namespace {
 
-constexpr double epsilon = std::numeric_limits<double>::epsilon();
 constexpr double none = std::numeric_limits<double>::quiet_NaN();
 
 class LevelCheck {

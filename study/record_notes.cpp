@@ -2,12 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <numeric>
 #include <tuple>
 
 #include <fmt/format.h>
 
+#include <rubato/base/limits.hpp>
 #include <rubato/formula/bytecode.hpp>
 #include <rubato/pde/law_engine.hpp>
 #include <rubato/study/lattice_problem.hpp>
@@ -17,7 +17,6 @@ namespace rubato::study {
 
 namespace {
 
-constexpr double epsilon = std::numeric_limits<double>::epsilon();
 constexpr double roundings = 4.0;
 
 /// |f| + Σ |∂f/∂z_i| |z_i|.
@@ -55,7 +54,7 @@ std::vector<std::size_t> sample(std::size_t rows) {
 }
 
 /// The largest level seen of each dataset; what is not finite tells nothing.
-class Levels {
+class RecordedLevels {
 public:
   void see(const std::string& dataset, double magnitude) {
     if (std::isfinite(magnitude) && magnitude > 0.0) {
@@ -82,7 +81,7 @@ std::map<std::string, double> orbit_levels(const record::Reader& reader, const P
     invariants.emplace_back("/laws/" + invariant.name,
                             Magnitude(problem.build(invariant.formula, graph, ode.names()), variables));
   }
-  Levels levels;
+  RecordedLevels levels;
   for (const std::size_t row : sample(reader.rows("/states/t"))) {
     std::vector<double> z = reader.read("/states/q", row, 1);
     std::ranges::copy(reader.read("/states/p", row, 1), std::back_inserter(z));
@@ -221,7 +220,7 @@ private:
   LatticeLevel level_;
   std::size_t every_;
   std::vector<double> z_;
-  Levels levels_;
+  RecordedLevels levels_;
 };
 
 /// Whether S is c f²/2 + (what does not depend on f).

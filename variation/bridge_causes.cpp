@@ -10,7 +10,7 @@ namespace {
 /// How many steps ahead a zero of Γ explains why a step does not exist: the step law has h grow without bound there.
 constexpr double steps_ahead = 3.0;
 /// A sign change from one Γ to another this many times larger is no crossing of a simple zero: those are balanced.
-constexpr double largest_imbalance = 16.0;
+constexpr double largest_crossing_ratio = 16.0;
 
 }  // namespace
 
@@ -29,7 +29,7 @@ bool GammaTrend::meets_zero() const {
     return false;
   }
   if (before * after <= 0.0) {
-    return !(ratio() > largest_imbalance) || before == 0.0 || after == 0.0;
+    return !(ratio() > largest_crossing_ratio) || before == 0.0 || after == 0.0;
   }
   return (after + steps_ahead * (after - before)) * after <= 0.0;
 }

@@ -10,11 +10,11 @@ namespace rubato {
 
 namespace {
 
-using Parts = std::vector<Composition::Part>;
+using CompositionParts = std::vector<Composition::Part>;
 
 /// A palindrome from its first half, the middle part last: kinds alternate, beginning with `drift`.
-Parts palindrome(bool drift, const std::vector<double>& half) {
-  Parts parts;
+CompositionParts palindrome(bool drift, const std::vector<double>& half) {
+  CompositionParts parts;
   for (std::size_t i = 0; i < half.size(); ++i, drift = !drift) {
     parts.push_back({drift, half[i]});
   }
@@ -25,12 +25,12 @@ Parts palindrome(bool drift, const std::vector<double>& half) {
 }
 
 /// Verlet steps of these lengths and back; kicks that meet are one.
-Parts of_verlet(const std::vector<double>& half) {
+CompositionParts of_verlet(const std::vector<double>& half) {
   std::vector<double> lengths = half;
   for (std::size_t i = half.size() - 1; i-- > 0;) {
     lengths.push_back(half[i]);
   }
-  Parts parts = {{false, 0.5 * lengths.front()}};
+  CompositionParts parts = {{false, 0.5 * lengths.front()}};
   for (std::size_t i = 0; i < lengths.size(); ++i) {
     const double next = i + 1 < lengths.size() ? lengths[i + 1] : 0.0;
     parts.push_back({true, lengths[i]});

@@ -12,12 +12,12 @@ namespace {
 /// The tolerance trials begin with, and the factor from one to the next.
 constexpr double coarse_tolerance = 1e-3;
 constexpr double refinement = 1e-2;
-constexpr int most_trials = 16;
+constexpr int most_first_trials = 16;
 /// A trial whose deviation is this part of the tolerance is good enough; the next one aims at its upper third.
 constexpr double least_part = 0.7;
 constexpr double aim = 0.9;
 /// Change of the step from one trial to the next: where the law does not hold yet it is not to be trusted further.
-constexpr double largest_growth = 4.0;
+constexpr double largest_rise = 4.0;
 constexpr double largest_cut = 0.1;
 
 /// The search for one tolerance. Steps are lengths here.
@@ -32,7 +32,7 @@ public:
     double length = std::min(guess, longest_);
     double good = 0.0;                                     // longest that kept to the tolerance
     double bad = std::numeric_limits<double>::infinity();  // shortest that did not
-    for (int trial = 0; trial < most_trials; ++trial) {
+    for (int trial = 0; trial < most_first_trials; ++trial) {
       const TrialRun result = run_(std::copysign(length, direction_));
       const bool solved = result.status == Status::success;
       if (solved && result.deviation <= tolerance) {
@@ -44,7 +44,7 @@ public:
         bad = std::min(bad, length);
       }
       const double ratio = solved ? std::pow(aim * tolerance / result.deviation, 1.0 / order_) : largest_cut;
-      length = std::min(length * std::clamp(ratio, largest_cut, largest_growth), longest_);
+      length = std::min(length * std::clamp(ratio, largest_cut, largest_rise), longest_);
       // On orbits with crossings the deviation depends on their phase too: stay between what is known.
       if (length <= good || length >= bad) {
         length = good == 0.0 ? 0.5 * bad : std::sqrt(good * bad);

@@ -1,6 +1,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include <rubato/base/limits.hpp>
+#include <rubato/variation/level_accuracy.hpp>
 #include <rubato/variation/sign.hpp>
 #include <rubato/variation/time_levels.hpp>
 
@@ -10,11 +12,6 @@ namespace rubato {
 
 namespace {
 
-constexpr double epsilon = std::numeric_limits<double>::epsilon();
-constexpr double infinity = std::numeric_limits<double>::infinity();
-
-/// Accuracy asked of a step whose length will still change: Newton's next correction of h squares the error anyway.
-constexpr double loose = 1e-6;
 /// A root this many times longer or shorter than the step law predicts is on another branch.
 constexpr double largest_ratio = 4.0;
 /// Trial lengths per step. A regular step takes 2 or 3; the rest is for finding out that there is no root.
@@ -50,7 +47,7 @@ Status TimeLevels::solve_level(double guess) {
   Status failure = Status::singular;
 
   for (int trial = 0; trial < most_trials; ++trial) {
-    const Status status = scheme_.advance(side * length, full ? 0.0 : loose);
+    const Status status = scheme_.advance(side * length, full ? 0.0 : detail::loose);
     if (status != Status::success) {
       failure = status;
       blocked = length;
@@ -119,7 +116,7 @@ Status TimeLevels::solve_level(double guess) {
       continue;
     }
     // A loosely solved step may tell the wrong side of a root it is nearly at: it moves the bracket only from afar.
-    const bool reliable = full || std::abs(miss) > loose * slope * length;
+    const bool reliable = full || std::abs(miss) > detail::loose * slope * length;
     if (reliable && miss < 0.0) {
       if (length > below) {
         below = length;
@@ -142,7 +139,7 @@ Status TimeLevels::solve_level(double guess) {
     const double secant = (miss - last_miss) / (unit * (1.0 - std::pow(last_length / length, order)));
     const double same_slope = last_slope * std::pow(length / last_length, order - 1);  // that of the last trial, here
     const bool agrees = stalls == 0 && last_length > 0.0 && secant > 0.8 * slope && secant < 1.25 * slope;
-    const double error = full && last_full ? 2.0 * rounding_ : loose * slope * length;
+    const double error = full && last_full ? 2.0 * rounding_ : detail::loose * slope * length;
     if (last_length > 0.0 && secant > 0.0 && std::abs(miss - last_miss) > 100.0 * error) {
       const double ratio = secant / (0.5 * (slope + same_slope));
       correction = ratio > 0.8 && ratio < 1.25 ? 1.0 : ratio;

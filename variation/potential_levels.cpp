@@ -2,6 +2,8 @@
 #include <cmath>
 #include <vector>
 
+#include <rubato/base/limits.hpp>
+#include <rubato/variation/level_accuracy.hpp>
 #include <rubato/variation/sign.hpp>
 #include <rubato/variation/time_levels.hpp>
 
@@ -11,20 +13,16 @@ namespace rubato {
 
 namespace {
 
-constexpr double epsilon = std::numeric_limits<double>::epsilon();
-constexpr double infinity = std::numeric_limits<double>::infinity();
 /// The scout: a period of what an orbit does is some dozens of steps that resolve it. η is wanted to two digits.
 constexpr std::size_t scout_steps = 400;
 constexpr double scout_accuracy = 1e-5;
-/// Accuracy asked of a step whose length will still change.
-constexpr double loose = 1e-6;
-constexpr int most_trials = 40;
+constexpr int most_potential_trials = 40;
 /// A root this many times longer or shorter than foreseen is not taken.
-constexpr double largest_ratio = 2.0;
+constexpr double farthest_root = 2.0;
 /// How far one trial may be from the last, and how near they are for a secant to be a slope.
 constexpr double longest_move = 1.25, nearby = 0.05;
 /// Longer than any step foreseen from those before it.
-constexpr double largest_growth = 1.25;
+constexpr double largest_foresight = 1.25;
 
 }  // namespace
 
@@ -73,7 +71,8 @@ double TimeLevels::extrapolated_step() const {
   const double last = std::abs(regular_step_), side = sign(regular_step_);
   double length = last;
   for (int iteration = 0; iteration < 2; ++iteration) {
-    length = std::clamp(density_at(time_.value() + 0.5 * length * side), last / largest_growth, last * largest_growth);
+    length =
+        std::clamp(density_at(time_.value() + 0.5 * length * side), last / largest_foresight, last * largest_foresight);
   }
   return side * length;
 }
@@ -88,8 +87,8 @@ Status TimeLevels::solve_with_potential(double guess) {
   double below = 0.0, above = infinity;
   bool full = false, last_full = false;
   int stalls = 0;
-  for (int trial = 0; trial < most_trials; ++trial) {
-    if (const Status status = scheme_.advance(side * length, full ? 0.0 : loose); status != Status::success) {
+  for (int trial = 0; trial < most_potential_trials; ++trial) {
+    if (const Status status = scheme_.advance(side * length, full ? 0.0 : detail::loose); status != Status::success) {
       // Too long for its own equation, it may be: half way back to the step before.
       const double shorter = 0.5 * (length + std::min(length, std::abs(regular_step_)));
       if (shorter > 0.99 * length) {
@@ -123,7 +122,7 @@ Status TimeLevels::solve_with_potential(double guess) {
     // E_k has one branch that grows with the length to the side of the potential: a root lies between a length that is
     // too short, or short of that branch, and one that is too long. A loosely solved step may tell the wrong side of a
     // root it is nearly at.
-    const double error = full && last_full ? 2.0 * rounding_ : loose * std::abs(slope) * length;
+    const double error = full && last_full ? 2.0 * rounding_ : detail::loose * std::abs(slope) * length;
     const bool reliable = full || std::abs(miss) > error;
     if (slope <= 0.0 || (reliable && miss < 0.0)) {
       below = std::max(below, length);
@@ -143,7 +142,7 @@ Status TimeLevels::solve_with_potential(double guess) {
     if (stalls == 0 && (next <= below || next >= above)) {
       next = above < infinity ? 0.5 * (below + above) : longest_move * below;
     }
-    if (next > largest_ratio * foreseen || next < foreseen / largest_ratio) {
+    if (next > farthest_root * foreseen || next < foreseen / farthest_root) {
       return Status::singular;
     }
     full = full || std::abs(next - length) < 1e-4 * length;

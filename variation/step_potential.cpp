@@ -9,9 +9,9 @@ namespace rubato {
 namespace {
 
 /// |ln(h_{k+1}/h_k)| up to which the levels' leading order is believed.
-constexpr double largest_change = 0.2;
+constexpr double believed_change = 0.2;
 /// The levels have to exist for an η that much larger, too: the orbit will meet what the scout did not.
-constexpr double margin = 1.5;
+constexpr double eta_margin = 1.5;
 /// h dE/dh has to be this part of the terms of K: rounding in these then moves h by 1e-6 of itself at most.
 constexpr double least_slope = 1e-10;
 /// κ tried: from steps as long as the orbit lets them be to steps that are nearly equal.
@@ -123,7 +123,7 @@ LevelForecast forecast_levels(const Scouting& scouting, const StepPotential& pot
       solved = std::abs(next - h) < 1e-9 * h;
       h = next;
     }
-    if (!solved || std::abs(std::log(h / last)) > largest_change || forecast.steps > most) {
+    if (!solved || std::abs(std::log(h / last)) > believed_change || forecast.steps > most) {
       forecast.complete = false;
       return forecast;
     }
@@ -164,7 +164,7 @@ StepPotential choose_step_potential(const Scouting& scouting, std::optional<doub
         const StepPotential candidate = with_kappa(scouting, std::copysign(largest, side), kappa, exponent);
         const LevelForecast forecast = forecast_levels(scouting, candidate);
         if (!forecast.complete || forecast.potential > strength_limit ||
-            !forecast_levels(scouting, candidate, margin).complete) {
+            !forecast_levels(scouting, candidate, eta_margin).complete) {
           continue;
         }
         // Steps needed for an error, which falls with the power s of the step.

@@ -6,13 +6,13 @@
 
 #include <fmt/format.h>
 
+#include <rubato/base/limits.hpp>
 #include <rubato/variation/sign.hpp>
 
 namespace rubato {
 
 namespace {
 
-constexpr double epsilon = std::numeric_limits<double>::epsilon();
 /// Part of the tolerance to which equations are solved.
 constexpr double margin = 0.1;
 /// With fixed levels, steps for which the size of the energy's terms serves.
