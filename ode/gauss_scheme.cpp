@@ -25,7 +25,7 @@ using Eigen::VectorXd;
 /// One row for each component of the state, the stages side by side.
 using Rows = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
-constexpr int most_iterations = 100;
+constexpr int most_gauss_iterations = 100;
 /// A fixed-point iteration that shrinks its corrections less than this gives way to Newton's.
 constexpr double slow_contraction = 0.2;
 /// Newton's iteration stays while steps are at least this part of the one that asked for it.
@@ -98,7 +98,7 @@ public:
     for (VectorXd* vector : {&lost_, &largest_, &point_, &gradient_, &errors_}) {
       vector->setZero(size_);
     }
-    of_stages_ = tableau_.a.transpose().partialPivLu().solve(tableau_.b);
+    of_stages_ = Eigen::PartialPivLU<MatrixXd>(tableau_.a.transpose()).solve(tableau_.b);
     energies_.setZero(m_);
     weights_.setZero(m_, m_);
     if (m_ * size_ <= most_newton_size) {
@@ -283,7 +283,7 @@ private:
     StagnationTest test(std::min(accuracy, loosest));
     const double leftover = accuracy > 0.0 ? loose_leftover : newton_ ? least_leftover : 0.0;
     double last = std::numeric_limits<double>::infinity(), last_residual = last;
-    for (int iteration = 0; iteration < most_iterations; ++iteration) {
+    for (int iteration = 0; iteration < most_gauss_iterations; ++iteration) {
       for (Index i = 0; i < m_; ++i) {
         z_.displaced(1.0, Y_.col(i), point_);
         Z_.col(i) = point_;
@@ -317,7 +317,7 @@ private:
       if (!newton_ && iteration > 1 && size > slow_contraction * last && verdict != StagnationTest::Verdict::again) {
         return Status::not_converged;
       }
-      if (newton_ && verdict == StagnationTest::Verdict::slow && iteration > most_iterations / 2) {
+      if (newton_ && verdict == StagnationTest::Verdict::slow && iteration > most_gauss_iterations / 2) {
         return Status::not_converged;
       }
       last = size;

@@ -13,6 +13,7 @@
 #include <rubato/grids/lines.hpp>
 #include <rubato/grids/reductions.hpp>
 #include <rubato/pde/still_waves.hpp>
+#include <rubato/solve/small_matrices.hpp>
 
 namespace rubato {
 
@@ -25,7 +26,7 @@ using Values = std::vector<double>;
 /// Of second and, for euler-box, of first differences.
 constexpr double second_share = 0.5;
 constexpr double first_share = 0.75;
-constexpr double rounding = 1e-9;
+constexpr double rounding_share = 1e-9;
 
 double second_difference(const Values& line, std::size_t i) {
   const std::size_t n = line.size();
@@ -108,7 +109,7 @@ private:
   void remove_free_means(Values& values) const {
     std::array<bool, 2> free{};
     for (int a = 1; a < grid_.dimensions(); ++a) {
-      free[static_cast<std::size_t>(a) - 1] = (rows_.transpose() * system_.K(a).col(field_)).isZero(1e-9);
+      free[static_cast<std::size_t>(a) - 1] = solve::product(rows_.transpose(), system_.K(a).col(field_)).isZero(1e-9);
     }
     const StillWaves waves(grid_, placement_, free);
     const std::size_t line = grid_.cells(0);
@@ -133,7 +134,9 @@ private:
     return mean;
   }
 
-  [[nodiscard]] double rounding_of_data() const { return rounding * (largest(given_) + grids::max_abs(computed_)); }
+  [[nodiscard]] double rounding_of_data() const {
+    return rounding_share * (largest(given_) + grids::max_abs(computed_));
+  }
 
   [[nodiscard]] Values allowed_for_field() const {
     Values allowed(grid_.size(), rounding_of_data());
@@ -176,8 +179,8 @@ private:
 
   /// What the derivatives of the other fields make of their jumps across the seam: J/Δx.
   [[nodiscard]] double jump_of_others(int axis, const grids::Line& at, Values& line) const {
-    const MatrixXd coupling = rows_.transpose() * system_.K(axis);
-    const Eigen::VectorXd own = (rows_.transpose() * system_.constant_hessian()).col(field_);
+    const MatrixXd coupling = solve::product(rows_.transpose(), system_.K(axis));
+    const Eigen::VectorXd own = solve::product(rows_.transpose(), system_.constant_hessian().col(field_));
     double arriving = 0.0;
     for (int g = 0; g < system_.field_count(); ++g) {
       const auto& values = all_[static_cast<std::size_t>(g)];

@@ -169,7 +169,7 @@ public:
   }
 
   /// Of the constraints, as combinations of the equation's rows.
-  [[nodiscard]] MatrixXd left_kernel() const { return plan_.rows * conditions_.left; }
+  [[nodiscard]] MatrixXd left_kernel() const { return solve::product(plan_.rows, conditions_.left); }
 
   [[nodiscard]] Status run(LatticeLevel& level) {
     std::vector<double> y(static_cast<std::size_t>(conditions_.count()) * lines_);

@@ -5,10 +5,10 @@
 #include <cmath>
 #include <utility>
 
-#include <Eigen/LU>
-
+#include <rubato/base/limits.hpp>
 #include <rubato/grids/reductions.hpp>
 #include <rubato/pde/still_waves.hpp>
+#include <rubato/solve/small_matrices.hpp>
 
 namespace rubato {
 
@@ -21,7 +21,7 @@ using Eigen::VectorXd;
 /// One step gives linear constraints; others converge as Newton's method does.
 constexpr int most_passes = 20;
 /// Of the largest value of a field: what is left of an amplitude once it is 0 to rounding.
-constexpr double rounding = 1e-15;
+constexpr double no_amplitude = 1e-15;
 
 class Removal {
 public:
@@ -56,7 +56,7 @@ private:
   static std::array<bool, 2> free_directions(const MultisymplecticSystem& system, const MatrixXd& left) {
     std::array<bool, 2> free{};
     for (int a = 1; a < system.directions(); ++a) {
-      free[static_cast<std::size_t>(a) - 1] = (system.K(a) * left).isZero(1e-9);
+      free[static_cast<std::size_t>(a) - 1] = solve::product(system.K(a), left).isZero(1e-9);
     }
     return free;
   }
@@ -69,7 +69,7 @@ private:
       hessian(row, column) = hessian(column, row) =
           grids::sum(hessian_.field(static_cast<int>(e))) / static_cast<double>(grid_.size());
     }
-    MatrixXd result = hessian * left_;
+    MatrixXd result = solve::product(hessian, left_);
     for (Index f = 0; f < result.rows(); ++f) {
       const auto field = static_cast<int>(f);
       if (std::ranges::find(computed_, field) != computed_.end() ||
@@ -95,10 +95,6 @@ private:
   /// \return whether the amplitudes of a pattern were changed by more than rounding
   bool step(LatticeLevel& level, unsigned pattern) {
     const MatrixXd slope = gradient();
-    const Eigen::FullPivLU<MatrixXd> square(slope.transpose() * slope);
-    if (!square.isInvertible()) {
-      return false;
-    }
     MatrixXd sums = MatrixXd::Zero(left_.cols(), static_cast<Index>(lines_));
     VectorXd members = VectorXd::Zero(sums.cols());
     for_each_node(pattern, [&](std::size_t node, Index group, double sign) {
@@ -109,14 +105,19 @@ private:
         }
       }
     });
-    MatrixXd change = MatrixXd::Zero(slope.rows(), sums.cols());
-    for (Index group = 0; group < sums.cols() && members[group] > 0.0; ++group) {
-      change.col(group) = -slope * square.solve(sums.col(group) / members[group]);
+    for (Index group = 0; group < sums.cols(); ++group) {
+      sums.col(group) /= std::max(members[group], 1.0);  // groups that lines do not reach are empty
     }
+    const auto amplitudes = solve::quotient(solve::product(slope.transpose(), slope), std::move(sums),
+                                            epsilon * static_cast<double>(slope.cols()));
+    if (!amplitudes) {
+      return false;
+    }
+    const MatrixXd change = -solve::product(slope, *amplitudes);
     bool changed = false;
     for (int f = 0; f < system_.field_count() && change.allFinite(); ++f) {
       const double size = change.row(f).cwiseAbs().maxCoeff();
-      if (size <= rounding * grids::max_abs(std::as_const(level.fields).field(f))) {
+      if (size <= no_amplitude * grids::max_abs(std::as_const(level.fields).field(f))) {
         continue;
       }
       changed = true;

@@ -13,6 +13,7 @@
 #include <fmt/ranges.h>
 
 #include <rubato/grids/reductions.hpp>
+#include <rubato/solve/small_matrices.hpp>
 
 namespace rubato {
 
@@ -23,20 +24,20 @@ using Eigen::Index;
 using Eigen::MatrixXcd;
 using Eigen::MatrixXd;
 
-constexpr double cancelled = 1e-13;    ///< of the sum of |terms|
-constexpr double significant = 1e-6;   ///< of the largest term of the polynomial on some circle
-constexpr double shorter = 64.0;       ///< the waves at the far end, beside the shortest of the grid
-constexpr double least_growth = 4.0;   ///< of the rate up to there
-constexpr double beside_sigma = 1e-3;  ///< Re σ beside |σ|: multiple roots have real parts from rounding
+constexpr double cancelled_entry = 1e-13;  ///< of the sum of |terms|
+constexpr double significant = 1e-6;       ///< of the largest term of the polynomial on some circle
+constexpr double shorter = 64.0;           ///< the waves at the far end, beside the shortest of the grid
+constexpr double least_growth = 4.0;       ///< of the rate up to there
+constexpr double beside_sigma = 1e-3;      ///< Re σ beside |σ|: multiple roots have real parts from rounding
 constexpr std::size_t sample_states = 16;
 
 /// ZᵀXZ, entries that are nothing but rounding of their terms set to 0.
 MatrixXcd congruent(const MatrixXd& Z, const MatrixXcd& X) {
   const MatrixXcd z = Z.cast<Complex>();
-  MatrixXcd result = z.transpose() * X * z;
-  const MatrixXd terms = Z.transpose().cwiseAbs() * X.cwiseAbs() * Z.cwiseAbs();
+  MatrixXcd result = solve::product(solve::product(z.transpose(), X), z);
+  const MatrixXd terms = solve::product(solve::product(Z.transpose().cwiseAbs(), X.cwiseAbs()), Z.cwiseAbs());
   for (Index i = 0; i < result.size(); ++i) {
-    if (std::abs(result(i)) <= cancelled * terms(i)) {
+    if (std::abs(result(i)) <= cancelled_entry * terms(i)) {
       result(i) = 0.0;
     }
   }
