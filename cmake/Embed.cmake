@@ -11,6 +11,7 @@ function(embed_files room)
     COMMAND ${CMAKE_COMMAND} -DOUTPUT=${source} -DHEADER=${arg_HEADER} -DNAMESPACE=${arg_NAMESPACE} -DTYPE=${arg_TYPE}
             -DFUNCTION=${arg_FUNCTION} -DSTEMS=${arg_STEMS} "-DFILES=${arg_FILES}" -P ${script}
     DEPENDS ${arg_FILES} ${script} VERBATIM)
+  set_source_files_properties(${source} PROPERTIES SKIP_UNITY_BUILD_INCLUSION ON)   # changes with what is embedded
   target_sources(rubato_${room} PRIVATE ${source})
 endfunction()
 

@@ -18,13 +18,22 @@ function(rubato_optimise_loops)
   set_source_files_properties(${PROJECT_SOURCE_DIR}/solve/cyclic_sparse.cpp PROPERTIES COMPILE_OPTIONS "$<$<CONFIG:Release>:-O1>")
 endfunction()
 
-# What nearly every source includes, compiled once. With ccache each source includes what it says it does, and so it
-# does in the folders of the other presets.
-set(precompile OFF)
+# A first build is spent on the same templates again and again. So what nearly every source includes is compiled once,
+# and the sources of a room ten at a time: one that was edited is then compiled with its neighbours, in some seconds.
+# With ccache each source stands for itself and includes what it says it does, and so it does in the folders of the other
+# presets. Sources that are compiled together see each other's unnamed namespaces: in these, a room uses a name once.
+set(together OFF)
 if(NOT CCACHE AND CMAKE_BUILD_TYPE STREQUAL Release)
-  set(precompile ON)
+  set(together ON)
 endif()
-option(RUBATO_PRECOMPILE "Precompile the headers that most sources include" ${precompile})
+option(RUBATO_PRECOMPILE "Precompile the headers that most sources include" ${together})
+option(RUBATO_UNITY "Compile the sources of a room several at a time" ${together})
+set(RUBATO_UNITY_BATCH 10 CACHE STRING "How many sources are compiled together")
+mark_as_advanced(RUBATO_UNITY_BATCH)
+if(RUBATO_UNITY)
+  add_library(rubato_unity_warnings INTERFACE)   # two that are about nothing but this
+  target_compile_options(rubato_unity_warnings INTERFACE -Wno-shadow $<$<CXX_COMPILER_ID:GNU>:-Wno-subobject-linkage>)
+endif()
 if(RUBATO_PRECOMPILE)
   add_library(rubato_headers OBJECT ${PROJECT_SOURCE_DIR}/cmake/headers.cpp)
   target_compile_features(rubato_headers PRIVATE cxx_std_20)
@@ -33,9 +42,13 @@ if(RUBATO_PRECOMPILE)
   set_target_properties(rubato_headers PROPERTIES POSITION_INDEPENDENT_CODE ON)
 endif()
 
-# rubato_precompile(<target>): lets a library use them. They serve sources compiled with the same flags alone, so that
-# every room gets OpenMP's.
-function(rubato_precompile target)
+# rubato_compile_together(<target>): for a room's library. Precompiled headers serve sources compiled with the same flags
+# alone, so that every room gets OpenMP's; sources with options of their own are left out of both.
+function(rubato_compile_together target)
+  if(RUBATO_UNITY)
+    set_target_properties(${target} PROPERTIES UNITY_BUILD ON UNITY_BUILD_BATCH_SIZE ${RUBATO_UNITY_BATCH})
+    target_link_libraries(${target} PRIVATE $<BUILD_INTERFACE:rubato_unity_warnings>)
+  endif()
   if(RUBATO_PRECOMPILE)
     target_compile_options(${target} PRIVATE ${OpenMP_CXX_FLAGS})
     target_precompile_headers(${target} REUSE_FROM rubato_headers)
