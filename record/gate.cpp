@@ -252,6 +252,7 @@ void examine(hid_t file, std::uint64_t file_bytes) {
     throw Failure(fmt::format("attribute 'finished' is {}, neither 0 nor 1", finished));
 
   const std::vector<Link> links = all_links(file);
+  check_contents(file);
   std::map<haddr_t, std::string> seen;
   std::uint64_t stored = 0;
   const auto last_name = [](const std::string& path) { return path.substr(path.rfind('/') + 1); };

@@ -12,7 +12,8 @@ namespace {
 
 void validate_path(const std::string& path) {
   const bool well_formed = path.size() > 1 && path.front() == '/' && path.back() != '/' &&
-                           path.find("//") == std::string::npos && path.find('\0') == std::string::npos;
+                           path.find("//") == std::string::npos && path.find('\0') == std::string::npos &&
+                           path.find('\n') == std::string::npos;
   if (!well_formed)
     throw std::invalid_argument(fmt::format("record: '{}' is not an absolute path of a dataset", path));
   if (path.starts_with("/checkpoint/") || path == "/checkpoint")

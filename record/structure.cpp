@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <set>
+#include <string_view>
 
 #include <fmt/format.h>
 #include <hdf5_hl.h>
@@ -171,6 +172,23 @@ void create_structure(hid_t file, const Layout& layout) {
     create_dataset(file, layout, dataset);
   for (const auto& dataset : layout.datasets)
     attach_dimensions(file, dataset);
+  write_attribute(file, contents_attribute, fmt::format("{}", fmt::join(dataset_paths(file), "\n")));
+}
+
+void check_contents(hid_t file) {
+  if (!has_attribute(file, contents_attribute))
+    return;
+  const std::string contents = read_text_attribute(file, contents_attribute);
+  const auto paths = dataset_paths(file);
+  const std::set<std::string_view> present(paths.begin(), paths.end());
+  for (std::size_t begin = 0; begin < contents.size();) {
+    const std::size_t end = std::min(contents.find('\n', begin), contents.size());
+    const std::string_view path(contents.data() + begin, end - begin);
+    if (!present.contains(path))
+      throw Failure(
+          fmt::format("no dataset '{}', though the attribute '{}' of the record names it", path, contents_attribute));
+    begin = end + 1;
+  }
 }
 
 void compare_structure(hid_t file, const Layout& layout) {

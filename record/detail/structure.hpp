@@ -15,6 +15,10 @@ inline constexpr const char* format_name = "rubato-1";
 /// Name of the attribute of every growing dataset that says how many rows are published.
 inline constexpr const char* rows_attribute = "rows";
 
+/// Name of the attribute of the root with the paths of all datasets that a record was made with, one a line: what it
+/// promises. Records of earlier versions have none, and may lack datasets that are written today.
+inline constexpr const char* contents_attribute = "contents";
+
 /// Throws std::invalid_argument if the layout contradicts itself.
 void validate(const Layout& layout);
 
@@ -31,6 +35,9 @@ void validate(const Layout& layout);
 
 /// Makes the groups, the scales with their values, the datasets without rows, and the attributes.
 void create_structure(hid_t file, const Layout& layout);
+
+/// Throws Failure unless every dataset is there that the record promises.
+void check_contents(hid_t file);
 
 /// Throws Failure unless the file has the scales (with equal values) and exactly the growing datasets of the layout.
 void compare_structure(hid_t file, const Layout& layout);

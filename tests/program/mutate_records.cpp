@@ -162,7 +162,8 @@ void change_attribute(hid_t file) {
   const std::string path = one_of(paths);
   const hid_t object = H5Oopen(file, path.c_str(), H5P_DEFAULT);
   static constexpr std::array<const char*, 3> of_datasets{"rows", "DIMENSION_LABELS", "DIMENSION_LIST"};
-  static constexpr std::array<const char*, 6> of_root{"format", "title", "problem", "version", "threads", "finished"};
+  static constexpr std::array<const char*, 7> of_root{"format",  "title",    "problem", "version",
+                                                      "threads", "finished", "contents"};
   const std::string name = path == "/" ? one_of(of_root) : one_of(of_datasets);
   H5Adelete(object, name.c_str());
   if (const std::size_t what = below(5); what > 0) {

@@ -137,6 +137,7 @@ TEST_CASE("layouts that contradict themselves are refused") {
   CHECK(refused([](Layout&) {}) == "accepted");
   CHECK_THAT(refused([](Layout& l) { l.datasets[1].path = "/levels/t"; }), Contains("declared twice"));
   CHECK_THAT(refused([](Layout& l) { l.datasets[1].path = "levels/t"; }), Contains("not an absolute path"));
+  CHECK_THAT(refused([](Layout& l) { l.datasets[1].path = "/levels/gam\nma"; }), Contains("not an absolute path"));
   CHECK_THAT(refused([](Layout& l) { l.datasets[1].path = "/checkpoint/t"; }), Contains("checkpoint"));
   CHECK_THAT(refused([](Layout& l) { l.datasets[3].axis = "/levels/energy"; }), Contains("axis '/levels/energy'"));
   CHECK_THAT(refused([](Layout& l) { l.datasets[7].dimensions = {"/grid/z"}; }), Contains("no scale '/grid/z'"));
@@ -189,6 +190,35 @@ TEST_CASE("what is not a record is refused with the reason") {
     std::filesystem::resize_file(folder / "cut.h5", part);
     CHECK_THAT(refusal(folder / "cut.h5"), Contains("truncated"));
   }
+}
+
+TEST_CASE("a record has every dataset that it promises") {
+  const Folder folder;
+  const auto without = [&](const std::string& path, bool promises) {
+    sample::write_whole(folder / "a.h5", 1);
+    const hid_t file = H5Fopen((folder / "a.h5").c_str(), H5F_ACC_RDWR, H5P_DEFAULT);
+    if (!path.empty())
+      H5Ldelete(file, path.c_str(), H5P_DEFAULT);
+    if (!promises)
+      H5Adelete(file, "contents");
+    H5Fclose(file);
+    const std::string text = message([&] { (void)Reader(folder / "a.h5"); });
+    std::filesystem::remove(folder / "a.h5");
+    return text;
+  };
+  CHECK(without("", true) == "no error");  // the twin
+  std::vector<std::string> paths;
+  for (const auto& scale : sample::layout().scales)
+    paths.push_back(scale.path);
+  for (const auto& dataset : sample::layout().datasets)
+    paths.push_back(dataset.path);
+  for (const std::string& path : paths) {
+    INFO(path);
+    CHECK_THAT(without(path, true), Contains("a.h5") && Contains("no dataset '" + path + "'"));
+  }
+  // Records of earlier versions promise nothing: what they lack is for the readers to judge.
+  CHECK(without("", false) == "no error");
+  CHECK(without("/levels/gamma", false) == "no error");
 }
 
 TEST_CASE("only the run that wrote a record may resume it") {
