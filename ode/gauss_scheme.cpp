@@ -11,9 +11,9 @@
 #include <Eigen/LU>
 
 #include <rubato/formula/batch.hpp>
-#include <rubato/variation/gauss_tableau.hpp>
 #include <rubato/ode/increment.hpp>
 #include <rubato/ode/one_step_state.hpp>
+#include <rubato/variation/gauss_tableau.hpp>
 
 namespace rubato {
 
