@@ -9,7 +9,14 @@ namespace rubato::grids {
 void detail::for_each_block(std::size_t count, std::size_t block, void (*call)(void*, std::size_t, std::size_t),
                             void* function) {
   const auto blocks = static_cast<std::ptrdiff_t>((count + block - 1) / block);
-#pragma omp parallel for schedule(static) if (blocks > 1)
+  // A parallel region costs about a microsecond even where it has one thread.
+  if (blocks <= 1 || omp_get_max_threads() == 1) {
+    for (std::size_t begin = 0; begin < count; begin += block) {
+      call(function, begin, std::min(begin + block, count));
+    }
+    return;
+  }
+#pragma omp parallel for schedule(static)
   for (std::ptrdiff_t b = 0; b < blocks; ++b) {
     const std::size_t begin = static_cast<std::size_t>(b) * block;
     call(function, begin, std::min(begin + block, count));

@@ -13,6 +13,8 @@ namespace {
 
 /// Neighbouring lines are fetched together: along y and z a cache line holds one value of each of eight.
 constexpr std::size_t together = 8;
+/// Values whose transforms take longer than it takes to wake a thread.
+constexpr std::size_t worth_a_thread = 4096;
 
 }  // namespace
 
@@ -79,7 +81,7 @@ void SpectralDerivative::operator()(int axis, std::span<const double* const> in,
   const std::size_t stride = s.grid.stride(axis);
   const std::size_t lines = s.grid.size() / n;
   const std::size_t groups = (lines + together - 1) / together;
-  for_each_block(in.size() * groups, 1, [&](std::size_t unit, std::size_t) {
+  const auto one = [&](std::size_t unit) {
     double* space = s.workspaces[thread_number()].data();
     double* modes = space + std::min(together, lines) * direction.padded;
     const double* from = in[unit / groups];
@@ -111,7 +113,13 @@ void SpectralDerivative::operator()(int axis, std::span<const double* const> in,
         to[starts[l] + i * stride] = space[l * direction.padded + i];
       }
     }
-  });
+  };
+  for_each_block(in.size() * groups, std::max<std::size_t>(1, worth_a_thread / (n * std::min(together, lines))),
+                 [&](std::size_t begin, std::size_t end) {
+                   for (std::size_t unit = begin; unit < end; ++unit) {
+                     one(unit);
+                   }
+                 });
 }
 
 void SpectralDerivative::operator()(int axis, const double* in, double* out) const {

@@ -41,6 +41,7 @@ struct FaceOperators : LawTables {
   FaceGather gather;
   std::vector<std::unique_ptr<Workspace>> workspaces;
   grids::FieldSet middle, rate;
+  grids::FieldSet current, sum_at_nodes;                ///< of each law, at nodes only
   std::unique_ptr<grids::SpectralDerivative> spectral;  ///< at nodes only
   std::vector<grids::FieldSet> derivatives;             ///< along each axis, of the fields in use
   std::vector<std::vector<Spread>> sizes;               ///< [law][block]: of residuals
@@ -211,9 +212,7 @@ struct FaceOperators : LawTables {
 
   void differentiate(const grids::FieldSet& values) {
     for (std::size_t a = 0; a < derivatives.size(); ++a) {
-      for (int f = 0; f < d; ++f) {
-        (*spectral)(static_cast<int>(a), values.field(f).data(), derivatives[a].field(f).data());
-      }
+      (*spectral)(static_cast<int>(a), values.pointers(), derivatives[a].pointers());
     }
   }
 
@@ -233,14 +232,16 @@ struct FaceOperators : LawTables {
 
   /// Residuals with spectral derivatives, into sum[law].
   void residuals_at_nodes(const LatticeLevel& before, const LatticeLevel& after, double h, grids::FieldSet& sum) {
-    grids::FieldSet current(static_cast<int>(names.size()), grid.size());
+    if (current.fields() == 0) {
+      current = grids::FieldSet(static_cast<int>(names.size()), grid.size());
+    }
     currents_at_nodes(time, after.fields, after.slopes, sum);
     currents_at_nodes(time, before.fields, before.slopes, current);
     for (std::size_t i = 0; i < sum.all().size(); ++i) {
       sum.all()[i] = (sum.all()[i] - current.all()[i]) / h;
     }
     if (stages == nullptr) {
-      add_fluxes(1.0, after.slopes, current, sum);
+      add_fluxes(1.0, after.slopes, sum);
       return;
     }
     const Status status = stages->take(before, after, h);
@@ -250,17 +251,15 @@ struct FaceOperators : LawTables {
       } else {
         middle.fill(std::numeric_limits<double>::quiet_NaN());
       }
-      add_fluxes(stages->weight(i), after.slopes, current, sum);
+      add_fluxes(stages->weight(i), after.slopes, sum);
     }
   }
 
   /// sum += weight · Σ_a ∂_a J_a at `middle` with the rates `rate`.
-  void add_fluxes(double weight, const PotentialSlopes& slopes, grids::FieldSet& current, grids::FieldSet& sum) {
+  void add_fluxes(double weight, const PotentialSlopes& slopes, grids::FieldSet& sum) {
     for (int a = 0; a < grid.dimensions(); ++a) {
       currents_at_nodes(1 + a, middle, slopes, current);
-      for (int l = 0; l < current.fields(); ++l) {
-        (*spectral)(a, current.field(l).data(), current.field(l).data());
-      }
+      (*spectral)(a, std::as_const(current).pointers(), current.pointers());
       for (std::size_t i = 0; i < sum.all().size(); ++i) {
         sum.all()[i] += weight * current.all()[i];
       }
@@ -337,7 +336,10 @@ std::vector<Spread> FaceLaws::residuals(const LatticeLevel& before, const Lattic
   const std::size_t laws = s.names.size();
   std::vector<Spread> sizes;
   if (s.spectral != nullptr) {
-    grids::FieldSet sum(static_cast<int>(laws), s.grid.size());
+    grids::FieldSet& sum = s.sum_at_nodes;
+    if (sum.fields() == 0) {
+      sum = grids::FieldSet(static_cast<int>(laws), s.grid.size());
+    }
     s.residuals_at_nodes(before, after, h, sum);
     for (std::size_t l = 0; l < laws; ++l) {
       const auto values = std::as_const(sum).field(static_cast<int>(l));

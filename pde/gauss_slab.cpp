@@ -33,8 +33,6 @@ constexpr double rounding_region = 1e-11;
 /// Corrections that shrink less than this lead nowhere within most_slab_iterations.
 constexpr double no_contraction = 0.9;
 constexpr int patience = 8;
-/// Waves that are worked on at once: arrays of them stay in the cache.
-constexpr std::size_t wave_block = 128;
 /// |λ|/h may move by this factor before the resolvent is made anew.
 constexpr double drift = 0.5 * WaveResolvent::reach;
 
@@ -253,7 +251,7 @@ void GaussSlab::stand(const grids::FieldSet& high, const grids::FieldSet* low, c
   // b = (L - Σ ik_a K_a) ẑ - K_x slope + the linear terms of S.
   base_.re.fill(0.0);
   base_.im.fill(0.0);
-  grids::for_each_block(level_.waves(), wave_block, [&](std::size_t begin, std::size_t end) {
+  for_each_wave_block(level_.waves(), [&](std::size_t begin, std::size_t end) {
     for (const Term& term : L_terms_) {
       for (std::size_t w = begin; w < end; ++w) {
         base_.re.pointers()[static_cast<std::size_t>(term.row)][w] += term.value * level_.re.field(term.column)[w];
@@ -347,7 +345,7 @@ void GaussSlab::invert(double h) {
     transfer_.re.fill(0.0);
     transfer_.im.fill(0.0);
   }
-  grids::for_each_block(level_.waves(), wave_block, [&](std::size_t begin, std::size_t end) {
+  for_each_wave_block(level_.waves(), [&](std::size_t begin, std::size_t end) {
     const std::size_t count = end - begin;
     WaveBlock entry, of_base;
     for (int f = 0; f < n; ++f) {
@@ -384,7 +382,7 @@ void GaussSlab::invert(double h) {
 /// Ŷ_F of the rests.
 void GaussSlab::iterate_waves() {
   const int n = static_cast<int>(F_.size());
-  grids::for_each_block(level_.waves(), wave_block, [&](std::size_t begin, std::size_t end) {
+  for_each_wave_block(level_.waves(), [&](std::size_t begin, std::size_t end) {
     const std::size_t count = end - begin;
     for (int f = 0; f < n; ++f) {
       for (int i = 0; i < m_; ++i) {
@@ -505,7 +503,7 @@ void GaussSlab::complete() {
   Y_.re.fill(0.0);
   Y_.im.fill(0.0);
   const int n = static_cast<int>(F_.size());
-  grids::for_each_block(level_.waves(), wave_block, [&](std::size_t begin, std::size_t end) {
+  for_each_wave_block(level_.waves(), [&](std::size_t begin, std::size_t end) {
     const std::size_t count = end - begin;
     WaveBlock entry, solution;
     std::array<WaveBlock, MultisymplecticSystem::most_fields> right;

@@ -1,5 +1,7 @@
 #include <rubato/pde/wave_rows.hpp>
 
+#include <algorithm>
+
 #include <rubato/grids/grid.hpp>
 #include <rubato/grids/parallel.hpp>
 
@@ -24,36 +26,38 @@ RUBATO_WIDE_VECTORS void add_product(const double* x_re, const double* x_im, con
 void from_grid(std::span<const double* const> fields, grids::Fourier& fourier, WaveRows& rows) {
   fourier.forward(fields);
   const std::size_t length = fourier.row_length();
-  grids::for_each_block(fields.size() * (rows.waves() / length), 16, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t unit = begin; unit < end; ++unit) {
-      const auto f = static_cast<int>(unit / (rows.waves() / length));
-      const std::size_t first = unit % (rows.waves() / length) * length;
-      const std::complex<double>* from = &fourier.at(f, first);
-      double* re = rows.re.field(f).data() + first;
-      double* im = rows.im.field(f).data() + first;
-      for (std::size_t w = 0; w < length; ++w) {
-        re[w] = from[w].real();
-        im[w] = from[w].imag();
-      }
-    }
-  });
+  grids::for_each_block(fields.size() * (rows.waves() / length), std::max<std::size_t>(1, 4096 / length),
+                        [&](std::size_t begin, std::size_t end) {
+                          for (std::size_t unit = begin; unit < end; ++unit) {
+                            const auto f = static_cast<int>(unit / (rows.waves() / length));
+                            const std::size_t first = unit % (rows.waves() / length) * length;
+                            const std::complex<double>* from = &fourier.at(f, first);
+                            double* re = rows.re.field(f).data() + first;
+                            double* im = rows.im.field(f).data() + first;
+                            for (std::size_t w = 0; w < length; ++w) {
+                              re[w] = from[w].real();
+                              im[w] = from[w].imag();
+                            }
+                          }
+                        });
 }
 
 void to_grid(const WaveRows& rows, std::span<const int> which, grids::Fourier& fourier,
              std::span<double* const> fields) {
   const std::size_t length = fourier.row_length();
-  grids::for_each_block(which.size() * (rows.waves() / length), 16, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t unit = begin; unit < end; ++unit) {
-      const std::size_t f = unit / (rows.waves() / length);
-      const std::size_t first = unit % (rows.waves() / length) * length;
-      std::complex<double>* to = &fourier.at(static_cast<int>(f), first);
-      const double* re = rows.re.field(which[f]).data() + first;
-      const double* im = rows.im.field(which[f]).data() + first;
-      for (std::size_t w = 0; w < length; ++w) {
-        to[w] = std::complex<double>(re[w], im[w]);
-      }
-    }
-  });
+  grids::for_each_block(which.size() * (rows.waves() / length), std::max<std::size_t>(1, 4096 / length),
+                        [&](std::size_t begin, std::size_t end) {
+                          for (std::size_t unit = begin; unit < end; ++unit) {
+                            const std::size_t f = unit / (rows.waves() / length);
+                            const std::size_t first = unit % (rows.waves() / length) * length;
+                            std::complex<double>* to = &fourier.at(static_cast<int>(f), first);
+                            const double* re = rows.re.field(which[f]).data() + first;
+                            const double* im = rows.im.field(which[f]).data() + first;
+                            for (std::size_t w = 0; w < length; ++w) {
+                              to[w] = std::complex<double>(re[w], im[w]);
+                            }
+                          }
+                        });
   fourier.inverse(fields);
 }
 

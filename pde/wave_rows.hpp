@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <complex>
 #include <cstddef>
 #include <span>
@@ -7,6 +8,7 @@
 
 #include <rubato/grids/field_set.hpp>
 #include <rubato/grids/fourier.hpp>
+#include <rubato/grids/parallel.hpp>
 #include <rubato/grids/wide_vectors.hpp>
 
 namespace rubato {
@@ -21,6 +23,18 @@ struct WaveRows {
   [[nodiscard]] int rows() const { return re.fields(); }
   [[nodiscard]] std::size_t waves() const { return re.size(); }
 };
+
+/// Waves that are worked on at once: arrays of them stay in the cache.
+inline constexpr std::size_t wave_block = 128;
+/// Calls f(begin, end) for blocks of waves, eight of them by one thread: a few waves are not worth waking another.
+template <typename F>
+void for_each_wave_block(std::size_t waves, F&& f) {
+  grids::for_each_block(waves, 8 * wave_block, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t first = begin; first < end; first += wave_block) {
+      f(first, std::min(first + wave_block, end));
+    }
+  });
+}
 
 /// Transforms grid functions into the first rows.
 void from_grid(std::span<const double* const> fields, grids::Fourier& fourier, WaveRows& rows);

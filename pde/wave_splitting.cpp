@@ -28,7 +28,6 @@ using Eigen::MatrixXcd;
 using Eigen::MatrixXd;
 using formula::Expression;
 
-constexpr std::size_t split_block = 128;
 /// Steps of one composition have fewer different drifts than this.
 constexpr std::size_t most_propagators = 24;
 constexpr const char* remedy = "; take lagrangian = \"fourier\" with stages";
@@ -335,7 +334,7 @@ void WaveSplitting::stand(const LatticeLevel& level) {
 }
 
 void WaveSplitting::fill(double tau, WaveRows& entries) const {
-  grids::for_each_block(fourier_.modes(), split_block, [&](std::size_t begin, std::size_t end) {
+  for_each_wave_block(fourier_.modes(), [&](std::size_t begin, std::size_t end) {
     for (const std::vector<int>& members : groups_) {
       const auto n = static_cast<Index>(members.size());
       MatrixXcd A(n, n), E(n, n);
@@ -387,7 +386,7 @@ const WaveRows& WaveSplitting::propagator(double tau) {
 
 /// out = matrix·in, over the coupled pairs.
 void WaveSplitting::multiply(const WaveRows& matrix, const WaveRows& in, WaveRows& out) const {
-  grids::for_each_block(in.waves(), split_block, [&](std::size_t begin, std::size_t end) {
+  for_each_wave_block(in.waves(), [&](std::size_t begin, std::size_t end) {
     for (int p = 0; p < size(); ++p) {
       std::fill(out.re.pointers()[static_cast<std::size_t>(p)] + begin,
                 out.re.pointers()[static_cast<std::size_t>(p)] + end, 0.0);
@@ -410,9 +409,9 @@ double WaveSplitting::wave_energy() const {
   std::array<double, grids::ReductionBlocks::most> partial{};
   grids::for_each_block(moved_.waves(), pieces.block, [&](std::size_t begin, std::size_t end) {
     CompensatedSum sum;
-    std::array<double, split_block> terms;
-    for (std::size_t first = begin; first < end; first += split_block) {
-      const std::size_t count = std::min(split_block, end - first);
+    std::array<double, wave_block> terms;
+    for (std::size_t first = begin; first < end; first += wave_block) {
+      const std::size_t count = std::min(wave_block, end - first);
       terms.fill(0.0);
       for (const auto& [row, column] : coupled_) {
         const int entry = row * size() + column;
