@@ -69,6 +69,12 @@ protected:
   void forget_trial() { trial_h_ = 0.0; }
   [[nodiscard]] double trial_h() const { return trial_h_; }  ///< 0: no trial of this level
   void count_iterations(int count) { iterations_ += count; }
+  /// After the trial level has become the present one: what was read of the energy there is known.
+  void move() {
+    const auto known = there_;
+    start_level();
+    here_ = known;
+  }
   /// After the level has changed.
   void start_level() {
     trial_h_ = 0.0;
@@ -83,7 +89,8 @@ protected:
     for (const auto& slope : level_.slopes.of_field) {
       state.write(slope);
     }
-    for (const double value : {size_of_energy_.terms, size_of_energy_.rounding, static_cast<double>(size_age_)}) {
+    for (const double value : {size_of_energy_.terms, size_of_energy_.rounding, static_cast<double>(size_age_),
+                               static_cast<double>(here_.has_value()), here_.value_or(0.0)}) {
       state.write(value);
     }
   }
@@ -95,7 +102,12 @@ protected:
     state.read(size_of_energy_.terms);
     state.read(size_of_energy_.rounding);
     state.read(size_age_);
+    const bool known = state.read() != 0.0;
+    const double here = state.read();
     start_level();
+    if (known) {
+      here_ = here;
+    }
   }
 
   MultisymplecticSystem system_;

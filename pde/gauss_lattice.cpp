@@ -96,7 +96,7 @@ public:
     }
     grow_older();
     stamp_ = nowhere;
-    start_level();
+    move();
   }
 
   void save(StateWriter& state) const override {

@@ -80,14 +80,14 @@ private:
   std::vector<std::vector<int>> groups_;      ///< places of evolving fields that A couples
   std::vector<std::pair<int, int>> coupled_;  ///< pairs of places in one group
   std::vector<Propagator> propagators_;
-  std::size_t next_ = 0;
+  std::size_t replaced_ = 0;
   std::vector<double> parseval_;
 
   std::vector<int> varying_;  ///< places of the evolving fields that N depends on
   Flow flow_ = Flow::none;
   formula::BatchEvaluator rest_;   ///< N and ∇N of the varying fields
   formula::BatchEvaluator turns_;  ///< of the varying fields and τ: where they are turned to
-  WaveRows x_, moved_, work_, rest_rows_;
+  WaveRows x_, moved_, next_, work_, rest_rows_;
   grids::FieldSet values_;   ///< the varying fields at the nodes, then τ
   grids::FieldSet outputs_;  ///< N and ∇N
   grids::FieldSet turned_;

@@ -37,7 +37,7 @@ public:
     splitting_.fields(level_.fields);
     splitting_.stand(level_);
     grow_older();
-    start_level();
+    move();
   }
   void save(StateWriter& state) const override { save_level(state); }
   void restore(StateReader& state) override {
