@@ -72,16 +72,6 @@ Waves waves_of(Complex delta, double tau) {
   return {sine, std::cosh(x)};
 }
 
-MatrixXcd at_wave(const WaveRows& rows, std::size_t wave, Index height, Index width) {
-  MatrixXcd result(height, width);
-  for (Index r = 0; r < height; ++r) {
-    for (Index c = 0; c < width; ++c) {
-      const auto row = static_cast<int>(r * width + c);
-      result(r, c) = {rows.re.field(row)[wave], rows.im.field(row)[wave]};
-    }
-  }
-  return result;
-}
 void set_wave(const MatrixXcd& values, std::size_t wave, WaveRows& rows) {
   for (Index r = 0; r < values.rows(); ++r) {
     for (Index c = 0; c < values.cols(); ++c) {
