@@ -151,7 +151,8 @@ public:
     return measure(before, after, h);
   }
   [[nodiscard]] StepLaw measure(const LatticeLevel& before, const LatticeLevel& after, double h) override {
-    StepLaw law{.energy = std::numeric_limits<double>::quiet_NaN(), .gamma = std::numeric_limits<double>::quiet_NaN()};
+    StepLaw law;
+    law.energy = law.gamma = std::numeric_limits<double>::quiet_NaN();
     if (slab_.take(before, after, h) != Status::success) {
       delta_.fill(std::numeric_limits<double>::quiet_NaN());
       law.residual = grids::magnitudes(std::as_const(delta_).all());

@@ -7,9 +7,6 @@
 #include <numeric>
 #include <utility>
 
-#include <Eigen/Eigenvalues>
-#include <Eigen/LU>
-
 #include <rubato/base/compensated_sum.hpp>
 #include <rubato/base/larger.hpp>
 #include <rubato/base/limits.hpp>
@@ -17,6 +14,7 @@
 #include <rubato/grids/reductions.hpp>
 #include <rubato/grids/wide_vectors.hpp>
 #include <rubato/pde/matrix_terms.hpp>
+#include <rubato/solve/small_matrices.hpp>
 
 namespace rubato {
 
@@ -76,13 +74,27 @@ GaussSlab::GaussSlab(const MultisymplecticSystem& system, const grids::Grid& gri
   compile();
   find_symbols();
 
-  a_inverse_ = tableau_.a.inverse();
-  const Eigen::EigenSolver<Eigen::MatrixXd> eigen(a_inverse_);
-  eigenvalues_ = eigen.eigenvalues();
-  V_ = eigen.eigenvectors();
-  V_inverse_ = V_.inverse();
-  ones_ = V_inverse_ * Eigen::VectorXcd::Ones(m_);
-  of_stages_ = tableau_.a.transpose().partialPivLu().solve(tableau_.b);
+  a_inverse_ = solve::quotient(tableau_.a, Eigen::MatrixXd::Identity(m_, m_)).value();
+  const auto eigenvalues = tableau_.inverse_eigenvalues();
+  eigenvalues_.resize(m_);
+  V_.resize(m_, m_);
+  ones_.setZero(m_);
+  for (int e = 0; e < m_; ++e) {
+    eigenvalues_[e] = eigenvalues[static_cast<std::size_t>(e)];
+    Eigen::MatrixXcd shifted = a_inverse_.cast<Complex>();
+    for (int i = 0; i < m_; ++i) {
+      shifted(i, i) -= eigenvalues_[e];
+    }
+    V_.col(e) = solve::singular_values(shifted).vectors.col(m_ - 1);
+  }
+  V_inverse_ = solve::inverse_of(V_).matrix;
+  of_stages_.setZero(m_);
+  for (int i = 0; i < m_; ++i) {
+    for (int j = 0; j < m_; ++j) {
+      ones_[i] += V_inverse_(i, j);
+      of_stages_[i] += a_inverse_(j, i) * tableau_.b[j];
+    }
+  }
   at_middle_.resize(m_);
   for (int i = 0; i < m_; ++i) {
     at_middle_[i] = lagrange(tableau_.c, i, 0.5);

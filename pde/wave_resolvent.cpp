@@ -5,11 +5,10 @@
 #include <cmath>
 #include <numbers>
 
-#include <Eigen/LU>
-
 #include <rubato/grids/fourier.hpp>
 #include <rubato/grids/wide_vectors.hpp>
 #include <rubato/pde/kernel_conditions.hpp>
+#include <rubato/solve/small_matrices.hpp>
 
 namespace rubato {
 
@@ -77,12 +76,12 @@ WaveResolvent::WaveResolvent(const MultisymplecticSystem& system, const grids::G
   grids::for_each_block(waves_, 64, [&](std::size_t begin, std::size_t end) {
     std::vector<MatrixXcd> inverses(static_cast<std::size_t>(points));
     std::vector<Complex> determinants(static_cast<std::size_t>(points));
-    Eigen::PartialPivLU<MatrixXcd> factors;
     for (std::size_t wave = begin; wave < end; ++wave) {
       const MatrixXcd D = symbols.derivatives(wave);
       const MatrixXcd constant = D - symbols.L();
       Border border{MatrixXcd(d, 0), MatrixXcd(0, d)};
-      if (conditions.count() > 0 && (D * conditions.kernel.cast<Complex>()).isZero(1e-9 * (1.0 + D.norm()))) {
+      if (conditions.count() > 0 &&
+          solve::product(D, conditions.kernel.cast<Complex>()).isZero(1e-9 * (1.0 + D.norm()))) {
         border.columns = null_space(MatrixXcd((radius * M + constant).adjoint()));
         border.rows = conditions.pins.cast<Complex>();
       }
@@ -98,12 +97,11 @@ WaveResolvent::WaveResolvent(const MultisymplecticSystem& system, const grids::G
       for (int j = 0; j < points; ++j) {
         const double angle = 2.0 * std::numbers::pi * j / points;
         P.topLeftCorner(d, d) = constant + std::polar(radius, angle) * M;
-        factors.compute(P);
-        const auto pivots = factors.matrixLU().diagonal().cwiseAbs();
-        failed[wave] = failed[wave] || !(pivots.minCoeff() > singular * pivots.maxCoeff());
+        const solve::Inverse inverse = solve::inverse_of(P);
+        failed[wave] = failed[wave] || !(inverse.smallest_pivot > singular * inverse.largest_pivot);
         const auto i = static_cast<std::size_t>(j);
-        inverses[i] = factors.inverse().topLeftCorner(d, d);
-        determinants[i] = factors.determinant();
+        inverses[i] = inverse.matrix.topLeftCorner(d, d);
+        determinants[i] = inverse.determinant;
         scale = std::max(scale, std::abs(determinants[i]));
       }
       // Coefficients from values on a circle; D is scaled, and A with it.

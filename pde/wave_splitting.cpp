@@ -8,10 +8,7 @@
 #include <numeric>
 #include <random>
 
-#include <unsupported/Eigen/MatrixFunctions>
-
 #include <fmt/format.h>
-#include <Eigen/LU>
 
 #include <rubato/base/compensated_sum.hpp>
 #include <rubato/grids/reductions.hpp>
@@ -138,7 +135,7 @@ void WaveSplitting::split_fields() {
                     "fields{}",
                     rank(M.cast<Complex>()), M.rows(), remedy));
   }
-  inverse_M_ = M.inverse();
+  inverse_M_ = solve::quotient(M, MatrixXd::Identity(size(), size())).value();
 }
 
 /// With x the evolving fields and y the others, B = Σ ik_a K_a - L:  ŷ = -B₂₂⁻¹B₂₁ x̂,  M x̂_t = -(B₁₁ - B₁₂B₂₂⁻¹B₂₁) x̂.
@@ -166,20 +163,19 @@ void WaveSplitting::reduce() {
     MatrixXcd G = -part(B, evolving_, evolving_);
     if (o > 0) {
       const MatrixXcd B22 = part(B, others_, others_);
-      const Eigen::PartialPivLU<MatrixXcd> factors(B22);
-      const auto pivots = factors.matrixLU().diagonal().cwiseAbs();
-      if (!(pivots.minCoeff() > 1e-12 * (1.0 + pivots.maxCoeff()))) {
+      const solve::Inverse inverse = solve::inverse_of(B22);
+      if (!(inverse.smallest_pivot > 1e-12 * (1.0 + inverse.largest_pivot))) {
         throw SchemeRefusal(
             fmt::format("splitting needs a linear part that can be solved for the fields without an equation of motion "
                         "({}, …) wave by wave, and on the wave number {} it cannot{}",
                         system_.fields()[static_cast<std::size_t>(others_.front())], k[0], remedy));
       }
-      const MatrixXcd C = -factors.solve(part(B, others_, evolving_));
-      G -= part(B, evolving_, others_) * C;
+      const MatrixXcd C = -solve::product(inverse.matrix, part(B, others_, evolving_));
+      G -= solve::product(part(B, evolving_, others_), C);
       set_wave(C, w, slaves_);
     }
     set_wave(G, w, energy_form_);
-    set_wave(MatrixXcd(inverse_M_.cast<Complex>() * G), w, generator_form_);
+    set_wave(solve::product(inverse_M_.cast<Complex>(), G), w, generator_form_);
   }
 }
 
@@ -370,7 +366,7 @@ void WaveSplitting::fill(double tau, WaveRows& entries) const {
           E(0, 1) = factor * waves.sine * A(0, 1);
           E(1, 0) = factor * waves.sine * A(1, 0);
         } else {
-          E = MatrixXcd(tau * A).exp();
+          E = solve::exponential_of(tau * A);
         }
         for (Index i = 0; i < n; ++i) {
           for (Index j = 0; j < n; ++j) {

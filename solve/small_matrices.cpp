@@ -206,4 +206,74 @@ SingularValues<MatrixXcd> singular_values(MatrixXcd A) {
   return singular_values_of(std::move(A));
 }
 
+Inverse inverse_of(MatrixXcd A) {
+  const Index n = A.rows();
+  Inverse result{MatrixXcd::Identity(n, n), 1.0, std::numeric_limits<double>::infinity(), 0.0};
+  MatrixXcd& B = result.matrix;
+  for (Index k = 0; k < n; ++k) {
+    Index pivot = k;
+    for (Index r = k + 1; r < n; ++r) {
+      pivot = std::abs(A(r, k)) > std::abs(A(pivot, k)) ? r : pivot;
+    }
+    if (pivot != k) {
+      for (Index c = 0; c < n; ++c) {
+        std::swap(A(k, c), A(pivot, c));
+        std::swap(B(k, c), B(pivot, c));
+      }
+      result.determinant = -result.determinant;
+    }
+    const std::complex<double> divisor = A(k, k);
+    result.determinant *= divisor;
+    result.smallest_pivot = std::min(result.smallest_pivot, std::abs(divisor));
+    result.largest_pivot = std::max(result.largest_pivot, std::abs(divisor));
+    for (Index c = 0; c < n; ++c) {
+      A(k, c) /= divisor;
+      B(k, c) /= divisor;
+    }
+    for (Index r = 0; r < n; ++r) {
+      const std::complex<double> factor = A(r, k);
+      if (r == k || factor == 0.0) {
+        continue;
+      }
+      for (Index c = 0; c < n; ++c) {
+        A(r, c) -= factor * A(k, c);
+        B(r, c) -= factor * B(k, c);
+      }
+    }
+  }
+  return result;
+}
+
+MatrixXcd exponential_of(MatrixXcd A) {
+  constexpr int terms = 18;  // 0.5^19/19! is below ε
+  double size = 0.0;
+  for (Index c = 0; c < A.cols(); ++c) {
+    double column = 0.0;
+    for (Index r = 0; r < A.rows(); ++r) {
+      column += std::abs(A(r, c));
+    }
+    size = std::max(size, column);
+  }
+  const int squarings = size > 0.5 && std::isfinite(size) ? static_cast<int>(std::ceil(std::log2(2.0 * size))) : 0;
+  for (Index c = 0; c < A.cols(); ++c) {
+    for (Index r = 0; r < A.rows(); ++r) {
+      A(r, c) = std::ldexp(1.0, -squarings) * A(r, c);
+    }
+  }
+  MatrixXcd sum = MatrixXcd::Identity(A.rows(), A.cols()), term = sum;
+  for (int k = 1; k <= terms; ++k) {
+    term = product_of(term, A);
+    for (Index c = 0; c < A.cols(); ++c) {
+      for (Index r = 0; r < A.rows(); ++r) {
+        term(r, c) /= k;
+        sum(r, c) += term(r, c);
+      }
+    }
+  }
+  for (int k = 0; k < squarings; ++k) {
+    sum = product_of(sum, sum);
+  }
+  return sum;
+}
+
 }  // namespace rubato::solve

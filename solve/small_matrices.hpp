@@ -1,5 +1,6 @@
 #pragma once
 
+#include <complex>
 #include <optional>
 
 #include <Eigen/Core>
@@ -22,6 +23,17 @@ template <typename Left, typename Right>
 /// A⁻¹B by elimination with complete pivoting. Nothing if a pivot is 0, below `threshold` times the largest one, or not
 /// finite. Hypothesis: A is square and has as many rows as B.
 [[nodiscard]] std::optional<Eigen::MatrixXd> quotient(Eigen::MatrixXd A, Eigen::MatrixXd B, double threshold = 0.0);
+
+/// A⁻¹ and what elimination with partial pivoting says of A. Hypothesis: A is square.
+struct Inverse {
+  Eigen::MatrixXcd matrix;  ///< not finite where a pivot is 0
+  std::complex<double> determinant = 1.0;
+  double smallest_pivot = 0.0, largest_pivot = 0.0;
+};
+[[nodiscard]] Inverse inverse_of(Eigen::MatrixXcd A);
+
+/// exp(A), by Taylor's series of A/2ᵏ and k squarings.
+[[nodiscard]] Eigen::MatrixXcd exponential_of(Eigen::MatrixXcd A);
 
 /// max |λ| over the eigenvalues λ of A, by Gelfand's formula lim |Aᵏ|^(1/k) over squarings of A; to about 1e-8 where
 /// eigenvalues are multiple, as for any method. NaN if an entry is not finite.

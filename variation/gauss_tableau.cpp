@@ -115,6 +115,40 @@ GaussTableau::GaussTableau(int count) : stages(count) {
   }
 }
 
+std::vector<std::complex<double>> GaussTableau::inverse_eigenvalues() const {
+  using Complex = std::complex<Real>;
+  const int m = stages;
+  // Divided by the leading coefficient.
+  Polynomial coefficients(static_cast<std::size_t>(m) + 1, 1.0L);
+  for (int j = m - 1; j >= 0; --j) {
+    // c_j/c_{j+1} = -(j+1)(2m-j)/(m-j)
+    coefficients[static_cast<std::size_t>(j)] =
+        -coefficients[static_cast<std::size_t>(j) + 1] * (j + 1) * (2 * m - j) / (m - j);
+  }
+  // All zeros at once (Weierstrass, Durand, Kerner), from a circle about as large as they are.
+  std::vector<Complex> zeros;
+  for (int i = 0; i < m; ++i) {
+    zeros.push_back(std::polar(static_cast<Real>(m) + 1.0L, 0.4L + 6.283185307179586477L * i / m));
+  }
+  for (int iteration = 0; iteration < 500; ++iteration) {
+    for (std::size_t i = 0; i < zeros.size(); ++i) {
+      Complex value = 0.0L, others = 1.0L;
+      for (std::size_t j = coefficients.size(); j-- > 0;) {
+        value = value * zeros[i] + coefficients[j];
+      }
+      for (std::size_t j = 0; j < zeros.size(); ++j) {
+        others *= j == i ? 1.0L : zeros[i] - zeros[j];
+      }
+      zeros[i] -= value / others;
+    }
+  }
+  std::vector<std::complex<double>> result;
+  for (const Complex& zero : zeros) {
+    result.emplace_back(static_cast<double>(zero.real()), static_cast<double>(zero.imag()));
+  }
+  return result;
+}
+
 void GaussTableau::continuation(const Eigen::MatrixXd& about, double theta, Eigen::MatrixXd& weights) const {
   for (int i = 0; i < stages; ++i) {
     const double sigma = theta * c[i];

@@ -1,5 +1,8 @@
 #pragma once
 
+#include <complex>
+#include <vector>
+
 #include <Eigen/Core>
 
 namespace rubato {
@@ -25,6 +28,11 @@ struct GaussTableau {
   Eigen::MatrixXd a_short, a_rest;
   /// Coefficients of ∫_o^{o+σ} ℓ_j = Σ_k p_kj σ^{k+1} about the beginning o = 0 and the end o = 1 of a step; k < m.
   Eigen::MatrixXd from_start, from_end;
+
+  /// The eigenvalues of A⁻¹: the zeros of the denominator Σ_j (2m-j)! m!/((2m)! j! (m-j)!) (-z)^j of the diagonal Padé
+  /// approximation of e^z, the method's stability function (Hairer and Wanner, Solving Ordinary Differential Equations
+  /// II, section IV.3).
+  [[nodiscard]] std::vector<std::complex<double>> inverse_eigenvalues() const;
 
   /// Rows of weights of the stage slopes f_j of a step (of length 1) that give ∫_o^{o+θc_i} Σ_j f_j ℓ_j: the
   /// collocation polynomial, less its value at o, where a step of θ times the length beginning at o has its stages.

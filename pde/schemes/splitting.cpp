@@ -68,7 +68,8 @@ public:
     return measure(before, after, h);
   }
   [[nodiscard]] StepLaw measure(const LatticeLevel& before, const LatticeLevel& after, double h) override {
-    StepLaw law{.energy = std::numeric_limits<double>::quiet_NaN(), .gamma = std::numeric_limits<double>::quiet_NaN()};
+    StepLaw law;
+    law.energy = law.gamma = std::numeric_limits<double>::quiet_NaN();
     splitting_.stand(before);
     if (splitting_.step(composition_, h)) {
       law.energy = splitting_.generator();
