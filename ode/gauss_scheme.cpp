@@ -4,15 +4,16 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <optional>
 #include <stdexcept>
 #include <utility>
 #include <vector>
 
-#include <Eigen/LU>
-
 #include <rubato/formula/batch.hpp>
 #include <rubato/ode/increment.hpp>
 #include <rubato/ode/one_step_state.hpp>
+#include <rubato/solve/dense_solver.hpp>
+#include <rubato/solve/small_matrices.hpp>
 #include <rubato/variation/gauss_tableau.hpp>
 
 namespace rubato {
@@ -98,15 +99,14 @@ public:
     for (VectorXd* vector : {&lost_, &largest_, &point_, &gradient_, &errors_}) {
       vector->setZero(size_);
     }
-    of_stages_ = Eigen::PartialPivLU<MatrixXd>(tableau_.a.transpose()).solve(tableau_.b);
+    of_stages_ = solve::quotient(tableau_.a.transpose(), tableau_.b).value();
     energies_.setZero(m_);
     weights_.setZero(m_, m_);
     if (m_ * size_ <= most_newton_size) {
       hessian_.setZero(size_, size_);
       matrix_.setZero(m_ * size_, m_ * size_);
-      factors_ = Eigen::PartialPivLU<MatrixXd>(matrix_);
+      factors_.emplace(static_cast<int>(m_ * size_));
       right_.setZero(m_ * size_);
-      solution_.setZero(m_ * size_);
     }
   }
 
@@ -380,10 +380,9 @@ private:
       }
     }
     matrix_.diagonal().array() += 1.0;
-    if (!matrix_.allFinite()) {
+    if (factors_->factor(matrix_.data()) != Status::success) {
       return false;
     }
-    factors_.compute(matrix_);
     factored_h_ = h;
     return true;
   }
@@ -392,9 +391,9 @@ private:
     for (Index i = 0; i < m_; ++i) {
       right_.segment(i * size_, size_) = correction_.col(i);
     }
-    solution_ = factors_.solve(right_);
+    factors_->solve(right_.data());
     for (Index i = 0; i < m_; ++i) {
-      correction_.col(i) = solution_.segment(i * size_, size_);
+      correction_.col(i) = right_.segment(i * size_, size_);
     }
   }
 
@@ -451,8 +450,8 @@ private:
   VectorXd of_stages_;  ///< A⁻ᵀb: δ = Σ (A⁻ᵀb)_i Y_i
   VectorXd lost_, largest_, point_, gradient_, errors_;
   MatrixXd weights_, hessian_, matrix_;
-  Eigen::PartialPivLU<MatrixXd> factors_;
-  VectorXd right_, solution_;
+  std::optional<solve::DenseSolver> factors_;
+  VectorXd right_;
   double contraction_ = std::numeric_limits<double>::infinity();  ///< of corrections at this level, where it was seen
   bool newton_ = false;
   double newton_step_ = 0.0;  ///< |h| at which fixed-point iteration was too slow
