@@ -9,6 +9,7 @@
 
 #include <rubato/pde/cell_sweep.hpp>
 #include <rubato/pde/lattice_scheme.hpp>
+#include <rubato/pde/step_equation.hpp>
 
 namespace rubato {
 
@@ -154,14 +155,10 @@ private:
   int size_age_ = size_period;
 };
 
-/// 𝓔 of stored levels, for the equations of families.
-class LevelEnergy {
+/// What the equations of families share: a step is taken again, and compared with the level that is there.
+class FamilyEquation : public StepEquation {
 public:
-  LevelEnergy(const MultisymplecticSystem& system, const grids::Grid& grid)
-      : system_(system), sweep_(system, grid, Placement::nodes), point_(system.field_count(), grid.size()) {}
-
-  /// NaN where S is not finite.
-  [[nodiscard]] double operator()(const LatticeLevel& level) {
+  [[nodiscard]] LevelNode node(const LatticeLevel& level) final {
     point_.copy_from(level.fields);
     for (int f = 0; f < system_.field_count(); ++f) {
       if (system_.structure().at_midpoints(f)) {
@@ -169,11 +166,27 @@ public:
       }
     }
     const SweepResult result = sweep_(std::as_const(point_).pointers(), level.slopes, {}, 0.0, {}, {});
-    return result.finite ? result.energy : std::numeric_limits<double>::quiet_NaN();
+    constexpr double none = std::numeric_limits<double>::quiet_NaN();
+    return {result.finite ? result.energy : none, none};
+  }
+  [[nodiscard]] StepLaw judge(const LatticeLevel& before, const LatticeLevel& after, double h) final {
+    return measure(before, after, h);
   }
 
-private:
+protected:
+  FamilyEquation(const MultisymplecticSystem& system, const grids::Grid& grid)
+      : system_(system), sweep_(system, grid, Placement::nodes), point_(system.field_count(), grid.size()) {}
+
+  /// Of a step that cannot be taken again, and of which there is no Γ.
+  [[nodiscard]] static StepLaw unknown() {
+    StepLaw law;
+    law.energy = law.gamma = std::numeric_limits<double>::quiet_NaN();
+    return law;
+  }
+
   MultisymplecticSystem system_;
+
+private:
   CellSweep sweep_;
   grids::FieldSet point_;
 };

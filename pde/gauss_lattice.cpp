@@ -10,6 +10,7 @@
 #include <fmt/format.h>
 
 #include <rubato/grids/reductions.hpp>
+#include <rubato/pde/compensated_fields.hpp>
 #include <rubato/pde/family_lattice.hpp>
 #include <rubato/pde/gauss_slab.hpp>
 #include <rubato/pde/lattice_scheme.hpp>
@@ -34,7 +35,11 @@ public:
         slab_(std::make_shared<GaussSlab>(system, grid, stages, level_)),
         largest_(static_cast<std::size_t>(system.field_count()), 0.0),
         stages_(stages),
-        last_rests_(slab_->rests()) {}
+        last_rests_(slab_->rests()) {
+    for (int f = 0; f < system.field_count(); ++f) {
+      at_midpoints_.push_back(system.structure().at_midpoints(f));
+    }
+  }
 
   [[nodiscard]] std::shared_ptr<StageSource> stages() override { return slab_; }
   [[nodiscard]] int order() const override { return 2 * stages_; }
@@ -75,25 +80,10 @@ public:
     last_rests_ = slab_->rests();
     last_h_ = trial_h();
     for (int f = 0; f < system_.field_count(); ++f) {
-      const auto i = static_cast<std::size_t>(f);
-      double* high = level_.fields.field(f).data();
-      double* low = low_.field(f).data();
-      const double* delta = delta_.field(f).data();
-      const bool midpoint = system_.structure().at_midpoints(f);
-      largest_[i] = std::max(largest_[i], grids::max_abs(std::as_const(delta_).field(f)));
-      grids::for_each_block(grid_.size(), grids::nodes_per_block, [=](std::size_t begin, std::size_t end) {
-        for (std::size_t n = begin; n < end; ++n) {
-          if (midpoint) {
-            high[n] = 0.5 * delta[n];
-            continue;
-          }
-          const double rest = low[n] + delta[n];
-          const double sum = high[n] + rest;
-          low[n] = rest - (sum - high[n]);
-          high[n] = sum;
-        }
-      });
+      double& largest = largest_[static_cast<std::size_t>(f)];
+      largest = std::max(largest, grids::max_abs(std::as_const(delta_).field(f)));
     }
+    add_increment(delta_, at_midpoints_, level_.fields, low_);
     grow_older();
     stamp_ = nowhere;
     move();
@@ -128,6 +118,7 @@ private:
   grids::FieldSet low_;  ///< the fields are level_.fields + low_
   grids::FieldSet delta_;
   std::shared_ptr<GaussSlab> slab_;
+  std::vector<bool> at_midpoints_;
   std::vector<double> largest_;  ///< of |δ| of each field so far
   int stages_;
   WaveRows last_rests_;  ///< of the last step's stages
@@ -136,23 +127,13 @@ private:
 };
 
 /// The step taken again, and what the level that is there differs from where it leads, in units of a rate.
-class GaussEquation final : public StepEquation {
+class GaussEquation final : public FamilyEquation {
 public:
   GaussEquation(const MultisymplecticSystem& system, const grids::Grid& grid, int stages, const LatticeLevel& first)
-      : system_(system),
-        energy_(system, grid),
-        slab_(system, grid, stages, first),
-        delta_(system.field_count(), grid.size()) {}
+      : FamilyEquation(system, grid), slab_(system, grid, stages, first), delta_(system.field_count(), grid.size()) {}
 
-  [[nodiscard]] LevelNode node(const LatticeLevel& level) override {
-    return {energy_(level), std::numeric_limits<double>::quiet_NaN()};
-  }
-  [[nodiscard]] StepLaw judge(const LatticeLevel& before, const LatticeLevel& after, double h) override {
-    return measure(before, after, h);
-  }
   [[nodiscard]] StepLaw measure(const LatticeLevel& before, const LatticeLevel& after, double h) override {
-    StepLaw law;
-    law.energy = law.gamma = std::numeric_limits<double>::quiet_NaN();
+    StepLaw law = unknown();
     if (slab_.take(before, after, h) != Status::success) {
       delta_.fill(std::numeric_limits<double>::quiet_NaN());
       law.residual = grids::magnitudes(std::as_const(delta_).all());
@@ -173,8 +154,6 @@ public:
   }
 
 private:
-  const MultisymplecticSystem& system_;
-  LevelEnergy energy_;
   GaussSlab slab_;
   grids::FieldSet delta_;
 };

@@ -12,6 +12,7 @@
 #include <rubato/grids/reductions.hpp>
 #include <rubato/grids/wide_vectors.hpp>
 #include <rubato/pde/cell_solver.hpp>
+#include <rubato/pde/compensated_fields.hpp>
 #include <rubato/pde/kernel_conditions.hpp>
 #include <rubato/pde/lattice_scheme.hpp>
 #include <rubato/pde/level_history.hpp>
@@ -218,25 +219,10 @@ public:
     contraction_.advance();
     ++size_age_;
     for (int f = 0; f < system_.field_count(); ++f) {
-      const auto i = static_cast<std::size_t>(f);
-      double* high = level_.fields.field(f).data();
-      double* low = low_.field(f).data();
-      const double* delta = delta_.field(f).data();
-      largest_[i] = std::max(largest_[i], grids::max_abs(delta_.field(f)));
-      grids::for_each_block(grid_.size(), grids::nodes_per_block,
-                            [=, midpoint = at_midpoints_[i]](std::size_t begin, std::size_t end) {
-                              for (std::size_t n = begin; n < end; ++n) {
-                                if (midpoint) {
-                                  high[n] = 0.5 * delta[n];
-                                  continue;
-                                }
-                                const double rest = low[n] + delta[n];
-                                const double sum = high[n] + rest;
-                                low[n] = rest - (sum - high[n]);
-                                high[n] = sum;
-                              }
-                            });
+      double& largest = largest_[static_cast<std::size_t>(f)];
+      largest = std::max(largest, grids::max_abs(std::as_const(delta_).field(f)));
     }
+    add_increment(delta_, at_midpoints_, level_.fields, low_);
     start_level();
   }
 

@@ -53,23 +53,16 @@ private:
 };
 
 /// The step taken again, and what the level that is there differs from where it leads, divided by h.
-class SplittingEquation final : public StepEquation {
+class SplittingEquation final : public FamilyEquation {
 public:
   SplittingEquation(const MultisymplecticSystem& system, const grids::Grid& grid, const Composition& composition)
-      : splitting_(system, grid),
-        energy_(system, grid),
+      : FamilyEquation(system, grid),
+        splitting_(system, grid),
         composition_(composition),
         reached_(system.field_count(), grid.size()) {}
 
-  [[nodiscard]] LevelNode node(const LatticeLevel& level) override {
-    return {energy_(level), std::numeric_limits<double>::quiet_NaN()};
-  }
-  [[nodiscard]] StepLaw judge(const LatticeLevel& before, const LatticeLevel& after, double h) override {
-    return measure(before, after, h);
-  }
   [[nodiscard]] StepLaw measure(const LatticeLevel& before, const LatticeLevel& after, double h) override {
-    StepLaw law;
-    law.energy = law.gamma = std::numeric_limits<double>::quiet_NaN();
+    StepLaw law = unknown();
     splitting_.stand(before);
     if (splitting_.step(composition_, h)) {
       law.energy = splitting_.generator();
@@ -86,7 +79,6 @@ public:
 
 private:
   WaveSplitting splitting_;
-  LevelEnergy energy_;
   const Composition& composition_;
   grids::FieldSet reached_;
 };

@@ -1,0 +1,30 @@
+#include <rubato/pde/compensated_fields.hpp>
+
+#include <rubato/grids/parallel.hpp>
+
+namespace rubato {
+
+void add_increment(const grids::FieldSet& delta, const std::vector<bool>& at_midpoints, grids::FieldSet& high,
+                   grids::FieldSet& low) {
+  constexpr std::size_t piece = 4096;
+  for (int f = 0; f < delta.fields(); ++f) {
+    double* z = high.field(f).data();
+    double* rest_of = low.field(f).data();
+    const double* change = delta.field(f).data();
+    const bool midpoint = at_midpoints[static_cast<std::size_t>(f)];
+    grids::for_each_block(delta.size(), piece, [=](std::size_t begin, std::size_t end) {
+      for (std::size_t n = begin; n < end; ++n) {
+        if (midpoint) {
+          z[n] = 0.5 * change[n];
+          continue;
+        }
+        const double rest = rest_of[n] + change[n];
+        const double sum = z[n] + rest;
+        rest_of[n] = rest - (sum - z[n]);
+        z[n] = sum;
+      }
+    });
+  }
+}
+
+}  // namespace rubato
