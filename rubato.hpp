@@ -6,7 +6,6 @@
 /// serves as well, such as <rubato/ode/integrate.hpp>.
 
 #include <rubato/formula/parse.hpp>
-#include <rubato/variation/composition.hpp>
 #include <rubato/ode/discrete_lagrangian.hpp>
 #include <rubato/ode/first_step.hpp>
 #include <rubato/ode/gauss_function.hpp>
@@ -30,6 +29,7 @@
 #include <rubato/study/record_notes.hpp>
 #include <rubato/study/run.hpp>
 #include <rubato/study/version.hpp>
+#include <rubato/variation/composition.hpp>
 #include <rubato/variation/formula_action.hpp>
 #include <rubato/variation/time_levels.hpp>
 #include <rubato/variation/total_variation.hpp>

@@ -7,8 +7,8 @@
 #include <Eigen/LU>
 
 #include <rubato/base/outcome.hpp>
-#include <rubato/variation/gauss_tableau.hpp>
 #include <rubato/ode/hamiltonian.hpp>
+#include <rubato/variation/gauss_tableau.hpp>
 
 namespace rubato {
 

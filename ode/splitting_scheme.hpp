@@ -3,9 +3,9 @@
 #include <memory>
 #include <span>
 
-#include <rubato/variation/composition.hpp>
 #include <rubato/ode/hamiltonian.hpp>
 #include <rubato/ode/segment_scheme.hpp>
+#include <rubato/variation/composition.hpp>
 
 namespace rubato {
 

@@ -5,9 +5,9 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include <rubato/variation/composition.hpp>
 #include <rubato/pde/lattice_method.hpp>
 #include <rubato/study/problem.hpp>
+#include <rubato/variation/composition.hpp>
 
 namespace rubato::study {
 

@@ -7,7 +7,6 @@
 
 #include <fmt/format.h>
 
-#include <rubato/variation/composition.hpp>
 #include <rubato/ode/integrate.hpp>
 #include <rubato/record/reader.hpp>
 #include <rubato/record/writer.hpp>
@@ -15,6 +14,7 @@
 #include <rubato/study/recorder.hpp>
 #include <rubato/study/stored.hpp>
 #include <rubato/study/threads.hpp>
+#include <rubato/variation/composition.hpp>
 
 namespace rubato::study {
 

@@ -5,13 +5,13 @@
 
 #include <catch2/catch.hpp>
 
-#include <rubato/variation/composition.hpp>
 #include <rubato/ode/gauss_function.hpp>
 #include <rubato/ode/gauss_scheme.hpp>
-#include <rubato/variation/gauss_tableau.hpp>
 #include <rubato/ode/separable.hpp>
 #include <rubato/ode/splitting_scheme.hpp>
 #include <rubato/ode/tangent.hpp>
+#include <rubato/variation/composition.hpp>
+#include <rubato/variation/gauss_tableau.hpp>
 #include <rubato/variation/time_levels.hpp>
 
 #include "systems.hpp"
