@@ -81,6 +81,18 @@ void take_fictitious_time(HamiltonianProblem& ode, const FormulaText& g, std::sp
   ode.fictitious_time = true;
 }
 
+/// time_scale of [hamiltonian], or of [scheme], where it means the same.
+const Entry* take_time_scale(const Section& root, Section& section) {
+  const Entry* own = section.take("time_scale");
+  const Entry* scheme = find(root.entries(), "scheme");
+  const Value::Table* table = scheme != nullptr ? scheme->value.table() : nullptr;
+  const Entry* other = table != nullptr ? find(*table, "time_scale") : nullptr;
+  if (own != nullptr && other != nullptr) {
+    throw ProblemError(other->location, "time_scale is given twice, here and in [hamiltonian]; write one of them");
+  }
+  return own != nullptr ? own : other;
+}
+
 }  // namespace
 
 std::vector<std::string> HamiltonianProblem::names() const {
@@ -92,7 +104,7 @@ std::vector<std::string> HamiltonianProblem::names() const {
 void read_hamiltonian(Section& root, Section& section, Problem& problem) {
   Names taken;
   taken.reserve("t", "it is the time");
-  const Entry* time_scale = section.take("time_scale");
+  const Entry* time_scale = take_time_scale(root, section);
   if (time_scale != nullptr) {
     for (const std::string_view name : {clock, clock_momentum}) {
       taken.reserve(name, "time_scale makes a coordinate time and a momentum minus_energy");

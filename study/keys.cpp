@@ -125,6 +125,7 @@ std::vector<KeyEntry> make_keys() {
        "so that there are no bridges: chosen by a scout of equal steps, or by its numbers.",
        potential_words},
       {"scheme", "largest_step", "number", none, "How long steps may become, about; for step_potential = \"auto\"."},
+      {"scheme", "time_scale", "formula", none, "For orbits: the same as in [hamiltonian]."},
       {"scheme.step_potential", "kappa", "number", required, "kappa h0 is about the largest step."},
       {"scheme.step_potential", "p", "number greater than the order", required, "How suddenly it is felt."},
       {"scheme", "order", "integer", "required by generating",

@@ -34,6 +34,9 @@ public:
     if (const Entry* entry = take_only_for("allow_unstable", Lagrangian::forward)) {
       scheme_.allow_unstable = read_boolean(entry->value, "allow_unstable");
     }
+    if (const Entry* entry = section_.take("time_scale"); entry != nullptr && problem_.hamiltonian() == nullptr) {
+      throw ProblemError(entry->location, "time_scale is for orbits ([hamiltonian]); leave it out");
+    }
     read_limits();
     read_times();
     section_.finish();

@@ -121,6 +121,10 @@ TEST_CASE("in fictitious time the orbit is that of H at the times that are found
 TEST_CASE("in fictitious time the two-form is preserved with the time and its momentum, and a step potential") {
   // dp∧dq + dw∧dt - dÊ∧ds at the end of a run, as a form of the start and the first step, is dp_0∧dq_0 + dw_0∧dt_0.
   const Problem problem = kepler(0.6, {kepler_scale, "scheme.step=0.1"});
+  const Problem same = kepler(0.6, {"scheme.time_scale=(x^2 + y^2)^(3/4)", "scheme.step=0.1"});
+  CHECK(same.hamiltonian()->H.text == problem.hamiltonian()->H.text);
+  CHECK(same.hamiltonian()->fictitious_time);
+  CHECK_FALSE(kepler(0.6, {"scheme.step=0.1"}).hamiltonian()->fictitious_time);
   const Hamiltonian hamiltonian = make_hamiltonian(problem);
   const PhasePoint& start = problem.hamiltonian()->initial;
   const StepPotential f{.strength = -1e-3, .length = 0.12, .exponent = 4.0};
@@ -213,6 +217,8 @@ TEST_CASE("time scales that cannot be are refused with the place") {
   CHECK_THAT(refusal({"hamiltonian.time_scale=x - 5"}), Contains("time_scale is") && Contains("positive"));
   CHECK_THAT(refusal({"hamiltonian.time_scale=1/(x - x)"}), Contains("time_scale"));
   CHECK_THAT(refusal({"hamiltonian.time_scale=r^1.5"}), Contains("unknown name 'r'"));
+  CHECK_THAT(refusal({"scheme.time_scale=r^1.5"}), Contains("unknown name 'r'"));
+  CHECK_THAT(refusal({"hamiltonian.time_scale=x", "scheme.time_scale=x"}), Contains("given twice"));
   CHECK_THAT(refusal({"hamiltonian.time_scale=x", "hamiltonian.q=[\"x\", \"time\"]"}), Contains("time_scale makes"));
   CHECK_THAT(refusal({"hamiltonian.time_scale=x", "exact.x=t"}), Contains("fictitious time"));
   CHECK_THAT(refusal({"hamiltonian.time_scale=x", "initial.next={ t = 0.1, x = 0.4, y = 0.1, u = 0, v = 2 }"}),
