@@ -11,7 +11,7 @@ function(rubato_optimise_loops)
     grids/box_operators.cpp grids/fourier.cpp grids/spectral_derivative.cpp
     solve/chunk_elimination_avx2.cpp solve/chunk_elimination_avx512.cpp solve/cyclic_block.cpp
     solve/fourier_preconditioner.cpp solve/gmres.cpp
-    pde/cell_sweep.cpp pde/euler_box_map.cpp pde/face_gather.cpp pde/midpoint_lattice.cpp)
+    pde/cell_sweep.cpp pde/euler_box_map.cpp pde/face_gather.cpp pde/midpoint_lattice.cpp pde/wave_loops.cpp)
   list(TRANSFORM loops PREPEND ${PROJECT_SOURCE_DIR}/)
   set_source_files_properties(${loops} PROPERTIES COMPILE_OPTIONS "$<$<CONFIG:Release>:-O3>")
   # A fallback for rare systems, and most of a large library.

@@ -6,7 +6,6 @@
 #include <numbers>
 
 #include <rubato/grids/fourier.hpp>
-#include <rubato/grids/wide_vectors.hpp>
 #include <rubato/pde/kernel_conditions.hpp>
 #include <rubato/solve/small_matrices.hpp>
 
@@ -138,36 +137,6 @@ WaveResolvent::WaveResolvent(const MultisymplecticSystem& system, const grids::G
     }
   }
 }
-
-namespace {
-
-/// re + i im = (re + i im)·x + a + i b.
-RUBATO_WIDE_VECTORS void horner(Complex x, const double* a, const double* b, std::size_t count, double* __restrict re,
-                                double* im) {
-  const double x_re = x.real(), x_im = x.imag();
-  for (std::size_t w = 0; w < count; ++w) {
-    const double next = re[w] * x_re - im[w] * x_im + a[w];
-    im[w] = re[w] * x_im + im[w] * x_re + b[w];
-    re[w] = next;
-  }
-}
-RUBATO_WIDE_VECTORS void multiply(const double* a, const double* b, std::size_t count, double* __restrict re,
-                                  double* __restrict im) {
-  for (std::size_t w = 0; w < count; ++w) {
-    const double next = re[w] * a[w] - im[w] * b[w];
-    im[w] = re[w] * b[w] + im[w] * a[w];
-    re[w] = next;
-  }
-}
-RUBATO_WIDE_VECTORS void invert(std::size_t count, double* __restrict re, double* __restrict im) {
-  for (std::size_t w = 0; w < count; ++w) {
-    const double size = re[w] * re[w] + im[w] * im[w];
-    re[w] = re[w] / size;
-    im[w] = -im[w] / size;
-  }
-}
-
-}  // namespace
 
 void WaveResolvent::start(Complex mu, WaveRows& inverse) const {
   double* re = inverse.re.field(0).data();

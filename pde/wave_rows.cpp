@@ -7,22 +7,6 @@
 
 namespace rubato {
 
-RUBATO_WIDE_VECTORS void add(std::complex<double> value, const double* re, const double* im, std::size_t count,
-                             double* __restrict out_re, double* __restrict out_im) {
-  const double a = value.real(), b = value.imag();
-  for (std::size_t w = 0; w < count; ++w) {
-    out_re[w] += a * re[w] - b * im[w];
-    out_im[w] += a * im[w] + b * re[w];
-  }
-}
-RUBATO_WIDE_VECTORS void add_product(const double* x_re, const double* x_im, const double* y_re, const double* y_im,
-                                     std::size_t count, double* __restrict out_re, double* __restrict out_im) {
-  for (std::size_t w = 0; w < count; ++w) {
-    out_re[w] += x_re[w] * y_re[w] - x_im[w] * y_im[w];
-    out_im[w] += x_re[w] * y_im[w] + x_im[w] * y_re[w];
-  }
-}
-
 void from_grid(std::span<const double* const> fields, grids::Fourier& fourier, WaveRows& rows) {
   fourier.forward(fields);
   const std::size_t length = fourier.row_length();

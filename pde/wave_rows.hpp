@@ -9,7 +9,7 @@
 #include <rubato/grids/field_set.hpp>
 #include <rubato/grids/fourier.hpp>
 #include <rubato/grids/parallel.hpp>
-#include <rubato/grids/wide_vectors.hpp>
+#include <rubato/pde/wave_loops.hpp>
 
 namespace rubato {
 
@@ -41,13 +41,6 @@ void from_grid(std::span<const double* const> fields, grids::Fourier& fourier, W
 /// Transforms rows number `which` into grid functions.
 void to_grid(const WaveRows& rows, std::span<const int> which, grids::Fourier& fourier,
              std::span<double* const> fields);
-
-/// out += value·in on `count` waves.
-void add(std::complex<double> value, const double* re, const double* im, std::size_t count, double* out_re,
-         double* out_im);
-/// out += x·y.
-void add_product(const double* x_re, const double* x_im, const double* y_re, const double* y_im, std::size_t count,
-                 double* out_re, double* out_im);
 
 /// The weight of each wave in Σ_nodes f g = Σ_waves weight Re(conj f̂ ĝ): half of the waves along x are kept.
 [[nodiscard]] std::vector<double> parseval_weights(const grids::Fourier& fourier, const grids::Grid& grid);

@@ -29,31 +29,6 @@ using formula::Expression;
 constexpr std::size_t most_propagators = 24;
 constexpr const char* remedy = "; take lagrangian = \"fourier\" with stages";
 
-/// out += ½ Re(conj(l) g r).
-RUBATO_WIDE_VECTORS void add_form(const double* g_re, const double* g_im, const double* l_re, const double* l_im,
-                                  const double* r_re, const double* r_im, std::size_t count, double* __restrict out) {
-  for (std::size_t w = 0; w < count; ++w) {
-    const double re = g_re[w] * r_re[w] - g_im[w] * r_im[w], im = g_re[w] * r_im[w] + g_im[w] * r_re[w];
-    out[w] += 0.5 * (l_re[w] * re + l_im[w] * im);
-  }
-}
-
-/// Σ weights·values, in eight partial sums whatever the width of vectors.
-RUBATO_WIDE_VECTORS double weighted_sum(const double* weights, const double* values, std::size_t count) {
-  constexpr std::size_t lanes = 8;
-  double sums[lanes] = {};
-  std::size_t w = 0;
-  for (; w + lanes <= count; w += lanes) {
-    for (std::size_t l = 0; l < lanes; ++l) {
-      sums[l] += weights[w + l] * values[w + l];
-    }
-  }
-  for (std::size_t l = 0; w + l < count; ++l) {
-    sums[l] += weights[w + l] * values[w + l];
-  }
-  return ((sums[0] + sums[1]) + (sums[2] + sums[3])) + ((sums[4] + sums[5]) + (sums[6] + sums[7]));
-}
-
 /// sinh(√δ τ)/√δ and cosh(√δ τ).
 struct Waves {
   Complex sine, cosine;
