@@ -40,12 +40,20 @@ struct Dataset {
 /// In every group that uses a scale or an axis living elsewhere a hard link of the same name is made, so that readers
 /// that open one group (xarray, netCDF) find the coordinates of its dimensions in it. Hence the last parts of the paths
 /// of the axes and dimensions used in one group must differ from each other and from those of its other datasets.
+/// Levels of zlib. Where nothing is compressed the last chunk of every dataset is there whole, which makes short
+/// records ten times larger.
+///@{
+inline constexpr int usual_compression = 4;
+inline constexpr int most_compression = 9;
+///@}
+
 struct Layout {
   std::string title;
   std::string problem;   ///< the whole effective problem text
   std::string version;   ///< of the writing library
   std::string compiler;  ///< that built it, with the flags that matter
   int threads = 1;
+  int compression = usual_compression;  ///< of the rows: 0, none, to most_compression
   std::vector<Scale> scales = {};
   std::vector<Dataset> datasets = {};
 };

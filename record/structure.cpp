@@ -63,8 +63,10 @@ void create_dataset(hid_t file, const Layout& layout, const Dataset& description
   const Handle space(H5Screate_simple(static_cast<int>(sizes.size()), sizes.data(), limits.data()), H5Sclose, doing);
   const Handle properties(H5Pcreate(H5P_DATASET_CREATE), H5Pclose, doing);
   check(H5Pset_chunk(properties, static_cast<int>(chunk.size()), chunk.data()), doing);
-  check(H5Pset_shuffle(properties), doing);
-  check(H5Pset_deflate(properties, 4), doing);
+  if (layout.compression > 0) {
+    check(H5Pset_shuffle(properties), doing);
+    check(H5Pset_deflate(properties, static_cast<unsigned>(layout.compression)), doing);
+  }
   check(H5Pset_fletcher32(properties), doing);
   const Handle dataset(H5Dcreate2(file, description.path.c_str(), stored_type(description.type), space,
                                   creating_groups(), properties, H5P_DEFAULT),

@@ -252,11 +252,13 @@ private:
     return bytes + (std::uint64_t{16} << 10) * layout_.datasets.size();
   }
 
-  /// A sixteenth more is for what cannot be compressed, and a little for the empty part of a chunk, which is all zeros.
+  /// A sixteenth more is for what cannot be compressed, and a little for the empty part of a chunk, which is all zeros;
+  /// all of that without compression.
   [[nodiscard]] std::uint64_t waiting_bytes() const {
     std::uint64_t bytes = 0;
     for (const auto& column : columns_)
-      bytes += column.waiting.size() + column.waiting.size() / 16 + column.chunk_rows * column.row_bytes / 500 + 4096;
+      bytes += column.waiting.size() + column.waiting.size() / 16 + 4096 +
+               column.chunk_rows * column.row_bytes / (layout_.compression > 0 ? 500 : 1);
     return bytes;
   }
 

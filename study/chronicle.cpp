@@ -28,7 +28,8 @@ record::Layout make_layout(const Problem& problem, Simulation& simulation, int t
                         .problem = problem.text,
                         .version = std::string(version()),
                         .compiler = std::string(compiler()),
-                        .threads = threads};
+                        .threads = threads,
+                        .compression = problem.output.compression};
   layout.datasets = {
       {"/levels/t", "/levels/t", {}, Type::f64, "time of every level"},
       {"/levels/gamma", "/levels/t", {}, Type::f64, about_gamma(problem, simulation), true},

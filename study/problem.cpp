@@ -61,6 +61,15 @@ void read_output(Section& root, Problem& problem) {
     if (const Entry* durable = section->take("durable")) {
       problem.output.durable = read_boolean(durable->value, "durable");
     }
+    if (const Entry* compression = section->take("compression")) {
+      const std::int64_t level = read_integer(compression->value, "compression", problem.parameters, 0);
+      if (level > record::most_compression) {
+        throw ProblemError(compression->value.location,
+                           fmt::format("compression = {}: it goes from 0, none, to {}, most and slowest", level,
+                                       record::most_compression));
+      }
+      problem.output.compression = static_cast<int>(level);
+    }
     section->finish();
   }
 }

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include <rubato/formula/expression.hpp>
+#include <rubato/record/layout.hpp>
 #include <rubato/study/location.hpp>
 #include <rubato/variation/time_levels.hpp>
 
@@ -149,6 +150,7 @@ struct Output {
   std::string file;  ///< default: the problem's name with .h5
   std::int64_t every = 1;
   bool durable = true;  ///< every version of the record is on the disk before it takes its place
+  int compression = record::usual_compression;  ///< 0, none, to record::most_compression
   Location file_location;
 };
 

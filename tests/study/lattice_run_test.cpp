@@ -124,6 +124,29 @@ TEST_CASE("a lattice run that is stopped and resumed is the same, bit by bit", "
   CHECK_FALSE(different_datasets(folder / "a.h5", folder / "b.h5") == Names{});
 }
 
+TEST_CASE("records hold the same whatever their compression, and less of it takes more room", "[study][lattice]") {
+  const Folder folder;
+  const std::vector<std::string> settings = {"grid.x.cells=101", "scheme.until=3"};
+  std::vector<std::uintmax_t> sizes;
+  for (const char* level : {"0", "4", "9"}) {
+    std::vector<std::string> all = settings;
+    all.push_back(std::string("output.compression=") + level);
+    const std::string file = folder / (std::string(level) + ".h5");
+    run_problem("sine-gordon", file, all);
+    CHECK(check(file).status == ExitStatus::done);
+    sizes.push_back(std::filesystem::file_size(file));
+  }
+  CHECK(different_datasets(folder / "0.h5", folder / "4.h5") == Names{});
+  CHECK(different_datasets(folder / "9.h5", folder / "4.h5") == Names{});
+  CHECK(sizes[0] > 2 * sizes[1]);
+  CHECK(sizes[1] >= sizes[2]);
+  // Resumed, with what the record's own problem says.
+  static_cast<void>(resume(folder / "0.h5", 4.0, {.threads = 1}));
+  CHECK(check(folder / "0.h5").status == ExitStatus::done);
+  CHECK_THROWS_WITH(read_problem("sine-gordon", std::vector<std::string>{"output.compression=10"}),
+                    Catch::Contains("it goes from 0, none, to 9"));
+}
+
 TEST_CASE("records do not depend on the number of threads", "[study][lattice]") {
   // More blocks of cells than one thread takes alone (8): a line of 256 cells at most each.
   const std::vector<std::pair<std::string, std::vector<std::string>>> cases = {
