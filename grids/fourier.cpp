@@ -110,12 +110,13 @@ struct Fourier::Storage {
   void for_each_pair(std::size_t count, Use&& use) const {
     const std::size_t rows = ny * nz;
     const std::size_t pairs = (rows + 1) / 2;
-    for_each_block(count * pairs, std::max<std::size_t>(1, 4096 / nx), [&](std::size_t begin, std::size_t end) {
-      for (std::size_t unit = begin; unit < end; ++unit) {
-        const std::size_t row = 2 * (unit % pairs);
-        use(unit / pairs, row, row + 1 < rows);
-      }
-    });
+    for_each_block(count * pairs, std::max<std::size_t>(1, nodes_per_block / nx),
+                   [&](std::size_t begin, std::size_t end) {
+                     for (std::size_t unit = begin; unit < end; ++unit) {
+                       const std::size_t row = 2 * (unit % pairs);
+                       use(unit / pairs, row, row + 1 < rows);
+                     }
+                   });
   }
 
   double* real_at(std::size_t row) { return real.data() + row * real_row; }

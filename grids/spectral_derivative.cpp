@@ -13,8 +13,6 @@ namespace {
 
 /// Neighbouring lines are fetched together: along y and z a cache line holds one value of each of eight.
 constexpr std::size_t together = 8;
-/// Values whose transforms take longer than it takes to wake a thread.
-constexpr std::size_t worth_a_thread = 4096;
 
 }  // namespace
 
@@ -114,7 +112,7 @@ void SpectralDerivative::operator()(int axis, std::span<const double* const> in,
       }
     }
   };
-  for_each_block(in.size() * groups, std::max<std::size_t>(1, worth_a_thread / (n * std::min(together, lines))),
+  for_each_block(in.size() * groups, std::max<std::size_t>(1, nodes_per_block / (n * std::min(together, lines))),
                  [&](std::size_t begin, std::size_t end) {
                    for (std::size_t unit = begin; unit < end; ++unit) {
                      one(unit);

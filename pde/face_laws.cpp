@@ -11,7 +11,6 @@
 #include <rubato/grids/fourier.hpp>
 #include <rubato/grids/reductions.hpp>
 #include <rubato/pde/face_gather.hpp>
-#include <rubato/pde/gauss_slab.hpp>
 #include <rubato/pde/law_engine.hpp>
 
 namespace rubato {
@@ -311,7 +310,6 @@ struct FaceOperators : LawTables {
 class FaceLaws final : public LawEngine {
 public:
   FaceLaws(LawTables tables, Placement placement) : operators_(std::move(tables), placement) {}
-  FaceLaws(LawTables tables, int stages) : operators_(std::move(tables), Placement::nodes), stages_(stages) {}
 
   void share(std::shared_ptr<StageSource> stages) override { operators_.stages = std::move(stages); }
 
@@ -323,16 +321,12 @@ public:
 
 private:
   FaceOperators operators_;
-  int stages_ = 0;  ///< of steps whose stages are asked for; 0 for none
 };
 
 std::vector<Spread> FaceLaws::residuals(const LatticeLevel& before, const LatticeLevel& after, double h,
                                         std::span<double* const> residuals) {
   FaceOperators& s = operators_;
   s.make_middle(before.fields, after.fields, h);
-  if (stages_ > 0 && s.stages == nullptr) {
-    s.stages = std::make_shared<GaussSlab>(s.system, s.grid, stages_, before);
-  }
   const std::size_t laws = s.names.size();
   std::vector<Spread> sizes;
   if (s.spectral != nullptr) {
@@ -442,10 +436,6 @@ Spread FaceLaws::multisymplectic_residual(const TangentLevels& u, const TangentL
 
 std::unique_ptr<LawEngine> make_face_laws(LawTables tables, Placement placement) {
   return std::make_unique<FaceLaws>(std::move(tables), placement);
-}
-
-std::unique_ptr<LawEngine> make_stage_laws(LawTables tables, int gauss_stages) {
-  return std::make_unique<FaceLaws>(std::move(tables), gauss_stages);
 }
 
 std::unique_ptr<LawEngine> make_stage_laws(LawTables tables, std::shared_ptr<StageSource> stages) {

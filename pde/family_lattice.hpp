@@ -1,6 +1,5 @@
 #pragma once
 
-#include <algorithm>
 #include <limits>
 #include <optional>
 #include <stdexcept>
@@ -9,6 +8,7 @@
 
 #include <rubato/pde/cell_sweep.hpp>
 #include <rubato/pde/lattice_scheme.hpp>
+#include <rubato/pde/level_fields.hpp>
 #include <rubato/pde/step_equation.hpp>
 
 namespace rubato {
@@ -49,6 +49,7 @@ protected:
       : system_(system),
         grid_(grid),
         level_(std::move(first)),
+        at_midpoints_(system.structure().at_midpoints()),
         point_(level_.fields),
         sweep_(system, grid, Placement::nodes) {
     make_point();
@@ -114,6 +115,7 @@ protected:
   MultisymplecticSystem system_;
   grids::Grid grid_;
   LatticeLevel level_;
+  std::vector<bool> at_midpoints_;
 
 private:
   /// Levels for which the size of the energy's terms serves.
@@ -122,14 +124,7 @@ private:
   static constexpr double stage_rounding = 4.0;
 
   /// The level without the fields that it does not have.
-  void make_point() const {
-    point_.copy_from(level_.fields);
-    for (int f = 0; f < system_.field_count(); ++f) {
-      if (system_.structure().at_midpoints(f)) {
-        std::ranges::fill(point_.field(f), 0.0);
-      }
-    }
-  }
+  void make_point() const { copy_level(level_.fields, at_midpoints_, point_); }
   [[nodiscard]] double energy_here() const {
     if (!here_) {
       make_point();
@@ -159,12 +154,7 @@ private:
 class FamilyEquation : public StepEquation {
 public:
   [[nodiscard]] LevelNode node(const LatticeLevel& level) final {
-    point_.copy_from(level.fields);
-    for (int f = 0; f < system_.field_count(); ++f) {
-      if (system_.structure().at_midpoints(f)) {
-        std::ranges::fill(point_.field(f), 0.0);
-      }
-    }
+    copy_level(level.fields, system_.structure().at_midpoints(), point_);
     const SweepResult result = sweep_(std::as_const(point_).pointers(), level.slopes, {}, 0.0, {}, {});
     constexpr double none = std::numeric_limits<double>::quiet_NaN();
     return {result.finite ? result.energy : none, none};

@@ -40,6 +40,14 @@ struct FieldStructure {
   [[nodiscard]] bool at_midpoints(int field) const {
     return multiplier[static_cast<std::size_t>(field)] || nonlinear[static_cast<std::size_t>(field)];
   }
+  /// The same for every field.
+  [[nodiscard]] std::vector<bool> at_midpoints() const {
+    std::vector<bool> all = multiplier;
+    for (std::size_t f = 0; f < all.size(); ++f) {
+      all[f] = all[f] || nonlinear[f];
+    }
+    return all;
+  }
 };
 
 /// \throws std::invalid_argument naming the field if one is not determined by the equation, or if a constraint that is

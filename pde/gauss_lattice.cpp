@@ -10,10 +10,10 @@
 #include <fmt/format.h>
 
 #include <rubato/grids/reductions.hpp>
-#include <rubato/pde/compensated_fields.hpp>
 #include <rubato/pde/family_lattice.hpp>
 #include <rubato/pde/gauss_slab.hpp>
 #include <rubato/pde/lattice_scheme.hpp>
+#include <rubato/pde/level_fields.hpp>
 #include <rubato/pde/step_equation.hpp>
 
 namespace rubato {
@@ -35,11 +35,7 @@ public:
         slab_(std::make_shared<GaussSlab>(system, grid, stages, level_)),
         largest_(static_cast<std::size_t>(system.field_count()), 0.0),
         stages_(stages),
-        last_rests_(slab_->rests()) {
-    for (int f = 0; f < system.field_count(); ++f) {
-      at_midpoints_.push_back(system.structure().at_midpoints(f));
-    }
-  }
+        last_rests_(slab_->rests()) {}
 
   [[nodiscard]] std::shared_ptr<StageSource> stages() override { return slab_; }
   [[nodiscard]] int order() const override { return 2 * stages_; }
@@ -118,7 +114,6 @@ private:
   grids::FieldSet low_;  ///< the fields are level_.fields + low_
   grids::FieldSet delta_;
   std::shared_ptr<GaussSlab> slab_;
-  std::vector<bool> at_midpoints_;
   std::vector<double> largest_;  ///< of |δ| of each field so far
   int stages_;
   WaveRows last_rests_;  ///< of the last step's stages

@@ -10,10 +10,9 @@
 #include <rubato/base/compensated_sum.hpp>
 #include <rubato/base/larger.hpp>
 #include <rubato/base/limits.hpp>
-#include <rubato/formula/bytecode.hpp>
 #include <rubato/grids/reductions.hpp>
-#include <rubato/grids/wide_vectors.hpp>
-#include <rubato/pde/matrix_terms.hpp>
+#include <rubato/pde/level_fields.hpp>
+#include <rubato/pde/potential_rest.hpp>
 #include <rubato/solve/small_matrices.hpp>
 
 namespace rubato {
@@ -21,7 +20,6 @@ namespace rubato {
 namespace {
 
 using Complex = std::complex<double>;
-using formula::Expression;
 
 constexpr int most_slab_iterations = 200;
 /// What the next correction would mend, relative, at which nothing but rounding is left.
@@ -62,13 +60,12 @@ GaussSlab::GaussSlab(const MultisymplecticSystem& system, const grids::Grid& gri
       tableau_(stages),
       m_(stages),
       d_(system.field_count()),
+      at_midpoints_(system.structure().at_midpoints()),
       linear_(Eigen::VectorXd::Zero(d_)),
       fourier_F_(grid, 1),
       fourier_all_(grid, d_) {
-  for (int f = 0; f < d_; ++f) {
-    at_midpoints_.push_back(system.structure().at_midpoints(f));
-    all_.push_back(f);
-  }
+  all_.resize(static_cast<std::size_t>(d_));
+  std::iota(all_.begin(), all_.end(), 0);
   find_varying_fields();
   set_mean(first);
   compile();
@@ -144,11 +141,7 @@ void GaussSlab::set_mean(const LatticeLevel& first) {
   if (!entries.empty()) {
     formula::BatchEvaluator evaluate(system_.hessian_code());
     grids::FieldSet at = first.fields;
-    for (int f = 0; f < d_; ++f) {
-      if (at_midpoints_[static_cast<std::size_t>(f)]) {
-        std::ranges::fill(at.field(f), 0.0);
-      }
-    }
+    copy_level(first.fields, at_midpoints_, at);
     grids::FieldSet outputs(1 + d_ + static_cast<int>(entries.size()), grid_.size());
     evaluate(grid_.size(), std::as_const(at).pointers(), outputs.pointers());
     for (std::size_t e = 0; e < entries.size(); ++e) {
@@ -157,46 +150,22 @@ void GaussSlab::set_mean(const LatticeLevel& first) {
       L_(entries[e].row, entries[e].column) = L_(entries[e].column, entries[e].row) = std::isfinite(mean) ? mean : 0.0;
     }
   }
-  for (Eigen::Index r = 0; r < d_; ++r) {
-    for (Eigen::Index c = 0; c < d_; ++c) {
-      if (L_(r, c) != 0.0) {
-        L_terms_.push_back({static_cast<int>(r), static_cast<int>(c), L_(r, c)});
-      }
-    }
-  }
+  L_terms_ = terms_of(L_);
 }
 
 /// N = S - ½ zᵀLz and its gradient at the varying fields, the others 0.
 void GaussSlab::compile() {
-  auto graph = std::make_shared<formula::Graph>();
-  std::vector<Expression> to, varying;
-  for (int f = 0; f < d_; ++f) {
-    const bool varies = std::ranges::find(F_, f) != F_.end();
-    to.push_back(varies ? graph->variable(system_.fields()[static_cast<std::size_t>(f)]) : graph->constant(0.0));
-    if (varies) {
-      varying.push_back(to.back());
-    }
-  }
-  Expression rest = formula::substitute(std::array{system_.expression()}, *graph, system_.variables(), to).front();
-  for (std::size_t f = 0; f < F_.size(); ++f) {
-    for (std::size_t g = 0; g <= f; ++g) {
-      const double entry = L_(F_[f], F_[g]);
-      if (entry != 0.0) {
-        rest = rest - (f == g ? 0.5 * entry : entry) * (varying[f] * varying[g]);
-      }
-    }
-  }
   if (!F_.empty()) {
-    rest_value_ = formula::BatchEvaluator(formula::Bytecode(std::array{rest}, varying));
-    rest_gradient_ = formula::BatchEvaluator(formula::Bytecode(formula::gradient(rest, varying), varying));
+    const PotentialRest rest = rest_of_potential(system_, L_, F_);
+    rest_value_ = formula::BatchEvaluator(formula::Bytecode(std::array{rest.value}, rest.variables));
+    rest_gradient_ =
+        formula::BatchEvaluator(formula::Bytecode(formula::gradient(rest.value, rest.variables), rest.variables));
   }
   // ∂S/∂z_f of the other fields is linear in z.
-  formula::ScalarEvaluator gradient(system_.gradient_code());
-  std::vector<double> zero(static_cast<std::size_t>(d_), 0.0), outputs(static_cast<std::size_t>(d_) + 1);
-  gradient(zero, outputs);
+  const std::vector<double> slopes = potential_slopes_at_zero(system_);
   for (int f = 0; f < d_; ++f) {
     if (std::ranges::find(F_, f) == F_.end()) {
-      linear_[f] = outputs[static_cast<std::size_t>(f) + 1];
+      linear_[f] = slopes[static_cast<std::size_t>(f)];
     }
   }
 }
@@ -208,13 +177,8 @@ void GaussSlab::find_symbols() {
     for (std::size_t w = 0; w < waves; ++w) {
       numbers[w] = grids::derivative_symbol(fourier_all_.wave(w)[static_cast<std::size_t>(a)], grid_.axis(a)).imag();
     }
-    for (auto* list : {&K_, &K_plus_}) {
-      auto& terms = list->emplace_back();
-      for (const MatrixTerm& term :
-           terms_of(list == &K_ ? system_.K(a) : system_.structure().K_plus[static_cast<std::size_t>(a)])) {
-        terms.push_back({term.row, term.column, term.value});
-      }
-    }
+    K_.push_back(terms_of(system_.K(a)));
+    K_plus_.push_back(terms_of(system_.structure().K_plus[static_cast<std::size_t>(a)]));
   }
   parseval_ = parseval_weights(fourier_all_, grid_);
 }
@@ -240,12 +204,7 @@ void GaussSlab::add_slopes(const PotentialSlopes& slopes) {
 void GaussSlab::stand(const grids::FieldSet& high, const grids::FieldSet* low, const PotentialSlopes& slopes) {
   ++stamp_;
   solved_ = complete_ = end_known_ = false;
-  high_.copy_from(high);
-  for (int f = 0; f < d_; ++f) {
-    if (at_midpoints_[static_cast<std::size_t>(f)]) {
-      std::ranges::fill(high_.field(f), 0.0);
-    }
-  }
+  copy_level(high, at_midpoints_, high_);
   for (std::size_t f = 0; f < F_.size(); ++f) {
     const int field = F_[f];
     std::ranges::copy(std::as_const(high_).field(field), level_F_.field(static_cast<int>(f)).begin());
@@ -264,14 +223,14 @@ void GaussSlab::stand(const grids::FieldSet& high, const grids::FieldSet* low, c
   base_.re.fill(0.0);
   base_.im.fill(0.0);
   for_each_wave_block(level_.waves(), [&](std::size_t begin, std::size_t end) {
-    for (const Term& term : L_terms_) {
+    for (const MatrixTerm& term : L_terms_) {
       for (std::size_t w = begin; w < end; ++w) {
         base_.re.pointers()[static_cast<std::size_t>(term.row)][w] += term.value * level_.re.field(term.column)[w];
         base_.im.pointers()[static_cast<std::size_t>(term.row)][w] += term.value * level_.im.field(term.column)[w];
       }
     }
     for (std::size_t a = 0; a < K_.size(); ++a) {
-      for (const Term& term : K_[a]) {
+      for (const MatrixTerm& term : K_[a]) {
         double* re = base_.re.pointers()[static_cast<std::size_t>(term.row)];
         double* im = base_.im.pointers()[static_cast<std::size_t>(term.row)];
         for (std::size_t w = begin; w < end; ++w) {
@@ -335,9 +294,11 @@ void GaussSlab::continue_from(const WaveRows& rests, double ratio, bool at_its_e
 
 bool GaussSlab::prepare(double h) {
   const double size = eigenvalues_.cwiseAbs().mean() / std::abs(h);
-  if (!resolvent_ || size > drift * radius_ || size * drift < radius_) {
-    const bool kept = radius_ != 0.0 && size <= drift * radius_ && size * drift >= radius_;
-    radius_ = kept ? radius_ : size;
+  const bool is_far = size > drift * radius_ || size * drift < radius_;
+  if (is_far) {
+    radius_ = size;
+  }
+  if (is_far || !resolvent_) {
     resolvent_.emplace(system_, grid_, L_, radius_);
     h_ = 0.0;
   }
@@ -571,7 +532,7 @@ double GaussSlab::wave_energy(const WaveRows& rows, int stride, int offset) cons
         }
       };
       terms.fill(0.0);
-      for (const Term& term : L_terms_) {
+      for (const MatrixTerm& term : L_terms_) {
         load(term.row, left);
         load(term.column, right);
         for (std::size_t w = 0; w < count; ++w) {
@@ -580,7 +541,7 @@ double GaussSlab::wave_energy(const WaveRows& rows, int stride, int offset) cons
       }
       for (std::size_t a = 0; a < K_plus_.size(); ++a) {
         const double* k = wave_numbers_[a].data() + first;
-        for (const Term& term : K_plus_[a]) {
+        for (const MatrixTerm& term : K_plus_[a]) {
           load(term.row, left);
           load(term.column, right);
           for (std::size_t w = 0; w < count; ++w) {

@@ -15,6 +15,7 @@
 #include <rubato/grids/field_set.hpp>
 #include <rubato/grids/fourier.hpp>
 #include <rubato/pde/initial_level.hpp>
+#include <rubato/pde/matrix_terms.hpp>
 #include <rubato/pde/multisymplectic_system.hpp>
 #include <rubato/pde/stage_source.hpp>
 #include <rubato/pde/wave_resolvent.hpp>
@@ -73,11 +74,6 @@ public:
   void restore(StateReader& state);
 
 private:
-  struct Term {
-    int row = 0, column = 0;
-    double value = 0.0;
-  };
-
   void find_varying_fields();
   void set_mean(const LatticeLevel& first);
   void compile();
@@ -102,9 +98,8 @@ private:
   std::vector<int> F_;  ///< fields that S'' varies with
   Eigen::MatrixXd L_;
   Eigen::VectorXd linear_;  ///< of S in the other fields
-  std::vector<Term> half_L_;
-  std::vector<std::vector<Term>> K_, K_plus_;  ///< per axis
-  std::vector<Term> L_terms_;
+  MatrixTerms L_terms_;
+  std::vector<MatrixTerms> K_, K_plus_;  ///< per axis
   formula::BatchEvaluator rest_gradient_, rest_value_;
   std::vector<std::vector<double>> wave_numbers_;  ///< k_a on each wave, 0 where ∂_a gives 0
   std::vector<double> parseval_;

@@ -54,11 +54,8 @@ public:
 
 /// On the faces of cells, with Placement::cells; at the nodes with spectral derivatives, with Placement::nodes.
 [[nodiscard]] std::unique_ptr<LawEngine> make_face_laws(LawTables tables, Placement placement);
-/// At the nodes, with the fluxes integrated over the stages of a step.
-///@{
+/// At the nodes, with the fluxes integrated over the stages of a step; from `stages` until others are shared.
 [[nodiscard]] std::unique_ptr<LawEngine> make_stage_laws(LawTables tables, std::shared_ptr<StageSource> stages);
-[[nodiscard]] std::unique_ptr<LawEngine> make_stage_laws(LawTables tables, int gauss_stages);
-///@}
 /// On cells with their values at the base corner: Placement::corners.
 [[nodiscard]] std::unique_ptr<LawEngine> make_corner_laws(LawTables tables);
 

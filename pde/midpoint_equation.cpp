@@ -7,6 +7,7 @@
 #include <rubato/grids/reductions.hpp>
 #include <rubato/pde/cell_sweep.hpp>
 #include <rubato/pde/lattice_scheme.hpp>
+#include <rubato/pde/level_fields.hpp>
 #include <rubato/pde/level_history.hpp>
 
 namespace rubato {
@@ -16,20 +17,12 @@ namespace {
 /// Length of the two short steps, relative to the first step; as in a run, so that the Γ of the first levels agrees.
 constexpr double start_ratio = 1e-2;
 
-std::vector<bool> fields_at_midpoints(const MultisymplecticSystem& system) {
-  std::vector<bool> result;
-  for (int f = 0; f < system.field_count(); ++f) {
-    result.push_back(system.structure().at_midpoints(f));
-  }
-  return result;
-}
-
 class MidpointEquation final : public StepEquation {
 public:
   MidpointEquation(const MultisymplecticSystem& system, const grids::Grid& grid, Placement placement,
                    const LatticeLevel& first, double first_step)
       : system_(system),
-        at_midpoints_(fields_at_midpoints(system)),
+        at_midpoints_(system.structure().at_midpoints()),
         sweep_(system, grid, placement),
         point_(system.field_count(), grid.size()),
         delta_(point_),
@@ -51,12 +44,7 @@ public:
   }
 
   [[nodiscard]] LevelNode node(const LatticeLevel& level) override {
-    point_.copy_from(level.fields);
-    for (int f = 0; f < system_.field_count(); ++f) {
-      if (is_at_midpoints(f)) {
-        std::ranges::fill(point_.field(f), 0.0);
-      }
-    }
+    copy_level(level.fields, at_midpoints_, point_);
     history_.velocity(delta_);
     const SweepResult result = sweep(level.slopes, 0.0, {});
     return {result.energy, -result.quadratic};

@@ -12,9 +12,9 @@
 #include <rubato/grids/reductions.hpp>
 #include <rubato/grids/wide_vectors.hpp>
 #include <rubato/pde/cell_solver.hpp>
-#include <rubato/pde/compensated_fields.hpp>
 #include <rubato/pde/kernel_conditions.hpp>
 #include <rubato/pde/lattice_scheme.hpp>
+#include <rubato/pde/level_fields.hpp>
 #include <rubato/pde/level_history.hpp>
 #include <rubato/pde/newton_contraction.hpp>
 #include <rubato/pde/slaved_fields.hpp>
@@ -122,7 +122,7 @@ public:
       : system_(system),
         grid_(grid),
         level_(std::move(first)),
-        at_midpoints_(midpoint_fields(system)),
+        at_midpoints_(system.structure().at_midpoints()),
         sweep_(system, grid, placement),
         low_(system.field_count(), grid.size()),
         delta_(low_),
@@ -256,15 +256,6 @@ public:
   }
 
 private:
-  static std::vector<bool> midpoint_fields(const MultisymplecticSystem& system) {
-    std::vector<bool> result;
-    result.reserve(system.fields().size());
-    for (int f = 0; f < system.field_count(); ++f) {
-      result.push_back(system.structure().at_midpoints(f));
-    }
-    return result;
-  }
-
   void start_level() {
     std::ranges::fill(level_sizes_, -1.0);
     solver_->forget();
@@ -308,14 +299,7 @@ private:
   /// At the node values `fields`, with the velocities in correction_.
   LevelNode level_node(const grids::FieldSet& fields) {
     const auto rate = evolving(correction_);
-    if (&fields != &point_) {
-      point_.copy_from(fields);
-    }
-    for (int f = 0; f < system_.field_count(); ++f) {
-      if (at_midpoints_[static_cast<std::size_t>(f)]) {
-        std::ranges::fill(point_.field(f), 0.0);
-      }
-    }
+    copy_level(fields, at_midpoints_, point_);
     const grids::FieldSet& point = point_;
     const SweepResult result = sweep_(point.pointers(), level_.slopes, rate, 0.0, {}, {});
     return {result.energy, -result.quadratic};

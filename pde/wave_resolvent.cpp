@@ -1,7 +1,6 @@
 #include <rubato/pde/wave_resolvent.hpp>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <numbers>
 
@@ -141,7 +140,7 @@ WaveResolvent::WaveResolvent(const MultisymplecticSystem& system, const grids::G
 void WaveResolvent::start(Complex mu, WaveRows& inverse) const {
   double* re = inverse.re.field(0).data();
   double* im = inverse.im.field(0).data();
-  grids::for_each_block(waves_, 4096, [&](std::size_t begin, std::size_t end) {
+  grids::for_each_block(waves_, grids::nodes_per_block, [&](std::size_t begin, std::size_t end) {
     polynomial(determinant_, mu, begin, end - begin, re + begin, im + begin);
     invert(end - begin, re + begin, im + begin);
   });

@@ -10,7 +10,8 @@ namespace rubato {
 void from_grid(std::span<const double* const> fields, grids::Fourier& fourier, WaveRows& rows) {
   fourier.forward(fields);
   const std::size_t length = fourier.row_length();
-  grids::for_each_block(fields.size() * (rows.waves() / length), std::max<std::size_t>(1, 4096 / length),
+  grids::for_each_block(fields.size() * (rows.waves() / length),
+                        std::max<std::size_t>(1, grids::nodes_per_block / length),
                         [&](std::size_t begin, std::size_t end) {
                           for (std::size_t unit = begin; unit < end; ++unit) {
                             const auto f = static_cast<int>(unit / (rows.waves() / length));
@@ -29,7 +30,8 @@ void from_grid(std::span<const double* const> fields, grids::Fourier& fourier, W
 void to_grid(const WaveRows& rows, std::span<const int> which, grids::Fourier& fourier,
              std::span<double* const> fields) {
   const std::size_t length = fourier.row_length();
-  grids::for_each_block(which.size() * (rows.waves() / length), std::max<std::size_t>(1, 4096 / length),
+  grids::for_each_block(which.size() * (rows.waves() / length),
+                        std::max<std::size_t>(1, grids::nodes_per_block / length),
                         [&](std::size_t begin, std::size_t end) {
                           for (std::size_t unit = begin; unit < end; ++unit) {
                             const std::size_t f = unit / (rows.waves() / length);

@@ -13,6 +13,7 @@
 #include <rubato/base/compensated_sum.hpp>
 #include <rubato/grids/reductions.hpp>
 #include <rubato/pde/lattice_scheme.hpp>
+#include <rubato/pde/potential_rest.hpp>
 #include <rubato/solve/small_matrices.hpp>
 
 namespace rubato {
@@ -81,7 +82,6 @@ WaveSplitting::WaveSplitting(const MultisymplecticSystem& system, const grids::G
   values_ = grids::FieldSet(n + 1, nodes);
   outputs_ = grids::FieldSet(n + 1, nodes);
   turned_ = grids::FieldSet(n, nodes);
-  grid_values_ = grids::FieldSet(system.field_count(), nodes);
   all_.resize(static_cast<std::size_t>(system.field_count()));
   std::iota(all_.begin(), all_.end(), 0);
   propagators_.resize(most_propagators);
@@ -188,45 +188,31 @@ void WaveSplitting::group_waves() {
 
 /// N = S - ½ zᵀLz at the fields that S'' varies with, or that S has a linear term of; the others 0.
 void WaveSplitting::compile_rest() {
-  formula::ScalarEvaluator gradient(system_.gradient_code());
-  std::vector<double> zero(static_cast<std::size_t>(system_.field_count()), 0.0);
-  std::vector<double> slope(zero.size() + 1);
-  gradient(zero, slope);
+  const std::vector<double> slope = potential_slopes_at_zero(system_);
   const auto varies = [&](int f) {
     return std::ranges::any_of(system_.varying_hessian(),
                                [f](const HessianEntry& entry) { return entry.row == f || entry.column == f; });
   };
   for (const int f : others_) {
-    if (varies(f) || slope[static_cast<std::size_t>(f) + 1] != 0.0) {
+    if (varies(f) || slope[static_cast<std::size_t>(f)] != 0.0) {
       throw SchemeRefusal(
           fmt::format("splitting needs a rest of S that depends on fields with an equation of motion alone, and beyond "
                       "its quadratic terms S depends on {}{}",
                       system_.fields()[static_cast<std::size_t>(f)], remedy));
     }
   }
-  auto graph = std::make_shared<formula::Graph>();
-  std::vector<Expression> to(zero.size(), graph->constant(0.0)), varying;
+  std::vector<int> fields;
   for (int p = 0; p < size(); ++p) {
     const int f = evolving_[static_cast<std::size_t>(p)];
-    if (varies(f) || slope[static_cast<std::size_t>(f) + 1] != 0.0) {
+    if (varies(f) || slope[static_cast<std::size_t>(f)] != 0.0) {
       varying_.push_back(p);
-      varying.push_back(graph->variable(system_.fields()[static_cast<std::size_t>(f)]));
-      to[static_cast<std::size_t>(f)] = varying.back();
+      fields.push_back(f);
     }
   }
-  Expression N = formula::substitute(std::array{system_.expression()}, *graph, system_.variables(), to).front();
-  for (std::size_t i = 0; i < varying.size(); ++i) {
-    for (std::size_t j = 0; j <= i; ++j) {
-      const double entry =
-          L_(evolving_[static_cast<std::size_t>(varying_[i])], evolving_[static_cast<std::size_t>(varying_[j])]);
-      if (entry != 0.0) {
-        N = N - (i == j ? 0.5 * entry : entry) * (varying[i] * varying[j]);
-      }
-    }
-  }
-  if (varying.empty()) {
+  if (fields.empty()) {
     return;
   }
+  const auto [graph, varying, N] = rest_of_potential(system_, L_, fields);
   std::vector<Expression> outputs = {N};
   const std::vector<Expression> first = formula::gradient(N, varying);
   outputs.insert(outputs.end(), first.begin(), first.end());

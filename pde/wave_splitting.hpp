@@ -59,7 +59,6 @@ private:
   void compile_rest();
   void classify();
   [[nodiscard]] bool is_turn() const;
-  void compile_turns();
   [[nodiscard]] const WaveRows& propagator(double tau);
   void fill(double tau, WaveRows& entries) const;
   void multiply(const WaveRows& matrix, const WaveRows& in, WaveRows& out) const;
@@ -91,7 +90,6 @@ private:
   grids::FieldSet values_;   ///< the varying fields at the nodes, then τ
   grids::FieldSet outputs_;  ///< N and ∇N
   grids::FieldSet turned_;
-  grids::FieldSet grid_values_;
   std::vector<int> all_;
   double rest_energy_ = 0.0;  ///< Σ ΔV N as last evaluated
   double generator_ = 0.0;

@@ -1,6 +1,7 @@
 #include <rubato/study/lattice_residuals.hpp>
 
 #include <limits>
+#include <utility>
 
 namespace rubato::study {
 
@@ -19,7 +20,14 @@ LatticeResiduals::LatticeResiduals(const LatticeMethod& method, LocalLaws& laws,
     names_.insert(names_.end(), variational_->names().begin(), variational_->names().end());
   }
   if (wanted.tangents) {
-    tangents_.emplace(laws, method.tangents(system, grid), system, grid, seed);
+    auto step = method.tangents(system, grid);
+    if (step == nullptr) {
+      throw SchemeRefusal(
+          "tangent solutions are for schemes that have a local law of two of them, as \"box\" and \"euler-box\" have, "
+          "and "
+          "this one has none: leave out --tangents");
+    }
+    tangents_.emplace(laws, std::move(step), system, grid, seed);
     names_.emplace_back("multisymplectic");
   }
   sizes_.resize(names_.size());

@@ -25,7 +25,7 @@ public:
     bool tangents = false;
   };
 
-  /// Variational laws where the method has them, too. \throws std::invalid_argument if tangents are wanted that it has
+  /// Variational laws where the method has them, too. \throws SchemeRefusal if tangents are wanted that it has
   /// not
   LatticeResiduals(const LatticeMethod& method, LocalLaws& laws, const MultisymplecticSystem& system,
                    const grids::Grid& grid, Wanted wanted);

@@ -186,16 +186,11 @@ private:
 }  // namespace
 
 std::unique_ptr<Simulation> make_lattice_simulation(const Problem& problem, bool tangents) {
-  if (tangents) {
-    const MultisymplecticSystem system = make_system(problem);
-    if (make_method(problem)->tangents(system, make_grid(problem)) == nullptr) {
-      throw ProblemError(problem.scheme.lagrangian_location,
-                         fmt::format("tangent solutions are not available for \"{}\", which has no local law of two of "
-                                     "them (\"box\" and \"euler-box\" have): leave out --tangents",
-                                     problem.scheme.word()));
-    }
+  try {
+    return std::make_unique<LatticeSimulation>(problem, tangents);
+  } catch (const SchemeRefusal& error) {
+    throw ProblemError(problem.scheme.lagrangian_location, error.what());
   }
-  return std::make_unique<LatticeSimulation>(problem, tangents);
 }
 
 }  // namespace rubato::study

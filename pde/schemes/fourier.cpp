@@ -1,8 +1,11 @@
+#include <memory>
+#include <optional>
 #include <stdexcept>
 #include <utility>
 
 #include <fmt/format.h>
 
+#include <rubato/pde/gauss_slab.hpp>
 #include <rubato/pde/lattice_actions.hpp>
 #include <rubato/pde/lattice_method.hpp>
 #include <rubato/variation/gauss_tableau.hpp>
@@ -10,6 +13,29 @@
 namespace rubato {
 
 namespace {
+
+/// Stages solved anew, for laws that no run shares its own with: made at the first step, which tells the mean of S''.
+class GaussStages final : public StageSource {
+public:
+  GaussStages(const MultisymplecticSystem& system, const grids::Grid& grid, int stages)
+      : system_(system), grid_(grid), tableau_(stages) {}
+
+  [[nodiscard]] Status take(const LatticeLevel& before, const LatticeLevel& after, double h) override {
+    if (!slab_) {
+      slab_.emplace(system_, grid_, tableau_.stages, before);
+    }
+    return slab_->take(before, after, h);
+  }
+  [[nodiscard]] int count() const override { return tableau_.stages; }
+  [[nodiscard]] double weight(int stage) const override { return tableau_.b[stage]; }
+  void stage(int stage, grids::FieldSet& z, grids::FieldSet& rate) override { slab_.value().stage(stage, z, rate); }
+
+private:
+  MultisymplecticSystem system_;
+  grids::Grid grid_;
+  GaussTableau tableau_;
+  std::optional<GaussSlab> slab_;
+};
 
 /// One stage is the midpoint rule, with Newton's method and a node law; more are Gauss collocation.
 class FourierMethod final : public LatticeMethod {
@@ -37,8 +63,11 @@ public:
                         : make_gauss_lattice(system, grid, stages_, std::move(first));
   }
   [[nodiscard]] std::unique_ptr<LawEngine> laws(LawTables tables) const override {
-    return stages_ == 1 ? make_face_laws(std::move(tables), Placement::nodes)
-                        : make_stage_laws(std::move(tables), stages_);
+    if (stages_ == 1) {
+      return make_face_laws(std::move(tables), Placement::nodes);
+    }
+    auto stages = std::make_shared<GaussStages>(tables.system, tables.grid, stages_);
+    return make_stage_laws(std::move(tables), std::move(stages));
   }
   [[nodiscard]] std::unique_ptr<StepEquation> equation(const MultisymplecticSystem& system, const grids::Grid& grid,
                                                        const LatticeLevel& first, double first_step) const override {

@@ -80,7 +80,8 @@ TEST_CASE("a run with a step potential goes on with it, bit by bit") {
     const std::string straight = folder / "straight.h5", stopped = folder / "stopped.h5";
     run_problem(name, straight, settings);
     run_problem(name, stopped, with(settings, "scheme.until=9"));
-    resume(stopped, name == std::string("pendulum-rotation") ? 20.0 : 30.0, {.threads = 1});
+    CHECK(resume(stopped, name == std::string("pendulum-rotation") ? 20.0 : 30.0, {.threads = 1}).status ==
+          ExitStatus::done);
     const Names different = different_datasets(straight, stopped);
     CHECK(different == Names{});
     std::filesystem::remove(straight);

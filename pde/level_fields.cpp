@@ -1,4 +1,6 @@
-#include <rubato/pde/compensated_fields.hpp>
+#include <rubato/pde/level_fields.hpp>
+
+#include <algorithm>
 
 #include <rubato/grids/parallel.hpp>
 
@@ -6,13 +8,12 @@ namespace rubato {
 
 void add_increment(const grids::FieldSet& delta, const std::vector<bool>& at_midpoints, grids::FieldSet& high,
                    grids::FieldSet& low) {
-  constexpr std::size_t piece = 4096;
   for (int f = 0; f < delta.fields(); ++f) {
     double* z = high.field(f).data();
     double* rest_of = low.field(f).data();
     const double* change = delta.field(f).data();
     const bool midpoint = at_midpoints[static_cast<std::size_t>(f)];
-    grids::for_each_block(delta.size(), piece, [=](std::size_t begin, std::size_t end) {
+    grids::for_each_block(delta.size(), grids::nodes_per_block, [=](std::size_t begin, std::size_t end) {
       for (std::size_t n = begin; n < end; ++n) {
         if (midpoint) {
           z[n] = 0.5 * change[n];
@@ -24,6 +25,17 @@ void add_increment(const grids::FieldSet& delta, const std::vector<bool>& at_mid
         z[n] = sum;
       }
     });
+  }
+}
+
+void copy_level(const grids::FieldSet& fields, const std::vector<bool>& at_midpoints, grids::FieldSet& level) {
+  if (&fields != &level) {
+    level.copy_from(fields);
+  }
+  for (int f = 0; f < level.fields(); ++f) {
+    if (at_midpoints[static_cast<std::size_t>(f)]) {
+      std::ranges::fill(level.field(f), 0.0);
+    }
   }
 }
 
