@@ -98,7 +98,10 @@ std::size_t row_size(const Layout& layout, const Dataset& dataset) {
   return size;
 }
 
-std::vector<hsize_t> chunk_shape(std::vector<hsize_t> row, std::size_t value_bytes) {
+std::vector<hsize_t> chunk_shape(const Layout& layout, const Dataset& dataset) {
+  std::vector<hsize_t> row = row_shape(layout, dataset);
+  const std::size_t value_bytes = size_of(dataset.type);
+  constexpr std::size_t least_bytes = std::size_t{4} << 10;
   constexpr std::size_t target_bytes = std::size_t{128} << 10;
   constexpr std::size_t most_bytes = std::size_t{1} << 20;
   constexpr std::size_t most_rows = 16384;
@@ -112,7 +115,9 @@ std::vector<hsize_t> chunk_shape(std::vector<hsize_t> row, std::size_t value_byt
   for (auto& extent : row)
     while (bytes() > most_bytes && extent > 1)
       extent = (extent + 1) / 2;
-  row.insert(row.begin(), std::clamp<std::size_t>(target_bytes / bytes(), 1, most_rows));
+  const std::size_t most = std::clamp<std::size_t>(target_bytes / bytes(), 1, most_rows);
+  const std::size_t least = std::clamp<std::size_t>(least_bytes / bytes(), 1, most);
+  row.insert(row.begin(), std::clamp(dataset.expected_rows.value_or(most), least, most));
   return row;
 }
 

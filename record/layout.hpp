@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <map>
+#include <optional>
 #include <string>
 #include <variant>
 #include <vector>
@@ -33,20 +34,22 @@ struct Dataset {
   Type type = Type::f64;
   std::string description = {};
   bool may_be_undefined = false;  ///< allows values that are not finite, which `Writer::append` refuses otherwise
+  /// About how many rows there will be, if that is known: the last chunk of a dataset is in the file whole, however few
+  /// of its rows are used, so that chunks of short datasets are small.
+  std::optional<std::size_t> expected_rows = std::nullopt;
 };
+
+/// Levels of zlib: none unless asked for.
+///@{
+inline constexpr int usual_compression = 0;
+inline constexpr int most_compression = 9;
+///@}
 
 /// All that a record holds, except the numbers. The strings become attributes of the root (UTF-8).
 ///
 /// In every group that uses a scale or an axis living elsewhere a hard link of the same name is made, so that readers
 /// that open one group (xarray, netCDF) find the coordinates of its dimensions in it. Hence the last parts of the paths
 /// of the axes and dimensions used in one group must differ from each other and from those of its other datasets.
-/// Levels of zlib. Where nothing is compressed the last chunk of every dataset is there whole, which makes short
-/// records ten times larger.
-///@{
-inline constexpr int usual_compression = 4;
-inline constexpr int most_compression = 9;
-///@}
-
 struct Layout {
   std::string title;
   std::string problem;   ///< the whole effective problem text

@@ -55,7 +55,7 @@ void create_scale(hid_t file, const Scale& scale) {
 void create_dataset(hid_t file, const Layout& layout, const Dataset& description) {
   const std::string doing = "making dataset '" + description.path + "'";
   std::vector<hsize_t> sizes = row_shape(layout, description);
-  const std::vector<hsize_t> chunk = chunk_shape(sizes, size_of(description.type));
+  const std::vector<hsize_t> chunk = chunk_shape(layout, description);
   sizes.insert(sizes.begin(), 0);
   std::vector<hsize_t> limits = sizes;
   limits.front() = H5S_UNLIMITED;
@@ -128,6 +128,17 @@ void compare_dataset(hid_t file, const Layout& layout, const Dataset& descriptio
 }
 
 }  // namespace
+
+std::size_t rows_of_chunk(hid_t dataset) {
+  const std::string doing = "reading how a dataset is stored";
+  const Handle properties(H5Dget_create_plist(dataset), H5Pclose, doing);
+  std::vector<hsize_t> chunk(extent(dataset).size());
+  if (H5Pget_layout(properties) != H5D_CHUNKED ||
+      H5Pget_chunk(properties, static_cast<int>(chunk.size()), chunk.data()) != static_cast<int>(chunk.size()) ||
+      chunk.empty() || chunk.front() == 0)
+    throw Failure("a dataset that grows is not stored in chunks");
+  return chunk.front();
+}
 
 Handle checked_storage(hsize_t count, std::size_t value_bytes) {
   constexpr hsize_t most_bytes = hsize_t{1} << 20;

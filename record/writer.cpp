@@ -43,8 +43,7 @@ std::vector<Column> columns_of(const Layout& layout) {
   for (const auto& dataset : layout.datasets) {
     const std::size_t bytes = detail::size_of(dataset.type);
     const std::size_t row_size = detail::row_size(layout, dataset);
-    const auto chunk = detail::chunk_shape(detail::row_shape(layout, dataset), bytes);
-    columns.push_back({dataset, row_size, row_size * bytes, chunk.front()});
+    columns.push_back({dataset, row_size, row_size * bytes, detail::chunk_shape(layout, dataset).front()});
   }
   return columns;
 }
@@ -300,6 +299,7 @@ private:
     if (rows < 0 || static_cast<hsize_t>(rows) > sizes.front())
       throw detail::Failure(
           fmt::format("dataset '{}' should have {} rows, but has {}", column.description.path, rows, sizes.front()));
+    column.chunk_rows = detail::rows_of_chunk(dataset);
     column.complete = column.appended = static_cast<std::size_t>(rows);
     column.flushed = column.flushable();
     column.waiting.resize((column.complete - column.flushed) * column.row_bytes);

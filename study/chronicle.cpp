@@ -1,6 +1,7 @@
 #include <rubato/study/chronicle.hpp>
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 
 #include <fmt/format.h>
@@ -19,6 +20,15 @@ std::string about_gamma(const Problem& problem, const Simulation& simulation) {
   return problem.hamiltonian() != nullptr
              ? "Gamma(z_k) (theory, section 3)"
              : "Gamma(z_k) (theory, section 5), from velocities extrapolated over the last steps: an approximation";
+}
+
+/// About how many levels there will be: as many as equal steps make.
+std::optional<std::size_t> expected_levels(const Problem& problem) {
+  if (!problem.scheme.step) {
+    return std::nullopt;
+  }
+  const double steps = std::ceil((problem.scheme.until - problem.start()) / *problem.scheme.step);
+  return static_cast<std::size_t>(std::clamp(steps, 0.0, static_cast<double>(problem.scheme.max_steps))) + 1;
 }
 
 /// The datasets that every record has, in the order in which a Chronicle tells of them.
@@ -84,6 +94,12 @@ record::Layout make_layout(const Problem& problem, Simulation& simulation, int t
   layout.datasets.push_back({"/states/t", "/states/t", {}, Type::f64, "time of the stored levels"});
   layout.datasets.push_back({"/states/level", "/states/t", {}, Type::i64, "number of the stored level"});
   simulation.describe_states(layout, problem.output.every > 1);
+  if (const auto levels = expected_levels(problem)) {
+    for (record::Dataset& dataset : layout.datasets) {
+      const bool every_level = dataset.axis.starts_with("/levels/");
+      dataset.expected_rows = every_level ? *levels : *levels / static_cast<std::size_t>(problem.output.every) + 2;
+    }
+  }
   return layout;
 }
 

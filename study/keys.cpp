@@ -152,7 +152,7 @@ std::vector<KeyEntry> make_keys() {
       {"output", "durable", "true or false", output.durable ? "true" : "false",
        "Every version of the record is on the disk before it takes its place."},
       {"output", "compression", "integer from 0 to 9", fmt::format("{}", output.compression),
-       "How hard the record is compressed: 0 is fastest, and best for long runs that store every level."},
+       "How hard the record is compressed: 0 is not at all, and fastest."},
   };
 }
 

@@ -26,9 +26,13 @@ void validate(const Layout& layout);
 [[nodiscard]] std::vector<hsize_t> row_shape(const Layout& layout, const Dataset& dataset);
 [[nodiscard]] std::size_t row_size(const Layout& layout, const Dataset& dataset);
 
-/// Sizes of the chunks of a dataset, rows first: about 128 KiB of whole rows, at most 16384 of them. A row of more than
-/// 1 MiB (the size of HDF5's chunk cache) is divided along its slowest dimensions.
-[[nodiscard]] std::vector<hsize_t> chunk_shape(std::vector<hsize_t> row, std::size_t value_bytes);
+/// Sizes of the chunks of a new dataset, rows first: about 128 KiB of whole rows, at most 16384 of them; where fewer
+/// are expected that many, but 4 KiB at least, for a run that goes on longer. A row of more than 1 MiB (the size of
+/// HDF5's chunk cache) is divided along its slowest dimensions.
+[[nodiscard]] std::vector<hsize_t> chunk_shape(const Layout& layout, const Dataset& dataset);
+
+/// How many rows a chunk of a growing dataset has. Throws Failure if it is not stored in chunks.
+[[nodiscard]] std::size_t rows_of_chunk(hid_t dataset);
 
 /// The links (name, target) that put a dataset's axis and scales into its own group.
 [[nodiscard]] std::vector<std::pair<std::string, std::string>> links_of(const Dataset& dataset);

@@ -71,6 +71,42 @@ TEST_CASE("how often a run commits and flushes does not show in its record") {
   CHECK(std::abs(often / rarely - 1) < 0.02);
 }
 
+TEST_CASE("short records are small, and grow beyond what was expected of them") {
+  const Folder folder;
+  const auto write = [&](const char* name, std::optional<std::size_t> expected, std::int64_t last) {
+    Layout layout = sample::layout();
+    layout.compression = 0;
+    for (Dataset& dataset : layout.datasets)
+      dataset.expected_rows = expected;
+    auto writer = Writer::create(folder / name, layout, false);
+    sample::Run run;
+    for (; run.k < last; ++run.k)
+      run.write(writer);
+    run.write(writer);
+    writer.finish(run.checkpoint(), Writer::Completion::complete);
+    return std::filesystem::file_size(folder / name);
+  };
+  // For each of twelve datasets a chunk of 4 KiB, and as much again of headers, index and attached scales.
+  CHECK(write("short.h5", 11, 10) < 2 * 12 * 4096 + 20000);
+  // The twin: whole chunks of 128 KiB, or of 16384 numbers.
+  CHECK(write("unknown.h5", std::nullopt, 10) > 10 * (std::uintmax_t{128} << 10));
+  static_cast<void>(write("long.h5", 11, 40000));
+  sample::write_whole(folder / "whole.h5", 40000);
+  CHECK(sample::difference(folder / "long.h5", folder / "whole.h5").empty());
+  // Continued in the chunks that it has, whatever the layout of its end expects.
+  {
+    Layout layout = sample::layout();
+    auto writer = Writer::resume(folder / "short.h5", layout);
+    for (sample::Run run{10}; run.k < 40000;) {
+      ++run.k;
+      run.write(writer);
+      if (run.k == 40000)
+        writer.finish(run.checkpoint(), Writer::Completion::complete);
+    }
+  }
+  CHECK(sample::difference(folder / "short.h5", folder / "whole.h5").empty());
+}
+
 TEST_CASE("the comparison of records sees one bit, a sign of zero and a missing row") {
   const Folder folder;
   sample::write_whole(folder / "a.h5", 50);

@@ -43,6 +43,7 @@ inline record::Layout layout(std::size_t cells = 5) {
           .version = "0.1.0",
           .compiler = "g++",
           .threads = 2,
+          .compression = 4,
           .scales = {{"/grid/y", std::vector<double>{0.0, 0.5, 1.0}},
                      {"/grid/x", x, "node coordinates"},
                      {"/states/coordinate", std::vector<std::string>{"θ", "q2"}, "names of the coordinates"}},
