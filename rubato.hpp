@@ -13,6 +13,9 @@
 #include <rubato/ode/generating_function.hpp>
 #include <rubato/ode/hamiltonian.hpp>
 #include <rubato/ode/integrate.hpp>
+#include <rubato/ode/lagrangian.hpp>
+#include <rubato/ode/lagrangian_scheme.hpp>
+#include <rubato/ode/legendre.hpp>
 #include <rubato/ode/separable.hpp>
 #include <rubato/ode/splitting_scheme.hpp>
 #include <rubato/pde/first_step.hpp>

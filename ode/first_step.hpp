@@ -10,5 +10,8 @@ namespace rubato {
 /// std::invalid_argument as OrbitIntegrator and choose_first_step do
 [[nodiscard]] double choose_first_step(const Hamiltonian& hamiltonian, const InitialState& initial,
                                        IntegrationOptions options, double tolerance);
+/// The same for a problem stated by L.
+[[nodiscard]] double choose_first_step(const Lagrangian& lagrangian, const InitialMotion& initial,
+                                       IntegrationOptions options, double tolerance);
 
 }  // namespace rubato

@@ -13,6 +13,7 @@
 #include <rubato/ode/gauss_scheme.hpp>
 #include <rubato/ode/generating_action.hpp>
 #include <rubato/ode/generating_scheme.hpp>
+#include <rubato/ode/lagrangian_scheme.hpp>
 #include <rubato/ode/midpoint_scheme.hpp>
 #include <rubato/ode/splitting_scheme.hpp>
 #include <rubato/ode/two_step_scheme.hpp>
@@ -40,6 +41,13 @@ std::vector<double> joined(const InitialState& state) {
   return z;
 }
 
+void check_span(double start, const IntegrationOptions& options) {
+  check_run_span(start, options.step, options.until, options.tolerance);
+  if (options.max_steps == 0) {
+    throw std::invalid_argument("max_steps = 0 allows no step: leave it out, or give a larger number");
+  }
+}
+
 void check(const Hamiltonian& hamiltonian, const InitialState& initial, const IntegrationOptions& options) {
   const std::size_t n = hamiltonian.degrees_of_freedom();
   for (const InitialState* state : {&initial, options.next ? &*options.next : &initial}) {
@@ -57,10 +65,7 @@ void check(const Hamiltonian& hamiltonian, const InitialState& initial, const In
       }
     }
   }
-  check_run_span(initial.t, options.step, options.until, options.tolerance);
-  if (options.max_steps == 0) {
-    throw std::invalid_argument("max_steps = 0 allows no step: leave it out, or give a larger number");
-  }
+  check_span(initial.t, options);
   if (options.next && options.next->t - initial.t != options.step &&
       std::abs(options.next->t - initial.t - options.step) > 1e-12 * std::abs(options.step)) {
     throw std::invalid_argument(fmt::format("step = {} contradicts the starting pair, whose times differ by {}",
@@ -151,7 +156,8 @@ Eigen::MatrixXd Generating::F(std::size_t degrees_of_freedom) const {
 }
 
 bool is_map(const SegmentLagrangian& lagrangian) {
-  return std::holds_alternative<Gauss>(lagrangian) || std::holds_alternative<Splitting>(lagrangian);
+  return std::holds_alternative<Gauss>(lagrangian) || std::holds_alternative<Splitting>(lagrangian) ||
+         std::holds_alternative<Trapezoid>(lagrangian) || std::holds_alternative<Lobatto>(lagrangian);
 }
 
 std::unique_ptr<OneStepScheme> make_one_step_scheme(const Hamiltonian& hamiltonian, const SegmentLagrangian& lagrangian,
@@ -162,7 +168,31 @@ std::unique_ptr<OneStepScheme> make_one_step_scheme(const Hamiltonian& hamiltoni
   if (const auto* splitting = std::get_if<Splitting>(&lagrangian)) {
     return make_splitting_scheme(hamiltonian, composition(splitting->composition), z_0);
   }
+  if (is_map(lagrangian)) {
+    throw std::invalid_argument(
+        "the trapezoidal rule and Lobatto's are quadratures of L(q, q_dot): state the problem by its Lagrangian, or "
+        "use "
+        "Gauss collocation");
+  }
   throw std::invalid_argument("this Lagrangian is told by its action");
+}
+
+std::unique_ptr<OneStepScheme> make_one_step_scheme(const Lagrangian& lagrangian, const SegmentLagrangian& quadrature,
+                                                    std::span<const double> q, std::span<const double> q_dot) {
+  using Points = ActionQuadrature::Points;
+  const auto make = [&](Points points, int degree) {
+    return make_lagrangian_scheme(lagrangian, ActionQuadrature(points, degree), q, q_dot);
+  };
+  return std::visit(Overloaded{[&](const Midpoint&) { return make(Points::gauss, 1); },
+                               [&](const Gauss& gauss) { return make(Points::gauss, gauss.stages); },
+                               [&](const Trapezoid&) { return make(Points::lobatto, 1); },
+                               [&](const Lobatto& lobatto) { return make(Points::lobatto, lobatto.points - 1); },
+                               [](const auto&) -> std::unique_ptr<OneStepScheme> {
+                                 throw std::invalid_argument(
+                                     "for a problem stated by L(q, q_dot) there are its quadratures: midpoint, "
+                                     "trapezoid, lobatto and gauss; the other schemes are for problems stated by H");
+                               }},
+                    quadrature);
 }
 
 std::unique_ptr<DiscreteAction> make_action(const Hamiltonian& hamiltonian, const SegmentLagrangian& lagrangian) {
@@ -204,16 +234,48 @@ OrbitIntegrator::OrbitIntegrator(const Hamiltonian& hamiltonian, const InitialSt
   check_stability(initial, options);
   auto [scheme, energy_constant] = make_scheme(hamiltonian, initial, options);
   scheme_ = std::move(scheme);
-  if (options.levels == Levels::variable && options.potential.kind == StepPotentialChoice::Kind::none) {
-    HamiltonianEvaluator evaluator(hamiltonian.without_constant());
-    std::vector<double> gradient(scheme_->dimension());
-    evaluator.gradient(scheme_->state().data(), gradient.data());
-    if (std::ranges::all_of(gradient, [](double x) { return x == 0.0; })) {
-      throw EquilibriumError(
-          "the initial state is an equilibrium: the gradient of H vanishes there, so every step conserves the energy "
-          "and no energy law can "
-          "fix h; use levels = \"fixed\", or start elsewhere");
-    }
+  if (is_map(options.lagrangian) && !scheme_->has_node_law()) {
+    bridged_ =
+        "a scheme that has them: splitting = \"golden\" with lagrangian = \"splitting\", where H is T(p) + V(q), or "
+        "\"midpoint\"";
+  }
+  HamiltonianEvaluator evaluator(hamiltonian.without_constant());
+  std::vector<double> gradient(scheme_->dimension());
+  evaluator.gradient(scheme_->state().data(), gradient.data());
+  begin(initial.t, energy_constant, std::ranges::all_of(gradient, [](double x) { return x == 0.0; }));
+}
+
+OrbitIntegrator::OrbitIntegrator(const Lagrangian& lagrangian, const InitialMotion& initial,
+                                 const IntegrationOptions& options)
+    : options_(options), node_constant_(-lagrangian.constant()) {
+  check_span(initial.t, options);
+  if (options.next) {
+    throw std::invalid_argument(
+        "a starting pair is for two-step forms, and this scheme has none: leave out the second level");
+  }
+  const Lagrangian& bare = lagrangian.without_constant();
+  scheme_ = make_one_step_scheme(bare, options.lagrangian, initial.q, initial.q_dot);
+  if (!scheme_->has_node_law()) {
+    bridged_ = "\"midpoint\", which has them";
+  }
+  // At rest where no force acts.
+  std::vector<double> at = initial.q, gradient(scheme_->dimension());
+  at.insert(at.end(), initial.q_dot.begin(), initial.q_dot.end());
+  LagrangianEvaluator(bare).gradient(at.data(), gradient.data());
+  const auto zero = [](double x) { return x == 0.0; };
+  const auto n = static_cast<std::ptrdiff_t>(initial.q.size());
+  begin(initial.t, node_constant_,
+        std::all_of(gradient.begin(), gradient.begin() + n, zero) && std::ranges::all_of(initial.q_dot, zero));
+}
+
+/// The levels of the scheme that is there.
+void OrbitIntegrator::begin(double t, double energy_constant, bool at_equilibrium) {
+  if (at_equilibrium && options_.levels == Levels::variable &&
+      options_.potential.kind == StepPotentialChoice::Kind::none) {
+    throw EquilibriumError(
+        "the initial state is an equilibrium: the gradient of H vanishes there, so every step conserves the energy "
+        "and no energy law can "
+        "fix h; use levels = \"fixed\", or start elsewhere");
   }
   if (const double gamma = scheme_->node().gamma; scheme_->has_gamma() && !std::isfinite(gamma)) {
     throw std::invalid_argument(
@@ -223,13 +285,13 @@ OrbitIntegrator::OrbitIntegrator(const Hamiltonian& hamiltonian, const InitialSt
                     scheme_->failure_reason().empty() ? "" : fmt::format(" ({})", scheme_->failure_reason())));
   }
   levels_ = std::make_unique<TimeLevels>(*scheme_,
-                                         LevelOptions{.levels = options.levels,
-                                                      .on_singular = options.on_singular,
-                                                      .bridge = options.bridge,
-                                                      .tolerance = options.tolerance,
+                                         LevelOptions{.levels = options_.levels,
+                                                      .on_singular = options_.on_singular,
+                                                      .bridge = options_.bridge,
+                                                      .tolerance = options_.tolerance,
                                                       .energy_constant = energy_constant,
-                                                      .potential = options.potential},
-                                         initial.t, options.step);
+                                                      .potential = options_.potential},
+                                         t, options_.step);
 }
 
 LevelNode OrbitIntegrator::node() {
@@ -246,11 +308,7 @@ bool OrbitIntegrator::finished() const {
 }
 
 SchemeTraits OrbitIntegrator::traits() const {
-  return {.order = scheme_->order(),
-          .bridged = is_map(options_.lagrangian) && !scheme_->has_node_law()
-                         ? "a scheme that has them: splitting = \"golden\" with lagrangian = \"splitting\", where H is "
-                           "T(p) + V(q), or \"midpoint\""
-                         : ""};
+  return {.order = scheme_->order(), .bridged = bridged_};
 }
 
 std::vector<std::string> OrbitIntegrator::cautions() const {
@@ -316,10 +374,11 @@ double Orbit::node_energy_deviation() const {
   return nodes.undefined > 0.0 ? std::numeric_limits<double>::quiet_NaN() : nodes.farthest(node_energy.front());
 }
 
-Orbit integrate(const Hamiltonian& hamiltonian, const InitialState& initial, const IntegrationOptions& options) {
-  OrbitIntegrator integrator(hamiltonian, initial, options);
+namespace {
+
+Orbit run(OrbitIntegrator integrator, const IntegrationOptions& options) {
   Orbit orbit;
-  orbit.degrees_of_freedom = hamiltonian.degrees_of_freedom();
+  orbit.degrees_of_freedom = integrator.q().size();
   orbit.cautions = integrator.cautions();
   const auto record_level = [&] {
     orbit.t.push_back(integrator.t());
@@ -328,6 +387,8 @@ Orbit integrate(const Hamiltonian& hamiltonian, const InitialState& initial, con
     orbit.node_energy.push_back(node.energy);
     orbit.q.insert(orbit.q.end(), integrator.q().begin(), integrator.q().end());
     orbit.p.insert(orbit.p.end(), integrator.p().begin(), integrator.p().end());
+    const auto q_dot = integrator.q_dot();
+    orbit.q_dot.insert(orbit.q_dot.end(), q_dot.begin(), q_dot.end());
   };
   record_level();
   while (!integrator.finished()) {
@@ -351,6 +412,16 @@ Orbit integrate(const Hamiltonian& hamiltonian, const InitialState& initial, con
     record_level();
   }
   return orbit;
+}
+
+}  // namespace
+
+Orbit integrate(const Hamiltonian& hamiltonian, const InitialState& initial, const IntegrationOptions& options) {
+  return run(OrbitIntegrator(hamiltonian, initial, options), options);
+}
+
+Orbit integrate(const Lagrangian& lagrangian, const InitialMotion& initial, const IntegrationOptions& options) {
+  return run(OrbitIntegrator(lagrangian, initial, options), options);
 }
 
 namespace {

@@ -10,6 +10,7 @@
 
 #include <rubato/ode/darboux.hpp>
 #include <rubato/ode/hamiltonian.hpp>
+#include <rubato/ode/lagrangian.hpp>
 #include <rubato/ode/node_law.hpp>
 #include <rubato/ode/segment_scheme.hpp>
 #include <rubato/variation/discrete_action.hpp>
@@ -44,7 +45,15 @@ struct Gauss {
 struct Splitting {
   std::string composition = "golden";  ///< see composition()
 };
-using SegmentLagrangian = std::variant<Midpoint, Forward, Custom, Generating, Gauss, Splitting>;
+/// The trapezoidal rule for the action of L(q, q̇) (make_lagrangian_scheme): order 2, Lobatto with two points.
+struct Trapezoid {};
+/// The Lobatto rule with 2 to 9 points for the action of L(q, q̇) (make_lagrangian_scheme): order 2 points - 2.
+struct Lobatto {
+  int points = 3;
+};
+/// Of a problem stated by L(q, q̇), Midpoint, Gauss, Trapezoid and Lobatto are quadratures of its action; of one stated
+/// by H the last two are not available.
+using SegmentLagrangian = std::variant<Midpoint, Forward, Custom, Generating, Gauss, Splitting, Trapezoid, Lobatto>;
 
 /// Whether its scheme is a one-step map that is told as such, by make_one_step_scheme(), and not as an action: then
 /// there are no two-step form and no starting pair.
@@ -53,6 +62,13 @@ using SegmentLagrangian = std::variant<Midpoint, Forward, Custom, Generating, Ga
 [[nodiscard]] std::unique_ptr<OneStepScheme> make_one_step_scheme(const Hamiltonian& hamiltonian,
                                                                   const SegmentLagrangian& lagrangian,
                                                                   std::span<const double> z_0);
+
+/// The same of a problem stated by L. \throws std::invalid_argument as make_lagrangian_scheme(), or if the 𝕃 is not a
+/// quadrature of an action
+[[nodiscard]] std::unique_ptr<OneStepScheme> make_one_step_scheme(const Lagrangian& lagrangian,
+                                                                  const SegmentLagrangian& quadrature,
+                                                                  std::span<const double> q,
+                                                                  std::span<const double> q_dot);
 
 /// The action A = (t_1 - t_0)·𝕃 of a segment. \throws formula::ParseError (Custom); std::invalid_argument if is_map()
 [[nodiscard]] std::unique_ptr<DiscreteAction> make_action(const Hamiltonian& hamiltonian,
@@ -66,6 +82,12 @@ inline constexpr std::size_t forward_step_limit = 5;
 
 struct InitialState {
   std::vector<double> q, p;
+  double t = 0.0;
+};
+
+/// Where the motion of a Lagrangian starts.
+struct InitialMotion {
+  std::vector<double> q, q_dot;
   double t = 0.0;
 };
 
@@ -109,6 +131,8 @@ public:
   /// check_run_span() refuses (`step` or `until` left out, too), max_steps = 0, H undefined at the start;
   /// EquilibriumError, UnstableError, StartingPairError
   OrbitIntegrator(const Hamiltonian& hamiltonian, const InitialState& initial, const IntegrationOptions& options);
+  /// The same for a problem stated by L(q, q̇). \throws SingularLagrangianError, too
+  OrbitIntegrator(const Lagrangian& lagrangian, const InitialMotion& initial, const IntegrationOptions& options);
 
   [[nodiscard]] StepReport step() { return levels_->step(); }
   /// Whether the present level is at or past `until` (a level within 1e-9 of a step of it counts as at it).
@@ -117,6 +141,8 @@ public:
   [[nodiscard]] double t() const { return levels_->time(); }
   [[nodiscard]] std::span<const double> q() const { return scheme_->state().first(scheme_->dimension() / 2); }
   [[nodiscard]] std::span<const double> p() const { return scheme_->state().last(scheme_->dimension() / 2); }
+  /// q̇ of a problem that is stated by L; empty for others.
+  [[nodiscard]] std::span<const double> q_dot() { return scheme_->velocities(); }
   [[nodiscard]] LevelNode node();  ///< H(z_k) and Γ(z_k); Γ is NaN where the scheme has none
   /// The same of H without the constant that was added to it.
   [[nodiscard]] LevelNode bare_node() { return scheme_->node(); }
@@ -136,8 +162,11 @@ public:
   void restore(StateReader& state);
 
 private:
+  void begin(double t, double energy_constant, bool at_equilibrium);
+
   IntegrationOptions options_;
   double node_constant_;                   ///< what was added to H
+  std::string_view bridged_ = {};          ///< SchemeTraits::bridged
   std::unique_ptr<SegmentScheme> scheme_;  ///< of H without it
   std::unique_ptr<TimeLevels> levels_;
 };
@@ -147,6 +176,7 @@ struct Orbit {
   std::size_t degrees_of_freedom = 0;
   std::vector<double> t, gamma, node_energy;  ///< per level
   std::vector<double> q, p;                   ///< per level, n entries each
+  std::vector<double> q_dot;                  ///< the same, of a problem that is stated by L
   std::vector<double> h, energy, condition;   ///< per step
   std::vector<unsigned char> bridged;         ///< per step
   Status status = Status::success;            ///< why it ended: success at `until`
@@ -169,6 +199,8 @@ struct Orbit {
 /// Integrates from `initial` to `options.until`. Ends early, with all levels so far and the status, where a step fails.
 /// \throws as OrbitIntegrator
 [[nodiscard]] Orbit integrate(const Hamiltonian& hamiltonian, const InitialState& initial,
+                              const IntegrationOptions& options);
+[[nodiscard]] Orbit integrate(const Lagrangian& lagrangian, const InitialMotion& initial,
                               const IntegrationOptions& options);
 
 /// One sentence on why a step failed at time t, with the values that matter and what to do, given what the run does

@@ -12,6 +12,8 @@ class SegmentScheme : public LevelScheme {
 public:
   [[nodiscard]] virtual std::size_t dimension() const = 0;          ///< 2n
   [[nodiscard]] virtual std::span<const double> state() const = 0;  ///< z_k, rounded to double
+  /// q̇ at z_k of a problem that is stated by L(q, q̇); empty for others.
+  [[nodiscard]] virtual std::span<const double> velocities() { return {}; }
 };
 
 /// One whose step depends on z_k and h alone, z_{k+1} = ψ_h(z_k): the past serves to begin the solution of a step, and

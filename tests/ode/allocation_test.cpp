@@ -9,11 +9,13 @@
 #include <cerrno>
 #include <cstddef>
 #include <cstdlib>
+#include <tuple>
 #include <vector>
 
 #include <Eigen/Core>
 
 #include <rubato/ode/hamiltonian.hpp>
+#include <rubato/ode/lagrangian_scheme.hpp>
 #include <rubato/ode/midpoint_scheme.hpp>
 #include <rubato/variation/time_levels.hpp>
 
@@ -81,11 +83,10 @@ std::vector<double> start(std::size_t n) {
 
 /// Allocations during `counted` steps that come after the first few, each followed by `extra`.
 template <typename Extra>
-std::size_t allocations_in_steps(std::size_t n, Levels kind, Extra extra) {
+std::size_t allocations_in_steps(SegmentScheme& scheme, Levels kind, Extra extra) {
   constexpr int first = 5;
   constexpr int counted = 100;
-  const auto scheme = make_midpoint_scheme(chain(n), start(n));
-  TimeLevels levels(*scheme, {.levels = kind}, 0.0, 0.05);
+  TimeLevels levels(scheme, {.levels = kind}, 0.0, 0.05);
   std::size_t before = 0;
   bool made = true;
   for (int k = 0; k < first + counted; ++k) {
@@ -94,16 +95,32 @@ std::size_t allocations_in_steps(std::size_t n, Levels kind, Extra extra) {
     }
     const StepReport report = levels.step();
     made = made && report.status == Status::success && !report.bridged;
-    made = made && std::isfinite(scheme->node().gamma);
-    extra(*scheme);
+    made = made && std::isfinite(scheme.node().energy);
+    extra(scheme);
   }
   const std::size_t after = allocations;
   REQUIRE(made);
   return after - before;
 }
 
+template <typename Extra>
+std::size_t allocations_in_steps(std::size_t n, Levels kind, Extra extra) {
+  return allocations_in_steps(*make_midpoint_scheme(chain(n), start(n)), kind, extra);
+}
+
 std::size_t allocations_in_steps(std::size_t n, Levels kind) {
   return allocations_in_steps(n, kind, [](const SegmentScheme&) {});
+}
+
+/// The chain by its Lagrangian.
+Lagrangian chain_lagrangian(std::size_t n) {
+  return Lagrangian(n, [n](auto q, auto v) {
+    auto L = v[0] * v[0] / 2;
+    for (std::size_t i = 0; i < n; ++i) {
+      L = L + (i > 0 ? v[i] * v[i] / 2 - pow(q[i] - q[i - 1], 2) / 2 : -pow(q[i], 2) / 2) - pow(q[i], 4) / 4;
+    }
+    return L;
+  });
 }
 
 }  // namespace
@@ -113,6 +130,20 @@ TEST_CASE("a step of the midpoint scheme allocates nothing") {
   const Levels kind = GENERATE(Levels::variable, Levels::fixed);
   CAPTURE(n);
   CHECK(allocations_in_steps(n, kind) == 0);
+}
+
+TEST_CASE("a step of a quadrature of the action allocates nothing") {
+  const std::size_t n = GENERATE(1, 2, 10);
+  const std::vector<double> z = start(n);
+  CAPTURE(n);
+  for (const auto& [points, degree, kind] : {std::tuple(ActionQuadrature::Points::gauss, 1, Levels::variable),
+                                             std::tuple(ActionQuadrature::Points::gauss, 3, Levels::fixed),
+                                             std::tuple(ActionQuadrature::Points::lobatto, 1, Levels::fixed),
+                                             std::tuple(ActionQuadrature::Points::lobatto, 3, Levels::fixed)}) {
+    const auto scheme = make_lagrangian_scheme(chain_lagrangian(n), ActionQuadrature(points, degree),
+                                               std::span(z).first(n), std::span(z).last(n));
+    CHECK(allocations_in_steps(*scheme, kind, [](const SegmentScheme&) {}) == 0);
+  }
 }
 
 TEST_CASE("an allocation in a step would be counted") {

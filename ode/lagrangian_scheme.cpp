@@ -1,0 +1,462 @@
+#include <rubato/ode/lagrangian_scheme.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <rubato/formula/rounding.hpp>
+#include <rubato/ode/increment.hpp>
+#include <rubato/ode/legendre.hpp>
+#include <rubato/solve/dense_solver.hpp>
+
+namespace rubato {
+
+namespace {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+constexpr double epsilon = std::numeric_limits<double>::epsilon();
+constexpr int most_newton_iterations = 50;
+/// Corrections beyond the domain of L are halved so often.
+constexpr int most_halvings = 20;
+/// E_k is told from its neighbours by terms of order h^s, and its slope with it: a trial that is not the last is solved
+/// nearly as well as the last.
+constexpr double loosest = 1e-13;
+/// What the next correction would mend, relative, at which a step is solved.
+constexpr double least_leftover = 1e-3 * epsilon;
+/// A step this many times longer or shorter than the last one is not begun from its polynomial.
+constexpr double longest_continuation = 3.0;
+
+std::vector<double> joined(std::span<const double> q, std::span<const double> p) {
+  std::vector<double> z(q.begin(), q.end());
+  z.insert(z.end(), p.begin(), p.end());
+  return z;
+}
+VectorXd vector_of(std::span<const double> values) {
+  return Eigen::Map<const VectorXd>(values.data(), static_cast<Index>(values.size()));
+}
+
+class LagrangianScheme final : public OneStepScheme {
+public:
+  LagrangianScheme(const Lagrangian& lagrangian, const ActionQuadrature& quadrature, std::span<const double> q,
+                   std::span<const double> q_dot)
+      : lagrangian_(lagrangian),
+        quadrature_(quadrature),
+        evaluator_(lagrangian),
+        transform_(lagrangian),
+        energy_size_(lagrangian.energy_size_code()),
+        rounding_(lagrangian.gradient_code()),
+        n_(static_cast<Index>(q.size())),
+        d_(quadrature.degree),
+        m_(quadrature.nodes.size()),
+        factors_(static_cast<int>(n_ * d_)),
+        z_(vector_of(joined(q, momenta(lagrangian, q, q_dot)))),
+        seed_(vector_of(q_dot)) {
+    for (MatrixXd* matrix : {&Y_, &last_Y_, &trial_Y_, &correction_, &residual_, &bounds_}) {
+      matrix->setZero(n_, d_);
+    }
+    for (MatrixXd* matrix : {&points_, &gradients_}) {
+      matrix->setZero(2 * n_, m_);
+    }
+    hessians_.setZero(2 * n_, 2 * n_ * m_);
+    changes_.setZero(2 * n_);
+    values_.setZero(m_);
+    matrix_.setZero(n_ * d_, n_ * d_);
+    weights_.setZero(d_ + 1);
+    last_end_.setZero(n_);
+    for (VectorXd* vector : {&delta_, &lost_, &largest_, &end_, &sums_, &errors_}) {
+      vector->setZero(2 * n_);
+    }
+    for (VectorXd* vector : {&velocity_, &trial_velocity_}) {
+      vector->setZero(n_);
+    }
+  }
+
+  [[nodiscard]] std::size_t dimension() const override { return static_cast<std::size_t>(2 * n_); }
+  [[nodiscard]] std::span<const double> state() const override { return as_span(z_.value()); }
+  [[nodiscard]] std::span<const double> velocities() override {
+    static_cast<void>(node());
+    return as_span(std::as_const(velocity_));
+  }
+  [[nodiscard]] int order() const override { return quadrature_.order(); }
+  [[nodiscard]] bool has_node_law() const override {
+    return quadrature_.points == ActionQuadrature::Points::gauss && quadrature_.degree == 1;
+  }
+
+  [[nodiscard]] Status advance(double h, double accuracy) override {
+    there_.reset();
+    trial_h_ = h;
+    if (!std::isfinite(node().energy)) {
+      return Status::undefined;
+    }
+    const bool continued = start(h);
+    Status status = iterate(h, accuracy);
+    if (status != Status::success && continued) {
+      start_on_tangent(h);
+      status = iterate(h, accuracy);
+    }
+    if (status != Status::success) {
+      return status;
+    }
+    finish(h);
+    if (!known_) {
+      trial_Y_ = Y_;
+      known_trial_h_ = h;
+      known_ = true;
+    }
+    return std::isfinite(trial_node().energy) ? Status::success : Status::undefined;
+  }
+
+  [[nodiscard]] double discrete_energy() const override { return energy_; }
+  /// By the node laws at both ends, E - H = (s+1) h^s η + O(h^(s+1)) with signs that agree (theory, section 8).
+  [[nodiscard]] double discrete_energy_slope() const override {
+    return order() * (energy_ - 0.5 * (here_->energy + there_->energy)) / trial_h_;
+  }
+  [[nodiscard]] bool slope_to_leading_order() const override { return true; }
+  [[nodiscard]] formula::SumSize energy_size() override {
+    if (trial_h_ == 0.0) {
+      static_cast<void>(node());
+      changes_ << z_.value().head(n_), velocity_;
+      errors_.head(n_) = 2.0 * changes_.head(n_).cwiseAbs();
+    } else {
+      changes_ = points_.col(m_ / 2);
+      errors_.head(n_) = 2.0 * (changes_.head(n_).cwiseAbs() + Y_.col(d_ - 1).cwiseAbs());
+    }
+    errors_.tail(n_) = 4.0 * changes_.tail(n_).cwiseAbs();
+    return energy_size_(as_span(std::as_const(changes_)), as_span(std::as_const(errors_)));
+  }
+  [[nodiscard]] int iterations() const override { return iterations_; }
+
+  [[nodiscard]] LevelNode node() override {
+    if (!here_) {
+      here_ = read(z_.value(), seed_, velocity_);
+    }
+    return *here_;
+  }
+  [[nodiscard]] LevelNode trial_node() override {
+    if (!there_) {
+      static_cast<void>(node());
+      z_.displaced(1.0, delta_, end_);
+      there_ = read(end_, velocity_, trial_velocity_);
+    }
+    return *there_;
+  }
+
+  void accept() override {
+    largest_ = largest_.cwiseMax(delta_.cwiseAbs());
+    // The level's velocities are found from those before it, by a resumed run as well.
+    seed_ = velocity_;
+    z_.add(delta_, lost_);
+    std::swap(last_Y_, Y_);
+    last_h_ = trial_h_;
+    start_level();
+  }
+  void restart(std::span<const double> z) override {
+    if (here_ && std::isfinite(here_->energy)) {
+      seed_ = velocity_;
+    }
+    z_ = CompensatedState<VectorXd>(vector_of(z));
+    largest_.setZero();
+    last_h_ = 0.0;
+    start_level();
+  }
+
+  void save(StateWriter& state) const override {
+    z_.save(state);
+    state.write(last_h_);
+    for (const VectorXd* vector : {&seed_, &largest_}) {
+      state.write(as_span(*vector));
+    }
+    state.write({last_Y_.data(), static_cast<std::size_t>(last_Y_.size())});
+  }
+  void restore(StateReader& state) override {
+    z_.restore(state);
+    state.read(last_h_);
+    for (VectorXd* vector : {&seed_, &largest_}) {
+      state.read(as_span(*vector));
+    }
+    state.read(std::span<double>(last_Y_.data(), static_cast<std::size_t>(last_Y_.size())));
+    start_level();
+  }
+
+  [[nodiscard]] std::string failure_reason() const override {
+    if (failure_ == Failure::none) {
+      return {};
+    }
+    const std::string place =
+        fmt::format("{} = ({:.6g})", fmt::join(lagrangian_.q_names(), ", "), fmt::join(failed_q_, ", "));
+    return failure_ == Failure::singular
+               ? fmt::format(
+                     "the Hessian of L in the velocities is singular near {}, {} = ({:.6g}), so that momenta "
+                     "do not determine velocities",
+                     place, fmt::join(lagrangian_.velocity_names(), ", "), fmt::join(failed_at_, ", "))
+               : fmt::format("no velocities were found near {} = ({:.6g}) that have the momenta ({:.6g}) at {}",
+                             fmt::join(lagrangian_.velocity_names(), ", "), fmt::join(failed_from_, ", "),
+                             fmt::join(failed_at_, ", "), place);
+  }
+
+private:
+  void start_level() {
+    here_.reset();
+    there_.reset();
+    known_ = false;
+    failure_ = Failure::none;
+    trial_h_ = 0.0;
+    iterations_ = 0;
+  }
+
+  /// H and Γ at z, and the velocities there, found from `from`.
+  [[nodiscard]] LevelNode read(const VectorXd& z, const VectorXd& from, VectorXd& velocity) {
+    velocity = from;
+    if (transform_.solve(z.data(), z.data() + n_, velocity.data()) != Status::success) {
+      if (transform_.singular()) {
+        blame_hessian(z, velocity);
+      } else {
+        failure_ = Failure::no_velocity;
+        failed_q_.assign(z.begin(), z.begin() + n_);
+        failed_at_.assign(z.begin() + n_, z.end());
+        failed_from_.assign(from.begin(), from.end());
+      }
+      return {std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::quiet_NaN()};
+    }
+    return {transform_.energy(), has_node_law() ? transform_.gamma() : std::numeric_limits<double>::quiet_NaN()};
+  }
+  void blame_hessian(const VectorXd& z, const VectorXd& velocity) {
+    failure_ = Failure::singular;
+    failed_q_.assign(z.begin(), z.begin() + n_);
+    failed_at_.assign(velocity.begin(), velocity.end());
+  }
+
+  /// The polynomial to begin with: that of a trial already made at this level, the last step's continued, or the
+  /// tangent. \return whether by what was made before
+  bool start(double h) {
+    if (known_ && near(h / known_trial_h_)) {
+      continue_from(trial_Y_, 0.0, h / known_trial_h_);
+    } else if (last_h_ != 0.0 && near(h / last_h_)) {
+      continue_from(last_Y_, 1.0, h / last_h_);
+    } else {
+      start_on_tangent(h);
+      return false;
+    }
+    return true;
+  }
+  /// From σ = origin on, over θ steps.
+  void continue_from(const MatrixXd& Y, double origin, double theta) {
+    last_end_.setZero();
+    if (origin != 0.0) {
+      last_end_ = Y.col(d_ - 1);
+    }
+    for (Index i = 0; i < d_; ++i) {
+      quadrature_.interpolation(origin + theta * quadrature_.control[i + 1], weights_);
+      Y_.col(i) = -last_end_;
+      Y_.col(i).noalias() += Y.lazyProduct(weights_.tail(d_));
+    }
+  }
+  void start_on_tangent(double h) {
+    for (Index i = 0; i < d_; ++i) {
+      Y_.col(i) = h * quadrature_.control[i + 1] * velocity_;
+    }
+  }
+  [[nodiscard]] static bool near(double ratio) {
+    return ratio > 1.0 / longest_continuation && ratio < longest_continuation;
+  }
+
+  [[nodiscard]] Status iterate(double h, double accuracy) {
+    StagnationTest test(std::min(accuracy, loosest));
+    double last = std::numeric_limits<double>::infinity();
+    int halvings = 0;
+    correction_.setZero();
+    for (int iteration = 0; iteration < most_newton_iterations;) {
+      if (!evaluate(h)) {
+        if (correction_.isZero(0.0) || ++halvings > most_halvings) {
+          return Status::undefined;
+        }
+        correction_ *= 0.5;
+        Y_ -= correction_;
+        continue;
+      }
+      assemble(h);
+      if (const Status status = factors_.factor(matrix_.data()); status != Status::success) {
+        if (status == Status::singular) {
+          blame_hessian(z_.value(), velocity_);
+        }
+        return Status::undefined;
+      }
+      correction_ = -residual_;
+      factors_.solve(correction_.data());
+      const double size = relative_size();
+      if (!std::isfinite(size)) {
+        return Status::undefined;
+      }
+      for (Index a = 0; a < n_; ++a) {
+        const double sum = Y_(a, d_ - 1) + correction_(a, d_ - 1);
+        lost_[a] = correction_(a, d_ - 1) - (sum - Y_(a, d_ - 1));
+      }
+      Y_ += correction_;
+      // Newton's iteration converges faster than the last contraction says.
+      if (std::isfinite(last) && size / last * size <= least_leftover) {
+        return Status::success;
+      }
+      const auto verdict = test.judge(size, size);
+      if (verdict == StagnationTest::Verdict::done || (verdict == StagnationTest::Verdict::stalled && is_rounding(h))) {
+        return Status::success;
+      }
+      last = size;
+      ++iteration;
+    }
+    return Status::not_converged;
+  }
+
+  /// q and q̇ at the quadrature points, and L there with its derivatives; whether all are finite.
+  bool evaluate(double h) {
+    ++iterations_;
+    for (Index j = 0; j < m_; ++j) {
+      sums_.head(n_).noalias() = Y_.lazyProduct(quadrature_.values.row(j).tail(d_).transpose());
+      sums_.tail(n_).setZero();
+      z_.displaced(1.0, sums_, end_);
+      auto point = points_.col(j);
+      point.head(n_) = end_.head(n_);
+      point.tail(n_).noalias() = Y_.lazyProduct(quadrature_.rates.row(j).tail(d_).transpose());
+      point.tail(n_) /= h;
+      values_[j] = evaluator_.hessian(point.data(), gradients_.col(j).data(), hessians_.col(2 * n_ * j).data());
+    }
+    return values_.allFinite() && gradients_.allFinite() && hessians_.allFinite();
+  }
+
+  /// What the polynomial leaves of p_k + ∂S/∂q_k = 0 and of ∂S/∂q = 0 at the control points between, and its
+  /// derivatives by all control points but the first.
+  void assemble(double h) {
+    const VectorXd& b = quadrature_.weights;
+    matrix_.setZero();
+    for (Index row = 0; row < d_; ++row) {
+      auto residual = residual_.col(row);
+      residual.setZero();
+      for (Index j = 0; j < m_; ++j) {
+        const double value = quadrature_.values(j, row), rate = quadrature_.rates(j, row);
+        residual += b[j] * (h * value * gradients_.col(j).head(n_) + rate * gradients_.col(j).tail(n_));
+        const auto hessian = hessians_.middleCols(2 * n_ * j, 2 * n_);
+        for (Index column = 0; column < d_; ++column) {
+          const double value_1 = quadrature_.values(j, column + 1), rate_1 = quadrature_.rates(j, column + 1);
+          auto block = matrix_.block(row * n_, column * n_, n_, n_);
+          block += (b[j] * h * value * value_1) * hessian.topLeftCorner(n_, n_);
+          block += (b[j] * value * rate_1) * hessian.topRightCorner(n_, n_);
+          block += (b[j] * rate * value_1) * hessian.bottomLeftCorner(n_, n_);
+          block += (b[j] / h * rate * rate_1) * hessian.bottomRightCorner(n_, n_);
+        }
+      }
+    }
+    sums_.head(n_).setZero();
+    sums_.tail(n_) = residual_.col(0);
+    z_.displaced(1.0, sums_, end_);
+    residual_.col(0) = end_.tail(n_);
+  }
+
+  /// Corrections relative to the increments, each component in units of its own.
+  [[nodiscard]] double relative_size() const {
+    double result = 0.0;
+    for (Index r = 0; r < n_; ++r) {
+      const double scale = std::max({Y_.row(r).cwiseAbs().maxCoeff(), largest_[r], epsilon * std::abs(z_.value()[r])});
+      const double correction = correction_.row(r).cwiseAbs().maxCoeff();
+      result = larger(result, correction == 0.0 ? 0.0 : correction / scale);
+    }
+    return result;
+  }
+
+  /// Whether what is left of the equations is no more than what the evaluation of L's derivatives rounds at.
+  [[nodiscard]] bool is_rounding(double h) {
+    constexpr double unit = 0.5 * epsilon;
+    bounds_.setZero();
+    bounds_.col(0) = 2.0 * z_.value().tail(n_).cwiseAbs();
+    for (Index j = 0; j < m_; ++j) {
+      changes_ = points_.col(j);
+      errors_ = 2.0 * changes_.cwiseAbs();
+      for (Index i = 0; i < d_; ++i) {
+        errors_.tail(n_) += 2.0 / std::abs(h) * std::abs(quadrature_.rates(j, i + 1)) * Y_.col(i).cwiseAbs();
+      }
+      rounding_.run(as_span(std::as_const(changes_)), as_span(std::as_const(errors_)));
+      for (Index row = 0; row < d_; ++row) {
+        for (Index a = 0; a < n_; ++a) {
+          bounds_(a, row) +=
+              quadrature_.weights[j] *
+              (std::abs(h * quadrature_.values(j, row)) * rounding_.bound(static_cast<std::size_t>(1 + a)) +
+               std::abs(quadrature_.rates(j, row)) * rounding_.bound(static_cast<std::size_t>(1 + n_ + a)));
+        }
+      }
+    }
+    return (residual_.array().abs() <= 2.0 * unit * bounds_.array()).all();
+  }
+
+  /// δ with what its rounding loses, and E, from the points last evaluated, to first order in the last correction.
+  /// p_{k+1} - p_k = ∂S/∂q_{k+1} + ∂S/∂q_k = h Σ b_j ∂L/∂q, since rows of `values` sum to 1, those of `rates` to 0.
+  void finish(double h) {
+    delta_.head(n_) = Y_.col(d_ - 1);
+    long double energy = 0.0L;
+    lost_.tail(n_).setZero();
+    sums_.setZero();
+    for (Index j = 0; j < m_; ++j) {
+      changes_.head(n_).noalias() = correction_.lazyProduct(quadrature_.values.row(j).tail(d_).transpose());
+      changes_.tail(n_).noalias() = correction_.lazyProduct(quadrature_.rates.row(j).tail(d_).transpose());
+      changes_.tail(n_) /= h;
+      const auto hessian = hessians_.middleCols(2 * n_ * j, 2 * n_);
+      errors_.noalias() = hessian.lazyProduct(changes_);  // how ∇L changes
+      const double weight = quadrature_.weights[j];
+      for (Index a = 0; a < n_; ++a) {
+        // The sum of ∂L/∂q with what it loses, by Knuth.
+        const double term = weight * h * (gradients_(a, j) + errors_[a]);
+        const double sum = sums_[a] + term;
+        const double part = sum - sums_[a];
+        lost_[n_ + a] += (sums_[a] - (sum - part)) + (term - part);
+        sums_[a] = sum;
+        energy += static_cast<long double>(weight) * static_cast<long double>(points_(n_ + a, j)) *
+                  static_cast<long double>(gradients_(n_ + a, j) + errors_[n_ + a]);
+        energy -= static_cast<long double>(weight) * static_cast<long double>(gradients_(a, j) * changes_[a]);
+      }
+      energy -= static_cast<long double>(weight) * static_cast<long double>(values_[j]);
+    }
+    delta_.tail(n_) = sums_.head(n_);
+    energy_ = static_cast<double>(energy);
+  }
+
+  Lagrangian lagrangian_;
+  ActionQuadrature quadrature_;
+  LagrangianEvaluator evaluator_;
+  LegendreTransform transform_;
+  formula::SumSizeEvaluator energy_size_;
+  formula::RoundingEvaluator rounding_;
+  Index n_, d_, m_;
+  solve::DenseSolver factors_;
+  CompensatedState<VectorXd> z_;
+  VectorXd seed_;                       ///< velocities that those at this level are found from
+  VectorXd velocity_, trial_velocity_;  ///< at both levels, where here_ and there_ are known
+  std::optional<LevelNode> here_, there_;
+  MatrixXd Y_, last_Y_, trial_Y_;  ///< q at the control points but the first, less q_k; of the last step; of a trial
+  MatrixXd correction_, residual_, bounds_;
+  MatrixXd points_, gradients_, hessians_;  ///< (q, q̇) at the quadrature points, and L's derivatives there
+  VectorXd values_, changes_, weights_, last_end_;
+  MatrixXd matrix_;
+  VectorXd delta_, lost_, largest_, end_, sums_, errors_;
+  double trial_h_ = 0.0, known_trial_h_ = 0.0, last_h_ = 0.0;
+  bool known_ = false;  ///< whether trial_Y_ is
+  double energy_ = 0.0;
+  int iterations_ = 0;
+  enum class Failure { none, singular, no_velocity };
+  Failure failure_ = Failure::none;
+  std::vector<double> failed_q_, failed_at_, failed_from_;  ///< at_: velocities, or momenta that have none
+};
+
+}  // namespace
+
+std::unique_ptr<OneStepScheme> make_lagrangian_scheme(const Lagrangian& lagrangian, const ActionQuadrature& quadrature,
+                                                      std::span<const double> q, std::span<const double> q_dot) {
+  return std::make_unique<LagrangianScheme>(lagrangian, quadrature, q, q_dot);
+}
+
+}  // namespace rubato

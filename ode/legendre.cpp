@@ -1,0 +1,126 @@
+#include <rubato/ode/legendre.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace rubato {
+
+namespace {
+
+constexpr int most_iterations = 100;
+constexpr int most_halvings = 60;
+constexpr double epsilon = std::numeric_limits<double>::epsilon();
+/// What is left of ∂L/∂q̇ = p, beside its terms: rounding; and what may be rounding if it no longer shrinks.
+constexpr double rounding = 4.0 * epsilon;
+constexpr double rounding_region = 1e-9;
+/// Pivots of the scaled matrix that differ by more are those of a singular one.
+constexpr double least_pivot_ratio = 1e-13;
+
+void scale(const Eigen::Ref<const Eigen::MatrixXd>& masses, Eigen::VectorXd& scales) {
+  for (Eigen::Index i = 0; i < masses.rows(); ++i) {
+    const double largest = masses.row(i).cwiseAbs().maxCoeff();
+    scales[i] = largest > 0.0 ? 1.0 / std::sqrt(largest) : 1.0;
+  }
+}
+
+}  // namespace
+
+Eigen::VectorXd velocity_scales(const Eigen::MatrixXd& masses) {
+  Eigen::VectorXd scales(masses.rows());
+  scale(masses, scales);
+  return scales;
+}
+
+LegendreTransform::LegendreTransform(const Lagrangian& lagrangian)
+    : evaluator_(lagrangian),
+      n_(static_cast<Eigen::Index>(lagrangian.degrees_of_freedom())),
+      solver_(static_cast<int>(n_)) {
+  for (Eigen::VectorXd* vector : {&scales_, &sizes_, &residual_, &step_, &trial_, &last_}) {
+    vector->setZero(n_);
+  }
+  inputs_.setZero(2 * n_);
+  gradient_.setZero(2 * n_);
+  hessian_.setZero(2 * n_, 2 * n_);
+  scaled_.setZero(n_, n_);
+}
+
+bool LegendreTransform::is_regular(const Eigen::Ref<const Eigen::MatrixXd>& masses) {
+  scale(masses, scales_);
+  for (Eigen::Index j = 0; j < n_; ++j) {
+    scaled_.col(j) = scales_[j] * masses.col(j).cwiseProduct(scales_);
+  }
+  return solver_.factor(scaled_.data()) == Status::success && solver_.rcond_estimate() > least_pivot_ratio;
+}
+
+double LegendreTransform::evaluate(const double* q, const double* q_dot) {
+  std::copy_n(q, n_, inputs_.data());
+  std::copy_n(q_dot, n_, inputs_.data() + n_);
+  return evaluator_.hessian(inputs_.data(), gradient_.data(), hessian_.data());
+}
+
+Status LegendreTransform::solve(const double* q, const double* p, double* q_dot) {
+  singular_ = false;
+  const Eigen::Map<const Eigen::VectorXd> momenta(p, n_);
+  Eigen::Map<Eigen::VectorXd> v(q_dot, n_);
+  trial_ = v;
+  step_.setZero();
+  double last = std::numeric_limits<double>::infinity();
+  double value = evaluate(q, trial_.data());
+  // Sizes by which the equations are judged: those of their terms to begin with.
+  sizes_ = momenta.cwiseAbs() + gradient_.tail(n_).cwiseAbs();
+  for (Eigen::Index i = 0; i < n_; ++i) {
+    sizes_[i] = std::isfinite(sizes_[i]) && sizes_[i] > 0.0 ? sizes_[i] : 1.0;
+  }
+  for (int iteration = 0, halvings = 0; iteration < most_iterations;) {
+    residual_ = momenta - gradient_.tail(n_);
+    const double left = residual_.cwiseQuotient(sizes_).cwiseAbs().maxCoeff();
+    const bool defined = std::isfinite(value) && gradient_.allFinite() && hessian_.allFinite() && residual_.allFinite();
+    if (defined && (left <= rounding || (left >= 0.5 * last && left <= rounding_region))) {
+      v = trial_;
+      energy_ = momenta.dot(v) - value;
+      return Status::success;
+    }
+    if (!defined || left > last) {  // too long a step: half of it
+      if (std::isinf(last) || ++halvings > most_halvings) {
+        return defined ? Status::not_converged : Status::undefined;
+      }
+      step_ *= 0.5;
+      trial_ = last_ + step_;
+      value = evaluate(q, trial_.data());
+      continue;
+    }
+    last = left;
+    if (!is_regular(hessian_.bottomRightCorner(n_, n_))) {
+      singular_ = true;
+      return Status::undefined;
+    }
+    step_ = residual_.cwiseProduct(scales_);
+    solver_.solve(step_.data());
+    step_ = step_.cwiseProduct(scales_);
+    last_ = trial_;
+    trial_ += step_;
+    value = evaluate(q, trial_.data());
+    ++iteration;
+    halvings = 0;
+  }
+  return Status::not_converged;
+}
+
+double LegendreTransform::gamma() {
+  const auto q_dot = inputs_.tail(n_);
+  const auto force = gradient_.head(n_);  // p' = ∂L/∂q
+  if (!is_regular(hessian_.bottomRightCorner(n_, n_))) {
+    return std::numeric_limits<double>::quiet_NaN();
+  }
+  // ∇H = (-∂L/∂q, q̇) along f = (q̇, p'): q̇ changes by ∂²L/∂q̇²⁻¹ (p' - ∂²L/∂q̇∂q q̇).
+  residual_.noalias() = hessian_.bottomLeftCorner(n_, n_).lazyProduct(q_dot);
+  step_ = (force - residual_).cwiseProduct(scales_);
+  solver_.solve(step_.data());
+  step_ = step_.cwiseProduct(scales_);
+  residual_.noalias() = hessian_.topLeftCorner(n_, n_).lazyProduct(q_dot);
+  residual_.noalias() += hessian_.topRightCorner(n_, n_).lazyProduct(step_);
+  return force.dot(step_) - q_dot.dot(residual_);
+}
+
+}  // namespace rubato

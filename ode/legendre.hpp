@@ -1,0 +1,52 @@
+#pragma once
+
+#include <string>
+
+#include <Eigen/Core>
+
+#include <rubato/base/outcome.hpp>
+#include <rubato/ode/lagrangian.hpp>
+#include <rubato/solve/dense_solver.hpp>
+
+namespace rubato {
+
+/// H(q, p) = p·q̇ - L(q, q̇) with the q̇ for which ∂L/∂q̇ = p, found by Newton's method, and its derivatives through the
+/// implicit function. H is stationary in q̇, so that what is left of the iteration enters it squared.
+///
+/// Where several velocities have the same momentum (L not convex in q̇) it is the one that is found from the first
+/// guess: the velocity shortly before. No allocation after construction.
+class LegendreTransform {
+public:
+  explicit LegendreTransform(const Lagrangian& lagrangian);
+
+  /// Solves for q̇, from what q_dot holds (n entries each). Status::undefined where L is not defined on the way or
+  /// ∂²L/∂q̇² is singular (singular() tells), Status::not_converged
+  [[nodiscard]] Status solve(const double* q, const double* p, double* q_dot);
+  [[nodiscard]] bool singular() const { return singular_; }
+
+  /// At the q̇ of the last solve() that succeeded:
+  ///@{
+  [[nodiscard]] double energy() const { return energy_; }
+  /// Γ = fᵀ H_zz f, f = J∇H (theory, section 3).
+  [[nodiscard]] double gamma();
+  ///@}
+
+  /// Whether ∂²L/∂q̇² (n × n) has an inverse, whatever the units of coordinates.
+  [[nodiscard]] bool is_regular(const Eigen::Ref<const Eigen::MatrixXd>& masses);
+
+private:
+  double evaluate(const double* q, const double* q_dot);
+
+  LagrangianEvaluator evaluator_;
+  Eigen::Index n_;
+  solve::DenseSolver solver_;
+  Eigen::VectorXd inputs_, gradient_, scales_, sizes_, residual_, step_, trial_, last_;
+  Eigen::MatrixXd hessian_, scaled_;
+  double energy_ = 0.0;
+  bool singular_ = false;
+};
+
+/// Factors d by which velocities are scaled so that d_i M_ij d_j has entries of about 1.
+[[nodiscard]] Eigen::VectorXd velocity_scales(const Eigen::MatrixXd& masses);
+
+}  // namespace rubato
