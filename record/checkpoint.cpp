@@ -97,6 +97,13 @@ void write_checkpoint(hid_t file, const Checkpoint& checkpoint) {
   write_attribute(group, checksum_attribute, Type::i64, checksum_of(checkpoint));
 }
 
+std::int64_t stored_checkpoint_checksum(hid_t file) {
+  if (check(H5Lexists(file, group_name, H5P_DEFAULT), "looking for the checkpoint") == 0)
+    return 0;
+  const Handle group(H5Gopen2(file, group_name, H5P_DEFAULT), H5Gclose, "reading the checkpoint");
+  return has_attribute(group, checksum_attribute) ? read_integer_attribute(group, checksum_attribute) : 0;
+}
+
 Checkpoint read_checkpoint(hid_t file) {
   const Handle group(H5Gopen2(file, group_name, H5P_DEFAULT), H5Gclose, "reading the checkpoint");
   Checkpoint checkpoint;

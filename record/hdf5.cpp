@@ -1,4 +1,6 @@
+#include <algorithm>
 #include <cstring>
+#include <initializer_list>
 
 #include <rubato/record/detail/hdf5.hpp>
 
@@ -124,6 +126,27 @@ hid_t memory_type(Type type) {
   return H5I_INVALID_HID;
 }
 
+namespace {
+
+constexpr std::initializer_list<Type> types{Type::f64, Type::i64, Type::i32, Type::u8};
+
+bool is_stored_as(hid_t stored, Type type) {
+  return H5Tequal(stored, stored_type(type)) > 0;
+}
+
+}  // namespace
+
+bool is_number(hid_t stored) {
+  return std::ranges::any_of(types, [&](Type type) { return is_stored_as(stored, type); });
+}
+
+Type type_of(hid_t stored) {
+  const auto* const found = std::ranges::find_if(types, [&](Type type) { return is_stored_as(stored, type); });
+  if (found == types.end())
+    throw Failure("it is of a type that records do not use");
+  return *found;
+}
+
 std::size_t size_of(Type type) {
   return H5Tget_size(memory_type(type));
 }
@@ -198,6 +221,24 @@ void read_rows(hid_t dataset, hid_t memory, hsize_t first, hsize_t count, void* 
   const Handle space(H5Dget_space(dataset), H5Sclose, "reading rows");
   const Handle room = select_rows(space, first, count);
   check(H5Dread(dataset, memory, room, space, H5P_DEFAULT, data), "reading rows");
+}
+
+void read_through(hid_t dataset, const std::function<void(std::span<const std::byte>)>& use) {
+  const Handle type(H5Dget_type(dataset), H5Tclose, "looking at its type");
+  const auto sizes = extent(dataset);
+  std::size_t row_bytes = H5Tget_size(type);
+  for (std::size_t i = 1; i < sizes.size(); ++i)
+    row_bytes *= sizes[i];
+  if (row_bytes == 0)
+    return;
+  constexpr std::size_t most_bytes = std::size_t{8} << 20;
+  const hsize_t slab = std::max<hsize_t>(1, most_bytes / row_bytes);
+  std::vector<std::byte> rows(row_bytes * std::min(slab, sizes.front()));
+  for (hsize_t first = 0; first < sizes.front(); first += slab) {
+    const hsize_t count = std::min(slab, sizes.front() - first);
+    read_rows(dataset, type, first, count, rows.data());
+    use(std::span(rows).first(row_bytes * count));
+  }
 }
 
 void write_rows(hid_t dataset, hid_t memory, hsize_t first, hsize_t count, const void* data) {

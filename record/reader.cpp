@@ -1,6 +1,7 @@
 #include <fmt/format.h>
 #include <rubato/record/detail/files.hpp>
 #include <rubato/record/detail/gate.hpp>
+#include <rubato/record/detail/seal.hpp>
 #include <rubato/record/detail/structure.hpp>
 #include <rubato/record/reader.hpp>
 
@@ -20,13 +21,6 @@ Header read_header(hid_t file) {
   return header;
 }
 
-Type type_of(hid_t stored, const std::string& path) {
-  for (const Type type : {Type::f64, Type::i64, Type::i32, Type::u8})
-    if (H5Tequal(stored, detail::stored_type(type)) > 0)
-      return type;
-  throw detail::Failure(fmt::format("dataset '{}' is of a type that records do not use", path));
-}
-
 DatasetInfo describe(hid_t file, const std::string& path) {
   const detail::Handle dataset = detail::open_dataset(file, path);
   DatasetInfo info;
@@ -34,7 +28,7 @@ DatasetInfo describe(hid_t file, const std::string& path) {
   const detail::Handle type(H5Dget_type(dataset), H5Tclose, "reading a type");
   info.is_text = H5Tget_class(type) == H5T_STRING;
   if (!info.is_text)
-    info.type = type_of(type, path);
+    info.type = detail::type_of(type);
   for (const auto size : detail::extent(dataset))
     info.shape.push_back(size);
   info.dimensions = detail::dimension_names(dataset, path);
@@ -70,7 +64,7 @@ std::size_t DatasetInfo::row_size() const {
 
 class Reader::Implementation {
 public:
-  explicit Implementation(std::filesystem::path path) : path_(std::move(path)) {
+  Implementation(std::filesystem::path path, Altered altered) : path_(std::move(path)) {
     // A run may put a new version into its place between two looks.
     constexpr int most_tries = 10;
     detail::Descriptor opened;
@@ -82,7 +76,9 @@ public:
       if (detail::same_file(opened.number(), detail::descriptor_of(file_)))
         break;
     }
-    detail::admit(file_, opened.number());
+    may_be_altered_ = detail::admit(file_, opened.number()) != detail::Integrity::intact;
+    if (may_be_altered_ && altered == Altered::refused)
+      detail::require_unaltered(file_);
     header_ = read_header(file_);
   }
   Implementation(const Implementation&) = delete;
@@ -112,15 +108,20 @@ public:
 
   [[nodiscard]] const std::filesystem::path& path() const { return path_; }
   [[nodiscard]] const Header& header() const { return header_; }
+  [[nodiscard]] std::vector<std::string> altered() const {
+    return may_be_altered_ ? in_file([](hid_t file) { return detail::altered_names(file); })
+                           : std::vector<std::string>{};
+  }
 
 private:
   std::filesystem::path path_;
   detail::Handle file_;
   Header header_;
+  bool may_be_altered_ = true;
 };
 
-Reader::Reader(const std::filesystem::path& file)
-    : implementation_(detail::with_file(file, [&] { return std::make_unique<Implementation>(file); })) {}
+Reader::Reader(const std::filesystem::path& file, Altered altered)
+    : implementation_(detail::with_file(file, [&] { return std::make_unique<Implementation>(file, altered); })) {}
 Reader::Reader(Reader&&) noexcept = default;
 Reader& Reader::operator=(Reader&&) noexcept = default;
 Reader::~Reader() = default;
@@ -130,6 +131,10 @@ const std::filesystem::path& Reader::file() const {
 }
 const Header& Reader::header() const {
   return implementation_->header();
+}
+
+std::vector<std::string> Reader::altered() const {
+  return implementation_->altered();
 }
 
 std::vector<DatasetInfo> Reader::datasets() const {

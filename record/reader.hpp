@@ -37,17 +37,27 @@ struct DatasetInfo {
   [[nodiscard]] std::size_t row_size() const;
 };
 
+/// What becomes of a record that another program has altered, by the checksums in its attribute `checksums`.
+enum class Altered {
+  refused,  ///< it is an Error, with the first attribute or dataset that is not what was written
+  told,     ///< it is read, and Reader::altered() names them all: for those who look for the place
+};
+
 /// Reads a record, which may be one that a run is still writing: the version at the time of opening is seen throughout.
 /// All functions throw Error, with the reason: no such file, not HDF5 or damaged, not a record, a later format.
 class Reader {
 public:
-  explicit Reader(const std::filesystem::path& file);
+  explicit Reader(const std::filesystem::path& file, Altered altered = Altered::refused);
   Reader(Reader&&) noexcept;
   Reader& operator=(Reader&&) noexcept;
   ~Reader();
 
   [[nodiscard]] const std::filesystem::path& file() const;
   [[nodiscard]] const Header& header() const;
+
+  /// What another program has altered or replaced: names of attributes of the root, paths of datasets, "/checkpoint".
+  /// Empty for records of versions without the checksums. Reads all values of a file that another program wrote to.
+  [[nodiscard]] std::vector<std::string> altered() const;
 
   /// Every dataset in alphabetical order of paths. An axis is listed under each path that it is linked from.
   [[nodiscard]] std::vector<DatasetInfo> datasets() const;

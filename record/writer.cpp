@@ -4,7 +4,9 @@
 #include <limits>
 #include <map>
 #include <optional>
+#include <span>
 #include <stdexcept>
+#include <string>
 #include <vector>
 
 #include <fmt/format.h>
@@ -13,6 +15,7 @@
 #include <rubato/record/detail/files.hpp>
 #include <rubato/record/detail/gate.hpp>
 #include <rubato/record/detail/hdf5.hpp>
+#include <rubato/record/detail/seal.hpp>
 #include <rubato/record/detail/structure.hpp>
 #include <rubato/record/writer.hpp>
 
@@ -29,13 +32,23 @@ struct Column {
   std::size_t row_bytes;
   std::size_t chunk_rows;
   std::size_t flushed = 0;
-  std::size_t complete = 0;  ///< rows of whole levels
+  std::size_t complete = 0;        ///< rows of whole levels
+  detail::Checksum checksum = {};  ///< of these
   std::size_t appended = 0;
   std::vector<std::byte> waiting = {};
 
   /// Rows of whole levels that also fill whole chunks. Only these enter the working file: every chunk in it is
   /// compressed and written once, so that versions do not pile up dead space in it.
   [[nodiscard]] std::size_t flushable() const { return complete - complete % chunk_rows; }
+
+  /// The bytes of rows [first, last), which have to be waiting.
+  [[nodiscard]] std::span<const std::byte> bytes(std::size_t first, std::size_t last) const {
+    return std::span(waiting).subspan((first - flushed) * row_bytes, (last - first) * row_bytes);
+  }
+  void complete_all() {
+    checksum.add(bytes(complete, appended));
+    complete = appended;
+  }
 };
 
 std::vector<Column> columns_of(const Layout& layout) {
@@ -132,7 +145,9 @@ public:
     overwrite_ = true;
     {
       const detail::Descriptor published = detail::open_regular(path_);
-      detail::admit(detail::open_file(path_, H5F_ACC_RDONLY), published.number());
+      const detail::Handle file = detail::open_file(path_, H5F_ACC_RDONLY);
+      if (detail::admit(file, published.number()) != detail::Integrity::intact)
+        detail::require_unaltered(file);
       working_->copy_from(published.number());
     }
     detail::Handle file = open(*working_);
@@ -181,7 +196,7 @@ public:
   void end_level() {
     check_axes();
     for (auto& column : columns_)
-      column.complete = column.appended;
+      column.complete_all();
     if (bytes_since_flush_ > policy_.buffer_bytes)
       detail::with_file(path_, [&] { flush(); });
   }
@@ -300,6 +315,12 @@ private:
       throw detail::Failure(
           fmt::format("dataset '{}' should have {} rows, but has {}", column.description.path, rows, sizes.front()));
     column.chunk_rows = detail::rows_of_chunk(dataset);
+    std::uint64_t left = static_cast<std::uint64_t>(rows) * column.row_bytes;
+    detail::read_through(dataset, [&](std::span<const std::byte> bytes) {  // provisional rows are behind the others
+      const auto part = bytes.first(std::min<std::uint64_t>(left, bytes.size()));
+      column.checksum.add(part);
+      left -= part.size();
+    });
     column.complete = column.appended = static_cast<std::size_t>(rows);
     column.flushed = column.flushable();
     column.waiting.resize((column.complete - column.flushed) * column.row_bytes);
@@ -336,14 +357,18 @@ private:
     for (const auto& [name, array] : checkpoint)
       checkpoint_bytes += 4096 + std::visit([](const auto& a) { return a.size() * sizeof(a[0]); }, array);
     version.reserve(waiting_bytes() + structure_bytes() + checkpoint_bytes);
+    std::map<std::string, detail::Checksum> checksums;
     for (const auto& column : columns_) {
       const detail::Handle dataset = detail::open_dataset(file, column.description.path);
       // The last version shows provisional rows too; the attribute tells `resume` where the whole levels end.
-      write_column(dataset, column, last ? column.appended : column.complete);
+      const std::size_t end = last ? column.appended : column.complete;
+      write_column(dataset, column, end);
+      (checksums[column.description.path] = column.checksum).add(column.bytes(column.complete, end));
       detail::write_attribute(dataset, detail::rows_attribute, Type::i64, static_cast<std::int64_t>(column.complete));
     }
     detail::write_checkpoint(file, checkpoint);
     detail::write_attribute(file, "finished", Type::u8, completion == Completion::complete ? 1 : 0);
+    detail::write_seal(file, checksums);
     file.close("writing the record");
     version.trim();
     detail::mark(version);

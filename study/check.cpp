@@ -53,6 +53,7 @@ public:
     } catch (const figures::Mismatch& mismatch) {  // with the problem, whatever else is true of the record
       findings_.add({.dataset = mismatch.dataset(), .reason = mismatch.reason()});
     }
+    add_altered();
     outcome_.compared = findings_.compared();
     outcome_.disagreement_count = findings_.disagreements();
     outcome_.disagreements = findings_.listed();
@@ -66,6 +67,16 @@ public:
   }
 
 private:
+  /// What only its checksum tells of: attributes, names of coordinates, axes, another record's dataset.
+  void add_altered() {
+    for (const std::string& name : reader_.altered()) {
+      if (!findings_.has(name)) {
+        findings_.add({.dataset = name.front() == '/' ? name : "attribute " + name,
+                       .reason = "it is not what was written, by its checksum in the record"});
+      }
+    }
+  }
+
   void recompute() {
     const StoredLevels levels(reader_, static_cast<std::size_t>(problem_.output.every));
     Chronicle chronicle = make_chronicle(reader_, problem_);
@@ -105,7 +116,7 @@ private:
 
 Outcome check(const std::string& file, const CheckOptions& options) {
   use_threads(0);
-  const record::Reader reader(file);
+  const record::Reader reader(file, record::Altered::told);
   return blame_record(file, [&] { return RecordCheck(reader, options).run(); });
 }
 

@@ -60,6 +60,7 @@ public:
   [[nodiscard]] std::size_t compared() const { return compared_; }
   [[nodiscard]] std::size_t disagreements() const { return disagreements_; }
   [[nodiscard]] const std::vector<Disagreement>& listed() const { return listed_; }
+  [[nodiscard]] bool has(const std::string& dataset) const { return listed_of_.contains(dataset); }
   /// In place of the stored numbers that disagree, where there is one number in a row.
   [[nodiscard]] const figures::Corrections& corrections() const { return corrections_; }
 

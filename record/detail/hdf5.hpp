@@ -2,8 +2,12 @@
 
 // The only header that shows HDF5; not installed.
 
+#include <cstddef>
+#include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <mutex>
+#include <span>
 #include <string>
 #include <utility>
 #include <vector>
@@ -95,6 +99,9 @@ auto with_file(const std::filesystem::path& file, Action&& action) {
 
 [[nodiscard]] hid_t stored_type(Type type);
 [[nodiscard]] hid_t memory_type(Type type);
+/// The one that is stored like `stored`. Throws Failure if there is none.
+[[nodiscard]] Type type_of(hid_t stored);
+[[nodiscard]] bool is_number(hid_t stored);
 [[nodiscard]] std::size_t size_of(Type type);
 
 /// UTF-8 of variable length, which h5py, netCDF and MATLAB read as strings.
@@ -112,10 +119,15 @@ void write_attribute(hid_t object, const std::string& name, Type type, std::int6
 
 /// Rows first, …, first + count - 1 of a dataset, as `memory` numbers; `data` has room for them.
 void read_rows(hid_t dataset, hid_t memory, hsize_t first, hsize_t count, void* data);
+/// Passes all values of a dataset of numbers, as they are stored, through `use`, a few megabytes at a time.
+void read_through(hid_t dataset, const std::function<void(std::span<const std::byte>)>& use);
 /// Writes them into an extent that already has room.
 void write_rows(hid_t dataset, hid_t memory, hsize_t first, hsize_t count, const void* data);
 
 void write_checkpoint(hid_t file, const Checkpoint& checkpoint);
 [[nodiscard]] Checkpoint read_checkpoint(hid_t file);
+/// What is stored as the checksum of its arrays, with which they are compared whenever they are read; 0 if there is
+/// none.
+[[nodiscard]] std::int64_t stored_checkpoint_checksum(hid_t file);
 
 }  // namespace rubato::record::detail

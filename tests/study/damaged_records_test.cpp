@@ -66,7 +66,15 @@ TEST_CASE("a record that does not fit its own problem is a file that cannot be r
   for (const std::string& said : check_and_resume([](hid_t) {})) {
     CHECK(said.empty());  // the twin
   }
-  for (const std::string& said : check_and_resume([](hid_t id) { write_text(id, "problem", "[scheme]\nstpe = 1"); })) {
+  const auto of_earlier_version = [](const std::function<void(hid_t)>& change) {
+    return [change](hid_t id) {
+      REQUIRE(H5Adelete(id, "checksums") >= 0);
+      change(id);
+    };
+  };
+  const auto another_problem = [](hid_t id) { write_text(id, "problem", "[scheme]\nstpe = 1"); };
+  CHECK_THAT(check_and_resume(another_problem)[1], Contains("a.h5: attribute 'problem' is not what was written"));
+  for (const std::string& said : check_and_resume(of_earlier_version(another_problem))) {
     CHECK_THAT(said, Contains("a.h5: the problem in it cannot be read") && Contains("neither [hamiltonian]"));
   }
   CHECK_THAT(check_and_resume([](hid_t id) {
@@ -96,7 +104,8 @@ TEST_CASE("a record that does not fit its own problem is a file that cannot be r
     H5Aclose(rows);
     H5Dclose(data);
   };
-  CHECK_THAT(check_and_resume(fewer_rows)[1], Contains("rows, but '/levels/h' has 5"));
+  CHECK_THAT(check_and_resume(fewer_rows)[1], Contains("dataset '/levels/h' is not what was written"));
+  CHECK_THAT(check_and_resume(of_earlier_version(fewer_rows))[1], Contains("rows, but '/levels/h' has 5"));
 }
 
 TEST_CASE("an invariant or an exact solution that is not defined is told, and is no number", "[study]") {
