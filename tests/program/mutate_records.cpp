@@ -1,11 +1,13 @@
-// mutate_records RUBATO COUNT: records of an orbit and of lattices, altered at random in their bytes or in their
-// structure, are read by every command that reads records. None may crash, take more than 20 s or more memory than ten
-// times the file and 200 MB; each says what is wrong with which file (status 5 or 6), or goes on where nothing that is
-// read has changed. Exits 0 if all of this holds.
+// mutate_records RUBATO COUNT [FIRST]: records of an orbit and of lattices, altered at random in their bytes or in
+// their structure, are read by every command that reads records. None may crash, take more than 20 s or more memory
+// than ten times the file and 200 MB; each says what is wrong with which file (status 5 or 6), or goes on where nothing
+// that is read has changed. Exits 0 if all of this holds. Mutation i is the same whichever ran before it, so that many
+// can be made in parts, side by side: from FIRST on, or from 0.
 
 #include <array>
 #include <cmath>
 #include <csignal>
+#include <cstdio>
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
@@ -27,7 +29,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-std::mt19937 random_bits(20261121);
+constexpr unsigned seed = 20261121;
+std::mt19937 random_bits;
 
 std::size_t below(std::size_t count) {
   return static_cast<std::size_t>(random_bits() % count);
@@ -201,13 +204,89 @@ void change_link(hid_t file) {
   }
 }
 
-struct Mutation {
-  const char* name;
-  std::function<void(const fs::path&)> apply;
+void swap(hid_t file) {
+  const auto paths = datasets_of(file);
+  const std::string path = one_of(paths), other = one_of(paths);
+  H5Lmove(file, path.c_str(), file, "/aside", H5P_DEFAULT, H5P_DEFAULT);
+  H5Lmove(file, other.c_str(), file, path.c_str(), H5P_DEFAULT, H5P_DEFAULT);
+  H5Lmove(file, "/aside", file, other.c_str(), H5P_DEFAULT, H5P_DEFAULT);
+}
+
+void change_value(hid_t file) {
+  const std::string path = one_of(datasets_of(file));
+  const hid_t dataset = H5Dopen2(file, path.c_str(), H5P_DEFAULT), type = H5Dget_type(dataset);
+  const hid_t space = H5Dget_space(dataset);
+  const hssize_t count = H5Sget_simple_extent_npoints(space);
+  if (H5Tget_class(type) != H5T_STRING && count > 0) {
+    std::vector<double> values(static_cast<std::size_t>(count));
+    H5Dread(dataset, H5T_NATIVE_DOUBLE, H5S_ALL, H5S_ALL, H5P_DEFAULT, values.data());
+    double& value = values[below(values.size())];
+    switch (below(3)) {
+      case 0: value = value == 0.0 ? 1.0 : -value; break;
+      case 1: value = value == 0.0 ? 1.0 : 0.0; break;
+      default: value += value < 100.0 ? 1.0 : -1.0; break;
+    }
+    H5Dwrite(dataset, H5T_NATIVE_DOUBLE, H5S_ALL, H5S_ALL, H5P_DEFAULT, values.data());
+  }
+  H5Sclose(space);
+  H5Tclose(type);
+  H5Dclose(dataset);
+}
+
+/// One text of a record becomes another that is as good.
+void change_text(hid_t file) {
+  auto paths = datasets_of(file);
+  paths.insert(paths.end(), paths.size(), "/");
+  const std::string path = one_of(paths);
+  const hid_t object = H5Oopen(file, path.c_str(), H5P_DEFAULT);
+  static constexpr std::array<const char*, 5> of_root{"title", "problem", "version", "compiler", "contents"};
+  const std::string name = path == "/" ? one_of(of_root) : "description";
+  H5Adelete(object, name.c_str());
+  const hid_t text = H5Tcopy(H5T_C_S1), space = H5Screate(H5S_SCALAR);
+  H5Tset_size(text, H5T_VARIABLE);
+  H5Tset_cset(text, H5T_CSET_UTF8);
+  const hid_t attribute = H5Acreate2(object, name.c_str(), text, space, H5P_DEFAULT, H5P_DEFAULT);
+  static constexpr std::array<const char*, 3> texts{"", "/levels/t", "another"};
+  const char* const value = one_of(texts);
+  H5Awrite(attribute, text, &value);
+  H5Aclose(attribute);
+  H5Sclose(space);
+  H5Tclose(text);
+  H5Oclose(object);
+}
+
+/// A group or a dataset of another run of the same problem takes the place of this one's.
+void take_from(hid_t file, const fs::path& donor) {
+  auto paths = datasets_of(file);
+  for (const char* group : {"/levels", "/states", "/laws", "/checkpoint"}) {
+    paths.insert(paths.end(), paths.size() / 8 + 1, group);
+  }
+  const std::string path = one_of(paths);
+  const hid_t other = H5Fopen(donor.c_str(), H5F_ACC_RDONLY, H5P_DEFAULT);
+  if (H5Oexists_by_name(file, path.c_str(), H5P_DEFAULT) > 0 &&
+      H5Oexists_by_name(other, path.c_str(), H5P_DEFAULT) > 0) {
+    H5Ldelete(file, path.c_str(), H5P_DEFAULT);
+    H5Ocopy(other, path.c_str(), file, path.c_str(), H5P_DEFAULT, H5P_DEFAULT);
+  }
+  H5Fclose(other);
+}
+
+/// A record, and one of the same problem that ended earlier.
+struct Original {
+  fs::path file, shorter;
 };
 
-std::function<void(const fs::path&)> in_file(void (*change)(hid_t)) {
-  return [change](const fs::path& path) {
+struct Mutation {
+  const char* name;
+  std::function<void(const fs::path&, const Original&)> apply;
+};
+
+std::function<void(const fs::path&, const Original&)> in_bytes(void (*change)(const fs::path&)) {
+  return [change](const fs::path& path, const Original&) { change(path); };
+}
+
+std::function<void(const fs::path&, const Original&)> in_file(void (*change)(hid_t)) {
+  return [change](const fs::path& path, const Original&) {
     const hid_t file = H5Fopen(path.c_str(), H5F_ACC_RDWR, H5P_DEFAULT);
     change(file);
     H5Fclose(file);
@@ -217,7 +296,8 @@ std::function<void(const fs::path&)> in_file(void (*change)(hid_t)) {
 /// What both records say is the same, bit by bit; a record that cannot be read says nothing.
 bool same(const fs::path& a, const fs::path& b) {
   try {
-    const rubato::record::Reader first(a), second(b);
+    using rubato::record::Altered, rubato::record::Reader;
+    const Reader first(a), second(b, Altered::told);
     return first.header().title == second.header().title && first.header().problem == second.header().problem &&
            first.header().finished == second.header().finished && sample::difference(a, b).empty();
   } catch (const std::exception&) {
@@ -264,61 +344,82 @@ std::string judge(const std::string& program, const fs::path& folder, const fs::
              : fmt::format("status {} without a reason: {}", ended.status, said);
 }
 
-std::vector<fs::path> write_originals(const std::string& program, const fs::path& folder) {
-  const std::vector<std::vector<std::string>> runs{
-      {"pendulum", "--set", "scheme.until=3"},
-      {"kepler", "--set", "scheme.until=3", "--set", "output.every=3"},
-      {"sine-gordon", "--set", "scheme.until=0.5", "--set", "grid.x.cells=21"},
+std::vector<Original> write_originals(const std::string& program, const fs::path& folder) {
+  struct Kind {
+    std::vector<std::string> arguments;
+    const char *until, *earlier;
   };
-  std::vector<fs::path> files;
-  for (std::vector<std::string> arguments : runs) {
-    files.push_back(folder / fmt::format("original{}.h5", files.size()));
-    arguments.insert(arguments.begin(), "run");
-    arguments.insert(arguments.end(), {"-o", files.back().string(), "--quiet"});
+  const std::vector<Kind> kinds{
+      {{"pendulum"}, "3", "2.5"},
+      {{"kepler", "--set", "output.every=3"}, "3", "2.5"},
+      {{"sine-gordon", "--set", "grid.x.cells=21"}, "0.5", "0.4"},
+  };
+  const auto write = [&](const Kind& kind, const char* until, const std::string& name) {
+    std::vector<std::string> arguments{"run"};
+    arguments.insert(arguments.end(), kind.arguments.begin(), kind.arguments.end());
+    arguments.insert(arguments.end(),
+                     {"--set", fmt::format("scheme.until={}", until), "-o", (folder / name).string(), "--quiet"});
     if (children::wait_for(children::start(program, arguments)).status != 0) {
       throw std::runtime_error("a record could not be made");
     }
+    return folder / name;
+  };
+  std::vector<Original> originals;
+  for (const Kind& kind : kinds) {
+    const std::size_t i = originals.size();
+    originals.push_back({write(kind, kind.until, fmt::format("original{}.h5", i)),
+                         write(kind, kind.earlier, fmt::format("shorter{}.h5", i))});
   }
-  return files;
+  return originals;
 }
 
 }  // namespace
 
 int main(int argc, char** argv) {
-  if (argc != 3) {
-    fmt::print("usage: mutate_records RUBATO COUNT\n");
+  if (argc != 3 && argc != 4) {
+    fmt::print("usage: mutate_records RUBATO COUNT [FIRST]\n");
     return 2;
   }
   H5Eset_auto2(H5E_DEFAULT, nullptr, nullptr);
   const std::vector<Mutation> mutations{
-      {"bits", flip_bits},
-      {"bytes", overwrite},
-      {"length", change_length},
+      {"bits", in_bytes(flip_bits)},
+      {"bytes", in_bytes(overwrite)},
+      {"length", in_bytes(change_length)},
       {"rows", in_file(resize)},
       {"type", in_file(change_type)},
       {"shape", in_file(change_shape)},
       {"storage", in_file(change_storage)},
       {"attribute", in_file(change_attribute)},
       {"link", in_file(change_link)},
+      {"swap", in_file(swap)},
+      {"value", in_file(change_value)},
+      {"text", in_file(change_text)},
+      {"other",
+       [](const fs::path& path, const Original& original) {
+         const hid_t file = H5Fopen(path.c_str(), H5F_ACC_RDWR, H5P_DEFAULT);
+         take_from(file, original.shorter);
+         H5Fclose(file);
+       }},
   };
   const std::string program = argv[1];
-  const int count = std::atoi(argv[2]);
+  const int count = std::atoi(argv[2]), first = argc == 4 ? std::atoi(argv[3]) : 0;
   const sample::Folder folder;
   int failures = 0;
   std::map<int, int> statuses;
   try {
-    const std::vector<fs::path> originals = write_originals(program, folder.path());
-    for (int i = 0; i < count; ++i) {
-      const fs::path& original = originals[below(originals.size())];
+    const std::vector<Original> originals = write_originals(program, folder.path());
+    for (int i = first; i < first + count; ++i) {
+      random_bits.seed(seed + static_cast<unsigned>(i));
+      const Original& original = one_of(originals);
       const Mutation& mutation = mutations[static_cast<std::size_t>(i) % mutations.size()];
       const fs::path mutant = folder / "changed.h5";
-      fs::copy_file(original, mutant, fs::copy_options::overwrite_existing);
-      mutation.apply(mutant);
+      fs::copy_file(original.file, mutant, fs::copy_options::overwrite_existing);
+      mutation.apply(mutant, original);
       for (const char* command : {"check", "report", "export", "compare", "resume"}) {
-        const std::string wrong = judge(program, folder.path(), original, mutant, command, statuses);
+        const std::string wrong = judge(program, folder.path(), original.file, mutant, command, statuses);
         if (!wrong.empty()) {
           ++failures;
-          fmt::print("FAILED: mutation {} ({} of {}), {}: {}\n", i, mutation.name, original.filename().string(),
+          fmt::print("FAILED: mutation {} ({} of {}), {}: {}\n", i, mutation.name, original.file.filename().string(),
                      command, wrong);
           if (const char* const kept = std::getenv("RUBATO_KEEP_MUTANTS")) {
             fs::copy_file(mutant, fs::path(kept) / fmt::format("{}-{}.h5", i, mutation.name),
@@ -326,6 +427,10 @@ int main(int argc, char** argv) {
           }
         }
       }
+      if (constexpr int often = 100; (i + 1) % often == 0) {
+        fmt::print("{} mutations, {} failures\n", i + 1 - first, failures);
+      }
+      std::fflush(stdout);  // what was found is known however this ends
     }
   } catch (const std::exception& error) {
     fmt::print("FAILED: {}\n", error.what());
@@ -334,7 +439,7 @@ int main(int argc, char** argv) {
   for (const auto& [status, times] : statuses) {
     fmt::print("status {}: {} times\n", status, times);
   }
-  fmt::print("{} mutations, {} failures\n", count, failures);
+  fmt::print("{} mutations from number {}, {} failures\n", count, first, failures);
   // The alterations are heavy enough to be noticed, mostly.
   return failures == 0 && statuses[5] + statuses[6] > count ? 0 : 1;
 }
