@@ -5,6 +5,7 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include <rubato/base/spread.hpp>
@@ -68,6 +69,10 @@ struct ResidualFigures {
   [[nodiscard]] Spread magnitudes() const;
 };
 
+/// The momentum of the time in the extended phase space of a driven system, H(q, p, t) + minus_work: minus the work
+/// done on it since the start. Records are known by it.
+inline constexpr std::string_view work_momentum = "minus_work";
+
 /// What a run tells of how well each law held: every figure that the table of a run, `check`, `compare` and a report
 /// print is computed here, from the same numbers, level by level and step by step, be it along the run or from its
 /// record (stored_statistics).
@@ -77,6 +82,7 @@ struct ResidualFigures {
 class Statistics {
 public:
   std::size_t steps = 0;
+  bool balance = false;  ///< the system is driven: H is that of work_momentum, and E_k = E the energy balance (3.4)
   double t = 0.0;
   double start = 0.0;
   Spread h;

@@ -50,6 +50,10 @@ public:
       throw record::Error(reader_.file(), "it has no level");
     }
     statistics_.name(names_.invariants, names_.totals, names_.residuals);
+    if (reader_.has("/states/momentum")) {
+      const std::vector<std::string> momenta = reader_.read_strings("/states/momentum");
+      statistics_.balance = !momenta.empty() && momenta.back() == work_momentum;
+    }
     add_levels();
     if (levels_ > 1 || reader_.has("/levels/h")) {
       add_steps();

@@ -63,6 +63,9 @@ JsonObject energy_json(const Statistics& statistics) {
     object.number("max_relative_deviation", *relative);
   }
   object.number("max_deviation", statistics.energy_deviation());
+  if (statistics.balance) {
+    object.number("max_balance", statistics.energy_deviation());
+  }
   return object.count("law_steps", statistics.law_steps()).count("steps", statistics.steps);
 }
 
@@ -211,13 +214,19 @@ std::vector<Line> lines_of(const Statistics& statistics) {
       fmt::format("from t = {:.10g}", statistics.start), headline);
   if (statistics.steps > 0) {
     add("h", fmt::format("{:.6g} to {:.6g}", statistics.h.min, statistics.h.max), "step length", headline);
-    add("discrete energy", energy_text(statistics), "E_k, which the law keeps", headline);
+    if (statistics.balance) {
+      add("energy less work", energy_text(statistics), "E_k - W, which the balance (3.4) of a driven system keeps",
+          headline);
+    } else {
+      add("discrete energy", energy_text(statistics), "E_k, which the law keeps", headline);
+    }
   }
   if (statistics.potential.largest() > 0.0) {
     add("step potential", fmt::format("{:.3g} to {:.3g} of it", statistics.potential.min, statistics.potential.max),
         "f'(h), contained in the discrete energy", headline);
   }
-  add("node energy H(z_k)", deviation_text(statistics.node_energy), "at the levels", headline);
+  add(statistics.balance ? "H(z_k, t_k) less work" : "node energy H(z_k)", deviation_text(statistics.node_energy),
+      "at the levels", headline);
   if (has_gamma(statistics)) {
     add("Gamma", fmt::format("{:.6g} to {:.6g}", statistics.gamma.min, statistics.gamma.max), "at the levels",
         headline);

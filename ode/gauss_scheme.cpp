@@ -326,12 +326,14 @@ private:
     return Status::not_converged;
   }
 
-  /// Corrections relative to the increments, each component in units of its own.
+  /// Corrections relative to the increments, each component in units of its own. A component that is 0 with slope 0 at
+  /// the start has no unit but its first correction.
   [[nodiscard]] double relative_size() const {
     double result = 0.0;
     for (Index r = 0; r < size_; ++r) {
-      const double scale = std::max({Y_.row(r).cwiseAbs().maxCoeff(), largest_[r],
-                                     std::numeric_limits<double>::epsilon() * std::abs(z_.value()[r])});
+      const double scale =
+          std::max({Y_.row(r).cwiseAbs().maxCoeff(), largest_[r], correction_.row(r).cwiseAbs().maxCoeff(),
+                    std::numeric_limits<double>::epsilon() * std::abs(z_.value()[r])});
       const double correction = correction_.row(r).cwiseAbs().sum();
       result = larger(result, correction == 0.0 ? 0.0 : correction / scale);
     }

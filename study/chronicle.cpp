@@ -114,6 +114,8 @@ Chronicle::Chronicle(const Problem& problem, bool tangents)
       first_law_(dataset("/levels/step_condition") + (has_potential_ ? 2 : 1)),
       first_state_(dataset("/states/t")) {
   statistics_.name(simulation_->invariant_names(), simulation_->total_names(), simulation_->residual_names());
+  const HamiltonianProblem* orbit = problem.hamiltonian();
+  statistics_.balance = orbit != nullptr && orbit->p.back() == figures::work_momentum;
 }
 
 std::size_t Chronicle::dataset(std::string_view path) const {

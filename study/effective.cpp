@@ -81,7 +81,7 @@ struct Setting {
   /// Puts the value in its place. A key that the problem's format does not know is found later, where every unknown key
   /// is; tables whose names are free may only be changed here, since a misspelt name would go unnoticed.
   void apply(Value& root) {
-    static constexpr std::array free_tables = {"parameters", "invariants", "symmetries"};
+    static constexpr std::array free_tables = {"parameters", "definitions", "invariants", "symmetries"};
     Value* place = &root;
     for (std::size_t i = 0; i < path.size(); ++i) {
       Value::Table* table = place->table();

@@ -37,8 +37,7 @@ std::string remark_on(const std::string& name, const Vocabulary& vocabulary) {
     return fmt::format("\nL is a formula in the values at both ends of a step: {0}_0 and {0}_1", name);
   }
   if (name == "t") {
-    return "\nt is available in [exact], and as t_0 and t_1 in a custom L; the equations themselves may not depend on "
-           "it";
+    return "\nt is available in H and in [exact], and as t_0 and t_1 in a custom L";
   }
   if (name == "x" || name == "y" || name == "z") {
     return fmt::format("\n{} is available in [initial] and [exact] of a lattice that has this direction only", name);
@@ -52,14 +51,17 @@ std::string remark_on(const std::string& name, const Vocabulary& vocabulary) {
   return "";
 }
 
-/// Parameters as they are read: formulas that may name each other.
-struct ParameterGraph {
+/// The entries of a table as formulas that may name each other, and what else `vocabulary` and `constants` have.
+struct MutualFormulas {
+  std::string_view role;  ///< what the entries are called
   const Value::Table& entries;
-  std::unordered_map<std::string_view, std::size_t> index;
   std::vector<std::vector<std::size_t>> needs;  ///< which others each one names
 
-  explicit ParameterGraph(const Value::Table& table) : entries(table), needs(table.size()) {
-    std::vector<std::string> names;
+  MutualFormulas(std::string_view role, const Value::Table& table, const Vocabulary& vocabulary,
+                 std::span<const Parameter> constants)
+      : role(role), entries(table), needs(table.size()) {
+    std::unordered_map<std::string_view, std::size_t> index;
+    std::vector<std::string> names(vocabulary.names.begin(), vocabulary.names.end());
     for (std::size_t i = 0; i < table.size(); ++i) {
       index.emplace(table[i].key, i);
       names.push_back(table[i].key);
@@ -69,9 +71,12 @@ struct ParameterGraph {
         continue;
       }
       formula::Graph graph;
-      const auto expression = build_formula(read_formula(table[i].value, table[i].key), graph, {names}, {});
+      const auto expression = build_formula(read_formula(table[i].value, table[i].key), graph,
+                                            {names, vocabulary.differentiable, vocabulary.axes}, constants);
       for (const std::size_t variable : formula::variables_of(expression)) {
-        needs[i].push_back(index.at(graph.variable_name(variable)));
+        if (const auto found = index.find(graph.variable_name(variable)); found != index.end()) {
+          needs[i].push_back(found->second);
+        }
       }
     }
   }
@@ -126,7 +131,7 @@ private:
       cycle.emplace_back("…");
     }
     throw ProblemError(entries[at].location,
-                       fmt::format("parameters depend on each other in a cycle: {}", fmt::join(cycle, " -> ")));
+                       fmt::format("{} depend on each other in a cycle: {}", role, fmt::join(cycle, " -> ")));
   }
 };
 
@@ -149,8 +154,13 @@ formula::Expression build_formula(const FormulaText& text, formula::Graph& graph
   for (const std::string& name : names) {
     known.emplace(name, graph.variable(name));
   }
+  std::unordered_map<std::string_view, const FormulaText*> definitions;
   for (const Parameter& parameter : parameters) {
-    known.emplace(parameter.name, graph.constant(parameter.value));
+    if (parameter.definition) {
+      definitions.emplace(parameter.name, &*parameter.definition);
+    } else {
+      known.emplace(parameter.name, graph.constant(parameter.value));
+    }
     suggestions.push_back(parameter.name);
   }
   // dx(f) is a variable of that name; f, or again such a derivative, must be a variable that has one.
@@ -158,9 +168,20 @@ formula::Expression build_formula(const FormulaText& text, formula::Graph& graph
     known.emplace(name, graph.variable(name));
     suggestions.push_back(name);
   }
-  const auto resolve = [&known](std::string_view name) -> std::optional<formula::Expression> {
-    const auto found = known.find(name);
-    return found == known.end() ? std::nullopt : std::optional(found->second);
+  const auto resolve = [&](std::string_view name) -> std::optional<formula::Expression> {
+    if (const auto found = known.find(name); found != known.end()) {
+      return found->second;
+    }
+    const auto defined = definitions.find(name);
+    if (defined == definitions.end()) {
+      return std::nullopt;
+    }
+    try {
+      return known.emplace(name, build_formula(*defined->second, graph, vocabulary, parameters)).first->second;
+    } catch (const ProblemError& error) {  // of a name that is known to definitions, and not here
+      throw ProblemError(error.location(), fmt::format("{}\n(in the definition of {}, which is used at {})",
+                                                       error.reason(), name, text.location.text()));
+    }
   };
   const auto call = [&](std::string_view name,
                         std::span<const formula::Expression> arguments) -> std::optional<formula::Expression> {
@@ -209,11 +230,37 @@ std::vector<Parameter> read_parameters(Section& root, Names& names) {
   }
   std::vector<Parameter> parameters;
   parameters.reserve(entries.size());
-  for (const std::size_t i : ParameterGraph(entries).order()) {
+  for (const std::size_t i : MutualFormulas("parameters", entries, {}, {}).order()) {
     parameters.push_back(
         {entries[i].key, read_number(entries[i].value, entries[i].key, parameters), entries[i].value.location});
   }
   return parameters;
+}
+
+void add_definitions(Section& root, Names& taken, const Vocabulary& vocabulary, std::vector<Parameter>& parameters) {
+  const auto section = root.take_section("definitions");
+  if (!section) {
+    return;
+  }
+  const Value::Table& entries = section->entries();
+  for (const Entry& entry : entries) {
+    taken.declare(entry.key, "a definition", entry.location);
+  }
+  const MutualFormulas mutual("definitions", entries, vocabulary, parameters);
+  constexpr int deepest = 200;  // every one is read inside the one that names it
+  std::vector<int> depth(entries.size(), 0);
+  for (const std::size_t i : mutual.order()) {
+    for (const std::size_t other : mutual.needs[i]) {
+      depth[i] = std::max(depth[i], depth[other] + 1);
+    }
+    if (depth[i] > deepest) {
+      throw ProblemError(entries[i].location,
+                         fmt::format("definitions are nested deeper than {} levels here", deepest));
+    }
+    parameters.push_back({.name = entries[i].key,
+                          .location = entries[i].value.location,
+                          .definition = read_formula(entries[i].value, entries[i].key)});
+  }
 }
 
 }  // namespace rubato::study

@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <rubato/figures/statistics.hpp>
 #include <rubato/formula/bytecode.hpp>
 #include <rubato/study/reader.hpp>
 
@@ -40,9 +41,17 @@ PhasePoint read_point(Section& section, const NameList& q, const NameList& p, do
   return point;
 }
 
-/// What [hamiltonian] time_scale = g adds: a coordinate, the time, and its momentum, -E.
-constexpr std::string_view clock = "time", clock_momentum = "minus_energy";
+/// What an extended phase space adds: a coordinate, the time, and its momentum: -E with time_scale; for a driven system
+/// minus the work done on it, so that H + minus_work is the energy of the start.
+constexpr std::string_view clock = "time", clock_energy = "minus_energy", clock_work = figures::work_momentum;
 
+bool names_time(const FormulaText& formula, const Vocabulary& vocabulary, std::span<const Parameter> parameters) {
+  formula::Graph graph;
+  const auto variables = formula::variables_of(build_formula(formula, graph, vocabulary, parameters));
+  return std::ranges::any_of(variables, [&](std::size_t i) { return graph.variable_name(i) == "t"; });
+}
+
+/// At a point and its time; `names` are those of q and p, and then t.
 double value_at(const PhasePoint& point, const FormulaText& formula, std::span<const std::string> names,
                 std::span<const Parameter> parameters) {
   formula::Graph graph;
@@ -52,15 +61,32 @@ double value_at(const PhasePoint& point, const FormulaText& formula, std::span<c
     inputs.push_back(graph.variable(name));
   }
   formula::ScalarEvaluator evaluator{formula::Bytecode(outputs, inputs)};
-  std::ranges::copy(point.p, std::ranges::copy(point.q, evaluator.inputs().begin()).out);
+  *std::ranges::copy(point.p, std::ranges::copy(point.q, evaluator.inputs().begin()).out).out = point.t;
   evaluator.run();
   return evaluator.output(0);
 }
 
+/// One more pair: the time, and its momentum with the value `w` at the start. In formulas, t stands for the time.
+void add_clock(HamiltonianProblem& ode, std::string_view momentum, double w, std::vector<Parameter>& parameters) {
+  ode.q.emplace_back(clock);
+  ode.p.emplace_back(momentum);
+  ode.initial.q.push_back(ode.initial.t);
+  ode.initial.p.push_back(w);
+  parameters.push_back({.name = "t", .location = ode.H.location, .definition = FormulaText{std::string(clock), {}}});
+}
+
+/// A driven system, H(q, p, t), in its extended phase space: H(q, p, time) + w, time' = 1, w' = -∂H/∂t. What it
+/// conserves in a step is the balance (3.4) of the driven one.
+void extend(HamiltonianProblem& ode, std::vector<Parameter>& parameters) {
+  ode.H.text = fmt::format("({}) + {}", ode.H.text, clock_work);
+  add_clock(ode, clock_work, 0.0, parameters);
+}
+
 /// The problem in fictitious time s, dt = g ds (theory, section 9): g(q, p)·(H(q, p) + w) of the coordinates q, time
 /// and the momenta p, w, where w = -H(z_0) is -E, a constant.
-void take_fictitious_time(HamiltonianProblem& ode, const FormulaText& g, std::span<const Parameter> parameters) {
-  const std::vector<std::string> names = ode.names();
+void take_fictitious_time(HamiltonianProblem& ode, const FormulaText& g, std::vector<Parameter>& parameters) {
+  std::vector<std::string> names = ode.names();
+  names.emplace_back("t");
   const double scale = value_at(ode.initial, g, names, parameters);
   if (!(scale > 0.0) || !std::isfinite(scale)) {
     throw ProblemError(g.location, fmt::format("time_scale is {} at the start; it has to be positive along the whole "
@@ -72,11 +98,8 @@ void take_fictitious_time(HamiltonianProblem& ode, const FormulaText& g, std::sp
     throw ProblemError(ode.initial.location, fmt::format("H is {} at the start", energy));
   }
   // As a sum: the tolerance of the energy law goes by the size of its terms, and the sum itself is 0.
-  ode.H.text = fmt::format("({0})*({1}) + ({0})*{2}", g.text, ode.H.text, clock_momentum);
-  ode.q.emplace_back(clock);
-  ode.p.emplace_back(clock_momentum);
-  ode.initial.q.push_back(ode.initial.t);
-  ode.initial.p.push_back(-energy);
+  ode.H.text = fmt::format("({0})*({1}) + ({0})*{2}", g.text, ode.H.text, clock_energy);
+  add_clock(ode, clock_energy, -energy, parameters);
   ode.initial.t = 0.0;
   ode.fictitious_time = true;
 }
@@ -106,7 +129,7 @@ void read_hamiltonian(Section& root, Section& section, Problem& problem) {
   taken.reserve("t", "it is the time");
   const Entry* time_scale = take_time_scale(root, section);
   if (time_scale != nullptr) {
-    for (const std::string_view name : {clock, clock_momentum}) {
+    for (const std::string_view name : {clock, clock_energy}) {
       taken.reserve(name, "time_scale makes a coordinate time and a momentum minus_energy");
     }
   }
@@ -120,20 +143,29 @@ void read_hamiltonian(Section& root, Section& section, Problem& problem) {
                                    q.names.size(), fmt::join(q.names, ", "), p.names.size(), fmt::join(p.names, ", ")));
   }
   problem.parameters = read_parameters(root, taken);
-  const auto& parameters = problem.parameters;
+  auto& parameters = problem.parameters;
 
   HamiltonianProblem ode;
   ode.q = q.names;
   ode.p = p.names;
-  const auto names = ode.names();
+  std::vector<std::string> names = ode.names();
+  names.emplace_back("t");
+  std::vector<std::string> definable = names;
+  std::ranges::copy(custom_lagrangian_names(ode), std::back_inserter(definable));
+  add_definitions(root, taken, {definable}, parameters);
   ode.H = read_formula(section.require("H", "the Hamiltonian, such as H = \"p^2/2 - cos(q)\"").value, "H");
-  check_formula(ode.H, {names}, parameters);
+  ode.driven = names_time(ode.H, {names}, parameters);
   std::optional<FormulaText> g;
   if (time_scale != nullptr) {
     g = read_formula(time_scale->value, "time_scale");
     check_formula(*g, {names}, parameters);
   }
   section.finish();
+  if (ode.driven && !g) {
+    for (const std::string_view name : {clock, clock_work}) {
+      taken.declare(name, "one of the pair that an H of t adds, time and minus_work", ode.H.location);
+    }
+  }
 
   auto initial = root.take_section("initial");
   if (!initial) {
@@ -151,6 +183,11 @@ void read_hamiltonian(Section& root, Section& section, Problem& problem) {
     }
     ode.next = read_point(*next_section, q, p, 0.0, parameters);
   }
+  if (ode.driven && ode.next) {
+    throw ProblemError(ode.next->location,
+                       "H names t, and the work done until the second level is not known; leave "
+                       "[initial.next] out");
+  }
   if (g) {
     for (const auto& [entry, remedy] : {std::pair(find(root.entries(), "exact"), "it is a function of the time"),
                                         std::pair(next, "its step is one of the time")}) {
@@ -161,6 +198,8 @@ void read_hamiltonian(Section& root, Section& section, Problem& problem) {
       }
     }
     take_fictitious_time(ode, *g, parameters);
+  } else if (ode.driven) {
+    extend(ode, parameters);
   }
   const auto all_names = ode.names();
   ode.invariants = read_invariants(root, {all_names}, parameters);

@@ -13,7 +13,7 @@ namespace rubato::study {
 
 namespace {
 
-constexpr std::array<TableEntry, 15> all_tables{{
+constexpr std::array<TableEntry, 16> all_tables{{
     {"", "one of [hamiltonian] and [multisymplectic] says what is to be solved"},
     {"hamiltonian", "an orbit: q' = dH/dp, p' = -dH/dq"},
     {"multisymplectic", "a lattice: M z_t + K.x z_x (+ K.y z_y + K.z z_z) = grad S(z)"},
@@ -21,6 +21,10 @@ constexpr std::array<TableEntry, 15> all_tables{{
     {"grid", "the periodic grid of a lattice"},
     {"grid.x", "one direction, and so grid.y, grid.z: nodes from + i*(to - from)/cells, i = 0 ... cells-1"},
     {"parameters", "numbers and formulas of each other, in any order", "a parameter"},
+    {"definitions",
+     "formulas with a name, in any order: of the state, x, y, z, t, parameters and each other, wherever these are "
+     "known",
+     "a definition"},
     {"initial",
      "where the run starts: for an orbit a number for every coordinate and momentum, for a lattice formulas "
      "of x, y, z for the fields that no constraint determines",
@@ -65,6 +69,7 @@ std::vector<KeyEntry> make_keys() {
       {"", "multisymplectic", "table", none, ""},
       {"", "grid", "table", "required for a lattice", ""},
       {"", "parameters", "table", none, ""},
+      {"", "definitions", "table", none, ""},
       {"", "initial", "table", required, ""},
       {"", "invariants", "table", none, ""},
       {"", "exact", "table", none, ""},
@@ -74,7 +79,8 @@ std::vector<KeyEntry> make_keys() {
 
       {"hamiltonian", "q", "list of names", required, "The coordinates; \"r[3]\" declares the vector r1, r2, r3."},
       {"hamiltonian", "p", "list of names", required, "The momenta, in the same order."},
-      {"hamiltonian", "H", "formula", required, "The Hamiltonian, of coordinates, momenta and parameters."},
+      {"hamiltonian", "H", "formula", required,
+       "The Hamiltonian, of coordinates, momenta and parameters; of t, too, for a driven system."},
       {"hamiltonian", "time_scale", "formula", none,
        "A positive g, of the same: the orbit in fictitious time, dt = g dt', in which step and until are then meant. "
        "The time becomes a coordinate called time."},

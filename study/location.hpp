@@ -23,6 +23,10 @@ public:
   ProblemError(const Location& location, std::string_view reason)
       : std::invalid_argument(location.text() + ": " + std::string(reason)), location_(location) {}
   [[nodiscard]] const Location& location() const { return location_; }
+  /// what() without the place.
+  [[nodiscard]] std::string_view reason() const {
+    return std::string_view(what()).substr(location_.text().size() + std::string_view(": ").size());
+  }
 
 private:
   Location location_;

@@ -355,12 +355,16 @@ void read_multisymplectic(Section& root, Section& section, Problem& problem) {
   const NameList fields = read_names(names, "fields", "a field", taken);
   check_field_names(*names.array());
   problem.parameters = read_parameters(root, taken);
-  const auto& parameters = problem.parameters;
+  auto& parameters = problem.parameters;
 
   MultisymplecticProblem pde;
   pde.fields = fields.names;
   pde.axes = read_grid(root, section, parameters);
   const auto axes = pde.axis_names();
+  std::vector<std::string> definable = pde.fields;
+  definable.insert(definable.end(), axes.begin(), axes.end());
+  definable.emplace_back("t");
+  add_definitions(root, taken, {definable, pde.fields, axes}, parameters);
   const MatrixReader matrices(pde.fields, parameters);
   pde.M = matrices.skew(section.require("M", R"(the matrix of z_t, such as [["u", "v", -1]])").value, "M");
   pde.K = read_K(section, axes, matrices);

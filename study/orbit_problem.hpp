@@ -6,7 +6,6 @@
 namespace rubato::study {
 
 /// What [hamiltonian], [initial] and [scheme] of a problem stand for in the library's own terms.
-[[nodiscard]] Hamiltonian::Parameters parameters_of(const Problem& problem);
 [[nodiscard]] Hamiltonian make_hamiltonian(const Problem& problem);
 [[nodiscard]] SegmentLagrangian make_lagrangian(const Problem& problem);
 /// \throws ProblemError at the place in the problem that is wrong

@@ -143,15 +143,13 @@ private:
   double previous_t_ = 0.0;
 };
 
-}  // namespace
-
-Hamiltonian::Parameters parameters_of(const Problem& problem) {
-  Hamiltonian::Parameters parameters;
-  for (const Parameter& parameter : problem.parameters) {
-    parameters[parameter.name] = parameter.value;
-  }
-  return parameters;
+/// 𝕃 as a formula of the corners alone: parameters and definitions put in.
+Custom make_custom(const Problem& problem) {
+  formula::Graph graph;
+  return {.L = to_string(problem.build(*problem.scheme.L, graph, custom_lagrangian_names(*problem.hamiltonian())))};
 }
+
+}  // namespace
 
 Hamiltonian make_hamiltonian(const Problem& problem) {
   const HamiltonianProblem& orbit = *problem.hamiltonian();
@@ -165,7 +163,7 @@ SegmentLagrangian make_lagrangian(const Problem& problem) {
   switch (scheme.lagrangian) {
     case Lagrangian::midpoint: return Midpoint{};
     case Lagrangian::forward: return Forward{.allow_unstable = scheme.allow_unstable};
-    case Lagrangian::custom: return Custom{.L = scheme.L->text, .parameters = parameters_of(problem)};
+    case Lagrangian::custom: return make_custom(problem);
     case Lagrangian::generating: return make_generating(scheme);
     case Lagrangian::gauss: return Gauss{.stages = *scheme.stages};
     case Lagrangian::splitting: return Splitting{.composition = scheme.composition};

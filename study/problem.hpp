@@ -29,11 +29,13 @@ struct NamedFormula {
   FormulaText formula;
 };
 
-/// A parameter with its value; parameters may refer to each other in any order.
+/// What a name stands for in formulas: of [parameters] a number, of [definitions] a formula of the state, the time, the
+/// grid's coordinates, wherever these are known. They may refer to each other in any order.
 struct Parameter {
   std::string name;
-  double value = 0.0;
+  double value = 0.0;  ///< of a parameter
   Location location;
+  std::optional<FormulaText> definition;  ///< of a definition
 };
 
 /// Dense square matrix, row by row.
@@ -57,7 +59,12 @@ struct PhasePoint {
 struct HamiltonianProblem {
   std::vector<std::string> q, p;  ///< names, vectors expanded: r[3] is r1, r2, r3
   FormulaText H;                  ///< in q, p and parameters
-  bool fictitious_time = false;  ///< [hamiltonian] time_scale: t is s, the last coordinate is the time, H is g·(H - E)
+  /// With time_scale, and where H names t: a system of one more pair, the time and its momentum, that does not depend
+  /// on its own independent variable s. H is then g·(H - E), or H + w; the initial point has the pair, too.
+  ///@{
+  bool fictitious_time = false;  ///< dt = g ds
+  bool driven = false;           ///< H names t
+  ///@}
   PhasePoint initial;
   std::optional<PhasePoint> next;        ///< [initial.next]: the second level of a starting pair
   std::vector<NamedFormula> invariants;  ///< in q, p, in the order of the file
@@ -156,11 +163,11 @@ struct Output {
 
 /// A whole problem, read and validated: names, types, signs, sizes and the syntax of every formula are in order.
 struct Problem {
-  std::string name;    ///< of the file without folder and extension, or of the catalogue entry
-  std::string title;   ///< default: the name
-  std::string source;  ///< the file as the user named it
-  std::string text;    ///< the whole effective problem, TOML: reading it again gives the same problem
-  std::vector<Parameter> parameters;
+  std::string name;                   ///< of the file without folder and extension, or of the catalogue entry
+  std::string title;                  ///< default: the name
+  std::string source;                 ///< the file as the user named it
+  std::string text;                   ///< the whole effective problem, TOML: reading it again gives the same problem
+  std::vector<Parameter> parameters;  ///< and definitions
   std::variant<HamiltonianProblem, MultisymplecticProblem> system;
   Scheme scheme;
   Output output;

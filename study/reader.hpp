@@ -107,6 +107,11 @@ struct Vocabulary {
   std::span<const std::string> axes = {};            ///< the grid's directions: "x" allows dx()
 };
 
+/// [definitions]: formulas of `names`, parameters and each other. Names that are not known where a definition is used
+/// are an error there, so that one of x serves [initial] and one of the fields S.
+/// \throws ProblemError also for a cycle, naming it
+void add_definitions(Section& root, Names& taken, const Vocabulary& vocabulary, std::vector<Parameter>& parameters);
+
 /// A formula as an expression; see Problem::build.
 /// \throws ProblemError at the place in the file
 [[nodiscard]] formula::Expression build_formula(const FormulaText& text, formula::Graph& graph,

@@ -50,6 +50,7 @@ private:
   [[nodiscard]] bool in_fictitious_time() const {
     return problem_.hamiltonian() != nullptr && problem_.hamiltonian()->fictitious_time;
   }
+  [[nodiscard]] bool is_driven() const { return problem_.hamiltonian() != nullptr && problem_.hamiltonian()->driven; }
 
   void read_lagrangian() {
     const bool ode = problem_.hamiltonian() != nullptr;
@@ -104,7 +105,7 @@ private:
   /// Most of these families know no Γ, so that no bridge can be built where their law has no solution. In fictitious
   /// time steps are nearly equal, and a weak potential keeps them so.
   [[nodiscard]] bool needs_potential() const {
-    return (is_family() || in_fictitious_time()) && scheme_.levels == Levels::variable &&
+    return (is_family() || in_fictitious_time() || is_driven()) && scheme_.levels == Levels::variable &&
            find(section_.entries(), "bridge") == nullptr && scheme_.on_singular == OnSingular::bridge;
   }
 
@@ -329,6 +330,11 @@ private:
       throw ProblemError(scheme_.lagrangian_location,
                          "time_scale is not for lagrangian = \"custom\": state L in the time that it is meant in, and "
                          "leave time_scale out");
+    }
+    if (scheme_.lagrangian == Lagrangian::custom && is_driven()) {
+      throw ProblemError(scheme_.lagrangian_location,
+                         "lagrangian = \"custom\" states its own dependence on t, in t_0 and t_1, and needs H for the "
+                         "first step and the reports: one that does not name t");
     }
     if (const Entry* entry = take_only_for("L", Lagrangian::custom)) {
       scheme_.L = read_formula(entry->value, "L");

@@ -60,7 +60,7 @@ TEST_CASE("an ODE problem with one thing wrong is refused at that place", "[stud
           {"cos(q)", "cos(q", "5:17", "never closed"},
           {"cos(q)", "cos(q, p)", "5:14", "takes 1 argument, got 2"},
           {"cos(q)", "cos(Q)", "5:18", "unknown name 'Q'"},
-          {"cos(q)", "cos(t)", "5:18", "t is available in [exact]"},
+          {"[scheme]", "[invariants]\nI = \"cos(t)\"\n[scheme]", "12:10", "t is available in H and in [exact]"},
           {"cos(q)", "cos(x)", "5:18", "x is available in [initial] and [exact] of a lattice"},
           {"\"T\"", "\"a\\u0000b\"", "1:10", "this text holds the character U+0000"},
           {"0.1", "1e11", "12:8", "so long beside the run, from t = 0 to until = 10"},
