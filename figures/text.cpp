@@ -1,5 +1,6 @@
 #include <rubato/figures/text.hpp>
 
+#include <algorithm>
 #include <cmath>
 
 #include <fmt/format.h>
@@ -135,9 +136,14 @@ std::string bridges_text(const Statistics& statistics) {
 }  // namespace
 
 JsonObject& JsonObject::number(std::string_view key, double value) {
-  return std::isfinite(value) ? raw(key, fmt::format("{:.17g}", value)) : *this;
+  if (!std::isfinite(value)) {
+    return *this;
+  }
+  numbers_.emplace_back(key, value);
+  return raw(key, fmt::format("{:.17g}", value));
 }
 JsonObject& JsonObject::count(std::string_view key, std::size_t value) {
+  numbers_.emplace_back(key, static_cast<double>(value));
   return raw(key, fmt::format("{}", value));
 }
 JsonObject& JsonObject::text(std::string_view key, std::string_view value) {
@@ -147,7 +153,15 @@ JsonObject& JsonObject::flag(std::string_view key, bool value) {
   return value ? raw(key, "true") : *this;
 }
 JsonObject& JsonObject::object(std::string_view key, const JsonObject& value) {
+  for (const auto& [path, number] : value.numbers_) {
+    numbers_.emplace_back(fmt::format("{}/{}", key, path), number);
+  }
   return value.body_.empty() ? *this : raw(key, value.str());
+}
+std::optional<double> JsonObject::find(std::string_view path) const {
+  const auto found =
+      std::ranges::find(numbers_, path, [](const auto& number) { return std::string_view(number.first); });
+  return found == numbers_.end() ? std::nullopt : std::optional(found->second);
 }
 JsonObject& JsonObject::objects(std::string_view key, const std::vector<JsonObject>& values) {
   std::string array;

@@ -1,8 +1,10 @@
 #pragma once
 
 #include <cstddef>
+#include <optional>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include <rubato/figures/statistics.hpp>
@@ -24,10 +26,13 @@ public:
   /// An array of arrays of texts.
   JsonObject& lists(std::string_view key, const std::vector<std::vector<std::string>>& lists);
   [[nodiscard]] std::string str() const { return "{" + body_ + "}"; }
+  /// The number under a key, or under keys inside each other: "h/min".
+  [[nodiscard]] std::optional<double> find(std::string_view path) const;
 
 private:
   JsonObject& raw(std::string_view key, std::string_view value);
   std::string body_;
+  std::vector<std::pair<std::string, double>> numbers_;  ///< all there are, with the keys on the way to them
 };
 
 /// Adds every figure under its key: absent where it does not apply, never NaN; values that are not defined are counted

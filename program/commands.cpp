@@ -4,11 +4,14 @@
 
 #include <fmt/format.h>
 
+#include <rubato/base/quoted.hpp>
 #include <rubato/record/error.hpp>
 #include <rubato/record/reader.hpp>
 #include <rubato/report/xdmf.hpp>
 #include <rubato/study/browse.hpp>
 #include <rubato/study/check.hpp>
+#include <rubato/study/effective.hpp>
+#include <rubato/study/ensemble.hpp>
 
 #include "beside.hpp"
 #include "probe.hpp"
@@ -56,25 +59,67 @@ void write_xdmf(study::Outcome& outcome) {
   }
 }
 
-/// Carries out `work` with a progress line, and reports its outcome.
+/// Carries out `work` with a progress line. `said`: the warnings it printed.
 template <typename Work>
-study::ExitStatus report_on(const Reporting& reporting, study::RunOptions options, const Work& work) {
+auto with_progress(const Reporting& reporting, study::RunOptions options, std::vector<std::string>& said,
+                   const Work& work) {
   options.threads = reporting.threads;
   options.interrupt = &catch_interrupts();
+  ProgressLine line;
+  if (!reporting.quiet) {
+    options.caution = [&said](const std::string& sentence) {
+      print_warning(sentence);
+      said.push_back(sentence);
+    };
+  }
+  if (line.is_shown() && !reporting.quiet) {
+    options.progress = [&line](const study::Progress& progress) { line.update(progress); };
+  }
+  return work(options);
+}
+
+/// Carries out `work` on an ensemble, and reports its outcome; with `rows`, of every member.
+template <typename Work>
+study::ExitStatus report_members(const Reporting& reporting, const study::RunOptions& options, bool rows,
+                                 const Work& work) {
   std::vector<std::string> said;
-  study::Outcome outcome = [&] {
-    ProgressLine line;
-    if (!reporting.quiet) {
-      options.caution = [&said](const std::string& sentence) {
-        print_warning(sentence);
-        said.push_back(sentence);
-      };
+  const study::EnsembleOutcome outcome = with_progress(reporting, options, said, work);
+  if (reporting.json) {
+    print(study::to_json(outcome) + "\n");
+  } else if (!reporting.quiet) {
+    print(study::to_table(outcome, rows));
+  }
+  if (!outcome.message.empty()) {
+    print_error(outcome.message);
+  }
+  return outcome.status;
+}
+
+/// "path=from:to:count" or "path=a,b,c" as an entry of [ensemble] grid.
+std::string grid_setting(const std::string& entry) {
+  const std::size_t equals = entry.find('=');
+  if (equals == std::string::npos || equals == 0 || entry.find('.') > equals) {
+    throw study::ProblemError({entry.substr(0, 200), 0, 0},
+                              "expected table.key=from:to:count, or table.key=a,b,c: what to change, and its values");
+  }
+  const std::string path = entry.substr(0, equals), values = entry.substr(equals + 1);
+  std::string list;
+  if (values.find(':') == std::string::npos) {
+    for (std::size_t begin = 0; begin <= values.size();) {
+      const std::size_t end = std::min(values.find(',', begin), values.size());
+      list += fmt::format("{}{}", list.empty() ? "" : ", ", study::setting_value(values.substr(begin, end - begin)));
+      begin = end + 1;
     }
-    if (line.is_shown() && !reporting.quiet) {
-      options.progress = [&line](const study::Progress& progress) { line.update(progress); };
-    }
-    return work(options);
-  }();
+    return fmt::format("ensemble.grid.{}=[{}]", path, list);
+  }
+  return fmt::format("ensemble.grid.{}={}", path, rubato::quoted(values));
+}
+
+/// Carries out `work` with a progress line, and reports its outcome.
+template <typename Work>
+study::ExitStatus report_on(const Reporting& reporting, const study::RunOptions& options, const Work& work) {
+  std::vector<std::string> said;
+  study::Outcome outcome = with_progress(reporting, options, said, work);
   if (!outcome.file.empty()) {
     write_xdmf(outcome);
   }
@@ -90,12 +135,39 @@ study::ExitStatus run(const RunCommand& command) {
   options.overwrite = command.force;
   options.tangents = command.tangents;
   refuse_replacing(command.problem, command.output.value_or(problem.output.file));
+  if (problem.ensemble) {
+    return report_members(command.reporting, options, false,
+                          [&](const study::RunOptions& complete) { return study::run_ensemble(problem, complete); });
+  }
   return report_on(command.reporting, options,
                    [&](const study::RunOptions& complete) { return study::run(problem, complete); });
 }
 
+study::ExitStatus scan(const ScanCommand& command) {
+  RunCommand run = command.run;
+  for (const std::string& entry : command.entries) {
+    run.settings.push_back(grid_setting(entry));
+  }
+  const study::Problem problem = study::read_problem(run.problem, run.settings);
+  study::RunOptions options;
+  options.output = run.output.value_or(problem.name + "-scan.h5");
+  options.overwrite = run.force;
+  refuse_replacing(run.problem, *options.output);
+  return report_members(run.reporting, options, true,
+                        [&](const study::RunOptions& complete) { return study::run_ensemble(problem, complete); });
+}
+
 study::ExitStatus resume(const ResumeCommand& command) {
   probe_record(command.file);
+  if (study::is_ensemble(record::Reader(command.file))) {
+    if (command.until) {
+      throw study::ProblemError({"--until", 0, 0},
+                                "the members of an ensemble end where its problem says; leave it out");
+    }
+    return report_members(command.reporting, {}, false, [&](const study::RunOptions& complete) {
+      return study::resume_ensemble(command.file, complete);
+    });
+  }
   return report_on(command.reporting, {}, [&](const study::RunOptions& complete) {
     return study::resume(command.file, command.until, complete);
   });
@@ -103,6 +175,11 @@ study::ExitStatus resume(const ResumeCommand& command) {
 
 study::ExitStatus check(const CheckCommand& command) {
   probe_record(command.file);
+  if (study::is_ensemble(record::Reader(command.file, record::Altered::told))) {
+    return report_members({.json = command.json}, {}, false, [&](const study::RunOptions& complete) {
+      return study::check_ensemble(command.file, complete);
+    });
+  }
   return report(study::check(command.file, {.replay = command.replay}), command.json, false);
 }
 

@@ -25,6 +25,11 @@ struct RunCommand {
   Reporting reporting;
 };
 
+struct ScanCommand {
+  RunCommand run;
+  std::vector<std::string> entries;  ///< "path=from:to:count", or "path=a,b,c"
+};
+
 struct ResumeCommand {
   std::string file;
   std::optional<double> until;
@@ -38,6 +43,7 @@ struct CheckCommand {
 };
 
 [[nodiscard]] study::ExitStatus run(const RunCommand& command);
+[[nodiscard]] study::ExitStatus scan(const ScanCommand& command);
 [[nodiscard]] study::ExitStatus resume(const ResumeCommand& command);
 [[nodiscard]] study::ExitStatus check(const CheckCommand& command);
 [[nodiscard]] study::ExitStatus list();

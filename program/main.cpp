@@ -38,6 +38,7 @@ constexpr const char* examples =
     "  rubato show pendulum > mine.toml     a problem file to start from\n"
     "  rubato run mine.toml                 run it: writes mine.h5 or the file it names\n"
     "  rubato run kepler --set parameters.e=0.3 -o kepler.h5\n"
+    "  rubato scan pendulum initial.p=0.1:3:30   a run for each value, and one table\n"
     "  rubato resume mine.h5 --until 200    go on from the last level\n"
     "  rubato check mine.h5                 all of it again, from the states alone\n"
     "  rubato report mine.h5                writes mine.html: plots of all of it, for a browser\n"
@@ -92,6 +93,7 @@ public:
     app_.footer(examples);
     app_.require_subcommand(1);
     add_run();
+    add_scan();
     add_resume();
     add_check();
     reports_.add_to(app_);
@@ -116,6 +118,9 @@ public:
     }
     if (app_.got_subcommand("run")) {
       return rubato::program::run(run_);
+    }
+    if (app_.got_subcommand("scan")) {
+      return rubato::program::scan(scan_);
     }
     records_ = files_read(*app_.get_subcommands().front());
     rubato::program::explain_crashes(records_);  // all others read records
@@ -182,19 +187,38 @@ private:
     return files;
   }
 
-  void add_run() {
-    CLI::App& command = *app_.add_subcommand("run", "Run a problem and write its record");
-    command.add_option("problem", run_.problem, "A problem file, or a catalogue name")
+  /// What commands that run a problem have in common.
+  static void add_problem(CLI::App& command, rubato::program::RunCommand& run, const std::string& default_file) {
+    command.add_option("problem", run.problem, "A problem file, or a catalogue name")
         ->option_text("PROBLEM")
         ->check(check_not_empty)
         ->required();
-    command.add_option("-o,--output", run_.output, "The record to write (default: as the problem says)")
+    command.add_option("-o,--output", run.output, fmt::format("The record to write (default: {})", default_file))
         ->option_text("OUT.h5")
         ->check(check_not_empty);
-    command.add_option("--set", run_.settings, "Change one entry of the problem; repeatable")
+    command.add_option("--set", run.settings, "Change one entry of the problem; repeatable")
         ->option_text("table.key=value")
         ->allow_extra_args(false);
-    command.add_flag("-f,--force", run_.force, "Overwrite an existing record");
+    command.add_flag("-f,--force", run.force, "Overwrite an existing record");
+  }
+
+  void add_scan() {
+    CLI::App& command = *app_.add_subcommand("scan", "Run a problem for many values of its entries");
+    add_problem(command, scan_.run, "the problem's name with -scan.h5");
+    command.add_option("entries", scan_.entries, "What to change: from:to:count, or values with commas between them")
+        ->option_text("table.key=from:to:count ...")
+        ->required();
+    add_reporting(command, scan_.run.reporting);
+    command.footer(
+        "Every combination is a member: a run of its own. The table has a line for each.\n"
+        "Examples:\n"
+        "  rubato scan pendulum initial.p=0.1:3:30\n"
+        "  rubato scan kepler scheme.step=0.1,0.05,0.025 parameters.e=0:0.8:5 --json\n");
+  }
+
+  void add_run() {
+    CLI::App& command = *app_.add_subcommand("run", "Run a problem and write its record");
+    add_problem(command, run_, "as the problem says");
     command.add_flag("--tangents", run_.tangents,
                      "Carry two random tangent solutions along a lattice: reports the multisymplectic residual");
     add_reporting(command, run_.reporting);
@@ -245,6 +269,7 @@ private:
 
   CLI::App app_;
   rubato::program::RunCommand run_;
+  rubato::program::ScanCommand scan_;
   rubato::program::ResumeCommand resume_;
   rubato::program::CheckCommand check_;
   rubato::program::ReportCommands reports_;

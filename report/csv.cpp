@@ -168,10 +168,34 @@ void export_states(Exporter& exporter, const Contents& contents) {
   exporter.table("states.csv", "", states);
 }
 
+/// What an ensemble tells of each member: all that is one number, and the last states of orbits.
+void export_members(Exporter& exporter, const record::Reader& reader) {
+  const std::string group = "/members/", last = group + "last/";
+  std::vector<TableSource> members{{group + "number", {"member"}}};
+  for (const record::DatasetInfo& info : reader.datasets()) {
+    if (!info.path.starts_with(group) || info.path.ends_with("/number") || !info.grows || info.is_text) {
+      continue;
+    }
+    const std::string name = info.path.substr(group.size());
+    if (info.shape.size() == 1) {
+      members.push_back({info.path, {name}});
+    } else if (info.path == last + "q" || info.path == last + "p") {
+      members.push_back(
+          {info.path, reader.read_strings(info.path.ends_with('q') ? "/states/coordinate" : "/states/momentum")});
+    }
+  }
+  exporter.table("members.csv", "", members);
+}
+
 }  // namespace
 
 std::vector<std::filesystem::path> export_csv(const record::Reader& reader, const std::filesystem::path& folder,
                                               bool overwrite) {
+  if (reader.has("/members/number")) {
+    Exporter exporter(reader, folder, overwrite);
+    export_members(exporter, reader);
+    return std::move(exporter).files();
+  }
   const Contents contents = contents_of(reader);
   Exporter exporter(reader, folder, overwrite);
   export_levels(exporter, contents);

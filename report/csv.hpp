@@ -15,6 +15,8 @@ namespace rubato::report {
 ///     field_NAME.csv    of a lattice, one file for each field, exact_NAME.csv and residual_NAME.csv likewise: one row
 ///                       of coordinates for each axis of the grid, then a row for each stored level; the first column
 ///                       names the axis, or holds t
+///     members.csv       of an ensemble, in place of these: one row for each member, its values and figures by their
+///                       paths in the record, of an orbit its last state
 ///
 /// Numbers have as many digits as it takes to read the same number back; what is not finite is written nan or inf.
 /// Answers the files written. \throws record::AlreadyExists if one of them exists and `overwrite` is false;

@@ -220,4 +220,14 @@ EffectiveDocument effective_document(std::string_view text, const std::string& s
   return document;
 }
 
+std::string setting_value(const std::string& text) {
+  return write_value(read_setting_value(text, "the command line"));
+}
+
+std::string without_table(std::string_view text, const std::string& source, std::string_view table) {
+  Value root = read_document(text, source);
+  std::erase_if(*root.table(), [table](const Entry& entry) { return entry.key == table; });
+  return write_document(root);
+}
+
 }  // namespace rubato::study

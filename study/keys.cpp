@@ -13,7 +13,7 @@ namespace rubato::study {
 
 namespace {
 
-constexpr std::array<TableEntry, 16> all_tables{{
+constexpr std::array<TableEntry, 18> all_tables{{
     {"", "one of [hamiltonian] and [multisymplectic] says what is to be solved"},
     {"hamiltonian", "an orbit: q' = dH/dp, p' = -dH/dq"},
     {"multisymplectic", "a lattice: M z_t + K.x z_x (+ K.y z_y + K.z z_z) = grad S(z)"},
@@ -44,6 +44,10 @@ constexpr std::array<TableEntry, 16> all_tables{{
     {"scheme.step_potential",
      "a step potential by its numbers: f'(h) = +-(s+1) |eta| h0^s (|h|/(kappa h0))^p, of the first step h0"},
     {"output", "the record"},
+    {"ensemble", "many runs of the problem, each with some of its entries changed: members, grid or random"},
+    {"ensemble.random",
+     "random = { count = 100, seed = 1, initial.p = \"uniform(0, 2)\" }: what is drawn, by the path of the entry",
+     "the first part of an entry's path"},
 }};
 
 /// Those of orbits, then those of lattices; some are both.
@@ -76,6 +80,7 @@ std::vector<KeyEntry> make_keys() {
       {"", "symmetries", "table", none, ""},
       {"", "scheme", "table", required, ""},
       {"", "output", "table", none, ""},
+      {"", "ensemble", "table", none, ""},
 
       {"hamiltonian", "q", "list of names", required, "The coordinates; \"r[3]\" declares the vector r1, r2, r3."},
       {"hamiltonian", "p", "list of names", required, "The momenta, in the same order."},
@@ -159,6 +164,15 @@ std::vector<KeyEntry> make_keys() {
        "Every version of the record is on the disk before it takes its place."},
       {"output", "compression", "integer from 0 to 9", fmt::format("{}", output.compression),
        "How hard the record is compressed: 0 is not at all, and fastest."},
+
+      {"ensemble", "members", "list of tables", none,
+       "One table for each member: [{ initial.p = 1 }, { initial.p = 1.5, parameters.k = 2 }]."},
+      {"ensemble", "grid", "table", none,
+       "All combinations: { initial.p = \"0:2:21\", parameters.k = [1, 2] }, from:to:count or a list for each entry; "
+       "the last one changes first."},
+      {"ensemble", "random", "table", none, "See [ensemble.random]."},
+      {"ensemble.random", "count", "integer, at least 1", required, "How many members."},
+      {"ensemble.random", "seed", "integer, at least 0", "1", "The same seed draws the same members."},
   };
 }
 

@@ -100,23 +100,7 @@ void read_system(Section& root, Problem& problem) {
   }
 }
 
-}  // namespace
-
-double Problem::start() const {
-  const auto* ode = hamiltonian();
-  return ode != nullptr ? ode->initial.t : multisymplectic()->start;
-}
-
-formula::Expression Problem::build(const FormulaText& formula, formula::Graph& graph,
-                                   std::span<const std::string> names,
-                                   std::span<const std::string> differentiable) const {
-  const auto* pde = multisymplectic();
-  const auto axes = pde != nullptr ? pde->axis_names() : std::vector<std::string>();
-  return build_formula(formula, graph, {names, differentiable, axes}, parameters);
-}
-
-Problem parse_problem(std::string_view text, const std::string& source, std::span<const std::string> settings) {
-  EffectiveDocument document = effective_document(text, source, settings);
+Problem read_effective(EffectiveDocument document, const std::string& source) {
   if (document.root.table()->empty()) {
     throw ProblemError(document.root.location,
                        "the file is empty; `rubato show pendulum` prints a complete problem to "
@@ -134,7 +118,45 @@ Problem parse_problem(std::string_view text, const std::string& source, std::spa
   read_system(root, problem);
   problem.scheme = read_scheme(root, problem);
   read_output(root, problem);
+  problem.ensemble = read_ensemble(root, problem.parameters);
+  if (problem.ensemble) {
+    problem.ensemble->common = without_table(problem.text, source, "ensemble");
+  }
   return problem;
+}
+
+}  // namespace
+
+double Problem::start() const {
+  const auto* ode = hamiltonian();
+  return ode != nullptr ? ode->initial.t : multisymplectic()->start;
+}
+
+formula::Expression Problem::build(const FormulaText& formula, formula::Graph& graph,
+                                   std::span<const std::string> names,
+                                   std::span<const std::string> differentiable) const {
+  const auto* pde = multisymplectic();
+  const auto axes = pde != nullptr ? pde->axis_names() : std::vector<std::string>();
+  return build_formula(formula, graph, {names, differentiable, axes}, parameters);
+}
+
+Problem parse_problem(std::string_view text, const std::string& source, std::span<const std::string> settings) {
+  return read_effective(effective_document(text, source, settings), source);
+}
+
+Problem member_problem(const Problem& problem, std::size_t member) {
+  const Ensemble& ensemble = *problem.ensemble;
+  std::vector<std::string> settings;
+  for (std::size_t i = 0; i < ensemble.paths.size(); ++i) {
+    settings.push_back(fmt::format("{}={}", ensemble.paths[i], ensemble.values[member][i]));
+  }
+  try {
+    EffectiveDocument document = effective_document(ensemble.common, problem.source, settings);
+    return read_effective(std::move(document), problem.source);
+  } catch (const ProblemError& error) {
+    throw ProblemError(ensemble.location,
+                       fmt::format("member {} ({}): {}", member, ensemble.described(member), error.what()));
+  }
 }
 
 Problem read_problem(const std::string& problem, std::span<const std::string> settings) {

@@ -161,6 +161,18 @@ struct Output {
   Location file_location;
 };
 
+/// [ensemble]: many runs of one problem, each with some of its entries changed.
+struct Ensemble {
+  std::vector<std::string> paths;                ///< of the entries: "initial.p", "parameters.c"
+  std::vector<std::vector<std::string>> values;  ///< for every member, one TOML value for every path
+  std::string common;                            ///< the text of the problem without [ensemble]
+  Location location;
+
+  [[nodiscard]] std::size_t members() const { return values.size(); }
+  /// "initial.p = 0.5, parameters.c = 1"
+  [[nodiscard]] std::string described(std::size_t member) const;
+};
+
 /// A whole problem, read and validated: names, types, signs, sizes and the syntax of every formula are in order.
 struct Problem {
   std::string name;                   ///< of the file without folder and extension, or of the catalogue entry
@@ -171,6 +183,7 @@ struct Problem {
   std::variant<HamiltonianProblem, MultisymplecticProblem> system;
   Scheme scheme;
   Output output;
+  std::optional<Ensemble> ensemble;  ///< the problem itself is then what its members have in common
 
   [[nodiscard]] const HamiltonianProblem* hamiltonian() const { return std::get_if<HamiltonianProblem>(&system); }
   [[nodiscard]] const MultisymplecticProblem* multisymplectic() const {
@@ -191,6 +204,10 @@ struct Problem {
 /// "table.key=value". \throws ProblemError if anything in it is wrong, or there is neither such a file nor such a
 /// catalogue entry \throws FileError if the file exists and cannot be read
 [[nodiscard]] Problem read_problem(const std::string& problem, std::span<const std::string> settings = {});
+
+/// Member number `member` of a problem with an ensemble: a problem of its own, without one.
+/// \throws ProblemError at [ensemble], naming the member
+[[nodiscard]] Problem member_problem(const Problem& problem, std::size_t member);
 
 /// Reads a problem from its text; `source` names it in messages, and its stem is the problem's name.
 /// \throws ProblemError

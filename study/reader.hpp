@@ -141,6 +141,8 @@ void check_formula(const FormulaText& text, const Vocabulary& vocabulary, std::s
 /// and for the latter [grid] and [symmetries]. They set the problem's `parameters` and `system`.
 void read_hamiltonian(Section& root, Section& section, Problem& problem);
 void read_multisymplectic(Section& root, Section& section, Problem& problem);
+/// [ensemble], if there is one. Whether the entries that it changes exist is seen when its members are read.
+[[nodiscard]] std::optional<Ensemble> read_ensemble(Section& root, std::span<const Parameter> parameters);
 /// [scheme]; needs the rest of the problem.
 [[nodiscard]] Scheme read_scheme(Section& root, const Problem& problem);
 

@@ -245,6 +245,39 @@ case $case_name in
     run resume missing.h5
     check "status 2 or 5" test "$status" -eq 2 -o "$status" -eq 5
     ;;
+  ensemble)
+    run scan pendulum initial.p=0.5:1.5:3 scheme.levels=variable,fixed --set scheme.until=20
+    expect 0 'initial.p'
+    check "a line for each member" test "$(grep -c '"variable"\|"fixed"' out)" -eq 6
+    check "a record" test -s pendulum-scan.h5
+    run scan pendulum initial.p=0.5:1.5:3 --set scheme.until=20
+    expect 2 --force
+    run scan pendulum initial.p=0.5:1.5:3 --set scheme.until=20 -o all.h5 --json
+    expect 0 '"members": 3'
+    check "figures over members" grep -q '"max_relative_deviation": {"min": .*"worst": ' out
+    run check all.h5
+    expect 0 "all agree"
+    run resume all.h5
+    expect 0
+    run resume all.h5 --until 30
+    expect 2 "leave it out"
+    run export all.h5
+    expect 0 members.csv
+    run report all.h5
+    expect 5 "record of an ensemble"
+    run scan pendulum initial.u=0:1:2 -o never.h5
+    expect 2 "unknown key u"
+    run scan pendulum p=0:1:2 -o never.h5
+    expect 2 "table.key=from:to:count"
+    run scan pendulum initial.p -o never.h5
+    expect 2
+    run scan pendulum initial.p=0:1 -o never.h5
+    expect 2 "from:to:count"
+    run scan pendulum scheme.max_steps=5,1000 -o some.h5 --json
+    expect 4 "1 of 2 members ended early"
+    check "and says so in JSON" grep -q '"ended_early": 1' out
+    check "nothing was written for wrong input" test ! -e never.h5
+    ;;
   report)
     run run pendulum --set scheme.until=5 -o a.h5 --quiet
     run run pendulum --set scheme.until=5 --set scheme.levels=fixed -o b.h5 --quiet

@@ -1,0 +1,613 @@
+#include <rubato/study/ensemble.hpp>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <exception>
+#include <limits>
+#include <map>
+#include <mutex>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <omp.h>
+
+#include <rubato/figures/text.hpp>
+#include <rubato/record/writer.hpp>
+#include <rubato/study/chronicle.hpp>
+#include <rubato/study/digest.hpp>
+#include <rubato/study/document.hpp>
+#include <rubato/study/reader.hpp>
+#include <rubato/study/recorder.hpp>
+#include <rubato/study/stored.hpp>
+#include <rubato/study/threads.hpp>
+#include <rubato/study/version.hpp>
+
+namespace rubato::study {
+
+namespace {
+
+constexpr double nan = std::numeric_limits<double>::quiet_NaN();
+
+/// Keeps the last row of every dataset, and refuses what a record of the run would.
+class LastRows final : public RowSink {
+public:
+  explicit LastRows(const record::Layout& layout) : layout_(layout), rows_(layout.datasets.size()) {}
+  using RowSink::append;
+  void append(std::size_t dataset, std::span<const double> row) override {
+    const record::Dataset& description = layout_.datasets[dataset];
+    const auto wrong = std::ranges::find_if(row, [](double value) { return !std::isfinite(value); });
+    if (wrong != row.end() && !description.may_be_undefined) {
+      throw Undefined{fmt::format("a value of {} is {}", description.path, *wrong)};
+    }
+    rows_[dataset].assign(row.begin(), row.end());
+  }
+  void append(std::size_t dataset, std::span<const std::int64_t> row) override {
+    rows_[dataset].assign(row.begin(), row.end());
+  }
+  [[nodiscard]] const std::vector<double>& last(std::size_t dataset) const { return rows_[dataset]; }
+
+  struct Undefined {
+    std::string what;
+  };
+
+private:
+  const record::Layout& layout_;
+  std::vector<std::vector<double>> rows_;
+};
+
+/// What the record keeps of a state: of an orbit q and p, of a lattice its fields.
+bool is_last_state(const record::Dataset& dataset) {
+  return dataset.path.starts_with("/states/") && dataset.axis == "/states/t" && dataset.type == record::Type::f64 &&
+         dataset.path != "/states/t" && !dataset.path.starts_with("/states/previous/");
+}
+
+struct MemberResult {
+  ExitStatus status = ExitStatus::done;
+  std::string message;
+  figures::JsonObject figures;
+  std::vector<std::vector<double>> states;  ///< the last one, in the order of the layout
+};
+
+/// A run of one member to its end. \throws ProblemError
+class Member {
+public:
+  Member(const Problem& problem, const std::atomic<bool>* interrupt)
+      : problem_(problem), interrupt_(interrupt), chronicle_(problem, false), rows_(chronicle_.layout()) {}
+
+  [[nodiscard]] const record::Layout& layout() const { return chronicle_.layout(); }
+
+  MemberResult run() {
+    try {
+      chronicle_.tell_start(rows_);
+      while (result_.status == ExitStatus::done && !simulation().finished()) {
+        one_step();
+      }
+    } catch (const LastRows::Undefined& undefined) {
+      result_.status = ExitStatus::failed;
+      result_.message = fmt::format("{} at t = {:.10g}", undefined.what, simulation().t());
+    }
+    finish();
+    return std::move(result_);
+  }
+
+private:
+  [[nodiscard]] Simulation& simulation() { return chronicle_.simulation(); }
+
+  void one_step() {
+    if (interrupt_ != nullptr && interrupt_->load()) {
+      result_.status = ExitStatus::interrupted;
+      return;
+    }
+    if (chronicle_.statistics().steps >= static_cast<std::size_t>(problem_.scheme.max_steps)) {
+      result_.status = ExitStatus::failed;
+      result_.message =
+          fmt::format("max_steps = {} reached at t = {:.10g}", problem_.scheme.max_steps, simulation().t());
+      return;
+    }
+    const StepReport report = simulation().step();
+    if (report.status != Status::success) {
+      const bool singular = report.status == Status::singular || report.status == Status::ill_conditioned;
+      result_.status = singular ? ExitStatus::singular : ExitStatus::failed;
+      const std::string reason = simulation().failure_reason();
+      result_.message = describe_failure(report, simulation().t(), simulation().node(), simulation().last_step(),
+                                         problem_.scheme.on_singular, reason, simulation().traits());
+      return;
+    }
+    chronicle_.tell_step(report, rows_);
+    const LevelNode node = simulation().node();
+    if (!std::isfinite(node.energy) || (simulation().has_gamma() && !std::isfinite(node.gamma))) {
+      throw LastRows::Undefined{"the node energy or Gamma is not finite"};
+    }
+  }
+
+  void finish() {
+    try {
+      if (result_.status != ExitStatus::failed && chronicle_.last_stored() != chronicle_.statistics().steps) {
+        chronicle_.tell_state(rows_);
+      }
+    } catch (const LastRows::Undefined&) {
+      result_.status = ExitStatus::failed;
+    }
+    Statistics statistics = chronicle_.statistics();
+    statistics.errors = simulation().errors();
+    figures::add_figures(result_.figures, statistics);
+    for (std::size_t i = 0; i < layout().datasets.size(); ++i) {
+      if (is_last_state(layout().datasets[i])) {
+        result_.states.push_back(rows_.last(i));
+      }
+    }
+  }
+
+  const Problem& problem_;
+  const std::atomic<bool>* interrupt_;
+  Chronicle chronicle_;
+  LastRows rows_;
+  MemberResult result_;
+};
+
+/// The figures that members of a problem may have, as a run tells them in JSON.
+std::vector<std::string> figure_names(const Problem& problem) {
+  std::vector<std::string> names = {"steps",
+                                    "t",
+                                    "h/min",
+                                    "h/max",
+                                    "discrete_energy/value",
+                                    "discrete_energy/max_relative_deviation",
+                                    "discrete_energy/max_deviation",
+                                    "step_potential/min",
+                                    "step_potential/max",
+                                    "node_energy/initial",
+                                    "node_energy/max_deviation",
+                                    "bridges/count",
+                                    "bridges/steps",
+                                    "bridges/max_deviation",
+                                    "gamma/min",
+                                    "gamma/max",
+                                    "step_condition/max",
+                                    "newton_iterations/mean",
+                                    "newton_iterations/max"};
+  const auto simulation = make_simulation(problem);
+  const auto add = [&names](std::string_view group, const std::vector<std::string>& of,
+                            std::initializer_list<std::string_view> keys) {
+    for (const std::string& name : of) {
+      for (const std::string_view key : keys) {
+        names.push_back(fmt::format("{}/{}/{}", group, name, key));
+      }
+    }
+  };
+  add("residuals", simulation->residual_names(), {"max", "rms"});
+  add("invariants", simulation->invariant_names(), {"initial", "max_deviation"});
+  add("totals", simulation->total_names(), {"initial", "max_deviation"});
+  std::vector<std::string> exact;
+  for (const Named<Spread>& error : simulation->errors()) {
+    exact.push_back(error.name);
+  }
+  add("error", exact, {"max", "rms"});
+  return names;
+}
+
+/// The value of an entry as a number; of one that is none, its place among those that the members have.
+class EntryColumn {
+public:
+  EntryColumn(const Ensemble& ensemble, std::size_t entry) {
+    for (const auto& member : ensemble.values) {
+      const std::string& text = member[entry];
+      double number = nan;
+      try {
+        const Value root = read_document("value = " + text, "");
+        number = read_number(root.table()->front().value, "an entry", {});  // what parameters are, members decide
+      } catch (const ProblemError&) {
+        is_number_ = false;
+      }
+      numbers_.push_back(number);
+      if (std::ranges::find(words_, text) == words_.end()) {
+        words_.push_back(text);
+      }
+    }
+    if (!is_number_) {
+      for (std::size_t m = 0; m < numbers_.size(); ++m) {
+        numbers_[m] = static_cast<double>(std::ranges::find(words_, ensemble.values[m][entry]) - words_.begin());
+      }
+    }
+  }
+  [[nodiscard]] double at(std::size_t member) const { return numbers_[member]; }
+  [[nodiscard]] std::string description(const std::string& path) const {
+    return is_number_ ? path : fmt::format("{}: the place, from 0, among {}", path, fmt::join(words_, ", "));
+  }
+
+private:
+  bool is_number_ = true;
+  std::vector<double> numbers_;
+  std::vector<std::string> words_;
+};
+
+/// The members of a problem, and their record.
+class Driver {
+public:
+  Driver(const Problem& problem, const RunOptions& options, std::string file)
+      : problem_(problem), ensemble_(*problem.ensemble), options_(options) {
+    use_threads(options.threads);
+    outcome_.title = problem.title;
+    outcome_.file = std::move(file);
+    outcome_.members = ensemble_.members();
+    outcome_.paths = ensemble_.paths;
+    outcome_.values = ensemble_.values;
+    // All are read before anything is written; what only the run of one shows ends that one.
+    keeps_states_ = true;
+    for (std::size_t m = 0; m < ensemble_.members(); ++m) {
+      const Problem member = member_problem(problem, m);
+      if (m == 0) {
+        names_ = figure_names(member);
+        first_ = shape_of(member);
+        states_ = states_of(member);
+      }
+      keeps_states_ = keeps_states_ && shape_of(member) == first_;
+    }
+    for (std::size_t i = 0; i < ensemble_.paths.size(); ++i) {
+      columns_.emplace_back(ensemble_, i);
+    }
+    for (const std::string& name : names_) {
+      outcome_.summary.push_back({.name = name, .values = {}});
+    }
+    make_layout();
+  }
+
+  EnsembleOutcome start() {
+    recorder_.emplace(record::Writer::create(outcome_.file, layout_, options_.overwrite, policy()),
+                      Digests(layout_.datasets.size()));
+    return loop();
+  }
+
+  EnsembleOutcome resume(record::Claim claim) {
+    auto writer = record::Writer::resume(std::move(claim), layout_, policy());
+    const record::Reader reader(outcome_.file);
+    take_stored(reader);
+    Digests digests = stored_digests(reader);
+    recorder_.emplace(std::move(writer), std::move(digests));
+    return loop();
+  }
+
+  EnsembleOutcome check(const record::Reader& reader) {
+    compared_with_ = &reader;
+    stored_ = reader.rows("/members/number");
+    finished_only_ = stored_;
+    EnsembleOutcome outcome = loop();
+    outcome.compared = compared_;
+    if (const auto altered = reader.altered(); outcome.status != ExitStatus::contradiction && !altered.empty()) {
+      outcome.status = ExitStatus::contradiction;
+      outcome.message = fmt::format("{} contradicts itself: {} is not what was written, by its checksum in the record",
+                                    outcome.file, altered.front());
+    }
+    return outcome;
+  }
+
+private:
+  using Clock = std::chrono::steady_clock;
+
+  [[nodiscard]] record::CommitPolicy policy() const { return {.durable = problem_.output.durable}; }
+
+  /// What has to be the same for states of different members to be rows of one dataset.
+  [[nodiscard]] static std::vector<std::int64_t> shape_of(const Problem& problem) {
+    if (const HamiltonianProblem* orbit = problem.hamiltonian()) {
+      return {static_cast<std::int64_t>(orbit->q.size())};
+    }
+    std::vector<std::int64_t> shape;
+    for (const GridAxis& axis : problem.multisymplectic()->axes) {
+      shape.push_back(axis.cells);
+    }
+    return shape;
+  }
+  [[nodiscard]] static record::Layout states_of(const Problem& problem) {
+    const Chronicle chronicle(problem, false);
+    record::Layout states;
+    states.scales = chronicle.layout().scales;
+    std::ranges::copy_if(chronicle.layout().datasets, std::back_inserter(states.datasets), is_last_state);
+    return states;
+  }
+
+  void make_layout() {
+    const std::string axis = "/members/number";
+    layout_.title = problem_.title;
+    layout_.problem = problem_.text;
+    layout_.version = std::string(version());
+    layout_.compiler = std::string(compiler());
+    layout_.threads = omp_get_max_threads();
+    layout_.compression = problem_.output.compression;
+    layout_.datasets = {
+        {axis, axis, {}, record::Type::i64, "number of the member"},
+        {"/members/status", axis, {}, record::Type::i32, "how it ended: 0 complete, or an exit status"}};
+    for (std::size_t i = 0; i < ensemble_.paths.size(); ++i) {
+      layout_.datasets.push_back({"/members/values/" + ensemble_.paths[i],
+                                  axis,
+                                  {},
+                                  record::Type::f64,
+                                  columns_[i].description(ensemble_.paths[i])});
+    }
+    for (const std::string& name : names_) {
+      layout_.datasets.push_back(
+          {"/members/" + name, axis, {}, record::Type::f64, "as a run of the member tells it", true});
+    }
+    if (keeps_states_) {
+      layout_.scales = states_.scales;
+      for (const record::Dataset& state : states_.datasets) {
+        record::Dataset& last = layout_.datasets.emplace_back(state);
+        last.path = "/members/last/" + state.path.substr(std::string_view("/states/").size());
+        last.axis = axis;
+        last.description = fmt::format("{} at the last level of the member", state.description);
+        last.may_be_undefined = true;
+      }
+    }
+    for (record::Dataset& dataset : layout_.datasets) {
+      dataset.expected_rows = ensemble_.members();
+    }
+  }
+
+  // ---- running ------------------------------------------------------------------------------------------------------
+
+  EnsembleOutcome loop() {
+    const auto begin = Clock::now();
+    last_progress_ = begin;
+    next_ = written_;
+    if (recorder_ && written_ == 0) {
+      recorder_->writer().commit(checkpoint());
+    }
+    const std::size_t members = finished_only_.value_or(ensemble_.members());
+#pragma omp parallel default(shared)
+    work(members);
+    if (error_) {
+      std::rethrow_exception(error_);
+    }
+    const bool complete = written_ == ensemble_.members();
+    if (recorder_) {
+      recorder_->writer().finish(
+          checkpoint(), complete ? record::Writer::Completion::complete : record::Writer::Completion::interrupted);
+    }
+    if (!complete && compared_with_ == nullptr) {
+      outcome_.status = ExitStatus::interrupted;
+      outcome_.message = fmt::format("interrupted after {} of {} members; continue with `rubato resume {}`", written_,
+                                     ensemble_.members(), outcome_.file);
+    }
+    outcome_.finished = written_;
+    outcome_.wall_seconds = std::chrono::duration<double>(Clock::now() - begin).count();
+    return std::move(outcome_);
+  }
+
+  /// One thread: members in the order of their numbers, until there are no more.
+  void work(std::size_t members) {
+    while (true) {
+      std::size_t member = 0;
+      {
+        const std::scoped_lock lock(mutex_);
+        if (error_ || interrupted() || next_ >= members) {
+          return;
+        }
+        member = next_++;
+      }
+      try {
+        const Problem problem = member_problem(problem_, member);
+        MemberResult result = Member(problem, options_.interrupt).run();
+        if (result.status == ExitStatus::interrupted) {
+          return;
+        }
+        const std::scoped_lock lock(mutex_);
+        waiting_.emplace(member, std::move(result));
+        publish();
+      } catch (...) {
+        const std::scoped_lock lock(mutex_);
+        error_ = error_ ? error_ : std::current_exception();
+      }
+    }
+  }
+  [[nodiscard]] bool interrupted() const {
+    return options_.interrupt != nullptr && options_.interrupt->load();
+  }
+
+  /// What is finished goes into the record in the order of the members.
+  void publish() {
+    for (auto first = waiting_.begin(); first != waiting_.end() && first->first == written_; first = waiting_.begin()) {
+      take(first->second);
+      waiting_.erase(first);
+    }
+    if (recorder_ && recorder_->writer().commit_due()) {
+      recorder_->writer().commit(checkpoint());
+    }
+    show_progress();
+  }
+
+  void take(const MemberResult& result) {
+    std::vector<double> figures;
+    for (const std::string& name : names_) {
+      figures.push_back(result.figures.find(name).value_or(nan));
+    }
+    const std::size_t member = written_;
+    std::size_t next = 0;
+    append(next++, static_cast<double>(member));
+    append(next++, static_cast<double>(result.status));
+    for (const EntryColumn& column : columns_) {
+      append(next++, column.at(member));
+    }
+    for (const double figure : figures) {
+      append(next++, figure);
+    }
+    if (keeps_states_) {
+      for (const std::vector<double>& state : result.states) {
+        append(next++, std::span<const double>(state));
+      }
+    }
+    if (recorder_) {
+      recorder_->writer().end_level();
+    }
+    tell(result.status, result.message, std::move(figures));
+  }
+
+  /// Into the record, or compared with it.
+  void append(std::size_t dataset, double value) {
+    append(dataset, std::span<const double>(&value, 1));
+  }
+  void append(std::size_t dataset, std::span<const double> row) {
+    const record::Dataset& description = layout_.datasets[dataset];
+    if (recorder_) {
+      if (description.type == record::Type::f64) {
+        recorder_->append(dataset, row);
+      } else {
+        recorder_->append(dataset, static_cast<std::int64_t>(row.front()));
+      }
+      return;
+    }
+    const std::vector<double> stored = compared_with_->read(description.path, written_, 1);
+    const bool same = std::ranges::equal(stored, row, [](double a, double b) { return a == b || (a != a && b != b); });
+    compared_ += row.size();
+    if (!same && outcome_.status != ExitStatus::contradiction) {
+      outcome_.status = ExitStatus::contradiction;
+      outcome_.message = fmt::format("{} contradicts itself: {} of member {} is not what a run of it gives",
+                                     outcome_.file, description.path, written_);
+    }
+  }
+
+  void tell(ExitStatus status, const std::string& message, std::vector<double> figures) {
+    const std::size_t member = written_++;
+    for (std::size_t i = 0; i < figures.size(); ++i) {
+      EnsembleFigure& figure = outcome_.summary[i];
+      if (figures[i] > figure.values.max) {
+        figure.worst = member;
+      }
+      figure.values.add(figures[i]);
+      figure.sum += std::isfinite(figures[i]) ? figures[i] : 0.0;
+    }
+    outcome_.figures.push_back(std::move(figures));
+    outcome_.statuses.push_back(status);
+    // The gravest of the members is that of the ensemble; only a contradiction, of the record itself, is graver.
+    if (compared_with_ == nullptr && status > outcome_.status) {
+      outcome_.status = status;
+    }
+    if (status != ExitStatus::done) {
+      if (failed_++ == 0) {
+        first_failure_ =
+            message.empty() ? "" : fmt::format("member {} ({}): {}", member, ensemble_.described(member), message);
+      }
+    }
+    if (failed_ > 0 && compared_with_ == nullptr) {
+      outcome_.message = fmt::format("{} of {} members ended early{}{}", failed_, written_,
+                                     first_failure_.empty() ? "" : "; the first: ", first_failure_);
+    }
+  }
+
+  void show_progress() {
+    if (!options_.progress || Clock::now() - last_progress_ < std::chrono::milliseconds(100)) {
+      return;
+    }
+    last_progress_ = Clock::now();
+    options_.progress({.t = static_cast<double>(written_),
+                       .start = 0.0,
+                       .until = static_cast<double>(ensemble_.members()),
+                       .h = 1.0,
+                       .steps = written_,
+                       .bridges = 0,
+                       .energy_deviation = 0.0});
+  }
+
+  // ---- the record ---------------------------------------------------------------------------------------------------
+
+  [[nodiscard]] record::Checkpoint checkpoint() const {
+    std::vector<std::int64_t> numbers;
+    for (const Digest& digest : recorder_->digests()) {
+      numbers.insert(numbers.end(), {digest.rows(), digest.value()});
+    }
+    return {{"digests", std::move(numbers)}};
+  }
+
+  [[nodiscard]] Digests stored_digests(const record::Reader& reader) const {
+    const record::Checkpoint checkpoint = reader.checkpoint();
+    const auto found = checkpoint.find("digests");
+    const auto* numbers = found == checkpoint.end() ? nullptr : std::get_if<std::vector<std::int64_t>>(&found->second);
+    if (numbers == nullptr || numbers->size() != 2 * layout_.datasets.size()) {
+      throw record::Error(outcome_.file, "its checkpoint is not that of its problem: the ensemble cannot be continued");
+    }
+    Digests digests;
+    for (std::size_t i = 0; i < numbers->size(); i += 2) {
+      digests.emplace_back((*numbers)[i], (*numbers)[i + 1]);
+    }
+    return digests;
+  }
+
+  /// The members that the record has already.
+  void take_stored(const record::Reader& reader) {
+    const std::size_t members = reader.rows("/members/number");
+    const std::vector<std::int64_t> status = reader.read_integers("/members/status");
+    std::vector<std::vector<double>> columns;
+    for (const std::string& name : names_) {
+      columns.push_back(reader.read("/members/" + name));
+    }
+    if (members > ensemble_.members() || status.size() != members) {
+      throw record::Error(outcome_.file,
+                          fmt::format("it has {} members; its problem has {}", members, ensemble_.members()));
+    }
+    for (std::size_t m = 0; m < members; ++m) {
+      std::vector<double> figures;
+      for (const std::vector<double>& column : columns) {
+        figures.push_back(column.at(m));
+      }
+      tell(static_cast<ExitStatus>(status[m]), "", std::move(figures));
+    }
+  }
+
+  const Problem& problem_;
+  const Ensemble& ensemble_;
+  const RunOptions& options_;
+  std::vector<std::string> names_;
+  std::vector<EntryColumn> columns_;
+  std::vector<std::int64_t> first_;
+  record::Layout states_, layout_;
+  bool keeps_states_ = false;  ///< all members have states of one shape
+  std::optional<Recorder> recorder_;
+  const record::Reader* compared_with_ = nullptr;
+  std::size_t stored_ = 0, compared_ = 0, failed_ = 0;
+  std::optional<std::size_t> finished_only_;
+  std::string first_failure_;
+
+  std::mutex mutex_;  ///< of all that follows, and of the outcome
+  std::size_t next_ = 0, written_ = 0;
+  std::map<std::size_t, MemberResult> waiting_;  ///< finished before one with a smaller number
+  std::exception_ptr error_;
+  Clock::time_point last_progress_;
+  EnsembleOutcome outcome_;
+};
+
+Problem stored_ensemble(const record::Reader& reader) {
+  return blame_record(reader.file().string(), [&] {
+    Problem problem = parse_problem(reader.header().problem, reader.file().string());
+    if (!problem.ensemble) {
+      throw record::Error(reader.file(), "it has members, and its problem has no [ensemble]");
+    }
+    return problem;
+  });
+}
+
+}  // namespace
+
+bool is_ensemble(const record::Reader& reader) {
+  return reader.has("/members/number");
+}
+
+EnsembleOutcome run_ensemble(const Problem& problem, const RunOptions& options) {
+  if (options.tangents) {
+    throw ProblemError(problem.ensemble->location,
+                       "tangent solutions are not carried along an ensemble: leave out --tangents");
+  }
+  return Driver(problem, options, options.output.value_or(problem.output.file)).start();
+}
+
+EnsembleOutcome resume_ensemble(const std::string& file, const RunOptions& options) {
+  record::Claim claim(file);
+  const Problem problem = stored_ensemble(record::Reader(file));
+  return blame_record(file, [&] { return Driver(problem, options, file).resume(std::move(claim)); });
+}
+
+EnsembleOutcome check_ensemble(const std::string& file, const RunOptions& options) {
+  const record::Reader reader(file, record::Altered::told);
+  const Problem problem = stored_ensemble(reader);
+  return blame_record(file, [&] { return Driver(problem, options, file).check(reader); });
+}
+
+}  // namespace rubato::study
