@@ -10,6 +10,7 @@
 
 #include <rubato/catalogue/catalogue.hpp>
 #include <rubato/formula/parse.hpp>
+#include <rubato/study/initial_record.hpp>
 
 namespace rubato::study {
 namespace {
@@ -215,7 +216,8 @@ EffectiveDocument effective_document(std::string_view text, const std::string& s
   for (; change != changes.end(); ++change) {
     change->apply(document.root);
   }
-  const bool changed = !changes.empty() || from_system || from_equation;
+  const bool from_record = resolve_initial_record(document.root);
+  const bool changed = !changes.empty() || from_system || from_equation || from_record;
   document.text = changed ? write_document(document.root) : std::string(text);
   return document;
 }

@@ -110,6 +110,11 @@ std::vector<KeyEntry> make_keys() {
        "Nodes in a period. \"box\" needs odd numbers; transforms are fast with small prime factors."},
 
       {"initial", "t", "number", "0", "The time of the start."},
+      {"initial", "from", "text", none,
+       "A record: what is not given here is taken from one of its states, and its time is that of the start."},
+      {"initial", "at", "number", "the last", "Of from: the stored level nearest to this time."},
+      {"initial", "take", "list of names", "those that it was given itself",
+       "Of from, on a lattice: the fields that are taken, by waves where the number of cells differs."},
       {"initial", "next", "table", none, "See [initial.next]; for orbits."},
       {"initial.next", "t", "number", required, "The time of the second level."},
 

@@ -7,6 +7,7 @@
 #include <fmt/ranges.h>
 
 #include <rubato/pde/first_step.hpp>
+#include <rubato/study/initial_record.hpp>
 
 namespace rubato::study {
 
@@ -53,6 +54,14 @@ public:
       : problem_(problem), pde_(*problem.multisymplectic()), grid_(grid), values_(pde_.fields.size()) {}
 
   InitialFields take() {
+    if (pde_.initial_record) {
+      const InitialRecord& source = *pde_.initial_record;
+      std::vector<std::vector<double>> fields = read_initial_fields(source, grid_);
+      for (std::size_t i = 0; i < fields.size(); ++i) {
+        const auto field = std::ranges::find(pde_.fields, source.take[i]) - pde_.fields.begin();
+        values_[static_cast<std::size_t>(field)] = std::move(fields[i]);
+      }
+    }
     // The reader has made sure that no field depends on itself: every round settles at least one.
     for (bool again = true; again;) {
       again = false;

@@ -216,6 +216,7 @@ public:
       pde_.start = read_number(time->value, "t", parameters_);
     }
     const auto values = take_values(section, fields_);
+    read_record(section);
     for (const Value* value : values) {
       const std::string& name = fields_.names[pde_.initial.size()];
       pde_.initial.push_back(value == nullptr ? std::nullopt : std::optional(read_formula(*value, name)));
@@ -230,6 +231,45 @@ public:
   }
 
 private:
+  [[nodiscard]] bool is_taken(const std::string& field) const {
+    const auto& record = pde_.initial_record;
+    return record && std::ranges::find(record->take, field) != record->take.end();
+  }
+
+  /// from, at and take, which were completed before.
+  void read_record(Section& section) {
+    const Entry* from = section.take("from");
+    const Entry* at = section.take("at");
+    const Entry* take = section.take("take");
+    if (from == nullptr) {
+      for (const Entry* entry : {at, take}) {
+        if (entry != nullptr) {
+          throw ProblemError(entry->location, fmt::format("{} says what to take of a record: give its name, from = "
+                                                          "\"old.h5\", too",
+                                                          entry->key));
+        }
+      }
+      return;
+    }
+    if (at == nullptr) {
+      throw ProblemError(from->location, "from with take needs at, the time of a stored level");
+    }
+    InitialRecord record{.file = read_string(from->value, "from"),
+                         .at = read_number(at->value, "at", parameters_),
+                         .location = from->value.location};
+    for (const Value& name : read_array(take->value, "take", "names of fields")) {
+      const std::string& field = read_string(name, "take");
+      if (std::ranges::find(fields_.names, field) == fields_.names.end()) {
+        throw ProblemError(name.location, fmt::format("take: there is no field {} here", field));
+      }
+      if (find(section.entries(), field) != nullptr) {
+        throw ProblemError(name.location, fmt::format("{} is given by a formula, and taken from a record", field));
+      }
+      record.take.push_back(field);
+    }
+    pde_.initial_record = std::move(record);
+  }
+
   /// Which other fields the formula of field i differentiates.
   void find_needs(std::size_t i) {
     const FormulaText& text = *pde_.initial[i];
@@ -250,7 +290,7 @@ private:
       const std::string field = name.substr(open + 1, name.find(')') - open - 1);
       const auto other = static_cast<std::size_t>(std::find(fields_.names.begin(), fields_.names.end(), field) -
                                                   fields_.names.begin());
-      if (!pde_.initial[other]) {
+      if (!pde_.initial[other] && !is_taken(field)) {
         throw ProblemError(text.location, fmt::format("the initial {} holds {}, but [initial] gives no {}",
                                                       fields_.names[i], name, field));
       }

@@ -91,6 +91,15 @@ struct LinearSymmetry {
   Matrix B;
 };
 
+/// [initial] from: a state of another run on a lattice, or of this one where its problem was read from its record.
+struct InitialRecord {
+  std::string file;
+  double at = 0.0;                ///< the time of a stored level
+  std::vector<std::string> take;  ///< names of fields
+  bool own_start = false;         ///< the first state of `file`, whatever `at` is
+  Location location;
+};
+
 /// [multisymplectic]: M z_t + K_x z_x (+ K_y z_y + K_z z_z) = ∇S(z) on a periodic grid.
 struct MultisymplecticProblem {
   std::vector<std::string> fields;
@@ -101,6 +110,7 @@ struct MultisymplecticProblem {
   double start = 0.0;
   /// Per field, in the grid's coordinates; may hold dx(f), dy(f), dz(f) of other fields. A field may be left out.
   std::vector<std::optional<FormulaText>> initial;
+  std::optional<InitialRecord> initial_record;
   Location initial_location;
   std::vector<NamedFormula> invariants;  ///< densities in the fields, with dx(f) …
   std::vector<NamedFormula> exact;       ///< in the grid's coordinates and t; names of some fields, in their order

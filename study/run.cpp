@@ -2,6 +2,7 @@
 
 #include <chrono>
 #include <cmath>
+#include <filesystem>
 #include <limits>
 #include <memory>
 
@@ -375,6 +376,13 @@ std::unique_ptr<Simulation> make_simulation(const Problem& problem, bool tangent
 }
 
 Outcome run(const Problem& problem, const RunOptions& options) {
+  if (const auto* pde = problem.multisymplectic(); pde != nullptr && pde->initial_record) {
+    std::error_code ignored;
+    if (std::filesystem::equivalent(pde->initial_record->file, options.output.value_or(problem.output.file), ignored)) {
+      throw ProblemError(pde->initial_record->location,
+                         "the run would replace the record that it begins from; name another with output.file or -o");
+    }
+  }
   return Driver(problem, options, options.output.value_or(problem.output.file)).start();
 }
 
@@ -389,7 +397,7 @@ Outcome resume(const std::string& file, std::optional<double> until, const RunOp
   }
   if (until) {
     const std::vector<std::string> settings = {fmt::format("scheme.until={:.17g}", *until)};
-    problem = parse_problem(problem.text, file, settings);
+    problem = parse_stored(problem.text, file, settings);
   }
   use_threads(options.threads);
   return blame_record(file, [&] { return Driver(problem, as_begun, file).resume(std::move(claim)); });

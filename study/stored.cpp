@@ -71,10 +71,19 @@ void require_fit(const Problem& problem, const record::Reader& reader) {
 
 }  // namespace
 
+Problem parse_stored(const std::string& text, const std::string& file, std::span<const std::string> settings) {
+  Problem problem = parse_problem(text, file, settings);
+  if (auto* pde = std::get_if<MultisymplecticProblem>(&problem.system); pde != nullptr && pde->initial_record) {
+    pde->initial_record->file = file;
+    pde->initial_record->own_start = true;
+  }
+  return problem;
+}
+
 Problem stored_problem(const record::Reader& reader) {
   record::require_run(reader);
   try {
-    Problem problem = parse_problem(reader.header().problem, reader.file().string());
+    Problem problem = parse_stored(reader.header().problem, reader.file().string());
     require_fit(problem, reader);
     return problem;
   } catch (const ProblemError& error) {

@@ -42,6 +42,11 @@ struct StoredLevels {
 /// The problem that a record says it is of. \throws record::Error if that text cannot be read
 [[nodiscard]] Problem stored_problem(const record::Reader& reader);
 
+/// The same text with settings. The state that a run began with is in its record, wherever it came from.
+/// \throws ProblemError
+[[nodiscard]] Problem parse_stored(const std::string& text, const std::string& file,
+                                   std::span<const std::string> settings = {});
+
 /// Calls `action`, which takes the problem in a record for what it says: where it cannot be carried out, the record is
 /// wrong, and not what the user typed. \throws record::Error in place of ProblemError and std::invalid_argument
 template <typename Action>

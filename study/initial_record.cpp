@@ -1,0 +1,192 @@
+#include <rubato/study/initial_record.hpp>
+
+#include <algorithm>
+#include <cmath>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <rubato/grids/resample.hpp>
+#include <rubato/record/reader.hpp>
+#include <rubato/study/reader.hpp>
+#include <rubato/study/stored.hpp>
+
+namespace rubato::study {
+
+namespace {
+
+/// A stored level of another run.
+struct StoredState {
+  std::size_t row = 0;
+  double t = 0.0;
+};
+
+template <typename Action>
+auto at_source(const Location& location, const Action& action) {
+  try {
+    return action();
+  } catch (const record::Error& error) {
+    throw ProblemError(location, fmt::format("from: {}", error.what()));
+  }
+}
+
+/// The one nearest to `at`, or the last.
+StoredState find_state(const record::Reader& reader, const std::optional<double>& at, const Location& location) {
+  const std::vector<double> t = reader.read("/states/t");
+  if (t.empty()) {
+    throw ProblemError(location, fmt::format("from: {} has no state", reader.file().string()));
+  }
+  if (!at) {
+    return {t.size() - 1, t.back()};
+  }
+  if ((*at - t.front()) * (*at - t.back()) > 1e-9 * std::abs(t.back() - t.front()) * std::abs(*at)) {
+    throw ProblemError(
+        location, fmt::format("at = {} is outside of the record, which goes from {} to {}", *at, t.front(), t.back()));
+  }
+  const auto nearest = std::ranges::min_element(t, {}, [&](double time) { return std::abs(time - *at); });
+  return {static_cast<std::size_t>(nearest - t.begin()), *nearest};
+}
+
+void put(Value::Table& table, const std::string& key, Value value, const Location& location) {
+  value.location = location;
+  if (Entry* entry = find(table, key)) {
+    entry->value = std::move(value);
+  } else {
+    table.push_back({key, location, std::move(value)});
+  }
+}
+
+/// The names that a problem declares in a list, the base names of vectors among them.
+std::vector<NameList::Group> declared(const Value::Table& section, const char* key) {
+  const Entry* list = find(section, key);
+  if (list == nullptr || list->value.array() == nullptr) {
+    return {};
+  }
+  Names names;
+  return read_names(list->value, key, "a name", names).groups;
+}
+
+void take_orbit(Value::Table& initial, const Value::Table& hamiltonian, const record::Reader& reader,
+                const StoredState& state, const Location& location) {
+  const auto has = [&](const char* path) {
+    if (!reader.has(path)) {
+      throw ProblemError(location, fmt::format("from: {} is not the record of an orbit", reader.file().string()));
+    }
+  };
+  for (const auto& [key, names_path, path] :
+       {std::tuple("q", "/states/coordinate", "/states/q"), std::tuple("p", "/states/momentum", "/states/p")}) {
+    has(names_path);
+    const std::vector<std::string> names = reader.read_strings(names_path);
+    const std::vector<double> values = reader.read(path, state.row, 1);
+    for (const NameList::Group& group : declared(hamiltonian, key)) {
+      if (find(initial, group.base) != nullptr) {
+        continue;  // what the user says goes first
+      }
+      for (std::size_t i = 1; i <= group.count; ++i) {
+        const std::string name = group.is_vector ? fmt::format("{}{}", group.base, i) : group.base;
+        const auto found = std::ranges::find(names, name);
+        if (found != names.end() && find(initial, name) == nullptr) {
+          put(initial, name, {values[static_cast<std::size_t>(found - names.begin())], {}}, location);
+        }
+      }
+    }
+  }
+}
+
+/// The fields that a problem gives itself: the others follow from its constraints.
+std::vector<std::string> given_fields(const MultisymplecticProblem& pde) {
+  std::vector<std::string> names;
+  for (std::size_t f = 0; f < pde.fields.size(); ++f) {
+    if (pde.initial[f] || (pde.initial_record && std::ranges::find(pde.initial_record->take, pde.fields[f]) !=
+                                                     pde.initial_record->take.end())) {
+      names.push_back(pde.fields[f]);
+    }
+  }
+  return names;
+}
+
+}  // namespace
+
+bool resolve_initial_record(Value& root) {
+  Entry* section = find(*root.table(), "initial");
+  Value::Table* initial = section == nullptr ? nullptr : section->value.table();
+  Entry* from = initial == nullptr ? nullptr : find(*initial, "from");
+  if (from == nullptr || find(*initial, "take") != nullptr) {
+    return false;
+  }
+  const Location location = from->value.location;
+  const std::string file = read_string(from->value, "from");
+  const Entry* at = find(*initial, "at");
+  const std::optional<double> time = at == nullptr ? std::nullopt : std::optional(read_number(at->value, "at", {}));
+  const Location time_location = at == nullptr ? location : at->value.location;
+  const Entry* hamiltonian = find(*root.table(), "hamiltonian");
+  const bool lattice = find(*root.table(), "multisymplectic") != nullptr;
+  if (!lattice && (hamiltonian == nullptr || hamiltonian->value.table() == nullptr)) {
+    throw ProblemError(location, "from is for [hamiltonian] and [multisymplectic] problems");
+  }
+  at_source(location, [&] {
+    const record::Reader reader(file);
+    const Problem other = stored_problem(reader);
+    const StoredState state = find_state(reader, time, time_location);
+    // The start is the time of that level, unless the user says another.
+    if (find(*initial, "t") == nullptr) {
+      put(*initial, "t", {state.t, {}}, location);
+    }
+    if (!lattice) {
+      std::erase_if(*initial, [](const Entry& entry) { return entry.key == "from" || entry.key == "at"; });
+      take_orbit(*initial, *hamiltonian->value.table(), reader, state, location);
+      return;
+    }
+    if (other.multisymplectic() == nullptr) {
+      throw ProblemError(location, fmt::format("from: {} is not the record of a lattice", file));
+    }
+    put(*initial, "at", {state.t, {}}, location);
+    Value::Array names;
+    for (const std::string& name : given_fields(*other.multisymplectic())) {
+      if (find(*initial, name) == nullptr && reader.has("/states/" + name)) {
+        names.push_back({name, location});
+      }
+    }
+    put(*initial, "take", {std::move(names), {}}, location);
+  });
+  return true;
+}
+
+std::vector<std::vector<double>> read_initial_fields(const InitialRecord& source, const grids::Grid& grid) {
+  return at_source(source.location, [&] {
+    const record::Reader reader(source.file);
+    const StoredState state = source.own_start ? StoredState{} : find_state(reader, source.at, source.location);
+    const Problem other = stored_problem(reader);
+    const MultisymplecticProblem* pde = other.multisymplectic();
+    if (pde == nullptr) {
+      throw ProblemError(source.location, fmt::format("from: {} is not the record of a lattice", source.file));
+    }
+    std::vector<grids::Axis> axes;
+    for (const GridAxis& axis : pde->axes) {
+      axes.push_back({axis.name, axis.from, axis.to, static_cast<std::size_t>(axis.cells)});
+    }
+    const grids::Grid old(axes);
+    const auto box = [](const grids::Grid& of) {
+      std::vector<std::string> sides;
+      for (const grids::Axis& axis : of.axes()) {
+        sides.push_back(fmt::format("{} from {} to {}", axis.name, axis.from, axis.to));
+      }
+      return fmt::format("{}", fmt::join(sides, ", "));
+    };
+    if (box(old) != box(grid)) {
+      throw ProblemError(source.location,
+                         fmt::format("from: {} has {}, and this problem {}: only the number of cells may differ",
+                                     source.file, box(old), box(grid)));
+    }
+    std::vector<std::vector<double>> fields;
+    for (const std::string& name : source.take) {
+      if (!reader.has("/states/" + name)) {
+        throw ProblemError(source.location, fmt::format("from: {} has no field {} at its levels", source.file, name));
+      }
+      fields.push_back(grids::resampled(reader.read("/states/" + name, state.row, 1), old, grid));
+    }
+    return fields;
+  });
+}
+
+}  // namespace rubato::study
