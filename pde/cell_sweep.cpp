@@ -114,6 +114,8 @@ struct BlockResult {
   bool finite = true;
   std::array<double, MultisymplecticSystem::most_fields> residual{};  ///< max |R| of each row
   std::array<double, MultisymplecticSystem::most_fields> scale{};     ///< Σ of the largest terms of each row
+  std::array<double, MultisymplecticSystem::most_fields>
+      moved{};  ///< Σ of the largest |S''_rf| times the largest |z_f|
 };
 
 /// One thread's arrays of a block: per field A and D_a of the point, the same of the rate, ∇S, S and S''.
@@ -307,6 +309,8 @@ struct CellSweep::Storage {
                      std::span<const double* const> residual, std::span<const double* const> correction);
   void residual_row(int row, std::size_t count, bool with_rate, double inverse_h, const Workspace& work, double* out,
                     BlockResult& result) const;
+  /// What the values' last digits change of each row by way of ∇S, over ε.
+  void move_rows(std::size_t count, const Workspace& work, BlockResult& result) const;
 };
 
 /// A and D_a of the point on a block, the potentials' slopes included.
@@ -366,6 +370,9 @@ void CellSweep::Storage::run_block(std::size_t block, Workspace& work, std::span
     for (int row = 0; row < d; ++row) {
       residual_row(row, count, !rate.empty(), inverse_h, work, residual[static_cast<std::size_t>(row)] + offset,
                    result);
+    }
+    if (with_hessian) {
+      move_rows(count, work, result);
     }
   }
 
@@ -434,6 +441,27 @@ void CellSweep::Storage::residual_row(int row, std::size_t count, bool with_rate
   result.residual[r] = largest(out, count);
   result.scale[r] = scale;
   result.finite = result.finite && std::isfinite(sum(out, count));
+}
+
+void CellSweep::Storage::move_rows(std::size_t count, const Workspace& work, BlockResult& result) const {
+  std::array<double, MultisymplecticSystem::most_fields> sizes{};
+  for (std::size_t f = 0; f < static_cast<std::size_t>(d); ++f) {
+    sizes[f] = largest(work.mean[f], count);
+  }
+  const auto move = [&](int row, int column, double derivative) {
+    result.moved[static_cast<std::size_t>(row)] += derivative * sizes[static_cast<std::size_t>(column)];
+  };
+  for (const MatrixTerm& term : constant_hessian) {
+    move(term.row, term.column, std::abs(term.value));
+  }
+  for (std::size_t e = 0; e < system.varying_hessian().size(); ++e) {
+    const auto [row, column] = system.varying_hessian()[e];
+    const double derivative = largest(work.outputs[1 + static_cast<std::size_t>(d) + e], count);
+    move(row, column, derivative);
+    if (row != column) {
+      move(column, row, derivative);
+    }
+  }
 }
 
 void CellSweep::Storage::evaluate_terms(Workspace& work, std::size_t c) {
@@ -541,7 +569,7 @@ SweepResult CellSweep::operator()(std::span<const double* const> point, const Po
 
   SweepResult total;
   CompensatedSum energy, quadratic;
-  std::array<double, MultisymplecticSystem::most_fields> residuals{}, scales{};
+  std::array<double, MultisymplecticSystem::most_fields> residuals{}, scales{}, moved{};
   for (const BlockResult& result : s.results) {
     energy.add(result.energy);
     quadratic.add(result.quadratic);
@@ -549,6 +577,7 @@ SweepResult CellSweep::operator()(std::span<const double* const> point, const Po
     for (std::size_t r = 0; r < static_cast<std::size_t>(s.d); ++r) {
       residuals[r] = std::max(residuals[r], result.residual[r]);
       scales[r] = std::max(scales[r], result.scale[r]);
+      moved[r] = std::max(moved[r], result.moved[r]);
     }
   }
   total.energy = s.volume * energy.value();
@@ -556,6 +585,7 @@ SweepResult CellSweep::operator()(std::span<const double* const> point, const Po
   for (std::size_t r = 0; r < static_cast<std::size_t>(s.d); ++r) {
     if (residuals[r] > 0.0) {
       total.residual = std::max(total.residual, residuals[r] / scales[r]);
+      total.backward_error = std::max(total.backward_error, residuals[r] / (scales[r] + moved[r]));
     }
   }
   return total;

@@ -52,6 +52,10 @@ struct SweepResult {
   double energy = 0.0;     ///< Σ ΔV [S + Σ_a (D_a z)ᵀK₊A z], the split energy density
   double quadratic = 0.0;  ///< Σ ΔV (A v)ᵀ(Σ_a K_a D_a v - S''A v) of the rate v
   double residual = 0.0;   ///< the largest |R| relative to the terms of its row
+  /// The largest |R| relative to what the node values' last digits may change of its row, over ε: to the terms of the
+  /// row and to S''|z|. Where it is a small multiple of ε the values solve the equation as exactly as they can be
+  /// stored.
+  double backward_error = 0.0;
   bool finite = true;
 };
 

@@ -301,12 +301,42 @@ Status EulerBoxMap::run(const LocalSolve& solve, double h, const grids::FieldSet
       return Status::undefined;
     }
     const double scale = grids::max_abs(std::as_const(fields).field(solve.field));
-    if (change <= 1e-15 * scale || (change <= 1e-10 * scale && change >= 0.5 * last)) {
+    // A correction of rounding is a residual of rounding, by the derivative that it was divided by.
+    if (change <= 1e-15 * scale || (change >= 0.5 * last && is_rounding(solve, h, before, fields))) {
       return Status::success;
     }
     last = change;
   }
   return Status::not_converged;
+}
+
+/// Whether nothing but rounding is left of the row of a level: of its terms, and of the fields they are made from.
+bool EulerBoxMap::is_rounding(const LocalSolve& solve, double h, const grids::FieldSet& before,
+                              const grids::FieldSet& fields) {
+  evaluate(fields);
+  row_of_gradient(solve.row);
+  add_differences(solve.row, fields);
+  const auto row = std::as_const(row_).field(0);
+  const auto values = fields.field(solve.field), old = before.field(solve.field);
+  const double left =
+      grids::max_abs_of(row.size(), [&](std::size_t i) { return row[i] + solve.rate / h * (values[i] - old[i]); });
+
+  double terms = grids::max_abs(std::as_const(outputs_).field(1 + solve.row)) +
+                 std::abs(solve.rate / h) * (grids::max_abs(values) + grids::max_abs(old));
+  for (int f = 0; f < system_.field_count(); ++f) {
+    const int entry = varying_entry(solve.row, f);
+    double factor = entry < 0 ? std::abs(system_.constant_hessian()(solve.row, f))
+                              : grids::max_abs(std::as_const(outputs_).field(1 + system_.field_count() + entry));
+    for (int a = 0; a < grid_.dimensions(); ++a) {
+      const auto& plus = system_.structure().K_plus[static_cast<std::size_t>(a)];
+      factor += (std::abs(plus(solve.row, f)) + std::abs(plus(f, solve.row))) * 2.0 / grid_.spacing(a);
+    }
+    terms += factor * grids::max_abs(fields.field(f));
+  }
+  // A dozen products and sums, half a unit in the last place each, of terms that may be larger than what they add up
+  // to.
+  constexpr double roundings = 64.0;
+  return left <= roundings * std::numeric_limits<double>::epsilon() * terms;
 }
 
 LatticeLevel euler_box_level(const MultisymplecticSystem& system, const grids::Grid& grid, const InitialFields& given) {

@@ -66,6 +66,8 @@ private:
   void kick(const Kick& kick, double h, grids::FieldSet& fields) const;
   [[nodiscard]] double correct(const LocalSolve& solve, double h, const grids::FieldSet& before,
                                grids::FieldSet& fields) const;
+  [[nodiscard]] bool is_rounding(const LocalSolve& solve, double h, const grids::FieldSet& before,
+                                 const grids::FieldSet& fields);
   [[nodiscard]] Status run(const LocalSolve& solve, double h, const grids::FieldSet& before, grids::FieldSet& fields);
 
   MultisymplecticSystem system_;

@@ -24,8 +24,9 @@ using Complex = std::complex<double>;
 constexpr int most_slab_iterations = 200;
 /// What the next correction would mend, relative, at which nothing but rounding is left.
 constexpr double enough = 0.25 * epsilon;
-/// Corrections below this may have stopped to shrink by rounding; above, the iteration does not contract.
-constexpr double rounding_region = 1e-11;
+/// Where the iteration contracts, what rounding makes of a stage's values enters the next ones with a factor below one;
+/// the transforms and the rest of S add some units in the last place of these values.
+constexpr double roundings = 16.0;
 /// Corrections that shrink less than this lead nowhere within most_slab_iterations.
 constexpr double no_contraction = 0.9;
 constexpr int patience = 8;
@@ -411,20 +412,25 @@ bool GaussSlab::evaluate_rests() {
   return true;
 }
 
-/// y_ - y_last_ beside the increments.
-double GaussSlab::correction_size(std::span<const double> largest) {
-  double result = 0.0;
+/// y_ - y_last_, what the stages before left of their equation, beside the increments.
+GaussSlab::Correction GaussSlab::last_correction(std::span<const double> largest) {
+  Correction result;
   for (int f = 0; f < static_cast<int>(F_.size()); ++f) {
     const int field = F_[static_cast<std::size_t>(f)];
     double scale = std::max(largest.empty() ? 0.0 : largest[static_cast<std::size_t>(field)],
                             epsilon * grids::max_abs(std::as_const(level_F_).field(f)));
-    double change = 0.0;
+    double change = 0.0, moved = 0.0;
     for (int i = 0; i < m_; ++i) {
       const auto now = std::as_const(y_).field(varying(f, i)), last = std::as_const(y_last_).field(varying(f, i));
-      scale = std::max(scale, grids::max_abs(now));
+      moved = std::max(moved, grids::max_abs(now));
       change = larger(change, grids::max_abs_of(now.size(), [&](std::size_t x) { return now[x] - last[x]; }));
     }
-    result = larger(result, change == 0.0 ? 0.0 : change / scale);
+    scale = std::max(scale, moved);
+    result.size = larger(result.size, change == 0.0 ? 0.0 : change / scale);
+    if (scale > 0.0) {
+      const double values = grids::max_abs(std::as_const(level_F_).field(f)) + moved;
+      result.rounding = std::max(result.rounding, roundings * epsilon * values / scale);
+    }
   }
   return result;
 }
@@ -448,7 +454,7 @@ Status GaussSlab::solve(double h, double accuracy, std::span<const double> large
     if (iteration == 0) {
       continue;
     }
-    const double size = correction_size(largest);
+    const auto [size, rounding] = last_correction(largest);
     if (!std::isfinite(size)) {
       return Status::undefined;
     }
@@ -456,7 +462,7 @@ Status GaussSlab::solve(double h, double accuracy, std::span<const double> large
     last = size;
     if (size <= enough ||
         (iteration > 1 && contraction < 1.0 && contraction * size <= std::max(enough, 1e-3 * accuracy)) ||
-        (size < rounding_region && contraction > 0.5)) {
+        (size <= rounding && contraction > 0.5)) {
       break;
     }
     idle = contraction > no_contraction ? idle + 1 : 0;

@@ -83,7 +83,11 @@ private:
   void invert(double h);
   void iterate_waves();
   [[nodiscard]] bool evaluate_rests();
-  [[nodiscard]] double correction_size(std::span<const double> largest);
+  struct Correction {
+    double size = 0.0;      ///< relative to the increments
+    double rounding = 0.0;  ///< the size that rounding explains
+  };
+  [[nodiscard]] Correction last_correction(std::span<const double> largest);
   void complete();
   void end_rows();
   [[nodiscard]] double wave_energy(const WaveRows& rows, int stride, int offset) const;
