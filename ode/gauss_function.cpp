@@ -5,6 +5,7 @@
 
 #include <rubato/ode/darboux.hpp>
 #include <rubato/ode/increment.hpp>
+#include <rubato/solve/small_matrices.hpp>
 
 namespace rubato {
 
@@ -23,7 +24,8 @@ GaussFunction::GaussFunction(const Hamiltonian& hamiltonian, int stages)
       centred_(tableau_.a.rowwise() - 0.5 * tableau_.b.transpose()),
       evaluator_(hamiltonian),
       m_(stages),
-      size_(static_cast<Index>(evaluator_.dimension())) {
+      size_(static_cast<Index>(evaluator_.dimension())),
+      factors_(static_cast<int>(m_ * size_)) {
   for (VectorXd* vector : {&w_, &gradient_}) {
     vector->setZero(size_);
   }
@@ -46,7 +48,7 @@ bool GaussFunction::evaluate() {
 }
 
 /// The matrix of the stage equations linearised, I - h (a_ij - b_j/2) J H_zz(Z_j).
-void GaussFunction::factor(double h) {
+Status GaussFunction::factor(double h) {
   MatrixXd matrix = MatrixXd::Identity(m_ * size_, m_ * size_);
   const Index n = size_ / 2;
   for (Index j = 0; j < m_; ++j) {
@@ -57,7 +59,15 @@ void GaussFunction::factor(double h) {
       block.bottomRows(n) += h * centred_(i, j) * hessian.topRows(n);
     }
   }
-  factors_.compute(matrix);
+  return factors_.factor(matrix.data());
+}
+
+VectorXd GaussFunction::mean_slope(Index i) const {
+  VectorXd mean = VectorXd::Zero(size_);
+  for (Index j = 0; j < m_; ++j) {
+    mean += centred_(i, j) * slopes_.col(j);
+  }
+  return mean;
 }
 
 Status GaussFunction::expand(std::span<const double> w, double h) {
@@ -71,13 +81,14 @@ Status GaussFunction::expand(std::span<const double> w, double h) {
     if (!evaluate()) {
       return Status::undefined;
     }
-    factor(h);
-    VectorXd residual(m_ * size_);
-    for (Index i = 0; i < m_; ++i) {
-      residual.segment(i * size_, size_) =
-          w_ + h * slopes_ * centred_.row(i).transpose() - stages_.segment(i * size_, size_);
+    if (const Status status = factor(h); status != Status::success) {
+      return status;
     }
-    const VectorXd correction = factors_.solve(residual);
+    VectorXd correction(m_ * size_);
+    for (Index i = 0; i < m_; ++i) {
+      correction.segment(i * size_, size_) = w_ + h * mean_slope(i) - stages_.segment(i * size_, size_);
+    }
+    factors_.solve(correction.data());
     stages_ += correction;
     const double size = correction.norm() / (stages_.norm() + std::numeric_limits<double>::min());
     if (!std::isfinite(size)) {
@@ -88,7 +99,7 @@ Status GaussFunction::expand(std::span<const double> w, double h) {
       if (!evaluate()) {
         return Status::undefined;
       }
-      gradient_ = -h * gradients_ * tableau_.b;
+      gradient_ = -h * solve::product(gradients_, tableau_.b);
       return Status::success;
     }
     last = size;
@@ -111,24 +122,27 @@ double GaussFunction::rate() const {
   return -tableau_.b.dot(energies_);
 }
 
-void GaussFunction::second_variation(double& second_rate, VectorXd& gradient_rate, MatrixXd& hessian) {
-  factor(h_);
-  MatrixXd right = MatrixXd::Zero(m_ * size_, size_ + 1);
-  for (Index i = 0; i < m_; ++i) {
-    right.block(i * size_, 0, size_, size_).setIdentity();
-    right.block(i * size_, size_, size_, 1) = slopes_ * centred_.row(i).transpose();
+Status GaussFunction::second_variation(double& second_rate, VectorXd& gradient_rate, MatrixXd& hessian) {
+  if (const Status status = factor(h_); status != Status::success) {
+    return status;
   }
-  const MatrixXd derivative = factors_.solve(right);  // of the stages, by w and by h
+  MatrixXd derivative = MatrixXd::Zero(m_ * size_, size_ + 1);  // of the stages, by w and by h
+  for (Index i = 0; i < m_; ++i) {
+    derivative.block(i * size_, 0, size_, size_).setIdentity();
+    derivative.block(i * size_, size_, size_, 1) = mean_slope(i);
+  }
+  factors_.solve(derivative.data(), static_cast<int>(size_ + 1));
   second_rate = 0.0;
-  gradient_rate = -gradients_ * tableau_.b;
+  gradient_rate = -solve::product(gradients_, tableau_.b);
   hessian = MatrixXd::Zero(size_, size_);
   for (Index i = 0; i < m_; ++i) {
-    const MatrixXd& own = hessians_[static_cast<std::size_t>(i)];
     const auto rows = derivative.middleRows(i * size_, size_);
-    hessian -= h_ * tableau_.b[i] * own * rows.leftCols(size_);
-    gradient_rate -= h_ * tableau_.b[i] * own * rows.rightCols(1);
-    second_rate -= tableau_.b[i] * gradients_.col(i).dot(rows.rightCols(1).col(0));
+    const MatrixXd change = tableau_.b[i] * solve::product(hessians_[static_cast<std::size_t>(i)], rows);  // of b_i ∇H
+    hessian -= h_ * change.leftCols(size_);
+    gradient_rate -= h_ * change.col(size_);
+    second_rate -= tableau_.b[i] * gradients_.col(i).dot(rows.col(size_));
   }
+  return Status::success;
 }
 
 }  // namespace rubato

@@ -4,10 +4,10 @@
 #include <vector>
 
 #include <Eigen/Core>
-#include <Eigen/LU>
 
 #include <rubato/base/outcome.hpp>
 #include <rubato/ode/hamiltonian.hpp>
+#include <rubato/solve/dense_solver.hpp>
 #include <rubato/variation/gauss_tableau.hpp>
 
 namespace rubato {
@@ -37,12 +37,14 @@ public:
   [[nodiscard]] double rate() const;  ///< ∂_hΦ
   [[nodiscard]] const Eigen::VectorXd& gradient() const { return gradient_; }
   /// ∂²_hΦ, ∂_h∇Φ and the matrix of second derivatives in w, by differentiation of the stage equations.
-  void second_variation(double& second_rate, Eigen::VectorXd& gradient_rate, Eigen::MatrixXd& hessian);
+  [[nodiscard]] Status second_variation(double& second_rate, Eigen::VectorXd& gradient_rate, Eigen::MatrixXd& hessian);
   ///@}
 
 private:
   [[nodiscard]] bool evaluate();
-  void factor(double h);
+  /// J∇H of the stages, weighted by Σ_j (a_ij - b_j/2).
+  [[nodiscard]] Eigen::VectorXd mean_slope(Eigen::Index i) const;
+  [[nodiscard]] Status factor(double h);
 
   GaussTableau tableau_;
   Eigen::MatrixXd centred_;  ///< a_ij - b_j/2
@@ -52,7 +54,7 @@ private:
   Eigen::VectorXd w_, stages_, energies_, gradient_;  ///< stages_: Z_1 … Z_m, one after the other
   Eigen::MatrixXd gradients_, slopes_;                ///< ∇H(Z_i), k_i: a column for each stage
   std::vector<Eigen::MatrixXd> hessians_;
-  Eigen::PartialPivLU<Eigen::MatrixXd> factors_;
+  solve::DenseSolver factors_;
 };
 
 }  // namespace rubato

@@ -4,16 +4,15 @@
 #include <cmath>
 #include <set>
 
-#include <Eigen/Core>
-#include <Eigen/Eigenvalues>
-
 #include <fmt/format.h>
 #include <fmt/ranges.h>
+#include <Eigen/Core>
 
 #include <rubato/formula/parse.hpp>
 #include <rubato/formula/rounding.hpp>
 #include <rubato/formula/sum.hpp>
 #include <rubato/ode/legendre.hpp>
+#include <rubato/solve/small_matrices.hpp>
 
 namespace rubato {
 
@@ -149,10 +148,9 @@ std::string free_velocities(const Lagrangian& lagrangian, const Eigen::MatrixXd&
     return fmt::format("there it has no second derivative by {}", fmt::join(linear, ", "));
   }
   const Eigen::VectorXd scales = velocity_scales(masses);
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(scales.asDiagonal() * masses * scales.asDiagonal());
-  Eigen::Index least = 0;
-  solver.eigenvalues().cwiseAbs().minCoeff(&least);
-  Eigen::VectorXd direction = scales.asDiagonal() * solver.eigenvectors().col(least);
+  const Eigen::MatrixXd scaled = scales.asDiagonal() * masses * scales.asDiagonal();
+  // Of a symmetric matrix these are eigenvectors.
+  Eigen::VectorXd direction = scales.asDiagonal() * solve::singular_values(scaled).vectors.rightCols<1>();
   direction /= direction.cwiseAbs().maxCoeff();
   std::vector<std::string> parts;
   for (Eigen::Index i = 0; i < direction.size(); ++i) {

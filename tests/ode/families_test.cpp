@@ -279,7 +279,7 @@ TEST_CASE("the generating function of Gauss's step has its discrete energy and i
     double second_rate = 0.0;
     VectorXd gradient_rate;
     MatrixXd hessian;
-    function.second_variation(second_rate, gradient_rate, hessian);
+    REQUIRE(function.second_variation(second_rate, gradient_rate, hessian) == Status::success);
     const VectorXd gradient = function.gradient();
     const double rate = function.rate();
     const auto at = [&](const VectorXd& place, double length) {
