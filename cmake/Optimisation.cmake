@@ -1,5 +1,5 @@
-# How the library is compiled: -O2, which is enough for nearly all of it and compiles faster, and -O3 where loops over
-# cells or orders are. Neither changes a result.
+# How the library is compiled: -O2, which is enough for nearly all of it and compiles faster, -O3 where loops over cells
+# or orders are, and -O1 for rooms that read, compare and tell. None changes a result.
 if(CMAKE_CXX_COMPILER_ID MATCHES "GNU|Clang" AND PROJECT_IS_TOP_LEVEL)
   string(REPLACE "-O3" "-O2" CMAKE_CXX_FLAGS_RELEASE "${CMAKE_CXX_FLAGS_RELEASE}")
 endif()
@@ -16,6 +16,13 @@ function(rubato_optimise_loops)
   set_source_files_properties(${loops} PROPERTIES COMPILE_OPTIONS "$<$<CONFIG:Release>:-O3>")
   # A fallback for rare systems, and most of a large library.
   set_source_files_properties(${PROJECT_SOURCE_DIR}/solve/cyclic_sparse.cpp PROPERTIES COMPILE_OPTIONS "$<$<CONFIG:Release>:-O1>")
+endfunction()
+
+# rubato_optimise_little(<target>): a fifth less to compile. Small functions, the accessors of containers above all, are
+# still put in place.
+function(rubato_optimise_little target)
+  target_compile_options(${target} PRIVATE $<$<CONFIG:Release>:-O1>
+    $<$<AND:$<CONFIG:Release>,$<CXX_COMPILER_ID:GNU>>:-finline-small-functions>)
 endfunction()
 
 # A first build is spent on the same templates again and again. So what nearly every source includes is compiled once,
