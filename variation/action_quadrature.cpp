@@ -53,7 +53,7 @@ std::vector<Real> lobatto_points(int d) {
 }
 
 /// ℓ_i(x) of `points`.
-Real lagrange(const std::vector<Real>& points, std::size_t i, Real x) {
+Real lagrange_value(const std::vector<Real>& points, std::size_t i, Real x) {
   Real product = 1.0L;
   for (std::size_t k = 0; k < points.size(); ++k) {
     product *= k == i ? 1.0L : (x - points[k]) / (points[i] - points[k]);
@@ -112,7 +112,7 @@ ActionQuadrature::ActionQuadrature(Points which, int d) : points(which), degree(
     const Real x = c[static_cast<std::size_t>(j)];
     nodes[j] = static_cast<double>(x);
     for (int i = 0; i <= d; ++i) {
-      values(j, i) = static_cast<double>(lagrange(at, static_cast<std::size_t>(i), x));
+      values(j, i) = static_cast<double>(lagrange_value(at, static_cast<std::size_t>(i), x));
       rates(j, i) = static_cast<double>(lagrange_rate(at, static_cast<std::size_t>(i), x));
     }
   }
