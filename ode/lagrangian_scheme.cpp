@@ -10,6 +10,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <rubato/base/limits.hpp>
 #include <rubato/formula/rounding.hpp>
 #include <rubato/ode/increment.hpp>
 #include <rubato/ode/legendre.hpp>
@@ -23,7 +24,6 @@ using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-constexpr double epsilon = std::numeric_limits<double>::epsilon();
 constexpr int most_newton_iterations = 50;
 /// Corrections beyond the domain of L are halved so often.
 constexpr int most_halvings = 20;

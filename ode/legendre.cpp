@@ -4,16 +4,17 @@
 #include <cmath>
 #include <limits>
 
+#include <rubato/base/limits.hpp>
+
 namespace rubato {
 
 namespace {
 
-constexpr int most_iterations = 100;
-constexpr int most_halvings = 60;
-constexpr double epsilon = std::numeric_limits<double>::epsilon();
+constexpr int most_legendre_iterations = 100;
+constexpr int most_legendre_halvings = 60;
 /// What is left of ∂L/∂q̇ = p, beside its terms: rounding; and what may be rounding if it no longer shrinks.
-constexpr double rounding = 4.0 * epsilon;
-constexpr double rounding_region = 1e-9;
+constexpr double legendre_rounding = 4.0 * epsilon;
+constexpr double legendre_rounding_region = 1e-9;
 /// Pivots of the scaled matrix that differ by more are those of a singular one.
 constexpr double least_pivot_ratio = 1e-13;
 
@@ -72,17 +73,17 @@ Status LegendreTransform::solve(const double* q, const double* p, double* q_dot)
   for (Eigen::Index i = 0; i < n_; ++i) {
     sizes_[i] = std::isfinite(sizes_[i]) && sizes_[i] > 0.0 ? sizes_[i] : 1.0;
   }
-  for (int iteration = 0, halvings = 0; iteration < most_iterations;) {
+  for (int iteration = 0, halvings = 0; iteration < most_legendre_iterations;) {
     residual_ = momenta - gradient_.tail(n_);
     const double left = residual_.cwiseQuotient(sizes_).cwiseAbs().maxCoeff();
     const bool defined = std::isfinite(value) && gradient_.allFinite() && hessian_.allFinite() && residual_.allFinite();
-    if (defined && (left <= rounding || (left >= 0.5 * last && left <= rounding_region))) {
+    if (defined && (left <= legendre_rounding || (left >= 0.5 * last && left <= legendre_rounding_region))) {
       v = trial_;
       energy_ = momenta.dot(v) - value;
       return Status::success;
     }
     if (!defined || left > last) {  // too long a step: half of it
-      if (std::isinf(last) || ++halvings > most_halvings) {
+      if (std::isinf(last) || ++halvings > most_legendre_halvings) {
         return defined ? Status::not_converged : Status::undefined;
       }
       step_ *= 0.5;
