@@ -45,14 +45,16 @@ void Statistics::name(const std::vector<std::string>& invariant_names, const std
   begin(residuals, residual_names);
 }
 
-void Statistics::add_level(const LevelFigures& level, std::span<const double> invariant_values,
-                           std::span<const double> total_values) {
+void Statistics::add_level(const LevelFigures& level) {
   if (node_energy.values.count() == 0.0) {
     start = level.t;
   }
   t = level.t;
   node_energy.add(level.node_energy);
   gamma.add(level.gamma);
+}
+
+void Statistics::add_laws(std::span<const double> invariant_values, std::span<const double> total_values) {
   add(invariants, invariant_values);
   add(totals, total_values);
 }

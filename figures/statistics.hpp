@@ -13,6 +13,9 @@
 
 namespace rubato::figures {
 
+/// Of a record in which laws were not taken at every level: 1 where they were.
+inline constexpr std::string_view laws_taken = "/levels/laws";
+
 /// A quantity under its name, in the order of the problem file.
 template <typename T>
 struct Named {
@@ -95,6 +98,8 @@ public:
   Spread potential;  ///< f'(h), the step potential's part of E_k; 0 without one
   Spread iterations;
   double all_iterations = 0.0;
+  /// Residuals, invariants and totals are taken at every n-th level, and of the step that leads there; 0: at none.
+  std::size_t laws_every = 1;
   std::vector<Named<Spread>> residuals;  ///< magnitudes over cells and steps
   std::vector<Named<Deviation>> invariants;
   std::vector<Named<Deviation>> totals;  ///< of the densities of local laws
@@ -104,11 +109,17 @@ public:
   void name(const std::vector<std::string>& invariant_names, const std::vector<std::string>& total_names,
             const std::vector<std::string>& residual_names);
 
-  void add_level(const LevelFigures& level, std::span<const double> invariant_values,
-                 std::span<const double> total_values);
+  void add_level(const LevelFigures& level);
+  /// Of the level added last, where they are taken.
+  void add_laws(std::span<const double> invariant_values, std::span<const double> total_values);
   void add_step(const StepFigures& step);
   void add_residual(std::size_t residual, const ResidualFigures& figures);
 
+  [[nodiscard]] bool has_laws() const { return !(residuals.empty() && invariants.empty() && totals.empty()); }
+  /// Whether there are levels at which no laws were taken, although they were at others.
+  [[nodiscard]] bool has_gaps() const { return laws_every > 1; }
+  /// How many steps' laws were taken.
+  [[nodiscard]] std::size_t law_steps_taken() const { return laws_every == 0 ? 0 : steps / laws_every; }
   /// Whether h was chosen by the law: false with fixed levels.
   [[nodiscard]] bool variable_levels() const { return condition.any() || bridge_steps > 0; }
   /// Whether E_k has to equal one number for the run; not so for an 𝕃 that depends on t.

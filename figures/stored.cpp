@@ -54,6 +54,7 @@ public:
       const std::vector<std::string> momenta = reader_.read_strings("/states/momentum");
       statistics_.balance = !momenta.empty() && momenta.back() == work_momentum;
     }
+    find_levels_of_laws();
     add_levels();
     if (levels_ > 1 || reader_.has("/levels/h")) {
       add_steps();
@@ -70,6 +71,19 @@ private:
   }
   [[nodiscard]] std::size_t steps() const { return levels_ - 1; }
 
+  void find_levels_of_laws() {
+    if (!reader_.has(std::string(laws_taken))) {
+      return;
+    }
+    Column flags = column(std::string(laws_taken), levels_);
+    for (std::size_t k = 0; k < levels_; ++k) {
+      taken_.push_back(flags.at(k) != 0.0);
+    }
+    const auto second = std::find(taken_.begin() + 1, taken_.end(), true);
+    statistics_.laws_every = static_cast<std::size_t>(second - taken_.begin());
+  }
+  [[nodiscard]] bool taken_at(std::size_t level) const { return taken_.empty() || taken_[level]; }
+
   void add_levels() {
     Column t = column("/levels/t", levels_), gamma = column("/levels/gamma", levels_),
            energy = column("/levels/node_energy", levels_);
@@ -82,10 +96,13 @@ private:
     }
     std::vector<double> invariant_values(invariants.size()), total_values(totals.size());
     for (std::size_t k = 0; k < levels_; ++k) {
+      statistics_.add_level({.t = t.at(k), .node_energy = energy.at(k), .gamma = gamma.at(k)});
+      if (!taken_at(k)) {
+        continue;
+      }
       std::ranges::transform(invariants, invariant_values.begin(), [k](Column& column) { return column.at(k); });
       std::ranges::transform(totals, total_values.begin(), [k](Column& column) { return column.at(k); });
-      statistics_.add_level({.t = t.at(k), .node_energy = energy.at(k), .gamma = gamma.at(k)}, invariant_values,
-                            total_values);
+      statistics_.add_laws(invariant_values, total_values);
     }
   }
 
@@ -124,6 +141,9 @@ private:
       Column max = column(path + "_max", steps()), rms = column(path + "_rms", steps());
       std::optional<Column> undefined = optional_column(path + "_undefined", steps());
       for (std::size_t k = 0; k < steps(); ++k) {
+        if (!taken_at(k + 1)) {
+          continue;
+        }
         ResidualFigures figures{.max = max.at(k), .rms = rms.at(k)};
         figures.undefined = undefined ? undefined->at(k) : 0.0;
         figures.defined = std::isnan(figures.rms) ? 0.0 : cells - figures.undefined;
@@ -167,6 +187,7 @@ private:
   const Names& names_;
   const Corrections& corrections_;
   std::size_t levels_;
+  std::vector<bool> taken_;  ///< of every level, where not all were
   Statistics statistics_;
 };
 

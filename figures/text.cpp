@@ -89,6 +89,9 @@ std::string with_undefined(std::string text, const Spread& values, std::string_v
 }
 
 std::string max_rms(const Spread& magnitudes) {
+  if (magnitudes.count() == 0.0) {
+    return "none taken";
+  }
   return magnitudes.any() ? fmt::format("max {:.3g}, rms {:.3g}", magnitudes.largest(), magnitudes.rms()) : "";
 }
 
@@ -212,6 +215,11 @@ void add_figures(JsonObject& object, const Statistics& statistics) {
                       .number("mean", statistics.all_iterations / static_cast<double>(statistics.steps))
                       .number("max", statistics.iterations.max));
   }
+  if (statistics.has_gaps() && statistics.has_laws()) {
+    JsonObject laws;
+    laws.count("every", statistics.laws_every).count("steps", statistics.law_steps_taken());
+    object.object("laws", laws);
+  }
   object.object("residuals", json(statistics.residuals));
   object.object("invariants", json(statistics.invariants));
   object.object("totals", json(statistics.totals));
@@ -251,8 +259,13 @@ std::vector<Line> lines_of(const Statistics& statistics) {
   if (statistics.condition.any()) {
     add("step condition", fmt::format("{:.2g}", statistics.condition.max), "relative error of h, at most");
   }
+  if (statistics.has_gaps() && statistics.has_laws()) {
+    add("laws", fmt::format("of {} of {} steps", statistics.law_steps_taken(), statistics.steps),
+        "what follows is of these, and of the levels they lead to");
+  }
   for (const auto& [name, value] : statistics.residuals) {
-    add("residual " + name, with_undefined(max_rms(value), value, "cells (of all steps)"));
+    add("residual " + name, with_undefined(max_rms(value), value,
+                                           statistics.has_gaps() ? "cells (of these steps)" : "cells (of all steps)"));
   }
   for (const auto& [name, value] : statistics.totals) {
     add("total " + name, deviation_text(value));

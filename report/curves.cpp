@@ -31,6 +31,15 @@ public:
       times_[1].push_back(levels[k] + (levels[k + 1] - levels[k]) / 2);
     }
     times_[2] = source.reader.read("/states/t");
+    if (const std::string path(figures::laws_taken); source.reader.has(path)) {
+      const std::vector<double> taken = source.reader.read(path);
+      for (std::size_t k = 0; k < taken.size(); ++k) {
+        if (taken[k] != 0.0) {
+          with_laws_[0].push_back(k);
+          with_laws_[1].insert(with_laws_[1].end(), k > 0 ? 1 : 0, k - 1);
+        }
+      }
+    }
   }
 
   void values(std::string_view name, std::string_view group, Axis axis, const std::string& path) {
@@ -54,20 +63,28 @@ public:
       throw record::Error(source_.reader.file(), fmt::format("{} has {} values, and there are {} {}", path, y.size(),
                                                              times_[number].size(), axis_names[number]));
     }
+    std::vector<double> own_times;  // of a curve with values at some of these places only
+    if (path.starts_with("/laws/") && !with_laws_[0].empty()) {
+      own_times = pick(times_[number], with_laws_[number]);
+      y = pick(y, with_laws_[number]);
+      if (y.empty()) {
+        return;
+      }
+    }
     const auto undefined = std::ranges::count_if(y, [](double value) { return !std::isfinite(value); });
     json_.begin_object().entry("name", name).entry("group", group).entry("initial", initial).entry("count", y.size());
     json_.entry("undefined", static_cast<std::size_t>(undefined));
     if (const auto level = source_.notes.rounding.find(path); level != source_.notes.rounding.end()) {
       json_.entry("rounding", level->second);
     }
-    if (points_ == no_limit) {
+    if (points_ == no_limit && own_times.empty()) {
       json_.entry("axis", axis_names[number]);
       json_.key("y");
       write_f32(json_, y);
     } else {
       const std::vector<std::size_t> kept = envelope_within(y, points_);
       json_.key("x");
-      write_f64(json_, pick(times_[number], kept));
+      write_f64(json_, pick(own_times.empty() ? times_[number] : own_times, kept));
       json_.key("y");
       write_f32(json_, pick(y, kept));
     }
@@ -89,6 +106,7 @@ private:
   const Source& source_;
   std::size_t points_;
   std::array<std::vector<double>, 3> times_;
+  std::array<std::vector<std::size_t>, 2> with_laws_;  ///< levels, and steps, where laws were taken, if not at all
 };
 
 /// Of an orbit: what differs from each exact solution, computed here in double precision.

@@ -46,13 +46,14 @@ void Census::add(std::span<const double> more) {
 }
 
 bool is_before_start(const Drawing& drawing, std::size_t level, std::span<const double> values) {
-  return drawing.starts_late && level == 0 &&
+  return ((drawing.starts_late && level == 0) || drawing.has_gaps) &&
          std::ranges::all_of(values, [](double value) { return std::isnan(value); });
 }
 
 void write_drawing(Json& json, const Drawing& drawing, const Census& census) {
   json.entry("name", drawing.name).entry("group", drawing.group).entry("count", census.values);
   json.entry("undefined", census.undefined).entry("starts_late", drawing.starts_late);
+  json.entry("has_gaps", drawing.has_gaps);
   if (drawing.rounding) {
     json.entry("rounding", *drawing.rounding);
   }

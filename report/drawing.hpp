@@ -21,6 +21,7 @@ struct Drawing {
   std::string group;                 ///< "field", "error", "exact", "residual"
   bool logarithmic = false;          ///< log10 of its magnitude
   bool starts_late = false;          ///< no value before the first step: not to be counted as undefined
+  bool has_gaps = false;             ///< no value at some levels, likewise
   std::optional<double> rounding{};  ///< size of what rounding alone leaves of it
 };
 
@@ -30,10 +31,10 @@ struct Census {
   void add(std::span<const double> more);
 };
 
-/// "name", "group", "count", "undefined", "starts_late", "rounding" of a drawing.
+/// "name", "group", "count", "undefined", "starts_late", "has_gaps", "rounding" of a drawing.
 void write_drawing(Json& json, const Drawing& drawing, const Census& census);
 
-/// Whether these are the values of a level at which `drawing` has none yet.
+/// Whether these are the values of a level at which `drawing` has none yet, or none at all.
 [[nodiscard]] bool is_before_start(const Drawing& drawing, std::size_t level, std::span<const double> values);
 
 /// How many arrays the maps of a lattice need, and what surrounds them.

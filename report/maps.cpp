@@ -83,7 +83,11 @@ public:
   void residual(const std::string& name) {
     const std::string path = "/laws/fields/" + name;
     const record::DatasetInfo info = shape_of(path);
-    Drawing drawing{.name = name, .group = "residual", .logarithmic = true, .starts_late = true};
+    Drawing drawing{.name = name,
+                    .group = "residual",
+                    .logarithmic = true,
+                    .starts_late = true,
+                    .has_gaps = reader_.has(std::string(figures::laws_taken))};
     if (const auto level = notes_.rounding.find(path); level != notes_.rounding.end()) {
       drawing.rounding = level->second;
     }

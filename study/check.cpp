@@ -89,6 +89,7 @@ private:
       replay(reader_, levels, problem_, findings_);
     }
     outcome_.statistics = figures::stored_statistics(reader_, names, findings_.corrections());
+    outcome_.statistics.laws_every = static_cast<std::size_t>(problem_.laws.every);
     if (equation.count() > 0.0) {
       outcome_.statistics.residuals.push_back({"step_equation", equation});
     }

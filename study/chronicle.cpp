@@ -63,6 +63,13 @@ record::Layout make_layout(const Problem& problem, Simulation& simulation, int t
   if (problem.scheme.potential.kind != StepPotentialChoice::Kind::none) {
     layout.datasets.push_back({"/levels/step_potential", "/levels/step", {}, Type::f64, "f'(h), a part of E_k"});
   }
+  if (problem.laws.every > 1) {
+    layout.datasets.push_back({std::string(figures::laws_taken),
+                               "/levels/t",
+                               {},
+                               Type::u8,
+                               "1 on levels whose laws were taken, with those of the step that led there"});
+  }
   for (const std::string& name : simulation.invariant_names()) {
     layout.datasets.push_back(
         {"/laws/" + name, "/levels/t", {}, Type::f64, "invariant " + name + " at every level", true});
@@ -76,7 +83,8 @@ record::Layout make_layout(const Problem& problem, Simulation& simulation, int t
                                true});
   }
   for (const std::string& name : simulation.residual_names()) {
-    const std::string remark = " of the step (undefined where it has none)";
+    const std::string remark = problem.laws.every > 1 ? " of the step (undefined where it has none, or was not taken)"
+                                                      : " of the step (undefined where it has none)";
     layout.datasets.push_back(
         {"/laws/" + name + "_max", "/levels/step", {}, Type::f64, "largest local residual" + remark, true});
     layout.datasets.push_back({"/laws/" + name + "_rms",
@@ -111,11 +119,13 @@ Chronicle::Chronicle(const Problem& problem, bool tangents)
       layout_(make_layout(problem, *simulation_, omp_get_max_threads())),
       first_step_(dataset("/levels/step")),
       has_potential_(problem.scheme.potential.kind != StepPotentialChoice::Kind::none),
-      first_law_(dataset("/levels/step_condition") + (has_potential_ ? 2 : 1)),
+      laws_taken_(problem.laws.every > 1 ? std::optional(dataset(figures::laws_taken)) : std::nullopt),
+      first_law_(dataset("/levels/step_condition") + (has_potential_ ? 2 : 1) + (laws_taken_ ? 1 : 0)),
       first_state_(dataset("/states/t")) {
   statistics_.name(simulation_->invariant_names(), simulation_->total_names(), simulation_->residual_names());
   const HamiltonianProblem* orbit = problem.hamiltonian();
   statistics_.balance = orbit != nullptr && orbit->p.back() == figures::work_momentum;
+  statistics_.laws_every = static_cast<std::size_t>(problem.laws.every);
 }
 
 std::size_t Chronicle::dataset(std::string_view path) const {
@@ -124,20 +134,31 @@ std::size_t Chronicle::dataset(std::string_view path) const {
 }
 
 void Chronicle::tell_start(RowSink& sink) {
-  tell_level(sink);
+  tell_level(0, sink);
   tell_state(sink);
 }
 
-void Chronicle::tell_level(RowSink& sink) {
+void Chronicle::tell_level(std::size_t number, RowSink& sink) {
   const LevelNode node = simulation_->node();
   const figures::LevelFigures level{.t = simulation_->t(), .node_energy = node.energy, .gamma = node.gamma};
-  const auto invariants = simulation_->invariants(), totals = simulation_->totals();
-  statistics_.add_level(level, invariants, totals);
+  statistics_.add_level(level);
   std::size_t next = 0;
   sink.append(next++, level.t);
   sink.append(next++, level.gamma);
   sink.append(next++, level.node_energy);
+  const bool taken = problem_.laws.taken_at(number);
+  if (laws_taken_) {
+    sink.append(*laws_taken_, taken ? 1 : 0);
+  }
   next = first_law_;
+  if (!taken) {
+    for (std::size_t i = 0; i < statistics_.invariants.size() + statistics_.totals.size(); ++i) {
+      sink.append(next++, std::numeric_limits<double>::quiet_NaN());
+    }
+    return;
+  }
+  const auto invariants = simulation_->invariants(), totals = simulation_->totals();
+  statistics_.add_laws(invariants, totals);
   for (const std::span<const double> values : {invariants, totals}) {
     for (const double value : values) {
       sink.append(next++, value);
@@ -146,7 +167,7 @@ void Chronicle::tell_level(RowSink& sink) {
 }
 
 void Chronicle::tell_step(const StepReport& report, RowSink& sink) {
-  tell_level(sink);
+  tell_level(statistics_.steps + 1, sink);
   causes_.add(report);
   const figures::StepFigures step{.h = report.h,
                                   .energy = report.energy,
@@ -175,7 +196,9 @@ void Chronicle::tell_step(const StepReport& report, RowSink& sink) {
   const auto residuals = simulation_->residuals();
   for (std::size_t i = 0; i < residuals.size(); ++i) {
     const auto residual = figures::ResidualFigures::of(residuals[i]);
-    statistics_.add_residual(i, residual);
+    if (problem_.laws.taken_at(statistics_.steps)) {
+      statistics_.add_residual(i, residual);
+    }
     sink.append(next++, residual.max);
     sink.append(next++, residual.rms);
     sink.append(next++, static_cast<std::int64_t>(residual.undefined));

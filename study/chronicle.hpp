@@ -2,6 +2,7 @@
 
 #include <cstddef>
 #include <memory>
+#include <optional>
 #include <string_view>
 
 #include <rubato/figures/statistics.hpp>
@@ -43,13 +44,14 @@ public:
   void restore(StateReader& state);
 
 private:
-  void tell_level(RowSink& sink);
+  void tell_level(std::size_t number, RowSink& sink);
 
   const Problem& problem_;
   std::unique_ptr<Simulation> simulation_;
   record::Layout layout_;
   std::size_t first_step_;  ///< numbers of datasets, and so the next two
   bool has_potential_;
+  std::optional<std::size_t> laws_taken_;
   std::size_t first_law_, first_state_;
   figures::Statistics statistics_;
   BridgeCauses causes_;

@@ -13,7 +13,7 @@ namespace rubato::study {
 
 namespace {
 
-constexpr std::array<TableEntry, 18> all_tables{{
+constexpr std::array<TableEntry, 19> all_tables{{
     {"", "one of [hamiltonian] and [multisymplectic] says what is to be solved"},
     {"hamiltonian", "an orbit: q' = dH/dp, p' = -dH/dq"},
     {"multisymplectic", "a lattice: M z_t + K.x z_x (+ K.y z_y + K.z z_z) = grad S(z)"},
@@ -43,6 +43,7 @@ constexpr std::array<TableEntry, 18> all_tables{{
     {"scheme", "how it is solved"},
     {"scheme.step_potential",
      "a step potential by its numbers: f'(h) = +-(s+1) |eta| h0^s (|h|/(kappa h0))^p, of the first step h0"},
+    {"laws", "how often the laws are looked at"},
     {"output", "the record"},
     {"ensemble", "many runs of the problem, each with some of its entries changed: members, grid or random"},
     {"ensemble.random",
@@ -79,6 +80,7 @@ std::vector<KeyEntry> make_keys() {
       {"", "exact", "table", none, ""},
       {"", "symmetries", "table", none, ""},
       {"", "scheme", "table", required, ""},
+      {"", "laws", "table", none, ""},
       {"", "output", "table", none, ""},
       {"", "ensemble", "table", none, ""},
 
@@ -161,6 +163,9 @@ std::vector<KeyEntry> make_keys() {
        "The run ends after so many steps."},
       {"scheme", "tolerance", "number between 0 and 1", fmt::format("{}", scheme.tolerance),
        "Of the energy in each step, relative; the step itself is always solved to rounding."},
+
+      {"laws", "every", "integer, at least 1, or false", "1",
+       "Local laws, totals and invariants are taken at every n-th level and step, or never; the energy always."},
 
       {"output", "file", "text", "the problem's name with .h5", "The record, relative to the current folder."},
       {"output", "every", "integer, at least 1", fmt::format("{}", output.every),

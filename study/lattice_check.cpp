@@ -123,10 +123,11 @@ public:
         system_(make_system(problem)),
         grid_(make_grid(problem)),
         method_(make_method(problem)),
+        law_levels_(problem.laws),
         laws_(make_local_laws(*method_, system_, grid_, make_lattice_options(problem, system_).symmetries)),
-        residuals_(
-            *method_, laws_, system_, grid_,
-            {.variational = !levels.sparse, .tangents = !levels.sparse && reader.has("/laws/multisymplectic_max")}),
+        residuals_(*method_, laws_, system_, grid_,
+                   {.variational = !levels.sparse && !law_levels_.none(),
+                    .tangents = !levels.sparse && reader.has("/laws/multisymplectic_max")}),
         invariants_(make_invariants(problem, system_, grid_)),
         exact_(make_exact(problem, system_, grid_)),
         stored_(reader, system_, grid_.size(), levels, findings),
@@ -138,14 +139,17 @@ public:
         node_energy_(reader, "/levels/node_energy"),
         gamma_(reader, "/levels/gamma"),
         energy_(reader, "/levels/energy") {
+    for (const std::string& name : exact_.names()) {
+      stored_exact_.emplace_back(reader, "/exact/" + name, grid_.size());
+    }
+    if (law_levels_.none()) {
+      return;
+    }
     for (std::size_t law = 1; law < laws_.count(); ++law) {  // the first is energy, the node energy
       totals_.emplace_back(reader, "/laws/totals/" + laws_.names()[law]);
     }
     for (const std::string& name : invariants_.names()) {
       stored_invariants_.emplace_back(reader, "/laws/" + name);
-    }
-    for (const std::string& name : exact_.names()) {
-      stored_exact_.emplace_back(reader, "/exact/" + name, grid_.size());
     }
     for (const std::string& name : residuals_.names()) {
       stored_laws_.emplace_back(reader, name);
@@ -313,6 +317,25 @@ private:
     };
     const char* reason = "from the state at that level";
     findings_.compare("/levels/node_energy", level, {}, node_energy_.at(level), node.energy, tolerance(0), reason);
+    check_totals(level, found, tolerance);
+    if (has_gamma_ && gamma_known) {
+      check_gamma(level, node.gamma);
+    }
+    const std::vector<std::vector<double>> exact = exact_.at(after_, t);
+    for (std::size_t i = 0; i < exact.size(); ++i) {
+      compare_row(stored_exact_[i], row, exact[i], "[exact] of the problem",
+                  [&](std::size_t) { return Rounding::unit * (1.0 + std::abs(t)) * size_of(exact[i]); });
+    }
+  }
+
+  /// Totals and invariants; `found` and `tolerance` tell of the node energy first.
+  template <typename Tolerance>
+  void check_totals(std::size_t level, std::vector<double>& found, Tolerance&& tolerance) {
+    const bool taken = law_levels_.taken_at(level);
+    const char* reason = taken ? "from the state at that level" : "[laws] every of the problem";
+    if (!taken) {
+      std::ranges::fill(found, std::numeric_limits<double>::quiet_NaN());
+    }
     std::size_t next = 1;
     for (StoredRows& rows : totals_) {
       findings_.compare(rows.path(), level, {}, rows.at(level), found[next], tolerance(next), reason);
@@ -321,14 +344,6 @@ private:
     for (StoredRows& rows : stored_invariants_) {
       findings_.compare(rows.path(), level, {}, rows.at(level), found[next], tolerance(next), reason);
       ++next;
-    }
-    if (has_gamma_ && gamma_known) {
-      check_gamma(level, node.gamma);
-    }
-    const std::vector<std::vector<double>> exact = exact_.at(after_, t);
-    for (std::size_t i = 0; i < exact.size(); ++i) {
-      compare_row(stored_exact_[i], row, exact[i], "[exact] of the problem",
-                  [&](std::size_t) { return Rounding::unit * (1.0 + std::abs(t)) * size_of(exact[i]); });
     }
   }
 
@@ -392,7 +407,10 @@ private:
   }
 
   void check_laws(std::size_t row, std::size_t step, double h) {
-    residuals_.take(before_, after_, h);
+    if (law_levels_.none()) {
+      return;
+    }
+    residuals_.take(before_, after_, h, LatticeResiduals::part(law_levels_, levels_.state_level[row]));
     const auto sizes = residuals_.sizes();
     std::vector<double> allowed;  // of the largest, and of the root mean square, of each law
     const auto law_tolerances = [&] {
@@ -414,7 +432,8 @@ private:
         return own + Rounding::unit * (std::isfinite(figures.max) ? figures.max : 0.0);
       };
       StoredLaw& stored = stored_laws_[i];
-      const char* reason = "from the states around the step";
+      const char* reason = law_levels_.taken_at(levels_.state_level[row]) ? "from the states around the step"
+                                                                          : "[laws] every of the problem";
       findings_.compare(stored.max.path(), step, {}, stored.max.at(step), figures.max, tolerance, reason);
       findings_.compare(stored.rms.path(), step, {}, stored.rms.at(step), figures.rms, tolerance, reason);
       if (stored.undefined) {
@@ -452,6 +471,7 @@ private:
   MultisymplecticSystem system_;
   grids::Grid grid_;
   std::unique_ptr<LatticeMethod> method_;
+  Laws law_levels_;
   LocalLaws laws_;
   LatticeResiduals residuals_;
   NodeTable invariants_, exact_;

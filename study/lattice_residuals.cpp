@@ -1,5 +1,6 @@
 #include <rubato/study/lattice_residuals.hpp>
 
+#include <algorithm>
 #include <limits>
 #include <utility>
 
@@ -33,24 +34,29 @@ LatticeResiduals::LatticeResiduals(const LatticeMethod& method, LocalLaws& laws,
   sizes_.resize(names_.size());
 }
 
-void LatticeResiduals::take(const LatticeLevel& before, const LatticeLevel& after, double h) {
-  sizes_.assign(names_.size(), Spread{});
-  std::size_t next = 0;
-  for (const Spread& size : laws_.residuals(before, after, h, cells_.pointers())) {
-    sizes_[next++] = size;
+void LatticeResiduals::take_in_cells(const LatticeLevel& before, const LatticeLevel& after, double h, Part wanted) {
+  if (wanted == Part::all) {
+    std::ranges::copy(laws_.residuals(before, after, h, cells_.pointers()), sizes_.begin());
+  } else if (has_cells_) {
+    cells_.fill(std::numeric_limits<double>::quiet_NaN());
   }
-  if (variational_) {
-    if (const auto sizes = variational_->take(before, after, h)) {
-      for (std::size_t i = 0; i < sizes->size(); ++i) {
-        sizes_[next + i] = (*sizes)[i];
-      }
+  has_cells_ = wanted == Part::all;
+}
+
+void LatticeResiduals::take(const LatticeLevel& before, const LatticeLevel& after, double h, Part wanted) {
+  sizes_.assign(names_.size(), Spread{});
+  take_in_cells(before, after, h, wanted);
+  if (variational_ && wanted == Part::none) {
+    variational_->reset();
+  } else if (variational_) {
+    if (const auto sizes = variational_->take(before, after, h); sizes && wanted == Part::all) {
+      std::ranges::copy(*sizes, sizes_.begin() + static_cast<std::ptrdiff_t>(laws_.count()));
     }
-    next += variational_->names().size();
   }
   if (tangents_ && tangent_status_ == Status::success) {
     tangent_status_ = tangents_->take(before, after, h);
-    if (tangent_status_ == Status::success && tangents_->residual()) {
-      sizes_[next] = *tangents_->residual();
+    if (tangent_status_ == Status::success && tangents_->residual() && wanted == Part::all) {
+      sizes_.back() = *tangents_->residual();
     }
   }
 }
@@ -62,15 +68,19 @@ void LatticeResiduals::save(StateWriter& state) const {
   }
 }
 
-void LatticeResiduals::restore(StateReader& state, const LatticeLevel& before, const LatticeLevel& after, double h) {
+void LatticeResiduals::restore(StateReader& state, const LatticeLevel& before, const LatticeLevel& after, double h,
+                               Part wanted) {
   if (tangents_) {
     tangent_status_ = static_cast<Status>(static_cast<int>(state.read()));
     tangents_->restore(state);
   }
   if (h != 0.0) {
-    laws_.residuals(before, after, h, cells_.pointers());
+    sizes_.assign(names_.size(), Spread{});
+    take_in_cells(before, after, h, wanted);
     if (variational_) {
       variational_->reset();
+    }
+    if (variational_ && wanted != Part::none) {
       static_cast<void>(variational_->take(before, after, h));
     }
   }

@@ -9,6 +9,7 @@
 #include <rubato/base/state.hpp>
 #include <rubato/pde/lattice_method.hpp>
 #include <rubato/pde/variational_laws.hpp>
+#include <rubato/study/problem.hpp>
 
 namespace rubato::study {
 
@@ -32,28 +33,39 @@ public:
 
   [[nodiscard]] const std::vector<std::string>& names() const { return names_; }
 
-  /// Takes the step from `before` to `after`.
-  void take(const LatticeLevel& before, const LatticeLevel& after, double h);
+  /// Which residuals of a step are wanted: all; none, but those of the next step, of which some join both; none at all.
+  enum class Part { all, next, none };
+  /// Of the step to `level`.
+  [[nodiscard]] static Part part(const Laws& laws, std::size_t level) {
+    return laws.taken_at(level) ? Part::all : laws.taken_at(level + 1) ? Part::next : Part::none;
+  }
+
+  /// Takes the step from `before` to `after`. Tangent solutions go on whatever is wanted.
+  void take(const LatticeLevel& before, const LatticeLevel& after, double h, Part wanted);
 
   /// Sizes over the step taken last, in the order of names(); with count 0 where there is none.
   [[nodiscard]] std::span<const Spread> sizes() const { return sizes_; }
-  /// The residual of LocalLaws number `law` in every cell; not a number before the first step.
+  /// The residual of LocalLaws number `law` in every cell; not a number before the first step, and of a step of which
+  /// none was wanted.
   [[nodiscard]] std::span<const double> cells(std::size_t law) const { return cells_.field(static_cast<int>(law)); }
 
   /// What became of the tangent solutions, if their step could not be solved: they end there.
   [[nodiscard]] Status tangent_status() const { return tangent_status_; }
 
   void save(StateWriter& state) const;
-  /// `before`, `after` and `h` are those of the step taken last before save(), if there was any (h not 0).
-  void restore(StateReader& state, const LatticeLevel& before, const LatticeLevel& after, double h);
+  /// `before`, `after`, `h` and `wanted` are those of the step taken last before save(), if there was any (h not 0).
+  void restore(StateReader& state, const LatticeLevel& before, const LatticeLevel& after, double h, Part wanted);
 
 private:
+  void take_in_cells(const LatticeLevel& before, const LatticeLevel& after, double h, Part wanted);
+
   LocalLaws& laws_;
   std::vector<std::string> names_;
   std::optional<VariationalLaws> variational_;
   std::optional<TangentPair> tangents_;
   Status tangent_status_ = Status::success;
   grids::FieldSet cells_;
+  bool has_cells_ = false;
   std::vector<Spread> sizes_;
 };
 

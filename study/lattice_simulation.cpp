@@ -14,12 +14,19 @@ namespace {
 class LatticeSimulation final : public Simulation {
 public:
   LatticeSimulation(const Problem& problem, bool tangents)
-      : lattice_(make_lattice(problem)),
-        law_names_(lattice_.laws().names()),
-        residuals_(lattice_.method(), lattice_.laws(), lattice_.system(), lattice_.grid(), {.tangents = tangents}),
+      : laws_(problem.laws),
+        lattice_(make_lattice(problem)),
+        law_names_(laws_.none() ? std::vector<std::string>() : lattice_.laws().names()),
+        residuals_(lattice_.method(), lattice_.laws(), lattice_.system(), lattice_.grid(),
+                   {.variational = !laws_.none(), .tangents = tangents}),
         invariants_(make_invariants(problem, lattice_.system(), lattice_.grid())),
         exact_(make_exact(problem, lattice_.system(), lattice_.grid())),
-        previous_t_(lattice_.t()) {}
+        previous_t_(lattice_.t()) {
+    if (tangents && laws_.none()) {
+      throw ProblemError(laws_.location,
+                         "[laws] every = false takes no laws, and --tangents asks for one: leave out one");
+    }
+  }
 
   [[nodiscard]] StepReport step() override {
     const double before = lattice_.t();
@@ -27,7 +34,8 @@ public:
     if (report.status == Status::success) {
       previous_t_ = before;
       last_h_ = report.h;
-      residuals_.take(lattice_.previous(), lattice_.level(), report.h);
+      ++steps_;
+      residuals_.take(lattice_.previous(), lattice_.level(), report.h, LatticeResiduals::part(laws_, steps_));
     }
     return report;
   }
@@ -59,9 +67,13 @@ public:
   }
 
   [[nodiscard]] std::vector<std::string> total_names() const override {
-    return {law_names_.begin() + 1, law_names_.end()};  // the first is energy, which node() gives
+    // The first is energy, which node() gives.
+    return law_names_.empty() ? law_names_ : std::vector<std::string>(law_names_.begin() + 1, law_names_.end());
   }
   [[nodiscard]] std::span<const double> totals() override {
+    if (law_names_.empty()) {
+      return {};
+    }
     total_values_ = lattice_.totals();
     return std::span<const double>(total_values_).subspan(1);
   }
@@ -70,8 +82,12 @@ public:
     return lattice_errors(exact_, lattice_.system(), lattice_.level(), t());
   }
 
-  [[nodiscard]] std::vector<std::string> residual_names() const override { return residuals_.names(); }
-  [[nodiscard]] std::span<const Spread> residuals() override { return residuals_.sizes(); }
+  [[nodiscard]] std::vector<std::string> residual_names() const override {
+    return law_names_.empty() ? law_names_ : residuals_.names();
+  }
+  [[nodiscard]] std::span<const Spread> residuals() override {
+    return law_names_.empty() ? std::span<const Spread>() : residuals_.sizes();
+  }
 
   void describe_states(record::Layout& layout, bool with_previous) override {
     const grids::Grid& grid = lattice_.grid();
@@ -121,7 +137,8 @@ public:
     }
     for (const std::string& name : law_names_) {
       describe("/laws/fields/" + name, "/states/t", lattice_.method().laws_in_cells() ? cells : nodes,
-               "local residual of " + name + " over the step that led to the stored level; undefined at the start",
+               "local residual of " + name + " over the step that led to the stored level; undefined at the start" +
+                   (laws_.every == 1 ? "" : " and where it was not taken"),
                true);
     }
   }
@@ -154,13 +171,19 @@ public:
     lattice_.save(state);
     state.write(previous_t_);
     state.write(last_h_);
+    if (laws_.every != 1) {
+      state.write(static_cast<double>(steps_));
+    }
     residuals_.save(state);
   }
   void restore(StateReader& state) override {
     lattice_.restore(state);
     state.read(previous_t_);
     state.read(last_h_);
-    residuals_.restore(state, lattice_.previous(), lattice_.level(), last_h_);
+    if (laws_.every != 1) {
+      state.read(steps_);
+    }
+    residuals_.restore(state, lattice_.previous(), lattice_.level(), last_h_, LatticeResiduals::part(laws_, steps_));
   }
 
 private:
@@ -174,6 +197,7 @@ private:
     return sloping ? ", its periodic part (the whole potential has a mean slope along x)" : "";
   }
 
+  const Laws& laws_;
   LatticeIntegrator lattice_;
   std::vector<std::string> law_names_;
   LatticeResiduals residuals_;
@@ -181,6 +205,7 @@ private:
   std::vector<double> invariant_values_, total_values_;
   double previous_t_;
   double last_h_ = 0.0;  ///< of the step taken last; 0 before the first
+  std::size_t steps_ = 0;
 };
 
 }  // namespace

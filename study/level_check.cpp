@@ -28,6 +28,7 @@ public:
   void run() {
     check_times();
     check_stored_levels();
+    check_levels_of_laws();
     check_flags();
     check_law();
     check_potential();
@@ -86,6 +87,18 @@ private:
         findings_.same("/states/previous/t", row, {}, before.at(row), levels_.t[level == 0 ? 0 : level - 1],
                        "/levels/t of the level before");
       }
+    }
+  }
+
+  void check_levels_of_laws() {
+    if (problem_.laws.every <= 1) {
+      return;
+    }
+    StoredRows taken(reader_, std::string(figures::laws_taken));
+    require_rows(taken, levels_.steps() + 1);
+    for (std::size_t k = 0; k < taken.rows(); ++k) {
+      findings_.same(taken.path(), k, {}, taken.at(k), problem_.laws.taken_at(k) ? 1.0 : 0.0,
+                     "[laws] every of the problem");
     }
   }
 

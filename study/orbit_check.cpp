@@ -211,8 +211,11 @@ private:
     if (has_gamma_) {
       findings_.compare("/levels/gamma", level, {}, gamma_.at(level), found[1], tolerance(1), reason);
     }
+    const bool taken = problem_.laws.taken_at(level);
     for (std::size_t i = 0; i < laws_.size(); ++i) {
-      findings_.compare(laws_[i].path(), level, {}, laws_[i].at(level), found[2 + i], tolerance(2 + i), reason);
+      findings_.compare(laws_[i].path(), level, {}, laws_[i].at(level),
+                        taken ? found[2 + i] : std::numeric_limits<double>::quiet_NaN(), tolerance(2 + i),
+                        taken ? reason : "[laws] every of the problem");
     }
   }
 

@@ -44,6 +44,29 @@ std::optional<std::string> read_file(const std::string& path) {
   return text;
 }
 
+void read_laws(Section& root, Problem& problem) {
+  auto section = root.take_section("laws");
+  if (!section) {
+    return;
+  }
+  problem.laws.location = section->location();
+  if (const Entry* every = section->take("every")) {
+    problem.laws.location = every->value.location;
+    const bool* word = std::get_if<bool>(&every->value.data);
+    if (word != nullptr && *word) {
+      throw ProblemError(every->value.location, "every = true: write every = 1, or false for none of the laws");
+    }
+    if (const auto* zero = std::get_if<std::int64_t>(&every->value.data); zero != nullptr && *zero == 0) {
+      throw ProblemError(every->value.location, "every = 0: write every = false for none of the laws");
+    }
+    problem.laws.every = word != nullptr ? 0 : read_integer(every->value, "every", problem.parameters, 1);
+  }
+  section->finish();
+  if (problem.laws.none()) {
+    std::visit([](auto& system) { system.invariants.clear(); }, problem.system);
+  }
+}
+
 void read_output(Section& root, Problem& problem) {
   problem.output.file = problem.name + ".h5";
   problem.output.file_location = root.location();
@@ -117,6 +140,7 @@ Problem read_effective(EffectiveDocument document, const std::string& source) {
   problem.title = title == nullptr ? problem.name : read_string(title->value, "title");
   read_system(root, problem);
   problem.scheme = read_scheme(root, problem);
+  read_laws(root, problem);
   read_output(root, problem);
   problem.ensemble = read_ensemble(root, problem.parameters);
   if (problem.ensemble) {

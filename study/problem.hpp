@@ -162,6 +162,18 @@ struct Scheme {
       darboux_location;
 };
 
+/// [laws]: at which levels and steps local laws, their totals and invariants are taken.
+struct Laws {
+  std::int64_t every = 1;  ///< at every n-th; 0: at none
+  Location location;
+
+  [[nodiscard]] bool none() const { return every == 0; }
+  /// Whether those of this level, and of the step that leads to it, are taken.
+  [[nodiscard]] bool taken_at(std::size_t level) const {
+    return every > 0 && level % static_cast<std::size_t>(every) == 0;
+  }
+};
+
 /// [output]
 struct Output {
   std::string file;  ///< default: the problem's name with .h5
@@ -192,6 +204,7 @@ struct Problem {
   std::vector<Parameter> parameters;  ///< and definitions
   std::variant<HamiltonianProblem, MultisymplecticProblem> system;
   Scheme scheme;
+  Laws laws;
   Output output;
   std::optional<Ensemble> ensemble;  ///< the problem itself is then what its members have in common
 

@@ -14,7 +14,8 @@ rubato.lattice = (data) => {
     if (packed.undefined > 0) {
       parts.push(rubato.undefinedNote(packed.undefined, packed.count, "values", packed.shape === "film" ? "striped in the pictures" : "striped"));
     }
-    if (packed.starts_late) parts.push("There is no value before the first step.");
+    if (packed.has_gaps) parts.push("The laws were not taken at every level: between there is nothing to be seen.");
+    else if (packed.starts_late) parts.push("There is no value before the first step.");
     if (packed.slice) parts.push(`The slice ${packed.slice.axis} = ${rubato.format.number(packed.slice.at)}.`);
     if (packed.shape === "film" && packed.levels.parts < packed.levels.count) {
       parts.push(`${count(packed.levels.parts)} of ${count(packed.levels.count)} stored levels, ${percent(packed.levels.count - packed.levels.parts, packed.levels.count)} are left out; the extremes below are of all of them.`);
