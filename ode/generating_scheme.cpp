@@ -54,7 +54,7 @@ constexpr int small_tangent_order = 4;
 /// -24 φ^(s+1), which the step law of order s has in place of Γ.
 constexpr double gamma_factor = -24.0;
 
-class GeneratingScheme final : public SegmentScheme {
+class GeneratingScheme final : public OneStepScheme {
 public:
   GeneratingScheme(const Hamiltonian& hamiltonian, const MatrixXd& F, const GeneratingOrder& order,
                    std::span<const double> z_0)
@@ -190,6 +190,15 @@ public:
         generating_.expand_gradients(as_span(continued_from_), continued_terms_) != Status::success) {
       continued_h_ = 0.0;
     }
+    start_level();
+  }
+
+  void restart(std::span<const double> z) override {
+    z_ = CompensatedState<VectorXd>(VectorXd(Eigen::Map<const VectorXd>(z.data(), size_)));
+    history_ = VelocityHistory<VectorXd>(size_);
+    prediction_error_.restart();
+    surprise_ = 1.0;
+    continued_h_ = 0.0;
     start_level();
   }
 
@@ -368,7 +377,7 @@ private:
 
 }  // namespace
 
-std::unique_ptr<SegmentScheme> make_generating_scheme(const Hamiltonian& hamiltonian, const MatrixXd& F, int order,
+std::unique_ptr<OneStepScheme> make_generating_scheme(const Hamiltonian& hamiltonian, const MatrixXd& F, int order,
                                                       std::span<const double> z_0) {
   const std::size_t size = 2 * hamiltonian.degrees_of_freedom();
   if (z_0.size() != size) {

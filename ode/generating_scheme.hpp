@@ -36,7 +36,7 @@ namespace rubato {
 /// Γ stands for -24 φ^(s+1) with s the order (theory, section 4).
 /// \throws std::invalid_argument as GeneratingAction; if z_0 has not 2n entries or is not finite, or H has no Taylor
 /// expansion there
-[[nodiscard]] std::unique_ptr<SegmentScheme> make_generating_scheme(const Hamiltonian& hamiltonian,
+[[nodiscard]] std::unique_ptr<OneStepScheme> make_generating_scheme(const Hamiltonian& hamiltonian,
                                                                     const Eigen::MatrixXd& F, int order,
                                                                     std::span<const double> z_0);
 

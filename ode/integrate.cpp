@@ -160,6 +160,11 @@ bool is_map(const SegmentLagrangian& lagrangian) {
          std::holds_alternative<Trapezoid>(lagrangian) || std::holds_alternative<Lobatto>(lagrangian);
 }
 
+bool has_one_step_form(const SegmentLagrangian& lagrangian) {
+  return is_map(lagrangian) || std::holds_alternative<Midpoint>(lagrangian) ||
+         std::holds_alternative<Generating>(lagrangian);
+}
+
 std::unique_ptr<OneStepScheme> make_one_step_scheme(const Hamiltonian& hamiltonian, const SegmentLagrangian& lagrangian,
                                                     std::span<const double> z_0) {
   if (const auto* gauss = std::get_if<Gauss>(&lagrangian)) {
@@ -168,13 +173,19 @@ std::unique_ptr<OneStepScheme> make_one_step_scheme(const Hamiltonian& hamiltoni
   if (const auto* splitting = std::get_if<Splitting>(&lagrangian)) {
     return make_splitting_scheme(hamiltonian, composition(splitting->composition), z_0);
   }
+  if (const auto* generating = std::get_if<Generating>(&lagrangian)) {
+    return make_generating_scheme(hamiltonian, generating->F(hamiltonian.degrees_of_freedom()), generating->order, z_0);
+  }
+  if (std::holds_alternative<Midpoint>(lagrangian)) {
+    return make_midpoint_scheme(hamiltonian, z_0);
+  }
   if (is_map(lagrangian)) {
     throw std::invalid_argument(
         "the trapezoidal rule and Lobatto's are quadratures of L(q, q_dot): state the problem by its Lagrangian, or "
         "use "
         "Gauss collocation");
   }
-  throw std::invalid_argument("this Lagrangian is told by its action");
+  throw std::invalid_argument("this Lagrangian has no one-step form");
 }
 
 std::unique_ptr<OneStepScheme> make_one_step_scheme(const Lagrangian& lagrangian, const SegmentLagrangian& quadrature,

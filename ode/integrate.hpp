@@ -58,7 +58,9 @@ using SegmentLagrangian = std::variant<Midpoint, Forward, Custom, Generating, Ga
 /// Whether its scheme is a one-step map that is told as such, by make_one_step_scheme(), and not as an action: then
 /// there are no two-step form and no starting pair.
 [[nodiscard]] bool is_map(const SegmentLagrangian& lagrangian);
-/// \throws std::invalid_argument as the scheme's own function, or if is_map() does not hold
+/// Whether its scheme has a production form that is a one-step map: those of is_map(), and midpoint and generating.
+[[nodiscard]] bool has_one_step_form(const SegmentLagrangian& lagrangian);
+/// \throws std::invalid_argument as the scheme's own function, or if has_one_step_form() does not hold
 [[nodiscard]] std::unique_ptr<OneStepScheme> make_one_step_scheme(const Hamiltonian& hamiltonian,
                                                                   const SegmentLagrangian& lagrangian,
                                                                   std::span<const double> z_0);

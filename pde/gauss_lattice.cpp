@@ -85,6 +85,15 @@ public:
     move();
   }
 
+  void stand(const LatticeLevel& level, const LatticeLevel&, double) override {
+    level_.fields.copy_from(level.fields);
+    low_.fill(0.0);
+    std::ranges::fill(largest_, 0.0);
+    last_h_ = 0.0;
+    stamp_ = nowhere;
+    start_level();
+  }
+
   void save(StateWriter& state) const override {
     save_level(state);
     state.write(low_.all());

@@ -22,6 +22,9 @@ public:
   [[nodiscard]] virtual const MultisymplecticSystem& system() const = 0;
   [[nodiscard]] virtual const grids::Grid& grid() const = 0;
   [[nodiscard]] virtual const LatticeLevel& level() const = 0;
+  /// Stands at a level with no past, but for a step of length h that leads from there to `next`: what a solution may
+  /// begin from. Levels of one run have the same slopes.
+  virtual void stand(const LatticeLevel& level, const LatticeLevel& next, double h) = 0;
   /// The stages of the step accepted last, for laws that need them; null for schemes whose laws two levels give.
   [[nodiscard]] virtual std::shared_ptr<StageSource> stages() { return nullptr; }
 };

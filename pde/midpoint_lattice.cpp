@@ -229,6 +229,25 @@ public:
     start_level();
   }
 
+  void stand(const LatticeLevel& level, const LatticeLevel& next, double h) override {
+    level_.fields.copy_from(level.fields);
+    low_.fill(0.0);
+    history_ = LevelHistory(at_midpoints_, grid_.size());
+    contraction_ = NewtonContraction();
+    start_tried_ = true;
+    for (int f = 0; f < system_.field_count(); ++f) {
+      const auto z_0 = level.fields.field(f), z_1 = next.fields.field(f);
+      const auto delta = delta_.field(f);
+      const bool midpoint = at_midpoints_[static_cast<std::size_t>(f)];
+      for (std::size_t n = 0; n < delta.size(); ++n) {
+        delta[n] = midpoint ? 2.0 * z_1[n] : z_1[n] - z_0[n];
+      }
+      largest_[static_cast<std::size_t>(f)] = grids::max_abs(std::as_const(delta_).field(f));
+    }
+    history_.record(0.5 * h, h, delta_);
+    start_level();
+  }
+
   void save(StateWriter& state) const override {
     state.write(level_.fields.all());
     state.write(low_.all());

@@ -16,8 +16,8 @@ namespace {
 
 /// Where the values of a variable come from.
 struct Input {
-  enum class Kind { time, axis, field } kind = Kind::time;
-  int number = 0;                ///< of the axis or the field
+  enum class Kind { time, axis, field, number } kind = Kind::time;
+  int number = 0;                ///< of the axis, the field or the number
   std::vector<int> derivatives;  ///< axes, the innermost first
 };
 
@@ -25,7 +25,7 @@ struct Input {
 
 struct NodeFormula::Storage {
   std::shared_ptr<const formula::Graph> graph;
-  std::vector<std::string> fields;
+  std::vector<std::string> fields, numbers;
   grids::Grid grid;
   std::size_t outputs;
   std::vector<Input> inputs;
@@ -33,18 +33,23 @@ struct NodeFormula::Storage {
   grids::SpectralDerivative derivative;
 
   Storage(std::shared_ptr<const formula::Graph> g, std::span<const formula::Expression> expressions,
-          std::vector<std::string> names, const grids::Grid& on)
-      : graph(std::move(g)), fields(std::move(names)), grid(on), outputs(expressions.size()), derivative(on) {
-    std::vector<std::size_t> numbers;
+          std::vector<std::string> names, const grids::Grid& on, std::vector<std::string> more)
+      : graph(std::move(g)),
+        fields(std::move(names)),
+        numbers(std::move(more)),
+        grid(on),
+        outputs(expressions.size()),
+        derivative(on) {
+    std::vector<std::size_t> found;
     for (const formula::Expression expression : expressions) {
       for (const std::size_t number : formula::variables_of(expression)) {
-        if (std::ranges::find(numbers, number) == numbers.end()) {
-          numbers.push_back(number);
+        if (std::ranges::find(found, number) == found.end()) {
+          found.push_back(number);
         }
       }
     }
     std::vector<formula::Expression> variables;
-    for (const std::size_t number : numbers) {
+    for (const std::size_t number : found) {
       const std::string& name = graph->variable_name(number);
       inputs.push_back(understand(name));
       // The graph makes no new node for a variable that it has.
@@ -72,6 +77,11 @@ struct NodeFormula::Storage {
     if (input.derivatives.empty() && name == "t") {
       return input;
     }
+    if (const auto place = std::ranges::find(numbers, name); place != numbers.end()) {
+      input.kind = Input::Kind::number;
+      input.number = static_cast<int>(place - numbers.begin());
+      return input;
+    }
     if (input.derivatives.empty() && find_axis(name) >= 0) {
       input.kind = Input::Kind::axis;
       input.number = find_axis(name);
@@ -94,8 +104,9 @@ struct NodeFormula::Storage {
 
   /// The values of one input at every node.
   std::vector<double> values_of(const Input& input, std::span<const double* const> values, double t,
-                                const PotentialSlopes& slopes) const {
-    std::vector<double> result(grid.size(), t);
+                                const PotentialSlopes& slopes, std::span<const double> constants) const {
+    const bool is_number = input.kind == Input::Kind::number;
+    std::vector<double> result(grid.size(), is_number ? constants[static_cast<std::size_t>(input.number)] : t);
     if (input.kind == Input::Kind::axis) {
       for (std::size_t i = 0; i < result.size(); ++i) {
         result[i] = grid.axis(input.number).node(i / grid.stride(input.number) % grid.cells(input.number));
@@ -116,19 +127,20 @@ struct NodeFormula::Storage {
 };
 
 NodeFormula::NodeFormula(std::shared_ptr<const formula::Graph> graph, std::vector<formula::Expression> outputs,
-                         std::vector<std::string> fields, const grids::Grid& grid)
-    : storage_(std::make_unique<Storage>(std::move(graph), outputs, std::move(fields), grid)) {}
+                         std::vector<std::string> fields, const grids::Grid& grid, std::vector<std::string> numbers)
+    : storage_(std::make_unique<Storage>(std::move(graph), outputs, std::move(fields), grid, std::move(numbers))) {}
 NodeFormula::~NodeFormula() = default;
 NodeFormula::NodeFormula(NodeFormula&&) noexcept = default;
 NodeFormula& NodeFormula::operator=(NodeFormula&&) noexcept = default;
 
 std::vector<std::vector<double>> NodeFormula::operator()(std::span<const double* const> values, double t,
-                                                         const PotentialSlopes& slopes) {
+                                                         const PotentialSlopes& slopes,
+                                                         std::span<const double> numbers) {
   Storage& s = *storage_;
   std::vector<std::vector<double>> inputs;
   std::vector<const double*> in;
   for (const Input& input : s.inputs) {
-    inputs.push_back(s.values_of(input, values, t, slopes));
+    inputs.push_back(s.values_of(input, values, t, slopes, numbers));
     in.push_back(inputs.back().data());
   }
   std::vector<std::vector<double>> results(s.outputs, std::vector<double>(s.grid.size()));
@@ -141,8 +153,36 @@ std::vector<std::vector<double>> NodeFormula::operator()(std::span<const double*
   return results;
 }
 
-std::vector<std::vector<double>> NodeFormula::operator()(const LatticeLevel& level, double t) {
-  return (*this)(level.fields.pointers(), t, level.slopes);
+std::vector<std::vector<double>> NodeFormula::operator()(const LatticeLevel& level, double t,
+                                                         std::span<const double> numbers) {
+  return (*this)(level.fields.pointers(), t, level.slopes, numbers);
+}
+
+std::vector<double> NodeFormula::at_point(const LatticeLevel& level, double t, const grids::PointInterpolation& point,
+                                          std::span<const double> numbers) {
+  Storage& s = *storage_;
+  std::vector<double> inputs;
+  for (const Input& input : s.inputs) {
+    const auto number = static_cast<std::size_t>(input.number);
+    switch (input.kind) {
+      case Input::Kind::time: inputs.push_back(t); break;
+      case Input::Kind::number: inputs.push_back(numbers[number]); break;
+      case Input::Kind::axis: inputs.push_back(point.coordinates()[number]); break;
+      case Input::Kind::field:
+        inputs.push_back(point(s.values_of(input, level.fields.pointers(), t, level.slopes, numbers)));
+    }
+  }
+  std::vector<const double*> in;
+  for (const double& value : inputs) {
+    in.push_back(&value);
+  }
+  std::vector<double> results(s.outputs);
+  std::vector<double*> out;
+  for (double& value : results) {
+    out.push_back(&value);
+  }
+  s.evaluate(1, in, out);
+  return results;
 }
 
 std::vector<double> NodeFormula::integrals(const LatticeLevel& level, double t) {

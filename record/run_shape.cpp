@@ -102,6 +102,13 @@ private:
         refuse(info.path, "is not one number per level or step");
       }
       require_rows(info.path, info.shape.front(), axis == "step");
+    } else if (group == "/output" || group.starts_with("/output/")) {
+      if (const std::size_t rows = at("/output/t").shape.front(); info.shape.front() != rows) {
+        refuse(info.path, fmt::format("has {} rows, and there are {} output times", info.shape.front(), rows));
+      }
+      for (std::size_t i = 1; i < info.shape.size(); ++i) {
+        require_scale(info, i);
+      }
     } else if (group == "/laws/fields" || group == "/exact" || group == "/states" || group.starts_with("/states/")) {
       if (info.shape.front() != stored_) {
         refuse(info.path, fmt::format("has {} rows, and {} levels are stored", info.shape.front(), stored_));

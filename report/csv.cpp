@@ -92,8 +92,8 @@ public:
     finish(file, name);
   }
 
-  /// A grid function over all stored levels.
-  void field(const std::string& name, const std::string& path) {
+  /// A grid function over all stored levels, or at other times.
+  void field(const std::string& name, const std::string& path, const std::string& times = "/states/t") {
     OutputFile file(folder_ / name, overwrite_);
     const record::DatasetInfo info = reader_.info(path);
     std::vector<std::vector<double>> axes;
@@ -109,7 +109,7 @@ public:
       }
       file.write(text + '\n');
     }
-    const std::vector<double> t = reader_.read("/states/t");
+    const std::vector<double> t = reader_.read(times);
     for (std::size_t level = 0; level < t.size(); ++level) {
       std::string text = fmt::format("{}", t[level]);
       for (const double value : reader_.read(path, level, 1)) {
@@ -187,6 +187,32 @@ void export_members(Exporter& exporter, const record::Reader& reader) {
   exporter.table("members.csv", "", members);
 }
 
+/// What is told at output times.
+void export_output(Exporter& exporter, const record::Reader& reader, const Contents& contents) {
+  const std::string times = "/output/t";
+  if (!reader.has(times)) {
+    return;
+  }
+  std::vector<TableSource> numbers{{times, {"t"}}};
+  if (reader.has("/output/q") && contents.kind == Contents::Kind::orbit) {
+    numbers.push_back({"/output/q", contents.coordinates});
+    numbers.push_back({"/output/p", contents.momenta});
+  }
+  for (const record::DatasetInfo& info : reader.datasets()) {
+    if (!info.path.starts_with("/output/") || !info.grows || info.path.ends_with("/t")) {
+      continue;
+    }
+    const std::string name = info.path.substr(info.path.rfind('/') + 1);
+    const bool is_quantity = info.path.starts_with("/output/quantities/");
+    if (is_quantity && info.shape.size() == 1) {
+      numbers.push_back({info.path, {name}});
+    } else if (contents.kind == Contents::Kind::lattice) {
+      exporter.field((is_quantity ? "output_quantity_" : "output_") + name + ".csv", info.path, times);
+    }
+  }
+  exporter.table("output.csv", "", numbers);
+}
+
 }  // namespace
 
 std::vector<std::filesystem::path> export_csv(const record::Reader& reader, const std::filesystem::path& folder,
@@ -201,6 +227,7 @@ std::vector<std::filesystem::path> export_csv(const record::Reader& reader, cons
   export_levels(exporter, contents);
   if (contents.kind == Contents::Kind::orbit) {
     export_states(exporter, contents);
+    export_output(exporter, reader, contents);
     return std::move(exporter).files();
   }
   for (const Contents::Field& field : contents.fields) {
@@ -212,6 +239,7 @@ std::vector<std::filesystem::path> export_csv(const record::Reader& reader, cons
   for (const std::string& name : contents.residual_fields) {
     exporter.field("residual_" + name + ".csv", "/laws/fields/" + name);
   }
+  export_output(exporter, reader, contents);
   return std::move(exporter).files();
 }
 

@@ -15,6 +15,8 @@ namespace rubato::report {
 ///     field_NAME.csv    of a lattice, one file for each field, exact_NAME.csv and residual_NAME.csv likewise: one row
 ///                       of coordinates for each axis of the grid, then a row for each stored level; the first column
 ///                       names the axis, or holds t
+///     output.csv        where there are output times: t, each coordinate and momentum, each quantity that is a number;
+///                       on a lattice output_NAME.csv of fields and output_quantity_NAME.csv, as field_NAME.csv
 ///     members.csv       of an ensemble, in place of these: one row for each member, its values and figures by their
 ///                       paths in the record, of an orbit its last state
 ///

@@ -78,7 +78,7 @@ private:
   }
 
   void recompute() {
-    const StoredLevels levels(reader_, static_cast<std::size_t>(problem_.output.every));
+    const StoredLevels levels(reader_, static_cast<std::size_t>(problem_.output.states_every()));
     Chronicle chronicle = make_chronicle(reader_, problem_);
     const figures::Names names = names_in(reader_, chronicle);
     const CheckpointFindings checkpoint = check_checkpoint(reader_, levels, names, chronicle, findings_);
@@ -96,9 +96,10 @@ private:
     outcome_.warnings = outcome_.statistics.undefined_quantities();
     if (levels.sparse && !options_.replay) {
       outcome_.warnings.push_back(fmt::format(
-          "the record keeps every {}-th state and its predecessor: {} of {} steps were recomputed; what the record "
+          "the record keeps {} and its predecessor: {} of {} steps were recomputed; what the record "
           "tells of the others was compared with the digests of the run only (--replay takes all steps again)",
-          problem_.output.every, levels.state_level.size() - 1, levels.steps()));
+          problem_.output.states ? fmt::format("every {}-th state", problem_.output.every) : "the last state",
+          levels.state_level.size() - 1, levels.steps()));
     }
     if (!checkpoint.has_digests) {
       outcome_.warnings.emplace_back(

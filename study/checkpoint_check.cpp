@@ -117,10 +117,10 @@ void check_state(const record::Reader& reader, const StoredLevels& levels, const
   chronicle.statistics().save(stored);
   made.save(expected);
   chronicle.save(whole);
-  const std::size_t offset = whole.values().size() - 1 - stored.values().size();
+  const std::size_t offset = whole.values().size() - chronicle.values_after_statistics() - stored.values().size();
   compare_arrays(stored.values(), expected.values(), offset, "the statistics of /levels and /laws", findings);
 
-  findings.same(state_path, whole.values().size() - 1, {}, static_cast<double>(chronicle.last_stored()),
+  findings.same(state_path, offset + stored.values().size(), {}, static_cast<double>(chronicle.last_stored()),
                 static_cast<double>(last / levels.every * levels.every), "the last of every n-th level");
   if (levels.state_level.back() == last) {
     const auto of_states = [](const std::string& path) {
@@ -187,9 +187,7 @@ void replay(const record::Reader& reader, const StoredLevels& levels, const Prob
   if (stored != nullptr && stored->size() == state.values().size()) {
     compare_arrays(*stored, state.values(), 0, "the run taken again", findings);
   }
-  if (chronicle.last_stored() != levels.steps()) {
-    chronicle.tell_state(comparison);
-  }
+  chronicle.tell_last(comparison);
 }
 
 }  // namespace rubato::study

@@ -31,8 +31,24 @@ std::optional<std::size_t> expected_levels(const Problem& problem) {
   return static_cast<std::size_t>(std::clamp(steps, 0.0, static_cast<double>(problem.scheme.max_steps))) + 1;
 }
 
+std::size_t expected_rows(const Problem& problem, std::string_view axis, std::size_t levels) {
+  if (axis.starts_with("/levels/")) {
+    return levels;
+  }
+  const Output& output = problem.output;
+  if (axis == "/output/t" && output.interval) {
+    return static_cast<std::size_t>(
+               std::min(std::abs(problem.scheme.until - problem.start()) / *output.interval, 1e9)) +
+           2;
+  }
+  if (axis == "/output/t" && output.has_times()) {
+    return output.times.size();
+  }
+  return levels / static_cast<std::size_t>(axis == "/output/t" ? output.every : output.states_every()) + 2;
+}
+
 /// The datasets that every record has, in the order in which a Chronicle tells of them.
-record::Layout make_layout(const Problem& problem, Simulation& simulation, int threads) {
+record::Layout make_layout(const Problem& problem, Simulation& simulation, const OutputMaker* output, int threads) {
   using record::Type;
   record::Layout layout{.title = problem.title,
                         .problem = problem.text,
@@ -101,11 +117,14 @@ record::Layout make_layout(const Problem& problem, Simulation& simulation, int t
   }
   layout.datasets.push_back({"/states/t", "/states/t", {}, Type::f64, "time of the stored levels"});
   layout.datasets.push_back({"/states/level", "/states/t", {}, Type::i64, "number of the stored level"});
-  simulation.describe_states(layout, problem.output.every > 1);
+  simulation.describe_states(layout, problem.output.states_every() > 1);
+  if (output != nullptr) {
+    layout.datasets.push_back({"/output/t", "/output/t", {}, Type::f64, "the output times"});
+    output->describe(layout);
+  }
   if (const auto levels = expected_levels(problem)) {
     for (record::Dataset& dataset : layout.datasets) {
-      const bool every_level = dataset.axis.starts_with("/levels/");
-      dataset.expected_rows = every_level ? *levels : *levels / static_cast<std::size_t>(problem.output.every) + 2;
+      dataset.expected_rows = expected_rows(problem, dataset.axis, *levels);
     }
   }
   return layout;
@@ -116,12 +135,15 @@ record::Layout make_layout(const Problem& problem, Simulation& simulation, int t
 Chronicle::Chronicle(const Problem& problem, bool tangents)
     : problem_(problem),
       simulation_(make_simulation(problem, tangents)),
-      layout_(make_layout(problem, *simulation_, omp_get_max_threads())),
+      output_(make_output(problem)),
+      times_(problem),
+      layout_(make_layout(problem, *simulation_, output_.get(), omp_get_max_threads())),
       first_step_(dataset("/levels/step")),
       has_potential_(problem.scheme.potential.kind != StepPotentialChoice::Kind::none),
       laws_taken_(problem.laws.every > 1 ? std::optional(dataset(figures::laws_taken)) : std::nullopt),
       first_law_(dataset("/levels/step_condition") + (has_potential_ ? 2 : 1) + (laws_taken_ ? 1 : 0)),
-      first_state_(dataset("/states/t")) {
+      first_state_(dataset("/states/t")),
+      first_output_(dataset("/output/t")) {
   statistics_.name(simulation_->invariant_names(), simulation_->total_names(), simulation_->residual_names());
   const HamiltonianProblem* orbit = problem.hamiltonian();
   statistics_.balance = orbit != nullptr && orbit->p.back() == figures::work_momentum;
@@ -136,6 +158,7 @@ std::size_t Chronicle::dataset(std::string_view path) const {
 void Chronicle::tell_start(RowSink& sink) {
   tell_level(0, sink);
   tell_state(sink);
+  tell_outputs(sink);
 }
 
 void Chronicle::tell_level(std::size_t number, RowSink& sink) {
@@ -203,15 +226,53 @@ void Chronicle::tell_step(const StepReport& report, RowSink& sink) {
     sink.append(next++, residual.rms);
     sink.append(next++, static_cast<std::int64_t>(residual.undefined));
   }
-  if (statistics_.steps % static_cast<std::size_t>(problem_.output.every) == 0) {
+  if (statistics_.steps % static_cast<std::size_t>(problem_.output.states_every()) == 0) {
     tell_state(sink);
+  }
+  tell_outputs(sink);
+}
+
+void Chronicle::tell_outputs(RowSink& sink) {
+  if (output_ == nullptr) {
+    return;
+  }
+  const OutputStep step = simulation_->last();
+  if (!problem_.output.has_times()) {
+    if (statistics_.steps % static_cast<std::size_t>(problem_.output.every) == 0) {
+      tell_output_of_level(sink);
+    }
+    return;
+  }
+  while (const auto t = times_.due(outputs_, step.t_1, statistics_.steps == 0 ? 0.0 : step.h)) {
+    sink.append(first_output_, *t);
+    const bool defined = statistics_.steps == 0 ? output_->append(sink, first_output_ + 1, step.z_1, *t)
+                                                : output_->append(sink, first_output_ + 1, step, *t);
+    undefined_outputs_ += defined ? 0 : 1;
+    ++outputs_;
+  }
+}
+
+void Chronicle::tell_output_of_level(RowSink& sink) {
+  const OutputStep step = simulation_->last();
+  sink.append(first_output_, step.t_1);
+  undefined_outputs_ += output_->append(sink, first_output_ + 1, step.z_1, step.t_1) ? 0 : 1;
+  ++outputs_;
+}
+
+void Chronicle::tell_last(RowSink& sink) {
+  if (stored_ != statistics_.steps) {
+    tell_state(sink);
+  }
+  if (output_ != nullptr && !problem_.output.has_times() &&
+      statistics_.steps % static_cast<std::size_t>(problem_.output.every) != 0) {
+    tell_output_of_level(sink);
   }
 }
 
 void Chronicle::tell_state(RowSink& sink) {
   sink.append(first_state_, simulation_->t());
   sink.append(first_state_ + 1, statistics_.steps);
-  simulation_->append_state(sink, first_state_ + 2, problem_.output.every > 1);
+  simulation_->append_state(sink, first_state_ + 2, problem_.output.states_every() > 1);
   stored_ = statistics_.steps;
 }
 
@@ -220,6 +281,10 @@ void Chronicle::save(StateWriter& state) const {
   causes_.save(state);
   statistics_.save(state);
   state.write(static_cast<double>(stored_));
+  if (output_ != nullptr) {
+    state.write(static_cast<double>(outputs_));
+    state.write(static_cast<double>(undefined_outputs_));
+  }
 }
 
 void Chronicle::restore(StateReader& state) {
@@ -227,6 +292,10 @@ void Chronicle::restore(StateReader& state) {
   causes_.restore(state);
   statistics_.restore(state);
   state.read(stored_);
+  if (output_ != nullptr) {
+    state.read(outputs_);
+    state.read(undefined_outputs_);
+  }
 }
 
 }  // namespace rubato::study

@@ -7,6 +7,8 @@
 
 #include <rubato/figures/statistics.hpp>
 #include <rubato/record/layout.hpp>
+#include <rubato/study/output.hpp>
+#include <rubato/study/output_times.hpp>
 #include <rubato/study/problem.hpp>
 #include <rubato/study/row_sink.hpp>
 #include <rubato/study/simulation.hpp>
@@ -38,24 +40,41 @@ public:
   void tell_step(const StepReport& report, RowSink& sink);
   /// The state of the present level.
   void tell_state(RowSink& sink);
+  /// What is told of the last level of a run, if it was not yet: its state, and its quantities where they are told at
+  /// levels.
+  void tell_last(RowSink& sink);
+  [[nodiscard]] bool told_last() const { return stored_ == statistics_.steps; }
+  /// How many rows there are under /output, and in how many of them something is not defined.
+  ///@{
+  [[nodiscard]] std::size_t outputs() const { return outputs_; }
+  [[nodiscard]] std::size_t undefined_outputs() const { return undefined_outputs_; }
+  ///@}
 
   void save(StateWriter& state) const;
+  /// How many values save() writes after those of the statistics: the first is last_stored().
+  [[nodiscard]] std::size_t values_after_statistics() const { return output_ == nullptr ? 1 : 3; }
   /// \throws std::invalid_argument if `state` is shorter than what it should restore
   void restore(StateReader& state);
 
 private:
   void tell_level(std::size_t number, RowSink& sink);
+  /// At the output times that the last step has come to, or at its level.
+  void tell_outputs(RowSink& sink);
+  void tell_output_of_level(RowSink& sink);
 
   const Problem& problem_;
   std::unique_ptr<Simulation> simulation_;
+  std::unique_ptr<OutputMaker> output_;
+  OutputTimes times_;
   record::Layout layout_;
   std::size_t first_step_;  ///< numbers of datasets, and so the next two
   bool has_potential_;
   std::optional<std::size_t> laws_taken_;
-  std::size_t first_law_, first_state_;
+  std::size_t first_law_, first_state_, first_output_;
   figures::Statistics statistics_;
   BridgeCauses causes_;
   std::size_t stored_ = 0;
+  std::size_t outputs_ = 0, undefined_outputs_ = 0;
 };
 
 }  // namespace rubato::study

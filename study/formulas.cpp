@@ -42,6 +42,11 @@ std::string remark_on(const std::string& name, const Vocabulary& vocabulary) {
   if (name == "x" || name == "y" || name == "z") {
     return fmt::format("\n{} is available in [initial] and [exact] of a lattice that has this direction only", name);
   }
+  if (name == "integral") {
+    return vocabulary.integrands != nullptr
+               ? "\nintegral(f) is a number: it takes one formula, in which there is no integral"
+               : "\nintegral(f) is available in [output.quantities] of a lattice only";
+  }
   if (name == "dx" || name == "dy" || name == "dz") {
     return vocabulary.axes.empty()
                ? fmt::format("\n{} is available in [initial] and [invariants] of a lattice only", name)
@@ -148,7 +153,7 @@ Location place_in_file(const Location& start, std::size_t line, std::size_t colu
 
 formula::Expression build_formula(const FormulaText& text, formula::Graph& graph, const Vocabulary& vocabulary,
                                   std::span<const Parameter> parameters) {
-  const auto& [names, differentiable, axes] = vocabulary;
+  const auto& [names, differentiable, axes, integrands] = vocabulary;
   std::unordered_map<std::string_view, formula::Expression> known;
   std::vector<std::string> suggestions(names.begin(), names.end());
   for (const std::string& name : names) {
@@ -185,6 +190,15 @@ formula::Expression build_formula(const FormulaText& text, formula::Graph& graph
   };
   const auto call = [&](std::string_view name,
                         std::span<const formula::Expression> arguments) -> std::optional<formula::Expression> {
+    if (name == "integral" && integrands != nullptr && arguments.size() == 1) {
+      for (const std::size_t variable : formula::variables_of(arguments[0])) {
+        if (graph.variable_name(variable).starts_with("integral ")) {
+          return std::nullopt;  // of an integral
+        }
+      }
+      integrands->push_back(arguments[0]);
+      return graph.variable(fmt::format("{} {}", name, integrands->size()));
+    }
     const bool is_derivative = name.starts_with('d') && contains(vocabulary.axes, name.substr(1));
     if (!is_derivative || arguments.size() != 1) {
       return std::nullopt;

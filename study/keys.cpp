@@ -13,7 +13,7 @@ namespace rubato::study {
 
 namespace {
 
-constexpr std::array<TableEntry, 19> all_tables{{
+constexpr std::array<TableEntry, 20> all_tables{{
     {"", "one of [hamiltonian] and [multisymplectic] says what is to be solved"},
     {"hamiltonian", "an orbit: q' = dH/dp, p' = -dH/dq"},
     {"multisymplectic", "a lattice: M z_t + K.x z_x (+ K.y z_y + K.z z_z) = grad S(z)"},
@@ -45,6 +45,10 @@ constexpr std::array<TableEntry, 19> all_tables{{
      "a step potential by its numbers: f'(h) = +-(s+1) |eta| h0^s (|h|/(kappa h0))^p, of the first step h0"},
     {"laws", "how often the laws are looked at"},
     {"output", "the record"},
+    {"output.quantities",
+     "formulas that are told at the output times, or at the levels that are stored: of q, p and t; on a lattice of "
+     "fields, dx(f), t and x, y, z, with integral(f); at one point of it { formula = ..., at = { x = ... } }",
+     "a quantity"},
     {"ensemble", "many runs of the problem, each with some of its entries changed: members, grid or random"},
     {"ensemble.random",
      "random = { count = 100, seed = 1, initial.p = \"uniform(0, 2)\" }: what is drawn, by the path of the entry",
@@ -170,6 +174,12 @@ std::vector<KeyEntry> make_keys() {
       {"output", "file", "text", "the problem's name with .h5", "The record, relative to the current folder."},
       {"output", "every", "integer, at least 1", fmt::format("{}", output.every),
        "Every n-th level is stored, and the first and the last."},
+      {"output", "states", "true or false", output.states ? "true" : "false",
+       "false: only the first and the last level are stored, and quantities take the place of states at output times."},
+      {"output", "times", "list of numbers", none,
+       "Times at which states are told, too, whatever the levels are: no step is shortened."},
+      {"output", "interval", "number", none, "In place of times: the start, and so on by equal intervals."},
+      {"output", "quantities", "table", none, "See [output.quantities]."},
       {"output", "durable", "true or false", output.durable ? "true" : "false",
        "Every version of the record is on the disk before it takes its place."},
       {"output", "compression", "integer from 0 to 9", fmt::format("{}", output.compression),

@@ -10,6 +10,7 @@
 
 #include <rubato/study/lattice_problem.hpp>
 #include <rubato/study/lattice_residuals.hpp>
+#include <rubato/study/output_check.hpp>
 
 namespace rubato::study {
 
@@ -138,7 +139,8 @@ public:
         largest_(static_cast<std::size_t>(system_.field_count()), 0.0),
         node_energy_(reader, "/levels/node_energy"),
         gamma_(reader, "/levels/gamma"),
-        energy_(reader, "/levels/energy") {
+        energy_(reader, "/levels/energy"),
+        output_(reader, levels, problem, grid_.size(), findings) {
     for (const std::string& name : exact_.names()) {
       stored_exact_.emplace_back(reader, "/exact/" + name, grid_.size());
     }
@@ -161,12 +163,14 @@ public:
 
   Spread run() {
     check_grid();
+    output_.check_times();
     const grids::FieldSet initial = after_.fields;
     bool whole = stored_.load(0, after_.fields);
     check_start(initial);
     const bool in_turn = !levels_.sparse && levels_.steps() > 0;
     equation_ = method_->equation(system_, grid_, after_, in_turn ? levels_.h.front() : 0.0);
     check_level(0, in_turn);
+    output_.check_level(0, std::as_const(after_.fields).all());
     bool start_known = true;
     for (std::size_t row = 1; row < levels_.state_level.size(); ++row) {
       if (levels_.sparse) {
@@ -178,11 +182,14 @@ public:
       whole = stored_.load(row, after_.fields);
       grow_scales();
       start_known = start_known && whole && before_whole;
+      const std::size_t level = levels_.state_level[row];
       if (whole && before_whole) {
         check_step(row);
+        output_.check_step(level, std::as_const(before_.fields).all(), std::as_const(after_.fields).all());
       }
       if (whole) {
         check_level(row, in_turn && start_known);
+        output_.check_level(level, std::as_const(after_.fields).all());
       }
     }
     return residual_;
@@ -482,6 +489,7 @@ private:
   std::vector<StoredRows> totals_, stored_invariants_, stored_exact_, law_fields_;
   std::vector<StoredLaw> stored_laws_;
   std::unique_ptr<StepEquation> equation_;
+  OutputCheck output_;
   double equation_tolerance_ = 0.0;
   double gamma_scale_ = 0.0;
   Spread residual_;

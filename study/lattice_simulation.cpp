@@ -167,6 +167,14 @@ public:
     }
   }
 
+  [[nodiscard]] OutputStep last() const override {
+    return {.z_0 = lattice_.previous().fields.all(),
+            .z_1 = lattice_.level().fields.all(),
+            .t_0 = previous_t_,
+            .t_1 = t(),
+            .h = last_h_};
+  }
+
   void save(StateWriter& state) const override {
     lattice_.save(state);
     state.write(previous_t_);

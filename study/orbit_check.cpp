@@ -16,6 +16,7 @@
 #include <rubato/ode/integrate.hpp>
 #include <rubato/study/formula_table.hpp>
 #include <rubato/study/orbit_problem.hpp>
+#include <rubato/study/output_check.hpp>
 #include <rubato/variation/total_variation.hpp>
 
 namespace rubato::study {
@@ -79,7 +80,8 @@ public:
         scale_(2 * n_, 0.0),
         node_energy_(reader, "/levels/node_energy"),
         gamma_(reader, "/levels/gamma"),
-        energy_(reader, "/levels/energy") {
+        energy_(reader, "/levels/energy"),
+        output_(reader, levels, problem, 1, findings) {
     if (reader.has("/levels/rounding")) {  // records of earlier versions have none
       rounding_.emplace(reader, "/levels/rounding");
     }
@@ -103,6 +105,7 @@ public:
 
   Spread run() {
     find_scales();
+    output_.check_times();
     std::vector<double> last;
     for (std::size_t row = 0; row < levels_.state_level.size(); ++row) {
       const std::vector<double> z = states_.z(row);
@@ -119,10 +122,12 @@ public:
       }
       if (whole) {
         check_node(z, levels_.state_level[row]);
+        output_.check_level(levels_.state_level[row], z);
       }
       check_exact(row);
       if (row > 0 && whole && !previous.empty() && all_finite(previous)) {
         map_ ? check_map(row, previous, z) : check_step(row, previous, z);
+        output_.check_step(levels_.state_level[row], previous, z);
       } else {
         last_corners_.clear();
       }
@@ -410,6 +415,7 @@ private:
   std::optional<StoredRows> rounding_;
   std::vector<StoredRows> laws_, exacts_;
   std::vector<double> last_corners_;
+  OutputCheck output_;
   Spread equation_;
 };
 

@@ -119,6 +119,10 @@ public:
     }
   }
 
+  [[nodiscard]] OutputStep last() const override {
+    return {.z_0 = previous_, .z_1 = integrator_.scheme().state(), .t_0 = previous_t_, .t_1 = t(), .h = last_step()};
+  }
+
   void save(StateWriter& state) const override {
     integrator_.save(state);
     state.write(previous_t_);

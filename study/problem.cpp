@@ -93,6 +93,7 @@ void read_output(Section& root, Problem& problem) {
       }
       problem.output.compression = static_cast<int>(level);
     }
+    read_output_times(*section, problem);
     section->finish();
   }
 }
@@ -143,6 +144,11 @@ Problem read_effective(EffectiveDocument document, const std::string& source) {
   read_laws(root, problem);
   read_output(root, problem);
   problem.ensemble = read_ensemble(root, problem.parameters);
+  if (problem.ensemble && problem.output.any()) {
+    throw ProblemError(problem.output.location,
+                       "an ensemble keeps of each member its figures and its last state: output.times, interval and "
+                       "quantities are for single runs; leave them out");
+  }
   if (problem.ensemble) {
     problem.ensemble->common = without_table(problem.text, source, "ensemble");
   }
@@ -162,6 +168,14 @@ formula::Expression Problem::build(const FormulaText& formula, formula::Graph& g
   const auto* pde = multisymplectic();
   const auto axes = pde != nullptr ? pde->axis_names() : std::vector<std::string>();
   return build_formula(formula, graph, {names, differentiable, axes}, parameters);
+}
+
+formula::Expression Problem::build_quantity(const FormulaText& formula, formula::Graph& graph,
+                                            std::span<const std::string> names,
+                                            std::span<const std::string> differentiable,
+                                            std::vector<formula::Expression>& integrands) const {
+  const auto axes = multisymplectic()->axis_names();
+  return build_formula(formula, graph, {names, differentiable, axes, &integrands}, parameters);
 }
 
 Problem parse_problem(std::string_view text, const std::string& source, std::span<const std::string> settings) {

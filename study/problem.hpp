@@ -2,6 +2,7 @@
 
 #include <array>
 #include <cstdint>
+#include <limits>
 #include <optional>
 #include <span>
 #include <string>
@@ -174,12 +175,34 @@ struct Laws {
   }
 };
 
+/// [output.quantities]: a formula that is told at the output times.
+struct OutputQuantity {
+  std::string name;
+  FormulaText formula;                    ///< in coordinates, momenta and t; or in fields, with dx(f), integral(f) …
+  std::optional<std::vector<double>> at;  ///< a point of the grid's domain: told there alone
+  Location location;
+};
+
 /// [output]
 struct Output {
   std::string file;  ///< default: the problem's name with .h5
   std::int64_t every = 1;
+  bool states = true;              ///< of levels; if not, those of the first and the last
+  std::vector<double> times;       ///< strictly monotone in the direction of the run
+  std::optional<double> interval;  ///< positive; in place of times
+  std::vector<OutputQuantity> quantities;
+
+  /// Whether there are times of their own.
+  [[nodiscard]] bool has_times() const { return interval.has_value() || !times.empty(); }
+  /// Whether there is anything under /output.
+  [[nodiscard]] bool any() const { return has_times() || !quantities.empty(); }
+  /// Whether states are among it: at times of their own, unless quantities take their place.
+  [[nodiscard]] bool states_at_times() const { return has_times() && (states || quantities.empty()); }
+  /// Every n-th level is stored.
+  [[nodiscard]] std::int64_t states_every() const { return states ? every : std::numeric_limits<std::int64_t>::max(); }
   bool durable = true;  ///< every version of the record is on the disk before it takes its place
   int compression = record::usual_compression;  ///< 0, none, to record::most_compression
+  Location location;                            ///< of the table
   Location file_location;
 };
 
@@ -221,6 +244,12 @@ struct Problem {
   [[nodiscard]] formula::Expression build(const FormulaText& formula, formula::Graph& graph,
                                           std::span<const std::string> names,
                                           std::span<const std::string> differentiable = {}) const;
+  /// The same of a quantity on a lattice, in which integral(f) stands for a variable called "integral 1" and so on;
+  /// what is integrated is put into `integrands`.
+  [[nodiscard]] formula::Expression build_quantity(const FormulaText& formula, formula::Graph& graph,
+                                                   std::span<const std::string> names,
+                                                   std::span<const std::string> differentiable,
+                                                   std::vector<formula::Expression>& integrands) const;
 };
 
 /// Reads a problem: `problem` is a file, or else a catalogue name; `settings` are the values of `--set`,

@@ -105,6 +105,8 @@ struct Vocabulary {
   std::span<const std::string> names;
   std::span<const std::string> differentiable = {};  ///< names that dx() and its like may be applied to
   std::span<const std::string> axes = {};            ///< the grid's directions: "x" allows dx()
+  /// Where what integral() is applied to goes; null where there is no such function.
+  std::vector<formula::Expression>* integrands = nullptr;
 };
 
 /// [definitions]: formulas of `names`, parameters and each other. Names that are not known where a definition is used
@@ -143,6 +145,15 @@ void read_hamiltonian(Section& root, Section& section, Problem& problem);
 void read_multisymplectic(Section& root, Section& section, Problem& problem);
 /// [ensemble], if there is one. Whether the entries that it changes exist is seen when its members are read.
 [[nodiscard]] std::optional<Ensemble> read_ensemble(Section& root, std::span<const Parameter> parameters);
+/// The part of [output] that says what is told, and when; needs all but it.
+void read_output_times(Section& section, Problem& problem);
+/// What a quantity may name. Of an orbit coordinates and momenta, and t after them, unless that is known already as a
+/// coordinate of the extended phase space; on a lattice fields, coordinates of the grid, t.
+///@{
+[[nodiscard]] std::vector<std::string> quantity_names(const HamiltonianProblem& ode,
+                                                      std::span<const Parameter> parameters);
+[[nodiscard]] std::vector<std::string> quantity_names(const MultisymplecticProblem& pde);
+///@}
 /// [scheme]; needs the rest of the problem.
 [[nodiscard]] Scheme read_scheme(Section& root, const Problem& problem);
 

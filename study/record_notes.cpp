@@ -105,7 +105,7 @@ public:
         S_(system.expression(), system.variables()),
         invariants_(make_invariants(problem, system, tables_.grid)),
         level_(make_initial_level(problem, system, tables_.grid)),
-        every_(static_cast<std::size_t>(problem.output.every)),
+        every_(static_cast<std::size_t>(problem.output.states_every())),
         z_(static_cast<std::size_t>(system.field_count())) {}
 
   std::map<std::string, double> take(const record::Reader& reader) {

@@ -185,9 +185,7 @@ private:
     const record::Checkpoint last = checkpoint();
     // The last state is always stored. Where it is not one of every n-th it is provisional: `resume` drops it again, so
     // that a run continued is the same as one never stopped.
-    if (chronicle_->last_stored() != statistics().steps) {
-      chronicle_->tell_state(*recorder_);
-    }
+    chronicle_->tell_last(*recorder_);
     writer().finish(last,
                     outcome_.complete ? record::Writer::Completion::complete : record::Writer::Completion::interrupted);
   }
@@ -267,6 +265,12 @@ private:
   void add_warnings() {
     for (std::string& sentence : simulation().warnings()) {
       outcome_.warnings.push_back(std::move(sentence));
+    }
+    if (chronicle_->undefined_outputs() > 0) {
+      outcome_.warnings.push_back(
+          fmt::format("at {} of {} output times something is not defined: a formula of [output.quantities] left its "
+                      "domain, or the step to that time could not be solved",
+                      chronicle_->undefined_outputs(), chronicle_->outputs()));
     }
     const Statistics& statistics = outcome_.statistics;
     const Scheme& scheme = problem_.scheme;

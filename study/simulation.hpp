@@ -8,6 +8,7 @@
 #include <rubato/figures/statistics.hpp>
 #include <rubato/ode/integrate.hpp>
 #include <rubato/record/layout.hpp>
+#include <rubato/study/output.hpp>
 #include <rubato/study/problem.hpp>
 #include <rubato/study/row_sink.hpp>
 #include <rubato/variation/time_levels.hpp>
@@ -66,6 +67,9 @@ public:
   virtual void describe_states(record::Layout& layout, bool with_previous) = 0;
   /// Appends one row to each of them, the first of which is number `first` of the layout.
   virtual void append_state(RowSink& sink, std::size_t first, bool with_previous) = 0;
+
+  /// The step taken last, as its record has it. Valid until the next step.
+  [[nodiscard]] virtual OutputStep last() const = 0;
 
   virtual void save(StateWriter& state) const = 0;
   virtual void restore(StateReader& state) = 0;

@@ -49,6 +49,10 @@ public:
     level_.fields.copy_from(trial_);
     iterations_ = 0;
   }
+  void stand(const LatticeLevel& level, const LatticeLevel&, double) override {
+    level_.fields.copy_from(level.fields);
+    iterations_ = 0;
+  }
   void save(StateWriter& state) const override { state.write(level_.fields.all()); }
   void restore(StateReader& state) override {
     state.read(level_.fields.all());

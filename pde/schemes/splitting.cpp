@@ -39,6 +39,11 @@ public:
     grow_older();
     move();
   }
+  void stand(const LatticeLevel& level, const LatticeLevel&, double) override {
+    level_.fields.copy_from(level.fields);
+    splitting_.stand(level_);
+    start_level();
+  }
   void save(StateWriter& state) const override { save_level(state); }
   void restore(StateReader& state) override {
     restore_level(state);

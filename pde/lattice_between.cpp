@@ -1,0 +1,33 @@
+#include <rubato/pde/lattice_between.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace rubato {
+
+LatticeBetween::LatticeBetween(const LatticeMethod& method, const MultisymplecticSystem& system,
+                               const grids::Grid& grid, const LatticeLevel& first, double first_step)
+    : scheme_(method.scheme(system.without_constant(), grid, first, first_step)), result_(first) {}
+
+Status LatticeBetween::take(const LatticeLevel& level, const LatticeLevel& next, double h, double fraction) {
+  if (fraction == 0.0 || fraction == 1.0) {
+    result_.fields.copy_from(fraction == 0.0 ? level.fields : next.fields);
+    return Status::success;
+  }
+  scheme_->stand(level, next, h);
+  Status status = scheme_->advance(fraction * h, 0.0);
+  if (status == Status::success) {
+    scheme_->accept();
+    result_.fields.copy_from(scheme_->level().fields);
+    const auto values = std::as_const(result_.fields).all();
+    status =
+        std::ranges::all_of(values, [](double value) { return std::isfinite(value); }) ? status : Status::undefined;
+  }
+  if (status != Status::success) {
+    result_.fields.fill(std::numeric_limits<double>::quiet_NaN());
+  }
+  return status;
+}
+
+}  // namespace rubato

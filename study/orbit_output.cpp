@@ -1,0 +1,133 @@
+#include <algorithm>
+#include <cmath>
+#include <optional>
+#include <vector>
+
+#include <fmt/format.h>
+
+#include <rubato/ode/discrete_lagrangian.hpp>
+#include <rubato/ode/orbit_between.hpp>
+#include <rubato/study/formula_table.hpp>
+#include <rubato/study/orbit_problem.hpp>
+#include <rubato/study/output.hpp>
+#include <rubato/study/reader.hpp>
+#include <rubato/variation/total_variation.hpp>
+
+namespace rubato::study {
+
+namespace {
+
+std::vector<NamedFormula> formulas_of(const std::vector<OutputQuantity>& quantities) {
+  std::vector<NamedFormula> formulas;
+  for (const OutputQuantity& quantity : quantities) {
+    formulas.push_back({quantity.name, quantity.formula});
+  }
+  return formulas;
+}
+
+std::vector<double> start_of(const HamiltonianProblem& orbit) {
+  std::vector<double> z = orbit.initial.q;
+  z.insert(z.end(), orbit.initial.p.begin(), orbit.initial.p.end());
+  return z;
+}
+
+class OrbitOutput final : public OutputMaker {
+public:
+  explicit OrbitOutput(const Problem& problem)
+      : with_states_(problem.output.states_at_times()),
+        names_(quantity_names(*problem.hamiltonian(), problem.parameters)),
+        quantities_(problem, formulas_of(problem.output.quantities), names_),
+        z_(start_of(*problem.hamiltonian())) {
+    if (problem.output.has_times()) {
+      refuse_driven(problem);
+      between_.emplace(make_hamiltonian(problem), make_lagrangian(problem), problem.hamiltonian()->next.has_value(),
+                       z_);
+    }
+  }
+
+  void describe(record::Layout& layout) const override {
+    if (with_states_) {
+      layout.datasets.push_back({"/output/q",
+                                 "/output/t",
+                                 {"/states/coordinate"},
+                                 record::Type::f64,
+                                 "coordinates at the output times, by dense output",
+                                 true});
+      layout.datasets.push_back({"/output/p",
+                                 "/output/t",
+                                 {"/states/momentum"},
+                                 record::Type::f64,
+                                 "momenta at the output times, by dense output",
+                                 true});
+    }
+    for (const std::string& name : quantities_.names()) {
+      layout.datasets.push_back({"/output/quantities/" + name,
+                                 "/output/t",
+                                 {},
+                                 record::Type::f64,
+                                 name + " of [output.quantities] at the output times",
+                                 true});
+    }
+  }
+
+  bool append(RowSink& sink, std::size_t first, const OutputStep& step, double t) override {
+    const double fraction = fraction_of(step, t);
+    const bool known = between_->at(step.z_0, step.z_1, step.h, fraction, z_) == Status::success;
+    return tell(sink, first, t) && known;
+  }
+  bool append(RowSink& sink, std::size_t first, std::span<const double> z, double t) override {
+    std::ranges::copy(z, z_.begin());
+    return tell(sink, first, t);
+  }
+
+private:
+  /// Of an 𝕃 that depends on t no state between levels is known: H does not tell its rates.
+  static void refuse_driven(const Problem& problem) {
+    if (problem.scheme.lagrangian != Lagrangian::custom) {
+      return;
+    }
+    const auto action = make_action(make_hamiltonian(problem), make_lagrangian(problem));
+    const std::vector<double> z = start_of(*problem.hamiltonian());
+    const double start = problem.start(), step = problem.scheme.step.value_or(1.0);
+    std::vector<double> corners = {start};
+    corners.insert(corners.end(), z.begin(), z.end());
+    corners.push_back(start + step);
+    corners.insert(corners.end(), z.begin(), z.end());
+    if (!is_autonomous(*action, corners)) {
+      throw ProblemError(problem.scheme.L->location,
+                         "L depends on t, and states between levels would be interpolated with the rates of H, which "
+                         "does not: leave out output.times and output.interval; every level is stored with every = 1");
+    }
+  }
+
+  bool tell(RowSink& sink, std::size_t first, double t) {
+    const std::size_t n = z_.size() / 2;
+    if (with_states_) {
+      sink.append(first++, std::span<const double>(z_).first(n));
+      sink.append(first++, std::span<const double>(z_).last(n));
+    }
+    arguments_ = z_;
+    arguments_.resize(names_.size(), t);
+    const std::span<const double> values = quantities_(arguments_);
+    bool defined = true;
+    for (const double value : values) {
+      sink.append(first++, value);
+      defined = defined && std::isfinite(value);
+    }
+    return defined;
+  }
+
+  bool with_states_;
+  std::vector<std::string> names_;
+  FormulaTable quantities_;
+  std::optional<OrbitBetween> between_;
+  std::vector<double> z_, arguments_;
+};
+
+}  // namespace
+
+std::unique_ptr<OutputMaker> make_orbit_output(const Problem& problem) {
+  return std::make_unique<OrbitOutput>(problem);
+}
+
+}  // namespace rubato::study

@@ -1,0 +1,46 @@
+#pragma once
+
+#include <cstddef>
+#include <memory>
+#include <span>
+
+#include <rubato/record/layout.hpp>
+#include <rubato/study/problem.hpp>
+#include <rubato/study/row_sink.hpp>
+
+namespace rubato::study {
+
+/// A step of a run as its record has it: the states z at both ends (of a lattice all fields, one after the other).
+struct OutputStep {
+  std::span<const double> z_0, z_1;
+  double t_0 = 0.0, t_1 = 0.0;
+  double h = 0.0;
+};
+
+/// What a record tells under /output at one time: the state, by dense output of the scheme's own order, and the
+/// quantities of the problem. A run and the check of its record make it of the same two levels by the same code.
+class OutputMaker {
+public:
+  virtual ~OutputMaker() = default;
+
+  /// Names the datasets of a row after /output/t.
+  virtual void describe(record::Layout& layout) const = 0;
+  /// Appends one row to each of them, the first of which is number `first` of the layout: at a time in a step, or at a
+  /// level. \return whether all could be told; what could not is not a number
+  ///@{
+  virtual bool append(RowSink& sink, std::size_t first, const OutputStep& step, double t) = 0;
+  virtual bool append(RowSink& sink, std::size_t first, std::span<const double> z, double t) = 0;
+  ///@}
+};
+
+/// Nothing where the problem asks for nothing. \throws ProblemError at the place in the problem that is wrong
+///@{
+[[nodiscard]] std::unique_ptr<OutputMaker> make_output(const Problem& problem);
+[[nodiscard]] std::unique_ptr<OutputMaker> make_orbit_output(const Problem& problem);
+[[nodiscard]] std::unique_ptr<OutputMaker> make_lattice_output(const Problem& problem);
+///@}
+
+/// Where t is in a step, as a share of it; 0 and 1 are the levels themselves.
+[[nodiscard]] double fraction_of(const OutputStep& step, double t);
+
+}  // namespace rubato::study
