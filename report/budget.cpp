@@ -25,10 +25,12 @@ std::size_t thinned_curves(std::size_t curves, std::size_t points) {
 Demand demand_of_curves(const record::Reader& reader, const Contents& contents, std::size_t frames) {
   const std::size_t levels = reader.rows("/levels/t"), stored = reader.rows("/states/t");
   const std::size_t curves = count_curves(contents),
-                    errors = contents.kind == Contents::Kind::orbit ? contents.exact.size() : 0;
+                    errors = contents.kind == Contents::Kind::orbit ? contents.exact.size() : 0,
+                    quantities = contents.quantities.size();
   // Drawn in full, curves share their times.
-  const std::size_t whole = frames + (curves - errors) * packed_size(4 * levels) + 2 * packed_size(8 * levels) +
-                            errors * packed_size(4 * stored) + packed_size(8 * stored);
+  const std::size_t whole = frames + (curves - errors - quantities) * packed_size(4 * levels) +
+                            2 * packed_size(8 * levels) + errors * packed_size(4 * stored) + packed_size(8 * stored) +
+                            (quantities > 0 ? quantities * packed_size(12 * reader.rows("/output/t")) : 0);
   return {std::min(whole, frames + thinned_curves(curves, least_points)), whole};
 }
 
@@ -89,8 +91,8 @@ Needs::Needs(const record::Reader& reader, const Contents& contents)
   constexpr double pictures = 3.0;   // paths and maps say more than a curve
   constexpr std::size_t rest = 500;  // keys of times and of states
   curve_frames_ = rest + curves_ * frame_of(Frame::curve, "");
-  for (const auto* names :
-       {&contents.invariants, &contents.totals, &contents.residuals, &contents.residuals, &contents.exact}) {
+  for (const auto* names : {&contents.invariants, &contents.totals, &contents.residuals, &contents.residuals,
+                            &contents.exact, &contents.quantities}) {
     for (const std::string& name : *names) {
       curve_frames_ += frame_of(Frame::curve, name) - frame_of(Frame::curve, "");
     }

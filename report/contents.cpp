@@ -38,6 +38,10 @@ Contents contents_of(const record::Reader& reader) {
       contents.axes.assign(info.dimensions.begin() + 1, info.dimensions.end());
     } else if (const auto exact = name_in("/exact/", info.path); exact && lies_along(info, "t")) {
       contents.exact.push_back(*exact);
+    } else if (const auto quantity = name_in("/output/quantities/", info.path); quantity && lies_along(info, "t")) {
+      if (!is_field) {
+        contents.quantities.push_back(*quantity);
+      }
     } else if (const auto total = name_in("/laws/totals/", info.path); total && lies_along(info, "t")) {
       contents.totals.push_back(*total);
     } else if (const auto residual = name_in("/laws/fields/", info.path); residual && is_field) {

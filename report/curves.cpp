@@ -53,6 +53,22 @@ public:
     std::ranges::for_each(y, [from](double& value) { value -= from; });
     write(name, group, axis, path, std::move(y), from);
   }
+  /// A quantity of the user's, at times of its own.
+  void at_output_times(std::string_view name, const std::string& path) {
+    const std::vector<double> t = source_.reader.read("/output/t"), y = source_.reader.read(path);
+    if (y.empty() || y.size() != t.size()) {
+      return;
+    }
+    const auto undefined = std::ranges::count_if(y, [](double value) { return !std::isfinite(value); });
+    json_.begin_object().entry("name", name).entry("group", "output").entry("initial", 0.0).entry("count", y.size());
+    json_.entry("undefined", static_cast<std::size_t>(undefined));
+    const std::vector<std::size_t> kept = envelope_within(y, points_ == no_limit ? y.size() : points_);
+    json_.key("x");
+    write_f64(json_, pick(t, kept));
+    json_.key("y");
+    write_f32(json_, pick(y, kept));
+    json_.end_object();
+  }
   void write(std::string_view name, std::string_view group, Axis axis, const std::string& path, std::vector<double> y,
              double initial) {
     if (y.empty()) {
@@ -133,8 +149,8 @@ void write_errors(CurveWriter& curves, const Source& source) {
 
 std::size_t count_curves(const Contents& contents) {
   constexpr std::size_t always = 6;
-  return always + contents.invariants.size() + contents.totals.size() + 2 * contents.residuals.size() +
-         (contents.kind == Contents::Kind::orbit ? contents.exact.size() : 0);
+  return always + contents.quantities.size() + contents.invariants.size() + contents.totals.size() +
+         2 * contents.residuals.size() + (contents.kind == Contents::Kind::orbit ? contents.exact.size() : 0);
 }
 
 void write_curves(Json& json, const Source& source, const Resolution& resolution) {
@@ -157,6 +173,9 @@ void write_curves(Json& json, const Source& source, const Resolution& resolution
   for (const std::string& name : contents.residuals) {
     curves.values(name + " max", "residual", Axis::steps, "/laws/" + name + "_max");
     curves.values(name + " rms", "residual", Axis::steps, "/laws/" + name + "_rms");
+  }
+  for (const std::string& name : contents.quantities) {
+    curves.at_output_times(name, "/output/quantities/" + name);
   }
   if (contents.kind == Contents::Kind::orbit) {
     write_errors(curves, source);
