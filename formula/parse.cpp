@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <limits>
 #include <unordered_set>
 #include <utility>
@@ -15,6 +16,7 @@ namespace rubato::formula {
 namespace {
 
 constexpr int deepest_nesting = 1000;
+constexpr std::size_t most_terms = 1'000'000;
 constexpr std::size_t excerpt_width = 80;
 
 /// Of an operator; 0 for everything else. A loop over operators of at least a given strength reads each level of the
@@ -90,7 +92,12 @@ private:
     const Token token = token_;
     switch (token.kind) {
       case Token::Kind::number: advance(); return finish_operand(graph_.constant(token.value));
-      case Token::Kind::name: advance(); return finish_operand(token_.is('(') ? parse_call(token) : resolve(token));
+      case Token::Kind::name:
+        advance();
+        if (token_.is('(')) {
+          return finish_operand(is_sum(token) ? parse_sum(token) : parse_call(token));
+        }
+        return finish_operand(token_.is('[') ? parse_component(token) : resolve(token));
       case Token::Kind::symbol:
         if (token.is('-')) {
           const Nesting nesting(*this);
@@ -129,7 +136,116 @@ private:
     refuse_after_operand();
   }
 
+  // ---- components of vectors, and sums over them
+  // ---------------------------------------------------------------------
+
+  /// A name given by its sum: i = 3.
+  struct Bound {
+    std::string_view name;
+    double value;
+  };
+  [[nodiscard]] const Bound* find_bound(std::string_view name) const {
+    const auto found = std::ranges::find(bound_, name, &Bound::name);
+    return found == bound_.end() ? nullptr : &*found;
+  }
+
+  /// An integer that is known now: of numbers, parameters and the indices of sums.
+  std::int64_t parse_integer(std::string_view what) {
+    const std::size_t begin = token_.offset;
+    const Expression value = parse_operators(strength_of_sum);
+    constexpr double largest = 1e9;
+    if (!value.is_constant() || value.constant_value() != std::round(value.constant_value()) ||
+        std::abs(value.constant_value()) > largest) {
+      fail(begin, fmt::format("{} has to be an integer that is known beforehand{}", what,
+                              value.is_constant() ? fmt::format(", and is {}", value.constant_value()) : ""));
+    }
+    return static_cast<std::int64_t>(value.constant_value());
+  }
+
+  /// name [ index ]: r[i+1] is r2 where i is 1.
+  Expression parse_component(const Token& vector) {
+    const Nesting nesting(*this);
+    advance();
+    const std::int64_t index = parse_integer("an index");
+    if (!token_.is(']')) {
+      fail(vector.offset + vector.text.size(), "this [ is never closed");
+    }
+    advance();
+    const std::string name = fmt::format("{}{}", vector.text, index);
+    const auto known = index < 0 ? std::nullopt : context_.resolve(name);
+    if (!known) {
+      fail(vector.offset, fmt::format("there is no {}[{}]", vector.text, index));
+    }
+    return *known;
+  }
+
+  /// Whether the name is the word of the language: whoever has something of that name means that.
+  [[nodiscard]] bool is_sum(const Token& token) const { return token.text == "sum" && !context_.resolve(token.text); }
+
+  /// sum ( index , from , to , term ): the term is read once for every value of the index.
+  Expression parse_sum(const Token& called) {
+    const Nesting nesting(*this);
+    const std::size_t opening = token_.offset;
+    advance();
+    const Token index = token_;
+    if (index.kind != Token::Kind::name) {
+      fail(index.offset, "sum begins with the name of its index: sum(i, 1, 10, q[i]^2)");
+    }
+    if (find_constant(index.text) != nullptr || find_function(index.text) != nullptr || context_.resolve(index.text) ||
+        find_bound(index.text) != nullptr) {
+      fail(index.offset,
+           fmt::format("'{}' has a meaning already: give the index of this sum another name", index.text));
+    }
+    advance();
+    const auto comma = [&] {
+      if (!token_.is(',')) {
+        fail(called.offset, "sum takes an index, where it begins, where it ends, and a term: sum(i, 1, 10, q[i]^2)");
+      }
+      advance();
+    };
+    comma();
+    const std::int64_t first = parse_integer("the first index");
+    comma();
+    const std::int64_t last = parse_integer("the last index");
+    comma();
+    const Token term = token_, before = previous_;
+    Expression result = graph_.constant(0.0);
+    if (first > last) {
+      skip_argument();
+    }
+    for (std::int64_t i = first; i <= last; ++i) {
+      if (++terms_ > most_terms) {
+        fail(called.offset, fmt::format("more than {} terms in the sums of one formula", most_terms));
+      }
+      token_ = term;
+      previous_ = before;
+      bound_.push_back({index.text, static_cast<double>(i)});
+      const Expression value = parse_operators(strength_of_sum);
+      bound_.pop_back();
+      result = i == first ? value : result + value;
+    }
+    if (token_.is(',')) {
+      fail(token_.offset, "sum takes one term");
+    }
+    close(opening);
+    return result;
+  }
+
+  /// Of an empty sum: names in it need not exist.
+  void skip_argument() {
+    for (int depth = 0; token_.kind != Token::Kind::end && (depth > 0 || !(token_.is(')') || token_.is(',')));
+         advance()) {
+      depth += token_.is('(') ? 1 : token_.is(')') ? -1 : 0;
+    }
+  }
+
+  // ---- names and calls
+  // -----------------------------------------------------------------------------------------------
+
   Expression resolve(const Token& token) {
+    if (const Bound* const bound = find_bound(token.text)) {
+      return graph_.constant(bound->value);
+    }
     if (const Constant* const constant = find_constant(token.text)) {
       return graph_.constant(constant->value);
     }
@@ -209,7 +325,15 @@ private:
                                     nearest ? fmt::format(": did you mean '{}'?", *nearest) : std::string()));
   }
 
+  void refuse_bracket() const {
+    if (token_.is('[') || token_.is(']')) {
+      fail(token_.offset,
+           fmt::format("unexpected character '{}': only ( ) group; name[i] is a component of a vector", token_.text));
+    }
+  }
+
   [[noreturn]] void refuse_missing_operand() const {
+    refuse_bracket();
     if (token_.kind == Token::Kind::end) {
       fail(token_.offset, fmt::format("a number, name or ( is missing after '{}'", previous_.text));
     }
@@ -224,6 +348,7 @@ private:
 
   /// An operand has been read, and what follows it is neither an operator nor a closing parenthesis.
   [[noreturn]] void refuse_after_operand() const {
+    refuse_bracket();
     if (token_.is(',')) {
       const bool decimal = previous_.kind == Token::Kind::number;
       fail(token_.offset, decimal ? "a comma separates the arguments of a function: decimals are written with a point"
@@ -241,6 +366,8 @@ private:
   Token token_;
   Token previous_;
   int depth_ = 0;
+  std::vector<Bound> bound_;
+  std::size_t terms_ = 0;
 };
 
 // ---- messages -------------------------------------------------------------------------------------------------------

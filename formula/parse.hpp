@@ -40,6 +40,8 @@ struct ParseContext {
 
 /// Reads a formula (interface.md section 2): `+ - * / ^`, unary minus, parentheses, numbers, `pi`, the functions of the
 /// language. `^` binds tighter than unary minus and associates to the right: -x^2 = -(x^2), 2^3^2 = 512.
+/// `r[i]`, with an integer i that is known, is the name r1, r2, …; `sum(i, from, to, term)` the sum of the terms for
+/// i = from, …, to, from left to right, where nothing else is called sum.
 /// Nesting deeper than 1000 levels is an error, not a crash; long sums and products of any length are read.
 /// \throws ParseError
 [[nodiscard]] Expression parse(std::string_view text, Graph& graph, const ParseContext& context);

@@ -38,7 +38,7 @@ std::string_view character_at(std::string_view text, std::size_t offset) {
 struct Hint {
   std::string_view character, advice;
 };
-constexpr std::array<Hint, 18> hints{{
+constexpr std::array<Hint, 16> hints{{
     {"×", "write * for a product"},
     {"·", "write * for a product"},
     {"⋅", "write * for a product"},
@@ -51,8 +51,6 @@ constexpr std::array<Hint, 18> hints{{
     {"√", "write sqrt(...)"},
     {"π", "write pi"},
     {"=", "a formula is one expression, without ="},
-    {"[", "only ( ) group"},
-    {"]", "only ( ) group"},
     {"{", "only ( ) group"},
     {"}", "only ( ) group"},
     {"|", "write abs(...) for the absolute value"},
@@ -137,7 +135,7 @@ Token next_token(std::string_view text, std::size_t offset) {
     }
     return {Token::Kind::name, offset, text.substr(offset, end - offset)};
   }
-  if (find_operator(c) == nullptr && std::string_view("(),").find(c) == std::string_view::npos) {
+  if (find_operator(c) == nullptr && std::string_view("(),[]").find(c) == std::string_view::npos) {
     refuse_character(text, offset);
   }
   return {Token::Kind::symbol, offset, text.substr(offset, 1)};

@@ -83,8 +83,22 @@ void Hamiltonian::compile() {
   value_ = std::make_shared<formula::Bytecode>(outputs, variables_);
   std::ranges::copy(formula::gradient(expression_, variables_), std::back_inserter(outputs));
   gradient_ = std::make_shared<formula::Bytecode>(outputs, variables_);
-  std::ranges::copy(formula::hessian_upper(expression_, variables_), std::back_inserter(outputs));
+  std::vector<formula::Expression> curvature = outputs;
+  std::vector<Place> places;
+  std::size_t row = 0, column = 0;
+  for (const formula::Expression entry : formula::hessian_upper(expression_, variables_)) {
+    outputs.push_back(entry);
+    if (!entry.is_constant(0.0)) {
+      curvature.push_back(entry);
+      places.push_back({row, column});
+    }
+    if (++column == variables_.size()) {
+      column = ++row;
+    }
+  }
   hessian_ = std::make_shared<formula::Bytecode>(outputs, variables_);
+  curvature_ = std::make_shared<formula::Bytecode>(curvature, variables_);
+  places_ = std::make_shared<const std::vector<Place>>(std::move(places));
 }
 
 HamiltonianEvaluator::HamiltonianEvaluator(const Hamiltonian& hamiltonian)
@@ -92,7 +106,22 @@ HamiltonianEvaluator::HamiltonianEvaluator(const Hamiltonian& hamiltonian)
       value_(hamiltonian.value_code()),
       gradient_(hamiltonian.gradient_code()),
       hessian_(hamiltonian.hessian_code()),
-      work_(dimension_ * (dimension_ + 2)) {}
+      curvature_(hamiltonian.curvature_code()),
+      rows_(dimension_),
+      work_(dimension_) {
+  // Both triangles, the columns of each row in their order: a sum over a row is that over all columns, bit by bit.
+  const auto& places = hamiltonian.curvature_places();
+  for (std::size_t k = 0; k < places.size(); ++k) {
+    const auto [row, column] = places[k];
+    rows_[row].push_back({column, 1 + dimension_ + k});
+    if (row != column) {
+      rows_[column].push_back({row, 1 + dimension_ + k});
+    }
+  }
+  for (std::vector<Entry>& row : rows_) {
+    std::ranges::sort(row, {}, &Entry::column);
+  }
+}
 
 double HamiltonianEvaluator::value(const double* z) {
   std::copy_n(z, dimension_, value_.inputs().data());
@@ -126,19 +155,19 @@ double HamiltonianEvaluator::hessian(const double* z, double* gradient, double* 
 
 double HamiltonianEvaluator::gamma(const double* z, double& energy) {
   const std::size_t n = dimension_ / 2;
-  double* gradient = work_.data();
-  double* f = gradient + dimension_;
-  double* matrix = f + dimension_;
-  energy = hessian(z, gradient, matrix);
+  std::copy_n(z, dimension_, curvature_.inputs().data());
+  curvature_.run();
+  energy = curvature_.output(0);
+  double* f = work_.data();
   for (std::size_t i = 0; i < n; ++i) {
-    f[i] = gradient[n + i];
-    f[n + i] = -gradient[i];
+    f[i] = curvature_.output(1 + n + i);
+    f[n + i] = -curvature_.output(1 + i);
   }
   double sum = 0.0;
   for (std::size_t i = 0; i < dimension_; ++i) {
     double row = 0.0;
-    for (std::size_t j = 0; j < dimension_; ++j) {
-      row += matrix[i * dimension_ + j] * f[j];
+    for (const Entry& entry : rows_[i]) {
+      row += curvature_.output(entry.output) * f[entry.column];
     }
     sum += f[i] * row;
   }

@@ -50,6 +50,15 @@ public:
   [[nodiscard]] const formula::Bytecode& value_code() const { return *value_; }
   [[nodiscard]] const formula::Bytecode& gradient_code() const { return *gradient_; }  ///< H, then ∇H
   [[nodiscard]] const formula::Bytecode& hessian_code() const { return *hessian_; }  ///< H, ∇H, upper triangle of H_zz
+  /// H, ∇H, and the entries of the upper triangle of H_zz that do not vanish identically, at curvature_places(): of a
+  /// chain their number grows like its length.
+  ///@{
+  struct Place {
+    std::size_t row, column;
+  };
+  [[nodiscard]] const formula::Bytecode& curvature_code() const { return *curvature_; }
+  [[nodiscard]] const std::vector<Place>& curvature_places() const { return *places_; }
+  ///@}
   /// For a formula::SumSizeEvaluator: how large the terms of H are, and what rounding makes of H.
   [[nodiscard]] const formula::Bytecode& size_code() const { return *size_; }
 
@@ -63,7 +72,8 @@ private:
   formula::Expression expression_;
   double constant_ = 0.0;
   std::shared_ptr<const Hamiltonian> reduced_;  ///< H - c, if c is not 0
-  std::shared_ptr<const formula::Bytecode> value_, gradient_, hessian_, size_;
+  std::shared_ptr<const formula::Bytecode> value_, gradient_, hessian_, curvature_, size_;
+  std::shared_ptr<const std::vector<Place>> places_;
 };
 
 template <typename Function>
@@ -104,8 +114,14 @@ public:
   [[nodiscard]] std::size_t dimension() const { return dimension_; }  ///< 2n
 
 private:
+  /// An entry of H_zz in one row: its column, and its output of the code.
+  struct Entry {
+    std::size_t column, output;
+  };
+
   std::size_t dimension_;
-  formula::ScalarEvaluator value_, gradient_, hessian_;
+  formula::ScalarEvaluator value_, gradient_, hessian_, curvature_;
+  std::vector<std::vector<Entry>> rows_;
   std::vector<double> work_;
 };
 

@@ -126,6 +126,7 @@ std::vector<std::string> HamiltonianProblem::names() const {
 
 void read_hamiltonian(Section& root, Section& section, Problem& problem) {
   Names taken;
+  taken.know_sizes(root);
   taken.reserve("t", "it is the time");
   const Entry* time_scale = take_time_scale(root, section);
   if (time_scale != nullptr) {

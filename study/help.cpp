@@ -75,6 +75,7 @@ std::string formulas() {
   for (const formula::Function& function : formula::functions()) {
     text += function_line(function);
   }
+  text += "  sum(i, 1, N, f) the sum of f for i = 1, ..., N; see Vectors\n";
   text += "  a^b with a < 0 is defined for integers b.\n\nNumbers\n";
   for (const formula::Constant& constant : formula::constants()) {
     text += fmt::format("  {:<16}{}\n", constant.name, constant.meaning);
@@ -88,7 +89,11 @@ std::string formulas() {
   text += "\nVectors\n";
   text += wrapped(
       "q = [\"r[3]\"] declares r1, r2, r3, and formulas name these. Where values are given, "
-      "r = [1, 0, \"a/2\"] or r1 = ..., r2 = ..., r3 = ... may be written, not both.",
+      "r = [1, 0, \"a/2\"] or r1 = ..., r2 = ..., r3 = ... may be written, not both; "
+      "r = \"sin(i*pi/4)\" gives every component by its index i. In formulas r[i] is a component, for an i that is a "
+      "number, a parameter or the index of a sum: sum(i, 1, 2, (r[i+1] - r[i])^2). \"r[N]\" is as long as the integer "
+      "N "
+      "of [parameters].",
       2);
   text += "\nWhat a formula may name, beside parameters\n";
   const auto where = [&](std::string_view place, std::string_view names) {

@@ -57,17 +57,18 @@ void put(Value::Table& table, const std::string& key, Value value, const Locatio
 }
 
 /// The names that a problem declares in a list, the base names of vectors among them.
-std::vector<NameList::Group> declared(const Value::Table& section, const char* key) {
+std::vector<NameList::Group> declared(const Section& root, const Value::Table& section, const char* key) {
   const Entry* list = find(section, key);
   if (list == nullptr || list->value.array() == nullptr) {
     return {};
   }
   Names names;
+  names.know_sizes(root);
   return read_names(list->value, key, "a name", names).groups;
 }
 
-void take_orbit(Value::Table& initial, const Value::Table& hamiltonian, const record::Reader& reader,
-                const StoredState& state, const Location& location) {
+void take_orbit(const Section& root, Value::Table& initial, const Value::Table& hamiltonian,
+                const record::Reader& reader, const StoredState& state, const Location& location) {
   const auto has = [&](const char* path) {
     if (!reader.has(path)) {
       throw ProblemError(location, fmt::format("from: {} is not the record of an orbit", reader.file().string()));
@@ -78,7 +79,7 @@ void take_orbit(Value::Table& initial, const Value::Table& hamiltonian, const re
     has(names_path);
     const std::vector<std::string> names = reader.read_strings(names_path);
     const std::vector<double> values = reader.read(path, state.row, 1);
-    for (const NameList::Group& group : declared(hamiltonian, key)) {
+    for (const NameList::Group& group : declared(root, hamiltonian, key)) {
       if (find(initial, group.base) != nullptr) {
         continue;  // what the user says goes first
       }
@@ -134,7 +135,8 @@ bool resolve_initial_record(Value& root) {
     }
     if (!lattice) {
       std::erase_if(*initial, [](const Entry& entry) { return entry.key == "from" || entry.key == "at"; });
-      take_orbit(*initial, *hamiltonian->value.table(), reader, state, location);
+      take_orbit(Section(*root.table(), root.location, ""), *initial, *hamiltonian->value.table(), reader, state,
+                 location);
       return;
     }
     if (other.multisymplectic() == nullptr) {

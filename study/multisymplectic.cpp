@@ -386,6 +386,7 @@ std::vector<std::string> MultisymplecticProblem::axis_names() const {
 
 void read_multisymplectic(Section& root, Section& section, Problem& problem) {
   Names taken;
+  taken.know_sizes(root);
   taken.reserve("t", "it is the time");
   for (const std::string& axis : all_axes) {
     taken.reserve(axis, "it is a coordinate of the grid");

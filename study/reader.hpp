@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <map>
+#include <memory>
 #include <optional>
 #include <span>
 #include <string>
@@ -29,6 +30,9 @@ public:
   /// \throws ProblemError at the first key that nobody asked for, with the nearest of those that were
   void finish() const;
 
+  /// Keeps a value that stands for a part of another, as long as the section.
+  const Value& keep(Value value) { return *kept_.emplace_back(std::make_shared<const Value>(std::move(value))); }
+
   [[nodiscard]] const Location& location() const { return location_; }
   [[nodiscard]] const Value::Table& entries() const { return *table_; }
   [[nodiscard]] const std::string& name() const { return name_; }
@@ -38,6 +42,7 @@ private:
   Location location_;
   std::string name_;
   std::vector<std::string> known_;
+  std::vector<std::shared_ptr<const Value>> kept_;
 };
 
 /// "expected …, got …", at the value.
@@ -67,11 +72,15 @@ class Names {
 public:
   /// Sets a name aside; `reason` completes "… cannot name a coordinate: it …".
   void reserve(std::string_view name, std::string_view reason);
+  /// The integers of [parameters], by which vectors may be as long: "r[N]".
+  void know_sizes(const Section& root);
+  [[nodiscard]] std::optional<std::int64_t> size(std::string_view name) const;
   /// \throws ProblemError if the name is malformed, reserved, or declared before; `role` is such as "a coordinate"
   void declare(std::string_view name, std::string_view role, const Location& location);
 
 private:
   std::map<std::string, std::string, std::less<>> taken_;  ///< with the reason why it may not be used again
+  std::map<std::string, std::int64_t, std::less<>> sizes_;
 };
 
 /// Whether it matches `[A-Za-z_][A-Za-z0-9_]*`.

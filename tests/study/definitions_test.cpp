@@ -2,6 +2,7 @@
 
 #include <catch2/catch.hpp>
 
+#include <cmath>
 #include <string>
 #include <vector>
 
@@ -80,6 +81,28 @@ slope = "w/(2*pi)"
   REQUIRE(a.status == ExitStatus::done);
   REQUIRE(b.status == ExitStatus::done);
   CHECK(differences(a, b) == Names{});
+}
+
+TEST_CASE("vectors are as long as a parameter, and started by one formula of their index") {
+  const std::vector<std::string> settings = {"parameters.N=5"};
+  const Problem chain = read_problem("fput-chain", settings);
+  const PhasePoint& start = chain.hamiltonian()->initial;
+  REQUIRE(start.q.size() == 5);
+  for (std::size_t i = 0; i < 5; ++i) {
+    CHECK(start.q[i] == std::sin(static_cast<double>(i + 1) * std::acos(-1.0) / 6.0));
+    CHECK(start.p[i] == 0.0);
+  }
+  const auto wrong = [](const char* setting) {
+    try {
+      static_cast<void>(read_problem("fput-chain", std::vector<std::string>{setting}));
+    } catch (const ProblemError& error) {
+      return std::string(error.what());
+    }
+    return std::string();
+  };
+  CHECK_THAT(wrong("parameters.N=0"), Contains("a vector has from 1 to"));
+  CHECK_THAT(wrong("parameters.N=20.5"), Contains("or the name of an integer in [parameters]"));
+  CHECK_THAT(wrong("initial.q=sin(j)"), Contains("unknown name 'j'"));
 }
 
 TEST_CASE("what is wrong with a definition is told at its place") {
