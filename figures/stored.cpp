@@ -168,10 +168,11 @@ private:
     }
   }
 
-  /// A row of a coordinate, a momentum or a field.
+  /// A row of a coordinate, a momentum, a velocity or a field.
   [[nodiscard]] std::vector<double> state_of(const std::string& name, std::size_t row) const {
-    for (const auto& [scale, path] :
-         {std::pair("/states/coordinate", "/states/q"), {"/states/momentum", "/states/p"}}) {
+    for (const auto& [scale, path] : {std::pair("/states/coordinate", "/states/q"),
+                                      {"/states/momentum", "/states/p"},
+                                      {"/states/velocity", "/states/q_dot"}}) {
       if (!reader_.has(scale)) {
         continue;
       }

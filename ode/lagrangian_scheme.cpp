@@ -306,7 +306,7 @@ private:
         return Status::success;
       }
       const auto verdict = test.judge(size, size);
-      if (verdict == StagnationTest::Verdict::done || (verdict == StagnationTest::Verdict::stalled && is_rounding(h))) {
+      if (verdict == StagnationTest::Verdict::done || (verdict != StagnationTest::Verdict::again && is_rounding(h))) {
         return Status::success;
       }
       last = size;
@@ -359,12 +359,14 @@ private:
     residual_.col(0) = end_.tail(n_);
   }
 
-  /// Corrections relative to the increments, each component in units of its own.
+  /// Corrections relative to the increments, each component in units of its own. A component that is 0 with slope 0 at
+  /// the start has no unit but its first correction.
   [[nodiscard]] double relative_size() const {
     double result = 0.0;
     for (Index r = 0; r < n_; ++r) {
-      const double scale = std::max({Y_.row(r).cwiseAbs().maxCoeff(), largest_[r], epsilon * std::abs(z_.value()[r])});
       const double correction = correction_.row(r).cwiseAbs().maxCoeff();
+      const double scale =
+          std::max({Y_.row(r).cwiseAbs().maxCoeff(), largest_[r], correction, epsilon * std::abs(z_.value()[r])});
       result = larger(result, correction == 0.0 ? 0.0 : correction / scale);
     }
     return result;

@@ -57,6 +57,10 @@ public:
       require_names("/states/momentum");
       require_dimensions("/states/q", {"t", "coordinate"});
       require_dimensions("/states/p", {"t", "momentum"});
+      if (all_.contains("/states/velocity")) {  // of a problem stated by L
+        require_names("/states/velocity");
+        require_dimensions("/states/q_dot", {"t", "velocity"});
+      }
     }
   }
 
@@ -124,7 +128,7 @@ private:
   void require_dimensions(const DatasetInfo& info, const std::string& group) const {
     const std::string name = info.path.substr(group.size() + 1);
     if (is_orbit()) {
-      const bool is_state = group != "/exact" && (name == "q" || name == "p");
+      const bool is_state = group != "/exact" && (name == "q" || name == "p" || name == "q_dot");
       if (info.shape.size() != (is_state ? 2 : 1)) {
         refuse(info.path, "does not have the shape of a state of an orbit");
       }
@@ -157,7 +161,8 @@ private:
 
   void require_scale(const DatasetInfo& info, std::size_t dimension) const {
     const std::string& name = info.dimensions[dimension];
-    const DatasetInfo& scale = at((name == "coordinate" || name == "momentum" ? "/states/" : "/grid/") + name);
+    const bool of_orbit = name == "coordinate" || name == "momentum" || name == "velocity";
+    const DatasetInfo& scale = at((of_orbit ? "/states/" : "/grid/") + name);
     if (scale.shape.size() != 1 || scale.shape.front() != info.shape[dimension]) {
       refuse(info.path, fmt::format("has {} values along '{}', which has {}", info.shape[dimension], scale.path,
                                     scale.shape.empty() ? 1 : scale.shape.front()));

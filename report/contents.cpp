@@ -33,7 +33,8 @@ Contents contents_of(const record::Reader& reader) {
     if (const auto midpoint = name_in("/states/midpoints/", info.path); midpoint && is_field) {
       contents.fields.push_back({*midpoint, info.path, true});
     } else if (const auto state = name_in("/states/", info.path);
-               state && is_field && info.dimensions[1] != "coordinate" && info.dimensions[1] != "momentum") {
+               state && is_field && info.dimensions[1] != "coordinate" && info.dimensions[1] != "momentum" &&
+               info.dimensions[1] != "velocity") {
       contents.fields.push_back({*state, info.path, false});
       contents.axes.assign(info.dimensions.begin() + 1, info.dimensions.end());
     } else if (const auto exact = name_in("/exact/", info.path); exact && lies_along(info, "t")) {
@@ -56,6 +57,9 @@ Contents contents_of(const record::Reader& reader) {
   if (contents.kind == Contents::Kind::orbit) {
     contents.coordinates = reader.read_strings("/states/coordinate");
     contents.momenta = reader.read_strings("/states/momentum");
+    if (reader.has("/states/velocity")) {
+      contents.velocities = reader.read_strings("/states/velocity");
+    }
   }
   return contents;
 }

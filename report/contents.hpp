@@ -14,6 +14,7 @@ struct Contents {
 
   Kind kind = Kind::orbit;
   std::vector<std::string> coordinates, momenta;  ///< of an orbit
+  std::vector<std::string> velocities;            ///< of one that is stated by L
   /// Fields of a lattice with the datasets that hold them, in the order of the record; `midpoints` are known in the
   /// middle of steps only.
   struct Field {

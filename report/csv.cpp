@@ -162,6 +162,9 @@ void export_states(Exporter& exporter, const Contents& contents) {
                                   {"/states/t", {"t"}},
                                   {"/states/q", contents.coordinates},
                                   {"/states/p", contents.momenta}};
+  if (!contents.velocities.empty()) {
+    states.push_back({"/states/q_dot", contents.velocities});
+  }
   for (const std::string& name : contents.exact) {
     states.push_back({"/exact/" + name, {"exact_" + name}});
   }

@@ -49,8 +49,9 @@ std::vector<double> read_rows(const record::Reader& reader, const std::string& p
 
 std::vector<StateColumn> state_columns(const Contents& contents) {
   std::vector<StateColumn> columns;
-  for (const auto& [names, group, path] :
-       {std::tuple(&contents.coordinates, "q", "/states/q"), {&contents.momenta, "p", "/states/p"}}) {
+  for (const auto& [names, group, path] : {std::tuple(&contents.coordinates, "q", "/states/q"),
+                                           {&contents.momenta, "p", "/states/p"},
+                                           {&contents.velocities, "q_dot", "/states/q_dot"}}) {
     for (std::size_t i = 0; i < std::min(names->size(), most_coordinates); ++i) {
       columns.push_back({(*names)[i], group, path, i});
     }

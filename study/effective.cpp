@@ -76,6 +76,7 @@ struct Setting {
 
   [[nodiscard]] bool names_catalogue_entry() const {
     return path == std::vector<std::string>{"hamiltonian", "system"} ||
+           path == std::vector<std::string>{"lagrangian", "system"} ||
            path == std::vector<std::string>{"multisymplectic", "equation"};
   }
 
@@ -198,6 +199,7 @@ std::string catalogue_suggestion(std::string_view name) {
 EffectiveDocument effective_document(std::string_view text, const std::string& source,
                                      std::span<const std::string> settings) {
   static constexpr std::array<std::string_view, 3> hamiltonian_keys = {"q", "p", "H"};
+  static constexpr std::array<std::string_view, 2> lagrangian_keys = {"q", "L"};
   static constexpr std::array<std::string_view, 4> multisymplectic_keys = {"fields", "M", "K", "S"};
 
   EffectiveDocument document{read_document(text, source), {}};
@@ -212,12 +214,13 @@ EffectiveDocument effective_document(std::string_view text, const std::string& s
     change->apply(document.root);
   }
   const bool from_system = expand(document.root, "hamiltonian", "system", hamiltonian_keys);
+  const bool from_lagrangian = expand(document.root, "lagrangian", "system", lagrangian_keys);
   const bool from_equation = expand(document.root, "multisymplectic", "equation", multisymplectic_keys);
   for (; change != changes.end(); ++change) {
     change->apply(document.root);
   }
   const bool from_record = resolve_initial_record(document.root);
-  const bool changed = !changes.empty() || from_system || from_equation || from_record;
+  const bool changed = !changes.empty() || from_system || from_lagrangian || from_equation || from_record;
   document.text = changed ? write_document(document.root) : std::string(text);
   return document;
 }

@@ -33,6 +33,10 @@ std::string remark_on(const std::string& name, const Vocabulary& vocabulary) {
   if (has(name + "1")) {
     return fmt::format("\n{0} is a vector: its components are {0}1, {0}2, …", name);
   }
+  if (name.ends_with("_dot") && has(name.substr(0, name.size() - 4) + "1_dot")) {
+    const std::string base = name.substr(0, name.size() - 4);
+    return fmt::format("\n{0} is a vector: the velocities of its components are {0}1_dot, {0}2_dot, …", base);
+  }
   if (has(name + "_0")) {
     return fmt::format("\nL is a formula in the values at both ends of a step: {0}_0 and {0}_1", name);
   }

@@ -124,6 +124,18 @@ std::vector<std::string> HamiltonianProblem::names() const {
   return all;
 }
 
+std::vector<std::string> HamiltonianProblem::lagrangian_names() const {
+  std::vector<std::string> all = q;
+  all.insert(all.end(), q_dot.begin(), q_dot.end());
+  return all;
+}
+
+std::vector<std::string> HamiltonianProblem::formula_names() const {
+  std::vector<std::string> all = lagrangian_names();
+  all.insert(all.end(), p.begin(), p.end());
+  return all;
+}
+
 void read_hamiltonian(Section& root, Section& section, Problem& problem) {
   Names taken;
   taken.know_sizes(root);

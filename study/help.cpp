@@ -104,12 +104,14 @@ std::string formulas() {
     derivatives.push_back(fmt::format("d{}(f)", axis));
   }
   where("H of [hamiltonian]", "coordinates and momenta");
+  where("L of [lagrangian]", "coordinates, and velocities: coordinates with _dot");
   where("S of [multisymplectic]", "fields");
   where("L of [scheme]", "t_0, t_1, and coordinates and momenta with _0 and _1");
   where("[initial] of an orbit", "nothing else");
   where("[initial] of a lattice",
         fmt::format("{}; {} of other initial fields", fmt::join(axis_letters, ", "), fmt::join(derivatives, ", ")));
   where("[invariants] of an orbit", "coordinates and momenta");
+  where("  with [lagrangian]", "coordinates, velocities, and momenta: coordinates after p_");
   where("[invariants] of a lattice", fmt::format("fields, and {} of fields", fmt::join(derivatives, ", ")));
   where("[exact]", fmt::format("t, and on a lattice {}", fmt::join(axis_letters, ", ")));
   where("[parameters], and every number", "other parameters");

@@ -67,24 +67,28 @@ std::vector<NameList::Group> declared(const Section& root, const Value::Table& s
   return read_names(list->value, key, "a name", names).groups;
 }
 
-void take_orbit(const Section& root, Value::Table& initial, const Value::Table& hamiltonian,
+/// `system`: [hamiltonian], or, with `velocities` in place of momenta, [lagrangian].
+void take_orbit(const Section& root, Value::Table& initial, const Value::Table& system, bool velocities,
                 const record::Reader& reader, const StoredState& state, const Location& location) {
   const auto has = [&](const char* path) {
     if (!reader.has(path)) {
-      throw ProblemError(location, fmt::format("from: {} is not the record of an orbit", reader.file().string()));
+      throw ProblemError(location, fmt::format("from: {} is not the record of an orbit{}", reader.file().string(),
+                                               velocities ? " that is stated by L ([lagrangian])" : ""));
     }
   };
-  for (const auto& [key, names_path, path] :
-       {std::tuple("q", "/states/coordinate", "/states/q"), std::tuple("p", "/states/momentum", "/states/p")}) {
+  for (const auto& [key, dot, names_path, path] :
+       {std::tuple("q", "", "/states/coordinate", "/states/q"),
+        velocities ? std::tuple("q", "_dot", "/states/velocity", "/states/q_dot")
+                   : std::tuple("p", "", "/states/momentum", "/states/p")}) {
     has(names_path);
     const std::vector<std::string> names = reader.read_strings(names_path);
     const std::vector<double> values = reader.read(path, state.row, 1);
-    for (const NameList::Group& group : declared(root, hamiltonian, key)) {
-      if (find(initial, group.base) != nullptr) {
+    for (const NameList::Group& group : declared(root, system, key)) {
+      if (find(initial, group.base + dot) != nullptr) {
         continue;  // what the user says goes first
       }
       for (std::size_t i = 1; i <= group.count; ++i) {
-        const std::string name = group.is_vector ? fmt::format("{}{}", group.base, i) : group.base;
+        const std::string name = (group.is_vector ? fmt::format("{}{}", group.base, i) : group.base) + dot;
         const auto found = std::ranges::find(names, name);
         if (found != names.end() && find(initial, name) == nullptr) {
           put(initial, name, {values[static_cast<std::size_t>(found - names.begin())], {}}, location);
@@ -120,10 +124,11 @@ bool resolve_initial_record(Value& root) {
   const Entry* at = find(*initial, "at");
   const std::optional<double> time = at == nullptr ? std::nullopt : std::optional(read_number(at->value, "at", {}));
   const Location time_location = at == nullptr ? location : at->value.location;
-  const Entry* hamiltonian = find(*root.table(), "hamiltonian");
+  const Entry* lagrangian = find(*root.table(), "lagrangian");
+  const Entry* orbit = lagrangian != nullptr ? lagrangian : find(*root.table(), "hamiltonian");
   const bool lattice = find(*root.table(), "multisymplectic") != nullptr;
-  if (!lattice && (hamiltonian == nullptr || hamiltonian->value.table() == nullptr)) {
-    throw ProblemError(location, "from is for [hamiltonian] and [multisymplectic] problems");
+  if (!lattice && (orbit == nullptr || orbit->value.table() == nullptr)) {
+    throw ProblemError(location, "from is for [hamiltonian], [lagrangian] and [multisymplectic] problems");
   }
   at_source(location, [&] {
     const record::Reader reader(file);
@@ -135,8 +140,8 @@ bool resolve_initial_record(Value& root) {
     }
     if (!lattice) {
       std::erase_if(*initial, [](const Entry& entry) { return entry.key == "from" || entry.key == "at"; });
-      take_orbit(Section(*root.table(), root.location, ""), *initial, *hamiltonian->value.table(), reader, state,
-                 location);
+      take_orbit(Section(*root.table(), root.location, ""), *initial, *orbit->value.table(), lagrangian != nullptr,
+                 reader, state, location);
       return;
     }
     if (other.multisymplectic() == nullptr) {

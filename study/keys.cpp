@@ -13,9 +13,11 @@ namespace rubato::study {
 
 namespace {
 
-constexpr std::array<TableEntry, 20> all_tables{{
-    {"", "one of [hamiltonian] and [multisymplectic] says what is to be solved"},
+constexpr std::array<TableEntry, 21> all_tables{{
+    {"", "one of [hamiltonian], [lagrangian] and [multisymplectic] says what is to be solved"},
     {"hamiltonian", "an orbit: q' = dH/dp, p' = -dH/dq"},
+    {"lagrangian",
+     "an orbit, too: d/dt dL/dq_dot = dL/dq; the velocity of q is called q_dot, and its momentum, dL/dq_dot, p_q"},
     {"multisymplectic", "a lattice: M z_t + K.x z_x (+ K.y z_y + K.z z_z) = grad S(z)"},
     {"multisymplectic.K", "the matrices of the space derivatives, one for each direction of the grid"},
     {"grid", "the periodic grid of a lattice"},
@@ -26,16 +28,17 @@ constexpr std::array<TableEntry, 20> all_tables{{
      "known",
      "a definition"},
     {"initial",
-     "where the run starts: for an orbit a number for every coordinate and momentum, for a lattice formulas "
-     "of x, y, z for the fields that no constraint determines",
-     "a coordinate, a momentum or a field"},
+     "where the run starts: for an orbit a number for every coordinate and momentum, or, with [lagrangian], every "
+     "coordinate and velocity; for a lattice formulas of x, y, z for the fields that no constraint determines",
+     "a coordinate, a momentum, a velocity or a field"},
     {"initial.next", "a second level for an orbit, in place of a midpoint step to it: the two-step form of a scheme",
      "a coordinate or a momentum"},
     {"invariants",
-     "formulas that are reported along the run: of q and p; on a lattice densities, summed over the nodes",
+     "formulas that are reported along the run: of q and p, with [lagrangian] of q, q_dot and p_q; on a lattice "
+     "densities, summed over the nodes",
      "a quantity"},
     {"exact", "the exact solution as formulas of t, on a lattice of x, y, z and t: the error is reported",
-     "a coordinate, a momentum or a field"},
+     "a coordinate, a momentum, a velocity or a field"},
     {"symmetries",
      "linear symmetries z -> z + s B z of a lattice, each the entries [row, column, value] of B or the "
      "whole of it: their local laws are reported",
@@ -75,6 +78,7 @@ std::vector<KeyEntry> make_keys() {
   return {
       {"", "title", "text", "the file's name", "What reports call the problem."},
       {"", "hamiltonian", "table", none, ""},
+      {"", "lagrangian", "table", none, ""},
       {"", "multisymplectic", "table", none, ""},
       {"", "grid", "table", "required for a lattice", ""},
       {"", "parameters", "table", none, ""},
@@ -95,6 +99,13 @@ std::vector<KeyEntry> make_keys() {
       {"hamiltonian", "time_scale", "formula", none,
        "A positive g, of the same: the orbit in fictitious time, dt = g dt', in which step and until are then meant. "
        "The time becomes a coordinate called time."},
+
+      {"lagrangian", "q", "list of names", required,
+       "The coordinates; \"r[3]\" declares the vector r1, r2, r3, with the velocities r1_dot, r2_dot, r3_dot."},
+      {"lagrangian", "L", "formula", required,
+       "The Lagrangian, of coordinates, velocities and parameters: \"q_dot^2/2 + cos(q)\". Velocities have to follow "
+       "from "
+       "momenta: its second derivatives by them form a matrix with an inverse."},
 
       {"multisymplectic", "fields", "list of names", required, "The fields z; \"r[3]\" declares r1, r2, r3."},
       {"multisymplectic", "M", "matrix", required,
@@ -126,8 +137,10 @@ std::vector<KeyEntry> make_keys() {
 
       {"scheme", "lagrangian", "word",
        fmt::format("{} for orbits, {} for lattices", orbit_lagrangians[0], lattice_lagrangians()[0]),
-       fmt::format("The discrete Lagrangian, or the family of symplectic maps; for orbits {}, for lattices {}.",
-                   fmt::join(orbit_lagrangians, ", "), fmt::join(lattice_lagrangians(), ", ")),
+       fmt::format("The discrete Lagrangian, or the family of symplectic maps; for orbits {}, for [lagrangian] the "
+                   "quadratures of the action {}, for lattices {}.",
+                   fmt::join(hamiltonian_lagrangians(), ", "), fmt::join(quadratures, ", "),
+                   fmt::join(lattice_lagrangians(), ", ")),
        words},
       {"scheme", "levels", "word", std::string(to_string(scheme.levels)),
        "Levels from the total variation, which keep the discrete energy, or equal ones.", levels_words},
@@ -142,18 +155,20 @@ std::vector<KeyEntry> make_keys() {
       {"scheme", "bridge", "word", std::string(to_string(scheme.bridge)),
        "Bridges that keep the run's own node law, or those that a run backward finds again.", bridge_words},
       {"scheme", "step_potential", "word, or table",
-       fmt::format("{}; {} for gauss, splitting and time_scale", potential_words[0], potential_words[1]),
+       fmt::format("{}; {} for gauss, trapezoid, lobatto, splitting and time_scale", potential_words[0],
+                   potential_words[1]),
        "A function of the step alone that is part of the conserved energy and makes a next level exist everywhere, "
        "so that there are no bridges: chosen by a scout of equal steps, or by its numbers.",
        potential_words},
       {"scheme", "largest_step", "number", none, "How long steps may become, about; for step_potential = \"auto\"."},
-      {"scheme", "time_scale", "formula", none, "For orbits: the same as in [hamiltonian]."},
+      {"scheme", "time_scale", "formula", none, "The same as in [hamiltonian]."},
       {"scheme.step_potential", "kappa", "number", required, "kappa h0 is about the largest step."},
       {"scheme.step_potential", "p", "number greater than the order", required, "How suddenly it is felt."},
       {"scheme", "order", "integer", "required by generating",
        "The order of a generating function; with splitting 2, 4, 6 or 8, for the best splitting of that order."},
-      {"scheme", "stages", "integer from 1 to 8", "required by gauss; 1 for fourier",
-       "The stages of Gauss collocation in time, of order 2*stages."},
+      {"scheme", "stages", "integer from 1 to 8", "required by gauss and lobatto; 1 for fourier",
+       "The stages of Gauss collocation in time, of order 2*stages; or Lobatto's points, 2 to 9, of order 2*stages - "
+       "2."},
       {"scheme", "composition", "word", scheme.composition,
        "Of splitting: the flows that are composed; the number is the order, golden and verlet have 2.",
        composition_words()},

@@ -38,8 +38,14 @@ struct KeyEntry {
 [[nodiscard]] std::optional<std::string_view> table_of(std::string_view key);
 
 // In the order of the enumerations.
-inline constexpr std::array<std::string_view, 6> orbit_lagrangians = {"midpoint", "forward", "generating",
-                                                                      "custom",   "gauss",   "splitting"};
+inline constexpr std::array<std::string_view, 8> orbit_lagrangians = {"midpoint", "forward",   "generating", "custom",
+                                                                      "gauss",    "splitting", "trapezoid",  "lobatto"};
+/// Those of [hamiltonian].
+[[nodiscard]] constexpr std::span<const std::string_view> hamiltonian_lagrangians() {
+  return std::span(orbit_lagrangians).first(6);
+}
+/// Those of [lagrangian].
+inline constexpr std::array<std::string_view, 4> quadratures = {"midpoint", "trapezoid", "lobatto", "gauss"};
 inline constexpr std::array<std::string_view, 2> levels_words = {"variable", "fixed"};
 inline constexpr std::array<std::string_view, 3> on_singular_words = {"bridge", "fixed", "stop"};
 inline constexpr std::array<std::string_view, 2> bridge_words = {"anchored", "reversible"};

@@ -68,13 +68,12 @@ public:
         has_gamma_(has_gamma),
         findings_(findings),
         orbit_(*problem.hamiltonian()),
-        hamiltonian_(make_hamiltonian(problem)),
-        law_(make_node_law(hamiltonian_, make_lagrangian(problem))),
-        one_step_(!orbit_.next && (problem.scheme.lagrangian == Lagrangian::midpoint ||
-                                   problem.scheme.lagrangian == Lagrangian::generating)),
-        n_(hamiltonian_.degrees_of_freedom()),
+        one_step_(
+            !orbit_.next && !orbit_.L &&
+            (problem.scheme.lagrangian == Lagrangian::midpoint || problem.scheme.lagrangian == Lagrangian::generating)),
+        n_(orbit_.q.size()),
         autonomous_(problem.scheme.lagrangian != Lagrangian::custom),
-        invariants_(problem, orbit_.invariants, orbit_.names()),
+        invariants_(problem, orbit_.invariants, orbit_.formula_names()),
         exact_(problem, orbit_.exact, {"t"}),
         states_(reader, "/states", n_, levels.state_level.size()),
         scale_(2 * n_, 0.0),
@@ -85,12 +84,19 @@ public:
     if (reader.has("/levels/rounding")) {  // records of earlier versions have none
       rounding_.emplace(reader, "/levels/rounding");
     }
-    const SegmentLagrangian lagrangian = make_lagrangian(problem);
-    if (is_map(lagrangian)) {
-      map_ = make_one_step_scheme(hamiltonian_, lagrangian, initial_state());
+    const SegmentLagrangian lagrangian = make_discretisation(problem);
+    if (orbit_.L) {
+      map_ = make_one_step_scheme(make_lagrangian(problem), lagrangian, orbit_.initial.q, orbit_.initial.q_dot);
+      velocities_.emplace(reader, "/states/q_dot", n_);
     } else {
-      action_ = make_action(hamiltonian_, lagrangian);
-      gradient_.resize(static_cast<Index>(action_->element().size()));
+      const Hamiltonian hamiltonian = make_hamiltonian(problem);
+      law_.emplace(make_node_law(hamiltonian, lagrangian));
+      if (is_map(lagrangian)) {
+        map_ = make_one_step_scheme(hamiltonian, lagrangian, initial_state());
+      } else {
+        action_ = make_action(hamiltonian, lagrangian);
+        gradient_.resize(static_cast<Index>(action_->element().size()));
+      }
     }
     if (levels.sparse) {
       before_.emplace(reader, "/states/previous", n_, levels.state_level.size());
@@ -122,6 +128,7 @@ public:
       }
       if (whole) {
         check_node(z, levels_.state_level[row]);
+        check_velocities(z, row);
         output_.check_level(levels_.state_level[row], z);
       }
       check_exact(row);
@@ -192,14 +199,56 @@ private:
     }
   }
 
+  /// H and Γ at z; of a problem stated by L, which has no formula for H, by its scheme. After that, formula_inputs().
+  [[nodiscard]] LevelNode node_at(const std::vector<double>& z) {
+    if (law_) {
+      return (*law_)(z.data());
+    }
+    map_->restart(z);
+    return map_->node();
+  }
+  /// What HamiltonianProblem::formula_names() names, at the z of node_at().
+  [[nodiscard]] const std::vector<double>& formula_inputs(const std::vector<double>& z) {
+    if (!orbit_.L) {
+      return z;
+    }
+    const auto middle = z.begin() + static_cast<std::ptrdiff_t>(n_);
+    inputs_.assign(z.begin(), middle);
+    std::ranges::copy(map_->velocities(), std::back_inserter(inputs_));
+    inputs_.insert(inputs_.end(), middle, z.end());
+    return inputs_;
+  }
+
+  void check_velocities(const std::vector<double>& z, std::size_t row) {
+    if (!velocities_) {
+      return;
+    }
+    const auto evaluate = [this](const std::vector<double>& state, std::vector<double>& out) {
+      static_cast<void>(node_at(state));
+      std::ranges::copy(map_->velocities(), out.begin());
+    };
+    std::vector<double> found(n_), tolerances;
+    evaluate(z, found);
+    for (std::size_t i = 0; i < n_; ++i) {
+      const auto tolerance = [&] {
+        if (tolerances.empty()) {
+          tolerances = Rounding::tolerances(z, scale_, {0}, n_, evaluate);
+        }
+        return tolerances[i];
+      };
+      findings_.compare(velocities_->path(), row, i, velocities_->row(row)[i], found[i], tolerance,
+                        "from q and p of that level, by the Legendre transform");
+    }
+  }
+
   /// H, Γ and the invariants at a level.
   void check_node(const std::vector<double>& z, std::size_t level) {
     const std::size_t outputs = 2 + laws_.size();
     const auto evaluate = [this](const std::vector<double>& state, std::vector<double>& out) {
-      const LevelNode node = law_(state.data());
+      const LevelNode node = node_at(state);
       out[0] = node.energy;
       out[1] = node.gamma;
-      std::ranges::copy(invariants_(state), out.begin() + 2);
+      std::ranges::copy(invariants_(formula_inputs(state)), out.begin() + 2);
     };
     std::vector<double> found(outputs), tolerances;
     evaluate(z, found);
@@ -398,8 +447,7 @@ private:
   bool has_gamma_;
   Findings& findings_;
   const HamiltonianProblem& orbit_;
-  Hamiltonian hamiltonian_;
-  NodeLaw law_;
+  std::optional<NodeLaw> law_;
   std::unique_ptr<DiscreteAction> action_;  ///< what a step is judged by: this, or
   std::unique_ptr<OneStepScheme> map_;      ///< the map itself
   bool one_step_;
@@ -410,6 +458,8 @@ private:
   FormulaTable invariants_, exact_;
   StoredStates states_;
   std::optional<StoredStates> before_;
+  std::optional<StoredRows> velocities_;  ///< of a problem stated by L
+  std::vector<double> inputs_;
   std::vector<double> scale_;  ///< largest magnitude of each component
   StoredRows node_energy_, gamma_, energy_;
   std::optional<StoredRows> rounding_;

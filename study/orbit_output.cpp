@@ -40,8 +40,15 @@ public:
         z_(start_of(*problem.hamiltonian())) {
     if (problem.output.has_times()) {
       refuse_driven(problem);
-      between_.emplace(make_hamiltonian(problem), make_lagrangian(problem), problem.hamiltonian()->next.has_value(),
-                       z_);
+      if (problem.hamiltonian()->L) {
+        between_.emplace(make_map(problem), z_.size());
+      } else {
+        between_.emplace(make_hamiltonian(problem), make_discretisation(problem),
+                         problem.hamiltonian()->next.has_value(), z_);
+      }
+    }
+    if (problem.hamiltonian()->L && !problem.output.quantities.empty()) {
+      reads_velocities_ = make_map(problem);
     }
   }
 
@@ -81,12 +88,19 @@ public:
   }
 
 private:
+  /// Of a problem stated by L.
+  static std::unique_ptr<OneStepScheme> make_map(const Problem& problem) {
+    const PhasePoint& start = problem.hamiltonian()->initial;
+    return make_one_step_scheme(make_lagrangian(problem).without_constant(), make_discretisation(problem), start.q,
+                                start.q_dot);
+  }
+
   /// Of an 𝕃 that depends on t no state between levels is known: H does not tell its rates.
   static void refuse_driven(const Problem& problem) {
     if (problem.scheme.lagrangian != Lagrangian::custom) {
       return;
     }
-    const auto action = make_action(make_hamiltonian(problem), make_lagrangian(problem));
+    const auto action = make_action(make_hamiltonian(problem), make_discretisation(problem));
     const std::vector<double> z = start_of(*problem.hamiltonian());
     const double start = problem.start(), step = problem.scheme.step.value_or(1.0);
     std::vector<double> corners = {start};
@@ -107,6 +121,11 @@ private:
       sink.append(first++, std::span<const double>(z_).last(n));
     }
     arguments_ = z_;
+    if (reads_velocities_) {
+      reads_velocities_->restart(z_);
+      const auto velocities = reads_velocities_->velocities();
+      arguments_.insert(arguments_.begin() + static_cast<std::ptrdiff_t>(n), velocities.begin(), velocities.end());
+    }
     arguments_.resize(names_.size(), t);
     const std::span<const double> values = quantities_(arguments_);
     bool defined = true;
@@ -121,6 +140,7 @@ private:
   std::vector<std::string> names_;
   FormulaTable quantities_;
   std::optional<OrbitBetween> between_;
+  std::unique_ptr<OneStepScheme> reads_velocities_;  ///< of a problem stated by L
   std::vector<double> z_, arguments_;
 };
 

@@ -34,9 +34,9 @@ public:
   explicit OrbitSimulation(const Problem& problem)
       : orbit_(*problem.hamiltonian()),
         integrator_(make_integrator(problem)),
-        invariants_(problem, orbit_.invariants, orbit_.names()),
+        invariants_(problem, orbit_.invariants, orbit_.formula_names()),
         exact_(problem, orbit_.exact, {"t"}) {
-    const std::vector<std::string> names = orbit_.names();
+    const std::vector<std::string> names = orbit_.formula_names();
     for (const NamedFormula& formula : orbit_.exact) {
       exact_index_.push_back(static_cast<std::size_t>(std::ranges::find(names, formula.name) - names.begin()));
     }
@@ -71,15 +71,16 @@ public:
   [[nodiscard]] std::vector<std::string> cautions() const override { return integrator_.cautions(); }
 
   [[nodiscard]] std::vector<std::string> invariant_names() const override { return invariants_.names(); }
-  [[nodiscard]] std::span<const double> invariants() override { return invariants_(integrator_.scheme().state()); }
+  [[nodiscard]] std::span<const double> invariants() override { return invariants_(formula_inputs()); }
 
   [[nodiscard]] std::vector<Named<Spread>> errors() override {
     const double now = t();
     const std::span<const double> exact = exact_({&now, 1});
+    const std::span<const double> inputs = formula_inputs();
     std::vector<Named<Spread>> errors;
     for (std::size_t i = 0; i < exact.size(); ++i) {
       errors.push_back({exact_.names()[i], {}});
-      errors.back().value.add(std::abs(integrator_.scheme().state()[exact_index_[i]] - exact[i]));
+      errors.back().value.add(std::abs(inputs[exact_index_[i]] - exact[i]));
     }
     return errors;
   }
@@ -87,12 +88,22 @@ public:
   void describe_states(record::Layout& layout, bool with_previous) override {
     layout.scales.push_back({"/states/coordinate", orbit_.q, "names of the coordinates"});
     layout.scales.push_back({"/states/momentum", orbit_.p, "names of the momenta"});
+    if (orbit_.L) {
+      layout.scales.push_back({"/states/velocity", orbit_.q_dot, "names of the velocities"});
+    }
     const auto describe = [&](const std::string& group, const std::string& axis, const std::string& which) {
       layout.datasets.push_back(
           {group + "/q", axis, {"/states/coordinate"}, record::Type::f64, "coordinates " + which});
       layout.datasets.push_back({group + "/p", axis, {"/states/momentum"}, record::Type::f64, "momenta " + which});
     };
     describe("/states", "/states/t", "at the stored levels");
+    if (orbit_.L) {
+      layout.datasets.push_back({"/states/q_dot",
+                                 "/states/t",
+                                 {"/states/velocity"},
+                                 record::Type::f64,
+                                 "velocities at the stored levels, of q and p by the Legendre transform"});
+    }
     if (with_previous) {
       const std::string before = "one level before each stored one (the first row repeats the start)";
       layout.datasets.push_back({"/states/previous/t", "/states/previous/t", {}, record::Type::f64, "time " + before});
@@ -107,6 +118,9 @@ public:
   void append_state(RowSink& sink, std::size_t first, bool with_previous) override {
     sink.append(first++, integrator_.q());
     sink.append(first++, integrator_.p());
+    if (orbit_.L) {
+      sink.append(first++, integrator_.q_dot());
+    }
     if (with_previous) {
       const std::size_t n = previous_.size() / 2;
       sink.append(first++, previous_t_);
@@ -139,10 +153,23 @@ public:
   }
 
 private:
+  /// At the present level: what HamiltonianProblem::formula_names() names.
+  [[nodiscard]] std::span<const double> formula_inputs() {
+    if (!orbit_.L) {
+      return integrator_.scheme().state();
+    }
+    inputs_.clear();
+    for (const std::span<const double> part : {integrator_.q(), integrator_.q_dot(), integrator_.p()}) {
+      inputs_.insert(inputs_.end(), part.begin(), part.end());
+    }
+    return inputs_;
+  }
+
   const HamiltonianProblem& orbit_;
   OrbitIntegrator integrator_;
   FormulaTable invariants_, exact_;
   std::vector<std::size_t> exact_index_;
+  std::vector<double> inputs_;
   std::vector<double> previous_, before_;  ///< the level before this one; what it is while a step is tried
   double previous_t_ = 0.0;
 };
@@ -162,7 +189,14 @@ Hamiltonian make_hamiltonian(const Problem& problem) {
   return Hamiltonian(graph, orbit.q, orbit.p, H);
 }
 
-SegmentLagrangian make_lagrangian(const Problem& problem) {
+rubato::Lagrangian make_lagrangian(const Problem& problem) {
+  const HamiltonianProblem& orbit = *problem.hamiltonian();
+  auto graph = std::make_shared<formula::Graph>();
+  const formula::Expression L = problem.build(*orbit.L, *graph, orbit.lagrangian_names());
+  return {graph, orbit.q, orbit.q_dot, L};
+}
+
+SegmentLagrangian make_discretisation(const Problem& problem) {
   const Scheme& scheme = problem.scheme;
   switch (scheme.lagrangian) {
     case Lagrangian::midpoint: return Midpoint{};
@@ -171,6 +205,8 @@ SegmentLagrangian make_lagrangian(const Problem& problem) {
     case Lagrangian::generating: return make_generating(scheme);
     case Lagrangian::gauss: return Gauss{.stages = *scheme.stages};
     case Lagrangian::splitting: return Splitting{.composition = scheme.composition};
+    case Lagrangian::trapezoid: return Trapezoid{};
+    case Lagrangian::lobatto: return Lobatto{.points = *scheme.stages};
     default:
       throw ProblemError(
           scheme.lagrangian_location,
@@ -181,7 +217,7 @@ SegmentLagrangian make_lagrangian(const Problem& problem) {
 OrbitIntegrator make_integrator(const Problem& problem) {
   const HamiltonianProblem& orbit = *problem.hamiltonian();
   const Scheme& scheme = problem.scheme;
-  IntegrationOptions options{.lagrangian = make_lagrangian(problem),
+  IntegrationOptions options{.lagrangian = make_discretisation(problem),
                              .step = scheme.step.value_or(0.0),
                              .until = scheme.until,
                              .levels = scheme.levels,
@@ -193,13 +229,17 @@ OrbitIntegrator make_integrator(const Problem& problem) {
   if (orbit.next) {
     options.next = InitialState{.q = orbit.next->q, .p = orbit.next->p, .t = orbit.next->t};
   }
-  const InitialState initial{.q = orbit.initial.q, .p = orbit.initial.p, .t = orbit.initial.t};
-  const Hamiltonian hamiltonian = make_hamiltonian(problem);
-  try {
+  const auto make = [&](const auto& system, const auto& initial) {
     if (!scheme.step) {
-      options.step = choose_first_step(hamiltonian, initial, options, *scheme.energy_tolerance);
+      options.step = choose_first_step(system, initial, options, *scheme.energy_tolerance);
     }
-    return OrbitIntegrator(hamiltonian, initial, options);
+    return OrbitIntegrator(system, initial, options);
+  };
+  try {
+    return orbit.L ? make(make_lagrangian(problem),
+                          InitialMotion{.q = orbit.initial.q, .q_dot = orbit.initial.q_dot, .t = orbit.initial.t})
+                   : make(make_hamiltonian(problem),
+                          InitialState{.q = orbit.initial.q, .p = orbit.initial.p, .t = orbit.initial.t});
   } catch (const ProblemError&) {
     throw;
   } catch (const StartingPairError& error) {

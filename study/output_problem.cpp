@@ -176,7 +176,7 @@ private:
 }  // namespace
 
 std::vector<std::string> quantity_names(const HamiltonianProblem& ode, std::span<const Parameter> parameters) {
-  std::vector<std::string> names = ode.names();
+  std::vector<std::string> names = ode.formula_names();
   if (std::ranges::find(parameters, "t", &Parameter::name) == parameters.end()) {
     names.emplace_back("t");
   }

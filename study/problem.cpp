@@ -106,21 +106,33 @@ void check_tables(Section root) {
   root.finish();
 }
 
-/// [hamiltonian] or [multisymplectic], whichever is there.
+/// [hamiltonian], [lagrangian] or [multisymplectic], whichever is there.
 void read_system(Section& root, Problem& problem) {
-  auto ode = root.take_section("hamiltonian");
-  auto pde = root.take_section("multisymplectic");
-  if (ode && pde) {
-    throw ProblemError(pde->location(), "[hamiltonian] and [multisymplectic] in one problem; keep one of them");
-  }
-  if (ode) {
-    read_hamiltonian(root, *ode, problem);
-  } else if (pde) {
-    read_multisymplectic(root, *pde, problem);
-  } else {
+  std::optional<Section> found;
+  const auto take = [&](std::string_view key) {
+    auto section = root.take_section(key);
+    if (section && found) {
+      throw ProblemError(section->location(),
+                         fmt::format("{} and [{}] in one problem; keep one of them", found->name(), key));
+    }
+    if (section) {
+      found = std::move(section);
+    }
+  };
+  take("hamiltonian");
+  take("lagrangian");
+  take("multisymplectic");
+  if (!found) {
     throw ProblemError(root.location(),
-                       "there is neither [hamiltonian] nor [multisymplectic]; `rubato show pendulum` prints "
-                       "a complete problem to start from");
+                       "there is neither [hamiltonian] nor [multisymplectic], nor [lagrangian]; `rubato show pendulum` "
+                       "prints a complete problem to start from");
+  }
+  if (found->name() == "[hamiltonian]") {
+    read_hamiltonian(root, *found, problem);
+  } else if (found->name() == "[lagrangian]") {
+    read_lagrangian(root, *found, problem);
+  } else {
+    read_multisymplectic(root, *found, problem);
   }
 }
 

@@ -53,13 +53,19 @@ struct Matrix {
 struct PhasePoint {
   double t = 0.0;
   std::vector<double> q, p;
-  Location location;  ///< of its table
+  std::vector<double> q_dot;  ///< of a problem stated by L
+  Location location;          ///< of its table
 };
 
-/// [hamiltonian]: an ODE in canonical coordinates.
+/// [hamiltonian], or [lagrangian]: an ODE in canonical coordinates.
 struct HamiltonianProblem {
   std::vector<std::string> q, p;  ///< names, vectors expanded: r[3] is r1, r2, r3
-  FormulaText H;                  ///< in q, p and parameters
+  FormulaText H;                  ///< in q, p and parameters; empty if there is L
+  /// Of a problem stated by L: a formula in q, q_dot and parameters. Momenta are called p_ and the coordinate.
+  ///@{
+  std::optional<FormulaText> L;
+  std::vector<std::string> q_dot;
+  ///@}
   /// With time_scale, and where H names t: a system of one more pair, the time and its momentum, that does not depend
   /// on its own independent variable s. H is then g·(H - E), or H + w; the initial point has the pair, too.
   ///@{
@@ -73,6 +79,12 @@ struct HamiltonianProblem {
 
   /// q followed by p.
   [[nodiscard]] std::vector<std::string> names() const;
+  /// q followed by q_dot.
+  [[nodiscard]] std::vector<std::string> lagrangian_names() const;
+  /// What [invariants] and [exact] know: names(), with q_dot in the middle if there is L.
+  [[nodiscard]] std::vector<std::string> formula_names() const;
+  /// H or L.
+  [[nodiscard]] const FormulaText& statement() const { return L ? *L : H; }
 };
 
 /// The names in a custom 𝕃: t_0, every name of q and p with suffix _0, t_1, and the same with suffix _1.
@@ -121,7 +133,7 @@ struct MultisymplecticProblem {
 };
 
 /// Of an orbit. A lattice's scheme is one of lattice_methods(), by its name.
-enum class Lagrangian { midpoint, forward, generating, custom, gauss, splitting, of_lattice };
+enum class Lagrangian { midpoint, forward, generating, custom, gauss, splitting, trapezoid, lobatto, of_lattice };
 
 /// What the user writes: "midpoint", "variable", "stop", …
 [[nodiscard]] std::string_view to_string(Lagrangian lagrangian);
@@ -146,7 +158,7 @@ struct Scheme {
   std::optional<double> energy_tolerance;
   double until = 0.0;
   std::optional<int> order;            ///< generating; of splitting only where it chose the composition
-  std::optional<int> stages;           ///< gauss, and methods for lattices that have stages
+  std::optional<int> stages;           ///< gauss, lobatto, and methods for lattices that have stages
   std::string composition = "golden";  ///< splitting: the name of one of compositions()
   DarbouxKind darboux = DarbouxKind::midpoint;
   std::optional<Matrix> darboux_matrix;

@@ -148,9 +148,10 @@ void check_formula(const FormulaText& text, const Vocabulary& vocabulary, std::s
 
 // ---- the parts of a problem -----------------------------------------------------------------------------------------
 
-/// [hamiltonian] and [multisymplectic] with all that belongs to them: [parameters], [initial], [invariants], [exact],
-/// and for the latter [grid] and [symmetries]. They set the problem's `parameters` and `system`.
+/// [hamiltonian], [lagrangian] and [multisymplectic] with all that belongs to them: [parameters], [initial],
+/// [invariants], [exact], and for the last [grid] and [symmetries]. They set the problem's `parameters` and `system`.
 void read_hamiltonian(Section& root, Section& section, Problem& problem);
+void read_lagrangian(Section& root, Section& section, Problem& problem);
 void read_multisymplectic(Section& root, Section& section, Problem& problem);
 /// [ensemble], if there is one. Whether the entries that it changes exist is seen when its members are read.
 [[nodiscard]] std::optional<Ensemble> read_ensemble(Section& root, std::span<const Parameter> parameters);

@@ -68,22 +68,41 @@ private:
   std::map<std::string, double> levels_;
 };
 
+/// H, or q_dot·∂L/∂q_dot - L.
+formula::Expression energy_formula(const Problem& problem, formula::Graph& graph) {
+  const HamiltonianProblem& ode = *problem.hamiltonian();
+  if (!ode.L) {
+    return problem.build(ode.H, graph, ode.names());
+  }
+  const formula::Expression L = problem.build(*ode.L, graph, ode.lagrangian_names());
+  formula::Expression energy = -L;
+  for (const std::string& name : ode.q_dot) {
+    const formula::Expression velocity = graph.variable(name);
+    energy += velocity * formula::derivative(L, velocity);
+  }
+  return energy;
+}
+
 std::map<std::string, double> orbit_levels(const record::Reader& reader, const Problem& problem) {
   const HamiltonianProblem& ode = *problem.hamiltonian();
   formula::Graph graph;
   std::vector<formula::Expression> variables;
-  for (const std::string& name : ode.names()) {
+  const std::vector<std::string> names = ode.formula_names();
+  for (const std::string& name : names) {
     variables.push_back(graph.variable(name));
   }
-  Magnitude energy(problem.build(ode.H, graph, ode.names()), variables);
+  Magnitude energy(energy_formula(problem, graph), variables);
   std::vector<std::pair<std::string, Magnitude>> invariants;
   for (const NamedFormula& invariant : ode.invariants) {
     invariants.emplace_back("/laws/" + invariant.name,
-                            Magnitude(problem.build(invariant.formula, graph, ode.names()), variables));
+                            Magnitude(problem.build(invariant.formula, graph, names), variables));
   }
   RecordedLevels levels;
   for (const std::size_t row : sample(reader.rows("/states/t"))) {
     std::vector<double> z = reader.read("/states/q", row, 1);
+    if (ode.L) {
+      std::ranges::copy(reader.read("/states/q_dot", row, 1), std::back_inserter(z));
+    }
     std::ranges::copy(reader.read("/states/p", row, 1), std::back_inserter(z));
     if (z.size() != variables.size()) {
       throw record::Error(reader.file(), "the states are not those of its problem");

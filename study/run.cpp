@@ -373,7 +373,7 @@ std::unique_ptr<Simulation> make_simulation(const Problem& problem, bool tangent
     return make_lattice_simulation(problem, tangents);
   }
   if (tangents) {
-    throw ProblemError(problem.hamiltonian()->H.location,
+    throw ProblemError(problem.hamiltonian()->statement().location,
                        "tangent solutions are carried along a lattice only: leave out --tangents for an orbit");
   }
   return make_orbit_simulation(problem);

@@ -9,6 +9,7 @@
 #include <rubato/study/keys.hpp>
 #include <rubato/study/lattice_problem.hpp>
 #include <rubato/study/reader.hpp>
+#include <rubato/variation/action_quadrature.hpp>
 #include <rubato/variation/composition.hpp>
 #include <rubato/variation/gauss_tableau.hpp>
 
@@ -52,25 +53,38 @@ private:
   }
   [[nodiscard]] bool is_driven() const { return problem_.hamiltonian() != nullptr && problem_.hamiltonian()->driven; }
 
+  [[nodiscard]] bool is_by_L() const { return problem_.hamiltonian() != nullptr && problem_.hamiltonian()->L; }
+
+  /// What a word of another kind of problem is for; empty if it is of none.
+  [[nodiscard]] static std::string_view owner_of(std::string_view word) {
+    const auto has = [word](std::span<const std::string_view> words) {
+      return std::ranges::find(words, word) != words.end();
+    };
+    return has(hamiltonian_lagrangians()) ? "ODEs ([hamiltonian])"
+           : has(quadratures)             ? "problems stated by L ([lagrangian])"
+           : has(lattice_lagrangians())   ? "lattices ([multisymplectic])"
+                                          : "";
+  }
+
   void read_lagrangian() {
     const bool ode = problem_.hamiltonian() != nullptr;
-    const std::span<const std::string_view> own = ode ? orbit_lagrangians : lattice_lagrangians();
-    const std::span<const std::string_view> others = ode ? lattice_lagrangians() : orbit_lagrangians;
+    const std::span<const std::string_view> own = is_by_L() ? std::span<const std::string_view>(quadratures)
+                                                  : ode     ? hamiltonian_lagrangians()
+                                                            : lattice_lagrangians();
     scheme_.lagrangian_location = scheme_.location;
     std::size_t which = 0;
     if (const Entry* entry = section_.take("lagrangian")) {
       scheme_.lagrangian_location = entry->value.location;
       if (const auto* word = entry->value.string();
-          word && std::ranges::find(own, *word) == own.end() && std::ranges::find(others, *word) != others.end()) {
-        throw ProblemError(
-            entry->value.location,
-            fmt::format("lagrangian = \"{}\" is for {}; here it may be \"{}\"", *word,
-                        ode ? "lattices ([multisymplectic])" : "ODEs ([hamiltonian])", fmt::join(own, "\", \"")));
+          word && std::ranges::find(own, *word) == own.end() && !owner_of(*word).empty()) {
+        throw ProblemError(entry->value.location, fmt::format("lagrangian = \"{}\" is for {}; here it may be \"{}\"",
+                                                              *word, owner_of(*word), fmt::join(own, "\", \"")));
       }
       which = read_word(entry->value, "lagrangian", own);
     }
     if (ode) {
-      scheme_.lagrangian = static_cast<Lagrangian>(which);
+      scheme_.lagrangian =
+          static_cast<Lagrangian>(std::ranges::find(orbit_lagrangians, own[which]) - orbit_lagrangians.begin());
     } else {
       scheme_.lagrangian = Lagrangian::of_lattice;
       scheme_.method = own[which];
@@ -174,17 +188,22 @@ private:
         owners.push_back(entry.name);
       }
     }
-    return lattice_entry() == nullptr ? "gauss" : fmt::format("{}", fmt::join(owners, "\" and \""));
+    return lattice_entry() != nullptr ? fmt::format("{}", fmt::join(owners, "\" and \""))
+           : is_by_L()                ? "gauss\" and \"lobatto"
+                                      : "gauss";
   }
   [[nodiscard]] bool has_stages() const {
-    return lattice_entry() != nullptr ? lattice_entry()->has_stages : scheme_.lagrangian == Lagrangian::gauss;
+    return lattice_entry() != nullptr ? lattice_entry()->has_stages
+                                      : scheme_.lagrangian == Lagrangian::gauss || is_lobatto();
   }
+  [[nodiscard]] bool is_lobatto() const { return scheme_.lagrangian == Lagrangian::lobatto; }
   [[nodiscard]] bool has_compositions() const {
     return lattice_entry() != nullptr ? lattice_entry()->has_compositions : scheme_.lagrangian == Lagrangian::splitting;
   }
   /// Whether it is a family of symplectic maps that has its discrete energy from theory, section 8.
   [[nodiscard]] bool is_family() const {
-    return has_compositions() || (lattice_entry() != nullptr ? scheme_.stages.value_or(1) > 1 : has_stages());
+    return has_compositions() || scheme_.lagrangian == Lagrangian::trapezoid ||
+           (lattice_entry() != nullptr ? scheme_.stages.value_or(1) > 1 : has_stages());
   }
   [[nodiscard]] std::string family_name() const {
     return has_compositions()           ? fmt::format("composition = \"{}\"", scheme_.composition)
@@ -222,7 +241,10 @@ private:
           order->location,
           fmt::format("order applies to lagrangian = \"generating\" and \"splitting\", and this problem has "
                       "\"{}\"; {}",
-                      scheme_.word(), has_stages() ? "write stages, half the order" : "leave it out"));
+                      scheme_.word(),
+                      is_lobatto()   ? "write stages, half the order and one"
+                      : has_stages() ? "write stages, half the order"
+                                     : "leave it out"));
     }
     const std::int64_t number = read_integer(order->value, "order", parameters_, 1);
     if (scheme_.lagrangian == Lagrangian::generating && number > most_generating_order) {
@@ -256,10 +278,20 @@ private:
       if (scheme_.lagrangian == Lagrangian::gauss) {
         throw ProblemError(scheme_.location, "lagrangian = \"gauss\" needs stages, from 1 to 8, such as stages = 3");
       }
+      if (is_lobatto()) {
+        throw ProblemError(scheme_.location,
+                           "lagrangian = \"lobatto\" needs stages, its points, from 2 to 9, such as stages = 3 for "
+                           "order 4");
+      }
       return;
     }
     const std::int64_t number = read_integer(stages->value, "stages", parameters_, 1);
-    if (number > GaussTableau::most_stages) {
+    if (is_lobatto() && (number < 2 || number > ActionQuadrature::most_degree + 1)) {
+      throw ProblemError(stages->value.location,
+                         fmt::format("stages = {}: Lobatto's rule is made for 2 to {} points, of order 2*stages - 2",
+                                     number, ActionQuadrature::most_degree + 1));
+    }
+    if (!is_lobatto() && number > GaussTableau::most_stages) {
       throw ProblemError(
           stages->value.location,
           fmt::format("stages = {}: Gauss collocation is made for 1 to {} stages", number, GaussTableau::most_stages));
@@ -292,7 +324,8 @@ private:
     if (lattice_entry() != nullptr) {
       return make_lattice_method(method_choice(scheme_))->has_bridges();
     }
-    return !has_stages() && (!has_compositions() || composition(scheme_.composition).has_node_law());
+    return !has_stages() && scheme_.lagrangian != Lagrangian::trapezoid &&
+           (!has_compositions() || composition(scheme_.composition).has_node_law());
   }
 
   Matrix read_darboux_matrix(const Value& value) {

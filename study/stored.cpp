@@ -53,6 +53,9 @@ void require_fit(const Problem& problem, const record::Reader& reader) {
   if (const HamiltonianProblem* orbit = problem.hamiltonian()) {
     require("/states/coordinate", orbit->q.size());
     require("/states/momentum", orbit->p.size());
+    if (orbit->L) {
+      require("/states/velocity", orbit->q_dot.size());
+    }
     return;
   }
   const MultisymplecticProblem& pde = *problem.multisymplectic();

@@ -107,11 +107,14 @@ rubato.bodiesOf = (q) => {
   return byNumber.length > 0 ? byNumber : grouped(/^(.+?)([123])$/, ([, name]) => name, ([, , place]) => place);
 };
 
-/** Coordinates and momenta against time, as many at once as the reader ticks. */
+/** Coordinates, momenta and, of a problem stated by L, velocities against time, as many at once as the reader ticks. */
 rubato.coordinates = (grid, states, bridges) => {
   const own = states.columns.filter((column) => column.group !== "exact");
   const exact = states.columns.filter((column) => column.group === "exact");
   const q = own.filter((column) => column.group === "q");
+  const hasVelocities = own.some((column) => column.group === "q_dot");
+  const count = (hasVelocities ? 3 : 2) * states.coordinates;
+  const kinds = hasVelocities ? "coordinates, momenta and velocities" : "coordinates and momenta";
   const card = rubato.card(grid, "Coordinates against time", { wide: q.length > 1 });
   const note = rubato.element("figcaption", { class: "note" });
   let picture = null;
@@ -128,8 +131,8 @@ rubato.coordinates = (grid, states, bridges) => {
     }
     const shown = Math.max(0, ...series.map(({ x }) => x.length));
     note.textContent = [series.length === 0 ? "Nothing is chosen." : null, rubato.thinningNote(states.count, shown || states.count, "states"),
-      `${names.length} of ${2 * states.coordinates} coordinates and momenta are drawn${names.length < own.length ? ": choose others above" : ""}.`,
-      own.length < 2 * states.coordinates ? `The last ${2 * states.coordinates - own.length} are in the record only.` : null].filter(Boolean).join(" ");
+      `${names.length} of ${count} ${kinds} are drawn${names.length < own.length ? ": choose others above" : ""}.`,
+      own.length < count ? `${count - own.length} more are in the record only.` : null].filter(Boolean).join(" ");
     card.body.append(note);
   };
   const first = q.slice(0, 4).map(({ name }) => name);

@@ -9,6 +9,7 @@
 
 #include <rubato/ode/integrate.hpp>
 #include <rubato/ode/lagrangian.hpp>
+#include <rubato/ode/lagrangian_scheme.hpp>
 #include <rubato/ode/legendre.hpp>
 #include <rubato/variation/action_quadrature.hpp>
 
@@ -160,6 +161,55 @@ TEST_CASE("quadratures of the action are exact where they have to be") {
                     Catch::Matchers::Contains("between 2 and 9; got 1"));
   CHECK_THROWS_WITH(ActionQuadrature(ActionQuadrature::Points::gauss, 9),
                     Catch::Matchers::Contains("between 1 and 8; got 9"));
+}
+
+TEST_CASE("the discrete energy of a quadrature is -dL_d/dh, by differences of L_d itself") {
+  // L_d = h Σ b_j L at the value y of the control point between for which it is stationary: found by Newton's method
+  // with differences, whose error enters L_d squared. Not separable, mass and force of size 1.
+  const Lagrangian L({"q"}, "(1 + q^2/2)*q_dot^2/2 + cos(q) + sin(q)*q_dot/3");
+  LagrangianEvaluator evaluator(L);
+  using Points = ActionQuadrature::Points;
+  for (const auto& [points, degree] :
+       {std::pair(Points::gauss, 1), {Points::lobatto, 1}, {Points::lobatto, 2}, {Points::gauss, 2}}) {
+    const ActionQuadrature quadrature(points, degree);
+    const auto action = [&, d = degree](double q_0, double y, double q_1, double h) {
+      Eigen::VectorXd control(d + 1);
+      control[0] = q_0, control[d] = q_1;
+      if (d == 2) {
+        control[1] = y;
+      }
+      double sum = 0.0;
+      for (Eigen::Index j = 0; j < quadrature.nodes.size(); ++j) {
+        const double at[] = {quadrature.values.row(j).dot(control), quadrature.rates.row(j).dot(control) / h};
+        double gradient[2];
+        sum += h * quadrature.weights[j] * evaluator.gradient(at, gradient);
+      }
+      return sum;
+    };
+    const auto L_d = [&, d = degree](double q_0, double q_1, double h) {
+      double y = 0.5 * (q_0 + q_1);
+      for (int i = 0; i < 20 && d == 2; ++i) {
+        constexpr double w = 1e-4;
+        const double up = action(q_0, y + w, q_1, h), here = action(q_0, y, q_1, h), down = action(q_0, y - w, q_1, h);
+        y -= 0.5 * w * (up - down) / (up - 2.0 * here + down);
+      }
+      return action(q_0, y, q_1, h);
+    };
+    const double q_0 = 0.3, q_dot = 0.8, h = 0.4;
+    const auto scheme = make_lagrangian_scheme(L, quadrature, std::span(&q_0, 1), std::span(&q_dot, 1));
+    const double p_0 = scheme->state()[1];
+    REQUIRE(scheme->advance(h, 0.0) == Status::success);
+    const double E = scheme->discrete_energy();
+    scheme->accept();
+    const double q_1 = scheme->state()[0], p_1 = scheme->state()[1];
+    // Central differences of width 1e-4 of functions whose derivatives are of size 1 to 1/h^3: below 1e-6.
+    constexpr double width = 1e-4, tolerance = 1e-6;
+    INFO(degree << (points == Points::gauss ? " Gauss" : " Lobatto"));
+    CHECK(std::abs(E + (L_d(q_0, q_1, h + width) - L_d(q_0, q_1, h - width)) / (2 * width)) < tolerance);
+    CHECK(std::abs(p_0 + (L_d(q_0 + width, q_1, h) - L_d(q_0 - width, q_1, h)) / (2 * width)) < tolerance);
+    CHECK(std::abs(p_1 - (L_d(q_0, q_1 + width, h) - L_d(q_0, q_1 - width, h)) / (2 * width)) < tolerance);
+    CHECK(std::abs(E - scheme->node().energy) > 10 * tolerance);  // the twin: H at the node is another number
+  }
 }
 
 TEST_CASE("the midpoint rule and Gauss's for the action of L are those for H, step by step") {
