@@ -10,7 +10,7 @@ namespace rubato::formula {
 namespace {
 
 /// Sums that share their parts (x + x with x = y + y …) have more terms than anybody wants to see one by one.
-constexpr std::size_t most_terms = 100'000;
+constexpr std::size_t most_summands = 100'000;
 
 /// Through which arguments of a node its value is linear with constant coefficients.
 struct Linear {
@@ -122,7 +122,7 @@ std::vector<Expression> terms_of(Expression expression) {
   };
   std::vector<Term> next = {{expression.index(), 1.0}};
   while (!next.empty()) {
-    if (terms.size() + next.size() > most_terms) {
+    if (terms.size() + next.size() > most_summands) {
       return {expression};
     }
     const auto [index, factor] = next.back();
