@@ -10,6 +10,7 @@
 #include <rubato/report/xdmf.hpp>
 #include <rubato/study/browse.hpp>
 #include <rubato/study/check.hpp>
+#include <rubato/study/converge.hpp>
 #include <rubato/study/effective.hpp>
 #include <rubato/study/ensemble.hpp>
 
@@ -155,6 +156,21 @@ study::ExitStatus scan(const ScanCommand& command) {
   refuse_replacing(run.problem, *options.output);
   return report_members(run.reporting, options, true,
                         [&](const study::RunOptions& complete) { return study::run_ensemble(problem, complete); });
+}
+
+study::ExitStatus converge(const ConvergeCommand& command) {
+  const study::Problem problem = study::read_problem(command.problem, command.settings);
+  std::vector<std::string> said;
+  const Reporting quiet{.json = command.reporting.json, .quiet = true, .threads = command.reporting.threads};
+  const study::ConvergenceOutcome outcome = with_progress(quiet, {}, said, [&](const study::RunOptions& options) {
+    return study::converge(problem, command.tolerance, options);
+  });
+  if (!outcome.message.empty()) {
+    print_error(outcome.message);
+  } else {
+    print(command.reporting.json ? study::to_json(outcome) + "\n" : study::to_table(outcome));
+  }
+  return outcome.status;
 }
 
 study::ExitStatus resume(const ResumeCommand& command) {

@@ -30,6 +30,13 @@ struct ScanCommand {
   std::vector<std::string> entries;  ///< "path=from:to:count", or "path=a,b,c"
 };
 
+struct ConvergeCommand {
+  std::string problem;
+  std::vector<std::string> settings;
+  std::optional<double> tolerance;
+  Reporting reporting;
+};
+
 struct ResumeCommand {
   std::string file;
   std::optional<double> until;
@@ -43,6 +50,7 @@ struct CheckCommand {
 };
 
 [[nodiscard]] study::ExitStatus run(const RunCommand& command);
+[[nodiscard]] study::ExitStatus converge(const ConvergeCommand& command);
 [[nodiscard]] study::ExitStatus scan(const ScanCommand& command);
 [[nodiscard]] study::ExitStatus resume(const ResumeCommand& command);
 [[nodiscard]] study::ExitStatus check(const CheckCommand& command);

@@ -39,6 +39,7 @@ constexpr const char* examples =
     "  rubato run mine.toml                 run it: writes mine.h5 or the file it names\n"
     "  rubato run kepler --set parameters.e=0.3 -o kepler.h5\n"
     "  rubato scan pendulum initial.p=0.1:3:30   a run for each value, and one table\n"
+    "  rubato converge mine.toml            how accurate it is: runs with smaller steps\n"
     "  rubato resume mine.h5 --until 200    go on from the last level\n"
     "  rubato check mine.h5                 all of it again, from the states alone\n"
     "  rubato report mine.h5                writes mine.html: plots of all of it, for a browser\n"
@@ -72,6 +73,13 @@ std::string check_finite(const std::string& text) {
   return CLI::detail::lexical_cast(text, number) && std::isfinite(number) ? "" : text + " is not a finite number";
 }
 
+std::string check_positive(const std::string& text) {
+  double number = 0;
+  return CLI::detail::lexical_cast(text, number) && std::isfinite(number) && number > 0.0
+             ? ""
+             : text + " is not a number above 0";
+}
+
 std::string check_not_empty(const std::string& text) {
   return text.empty() ? "the name is empty" : "";
 }
@@ -94,6 +102,7 @@ public:
     app_.require_subcommand(1);
     add_run();
     add_scan();
+    add_converge();
     add_resume();
     add_check();
     reports_.add_to(app_);
@@ -121,6 +130,9 @@ public:
     }
     if (app_.got_subcommand("scan")) {
       return rubato::program::scan(scan_);
+    }
+    if (app_.got_subcommand("converge")) {
+      return rubato::program::converge(converge_);
     }
     records_ = files_read(*app_.get_subcommands().front());
     rubato::program::explain_crashes(records_);  // all others read records
@@ -216,6 +228,31 @@ private:
         "  rubato scan kepler scheme.step=0.1,0.05,0.025 parameters.e=0:0.8:5 --json\n");
   }
 
+  void add_converge() {
+    CLI::App& command =
+        *app_.add_subcommand("converge", "Estimate errors by runs with halves and quarters of the step");
+    command.add_option("problem", converge_.problem, "A problem file, or a catalogue name")
+        ->option_text("PROBLEM")
+        ->check(check_not_empty)
+        ->required();
+    command.add_option("--set", converge_.settings, "Change one entry of the problem; repeatable")
+        ->option_text("table.key=value")
+        ->allow_extra_args(false);
+    command
+        .add_option("--tolerance", converge_.tolerance,
+                    "Say which step would reach this error, relative to each quantity")
+        ->option_text("T")
+        ->check(check_positive);
+    command.add_flag("--json", converge_.reporting.json, "Print one JSON object, and nothing else, on standard output");
+    command.add_option("--threads", converge_.reporting.threads, "Number of threads (default: OpenMP's)")
+        ->option_text("N")
+        ->check(check_threads);
+    command.footer(
+        "The laws can be perfect on an orbit that is wrong: their figures are no error estimate. This is one.\n"
+        "Example:\n"
+        "  rubato converge kepler --tolerance 1e-3\n");
+  }
+
   void add_run() {
     CLI::App& command = *app_.add_subcommand("run", "Run a problem and write its record");
     add_problem(command, run_, "as the problem says");
@@ -270,6 +307,7 @@ private:
   CLI::App app_;
   rubato::program::RunCommand run_;
   rubato::program::ScanCommand scan_;
+  rubato::program::ConvergeCommand converge_;
   rubato::program::ResumeCommand resume_;
   rubato::program::CheckCommand check_;
   rubato::program::ReportCommands reports_;

@@ -278,6 +278,20 @@ case $case_name in
     check "and says so in JSON" grep -q '"ended_early": 1' out
     check "nothing was written for wrong input" test ! -e never.h5
     ;;
+  converge)
+    run converge pendulum --set scheme.until=5 --tolerance 1e-6
+    expect 0 "order 1.9"
+    run converge pendulum --set scheme.until=5 --json
+    expect 0 '"quantities"'
+    check "an order" awk "BEGIN { exit !($(json order) > 1.8 && $(json order) < 2.2) }"
+    run converge pendulum --tolerance 0
+    expect 2 "above 0"
+    run converge pendulum --set scheme.step=auto --set scheme.energy_tolerance=1e-3
+    expect 2 "give it as a number"
+    run converge missing
+    expect 2
+    check "no record" test -z "$(ls ./*.h5 2>/dev/null)"
+    ;;
   report)
     run run pendulum --set scheme.until=5 -o a.h5 --quiet
     run run pendulum --set scheme.until=5 --set scheme.levels=fixed -o b.h5 --quiet
@@ -292,6 +306,9 @@ case $case_name in
     check "leaves the file alone" test "$(cat mine.html)" = mine
     run report a.h5 -o missing/folder/a.html
     expect 5 missing/folder
+    run run double-pendulum --set scheme.until=1 -o double.h5 --quiet
+    run export double.h5 -o double
+    expect 0 states.csv
     run report missing.h5
     expect 5 'no such file'
     cp a.h5 before.h5

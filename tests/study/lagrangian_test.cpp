@@ -8,7 +8,6 @@
 #include <vector>
 
 #include <rubato/record/reader.hpp>
-#include <rubato/report/csv.hpp>
 #include <rubato/study/check.hpp>
 #include <rubato/study/problem.hpp>
 #include <rubato/study/record_notes.hpp>
@@ -205,8 +204,6 @@ TEST_CASE("invariants and exact solutions of a problem stated by L may name velo
   }
   CHECK(v != q);
   CHECK_NOTHROW(notes_on(reader));
-  const auto files = report::export_csv(reader, folder / "csv", true);
-  CHECK(std::ranges::any_of(files, [](const auto& path) { return path.filename() == "states.csv"; }));
 }
 
 TEST_CASE("definitions serve L, invariants and exact solutions", "[study]") {

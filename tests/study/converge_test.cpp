@@ -1,0 +1,114 @@
+// How accurate is it? Runs with halves and quarters of the step, and of the spacings.
+
+#include <catch2/catch.hpp>
+
+#include <cmath>
+#include <string>
+#include <vector>
+
+#include <rubato/study/converge.hpp>
+#include <rubato/study/orbit_problem.hpp>
+
+#include "study/problem_texts.hpp"
+
+using namespace rubato;
+using namespace rubato::study;
+using namespace rubato::study_tests;
+using Catch::Contains;
+
+namespace {
+
+std::string refusal(const std::string& text, const std::vector<std::string>& settings) {
+  try {
+    static_cast<void>(converge(parse_problem(text, "t.toml", settings), std::nullopt));
+  } catch (const ProblemError& error) {
+    return error.what();
+  }
+  return "";
+}
+
+}  // namespace
+
+TEST_CASE(
+    "the estimate of an orbit's error is its error, and the order that of its scheme, with both kinds of levels") {
+  // The end by Gauss of order 12, whose own error at this step is rounding.
+  const std::vector<std::string> exact = {"scheme.lagrangian=gauss", "scheme.stages=6", "scheme.levels=fixed"};
+  OrbitIntegrator reference = make_integrator(parse_problem(pendulum, "t.toml", exact));
+  while (reference.t() < 10.0 - 1e-9) {
+    REQUIRE(reference.step().status == Status::success);
+  }
+  // With levels of its own the midpoint scheme: a step potential would be chosen anew for every first step.
+  for (const std::string levels : {"fixed", "variable"}) {
+    for (const int stages : {1, 2}) {
+      INFO(levels << ", " << stages);
+      if (levels == "variable" && stages > 1) {
+        continue;
+      }
+      std::vector<std::string> settings = {"scheme.levels=" + levels};
+      if (levels == "fixed") {
+        settings.insert(settings.end(), {"scheme.lagrangian=gauss", "scheme.stages=" + std::to_string(stages)});
+      }
+      const Problem problem = parse_problem(pendulum, "t.toml", settings);
+      const ConvergenceOutcome outcome = converge(problem, 1e-8);
+      REQUIRE(outcome.status == ExitStatus::done);
+      REQUIRE(outcome.quantities.size() == 2);
+      for (const Convergence& quantity : outcome.quantities) {
+        REQUIRE(quantity.step.order());
+        CHECK(*quantity.step.order() == Approx(2.0 * stages).margin(0.2));
+        CHECK_FALSE(quantity.grid);
+      }
+      // At equal steps the last level is the end itself.
+      if (levels == "fixed") {
+        OrbitIntegrator orbit = make_integrator(problem);
+        while (orbit.t() < 10.0 - 1e-9) {
+          REQUIRE(orbit.step().status == Status::success);
+        }
+        const double error = std::abs(orbit.q()[0] - reference.q()[0]);
+        // Richardson's estimate is off by h² of itself, with constants of some tens over ten time units.
+        CHECK(outcome.quantities[0].step.error() == Approx(error).epsilon(0.1));
+      }
+      REQUIRE(outcome.step_for_tolerance);
+      CHECK(*outcome.step_for_tolerance < 0.1);
+    }
+  }
+}
+
+TEST_CASE("a lattice's errors by its step and by its grid are told apart") {
+  const std::string text = replaced(replaced(breather, "until = 20", "until = 1"),
+                                    "[symmetries]\nturn = [[\"u\", \"v\", 1], [\"v\", \"u\", -1]]\n", "");
+  const auto outcome_of = [&](const std::vector<std::string>& settings) {
+    return converge(parse_problem(text, "t.toml", settings), std::nullopt);
+  };
+  const ConvergenceOutcome fine_step = outcome_of({"scheme.step=0.02", "grid.x.cells=151"});
+  REQUIRE(fine_step.quantities.size() == 3);
+  for (const Convergence& quantity : fine_step.quantities) {
+    INFO(quantity.name);
+    REQUIRE(quantity.grid);
+    CHECK(quantity.step.order().value() == Approx(2.0).margin(0.2));
+    CHECK(quantity.grid->order().value() == Approx(2.0).margin(0.3));
+    CHECK(quantity.grid->error() > 3.0 * quantity.step.error());
+  }
+  CHECK_THAT(to_json(fine_step), Contains("\"dominant\": \"grid\""));
+  // The twin: Fourier resolves the breather on this grid, and the step is all there is.
+  const ConvergenceOutcome coarse_step =
+      outcome_of({"scheme.lagrangian=fourier", "scheme.step=0.1", "grid.x.cells=151"});
+  CHECK(coarse_step.quantities[0].step.error() > 10.0 * coarse_step.quantities[0].grid->error());
+  CHECK_THAT(to_json(coarse_step), Contains("\"dominant\": \"step\"") && !Contains(": nan"));
+}
+
+TEST_CASE("convergence that cannot be measured is refused, or told") {
+  CHECK_THAT(refusal(pendulum, {"scheme.step=auto", "scheme.energy_tolerance=1e-3"}), Contains("give it as a number"));
+  CHECK_THAT(refusal(pendulum + "[ensemble]\ngrid = { initial.p = [1, 2] }\n", {}), Contains("leave [ensemble] out"));
+  const ConvergenceOutcome stopped =
+      converge(parse_problem(pendulum, "t.toml", std::vector<std::string>{"scheme.max_steps=150"}), std::nullopt);
+  CHECK(stopped.status == ExitStatus::failed);
+  CHECK_THAT(stopped.message, Contains("of the step: max_steps"));
+  // A free particle has no error: nothing is said of an order.
+  const ConvergenceOutcome free = converge(parse_problem(replaced(pendulum, "p^2/2 - cos(q)", "p^2/2"), "t.toml",
+                                                         std::vector<std::string>{"scheme.levels=fixed"}),
+                                           1e-6);
+  REQUIRE(free.status == ExitStatus::done);
+  CHECK_FALSE(free.quantities[0].step.order());
+  CHECK_FALSE(free.step_for_tolerance);
+  CHECK_THAT(to_table(free), Contains("rounding") && Contains("cannot be said"));
+}
