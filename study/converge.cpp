@@ -62,9 +62,9 @@ Problem refined(const Problem& problem, int step_halvings, int grid_halvings) {
   return parse_problem(problem.text, problem.source, settings);
 }
 
-class Comparison {
+class RefinedRuns {
 public:
-  Comparison(const Problem& problem, const RunOptions& options) : problem_(problem), options_(options) {
+  RefinedRuns(const Problem& problem, const RunOptions& options) : problem_(problem), options_(options) {
     if (const HamiltonianProblem* orbit = problem.hamiltonian()) {
       names_ = orbit->names();
       return;
@@ -183,7 +183,7 @@ ConvergenceOutcome converge(const Problem& problem, std::optional<double> tolera
   const auto begin = std::chrono::steady_clock::now();
   ConvergenceOutcome outcome{
       .title = problem.title, .until = problem.scheme.until, .step = *problem.scheme.step, .tolerance = tolerance};
-  Comparison comparison(problem, options);
+  RefinedRuns comparison(problem, options);
   std::vector<State> steps, grids;
   for (int halvings = 0; halvings < 3; ++halvings) {
     auto state = comparison.at_end(halvings, 0, outcome);

@@ -223,9 +223,9 @@ private:
 };
 
 /// The members of a problem, and their record.
-class Driver {
+class EnsembleDriver {
 public:
-  Driver(const Problem& problem, const RunOptions& options, std::string file)
+  EnsembleDriver(const Problem& problem, const RunOptions& options, std::string file)
       : problem_(problem), ensemble_(*problem.ensemble), options_(options) {
     use_threads(options.threads);
     outcome_.title = problem.title;
@@ -595,19 +595,19 @@ EnsembleOutcome run_ensemble(const Problem& problem, const RunOptions& options) 
     throw ProblemError(problem.ensemble->location,
                        "tangent solutions are not carried along an ensemble: leave out --tangents");
   }
-  return Driver(problem, options, options.output.value_or(problem.output.file)).start();
+  return EnsembleDriver(problem, options, options.output.value_or(problem.output.file)).start();
 }
 
 EnsembleOutcome resume_ensemble(const std::string& file, const RunOptions& options) {
   record::Claim claim(file);
   const Problem problem = stored_ensemble(record::Reader(file));
-  return blame_record(file, [&] { return Driver(problem, options, file).resume(std::move(claim)); });
+  return blame_record(file, [&] { return EnsembleDriver(problem, options, file).resume(std::move(claim)); });
 }
 
 EnsembleOutcome check_ensemble(const std::string& file, const RunOptions& options) {
   const record::Reader reader(file, record::Altered::told);
   const Problem problem = stored_ensemble(reader);
-  return blame_record(file, [&] { return Driver(problem, options, file).check(reader); });
+  return blame_record(file, [&] { return EnsembleDriver(problem, options, file).check(reader); });
 }
 
 }  // namespace rubato::study
