@@ -44,7 +44,8 @@ std::string remark_on(const std::string& name, const Vocabulary& vocabulary) {
     return "\nt is available in H and in [exact], and as t_0 and t_1 in a custom L";
   }
   if (name == "x" || name == "y" || name == "z") {
-    return fmt::format("\n{} is available in [initial] and [exact] of a lattice that has this direction only", name);
+    return fmt::format(
+        "\n{} is available in [initial], [exact] and densities of a lattice that has this direction only", name);
   }
   if (name == "integral") {
     return vocabulary.integrands != nullptr

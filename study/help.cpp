@@ -112,7 +112,8 @@ std::string formulas() {
         fmt::format("{}; {} of other initial fields", fmt::join(axis_letters, ", "), fmt::join(derivatives, ", ")));
   where("[invariants] of an orbit", "coordinates and momenta");
   where("  with [lagrangian]", "coordinates, velocities, and momenta: coordinates after p_");
-  where("[invariants] of a lattice", fmt::format("fields, and {} of fields", fmt::join(derivatives, ", ")));
+  where("[invariants] of a lattice",
+        fmt::format("fields, {} of fields, {}, t", fmt::join(derivatives, ", "), fmt::join(axis_letters, ", ")));
   where("[exact]", fmt::format("t, and on a lattice {}", fmt::join(axis_letters, ", ")));
   where("[parameters], and every number", "other parameters");
   text += wrapped(fmt::format("{} are derivatives on the grid (spectral), and may be nested: dx(dx(u)).",

@@ -214,10 +214,8 @@ LatticeLevel make_initial_level(const Problem& problem, const MultisymplecticSys
 NodeTable::NodeTable(const Problem& problem, const std::vector<NamedFormula>& formulas,
                      const std::vector<std::string>& fields, const grids::Grid& grid) {
   std::vector<std::string> names = fields;
-  if (fields.empty()) {
-    names = problem.multisymplectic()->axis_names();
-    names.emplace_back("t");
-  }
+  std::ranges::copy(problem.multisymplectic()->axis_names(), std::back_inserter(names));
+  names.emplace_back("t");
   auto graph = std::make_shared<formula::Graph>();
   std::vector<formula::Expression> outputs;
   for (const NamedFormula& formula : formulas) {
@@ -241,7 +239,13 @@ NodeTable make_invariants(const Problem& problem, const MultisymplecticSystem& s
   const MultisymplecticProblem& pde = *problem.multisymplectic();
   for (const NamedFormula& invariant : pde.invariants) {
     formula::Graph graph;
-    for (const std::string& field : fields_in(graph, problem.build(invariant.formula, graph, pde.fields, pde.fields))) {
+    std::vector<std::string> names = pde.fields;
+    std::ranges::copy(pde.axis_names(), std::back_inserter(names));
+    names.emplace_back("t");
+    for (const std::string& field : fields_in(graph, problem.build(invariant.formula, graph, names, pde.fields))) {
+      if (std::ranges::find(pde.fields, field) == pde.fields.end()) {
+        continue;  // a coordinate, or the time
+      }
       if (system.structure().at_midpoints(system.field(field))) {
         throw ProblemError(
             invariant.formula.location,

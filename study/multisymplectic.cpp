@@ -419,9 +419,11 @@ void read_multisymplectic(Section& root, Section& section, Problem& problem) {
                        "there is no [initial]: give a formula for the fields, such as u = \"cos(x)\"");
   }
   InitialReader(pde, fields, axes, parameters).read(*initial);
-  pde.invariants = read_invariants(root, {pde.fields, pde.fields, axes}, parameters);
   auto arguments = axes;
   arguments.emplace_back("t");
+  std::vector<std::string> of_densities = pde.fields;
+  of_densities.insert(of_densities.end(), arguments.begin(), arguments.end());
+  pde.invariants = read_invariants(root, {of_densities, pde.fields, axes}, parameters);
   pde.exact = read_exact(root, std::array{fields}, arguments, parameters);
   pde.symmetries = read_symmetries(root, matrices);
   check_invariant_names(pde.invariants, pde.symmetries);

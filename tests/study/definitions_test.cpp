@@ -8,6 +8,7 @@
 
 #include <fmt/format.h>
 
+#include <rubato/study/check.hpp>
 #include <rubato/study/problem.hpp>
 
 #include "study/problem_texts.hpp"
@@ -81,6 +82,29 @@ slope = "w/(2*pi)"
   REQUIRE(a.status == ExitStatus::done);
   REQUIRE(b.status == ExitStatus::done);
   CHECK(differences(a, b) == Names{});
+}
+
+TEST_CASE("densities of a lattice may name its coordinates and the time") {
+  const Folder folder;
+  const std::string text =
+      replaced(replaced(replaced(replaced(breather, "until = 20", "until = 0.5"), "cells = 401", "cells = 101"),
+                        "[symmetries]\nturn = [[\"u\", \"v\", 1], [\"v\", \"u\", -1]]\n", ""),
+               "topological_charge = \"w/(2*pi)\"", "width = \"x^2*v^2\"\nclock = \"t + 1\"");
+  const Outcome ran = run_text(text, folder / "a.h5");
+  REQUIRE(ran.status == ExitStatus::done);
+  REQUIRE(ran.statistics.invariants.size() == 2);
+  const double gamma = std::sqrt(0.75), dx = 40.0 / 101.0;
+  double width = 0.0;
+  for (int i = 0; i < 101; ++i) {
+    const double x = -20.0 + i * dx, v = 4.0 * gamma / std::cosh(gamma * x);
+    width += dx * x * x * v * v;
+  }
+  CHECK(ran.statistics.invariants[0].value.initial == Approx(width).epsilon(1e-12));
+  CHECK(ran.statistics.invariants[1].value.initial == Approx(40.0).epsilon(1e-12));
+  CHECK(ran.statistics.invariants[1].value.max() == Approx(40.0 * ran.statistics.t).epsilon(1e-12));
+  const Outcome checked = check(folder / "a.h5");
+  CHECK(checked.status == ExitStatus::done);
+  CHECK(differences(ran, checked) == Names{});
 }
 
 TEST_CASE("vectors are as long as a parameter, and started by one formula of their index") {
