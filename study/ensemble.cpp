@@ -201,14 +201,9 @@ public:
         is_number_ = false;
       }
       numbers_.push_back(number);
-      if (std::ranges::find(words_, text) == words_.end()) {
-        words_.push_back(text);
-      }
     }
     if (!is_number_) {
-      for (std::size_t m = 0; m < numbers_.size(); ++m) {
-        numbers_[m] = static_cast<double>(std::ranges::find(words_, ensemble.values[m][entry]) - words_.begin());
-      }
+      number_words(ensemble, entry);
     }
   }
   [[nodiscard]] double at(std::size_t member) const { return numbers_[member]; }
@@ -217,6 +212,19 @@ public:
   }
 
 private:
+  /// In the order in which members bring them.
+  void number_words(const Ensemble& ensemble, std::size_t entry) {
+    std::map<std::string_view, std::size_t> places;
+    for (std::size_t m = 0; m < numbers_.size(); ++m) {
+      const std::string& text = ensemble.values[m][entry];
+      const auto [place, is_new] = places.emplace(text, words_.size());
+      if (is_new) {
+        words_.push_back(text);
+      }
+      numbers_[m] = static_cast<double>(place->second);
+    }
+  }
+
   bool is_number_ = true;
   std::vector<double> numbers_;
   std::vector<std::string> words_;

@@ -21,18 +21,8 @@ PhasePoint read_point(Section& section, const NameList& q, const NameList& p, do
   point.t = time == nullptr ? default_time : read_number(time->value, "t", parameters);
 
   std::vector<std::string> missing;
-  const auto read = [&](const NameList& list, std::vector<double>& into) {
-    const auto values = take_values(section, list);
-    for (std::size_t i = 0; i < values.size(); ++i) {
-      if (values[i] == nullptr) {
-        missing.push_back(list.names[i]);
-      } else {
-        into.push_back(read_number(*values[i], list.names[i], parameters));
-      }
-    }
-  };
-  read(q, point.q);
-  read(p, point.p);
+  take_numbers(section, q, parameters, point.q, missing);
+  take_numbers(section, p, parameters, point.p, missing);
   section.finish();  // before what is missing, so that a misspelt name is called that
   if (!missing.empty()) {
     throw ProblemError(point.location, fmt::format("{} gives no value for {}; every coordinate and momentum needs one",

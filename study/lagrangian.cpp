@@ -78,18 +78,8 @@ PhasePoint read_start(Section& section, const NameList& q, const NameList& q_dot
   const Entry* time = section.take("t");
   point.t = time == nullptr ? 0.0 : read_number(time->value, "t", parameters);
   std::vector<std::string> missing;
-  const auto read = [&](const NameList& list, std::vector<double>& into) {
-    const auto values = take_values(section, list);
-    for (std::size_t i = 0; i < values.size(); ++i) {
-      if (values[i] == nullptr) {
-        missing.push_back(list.names[i]);
-      } else {
-        into.push_back(read_number(*values[i], list.names[i], parameters));
-      }
-    }
-  };
-  read(q, point.q);
-  read(q_dot, point.q_dot);
+  take_numbers(section, q, parameters, point.q, missing);
+  take_numbers(section, q_dot, parameters, point.q_dot, missing);
   for (const Entry& entry : section.entries()) {
     const bool names_momentum =
         entry.key == "p" || std::ranges::find(p.names, entry.key) != p.names.end() ||

@@ -8,6 +8,7 @@
 
 #include <rubato/pde/first_step.hpp>
 #include <rubato/study/initial_record.hpp>
+#include <rubato/study/reader.hpp>
 
 namespace rubato::study {
 
@@ -214,8 +215,7 @@ LatticeLevel make_initial_level(const Problem& problem, const MultisymplecticSys
 NodeTable::NodeTable(const Problem& problem, const std::vector<NamedFormula>& formulas,
                      const std::vector<std::string>& fields, const grids::Grid& grid) {
   std::vector<std::string> names = fields;
-  std::ranges::copy(problem.multisymplectic()->axis_names(), std::back_inserter(names));
-  names.emplace_back("t");
+  std::ranges::copy(argument_names(*problem.multisymplectic()), std::back_inserter(names));
   auto graph = std::make_shared<formula::Graph>();
   std::vector<formula::Expression> outputs;
   for (const NamedFormula& formula : formulas) {
@@ -239,10 +239,8 @@ NodeTable make_invariants(const Problem& problem, const MultisymplecticSystem& s
   const MultisymplecticProblem& pde = *problem.multisymplectic();
   for (const NamedFormula& invariant : pde.invariants) {
     formula::Graph graph;
-    std::vector<std::string> names = pde.fields;
-    std::ranges::copy(pde.axis_names(), std::back_inserter(names));
-    names.emplace_back("t");
-    for (const std::string& field : fields_in(graph, problem.build(invariant.formula, graph, names, pde.fields))) {
+    for (const std::string& field :
+         fields_in(graph, problem.build(invariant.formula, graph, quantity_names(pde), pde.fields))) {
       if (std::ranges::find(pde.fields, field) == pde.fields.end()) {
         continue;  // a coordinate, or the time
       }

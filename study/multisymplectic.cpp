@@ -402,10 +402,7 @@ void read_multisymplectic(Section& root, Section& section, Problem& problem) {
   pde.fields = fields.names;
   pde.axes = read_grid(root, section, parameters);
   const auto axes = pde.axis_names();
-  std::vector<std::string> definable = pde.fields;
-  definable.insert(definable.end(), axes.begin(), axes.end());
-  definable.emplace_back("t");
-  add_definitions(root, taken, {definable, pde.fields, axes}, parameters);
+  add_definitions(root, taken, {quantity_names(pde), pde.fields, axes}, parameters);
   const MatrixReader matrices(pde.fields, parameters);
   pde.M = matrices.skew(section.require("M", R"(the matrix of z_t, such as [["u", "v", -1]])").value, "M");
   pde.K = read_K(section, axes, matrices);
@@ -419,12 +416,8 @@ void read_multisymplectic(Section& root, Section& section, Problem& problem) {
                        "there is no [initial]: give a formula for the fields, such as u = \"cos(x)\"");
   }
   InitialReader(pde, fields, axes, parameters).read(*initial);
-  auto arguments = axes;
-  arguments.emplace_back("t");
-  std::vector<std::string> of_densities = pde.fields;
-  of_densities.insert(of_densities.end(), arguments.begin(), arguments.end());
-  pde.invariants = read_invariants(root, {of_densities, pde.fields, axes}, parameters);
-  pde.exact = read_exact(root, std::array{fields}, arguments, parameters);
+  pde.invariants = read_invariants(root, {quantity_names(pde), pde.fields, axes}, parameters);
+  pde.exact = read_exact(root, std::array{fields}, argument_names(pde), parameters);
   pde.symmetries = read_symmetries(root, matrices);
   check_invariant_names(pde.invariants, pde.symmetries);
   problem.system = std::move(pde);

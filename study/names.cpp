@@ -145,4 +145,16 @@ std::vector<const Value*> take_values(Section& section, const NameList& list) {
   return values;
 }
 
+void take_numbers(Section& section, const NameList& list, std::span<const Parameter> parameters,
+                  std::vector<double>& into, std::vector<std::string>& missing) {
+  const auto values = take_values(section, list);
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    if (values[i] == nullptr) {
+      missing.push_back(list.names[i]);
+    } else {
+      into.push_back(read_number(*values[i], list.names[i], parameters));
+    }
+  }
+}
+
 }  // namespace rubato::study

@@ -185,9 +185,12 @@ std::vector<std::string> quantity_names(const HamiltonianProblem& ode, std::span
 
 std::vector<std::string> quantity_names(const MultisymplecticProblem& pde) {
   std::vector<std::string> names = pde.fields;
-  for (const std::string& axis : pde.axis_names()) {
-    names.push_back(axis);
-  }
+  std::ranges::copy(argument_names(pde), std::back_inserter(names));
+  return names;
+}
+
+std::vector<std::string> argument_names(const MultisymplecticProblem& pde) {
+  std::vector<std::string> names = pde.axis_names();
   names.emplace_back("t");
   return names;
 }

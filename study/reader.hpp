@@ -104,6 +104,9 @@ struct NameList {
 /// The values given in `section` for the names of `list`: `r = [..]` or `r1 = .., r2 = ..`, not both. Those left out
 /// are null.
 [[nodiscard]] std::vector<const Value*> take_values(Section& section, const NameList& list);
+/// The same as numbers, at the end of `into`; names of those left out go to `missing`.
+void take_numbers(Section& section, const NameList& list, std::span<const Parameter> parameters,
+                  std::vector<double>& into, std::vector<std::string>& missing);
 
 /// [parameters]: numbers and formulas that may refer to each other in any order.
 /// \throws ProblemError also for a cycle, naming it
@@ -163,6 +166,8 @@ void read_output_times(Section& section, Problem& problem);
 [[nodiscard]] std::vector<std::string> quantity_names(const HamiltonianProblem& ode,
                                                       std::span<const Parameter> parameters);
 [[nodiscard]] std::vector<std::string> quantity_names(const MultisymplecticProblem& pde);
+/// Of these the coordinates of the grid, and t.
+[[nodiscard]] std::vector<std::string> argument_names(const MultisymplecticProblem& pde);
 ///@}
 /// [scheme]; needs the rest of the problem.
 [[nodiscard]] Scheme read_scheme(Section& root, const Problem& problem);
