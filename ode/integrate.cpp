@@ -9,12 +9,14 @@
 #include <fmt/ranges.h>
 
 #include <rubato/base/spread.hpp>
+#include <rubato/formula/parse.hpp>
 #include <rubato/ode/discrete_lagrangian.hpp>
 #include <rubato/ode/gauss_scheme.hpp>
 #include <rubato/ode/generating_action.hpp>
 #include <rubato/ode/generating_scheme.hpp>
 #include <rubato/ode/lagrangian_scheme.hpp>
 #include <rubato/ode/midpoint_scheme.hpp>
+#include <rubato/ode/orbit_events.hpp>
 #include <rubato/ode/splitting_scheme.hpp>
 #include <rubato/ode/two_step_scheme.hpp>
 #include <rubato/solve/small_matrices.hpp>
@@ -387,7 +389,108 @@ double Orbit::node_energy_deviation() const {
 
 namespace {
 
-Orbit run(OrbitIntegrator integrator, const IntegrationOptions& options) {
+/// The events of the options, and what was found of them.
+class EventLog {
+public:
+  EventLog(const IntegrationOptions& options, std::vector<std::string> names, std::unique_ptr<OrbitBetween> between,
+           std::optional<Hamiltonian> rates, std::unique_ptr<OneStepScheme> velocities)
+      : options_(options) {
+    names.emplace_back("t");
+    std::vector<formula::Expression> arguments;
+    for (const std::string& name : names) {
+      arguments.push_back(graph_.variable(name));
+    }
+    events_.emplace(std::move(*between), arguments, std::move(rates), std::move(velocities));
+    for (const Event& event : options.events) {
+      std::vector<std::string> known = names;
+      for (const auto& [name, value] : event.parameters) {
+        known.push_back(name);
+      }
+      const auto resolve = [&](std::string_view name) -> std::optional<formula::Expression> {
+        if (const auto found = std::ranges::find(names, name); found != names.end()) {
+          return arguments[static_cast<std::size_t>(found - names.begin())];
+        }
+        const auto parameter = event.parameters.find(std::string(name));
+        return parameter == event.parameters.end() ? std::nullopt : std::optional(graph_.constant(parameter->second));
+      };
+      events_->add(formula::parse(event.crossing, graph_, {.resolve = resolve, .known_names = known}), event.direction);
+    }
+  }
+
+  void begin(std::span<const double> z, double t, Orbit& orbit) {
+    events_->begin(z, t);
+    before_.assign(z.begin(), z.end());
+    for (const Event& event : options_.events) {
+      orbit.events.push_back({.name = event.name});
+    }
+  }
+
+  /// Whether the step ends the run.
+  bool follow(std::span<const double> z, double t_0, double t_1, double h, Orbit& orbit) {
+    const OrbitStep step{.z_0 = before_, .z_1 = z, .t_0 = t_0, .t_1 = t_1, .h = h};
+    events_->follow(step);
+    bool ends = false;
+    for (std::size_t i = 0; i < options_.events.size(); ++i) {
+      EventCrossings& found = orbit.events[i];
+      for (const Crossing& crossing : events_->crossings(i)) {
+        if (crossing.jump) {
+          ++found.jumps;
+          continue;
+        }
+        const std::span<const double> at = events_->state(step, crossing.fraction);
+        const std::size_t n = at.size() / 2;
+        found.t.push_back(step.time(crossing.fraction));
+        found.q.insert(found.q.end(), at.begin(), at.begin() + static_cast<std::ptrdiff_t>(n));
+        found.p.insert(found.p.end(), at.begin() + static_cast<std::ptrdiff_t>(n), at.end());
+        found.direction.push_back(crossing.direction);
+      }
+      found.undefined += events_->undefined(i) ? 1 : 0;
+      const std::size_t last = options_.events[i].stop_after;
+      found.stopped = last > 0 && found.t.size() >= last;
+      ends = ends || found.stopped;
+    }
+    before_.assign(z.begin(), z.end());
+    return ends;
+  }
+
+private:
+  const IntegrationOptions& options_;
+  formula::Graph graph_;
+  std::optional<OrbitEvents> events_;
+  std::vector<double> before_;
+};
+
+std::unique_ptr<EventLog> make_log(const Hamiltonian& hamiltonian, const InitialState& initial,
+                                   const IntegrationOptions& options) {
+  if (options.events.empty()) {
+    return nullptr;
+  }
+  std::vector<std::string> names = hamiltonian.q_names();
+  std::ranges::copy(hamiltonian.p_names(), std::back_inserter(names));
+  return std::make_unique<EventLog>(
+      options, std::move(names),
+      std::make_unique<OrbitBetween>(hamiltonian, options.lagrangian, options.next.has_value(), joined(initial)),
+      hamiltonian.without_constant(), nullptr);
+}
+
+std::unique_ptr<EventLog> make_log(const Lagrangian& lagrangian, const InitialMotion& initial,
+                                   const IntegrationOptions& options) {
+  if (options.events.empty()) {
+    return nullptr;
+  }
+  std::vector<std::string> names = lagrangian.q_names();
+  std::ranges::copy(lagrangian.velocity_names(), std::back_inserter(names));
+  for (const std::string& name : lagrangian.q_names()) {
+    names.push_back("p_" + name);
+  }
+  const auto map = [&] {
+    return make_one_step_scheme(lagrangian.without_constant(), options.lagrangian, initial.q, initial.q_dot);
+  };
+  return std::make_unique<EventLog>(options, std::move(names),
+                                    std::make_unique<OrbitBetween>(map(), 2 * initial.q.size()), std::nullopt, map());
+}
+
+Orbit run(OrbitIntegrator integrator, std::unique_ptr<EventLog> events, const IntegrationOptions& options) {
   Orbit orbit;
   orbit.degrees_of_freedom = integrator.q().size();
   orbit.cautions = integrator.cautions();
@@ -402,7 +505,11 @@ Orbit run(OrbitIntegrator integrator, const IntegrationOptions& options) {
     orbit.q_dot.insert(orbit.q_dot.end(), q_dot.begin(), q_dot.end());
   };
   record_level();
-  while (!integrator.finished()) {
+  bool stopped = false;
+  if (events != nullptr) {
+    events->begin(integrator.scheme().state(), integrator.t(), orbit);
+  }
+  while (!integrator.finished() && !stopped) {
     if (orbit.steps() == options.max_steps) {
       orbit.status = Status::not_converged;
       orbit.message = fmt::format("max_steps = {} reached at t = {:.10g}", options.max_steps, integrator.t());
@@ -421,6 +528,10 @@ Orbit run(OrbitIntegrator integrator, const IntegrationOptions& options) {
     orbit.condition.push_back(report.condition);
     orbit.bridged.push_back(report.bridged ? 1 : 0);
     record_level();
+    if (events != nullptr) {
+      stopped =
+          events->follow(integrator.scheme().state(), orbit.t[orbit.t.size() - 2], integrator.t(), report.h, orbit);
+    }
   }
   return orbit;
 }
@@ -428,11 +539,13 @@ Orbit run(OrbitIntegrator integrator, const IntegrationOptions& options) {
 }  // namespace
 
 Orbit integrate(const Hamiltonian& hamiltonian, const InitialState& initial, const IntegrationOptions& options) {
-  return run(OrbitIntegrator(hamiltonian, initial, options), options);
+  OrbitIntegrator integrator(hamiltonian, initial, options);  // which looks at what it is given
+  return run(std::move(integrator), make_log(hamiltonian, initial, options), options);
 }
 
 Orbit integrate(const Lagrangian& lagrangian, const InitialMotion& initial, const IntegrationOptions& options) {
-  return run(OrbitIntegrator(lagrangian, initial, options), options);
+  OrbitIntegrator integrator(lagrangian, initial, options);
+  return run(std::move(integrator), make_log(lagrangian, initial, options), options);
 }
 
 namespace {

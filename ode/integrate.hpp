@@ -13,6 +13,7 @@
 #include <rubato/ode/lagrangian.hpp>
 #include <rubato/ode/node_law.hpp>
 #include <rubato/ode/segment_scheme.hpp>
+#include <rubato/variation/crossing.hpp>
 #include <rubato/variation/discrete_action.hpp>
 #include <rubato/variation/time_levels.hpp>
 
@@ -93,6 +94,20 @@ struct InitialMotion {
   double t = 0.0;
 };
 
+/// What is looked for along an orbit: where a formula g passes zero. It is located between the levels, on the dense
+/// output of the scheme (OrbitBetween), so that its time is off by what the orbit is off by; CrossingSearch says what
+/// may be missed.
+struct Event {
+  std::string name;
+  /// g, of coordinates, momenta and t; of a problem stated by L(q, q̇) of velocities too, momenta being called p_ and
+  /// the coordinate.
+  std::string crossing;
+  Direction direction = Direction::both;
+  /// The integration ends with the step that has this many crossings; 0: it does not.
+  std::size_t stop_after = 0;
+  Hamiltonian::Parameters parameters = {};
+};
+
 struct IntegrationOptions {
   SegmentLagrangian lagrangian = Midpoint{};
   double step = 0.0;  ///< t_1 - t_0; negative integrates backward; has to be given
@@ -106,6 +121,7 @@ struct IntegrationOptions {
   std::size_t max_steps = 100'000'000;
   /// A second node z_1 at its own t: the two-step form from an arbitrary pair, instead of a midpoint step for z_1.
   std::optional<InitialState> next = std::nullopt;
+  std::vector<Event> events = {};
 };
 
 /// Initial data at which variable levels are meaningless: an equilibrium, where every h conserves the energy.
@@ -173,6 +189,17 @@ private:
   std::unique_ptr<TimeLevels> levels_;
 };
 
+/// The crossings of an event, in the order of the run.
+struct EventCrossings {
+  std::string name;
+  std::vector<double> t;
+  std::vector<double> q, p;  ///< n entries each
+  std::vector<Direction> direction;
+  std::size_t undefined = 0;  ///< steps in which g was not a number somewhere: their crossings are not known
+  std::size_t jumps = 0;      ///< jumps through zero, which are no crossings
+  bool stopped = false;       ///< whether it ended the integration
+};
+
 /// An orbit in memory: level k at t[k] with q[k·n …], p[k·n …]; step k from level k to k+1.
 struct Orbit {
   std::size_t degrees_of_freedom = 0;
@@ -180,6 +207,7 @@ struct Orbit {
   std::vector<double> q, p;                   ///< per level, n entries each
   std::vector<double> q_dot;                  ///< the same, of a problem that is stated by L
   std::vector<double> h, energy, condition;   ///< per step
+  std::vector<EventCrossings> events;         ///< in the order of the options
   std::vector<unsigned char> bridged;         ///< per step
   Status status = Status::success;            ///< why it ended: success at `until`
   std::string message;                        ///< for people, empty on success
@@ -198,8 +226,8 @@ struct Orbit {
   [[nodiscard]] double node_energy_deviation() const;
 };
 
-/// Integrates from `initial` to `options.until`. Ends early, with all levels so far and the status, where a step fails.
-/// \throws as OrbitIntegrator
+/// Integrates from `initial` to `options.until`, or to the end of the step in which an event stops it. Ends early, with
+/// all levels so far and the status, where a step fails. \throws as OrbitIntegrator; formula::ParseError of an event
 [[nodiscard]] Orbit integrate(const Hamiltonian& hamiltonian, const InitialState& initial,
                               const IntegrationOptions& options);
 [[nodiscard]] Orbit integrate(const Lagrangian& lagrangian, const InitialMotion& initial,
