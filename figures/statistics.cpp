@@ -39,10 +39,11 @@ Spread ResidualFigures::magnitudes() const {
 }
 
 void Statistics::name(const std::vector<std::string>& invariant_names, const std::vector<std::string>& total_names,
-                      const std::vector<std::string>& residual_names) {
+                      const std::vector<std::string>& residual_names, const std::vector<std::string>& event_names) {
   begin(invariants, invariant_names);
   begin(totals, total_names);
   begin(residuals, residual_names);
+  begin(events, event_names);
 }
 
 void Statistics::add_level(const LevelFigures& level) {
@@ -109,6 +110,16 @@ std::optional<double> Statistics::relative(double deviation) const {
   return deviation / energy_scale();
 }
 
+const Named<EventFigures>* Statistics::stopped_by() const {
+  const Named<EventFigures>* found = nullptr;
+  for (const Named<EventFigures>& event : events) {
+    if (event.value.stops() && (found == nullptr || (event.value.stopped - found->value.stopped) * (t - start) < 0.0)) {
+      found = &event;
+    }
+  }
+  return found;
+}
+
 std::vector<std::string> Statistics::undefined_quantities() const {
   std::vector<std::string> sentences;
   for (const auto& [name, value] : residuals) {
@@ -127,6 +138,25 @@ std::vector<std::string> Statistics::undefined_quantities() const {
                         "correct its formula",
                         kind, name, value.values.undefined, value.values.count()));
       }
+    }
+  }
+  for (const auto& [name, value] : events) {
+    if (value.undefined > 0) {
+      sentences.push_back(fmt::format(
+          "the formula of event {} is not defined in {} of {} steps: what crossings these have is not known; keep it "
+          "from leaving its domain",
+          name, value.undefined, steps));
+    }
+    if (value.jumps > 0) {
+      sentences.push_back(
+          fmt::format("the formula of event {} jumps through zero in {} of {} steps, as at a pole: these are not "
+                      "counted as crossings",
+                      name, value.jumps, steps));
+    }
+    if (value.incomplete > 0) {
+      sentences.push_back(
+          fmt::format("at {} of {} crossings of event {} a quantity is not defined: correct its formula",
+                      value.incomplete, value.count, name));
     }
   }
   for (const auto& [name, value] : errors) {
@@ -172,6 +202,15 @@ void Statistics::visit(Self& self, Visitor&& visitor) {
     for (auto& [name, value] : *list) {
       deviation(value);
     }
+  }
+  for (auto& [name, value] : self.events) {
+    visitor(value.count);
+    visitor(value.first);
+    visitor(value.last);
+    visitor(value.stopped);
+    visitor(value.undefined);
+    visitor(value.jumps);
+    visitor(value.incomplete);
   }
 }
 

@@ -72,6 +72,31 @@ struct ResidualFigures {
   [[nodiscard]] Spread magnitudes() const;
 };
 
+/// The crossings of an event along a run, and the steps in which some may have been missed.
+struct EventFigures {
+  std::size_t count = 0;
+  double first = std::numeric_limits<double>::quiet_NaN();    ///< time of the first
+  double last = std::numeric_limits<double>::quiet_NaN();     ///< and of the last one
+  double stopped = std::numeric_limits<double>::quiet_NaN();  ///< of the one that ended the run
+  std::size_t undefined = 0;                                  ///< steps in which its formula was not defined everywhere
+  std::size_t jumps = 0;                                      ///< steps in which it jumped through zero
+  std::size_t incomplete = 0;                                 ///< crossings at which a quantity was not defined
+
+  void add(double t, bool stops, bool defined) {
+    first = count == 0 ? t : first;
+    last = t;
+    stopped = stops && stopped != stopped ? t : stopped;
+    ++count;
+    incomplete += defined ? 0 : 1;
+  }
+  /// `missed`: 0, 1 where it is not defined, 2 where it jumps.
+  void add_step(int missed) {
+    undefined += missed == 1 ? 1 : 0;
+    jumps += missed == 2 ? 1 : 0;
+  }
+  [[nodiscard]] bool stops() const { return stopped == stopped; }
+};
+
 /// The momentum of the time in the extended phase space of a driven system, H(q, p, t) + minus_work: minus the work
 /// done on it since the start. Records are known by it.
 inline constexpr std::string_view work_momentum = "minus_work";
@@ -103,11 +128,12 @@ public:
   std::vector<Named<Spread>> residuals;  ///< magnitudes over cells and steps
   std::vector<Named<Deviation>> invariants;
   std::vector<Named<Deviation>> totals;  ///< of the densities of local laws
-  std::vector<Named<Spread>> errors;     ///< magnitudes, at the last level
+  std::vector<Named<EventFigures>> events;
+  std::vector<Named<Spread>> errors;  ///< magnitudes, at the last level
 
-  /// Begins the three lists with their names.
+  /// Begins the four lists with their names.
   void name(const std::vector<std::string>& invariant_names, const std::vector<std::string>& total_names,
-            const std::vector<std::string>& residual_names);
+            const std::vector<std::string>& residual_names, const std::vector<std::string>& event_names);
 
   void add_level(const LevelFigures& level);
   /// Of the level added last, where they are taken.
@@ -148,7 +174,11 @@ public:
   [[nodiscard]] std::optional<double> relative_energy_deviation() const { return relative(energy_deviation()); }
   [[nodiscard]] std::optional<double> relative_bridge_deviation() const { return relative(bridge_deviation()); }
 
-  /// One sentence for each law, invariant and error that is not a number everywhere, since its formula left its domain.
+  /// The event that ended the run: of several in its last step the first. Null if none did.
+  [[nodiscard]] const Named<EventFigures>* stopped_by() const;
+
+  /// One sentence for each law, invariant and error and event that is not a number everywhere, since its formula left
+  /// its domain.
   [[nodiscard]] std::vector<std::string> undefined_quantities() const;
 
   void save(StateWriter& state) const;

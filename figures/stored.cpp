@@ -49,7 +49,7 @@ public:
     if (levels_ == 0) {
       throw record::Error(reader_.file(), "it has no level");
     }
-    statistics_.name(names_.invariants, names_.totals, names_.residuals);
+    statistics_.name(names_.invariants, names_.totals, names_.residuals, names_.events);
     if (reader_.has("/states/momentum")) {
       const std::vector<std::string> momenta = reader_.read_strings("/states/momentum");
       statistics_.balance = !momenta.empty() && momenta.back() == work_momentum;
@@ -60,6 +60,7 @@ public:
       add_steps();
       add_residuals();
     }
+    add_events();
     add_errors();
     return std::move(statistics_);
   }
@@ -148,6 +149,28 @@ private:
         figures.undefined = undefined ? undefined->at(k) : 0.0;
         figures.defined = std::isnan(figures.rms) ? 0.0 : cells - figures.undefined;
         statistics_.add_residual(i, figures);
+      }
+    }
+  }
+
+  void add_events() {
+    for (auto& [name, event] : statistics_.events) {
+      const std::string group = "/events/" + name;
+      const std::size_t rows = reader_.rows(group + "/t");
+      Column t = column(group + "/t", rows);
+      std::optional<Column> stops = optional_column(group + "/stops", rows);
+      std::optional<StoredRows> quantities;
+      if (const std::string path = group + "/quantities"; reader_.has(path)) {
+        quantities.emplace(reader_, path, reader_.info(path).row_size());
+      }
+      for (std::size_t row = 0; row < rows; ++row) {
+        const bool defined =
+            !quantities || std::ranges::all_of(quantities->row(row), [](double value) { return std::isfinite(value); });
+        event.add(t.at(row), stops && stops->at(row) != 0.0, defined);
+      }
+      Column missed = column(group + "/missed", steps());
+      for (std::size_t k = 0; k < steps(); ++k) {
+        event.add_step(static_cast<int>(missed.at(k)));
       }
     }
   }

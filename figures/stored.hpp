@@ -52,6 +52,7 @@ struct Names {
   std::vector<std::string> totals;      ///< /laws/totals/NAME
   std::vector<std::string> residuals;   ///< /laws/NAME_max, _rms
   std::vector<std::string> exact;       ///< /exact/NAME
+  std::vector<std::string> events;      ///< /events/NAME/t
 };
 
 /// What to take in place of a stored number: by dataset, by row.

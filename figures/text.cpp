@@ -37,6 +37,18 @@ JsonObject json(const Deviation& deviation) {
   return add_undefined(object, deviation.values);
 }
 
+JsonObject json(const EventFigures& event) {
+  JsonObject object;
+  object.count("count", event.count).number("first", event.first).number("last", event.last);
+  for (const auto& [key, value] :
+       {std::pair("undefined", event.undefined), std::pair("jumps", event.jumps), {"incomplete", event.incomplete}}) {
+    if (value > 0) {
+      object.count(key, value);
+    }
+  }
+  return object;
+}
+
 template <typename T>
 JsonObject json(const std::vector<Named<T>>& values) {
   JsonObject object;
@@ -100,6 +112,20 @@ std::string deviation_text(const Deviation& deviation) {
                             ? fmt::format("{:.10g}, deviation {:.3g}", deviation.initial, deviation.max())
                             : "undefined at the start",
                         deviation.values, "levels");
+}
+
+std::string event_text(const EventFigures& event, std::size_t steps) {
+  std::string text = event.count == 0 ? "none"
+                     : event.count == 1
+                         ? fmt::format("1, at t = {:.10g}", event.first)
+                         : fmt::format("{}, from t = {:.10g} to {:.10g}", event.count, event.first, event.last);
+  if (event.undefined > 0) {
+    text += fmt::format("; not defined in {} of {} steps", event.undefined, steps);
+  }
+  if (event.jumps > 0) {
+    text += fmt::format("; {} jumps not counted", event.jumps);
+  }
+  return text;
 }
 
 /// A deviation of energy, relative where that says something.
@@ -223,6 +249,12 @@ void add_figures(JsonObject& object, const Statistics& statistics) {
   object.object("residuals", json(statistics.residuals));
   object.object("invariants", json(statistics.invariants));
   object.object("totals", json(statistics.totals));
+  object.object("events", json(statistics.events));
+  if (const auto* event = statistics.stopped_by()) {
+    JsonObject stopped;
+    stopped.text("event", event->name).number("t", event->value.stopped);
+    object.object("stopped", stopped);
+  }
   object.object("error", json(statistics.errors));
 }
 
@@ -272,6 +304,13 @@ std::vector<Line> lines_of(const Statistics& statistics) {
   }
   for (const auto& [name, value] : statistics.invariants) {
     add(name, deviation_text(value));
+  }
+  for (const auto& [name, value] : statistics.events) {
+    add("event " + name, event_text(value, statistics.steps), "crossings, by dense output");
+  }
+  if (const auto* event = statistics.stopped_by()) {
+    add("ended by", fmt::format("event {} at t = {:.10g}", event->name, event->value.stopped),
+        "the levels go to the end of that step", headline);
   }
   for (const auto& [name, value] : statistics.errors) {
     add("error in " + name,

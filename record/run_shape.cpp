@@ -113,6 +113,16 @@ private:
       for (std::size_t i = 1; i < info.shape.size(); ++i) {
         require_scale(info, i);
       }
+    } else if (group.starts_with("/events/")) {
+      const bool per_step = axis == "step";
+      const std::size_t rows = per_step ? levels_ - 1 : at(group + "/t").shape.front();
+      if (info.shape.front() != rows || (axis != "t" && !per_step) || (per_step && info.shape.size() != 1)) {
+        refuse(info.path, fmt::format("has {} rows, and there are {} {}", info.shape.front(), rows,
+                                      per_step ? "steps" : "crossings"));
+      }
+      for (std::size_t i = 1; i < info.shape.size(); ++i) {
+        require_scale(info, i);
+      }
     } else if (group == "/laws/fields" || group == "/exact" || group == "/states" || group.starts_with("/states/")) {
       if (info.shape.front() != stored_) {
         refuse(info.path, fmt::format("has {} rows, and {} levels are stored", info.shape.front(), stored_));
@@ -162,7 +172,11 @@ private:
   void require_scale(const DatasetInfo& info, std::size_t dimension) const {
     const std::string& name = info.dimensions[dimension];
     const bool of_orbit = name == "coordinate" || name == "momentum" || name == "velocity";
-    const DatasetInfo& scale = at((of_orbit ? "/states/" : "/grid/") + name);
+    const bool of_event = name == "quantity";
+    const DatasetInfo& scale = at((of_event   ? info.path.substr(0, info.path.rfind('/') + 1)
+                                   : of_orbit ? "/states/"
+                                              : "/grid/") +
+                                  name);
     if (scale.shape.size() != 1 || scale.shape.front() != info.shape[dimension]) {
       refuse(info.path, fmt::format("has {} values along '{}', which has {}", info.shape[dimension], scale.path,
                                     scale.shape.empty() ? 1 : scale.shape.front()));

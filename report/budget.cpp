@@ -11,7 +11,7 @@ namespace rubato::report {
 
 namespace {
 
-constexpr std::size_t least_points = 40, least_states = 200, least_bridges = 40;
+constexpr std::size_t least_points = 40, least_states = 200, least_bridges = 40, least_crossings = 200;
 /// x in double and y in single precision, in base 64.
 constexpr std::size_t point_bytes = 16, point_padding = 8;
 
@@ -37,6 +37,24 @@ Demand demand_of_curves(const record::Reader& reader, const Contents& contents, 
 Demand demand_of_bridges(const record::Reader& reader) {
   const std::size_t spans = bridge_spans(reader).size();
   return {bridge_frame + bridge_bytes * std::min(spans, least_bridges), bridge_frame + bridge_bytes * spans};
+}
+
+/// Of all sections together.
+struct SectionSizes {
+  std::size_t columns = 0, frames = 0, rows = 0;
+};
+SectionSizes sizes_of_sections(const record::Reader& reader, const Contents& contents) {
+  SectionSizes sizes;
+  for (const std::string& name : contents.sections) {
+    const std::string group = "/events/" + name;
+    sizes.frames += frame_of(Frame::column, name);
+    for (const std::string& quantity : reader.read_strings(group + "/quantity")) {
+      sizes.frames += frame_of(Frame::column, quantity);
+      ++sizes.columns;
+    }
+    sizes.rows = std::max(sizes.rows, reader.rows(group + "/t"));
+  }
+  return sizes;
 }
 
 std::size_t path_bytes(std::size_t states, std::size_t columns) {
@@ -86,6 +104,8 @@ Needs::Needs(const record::Reader& reader, const Contents& contents)
     : is_orbit_(contents.kind == Contents::Kind::orbit),
       curves_(count_curves(contents)),
       curve_frames_(0),
+      section_columns_(0),
+      section_frames_(0),
       columns_(0),
       column_frames_(0) {
   constexpr double pictures = 3.0;   // paths and maps say more than a curve
@@ -99,6 +119,13 @@ Needs::Needs(const record::Reader& reader, const Contents& contents)
   }
   demands_.push_back(demand_of_curves(reader, contents, curve_frames_));
   demands_.push_back(demand_of_bridges(reader));
+  const SectionSizes sections = sizes_of_sections(reader, contents);
+  section_columns_ = sections.columns;
+  section_frames_ = sections.frames;
+  const auto section_bytes = [&sections](std::size_t rows) {
+    return sections.frames + sections.columns * packed_size(4 * rows);
+  };
+  demands_.push_back({section_bytes(std::min(sections.rows, least_crossings)), section_bytes(sections.rows), pictures});
   if (!is_orbit_) {
     const record::DatasetInfo info = reader.info(contents.fields.front().path);
     Demand maps = contents.axes.size() < 2 ? SpaceTimeMap::demand(info, contents) : Film::demand(info, contents);
@@ -126,15 +153,19 @@ Resolution Needs::resolution(std::span<const std::size_t> shares) const {
   if (shares[1] < demands_[1].whole) {
     resolution.bridges = (shares[1] - bridge_frame) / bridge_bytes;
   }
-  if (shares[2] >= demands_[2].whole) {
+  if (shares[2] < demands_[2].whole) {
+    constexpr std::size_t padding = 4;
+    resolution.crossings = entries_in((shares[2] - section_frames_) / section_columns_ - padding, 4);
+  }
+  if (shares[3] >= demands_[3].whole) {
     return resolution;
   }
   if (!is_orbit_) {
-    resolution.map_bytes = shares[2];
+    resolution.map_bytes = shares[3];
     return resolution;
   }
   // A column against time is a curve like others; the path gets three times what all of them get.
-  const std::size_t room = shares[2] - column_frames_;
+  const std::size_t room = shares[3] - column_frames_;
   resolution.column_points = std::max(least_points, room / 4 / columns_ / point_bytes - 1);
   const std::size_t left = room - thinned_curves(columns_, resolution.column_points);
   constexpr std::size_t padding = 4;

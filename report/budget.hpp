@@ -45,6 +45,7 @@ struct Resolution {
   std::size_t path_states = no_limit;    ///< of an orbit's path
   std::size_t column_points = no_limit;  ///< of each coordinate and momentum against time, if the path is thinned
   std::size_t map_bytes = no_limit;      ///< of the page, for all maps together
+  std::size_t crossings = no_limit;      ///< points of each section
 };
 
 /// What a record's figures need.
@@ -58,9 +59,9 @@ public:
 
 private:
   std::vector<Demand>
-      demands_;  ///< of curves, bridges, and the path and the columns of an orbit, or the maps of a lattice
+      demands_;  ///< of curves, bridges, sections, and the path and the columns of an orbit, or the maps of a lattice
   bool is_orbit_;
-  std::size_t curves_, curve_frames_, columns_, column_frames_;
+  std::size_t curves_, curve_frames_, section_columns_, section_frames_, columns_, column_frames_;
 };
 
 }  // namespace rubato::report

@@ -43,6 +43,10 @@ Contents contents_of(const record::Reader& reader) {
       if (!is_field) {
         contents.quantities.push_back(*quantity);
       }
+    } else if (info.path.starts_with("/events/") && info.path.ends_with("/t")) {
+      contents.events.push_back(*name_in("/events/", info.path.substr(0, info.path.size() - 2)));
+    } else if (info.path.starts_with("/events/") && info.path.ends_with("/quantities") && info.row_size() > 1) {
+      contents.sections.push_back(*name_in("/events/", info.path.substr(0, info.path.rfind('/'))));
     } else if (const auto total = name_in("/laws/totals/", info.path); total && lies_along(info, "t")) {
       contents.totals.push_back(*total);
     } else if (const auto residual = name_in("/laws/fields/", info.path); residual && is_field) {
@@ -68,7 +72,8 @@ figures::Statistics summarise(const record::Reader& reader, const Contents& cont
   return figures::stored_statistics(reader, {.invariants = contents.invariants,
                                              .totals = contents.totals,
                                              .residuals = contents.residuals,
-                                             .exact = contents.exact});
+                                             .exact = contents.exact,
+                                             .events = contents.events});
 }
 
 }  // namespace rubato::report

@@ -28,6 +28,8 @@ struct Contents {
   std::vector<std::string> totals;           ///< names under /laws/totals
   std::vector<std::string> residuals;        ///< names of /laws/NAME_max and _rms
   std::vector<std::string> residual_fields;  ///< names under /laws/fields
+  std::vector<std::string> events;           ///< names under /events
+  std::vector<std::string> sections;         ///< those of them with two quantities or more
   std::vector<std::string> quantities;       ///< names under /output/quantities, one number per output time
 };
 

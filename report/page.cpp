@@ -20,9 +20,9 @@ namespace rubato::report {
 namespace {
 
 /// In the order in which they are run: each uses only those before it.
-constexpr std::array scripts{"theme.js", "unpack.js",  "format.js",     "colour.js",   "curve.js", "plane.js",
-                             "map.js",   "profile.js", "player.js",     "portrait.js", "cards.js", "tables.js",
-                             "orbit.js", "lattice.js", "comparison.js", "main.js"};
+constexpr std::array scripts{"theme.js",   "unpack.js",  "format.js",  "colour.js",     "curve.js", "plane.js",
+                             "map.js",     "profile.js", "player.js",  "portrait.js",   "cards.js", "tables.js",
+                             "section.js", "orbit.js",   "lattice.js", "comparison.js", "main.js"};
 
 /// What write_page() recognises its own pages by, near their beginning.
 constexpr std::string_view mark = R"(<meta name="generator" content="Rubato">)";
@@ -71,6 +71,7 @@ public:
     const Resolution resolution = shares.empty() ? Resolution() : needs_.resolution(shares);
     write_curves(json, source, resolution);
     write_bridges(json, reader_, resolution);
+    write_sections(json, source, resolution);
     if (contents_.kind == Contents::Kind::orbit) {
       write_states(json, source, resolution);
     } else {

@@ -36,6 +36,9 @@ void write_curves(Json& json, const Source& source, const Resolution& resolution
 /// "bridges": {"from", "to"}: the times between which steps were bridging; "bridge_count": how many there are.
 void write_bridges(Json& json, const record::Reader& reader, const Resolution& resolution);
 
+/// "sections": of each event with two quantities or more [{"name", "count", "columns": [{"name", "values"}]}].
+void write_sections(Json& json, const Source& source, const Resolution& resolution);
+
 /// A coordinate, a momentum or an exact solution: column `offset` of a dataset.
 struct StateColumn {
   std::string name, group, path;

@@ -27,7 +27,11 @@ figures::Names names_in(const record::Reader& reader, const Chronicle& chronicle
   figures::Names names{.invariants = chronicle.simulation().invariant_names(),
                        .totals = chronicle.simulation().total_names(),
                        .residuals = chronicle.simulation().residual_names(),
-                       .exact = {}};
+                       .exact = {},
+                       .events = {}};
+  for (const auto& [name, event] : chronicle.statistics().events) {
+    names.events.push_back(name);
+  }
   for (const record::Dataset& dataset : chronicle.layout().datasets) {
     constexpr std::string_view group = "/exact/";
     if (dataset.path.starts_with(group) && reader.has(dataset.path)) {

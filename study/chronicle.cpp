@@ -35,6 +35,10 @@ std::size_t expected_rows(const Problem& problem, std::string_view axis, std::si
   if (axis.starts_with("/levels/")) {
     return levels;
   }
+  if (axis.starts_with("/events/")) {  // more of them are rare
+    constexpr std::size_t levels_per_crossing = 16;
+    return levels / levels_per_crossing;
+  }
   const Output& output = problem.output;
   if (axis == "/output/t" && output.interval) {
     return static_cast<std::size_t>(
@@ -48,7 +52,8 @@ std::size_t expected_rows(const Problem& problem, std::string_view axis, std::si
 }
 
 /// The datasets that every record has, in the order in which a Chronicle tells of them.
-record::Layout make_layout(const Problem& problem, Simulation& simulation, const OutputMaker* output, int threads) {
+record::Layout make_layout(const Problem& problem, Simulation& simulation, const OutputMaker* output,
+                           const EventTeller* events, int threads) {
   using record::Type;
   record::Layout layout{.title = problem.title,
                         .problem = problem.text,
@@ -122,6 +127,9 @@ record::Layout make_layout(const Problem& problem, Simulation& simulation, const
     layout.datasets.push_back({"/output/t", "/output/t", {}, Type::f64, "the output times"});
     output->describe(layout);
   }
+  if (events != nullptr) {
+    events->describe(layout);
+  }
   if (const auto levels = expected_levels(problem)) {
     for (record::Dataset& dataset : layout.datasets) {
       dataset.expected_rows = expected_rows(problem, dataset.axis, *levels);
@@ -136,15 +144,18 @@ Chronicle::Chronicle(const Problem& problem, bool tangents)
     : problem_(problem),
       simulation_(make_simulation(problem, tangents)),
       output_(make_output(problem)),
+      events_(make_events(problem)),
       times_(problem),
-      layout_(make_layout(problem, *simulation_, output_.get(), omp_get_max_threads())),
+      layout_(make_layout(problem, *simulation_, output_.get(), events_.get(), omp_get_max_threads())),
       first_step_(dataset("/levels/step")),
       has_potential_(problem.scheme.potential.kind != StepPotentialChoice::Kind::none),
       laws_taken_(problem.laws.every > 1 ? std::optional(dataset(figures::laws_taken)) : std::nullopt),
       first_law_(dataset("/levels/step_condition") + (has_potential_ ? 2 : 1) + (laws_taken_ ? 1 : 0)),
       first_state_(dataset("/states/t")),
-      first_output_(dataset("/output/t")) {
-  statistics_.name(simulation_->invariant_names(), simulation_->total_names(), simulation_->residual_names());
+      first_output_(dataset("/output/t")),
+      first_event_(problem.events.empty() ? 0 : dataset("/events/" + problem.events.front().name + "/missed")) {
+  statistics_.name(simulation_->invariant_names(), simulation_->total_names(), simulation_->residual_names(),
+                   events_ == nullptr ? std::vector<std::string>() : events_->names());
   const HamiltonianProblem* orbit = problem.hamiltonian();
   statistics_.balance = orbit != nullptr && orbit->p.back() == figures::work_momentum;
   statistics_.laws_every = static_cast<std::size_t>(problem.laws.every);
@@ -159,6 +170,10 @@ void Chronicle::tell_start(RowSink& sink) {
   tell_level(0, sink);
   tell_state(sink);
   tell_outputs(sink);
+  if (events_ != nullptr) {
+    const OutputStep start = simulation_->last();
+    events_->begin(sink, first_event_, start.z_1, start.t_1, statistics_.events);
+  }
 }
 
 void Chronicle::tell_level(std::size_t number, RowSink& sink) {
@@ -230,6 +245,9 @@ void Chronicle::tell_step(const StepReport& report, RowSink& sink) {
     tell_state(sink);
   }
   tell_outputs(sink);
+  if (events_ != nullptr) {
+    events_->append(sink, first_event_, simulation_->last(), statistics_.events);
+  }
 }
 
 void Chronicle::tell_outputs(RowSink& sink) {
@@ -285,6 +303,17 @@ void Chronicle::save(StateWriter& state) const {
     state.write(static_cast<double>(outputs_));
     state.write(static_cast<double>(undefined_outputs_));
   }
+  if (events_ != nullptr) {
+    events_->save(state);
+  }
+}
+
+std::size_t Chronicle::values_after_statistics() const {
+  StateWriter events;
+  if (events_ != nullptr) {
+    events_->save(events);
+  }
+  return (output_ == nullptr ? 1 : 3) + events.values().size();
 }
 
 void Chronicle::restore(StateReader& state) {
@@ -295,6 +324,9 @@ void Chronicle::restore(StateReader& state) {
   if (output_ != nullptr) {
     state.read(outputs_);
     state.read(undefined_outputs_);
+  }
+  if (events_ != nullptr) {
+    events_->restore(state);
   }
 }
 

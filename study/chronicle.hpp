@@ -7,6 +7,7 @@
 
 #include <rubato/figures/statistics.hpp>
 #include <rubato/record/layout.hpp>
+#include <rubato/study/events.hpp>
 #include <rubato/study/output.hpp>
 #include <rubato/study/output_times.hpp>
 #include <rubato/study/problem.hpp>
@@ -44,6 +45,8 @@ public:
   /// levels.
   void tell_last(RowSink& sink);
   [[nodiscard]] bool told_last() const { return stored_ == statistics_.steps; }
+  /// Whether an event has ended the run.
+  [[nodiscard]] bool stopped() const { return statistics_.stopped_by() != nullptr; }
   /// How many rows there are under /output, and in how many of them something is not defined.
   ///@{
   [[nodiscard]] std::size_t outputs() const { return outputs_; }
@@ -52,7 +55,7 @@ public:
 
   void save(StateWriter& state) const;
   /// How many values save() writes after those of the statistics: the first is last_stored().
-  [[nodiscard]] std::size_t values_after_statistics() const { return output_ == nullptr ? 1 : 3; }
+  [[nodiscard]] std::size_t values_after_statistics() const;
   /// \throws std::invalid_argument if `state` is shorter than what it should restore
   void restore(StateReader& state);
 
@@ -65,12 +68,13 @@ private:
   const Problem& problem_;
   std::unique_ptr<Simulation> simulation_;
   std::unique_ptr<OutputMaker> output_;
+  std::unique_ptr<EventTeller> events_;
   OutputTimes times_;
   record::Layout layout_;
   std::size_t first_step_;  ///< numbers of datasets, and so the next two
   bool has_potential_;
   std::optional<std::size_t> laws_taken_;
-  std::size_t first_law_, first_state_, first_output_;
+  std::size_t first_law_, first_state_, first_output_, first_event_;
   figures::Statistics statistics_;
   BridgeCauses causes_;
   std::size_t stored_ = 0;

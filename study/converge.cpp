@@ -12,6 +12,7 @@
 #include <rubato/figures/text.hpp>
 #include <rubato/grids/resample.hpp>
 #include <rubato/record/reader.hpp>
+#include <rubato/study/effective.hpp>
 #include <rubato/study/lattice_problem.hpp>
 
 namespace rubato::study {
@@ -59,7 +60,12 @@ Problem refined(const Problem& problem, int step_halvings, int grid_halvings) {
     }
     settings.emplace_back("laws.every=false");
   }
-  return parse_problem(problem.text, problem.source, settings);
+  // Events would end runs before the time at which these are compared.
+  std::string text = problem.text;
+  for (const char* const table : {"events", "section"}) {
+    text = without_table(text, problem.source, table);
+  }
+  return parse_problem(text, problem.source, settings);
 }
 
 class RefinedRuns {

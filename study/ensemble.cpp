@@ -80,7 +80,7 @@ public:
   MemberResult run() {
     try {
       chronicle_.tell_start(rows_);
-      while (result_.status == ExitStatus::done && !simulation().finished()) {
+      while (result_.status == ExitStatus::done && !simulation().finished() && !chronicle_.stopped()) {
         one_step();
       }
     } catch (const LastRows::Undefined& undefined) {
@@ -179,6 +179,12 @@ std::vector<std::string> figure_names(const Problem& problem) {
   add("residuals", simulation->residual_names(), {"max", "rms"});
   add("invariants", simulation->invariant_names(), {"initial", "max_deviation"});
   add("totals", simulation->total_names(), {"initial", "max_deviation"});
+  std::vector<std::string> events;
+  std::ranges::transform(problem.events, std::back_inserter(events), &Event::name);
+  add("events", events, {"count", "first", "last"});
+  if (std::ranges::any_of(problem.events, [](const Event& event) { return event.stop_after > 0; })) {
+    names.emplace_back("stopped/t");
+  }
   std::vector<std::string> exact;
   for (const Named<Spread>& error : simulation->errors()) {
     exact.push_back(error.name);

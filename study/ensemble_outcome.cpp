@@ -66,11 +66,21 @@ std::string label_of(const std::string& name) {
   if (known != shown.end()) {
     return std::string(known->label);
   }
+  constexpr std::string_view event = "events/", count = "/count", first = "/first";
+  if (name == "stopped/t") {
+    return "ended by an event at";
+  }
   constexpr std::string_view residual = "residuals/", error = "error/", invariant = "invariants/", max = "/max",
                              deviation = "/max_deviation";
   const auto inner = [&name](std::string_view before, std::string_view after) {
     return name.substr(before.size(), name.size() - before.size() - after.size());
   };
+  if (name.starts_with(event) && name.ends_with(count)) {
+    return "event " + inner(event, count);
+  }
+  if (name.starts_with(event) && name.ends_with(first)) {
+    return inner(event, first) + ", first";
+  }
   if (name.starts_with(residual) && name.ends_with(max)) {
     return "residual " + inner(residual, max);
   }

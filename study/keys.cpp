@@ -13,7 +13,7 @@ namespace rubato::study {
 
 namespace {
 
-constexpr std::array<TableEntry, 21> all_tables{{
+constexpr std::array<TableEntry, 24> all_tables{{
     {"", "one of [hamiltonian], [lagrangian] and [multisymplectic] says what is to be solved"},
     {"hamiltonian", "an orbit: q' = dH/dp, p' = -dH/dq"},
     {"lagrangian",
@@ -52,6 +52,12 @@ constexpr std::array<TableEntry, 21> all_tables{{
      "formulas that are told at the output times, or at the levels that are stored: of q, p and t; on a lattice of "
      "fields, dx(f), t and x, y, z, with integral(f); at one point of it { formula = ..., at = { x = ... } }",
      "a quantity"},
+    {"events",
+     "zeros of formulas along the run, located between its levels: of q, p and t; on a lattice of t, integral(f), and "
+     "of fields at a point. NAME = \"x - 1\": every zero; NAME = \"x > 1\": where that becomes true",
+     "an event: a formula, a comparison, or a table as the next one"},
+    {"events.NAME", "an event with all that may be said of it"},
+    {"section", "a Poincare section: an event that is drawn on the page, by its first two quantities"},
     {"ensemble", "many runs of the problem, each with some of its entries changed: members, grid or random"},
     {"ensemble.random",
      "random = { count = 100, seed = 1, initial.p = \"uniform(0, 2)\" }: what is drawn, by the path of the entry",
@@ -90,6 +96,8 @@ std::vector<KeyEntry> make_keys() {
       {"", "scheme", "table", required, ""},
       {"", "laws", "table", none, ""},
       {"", "output", "table", none, ""},
+      {"", "events", "table", none, ""},
+      {"", "section", "table", none, ""},
       {"", "ensemble", "table", none, ""},
 
       {"hamiltonian", "q", "list of names", required, "The coordinates; \"r[3]\" declares the vector r1, r2, r3."},
@@ -199,6 +207,24 @@ std::vector<KeyEntry> make_keys() {
       {"output", "compression", "integer from 0 to 9", fmt::format("{}", output.compression),
        "How hard the record is compressed: 0 is not at all, and fastest."},
 
+      {"events", "stop", "formula or comparison", none,
+       "The run ends with the step in which it is met: \"x^2 + y^2 > 100\". The same as { crossing = ..., stop = true "
+       "}."},
+      {"events.NAME", "crossing", "formula or comparison", required, "What passes zero, or becomes true."},
+      {"events.NAME", "direction", "word", std::string(direction_words[0]), "Which way it passes zero, along the run.",
+       direction_words},
+      {"events.NAME", "at", "table", "required for fields",
+       "On a lattice, the point at which fields are meant: { x = 3.5 }."},
+      {"events.NAME", "stop", "true, false, or integer, at least 1", "false",
+       "The run ends with the step of the first crossing, or of that number."},
+      {"events.NAME", "quantities", "list of formulas", none,
+       "What is told of each crossing, besides the time and the state of an orbit; on a lattice numbers."},
+      {"section", "crossing", "formula or comparison", required, "As of an event."},
+      {"section", "direction", "word", std::string(direction_words[0]), "As of an event.", direction_words},
+      {"section", "at", "table", "required for fields", "As of an event."},
+      {"section", "stop", "true, false, or integer, at least 1", "false", "As of an event."},
+      {"section", "quantities", "list of formulas", required, "The coordinates of the section: [\"y\", \"v\"]."},
+
       {"ensemble", "members", "list of tables", none,
        "One table for each member: [{ initial.p = 1 }, { initial.p = 1.5, parameters.k = 2 }]."},
       {"ensemble", "grid", "table", none,
@@ -219,9 +245,9 @@ std::vector<std::string_view> names_of(const Entries& entries) {
   return words;
 }
 
-/// "grid.y" and "grid.z" are documented as "grid.x".
+/// "grid.y" and "grid.z" are documented as "grid.x", "events." and any name as "events.NAME".
 std::string_view documented_name(std::string_view table) {
-  return table == "grid.y" || table == "grid.z" ? "grid.x" : table;
+  return table == "grid.y" || table == "grid.z" ? "grid.x" : table.starts_with("events.") ? "events.NAME" : table;
 }
 
 }  // namespace

@@ -51,6 +51,7 @@ inline constexpr std::array<std::string_view, 3> on_singular_words = {"bridge", 
 inline constexpr std::array<std::string_view, 2> bridge_words = {"anchored", "reversible"};
 inline constexpr std::array<std::string_view, 2> potential_words = {"none", "auto"};
 inline constexpr std::array<std::string_view, 3> darboux_words = {"midpoint", "euler-a", "euler-b"};
+inline constexpr std::array<std::string_view, 3> direction_words = {"both", "up", "down"};
 /// The schemes for lattices, and the compositions of explicit splittings, by what the library calls them.
 ///@{
 [[nodiscard]] std::span<const std::string_view> lattice_lagrangians();

@@ -8,6 +8,7 @@
 
 #include <fmt/format.h>
 
+#include <rubato/study/event_check.hpp>
 #include <rubato/study/lattice_problem.hpp>
 #include <rubato/study/lattice_residuals.hpp>
 #include <rubato/study/output_check.hpp>
@@ -140,7 +141,8 @@ public:
         node_energy_(reader, "/levels/node_energy"),
         gamma_(reader, "/levels/gamma"),
         energy_(reader, "/levels/energy"),
-        output_(reader, levels, problem, grid_.size(), findings) {
+        output_(reader, levels, problem, grid_.size(), findings),
+        events_(reader, levels, problem, grid_.size(), findings) {
     for (const std::string& name : exact_.names()) {
       stored_exact_.emplace_back(reader, "/exact/" + name, grid_.size());
     }
@@ -171,6 +173,7 @@ public:
     equation_ = method_->equation(system_, grid_, after_, in_turn ? levels_.h.front() : 0.0);
     check_level(0, in_turn);
     output_.check_level(0, std::as_const(after_.fields).all());
+    events_.begin(std::as_const(after_.fields).all());
     bool start_known = true;
     for (std::size_t row = 1; row < levels_.state_level.size(); ++row) {
       if (levels_.sparse) {
@@ -186,12 +189,14 @@ public:
       if (whole && before_whole) {
         check_step(row);
         output_.check_step(level, std::as_const(before_.fields).all(), std::as_const(after_.fields).all());
+        events_.check_step(level, std::as_const(before_.fields).all(), std::as_const(after_.fields).all());
       }
       if (whole) {
         check_level(row, in_turn && start_known);
         output_.check_level(level, std::as_const(after_.fields).all());
       }
     }
+    events_.finish();
     return residual_;
   }
 
@@ -490,6 +495,7 @@ private:
   std::vector<StoredLaw> stored_laws_;
   std::unique_ptr<StepEquation> equation_;
   OutputCheck output_;
+  EventCheck events_;
   double equation_tolerance_ = 0.0;
   double gamma_scale_ = 0.0;
   Spread residual_;

@@ -14,6 +14,7 @@
 
 #include <rubato/ode/discrete_lagrangian.hpp>
 #include <rubato/ode/integrate.hpp>
+#include <rubato/study/event_check.hpp>
 #include <rubato/study/formula_table.hpp>
 #include <rubato/study/orbit_problem.hpp>
 #include <rubato/study/output_check.hpp>
@@ -80,7 +81,8 @@ public:
         node_energy_(reader, "/levels/node_energy"),
         gamma_(reader, "/levels/gamma"),
         energy_(reader, "/levels/energy"),
-        output_(reader, levels, problem, 1, findings) {
+        output_(reader, levels, problem, 1, findings),
+        events_(reader, levels, problem, 1, findings) {
     if (reader.has("/levels/rounding")) {  // records of earlier versions have none
       rounding_.emplace(reader, "/levels/rounding");
     }
@@ -130,16 +132,21 @@ public:
         check_node(z, levels_.state_level[row]);
         check_velocities(z, row);
         output_.check_level(levels_.state_level[row], z);
+        if (row == 0) {
+          events_.begin(z);
+        }
       }
       check_exact(row);
       if (row > 0 && whole && !previous.empty() && all_finite(previous)) {
         map_ ? check_map(row, previous, z) : check_step(row, previous, z);
         output_.check_step(levels_.state_level[row], previous, z);
+        events_.check_step(levels_.state_level[row], previous, z);
       } else {
         last_corners_.clear();
       }
       last = z;
     }
+    events_.finish();
     return equation_;
   }
 
@@ -466,6 +473,7 @@ private:
   std::vector<StoredRows> laws_, exacts_;
   std::vector<double> last_corners_;
   OutputCheck output_;
+  EventCheck events_;
   Spread equation_;
 };
 

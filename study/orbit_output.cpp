@@ -3,15 +3,10 @@
 #include <optional>
 #include <vector>
 
-#include <fmt/format.h>
-
-#include <rubato/ode/discrete_lagrangian.hpp>
-#include <rubato/ode/orbit_between.hpp>
 #include <rubato/study/formula_table.hpp>
-#include <rubato/study/orbit_problem.hpp>
+#include <rubato/study/orbit_levels.hpp>
 #include <rubato/study/output.hpp>
 #include <rubato/study/reader.hpp>
-#include <rubato/variation/total_variation.hpp>
 
 namespace rubato::study {
 
@@ -25,12 +20,6 @@ std::vector<NamedFormula> formulas_of(const std::vector<OutputQuantity>& quantit
   return formulas;
 }
 
-std::vector<double> start_of(const HamiltonianProblem& orbit) {
-  std::vector<double> z = orbit.initial.q;
-  z.insert(z.end(), orbit.initial.p.begin(), orbit.initial.p.end());
-  return z;
-}
-
 class OrbitOutput final : public OutputMaker {
 public:
   explicit OrbitOutput(const Problem& problem)
@@ -39,16 +28,10 @@ public:
         quantities_(problem, formulas_of(problem.output.quantities), names_),
         z_(start_of(*problem.hamiltonian())) {
     if (problem.output.has_times()) {
-      refuse_driven(problem);
-      if (problem.hamiltonian()->L) {
-        between_.emplace(make_map(problem), z_.size());
-      } else {
-        between_.emplace(make_hamiltonian(problem), make_discretisation(problem),
-                         problem.hamiltonian()->next.has_value(), z_);
-      }
+      between_.emplace(make_between(problem, "output.times and output.interval"));
     }
-    if (problem.hamiltonian()->L && !problem.output.quantities.empty()) {
-      reads_velocities_ = make_map(problem);
+    if (!problem.output.quantities.empty()) {
+      reads_velocities_ = make_velocities(problem);
     }
   }
 
@@ -88,32 +71,6 @@ public:
   }
 
 private:
-  /// Of a problem stated by L.
-  static std::unique_ptr<OneStepScheme> make_map(const Problem& problem) {
-    const PhasePoint& start = problem.hamiltonian()->initial;
-    return make_one_step_scheme(make_lagrangian(problem).without_constant(), make_discretisation(problem), start.q,
-                                start.q_dot);
-  }
-
-  /// Of an 𝕃 that depends on t no state between levels is known: H does not tell its rates.
-  static void refuse_driven(const Problem& problem) {
-    if (problem.scheme.lagrangian != Lagrangian::custom) {
-      return;
-    }
-    const auto action = make_action(make_hamiltonian(problem), make_discretisation(problem));
-    const std::vector<double> z = start_of(*problem.hamiltonian());
-    const double start = problem.start(), step = problem.scheme.step.value_or(1.0);
-    std::vector<double> corners = {start};
-    corners.insert(corners.end(), z.begin(), z.end());
-    corners.push_back(start + step);
-    corners.insert(corners.end(), z.begin(), z.end());
-    if (!is_autonomous(*action, corners)) {
-      throw ProblemError(problem.scheme.L->location,
-                         "L depends on t, and states between levels would be interpolated with the rates of H, which "
-                         "does not: leave out output.times and output.interval; every level is stored with every = 1");
-    }
-  }
-
   bool tell(RowSink& sink, std::size_t first, double t) {
     const std::size_t n = z_.size() / 2;
     if (with_states_) {

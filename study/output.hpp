@@ -15,6 +15,10 @@ struct OutputStep {
   std::span<const double> z_0, z_1;
   double t_0 = 0.0, t_1 = 0.0;
   double h = 0.0;
+
+  [[nodiscard]] double time(double fraction) const {
+    return fraction == 0.0 ? t_0 : fraction == 1.0 ? t_1 : t_0 + fraction * h;
+  }
 };
 
 /// What a record tells under /output at one time: the state, by dense output of the scheme's own order, and the

@@ -94,13 +94,9 @@ private:
       if (std::ranges::find(names_in_record, entry.key) != names_in_record.end()) {
         refuse_name(entry, "a quantity", name_of_record);
       }
-      OutputQuantity quantity{.name = entry.key, .formula = {}, .at = {}, .location = entry.location};
-      if (entry.value.table() != nullptr) {
-        read_at_point(entry, quantity);
-      } else {
-        quantity.formula = read_formula(entry.value, entry.key);
-      }
-      check(quantity);
+      OutputQuantity quantity = read_quantity(entry.value, "output.quantities." + entry.key, problem_);
+      quantity.name = entry.key;
+      quantity.location = entry.location;
       output_.quantities.push_back(std::move(quantity));
     }
     // The order of a record's own problem is another: tables come last there.
@@ -110,70 +106,78 @@ private:
     }
   }
 
-  /// { formula = "u", at = { x = 3.5 } }
-  void read_at_point(const Entry& entry, OutputQuantity& quantity) const {
-    for (const Entry& inner : *entry.value.table()) {
-      if (inner.key != "formula" && inner.key != "at") {
-        throw ProblemError(inner.location,
-                           fmt::format("unknown key {} in output.quantities.{}; known here: formula, at",
-                                       inner.key.substr(0, 100), entry.key));
-      }
-    }
-    const Entry* formula = find(*entry.value.table(), "formula");
-    const Entry* at = find(*entry.value.table(), "at");
-    if (formula == nullptr) {
-      throw ProblemError(entry.location, fmt::format("output.quantities.{} needs formula: what it is", entry.key));
-    }
-    quantity.formula = read_formula(formula->value, "formula");
-    if (at == nullptr) {
-      return;
-    }
-    const MultisymplecticProblem* pde = problem_.multisymplectic();
-    if (pde == nullptr) {
-      throw ProblemError(at->location, "at: an orbit has no points to look at; leave it out");
-    }
-    if (at->value.table() == nullptr) {
-      wrong_type(at->value, "at", "a table such as { x = 3.5 }");
-    }
-    const auto axes = pde->axis_names();
-    for (const Entry& inner : *at->value.table()) {
-      if (std::ranges::find(axes, inner.key) == axes.end()) {
-        throw ProblemError(inner.location, fmt::format("at: unknown direction {}; the grid has {}",
-                                                       inner.key.substr(0, 100), fmt::join(axes, ", ")));
-      }
-    }
-    quantity.at.emplace();
-    for (const GridAxis& axis : pde->axes) {
-      const Entry* coordinate = find(*at->value.table(), axis.name);
-      if (coordinate == nullptr) {
-        throw ProblemError(at->location,
-                           fmt::format("at: {} is missing; give every coordinate of the point", axis.name));
-      }
-      const double x = read_number(coordinate->value, axis.name, problem_.parameters);
-      if (!(x >= axis.from && x <= axis.to)) {
-        throw ProblemError(coordinate->value.location, fmt::format("at: {} = {} is outside the grid, from {} to {}",
-                                                                   axis.name, x, axis.from, axis.to));
-      }
-      quantity.at->push_back(x);
-    }
-  }
-
-  void check(const OutputQuantity& quantity) const {
-    formula::Graph graph;
-    if (const HamiltonianProblem* ode = problem_.hamiltonian()) {
-      static_cast<void>(problem_.build(quantity.formula, graph, quantity_names(*ode, problem_.parameters)));
-      return;
-    }
-    const MultisymplecticProblem& pde = *problem_.multisymplectic();
-    std::vector<formula::Expression> integrands;
-    static_cast<void>(problem_.build_quantity(quantity.formula, graph, quantity_names(pde), pde.fields, integrands));
-  }
-
   Problem& problem_;
   Output& output_;
 };
 
+void check_quantity(const OutputQuantity& quantity, const Problem& problem) {
+  formula::Graph graph;
+  if (const HamiltonianProblem* ode = problem.hamiltonian()) {
+    static_cast<void>(problem.build(quantity.formula, graph, quantity_names(*ode, problem.parameters)));
+    return;
+  }
+  const MultisymplecticProblem& pde = *problem.multisymplectic();
+  std::vector<formula::Expression> integrands;
+  static_cast<void>(problem.build_quantity(quantity.formula, graph, quantity_names(pde), pde.fields, integrands));
+}
+
 }  // namespace
+
+OutputQuantity read_quantity(const Value& value, std::string_view what, const Problem& problem) {
+  OutputQuantity quantity{.name = {}, .formula = {}, .at = {}, .location = value.location};
+  if (value.table() == nullptr) {
+    quantity.formula = read_formula(value, what);
+  } else {
+    for (const Entry& inner : *value.table()) {
+      if (inner.key != "formula" && inner.key != "at") {
+        throw ProblemError(inner.location, fmt::format("unknown key {} in {}; known here: formula, at",
+                                                       inner.key.substr(0, 100), what));
+      }
+    }
+    const Entry* formula = find(*value.table(), "formula");
+    const Entry* at = find(*value.table(), "at");
+    if (formula == nullptr) {
+      throw ProblemError(value.location, fmt::format("{} needs formula: what it is", what));
+    }
+    quantity.formula = read_formula(formula->value, "formula");
+    if (at != nullptr) {
+      quantity.at = read_point_of_grid(*at, problem);
+    }
+  }
+  check_quantity(quantity, problem);
+  return quantity;
+}
+
+std::vector<double> read_point_of_grid(const Entry& at, const Problem& problem) {
+  const MultisymplecticProblem* pde = problem.multisymplectic();
+  if (pde == nullptr) {
+    throw ProblemError(at.location, "at: an orbit has no points to look at; leave it out");
+  }
+  if (at.value.table() == nullptr) {
+    wrong_type(at.value, "at", "a table such as { x = 3.5 }");
+  }
+  const auto axes = pde->axis_names();
+  for (const Entry& inner : *at.value.table()) {
+    if (std::ranges::find(axes, inner.key) == axes.end()) {
+      throw ProblemError(inner.location, fmt::format("at: unknown direction {}; the grid has {}",
+                                                     inner.key.substr(0, 100), fmt::join(axes, ", ")));
+    }
+  }
+  std::vector<double> point;
+  for (const GridAxis& axis : pde->axes) {
+    const Entry* coordinate = find(*at.value.table(), axis.name);
+    if (coordinate == nullptr) {
+      throw ProblemError(at.location, fmt::format("at: {} is missing; give every coordinate of the point", axis.name));
+    }
+    const double x = read_number(coordinate->value, axis.name, problem.parameters);
+    if (!(x >= axis.from && x <= axis.to)) {
+      throw ProblemError(coordinate->value.location, fmt::format("at: {} = {} is outside the grid, from {} to {}",
+                                                                 axis.name, x, axis.from, axis.to));
+    }
+    point.push_back(x);
+  }
+  return point;
+}
 
 std::vector<std::string> quantity_names(const HamiltonianProblem& ode, std::span<const Parameter> parameters) {
   std::vector<std::string> names = ode.formula_names();

@@ -155,6 +155,7 @@ Problem read_effective(EffectiveDocument document, const std::string& source) {
   problem.scheme = read_scheme(root, problem);
   read_laws(root, problem);
   read_output(root, problem);
+  problem.events = read_events(root, problem);
   problem.ensemble = read_ensemble(root, problem.parameters);
   if (problem.ensemble && problem.output.any()) {
     throw ProblemError(problem.output.location,

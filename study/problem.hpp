@@ -13,6 +13,7 @@
 #include <rubato/formula/expression.hpp>
 #include <rubato/record/layout.hpp>
 #include <rubato/study/location.hpp>
+#include <rubato/variation/crossing.hpp>
 #include <rubato/variation/time_levels.hpp>
 
 /// Problems as files: read, validated, run, resumed and checked.
@@ -218,6 +219,22 @@ struct Output {
   Location file_location;
 };
 
+/// An entry of [events], or [section], which is the event of that name: g passes zero, or a condition becomes true.
+struct Event {
+  std::string name;
+  FormulaText crossing;                   ///< g; of a condition the side that becomes the greater
+  std::optional<FormulaText> less;        ///< of a condition: the other side
+  std::optional<std::vector<double>> at;  ///< of a lattice: a point of the domain where both are meant
+  Direction direction = Direction::both;
+  std::int64_t stop_after = 0;             ///< the run ends with the step of so many crossings; 0: it does not
+  std::vector<OutputQuantity> quantities;  ///< that are told at each crossing
+  Location location;
+
+  [[nodiscard]] bool is_condition() const { return less.has_value(); }
+};
+/// What [section] is called among the events.
+inline constexpr std::string_view section_event = "section";
+
 /// [ensemble]: many runs of one problem, each with some of its entries changed.
 struct Ensemble {
   std::vector<std::string> paths;                ///< of the entries: "initial.p", "parameters.c"
@@ -241,6 +258,7 @@ struct Problem {
   Scheme scheme;
   Laws laws;
   Output output;
+  std::vector<Event> events;         ///< of [events] and [section], in alphabetical order
   std::optional<Ensemble> ensemble;  ///< the problem itself is then what its members have in common
 
   [[nodiscard]] const HamiltonianProblem* hamiltonian() const { return std::get_if<HamiltonianProblem>(&system); }

@@ -160,6 +160,13 @@ void read_multisymplectic(Section& root, Section& section, Problem& problem);
 [[nodiscard]] std::optional<Ensemble> read_ensemble(Section& root, std::span<const Parameter> parameters);
 /// The part of [output] that says what is told, and when; needs all but it.
 void read_output_times(Section& section, Problem& problem);
+/// A quantity that is told at times: a formula, or { formula = "u", at = { x = 3.5 } }. `what` is what messages call
+/// it. \throws ProblemError also where the formula is none of such a quantity
+[[nodiscard]] OutputQuantity read_quantity(const Value& value, std::string_view what, const Problem& problem);
+/// A point of a lattice's domain: at = { x = 3.5 }.
+[[nodiscard]] std::vector<double> read_point_of_grid(const Entry& at, const Problem& problem);
+/// [events] and [section]; need all but them.
+[[nodiscard]] std::vector<Event> read_events(Section& root, const Problem& problem);
 /// What a quantity may name. Of an orbit coordinates and momenta, and t after them, unless that is known already as a
 /// coordinate of the extended phase space; on a lattice fields, coordinates of the grid, t.
 ///@{

@@ -89,8 +89,13 @@ public:
     auto continued = record::Writer::resume(std::move(claim), chronicle_->layout(), commit_policy());
     Digests digests = restore(continued.checkpoint());
     recorder_.emplace(std::move(continued), std::move(digests));
-    const bool at_end = simulation().finished();
+    const bool stopped = chronicle_->stopped(), at_end = simulation().finished() && !stopped;
     Outcome outcome = loop();
+    if (stopped) {
+      outcome.warnings.push_back(
+          fmt::format("nothing was added: event {} ended the run, which goes no further; run the problem without it",
+                      statistics().stopped_by()->name));
+    }
     if (at_end) {
       outcome.warnings.push_back(fmt::format(
           "nothing was added: the record goes to t = {:.10g}, and until = {:.10g} is not beyond that; give a "
@@ -169,7 +174,7 @@ private:
         options_.caution(sentence);
       }
     }
-    while (outcome_.status == ExitStatus::done && !simulation().finished()) {
+    while (outcome_.status == ExitStatus::done && !simulation().finished() && !chronicle_->stopped()) {
       one_step();
     }
     outcome_.complete = outcome_.status == ExitStatus::done;

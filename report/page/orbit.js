@@ -69,6 +69,7 @@ rubato.commonCurves = (() => {
       kept.forEach((curve) => show(invariants, curve.title, [{ ...curve, label: "deviation", colour: 0 }],
         { ...common, yLabel: "deviation", note: `Deviation from ${rubato.format.number(curve.initial, 12)}, the first value that there is.` }));
     }
+    rubato.sections(data);
     if (group("output").length > 0) {
       const outputs = rubato.section("Quantities at the output times", "quantities");
       group("output").forEach((curve) => show(outputs, curve.name, [{ ...curve, colour: 1 }], { ...common, yLabel: curve.name }));

@@ -1,0 +1,286 @@
+// [events] and [section]: what is found, told, stopped, resumed, checked, and refused.
+
+#include <catch2/catch.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include <rubato/record/reader.hpp>
+#include <rubato/study/check.hpp>
+#include <rubato/study/ensemble.hpp>
+#include <rubato/study/problem.hpp>
+#include <rubato/study/run.hpp>
+
+#include "problem_texts.hpp"
+#include "records.hpp"
+
+using namespace rubato::study;
+using namespace rubato::study_tests;
+using Catch::Contains;
+using rubato::record::Reader;
+
+namespace {
+
+using Settings = std::vector<std::string>;
+
+Settings with(Settings settings, const Settings& more) {
+  settings.insert(settings.end(), more.begin(), more.end());
+  return settings;
+}
+
+bool sound(const std::string& file, bool replay = false) {
+  const Outcome outcome = check(file, {.replay = replay});
+  INFO(outcome.message);
+  CHECK(outcome.status == ExitStatus::done);
+  return outcome.status == ExitStatus::done;
+}
+
+const Settings orbit = {"scheme.until=20", "events.apsis=x*u+y*v", "events.near=x^2+y^2<1",
+                        R"(section={crossing="y", direction="up", quantities=["x", "u", "t"]})"};
+const Settings lattice = {"grid.x.cells=51", "scheme.until=8",
+                          R"x(events.peak={crossing="v", at={x=0}, quantities=["integral(v^2/2)", "t"]})x",
+                          R"x(events.half={crossing="integral(v^2/2)-3", direction="down"})x"};
+
+void check_resumes(const std::string& name, const Settings& settings, const std::vector<double>& moments, double end) {
+  INFO(name);
+  const Folder folder;
+  run_problem(name, folder / "whole.h5", with(settings, {"scheme.until=" + std::to_string(end)}));
+  CHECK(sound(folder / "whole.h5", true));
+  for (const double moment : moments) {
+    const std::string file = folder / ("stopped" + std::to_string(moment) + ".h5");
+    run_problem(name, file, with(settings, {"scheme.until=" + std::to_string(moment)}));
+    CHECK(resume(file, end, {.threads = 1}).status == ExitStatus::done);
+    CHECK(different_datasets(file, folder / "whole.h5") == Names{});
+  }
+}
+
+/// What is said of a problem that is refused: nothing is then written.
+std::string refusal(const std::string& name, const Settings& settings) {
+  const Folder folder;
+  const std::string file = folder / "refused.h5";
+  try {
+    static_cast<void>(run(read_problem(name, settings), {.output = file, .threads = 1}));
+  } catch (const ProblemError& error) {
+    CHECK_FALSE(std::filesystem::exists(file));
+    return error.what();
+  }
+  return {};
+}
+
+}  // namespace
+
+TEST_CASE("events are told with the state in which they are", "[study]") {
+  const Folder folder;
+  const std::string file = folder / "orbit.h5";
+  const Outcome outcome = run_problem("kepler", file, orbit);
+  const Reader reader(file);
+  const std::vector<double> t = reader.read("/events/apsis/t"), q = reader.read("/events/apsis/q"),
+                            p = reader.read("/events/apsis/p"), direction = reader.read("/events/apsis/direction");
+  REQUIRE(t.size() >= 4);
+  for (std::size_t i = 0; i < t.size(); ++i) {
+    // Products of numbers up to 2, from a zero located to a few roundings.
+    CHECK(std::abs(q[2 * i] * p[2 * i] + q[2 * i + 1] * p[2 * i + 1]) < 1e-14);
+    const bool pericentre = q[2 * i] * q[2 * i] + q[2 * i + 1] * q[2 * i + 1] < 1.0;
+    CHECK(direction[i] == (pericentre ? 1.0 : -1.0));
+    CHECK((i == 0 || t[i] > t[i - 1]));
+  }
+  CHECK(reader.read_strings("/events/section/quantity") == std::vector<std::string>{"x", "u", "t"});
+  const std::vector<double> section = reader.read("/events/section/quantities"),
+                            times = reader.read("/events/section/t");
+  REQUIRE(section.size() == 3 * times.size());
+  for (std::size_t i = 0; i < times.size(); ++i) {
+    CHECK(section[3 * i] == reader.read("/events/section/q", i, 1).at(0));
+    CHECK(section[3 * i + 2] == times[i]);
+    CHECK(std::abs(reader.read("/events/section/q", i, 1).at(1)) < 1e-15);
+  }
+  // Every time that it comes near, and not where it leaves.
+  CHECK(reader.rows("/events/near/t") == times.size() - (times.size() > reader.rows("/events/near/t") ? 1 : 0));
+  CHECK(sound(file, true));
+  CHECK(differences(outcome, check(file)) == Names{});
+  const std::string json = to_json(outcome);
+  CHECK_THAT(json, Contains(R"("apsis": {"count": )" + std::to_string(t.size())));
+  CHECK_THAT(json, !Contains("stopped"));
+  CHECK_THAT(to_table(outcome), Contains("event section"));
+}
+
+TEST_CASE("a run ends with the step in which an event stops it", "[study]") {
+  const Folder folder;
+  const std::string file = folder / "a.h5";
+  const Settings settings = {"scheme.until=50", "events.stop=t > 7.03", R"(events.turns={crossing="y", stop=8})"};
+  const Outcome outcome = run_problem("kepler", file, settings);
+  CHECK(outcome.status == ExitStatus::done);
+  CHECK(outcome.complete);
+  REQUIRE(outcome.statistics.stopped_by() != nullptr);
+  CHECK(outcome.statistics.stopped_by()->name == "stop");
+  const Reader reader(file);
+  const std::vector<double> t = reader.read("/levels/t");
+  CHECK(std::abs(reader.read("/events/stop/t").front() - 7.03) < 1e-14);
+  CHECK(t.back() >= 7.03);
+  CHECK(t[t.size() - 2] < 7.03);
+  CHECK(reader.read("/states/t").back() == t.back());
+  CHECK(reader.read("/events/stop/stops") == std::vector<double>{1.0});
+  CHECK_THAT(to_json(outcome), Contains(R"("stopped": {"event": "stop", "t": 7.03)"));
+  CHECK_THAT(to_table(outcome), Contains("event stop at t = 7.03"));
+  CHECK(sound(file, true));
+  // No step is shortened: the levels are those of a run that goes on.
+  run_problem("kepler", folder / "b.h5", {"scheme.until=9"});
+  const std::vector<double> all = Reader(folder / "b.h5").read("/levels/t");
+  CHECK(std::equal(t.begin(), t.end(), all.begin()));
+  // And nothing is added to it.
+  const Outcome again = resume(file, 100.0, {.threads = 1});
+  CHECK(Reader(file).rows("/levels/t") == t.size());
+  CHECK_THAT(again.warnings.back(), Contains("event stop ended the run"));
+  // By its number.
+  const Outcome second =
+      run_problem("kepler", folder / "c.h5", {"scheme.until=50", R"(events.turns={crossing="y", stop=3})"});
+  CHECK(second.statistics.stopped_by()->value.count == 3);
+  // A condition that holds at the start ends it there.
+  const Outcome none = run_problem("kepler", folder / "d.h5", {"events.stop=x^2+y^2>0.01"});
+  CHECK(none.statistics.steps == 0);
+  CHECK(none.statistics.stopped_by() != nullptr);
+  CHECK(sound(folder / "d.h5", true));
+  CHECK(run_problem("kepler", folder / "e.h5", {"events.stop=x^2+y^2-0.01"}).statistics.steps > 0);
+}
+
+TEST_CASE("runs with events are resumed bit by bit", "[study]") {
+  // Before, in and after steps with crossings.
+  check_resumes("kepler", orbit, {0.011, 3.0, 6.28, 12.5}, 20.0);
+  check_resumes("kepler", with(orbit, {"scheme.levels=fixed", "scheme.step=0.05", "output.every=7"}), {3.1, 6.3}, 13.0);
+  check_resumes("kepler", with(orbit, {"output.interval=0.31", "output.states=false"}), {6.28}, 13.0);
+  check_resumes("sine-gordon", lattice, {0.06, 2.0, 5.9}, 8.0);
+}
+
+TEST_CASE("events of a lattice are of integrals and of fields at points", "[study][lattice]") {
+  const Folder folder;
+  const std::string file = folder / "lattice.h5";
+  const Outcome outcome = run_problem("sine-gordon", file, with(lattice, {"grid.x.cells=201"}));
+  const Reader reader(file);
+  // The breather's field at its middle, 4 atan(γ/ω sin ωt), turns at π/(2ω) = π; the box scheme is off by Δx², 0.04.
+  REQUIRE(reader.rows("/events/peak/t") == 1);
+  CHECK(std::abs(reader.read("/events/peak/t").front() - std::acos(-1.0)) < 0.1);
+  CHECK(reader.read("/events/peak/quantities").at(1) == reader.read("/events/peak/t").front());
+  CHECK(reader.rows("/events/half/t") >= 1);
+  CHECK(sound(file, true));
+  CHECK(differences(outcome, check(file)) == Names{});
+}
+
+TEST_CASE("a record whose events were changed is found out", "[study]") {
+  const Folder folder;
+  for (const auto& [name, dataset] :
+       std::vector<std::pair<std::string, std::string>>{{"kepler", "/events/apsis/t"},
+                                                        {"kepler", "/events/apsis/q"},
+                                                        {"kepler", "/events/section/quantities"},
+                                                        {"kepler", "/events/section/direction"},
+                                                        {"kepler", "/events/near/missed"},
+                                                        {"sine-gordon", "/events/peak/t"},
+                                                        {"sine-gordon", "/events/peak/quantities"}}) {
+    INFO(dataset);
+    const std::string file = folder / "a.h5";
+    run_problem(name, file, name == "kepler" ? orbit : lattice);
+    CHECK(sound(file));
+    falsify(file, dataset, 0, dataset.ends_with("direction") || dataset.ends_with("missed") ? 1.0 : 1e-6);
+    const Outcome outcome = check(file);
+    CHECK(outcome.status == ExitStatus::contradiction);
+    // By its digest, and by what the levels make of it.
+    std::size_t found = 0;
+    for (const auto& disagreement : outcome.disagreements) {
+      found += disagreement.dataset == dataset ? 1 : 0;
+    }
+    CHECK(found >= 2);
+    std::filesystem::remove(file);
+  }
+}
+
+TEST_CASE("formulas of events that are not defined, or jump, are told", "[study]") {
+  const Folder folder;
+  const Outcome outcome = run_problem("kepler", folder / "a.h5",
+                                      {"scheme.until=20", "events.root=sqrt(x)-0.1", "events.angle=atan2(y,x)",
+                                       "events.pole=1/y", R"x(events.odd={crossing="y", quantities=["log(-x)"]})x"});
+  const auto& events = outcome.statistics.events;  // in alphabetical order
+  REQUIRE(events.size() == 4);
+  CHECK(events[0].value.jumps > 0);       // angle, from pi to -pi
+  CHECK(events[0].value.count > 0);       // and 0
+  CHECK(events[1].value.incomplete > 0);  // odd
+  CHECK(events[1].value.incomplete < events[1].value.count);
+  CHECK(events[2].value.count == 0);  // pole
+  CHECK(events[2].value.jumps == events[1].value.count);
+  CHECK(events[3].value.undefined > 0);  // root
+  CHECK_THAT(to_json(outcome), Contains("undefined") && Contains("jumps") && Contains("incomplete"));
+  std::string warnings;
+  for (const std::string& warning : outcome.warnings) {
+    warnings += warning + "\n";
+  }
+  CHECK_THAT(warnings, Contains("event root is not defined in") && Contains("event pole jumps through zero") &&
+                           Contains("of event odd a quantity is not defined"));
+  CHECK(differences(outcome, check(folder / "a.h5")) == Names{});
+}
+
+TEST_CASE("members of an ensemble are ended by events, and count them", "[study]") {
+  const Folder folder;
+  const Settings settings = {"scheme.until=60",
+                             "scheme.levels=fixed",
+                             "scheme.step=0.1",
+                             "events.stop=x^2+y^2>4",
+                             R"(events.turns={crossing="v", direction="down"})",
+                             "ensemble.members=[{initial.u=0.3},{initial.u=0.9}]"};
+  const Problem problem = read_problem("henon-heiles", settings);
+  const EnsembleOutcome outcome = run_ensemble(problem, {.output = folder / "e.h5", .threads = 1});
+  CHECK(outcome.status == ExitStatus::done);
+  const Reader reader(folder / "e.h5");
+  const std::vector<double> stopped = reader.read("/members/stopped/t"), t = reader.read("/members/t"),
+                            stops = reader.read("/members/events/stop/count");
+  REQUIRE(stopped.size() == 2);
+  CHECK(std::isnan(stopped[0]));
+  CHECK(stops == std::vector<double>{0.0, 1.0});
+  CHECK(t[0] >= 60.0 - 1e-9);
+  CHECK(t[1] < 60.0);
+  CHECK(stopped[1] <= t[1]);
+  CHECK(check_ensemble(folder / "e.h5").status == ExitStatus::done);
+}
+
+TEST_CASE("events are refused with a remedy", "[study]") {
+  const auto kepler = [](const char* setting) { return refusal("kepler", {setting}); };
+  const auto wave = [](const char* setting) { return refusal("sine-gordon", {"grid.x.cells=51", setting}); };
+  CHECK_THAT(kepler("events=1"), Contains("a table, [events]"));
+  CHECK_THAT(kepler("events={}"), Contains("names no event"));
+  CHECK_THAT(kepler("events.2a=x"), Contains("a name is a letter"));
+  CHECK_THAT(kepler("events.section=x"), Contains("that of [section]"));
+  CHECK_THAT(kepler("events.a=true"), Contains("expected a formula or a number"));
+  CHECK_THAT(kepler("events.a="), Contains("the formula is empty"));
+  CHECK_THAT(kepler("events.a=xx"), Contains("unknown name"));
+  CHECK_THAT(kepler("events.a=1+1"), Contains("depends on nothing"));
+  CHECK_THAT(kepler("events.a=x=1"), Contains(R"(write "a - b")"));
+  CHECK_THAT(kepler("events.a=x!=1"), Contains(R"(write "a - b")"));
+  CHECK_THAT(kepler("events.a=x>=1"), Contains("write > or <"));
+  CHECK_THAT(kepler("events.a=0<x<1"), Contains("an event of its own"));
+  CHECK_THAT(kepler("events.a=x>"), Contains("a side of the comparison is empty"));
+  CHECK_THAT(kepler("events.a=>x"), Contains("a side of the comparison is empty"));
+  CHECK_THAT(kepler("events.a=x>yy"), Contains("unknown name"));
+  CHECK_THAT(kepler("events.stop=true"), Contains("expected a formula or a number"));
+  CHECK_THAT(kepler(R"(events.a={direction="up"})"), Contains("[events.a] needs crossing"));
+  CHECK_THAT(kepler(R"(events.a={crossing="x", direction="upp"})"), Contains(R"(did you mean "up"?)"));
+  CHECK_THAT(kepler(R"(events.a={crossing="x>1", direction="up"})"), Contains("where it becomes true"));
+  CHECK_THAT(kepler(R"(events.a={crossing="x", direktion="up"})"), Contains("did you mean direction?"));
+  CHECK_THAT(kepler(R"(events.a={crossing="x", stop=0})"), Contains("at least 1"));
+  CHECK_THAT(kepler(R"(events.a={crossing="x", stop="y>1"})"), Contains(R"(crossing = "a > b")"));
+  CHECK_THAT(kepler(R"(events.a={crossing="x", at={x=1}})"), Contains("leave it out"));
+  CHECK_THAT(kepler(R"(events.a={crossing="x", quantities=[]})"), Contains("there is none in it"));
+  CHECK_THAT(kepler(R"(events.a={crossing="x", quantities="y"})"), Contains("an array of formulas"));
+  CHECK_THAT(kepler(R"(events.a={crossing="x", quantities=["yy"]})"), Contains("unknown name"));
+  CHECK_THAT(kepler(R"(events.a={crossing="x", quantities=["y", "y"]})"), Contains("there twice"));
+  CHECK_THAT(kepler(R"(section={crossing="x"})"), Contains("[section] needs quantities"));
+  CHECK_THAT(kepler(R"(section={quantities=["x"]})"), Contains("[section] needs crossing"));
+  CHECK_THAT(wave("events.a=u"), Contains("differs from node to node"));
+  CHECK_THAT(wave("events.a=integral(u)>u"), Contains("differs from node to node"));
+  CHECK_THAT(wave(R"(events.a={crossing="u", at={x=100}})"), Contains("outside the grid"));
+  CHECK_THAT(wave(R"x(events.a={crossing="u", at={x=1}, quantities=["integral(integral(u))"]})x"),
+             Contains("in which there is no integral"));
+  CHECK_THAT(refusal("pendulum", {"scheme.lagrangian=custom",
+                                  "scheme.L=(p_0+p_1)/2*(q_1-q_0)/(t_1-t_0)-p_1^2/2+cos(q_1)*cos(t_0)", "events.a=q"}),
+             Contains("leave out [events] and [section]"));
+  // A comparison's place is that of the side that is wrong.
+  CHECK_THAT(refusal("kepler", {"events.a=x > 1 + yy"}), Contains("1 + yy"));
+}
