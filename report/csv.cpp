@@ -216,6 +216,32 @@ void export_output(Exporter& exporter, const record::Reader& reader, const Conte
   exporter.table("output.csv", "", numbers);
 }
 
+/// The crossings of each event; in an ensemble of each member.
+void export_events(Exporter& exporter, const record::Reader& reader) {
+  constexpr std::string_view events = "/events/", times = "/t";
+  for (const record::DatasetInfo& axis : reader.datasets()) {
+    if (!axis.path.starts_with(events) || !axis.path.ends_with(times)) {
+      continue;
+    }
+    const std::string group = axis.path.substr(0, axis.path.size() - times.size());
+    std::vector<TableSource> columns;
+    const auto add = [&](const std::string& name, const std::string& names = "") {
+      if (reader.has(group + "/" + name)) {
+        columns.push_back(
+            {group + "/" + name, names.empty() ? std::vector<std::string>{name} : reader.read_strings(names)});
+      }
+    };
+    add("member");
+    add("t");
+    add("direction");
+    add("stops");
+    add("q", "/states/coordinate");
+    add("p", "/states/momentum");
+    add("quantities", group + "/quantity");
+    exporter.table("events_" + group.substr(events.size()) + ".csv", "", columns);
+  }
+}
+
 }  // namespace
 
 std::vector<std::filesystem::path> export_csv(const record::Reader& reader, const std::filesystem::path& folder,
@@ -223,11 +249,13 @@ std::vector<std::filesystem::path> export_csv(const record::Reader& reader, cons
   if (reader.has("/members/number")) {
     Exporter exporter(reader, folder, overwrite);
     export_members(exporter, reader);
+    export_events(exporter, reader);
     return std::move(exporter).files();
   }
   const Contents contents = contents_of(reader);
   Exporter exporter(reader, folder, overwrite);
   export_levels(exporter, contents);
+  export_events(exporter, reader);
   if (contents.kind == Contents::Kind::orbit) {
     export_states(exporter, contents);
     export_output(exporter, reader, contents);

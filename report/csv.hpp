@@ -17,6 +17,9 @@ namespace rubato::report {
 ///                       names the axis, or holds t
 ///     output.csv        where there are output times: t, each coordinate and momentum, each quantity that is a number;
 ///                       on a lattice output_NAME.csv of fields and output_quantity_NAME.csv, as field_NAME.csv
+///     events_NAME.csv   of each event: t, direction, stops, each coordinate, momentum and quantity at its crossings;
+///     of an
+///                       ensemble before them the number of the member
 ///     members.csv       of an ensemble, in place of these: one row for each member, its values and figures by their
 ///                       paths in the record, of an orbit its last state
 ///

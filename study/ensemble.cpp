@@ -29,7 +29,12 @@ namespace {
 
 constexpr double nan = std::numeric_limits<double>::quiet_NaN();
 
-/// Keeps the last row of every dataset, and refuses what a record of the run would.
+/// What the record keeps of a run's events: all rows of crossings.
+bool is_of_crossings(const record::Dataset& dataset) {
+  return dataset.axis.starts_with("/events/");
+}
+
+/// Keeps the last row of every dataset, and all of crossings, and refuses what a record of the run would.
 class LastRows final : public RowSink {
 public:
   explicit LastRows(const record::Layout& layout) : layout_(layout), rows_(layout.datasets.size()) {}
@@ -40,18 +45,25 @@ public:
     if (wrong != row.end() && !description.may_be_undefined) {
       throw Undefined{fmt::format("a value of {} is {}", description.path, *wrong)};
     }
-    rows_[dataset].assign(row.begin(), row.end());
+    keep(dataset, row);
   }
-  void append(std::size_t dataset, std::span<const std::int64_t> row) override {
-    rows_[dataset].assign(row.begin(), row.end());
-  }
-  [[nodiscard]] const std::vector<double>& last(std::size_t dataset) const { return rows_[dataset]; }
+  void append(std::size_t dataset, std::span<const std::int64_t> row) override { keep(dataset, row); }
+  /// The last row; of crossings all, one after the other.
+  [[nodiscard]] const std::vector<double>& kept(std::size_t dataset) const { return rows_[dataset]; }
 
   struct Undefined {
     std::string what;
   };
 
 private:
+  template <typename Row>
+  void keep(std::size_t dataset, Row row) {
+    if (!is_of_crossings(layout_.datasets[dataset])) {
+      rows_[dataset].clear();
+    }
+    rows_[dataset].insert(rows_[dataset].end(), row.begin(), row.end());
+  }
+
   const record::Layout& layout_;
   std::vector<std::vector<double>> rows_;
 };
@@ -66,7 +78,8 @@ struct MemberResult {
   ExitStatus status = ExitStatus::done;
   std::string message;
   figures::JsonObject figures;
-  std::vector<std::vector<double>> states;  ///< the last one, in the order of the layout
+  std::vector<std::vector<double>> states;     ///< the last one, in the order of the layout
+  std::vector<std::vector<double>> crossings;  ///< of each dataset of events all rows, likewise
 };
 
 /// A run of one member to its end. \throws ProblemError
@@ -134,7 +147,10 @@ private:
     figures::add_figures(result_.figures, statistics);
     for (std::size_t i = 0; i < layout().datasets.size(); ++i) {
       if (is_last_state(layout().datasets[i])) {
-        result_.states.push_back(rows_.last(i));
+        result_.states.push_back(rows_.kept(i));
+      }
+      if (is_of_crossings(layout().datasets[i])) {
+        result_.crossings.push_back(rows_.kept(i));
       }
     }
   }
@@ -248,15 +264,17 @@ public:
     outcome_.paths = ensemble_.paths;
     outcome_.values = ensemble_.values;
     // All are read before anything is written; what only the run of one shows ends that one.
-    keeps_states_ = true;
+    keeps_states_ = keeps_crossings_ = true;
     for (std::size_t m = 0; m < ensemble_.members(); ++m) {
       const Problem member = member_problem(problem, m);
       if (m == 0) {
         names_ = figure_names(member);
         first_ = shape_of(member);
+        first_events_ = events_of(member);
         states_ = states_of(member);
       }
       keeps_states_ = keeps_states_ && shape_of(member) == first_;
+      keeps_crossings_ = keeps_crossings_ && events_of(member) == first_events_;
     }
     for (std::size_t i = 0; i < ensemble_.paths.size(); ++i) {
       columns_.emplace_back(ensemble_, i);
@@ -288,6 +306,14 @@ public:
     finished_only_ = stored_;
     EnsembleOutcome outcome = loop();
     outcome.compared = compared_;
+    for (std::size_t i = 0; i < rows_.size() && outcome.status != ExitStatus::contradiction; ++i) {
+      const std::string& path = layout_.datasets[i].path;
+      if (rows_[i] < reader.rows(path)) {
+        outcome.status = ExitStatus::contradiction;
+        outcome.message = fmt::format("{} contradicts itself: {} has {} rows, and runs of the members give {}",
+                                      outcome.file, path, reader.rows(path), rows_[i]);
+      }
+    }
     if (const auto altered = reader.altered(); outcome.status != ExitStatus::contradiction && !altered.empty()) {
       outcome.status = ExitStatus::contradiction;
       outcome.message = fmt::format("{} contradicts itself: {} is not what was written, by its checksum in the record",
@@ -312,11 +338,25 @@ private:
     }
     return shape;
   }
+  /// The same of their crossings, beside the shape of states.
+  [[nodiscard]] static std::vector<std::string> events_of(const Problem& problem) {
+    std::vector<std::string> names;
+    for (const Event& event : problem.events) {
+      names.push_back(event.name);
+      names.emplace_back(event.stop_after > 0 ? "stops" : "");
+      for (const OutputQuantity& quantity : event.quantities) {
+        names.push_back(quantity.name);
+      }
+    }
+    return names;
+  }
+  /// What is kept of a member: its last state, and its crossings.
   [[nodiscard]] static record::Layout states_of(const Problem& problem) {
     const Chronicle chronicle(problem, false);
     record::Layout states;
     states.scales = chronicle.layout().scales;
     std::ranges::copy_if(chronicle.layout().datasets, std::back_inserter(states.datasets), is_last_state);
+    std::ranges::copy_if(chronicle.layout().datasets, std::back_inserter(states.datasets), is_of_crossings);
     return states;
   }
 
@@ -345,6 +385,9 @@ private:
     if (keeps_states_) {
       layout_.scales = states_.scales;
       for (const record::Dataset& state : states_.datasets) {
+        if (!is_last_state(state)) {
+          continue;
+        }
         record::Dataset& last = layout_.datasets.emplace_back(state);
         last.path = "/members/last/" + state.path.substr(std::string_view("/states/").size());
         last.axis = axis;
@@ -355,6 +398,56 @@ private:
     for (record::Dataset& dataset : layout_.datasets) {
       dataset.expected_rows = ensemble_.members();
     }
+    if (keeps_states_ && keeps_crossings_) {
+      add_crossings();
+    }
+    rows_.assign(layout_.datasets.size(), 0);
+  }
+
+  /// Of every event the crossings of all members, one after the other, each with the number of its member.
+  void add_crossings() {
+    for (const record::Dataset& dataset : states_.datasets) {
+      if (!is_of_crossings(dataset)) {
+        continue;
+      }
+      crossings_.push_back(layout_.datasets.size());
+      layout_.datasets.push_back(dataset);
+      layout_.datasets.back().may_be_undefined = true;
+      layout_.datasets.back().expected_rows = std::nullopt;
+      if (dataset.path == dataset.axis) {
+        members_of_.push_back(layout_.datasets.size());
+        layout_.datasets.push_back({dataset.axis.substr(0, dataset.axis.size() - 1) + "member",
+                                    dataset.axis,
+                                    {},
+                                    record::Type::i64,
+                                    "number of the member"});
+      }
+    }
+  }
+
+  void append_crossings(const std::vector<std::vector<double>>& crossings) {
+    auto members = members_of_.begin();
+    for (std::size_t i = 0; i < crossings_.size(); ++i) {
+      const record::Dataset& dataset = layout_.datasets[crossings_[i]];
+      const std::size_t size = record_size(dataset);
+      for (std::size_t at = 0; at < crossings[i].size(); at += size) {
+        append(crossings_[i], std::span<const double>(crossings[i]).subspan(at, size));
+        if (dataset.path == dataset.axis) {
+          append(*members, static_cast<double>(written_));
+        }
+      }
+      members += dataset.path == dataset.axis ? 1 : 0;
+    }
+  }
+
+  /// How many numbers a row has.
+  [[nodiscard]] std::size_t record_size(const record::Dataset& dataset) const {
+    std::size_t size = 1;
+    for (const std::string& path : dataset.dimensions) {
+      const auto scale = std::ranges::find(layout_.scales, path, &record::Scale::path);
+      size *= std::visit([](const auto& values) { return values.size(); }, scale->values);
+    }
+    return size;
   }
 
   // ---- running ------------------------------------------------------------------------------------------------------
@@ -449,6 +542,7 @@ private:
         append(next++, std::span<const double>(state));
       }
     }
+    append_crossings(result.crossings);
     if (recorder_) {
       recorder_->writer().end_level();
     }
@@ -469,13 +563,22 @@ private:
       }
       return;
     }
-    const std::vector<double> stored = compared_with_->read(description.path, written_, 1);
+    const std::size_t number = rows_[dataset]++;
+    if (number >= compared_with_->rows(description.path)) {
+      contradict(fmt::format("{} has no row {}, and a run of member {} gives one", description.path, number, written_));
+      return;
+    }
+    const std::vector<double> stored = compared_with_->read(description.path, number, 1);
     const bool same = std::ranges::equal(stored, row, [](double a, double b) { return a == b || (a != a && b != b); });
     compared_ += row.size();
-    if (!same && outcome_.status != ExitStatus::contradiction) {
+    if (!same) {
+      contradict(fmt::format("{} of member {} is not what a run of it gives", description.path, written_));
+    }
+  }
+  void contradict(const std::string& reason) {
+    if (outcome_.status != ExitStatus::contradiction) {
       outcome_.status = ExitStatus::contradiction;
-      outcome_.message = fmt::format("{} contradicts itself: {} of member {} is not what a run of it gives",
-                                     outcome_.file, description.path, written_);
+      outcome_.message = fmt::format("{} contradicts itself: {}", outcome_.file, reason);
     }
   }
 
@@ -573,7 +676,11 @@ private:
   std::vector<EntryColumn> columns_;
   std::vector<std::int64_t> first_;
   record::Layout states_, layout_;
-  bool keeps_states_ = false;  ///< all members have states of one shape
+  std::vector<std::string> first_events_;
+  bool keeps_states_ = false;                        ///< all members have states of one shape
+  bool keeps_crossings_ = false;                     ///< and events of one
+  std::vector<std::size_t> crossings_, members_of_;  ///< numbers of their datasets, and of those with the members'
+  std::vector<std::size_t> rows_;                    ///< of each dataset, that were compared
   std::optional<Recorder> recorder_;
   const record::Reader* compared_with_ = nullptr;
   std::size_t stored_ = 0, compared_ = 0, failed_ = 0;

@@ -62,6 +62,7 @@ rubato.lattice = (data) => {
     const residuals = rubato.section("Local laws, cell by cell", "maps");
     group("residual").forEach((map) => show(residuals, map, `Residual of ${map.packed.name}, magnitude`));
   }
+  rubato.sections(data);
   rubato.commonCurves.all(data);
   const times = maps[0].first;
   rubato.player(times, times[times.length - 1]);

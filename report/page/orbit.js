@@ -69,7 +69,6 @@ rubato.commonCurves = (() => {
       kept.forEach((curve) => show(invariants, curve.title, [{ ...curve, label: "deviation", colour: 0 }],
         { ...common, yLabel: "deviation", note: `Deviation from ${rubato.format.number(curve.initial, 12)}, the first value that there is.` }));
     }
-    rubato.sections(data);
     if (group("output").length > 0) {
       const outputs = rubato.section("Quantities at the output times", "quantities");
       group("output").forEach((curve) => show(outputs, curve.name, [{ ...curve, colour: 1 }], { ...common, yLabel: curve.name }));
@@ -158,6 +157,7 @@ rubato.orbit = (data) => {
   rubato.commonCurves.unpack(data).filter((curve) => curve.group === "error").forEach((curve) => {
     rubato.commonCurves.show(grid, `Error in ${curve.name}`, [{ ...curve, label: "error", colour: 3 }], { yLabel: `${curve.name} \u2212 exact` });
   });
+  rubato.sections(data);
   rubato.commonCurves.all(data);
   rubato.player(states.t);
 };

@@ -245,6 +245,27 @@ case $case_name in
     run resume missing.h5
     check "status 2 or 5" test "$status" -eq 2 -o "$status" -eq 5
     ;;
+  events)
+    run run kepler --set scheme.until=20 --set 'events.apsis=x*u+y*v' --set 'events.stop=t>15' -o a.h5 --json
+    expect 0 '"stopped": {"event": "stop", "t": 15'
+    check "crossings are counted" grep -q '"apsis": {"count": [2-9], "first": ' out
+    run check a.h5
+    expect 0 'ended by'
+    run resume a.h5 --until 30
+    expect 0 'ended by'
+    check "and that nothing was added" grep -q 'event stop ended the run' err
+    run export a.h5
+    expect 0 events_apsis.csv
+    run run kepler --set 'events.stop=x>=1' -o never.h5
+    expect 2 'write > or <'
+    run run henon-heiles-section --set scheme.until=50 -o s.h5
+    expect 0 'event section'
+    run report s.h5
+    expect 0
+    check "the section is on the page" grep -q '"sections":\[{"name":"section"' s.html
+    run converge kepler --set scheme.until=2 --set 'events.stop=t>1'
+    expect 0
+    ;;
   ensemble)
     run scan pendulum initial.p=0.5:1.5:3 scheme.levels=variable,fixed --set scheme.until=20
     expect 0 'initial.p'

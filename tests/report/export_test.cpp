@@ -66,6 +66,17 @@ TEST_CASE("CSV reads back as the same numbers") {
   CHECK(rows_of(text_of(folder / "csv" / "steps.csv")).size() == 9001);
 }
 
+TEST_CASE("CSV of an event has a row for each crossing") {
+  const sample::Folder folder;
+  sample::write_orbit(folder / "orbit.h5", {.steps = 10, .crossings = 3});
+  const record::Reader reader(folder / "orbit.h5");
+  CHECK(report::export_csv(reader, folder / "csv").size() == 4);
+  const auto rows = rows_of(text_of(folder / "csv" / "events_section.csv"));
+  REQUIRE(rows.size() == 31);
+  CHECK(rows[0] == std::vector<std::string>{"t", "direction", "y", "v"});
+  CHECK(std::stod(rows[30][3]) == reader.read("/events/section/quantities")[59]);
+}
+
 TEST_CASE("CSV of a plane names the coordinates of every column") {
   const sample::Folder folder;
   sample::write_lattice(folder / "plane.h5", {.levels = 4, .nx = 5, .ny = 3});

@@ -86,10 +86,12 @@ TEST_CASE("what a record says cannot become part of the page's code") {
 
 TEST_CASE("a page has at most the size it may have, and uses it") {
   const sample::Folder folder;
-  const std::string name = GENERATE("orbit", "many", "lattice", "long", "plane", "volume");
-  if (name == "orbit" || name == "many") {
-    sample::write_orbit(folder / name, name == "orbit" ? sample::OrbitRecord{.steps = 60000, .dimension = 3}
-                                                       : sample::OrbitRecord{.steps = 4000, .dimension = 40});
+  const std::string name = GENERATE("orbit", "many", "section", "lattice", "long", "plane", "volume");
+  const std::map<std::string, sample::OrbitRecord> orbits{{"orbit", {.steps = 60000, .dimension = 3}},
+                                                          {"many", {.steps = 4000, .dimension = 40}},
+                                                          {"section", {.steps = 2000, .crossings = 100}}};
+  if (orbits.contains(name)) {
+    sample::write_orbit(folder / name, orbits.at(name));
   } else {
     const std::map<std::string, sample::LatticeRecord> lattices{
         {"lattice", {.levels = 400, .nx = 1001}},
@@ -159,6 +161,28 @@ TEST_CASE("a page thins only where it must") {
   const std::string plane = sample::data_of(page_of(folder / "plane.h5", {.max_bytes = 2'000'000}));
   CHECK(plane.find(R"("shape":"film","thinned":false)") != std::string::npos);
   CHECK(plane.find(R"("count":60,"parts":60)") == std::string::npos);
+}
+
+TEST_CASE("a section is on the page with all of its points, or with every n-th") {
+  const sample::Folder folder;
+  sample::write_orbit(folder / "orbit.h5", {.steps = 1000, .crossings = 30});
+  const std::string page = sample::data_of(page_of(folder / "orbit.h5"));
+  const std::vector<double> y = sample::numbers_after(page, {R"("name":"section","count":30000)", R"("name":"y")"}),
+                            v = sample::numbers_after(page, {R"("name":"section")", R"("name":"v")"});
+  REQUIRE(y.size() == 30000);
+  REQUIRE(v.size() == 30000);
+  CHECK(y[29999] == static_cast<float>(record::Reader(folder / "orbit.h5").read("/events/section/quantities")[59998]));
+  CHECK_THAT(page, Catch::Contains("event section") && Catch::Contains("30000, from t ="));
+  const std::string small = sample::data_of(page_of(folder / "orbit.h5", {.max_bytes = 300'000}));
+  const std::vector<double> fewer =
+      sample::numbers_after(small, {R"("name":"section","count":30000)", R"("name":"y")"});
+  REQUIRE(fewer.size() < 30000);
+  CHECK(fewer.size() > 1000);
+  const std::size_t stride = (30000 - 1) / fewer.size() + 1;
+  CHECK(fewer.back() == y[(fewer.size() - 1) * stride]);
+  // The twin: a record without one.
+  sample::write_orbit(folder / "none.h5", {.steps = 1000});
+  CHECK_THAT(sample::data_of(page_of(folder / "none.h5")), Catch::Contains(R"("sections":[])"));
 }
 
 TEST_CASE("a spike reaches the page, however much is thinned") {

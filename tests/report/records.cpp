@@ -87,6 +87,14 @@ void write_orbit(const std::filesystem::path& file, const OrbitRecord& orbit) {
   if (has_exact) {
     layout.datasets.push_back({"/exact/q1", "/states/t"});
   }
+  if (orbit.crossings > 0) {
+    const std::string at = "/events/section";
+    layout.scales.push_back({at + "/quantity", std::vector<std::string>{"y", "v"}});
+    layout.datasets.push_back({at + "/missed", "/levels/step", {}, Type::u8});
+    layout.datasets.push_back({at + "/t", at + "/t"});
+    layout.datasets.push_back({at + "/direction", at + "/t", {}, Type::i32});
+    layout.datasets.push_back({at + "/quantities", at + "/t", {at + "/quantity"}});
+  }
   auto writer = record::Writer::create(file, layout, true, once);
   for (std::size_t level = 0; level <= orbit.steps; ++level) {
     const double t = time_of(level);
@@ -103,6 +111,14 @@ void write_orbit(const std::filesystem::path& file, const OrbitRecord& orbit) {
     writer.append(next++, momentum);
     if (has_exact) {
       writer.append(next++, std::sin(orbit.frequency * t) + 1e-4 * t);
+    }
+    if (orbit.crossings > 0 && level > 0) {
+      writer.append(next++, 0);
+      for (std::size_t i = 0; i < orbit.crossings; ++i) {
+        writer.append(next, t);
+        writer.append(next + 1, 1);
+        writer.append(next + 2, std::vector{std::sin(t), std::cos(37.0 * t)});
+      }
     }
     writer.end_level();
   }

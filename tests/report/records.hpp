@@ -20,6 +20,7 @@ struct OrbitRecord {
   std::size_t spike = 0;                ///< number of a level at which H jumps by 1, if not 0
   std::vector<std::string> names = {};  ///< of the coordinates, if not q1, q2, …
   double size = 1.0;                    ///< of the coordinates
+  std::size_t crossings = 0;            ///< of [section], if not 0, at each level that many
 };
 void write_orbit(const std::filesystem::path& file, const OrbitRecord& orbit);
 

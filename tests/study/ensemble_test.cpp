@@ -86,10 +86,11 @@ TEST_CASE("the record of an ensemble is the same for every number of threads, an
   const Folder folder;
   const Problem problem =
       with("random = { count = 60, seed = 3, initial.p = \"normal(0, 1)\", parameters.k = \"uniform(1, 2)\" }",
-           {"scheme.until=200"});
+           {"scheme.until=200", "events.top=p"});
   const EnsembleOutcome one = run_ensemble(problem, {.output = folder / "one.h5", .threads = 1});
   const EnsembleOutcome three = run_ensemble(problem, {.output = folder / "three.h5", .threads = 3});
   CHECK(different_datasets(folder / "one.h5", folder / "three.h5") == Names{});
+  CHECK(record::Reader(folder / "one.h5").rows("/events/top/member") > 60);
   CHECK(to_json(one).substr(0, 400) == to_json(three).substr(0, 400));
 
   // Stopped again and again, after a few members each time.

@@ -239,6 +239,20 @@ TEST_CASE("members of an ensemble are ended by events, and count them", "[study]
   CHECK(t[1] < 60.0);
   CHECK(stopped[1] <= t[1]);
   CHECK(check_ensemble(folder / "e.h5").status == ExitStatus::done);
+  // The crossings are those of runs of the members alone.
+  const std::vector<double> members = reader.read("/events/turns/member"), times = reader.read("/events/turns/t");
+  const Outcome alone = run_problem("henon-heiles", folder / "alone.h5",
+                                    {"scheme.until=60", "scheme.levels=fixed", "scheme.step=0.1", "initial.u=0.3",
+                                     R"(events.turns={crossing="v", direction="down"})"});
+  const std::vector<double> expected = Reader(folder / "alone.h5").read("/events/turns/t");
+  REQUIRE(alone.statistics.events.front().value.count == expected.size());
+  REQUIRE(times.size() > expected.size());
+  CHECK(std::equal(expected.begin(), expected.end(), times.begin()));
+  CHECK(static_cast<std::size_t>(std::count(members.begin(), members.end(), 0.0)) == expected.size());
+  CHECK(static_cast<double>(times.size() - expected.size()) == reader.read("/members/events/turns/count").at(1));
+  std::filesystem::copy_file(folder / "e.h5", folder / "false.h5");
+  falsify(folder / "false.h5", "/events/turns/p", 2, 1e-9);
+  CHECK(check_ensemble(folder / "false.h5").status == ExitStatus::contradiction);
 }
 
 TEST_CASE("events are refused with a remedy", "[study]") {
