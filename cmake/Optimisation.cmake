@@ -1,28 +1,51 @@
-# How the library is compiled: -O2, which is enough for nearly all of it and compiles faster, -O3 where loops over cells
-# or orders are, and -O1 for rooms that read, compare and tell. None changes a result.
+# How the library is compiled, in three kinds of sources: `loops` over cells or orders by -O3; what else is done in `steps`
+# by -O2; and by -Og, which takes a third less time, what is done `once` in a run or not at all: what reads, states,
+# compares and tells. None changes a result.
 if(CMAKE_CXX_COMPILER_ID MATCHES "GNU|Clang" AND PROJECT_IS_TOP_LEVEL)
   string(REPLACE "-O3" "-O2" CMAKE_CXX_FLAGS_RELEASE "${CMAKE_CXX_FLAGS_RELEASE}")
 endif()
 
-# rubato_optimise_loops(): the sources with such loops. (Those of cmake/FormulaKernels.cmake besides.)
-function(rubato_optimise_loops)
-  set(loops
-    formula/evaluate.cpp
-    grids/box_operators.cpp grids/fourier.cpp grids/spectral_derivative.cpp
-    solve/chunk_elimination_avx2.cpp solve/chunk_elimination_avx512.cpp solve/cyclic_block.cpp
-    solve/fourier_preconditioner.cpp solve/gmres.cpp
-    pde/cell_sweep.cpp pde/euler_box_map.cpp pde/face_gather.cpp pde/midpoint_lattice.cpp pde/wave_loops.cpp)
-  list(TRANSFORM loops PREPEND ${PROJECT_SOURCE_DIR}/)
-  set_source_files_properties(${loops} PROPERTIES COMPILE_OPTIONS "$<$<CONFIG:Release>:-O3>")
-  # A fallback for rare systems, and most of a large library.
-  set_source_files_properties(${PROJECT_SOURCE_DIR}/solve/cyclic_sparse.cpp PROPERTIES COMPILE_OPTIONS "$<$<CONFIG:Release>:-O1>")
-endfunction()
+# The kernels of cmake/FormulaKernels.cmake and solve/chunk_elimination_*.cpp besides, which have options of their own.
+set(rubato_sources_loops
+  formula/evaluate.cpp
+  grids/box_operators.cpp grids/fourier.cpp grids/spectral_derivative.cpp
+  solve/cyclic_block.cpp solve/fourier_preconditioner.cpp solve/gmres.cpp
+  pde/cell_sweep.cpp pde/euler_box_map.cpp pde/face_gather.cpp pde/midpoint_lattice.cpp pde/wave_loops.cpp
+  record/checksum.cpp)
+foreach(kernel IN ITEMS avx2 avx512)
+  set_source_files_properties(${PROJECT_SOURCE_DIR}/solve/chunk_elimination_${kernel}.cpp PROPERTIES
+    COMPILE_OPTIONS $<$<CONFIG:Release>:-O3> SKIP_PRECOMPILE_HEADERS ON)
+endforeach()
 
-# rubato_optimise_little(<target>): a fifth less to compile. Small functions, the accessors of containers above all, are
-# still put in place.
-function(rubato_optimise_little target)
-  target_compile_options(${target} PRIVATE $<$<CONFIG:Release>:-O1>
-    $<$<AND:$<CONFIG:Release>,$<CXX_COMPILER_ID:GNU>>:-finline-small-functions>)
+# Where a room's sources are of two kinds, those that are not of its first.
+set(rubato_sources_once
+  formula/bytecode.cpp formula/differentiate.cpp formula/expression.cpp formula/language.cpp formula/parse.cpp
+  formula/partials.cpp formula/reachable.cpp formula/sum.cpp formula/taylor_program.cpp formula/tokens.cpp
+  formula/transform.cpp
+  solve/cyclic_sparse.cpp   # a fallback for rare systems, and most of a large library
+  variation/action_quadrature.cpp variation/bridge_causes.cpp variation/composition.cpp variation/first_step.cpp
+  variation/formula_action.cpp variation/gauss_tableau.cpp variation/lattice_action.cpp variation/run_span.cpp
+  variation/total_variation.cpp
+  ode/darboux.cpp ode/discrete_lagrangian.cpp ode/first_step.cpp ode/flow_map.cpp ode/legendre.cpp
+  ode/node_law.cpp ode/orbit_between.cpp ode/separable.cpp ode/tangent.cpp ode/taylor_code.cpp
+  pde/field_structure.cpp pde/first_step.cpp pde/initial_agreement.cpp pde/initial_level.cpp pde/initial_sawtooths.cpp
+  pde/kernel_conditions.cpp pde/lattice.cpp pde/lattice_actions.cpp pde/lattice_between.cpp pde/lattice_method.cpp
+  pde/law_tables.cpp pde/local_laws.cpp pde/multisymplectic_system.cpp pde/periodicity.cpp pde/potential_rest.cpp
+  pde/well_posedness.cpp pde/schemes/box.cpp pde/schemes/euler_box.cpp pde/schemes/fourier.cpp
+  pde/schemes/splitting.cpp)
+set(rubato_sources_steps
+  record/writer.cpp
+  study/chronicle.cpp study/lattice_residuals.cpp study/lattice_simulation.cpp study/orbit_simulation.cpp
+  study/recorder.cpp study/run.cpp)
+# rubato_kind_of(<source> <default> <variable>)
+function(rubato_kind_of source default result)
+  foreach(kind IN ITEMS loops once steps)
+    if(source IN_LIST rubato_sources_${kind})
+      set(${result} ${kind} PARENT_SCOPE)
+      return()
+    endif()
+  endforeach()
+  set(${result} ${default} PARENT_SCOPE)
 endfunction()
 
 # A first build is spent on the same templates again and again. So what nearly every source includes is compiled once,
@@ -49,14 +72,18 @@ if(RUBATO_PRECOMPILE)
   set_target_properties(rubato_headers PROPERTIES POSITION_INDEPENDENT_CODE ON)
 endif()
 
-# rubato_compile_together(<target>): for a room's library. Precompiled headers serve sources compiled with the same flags
-# alone, so that every room gets OpenMP's; sources with options of their own are left out of both.
-function(rubato_compile_together target)
+# rubato_compile_as(<loops, steps or once> <target>). Precompiled headers impose the options that they were compiled with,
+# -O among them: they serve what has no -O of its own alone, all of which gets OpenMP's therefore.
+function(rubato_compile_as kind target)
   if(RUBATO_UNITY)
     set_target_properties(${target} PROPERTIES UNITY_BUILD ON UNITY_BUILD_BATCH_SIZE ${RUBATO_UNITY_BATCH})
     target_link_libraries(${target} PRIVATE $<BUILD_INTERFACE:rubato_unity_warnings>)
   endif()
-  if(RUBATO_PRECOMPILE)
+  if(kind STREQUAL "loops")
+    target_compile_options(${target} PRIVATE $<$<CONFIG:Release>:-O3>)
+  elseif(kind STREQUAL "once")
+    target_compile_options(${target} PRIVATE $<$<CONFIG:Release>:-Og>)
+  elseif(RUBATO_PRECOMPILE)
     target_compile_options(${target} PRIVATE ${OpenMP_CXX_FLAGS})
     target_precompile_headers(${target} REUSE_FROM rubato_headers)
   endif()

@@ -17,7 +17,7 @@ namespace rubato {
 
 namespace {
 
-constexpr int most_iterations = 50;
+constexpr int most_map_iterations = 50;
 
 [[noreturn]] void refuse(const std::string& reason) {
   throw std::invalid_argument(
@@ -292,7 +292,7 @@ double EulerBoxMap::correct(const LocalSolve& solve, double h, const grids::Fiel
 /// Newton's method at every node for the row of a level, in the one field.
 Status EulerBoxMap::run(const LocalSolve& solve, double h, const grids::FieldSet& before, grids::FieldSet& fields) {
   double last = std::numeric_limits<double>::infinity();
-  for (int iteration = 0; iteration < most_iterations; ++iteration) {
+  for (int iteration = 0; iteration < most_map_iterations; ++iteration) {
     evaluate(fields);
     row_of_gradient(solve.row);
     add_differences(solve.row, fields);
