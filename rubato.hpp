@@ -16,6 +16,8 @@
 #include <rubato/ode/lagrangian.hpp>
 #include <rubato/ode/lagrangian_scheme.hpp>
 #include <rubato/ode/legendre.hpp>
+#include <rubato/ode/orbit_between.hpp>
+#include <rubato/ode/orbit_events.hpp>
 #include <rubato/ode/separable.hpp>
 #include <rubato/ode/splitting_scheme.hpp>
 #include <rubato/pde/first_step.hpp>
@@ -33,6 +35,7 @@
 #include <rubato/study/run.hpp>
 #include <rubato/study/version.hpp>
 #include <rubato/variation/composition.hpp>
+#include <rubato/variation/crossing.hpp>
 #include <rubato/variation/formula_action.hpp>
 #include <rubato/variation/time_levels.hpp>
 #include <rubato/variation/total_variation.hpp>

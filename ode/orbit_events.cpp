@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <limits>
 #include <utility>
 
@@ -88,7 +89,7 @@ void OrbitEvents::follow(const OrbitStep& step) {
       }
       return sample(event, step.h, fraction);
     };
-    event.found = &event.search.follow(step.h, event.from, event.to, between);
+    event.found = &event.search.follow(step.h, event.from, event.to, std::cref(between));  // which allocates nothing
   }
 }
 

@@ -114,6 +114,7 @@ std::string formulas() {
   where("  with [lagrangian]", "coordinates, velocities, and momenta: coordinates after p_");
   where("[invariants] of a lattice",
         fmt::format("fields, {} of fields, {}, t", fmt::join(derivatives, ", "), fmt::join(axis_letters, ", ")));
+  where("[output.quantities], [events]", "the same, and t; on a lattice also integral(f)");
   where("[exact]", fmt::format("t, and on a lattice {}", fmt::join(axis_letters, ", ")));
   where("[parameters], and every number", "other parameters");
   text += wrapped(fmt::format("{} are derivatives on the grid (spectral), and may be nested: dx(dx(u)).",

@@ -283,7 +283,8 @@ std::vector<std::string_view> keys_of(std::string_view table) {
 std::optional<std::string_view> table_of(std::string_view key) {
   std::optional<std::string_view> table;
   for (const KeyEntry& known : problem_keys()) {
-    if (known.name == key) {
+    const bool is_of_event = known.table == "events.NAME" || known.table == "section";  // [events] stands for them
+    if (known.name == key && !is_of_event) {
       if (table) {
         return std::nullopt;
       }

@@ -167,6 +167,51 @@ TEST_CASE("events of a lattice are of integrals and of fields at points", "[stud
   CHECK(differences(outcome, check(file)) == Names{});
 }
 
+TEST_CASE("times of a lattice's events are of the order of the scheme", "[study][lattice]") {
+  const Folder folder;
+  const auto times = [&](const Settings& settings) {
+    const std::string file = folder / "a.h5";
+    run_problem("sine-gordon", file,
+                with({"grid.x.cells=64", "scheme.until=14", "scheme.levels=fixed", "scheme.lagrangian=fourier",
+                      "laws.every=false", R"(events.turn={crossing="v", at={x=0.3}})"},
+                     settings));
+    std::vector<double> t = Reader(file).read("/events/turn/t");
+    std::filesystem::remove(file);
+    return t;
+  };
+  const std::vector<double> exact = times({"scheme.stages=4", "scheme.step=0.05"});
+  REQUIRE(exact.size() == 2);
+  for (const auto& [stages, step] : {std::pair(1, 0.1), {2, 0.4}}) {
+    std::vector<double> errors;
+    for (const double h : {step, step / 2.0, step / 4.0}) {
+      const std::vector<double> t =
+          times({"scheme.stages=" + std::to_string(stages), "scheme.step=" + std::to_string(h)});
+      REQUIRE(t.size() == exact.size());
+      errors.push_back(std::max(std::abs(t[0] - exact[0]), std::abs(t[1] - exact[1])));
+    }
+    INFO(errors[0] << " " << errors[1] << " " << errors[2]);
+    // Crossings fall on other shares of a step at each h.
+    CHECK(0.5 * std::log2(errors[0] / errors[2]) > 2 * stages - 0.35);
+  }
+}
+
+TEST_CASE("driven problems and those in fictitious time know their times", "[study]") {
+  const Folder folder;
+  run_problem("driven-pendulum", folder / "a.h5", {"scheme.until=12", "events.clock=sin(t)"});
+  const std::vector<double> t = Reader(folder / "a.h5").read("/events/clock/t");
+  REQUIRE(t.size() == 3);
+  CHECK(std::abs(t[2] - 3.0 * std::acos(-1.0)) < 1e-14);
+  // The time is a coordinate there, which t stands for; what steps are of is another.
+  const Outcome scaled =
+      run_problem("kepler", folder / "b.h5", {"scheme.time_scale=x^2+y^2", "events.stop=time>2", "events.own=t-0.7"});
+  const Reader reader(folder / "b.h5");
+  CHECK(std::abs(reader.read("/events/stop/q").back() - 2.0) < 1e-14);
+  CHECK(std::abs(reader.read("/events/own/q").back() - 0.7) < 1e-14);
+  CHECK(std::abs(reader.read("/events/own/t").front() - 0.7) > 0.1);
+  CHECK(scaled.statistics.stopped_by()->name == "stop");
+  CHECK(sound(folder / "b.h5"));
+}
+
 TEST_CASE("a record whose events were changed is found out", "[study]") {
   const Folder folder;
   for (const auto& [name, dataset] :
@@ -287,6 +332,8 @@ TEST_CASE("events are refused with a remedy", "[study]") {
   CHECK_THAT(kepler(R"(events.a={crossing="x", quantities=["y", "y"]})"), Contains("there twice"));
   CHECK_THAT(kepler(R"(section={crossing="x"})"), Contains("[section] needs quantities"));
   CHECK_THAT(kepler(R"(section={quantities=["x"]})"), Contains("[section] needs crossing"));
+  CHECK_THAT(kepler("scheme.stop=x>1"), Contains("it belongs to [events]"));
+  CHECK_THAT(kepler("stop=x>1"), Contains("it belongs to [events]"));
   CHECK_THAT(wave("events.a=u"), Contains("differs from node to node"));
   CHECK_THAT(wave("events.a=integral(u)>u"), Contains("differs from node to node"));
   CHECK_THAT(wave(R"(events.a={crossing="u", at={x=100}})"), Contains("outside the grid"));
