@@ -114,15 +114,7 @@ private:
         require_scale(info, i);
       }
     } else if (group.starts_with("/events/")) {
-      const bool per_step = axis == "step";
-      const std::size_t rows = per_step ? levels_ - 1 : at(group + "/t").shape.front();
-      if (info.shape.front() != rows || (axis != "t" && !per_step) || (per_step && info.shape.size() != 1)) {
-        refuse(info.path, fmt::format("has {} rows, and there are {} {}", info.shape.front(), rows,
-                                      per_step ? "steps" : "crossings"));
-      }
-      for (std::size_t i = 1; i < info.shape.size(); ++i) {
-        require_scale(info, i);
-      }
+      require_event(info, group);
     } else if (group == "/laws/fields" || group == "/exact" || group == "/states" || group.starts_with("/states/")) {
       if (info.shape.front() != stored_) {
         refuse(info.path, fmt::format("has {} rows, and {} levels are stored", info.shape.front(), stored_));
@@ -131,6 +123,36 @@ private:
         require_scale(info, i);
       }
       require_dimensions(info, group);
+    }
+  }
+
+  /// Rows of crossings, but for what is told of every step.
+  void require_event(const DatasetInfo& info, const std::string& group) const {
+    const std::string name = info.path.substr(group.size() + 1);
+    if (name == "missed" || name == "step") {
+      if (info.shape.size() != 1) {
+        refuse(info.path, "is not one number per step");
+      }
+      require_rows(info.path, info.shape.front(), true);
+      return;
+    }
+    const DatasetInfo& times = at(group + "/t");
+    if (!times.grows || times.is_text || times.shape.size() != 1) {
+      refuse(times.path, "is not a growing list of numbers");
+    }
+    if (info.shape.front() != times.shape.front()) {
+      refuse(info.path,
+             fmt::format("has {} rows, and there are {} crossings", info.shape.front(), times.shape.front()));
+    }
+    const std::string along = name == "q"            ? "coordinate"
+                              : name == "p"          ? "momentum"
+                              : name == "quantities" ? "quantity"
+                                                     : "";
+    if (info.shape.size() != (along.empty() ? 1U : 2U) || (!along.empty() && info.dimensions[1] != along)) {
+      refuse(info.path, "does not have the shape of what is told of crossings");
+    }
+    if (!along.empty()) {
+      require_scale(info, 1);
     }
   }
 

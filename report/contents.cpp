@@ -43,10 +43,12 @@ Contents contents_of(const record::Reader& reader) {
       if (!is_field) {
         contents.quantities.push_back(*quantity);
       }
-    } else if (info.path.starts_with("/events/") && info.path.ends_with("/t")) {
-      contents.events.push_back(*name_in("/events/", info.path.substr(0, info.path.size() - 2)));
-    } else if (info.path.starts_with("/events/") && info.path.ends_with("/quantities") && info.row_size() > 1) {
-      contents.sections.push_back(*name_in("/events/", info.path.substr(0, info.path.rfind('/'))));
+    } else if (const auto event = name_in("/events/", info.path.substr(0, info.path.rfind('/'))); event && info.grows) {
+      if (info.path.ends_with("/t")) {
+        contents.events.push_back(*event);
+      } else if (info.path.ends_with("/quantities") && info.row_size() > 1) {
+        contents.sections.push_back(*event);
+      }
     } else if (const auto total = name_in("/laws/totals/", info.path); total && lies_along(info, "t")) {
       contents.totals.push_back(*total);
     } else if (const auto residual = name_in("/laws/fields/", info.path); residual && is_field) {

@@ -281,11 +281,13 @@ TEST_CASE("an error is the difference of double numbers") {
 
 TEST_CASE("a record whose parts do not fit has no page") {
   const sample::Folder folder;
-  sample::write_orbit(folder / "orbit.h5", {.steps = 100});
+  sample::write_orbit(folder / "orbit.h5", {.steps = 100, .crossings = 2});
   sample::write_lattice(folder / "lattice.h5", {.levels = 20, .nx = 31});
   const auto [name, dataset] = GENERATE(table<std::string, std::string>({{"orbit.h5", "/laws/momentum"},
                                                                          {"orbit.h5", "/states/q"},
                                                                          {"orbit.h5", "/exact/q1"},
+                                                                         {"orbit.h5", "/events/section/missed"},
+                                                                         {"orbit.h5", "/events/section/quantities"},
                                                                          {"lattice.h5", "/states/u"},
                                                                          {"lattice.h5", "/exact/u"},
                                                                          {"lattice.h5", "/laws/fields/energy"}}));

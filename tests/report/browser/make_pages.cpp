@@ -62,6 +62,7 @@ void write_pages(const std::filesystem::path& folder) {
   sample::write_orbit(folder / "bodies.h5",
                       {.dimension = 6, .names = {"sun1", "sun2", "sun3", "moon1", "moon2", "moon3"}});
   sample::write_orbit(folder / "numbered.h5", {.dimension = 4, .names = {"x1", "y1", "x2", "y2"}});
+  sample::write_orbit(folder / "section.h5", {.steps = 400, .dimension = 2, .crossings = 3});
   const std::string image = "<img src=x onerror=window.bad=1>";
   sample::write_orbit(folder / "hostile.h5", {.dimension = 2,
                                               .title = "</title><script>window.bad = 1</script><!-- <script> \u2028",
@@ -73,7 +74,7 @@ void write_pages(const std::filesystem::path& folder) {
   sample::write_lattice(folder / "holes.h5", {.levels = 40, .nx = 41, .undefined_every = 7});
   sample::write_lattice(folder / "two-fields.h5", {.levels = 30, .nx = 31, .other_field = "a"});
   for (const char* name : {"orbit", "short", "long-orbit", "lattice", "large-lattice", "plane", "bodies", "numbered",
-                           "hostile", "huge", "tiny", "holes", "two-fields"}) {
+                           "section", "hostile", "huge", "tiny", "holes", "two-fields"}) {
     write(name, report::page(record(name)));
   }
   const report::PageOptions small{.max_bytes = 350'000};
