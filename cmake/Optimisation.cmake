@@ -49,7 +49,7 @@ function(rubato_kind_of source default result)
 endfunction()
 
 # A first build is spent on the same templates again and again. So what nearly every source includes is compiled once,
-# and the sources of a room ten at a time: one that was edited is then compiled with its neighbours, in some seconds.
+# and the sources of a room sixteen at a time: one that was edited is then compiled with its neighbours, in some seconds.
 # With ccache each source stands for itself and includes what it says it does, and so it does in the folders of the other
 # presets. Sources that are compiled together see each other's unnamed namespaces: in these, a room uses a name once.
 set(together OFF)
@@ -58,11 +58,15 @@ if(NOT CCACHE AND CMAKE_BUILD_TYPE STREQUAL Release)
 endif()
 option(RUBATO_PRECOMPILE "Precompile the headers that most sources include" ${together})
 option(RUBATO_UNITY "Compile the sources of a room several at a time" ${together})
-set(RUBATO_UNITY_BATCH 10 CACHE STRING "How many sources are compiled together")
+set(RUBATO_UNITY_BATCH 16 CACHE STRING "How many sources are compiled together")
 mark_as_advanced(RUBATO_UNITY_BATCH)
 if(RUBATO_UNITY)
-  add_library(rubato_unity_warnings INTERFACE)   # two that are about nothing but this
-  target_compile_options(rubato_unity_warnings INTERFACE -Wno-shadow $<$<CXX_COMPILER_ID:GNU>:-Wno-subobject-linkage>)
+  add_library(rubato_together INTERFACE)
+  # Two warnings are about nothing but this.
+  target_compile_options(rubato_together INTERFACE -Wno-shadow $<$<CXX_COMPILER_ID:GNU>:-Wno-subobject-linkage>)
+  # So many kB before the compiler looks for memory that it no longer needs.
+  target_compile_options(rubato_together INTERFACE
+    $<$<CXX_COMPILER_ID:GNU>:--param=ggc-min-heapsize=400000>)
 endif()
 if(RUBATO_PRECOMPILE)
   add_library(rubato_headers OBJECT ${PROJECT_SOURCE_DIR}/cmake/headers.cpp)
@@ -77,7 +81,7 @@ endif()
 function(rubato_compile_as kind target)
   if(RUBATO_UNITY)
     set_target_properties(${target} PROPERTIES UNITY_BUILD ON UNITY_BUILD_BATCH_SIZE ${RUBATO_UNITY_BATCH})
-    target_link_libraries(${target} PRIVATE $<BUILD_INTERFACE:rubato_unity_warnings>)
+    target_link_libraries(${target} PRIVATE $<BUILD_INTERFACE:rubato_together>)
   endif()
   if(kind STREQUAL "loops")
     target_compile_options(${target} PRIVATE $<$<CONFIG:Release>:-O3>)

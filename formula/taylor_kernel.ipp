@@ -248,7 +248,7 @@ template <typename Body>
 [[gnu::always_inline]] inline void for_each_vector(std::size_t width, Body body) {
   if (width == 1) {
     body.template operator()<Lanes<double, 1>>(0);
-  } else if (width == 2) {
+  } else if (Wide::size > Pair::size && width == 2) {
     body.template operator()<Lanes<Pair, 1>>(0);
   } else {
     std::size_t lane = 0;

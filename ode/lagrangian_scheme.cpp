@@ -29,11 +29,11 @@ constexpr int most_newton_iterations = 50;
 constexpr int most_halvings = 20;
 /// E_k is told from its neighbours by terms of order h^s, and its slope with it: a trial that is not the last is solved
 /// nearly as well as the last.
-constexpr double loosest = 1e-13;
+constexpr double lagrangian_loosest = 1e-13;
 /// What the next correction would mend, relative, at which a step is solved.
-constexpr double least_leftover = 1e-3 * epsilon;
+constexpr double lagrangian_least_leftover = 1e-3 * epsilon;
 /// A step this many times longer or shorter than the last one is not begun from its polynomial.
-constexpr double longest_continuation = 3.0;
+constexpr double lagrangian_longest_continuation = 3.0;
 
 std::vector<double> joined(std::span<const double> q, std::span<const double> p) {
   std::vector<double> z(q.begin(), q.end());
@@ -266,11 +266,11 @@ private:
     }
   }
   [[nodiscard]] static bool near(double ratio) {
-    return ratio > 1.0 / longest_continuation && ratio < longest_continuation;
+    return ratio > 1.0 / lagrangian_longest_continuation && ratio < lagrangian_longest_continuation;
   }
 
   [[nodiscard]] Status iterate(double h, double accuracy) {
-    StagnationTest test(std::min(accuracy, loosest));
+    StagnationTest test(std::min(accuracy, lagrangian_loosest));
     double last = std::numeric_limits<double>::infinity();
     int halvings = 0;
     correction_.setZero();
@@ -302,7 +302,7 @@ private:
       }
       Y_ += correction_;
       // Newton's iteration converges faster than the last contraction says.
-      if (std::isfinite(last) && size / last * size <= least_leftover) {
+      if (std::isfinite(last) && size / last * size <= lagrangian_least_leftover) {
         return Status::success;
       }
       const auto verdict = test.judge(size, size);
