@@ -12,9 +12,9 @@ namespace {
 
 constexpr int most_legendre_iterations = 100;
 constexpr int most_legendre_halvings = 60;
-/// What is left of ∂L/∂q̇ = p, beside its terms: rounding; and what may be rounding if it no longer shrinks.
+/// What is left of ∂L/∂q̇ = p, beside its terms, when it is rounding for certain; what no longer shrinks may be more,
+/// which is_rounding() decides.
 constexpr double legendre_rounding = 4.0 * epsilon;
-constexpr double legendre_rounding_region = 1e-9;
 /// Pivots of the scaled matrix that differ by more are those of a singular one.
 constexpr double least_pivot_ratio = 1e-13;
 
@@ -35,12 +35,14 @@ Eigen::VectorXd velocity_scales(const Eigen::MatrixXd& masses) {
 
 LegendreTransform::LegendreTransform(const Lagrangian& lagrangian)
     : evaluator_(lagrangian),
+      rounding_(lagrangian.gradient_code()),
       n_(static_cast<Eigen::Index>(lagrangian.degrees_of_freedom())),
       solver_(static_cast<int>(n_)) {
   for (Eigen::VectorXd* vector : {&scales_, &sizes_, &residual_, &step_, &trial_, &last_}) {
     vector->setZero(n_);
   }
   inputs_.setZero(2 * n_);
+  errors_.setZero(2 * n_);
   gradient_.setZero(2 * n_);
   hessian_.setZero(2 * n_, 2 * n_);
   scaled_.setZero(n_, n_);
@@ -60,6 +62,22 @@ double LegendreTransform::evaluate(const double* q, const double* q_dot) {
   return evaluator_.hessian(inputs_.data(), gradient_.data(), hessian_.data());
 }
 
+/// Whether rounding explains the residual of the trial: that of ∂L/∂q̇, of q̇ itself, which is off by u|q̇| at best, and
+/// of the difference. Twice the bound, since that is of first order.
+bool LegendreTransform::is_rounding(const Eigen::Ref<const Eigen::VectorXd>& momenta) {
+  constexpr double u = 0.5 * epsilon;
+  errors_.tail(n_) = inputs_.tail(n_).cwiseAbs();
+  const auto size = static_cast<std::size_t>(2 * n_);
+  rounding_.run({inputs_.data(), size}, {errors_.data(), size});
+  for (Eigen::Index i = 0; i < n_; ++i) {
+    const double bound = rounding_.bound(static_cast<std::size_t>(1 + n_ + i)) + std::abs(momenta[i]);
+    if (!(std::abs(residual_[i]) <= 2.0 * u * bound)) {
+      return false;
+    }
+  }
+  return true;
+}
+
 Status LegendreTransform::solve(const double* q, const double* p, double* q_dot) {
   singular_ = false;
   const Eigen::Map<const Eigen::VectorXd> momenta(p, n_);
@@ -77,7 +95,7 @@ Status LegendreTransform::solve(const double* q, const double* p, double* q_dot)
     residual_ = momenta - gradient_.tail(n_);
     const double left = residual_.cwiseQuotient(sizes_).cwiseAbs().maxCoeff();
     const bool defined = std::isfinite(value) && gradient_.allFinite() && hessian_.allFinite() && residual_.allFinite();
-    if (defined && (left <= legendre_rounding || (left >= 0.5 * last && left <= legendre_rounding_region))) {
+    if (defined && (left <= legendre_rounding || (left >= 0.5 * last && is_rounding(momenta)))) {
       v = trial_;
       energy_ = momenta.dot(v) - value;
       return Status::success;

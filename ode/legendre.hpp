@@ -5,6 +5,7 @@
 #include <Eigen/Core>
 
 #include <rubato/base/outcome.hpp>
+#include <rubato/formula/rounding.hpp>
 #include <rubato/ode/lagrangian.hpp>
 #include <rubato/solve/dense_solver.hpp>
 
@@ -21,6 +22,7 @@ public:
 
   /// Solves for q̇, from what q_dot holds (n entries each). Status::undefined where L is not defined on the way or
   /// ∂²L/∂q̇² is singular (singular() tells), Status::not_converged
+  /// where ∂L/∂q̇ = p is not met to rounding, which a running error analysis of ∂L/∂q̇ tells.
   [[nodiscard]] Status solve(const double* q, const double* p, double* q_dot);
   [[nodiscard]] bool singular() const { return singular_; }
 
@@ -36,11 +38,13 @@ public:
 
 private:
   double evaluate(const double* q, const double* q_dot);
+  [[nodiscard]] bool is_rounding(const Eigen::Ref<const Eigen::VectorXd>& momenta);
 
   LagrangianEvaluator evaluator_;
+  formula::RoundingEvaluator rounding_;  // of ∇L
   Eigen::Index n_;
   solve::DenseSolver solver_;
-  Eigen::VectorXd inputs_, gradient_, scales_, sizes_, residual_, step_, trial_, last_;
+  Eigen::VectorXd inputs_, errors_, gradient_, scales_, sizes_, residual_, step_, trial_, last_;
   Eigen::MatrixXd hessian_, scaled_;
   double energy_ = 0.0;
   bool singular_ = false;

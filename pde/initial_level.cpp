@@ -122,6 +122,7 @@ class ConstraintSolve {
 public:
   ConstraintSolve(const MultisymplecticSystem& system, const grids::Grid& grid, Placement placement, const Plan& plan)
       : system_(system),
+        grid_(grid),
         plan_(plan),
         sweep_(system, grid, placement),
         size_(static_cast<int>(plan.unknowns.size())),
@@ -175,6 +176,7 @@ public:
     std::vector<double> y(static_cast<std::size_t>(conditions_.count()) * lines_);
     double last = std::numeric_limits<double>::infinity();
     double first = 0.0;
+    bool stalled = false;
     for (int iteration = 0; iteration < most_level_iterations; ++iteration) {
       const grids::FieldSet& fields = level.fields;
       const SweepResult result =
@@ -188,6 +190,9 @@ public:
       const grids::FieldSet& rhs = rhs_;
       const double size = grids::max_abs(rhs.all());
       first = iteration == 0 ? size : first;
+      if (stalled && is_rounding(level)) {
+        return Status::success;
+      }
       const Status status = solver_->solve(matrix_, conditions_, rhs.pointers(), correction_.pointers(), y);
       if (status != Status::success) {
         // Where the solution is 0 and the start was not, what is left may be rounding that no solver makes smaller.
@@ -211,15 +216,52 @@ public:
           slope[line] += y[b * lines_ + line];
         }
       }
-      if (change <= 1e-15 * scale || (change <= 1e-9 * scale && change >= 0.25 * last)) {
+      if (change <= 1e-15 * scale) {
         return Status::success;
       }
+      stalled = change >= 0.25 * last;
       last = change;
     }
     return Status::not_converged;
   }
 
 private:
+  /// Whether nothing but rounding is left of each constraint: of its terms, and of the fields they are made from.
+  [[nodiscard]] bool is_rounding(const LatticeLevel& level) const {
+    std::vector<double> terms(static_cast<std::size_t>(system_.field_count()));  // of each row of the equation
+    for (int row = 0; row < system_.field_count(); ++row) {
+      double& sum = terms[static_cast<std::size_t>(row)];
+      for (int f = 0; f < system_.field_count(); ++f) {
+        const double value = grids::max_abs(level.fields.field(f));
+        const std::vector<double>& slopes = level.slopes.of_field[static_cast<std::size_t>(f)];
+        sum += std::abs(system_.constant_hessian()(row, f)) * value;
+        for (int a = 0; a < system_.directions(); ++a) {
+          const double slope = a == 0 && !slopes.empty() ? grids::max_abs(slopes) : 0.0;
+          sum += std::abs(system_.K(a)(row, f)) * (2.0 / grid_.spacing(a) * value + slope);
+        }
+      }
+    }
+    for (std::size_t e = 0; e < system_.varying_hessian().size(); ++e) {
+      const auto [row, column] = system_.varying_hessian()[e];
+      const double entry = grids::max_abs(hessian_.field(static_cast<int>(e)));
+      terms[static_cast<std::size_t>(row)] += entry * grids::max_abs(level.fields.field(column));
+      terms[static_cast<std::size_t>(column)] += entry * grids::max_abs(level.fields.field(row));
+    }
+    for (int u = 0; u < size_; ++u) {
+      double sum = 0.0;
+      for (int row = 0; row < system_.field_count(); ++row) {
+        sum += std::abs(plan_.rows(row, u)) * terms[static_cast<std::size_t>(row)];
+      }
+      // A dozen products and sums, half a unit in the last place each, of terms that may be larger than what they add
+      // up to; what derivatives by transforms round is of that order, too.
+      constexpr double roundings = 64.0;
+      if (grids::max_abs(rhs_.field(u)) > roundings * std::numeric_limits<double>::epsilon() * sum) {
+        return false;
+      }
+    }
+    return true;
+  }
+
   void add_entries(int row, int column, const double* values) {
     const auto unknown = std::ranges::find(plan_.unknowns, column);
     if (unknown == plan_.unknowns.end()) {
@@ -247,6 +289,7 @@ private:
   }
 
   const MultisymplecticSystem& system_;
+  const grids::Grid& grid_;
   const Plan& plan_;
   CellSweep sweep_;
   int size_;

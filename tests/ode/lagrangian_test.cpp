@@ -138,6 +138,33 @@ TEST_CASE("velocities of momenta that L does not reach are not found") {
   }
 }
 
+TEST_CASE("velocities solve the momentum's equation to rounding, or it is said") {
+  // p = v + 0.9e-10 sin(1e10 v) grows with v everywhere, and Newton's method has to find its way among its waves, where
+  // what is left of p stays about 1e-10 for a while. That is not rounding: of p it is epsilon; of v, u·|v|·1.9; and the
+  // phase of the sine has an error of 2u·|1e10 v|, which makes 0.9·2u·|v| of it.
+  LegendreTransform wavy(Lagrangian({"q"}, "q_dot^2/2 - 0.9e-20*cos(1e10*q_dot)"));
+  int solved = 0;
+  for (int k = 1; k <= 200; ++k) {
+    const double q = 0.0;
+    const double p = 0.005 * k;
+    double v = 0.4;
+    if (wavy.solve(&q, &p, &v) == Status::success) {
+      ++solved;
+      CHECK(std::abs(p - (v + 0.9e-10 * std::sin(1e10 * v))) < 8 * epsilon);
+    }
+  }
+  CHECK(solved > 100);
+  // A sum that cancels has more rounding than its value: 1e6 v - (1e6 - 1) v. It is found all the same.
+  LegendreTransform cancelling(Lagrangian({"q"}, "1e6*q_dot^2/2*cos(q) - (1e6 - 1)*q_dot^2/2*cos(q) + q_dot^4/4"));
+  for (int k = 1; k <= 200; ++k) {
+    const double q = 0.3;
+    const double p = 0.01 * k;
+    double v = 0.1;
+    REQUIRE(cancelling.solve(&q, &p, &v) == Status::success);
+    CHECK(std::abs(p - (v * std::cos(q) + v * v * v)) < 4e6 * epsilon);
+  }
+}
+
 TEST_CASE("quadratures of the action are exact where they have to be") {
   for (const auto points : {ActionQuadrature::Points::gauss, ActionQuadrature::Points::lobatto}) {
     for (int d = 1; d <= ActionQuadrature::most_degree; ++d) {
