@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <functional>
+#include <span>
 
 #include <fmt/format.h>
 
@@ -43,6 +44,41 @@ double& value_of(Stored& record, const std::string& path, std::size_t i) {
 
 }  // namespace
 
+namespace {
+
+/// Runs a problem.
+std::pair<Stored, Json> run_of(const std::string& program, const OrbitProblem& problem) {
+  const Folder folder;
+  write_text(folder.path() / "p.toml", problem.toml());
+  const Call run = call(program, {"run", "p.toml", "--json", "-o", "p.h5"}, folder.path());
+  return {read_record(folder.path() / "p.h5"), parse_json(run.output)};
+}
+
+/// How many of the twins are taken for good, and of the findings where there is nothing to find.
+int missed_of(const OrbitProblem& problem, const Stored& record, const Json& told, std::span<const Twin> twins) {
+  Findings none;
+  judge_orbit(problem, record, told, none);
+  int missed = 0;
+  for (const auto& [kind, text] : none.list) {
+    fmt::print("FAILED: the undamaged record: {}: {}\n", kind, text);
+    ++missed;
+  }
+  for (const Twin& twin : twins) {
+    Stored damaged = record;
+    Json damaged_account = told;
+    twin.damage(damaged, damaged_account);
+    Findings found;
+    judge_orbit(problem, damaged, damaged_account, found);
+    if (!found.has(twin.kind)) {
+      fmt::print("FAILED: a record with a wrong \"{}\" was taken for good\n", twin.kind);
+      ++missed;
+    }
+  }
+  return missed;
+}
+
+}  // namespace
+
 int orbit_twins(const std::string& program) {
   // A rotating pendulum: some of its steps are bridges.
   OrbitProblem problem = {};
@@ -55,11 +91,7 @@ int orbit_twins(const std::string& program) {
   problem.step = 0.1;
   problem.until = 12;
   problem.max_steps = 1000;
-  const Folder folder;
-  write_text(folder.path() / "p.toml", problem.toml());
-  const Call run = call(program, {"run", "p.toml", "--json", "-o", "p.h5"}, folder.path());
-  const Json told = parse_json(run.output);
-  const Stored record = read_record(folder.path() / "p.h5");
+  const auto [record, told] = run_of(program, problem);
   const auto bridge =
       static_cast<std::size_t>(std::ranges::find(record["/levels/bridged"], 1.0) - record["/levels/bridged"].begin());
   // Each by a few units of what rounding may be at that place.
@@ -82,25 +114,19 @@ int orbit_twins(const std::string& program) {
       {"told gamma.min", [](Stored&, Json& j) { j.numbers["gamma.min"] += 1e-12; }},
       {"told node_energy.max_deviation", [](Stored&, Json& j) { j.numbers["node_energy.max_deviation"] = 0; }},
   };
-  Findings none;
-  judge_orbit(problem, record, told, none);
-  int missed = 0;
-  for (const auto& [kind, text] : none.list) {
-    fmt::print("FAILED: the undamaged record: {}: {}\n", kind, text);
-    ++missed;
-  }
-  for (const Twin& twin : twins) {
-    Stored damaged = record;
-    Json damaged_account = told;
-    twin.damage(damaged, damaged_account);
-    Findings found;
-    judge_orbit(problem, damaged, damaged_account, found);
-    if (!found.has(twin.kind)) {
-      fmt::print("FAILED: a record with a wrong \"{}\" was taken for good\n", twin.kind);
-      ++missed;
-    }
-  }
-  return missed;
+  const int missed = missed_of(problem, record, told, twins);
+
+  // Gauss collocation, where the stages have to be found again.
+  problem.lagrangian = OrbitProblem::Lagrangian::gauss;
+  problem.stages = 3;
+  problem.on_singular = "fixed";
+  const Twin collocated[] = {
+      {"step equation", [](Stored& r, Json&) { value_of(r, "/states/q", 9) += 1e-14; }},
+      {"step equation", [](Stored& r, Json&) { value_of(r, "/levels/h", 9) *= 1 + 1e-13; }},
+      {"stored energy", [](Stored& r, Json&) { value_of(r, "/levels/energy", 5) += 4e-14; }},
+  };
+  const auto [gauss, gauss_told] = run_of(program, problem);
+  return missed + missed_of(problem, gauss, gauss_told, collocated);
 }
 
 }  // namespace audit

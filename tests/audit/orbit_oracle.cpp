@@ -2,6 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
+#include <numbers>
+#include <utility>
 
 namespace audit {
 
@@ -45,6 +48,82 @@ Vector stored(std::span<const double> values) {
 
 const Bounded half = 0.5L;
 
+/// Gauss collocation: a_ij and b_j, the integrals of the Lagrange polynomials of the zeros c of Legendre's polynomial.
+struct Collocation {
+  std::vector<std::vector<long double>> a;
+  std::vector<long double> b;
+};
+
+/// Gaussian elimination; the right-hand side is the last column.
+std::vector<long double> solved(std::vector<std::vector<long double>> rows) {
+  const std::size_t n = rows.size();
+  for (std::size_t p = 0; p < n; ++p) {
+    const auto largest =
+        std::max_element(rows.begin() + static_cast<std::ptrdiff_t>(p), rows.end(),
+                         [p](const auto& a, const auto& b) { return std::abs(a[p]) < std::abs(b[p]); });
+    std::swap(rows[p], *largest);
+    for (std::size_t r = p + 1; r < n; ++r) {
+      const long double factor = rows[r][p] / rows[p][p];
+      for (std::size_t c = p; c <= n; ++c) {
+        rows[r][c] -= factor * rows[p][c];
+      }
+    }
+  }
+  std::vector<long double> x(n);
+  for (std::size_t p = n; p-- > 0;) {
+    x[p] = rows[p][n];
+    for (std::size_t c = p + 1; c < n; ++c) {
+      x[p] -= rows[p][c] * x[c];
+    }
+    x[p] /= rows[p][p];
+  }
+  return x;
+}
+
+Collocation collocation(std::size_t m) {
+  std::vector<long double> c;
+  for (std::size_t i = 0; i < m; ++i) {
+    const auto degree = static_cast<long double>(m);
+    long double x =
+        -std::cos(std::numbers::pi_v<long double> * (static_cast<long double>(i) + 0.75L) / (degree + 0.5L));
+    for (int round = 0; round < 50; ++round) {  // Newton's method, with the recurrence of three terms
+      long double last = 1.0L, value = x;
+      for (std::size_t k = 2; k <= m; ++k) {
+        const auto n = static_cast<long double>(k);
+        last = std::exchange(value, ((2 * n - 1) * x * value - (n - 1) * last) / n);
+      }
+      x -= value * (x * x - 1) / (degree * (x * value - last));
+    }
+    c.push_back((1 + x) / 2);
+  }
+  Collocation result;
+  const auto integrals = [&](long double to) {
+    std::vector<long double> weights;
+    for (std::size_t j = 0; j < m; ++j) {
+      std::vector<long double> polynomial = {1.0L};  // by powers
+      for (std::size_t k = 0; k < m; ++k) {
+        if (k != j) {
+          polynomial.push_back(0.0L);
+          for (std::size_t power = polynomial.size(); power-- > 0;) {
+            polynomial[power] = ((power > 0 ? polynomial[power - 1] : 0.0L) - c[k] * polynomial[power]) / (c[j] - c[k]);
+          }
+        }
+      }
+      long double sum = 0.0L;
+      for (std::size_t power = polynomial.size(); power-- > 0;) {
+        sum = (sum + polynomial[power] / static_cast<long double>(power + 1)) * to;
+      }
+      weights.push_back(sum);
+    }
+    return weights;
+  };
+  for (const long double node : c) {
+    result.a.push_back(integrals(node));
+  }
+  result.b = integrals(1.0L);
+  return result;
+}
+
 }  // namespace
 
 std::size_t OrbitOracle::terms() const {
@@ -59,6 +138,9 @@ std::size_t OrbitOracle::terms() const {
 double OrbitOracle::cost() const {
   if (problem_.lagrangian == Lagrangian::custom || problem_.lagrangian == Lagrangian::forward) {
     return 1e4;
+  }
+  if (problem_.lagrangian == Lagrangian::gauss) {
+    return 1e4 * problem_.stages * problem_.stages;
   }
   const std::size_t degree = terms() + 1;
   return 60.0 * static_cast<double>(degree * Shape::of(2 * problem_.degrees_of_freedom() + 1, degree).products.size());
@@ -141,6 +223,96 @@ OrbitStep OrbitOracle::generated_step(std::span<const Bounded> z_0, std::span<co
   return step;
 }
 
+std::vector<Bounded> OrbitOracle::velocity(std::span<const Bounded> z, std::vector<long double>& slopes) const {
+  const std::size_t size = z.size(), n = size / 2;
+  std::vector<Series> variables;
+  for (std::size_t i = 0; i < size; ++i) {
+    variables.emplace_back(Shape::of(size, 2), z[i], i);
+  }
+  const Series H = problem_.H(std::span<const Series>(variables));
+  Vector gradient;
+  slopes.assign(size * size, 0.0L);
+  for (std::size_t i = 0; i < size; ++i) {
+    gradient.push_back(H.derivative(i));
+    const Series derivative = H.differentiated(i);
+    for (std::size_t j = 0; j < size; ++j) {
+      const std::size_t row = i < n ? n + i : i - n;  // of J∇H
+      slopes[row * size + j] = (i < n ? -1.0L : 1.0L) * derivative.derivative(j).value;
+    }
+  }
+  return times_J<Bounded>(gradient);
+}
+
+OrbitStep OrbitOracle::collocated_step(std::span<const Bounded> z_0, std::span<const Bounded> z_1, Bounded h) const {
+  const auto m = static_cast<std::size_t>(problem_.stages);
+  const Collocation rule = collocation(m);
+  const std::size_t size = z_0.size();
+  const std::size_t unknowns = m * size;
+  std::vector<Vector> stages(m, Vector(z_0.begin(), z_0.end()));
+  std::vector<Vector> rates;
+  // Newton's method for Z_i = z_0 + h Σ a_ij f(Z_j); the last round takes the stages as the last rates give them.
+  constexpr int most_rounds = 30;
+  long double last = std::numeric_limits<long double>::infinity();
+  for (int round = 0; round < most_rounds; ++round) {
+    rates.clear();
+    std::vector<std::vector<long double>> system(unknowns, std::vector<long double>(unknowns + 1));
+    std::vector<std::vector<long double>> slopes;
+    for (const Vector& stage : stages) {
+      slopes.emplace_back();
+      rates.push_back(velocity(stage, slopes.back()));
+    }
+    long double scale = 0.0L;
+    for (std::size_t i = 0; i < m; ++i) {
+      for (std::size_t r = 0; r < size; ++r) {
+        std::vector<long double>& row = system[i * size + r];
+        row[i * size + r] = 1.0L;
+        row[unknowns] = z_0[r].value - stages[i][r].value;
+        scale = std::max(scale, std::abs(stages[i][r].value));
+        for (std::size_t j = 0; j < m; ++j) {
+          row[unknowns] += h.value * rule.a[i][j] * rates[j][r].value;
+          for (std::size_t c = 0; c < size; ++c) {
+            row[j * size + c] -= h.value * rule.a[i][j] * slopes[j][r * size + c];
+          }
+        }
+      }
+    }
+    const std::vector<long double> correction = solved(std::move(system));
+    long double change = 0.0L;
+    for (std::size_t i = 0; i < m; ++i) {
+      for (std::size_t r = 0; r < size; ++r) {
+        const long double moved = correction[i * size + r];
+        change = std::max(change, std::abs(moved));
+        stages[i][r].value += moved;
+      }
+    }
+    if (!(change > 1e-17L * scale) || (change < 1e-14L * scale && change >= 0.5L * last)) {
+      break;
+    }
+    last = change;
+  }
+  rates.clear();
+  for (Vector& stage : stages) {
+    for (std::size_t r = 0; r < size; ++r) {
+      // What z_0 is off by goes to every stage, and with the step's derivative to all of them: twice, for short steps.
+      stage[r].error = unit_roundoff * std::abs(stage[r].value) + 2.0L * z_0[r].error;
+    }
+    std::vector<long double> slopes;
+    rates.push_back(velocity(stage, slopes));
+  }
+  OrbitStep step;
+  for (std::size_t r = 0; r < size; ++r) {
+    Bounded defect = z_1[r] - z_0[r];
+    for (std::size_t i = 0; i < m; ++i) {
+      defect = defect - h * Bounded(rule.b[i]) * rates[i][r];
+    }
+    step.defect.push_back(defect);
+  }
+  for (std::size_t i = 0; i < m; ++i) {
+    step.energy += Bounded(rule.b[i]) * problem_.H(std::span<const Bounded>(stages[i]));
+  }
+  return step;
+}
+
 OrbitStep OrbitOracle::varied_step(std::span<const Bounded> z_0, std::span<const Bounded> z_1, Bounded h) const {
   const std::size_t size = z_0.size(), corner = size + 1;
   const Shape& shape = Shape::of(2 * corner, 1);
@@ -171,6 +343,9 @@ OrbitStep OrbitOracle::step(std::span<const double> z_0, std::span<const double>
   for (std::size_t i = 0; i < second.size(); ++i) {
     // A step is solved for z_1 - z_0, which is rounded, too, and may be longer than z_1.
     second[i].error += unit_roundoff * std::abs(second[i].value - first[i].value);
+  }
+  if (problem_.lagrangian == Lagrangian::gauss) {
+    return collocated_step(first, second, length);
   }
   return generated ? generated_step(first, second, length) : varied_step(first, second, length);
 }

@@ -20,7 +20,8 @@ struct OrbitStep {
 
 /// The equations of an orbit's scheme, evaluated in extended precision from the expressions that the problem was made
 /// of, with a bound of what rounding makes of each in double. Generating functions come from the recursion (4.10) of
-/// Hamilton and Jacobi, in power series of the state and the time: not the way the library has them.
+/// Hamilton and Jacobi, in power series of the state and the time: not the way the library has them. The stages of
+/// Gauss collocation are found again from z_k and h, by Newton's method in extended precision.
 class OrbitOracle {
 public:
   explicit OrbitOracle(const OrbitProblem& problem) : problem_(problem) {}
@@ -46,6 +47,9 @@ private:
   [[nodiscard]] Generated generate(std::span<const Bounded> w, std::size_t degree) const;
   [[nodiscard]] OrbitStep generated_step(std::span<const Bounded> z_0, std::span<const Bounded> z_1, Bounded h) const;
   [[nodiscard]] OrbitStep varied_step(std::span<const Bounded> z_0, std::span<const Bounded> z_1, Bounded h) const;
+  [[nodiscard]] OrbitStep collocated_step(std::span<const Bounded> z_0, std::span<const Bounded> z_1, Bounded h) const;
+  /// J∇H, and its derivatives row by row.
+  [[nodiscard]] std::vector<Bounded> velocity(std::span<const Bounded> z, std::vector<long double>& slopes) const;
   [[nodiscard]] std::size_t terms() const;  ///< s, of Φ_s
 
   const OrbitProblem& problem_;

@@ -331,6 +331,10 @@ private:
     const std::size_t n = problem_.degrees_of_freedom();
     const std::size_t which = random_.below(20);
     if (which < 11) {
+      if (random_.chance(0.35)) {
+        problem_.lagrangian = OrbitProblem::Lagrangian::gauss;
+        problem_.stages = 1 + static_cast<int>(random_.below(8));
+      }
       return;
     }
     if (which < 17) {
@@ -406,6 +410,7 @@ private:
     }
     choose_lagrangian();
     const bool forward = problem_.lagrangian == OrbitProblem::Lagrangian::forward;
+    const bool gauss = problem_.lagrangian == OrbitProblem::Lagrangian::gauss;  // without bridges
     const double length = random_.chance(0.12) ? random_.decades(-0.3, 0.6) : random_.decades(-2.2, -0.3);
     const int direction = random_.chance(0.7) ? 1 : -1;
     problem_.step = direction * Random::short_number(length * (std::isfinite(time_scale) ? time_scale : 1.0));
@@ -420,10 +425,12 @@ private:
     }
     if (random_.chance(0.25)) {
       problem_.on_singular = random_.chance(0.5) ? "fixed" : "stop";
-    } else if (random_.chance(0.25)) {
+    } else if (random_.chance(0.25) && !gauss) {
       problem_.reversible = true;
     }
-    if (random_.chance(0.15) && problem_.F.empty() && !forward) {
+    if (gauss) {
+      problem_.on_singular = "fixed";
+    } else if (random_.chance(0.15) && problem_.F.empty() && !forward) {
       give_next(motion);
     } else if (random_.chance(0.1) && !forward) {
       problem_.energy_tolerance = random_.decades(-6, -2);
@@ -484,7 +491,7 @@ std::string OrbitProblem::toml() const {
     const std::vector<std::string> time = {"t"};
     text += fmt::format("[exact]\n{} = \"{}\"\n", names[0], exact->text(time));
   }
-  constexpr std::array<const char*, 4> words = {"midpoint", "generating", "custom", "forward"};
+  constexpr std::array<const char*, 5> words = {"midpoint", "generating", "custom", "forward", "gauss"};
   text += fmt::format("[scheme]\nlagrangian = \"{}\"\n", words.at(static_cast<std::size_t>(lagrangian)));
   if (lagrangian == Lagrangian::generating) {
     text += fmt::format("order = {}\n", order);
@@ -497,6 +504,9 @@ std::string OrbitProblem::toml() const {
     } else if (darboux != "midpoint") {
       text += fmt::format("darboux = \"{}\"\n", darboux);
     }
+  } else if (lagrangian == Lagrangian::gauss) {
+    text += fmt::format("stages = {}\n", stages);
+    text += fixed ? "" : "step_potential = \"none\"\n";
   } else if (lagrangian == Lagrangian::custom) {
     text += fmt::format("L = \"{}\"\n", L.text(corner_names(names)));
   }

@@ -12,7 +12,7 @@ namespace audit {
 
 /// A random orbit and how it is to be run. Its variables are numbered q_1 … q_n, p_1 … p_n.
 struct OrbitProblem {
-  enum class Lagrangian { midpoint, generating, custom, forward };
+  enum class Lagrangian { midpoint, generating, custom, forward, gauss };
 
   std::string family;              ///< what kind of motion, and what is nasty about it
   std::vector<std::string> names;  ///< of q, then of p
@@ -25,7 +25,8 @@ struct OrbitProblem {
   std::optional<Expression> exact;
 
   Lagrangian lagrangian = Lagrangian::midpoint;
-  int order = 2;  ///< of a generating function
+  int order = 2;   ///< of a generating function
+  int stages = 1;  ///< of Gauss collocation, without a step potential
   std::string darboux = "midpoint";
   std::vector<double> F;  ///< of it, row by row; empty means 0
   Expression L = 0.0;     ///< of t_0, z_0, t_1, z_1, numbered in this order
