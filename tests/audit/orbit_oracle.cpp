@@ -252,14 +252,15 @@ OrbitStep OrbitOracle::collocated_step(std::span<const Bounded> z_0, std::span<c
   std::vector<Vector> rates;
   // Newton's method for Z_i = z_0 + h Σ a_ij f(Z_j); the last round takes the stages as the last rates give them.
   constexpr int most_rounds = 30;
+  std::vector<std::vector<long double>> system;
   long double last = std::numeric_limits<long double>::infinity();
   for (int round = 0; round < most_rounds; ++round) {
     rates.clear();
-    std::vector<std::vector<long double>> system(unknowns, std::vector<long double>(unknowns + 1));
-    std::vector<std::vector<long double>> slopes;
+    system.assign(unknowns, std::vector<long double>(unknowns + 1));
+    std::vector<std::vector<long double>> derivatives;
     for (const Vector& stage : stages) {
-      slopes.emplace_back();
-      rates.push_back(velocity(stage, slopes.back()));
+      derivatives.emplace_back();
+      rates.push_back(velocity(stage, derivatives.back()));
     }
     long double scale = 0.0L;
     for (std::size_t i = 0; i < m; ++i) {
@@ -271,12 +272,12 @@ OrbitStep OrbitOracle::collocated_step(std::span<const Bounded> z_0, std::span<c
         for (std::size_t j = 0; j < m; ++j) {
           row[unknowns] += h.value * rule.a[i][j] * rates[j][r].value;
           for (std::size_t c = 0; c < size; ++c) {
-            row[j * size + c] -= h.value * rule.a[i][j] * slopes[j][r * size + c];
+            row[j * size + c] -= h.value * rule.a[i][j] * derivatives[j][r * size + c];
           }
         }
       }
     }
-    const std::vector<long double> correction = solved(std::move(system));
+    const std::vector<long double> correction = solved(system);
     long double change = 0.0L;
     for (std::size_t i = 0; i < m; ++i) {
       for (std::size_t r = 0; r < size; ++r) {
@@ -290,13 +291,24 @@ OrbitStep OrbitOracle::collocated_step(std::span<const Bounded> z_0, std::span<c
     }
     last = change;
   }
+  // What z_0 is off by goes to every stage through the inverse of the last system.
+  std::vector<long double> rows(unknowns);
+  for (std::size_t column = 0; column < unknowns; ++column) {
+    for (std::size_t row = 0; row < unknowns; ++row) {
+      system[row][unknowns] = row == column ? 1.0L : 0.0L;
+    }
+    const std::vector<long double> inverse = solved(system);
+    for (std::size_t row = 0; row < unknowns; ++row) {
+      rows[row] += std::abs(inverse[row]);
+    }
+  }
+  const long double growth = 2.0L * *std::max_element(rows.begin(), rows.end());
+  std::vector<long double> slopes;
   rates.clear();
   for (Vector& stage : stages) {
     for (std::size_t r = 0; r < size; ++r) {
-      // What z_0 is off by goes to every stage, and with the step's derivative to all of them: twice, for short steps.
-      stage[r].error = unit_roundoff * std::abs(stage[r].value) + 2.0L * z_0[r].error;
+      stage[r].error = unit_roundoff * std::abs(stage[r].value) + growth * z_0[r].error;
     }
-    std::vector<long double> slopes;
     rates.push_back(velocity(stage, slopes));
   }
   OrbitStep step;
