@@ -53,6 +53,8 @@ public:
     if (reader_.has("/states/momentum")) {
       const std::vector<std::string> momenta = reader_.read_strings("/states/momentum");
       statistics_.balance = !momenta.empty() && momenta.back() == work_momentum;
+    } else {  // a lattice, whose fields have datasets of their own
+      statistics_.balance = reader_.has(fmt::format("/states/{}", work_momentum));
     }
     find_levels_of_laws();
     add_levels();

@@ -51,6 +51,9 @@ FormulaAction box_cell_action(const MultisymplecticSystem& system) {
   for (const Corners& field : z) {
     means.push_back(mean(field));
   }
+  if (!system.coordinates().empty()) {
+    means.push_back(mean(x));
+  }
   const Expression S = formula::substitute(std::array{system.expression()}, *graph, system.variables(), means).front();
   Expression action = -(in_time(t) * in_space(x) - in_time(x) * in_space(t)) * S;
   for (int i = 0; i < d; ++i) {

@@ -13,6 +13,7 @@
 #include <rubato/grids/fourier.hpp>
 #include <rubato/grids/wide_vectors.hpp>
 #include <rubato/pde/matrix_terms.hpp>
+#include <rubato/pde/placed_coordinates.hpp>
 
 namespace rubato {
 
@@ -200,6 +201,7 @@ struct CellSweep::Storage {
   double volume;
   double inverse_spacing[3] = {};
   MatrixTerms M, constant_hessian;
+  PlacedCoordinates places;
   std::vector<MatrixTerms> K, K_plus;
   std::vector<std::array<bool, 3>> differentiated;  ///< of each field, along each direction
   std::vector<BlockResult> results;
@@ -217,6 +219,7 @@ struct CellSweep::Storage {
         volume(grid.cell_volume()),
         M(terms_of(s.M())),
         constant_hessian(terms_of(s.constant_hessian())),
+        places(s, grid, placement == Placement::cells ? Within::centre : Within::node),
         differentiated(static_cast<std::size_t>(d)),
         results(blocks.count()) {
     for (int a = 0; a < dimensions; ++a) {
@@ -285,14 +288,15 @@ struct CellSweep::Storage {
       }
       work->inputs.push_back(work->mean.back());
     }
+    work->inputs.resize(fields + places.count());
     for (std::size_t j = 0; j < 1 + fields + varying; ++j) {
       work->outputs.push_back(take());
     }
     work->gradient = formula::BatchEvaluator(system.gradient_code());
     work->hessian = formula::BatchEvaluator(system.hessian_code());
     work->size = formula::RoundingEvaluator(system.size_code());
-    work->cell.resize(fields);
-    work->cell_error.resize(fields);
+    work->cell.resize(work->inputs.size());
+    work->cell_error.resize(work->inputs.size());
     return work;
   }
 
@@ -313,12 +317,13 @@ struct CellSweep::Storage {
   void move_rows(std::size_t count, const Workspace& work, BlockResult& result) const;
 };
 
-/// A and D_a of the point on a block, the potentials' slopes included.
+/// A and D_a of the point on a block, the potentials' slopes included, and where it is.
 void CellSweep::Storage::gather_point(std::size_t block, Workspace& work, std::span<const double* const> point,
                                       const PotentialSlopes& slopes) const {
   const std::size_t line = block / blocks.per_line;
   const std::size_t begin = block % blocks.per_line * block_size;
   const std::size_t count = std::min(block_size, blocks.line - begin);
+  places.put(line * blocks.line + begin, std::span(work.inputs).subspan(static_cast<std::size_t>(d)));
   for (int f = 0; f < d; ++f) {
     const auto i = static_cast<std::size_t>(f);
     take(point[i], f, point_derivative, line, begin, count, work.mean[i], work.difference[i]);
@@ -466,7 +471,7 @@ void CellSweep::Storage::move_rows(std::size_t count, const Workspace& work, Blo
 
 void CellSweep::Storage::evaluate_terms(Workspace& work, std::size_t c) {
   for (std::size_t f = 0; f < work.cell.size(); ++f) {
-    work.cell[f] = work.mean[f][c];
+    work.cell[f] = work.inputs[f][c];
     work.cell_error[f] = 2.0 * std::abs(work.cell[f]);  // nodes are rounded, and so are their means
   }
   work.size.run(work.cell, work.cell_error);

@@ -7,6 +7,7 @@
 #include <rubato/grids/parallel.hpp>
 #include <rubato/grids/reductions.hpp>
 #include <rubato/pde/law_engine.hpp>
+#include <rubato/pde/placed_coordinates.hpp>
 
 namespace rubato {
 
@@ -17,6 +18,8 @@ public:
   explicit CornerLaws(LawTables tables)
       : tables_(std::move(tables)),
         S_(tables_.system.value_code()),
+        places_(tables_.system, tables_.grid, Within::node),
+        sources_(static_cast<int>(places_.count()), tables_.grid.size()),
         form_(1, tables_.grid.size()),
         scratch_(1, tables_.grid.size()) {
     differences_.assign(static_cast<std::size_t>(tables_.directions), grids::FieldSet(tables_.d, tables_.grid.size()));
@@ -44,6 +47,7 @@ public:
         combine(1.0, sum.field(l), 1.0, scratch_.field(0), sum.field(l));
       }
     }
+    subtract_sources(before.fields, sum);
     std::vector<Spread> sizes;
     for (int l = 0; l < laws; ++l) {
       const auto values = std::as_const(sum).field(l);
@@ -174,11 +178,24 @@ private:
       return;
     }
     double* const outputs[] = {out.data()};
-    S_(out.size(), z.pointers(), outputs);
+    S_(out.size(), places_.after(z.pointers()), outputs);
     for (int other = 0; other < tables_.directions; ++other) {
       if (other != nu) {
         subtract_product(other, other, z, h, -1.0, out);
       }
+    }
+  }
+
+  /// sum[1 + a] -= ∂S/∂x_a at the base corners: the sources of momentum.
+  void subtract_sources(const grids::FieldSet& z, grids::FieldSet& sum) {
+    if (places_.count() == 0) {
+      return;
+    }
+    formula::BatchEvaluator evaluate(tables_.system.source_code());
+    evaluate(tables_.grid.size(), places_.after(z.pointers()), sources_.pointers());
+    for (std::size_t c = 0; c < places_.count(); ++c) {
+      const auto law = sum.field(1 + tables_.system.coordinates()[c]);
+      combine(1.0, law, -1.0, std::as_const(sources_).field(static_cast<int>(c)), law);
     }
   }
 
@@ -208,6 +225,8 @@ private:
 
   LawTables tables_;
   formula::BatchEvaluator S_;
+  PlacedCoordinates places_;
+  grids::FieldSet sources_;
   std::vector<grids::FieldSet> differences_;  ///< δ_μ⁺z of the level in use
   grids::FieldSet form_, scratch_;
 };

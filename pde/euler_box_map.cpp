@@ -52,6 +52,8 @@ EulerBoxMap::EulerBoxMap(const MultisymplecticSystem& system, const grids::Grid&
       outputs_(static_cast<int>(system.hessian_code().output_count()), grid.size()),
       row_(1, grid.size()),
       scratch_(row_),
+      places_(system, grid, Within::node),
+      inputs_(system.variables().size()),
       evaluate_(system.hessian_code()) {
   if (system.directions() != grid.dimensions()) {
     throw std::invalid_argument(
@@ -226,7 +228,9 @@ int EulerBoxMap::varying_entry(int row, int field) const {
 }
 
 void EulerBoxMap::evaluate(const grids::FieldSet& fields) {
-  evaluate_(grid_.size(), fields.pointers(), outputs_.pointers());
+  std::ranges::copy(fields.pointers(), inputs_.begin());
+  places_.put(0, std::span(inputs_).subspan(fields.pointers().size()));
+  evaluate_(grid_.size(), inputs_, outputs_.pointers());
   ++evaluations_;
 }
 

@@ -8,6 +8,7 @@
 #include <rubato/grids/grid.hpp>
 #include <rubato/pde/initial_level.hpp>
 #include <rubato/pde/multisymplectic_system.hpp>
+#include <rubato/pde/placed_coordinates.hpp>
 
 namespace rubato {
 
@@ -74,6 +75,8 @@ private:
   grids::Grid grid_;
   grids::FieldSet outputs_;  ///< S, ∇S and the varying entries of S'' as last evaluated
   grids::FieldSet row_, scratch_;
+  PlacedCoordinates places_;
+  std::vector<const double*> inputs_;  ///< the fields, then the coordinates
   formula::BatchEvaluator evaluate_;
   std::vector<Kick> kicks_;
   std::vector<LocalSolve> solves_, start_solves_;

@@ -12,6 +12,7 @@
 #include <rubato/grids/reductions.hpp>
 #include <rubato/pde/face_gather.hpp>
 #include <rubato/pde/law_engine.hpp>
+#include <rubato/pde/placed_coordinates.hpp>
 
 namespace rubato {
 
@@ -25,12 +26,14 @@ struct Faces {
   std::vector<double*> mean;
   std::vector<std::array<double*, 4>> derivative;  ///< of each field in direction μ
   double* S = nullptr;
-  std::vector<double*> currents;  ///< of each law
+  std::vector<double*> currents;      ///< of each law
+  std::vector<double*> sources;       ///< of each coordinate that S names
+  std::vector<const double*> inputs;  ///< of the codes of S: the means, then the coordinates
 };
 
 struct Workspace {
   grids::Buffer memory;
-  formula::BatchEvaluator S;
+  formula::BatchEvaluator S, source;
   Faces faces;
 };
 
@@ -46,6 +49,8 @@ struct FaceOperators : LawTables {
   std::vector<std::vector<Spread>> sizes;               ///< [law][block]: of residuals
   std::vector<std::vector<double>> sums;                ///< [law][block]: of densities
   std::shared_ptr<StageSource> stages;                  ///< null: the laws of a step are taken at its middle
+  PlacedCoordinates at_cells;                           ///< in their middles; or at the nodes
+  std::array<std::vector<PlacedCoordinates>, 2> faces;  ///< [upper][axis]: on the faces normal to an axis
 
   FaceOperators(LawTables tables, Placement placement)
       : LawTables(std::move(tables)), blocks(grid), gather(grid), middle(d, grid.size()), rate(d, grid.size()) {
@@ -53,15 +58,39 @@ struct FaceOperators : LawTables {
       spectral = std::make_unique<grids::SpectralDerivative>(grid);
       derivatives.assign(static_cast<std::size_t>(grid.dimensions()), grids::FieldSet(d, grid.size()));
     }
+    if (!system.coordinates().empty()) {
+      place_faces();
+    }
     sizes.assign(names.size(), std::vector<Spread>(blocks.count()));
     sums.assign(names.size(), std::vector<double>(blocks.count()));
+  }
+
+  void place_faces() {
+    if (spectral != nullptr) {
+      at_cells = PlacedCoordinates(system, grid, Within::node);
+      return;
+    }
+    at_cells = PlacedCoordinates(system, grid, Within::centre);
+    for (const bool upper : {false, true}) {
+      for (int a = 0; a < grid.dimensions(); ++a) {
+        std::array<Within, 3> place{Within::centre, Within::centre, Within::centre};
+        place[static_cast<std::size_t>(a)] = upper ? Within::next : Within::node;
+        faces[upper ? 1 : 0].emplace_back(system, grid, place);
+      }
+    }
+  }
+  /// The coordinates on the faces normal to `mu`.
+  [[nodiscard]] const PlacedCoordinates& places(int mu, bool upper) const {
+    const auto& along = faces[upper ? 1 : 0];
+    return mu == time || along.empty() ? at_cells : along[static_cast<std::size_t>(mu) - 1];
   }
 
   void prepare_workspaces() {
     while (workspaces.size() < static_cast<std::size_t>(omp_get_max_threads())) {
       auto work = std::make_unique<Workspace>();
       const auto fields = static_cast<std::size_t>(d);
-      const std::size_t arrays = fields * (1 + static_cast<std::size_t>(directions)) + 1 + names.size();
+      const std::size_t arrays =
+          fields * (1 + static_cast<std::size_t>(directions)) + 1 + names.size() + system.coordinates().size();
       work->memory = grids::Buffer(arrays * block_size);
       double* next = work->memory.data();
       const auto take = [&next] { return std::exchange(next, next + block_size); };
@@ -76,7 +105,15 @@ struct FaceOperators : LawTables {
       for (std::size_t l = 0; l < names.size(); ++l) {
         work->faces.currents.push_back(take());
       }
+      for (std::size_t c = 0; c < system.coordinates().size(); ++c) {
+        work->faces.sources.push_back(take());
+      }
+      work->faces.inputs.assign(work->faces.mean.begin(), work->faces.mean.end());
+      work->faces.inputs.resize(system.variables().size());
       work->S = formula::BatchEvaluator(system.value_code());
+      if (!system.coordinates().empty()) {
+        work->source = formula::BatchEvaluator(system.source_code());
+      }
       workspaces.push_back(std::move(work));
     }
   }
@@ -150,8 +187,39 @@ struct FaceOperators : LawTables {
         }
       }
     }
+    put_places(work, line, begin, mu, upper);
     double* const outputs[] = {faces.S};
-    work.S(count, std::span<const double* const>(faces.mean.data(), faces.mean.size()), outputs);
+    work.S(count, faces.inputs, outputs);
+  }
+
+  void put_places(Workspace& work, std::size_t line, std::size_t begin, int mu, bool upper) const {
+    std::vector<const double*>& inputs = work.faces.inputs;
+    places(mu, upper).put(line * blocks.line + begin, std::span(inputs).subspan(work.faces.mean.size()));
+  }
+
+  /// sum[1 + a] -= weight · ∂S/∂x_a in the middle of the cells of a block and of the step: the sources of momentum.
+  void subtract_sources(Workspace& work, std::size_t line, std::size_t begin, std::size_t count, double weight,
+                        std::span<double* const> sum) const {
+    Faces& faces = work.faces;
+    if (faces.sources.empty()) {
+      return;
+    }
+    for (int f = 0; f < d; ++f) {
+      const auto i = static_cast<std::size_t>(f);
+      if (spectral != nullptr) {
+        std::copy_n(middle.field(f).data() + line * blocks.line + begin, count, faces.mean[i]);
+      } else {
+        face(middle.field(f).data(), line, begin, count, time, false, time, faces.mean[i]);
+      }
+    }
+    put_places(work, line, begin, time, false);
+    work.source(count, faces.inputs, faces.sources);
+    for (std::size_t c = 0; c < faces.sources.size(); ++c) {
+      double* out = sum[1 + static_cast<std::size_t>(system.coordinates()[c])];
+      for (std::size_t i = 0; i < count; ++i) {
+        out[i] -= weight * faces.sources[c][i];
+      }
+    }
   }
 
   /// The currents J_μ of all laws on those faces.
@@ -254,7 +322,7 @@ struct FaceOperators : LawTables {
     }
   }
 
-  /// sum += weight · Σ_a ∂_a J_a at `middle` with the rates `rate`.
+  /// sum += weight · (Σ_a ∂_a J_a - the sources) at `middle` with the rates `rate`.
   void add_fluxes(double weight, const PotentialSlopes& slopes, grids::FieldSet& sum) {
     for (int a = 0; a < grid.dimensions(); ++a) {
       currents_at_nodes(1 + a, middle, slopes, current);
@@ -263,6 +331,16 @@ struct FaceOperators : LawTables {
         sum.all()[i] += weight * current.all()[i];
       }
     }
+    if (system.coordinates().empty()) {
+      return;
+    }
+    for_each_block_of_cells([&](std::size_t, std::size_t line, std::size_t begin, std::size_t count, Workspace& work) {
+      std::array<double*, 4> out{};
+      for (int nu = 0; nu < directions; ++nu) {
+        out[static_cast<std::size_t>(nu)] = sum.field(nu).data() + line * blocks.line + begin;
+      }
+      subtract_sources(work, line, begin, count, weight, out);
+    });
   }
 
   /// Calls use(block, line, begin, count, workspace) for every block of cells, in parallel.
@@ -359,6 +437,11 @@ std::vector<Spread> FaceLaws::residuals(const LatticeLevel& before, const Lattic
             }
           }
         }
+        std::array<double*, 4> of_places{};
+        for (int nu = 0; nu < s.directions; ++nu) {
+          of_places[static_cast<std::size_t>(nu)] = &sum[static_cast<std::size_t>(nu) * block_size];
+        }
+        s.subtract_sources(work, line, begin, count, 1.0, of_places);
         for (std::size_t l = 0; l < laws; ++l) {
           s.measure(l, block, &sum[l * block_size], count);
           if (!residuals.empty()) {

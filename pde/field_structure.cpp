@@ -171,7 +171,7 @@ void refuse_undetermined(const MultisymplecticSystem& system, const MatrixXd& he
 MatrixXd find_affine_symmetries(const MultisymplecticSystem& system, std::mt19937_64& random) {
   const Index d = system.field_count();
   formula::ScalarEvaluator evaluate(system.gradient_code());
-  std::vector<double> z(static_cast<std::size_t>(d));
+  std::vector<double> z(system.variables().size());
   std::vector<double> outputs(static_cast<std::size_t>(d) + 1);
   MatrixXd gradients = MatrixXd::Zero(4 * d, d);
   std::uniform_real_distribution<double> value(0.1, 1.4);
@@ -242,7 +242,7 @@ Index rank(const MatrixXcd& matrix) {
 
 MatrixXd generic_hessian(const MultisymplecticSystem& system, std::mt19937_64& random) {
   std::uniform_real_distribution<double> value(0.1, 1.4);
-  std::vector<double> z(static_cast<std::size_t>(system.field_count()));
+  std::vector<double> z(system.variables().size());
   for (int attempt = 0; attempt < 40; ++attempt) {
     for (double& component : z) {
       component = attempt % 2 == 0 ? value(random) : value(random) - 0.75;
@@ -292,7 +292,7 @@ FieldStructure analyse(const MultisymplecticSystem& system) {
   });
 
   const MatrixXd linear = select(result.level_constraints, [&](const auto& n) {
-    for (const auto [row, column] : system.varying_hessian()) {
+    for (const auto [row, column] : system.nonlinear_hessian()) {
       if (n[row] != 0.0 || n[column] != 0.0) {
         return false;
       }

@@ -62,6 +62,7 @@ GaussSlab::GaussSlab(const MultisymplecticSystem& system, const grids::Grid& gri
       m_(stages),
       d_(system.field_count()),
       at_midpoints_(system.structure().at_midpoints()),
+      places_(system, grid, Within::node),
       linear_(Eigen::VectorXd::Zero(d_)),
       fourier_F_(grid, 1),
       fourier_all_(grid, d_) {
@@ -125,32 +126,28 @@ GaussSlab::GaussSlab(const MultisymplecticSystem& system, const grids::Grid& gri
 }
 
 void GaussSlab::find_varying_fields() {
-  for (const HessianEntry& entry : system_.varying_hessian()) {
-    for (const int f : {entry.row, entry.column}) {
-      if (std::ranges::find(F_, f) == F_.end()) {
-        F_.push_back(f);
-      }
+  for (int f = 0; f < d_; ++f) {
+    if (is_in_rest(system_, f)) {
+      F_.push_back(f);
     }
   }
-  std::ranges::sort(F_);
+  if (F_.empty() && !system_.coordinates().empty()) {
+    F_.push_back(0);  // S has a term of the coordinates alone
+  }
+  inputs_.resize(F_.size() + places_.count());
+}
+
+std::span<const double* const> GaussSlab::with_places(std::span<const double* const> fields) {
+  std::ranges::copy(fields, inputs_.begin());
+  places_.put(0, std::span(inputs_).subspan(fields.size()));
+  return inputs_;
 }
 
 /// L: the constant entries of S'', and of the others their means, where these are finite.
 void GaussSlab::set_mean(const LatticeLevel& first) {
-  L_ = system_.constant_hessian();
-  const auto& entries = system_.varying_hessian();
-  if (!entries.empty()) {
-    formula::BatchEvaluator evaluate(system_.hessian_code());
-    grids::FieldSet at = first.fields;
-    copy_level(first.fields, at_midpoints_, at);
-    grids::FieldSet outputs(1 + d_ + static_cast<int>(entries.size()), grid_.size());
-    evaluate(grid_.size(), std::as_const(at).pointers(), outputs.pointers());
-    for (std::size_t e = 0; e < entries.size(); ++e) {
-      const double mean =
-          grids::sum(std::as_const(outputs).field(1 + d_ + static_cast<int>(e))) / static_cast<double>(grid_.size());
-      L_(entries[e].row, entries[e].column) = L_(entries[e].column, entries[e].row) = std::isfinite(mean) ? mean : 0.0;
-    }
-  }
+  grids::FieldSet at = first.fields;
+  copy_level(first.fields, at_midpoints_, at);
+  L_ = mean_hessian(system_, grid_, at);
   L_terms_ = terms_of(L_);
 }
 
@@ -158,9 +155,9 @@ void GaussSlab::set_mean(const LatticeLevel& first) {
 void GaussSlab::compile() {
   if (!F_.empty()) {
     const PotentialRest rest = rest_of_potential(system_, L_, F_);
-    rest_value_ = formula::BatchEvaluator(formula::Bytecode(std::array{rest.value}, rest.variables));
+    rest_value_ = formula::BatchEvaluator(formula::Bytecode(std::array{rest.value}, rest.inputs));
     rest_gradient_ =
-        formula::BatchEvaluator(formula::Bytecode(formula::gradient(rest.value, rest.variables), rest.variables));
+        formula::BatchEvaluator(formula::Bytecode(formula::gradient(rest.value, rest.variables), rest.inputs));
   }
   // ∂S/∂z_f of the other fields is linear in z.
   const std::vector<double> slopes = potential_slopes_at_zero(system_);
@@ -255,7 +252,7 @@ void GaussSlab::begin_at_level() {
   if (F_.empty()) {
     return;
   }
-  rest_gradient_(grid_.size(), std::as_const(level_F_).pointers(), rest_grid_.pointers().first(F_.size()));
+  rest_gradient_(grid_.size(), with_places(std::as_const(level_F_).pointers()), rest_grid_.pointers().first(F_.size()));
   std::vector<const double*> rows;
   for (std::size_t f = 0; f < F_.size(); ++f) {
     rows.push_back(std::as_const(rest_grid_).field(static_cast<int>(f)).data());
@@ -403,7 +400,7 @@ bool GaussSlab::evaluate_rests() {
       in[f] = std::as_const(point_).field(row).data();
       out[f] = rest_grid_.field(row).data();
     }
-    rest_gradient_(grid_.size(), std::span(in).first(n), std::span(out).first(n));
+    rest_gradient_(grid_.size(), with_places(std::span(in).first(n)), std::span(out).first(n));
   }
   if (!std::isfinite(grids::max_abs(std::as_const(rest_grid_).all()))) {
     return false;
@@ -582,7 +579,7 @@ double GaussSlab::rest_energy(std::span<const double* const> fields) {
     return 0.0;
   }
   double* const out[] = {work_.field(0).data()};
-  rest_value_(grid_.size(), fields, out);
+  rest_value_(grid_.size(), with_places(fields), out);
   return grid_.cell_volume() * grids::sum(std::as_const(work_).field(0));
 }
 

@@ -17,6 +17,7 @@
 #include <rubato/pde/initial_level.hpp>
 #include <rubato/pde/matrix_terms.hpp>
 #include <rubato/pde/multisymplectic_system.hpp>
+#include <rubato/pde/placed_coordinates.hpp>
 #include <rubato/pde/stage_source.hpp>
 #include <rubato/pde/wave_resolvent.hpp>
 #include <rubato/variation/gauss_tableau.hpp>
@@ -92,6 +93,8 @@ private:
   void end_rows();
   [[nodiscard]] double wave_energy(const WaveRows& rows, int stride, int offset) const;
   [[nodiscard]] double rest_energy(std::span<const double* const> fields);
+  /// Pointers to the varying fields, with the coordinates after them; valid until the next call.
+  [[nodiscard]] std::span<const double* const> with_places(std::span<const double* const> fields);
   [[nodiscard]] int varying(int f, int i) const { return f * m_ + i; }
 
   MultisymplecticSystem system_;
@@ -99,12 +102,13 @@ private:
   GaussTableau tableau_;
   int m_, d_;
   std::vector<bool> at_midpoints_;
-  std::vector<int> F_;  ///< fields that S'' varies with
+  std::vector<int> F_;  ///< fields that S'' varies with, or whose ∂S/∂z_f names a coordinate
   Eigen::MatrixXd L_;
   Eigen::VectorXd linear_;  ///< of S in the other fields
   MatrixTerms L_terms_;
   std::vector<MatrixTerms> K_, K_plus_;  ///< per axis
   formula::BatchEvaluator rest_gradient_, rest_value_;
+  PlacedCoordinates places_;
   std::vector<std::vector<double>> wave_numbers_;  ///< k_a on each wave, 0 where ∂_a gives 0
   std::vector<double> parseval_;
 
@@ -130,6 +134,7 @@ private:
   WaveRows base_F_;                ///< what b makes of Y_F, row f·m + i
   WaveRows transfer_;              ///< N' ↦ Y_F: row ((f·|F| + g)·m + i)·m + j
   WaveRows rest_, Y_F_, Y_, end_, scratch_;
+  std::vector<const double*> inputs_;  ///< of the rest
   grids::FieldSet y_, y_last_, point_, rest_grid_, work_, end_F_;
   grids::Fourier fourier_F_, fourier_all_;
   std::vector<int> all_, rows_F_;

@@ -9,6 +9,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <rubato/formula/batch.hpp>
 #include <rubato/grids/fourier.hpp>
 #include <rubato/grids/lines.hpp>
 #include <rubato/grids/reductions.hpp>
@@ -18,6 +19,7 @@
 #include <rubato/pde/initial_sawtooths.hpp>
 #include <rubato/pde/kernel_conditions.hpp>
 #include <rubato/pde/periodicity.hpp>
+#include <rubato/pde/placed_coordinates.hpp>
 #include <rubato/solve/small_matrices.hpp>
 
 namespace rubato {
@@ -335,6 +337,31 @@ std::optional<std::string> sawtooth_caution(const grids::Grid& grid, const std::
       field, taken, field, fmt::join(cells, ", "));
 }
 
+/// A medium that does not repeat with the period, as far as the level meets it: seen in ∂S/∂z of the fields that vary
+/// in space, at fields that are continued as they are.
+void add_medium_cautions(const MultisymplecticSystem& system, const grids::Grid& grid, const LatticeLevel& level,
+                         std::vector<std::string>& cautions) {
+  const PlacedCoordinates places(system, grid, Within::node);
+  if (places.count() == 0 || !cautions.empty()) {  // data that are broken there have been named
+    return;
+  }
+  grids::FieldSet gradient(1 + system.field_count(), grid.size());
+  formula::BatchEvaluator(system.gradient_code())(grid.size(), places.after(level.fields.pointers()),
+                                                  gradient.pointers());
+  for (int f = 0; f < system.field_count(); ++f) {
+    const auto row = std::as_const(gradient).field(1 + f);
+    if (!system.varies_in_space(f) || !std::ranges::all_of(row, [](double x) { return std::isfinite(x); })) {
+      continue;
+    }
+    if (const auto broken = find_seam_break(grid, row)) {
+      const std::string what = fmt::format("dS/d{}", system.fields()[static_cast<std::size_t>(f)]);
+      cautions.push_back(fmt::format("the medium is not periodic: {}, and the solution meets an interface there",
+                                     describe_break(*broken, grid, broken->jump ? what : "the slope of " + what)));
+      return;
+    }
+  }
+}
+
 /// What the user should know about the data. `computed`: the fields that the constraints gave.
 std::vector<std::string> find_cautions(const MultisymplecticSystem& system, const grids::Grid& grid,
                                        const InitialFields& given, const std::vector<int>& computed,
@@ -360,6 +387,7 @@ std::vector<std::string> find_cautions(const MultisymplecticSystem& system, cons
       cautions.push_back(std::move(*caution));
     }
   }
+  add_medium_cautions(system, grid, level, cautions);
   return cautions;
 }
 

@@ -32,6 +32,9 @@ Expression potential_at(const MultisymplecticSystem& system, LatticeActionBuilde
   for (int f = 0; f < system.field_count(); ++f) {
     z.push_back(build.value(f, op));
   }
+  for (const int axis : system.coordinates()) {
+    z.push_back(build.place(axis, op));
+  }
   return formula::substitute(std::array{system.expression()}, build.graph(), system.variables(), z).front();
 }
 

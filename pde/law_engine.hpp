@@ -11,6 +11,10 @@
 
 namespace rubato {
 
+/// "momentum", in more dimensions "momentum_x", …; where S names the coordinate, momentum has a source, and what is
+/// reported is its `balance`: "momentum_balance", "momentum_balance_x".
+[[nodiscard]] std::string momentum_name(bool balance, const grids::Grid& grid, int axis);
+
 /// What the laws of a system need to know of it, whatever the scheme: directions μ are 0 for time and 1 + a for axis a.
 struct LawTables {
   static constexpr int time = 0;

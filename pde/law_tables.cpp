@@ -1,10 +1,17 @@
 #include <rubato/pde/law_engine.hpp>
 
+#include <algorithm>
+
 #include <fmt/format.h>
 
 #include <rubato/solve/small_matrices.hpp>
 
 namespace rubato {
+
+std::string momentum_name(bool balance, const grids::Grid& grid, int axis) {
+  return fmt::format("momentum{}{}{}", balance ? "_balance" : "", grid.dimensions() == 1 ? "" : "_",
+                     grid.dimensions() == 1 ? "" : grid.axis(axis).name);
+}
 
 LawTables::LawTables(const MultisymplecticSystem& s, const grids::Grid& g,
                      const std::vector<LinearSymmetry>& symmetries)
@@ -16,7 +23,8 @@ LawTables::LawTables(const MultisymplecticSystem& s, const grids::Grid& g,
     plus.push_back(terms_of(mu == time ? structure.M_plus : structure.K_plus[static_cast<std::size_t>(mu) - 1]));
     full.push_back(terms_of(matrix(mu)));
     if (mu > 0) {
-      names.emplace_back(g.dimensions() == 1 ? "momentum" : fmt::format("momentum_{}", g.axis(mu - 1).name));
+      const bool has_source = std::ranges::find(s.coordinates(), mu - 1) != s.coordinates().end();
+      names.push_back(momentum_name(has_source, g, mu - 1));
     }
   }
   for (const LinearSymmetry& symmetry : symmetries) {

@@ -43,13 +43,14 @@ void check_symmetry(const MultisymplecticSystem& system, const LinearSymmetry& s
   std::mt19937_64 random(50);
   std::uniform_real_distribution<double> value(0.1, 1.4);
   formula::ScalarEvaluator evaluate(system.gradient_code());
-  Eigen::VectorXd z(d);
+  Eigen::VectorXd point(static_cast<Eigen::Index>(system.variables().size()));
   std::vector<double> outputs(static_cast<std::size_t>(d) + 1);
   for (int attempt = 0; attempt < 10; ++attempt) {
-    for (double& component : z) {
+    for (double& component : point) {
       component = value(random);
     }
-    evaluate({z.data(), static_cast<std::size_t>(d)}, outputs);
+    evaluate({point.data(), static_cast<std::size_t>(point.size())}, outputs);
+    const Eigen::VectorXd z = point.head(d);
     const Eigen::Map<const Eigen::VectorXd> gradient(outputs.data() + 1, d);
     const Eigen::VectorXd direction = solve::product(B, z);
     const double derivative = gradient.dot(direction);

@@ -74,8 +74,9 @@ public:
   /// See LawEngine.
   void share(std::shared_ptr<StageSource> stages);
 
-  /// "energy", "momentum" (in more dimensions "momentum_x", …), the linear symmetries' names, then the affine
-  /// symmetries with a density: "mass", or "mass_FIELD" where there are several.
+  /// "energy", "momentum" (in more dimensions "momentum_x", …; "momentum_balance" and "momentum_balance_x" where S
+  /// names that coordinate: the residual of Σ_μ D_μ J_μ = ∂S/∂x at fixed z), the linear symmetries' names, then the
+  /// affine symmetries with a density: "mass", or "mass_FIELD" where there are several.
   [[nodiscard]] const std::vector<std::string>& names() const;
   [[nodiscard]] std::size_t count() const { return names().size(); }
 

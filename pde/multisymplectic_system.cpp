@@ -16,6 +16,16 @@ namespace rubato {
 
 namespace {
 
+constexpr std::string_view coordinate_names = "xyz";
+
+/// Whether one of the names occurs: sign(x) depends on x, though its derivative is 0.
+bool depends_on(const formula::Graph& graph, formula::Expression expression, std::span<const std::string> names) {
+  const auto used = formula::variables_of(expression);
+  return std::ranges::any_of(used, [&](std::size_t variable) {
+    return std::ranges::find(names, graph.variable_name(variable)) != names.end();
+  });
+}
+
 void check_skew(const Eigen::MatrixXd& matrix, const std::string& what, const std::vector<std::string>& fields) {
   const auto d = static_cast<Eigen::Index>(fields.size());
   if (matrix.rows() != d || matrix.cols() != d) {
@@ -55,8 +65,11 @@ MultisymplecticSystem::Traced MultisymplecticSystem::parse(std::vector<std::stri
     if (std::ranges::find(fields, name) != fields.end()) {
       return graph->variable(name);
     }
-    const auto parameter = parameters.find(std::string(name));
-    return parameter == parameters.end() ? std::nullopt : std::optional(graph->constant(parameter->second));
+    if (const auto parameter = parameters.find(std::string(name)); parameter != parameters.end()) {
+      return graph->constant(parameter->second);
+    }
+    const bool is_axis = name.size() == 1 && coordinate_names.find(name) != std::string_view::npos;
+    return is_axis ? std::optional(graph->variable(name)) : std::nullopt;
   };
   const formula::Expression expression = formula::parse(S, *graph, {.resolve = resolve, .known_names = known});
   return {graph, std::move(fields), expression};
@@ -106,25 +119,55 @@ void MultisymplecticSystem::check() const {
   }
   check_skew(M_, "M", fields_);
   for (std::size_t a = 0; a < K_.size(); ++a) {
-    check_skew(K_[a], fmt::format("K.{}", "xyz"[a]), fields_);
+    check_skew(K_[a], fmt::format("K.{}", coordinate_names[a]), fields_);
+  }
+}
+
+void MultisymplecticSystem::find_coordinates() {
+  for (const std::string& name : fields_) {
+    variables_.push_back(graph_->variable(name));
+  }
+  for (const std::size_t variable : formula::variables_of(S_)) {
+    const std::string& name = graph_->variable_name(variable);
+    if (std::ranges::find(fields_, name) != fields_.end()) {
+      continue;
+    }
+    const std::size_t axis = name.size() == 1 ? coordinate_names.find(name) : std::string_view::npos;
+    if (axis >= K_.size()) {
+      throw std::invalid_argument(fmt::format(
+          "S names {}, which is neither a field nor a coordinate of the {} direction(s) of space", name, K_.size()));
+    }
+    coordinates_.push_back(static_cast<int>(axis));
+  }
+  std::ranges::sort(coordinates_);
+  for (const int axis : coordinates_) {
+    variables_.push_back(graph_->variable(coordinate_names.substr(static_cast<std::size_t>(axis), 1)));
   }
 }
 
 void MultisymplecticSystem::compile() {
-  for (const std::string& name : fields_) {
-    variables_.push_back(graph_->variable(name));
-  }
+  find_coordinates();
+  const std::span<const formula::Expression> z(variables_.data(), fields_.size());
+  const std::span<const formula::Expression> x = std::span<const formula::Expression>(variables_).subspan(z.size());
   const formula::WithoutConstant separated = formula::separate_constant(S_);
   if (separated.constant != 0.0) {
     constant_ = separated.constant;
     reduced_ = std::make_shared<const MultisymplecticSystem>(graph_, fields_, M_, K_, separated.rest);
   }
   size_ = std::make_shared<const formula::Bytecode>(formula::sum_size_code(S_, variables_));
+  std::vector<std::string> names_of_coordinates;
+  for (const int axis : coordinates_) {
+    names_of_coordinates.emplace_back(1, coordinate_names[static_cast<std::size_t>(axis)]);
+  }
   std::vector<formula::Expression> outputs = {S_};
   value_ = std::make_shared<const formula::Bytecode>(outputs, variables_);
-  std::ranges::copy(formula::gradient(S_, variables_), std::back_inserter(outputs));
+  std::ranges::copy(formula::gradient(S_, z), std::back_inserter(outputs));
+  for (std::size_t f = 0; f < fields_.size(); ++f) {
+    varies_in_space_.push_back(depends_on(*graph_, outputs[1 + f], names_of_coordinates));
+  }
   gradient_ = std::make_shared<const formula::Bytecode>(outputs, variables_);
-  const auto upper = formula::hessian_upper(S_, variables_);
+  source_ = std::make_shared<const formula::Bytecode>(formula::gradient(S_, x), variables_);
+  const auto upper = formula::hessian_upper(S_, z);
   const int d = field_count();
   constant_hessian_ = Eigen::MatrixXd::Zero(d, d);
   std::size_t next = 0;
@@ -135,6 +178,9 @@ void MultisymplecticSystem::compile() {
         constant_hessian_(i, j) = constant_hessian_(j, i) = entry.constant_value();
       } else {
         varying_.push_back({i, j});
+        if (depends_on(*graph_, entry, fields_)) {
+          nonlinear_.push_back({i, j});
+        }
         outputs.push_back(entry);
       }
     }
@@ -142,10 +188,10 @@ void MultisymplecticSystem::compile() {
   hessian_ = std::make_shared<const formula::Bytecode>(outputs, variables_);
 }
 
-Eigen::MatrixXd MultisymplecticSystem::hessian(std::span<const double> z) const {
+Eigen::MatrixXd MultisymplecticSystem::hessian(std::span<const double> point) const {
   formula::ScalarEvaluator evaluate(*hessian_);
   std::vector<double> outputs(hessian_->output_count());
-  evaluate(z, outputs);
+  evaluate(point, outputs);
   Eigen::MatrixXd result = constant_hessian_;
   for (std::size_t e = 0; e < varying_.size(); ++e) {
     const auto [row, column] = varying_[e];

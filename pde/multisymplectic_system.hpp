@@ -26,6 +26,9 @@ struct HessianEntry {
 /// A multisymplectic equation M z_t + Σ_a K_a z_{x_a} = ∇S(z), all of M, K_a skew-symmetric (theory, section 1), stated
 /// once: the fields' names, M, one K for each space direction, and S as a formula or as a generic lambda.
 ///
+/// S may name the coordinates x, y, z of those directions besides: S(z, x), the coefficients of the medium. The law of
+/// energy stays; that of momentum along x has the source ∂S/∂x at fixed z, and is a balance.
+///
 /// Gradient, Hessian, densities and fluxes follow from that statement, and so does the structure of the equation (which
 /// fields are constrained, which are multipliers, which are bare potentials): see FieldStructure.
 /// Immutable and cheap to copy; may be shared between threads.
@@ -34,14 +37,15 @@ public:
   using Parameters = std::map<std::string, double>;
   static constexpr int most_fields = 16;
 
-  /// S as a formula in the names `fields` and `parameters`.
+  /// S as a formula in the names `fields` and `parameters`, and in those of x, y, z that neither of them takes.
   /// \throws formula::ParseError; std::invalid_argument with the offending values if a field is named twice, there are
   /// more than 16, M or some K_a is not d × d, not finite or not skew, there are not 1 to 3 directions, or a field is
   /// not determined by the equation
   MultisymplecticSystem(std::vector<std::string> fields, Eigen::MatrixXd M, std::vector<Eigen::MatrixXd> K,
                         std::string_view S, const Parameters& parameters = {});
 
-  /// S from an expression in a graph whose variables `fields` name the state.
+  /// S from an expression in a graph whose variables `fields` name the state, and x, y, z, where no field has that
+  /// name, the coordinates.
   MultisymplecticSystem(std::shared_ptr<formula::Graph> graph, std::vector<std::string> fields, Eigen::MatrixXd M,
                         std::vector<Eigen::MatrixXd> K, formula::Expression S);
 
@@ -63,7 +67,12 @@ public:
   /// The graph in which expression() and variables() live.
   [[nodiscard]] const std::shared_ptr<formula::Graph>& graph() const { return graph_; }
   [[nodiscard]] formula::Expression expression() const { return S_; }
+  /// The fields, then the coordinates that S names: the inputs of all codes below.
   [[nodiscard]] const std::vector<formula::Expression>& variables() const { return variables_; }
+  /// The axes of the coordinates that S names (0 for x, …), ascending; none where the medium is the same everywhere.
+  [[nodiscard]] const std::vector<int>& coordinates() const { return coordinates_; }
+  /// Whether ∂S/∂z_f names a coordinate.
+  [[nodiscard]] bool varies_in_space(int field) const { return varies_in_space_[static_cast<std::size_t>(field)]; }
 
   /// The constant c that was added to S (formula::separate_constant), and the system with S - c: the steps are those of
   /// the latter, c times the volume of the grid is what it adds to the energy.
@@ -75,11 +84,15 @@ public:
   /// S, ∇S, then the entries of S'' listed in varying_hessian(); the others are constants.
   [[nodiscard]] const formula::Bytecode& hessian_code() const { return *hessian_; }
   [[nodiscard]] const std::vector<HessianEntry>& varying_hessian() const { return varying_; }
+  /// Those of them that vary with the fields, not with the coordinates alone.
+  [[nodiscard]] const std::vector<HessianEntry>& nonlinear_hessian() const { return nonlinear_; }
   [[nodiscard]] const Eigen::MatrixXd& constant_hessian() const { return constant_hessian_; }
+  /// ∂S/∂x_a at fixed z for each of coordinates(): the sources of momentum.
+  [[nodiscard]] const formula::Bytecode& source_code() const { return *source_; }
   /// For a formula::SumSizeEvaluator: how large the terms of S are, and what rounding makes of S.
   [[nodiscard]] const formula::Bytecode& size_code() const { return *size_; }
-  /// S'' in full at one point.
-  [[nodiscard]] Eigen::MatrixXd hessian(std::span<const double> z) const;
+  /// S'' in full at one point: z, then the coordinates that S names.
+  [[nodiscard]] Eigen::MatrixXd hessian(std::span<const double> point) const;
 
 private:
   struct Traced {
@@ -105,6 +118,7 @@ private:
   static Traced parse(std::vector<std::string> fields, std::string_view S, const Parameters& parameters);
   MultisymplecticSystem(Traced traced, Eigen::MatrixXd M, std::vector<Eigen::MatrixXd> K);
   void check() const;
+  void find_coordinates();
   void compile();
 
   std::shared_ptr<formula::Graph> graph_;
@@ -113,11 +127,13 @@ private:
   std::vector<Eigen::MatrixXd> K_;
   formula::Expression S_;
   std::vector<formula::Expression> variables_;
-  std::vector<HessianEntry> varying_;
+  std::vector<int> coordinates_;
+  std::vector<bool> varies_in_space_;
+  std::vector<HessianEntry> varying_, nonlinear_;
   Eigen::MatrixXd constant_hessian_;
   double constant_ = 0.0;
   std::shared_ptr<const MultisymplecticSystem> reduced_;  ///< with S - c, if c is not 0
-  std::shared_ptr<const formula::Bytecode> value_, gradient_, hessian_, size_;
+  std::shared_ptr<const formula::Bytecode> value_, gradient_, hessian_, size_, source_;
   std::shared_ptr<const FieldStructure> structure_;
 };
 

@@ -126,7 +126,7 @@ std::optional<SeamBreak> find_seam_break(const grids::Grid& grid, std::span<cons
   return worst;
 }
 
-std::string describe(const SeamBreak& broken, const grids::Grid& grid, const std::string& field) {
+std::string describe_break(const SeamBreak& broken, const grids::Grid& grid, const std::string& what) {
   const grids::Axis& axis = grid.axis(broken.axis);
   std::string where;
   const auto place = grid.place(broken.node);
@@ -138,12 +138,19 @@ std::string describe(const SeamBreak& broken, const grids::Grid& grid, const std
   }
   where += where.empty() ? "" : ")";
   return fmt::format(
-      "the initial {0} is not periodic in {1}: across the seam, where {1} = {2:.6g} is {1} = {3:.6g} again{4}, {5} by "
-      "{6:.3g} (inside, by {7:.2g} at most between neighbours), and the scheme takes the {8} for a part of the "
-      "solution. "
-      "Give data that repeat with the period {9:.6g}, or widen the grid until they do",
-      field, axis.name, axis.to, axis.from, where, broken.jump ? "it jumps" : "its slope jumps", broken.across,
-      broken.inside, broken.jump ? "jump" : "kink", axis.length());
+      "across the seam, where {0} = {1:.6g} is {0} = {2:.6g} again{3}, {4} jumps by {5:.3g} (inside, by {6:.2g} at "
+      "most "
+      "between neighbours)",
+      axis.name, axis.to, axis.from, where, what, broken.across, broken.inside);
+}
+
+std::string describe(const SeamBreak& broken, const grids::Grid& grid, const std::string& field) {
+  const grids::Axis& axis = grid.axis(broken.axis);
+  return fmt::format(
+      "the initial {0} is not periodic in {1}: {2}, and the scheme takes the {3} for a part of the solution. Give data "
+      "that repeat with the period {4:.6g}, or widen the grid until they do",
+      field, axis.name, describe_break(broken, grid, broken.jump ? "it" : "its slope"), broken.jump ? "jump" : "kink",
+      axis.length());
 }
 
 }  // namespace rubato

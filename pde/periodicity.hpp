@@ -27,7 +27,9 @@ struct SeamBreak {
 /// too little.
 [[nodiscard]] std::optional<SeamBreak> find_seam_break(const grids::Grid& grid, std::span<const double> values);
 
-/// The same as a sentence for people, with the remedy.
+/// The same in words: "across the seam, where …, `what` jumps by …".
+[[nodiscard]] std::string describe_break(const SeamBreak& broken, const grids::Grid& grid, const std::string& what);
+/// Of initial data, as a sentence for people with the remedy.
 [[nodiscard]] std::string describe(const SeamBreak& broken, const grids::Grid& grid, const std::string& field);
 
 }  // namespace rubato

@@ -1,18 +1,29 @@
 #include <rubato/pde/potential_rest.hpp>
 
+#include <algorithm>
 #include <array>
+#include <cmath>
+#include <utility>
 
+#include <rubato/formula/batch.hpp>
 #include <rubato/formula/bytecode.hpp>
+#include <rubato/grids/reductions.hpp>
+#include <rubato/pde/placed_coordinates.hpp>
 
 namespace rubato {
 
 PotentialRest rest_of_potential(const MultisymplecticSystem& system, const Eigen::MatrixXd& L,
                                 std::span<const int> fields) {
-  PotentialRest rest{std::make_shared<formula::Graph>(), {}, {}};
-  std::vector<formula::Expression> to(system.fields().size(), rest.graph->constant(0.0));
+  PotentialRest rest{std::make_shared<formula::Graph>(), {}, {}, {}};
+  std::vector<formula::Expression> to(system.variables().size(), rest.graph->constant(0.0));
   for (const int f : fields) {
     const auto number = static_cast<std::size_t>(f);
     rest.variables.push_back(to[number] = rest.graph->variable(system.fields()[number]));
+  }
+  rest.inputs = rest.variables;
+  for (std::size_t c = system.fields().size(); c < to.size(); ++c) {
+    const std::size_t name = system.graph()->node(system.variables()[c].index()).a;
+    rest.inputs.push_back(to[c] = rest.graph->variable(system.graph()->variable_name(name)));
   }
   rest.value = formula::substitute(std::array{system.expression()}, *rest.graph, system.variables(), to).front();
   for (std::size_t i = 0; i < fields.size(); ++i) {
@@ -25,10 +36,38 @@ PotentialRest rest_of_potential(const MultisymplecticSystem& system, const Eigen
   return rest;
 }
 
+Eigen::MatrixXd mean_hessian(const MultisymplecticSystem& system, const grids::Grid& grid,
+                             const grids::FieldSet& fields) {
+  Eigen::MatrixXd mean = system.constant_hessian();
+  const auto& entries = system.varying_hessian();
+  if (entries.empty()) {
+    return mean;
+  }
+  const int first = 1 + system.field_count();
+  grids::FieldSet outputs(first + static_cast<int>(entries.size()), grid.size());
+  const PlacedCoordinates places(system, grid, Within::node);
+  formula::BatchEvaluator evaluate(system.hessian_code());
+  evaluate(grid.size(), places.after(fields.pointers()), outputs.pointers());
+  for (std::size_t e = 0; e < entries.size(); ++e) {
+    const double entry =
+        grids::sum(std::as_const(outputs).field(first + static_cast<int>(e))) / static_cast<double>(grid.size());
+    mean(entries[e].row, entries[e].column) = mean(entries[e].column, entries[e].row) =
+        std::isfinite(entry) ? entry : 0.0;
+  }
+  return mean;
+}
+
+bool is_in_rest(const MultisymplecticSystem& system, int field) {
+  return system.varies_in_space(field) ||
+         std::ranges::any_of(system.varying_hessian(), [field](const HessianEntry& entry) {
+           return entry.row == field || entry.column == field;
+         });
+}
+
 std::vector<double> potential_slopes_at_zero(const MultisymplecticSystem& system) {
   formula::ScalarEvaluator gradient(system.gradient_code());
-  const std::vector<double> zero(system.fields().size(), 0.0);
-  std::vector<double> outputs(zero.size() + 1);
+  const std::vector<double> zero(system.variables().size(), 0.0);
+  std::vector<double> outputs(system.fields().size() + 1);
   gradient(zero, outputs);
   return {outputs.begin() + 1, outputs.end()};
 }

@@ -7,21 +7,32 @@
 #include <Eigen/Core>
 
 #include <rubato/formula/expression.hpp>
+#include <rubato/grids/field_set.hpp>
+#include <rubato/grids/grid.hpp>
 #include <rubato/pde/multisymplectic_system.hpp>
 
 namespace rubato {
 
-/// N = S - ½ zᵀLz as a formula of some of the fields, the others 0.
+/// N = S - ½ zᵀLz as a formula of some of the fields, the others 0, and of the coordinates that S names.
 struct PotentialRest {
   std::shared_ptr<formula::Graph> graph;
   std::vector<formula::Expression> variables;  ///< one for each of the fields
+  std::vector<formula::Expression> inputs;     ///< these, then the coordinates
   formula::Expression value;
 };
 /// `fields`: numbers of the fields that N is to be a formula of.
 [[nodiscard]] PotentialRest rest_of_potential(const MultisymplecticSystem& system, const Eigen::MatrixXd& L,
                                               std::span<const int> fields);
 
-/// ∇S(0): the linear terms of S. Not finite where S is not defined there.
+/// The mean of S'' over the nodes, its constant entries as they are; 0 where an entry is not finite everywhere.
+/// `fields`: of a level, without what it does not have.
+[[nodiscard]] Eigen::MatrixXd mean_hessian(const MultisymplecticSystem& system, const grids::Grid& grid,
+                                           const grids::FieldSet& fields);
+
+/// Whether S beyond ½ zᵀLz depends on a field: S'' varies with it, or ∂S/∂z_f names a coordinate.
+[[nodiscard]] bool is_in_rest(const MultisymplecticSystem& system, int field);
+
+/// ∇S(0): the linear terms of S, of fields that are not in the rest. Not finite where S is not defined there.
 [[nodiscard]] std::vector<double> potential_slopes_at_zero(const MultisymplecticSystem& system);
 
 }  // namespace rubato

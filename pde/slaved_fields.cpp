@@ -10,6 +10,9 @@ namespace {
 
 bool constant_in_its_row(const MultisymplecticSystem& system, int field) {
   const auto& varying = system.varying_hessian();
+  if (system.varies_in_space(field)) {
+    return false;
+  }
   if (std::ranges::any_of(varying, [&](const HessianEntry& e) { return e.row == field || e.column == field; })) {
     return false;
   }
@@ -35,10 +38,10 @@ SlavedFields::SlavedFields(const MultisymplecticSystem& system, std::nullptr_t) 
 }
 
 SlavedFields::SlavedFields(const MultisymplecticSystem& system) : system_(system) {
-  const std::vector<double> ones(system.fields().size(), 1.0);
-  std::vector<double> outputs(ones.size() + 1);
+  const std::vector<double> ones(system.variables().size(), 1.0);
+  std::vector<double> outputs(system.fields().size() + 1);
   formula::ScalarEvaluator(system.gradient_code())(ones, outputs);
-  std::vector<bool> slaved(ones.size(), false);
+  std::vector<bool> slaved(system.fields().size(), false);
   for (int f = 0; f < system.field_count(); ++f) {
     const auto i = static_cast<std::size_t>(f);
     const auto masters_evolve = [&] {

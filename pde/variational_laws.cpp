@@ -1,10 +1,10 @@
 #include <rubato/pde/variational_laws.hpp>
 
+#include <algorithm>
 #include <utility>
 
-#include <fmt/format.h>
-
 #include <rubato/grids/reductions.hpp>
+#include <rubato/pde/law_engine.hpp>
 
 namespace rubato {
 
@@ -13,9 +13,10 @@ VariationalLaws::VariationalLaws(LatticeAction action, const grids::Grid& grid)
       names_{"variational_energy"},
       parts_(1 + grid.dimensions(), grid.size()),
       residual_(parts_.after) {
-  for (const grids::Axis& axis : grid.axes()) {
-    names_.push_back(grid.dimensions() == 1 ? "variational_momentum"
-                                            : fmt::format("variational_momentum_{}", axis.name));
+  for (int a = 0; a < grid.dimensions(); ++a) {
+    const bool balance = std::ranges::find(variation_.action().places, a, &LatticeAction::Place::axis) !=
+                         variation_.action().places.end();
+    names_.push_back("variational_" + momentum_name(balance, grid, a));
   }
 }
 

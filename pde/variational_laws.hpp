@@ -17,13 +17,13 @@ namespace rubato {
 ///
 /// ν = t is the law of energy, whose sum over the nodes is E_k - E_{k-1}: [⟨e⟩_k - ⟨e⟩_{k-1}]Δx + ⟨h f⟩_right -
 /// ⟨h f⟩_left for the box, ⟨ ⟩ the mean of the cells on that side of the node, and without means for euler-box. ν = x,
-/// … are those of momentum. They vanish to truncation error only.
+/// … are those of momentum, with its source where the action names x. They vanish to truncation error only.
 class VariationalLaws {
 public:
   /// \throws std::invalid_argument if the dimensions of action and grid differ
   VariationalLaws(LatticeAction action, const grids::Grid& grid);
 
-  /// "variational_energy", "variational_momentum" (in more dimensions "variational_momentum_x", …).
+  /// "variational_energy", and "variational_" before each momentum_name().
   [[nodiscard]] const std::vector<std::string>& names() const { return names_; }
 
   /// Takes the next step. Unless it is the first since construction or reset(): the sizes of the residuals at the

@@ -58,15 +58,10 @@ void set_wave(const MatrixXcd& values, std::size_t wave, WaveRows& rows) {
 }  // namespace
 
 WaveSplitting::WaveSplitting(const MultisymplecticSystem& system, const grids::Grid& grid)
-    : system_(system), grid_(grid), fourier_(grid, system.field_count()) {
+    : system_(system), grid_(grid), fourier_(grid, system.field_count()), places_(system, grid, Within::node) {
   split_fields();
-  const auto zero = std::vector<double>(static_cast<std::size_t>(system.field_count()), 0.0);
-  L_ = system.hessian(zero);
-  for (const HessianEntry& entry : system.varying_hessian()) {
-    if (!std::isfinite(L_(entry.row, entry.column))) {
-      L_(entry.row, entry.column) = L_(entry.column, entry.row) = 0.0;
-    }
-  }
+  L_ = mean_hessian(system, grid, grids::FieldSet(system.field_count(), grid.size()));
+  find_translation();
   reduce();
   group_waves();
   compile_rest();
@@ -80,6 +75,8 @@ WaveSplitting::WaveSplitting(const MultisymplecticSystem& system, const grids::G
   const int n = static_cast<int>(varying_.size());
   rest_rows_ = WaveRows(n, waves);
   values_ = grids::FieldSet(n + 1, nodes);
+  inputs_ = places_.after(std::as_const(values_).pointers().first(varying_.size()));
+  inputs_.push_back(std::as_const(values_).field(n).data());
   outputs_ = grids::FieldSet(n + 1, nodes);
   turned_ = grids::FieldSet(n, nodes);
   all_.resize(static_cast<std::size_t>(system.field_count()));
@@ -111,6 +108,45 @@ void WaveSplitting::split_fields() {
                     rank(M.cast<Complex>()), M.rows(), remedy));
   }
   inverse_M_ = solve::quotient(M, MatrixXd::Identity(size(), size())).value();
+}
+
+/// A linear term c·x of S moves x by M⁻¹c at a constant rate. Where S'' has no constant entry of what is moved, the
+/// waves can be kept from it, and the two flows commute.
+void WaveSplitting::find_translation() {
+  slope_.assign(system_.fields().size(), 0.0);
+  translation_.assign(evolving_.size(), 0.0);
+  const std::vector<double> slopes = potential_slopes_at_zero(system_);
+  for (int p = 0; p < size(); ++p) {
+    const int f = evolving_[static_cast<std::size_t>(p)];
+    const double slope = slopes[static_cast<std::size_t>(f)];
+    if (is_in_rest(system_, f) || slope == 0.0 || !L_.row(f).isZero(0.0)) {
+      continue;
+    }
+    std::vector<int> moved;
+    for (int q = 0; q < size(); ++q) {
+      if (inverse_M_(q, p) != 0.0) {
+        moved.push_back(evolving_[static_cast<std::size_t>(q)]);
+      }
+    }
+    const auto in_waves = [&](int g) {
+      bool any = !system_.constant_hessian().row(g).isZero(0.0);
+      for (int a = 0; a < grid_.dimensions(); ++a) {
+        any = any || !system_.K(a).row(g).isZero(0.0);
+      }
+      return any;
+    };
+    if (std::ranges::any_of(moved, in_waves)) {
+      continue;
+    }
+    slope_[static_cast<std::size_t>(f)] = slope;
+    for (const int g : moved) {
+      L_.row(g).setZero();
+      L_.col(g).setZero();
+    }
+    for (int q = 0; q < size(); ++q) {
+      translation_[static_cast<std::size_t>(q)] += inverse_M_(q, p) * slope;
+    }
+  }
 }
 
 /// With x the evolving fields and y the others, B = Σ ik_a K_a - L:  ŷ = -B₂₂⁻¹B₂₁ x̂,  M x̂_t = -(B₁₁ - B₁₂B₂₂⁻¹B₂₁) x̂.
@@ -190,39 +226,47 @@ void WaveSplitting::group_waves() {
 void WaveSplitting::compile_rest() {
   const std::vector<double> slope = potential_slopes_at_zero(system_);
   const auto varies = [&](int f) {
-    return std::ranges::any_of(system_.varying_hessian(),
-                               [f](const HessianEntry& entry) { return entry.row == f || entry.column == f; });
+    return is_in_rest(system_, f) || slope[static_cast<std::size_t>(f)] != slope_[static_cast<std::size_t>(f)];
   };
   for (const int f : others_) {
-    if (varies(f) || slope[static_cast<std::size_t>(f)] != 0.0) {
+    if (varies(f)) {
       throw SchemeRefusal(
           fmt::format("splitting needs a rest of S that depends on fields with an equation of motion alone, and beyond "
-                      "its quadratic terms S depends on {}{}",
+                      "its quadratic terms with constant coefficients S depends on {}{}",
                       system_.fields()[static_cast<std::size_t>(f)], remedy));
     }
   }
   std::vector<int> fields;
   for (int p = 0; p < size(); ++p) {
     const int f = evolving_[static_cast<std::size_t>(p)];
-    if (varies(f) || slope[static_cast<std::size_t>(f)] != 0.0) {
+    if (varies(f)) {
       varying_.push_back(p);
       fields.push_back(f);
     }
   }
+  if (fields.empty() && !system_.coordinates().empty()) {  // S has a term of the coordinates alone
+    varying_.push_back(0);
+    fields.push_back(evolving_.front());
+  }
   if (fields.empty()) {
     return;
   }
-  const auto [graph, varying, N] = rest_of_potential(system_, L_, fields);
+  const auto [graph, varying, arguments, N] = rest_of_potential(system_, L_, fields);
   std::vector<Expression> outputs = {N};
   const std::vector<Expression> first = formula::gradient(N, varying);
   outputs.insert(outputs.end(), first.begin(), first.end());
-  rest_ = formula::BatchEvaluator(formula::Bytecode(outputs, varying));
+  rest_ = formula::BatchEvaluator(formula::Bytecode(outputs, arguments));
 
   // Where each varying field has one partner, the turn by the angle θ = μτ (p ∂_pN + q ∂_qN)/(p² + q²).
   const Expression tau = graph->variable("the time of a turn");
-  std::vector<Expression> turned, inputs = varying;
+  std::vector<Expression> turned, inputs = arguments;
   inputs.push_back(tau);
   for (std::size_t i = 0; i < varying.size(); ++i) {
+    const auto is_partner = [&](int place) { return inverse_M_(varying_[i], place) != 0.0; };
+    if (std::ranges::none_of(varying_, is_partner)) {
+      kicking_.push_back(i);
+      turned.push_back(varying[i]);
+    }
     for (std::size_t j = 0; j < varying.size(); ++j) {
       const double mu = inverse_M_(varying_[i], varying_[j]);
       if (mu != 0.0) {
@@ -268,7 +312,7 @@ bool WaveSplitting::is_turn() const {
   std::mt19937_64 random(20);
   std::uniform_real_distribution<double> value(-1.3, 1.3);
   const auto n = static_cast<int>(varying_.size());
-  grids::FieldSet at(n, points), outputs(n + 1, points);
+  grids::FieldSet at(n + static_cast<int>(places_.count()), points), outputs(n + 1, points);
   for (double& component : at.all()) {
     component = value(random);
   }
@@ -404,6 +448,12 @@ double WaveSplitting::wave_energy() const {
   for (std::size_t b = 0; b < pieces.blocks; ++b) {
     sum.add(partial[b]);
   }
+  for (int p = 0; p < size(); ++p) {
+    const double slope = slope_[static_cast<std::size_t>(evolving_[static_cast<std::size_t>(p)])];
+    if (slope != 0.0) {
+      sum.add(slope * moved_.re.field(p)[0]);  // Σ x over the nodes
+    }
+  }
   return grid_.cell_volume() * sum.value();
 }
 
@@ -415,9 +465,28 @@ bool WaveSplitting::evaluate_rest() {
   }
   const std::size_t n = varying_.size();
   to_grid(moved_, varying_, fourier_, values_.pointers().first(n));
-  rest_(grid_.size(), std::as_const(values_).pointers().first(n), outputs_.pointers());
+  rest_(grid_.size(), std::span(inputs_).first(inputs_.size() - 1), outputs_.pointers());
   rest_energy_ = grid_.cell_volume() * grids::sum(std::as_const(outputs_).field(0));
   return std::isfinite(rest_energy_);
+}
+
+/// moved_ goes along the flow of the waves, and of what is linear in S.
+void WaveSplitting::drift(double tau) {
+  multiply(propagator(tau), moved_, next_);
+  std::swap(moved_, next_);
+  for (std::size_t p = 0; p < translation_.size(); ++p) {
+    moved_.re.field(static_cast<int>(p))[0] += tau * translation_[p] * static_cast<double>(grid_.size());
+  }
+}
+
+/// The fields that varying field v kicks, by the wave row of ∂_vN.
+void WaveSplitting::kick_by(std::size_t v, int row, double tau) {
+  for (int p = 0; p < size(); ++p) {
+    if (const double rate = inverse_M_(p, varying_[v]); rate != 0.0) {
+      add(tau * rate, std::as_const(rest_rows_.re).field(row).data(), std::as_const(rest_rows_.im).field(row).data(),
+          moved_.waves(), moved_.re.field(p).data(), moved_.im.field(p).data());
+    }
+  }
 }
 
 /// moved_ goes along the flow of N for a time τ; leaves rest_energy_.
@@ -429,23 +498,22 @@ bool WaveSplitting::kick(double tau) {
   if (flow_ == Flow::kick) {
     from_grid(std::as_const(outputs_).pointers().subspan(1), fourier_, rest_rows_);
     for (std::size_t v = 0; v < n; ++v) {
-      for (int p = 0; p < size(); ++p) {
-        if (const double rate = inverse_M_(p, varying_[v]); rate != 0.0) {
-          const auto row = static_cast<int>(v);
-          add(tau * rate, std::as_const(rest_rows_.re).field(row).data(),
-              std::as_const(rest_rows_.im).field(row).data(), moved_.waves(), moved_.re.field(p).data(),
-              moved_.im.field(p).data());
-        }
-      }
+      kick_by(v, static_cast<int>(v), tau);
     }
   } else if (flow_ == Flow::turn) {
     std::ranges::fill(values_.field(static_cast<int>(n)), tau);
-    turns_(grid_.size(), std::as_const(values_).pointers(), turned_.pointers());
+    turns_(grid_.size(), inputs_, turned_.pointers());
     from_grid(std::as_const(turned_).pointers(), fourier_, rest_rows_);
     for (std::size_t v = 0; v < n; ++v) {
       const auto row = static_cast<int>(v);
       std::ranges::copy(std::as_const(rest_rows_.re).field(row), moved_.re.field(varying_[v]).begin());
       std::ranges::copy(std::as_const(rest_rows_.im).field(row), moved_.im.field(varying_[v]).begin());
+    }
+    if (!kicking_.empty()) {  // along a turn, ∂N of what is not turned is constant
+      from_grid(std::as_const(outputs_).pointers().subspan(1), fourier_, rest_rows_);
+      for (const std::size_t v : kicking_) {
+        kick_by(v, static_cast<int>(v), tau);
+      }
     }
   }
   return true;
@@ -458,8 +526,7 @@ bool WaveSplitting::step(const Composition& composition, double h) {
   for (const Composition::Part& part : composition.parts) {
     if (part.drift) {
       K.add(part.length * wave_energy());
-      multiply(propagator(part.length * h), moved_, next_);
-      std::swap(moved_, next_);
+      drift(part.length * h);
     } else {
       if (!kick(part.length * h)) {
         return false;
@@ -504,6 +571,9 @@ void WaveSplitting::rates(grids::FieldSet& rates) {
     from_grid(std::as_const(outputs_).pointers().subspan(1), fourier_, rest_rows_);
   }
   multiply(generator_form_, moved_, work_);
+  for (std::size_t p = 0; p < translation_.size(); ++p) {
+    work_.re.field(static_cast<int>(p))[0] += translation_[p] * static_cast<double>(grid_.size());
+  }
   for (std::size_t v = 0; v < n; ++v) {
     for (int p = 0; p < size(); ++p) {
       const auto row = static_cast<int>(v);

@@ -10,18 +10,22 @@
 #include <rubato/grids/fourier.hpp>
 #include <rubato/pde/initial_level.hpp>
 #include <rubato/pde/multisymplectic_system.hpp>
+#include <rubato/pde/placed_coordinates.hpp>
 #include <rubato/pde/wave_rows.hpp>
 #include <rubato/variation/composition.hpp>
 
 namespace rubato {
 
-/// A splitting of S = ½ zᵀLz + N(x), L = S''(0), x the fields with an equation of motion (theory, sections 8 and 8.3):
-/// the flow of the waves, M z_t + Σ_a K_a ∂_a z = Lz, is exact on every wave, and that of M z_t = ∇N(x) at every node.
-/// Both are multisymplectic, and so are compositions of them (Ryland, McLachlan, Frank 2007). Two kinds of N have an
-/// exact flow here:
+/// A splitting of S = ½ zᵀLz + N(x), L = S''(0) in the mean over the grid, x the fields with an equation of motion
+/// (theory, sections 8 and 8.3): the flow of the waves, M z_t + Σ_a K_a ∂_a z = Lz, is exact on every wave, and that of
+/// M z_t = ∇N(x) at every node. Both are multisymplectic, and so are compositions of them (Ryland, McLachlan, Frank
+/// 2007). Two kinds of N have an exact flow here:
 ///
 /// - *kicks*, where no field that N depends on is moved by it: N(u) of a wave equation moves v alone;
 /// - *turns*, where it moves pairs of fields around: N(|ψ|²) of Schrödinger equations.
+///
+/// Beside turns, fields that N depends on and does not move may kick others (the time of a driven system). Linear terms
+/// of S go with the waves where they move fields that the waves leave alone: time_t = 1.
 ///
 /// With drifts a_i of the waves and kicks b_i of N the Hamiltonian that generates the composition in h is
 /// K = Σ a_i X_1 + Σ b_i X_2, X_1 the energy of the waves, X_2 = Σ ΔV N, each on its own part of the step.
@@ -54,6 +58,7 @@ private:
   };
 
   void split_fields();
+  void find_translation();
   void reduce();
   void group_waves();
   void compile_rest();
@@ -62,7 +67,9 @@ private:
   [[nodiscard]] const WaveRows& propagator(double tau);
   void fill(double tau, WaveRows& entries) const;
   void multiply(const WaveRows& matrix, const WaveRows& in, WaveRows& out) const;
+  void drift(double tau);
   [[nodiscard]] bool kick(double tau);
+  void kick_by(std::size_t v, int row, double tau);
   [[nodiscard]] double wave_energy() const;
   [[nodiscard]] bool evaluate_rest();
   [[nodiscard]] int size() const { return static_cast<int>(evolving_.size()); }
@@ -72,7 +79,7 @@ private:
   grids::Fourier fourier_;
   std::vector<int> evolving_, others_;        ///< fields with an equation of motion, and without
   Eigen::MatrixXd inverse_M_;                 ///< M⁻¹ of the evolving fields
-  Eigen::MatrixXd L_;                         ///< S''(0)
+  Eigen::MatrixXd L_;                         ///< the mean of S''(0)
   WaveRows energy_form_;                      ///< G of X_1 = ½ x̂ᴴ G x̂: row·r + column among evolving fields
   WaveRows generator_form_;                   ///< A = M⁻¹G of x_t = Ax
   WaveRows slaves_;                           ///< C of ŷ = C x̂, row·r + column
@@ -82,13 +89,19 @@ private:
   std::size_t replaced_ = 0;
   std::vector<double> parseval_;
 
-  std::vector<int> varying_;  ///< places of the evolving fields that N depends on
+  std::vector<double> slope_;        ///< of S in the fields that it moves linearly, with the waves; 0 for the others
+  std::vector<double> translation_;  ///< of evolving fields, M⁻¹ slope: their rate beside that of the waves
+
+  std::vector<int> varying_;          ///< places of the evolving fields that N depends on
+  std::vector<std::size_t> kicking_;  ///< of turns: those of varying_ that are not turned
   Flow flow_ = Flow::none;
-  formula::BatchEvaluator rest_;   ///< N and ∇N of the varying fields
-  formula::BatchEvaluator turns_;  ///< of the varying fields and τ: where they are turned to
+  PlacedCoordinates places_;
+  formula::BatchEvaluator rest_;   ///< N and ∇N of the varying fields, in the coordinates
+  formula::BatchEvaluator turns_;  ///< of the same and τ: where they are turned to
   WaveRows x_, moved_, next_, work_, rest_rows_;
-  grids::FieldSet values_;   ///< the varying fields at the nodes, then τ
-  grids::FieldSet outputs_;  ///< N and ∇N
+  grids::FieldSet values_;             ///< the varying fields at the nodes, then τ
+  std::vector<const double*> inputs_;  ///< the varying fields, the coordinates, τ
+  grids::FieldSet outputs_;            ///< N and ∇N
   grids::FieldSet turned_;
   std::vector<int> all_;
   double rest_energy_ = 0.0;  ///< Σ ΔV N as last evaluated

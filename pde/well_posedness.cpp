@@ -13,6 +13,7 @@
 #include <fmt/ranges.h>
 
 #include <rubato/grids/reductions.hpp>
+#include <rubato/pde/placed_coordinates.hpp>
 #include <rubato/solve/small_matrices.hpp>
 
 namespace rubato {
@@ -269,8 +270,9 @@ std::vector<std::array<double, 3>> directions_of(int dimensions) {
 }
 
 /// The mean of a level and its values at some nodes, those where a field is least or greatest among them; 0 for fields
-/// that a level does not have.
-std::vector<std::vector<double>> states_of(const MultisymplecticSystem& system, const LatticeLevel& level) {
+/// that a level does not have. Then the coordinates that S names.
+std::vector<std::vector<double>> states_of(const MultisymplecticSystem& system, const grids::Grid& grid,
+                                           const LatticeLevel& level) {
   const std::size_t nodes = level.fields.size();
   std::set<std::size_t> samples;
   for (std::size_t s = 0; s < sample_states; ++s) {
@@ -288,14 +290,23 @@ std::vector<std::vector<double>> states_of(const MultisymplecticSystem& system, 
           {static_cast<std::size_t>(least - values.begin()), static_cast<std::size_t>(greatest - values.begin())});
     }
   }
+  const PlacedCoordinates places(system, grid, Within::node);
+  const auto append_place = [&](std::size_t node, std::vector<double>& state) {
+    for (std::size_t c = 0; c < places.count(); ++c) {
+      state.push_back(places.value(c, node));
+    }
+  };
+  const std::size_t fields = mean.size();
+  append_place(nodes / 2, mean);
   std::vector<std::vector<double>> states{mean};
   for (const std::size_t node : samples) {
-    std::vector<double>& state = states.emplace_back(mean.size(), 0.0);
+    std::vector<double>& state = states.emplace_back(fields, 0.0);
     for (int f = 0; f < system.field_count(); ++f) {
       if (!system.structure().at_midpoints(f)) {
         state[static_cast<std::size_t>(f)] = level.fields.field(f)[node];
       }
     }
+    append_place(node, state);
   }
   return states;
 }
@@ -325,7 +336,7 @@ std::optional<ShortWaveGrowth> find_short_wave_growth(const MultisymplecticSyste
   const Pencil pencil(system.M(), system.structure().kernel);
   std::optional<ShortWaveGrowth> worst;
   bool about_mean = true;
-  for (const std::vector<double>& state : states_of(system, level)) {
+  for (const std::vector<double>& state : states_of(system, grid, level)) {
     const MatrixXd hessian = system.hessian(state);
     if (!hessian.allFinite()) {
       continue;

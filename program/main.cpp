@@ -22,6 +22,7 @@
 #include "report_command.hpp"
 #include "signals.hpp"
 #include "terminal.hpp"
+#include "waiting.hpp"
 
 namespace {
 
@@ -353,6 +354,7 @@ ExitStatus guarded(int argc, char** argv) {
 }  // namespace
 
 int main(int argc, char** argv) {
+  rubato::program::wait_briefly(argv);
   rubato::program::keep_standard_streams();
   rubato::program::survive_file_limits();
   const ExitStatus status = guarded(argc, argv);

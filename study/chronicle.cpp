@@ -157,7 +157,8 @@ Chronicle::Chronicle(const Problem& problem, bool tangents)
   statistics_.name(simulation_->invariant_names(), simulation_->total_names(), simulation_->residual_names(),
                    events_ == nullptr ? std::vector<std::string>() : events_->names());
   const HamiltonianProblem* orbit = problem.hamiltonian();
-  statistics_.balance = orbit != nullptr && orbit->p.back() == figures::work_momentum;
+  const MultisymplecticProblem* pde = problem.multisymplectic();
+  statistics_.balance = orbit != nullptr ? orbit->p.back() == figures::work_momentum : pde != nullptr && pde->driven;
   statistics_.laws_every = static_cast<std::size_t>(problem.laws.every);
 }
 

@@ -45,7 +45,7 @@ std::string remark_on(const std::string& name, const Vocabulary& vocabulary) {
   }
   if (name == "x" || name == "y" || name == "z") {
     return fmt::format(
-        "\n{} is available in [initial], [exact] and densities of a lattice that has this direction only", name);
+        "\n{} is available in S, [initial], [exact] and densities of a lattice that has this direction only", name);
   }
   if (name == "integral") {
     return vocabulary.integrands != nullptr
@@ -231,6 +231,12 @@ formula::Expression build_formula(const FormulaText& text, formula::Graph& graph
     }
     throw ProblemError(place_in_file(text.location, error.line(), error.column()), error.what() + remark);
   }
+}
+
+bool names_time(const FormulaText& text, const Vocabulary& vocabulary, std::span<const Parameter> parameters) {
+  formula::Graph graph;
+  const auto variables = formula::variables_of(build_formula(text, graph, vocabulary, parameters));
+  return std::ranges::any_of(variables, [&](std::size_t i) { return graph.variable_name(i) == "t"; });
 }
 
 void check_formula(const FormulaText& text, const Vocabulary& vocabulary, std::span<const Parameter> parameters) {

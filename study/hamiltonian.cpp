@@ -33,13 +33,7 @@ PhasePoint read_point(Section& section, const NameList& q, const NameList& p, do
 
 /// What an extended phase space adds: a coordinate, the time, and its momentum: -E with time_scale; for a driven system
 /// minus the work done on it, so that H + minus_work is the energy of the start.
-constexpr std::string_view clock = "time", clock_energy = "minus_energy", clock_work = figures::work_momentum;
-
-bool names_time(const FormulaText& formula, const Vocabulary& vocabulary, std::span<const Parameter> parameters) {
-  formula::Graph graph;
-  const auto variables = formula::variables_of(build_formula(formula, graph, vocabulary, parameters));
-  return std::ranges::any_of(variables, [&](std::size_t i) { return graph.variable_name(i) == "t"; });
-}
+constexpr std::string_view clock = clock_name, clock_energy = "minus_energy", clock_work = work_name;
 
 /// At a point and its time; `names` are those of q and p, and then t.
 double value_at(const PhasePoint& point, const FormulaText& formula, std::span<const std::string> names,

@@ -121,7 +121,10 @@ std::vector<KeyEntry> make_keys() {
        "or "
        "all rows in full."},
       {"multisymplectic", "K", "table", required, "See [multisymplectic.K]; written K.x = ..."},
-      {"multisymplectic", "S", "formula", required, "Of the fields and parameters."},
+      {"multisymplectic", "S", "formula", required,
+       "Of the fields and parameters; of the grid's x, y, z, too, for a medium that is not the same everywhere, and of "
+       "t "
+       "for a driven system."},
       {"multisymplectic.K", "x", "matrix", required, "Of z_x, as M."},
       {"multisymplectic.K", "y", "matrix", "required if the grid has y", "Of z_y."},
       {"multisymplectic.K", "z", "matrix", "required if the grid has z", "Of z_z."},

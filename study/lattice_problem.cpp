@@ -1,6 +1,7 @@
 #include <rubato/study/lattice_problem.hpp>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include <fmt/format.h>
@@ -141,7 +142,12 @@ auto at_initial(const Problem& problem, const Make& make) {
 MultisymplecticSystem make_system(const Problem& problem) {
   const MultisymplecticProblem& pde = *problem.multisymplectic();
   auto graph = std::make_shared<formula::Graph>();
-  const formula::Expression S = problem.build(pde.S, *graph, pde.fields);
+  formula::Expression S = problem.build(pde.S, *graph, quantity_names(pde));
+  if (pde.driven) {
+    const formula::Expression t = graph->variable("t"), time = graph->variable(clock_name);
+    S = formula::substitute(std::array{S}, *graph, std::array{t}, std::array{time}).front() +
+        graph->variable(work_name);
+  }
   std::vector<Eigen::MatrixXd> K;
   for (const Matrix& matrix : pde.K) {
     K.push_back(dense(matrix));

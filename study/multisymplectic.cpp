@@ -374,6 +374,35 @@ std::vector<LinearSymmetry> read_symmetries(Section& root, const MatrixReader& m
   return symmetries;
 }
 
+void enlarge(Matrix& matrix, std::size_t by) {
+  Matrix larger{matrix.size + by, std::vector<double>((matrix.size + by) * (matrix.size + by), 0.0), matrix.location};
+  for (std::size_t i = 0; i < matrix.size; ++i) {
+    for (std::size_t j = 0; j < matrix.size; ++j) {
+      larger(i, j) = matrix(i, j);
+    }
+  }
+  matrix = std::move(larger);
+}
+
+/// A driven system, S(z, x, t), in its extended phase space: S(z, x, time) + minus_work with two more fields, the same
+/// at every node and in it, time_t = 1, minus_work_t = -∂S/∂t. Its law of energy is the balance of the driven one.
+void extend_by_time(MultisymplecticProblem& pde) {
+  const std::size_t clock = pde.fields.size(), work = clock + 1;
+  pde.driven = true;
+  pde.fields.insert(pde.fields.end(), {std::string(clock_name), std::string(work_name)});
+  enlarge(pde.M, 2);
+  pde.M(work, clock) = 1.0;
+  pde.M(clock, work) = -1.0;
+  for (Matrix& K : pde.K) {
+    enlarge(K, 2);
+  }
+  for (LinearSymmetry& symmetry : pde.symmetries) {
+    enlarge(symmetry.B, 2);
+  }
+  pde.initial.emplace_back(FormulaText{fmt::format("{:.17g}", pde.start), pde.S.location});
+  pde.initial.emplace_back(FormulaText{"0", pde.S.location});
+}
+
 }  // namespace
 
 std::vector<std::string> MultisymplecticProblem::axis_names() const {
@@ -407,8 +436,13 @@ void read_multisymplectic(Section& root, Section& section, Problem& problem) {
   pde.M = matrices.skew(section.require("M", R"(the matrix of z_t, such as [["u", "v", -1]])").value, "M");
   pde.K = read_K(section, axes, matrices);
   pde.S = read_formula(section.require("S", "a formula of the fields").value, "S");
-  check_formula(pde.S, {pde.fields}, parameters);
+  const bool driven = names_time(pde.S, {quantity_names(pde)}, parameters);
   section.finish();
+  if (driven) {
+    for (const std::string_view name : {clock_name, work_name}) {
+      taken.declare(name, "one of the pair that an S of t adds, time and minus_work", pde.S.location);
+    }
+  }
 
   auto initial = root.take_section("initial");
   if (!initial) {
@@ -420,6 +454,9 @@ void read_multisymplectic(Section& root, Section& section, Problem& problem) {
   pde.exact = read_exact(root, std::array{fields}, argument_names(pde), parameters);
   pde.symmetries = read_symmetries(root, matrices);
   check_invariant_names(pde.invariants, pde.symmetries);
+  if (driven) {
+    extend_by_time(pde);
+  }
   problem.system = std::move(pde);
 }
 

@@ -119,7 +119,9 @@ struct MultisymplecticProblem {
   std::vector<std::string> fields;
   Matrix M;               ///< skew
   std::vector<Matrix> K;  ///< one per grid axis, skew
-  FormulaText S;          ///< in the fields and parameters
+  FormulaText S;          ///< in the fields, the grid's coordinates, t and the parameters
+  /// S names t: the last two fields are `time` and `minus_work` of the extended system, which S as given does not name.
+  bool driven = false;
   std::vector<GridAxis> axes;
   double start = 0.0;
   /// Per field, in the grid's coordinates; may hold dx(f), dy(f), dz(f) of other fields. A field may be left out.

@@ -9,6 +9,7 @@
 #include <string_view>
 #include <vector>
 
+#include <rubato/figures/statistics.hpp>
 #include <rubato/study/document.hpp>
 #include <rubato/study/problem.hpp>
 
@@ -136,6 +137,13 @@ void add_definitions(Section& root, Names& taken, const Vocabulary& vocabulary, 
 
 /// \throws ProblemError at the first term of H that depends on coordinates and momenta, if there is one
 void check_separable(const HamiltonianProblem& orbit, std::span<const Parameter> parameters);
+
+/// Whether a formula names t, itself or through a definition.
+[[nodiscard]] bool names_time(const FormulaText& text, const Vocabulary& vocabulary,
+                              std::span<const Parameter> parameters);
+
+/// The pair that an extended phase space adds for a driven system: the time, and minus the work done.
+inline constexpr std::string_view clock_name = "time", work_name = figures::work_momentum;
 
 /// Checks a formula by building it in a graph of its own.
 void check_formula(const FormulaText& text, const Vocabulary& vocabulary, std::span<const Parameter> parameters);

@@ -10,6 +10,7 @@
 #include <rubato/base/limits.hpp>
 #include <rubato/formula/bytecode.hpp>
 #include <rubato/pde/law_engine.hpp>
+#include <rubato/pde/placed_coordinates.hpp>
 #include <rubato/study/lattice_problem.hpp>
 #include <rubato/study/stored.hpp>
 
@@ -125,7 +126,8 @@ public:
         invariants_(make_invariants(problem, system, tables_.grid)),
         level_(make_initial_level(problem, system, tables_.grid)),
         every_(static_cast<std::size_t>(problem.output.states_every())),
-        z_(static_cast<std::size_t>(system.field_count())) {}
+        places_(system, tables_.grid, Within::node),
+        z_(system.variables().size()) {}
 
   std::map<std::string, double> take(const record::Reader& reader) {
     const StoredLevels stored(reader, every_);
@@ -164,8 +166,12 @@ private:
   void see_laws(double h) {
     std::vector<double> totals(tables_.names.size(), 0.0), largest(tables_.names.size(), 0.0);
     for (std::size_t node = 0; node < tables_.grid.size(); ++node) {
-      for (std::size_t f = 0; f < z_.size(); ++f) {
+      const auto fields = static_cast<std::size_t>(level_.fields.fields());
+      for (std::size_t f = 0; f < fields; ++f) {
         z_[f] = level_.fields.field(static_cast<int>(f))[node];
+      }
+      for (std::size_t c = 0; c < places_.count(); ++c) {
+        z_[fields + c] = places_.value(c, node);
       }
       const std::vector<double> sizes = sizes_at_node(h);
       for (std::size_t law = 0; law < sizes.size(); ++law) {
@@ -238,6 +244,7 @@ private:
   NodeTable invariants_;
   LatticeLevel level_;
   std::size_t every_;
+  PlacedCoordinates places_;
   std::vector<double> z_;
   RecordedLevels levels_;
 };

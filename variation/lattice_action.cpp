@@ -46,6 +46,16 @@ formula::Expression LatticeActionBuilder::value(int field, int op) {
   return action_.values.back().variable;
 }
 
+formula::Expression LatticeActionBuilder::place(int axis, int op) {
+  for (const LatticeAction::Place& place : action_.places) {
+    if (place.axis == axis && place.op == op) {
+      return place.variable;
+    }
+  }
+  action_.places.push_back({axis, op, action_.graph->variable(fmt::format("operator {} of coordinate {}", op, axis))});
+  return action_.places.back().variable;
+}
+
 LatticeAction LatticeActionBuilder::finish(formula::Expression density) {
   if (action_.derivatives.size() != static_cast<std::size_t>(action_.dimensions) + 1) {
     throw std::invalid_argument(fmt::format("an action in {} dimensions needs {} derivatives; got {}",

@@ -33,6 +33,9 @@ struct StencilOperator {
 /// of a density L that reads the fields through the operators L_o of a stencil. This is all that a scheme states:
 /// values, levels, places and boundaries are varied by LatticeVariation.
 ///
+/// L may read the coordinates of its cells besides, through operators as well: L_o x^ν, for media that are not the same
+/// everywhere.
+///
 /// Among the operators are the differences D_ρ, ρ = t, x, y, z, that act on the nodes' coordinates, too. Where nodes
 /// move, F_ρν = D_ρ x^ν is no longer the unit matrix, and derivatives become F⁻¹D: so are the coordinates varied. L has
 /// two kinds of terms,
@@ -47,6 +50,13 @@ struct LatticeAction {
   struct Value {
     int field = 0;
     int op = 0;  ///< which of `operators`
+    formula::Expression variable;
+  };
+
+  /// A variable of L that stands for L_o x^ν in a cell.
+  struct Place {
+    int axis = 0;  ///< 0 for x
+    int op = 0;
     formula::Expression variable;
   };
 
@@ -66,6 +76,7 @@ struct LatticeAction {
   std::vector<bool> at_midpoints;
   std::vector<StencilOperator> operators;
   std::vector<Value> values;     ///< all that `value` of the builder was asked for
+  std::vector<Place> places;     ///< all that `place` of the builder was asked for
   std::vector<int> derivatives;  ///< D_ρ as numbers of `operators`: time, then the directions of space
 
   /// L = V + Σ_μ Q^μ_μ, on a rectangle.
@@ -92,6 +103,8 @@ public:
   [[nodiscard]] formula::Expression derivative(int field, int rho) {
     return value(field, action_.derivatives.at(static_cast<std::size_t>(rho)));
   }
+  /// L_o x^ν of the axis, 0 for x; the operator must be made of identities, averages and shifts.
+  [[nodiscard]] formula::Expression place(int axis, int op);
   /// Adds Q^μ_ρ = along(ρ) for one μ.
   template <typename Along>
   void add_form(int mu, Along&& along) {

@@ -86,22 +86,29 @@ struct LatticeVariation::Storage {
         grid(g),
         stencil(g),
         inputs(static_cast<int>(action.values.size()), g.size()),
+        places(static_cast<int>(action.places.size()), g.size()),
         directions(inputs),
-        gradient(inputs),
+        gradient(static_cast<int>(action.values.size() + action.places.size()), g.size()),
         currents((1 + action.dimensions) * (1 + action.dimensions), g.size()),
         second(inputs),
         scratch(1, g.size()) {
     for (const LatticeAction::Value& value : action.values) {
       variables.push_back(value.variable);
     }
+    arguments = variables;
+    for (std::size_t j = 0; j < action.places.size(); ++j) {
+      arguments.push_back(action.places[j].variable);
+      find_place(action.places[j], places.field(static_cast<int>(j)));
+    }
     const Expression lagrangian = action.lagrangian();
-    density_code = GridCode(std::array{lagrangian}, variables);
-    const std::vector<Expression> first = formula::gradient(lagrangian, variables);
-    gradient_code = GridCode(first, variables);
+    density_code = GridCode(std::array{lagrangian}, arguments);
+    std::vector<Expression> first = formula::gradient(lagrangian, arguments);
+    gradient_code = GridCode(first, arguments);
     for (const Expression derivative : first) {
       read.push_back(!derivative.is_constant() || derivative.constant_value() != 0.0);
     }
     compile_currents();
+    first.resize(variables.size());
     compile_second_variation(first);
   }
 
@@ -137,13 +144,13 @@ struct LatticeVariation::Storage {
         outputs.push_back(current);
       }
     }
-    currents_code = GridCode(outputs, variables);
+    currents_code = GridCode(outputs, arguments);
   }
 
   /// The gradient of (∂L/∂values)·u: the second variation applied to a direction u.
   void compile_second_variation(std::span<const Expression> first) {
     formula::Graph& graph = *action.graph;
-    std::vector<Expression> both = variables;
+    std::vector<Expression> both = arguments;
     Expression along = graph.constant(0.0);
     for (std::size_t j = 0; j < variables.size(); ++j) {
       both.push_back(graph.variable(fmt::format("variation of value {}", j)));
@@ -151,6 +158,19 @@ struct LatticeVariation::Storage {
     }
     const std::vector<Expression> rows = formula::gradient(along, variables);
     second_code = GridCode(rows, both);
+  }
+
+  /// L_o x^ν in every cell: its neighbours are where they are, not across the seam.
+  void find_place(const LatticeAction::Place& place, std::span<double> out) const {
+    const grids::Axis& axis = grid.axis(place.axis);
+    const auto a = static_cast<std::size_t>(place.axis);
+    const grids::Along along = action.operators[static_cast<std::size_t>(place.op)].space.box[a];
+    for (std::size_t cell = 0; cell < out.size(); ++cell) {
+      const std::size_t i = grid.place(cell)[a];
+      out[cell] = along == grids::Along::average ? axis.centre(i)
+                  : along == grids::Along::next  ? axis.node(i + 1)
+                                                 : axis.node(i);
+    }
   }
 
   /// L_o of the fields of a slab, into one array for each value of the action.
@@ -235,9 +255,17 @@ struct LatticeVariation::Storage {
     }
   }
 
+  [[nodiscard]] std::vector<const double*> inputs_and_places() const {
+    std::vector<const double*> both;
+    for (const FieldSet* part : {&inputs, &places}) {
+      both.insert(both.end(), part->pointers().begin(), part->pointers().end());
+    }
+    return both;
+  }
+
   [[nodiscard]] std::vector<const double*> inputs_and_directions() const {
     std::vector<const double*> both;
-    for (const FieldSet* part : {&inputs, &directions}) {
+    for (const FieldSet* part : {&inputs, &places, &directions}) {
       both.insert(both.end(), part->pointers().begin(), part->pointers().end());
     }
     return both;
@@ -245,23 +273,24 @@ struct LatticeVariation::Storage {
 
   void need_gradient() {
     if (!std::exchange(gradient_known, true)) {
-      gradient_code(grid.size(), std::as_const(inputs).pointers(), gradient.pointers());
+      gradient_code(grid.size(), inputs_and_places(), gradient.pointers());
     }
   }
   void need_currents() {
     if (!std::exchange(currents_known, true)) {
-      currents_code(grid.size(), std::as_const(inputs).pointers(), currents.pointers());
+      currents_code(grid.size(), inputs_and_places(), currents.pointers());
     }
   }
 
   LatticeAction action;
   grids::Grid grid;
   grids::Stencil stencil;
-  std::vector<Expression> variables;
+  std::vector<Expression> variables, arguments;  ///< the values; and the places after them
   GridCode density_code, gradient_code, currents_code, second_code;
   FieldSet inputs;      ///< L_o z of the slab
+  FieldSet places;      ///< L_o x^ν
   FieldSet directions;  ///< L_o u of a variation u
-  FieldSet gradient;    ///< ∂L/∂(L_o z)
+  FieldSet gradient;    ///< ∂L/∂(L_o z), then ∂L/∂(L_o x^ν)
   FieldSet currents;    ///< J^ν_ρ
   FieldSet second;      ///< the second variation applied to them
   FieldSet scratch;
@@ -297,7 +326,7 @@ void LatticeVariation::take(const FieldSet& before, const FieldSet& after, doubl
 double LatticeVariation::action_value() {
   Storage& s = *storage_;
   double* const density[] = {s.scratch.field(0).data()};
-  s.density_code(s.grid.size(), std::as_const(s.inputs).pointers(), density);
+  s.density_code(s.grid.size(), s.inputs_and_places(), density);
   return s.h * s.grid.cell_volume() * grids::sum(s.scratch.field(0));
 }
 
@@ -323,6 +352,13 @@ void LatticeVariation::coordinates(Parts& out) {
       const StencilOperator& op = s.action.operators[static_cast<std::size_t>(s.derivative(rho))];
       s.gather_back(op, weights(op.time, s.h), -1.0, std::as_const(s.currents).field(nu * n + rho).data(), nu, out);
     }
+  }
+  for (std::size_t j = 0; j < s.action.places.size(); ++j) {
+    s.need_gradient();
+    const LatticeAction::Place& place = s.action.places[j];
+    const StencilOperator& op = s.action.operators[static_cast<std::size_t>(place.op)];
+    const auto number = static_cast<int>(s.action.values.size() + j);
+    s.gather_back(op, weights(op.time, s.h), 1.0, std::as_const(s.gradient).field(number).data(), 1 + place.axis, out);
   }
 }
 

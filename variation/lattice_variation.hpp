@@ -27,8 +27,8 @@ namespace rubato {
 ///
 ///     J^ν_ρ := -∂(L of a cell)/∂F_ρν at F = I  =  P_ρ·D_ν z + Q^ρ_ν - δ_ρν L,
 ///
-/// so that the variation by the place x^ν of a node is -Σ_ρ D_ρᵀ h ΔV J^ν_ρ: theory's e, f, m, g are J^t_t, J^t_x,
-/// J^x_t, J^x_x.
+/// so that the variation by the place x^ν of a node is -Σ_ρ D_ρᵀ h ΔV J^ν_ρ + Σ_o L_oᵀ h ΔV ∂L/∂(L_o x^ν): theory's e,
+/// f, m, g are J^t_t, J^t_x, J^x_t, J^x_x, and the last sum is the source where L names x.
 class LatticeVariation {
 public:
   /// One row of values for each quantity at the nodes of both levels of the slab: what it gives at t_k and at t_{k+1}.

@@ -22,7 +22,13 @@ namespace {
 /// A wave equation, which all of them take, on a number of cells that all of them take.
 const grids::Grid line({{"x", -8, 8, 45}});
 
-std::vector<LatticeMethodChoice> all_choices() {
+/// A scheme, and whether S names x.
+struct Choice {
+  LatticeMethodChoice scheme;
+  bool medium = false;
+};
+
+std::vector<Choice> all_choices() {
   std::vector<LatticeMethodChoice> choices;
   for (const LatticeMethodEntry& entry : lattice_methods()) {
     const std::string name(entry.name);
@@ -37,16 +43,28 @@ std::vector<LatticeMethodChoice> all_choices() {
       }
     }
   }
-  return choices;
+  std::vector<Choice> all;
+  for (const LatticeMethodChoice& choice : choices) {
+    for (const bool medium : {false, true}) {
+      all.push_back({choice, medium});
+    }
+  }
+  return all;
 }
 
-std::string told(const LatticeMethodChoice& choice) {
-  return choice.name + ", stages " + std::to_string(choice.stages) + ", " + choice.composition;
+std::string told(const Choice& choice) {
+  return choice.scheme.name + ", stages " + std::to_string(choice.scheme.stages) + ", " + choice.scheme.composition +
+         (choice.medium ? ", a medium that varies" : "");
+}
+
+/// sine-Gordon, or a wave equation with a coefficient and a force that vary along the line.
+MultisymplecticSystem system_of(const Choice& choice) {
+  return choice.medium ? wave_equation("(1 + 0.4*sin(pi*x/8 + 0.3))*(1 - cos(u)) + 0.2*cos(pi*x/4)*u") : sine_gordon();
 }
 
 class Subject {
 public:
-  explicit Subject(const LatticeMethodChoice& choice) : method(make_lattice_method(choice)), system(sine_gordon()) {
+  explicit Subject(const Choice& choice) : method(make_lattice_method(choice.scheme)), system(system_of(choice)) {
     InitialFields initial(3);
     const auto hump = [](double x) { return std::exp(2 * std::cos(2 * std::numbers::pi * (x - 1) / 16) - 2); };
     initial[0] = sampled(line, hump);
@@ -80,7 +98,7 @@ TEST_CASE("every scheme for lattices is found by its name, and no other") {
 }
 
 TEST_CASE("every scheme for lattices continues from a saved state bit by bit, whatever was tried in between") {
-  for (const LatticeMethodChoice& choice : all_choices()) {
+  for (const Choice& choice : all_choices()) {
     INFO(told(choice));
     const Subject subject(choice);
     const auto straight = subject.scheme(0.1);
@@ -101,7 +119,7 @@ TEST_CASE("every scheme for lattices continues from a saved state bit by bit, wh
 
 TEST_CASE("every scheme for lattices is unimpressed by trials that it does not accept") {
   // What is tried before decides where an iteration begins, and so the last digits: rounding of one step.
-  for (const LatticeMethodChoice& choice : all_choices()) {
+  for (const Choice& choice : all_choices()) {
     INFO(told(choice));
     const Subject subject(choice);
     const auto plain = subject.scheme(0.1), tried = subject.scheme(0.1);
@@ -118,7 +136,7 @@ TEST_CASE("every scheme for lattices is unimpressed by trials that it does not a
 TEST_CASE("every scheme for lattices has the order that it says") {
   // z_h - z_{h/2} at the same time on the same grid; the next term is smaller by less than h = 0.1 for odd ones, h² for
   // the others.
-  for (const LatticeMethodChoice& choice : all_choices()) {
+  for (const Choice& choice : all_choices()) {
     INFO(told(choice));
     const Subject subject(choice);
     const int order = subject.method->order();
@@ -138,7 +156,7 @@ TEST_CASE("every scheme for lattices has the order that it says") {
 }
 
 TEST_CASE("every scheme for lattices tells the slope of its discrete energy, to leading order at least") {
-  for (const LatticeMethodChoice& choice : all_choices()) {
+  for (const Choice& choice : all_choices()) {
     const Subject subject(choice);
     if (!subject.method->fixed_levels_only().empty()) {
       continue;
@@ -162,7 +180,7 @@ TEST_CASE("every scheme for lattices tells the slope of its discrete energy, to 
 }
 
 TEST_CASE("every scheme for lattices finds its own steps to solve its equation, and others not") {
-  for (const LatticeMethodChoice& choice : all_choices()) {
+  for (const Choice& choice : all_choices()) {
     INFO(told(choice));
     const Subject subject(choice);
     const double h = 0.1;
@@ -184,7 +202,7 @@ TEST_CASE("every scheme for lattices finds its own steps to solve its equation, 
 }
 
 TEST_CASE("every scheme for lattices that states an action has the energy of that action") {
-  for (const LatticeMethodChoice& choice : all_choices()) {
+  for (const Choice& choice : all_choices()) {
     const Subject subject(choice);
     const auto action = subject.method->action(subject.system);
     if (!action) {
@@ -207,7 +225,7 @@ TEST_CASE("every scheme for lattices that states an action has the energy of tha
 }
 
 TEST_CASE("every scheme for lattices has local laws, small on its steps and large on others") {
-  for (const LatticeMethodChoice& choice : all_choices()) {
+  for (const Choice& choice : all_choices()) {
     INFO(told(choice));
     const Subject subject(choice);
     LocalLaws laws = make_local_laws(*subject.method, subject.system, line);

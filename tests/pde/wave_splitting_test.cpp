@@ -175,7 +175,7 @@ TEST_CASE("what a splitting on a lattice cannot split is refused with the reason
   CHECK_THROWS_WITH(WaveSplitting(korteweg_de_vries(6, 1), line), Contains("w has none") && Contains("stages"));
   CHECK_THROWS_WITH(
       WaveSplitting(wave_equation_2d("1 - cos(u) + a/10"), grids::Grid({{"x", -1, 1, 8}, {"y", -1, 1, 8}})),
-      Contains("beyond its quadratic terms S depends on a"));
+      Contains("beyond its quadratic terms with constant coefficients S depends on a"));
   const auto neither = make_system({"p", "q", "v", "w"}, {{"p", "q", 1}}, {{{"p", "v", 1}, {"q", "w", 1}}},
                                    "(v^2 + w^2)/2 + p^4 + q^2*p^2/3");
   CHECK_THROWS_WITH(WaveSplitting(neither, line), Contains("neither"));

@@ -1,0 +1,38 @@
+#include <rubato/pde/placed_coordinates.hpp>
+
+namespace rubato {
+
+namespace {
+
+double coordinate(const grids::Axis& axis, std::size_t cell, Within place) {
+  switch (place) {
+    case Within::node: return axis.node(cell);
+    case Within::centre: return axis.centre(cell);
+    case Within::next: return axis.node(cell + 1);
+  }
+  return 0.0;
+}
+
+}  // namespace
+
+PlacedCoordinates::PlacedCoordinates(const MultisymplecticSystem& system, const grids::Grid& grid,
+                                     std::array<Within, 3> place)
+    : values_(static_cast<int>(system.coordinates().size()), grid.size()) {
+  for (std::size_t c = 0; c < system.coordinates().size(); ++c) {
+    const int axis = system.coordinates()[c];
+    const auto a = static_cast<std::size_t>(axis);
+    const auto values = values_.field(static_cast<int>(c));
+    for (std::size_t cell = 0; cell < values.size(); ++cell) {
+      values[cell] = coordinate(grid.axis(axis), grid.place(cell)[a], place[a]);
+    }
+  }
+}
+
+std::vector<const double*> PlacedCoordinates::after(std::span<const double* const> fields) const {
+  std::vector<const double*> inputs(fields.begin(), fields.end());
+  inputs.resize(fields.size() + count());
+  put(0, std::span(inputs).subspan(fields.size()));
+  return inputs;
+}
+
+}  // namespace rubato

@@ -1,0 +1,47 @@
+#pragma once
+
+#include <array>
+#include <span>
+#include <vector>
+
+#include <rubato/grids/field_set.hpp>
+#include <rubato/grids/grid.hpp>
+#include <rubato/pde/multisymplectic_system.hpp>
+
+namespace rubato {
+
+/// Where in a cell S is evaluated along one axis.
+enum class Within {
+  node,    ///< at the lower node
+  centre,  ///< in the middle between two nodes
+  next,    ///< at the upper node; of the last cell it is `to`, not `from`: no cell lies across the seam
+};
+
+/// The coordinates that S(z, x) names, at the places where a scheme evaluates S: the inputs of the system's codes that
+/// follow the fields. One array of all cells for each; none where S names no coordinate.
+class PlacedCoordinates {
+public:
+  PlacedCoordinates() = default;
+  PlacedCoordinates(const MultisymplecticSystem& system, const grids::Grid& grid, std::array<Within, 3> place);
+  /// At the same place along all axes.
+  PlacedCoordinates(const MultisymplecticSystem& system, const grids::Grid& grid, Within place)
+      : PlacedCoordinates(system, grid, {place, place, place}) {}
+
+  [[nodiscard]] std::size_t count() const { return static_cast<std::size_t>(values_.fields()); }
+  /// From cell `begin` on, into `inputs`, which holds count() pointers.
+  void put(std::size_t begin, std::span<const double*> inputs) const {
+    for (std::size_t c = 0; c < inputs.size(); ++c) {
+      inputs[c] = values_.field(static_cast<int>(c)).data() + begin;
+    }
+  }
+  /// Pointers to fields, all cells of them, with the coordinates appended.
+  [[nodiscard]] std::vector<const double*> after(std::span<const double* const> fields) const;
+  [[nodiscard]] double value(std::size_t coordinate, std::size_t cell) const {
+    return values_.field(static_cast<int>(coordinate))[cell];
+  }
+
+private:
+  grids::FieldSet values_;
+};
+
+}  // namespace rubato
