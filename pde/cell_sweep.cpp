@@ -10,9 +10,9 @@
 
 #include <rubato/base/compensated_sum.hpp>
 #include <rubato/grids/buffer.hpp>
-#include <rubato/grids/fourier.hpp>
 #include <rubato/grids/wide_vectors.hpp>
 #include <rubato/pde/matrix_terms.hpp>
+#include <rubato/pde/node_derivative.hpp>
 #include <rubato/pde/placed_coordinates.hpp>
 
 namespace rubato {
@@ -206,8 +206,8 @@ struct CellSweep::Storage {
   std::vector<std::array<bool, 3>> differentiated;  ///< of each field, along each direction
   std::vector<BlockResult> results;
   std::vector<std::unique_ptr<Workspace>> workspaces;
-  /// At nodes: the spectral derivatives of point and rate along each axis, made before the blocks are run.
-  std::unique_ptr<grids::SpectralDerivative> spectral;
+  /// At nodes: the derivatives of point and rate along each axis, made before the blocks are run.
+  std::unique_ptr<NodeDerivative> nodal;
   std::vector<grids::FieldSet> point_derivative, rate_derivative;
 
   Storage(const MultisymplecticSystem& s, const grids::Grid& grid, Placement placement)
@@ -230,8 +230,8 @@ struct CellSweep::Storage {
         differentiated[static_cast<std::size_t>(term.column)][static_cast<std::size_t>(a)] = true;
       }
     }
-    if (placement == Placement::nodes) {
-      spectral = std::make_unique<grids::SpectralDerivative>(grid);
+    if (placement != Placement::cells) {
+      nodal = std::make_unique<NodeDerivative>(grid, placement);
       point_derivative.assign(static_cast<std::size_t>(dimensions), grids::FieldSet(d, grid.size()));
       rate_derivative = point_derivative;
     }
@@ -241,7 +241,7 @@ struct CellSweep::Storage {
     for (std::size_t f = 0; f < fields.size(); ++f) {
       for (std::size_t a = 0; a < derivatives.size(); ++a) {
         if (differentiated[f][a] && fields[f] != nullptr) {
-          (*spectral)(static_cast<int>(a), fields[f], derivatives[a].field(static_cast<int>(f)).data());
+          (*nodal)(static_cast<int>(a), fields[f], derivatives[a].field(static_cast<int>(f)).data());
         }
       }
     }
@@ -250,7 +250,7 @@ struct CellSweep::Storage {
   /// A and D_a of one field on a block.
   void take(const double* field, int f, const std::vector<grids::FieldSet>& derivatives, std::size_t line,
             std::size_t begin, std::size_t count, double* mean, const std::array<double*, 3>& difference) const {
-    if (spectral == nullptr) {
+    if (nodal == nullptr) {
       gather(field, line, begin, count, mean, difference.data());
       return;
     }
@@ -561,7 +561,7 @@ SweepResult CellSweep::operator()(std::span<const double* const> point, const Po
                                   std::span<double* const> residual, std::span<double* const> hessian) {
   Storage& s = *storage_;
   s.prepare_workspaces();
-  if (s.spectral != nullptr) {
+  if (s.nodal != nullptr) {
     s.differentiate(point, s.point_derivative);
     s.differentiate(rate, s.rate_derivative);
   }
@@ -618,7 +618,7 @@ EnergyChange CellSweep::energy_change(std::span<const double* const> rate, doubl
 std::vector<double> CellSweep::mean_terms(std::span<const double* const> point, const PotentialSlopes& slopes) {
   Storage& s = *storage_;
   s.prepare_workspaces();
-  if (s.spectral != nullptr) {
+  if (s.nodal != nullptr) {
     s.differentiate(point, s.point_derivative);
   }
   Workspace& work = *s.workspaces.front();
@@ -643,7 +643,7 @@ formula::SumSize CellSweep::energy_size(std::span<const double* const> point, co
                                         std::span<const double> references) {
   Storage& s = *storage_;
   s.prepare_workspaces();
-  if (s.spectral != nullptr) {
+  if (s.nodal != nullptr) {
     s.differentiate(point, s.point_derivative);
   }
   const auto blocks = static_cast<std::ptrdiff_t>(s.blocks.count());

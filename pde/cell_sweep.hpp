@@ -65,7 +65,8 @@ struct EnergyChange {
   double quadratic = 0.0;
 };
 
-/// Evaluates the equation in every cell, in batches, in parallel. Holds work space for each thread.
+/// Evaluates the equation in every cell, in batches, in parallel. Holds work space for each thread. At
+/// Placement::corners only energies are those of a scheme: its equation has differences of both kinds.
 class CellSweep {
 public:
   CellSweep(const MultisymplecticSystem& system, const grids::Grid& grid, Placement placement = Placement::cells);

@@ -8,10 +8,10 @@
 #include <rubato/base/compensated_sum.hpp>
 #include <rubato/formula/batch.hpp>
 #include <rubato/grids/buffer.hpp>
-#include <rubato/grids/fourier.hpp>
 #include <rubato/grids/reductions.hpp>
 #include <rubato/pde/face_gather.hpp>
 #include <rubato/pde/law_engine.hpp>
+#include <rubato/pde/node_derivative.hpp>
 #include <rubato/pde/placed_coordinates.hpp>
 
 namespace rubato {
@@ -44,8 +44,9 @@ struct FaceOperators : LawTables {
   std::vector<std::unique_ptr<Workspace>> workspaces;
   grids::FieldSet middle, rate;
   grids::FieldSet current, sum_at_nodes;                ///< of each law, at nodes only
-  std::unique_ptr<grids::SpectralDerivative> spectral;  ///< at nodes only
+  std::unique_ptr<NodeDerivative> nodal;                ///< at nodes only
   std::vector<grids::FieldSet> derivatives;             ///< along each axis, of the fields in use
+  std::vector<grids::FieldSet> following;               ///< with one-sided differences: the next nodes' values
   std::vector<std::vector<Spread>> sizes;               ///< [law][block]: of residuals
   std::vector<std::vector<double>> sums;                ///< [law][block]: of densities
   std::shared_ptr<StageSource> stages;                  ///< null: the laws of a step are taken at its middle
@@ -54,9 +55,12 @@ struct FaceOperators : LawTables {
 
   FaceOperators(LawTables tables, Placement placement)
       : LawTables(std::move(tables)), blocks(grid), gather(grid), middle(d, grid.size()), rate(d, grid.size()) {
-    if (placement == Placement::nodes) {
-      spectral = std::make_unique<grids::SpectralDerivative>(grid);
+    if (placement != Placement::cells) {
+      nodal = std::make_unique<NodeDerivative>(grid, placement);
       derivatives.assign(static_cast<std::size_t>(grid.dimensions()), grids::FieldSet(d, grid.size()));
+      if (nodal->one_sided()) {
+        following = derivatives;
+      }
     }
     if (!system.coordinates().empty()) {
       place_faces();
@@ -66,7 +70,7 @@ struct FaceOperators : LawTables {
   }
 
   void place_faces() {
-    if (spectral != nullptr) {
+    if (nodal != nullptr) {
       at_cells = PlacedCoordinates(system, grid, Within::node);
       return;
     }
@@ -162,7 +166,7 @@ struct FaceOperators : LawTables {
         continue;
       }
       const std::size_t offset = line * blocks.line + begin;
-      if (spectral != nullptr) {
+      if (nodal != nullptr) {
         std::copy_n(values.field(f).data() + offset, count, faces.mean[i]);
       } else {
         face(values.field(f).data(), line, begin, count, mu, upper, mu, faces.mean[i]);
@@ -173,7 +177,7 @@ struct FaceOperators : LawTables {
         }
         double* derivative = faces.derivative[i][static_cast<std::size_t>(nu)];
         const double* from = nu == time ? rate.field(f).data() : values.field(f).data();
-        if (spectral == nullptr) {
+        if (nodal == nullptr) {
           face(from, line, begin, count, mu, upper, nu, derivative);
         } else if (nu == time) {
           std::copy_n(from + offset, count, derivative);
@@ -206,7 +210,7 @@ struct FaceOperators : LawTables {
     }
     for (int f = 0; f < d; ++f) {
       const auto i = static_cast<std::size_t>(f);
-      if (spectral != nullptr) {
+      if (nodal != nullptr) {
         std::copy_n(middle.field(f).data() + line * blocks.line + begin, count, faces.mean[i]);
       } else {
         face(middle.field(f).data(), line, begin, count, time, false, time, faces.mean[i]);
@@ -222,14 +226,19 @@ struct FaceOperators : LawTables {
     }
   }
 
-  /// The currents J_μ of all laws on those faces.
-  void currents(Faces& faces, std::size_t count, int mu) const {
+  /// The currents J_μ of all laws on those faces, which begin with cell `first`.
+  void currents(Faces& faces, std::size_t count, int mu, std::size_t first) const {
     const auto add = [count](double* out, double factor, const double* left, const double* right) {
       for (std::size_t c = 0; c < count; ++c) {
         out[c] += factor * left[c] * right[c];
       }
     };
     const auto mean = [&](int f) { return faces.mean[static_cast<std::size_t>(f)]; };
+    // With one-sided differences fluxes join a node's values with those of the next one.
+    const bool joins = mu != time && !following.empty();
+    const auto partner = [&](int f) -> const double* {
+      return joins ? following[static_cast<std::size_t>(mu) - 1].field(f).data() + first : mean(f);
+    };
     const auto derivative = [&](int f, int nu) {
       return faces.derivative[static_cast<std::size_t>(f)][static_cast<std::size_t>(nu)];
     };
@@ -238,7 +247,7 @@ struct FaceOperators : LawTables {
       if (nu != mu) {
         std::fill_n(out, count, 0.0);
         for (const MatrixTerm& term : plus[static_cast<std::size_t>(mu)]) {
-          add(out, -term.value, derivative(term.row, nu), mean(term.column));
+          add(out, -term.value, derivative(term.row, nu), partner(term.column));
         }
         continue;
       }
@@ -252,11 +261,11 @@ struct FaceOperators : LawTables {
       }
     }
     auto law = static_cast<std::size_t>(directions);
-    for (const auto& symmetry : quadratic) {
+    for (const auto& symmetry : joins ? quadratic_plus : quadratic) {
       double* out = faces.currents[law++];
       std::fill_n(out, count, 0.0);
       for (const MatrixTerm& term : symmetry[static_cast<std::size_t>(mu)]) {
-        add(out, term.value, mean(term.row), mean(term.column));
+        add(out, term.value, mean(term.row), partner(term.column));
       }
     }
     for (const auto& symmetry : linear) {
@@ -274,12 +283,17 @@ struct FaceOperators : LawTables {
                         const LatticeLevel& before, const LatticeLevel& after) const {
     const grids::FieldSet& values = mu != time ? middle : upper ? after.fields : before.fields;
     fill(work, line, begin, count, mu, upper, values, after.slopes);
-    currents(work.faces, count, mu);
+    currents(work.faces, count, mu, line * blocks.line + begin);
   }
 
   void differentiate(const grids::FieldSet& values) {
     for (std::size_t a = 0; a < derivatives.size(); ++a) {
-      (*spectral)(static_cast<int>(a), values.pointers(), derivatives[a].pointers());
+      (*nodal)(static_cast<int>(a), values.pointers(), derivatives[a].pointers());
+    }
+    for (std::size_t a = 0; a < following.size(); ++a) {
+      for (int f = 0; f < d; ++f) {
+        nodal->next(static_cast<int>(a), values.field(f).data(), following[a].field(f).data());
+      }
     }
   }
 
@@ -289,7 +303,7 @@ struct FaceOperators : LawTables {
     differentiate(values);
     for_each_block_of_cells([&](std::size_t, std::size_t line, std::size_t begin, std::size_t count, Workspace& work) {
       fill(work, line, begin, count, mu, false, values, slopes);
-      currents(work.faces, count, mu);
+      currents(work.faces, count, mu, line * blocks.line + begin);
       for (std::size_t l = 0; l < names.size(); ++l) {
         std::copy_n(work.faces.currents[l], count,
                     result.field(static_cast<int>(l)).data() + line * blocks.line + begin);
@@ -297,7 +311,7 @@ struct FaceOperators : LawTables {
     });
   }
 
-  /// Residuals with spectral derivatives, into sum[law].
+  /// Residuals at the nodes, into sum[law].
   void residuals_at_nodes(const LatticeLevel& before, const LatticeLevel& after, double h, grids::FieldSet& sum) {
     if (current.fields() == 0) {
       current = grids::FieldSet(static_cast<int>(names.size()), grid.size());
@@ -326,7 +340,7 @@ struct FaceOperators : LawTables {
   void add_fluxes(double weight, const PotentialSlopes& slopes, grids::FieldSet& sum) {
     for (int a = 0; a < grid.dimensions(); ++a) {
       currents_at_nodes(1 + a, middle, slopes, current);
-      (*spectral)(a, std::as_const(current).pointers(), current.pointers());
+      (*nodal)(a, std::as_const(current).pointers(), current.pointers());
       for (std::size_t i = 0; i < sum.all().size(); ++i) {
         sum.all()[i] += weight * current.all()[i];
       }
@@ -407,7 +421,7 @@ std::vector<Spread> FaceLaws::residuals(const LatticeLevel& before, const Lattic
   s.make_middle(before.fields, after.fields, h);
   const std::size_t laws = s.names.size();
   std::vector<Spread> sizes;
-  if (s.spectral != nullptr) {
+  if (s.nodal != nullptr) {
     grids::FieldSet& sum = s.sum_at_nodes;
     if (sum.fields() == 0) {
       sum = grids::FieldSet(static_cast<int>(laws), s.grid.size());
@@ -458,7 +472,7 @@ std::vector<Spread> FaceLaws::residuals(const LatticeLevel& before, const Lattic
 std::vector<double> FaceLaws::totals(const LatticeLevel& level) {
   FaceOperators& s = operators_;
   const std::size_t laws = s.names.size();
-  if (s.spectral != nullptr) {
+  if (s.nodal != nullptr) {
     s.differentiate(level.fields);
   }
   s.for_each_block_of_cells(
@@ -521,8 +535,8 @@ std::unique_ptr<LawEngine> make_face_laws(LawTables tables, Placement placement)
   return std::make_unique<FaceLaws>(std::move(tables), placement);
 }
 
-std::unique_ptr<LawEngine> make_stage_laws(LawTables tables, std::shared_ptr<StageSource> stages) {
-  auto laws = std::make_unique<FaceLaws>(std::move(tables), Placement::nodes);
+std::unique_ptr<LawEngine> make_stage_laws(LawTables tables, std::shared_ptr<StageSource> stages, Placement placement) {
+  auto laws = std::make_unique<FaceLaws>(std::move(tables), placement);
   laws->share(std::move(stages));
   return laws;
 }

@@ -13,8 +13,8 @@
 
 namespace rubato {
 
-/// What families of symplectic maps on spectral lattices share (theory, section 8): the level, what is read of the
-/// energy there, and the slope of the discrete energy. They have no node law in closed form.
+/// What families of symplectic maps on lattices with their equation at the nodes share (theory, section 8): the level,
+/// what is read of the energy there, and the slope of the discrete energy. They have no node law in closed form.
 class FamilyLattice : public LatticeScheme {
 public:
   [[nodiscard]] const MultisymplecticSystem& system() const final { return system_; }
@@ -45,13 +45,14 @@ public:
 
 protected:
   /// \throws std::invalid_argument if S is not finite at the first level
-  FamilyLattice(const MultisymplecticSystem& system, const grids::Grid& grid, LatticeLevel first)
+  FamilyLattice(const MultisymplecticSystem& system, const grids::Grid& grid, LatticeLevel first,
+                Placement placement = Placement::nodes)
       : system_(system),
         grid_(grid),
         level_(std::move(first)),
         at_midpoints_(system.structure().at_midpoints()),
         point_(level_.fields),
-        sweep_(system, grid, Placement::nodes) {
+        sweep_(system, grid, placement) {
     make_point();
     if (!sweep_(std::as_const(point_).pointers(), level_.slopes, {}, 0.0, {}, {}).finite) {
       throw std::invalid_argument("S is not finite at the initial level");
@@ -164,8 +165,8 @@ public:
   }
 
 protected:
-  FamilyEquation(const MultisymplecticSystem& system, const grids::Grid& grid)
-      : system_(system), sweep_(system, grid, Placement::nodes), point_(system.field_count(), grid.size()) {}
+  FamilyEquation(const MultisymplecticSystem& system, const grids::Grid& grid, Placement placement = Placement::nodes)
+      : system_(system), sweep_(system, grid, placement), point_(system.field_count(), grid.size()) {}
 
   /// Of a step that cannot be taken again, and of which there is no Γ.
   [[nodiscard]] static StepLaw unknown() {

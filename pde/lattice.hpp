@@ -19,6 +19,7 @@ struct LatticeOptions {
   std::string lagrangian = "box";      ///< the scheme: of lattice_methods()
   int stages = 1;                      ///< of Gauss collocation in time, order 2·stages; fourier
   std::string composition = "golden";  ///< splitting
+  std::string space = "fourier";       ///< splitting: or "differences"
   double start = 0.0;                  ///< t_0
   double step = 0.0;                   ///< t_1 - t_0; negative integrates backward; has to be given
   double until =
@@ -29,7 +30,7 @@ struct LatticeOptions {
   BridgeRule bridge = BridgeRule::anchored;
   double tolerance = 1e-13;  ///< of the level equation, relative
   std::vector<LinearSymmetry> symmetries = {};
-  [[nodiscard]] LatticeMethodChoice method() const { return {lagrangian, stages, composition}; }
+  [[nodiscard]] LatticeMethodChoice method() const { return {lagrangian, stages, composition, space}; }
 };
 
 /// Steps a lattice, level by level:

@@ -44,6 +44,12 @@ std::unique_ptr<LatticeMethod> make_lattice_method(const LatticeMethodChoice& ch
   if (choice.stages != 1 && !entry.has_stages) {
     throw std::invalid_argument(fmt::format("stages = {}: {} has one stage", choice.stages, entry.name));
   }
+  if (std::ranges::find(space_words, choice.space) == space_words.end() ||
+      (choice.space != space_words.front() && !entry.has_space)) {
+    throw std::invalid_argument(fmt::format("space = \"{}\": {} has {}", choice.space, entry.name,
+                                            entry.has_space ? fmt::format("\"{}\"", fmt::join(space_words, "\" and \""))
+                                                            : std::string("no choice of derivatives in space")));
+  }
   return entry.make(choice);
 }
 

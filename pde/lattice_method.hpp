@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <memory>
 #include <optional>
 #include <span>
@@ -16,11 +17,15 @@
 
 namespace rubato {
 
+/// Derivatives in space: spectral, or differences of neighbours.
+inline constexpr std::array<std::string_view, 2> space_words = {"fourier", "differences"};
+
 /// What a problem says of the scheme it wants.
 struct LatticeMethodChoice {
   std::string name = "box";            ///< of lattice_methods()
   int stages = 1;                      ///< of Gauss collocation in time, where the method has them
   std::string composition = "golden";  ///< of compositions(), where the method has them
+  std::string space = "fourier";       ///< of space_words, where the method has a choice
 };
 
 /// A discretisation of M z_t + Σ_a K_a z_{x_a} = ∇S(z), with all that the integrator, the check of records, the
@@ -78,6 +83,7 @@ struct LatticeMethodEntry {
   std::string_view summary;  ///< half a line, for the program's help
   bool has_stages = false;
   bool has_compositions = false;
+  bool has_space = false;
   std::unique_ptr<LatticeMethod> (*make)(const LatticeMethodChoice& choice) = nullptr;
 };
 
@@ -85,7 +91,7 @@ struct LatticeMethodEntry {
 [[nodiscard]] std::span<const LatticeMethodEntry> lattice_methods();
 /// \throws std::invalid_argument for a name that is not there, with the list
 [[nodiscard]] const LatticeMethodEntry& lattice_method_entry(std::string_view name);
-/// \throws std::invalid_argument for a name that is not there, stages or a composition that it cannot have
+/// \throws std::invalid_argument for a name that is not there, stages, a composition or a `space` that it cannot have
 [[nodiscard]] std::unique_ptr<LatticeMethod> make_lattice_method(const LatticeMethodChoice& choice);
 
 /// The local laws of a method. \throws std::invalid_argument if one of `symmetries` is none

@@ -27,11 +27,12 @@ struct LawTables {
 
   MultisymplecticSystem system;
   grids::Grid grid;
-  int d, directions;                                ///< directions: 1 + dimensions
-  std::vector<MatrixTerms> plus;                    ///< Λ₊ of each direction
-  std::vector<MatrixTerms> full;                    ///< Λ of each direction, for the two-form
-  std::vector<std::vector<MatrixTerms>> quadratic;  ///< ½ΛB: [symmetry][direction]
-  std::vector<std::vector<MatrixTerms>> linear;     ///< bᵀΛ: [symmetry][direction], in `column`
+  int d, directions;                                     ///< directions: 1 + dimensions
+  std::vector<MatrixTerms> plus;                         ///< Λ₊ of each direction
+  std::vector<MatrixTerms> full;                         ///< Λ of each direction, for the two-form
+  std::vector<std::vector<MatrixTerms>> quadratic;       ///< ½ΛB: [symmetry][direction]
+  std::vector<std::vector<MatrixTerms>> quadratic_plus;  ///< Λ₊B where it is -BᵀΛ₊, else ½ΛB: between neighbours
+  std::vector<std::vector<MatrixTerms>> linear;          ///< bᵀΛ: [symmetry][direction], in `column`
   std::vector<std::string> names;
 
 private:
@@ -56,10 +57,11 @@ public:
                                           double* residual) = 0;
 };
 
-/// On the faces of cells, with Placement::cells; at the nodes with spectral derivatives, with Placement::nodes.
+/// On the faces of cells, with Placement::cells; at the nodes otherwise, with the derivatives of NodeDerivative.
 [[nodiscard]] std::unique_ptr<LawEngine> make_face_laws(LawTables tables, Placement placement);
 /// At the nodes, with the fluxes integrated over the stages of a step; from `stages` until others are shared.
-[[nodiscard]] std::unique_ptr<LawEngine> make_stage_laws(LawTables tables, std::shared_ptr<StageSource> stages);
+[[nodiscard]] std::unique_ptr<LawEngine> make_stage_laws(LawTables tables, std::shared_ptr<StageSource> stages,
+                                                         Placement placement = Placement::nodes);
 /// On cells with their values at the base corner: Placement::corners.
 [[nodiscard]] std::unique_ptr<LawEngine> make_corner_laws(LawTables tables);
 

@@ -31,8 +31,13 @@ LawTables::LawTables(const MultisymplecticSystem& s, const grids::Grid& g,
     check_symmetry(system, symmetry);
     names.push_back(symmetry.name);
     auto& terms = quadratic.emplace_back();
+    auto& between = quadratic_plus.emplace_back();
     for (int mu = 0; mu < directions; ++mu) {
+      const Eigen::MatrixXd& half = mu == time ? structure.M_plus : structure.K_plus[static_cast<std::size_t>(mu) - 1];
+      const Eigen::MatrixXd product = solve::product(half, symmetry.B);
+      const Eigen::MatrixXd other = solve::product(symmetry.B.transpose(), half);
       terms.push_back(terms_of(solve::product(0.5 * matrix(mu), symmetry.B)));
+      between.push_back((product + other).isZero(0.0) ? terms_of(product) : terms.back());
     }
   }
   add_affine_symmetries();

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <complex>
 #include <limits>
+#include <numbers>
 #include <numeric>
 #include <random>
 
@@ -57,8 +58,12 @@ void set_wave(const MatrixXcd& values, std::size_t wave, WaveRows& rows) {
 
 }  // namespace
 
-WaveSplitting::WaveSplitting(const MultisymplecticSystem& system, const grids::Grid& grid)
-    : system_(system), grid_(grid), fourier_(grid, system.field_count()), places_(system, grid, Within::node) {
+WaveSplitting::WaveSplitting(const MultisymplecticSystem& system, const grids::Grid& grid, Placement placement)
+    : system_(system),
+      grid_(grid),
+      placement_(placement),
+      fourier_(grid, system.field_count()),
+      places_(system, grid, Within::node) {
   split_fields();
   L_ = mean_hessian(system, grid, grids::FieldSet(system.field_count(), grid.size()));
   find_translation();
@@ -149,6 +154,25 @@ void WaveSplitting::find_translation() {
   }
 }
 
+/// Σ ik_a K_a, or what differences make of it: δ⁻ is -(δ⁺)ᵀ, with minus the conjugate symbol.
+MatrixXcd WaveSplitting::derivatives_on_wave(std::size_t wave) const {
+  const auto k = fourier_.wave(wave);
+  MatrixXcd sum = MatrixXcd::Zero(system_.field_count(), system_.field_count());
+  for (int a = 0; a < grid_.dimensions(); ++a) {
+    const grids::Axis& axis = grid_.axis(a);
+    const auto number = k[static_cast<std::size_t>(a)];
+    if (placement_ == Placement::nodes) {
+      sum += grids::derivative_symbol(number, axis) * system_.K(a).cast<Complex>();
+    } else {
+      const double theta = 2.0 * std::numbers::pi * static_cast<double>(number) / static_cast<double>(axis.cells);
+      const Complex forward = grids::difference_symbol(theta, axis.spacing());
+      const MatrixXcd plus = system_.structure().K_plus[static_cast<std::size_t>(a)].cast<Complex>();
+      sum += forward * plus + std::conj(forward) * plus.transpose();
+    }
+  }
+  return sum;
+}
+
 /// With x the evolving fields and y the others, B = Σ ik_a K_a - L:  ŷ = -B₂₂⁻¹B₂₁ x̂,  M x̂_t = -(B₁₁ - B₁₂B₂₂⁻¹B₂₁) x̂.
 void WaveSplitting::reduce() {
   const Index r = size(), o = static_cast<Index>(others_.size());
@@ -166,11 +190,7 @@ void WaveSplitting::reduce() {
     return result;
   };
   for (std::size_t w = 0; w < waves; ++w) {
-    const auto k = fourier_.wave(w);
-    MatrixXcd B = -L_.cast<Complex>();
-    for (int a = 0; a < grid_.dimensions(); ++a) {
-      B += grids::derivative_symbol(k[static_cast<std::size_t>(a)], grid_.axis(a)) * system_.K(a).cast<Complex>();
-    }
+    const MatrixXcd B = derivatives_on_wave(w) - L_.cast<Complex>();
     MatrixXcd G = -part(B, evolving_, evolving_);
     if (o > 0) {
       const MatrixXcd B22 = part(B, others_, others_);
@@ -179,7 +199,7 @@ void WaveSplitting::reduce() {
         throw SchemeRefusal(
             fmt::format("splitting needs a linear part that can be solved for the fields without an equation of motion "
                         "({}, …) wave by wave, and on the wave number {} it cannot{}",
-                        system_.fields()[static_cast<std::size_t>(others_.front())], k[0], remedy));
+                        system_.fields()[static_cast<std::size_t>(others_.front())], fourier_.wave(w)[0], remedy));
       }
       const MatrixXcd C = -solve::product(inverse.matrix, part(B, others_, evolving_));
       G -= solve::product(part(B, evolving_, others_), C);

@@ -8,6 +8,7 @@
 #include <rubato/formula/batch.hpp>
 #include <rubato/grids/field_set.hpp>
 #include <rubato/grids/fourier.hpp>
+#include <rubato/pde/cell_sweep.hpp>
 #include <rubato/pde/initial_level.hpp>
 #include <rubato/pde/multisymplectic_system.hpp>
 #include <rubato/pde/placed_coordinates.hpp>
@@ -34,7 +35,8 @@ public:
   /// \throws SchemeRefusal where the linear part cannot be solved for the fields without an
   /// equation of motion (KdV and other potential forms), where N depends on one of these, or where its flow is neither
   /// a kick nor a turn
-  WaveSplitting(const MultisymplecticSystem& system, const grids::Grid& grid);
+  /// \param placement nodes: Σ K_a ∂_a; corners: Σ K₊δ_a⁺ - K₊ᵀδ_a⁻, second differences of wave equations
+  WaveSplitting(const MultisymplecticSystem& system, const grids::Grid& grid, Placement placement = Placement::nodes);
 
   /// Stands at a level. \throws SchemeRefusal if a potential has a mean slope
   void stand(const LatticeLevel& level);
@@ -74,8 +76,11 @@ private:
   [[nodiscard]] bool evaluate_rest();
   [[nodiscard]] int size() const { return static_cast<int>(evolving_.size()); }
 
+  [[nodiscard]] Eigen::MatrixXcd derivatives_on_wave(std::size_t wave) const;
+
   MultisymplecticSystem system_;
   grids::Grid grid_;
+  Placement placement_;
   grids::Fourier fourier_;
   std::vector<int> evolving_, others_;        ///< fields with an equation of motion, and without
   Eigen::MatrixXd inverse_M_;                 ///< M⁻¹ of the evolving fields

@@ -182,6 +182,8 @@ std::vector<KeyEntry> make_keys() {
       {"scheme", "composition", "word", scheme.composition,
        "Of splitting: the flows that are composed; the number is the order, golden and verlet have 2.",
        composition_words()},
+      {"scheme", "space", "word", scheme.space,
+       "Of a lattice's splitting: spectral derivatives, or differences of neighbours, of second order.", space_words},
       {"scheme", "darboux", "word, or matrix", std::string(darboux_words[0]),
        "The type of a generating function; as a matrix a symmetric 2n x 2n one, in full.", darboux_words},
       {"scheme", "L", "formula", "required by custom",

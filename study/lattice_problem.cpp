@@ -181,6 +181,7 @@ LatticeOptions make_lattice_options(const Problem& problem, const Multisymplecti
   LatticeOptions options{.lagrangian = scheme.method,
                          .stages = scheme.stages.value_or(1),
                          .composition = scheme.composition,
+                         .space = scheme.space,
                          .start = pde.start,
                          .step = scheme.step.value_or(0.0),
                          .until = scheme.until,

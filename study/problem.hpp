@@ -163,6 +163,7 @@ struct Scheme {
   std::optional<int> order;            ///< generating; of splitting only where it chose the composition
   std::optional<int> stages;           ///< gauss, lobatto, and methods for lattices that have stages
   std::string composition = "golden";  ///< splitting: the name of one of compositions()
+  std::string space = "fourier";       ///< splitting of a lattice: one of space_words
   DarbouxKind darboux = DarbouxKind::midpoint;
   std::optional<Matrix> darboux_matrix;
   std::optional<FormulaText> L;  ///< custom: in t_0, t_1 and every coordinate and momentum with suffix _0 and _1

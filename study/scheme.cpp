@@ -28,6 +28,7 @@ public:
     read_order();
     read_gauss();
     read_composition();
+    read_space();
     read_levels();
     read_potential();
     read_generating();
@@ -299,6 +300,20 @@ private:
     scheme_.stages = static_cast<int>(number);
   }
 
+  void read_space() {
+    const bool applies = lattice_entry() != nullptr && lattice_entry()->has_space;
+    if (const Entry* entry = section_.take("space"); entry != nullptr) {
+      if (!applies) {
+        throw ProblemError(
+            entry->location,
+            fmt::format("space applies to lattices with lagrangian = \"splitting\"{}; leave it out",
+                        lattice_entry() == nullptr ? ", and this problem is an orbit"
+                                                   : fmt::format(", and this problem has \"{}\"", scheme_.word())));
+      }
+      scheme_.space = space_words[read_word(entry->value, "space", space_words)];
+    }
+  }
+
   void read_composition() {
     const Entry* name = take_only_for("composition", has_compositions(), "splitting");
     if (!has_compositions()) {
@@ -546,7 +561,10 @@ std::string_view Scheme::word() const {
   return method.empty() ? to_string(lagrangian) : method;
 }
 LatticeMethodChoice method_choice(const Scheme& scheme) {
-  return {.name = scheme.method, .stages = scheme.stages.value_or(1), .composition = scheme.composition};
+  return {.name = scheme.method,
+          .stages = scheme.stages.value_or(1),
+          .composition = scheme.composition,
+          .space = scheme.space};
 }
 std::string_view to_string(Levels levels) {
   return levels_words[static_cast<std::size_t>(levels)];

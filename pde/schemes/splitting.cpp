@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <memory>
@@ -17,8 +18,10 @@ namespace {
 class SplittingLattice final : public FamilyLattice {
 public:
   SplittingLattice(const MultisymplecticSystem& system, const grids::Grid& grid, const Composition& composition,
-                   LatticeLevel first)
-      : FamilyLattice(system, grid, std::move(first)), splitting_(system, grid), composition_(composition) {
+                   LatticeLevel first, Placement placement)
+      : FamilyLattice(system, grid, std::move(first), placement),
+        splitting_(system, grid, placement),
+        composition_(composition) {
     splitting_.stand(level_);
   }
 
@@ -60,9 +63,10 @@ private:
 /// The step taken again, and what the level that is there differs from where it leads, divided by h.
 class SplittingEquation final : public FamilyEquation {
 public:
-  SplittingEquation(const MultisymplecticSystem& system, const grids::Grid& grid, const Composition& composition)
-      : FamilyEquation(system, grid),
-        splitting_(system, grid),
+  SplittingEquation(const MultisymplecticSystem& system, const grids::Grid& grid, const Composition& composition,
+                    Placement placement)
+      : FamilyEquation(system, grid, placement),
+        splitting_(system, grid, placement),
         composition_(composition),
         reached_(system.field_count(), grid.size()) {}
 
@@ -91,8 +95,9 @@ private:
 /// Gauss's quadrature of a step, its nodes reached by steps of the same splitting: as accurate as the step itself.
 class SplittingStages final : public StageSource {
 public:
-  SplittingStages(const MultisymplecticSystem& system, const grids::Grid& grid, const Composition& composition)
-      : splitting_(system, grid), tableau_(composition.order / 2), composition_(composition) {}
+  SplittingStages(const MultisymplecticSystem& system, const grids::Grid& grid, const Composition& composition,
+                  Placement placement)
+      : splitting_(system, grid, placement), tableau_(composition.order / 2), composition_(composition) {}
 
   [[nodiscard]] Status take(const LatticeLevel& before, const LatticeLevel&, double h) override {
     splitting_.stand(before);
@@ -120,7 +125,8 @@ private:
 /// Compositions of the waves' exact flow and that of what is left of S: WaveSplitting.
 class SplittingMethod final : public LatticeMethod {
 public:
-  explicit SplittingMethod(const Composition& composition) : composition_(composition) {}
+  SplittingMethod(const Composition& composition, Placement placement)
+      : composition_(composition), placement_(placement) {}
 
   [[nodiscard]] int order() const override { return composition_.order; }
   [[nodiscard]] bool has_bridges() const override { return false; }
@@ -131,19 +137,33 @@ public:
   }
   [[nodiscard]] InitialLevel first_level(const MultisymplecticSystem& system, const grids::Grid& grid,
                                          const InitialFields& given) const override {
-    return prepare_initial_level(system, grid, given, Placement::nodes);
+    InitialLevel first = prepare_initial_level(system, grid, given, Placement::nodes);
+    if (placement_ == Placement::corners) {  // what follows from the others follows by differences
+      WaveSplitting splitting(system, grid, placement_);
+      grids::FieldSet all(system.field_count(), grid.size());
+      splitting.stand(first.level);
+      if (splitting.step(composition_, 0.0)) {
+        splitting.fields(all);
+      }
+      for (int f = 0; f < system.field_count(); ++f) {
+        if (system.structure().algebraic[static_cast<std::size_t>(f)]) {
+          std::ranges::copy(std::as_const(all).field(f), first.level.fields.field(f).begin());
+        }
+      }
+    }
+    return first;
   }
   [[nodiscard]] std::unique_ptr<LatticeScheme> scheme(const MultisymplecticSystem& system, const grids::Grid& grid,
                                                       LatticeLevel first, double) const override {
-    return std::make_unique<SplittingLattice>(system, grid, composition_, std::move(first));
+    return std::make_unique<SplittingLattice>(system, grid, composition_, std::move(first), placement_);
   }
   [[nodiscard]] std::unique_ptr<LawEngine> laws(LawTables tables) const override {
-    auto stages = std::make_shared<SplittingStages>(tables.system, tables.grid, composition_);
-    return make_stage_laws(std::move(tables), std::move(stages));
+    auto stages = std::make_shared<SplittingStages>(tables.system, tables.grid, composition_, placement_);
+    return make_stage_laws(std::move(tables), std::move(stages), placement_);
   }
   [[nodiscard]] std::unique_ptr<StepEquation> equation(const MultisymplecticSystem& system, const grids::Grid& grid,
                                                        const LatticeLevel&, double) const override {
-    return std::make_unique<SplittingEquation>(system, grid, composition_);
+    return std::make_unique<SplittingEquation>(system, grid, composition_, placement_);
   }
   [[nodiscard]] std::unique_ptr<TangentStep> tangents(const MultisymplecticSystem&, const grids::Grid&) const override {
     return nullptr;
@@ -151,6 +171,7 @@ public:
 
 private:
   const Composition& composition_;
+  Placement placement_;
 };
 
 }  // namespace
@@ -159,8 +180,10 @@ LatticeMethodEntry splitting_method() {
   return {.name = "splitting",
           .summary = "waves exactly, the rest node by node, composed; explicit",
           .has_compositions = true,
+          .has_space = true,
           .make = [](const LatticeMethodChoice& choice) -> std::unique_ptr<LatticeMethod> {
-            return std::make_unique<SplittingMethod>(composition(choice.composition));
+            return std::make_unique<SplittingMethod>(composition(choice.composition),
+                                                     choice.space == "fourier" ? Placement::nodes : Placement::corners);
           }};
 }
 

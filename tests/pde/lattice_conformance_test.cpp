@@ -42,6 +42,9 @@ std::vector<Choice> all_choices() {
         choices.push_back({.name = name, .composition = std::string(one.name)});
       }
     }
+    if (entry.has_space) {
+      choices.push_back({.name = name, .composition = "blanes-moan-4", .space = "differences"});
+    }
   }
   std::vector<Choice> all;
   for (const LatticeMethodChoice& choice : choices) {
@@ -54,7 +57,7 @@ std::vector<Choice> all_choices() {
 
 std::string told(const Choice& choice) {
   return choice.scheme.name + ", stages " + std::to_string(choice.scheme.stages) + ", " + choice.scheme.composition +
-         (choice.medium ? ", a medium that varies" : "");
+         ", " + choice.scheme.space + (choice.medium ? ", a medium that varies" : "");
 }
 
 /// sine-Gordon, or a wave equation with a coefficient and a force that vary along the line.

@@ -102,6 +102,7 @@ TEST_CASE("an ODE problem with one thing wrong is refused at that place", "[stud
           {"until = 10", "until = 10\nlagrangian = \"splitting\"\ncomposition = \"verlet\"\nbridge = \"anchored\"",
            "16:1", "composition = \"verlet\" is not"},
           {"until = 10", "until = 10\nstages = 2", "14:1", "applies to lagrangian = \"gauss\""},
+          {"until = 10", "until = 10\nlagrangian = \"splitting\"\nspace = \"differences\"", "15:1", "is an orbit"},
           {"until = 10", "until = 10\ncomposition = \"verlet\"", "14:1", "applies to lagrangian = \"splitting\""},
           {"until = 10", "until = 10\nlagrangian = \"splitting\"\ncomposition = \"verlett\"", "15:16",
            "did you mean \"verlet\"?"},
@@ -179,6 +180,8 @@ TEST_CASE("a lattice problem with one thing wrong is refused at that place", "[s
           {"\"box\"", "\"box\"\nstages = 2", "23:1", "applies to lagrangian = \"fourier\""},
           {"\"box\"", "\"fourier\"\nstages = 2\nbridge = \"anchored\"", "24:1", "has no bridges"},
           {"\"box\"", "\"fourier\"\ncomposition = \"golden\"", "23:1", "applies to"},
+          {"\"box\"", "\"fourier\"\nspace = \"differences\"", "23:1", "space applies to lattices"},
+          {"\"box\"", "\"splitting\"\nspace = \"difference\"", "23:9", "\"differences\""},
       });
 }
 

@@ -121,6 +121,7 @@ TEST_CASE("check reproduces splittings on lattices", "[study][lattice]") {
   const Folder folder;
   for (const char* name : {"sine-gordon", "nls"}) {
     check_reproduces(name, "splitting", folder / "lattice.h5", {"scheme.composition=blanes-moan-4"});
+    check_reproduces(name, "splitting", folder / "lattice.h5", {"scheme.space=differences"});
   }
   CHECK_THROWS_WITH(run_problem("kdv", folder / "kdv.h5", {"scheme.lagrangian=splitting"}),
                     Catch::Contains("--set scheme.lagrangian") && Catch::Contains("splitting needs"));
