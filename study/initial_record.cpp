@@ -8,6 +8,8 @@
 
 #include <rubato/grids/resample.hpp>
 #include <rubato/record/reader.hpp>
+#include <rubato/study/initial_table.hpp>
+#include <rubato/study/keys.hpp>
 #include <rubato/study/reader.hpp>
 #include <rubato/study/stored.hpp>
 
@@ -101,7 +103,8 @@ void take_orbit(const Section& root, Value::Table& initial, const Value::Table& 
 /// The fields that a problem gives itself: the others follow from its constraints.
 std::vector<std::string> given_fields(const MultisymplecticProblem& pde) {
   std::vector<std::string> names;
-  for (std::size_t f = 0; f < pde.fields.size(); ++f) {
+  const std::size_t own = pde.fields.size() - (pde.driven ? 2 : 0);  // time and minus_work begin anew
+  for (std::size_t f = 0; f < own; ++f) {
     if (pde.initial[f] || (pde.initial_record && std::ranges::find(pde.initial_record->take, pde.fields[f]) !=
                                                      pde.initial_record->take.end())) {
       names.push_back(pde.fields[f]);
@@ -110,17 +113,54 @@ std::vector<std::string> given_fields(const MultisymplecticProblem& pde) {
   return names;
 }
 
+/// What the columns of a table give: of a lattice the names of fields, of an orbit the numbers of its one row.
+void resolve_table(const std::string& file, bool lattice, Value::Table& initial, const Location& location) {
+  const InitialTable table = read_table(file, location);
+  if (const Entry* at = find(initial, "at")) {
+    throw ProblemError(at->location, "at is a time of a record; a table has one state, and t says when it is");
+  }
+  if (lattice) {
+    Value::Array names;
+    for (const std::string& name : table.names) {
+      const bool is_place = std::ranges::find(axis_letters, name) != axis_letters.end();
+      if (!is_place && find(initial, name) == nullptr) {
+        names.push_back({name, location});
+      }
+    }
+    put(initial, "at", {0.0, {}}, location);
+    put(initial, "take", {std::move(names), {}}, location);
+    return;
+  }
+  if (table.lines.size() != 1) {
+    throw ProblemError(location,
+                       fmt::format("from: {} has {} rows; the start of an orbit is one", file, table.lines.size()));
+  }
+  std::erase_if(initial, [](const Entry& entry) { return entry.key == "from"; });
+  for (std::size_t i = 0; i < table.names.size(); ++i) {
+    if (find(initial, table.names[i]) == nullptr) {
+      put(initial, table.names[i], {table.columns[i].front(), {}}, location);
+    }
+  }
+}
+
 }  // namespace
 
 bool resolve_initial_record(Value& root) {
   Entry* section = find(*root.table(), "initial");
   Value::Table* initial = section == nullptr ? nullptr : section->value.table();
   Entry* from = initial == nullptr ? nullptr : find(*initial, "from");
-  if (from == nullptr || find(*initial, "take") != nullptr) {
+  if (from == nullptr) {
     return false;
   }
   const Location location = from->value.location;
   const std::string file = read_string(from->value, "from");
+  if (find(*initial, "take") != nullptr) {
+    const bool is_new_table = is_table(file) && find(*initial, "at") == nullptr;
+    if (is_new_table) {
+      put(*initial, "at", {0.0, {}}, location);
+    }
+    return is_new_table;
+  }
   const Entry* at = find(*initial, "at");
   const std::optional<double> time = at == nullptr ? std::nullopt : std::optional(read_number(at->value, "at", {}));
   const Location time_location = at == nullptr ? location : at->value.location;
@@ -129,6 +169,10 @@ bool resolve_initial_record(Value& root) {
   const bool lattice = find(*root.table(), "multisymplectic") != nullptr;
   if (!lattice && (orbit == nullptr || orbit->value.table() == nullptr)) {
     throw ProblemError(location, "from is for [hamiltonian], [lagrangian] and [multisymplectic] problems");
+  }
+  if (is_table(file)) {
+    resolve_table(file, lattice, *initial, location);
+    return true;
   }
   at_source(location, [&] {
     const record::Reader reader(file);
@@ -160,6 +204,14 @@ bool resolve_initial_record(Value& root) {
 }
 
 std::vector<std::vector<double>> read_initial_fields(const InitialRecord& source, const grids::Grid& grid) {
+  if (is_table(source.file) && !source.own_start) {
+    const InitialTable table = read_table(source.file, source.location);
+    std::vector<std::vector<double>> fields;
+    for (const std::string& name : source.take) {
+      fields.push_back(field_of_table(table, source.file, name, grid, source.location));
+    }
+    return fields;
+  }
   return at_source(source.location, [&] {
     const record::Reader reader(source.file);
     const StoredState state = source.own_start ? StoredState{} : find_state(reader, source.at, source.location);

@@ -139,7 +139,9 @@ std::vector<KeyEntry> make_keys() {
 
       {"initial", "t", "number", "0", "The time of the start."},
       {"initial", "from", "text", none,
-       "A record: what is not given here is taken from one of its states, and its time is that of the start."},
+       "A record: what is not given here is taken from one of its states, and its time is that of the start. Or a "
+       "table, "
+       "NAME.csv: a line of names, then rows of numbers; on a lattice one for each node, with x, y, z where it is."},
       {"initial", "at", "number", "the last", "Of from: the stored level nearest to this time."},
       {"initial", "take", "list of names", "those that it was given itself",
        "Of from, on a lattice: the fields that are taken, by waves where the number of cells differs."},

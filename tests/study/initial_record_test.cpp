@@ -2,7 +2,9 @@
 
 #include <catch2/catch.hpp>
 
+#include <cmath>
 #include <filesystem>
+#include <fstream>
 #include <string>
 #include <vector>
 
@@ -142,4 +144,85 @@ TEST_CASE("a start from a record that cannot be is refused with the reason, and 
   CHECK_THROWS_WITH(run(parse_problem(beginning(lattice, from), "t.toml", std::vector<std::string>{"scheme.until=2"}),
                         {.output = old, .overwrite = true}),
                     Contains("would replace the record that it begins from"));
+}
+
+namespace {
+
+void write_file(const std::string& file, const std::string& text) {
+  std::ofstream(file) << text;
+}
+
+/// u and v of the breather's start at the nodes of a grid of `cells`, rows backwards, as a table with places.
+std::string table_of(int cells) {
+  std::string text = "# of another program\n\"x\", u ,v\r\n";
+  for (int i = cells - 1; i >= 0; --i) {
+    const double x = -20.0 + 40.0 * i / cells;
+    text += fmt::format("{:.8g},{:.17g},+{:.17g}\r\n", x, 0.0, 2.0 * std::sqrt(3.0) / std::cosh(std::sqrt(0.75) * x));
+  }
+  return text;
+}
+
+}  // namespace
+
+TEST_CASE("a start may be read from a table") {
+  const Folder folder;
+  const std::string table = folder / "start.csv";
+  const std::string from = fmt::format("from = \"{}\"\n", table);
+
+  write_file(table, "q,p\n0.25,1.5\n");
+  const Problem orbit = parse_problem(beginning(pendulum, from), "t.toml");
+  CHECK(orbit.hamiltonian()->initial.q.front() == 0.25);
+  CHECK(orbit.hamiltonian()->initial.p.front() == 1.5);
+
+  REQUIRE(run_text(lattice, folder / "formulas.h5").status == ExitStatus::done);
+  const record::Reader formulas(folder / "formulas.h5");
+  const std::size_t last = formulas.rows("/states/t") - 1;
+  const std::vector<double> expected = formulas.read("/states/u", last, 1);
+  // 101 cells are those of the problem; 128 are interpolated. e^-17 of the breather is left at the ends, and places are
+  // written with 8 digits.
+  for (const int cells : {101, 128}) {
+    write_file(table, table_of(cells));
+    const std::string file = folder / fmt::format("table{}.h5", cells);
+    REQUIRE(run_text(beginning(lattice, from), file).status == ExitStatus::done);
+    std::filesystem::remove(table);
+    const std::vector<double> found = record::Reader(file).read("/states/u", last, 1);
+    double largest = 0.0;
+    for (std::size_t i = 0; i < found.size(); ++i) {
+      largest = std::max(largest, std::abs(found[i] - expected[i]));
+    }
+    CHECK(largest < 1e-6);
+    CHECK(check(file).status == ExitStatus::done);  // the record does not need the table
+  }
+  std::string values = "u,v\n";
+  for (int i = 0; i < 101; ++i) {
+    values += fmt::format("0,{}\n", i);
+  }
+  write_file(table, values);
+  REQUIRE(run_text(beginning(lattice, from), folder / "plain.h5").status == ExitStatus::done);
+  CHECK(record::Reader(folder / "plain.h5").read("/states/v", 0, 1)[7] == 7.0);
+}
+
+TEST_CASE("a table that does not do is refused with the place in it") {
+  const Folder folder;
+  const std::string table = folder / "start.csv";
+  const std::string from = fmt::format("from = \"{}\"\n", table);
+  const auto refused = [&](const std::string& text, bool is_lattice = true) {
+    write_file(table, text);
+    return refusal(beginning(is_lattice ? lattice : pendulum, from));
+  };
+  CHECK_THAT(refusal(beginning(lattice, "from = \"no.csv\"\n")), Contains("no.csv cannot be read"));
+  CHECK_THAT(refused("u,v\n1,two\n"), Contains("start.csv:2:3: \"two\" is not a finite number"));
+  CHECK_THAT(refused("u,v\n1,2,3\n"), Contains("start.csv:2:1: 3 values, and the first line names 2 columns"));
+  CHECK_THAT(refused("u,u\n1,2\n"), Contains("start.csv:1:3: the column u is there twice"));
+  CHECK_THAT(refused("u,2nd\n1,2\n"), Contains("\"2nd\" is no name"));
+  CHECK_THAT(refused("u,v\n"), Contains("no row of numbers"));
+  CHECK_THAT(refused("u,v\n1,inf\n"), Contains("not a finite number"));
+  CHECK_THAT(refused("u,v\n1,2\n"), Contains("1 rows, and the grid 101 nodes"));
+  CHECK_THAT(refused("u,v,height\n1,2,3\n"), Contains("there is no field height here"));
+  CHECK_THAT(refused("x,u,v\n0,1,2\n0,1,2\n0,1,2\n"), Contains("1 places along x"));
+  CHECK_THAT(refused("x,u,v\n-20,1,2\n0,1,2\n10,1,2\n"), Contains("start.csv:3: x = 0 is not one of the 3 nodes"));
+  CHECK_THAT(refused("x,u,v\n-20,1,2\n-20,1,2\n0,1,2\n10,1,2\n"),
+             Contains("has 4 rows, and its places make a grid of 3"));
+  CHECK_THAT(refused("q,p\n1,2\n3,4\n", false), Contains("has 2 rows; the start of an orbit is one"));
+  CHECK_THAT(refused("q,pp\n1,2\n", false), Contains("pp"));
 }
