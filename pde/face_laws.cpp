@@ -43,15 +43,15 @@ struct FaceOperators : LawTables {
   FaceGather gather;
   std::vector<std::unique_ptr<Workspace>> workspaces;
   grids::FieldSet middle, rate;
-  grids::FieldSet current, sum_at_nodes;                ///< of each law, at nodes only
-  std::unique_ptr<NodeDerivative> nodal;                ///< at nodes only
-  std::vector<grids::FieldSet> derivatives;             ///< along each axis, of the fields in use
-  std::vector<grids::FieldSet> following;               ///< with one-sided differences: the next nodes' values
-  std::vector<std::vector<Spread>> sizes;               ///< [law][block]: of residuals
-  std::vector<std::vector<double>> sums;                ///< [law][block]: of densities
-  std::shared_ptr<StageSource> stages;                  ///< null: the laws of a step are taken at its middle
-  PlacedCoordinates at_cells;                           ///< in their middles; or at the nodes
-  std::array<std::vector<PlacedCoordinates>, 2> faces;  ///< [upper][axis]: on the faces normal to an axis
+  grids::FieldSet current, sum_at_nodes;                       ///< of each law, at nodes only
+  std::unique_ptr<NodeDerivative> nodal;                       ///< at nodes only
+  std::vector<grids::FieldSet> derivatives;                    ///< along each axis, of the fields in use
+  std::vector<grids::FieldSet> following;                      ///< with one-sided differences: the next nodes' values
+  std::vector<std::vector<Spread>> sizes;                      ///< [law][block]: of residuals
+  std::vector<std::vector<double>> sums;                       ///< [law][block]: of densities
+  std::shared_ptr<StageSource> stages;                         ///< null: the laws of a step are taken at its middle
+  PlacedCoordinates at_cells;                                  ///< in their middles; or at the nodes
+  std::array<std::vector<PlacedCoordinates>, 2> placed_faces;  ///< [upper][axis]: on the faces normal to an axis
 
   FaceOperators(LawTables tables, Placement placement)
       : LawTables(std::move(tables)), blocks(grid), gather(grid), middle(d, grid.size()), rate(d, grid.size()) {
@@ -79,13 +79,13 @@ struct FaceOperators : LawTables {
       for (int a = 0; a < grid.dimensions(); ++a) {
         std::array<Within, 3> place{Within::centre, Within::centre, Within::centre};
         place[static_cast<std::size_t>(a)] = upper ? Within::next : Within::node;
-        faces[upper ? 1 : 0].emplace_back(system, grid, place);
+        placed_faces[upper ? 1 : 0].emplace_back(system, grid, place);
       }
     }
   }
   /// The coordinates on the faces normal to `mu`.
   [[nodiscard]] const PlacedCoordinates& places(int mu, bool upper) const {
-    const auto& along = faces[upper ? 1 : 0];
+    const auto& along = placed_faces[upper ? 1 : 0];
     return mu == time || along.empty() ? at_cells : along[static_cast<std::size_t>(mu) - 1];
   }
 

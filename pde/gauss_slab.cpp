@@ -62,8 +62,8 @@ GaussSlab::GaussSlab(const MultisymplecticSystem& system, const grids::Grid& gri
       m_(stages),
       d_(system.field_count()),
       at_midpoints_(system.structure().at_midpoints()),
-      places_(system, grid, Within::node),
       linear_(Eigen::VectorXd::Zero(d_)),
+      places_(system, grid, Within::node),
       fourier_F_(grid, 1),
       fourier_all_(grid, d_) {
   all_.resize(static_cast<std::size_t>(d_));
