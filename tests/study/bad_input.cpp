@@ -181,7 +181,7 @@ TEST_CASE("a lattice problem with one thing wrong is refused at that place", "[s
           {"\"box\"", "\"fourier\"\nstages = 2\nbridge = \"anchored\"", "24:1", "has no bridges"},
           {"\"box\"", "\"fourier\"\ncomposition = \"golden\"", "23:1", "applies to"},
           {"\"box\"", "\"fourier\"\nspace = \"differences\"", "23:1", "space applies to lattices"},
-          {"\"box\"", "\"splitting\"\nspace = \"difference\"", "23:9", "\"differences\""},
+          {"\"box\"", "\"splitting\"\nspace = \"difference\"", "23:10", "\"differences\""},
       });
 }
 

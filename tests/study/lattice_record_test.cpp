@@ -27,7 +27,7 @@ std::vector<std::string> shortened(const std::string& name, const std::string& l
   const Problem problem = read_problem(name);
   const auto& axes = problem.multisymplectic()->axes;
   std::vector<std::string> settings = {
-      "scheme.lagrangian=" + lagrangian,
+      "scheme.lagrangian=" + lagrangian, "output.every=1",
       fmt::format("scheme.until={:.17g}", problem.start() + 6.0 * problem.scheme.step.value())};
   if (lagrangian == "euler-box") {
     settings.emplace_back("scheme.levels=fixed");

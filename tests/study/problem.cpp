@@ -245,7 +245,8 @@ TEST_CASE("every problem of the catalogue is complete, and its effective text re
     const Problem problem = read_problem(name);
     CHECK(problem.name == name);
     CHECK(problem.title != name);
-    const Problem rewritten = read_problem(name, std::vector<std::string>{"output.every=1"});
+    const Problem rewritten =
+        read_problem(name, std::vector<std::string>{fmt::format("output.every={}", problem.output.every)});
     CHECK(same(problem, rewritten));
     CHECK(same(rewritten, parse_problem(rewritten.text, name)));
   }
