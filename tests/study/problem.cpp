@@ -2,6 +2,8 @@
 #include <catch2/catch.hpp>
 #include <cmath>
 
+#include <fmt/format.h>
+
 #include <rubato/catalogue/catalogue.hpp>
 #include <rubato/formula/bytecode.hpp>
 #include <rubato/study/document.hpp>
