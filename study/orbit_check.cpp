@@ -317,14 +317,32 @@ private:
     }
   }
 
+  /// A step that cannot be solved from nothing is approached from one of half the length, in ever smaller increments:
+  /// the trials of a level begin where those before ended.
+  [[nodiscard]] bool solve_from_nothing(double h) {
+    constexpr int finest = 16;
+    if (map_->advance(h, 0.0) == Status::success) {
+      return true;
+    }
+    for (int parts = 1; parts <= finest; parts *= 2) {
+      bool solved = true;
+      for (int part = 0; part <= parts && solved; ++part) {
+        const double share = 0.5 + 0.5 * static_cast<double>(part) / static_cast<double>(parts);
+        solved = map_->advance(share * h, 0.0) == Status::success;
+      }
+      if (solved) {
+        return true;
+      }
+    }
+    return false;
+  }
+
   /// E_k, and after it ψ_h(z_0): the step of a one-step map taken again, with no past to begin it from; not numbers
   /// where it cannot be taken.
   [[nodiscard]] std::vector<double> map_step(std::span<const double> z_0, double h) {
     std::vector<double> result(1 + 2 * n_, std::numeric_limits<double>::quiet_NaN());
     map_->restart(z_0);
-    // Where it cannot be solved from nothing, from a step of half the length.
-    if (map_->advance(h, 0.0) == Status::success ||
-        (map_->advance(0.5 * h, 0.0) == Status::success && map_->advance(h, 0.0) == Status::success)) {
+    if (solve_from_nothing(h)) {
       result[0] = map_->discrete_energy();
       map_->accept();
       std::ranges::copy(map_->state(), result.begin() + 1);

@@ -213,3 +213,39 @@ TEST_CASE("order chooses the splitting") {
   run_problem("henon-heiles", golden, with(base, {"scheme.composition=golden"}));
   CHECK(different_datasets(plain, golden) == Names{});
 }
+
+TEST_CASE("check takes steps again that are too long to be solved from nothing") {
+  // Two coupled pendula with eight stages and steps as long as an oscillation: the run solves them because each begins
+  // where the one before ended.
+  const Problem problem = parse_problem(R"toml(
+[hamiltonian]
+q = ["x", "y"]
+p = ["u", "v"]
+H = "0.7667*u^2 + 1.07*v^2 - 1.54*cos(x) - 1.948*cos(y) - 0.6873*cos(y - x)"
+[initial]
+x = -0.04732
+y = 0.8838
+u = -0.4391
+v = -0.4242
+[scheme]
+lagrangian = "gauss"
+stages = 8
+step_potential = "none"
+step = -0.5668
+until = -66
+on_singular = "fixed"
+[output]
+every = 3
+)toml",
+                                        "pendula.toml");
+  const Folder folder;
+  const std::string file = folder / "pendula.h5";
+  const Outcome ran = run(problem, {.output = file});
+  REQUIRE(ran.status == ExitStatus::done);
+  CHECK(ran.statistics.h.min < -2.0);
+  const Outcome checked = check(file);
+  CHECK(checked.status == ExitStatus::done);
+  CHECK(checked.disagreements.empty());
+  falsify(file, "/states/q", 41, 1e-7);
+  CHECK(check(file).status == ExitStatus::contradiction);
+}
