@@ -18,6 +18,7 @@ public:
   explicit CornerLaws(LawTables tables)
       : tables_(std::move(tables)),
         S_(tables_.system.value_code()),
+        source_(tables_.system.source_code()),
         places_(tables_.system, tables_.grid, Within::node),
         sources_(static_cast<int>(places_.count()), tables_.grid.size()),
         form_(1, tables_.grid.size()),
@@ -178,7 +179,7 @@ private:
       return;
     }
     double* const outputs[] = {out.data()};
-    S_(out.size(), places_.after(z.pointers()), outputs);
+    S_(out.size(), places_.after(z.pointers(), inputs_), outputs);
     for (int other = 0; other < tables_.directions; ++other) {
       if (other != nu) {
         subtract_product(other, other, z, h, -1.0, out);
@@ -191,8 +192,7 @@ private:
     if (places_.count() == 0) {
       return;
     }
-    formula::BatchEvaluator evaluate(tables_.system.source_code());
-    evaluate(tables_.grid.size(), places_.after(z.pointers()), sources_.pointers());
+    source_(tables_.grid.size(), places_.after(z.pointers(), inputs_), sources_.pointers());
     for (std::size_t c = 0; c < places_.count(); ++c) {
       const auto law = sum.field(1 + tables_.system.coordinates()[c]);
       combine(1.0, law, -1.0, std::as_const(sources_).field(static_cast<int>(c)), law);
@@ -224,8 +224,9 @@ private:
   }
 
   LawTables tables_;
-  formula::BatchEvaluator S_;
+  formula::BatchEvaluator S_, source_;
   PlacedCoordinates places_;
+  std::vector<const double*> inputs_;  ///< the fields, then the coordinates
   grids::FieldSet sources_;
   std::vector<grids::FieldSet> differences_;  ///< δ_μ⁺z of the level in use
   grids::FieldSet form_, scratch_;

@@ -53,7 +53,6 @@ EulerBoxMap::EulerBoxMap(const MultisymplecticSystem& system, const grids::Grid&
       row_(1, grid.size()),
       scratch_(row_),
       places_(system, grid, Within::node),
-      inputs_(system.variables().size()),
       evaluate_(system.hessian_code()) {
   if (system.directions() != grid.dimensions()) {
     throw std::invalid_argument(
@@ -228,9 +227,7 @@ int EulerBoxMap::varying_entry(int row, int field) const {
 }
 
 void EulerBoxMap::evaluate(const grids::FieldSet& fields) {
-  std::ranges::copy(fields.pointers(), inputs_.begin());
-  places_.put(0, std::span(inputs_).subspan(fields.pointers().size()));
-  evaluate_(grid_.size(), inputs_, outputs_.pointers());
+  evaluate_(grid_.size(), places_.after(fields.pointers(), inputs_), outputs_.pointers());
   ++evaluations_;
 }
 

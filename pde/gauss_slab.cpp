@@ -134,13 +134,6 @@ void GaussSlab::find_varying_fields() {
   if (F_.empty() && !system_.coordinates().empty()) {
     F_.push_back(0);  // S has a term of the coordinates alone
   }
-  inputs_.resize(F_.size() + places_.count());
-}
-
-std::span<const double* const> GaussSlab::with_places(std::span<const double* const> fields) {
-  std::ranges::copy(fields, inputs_.begin());
-  places_.put(0, std::span(inputs_).subspan(fields.size()));
-  return inputs_;
 }
 
 /// L: the constant entries of S'', and of the others their means, where these are finite.
@@ -252,7 +245,8 @@ void GaussSlab::begin_at_level() {
   if (F_.empty()) {
     return;
   }
-  rest_gradient_(grid_.size(), with_places(std::as_const(level_F_).pointers()), rest_grid_.pointers().first(F_.size()));
+  rest_gradient_(grid_.size(), places_.after(std::as_const(level_F_).pointers(), inputs_),
+                 rest_grid_.pointers().first(F_.size()));
   std::vector<const double*> rows;
   for (std::size_t f = 0; f < F_.size(); ++f) {
     rows.push_back(std::as_const(rest_grid_).field(static_cast<int>(f)).data());
@@ -400,7 +394,7 @@ bool GaussSlab::evaluate_rests() {
       in[f] = std::as_const(point_).field(row).data();
       out[f] = rest_grid_.field(row).data();
     }
-    rest_gradient_(grid_.size(), with_places(std::span(in).first(n)), std::span(out).first(n));
+    rest_gradient_(grid_.size(), places_.after(std::span(in).first(n), inputs_), std::span(out).first(n));
   }
   if (!std::isfinite(grids::max_abs(std::as_const(rest_grid_).all()))) {
     return false;
@@ -579,7 +573,7 @@ double GaussSlab::rest_energy(std::span<const double* const> fields) {
     return 0.0;
   }
   double* const out[] = {work_.field(0).data()};
-  rest_value_(grid_.size(), with_places(fields), out);
+  rest_value_(grid_.size(), places_.after(fields, inputs_), out);
   return grid_.cell_volume() * grids::sum(std::as_const(work_).field(0));
 }
 

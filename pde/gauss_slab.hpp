@@ -93,8 +93,6 @@ private:
   void end_rows();
   [[nodiscard]] double wave_energy(const WaveRows& rows, int stride, int offset) const;
   [[nodiscard]] double rest_energy(std::span<const double* const> fields);
-  /// Pointers to the varying fields, with the coordinates after them; valid until the next call.
-  [[nodiscard]] std::span<const double* const> with_places(std::span<const double* const> fields);
   [[nodiscard]] int varying(int f, int i) const { return f * m_ + i; }
 
   MultisymplecticSystem system_;

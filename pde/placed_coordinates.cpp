@@ -29,7 +29,14 @@ PlacedCoordinates::PlacedCoordinates(const MultisymplecticSystem& system, const 
 }
 
 std::vector<const double*> PlacedCoordinates::after(std::span<const double* const> fields) const {
-  std::vector<const double*> inputs(fields.begin(), fields.end());
+  std::vector<const double*> inputs;
+  static_cast<void>(after(fields, inputs));
+  return inputs;
+}
+
+std::span<const double* const> PlacedCoordinates::after(std::span<const double* const> fields,
+                                                        std::vector<const double*>& inputs) const {
+  inputs.assign(fields.begin(), fields.end());
   inputs.resize(fields.size() + count());
   put(0, std::span(inputs).subspan(fields.size()));
   return inputs;

@@ -34,8 +34,11 @@ public:
       inputs[c] = values_.field(static_cast<int>(c)).data() + begin;
     }
   }
-  /// Pointers to fields, all cells of them, with the coordinates appended.
+  /// Pointers to fields, all cells of them, with the coordinates appended; into `inputs`, which keeps its memory.
+  ///@{
   [[nodiscard]] std::vector<const double*> after(std::span<const double* const> fields) const;
+  std::span<const double* const> after(std::span<const double* const> fields, std::vector<const double*>& inputs) const;
+  ///@}
   [[nodiscard]] double value(std::size_t coordinate, std::size_t cell) const {
     return values_.field(static_cast<int>(coordinate))[cell];
   }
