@@ -16,6 +16,7 @@
 
 #include "problem_texts.hpp"
 #include "records.hpp"
+#include "told_along.hpp"
 
 using namespace rubato::study;
 using namespace rubato::study_tests;
@@ -24,51 +25,11 @@ using rubato::record::Reader;
 
 namespace {
 
-using Settings = std::vector<std::string>;
-
-Settings with(Settings settings, const Settings& more) {
-  settings.insert(settings.end(), more.begin(), more.end());
-  return settings;
-}
-
-bool sound(const std::string& file, bool replay = false) {
-  const Outcome outcome = check(file, {.replay = replay});
-  INFO(outcome.message);
-  CHECK(outcome.status == ExitStatus::done);
-  return outcome.status == ExitStatus::done;
-}
-
 const Settings orbit = {"scheme.until=20", "events.apsis=x*u+y*v", "events.near=x^2+y^2<1",
                         R"(section={crossing="y", direction="up", quantities=["x", "u", "t"]})"};
 const Settings lattice = {"grid.x.cells=51", "scheme.until=8",
                           R"x(events.peak={crossing="v", at={x=0}, quantities=["integral(v^2/2)", "t"]})x",
                           R"x(events.half={crossing="integral(v^2/2)-3", direction="down"})x"};
-
-void check_resumes(const std::string& name, const Settings& settings, const std::vector<double>& moments, double end) {
-  INFO(name);
-  const Folder folder;
-  run_problem(name, folder / "whole.h5", with(settings, {"scheme.until=" + std::to_string(end)}));
-  CHECK(sound(folder / "whole.h5", true));
-  for (const double moment : moments) {
-    const std::string file = folder / ("stopped" + std::to_string(moment) + ".h5");
-    run_problem(name, file, with(settings, {"scheme.until=" + std::to_string(moment)}));
-    CHECK(resume(file, end, {.threads = 1}).status == ExitStatus::done);
-    CHECK(different_datasets(file, folder / "whole.h5") == Names{});
-  }
-}
-
-/// What is said of a problem that is refused: nothing is then written.
-std::string refusal(const std::string& name, const Settings& settings) {
-  const Folder folder;
-  const std::string file = folder / "refused.h5";
-  try {
-    static_cast<void>(run(read_problem(name, settings), {.output = file, .threads = 1}));
-  } catch (const ProblemError& error) {
-    CHECK_FALSE(std::filesystem::exists(file));
-    return error.what();
-  }
-  return {};
-}
 
 }  // namespace
 

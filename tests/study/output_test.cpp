@@ -14,26 +14,13 @@
 
 #include "problem_texts.hpp"
 #include "records.hpp"
+#include "told_along.hpp"
 
 using namespace rubato::study;
 using namespace rubato::study_tests;
 using rubato::record::Reader;
 
 namespace {
-
-using Settings = std::vector<std::string>;
-
-Settings with(Settings settings, const Settings& more) {
-  settings.insert(settings.end(), more.begin(), more.end());
-  return settings;
-}
-
-bool sound(const std::string& file, bool replay = false) {
-  const Outcome outcome = check(file, {.replay = replay});
-  INFO(outcome.message);
-  CHECK(outcome.status == ExitStatus::done);
-  return outcome.status == ExitStatus::done;
-}
 
 const Settings orbit = {"scheme.until=3", "output.interval=0.13",
                         "output.quantities.energy=(u^2+v^2)/2-1/sqrt(x^2+y^2)", "output.quantities.late=t*x"};
@@ -43,31 +30,6 @@ const Settings lattice = {"grid.x.cells=51",
                           "output.quantities.charge=integral(w)/(2*pi)",
                           "output.quantities.bump=u^2+dx(u)*x",
                           R"(output.quantities.probe={formula="u+t", at={x=3.3}})"};
-
-void check_resumes(const std::string& name, const Settings& settings, const std::vector<double>& moments, double end) {
-  INFO(name);
-  const Folder folder;
-  run_problem(name, folder / "whole.h5", with(settings, {"scheme.until=" + std::to_string(end)}));
-  CHECK(sound(folder / "whole.h5", true));
-  for (const double moment : moments) {
-    const std::string file = folder / ("stopped" + std::to_string(moment) + ".h5");
-    run_problem(name, file, with(settings, {"scheme.until=" + std::to_string(moment)}));
-    CHECK(resume(file, end, {.threads = 1}).status == ExitStatus::done);
-    CHECK(different_datasets(file, folder / "whole.h5") == Names{});
-  }
-}
-
-std::string complaint(const std::string& name, const Settings& settings) {
-  const Folder folder;
-  const std::string file = folder / "refused.h5";
-  try {
-    static_cast<void>(run(read_problem(name, settings), {.output = file, .threads = 1}));
-  } catch (const ProblemError& error) {
-    CHECK_FALSE(std::filesystem::exists(file));
-    return error.what();
-  }
-  return {};
-}
 
 }  // namespace
 
@@ -198,8 +160,8 @@ TEST_CASE("a record whose output was changed is found out", "[study]") {
 }
 
 TEST_CASE("output times and quantities are refused with a remedy", "[study]") {
-  const auto kepler = [](const char* setting) { return complaint("kepler", {"scheme.until=2", setting}); };
-  const auto wave = [](const char* setting) { return complaint("sine-gordon", {"grid.x.cells=51", setting}); };
+  const auto kepler = [](const char* setting) { return refusal("kepler", {"scheme.until=2", setting}); };
+  const auto wave = [](const char* setting) { return refusal("sine-gordon", {"grid.x.cells=51", setting}); };
   CHECK_THAT(kepler("output.times=[]"), Catch::Contains("there is no time in it"));
   CHECK_THAT(kepler("output.times=1"), Catch::Contains("expected an array"));
   CHECK_THAT(kepler("output.times=[0.5, 0.5]"), Catch::Contains("each once"));
@@ -211,7 +173,7 @@ TEST_CASE("output times and quantities are refused with a remedy", "[study]") {
   CHECK_THAT(kepler("output.interval=0"), Catch::Contains("has to be positive"));
   CHECK_THAT(kepler("output.interval=-0.1"), Catch::Contains("has to be positive"));
   CHECK_THAT(kepler("output.interval=1e-300"), Catch::Contains("lost in rounding"));
-  CHECK_THAT(complaint("kepler", {"output.interval=0.1", "output.times=[0.1]"}), Catch::Contains("leave one of them"));
+  CHECK_THAT(refusal("kepler", {"output.interval=0.1", "output.times=[0.1]"}), Catch::Contains("leave one of them"));
   CHECK_THAT(kepler("output.states=1"), Catch::Contains("true or false"));
   CHECK_THAT(kepler("output.quantities=1"), Catch::Contains("a table, [output.quantities]"));
   CHECK_THAT(kepler("output.quantities.t=x"), Catch::Contains("records have something else"));
@@ -227,7 +189,7 @@ TEST_CASE("output times and quantities are refused with a remedy", "[study]") {
   CHECK_THAT(wave(R"(output.quantities.r={formula="u", at={}})"), Catch::Contains("x is missing"));
   CHECK_THAT(wave(R"(output.quantities.r={formula="u", at=3})"), Catch::Contains("{ x = 3.5 }"));
   CHECK_THAT(wave("output.quantities.x=u"), Catch::Contains("records have something else"));
-  CHECK_THAT(complaint("kdv", {"grid.x.cells=51", "output.quantities.r=w"}), Catch::Contains("middle of steps"));
-  CHECK_THAT(complaint("kdv", {"grid.x.cells=51", "output.quantities.r=integral(dx(w))"}),
+  CHECK_THAT(refusal("kdv", {"grid.x.cells=51", "output.quantities.r=w"}), Catch::Contains("middle of steps"));
+  CHECK_THAT(refusal("kdv", {"grid.x.cells=51", "output.quantities.r=integral(dx(w))"}),
              Catch::Contains("middle of steps"));
 }
