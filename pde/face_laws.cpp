@@ -43,7 +43,7 @@ struct FaceOperators : LawTables {
   FaceGather gather;
   std::vector<std::unique_ptr<Workspace>> workspaces;
   grids::FieldSet middle, rate;
-  grids::FieldSet current, sum_at_nodes;                       ///< of each law, at nodes only
+  grids::FieldSet current, sum_at_nodes;                       ///< of each law, at nodes or over stages
   std::unique_ptr<NodeDerivative> nodal;                       ///< at nodes only
   std::vector<grids::FieldSet> derivatives;                    ///< along each axis, of the fields in use
   std::vector<grids::FieldSet> following;                      ///< with one-sided differences: the next nodes' values
@@ -279,6 +279,53 @@ struct FaceOperators : LawTables {
     }
   }
 
+  /// In cells: sum += (J_t of the level after - before)/h, with μ = t, or weight · (Σ_a D_aJ_a - the sources) at
+  /// `middle` with the rates `rate`.
+  void add_differences(Workspace& work, std::size_t line, std::size_t begin, std::size_t count, bool in_time,
+                       double weight, double h, const LatticeLevel& before, const LatticeLevel& after,
+                       std::span<double* const> sum) const {
+    for (int mu = in_time ? 0 : 1; mu < (in_time ? 1 : directions); ++mu) {
+      const double inverse = weight / spacing(mu, h);
+      for (const bool upper : {false, true}) {
+        prepare_currents(work, line, begin, count, mu, upper, before, after);
+        const double factor = upper ? inverse : -inverse;
+        for (std::size_t l = 0; l < names.size(); ++l) {
+          for (std::size_t c = 0; c < count; ++c) {
+            sum[l][c] += factor * work.faces.currents[l][c];
+          }
+        }
+      }
+    }
+    if (!in_time) {
+      subtract_sources(work, line, begin, count, weight, sum);
+    }
+  }
+
+  /// Residuals in the cells with fluxes over the stages of a step, into sum[law].
+  void residuals_over_stages(const LatticeLevel& before, const LatticeLevel& after, double h, grids::FieldSet& sum) {
+    sum.fill(0.0);
+    const auto add = [&](bool in_time, double weight) {
+      for_each_block_of_cells(
+          [&](std::size_t, std::size_t line, std::size_t begin, std::size_t count, Workspace& work) {
+            std::vector<double*> out(names.size());
+            for (std::size_t l = 0; l < names.size(); ++l) {
+              out[l] = sum.pointers()[l] + line * blocks.line + begin;
+            }
+            add_differences(work, line, begin, count, in_time, weight, h, before, after, out);
+          });
+    };
+    add(true, 1.0);
+    const Status status = stages->take(before, after, h);
+    for (int i = 0; i < stages->count(); ++i) {
+      if (status == Status::success) {
+        stages->stage(i, middle, rate);
+      } else {
+        middle.fill(std::numeric_limits<double>::quiet_NaN());
+      }
+      add(false, stages->weight(i));
+    }
+  }
+
   void prepare_currents(Workspace& work, std::size_t line, std::size_t begin, std::size_t count, int mu, bool upper,
                         const LatticeLevel& before, const LatticeLevel& after) const {
     const grids::FieldSet& values = mu != time ? middle : upper ? after.fields : before.fields;
@@ -421,12 +468,16 @@ std::vector<Spread> FaceLaws::residuals(const LatticeLevel& before, const Lattic
   s.make_middle(before.fields, after.fields, h);
   const std::size_t laws = s.names.size();
   std::vector<Spread> sizes;
-  if (s.nodal != nullptr) {
+  if (s.nodal != nullptr || s.stages != nullptr) {
     grids::FieldSet& sum = s.sum_at_nodes;
     if (sum.fields() == 0) {
       sum = grids::FieldSet(static_cast<int>(laws), s.grid.size());
     }
-    s.residuals_at_nodes(before, after, h, sum);
+    if (s.nodal != nullptr) {
+      s.residuals_at_nodes(before, after, h, sum);
+    } else {
+      s.residuals_over_stages(before, after, h, sum);
+    }
     for (std::size_t l = 0; l < laws; ++l) {
       const auto values = std::as_const(sum).field(static_cast<int>(l));
       sizes.push_back(grids::magnitudes(values));
@@ -439,23 +490,12 @@ std::vector<Spread> FaceLaws::residuals(const LatticeLevel& before, const Lattic
   s.for_each_block_of_cells(
       [&](std::size_t block, std::size_t line, std::size_t begin, std::size_t count, Workspace& work) {
         std::vector<double> sum(laws * block_size, 0.0);
-        for (int mu = 0; mu < s.directions; ++mu) {
-          const double inverse = 1.0 / s.spacing(mu, h);
-          for (const bool upper : {false, true}) {
-            s.prepare_currents(work, line, begin, count, mu, upper, before, after);
-            const double factor = upper ? inverse : -inverse;
-            for (std::size_t l = 0; l < laws; ++l) {
-              for (std::size_t c = 0; c < count; ++c) {
-                sum[l * block_size + c] += factor * work.faces.currents[l][c];
-              }
-            }
-          }
+        std::vector<double*> out(laws);
+        for (std::size_t l = 0; l < laws; ++l) {
+          out[l] = &sum[l * block_size];
         }
-        std::array<double*, 4> of_places{};
-        for (int nu = 0; nu < s.directions; ++nu) {
-          of_places[static_cast<std::size_t>(nu)] = &sum[static_cast<std::size_t>(nu) * block_size];
-        }
-        s.subtract_sources(work, line, begin, count, 1.0, of_places);
+        s.add_differences(work, line, begin, count, true, 1.0, h, before, after, out);
+        s.add_differences(work, line, begin, count, false, 1.0, h, before, after, out);
         for (std::size_t l = 0; l < laws; ++l) {
           s.measure(l, block, &sum[l * block_size], count);
           if (!residuals.empty()) {

@@ -26,13 +26,18 @@ constexpr double loosest = 1e-13;
 constexpr double longest_continuation = 3.0;
 constexpr std::uint64_t nowhere = std::numeric_limits<std::uint64_t>::max();
 
+Placement placement_of(SpaceRule space) {
+  return space.spectral() ? Placement::nodes : Placement::cells;
+}
+
 class GaussLattice final : public FamilyLattice {
 public:
-  GaussLattice(const MultisymplecticSystem& system, const grids::Grid& grid, int stages, LatticeLevel first)
-      : FamilyLattice(system, grid, std::move(first)),
+  GaussLattice(const MultisymplecticSystem& system, const grids::Grid& grid, int stages, LatticeLevel first,
+               SpaceRule space)
+      : FamilyLattice(system, grid, std::move(first), placement_of(space)),
         low_(system.field_count(), grid.size()),
         delta_(low_),
-        slab_(std::make_shared<GaussSlab>(system, grid, stages, level_)),
+        slab_(std::make_shared<GaussSlab>(system, grid, stages, level_, space)),
         largest_(static_cast<std::size_t>(system.field_count()), 0.0),
         stages_(stages),
         last_rests_(slab_->rests()) {}
@@ -133,8 +138,11 @@ private:
 /// The step taken again, and what the level that is there differs from where it leads, in units of a rate.
 class GaussEquation final : public FamilyEquation {
 public:
-  GaussEquation(const MultisymplecticSystem& system, const grids::Grid& grid, int stages, const LatticeLevel& first)
-      : FamilyEquation(system, grid), slab_(system, grid, stages, first), delta_(system.field_count(), grid.size()) {}
+  GaussEquation(const MultisymplecticSystem& system, const grids::Grid& grid, int stages, const LatticeLevel& first,
+                SpaceRule space)
+      : FamilyEquation(system, grid, placement_of(space)),
+        slab_(system, grid, stages, first, space),
+        delta_(system.field_count(), grid.size()) {}
 
   [[nodiscard]] StepLaw measure(const LatticeLevel& before, const LatticeLevel& after, double h) override {
     StepLaw law = unknown();
@@ -165,17 +173,17 @@ private:
 }  // namespace
 
 std::unique_ptr<LatticeScheme> make_gauss_lattice(const MultisymplecticSystem& system, const grids::Grid& grid,
-                                                  int stages, LatticeLevel first) {
+                                                  int stages, LatticeLevel first, SpaceRule space) {
   if (system.directions() != grid.dimensions()) {
     throw std::invalid_argument(
         fmt::format("the system has {} space direction(s), the grid {}", system.directions(), grid.dimensions()));
   }
-  return std::make_unique<GaussLattice>(system, grid, stages, std::move(first));
+  return std::make_unique<GaussLattice>(system, grid, stages, std::move(first), space);
 }
 
 std::unique_ptr<StepEquation> make_gauss_equation(const MultisymplecticSystem& system, const grids::Grid& grid,
-                                                  int stages, const LatticeLevel& first) {
-  return std::make_unique<GaussEquation>(system, grid, stages, first);
+                                                  int stages, const LatticeLevel& first, SpaceRule space) {
+  return std::make_unique<GaussEquation>(system, grid, stages, first, space);
 }
 
 }  // namespace rubato

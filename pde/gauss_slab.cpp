@@ -55,7 +55,7 @@ double lagrange(const Eigen::VectorXd& c, Eigen::Index j, double x) {
 }  // namespace
 
 GaussSlab::GaussSlab(const MultisymplecticSystem& system, const grids::Grid& grid, int stages,
-                     const LatticeLevel& first)
+                     const LatticeLevel& first, SpaceRule space)
     : system_(system),
       grid_(grid),
       tableau_(stages),
@@ -63,7 +63,8 @@ GaussSlab::GaussSlab(const MultisymplecticSystem& system, const grids::Grid& gri
       d_(system.field_count()),
       at_midpoints_(system.structure().at_midpoints()),
       linear_(Eigen::VectorXd::Zero(d_)),
-      places_(system, grid, Within::node),
+      space_(grid, space),
+      places_(space_.places(system, grid)),
       fourier_F_(grid, 1),
       fourier_all_(grid, d_) {
   all_.resize(static_cast<std::size_t>(d_));
@@ -71,7 +72,11 @@ GaussSlab::GaussSlab(const MultisymplecticSystem& system, const grids::Grid& gri
   find_varying_fields();
   set_mean(first);
   compile();
-  find_symbols();
+  for (int a = 0; a < grid.dimensions(); ++a) {
+    K_.push_back(terms_of(system_.K(a)));
+    K_plus_.push_back(terms_of(system_.structure().K_plus[static_cast<std::size_t>(a)]));
+  }
+  parseval_ = parseval_weights(fourier_all_, grid_);
 
   a_inverse_ = solve::quotient(tableau_.a, Eigen::MatrixXd::Identity(m_, m_)).value();
   const auto eigenvalues = tableau_.inverse_eigenvalues();
@@ -161,19 +166,6 @@ void GaussSlab::compile() {
   }
 }
 
-void GaussSlab::find_symbols() {
-  const std::size_t waves = fourier_all_.modes();
-  for (int a = 0; a < grid_.dimensions(); ++a) {
-    auto& numbers = wave_numbers_.emplace_back(waves);
-    for (std::size_t w = 0; w < waves; ++w) {
-      numbers[w] = grids::derivative_symbol(fourier_all_.wave(w)[static_cast<std::size_t>(a)], grid_.axis(a)).imag();
-    }
-    K_.push_back(terms_of(system_.K(a)));
-    K_plus_.push_back(terms_of(system_.structure().K_plus[static_cast<std::size_t>(a)]));
-  }
-  parseval_ = parseval_weights(fourier_all_, grid_);
-}
-
 void GaussSlab::add_slopes(const PotentialSlopes& slopes) {
   const bool any = std::ranges::any_of(slopes.of_field, [](const auto& of) {
     return std::ranges::any_of(of, [](double slope) { return slope != 0.0; });
@@ -189,14 +181,19 @@ void GaussSlab::add_slopes(const PotentialSlopes& slopes) {
       work_.field(f)[i] = slopes.at(f, i / line);
     }
   }
-  from_grid(std::as_const(work_).pointers(), fourier_all_, slopes_);
+  from_grid(std::as_const(work_).pointers(), fourier_all_, slopes_);  // those of lines of points
 }
 
 void GaussSlab::stand(const grids::FieldSet& high, const grids::FieldSet* low, const PotentialSlopes& slopes) {
   ++stamp_;
   solved_ = complete_ = end_known_ = false;
   copy_level(high, at_midpoints_, high_);
-  for (std::size_t f = 0; f < F_.size(); ++f) {
+  from_grid(std::as_const(high_).pointers(), fourier_all_, level_);
+  space_.from_nodes(level_);
+  if (!space_.spectral() && !F_.empty()) {
+    to_grid(level_, F_, fourier_F_, level_F_.pointers());  // what rounding leaves there is as much as `low` is
+  }
+  for (std::size_t f = 0; space_.spectral() && f < F_.size(); ++f) {
     const int field = F_[f];
     std::ranges::copy(std::as_const(high_).field(field), level_F_.field(static_cast<int>(f)).begin());
     const auto rest = low_F_.field(static_cast<int>(f));
@@ -209,7 +206,6 @@ void GaussSlab::stand(const grids::FieldSet& high, const grids::FieldSet* low, c
   if (stamp_ == 1) {
     add_slopes(slopes);  // no step changes them
   }
-  from_grid(std::as_const(high_).pointers(), fourier_all_, level_);
   // b = (L - Σ ik_a K_a) ẑ - K_x slope + the linear terms of S.
   base_.re.fill(0.0);
   base_.im.fill(0.0);
@@ -225,7 +221,7 @@ void GaussSlab::stand(const grids::FieldSet& high, const grids::FieldSet* low, c
         double* re = base_.re.pointers()[static_cast<std::size_t>(term.row)];
         double* im = base_.im.pointers()[static_cast<std::size_t>(term.row)];
         for (std::size_t w = begin; w < end; ++w) {
-          const double k = term.value * wave_numbers_[a][w];
+          const double k = term.value * space_.derivatives()[a][w];
           re[w] += k * level_.im.field(term.column)[w];
           im[w] -= k * level_.re.field(term.column)[w];
         }
@@ -291,7 +287,7 @@ bool GaussSlab::prepare(double h) {
     radius_ = size;
   }
   if (is_far || !resolvent_) {
-    resolvent_.emplace(system_, grid_, L_, radius_);
+    resolvent_.emplace(system_, space_.derivatives(), L_, radius_);
     h_ = 0.0;
   }
   return resolvent_->status() == Status::success;
@@ -537,7 +533,7 @@ double GaussSlab::wave_energy(const WaveRows& rows, int stride, int offset) cons
         }
       }
       for (std::size_t a = 0; a < K_plus_.size(); ++a) {
-        const double* k = wave_numbers_[a].data() + first;
+        const double* k = space_.derivatives()[a].data() + first;
         for (const MatrixTerm& term : K_plus_[a]) {
           load(term.row, left);
           load(term.column, right);
@@ -637,7 +633,12 @@ double GaussSlab::energy_at_end() {
 
 void GaussSlab::increment(grids::FieldSet& delta) {
   end_rows();
-  to_grid(end_, all_, fourier_all_, delta.pointers());
+  if (!space_.spectral()) {
+    std::ranges::copy(std::as_const(end_.re).all(), scratch_.re.all().begin());
+    std::ranges::copy(std::as_const(end_.im).all(), scratch_.im.all().begin());
+    space_.to_nodes(scratch_);
+  }
+  to_grid(space_.spectral() ? end_ : scratch_, all_, fourier_all_, delta.pointers());
   for (int f = 0; f < d_; ++f) {
     if (at_midpoints_[static_cast<std::size_t>(f)]) {
       for (double& value : delta.field(f)) {
@@ -668,6 +669,7 @@ void GaussSlab::stage(int stage, grids::FieldSet& z, grids::FieldSet& rate) {
     std::ranges::copy(std::as_const(Y_.re).field(f * m_ + stage), rows.re.field(f).begin());
     std::ranges::copy(std::as_const(Y_.im).field(f * m_ + stage), rows.im.field(f).begin());
   }
+  space_.to_nodes(rows);
   to_grid(rows, all_, fourier_all_, z.pointers());
   for (int f = 0; f < d_; ++f) {
     const auto high = std::as_const(high_).field(f);
@@ -685,6 +687,7 @@ void GaussSlab::stage(int stage, grids::FieldSet& z, grids::FieldSet& rate) {
           rows.im.field(f).data());
     }
   }
+  space_.to_nodes(rows);
   to_grid(rows, all_, fourier_all_, rate.pointers());
 }
 
@@ -695,6 +698,39 @@ void GaussSlab::restore(StateReader& state) {
   state.read(radius_);
   resolvent_.reset();
   solved_ = false;
+}
+
+namespace {
+
+/// Made at the first step, which tells the mean of S''.
+class GaussStages final : public StageSource {
+public:
+  GaussStages(const MultisymplecticSystem& system, const grids::Grid& grid, int stages, SpaceRule space)
+      : system_(system), grid_(grid), tableau_(stages), space_(space) {}
+
+  [[nodiscard]] Status take(const LatticeLevel& before, const LatticeLevel& after, double h) override {
+    if (!slab_) {
+      slab_.emplace(system_, grid_, tableau_.stages, before, space_);
+    }
+    return slab_->take(before, after, h);
+  }
+  [[nodiscard]] int count() const override { return tableau_.stages; }
+  [[nodiscard]] double weight(int stage) const override { return tableau_.b[stage]; }
+  void stage(int stage, grids::FieldSet& z, grids::FieldSet& rate) override { slab_.value().stage(stage, z, rate); }
+
+private:
+  MultisymplecticSystem system_;
+  grids::Grid grid_;
+  GaussTableau tableau_;
+  SpaceRule space_;
+  std::optional<GaussSlab> slab_;
+};
+
+}  // namespace
+
+std::shared_ptr<StageSource> make_gauss_stages(const MultisymplecticSystem& system, const grids::Grid& grid, int stages,
+                                               SpaceRule space) {
+  return std::make_shared<GaussStages>(system, grid, stages, space);
 }
 
 }  // namespace rubato

@@ -18,17 +18,19 @@
 #include <rubato/pde/matrix_terms.hpp>
 #include <rubato/pde/multisymplectic_system.hpp>
 #include <rubato/pde/placed_coordinates.hpp>
+#include <rubato/pde/space_collocation.hpp>
 #include <rubato/pde/stage_source.hpp>
 #include <rubato/pde/wave_resolvent.hpp>
 #include <rubato/variation/gauss_tableau.hpp>
 
 namespace rubato {
 
-/// One step of Gauss collocation in time with spectral derivatives in space (theory, sections 8.1 and 8.3): with the
-/// stages Z_i = z_k + Y_i, Y_i = h Σ_j a_ij Ż_j,
+/// One step of Gauss collocation in time (theory, sections 8.1 and 8.3), and in space spectral or collocated, too
+/// (SpaceCollocation): with the stages Z_i = z_k + Y_i, Y_i = h Σ_j a_ij Ż_j,
 ///
-///     M Ż_i + Σ_a K_a ∂_a Z_i = ∇S(Z_i)  at every node,      E_k = Σ_i b_i Σ ΔV [S(Z_i) + Σ_a (∂_a Z_i)ᵀK₊Z_i].
+///     M Ż_i + Σ_a K_a ∂_a Z_i = ∇S(Z_i)  at every point,      E_k = Σ_i b_i Σ ΔV [S(Z_i) + Σ_a (∂_a Z_i)ᵀK₊Z_i].
 ///
+/// Levels and stages are given and told at the nodes; within, rows of waves are of the values at the points.
 /// A field in ker M has stage values alone, and so have constraints: they hold at the stages. S is taken apart into a
 /// quadratic part with constant coefficients L (where S'' varies, its mean at the first level counts) and the rest N,
 /// a function of the fields F that S'' varies with. Then
@@ -40,8 +42,10 @@ namespace rubato {
 /// stage, whatever the number of fields.
 class GaussSlab final : public StageSource {
 public:
-  /// `first`: a level of the run, for the mean of S''. \throws std::invalid_argument if stages are not 1 … 8
-  GaussSlab(const MultisymplecticSystem& system, const grids::Grid& grid, int stages, const LatticeLevel& first);
+  /// `first`: a level of the run, for the mean of S''. \throws std::invalid_argument if stages are not 1 … 8, or as
+  /// SpaceCollocation
+  GaussSlab(const MultisymplecticSystem& system, const grids::Grid& grid, int stages, const LatticeLevel& first,
+            SpaceRule space = {});
 
   /// The level z = high + low that steps are taken from; fields at midpoints count as 0. `low` may be null.
   void stand(const grids::FieldSet& high, const grids::FieldSet* low, const PotentialSlopes& slopes);
@@ -78,7 +82,6 @@ private:
   void find_varying_fields();
   void set_mean(const LatticeLevel& first);
   void compile();
-  void find_symbols();
   void add_slopes(const PotentialSlopes& slopes);
   [[nodiscard]] bool prepare(double h);
   void invert(double h);
@@ -106,8 +109,8 @@ private:
   MatrixTerms L_terms_;
   std::vector<MatrixTerms> K_, K_plus_;  ///< per axis
   formula::BatchEvaluator rest_gradient_, rest_value_;
+  SpaceCollocation space_;
   PlacedCoordinates places_;
-  std::vector<std::vector<double>> wave_numbers_;  ///< k_a on each wave, 0 where ∂_a gives 0
   std::vector<double> parseval_;
 
   Eigen::VectorXcd eigenvalues_;  ///< of A⁻¹ = V Λ V⁻¹
@@ -123,7 +126,7 @@ private:
   grids::FieldSet high_;     ///< the level
   grids::FieldSet level_F_;  ///< its varying fields, and what they have beyond double precision
   grids::FieldSet low_F_;
-  WaveRows level_;   ///< ẑ_k
+  WaveRows level_;   ///< ẑ_k, as all rows at the points
   WaveRows slopes_;  ///< of potentials, in their own rows; none if there are none
   WaveRows base_;    ///< b of P Y = b + N'
 
@@ -139,5 +142,9 @@ private:
   bool solved_ = false, complete_ = false, end_known_ = false;
   int iterations_ = 0;
 };
+
+/// Stages solved anew, for laws that no run shares its own with.
+[[nodiscard]] std::shared_ptr<StageSource> make_gauss_stages(const MultisymplecticSystem& system,
+                                                             const grids::Grid& grid, int stages, SpaceRule space = {});
 
 }  // namespace rubato

@@ -6,6 +6,8 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <rubato/variation/gauss_tableau.hpp>
+
 namespace rubato {
 
 #define RUBATO_LATTICE_METHOD(name) [[nodiscard]] LatticeMethodEntry name##_method();
@@ -43,6 +45,10 @@ std::unique_ptr<LatticeMethod> make_lattice_method(const LatticeMethodChoice& ch
   const LatticeMethodEntry& entry = lattice_method_entry(choice.name);
   if (choice.stages != 1 && !entry.has_stages) {
     throw std::invalid_argument(fmt::format("stages = {}: {} has one stage", choice.stages, entry.name));
+  }
+  if (choice.stages < 1 || choice.stages > GaussTableau::most_stages) {
+    throw std::invalid_argument(fmt::format("stages = {}: Gauss collocation is made for 1 to {} stages", choice.stages,
+                                            GaussTableau::most_stages));
   }
   if (std::ranges::find(space_words, choice.space) == space_words.end() ||
       (choice.space != space_words.front() && !entry.has_space)) {

@@ -5,6 +5,7 @@
 
 #include <rubato/pde/initial_level.hpp>
 #include <rubato/pde/multisymplectic_system.hpp>
+#include <rubato/pde/space_collocation.hpp>
 #include <rubato/pde/stage_source.hpp>
 #include <rubato/variation/level_scheme.hpp>
 
@@ -64,13 +65,14 @@ public:
                                                                  const grids::Grid& grid, LatticeLevel first,
                                                                  double first_step);
 
-/// The same in space with Gauss collocation of order 2·stages in time (GaussSlab; theory, section 8.3): E_k is the
-/// Hamiltonian that generates the family of maps in h. No node law in closed form, so that where the level equation has
-/// no solution a step potential has to help. \throws std::invalid_argument if the dimensions of grid and system differ,
-/// stages are not 1 … 8, or S is not finite at the first level
+/// Gauss collocation of order 2·stages in time (GaussSlab; theory, section 8.3), in space as the Fourier scheme or,
+/// with a Gauss rule, as the box: E_k is the Hamiltonian that generates the family of maps in h. No node law in closed
+/// form, so that where the level equation has no solution a step potential has to help. \throws std::invalid_argument
+/// if the dimensions of grid and system differ, stages are not 1 … 8, S is not finite at the first level, or as
+/// SpaceCollocation
 [[nodiscard]] std::unique_ptr<LatticeScheme> make_gauss_lattice(const MultisymplecticSystem& system,
                                                                 const grids::Grid& grid, int stages,
-                                                                LatticeLevel first);
+                                                                LatticeLevel first, SpaceRule space = {});
 
 /// The Euler box scheme (theory, section 5), explicit: with M = M₊ - M₊ᵀ, K_a = K₊ - K₊ᵀ,
 ///

@@ -4,6 +4,7 @@
 
 #include <rubato/base/spread.hpp>
 #include <rubato/pde/initial_level.hpp>
+#include <rubato/pde/space_collocation.hpp>
 #include <rubato/variation/level_scheme.hpp>
 
 namespace rubato {
@@ -39,6 +40,6 @@ public:
 /// leads, divided by h.
 [[nodiscard]] std::unique_ptr<StepEquation> make_gauss_equation(const MultisymplecticSystem& system,
                                                                 const grids::Grid& grid, int stages,
-                                                                const LatticeLevel& first);
+                                                                const LatticeLevel& first, SpaceRule space = {});
 
 }  // namespace rubato

@@ -23,27 +23,25 @@ constexpr double singular = 1e-13;
 /// The part Σ ik_a K_a - L of a wave.
 class Symbols {
 public:
-  Symbols(const MultisymplecticSystem& system, const grids::Grid& grid, const MatrixXd& L)
-      : grid_(grid), fourier_(grid, 1), L_(L.cast<Complex>()) {
-    for (int a = 0; a < grid.dimensions(); ++a) {
+  Symbols(const MultisymplecticSystem& system, std::span<const std::vector<double>> numbers, const MatrixXd& L)
+      : numbers_(numbers), L_(L.cast<Complex>()) {
+    for (int a = 0; a < system.directions(); ++a) {
       K_.push_back(system.K(a).cast<Complex>());
     }
   }
-  [[nodiscard]] std::size_t waves() const { return fourier_.modes(); }
+  [[nodiscard]] std::size_t waves() const { return numbers_.front().size(); }
   /// Σ ik_a K_a.
   [[nodiscard]] MatrixXcd derivatives(std::size_t wave) const {
-    const auto k = fourier_.wave(wave);
     MatrixXcd sum = MatrixXcd::Zero(L_.rows(), L_.cols());
-    for (int a = 0; a < grid_.dimensions(); ++a) {
-      sum += grids::derivative_symbol(k[static_cast<std::size_t>(a)], grid_.axis(a)) * K_[static_cast<std::size_t>(a)];
+    for (std::size_t a = 0; a < K_.size(); ++a) {
+      sum += Complex(0.0, numbers_[a][wave]) * K_[a];
     }
     return sum;
   }
   [[nodiscard]] const MatrixXcd& L() const { return L_; }
 
 private:
-  const grids::Grid& grid_;
-  grids::Fourier fourier_;
+  std::span<const std::vector<double>> numbers_;
   std::vector<MatrixXcd> K_;
   MatrixXcd L_;
 };
@@ -56,10 +54,10 @@ struct Border {
 
 }  // namespace
 
-WaveResolvent::WaveResolvent(const MultisymplecticSystem& system, const grids::Grid& grid, const MatrixXd& L,
-                             double radius)
+WaveResolvent::WaveResolvent(const MultisymplecticSystem& system, std::span<const std::vector<double>> numbers,
+                             const MatrixXd& L, double radius)
     : fields_(system.field_count()), radius_(radius) {
-  const Symbols symbols(system, grid, L);
+  const Symbols symbols(system, numbers, L);
   waves_ = symbols.waves();
   const MatrixXcd M = system.M().cast<Complex>();
   degree_ = static_cast<int>(rank(M));  // even, so that the number of points is odd

@@ -8,7 +8,6 @@
 #include <Eigen/Core>
 
 #include <rubato/base/outcome.hpp>
-#include <rubato/grids/grid.hpp>
 #include <rubato/pde/multisymplectic_system.hpp>
 #include <rubato/pde/wave_rows.hpp>
 
@@ -27,9 +26,11 @@ namespace rubato {
 /// side off the range of P counts as its projection.
 class WaveResolvent {
 public:
+  /// \param derivatives k_a of each wave, an array for each axis
   /// \param L symmetric, the part of S'' that is the same everywhere
   /// \param radius about |μ|, where the polynomials are to be good: within a factor of `reach`
-  WaveResolvent(const MultisymplecticSystem& system, const grids::Grid& grid, const Eigen::MatrixXd& L, double radius);
+  WaveResolvent(const MultisymplecticSystem& system, std::span<const std::vector<double>> derivatives,
+                const Eigen::MatrixXd& L, double radius);
   static constexpr double reach = 8.0;
 
   [[nodiscard]] std::size_t waves() const { return waves_; }

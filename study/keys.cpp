@@ -178,7 +178,7 @@ std::vector<KeyEntry> make_keys() {
       {"scheme.step_potential", "p", "number greater than the order", required, "How suddenly it is felt."},
       {"scheme", "order", "integer", "required by generating",
        "The order of a generating function; with splitting 2, 4, 6 or 8, for the best splitting of that order."},
-      {"scheme", "stages", "integer from 1 to 8", "required by gauss and lobatto; 1 for fourier",
+      {"scheme", "stages", "integer from 1 to 8", "required by gauss and lobatto; 1 for box and fourier",
        "The stages of Gauss collocation in time, of order 2*stages; or Lobatto's points, 2 to 9, of order 2*stages - "
        "2."},
       {"scheme", "composition", "word", scheme.composition,

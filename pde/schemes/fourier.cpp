@@ -1,51 +1,19 @@
 #include <memory>
 #include <optional>
-#include <stdexcept>
 #include <utility>
-
-#include <fmt/format.h>
 
 #include <rubato/pde/gauss_slab.hpp>
 #include <rubato/pde/lattice_actions.hpp>
 #include <rubato/pde/lattice_method.hpp>
-#include <rubato/variation/gauss_tableau.hpp>
 
 namespace rubato {
 
 namespace {
 
-/// Stages solved anew, for laws that no run shares its own with: made at the first step, which tells the mean of S''.
-class GaussStages final : public StageSource {
-public:
-  GaussStages(const MultisymplecticSystem& system, const grids::Grid& grid, int stages)
-      : system_(system), grid_(grid), tableau_(stages) {}
-
-  [[nodiscard]] Status take(const LatticeLevel& before, const LatticeLevel& after, double h) override {
-    if (!slab_) {
-      slab_.emplace(system_, grid_, tableau_.stages, before);
-    }
-    return slab_->take(before, after, h);
-  }
-  [[nodiscard]] int count() const override { return tableau_.stages; }
-  [[nodiscard]] double weight(int stage) const override { return tableau_.b[stage]; }
-  void stage(int stage, grids::FieldSet& z, grids::FieldSet& rate) override { slab_.value().stage(stage, z, rate); }
-
-private:
-  MultisymplecticSystem system_;
-  grids::Grid grid_;
-  GaussTableau tableau_;
-  std::optional<GaussSlab> slab_;
-};
-
 /// One stage is the midpoint rule, with Newton's method and a node law; more are Gauss collocation.
 class FourierMethod final : public LatticeMethod {
 public:
-  explicit FourierMethod(int stages) : stages_(stages) {
-    if (stages < 1 || stages > GaussTableau::most_stages) {
-      throw std::invalid_argument(
-          fmt::format("stages = {}: Gauss collocation is made for 1 to {} stages", stages, GaussTableau::most_stages));
-    }
-  }
+  explicit FourierMethod(int stages) : stages_(stages) {}
 
   [[nodiscard]] int order() const override { return 2 * stages_; }
   [[nodiscard]] bool has_bridges() const override { return stages_ == 1; }
@@ -66,7 +34,7 @@ public:
     if (stages_ == 1) {
       return make_face_laws(std::move(tables), Placement::nodes);
     }
-    auto stages = std::make_shared<GaussStages>(tables.system, tables.grid, stages_);
+    auto stages = make_gauss_stages(tables.system, tables.grid, stages_);
     return make_stage_laws(std::move(tables), std::move(stages));
   }
   [[nodiscard]] std::unique_ptr<StepEquation> equation(const MultisymplecticSystem& system, const grids::Grid& grid,

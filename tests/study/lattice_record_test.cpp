@@ -114,6 +114,7 @@ TEST_CASE("check reproduces runs with Gauss collocation", "[study][lattice]") {
   const Folder folder;
   for (const char* name : {"sine-gordon", "kdv", "boussinesq"}) {
     check_reproduces(name, "fourier", folder / "lattice.h5", {"scheme.stages=3"});
+    check_reproduces(name, "box", folder / "lattice.h5", {"scheme.stages=2"});
   }
 }
 

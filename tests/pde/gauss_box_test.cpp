@@ -1,0 +1,191 @@
+// Gauss collocation in time on the cells of the box: against the box scheme, by slopes, and by its own laws.
+
+#include <cmath>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include <catch2/catch.hpp>
+
+#include <rubato/grids/reductions.hpp>
+#include <rubato/pde/cell_sweep.hpp>
+#include <rubato/pde/gauss_slab.hpp>
+#include <rubato/pde/lattice.hpp>
+
+#include "humps.hpp"
+
+using namespace rubato;
+using namespace rubato::tests;
+
+namespace {
+
+constexpr SpaceRule cells{.stages = 1};
+
+/// sine-Gordon from a hump that is smooth beyond its period, at rest, on 16.
+InitialFields smooth_hump(const grids::Grid& grid) {
+  InitialFields initial(3);
+  initial[0] = sampled(grid, [](double x) { return 2 * std::exp(2 * std::cos(2 * M_PI * x / 16) - 2); });
+  initial[1] = sampled(grid, [](double x) { return 0.5 * std::exp(2 * std::cos(2 * M_PI * (x - 1) / 16) - 2); });
+  return initial;
+}
+
+}  // namespace
+
+TEST_CASE("one Gauss stage on cells is the box scheme") {
+  // Two programs that share no line of the step: block elimination in the cells, and the fixed point on every wave,
+  // whose sawtooths rounding enters 45 times enlarged.
+  for (const Example& example : examples(true)) {
+    INFO(example.name);
+    const LatticeLevel first = first_level(example, Placement::cells);
+    const double h = 0.02;
+    const auto box = make_box_scheme(example.system, example.grid, first, h);
+    const auto gauss = make_gauss_lattice(example.system, example.grid, 1, first, cells);
+    const auto two = make_gauss_lattice(example.system, example.grid, 2, first, cells);
+    const auto spectral = make_gauss_lattice(example.system, example.grid, 1, first);
+    for (LatticeScheme* scheme : {box.get(), gauss.get(), two.get(), spectral.get()}) {
+      REQUIRE(scheme->advance(h, 0.0) == Status::success);
+    }
+    const double energy = box->discrete_energy();
+    CHECK(std::abs(gauss->discrete_energy() - energy) < 1e-12 * std::max(1.0, std::abs(energy)));
+    const auto expected = after(*box, h, 3);
+    CHECK(largest_difference(after(*gauss, h, 3).all(), expected.all()) < 1e-11);
+    // The twins: two stages are another map, by terms of order h³; so are other derivatives, by terms of order Δx².
+    CHECK(largest_difference(after(*two, h, 3).all(), expected.all()) > 1e-9);
+    CHECK(largest_difference(after(*spectral, h, 3).all(), expected.all()) > 1e-5);
+  }
+}
+
+TEST_CASE("the stages of Gauss collocation on cells solve the equation in every cell, and are what the energy sums") {
+  // As for the spectral lattice; derivatives in cells enlarge what rounding leaves of sawtooths by 2/Δx ~ 6.
+  for (const Example& example : examples(true)) {
+    INFO(example.name);
+    const LatticeLevel first = first_level(example, Placement::cells);
+    GaussSlab slab(example.system, example.grid, 3, first, cells);
+    REQUIRE(slab.take(first, first, 0.05) == Status::success);
+    CellSweep sweep(example.system, example.grid);
+    grids::FieldSet z = first.fields, rate = z, residual = z;
+    double energy = 0.0;
+    for (int i = 0; i < slab.count(); ++i) {
+      slab.stage(i, z, rate);
+      energy += slab.weight(i) * sweep(std::as_const(z).pointers(), first.slopes, std::as_const(rate).pointers(), 1.0,
+                                       residual.pointers(), {})
+                                     .energy;
+      CHECK(grids::max_abs(std::as_const(residual).all()) < 1e-11);
+      sweep(std::as_const(z).pointers(), first.slopes, std::as_const(rate).pointers(), 1.01, residual.pointers(), {});
+      CHECK(grids::max_abs(std::as_const(residual).all()) > 1e-5);  // the twin: other rates
+    }
+    CHECK(slab.energy() == Approx(energy).epsilon(1e-12).margin(1e-12));
+    slab.stage(0, z, rate);
+    if (example.name == "sine-Gordon") {  // the twin: one stage alone
+      CHECK(std::abs(sweep(std::as_const(z).pointers(), first.slopes, {}, 0.0, {}, {}).energy - energy) > 1e-10);
+    }
+  }
+}
+
+TEST_CASE("Gauss collocation on cells is of order 2m in the step and of order two in the cells") {
+  const auto system = sine_gordon();
+  // At the nodes that the coarsest grid has, against the spectral lattice.
+  const auto on = [&](std::size_t n, const std::string& scheme, int stages, double h) {
+    const grids::Grid grid({{"x", -8, 8, n}});
+    LatticeIntegrator lattice(
+        system, grid, smooth_hump(grid),
+        {.lagrangian = scheme, .stages = stages, .step = h, .until = 1.6, .levels = Levels::fixed});
+    while (!lattice.finished()) {
+      REQUIRE(lattice.step().status == Status::success);
+    }
+    std::vector<double> u;
+    for (std::size_t i = 0; i < 45; ++i) {
+      u.push_back(lattice.field(0)[i * (n / 45)]);
+    }
+    return u;
+  };
+  const auto slope = [](const std::vector<std::vector<double>>& u, const std::vector<double>& exact, std::size_t i) {
+    return std::pair(largest_difference(u[i], exact), largest_difference(u[i + 1], exact));
+  };
+  const auto exact = on(135, "fourier", 6, 0.1);
+  std::vector<std::vector<double>> in_space, in_time;
+  for (const std::size_t n : {45u, 135u, 405u}) {
+    in_space.push_back(on(n, "box", 4, 0.2));
+  }
+  for (const std::size_t i : {0u, 1u}) {
+    const auto [coarse, fine] = slope(in_space, exact, i);
+    INFO(coarse << " " << fine);
+    CHECK(std::log(coarse / fine) / std::log(3.0) == Approx(2).margin(0.1));
+  }
+  const auto same_cells = on(45, "box", 6, 0.1);
+  for (const int stages : {2, 3}) {
+    in_time.clear();
+    for (const int steps : {4, 8, 16}) {
+      in_time.push_back(on(45, "box", stages, 1.6 / steps));
+    }
+    for (const std::size_t i : {0u, 1u}) {
+      const auto [coarse, fine] = slope(in_time, same_cells, i);
+      INFO(stages << ": " << coarse << " " << fine);
+      CHECK(std::log2(coarse / fine) == Approx(2 * stages).margin(0.1 * stages + 0.1));
+    }
+  }
+}
+
+TEST_CASE("levels of Gauss collocation on cells keep the discrete energy, with a step potential") {
+  const grids::Grid grid({{"x", -8, 8, 45}});
+  for (const int stages : {2, 3}) {
+    LatticeIntegrator lattice(sine_gordon(), grid, smooth_hump(grid),
+                              {.lagrangian = "box",
+                               .stages = stages,
+                               .step = 0.25,
+                               .until = 20,
+                               .potential = {.kind = StepPotentialChoice::Kind::automatic}});
+    double energy = 0.0, shortest = 1.0, longest = 0.0;
+    while (!lattice.finished()) {
+      const StepReport report = lattice.step();
+      REQUIRE(report.status == Status::success);
+      REQUIRE_FALSE(report.bridged);
+      energy = energy == 0.0 ? report.energy : energy;
+      CHECK(std::abs(report.energy - energy) <= 1e-12 * std::abs(energy));
+      shortest = std::min(shortest, report.h), longest = std::max(longest, report.h);
+    }
+    CHECK(longest > 1.001 * shortest);  // levels that vary, else nothing is shown
+  }
+}
+
+TEST_CASE("local laws of Gauss collocation on cells: energy falls with the step, momentum with the cells") {
+  // S is not quadratic. In a cell D(ab) = Da Āb + Āa Db holds, so that the law of energy has the error of the
+  // quadrature in time, h^2m, alone, and that of momentum the error in space, Δx².
+  const auto worst = [](std::size_t n, int stages, double h) {
+    const grids::Grid grid({{"x", -8, 8, n}});
+    LatticeIntegrator lattice(sine_gordon(), grid, smooth_hump(grid),
+                              {.lagrangian = "box", .stages = stages, .step = h, .until = 1, .levels = Levels::fixed});
+    std::vector<double> cells_of_energy(n), cells_of_momentum(n);
+    std::vector<double> largest(2, 0.0);
+    double energy = lattice.totals()[0];
+    while (!lattice.finished()) {
+      REQUIRE(lattice.step().status == Status::success);
+      double* const out[] = {cells_of_energy.data(), cells_of_momentum.data()};
+      const auto sizes = lattice.residuals(out);
+      largest = {std::max(largest[0], sizes[0].largest()), std::max(largest[1], sizes[1].largest())};
+      // Fluxes cancel in the sum over all cells.
+      const double after = lattice.totals()[0];
+      const double sum = grids::sum(cells_of_energy) * grid.spacing(0) * h;
+      CHECK(std::abs(sum - (after - energy)) < 1e-12);
+      CHECK(std::abs(cells_of_energy[0] * grid.spacing(0) * h) + std::abs(after - energy) > 0.0);
+      energy = after;
+    }
+    return largest;
+  };
+  for (const int stages : {2, 3}) {
+    const auto a = worst(45, stages, 0.2), b = worst(45, stages, 0.1), c = worst(45, stages, 0.05);
+    INFO(stages << " stages, energy: " << a[0] << ", " << b[0] << ", " << c[0]);
+    CHECK(std::log2(a[0] / b[0]) == Approx(2.0 * stages).margin(0.5));
+    CHECK(std::log2(b[0] / c[0]) == Approx(2.0 * stages).margin(0.5));
+  }
+  const auto a = worst(45, 3, 0.1), b = worst(135, 3, 0.1), c = worst(405, 3, 0.1);
+  INFO("momentum: " << a[1] << ", " << b[1] << ", " << c[1]);
+  CHECK(std::log(a[1] / b[1]) / std::log(3.0) == Approx(2.0).margin(0.2));
+  CHECK(std::log(b[1] / c[1]) / std::log(3.0) == Approx(2.0).margin(0.2));
+}
+
+TEST_CASE("collocation on cells refuses even numbers of them") {
+  CHECK_THROWS_WITH(SpaceCollocation(grids::Grid({{"x", -8, 8, 44}}), cells),
+                    Catch::Matchers::Contains("44 cells") && Catch::Matchers::Contains("odd"));
+  CHECK_NOTHROW(SpaceCollocation(grids::Grid({{"x", -8, 8, 44}}), SpaceRule{}));
+}
