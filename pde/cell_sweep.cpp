@@ -14,6 +14,7 @@
 #include <rubato/pde/matrix_terms.hpp>
 #include <rubato/pde/node_derivative.hpp>
 #include <rubato/pde/placed_coordinates.hpp>
+#include <rubato/pde/space_collocation.hpp>
 
 namespace rubato {
 
@@ -206,9 +207,14 @@ struct CellSweep::Storage {
   std::vector<std::array<bool, 3>> differentiated;  ///< of each field, along each direction
   std::vector<BlockResult> results;
   std::vector<std::unique_ptr<Workspace>> workspaces;
-  /// At nodes: the derivatives of point and rate along each axis, made before the blocks are run.
+  /// At nodes and in elements: what is made of point and rate before the blocks are run.
+  struct Made {
+    std::vector<grids::FieldSet> derivative;  ///< along each axis
+    grids::FieldSet mean;                     ///< in elements
+  };
   std::unique_ptr<NodeDerivative> nodal;
-  std::vector<grids::FieldSet> point_derivative, rate_derivative;
+  std::unique_ptr<ElementOperators> elements;
+  Made of_point, of_rate;
 
   Storage(const MultisymplecticSystem& s, const grids::Grid& grid, Placement placement)
       : system(s),
@@ -219,7 +225,7 @@ struct CellSweep::Storage {
         volume(grid.cell_volume()),
         M(terms_of(s.M())),
         constant_hessian(terms_of(s.constant_hessian())),
-        places(s, grid, placement == Placement::cells ? Within::centre : Within::node),
+        places(s, grid, placement.points == Placement::Points::cells ? Within::centre : Within::node),
         differentiated(static_cast<std::size_t>(d)),
         results(blocks.count()) {
     for (int a = 0; a < dimensions; ++a) {
@@ -230,35 +236,59 @@ struct CellSweep::Storage {
         differentiated[static_cast<std::size_t>(term.column)][static_cast<std::size_t>(a)] = true;
       }
     }
-    if (placement != Placement::cells) {
+    if (placement.has_elements()) {
+      elements = std::make_unique<ElementOperators>(grid, placement.stages);
+      places = elements->space().places(s, grid);
+      of_point.mean = grids::FieldSet(d, grid.size());
+    } else if (placement != Placement::cells) {
       nodal = std::make_unique<NodeDerivative>(grid, placement);
-      point_derivative.assign(static_cast<std::size_t>(dimensions), grids::FieldSet(d, grid.size()));
-      rate_derivative = point_derivative;
+    }
+    if (nodal != nullptr || elements != nullptr) {
+      of_point.derivative.assign(static_cast<std::size_t>(dimensions), grids::FieldSet(d, grid.size()));
+      of_rate = of_point;
     }
   }
 
-  void differentiate(std::span<const double* const> fields, std::vector<grids::FieldSet>& derivatives) const {
+  void make(std::span<const double* const> fields, Made& made) const {
     for (std::size_t f = 0; f < fields.size(); ++f) {
-      for (std::size_t a = 0; a < derivatives.size(); ++a) {
-        if (differentiated[f][a] && fields[f] != nullptr) {
-          (*nodal)(static_cast<int>(a), fields[f], derivatives[a].field(static_cast<int>(f)).data());
+      if (fields[f] == nullptr) {
+        continue;
+      }
+      const int field = static_cast<int>(f);
+      if (elements != nullptr) {
+        (*elements)(fields[f], made.mean.field(field).data(),
+                    differentiated[f][0] ? made.derivative[0].field(field).data() : nullptr);
+      }
+      for (std::size_t a = 0; nodal != nullptr && a < made.derivative.size(); ++a) {
+        if (differentiated[f][a]) {
+          (*nodal)(static_cast<int>(a), fields[f], made.derivative[a].field(field).data());
         }
       }
     }
   }
 
+  /// Of a cell in sums over the grid.
+  [[nodiscard]] double weight_of(std::size_t block, std::size_t c) const {
+    return elements == nullptr ? 1.0 : elements->space().weights()[block * block_size + c];
+  }
+  void weigh(std::size_t block, std::size_t count, double* values) const {
+    for (std::size_t c = 0; elements != nullptr && c < count; ++c) {
+      values[c] *= weight_of(block, c);
+    }
+  }
+
   /// A and D_a of one field on a block.
-  void take(const double* field, int f, const std::vector<grids::FieldSet>& derivatives, std::size_t line,
-            std::size_t begin, std::size_t count, double* mean, const std::array<double*, 3>& difference) const {
-    if (nodal == nullptr) {
+  void take(const double* field, int f, const Made& made, std::size_t line, std::size_t begin, std::size_t count,
+            double* mean, const std::array<double*, 3>& difference) const {
+    if (nodal == nullptr && elements == nullptr) {
       gather(field, line, begin, count, mean, difference.data());
       return;
     }
     const std::size_t offset = line * blocks.line + begin;
-    std::copy_n(field + offset, count, mean);
-    for (std::size_t a = 0; a < derivatives.size(); ++a) {
+    std::copy_n((elements != nullptr ? made.mean.field(f).data() : field) + offset, count, mean);
+    for (std::size_t a = 0; a < made.derivative.size(); ++a) {
       if (difference[a] != nullptr) {
-        std::copy_n(derivatives[a].field(f).data() + offset, count, difference[a]);
+        std::copy_n(made.derivative[a].field(f).data() + offset, count, difference[a]);
       }
     }
   }
@@ -326,7 +356,7 @@ void CellSweep::Storage::gather_point(std::size_t block, Workspace& work, std::s
   places.put(line * blocks.line + begin, std::span(work.inputs).subspan(static_cast<std::size_t>(d)));
   for (int f = 0; f < d; ++f) {
     const auto i = static_cast<std::size_t>(f);
-    take(point[i], f, point_derivative, line, begin, count, work.mean[i], work.difference[i]);
+    take(point[i], f, of_point, line, begin, count, work.mean[i], work.difference[i]);
     if (const double slope = slopes.at(f, line); slope != 0.0 && work.difference[i][0] != nullptr) {
       for (std::size_t c = 0; c < count; ++c) {
         work.difference[i][0][c] += slope;
@@ -350,7 +380,7 @@ void CellSweep::Storage::run_block(std::size_t block, Workspace& work, std::span
     for (int f = 0; f < d; ++f) {
       const auto i = static_cast<std::size_t>(f);
       if (rate[i] != nullptr) {
-        take(rate[i], f, rate_derivative, line, begin, count, work.rate_mean[i], work.rate_difference[i]);
+        take(rate[i], f, of_rate, line, begin, count, work.rate_mean[i], work.rate_difference[i]);
       } else {
         std::fill_n(work.rate_mean[i], count, 0.0);
         for (double* difference : work.rate_difference[i]) {
@@ -389,6 +419,7 @@ void CellSweep::Storage::run_block(std::size_t block, Workspace& work, std::span
       add(term.value, difference, mean, count, density);
     }
   }
+  weigh(block, count, density);
   result.energy = sum(density, count);
   result.finite = result.finite && std::isfinite(result.energy);
 
@@ -413,6 +444,7 @@ void CellSweep::Storage::run_block(std::size_t block, Workspace& work, std::span
       const double factor = row == column ? -1.0 : -2.0;
       add(factor, varying[e], left, right, count, form);
     }
+    weigh(block, count, form);
     result.quadratic = sum(form, count);
   }
 }
@@ -505,10 +537,12 @@ void CellSweep::Storage::energy_size(std::size_t block, Workspace& work, std::sp
         size.rounding += unit * (4.0 * product + 2.0 * factor * inverse_spacing[a] * std::abs(work.mean[row][c]));
       }
     }
-    result.energy += size.terms;
+    const double weight = weight_of(block, c);
+    size.rounding *= weight;
+    result.energy += weight * size.terms;
     result.quadratic += size.rounding;
     result.residual[0] += size.rounding * size.rounding;
-    result.scale[0] += magnitude;
+    result.scale[0] += weight * magnitude;
   }
 }
 
@@ -529,11 +563,11 @@ void CellSweep::Storage::energy_change(std::size_t block, Workspace& work, std::
   for (int f = 0; f < d; ++f) {
     const auto i = static_cast<std::size_t>(f);
     const double* r = residual[i] + offset;  // -R
-    take(correction[i], f, rate_derivative, line, begin, count, work.mean[i], none);
+    take(correction[i], f, of_rate, line, begin, count, work.mean[i], none);
     const double* c = work.mean[i];
     add(1.0, c, r, count, corrected);
     if (rate[i] != nullptr) {
-      take(rate[i], f, rate_derivative, line, begin, count, work.rate_mean[i], none);
+      take(rate[i], f, of_rate, line, begin, count, work.rate_mean[i], none);
       add(1.0, work.rate_mean[i], r, count, moved);
     }
   }
@@ -561,10 +595,8 @@ SweepResult CellSweep::operator()(std::span<const double* const> point, const Po
                                   std::span<double* const> residual, std::span<double* const> hessian) {
   Storage& s = *storage_;
   s.prepare_workspaces();
-  if (s.nodal != nullptr) {
-    s.differentiate(point, s.point_derivative);
-    s.differentiate(rate, s.rate_derivative);
-  }
+  s.make(point, s.of_point);
+  s.make(rate, s.of_rate);
   const auto blocks = static_cast<std::ptrdiff_t>(s.blocks.count());
 #pragma omp parallel for schedule(static) if (blocks > 8)
   for (std::ptrdiff_t block = 0; block < blocks; ++block) {
@@ -618,9 +650,7 @@ EnergyChange CellSweep::energy_change(std::span<const double* const> rate, doubl
 std::vector<double> CellSweep::mean_terms(std::span<const double* const> point, const PotentialSlopes& slopes) {
   Storage& s = *storage_;
   s.prepare_workspaces();
-  if (s.nodal != nullptr) {
-    s.differentiate(point, s.point_derivative);
-  }
+  s.make(point, s.of_point);
   Workspace& work = *s.workspaces.front();
   std::vector<double> means(work.size.output_count() - 1, 0.0);
   for (std::size_t block = 0; block < s.blocks.count(); ++block) {
@@ -629,7 +659,7 @@ std::vector<double> CellSweep::mean_terms(std::span<const double* const> point, 
     for (std::size_t c = 0; c < std::min(block_size, s.blocks.line - begin); ++c) {
       s.evaluate_terms(work, c);
       for (std::size_t i = 0; i < means.size(); ++i) {
-        means[i] += work.size.value(1 + i);
+        means[i] += s.weight_of(block, c) * work.size.value(1 + i);
       }
     }
   }
@@ -643,9 +673,7 @@ formula::SumSize CellSweep::energy_size(std::span<const double* const> point, co
                                         std::span<const double> references) {
   Storage& s = *storage_;
   s.prepare_workspaces();
-  if (s.nodal != nullptr) {
-    s.differentiate(point, s.point_derivative);
-  }
+  s.make(point, s.of_point);
   const auto blocks = static_cast<std::ptrdiff_t>(s.blocks.count());
 #pragma omp parallel for schedule(static) if (blocks > 8)
   for (std::ptrdiff_t block = 0; block < blocks; ++block) {

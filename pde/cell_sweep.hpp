@@ -12,11 +12,23 @@
 namespace rubato {
 
 /// Where the equation is imposed, and by which operators A and D_a.
-enum class Placement {
-  cells,    ///< in the middle of cells, by averages and differences of the nodes around: the box
-  nodes,    ///< at the nodes, A the identity and D_a the spectral derivative: Fourier
-  corners,  ///< at the nodes too, by one-sided differences: euler-box
+struct Placement {
+  enum class Points { cells, nodes, corners };
+  Points points = Points::cells;
+  int stages = 1;  ///< of cells: Gauss points of as many cells together, an element
+
+  static const Placement cells;    ///< in the middle of cells, by averages and differences of the nodes around: the box
+  static const Placement nodes;    ///< at the nodes, A the identity and D_a the spectral derivative: Fourier
+  static const Placement corners;  ///< at the nodes too, by one-sided differences: euler-box
+  /// At the Gauss points of elements of several cells, along a line alone: see SpaceCollocation.
+  [[nodiscard]] static constexpr Placement elements(int stages) { return {Points::cells, stages}; }
+  [[nodiscard]] constexpr bool has_elements() const { return stages > 1; }
+
+  friend constexpr bool operator==(const Placement&, const Placement&) = default;
 };
+inline constexpr Placement Placement::cells{};
+inline constexpr Placement Placement::nodes{Placement::Points::nodes};
+inline constexpr Placement Placement::corners{Placement::Points::corners};
 
 /// Where the batch evaluator's blocks of cells begin and end: pieces of at most 256 cells of one line along x.
 /// A function of the grid alone, so that results do not depend on the number of threads.

@@ -13,6 +13,7 @@
 #include <rubato/pde/law_engine.hpp>
 #include <rubato/pde/node_derivative.hpp>
 #include <rubato/pde/placed_coordinates.hpp>
+#include <rubato/pde/space_collocation.hpp>
 
 namespace rubato {
 
@@ -45,6 +46,8 @@ struct FaceOperators : LawTables {
   grids::FieldSet middle, rate;
   grids::FieldSet current, sum_at_nodes;                       ///< of each law, at nodes or over stages
   std::unique_ptr<NodeDerivative> nodal;                       ///< at nodes only
+  std::unique_ptr<ElementOperators> elements;                  ///< in elements only: of cells the laws are a mean of
+  grids::FieldSet at_points;                                   ///< in elements, of the fields in use
   std::vector<grids::FieldSet> derivatives;                    ///< along each axis, of the fields in use
   std::vector<grids::FieldSet> following;                      ///< with one-sided differences: the next nodes' values
   std::vector<std::vector<Spread>> sizes;                      ///< [law][block]: of residuals
@@ -55,7 +58,11 @@ struct FaceOperators : LawTables {
 
   FaceOperators(LawTables tables, Placement placement)
       : LawTables(std::move(tables)), blocks(grid), gather(grid), middle(d, grid.size()), rate(d, grid.size()) {
-    if (placement != Placement::cells) {
+    if (placement.has_elements()) {
+      elements = std::make_unique<ElementOperators>(grid, placement.stages);
+      at_points = grids::FieldSet(d, grid.size());
+      derivatives.push_back(at_points);
+    } else if (placement != Placement::cells) {
       nodal = std::make_unique<NodeDerivative>(grid, placement);
       derivatives.assign(static_cast<std::size_t>(grid.dimensions()), grids::FieldSet(d, grid.size()));
       if (nodal->one_sided()) {
@@ -74,7 +81,8 @@ struct FaceOperators : LawTables {
       at_cells = PlacedCoordinates(system, grid, Within::node);
       return;
     }
-    at_cells = PlacedCoordinates(system, grid, Within::centre);
+    at_cells =
+        elements != nullptr ? elements->space().places(system, grid) : PlacedCoordinates(system, grid, Within::centre);
     for (const bool upper : {false, true}) {
       for (int a = 0; a < grid.dimensions(); ++a) {
         std::array<Within, 3> place{Within::centre, Within::centre, Within::centre};
@@ -166,7 +174,10 @@ struct FaceOperators : LawTables {
         continue;
       }
       const std::size_t offset = line * blocks.line + begin;
-      if (nodal != nullptr) {
+      const bool in_element = elements != nullptr && mu == time;
+      if (in_element) {
+        std::copy_n(at_points.field(f).data() + offset, count, faces.mean[i]);
+      } else if (nodal != nullptr) {
         std::copy_n(values.field(f).data() + offset, count, faces.mean[i]);
       } else {
         face(values.field(f).data(), line, begin, count, mu, upper, mu, faces.mean[i]);
@@ -177,7 +188,7 @@ struct FaceOperators : LawTables {
         }
         double* derivative = faces.derivative[i][static_cast<std::size_t>(nu)];
         const double* from = nu == time ? rate.field(f).data() : values.field(f).data();
-        if (nodal == nullptr) {
+        if (nodal == nullptr && !in_element) {
           face(from, line, begin, count, mu, upper, nu, derivative);
         } else if (nu == time) {
           std::copy_n(from + offset, count, derivative);
@@ -210,8 +221,9 @@ struct FaceOperators : LawTables {
     }
     for (int f = 0; f < d; ++f) {
       const auto i = static_cast<std::size_t>(f);
-      if (nodal != nullptr) {
-        std::copy_n(middle.field(f).data() + line * blocks.line + begin, count, faces.mean[i]);
+      if (nodal != nullptr || elements != nullptr) {
+        std::copy_n((elements != nullptr ? at_points : middle).field(f).data() + line * blocks.line + begin, count,
+                    faces.mean[i]);
       } else {
         face(middle.field(f).data(), line, begin, count, time, false, time, faces.mean[i]);
       }
@@ -221,7 +233,7 @@ struct FaceOperators : LawTables {
     for (std::size_t c = 0; c < faces.sources.size(); ++c) {
       double* out = sum[1 + static_cast<std::size_t>(system.coordinates()[c])];
       for (std::size_t i = 0; i < count; ++i) {
-        out[i] -= weight * faces.sources[c][i];
+        out[i] -= weight * weight_of(line * blocks.line + begin + i) * faces.sources[c][i];
       }
     }
   }
@@ -279,42 +291,64 @@ struct FaceOperators : LawTables {
     }
   }
 
-  /// In cells: sum += (J_t of the level after - before)/h, with μ = t, or weight · (Σ_a D_aJ_a - the sources) at
-  /// `middle` with the rates `rate`.
-  void add_differences(Workspace& work, std::size_t line, std::size_t begin, std::size_t count, bool in_time,
-                       double weight, double h, const LatticeLevel& before, const LatticeLevel& after,
-                       std::span<double* const> sum) const {
-    for (int mu = in_time ? 0 : 1; mu < (in_time ? 1 : directions); ++mu) {
-      const double inverse = weight / spacing(mu, h);
-      for (const bool upper : {false, true}) {
-        prepare_currents(work, line, begin, count, mu, upper, before, after);
-        const double factor = upper ? inverse : -inverse;
-        for (std::size_t l = 0; l < names.size(); ++l) {
-          for (std::size_t c = 0; c < count; ++c) {
-            sum[l][c] += factor * work.faces.currents[l][c];
-          }
-        }
+  /// Of a density in sums over the grid.
+  [[nodiscard]] double weight_of(std::size_t cell) const {
+    return elements == nullptr ? 1.0 : elements->space().weights()[cell];
+  }
+
+  /// In cells: sum += factor · J_μ on one side of them.
+  void add_currents(Workspace& work, std::size_t line, std::size_t begin, std::size_t count, int mu, bool upper,
+                    double factor, const LatticeLevel& before, const LatticeLevel& after,
+                    std::span<double* const> sum) const {
+    prepare_currents(work, line, begin, count, mu, upper, before, after);
+    const bool weighted = elements != nullptr && mu == time;
+    for (std::size_t l = 0; l < names.size(); ++l) {
+      for (std::size_t c = 0; weighted && c < count; ++c) {
+        sum[l][c] += factor * weight_of(begin + c) * work.faces.currents[l][c];
+      }
+      for (std::size_t c = 0; !weighted && c < count; ++c) {
+        sum[l][c] += factor * work.faces.currents[l][c];
       }
     }
-    if (!in_time) {
-      subtract_sources(work, line, begin, count, weight, sum);
+  }
+  /// In cells: sum += weight · (Σ_a D_aJ_a - the sources) at `middle` with the rates `rate`.
+  void add_cell_fluxes(Workspace& work, std::size_t line, std::size_t begin, std::size_t count, double weight,
+                       const LatticeLevel& level, std::span<double* const> sum) const {
+    for (int mu = 1; mu < directions; ++mu) {
+      const double inverse = weight / spacing(mu, 0.0);
+      for (const bool upper : {false, true}) {
+        add_currents(work, line, begin, count, mu, upper, upper ? inverse : -inverse, level, level, sum);
+      }
+    }
+    subtract_sources(work, line, begin, count, weight, sum);
+  }
+
+  /// In elements: A z and D z at their points.
+  void take_points(const grids::FieldSet& values) {
+    for (int f = 0; elements != nullptr && f < d; ++f) {
+      (*elements)(values.field(f).data(), at_points.field(f).data(), derivatives[0].field(f).data());
     }
   }
 
   /// Residuals in the cells with fluxes over the stages of a step, into sum[law].
   void residuals_over_stages(const LatticeLevel& before, const LatticeLevel& after, double h, grids::FieldSet& sum) {
     sum.fill(0.0);
-    const auto add = [&](bool in_time, double weight) {
+    const auto for_each = [&](auto&& add) {
       for_each_block_of_cells(
           [&](std::size_t, std::size_t line, std::size_t begin, std::size_t count, Workspace& work) {
             std::vector<double*> out(names.size());
             for (std::size_t l = 0; l < names.size(); ++l) {
               out[l] = sum.pointers()[l] + line * blocks.line + begin;
             }
-            add_differences(work, line, begin, count, in_time, weight, h, before, after, out);
+            add(work, line, begin, count, out);
           });
     };
-    add(true, 1.0);
+    for (const bool upper : {false, true}) {
+      take_points((upper ? after : before).fields);
+      for_each([&](Workspace& work, std::size_t line, std::size_t begin, std::size_t count, auto& out) {
+        add_currents(work, line, begin, count, time, upper, (upper ? 1.0 : -1.0) / h, before, after, out);
+      });
+    }
     const Status status = stages->take(before, after, h);
     for (int i = 0; i < stages->count(); ++i) {
       if (status == Status::success) {
@@ -322,7 +356,30 @@ struct FaceOperators : LawTables {
       } else {
         middle.fill(std::numeric_limits<double>::quiet_NaN());
       }
-      add(false, stages->weight(i));
+      take_points(middle);
+      for_each([&](Workspace& work, std::size_t line, std::size_t begin, std::size_t count, auto& out) {
+        add_cell_fluxes(work, line, begin, count, stages->weight(i), after, out);
+      });
+    }
+    spread_over_elements(sum);
+  }
+
+  /// The law of an element is the mean of what its cells have: fluxes at the nodes within cancel.
+  void spread_over_elements(grids::FieldSet& sum) const {
+    if (elements == nullptr) {
+      return;
+    }
+    const auto stages_in_space = static_cast<std::size_t>(elements->space().rule().stages);
+    for (int l = 0; l < sum.fields(); ++l) {
+      const auto values = sum.field(l);
+      for (std::size_t first = 0; first < values.size(); first += stages_in_space) {
+        const auto element = values.subspan(first, stages_in_space);
+        double mean = 0.0;
+        for (const double value : element) {
+          mean += value / static_cast<double>(stages_in_space);
+        }
+        std::ranges::fill(element, mean);
+      }
     }
   }
 
@@ -494,8 +551,10 @@ std::vector<Spread> FaceLaws::residuals(const LatticeLevel& before, const Lattic
         for (std::size_t l = 0; l < laws; ++l) {
           out[l] = &sum[l * block_size];
         }
-        s.add_differences(work, line, begin, count, true, 1.0, h, before, after, out);
-        s.add_differences(work, line, begin, count, false, 1.0, h, before, after, out);
+        for (const bool upper : {false, true}) {
+          s.add_currents(work, line, begin, count, time, upper, (upper ? 1.0 : -1.0) / h, before, after, out);
+        }
+        s.add_cell_fluxes(work, line, begin, count, 1.0, after, out);
         for (std::size_t l = 0; l < laws; ++l) {
           s.measure(l, block, &sum[l * block_size], count);
           if (!residuals.empty()) {
@@ -512,6 +571,7 @@ std::vector<Spread> FaceLaws::residuals(const LatticeLevel& before, const Lattic
 std::vector<double> FaceLaws::totals(const LatticeLevel& level) {
   FaceOperators& s = operators_;
   const std::size_t laws = s.names.size();
+  s.take_points(level.fields);
   if (s.nodal != nullptr) {
     s.differentiate(level.fields);
   }
@@ -521,7 +581,7 @@ std::vector<double> FaceLaws::totals(const LatticeLevel& level) {
         for (std::size_t l = 0; l < laws; ++l) {
           CompensatedSum sum;
           for (std::size_t c = 0; c < count; ++c) {
-            sum.add(work.faces.currents[l][c]);
+            sum.add(s.weight_of(line * s.blocks.line + begin + c) * work.faces.currents[l][c]);
           }
           s.sums[l][block] = sum.value();
         }

@@ -27,7 +27,7 @@ constexpr double longest_continuation = 3.0;
 constexpr std::uint64_t nowhere = std::numeric_limits<std::uint64_t>::max();
 
 Placement placement_of(SpaceRule space) {
-  return space.spectral() ? Placement::nodes : Placement::cells;
+  return space.spectral() ? Placement::nodes : Placement::elements(space.stages);
 }
 
 class GaussLattice final : public FamilyLattice {

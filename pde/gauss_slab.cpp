@@ -65,7 +65,7 @@ GaussSlab::GaussSlab(const MultisymplecticSystem& system, const grids::Grid& gri
       linear_(Eigen::VectorXd::Zero(d_)),
       space_(grid, space),
       places_(space_.places(system, grid)),
-      fourier_F_(grid, 1),
+      points_F_(space_, grid, 1),
       fourier_all_(grid, d_) {
   all_.resize(static_cast<std::size_t>(d_));
   std::iota(all_.begin(), all_.end(), 0);
@@ -106,7 +106,7 @@ GaussSlab::GaussSlab(const MultisymplecticSystem& system, const grids::Grid& gri
 
   const std::size_t waves = fourier_all_.modes(), nodes = grid.size();
   const int n = static_cast<int>(F_.size());
-  fourier_F_ = grids::Fourier(grid, std::max(1, n * m_));
+  points_F_ = PointTransform(space_, grid, std::max(1, n * m_));
   high_ = grids::FieldSet(d_, nodes);
   work_ = high_;
   level_F_ = grids::FieldSet(n, nodes);
@@ -191,7 +191,7 @@ void GaussSlab::stand(const grids::FieldSet& high, const grids::FieldSet* low, c
   from_grid(std::as_const(high_).pointers(), fourier_all_, level_);
   space_.from_nodes(level_);
   if (!space_.spectral() && !F_.empty()) {
-    to_grid(level_, F_, fourier_F_, level_F_.pointers());  // what rounding leaves there is as much as `low` is
+    points_F_.to_points(level_, F_, level_F_.pointers());  // what rounding leaves there is as much as `low` is
   }
   for (std::size_t f = 0; space_.spectral() && f < F_.size(); ++f) {
     const int field = F_[f];
@@ -247,7 +247,7 @@ void GaussSlab::begin_at_level() {
   for (std::size_t f = 0; f < F_.size(); ++f) {
     rows.push_back(std::as_const(rest_grid_).field(static_cast<int>(f)).data());
   }
-  from_grid(rows, fourier_F_, rest_);
+  points_F_.from_points(rows, rest_);
   for (int f = static_cast<int>(F_.size()) - 1; f >= 0; --f) {
     for (int i = m_ - 1; i >= 0; --i) {
       if (varying(f, i) != f) {
@@ -395,7 +395,7 @@ bool GaussSlab::evaluate_rests() {
   if (!std::isfinite(grids::max_abs(std::as_const(rest_grid_).all()))) {
     return false;
   }
-  from_grid(std::as_const(rest_grid_).pointers(), fourier_F_, rest_);
+  points_F_.from_points(std::as_const(rest_grid_).pointers(), rest_);
   return true;
 }
 
@@ -433,7 +433,7 @@ Status GaussSlab::solve(double h, double accuracy, std::span<const double> large
   for (int iteration = 0; !F_.empty(); ++iteration) {
     std::swap(y_, y_last_);
     iterate_waves();
-    to_grid(Y_F_, rows_F_, fourier_F_, y_.pointers());
+    points_F_.to_points(Y_F_, rows_F_, y_.pointers());
     ++iterations_;
     if (!evaluate_rests()) {
       return Status::undefined;
@@ -570,6 +570,9 @@ double GaussSlab::rest_energy(std::span<const double* const> fields) {
   }
   double* const out[] = {work_.field(0).data()};
   rest_value_(grid_.size(), places_.after(fields, inputs_), out);
+  for (std::size_t p = 0; p < space_.weights().size(); ++p) {
+    out[0][p] *= space_.weights()[p];
+  }
   return grid_.cell_volume() * grids::sum(std::as_const(work_).field(0));
 }
 
@@ -618,7 +621,7 @@ double GaussSlab::energy_at_end() {
   double energy = wave_energy(level, 1, 0);
   if (!F_.empty()) {
     grids::FieldSet& end = end_F_;
-    to_grid(level, F_, fourier_F_, end.pointers());
+    points_F_.to_points(level, F_, end.pointers());
     for (int f = 0; f < end.fields(); ++f) {
       const auto high = std::as_const(level_F_).field(f), low = std::as_const(low_F_).field(f);
       const auto z = end.field(f);

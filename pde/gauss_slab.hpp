@@ -137,7 +137,8 @@ private:
   WaveRows rest_, Y_F_, Y_, end_, scratch_;
   std::vector<const double*> inputs_;  ///< of the rest
   grids::FieldSet y_, y_last_, point_, rest_grid_, work_, end_F_;
-  grids::Fourier fourier_F_, fourier_all_;
+  PointTransform points_F_;
+  grids::Fourier fourier_all_;  ///< of nodes
   std::vector<int> all_, rows_F_;
   bool solved_ = false, complete_ = false, end_known_ = false;
   int iterations_ = 0;

@@ -12,6 +12,7 @@
 #include <rubato/grids/reductions.hpp>
 #include <rubato/pde/cell_sweep.hpp>
 #include <rubato/pde/matrix_terms.hpp>
+#include <rubato/pde/space_collocation.hpp>
 #include <rubato/pde/still_waves.hpp>
 #include <rubato/solve/fourier_preconditioner.hpp>
 #include <rubato/solve/gmres.hpp>
@@ -58,6 +59,11 @@ public:
     if (placement == Placement::nodes) {
       spectral_ = std::make_unique<grids::SpectralDerivative>(grid);
     }
+    if (placement.has_elements()) {
+      elements_ = std::make_unique<ElementOperators>(grid, placement.stages);
+      symbols_.push_back(symbols_of(elements_->space(), grid.cells(0)));
+      return;
+    }
     for (int a = 0; a < grid.dimensions(); ++a) {
       std::vector<Symbol>& symbols = symbols_.emplace_back(grid.cells(a));
       for (std::size_t i = 0; i < symbols.size(); ++i) {
@@ -76,10 +82,11 @@ public:
   Status solve(const CellMatrix& matrix, const KernelConditions& conditions, std::span<const double* const> rhs,
                std::span<double* const> solution, std::span<double> y) override {
     std::span<const double* const> right = rhs;
-    if (check_ || conditions.count() > 0) {
+    if (check_ || conditions.count() > 0 || elements_ != nullptr) {
       for (int r = 0; r < size_; ++r) {
         std::ranges::copy(std::span(rhs[static_cast<std::size_t>(r)], grid_.size()), rhs_.field(r).begin());
       }
+      to_rows(rhs_, size_);
       make_consistent(matrix, conditions, y);
       right = std::as_const(rhs_).pointers();
     }
@@ -265,6 +272,7 @@ private:
     const int columns = static_cast<int>(columns_.size());
     if (start_.fields() < columns) {
       start_ = grids::FieldSet(columns, grid_.size());
+      means_at_points_ = elements_ != nullptr ? start_ : grids::FieldSet();
       image_ = start_;
       gmres_.reset();
     }
@@ -342,6 +350,12 @@ private:
 
   /// products = V A w.
   void multiply_variation(const double* w) {
+    if (elements_ != nullptr) {
+      for (std::size_t j = 0; j < columns_.size(); ++j) {
+        (*elements_)(w + j * grid_.size(), means_at_points_.field(static_cast<int>(j)).data(), nullptr);
+      }
+      w = std::as_const(means_at_points_).all().data();
+    }
     grids::for_each_block(blocks_.count(), 1, [&](std::size_t first, std::size_t last) {
       double mean[CellBlocks::most];
       double* const none[3] = {};
@@ -368,11 +382,19 @@ private:
         }
       }
     });
+    to_rows(products_, static_cast<int>(rows_.size()));
+  }
+
+  /// Values at the points of elements become the grid functions that C⁻¹ takes.
+  void to_rows(grids::FieldSet& values, int rows) {
+    for (int r = 0; elements_ != nullptr && r < rows; ++r) {
+      elements_->to_row(values.field(r).data(), values.field(r).data());
+    }
   }
 
   void take_mean(const double* field, std::size_t line, std::size_t begin, std::size_t count, double* mean,
                  double* const* none) const {
-    if (placement_ == Placement::nodes) {
+    if (placement_ == Placement::nodes || elements_ != nullptr) {
       std::copy_n(field + line * blocks_.line + begin, count, mean);
     } else {
       gather_(field, line, begin, count, mean, none);
@@ -385,7 +407,8 @@ private:
     if (correction_.fields() == 0) {
       correction_ = grids::FieldSet(size_, grid_.size());
       residual_ = correction_;
-      derivative_.assign(spectral_ != nullptr ? static_cast<std::size_t>(grid_.dimensions()) : 0, correction_);
+      const bool local = spectral_ == nullptr && elements_ == nullptr;
+      derivative_.assign(local ? 0 : static_cast<std::size_t>(grid_.dimensions()), correction_);
     }
     double previous = 0.0;
     for (int pass = 0;; ++pass) {
@@ -462,7 +485,17 @@ private:
 
   /// residual = matrix · in.
   void multiply(const CellMatrix& matrix, std::span<double* const> in) {
-    for (std::size_t a = 0; a < derivative_.size(); ++a) {
+    if (elements_ != nullptr) {
+      if (values_at_points_.fields() == 0) {
+        values_at_points_ = grids::FieldSet(size_, grid_.size());
+      }
+      for (int f = 0; f < size_; ++f) {
+        (*elements_)(in[static_cast<std::size_t>(f)], values_at_points_.field(f).data(),
+                     derivative_[0].field(f).data());
+      }
+      in = values_at_points_.pointers();
+    }
+    for (std::size_t a = 0; spectral_ != nullptr && a < derivative_.size(); ++a) {
       for (int f = 0; f < size_; ++f) {
         if (!matrix.difference[a].col(f).isZero(0.0)) {
           (*spectral_)(static_cast<int>(a), in[static_cast<std::size_t>(f)], derivative_[a].field(f).data());
@@ -474,6 +507,7 @@ private:
         multiply_block(matrix, in, block);
       }
     });
+    to_rows(residual_, size_);
   }
 
   void multiply_block(const CellMatrix& matrix, std::span<double* const> in, std::size_t block) {
@@ -488,7 +522,7 @@ private:
       std::fill_n(residual_.field(r).data() + offset, count, 0.0);
     }
     for (int f = 0; f < size_; ++f) {
-      if (spectral_ == nullptr) {
+      if (derivative_.empty()) {
         gather_(in[static_cast<std::size_t>(f)], line, begin, count, mean, differences);
       } else {
         std::copy_n(in[static_cast<std::size_t>(f)] + offset, count, mean);
@@ -524,6 +558,16 @@ private:
   struct Symbol {
     std::complex<double> average, difference;
   };
+  /// From ẑ of the nodes to the rows.
+  static std::vector<Symbol> symbols_of(const SpaceCollocation& space, std::size_t cells) {
+    std::vector<Symbol> symbols(cells);
+    for (std::size_t w = 0; 2 * w < cells; ++w) {
+      const double size = space.factor().re.field(0)[w], k = space.derivatives()[0][w];
+      symbols[w] = {size, {0.0, k * size}};
+      symbols[(cells - w) % cells] = {size, {0.0, -k * size}};
+    }
+    return symbols;
+  }
   struct Variation {
     std::size_t row, column;  ///< places in rows_ and columns_
     double factor, shift;
@@ -541,6 +585,7 @@ private:
   std::vector<int> all_;
   grids::FieldSet rhs_;
   std::unique_ptr<grids::SpectralDerivative> spectral_;  ///< at nodes only
+  std::unique_ptr<ElementOperators> elements_;           ///< in elements only
   bool check_ = true;
   double error_ = 0.0;  ///< of the last solution, relative
 
@@ -552,9 +597,10 @@ private:
   std::vector<int> rows_, columns_;           ///< that V touches
   grids::FieldSet start_, image_, products_;  ///< (C⁻¹ r)_w, w, V A w
   std::array<double*, 16> outputs_{};
-  std::unique_ptr<solve::Gmres> gmres_;      ///< for w
-  grids::FieldSet correction_, residual_;    ///< of refinements, made when first needed
-  std::vector<grids::FieldSet> derivative_;  ///< at nodes, along each axis
+  std::unique_ptr<solve::Gmres> gmres_;                 ///< for w
+  grids::FieldSet correction_, residual_;               ///< of refinements, made when first needed
+  std::vector<grids::FieldSet> derivative_;             ///< at nodes and in elements, along each axis
+  grids::FieldSet means_at_points_, values_at_points_;  ///< in elements, of w and of a solution
   std::vector<double> means_;
 };
 

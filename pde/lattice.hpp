@@ -17,7 +17,8 @@ namespace rubato {
 
 struct LatticeOptions {
   std::string lagrangian = "box";      ///< the scheme: of lattice_methods()
-  int stages = 1;                      ///< of Gauss collocation in time, order 2·stages; fourier
+  int stages = 1;                      ///< of Gauss collocation in time, order 2·stages; box and fourier
+  int space_stages = 1;                ///< of Gauss collocation in space; box
   std::string composition = "golden";  ///< splitting
   std::string space = "fourier";       ///< splitting: or "differences"
   double start = 0.0;                  ///< t_0
@@ -30,7 +31,7 @@ struct LatticeOptions {
   BridgeRule bridge = BridgeRule::anchored;
   double tolerance = 1e-13;  ///< of the level equation, relative
   std::vector<LinearSymmetry> symmetries = {};
-  [[nodiscard]] LatticeMethodChoice method() const { return {lagrangian, stages, composition, space}; }
+  [[nodiscard]] LatticeMethodChoice method() const { return {lagrangian, stages, composition, space, space_stages}; }
 };
 
 /// Steps a lattice, level by level:

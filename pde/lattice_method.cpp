@@ -6,6 +6,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <rubato/pde/space_collocation.hpp>
 #include <rubato/variation/gauss_tableau.hpp>
 
 namespace rubato {
@@ -49,6 +50,19 @@ std::unique_ptr<LatticeMethod> make_lattice_method(const LatticeMethodChoice& ch
   if (choice.stages < 1 || choice.stages > GaussTableau::most_stages) {
     throw std::invalid_argument(fmt::format("stages = {}: Gauss collocation is made for 1 to {} stages", choice.stages,
                                             GaussTableau::most_stages));
+  }
+  if (choice.space_stages != 1 && !entry.has_space_stages) {
+    throw std::invalid_argument(fmt::format("space_stages = {}: {} has one point in each cell of space, or none",
+                                            choice.space_stages, entry.name));
+  }
+  if (choice.space_stages < 1 || choice.space_stages > most_space_stages) {
+    throw std::invalid_argument(fmt::format("space_stages = {}: Gauss collocation in space is made for 1 to {} stages",
+                                            choice.space_stages, most_space_stages));
+  }
+  if (choice.space_stages % 2 == 0) {
+    throw std::invalid_argument(fmt::format("space_stages = {}: {}; take space_stages = {} or {}", choice.space_stages,
+                                            space_rule_objection({.stages = choice.space_stages}, 0),
+                                            choice.space_stages - 1, choice.space_stages == 2 ? 3 : 1));
   }
   if (std::ranges::find(space_words, choice.space) == space_words.end() ||
       (choice.space != space_words.front() && !entry.has_space)) {

@@ -26,6 +26,7 @@ struct LatticeMethodChoice {
   int stages = 1;                      ///< of Gauss collocation in time, where the method has them
   std::string composition = "golden";  ///< of compositions(), where the method has them
   std::string space = "fourier";       ///< of space_words, where the method has a choice
+  int space_stages = 1;                ///< of Gauss collocation in space, where the method has them
 };
 
 /// A discretisation of M z_t + Σ_a K_a z_{x_a} = ∇S(z), with all that the integrator, the check of records, the
@@ -50,6 +51,8 @@ public:
     std::string_view reason;
   };
   [[nodiscard]] virtual std::optional<OtherCount> other_count(std::size_t cells, int dimensions) const;
+  /// Why the method cannot be taken in so many dimensions, and what to do; empty where it can.
+  [[nodiscard]] virtual std::string_view other_dimensions(int /*dimensions*/) const { return {}; }
   /// Whether local laws live in the middle of cells; else at nodes.
   [[nodiscard]] virtual bool laws_in_cells() const { return false; }
 
@@ -82,6 +85,7 @@ struct LatticeMethodEntry {
   std::string_view name;
   std::string_view summary;  ///< half a line, for the program's help
   bool has_stages = false;
+  bool has_space_stages = false;
   bool has_compositions = false;
   bool has_space = false;
   std::unique_ptr<LatticeMethod> (*make)(const LatticeMethodChoice& choice) = nullptr;

@@ -71,8 +71,8 @@ public:
 /// if the dimensions of grid and system differ, stages are not 1 … 8, S is not finite at the first level, or as
 /// SpaceCollocation
 [[nodiscard]] std::unique_ptr<LatticeScheme> make_gauss_lattice(const MultisymplecticSystem& system,
-                                                                const grids::Grid& grid, int stages,
-                                                                LatticeLevel first, SpaceRule space = {});
+                                                                const grids::Grid& grid, int stages, LatticeLevel first,
+                                                                SpaceRule space = {});
 
 /// The Euler box scheme (theory, section 5), explicit: with M = M₊ - M₊ᵀ, K_a = K₊ - K₊ᵀ,
 ///

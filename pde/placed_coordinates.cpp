@@ -1,5 +1,7 @@
 #include <rubato/pde/placed_coordinates.hpp>
 
+#include <algorithm>
+
 namespace rubato {
 
 namespace {
@@ -25,6 +27,13 @@ PlacedCoordinates::PlacedCoordinates(const MultisymplecticSystem& system, const 
     for (std::size_t cell = 0; cell < values.size(); ++cell) {
       values[cell] = coordinate(grid.axis(axis), grid.place(cell)[a], place[a]);
     }
+  }
+}
+
+PlacedCoordinates::PlacedCoordinates(const MultisymplecticSystem& system, std::span<const double> along_x)
+    : values_(static_cast<int>(system.coordinates().size()), along_x.size()) {
+  for (int c = 0; c < values_.fields(); ++c) {
+    std::ranges::copy(along_x, values_.field(c).begin());
   }
 }
 

@@ -26,6 +26,8 @@ public:
   /// At the same place along all axes.
   PlacedCoordinates(const MultisymplecticSystem& system, const grids::Grid& grid, Within place)
       : PlacedCoordinates(system, grid, {place, place, place}) {}
+  /// On a line, at these places.
+  PlacedCoordinates(const MultisymplecticSystem& system, std::span<const double> along_x);
 
   [[nodiscard]] std::size_t count() const { return static_cast<std::size_t>(values_.fields()); }
   /// From cell `begin` on, into `inputs`, which holds count() pointers.

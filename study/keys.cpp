@@ -181,6 +181,9 @@ std::vector<KeyEntry> make_keys() {
       {"scheme", "stages", "integer from 1 to 8", "required by gauss and lobatto; 1 for box and fourier",
        "The stages of Gauss collocation in time, of order 2*stages; or Lobatto's points, 2 to 9, of order 2*stages - "
        "2."},
+      {"scheme", "space_stages", "1 or 3", fmt::format("{}", scheme.space_stages),
+       "The stages of Gauss collocation in space, of order 2*space_stages; of box, on a line, whose number of cells is "
+       "then an odd multiple of them."},
       {"scheme", "composition", "word", scheme.composition,
        "Of splitting: the flows that are composed; the number is the order, golden and verlet have 2.",
        composition_words()},

@@ -180,6 +180,7 @@ LatticeOptions make_lattice_options(const Problem& problem, const Multisymplecti
   const Scheme& scheme = problem.scheme;
   LatticeOptions options{.lagrangian = scheme.method,
                          .stages = scheme.stages.value_or(1),
+                         .space_stages = scheme.space_stages,
                          .composition = scheme.composition,
                          .space = scheme.space,
                          .start = pde.start,

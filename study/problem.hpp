@@ -164,6 +164,7 @@ struct Scheme {
   std::optional<int> stages;           ///< gauss, lobatto, and methods for lattices that have stages
   std::string composition = "golden";  ///< splitting: the name of one of compositions()
   std::string space = "fourier";       ///< splitting of a lattice: one of space_words
+  int space_stages = 1;                ///< box
   DarbouxKind darboux = DarbouxKind::midpoint;
   std::optional<Matrix> darboux_matrix;
   std::optional<FormulaText> L;  ///< custom: in t_0, t_1 and every coordinate and momentum with suffix _0 and _1
@@ -176,7 +177,7 @@ struct Scheme {
 
   Location location;  ///< of the table
   Location potential_location, step_location, until_location, lagrangian_location, levels_location, order_location,
-      darboux_location;
+      darboux_location, space_stages_location;
 };
 
 /// [laws]: at which levels and steps local laws, their totals and invariants are taken.

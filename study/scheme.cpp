@@ -1,6 +1,8 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
+#include <stdexcept>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -28,6 +30,7 @@ public:
     read_order();
     read_gauss();
     read_composition();
+    read_space_stages();
     read_space();
     read_levels();
     read_potential();
@@ -204,10 +207,11 @@ private:
   /// Whether it is a family of symplectic maps that has its discrete energy from theory, section 8.
   [[nodiscard]] bool is_family() const {
     return has_compositions() || scheme_.lagrangian == Lagrangian::trapezoid ||
-           (lattice_entry() != nullptr ? scheme_.stages.value_or(1) > 1 : has_stages());
+           (lattice_entry() != nullptr ? scheme_.stages.value_or(1) > 1 || scheme_.space_stages > 1 : has_stages());
   }
   [[nodiscard]] std::string family_name() const {
     return has_compositions()           ? fmt::format("composition = \"{}\"", scheme_.composition)
+           : scheme_.space_stages > 1   ? fmt::format("space_stages = {}", scheme_.space_stages)
            : lattice_entry() != nullptr ? fmt::format("stages = {}", *scheme_.stages)
                                         : fmt::format("lagrangian = \"{}\"", scheme_.word());
   }
@@ -298,6 +302,20 @@ private:
           fmt::format("stages = {}: Gauss collocation is made for 1 to {} stages", number, GaussTableau::most_stages));
     }
     scheme_.stages = static_cast<int>(number);
+  }
+
+  void read_space_stages() {
+    const bool applies = lattice_entry() != nullptr && lattice_entry()->has_space_stages;
+    if (const Entry* entry = take_only_for("space_stages", applies, "box"); entry != nullptr) {
+      const std::int64_t number = read_integer(entry->value, "space_stages", parameters_, 1);
+      scheme_.space_stages = static_cast<int>(std::min<std::int64_t>(number, std::numeric_limits<int>::max()));
+      scheme_.space_stages_location = entry->value.location;
+      try {
+        static_cast<void>(make_lattice_method(method_choice(scheme_)));
+      } catch (const std::invalid_argument& error) {
+        throw ProblemError(entry->value.location, error.what());
+      }
+    }
   }
 
   void read_space() {
@@ -533,14 +551,22 @@ private:
           scheme_.levels_location,
           fmt::format("lagrangian = \"{}\" runs with levels = \"fixed\" only: {}", scheme_.method, reason));
     }
+    if (const std::string_view reason = method->other_dimensions(static_cast<int>(pde.axes.size())); !reason.empty()) {
+      throw ProblemError(scheme_.space_stages_location,
+                         fmt::format("space_stages = {}: {}", scheme_.space_stages, reason));
+    }
     for (const GridAxis& axis : pde.axes) {
       if (const auto other =
               method->other_count(static_cast<std::size_t>(axis.cells), static_cast<int>(pde.axes.size()))) {
         throw ProblemError(
             axis.location,
-            fmt::format("grid.{}: {} cells; lagrangian = \"{}\" needs an odd number in every direction, because {}. "
-                        "Write cells = {}, or lagrangian = \"fourier\", which takes any number",
-                        axis.name, axis.cells, scheme_.method, other->reason, other->cells));
+            fmt::format(
+                "grid.{}: {} cells; lagrangian = \"{}\" needs {}, because {}. Write cells = {}, or lagrangian = "
+                "\"fourier\", which takes any number",
+                axis.name, axis.cells, scheme_.method,
+                scheme_.space_stages > 1 ? fmt::format("an odd multiple of space_stages = {}", scheme_.space_stages)
+                                         : "an odd number in every direction",
+                other->reason, other->cells));
       }
     }
   }
@@ -564,7 +590,8 @@ LatticeMethodChoice method_choice(const Scheme& scheme) {
   return {.name = scheme.method,
           .stages = scheme.stages.value_or(1),
           .composition = scheme.composition,
-          .space = scheme.space};
+          .space = scheme.space,
+          .space_stages = scheme.space_stages};
 }
 std::string_view to_string(Levels levels) {
   return levels_words[static_cast<std::size_t>(levels)];

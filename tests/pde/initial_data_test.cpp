@@ -53,7 +53,7 @@ double slope_of_bump(double x) {
 
 TEST_CASE("a jump at the seam excuses what differs there, and nothing else") {
   for (const Placement placement : {Placement::cells, Placement::nodes, Placement::corners}) {
-    INFO("placement " << static_cast<int>(placement));
+    INFO("placement " << static_cast<int>(placement.points));
     const grids::Grid grid({{"x", -10, 10, 401}});
     CHECK(refused(
         grid, bump, [](double x) { return 3.0 * x; }, placement));
