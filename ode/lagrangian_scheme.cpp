@@ -34,6 +34,10 @@ constexpr double lagrangian_loosest = 1e-13;
 constexpr double lagrangian_least_leftover = 1e-3 * epsilon;
 /// A step this many times longer or shorter than the last one is not begun from its polynomial.
 constexpr double lagrangian_longest_continuation = 3.0;
+/// A polynomial that is farther than this part of the largest increments of the run from where its iteration began may
+/// be another solution than the step.
+constexpr double lagrangian_farthest = 0.5;
+constexpr int lagrangian_finest_approach = 16;
 
 std::vector<double> joined(std::span<const double> q, std::span<const double> p) {
   std::vector<double> z(q.begin(), q.end());
@@ -60,7 +64,7 @@ public:
         factors_(static_cast<int>(n_ * d_)),
         z_(vector_of(joined(q, momenta(lagrangian, q, q_dot)))),
         seed_(vector_of(q_dot)) {
-    for (MatrixXd* matrix : {&Y_, &last_Y_, &trial_Y_, &correction_, &residual_, &bounds_}) {
+    for (MatrixXd* matrix : {&Y_, &last_Y_, &trial_Y_, &begun_, &shorter_, &correction_, &residual_, &bounds_}) {
       matrix->setZero(n_, d_);
     }
     for (MatrixXd* matrix : {&points_, &gradients_}) {
@@ -72,7 +76,7 @@ public:
     matrix_.setZero(n_ * d_, n_ * d_);
     weights_.setZero(d_ + 1);
     last_end_.setZero(n_);
-    for (VectorXd* vector : {&delta_, &lost_, &largest_, &end_, &sums_, &errors_}) {
+    for (VectorXd* vector : {&delta_, &lost_, &largest_, &usual_, &end_, &sums_, &errors_}) {
       vector->setZero(2 * n_);
     }
     for (VectorXd* vector : {&velocity_, &trial_velocity_}) {
@@ -98,12 +102,14 @@ public:
       return Status::undefined;
     }
     const bool continued = start(h);
-    Status status = iterate(h, accuracy);
+    Status status = iterate_nearby(h, accuracy);
     if (status != Status::success && continued) {
+      const bool was_far = far_;
       start_on_tangent(h);
-      status = iterate(h, accuracy);
+      status = iterate_nearby(h, accuracy);
+      far_ = far_ || was_far;
     }
-    if (status != Status::success) {
+    if (status != Status::success && (!far_ || (status = approach(h, accuracy)) != Status::success)) {
       return status;
     }
     finish(h);
@@ -152,6 +158,7 @@ public:
 
   void accept() override {
     largest_ = largest_.cwiseMax(delta_.cwiseAbs());
+    usual_ = usual_.cwiseMax(largest_);
     // The level's velocities are found from those before it, by a resumed run as well.
     seed_ = velocity_;
     z_.add(delta_, lost_);
@@ -183,6 +190,7 @@ public:
     for (VectorXd* vector : {&seed_, &largest_}) {
       state.read(as_span(*vector));
     }
+    usual_ = largest_;
     state.read(std::span<double>(last_Y_.data(), static_cast<std::size_t>(last_Y_.size())));
     start_level();
   }
@@ -267,6 +275,41 @@ private:
   }
   [[nodiscard]] static bool near(double ratio) {
     return ratio > 1.0 / lagrangian_longest_continuation && ratio < lagrangian_longest_continuation;
+  }
+
+  /// iterate(), and whether what it found is the step: Newton's method may end far away, at a polynomial that no motion
+  /// has anything to do with.
+  [[nodiscard]] Status iterate_nearby(double h, double accuracy) {
+    begun_ = Y_;
+    const Status status = iterate(h, accuracy);
+    far_ = false;
+    for (Index r = 0; r < n_ && status == Status::success; ++r) {
+      const double moved = (Y_.row(r) - begun_.row(r)).cwiseAbs().maxCoeff();
+      const double usual = std::max(begun_.row(r).cwiseAbs().maxCoeff(), usual_[r]);
+      far_ = far_ || (usual_[r] > 0.0 && moved > lagrangian_farthest * usual);
+    }
+    return far_ ? Status::not_converged : status;
+  }
+
+  /// The step on the branch that begins with h = 0, from a shorter one in lengths that grow ever less.
+  [[nodiscard]] Status approach(double h, double accuracy) {
+    for (int parts = 2; parts <= lagrangian_finest_approach; parts *= 2) {
+      double share = 1.0 / parts;
+      const double growth = std::pow(share, -1.0 / parts);
+      start_on_tangent(share * h);
+      Status status = iterate_nearby(share * h, accuracy);
+      for (int part = 0; part < parts && status == Status::success; ++part) {
+        const double next = part + 1 == parts ? 1.0 : share * growth;
+        shorter_ = Y_;
+        continue_from(shorter_, 0.0, next / share);
+        share = next;
+        status = iterate_nearby(share * h, accuracy);
+      }
+      if (status == Status::success) {
+        return status;
+      }
+    }
+    return Status::not_converged;
   }
 
   [[nodiscard]] Status iterate(double h, double accuracy) {
@@ -440,11 +483,14 @@ private:
   VectorXd velocity_, trial_velocity_;  ///< at both levels, where here_ and there_ are known
   std::optional<LevelNode> here_, there_;
   MatrixXd Y_, last_Y_, trial_Y_;  ///< q at the control points but the first, less q_k; of the last step; of a trial
+  MatrixXd begun_, shorter_;       ///< where an iteration began; of a shorter step, to continue
+  bool far_ = false;               ///< whether the last iteration ended far from where it began
   MatrixXd correction_, residual_, bounds_;
   MatrixXd points_, gradients_, hessians_;  ///< (q, q̇) at the quadrature points, and L's derivatives there
   VectorXd values_, changes_, weights_, last_end_;
   MatrixXd matrix_;
   VectorXd delta_, lost_, largest_, end_, sums_, errors_;
+  VectorXd usual_;  ///< the largest increments since construction, of other runs of the scheme as well
   double trial_h_ = 0.0, known_trial_h_ = 0.0, last_h_ = 0.0;
   bool known_ = false;  ///< whether trial_Y_ is
   double energy_ = 0.0;

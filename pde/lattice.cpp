@@ -55,14 +55,20 @@ LatticeIntegrator::LatticeIntegrator(const MultisymplecticSystem& system, const 
                                                         .potential = options.potential},
                                            options.start, options.step)),
       laws_(make_local_laws(*method_, system, grid, options.symmetries)),
-      previous_(scheme_->level()) {
+      previous_(scheme_->level()),
+      before_(previous_.fields) {
   laws_.share(scheme_->stages());
 }
 
 StepReport LatticeIntegrator::step() {
-  // The scheme overwrites its level only when the step is accepted, but a copy is needed before that.
-  previous_.fields.copy_from(scheme_->level().fields);
-  return levels_->step();
+  // The scheme overwrites its level only when the step is accepted, but a copy is needed before that. A step that fails
+  // leaves the level before as it was, too.
+  before_.copy_from(scheme_->level().fields);
+  const StepReport report = levels_->step();
+  if (report.status == Status::success) {
+    std::swap(previous_.fields, before_);
+  }
+  return report;
 }
 
 LevelNode LatticeIntegrator::node() {

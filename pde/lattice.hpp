@@ -95,6 +95,7 @@ private:
   std::unique_ptr<TimeLevels> levels_;
   LocalLaws laws_;
   LatticeLevel previous_;
+  grids::FieldSet before_;  ///< of the step under way, what becomes previous_ if it succeeds
 };
 
 }  // namespace rubato

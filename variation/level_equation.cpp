@@ -95,7 +95,7 @@ Status TimeLevels::solve_level(double guess) {
     stalls = worse ? stalls + (newton ? 1 : 0) : 0;
     const bool closed = worse && std::min(above, fold) - below <= 4.0 * epsilon * length;
     if (stalls >= 2 || closed) {
-      measure();  // rounding may be more than at the last level
+      measure(side * length);  // rounding may be more than at the last level
     }
     const bool stagnated = (stalls >= 2 || closed) && std::abs(miss) <= std::max(options_.tolerance * energy_scale_,
                                                                                  rounding_ + epsilon * slope * length);

@@ -27,7 +27,7 @@ constexpr double largest_foresight = 1.25;
 }  // namespace
 
 /// First steps of equal length, as many as can be taken, and what was seen of η; the scheme goes back.
-std::vector<double> TimeLevels::scout(std::size_t steps, double& energy_size) {
+std::vector<double> TimeLevels::scout(std::size_t steps, double& energy_size, double& first_size) {
   const double s = scheme_.order(), h = fixed_h_;
   StateWriter before;
   scheme_.save(before);
@@ -39,6 +39,7 @@ std::vector<double> TimeLevels::scout(std::size_t steps, double& energy_size) {
     }
     eta.push_back(value);
     energy_size = std::max(energy_size, scheme_.energy_size().terms);
+    first_size = eta.size() == 1 ? energy_size : first_size;
     scheme_.accept();
   }
   StateReader reader(before.values());
@@ -56,12 +57,13 @@ void TimeLevels::choose_potential() {
     return;
   }
   const bool given = choice.kind == StepPotentialChoice::Kind::given;
-  double size = 0.0;
-  const std::vector<double> eta = scout(given ? 1 : scout_steps, size);
+  double size = 0.0, first_size = 0.0;
+  const std::vector<double> eta = scout(given ? 1 : scout_steps, size, first_size);
   if (eta.empty()) {
     return;  // the first step will tell why
   }
-  const Scouting scouting{.order = scheme_.order(), .step = std::abs(fixed_h_), .eta = eta, .energy_size = size};
+  const Scouting scouting{
+      .order = scheme_.order(), .step = std::abs(fixed_h_), .eta = eta, .energy_size = size, .first_size = first_size};
   potential_ = given ? make_step_potential(scouting, choice.kappa, choice.exponent)
                      : choose_step_potential(scouting, choice.largest_step);
 }
@@ -106,11 +108,13 @@ Status TimeLevels::solve_with_potential(double guess) {
     }
     stalls = full && std::abs(miss) >= 0.5 * best ? stalls + 1 : 0;
     if (stalls >= 2) {
-      measure();  // rounding may be more than at the last level
+      measure(h);  // rounding may be more than at the last level
     }
     const bool stagnated = stalls >= 2 && std::abs(miss) <= std::max(options_.tolerance * energy_scale_,
                                                                      rounding_ + epsilon * std::abs(slope) * length);
-    if (full && (std::abs(miss) <= tolerance || stagnated)) {
+    // No other h is nearer than its last place lets it be, which a large f' multiplies.
+    const double last_place = 0.5 * epsilon * std::abs(slope) * length;
+    if (full && (std::abs(miss) <= std::max(tolerance, last_place) || stagnated)) {
       trial_step_ = h;
       return slope > 0.0 ? Status::success : Status::singular;
     }

@@ -3,6 +3,9 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
+
+#include <rubato/base/limits.hpp>
 
 namespace rubato {
 
@@ -18,6 +21,8 @@ constexpr double least_slope = 1e-10;
 constexpr double largest_kappa = 60.0, least_kappa = 1.0 / 16.0, kappa_ratio = 1.2;
 /// How large f' may become, beside what the node energy is off with equal steps.
 constexpr double largest_part = 4.0;
+/// And beside the size of the terms of K, which is |K| or some hundredths of the sum of their magnitudes.
+constexpr double most_of_terms = 30.0;
 /// Where the node energy hardly changes, this part of what it is off with equal steps counts for its change.
 constexpr double negligible = 0.01;
 /// Where η vanishes, K is the same for every h, and the potential alone tells one step from another: f' is at least
@@ -72,6 +77,11 @@ StepPotential with_kappa(const Scouting& scouting, double eta, double kappa, dou
 
 double StepPotential::energy(double h) const {
   return strength == 0.0 ? 0.0 : strength * std::pow(std::abs(h) / length, exponent);
+}
+
+/// Of |h|/length, raised to p; of pow() itself, good to two units in the last place; and of the product.
+double StepPotential::rounding(double h) const {
+  return 0.5 * epsilon * (exponent + 3.0) * std::abs(energy(h));
 }
 
 double StepPotential::slope(double h) const {
@@ -156,7 +166,10 @@ StepPotential choose_step_potential(const Scouting& scouting, std::optional<doub
   const std::array exponents = {s + 1.0, s + 2.0, s + 4.0, 2.0 * s + 2.0, 3.0 * s, 4.0 * s};
   StepPotential best;
   double least_work = 0.0;
-  const double strength_limit = largest_part * std::abs(with_kappa(scouting, largest, 1.0, s).strength);
+  // An f' beside which the terms of K are lost would be all that is conserved.
+  const double most =
+      scouting.first_size > 0.0 ? most_of_terms * scouting.first_size : std::numeric_limits<double>::infinity();
+  const double strength_limit = std::min(largest_part * std::abs(with_kappa(scouting, largest, 1.0, s).strength), most);
   const double least_energy = negligible * std::abs(with_kappa(scouting, largest, 1.0, s).strength);
   for (const double side : {std::copysign(1.0, scouting.eta.front()), -std::copysign(1.0, scouting.eta.front())}) {
     for (const double exponent : exponents) {
@@ -176,9 +189,13 @@ StepPotential choose_step_potential(const Scouting& scouting, std::optional<doub
       }
     }
   }
+  if (best.active()) {
+    return best;
+  }
   // Nothing is forecast to last: steps as nearly equal as they can be.
-  return best.active() ? best
-                       : with_kappa(scouting, std::copysign(largest, scouting.eta.front()), least_kappa, s + 1.0);
+  StepPotential equal = with_kappa(scouting, std::copysign(largest, scouting.eta.front()), least_kappa, s + 1.0);
+  equal.strength /= std::max(1.0, std::abs(equal.energy(scouting.step)) / most);
+  return equal;
 }
 
 }  // namespace rubato

@@ -21,6 +21,8 @@ struct StepPotential {
   [[nodiscard]] bool active() const { return strength != 0.0; }
   /// f'(h), what it adds to the discrete energy, an even function of h.
   [[nodiscard]] double energy(double h) const;
+  /// A bound of what rounding makes of f'(h).
+  [[nodiscard]] double rounding(double h) const;
   /// f''(h).
   [[nodiscard]] double slope(double h) const;
 
@@ -56,6 +58,7 @@ struct Scouting {
   double step = 0.0;  ///< |h_0|, of the scout and of the run's first step
   std::span<const double> eta;
   double energy_size = 0.0;  ///< of the terms of K: what a potential has to be seen beside where η vanishes
+  double first_size = 0.0;   ///< the same of the first step: beside a larger f' they would be lost; 0 if not known
 };
 
 /// What a potential makes of the levels along a scouted orbit, by the levels' own leading order (the surrogate of

@@ -48,7 +48,7 @@ TimeLevels::TimeLevels(LevelScheme& scheme, const LevelOptions& options, double 
     throw std::invalid_argument(
         fmt::format("the tolerance of the level equation must be positive; got {}", options.tolerance));
   }
-  measure();
+  measure(first_step);
 }
 
 StepReport TimeLevels::step() {
@@ -63,8 +63,9 @@ StepReport TimeLevels::step() {
   return result;
 }
 
-/// What the terms of E_k and its rounding are at the trial step. With fixed levels nothing is solved to it.
-void TimeLevels::measure() {
+/// What the terms of E_k and its rounding are at the trial step; of a step potential its own rounding, and that of the
+/// sum. With fixed levels nothing is solved to it.
+void TimeLevels::measure(double h) {
   if (options_.levels == Levels::fixed && steps_ % size_period != 0) {
     return;
   }
@@ -72,6 +73,10 @@ void TimeLevels::measure() {
   if (std::isfinite(size.terms) && std::isfinite(size.rounding)) {
     energy_scale_ = std::max(energy_scale_, size.terms);
     rounding_ = size.rounding;
+    if (potential_.active()) {
+      const double potential = potential_.energy(h);
+      rounding_ += potential_.rounding(h) + 0.5 * epsilon * std::abs(scheme_.discrete_energy() + potential);
+    }
   }
 }
 
@@ -82,7 +87,7 @@ StepReport TimeLevels::report(Status status, double h) {
   result.iterations = scheme_.iterations();
   result.target = scheme_.energy_target().value_or(energy_);
   if (status == Status::success) {
-    measure();
+    measure(h);
     result.potential = potential_.energy(h);
     result.energy = scheme_.discrete_energy() + result.potential;
     result.slope = scheme_.discrete_energy_slope() + potential_.slope(h);
@@ -96,11 +101,13 @@ StepReport TimeLevels::report(Status status, double h) {
 /// what is reported stays within it, and further down to what rounding makes of E_k at this level, or to as many times
 /// that as the tolerance is coarser than the usual one: the tolerance is relative to the largest terms of the run,
 /// beside which H - E itself may be nothing where terms are small, as far out on an eccentric orbit. A trial more is
-/// cheap, and what is left of the equation is part of the error of h.
+/// cheap, and what is left of the equation is part of the error of h. Never less than the last place of E, which is far
+/// more than that of the terms of K beside a large step potential.
 double TimeLevels::solved_to() const {
   const double rounding = std::max(rounding_, epsilon * std::abs(energy_));
   const double coarser = std::max(1.0, options_.tolerance / LevelOptions{}.tolerance);
-  return std::min(coarser * rounding, margin * options_.tolerance * energy_scale_);
+  return std::max(std::min(coarser * rounding, margin * options_.tolerance * energy_scale_),
+                  epsilon * std::abs(energy_));
 }
 
 /// |E_k - E| up to which a step meets the law: the tolerance, or where that is less, what rounding in E_k and in h

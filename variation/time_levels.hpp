@@ -136,7 +136,7 @@ private:
 
   // potential_levels.cpp: levels with a step potential (theory, section 9).
   void choose_potential();
-  [[nodiscard]] std::vector<double> scout(std::size_t steps, double& energy_size);
+  [[nodiscard]] std::vector<double> scout(std::size_t steps, double& energy_size, double& first_size);
   [[nodiscard]] Status solve_with_potential(double guess);
   [[nodiscard]] double extrapolated_step() const;
   [[nodiscard]] StepReport resumed_with_potential();
@@ -145,7 +145,7 @@ private:
   [[nodiscard]] double law_step(double gamma) const;
   void set_direction(double gamma);
   void remember(double h, double slope);
-  void measure();
+  void measure(double h);
 
   // bridge.cpp: what happens where the step equation loses its solution (theory, section 3.1).
   /// `count` equal plain steps of length h, after which the ordinary step exists again.

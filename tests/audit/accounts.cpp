@@ -101,6 +101,7 @@ std::vector<std::string> prefixes_of(const std::string& row) {
       {"step length", {"h."}},
       {"discrete energy", {"discrete_energy.", "bridges.", "steps"}},
       {"discrete energy, relative deviation", {"discrete_energy.", "bridges.", "steps"}},
+      {"step potential", {"step_potential."}},
       {"node energy H(z_k)", {"node_energy."}},
       {"node energy, deviation", {"node_energy."}},
       {"Gamma", {"gamma."}},

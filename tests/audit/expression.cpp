@@ -63,6 +63,23 @@ std::string Expression::text(std::span<const std::string> names) const {
   return {};
 }
 
+bool Expression::depends_on(std::size_t first, std::size_t end) const {
+  const Node& node = *node_;
+  if (node.kind == Kind::variable) {
+    return node.index >= first && node.index < end;
+  }
+  return (node.left != nullptr && Expression(node.left).depends_on(first, end)) ||
+         (node.right != nullptr && Expression(node.right).depends_on(first, end));
+}
+
+Expression Expression::terms_where(const std::function<bool(const Expression&)>& keep) const {
+  const Node& node = *node_;
+  if (node.kind == Kind::add || node.kind == Kind::subtract) {
+    return {node.kind, Expression(node.left).terms_where(keep), Expression(node.right).terms_where(keep)};
+  }
+  return keep(*this) ? *this : Expression(0.0);
+}
+
 Expression Expression::with(std::span<const Expression> values) const {
   const Node& node = *node_;
   const Expression a(node.left), b(node.right);

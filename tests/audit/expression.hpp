@@ -1,5 +1,6 @@
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <span>
 #include <string>
@@ -39,6 +40,11 @@ public:
   [[nodiscard]] T operator()(std::span<const T> variables) const {
     return evaluate(*node_, variables);
   }
+
+  /// Whether a variable numbered first … end - 1 is in it.
+  [[nodiscard]] bool depends_on(std::size_t first, std::size_t end) const;
+  /// The sum of those terms of the outermost sum for which `keep` is true.
+  [[nodiscard]] Expression terms_where(const std::function<bool(const Expression&)>& keep) const;
 
   /// The numbers among the terms of the outermost sum, added up.
   [[nodiscard]] double added_constant() const { return added_constant(*node_); }

@@ -258,7 +258,7 @@ Values LatticeOracle::energy_density(const LatticeState& level) const {
       std::ranges::fill(state[f], Bounded());
     }
   }
-  const bool euler = problem_.lagrangian == Lagrangian::euler_box;
+  const bool euler = one_sided();
   const LatticeState mean = means(state);
   Values density = S(mean);
   for (std::size_t a = 0; a < problem_.axes.size(); ++a) {
@@ -272,6 +272,10 @@ Values LatticeOracle::energy_density(const LatticeState& level) const {
     }
   }
   return density;
+}
+
+bool LatticeOracle::one_sided() const {
+  return problem_.lagrangian == Lagrangian::euler_box || problem_.differences;
 }
 
 Bounded LatticeOracle::node_energy(const LatticeState& level) const {
@@ -308,21 +312,30 @@ Bounded LatticeOracle::energy(const LatticeState& before, const LatticeState& af
                                                       : node_energy(combined(before, after, half, half));
 }
 
-Values LatticeOracle::energy_law(const LatticeState& before, const LatticeState& after, double h) const {
+FluxPlace LatticeOracle::middle_of(const LatticeState& before, const LatticeState& after, double h) const {
+  const Bounded inverse = Bounded(1.0L) / Bounded::stored(h);
+  return {1.0L, combined(before, after, half, half), combined(before, after, -inverse, inverse)};
+}
+
+Values LatticeOracle::energy_law(const LatticeState& before, const LatticeState& after, double h,
+                                 std::span<const FluxPlace> places) const {
+  const FluxPlace middle_place = places.empty() ? middle_of(before, after, h) : FluxPlace();
+  places = places.empty() ? std::span(&middle_place, 1) : places;
   const Bounded inverse = Bounded(1.0L) / Bounded::stored(h);
   const Values first = energy_density(before), last = energy_density(after);
   Values law;
   for (std::size_t i = 0; i < first.size(); ++i) {
     law.push_back((last[i] - first[i]) * inverse);
   }
-  const LatticeState middle = combined(before, after, half, half), rate = combined(before, after, -inverse, inverse);
   for (std::size_t a = 0; a < problem_.axes.size(); ++a) {
     // On the faces across a: F = -(D_t z)ᵀK₊ A_t z
-    const LatticeState face = means(middle, a), face_rate = means(rate, a);
     Values flux(law.size());
-    for (const auto& [row, column, value] : problem_.K[a]) {
-      for (std::size_t i = 0; i < flux.size(); ++i) {
-        flux[i] += exact(-value) * face_rate[row][i] * face[column][i];
+    for (const FluxPlace& place : places) {
+      const LatticeState face = means(place.state, a), face_rate = means(place.rate, a);
+      for (const auto& [row, column, value] : problem_.K[a]) {
+        for (std::size_t i = 0; i < flux.size(); ++i) {
+          flux[i] += Bounded(place.weight) * exact(-value) * face_rate[row][i] * face[column][i];
+        }
       }
     }
     const Values change = cells() ? differenced(flux, a) : spectral(flux, a);
@@ -345,7 +358,10 @@ Bounded LatticeOracle::momentum(const LatticeState& level) const {
   return volume() * sum;
 }
 
-Values LatticeOracle::momentum_law(const LatticeState& before, const LatticeState& after, double h) const {
+Values LatticeOracle::momentum_law(const LatticeState& before, const LatticeState& after, double h,
+                                   std::span<const FluxPlace> places) const {
+  const FluxPlace middle_place = places.empty() ? middle_of(before, after, h) : FluxPlace();
+  places = places.empty() ? std::span(&middle_place, 1) : places;
   const Bounded inverse = Bounded(1.0L) / Bounded::stored(h);
   const auto density = [this](const LatticeState& level) {
     const LatticeState mean = means(level), slope = slopes(level, 0);
@@ -359,11 +375,17 @@ Values LatticeOracle::momentum_law(const LatticeState& before, const LatticeStat
   };
   const Values first = density(before), last = density(after);
   // G = S(A_t z) + (D_t z)ᵀM₊ A_t z at the nodes
-  const LatticeState middle = combined(before, after, half, half), rate = combined(before, after, -inverse, inverse);
-  Values flux = S(middle);
-  for (const auto& [row, column, value] : problem_.M) {
+  Values flux(first.size());
+  for (const FluxPlace& place : places) {
+    const Bounded weight = place.weight;
+    const Values density_of_place = S(place.state);
     for (std::size_t i = 0; i < flux.size(); ++i) {
-      flux[i] += exact(value) * rate[row][i] * middle[column][i];
+      flux[i] += weight * density_of_place[i];
+    }
+    for (const auto& [row, column, value] : problem_.M) {
+      for (std::size_t i = 0; i < flux.size(); ++i) {
+        flux[i] += weight * exact(value) * place.rate[row][i] * place.state[column][i];
+      }
     }
   }
   Values law = cells() ? differenced(flux, 0) : spectral(flux, 0);

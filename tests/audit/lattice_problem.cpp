@@ -6,6 +6,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include "audit/quadrature.hpp"
 #include "audit/random.hpp"
 
 namespace audit {
@@ -110,7 +111,9 @@ private:
     problem_.K[0] = {{0, 2, -1}, {1, 3, -1}};
     problem_.S = (square(field(2)) + square(field(3))) / 2.0 +
                  random_.between(-0.6, 0.8) * square(square(field(0)) + square(field(1)));
+    problem_.turns = true;
     if (random_.chance(0.5)) {
+      problem_.turns = false;  // and is no kick either
       problem_.S = problem_.S + random_.between(-0.2, 0.2) * Expression::raised(field(0), 3);
     }
     problem_.slaved[2] = problem_.slaved[3] = true;
@@ -120,6 +123,7 @@ private:
 
   void dirac() {
     problem_.family = "Dirac";
+    problem_.turns = true;
     declare({"p1", "q1", "p2", "q2"});
     problem_.M = {{0, 1, 1}, {2, 3, 1}};
     problem_.K[0] = {{0, 3, 1}, {1, 2, -1}};  // K[p2,q1] = 1, by the upper triangle
@@ -164,6 +168,36 @@ private:
     if (which > 0.85 && problem_.family.find("wave") != std::string::npos) {
       problem_.lagrangian = LatticeProblem::Lagrangian::euler_box;
     }
+    const bool kicks = problem_.family.find("wave") != std::string::npos;
+    const double family = random_.unit();
+    if (family < 0.3 && (kicks || problem_.turns)) {
+      problem_.lagrangian = LatticeProblem::Lagrangian::splitting;
+      problem_.composition =
+          random_.one_of({"golden", "verlet", "suzuki-4", "blanes-moan-4", "kahan-li-6", "kahan-li-8"});
+      problem_.differences = random_.chance(0.35);
+    } else if (family < 0.65) {
+      problem_.lagrangian = LatticeProblem::Lagrangian::fourier;
+      problem_.stages = 2 + static_cast<int>(random_.below(random_.chance(0.7) ? 3 : 7));
+    }
+  }
+
+  void choose_step_potential() {
+    using Kind = PotentialRule::Kind;
+    PotentialRule& rule = problem_.step_potential;
+    const double which = random_.unit();
+    if (which < 0.15) {
+      rule.kind = Kind::automatic;
+    } else if (which < 0.3) {
+      rule.kind = Kind::given;
+      rule.kappa = random_.between(1.1, 4);
+      rule.exponent = random_.chance(0.5) ? problem_.order_of_scheme() + random_.one_of({1, 2, 4})
+                                          : problem_.order_of_scheme() * random_.between(1.2, 3);
+    } else if (which < (problem_.is_family() ? 0.5 : 0.3)) {
+      rule.kind = Kind::none;
+    }
+    if (rule.kind == Kind::automatic && random_.chance(0.2)) {
+      rule.largest_step = Random::short_number(std::abs(problem_.step) * random_.between(1, 4));
+    }
   }
 
   void make_grid() {
@@ -186,6 +220,9 @@ private:
     if (random_.chance(0.2)) {
       problem_.tolerance = random_.decades(-13, -7);
       problem_.tolerance_given = true;
+    }
+    if (!problem_.fixed) {
+      choose_step_potential();
     }
     if (!explicit_scheme && random_.chance(0.25)) {
       problem_.on_singular = random_.chance(0.5) ? "fixed" : "stop";
@@ -222,13 +259,28 @@ std::size_t LatticeProblem::nodes() const {
   return count;
 }
 
+int LatticeProblem::order_of_scheme() const {
+  return lagrangian == Lagrangian::splitting ? composition_order(composition) : 2 * stages;
+}
+
+bool LatticeProblem::has_step_potential() const {
+  using Kind = PotentialRule::Kind;
+  return !fixed && (step_potential.kind == Kind::unsaid ? is_family() && on_singular == "bridge"
+                                                        : step_potential.kind != Kind::none);
+}
+
 LevelRules LatticeProblem::rules() const {
+  const bool given = step_potential.kind == PotentialRule::Kind::given;
   return {.start = start_time,
           .until = until,
           .step = step,
           .tolerance = tolerance,
           .fixed = fixed,
-          .every = static_cast<std::size_t>(every)};
+          .every = static_cast<std::size_t>(every),
+          .order = order_of_scheme(),
+          .potential = has_step_potential(),
+          .kappa = given ? step_potential.kappa : 0.0,
+          .exponent = given ? step_potential.exponent : 0.0};
 }
 
 std::string LatticeProblem::toml() const {
@@ -254,10 +306,15 @@ std::string LatticeProblem::toml() const {
     names.emplace_back("t");
     text += fmt::format("[exact]\n{} = \"{}\"\n", fields[initial[0].first], exact->text(names));
   }
-  constexpr const char* words[] = {"box", "fourier", "euler-box"};
+  constexpr const char* words[] = {"box", "fourier", "euler-box", "splitting"};
   text += fmt::format("[scheme]\nlagrangian = \"{}\"\nstep = {}\nuntil = {}\nmax_steps = {}\n",
                       words[static_cast<int>(lagrangian)], step, until, max_steps);
+  text += stages > 1 ? fmt::format("stages = {}\n", stages) : "";
+  if (lagrangian == Lagrangian::splitting) {
+    text += fmt::format("composition = \"{}\"\n{}", composition, differences ? "space = \"differences\"\n" : "");
+  }
   text += fixed ? "levels = \"fixed\"\n" : "";
+  text += step_potential.toml();
   text += tolerance_given ? fmt::format("tolerance = {}\n", tolerance) : "";
   text += on_singular != "bridge" ? fmt::format("on_singular = \"{}\"\n", on_singular) : "";
   text += fmt::format("[output]\nevery = {}\n", every);

@@ -25,7 +25,7 @@ struct Axis {
 
 /// A random lattice and how it is to be run.
 struct LatticeProblem {
-  enum class Lagrangian { box, fourier, euler_box };
+  enum class Lagrangian { box, fourier, euler_box, splitting };
 
   std::string family;
   std::vector<std::string> fields;
@@ -43,6 +43,11 @@ struct LatticeProblem {
   std::size_t derivative_of_potential = 0;
 
   Lagrangian lagrangian = Lagrangian::box;
+  int stages = 1;                      ///< of fourier: more than one is Gauss collocation
+  std::string composition = "golden";  ///< of a splitting
+  bool differences = false;            ///< its derivatives in space
+  bool turns = false;                  ///< what is left of S turns pairs of fields; else it kicks
+  PotentialRule step_potential;
   bool fixed = false;
   double step = 0.0, until = 0.0;
   double tolerance = 1e-13;
@@ -52,6 +57,10 @@ struct LatticeProblem {
   int every = 1;
 
   [[nodiscard]] std::size_t nodes() const;
+  /// Maps that are no variation of an action of the corners' values: theory, section 8.
+  [[nodiscard]] bool is_family() const { return lagrangian == Lagrangian::splitting || stages > 1; }
+  [[nodiscard]] int order_of_scheme() const;
+  [[nodiscard]] bool has_step_potential() const;
   [[nodiscard]] LevelRules rules() const;
   [[nodiscard]] std::string toml() const;
 };

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstddef>
+#include <string>
 
 namespace audit {
 
@@ -11,6 +12,20 @@ struct LevelRules {
   double tolerance = 1e-13;
   bool fixed = false;
   std::size_t every = 1;
+  int order = 2;           ///< of the scheme
+  bool potential = false;  ///< whether a step potential is part of the conserved energy
+  double kappa = 0.0;      ///< of one that the problem gives; 0 where the run chose it
+  double exponent = 0.0;   ///< the same
+};
+
+/// What stands in a problem for its step potential.
+struct PotentialRule {
+  enum class Kind { unsaid, none, automatic, given };
+  Kind kind = Kind::unsaid;
+  double kappa = 0.0, exponent = 0.0;  ///< given
+  double largest_step = 0.0;           ///< automatic; 0 where nothing is said of it
+
+  [[nodiscard]] std::string toml() const;
 };
 
 }  // namespace audit

@@ -7,11 +7,18 @@
 
 namespace audit {
 
+namespace {
+
+/// Values above it come from squares and products of several terms that pass the range of double.
+constexpr long double most_in_double = 1e290L;
+
+}  // namespace
+
 LevelsJudge::LevelsJudge(const LevelRules& rules, const Stored& record, const Json& told, Findings& findings)
     : rules_(rules), record_(record), told_(told), findings_(findings) {}
 
 void LevelsJudge::add_scale(long double value) {
-  roundings_.scale = std::max(roundings_.scale, std::abs(value));
+  roundings_.scale = std::isfinite(value) ? std::max(roundings_.scale, std::abs(value)) : roundings_.scale;
 }
 
 bool LevelsJudge::judge_levels() {
@@ -63,11 +70,90 @@ bool LevelsJudge::judge_levels() {
     findings_.add("stored levels", "the last level is not stored");
     return false;
   }
+  return judge_potential();
+}
+
+/// f'(h) = strength·(|h|/length)^p: one power law for all steps. Its exponent, which no dataset tells, follows from the
+/// longest and the shortest of them, to what their rounding leaves.
+bool LevelsJudge::judge_potential() {
+  constexpr const char* path = "/levels/step_potential";
+  if (record_.has(path) != rules_.potential) {
+    findings_.add("step potential", rules_.potential ? "there is none" : "there is one that nobody asked for");
+    return false;
+  }
+  if (!rules_.potential || h_.empty()) {
+    return true;
+  }
+  potential_ = record_[path];
+  if (potential_.size() != h_.size() || potential_[0] == 0.0) {
+    findings_.add("step potential", fmt::format("{} values for {} steps", potential_.size(), h_.size()));
+    return false;
+  }
+  const auto length = [this](std::size_t k) { return std::abs(static_cast<long double>(h_[k])); };
+  std::size_t shortest = 0, longest = 0;
+  for (std::size_t k = 0; k < h_.size(); ++k) {
+    shortest = length(k) < length(shortest) ? k : shortest;
+    longest = length(k) > length(longest) ? k : longest;
+  }
+  exponent_ = rules_.exponent;
+  if (rules_.exponent == 0.0 && shortest != longest) {
+    const long double span = std::log(length(longest) / length(shortest));
+    const long double rise =
+        std::log(static_cast<long double>(potential_[longest]) / static_cast<long double>(potential_[shortest]));
+    exponent_ = rise / span;
+    // Both ends are rounded by two or three units; a rounded exponent serves where it is one.
+    const long double uncertain = 8 * unit_roundoff * (1 + std::abs(exponent_)) / span;
+    if (std::abs(exponent_ - std::round(exponent_)) <= uncertain) {
+      exponent_ = std::round(exponent_);
+    }
+    findings_.within("exponent of the step potential", rules_.order, exponent_ + uncertain, [&] {
+      return fmt::format("{} of a scheme of order {}", static_cast<double>(exponent_), rules_.order);
+    });
+  }
+  for (std::size_t k = 0; k < h_.size(); ++k) {
+    const Bounded expected = potential_of(k);
+    findings_.within("step potential", std::abs(potential_[k] - expected.value), expected.error, [&] {
+      return fmt::format("step {}: f'({}) = {} in place of {}", k, h_[k], potential_[k],
+                         static_cast<double>(expected.value));
+    });
+  }
   return true;
+}
+
+/// From that of the first step.
+Bounded LevelsJudge::potential_of(std::size_t k) const {
+  if (!rules_.potential) {
+    return {};
+  }
+  const long double ratio = std::abs(static_cast<long double>(h_[k]) / h_[0]);
+  const long double value = potential_[0] * std::pow(ratio, exponent_);
+  // Of each of both: the quotient |h|/length, raised to p, pow() itself and a product.
+  return {value, 2 * (exponent_ + 4) * unit_roundoff * std::abs(value)};
+}
+
+void LevelsJudge::judge_strength(const Bounded& size, long double part, long double terms) {
+  if (rules_.kappa == 0.0 || potential_.empty()) {
+    return;
+  }
+  // Where η vanishes the potential is to be seen beside the terms of K all the same.
+  constexpr long double seen = 1e-6L;
+  const long double told = potential_[0] * std::pow(static_cast<long double>(rules_.kappa), exponent_);
+  const long double expected = std::abs(size.value);
+  const long double limit = part * expected + evaluations * size.error + seen * terms;
+  findings_.within("strength of the step potential", std::abs(std::abs(told) - expected), limit, [&] {
+    return fmt::format("{:.6g} in place of {:.6g} ± {:.2g}", static_cast<double>(told), static_cast<double>(size.value),
+                       static_cast<double>(limit));
+  });
+  if (expected > limit && told * size.value < 0) {
+    findings_.add("strength of the step potential", "it has the wrong sign");
+  }
 }
 
 void LevelsJudge::compare(const std::string& kind, double value, const Bounded& right, std::size_t at,
                           long double& largest) {
+  if (!(std::abs(right.value) <= most_in_double) && !std::isfinite(value)) {
+    return;  // what leads to it is beyond what double holds: undefined, and told to be
+  }
   largest = std::max(largest, evaluations * right.error);
   findings_.within(kind, std::abs(value - right.value), evaluations * right.error, [&] {
     return fmt::format("at {}: {} in place of {} ± {:.2g}", at, value, static_cast<double>(right.value),
@@ -75,7 +161,8 @@ void LevelsJudge::compare(const std::string& kind, double value, const Bounded& 
   });
 }
 
-void LevelsJudge::judge_energy(std::size_t k, const Bounded& energy) {
+void LevelsJudge::judge_energy(std::size_t k, const Bounded& energy_of_scheme) {
+  const Bounded energy = rules_.potential ? energy_of_scheme + potential_of(k) : energy_of_scheme;
   compare("stored energy", energies_[k], energy, k, roundings_.energy);
   if (rules_.fixed || !told_.has("discrete_energy.value") || bridged_[k] != 0.0) {
     return;
@@ -134,13 +221,24 @@ void LevelsJudge::judge_told() {
     exactly("bridges.steps", static_cast<double>(std::ranges::count(bridged_, 1.0)));
     exactly("bridges.count", static_cast<double>(std::ranges::count(crossing, 1.0)));
   }
+  if (rules_.potential) {
+    exactly("step_potential.min", *std::ranges::min_element(potential_));
+    exactly("step_potential.max", *std::ranges::max_element(potential_));
+  } else if (told_.has("step_potential.min")) {
+    findings_.add("told step_potential", "there is none");
+  }
   const std::vector<double>& node_energies = record_["/levels/node_energy"];
   exactly("node_energy.initial", node_energies[0]);
-  double deviation = 0.0;
+  double deviation = 0.0, undefined = 0.0;
   for (const double energy : node_energies) {
-    deviation = std::max(deviation, std::abs(energy - node_energies[0]));
+    const double off = std::abs(energy - node_energies[0]);
+    deviation = std::isfinite(off) ? std::max(deviation, off) : deviation;
+    undefined += std::isfinite(energy) ? 0.0 : 1.0;
   }
   exactly("node_energy.max_deviation", deviation);
+  if (undefined > 0.0) {
+    exactly("node_energy.undefined", undefined);
+  }
   const std::vector<double>& gammas = record_["/levels/gamma"];
   if (told_.has("gamma.min")) {
     exactly("gamma.min", *std::ranges::min_element(gammas));
@@ -172,7 +270,7 @@ void LevelsJudge::deviation_told(const std::string& key, long double off) {
   }
   long double smallest = std::abs(static_cast<long double>(told_["discrete_energy.value"]));
   for (const double energy : record_["/levels/node_energy"]) {
-    smallest = std::max(smallest, std::abs(static_cast<long double>(energy)));
+    smallest = !std::isfinite(energy) ? smallest : std::max(smallest, std::abs(static_cast<long double>(energy)));
   }
   const long double most = smallest > 0 ? off / smallest : 1.0L;
   const long double least = roundings_.scale > 0 ? off / roundings_.scale : 0.0L;

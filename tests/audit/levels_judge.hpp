@@ -23,8 +23,12 @@ public:
 
   /// Times, steps and their direction, and which levels are stored. False if there is too little to go on with.
   bool judge_levels();
-  /// E_k of a step against what is stored, and against E if the step is not flagged.
-  void judge_energy(std::size_t step, const Bounded& energy);
+  /// E_k of a step, K_h of its scheme and the step potential's part, against what is stored, and against E if the step
+  /// is not flagged.
+  void judge_energy(std::size_t step, const Bounded& energy_of_scheme);
+  /// (s+1) |η| h_0^s, which a potential that the problem gives is stated in, as the first step tells it: within a part
+  /// of it. `terms` is the size of the terms of K.
+  void judge_strength(const Bounded& size, long double part, long double terms);
   /// The figures that the levels alone decide.
   void judge_told();
   /// A stored value against what it should be; keeps the largest rounding in `largest`.
@@ -45,6 +49,8 @@ public:
   void add_scale(long double value);
 
 private:
+  bool judge_potential();
+  [[nodiscard]] Bounded potential_of(std::size_t step) const;
   void exactly(const std::string& key, double value);
   void deviation_told(const std::string& key, long double off);
 
@@ -53,7 +59,8 @@ private:
   const Json& told_;
   Findings& findings_;
   Roundings roundings_;
-  std::vector<double> t_, h_, bridged_, energies_;
+  std::vector<double> t_, h_, bridged_, energies_, potential_;
+  long double exponent_ = 0.0L;  ///< of the step potential
   std::vector<std::size_t> levels_;
 };
 

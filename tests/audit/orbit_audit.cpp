@@ -22,7 +22,7 @@ void audit_orbit(const std::string& program, std::uint64_t number, Findings& fin
           [&](double constant) {
             OrbitProblem shifted = problem;
             shifted.H = shifted.H + constant;
-            shifted.L = shifted.L - constant;
+            shifted.L = shifted.L - constant;  // the energy of an L(q, q̇), too, is then more
             return shifted.toml();
           },
       .judge = [&](const Stored& record, const Json& told,
@@ -126,7 +126,69 @@ int orbit_twins(const std::string& program) {
       {"stored energy", [](Stored& r, Json&) { value_of(r, "/levels/energy", 5) += 4e-14; }},
   };
   const auto [gauss, gauss_told] = run_of(program, problem);
-  return missed + missed_of(problem, gauss, gauss_told, collocated);
+  int missed_in_all = missed + missed_of(problem, gauss, gauss_told, collocated);
+
+  // A splitting with a step potential of given numbers.
+  problem.lagrangian = OrbitProblem::Lagrangian::splitting;
+  problem.composition = "kahan-li-6";
+  problem.on_singular = "bridge";
+  problem.potential = {.kind = PotentialRule::Kind::given, .kappa = 1.5, .exponent = 8.5};
+  const Twin composed[] = {
+      {"step equation", [](Stored& r, Json&) { value_of(r, "/states/p", 9) += 1e-12; }},
+      {"step equation", [](Stored& r, Json&) { value_of(r, "/levels/h", 9) *= 1 + 1e-11; }},
+      {"stored energy", [](Stored& r, Json&) { value_of(r, "/levels/energy", 5) += 5e-13; }},
+      {"energy law", [](Stored&, Json& j) { j.numbers["discrete_energy.value"] *= 1 + 1e-12; }},
+      {"step potential", [](Stored& r, Json&) { value_of(r, "/levels/step_potential", 5) *= 1 + 2e-14; }},
+      {"step potential", [](Stored& r, Json&) { r.datasets.erase("/levels/step_potential"); }},
+      {"strength of the step potential",
+       [](Stored& r, Json&) {
+         for (double& value : r.datasets.at("/levels/step_potential")) {
+           value *= 1.1;
+         }
+       }},
+      {"told step_potential.min", [](Stored&, Json& j) { j.numbers["step_potential.min"] *= 1 + 1e-15; }},
+  };
+  // The strength has to stand out from 1e-6 of the terms of H.
+  problem.step = 0.6;
+  const auto [splitting, splitting_told] = run_of(program, problem);
+  missed_in_all += missed_of(problem, splitting, splitting_told, composed);
+
+  // The pendulum by its L, on a cart that moves it.
+  problem = {};
+  problem.family = "twins";
+  problem.names = {"q", "x", "q_dot", "x_dot"};
+  const Expression x = Expression::variable(1), q_dot = Expression::variable(2), x_dot = Expression::variable(3);
+  problem.L = q_dot * q_dot / 2.0 + x_dot * x_dot + q_dot * x_dot * cos(q) + cos(q) - x * x / 2.0;
+  problem.quadrature = OrbitProblem::Quadrature::lobatto;
+  problem.stages = 4;
+  problem.start = {0.3, 0.2, 1.1, -0.4};
+  problem.invariants.emplace_back("product", q * Expression::variable(2) * Expression::variable(5));
+  problem.step = 0.2;
+  problem.until = 12;
+  problem.max_steps = 1000;
+  const Twin by_L[] = {
+      {"step equation", [](Stored& r, Json&) { value_of(r, "/states/q", 9) += 1e-13; }},
+      {"step equation", [](Stored& r, Json&) { value_of(r, "/states/p", 9) += 1e-13; }},
+      {"step equation", [](Stored& r, Json&) { value_of(r, "/levels/h", 9) *= 1 + 1e-12; }},
+      {"velocities", [](Stored& r, Json&) { value_of(r, "/states/q_dot", 9) += 1e-13; }},
+      {"stored energy", [](Stored& r, Json&) { value_of(r, "/levels/energy", 5) += 1e-12; }},
+      {"energy law", [](Stored&, Json& j) { j.numbers["discrete_energy.value"] *= 1 + 2e-12; }},
+      {"node energy", [](Stored& r, Json&) { value_of(r, "/levels/node_energy", 5) *= 1 + 2e-13; }},
+      {"invariant", [](Stored& r, Json&) { value_of(r, "/laws/product", 5) *= 1 + 2e-14; }},
+      {"exponent of the step potential",
+       [](Stored& r, Json&) {
+         for (double& value : r.datasets.at("/levels/step_potential")) {
+           value = 1e-3;
+         }
+       }},
+  };
+  const auto [quadrature, quadrature_told] = run_of(program, problem);
+  missed_in_all += missed_of(problem, quadrature, quadrature_told, by_L);
+  problem.quadrature = OrbitProblem::Quadrature::midpoint;
+  problem.step = 0.1;
+  const Twin midpoint[] = {{"gamma", [](Stored& r, Json&) { value_of(r, "/levels/gamma", 5) *= 1 + 2e-12; }}};
+  const auto [rule, rule_told] = run_of(program, problem);
+  return missed_in_all + missed_of(problem, rule, rule_told, midpoint);
 }
 
 }  // namespace audit

@@ -48,83 +48,15 @@ Vector stored(std::span<const double> values) {
 
 const Bounded half = 0.5L;
 
-/// Gauss collocation: a_ij and b_j, the integrals of the Lagrange polynomials of the zeros c of Legendre's polynomial.
-struct Collocation {
-  std::vector<std::vector<long double>> a;
-  std::vector<long double> b;
-};
-
-/// Gaussian elimination; the right-hand side is the last column.
-std::vector<long double> solved(std::vector<std::vector<long double>> rows) {
-  const std::size_t n = rows.size();
-  for (std::size_t p = 0; p < n; ++p) {
-    const auto largest =
-        std::max_element(rows.begin() + static_cast<std::ptrdiff_t>(p), rows.end(),
-                         [p](const auto& a, const auto& b) { return std::abs(a[p]) < std::abs(b[p]); });
-    std::swap(rows[p], *largest);
-    for (std::size_t r = p + 1; r < n; ++r) {
-      const long double factor = rows[r][p] / rows[p][p];
-      for (std::size_t c = p; c <= n; ++c) {
-        rows[r][c] -= factor * rows[p][c];
-      }
-    }
-  }
-  std::vector<long double> x(n);
-  for (std::size_t p = n; p-- > 0;) {
-    x[p] = rows[p][n];
-    for (std::size_t c = p + 1; c < n; ++c) {
-      x[p] -= rows[p][c] * x[c];
-    }
-    x[p] /= rows[p][p];
-  }
-  return x;
-}
-
-Collocation collocation(std::size_t m) {
-  std::vector<long double> c;
-  for (std::size_t i = 0; i < m; ++i) {
-    const auto degree = static_cast<long double>(m);
-    long double x =
-        -std::cos(std::numbers::pi_v<long double> * (static_cast<long double>(i) + 0.75L) / (degree + 0.5L));
-    for (int round = 0; round < 50; ++round) {  // Newton's method, with the recurrence of three terms
-      long double last = 1.0L, value = x;
-      for (std::size_t k = 2; k <= m; ++k) {
-        const auto n = static_cast<long double>(k);
-        last = std::exchange(value, ((2 * n - 1) * x * value - (n - 1) * last) / n);
-      }
-      x -= value * (x * x - 1) / (degree * (x * value - last));
-    }
-    c.push_back((1 + x) / 2);
-  }
-  Collocation result;
-  const auto integrals = [&](long double to) {
-    std::vector<long double> weights;
-    for (std::size_t j = 0; j < m; ++j) {
-      std::vector<long double> polynomial = {1.0L};  // by powers
-      for (std::size_t k = 0; k < m; ++k) {
-        if (k != j) {
-          polynomial.push_back(0.0L);
-          for (std::size_t power = polynomial.size(); power-- > 0;) {
-            polynomial[power] = ((power > 0 ? polynomial[power - 1] : 0.0L) - c[k] * polynomial[power]) / (c[j] - c[k]);
-          }
-        }
-      }
-      long double sum = 0.0L;
-      for (std::size_t power = polynomial.size(); power-- > 0;) {
-        sum = (sum + polynomial[power] / static_cast<long double>(power + 1)) * to;
-      }
-      weights.push_back(sum);
-    }
-    return weights;
-  };
-  for (const long double node : c) {
-    result.a.push_back(integrals(node));
-  }
-  result.b = integrals(1.0L);
-  return result;
-}
-
 }  // namespace
+
+OrbitOracle::OrbitOracle(const OrbitProblem& problem) : problem_(problem) {
+  if (problem.is_stated_by_L()) {
+    by_L_.emplace(problem);
+  } else if (problem.lagrangian == Lagrangian::gauss) {
+    collocation_ = gauss_quadrature(static_cast<std::size_t>(problem.stages));
+  }
+}
 
 std::size_t OrbitOracle::terms() const {
   if (problem_.lagrangian == Lagrangian::midpoint) {
@@ -136,7 +68,11 @@ std::size_t OrbitOracle::terms() const {
 }
 
 double OrbitOracle::cost() const {
-  if (problem_.lagrangian == Lagrangian::custom || problem_.lagrangian == Lagrangian::forward) {
+  if (by_L_) {
+    return by_L_->cost();
+  }
+  if (problem_.lagrangian == Lagrangian::custom || problem_.lagrangian == Lagrangian::forward ||
+      problem_.lagrangian == Lagrangian::splitting) {
     return 1e4;
   }
   if (problem_.lagrangian == Lagrangian::gauss) {
@@ -245,10 +181,16 @@ std::vector<Bounded> OrbitOracle::velocity(std::span<const Bounded> z, std::vect
 
 OrbitStep OrbitOracle::collocated_step(std::span<const Bounded> z_0, std::span<const Bounded> z_1, Bounded h) const {
   const auto m = static_cast<std::size_t>(problem_.stages);
-  const Collocation rule = collocation(m);
+  const Quadrature& rule = *collocation_;
   const std::size_t size = z_0.size();
   const std::size_t unknowns = m * size;
+  // To begin with on the line between both ends, near the stages of the step and no others.
   std::vector<Vector> stages(m, Vector(z_0.begin(), z_0.end()));
+  for (std::size_t i = 0; i < m; ++i) {
+    for (std::size_t r = 0; r < size; ++r) {
+      stages[i][r].value += rule.c[i] * (z_1[r].value - z_0[r].value);
+    }
+  }
   std::vector<Vector> rates;
   // Newton's method for Z_i = z_0 + h Σ a_ij f(Z_j); the last round takes the stages as the last rates give them.
   constexpr int most_rounds = 30;
@@ -325,6 +267,38 @@ OrbitStep OrbitOracle::collocated_step(std::span<const Bounded> z_0, std::span<c
   return step;
 }
 
+/// Drifts along T(p) and kicks by V(q), each from where the last one led.
+OrbitStep OrbitOracle::composed_step(std::span<const Bounded> z_0, std::span<const Bounded> z_1, Bounded h) const {
+  const std::size_t size = z_0.size(), n = size / 2;
+  const Shape& shape = Shape::of(size, 1);
+  const auto has_momenta = [=](const Expression& term) { return term.depends_on(n, size); };
+  const Expression T = problem_.H.terms_where(has_momenta);
+  const Expression V = problem_.H.terms_where([&](const Expression& term) { return !has_momenta(term); });
+  // The step goes by increments, so that what a long z loses is not lost in every part.
+  Vector moved(size);
+  OrbitStep step;
+  for (const CompositionPart& part : composition_parts(problem_.composition)) {
+    const Bounded length = Bounded::rounded(part.length, 0.0L);
+    std::vector<Series> variables;
+    for (std::size_t i = 0; i < size; ++i) {
+      variables.emplace_back(shape, z_0[i] + moved[i], i);
+    }
+    const Series energy = (part.drift ? T : V)(std::span<const Series>(variables));
+    step.energy += length * energy.constant();
+    for (std::size_t i = 0; i < n; ++i) {
+      if (part.drift) {
+        moved[i] += length * h * energy.derivative(n + i);
+      } else {
+        moved[n + i] = moved[n + i] - length * h * energy.derivative(i);
+      }
+    }
+  }
+  for (std::size_t i = 0; i < size; ++i) {
+    step.defect.push_back(z_1[i] - z_0[i] - moved[i]);
+  }
+  return step;
+}
+
 OrbitStep OrbitOracle::varied_step(std::span<const Bounded> z_0, std::span<const Bounded> z_1, Bounded h) const {
   const std::size_t size = z_0.size(), corner = size + 1;
   const Shape& shape = Shape::of(2 * corner, 1);
@@ -356,17 +330,68 @@ OrbitStep OrbitOracle::step(std::span<const double> z_0, std::span<const double>
     // A step is solved for z_1 - z_0, which is rounded, too, and may be longer than z_1.
     second[i].error += unit_roundoff * std::abs(second[i].value - first[i].value);
   }
+  if (by_L_) {
+    return by_L_->step(first, second, length);
+  }
   if (problem_.lagrangian == Lagrangian::gauss) {
     return collocated_step(first, second, length);
+  }
+  if (problem_.lagrangian == Lagrangian::splitting) {
+    return composed_step(first, second, length);
   }
   return generated ? generated_step(first, second, length) : varied_step(first, second, length);
 }
 
+/// J(z_1 - z_0) = ∇Φ(w, h) by repeated insertion, for two lengths beside h.
+std::optional<long double> OrbitOracle::slope(std::span<const double> z_0, std::span<const double> z_1,
+                                              double h) const {
+  const bool generated = problem_.lagrangian == Lagrangian::midpoint || problem_.lagrangian == Lagrangian::generating;
+  if (by_L_ || !generated || cost() > 3e5) {
+    return std::nullopt;
+  }
+  constexpr long double part = 1e-4L;
+  long double energies[2] = {};
+  for (const int side : {0, 1}) {
+    const Bounded length = h * (1 + (side == 0 ? -part : part));
+    Vector first, second;
+    for (std::size_t i = 0; i < z_0.size(); ++i) {
+      first.emplace_back(static_cast<long double>(z_0[i]));
+      second.emplace_back(static_cast<long double>(z_1[i]));
+    }
+    long double largest = 1.0L;
+    for (int round = 0; round < 200 && largest > 1e-16L; ++round) {
+      const OrbitStep step = generated_step(first, second, length);
+      energies[side] = step.energy.value;
+      // d = Jδ - ∇Φ, and so δ is off by -Jd.
+      const Vector turned = times_J<Bounded>(step.defect);
+      largest = 0.0L;
+      for (std::size_t i = 0; i < second.size(); ++i) {
+        second[i].value += turned[i].value;
+        largest = std::max(largest, std::abs(turned[i].value));
+      }
+    }
+    if (!(largest <= 1e-16L)) {
+      return std::nullopt;
+    }
+  }
+  return (energies[1] - energies[0]) / (2 * part * h);
+}
+
+std::vector<Bounded> OrbitOracle::momentum_defect(std::span<const double> z) const {
+  return by_L_ ? by_L_->momentum_defect(stored(z)) : Vector();
+}
+
 Bounded OrbitOracle::node_energy(std::span<const double> z) const {
+  if (by_L_) {
+    return by_L_->node_energy(stored(z));
+  }
   return problem_.H(std::span<const Bounded>(stored(z)));
 }
 
 long double OrbitOracle::scale(std::span<const double> z) const {
+  if (by_L_) {
+    return by_L_->scale(stored(z));
+  }
   const long double bare = node_energy(z).value - problem_.H.added_constant();
   // A sparse record does not show the levels between, where the terms may be larger.
   const long double part = problem_.every > 1 ? 1.0L : 0.03L;
@@ -375,7 +400,11 @@ long double OrbitOracle::scale(std::span<const double> z) const {
 
 std::optional<Bounded> OrbitOracle::gamma(std::span<const double> z) const {
   const Vector state = stored(z);
-  if (problem_.lagrangian == Lagrangian::midpoint) {
+  if (by_L_) {
+    return by_L_->gamma(state);
+  }
+  const bool golden = problem_.lagrangian == Lagrangian::splitting && problem_.composition == "golden";
+  if (problem_.lagrangian == Lagrangian::midpoint || golden) {
     // fᵀH''f is the second derivative of H along f.
     const Shape& gradient_shape = Shape::of(z.size(), 1);
     std::vector<Series> variables;
@@ -393,7 +422,9 @@ std::optional<Bounded> OrbitOracle::gamma(std::span<const double> z) const {
       line.emplace_back(Shape::of(1, 2), state[i]);
       line.back()[1] = velocity[i];
     }
-    return Bounded(2.0L) * problem_.H(std::span<const Series>(line))[2];
+    // Of the golden splitting -φ⁻⁴ as much, φ the golden ratio.
+    const long double factor = golden ? -std::pow(std::numbers::phi_v<long double>, -4.0L) : 1.0L;
+    return Bounded(2.0L * factor) * problem_.H(std::span<const Series>(line))[2];
   }
   if (problem_.lagrangian == Lagrangian::generating) {
     const std::size_t power = problem_.F.empty() ? terms() + 1 : terms();  // of t in φ_t: the first left out

@@ -4,19 +4,13 @@
 #include <span>
 #include <vector>
 
+#include "audit/lagrange_oracle.hpp"
 #include "audit/orbit_problem.hpp"
+#include "audit/quadrature.hpp"
 #include "audit/series.hpp"
+#include "audit/step_findings.hpp"
 
 namespace audit {
-
-/// What two levels and the step between them say: theory, sections 2 and 4, written out once more.
-struct OrbitStep {
-  /// d = Jδ - ∇Φ_s(w, h), which a step makes 0. Empty for a Lagrangian that has no such form.
-  std::vector<Bounded> defect;
-  /// ∂A/∂z_0 and ∂A/∂z_1 for (3.3), the same for every Lagrangian.
-  std::vector<Bounded> first, second;
-  Bounded energy;  ///< E = -∂A/∂h
-};
 
 /// The equations of an orbit's scheme, evaluated in extended precision from the expressions that the problem was made
 /// of, with a bound of what rounding makes of each in double. Generating functions come from the recursion (4.10) of
@@ -24,7 +18,7 @@ struct OrbitStep {
 /// Gauss collocation are found again from z_k and h, by Newton's method in extended precision.
 class OrbitOracle {
 public:
-  explicit OrbitOracle(const OrbitProblem& problem) : problem_(problem) {}
+  explicit OrbitOracle(const OrbitProblem& problem);
 
   /// \param time_rounding what t_1 - t_0 may be off h by
   [[nodiscard]] OrbitStep step(std::span<const double> z_0, std::span<const double> z_1, double h,
@@ -35,6 +29,11 @@ public:
   /// Γ, or what stands for it; nothing for Lagrangians that are not generating functions.
   [[nodiscard]] std::optional<Bounded> gamma(std::span<const double> z) const;
   [[nodiscard]] std::vector<Bounded> invariants(std::span<const double> z) const;
+  /// What stored velocities leave of ∂L/∂q̇ = p; nothing for problems stated by H.
+  [[nodiscard]] std::vector<Bounded> momentum_defect(std::span<const double> z) const;
+  /// dE/dh along steps of other lengths from z_0, by the difference of two of them; nothing where it cannot be had.
+  [[nodiscard]] std::optional<long double> slope(std::span<const double> z_0, std::span<const double> z_1,
+                                                 double h) const;
   /// Multiplications of numbers that one step takes, roughly.
   [[nodiscard]] double cost() const;
 
@@ -48,11 +47,14 @@ private:
   [[nodiscard]] OrbitStep generated_step(std::span<const Bounded> z_0, std::span<const Bounded> z_1, Bounded h) const;
   [[nodiscard]] OrbitStep varied_step(std::span<const Bounded> z_0, std::span<const Bounded> z_1, Bounded h) const;
   [[nodiscard]] OrbitStep collocated_step(std::span<const Bounded> z_0, std::span<const Bounded> z_1, Bounded h) const;
+  [[nodiscard]] OrbitStep composed_step(std::span<const Bounded> z_0, std::span<const Bounded> z_1, Bounded h) const;
   /// J∇H, and its derivatives row by row.
   [[nodiscard]] std::vector<Bounded> velocity(std::span<const Bounded> z, std::vector<long double>& slopes) const;
   [[nodiscard]] std::size_t terms() const;  ///< s, of Φ_s
 
   const OrbitProblem& problem_;
+  std::optional<LagrangeOracle> by_L_;
+  std::optional<Quadrature> collocation_;
 };
 
 }  // namespace audit

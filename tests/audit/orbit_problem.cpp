@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include "audit/quadrature.hpp"
 #include "audit/random.hpp"
 #include "audit/series.hpp"
 
@@ -81,10 +82,15 @@ public:
   explicit Generator(std::uint64_t number) : random_(number) {}
 
   OrbitProblem make() {
+    const bool by_L = random_.chance(0.22);
     do {
       problem_ = {};
-      choose_motion();
-      move_start();
+      if (by_L) {
+        choose_L();
+      } else {
+        choose_motion();
+        move_start();
+      }
     } while (!choose_scheme());
     return problem_;
   }
@@ -271,6 +277,99 @@ private:
     }
   }
 
+  /// Motions stated by L, of q and then q̇.
+  void choose_L() {
+    const std::size_t which = random_.below(8);
+    const std::size_t n = which == 0 || which == 4 || which == 5 ? 2 : 1 + random_.below(which == 1 ? 3 : 2);
+    declare(n);
+    for (std::size_t i = 0; i < n; ++i) {
+      problem_.names[n + i] = problem_.names[i] + "_dot";
+    }
+    problem_.quadrature = random_.one_of({OrbitProblem::Quadrature::midpoint, OrbitProblem::Quadrature::trapezoid,
+                                          OrbitProblem::Quadrature::lobatto, OrbitProblem::Quadrature::lobatto,
+                                          OrbitProblem::Quadrature::gauss, OrbitProblem::Quadrature::gauss});
+    Expression& L = problem_.L;
+    const Expression v = p(0);
+    switch (which) {
+      case 0: {
+        problem_.family = "L: double pendulum";
+        const double mass = random_.between(0.5, 2);
+        L = mass * square(p(0)) + square(p(1)) / 2.0 + p(0) * p(1) * cos(q(0) - q(1)) + 2.0 * cos(q(0)) + cos(q(1));
+        if (mass < 0.6) {
+          L = L + square(p(0));
+        }
+        break;
+      }
+      case 1:
+        problem_.family = "L: natural";
+        L = kinetic();
+        for (std::size_t i = 0; i < n; ++i) {
+          L = L - random_.between(-0.6, 1.5) * square(q(i)) - coefficient() * Expression::raised(q(i), 4);
+        }
+        L = L + random_.between(-0.4, 0.4) * q(0) * q(n - 1) * q(random_.below(n));
+        break;
+      case 2:
+        problem_.family = "L: curved";
+        L = (1.0 + coefficient() * square(q(0))) * square(v) - coefficient() * Expression::raised(q(0), 4);
+        for (std::size_t i = 1; i < n; ++i) {
+          L = L + (0.5 + square(sin(q(i)))) * square(p(i)) + coefficient() * cos(q(i) - q(i - 1));
+        }
+        break;
+      case 3:
+        problem_.family = "L: relativistic";
+        for (double& value : problem_.start) {
+          value *= 0.4;
+        }
+        L = 0.0 - Expression::raised(1.0 - square(v), 0.5) - coefficient() * square(q(0));
+        if (n == 2) {
+          L = 0.0 - Expression::raised(1.0 - square(v) - square(p(1)), 0.5) - coefficient() * square(q(0)) +
+              coefficient() * cos(q(1));
+        }
+        break;
+      case 4:
+        problem_.family = "L: in a magnetic field";
+        L = kinetic() + random_.between(-2, 2) * (q(0) * p(1) - q(1) * p(0)) - coefficient() * square(q(0)) -
+            random_.between(0, 1) * Expression::raised(q(1), 4);
+        break;
+      case 5:
+        problem_.family = "L: on a sphere";
+        problem_.start[0] = random_.between(0.8, 2.2);
+        L = (square(v) + square(sin(q(0))) * square(p(1))) / 2.0 + random_.between(-1, 1) * cos(q(0));
+        break;
+      case 6:
+        problem_.family = "L: pendulum";
+        declare_again(1);
+        L = square(p(0)) / 2.0 + cos(q(0));
+        problem_.start = {random_.between(-1, 1), random_.one_of({0.5, 1.5, 1.99, 2.3})};
+        break;
+      default:
+        problem_.family = "L: oscillator";
+        L = kinetic();
+        for (std::size_t i = 0; i < n; ++i) {
+          L = L - coefficient() * square(q(i));
+        }
+    }
+    if (random_.chance(0.2)) {
+      problem_.family += ", a large constant in L";
+      L = L + random_.sign() * random_.decades(1, 3);
+    }
+    const std::size_t size = problem_.start.size() / 2;
+    const auto something = [&] { return Expression::variable(random_.below(3 * size)); };
+    problem_.invariants.emplace_back("something", something() * something() + random_.between(-1, 1) * something());
+    if (random_.chance(0.2)) {
+      problem_.start_time = random_.between(-20, 20);
+    }
+  }
+
+  void declare_again(std::size_t n) {
+    problem_.names.clear();
+    problem_.start.clear();
+    declare(n);
+    for (std::size_t i = 0; i < n; ++i) {
+      problem_.names[n + i] = problem_.names[i] + "_dot";
+    }
+  }
+
   /// To where Γ, or H, or the motion vanishes.
   void move_start() {
     const double which = random_.unit();
@@ -329,7 +428,25 @@ private:
 
   void choose_lagrangian() {
     const std::size_t n = problem_.degrees_of_freedom();
-    const std::size_t which = random_.below(20);
+    if (problem_.is_stated_by_L()) {
+      const bool lobatto = problem_.quadrature == OrbitProblem::Quadrature::lobatto;
+      problem_.stages = static_cast<int>(lobatto ? 2 + random_.below(8) : 1 + random_.below(8));
+      return;
+    }
+    const std::size_t which = random_.below(28);
+    if (which >= 20) {
+      if (separate()) {
+        problem_.lagrangian = OrbitProblem::Lagrangian::splitting;
+        problem_.composition =
+            random_.one_of({"golden", "golden", "verlet", "suzuki-4", "blanes-moan-4", "kahan-li-6", "kahan-li-8"});
+        problem_.by_order =
+            random_.chance(0.3) && problem_.composition != "verlet" && problem_.composition != "suzuki-4";
+      } else {
+        problem_.lagrangian = OrbitProblem::Lagrangian::gauss;
+        problem_.stages = 1 + static_cast<int>(random_.below(8));
+      }
+      return;
+    }
     if (which < 11) {
       if (random_.chance(0.35)) {
         problem_.lagrangian = OrbitProblem::Lagrangian::gauss;
@@ -353,6 +470,38 @@ private:
     } else {
       problem_.lagrangian = OrbitProblem::Lagrangian::forward;
       mix_lagrangian(1.0, 1.0);
+    }
+  }
+
+  /// Leaves the terms of H out that depend on both coordinates and momenta; false if T or V would be nothing.
+  bool separate() {
+    const std::size_t n = problem_.degrees_of_freedom();
+    const auto is_mixed = [n](const Expression& term) { return term.depends_on(0, n) && term.depends_on(n, 2 * n); };
+    const Expression H = problem_.H.terms_where([&](const Expression& term) { return !is_mixed(term); });
+    if (!H.depends_on(0, n) || !H.depends_on(n, 2 * n)) {
+      return false;
+    }
+    problem_.H = H;
+    return true;
+  }
+
+  void choose_potential() {
+    using Kind = PotentialRule::Kind;
+    PotentialRule& rule = problem_.potential;
+    const double which = random_.unit();
+    const bool family = problem_.is_family();
+    if (which < (family ? 0.2 : 0.12)) {
+      rule.kind = Kind::automatic;
+    } else if (which < (family ? 0.35 : 0.22)) {
+      rule.kind = Kind::given;
+      rule.kappa = random_.between(1.1, 5);
+      rule.exponent = random_.chance(0.5) ? problem_.order_of_scheme() + random_.one_of({1, 2, 4})
+                                          : problem_.order_of_scheme() * random_.between(1.2, 3);
+    } else if (which < (family ? 0.6 : 0.3)) {
+      rule.kind = Kind::none;
+    }
+    if (rule.kind == Kind::automatic && random_.chance(0.2)) {
+      rule.largest_step = Random::short_number(std::abs(problem_.step) * random_.between(1, 4));
     }
   }
 
@@ -403,14 +552,13 @@ private:
   }
 
   bool choose_scheme() {
-    const Motion motion(problem_.H, problem_.start);
-    const double time_scale = motion.time_scale();
+    choose_lagrangian();
+    const double time_scale = problem_.is_stated_by_L() ? time_scale_of_L() : time_scale_of_H();
     if (!std::isfinite(time_scale) && problem_.family.find("free") == std::string::npos) {
       return false;
     }
-    choose_lagrangian();
     const bool forward = problem_.lagrangian == OrbitProblem::Lagrangian::forward;
-    const bool gauss = problem_.lagrangian == OrbitProblem::Lagrangian::gauss;  // without bridges
+    const bool custom = problem_.lagrangian == OrbitProblem::Lagrangian::custom;
     const double length = random_.chance(0.12) ? random_.decades(-0.3, 0.6) : random_.decades(-2.2, -0.3);
     const int direction = random_.chance(0.7) ? 1 : -1;
     problem_.step = direction * Random::short_number(length * (std::isfinite(time_scale) ? time_scale : 1.0));
@@ -423,15 +571,19 @@ private:
       problem_.tolerance = random_.decades(-14, -6);
       problem_.tolerance_given = true;
     }
+    if (!problem_.fixed && !custom && !forward) {
+      choose_potential();
+    }
+    const bool potential = problem_.potential.kind == PotentialRule::Kind::automatic ||
+                           problem_.potential.kind == PotentialRule::Kind::given;
     if (random_.chance(0.25)) {
       problem_.on_singular = random_.chance(0.5) ? "fixed" : "stop";
-    } else if (random_.chance(0.25) && !gauss) {
+    } else if (random_.chance(0.25) && problem_.has_bridges() && !potential) {
       problem_.reversible = true;
     }
-    if (gauss) {
-      problem_.on_singular = "fixed";
-    } else if (random_.chance(0.15) && problem_.F.empty() && !forward) {
-      give_next(motion);
+    const bool two_steps = !problem_.is_stated_by_L() && !forward && !custom && !problem_.is_family();
+    if (random_.chance(0.15) && problem_.F.empty() && (two_steps || custom)) {
+      give_next();
     } else if (random_.chance(0.1) && !forward) {
       problem_.energy_tolerance = random_.decades(-6, -2);
     }
@@ -442,8 +594,49 @@ private:
     return true;
   }
 
+  [[nodiscard]] double time_scale_of_H() const { return Motion(problem_.H, problem_.start).time_scale(); }
+
+  /// (q̇, q̈) beside its rate of change, by a difference along it.
+  [[nodiscard]] double time_scale_of_L() const {
+    const std::size_t n = problem_.degrees_of_freedom();
+    const auto rate = [&](const std::vector<long double>& z) {
+      const Shape& shape = Shape::of(2 * n, 2);
+      std::vector<Series> variables;
+      for (std::size_t i = 0; i < 2 * n; ++i) {
+        variables.emplace_back(shape, Bounded(z[i]), i);
+      }
+      const Series L = problem_.L(std::span<const Series>(variables));
+      std::vector<std::vector<long double>> rows(n, std::vector<long double>(n + 1));
+      for (std::size_t r = 0; r < n; ++r) {
+        const Series slope = L.differentiated(n + r);
+        rows[r][n] = L.derivative(r).value;
+        for (std::size_t c = 0; c < n; ++c) {
+          rows[r][c] = slope.derivative(n + c).value;
+          rows[r][n] -= slope.derivative(c).value * z[n + c];
+        }
+      }
+      std::vector<long double> f(z.begin() + static_cast<std::ptrdiff_t>(n), z.end());
+      const std::vector<long double> acceleration = solved(rows);
+      f.insert(f.end(), acceleration.begin(), acceleration.end());
+      return f;
+    };
+    const std::vector<long double> z(problem_.start.begin(), problem_.start.end());
+    const std::vector<long double> f = rate(z);
+    std::vector<long double> moved = z;
+    constexpr long double little = 1e-6L;
+    for (std::size_t i = 0; i < 2 * n; ++i) {
+      moved[i] += little * f[i];
+    }
+    std::vector<long double> change = rate(moved);
+    for (std::size_t i = 0; i < 2 * n; ++i) {
+      change[i] = (change[i] - f[i]) / little;
+    }
+    return static_cast<double>(Motion::norm(f) / Motion::norm(change));
+  }
+
   /// A second level that no step leads to, so that the form with two steps is solved.
-  void give_next(const Motion& motion) {
+  void give_next() {
+    const Motion motion(problem_.H, problem_.start);
     for (std::size_t i = 0; i < problem_.start.size(); ++i) {
       const double moved = problem_.start[i] + problem_.step * static_cast<double>(motion.velocity[i]);
       problem_.next.push_back(Random::short_number(moved + 1e-3 * problem_.step * random_.between(-1, 1)));
@@ -456,20 +649,68 @@ private:
 
 }  // namespace
 
+bool OrbitProblem::is_family() const {
+  return lagrangian == Lagrangian::gauss || lagrangian == Lagrangian::splitting ||
+         (is_stated_by_L() && quadrature != Quadrature::midpoint);
+}
+
+bool OrbitProblem::has_bridges() const {
+  return !is_family() || (lagrangian == Lagrangian::splitting && composition == "golden");
+}
+
+bool OrbitProblem::has_potential() const {
+  using Kind = PotentialRule::Kind;
+  return !fixed && (potential.kind == Kind::unsaid ? is_family() && on_singular == "bridge" && !reversible
+                                                   : potential.kind != Kind::none);
+}
+
+int OrbitProblem::order_of_scheme() const {
+  if (is_stated_by_L()) {
+    return quadrature == Quadrature::lobatto ? 2 * stages - 2 : quadrature == Quadrature::gauss ? 2 * stages : 2;
+  }
+  switch (lagrangian) {
+    case Lagrangian::gauss: return 2 * stages;
+    case Lagrangian::splitting: return composition_order(composition);
+    case Lagrangian::generating: return F.empty() ? (order + 1) / 2 * 2 : order;
+    default: return 2;
+  }
+}
+
 LevelRules OrbitProblem::rules() const {
+  const bool given = potential.kind == PotentialRule::Kind::given;
   return {.start = start_time,
           .until = until,
           .step = energy_tolerance || !next.empty() ? 0.0 : step,
           .tolerance = tolerance,
           .fixed = fixed,
-          .every = static_cast<std::size_t>(every)};
+          .every = static_cast<std::size_t>(every),
+          .order = order_of_scheme(),
+          .potential = has_potential(),
+          .kappa = given ? potential.kappa : 0.0,
+          .exponent = given ? potential.exponent : 0.0};
+}
+
+std::vector<std::string> OrbitProblem::names_in_invariants() const {
+  if (!is_stated_by_L()) {
+    return names;
+  }
+  const auto n = static_cast<std::ptrdiff_t>(degrees_of_freedom());
+  std::vector<std::string> all(names.begin(), names.begin() + n);
+  for (std::ptrdiff_t i = 0; i < n; ++i) {
+    all.push_back("p_" + names[static_cast<std::size_t>(i)]);
+  }
+  all.insert(all.end(), names.begin() + n, names.end());
+  return all;
 }
 
 std::string OrbitProblem::toml() const {
   const std::size_t n = degrees_of_freedom();
+  const std::string coordinates = quoted_list(std::span(names).first(n));
   std::string text =
-      fmt::format("title = \"{}\"\n[hamiltonian]\nq = {}\np = {}\nH = \"{}\"\n", family,
-                  quoted_list(std::span(names).first(n)), quoted_list(std::span(names).last(n)), H.text(names));
+      is_stated_by_L()
+          ? fmt::format("title = \"{}\"\n[lagrangian]\nq = {}\nL = \"{}\"\n", family, coordinates, L.text(names))
+          : fmt::format("title = \"{}\"\n[hamiltonian]\nq = {}\np = {}\nH = \"{}\"\n", family, coordinates,
+                        quoted_list(std::span(names).last(n)), H.text(names));
   text += "[initial]\n";
   if (start_time != 0.0) {
     text += fmt::format("t = {}\n", start_time);
@@ -485,15 +726,24 @@ std::string OrbitProblem::toml() const {
   }
   text += "[invariants]\n";
   for (const auto& [name, formula] : invariants) {
-    text += fmt::format("{} = \"{}\"\n", name, formula.text(names));
+    text += fmt::format("{} = \"{}\"\n", name, formula.text(names_in_invariants()));
   }
   if (exact) {
     const std::vector<std::string> time = {"t"};
     text += fmt::format("[exact]\n{} = \"{}\"\n", names[0], exact->text(time));
   }
-  constexpr std::array<const char*, 5> words = {"midpoint", "generating", "custom", "forward", "gauss"};
-  text += fmt::format("[scheme]\nlagrangian = \"{}\"\n", words.at(static_cast<std::size_t>(lagrangian)));
-  if (lagrangian == Lagrangian::generating) {
+  constexpr std::array<const char*, 6> words = {"midpoint", "generating", "custom", "forward", "gauss", "splitting"};
+  constexpr std::array<const char*, 5> quadratures = {"", "midpoint", "trapezoid", "lobatto", "gauss"};
+  text += fmt::format("[scheme]\nlagrangian = \"{}\"\n", is_stated_by_L()
+                                                             ? quadratures.at(static_cast<std::size_t>(quadrature))
+                                                             : words.at(static_cast<std::size_t>(lagrangian)));
+  if (is_stated_by_L()) {
+    const bool has_stages = quadrature == Quadrature::lobatto || quadrature == Quadrature::gauss;
+    text += has_stages ? fmt::format("stages = {}\n", stages) : "";
+  } else if (lagrangian == Lagrangian::splitting) {
+    text += by_order ? fmt::format("order = {}\n", composition_order(composition))
+                     : fmt::format("composition = \"{}\"\n", composition);
+  } else if (lagrangian == Lagrangian::generating) {
     text += fmt::format("order = {}\n", order);
     if (darboux == "matrix") {
       text += "darboux = [";
@@ -506,11 +756,11 @@ std::string OrbitProblem::toml() const {
     }
   } else if (lagrangian == Lagrangian::gauss) {
     text += fmt::format("stages = {}\n", stages);
-    text += fixed ? "" : "step_potential = \"none\"\n";
   } else if (lagrangian == Lagrangian::custom) {
     text += fmt::format("L = \"{}\"\n", L.text(corner_names(names)));
   }
   text += fixed ? "levels = \"fixed\"\n" : "";
+  text += potential.toml();
   if (energy_tolerance) {
     text += fmt::format("step = \"auto\"\nenergy_tolerance = {}\n", *energy_tolerance);
   } else if (next.empty()) {

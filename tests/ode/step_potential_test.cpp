@@ -4,6 +4,7 @@
 #include <catch2/catch.hpp>
 
 #include <cmath>
+#include <limits>
 #include <numeric>
 
 #include <rubato/ode/integrate.hpp>
@@ -179,4 +180,40 @@ TEST_CASE("levels are forecast to exist where η keeps its sign, and need a pote
   CHECK(forecast.complete);
   CHECK(forecast.shortest > 0.02);
   CHECK(forecast.longest < 0.5);
+}
+
+TEST_CASE("no potential is chosen beside which the terms of K are lost") {
+  // A motion that goes to infinity while it is scouted: η grows without bound, and no levels are forecast to last.
+  std::vector<double> growing;
+  for (int k = 0; k < 100; ++k) {
+    growing.push_back(-std::exp(0.5 * k));
+  }
+  const auto largest_part = [&](double first_size) {
+    const StepPotential chosen = choose_step_potential(
+        {.order = 2, .step = 0.01, .eta = growing, .energy_size = 1e9, .first_size = first_size}, std::nullopt);
+    return std::abs(chosen.energy(0.01));
+  };
+  CHECK(largest_part(0.4) <= 30.0 * 0.4 * (1.0 + 1e-12));
+  CHECK(largest_part(0.0) > 1e9);  // the twin: where nobody says how large the terms are
+}
+
+TEST_CASE("what rounding makes of a large step potential is part of the bound of E_k and of the step condition") {
+  // f' is some 10⁶ times H, and half a unit in the last place of it more than all that H itself is rounded by.
+  const System system = with(systems::pendulum(), {0.2}, {1.1}, 0.05);
+  const StepPotential f{.strength = 1e6, .length = 0.05, .exponent = 4.0};
+  OrbitIntegrator run(system.hamiltonian, system.initial,
+                      {.step = 0.05, .until = 1e3, .potential = {.kind = Kind::stated, .potential = f}});
+  for (int k = 0; k < 100; ++k) {
+    const StepReport step = run.step();
+    REQUIRE(step.status == Status::success);
+    REQUIRE(!step.bridged);
+    const double sum = 0.5 * std::numeric_limits<double>::epsilon() * std::abs(step.energy);
+    CHECK(run.levels().energy_rounding() >= sum);
+    CHECK(step.condition >= sum / std::abs(step.h * step.slope));
+    CHECK(std::abs(step.energy - step.target) <= 1e-13 + 2.0 * run.levels().energy_rounding());
+  }
+  // The twin: without the potential the bound is that of H alone.
+  OrbitIntegrator plain(system.hamiltonian, system.initial, {.step = 0.05, .until = 1e3});
+  REQUIRE(plain.step().status == Status::success);
+  CHECK(plain.levels().energy_rounding() < 1e-13);
 }

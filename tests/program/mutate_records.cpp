@@ -353,6 +353,19 @@ std::vector<Original> write_originals(const std::string& program, const fs::path
       {{"pendulum"}, "3", "2.5"},
       {{"kepler", "--set", "output.every=3"}, "3", "2.5"},
       {{"sine-gordon", "--set", "grid.x.cells=21"}, "0.5", "0.4"},
+      // With stages, a step potential, events of both kinds, output times and velocities.
+      {{"double-pendulum", "--set", "events.turn=a_dot", "--set", "section.crossing=b", "--set",
+        "section.quantities=[\"a\", \"p_a\"]", "--set", "output.interval=0.5"},
+       "3",
+       "2.5"},
+      {{"pendulum", "--set", "scheme.lagrangian=splitting", "--set", "scheme.order=4", "--set", "events.stop=p < -10",
+        "--set", "events.up=p", "--set", "output.every=2"},
+       "3",
+       "2.5"},
+      {{"sine-gordon", "--set", "grid.x.cells=21", "--set", "scheme.lagrangian=fourier", "--set", "scheme.stages=2",
+        "--set", "events.middle={ crossing = \"v\", at = { x = 1 } }", "--set", "output.quantities.mass=integral(u^2)"},
+       "0.5",
+       "0.4"},
   };
   const auto write = [&](const Kind& kind, const char* until, const std::string& name) {
     std::vector<std::string> arguments{"run"};

@@ -249,3 +249,39 @@ every = 3
   falsify(file, "/states/q", 41, 1e-7);
   CHECK(check(file).status == ExitStatus::contradiction);
 }
+
+TEST_CASE("the record of a lattice's run that ended by failure keeps the level before its last one") {
+  // Every 16th level is stored, and the last, with the one before: the third step has no solution.
+  const Problem problem = parse_problem(R"toml(
+[multisymplectic]
+fields = ["p1", "q1", "p2", "q2"]
+M = [["p1", "q1", 1], ["p2", "q2", 1]]
+K.x = [["p1", "q2", 1], ["q1", "p2", -1]]
+S = "-0.6513*(p1^2 + q1^2 - p2^2 - q2^2) + 0.06884*(p1^2 + q1^2 - p2^2 - q2^2)^2"
+[grid]
+x = { from = 0, to = 11.84, cells = 34 }
+[initial]
+p1 = "-0.2123*sin(pi*x/5.92 + 3.468) + 0.01658*sin(pi*x/5.92 + 5.182)"
+q1 = "-0.08094*sin(pi*x/2.96 + 2.918)"
+p2 = "0.04378 - 0.5401*sin(pi*x/5.92 + 4.875) + 0.1613*sin(pi*x/5.92 + 4.975)"
+q2 = "0.2096*sin(pi*x/2.96 + 4.613) + 0.5842*sin(pi*x/2.96 + 1.818)"
+[scheme]
+lagrangian = "splitting"
+step = 0.03659
+until = 0.378
+on_singular = "stop"
+[output]
+every = 16
+)toml",
+                                        "dirac.toml");
+  const Folder folder;
+  const std::string file = folder / "dirac.h5";
+  const Outcome ran = run(problem, {.output = file});
+  REQUIRE(ran.status == ExitStatus::singular);
+  REQUIRE(rubato::record::Reader(file).rows("/levels/h") >= 2);
+  const Outcome checked = check(file);
+  CHECK(checked.status == ExitStatus::done);
+  CHECK(checked.disagreements.empty());
+  falsify(file, "/states/previous/p1", 40, 1e-7);
+  CHECK(check(file).status == ExitStatus::contradiction);
+}
