@@ -155,6 +155,11 @@ private:
                 ? "step_potential applies to levels = \"variable\"; leave it out"
                 : "step_potential is not for lagrangian = \"custom\": write it into L, as -f(t_1 - t_0)");
       }
+      if (scheme_.lagrangian == Lagrangian::forward && scheme_.potential.kind == Kind::automatic) {
+        throw ProblemError(entry->location,
+                           "step_potential = \"auto\" is not for lagrangian = \"forward\", which is unstable over the "
+                           "steps that choose one; give kappa and p, or leave it out");
+      }
       if (find(section_.entries(), "bridge") != nullptr) {
         throw ProblemError(entry->location, "with a step potential there are no bridges; leave bridge out");
       }

@@ -111,11 +111,12 @@ private:
         // A scout solves its steps to 1e-5.
         levels_.judge_strength(step.energy - mean, 1e-3L, oracle_.magnitude_of_terms(before));
       }
+      const LatticeState reached = oracle_.means(after);
       std::vector<Bounded> worst;
-      for (std::size_t f = 0; f < after.size(); ++f) {
+      for (std::size_t f = 0; f < reached.size(); ++f) {
         Values defects;
-        for (std::size_t i = 0; i < after[f].size(); ++i) {
-          defects.push_back(after[f][i] - step.end[f][i]);
+        for (std::size_t i = 0; i < reached[f].size(); ++i) {
+          defects.push_back(reached[f][i] - step.end[f][i]);
         }
         worst.push_back(worst_of(defects));
       }

@@ -197,6 +197,15 @@ LatticeFamily::LatticeFamily(const LatticeProblem& problem, const LatticeOracle&
   }
   for (std::size_t wave = 0; wave < nodes_; ++wave) {
     derivatives_.push_back(derivatives(wave));
+    Complex average = 1.0L;
+    std::size_t rest = wave;
+    for (std::size_t a = 0; a < problem.axes.size(); ++a) {
+      // ½(1 + e^(ikΔx))
+      const std::size_t k = rest % problem.axes[a].cells;
+      average *= cells() ? 0.5L * (1.0L + std::conj(dft_[a][k][1])) : Complex(1.0L);
+      rest /= problem.axes[a].cells;
+    }
+    averages_.push_back(average);
   }
   if (problem.lagrangian == LatticeProblem::Lagrangian::splitting) {
     L_ = hessian_at_zero();
@@ -237,6 +246,10 @@ Matrix LatticeFamily::derivatives(std::size_t wave) const {
       const Complex turn = {std::cos(angle), std::sin(angle)};
       plus = (turn - 1.0L) / static_cast<long double>(axis.width());
       minus = (1.0L - std::conj(turn)) / static_cast<long double>(axis.width());
+    } else if (cells()) {  // of means over cells: (2/Δx) tan(kΔx/2)
+      const auto width = static_cast<long double>(axis.width());
+      plus = minus = {
+          0.0L, 2 / width * std::tan(std::numbers::pi_v<long double> * number / static_cast<long double>(axis.cells))};
     } else {
       const bool sawtooth = 2 * k == axis.cells;
       plus = minus = {
@@ -296,6 +309,37 @@ LatticeFamily::Real LatticeFamily::real(const Waves& waves) const {
     }
   }
   return result;
+}
+
+LatticeFamily::Real LatticeFamily::averaged(const Real& z) const {
+  Waves waves = transformed(z);
+  for (auto& field : waves) {
+    for (std::size_t w = 0; w < nodes_; ++w) {
+      field[w] *= averages_[w];
+    }
+  }
+  return real(waves);
+}
+
+LatticeFamily::Real LatticeFamily::at_nodes(const Real& means) const {
+  Waves waves = transformed(means);
+  for (auto& field : waves) {
+    for (std::size_t w = 0; w < nodes_; ++w) {
+      field[w] /= averages_[w];
+    }
+  }
+  return real(waves);
+}
+
+/// Of fields at midpoints a level has nothing.
+LatticeFamily::Real LatticeFamily::start_of(const LatticeState& before) const {
+  Real z(d_, std::vector<long double>(nodes_));
+  for (std::size_t f = 0; f < d_; ++f) {
+    for (std::size_t x = 0; x < nodes_; ++x) {
+      z[f][x] = problem_.midpoint_only[f] ? 0.0L : before[f][x].value;
+    }
+  }
+  return cells() ? averaged(z) : z;
 }
 
 LatticeFamily::Real LatticeFamily::applied(const Real& z) const {
@@ -417,7 +461,10 @@ std::vector<LatticeFamily::Real> LatticeFamily::stage_rounding(const LatticeStat
   // Transforms leave an error in every wave that is the unit roundoff of the whole.
   long double highest = 0.0L;
   for (const Axis& axis : problem_.axes) {
-    highest = std::max(highest, std::numbers::pi_v<long double> / static_cast<long double>(axis.width()));
+    const auto width = static_cast<long double>(axis.width());
+    highest = std::max(highest, (cells() ? 4 * static_cast<long double>(axis.cells) / std::numbers::pi_v<long double>
+                                         : std::numbers::pi_v<long double>) /
+                                    width);
   }
   std::vector<Real> result;
   for (std::size_t i = 0; i < m; ++i) {
@@ -573,12 +620,7 @@ void LatticeFamily::finish(const Real& z_0, const std::vector<Real>& Y, long dou
 }
 
 LatticeFamily::Taken LatticeFamily::collocate(const LatticeState& before, long double h) const {
-  Real z_0(d_, std::vector<long double>(nodes_));
-  for (std::size_t f = 0; f < d_; ++f) {
-    for (std::size_t x = 0; x < nodes_; ++x) {
-      z_0[f][x] = problem_.midpoint_only[f] ? 0.0L : before[f][x].value;
-    }
-  }
+  const Real z_0 = start_of(before);
   const std::vector<Matrix> inverses = preconditioner(z_0, h);
   std::vector<Real> Y(rule_.c.size(), Real(d_, std::vector<long double>(nodes_)));
   long double last = HUGE_VALL;
@@ -594,7 +636,7 @@ LatticeFamily::Taken LatticeFamily::collocate(const LatticeState& before, long d
         }
       }
     }
-    if (change <= 1e-18L * size || (change <= 1e-16L * size && change >= 0.5L * last)) {
+    if (change <= 1e-18L * size || (change <= 1e-14L * size && change >= 0.5L * last)) {
       break;
     }
     if (round > 300 || !std::isfinite(change)) {
@@ -608,12 +650,7 @@ LatticeFamily::Taken LatticeFamily::collocate(const LatticeState& before, long d
 }
 
 void LatticeFamily::disturb_stages(const LatticeState& before, long double h, Taken& taken) const {
-  Real z_0(d_, std::vector<long double>(nodes_));
-  for (std::size_t f = 0; f < d_; ++f) {
-    for (std::size_t x = 0; x < nodes_; ++x) {
-      z_0[f][x] = problem_.midpoint_only[f] ? 0.0L : before[f][x].value;
-    }
-  }
+  const Real z_0 = start_of(before);
   std::vector<Real> Y = taken.stages;
   for (Real& stage : Y) {
     for (std::size_t f = 0; f < d_; ++f) {
@@ -893,8 +930,16 @@ FamilyStep LatticeFamily::step(const LatticeState& before, double h) const {
     }
     return largest;
   };
+  const auto put_at_nodes = [&](Taken& step) {
+    for (std::size_t i = 0; cells() && i < step.stages.size(); ++i) {
+      step.stages[i] = at_nodes(step.stages[i]);
+      step.rates[i] = at_nodes(step.rates[i]);
+    }
+  };
+  const Taken in_cells = taken;
+  put_at_nodes(taken);
   for (int sample = 0; sample < samples; ++sample) {
-    Taken other = taken;
+    Taken other = in_cells;
     if (splitting) {
       other = compose(z, h, true);
       if (has_laws) {
@@ -902,6 +947,7 @@ FamilyStep LatticeFamily::step(const LatticeState& before, double h) const {
       }
     } else {
       disturb_stages(before, h, other);
+      put_at_nodes(other);
     }
     energy_off = std::max(energy_off, std::abs(other.energy - taken.energy));
     for (std::size_t f = 0; f < d_; ++f) {

@@ -12,8 +12,9 @@ namespace audit {
 
 /// A step of a family of maps on a lattice, taken once more.
 struct FamilyStep {
-  LatticeState end;  ///< where it leads; of fields in the middle of steps only their value there
-  Bounded energy;    ///< K of theory, section 8
+  /// Where it leads; of fields in the middle of steps only their value there. On the box's cells the means over these.
+  LatticeState end;
+  Bounded energy;  ///< K of theory, section 8
   std::vector<FluxPlace> places;
 };
 
@@ -57,6 +58,11 @@ private:
 
   [[nodiscard]] Waves transformed(const Real& z) const;
   [[nodiscard]] Real real(const Waves& waves) const;
+  /// Of values at the nodes the means over cells, and back.
+  [[nodiscard]] Real averaged(const Real& z) const;
+  [[nodiscard]] Real at_nodes(const Real& means) const;
+  [[nodiscard]] bool cells() const { return problem_.lagrangian == LatticeProblem::Lagrangian::box; }
+  [[nodiscard]] Real start_of(const LatticeState& before) const;
   /// Σ ∂_a K_a on a wave
   [[nodiscard]] Matrix derivatives(std::size_t wave) const;
   [[nodiscard]] Real applied(const Real& z) const;  ///< Σ K_a ∂_a z
@@ -71,6 +77,7 @@ private:
   std::size_t d_, nodes_;
   std::vector<std::vector<std::vector<Complex>>> dft_;  ///< of each axis, e^(-2πi jk/N)
   std::vector<Matrix> derivatives_;                     ///< of each wave
+  std::vector<Complex> averages_;                       ///< what means over cells make of each wave; 1 at nodes
   Matrix L_;                                            ///< of a splitting
   Matrix a_inverse_;                                    ///< of collocation
   long double cancellation_ = 1.0L;                     ///< among its eigenvectors

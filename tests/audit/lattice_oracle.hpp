@@ -49,6 +49,8 @@ public:
   /// The slope of the potential, which the record leaves out of it; from the first level.
   void set_slope(const LatticeState& first);
   [[nodiscard]] long double slope() const { return slope_.value; }
+  /// Means over the cells of the box, or over their faces across one axis; else the values at the nodes.
+  [[nodiscard]] LatticeState means(const LatticeState& state, std::size_t except = 9) const;
   /// ∇S at every node or in every cell.
   [[nodiscard]] LatticeState gradient(const LatticeState& state) const;
 
@@ -57,9 +59,7 @@ private:
   [[nodiscard]] Values averaged(const Values& values, std::size_t axis) const;
   [[nodiscard]] Values differenced(const Values& values, std::size_t axis) const;
   [[nodiscard]] Values spectral(const Values& values, std::size_t axis) const;
-  /// Means over the cell, or over its faces across one axis, and mean differences; for `fourier` the values themselves
-  /// and their derivatives.
-  [[nodiscard]] LatticeState means(const LatticeState& state, std::size_t except = 9) const;
+  /// Mean differences, or derivatives at the nodes.
   [[nodiscard]] LatticeState slopes(const LatticeState& state, std::size_t axis) const;
   [[nodiscard]] Bounded volume() const;
   [[nodiscard]] Values energy_density(const LatticeState& state) const;

@@ -176,7 +176,8 @@ private:
           random_.one_of({"golden", "verlet", "suzuki-4", "blanes-moan-4", "kahan-li-6", "kahan-li-8"});
       problem_.differences = random_.chance(0.35);
     } else if (family < 0.65) {
-      problem_.lagrangian = LatticeProblem::Lagrangian::fourier;
+      problem_.lagrangian =
+          random_.chance(0.35) ? LatticeProblem::Lagrangian::box : LatticeProblem::Lagrangian::fourier;
       problem_.stages = 2 + static_cast<int>(random_.below(random_.chance(0.7) ? 3 : 7));
     }
   }

@@ -43,7 +43,7 @@ struct LatticeProblem {
   std::size_t derivative_of_potential = 0;
 
   Lagrangian lagrangian = Lagrangian::box;
-  int stages = 1;                      ///< of fourier: more than one is Gauss collocation
+  int stages = 1;                      ///< of box and fourier: more than one is Gauss collocation
   std::string composition = "golden";  ///< of a splitting
   bool differences = false;            ///< its derivatives in space
   bool turns = false;                  ///< what is left of S turns pairs of fields; else it kicks
