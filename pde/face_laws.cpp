@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
+#include <stdexcept>
 #include <utility>
 
 #include <rubato/base/compensated_sum.hpp>
@@ -516,6 +518,9 @@ public:
   Spread multisymplectic_residual(const TangentLevels& u, const TangentLevels& v, double h, double* residual) override;
 
 private:
+  Spread multisymplectic_residual_over_stages(const TangentLevels& u, const TangentLevels& v, double h,
+                                              double* residual);
+
   FaceOperators operators_;
 };
 
@@ -597,8 +602,64 @@ std::vector<double> FaceLaws::totals(const LatticeLevel& level) {
   return totals;
 }
 
+Spread FaceLaws::multisymplectic_residual_over_stages(const TangentLevels& u, const TangentLevels& v, double h,
+                                                      double* residual) {
+  FaceOperators& s = operators_;
+  const auto count_of_stages = static_cast<std::size_t>(s.stages->count());
+  if (s.nodal != nullptr || u.stages.size() != count_of_stages || v.stages.size() != count_of_stages) {
+    throw std::invalid_argument("the law of two tangent solutions of Gauss collocation needs their stages, on cells");
+  }
+  grids::FieldSet sum(1, s.grid.size());
+  sum.fill(0.0);
+  grids::FieldSet left_points(s.elements != nullptr ? s.d : 0, s.grid.size()), right_points = left_points;
+  const auto add = [&](const grids::FieldSet& left_fields, const grids::FieldSet& right_fields, int mu, bool upper,
+                       double factor) {
+    const bool in_element = s.elements != nullptr && mu == time;
+    for (int f = 0; in_element && f < s.d; ++f) {
+      (*s.elements)(left_fields.field(f).data(), left_points.field(f).data(), nullptr);
+      (*s.elements)(right_fields.field(f).data(), right_points.field(f).data(), nullptr);
+    }
+    s.for_each_block_of_cells(
+        [&](std::size_t, std::size_t line, std::size_t begin, std::size_t count, Workspace& work) {
+          const std::size_t offset = line * s.blocks.line + begin;
+          for (const MatrixTerm& term : s.full[static_cast<std::size_t>(mu)]) {
+            const double* left = work.faces.S;
+            const double* right = work.faces.mean[0];
+            if (in_element) {
+              left = std::as_const(left_points).field(term.row).data() + offset;
+              right = std::as_const(right_points).field(term.column).data() + offset;
+            } else {
+              s.face(left_fields.field(term.row).data(), line, begin, count, mu, upper, mu, work.faces.S);
+              s.face(right_fields.field(term.column).data(), line, begin, count, mu, upper, mu, work.faces.mean[0]);
+            }
+            double* to = sum.pointers()[0] + offset;
+            for (std::size_t c = 0; c < count; ++c) {
+              to[c] += (in_element ? s.weight_of(offset + c) : 1.0) * factor * term.value * left[c] * right[c];
+            }
+          }
+        });
+  };
+  for (const bool upper : {false, true}) {
+    add(upper ? u.after : u.before, upper ? v.after : v.before, time, upper, (upper ? 1.0 : -1.0) / h);
+    for (int mu = 1; mu < s.directions; ++mu) {
+      for (std::size_t i = 0; i < count_of_stages; ++i) {
+        add(u.stages[i], v.stages[i], mu, upper,
+            (upper ? 1.0 : -1.0) * s.stages->weight(static_cast<int>(i)) / s.spacing(mu, h));
+      }
+    }
+  }
+  s.spread_over_elements(sum);
+  if (residual != nullptr) {
+    std::ranges::copy(std::as_const(sum).field(0), residual);
+  }
+  return grids::magnitudes(std::as_const(sum).field(0));
+}
+
 Spread FaceLaws::multisymplectic_residual(const TangentLevels& u, const TangentLevels& v, double h, double* residual) {
   FaceOperators& s = operators_;
+  if (s.stages != nullptr) {
+    return multisymplectic_residual_over_stages(u, v, h, residual);
+  }
   s.make_middle(u.before, u.after, h);
   const grids::FieldSet u_middle = s.middle;
   s.make_middle(v.before, v.after, h);

@@ -3,6 +3,8 @@
 #include <cstdint>
 #include <limits>
 #include <memory>
+#include <optional>
+#include <span>
 #include <stdexcept>
 #include <utility>
 #include <vector>
@@ -15,6 +17,7 @@
 #include <rubato/pde/lattice_scheme.hpp>
 #include <rubato/pde/level_fields.hpp>
 #include <rubato/pde/step_equation.hpp>
+#include <rubato/pde/tangent.hpp>
 
 namespace rubato {
 
@@ -170,6 +173,64 @@ private:
   grids::FieldSet delta_;
 };
 
+/// Two slabs: of the step, and of the equation linearised at its stages. Made anew for each step, so that what they
+/// give depends on it alone.
+class GaussTangents final : public TangentStep {
+public:
+  GaussTangents(const MultisymplecticSystem& system, const grids::Grid& grid, int stages, SpaceRule space)
+      : system_(system),
+        grid_(grid),
+        space_(space),
+        before_(system.field_count(), grid.size()),
+        delta_(before_),
+        rate_(before_),
+        stages_(static_cast<std::size_t>(stages), before_) {}
+
+  Status operator()(const LatticeLevel& before, const LatticeLevel& after, double h, const grids::FieldSet& u_before,
+                    grids::FieldSet& u_after) override {
+    if (!slab_ || h != h_ || !std::ranges::equal(std::as_const(before_).all(), before.fields.all())) {
+      h_ = h;
+      before_.copy_from(before.fields);
+      const int count = static_cast<int>(stages_.size());
+      GaussSlab about(system_, grid_, count, before, space_);
+      slab_.reset();
+      if (const Status status = about.take(before, after, h); status != Status::success) {
+        return status;
+      }
+      slab_.emplace(system_, grid_, count, before, space_);
+      slab_->linearise(about);
+    }
+    slab_->stand(u_before, nullptr, {});
+    slab_->begin_at_level();
+    if (const Status status = slab_->solve(h, 0.0, {}); status != Status::success) {
+      return status;
+    }
+    slab_->increment(delta_);
+    for (int f = 0; f < system_.field_count(); ++f) {
+      const bool midpoint = system_.structure().at_midpoints(f);
+      const auto u_0 = u_before.field(f), change = std::as_const(delta_).field(f);
+      const auto u_1 = u_after.field(f);
+      for (std::size_t i = 0; i < u_1.size(); ++i) {
+        u_1[i] = midpoint ? 0.5 * change[i] : u_0[i] + change[i];
+      }
+    }
+    for (std::size_t i = 0; i < stages_.size(); ++i) {
+      slab_->stage(static_cast<int>(i), stages_[i], rate_);
+    }
+    return Status::success;
+  }
+  [[nodiscard]] std::span<const grids::FieldSet> stages() const override { return stages_; }
+
+private:
+  MultisymplecticSystem system_;
+  grids::Grid grid_;
+  SpaceRule space_;
+  double h_ = 0.0;
+  grids::FieldSet before_, delta_, rate_;
+  std::vector<grids::FieldSet> stages_;
+  std::optional<GaussSlab> slab_;
+};
+
 }  // namespace
 
 std::unique_ptr<LatticeScheme> make_gauss_lattice(const MultisymplecticSystem& system, const grids::Grid& grid,
@@ -184,6 +245,11 @@ std::unique_ptr<LatticeScheme> make_gauss_lattice(const MultisymplecticSystem& s
 std::unique_ptr<StepEquation> make_gauss_equation(const MultisymplecticSystem& system, const grids::Grid& grid,
                                                   int stages, const LatticeLevel& first, SpaceRule space) {
   return std::make_unique<GaussEquation>(system, grid, stages, first, space);
+}
+
+std::unique_ptr<TangentStep> make_gauss_tangents(const MultisymplecticSystem& system, const grids::Grid& grid,
+                                                 int stages, SpaceRule space) {
+  return std::make_unique<GaussTangents>(system, grid, stages, space);
 }
 
 }  // namespace rubato

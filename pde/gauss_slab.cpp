@@ -232,13 +232,47 @@ void GaussSlab::stand(const grids::FieldSet& high, const grids::FieldSet* low, c
       }
     }
   });
-  for (int f = 0; f < d_; ++f) {
+  for (int f = 0; !tangent_ && f < d_; ++f) {
     base_.re.field(f)[0] += linear_[f] * static_cast<double>(grid_.size());
+  }
+}
+
+void GaussSlab::linearise(const GaussSlab& about) {
+  tangent_ = true;
+  solved_ = false;
+  if (F_.empty()) {
+    return;
+  }
+  const PotentialRest rest = rest_of_potential(system_, L_, F_);
+  std::vector<formula::Expression> entries;
+  for (const formula::Expression& slope : formula::gradient(rest.value, rest.variables)) {
+    const auto row = formula::gradient(slope, rest.variables);
+    entries.insert(entries.end(), row.begin(), row.end());
+  }
+  formula::BatchEvaluator evaluate(formula::Bytecode(entries, rest.inputs));
+  curvature_ = grids::FieldSet(static_cast<int>(entries.size()) * m_, grid_.size());
+  std::vector<const double*> in;
+  std::vector<double*> out;
+  for (int i = 0; i < m_; ++i) {
+    in.clear();
+    out.clear();
+    for (std::size_t f = 0; f < F_.size(); ++f) {
+      in.push_back(about.point_.field(varying(static_cast<int>(f), i)).data());
+    }
+    for (int e = 0; e < static_cast<int>(entries.size()); ++e) {
+      out.push_back(curvature_.field(e * m_ + i).data());
+    }
+    evaluate(grid_.size(), places_.after(in, inputs_), out);
   }
 }
 
 void GaussSlab::begin_at_level() {
   if (F_.empty()) {
+    return;
+  }
+  if (tangent_) {
+    y_.fill(0.0);
+    static_cast<void>(evaluate_rests());
     return;
   }
   rest_gradient_(grid_.size(), places_.after(std::as_const(level_F_).pointers(), inputs_),
@@ -367,6 +401,24 @@ void GaussSlab::iterate_waves() {
   });
 }
 
+/// rest_grid_ = N'' point_ at the stages.
+void GaussSlab::multiply_by_curvature() {
+  const int n = static_cast<int>(F_.size());
+  rest_grid_.fill(0.0);
+  for (int f = 0; f < n; ++f) {
+    for (int g = 0; g < n; ++g) {
+      for (int i = 0; i < m_; ++i) {
+        const auto entry = std::as_const(curvature_).field((f * n + g) * m_ + i);
+        const auto from = std::as_const(point_).field(varying(g, i));
+        const auto to = rest_grid_.field(varying(f, i));
+        for (std::size_t x = 0; x < to.size(); ++x) {
+          to[x] += entry[x] * from[x];
+        }
+      }
+    }
+  }
+}
+
 /// N' at the stages z + y_. \return whether it is finite
 bool GaussSlab::evaluate_rests() {
   const std::size_t n = F_.size();
@@ -384,7 +436,10 @@ bool GaussSlab::evaluate_rests() {
   });
   std::array<const double*, MultisymplecticSystem::most_fields> in{};
   std::array<double*, MultisymplecticSystem::most_fields> out{};
-  for (int i = 0; i < m_; ++i) {
+  if (tangent_) {
+    multiply_by_curvature();
+  }
+  for (int i = 0; !tangent_ && i < m_; ++i) {
     for (std::size_t f = 0; f < n; ++f) {
       const int row = varying(static_cast<int>(f), i);
       in[f] = std::as_const(point_).field(row).data();

@@ -52,6 +52,10 @@ public:
   /// Changes with every stand().
   [[nodiscard]] std::uint64_t stamp() const { return stamp_; }
 
+  /// From now on steps are those of tangent solutions at a fixed h, S'' taken at the stages of the step that `about`,
+  /// made of the same arguments, has just solved. Energies are then none.
+  void linearise(const GaussSlab& about);
+
   /// Where the iteration begins: with N' of the level at all stages, or with N' of another step's stages, continued as
   /// a polynomial to a step `ratio` times as long, which begins where that one begins or ends.
   ///@{
@@ -87,6 +91,7 @@ private:
   void invert(double h);
   void iterate_waves();
   [[nodiscard]] bool evaluate_rests();
+  void multiply_by_curvature();
   struct Correction {
     double size = 0.0;      ///< relative to the increments
     double rounding = 0.0;  ///< the size that rounding explains
@@ -111,6 +116,8 @@ private:
   formula::BatchEvaluator rest_gradient_, rest_value_;
   SpaceCollocation space_;
   PlacedCoordinates places_;
+  bool tangent_ = false;
+  grids::FieldSet curvature_;  ///< of tangents: N'' at the stages, row (f·|F| + g)·m + i
   std::vector<double> parseval_;
 
   Eigen::VectorXcd eigenvalues_;  ///< of A⁻¹ = V Λ V⁻¹

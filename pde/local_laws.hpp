@@ -24,11 +24,13 @@ struct LinearSymmetry {
 /// \throws std::invalid_argument, with the entry or the value of ∇S·Bz, if B is no symmetry of the system
 void check_symmetry(const MultisymplecticSystem& system, const LinearSymmetry& symmetry);
 
-/// A solution of the linearised scheme over one step; for euler-box also one level earlier.
+/// A solution of the linearised scheme over one step; for euler-box also one level earlier, for Gauss collocation also
+/// its stages.
 struct TangentLevels {
   const grids::FieldSet& before;
   const grids::FieldSet& after;
   const grids::FieldSet* earlier = nullptr;
+  std::span<const grids::FieldSet> stages = {};
 };
 
 class LawEngine;
@@ -49,6 +51,10 @@ class StageSource;
 ///
 /// The residual is divided by the cell: for S quadratic energy and momentum hold to rounding with any levels; for
 /// others energy is O(h²) and momentum O(Δx²); symmetries hold to rounding always.
+///
+/// With several stages in time, J_a is integrated over them: Σ_i b_i J_a(Z_i, Ż_i); the error of energy is O(h^2m)
+/// then. With several in space, J_t is the mean of the Gauss points of an element in its quadrature, and D_a that of
+/// its two faces; its cells share the residual. The error of momentum is O(Δx^2r).
 ///
 /// **Fourier**: the same currents at the nodes, D_a the spectral derivative: laws in space hold to
 /// aliasing error only.
@@ -90,12 +96,14 @@ public:
   std::vector<double> totals(const LatticeLevel& level);
 
   /// D_t(UᵀMV) + Σ D_a(UᵀK_aV) in every cell, for two tangent solutions over the same step: UᵀMV averaged in x at
-  /// levels, UᵀK_aV in t on the faces between cells. For euler-box, at the node of the level `before`,
+  /// levels, UᵀK_aV in t on the faces between cells; over the stages, if there are several. For euler-box, at the node
+  /// of the level `before`,
   ///
   ///     (W_{k+1} - W_k)/h + Σ_a (X_{i+1} - X_i)/Δx_a,   W_k = U_{k-1}ᵀM₊V_k - V_{k-1}ᵀM₊U_k,
   ///                                                     X_i = U_{i-1}ᵀK₊V_i - V_{i-1}ᵀK₊U_i.
   ///
-  /// `residual` may be null. \throws std::invalid_argument for euler-box without the earlier levels
+  /// `residual` may be null. \throws std::invalid_argument for euler-box without the earlier levels, for Gauss
+  /// collocation without the stages
   Spread multisymplectic_residual(const TangentLevels& u, const TangentLevels& v, double h, double* residual = nullptr);
 
 private:

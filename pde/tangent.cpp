@@ -177,11 +177,13 @@ Status TangentPair::take(const LatticeLevel& before, const LatticeLevel& after, 
     if (const Status status = (*step_)(before, after, h, tangent->now, tangent->next); status != Status::success) {
       return status;
     }
+    tangent->stages.assign(step_->stages().begin(), step_->stages().end());
   }
   const bool three = step_->law_on_three_levels();
   residual_.reset();
   if (!three || steps_ > 0) {
-    residual_ = laws_.multisymplectic_residual({u_.now, u_.next, &u_.earlier}, {v_.now, v_.next, &v_.earlier}, h);
+    residual_ = laws_.multisymplectic_residual({u_.now, u_.next, &u_.earlier, u_.stages},
+                                               {v_.now, v_.next, &v_.earlier, v_.stages}, h);
   }
   for (Tangent* tangent : {&u_, &v_}) {
     if (three) {

@@ -3,12 +3,15 @@
 #include <cstdint>
 #include <memory>
 #include <optional>
+#include <span>
+#include <vector>
 
 #include <rubato/base/outcome.hpp>
 #include <rubato/base/state.hpp>
 #include <rubato/pde/initial_level.hpp>
 #include <rubato/pde/local_laws.hpp>
 #include <rubato/pde/multisymplectic_system.hpp>
+#include <rubato/pde/space_collocation.hpp>
 
 namespace rubato {
 
@@ -22,6 +25,8 @@ public:
   /// Takes U from the level `before` to `after`, h apart.
   [[nodiscard]] virtual Status operator()(const LatticeLevel& before, const LatticeLevel& after, double h,
                                           const grids::FieldSet& u_before, grids::FieldSet& u_after) = 0;
+  /// The stages of the step taken last, at the nodes, where the law of two solutions integrates its fluxes over them.
+  [[nodiscard]] virtual std::span<const grids::FieldSet> stages() const { return {}; }
   /// Whether the local law of two solutions reads the level before the step, too.
   [[nodiscard]] virtual bool law_on_three_levels() const { return false; }
 };
@@ -29,6 +34,9 @@ public:
 /// Of the box: M D_t U + Σ K_a D_a Ū = S''(z̄)Ū in every cell.
 [[nodiscard]] std::unique_ptr<TangentStep> make_box_tangents(const MultisymplecticSystem& system,
                                                              const grids::Grid& grid);
+/// Of Gauss collocation on cells: M U̇_i + Σ K_a ∂_a U_i = S''(Z_i)U_i at every point of every stage.
+[[nodiscard]] std::unique_ptr<TangentStep> make_gauss_tangents(const MultisymplecticSystem& system,
+                                                               const grids::Grid& grid, int stages, SpaceRule space);
 /// Of euler-box: the derivative of its map. \throws std::invalid_argument as EulerBoxMap
 [[nodiscard]] std::unique_ptr<TangentStep> make_euler_box_tangents(const MultisymplecticSystem& system,
                                                                    const grids::Grid& grid);
@@ -62,6 +70,7 @@ public:
 private:
   struct Tangent {
     grids::FieldSet now, next, earlier;
+    std::vector<grids::FieldSet> stages;
   };
   LocalLaws& laws_;
   std::unique_ptr<TangentStep> step_;

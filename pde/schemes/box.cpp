@@ -63,7 +63,7 @@ public:
   }
   [[nodiscard]] std::unique_ptr<TangentStep> tangents(const MultisymplecticSystem& system,
                                                       const grids::Grid& grid) const override {
-    return is_box() ? make_box_tangents(system, grid) : nullptr;
+    return is_box() ? make_box_tangents(system, grid) : make_gauss_tangents(system, grid, stages_, space_);
   }
 
 private:

@@ -12,6 +12,8 @@
 #include <rubato/pde/cell_sweep.hpp>
 #include <rubato/pde/gauss_slab.hpp>
 #include <rubato/pde/lattice.hpp>
+#include <rubato/pde/lattice_method.hpp>
+#include <rubato/pde/tangent.hpp>
 #include <rubato/variation/gauss_tableau.hpp>
 
 #include "humps.hpp"
@@ -252,6 +254,98 @@ TEST_CASE("collocation with three stages in space: derivatives and values by wav
   CHECK(worst < 1e-11);
   CHECK(twin > 1e-2);
   CHECK(std::abs(sum) < 1e-12 * size);  // ∂ is skew in the quadrature of the elements
+}
+
+TEST_CASE("energies on elements are their quadrature's") {
+  const grids::Grid grid({{"x", -8, 8, 45}});
+  const MultisymplecticSystem system = sine_gordon();
+  const LatticeLevel level = initial_level(system, grid, smooth_hump(grid), Placement::elements(3));
+  ElementOperators elements(grid, 3);
+  std::vector<std::vector<double>> z(3, std::vector<double>(45)), dz = z;
+  for (std::size_t f = 0; f < 3; ++f) {
+    elements(level.fields.field(static_cast<int>(f)).data(), z[f].data(), dz[f].data());
+  }
+  // K₊ has one of the entries (u, w) of K, so that the density is S + u_x w.
+  const Eigen::MatrixXd& plus = system.structure().K_plus[0];
+  const GaussTableau tableau(3);
+  double energy = 0.0, twin = 0.0;
+  for (std::size_t p = 0; p < 45; ++p) {
+    double density = 0.5 * (z[1][p] * z[1][p] - z[2][p] * z[2][p]) + 1.0 - std::cos(z[0][p]);
+    density += plus(0, 2) * dz[0][p] * z[2][p] + plus(2, 0) * dz[2][p] * z[0][p];
+    energy += 3 * grid.spacing(0) * tableau.b[static_cast<Eigen::Index>(p % 3)] * density;
+    twin += grid.spacing(0) * density;
+  }
+  CellSweep sweep(system, grid, Placement::elements(3));
+  const double swept = sweep(level.fields.pointers(), level.slopes, {}, 0.0, {}, {}).energy;
+  CHECK(swept == Approx(energy).epsilon(1e-13));
+  CHECK(std::abs(swept - twin) > 1e-8);
+  const auto method = make_lattice_method({.name = "box", .stages = 2, .space_stages = 3});
+  CHECK(make_local_laws(*method, system, grid).totals(level)[0] == Approx(energy).epsilon(1e-13));
+}
+
+TEST_CASE("Gauss collocation on cells conserves the form of two tangent solutions in every cell") {
+  // Random tangents of size 10 after some steps: 1e2 ε/Δx, and sawtooths enlarged 45 times.
+  for (const auto& [example, space_stages] : examples_and_stages()) {
+    for (const int stages : {1, 2, 3}) {
+      const auto method = make_lattice_method({.name = "box", .stages = stages, .space_stages = space_stages});
+      if (stages == 1 && space_stages == 1) {
+        continue;
+      }
+      INFO(example.name << ", " << stages << " stages, " << space_stages << " in space");
+      const LatticeLevel first = first_level(example, Placement::elements(space_stages));
+      const double h = 0.02;
+      const auto scheme = method->scheme(example.system, example.grid, first, h);
+      LocalLaws laws = make_local_laws(*method, example.system, example.grid);
+      TangentPair pair(laws, method->tangents(example.system, example.grid), example.system, example.grid, 1);
+      double worst = 0.0;
+      for (int k = 0; k < 5; ++k) {
+        const LatticeLevel before = scheme->level();
+        REQUIRE(scheme->advance(h, 0.0) == Status::success);
+        scheme->accept();
+        REQUIRE(pair.take(before, scheme->level(), h) == Status::success);
+        worst = std::max(worst, pair.residual()->largest());
+      }
+      CHECK(worst < 1e-10);
+    }
+  }
+}
+
+TEST_CASE("tangent solutions of Gauss collocation are derivatives of its map") {
+  for (const int space_stages : {1, 3}) {
+    const Example example = examples(true)[1];
+    const auto method = make_lattice_method({.name = "box", .stages = 2, .space_stages = space_stages});
+    const LatticeLevel first = first_level(example, Placement::elements(space_stages));
+    const grids::FieldSet u = random_tangent(example.system, example.grid, 3),
+                          v = random_tangent(example.system, example.grid, 4);
+    const double h = 0.02, epsilon = 1e-4;
+    const auto moved = [&](double by) {
+      LatticeLevel level = first;
+      for (std::size_t i = 0; i < level.fields.all().size(); ++i) {
+        level.fields.all()[i] += by * u.all()[i];
+      }
+      const auto scheme = method->scheme(example.system, example.grid, level, h);
+      return after(*scheme, h, 1);
+    };
+    const auto forward = moved(epsilon), back = moved(-epsilon);
+    std::vector<double> difference;
+    for (std::size_t i = 0; i < u.all().size(); ++i) {
+      difference.push_back((std::as_const(forward).all()[i] - std::as_const(back).all()[i]) / (2 * epsilon));
+    }
+    const auto step = method->tangents(example.system, example.grid);
+    grids::FieldSet next = u, other = v;
+    REQUIRE(step->operator()(first, first, h, u, next) == Status::success);
+    const std::vector<grids::FieldSet> of_u(step->stages().begin(), step->stages().end());
+    REQUIRE(step->operator()(first, first, h, v, other) == Status::success);
+    const std::vector<grids::FieldSet> of_v(step->stages().begin(), step->stages().end());
+    CHECK(largest_difference(std::as_const(next).all(), difference) < 1e-5);  // ε² and 1e-13/ε
+    CHECK(largest_difference(std::as_const(next).all(), u.all()) > 1e-2);
+    // The law with what are not their stages, and without.
+    LocalLaws laws = make_local_laws(*method, example.system, example.grid);
+    CHECK(laws.multisymplectic_residual({u, next, nullptr, of_u}, {v, other, nullptr, of_v}, h).largest() < 1e-10);
+    const std::vector<grids::FieldSet> turned(of_v.rbegin(), of_v.rend());
+    CHECK(laws.multisymplectic_residual({u, next, nullptr, of_u}, {v, other, nullptr, turned}, h).largest() > 1e-6);
+    CHECK_THROWS_WITH(laws.multisymplectic_residual({u, next}, {v, other}, h), Catch::Matchers::Contains("stages"));
+  }
 }
 
 TEST_CASE("first levels fulfil their constraints at the points of elements") {
