@@ -96,6 +96,23 @@ TEST_CASE("a lattice's errors by its step and by its grid are told apart") {
   CHECK_THAT(to_json(coarse_step), Contains("\"dominant\": \"step\"") && !Contains(": nan"));
 }
 
+TEST_CASE("elements stay odd in number when a lattice's spacings are halved, and show their order") {
+  const std::string text = replaced(replaced(breather, "until = 20", "until = 1"),
+                                    "[symmetries]\nturn = [[\"u\", \"v\", 1], [\"v\", \"u\", -1]]\n", "");
+  // Steps whose error is far below that of the cells.
+  for (const int space_stages : {1, 3}) {
+    const std::vector<std::string> settings = {"grid.x.cells=141", "scheme.step=0.1", "scheme.stages=4",
+                                               "scheme.levels=fixed",
+                                               "scheme.space_stages=" + std::to_string(space_stages)};
+    const ConvergenceOutcome outcome = converge(parse_problem(text, "t.toml", settings), std::nullopt);
+    INFO(space_stages);
+    REQUIRE(outcome.status == ExitStatus::done);
+    REQUIRE(outcome.quantities[0].grid);
+    REQUIRE(outcome.quantities[0].grid->order());
+    CHECK(*outcome.quantities[0].grid->order() == Approx(2.0 * space_stages).margin(0.4));
+  }
+}
+
 TEST_CASE("convergence that cannot be measured is refused, or told") {
   CHECK_THAT(refusal(pendulum, {"scheme.step=auto", "scheme.energy_tolerance=1e-3"}), Contains("give it as a number"));
   CHECK_THAT(refusal(pendulum + "[ensemble]\ngrid = { initial.p = [1, 2] }\n", {}), Contains("leave [ensemble] out"));
