@@ -79,7 +79,7 @@ public:
     for (VectorXd* vector : {&delta_, &lost_, &largest_, &usual_, &end_, &sums_, &errors_}) {
       vector->setZero(2 * n_);
     }
-    for (VectorXd* vector : {&velocity_, &trial_velocity_}) {
+    for (VectorXd* vector : {&velocity_, &trial_velocity_, &acceleration_, &seed_at_level_}) {
       vector->setZero(n_);
     }
   }
@@ -109,7 +109,12 @@ public:
       status = iterate_nearby(h, accuracy);
       far_ = far_ || was_far;
     }
-    if (status != Status::success && (!far_ || (status = approach(h, accuracy)) != Status::success)) {
+    if (status != Status::success && far_) {
+      start_on_parabola(h);
+      status = iterate_nearby(h, accuracy);
+      status = status == Status::success ? status : approach(h, accuracy);
+    }
+    if (status != Status::success) {
       return status;
     }
     finish(h);
@@ -273,6 +278,20 @@ private:
       Y_.col(i) = h * quadrature_.control[i + 1] * velocity_;
     }
   }
+  /// Where the motion is fast to change, the tangent is no neighbour of the step.
+  void start_on_parabola(double h) {
+    start_on_tangent(h);
+    VectorXd& velocity = seed_at_level_;
+    velocity = velocity_;
+    if (transform_.solve(z_.value().data(), z_.value().data() + n_, velocity.data()) != Status::success ||
+        !transform_.acceleration(acceleration_.data())) {
+      return;
+    }
+    for (Index i = 0; i < d_; ++i) {
+      const double time = h * quadrature_.control[i + 1];
+      Y_.col(i) += 0.5 * time * time * acceleration_;
+    }
+  }
   [[nodiscard]] static bool near(double ratio) {
     return ratio > 1.0 / lagrangian_longest_continuation && ratio < lagrangian_longest_continuation;
   }
@@ -296,7 +315,7 @@ private:
     for (int parts = 2; parts <= lagrangian_finest_approach; parts *= 2) {
       double share = 1.0 / parts;
       const double growth = std::pow(share, -1.0 / parts);
-      start_on_tangent(share * h);
+      start_on_parabola(share * h);
       Status status = iterate_nearby(share * h, accuracy);
       for (int part = 0; part < parts && status == Status::success; ++part) {
         const double next = part + 1 == parts ? 1.0 : share * growth;
@@ -479,8 +498,9 @@ private:
   Index n_, d_, m_;
   solve::DenseSolver factors_;
   CompensatedState<VectorXd> z_;
-  VectorXd seed_;                       ///< velocities that those at this level are found from
-  VectorXd velocity_, trial_velocity_;  ///< at both levels, where here_ and there_ are known
+  VectorXd seed_;                          ///< velocities that those at this level are found from
+  VectorXd velocity_, trial_velocity_;     ///< at both levels, where here_ and there_ are known
+  VectorXd acceleration_, seed_at_level_;  ///< at this level, where steps begin on a parabola
   std::optional<LevelNode> here_, there_;
   MatrixXd Y_, last_Y_, trial_Y_;  ///< q at the control points but the first, less q_k; of the last step; of a trial
   MatrixXd begun_, shorter_;       ///< where an iteration began; of a shorter step, to continue

@@ -38,7 +38,7 @@ LegendreTransform::LegendreTransform(const Lagrangian& lagrangian)
       rounding_(lagrangian.gradient_code()),
       n_(static_cast<Eigen::Index>(lagrangian.degrees_of_freedom())),
       solver_(static_cast<int>(n_)) {
-  for (Eigen::VectorXd* vector : {&scales_, &sizes_, &residual_, &step_, &trial_, &last_}) {
+  for (Eigen::VectorXd* vector : {&scales_, &sizes_, &residual_, &step_, &trial_, &last_, &last_guess_}) {
     vector->setZero(n_);
   }
   inputs_.setZero(2 * n_);
@@ -78,7 +78,35 @@ bool LegendreTransform::is_rounding(const Eigen::Ref<const Eigen::VectorXd>& mom
   return true;
 }
 
+/// What rounding leaves is judged beside the terms at the first guess. Where that was far away, what was found is the
+/// next one.
 Status LegendreTransform::solve(const double* q, const double* p, double* q_dot) {
+  constexpr double far = 1e3;
+  constexpr int most_guesses = 40;
+  Status status = solve_from_guess(q, p, q_dot);
+  for (int guess = 1; guess < most_guesses && status == Status::success; ++guess) {
+    bool near = true;
+    for (Eigen::Index i = 0; i < n_; ++i) {
+      near = near && sizes_[i] <= far * (std::abs(p[i]) + std::abs(gradient_[n_ + i]));
+    }
+    if (near) {
+      break;
+    }
+    const double found = energy_;
+    last_guess_ = Eigen::Map<const Eigen::VectorXd>(q_dot, n_);
+    if (solve_from_guess(q, p, q_dot) != Status::success ||
+        last_guess_ == Eigen::Map<const Eigen::VectorXd>(q_dot, n_)) {
+      std::copy_n(last_guess_.data(), n_, q_dot);
+      energy_ = found;
+      evaluate(q, q_dot);
+      singular_ = false;
+      break;
+    }
+  }
+  return status;
+}
+
+Status LegendreTransform::solve_from_guess(const double* q, const double* p, double* q_dot) {
   singular_ = false;
   const Eigen::Map<const Eigen::VectorXd> momenta(p, n_);
   Eigen::Map<Eigen::VectorXd> v(q_dot, n_);
@@ -126,17 +154,33 @@ Status LegendreTransform::solve(const double* q, const double* p, double* q_dot)
   return Status::not_converged;
 }
 
-double LegendreTransform::gamma() {
-  const auto q_dot = inputs_.tail(n_);
-  const auto force = gradient_.head(n_);  // p' = ∂L/∂q
+/// step_ = ∂²L/∂q̇²⁻¹ (p' - ∂²L/∂q̇∂q q̇), p' = ∂L/∂q.
+bool LegendreTransform::find_acceleration() {
   if (!is_regular(hessian_.bottomRightCorner(n_, n_))) {
-    return std::numeric_limits<double>::quiet_NaN();
+    return false;
   }
-  // ∇H = (-∂L/∂q, q̇) along f = (q̇, p'): q̇ changes by ∂²L/∂q̇²⁻¹ (p' - ∂²L/∂q̇∂q q̇).
-  residual_.noalias() = hessian_.bottomLeftCorner(n_, n_).lazyProduct(q_dot);
-  step_ = (force - residual_).cwiseProduct(scales_);
+  residual_.noalias() = hessian_.bottomLeftCorner(n_, n_).lazyProduct(inputs_.tail(n_));
+  step_ = (gradient_.head(n_) - residual_).cwiseProduct(scales_);
   solver_.solve(step_.data());
   step_ = step_.cwiseProduct(scales_);
+  return true;
+}
+
+bool LegendreTransform::acceleration(double* q_ddot) {
+  if (!find_acceleration()) {
+    return false;
+  }
+  std::copy_n(step_.data(), n_, q_ddot);
+  return true;
+}
+
+double LegendreTransform::gamma() {
+  const auto q_dot = inputs_.tail(n_);
+  const auto force = gradient_.head(n_);
+  // ∇H = (-∂L/∂q, q̇) along f = (q̇, p'): q̇ changes by the acceleration.
+  if (!find_acceleration()) {
+    return std::numeric_limits<double>::quiet_NaN();
+  }
   residual_.noalias() = hessian_.topLeftCorner(n_, n_).lazyProduct(q_dot);
   residual_.noalias() += hessian_.topRightCorner(n_, n_).lazyProduct(step_);
   return force.dot(step_) - q_dot.dot(residual_);

@@ -31,20 +31,24 @@ public:
   [[nodiscard]] double energy() const { return energy_; }
   /// Γ = fᵀ H_zz f, f = J∇H (theory, section 3).
   [[nodiscard]] double gamma();
+  /// q̈ along the motion, n entries; false where ∂²L/∂q̇² is singular.
+  [[nodiscard]] bool acceleration(double* q_ddot);
   ///@}
 
   /// Whether ∂²L/∂q̇² (n × n) has an inverse, whatever the units of coordinates.
   [[nodiscard]] bool is_regular(const Eigen::Ref<const Eigen::MatrixXd>& masses);
 
 private:
+  [[nodiscard]] Status solve_from_guess(const double* q, const double* p, double* q_dot);
   double evaluate(const double* q, const double* q_dot);
+  [[nodiscard]] bool find_acceleration();
   [[nodiscard]] bool is_rounding(const Eigen::Ref<const Eigen::VectorXd>& momenta);
 
   LagrangianEvaluator evaluator_;
   formula::RoundingEvaluator rounding_;  // of ∇L
   Eigen::Index n_;
   solve::DenseSolver solver_;
-  Eigen::VectorXd inputs_, errors_, gradient_, scales_, sizes_, residual_, step_, trial_, last_;
+  Eigen::VectorXd inputs_, errors_, gradient_, scales_, sizes_, residual_, step_, trial_, last_, last_guess_;
   Eigen::MatrixXd hessian_, scaled_;
   double energy_ = 0.0;
   bool singular_ = false;

@@ -165,6 +165,21 @@ TEST_CASE("velocities solve the momentum's equation to rounding, or it is said")
   }
 }
 
+TEST_CASE("velocities do not depend on how far away they were looked for from") {
+  const Lagrangian lagrangian({"x", "y"}, "0.1*x_dot^2 + 2*y_dot^2 + x_dot*y_dot/4 - x^4");
+  LegendreTransform transform(lagrangian);
+  const double q[] = {1.5, 0.3}, wanted[] = {0.7, -0.2};
+  const std::vector<double> p = momenta(lagrangian, q, wanted);
+  for (const double guess : {0.5, 1e6, -1e20, 1e74}) {
+    double v[] = {guess, -0.3 * guess};
+    REQUIRE(transform.solve(q, p.data(), v) == Status::success);
+    CHECK(std::abs(v[0] - wanted[0]) < 1e-11);  // by far less than the guess is rounded at
+    CHECK(std::abs(v[1] - wanted[1]) < 1e-11);
+    CHECK(std::abs(transform.energy() - (p[0] * wanted[0] + p[1] * wanted[1] -
+                                         (0.1 * 0.49 + 2 * 0.04 - 0.7 * 0.2 / 4 - 1.5 * 1.5 * 1.5 * 1.5))) < 1e-13);
+  }
+}
+
 TEST_CASE("quadratures of the action are exact where they have to be") {
   for (const auto points : {ActionQuadrature::Points::gauss, ActionQuadrature::Points::lobatto}) {
     for (int d = 1; d <= ActionQuadrature::most_degree; ++d) {
@@ -379,6 +394,32 @@ TEST_CASE("a step is the one that short steps lead to, not another solution of i
       }
     }
   }
+}
+
+TEST_CASE("steps are taken where the motion changes in one of them more than in all before") {
+  // Verlet's method with a step too long for it: from the third step on each is 10³ times the last, and then 10⁹.
+  const Lagrangian lagrangian({"x"}, "x_dot^2/2 - x^4/4");
+  constexpr double h = 1.7;
+  double q = 1.0, p = 0.5;
+  const auto scheme = make_lagrangian_scheme(lagrangian, ActionQuadrature(ActionQuadrature::Points::lobatto, 1),
+                                             std::vector<double>{q}, std::vector<double>{p});
+  const auto force = [](double x) { return -x * x * x; };
+  double longest = 0.0;
+  for (int step = 0; step < 8; ++step) {
+    INFO("step " << step << " from " << q << ", " << p);
+    REQUIRE(scheme->advance(h, 0.0) == Status::success);
+    scheme->accept();
+    const double middle = p + h / 2 * force(q);
+    longest = std::max(longest, std::abs(h * middle) / std::max(1.0, std::abs(q)));
+    q += h * middle;
+    p = middle + h / 2 * force(q);
+    // A few roundings of what is added.
+    CHECK(std::abs(scheme->state()[0] - q) <= 1e-12 * std::abs(q));
+    CHECK(std::abs(scheme->state()[1] - p) <= 1e-12 * std::abs(p));
+    q = scheme->state()[0];
+    p = scheme->state()[1];
+  }
+  CHECK(longest > 1e6);
 }
 
 TEST_CASE("a constant in L is a constant in its energies, and nothing else") {
