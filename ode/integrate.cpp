@@ -149,6 +149,14 @@ ReducedScheme make_scheme(const Hamiltonian& whole, const InitialState& initial,
       whole.constant()};
 }
 
+/// The forward 𝕃 leaves the orbit within a few steps, which a scout would not survive; a custom one has its own f.
+IntegrationOptions resolved(IntegrationOptions options) {
+  const bool suits =
+      !std::holds_alternative<Custom>(options.lagrangian) && !std::holds_alternative<Forward>(options.lagrangian);
+  options.potential = resolved(options.potential, suits && !options.on_singular && !options.bridge);
+  return options;
+}
+
 }  // namespace
 
 Eigen::MatrixXd Generating::F(std::size_t degrees_of_freedom) const {
@@ -242,7 +250,7 @@ NodeLaw make_node_law(const Hamiltonian& hamiltonian, const SegmentLagrangian& l
 
 OrbitIntegrator::OrbitIntegrator(const Hamiltonian& hamiltonian, const InitialState& initial,
                                  const IntegrationOptions& options)
-    : options_(options), node_constant_(hamiltonian.constant()) {
+    : options_(resolved(options)), node_constant_(hamiltonian.constant()) {
   check(hamiltonian, initial, options);
   check_stability(initial, options);
   auto [scheme, energy_constant] = make_scheme(hamiltonian, initial, options);
@@ -260,7 +268,7 @@ OrbitIntegrator::OrbitIntegrator(const Hamiltonian& hamiltonian, const InitialSt
 
 OrbitIntegrator::OrbitIntegrator(const Lagrangian& lagrangian, const InitialMotion& initial,
                                  const IntegrationOptions& options)
-    : options_(options), node_constant_(-lagrangian.constant()) {
+    : options_(resolved(options)), node_constant_(-lagrangian.constant()) {
   check_span(initial.t, options);
   if (options.next) {
     throw std::invalid_argument(
@@ -299,8 +307,8 @@ void OrbitIntegrator::begin(double t, double energy_constant, bool at_equilibriu
   }
   levels_ = std::make_unique<TimeLevels>(*scheme_,
                                          LevelOptions{.levels = options_.levels,
-                                                      .on_singular = options_.on_singular,
-                                                      .bridge = options_.bridge,
+                                                      .on_singular = options_.on_singular.value_or(OnSingular::bridge),
+                                                      .bridge = options_.bridge.value_or(BridgeRule::anchored),
                                                       .tolerance = options_.tolerance,
                                                       .energy_constant = energy_constant,
                                                       .potential = options_.potential},
@@ -520,7 +528,7 @@ Orbit run(OrbitIntegrator integrator, std::unique_ptr<EventLog> events, const In
       orbit.status = report.status;
       const std::string reason = integrator.failure_reason();
       orbit.message = describe_failure(report, integrator.t(), integrator.node(), integrator.levels().last_step(),
-                                       options.on_singular, reason, integrator.traits());
+                                       options.on_singular.value_or(OnSingular::bridge), reason, integrator.traits());
       break;
     }
     orbit.h.push_back(report.h);

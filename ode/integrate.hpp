@@ -114,10 +114,11 @@ struct IntegrationOptions {
   double until =
       0.0;  ///< the run ends at the first level at or past it; no step is shortened to hit it; has to be given
   Levels levels = Levels::variable;
-  OnSingular on_singular = OnSingular::bridge;
-  BridgeRule bridge = BridgeRule::anchored;
-  StepPotentialChoice potential = {};  ///< that makes levels exist everywhere, in place of bridges
-  double tolerance = 1e-13;            ///< of the level equation, relative
+  std::optional<OnSingular> on_singular = std::nullopt;  ///< bridge; stated, it stands in place of the usual potential
+  std::optional<BridgeRule> bridge = std::nullopt;       ///< anchored; likewise
+  /// That makes levels exist everywhere. Usually chosen by a scout, but for forward and custom 𝕃: none there.
+  StepPotentialChoice potential = {.kind = StepPotentialChoice::Kind::usual};
+  double tolerance = 1e-13;  ///< of the level equation, relative
   std::size_t max_steps = 100'000'000;
   /// A second node z_1 at its own t: the two-step form from an arbitrary pair, instead of a midpoint step for z_1.
   std::optional<InitialState> next = std::nullopt;

@@ -26,9 +26,9 @@ struct LatticeOptions {
   double until =
       0.0;  ///< the run ends at the first level at or past it; no step is shortened to hit it; has to be given
   Levels levels = Levels::variable;
-  OnSingular on_singular = OnSingular::bridge;
-  StepPotentialChoice potential = {};  ///< as IntegrationOptions has it
-  BridgeRule bridge = BridgeRule::anchored;
+  std::optional<OnSingular> on_singular = std::nullopt;  ///< this, and the next two, as IntegrationOptions has them
+  StepPotentialChoice potential = {.kind = StepPotentialChoice::Kind::usual};
+  std::optional<BridgeRule> bridge = std::nullopt;
   double tolerance = 1e-13;  ///< of the level equation, relative
   std::vector<LinearSymmetry> symmetries = {};
   [[nodiscard]] LatticeMethodChoice method() const { return {lagrangian, stages, composition, space, space_stages}; }

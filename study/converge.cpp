@@ -90,7 +90,10 @@ public:
 
   /// The state at `until`, on the problem's own grid; nothing, and why, where the run did not get there.
   std::optional<State> at_end(int step_halvings, int grid_halvings, ConvergenceOutcome& outcome) {
-    const Problem problem = refined(problem_, step_halvings, grid_halvings);
+    Problem problem = refined(problem_, step_halvings, grid_halvings);
+    if (potential_) {
+      problem.scheme.potential = scaled(*potential_, std::exp2(-step_halvings));
+    }
     RunOptions options = options_;
     options.output = folder_ / "run.h5";
     options.overwrite = true;
@@ -101,6 +104,9 @@ public:
           "with {} of the step{}: {}", fraction(step_halvings),
           grid_halvings > 0 ? fmt::format(" and {} of the spacings", fraction(grid_halvings)) : "", run.message);
       return std::nullopt;
+    }
+    if (!potential_ && problem.scheme.potential.kind == StepPotentialChoice::Kind::automatic) {
+      potential_ = {run.step_potential, run.order};
     }
     const record::Reader reader(*options.output);
     State state;
@@ -120,6 +126,19 @@ public:
   }
 
 private:
+  /// What a scout of each run would choose differs from run to run. f' of h·ratio is ratio^s f'(h), as errors are, so
+  /// that with the step the same levels are refined.
+  struct ChosenPotential {
+    StepPotential of_whole;
+    int order;
+  };
+  static StepPotentialChoice scaled(const ChosenPotential& chosen, double ratio) {
+    StepPotential potential = chosen.of_whole;
+    potential.strength *= std::pow(ratio, chosen.order);
+    potential.length *= ratio;
+    return {.kind = StepPotentialChoice::Kind::stated, .potential = potential};
+  }
+
   static std::string fraction(int halvings) { return halvings == 0 ? "the whole" : fmt::format("1/{}", 1 << halvings); }
 
   const Problem& problem_;
@@ -127,6 +146,7 @@ private:
   Workshop folder_;
   std::vector<std::string> names_;
   std::optional<grids::Grid> grid_;
+  std::optional<ChosenPotential> potential_;
 };
 
 double size_of(const std::vector<double>& values) {

@@ -697,9 +697,17 @@ private:
 
 Problem stored_ensemble(const record::Reader& reader) {
   return blame_record(reader.file().string(), [&] {
-    Problem problem = parse_problem(reader.header().problem, reader.file().string());
+    const std::string file = reader.file().string();
+    Problem problem = parse_problem(reader.header().problem, file);
     if (!problem.ensemble) {
       throw record::Error(reader.file(), "it has members, and its problem has no [ensemble]");
+    }
+    if (constexpr auto told = "/members/step_potential/max"; problem.scheme.usual_potential && reader.has(told)) {
+      const std::vector<double> largest = reader.read(told);
+      if (!largest.empty() && std::ranges::all_of(largest, [](double value) { return std::isnan(value); })) {
+        // From before there was a usual potential.
+        return parse_problem(reader.header().problem, file, std::array<std::string, 1>{"scheme.step_potential=none"});
+      }
     }
     return problem;
   });

@@ -155,6 +155,7 @@ struct Scheme {
   OnSingular on_singular = OnSingular::bridge;
   BridgeRule bridge = BridgeRule::anchored;
   StepPotentialChoice potential = {};
+  bool usual_potential = false;  ///< the problem says nothing of it, nor of singular points
   /// t_1 - t_0, finite, nonzero, with the sign of until - start. Absent for step = "auto" only (then energy_tolerance
   /// holds); taken from [initial.next] where that is given.
   std::optional<double> step;

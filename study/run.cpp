@@ -25,6 +25,8 @@ using Clock = std::chrono::steady_clock;
 
 /// Above this step condition the energy law still holds to the tolerance but its levels carry visible rounding.
 constexpr double condition_warning = 1e-6;
+/// A step potential of this part of the terms of the energy is told as one: it is meant to be of the size of errors.
+constexpr double large_potential = 0.1;
 
 /// Keeps digests of rows that a record has already.
 class DigestSink final : public RowSink {
@@ -42,17 +44,25 @@ int reached_order(const Scheme& scheme) {
   return *scheme.order + (scheme.darboux == DarbouxKind::midpoint ? *scheme.order % 2 : 0);
 }
 
+/// The order of the scheme of a problem; of an 𝕃 of the user's that of the step it starts with.
+int order_of(const Scheme& scheme) {
+  switch (scheme.lagrangian) {
+    case Lagrangian::generating: return reached_order(scheme);
+    case Lagrangian::gauss: return 2 * *scheme.stages;
+    case Lagrangian::lobatto: return 2 * *scheme.stages - 2;
+    case Lagrangian::splitting: return composition(scheme.composition).order;
+    case Lagrangian::of_lattice: return make_lattice_method(method_choice(scheme))->order();
+    default: return 2;
+  }
+}
+
 /// How the energy that bridges leave open depends on the step: like the error of the node energy, which is of the order
 /// of the scheme.
 std::string how_it_falls(const Scheme& scheme) {
   if (scheme.lagrangian == Lagrangian::custom || scheme.lagrangian == Lagrangian::forward) {
     return "smaller steps make this smaller";
   }
-  const int order = scheme.lagrangian == Lagrangian::generating   ? reached_order(scheme)
-                    : scheme.lagrangian == Lagrangian::gauss      ? 2 * *scheme.stages
-                    : scheme.lagrangian == Lagrangian::splitting  ? composition(scheme.composition).order
-                    : scheme.lagrangian == Lagrangian::of_lattice ? make_lattice_method(method_choice(scheme))->order()
-                                                                  : 2;
+  const int order = order_of(scheme);
   return order == 1   ? "this falls in proportion to the step"
          : order == 2 ? "this falls as the square of the step"
          : order == 3 ? "this falls as the cube of the step"
@@ -183,6 +193,8 @@ private:
     outcome_.statistics.errors = simulation().errors();
     outcome_.wall_seconds = std::chrono::duration<double>(Clock::now() - begin).count();
     add_warnings();
+    outcome_.step_potential = simulation().step_potential();
+    outcome_.order = order_of(problem_.scheme);
     return std::move(outcome_);
   }
 
@@ -290,6 +302,13 @@ private:
     }
     if (statistics.bridge_steps > 0) {
       outcome_.warnings.push_back(about_bridges());
+    }
+    // What rounding leaves of energies that cancel is no measure of f', their terms are.
+    if (const double part = statistics.potential.largest() / simulation().energy_terms(); part > large_potential) {
+      outcome_.warnings.push_back(fmt::format(
+          "the first step is too long for this orbit: to keep the energy law the step potential had to become "
+          "{:.2g}, which is {:.2g} of what the energy is made of; take a smaller step",
+          statistics.potential.largest(), part));
     }
     if (statistics.condition.any() && statistics.condition.max > condition_warning) {
       outcome_.warnings.push_back(

@@ -57,6 +57,8 @@ struct Outcome {
   bool complete = false;               ///< whether `until` was reached
   std::string message;                 ///< why it ended early, with the remedy; empty when it did not
   std::vector<std::string> warnings;   ///< each one sentence, with the remedy
+  StepPotential step_potential = {};   ///< of the run; none before its first step
+  int order = 2;                       ///< of the scheme
   std::optional<double> wall_seconds;  ///< of this process; absent for `check`
 
   // Of `check` only:

@@ -102,9 +102,11 @@ private:
       scheme_.levels_location = entry->value.location;
     }
     if (const Entry* entry = section_.take("on_singular")) {
+      says_on_singular_ = true;
       scheme_.on_singular = static_cast<OnSingular>(read_word(entry->value, "on_singular", on_singular_words));
     }
     if (const Entry* entry = section_.take("bridge")) {
+      says_on_singular_ = true;
       scheme_.bridge = static_cast<BridgeRule>(read_word(entry->value, "bridge", bridge_words));
       if (!has_bridges()) {
         throw ProblemError(entry->location,
@@ -120,11 +122,21 @@ private:
     }
   }
 
-  /// Most of these families know no Γ, so that no bridge can be built where their law has no solution. In fictitious
-  /// time steps are nearly equal, and a weak potential keeps them so.
-  [[nodiscard]] bool needs_potential() const {
-    return (is_family() || in_fictitious_time() || is_driven()) && scheme_.levels == Levels::variable &&
-           find(section_.entries(), "bridge") == nullptr && scheme_.on_singular == OnSingular::bridge;
+  /// Whether a step potential is chosen where the problem says nothing of it.
+  [[nodiscard]] bool has_usual_potential() const {
+    return scheme_.levels == Levels::variable && takes_potential() && (!says_on_singular_ || misses_bridges());
+  }
+  /// Bridges are asked for, and it is a family for most of which none can be built.
+  [[nodiscard]] bool misses_bridges() const {
+    return is_family() && scheme_.on_singular == OnSingular::bridge && find(section_.entries(), "bridge") == nullptr;
+  }
+  /// Whether it is a family of symplectic maps that has its discrete energy from theory, section 8.
+  [[nodiscard]] bool is_family() const {
+    return has_compositions() || scheme_.lagrangian == Lagrangian::trapezoid ||
+           (lattice_entry() != nullptr ? scheme_.stages.value_or(1) > 1 || scheme_.space_stages > 1 : has_stages());
+  }
+  [[nodiscard]] bool takes_potential() const {
+    return scheme_.lagrangian != Lagrangian::custom && scheme_.lagrangian != Lagrangian::forward;
   }
 
   void read_potential() {
@@ -144,7 +156,8 @@ private:
       scheme_.potential.exponent = read_positive(p->value, "p");
     } else if (section_.take("step_potential") != nullptr) {
       scheme_.potential.kind = static_cast<Kind>(read_word(entry->value, "step_potential", potential_words));
-    } else if (needs_potential()) {
+    } else if (has_usual_potential()) {
+      scheme_.usual_potential = true;
       scheme_.potential.kind = Kind::automatic;
     }
     if (scheme_.potential.kind != Kind::none && entry != nullptr) {
@@ -208,11 +221,6 @@ private:
   [[nodiscard]] bool is_lobatto() const { return scheme_.lagrangian == Lagrangian::lobatto; }
   [[nodiscard]] bool has_compositions() const {
     return lattice_entry() != nullptr ? lattice_entry()->has_compositions : scheme_.lagrangian == Lagrangian::splitting;
-  }
-  /// Whether it is a family of symplectic maps that has its discrete energy from theory, section 8.
-  [[nodiscard]] bool is_family() const {
-    return has_compositions() || scheme_.lagrangian == Lagrangian::trapezoid ||
-           (lattice_entry() != nullptr ? scheme_.stages.value_or(1) > 1 || scheme_.space_stages > 1 : has_stages());
   }
   [[nodiscard]] std::string family_name() const {
     return has_compositions()           ? fmt::format("composition = \"{}\"", scheme_.composition)
@@ -581,6 +589,7 @@ private:
   const std::vector<Parameter>& parameters_;
   const Entry* energy_tolerance_ = nullptr;
   Scheme scheme_;
+  bool says_on_singular_ = false;  ///< what to do where the law has no solution
 };
 
 }  // namespace

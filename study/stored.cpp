@@ -87,6 +87,9 @@ Problem stored_problem(const record::Reader& reader) {
   record::require_run(reader);
   try {
     Problem problem = parse_stored(reader.header().problem, reader.file().string());
+    if (problem.scheme.usual_potential && !reader.has("/levels/step_potential")) {
+      problem.scheme.potential = {};  // from before there was a usual one
+    }
     require_fit(problem, reader);
     return problem;
   } catch (const ProblemError& error) {

@@ -13,8 +13,10 @@ namespace rubato {
 
 namespace {
 
-/// The scout: a period of what an orbit does is some dozens of steps that resolve it. η is wanted to two digits.
-constexpr std::size_t scout_steps = 400;
+/// The scout: a period of what an orbit does is some dozens of steps that resolve it. Where |η| is larger near the end
+/// than anywhere before, as when waves are about to meet, it goes on. η is wanted to two digits.
+constexpr std::size_t scout_steps = 400, most_scout_steps = 3200;
+constexpr double scouted_before = 0.9;
 constexpr double scout_accuracy = 1e-5;
 constexpr int most_potential_trials = 40;
 /// A root this many times longer or shorter than foreseen is not taken.
@@ -27,12 +29,22 @@ constexpr double largest_foresight = 1.25;
 }  // namespace
 
 /// First steps of equal length, as many as can be taken, and what was seen of η; the scheme goes back.
-std::vector<double> TimeLevels::scout(std::size_t steps, double& energy_size, double& first_size) {
+std::vector<double> TimeLevels::scout(double& energy_size, double& first_size, bool one_step) {
   const double s = scheme_.order(), h = fixed_h_;
   StateWriter before;
   scheme_.save(before);
   std::vector<double> eta;
-  while (eta.size() < steps && scheme_.advance(h, scout_accuracy) == Status::success) {
+  const auto seen_enough = [&] {
+    if (one_step || eta.empty() || eta.size() >= most_scout_steps) {
+      return !eta.empty();
+    }
+    if (eta.size() % scout_steps != 0) {
+      return false;
+    }
+    const auto largest = std::ranges::max_element(eta, {}, [](double value) { return std::abs(value); });
+    return static_cast<double>(largest - eta.begin()) <= scouted_before * static_cast<double>(eta.size());
+  };
+  while (!seen_enough() && scheme_.advance(h, scout_accuracy) == Status::success) {
     const double value = scheme_.discrete_energy_slope() * sign(h) / (s * (s + 1.0) * std::pow(std::abs(h), s - 1.0));
     if (!std::isfinite(value)) {
       break;
@@ -58,7 +70,7 @@ void TimeLevels::choose_potential() {
   }
   const bool given = choice.kind == StepPotentialChoice::Kind::given;
   double size = 0.0, first_size = 0.0;
-  const std::vector<double> eta = scout(given ? 1 : scout_steps, size, first_size);
+  const std::vector<double> eta = scout(size, first_size, given);
   if (eta.empty()) {
     return;  // the first step will tell why
   }

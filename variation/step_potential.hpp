@@ -37,6 +37,7 @@ struct StepPotentialChoice {
     automatic,  ///< by a scout of equal steps (choose_step_potential)
     given,      ///< f' = σ (s+1)|η_0| h_0^s (h/(κ h_0))^p, with σ the sign of η_0, of the first step h_0
     stated,     ///< `potential` itself
+    usual,      ///< automatic, unless something else is said of the places where the law has no solution
   };
   Kind kind = Kind::none;
   double kappa = 0.0;                                 ///< given: κ h_0 is about the largest step
@@ -44,6 +45,9 @@ struct StepPotentialChoice {
   std::optional<double> largest_step = std::nullopt;  ///< automatic: κ h_0 is at most this
   StepPotential potential = {};                       ///< stated
 };
+
+/// The choice with Kind::usual made what it stands for.
+[[nodiscard]] StepPotentialChoice resolved(const StepPotentialChoice& choice, bool usual_is_automatic);
 
 /// Numbers of a step potential that make none: p not greater than the order of the scheme, or κ not positive.
 class StepPotentialError : public std::invalid_argument {
@@ -72,12 +76,18 @@ struct LevelForecast {
   double energy = 0.0;     ///< max |D - D_0|, how far the node energy strays
   double potential = 0.0;  ///< max |f'|
 };
+/// What a forecast makes of η instead of what was seen: factor · cos(2πt/turn) times that; turn = 0: no cosine.
+struct EtaDoubt {
+  double factor = 1.0;
+  double turn = 0.0;
+};
 [[nodiscard]] LevelForecast forecast_levels(const Scouting& scouting, const StepPotential& potential,
-                                            double eta_factor = 1.0);
+                                            const EtaDoubt& doubt = {});
 
-/// The potential that makes the best of its steps among those for which all levels are forecast to exist, with a
-/// margin: both signs, several exponents, and lengths from steps that are nearly equal to steps that hardly feel it.
-/// What counts is steps · max|D - D_0|^(1/s), the number of steps it takes for an error. Hypothesis: at least one η,
+/// The weakest of the potentials that make the best of their steps, among those for which all levels are forecast to
+/// exist, with a margin: both signs, several exponents, and lengths from steps that are nearly equal to steps that
+/// hardly feel it. What counts is steps · max|D - D_0|^(1/s), the number of steps it takes for an error. Of those about
+/// as good, the ones go first for which levels would exist if η changed its sign as well. Hypothesis: at least one η,
 /// all finite.
 [[nodiscard]] StepPotential choose_step_potential(const Scouting& scouting, std::optional<double> largest_step);
 

@@ -130,7 +130,8 @@ void TimeLevels::add_evidence(StepReport& failed) {
 
 void TimeLevels::take(StepReport& result) {
   slope_gamma_ = {gamma_of(result), slope_gamma_[0]};
-  if (options_.levels == Levels::variable && options_.on_singular == OnSingular::bridge) {
+  if (options_.levels == Levels::variable &&
+      (options_.on_singular == OnSingular::bridge || (potential_.active() && scheme_.has_gamma()))) {
     last_node_ = scheme_.node();
   }
   scheme_.accept();

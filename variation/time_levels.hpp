@@ -136,7 +136,7 @@ private:
 
   // potential_levels.cpp: levels with a step potential (theory, section 9).
   void choose_potential();
-  [[nodiscard]] std::vector<double> scout(std::size_t steps, double& energy_size, double& first_size);
+  [[nodiscard]] std::vector<double> scout(double& energy_size, double& first_size, bool one_step);
   [[nodiscard]] Status solve_with_potential(double guess);
   [[nodiscard]] double extrapolated_step() const;
   [[nodiscard]] StepReport resumed_with_potential();

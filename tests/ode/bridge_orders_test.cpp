@@ -28,6 +28,7 @@ Judged comet_run(int order, double step, double revolutions, double tolerance = 
                {.lagrangian = Generating{.order = order},
                 .step = step * std::pow(1.0 - e, 1.5),
                 .until = revolutions * 2.0 * std::acos(-1.0),
+                .on_singular = OnSingular::bridge,
                 .tolerance = tolerance});
 }
 

@@ -176,13 +176,13 @@ TEST_CASE("a start on or near a zero of Gamma waits, with flagged plain steps, u
 }
 
 TEST_CASE("a free particle has no energy law: every step is a plain one, and flagged") {
-  const Orbit free =
-      integrate(Hamiltonian({"q"}, {"p"}, "p^2/2"), {.q = {0.0}, .p = {1.0}}, {.step = 0.1, .until = 1.0});
+  const Orbit free = integrate(Hamiltonian({"q"}, {"p"}, "p^2/2"), {.q = {0.0}, .p = {1.0}},
+                               {.step = 0.1, .until = 1.0, .on_singular = OnSingular::bridge});
   REQUIRE(free.status == Status::success);
   CHECK(std::ranges::all_of(free.bridged, [](unsigned char flag) { return flag == 1; }));
   // The twin: an oscillator has one.
-  const Orbit bound =
-      integrate(Hamiltonian({"q"}, {"p"}, "p^2/2 + q^2/2"), {.q = {0.0}, .p = {1.0}}, {.step = 0.1, .until = 1.0});
+  const Orbit bound = integrate(Hamiltonian({"q"}, {"p"}, "p^2/2 + q^2/2"), {.q = {0.0}, .p = {1.0}},
+                                {.step = 0.1, .until = 1.0, .on_singular = OnSingular::bridge});
   CHECK(std::ranges::none_of(bound.bridged, [](unsigned char flag) { return flag == 1; }));
 }
 

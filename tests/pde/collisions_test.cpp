@@ -32,6 +32,7 @@ Collisions collide(double c, double step, const LatticeOptions& base = {}) {
   LatticeOptions options = base;
   options.step = step;
   options.until = 2.5 * L / c;
+  options.on_singular = base.on_singular.value_or(OnSingular::bridge);
   LatticeIntegrator lattice(
       sine_gordon(), grid,
       {sampled(grid, [=](double x) { return kink(x + L / 4) - kink(x - L / 4); }),

@@ -95,8 +95,9 @@ TEST_CASE("step potentials that cannot be are refused with the place") {
   CHECK_THAT(refusal({"scheme.step_potential.kappa=2"}), Contains("needs kappa and p"));
   CHECK_THAT(refusal({"scheme.step_potential.kappa=2", "scheme.step_potential.p=2"}),
              Contains("greater than the order") && Contains("step_potential"));
-  CHECK_THAT(refusal({"scheme.largest_step=2"}), Contains("applies to step_potential"));
+  CHECK_THAT(refusal({"scheme.largest_step=2", "scheme.on_singular=fixed"}), Contains("applies to step_potential"));
   CHECK_THAT(refusal({"scheme.step_potential=auto", "scheme.bridge=reversible"}), Contains("no bridges"));
   CHECK_THAT(refusal({"scheme.step_potential=auto", "scheme.lagrangian=forward", "scheme.until=0.2"}), Contains("unstable"));
+  CHECK(refusal({"scheme.largest_step=2", "scheme.until=2"}).empty());
   CHECK(refusal({"scheme.step_potential.kappa=2", "scheme.step_potential.p=4", "scheme.until=2"}).empty());
 }
