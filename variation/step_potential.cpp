@@ -20,12 +20,16 @@ constexpr double eta_margin = 1.5;
 /// h dE/dh has to be this part of the terms of K: rounding in these then moves h by 1e-6 of itself at most.
 constexpr double least_slope = 1e-10;
 /// κ tried: from steps as long as the orbit lets them be to steps that are nearly equal.
-constexpr double largest_kappa = 60.0, least_kappa = 1.0 / 16.0, kappa_ratio = 1.2;
+constexpr double largest_kappa = 60.0, least_kappa = 1.0 / 16.0, kappa_ratio = 1.3;
 constexpr double last_resort = 0.5;
 /// How large f' may become, beside what the node energy is off with equal steps.
 constexpr double largest_part = 4.0;
 /// Potentials are as good as the best up to this part of its work.
-constexpr double as_good = 0.1;
+constexpr double as_good = 0.5;
+/// A potential of this part of what the node energy is off with equal steps is hardly felt.
+constexpr double unfelt = 1e-3;
+/// How far η may leave what the first half of a scouted stretch has shown, for the second to have nothing new.
+constexpr double nothing_new = 0.05;
 /// So many times η is made to change its sign and back, to see whether levels would last where it does so unseen.
 constexpr double unseen_turns = 6.0;
 constexpr double two_pi = 2.0 * std::numbers::pi;
@@ -93,6 +97,46 @@ StepPotential with_kappa(const Scouting& scouting, double eta, double kappa, dou
   return {.strength = std::copysign(std::max(size, least), eta), .length = kappa * scouting.step, .exponent = exponent};
 }
 
+double power_of(double x, int n) {
+  double result = 1.0;
+  for (; n > 0; n /= 2, x *= x) {
+    result *= n % 2 != 0 ? x : 1.0;
+  }
+  return result;
+}
+
+/// f' and f'' for forecasts, where h > 0, and in which nearly all of their time is spent on powers.
+class Force {
+public:
+  explicit Force(const StepPotential& potential)
+      : potential_(potential), whole_(static_cast<int>(potential.exponent)), is_whole_(whole_ == potential.exponent) {}
+
+  [[nodiscard]] double energy(double h) const {
+    return is_whole_ ? potential_.strength * power_of(h / potential_.length, whole_) : potential_.energy(h);
+  }
+  [[nodiscard]] double slope(double h) const {
+    return is_whole_ ? potential_.strength * potential_.exponent / potential_.length *
+                           power_of(h / potential_.length, whole_ - 1)
+                     : potential_.slope(h);
+  }
+
+private:
+  const StepPotential& potential_;
+  int whole_;
+  bool is_whole_;
+};
+
+/// Whether what the second half of a scouted stretch showed is what the first half did.
+bool shows_all(std::span<const double> eta) {
+  if (eta.size() < 2) {
+    return false;
+  }
+  const auto [low, high] = std::ranges::minmax(eta.first(eta.size() / 2));
+  const auto [later_low, later_high] = std::ranges::minmax(eta.subspan(eta.size() / 2));
+  const double margin = nothing_new * std::max(std::abs(low), std::abs(high));
+  return later_low >= low - margin && later_high <= high + margin;
+}
+
 }  // namespace
 
 double StepPotential::energy(double h) const {
@@ -130,17 +174,18 @@ StepPotentialChoice resolved(const StepPotentialChoice& choice, bool usual_is_au
 
 LevelForecast forecast_levels(const Scouting& scouting, const StepPotential& potential, const EtaDoubt& doubt) {
   const EtaAlong eta(scouting, doubt);
-  const double s = scouting.order;
+  const int s = scouting.order;
+  const Force force(potential);
   const double side = std::copysign(1.0, potential.strength);
   double h = scouting.step, time = 0.0, here = eta(0.0);
   const double resolved = least_slope * scouting.energy_size;
-  double defect = (s + 1.0) * std::pow(h, s) * here + potential.energy(h);
+  double defect = (s + 1.0) * power_of(h, s) * here + force.energy(h);
   LevelForecast forecast{.complete = true,
                          .steps = 0.0,
                          .shortest = h,
                          .longest = h,
                          .energy = 0.0,
-                         .potential = std::abs(potential.energy(h))};
+                         .potential = std::abs(force.energy(h))};
   const double first_defect = defect;
   const double end = eta.duration();
   const double most = 20.0 * end / scouting.step;
@@ -149,9 +194,9 @@ LevelForecast forecast_levels(const Scouting& scouting, const StepPotential& pot
     const double last = h;
     bool solved = false;
     for (int iteration = 0; iteration < 20 && !solved; ++iteration) {
-      const double power = std::pow(h, s - 1.0);
-      const double miss = (s + 1.0) * power * h * here + potential.energy(h) - defect;
-      const double slope = s * (s + 1.0) * power * here + potential.slope(h);
+      const double power = power_of(h, s - 1);
+      const double miss = (s + 1.0) * power * h * here + force.energy(h) - defect;
+      const double slope = s * (s + 1.0) * power * here + force.slope(h);
       if (!(slope * side * h > resolved)) {
         break;
       }
@@ -165,10 +210,10 @@ LevelForecast forecast_levels(const Scouting& scouting, const StepPotential& pot
     }
     time += h;
     const double there = eta(time);
-    defect += std::pow(h, s) * (there - here);
+    defect += power_of(h, s) * (there - here);
     here = there;
     forecast.steps += 1.0;
-    forecast.potential = std::max(forecast.potential, std::abs(potential.energy(h)));
+    forecast.potential = std::max(forecast.potential, std::abs(force.energy(h)));
     forecast.energy = std::max(forecast.energy, std::abs(defect - first_defect));
     forecast.shortest = std::min(forecast.shortest, h);
     forecast.longest = std::max(forecast.longest, h);
@@ -182,74 +227,124 @@ StepPotential make_step_potential(const Scouting& scouting, double kappa, double
   return with_kappa(scouting, scouting.eta.front(), kappa, exponent);
 }
 
-StepPotential choose_step_potential(const Scouting& scouting, std::optional<double> largest_step) {
-  struct Candidate {
-    StepPotential potential;
-    double work, part;
-  };
-  const double s = scouting.order;
-  const auto made = [&](double eta, double kappa, double exponent) {
-    StepPotential potential = with_kappa(scouting, eta, kappa, exponent);
+namespace {
+
+/// A potential with which all levels of a scouted stretch are forecast to exist.
+struct Candidate {
+  StepPotential potential;
+  double work = 0.0;  ///< what its steps take for an error, which falls with the power s of the step
+  double part = 0.0;  ///< max |f'|
+};
+
+/// The choice of a step potential: what choose_step_potential() says, one rule after the other.
+class Choice {
+public:
+  Choice(const Scouting& scouting, std::optional<double> largest_step)
+      : scouting_(scouting), s_(scouting.order), largest_(largest_of(scouting.eta)) {
+    strayed_ = std::abs(made(largest_, 1.0, s_).strength);
+    if (scouting.first_size > 0.0) {
+      most_ = most_of_terms * scouting.first_size;
+    }
+    if (largest_step) {
+      kappa_limit_ = std::clamp(*largest_step / scouting.step, least_kappa, largest_kappa);
+    }
+  }
+
+  StepPotential operator()() {
+    const double side = std::copysign(1.0, scouting_.eta.front());
+    if (s_ * (s_ + 1.0) * largest_ * std::pow(scouting_.step, s_) < least_slope * scouting_.energy_size) {
+      return made(0.0, 1.0, s_ + 1.0);  // K hardly knows h: steps are as long as the first
+    }
+    const bool definite = std::ranges::all_of(scouting_.eta, [&](double eta) { return eta * side >= 0.0; });
+    const double usual = std::min(largest_part * strayed_, most_);
+    for (const double limit : {usual, most_}) {
+      // An η that was seen with one sign only may grow beyond what was seen: a potential of the other sign would not
+      // last.
+      try_all(side, limit);
+      if (!definite || candidates_.empty()) {
+        try_all(-side, limit);
+      }
+      if (!candidates_.empty()) {
+        return limit == usual ? best() : weakest();
+      }
+    }
+    // Nothing is forecast to last: steps that are nearly equal.
+    StepPotential equal = made(std::copysign(largest_, side), last_resort, s_ + 1.0);
+    equal.strength /= std::max(1.0, std::abs(equal.energy(scouting_.step)) / most_);
+    return equal;
+  }
+
+private:
+  [[nodiscard]] StepPotential made(double eta, double kappa, double exponent) const {
+    StepPotential potential = with_kappa(scouting_, eta, kappa, exponent);
     potential.strength = rounded(potential.strength);
     return potential;
-  };
-  const double largest = largest_of(scouting.eta), side = std::copysign(1.0, scouting.eta.front());
-  const double strayed = std::abs(made(largest, 1.0, s).strength);
-  // An f' beside which the terms of K are lost would be all that is conserved.
-  const double most =
-      scouting.first_size > 0.0 ? most_of_terms * scouting.first_size : std::numeric_limits<double>::infinity();
-  double kappa_limit = largest_kappa;
-  if (largest_step) {
-    kappa_limit = std::clamp(*largest_step / scouting.step, least_kappa, largest_kappa);
   }
-  if (s * (s + 1.0) * largest * std::pow(scouting.step, s) < least_slope * scouting.energy_size) {
-    return made(0.0, 1.0, s + 1.0);  // K hardly knows h: steps are as long as the first
-  }
-  std::vector<Candidate> candidates;
-  for (const double sign : {side, -side}) {
-    for (const double exponent : {s + 1.0, s + 2.0, s + 4.0, 2.0 * s + 2.0, 3.0 * s, 4.0 * s}) {
-      for (double kappa = kappa_limit; kappa >= least_kappa; kappa /= kappa_ratio) {
-        const StepPotential potential = made(std::copysign(largest, sign), kappa, exponent);
-        const LevelForecast forecast = forecast_levels(scouting, potential);
-        if (forecast.complete && forecast_levels(scouting, potential, {.factor = eta_margin}).complete) {
-          // Steps needed for an error, which falls with the power s of the step.
-          const double strays = std::max(forecast.energy, negligible * strayed);
-          candidates.push_back({potential, forecast.steps * std::pow(strays, 1.0 / s), forecast.potential});
+
+  /// Potentials of one sign whose part of the energy is at most `limit`.
+  void try_all(double sign, double limit) {
+    for (const double exponent : {s_ + 1.0, s_ + 2.0, s_ + 4.0, 2.0 * s_ + 2.0, 3.0 * s_, 4.0 * s_}) {
+      for (double kappa = kappa_limit_; kappa >= least_kappa; kappa /= kappa_ratio) {
+        const StepPotential potential = made(std::copysign(largest_, sign), kappa, exponent);
+        if (std::abs(potential.energy(scouting_.step)) > limit) {
+          break;  // and those that are shorter all the more
+        }
+        const LevelForecast forecast = forecast_levels(scouting_, potential);
+        if (forecast.complete && forecast.potential <= limit && lasts(potential, 0.0)) {
+          const double strays = std::max(forecast.energy, negligible * strayed_);
+          candidates_.push_back({potential, forecast.steps * std::pow(strays, 1.0 / s_), forecast.potential});
         }
       }
     }
   }
-  if (candidates.empty()) {
-    // Nothing is forecast to last: steps that are nearly equal.
-    StepPotential equal = made(std::copysign(largest, side), last_resort, s + 1.0);
-    equal.strength /= std::max(1.0, std::abs(equal.energy(scouting.step)) / most);
-    return equal;
+  /// Whether levels would exist for a larger η, which changes its sign so often.
+  [[nodiscard]] bool lasts(const StepPotential& potential, double turns) const {
+    const double duration = scouting_.step * static_cast<double>(scouting_.eta.size());
+    return forecast_levels(scouting_, potential, {.factor = eta_margin, .turn = turns > 0.0 ? duration / turns : 0.0})
+        .complete;
   }
-  const auto weakest = [&] { return std::ranges::min_element(candidates, {}, &Candidate::part)->potential; };
-  const double limit = std::min(largest_part * strayed, most);
-  if (std::ranges::none_of(candidates, [&](const Candidate& one) { return one.part <= limit; })) {
+
+  [[nodiscard]] StepPotential weakest() const {
+    return std::ranges::min_element(candidates_, {}, &Candidate::part)->potential;
+  }
+  [[nodiscard]] StepPotential best() {
+    const double least_work = std::ranges::min_element(candidates_, {}, &Candidate::work)->work;
+    keep([&](const Candidate& one) { return one.work <= (1.0 + as_good) * least_work; });
+    if (!shows_all(scouting_.eta)) {
+      keep([&](const Candidate& one) { return lasts(one.potential, unseen_turns); });
+    }
+    // Of those that are hardly felt the one that begins soonest beyond what was seen.
+    if (keep([&](const Candidate& one) { return one.part <= unfelt * strayed_; })) {
+      return std::ranges::min_element(candidates_, {}, [](const Candidate& one) { return one.potential.length; })
+          ->potential;
+    }
     return weakest();
   }
-  std::erase_if(candidates, [&](const Candidate& one) { return one.part > limit; });
-  // One by one, each unless it leaves none.
-  const auto keep = [&](auto&& condition) {
+  /// Leaves those that meet the condition, unless none does.
+  template <class Condition>
+  bool keep(const Condition& condition) {
     std::vector<Candidate> kept;
-    std::ranges::copy_if(candidates, std::back_inserter(kept), condition);
+    std::ranges::copy_if(candidates_, std::back_inserter(kept), condition);
     if (!kept.empty()) {
-      candidates = std::move(kept);
+      candidates_ = std::move(kept);
+      return true;
     }
-  };
-  // An η that was seen with one sign only may grow beyond what was seen: a potential of the other sign would not last.
-  if (std::ranges::all_of(scouting.eta, [&](double eta) { return eta * side >= 0.0; })) {
-    keep([&](const Candidate& one) { return one.potential.strength * side > 0.0; });
+    return false;
   }
-  const double least_work = std::ranges::min_element(candidates, {}, &Candidate::work)->work;
-  keep([&](const Candidate& one) { return one.work <= (1.0 + as_good) * least_work; });
-  const double turn = scouting.step * static_cast<double>(scouting.eta.size()) / unseen_turns;
-  keep([&](const Candidate& one) {
-    return forecast_levels(scouting, one.potential, {.factor = eta_margin, .turn = turn}).complete;
-  });
-  return weakest();
+
+  const Scouting& scouting_;
+  double s_;
+  double largest_;
+  double strayed_ = 0.0;                                   ///< about what the node energy is off with equal steps
+  double most_ = std::numeric_limits<double>::infinity();  ///< beside a larger f' the terms of K are lost
+  double kappa_limit_ = largest_kappa;
+  std::vector<Candidate> candidates_;
+};
+
+}  // namespace
+
+StepPotential choose_step_potential(const Scouting& scouting, std::optional<double> largest_step) {
+  return Choice(scouting, largest_step)();
 }
 
 }  // namespace rubato
