@@ -15,8 +15,8 @@ int main() {
       2, [](auto q, auto p) { return (p[0] * p[0] + p[1] * p[1]) / 2 - 1 / sqrt(q[0] * q[0] + q[1] * q[1]); });
   const double e = 0.6;
   const rubato::InitialState perihelion{.q = {1 - e, 0.0}, .p = {0.0, std::sqrt((1 + e) / (1 - e))}};
-  const rubato::Orbit orbit =
-      rubato::integrate(kepler, perihelion, {.step = 0.01 * std::pow(1 - e, 1.5), .until = 10 * 2 * M_PI});
+  const rubato::Orbit orbit = rubato::integrate(
+      kepler, perihelion, {.step = 0.01 * std::pow(1 - e, 1.5), .until = 10 * 2 * M_PI, .potential = {}});
 
   double law_least = 1e300, law_greatest = 0.0, momentum_error = 0.0;
   const double momentum_0 = std::sqrt(1 - e * e);

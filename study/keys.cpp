@@ -168,8 +168,7 @@ std::vector<KeyEntry> make_keys() {
       {"scheme", "bridge", "word", std::string(to_string(scheme.bridge)),
        "Bridges that keep the run's own node law, or those that a run backward finds again.", bridge_words},
       {"scheme", "step_potential", "word, or table",
-       fmt::format("{}; {} where on_singular or bridge is given, and for forward and custom", potential_words[1],
-                   potential_words[0]),
+       fmt::format("{}; {} where on_singular or bridge is given", potential_words[1], potential_words[0]),
        "A function of the step alone that is part of the conserved energy and makes a next level exist everywhere, "
        "so that there are no bridges: chosen by a scout of equal steps, or by its numbers.",
        potential_words},

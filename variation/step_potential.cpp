@@ -29,7 +29,7 @@ constexpr double as_good = 0.5;
 /// A potential of this part of what the node energy is off with equal steps is hardly felt.
 constexpr double unfelt = 1e-3;
 /// How far η may leave what the first half of a scouted stretch has shown, for the second to have nothing new.
-constexpr double nothing_new = 0.05;
+constexpr double nothing_new = 0.5;
 /// So many times η is made to change its sign and back, to see whether levels would last where it does so unseen.
 constexpr double unseen_turns = 6.0;
 constexpr double two_pi = 2.0 * std::numbers::pi;

@@ -193,7 +193,7 @@ private:
       rule.kappa = random_.between(1.1, 4);
       rule.exponent = random_.chance(0.5) ? problem_.order_of_scheme() + random_.one_of({1, 2, 4})
                                           : problem_.order_of_scheme() * random_.between(1.2, 3);
-    } else if (which < (problem_.is_family() ? 0.5 : 0.3)) {
+    } else if (which < 0.55) {
       rule.kind = Kind::none;
     }
     if (rule.kind == Kind::automatic && random_.chance(0.2)) {
@@ -266,8 +266,7 @@ int LatticeProblem::order_of_scheme() const {
 
 bool LatticeProblem::has_step_potential() const {
   using Kind = PotentialRule::Kind;
-  return !fixed && (step_potential.kind == Kind::unsaid ? is_family() && on_singular == "bridge"
-                                                        : step_potential.kind != Kind::none);
+  return !fixed && (step_potential.kind == Kind::unsaid ? on_singular == "bridge" : step_potential.kind != Kind::none);
 }
 
 LevelRules LatticeProblem::rules() const {

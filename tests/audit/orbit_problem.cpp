@@ -497,7 +497,7 @@ private:
       rule.kappa = random_.between(1.1, 5);
       rule.exponent = random_.chance(0.5) ? problem_.order_of_scheme() + random_.one_of({1, 2, 4})
                                           : problem_.order_of_scheme() * random_.between(1.2, 3);
-    } else if (which < (family ? 0.6 : 0.3)) {
+    } else if (which < 0.6) {
       rule.kind = Kind::none;
     }
     if (rule.kind == Kind::automatic && random_.chance(0.2)) {
@@ -660,8 +660,9 @@ bool OrbitProblem::has_bridges() const {
 
 bool OrbitProblem::has_potential() const {
   using Kind = PotentialRule::Kind;
-  return !fixed && (potential.kind == Kind::unsaid ? is_family() && on_singular == "bridge" && !reversible
-                                                   : potential.kind != Kind::none);
+  const bool usual =
+      on_singular == "bridge" && !reversible && lagrangian != Lagrangian::custom && lagrangian != Lagrangian::forward;
+  return !fixed && (potential.kind == Kind::unsaid ? usual : potential.kind != Kind::none);
 }
 
 int OrbitProblem::order_of_scheme() const {

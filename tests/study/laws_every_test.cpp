@@ -58,7 +58,7 @@ TEST_CASE("laws taken at every n-th level are those of a run that takes all", "[
   CHECK(thinned.statistics.energy_deviation() == whole.statistics.energy_deviation());
   CHECK(thinned.statistics.residuals.front().value.count() ==
         51.0 * static_cast<double>(thinned.statistics.law_steps_taken()));
-  CHECK_THAT(to_table(thinned), Catch::Contains("of 8 of 59 steps"));
+  CHECK_THAT(to_table(thinned), Catch::Contains("of 8 of 56 steps"));
   CHECK_THAT(to_json(thinned), Catch::Contains(R"("laws": {"every": 7, "steps": 8})"));
   CHECK_THAT(to_json(whole), !Catch::Contains(R"("laws")"));
   // Its record says the same.
