@@ -91,6 +91,7 @@ int orbit_twins(const std::string& program) {
   problem.step = 0.1;
   problem.until = 12;
   problem.max_steps = 1000;
+  problem.potential = {.kind = PotentialRule::Kind::none};
   const auto [record, told] = run_of(program, problem);
   const auto bridge =
       static_cast<std::size_t>(std::ranges::find(record["/levels/bridged"], 1.0) - record["/levels/bridged"].begin());
