@@ -25,7 +25,9 @@ constexpr double last_resort = 0.5;
 /// How large f' may become, beside what the node energy is off with equal steps.
 constexpr double largest_part = 4.0;
 /// Potentials are as good as the best up to this part of its work.
-constexpr double as_good = 0.5;
+constexpr double as_good = 0.1;
+/// So much more work may one be that is hardly felt, as the law without a potential is.
+constexpr double price_of_the_law = 0.5;
 /// A potential of this part of what the node energy is off with equal steps is hardly felt.
 constexpr double unfelt = 1e-3;
 /// How far η may leave what the first half of a scouted stretch has shown, for the second to have nothing new.
@@ -308,8 +310,7 @@ private:
     return std::ranges::min_element(candidates_, {}, &Candidate::part)->potential;
   }
   [[nodiscard]] StepPotential best() {
-    const double least_work = std::ranges::min_element(candidates_, {}, &Candidate::work)->work;
-    keep([&](const Candidate& one) { return one.work <= (1.0 + as_good) * least_work; });
+    keep_best(price_of_the_law);
     if (!shows_all(scouting_.eta)) {
       keep([&](const Candidate& one) { return lasts(one.potential, unseen_turns); });
     }
@@ -318,7 +319,13 @@ private:
       return std::ranges::min_element(candidates_, {}, [](const Candidate& one) { return one.potential.length; })
           ->potential;
     }
+    keep_best(as_good);
     return weakest();
+  }
+  /// Those whose work is at most this part more than the least.
+  void keep_best(double part) {
+    const double least_work = std::ranges::min_element(candidates_, {}, &Candidate::work)->work;
+    keep([&](const Candidate& one) { return one.work <= (1.0 + part) * least_work; });
   }
   /// Leaves those that meet the condition, unless none does.
   template <class Condition>

@@ -86,10 +86,10 @@ struct EtaDoubt {
 
 /// The potential for a scouted orbit. Both signs, several exponents, and lengths from steps that are nearly equal to
 /// steps that hardly feel it are tried; those count with which all levels are forecast to exist, with a margin. What
-/// their steps are worth is steps · max|D - D_0|^(1/s), the number of steps it takes for an error. Of those about as
-/// good as the best, and where η did something new in the second half of the stretch of those that would last if it
-/// changed its sign as well, one that is hardly felt is taken, and if there is none the weakest. Hypothesis: at least
-/// one η, all finite.
+/// their steps are worth is steps · max|D - D_0|^(1/s), the number of steps it takes for an error. Of those not much
+/// worse than the best, and where η did something new in the second half of the stretch of those that would last if it
+/// changed its sign as well, one that is hardly felt is taken; if there is none the weakest of those about as good as
+/// the best. Hypothesis: at least one η, all finite.
 [[nodiscard]] StepPotential choose_step_potential(const Scouting& scouting, std::optional<double> largest_step);
 
 /// The potential of StepPotentialChoice::Kind::given.
