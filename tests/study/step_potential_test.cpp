@@ -97,7 +97,8 @@ TEST_CASE("step potentials that cannot be are refused with the place") {
              Contains("greater than the order") && Contains("step_potential"));
   CHECK_THAT(refusal({"scheme.largest_step=2", "scheme.on_singular=fixed"}), Contains("applies to step_potential"));
   CHECK_THAT(refusal({"scheme.step_potential=auto", "scheme.bridge=reversible"}), Contains("no bridges"));
-  CHECK_THAT(refusal({"scheme.step_potential=auto", "scheme.lagrangian=forward", "scheme.until=0.2"}), Contains("unstable"));
+  CHECK_THAT(refusal({"scheme.step_potential=auto", "scheme.lagrangian=forward", "scheme.until=0.2"}),
+             Contains("unstable"));
   CHECK(refusal({"scheme.largest_step=2", "scheme.until=2"}).empty());
   CHECK(refusal({"scheme.step_potential.kappa=2", "scheme.step_potential.p=4", "scheme.until=2"}).empty());
 }
