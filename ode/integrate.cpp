@@ -150,10 +150,10 @@ ReducedScheme make_scheme(const Hamiltonian& whole, const InitialState& initial,
 }
 
 /// The forward 𝕃 leaves the orbit within a few steps, which a scout would not survive; a custom one has its own f.
-IntegrationOptions resolved(IntegrationOptions options) {
+IntegrationOptions with_usual_potential(IntegrationOptions options) {
   const bool suits =
       !std::holds_alternative<Custom>(options.lagrangian) && !std::holds_alternative<Forward>(options.lagrangian);
-  options.potential = resolved(options.potential, suits && !options.on_singular && !options.bridge);
+  options.potential = with_usual(options.potential, suits && !options.on_singular && !options.bridge);
   return options;
 }
 
@@ -250,7 +250,7 @@ NodeLaw make_node_law(const Hamiltonian& hamiltonian, const SegmentLagrangian& l
 
 OrbitIntegrator::OrbitIntegrator(const Hamiltonian& hamiltonian, const InitialState& initial,
                                  const IntegrationOptions& options)
-    : options_(resolved(options)), node_constant_(hamiltonian.constant()) {
+    : options_(with_usual_potential(options)), node_constant_(hamiltonian.constant()) {
   check(hamiltonian, initial, options);
   check_stability(initial, options);
   auto [scheme, energy_constant] = make_scheme(hamiltonian, initial, options);
@@ -268,7 +268,7 @@ OrbitIntegrator::OrbitIntegrator(const Hamiltonian& hamiltonian, const InitialSt
 
 OrbitIntegrator::OrbitIntegrator(const Lagrangian& lagrangian, const InitialMotion& initial,
                                  const IntegrationOptions& options)
-    : options_(resolved(options)), node_constant_(-lagrangian.constant()) {
+    : options_(with_usual_potential(options)), node_constant_(-lagrangian.constant()) {
   check_span(initial.t, options);
   if (options.next) {
     throw std::invalid_argument(

@@ -53,7 +53,7 @@ LatticeIntegrator::LatticeIntegrator(const MultisymplecticSystem& system, const 
                        .bridge = options.bridge.value_or(BridgeRule::anchored),
                        .tolerance = options.tolerance,
                        .energy_constant = energy_constant_,
-                       .potential = resolved(options.potential, !options.on_singular && !options.bridge)},
+                       .potential = with_usual(options.potential, !options.on_singular && !options.bridge)},
           options.start, options.step)),
       laws_(make_local_laws(*method_, system, grid, options.symmetries)),
       previous_(scheme_->level()),

@@ -168,7 +168,7 @@ void StepPotential::restore(StateReader& state) {
   state.read(exponent);
 }
 
-StepPotentialChoice resolved(const StepPotentialChoice& choice, bool usual_is_automatic) {
+StepPotentialChoice with_usual(const StepPotentialChoice& choice, bool usual_is_automatic) {
   using Kind = StepPotentialChoice::Kind;
   return choice.kind != Kind::usual ? choice
                                     : StepPotentialChoice{.kind = usual_is_automatic ? Kind::automatic : Kind::none};

@@ -47,7 +47,7 @@ struct StepPotentialChoice {
 };
 
 /// The choice with Kind::usual made what it stands for.
-[[nodiscard]] StepPotentialChoice resolved(const StepPotentialChoice& choice, bool usual_is_automatic);
+[[nodiscard]] StepPotentialChoice with_usual(const StepPotentialChoice& choice, bool usual_is_automatic);
 
 /// Numbers of a step potential that make none: p not greater than the order of the scheme, or κ not positive.
 class StepPotentialError : public std::invalid_argument {
