@@ -351,18 +351,12 @@ struct FaceOperators : LawTables {
         add_currents(work, line, begin, count, time, upper, (upper ? 1.0 : -1.0) / h, before, after, out);
       });
     }
-    const Status status = stages->take(before, after, h);
-    for (int i = 0; i < stages->count(); ++i) {
-      if (status == Status::success) {
-        stages->stage(i, middle, rate);
-      } else {
-        middle.fill(std::numeric_limits<double>::quiet_NaN());
-      }
+    for_each_stage(before, after, h, [&](double weight) {
       take_points(middle);
       for_each([&](Workspace& work, std::size_t line, std::size_t begin, std::size_t count, auto& out) {
-        add_cell_fluxes(work, line, begin, count, stages->weight(i), after, out);
+        add_cell_fluxes(work, line, begin, count, weight, after, out);
       });
-    }
+    });
     spread_over_elements(sum);
   }
 
@@ -431,15 +425,7 @@ struct FaceOperators : LawTables {
       add_fluxes(1.0, after.slopes, sum);
       return;
     }
-    const Status status = stages->take(before, after, h);
-    for (int i = 0; i < stages->count(); ++i) {
-      if (status == Status::success) {
-        stages->stage(i, middle, rate);
-      } else {
-        middle.fill(std::numeric_limits<double>::quiet_NaN());
-      }
-      add_fluxes(stages->weight(i), after.slopes, sum);
-    }
+    for_each_stage(before, after, h, [&](double weight) { add_fluxes(weight, after.slopes, sum); });
   }
 
   /// sum += weight · (Σ_a ∂_a J_a - the sources) at `middle` with the rates `rate`.
@@ -461,6 +447,21 @@ struct FaceOperators : LawTables {
       }
       subtract_sources(work, line, begin, count, weight, out);
     });
+  }
+
+  /// Calls use(weight) for every stage of a step, with the stage in `middle` and `rate`; where the stages cannot be
+  /// found, `middle` is not a number, so that no law passes for one that held.
+  template <typename Use>
+  void for_each_stage(const LatticeLevel& before, const LatticeLevel& after, double h, Use&& use) {
+    const Status status = stages->take(before, after, h);
+    for (int i = 0; i < stages->count(); ++i) {
+      if (status == Status::success) {
+        stages->stage(i, middle, rate);
+      } else {
+        middle.fill(std::numeric_limits<double>::quiet_NaN());
+      }
+      use(stages->weight(i));
+    }
   }
 
   /// Calls use(block, line, begin, count, workspace) for every block of cells, in parallel.

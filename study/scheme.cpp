@@ -102,11 +102,9 @@ private:
       scheme_.levels_location = entry->value.location;
     }
     if (const Entry* entry = section_.take("on_singular")) {
-      says_on_singular_ = true;
       scheme_.on_singular = static_cast<OnSingular>(read_word(entry->value, "on_singular", on_singular_words));
     }
     if (const Entry* entry = section_.take("bridge")) {
-      says_on_singular_ = true;
       scheme_.bridge = static_cast<BridgeRule>(read_word(entry->value, "bridge", bridge_words));
       if (!has_bridges()) {
         throw ProblemError(entry->location,
@@ -124,12 +122,12 @@ private:
 
   /// Whether a step potential is chosen where the problem says nothing of it.
   [[nodiscard]] bool has_usual_potential() const {
-    return scheme_.levels == Levels::variable && takes_potential() && (!says_on_singular_ || misses_bridges());
+    return scheme_.levels == Levels::variable && takes_potential() && !says("bridge") &&
+           (!says("on_singular") || misses_bridges());
   }
+  [[nodiscard]] bool says(std::string_view key) const { return find(section_.entries(), key) != nullptr; }
   /// Bridges are asked for, and it is a family for most of which none can be built.
-  [[nodiscard]] bool misses_bridges() const {
-    return is_family() && scheme_.on_singular == OnSingular::bridge && find(section_.entries(), "bridge") == nullptr;
-  }
+  [[nodiscard]] bool misses_bridges() const { return is_family() && scheme_.on_singular == OnSingular::bridge; }
   /// Whether it is a family of symplectic maps that has its discrete energy from theory, section 8.
   [[nodiscard]] bool is_family() const {
     return has_compositions() || scheme_.lagrangian == Lagrangian::trapezoid ||
@@ -173,7 +171,7 @@ private:
                            "step_potential = \"auto\" is not for lagrangian = \"forward\", which is unstable over the "
                            "steps that choose one; give kappa and p, or leave it out");
       }
-      if (find(section_.entries(), "bridge") != nullptr) {
+      if (says("bridge")) {
         throw ProblemError(entry->location, "with a step potential there are no bridges; leave bridge out");
       }
     }
@@ -589,7 +587,6 @@ private:
   const std::vector<Parameter>& parameters_;
   const Entry* energy_tolerance_ = nullptr;
   Scheme scheme_;
-  bool says_on_singular_ = false;  ///< what to do where the law has no solution
 };
 
 }  // namespace

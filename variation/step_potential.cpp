@@ -21,9 +21,12 @@ constexpr double eta_margin = 1.5;
 constexpr double least_slope = 1e-10;
 /// κ tried: from steps as long as the orbit lets them be to steps that are nearly equal.
 constexpr double largest_kappa = 60.0, least_kappa = 1.0 / 16.0, kappa_ratio = 1.3;
+/// κ where none of them is forecast to last.
 constexpr double last_resort = 0.5;
 /// How large f' may become, beside what the node energy is off with equal steps.
 constexpr double largest_part = 4.0;
+/// And beside the size of the terms of K, which is |K| or some hundredths of the sum of their magnitudes.
+constexpr double most_of_terms = 30.0;
 /// Potentials are as good as the best up to this part of its work.
 constexpr double as_good = 0.1;
 /// So much more work may one be that is hardly felt, as the law without a potential is.
@@ -35,8 +38,6 @@ constexpr double nothing_new = 0.5;
 /// So many times η is made to change its sign and back, to see whether levels would last where it does so unseen.
 constexpr double unseen_turns = 6.0;
 constexpr double two_pi = 2.0 * std::numbers::pi;
-/// And beside the size of the terms of K, which is |K| or some hundredths of the sum of their magnitudes.
-constexpr double most_of_terms = 30.0;
 /// Where the node energy hardly changes, this part of what it is off with equal steps counts for its change.
 constexpr double negligible = 0.01;
 /// Where η vanishes, K is the same for every h, and the potential alone tells one step from another: f' is at least

@@ -11,6 +11,7 @@
 #include <rubato/pde/wave_splitting.hpp>
 
 #include "equations.hpp"
+#include "kept_energy.hpp"
 
 using namespace rubato;
 using namespace rubato::tests;
@@ -144,16 +145,7 @@ TEST_CASE("levels of splittings on lattices keep the discrete energy, and their 
   LatticeOptions variable = options;
   variable.potential.kind = StepPotentialChoice::Kind::automatic;
   LatticeIntegrator run(system, fine, initial, variable);
-  double energy = 0.0, longest = 0.0;
-  while (!run.finished()) {
-    const StepReport report = run.step();
-    REQUIRE(report.status == Status::success);
-    REQUIRE_FALSE(report.bridged);
-    energy = energy == 0.0 ? report.energy : energy;
-    CHECK(std::abs(report.energy - energy) <= 1e-12 * std::abs(energy));
-    longest = std::max(longest, report.h);
-  }
-  CHECK(longest > 0.21);
+  CHECK(check_energy_is_kept(run).longest > 0.21);
   std::vector<double> worst;
   for (const double h : {0.2, 0.1, 0.05}) {
     LatticeOptions fixed = options;
