@@ -615,6 +615,12 @@ std::string describe_failure(const StepReport& report, double t, const LevelNode
       return fmt::format("the step equation has no solution with the required energy {}: {}", where,
                          why_singular(report, on_singular, std::isfinite(node.gamma), scheme));
     case Status::ill_conditioned:
+      if (report.condition <= LevelOptions{}.condition_limit) {
+        return fmt::format(
+            "the energy law carries no information {}: the terms of the energy have grown until rounding in them is "
+            "seen beside all that they were at the first step, as when a motion blows up; end the run before it does",
+            where);
+      }
       return fmt::format(
           "the energy law carries no information {}: the step condition {:.3g} exceeds 1e-2, rounding in H alone moves "
           "h; take a larger step, or levels = \"fixed\"",

@@ -184,7 +184,7 @@ public:
   void save(StateWriter& state) const override {
     z_.save(state);
     state.write(last_h_);
-    for (const VectorXd* vector : {&seed_, &largest_}) {
+    for (const VectorXd* vector : {&seed_, &largest_, &usual_}) {
       state.write(as_span(*vector));
     }
     state.write({last_Y_.data(), static_cast<std::size_t>(last_Y_.size())});
@@ -192,10 +192,9 @@ public:
   void restore(StateReader& state) override {
     z_.restore(state);
     state.read(last_h_);
-    for (VectorXd* vector : {&seed_, &largest_}) {
+    for (VectorXd* vector : {&seed_, &largest_, &usual_}) {
       state.read(as_span(*vector));
     }
-    usual_ = largest_;
     state.read(std::span<double>(last_Y_.data(), static_cast<std::size_t>(last_Y_.size())));
     start_level();
   }

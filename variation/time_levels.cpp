@@ -15,6 +15,8 @@ namespace {
 
 /// Part of the tolerance to which equations are solved.
 constexpr double margin = 0.1;
+/// What a step may be off E by however large its terms have become, beside those that E was set with.
+constexpr double largest_miss = 1e-3;
 /// With fixed levels, steps for which the size of the energy's terms serves.
 constexpr std::size_t size_period = 16;
 
@@ -176,7 +178,7 @@ StepReport TimeLevels::first_step() {
       result.status = Status::ill_conditioned;
       return result;
     }
-    energy_ = result.energy;
+    set_energy(result);
     result.target = energy_;
     direction_ = sign(potential_.strength);
     take_ordinary(result);
@@ -194,7 +196,7 @@ StepReport TimeLevels::first_step() {
     return flagged(result);
   }
   singular_ = false;
-  energy_ = result.energy;
+  set_energy(result);
   result.target = scheme_.energy_target().value_or(energy_);
   direction_ = sign(result.slope * result.h);
   const double s = scheme_.order();
@@ -214,7 +216,7 @@ StepReport TimeLevels::ordinary_step(double guess) {
     result.condition += miss / std::abs(result.h * result.slope);
     if (!(miss <= allowed_miss(result))) {
       result.status = Status::not_converged;
-    } else if (!(result.condition <= options_.condition_limit)) {
+    } else if (!(miss <= largest_miss * law_scale_) || !(result.condition <= options_.condition_limit)) {
       result.status = Status::ill_conditioned;
     }
   }
@@ -238,6 +240,12 @@ StepReport TimeLevels::variable_step() {
     take_ordinary(result);
   }
   return result;
+}
+
+/// E of the run is that of this step.
+void TimeLevels::set_energy(const StepReport& result) {
+  energy_ = result.energy;
+  law_scale_ = std::max(scheme_.energy_size().terms, std::abs(result.potential));
 }
 
 void TimeLevels::take_ordinary(StepReport& result) {
@@ -305,6 +313,7 @@ void TimeLevels::save(StateWriter& state) const {
   for (const double value : {static_cast<double>(steps_),
                              energy_,
                              energy_scale_,
+                             law_scale_,
                              rounding_,
                              law_constant_,
                              step_constant_,
@@ -337,6 +346,7 @@ void TimeLevels::restore(StateReader& state) {
   state.read(steps_);
   state.read(energy_);
   state.read(energy_scale_);
+  state.read(law_scale_);
   state.read(rounding_);
   state.read(law_constant_);
   state.read(step_constant_);

@@ -79,9 +79,10 @@ struct StepReport {
 /// potential was chosen for, plain steps are taken, flagged, until the law can be met again; `stop` ends the run there.
 ///
 /// A step that is not flagged as bridged meets E_k = E, to the tolerance or to what rounding in E_k leaves, whichever
-/// is larger; the very numbers of its report are judged before it is taken. H has no preferred zero: what the tolerance
-/// is relative to, and what rounding makes of E_k, are properties of the terms that E_k is the sum of
-/// (LevelScheme::energy_size), not of its value.
+/// is larger; the very numbers of its report are judged before it is taken. However large terms grow, as in a blow-up,
+/// it is within a thousandth of those that E was set with. H has no preferred zero: what the tolerance is relative to,
+/// and what rounding makes of E_k, are properties of the terms that E_k is the sum of (LevelScheme::energy_size), not
+/// of its value.
 class TimeLevels {
 public:
   /// \param start t_0
@@ -127,6 +128,7 @@ private:
   StepReport report(Status status, double h);
   void take(StepReport& report);
   void take_ordinary(StepReport& report);
+  void set_energy(const StepReport& report);
   [[nodiscard]] double solved_to() const;
   [[nodiscard]] double allowed_miss(const StepReport& step) const;
   [[nodiscard]] double gamma_of(const StepReport& step) const;
@@ -198,6 +200,7 @@ private:
   StepPotential potential_;
   double energy_ = std::numeric_limits<double>::quiet_NaN();
   double energy_scale_ = 0.0;
+  double law_scale_ = 0.0;  ///< of the terms of the step that set E, f' among them
   double rounding_ = 0.0;
   double law_constant_ = 0.0;
   double step_constant_ = 0.0;  ///< |h^(s+1) Γ|, of the first step or as law_constant_ has it
