@@ -61,6 +61,7 @@ void Statistics::add_laws(std::span<const double> invariant_values, std::span<co
 }
 
 void Statistics::add_step(const StepFigures& step) {
+  first_h = steps == 0 ? step.h : first_h;
   ++steps;
   h.add(step.h);
   energies_.add(step.energy);
@@ -86,6 +87,10 @@ void Statistics::add_step(const StepFigures& step) {
 
 void Statistics::add_residual(std::size_t residual, const ResidualFigures& figures) {
   residuals[residual].value.add(figures.magnitudes());
+}
+
+double Statistics::potential_kappa() const {
+  return potential_length / std::abs(first_h);
 }
 
 double Statistics::bridge_deviation() const {
@@ -180,6 +185,7 @@ void Statistics::visit(Self& self, Visitor&& visitor) {
   visitor(self.t);
   visitor(self.start);
   spread(self.h);
+  visitor(self.first_h);
   deviation(self.node_energy);
   spread(self.gamma);
   visitor(self.bridges);

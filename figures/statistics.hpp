@@ -16,6 +16,9 @@ namespace rubato::figures {
 /// Of a record in which laws were not taken at every level: 1 where they were.
 inline constexpr std::string_view laws_taken = "/levels/laws";
 
+/// Strength, length and exponent of the step potential of a run that has one.
+inline constexpr std::string_view step_potential_path = "/checkpoint/step_potential";
+
 /// A quantity under its name, in the order of the problem file.
 template <typename T>
 struct Named {
@@ -114,6 +117,7 @@ public:
   double t = 0.0;
   double start = 0.0;
   Spread h;
+  double first_h = std::numeric_limits<double>::quiet_NaN();
   Deviation node_energy;  ///< of H(z_k)
   Spread gamma;           ///< at levels
   std::size_t bridges = 0;
@@ -121,6 +125,12 @@ public:
   Spread condition;  ///< of the steps that are no bridges
   Spread rounding;   ///< of E_k, absolute
   Spread potential;  ///< f'(h), the step potential's part of E_k; 0 without one
+  /// f' = strength (|h| / potential_length)^potential_exponent; not numbers without one, or where a record does not
+  /// tell.
+  ///@{
+  double potential_length = std::numeric_limits<double>::quiet_NaN();
+  double potential_exponent = std::numeric_limits<double>::quiet_NaN();
+  ///@}
   Spread iterations;
   double all_iterations = 0.0;
   /// Residuals, invariants and totals are taken at every n-th level, and of the step that leads there; 0: at none.
@@ -158,6 +168,8 @@ public:
   [[nodiscard]] const Spread& energies() const { return energies_.values; }  ///< all E_k
   /// Steps that are no bridges.
   [[nodiscard]] std::size_t law_steps() const { return steps - bridge_steps; }
+  /// κ of the step potential: its length over that of the first step.
+  [[nodiscard]] double potential_kappa() const;
   /// max |E_k - target| over the steps that are no bridges, and over bridges. Those before the law was first met count
   /// against energy().
   ///@{

@@ -60,6 +60,7 @@ public:
     add_levels();
     if (levels_ > 1 || reader_.has("/levels/h")) {
       add_steps();
+      read_potential();
       add_residuals();
     }
     add_events();
@@ -135,6 +136,19 @@ private:
       was_bridged = step.bridged;
       statistics_.add_step(step);
     }
+  }
+
+  void read_potential() {
+    const std::string path(step_potential_path);
+    if (!reader_.has(path)) {
+      return;
+    }
+    const std::vector<double> numbers = reader_.read(path);
+    if (numbers.size() != 3) {
+      throw record::Error(reader_.file(), path + " has to be the strength, the length and the exponent of f'");
+    }
+    statistics_.potential_length = numbers[1];
+    statistics_.potential_exponent = numbers[2];
   }
 
   void add_residuals() {

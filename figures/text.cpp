@@ -63,6 +63,15 @@ bool has_gamma(const Statistics& statistics) {
   return statistics.gamma.any() && (statistics.variable_levels() || statistics.gamma.largest() != 0.0);
 }
 
+JsonObject potential_json(const Statistics& statistics) {
+  JsonObject object;
+  object.number("max", statistics.potential.largest());
+  if (const double kappa = statistics.potential_kappa(); kappa == kappa) {
+    object.number("kappa", kappa).number("p", statistics.potential_exponent);
+  }
+  return object.number("from", statistics.potential.min).number("to", statistics.potential.max);
+}
+
 JsonObject energy_json(const Statistics& statistics) {
   JsonObject object;
   if (!statistics.autonomous()) {
@@ -223,7 +232,7 @@ void add_figures(JsonObject& object, const Statistics& statistics) {
     object.object("discrete_energy", energy_json(statistics));
   }
   if (statistics.potential.largest() > 0.0) {
-    object.object("step_potential", range(statistics.potential));
+    object.object("step_potential", potential_json(statistics));
   }
   object.object("node_energy", json(statistics.node_energy));
   if (statistics.variable_levels()) {

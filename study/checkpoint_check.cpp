@@ -1,6 +1,7 @@
 #include <rubato/study/checkpoint_check.hpp>
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cmath>
 #include <functional>
@@ -92,6 +93,18 @@ void compare_arrays(std::span<const double> stored, std::span<const double> expe
   }
 }
 
+void check_potential(const record::Reader& reader, const StepPotential& potential, Findings& findings) {
+  const std::string path(figures::step_potential_path);
+  if (!reader.has(path)) {
+    return;
+  }
+  const std::vector<double> stored = reader.read(path);
+  const std::array<double, 3> expected = {potential.strength, potential.length, potential.exponent};
+  for (std::size_t i = 0; i < std::min(stored.size(), expected.size()); ++i) {
+    findings.same(path, i, {}, stored[i], expected[i], "the step potential in the state of the checkpoint");
+  }
+}
+
 /// What the checkpoint says of the level it is at, against what the record says of it.
 void check_state(const record::Reader& reader, const StoredLevels& levels, const figures::Names& names,
                  Chronicle& chronicle, Findings& findings) {
@@ -155,6 +168,7 @@ CheckpointFindings check_checkpoint(const record::Reader& reader, const StoredLe
         {.dataset = state_path, .reason = "it is not what the run wrote, by the digest in /checkpoint/digests"});
   }
   check_digests(reader, chronicle, *digests, findings);
+  check_potential(reader, chronicle.simulation().step_potential(), findings);
   CheckpointFindings result{.has_digests = true,
                             .energy_terms = chronicle.simulation().energy_terms(),
                             .potential = chronicle.simulation().step_potential()};

@@ -251,6 +251,16 @@ void Chronicle::tell_step(const StepReport& report, RowSink& sink) {
   }
 }
 
+figures::Statistics Chronicle::final_statistics() {
+  figures::Statistics result = statistics_;
+  result.errors = simulation_->errors();
+  if (const StepPotential& f = simulation_->step_potential(); f.active()) {
+    result.potential_length = f.length;
+    result.potential_exponent = f.exponent;
+  }
+  return result;
+}
+
 void Chronicle::tell_outputs(RowSink& sink) {
   if (output_ == nullptr) {
     return;

@@ -28,6 +28,8 @@ public:
   [[nodiscard]] const Simulation& simulation() const { return *simulation_; }
   [[nodiscard]] const figures::Statistics& statistics() const { return statistics_; }
   [[nodiscard]] figures::Statistics& statistics() { return statistics_; }
+  /// What is told of a run that ends here: the statistics, with the errors and the step potential of its simulation.
+  [[nodiscard]] figures::Statistics final_statistics();
   [[nodiscard]] const BridgeCauses& causes() const { return causes_; }
   /// The datasets in the order in which their rows are numbered.
   [[nodiscard]] const record::Layout& layout() const { return layout_; }

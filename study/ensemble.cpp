@@ -142,9 +142,7 @@ private:
     } catch (const LastRows::Undefined&) {
       result_.status = ExitStatus::failed;
     }
-    Statistics statistics = chronicle_.statistics();
-    statistics.errors = simulation().errors();
-    figures::add_figures(result_.figures, statistics);
+    figures::add_figures(result_.figures, chronicle_.final_statistics());
     for (std::size_t i = 0; i < layout().datasets.size(); ++i) {
       if (is_last_state(layout().datasets[i])) {
         result_.states.push_back(rows_.kept(i));
@@ -171,8 +169,11 @@ std::vector<std::string> figure_names(const Problem& problem) {
                                     "discrete_energy/value",
                                     "discrete_energy/max_relative_deviation",
                                     "discrete_energy/max_deviation",
-                                    "step_potential/min",
                                     "step_potential/max",
+                                    "step_potential/kappa",
+                                    "step_potential/p",
+                                    "step_potential/from",
+                                    "step_potential/to",
                                     "node_energy/initial",
                                     "node_energy/max_deviation",
                                     "bridges/count",

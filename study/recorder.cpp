@@ -26,7 +26,11 @@ record::Checkpoint make_checkpoint(const Chronicle& chronicle, const Digests& di
   Digest whole;
   whole.add_row(std::span<const double>(state.values()));
   numbers.insert(numbers.end(), {whole.rows(), whole.value()});
-  return {{"state", state.values()}, {"digests", std::move(numbers)}};
+  record::Checkpoint checkpoint = {{"state", state.values()}, {"digests", std::move(numbers)}};
+  if (const StepPotential& f = chronicle.simulation().step_potential(); f.active()) {
+    checkpoint.emplace("step_potential", std::vector<double>{f.strength, f.length, f.exponent});
+  }
+  return checkpoint;
 }
 
 std::optional<Digests> restored(const record::Checkpoint& checkpoint, Chronicle& chronicle) {

@@ -189,8 +189,7 @@ private:
     }
     outcome_.complete = outcome_.status == ExitStatus::done;
     finish();
-    outcome_.statistics = statistics();
-    outcome_.statistics.errors = simulation().errors();
+    outcome_.statistics = chronicle_->final_statistics();
     outcome_.wall_seconds = std::chrono::duration<double>(Clock::now() - begin).count();
     add_warnings();
     outcome_.step_potential = simulation().step_potential();

@@ -222,9 +222,17 @@ void LevelsJudge::judge_told() {
     exactly("bridges.count", static_cast<double>(std::ranges::count(crossing, 1.0)));
   }
   if (rules_.potential) {
-    exactly("step_potential.min", *std::ranges::min_element(potential_));
-    exactly("step_potential.max", *std::ranges::max_element(potential_));
-  } else if (told_.has("step_potential.min")) {
+    const auto [least, greatest] = std::ranges::minmax(potential_);
+    exactly("step_potential.from", least);
+    exactly("step_potential.to", greatest);
+    exactly("step_potential.max", std::max(-least, greatest));
+    if (rules_.kappa > 0.0) {
+      exactly("step_potential.p", rules_.exponent);
+      const double told = told_["step_potential.kappa"];
+      findings_.within("told step_potential", std::abs(told - rules_.kappa), 1e-15 * rules_.kappa,  // (κ h_0) / h_0
+                       [&] { return fmt::format("kappa is {} in place of {}", told, rules_.kappa); });
+    }
+  } else if (told_.has("step_potential.max")) {
     findings_.add("told step_potential", "there is none");
   }
   const std::vector<double>& node_energies = record_["/levels/node_energy"];

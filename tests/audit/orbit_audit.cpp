@@ -147,7 +147,7 @@ int orbit_twins(const std::string& program) {
            value *= 1.1;
          }
        }},
-      {"told step_potential.min", [](Stored&, Json& j) { j.numbers["step_potential.min"] *= 1 + 1e-15; }},
+      {"told step_potential.max", [](Stored&, Json& j) { j.numbers["step_potential.max"] *= 1 + 1e-15; }},
   };
   // The strength has to stand out from 1e-6 of the terms of H.
   problem.step = 0.6;

@@ -4,6 +4,7 @@
 
 #include <cmath>
 
+#include <rubato/record/error.hpp>
 #include <rubato/study/check.hpp>
 #include <rubato/study/effective.hpp>
 #include <rubato/study/run.hpp>
@@ -49,7 +50,7 @@ TEST_CASE("a run with a step potential has no bridges, tells the potential, and 
       CHECK(ran.statistics.bridge_steps == 0);
       CHECK(ran.statistics.potential.largest() > 0.0);
       CHECK_THAT(to_table(ran), Contains("step potential"));
-      CHECK_THAT(to_json(ran), Contains("\"step_potential\": {\"min\""));
+      CHECK_THAT(to_json(ran), Contains("\"step_potential\": {\"max\"") && Contains("\"kappa\"") && Contains("\"p\""));
       const Outcome checked = check(file, {.replay = true});
       CHECK(checked.status == ExitStatus::done);
       CHECK(differences(ran, checked) == Names{});
@@ -71,6 +72,11 @@ TEST_CASE("a step potential that was altered in a record is found, and so is an 
   run_problem("pendulum-rotation", file, rotating);
   falsify(file, "/levels/energy", 7, -1e-5);
   CHECK(check(file).status == ExitStatus::contradiction);
+  for (std::size_t i = 0; i < 3; ++i) {
+    run_problem("pendulum-rotation", file, rotating);
+    falsify(file, "/checkpoint/step_potential", i, 1e-9);
+    CHECK_THROWS_AS(check(file), record::Error);  // by the checksum of the checkpoint
+  }
 }
 
 TEST_CASE("a run with a step potential goes on with it, bit by bit") {
