@@ -323,12 +323,15 @@ private:
     const std::string count = fmt::format("{} of {} steps", statistics.bridge_steps, statistics.steps);
     const HamiltonianProblem* orbit = problem_.hamiltonian();
     if (problem_.scheme.potential.kind != StepPotentialChoice::Kind::none) {
+      const bool stated = problem_.scheme.potential.kind == StepPotentialChoice::Kind::given;
       return fmt::format(
-          "on {} the level equation had no solution in spite of the step potential: the orbit went beyond what that "
-          "was chosen for; these steps are plain ones, off the law by up to {:.2g}{}; a smaller step or a smaller "
-          "largest_step may mend it{}",
-          count, statistics.relative_bridge_deviation().value_or(statistics.bridge_deviation()),
+          "on {} the level equation had no solution in spite of the step potential: {}; these steps are plain ones, "
+          "off "
+          "the law by up to {:.2g}{}; a smaller step or {} may mend it{}",
+          count, stated ? "the one that is stated is too weak there" : "the orbit went beyond what that was chosen for",
+          statistics.relative_bridge_deviation().value_or(statistics.bridge_deviation()),
           statistics.relative_bridge_deviation() ? " (relative)" : "",
+          stated ? "a smaller kappa, or step_potential = \"auto\"," : "a smaller largest_step",
           orbit != nullptr && !orbit->fictitious_time
               ? ", or hamiltonian.time_scale where the motion is fast in places, as on an eccentric orbit"
               : "");

@@ -74,8 +74,12 @@ void TimeLevels::choose_potential() {
   if (eta.empty()) {
     return;  // the first step will tell why
   }
-  const Scouting scouting{
-      .order = scheme_.order(), .step = std::abs(fixed_h_), .eta = eta, .energy_size = size, .first_size = first_size};
+  const Scouting scouting{.order = scheme_.order(),
+                          .step = std::abs(fixed_h_),
+                          .eta = eta,
+                          .energy_size = size,
+                          .first_size = first_size,
+                          .tolerance = options_.tolerance};
   potential_ = given ? make_step_potential(scouting, choice.kappa, choice.exponent)
                      : choose_step_potential(scouting, choice.largest_step);
 }

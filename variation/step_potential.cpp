@@ -17,8 +17,10 @@ namespace {
 constexpr double believed_change = 0.2;
 /// The levels have to exist for an η that much larger, too: the orbit will meet what the scout did not.
 constexpr double eta_margin = 1.5;
-/// h dE/dh has to be this part of the terms of K: rounding in these then moves h by 1e-6 of itself at most.
-constexpr double least_slope = 1e-10;
+/// h dE/dh has to be this part of the terms of K: rounding in these then moves h by 1e-6 of itself at most. Or so many
+/// times the tolerance that levels are solved to, for what that leaves to move h by a thousandth at most; E_k is met
+/// much better than to it (TimeLevels::solved_to).
+constexpr double least_slope = 1e-10, least_slope_by_tolerance = 10.0;
 /// κ tried: from steps as long as the orbit lets them be to steps that are nearly equal.
 constexpr double largest_kappa = 60.0, least_kappa = 1.0 / 16.0, kappa_ratio = 1.3;
 /// κ where none of them is forecast to last.
@@ -42,7 +44,7 @@ constexpr double two_pi = 2.0 * std::numbers::pi;
 constexpr double negligible = 0.01;
 /// Where η vanishes, K is the same for every h, and the potential alone tells one step from another: f' is at least
 /// this part of the terms of K then, well above what rounding makes of them.
-constexpr double least_strength = 1e-6;
+constexpr double least_strength = 1e-6, least_strength_by_tolerance = 100.0;
 
 /// η at a time: cubic between the middles of its steps.
 class EtaAlong {
@@ -96,7 +98,8 @@ double rounded(double value) {
 StepPotential with_kappa(const Scouting& scouting, double eta, double kappa, double exponent) {
   const double s = scouting.order;
   const double size = (s + 1.0) * std::abs(eta) * std::pow(scouting.step, s);
-  const double least = least_strength * (scouting.energy_size > 0.0 ? scouting.energy_size : 1.0);
+  const double least = std::max(least_strength, least_strength_by_tolerance * scouting.tolerance) *
+                       (scouting.energy_size > 0.0 ? scouting.energy_size : 1.0);
   return {.strength = std::copysign(std::max(size, least), eta), .length = kappa * scouting.step, .exponent = exponent};
 }
 
@@ -128,6 +131,11 @@ private:
   int whole_;
   bool is_whole_;
 };
+
+/// What h dE/dh has to be, to tell one step from another.
+double resolved_slope(const Scouting& scouting) {
+  return std::max(least_slope, least_slope_by_tolerance * scouting.tolerance) * scouting.energy_size;
+}
 
 /// Whether what the second half of a scouted stretch showed is what the first half did.
 bool shows_all(std::span<const double> eta) {
@@ -181,7 +189,7 @@ LevelForecast forecast_levels(const Scouting& scouting, const StepPotential& pot
   const Force force(potential);
   const double side = std::copysign(1.0, potential.strength);
   double h = scouting.step, time = 0.0, here = eta(0.0);
-  const double resolved = least_slope * scouting.energy_size;
+  const double resolved = resolved_slope(scouting);
   double defect = (s + 1.0) * power_of(h, s) * here + force.energy(h);
   LevelForecast forecast{.complete = true,
                          .steps = 0.0,
@@ -255,7 +263,7 @@ public:
 
   StepPotential operator()() {
     const double side = std::copysign(1.0, scouting_.eta.front());
-    if (s_ * (s_ + 1.0) * largest_ * std::pow(scouting_.step, s_) < least_slope * scouting_.energy_size) {
+    if (s_ * (s_ + 1.0) * largest_ * std::pow(scouting_.step, s_) < resolved_slope(scouting_)) {
       return made(0.0, 1.0, s_ + 1.0);  // K hardly knows h: steps are as long as the first
     }
     const bool definite = std::ranges::all_of(scouting_.eta, [&](double eta) { return eta * side >= 0.0; });

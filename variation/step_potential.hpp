@@ -63,6 +63,7 @@ struct Scouting {
   std::span<const double> eta;
   double energy_size = 0.0;  ///< of the terms of K: what a potential has to be seen beside where η vanishes
   double first_size = 0.0;   ///< the same of the first step: beside a larger f' they would be lost; 0 if not known
+  double tolerance = 1e-13;  ///< that levels will be solved to, relative to energy_size
 };
 
 /// What a potential makes of the levels along a scouted orbit, by the levels' own leading order (the surrogate of

@@ -240,3 +240,20 @@ TEST_CASE("a step that no number of E's size tells from the law does not pass fo
   CHECK(leaving.status == Status::success);
   CHECK(flagged(leaving) == 0);
 }
+
+TEST_CASE("a potential that is chosen is felt beside what a loose tolerance leaves of the level equation") {
+  // Order 8 changes the energy by 1e-10 along a nearly circular orbit: a potential that is not felt beside that leaves
+  // most steps without a length.
+  const System kepler = systems::kepler(0.115);
+  for (const double tolerance : {1e-13, 1e-7}) {
+    const Orbit orbit = integrate(kepler.hamiltonian, kepler.initial,
+                                  {.lagrangian = Splitting{"kahan-li-8"},
+                                   .step = 0.2,
+                                   .until = 40.0,
+                                   .potential = {.kind = Kind::automatic},
+                                   .tolerance = tolerance});
+    INFO(tolerance << ": " << orbit.message);
+    REQUIRE(orbit.status == Status::success);
+    CHECK(flagged(orbit) == 0);
+  }
+}
