@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <optional>
 #include <span>
 
 #include <Eigen/Core>
@@ -183,8 +184,12 @@ public:
   };
 
   /// \param accuracy relative size of the last correction at which to stop; 0 asks for stagnation
-  explicit StagnationTest(double accuracy)
-      : accuracy_(std::max(accuracy, 0.5 * std::numeric_limits<double>::epsilon())), to_stagnation_(accuracy == 0.0) {}
+  /// \param contraction seen before with the same matrix, infinite if none was: for iterations that contract steadily,
+  ///        of which what the next correction would mend is known to be nothing before it is made
+  explicit StagnationTest(double accuracy, std::optional<double> contraction = std::nullopt)
+      : accuracy_(std::max(accuracy, 0.5 * std::numeric_limits<double>::epsilon())),
+        to_stagnation_(accuracy == 0.0),
+        contraction_(contraction) {}
 
   /// \param size of the correction, relative
   /// \param residual that it was made from, relative
@@ -194,8 +199,16 @@ public:
     // A matrix from where H changes very fast makes every residual look small: corrections shrink, and what they are to
     // mend does not.
     const bool mended = !smaller || std::isinf(size_) || residual < 0.5 * residual_;
+    if (contraction_ && !std::isinf(size_) && size_ > certain_rounding) {
+      const double seen = std::max(size / size_, residual / residual_);
+      contraction_ = std::isinf(*contraction_) ? seen : std::max(seen, *contraction_);
+    }
     size_ = size;
     residual_ = residual;
+    if (to_stagnation_ && contraction_ && *contraction_ < poor_contraction &&
+        *contraction_ * std::max(size, residual) <= leftover) {
+      return Verdict::done;
+    }
     if (size <= accuracy_ || (!smaller && size <= certain_rounding)) {
       const bool certain = residual <= std::max(accuracy_, certain_rounding) || !to_stagnation_;
       return certain ? Verdict::done : Verdict::stalled;
@@ -206,7 +219,12 @@ public:
     return slow ? Verdict::slow : Verdict::again;
   }
 
+  /// Of the corrections and of what they mend, the worst seen; infinite where fewer than two were.
+  [[nodiscard]] std::optional<double> contraction() const { return contraction_; }
+
 private:
+  /// What the next correction may mend where it is not made, relative.
+  static constexpr double leftover = 1e-3 * std::numeric_limits<double>::epsilon();
   /// Relative size of a correction that is nothing but rounding if no smaller one follows.
   static constexpr double certain_rounding = 16.0 * std::numeric_limits<double>::epsilon();
   /// Relative size of a correction below which no further shrinking may be due to rounding.
@@ -215,6 +233,7 @@ private:
   static constexpr double poor_contraction = 0.1;
   double accuracy_;
   bool to_stagnation_;
+  std::optional<double> contraction_;
   double size_ = std::numeric_limits<double>::infinity(), residual_ = std::numeric_limits<double>::infinity();
 };
 

@@ -63,7 +63,7 @@ public:
       }
     }
     trial_h_ = h;
-    StagnationTest test(accuracy);
+    StagnationTest test(accuracy, contraction_);
     for (int iteration = 0; iteration < most_midpoint_iterations; ++iteration) {
       z_.displaced(0.5, delta_, point_);
       energy_ = evaluator_.gradient(point_.data(), gradient_.data());
@@ -79,6 +79,7 @@ public:
         return Status::undefined;
       }
       const auto verdict = test.judge(size, residual);
+      contraction_ = *test.contraction();
       if (verdict == StagnationTest::Verdict::done ||
           (verdict == StagnationTest::Verdict::stalled && residual_is_rounding(h))) {
         energy_ += 0.5 * gradient_.dot(correction_);  // to first order, at the corrected midpoint
@@ -183,6 +184,7 @@ private:
     matrix_.diagonal().array() += 1.0;
     factored_ = factors_.factor(matrix_.data()) == Status::success;
     factored_h_ = h;
+    contraction_ = std::numeric_limits<double>::infinity();
     return factored_;
   }
 
@@ -196,6 +198,7 @@ private:
   Solver factors_;
   bool factored_ = false;  ///< whether there is a matrix, and a trial step, for this level
   double factored_h_ = 0.0;
+  double contraction_ = 0.0;  ///< seen with the matrix
   double trial_h_ = 0.0;
   double energy_ = 0.0;
   double slope_ = 0.0;

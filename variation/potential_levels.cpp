@@ -23,8 +23,10 @@ constexpr int most_potential_trials = 40;
 constexpr double farthest_root = 2.0;
 /// How far one trial may be from the last, and how near they are for a secant to be a slope.
 constexpr double longest_move = 1.25, nearby = 0.05;
-/// Longer than any step foreseen from those before it.
-constexpr double largest_foresight = 1.25;
+/// What a loosely solved step leaves of E_k, beside h dE/dh: E_k is told to first order in what the step is off by.
+constexpr double loose_energy = 1e-9;
+/// Differences that stand out from their errors so far tell what the scheme's slope is off by, if that is within:
+constexpr double standing_out = 1e3, largest_slope_ratio = 1.25;
 
 }  // namespace
 
@@ -84,17 +86,6 @@ void TimeLevels::choose_potential() {
                      : choose_step_potential(scouting, choice.largest_step);
 }
 
-/// |h| as a polynomial of time, at the middle of the coming step.
-double TimeLevels::extrapolated_step() const {
-  const double last = std::abs(regular_step_), side = sign(regular_step_);
-  double length = last;
-  for (int iteration = 0; iteration < 2; ++iteration) {
-    length =
-        std::clamp(density_at(time_.value() + 0.5 * length * side), last / largest_foresight, last * largest_foresight);
-  }
-  return side * length;
-}
-
 /// Newton's iteration on h ↦ K_h + f'(h), kept between lengths known to be too short and too long. A root is taken only
 /// where E_k grows to the side of the potential.
 Status TimeLevels::solve_with_potential(double guess) {
@@ -102,7 +93,7 @@ Status TimeLevels::solve_with_potential(double guess) {
   const double foreseen = std::abs(guess);
   const double tolerance = solved_to();
   double length = foreseen, last_length = 0.0, last_miss = 0.0, best = infinity;
-  double below = 0.0, above = infinity;
+  double below = 0.0, above = infinity, last_slope = 0.0;
   bool full = false, last_full = false;
   int stalls = 0;
   for (int trial = 0; trial < most_potential_trials; ++trial) {
@@ -149,13 +140,22 @@ Status TimeLevels::solve_with_potential(double guess) {
     } else if (reliable) {
       above = std::min(above, length);
     }
-    // Secants between neighbours are truer than a slope known to leading order.
+    // A scheme knows its slope to leading order, or by a matrix that is a little out of date: differences between
+    // trials tell the rest, and what they told on the last step.
     const double secant = (miss - last_miss) / (length - last_length);
-    const bool measured = std::abs(length - last_length) < nearby * length && secant > 0.0 &&
-                          std::abs(miss - last_miss) > (full && last_full ? 1.0 : 100.0) * error;
-    const double rate = measured ? secant : slope;
+    const double ratio = secant / (0.5 * (slope + last_slope));
+    const double pair_error = full && last_full ? 2.0 * rounding_ : loose_energy * std::abs(slope) * length;
+    const bool is_near = last_length > 0.0 && std::abs(length - last_length) < nearby * length;
+    if (is_near && std::abs(miss - last_miss) > standing_out * pair_error && ratio < largest_slope_ratio &&
+        ratio > 1.0 / largest_slope_ratio) {
+      slope_ratio_ = ratio;
+    }
+    const bool measured =
+        is_near && stalls > 0 && full && last_full && secant > 0.0 && std::abs(miss - last_miss) > pair_error;
+    const double rate = measured ? secant : slope_ratio_ * slope;
     last_length = length;
     last_miss = miss;
+    last_slope = slope;
     last_full = full;
     double next = rate > 0.0 ? std::clamp(length - miss / rate, length / longest_move, longest_move * length)
                              : longest_move * length;
@@ -177,7 +177,7 @@ StepReport TimeLevels::resumed_with_potential() {
     StepReport result = ordinary_step(regular_step_);
     if (result.status == Status::success) {
       singular_ = false;
-      remembered_ = 0;
+      forecast_.restart();
       take_ordinary(result);
       return result;
     }

@@ -249,7 +249,11 @@ void TimeLevels::set_energy(const StepReport& result) {
 }
 
 void TimeLevels::take_ordinary(StepReport& result) {
-  remember(result.h, result.slope);
+  if (potential_.active()) {
+    forecast_.add(time_.value(), result.h, energy_ - scheme_.node().energy, potential_, scheme_.order());
+  } else {
+    remember(result.h, result.slope);
+  }
   regular_step_ = result.h;
   take(result);
 }
@@ -258,8 +262,7 @@ void TimeLevels::remember(double h, double slope) {
   const int s = scheme_.order();
   std::move_backward(history_.begin(), history_.end() - 1, history_.end());
   const double gamma_sign = -sign(slope * std::pow(sign(h), s - 1));
-  history_[0] = {time_.value() + 0.5 * h,
-                 potential_.active() ? std::abs(h) : gamma_sign * std::pow(std::abs(h), -(s + 1))};
+  history_[0] = {time_.value() + 0.5 * h, gamma_sign * std::pow(std::abs(h), -(s + 1))};
   remembered_ = std::min(remembered_ + 1, history_.size());
 }
 
@@ -286,12 +289,16 @@ double TimeLevels::density_at(double time) const {
   return density;
 }
 
-double TimeLevels::predicted_step() const {
+double TimeLevels::predicted_step() {
+  if (potential_.active()) {
+    return forecast_.empty()
+               ? regular_step_
+               : std::copysign(forecast_.length(time_.value(), regular_step_, energy_ - scheme_.node().energy,
+                                                potential_, scheme_.order()),
+                               regular_step_);
+  }
   if (remembered_ < 2) {
     return regular_step_;
-  }
-  if (potential_.active()) {
-    return extrapolated_step();
   }
   // The density Γ ∝ 1/h^(s+1) is a smooth function of time; extrapolate it to the middle of the coming step, whose
   // length it gives: a short fixed-point iteration.
@@ -308,6 +315,8 @@ double TimeLevels::predicted_step() const {
 
 void TimeLevels::save(StateWriter& state) const {
   potential_.save(state);
+  forecast_.save(state);
+  state.write(slope_ratio_);
   state.write(time_.high);
   state.write(time_.low);
   for (const double value : {static_cast<double>(steps_),
@@ -341,6 +350,8 @@ void TimeLevels::save(StateWriter& state) const {
 
 void TimeLevels::restore(StateReader& state) {
   potential_.restore(state);
+  forecast_.restore(state);
+  state.read(slope_ratio_);
   state.read(time_.high);
   state.read(time_.low);
   state.read(steps_);

@@ -8,6 +8,7 @@
 
 #include <rubato/base/compensated_sum.hpp>
 #include <rubato/variation/level_scheme.hpp>
+#include <rubato/variation/step_forecast.hpp>
 #include <rubato/variation/step_potential.hpp>
 
 namespace rubato {
@@ -117,7 +118,7 @@ public:
 private:
   struct Sample {
     double time;
-    double density;  ///< sign(Γ)|h|^-(s+1), proportional to Γ by the step law; with a step potential |h|
+    double density;  ///< sign(Γ)|h|^-(s+1), proportional to Γ by the step law
   };
 
   StepReport fixed_step();
@@ -140,10 +141,9 @@ private:
   void choose_potential();
   [[nodiscard]] std::vector<double> scout(double& energy_size, double& first_size, bool one_step);
   [[nodiscard]] Status solve_with_potential(double guess);
-  [[nodiscard]] double extrapolated_step() const;
   [[nodiscard]] StepReport resumed_with_potential();
   [[nodiscard]] double density_at(double time) const;
-  [[nodiscard]] double predicted_step() const;
+  [[nodiscard]] double predicted_step();
   [[nodiscard]] double law_step(double gamma) const;
   void set_direction(double gamma);
   void remember(double h, double slope);
@@ -198,6 +198,8 @@ private:
   std::size_t steps_ = 0;
 
   StepPotential potential_;
+  StepForecast forecast_;     ///< with a step potential
+  double slope_ratio_ = 1.0;  ///< dE/dh by differences over the scheme's, on the last step
   double energy_ = std::numeric_limits<double>::quiet_NaN();
   double energy_scale_ = 0.0;
   double law_scale_ = 0.0;  ///< of the terms of the step that set E, f' among them
@@ -217,7 +219,7 @@ private:
   std::array<double, 2> slope_gamma_{
       std::numeric_limits<double>::quiet_NaN(),
       std::numeric_limits<double>::quiet_NaN()};  ///< of the last two steps, newest first
-  std::array<Sample, 4> history_{};               ///< of the last steps that met the law, newest first
+  std::array<Sample, 4> history_{};  ///< of the last steps that met the law, newest first; without a step potential
   std::size_t remembered_ = 0;
 };
 
