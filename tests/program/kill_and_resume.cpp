@@ -21,6 +21,7 @@
 
 #include "children.hpp"
 #include "record/sample.hpp"
+#include "slow_problems.hpp"
 
 namespace {
 
@@ -67,31 +68,6 @@ bool wait_for_levels(const std::filesystem::path& file, std::size_t levels) {
   return false;
 }
 
-/// A travelling wave on a small lattice, in a potential that takes long to evaluate.
-void write_lattice(const std::filesystem::path& file, int every) {
-  std::string S = "(v^2 - w^2)/2 + u^2/2";
-  for (int k = 2; k < 400; ++k) {
-    S += fmt::format(" + 1e-7*cos({}*u + {})/{}^4", k, k, k);
-  }
-  std::ofstream(file) << fmt::format(
-      "[multisymplectic]\nfields = [\"u\", \"v\", \"w\"]\nM = [[\"u\", \"v\", -1]]\nK.x = [[\"u\", \"w\", 1]]\n"
-      "S = \"{}\"\n[grid]\nx = {{ from = 0, to = \"2*pi\", cells = 21 }}\n[initial]\nu = \"sin(x)\"\n"
-      "v = \"-sqrt(2)*cos(x)\"\n[scheme]\nstep = 0.1\nuntil = 1e9\n[output]\nevery = {}\n",
-      S, every);
-}
-
-/// A pendulum whose H takes long to evaluate, so that minutes of running make a small record.
-void write_problem(const std::filesystem::path& file, int every) {
-  std::string H = "p^2/2 - cos(q)";
-  for (int k = 2; k < 150; ++k) {
-    H += fmt::format(" - 1e-6*cos({}*q + {})/{}^4", k, k, k);
-  }
-  std::ofstream(file) << fmt::format(
-      "[hamiltonian]\nq = [\"q\"]\np = [\"p\"]\nH = \"{}\"\n[initial]\nq = 0\np = 1.9\n[invariants]\nspeed = \"p^2\"\n"
-      "[scheme]\nstep = 0.1\nuntil = 1e9\non_singular = \"stop\"\n[output]\nevery = {}\n",
-      H, every);
-}
-
 void kill_and_resume(const std::string& program, const sample::Folder& parent, bool lattice, int every,
                      std::mt19937& random) {
   const std::filesystem::path folder = parent / fmt::format("{}{}", lattice ? "lattice" : "orbit", every);
@@ -99,7 +75,7 @@ void kill_and_resume(const std::string& program, const sample::Folder& parent, b
   const std::string problem = (folder / "problem.toml").string();
   const std::string killed = (folder / "killed.h5").string();
   const std::string never = (folder / "never.h5").string();
-  (lattice ? write_lattice : write_problem)(problem, every);
+  (lattice ? slow_problems::write_lattice : slow_problems::write_orbit)(problem, every);
 
   // Commits come every 2 seconds; what happens about them and between two of them is to be hit.
   std::uniform_int_distribution<int> milliseconds(1, 2500);
