@@ -239,7 +239,8 @@ void add_figures(JsonObject& object, const Statistics& statistics) {
     object.object("bridges", bridges_json(statistics));
   }
   if (has_gamma(statistics)) {
-    object.object("gamma", range(statistics.gamma));
+    JsonObject gamma = range(statistics.gamma);
+    object.object("gamma", add_undefined(gamma, statistics.gamma));
   }
   if (statistics.condition.any()) {
     object.object("step_condition", JsonObject().number("max", statistics.condition.max));
@@ -291,8 +292,10 @@ std::vector<Line> lines_of(const Statistics& statistics) {
   add(statistics.balance ? "H(z_k, t_k) less work" : "node energy H(z_k)", deviation_text(statistics.node_energy),
       "at the levels", headline);
   if (has_gamma(statistics)) {
-    add("Gamma", fmt::format("{:.6g} to {:.6g}", statistics.gamma.min, statistics.gamma.max), "at the levels",
-        headline);
+    add("Gamma",
+        with_undefined(fmt::format("{:.6g} to {:.6g}", statistics.gamma.min, statistics.gamma.max), statistics.gamma,
+                       "levels"),
+        "at the levels", headline);
   }
   if (statistics.variable_levels()) {
     add("bridges", bridges_text(statistics), "where the law has no solution", headline);

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 
 #include <fmt/format.h>
 
@@ -249,8 +250,13 @@ void LevelsJudge::judge_told() {
   }
   const std::vector<double>& gammas = record_["/levels/gamma"];
   if (told_.has("gamma.min")) {
-    exactly("gamma.min", *std::ranges::min_element(gammas));
-    exactly("gamma.max", *std::ranges::max_element(gammas));
+    std::vector<double> defined;
+    std::ranges::copy_if(gammas, std::back_inserter(defined), [](double gamma) { return std::isfinite(gamma); });
+    exactly("gamma.min", *std::ranges::min_element(defined));
+    exactly("gamma.max", *std::ranges::max_element(defined));
+    if (defined.size() < gammas.size()) {
+      exactly("gamma.undefined", static_cast<double>(gammas.size() - defined.size()));
+    }
   }
   if (!told_.has("discrete_energy.value")) {
     return;

@@ -130,6 +130,26 @@ std::vector<std::string> members(std::string json) {
 
 }  // namespace
 
+TEST_CASE("levels at which Gamma has no value are counted", "[defects]") {
+  // A motion to infinity: at its last levels Γ overflows.
+  const Folder folder;
+  const std::string file = folder / "a.h5";
+  const auto run_to = [&](const char* until) {
+    const std::vector<std::string> settings = {
+        "hamiltonian.H=p^2/2 - 1.223*q^3", "initial.q=-0.4491", "initial.p=-0.7594",
+        "scheme.lagrangian=splitting",     "scheme.step=0.08",  until};
+    return run(read_problem("pendulum", settings), RunOptions{.output = file, .overwrite = true});
+  };
+  const Outcome ran = run_to("scheme.until=8");
+  const record::Reader reader(file);
+  const auto undefined =
+      std::ranges::count_if(reader.read("/levels/gamma"), [](double g) { return !std::isfinite(g); });
+  REQUIRE(undefined > 0);
+  CHECK_THAT(to_json(ran), Contains(fmt::format("\"undefined\": {}", undefined)));
+  CHECK_THAT(to_table(ran), Contains(fmt::format("no value in {} of {} levels", undefined, ran.statistics.steps + 1)));
+  CHECK_THAT(to_json(run_to("scheme.until=2")), !Contains("undefined"));  // the twin
+}
+
 TEST_CASE("a law that has no value in some cells says in how many", "[defects]") {
   const Folder folder;
   const std::string file = folder / "a.h5";
