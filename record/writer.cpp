@@ -249,8 +249,11 @@ private:
     if (durable)
       version.synchronize();
     std::optional<detail::Access> access;
+    // Open until the new name is on the disk: until then a file system may give its space to others, where a power
+    // failure would bring the old name back.
+    std::optional<detail::Descriptor> replaced;
     if (overwrite_ && is_there(path_))
-      access = detail::access_of(detail::open_regular(path_).number());
+      access = detail::access_of(replaced.emplace(detail::open_regular(path_)).number());
     if (!version.publish(path_, access ? &*access : nullptr, overwrite_ ? Replace::yes : Replace::no))
       throw AlreadyExists(claim_.file(), "already exists, since a moment ago");
     overwrite_ = true;  // from now on it is this run's own

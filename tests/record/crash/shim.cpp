@@ -1,7 +1,9 @@
 // Loaded before the C library: a file system as unkind as POSIX allows, when the machine stops right after a file got
 // its name. Names reach the disk at once, contents only when fsync has waited for them. For every record that gets its
 // name two images of what would be found are written into $RUBATO_CRASH_IMAGES: in one all that was not waited for is
-// lost, in the other a random half of it, block by block.
+// lost, in the other a random half of it, block by block. A third one is of a machine that stops just before fsync of
+// the folder has waited for the name: the old name is back, and the space of what it leads to has gone to others if
+// nobody had it open any more (ext4 with data=writeback does that).
 
 #include <cstdio>
 #include <cstdlib>
@@ -41,14 +43,49 @@ void forget(const char* file) {
     std::remove(synced(status).c_str());
 }
 
+std::string images_of(int number) {
+  return image_folder() + "image-" + std::to_string(number);
+}
+
+int number = 0;  // of files that got the name of a record
+
+/// What has lost its name since the last fsync of the folder.
+struct Replaced {
+  ino_t file = 0;
+  std::string kept;
+} replaced;
+
+void remember_replaced(const char* file) {
+  struct stat status {};
+  if (!image_folder().empty() && stat(file, &status) == 0)
+    replaced = {status.st_ino, contents(synced(status))};
+}
+
+bool is_open(ino_t file) {
+  constexpr int most = 1024;
+  struct stat status {};
+  for (int descriptor = 0; descriptor < most; ++descriptor)
+    if (fstat(descriptor, &status) == 0 && status.st_ino == file)
+      return true;
+  return false;
+}
+
+void write_image_of_replaced() {
+  if (replaced.file == 0)
+    return;
+  // Before the image is made, which may get the number of a file that is gone.
+  const std::string found = is_open(replaced.file) ? replaced.kept : std::string(replaced.kept.size(), 'x');
+  std::ofstream(images_of(number) + "-back.h5", std::ios::binary) << found;
+  replaced = {};
+}
+
 void write_images(const char* file, const std::string& name) {
   struct stat status {};
   if (image_folder().empty() || !name.ends_with(".h5") || stat(file, &status) != 0)
     return;
-  static int number = 0;
   static std::mt19937 random(20261121);
   const std::string now = contents(file), kept = contents(synced(status));
-  const std::string image = image_folder() + "image-" + std::to_string(++number);
+  const std::string image = images_of(++number);
   std::ofstream(image + "-lost.h5", std::ios::binary) << kept;
   std::string torn = now;
   constexpr std::size_t block = 4096;
@@ -67,11 +104,14 @@ int fsync(int descriptor) {
   struct stat status {};
   if (!image_folder().empty() && fstat(descriptor, &status) == 0 && S_ISREG(status.st_mode))
     std::ofstream(synced(status), std::ios::binary) << contents("/proc/self/fd/" + std::to_string(descriptor));
+  if (!image_folder().empty() && fstat(descriptor, &status) == 0 && S_ISDIR(status.st_mode))
+    write_image_of_replaced();
   return real<int (*)(int)>("fsync")(descriptor);
 }
 
 int rename(const char* from, const char* to) noexcept {
   write_images(from, to);
+  remember_replaced(to);
   forget(to);
   return real<int (*)(const char*, const char*)>("rename")(from, to);
 }
