@@ -8,7 +8,7 @@ endif()
 # The kernels of cmake/FormulaKernels.cmake and solve/chunk_elimination_*.cpp besides, which have options of their own.
 set(rubato_sources_loops
   formula/evaluate.cpp
-  grids/box_operators.cpp grids/fourier.cpp grids/spectral_derivative.cpp
+  grids/box_operators.cpp grids/fourier.cpp grids/reductions.cpp grids/spectral_derivative.cpp
   solve/cyclic_block.cpp solve/fourier_preconditioner.cpp solve/gmres.cpp
   pde/cell_sweep.cpp pde/euler_box_map.cpp pde/face_gather.cpp pde/midpoint_lattice.cpp pde/wave_loops.cpp
   record/checksum.cpp)

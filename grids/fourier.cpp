@@ -7,6 +7,7 @@
 #include <rubato/grids/buffer.hpp>
 #include <rubato/grids/fftw_plan.hpp>
 #include <rubato/grids/parallel.hpp>
+#include <rubato/grids/wide_vectors.hpp>
 
 namespace rubato::grids {
 
@@ -44,6 +45,16 @@ std::size_t good_odd_count(std::size_t least) {
     }
   }
 }
+
+namespace {
+
+RUBATO_WIDE_VECTORS void scale(double factor, const double* from, std::size_t count, double* __restrict to) {
+  for (std::size_t i = 0; i < count; ++i) {
+    to[i] = factor * from[i];
+  }
+}
+
+}  // namespace
 
 /// Each row along x is padded to whole cache lines, so that every transform of an axis finds the alignment its plan was
 /// made for. Two neighbouring rows of a field are transformed as real and imaginary part of one: FFTW does large prime
@@ -112,6 +123,12 @@ struct Fourier::Storage {
     const std::size_t pairs = (rows + 1) / 2;
     for_each_block(count * pairs, std::max<std::size_t>(1, nodes_per_block / nx),
                    [&](std::size_t begin, std::size_t end) {
+                     if (rows == 1) {  // divisions take as long as a short transform's sweep
+                       for (std::size_t field = begin; field < end; ++field) {
+                         use(field, 0, false);
+                       }
+                       return;
+                     }
                      for (std::size_t unit = begin; unit < end; ++unit) {
                        const std::size_t row = 2 * (unit % pairs);
                        use(unit / pairs, row, row + 1 < rows);
@@ -208,6 +225,10 @@ std::array<std::ptrdiff_t, 3> Fourier::wave(std::size_t mode) const {
 
 Fourier::Complex& Fourier::at(int field, std::size_t mode) {
   Storage& s = *storage_;
+  if (mode < s.half) {  // without a division
+    return reinterpret_cast<Complex*>(
+        s.complex.data())[static_cast<std::size_t>(field) * s.ny * s.nz * s.complex_row + mode];
+  }
   const std::size_t row = static_cast<std::size_t>(field) * s.ny * s.nz + mode / s.half;
   return reinterpret_cast<Complex*>(s.complex.data())[row * s.complex_row + mode % s.half];
 }
@@ -254,7 +275,7 @@ void Fourier::inverse(std::span<double* const> values) {
       s.inverse(place, factor, to, to + s.nx);
     } else {
       fftw_execute_dft_c2r(s.row_inverse.get(), s.spectrum(place * s.complex_row), s.real_at(place));
-      std::transform(s.real_at(place), s.real_at(place) + s.nx, to, [=](double value) { return factor * value; });
+      scale(factor, s.real_at(place), s.nx, to);
     }
   });
 }

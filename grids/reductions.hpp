@@ -115,12 +115,13 @@ double max_abs_of(std::size_t count, F&& f) {
   return largest;
 }
 
-inline double sum(std::span<const double> values) {
-  return sum_of(values.size(), [v = values.data()](std::size_t i) { return v[i]; });
-}
-inline double max_abs(std::span<const double> values) {
-  return max_abs_of(values.size(), [v = values.data()](std::size_t i) { return v[i]; });
-}
+/// The same of an array, in vectors where it is one block, with the same bits.
+///@{
+double sum(std::span<const double> values);
+double max_abs(std::span<const double> values);
+/// max_i |a_i - b_i|. Hypothesis: equal sizes.
+double max_abs_difference(std::span<const double> a, std::span<const double> b);
+///@}
 /// Σ a_i b_i; products rounded, their sum compensated. Hypothesis: equal sizes.
 inline double dot(std::span<const double> a, std::span<const double> b) {
   return sum_of(a.size(), [p = a.data(), q = b.data()](std::size_t i) { return p[i] * q[i]; });

@@ -203,6 +203,10 @@ void GaussSlab::stand(const grids::FieldSet& high, const grids::FieldSet* low, c
       std::ranges::copy(low->field(field), rest.begin());
     }
   }
+  level_sizes_.resize(F_.size());
+  for (std::size_t f = 0; f < F_.size(); ++f) {
+    level_sizes_[f] = grids::max_abs(std::as_const(level_F_).field(static_cast<int>(f)));
+  }
   if (stamp_ == 1) {
     add_slopes(slopes);  // no step changes them
   }
@@ -386,15 +390,13 @@ void GaussSlab::iterate_waves() {
         double* im = Y_F_.im.pointers()[static_cast<std::size_t>(row)] + begin;
         std::copy_n(base_F_.re.field(row).data() + begin, count, re);
         std::copy_n(base_F_.im.field(row).data() + begin, count, im);
-        for (int g = 0; g < n; ++g) {
-          for (int j = 0; j < m_; ++j) {
-            const int through = ((f * n + g) * m_ + i) * m_ + j;
-            const int from = varying(g, j);
-            add_product(std::as_const(transfer_.re).field(through).data() + begin,
-                        std::as_const(transfer_.im).field(through).data() + begin,
-                        std::as_const(rest_.re).field(from).data() + begin,
-                        std::as_const(rest_.im).field(from).data() + begin, count, re, im);
-          }
+        for (int g = 0; g < n; ++g) {  // rows of one g follow each other, by j
+          const int through = ((f * n + g) * m_ + i) * m_;
+          const int from = varying(g, 0);
+          add_products(m_, level_.waves(), std::as_const(transfer_.re).field(through).data() + begin,
+                       std::as_const(transfer_.im).field(through).data() + begin,
+                       std::as_const(rest_.re).field(from).data() + begin,
+                       std::as_const(rest_.im).field(from).data() + begin, count, re, im);
         }
       }
     }
@@ -428,9 +430,7 @@ bool GaussSlab::evaluate_rests() {
       const double* low = low_F_.pointers()[f];
       for (int i = 0; i < m_; ++i) {
         const auto row = static_cast<std::size_t>(varying(static_cast<int>(f), i));
-        for (std::size_t x = begin; x < end; ++x) {
-          point_.pointers()[row][x] = high[x] + (low[x] + y_.pointers()[row][x]);
-        }
+        add_two(high + begin, low + begin, y_.pointers()[row] + begin, end - begin, point_.pointers()[row] + begin);
       }
     }
   });
@@ -460,17 +460,17 @@ GaussSlab::Correction GaussSlab::last_correction(std::span<const double> largest
   for (int f = 0; f < static_cast<int>(F_.size()); ++f) {
     const int field = F_[static_cast<std::size_t>(f)];
     double scale = std::max(largest.empty() ? 0.0 : largest[static_cast<std::size_t>(field)],
-                            epsilon * grids::max_abs(std::as_const(level_F_).field(f)));
+                            epsilon * level_sizes_[static_cast<std::size_t>(f)]);
     double change = 0.0, moved = 0.0;
     for (int i = 0; i < m_; ++i) {
       const auto now = std::as_const(y_).field(varying(f, i)), last = std::as_const(y_last_).field(varying(f, i));
       moved = std::max(moved, grids::max_abs(now));
-      change = larger(change, grids::max_abs_of(now.size(), [&](std::size_t x) { return now[x] - last[x]; }));
+      change = larger(change, grids::max_abs_difference(now, last));
     }
     scale = std::max(scale, moved);
     result.size = larger(result.size, change == 0.0 ? 0.0 : change / scale);
     if (scale > 0.0) {
-      const double values = grids::max_abs(std::as_const(level_F_).field(f)) + moved;
+      const double values = level_sizes_[static_cast<std::size_t>(f)] + moved;
       result.rounding = std::max(result.rounding, roundings * epsilon * values / scale);
     }
   }
@@ -562,7 +562,7 @@ void GaussSlab::complete() {
 
 double GaussSlab::wave_energy(const WaveRows& rows, int stride, int offset) const {
   const grids::ReductionBlocks pieces(rows.waves());
-  std::array<double, grids::ReductionBlocks::most> partial{};
+  std::array<double, grids::ReductionBlocks::most> partial;  // each is set below, and most are never used
   grids::for_each_block(rows.waves(), pieces.block, [&](std::size_t begin, std::size_t end) {
     WaveBlock left, right;
     CompensatedSum sum;
@@ -574,27 +574,21 @@ double GaussSlab::wave_energy(const WaveRows& rows, int stride, int offset) cons
         const double* im = rows.im.field(f * stride + offset).data() + first;
         const double* level_re = level_.re.field(f).data() + first;
         const double* level_im = level_.im.field(f).data() + first;
-        for (std::size_t w = 0; w < count; ++w) {
-          to.re[w] = level_re[w] + re[w];
-          to.im[w] = level_im[w] + im[w];
-        }
+        add_pair(level_re, re, count, to.re);
+        add_pair(level_im, im, count, to.im);
       };
       terms.fill(0.0);
       for (const MatrixTerm& term : L_terms_) {
         load(term.row, left);
         load(term.column, right);
-        for (std::size_t w = 0; w < count; ++w) {
-          terms[w] += 0.5 * term.value * (left.re[w] * right.re[w] + left.im[w] * right.im[w]);
-        }
+        add_dot(0.5 * term.value, left.re, left.im, right.re, right.im, count, terms.data());
       }
       for (std::size_t a = 0; a < K_plus_.size(); ++a) {
         const double* k = space_.derivatives()[a].data() + first;
         for (const MatrixTerm& term : K_plus_[a]) {
           load(term.row, left);
           load(term.column, right);
-          for (std::size_t w = 0; w < count; ++w) {
-            terms[w] += term.value * k[w] * (left.re[w] * right.im[w] - left.im[w] * right.re[w]);
-          }
+          add_cross(term.value, k, left.re, left.im, right.re, right.im, count, terms.data());
           for (std::size_t w = 0; a == 0 && slopes_.rows() > 0 && w < count; ++w) {
             terms[w] += term.value * (slopes_.re.field(term.row)[first + w] * right.re[w] +
                                       slopes_.im.field(term.row)[first + w] * right.im[w]);

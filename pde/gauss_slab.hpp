@@ -133,9 +133,10 @@ private:
   grids::FieldSet high_;     ///< the level
   grids::FieldSet level_F_;  ///< its varying fields, and what they have beyond double precision
   grids::FieldSet low_F_;
-  WaveRows level_;   ///< ẑ_k, as all rows at the points
-  WaveRows slopes_;  ///< of potentials, in their own rows; none if there are none
-  WaveRows base_;    ///< b of P Y = b + N'
+  std::vector<double> level_sizes_;  ///< max |z| of level_F_
+  WaveRows level_;                   ///< ẑ_k, as all rows at the points
+  WaveRows slopes_;                  ///< of potentials, in their own rows; none if there are none
+  WaveRows base_;                    ///< b of P Y = b + N'
 
   double h_ = 0.0;
   std::vector<WaveRows> inverse_;  ///< 1/D of each eigenvalue

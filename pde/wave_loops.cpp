@@ -1,5 +1,7 @@
 #include <rubato/pde/wave_loops.hpp>
 
+#include <cstring>
+
 #include <rubato/grids/wide_vectors.hpp>
 
 namespace rubato {
@@ -12,11 +14,87 @@ RUBATO_WIDE_VECTORS void add(std::complex<double> value, const double* re, const
     out_im[w] += a * im[w] + b * re[w];
   }
 }
+RUBATO_WIDE_VECTORS void add(double value, const double* re, const double* im, std::size_t count,
+                             double* __restrict out_re, double* __restrict out_im) {
+  for (std::size_t w = 0; w < count; ++w) {
+    out_re[w] += value * re[w];
+    out_im[w] += value * im[w];
+  }
+}
+RUBATO_WIDE_VECTORS void turn_pair(const double* a, const double* b, const double* c, const double* d,
+                                   std::size_t count, double* __restrict x, double* __restrict y) {
+  for (std::size_t w = 0; w < count; ++w) {
+    const double old = x[w];
+    x[w] = a[w] * old + b[w] * y[w];
+    y[w] = c[w] * old + d[w] * y[w];
+  }
+}
 RUBATO_WIDE_VECTORS void add_product(const double* x_re, const double* x_im, const double* y_re, const double* y_im,
                                      std::size_t count, double* __restrict out_re, double* __restrict out_im) {
   for (std::size_t w = 0; w < count; ++w) {
     out_re[w] += x_re[w] * y_re[w] - x_im[w] * y_im[w];
     out_im[w] += x_re[w] * y_im[w] + x_im[w] * y_re[w];
+  }
+}
+
+RUBATO_WIDE_VECTORS void add_products(int terms, std::size_t stride, const double* x_re, const double* x_im,
+                                      const double* y_re, const double* y_im, std::size_t count,
+                                      double* __restrict out_re, double* __restrict out_im) {
+  constexpr std::size_t piece = 16;  // waves that stay in registers over the terms
+  std::size_t w = 0;
+  for (; w + piece <= count; w += piece) {
+    double re[piece], im[piece];
+    for (std::size_t l = 0; l < piece; ++l) {
+      re[l] = out_re[w + l];
+      im[l] = out_im[w + l];
+    }
+    for (int j = 0; j < terms; ++j) {
+      const std::size_t at = static_cast<std::size_t>(j) * stride + w;
+      for (std::size_t l = 0; l < piece; ++l) {
+        re[l] += x_re[at + l] * y_re[at + l] - x_im[at + l] * y_im[at + l];
+        im[l] += x_re[at + l] * y_im[at + l] + x_im[at + l] * y_re[at + l];
+      }
+    }
+    for (std::size_t l = 0; l < piece; ++l) {
+      out_re[w + l] = re[l];
+      out_im[w + l] = im[l];
+    }
+  }
+  for (int j = 0; j < terms; ++j) {
+    const std::size_t row = static_cast<std::size_t>(j) * stride;
+    for (std::size_t i = w; i < count; ++i) {
+      out_re[i] += x_re[row + i] * y_re[row + i] - x_im[row + i] * y_im[row + i];
+      out_im[i] += x_re[row + i] * y_im[row + i] + x_im[row + i] * y_re[row + i];
+    }
+  }
+}
+
+RUBATO_WIDE_VECTORS void fill(double value, std::size_t count, double* out) {
+  for (std::size_t i = 0; i < count; ++i) {
+    out[i] = value;
+  }
+}
+RUBATO_WIDE_VECTORS void add_pair(const double* a, const double* b, std::size_t count, double* __restrict out) {
+  for (std::size_t i = 0; i < count; ++i) {
+    out[i] = a[i] + b[i];
+  }
+}
+RUBATO_WIDE_VECTORS void add_two(const double* a, const double* b, const double* c, std::size_t count,
+                                 double* __restrict out) {
+  for (std::size_t i = 0; i < count; ++i) {
+    out[i] = a[i] + (b[i] + c[i]);
+  }
+}
+RUBATO_WIDE_VECTORS void add_dot(double value, const double* l_re, const double* l_im, const double* r_re,
+                                 const double* r_im, std::size_t count, double* __restrict out) {
+  for (std::size_t w = 0; w < count; ++w) {
+    out[w] += value * (l_re[w] * r_re[w] + l_im[w] * r_im[w]);
+  }
+}
+RUBATO_WIDE_VECTORS void add_cross(double value, const double* k, const double* l_re, const double* l_im,
+                                   const double* r_re, const double* r_im, std::size_t count, double* __restrict out) {
+  for (std::size_t w = 0; w < count; ++w) {
+    out[w] += value * k[w] * (l_re[w] * r_im[w] - l_im[w] * r_re[w]);
   }
 }
 
@@ -50,6 +128,39 @@ RUBATO_WIDE_VECTORS void add_form(const double* g_re, const double* g_im, const 
   for (std::size_t w = 0; w < count; ++w) {
     const double re = g_re[w] * r_re[w] - g_im[w] * r_im[w], im = g_re[w] * r_im[w] + g_im[w] * r_re[w];
     out[w] += 0.5 * (l_re[w] * re + l_im[w] * im);
+  }
+}
+
+RUBATO_WIDE_VECTORS double sum_form(const double* g, const double* l_re, const double* l_im, const double* r_re,
+                                    const double* r_im, std::size_t count) {
+  constexpr std::size_t lanes = 8;
+  grids::EightLanes sums = {}, weight, a, b, c, d;
+  std::size_t w = 0;
+  for (; w + lanes <= count; w += lanes) {
+    std::memcpy(&weight, g + w, sizeof weight);
+    std::memcpy(&a, l_re + w, sizeof a);
+    std::memcpy(&b, r_re + w, sizeof b);
+    std::memcpy(&c, l_im + w, sizeof c);
+    std::memcpy(&d, r_im + w, sizeof d);
+    sums += weight * (a * b + c * d);
+  }
+  for (std::size_t l = 0; w + l < count; ++l) {
+    sums[l] += g[w + l] * (l_re[w + l] * r_re[w + l] + l_im[w + l] * r_im[w + l]);
+  }
+  return ((sums[0] + sums[1]) + (sums[2] + sums[3])) + ((sums[4] + sums[5]) + (sums[6] + sums[7]));
+}
+
+RUBATO_WIDE_VECTORS void interleave(const double* re, const double* im, std::size_t count, double* __restrict pairs) {
+  for (std::size_t w = 0; w < count; ++w) {
+    pairs[2 * w] = re[w];
+    pairs[2 * w + 1] = im[w];
+  }
+}
+RUBATO_WIDE_VECTORS void separate(const double* pairs, std::size_t count, double* __restrict re,
+                                  double* __restrict im) {
+  for (std::size_t w = 0; w < count; ++w) {
+    re[w] = pairs[2 * w];
+    im[w] = pairs[2 * w + 1];
   }
 }
 

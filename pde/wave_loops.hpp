@@ -12,9 +12,29 @@ namespace rubato {
 /// out += value·in.
 void add(std::complex<double> value, const double* re, const double* im, std::size_t count, double* out_re,
          double* out_im);
+/// The same with a real value.
+void add(double value, const double* re, const double* im, std::size_t count, double* out_re, double* out_im);
+/// (x, y) = (a x + b y, c x + d y), all real.
+void turn_pair(const double* a, const double* b, const double* c, const double* d, std::size_t count, double* x,
+               double* y);
 /// out += x·y.
 void add_product(const double* x_re, const double* x_im, const double* y_re, const double* y_im, std::size_t count,
                  double* out_re, double* out_im);
+/// out += Σ x_j·y_j, j < terms, whose arrays are `stride` from one to the next.
+void add_products(int terms, std::size_t stride, const double* x_re, const double* x_im, const double* y_re,
+                  const double* y_im, std::size_t count, double* out_re, double* out_im);
+/// out = value.
+void fill(double value, std::size_t count, double* out);
+/// out = a + b.
+void add_pair(const double* a, const double* b, std::size_t count, double* out);
+/// out = a + (b + c).
+void add_two(const double* a, const double* b, const double* c, std::size_t count, double* out);
+/// out += value·Re(conj(l) r).
+void add_dot(double value, const double* l_re, const double* l_im, const double* r_re, const double* r_im,
+             std::size_t count, double* out);
+/// out += value·k·Im(conj(l) r).
+void add_cross(double value, const double* k, const double* l_re, const double* l_im, const double* r_re,
+               const double* r_im, std::size_t count, double* out);
 /// re + i im = (re + i im)·x + a + i b.
 void horner(std::complex<double> x, const double* a, const double* b, std::size_t count, double* re, double* im);
 /// re + i im = (re + i im)·(a + i b).
@@ -24,6 +44,14 @@ void invert(std::size_t count, double* re, double* im);
 /// out += ½ Re(conj(l) g r).
 void add_form(const double* g_re, const double* g_im, const double* l_re, const double* l_im, const double* r_re,
               const double* r_im, std::size_t count, double* out);
+/// Σ g Re(conj(l) r), g real.
+[[nodiscard]] double sum_form(const double* g, const double* l_re, const double* l_im, const double* r_re,
+                              const double* r_im, std::size_t count);
+/// Pairs (re, im) one after the other, and back.
+///@{
+void interleave(const double* re, const double* im, std::size_t count, double* pairs);
+void separate(const double* pairs, std::size_t count, double* re, double* im);
+///@}
 /// Σ weights·values.
 [[nodiscard]] double weighted_sum(const double* weights, const double* values, std::size_t count);
 

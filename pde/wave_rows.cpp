@@ -10,40 +10,31 @@ namespace rubato {
 void from_grid(std::span<const double* const> fields, grids::Fourier& fourier, WaveRows& rows) {
   fourier.forward(fields);
   const std::size_t length = fourier.row_length();
-  grids::for_each_block(fields.size() * (rows.waves() / length),
-                        std::max<std::size_t>(1, grids::nodes_per_block / length),
-                        [&](std::size_t begin, std::size_t end) {
-                          for (std::size_t unit = begin; unit < end; ++unit) {
-                            const auto f = static_cast<int>(unit / (rows.waves() / length));
-                            const std::size_t first = unit % (rows.waves() / length) * length;
-                            const std::complex<double>* from = &fourier.at(f, first);
-                            double* re = rows.re.field(f).data() + first;
-                            double* im = rows.im.field(f).data() + first;
-                            for (std::size_t w = 0; w < length; ++w) {
-                              re[w] = from[w].real();
-                              im[w] = from[w].imag();
-                            }
-                          }
-                        });
+  grids::for_each_block(
+      fields.size() * (rows.waves() / length), std::max<std::size_t>(1, grids::nodes_per_block / length),
+      [&](std::size_t begin, std::size_t end) {
+        for (std::size_t unit = begin; unit < end; ++unit) {
+          const auto f = static_cast<int>(length == rows.waves() ? unit : unit / (rows.waves() / length));
+          const std::size_t first = length == rows.waves() ? 0 : unit % (rows.waves() / length) * length;
+          separate(reinterpret_cast<const double*>(&fourier.at(f, first)), length, rows.re.field(f).data() + first,
+                   rows.im.field(f).data() + first);
+        }
+      });
 }
 
 void to_grid(const WaveRows& rows, std::span<const int> which, grids::Fourier& fourier,
              std::span<double* const> fields) {
   const std::size_t length = fourier.row_length();
-  grids::for_each_block(which.size() * (rows.waves() / length),
-                        std::max<std::size_t>(1, grids::nodes_per_block / length),
-                        [&](std::size_t begin, std::size_t end) {
-                          for (std::size_t unit = begin; unit < end; ++unit) {
-                            const std::size_t f = unit / (rows.waves() / length);
-                            const std::size_t first = unit % (rows.waves() / length) * length;
-                            std::complex<double>* to = &fourier.at(static_cast<int>(f), first);
-                            const double* re = rows.re.field(which[f]).data() + first;
-                            const double* im = rows.im.field(which[f]).data() + first;
-                            for (std::size_t w = 0; w < length; ++w) {
-                              to[w] = std::complex<double>(re[w], im[w]);
-                            }
-                          }
-                        });
+  grids::for_each_block(
+      which.size() * (rows.waves() / length), std::max<std::size_t>(1, grids::nodes_per_block / length),
+      [&](std::size_t begin, std::size_t end) {
+        for (std::size_t unit = begin; unit < end; ++unit) {
+          const std::size_t f = length == rows.waves() ? unit : unit / (rows.waves() / length);
+          const std::size_t first = length == rows.waves() ? 0 : unit % (rows.waves() / length) * length;
+          interleave(rows.re.field(which[f]).data() + first, rows.im.field(which[f]).data() + first, length,
+                     reinterpret_cast<double*>(&fourier.at(static_cast<int>(f), first)));
+        }
+      });
   fourier.inverse(fields);
 }
 

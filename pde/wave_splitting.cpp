@@ -8,6 +8,7 @@
 #include <numbers>
 #include <numeric>
 #include <random>
+#include <ranges>
 
 #include <fmt/format.h>
 
@@ -72,6 +73,7 @@ WaveSplitting::WaveSplitting(const MultisymplecticSystem& system, const grids::G
   compile_rest();
   classify();
   parseval_ = parseval_weights(fourier_, grid);
+  find_real_forms();
   const std::size_t waves = fourier_.modes(), nodes = grid.size();
   x_ = WaveRows(size(), waves);
   moved_ = x_;
@@ -83,7 +85,8 @@ WaveSplitting::WaveSplitting(const MultisymplecticSystem& system, const grids::G
   inputs_ = places_.after(std::as_const(values_).pointers().first(varying_.size()));
   inputs_.push_back(std::as_const(values_).field(n).data());
   outputs_ = grids::FieldSet(n + 1, nodes);
-  turned_ = grids::FieldSet(n, nodes);
+  turned_ = grids::FieldSet(n + 1, nodes);
+  moved_begins_with_varying_ = std::ranges::equal(varying_, std::views::iota(0, n));
   all_.resize(static_cast<std::size_t>(system.field_count()));
   std::iota(all_.begin(), all_.end(), 0);
   propagators_.resize(most_propagators);
@@ -242,6 +245,29 @@ void WaveSplitting::group_waves() {
   }
 }
 
+/// Wave equations and Schrödinger's have real A and G: half of the work, and G is symmetric.
+void WaveSplitting::find_real_forms() {
+  real_pairs_ = grids::max_abs(std::as_const(generator_form_.im).all()) == 0.0 &&
+                std::ranges::all_of(groups_, [](const auto& group) { return group.size() <= 2; });
+  if (grids::max_abs(std::as_const(energy_form_.im).all()) > 0.0) {
+    return;
+  }
+  for (const auto& [row, column] : coupled_) {
+    if (row <= column && grids::max_abs(std::as_const(energy_form_.re).field(row * size() + column)) > 0.0) {
+      real_forms_.emplace_back(row, column);
+    }
+  }
+  real_form_weights_ = WaveRows(static_cast<int>(real_forms_.size()), fourier_.modes());
+  for (std::size_t f = 0; f < real_forms_.size(); ++f) {
+    const auto [row, column] = real_forms_[f];
+    const auto weights = real_form_weights_.re.field(static_cast<int>(f));
+    const auto G = std::as_const(energy_form_.re).field(row * size() + column);
+    for (std::size_t w = 0; w < weights.size(); ++w) {
+      weights[w] = (row == column ? 0.5 : 1.0) * parseval_[w] * G[w];
+    }
+  }
+}
+
 /// N = S - ½ zᵀLz at the fields that S'' varies with, or that S has a linear term of; the others 0.
 void WaveSplitting::compile_rest() {
   const std::vector<double> slope = potential_slopes_at_zero(system_);
@@ -279,7 +305,7 @@ void WaveSplitting::compile_rest() {
 
   // Where each varying field has one partner, the turn by the angle θ = μτ (p ∂_pN + q ∂_qN)/(p² + q²).
   const Expression tau = graph->variable("the time of a turn");
-  std::vector<Expression> turned, inputs = arguments;
+  std::vector<Expression> turned = {N}, inputs = arguments;
   inputs.push_back(tau);
   for (std::size_t i = 0; i < varying.size(); ++i) {
     const auto is_partner = [&](int place) { return inverse_M_(varying_[i], place) != 0.0; };
@@ -297,7 +323,7 @@ void WaveSplitting::compile_rest() {
       }
     }
   }
-  if (turned.size() == varying.size()) {
+  if (turned.size() == varying.size() + 1) {
     turns_ = formula::BatchEvaluator(formula::Bytecode(turned, inputs));
     flow_ = Flow::turn;
   }
@@ -443,12 +469,21 @@ void WaveSplitting::multiply(const WaveRows& matrix, const WaveRows& in, WaveRow
 /// X_1 of moved_.
 double WaveSplitting::wave_energy() const {
   const grids::ReductionBlocks pieces(moved_.waves());
-  std::array<double, grids::ReductionBlocks::most> partial{};
+  std::array<double, grids::ReductionBlocks::most> partial;  // each is set below, and most are never used
   grids::for_each_block(moved_.waves(), pieces.block, [&](std::size_t begin, std::size_t end) {
     CompensatedSum sum;
     alignas(64) std::array<double, wave_block> terms;
     for (std::size_t first = begin; first < end; first += wave_block) {
       const std::size_t count = std::min(wave_block, end - first);
+      for (std::size_t f = 0; f < real_forms_.size(); ++f) {
+        const auto [row, column] = real_forms_[f];
+        sum.add(sum_form(real_form_weights_.re.field(static_cast<int>(f)).data() + first,
+                         moved_.re.field(row).data() + first, moved_.im.field(row).data() + first,
+                         moved_.re.field(column).data() + first, moved_.im.field(column).data() + first, count));
+      }
+      if (!real_forms_.empty()) {
+        continue;
+      }
       terms.fill(0.0);
       for (const auto& [row, column] : coupled_) {
         const int entry = row * size() + column;
@@ -483,6 +518,10 @@ bool WaveSplitting::evaluate_rest() {
     rest_energy_ = 0.0;
     return true;
   }
+  if (rest_is_known_) {
+    return std::isfinite(rest_energy_);
+  }
+  rest_is_known_ = rest_energy_is_known_ = true;
   const std::size_t n = varying_.size();
   to_grid(moved_, varying_, fourier_, values_.pointers().first(n));
   rest_(grid_.size(), std::span(inputs_).first(inputs_.size() - 1), outputs_.pointers());
@@ -492,8 +531,27 @@ bool WaveSplitting::evaluate_rest() {
 
 /// moved_ goes along the flow of the waves, and of what is linear in S.
 void WaveSplitting::drift(double tau) {
-  multiply(propagator(tau), moved_, next_);
-  std::swap(moved_, next_);
+  rest_is_known_ = rest_energy_is_known_ = false;
+  const WaveRows& E = propagator(tau);
+  if (real_pairs_) {
+    for (const std::vector<int>& group : groups_) {
+      const int x = group.front(), y = group.back();
+      const auto entry = [&](int row, int column) { return E.re.field(row * size() + column).data(); };
+      for (grids::FieldSet* part : {&moved_.re, &moved_.im}) {
+        if (group.size() == 2) {
+          turn_pair(entry(x, x), entry(x, y), entry(y, x), entry(y, y), moved_.waves(), part->field(x).data(),
+                    part->field(y).data());
+        } else {
+          for (std::size_t w = 0; w < moved_.waves(); ++w) {
+            part->field(x)[w] *= entry(x, x)[w];
+          }
+        }
+      }
+    }
+  } else {
+    multiply(E, moved_, next_);
+    std::swap(moved_, next_);
+  }
   for (std::size_t p = 0; p < translation_.size(); ++p) {
     moved_.re.field(static_cast<int>(p))[0] += tau * translation_[p] * static_cast<double>(grid_.size());
   }
@@ -511,23 +569,35 @@ void WaveSplitting::kick_by(std::size_t v, int row, double tau) {
 
 /// moved_ goes along the flow of N for a time τ; leaves rest_energy_.
 bool WaveSplitting::kick(double tau) {
-  if (!evaluate_rest()) {
+  const std::size_t n = varying_.size();
+  if (flow_ == Flow::turn && kicking_.empty()) {  // no gradient is wanted
+    to_grid(moved_, varying_, fourier_, values_.pointers().first(n));
+  } else if (!evaluate_rest()) {
     return false;
   }
-  const std::size_t n = varying_.size();
   if (flow_ == Flow::kick) {
     from_grid(std::as_const(outputs_).pointers().subspan(1), fourier_, rest_rows_);
     for (std::size_t v = 0; v < n; ++v) {
       kick_by(v, static_cast<int>(v), tau);
     }
   } else if (flow_ == Flow::turn) {
-    std::ranges::fill(values_.field(static_cast<int>(n)), tau);
+    rest_is_known_ = false;  // but for its energy, which a turn keeps
+    rubato::fill(tau, grid_.size(), values_.field(static_cast<int>(n)).data());
     turns_(grid_.size(), inputs_, turned_.pointers());
-    from_grid(std::as_const(turned_).pointers(), fourier_, rest_rows_);
-    for (std::size_t v = 0; v < n; ++v) {
-      const auto row = static_cast<int>(v);
-      std::ranges::copy(std::as_const(rest_rows_.re).field(row), moved_.re.field(varying_[v]).begin());
-      std::ranges::copy(std::as_const(rest_rows_.im).field(row), moved_.im.field(varying_[v]).begin());
+    rest_energy_ = grid_.cell_volume() * grids::sum(std::as_const(turned_).field(0));
+    rest_energy_is_known_ = true;
+    if (!std::isfinite(rest_energy_)) {
+      return false;
+    }
+    if (moved_begins_with_varying_) {
+      from_grid(std::as_const(turned_).pointers().subspan(1), fourier_, moved_);
+    } else {
+      from_grid(std::as_const(turned_).pointers().subspan(1), fourier_, rest_rows_);
+      for (std::size_t v = 0; v < n; ++v) {
+        const auto row = static_cast<int>(v);
+        std::ranges::copy(std::as_const(rest_rows_.re).field(row), moved_.re.field(varying_[v]).begin());
+        std::ranges::copy(std::as_const(rest_rows_.im).field(row), moved_.im.field(varying_[v]).begin());
+      }
     }
     if (!kicking_.empty()) {  // along a turn, ∂N of what is not turned is constant
       from_grid(std::as_const(outputs_).pointers().subspan(1), fourier_, rest_rows_);
@@ -542,6 +612,7 @@ bool WaveSplitting::kick(double tau) {
 bool WaveSplitting::step(const Composition& composition, double h) {
   std::ranges::copy(std::as_const(x_.re).all(), moved_.re.all().begin());
   std::ranges::copy(std::as_const(x_.im).all(), moved_.im.all().begin());
+  rest_is_known_ = rest_energy_is_known_ = false;
   CompensatedSum K;
   for (const Composition::Part& part : composition.parts) {
     if (part.drift) {
@@ -559,7 +630,9 @@ bool WaveSplitting::step(const Composition& composition, double h) {
 }
 
 double WaveSplitting::energy() {
-  return evaluate_rest() ? wave_energy() + rest_energy_ : std::numeric_limits<double>::quiet_NaN();
+  return (rest_energy_is_known_ || evaluate_rest()) && std::isfinite(rest_energy_)
+             ? wave_energy() + rest_energy_
+             : std::numeric_limits<double>::quiet_NaN();
 }
 
 void WaveSplitting::fields(grids::FieldSet& fields) {
@@ -580,7 +653,25 @@ void WaveSplitting::fields(grids::FieldSet& fields) {
                   re, im);
     }
   }
-  to_grid(work_, all_, fourier_, fields.pointers());
+  if (!rest_is_known_) {
+    to_grid(work_, all_, fourier_, fields.pointers());
+    return;
+  }
+  // The last kick has seen the varying fields at the nodes.
+  std::array<int, MultisymplecticSystem::most_fields> which{};
+  std::array<double*, MultisymplecticSystem::most_fields> to{};
+  std::size_t count = 0;
+  for (const int f : all_) {
+    const auto seen = std::ranges::find(varying_, f, [&](int p) { return evolving_[static_cast<std::size_t>(p)]; });
+    if (seen != varying_.end()) {
+      std::ranges::copy(std::as_const(values_).field(static_cast<int>(seen - varying_.begin())),
+                        fields.field(f).begin());
+    } else {
+      which[count] = f;
+      to[count++] = fields.field(f).data();
+    }
+  }
+  to_grid(work_, std::span(which).first(count), fourier_, std::span(to).first(count));
 }
 
 /// x_t = A x + M⁻¹∇N.

@@ -68,6 +68,7 @@ private:
   [[nodiscard]] bool is_turn() const;
   [[nodiscard]] const WaveRows& propagator(double tau);
   void fill(double tau, WaveRows& entries) const;
+  void find_real_forms();
   void multiply(const WaveRows& matrix, const WaveRows& in, WaveRows& out) const;
   void drift(double tau);
   [[nodiscard]] bool kick(double tau);
@@ -90,6 +91,10 @@ private:
   WaveRows slaves_;                           ///< C of ŷ = C x̂, row·r + column
   std::vector<std::vector<int>> groups_;      ///< places of evolving fields that A couples
   std::vector<std::pair<int, int>> coupled_;  ///< pairs of places in one group
+  bool real_pairs_ = false;                   ///< A is real, and its groups have two fields at most
+  /// X_1 as Σ weighted Re(conj x̂_row x̂_column), where G is real on every wave; empty where it is not.
+  std::vector<std::pair<int, int>> real_forms_;
+  WaveRows real_form_weights_;  ///< by the same, in re
   std::vector<Propagator> propagators_;
   std::size_t replaced_ = 0;
   std::vector<double> parseval_;
@@ -97,19 +102,22 @@ private:
   std::vector<double> slope_;        ///< of S in the fields that it moves linearly, with the waves; 0 for the others
   std::vector<double> translation_;  ///< of evolving fields, M⁻¹ slope: their rate beside that of the waves
 
-  std::vector<int> varying_;          ///< places of the evolving fields that N depends on
-  std::vector<std::size_t> kicking_;  ///< of turns: those of varying_ that are not turned
+  std::vector<int> varying_;                ///< places of the evolving fields that N depends on
+  std::vector<std::size_t> kicking_;        ///< of turns: those of varying_ that are not turned
+  bool moved_begins_with_varying_ = false;  ///< varying_ is 0, 1, …
   Flow flow_ = Flow::none;
   PlacedCoordinates places_;
   formula::BatchEvaluator rest_;   ///< N and ∇N of the varying fields, in the coordinates
-  formula::BatchEvaluator turns_;  ///< of the same and τ: where they are turned to
+  formula::BatchEvaluator turns_;  ///< of the same and τ: N, and where they are turned to
   WaveRows x_, moved_, next_, work_, rest_rows_;
   grids::FieldSet values_;             ///< the varying fields at the nodes, then τ
   std::vector<const double*> inputs_;  ///< the varying fields, the coordinates, τ
   grids::FieldSet outputs_;            ///< N and ∇N
-  grids::FieldSet turned_;
+  grids::FieldSet turned_;             ///< N and that
   std::vector<int> all_;
-  double rest_energy_ = 0.0;  ///< Σ ΔV N as last evaluated
+  double rest_energy_ = 0.0;           ///< Σ ΔV N as last evaluated
+  bool rest_is_known_ = false;         ///< values_ and outputs_ are of moved_
+  bool rest_energy_is_known_ = false;  ///< rest_energy_ is
   double generator_ = 0.0;
 };
 

@@ -1,0 +1,124 @@
+#include <rubato/grids/reductions.hpp>
+
+#include <cstring>
+
+#include <rubato/grids/wide_vectors.hpp>
+
+namespace rubato::grids {
+
+namespace {
+
+constexpr std::size_t lanes = detail::reduction_lanes;
+
+/// Lane by lane Knuth's two-sum, as compensated_sum_of() has it.
+RUBATO_WIDE_VECTORS void sum_in_lanes(const double* values, std::size_t count, double* sums, double* rests) {
+  EightLanes high = {}, low = {}, term;
+  std::size_t i = 0;
+  for (; i + lanes <= count; i += lanes) {
+    std::memcpy(&term, values + i, sizeof term);
+    const EightLanes sum = high + term, moved = sum - high;
+    low += (high - (sum - moved)) + (term - moved);
+    high = sum;
+  }
+  if (i < count) {  // zeros change neither part
+    term = EightLanes{};
+    std::memcpy(&term, values + i, (count - i) * sizeof(double));
+    const EightLanes sum = high + term, moved = sum - high;
+    low += (high - (sum - moved)) + (term - moved);
+    high = sum;
+  }
+  std::memcpy(sums, &high, sizeof high);
+  std::memcpy(rests, &low, sizeof low);
+}
+
+/// The largest |a| or, with b, |a - b|; `poison` becomes NaN with a value that is not finite. In four times as many
+/// lanes, to hide what a comparison takes: their number does not matter to a maximum.
+template <bool has_second>
+[[gnu::always_inline]] inline double largest_of(const double* a, const double* b, std::size_t count, double& poison) {
+  constexpr std::size_t chains = 4;
+  EightLanes sizes[chains] = {}, poisons[chains] = {}, value, other;
+  std::size_t i = 0;
+  const auto take = [&](std::size_t c, std::size_t values) __attribute__((always_inline)) {
+    value = other = EightLanes{};
+    std::memcpy(&value, a + i, values * sizeof(double));
+    if constexpr (has_second) {
+      std::memcpy(&other, b + i, values * sizeof(double));
+      value -= other;
+    }
+    const EightLanes size = value < 0.0 ? -value : value;
+    sizes[c] = size > sizes[c] ? size : sizes[c];
+    poisons[c] += 0.0 * value;
+    i += values;
+  };
+  while (i + chains * lanes <= count) {
+    take(0, lanes);
+    take(1, lanes);
+    take(2, lanes);
+    take(3, lanes);
+  }
+  while (i + lanes <= count) {
+    take(0, lanes);
+  }
+  if (i < count) {
+    take(0, count - i);
+  }
+  double largest = 0.0;
+  for (std::size_t c = 0; c < chains; ++c) {
+    for (std::size_t l = 0; l < lanes; ++l) {
+      largest = sizes[c][l] > largest ? sizes[c][l] : largest;
+      poison += poisons[c][l];
+    }
+  }
+  return largest;
+}
+RUBATO_WIDE_VECTORS double largest_in_lanes(const double* values, std::size_t count, double& poison) {
+  return largest_of<false>(values, nullptr, count, poison);
+}
+RUBATO_WIDE_VECTORS double largest_difference(const double* a, const double* b, std::size_t count, double& poison) {
+  return largest_of<true>(a, b, count, poison);
+}
+
+}  // namespace
+
+double sum(std::span<const double> values) {
+  const ReductionBlocks pieces(values.size());
+  if (pieces.blocks > 1) {
+    return sum_of(values.size(), [v = values.data()](std::size_t i) { return v[i]; });
+  }
+  double sums[lanes], rests[lanes];
+  sum_in_lanes(values.data(), values.size(), sums, rests);
+  CompensatedSum part, total;
+  for (std::size_t l = 0; l < lanes; ++l) {
+    part.add(sums[l]);
+    part.low += rests[l];
+  }
+  total.add(part.high);
+  total.low += part.low;
+  return std::isfinite(total.high) ? total.value() : total.high;
+}
+
+double max_abs(std::span<const double> values) {
+  const ReductionBlocks pieces(values.size());
+  if (pieces.blocks == 1) {
+    double poison = 0.0;
+    const double largest = largest_in_lanes(values.data(), values.size(), poison);
+    if (poison == 0.0) {
+      return largest;
+    }
+  }
+  return max_abs_of(values.size(), [v = values.data()](std::size_t i) { return v[i]; });
+}
+
+double max_abs_difference(std::span<const double> a, std::span<const double> b) {
+  const ReductionBlocks pieces(a.size());
+  if (pieces.blocks == 1) {
+    double poison = 0.0;
+    const double largest = largest_difference(a.data(), b.data(), a.size(), poison);
+    if (poison == 0.0) {
+      return largest;
+    }
+  }
+  return max_abs_of(a.size(), [p = a.data(), q = b.data()](std::size_t i) { return p[i] - q[i]; });
+}
+
+}  // namespace rubato::grids
