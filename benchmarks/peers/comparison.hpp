@@ -1,0 +1,94 @@
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <rubato/pde/lattice.hpp>
+
+#include "peer.hpp"
+
+/// \file
+/// Work against accuracy: for each error asked for, the cheapest run of each method that reaches it, over grids and
+/// steps.
+
+namespace comparison {
+
+struct Outcome {
+  double error = 0.0;
+  double seconds = 0.0;  ///< CPU time of the steps
+  double before = 0.0;   ///< of these, what was spent before the first step (the scout of variable levels)
+};
+
+/// What rows of the table are of.
+enum class Class { peer, ours, with_laws, with_levels };
+
+/// A method on one grid: a run with so many steps.
+struct Method {
+  std::string name;
+  Class kind = Class::peer;
+  std::size_t nodes = 0;
+  int first = 1;  ///< steps to begin with
+  std::function<Outcome(int)> run;
+};
+
+/// A problem, as peers and as Rubato have it.
+struct Problem {
+  std::string name;
+  double from = 0.0, length = 1.0, until = 0.0;
+  rubato::MultisymplecticSystem system;
+  std::vector<int> fields;        ///< that are compared: u; p and q
+  peers::Function first, second;  ///< u and u_t, or p and q, at the start
+  /// The fields of Rubato's that are given, as InitialFields has them: 0 for none, 1 for `first`, 2 for `second`.
+  std::vector<int> given;
+  std::function<std::unique_ptr<peers::Peer>(std::size_t nodes)> converged;  ///< for the solution to compare with
+  std::size_t converged_nodes = 0;
+  int converged_steps = 0;
+  double scale = 1.0;  ///< errors are beside it
+
+  [[nodiscard]] peers::Line line(std::size_t nodes) const { return {from, length, nodes}; }
+  [[nodiscard]] rubato::grids::Grid grid(std::size_t nodes) const;
+  [[nodiscard]] rubato::InitialFields initial(std::size_t nodes) const;
+};
+
+/// The solution at `until` and for a while after it.
+class Reference {
+public:
+  explicit Reference(const Problem& problem);
+  [[nodiscard]] double error(const std::vector<std::vector<double>>& fields, double t) const;
+  [[nodiscard]] double error(const peers::Series& series, std::size_t nodes) const;
+  /// Difference from one with half as many steps, on fewer nodes.
+  [[nodiscard]] double uncertainty() const { return uncertainty_; }
+
+private:
+  const Problem& problem_;
+  std::unique_ptr<peers::Peer> peer_;
+  peers::Peer::State end_;
+  peers::Series series_;
+  double uncertainty_ = 0.0;
+};
+
+/// A peer's runs on one grid.
+[[nodiscard]] Method peer_method(const Problem& problem, const Reference& reference, std::string name,
+                                 std::unique_ptr<peers::Peer> peer, std::size_t nodes, int first);
+/// Rubato's, of these options.
+[[nodiscard]] Method our_method(const Problem& problem, const Reference& reference, rubato::LatticeOptions options,
+                                Class kind, std::size_t nodes, int first);
+/// All three kinds of ours, for each of these options and grids.
+void add_ours(const Problem& problem, const Reference& reference, const std::vector<rubato::LatticeOptions>& options,
+              const std::vector<std::size_t>& nodes, int first, std::vector<Method>& methods);
+/// Of a splitting, and of `fourier` with so many stages.
+///@{
+[[nodiscard]] rubato::LatticeOptions splitting(const std::string& composition);
+[[nodiscard]] rubato::LatticeOptions gauss(int stages);
+///@}
+
+/// A skew matrix from its upper entries.
+[[nodiscard]] Eigen::MatrixXd skew(int size, std::initializer_list<std::tuple<int, int, double>> entries);
+
+/// Searches, measures the cheapest of each kind again in turns, and prints.
+void report(const Problem& problem, const Reference& reference, const std::vector<Method>& methods, int repeats);
+
+}  // namespace comparison

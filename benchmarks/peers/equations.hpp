@@ -1,0 +1,15 @@
+#pragma once
+
+/// \file
+/// The comparisons, one for each equation.
+
+namespace comparison {
+
+void sine_gordon(int repeats);
+void klein_gordon(int repeats);
+void schroedinger(int repeats);
+void korteweg_de_vries(int repeats);
+void two_solitons(int repeats);
+void benjamin_bona_mahony(int repeats);
+
+}  // namespace comparison

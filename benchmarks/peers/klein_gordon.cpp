@@ -1,0 +1,42 @@
+#include <cmath>
+
+#include "comparison.hpp"
+#include "equations.hpp"
+
+namespace comparison {
+
+/// u_tt = u_xx - u - u³: a tall pulse that falls apart into waves.
+void klein_gordon(int repeats) {
+  const Problem problem{
+      .name = "cubic Klein-Gordon pulse",
+      .from = -20,
+      .length = 40,
+      .until = 12,
+      .system = rubato::MultisymplecticSystem({"u", "v", "w"}, skew(3, {{0, 1, -1}}), {skew(3, {{0, 2, 1}})},
+                                              "(v^2 - w^2)/2 + u^2/2 + u^4/4"),
+      .fields = {0},
+      .first = [](double x) { return 2 / std::cosh(x); },
+      .second = [](double) { return 0.0; },
+      .given = {1, 2, 0},
+      .converged =
+          [](std::size_t n) {
+            return peers::waves_and_kicks({-20, 40, n}, peers::Rest::cubic, "kahan-li-8");
+          },
+      .converged_nodes = 480,
+      .converged_steps = 3000};
+  const Reference reference(problem);
+  std::vector<Method> methods;
+  const std::vector<std::size_t> grids = {80, 96, 112, 128, 160, 192, 224, 256, 288};
+  for (const char* name : {"verlet", "blanes-moan-4", "kahan-li-6", "kahan-li-8"}) {
+    for (const std::size_t n : grids) {
+      methods.push_back(peer_method(problem, reference, name,
+                                    peers::waves_and_kicks(problem.line(n), peers::Rest::cubic, name), n, 10));
+    }
+  }
+  add_ours(problem, reference, {splitting("blanes-moan-4"), splitting("kahan-li-6"), splitting("kahan-li-8")}, grids,
+           10, methods);
+  add_ours(problem, reference, {gauss(3), gauss(4), gauss(6), gauss(8)}, grids, 8, methods);
+  report(problem, reference, methods, repeats);
+}
+
+}  // namespace comparison
