@@ -24,8 +24,10 @@
 #include <limits>
 #include <numbers>
 #include <string>
+#include <tuple>
 #include <vector>
 
+#include <fmt/format.h>
 #include <Eigen/Dense>
 
 #include <rubato/ode/gauss_scheme.hpp>
@@ -355,6 +357,23 @@ void measure(const Problem& problem, int repeats, bool with_rival) {
   std::fprintf(stderr, "%s: references %s apart\n", problem.name.c_str(), number(distance(one, other)).c_str());
 }
 
+/// What becomes of a run with first steps that differ by 1e-7 of themselves.
+void vary(Problem problem, TrueOrbit& truth, Kind potential, const char* levels) {
+  const double step = problem.step;
+  std::size_t least = std::numeric_limits<std::size_t>::max(), most = 0;
+  double nearest = std::numeric_limits<double>::infinity(), farthest = 0.0;
+  for (int i = -3; i <= 3; ++i) {
+    problem.step = step * (1.0 + 1e-7 * i);
+    const Row row = run_library(problem, truth, 1, rubato::Levels::variable, {.kind = potential}, levels);
+    least = std::min(least, row.off);
+    most = std::max(most, row.off);
+    nearest = std::min(nearest, row.energy);
+    farthest = std::max(farthest, row.energy);
+  }
+  std::printf("%s, %s, first steps that differ by 1e-7: %zu to %zu steps off the law, H off by %s to %s\n",
+              problem.name.c_str(), levels, least, most, number(nearest).c_str(), number(farthest).c_str());
+}
+
 /// A kink and an antikink on a ring, which meet: the lattice of the catalogue with spectral derivatives in space.
 void measure_kinks(int repeats) {
   const auto run_with = [&](const std::string& name, const std::string& setting) {
@@ -492,5 +511,20 @@ int main(int count, char** arguments) {
   measure(kepler("Kepler, e = 0.6", 0.6, Gauss{2}, 0.2), repeats, true);
   measure(kepler("Kepler, e = 0.8", 0.8, Gauss{2}, 0.2), repeats, true);
   measure(kepler("Kepler, e = 0.9", 0.9, Gauss{2}, 0.2), repeats, true);
+  measure(kepler("Kepler, e = 0.9, half the first step", 0.9, Gauss{2}, 0.1), repeats, true);
+
+  std::printf("\n");
+  for (const auto& [e, scheme, part] :
+       {std::tuple(0.8, SegmentLagrangian(Midpoint{}), 0.1), std::tuple(0.8, SegmentLagrangian(Gauss{2}), 0.2),
+        std::tuple(0.9, SegmentLagrangian(Gauss{2}), 0.2), std::tuple(0.9, SegmentLagrangian(Gauss{2}), 0.1)}) {
+    const bool midpoint = std::holds_alternative<Midpoint>(scheme);
+    const Problem problem = kepler(
+        fmt::format("Kepler, e = {}, {}, {}", e, midpoint ? "midpoint" : "Gauss, 2 stages", part), e, scheme, part);
+    TrueOrbit truth(problem, problem.step);
+    if (midpoint) {
+      vary(problem, truth, Kind::none, "bridges");
+    }
+    vary(problem, truth, Kind::automatic, "potential");
+  }
   return EXIT_SUCCESS;
 }
