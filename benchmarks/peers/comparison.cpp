@@ -178,7 +178,7 @@ void report(const Problem& problem, const Reference& reference, const std::vecto
   }
   std::printf("  medians of %d in turns, ms, for an error of\n%-24s", repeats, "");
   for (const double target : targets) {
-    std::printf("%34.0e", target);
+    std::printf("%40.0e", target);
   }
   std::printf("\n");
   std::map<Class, std::array<double, targets.size()>> medians;
@@ -187,7 +187,7 @@ void report(const Problem& problem, const Reference& reference, const std::vecto
     for (std::size_t t = 0; t < targets.size(); ++t) {
       medians[kind][t] = none;
       if (of_targets[t].empty()) {
-        std::printf("%34s", "-");
+        std::printf(" %39s", "-");
         continue;
       }
       const Candidate& first = *std::ranges::min_element(of_targets[t], {}, &Candidate::time);
@@ -195,7 +195,7 @@ void report(const Problem& problem, const Reference& reference, const std::vecto
       char text[64];
       std::snprintf(text, sizeof text, "%.3f±%.0f%% %s/%zu/%d", 1e3 * first.time(), 100.0 * first.spread(),
                     first.method->name.c_str(), first.method->nodes, first.steps);
-      std::printf("%34s", text);
+      std::printf(" %39s", text);
     }
     std::printf("\n");
   }
@@ -203,10 +203,10 @@ void report(const Problem& problem, const Reference& reference, const std::vecto
     std::printf("%-24s", "  of it the scout");
     for (const auto& candidates : best[Class::with_levels]) {
       if (candidates.empty()) {
-        std::printf("%34s", "-");
+        std::printf(" %39s", "-");
       } else {
         const Candidate& first = *std::ranges::min_element(candidates, {}, &Candidate::time);
-        std::printf("%34.3f", 1e3 * Candidate::median(first.befores));
+        std::printf("%40.3f", 1e3 * Candidate::median(first.befores));
       }
     }
     std::printf("\n");
@@ -217,7 +217,7 @@ void report(const Problem& problem, const Reference& reference, const std::vecto
     }
     std::printf("%-24s", name);
     for (std::size_t t = 0; t < targets.size(); ++t) {
-      std::printf("%34.2f", medians[over][t] / medians[under][t]);
+      std::printf("%40.2f", medians[over][t] / medians[under][t]);
     }
     std::printf("\n");
   };

@@ -45,7 +45,7 @@ void korteweg_de_vries(int repeats) {
                },
            .converged_nodes = 320,
            .converged_steps = 20000},
-          6.0, {80, 96, 108, 128, 144, 160, 180, 192, 216}, 200, 60, repeats);
+          6.0, {80, 96, 108, 128, 144, 160, 180, 192, 216}, 200, 24, repeats);
 }
 
 /// u_t + u u_x + u_xxx = 0: two solitons, the taller overtaking.

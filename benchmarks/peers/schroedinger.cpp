@@ -41,7 +41,7 @@ void schroedinger(int repeats) {
   add_ours(problem, reference,
            {splitting("golden"), splitting("blanes-moan-4"), splitting("kahan-li-6"), splitting("kahan-li-8")}, grids,
            20, methods);
-  add_ours(problem, reference, {gauss(3), gauss(4), gauss(6), gauss(8)}, grids, 10, methods);
+  add_ours(problem, reference, {gauss(3), gauss(4), gauss(6), gauss(8)}, grids, 5, methods);
   report(problem, reference, methods, repeats);
 }
 
