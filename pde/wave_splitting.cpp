@@ -74,6 +74,7 @@ WaveSplitting::WaveSplitting(const MultisymplecticSystem& system, const grids::G
   classify();
   parseval_ = parseval_weights(fourier_, grid);
   find_real_forms();
+  find_frequencies();
   const std::size_t waves = fourier_.modes(), nodes = grid.size();
   x_ = WaveRows(size(), waves);
   moved_ = x_;
@@ -396,7 +397,67 @@ void WaveSplitting::stand(const LatticeLevel& level) {
   from_grid(std::span(from).first(evolving_.size()), fourier_, x_);
 }
 
-void WaveSplitting::fill(double tau, WaveRows& entries) const {
+/// Groups of two fields that turn into each other with a frequency for each wave: sines and cosines in vectors.
+void WaveSplitting::find_frequencies() {
+  constexpr std::size_t most_waves = 4096;  // more are filled in several threads
+  const auto A = [&](int row, int column) { return std::as_const(generator_form_.re).field(row * size() + column); };
+  frequencies_ = grids::FieldSet();
+  if (!real_pairs_ || fourier_.modes() > most_waves) {
+    return;
+  }
+  grids::FieldSet frequencies(static_cast<int>(groups_.size()), fourier_.modes());
+  for (std::size_t g = 0; g < groups_.size(); ++g) {
+    const int x = groups_[g].front(), y = groups_[g].back();
+    if (x == y || grids::max_abs(A(x, x)) > 0.0 || grids::max_abs(A(y, y)) > 0.0) {
+      return;
+    }
+    for (std::size_t w = 0; w < frequencies.size(); ++w) {
+      const double squared = -A(x, y)[w] * A(y, x)[w];
+      if (!(squared >= 0.0)) {
+        return;
+      }
+      frequencies.field(static_cast<int>(g))[w] = std::sqrt(squared);
+    }
+  }
+  formula::Graph graph;
+  const Expression angle = graph.variable("angle");
+  turn_ = formula::BatchEvaluator(formula::Bytecode(std::array{cos(angle), sin(angle)}, std::array{angle}));
+  frequencies_ = std::move(frequencies);
+  angles_ = grids::FieldSet(3, fourier_.modes());
+}
+
+void WaveSplitting::fill_by_frequencies(double tau, WaveRows& entries) {
+  const std::size_t waves = fourier_.modes();
+  double *const angle = angles_.field(0).data(), *const cosine = angles_.field(1).data(),
+                *const sine = angles_.field(2).data();
+  for (std::size_t g = 0; g < groups_.size(); ++g) {
+    const int x = groups_[g].front(), y = groups_[g].back();
+    const auto row = [&](int r, int c) { return r * size() + c; };
+    const double* omega = std::as_const(frequencies_).field(static_cast<int>(g)).data();
+    for (std::size_t w = 0; w < waves; ++w) {
+      angle[w] = omega[w] * tau;
+    }
+    const double* const in[] = {angle};
+    double* const out[] = {cosine, sine};
+    turn_(waves, in, out);
+    const double* up = std::as_const(generator_form_.re).field(row(x, y)).data();
+    const double* down = std::as_const(generator_form_.re).field(row(y, x)).data();
+    double *const E_xy = entries.re.field(row(x, y)).data(), *const E_yx = entries.re.field(row(y, x)).data();
+    for (std::size_t w = 0; w < waves; ++w) {
+      const double s = omega[w] == 0.0 ? tau : sine[w] / omega[w];
+      E_xy[w] = s * up[w];
+      E_yx[w] = s * down[w];
+    }
+    std::copy_n(cosine, waves, entries.re.field(row(x, x)).data());
+    std::copy_n(cosine, waves, entries.re.field(row(y, y)).data());
+  }
+}
+
+void WaveSplitting::fill(double tau, WaveRows& entries) {
+  if (frequencies_.fields() > 0) {
+    fill_by_frequencies(tau, entries);
+    return;
+  }
   for_each_wave_block(fourier_.modes(), [&](std::size_t begin, std::size_t end) {
     for (const std::vector<int>& members : groups_) {
       const auto n = static_cast<Index>(members.size());

@@ -67,7 +67,9 @@ private:
   void classify();
   [[nodiscard]] bool is_turn() const;
   [[nodiscard]] const WaveRows& propagator(double tau);
-  void fill(double tau, WaveRows& entries) const;
+  void find_frequencies();
+  void fill(double tau, WaveRows& entries);
+  void fill_by_frequencies(double tau, WaveRows& entries);
   void find_real_forms();
   void multiply(const WaveRows& matrix, const WaveRows& in, WaveRows& out) const;
   void drift(double tau);
@@ -94,7 +96,10 @@ private:
   bool real_pairs_ = false;                   ///< A is real, and its groups have two fields at most
   /// X_1 as Σ weighted Re(conj x̂_row x̂_column), where G is real on every wave; empty where it is not.
   std::vector<std::pair<int, int>> real_forms_;
-  WaveRows real_form_weights_;  ///< by the same, in re
+  WaveRows real_form_weights_;    ///< by the same, in re
+  grids::FieldSet frequencies_;   ///< ω of each group and wave, where the pairs turn and are few; none elsewhere
+  formula::BatchEvaluator turn_;  ///< cosine and sine of an angle
+  grids::FieldSet angles_;        ///< of the waves, their cosines and sines
   std::vector<Propagator> propagators_;
   std::size_t replaced_ = 0;
   std::vector<double> parseval_;
