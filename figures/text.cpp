@@ -11,6 +11,14 @@ namespace rubato::figures {
 
 namespace {
 
+std::string array_of(const std::vector<std::string>& texts) {
+  std::string array;
+  for (const std::string& one : texts) {
+    array += (array.empty() ? "" : ", ") + rubato::quoted(one);
+  }
+  return "[" + array + "]";
+}
+
 JsonObject range(const Spread& values) {
   return values.any() ? JsonObject().number("min", values.min).number("max", values.max) : JsonObject();
 }
@@ -208,14 +216,13 @@ JsonObject& JsonObject::objects(std::string_view key, const std::vector<JsonObje
   }
   return raw(key, "[" + array + "]");
 }
+JsonObject& JsonObject::texts(std::string_view key, const std::vector<std::string>& texts) {
+  return texts.empty() ? *this : raw(key, array_of(texts));
+}
 JsonObject& JsonObject::lists(std::string_view key, const std::vector<std::vector<std::string>>& lists) {
   std::string array;
   for (const std::vector<std::string>& list : lists) {
-    std::string texts;
-    for (const std::string& one : list) {
-      texts += (texts.empty() ? "" : ", ") + rubato::quoted(one);
-    }
-    array += (array.empty() ? "[" : ", [") + texts + "]";
+    array += (array.empty() ? "" : ", ") + array_of(list);
   }
   return raw(key, "[" + array + "]");
 }

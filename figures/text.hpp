@@ -23,6 +23,8 @@ public:
   JsonObject& object(std::string_view key, const JsonObject& value);
   /// An array of objects.
   JsonObject& objects(std::string_view key, const std::vector<JsonObject>& values);
+  /// An array of texts; one without entries is left out.
+  JsonObject& texts(std::string_view key, const std::vector<std::string>& texts);
   /// An array of arrays of texts.
   JsonObject& lists(std::string_view key, const std::vector<std::vector<std::string>>& lists);
   [[nodiscard]] std::string str() const { return "{" + body_ + "}"; }

@@ -47,7 +47,7 @@ std::string to_json(const Outcome& outcome) {
     }
     object.objects("disagreements", disagreements);
   }
-  return object.str();
+  return object.texts("warnings", outcome.warnings).str();
 }
 
 std::string to_table(const Outcome& outcome) {
@@ -63,6 +63,9 @@ std::string to_table(const Outcome& outcome) {
   }
   if (outcome.wall_seconds) {
     row("time taken", fmt::format("{:.3g} s", *outcome.wall_seconds));
+  }
+  if (outcome.wall_seconds && outcome.statistics.errors.empty()) {
+    row("accuracy", "not told by the laws: `rubato converge` estimates it");
   }
   if (!outcome.file.empty()) {
     row("record", outcome.file);

@@ -17,6 +17,9 @@ namespace {
 /// than anywhere before, as when waves are about to meet, it goes on. η is wanted to two digits.
 constexpr std::size_t scout_steps = 400, most_scout_steps = 3200;
 constexpr double scouted_before = 0.9;
+/// So much of the largest |η| the second half has to see again: an eccentric orbit that sets out from its pericentre
+/// will come back to it.
+constexpr double come_back = 0.1;
 constexpr double scout_accuracy = 1e-5;
 constexpr int most_potential_trials = 40;
 /// A root this many times longer or shorter than foreseen is not taken.
@@ -43,8 +46,12 @@ std::vector<double> TimeLevels::scout(double& energy_size, double& first_size, b
     if (eta.size() % scout_steps != 0) {
       return false;
     }
-    const auto largest = std::ranges::max_element(eta, {}, [](double value) { return std::abs(value); });
-    return static_cast<double>(largest - eta.begin()) <= scouted_before * static_cast<double>(eta.size());
+    const auto size = [](double value) { return std::abs(value); };
+    const auto largest = std::ranges::max_element(eta, {}, size);
+    const double later = std::abs(
+        *std::ranges::max_element(eta.begin() + static_cast<std::ptrdiff_t>(eta.size() / 2), eta.end(), {}, size));
+    return static_cast<double>(largest - eta.begin()) <= scouted_before * static_cast<double>(eta.size()) &&
+           later >= come_back * std::abs(*largest);
   };
   while (!seen_enough() && scheme_.advance(h, scout_accuracy) == Status::success) {
     const double value = scheme_.discrete_energy_slope() * sign(h) / (s * (s + 1.0) * std::pow(std::abs(h), s - 1.0));
