@@ -16,7 +16,7 @@ namespace {
 /// Part of the tolerance to which equations are solved.
 constexpr double margin = 0.1;
 /// What a step may be off E by however large its terms have become, beside those that E was set with.
-constexpr double largest_miss = 1e-3;
+constexpr double largest_miss_of_terms = 1e-3;
 /// With fixed levels, steps for which the size of the energy's terms serves.
 constexpr std::size_t size_period = 16;
 
@@ -216,7 +216,7 @@ StepReport TimeLevels::ordinary_step(double guess) {
     result.condition += miss / std::abs(result.h * result.slope);
     if (!(miss <= allowed_miss(result))) {
       result.status = Status::not_converged;
-    } else if (!(miss <= largest_miss * law_scale_) || !(result.condition <= options_.condition_limit)) {
+    } else if (!(miss <= largest_miss_of_terms * law_scale_) || !(result.condition <= options_.condition_limit)) {
       result.status = Status::ill_conditioned;
     }
   }
