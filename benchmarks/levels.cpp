@@ -192,6 +192,27 @@ void judge(Row& row, const Problem& problem, const Levels& levels, TrueOrbit& tr
   }
 }
 
+/// Runs to the end and counts; after(report) follows every step. The first step, with the scout, is not timed.
+template <typename Run, typename After>
+void count_steps(Run& run, Row& row, const After& after) {
+  row.steps = row.off = 0;
+  row.evaluations = 0;
+  double start = 0.0;
+  while (!run.finished()) {
+    const StepReport report = run.step();
+    if (report.status != Status::success) {
+      row.ended = run.t();
+      break;
+    }
+    start = row.steps == 0 ? cpu_seconds() : start;
+    ++row.steps;
+    row.evaluations += report.iterations;
+    row.off += report.bridged ? 1 : 0;
+    after(report);
+  }
+  row.cpu = std::min(row.cpu, cpu_seconds() - start);
+}
+
 Row run_library(const Problem& problem, TrueOrbit& truth, int repeats, rubato::Levels kind,
                 const StepPotentialChoice& potential, const std::string& name) {
   Row row{.levels = name, .cpu = std::numeric_limits<double>::infinity(), .equal = kind == rubato::Levels::fixed};
@@ -204,24 +225,11 @@ Row run_library(const Problem& problem, TrueOrbit& truth, int repeats, rubato::L
     OrbitIntegrator run(problem.hamiltonian, {.q = problem.q, .p = problem.p}, options);
     Levels levels;
     double largest_part = 0.0;
-    row.steps = row.off = 0;
-    row.evaluations = 0;
     levels.add(0.0, run.scheme().state());
-    double start = 0.0;
-    while (!run.finished()) {
-      const StepReport report = run.step();
-      if (report.status != Status::success) {
-        row.ended = run.t();
-        break;
-      }
-      start = row.steps == 0 ? cpu_seconds() : start;
-      ++row.steps;
-      row.evaluations += report.iterations;
-      row.off += report.bridged ? 1 : 0;
+    count_steps(run, row, [&](const StepReport& report) {
       largest_part = std::max(largest_part, std::abs(report.potential));
       levels.add(run.t(), run.scheme().state());
-    }
-    row.cpu = std::min(row.cpu, cpu_seconds() - start);
+    });
     if (repeat + 1 == repeats) {
       judge(row, problem, levels, truth);
       if (potential.kind == Kind::automatic && largest_part < 0.01 * row.energy) {
@@ -382,22 +390,8 @@ void measure_kinks(int repeats) {
     for (int repeat = 0; repeat < repeats; ++repeat) {
       LatticeIntegrator run = study::make_lattice(study::read_problem("sine-gordon-kinks", settings));
       const double energy = run.node().energy;
-      double start = 0.0;
-      row.steps = row.off = 0;
-      row.evaluations = 0;
-      while (!run.finished()) {
-        const StepReport report = run.step();
-        if (report.status != Status::success) {
-          row.ended = run.t();
-          break;
-        }
-        start = row.steps == 0 ? cpu_seconds() : start;
-        ++row.steps;
-        row.evaluations += report.iterations;
-        row.off += report.bridged ? 1 : 0;
-        row.energy = std::max(row.energy, std::abs(run.node().energy - energy));
-      }
-      row.cpu = std::min(row.cpu, cpu_seconds() - start);
+      count_steps(run, row,
+                  [&](const StepReport&) { row.energy = std::max(row.energy, std::abs(run.node().energy - energy)); });
     }
     return row;
   };

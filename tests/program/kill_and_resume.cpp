@@ -20,20 +20,15 @@
 #include <rubato/record/reader.hpp>
 
 #include "children.hpp"
+#include "expect.hpp"
 #include "record/sample.hpp"
 #include "slow_problems.hpp"
 
 namespace {
 
 int kills = 20;
-int failures = 0;
-
-void expect(bool holds, const std::string& what) {
-  if (!holds) {
-    fmt::print("FAILED: {}\n", what);
-    ++failures;
-  }
-}
+using children::expect;
+using children::failures;
 
 using children::start;
 

@@ -35,6 +35,7 @@
 
 #include "children.hpp"
 #include "disk.hpp"
+#include "expect.hpp"
 #include "record/sample.hpp"
 #include "slow_problems.hpp"
 
@@ -43,14 +44,8 @@ namespace {
 namespace fs = std::filesystem;
 using namespace std::chrono_literals;
 
-int failures = 0;
-
-void expect(bool holds, const std::string& what) {
-  if (!holds) {
-    fmt::print("FAILED: {}\n", what);
-    ++failures;
-  }
-}
+using children::expect;
+using children::failures;
 
 void command(const std::string& line) {
   if (std::system(line.c_str()) != 0) {

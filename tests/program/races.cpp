@@ -14,6 +14,7 @@
 #include <fmt/format.h>
 
 #include "children.hpp"
+#include "expect.hpp"
 #include "record/sample.hpp"
 
 namespace {
@@ -21,14 +22,8 @@ namespace {
 namespace fs = std::filesystem;
 using namespace std::chrono_literals;
 
-int failures = 0;
-
-void expect(bool holds, const std::string& what) {
-  if (!holds) {
-    fmt::print("FAILED: {}\n", what);
-    ++failures;
-  }
-}
+using children::expect;
+using children::failures;
 
 struct Contest {
   std::string program;
