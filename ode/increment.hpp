@@ -9,6 +9,7 @@
 
 #include <Eigen/Core>
 
+#include <rubato/base/lagrange_weight.hpp>
 #include <rubato/base/larger.hpp>
 #include <rubato/base/state.hpp>
 
@@ -118,13 +119,9 @@ public:
     const double at = time_ + 0.5 * h;
     delta.setZero();
     for (std::size_t i = 0; i < known_; ++i) {
-      double weight = h;
-      for (std::size_t j = 0; j < known_; ++j) {
-        if (j != i) {
-          weight *= (at - samples_[j].time) / (samples_[i].time - samples_[j].time);
-        }
-      }
-      delta += weight * samples_[i].velocity;
+      delta += lagrange_weight(
+                   i, known_, at, [&](std::size_t j) { return samples_[j].time; }, h) *
+               samples_[i].velocity;
     }
   }
 

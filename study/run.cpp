@@ -326,8 +326,7 @@ private:
       const bool stated = problem_.scheme.potential.kind == StepPotentialChoice::Kind::given;
       return fmt::format(
           "on {} the level equation had no solution in spite of the step potential: {}; these steps are plain ones, "
-          "off "
-          "the law by up to {:.2g}{}; a smaller step or {} may mend it{}",
+          "off the law by up to {:.2g}{}; a smaller step or {} may mend it{}",
           count, stated ? "the one that is stated is too weak there" : "the orbit went beyond what that was chosen for",
           statistics.relative_bridge_deviation().value_or(statistics.bridge_deviation()),
           statistics.relative_bridge_deviation() ? " (relative)" : "",

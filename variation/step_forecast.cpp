@@ -4,6 +4,8 @@
 #include <cmath>
 #include <limits>
 
+#include <rubato/base/lagrange_weight.hpp>
+
 namespace rubato {
 
 namespace {
@@ -19,13 +21,7 @@ constexpr double forecast_accuracy = 1e-10;
 double StepForecast::polynomial(double Sample::*at, double Sample::*value, double time) const {
   double sum = 0.0;
   for (std::size_t i = 0; i < known_; ++i) {
-    double weight = 1.0;
-    for (std::size_t j = 0; j < known_; ++j) {
-      if (j != i) {
-        weight *= (time - samples_[j].*at) / (samples_[i].*at - samples_[j].*at);
-      }
-    }
-    sum += weight * samples_[i].*value;
+    sum += lagrange_weight(i, known_, time, [&](std::size_t j) { return samples_[j].*at; }) * samples_[i].*value;
   }
   return sum;
 }

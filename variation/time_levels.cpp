@@ -6,6 +6,7 @@
 
 #include <fmt/format.h>
 
+#include <rubato/base/lagrange_weight.hpp>
 #include <rubato/base/limits.hpp>
 #include <rubato/variation/sign.hpp>
 
@@ -278,13 +279,8 @@ void TimeLevels::set_direction(double gamma) {
 double TimeLevels::density_at(double time) const {
   double density = 0.0;
   for (std::size_t i = 0; i < remembered_; ++i) {
-    double weight = 1.0;
-    for (std::size_t j = 0; j < remembered_; ++j) {
-      if (j != i) {
-        weight *= (time - history_[j].time) / (history_[i].time - history_[j].time);
-      }
-    }
-    density += weight * history_[i].density;
+    density +=
+        lagrange_weight(i, remembered_, time, [&](std::size_t j) { return history_[j].time; }) * history_[i].density;
   }
   return density;
 }
