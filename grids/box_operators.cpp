@@ -139,6 +139,10 @@ void run(const Grid& grid, const BoxOperator& op, bool adjoint, const double* in
 
 }  // namespace
 
+double coordinate(const Axis& axis, std::size_t cell, Along along) {
+  return along == Along::average ? axis.centre(cell) : axis.node(along == Along::next ? cell + 1 : cell);
+}
+
 void apply(const Grid& grid, const BoxOperator& op, const double* in, double* out) {
   run(grid, op, false, in, out);
 }

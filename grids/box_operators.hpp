@@ -18,6 +18,10 @@ enum class Along {
 /// A_x A_y or D_x A_y: the four (eight) corners' means and mean differences of the box scheme (theory, section 5).
 using BoxOperator = std::array<Along, 3>;
 
+/// The coordinate that `along`, no difference, makes of the nodes' along an axis. The upper node of the last cell is at
+/// `to`, not at `from`: no cell lies across the seam.
+[[nodiscard]] double coordinate(const Axis& axis, std::size_t cell, Along along);
+
 /// out = op z, nodes to cells. One pass: the corners are added with their signs first and scaled once, so that
 /// differences of equal values are exactly zero. in and out may not overlap. Same result for every number of threads.
 void apply(const Grid& grid, const BoxOperator& op, const double* in, double* out);

@@ -5,6 +5,16 @@
 
 namespace rubato::grids {
 
+namespace {
+
+void change_sign(double* values, std::size_t count) {
+  for (std::size_t i = 0; i < count; ++i) {
+    values[i] = -values[i];
+  }
+}
+
+}  // namespace
+
 SpaceOperator SpaceOperator::average(int dimensions) {
   SpaceOperator op;
   std::fill_n(op.box.begin(), dimensions, Along::average);
@@ -20,6 +30,12 @@ SpaceOperator SpaceOperator::box_difference(int axis, int dimensions) {
 SpaceOperator SpaceOperator::forward_difference(int axis) {
   SpaceOperator op;
   op.box.at(static_cast<std::size_t>(axis)) = Along::difference;
+  return op;
+}
+
+SpaceOperator SpaceOperator::backward_difference(int axis) {
+  SpaceOperator op = forward_difference(axis);
+  op.mirrored = true;
   return op;
 }
 
@@ -45,20 +61,24 @@ SpectralDerivative& Stencil::spectral() {
 void Stencil::apply(const SpaceOperator& op, const double* in, double* out) {
   if (op.spectral_axis >= 0) {
     spectral()(op.spectral_axis, in, out);
+  } else if (op.mirrored) {
+    grids::apply_adjoint(grid_, op.box, in, out);
+    change_sign(out, grid_.size());
   } else {
     grids::apply(grid_, op.box, in, out);
   }
 }
 
 void Stencil::apply_adjoint(const SpaceOperator& op, const double* in, double* out) {
-  if (op.spectral_axis < 0) {
+  if (op.spectral_axis >= 0) {
+    spectral()(op.spectral_axis, in, out);
+  } else if (op.mirrored) {
+    grids::apply(grid_, op.box, in, out);
+  } else {
     grids::apply_adjoint(grid_, op.box, in, out);
     return;
   }
-  spectral()(op.spectral_axis, in, out);
-  for (std::size_t i = 0; i < grid_.size(); ++i) {
-    out[i] = -out[i];
-  }
+  change_sign(out, grid_.size());
 }
 
 }  // namespace rubato::grids

@@ -9,10 +9,11 @@
 namespace rubato::grids {
 
 /// A linear operator in space: a box operator (a product of identities, averages, forward differences and shifts
-/// along the axes), or the spectral derivative ∂ along one axis.
+/// along the axes), a backward difference, or the spectral derivative ∂ along one axis.
 struct SpaceOperator {
   BoxOperator box{Along::identity, Along::identity, Along::identity};
   int spectral_axis = -1;  ///< of ∂, in place of `box`; -1 for none
+  bool mirrored = false;   ///< -boxᵀ in place of `box`: δ⁻ of δ⁺
 
   [[nodiscard]] static SpaceOperator identity() { return {}; }
   /// The average over the corners of a cell.
@@ -21,6 +22,8 @@ struct SpaceOperator {
   [[nodiscard]] static SpaceOperator box_difference(int axis, int dimensions);
   /// δ_a⁺ at a node: the forward difference along an axis, the identity along the others.
   [[nodiscard]] static SpaceOperator forward_difference(int axis);
+  /// δ_a⁻, that to the node before.
+  [[nodiscard]] static SpaceOperator backward_difference(int axis);
   /// The value at the next node along an axis.
   [[nodiscard]] static SpaceOperator next(int axis);
   [[nodiscard]] static SpaceOperator spectral_derivative(int axis);

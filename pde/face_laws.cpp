@@ -87,7 +87,7 @@ struct FaceOperators : LawTables {
         elements != nullptr ? elements->space().places(system, grid) : PlacedCoordinates(system, grid, Within::centre);
     for (const bool upper : {false, true}) {
       for (int a = 0; a < grid.dimensions(); ++a) {
-        std::array<Within, 3> place{Within::centre, Within::centre, Within::centre};
+        grids::BoxOperator place{Within::centre, Within::centre, Within::centre};
         place[static_cast<std::size_t>(a)] = upper ? Within::next : Within::node;
         placed_faces[upper ? 1 : 0].emplace_back(system, grid, place);
       }
@@ -249,10 +249,12 @@ struct FaceOperators : LawTables {
     };
     const auto mean = [&](int f) { return faces.mean[static_cast<std::size_t>(f)]; };
     // With one-sided differences fluxes join a node's values with those of the next one.
+    std::array<const double*, MultisymplecticSystem::most_fields> next{};
     const bool joins = mu != time && !following.empty();
-    const auto partner = [&](int f) -> const double* {
-      return joins ? following[static_cast<std::size_t>(mu) - 1].field(f).data() + first : mean(f);
-    };
+    for (int f = 0; joins && f < d; ++f) {
+      next[static_cast<std::size_t>(f)] = following[static_cast<std::size_t>(mu) - 1].field(f).data() + first;
+    }
+    const auto partner = [&](int f) -> const double* { return joins ? next[static_cast<std::size_t>(f)] : mean(f); };
     const auto derivative = [&](int f, int nu) {
       return faces.derivative[static_cast<std::size_t>(f)][static_cast<std::size_t>(nu)];
     };
@@ -274,23 +276,9 @@ struct FaceOperators : LawTables {
         }
       }
     }
-    auto law = static_cast<std::size_t>(directions);
-    for (const auto& symmetry : joins ? quadratic_plus : quadratic) {
-      double* out = faces.currents[law++];
-      std::fill_n(out, count, 0.0);
-      for (const MatrixTerm& term : symmetry[static_cast<std::size_t>(mu)]) {
-        add(out, term.value, mean(term.row), partner(term.column));
-      }
-    }
-    for (const auto& symmetry : linear) {
-      double* out = faces.currents[law++];
-      std::fill_n(out, count, 0.0);
-      for (const MatrixTerm& term : symmetry[static_cast<std::size_t>(mu)]) {
-        for (std::size_t c = 0; c < count; ++c) {
-          out[c] += term.value * mean(term.column)[c];
-        }
-      }
-    }
+    const auto fields = static_cast<std::size_t>(d);
+    symmetry_currents(mu, count, std::span(faces.inputs).first(fields), std::span(next).first(joins ? fields : 0),
+                      std::span(faces.currents).subspan(static_cast<std::size_t>(directions)));
   }
 
   /// Of a density in sums over the grid.
@@ -692,6 +680,33 @@ Spread FaceLaws::multisymplectic_residual(const TangentLevels& u, const TangentL
 }
 
 }  // namespace
+
+void LawTables::symmetry_currents(int mu, std::size_t count, std::span<const double* const> z,
+                                  std::span<const double* const> partner, std::span<double* const> out) const {
+  const auto direction = static_cast<std::size_t>(mu);
+  std::size_t law = 0;
+  for (const auto& symmetry : partner.empty() ? quadratic : quadratic_plus) {
+    double* to = out[law++];
+    std::fill_n(to, count, 0.0);
+    for (const MatrixTerm& term : symmetry[direction]) {
+      const double* left = z[static_cast<std::size_t>(term.row)];
+      const double* right = (partner.empty() ? z : partner)[static_cast<std::size_t>(term.column)];
+      for (std::size_t c = 0; c < count; ++c) {
+        to[c] += term.value * left[c] * right[c];
+      }
+    }
+  }
+  for (const auto& symmetry : linear) {
+    double* to = out[law++];
+    std::fill_n(to, count, 0.0);
+    for (const MatrixTerm& term : symmetry[direction]) {
+      const double* field = z[static_cast<std::size_t>(term.column)];
+      for (std::size_t c = 0; c < count; ++c) {
+        to[c] += term.value * field[c];
+      }
+    }
+  }
+}
 
 std::unique_ptr<LawEngine> make_face_laws(LawTables tables, Placement placement) {
   return std::make_unique<FaceLaws>(std::move(tables), placement);

@@ -50,13 +50,12 @@ LatticeActionBuilder builder_for(const MultisymplecticSystem& system) {
 
 /// The stencil of one place: all of L there.
 LatticeAction action_at(const MultisymplecticSystem& system, const StencilOperator& place,
-                        const std::vector<StencilOperator>& derivatives) {
+                        const std::vector<StencilOperator>& derivatives, bool split) {
   LatticeActionBuilder build = builder_for(system);
   const int z = build.add(place);
   for (const StencilOperator& derivative : derivatives) {
     build.add_derivative(derivative);
   }
-  const bool split = has_potential(system);
   for (int mu = 0; mu <= system.directions(); ++mu) {
     for (const MatrixTerm& term : split ? plus(system, mu) : full(system, mu)) {
       build.add_form(mu, [&](int rho) {
@@ -76,7 +75,7 @@ LatticeAction box_action(const MultisymplecticSystem& system) {
   for (int a = 0; a < n; ++a) {
     derivatives.push_back({InTime::mean, SpaceOperator::box_difference(a, n)});
   }
-  return action_at(system, {InTime::mean, SpaceOperator::average(n)}, derivatives);
+  return action_at(system, {InTime::mean, SpaceOperator::average(n)}, derivatives, has_potential(system));
 }
 
 LatticeAction fourier_action(const MultisymplecticSystem& system) {
@@ -84,7 +83,7 @@ LatticeAction fourier_action(const MultisymplecticSystem& system) {
   for (int a = 0; a < system.directions(); ++a) {
     derivatives.push_back({InTime::mean, SpaceOperator::spectral_derivative(a)});
   }
-  return action_at(system, {InTime::mean, SpaceOperator::identity()}, derivatives);
+  return action_at(system, {InTime::mean, SpaceOperator::identity()}, derivatives, true);
 }
 
 LatticeAction euler_box_action(const MultisymplecticSystem& system) {

@@ -19,7 +19,8 @@ namespace rubato {
 [[nodiscard]] LatticeAction box_action(const MultisymplecticSystem& system);
 
 /// Fourier: z the mean of two levels at a node, D_a the spectral derivative. A slab's action is not a sum of parts that
-/// read neighbouring nodes alone; its variations are taken in the same way.
+/// read neighbouring nodes alone; its variations are taken in the same way. In the second form always: to the spectral
+/// derivative the two differ in their currents, by aliasing.
 [[nodiscard]] LatticeAction fourier_action(const MultisymplecticSystem& system);
 
 /// Euler box: z at the base corner of a cell, D_ρ forward differences from there: zᵀM₊δ_t⁺z + Σ_a zᵀK₊δ_a⁺z - S(z).

@@ -35,6 +35,11 @@ struct LawTables {
   std::vector<std::vector<MatrixTerms>> linear;          ///< bᵀΛ: [symmetry][direction], in `column`
   std::vector<std::string> names;
 
+  /// The currents J_μ of the symmetries, linear ones first, at `count` points into `out`: of the fields `z`, or, where
+  /// fluxes join them with others, with `partner`'s (empty: none).
+  void symmetry_currents(int mu, std::size_t count, std::span<const double* const> z,
+                         std::span<const double* const> partner, std::span<double* const> out) const;
+
 private:
   void add_affine_symmetries();
 };

@@ -4,28 +4,15 @@
 
 namespace rubato {
 
-namespace {
-
-double coordinate(const grids::Axis& axis, std::size_t cell, Within place) {
-  switch (place) {
-    case Within::node: return axis.node(cell);
-    case Within::centre: return axis.centre(cell);
-    case Within::next: return axis.node(cell + 1);
-  }
-  return 0.0;
-}
-
-}  // namespace
-
 PlacedCoordinates::PlacedCoordinates(const MultisymplecticSystem& system, const grids::Grid& grid,
-                                     std::array<Within, 3> place)
+                                     const grids::BoxOperator& place)
     : values_(static_cast<int>(system.coordinates().size()), grid.size()) {
   for (std::size_t c = 0; c < system.coordinates().size(); ++c) {
     const int axis = system.coordinates()[c];
     const auto a = static_cast<std::size_t>(axis);
     const auto values = values_.field(static_cast<int>(c));
     for (std::size_t cell = 0; cell < values.size(); ++cell) {
-      values[cell] = coordinate(grid.axis(axis), grid.place(cell)[a], place[a]);
+      values[cell] = grids::coordinate(grid.axis(axis), grid.place(cell)[a], place[a]);
     }
   }
 }

@@ -1,20 +1,20 @@
 #pragma once
 
-#include <array>
 #include <span>
 #include <vector>
 
+#include <rubato/grids/box_operators.hpp>
 #include <rubato/grids/field_set.hpp>
 #include <rubato/grids/grid.hpp>
 #include <rubato/pde/multisymplectic_system.hpp>
 
 namespace rubato {
 
-/// Where in a cell S is evaluated along one axis.
-enum class Within {
-  node,    ///< at the lower node
-  centre,  ///< in the middle between two nodes
-  next,    ///< at the upper node; of the last cell it is `to`, not `from`: no cell lies across the seam
+/// Where in a cell S is evaluated along one axis, as grids::coordinate() has it.
+struct Within {
+  static constexpr grids::Along node = grids::Along::identity;   ///< at the lower node
+  static constexpr grids::Along centre = grids::Along::average;  ///< in the middle between two nodes
+  static constexpr grids::Along next = grids::Along::next;       ///< at the upper node
 };
 
 /// The coordinates that S(z, x) names, at the places where a scheme evaluates S: the inputs of the system's codes that
@@ -22,10 +22,10 @@ enum class Within {
 class PlacedCoordinates {
 public:
   PlacedCoordinates() = default;
-  PlacedCoordinates(const MultisymplecticSystem& system, const grids::Grid& grid, std::array<Within, 3> place);
+  PlacedCoordinates(const MultisymplecticSystem& system, const grids::Grid& grid, const grids::BoxOperator& place);
   /// At the same place along all axes.
-  PlacedCoordinates(const MultisymplecticSystem& system, const grids::Grid& grid, Within place)
-      : PlacedCoordinates(system, grid, {place, place, place}) {}
+  PlacedCoordinates(const MultisymplecticSystem& system, const grids::Grid& grid, grids::Along place)
+      : PlacedCoordinates(system, grid, grids::BoxOperator{place, place, place}) {}
   /// On a line, at these places.
   PlacedCoordinates(const MultisymplecticSystem& system, std::span<const double> along_x);
 

@@ -1,5 +1,6 @@
 #include <rubato/variation/lattice_action.hpp>
 
+#include <algorithm>
 #include <stdexcept>
 #include <utility>
 
@@ -8,9 +9,12 @@
 namespace rubato {
 
 formula::Expression LatticeAction::lagrangian() const {
-  formula::Expression sum = density;
-  for (const OneForm& form : forms) {
-    sum += form.along[static_cast<std::size_t>(form.mu)];
+  formula::Expression sum;
+  for (const Part& part : parts) {
+    sum = sum.valid() ? sum + part.density : part.density;
+    for (const OneForm& form : part.forms) {
+      sum += form.along[static_cast<std::size_t>(form.mu)];
+    }
   }
   return sum;
 }
@@ -27,13 +31,17 @@ LatticeActionBuilder::LatticeActionBuilder(int fields, int dimensions) {
 }
 
 int LatticeActionBuilder::add(const StencilOperator& op) {
-  action_.operators.push_back(op);
-  return static_cast<int>(action_.operators.size()) - 1;
+  const auto found = std::ranges::find(action_.operators, op);
+  const auto number = static_cast<int>(found - action_.operators.begin());
+  if (found == action_.operators.end()) {
+    action_.operators.push_back(op);
+  }
+  return number;
 }
 
 int LatticeActionBuilder::add_derivative(const StencilOperator& op) {
-  action_.derivatives.push_back(add(op));
-  return action_.derivatives.back();
+  part_.derivatives.push_back(add(op));
+  return part_.derivatives.back();
 }
 
 formula::Expression LatticeActionBuilder::value(int field, int op) {
@@ -56,19 +64,25 @@ formula::Expression LatticeActionBuilder::place(int axis, int op) {
   return action_.places.back().variable;
 }
 
-LatticeAction LatticeActionBuilder::finish(formula::Expression density) {
-  if (action_.derivatives.size() != static_cast<std::size_t>(action_.dimensions) + 1) {
+void LatticeActionBuilder::add_part(formula::Expression density) {
+  if (part_.derivatives.size() != static_cast<std::size_t>(action_.dimensions) + 1) {
     throw std::invalid_argument(fmt::format("an action in {} dimensions needs {} derivatives; got {}",
-                                            action_.dimensions, action_.dimensions + 1, action_.derivatives.size()));
+                                            action_.dimensions, action_.dimensions + 1, part_.derivatives.size()));
   }
-  // Where places are varied every field's derivatives are read, whether the density has them or not.
+  // Where places are varied all derivatives of a field are read if the density has one of them.
   for (int field = 0; field < action_.fields; ++field) {
-    for (int rho = 0; rho <= action_.dimensions; ++rho) {
-      static_cast<void>(derivative(field, rho));
+    const auto has = [&](int op) {
+      return std::ranges::any_of(
+          action_.values, [&](const LatticeAction::Value& value) { return value.field == field && value.op == op; });
+    };
+    if (std::ranges::any_of(part_.derivatives, has)) {
+      for (int rho = 0; rho <= action_.dimensions; ++rho) {
+        static_cast<void>(derivative(field, rho));
+      }
     }
   }
-  action_.density = density;
-  return std::move(action_);
+  part_.density = density;
+  action_.parts.push_back(std::exchange(part_, {}));
 }
 
 }  // namespace rubato

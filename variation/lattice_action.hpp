@@ -37,8 +37,9 @@ struct StencilOperator {
 /// everywhere.
 ///
 /// Among the operators are the differences D_ρ, ρ = t, x, y, z, that act on the nodes' coordinates, too. Where nodes
-/// move, F_ρν = D_ρ x^ν is no longer the unit matrix, and derivatives become F⁻¹D: so are the coordinates varied. L has
-/// two kinds of terms,
+/// move, F_ρν = D_ρ x^ν is no longer the unit matrix, and derivatives become F⁻¹D: so are the coordinates varied. L is
+/// a sum of parts, each with differences of its own (the triangles around a node, say), and a part has two kinds of
+/// terms,
 ///
 ///     L = V(L_o z, D_ρ z) + Σ_μ Q^μ_μ,
 ///
@@ -66,20 +67,24 @@ struct LatticeAction {
     std::vector<formula::Expression> along;
   };
 
+  struct Part {
+    std::vector<int> derivatives;  ///< D_ρ as numbers of `operators`: time, then the directions of space
+    formula::Expression density;   ///< V
+    std::vector<OneForm> forms;    ///< Q^μ; there may be several for one μ
+  };
+
   std::shared_ptr<formula::Graph> graph;
   int fields = 0;
-  int dimensions = 0;           ///< of space
-  formula::Expression density;  ///< V
-  std::vector<OneForm> forms;   ///< Q^μ; there may be several for one μ
+  int dimensions = 0;  ///< of space
+  std::vector<Part> parts;
   /// Fields that live in the slab, not on its levels (multipliers, whose value no level determines): every operator in
   /// time gives that value. They are read from the upper level's fields, and varied with them.
   std::vector<bool> at_midpoints;
   std::vector<StencilOperator> operators;
-  std::vector<Value> values;     ///< all that `value` of the builder was asked for
-  std::vector<Place> places;     ///< all that `place` of the builder was asked for
-  std::vector<int> derivatives;  ///< D_ρ as numbers of `operators`: time, then the directions of space
+  std::vector<Value> values;  ///< all that `value` of the builder was asked for
+  std::vector<Place> places;  ///< all that `place` of the builder was asked for
 
-  /// L = V + Σ_μ Q^μ_μ, on a rectangle.
+  /// Σ_parts V + Σ_μ Q^μ_μ, on a rectangle.
   [[nodiscard]] formula::Expression lagrangian() const;
 };
 
@@ -91,9 +96,9 @@ public:
   LatticeActionBuilder(int fields, int dimensions);
 
   [[nodiscard]] formula::Graph& graph() { return *action_.graph; }
-  /// Adds an operator to the stencil. \return its number
+  /// Adds an operator to the stencil, unless it is there. \return its number
   int add(const StencilOperator& op);
-  /// Adds D_t, then D_x, …: one after the other. \return its number
+  /// Adds D_t, then D_x, … of the present part: one after the other. \return its number
   int add_derivative(const StencilOperator& op);
   /// Declares that a field lives in the slab.
   void set_at_midpoints(int field) { action_.at_midpoints[static_cast<std::size_t>(field)] = true; }
@@ -101,7 +106,7 @@ public:
   [[nodiscard]] formula::Expression value(int field, int op);
   /// D_ρ z_f, ρ = 0 for time.
   [[nodiscard]] formula::Expression derivative(int field, int rho) {
-    return value(field, action_.derivatives.at(static_cast<std::size_t>(rho)));
+    return value(field, part_.derivatives.at(static_cast<std::size_t>(rho)));
   }
   /// L_o x^ν of the axis, 0 for x; the operator must be made of identities, averages and shifts.
   [[nodiscard]] formula::Expression place(int axis, int op);
@@ -112,14 +117,23 @@ public:
     for (int rho = 0; rho <= action_.dimensions; ++rho) {
       form.along.push_back(along(rho));
     }
-    action_.forms.push_back(std::move(form));
+    part_.forms.push_back(std::move(form));
   }
 
+  /// Ends a part of L and begins another.
   /// \throws std::invalid_argument unless there is a D_ρ for time and every direction of space
-  [[nodiscard]] LatticeAction finish(formula::Expression density);
+  void add_part(formula::Expression density);
+  /// The action of all parts so far.
+  [[nodiscard]] LatticeAction finish() { return std::move(action_); }
+  /// The same after a last part.
+  [[nodiscard]] LatticeAction finish(formula::Expression density) {
+    add_part(density);
+    return finish();
+  }
 
 private:
   LatticeAction action_;
+  LatticeAction::Part part_;
 };
 
 }  // namespace rubato

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <initializer_list>
 #include <stdexcept>
 #include <utility>
 
@@ -89,16 +90,20 @@ struct LatticeVariation::Storage {
         places(static_cast<int>(action.places.size()), g.size()),
         directions(inputs),
         gradient(static_cast<int>(action.values.size() + action.places.size()), g.size()),
-        currents((1 + action.dimensions) * (1 + action.dimensions), g.size()),
+        currents(static_cast<int>(action.parts.size()) * currents_count(), g.size()),
         second(inputs),
         scratch(1, g.size()) {
     for (const LatticeAction::Value& value : action.values) {
       variables.push_back(value.variable);
     }
     arguments = variables;
+    all_inputs = joined({&inputs, &places});
     for (std::size_t j = 0; j < action.places.size(); ++j) {
       arguments.push_back(action.places[j].variable);
       find_place(action.places[j], places.field(static_cast<int>(j)));
+    }
+    for (int part = 0; part < static_cast<int>(action.parts.size()); ++part) {
+      energies.push_back(currents.field(part * currents_count()).data());
     }
     const Expression lagrangian = action.lagrangian();
     density_code = GridCode(std::array{lagrangian}, arguments);
@@ -118,33 +123,43 @@ struct LatticeVariation::Storage {
     return static_cast<std::size_t>(found - action.values.begin());
   }
   [[nodiscard]] int directions_count() const { return 1 + action.dimensions; }
-  [[nodiscard]] int derivative(int rho) const { return action.derivatives[static_cast<std::size_t>(rho)]; }
+  [[nodiscard]] int currents_count() const { return directions_count() * directions_count(); }
 
-  /// J^ν_ρ = P_ρ·D_ν z + Q^ρ_ν - δ_ρν L; in J^ρ_ρ the terms Q^ρ_ρ cancel and are left out.
+  /// J^ν_ρ = P_ρ·D_ν z + Q^ρ_ν - δ_ρν L of every part; in J^ρ_ρ the terms Q^ρ_ρ cancel and are left out.
   void compile_currents() {
-    formula::Graph& graph = *action.graph;
-    const std::vector<Expression> first = formula::gradient(action.density, variables);
-    std::vector<Expression> outputs;
-    for (int nu = 0; nu < directions_count(); ++nu) {
-      for (int rho = 0; rho < directions_count(); ++rho) {
-        Expression current = nu == rho ? -action.density : graph.constant(0.0);
-        for (int f = 0; f < action.fields; ++f) {
-          const Expression momentum = first[index_of(f, derivative(rho))];
-          if (!momentum.is_constant() || momentum.constant_value() != 0.0) {
-            current += momentum * variables[index_of(f, derivative(nu))];
-          }
+    std::vector<Expression> outputs, energy;
+    for (const LatticeAction::Part& part : action.parts) {
+      energy.push_back(Expression());
+      const std::vector<Expression> first = formula::gradient(part.density, variables);
+      for (int nu = 0; nu < directions_count(); ++nu) {
+        for (int rho = 0; rho < directions_count(); ++rho) {
+          outputs.push_back(current(part, first, nu, rho));
         }
-        for (const LatticeAction::OneForm& form : action.forms) {
-          if (nu != rho && form.mu == rho) {
-            current += form.along[static_cast<std::size_t>(nu)];
-          } else if (nu == rho && form.mu != rho) {
-            current -= form.along[static_cast<std::size_t>(form.mu)];
-          }
-        }
-        outputs.push_back(current);
       }
+      energy.back() = outputs[outputs.size() - static_cast<std::size_t>(currents_count())];
     }
     currents_code = GridCode(outputs, arguments);
+    energy_code = GridCode(energy, arguments);
+  }
+  /// \param first the gradient of the part's V
+  [[nodiscard]] Expression current(const LatticeAction::Part& part, std::span<const Expression> first, int nu,
+                                   int rho) const {
+    const auto derivative = [&](int direction) { return part.derivatives[static_cast<std::size_t>(direction)]; };
+    Expression sum = nu == rho ? -part.density : action.graph->constant(0.0);
+    for (int f = 0; f < action.fields; ++f) {
+      const std::size_t j = index_of(f, derivative(rho));
+      if (j < first.size() && (!first[j].is_constant() || first[j].constant_value() != 0.0)) {
+        sum += first[j] * variables[index_of(f, derivative(nu))];
+      }
+    }
+    for (const LatticeAction::OneForm& form : part.forms) {
+      if (nu != rho && form.mu == rho) {
+        sum += form.along[static_cast<std::size_t>(nu)];
+      } else if (nu == rho && form.mu != rho) {
+        sum -= form.along[static_cast<std::size_t>(form.mu)];
+      }
+    }
+    return sum;
   }
 
   /// The gradient of (∂L/∂values)·u: the second variation applied to a direction u.
@@ -162,14 +177,10 @@ struct LatticeVariation::Storage {
 
   /// L_o x^ν in every cell: its neighbours are where they are, not across the seam.
   void find_place(const LatticeAction::Place& place, std::span<double> out) const {
-    const grids::Axis& axis = grid.axis(place.axis);
     const auto a = static_cast<std::size_t>(place.axis);
     const grids::Along along = action.operators[static_cast<std::size_t>(place.op)].space.box[a];
     for (std::size_t cell = 0; cell < out.size(); ++cell) {
-      const std::size_t i = grid.place(cell)[a];
-      out[cell] = along == grids::Along::average ? axis.centre(i)
-                  : along == grids::Along::next  ? axis.node(i + 1)
-                                                 : axis.node(i);
+      out[cell] = grids::coordinate(grid.axis(place.axis), grid.place(cell)[a], along);
     }
   }
 
@@ -255,30 +266,22 @@ struct LatticeVariation::Storage {
     }
   }
 
-  [[nodiscard]] std::vector<const double*> inputs_and_places() const {
-    std::vector<const double*> both;
-    for (const FieldSet* part : {&inputs, &places}) {
-      both.insert(both.end(), part->pointers().begin(), part->pointers().end());
+  static std::vector<const double*> joined(std::initializer_list<const FieldSet*> parts) {
+    std::vector<const double*> all;
+    for (const FieldSet* part : parts) {
+      all.insert(all.end(), part->pointers().begin(), part->pointers().end());
     }
-    return both;
-  }
-
-  [[nodiscard]] std::vector<const double*> inputs_and_directions() const {
-    std::vector<const double*> both;
-    for (const FieldSet* part : {&inputs, &places, &directions}) {
-      both.insert(both.end(), part->pointers().begin(), part->pointers().end());
-    }
-    return both;
+    return all;
   }
 
   void need_gradient() {
     if (!std::exchange(gradient_known, true)) {
-      gradient_code(grid.size(), inputs_and_places(), gradient.pointers());
+      gradient_code(grid.size(), all_inputs, gradient.pointers());
     }
   }
   void need_currents() {
     if (!std::exchange(currents_known, true)) {
-      currents_code(grid.size(), inputs_and_places(), currents.pointers());
+      currents_code(grid.size(), all_inputs, currents.pointers());
     }
   }
 
@@ -286,15 +289,17 @@ struct LatticeVariation::Storage {
   grids::Grid grid;
   grids::Stencil stencil;
   std::vector<Expression> variables, arguments;  ///< the values; and the places after them
-  GridCode density_code, gradient_code, currents_code, second_code;
+  GridCode density_code, gradient_code, energy_code, currents_code, second_code;
   FieldSet inputs;      ///< L_o z of the slab
   FieldSet places;      ///< L_o x^ν
   FieldSet directions;  ///< L_o u of a variation u
   FieldSet gradient;    ///< ∂L/∂(L_o z), then ∂L/∂(L_o x^ν)
-  FieldSet currents;    ///< J^ν_ρ
+  FieldSet currents;    ///< J^ν_ρ, of one part after the other
   FieldSet second;      ///< the second variation applied to them
   FieldSet scratch;
-  std::vector<bool> read;  ///< whether L depends on a value (the currents read all)
+  std::vector<const double*> all_inputs;  ///< inputs and places
+  std::vector<double*> energies;          ///< where J^t_t of each part goes
+  std::vector<bool> read;                 ///< whether L depends on a value (the currents read all)
   double h = 0.0;
   bool gradient_known = false;
   bool currents_known = false;
@@ -326,14 +331,20 @@ void LatticeVariation::take(const FieldSet& before, const FieldSet& after, doubl
 double LatticeVariation::action_value() {
   Storage& s = *storage_;
   double* const density[] = {s.scratch.field(0).data()};
-  s.density_code(s.grid.size(), s.inputs_and_places(), density);
+  s.density_code(s.grid.size(), s.all_inputs, density);
   return s.h * s.grid.cell_volume() * grids::sum(s.scratch.field(0));
 }
 
 double LatticeVariation::energy() {
   Storage& s = *storage_;
-  s.need_currents();
-  return s.grid.cell_volume() * grids::sum(std::as_const(s.currents).field(0));
+  if (!s.currents_known) {
+    s.energy_code(s.grid.size(), s.all_inputs, s.energies);
+  }
+  double sum = 0.0;
+  for (const double* energy : s.energies) {
+    sum += grids::sum({energy, s.grid.size()});
+  }
+  return s.grid.cell_volume() * sum;
 }
 
 void LatticeVariation::values(Parts& out) {
@@ -347,10 +358,13 @@ void LatticeVariation::coordinates(Parts& out) {
   out.before.fill(0.0);
   out.after.fill(0.0);
   const int n = s.directions_count();
-  for (int nu = 0; nu < n; ++nu) {
-    for (int rho = 0; rho < n; ++rho) {
-      const StencilOperator& op = s.action.operators[static_cast<std::size_t>(s.derivative(rho))];
-      s.gather_back(op, weights(op.time, s.h), -1.0, std::as_const(s.currents).field(nu * n + rho).data(), nu, out);
+  int row = 0;
+  for (const LatticeAction::Part& part : s.action.parts) {
+    for (int nu = 0; nu < n; ++nu) {
+      for (const int derivative : part.derivatives) {
+        const StencilOperator& op = s.action.operators[static_cast<std::size_t>(derivative)];
+        s.gather_back(op, weights(op.time, s.h), -1.0, std::as_const(s.currents).field(row++).data(), nu, out);
+      }
     }
   }
   for (std::size_t j = 0; j < s.action.places.size(); ++j) {
@@ -363,14 +377,35 @@ void LatticeVariation::coordinates(Parts& out) {
 }
 
 void LatticeVariation::currents(FieldSet& out) {
-  storage_->need_currents();
-  out.copy_from(storage_->currents);
+  Storage& s = *storage_;
+  s.need_currents();
+  const int count = s.currents_count();
+  for (int row = 0; row < s.currents.fields(); ++row) {
+    const auto from = std::as_const(s.currents).field(row);
+    const auto to = out.field(row % count);
+    for (std::size_t i = 0; i < to.size(); ++i) {
+      to[i] = row < count ? from[i] : to[i] + from[i];
+    }
+  }
+}
+
+void LatticeVariation::sources(FieldSet& out) {
+  Storage& s = *storage_;
+  s.need_gradient();
+  out.fill(0.0);
+  for (std::size_t j = 0; j < s.action.places.size(); ++j) {
+    const auto from = std::as_const(s.gradient).field(static_cast<int>(s.action.values.size() + j));
+    const auto to = out.field(1 + s.action.places[j].axis);
+    for (std::size_t i = 0; i < to.size(); ++i) {
+      to[i] += from[i];
+    }
+  }
 }
 
 void LatticeVariation::tangent(const Parts& u, Parts& out) {
   Storage& s = *storage_;
   s.gather(u.before, u.after, nullptr, s.directions);
-  s.second_code(s.grid.size(), s.inputs_and_directions(), s.second.pointers());
+  s.second_code(s.grid.size(), Storage::joined({&s.inputs, &s.places, &s.directions}), s.second.pointers());
   s.back_to_values(s.second, out);
 }
 

@@ -23,7 +23,8 @@ namespace rubato {
 /// A slab's part at its lower level is told from that at its upper level: at a level between two slabs the variation is
 /// the upper part of the slab before it plus the lower part of the slab after it.
 ///
-/// Currents of energy and momentum: with L = V + Σ_μ Q^μ_μ as in LatticeAction, F_ρν = D_ρ x^ν and P_ρ = ∂V/∂(D_ρ z),
+/// Currents of energy and momentum: with L = V + Σ_μ Q^μ_μ as in LatticeAction, for each of its parts, F_ρν = D_ρ x^ν
+/// and P_ρ = ∂V/∂(D_ρ z),
 ///
 ///     J^ν_ρ := -∂(L of a cell)/∂F_ρν at F = I  =  P_ρ·D_ν z + Q^ρ_ν - δ_ρν L,
 ///
@@ -58,8 +59,10 @@ public:
   void values(Parts& out);
   /// ∂𝕊/∂x^ν(node), row ν, 0 for time.
   void coordinates(Parts& out);
-  /// J^ν_ρ in every cell, into out.field(ν·(1 + dimensions) + ρ).
+  /// J^ν_ρ in every cell, into out.field(ν·(1 + dimensions) + ρ), the sum over the parts of L.
   void currents(grids::FieldSet& out);
+  /// ∂L/∂x^ν in every cell where L reads a coordinate, into out.field(ν); 0 in the other rows.
+  void sources(grids::FieldSet& out);
 
   /// The variation of values() along u, a variation of the values at frozen levels: row f.
   void tangent(const Parts& u, Parts& out);
