@@ -63,6 +63,12 @@ protected:
   /// 𝓔 of the trial level.
   [[nodiscard]] virtual double energy_at_end() const = 0;
 
+  /// 𝓔 of the fields of a level.
+  [[nodiscard]] double energy_of(const grids::FieldSet& fields) const {
+    copy_level(fields, at_midpoints_, point_);
+    return sweep_(std::as_const(point_).pointers(), level_.slopes, {}, 0.0, {}, {}).energy;
+  }
+
   /// After a trial that succeeded.
   void set_trial(double h, double energy) {
     trial_h_ = h;
@@ -128,8 +134,7 @@ private:
   void make_point() const { copy_level(level_.fields, at_midpoints_, point_); }
   [[nodiscard]] double energy_here() const {
     if (!here_) {
-      make_point();
-      here_ = sweep_(std::as_const(point_).pointers(), level_.slopes, {}, 0.0, {}, {}).energy;
+      here_ = energy_of(level_.fields);
     }
     return *here_;
   }

@@ -8,18 +8,6 @@ namespace rubato {
 
 namespace {
 
-bool constant_in_its_row(const MultisymplecticSystem& system, int field) {
-  const auto& varying = system.varying_hessian();
-  if (system.varies_in_space(field)) {
-    return false;
-  }
-  if (std::ranges::any_of(varying, [&](const HessianEntry& e) { return e.row == field || e.column == field; })) {
-    return false;
-  }
-  const Eigen::MatrixXd& hessian = system.constant_hessian();
-  return hessian(field, field) != 0.0 && (hessian.row(field).array() != 0.0).count() == 1;
-}
-
 bool in_no_K(const MultisymplecticSystem& system, int field) {
   for (int a = 0; a < system.directions(); ++a) {
     if (!system.K(a).row(field).isZero(0.0)) {
@@ -31,6 +19,21 @@ bool in_no_K(const MultisymplecticSystem& system, int field) {
 
 }  // namespace
 
+std::optional<LinearRow> linear_row(const MultisymplecticSystem& system, int field) {
+  const auto& varying = system.varying_hessian();
+  const Eigen::MatrixXd& hessian = system.constant_hessian();
+  if (system.varies_in_space(field) || hessian(field, field) == 0.0 ||
+      (hessian.row(field).array() != 0.0).count() != 1 ||
+      std::ranges::any_of(varying, [&](const HessianEntry& e) { return e.row == field || e.column == field; })) {
+    return std::nullopt;
+  }
+  const std::vector<double> ones(system.variables().size(), 1.0);
+  std::vector<double> outputs(system.fields().size() + 1);
+  formula::ScalarEvaluator(system.gradient_code())(ones, outputs);
+  const double a = hessian(field, field);
+  return LinearRow{a, outputs[1 + static_cast<std::size_t>(field)] - a};  // ∂S/∂s depends on s alone
+}
+
 SlavedFields::SlavedFields(const MultisymplecticSystem& system, std::nullptr_t) : system_(system) {
   for (int f = 0; f < system.field_count(); ++f) {
     free_.push_back(f);
@@ -38,12 +41,8 @@ SlavedFields::SlavedFields(const MultisymplecticSystem& system, std::nullptr_t) 
 }
 
 SlavedFields::SlavedFields(const MultisymplecticSystem& system) : system_(system) {
-  const std::vector<double> ones(system.variables().size(), 1.0);
-  std::vector<double> outputs(system.fields().size() + 1);
-  formula::ScalarEvaluator(system.gradient_code())(ones, outputs);
   std::vector<bool> slaved(system.fields().size(), false);
   for (int f = 0; f < system.field_count(); ++f) {
-    const auto i = static_cast<std::size_t>(f);
     const auto masters_evolve = [&] {
       for (int j = 0; j < system.field_count(); ++j) {
         if (system.M()(f, j) != 0.0 && (slaved[static_cast<std::size_t>(j)] || system.structure().at_midpoints(j))) {
@@ -52,13 +51,12 @@ SlavedFields::SlavedFields(const MultisymplecticSystem& system) : system_(system
       }
       return true;
     };
-    if (system.structure().at_midpoints(f) || !in_no_K(system, f) || !constant_in_its_row(system, f) ||
-        !masters_evolve()) {
+    const std::optional<LinearRow> row = linear_row(system, f);
+    if (system.structure().at_midpoints(f) || !in_no_K(system, f) || !row || !masters_evolve()) {
       continue;
     }
-    slaved[i] = true;
-    Slave slave{f, system.constant_hessian()(f, f), 0.0, {}};
-    slave.b = outputs[1 + i] - slave.a;  // ∂S/∂s depends on s alone
+    slaved[static_cast<std::size_t>(f)] = true;
+    Slave slave{f, *row, {}};
     for (int j = 0; j < system.field_count(); ++j) {
       if (system.M()(f, j) != 0.0) {
         slave.masters.emplace_back(j, system.M()(f, j));
@@ -93,14 +91,14 @@ int SlavedFields::place(int field) const {
 void SlavedFields::follow(double h, const grids::FieldSet& high, const grids::FieldSet& low,
                           grids::FieldSet& delta) const {
   for (const Slave& slave : slaves_) {
-    const double constant = -slave.b / slave.a;
+    const double constant = -slave.row.b / slave.row.a;
     const double* z = high.field(slave.field).data();
     const double* rest = low.field(slave.field).data();
     double* out = delta.field(slave.field).data();
     grids::for_each_block(delta.size(), grids::nodes_per_block, [&, z, rest, out](std::size_t begin, std::size_t end) {
       std::fill(out + begin, out + end, constant);
       for (const auto& [field, entry] : slave.masters) {
-        const double factor = entry / (h * slave.a);
+        const double factor = entry / (h * slave.row.a);
         const double* in = delta.field(field).data();
         for (std::size_t i = begin; i < end; ++i) {
           out[i] += factor * in[i];
@@ -119,7 +117,7 @@ void SlavedFields::correct(double h, grids::FieldSet& correction) const {
     grids::for_each_block(correction.size(), grids::nodes_per_block, [&, out](std::size_t begin, std::size_t end) {
       std::fill(out + begin, out + end, 0.0);
       for (const auto& [field, entry] : slave.masters) {
-        const double factor = 2.0 * entry / (h * slave.a);
+        const double factor = 2.0 * entry / (h * slave.row.a);
         const double* in = correction.field(field).data();
         for (std::size_t i = begin; i < end; ++i) {
           out[i] += factor * in[i];

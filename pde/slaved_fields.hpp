@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstddef>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -10,6 +11,13 @@
 #include <rubato/pde/multisymplectic_system.hpp>
 
 namespace rubato {
+
+/// The row of a field that alone occurs in it: ∂S/∂s = a s + b.
+struct LinearRow {
+  double a = 0.0, b = 0.0;
+};
+/// That of a field, with a ≠ 0 and a, b the same everywhere; nothing where it is another.
+[[nodiscard]] std::optional<LinearRow> linear_row(const MultisymplecticSystem& system, int field);
 
 /// Fields that their own row gives node by node, so that the linear systems of a step need not hold them: v of a wave
 /// equation, whose row reads v̄ = δu/h.
@@ -41,7 +49,7 @@ public:
 private:
   struct Slave {
     int field = 0;
-    double a = 0.0, b = 0.0;
+    LinearRow row;
     std::vector<std::pair<int, double>> masters;  ///< j and M_sj
   };
   MultisymplecticSystem system_;

@@ -130,8 +130,9 @@ private:
   [[nodiscard]] bool misses_bridges() const { return is_family() && scheme_.on_singular == OnSingular::bridge; }
   /// Whether it is a family of symplectic maps that has its discrete energy from theory, section 8.
   [[nodiscard]] bool is_family() const {
-    return has_compositions() || scheme_.lagrangian == Lagrangian::trapezoid ||
-           (lattice_entry() != nullptr ? scheme_.stages.value_or(1) > 1 || scheme_.space_stages > 1 : has_stages());
+    return lattice_entry() != nullptr
+               ? !has_bridges()
+               : has_compositions() || has_stages() || scheme_.lagrangian == Lagrangian::trapezoid;
   }
   [[nodiscard]] bool takes_potential() const {
     return scheme_.lagrangian != Lagrangian::custom && scheme_.lagrangian != Lagrangian::forward;
@@ -221,10 +222,10 @@ private:
     return lattice_entry() != nullptr ? lattice_entry()->has_compositions : scheme_.lagrangian == Lagrangian::splitting;
   }
   [[nodiscard]] std::string family_name() const {
-    return has_compositions()           ? fmt::format("composition = \"{}\"", scheme_.composition)
-           : scheme_.space_stages > 1   ? fmt::format("space_stages = {}", scheme_.space_stages)
-           : lattice_entry() != nullptr ? fmt::format("stages = {}", *scheme_.stages)
-                                        : fmt::format("lagrangian = \"{}\"", scheme_.word());
+    return has_compositions()                             ? fmt::format("composition = \"{}\"", scheme_.composition)
+           : scheme_.space_stages > 1                     ? fmt::format("space_stages = {}", scheme_.space_stages)
+           : lattice_entry() != nullptr && scheme_.stages ? fmt::format("stages = {}", *scheme_.stages)
+                                                          : fmt::format("lagrangian = \"{}\"", scheme_.word());
   }
 
   void read_generating() {

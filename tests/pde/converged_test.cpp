@@ -62,7 +62,7 @@ Worst steps_over_a_kink(const LatticeMethodChoice& choice, double width) {
 }  // namespace
 
 TEST_CASE("an accepted step of a lattice solves its equation, or is not accepted") {
-  for (const char* name : {"box", "fourier", "euler-box"}) {
+  for (const char* name : {"box", "fourier", "euler-box", "leapfrog"}) {
     for (const double width : {1e-2, 1e-3, 1e-4, 1e-5}) {
       const Worst worst = steps_over_a_kink({.name = name}, width);
       INFO(name << ", width " << width << ": " << worst.steps << " steps, the last " << to_string(worst.end));

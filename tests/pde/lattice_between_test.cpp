@@ -84,6 +84,7 @@ TEST_CASE("levels between levels are of the order of the scheme in time", "[pde]
   CHECK(slope({.name = "splitting"}, best, 0.1, 0.1) > 2.0 - slack);
   CHECK(slope({.name = "splitting", .composition = "blanes-moan-4"}, best, 0.2, 0.1) > 4.0 - slack);
   CHECK(slope({.name = "box"}, {.name = "box"}, 0.1, 0.1 / 64) > 2.0 - slack);
+  CHECK(slope({.name = "leapfrog"}, {.name = "leapfrog"}, 0.02, 0.02 / 64) > 2.0 - slack);
   CHECK(slope({.name = "euler-box"}, {.name = "euler-box"}, 0.1, 0.1 / 64) > 1.0 - slack);
 }
 

@@ -238,6 +238,43 @@ TEST_CASE("every scheme for lattices that states an action has the energy of tha
   }
 }
 
+TEST_CASE("every scheme for lattices that states an action makes it stationary at a level between two steps") {
+  for (const Choice& choice : all_choices()) {
+    const Subject subject(choice);
+    const auto action = subject.method->action(subject.system);
+    if (!action) {
+      continue;
+    }
+    INFO(told(choice));
+    const double h = 0.1;
+    const auto scheme = subject.scheme(h);
+    std::vector<grids::FieldSet> levels = {scheme->level().fields};
+    for (int k = 0; k < 2; ++k) {
+      static_cast<void>(subject.after(*scheme, h, 1));
+      levels.push_back(scheme->level().fields);
+    }
+    LatticeVariation variation(*action, line);
+    LatticeVariation::Parts into(subject.system.field_count(), line.size()), from(into);
+    const auto variation_at_the_middle = [&] {
+      variation.take(levels[0], levels[1], h);
+      variation.values(into);
+      variation.take(levels[1], levels[2], h);
+      variation.values(from);
+      return largest_difference(into.after.all(), [&] {
+        for (double& value : from.before.all()) {
+          value = -value;
+        }
+        return std::as_const(from.before).all();
+      }());
+    };
+    CHECK(variation_at_the_middle() < 1e-13);  // ΔV z ε, times a few
+    for (int f = 0; f < levels[2].fields(); ++f) {
+      levels[2].field(f)[7] += 1e-6;
+    }
+    CHECK(variation_at_the_middle() > 1e-10);
+  }
+}
+
 TEST_CASE("every scheme for lattices has local laws, small on its steps and large on others") {
   for (const Choice& choice : all_choices()) {
     INFO(told(choice));

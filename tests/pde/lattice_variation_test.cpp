@@ -12,6 +12,7 @@
 #include <rubato/pde/cell_action.hpp>
 #include <rubato/pde/euler_box_map.hpp>
 #include <rubato/pde/lattice_actions.hpp>
+#include <rubato/pde/lattice_method.hpp>
 #include <rubato/variation/lattice_variation.hpp>
 #include <rubato/variation/total_variation.hpp>
 
@@ -78,8 +79,20 @@ bool lives_at_midpoints(const MultisymplecticSystem& system) {
   return some;
 }
 
-using Statement = LatticeAction (*)(const MultisymplecticSystem&);
-constexpr Statement statements[] = {box_action, fourier_action, euler_box_action};
+/// Those of all schemes that state one and take the system.
+std::vector<LatticeAction> actions_of(const MultisymplecticSystem& system) {
+  std::vector<LatticeAction> actions;
+  for (const LatticeMethodEntry& entry : lattice_methods()) {
+    try {
+      if (auto action = make_lattice_method({.name = std::string(entry.name)})->action(system)) {
+        actions.push_back(*std::move(action));
+      }
+    } catch (const SchemeRefusal&) {
+      continue;
+    }
+  }
+  return actions;
+}
 
 /// Corner data of the cell (k, i) in FormulaAction's order, from three levels of a line.
 std::vector<double> corners(const std::array<FieldSet, 3>& levels, const std::array<double, 3>& t,
@@ -149,8 +162,8 @@ TEST_CASE("variations of values and of the step are the derivatives of the actio
   constexpr double width = 1e-5;
   constexpr double tolerance = 1e-8;
   for (const auto& [system, grid] : cases()) {
-    for (const Statement state : statements) {
-      LatticeVariation mesh(state(system), grid);
+    for (const LatticeAction& action : actions_of(system)) {
+      LatticeVariation mesh(action, grid);
       const int d = system.field_count();
       FieldSet before = random_fields(d, grid.size(), 4);
       FieldSet after = random_fields(d, grid.size(), 5);
@@ -164,15 +177,15 @@ TEST_CASE("variations of values and of the step are the derivatives of the actio
           for (FieldSet* level : {&before, &after}) {
             double& value = level->field(f)[node];
             const double old = value;
-            double action[2];
+            double sides[2];
             for (int side = 0; side < 2; ++side) {
               value = old + (side == 0 ? -width : width);
               mesh.take(before, after, h);
-              action[side] = mesh.action_value();
+              sides[side] = mesh.action_value();
             }
             value = old;
             const FieldSet& variation = level == &before ? variations.before : variations.after;
-            CHECK(std::abs((action[1] - action[0]) / (2 * width) - variation.field(f)[node]) < tolerance);
+            CHECK(std::abs((sides[1] - sides[0]) / (2 * width) - variation.field(f)[node]) < tolerance);
           }
         }
       }
@@ -188,8 +201,8 @@ TEST_CASE("variations of values and of the step are the derivatives of the actio
 
 TEST_CASE("the times of all nodes of a level vary the action by its discrete energy") {
   for (const auto& [system, grid] : cases()) {
-    for (const Statement state : statements) {
-      LatticeVariation mesh(state(system), grid);
+    for (const LatticeAction& action : actions_of(system)) {
+      LatticeVariation mesh(action, grid);
       const int d = system.field_count();
       mesh.take(random_fields(d, grid.size(), 6), random_fields(d, grid.size(), 7), 0.2);
       Parts places(1 + grid.dimensions(), grid.size());
@@ -333,10 +346,86 @@ TEST_CASE("variations of places are the derivatives of the action on a mesh whos
   }
 }
 
+namespace {
+
+/// The same for the wave equation's leapfrog: h ΔV Σ over the triangles of a node, of a node itself and one neighbour
+/// along time and every axis, det F [½ u_t² - ½ |∇u|² + cos u - 1] with ∇ = F⁻¹D, in their mean.
+double moved_triangles(const grids::Grid& grid, double h, const std::array<FieldSet, 2>& z,
+                       const std::array<FieldSet, 2>& moves) {
+  const int n = 1 + grid.dimensions();
+  double sum = 0.0;
+  for (std::size_t node = 0; node < grid.size(); ++node) {
+    for (unsigned triangle = 0; triangle < (1U << n); ++triangle) {
+      const std::size_t level = triangle & 1;
+      Eigen::MatrixXd F = Eigen::MatrixXd::Identity(n, n);
+      Eigen::VectorXd D(n);
+      for (int rho = 0; rho < n; ++rho) {
+        auto place = grid.place(node);
+        const bool back = rho > 0 ? (triangle >> rho & 1) != 0 : level == 1;
+        if (rho > 0) {
+          const std::size_t cells = grid.cells(rho - 1);
+          auto& i = place[static_cast<std::size_t>(rho) - 1];
+          i = (i + (back ? cells - 1 : 1)) % cells;
+        }
+        const std::size_t there = grid.index(place[0], place[1], place[2]);
+        const std::size_t level_there = rho == 0 ? 1 - level : level;
+        const double length = (back ? -1.0 : 1.0) * (rho == 0 ? h : grid.spacing(rho - 1));
+        D[rho] = (z[level_there].field(0)[there] - z[level].field(0)[node]) / length;
+        for (int nu = 0; nu < n; ++nu) {
+          F(rho, nu) += (moves[level_there].field(nu)[there] - moves[level].field(nu)[node]) / length;
+        }
+      }
+      const Eigen::VectorXd gradient = F.inverse() * D;
+      const double kinetic = gradient[0] * gradient[0] - gradient.tail(n - 1).squaredNorm();
+      sum += F.determinant() * (0.5 * kinetic + std::cos(z[level].field(0)[node]) - 1.0);
+    }
+  }
+  return h * grid.cell_volume() * sum / (1U << n);
+}
+
+}  // namespace
+
+TEST_CASE("the leapfrog's action is that of Marsden, Patrick and Shkoller, on a mesh whose nodes move, too") {
+  constexpr double width = 1e-5;
+  constexpr double tolerance = 1e-8;
+  const double h = 0.2;
+  for (const auto& [system, grid] : cases()) {
+    if (system.fields()[0] != "u" || system.fields()[1] != "v" || system.constant_hessian()(1, 1) != 1.0 ||
+        system.nonlinear_hessian().empty()) {
+      continue;
+    }
+    INFO(grid.dimensions());
+    LatticeVariation mesh(*make_lattice_method({.name = "leapfrog"})->action(system), grid);
+    const int n = 1 + grid.dimensions();
+    const std::array z{random_fields(system.field_count(), grid.size(), 40),
+                       random_fields(system.field_count(), grid.size(), 41)};
+    std::array moves{FieldSet(n, grid.size()), FieldSet(n, grid.size())};
+    mesh.take(z[0], z[1], h);
+    CHECK(std::abs(moved_triangles(grid, h, z, moves) - mesh.action_value()) <
+          rounding * static_cast<double>(grid.size()));
+    Parts parts(n, grid.size());
+    mesh.coordinates(parts);
+    for (std::size_t level = 0; level < 2; ++level) {
+      const FieldSet& places = level == 0 ? parts.before : parts.after;
+      for (int nu = 0; nu < n; ++nu) {
+        const std::size_t node = grid.size() / 2;
+        double& move = moves[level].field(nu)[node];
+        move = width;
+        const double forward = moved_triangles(grid, h, z, moves);
+        move = -width;
+        const double slope = (forward - moved_triangles(grid, h, z, moves)) / (2 * width);
+        move = 0.0;
+        CHECK(std::abs(slope - places.field(nu)[node]) < tolerance);
+        CHECK(std::abs(slope - places.field(nu)[node + 1]) > tolerance);  // a twin
+      }
+    }
+  }
+}
+
 TEST_CASE("the two-form of any two variations sums to zero over both levels of a slab") {
   for (const auto& [system, grid] : cases()) {
-    for (const Statement state : statements) {
-      LatticeVariation mesh(state(system), grid);
+    for (const LatticeAction& action : actions_of(system)) {
+      LatticeVariation mesh(action, grid);
       const int d = system.field_count();
       const auto pair = [&](unsigned seed) {
         Parts result(d, grid.size());

@@ -87,6 +87,7 @@ TEST_CASE("in a medium that varies the energy law holds on variable levels") {
   for (const LatticeOptions& options : {LatticeOptions{.lagrangian = "box", .step = 0.05, .until = 2},
                                         LatticeOptions{.lagrangian = "fourier", .step = 0.05, .until = 2},
                                         LatticeOptions{.lagrangian = "fourier", .stages = 2, .step = 0.1, .until = 2},
+                                        LatticeOptions{.lagrangian = "leapfrog", .step = 0.05, .until = 2},
                                         LatticeOptions{.lagrangian = "splitting",
                                         .step = 0.05,
                                         .until = 2,

@@ -54,9 +54,12 @@ std::vector<Case> cases() {
   euler_box.levels = Levels::fixed;
   euler_box.step = 0.0005;
   euler_box.until = 0.0015;
+  LatticeOptions leapfrog = euler_box;
+  leapfrog.lagrangian = "leapfrog";
   return {{"box", sine_gordon(), line, box},
           {"Fourier", sine_gordon(), short_line, fourier},
           {"euler-box", sine_gordon(), line, euler_box},
+          {"leapfrog", sine_gordon(), line, leapfrog},
           {"box in the plane", wave_equation_2d("1 - cos(u)"), plane, box_in_plane},
           {"Fourier in the plane", wave_equation_2d("1 - cos(u)"), plane, fourier}};
 }

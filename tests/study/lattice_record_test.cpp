@@ -58,7 +58,7 @@ const rubato::Spread& residual(const Outcome& outcome, const std::string& name) 
 void check_reproduces(const std::string& name, const std::string& lagrangian, const std::string& file,
                       const std::vector<std::string>& more = {}) {
   INFO(name << ", " << lagrangian);
-  const bool tangents = lagrangian != "fourier" && lagrangian != "splitting";
+  const bool tangents = lagrangian != "fourier" && lagrangian != "splitting" && lagrangian != "leapfrog";
   std::vector<std::string> settings = shortened(name, lagrangian);
   settings.insert(settings.end(), more.begin(), more.end());
   const Outcome ran = run_problem(name, file, settings, tangents);
@@ -127,6 +127,18 @@ TEST_CASE("check reproduces splittings on lattices", "[study][lattice]") {
   }
   CHECK_THROWS_WITH(run_problem("kdv", folder / "kdv.h5", {"scheme.lagrangian=splitting"}),
                     Catch::Contains("--set scheme.lagrangian") && Catch::Contains("splitting needs"));
+}
+
+TEST_CASE("check reproduces leapfrog runs", "[study][lattice]") {
+  const Folder folder;
+  for (const char* name : {"sine-gordon", "klein-gordon", "sine-gordon-2d"}) {
+    check_reproduces(name, "leapfrog", folder / "lattice.h5");
+  }
+  CHECK_THROWS_WITH(
+      run_problem("sine-gordon", folder / "a.h5", {"scheme.lagrangian=leapfrog", "scheme.bridge=anchored"}),
+      Catch::Contains("has no bridges"));
+  CHECK_THROWS_WITH(run_problem("nls", folder / "nls.h5", {"scheme.lagrangian=leapfrog"}),
+                    Catch::Contains("--set scheme.lagrangian") && Catch::Contains("leapfrog is for equations of wave"));
 }
 
 TEST_CASE("check reproduces euler-box runs", "[study][lattice]") {

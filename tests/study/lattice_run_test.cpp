@@ -111,6 +111,7 @@ TEST_CASE("a lattice run that is stopped and resumed is the same, bit by bit", "
   check_resumes("sine-gordon", {"grid.x.cells=64", "scheme.lagrangian=fourier", "scheme.stages=3"}, 0.5, 1.0);
   check_resumes("kdv", {"grid.x.cells=100", "scheme.lagrangian=fourier", "scheme.stages=2"}, 0.03, 0.06);
   check_resumes("sine-gordon", {"grid.x.cells=64", "scheme.lagrangian=splitting"}, 0.5, 1.0);
+  check_resumes("sine-gordon", {"grid.x.cells=64", "scheme.lagrangian=leapfrog"}, 0.5, 1.0);
   check_resumes("sine-gordon", {"grid.x.cells=101", "scheme.lagrangian=euler-box", "scheme.levels=fixed"}, 1.3, 3.0,
                 true);
   check_resumes("sine-gordon-kinks", {}, 17.5, 30.0);  // inside a bridge

@@ -1,0 +1,342 @@
+#include <array>
+#include <cmath>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <fmt/format.h>
+
+#include <rubato/grids/reductions.hpp>
+#include <rubato/grids/stencil.hpp>
+#include <rubato/pde/family_lattice.hpp>
+#include <rubato/pde/lattice_method.hpp>
+#include <rubato/pde/matrix_terms.hpp>
+#include <rubato/pde/slaved_fields.hpp>
+#include <rubato/variation/lattice_variation.hpp>
+
+namespace rubato {
+
+namespace {
+
+/// A field u with its momentum v: the row of v is m u_t = a v + b.
+struct MovingPair {
+  int u = 0, v = 0;
+  double m = 0.0;
+  LinearRow row;  ///< a and b
+};
+
+/// A field w that differences along one axis give: Σ_u K(w, u) δu = c w + b. δ is δ⁺ where K₊ has these entries, else
+/// δ⁻.
+struct SlopeField {
+  int w = 0, axis = 0;
+  bool forward = true;
+  MatrixTerms terms;
+  LinearRow row;
+};
+
+/// A system of wave type: S = T(v) + W(w) + V(u, x), T and W quadratic, sums of squares.
+struct WaveType {
+  std::vector<MovingPair> pairs;
+  std::vector<SlopeField> slopes;
+};
+
+[[noreturn]] void refuse_leapfrog(const MultisymplecticSystem& system, int field, const std::string& reason) {
+  throw SchemeRefusal(fmt::format("leapfrog is for equations of wave type, and here {} {}; take lagrangian = \"box\"",
+                                  system.fields()[static_cast<std::size_t>(field)], reason));
+}
+
+SlopeField slope_field(const MultisymplecticSystem& system, int w, const std::vector<bool>& moves) {
+  SlopeField slope{.w = w, .row = *linear_row(system, w)};
+  for (int a = 0; a < system.directions(); ++a) {
+    for (const MatrixTerm& term : terms_of(system.K(a).row(w))) {
+      const bool forward = system.structure().K_plus[static_cast<std::size_t>(a)](w, term.column) != 0.0;
+      const bool other = !slope.terms.empty() && (slope.axis != a || slope.forward != forward);
+      if (!moves[static_cast<std::size_t>(term.column)] || other) {
+        refuse_leapfrog(system, w, "is not the derivative of moving fields along one axis");
+      }
+      slope.axis = a;
+      slope.forward = forward;
+      slope.terms.push_back({w, term.column, term.value});
+    }
+  }
+  return slope;
+}
+
+/// \throws SchemeRefusal if the system is not of wave type
+WaveType wave_type(const MultisymplecticSystem& system) {
+  const int d = system.field_count();
+  const auto acts_in_space = [&](int f) {
+    bool any = false;
+    for (int a = 0; a < system.directions(); ++a) {
+      any = any || !system.K(a).row(f).isZero(0.0);
+    }
+    return any;
+  };
+  std::vector<bool> moves(static_cast<std::size_t>(d), false);
+  for (int f = 0; f < d; ++f) {
+    const bool momentum = !acts_in_space(f) && linear_row(system, f).has_value();
+    moves[static_cast<std::size_t>(f)] = !system.M().row(f).isZero(0.0) && !momentum;
+  }
+  WaveType waves;
+  for (int f = 0; f < d; ++f) {
+    const auto neighbours = terms_of(system.M().row(f));
+    if (neighbours.empty()) {
+      if (!linear_row(system, f)) {
+        refuse_leapfrog(system, f, "is not given by differences, its row of the equation being nonlinear");
+      }
+      waves.slopes.push_back(slope_field(system, f, moves));
+    } else if (neighbours.size() != 1 ||
+               moves[static_cast<std::size_t>(f)] == moves[static_cast<std::size_t>(neighbours.front().column)]) {
+      refuse_leapfrog(system, f, "and what M couples it with are not one field and its momentum");
+    } else if (!moves[static_cast<std::size_t>(f)]) {
+      waves.pairs.push_back({neighbours.front().column, f, neighbours.front().value, *linear_row(system, f)});
+    } else {
+      for (int a = 0; a < system.directions(); ++a) {
+        for (const MatrixTerm& term : terms_of(system.K(a).row(f))) {
+          if (!system.M().row(term.column).isZero(0.0)) {
+            refuse_leapfrog(system, f, "is coupled in space with a field that has an equation of motion");
+          }
+        }
+      }
+    }
+  }
+  return waves;
+}
+
+/// The discrete Lagrangian of Marsden, Patrick and Shkoller (Comm. Math. Phys. 199, 1998): on the triangle of a node
+/// and its neighbours in time and along the axes, L(u, u_t, u_x) at the node and at the differences to these
+/// neighbours; the mean over all triangles of a node within the slab. L is that of ½ zᵀ(M z_t + Σ K_a z_{x_a}) - S with
+/// v and w put in from their rows: Σ m u_t v + Σ K(w, u) u_x w - S.
+LatticeAction leapfrog_action(const MultisymplecticSystem& system) {
+  const WaveType waves = wave_type(system);
+  const int n = system.directions();
+  LatticeActionBuilder build(system.field_count(), n);
+  const unsigned corners = 1U << n;
+  for (const InTime level : {InTime::before, InTime::after}) {
+    const int node = build.add({level, grids::SpaceOperator::identity()});
+    for (unsigned corner = 0; corner < corners; ++corner) {
+      build.add_derivative({InTime::difference, grids::SpaceOperator::identity()});
+      for (int a = 0; a < n; ++a) {
+        build.add_derivative({level, (corner >> a & 1U) != 0 ? grids::SpaceOperator::forward_difference(a)
+                                                             : grids::SpaceOperator::backward_difference(a)});
+      }
+      std::vector<formula::Expression> z(system.variables().size());
+      formula::Expression density = build.graph().constant(0.0);
+      for (const MovingPair& pair : waves.pairs) {
+        const formula::Expression rate = pair.m * build.derivative(pair.u, 0);
+        z[static_cast<std::size_t>(pair.u)] = build.value(pair.u, node);
+        z[static_cast<std::size_t>(pair.v)] = (rate - pair.row.b) / pair.row.a;
+        density += rate * z[static_cast<std::size_t>(pair.v)];
+      }
+      for (const SlopeField& slope : waves.slopes) {
+        formula::Expression sum = build.graph().constant(0.0);
+        for (const MatrixTerm& term : slope.terms) {
+          sum += term.value * build.derivative(term.column, 1 + slope.axis);
+        }
+        z[static_cast<std::size_t>(slope.w)] = (sum - slope.row.b) / slope.row.a;
+        density += sum * z[static_cast<std::size_t>(slope.w)];
+      }
+      for (std::size_t c = 0; c < system.coordinates().size(); ++c) {
+        z[static_cast<std::size_t>(system.field_count()) + c] = build.place(system.coordinates()[c], node);
+      }
+      density -= formula::substitute(std::array{system.expression()}, build.graph(), system.variables(), z).front();
+      build.add_part(density / (2.0 * corners));
+    }
+  }
+  return build.finish();
+}
+
+/// The map of levels that the action states, by its variations alone. With the momenta m v ΔV at the levels,
+///
+///     m v_k ΔV = -∂𝕊/∂u_k,    m v_{k+1} ΔV = ∂𝕊/∂u_{k+1},
+///
+/// of which the first is linear in u_{k+1}: the leapfrog. The fields w are differences of u at each level.
+class LeapfrogMap {
+public:
+  LeapfrogMap(const MultisymplecticSystem& system, const grids::Grid& grid)
+      : waves_(wave_type(system)),
+        grid_(grid),
+        variation_(leapfrog_action(system), grid),
+        stencil_(grid),
+        parts_(system.field_count(), grid.size()),
+        scratch_(1, grid.size()) {}
+
+  /// false if a value is not finite.
+  [[nodiscard]] bool advance(double h, const LatticeLevel& before, grids::FieldSet& after) {
+    after.copy_from(before.fields);
+    vary(h, before, after);  // at u_t = 0
+    for (const MovingPair& pair : waves_.pairs) {
+      const auto u = after.field(pair.u);
+      const auto v = before.fields.field(pair.v);
+      const auto rest = std::as_const(parts_.before).field(pair.u);
+      const double inverse = h * pair.row.a / (pair.m * pair.m);
+      for (std::size_t i = 0; i < u.size(); ++i) {
+        u[i] += inverse * (pair.m * v[i] + rest[i] / grid_.cell_volume());
+      }
+    }
+    vary(h, before, after);
+    bool finite = true;
+    for (const MovingPair& pair : waves_.pairs) {
+      const auto v = after.field(pair.v);
+      const auto momentum = std::as_const(parts_.after).field(pair.u);
+      for (std::size_t i = 0; i < v.size(); ++i) {
+        v[i] = momentum[i] / (pair.m * grid_.cell_volume());
+        finite = finite && std::isfinite(v[i]);
+      }
+    }
+    for (const SlopeField& slope : waves_.slopes) {
+      differentiate(slope, after, before.slopes, after.field(slope.w));
+    }
+    return finite;
+  }
+
+  /// E_k = -∂𝕊/∂h of the slab that advance() or residual() has seen last.
+  [[nodiscard]] double energy() { return variation_.energy(); }
+
+  /// What two levels leave of the equations: of u and v divided by h, in the units of the rows of M z_t, of w at
+  /// `after`.
+  void residual(double h, const LatticeLevel& before, const LatticeLevel& after, grids::FieldSet& rows) {
+    vary(h, before, after.fields);
+    for (const MovingPair& pair : waves_.pairs) {
+      const auto from = std::as_const(parts_.before).field(pair.u), into = std::as_const(parts_.after).field(pair.u);
+      const auto v_0 = before.fields.field(pair.v), v_1 = after.fields.field(pair.v);
+      const auto of_u = rows.field(pair.u), of_v = rows.field(pair.v);
+      for (std::size_t i = 0; i < of_u.size(); ++i) {
+        of_u[i] = (pair.m * v_0[i] + from[i] / grid_.cell_volume()) / h;
+        of_v[i] = (pair.m * v_1[i] - into[i] / grid_.cell_volume()) / h;
+      }
+    }
+    for (const SlopeField& slope : waves_.slopes) {
+      const auto out = rows.field(slope.w);
+      differentiate(slope, after.fields, after.slopes, out);
+      for (std::size_t i = 0; i < out.size(); ++i) {
+        out[i] = slope.row.a * (after.fields.field(slope.w)[i] - out[i]);
+      }
+    }
+  }
+
+private:
+  void vary(double h, const LatticeLevel& before, const grids::FieldSet& after) {
+    variation_.take(before.fields, after, h, before.slopes);
+    variation_.values(parts_);
+  }
+
+  /// out = w of a level's u.
+  void differentiate(const SlopeField& slope, const grids::FieldSet& fields, const PotentialSlopes& slopes,
+                     std::span<double> out) {
+    using grids::SpaceOperator;
+    const SpaceOperator difference =
+        slope.forward ? SpaceOperator::forward_difference(slope.axis) : SpaceOperator::backward_difference(slope.axis);
+    std::ranges::fill(out, -slope.row.b / slope.row.a);
+    for (const MatrixTerm& term : slope.terms) {
+      const auto du = scratch_.field(0);
+      stencil_.apply(difference, fields.field(term.column).data(), du.data());
+      for (std::size_t i = 0; i < out.size(); ++i) {
+        const double mean = slope.axis == 0 ? slopes.at(term.column, i / grid_.cells(0)) : 0.0;
+        out[i] += term.value / slope.row.a * (du[i] + mean);
+      }
+    }
+  }
+
+  WaveType waves_;
+  grids::Grid grid_;
+  LatticeVariation variation_;
+  grids::Stencil stencil_;
+  LatticeVariation::Parts parts_;
+  grids::FieldSet scratch_;
+};
+
+class LeapfrogLattice final : public FamilyLattice {
+public:
+  LeapfrogLattice(const MultisymplecticSystem& system, const grids::Grid& grid, LatticeLevel first)
+      : FamilyLattice(system, grid, std::move(first), Placement::corners), map_(system, grid), trial_(level_.fields) {}
+
+  [[nodiscard]] Status advance(double h, double) override {
+    forget_trial();
+    count_iterations(1);
+    if (!map_.advance(h, level_, trial_)) {
+      return Status::undefined;
+    }
+    const double energy = map_.energy();
+    set_trial(h, energy);
+    return std::isfinite(energy) ? Status::success : Status::undefined;
+  }
+  void accept() override {
+    level_.fields.copy_from(trial_);
+    grow_older();
+    move();
+  }
+  void stand(const LatticeLevel& level, const LatticeLevel&, double) override {
+    level_.fields.copy_from(level.fields);
+    start_level();
+  }
+  void save(StateWriter& state) const override { save_level(state); }
+  void restore(StateReader& state) override { restore_level(state); }
+
+private:
+  [[nodiscard]] double energy_at_end() const override { return energy_of(trial_); }
+
+  LeapfrogMap map_;
+  grids::FieldSet trial_;
+};
+
+class LeapfrogEquation final : public FamilyEquation {
+public:
+  LeapfrogEquation(const MultisymplecticSystem& system, const grids::Grid& grid)
+      : FamilyEquation(system, grid, Placement::corners),
+        map_(system, grid),
+        rows_(system.field_count(), grid.size()) {}
+
+  [[nodiscard]] StepLaw measure(const LatticeLevel& before, const LatticeLevel& after, double h) override {
+    StepLaw law = unknown();
+    map_.residual(h, before, after, rows_);
+    law.energy = map_.energy();
+    law.residual = grids::magnitudes(std::as_const(rows_).all());
+    return law;
+  }
+
+private:
+  LeapfrogMap map_;
+  grids::FieldSet rows_;
+};
+
+/// Leapfrog in time and space, from leapfrog_action() alone: step, energy, equation and variational laws are variations
+/// of it.
+class LeapfrogMethod final : public LatticeMethod {
+public:
+  [[nodiscard]] bool has_bridges() const override { return false; }
+  [[nodiscard]] std::optional<LatticeAction> action(const MultisymplecticSystem& system) const override {
+    return leapfrog_action(system);
+  }
+  [[nodiscard]] InitialLevel first_level(const MultisymplecticSystem& system, const grids::Grid& grid,
+                                         const InitialFields& given) const override {
+    static_cast<void>(wave_type(system));  // which says what is wrong in terms of this scheme
+    return prepare_initial_level(system, grid, given, Placement::corners);
+  }
+  [[nodiscard]] std::unique_ptr<LatticeScheme> scheme(const MultisymplecticSystem& system, const grids::Grid& grid,
+                                                      LatticeLevel first, double) const override {
+    return std::make_unique<LeapfrogLattice>(system, grid, std::move(first));
+  }
+  [[nodiscard]] std::unique_ptr<LawEngine> laws(LawTables tables) const override {
+    return make_face_laws(std::move(tables), Placement::corners);
+  }
+  [[nodiscard]] std::unique_ptr<StepEquation> equation(const MultisymplecticSystem& system, const grids::Grid& grid,
+                                                       const LatticeLevel&, double) const override {
+    return std::make_unique<LeapfrogEquation>(system, grid);
+  }
+  [[nodiscard]] std::unique_ptr<TangentStep> tangents(const MultisymplecticSystem&, const grids::Grid&) const override {
+    return nullptr;
+  }
+};
+
+}  // namespace
+
+LatticeMethodEntry leapfrog_method() {
+  return {.name = "leapfrog",
+          .summary = "second differences in time and space, explicit; wave equations",
+          .make = [](const LatticeMethodChoice&) -> std::unique_ptr<LatticeMethod> {
+            return std::make_unique<LeapfrogMethod>();
+          }};
+}
+
+}  // namespace rubato
