@@ -11,17 +11,12 @@
 #include <rubato/base/spread.hpp>
 #include <rubato/formula/parse.hpp>
 #include <rubato/ode/discrete_lagrangian.hpp>
-#include <rubato/ode/gauss_scheme.hpp>
 #include <rubato/ode/generating_action.hpp>
 #include <rubato/ode/generating_scheme.hpp>
-#include <rubato/ode/lagrangian_scheme.hpp>
 #include <rubato/ode/midpoint_scheme.hpp>
 #include <rubato/ode/orbit_events.hpp>
-#include <rubato/ode/splitting_scheme.hpp>
 #include <rubato/ode/two_step_scheme.hpp>
 #include <rubato/solve/small_matrices.hpp>
-#include <rubato/variation/bridge_causes.hpp>
-#include <rubato/variation/run_span.hpp>
 
 namespace rubato {
 
@@ -29,13 +24,6 @@ namespace {
 
 /// Rounding in the eigenvalues of a parasite that neither grows nor decays; multiple ones are the roots of it.
 constexpr double growth_tolerance = 1e-6;
-
-template <typename... Functions>
-struct Overloaded : Functions... {
-  using Functions::operator()...;
-};
-template <typename... Functions>
-Overloaded(Functions...) -> Overloaded<Functions...>;
 
 std::vector<double> joined(const InitialState& state) {
   std::vector<double> z = state.q;
@@ -119,7 +107,7 @@ ReducedScheme make_scheme(const Hamiltonian& whole, const InitialState& initial,
   if (std::holds_alternative<Midpoint>(options.lagrangian) && !options.next) {
     return {make_midpoint_scheme(hamiltonian, first.z), whole.constant()};
   }
-  if (is_map(options.lagrangian)) {
+  if (method_of(options.lagrangian).is_map()) {
     if (options.next) {
       throw std::invalid_argument(
           "a starting pair is for two-step forms, and this scheme has none: leave out the second level");
@@ -149,113 +137,16 @@ ReducedScheme make_scheme(const Hamiltonian& whole, const InitialState& initial,
       whole.constant()};
 }
 
-/// The forward 𝕃 leaves the orbit within a few steps, which a scout would not survive; a custom one has its own f.
-IntegrationOptions with_usual_potential(IntegrationOptions options) {
-  const bool suits =
-      !std::holds_alternative<Custom>(options.lagrangian) && !std::holds_alternative<Forward>(options.lagrangian);
-  options.potential = with_usual(options.potential, suits && !options.on_singular && !options.bridge);
-  return options;
-}
-
 }  // namespace
-
-Eigen::MatrixXd Generating::F(std::size_t degrees_of_freedom) const {
-  const auto n = static_cast<Eigen::Index>(degrees_of_freedom);
-  const auto* type = std::get_if<DarbouxType>(&darboux);
-  return type != nullptr ? darboux_symmetric(*type, n) : std::get<Eigen::MatrixXd>(darboux);
-}
-
-bool is_map(const SegmentLagrangian& lagrangian) {
-  return std::holds_alternative<Gauss>(lagrangian) || std::holds_alternative<Splitting>(lagrangian) ||
-         std::holds_alternative<Trapezoid>(lagrangian) || std::holds_alternative<Lobatto>(lagrangian);
-}
-
-bool has_one_step_form(const SegmentLagrangian& lagrangian) {
-  return is_map(lagrangian) || std::holds_alternative<Midpoint>(lagrangian) ||
-         std::holds_alternative<Generating>(lagrangian);
-}
-
-std::unique_ptr<OneStepScheme> make_one_step_scheme(const Hamiltonian& hamiltonian, const SegmentLagrangian& lagrangian,
-                                                    std::span<const double> z_0) {
-  if (const auto* gauss = std::get_if<Gauss>(&lagrangian)) {
-    return make_gauss_scheme(hamiltonian, gauss->stages, z_0);
-  }
-  if (const auto* splitting = std::get_if<Splitting>(&lagrangian)) {
-    return make_splitting_scheme(hamiltonian, composition(splitting->composition), z_0);
-  }
-  if (const auto* generating = std::get_if<Generating>(&lagrangian)) {
-    return make_generating_scheme(hamiltonian, generating->F(hamiltonian.degrees_of_freedom()), generating->order, z_0);
-  }
-  if (std::holds_alternative<Midpoint>(lagrangian)) {
-    return make_midpoint_scheme(hamiltonian, z_0);
-  }
-  if (is_map(lagrangian)) {
-    throw std::invalid_argument(
-        "the trapezoidal rule and Lobatto's are quadratures of L(q, q_dot): state the problem by its Lagrangian, or "
-        "use "
-        "Gauss collocation");
-  }
-  throw std::invalid_argument("this Lagrangian has no one-step form");
-}
-
-std::unique_ptr<OneStepScheme> make_one_step_scheme(const Lagrangian& lagrangian, const SegmentLagrangian& quadrature,
-                                                    std::span<const double> q, std::span<const double> q_dot) {
-  using Points = ActionQuadrature::Points;
-  const auto make = [&](Points points, int degree) {
-    return make_lagrangian_scheme(lagrangian, ActionQuadrature(points, degree), q, q_dot);
-  };
-  return std::visit(Overloaded{[&](const Midpoint&) { return make(Points::gauss, 1); },
-                               [&](const Gauss& gauss) { return make(Points::gauss, gauss.stages); },
-                               [&](const Trapezoid&) { return make(Points::lobatto, 1); },
-                               [&](const Lobatto& lobatto) { return make(Points::lobatto, lobatto.points - 1); },
-                               [](const auto&) -> std::unique_ptr<OneStepScheme> {
-                                 throw std::invalid_argument(
-                                     "for a problem stated by L(q, q_dot) there are its quadratures: midpoint, "
-                                     "trapezoid, lobatto and gauss; the other schemes are for problems stated by H");
-                               }},
-                    quadrature);
-}
-
-std::unique_ptr<DiscreteAction> make_action(const Hamiltonian& hamiltonian, const SegmentLagrangian& lagrangian) {
-  const auto formula = [](FormulaAction action) -> std::unique_ptr<DiscreteAction> {
-    return std::make_unique<FormulaAction>(std::move(action));
-  };
-  return std::visit(Overloaded{[&](const Midpoint&) { return formula(midpoint_action(hamiltonian)); },
-                               [&](const Forward&) { return formula(forward_action(hamiltonian)); },
-                               [&](const Custom& custom) {
-                                 return formula(lagrangian_action(hamiltonian, custom.L, custom.parameters));
-                               },
-                               [&](const Generating& generating) -> std::unique_ptr<DiscreteAction> {
-                                 return std::make_unique<GeneratingAction>(
-                                     hamiltonian, generating.F(hamiltonian.degrees_of_freedom()), generating.order);
-                               },
-                               [](const auto&) -> std::unique_ptr<DiscreteAction> {
-                                 throw std::invalid_argument("there is no action of a segment for this scheme");
-                               }},
-                    lagrangian);
-}
-
-NodeLaw make_node_law(const Hamiltonian& hamiltonian, const SegmentLagrangian& lagrangian) {
-  if (std::holds_alternative<Gauss>(lagrangian)) {
-    return NodeLaw(hamiltonian, std::numeric_limits<double>::quiet_NaN());
-  }
-  if (const auto* splitting = std::get_if<Splitting>(&lagrangian)) {
-    return NodeLaw(hamiltonian, composition(splitting->composition).gamma);
-  }
-  const auto* generating = std::get_if<Generating>(&lagrangian);
-  return generating == nullptr
-             ? NodeLaw(hamiltonian)
-             : NodeLaw(hamiltonian, generating->F(hamiltonian.degrees_of_freedom()), generating->order);
-}
 
 OrbitIntegrator::OrbitIntegrator(const Hamiltonian& hamiltonian, const InitialState& initial,
                                  const IntegrationOptions& options)
-    : options_(with_usual_potential(options)), node_constant_(hamiltonian.constant()) {
+    : options_(options) {
   check(hamiltonian, initial, options);
   check_stability(initial, options);
   auto [scheme, energy_constant] = make_scheme(hamiltonian, initial, options);
   scheme_ = std::move(scheme);
-  if (is_map(options.lagrangian) && !scheme_->has_node_law()) {
+  if (method_of(options.lagrangian).is_map() && !scheme_->has_node_law()) {
     bridged_ =
         "a scheme that has them: splitting = \"golden\" with lagrangian = \"splitting\", where H is T(p) + V(q), or "
         "\"midpoint\"";
@@ -263,12 +154,13 @@ OrbitIntegrator::OrbitIntegrator(const Hamiltonian& hamiltonian, const InitialSt
   HamiltonianEvaluator evaluator(hamiltonian.without_constant());
   std::vector<double> gradient(scheme_->dimension());
   evaluator.gradient(scheme_->state().data(), gradient.data());
-  begin(initial.t, energy_constant, std::ranges::all_of(gradient, [](double x) { return x == 0.0; }));
+  const bool at_rest = std::ranges::all_of(gradient, [](double x) { return x == 0.0; });
+  begin_levels(initial.t, energy_constant, hamiltonian.constant(), at_rest);
 }
 
 OrbitIntegrator::OrbitIntegrator(const Lagrangian& lagrangian, const InitialMotion& initial,
                                  const IntegrationOptions& options)
-    : options_(with_usual_potential(options)), node_constant_(-lagrangian.constant()) {
+    : options_(options) {
   check_span(initial.t, options);
   if (options.next) {
     throw std::invalid_argument(
@@ -285,14 +177,15 @@ OrbitIntegrator::OrbitIntegrator(const Lagrangian& lagrangian, const InitialMoti
   LagrangianEvaluator(bare).gradient(at.data(), gradient.data());
   const auto zero = [](double x) { return x == 0.0; };
   const auto n = static_cast<std::ptrdiff_t>(initial.q.size());
-  begin(initial.t, node_constant_,
-        std::all_of(gradient.begin(), gradient.begin() + n, zero) && std::ranges::all_of(initial.q_dot, zero));
+  const bool at_rest =
+      std::all_of(gradient.begin(), gradient.begin() + n, zero) && std::ranges::all_of(initial.q_dot, zero);
+  begin_levels(initial.t, -lagrangian.constant(), -lagrangian.constant(), at_rest);
 }
 
 /// The levels of the scheme that is there.
-void OrbitIntegrator::begin(double t, double energy_constant, bool at_equilibrium) {
-  if (at_equilibrium && options_.levels == Levels::variable &&
-      options_.potential.kind == StepPotentialChoice::Kind::none) {
+void OrbitIntegrator::begin_levels(double t, double energy_constant, double node_constant, bool at_equilibrium) {
+  const LevelOptions levels = level_options(options_, method_of(options_.lagrangian).takes_potential, energy_constant);
+  if (at_equilibrium && levels.levels == Levels::variable && levels.potential.kind == StepPotentialChoice::Kind::none) {
     throw EquilibriumError(
         "the initial state is an equilibrium: the gradient of H vanishes there, so every step conserves the energy "
         "and no energy law can "
@@ -305,31 +198,7 @@ void OrbitIntegrator::begin(double t, double energy_constant, bool at_equilibriu
                     gamma, fmt::join(scheme_->state(), ", "),
                     scheme_->failure_reason().empty() ? "" : fmt::format(" ({})", scheme_->failure_reason())));
   }
-  levels_ = std::make_unique<TimeLevels>(*scheme_,
-                                         LevelOptions{.levels = options_.levels,
-                                                      .on_singular = options_.on_singular.value_or(OnSingular::bridge),
-                                                      .bridge = options_.bridge.value_or(BridgeRule::anchored),
-                                                      .tolerance = options_.tolerance,
-                                                      .energy_constant = energy_constant,
-                                                      .potential = options_.potential},
-                                         t, options_.step);
-}
-
-LevelNode OrbitIntegrator::node() {
-  LevelNode node = scheme_->node();
-  node.energy += node_constant_;
-  return node;
-}
-
-bool OrbitIntegrator::finished() const {
-  // Levels are start + k·step only to rounding; a level this near to `until` is meant to be at it.
-  constexpr double slack = 1e-9;
-  const double direction = options_.step < 0.0 ? -1.0 : 1.0;
-  return direction * (levels_->time() - options_.until) >= -slack * std::abs(levels_->last_step());
-}
-
-SchemeTraits OrbitIntegrator::traits() const {
-  return {.order = scheme_->order(), .bridged = bridged_};
+  begin(*scheme_, options_, levels, t, node_constant);
 }
 
 std::vector<std::string> OrbitIntegrator::cautions() const {
@@ -356,16 +225,6 @@ std::vector<std::string> OrbitIntegrator::cautions() const {
     }
   }
   return cautions;
-}
-
-void OrbitIntegrator::save(StateWriter& state) const {
-  scheme_->save(state);
-  levels_->save(state);
-}
-
-void OrbitIntegrator::restore(StateReader& state) {
-  scheme_->restore(state);
-  levels_->restore(state);
 }
 
 double Orbit::discrete_energy_deviation() const {
@@ -526,9 +385,7 @@ Orbit run(OrbitIntegrator integrator, std::unique_ptr<EventLog> events, const In
     const StepReport report = integrator.step();
     if (report.status != Status::success) {
       orbit.status = report.status;
-      const std::string reason = integrator.failure_reason();
-      orbit.message = describe_failure(report, integrator.t(), integrator.node(), integrator.levels().last_step(),
-                                       options.on_singular.value_or(OnSingular::bridge), reason, integrator.traits());
+      orbit.message = integrator.explain(report);
       break;
     }
     orbit.h.push_back(report.h);
@@ -554,94 +411,6 @@ Orbit integrate(const Hamiltonian& hamiltonian, const InitialState& initial, con
 Orbit integrate(const Lagrangian& lagrangian, const InitialMotion& initial, const IntegrationOptions& options) {
   OrbitIntegrator integrator(lagrangian, initial, options);
   return run(std::move(integrator), make_log(lagrangian, initial, options), options);
-}
-
-namespace {
-
-std::string gamma_name(const StepReport& report, int order) {
-  return report.gamma_from_slope ? slope_name(order) : "Gamma";
-}
-
-std::string trend_of(const StepReport& report, int order) {
-  return fmt::format("{} went from {:.4g} to {:.4g} over the last step", gamma_name(report, order), report.gamma_before,
-                     report.gamma_after);
-}
-
-/// `has_gamma`: whether the scheme knows its Γ, so that there are bridges (with stop, the report has it from slopes all
-/// the same, since no level before is kept).
-std::string why_singular(const StepReport& report, OnSingular on_singular, bool has_gamma, const SchemeTraits& scheme) {
-  const GammaTrend trend{report.gamma_before, report.gamma_after};
-  const bool bridging = on_singular == OnSingular::bridge && has_gamma;
-  const bool plain = on_singular == OnSingular::fixed;
-  if (trend.meets_zero()) {
-    const std::string what = fmt::format("{} nears 0 there ({}; theory, section {})", gamma_name(report, scheme.order),
-                                         trend_of(report, scheme.order), has_gamma ? 3 : 8);
-    if (bridging) {
-      return what + ", and no bridge over it was found; use another step, or levels = \"fixed\"";
-    }
-    if (!scheme.bridged.empty()) {
-      return fmt::format(
-          "{}, and this scheme has no bridges; use step_potential = \"auto\", {}levels = \"fixed\", or {}", what,
-          plain ? "" : "on_singular = \"fixed\", ", scheme.bridged);
-    }
-    return what + (!has_gamma || plain ? "; use another step, or levels = \"fixed\""
-                                       : "; use on_singular = \"bridge\" or \"fixed\", or levels = \"fixed\"");
-  }
-  if (trend.known() && trend.ratio() > GammaTrend::changes_much) {
-    return fmt::format("the step is too long for the motion: {}; take a smaller step", trend_of(report, scheme.order));
-  }
-  return fmt::format(
-      "E(h) turns back, or leaves the branch the run is on, before it comes to E; take a smaller step, {}",
-      scheme.bridged.empty() ? "or levels = \"fixed\"" : fmt::format("levels = \"fixed\", or {}", scheme.bridged));
-}
-
-}  // namespace
-
-std::string slope_name(int order) {
-  return order == 2   ? "-(4/h) dE/dh"
-         : order == 1 ? "-12 dE/dh"
-                      : fmt::format("-(24/({} h^{})) dE/dh", order * (order + 1), order - 1);
-}
-
-std::string describe_failure(const StepReport& report, double t, const LevelNode& node, double last_step,
-                             OnSingular on_singular, std::string_view reason, const SchemeTraits& scheme) {
-  const std::string where =
-      std::isfinite(node.gamma)
-          ? fmt::format("at t = {:.10g}, Gamma = {:.4g}, last step h = {:.4g}", t, node.gamma, last_step)
-          : fmt::format("at t = {:.10g}, last step h = {:.4g}", t, last_step);
-  switch (report.status) {
-    case Status::success: return {};
-    case Status::singular:
-      return fmt::format("the step equation has no solution with the required energy {}: {}", where,
-                         why_singular(report, on_singular, std::isfinite(node.gamma), scheme));
-    case Status::ill_conditioned:
-      if (report.condition <= LevelOptions{}.condition_limit) {
-        return fmt::format(
-            "the energy law carries no information {}: the terms of the energy have grown until rounding in them is "
-            "seen beside all that they were at the first step, as when a motion blows up; end the run before it does",
-            where);
-      }
-      return fmt::format(
-          "the energy law carries no information {}: the step condition {:.3g} exceeds 1e-2, rounding in H alone moves "
-          "h; take a larger step, or levels = \"fixed\"",
-          where, report.condition);
-    case Status::not_converged: {
-      const GammaTrend trend{report.gamma_before, report.gamma_after};
-      return trend.known() && trend.ratio() > GammaTrend::changes_much
-                 ? fmt::format(
-                       "the step could not be solved {}: it is too long for a motion that speeds up like this "
-                       "({}); take a smaller step, and end the run before the motion blows up, if it does",
-                       where, trend_of(report, scheme.order))
-                 : fmt::format("the step could not be solved {}: the iteration did not settle; take a smaller step",
-                               where);
-    }
-    case Status::undefined:
-      return fmt::format(
-          "the formula became undefined{} on the way from the level {}: the orbit leaves the domain of H, or the step "
-          "is too long",
-          reason.empty() ? std::string(" (not finite)") : fmt::format(" ({})", reason), where);
-  }
-  return {};
 }
 
 }  // namespace rubato

@@ -9,8 +9,9 @@ namespace rubato {
 
 OrbitBetween::OrbitBetween(const Hamiltonian& hamiltonian, const SegmentLagrangian& lagrangian, bool starting_pair,
                            std::span<const double> z_0)
-    : map_(has_one_step_form(lagrangian) ? make_one_step_scheme(hamiltonian.without_constant(), lagrangian, z_0)
-                                         : nullptr),
+    : map_(method_of(lagrangian).scheme != nullptr
+               ? make_one_step_scheme(hamiltonian.without_constant(), lagrangian, z_0)
+               : nullptr),
       hamiltonian_(hamiltonian),
       has_parasite_(starting_pair),
       whole_(z_0.size()),

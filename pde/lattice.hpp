@@ -11,7 +11,7 @@
 #include <rubato/pde/lattice_scheme.hpp>
 #include <rubato/pde/local_laws.hpp>
 #include <rubato/pde/multisymplectic_system.hpp>
-#include <rubato/variation/time_levels.hpp>
+#include <rubato/variation/integrator.hpp>
 
 namespace rubato {
 
@@ -42,7 +42,7 @@ struct LatticeOptions {
 ///       if (report.status != Status::success) break;
 ///       lattice.residuals();   // the local laws of the step just taken
 ///     }
-class LatticeIntegrator {
+class LatticeIntegrator final : public Integrator {
 public:
   /// \throws std::invalid_argument with the offending values: what initial_level(), the scheme and
   /// check_run_span() refuse (`step` or `until` left out, too), a symmetry that is none
@@ -50,15 +50,7 @@ public:
                     const LatticeOptions& options);
 
   /// One step. On success level() is the new level and previous() the one before; otherwise nothing has changed.
-  [[nodiscard]] StepReport step();
-  /// Whether the present level is at or past `until` (a level within 1e-9 of a step of it counts as at it).
-  [[nodiscard]] bool finished() const;
-
-  [[nodiscard]] double t() const { return levels_->time(); }
-  [[nodiscard]] LevelNode node();  ///< 𝓔(z_k) and Γ(z_k)
-  /// The same of S without the constant that was added to it.
-  [[nodiscard]] LevelNode bare_node() { return scheme_->node(); }
-  [[nodiscard]] const TimeLevels& levels() const { return *levels_; }
+  [[nodiscard]] StepReport step() override;
   [[nodiscard]] const LatticeMethod& method() const { return *method_; }
   [[nodiscard]] const LatticeScheme& scheme() const { return *scheme_; }  ///< of S without its constant
   [[nodiscard]] const MultisymplecticSystem& system() const { return system_; }
@@ -72,7 +64,7 @@ public:
 
   /// What the user should know about this problem although it can be run, with the remedy: sentences for people. Data
   /// that do not repeat with the period, waves that grow without bound (prepare_initial_level, find_short_wave_growth).
-  [[nodiscard]] const std::vector<std::string>& cautions() const { return cautions_; }
+  [[nodiscard]] std::vector<std::string> cautions() const override { return cautions_; }
 
   /// The local laws; laws().names() names them.
   [[nodiscard]] LocalLaws& laws() { return laws_; }
@@ -81,18 +73,14 @@ public:
   /// Σ ΔV of their densities at the present level.
   std::vector<double> totals() { return laws_.totals(level()); }
 
-  /// All that continuing bit for bit needs. restore() is for an integrator constructed from the same arguments.
-  void save(StateWriter& state) const;
-  void restore(StateReader& state);
+  void save(StateWriter& state) const override;
+  void restore(StateReader& state) override;
 
 private:
-  LatticeOptions options_;
   std::unique_ptr<LatticeMethod> method_;
   std::vector<std::string> cautions_;
   MultisymplecticSystem system_;
-  double energy_constant_;  ///< what the constant in S adds to energies
   std::unique_ptr<LatticeScheme> scheme_;
-  std::unique_ptr<TimeLevels> levels_;
   LocalLaws laws_;
   LatticeLevel previous_;
   grids::FieldSet before_;  ///< of the step under way, what becomes previous_ if it succeeds

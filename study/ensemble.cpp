@@ -122,9 +122,7 @@ private:
     if (report.status != Status::success) {
       const bool singular = report.status == Status::singular || report.status == Status::ill_conditioned;
       result_.status = singular ? ExitStatus::singular : ExitStatus::failed;
-      const std::string reason = simulation().failure_reason();
-      result_.message = describe_failure(report, simulation().t(), simulation().node(), simulation().last_step(),
-                                         problem_.scheme.on_singular, reason, simulation().traits());
+      result_.message = simulation().integrator().explain(report);
       return;
     }
     chronicle_.tell_step(report, rows_);

@@ -1,10 +1,12 @@
 #include <rubato/study/keys.hpp>
 
 #include <algorithm>
+#include <functional>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <rubato/ode/orbit_methods.hpp>
 #include <rubato/pde/lattice_method.hpp>
 #include <rubato/study/problem.hpp>
 #include <rubato/variation/composition.hpp>
@@ -64,9 +66,23 @@ constexpr std::array<TableEntry, 24> all_tables{{
      "the first part of an entry's path"},
 }};
 
+constexpr auto every_entry = [](const auto&) { return true; };
+
+/// The names of those entries of a registry of which `which` holds.
+template <typename Entries, typename Which = decltype(every_entry)>
+std::vector<std::string_view> names_of(const Entries& entries, Which which = every_entry) {
+  std::vector<std::string_view> words;
+  for (const auto& one : entries) {
+    if (std::invoke(which, one)) {
+      words.push_back(one.name);
+    }
+  }
+  return words;
+}
+
 /// Those of orbits, then those of lattices; some are both.
 std::vector<std::string_view> all_lagrangians() {
-  std::vector<std::string_view> words(orbit_lagrangians.begin(), orbit_lagrangians.end());
+  std::vector<std::string_view> words = names_of(orbit_methods());
   for (const std::string_view word : lattice_lagrangians()) {
     if (std::ranges::find(words, word) == words.end()) {
       words.push_back(word);
@@ -149,10 +165,10 @@ std::vector<KeyEntry> make_keys() {
       {"initial.next", "t", "number", required, "The time of the second level."},
 
       {"scheme", "lagrangian", "word",
-       fmt::format("{} for orbits, {} for lattices", orbit_lagrangians[0], lattice_lagrangians()[0]),
+       fmt::format("{} for orbits, {} for lattices", hamiltonian_lagrangians()[0], lattice_lagrangians()[0]),
        fmt::format("The discrete Lagrangian, or the family of symplectic maps; for orbits {}, for [lagrangian] the "
                    "quadratures of the action {}, for lattices {}.",
-                   fmt::join(hamiltonian_lagrangians(), ", "), fmt::join(quadratures, ", "),
+                   fmt::join(hamiltonian_lagrangians(), ", "), fmt::join(quadratures(), ", "),
                    fmt::join(lattice_lagrangians(), ", ")),
        words},
       {"scheme", "levels", "word", std::string(to_string(scheme.levels)),
@@ -246,15 +262,6 @@ std::vector<KeyEntry> make_keys() {
   };
 }
 
-template <typename Entries>
-std::vector<std::string_view> names_of(const Entries& entries) {
-  std::vector<std::string_view> words;
-  for (const auto& one : entries) {
-    words.push_back(one.name);
-  }
-  return words;
-}
-
 /// "grid.y" and "grid.z" are documented as "grid.x", "events." and any name as "events.NAME".
 std::string_view documented_name(std::string_view table) {
   return table == "grid.y" || table == "grid.z" ? "grid.x" : table.starts_with("events.") ? "events.NAME" : table;
@@ -262,6 +269,14 @@ std::string_view documented_name(std::string_view table) {
 
 }  // namespace
 
+std::span<const std::string_view> hamiltonian_lagrangians() {
+  static const std::vector<std::string_view> words = names_of(orbit_methods(), &OrbitMethod::of_hamiltonian);
+  return words;
+}
+std::span<const std::string_view> quadratures() {
+  static const std::vector<std::string_view> words = names_of(orbit_methods(), &OrbitMethod::of_lagrangian);
+  return words;
+}
 std::span<const std::string_view> lattice_lagrangians() {
   static const std::vector<std::string_view> words = names_of(lattice_methods());
   return words;

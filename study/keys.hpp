@@ -38,22 +38,17 @@ struct KeyEntry {
 [[nodiscard]] std::optional<std::string_view> table_of(std::string_view key);
 
 // In the order of the enumerations.
-inline constexpr std::array<std::string_view, 8> orbit_lagrangians = {"midpoint", "forward",   "generating", "custom",
-                                                                      "gauss",    "splitting", "trapezoid",  "lobatto"};
-/// Those of [hamiltonian].
-[[nodiscard]] constexpr std::span<const std::string_view> hamiltonian_lagrangians() {
-  return std::span(orbit_lagrangians).first(6);
-}
-/// Those of [lagrangian].
-inline constexpr std::array<std::string_view, 4> quadratures = {"midpoint", "trapezoid", "lobatto", "gauss"};
 inline constexpr std::array<std::string_view, 2> levels_words = {"variable", "fixed"};
 inline constexpr std::array<std::string_view, 3> on_singular_words = {"bridge", "fixed", "stop"};
 inline constexpr std::array<std::string_view, 2> bridge_words = {"anchored", "reversible"};
 inline constexpr std::array<std::string_view, 2> potential_words = {"none", "auto"};
 inline constexpr std::array<std::string_view, 3> darboux_words = {"midpoint", "euler-a", "euler-b"};
 inline constexpr std::array<std::string_view, 3> direction_words = {"both", "up", "down"};
-/// The schemes for lattices, and the compositions of explicit splittings, by what the library calls them.
+/// The schemes for problems of [hamiltonian], of [lagrangian] and for lattices, and the compositions of explicit
+/// splittings, by what the library calls them.
 ///@{
+[[nodiscard]] std::span<const std::string_view> hamiltonian_lagrangians();
+[[nodiscard]] std::span<const std::string_view> quadratures();
 [[nodiscard]] std::span<const std::string_view> lattice_lagrangians();
 [[nodiscard]] std::span<const std::string_view> composition_words();
 ///@}

@@ -39,17 +39,9 @@ public:
     }
     return report;
   }
-  [[nodiscard]] bool finished() const override { return lattice_.finished(); }
-  [[nodiscard]] double t() const override { return lattice_.t(); }
-  [[nodiscard]] LevelNode node() override { return lattice_.node(); }
-  [[nodiscard]] bool autonomous() const override { return true; }
-  [[nodiscard]] bool has_gamma() const override { return lattice_.scheme().has_gamma(); }
-  [[nodiscard]] double last_step() const override { return lattice_.levels().last_step(); }
-  [[nodiscard]] double energy_rounding() const override { return lattice_.levels().energy_rounding(); }
-  [[nodiscard]] double energy_terms() const override { return lattice_.levels().energy_scale(); }
-  [[nodiscard]] const StepPotential& step_potential() const override { return lattice_.levels().potential(); }
+  [[nodiscard]] Integrator& integrator() override { return lattice_; }
+  [[nodiscard]] const Integrator& integrator() const override { return lattice_; }
 
-  [[nodiscard]] std::vector<std::string> cautions() const override { return lattice_.cautions(); }
   [[nodiscard]] std::vector<std::string> warnings() const override {
     std::vector<std::string> warnings;
     if (residuals_.tangent_status() != Status::success) {

@@ -93,7 +93,7 @@ public:
     } else {
       const Hamiltonian hamiltonian = make_hamiltonian(problem);
       law_.emplace(make_node_law(hamiltonian, lagrangian));
-      if (is_map(lagrangian)) {
+      if (method_of(lagrangian).is_map()) {
         map_ = make_one_step_scheme(hamiltonian, lagrangian, initial_state());
       } else {
         action_ = make_action(hamiltonian, lagrangian);

@@ -56,19 +56,8 @@ public:
     }
     return report;
   }
-  [[nodiscard]] bool finished() const override { return integrator_.finished(); }
-  [[nodiscard]] double t() const override { return integrator_.t(); }
-  [[nodiscard]] LevelNode node() override { return integrator_.node(); }
-  [[nodiscard]] bool autonomous() const override { return integrator_.autonomous(); }
-  [[nodiscard]] bool has_gamma() const override { return integrator_.has_gamma(); }
-  [[nodiscard]] double last_step() const override { return integrator_.levels().last_step(); }
-  [[nodiscard]] double energy_rounding() const override { return integrator_.levels().energy_rounding(); }
-  [[nodiscard]] double energy_terms() const override { return integrator_.levels().energy_scale(); }
-  [[nodiscard]] const StepPotential& step_potential() const override { return integrator_.levels().potential(); }
-  [[nodiscard]] std::string failure_reason() const override { return integrator_.failure_reason(); }
-  [[nodiscard]] SchemeTraits traits() const override { return integrator_.traits(); }
-
-  [[nodiscard]] std::vector<std::string> cautions() const override { return integrator_.cautions(); }
+  [[nodiscard]] Integrator& integrator() override { return integrator_; }
+  [[nodiscard]] const Integrator& integrator() const override { return integrator_; }
 
   [[nodiscard]] std::vector<std::string> invariant_names() const override { return invariants_.names(); }
   [[nodiscard]] std::span<const double> invariants() override { return invariants_(formula_inputs()); }

@@ -135,7 +135,7 @@ struct MultisymplecticProblem {
   [[nodiscard]] std::vector<std::string> axis_names() const;
 };
 
-/// Of an orbit. A lattice's scheme is one of lattice_methods(), by its name.
+/// Of an orbit, in the order of orbit_methods(). A lattice's scheme is one of lattice_methods(), by its name.
 enum class Lagrangian { midpoint, forward, generating, custom, gauss, splitting, trapezoid, lobatto, of_lattice };
 
 /// What the user writes: "midpoint", "variable", "stop", …

@@ -15,7 +15,6 @@
 #include <rubato/study/recorder.hpp>
 #include <rubato/study/stored.hpp>
 #include <rubato/study/threads.hpp>
-#include <rubato/variation/composition.hpp>
 
 namespace rubato::study {
 
@@ -39,30 +38,12 @@ private:
   Digests& digests_;
 };
 
-/// Of a generating function: with F = 0 its even coefficients vanish, so that an odd order rounds up.
-int reached_order(const Scheme& scheme) {
-  return *scheme.order + (scheme.darboux == DarbouxKind::midpoint ? *scheme.order % 2 : 0);
-}
-
-/// The order of the scheme of a problem; of an 𝕃 of the user's that of the step it starts with.
-int order_of(const Scheme& scheme) {
-  switch (scheme.lagrangian) {
-    case Lagrangian::generating: return reached_order(scheme);
-    case Lagrangian::gauss: return 2 * *scheme.stages;
-    case Lagrangian::lobatto: return 2 * *scheme.stages - 2;
-    case Lagrangian::splitting: return composition(scheme.composition).order;
-    case Lagrangian::of_lattice: return make_lattice_method(method_choice(scheme))->order();
-    default: return 2;
-  }
-}
-
 /// How the energy that bridges leave open depends on the step: like the error of the node energy, which is of the order
 /// of the scheme.
-std::string how_it_falls(const Scheme& scheme) {
+std::string how_it_falls(const Scheme& scheme, int order) {
   if (scheme.lagrangian == Lagrangian::custom || scheme.lagrangian == Lagrangian::forward) {
     return "smaller steps make this smaller";
   }
-  const int order = order_of(scheme);
   return order == 1   ? "this falls in proportion to the step"
          : order == 2 ? "this falls as the square of the step"
          : order == 3 ? "this falls as the cube of the step"
@@ -151,7 +132,7 @@ private:
   }
 
   [[nodiscard]] std::string cause_of_undefined() {
-    const std::string reason = simulation().failure_reason();
+    const std::string reason = simulation().integrator().failure_reason();
     return reason.empty() ? "" : fmt::format(" ({})", reason);
   }
 
@@ -193,7 +174,7 @@ private:
     outcome_.wall_seconds = std::chrono::duration<double>(Clock::now() - begin).count();
     add_warnings();
     outcome_.step_potential = simulation().step_potential();
-    outcome_.order = order_of(problem_.scheme);
+    outcome_.order = simulation().order();
     return std::move(outcome_);
   }
 
@@ -226,9 +207,7 @@ private:
     if (report.status != Status::success) {
       const bool singular = report.status == Status::singular || report.status == Status::ill_conditioned;
       outcome_.status = singular ? ExitStatus::singular : ExitStatus::failed;
-      const std::string reason = simulation().failure_reason();
-      outcome_.message = describe_failure(report, simulation().t(), simulation().node(), simulation().last_step(),
-                                          problem_.scheme.on_singular, reason, simulation().traits());
+      outcome_.message = simulation().integrator().explain(report);
       return;
     }
     const std::size_t steps = statistics().steps;
@@ -293,11 +272,12 @@ private:
     for (std::string& sentence : statistics.undefined_quantities()) {
       outcome_.warnings.push_back(std::move(sentence));
     }
-    if (scheme.lagrangian == Lagrangian::generating && reached_order(scheme) != *scheme.order) {
+    if (const int order = simulation().order();
+        scheme.lagrangian == Lagrangian::generating && order != *scheme.order) {
       outcome_.warnings.push_back(
           fmt::format("order = {0} rounds up to {1}: with darboux = \"midpoint\" the even coefficients of the "
                       "generating function vanish, so that orders are even; write order = {1}",
-                      *scheme.order, reached_order(scheme)));
+                      *scheme.order, order));
     }
     if (statistics.bridge_steps > 0) {
       outcome_.warnings.push_back(about_bridges());
@@ -351,7 +331,7 @@ private:
         "{} bridge{} in {} steps, on which the discrete energy is off by up to {:.2g} "
         "(relative); {}",
         statistics.bridges, statistics.bridges == 1 ? "" : "s", statistics.steps,
-        statistics.relative_bridge_deviation().value_or(statistics.bridge_deviation()), how_it_falls(problem_.scheme));
+        statistics.relative_bridge_deviation().value_or(statistics.bridge_deviation()), how_it_falls(problem_.scheme, chronicle_->simulation().order()));
     if (causes().crossings() == 0 && !nears_zero()) {
       return fmt::format("the step is too long for this orbit: {}; {}", too_long(), off);
     }
@@ -363,7 +343,7 @@ private:
 
   /// Γ, or what the slopes of steps have in its place.
   [[nodiscard]] std::string told_of_gamma() const {
-    return causes().from_slopes() ? slope_name(chronicle_->simulation().traits().order) : "Gamma";
+    return causes().from_slopes() ? slope_name(chronicle_->simulation().order()) : "Gamma";
   }
 
   /// The smallest |Γ| of the run beside the largest.

@@ -8,6 +8,7 @@
 #include <fmt/ranges.h>
 
 #include <rubato/ode/generating_action.hpp>
+#include <rubato/ode/orbit_methods.hpp>
 #include <rubato/study/keys.hpp>
 #include <rubato/study/lattice_problem.hpp>
 #include <rubato/study/reader.hpp>
@@ -17,6 +18,10 @@
 
 namespace rubato::study {
 namespace {
+
+const OrbitMethod& registered(Lagrangian lagrangian) {
+  return orbit_methods()[static_cast<std::size_t>(lagrangian)];
+}
 
 /// Reads [scheme], one entry after the other.
 class SchemeReader {
@@ -65,14 +70,14 @@ private:
       return std::ranges::find(words, word) != words.end();
     };
     return has(hamiltonian_lagrangians()) ? "ODEs ([hamiltonian])"
-           : has(quadratures)             ? "problems stated by L ([lagrangian])"
+           : has(quadratures())           ? "problems stated by L ([lagrangian])"
            : has(lattice_lagrangians())   ? "lattices ([multisymplectic])"
                                           : "";
   }
 
   void read_lagrangian() {
     const bool ode = problem_.hamiltonian() != nullptr;
-    const std::span<const std::string_view> own = is_by_L() ? std::span<const std::string_view>(quadratures)
+    const std::span<const std::string_view> own = is_by_L() ? quadratures()
                                                   : ode     ? hamiltonian_lagrangians()
                                                             : lattice_lagrangians();
     scheme_.lagrangian_location = scheme_.location;
@@ -87,8 +92,9 @@ private:
       which = read_word(entry->value, "lagrangian", own);
     }
     if (ode) {
+      const auto methods = orbit_methods();
       scheme_.lagrangian =
-          static_cast<Lagrangian>(std::ranges::find(orbit_lagrangians, own[which]) - orbit_lagrangians.begin());
+          static_cast<Lagrangian>(std::ranges::find(methods, own[which], &OrbitMethod::name) - methods.begin());
     } else {
       scheme_.lagrangian = Lagrangian::of_lattice;
       scheme_.method = own[which];
@@ -129,14 +135,8 @@ private:
   /// Bridges are asked for, and it is a family for most of which none can be built.
   [[nodiscard]] bool misses_bridges() const { return is_family() && scheme_.on_singular == OnSingular::bridge; }
   /// Whether it is a family of symplectic maps that has its discrete energy from theory, section 8.
-  [[nodiscard]] bool is_family() const {
-    return lattice_entry() != nullptr
-               ? !has_bridges()
-               : has_compositions() || has_stages() || scheme_.lagrangian == Lagrangian::trapezoid;
-  }
-  [[nodiscard]] bool takes_potential() const {
-    return scheme_.lagrangian != Lagrangian::custom && scheme_.lagrangian != Lagrangian::forward;
-  }
+  [[nodiscard]] bool is_family() const { return lattice_entry() != nullptr ? !has_bridges() : orbit_method().is_map(); }
+  [[nodiscard]] bool takes_potential() const { return lattice_entry() != nullptr || orbit_method().takes_potential; }
 
   void read_potential() {
     using Kind = StepPotentialChoice::Kind;
@@ -201,6 +201,7 @@ private:
   [[nodiscard]] const LatticeMethodEntry* lattice_entry() const {
     return scheme_.method.empty() ? nullptr : &lattice_method_entry(scheme_.method);
   }
+  [[nodiscard]] const OrbitMethod& orbit_method() const { return registered(scheme_.lagrangian); }
   /// The lagrangians that have stages.
   [[nodiscard]] std::string stages_owners() const {
     std::vector<std::string_view> owners;
@@ -214,12 +215,11 @@ private:
                                       : "gauss";
   }
   [[nodiscard]] bool has_stages() const {
-    return lattice_entry() != nullptr ? lattice_entry()->has_stages
-                                      : scheme_.lagrangian == Lagrangian::gauss || is_lobatto();
+    return lattice_entry() != nullptr ? lattice_entry()->has_stages : orbit_method().has_stages;
   }
   [[nodiscard]] bool is_lobatto() const { return scheme_.lagrangian == Lagrangian::lobatto; }
   [[nodiscard]] bool has_compositions() const {
-    return lattice_entry() != nullptr ? lattice_entry()->has_compositions : scheme_.lagrangian == Lagrangian::splitting;
+    return lattice_entry() != nullptr ? lattice_entry()->has_compositions : orbit_method().has_compositions;
   }
   [[nodiscard]] std::string family_name() const {
     return has_compositions()                             ? fmt::format("composition = \"{}\"", scheme_.composition)
@@ -369,8 +369,7 @@ private:
     if (lattice_entry() != nullptr) {
       return make_lattice_method(method_choice(scheme_))->has_bridges();
     }
-    return !has_stages() && scheme_.lagrangian != Lagrangian::trapezoid &&
-           (!has_compositions() || composition(scheme_.composition).has_node_law());
+    return has_compositions() ? composition(scheme_.composition).has_node_law() : !orbit_method().is_map();
   }
 
   Matrix read_darboux_matrix(const Value& value) {
@@ -490,7 +489,7 @@ private:
   void read_step(double length) {
     const auto* ode = problem_.hamiltonian();
     const std::optional<PhasePoint> next = ode == nullptr ? std::nullopt : ode->next;
-    if (next && (scheme_.lagrangian == Lagrangian::gauss || scheme_.lagrangian == Lagrangian::splitting)) {
+    if (next && orbit_method().is_map()) {
       throw ProblemError(
           next->location,
           fmt::format("[initial.next] begins a two-step form, and lagrangian = \"{}\" is a one-step map; "
@@ -593,7 +592,7 @@ private:
 }  // namespace
 
 std::string_view to_string(Lagrangian lagrangian) {
-  return orbit_lagrangians.at(static_cast<std::size_t>(lagrangian));
+  return registered(lagrangian).name;
 }
 std::string_view Scheme::word() const {
   return method.empty() ? to_string(lagrangian) : method;

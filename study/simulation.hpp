@@ -23,24 +23,29 @@ public:
   virtual ~Simulation() = default;
 
   [[nodiscard]] virtual StepReport step() = 0;
-  [[nodiscard]] virtual bool finished() const = 0;
-  [[nodiscard]] virtual double t() const = 0;
-  [[nodiscard]] virtual LevelNode node() = 0;  ///< H(z_k) and Γ(z_k)
-  [[nodiscard]] virtual bool autonomous() const = 0;
+  /// What takes the steps, and chooses the levels.
+  ///@{
+  [[nodiscard]] virtual Integrator& integrator() = 0;
+  [[nodiscard]] virtual const Integrator& integrator() const = 0;
+  ///@}
+
+  [[nodiscard]] bool finished() const { return integrator().finished(); }
+  [[nodiscard]] double t() const { return integrator().t(); }
+  [[nodiscard]] LevelNode node() { return integrator().node(); }  ///< H(z_k) and Γ(z_k)
+  [[nodiscard]] bool autonomous() const { return integrator().autonomous(); }
   /// Whether node() knows Γ: not for an arbitrary 𝕃, nor where no levels are chosen by it.
-  [[nodiscard]] virtual bool has_gamma() const = 0;
-  [[nodiscard]] virtual double last_step() const = 0;
+  [[nodiscard]] bool has_gamma() const { return integrator().has_gamma(); }
+  [[nodiscard]] double last_step() const { return integrator().levels().last_step(); }
   /// A bound of what rounding makes of E_k of the step just taken, and the largest sum of the magnitudes of its terms
   /// so far, which the tolerance of the law is relative to.
   ///@{
-  [[nodiscard]] virtual double energy_rounding() const = 0;
-  [[nodiscard]] virtual double energy_terms() const = 0;
+  [[nodiscard]] double energy_rounding() const { return integrator().levels().energy_rounding(); }
+  [[nodiscard]] double energy_terms() const { return integrator().levels().energy_scale(); }
   ///@}
   /// The step potential of the run; none before its first step.
-  [[nodiscard]] virtual const StepPotential& step_potential() const = 0;
-  /// After Status::undefined: what of the formula was not defined, where that is known.
-  [[nodiscard]] virtual std::string failure_reason() const { return {}; }
-  [[nodiscard]] virtual SchemeTraits traits() const { return {}; }
+  [[nodiscard]] const StepPotential& step_potential() const { return integrator().levels().potential(); }
+  /// The order of the scheme in time.
+  [[nodiscard]] int order() const { return integrator().traits().order; }
 
   [[nodiscard]] virtual std::vector<std::string> invariant_names() const = 0;
   /// At the present level. Valid until the next call.
@@ -49,7 +54,7 @@ public:
   [[nodiscard]] virtual std::vector<Named<Spread>> errors() = 0;
 
   /// What to tell the user at the start: what is doubtful about the problem, each one sentence with the remedy.
-  [[nodiscard]] virtual std::vector<std::string> cautions() const { return {}; }
+  [[nodiscard]] std::vector<std::string> cautions() const { return integrator().cautions(); }
   /// What to tell the user at the end, each one sentence with the remedy.
   [[nodiscard]] virtual std::vector<std::string> warnings() const { return {}; }
 

@@ -9,9 +9,6 @@ namespace rubato {
 
 namespace {
 
-/// Of a step: a level so near to `until` counts as at it.
-constexpr double slack = 1e-9;
-
 template <typename... Values>
 void refuse_if(bool wrong, fmt::format_string<Values...> message, Values&&... values) {
   if (wrong) {
@@ -35,7 +32,7 @@ void check_run_span(double start, double step, double until, double tolerance) {
             "a step of {} does not lead from t = {} to until = {}: change the sign of the step", step, start, until);
   refuse_if(start + step == start, "step = {} is lost in rounding beside the start t = {}: take a longer step", step,
             start);
-  refuse_if(std::abs(until - start) <= slack * std::abs(step),
+  refuse_if(std::abs(until - start) <= end_slack * std::abs(step),
             "step = {} is so long that until = {} counts as the start t = {}: take a shorter step", step, until, start);
   refuse_if(!(tolerance > 0.0 && tolerance < 1.0),
             "tolerance = {} of the level equation is relative: it has to be between 0 and 1", tolerance);

@@ -2,6 +2,9 @@
 
 namespace rubato {
 
+/// Of a step: a level so near to `until` counts as at it. Levels are start + k·step only to rounding.
+inline constexpr double end_slack = 1e-9;
+
 /// The checks that the options of every run need: from `start` by a first step of `step` to `until`, the level equation
 /// solved to the relative `tolerance`.
 /// \throws std::invalid_argument naming the option, its value and the remedy: a value that is not finite; no step; no

@@ -34,6 +34,7 @@ public:
     return std::isfinite(slope_) ? Status::success : Status::undefined;
   }
 
+  [[nodiscard]] int order() const override { return 1; }
   [[nodiscard]] double discrete_energy() const override { return energy_; }
   /// Levels are fixed: nothing is solved to it.
   [[nodiscard]] formula::SumSize energy_size() override {

@@ -54,6 +54,17 @@ std::string path_of(std::string_view table, std::string_view key) {
 
 }  // namespace
 
+TEST_CASE("the lists of lagrangians are those of the registries") {
+  using Words = std::vector<std::string_view>;
+  const auto list = [](std::span<const std::string_view> words) { return Words(words.begin(), words.end()); };
+  CHECK(list(hamiltonian_lagrangians()) == Words{"midpoint", "forward", "generating", "custom", "gauss", "splitting"});
+  CHECK(list(quadratures()) == Words{"midpoint", "gauss", "trapezoid", "lobatto"});
+  CHECK(to_string(Lagrangian::forward) == "forward");
+  CHECK(to_string(Lagrangian::generating) == "generating");
+  CHECK(to_string(Lagrangian::custom) == "custom");
+  CHECK(to_string(Lagrangian::lobatto) == "lobatto");
+}
+
 TEST_CASE("every key that help problem lists is read, and no other") {
   for (const KeyEntry& key : problem_keys()) {
     if (key.table == "initial.next" || key.name == "next" || key.table == "multisymplectic.K") {
