@@ -12,20 +12,20 @@ constexpr std::size_t lanes = detail::reduction_lanes;
 
 /// Lane by lane Knuth's two-sum, as compensated_sum_of() has it.
 RUBATO_WIDE_VECTORS void sum_in_lanes(const double* values, std::size_t count, double* sums, double* rests) {
-  EightLanes high = {}, low = {}, term;
+  EightLanes high = {}, low = {};
   std::size_t i = 0;
+  const auto take = [&](std::size_t some) __attribute__((always_inline)) {
+    EightLanes term = {};  // zeros change neither part
+    std::memcpy(&term, values + i, some * sizeof(double));
+    const EightLanes sum = high + term, moved = sum - high;
+    low += (high - (sum - moved)) + (term - moved);
+    high = sum;
+  };
   for (; i + lanes <= count; i += lanes) {
-    std::memcpy(&term, values + i, sizeof term);
-    const EightLanes sum = high + term, moved = sum - high;
-    low += (high - (sum - moved)) + (term - moved);
-    high = sum;
+    take(lanes);
   }
-  if (i < count) {  // zeros change neither part
-    term = EightLanes{};
-    std::memcpy(&term, values + i, (count - i) * sizeof(double));
-    const EightLanes sum = high + term, moved = sum - high;
-    low += (high - (sum - moved)) + (term - moved);
-    high = sum;
+  if (i < count) {
+    take(count - i);
   }
   std::memcpy(sums, &high, sizeof high);
   std::memcpy(rests, &low, sizeof low);

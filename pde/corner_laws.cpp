@@ -15,7 +15,7 @@ namespace {
 using grids::FieldSet;
 
 /// The laws of euler-box: forward differences of the currents J^ν_ρ that its action has by variation, at the base
-/// corners. J^ν_t reads one level alone.
+/// corners. J^ν_t reads one level alone. The law of two tangent solutions is its two-form at a node between two slabs.
 class CornerLaws final : public LawEngine {
 public:
   explicit CornerLaws(LawTables tables)
@@ -74,14 +74,23 @@ public:
     if (u.earlier == nullptr || v.earlier == nullptr) {
       throw std::invalid_argument("the multisymplectic law of euler-box needs tangent solutions at three levels");
     }
-    FieldSet sum(1, tables_.grid.size()), form(sum);
-    add_form(LawTables::time, u.before, u.after, v.before, v.after, 1.0 / h, sum.field(0));
-    add_form(LawTables::time, *u.earlier, u.before, *v.earlier, v.before, -1.0 / h, sum.field(0));
-    for (int mu = 1; mu < tables_.directions; ++mu) {
-      form.fill(0.0);  // X_{i+1}, at node i
-      add_form(mu, u.before, shifted(u.before, mu), v.before, shifted(v.before, mu), 1.0, form.field(0));
-      stencil_.apply(grids::SpaceOperator::backward_difference(mu - 1), form.field(0).data(), scratch_.field(0).data());
-      combine(1.0, scratch_.field(0), sum.field(0));
+    using Parts = LatticeVariation::Parts;
+    const auto pair = [](const FieldSet& lower, const FieldSet& upper) {
+      Parts levels(lower.fields(), lower.size());
+      levels.before = lower;
+      levels.after = upper;
+      return levels;
+    };
+    // S'' is symmetric and drops out at every node.
+    LatticeVariation form(euler_box_action(tables_.system, false), tables_.grid);
+    form.take(u.before, u.after, h);
+    Parts into(1, tables_.grid.size()), from(into);
+    form.two_form(pair(*u.earlier, u.before), pair(*v.earlier, v.before), into);
+    form.two_form(pair(u.before, u.after), pair(v.before, v.after), from);
+    FieldSet& sum = from.before;
+    const double inverse = 1.0 / (h * tables_.grid.cell_volume());
+    for (std::size_t i = 0; i < sum.size(); ++i) {
+      sum.field(0)[i] = inverse * (sum.field(0)[i] + into.after.field(0)[i]);
     }
     if (residual != nullptr) {
       std::ranges::copy(sum.field(0), residual);
@@ -119,27 +128,6 @@ private:
         out[i] += factor * x[i];
       }
     });
-  }
-
-  /// out += factor Σ Λ₊[r, c] (U_r V⁺_c - V_r U⁺_c).
-  void add_form(int mu, const FieldSet& u, const FieldSet& u_next, const FieldSet& v, const FieldSet& v_next,
-                double factor, std::span<double> out) const {
-    for (const MatrixTerm& term : tables_.plus[static_cast<std::size_t>(mu)]) {
-      const auto u_row = u.field(term.row), v_row = v.field(term.row);
-      const auto u_column = u_next.field(term.column), v_column = v_next.field(term.column);
-      for (std::size_t i = 0; i < out.size(); ++i) {
-        out[i] += factor * term.value * (u_row[i] * v_column[i] - v_row[i] * u_column[i]);
-      }
-    }
-  }
-
-  /// The neighbours' values along an axis.
-  [[nodiscard]] FieldSet shifted(const FieldSet& fields, int mu) {
-    FieldSet next(fields);
-    for (int f = 0; f < fields.fields(); ++f) {
-      stencil_.apply(grids::SpaceOperator::next(mu - 1), fields.field(f).data(), next.field(f).data());
-    }
-    return next;
   }
 
   LawTables tables_;

@@ -46,13 +46,12 @@ struct FaceOperators : LawTables {
   FaceGather gather;
   std::vector<std::unique_ptr<Workspace>> workspaces;
   grids::FieldSet middle, rate;
-  grids::FieldSet current, sum_at_nodes;                       ///< of each law, at nodes or over stages
+  grids::FieldSet current, sum;                                ///< of each law
   std::unique_ptr<NodeDerivative> nodal;                       ///< at nodes only
   std::unique_ptr<ElementOperators> elements;                  ///< in elements only: of cells the laws are a mean of
   grids::FieldSet at_points;                                   ///< in elements, of the fields in use
   std::vector<grids::FieldSet> derivatives;                    ///< along each axis, of the fields in use
   std::vector<grids::FieldSet> following;                      ///< with one-sided differences: the next nodes' values
-  std::vector<std::vector<Spread>> sizes;                      ///< [law][block]: of residuals
   std::vector<std::vector<double>> sums;                       ///< [law][block]: of densities
   std::shared_ptr<StageSource> stages;                         ///< null: the laws of a step are taken at its middle
   PlacedCoordinates at_cells;                                  ///< in their middles; or at the nodes
@@ -74,7 +73,6 @@ struct FaceOperators : LawTables {
     if (!system.coordinates().empty()) {
       place_faces();
     }
-    sizes.assign(names.size(), std::vector<Spread>(blocks.count()));
     sums.assign(names.size(), std::vector<double>(blocks.count()));
   }
 
@@ -320,8 +318,8 @@ struct FaceOperators : LawTables {
     }
   }
 
-  /// Residuals in the cells with fluxes over the stages of a step, into sum[law].
-  void residuals_over_stages(const LatticeLevel& before, const LatticeLevel& after, double h, grids::FieldSet& sum) {
+  /// Residuals in the cells, into sum[law].
+  void residuals_in_cells(const LatticeLevel& before, const LatticeLevel& after, double h) {
     sum.fill(0.0);
     const auto for_each = [&](auto&& add) {
       for_each_block_of_cells(
@@ -400,7 +398,7 @@ struct FaceOperators : LawTables {
   }
 
   /// Residuals at the nodes, into sum[law].
-  void residuals_at_nodes(const LatticeLevel& before, const LatticeLevel& after, double h, grids::FieldSet& sum) {
+  void residuals_at_nodes(const LatticeLevel& before, const LatticeLevel& after, double h) {
     if (current.fields() == 0) {
       current = grids::FieldSet(static_cast<int>(names.size()), grid.size());
     }
@@ -409,15 +407,11 @@ struct FaceOperators : LawTables {
     for (std::size_t i = 0; i < sum.all().size(); ++i) {
       sum.all()[i] = (sum.all()[i] - current.all()[i]) / h;
     }
-    if (stages == nullptr) {
-      add_fluxes(1.0, after.slopes, sum);
-      return;
-    }
-    for_each_stage(before, after, h, [&](double weight) { add_fluxes(weight, after.slopes, sum); });
+    for_each_stage(before, after, h, [&](double weight) { add_fluxes(weight, after.slopes); });
   }
 
   /// sum += weight · (Σ_a ∂_a J_a - the sources) at `middle` with the rates `rate`.
-  void add_fluxes(double weight, const PotentialSlopes& slopes, grids::FieldSet& sum) {
+  void add_fluxes(double weight, const PotentialSlopes& slopes) {
     for (int a = 0; a < grid.dimensions(); ++a) {
       currents_at_nodes(1 + a, middle, slopes, current);
       (*nodal)(a, std::as_const(current).pointers(), current.pointers());
@@ -437,10 +431,15 @@ struct FaceOperators : LawTables {
     });
   }
 
-  /// Calls use(weight) for every stage of a step, with the stage in `middle` and `rate`; where the stages cannot be
-  /// found, `middle` is not a number, so that no law passes for one that held.
+  /// Calls use(weight) for every stage of a step, with the stage in `middle` and `rate`, or once for its middle; where
+  /// the stages cannot be found, `middle` is not a number, so that no law passes for one that held.
   template <typename Use>
   void for_each_stage(const LatticeLevel& before, const LatticeLevel& after, double h, Use&& use) {
+    if (stages == nullptr) {
+      make_middle(before.fields, after.fields, h);
+      use(1.0);
+      return;
+    }
     const Status status = stages->take(before, after, h);
     for (int i = 0; i < stages->count(); ++i) {
       if (status == Status::success) {
@@ -465,33 +464,6 @@ struct FaceOperators : LawTables {
           *workspaces[static_cast<std::size_t>(omp_get_thread_num())]);
     }
   }
-
-  /// Takes the size of one law's residual in a block.
-  void measure(std::size_t law, std::size_t block, const double* values, std::size_t count) {
-    double max = 0.0;
-    double sum = 0.0;
-    for (std::size_t c = 0; c < count; ++c) {
-      const double size = std::abs(values[c]);
-      max = size > max ? size : max;
-      sum += values[c] * values[c];
-    }
-    if (std::isfinite(sum)) {
-      sizes[law][block] = Spread::of_magnitudes(max, sum, static_cast<double>(count), 0.0);
-    } else {  // a value, or its square, is not
-      sizes[law][block] = grids::magnitudes({values, count});
-    }
-  }
-
-  [[nodiscard]] Spread size_of(std::size_t law) const {
-    Spread size;
-    CompensatedSum squares;
-    for (std::size_t b = 0; b < blocks.count(); ++b) {
-      size.add(sizes[law][b]);
-      squares.add(sizes[law][b].squares);
-    }
-    size.squares = squares.value();
-    return size;
-  }
 };
 
 class FaceLaws final : public LawEngine {
@@ -507,57 +479,27 @@ public:
   Spread multisymplectic_residual(const TangentLevels& u, const TangentLevels& v, double h, double* residual) override;
 
 private:
-  Spread multisymplectic_residual_over_stages(const TangentLevels& u, const TangentLevels& v, double h,
-                                              double* residual);
-
   FaceOperators operators_;
 };
 
 std::vector<Spread> FaceLaws::residuals(const LatticeLevel& before, const LatticeLevel& after, double h,
                                         std::span<double* const> residuals) {
   FaceOperators& s = operators_;
-  s.make_middle(before.fields, after.fields, h);
-  const std::size_t laws = s.names.size();
-  std::vector<Spread> sizes;
-  if (s.nodal != nullptr || s.stages != nullptr) {
-    grids::FieldSet& sum = s.sum_at_nodes;
-    if (sum.fields() == 0) {
-      sum = grids::FieldSet(static_cast<int>(laws), s.grid.size());
-    }
-    if (s.nodal != nullptr) {
-      s.residuals_at_nodes(before, after, h, sum);
-    } else {
-      s.residuals_over_stages(before, after, h, sum);
-    }
-    for (std::size_t l = 0; l < laws; ++l) {
-      const auto values = std::as_const(sum).field(static_cast<int>(l));
-      sizes.push_back(grids::magnitudes(values));
-      if (!residuals.empty()) {
-        std::ranges::copy(values, residuals[l]);
-      }
-    }
-    return sizes;
+  if (s.sum.fields() == 0) {
+    s.sum = grids::FieldSet(static_cast<int>(s.names.size()), s.grid.size());
   }
-  s.for_each_block_of_cells(
-      [&](std::size_t block, std::size_t line, std::size_t begin, std::size_t count, Workspace& work) {
-        std::vector<double> sum(laws * block_size, 0.0);
-        std::vector<double*> out(laws);
-        for (std::size_t l = 0; l < laws; ++l) {
-          out[l] = &sum[l * block_size];
-        }
-        for (const bool upper : {false, true}) {
-          s.add_currents(work, line, begin, count, time, upper, (upper ? 1.0 : -1.0) / h, before, after, out);
-        }
-        s.add_cell_fluxes(work, line, begin, count, 1.0, after, out);
-        for (std::size_t l = 0; l < laws; ++l) {
-          s.measure(l, block, &sum[l * block_size], count);
-          if (!residuals.empty()) {
-            std::copy_n(&sum[l * block_size], count, residuals[l] + line * s.blocks.line + begin);
-          }
-        }
-      });
-  for (std::size_t l = 0; l < laws; ++l) {
-    sizes.push_back(s.size_of(l));
+  if (s.nodal != nullptr) {
+    s.residuals_at_nodes(before, after, h);
+  } else {
+    s.residuals_in_cells(before, after, h);
+  }
+  std::vector<Spread> sizes;
+  for (std::size_t l = 0; l < s.names.size(); ++l) {
+    const auto values = std::as_const(s.sum).field(static_cast<int>(l));
+    sizes.push_back(grids::magnitudes(values));
+    if (!residuals.empty()) {
+      std::ranges::copy(values, residuals[l]);
+    }
   }
   return sizes;
 }
@@ -591,12 +533,17 @@ std::vector<double> FaceLaws::totals(const LatticeLevel& level) {
   return totals;
 }
 
-Spread FaceLaws::multisymplectic_residual_over_stages(const TangentLevels& u, const TangentLevels& v, double h,
-                                                      double* residual) {
+Spread FaceLaws::multisymplectic_residual(const TangentLevels& u, const TangentLevels& v, double h, double* residual) {
   FaceOperators& s = operators_;
-  const auto count_of_stages = static_cast<std::size_t>(s.stages->count());
-  if (s.nodal != nullptr || u.stages.size() != count_of_stages || v.stages.size() != count_of_stages) {
+  const bool over_stages = s.stages != nullptr;
+  if (over_stages && (s.nodal != nullptr || u.stages.size() != static_cast<std::size_t>(s.stages->count()) ||
+                      v.stages.size() != u.stages.size())) {
     throw std::invalid_argument("the law of two tangent solutions of Gauss collocation needs their stages, on cells");
+  }
+  std::vector<grids::FieldSet> middles;  // of the step, where it has no stages
+  for (const TangentLevels* tangent : {&u, &v}) {
+    s.make_middle(tangent->before, tangent->after, h);
+    middles.push_back(s.middle);
   }
   grids::FieldSet sum(1, s.grid.size());
   sum.fill(0.0);
@@ -628,12 +575,18 @@ Spread FaceLaws::multisymplectic_residual_over_stages(const TangentLevels& u, co
           }
         });
   };
-  for (const bool upper : {false, true}) {
-    add(upper ? u.after : u.before, upper ? v.after : v.before, time, upper, (upper ? 1.0 : -1.0) / h);
-    for (int mu = 1; mu < s.directions; ++mu) {
-      for (std::size_t i = 0; i < count_of_stages; ++i) {
-        add(u.stages[i], v.stages[i], mu, upper,
-            (upper ? 1.0 : -1.0) * s.stages->weight(static_cast<int>(i)) / s.spacing(mu, h));
+  const std::size_t points = over_stages ? u.stages.size() : 1;
+  for (int mu = 0; mu < s.directions; ++mu) {
+    for (const bool upper : {false, true}) {
+      const auto factor = [&](double weight) { return (upper ? 1.0 : -1.0) * weight / s.spacing(mu, h); };
+      for (std::size_t i = 0; i < (mu == time ? 1 : points); ++i) {
+        if (mu == time) {
+          add(upper ? u.after : u.before, upper ? v.after : v.before, mu, upper, factor(1.0));
+        } else if (over_stages) {
+          add(u.stages[i], v.stages[i], mu, upper, factor(s.stages->weight(static_cast<int>(i))));
+        } else {
+          add(middles[0], middles[1], mu, upper, factor(1.0));
+        }
       }
     }
   }
@@ -642,41 +595,6 @@ Spread FaceLaws::multisymplectic_residual_over_stages(const TangentLevels& u, co
     std::ranges::copy(std::as_const(sum).field(0), residual);
   }
   return grids::magnitudes(std::as_const(sum).field(0));
-}
-
-Spread FaceLaws::multisymplectic_residual(const TangentLevels& u, const TangentLevels& v, double h, double* residual) {
-  FaceOperators& s = operators_;
-  if (s.stages != nullptr) {
-    return multisymplectic_residual_over_stages(u, v, h, residual);
-  }
-  s.make_middle(u.before, u.after, h);
-  const grids::FieldSet u_middle = s.middle;
-  s.make_middle(v.before, v.after, h);
-  s.for_each_block_of_cells(
-      [&](std::size_t block, std::size_t line, std::size_t begin, std::size_t count, Workspace& work) {
-        double sum[block_size] = {};
-        double* left = work.faces.S;
-        double* right = work.faces.mean[0];
-        for (int mu = 0; mu < s.directions; ++mu) {
-          for (const bool upper : {false, true}) {
-            const grids::FieldSet& left_fields = mu != time ? u_middle : upper ? u.after : u.before;
-            const grids::FieldSet& right_fields = mu != time ? s.middle : upper ? v.after : v.before;
-            const double factor = (upper ? 1.0 : -1.0) / s.spacing(mu, h);
-            for (const MatrixTerm& term : s.full[static_cast<std::size_t>(mu)]) {
-              s.face(left_fields.field(term.row).data(), line, begin, count, mu, upper, mu, left);
-              s.face(right_fields.field(term.column).data(), line, begin, count, mu, upper, mu, right);
-              for (std::size_t c = 0; c < count; ++c) {
-                sum[c] += factor * term.value * left[c] * right[c];
-              }
-            }
-          }
-        }
-        s.measure(0, block, sum, count);
-        if (residual != nullptr) {
-          std::copy_n(sum, count, residual + line * s.blocks.line + begin);
-        }
-      });
-  return s.size_of(0);
 }
 
 }  // namespace

@@ -86,7 +86,7 @@ LatticeAction fourier_action(const MultisymplecticSystem& system) {
   return action_at(system, {InTime::mean, SpaceOperator::identity()}, derivatives, true);
 }
 
-LatticeAction euler_box_action(const MultisymplecticSystem& system) {
+LatticeAction euler_box_action(const MultisymplecticSystem& system, bool with_S) {
   LatticeActionBuilder build = builder_for(system);
   const int base = build.add({InTime::before, SpaceOperator::identity()});
   build.add_derivative({InTime::difference, SpaceOperator::identity()});
@@ -106,7 +106,7 @@ LatticeAction euler_box_action(const MultisymplecticSystem& system) {
       });
     }
   }
-  return build.finish(-potential_at(system, build, base));
+  return build.finish(with_S ? -potential_at(system, build, base) : build.graph().constant(0.0));
 }
 
 }  // namespace rubato

@@ -24,6 +24,7 @@ namespace rubato {
 [[nodiscard]] LatticeAction fourier_action(const MultisymplecticSystem& system);
 
 /// Euler box: z at the base corner of a cell, D_ρ forward differences from there: zᵀM₊δ_t⁺z + Σ_a zᵀK₊δ_a⁺z - S(z).
-[[nodiscard]] LatticeAction euler_box_action(const MultisymplecticSystem& system);
+/// Or the same without S.
+[[nodiscard]] LatticeAction euler_box_action(const MultisymplecticSystem& system, bool with_S = true);
 
 }  // namespace rubato

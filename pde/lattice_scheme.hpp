@@ -30,7 +30,7 @@ public:
   [[nodiscard]] virtual std::shared_ptr<StageSource> stages() { return nullptr; }
 };
 
-/// The box (Preissman) scheme, the production form of the discrete action of cell_action.hpp (theory, section 5): in
+/// The box (Preissman) scheme, the production form of box_action() (theory, section 5): in
 /// every cell
 ///
 ///     R = M D_t z + Σ_a K_a D_a z̄ - ∇S(z̄) = 0,      E_k = Σ ΔV [S(z̄) + Σ_a (D_a z̄)ᵀK₊z̄],

@@ -46,7 +46,7 @@ struct WaveType {
 }
 
 SlopeField slope_field(const MultisymplecticSystem& system, int w, const std::vector<bool>& moves) {
-  SlopeField slope{.w = w, .row = *linear_row(system, w)};
+  SlopeField slope{.w = w, .terms = {}, .row = *linear_row(system, w)};
   for (int a = 0; a < system.directions(); ++a) {
     for (const MatrixTerm& term : terms_of(system.K(a).row(w))) {
       const bool forward = system.structure().K_plus[static_cast<std::size_t>(a)](w, term.column) != 0.0;
@@ -106,8 +106,8 @@ WaveType wave_type(const MultisymplecticSystem& system) {
 /// The discrete Lagrangian of Marsden, Patrick and Shkoller (Comm. Math. Phys. 199, 1998): on the triangle of a node
 /// and its neighbours in time and along the axes, L(u, u_t, u_x) at the node and at the differences to these
 /// neighbours; the mean over all triangles of a node within the slab. L is that of ½ zᵀ(M z_t + Σ K_a z_{x_a}) - S with
-/// v and w put in from their rows: Σ m u_t v + Σ K(w, u) u_x w - S.
-LatticeAction leapfrog_action(const MultisymplecticSystem& system) {
+/// v and w put in from their rows: Σ m u_t v + Σ K(w, u) u_x w - S; or without V.
+LatticeAction leapfrog_action(const MultisymplecticSystem& system, bool with_V = true) {
   const WaveType waves = wave_type(system);
   const int n = system.directions();
   LatticeActionBuilder build(system.field_count(), n);
@@ -124,7 +124,7 @@ LatticeAction leapfrog_action(const MultisymplecticSystem& system) {
       formula::Expression density = build.graph().constant(0.0);
       for (const MovingPair& pair : waves.pairs) {
         const formula::Expression rate = pair.m * build.derivative(pair.u, 0);
-        z[static_cast<std::size_t>(pair.u)] = build.value(pair.u, node);
+        z[static_cast<std::size_t>(pair.u)] = with_V ? build.value(pair.u, node) : build.graph().constant(1.0);
         z[static_cast<std::size_t>(pair.v)] = (rate - pair.row.b) / pair.row.a;
         density += rate * z[static_cast<std::size_t>(pair.v)];
       }
@@ -163,31 +163,19 @@ public:
 
   /// false if a value is not finite.
   [[nodiscard]] bool advance(double h, const LatticeLevel& before, grids::FieldSet& after) {
-    after.copy_from(before.fields);
-    vary(h, before, after);  // at u_t = 0
-    for (const MovingPair& pair : waves_.pairs) {
-      const auto u = after.field(pair.u);
-      const auto v = before.fields.field(pair.v);
-      const auto rest = std::as_const(parts_.before).field(pair.u);
-      const double inverse = h * pair.row.a / (pair.m * pair.m);
-      for (std::size_t i = 0; i < u.size(); ++i) {
-        u[i] += inverse * (pair.m * v[i] + rest[i] / grid_.cell_volume());
-      }
-    }
-    vary(h, before, after);
-    bool finite = true;
-    for (const MovingPair& pair : waves_.pairs) {
-      const auto v = after.field(pair.v);
-      const auto momentum = std::as_const(parts_.after).field(pair.u);
-      for (std::size_t i = 0; i < v.size(); ++i) {
-        v[i] = momentum[i] / (pair.m * grid_.cell_volume());
-        finite = finite && std::isfinite(v[i]);
-      }
-    }
-    for (const SlopeField& slope : waves_.slopes) {
-      differentiate(slope, after, before.slopes, after.field(slope.w));
-    }
-    return finite;
+    return step(h, before.fields, after, &before.slopes, [&] { vary(h, before, after); });
+  }
+
+  /// The same for a solution of the linearised equations, over a step that was taken.
+  [[nodiscard]] bool tangent(double h, const LatticeLevel& before, const LatticeLevel& after,
+                             const grids::FieldSet& u_before, grids::FieldSet& u_after) {
+    variation_.take(before.fields, after.fields, h, before.slopes);
+    LatticeVariation::Parts direction(parts_);
+    direction.before.copy_from(u_before);
+    return step(h, u_before, u_after, nullptr, [&] {
+      direction.after.copy_from(u_after);
+      variation_.tangent(direction, parts_);
+    });
   }
 
   /// E_k = -∂𝕊/∂h of the slab that advance() or residual() has seen last.
@@ -208,7 +196,7 @@ public:
     }
     for (const SlopeField& slope : waves_.slopes) {
       const auto out = rows.field(slope.w);
-      differentiate(slope, after.fields, after.slopes, out);
+      differentiate(slope, after.fields, &after.slopes, out);
       for (std::size_t i = 0; i < out.size(); ++i) {
         out[i] = slope.row.a * (after.fields.field(slope.w)[i] - out[i]);
       }
@@ -216,23 +204,56 @@ public:
   }
 
 private:
+  /// \param vary takes the variation by the values of both levels, of fields or of their changes, into parts_
+  /// \param slopes of fields; null of their changes
+  template <typename Vary>
+  bool step(double h, const grids::FieldSet& before, grids::FieldSet& after, const PotentialSlopes* slopes,
+            Vary&& vary) {
+    after.copy_from(before);
+    vary();  // at u_t = 0
+    for (const MovingPair& pair : waves_.pairs) {
+      const auto u = after.field(pair.u);
+      const auto v = before.field(pair.v);
+      const auto rest = std::as_const(parts_.before).field(pair.u);
+      const double inverse = h * pair.row.a / (pair.m * pair.m);
+      for (std::size_t i = 0; i < u.size(); ++i) {
+        u[i] += inverse * (pair.m * v[i] + rest[i] / grid_.cell_volume());
+      }
+    }
+    vary();
+    bool finite = true;
+    for (const MovingPair& pair : waves_.pairs) {
+      const auto v = after.field(pair.v);
+      const auto momentum = std::as_const(parts_.after).field(pair.u);
+      for (std::size_t i = 0; i < v.size(); ++i) {
+        v[i] = momentum[i] / (pair.m * grid_.cell_volume());
+        finite = finite && std::isfinite(v[i]);
+      }
+    }
+    for (const SlopeField& slope : waves_.slopes) {
+      differentiate(slope, after, slopes, after.field(slope.w));
+    }
+    return finite;
+  }
+
   void vary(double h, const LatticeLevel& before, const grids::FieldSet& after) {
     variation_.take(before.fields, after, h, before.slopes);
     variation_.values(parts_);
   }
 
-  /// out = w of a level's u.
-  void differentiate(const SlopeField& slope, const grids::FieldSet& fields, const PotentialSlopes& slopes,
+  /// out = w of a level's u; without `slopes` its linear part alone.
+  void differentiate(const SlopeField& slope, const grids::FieldSet& fields, const PotentialSlopes* slopes,
                      std::span<double> out) {
     using grids::SpaceOperator;
     const SpaceOperator difference =
         slope.forward ? SpaceOperator::forward_difference(slope.axis) : SpaceOperator::backward_difference(slope.axis);
-    std::ranges::fill(out, -slope.row.b / slope.row.a);
+    std::ranges::fill(out, slopes != nullptr ? -slope.row.b / slope.row.a : 0.0);
     for (const MatrixTerm& term : slope.terms) {
       const auto du = scratch_.field(0);
       stencil_.apply(difference, fields.field(term.column).data(), du.data());
       for (std::size_t i = 0; i < out.size(); ++i) {
-        const double mean = slope.axis == 0 ? slopes.at(term.column, i / grid_.cells(0)) : 0.0;
+        const bool sloping = slopes != nullptr && slope.axis == 0;
+        const double mean = sloping ? slopes->at(term.column, i / grid_.cells(0)) : 0.0;
         out[i] += term.value / slope.row.a * (du[i] + mean);
       }
     }
@@ -300,6 +321,67 @@ private:
   grids::FieldSet rows_;
 };
 
+class LeapfrogTangents final : public TangentStep {
+public:
+  LeapfrogTangents(const MultisymplecticSystem& system, const grids::Grid& grid) : map_(system, grid) {}
+
+  [[nodiscard]] Status operator()(const LatticeLevel& before, const LatticeLevel& after, double h,
+                                  const grids::FieldSet& u_before, grids::FieldSet& u_after) override {
+    return map_.tangent(h, before, after, u_before, u_after) ? Status::success : Status::undefined;
+  }
+
+private:
+  LeapfrogMap map_;
+};
+
+/// The laws at nodes; and of two tangent solutions, with ω = m (U_u V_v - U_v V_u) at a level and Ω the two-form of the
+/// slab's action at the node, at both levels together a divergence in space: (ω_{k+1} - ω_k)/h - Ω/(h ΔV).
+class LeapfrogLaws final : public LawEngine {
+public:
+  explicit LeapfrogLaws(LawTables tables)
+      : pairs_(wave_type(tables.system).pairs),
+        volume_(tables.grid.cell_volume()),
+        variation_(leapfrog_action(tables.system, false), tables.grid),
+        laws_(make_face_laws(std::move(tables), Placement::corners)) {}
+
+  [[nodiscard]] const LawTables& tables() const override { return laws_->tables(); }
+  std::vector<Spread> residuals(const LatticeLevel& before, const LatticeLevel& after, double h,
+                                std::span<double* const> residuals) override {
+    return laws_->residuals(before, after, h, residuals);
+  }
+  std::vector<double> totals(const LatticeLevel& level) override { return laws_->totals(level); }
+
+  Spread multisymplectic_residual(const TangentLevels& u, const TangentLevels& v, double h, double* residual) override {
+    LatticeVariation::Parts of_u(u.before.fields(), u.before.size()), of_v(of_u), form(1, u.before.size());
+    of_u.before = u.before;
+    of_u.after = u.after;
+    of_v.before = v.before;
+    of_v.after = v.after;
+    variation_.take(u.before, u.after, h);  // S'' is symmetric and drops out at every node: of any fields
+    variation_.two_form(of_u, of_v, form);
+    const auto sum = form.after.field(0);
+    for (std::size_t i = 0; i < sum.size(); ++i) {
+      sum[i] = -(sum[i] + form.before.field(0)[i]) / (h * volume_);
+      for (const MovingPair& pair : pairs_) {
+        const auto omega = [&](const grids::FieldSet& a, const grids::FieldSet& b) {
+          return pair.m * (a.field(pair.u)[i] * b.field(pair.v)[i] - a.field(pair.v)[i] * b.field(pair.u)[i]);
+        };
+        sum[i] += (omega(u.after, v.after) - omega(u.before, v.before)) / h;
+      }
+    }
+    if (residual != nullptr) {
+      std::ranges::copy(sum, residual);
+    }
+    return grids::magnitudes(sum);
+  }
+
+private:
+  std::vector<MovingPair> pairs_;
+  double volume_;
+  LatticeVariation variation_;
+  std::unique_ptr<LawEngine> laws_;
+};
+
 /// Leapfrog in time and space, from leapfrog_action() alone: step, energy, equation and variational laws are variations
 /// of it.
 class LeapfrogMethod final : public LatticeMethod {
@@ -318,14 +400,15 @@ public:
     return std::make_unique<LeapfrogLattice>(system, grid, std::move(first));
   }
   [[nodiscard]] std::unique_ptr<LawEngine> laws(LawTables tables) const override {
-    return make_face_laws(std::move(tables), Placement::corners);
+    return std::make_unique<LeapfrogLaws>(std::move(tables));
   }
   [[nodiscard]] std::unique_ptr<StepEquation> equation(const MultisymplecticSystem& system, const grids::Grid& grid,
                                                        const LatticeLevel&, double) const override {
     return std::make_unique<LeapfrogEquation>(system, grid);
   }
-  [[nodiscard]] std::unique_ptr<TangentStep> tangents(const MultisymplecticSystem&, const grids::Grid&) const override {
-    return nullptr;
+  [[nodiscard]] std::unique_ptr<TangentStep> tangents(const MultisymplecticSystem& system,
+                                                      const grids::Grid& grid) const override {
+    return std::make_unique<LeapfrogTangents>(system, grid);
   }
 };
 

@@ -3,9 +3,9 @@
 
 #include <catch2/catch.hpp>
 
-#include <rubato/pde/cell_action.hpp>
 #include <rubato/variation/total_variation.hpp>
 
+#include "cell_action.hpp"
 #include "equations.hpp"
 
 using namespace rubato;

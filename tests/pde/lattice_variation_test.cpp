@@ -9,13 +9,13 @@
 #include <catch2/catch.hpp>
 
 #include <rubato/grids/reductions.hpp>
-#include <rubato/pde/cell_action.hpp>
 #include <rubato/pde/euler_box_map.hpp>
 #include <rubato/pde/lattice_actions.hpp>
 #include <rubato/pde/lattice_method.hpp>
 #include <rubato/variation/lattice_variation.hpp>
 #include <rubato/variation/total_variation.hpp>
 
+#include "cell_action.hpp"
 #include "equations.hpp"
 
 using namespace rubato;
@@ -322,7 +322,7 @@ TEST_CASE("variations of places are the derivatives of the action on a mesh whos
                          random_fields(system.field_count(), grid.size(), 9)};
       std::array moves{FieldSet(n, grid.size()), FieldSet(n, grid.size())};
       MovedMesh moved(system, grid, corners, h);
-      LatticeVariation mesh((corners ? euler_box_action : box_action)(system), grid);
+      LatticeVariation mesh(corners ? euler_box_action(system) : box_action(system), grid);
       mesh.take(z[0], z[1], h);
       CHECK(std::abs(moved(z, moves) - mesh.action_value()) < rounding * static_cast<double>(grid.size()));
       Parts parts(n, grid.size());

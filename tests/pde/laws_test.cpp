@@ -3,13 +3,13 @@
 
 #include <catch2/catch.hpp>
 
-#include <rubato/pde/cell_action.hpp>
 #include <rubato/pde/lattice.hpp>
 #include <rubato/pde/lattice_actions.hpp>
 #include <rubato/pde/tangent.hpp>
 #include <rubato/pde/variational_laws.hpp>
 #include <rubato/variation/total_variation.hpp>
 
+#include "cell_action.hpp"
 #include "equations.hpp"
 
 using namespace rubato;

@@ -1,30 +1,47 @@
-#include <rubato/pde/cell_action.hpp>
+#pragma once
 
 #include <array>
 #include <stdexcept>
 
 #include <fmt/format.h>
 
-namespace rubato {
+#include <rubato/pde/multisymplectic_system.hpp>
+#include <rubato/variation/formula_action.hpp>
 
-namespace {
+namespace rubato::tests {
+
+namespace cell_action_detail {
 
 using formula::Expression;
 using Corners = std::array<Expression, 4>;
 
-Expression mean(const Corners& c) {
+inline Expression mean(const Corners& c) {
   return (c[0] + c[1] + c[2] + c[3]) * 0.25;
 }
-Expression in_time(const Corners& c) {
+inline Expression in_time(const Corners& c) {
   return ((c[2] - c[0]) + (c[3] - c[1])) * 0.5;
 }
-Expression in_space(const Corners& c) {
+inline Expression in_space(const Corners& c) {
   return ((c[1] - c[0]) + (c[3] - c[2])) * 0.5;
 }
 
-}  // namespace
+}  // namespace cell_action_detail
 
-FormulaAction box_cell_action(const MultisymplecticSystem& system) {
+/// The discrete action of the box scheme on one cell of a lattice in one space dimension, as a function of the
+/// coordinates (t, x) and the values of its four corners (theory, section 5): on the bilinearly mapped quadrilateral,
+///
+///     A = ½ z̄ᵀ[M(δ₁z δ₂x - δ₂z δ₁x) + K(δ₂z δ₁t - δ₁z δ₂t)] - (δ₁t δ₂x - δ₁x δ₂t) S(z̄),
+///
+/// z̄ the mean of the corners, δ₁ the mean difference in the direction of time, δ₂ in that of space. On a rectangle it
+/// is A = hΔx [½ z̄ᵀ(M D_t z + K D_x z) - S(z̄)]. Corners are ordered (t_k,x_i), (t_k,x_{i+1}), (t_{k+1},x_i),
+/// (t_{k+1},x_{i+1}).
+///
+/// This states the scheme; its variations are taken by total_variation.hpp. Varying values gives Σ_cells hΔx/4 R = 0
+/// with the cell residual R = M D_t z + K D_x z - ∇S(z̄), of which the production form R = 0 is the solution that starts
+/// so (see LatticeScheme).
+/// \throws std::invalid_argument unless the system has one space direction
+inline FormulaAction box_cell_action(const MultisymplecticSystem& system) {
+  using namespace cell_action_detail;
   if (system.directions() != 1) {
     throw std::invalid_argument(
         fmt::format("the cell action is stated for one space direction; the system has {}", system.directions()));
@@ -71,4 +88,4 @@ FormulaAction box_cell_action(const MultisymplecticSystem& system) {
   return {graph, action, corners, Element{.corners = 4, .coordinates = 2, .values = static_cast<std::size_t>(d)}};
 }
 
-}  // namespace rubato
+}  // namespace rubato::tests
