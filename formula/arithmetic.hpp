@@ -37,6 +37,16 @@ inline double maximum(double a, double b) {
   return a > b || std::isnan(a) ? a : b;
 }
 
+/// x where the condition is positive, else 0; NaN where it is NaN. And the other way round.
+///@{
+inline double where_positive(double condition, double x) {
+  return condition > 0.0 ? x : condition <= 0.0 ? 0.0 : condition;
+}
+inline double where_negative(double condition, double x) {
+  return condition <= 0.0 ? x : condition > 0.0 ? 0.0 : condition;
+}
+///@}
+
 /// x^n by repeated squaring; for n < 0 the reciprocal of x^{-n}.
 inline double integer_power(double x, std::int32_t n) {
   double result = 1.0;

@@ -9,6 +9,7 @@
 #include <rubato/base/lanes.hpp>
 #include <rubato/formula/arithmetic.hpp>
 #include <rubato/formula/batch_kernel.hpp>
+#include <rubato/formula/special.hpp>
 
 namespace rubato::formula {
 
@@ -43,6 +44,14 @@ double evaluate_scalar(OpCode code, double a, double b) {
     case OpCode::cbrt: return std::cbrt(a);
     case OpCode::power: return std::pow(a, b);
     case OpCode::atan2: return std::atan2(a, b);
+    case OpCode::erf: return std::erf(a);
+    case OpCode::bessel_j: return bessel_j(a, b);
+    case OpCode::bessel_y: return bessel_y(a, b);
+    case OpCode::bessel_i: return bessel_i(a, b);
+    case OpCode::bessel_k: return bessel_k(a, b);
+    case OpCode::jacobi_sn: return jacobi(a, b).sn;
+    case OpCode::jacobi_cn: return jacobi(a, b).cn;
+    case OpCode::jacobi_dn: return jacobi(a, b).dn;
     default: break;  // the kernels take all arguments of the others themselves
   }
   assert(false);

@@ -266,8 +266,26 @@ void run_instruction(const Block& block, const Instruction& i) {
     case OpCode::max:
       return binary(block, i,
                     [](Batch a, Batch b) { return xsimd::select(a > b, a, xsimd::select(b >= a, b, a + b)); });
+    case OpCode::where_positive:
+      return binary(block, i, [](Batch a, Batch b) {
+        const Batch zero(0.0);
+        return xsimd::select(a > zero, b, xsimd::select(a <= zero, zero, a));
+      });
+    case OpCode::where_negative:
+      return binary(block, i, [](Batch a, Batch b) {
+        const Batch zero(0.0);
+        return xsimd::select(a <= zero, b, xsimd::select(a > zero, zero, a));
+      });
     case OpCode::power:
-    case OpCode::atan2: return one_by_one(block, i);
+    case OpCode::atan2:
+    case OpCode::erf:
+    case OpCode::bessel_j:
+    case OpCode::bessel_y:
+    case OpCode::bessel_i:
+    case OpCode::bessel_k:
+    case OpCode::jacobi_sn:
+    case OpCode::jacobi_cn:
+    case OpCode::jacobi_dn: return one_by_one(block, i);
   }
 }
 

@@ -23,7 +23,16 @@ int operand_count(OpCode code) {
     case OpCode::power:
     case OpCode::atan2:
     case OpCode::min:
-    case OpCode::max: return 2;
+    case OpCode::max:
+    case OpCode::bessel_j:
+    case OpCode::bessel_y:
+    case OpCode::bessel_i:
+    case OpCode::bessel_k:
+    case OpCode::jacobi_sn:
+    case OpCode::jacobi_cn:
+    case OpCode::jacobi_dn:
+    case OpCode::where_positive:
+    case OpCode::where_negative: return 2;
     case OpCode::multiply_add:
     case OpCode::multiply_subtract:
     case OpCode::negative_multiply_add: return 3;
@@ -187,6 +196,16 @@ OpCode code_of(Operation operation) {
     case Operation::sign: return OpCode::sign;
     case Operation::min: return OpCode::min;
     case Operation::max: return OpCode::max;
+    case Operation::erf: return OpCode::erf;
+    case Operation::bessel_j: return OpCode::bessel_j;
+    case Operation::bessel_y: return OpCode::bessel_y;
+    case Operation::bessel_i: return OpCode::bessel_i;
+    case Operation::bessel_k: return OpCode::bessel_k;
+    case Operation::jacobi_sn: return OpCode::jacobi_sn;
+    case Operation::jacobi_cn: return OpCode::jacobi_cn;
+    case Operation::jacobi_dn: return OpCode::jacobi_dn;
+    case Operation::where_positive: return OpCode::where_positive;
+    case Operation::where_negative: return OpCode::where_negative;
     case Operation::constant:
     case Operation::variable:
     case Operation::divide:

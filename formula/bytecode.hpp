@@ -45,6 +45,16 @@ enum class OpCode : std::uint8_t {
   sign,
   min,  ///< NaN if either argument is
   max,
+  erf,
+  bessel_j,  ///< of the order r[a], a constant, at r[b]
+  bessel_y,
+  bessel_i,
+  bessel_k,
+  jacobi_sn,  ///< of r[a], with the parameter r[b], a constant
+  jacobi_cn,
+  jacobi_dn,
+  where_positive,  ///< r[b] if r[a] > 0, else 0; NaN if r[a] is
+  where_negative,  ///< r[b] if r[a] <= 0, else 0; NaN if r[a] is
 };
 
 /// How many of a, b, c are registers that an instruction reads: 1, 2 or 3 (integer_power and sincos: only a).

@@ -49,7 +49,7 @@ public:
     for (const NodeIndex index : order) {
       const Node& node = graph_.node(index);
       const int arguments = node.operation == Operation::sign ? 0 : arity(node.operation);
-      active_[index] = number_.contains(index) || (arguments >= 1 && active_[node.a] != 0) ||
+      active_[index] = number_.contains(index) || (arguments >= 1 && active_[node.a] != 0 && !is_choice(node)) ||
                        (arguments == 2 && active_[node.b] != 0);
     }
     if (active_[f.index()] == 0) {
@@ -94,9 +94,75 @@ private:
   [[nodiscard]] bool is_leaf(NodeIndex index) const { return graph_.node(index).operation == Operation::variable; }
   [[nodiscard]] bool is_active(NodeIndex index) const { return active_[index] != 0; }
 
+  [[nodiscard]] static bool is_choice(const Node& node) {
+    return node.operation == Operation::where_positive || node.operation == Operation::where_negative;
+  }
+
+  /// A value that is chosen by a condition: its derivatives are taken on their own and chosen by the same, since where
+  /// it is not chosen they may be undefined, and no product with 0 would take that back.
+  void visit_choice(NodeIndex index, const Scaled& adjoint) {
+    const Node node = graph_.node(index);
+    const Expression value(&graph_, node.b);
+    std::vector<Expression> variables;
+    for (const std::size_t number : variables_of(value)) {
+      const Expression variable = graph_.variable(graph_.variable_name(number));
+      if (number_.contains(variable.index())) {
+        variables.push_back(variable);
+      }
+    }
+    const auto chosen = [&](Expression derivative) {
+      return derivative.is_constant(0.0)
+                 ? Scaled{0.0, {}}
+                 : scaled(graph_, graph_.make(node.operation, Expression(&graph_, node.a), derivative));
+    };
+    const std::size_t n = variables.size();
+    std::vector<Scaled> first;
+    for (const Expression derivative : gradient(value, variables)) {
+      first.push_back(chosen(derivative));
+    }
+    for (std::size_t i = 0; i < n && !adjoint.is_zero(); ++i) {
+      add_adjoint(variables[i].index(), times(graph_, first[i], adjoint));
+    }
+    if (!second_order_) {
+      return;
+    }
+    for (const auto& [partner, w] : row(index)) {
+      for (std::size_t i = 0; i < n; ++i) {
+        const Scaled part = times(graph_, first[i], w);
+        if (partner != index) {
+          add_pair(variables[i].index(), partner, part);
+          continue;
+        }
+        add_diagonal(variables[i].index(), times(graph_, first[i], part));
+        for (std::size_t j = i + 1; j < n; ++j) {
+          add_pair(variables[i].index(), variables[j].index(), times(graph_, first[j], part));
+        }
+      }
+    }
+    pairs_[index] = {};
+    if (adjoint.is_zero()) {
+      return;
+    }
+    const std::vector<Expression> second = hessian_upper(value, variables);
+    for (std::size_t i = 0, k = 0; i < n; ++i) {
+      for (std::size_t j = i; j < n; ++j, ++k) {
+        const Scaled term = times(graph_, chosen(second[k]), adjoint);
+        if (i == j) {
+          add_diagonal(variables[i].index(), term);
+        } else {
+          add_pair(variables[i].index(), variables[j].index(), term);
+        }
+      }
+    }
+  }
+
   void visit(NodeIndex index) {
     const Node node = graph_.node(index);
     const Scaled adjoint = sum(adjoint_terms_[index]);
+    if (is_choice(node)) {
+      visit_choice(index, adjoint);
+      return;
+    }
     const bool has_b = arity(node.operation) == 2;
     const bool a_active = is_active(node.a);
     const bool b_active = has_b && is_active(node.b);

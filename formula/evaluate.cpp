@@ -6,12 +6,13 @@
 
 #include <rubato/formula/arithmetic.hpp>
 #include <rubato/formula/bytecode.hpp>
+#include <rubato/formula/special.hpp>
 
 namespace rubato::formula {
 
 namespace {
 
-constexpr auto code_count = static_cast<std::uint32_t>(OpCode::max) + 1;
+constexpr auto code_count = static_cast<std::uint32_t>(OpCode::where_negative) + 1;
 
 // A word of the stream says what a group computes: an OpCode where its length follows, or one of the frequent codes for
 // a single instruction, or the end.
@@ -278,6 +279,16 @@ void ScalarEvaluator::run() {
       case many(OpCode::atan2): machine.group<2>([](double a, double b) { return std::atan2(a, b); }); break;
       case many(OpCode::min): machine.group<2>([](double a, double b) { return minimum(a, b); }); break;
       case many(OpCode::max): machine.group<2>([](double a, double b) { return maximum(a, b); }); break;
+      case many(OpCode::erf): machine.group<1>([](double a) { return std::erf(a); }); break;
+      case many(OpCode::bessel_j): machine.group<2>(bessel_j); break;
+      case many(OpCode::bessel_y): machine.group<2>(bessel_y); break;
+      case many(OpCode::bessel_i): machine.group<2>(bessel_i); break;
+      case many(OpCode::bessel_k): machine.group<2>(bessel_k); break;
+      case many(OpCode::jacobi_sn): machine.group<2>([](double a, double b) { return jacobi(a, b).sn; }); break;
+      case many(OpCode::jacobi_cn): machine.group<2>([](double a, double b) { return jacobi(a, b).cn; }); break;
+      case many(OpCode::jacobi_dn): machine.group<2>([](double a, double b) { return jacobi(a, b).dn; }); break;
+      case many(OpCode::where_positive): machine.group<2>(where_positive); break;
+      case many(OpCode::where_negative): machine.group<2>(where_negative); break;
       default: __builtin_unreachable();
     }
   }

@@ -10,6 +10,7 @@
 #include <fmt/format.h>
 
 #include <rubato/formula/arithmetic.hpp>
+#include <rubato/formula/special.hpp>
 
 namespace rubato::formula {
 
@@ -20,13 +21,15 @@ struct OperationInfo {
   int arity;
 };
 
-constexpr std::array<OperationInfo, 31> operations{{
-    {"constant", 0}, {"variable", 0}, {"+", 2},     {"-", 2},     {"*", 2},     {"/", 2},    {"-", 1},     {"^", 2},
-    {"sin", 1},      {"cos", 1},      {"tan", 1},   {"asin", 1},  {"acos", 1},  {"atan", 1}, {"atan2", 2}, {"sinh", 1},
-    {"cosh", 1},     {"tanh", 1},     {"asinh", 1}, {"acosh", 1}, {"atanh", 1}, {"exp", 1},  {"log", 1},   {"sqrt", 1},
-    {"cbrt", 1},     {"abs", 1},      {"sech", 1},  {"csch", 1},  {"sign", 1},  {"min", 2},  {"max", 2},
+constexpr std::array<OperationInfo, 41> operations{{
+    {"constant", 0}, {"variable", 0}, {"+", 2},    {"-", 2},    {"*", 2},       {"/", 2},       {"-", 1},
+    {"^", 2},        {"sin", 1},      {"cos", 1},  {"tan", 1},  {"asin", 1},    {"acos", 1},    {"atan", 1},
+    {"atan2", 2},    {"sinh", 1},     {"cosh", 1}, {"tanh", 1}, {"asinh", 1},   {"acosh", 1},   {"atanh", 1},
+    {"exp", 1},      {"log", 1},      {"sqrt", 1}, {"cbrt", 1}, {"abs", 1},     {"sech", 1},    {"csch", 1},
+    {"sign", 1},     {"min", 2},      {"max", 2},  {"erf", 1},  {"besselj", 2}, {"bessely", 2}, {"besseli", 2},
+    {"besselk", 2},  {"sn", 2},       {"cn", 2},   {"dn", 2},   {"where", 2},   {"where", 2},
 }};
-static_assert(operations.size() == static_cast<std::size_t>(Operation::max) + 1);
+static_assert(operations.size() == static_cast<std::size_t>(Operation::where_negative) + 1);
 
 constexpr NodeIndex no_node = std::numeric_limits<NodeIndex>::max();
 
@@ -47,6 +50,7 @@ bool is_odd_function(Operation operation) {
     case Operation::atanh:
     case Operation::cbrt:
     case Operation::csch:
+    case Operation::erf:
     case Operation::sign: return true;
     default: return false;
   }
@@ -111,6 +115,16 @@ double apply(Operation operation, double a, double b) {
     case Operation::sign: return sign(a);
     case Operation::min: return minimum(a, b);
     case Operation::max: return maximum(a, b);
+    case Operation::erf: return std::erf(a);
+    case Operation::bessel_j: return bessel_j(a, b);
+    case Operation::bessel_y: return bessel_y(a, b);
+    case Operation::bessel_i: return bessel_i(a, b);
+    case Operation::bessel_k: return bessel_k(a, b);
+    case Operation::jacobi_sn: return jacobi(a, b).sn;
+    case Operation::jacobi_cn: return jacobi(a, b).cn;
+    case Operation::jacobi_dn: return jacobi(a, b).dn;
+    case Operation::where_positive: return where_positive(a, b);
+    case Operation::where_negative: return where_negative(a, b);
   }
   return std::numeric_limits<double>::quiet_NaN();
 }
@@ -247,6 +261,12 @@ Expression Graph::make(Operation operation, Expression a, Expression b) {
   if (arity(operation) != 2) {
     throw std::invalid_argument(fmt::format("'{}' does not take two arguments", name(operation)));
   }
+  if (operation >= Operation::bessel_j && operation <= Operation::bessel_k) {
+    return make_bessel(operation, a, b);
+  }
+  if (operation >= Operation::jacobi_sn && operation <= Operation::jacobi_dn) {
+    check_elliptic_parameter(b);
+  }
   if (a.is_constant() && b.is_constant()) {
     const double value = apply(operation, a.constant_value(), b.constant_value());
     if (std::isfinite(value)) {
@@ -268,9 +288,41 @@ Expression Graph::make(Operation operation, Expression a, Expression b) {
         std::swap(a, b);
       }
       break;
+    case Operation::where_positive:
+    case Operation::where_negative:
+      if (a.is_constant()) {
+        return (a.constant_value() > 0.0) == (operation == Operation::where_positive) ? b : constant(0.0);
+      }
+      break;
     default: break;
   }
   return at(intern({operation, a.index(), b.index()}));
+}
+
+/// Of negative orders: J_{-n} = (-1)^n J_n, and so Y; I_{-n} = I_n, and so K.
+Expression Graph::make_bessel(Operation operation, Expression order, Expression x) {
+  if (!order.is_constant() || !is_bessel_order(order.constant_value())) {
+    throw std::invalid_argument(
+        fmt::format("the order of {} has to be an integer that is known beforehand, from -1000 to 1000{}",
+                    name(operation), order.is_constant() ? fmt::format(", and is {}", order.constant_value()) : ""));
+  }
+  const double n = order.constant_value();
+  if (x.is_constant()) {
+    if (const double value = apply(operation, n, x.constant_value()); std::isfinite(value)) {
+      return constant(value);
+    }
+  }
+  const Expression result = at(intern({operation, constant(std::abs(n)).index(), x.index()}));
+  const bool alternates = operation == Operation::bessel_j || operation == Operation::bessel_y;
+  return n < 0.0 && alternates && std::fmod(n, 2.0) != 0.0 ? -result : result;
+}
+
+void Graph::check_elliptic_parameter(Expression m) const {
+  if (!m.is_constant() || !(m.constant_value() >= 0.0 && m.constant_value() <= 1.0)) {
+    throw std::invalid_argument(fmt::format(
+        "the parameter m of an elliptic function has to be a number that is known beforehand, from 0 to 1{}",
+        m.is_constant() ? fmt::format(", and is {}", m.constant_value()) : ""));
+  }
 }
 
 Expression Graph::make_add(Expression a, Expression b) {
@@ -483,6 +535,42 @@ Expression min(Expression a, Expression b) {
 }
 Expression max(Expression a, Expression b) {
   return binary(Operation::max, a, b);
+}
+Expression erf(Expression a) {
+  return unary(Operation::erf, a);
+}
+Expression besselj(double n, Expression x) {
+  return binary(Operation::bessel_j, constant_like(x, n), x);
+}
+Expression bessely(double n, Expression x) {
+  return binary(Operation::bessel_y, constant_like(x, n), x);
+}
+Expression besseli(double n, Expression x) {
+  return binary(Operation::bessel_i, constant_like(x, n), x);
+}
+Expression besselk(double n, Expression x) {
+  return binary(Operation::bessel_k, constant_like(x, n), x);
+}
+Expression sn(Expression u, double m) {
+  return binary(Operation::jacobi_sn, u, constant_like(u, m));
+}
+Expression cn(Expression u, double m) {
+  return binary(Operation::jacobi_cn, u, constant_like(u, m));
+}
+Expression dn(Expression u, double m) {
+  return binary(Operation::jacobi_dn, u, constant_like(u, m));
+}
+
+Expression where(Condition condition, Expression a, Expression b) {
+  if (condition.or_equal) {  // a >= b: not b > a
+    std::swap(a, b);
+  }
+  // One of the two tells of an undefined condition: the other is left out where it is 0.
+  if (b.is_constant(0.0)) {
+    return binary(Operation::where_positive, condition.difference, a);
+  }
+  const Expression otherwise = binary(Operation::where_negative, condition.difference, b);
+  return a.is_constant(0.0) ? otherwise : binary(Operation::where_positive, condition.difference, a) + otherwise;
 }
 
 }  // namespace rubato::formula

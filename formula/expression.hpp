@@ -47,6 +47,16 @@ enum class Operation : std::uint8_t {
   sign,
   min,
   max,
+  erf,
+  bessel_j,  ///< of the order a, which is a number, at b; and so the next three
+  bessel_y,
+  bessel_i,
+  bessel_k,
+  jacobi_sn,  ///< of a, with the parameter b, which is a number; and so the next two
+  jacobi_cn,
+  jacobi_dn,
+  where_positive,  ///< b where a > 0, else 0
+  where_negative,  ///< 0 where a > 0, else b; both are undefined where a is
 };
 
 /// Number of arguments of an operation: 0, 1 or 2.
@@ -124,6 +134,8 @@ private:
   Expression make_divide(Expression a, Expression b);
   Expression make_power(Expression a, Expression b);
   Expression first_orientation(Expression a);
+  Expression make_bessel(Operation operation, Expression order, Expression x);
+  void check_elliptic_parameter(Expression m) const;
 
   std::vector<Node> nodes_;
   std::vector<NodeIndex> table_;  ///< open-addressed hash table of the nodes; its size is a power of two
@@ -186,6 +198,40 @@ Expression csch(Expression a);
 Expression sign(Expression a);
 Expression min(Expression a, Expression b);
 Expression max(Expression a, Expression b);
+Expression erf(Expression a);
+/// Bessel's functions of an integer order. \throws std::invalid_argument if n is none, or larger than 1000
+///@{
+Expression besselj(double n, Expression x);
+Expression bessely(double n, Expression x);
+Expression besseli(double n, Expression x);
+Expression besselk(double n, Expression x);
+///@}
+/// Jacobi's elliptic functions of the parameter m = k². \throws std::invalid_argument unless 0 <= m <= 1
+///@{
+Expression sn(Expression u, double m);
+Expression cn(Expression u, double m);
+Expression dn(Expression u, double m);
+///@}
+
+/// A comparison: `difference` > 0, or, `or_equal`, not its opposite > 0.
+struct Condition {
+  Expression difference;
+  bool or_equal = false;
+};
+// clang-format off
+inline Condition operator>(Expression a, Expression b) { return {a - b}; }
+inline Condition operator<(Expression a, Expression b) { return {b - a}; }
+inline Condition operator>=(Expression a, Expression b) { return {b - a, true}; }
+inline Condition operator<=(Expression a, Expression b) { return {a - b, true}; }
+template <Scalar N> Condition operator>(Expression a, N b) { return a > constant_like(a, static_cast<double>(b)); }
+template <Scalar N> Condition operator<(Expression a, N b) { return a < constant_like(a, static_cast<double>(b)); }
+template <Scalar N> Condition operator>=(Expression a, N b) { return a >= constant_like(a, static_cast<double>(b)); }
+template <Scalar N> Condition operator<=(Expression a, N b) { return a <= constant_like(a, static_cast<double>(b)); }
+// clang-format on
+/// `a` where the condition holds, else `b`; undefined where a side of the condition is. Only the one that holds need be
+/// defined, and so are its derivatives, which know nothing of a jump between the two: a formula is as smooth as `a` and
+/// `b` fit together.
+Expression where(Condition condition, Expression a, Expression b);
 
 // ---- using ----------------------------------------------------------------------------------------------------------
 

@@ -15,8 +15,21 @@ struct Function {
   std::string_view meaning;
   std::string_view domain = "";  ///< where it is defined, if not everywhere
   bool variadic = false;
+  std::string_view arguments = "x";  ///< as help writes them
+  /// Whether it gives way: a problem may have something of that name, and then it is no function there. So are all that
+  /// came later than the first ones, and files that were written before them are read as they were.
+  bool yields = false;
 };
 [[nodiscard]] std::span<const Function> functions();
+
+/// A word that is read like a function, but takes more than formulas: sum, where, norm, dot, and what is made of known
+/// numbers. All of them give way.
+struct Word {
+  std::string_view name;
+  std::string_view arguments;
+  std::string_view meaning;
+};
+[[nodiscard]] std::span<const Word> words();
 
 /// An operator between two operands. The greater its strength, the tighter it binds.
 struct Operator {
@@ -41,6 +54,7 @@ struct Constant {
 /// The entry of that name or symbol; null if there is none.
 ///@{
 [[nodiscard]] const Function* find_function(std::string_view name);
+[[nodiscard]] const Word* find_word(std::string_view name);
 [[nodiscard]] const Operator* find_operator(char symbol);
 [[nodiscard]] const Constant* find_constant(std::string_view name);
 ///@}

@@ -9,6 +9,8 @@
 
 #include <fmt/format.h>
 
+#include <rubato/base/draws.hpp>
+#include <rubato/formula/special.hpp>
 #include <rubato/formula/tokens.hpp>
 
 namespace rubato::formula {
@@ -26,6 +28,27 @@ int strength(const Token& token) {
   return found == nullptr ? 0 : found->strength;
 }
 
+/// What stands between operators: a number, or, inside norm and dot, a vector, with its components.
+struct Operand {
+  Expression number = {};
+  std::vector<Expression> vector = {};
+
+  [[nodiscard]] bool is_vector() const { return !vector.empty(); }
+};
+
+/// Each component of one or two operands; a number stands for every component.
+template <typename Function>
+Operand by_component(const Operand& a, const Operand& b, Function function) {
+  if (!a.is_vector() && !b.is_vector()) {
+    return {function(a.number, b.number)};
+  }
+  Operand result;
+  for (std::size_t i = 0; i < std::max(a.vector.size(), b.vector.size()); ++i) {
+    result.vector.push_back(function(a.is_vector() ? a.vector[i] : a.number, b.is_vector() ? b.vector[i] : b.number));
+  }
+  return result;
+}
+
 class Parser {
 public:
   Parser(std::string_view text, Graph& graph, const ParseContext& context)
@@ -35,7 +58,7 @@ public:
     if (token_.kind == Token::Kind::end) {
       fail(token_.offset, "the formula is empty");
     }
-    const Expression result = parse_operators(strength_of_sum);
+    const Expression result = parse_number();
     if (token_.kind == Token::Kind::end) {
       return result;
     }
@@ -68,48 +91,101 @@ private:
     token_ = next_token(text_, token_.offset + token_.text.size());
   }
 
+  /// A formula whose value is a number: vectors are vectors in norm and dot only.
+  Expression parse_number() {
+    const bool vectors = std::exchange(vectors_, false);
+    const Expression result = parse_operators(strength_of_sum).number;
+    vectors_ = vectors;
+    return result;
+  }
+
+  /// An argument of norm or dot.
+  std::vector<Expression> parse_vector() {
+    const bool vectors = std::exchange(vectors_, true);
+    Operand result = parse_operators(strength_of_sum);
+    vectors_ = vectors;
+    return result.is_vector() ? std::move(result.vector) : std::vector{result.number};
+  }
+
   /// operand { operator operand }, with operators that bind at least so strongly.
-  Expression parse_operators(int at_least) {
-    Expression left = parse_operand();
+  Operand parse_operators(int at_least) {
+    Operand left = parse_operand();
     for (int s = strength(token_); s >= at_least; s = strength(token_)) {
-      const char symbol = token_.text.front();
+      const Token sign = token_;
+      const char symbol = sign.text.front();
       advance();
       if (symbol == '*' && token_.is('*') && token_.offset == previous_.offset + 1) {
         fail(previous_.offset, "** is not an operator: use ^ for a power");
       }
       if (find_operator(symbol)->to_the_right) {
         const Nesting nesting(*this);
-        left = pow(left, parse_operators(s));
+        const Operand exponent = parse_operators(s);
+        check_shapes(sign, '^', left, exponent);
+        left = {pow(left.number, exponent.number)};
         continue;
       }
-      const Expression right = parse_operators(s + 1);
-      left = symbol == '+' ? left + right : symbol == '-' ? left - right : symbol == '*' ? left * right : left / right;
+      const Operand right = parse_operators(s + 1);
+      check_shapes(sign, symbol, left, right);
+      left = by_component(left, right, [&](Expression a, Expression b) {
+        return symbol == '+' ? a + b : symbol == '-' ? a - b : symbol == '*' ? a * b : a / b;
+      });
     }
     return left;
   }
 
-  Expression parse_operand() {
+  /// What vectors can do: a sum of two of one length, a product with a number, a quotient by one.
+  void check_shapes(const Token& sign, char symbol, const Operand& a, const Operand& b) const {
+    if (!a.is_vector() && !b.is_vector()) {
+      return;
+    }
+    if (symbol == '+' || symbol == '-') {
+      if (a.is_vector() != b.is_vector()) {
+        fail(sign.offset, fmt::format("{} stands between a vector and a number", symbol));
+      }
+      if (a.vector.size() != b.vector.size()) {
+        fail(sign.offset, fmt::format("{} stands between vectors with {} and {} components", symbol, a.vector.size(),
+                                      b.vector.size()));
+      }
+    } else if (symbol == '^' || b.is_vector()) {
+      if (symbol != '*' || a.is_vector()) {
+        fail(sign.offset, symbol == '*' ? "a product of two vectors: write dot(r, s)"
+                                        : fmt::format("{} does not take a vector here", symbol));
+      }
+    }
+  }
+
+  Operand parse_operand() {
     const Token token = token_;
     switch (token.kind) {
-      case Token::Kind::number: advance(); return finish_operand(graph_.constant(token.value));
+      case Token::Kind::number: advance(); return finish_operand({graph_.constant(token.value)});
       case Token::Kind::name:
         advance();
         if (token_.is('(')) {
-          return finish_operand(is_sum(token) ? parse_sum(token) : parse_call(token));
+          return finish_operand({parse_called(token)});
         }
-        return finish_operand(token_.is('[') ? parse_component(token) : resolve(token));
+        if (token_.is('[')) {
+          return finish_operand(parse_component(token));
+        }
+        if (vectors_ && find_bound(token.text) == nullptr && find_constant(token.text) == nullptr &&
+            !context_.resolve(token.text)) {
+          if (Operand vector{.vector = components(token.text)}; vector.is_vector()) {
+            return finish_operand(std::move(vector));
+          }
+        }
+        return finish_operand({resolve(token)});
       case Token::Kind::symbol:
         if (token.is('-')) {
           const Nesting nesting(*this);
           advance();
-          return -parse_operators(strength_of_power);
+          Operand operand = parse_operators(strength_of_power);
+          return by_component(operand, operand, [](Expression a, Expression) { return -a; });
         }
         if (token.is('(')) {
           const Nesting nesting(*this);
           advance();
-          const Expression inner = parse_operators(strength_of_sum);
+          Operand inner = parse_operators(strength_of_sum);
           close(token.offset);
-          return finish_operand(inner);
+          return finish_operand(std::move(inner));
         }
         break;
       case Token::Kind::end: break;
@@ -118,7 +194,7 @@ private:
   }
 
   /// After an operand another one may not follow.
-  Expression finish_operand(Expression operand) const {
+  Operand finish_operand(Operand operand) const {
     if (token_.kind == Token::Kind::number || token_.kind == Token::Kind::name || token_.is('(')) {
       refuse_after_operand();
     }
@@ -152,7 +228,7 @@ private:
   /// An integer that is known now: of numbers, parameters and the indices of sums.
   std::int64_t parse_integer(std::string_view what) {
     const std::size_t begin = token_.offset;
-    const Expression value = parse_operators(strength_of_sum);
+    const Expression value = parse_number();
     constexpr double largest = 1e9;
     if (!value.is_constant() || value.constant_value() != std::round(value.constant_value()) ||
         std::abs(value.constant_value()) > largest) {
@@ -162,52 +238,243 @@ private:
     return static_cast<std::int64_t>(value.constant_value());
   }
 
-  /// name [ index ]: r[i+1] is r2 where i is 1.
-  Expression parse_component(const Token& vector) {
+  /// name [ index ]: r[i+1] is r2 where i is 1. Where vectors may stand, name [ from : to ]: r[1:2] is r1, r2.
+  Operand parse_component(const Token& vector) {
     const Nesting nesting(*this);
     advance();
     const std::int64_t index = parse_integer("an index");
+    std::optional<std::int64_t> last;
+    if (vectors_ && token_.is(':')) {
+      advance();
+      last = parse_integer("an index");
+      if (*last < index) {
+        fail(vector.offset, fmt::format("{}[{}:{}] has no component", vector.text, index, *last));
+      }
+    }
+    if (token_.is(':')) {
+      fail(token_.offset, "a part of a vector stands in norm and dot only");
+    }
     if (!token_.is(']')) {
       fail(vector.offset + vector.text.size(), "this [ is never closed");
     }
     advance();
-    const std::string name = fmt::format("{}{}", vector.text, index);
-    const auto known = index < 0 ? std::nullopt : context_.resolve(name);
+    if (!last) {
+      return {component(vector, index)};
+    }
+    Operand part;
+    for (std::int64_t i = index; i <= *last; ++i) {
+      part.vector.push_back(component(vector, i));
+    }
+    return part;
+  }
+
+  [[nodiscard]] Expression component(const Token& vector, std::int64_t index) const {
+    const auto known = index < 0 ? std::nullopt : find_component(vector.text, index);
     if (!known) {
       fail(vector.offset, fmt::format("there is no {}[{}]", vector.text, index));
     }
     return *known;
   }
 
+  /// Of r it is r1, r2, …; of r_dot r1_dot, …; of r_0 and r_1, at the ends of a step, r1_0, ….
+  [[nodiscard]] std::optional<Expression> find_component(std::string_view vector, std::int64_t index) const {
+    if (const auto known = context_.resolve(fmt::format("{}{}", vector, index))) {
+      return known;
+    }
+    for (const std::string_view ending : {"_dot", "_0", "_1"}) {
+      if (vector.ends_with(ending)) {
+        return context_.resolve(fmt::format("{}{}{}", vector.substr(0, vector.size() - ending.size()), index, ending));
+      }
+    }
+    return std::nullopt;
+  }
+
+  /// All of them: as far as there are names of one kind, so that a parameter r4 does not belong to coordinates r1 … r3.
+  [[nodiscard]] std::vector<Expression> components(std::string_view vector) const {
+    std::vector<Expression> found;
+    const auto is_variable = [&](Expression x) { return graph_.node(x.index()).operation == Operation::variable; };
+    for (std::int64_t i = 1;; ++i) {
+      const auto next = find_component(vector, i);
+      if (!next || (!found.empty() && is_variable(*next) != is_variable(found.front()))) {
+        return found;
+      }
+      found.push_back(*next);
+    }
+  }
+
   /// Whether the name is the word of the language: whoever has something of that name means that.
-  [[nodiscard]] bool is_sum(const Token& token) const { return token.text == "sum" && !context_.resolve(token.text); }
+  [[nodiscard]] bool is_free(const Token& token) const { return !context_.resolve(token.text); }
+
+  Expression parse_called(const Token& called) {
+    if (find_word(called.text) == nullptr || !is_free(called)) {
+      return parse_call(called);
+    }
+    const Nesting nesting(*this);
+    return called.text == "sum"     ? parse_sum(called)
+           : called.text == "where" ? parse_where(called)
+           : called.text == "norm"  ? parse_norm(called)
+           : called.text == "dot"   ? parse_dot(called)
+           : called.text == "noise" ? parse_noise(called)
+                                    : parse_elliptic_integral(called);
+  }
+
+  /// The comma before the next argument.
+  void comma(const Token& called, std::string_view usage) {
+    if (!token_.is(',')) {
+      if (token_.kind != Token::Kind::end && !token_.is(')')) {
+        refuse_after_operand();
+      }
+      fail(called.offset, std::string(usage));
+    }
+    advance();
+  }
+
+  /// where ( a < b , f , g )
+  Expression parse_where(const Token& called) {
+    constexpr std::string_view usage = "where takes a comparison and two formulas: where(x > 0, x^2, 0)";
+    const std::size_t opening = token_.offset;
+    advance();
+    const Expression left = parse_number();
+    const Token sign = token_;
+    if (!is_comparison(sign)) {
+      if (sign.kind != Token::Kind::end && !sign.is(')') && !sign.is(',')) {
+        refuse_after_operand();
+      }
+      fail(called.offset, std::string(usage));
+    }
+    advance();
+    const Expression right = parse_number();
+    if (is_comparison(token_)) {
+      fail(token_.offset, "one comparison is a condition: for two write one where inside another");
+    }
+    comma(called, usage);
+    const Expression chosen = parse_number();
+    comma(called, usage);
+    const Expression otherwise = parse_number();
+    if (token_.is(',')) {
+      fail(token_.offset, std::string(usage));
+    }
+    close(opening);
+    const bool or_equal = sign.text.size() == 2;
+    const Condition condition =
+        sign.is('>') == or_equal ? Condition{right - left, or_equal} : Condition{left - right, or_equal};
+    return where(condition, chosen, otherwise);
+  }
+
+  /// norm ( vector ), or of two or more numbers, from left to right.
+  Expression parse_norm(const Token& called) {
+    const std::size_t opening = token_.offset;
+    advance();
+    std::vector<Expression> parts = parse_vector();
+    bool vector = parts.size() > 1;
+    while (token_.is(',')) {
+      advance();
+      const std::vector<Expression> more = parse_vector();
+      vector = vector || more.size() > 1;
+      parts.insert(parts.end(), more.begin(), more.end());
+      if (vector) {
+        fail(called.offset, "norm takes one vector, or two or more numbers");
+      }
+    }
+    close(opening);
+    return parts.size() == 1 ? abs(parts.front()) : sqrt(scalar_product(parts, parts));
+  }
+
+  /// dot ( vector , vector )
+  Expression parse_dot(const Token& called) {
+    constexpr std::string_view usage = "dot takes two vectors: dot(r, s)";
+    const std::size_t opening = token_.offset;
+    advance();
+    const std::vector<Expression> first = parse_vector();
+    comma(called, usage);
+    const std::vector<Expression> second = parse_vector();
+    if (token_.is(',')) {
+      fail(token_.offset, std::string(usage));
+    }
+    close(opening);
+    if (first.size() != second.size()) {
+      fail(called.offset, fmt::format("dot takes two vectors of one length, and these have {} and {} components",
+                                      first.size(), second.size()));
+    }
+    return scalar_product(first, second);
+  }
+
+  static Expression scalar_product(std::span<const Expression> a, std::span<const Expression> b) {
+    Expression sum = a[0] * b[0];
+    for (std::size_t i = 1; i < a.size(); ++i) {
+      sum += a[i] * b[i];
+    }
+    return sum;
+  }
+
+  /// noise ( seed ): a number. noise ( seed , waves ) is the caller's, if there is a domain.
+  Expression parse_noise(const Token& called) {
+    const std::size_t opening = token_.offset;
+    advance();
+    const std::int64_t seed = parse_integer("the seed of noise");
+    if (!token_.is(',')) {
+      close(opening);
+      return graph_.constant(Draws(static_cast<std::uint64_t>(seed)).normal(0, 0));
+    }
+    advance();
+    const std::array arguments{graph_.constant(static_cast<double>(seed)),
+                               graph_.constant(static_cast<double>(parse_integer("the number of waves")))};
+    close(opening);
+    try {
+      if (const auto result = context_.call ? context_.call(called.text, arguments) : std::nullopt) {
+        return *result;
+      }
+    } catch (const ParseError&) {
+      throw;
+    } catch (const std::invalid_argument& error) {
+      fail(called.offset, error.what());
+    }
+    fail(called.offset,
+         "noise(seed, waves) is a function of x in [initial] and S of a lattice; noise(seed) is a number");
+  }
+
+  /// ellipk ( m ) and ellipe ( m ), numbers.
+  Expression parse_elliptic_integral(const Token& called) {
+    const std::size_t opening = token_.offset;
+    advance();
+    const std::size_t begin = token_.offset;
+    const Expression m = parse_number();
+    close(opening);
+    const double value = !m.is_constant()          ? std::numeric_limits<double>::quiet_NaN()
+                         : called.text == "ellipk" ? elliptic_k(m.constant_value())
+                                                   : elliptic_e(m.constant_value());
+    if (!std::isfinite(value)) {
+      fail(begin, fmt::format("m of {} has to be a number that is known beforehand, from 0 to 1{}{}", called.text,
+                              called.text == "ellipk" ? " and not 1" : "",
+                              m.is_constant() ? fmt::format(", and is {}", m.constant_value()) : ""));
+    }
+    return graph_.constant(value);
+  }
 
   /// sum ( index , from , to , term ): the term is read once for every value of the index.
   Expression parse_sum(const Token& called) {
-    const Nesting nesting(*this);
     const std::size_t opening = token_.offset;
     advance();
     const Token index = token_;
     if (index.kind != Token::Kind::name) {
       fail(index.offset, "sum begins with the name of its index: sum(i, 1, 10, q[i]^2)");
     }
-    if (find_constant(index.text) != nullptr || find_function(index.text) != nullptr || context_.resolve(index.text) ||
-        find_bound(index.text) != nullptr) {
+    if (is_reserved_name(index.text) || context_.resolve(index.text) || find_bound(index.text) != nullptr) {
       fail(index.offset,
            fmt::format("'{}' has a meaning already: give the index of this sum another name", index.text));
     }
     advance();
-    const auto comma = [&] {
+    const auto next_argument = [&] {
       if (!token_.is(',')) {
         fail(called.offset, "sum takes an index, where it begins, where it ends, and a term: sum(i, 1, 10, q[i]^2)");
       }
       advance();
     };
-    comma();
+    next_argument();
     const std::int64_t first = parse_integer("the first index");
-    comma();
+    next_argument();
     const std::int64_t last = parse_integer("the last index");
-    comma();
+    next_argument();
     const Token term = token_, before = previous_;
     Expression result = graph_.constant(0.0);
     if (first > last) {
@@ -220,7 +487,7 @@ private:
       token_ = term;
       previous_ = before;
       bound_.push_back({index.text, static_cast<double>(i)});
-      const Expression value = parse_operators(strength_of_sum);
+      const Expression value = parse_number();
       bound_.pop_back();
       result = i == first ? value : result + value;
     }
@@ -249,11 +516,11 @@ private:
     if (const Constant* const constant = find_constant(token.text)) {
       return graph_.constant(constant->value);
     }
-    if (find_function(token.text) != nullptr) {
-      fail(token.offset, fmt::format("{0} is a function: write {0}(...)", token.text));
-    }
     if (const auto known = context_.resolve(token.text)) {
       return *known;
+    }
+    if (find_function(token.text) != nullptr) {
+      fail(token.offset, fmt::format("{0} is a function: write {0}(...)", token.text));
     }
     fail(token.offset, fmt::format("unknown name '{}'{}", token.text, suggestion(token.text)));
   }
@@ -262,17 +529,20 @@ private:
   Expression parse_call(const Token& called) {
     const Nesting nesting(*this);
     const std::size_t opening = token_.offset;
-    const Function* const function = find_function(called.text);
+    const Function* function = find_function(called.text);
+    if (function != nullptr && function->yields && !is_free(called)) {
+      function = nullptr;
+    }
     if (function == nullptr && !context_.call) {
       refuse_call(called);
     }
     advance();
     std::vector<Expression> arguments;
     if (!token_.is(')')) {
-      arguments.push_back(parse_operators(strength_of_sum));
+      arguments.push_back(parse_number());
       while (token_.is(',')) {
         advance();
-        arguments.push_back(parse_operators(strength_of_sum));
+        arguments.push_back(parse_number());
       }
     }
     close(opening);
@@ -296,8 +566,12 @@ private:
       return graph_.make(function.operation, arguments[0]);
     }
     Expression result = arguments[0];
-    for (const Expression argument : arguments.subspan(1)) {
-      result = graph_.make(function.operation, result, argument);
+    try {
+      for (const Expression argument : arguments.subspan(1)) {
+        result = graph_.make(function.operation, result, argument);
+      }
+    } catch (const std::invalid_argument& error) {  // of the order of a Bessel function, or the parameter m
+      fail(called.offset, error.what());
     }
     return result;
   }
@@ -325,8 +599,14 @@ private:
                                     nearest ? fmt::format(": did you mean '{}'?", *nearest) : std::string()));
   }
 
+  static bool is_comparison(const Token& token) { return token.is('<') || token.is('>'); }
+
   void refuse_bracket() const {
-    if (token_.is('[') || token_.is(']')) {
+    if (is_comparison(token_)) {
+      fail(token_.offset,
+           fmt::format("unexpected '{}': in a formula a comparison stands in where(a < b, f, g) only", token_.text));
+    }
+    if (token_.is('[') || token_.is(']') || token_.is(':')) {
       fail(token_.offset,
            fmt::format("unexpected character '{}': only ( ) group; name[i] is a component of a vector", token_.text));
     }
@@ -366,6 +646,7 @@ private:
   Token token_;
   Token previous_;
   int depth_ = 0;
+  bool vectors_ = false;  ///< whether a name may be that of a vector: in norm and dot
   std::vector<Bound> bound_;
   std::size_t terms_ = 0;
 };

@@ -41,7 +41,9 @@ struct ParseContext {
 /// Reads a formula (interface.md section 2): `+ - * / ^`, unary minus, parentheses, numbers, `pi`, the functions of the
 /// language. `^` binds tighter than unary minus and associates to the right: -x^2 = -(x^2), 2^3^2 = 512.
 /// `r[i]`, with an integer i that is known, is the name r1, r2, …; `sum(i, from, to, term)` the sum of the terms for
-/// i = from, …, to, from left to right, where nothing else is called sum.
+/// i = from, …, to, from left to right. `norm(r - s)` and `dot(r, s)` take vectors: r is r1, r2, … as far as there are
+/// such names of one kind, variables or others, and r[2:4] a part of it. `where(a < b, f, g)` is f where the comparison
+/// holds, else g. These words, and functions that yield (language.hpp), are so where nothing else has their name.
 /// Nesting deeper than 1000 levels is an error, not a crash; long sums and products of any length are read.
 /// \throws ParseError
 [[nodiscard]] Expression parse(std::string_view text, Graph& graph, const ParseContext& context);

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <numbers>
 #include <optional>
 
 namespace rubato::formula {
@@ -195,6 +196,28 @@ struct Builder {
   [[nodiscard]] Scaled operator()(Expression x) const { return scaled(graph, x); }
   [[nodiscard]] Scaled operator()(double c, Expression x) const { return times(graph, {c, {}}, scaled(graph, x)); }
 
+  /// The number that an elliptic function has for a parameter; of other functions none.
+  [[nodiscard]] double elliptic_parameter(const Node& node) const {
+    const bool elliptic = node.operation >= Operation::jacobi_sn && node.operation <= Operation::jacobi_dn;
+    return elliptic ? graph.node(node.b).value : 0.0;
+  }
+
+  /// The first or second derivative of a Bessel function by those of neighbouring orders: 2 J_n' = J_{n-1} - J_{n+1},
+  /// and so Y; 2 I_n' = I_{n-1} + I_{n+1}; 2 K_n' = -K_{n-1} - K_{n+1}.
+  [[nodiscard]] Scaled of_neighbours(NodeIndex index, double order) const {
+    const Node node = graph.node(index);
+    const double n = graph.node(node.a).value;
+    const Expression x(&graph, node.b);
+    const auto at = [&](double shift) { return graph.make(node.operation, graph.constant(n + shift), x); };
+    const bool alternates = node.operation == Operation::bessel_j || node.operation == Operation::bessel_y;
+    const double sign = alternates ? -1.0 : 1.0;
+    if (order == 1.0) {
+      const double whole = node.operation == Operation::bessel_k ? -0.5 : 0.5;
+      return (*this)(whole, sign < 0.0 ? at(-1.0) - at(1.0) : at(-1.0) + at(1.0));
+    }
+    return (*this)(0.25, (at(-2.0) + at(2.0)) + 2.0 * sign * at(0.0));
+  }
+
   /// 1/x; of a number, the number.
   [[nodiscard]] Scaled inverse(Expression x) const {
     if (x.is_constant() && std::isfinite(1.0 / x.constant_value())) {
@@ -220,6 +243,7 @@ FirstPartials first_partials(Graph& graph, NodeIndex index, bool of_a, bool of_b
   const Expression v(&graph, index);
   const Expression a(&graph, node.a);
   const Expression b(&graph, node.b);
+  const double m = build.elliptic_parameter(node);
   FirstPartials d;
   switch (node.operation) {
     case Operation::constant:
@@ -289,6 +313,16 @@ FirstPartials first_partials(Graph& graph, NodeIndex index, bool of_a, bool of_b
       d.a = build(0.5, 1.0 + sign(a - b));
       d.b = build(0.5, 1.0 - sign(a - b));
       break;
+    case Operation::erf: d.a = build(2.0 * std::numbers::inv_sqrtpi, exp(-(a * a))); break;
+    case Operation::bessel_j:
+    case Operation::bessel_y:
+    case Operation::bessel_i:
+    case Operation::bessel_k: d.b = build.of_neighbours(index, 1.0); break;
+    case Operation::jacobi_sn: d.a = build(cn(a, m) * dn(a, m)); break;
+    case Operation::jacobi_cn: d.a = build(-1.0, sn(a, m) * dn(a, m)); break;
+    case Operation::jacobi_dn: d.a = build(-m, sn(a, m) * cn(a, m)); break;
+    case Operation::where_positive:
+    case Operation::where_negative: break;  // the sweep takes these as a whole
   }
   return d;
 }
@@ -299,6 +333,7 @@ SecondPartials second_partials(Graph& graph, NodeIndex index, bool of_a, bool of
   const Expression v(&graph, index);
   const Expression a(&graph, node.a);
   const Expression b(&graph, node.b);
+  const double m = build.elliptic_parameter(node);
   const auto product = [&](double c, Scaled x, const Scaled& y) {
     x.coefficient *= c;
     return times(graph, x, y);
@@ -313,7 +348,9 @@ SecondPartials second_partials(Graph& graph, NodeIndex index, bool of_a, bool of
     case Operation::abs:
     case Operation::sign:
     case Operation::min:
-    case Operation::max: break;
+    case Operation::max:
+    case Operation::where_positive:
+    case Operation::where_negative: break;
     case Operation::multiply: d.ab = {1.0, {}}; break;
     case Operation::divide:
       if (of_b) {
@@ -388,6 +425,14 @@ SecondPartials second_partials(Graph& graph, NodeIndex index, bool of_a, bool of
       d.aa = build(-2.0 / 9.0, pow(g, 5.0));
       break;
     }
+    case Operation::erf: d.aa = product(-4.0 * std::numbers::inv_sqrtpi, build(a), build(exp(-(a * a)))); break;
+    case Operation::bessel_j:
+    case Operation::bessel_y:
+    case Operation::bessel_i:
+    case Operation::bessel_k: d.bb = build.of_neighbours(index, 2.0); break;
+    case Operation::jacobi_sn: d.aa = times(graph, build(v), build(2.0 * m * (v * v) - (1.0 + m))); break;
+    case Operation::jacobi_cn: d.aa = times(graph, build(v), build((2.0 * m - 1.0) - 2.0 * m * (v * v))); break;
+    case Operation::jacobi_dn: d.aa = times(graph, build(v), build((2.0 - m) - 2.0 * (v * v))); break;
     case Operation::sech: d.aa = times(graph, build(v), build(1.0 - 2.0 * (v * v))); break;
     case Operation::csch: d.aa = times(graph, build(v), build(1.0 + 2.0 * (v * v))); break;
   }

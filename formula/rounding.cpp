@@ -1,12 +1,15 @@
 #include <rubato/formula/rounding.hpp>
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cassert>
 #include <cmath>
 #include <limits>
+#include <numbers>
 
 #include <rubato/formula/arithmetic.hpp>
+#include <rubato/formula/special.hpp>
 #include <rubato/formula/sum.hpp>
 
 namespace rubato::formula {
@@ -21,6 +24,16 @@ constexpr double least_part = 0.03;
 /// Of functions that are not rounded correctly, in units of u·|result|.
 constexpr double function_error = 2.0;
 constexpr double hyperbolic_error = 4.0;
+
+/// Of Bessel and elliptic functions, in units of their size and slope: near a zero the error is that of the argument.
+constexpr double special_error = 16.0;
+
+/// The value of such a function, and its derivative.
+std::array<double, 2> with_slope(OpCode function, double parameter, double x) {
+  std::array<double, 2> coefficients{};
+  scaled_derivatives(function, parameter, x, coefficients);
+  return coefficients;
+}
 
 /// Error of an argument by the derivative there; no error is none, however steep the function.
 double carried(double derivative, double error) {
@@ -165,6 +178,32 @@ void RoundingEvaluator::run(std::span<const double> inputs, std::span<const doub
       case OpCode::max:
         v = maximum(a, value[step.b]);
         e = std::max(da, bound[step.b]);
+        break;
+      case OpCode::erf: set(std::erf(a), 2.0 * std::numbers::inv_sqrtpi * std::exp(-a * a), function_error); break;
+      case OpCode::bessel_j:
+      case OpCode::bessel_y:
+      case OpCode::bessel_i:
+      case OpCode::bessel_k: {
+        const auto [f, slope] = with_slope(step.code, a, value[step.b]);
+        v = f;
+        e = carried(slope, bound[step.b]) + special_error * (std::abs(v) + std::abs(slope));
+        break;
+      }
+      case OpCode::jacobi_sn:
+      case OpCode::jacobi_cn:
+      case OpCode::jacobi_dn: {
+        const auto [f, slope] = with_slope(step.code, value[step.b], a);
+        v = f;
+        e = carried(slope, da) + special_error * (std::abs(v) + std::abs(a * slope));
+        break;
+      }
+      case OpCode::where_positive:
+        v = where_positive(a, value[step.b]);
+        e = where_positive(a, bound[step.b]);
+        break;
+      case OpCode::where_negative:
+        v = where_negative(a, value[step.b]);
+        e = where_negative(a, bound[step.b]);
         break;
     }
     value[step.target] = v;

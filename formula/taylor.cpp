@@ -10,6 +10,7 @@
 
 #include <rubato/base/lanes.hpp>
 #include <rubato/formula/arithmetic.hpp>
+#include <rubato/formula/special.hpp>
 #include <rubato/formula/taylor_kernel.hpp>
 
 namespace rubato::formula {
@@ -57,6 +58,16 @@ std::string_view name_of(OpCode code) {
     case OpCode::sign: return "sign";
     case OpCode::min: return "min";
     case OpCode::max: return "max";
+    case OpCode::erf: return "erf";
+    case OpCode::bessel_j: return "besselj";
+    case OpCode::bessel_y: return "bessely";
+    case OpCode::bessel_i: return "besseli";
+    case OpCode::bessel_k: return "besselk";
+    case OpCode::jacobi_sn: return "sn";
+    case OpCode::jacobi_cn: return "cn";
+    case OpCode::jacobi_dn: return "dn";
+    case OpCode::where_positive: return "where";
+    case OpCode::where_negative: return "where";
   }
   return "?";
 }
@@ -100,7 +111,8 @@ double leading_power(const Step& step, double x) {
 }
 
 bool has_kink(Kind kind) {
-  return kind == Kind::absolute || kind == Kind::sign || kind == Kind::minimum || kind == Kind::maximum;
+  return kind == Kind::absolute || kind == Kind::sign || kind == Kind::minimum || kind == Kind::maximum ||
+         kind == Kind::choice;
 }
 
 const taylor::Kernel& kernel() {
@@ -127,7 +139,7 @@ TaylorEvaluator::TaylorEvaluator(const Bytecode& code, int order, int lanes)
       lanes_(static_cast<std::size_t>(lanes)),
       width_(padded(lanes)),
       series_stride_((static_cast<std::size_t>(std::max(order, 0)) + 1) * width_),
-      program_(taylor::lower(code)),
+      program_(taylor::lower(code, std::max(order, 0))),
       kinks_(std::ranges::any_of(program_.steps, [](const Step& step) { return has_kink(step.kind); })) {
   if (order < 0) {
     throw std::invalid_argument(fmt::format("the order of a Taylor expansion must not be negative ({} given)", order));
@@ -252,6 +264,8 @@ bool TaylorEvaluator::has_expansion(const Step& step, std::size_t lane) const {
     case Kind::sign: return next_ == 0 || a != 0.0 || at(step.a, next_)[lane] == 0.0;
     case Kind::minimum:
     case Kind::maximum: return next_ == 0 || a != b || at(step.a, next_)[lane] == at(step.b, next_)[lane];
+    case Kind::function: return std::isfinite(at(step.target)[lane]);
+    case Kind::choice: return next_ == 0 || a != 0.0 || at(step.a, next_)[lane] == 0.0;
     default: return true;
   }
 }
@@ -316,6 +330,14 @@ bool TaylorEvaluator::start_lane(std::size_t lane) {
       case Kind::sign: target = sign(a); break;
       case Kind::minimum: target = minimum(a, b); break;
       case Kind::maximum: target = maximum(a, b); break;
+      case Kind::function:
+        scaled_derivatives(step.code, step.factor, a, weights_);
+        target = weights_[0];
+        for (std::uint32_t k = 0; k < step.d; ++k) {
+          values[(step.c + k) * series_stride_] = weights_[k + 1];
+        }
+        break;
+      case Kind::choice: target = step.factor > 0.0 ? where_positive(a, b) : where_negative(a, b); break;
     }
     test += target - target;
   }

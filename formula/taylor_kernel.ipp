@@ -217,6 +217,16 @@ struct Recurrence {
           at(s.target, d)[l] = at(first ? s.a : s.b, d)[l];
         }
         break;
+      case Kind::function:  // D F_k(a) = (k+1) F_{k+1}(a) D a for F_k = F^(k)/k!
+        for (int k = 0; k + d <= static_cast<int>(s.d); ++k) {
+          const std::uint32_t next = s.c + static_cast<std::uint32_t>(k);
+          set(k == 0 ? s.target : next - 1, integral(s.a, next, k + 1.0));
+        }
+        break;
+      case Kind::choice:
+        for (std::size_t l = 0; l < L::size; ++l)
+          at(s.target, d)[l] = (s.factor > 0.0) == (at(s.a)[l] > 0.0) ? at(s.b, d)[l] : 0.0;
+        break;
     }
   }
 };
@@ -294,6 +304,8 @@ void extend(const Work& work, const Step* steps, const Group* begin, const Group
       RUBATO_GROUP(sign);
       RUBATO_GROUP(minimum);
       RUBATO_GROUP(maximum);
+      RUBATO_GROUP(function);
+      RUBATO_GROUP(choice);
 #undef RUBATO_GROUP
     }
   }

@@ -29,8 +29,11 @@ bool reuses_registers(const Bytecode& code) {
 
 class Lowering {
 public:
-  explicit Lowering(const Bytecode& code)
-      : code_(code), powers_(code.register_count()), readers_(code.register_count(), 0) {
+  Lowering(const Bytecode& code, int order)
+      : code_(code),
+        order_(static_cast<std::uint32_t>(order)),
+        powers_(code.register_count()),
+        readers_(code.register_count(), 0) {
     for (const Instruction& instruction : code.instructions()) {
       const std::uint32_t operands[] = {instruction.a, instruction.b, instruction.c};
       std::for_each_n(operands, operand_count(instruction.code), [&](std::uint32_t r) { ++readers_[r]; });
@@ -205,12 +208,22 @@ private:
     emit(Kind::quotient_integral, base_.target, base_.a, denominator).factor = factor;
   }
 
+  void function(std::uint32_t argument, double parameter) {
+    base_.culprit = argument;
+    Step& step = emit(Kind::function, base_.target, argument);
+    step.factor = parameter;
+    step.c = static_cast<std::uint32_t>(program_.series_count);
+    step.d = order_;
+    program_.series_count += order_;
+  }
+
   void lower(const Instruction& instruction);
   void lower_power(std::int64_t exponent);
   void drop_unread();
   void schedule();
 
   const Bytecode& code_;
+  std::uint32_t order_;
   Program program_;
   Step base_;
   std::vector<std::optional<Power>> powers_;  ///< of the code's registers
@@ -293,6 +306,16 @@ void Lowering::lower(const Instruction& instruction) {
     case OpCode::sign: emit(Kind::sign, base_.target, base_.a); return;
     case OpCode::min: emit(Kind::minimum, base_.target, base_.a, base_.b); return;
     case OpCode::max: emit(Kind::maximum, base_.target, base_.a, base_.b); return;
+    case OpCode::erf: function(base_.a, 0.0); return;
+    case OpCode::bessel_j:
+    case OpCode::bessel_y:
+    case OpCode::bessel_i:
+    case OpCode::bessel_k: function(base_.b, *constant(base_.a)); return;
+    case OpCode::jacobi_sn:
+    case OpCode::jacobi_cn:
+    case OpCode::jacobi_dn: function(base_.a, *constant(base_.b)); return;
+    case OpCode::where_positive: emit(Kind::choice, base_.target, base_.a, base_.b); return;
+    case OpCode::where_negative: emit(Kind::choice, base_.target, base_.a, base_.b).factor = -1.0; return;
   }
 }
 
@@ -400,7 +423,8 @@ Series read_by(const Step& step) {
     case Kind::quotient_integral:
     case Kind::argument:
     case Kind::minimum:
-    case Kind::maximum: return {{step.a, step.b}, 2};
+    case Kind::maximum:
+    case Kind::choice: return {{step.a, step.b}, 2};
     default: return {{step.a}, 1};
   }
 }
@@ -417,11 +441,11 @@ Series made_by(const Step& step) {
   }
 }
 
-Program lower(const Bytecode& code) {
+Program lower(const Bytecode& code, int order) {
   if (reuses_registers(code)) {
     throw std::invalid_argument("Taylor arithmetic needs code compiled without reuse of registers");
   }
-  return Lowering(code).run();
+  return Lowering(code, order).run();
 }
 
 }  // namespace rubato::formula::taylor

@@ -33,8 +33,10 @@ enum class Kind : std::uint8_t {
   sign,
   minimum,
   maximum,
+  function,  // code's function of a with the parameter `factor`; c … c + d - 1: its derivatives there, over 1!, 2!, …
+  choice,    // b where factor·a > 0, by order 0, else 0
 };
-inline constexpr std::size_t kind_count = static_cast<std::size_t>(Kind::maximum) + 1;
+inline constexpr std::size_t kind_count = static_cast<std::size_t>(Kind::choice) + 1;
 
 /// A step on series: what an instruction is lowered to.
 struct Step {
@@ -73,7 +75,7 @@ struct Program {
   std::size_t input_count = 0;
   std::size_t series_count = 0;
 };
-/// \throws std::invalid_argument if `code` was compiled with reuse of registers
-[[nodiscard]] Program lower(const Bytecode& code);
+/// `order`: the highest. \throws std::invalid_argument if `code` was compiled with reuse of registers
+[[nodiscard]] Program lower(const Bytecode& code, int order);
 
 }  // namespace rubato::formula::taylor

@@ -135,7 +135,10 @@ Token next_token(std::string_view text, std::size_t offset) {
     }
     return {Token::Kind::name, offset, text.substr(offset, end - offset)};
   }
-  if (find_operator(c) == nullptr && std::string_view("(),[]").find(c) == std::string_view::npos) {
+  if (c == '<' || c == '>') {
+    return {Token::Kind::symbol, offset, text.substr(offset, text.substr(offset + 1).starts_with('=') ? 2 : 1)};
+  }
+  if (find_operator(c) == nullptr && std::string_view("(),[]:").find(c) == std::string_view::npos) {
     refuse_character(text, offset);
   }
   return {Token::Kind::symbol, offset, text.substr(offset, 1)};
@@ -150,13 +153,17 @@ const std::vector<std::string>& reserved_names() {
     for (const Function& function : functions()) {
       all.emplace_back(function.name);
     }
+    for (const Word& word : words()) {
+      all.emplace_back(word.name);
+    }
     return all;
   }();
   return names;
 }
 
 bool is_reserved_name(std::string_view name) {
-  return find_constant(name) != nullptr || find_function(name) != nullptr;
+  const Function* const function = find_function(name);
+  return find_constant(name) != nullptr || (function != nullptr && !function->yields);
 }
 
 bool is_valid_name(std::string_view name) {

@@ -11,7 +11,7 @@
 namespace rubato::formula {
 
 struct Token {
-  enum class Kind { end, number, name, symbol };  ///< a symbol is one of + - * / ^ ( ) ,
+  enum class Kind { end, number, name, symbol };  ///< a symbol is one of + - * / ^ ( ) [ ] , < > <= >=
   Kind kind = Kind::end;
   std::size_t offset = 0;
   std::string_view text = {};
@@ -24,7 +24,7 @@ struct Token {
 /// \throws ParseError for a character outside the language, a malformed number, or one that overflows
 [[nodiscard]] Token next_token(std::string_view text, std::size_t offset);
 
-/// The names of all functions and constants.
+/// The names of all functions, words and constants, whether they may be given to something else or not.
 [[nodiscard]] const std::vector<std::string>& reserved_names();
 
 /// Whether a byte of UTF-8 text begins a character.

@@ -77,6 +77,14 @@ std::string to_string(Expression expression) {
         stack.push_back(child(node.a, exponentiation));
         break;
       case Operation::power: stack.insert(stack.end(), {child(node.b, atom), text("^"), child(node.a, atom)}); break;
+      case Operation::where_positive:
+        result += "where(";
+        stack.insert(stack.end(), {text(", 0)"), child(node.b, sum), text(" > 0, "), child(node.a, sum)});
+        break;
+      case Operation::where_negative:
+        result += "where(";
+        stack.insert(stack.end(), {text(")"), child(node.b, sum), text(" > 0, 0, "), child(node.a, sum)});
+        break;
       default:
         result += name(node.operation);
         result += '(';

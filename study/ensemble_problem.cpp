@@ -8,6 +8,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <rubato/base/draws.hpp>
 #include <rubato/formula/bytecode.hpp>
 #include <rubato/formula/parse.hpp>
 #include <rubato/study/reader.hpp>
@@ -145,26 +146,6 @@ void read_members(const Value& value, Ensemble& ensemble) {
     }
   }
 }
-
-/// Numbers between 0 and 1, exclusive, by their place: D. Lea's finaliser of 64-bit integers (Steele, Lea, Flood,
-/// Fast splittable pseudorandom number generators, OOPSLA 2014), so that more members do not change the first ones.
-class Draws {
-public:
-  explicit Draws(std::uint64_t seed) : seed_(mixed(seed)) {}
-  [[nodiscard]] double at(std::uint64_t member, std::uint64_t number) const {
-    const std::uint64_t bits = mixed(mixed(seed_ ^ member) + 0x9E3779B97F4A7C15U * (number + 1));
-    return (static_cast<double>(bits >> 12U) + 0.5) * 0x1p-52;
-  }
-
-private:
-  static std::uint64_t mixed(std::uint64_t x) {
-    x += 0x9E3779B97F4A7C15U;
-    x = (x ^ (x >> 30U)) * 0xBF58476D1CE4E5B9U;
-    x = (x ^ (x >> 27U)) * 0x94D049BB133111EBU;
-    return x ^ (x >> 31U);
-  }
-  std::uint64_t seed_;
-};
 
 /// A formula in which uniform(a, b) and normal(mean, deviation) are drawn anew for every member.
 class RandomFormula {

@@ -13,6 +13,19 @@ namespace rubato::study {
 namespace {
 
 constexpr std::string_view comparison_characters = "<>=!";
+
+/// The first of them from `from` on that is not inside parentheses, as that of where(a < b, f, g).
+std::size_t find_comparison(std::string_view text, std::size_t from = 0) {
+  int depth = 0;
+  for (std::size_t i = 0; i < text.size(); ++i) {
+    depth += text[i] == '(' ? 1 : text[i] == ')' ? -1 : 0;
+    if (i >= from && depth <= 0 && comparison_characters.find(text[i]) != std::string_view::npos) {
+      return i;
+    }
+  }
+  return std::string::npos;
+}
+
 /// In the order of direction_words.
 constexpr std::array directions = {Direction::both, Direction::up, Direction::down};
 
@@ -90,7 +103,7 @@ public:
 private:
   void read_crossing(const Value& value, std::string_view what) {
     const FormulaText whole = read_formula(value, what);
-    const std::size_t sign = whole.text.find_first_of(comparison_characters);
+    const std::size_t sign = find_comparison(whole.text);
     if (sign == std::string::npos) {
       event_.crossing = whole;
       return;
@@ -101,7 +114,7 @@ private:
     if (whole.text[sign] == '=' || whole.text[sign] == '!') {
       refuse("a crossing is a formula that passes zero: write \"a - b\" for a = b, or compare with > or <");
     }
-    if (const std::size_t next = whole.text.find_first_of(comparison_characters, sign + 1); next == sign + 1) {
+    if (const std::size_t next = find_comparison(whole.text, sign + 1); next == sign + 1) {
       refuse("write > or <: that both sides are equal is so for an instant only");
     } else if (next != std::string::npos) {
       refuse("one comparison is a condition; give each of them an event of its own");

@@ -36,10 +36,7 @@ std::string wrapped(std::string_view text, std::size_t indent) {
 }
 
 std::string function_line(const formula::Function& function) {
-  const std::string arguments = function.variadic                                 ? "a, b, ..."
-                                : function.operation == formula::Operation::atan2 ? "y, x"
-                                                                                  : "x";
-  return fmt::format("  {:<16}{}{}\n", fmt::format("{}({})", function.name, arguments), function.meaning,
+  return fmt::format("  {:<16}{}{}\n", fmt::format("{}({})", function.name, function.arguments), function.meaning,
                      function.domain.empty() ? "" : fmt::format("; defined for {}", function.domain));
 }
 
@@ -75,7 +72,9 @@ std::string formulas() {
   for (const formula::Function& function : formula::functions()) {
     text += function_line(function);
   }
-  text += "  sum(i, 1, N, f) the sum of f for i = 1, ..., N; see Vectors\n";
+  for (const formula::Word& word : formula::words()) {
+    text += fmt::format("  {:<16}{}\n", fmt::format("{}({})", word.name, word.arguments), word.meaning);
+  }
   text += "  a^b with a < 0 is defined for integers b.\n\nNumbers\n";
   for (const formula::Constant& constant : formula::constants()) {
     text += fmt::format("  {:<16}{}\n", constant.name, constant.meaning);
@@ -84,7 +83,8 @@ std::string formulas() {
   text += wrapped(
       "A letter or _, then letters, digits and _. Capitals count. Coordinates, momenta, fields, parameters "
       "and invariants may have any names but those above; t, and x, y, z on a lattice, are taken. e is an "
-      "ordinary name: write exp(1).",
+      "ordinary name: write exp(1). The functions from erf on give way: a problem may have something called norm, and "
+      "norm(...) is no function there.",
       2);
   text += "\nVectors\n";
   text += wrapped(
@@ -93,7 +93,26 @@ std::string formulas() {
       "r = \"sin(i*pi/4)\" gives every component by its index i. In formulas r[i] is a component, for an i that is a "
       "number, a parameter or the index of a sum: sum(i, 1, 2, (r[i+1] - r[i])^2). \"r[N]\" is as long as the integer "
       "N "
-      "of [parameters].",
+      "of [parameters]. In norm and dot, and nowhere else, r is the whole vector, as far as r1, r2, ... go, and r[1:2] "
+      "a part of it; there is r + s, r - s, -r, 2*r, r/2: norm(r - s), dot(r, p), norm(r[1:2]). norm(x, y) is "
+      "sqrt(x^2 + y^2): sum(i, 1, N, sum(j, i + 1, N, 1/norm(x[i] - x[j], y[i] - y[j]))).",
+      2);
+  text += "\nChoices\n";
+  text += wrapped(
+      "where(a < b, f, g), with <, <=, > or >=, is f where that holds, and g elsewhere; the other one need not be "
+      "defined there (with generating both have to be). Derivatives are those of f and of g, and know nothing of a "
+      "jump "
+      "between them: where f and g differ on the border there is no force, and the energy of the solution jumps. A "
+      "formula is as smooth as f and g fit together: if their n-th derivatives differ on the border, and none before, "
+      "a "
+      "step over it errs by the step to the power n, whatever the order of the scheme.",
+      2);
+  text += "\nRandom numbers\n";
+  text += wrapped(
+      "noise(3) is a normal random number, of mean 0 and deviation 1, always the same for the same integer: "
+      "r = \"0.1*noise(i)\" gives every component its own. In [initial] and S of a lattice noise(3, 8) is a random "
+      "function of x (y, z): all waves with up to 8 periods along each axis, of mean 0 and deviation 1, the same "
+      "however many cells the grid has.",
       2);
   text += "\nWhat a formula may name, beside parameters\n";
   const auto where = [&](std::string_view place, std::string_view names) {

@@ -113,6 +113,7 @@ T evaluate(Expression formula, const std::vector<T>& point) {
       case Operation::sign: v[i] = std::isnan(a) ? a : static_cast<T>((a > 0) - (a < 0)); break;
       case Operation::min: v[i] = std::isnan(a) || std::isnan(b) ? a + b : std::min(a, b); break;
       case Operation::max: v[i] = std::isnan(a) || std::isnan(b) ? a + b : std::max(a, b); break;
+      default: v[i] = std::numeric_limits<double>::quiet_NaN(); break;  // later ones: special_test.cpp
     }
   }
   return v[formula.index()];
