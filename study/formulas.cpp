@@ -6,6 +6,7 @@
 #include <fmt/ranges.h>
 
 #include <rubato/formula/parse.hpp>
+#include <rubato/study/noise.hpp>
 #include <rubato/study/reader.hpp>
 
 namespace rubato::study {
@@ -82,7 +83,11 @@ struct MutualFormulas {
       }
       formula::Graph graph;
       const auto expression = build_formula(read_formula(table[i].value, table[i].key), graph,
-                                            {names, vocabulary.differentiable, vocabulary.axes}, constants);
+                                            {.names = names,
+                                             .differentiable = vocabulary.differentiable,
+                                             .axes = vocabulary.axes,
+                                             .periods = vocabulary.periods},
+                                            constants);
       for (const std::size_t variable : formula::variables_of(expression)) {
         if (const auto found = index.find(graph.variable_name(variable)); found != index.end()) {
           needs[i].push_back(found->second);
@@ -158,7 +163,9 @@ Location place_in_file(const Location& start, std::size_t line, std::size_t colu
 
 formula::Expression build_formula(const FormulaText& text, formula::Graph& graph, const Vocabulary& vocabulary,
                                   std::span<const Parameter> parameters) {
-  const auto& [names, differentiable, axes, integrands] = vocabulary;
+  const auto& names = vocabulary.names;
+  const auto& differentiable = vocabulary.differentiable;
+  const auto& integrands = vocabulary.integrands;
   std::unordered_map<std::string_view, formula::Expression> known;
   std::vector<std::string> suggestions(names.begin(), names.end());
   for (const std::string& name : names) {
@@ -195,6 +202,11 @@ formula::Expression build_formula(const FormulaText& text, formula::Graph& graph
   };
   const auto call = [&](std::string_view name,
                         std::span<const formula::Expression> arguments) -> std::optional<formula::Expression> {
+    const auto is_known = [&](const GridAxis& axis) { return contains(names, axis.name); };
+    if (name == "noise" && !vocabulary.periods.empty() && std::ranges::all_of(vocabulary.periods, is_known)) {
+      const auto integer = [&](std::size_t i) { return static_cast<std::int64_t>(arguments[i].constant_value()); };
+      return random_waves(graph, vocabulary.periods, integer(0), integer(1));
+    }
     if (name == "integral" && integrands != nullptr && arguments.size() == 1) {
       for (const std::size_t variable : formula::variables_of(arguments[0])) {
         if (graph.variable_name(variable).starts_with("integral ")) {

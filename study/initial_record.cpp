@@ -1,6 +1,7 @@
 #include <rubato/study/initial_record.hpp>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include <fmt/format.h>
@@ -8,6 +9,7 @@
 
 #include <rubato/grids/resample.hpp>
 #include <rubato/record/reader.hpp>
+#include <rubato/study/initial_arrays.hpp>
 #include <rubato/study/initial_table.hpp>
 #include <rubato/study/keys.hpp>
 #include <rubato/study/reader.hpp>
@@ -143,6 +145,63 @@ void resolve_table(const std::string& file, bool lattice, Value::Table& initial,
   }
 }
 
+/// What datasets of another program give: of a lattice the names of its fields, of an orbit the numbers.
+void resolve_arrays(const std::string& from, const Section& root, const Entry* orbit, bool velocities,
+                    const std::optional<double>& time, Value::Table& initial, const Location& location) {
+  const auto level = level_of_arrays(from, time, location);
+  if (!level && time) {
+    throw ProblemError(
+        location, fmt::format("at = {} is the time of a level; {} has no dataset t, and so no levels", *time, from));
+  }
+  if (level && find(initial, "t") == nullptr) {
+    put(initial, "t", {*level, {}}, location);
+  }
+  const auto is_given = [&initial](const std::string& name) { return find(initial, name) != nullptr; };
+  std::size_t taken = 0;
+  if (orbit == nullptr) {
+    const Entry* lattice = find(root.entries(), "multisymplectic");
+    Value::Array names;
+    for (const NameList::Group& group : declared(root, *lattice->value.table(), "fields")) {
+      for (std::size_t i = 1; i <= group.count; ++i) {
+        const std::string name = group.is_vector ? fmt::format("{}{}", group.base, i) : group.base;
+        if (!is_given(name) && !is_given(group.base) && !names_in_arrays(from, std::array{name}).empty()) {
+          names.push_back({name, location});
+        }
+      }
+    }
+    taken = names.size();
+    put(initial, "at", {level.value_or(0.0), {}}, location);
+    put(initial, "take", {std::move(names), {}}, location);
+  } else {
+    std::erase_if(initial, [](const Entry& entry) { return entry.key == "from" || entry.key == "at"; });
+    for (const auto& [key, dot] : {std::pair("q", ""), velocities ? std::pair("q", "_dot") : std::pair("p", "")}) {
+      for (const NameList::Group& group : declared(root, *orbit->value.table(), key)) {
+        const std::string base = group.base + dot;
+        const auto component = [&](std::size_t i) { return fmt::format("{}{}{}", group.base, i, dot); };
+        if (is_given(base)) {
+          continue;  // what the user says goes first
+        }
+        const bool whole = !names_in_arrays(from, std::array{base}).empty();
+        const auto numbers = whole ? numbers_of_array(from, base, group.count, level, location) : std::vector<double>();
+        for (std::size_t i = 1; i <= group.count; ++i) {
+          const std::string name = group.is_vector ? component(i) : base;
+          if (is_given(name) || (!whole && names_in_arrays(from, std::array{name}).empty())) {
+            continue;
+          }
+          const double value = whole ? numbers[i - 1] : numbers_of_array(from, name, 1, level, location).front();
+          put(initial, name, {value, {}}, location);
+          ++taken;
+        }
+      }
+    }
+  }
+  if (taken == 0) {
+    throw ProblemError(location, fmt::format("from: {} is no record, and has no dataset of a name that is needed here; "
+                                             "it has {}",
+                                             from, list_of_arrays(from)));
+  }
+}
+
 }  // namespace
 
 bool resolve_initial_record(Value& root) {
@@ -154,14 +213,16 @@ bool resolve_initial_record(Value& root) {
   }
   const Location location = from->value.location;
   const std::string file = read_string(from->value, "from");
-  if (find(*initial, "take") != nullptr) {
-    const bool is_new_table = is_table(file) && find(*initial, "at") == nullptr;
-    if (is_new_table) {
-      put(*initial, "at", {0.0, {}}, location);
-    }
-    return is_new_table;
-  }
   const Entry* at = find(*initial, "at");
+  if (find(*initial, "take") != nullptr) {
+    const bool is_new = at == nullptr && (is_table(file) || at_source(location, [&] { return is_array_source(file); }));
+    if (is_new) {
+      const auto level =
+          is_table(file) ? std::nullopt : at_source(location, [&] { return level_of_arrays(file, {}, location); });
+      put(*initial, "at", {level.value_or(0.0), {}}, location);
+    }
+    return is_new;
+  }
   const std::optional<double> time = at == nullptr ? std::nullopt : std::optional(read_number(at->value, "at", {}));
   const Location time_location = at == nullptr ? location : at->value.location;
   const Entry* lagrangian = find(*root.table(), "lagrangian");
@@ -175,6 +236,11 @@ bool resolve_initial_record(Value& root) {
     return true;
   }
   at_source(location, [&] {
+    if (is_array_source(file)) {
+      resolve_arrays(file, Section(*root.table(), root.location, ""), lattice ? nullptr : orbit, lagrangian != nullptr,
+                     time, *initial, location);
+      return;
+    }
     const record::Reader reader(file);
     const Problem other = stored_problem(reader);
     const StoredState state = find_state(reader, time, time_location);
@@ -213,6 +279,13 @@ std::vector<std::vector<double>> read_initial_fields(const InitialRecord& source
     return fields;
   }
   return at_source(source.location, [&] {
+    if (!source.own_start && is_array_source(source.file)) {
+      std::vector<std::vector<double>> fields;
+      for (const std::string& name : source.take) {
+        fields.push_back(field_of_arrays(source.file, name, source.at, grid, source.location));
+      }
+      return fields;
+    }
     const record::Reader reader(source.file);
     const StoredState state = source.own_start ? StoredState{} : find_state(reader, source.at, source.location);
     const Problem other = stored_problem(reader);

@@ -157,8 +157,10 @@ std::vector<KeyEntry> make_keys() {
       {"initial", "from", "text", none,
        "A record: what is not given here is taken from one of its states, and its time is that of the start. Or a "
        "table, "
-       "NAME.csv: a line of names, then rows of numbers; on a lattice one for each node, with x, y, z where it is."},
-      {"initial", "at", "number", "the last", "Of from: the stored level nearest to this time."},
+       "NAME.csv: a line of names, then rows of numbers; on a lattice one for each node, with x, y, z where it is. Or "
+       "datasets of another HDF5 file, \"data.h5\" or \"data.h5:/group\", with the names of what they give."},
+      {"initial", "at", "number", "the last",
+       "Of from: the stored level nearest to this time; of datasets, by their t."},
       {"initial", "take", "list of names", "those that it was given itself",
        "Of from, on a lattice: the fields that are taken, by waves where the number of cells differs."},
       {"initial", "next", "table", none, "See [initial.next]; for orbits."},
@@ -216,7 +218,7 @@ std::vector<KeyEntry> make_keys() {
       {"scheme", "tolerance", "number between 0 and 1", fmt::format("{}", scheme.tolerance),
        "Of the energy in each step, relative; the step itself is always solved to rounding."},
 
-      {"laws", "every", "integer, at least 1, or false", "1",
+      {"laws", "every", "integer, at least 1, or false (\"off\")", "1",
        "Local laws, totals and invariants are taken at every n-th level and step, or never; the energy always."},
 
       {"output", "file", "text", "the problem's name with .h5", "The record, relative to the current folder."},

@@ -274,7 +274,9 @@ private:
   void find_needs(std::size_t i) {
     const FormulaText& text = *pde_.initial[i];
     formula::Graph graph;
-    const auto expression = build_formula(text, graph, {axes_, fields_.names, axes_}, parameters_);
+    const auto expression = build_formula(
+        text, graph, {.names = axes_, .differentiable = fields_.names, .axes = axes_, .periods = pde_.axes},
+        parameters_);
     for (const std::size_t variable : formula::variables_of(expression)) {
       const std::string& name = graph.variable_name(variable);
       if (std::find(axes_.begin(), axes_.end(), name) != axes_.end()) {
@@ -431,12 +433,14 @@ void read_multisymplectic(Section& root, Section& section, Problem& problem) {
   pde.fields = fields.names;
   pde.axes = read_grid(root, section, parameters);
   const auto axes = pde.axis_names();
-  add_definitions(root, taken, {quantity_names(pde), pde.fields, axes}, parameters);
+  const std::vector<std::string> quantities = quantity_names(pde);
+  add_definitions(root, taken, {.names = quantities, .differentiable = pde.fields, .axes = axes, .periods = pde.axes},
+                  parameters);
   const MatrixReader matrices(pde.fields, parameters);
   pde.M = matrices.skew(section.require("M", R"(the matrix of z_t, such as [["u", "v", -1]])").value, "M");
   pde.K = read_K(section, axes, matrices);
   pde.S = read_formula(section.require("S", "a formula of the fields").value, "S");
-  const bool driven = names_time(pde.S, {quantity_names(pde)}, parameters);
+  const bool driven = names_time(pde.S, {.names = quantities, .periods = pde.axes}, parameters);
   section.finish();
   if (driven) {
     for (const std::string_view name : {clock_name, work_name}) {
@@ -450,7 +454,8 @@ void read_multisymplectic(Section& root, Section& section, Problem& problem) {
                        "there is no [initial]: give a formula for the fields, such as u = \"cos(x)\"");
   }
   InitialReader(pde, fields, axes, parameters).read(*initial);
-  pde.invariants = read_invariants(root, {quantity_names(pde), pde.fields, axes}, parameters);
+  pde.invariants = read_invariants(
+      root, {.names = quantities, .differentiable = pde.fields, .axes = axes, .periods = pde.axes}, parameters);
   pde.exact = read_exact(root, std::array{fields}, argument_names(pde), parameters);
   pde.symmetries = read_symmetries(root, matrices);
   check_invariant_names(pde.invariants, pde.symmetries);

@@ -53,13 +53,14 @@ void read_laws(Section& root, Problem& problem) {
   if (const Entry* every = section->take("every")) {
     problem.laws.location = every->value.location;
     const bool* word = std::get_if<bool>(&every->value.data);
+    const bool off = every->value.string() != nullptr && *every->value.string() == "off";
     if (word != nullptr && *word) {
       throw ProblemError(every->value.location, "every = true: write every = 1, or false for none of the laws");
     }
     if (const auto* zero = std::get_if<std::int64_t>(&every->value.data); zero != nullptr && *zero == 0) {
       throw ProblemError(every->value.location, "every = 0: write every = false for none of the laws");
     }
-    problem.laws.every = word != nullptr ? 0 : read_integer(every->value, "every", problem.parameters, 1);
+    problem.laws.every = word != nullptr || off ? 0 : read_integer(every->value, "every", problem.parameters, 1);
   }
   section->finish();
   if (problem.laws.none()) {
@@ -157,11 +158,6 @@ Problem read_effective(EffectiveDocument document, const std::string& source) {
   read_output(root, problem);
   problem.events = read_events(root, problem);
   problem.ensemble = read_ensemble(root, problem.parameters);
-  if (problem.ensemble && problem.output.any()) {
-    throw ProblemError(problem.output.location,
-                       "an ensemble keeps of each member its figures and its last state: output.times, interval and "
-                       "quantities are for single runs; leave them out");
-  }
   if (problem.ensemble) {
     problem.ensemble->common = without_table(problem.text, source, "ensemble");
   }
@@ -180,7 +176,9 @@ formula::Expression Problem::build(const FormulaText& formula, formula::Graph& g
                                    std::span<const std::string> differentiable) const {
   const auto* pde = multisymplectic();
   const auto axes = pde != nullptr ? pde->axis_names() : std::vector<std::string>();
-  return build_formula(formula, graph, {names, differentiable, axes}, parameters);
+  const auto periods = pde != nullptr ? std::span<const GridAxis>(pde->axes) : std::span<const GridAxis>();
+  return build_formula(
+      formula, graph, {.names = names, .differentiable = differentiable, .axes = axes, .periods = periods}, parameters);
 }
 
 formula::Expression Problem::build_quantity(const FormulaText& formula, formula::Graph& graph,
@@ -188,7 +186,13 @@ formula::Expression Problem::build_quantity(const FormulaText& formula, formula:
                                             std::span<const std::string> differentiable,
                                             std::vector<formula::Expression>& integrands) const {
   const auto axes = multisymplectic()->axis_names();
-  return build_formula(formula, graph, {names, differentiable, axes, &integrands}, parameters);
+  return build_formula(formula, graph,
+                       {.names = names,
+                        .differentiable = differentiable,
+                        .axes = axes,
+                        .integrands = &integrands,
+                        .periods = multisymplectic()->axes},
+                       parameters);
 }
 
 Problem parse_problem(std::string_view text, const std::string& source, std::span<const std::string> settings) {

@@ -120,6 +120,8 @@ struct Vocabulary {
   std::span<const std::string> axes = {};            ///< the grid's directions: "x" allows dx()
   /// Where what integral() is applied to goes; null where there is no such function.
   std::vector<formula::Expression>* integrands = nullptr;
+  /// The periods of the grid, where noise(seed, waves) is a function of its coordinates.
+  std::span<const GridAxis> periods = {};
 };
 
 /// [definitions]: formulas of `names`, parameters and each other. Names that are not known where a definition is used
