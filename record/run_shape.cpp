@@ -224,8 +224,9 @@ private:
 
 void require_run(const Reader& reader) {
   if (reader.has("/members/number")) {
-    throw Error(reader.file(),
-                "it is the record of an ensemble, not of one run; `rubato check`, `resume` and `export` take it");
+    throw Error(
+        reader.file(),
+        "it is the record of an ensemble, not of one run; `rubato check`, `resume`, `report` and `export` take it");
   }
   Shapes(reader).require();
   const std::size_t levels = reader.rows("/levels/t");

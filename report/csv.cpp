@@ -216,6 +216,27 @@ void export_output(Exporter& exporter, const record::Reader& reader, const Conte
   exporter.table("output.csv", "", numbers);
 }
 
+/// What an ensemble tells at output times, all members one after the other: orbits, and quantities that are numbers.
+void export_member_outputs(Exporter& exporter, const record::Reader& reader) {
+  const std::string group = "/output/";
+  if (!reader.has(group + "member")) {
+    return;
+  }
+  std::vector<TableSource> columns{{group + "member", {"member"}}, {group + "t", {"t"}}};
+  for (const auto& [path, names] : {std::pair("q", "/states/coordinate"), std::pair("p", "/states/momentum")}) {
+    if (reader.has(group + path) && reader.has(names)) {
+      columns.push_back({group + path, reader.read_strings(names)});
+    }
+  }
+  for (const record::DatasetInfo& info : reader.datasets()) {
+    if (info.path.starts_with(group + "quantities/") && info.grows && info.shape.size() == 1 &&
+        !info.path.ends_with("/t")) {
+      columns.push_back({info.path, {info.path.substr(info.path.rfind('/') + 1)}});
+    }
+  }
+  exporter.table("output.csv", "", columns);
+}
+
 /// The crossings of each event; in an ensemble of each member.
 void export_events(Exporter& exporter, const record::Reader& reader) {
   constexpr std::string_view events = "/events/", times = "/t";
@@ -249,6 +270,7 @@ std::vector<std::filesystem::path> export_csv(const record::Reader& reader, cons
   if (reader.has("/members/number")) {
     Exporter exporter(reader, folder, overwrite);
     export_members(exporter, reader);
+    export_member_outputs(exporter, reader);
     export_events(exporter, reader);
     return std::move(exporter).files();
   }

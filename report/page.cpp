@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <fstream>
+#include <limits>
 #include <stdexcept>
 #include <tuple>
 
@@ -12,6 +13,7 @@
 #include <rubato/figures/text.hpp>
 #include <rubato/report/assets.hpp>
 #include <rubato/report/comparison.hpp>
+#include <rubato/report/ensemble_page.hpp>
 #include <rubato/report/output_file.hpp>
 #include <rubato/report/page_data.hpp>
 
@@ -20,9 +22,9 @@ namespace rubato::report {
 namespace {
 
 /// In the order in which they are run: each uses only those before it.
-constexpr std::array scripts{"theme.js",   "unpack.js",  "format.js",  "colour.js",     "curve.js", "plane.js",
-                             "map.js",     "profile.js", "player.js",  "portrait.js",   "cards.js", "tables.js",
-                             "section.js", "orbit.js",   "lattice.js", "comparison.js", "main.js"};
+constexpr std::array scripts{"theme.js",   "unpack.js",  "format.js",   "colour.js",   "curve.js",      "plane.js",
+                             "map.js",     "profile.js", "player.js",   "portrait.js", "cards.js",      "tables.js",
+                             "section.js", "orbit.js",   "ensemble.js", "lattice.js",  "comparison.js", "main.js"};
 
 /// What write_page() recognises its own pages by, near their beginning.
 constexpr std::string_view mark = R"(<meta name="generator" content="Rubato">)";
@@ -91,6 +93,12 @@ private:
   Needs needs_;
 };
 
+[[noreturn]] void refuse_size(std::size_t most, std::size_t least, std::string_view who) {
+  throw std::invalid_argument(fmt::format("a page of {} MB is too small: {} least {:.2f} MB",
+                                          static_cast<double>(most) / 1e6, who,
+                                          std::ceil(static_cast<double>(least) / 1e4) / 1e2));
+}
+
 /// Shares the bytes of a page among the figures of its parts; nothing for a page in full. `text` is what the page has
 /// besides.
 std::vector<std::vector<std::size_t>> shares_for(const std::vector<Part>& parts, std::size_t text,
@@ -108,10 +116,7 @@ std::vector<std::vector<std::size_t>> shares_for(const std::vector<Part>& parts,
     }
   }
   if (least > options.max_bytes) {
-    throw std::invalid_argument(fmt::format("a page of {} MB is too small: {} least {:.2f} MB",
-                                            static_cast<double>(options.max_bytes) / 1e6,
-                                            parts.size() == 1 ? "this record needs at" : "these records need at",
-                                            std::ceil(static_cast<double>(least) / 1e4) / 1e2));
+    refuse_size(options.max_bytes, least, parts.size() == 1 ? "this record needs at" : "these records need at");
   }
   const std::vector<std::size_t> all = share(options.max_bytes - text, demands);
   auto next = all.begin();
@@ -148,6 +153,39 @@ std::string assemble_within(std::string_view title, const std::vector<Part>& par
   return page;
 }
 
+/// The page of an ensemble: all arrays have as many numbers at most, which are halved until the page fits.
+std::string ensemble_page(const record::Reader& reader, const PageOptions& options) {
+  constexpr std::size_t least_rows = 16, bytes_of_row = 6;
+  const auto with = [&](std::size_t most_rows) {
+    Json json;
+    json.begin_object().entry("kind", "ensemble");
+    write_provenance(json, reader);
+    write_ensemble_summary(json, reader);
+    write_ensemble(json, reader, most_rows);
+    json.end_object();
+    return assemble(reader.header().title, json.text());
+  };
+  if (options.full) {
+    return with(std::numeric_limits<std::size_t>::max());
+  }
+  std::string page = with(least_rows);
+  if (page.size() > options.max_bytes) {
+    refuse_size(options.max_bytes, page.size(), "this record needs at");
+  }
+  const std::size_t columns = std::max<std::size_t>(count_ensemble_columns(reader), 1);
+  // As if all columns were as long; where some are shorter, the others get what these leave.
+  for (std::size_t rows = options.max_bytes / bytes_of_row; rows > least_rows; rows -= rows / 4) {
+    if (rows > 16 * (options.max_bytes / columns)) {
+      continue;
+    }
+    std::string larger = with(rows);
+    if (larger.size() <= options.max_bytes) {
+      return larger;
+    }
+  }
+  return page;
+}
+
 }  // namespace
 
 std::string_view asset(std::string_view name) {
@@ -159,13 +197,17 @@ std::string_view asset(std::string_view name) {
   return found->text;
 }
 
-void write_description(Json& json, const Source& source) {
-  const record::Header& header = source.reader.header();
+void write_provenance(Json& json, const record::Reader& reader) {
+  const record::Header& header = reader.header();
   json.entry("title", header.title).entry("problem", header.problem);
   json.key("provenance").begin_object();
-  json.entry("record", source.reader.file().filename().string()).entry("format", header.format);
+  json.entry("record", reader.file().filename().string()).entry("format", header.format);
   json.entry("version", header.version).entry("compiler", header.compiler);
   json.entry("threads", static_cast<std::size_t>(header.threads)).entry("finished", header.finished).end_object();
+}
+
+void write_description(Json& json, const Source& source) {
+  write_provenance(json, source.reader);
   json.key("summary").begin_array();
   for (const figures::Line& line : figures::lines_of(source.summary)) {
     json.begin_array().value(line.label).value(line.value).value(line.remark).value(line.is_headline).end_array();
@@ -174,6 +216,9 @@ void write_description(Json& json, const Source& source) {
 }
 
 std::string page(const record::Reader& reader, const PageOptions& options) {
+  if (is_ensemble(reader)) {
+    return ensemble_page(reader, options);
+  }
   std::vector<Part> parts;
   parts.emplace_back(reader, options);
   return assemble_within(reader.header().title, parts, options, [](Json& json, const auto& write_part) {

@@ -61,7 +61,8 @@ void write_maps(Json& json, const Source& source, const Resolution& resolution);
 /// How many curves write_curves() writes.
 [[nodiscard]] std::size_t count_curves(const Contents& contents);
 
-/// "title", "summary", "problem", "provenance" of one record.
+/// "title", "problem", "provenance" of one record; and with "summary".
+void write_provenance(Json& json, const record::Reader& reader);
 void write_description(Json& json, const Source& source);
 
 }  // namespace rubato::report

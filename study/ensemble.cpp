@@ -12,7 +12,7 @@
 #include <fmt/ranges.h>
 #include <omp.h>
 
-#include <rubato/figures/text.hpp>
+#include <rubato/figures/members.hpp>
 #include <rubato/record/writer.hpp>
 #include <rubato/study/chronicle.hpp>
 #include <rubato/study/digest.hpp>
@@ -29,12 +29,12 @@ namespace {
 
 constexpr double nan = std::numeric_limits<double>::quiet_NaN();
 
-/// What the record keeps of a run's events: all rows of crossings.
-bool is_of_crossings(const record::Dataset& dataset) {
-  return dataset.axis.starts_with("/events/");
+/// What the record keeps whole of a run: the crossings of its events, and what is told at output times.
+bool is_kept_whole(const record::Dataset& dataset) {
+  return dataset.axis.starts_with("/events/") || dataset.axis == "/output/t";
 }
 
-/// Keeps the last row of every dataset, and all of crossings, and refuses what a record of the run would.
+/// Keeps the last row of every dataset, and all of what is kept whole, and refuses what a record of the run would.
 class LastRows final : public RowSink {
 public:
   explicit LastRows(const record::Layout& layout) : layout_(layout), rows_(layout.datasets.size()) {}
@@ -48,7 +48,7 @@ public:
     keep(dataset, row);
   }
   void append(std::size_t dataset, std::span<const std::int64_t> row) override { keep(dataset, row); }
-  /// The last row; of crossings all, one after the other.
+  /// The last row; of what is kept whole all, one after the other.
   [[nodiscard]] const std::vector<double>& kept(std::size_t dataset) const { return rows_[dataset]; }
 
   struct Undefined {
@@ -58,7 +58,7 @@ public:
 private:
   template <typename Row>
   void keep(std::size_t dataset, Row row) {
-    if (!is_of_crossings(layout_.datasets[dataset])) {
+    if (!is_kept_whole(layout_.datasets[dataset])) {
       rows_[dataset].clear();
     }
     rows_[dataset].insert(rows_[dataset].end(), row.begin(), row.end());
@@ -78,8 +78,8 @@ struct MemberResult {
   ExitStatus status = ExitStatus::done;
   std::string message;
   figures::JsonObject figures;
-  std::vector<std::vector<double>> states;     ///< the last one, in the order of the layout
-  std::vector<std::vector<double>> crossings;  ///< of each dataset of events all rows, likewise
+  std::vector<std::vector<double>> states;  ///< the last one, in the order of the layout
+  std::vector<std::vector<double>> series;  ///< of each dataset that is kept whole all rows, likewise
 };
 
 /// A run of one member to its end. \throws ProblemError
@@ -145,8 +145,8 @@ private:
       if (is_last_state(layout().datasets[i])) {
         result_.states.push_back(rows_.kept(i));
       }
-      if (is_of_crossings(layout().datasets[i])) {
-        result_.crossings.push_back(rows_.kept(i));
+      if (is_kept_whole(layout().datasets[i])) {
+        result_.series.push_back(rows_.kept(i));
       }
     }
   }
@@ -263,7 +263,7 @@ public:
     outcome_.paths = ensemble_.paths;
     outcome_.values = ensemble_.values;
     // All are read before anything is written; what only the run of one shows ends that one.
-    keeps_states_ = keeps_crossings_ = true;
+    keeps_states_ = keeps_series_ = true;
     for (std::size_t m = 0; m < ensemble_.members(); ++m) {
       const Problem member = member_problem(problem, m);
       if (m == 0) {
@@ -273,13 +273,13 @@ public:
         states_ = states_of(member);
       }
       keeps_states_ = keeps_states_ && shape_of(member) == first_;
-      keeps_crossings_ = keeps_crossings_ && events_of(member) == first_events_;
+      keeps_series_ = keeps_series_ && events_of(member) == first_events_;
     }
     for (std::size_t i = 0; i < ensemble_.paths.size(); ++i) {
       columns_.emplace_back(ensemble_, i);
     }
     for (const std::string& name : names_) {
-      outcome_.summary.push_back({.name = name, .values = {}});
+      outcome_.summary.push_back({.name = name});
     }
     make_layout();
   }
@@ -349,13 +349,13 @@ private:
     }
     return names;
   }
-  /// What is kept of a member: its last state, and its crossings.
+  /// What is kept of a member: its last state, its crossings, what is told at output times.
   [[nodiscard]] static record::Layout states_of(const Problem& problem) {
     const Chronicle chronicle(problem, false);
     record::Layout states;
     states.scales = chronicle.layout().scales;
     std::ranges::copy_if(chronicle.layout().datasets, std::back_inserter(states.datasets), is_last_state);
-    std::ranges::copy_if(chronicle.layout().datasets, std::back_inserter(states.datasets), is_of_crossings);
+    std::ranges::copy_if(chronicle.layout().datasets, std::back_inserter(states.datasets), is_kept_whole);
     return states;
   }
 
@@ -397,19 +397,20 @@ private:
     for (record::Dataset& dataset : layout_.datasets) {
       dataset.expected_rows = ensemble_.members();
     }
-    if (keeps_states_ && keeps_crossings_) {
-      add_crossings();
+    if (keeps_states_ && keeps_series_) {
+      add_series();
     }
     rows_.assign(layout_.datasets.size(), 0);
   }
 
-  /// Of every event the crossings of all members, one after the other, each with the number of its member.
-  void add_crossings() {
+  /// Of every event the crossings of all members, one after the other, each with the number of its member; and so what
+  /// is told at output times.
+  void add_series() {
     for (const record::Dataset& dataset : states_.datasets) {
-      if (!is_of_crossings(dataset)) {
+      if (!is_kept_whole(dataset)) {
         continue;
       }
-      crossings_.push_back(layout_.datasets.size());
+      series_.push_back(layout_.datasets.size());
       layout_.datasets.push_back(dataset);
       layout_.datasets.back().may_be_undefined = true;
       layout_.datasets.back().expected_rows = std::nullopt;
@@ -424,13 +425,13 @@ private:
     }
   }
 
-  void append_crossings(const std::vector<std::vector<double>>& crossings) {
+  void append_series(const std::vector<std::vector<double>>& series) {
     auto members = members_of_.begin();
-    for (std::size_t i = 0; i < crossings_.size(); ++i) {
-      const record::Dataset& dataset = layout_.datasets[crossings_[i]];
+    for (std::size_t i = 0; i < series_.size(); ++i) {
+      const record::Dataset& dataset = layout_.datasets[series_[i]];
       const std::size_t size = record_size(dataset);
-      for (std::size_t at = 0; at < crossings[i].size(); at += size) {
-        append(crossings_[i], std::span<const double>(crossings[i]).subspan(at, size));
+      for (std::size_t at = 0; at < series[i].size(); at += size) {
+        append(series_[i], std::span<const double>(series[i]).subspan(at, size));
         if (dataset.path == dataset.axis) {
           append(*members, static_cast<double>(written_));
         }
@@ -475,6 +476,7 @@ private:
                                      ensemble_.members(), outcome_.file);
     }
     outcome_.finished = written_;
+    summarise();
     outcome_.wall_seconds = std::chrono::duration<double>(Clock::now() - begin).count();
     return std::move(outcome_);
   }
@@ -541,7 +543,7 @@ private:
         append(next++, std::span<const double>(state));
       }
     }
-    append_crossings(result.crossings);
+    append_series(result.series);
     if (recorder_) {
       recorder_->writer().end_level();
     }
@@ -583,14 +585,6 @@ private:
 
   void tell(ExitStatus status, const std::string& message, std::vector<double> figures) {
     const std::size_t member = written_++;
-    for (std::size_t i = 0; i < figures.size(); ++i) {
-      EnsembleFigure& figure = outcome_.summary[i];
-      if (figures[i] > figure.values.max) {
-        figure.worst = member;
-      }
-      figure.values.add(figures[i]);
-      figure.sum += std::isfinite(figures[i]) ? figures[i] : 0.0;
-    }
     outcome_.figures.push_back(std::move(figures));
     outcome_.statuses.push_back(status);
     // The gravest of the members is that of the ensemble; only a contradiction, of the record itself, is graver.
@@ -606,6 +600,16 @@ private:
     if (failed_ > 0 && compared_with_ == nullptr) {
       outcome_.message = fmt::format("{} of {} members ended early{}{}", failed_, written_,
                                      first_failure_.empty() ? "" : "; the first: ", first_failure_);
+    }
+  }
+
+  void summarise() {
+    for (std::size_t i = 0; i < outcome_.summary.size(); ++i) {
+      std::vector<double> column;
+      for (const std::vector<double>& member : outcome_.figures) {
+        column.push_back(member[i]);
+      }
+      outcome_.summary[i].values = figures::distribution_of(column);
     }
   }
 
@@ -676,10 +680,10 @@ private:
   std::vector<std::int64_t> first_;
   record::Layout states_, layout_;
   std::vector<std::string> first_events_;
-  bool keeps_states_ = false;                        ///< all members have states of one shape
-  bool keeps_crossings_ = false;                     ///< and events of one
-  std::vector<std::size_t> crossings_, members_of_;  ///< numbers of their datasets, and of those with the members'
-  std::vector<std::size_t> rows_;                    ///< of each dataset, that were compared
+  bool keeps_states_ = false;                     ///< all members have states of one shape
+  bool keeps_series_ = false;                     ///< and events of one
+  std::vector<std::size_t> series_, members_of_;  ///< numbers of their datasets, and of those with the members'
+  std::vector<std::size_t> rows_;                 ///< of each dataset, that were compared
   std::optional<Recorder> recorder_;
   const record::Reader* compared_with_ = nullptr;
   std::size_t stored_ = 0, compared_ = 0, failed_ = 0;

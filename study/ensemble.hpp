@@ -3,6 +3,7 @@
 #include <string>
 #include <vector>
 
+#include <rubato/figures/members.hpp>
 #include <rubato/record/reader.hpp>
 #include <rubato/study/run.hpp>
 
@@ -15,10 +16,8 @@ namespace rubato::study {
 
 /// A figure over all members that have it.
 struct EnsembleFigure {
-  std::string name;       ///< as in the JSON of a run: "discrete_energy/max_relative_deviation"
-  Spread values;          ///< those that are not defined are counted
-  double sum = 0.0;       ///< of those that are
-  std::size_t worst = 0;  ///< the number of the first member with the largest value
+  std::string name;  ///< as in the JSON of a run: "discrete_energy/max_relative_deviation"
+  figures::Distribution values = {};
 };
 
 struct EnsembleOutcome {
@@ -48,7 +47,8 @@ struct EnsembleOutcome {
 /// Runs every member again and compares bit by bit.
 [[nodiscard]] EnsembleOutcome check_ensemble(const std::string& file, const RunOptions& options = {});
 
-/// One JSON object: `members`, and each figure of a run as {min, max, mean, worst}.
+/// One JSON object: `members`, and each figure of a run as {min, max, mean, median, lower_quartile, upper_quartile,
+/// worst}.
 [[nodiscard]] std::string to_json(const EnsembleOutcome& outcome);
 /// The table that a person reads; with `rows`, first a line for every member.
 [[nodiscard]] std::string to_table(const EnsembleOutcome& outcome, bool rows);

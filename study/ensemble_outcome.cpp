@@ -1,13 +1,11 @@
 // What a person and a program are told of an ensemble.
 
 #include <algorithm>
-#include <array>
 #include <functional>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include <rubato/figures/text.hpp>
 #include <rubato/study/ensemble.hpp>
 
 namespace rubato::study {
@@ -16,14 +14,18 @@ namespace {
 
 figures::JsonObject json(const EnsembleFigure& figure) {
   figures::JsonObject object;
-  if (figure.values.any()) {
-    object.number("min", figure.values.min)
-        .number("max", figure.values.max)
-        .number("mean", figure.sum / figure.values.defined)
-        .count("worst", figure.worst);
+  const figures::Distribution& values = figure.values;
+  if (values.any()) {
+    object.number("min", values.min)
+        .number("max", values.max)
+        .number("mean", values.mean)
+        .number("median", values.median)
+        .number("lower_quartile", values.lower)
+        .number("upper_quartile", values.upper)
+        .count("worst", values.worst);
   }
-  if (figure.values.undefined > 0.0) {
-    object.count("absent", static_cast<std::size_t>(figure.values.undefined));
+  if (values.undefined > 0) {
+    object.count("absent", values.undefined);
   }
   return object;
 }
@@ -47,52 +49,6 @@ figures::JsonObject nested(std::span<const EnsembleFigure> all, std::size_t& nex
   return object;
 }
 
-/// Of the table: the label of a figure, in the words of a run's table.
-struct Shown {
-  std::string_view name, label;
-};
-constexpr std::array shown = {
-    Shown{"steps", "steps"},
-    Shown{"t", "last level"},
-    Shown{"discrete_energy/max_relative_deviation", "discrete energy, relative deviation"},
-    Shown{"discrete_energy/max_deviation", "discrete energy, deviation"},
-    Shown{"node_energy/max_deviation", "node energy, deviation"},
-    Shown{"bridges/steps", "steps on bridges"},
-    Shown{"step_condition/max", "step condition"},
-};
-
-std::string label_of(const std::string& name) {
-  const auto known = std::ranges::find(shown, name, &Shown::name);
-  if (known != shown.end()) {
-    return std::string(known->label);
-  }
-  constexpr std::string_view event = "events/", count = "/count", first = "/first";
-  if (name == "stopped/t") {
-    return "ended by an event at";
-  }
-  constexpr std::string_view residual = "residuals/", error = "error/", invariant = "invariants/", max = "/max",
-                             deviation = "/max_deviation";
-  const auto inner = [&name](std::string_view before, std::string_view after) {
-    return name.substr(before.size(), name.size() - before.size() - after.size());
-  };
-  if (name.starts_with(event) && name.ends_with(count)) {
-    return "event " + inner(event, count);
-  }
-  if (name.starts_with(event) && name.ends_with(first)) {
-    return inner(event, first) + ", first";
-  }
-  if (name.starts_with(residual) && name.ends_with(max)) {
-    return "residual " + inner(residual, max);
-  }
-  if (name.starts_with(error) && name.ends_with(max)) {
-    return "error in " + inner(error, max);
-  }
-  if (name.starts_with(invariant) && name.ends_with(deviation)) {
-    return inner(invariant, deviation) + ", deviation";
-  }
-  return "";
-}
-
 /// One line a member: what it was given, how it ended, and the figures that say most.
 std::string member_rows(const EnsembleOutcome& outcome) {
   std::vector<std::size_t> columns;
@@ -100,7 +56,7 @@ std::string member_rows(const EnsembleOutcome& outcome) {
   head.insert(head.end(), outcome.paths.begin(), outcome.paths.end());
   head.emplace_back("status");
   for (std::size_t i = 0; i < outcome.summary.size(); ++i) {
-    const std::string label = label_of(outcome.summary[i].name);
+    const std::string label = figures::label_of_figure(outcome.summary[i].name);
     if (!label.empty() && outcome.summary[i].values.any()) {
       columns.push_back(i);
       head.push_back(label);
@@ -174,19 +130,12 @@ std::string to_table(const EnsembleOutcome& outcome, bool rows) {
                      ? fmt::format("{}, of {}", outcome.members, fmt::join(outcome.paths, ", "))
                      : fmt::format("{} of {}", outcome.finished, outcome.members));
   for (const EnsembleFigure& figure : outcome.summary) {
-    const std::string label = label_of(figure.name);
+    const std::string label = figures::label_of_figure(figure.name);
     if (label.empty() || !figure.values.any()) {
       continue;
     }
-    const Spread& values = figure.values;
-    std::string text = values.min == values.max
-                           ? fmt::format("{:.6g} in all", values.max)
-                           : fmt::format("{:.3g} to {:.3g}, mean {:.3g}; the largest in member {}", values.min,
-                                         values.max, figure.sum / values.defined, figure.worst);
-    if (values.undefined > 0.0) {
-      text += fmt::format("; none in {:.0f}", values.undefined);
-    }
-    row(label, text);
+    const figures::Line line = figures::line_of(label, figure.values);
+    row(label, line.remark.empty() ? line.value : fmt::format("{}; {}", line.value, line.remark));
   }
   if (outcome.wall_seconds) {
     row("time taken", fmt::format("{:.3g} s", *outcome.wall_seconds));

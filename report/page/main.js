@@ -8,8 +8,8 @@ rubato.main = () => {
   } else {
     const facts = data.summary.filter(([, , , isHeadline]) => isHeadline);
     rubato.tables.head(data.title, `${data.provenance.record} \u00b7 Rubato ${data.provenance.version}${data.provenance.finished ? "" : " \u00b7 not finished"}`, facts);
-    (data.kind === "orbit" ? rubato.orbit : rubato.lattice)(data);
-    rubato.tables.laws(["Law or figure", "Value", "Remark"], data.summary.map((line) => line.slice(0, 3)));
+    ({ orbit: rubato.orbit, lattice: rubato.lattice, ensemble: rubato.ensemble })[data.kind](data);
+    rubato.tables.laws(["Law or figure", "Value", "Remark"], data.summary.map((line) => line.slice(0, 3)), data.kind === "ensemble" ? "Figures over the members" : undefined);
     rubato.tables.origin([data]);
   }
   rubato.tables.foot();

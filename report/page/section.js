@@ -1,7 +1,7 @@
 "use strict";
 
-/** Poincare sections: the quantities of events as points in a plane of two of them. */
-rubato.sections = (data) => {
+/** Poincare sections: the quantities of events as points in a plane of two of them; of an ensemble colourOf(member) is the colour. */
+rubato.sections = (data, colourOf = null) => {
   const sections = (data.sections || []).filter(({ columns }) => columns.length > 1);
   if (sections.length === 0) return;
   const grid = rubato.section("Sections", "sections");
@@ -23,8 +23,10 @@ rubato.sections = (data) => {
       const [xs, ys] = [columns[choice.x].values, columns[choice.y].values];
       const size = xs.length > 20000 ? 1 : xs.length > 2000 ? 1.5 : 2.5;
       ctx.fillStyle = rubato.colour.series(0);
+      const members = colourOf && section.member ? rubato.unpack.array(section.member) : null;
       for (let i = 0; i < xs.length; ++i) {
         const [left, top] = [frame.x(xs[i]), frame.y(ys[i])];
+        if (members) ctx.fillStyle = colourOf(members[i]);
         if (Number.isFinite(left + top)) ctx.fillRect(left - size / 2, top - size / 2, size, size);
       }
     };

@@ -17,8 +17,8 @@ rubato.tables = (() => {
     el("thead", {}, el("tr", {}, ...head.map((text) => el("th", { scope: "col" }, text)))),
     el("tbody", {}, ...rows.map(([first, ...rest]) => el("tr", {}, el("th", { scope: "row" }, first), ...rest.map((text) => el("td", {}, text)))))));
 
-  const laws = (head, rows) => {
-    const card = rubato.card(rubato.section("Laws and figures", "laws"), "How well each law held", { wide: true });
+  const laws = (head, rows, title = "How well each law held") => {
+    const card = rubato.card(rubato.section("Laws and figures", "laws"), title, { wide: true });
     card.body.append(table(head, rows));
   };
 

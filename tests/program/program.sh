@@ -285,6 +285,11 @@ case $case_name in
     run export all.h5
     expect 0 members.csv
     run report all.h5
+    expect 0 all.html
+    check "the page is that of an ensemble" grep -q '"kind":"ensemble"' all.html
+    run report all.h5 --max-size 0.01
+    expect 2 "this record needs at least"
+    run compare all.h5 all.h5
     expect 5 "record of an ensemble"
     run scan pendulum initial.u=0:1:2 -o never.h5
     expect 2 "unknown key u"

@@ -30,4 +30,13 @@ void write_orbit(const std::filesystem::path& file, int every) {
       H, every);
 }
 
+void write_ensemble(const std::filesystem::path& file, int members) {
+  std::ofstream(file) << fmt::format(
+      "[hamiltonian]\nq = [\"q\"]\np = [\"p\"]\nH = \"p^2/2 - cos(q)\"\n[initial]\nq = 0\np = 1.9\n[scheme]\nstep = "
+      "0.1\n"
+      "until = 3000\n[output]\ninterval = 500\n[events]\ntop = \"p\"\n[ensemble]\n"
+      "random = {{ count = {}, seed = 1, initial.p = \"uniform(0.1, 2.9)\" }}\n",
+      members);
+}
+
 }  // namespace slow_problems

@@ -9,5 +9,7 @@ namespace slow_problems {
 void write_orbit(const std::filesystem::path& file, int every);
 /// A travelling wave on a small lattice.
 void write_lattice(const std::filesystem::path& file, int every);
+/// So many pendulums, each of which takes about a tenth of a second, with crossings and output times.
+void write_ensemble(const std::filesystem::path& file, int members);
 
 }  // namespace slow_problems

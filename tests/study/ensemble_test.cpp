@@ -160,6 +160,48 @@ TEST_CASE("an ensemble of lattices keeps the last fields where the grid is one f
   CHECK_FALSE(members("grid = { grid.x.cells = [51, 61] }\n"));
 }
 
+TEST_CASE("an ensemble keeps what is told at output times, of all members one after the other") {
+  const Folder folder;
+  const Problem problem =
+      with("grid = { initial.p = [0.5, 1.9] }", {"output.interval=0.25", "output.quantities.twice=\"2*q\""});
+  static_cast<void>(run_ensemble(problem, {.output = folder / "all.h5"}));
+  const auto read = [&](const char* path) { return record::Reader(folder / "all.h5").read(path); };
+  const std::vector<double> q = read("/output/q"), twice = read("/output/quantities/twice"),
+                            member = read("/output/member");
+  std::size_t row = 0;
+  for (std::size_t m = 0; m < 2; ++m) {
+    static_cast<void>(run(member_problem(problem, m), {.output = folder / "one.h5", .overwrite = true}));
+    for (const double value : record::Reader(folder / "one.h5").read("/output/q")) {
+      REQUIRE(row < q.size());
+      CHECK(q[row] == value);
+      CHECK(twice[row] == 2.0 * value);
+      CHECK(member[row] == static_cast<double>(m));
+      ++row;
+    }
+  }
+  CHECK(row == q.size());
+  CHECK(check_ensemble(folder / "all.h5").status == ExitStatus::done);
+  falsify(folder / "all.h5", "/output/q", 3, 1e-9);
+  CHECK_THAT(check_ensemble(folder / "all.h5").message, Contains("/output/q"));
+}
+
+TEST_CASE("the distribution of a figure over members") {
+  const double none = std::nan("");
+  const std::vector<double> values = {4.0, none, 1.0, 8.0, 2.0, 8.0};
+  const figures::Distribution found = figures::distribution_of(values);
+  CHECK(found.min == 1.0);
+  CHECK(found.lower == 2.0);
+  CHECK(found.median == 4.0);
+  CHECK(found.upper == 8.0);
+  CHECK(found.max == 8.0);
+  CHECK(found.mean == 23.0 / 5.0);
+  CHECK(found.worst == 3);  // the first of those that are largest
+  CHECK((found.defined == 5 && found.undefined == 1));
+  CHECK_FALSE(figures::distribution_of(std::vector<double>{none}).any());
+  CHECK_THAT(figures::line_of("x", found).value, Contains("1 to 8") && Contains("half in 2 to 8"));
+  CHECK_THAT(figures::line_of("x", found).remark, Contains("member 3") && Contains("none in 1"));
+}
+
 TEST_CASE("random members are what was asked for, and more of them do not change the first") {
   const auto drawn = [](int count) {
     return with(fmt::format(
