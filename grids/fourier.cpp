@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <optional>
 
 #include <rubato/grids/buffer.hpp>
 #include <rubato/grids/fftw_plan.hpp>
@@ -71,6 +72,7 @@ struct Fourier::Storage {
   std::size_t complex_row;  ///< complex numbers from row to row
   Buffer real;
   Buffer complex;
+  std::optional<ShortTransform> own;
   Plan pair_forward, pair_inverse, row_forward, row_inverse, y_forward, y_inverse, z_forward, z_inverse;
 
   Storage(const Grid& g, int n)
@@ -86,6 +88,9 @@ struct Fourier::Storage {
         complex(2 * static_cast<std::size_t>(n) * ny * nz * complex_row) {
     parallel_fill(real.data(), real.size(), 0.0);
     parallel_fill(complex.data(), complex.size(), 0.0);
+    if (ny * nz == 1 && ShortTransform::serves(nx)) {
+      own.emplace(nx);
+    }
     const int length = static_cast<int>(nx);
     row_forward = make_plan([&] { return fftw_plan_dft_r2c_1d(length, real.data(), spectrum(0), FFTW_ESTIMATE); });
     row_inverse = make_plan([&] { return fftw_plan_dft_c2r_1d(length, spectrum(0), real.data(), FFTW_ESTIMATE); });
@@ -212,6 +217,10 @@ std::size_t Fourier::modes() const {
 
 std::size_t Fourier::row_length() const {
   return storage_->half;
+}
+
+const ShortTransform* Fourier::short_transform() const {
+  return storage_->own ? &*storage_->own : nullptr;
 }
 
 std::array<std::ptrdiff_t, 3> Fourier::wave(std::size_t mode) const {

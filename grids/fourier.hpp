@@ -5,6 +5,7 @@
 #include <span>
 
 #include <rubato/grids/grid.hpp>
+#include <rubato/grids/short_transform.hpp>
 
 namespace rubato::grids {
 
@@ -49,6 +50,10 @@ public:
   /// The coefficient of a field at a mode, to read after `forward` and to change before `inverse`.
   [[nodiscard]] Complex& at(int field, std::size_t mode);
   [[nodiscard]] const Complex& at(int field, std::size_t mode) const;
+
+  /// The transform of a field on its own, which leaves the coefficients here alone; null where there is none for this
+  /// grid and processor.
+  [[nodiscard]] const ShortTransform* short_transform() const;
 
   /// Transforms one array of grid values for each field, or for the first few.
   void forward(std::span<const double* const> values);

@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <optional>
 #include <stdexcept>
 #include <vector>
 
@@ -20,8 +21,33 @@ struct SpectralDerivative::Storage {
   struct Direction {
     std::size_t padded = 0;                    ///< doubles from one line to the next in a workspace
     std::vector<std::complex<double>> symbol;  ///< with the factor 1/n
+    std::optional<ShortTransform> own;         ///< in place of the plans, where there is one
     Plan forward;
     Plan inverse;
+
+    /// The derivative of a line of n values, in place; `modes` has room for n + 2.
+    void along(double* line, std::size_t n, double* modes) const {
+      if (own) {
+        double *re = modes, *im = modes + symbol.size();
+        own->forward(line, re, im);
+        for (std::size_t k = 0; k < symbol.size(); ++k) {
+          const double factor = symbol[k].imag() * static_cast<double>(n);  // i times it; back there is a factor 1/n
+          const double real = re[k];
+          re[k] = -factor * im[k];
+          im[k] = factor * real;
+        }
+        own->inverse(re, im, line);
+        return;
+      }
+      fftw_execute_dft_r2c(forward.get(), line, reinterpret_cast<fftw_complex*>(modes));
+      for (std::size_t k = 0; k < symbol.size(); ++k) {
+        const double factor = symbol[k].imag();  // i times it
+        const double real = modes[2 * k];
+        modes[2 * k] = -factor * modes[2 * k + 1];
+        modes[2 * k + 1] = factor * real;
+      }
+      fftw_execute_dft_c2r(inverse.get(), reinterpret_cast<fftw_complex*>(modes), line);
+    }
   };
 
   Grid grid;
@@ -43,6 +69,9 @@ struct SpectralDerivative::Storage {
       const int n = static_cast<int>(axis.cells);
       direction.forward = make_plan([&] { return fftw_plan_dft_r2c_1d(n, lines, modes, FFTW_ESTIMATE); });
       direction.inverse = make_plan([&] { return fftw_plan_dft_c2r_1d(n, modes, lines, FFTW_ESTIMATE); });
+      if (ShortTransform::serves(axis.cells)) {
+        direction.own.emplace(axis.cells);
+      }
       for (std::size_t k = 0; k < axis.cells / 2 + 1; ++k) {
         direction.symbol.push_back(derivative_symbol(static_cast<std::ptrdiff_t>(k), axis) /
                                    static_cast<double>(axis.cells));
@@ -96,15 +125,7 @@ void SpectralDerivative::operator()(int axis, std::span<const double* const> in,
       }
     }
     for (std::size_t l = 0; l < count; ++l) {
-      double* line = space + l * direction.padded;
-      fftw_execute_dft_r2c(direction.forward.get(), line, reinterpret_cast<fftw_complex*>(modes));
-      for (std::size_t k = 0; k < direction.symbol.size(); ++k) {
-        const double factor = direction.symbol[k].imag();  // i times it
-        const double real = modes[2 * k];
-        modes[2 * k] = -factor * modes[2 * k + 1];
-        modes[2 * k + 1] = factor * real;
-      }
-      fftw_execute_dft_c2r(direction.inverse.get(), reinterpret_cast<fftw_complex*>(modes), line);
+      direction.along(space + l * direction.padded, n, modes);
     }
     for (std::size_t i = 0; i < n; ++i) {
       for (std::size_t l = 0; l < count; ++l) {
