@@ -19,7 +19,10 @@ class FamilyLattice : public LatticeScheme {
 public:
   [[nodiscard]] const MultisymplecticSystem& system() const final { return system_; }
   [[nodiscard]] const grids::Grid& grid() const final { return grid_; }
-  [[nodiscard]] const LatticeLevel& level() const final { return level_; }
+  [[nodiscard]] const LatticeLevel& level() const final {
+    tell_level();
+    return level_;
+  }
   [[nodiscard]] bool has_node_law() const final { return false; }
 
   [[nodiscard]] double discrete_energy() const final { return energy_; }
@@ -62,6 +65,10 @@ protected:
 
   /// 𝓔 of the trial level.
   [[nodiscard]] virtual double energy_at_end() const = 0;
+  /// 𝓔 of the present one.
+  [[nodiscard]] virtual double energy_at_start() const { return energy_of(level_.fields); }
+  /// Fills level_ if it is not yet what the scheme stands at.
+  virtual void tell_level() const {}
 
   /// 𝓔 of the fields of a level.
   [[nodiscard]] double energy_of(const grids::FieldSet& fields) const {
@@ -93,17 +100,20 @@ protected:
   }
   void grow_older() { ++size_age_; }
 
-  void save_level(StateWriter& state) const {
+  /// \param more whether the scheme writes of its own what the fields do not say
+  void save_level(StateWriter& state, bool more = false) const {
+    tell_level();
     state.write(level_.fields.all());
     for (const auto& slope : level_.slopes.of_field) {
       state.write(slope);
     }
     for (const double value : {size_of_energy_.terms, size_of_energy_.rounding, static_cast<double>(size_age_),
-                               static_cast<double>(here_.has_value()), here_.value_or(0.0)}) {
+                               (here_ ? known_here : 0.0) + (more ? more_follows : 0.0), here_.value_or(0.0)}) {
       state.write(value);
     }
   }
-  void restore_level(StateReader& state) {
+  /// \return whether what the scheme writes of its own follows: records of earlier versions may be without
+  bool restore_level(StateReader& state) {
     state.read(level_.fields.all());
     for (auto& slope : level_.slopes.of_field) {
       state.read(std::span<double>(slope));
@@ -111,30 +121,37 @@ protected:
     state.read(size_of_energy_.terms);
     state.read(size_of_energy_.rounding);
     state.read(size_age_);
-    const bool known = state.read() != 0.0;
+    const double flags = state.read();
+    const bool more = flags >= more_follows;
     const double here = state.read();
     start_level();
-    if (known) {
+    if (flags - (more ? more_follows : 0.0) != 0.0) {
       here_ = here;
     }
+    return more;
   }
 
   MultisymplecticSystem system_;
   grids::Grid grid_;
-  LatticeLevel level_;
+  mutable LatticeLevel level_;  ///< see tell_level()
   std::vector<bool> at_midpoints_;
 
 private:
   /// Levels for which the size of the energy's terms serves.
   static constexpr int size_period = 16;
+  /// Flags of a saved level.
+  static constexpr double known_here = 1.0, more_follows = 2.0;
   /// A sum over stages, each with transforms of its own, rounds more than one sweep over the cells of a level.
   static constexpr double stage_rounding = 4.0;
 
   /// The level without the fields that it does not have.
-  void make_point() const { copy_level(level_.fields, at_midpoints_, point_); }
+  void make_point() const {
+    tell_level();
+    copy_level(level_.fields, at_midpoints_, point_);
+  }
   [[nodiscard]] double energy_here() const {
     if (!here_) {
-      here_ = energy_of(level_.fields);
+      here_ = energy_at_start();
     }
     return *here_;
   }

@@ -54,26 +54,41 @@ LatticeIntegrator::LatticeIntegrator(const MultisymplecticSystem& system, const 
 StepReport LatticeIntegrator::step() {
   // The scheme overwrites its level only when the step is accepted, but a copy is needed before that. A step that fails
   // leaves the level before as it was, too.
-  before_.copy_from(scheme_->level().fields);
+  const bool told = scheme_->level_is_told();
+  if (told) {
+    before_.copy_from(scheme_->level().fields);
+  }
   const StepReport report = Integrator::step();
   if (report.status == Status::success) {
-    std::swap(previous_.fields, before_);
+    if (told) {
+      std::swap(previous_.fields, before_);
+    }
+    previous_is_told_ = told;
   }
   return report;
 }
 
+const LatticeLevel& LatticeIntegrator::previous() const {
+  if (!previous_is_told_) {
+    scheme_->tell_previous(previous_.fields);
+    previous_is_told_ = true;
+  }
+  return previous_;
+}
+
 std::vector<Spread> LatticeIntegrator::residuals(std::span<double* const> cells) {
-  return laws_.residuals(previous_, level(), levels().last_step(), cells);
+  return laws_.residuals(previous(), level(), levels().last_step(), cells);
 }
 
 void LatticeIntegrator::save(StateWriter& state) const {
   Integrator::save(state);
-  state.write(previous_.fields.all());
+  state.write(previous().fields.all());
 }
 
 void LatticeIntegrator::restore(StateReader& state) {
   Integrator::restore(state);
   state.read(previous_.fields.all());
+  previous_is_told_ = true;
 }
 
 }  // namespace rubato

@@ -59,7 +59,7 @@ public:
   /// The present level, and the one before it (the same at the start). Of a field with
   /// `system().structure().at_midpoints(f)` a level holds the value in the middle of the step that led to it.
   [[nodiscard]] const LatticeLevel& level() const { return scheme_->level(); }
-  [[nodiscard]] const LatticeLevel& previous() const { return previous_; }
+  [[nodiscard]] const LatticeLevel& previous() const;
   [[nodiscard]] std::span<const double> field(int f) const { return level().fields.field(f); }
 
   /// What the user should know about this problem although it can be run, with the remedy: sentences for people. Data
@@ -82,8 +82,9 @@ private:
   MultisymplecticSystem system_;
   std::unique_ptr<LatticeScheme> scheme_;
   LocalLaws laws_;
-  LatticeLevel previous_;
-  grids::FieldSet before_;  ///< of the step under way, what becomes previous_ if it succeeds
+  mutable LatticeLevel previous_;
+  mutable bool previous_is_told_ = true;  ///< else the scheme has it
+  grids::FieldSet before_;                ///< of the step under way, what becomes previous_ if it succeeds
 };
 
 }  // namespace rubato

@@ -26,6 +26,12 @@ public:
   /// Stands at a level with no past, but for a step of length h that leads from there to `next`: what a solution may
   /// begin from. Levels of one run have the same slopes.
   virtual void stand(const LatticeLevel& level, const LatticeLevel& next, double h) = 0;
+  /// False where level() has something to compute yet: whoever does not ask does not pay. Then tell_previous() has the
+  /// fields of the level before after the next accept().
+  ///@{
+  [[nodiscard]] virtual bool level_is_told() const { return true; }
+  virtual void tell_previous(grids::FieldSet& fields) const { static_cast<void>(fields); }
+  ///@}
   /// The stages of the step accepted last, for laws that need them; null for schemes whose laws two levels give.
   [[nodiscard]] virtual std::shared_ptr<StageSource> stages() { return nullptr; }
 };

@@ -28,8 +28,10 @@ using Eigen::MatrixXcd;
 using Eigen::MatrixXd;
 using formula::Expression;
 
-/// Steps of one composition have fewer different drifts than this.
-constexpr std::size_t most_propagators = 24;
+/// Steps of one composition have at most nine different drifts, and those to the Gauss points of a step as many each;
+/// where tables are long, such steps make them anew.
+constexpr std::size_t most_propagators = 64, propagators_of_many_waves = 24;
+constexpr std::size_t many_waves = 4096;
 constexpr const char* remedy = "; take lagrangian = \"fourier\" with stages";
 
 /// sinh(√δ τ)/√δ and cosh(√δ τ).
@@ -77,11 +79,13 @@ WaveSplitting::WaveSplitting(const MultisymplecticSystem& system, const grids::G
   find_frequencies();
   const std::size_t waves = fourier_.modes(), nodes = grid.size();
   x_ = WaveRows(size(), waves);
+  before_ = x_;
   moved_ = x_;
   next_ = x_;
   work_ = WaveRows(system.field_count(), waves);
   const int n = static_cast<int>(varying_.size());
   rest_rows_ = WaveRows(n, waves);
+  first_kick_ = rest_rows_;
   values_ = grids::FieldSet(n + 1, nodes);
   inputs_ = places_.after(std::as_const(values_).pointers().first(varying_.size()));
   inputs_.push_back(std::as_const(values_).field(n).data());
@@ -90,7 +94,7 @@ WaveSplitting::WaveSplitting(const MultisymplecticSystem& system, const grids::G
   moved_begins_with_varying_ = std::ranges::equal(varying_, std::views::iota(0, n));
   all_.resize(static_cast<std::size_t>(system.field_count()));
   std::iota(all_.begin(), all_.end(), 0);
-  propagators_.resize(most_propagators);
+  propagators_.resize(waves > many_waves ? propagators_of_many_waves : most_propagators);
 }
 
 void WaveSplitting::split_fields() {
@@ -395,14 +399,47 @@ void WaveSplitting::stand(const LatticeLevel& level) {
     from[static_cast<std::size_t>(p)] = level.fields.field(evolving_[static_cast<std::size_t>(p)]).data();
   }
   from_grid(std::span(from).first(evolving_.size()), fourier_, x_);
+  forget();
+}
+
+/// After x_ has changed.
+void WaveSplitting::forget() {
+  rest_at_ = At::nowhere;
+  rest_energy_is_known_ = rest_rows_are_known_ = first_kick_is_known_ = first_energy_is_known_ = false;
+}
+
+void WaveSplitting::accept() {
+  std::swap(before_, x_);
+  std::swap(x_, moved_);
+  first_kick_is_known_ = rest_rows_are_known_;
+  if (rest_rows_are_known_) {  // the fields that N depends on are not moved by a kick
+    std::swap(first_kick_, rest_rows_);
+  }
+  first_energy_is_known_ = rest_energy_is_known_;
+  first_energy_ = rest_energy_;
+  rest_at_ = rest_at_ == At::led ? At::here : At::nowhere;
+  rest_energy_is_known_ = rest_rows_are_known_ = false;
+}
+
+void WaveSplitting::save(StateWriter& state) const {
+  state.write(std::as_const(x_.re).all());
+  state.write(std::as_const(x_.im).all());
+  state.write(first_energy_is_known_ ? 1.0 : 0.0);
+  state.write(first_energy_is_known_ ? first_energy_ : 0.0);
+}
+void WaveSplitting::restore(StateReader& state) {
+  state.read(x_.re.all());
+  state.read(x_.im.all());
+  forget();
+  state.read(first_energy_is_known_);
+  state.read(first_energy_);
 }
 
 /// Groups of two fields that turn into each other with a frequency for each wave: sines and cosines in vectors.
 void WaveSplitting::find_frequencies() {
-  constexpr std::size_t most_waves = 4096;  // more are filled in several threads
   const auto A = [&](int row, int column) { return std::as_const(generator_form_.re).field(row * size() + column); };
   frequencies_ = grids::FieldSet();
-  if (!real_pairs_ || fourier_.modes() > most_waves) {
+  if (!real_pairs_ || fourier_.modes() > many_waves) {  // these are filled in several threads
     return;
   }
   grids::FieldSet frequencies(static_cast<int>(groups_.size()), fourier_.modes());
@@ -527,11 +564,11 @@ void WaveSplitting::multiply(const WaveRows& matrix, const WaveRows& in, WaveRow
   });
 }
 
-/// X_1 of moved_.
-double WaveSplitting::wave_energy() const {
-  const grids::ReductionBlocks pieces(moved_.waves());
+/// X_1.
+double WaveSplitting::wave_energy(const WaveRows& rows) const {
+  const grids::ReductionBlocks pieces(rows.waves());
   std::array<double, grids::ReductionBlocks::most> partial;  // each is set below, and most are never used
-  grids::for_each_block(moved_.waves(), pieces.block, [&](std::size_t begin, std::size_t end) {
+  grids::for_each_block(rows.waves(), pieces.block, [&](std::size_t begin, std::size_t end) {
     CompensatedSum sum;
     alignas(64) std::array<double, wave_block> terms;
     for (std::size_t first = begin; first < end; first += wave_block) {
@@ -539,8 +576,8 @@ double WaveSplitting::wave_energy() const {
       for (std::size_t f = 0; f < real_forms_.size(); ++f) {
         const auto [row, column] = real_forms_[f];
         sum.add(sum_form(real_form_weights_.re.field(static_cast<int>(f)).data() + first,
-                         moved_.re.field(row).data() + first, moved_.im.field(row).data() + first,
-                         moved_.re.field(column).data() + first, moved_.im.field(column).data() + first, count));
+                         rows.re.field(row).data() + first, rows.im.field(row).data() + first,
+                         rows.re.field(column).data() + first, rows.im.field(column).data() + first, count));
       }
       if (!real_forms_.empty()) {
         continue;
@@ -550,10 +587,10 @@ double WaveSplitting::wave_energy() const {
         const int entry = row * size() + column;
         const double* g_re = energy_form_.re.field(entry).data() + first;
         const double* g_im = energy_form_.im.field(entry).data() + first;
-        const double* l_re = moved_.re.field(row).data() + first;
-        const double* l_im = moved_.im.field(row).data() + first;
-        const double* r_re = moved_.re.field(column).data() + first;
-        const double* r_im = moved_.im.field(column).data() + first;
+        const double* l_re = rows.re.field(row).data() + first;
+        const double* l_im = rows.im.field(row).data() + first;
+        const double* r_re = rows.re.field(column).data() + first;
+        const double* r_im = rows.im.field(column).data() + first;
         add_form(g_re, g_im, l_re, l_im, r_re, r_im, count, terms.data());
       }
       sum.add(weighted_sum(parseval_.data() + first, terms.data(), count));
@@ -567,24 +604,26 @@ double WaveSplitting::wave_energy() const {
   for (int p = 0; p < size(); ++p) {
     const double slope = slope_[static_cast<std::size_t>(evolving_[static_cast<std::size_t>(p)])];
     if (slope != 0.0) {
-      sum.add(slope * moved_.re.field(p)[0]);  // Σ x over the nodes
+      sum.add(slope * rows.re.field(p)[0]);  // Σ x over the nodes
     }
   }
   return grid_.cell_volume() * sum.value();
 }
 
-/// N and ∇N at moved_.
-bool WaveSplitting::evaluate_rest() {
+/// N and ∇N of these rows.
+bool WaveSplitting::evaluate_rest(const WaveRows& rows, At at) {
   if (varying_.empty()) {
     rest_energy_ = 0.0;
     return true;
   }
-  if (rest_is_known_) {
+  if (rest_at_ == at) {
     return std::isfinite(rest_energy_);
   }
-  rest_is_known_ = rest_energy_is_known_ = true;
+  rest_at_ = at;
+  rest_energy_is_known_ = at == At::led;
+  rest_rows_are_known_ = false;
   const std::size_t n = varying_.size();
-  to_grid(moved_, varying_, fourier_, values_.pointers().first(n));
+  to_grid(rows, varying_, fourier_, values_.pointers().first(n));
   rest_(grid_.size(), std::span(inputs_).first(inputs_.size() - 1), outputs_.pointers());
   rest_energy_ = grid_.cell_volume() * grids::sum(std::as_const(outputs_).field(0));
   return std::isfinite(rest_energy_);
@@ -592,7 +631,8 @@ bool WaveSplitting::evaluate_rest() {
 
 /// moved_ goes along the flow of the waves, and of what is linear in S.
 void WaveSplitting::drift(double tau) {
-  rest_is_known_ = rest_energy_is_known_ = false;
+  rest_at_ = At::nowhere;
+  rest_energy_is_known_ = rest_rows_are_known_ = false;
   const WaveRows& E = propagator(tau);
   if (real_pairs_) {
     for (const std::vector<int>& group : groups_) {
@@ -618,14 +658,32 @@ void WaveSplitting::drift(double tau) {
   }
 }
 
-/// The fields that varying field v kicks, by the wave row of ∂_vN.
-void WaveSplitting::kick_by(std::size_t v, int row, double tau) {
+/// The fields that varying field v kicks, by the waves of ∂_vN.
+void WaveSplitting::kick_by(std::size_t v, const WaveRows& slopes, double tau) {
+  const auto row = static_cast<int>(v);
   for (int p = 0; p < size(); ++p) {
     if (const double rate = inverse_M_(p, varying_[v]); rate != 0.0) {
-      add(tau * rate, std::as_const(rest_rows_.re).field(row).data(), std::as_const(rest_rows_.im).field(row).data(),
-          moved_.waves(), moved_.re.field(p).data(), moved_.im.field(p).data());
+      add(tau * rate, slopes.re.field(row).data(), slopes.im.field(row).data(), moved_.waves(),
+          moved_.re.field(p).data(), moved_.im.field(p).data());
     }
   }
+}
+
+/// A kick of x_, which moved_ is; leaves rest_energy_.
+bool WaveSplitting::kick_from_here(double tau) {
+  if (!first_kick_is_known_) {
+    if (!evaluate_rest(x_, At::here)) {
+      return false;
+    }
+    from_grid(std::as_const(outputs_).pointers().subspan(1), fourier_, first_kick_);
+    first_energy_ = rest_energy_;
+    first_kick_is_known_ = first_energy_is_known_ = true;
+  }
+  for (std::size_t v = 0; v < varying_.size(); ++v) {
+    kick_by(v, first_kick_, tau);
+  }
+  rest_energy_ = first_energy_;
+  return true;
 }
 
 /// moved_ goes along the flow of N for a time τ; leaves rest_energy_.
@@ -633,16 +691,17 @@ bool WaveSplitting::kick(double tau) {
   const std::size_t n = varying_.size();
   if (flow_ == Flow::turn && kicking_.empty()) {  // no gradient is wanted
     to_grid(moved_, varying_, fourier_, values_.pointers().first(n));
-  } else if (!evaluate_rest()) {
+  } else if (!evaluate_rest(moved_, At::led)) {
     return false;
   }
   if (flow_ == Flow::kick) {
     from_grid(std::as_const(outputs_).pointers().subspan(1), fourier_, rest_rows_);
+    rest_rows_are_known_ = true;
     for (std::size_t v = 0; v < n; ++v) {
-      kick_by(v, static_cast<int>(v), tau);
+      kick_by(v, rest_rows_, tau);
     }
   } else if (flow_ == Flow::turn) {
-    rest_is_known_ = false;  // but for its energy, which a turn keeps
+    rest_at_ = At::nowhere;  // but for its energy, which a turn keeps
     rubato::fill(tau, grid_.size(), values_.field(static_cast<int>(n)).data());
     turns_(grid_.size(), inputs_, turned_.pointers());
     rest_energy_ = grid_.cell_volume() * grids::sum(std::as_const(turned_).field(0));
@@ -663,24 +722,28 @@ bool WaveSplitting::kick(double tau) {
     if (!kicking_.empty()) {  // along a turn, ∂N of what is not turned is constant
       from_grid(std::as_const(outputs_).pointers().subspan(1), fourier_, rest_rows_);
       for (const std::size_t v : kicking_) {
-        kick_by(v, static_cast<int>(v), tau);
+        kick_by(v, rest_rows_, tau);
       }
     }
   }
   return true;
 }
 
-bool WaveSplitting::step(const Composition& composition, double h) {
+bool WaveSplitting::step(const Composition& composition, double h, bool with_generator) {
   std::ranges::copy(std::as_const(x_.re).all(), moved_.re.all().begin());
   std::ranges::copy(std::as_const(x_.im).all(), moved_.im.all().begin());
-  rest_is_known_ = rest_energy_is_known_ = false;
+  rest_at_ = rest_at_ == At::here ? At::here : At::nowhere;
+  rest_energy_is_known_ = rest_rows_are_known_ = false;
   CompensatedSum K;
   for (const Composition::Part& part : composition.parts) {
     if (part.drift) {
-      K.add(part.length * wave_energy());
+      if (with_generator) {
+        K.add(part.length * wave_energy(moved_));
+      }
       drift(part.length * h);
     } else {
-      if (!kick(part.length * h)) {
+      const bool from_here = flow_ == Flow::kick && &part == composition.parts.data();
+      if (!(from_here ? kick_from_here(part.length * h) : kick(part.length * h))) {
         return false;
       }
       K.add(part.length * rest_energy_);
@@ -691,34 +754,44 @@ bool WaveSplitting::step(const Composition& composition, double h) {
 }
 
 double WaveSplitting::energy() {
-  return (rest_energy_is_known_ || evaluate_rest()) && std::isfinite(rest_energy_)
-             ? wave_energy() + rest_energy_
+  return (rest_energy_is_known_ || evaluate_rest(moved_, At::led)) && std::isfinite(rest_energy_)
+             ? wave_energy(moved_) + rest_energy_
              : std::numeric_limits<double>::quiet_NaN();
 }
 
-void WaveSplitting::fields(grids::FieldSet& fields) {
+double WaveSplitting::energy_here() {
+  if (!first_energy_is_known_) {
+    if (!evaluate_rest(x_, At::here)) {
+      return std::numeric_limits<double>::quiet_NaN();
+    }
+    first_energy_ = rest_energy_;
+    first_energy_is_known_ = true;
+  }
+  return wave_energy(x_) + first_energy_;
+}
+
+void WaveSplitting::tell(const WaveRows& rows, At at, grids::FieldSet& fields) {
   for (int p = 0; p < size(); ++p) {
     const int f = evolving_[static_cast<std::size_t>(p)];
-    std::ranges::copy(std::as_const(moved_.re).field(p), work_.re.field(f).begin());
-    std::ranges::copy(std::as_const(moved_.im).field(p), work_.im.field(f).begin());
+    std::ranges::copy(rows.re.field(p), work_.re.field(f).begin());
+    std::ranges::copy(rows.im.field(p), work_.im.field(f).begin());
   }
   for (std::size_t o = 0; o < others_.size(); ++o) {
     double* re = work_.re.field(others_[o]).data();
     double* im = work_.im.field(others_[o]).data();
-    std::fill_n(re, moved_.waves(), 0.0);
-    std::fill_n(im, moved_.waves(), 0.0);
+    std::fill_n(re, rows.waves(), 0.0);
+    std::fill_n(im, rows.waves(), 0.0);
     for (int p = 0; p < size(); ++p) {
       const int entry = static_cast<int>(o) * size() + p;
       add_product(std::as_const(slaves_.re).field(entry).data(), std::as_const(slaves_.im).field(entry).data(),
-                  std::as_const(moved_.re).field(p).data(), std::as_const(moved_.im).field(p).data(), moved_.waves(),
-                  re, im);
+                  rows.re.field(p).data(), rows.im.field(p).data(), rows.waves(), re, im);
     }
   }
-  if (!rest_is_known_) {
+  if (at == At::nowhere || rest_at_ != at) {
     to_grid(work_, all_, fourier_, fields.pointers());
     return;
   }
-  // The last kick has seen the varying fields at the nodes.
+  // A kick has seen the varying fields at the nodes.
   std::array<int, MultisymplecticSystem::most_fields> which{};
   std::array<double*, MultisymplecticSystem::most_fields> to{};
   std::size_t count = 0;
@@ -737,7 +810,7 @@ void WaveSplitting::fields(grids::FieldSet& fields) {
 
 /// x_t = A x + M⁻¹∇N.
 void WaveSplitting::rates(grids::FieldSet& rates) {
-  static_cast<void>(evaluate_rest());
+  static_cast<void>(evaluate_rest(moved_, At::led));
   const std::size_t n = varying_.size();
   if (n > 0) {
     from_grid(std::as_const(outputs_).pointers().subspan(1), fourier_, rest_rows_);

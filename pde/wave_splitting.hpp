@@ -5,6 +5,7 @@
 
 #include <Eigen/Core>
 
+#include <rubato/base/state.hpp>
 #include <rubato/formula/batch.hpp>
 #include <rubato/grids/field_set.hpp>
 #include <rubato/grids/fourier.hpp>
@@ -41,18 +42,34 @@ public:
   /// Stands at a level. \throws SchemeRefusal if a potential has a mean slope
   void stand(const LatticeLevel& level);
   /// Goes a step of length h from there; false if a value is not finite.
-  [[nodiscard]] bool step(const Composition& composition, double h);
-  /// K of that step.
+  [[nodiscard]] bool step(const Composition& composition, double h, bool with_generator = true);
+  /// K of that step, if it was asked for.
   [[nodiscard]] double generator() const { return generator_; }
-  /// 𝓔 where it led.
+  /// Stands where it led. The waves go on as they are: two transforms of each field are saved, and a kick there that
+  /// was the last is the first of the next step.
+  void accept();
+  /// 𝓔 where it led, and where it stands.
+  ///@{
   [[nodiscard]] double energy();
-  /// All fields where it led.
-  void fields(grids::FieldSet& fields);
-  /// Their rates, 0 for fields without equation of motion.
+  [[nodiscard]] double energy_here();
+  ///@}
+  /// All fields where it led, where it stands, and where it stood before accept().
+  ///@{
+  void fields(grids::FieldSet& fields) { tell(moved_, At::led, fields); }
+  void fields_here(grids::FieldSet& fields) { tell(x_, At::here, fields); }
+  void fields_before(grids::FieldSet& fields) { tell(before_, At::nowhere, fields); }
+  ///@}
+  /// Their rates where it led, 0 for fields without equation of motion.
   void rates(grids::FieldSet& rates);
+
+  /// The waves where it stands, and what is known of the energy there.
+  void save(StateWriter& state) const;
+  void restore(StateReader& state);
 
 private:
   enum class Flow { none, kick, turn };
+  /// Of which waves something is known.
+  enum class At { nowhere, here, led };
   /// exp(τA) on every wave, for one τ.
   struct Propagator {
     double tau = 0.0;
@@ -74,9 +91,12 @@ private:
   void multiply(const WaveRows& matrix, const WaveRows& in, WaveRows& out) const;
   void drift(double tau);
   [[nodiscard]] bool kick(double tau);
-  void kick_by(std::size_t v, int row, double tau);
-  [[nodiscard]] double wave_energy() const;
-  [[nodiscard]] bool evaluate_rest();
+  [[nodiscard]] bool kick_from_here(double tau);
+  void kick_by(std::size_t v, const WaveRows& slopes, double tau);
+  [[nodiscard]] double wave_energy(const WaveRows& rows) const;
+  [[nodiscard]] bool evaluate_rest(const WaveRows& rows, At at);
+  void tell(const WaveRows& rows, At at, grids::FieldSet& fields);
+  void forget();
   [[nodiscard]] int size() const { return static_cast<int>(evolving_.size()); }
 
   [[nodiscard]] Eigen::MatrixXcd derivatives_on_wave(std::size_t wave) const;
@@ -114,15 +134,20 @@ private:
   PlacedCoordinates places_;
   formula::BatchEvaluator rest_;   ///< N and ∇N of the varying fields, in the coordinates
   formula::BatchEvaluator turns_;  ///< of the same and τ: N, and where they are turned to
-  WaveRows x_, moved_, next_, work_, rest_rows_;
+  WaveRows x_, before_, moved_, next_, work_;
+  WaveRows rest_rows_;                 ///< of ∇N
+  WaveRows first_kick_;                ///< the same where it stands
   grids::FieldSet values_;             ///< the varying fields at the nodes, then τ
   std::vector<const double*> inputs_;  ///< the varying fields, the coordinates, τ
   grids::FieldSet outputs_;            ///< N and ∇N
   grids::FieldSet turned_;             ///< N and that
   std::vector<int> all_;
   double rest_energy_ = 0.0;           ///< Σ ΔV N as last evaluated
-  bool rest_is_known_ = false;         ///< values_ and outputs_ are of moved_
-  bool rest_energy_is_known_ = false;  ///< rest_energy_ is
+  At rest_at_ = At::nowhere;           ///< what values_ and outputs_ are of
+  bool rest_energy_is_known_ = false;  ///< rest_energy_ is of moved_
+  bool rest_rows_are_known_ = false;   ///< rest_rows_ are of moved_
+  bool first_kick_is_known_ = false, first_energy_is_known_ = false;
+  double first_energy_ = 0.0;  ///< Σ ΔV N where it stands
   double generator_ = 0.0;
 };
 

@@ -93,7 +93,9 @@ StepReport TimeLevels::report(Status status, double h) {
     measure(h);
     result.potential = potential_.energy(h);
     result.energy = scheme_.discrete_energy() + result.potential;
-    result.slope = scheme_.discrete_energy_slope() + potential_.slope(h);
+    result.slope = options_.levels == Levels::fixed && !scheme_.has_node_law()
+                       ? std::numeric_limits<double>::quiet_NaN()
+                       : scheme_.discrete_energy_slope() + potential_.slope(h);
     result.condition = options_.levels == Levels::fixed ? std::numeric_limits<double>::quiet_NaN()
                                                         : rounding_ / std::abs(h * result.slope);
   }

@@ -50,7 +50,9 @@ struct StepReport {
   double potential = 0.0;  ///< f'(h), the step potential's part of it
   double target = 0.0;  ///< what E_k has to equal with variable levels: E, or the other side of the balance (3.4); NaN
                         ///< as long as no step has met the law, so that there is no E yet
-  double slope = 0.0;   ///< total derivative dE/dh of the step
+  /// Total derivative dE/dh of the step; NaN with fixed levels where the scheme has it from node energies alone, which
+  /// nobody asked for.
+  double slope = 0.0;
   /// Step condition (|E_k - E| + δE) / |h dE/dh|, the relative error of h: by what is left of the level equation (on
   /// steps that meet it), and by δE, a bound of what rounding makes of E_k. For the midpoint 𝕃 |h dE/dh| = h²|Γ|/4. NaN
   /// with fixed levels, where h is what was asked for.

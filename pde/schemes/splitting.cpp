@@ -37,25 +37,44 @@ public:
     return Status::success;
   }
   void accept() override {
-    splitting_.fields(level_.fields);
-    splitting_.stand(level_);
+    splitting_.accept();
+    told_ = false;
     grow_older();
     move();
   }
   void stand(const LatticeLevel& level, const LatticeLevel&, double) override {
     level_.fields.copy_from(level.fields);
+    told_ = true;
     splitting_.stand(level_);
     start_level();
   }
-  void save(StateWriter& state) const override { save_level(state); }
+  [[nodiscard]] bool level_is_told() const override { return told_; }
+  void tell_previous(grids::FieldSet& fields) const override { splitting_.fields_before(fields); }
+
+  void save(StateWriter& state) const override {
+    save_level(state, true);
+    splitting_.save(state);
+  }
   void restore(StateReader& state) override {
-    restore_level(state);
+    const bool has_waves = restore_level(state);
+    told_ = true;
     splitting_.stand(level_);
+    if (has_waves) {
+      splitting_.restore(state);
+    }
   }
 
 private:
   [[nodiscard]] double energy_at_end() const override { return splitting_.energy(); }
+  [[nodiscard]] double energy_at_start() const override { return splitting_.energy_here(); }
+  void tell_level() const override {
+    if (!told_) {
+      splitting_.fields_here(level_.fields);
+      told_ = true;
+    }
+  }
 
+  mutable bool told_ = true;  ///< level_ is where splitting_ stands
   mutable WaveSplitting splitting_;
   const Composition& composition_;
 };
@@ -107,7 +126,7 @@ public:
   [[nodiscard]] int count() const override { return tableau_.stages; }
   [[nodiscard]] double weight(int stage) const override { return tableau_.b[stage]; }
   void stage(int stage, grids::FieldSet& z, grids::FieldSet& rate) override {
-    if (!splitting_.step(composition_, tableau_.c[stage] * h_)) {
+    if (!splitting_.step(composition_, tableau_.c[stage] * h_, false)) {
       z.fill(std::numeric_limits<double>::quiet_NaN());
       return;
     }
