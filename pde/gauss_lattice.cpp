@@ -65,10 +65,11 @@ public:
       continued = false;
     }
     forget_trial();
-    Status status = slab_->solve(h, std::min(accuracy, loosest), largest_);
+    const bool steady = h == last_h_;  // of equal levels, after a resumption too
+    Status status = slab_->solve(h, std::min(accuracy, loosest), largest_, steady);
     if (status != Status::success && continued) {
       slab_->begin_at_level();
-      status = slab_->solve(h, std::min(accuracy, loosest), largest_);
+      status = slab_->solve(h, std::min(accuracy, loosest), largest_, steady);
     }
     count_iterations(slab_->iterations() - counted);
     if (status != Status::success) {

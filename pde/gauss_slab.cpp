@@ -32,6 +32,8 @@ constexpr double no_contraction = 0.9;
 constexpr int patience = 8;
 /// |λ|/h may move by this factor before the resolvent is made anew.
 constexpr double drift = 0.5 * WaveResolvent::reach;
+/// Matrices of more are no sooner read than made: 2 MB.
+constexpr std::size_t most_entries_of_maps = 131072;
 
 /// Real and imaginary parts of waves, a block at a time.
 struct WaveBlock {
@@ -122,12 +124,17 @@ GaussSlab::GaussSlab(const MultisymplecticSystem& system, const grids::Grid& gri
   base_F_ = WaveRows(n * m_, waves);
   rest_ = base_F_;
   Y_F_ = base_F_;
-  transfer_ = WaveRows(n * n * m_ * m_, waves);
+  transfer_ = PackedMatrices(n * m_, n * m_, waves);
+  if (static_cast<std::size_t>(d_ * m_ * (d_ + n * m_)) * waves <= most_entries_of_maps) {
+    base_map_ = PackedMatrices(d_ * m_, d_, waves);
+    rest_map_ = PackedMatrices(d_ * m_, n * m_, waves);
+  }
   inverse_.assign(static_cast<std::size_t>(m_), WaveRows(1, waves));
   y_ = grids::FieldSet(n * m_, nodes);
   y_last_ = y_;
   point_ = y_;
   rest_grid_ = y_;
+  weights_.resize(static_cast<std::size_t>(m_ * m_));
 }
 
 void GaussSlab::find_varying_fields() {
@@ -276,7 +283,8 @@ void GaussSlab::begin_at_level() {
   }
   if (tangent_) {
     y_.fill(0.0);
-    static_cast<void>(evaluate_rests());
+    static_cast<void>(place_stages({}));
+    evaluate_rests();
     return;
   }
   rest_gradient_(grid_.size(), places_.after(std::as_const(level_F_).pointers(), inputs_),
@@ -304,17 +312,16 @@ void GaussSlab::continue_from(const WaveRows& rests, double ratio, bool at_its_e
     std::ranges::copy(std::as_const(rest_.im).all(), copy.im.all().begin());
     from = &copy;
   }
-  rest_.re.fill(0.0);
-  rest_.im.fill(0.0);
   for (int i = 0; i < m_; ++i) {
     const double at = (at_its_end ? 1.0 : 0.0) + ratio * tableau_.c[i];
     for (int j = 0; j < m_; ++j) {
-      const double weight = lagrange(tableau_.c, j, at);
-      for (int f = 0; f < static_cast<int>(F_.size()); ++f) {
-        add(weight, from->re.field(varying(f, j)).data(), from->im.field(varying(f, j)).data(), rest_.waves(),
-            rest_.re.field(varying(f, i)).data(), rest_.im.field(varying(f, i)).data());
-      }
+      weights_[static_cast<std::size_t>(i * m_ + j)] = lagrange(tableau_.c, j, at);
     }
+  }
+  for (int f = 0; f < static_cast<int>(F_.size()); ++f) {
+    const auto row = static_cast<std::size_t>(varying(f, 0));
+    mix(m_, m_, weights_.data(), from->re.pointers()[row], rest_.waves(), rest_.re.pointers()[row]);
+    mix(m_, m_, weights_.data(), from->im.pointers()[row], rest_.waves(), rest_.im.pointers()[row]);
   }
 }
 
@@ -326,80 +333,102 @@ bool GaussSlab::prepare(double h) {
   }
   if (is_far || !resolvent_) {
     resolvent_.emplace(system_, space_.derivatives(), L_, radius_);
-    h_ = 0.0;
+    h_ = maps_h_ = 0.0;
   }
   return resolvent_->status() == Status::success;
 }
 
+/// b ↦ Y and N' ↦ Y for steps of length h_: what complete() does otherwise with the entries of the resolvent.
+void GaussSlab::make_maps() {
+  maps_h_ = h_;
+  base_map_.clear();
+  rest_map_.clear();
+  for_each_wave_block(level_.waves(), [&](std::size_t begin, std::size_t end) {
+    const std::size_t count = end - begin;
+    WaveBlock entry;
+    for (int e = 0; e < m_; ++e) {
+      for (int r = 0; r < d_; ++r) {
+        for (int c = 0; c < d_; ++c) {
+          if (resolvent_->is_zero(r, c)) {
+            continue;
+          }
+          resolvent_->entry(r, c, eigenvalues_[e] / h_, inverse_[static_cast<std::size_t>(e)], begin, count, entry.re,
+                            entry.im);
+          const auto g = std::ranges::find(F_, c) - F_.begin();
+          for (int i = 0; i < m_; ++i) {
+            base_map_.add(r * m_ + i, c, V_(i, e) * ones_[e], entry.re, entry.im, begin, count);
+            for (int j = 0; g < static_cast<std::ptrdiff_t>(F_.size()) && j < m_; ++j) {
+              rest_map_.add(r * m_ + i, varying(static_cast<int>(g), j), V_(i, e) * V_inverse_(e, j), entry.re,
+                            entry.im, begin, count);
+            }
+          }
+        }
+      }
+    }
+  });
+}
+
 /// base_F_ and transfer_ for steps of length h.
 void GaussSlab::invert(double h) {
-  for (int e = 0; e < m_; ++e) {
-    resolvent_->start(eigenvalues_[e] / h, inverse_[static_cast<std::size_t>(e)]);
-  }
-  const bool anew = h != h_;
+  const bool anew = h != h_, maps = by_maps(), maps_anew = maps && h != maps_h_;
   const int n = static_cast<int>(F_.size());
-  base_F_.re.fill(0.0);
-  base_F_.im.fill(0.0);
+  h_ = h;
+  if (anew || maps_anew || !maps) {
+    for (int e = 0; e < m_; ++e) {
+      resolvent_->start(eigenvalues_[e] / h, inverse_[static_cast<std::size_t>(e)]);
+    }
+  }
+  if (maps_anew) {
+    make_maps();
+  }
   if (anew) {
-    transfer_.re.fill(0.0);
-    transfer_.im.fill(0.0);
+    transfer_.clear();
+  }
+  if (!maps) {
+    base_F_.re.fill(0.0);
+    base_F_.im.fill(0.0);
   }
   for_each_wave_block(level_.waves(), [&](std::size_t begin, std::size_t end) {
     const std::size_t count = end - begin;
     WaveBlock entry, of_base;
     for (int f = 0; f < n; ++f) {
-      for (int e = 0; e < m_; ++e) {
+      const int row = F_[static_cast<std::size_t>(f)];
+      if (maps) {
+        base_map_.apply_to(row * m_, m_, base_, nullptr, varying(f, 0), begin, count, base_F_);
+      }
+      for (int e = 0; (anew || !maps) && e < m_; ++e) {
         of_base.clear(count);
         for (int c = 0; c < d_; ++c) {
-          const int row = F_[static_cast<std::size_t>(f)];
-          if (resolvent_->is_zero(row, c)) {
+          const auto g = std::ranges::find(F_, c) - F_.begin();
+          if (resolvent_->is_zero(row, c) || (maps && g >= n)) {
             continue;
           }
           resolvent_->entry(row, c, eigenvalues_[e] / h, inverse_[static_cast<std::size_t>(e)], begin, count, entry.re,
                             entry.im);
-          add_product(entry.re, entry.im, base_.re.field(c).data() + begin, base_.im.field(c).data() + begin, count,
-                      of_base.re, of_base.im);
-          const auto g = std::ranges::find(F_, c) - F_.begin();
+          if (!maps) {
+            add_product(entry.re, entry.im, base_.re.field(c).data() + begin, base_.im.field(c).data() + begin, count,
+                        of_base.re, of_base.im);
+          }
           for (int i = 0; anew && g < n && i < m_; ++i) {
             for (int j = 0; j < m_; ++j) {
-              const int to = ((f * n + static_cast<int>(g)) * m_ + i) * m_ + j;
-              add(V_(i, e) * V_inverse_(e, j), entry.re, entry.im, count, transfer_.re.field(to).data() + begin,
-                  transfer_.im.field(to).data() + begin);
+              transfer_.add(varying(f, i), varying(static_cast<int>(g), j), V_(i, e) * V_inverse_(e, j), entry.re,
+                            entry.im, begin, count);
             }
           }
         }
-        for (int i = 0; i < m_; ++i) {
+        for (int i = 0; !maps && i < m_; ++i) {
           add(V_(i, e) * ones_[e], of_base.re, of_base.im, count, base_F_.re.field(varying(f, i)).data() + begin,
               base_F_.im.field(varying(f, i)).data() + begin);
         }
       }
     }
   });
-  h_ = h;
 }
 
 /// Ŷ_F of the rests.
 void GaussSlab::iterate_waves() {
-  const int n = static_cast<int>(F_.size());
   for_each_wave_block(level_.waves(), [&](std::size_t begin, std::size_t end) {
-    const std::size_t count = end - begin;
-    for (int f = 0; f < n; ++f) {
-      for (int i = 0; i < m_; ++i) {
-        const int row = varying(f, i);
-        double* re = Y_F_.re.pointers()[static_cast<std::size_t>(row)] + begin;
-        double* im = Y_F_.im.pointers()[static_cast<std::size_t>(row)] + begin;
-        std::copy_n(base_F_.re.field(row).data() + begin, count, re);
-        std::copy_n(base_F_.im.field(row).data() + begin, count, im);
-        for (int g = 0; g < n; ++g) {  // rows of one g follow each other, by j
-          const int through = ((f * n + g) * m_ + i) * m_;
-          const int from = varying(g, 0);
-          add_products(m_, level_.waves(), std::as_const(transfer_.re).field(through).data() + begin,
-                       std::as_const(transfer_.im).field(through).data() + begin,
-                       std::as_const(rest_.re).field(from).data() + begin,
-                       std::as_const(rest_.im).field(from).data() + begin, count, re, im);
-        }
-      }
-    }
+    transfer_.apply(rest_, &base_F_, begin, end - begin, Y_F_);
   });
 }
 
@@ -421,53 +450,33 @@ void GaussSlab::multiply_by_curvature() {
   }
 }
 
-/// N' at the stages z + y_. \return whether it is finite
-bool GaussSlab::evaluate_rests() {
-  const std::size_t n = F_.size();
-  grids::for_each_block(grid_.size(), 4096, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t f = 0; f < n; ++f) {
-      const double* high = level_F_.pointers()[f];
-      const double* low = low_F_.pointers()[f];
-      for (int i = 0; i < m_; ++i) {
-        const auto row = static_cast<std::size_t>(varying(static_cast<int>(f), i));
-        add_two(high + begin, low + begin, y_.pointers()[row] + begin, end - begin, point_.pointers()[row] + begin);
-      }
-    }
-  });
-  std::array<const double*, MultisymplecticSystem::most_fields> in{};
-  std::array<double*, MultisymplecticSystem::most_fields> out{};
-  if (tangent_) {
-    multiply_by_curvature();
-  }
-  for (int i = 0; !tangent_ && i < m_; ++i) {
-    for (std::size_t f = 0; f < n; ++f) {
-      const int row = varying(static_cast<int>(f), i);
-      in[f] = std::as_const(point_).field(row).data();
-      out[f] = rest_grid_.field(row).data();
-    }
-    rest_gradient_(grid_.size(), places_.after(std::span(in).first(n), inputs_), std::span(out).first(n));
-  }
-  if (!std::isfinite(grids::max_abs(std::as_const(rest_grid_).all()))) {
-    return false;
-  }
-  points_F_.from_points(std::as_const(rest_grid_).pointers(), rest_);
-  return true;
-}
-
-/// y_ - y_last_, what the stages before left of their equation, beside the increments.
-GaussSlab::Correction GaussSlab::last_correction(std::span<const double> largest) {
+/// The stages z + y_, and y_ - y_last_, what the stages before left of their equation, beside the increments.
+GaussSlab::Correction GaussSlab::place_stages(std::span<const double> largest) {
+  const grids::ReductionBlocks pieces(grid_.size());
+  std::array<double, grids::ReductionBlocks::most> moved_in, change_in;  // as in wave_energy()
   Correction result;
   for (int f = 0; f < static_cast<int>(F_.size()); ++f) {
-    const int field = F_[static_cast<std::size_t>(f)];
-    double scale = std::max(largest.empty() ? 0.0 : largest[static_cast<std::size_t>(field)],
-                            epsilon * level_sizes_[static_cast<std::size_t>(f)]);
-    double change = 0.0, moved = 0.0;
-    for (int i = 0; i < m_; ++i) {
-      const auto now = std::as_const(y_).field(varying(f, i)), last = std::as_const(y_last_).field(varying(f, i));
-      moved = std::max(moved, grids::max_abs(now));
-      change = larger(change, grids::max_abs_difference(now, last));
+    grids::for_each_block(grid_.size(), pieces.block, [&](std::size_t begin, std::size_t end) {
+      StageSizes of_block;
+      for (int i = 0; i < m_; ++i) {
+        const auto row = static_cast<std::size_t>(varying(f, i));
+        const StageSizes sizes =
+            place_stage(level_F_.field(f).data() + begin, low_F_.field(f).data() + begin, y_.pointers()[row] + begin,
+                        y_last_.pointers()[row] + begin, end - begin, point_.pointers()[row] + begin);
+        of_block.moved = larger(of_block.moved, sizes.moved);
+        of_block.change = larger(of_block.change, sizes.change);
+      }
+      moved_in[begin / pieces.block] = of_block.moved;
+      change_in[begin / pieces.block] = of_block.change;
+    });
+    double moved = 0.0, change = 0.0;
+    for (std::size_t b = 0; b < pieces.blocks; ++b) {
+      moved = larger(moved, moved_in[b]);
+      change = larger(change, change_in[b]);
     }
-    scale = std::max(scale, moved);
+    const int field = F_[static_cast<std::size_t>(f)];
+    const double scale = std::max({largest.empty() ? 0.0 : largest[static_cast<std::size_t>(field)],
+                                   epsilon * level_sizes_[static_cast<std::size_t>(f)], moved});
     result.size = larger(result.size, change == 0.0 ? 0.0 : change / scale);
     if (scale > 0.0) {
       const double values = level_sizes_[static_cast<std::size_t>(f)] + moved;
@@ -477,8 +486,31 @@ GaussSlab::Correction GaussSlab::last_correction(std::span<const double> largest
   return result;
 }
 
-Status GaussSlab::solve(double h, double accuracy, std::span<const double> largest) {
+/// N' at the stages.
+void GaussSlab::evaluate_rests() {
+  const std::size_t n = F_.size();
+  std::array<const double*, MultisymplecticSystem::most_fields> in{};
+  std::array<double*, MultisymplecticSystem::most_fields> out{};
+  // Stages follow each other in memory; coordinates are those of one.
+  const bool together = places_.count() == 0;
+  if (tangent_) {
+    multiply_by_curvature();
+  }
+  for (int i = 0; !tangent_ && i < (together ? 1 : m_); ++i) {
+    for (std::size_t f = 0; f < n; ++f) {
+      const int row = varying(static_cast<int>(f), i);
+      in[f] = std::as_const(point_).field(row).data();
+      out[f] = rest_grid_.field(row).data();
+    }
+    rest_gradient_(together ? static_cast<std::size_t>(m_) * grid_.size() : grid_.size(),
+                   places_.after(std::span(in).first(n), inputs_), std::span(out).first(n));
+  }
+  points_F_.from_points(std::as_const(rest_grid_).pointers(), rest_);
+}
+
+Status GaussSlab::solve(double h, double accuracy, std::span<const double> largest, bool steady) {
   solved_ = complete_ = end_known_ = false;
+  steady_ = steady;
   if (!prepare(h)) {
     return Status::undefined;
   }
@@ -490,14 +522,12 @@ Status GaussSlab::solve(double h, double accuracy, std::span<const double> large
     iterate_waves();
     points_F_.to_points(Y_F_, rows_F_, y_.pointers());
     ++iterations_;
-    if (!evaluate_rests()) {
-      return Status::undefined;
-    }
+    const auto [size, rounding] = place_stages(largest);
+    evaluate_rests();
     if (iteration == 0) {
       continue;
     }
-    const auto [size, rounding] = last_correction(largest);
-    if (!std::isfinite(size)) {
+    if (!std::isfinite(size)) {  // the rests of the stages before were not
       return Status::undefined;
     }
     const double contraction = size / last;
@@ -512,6 +542,9 @@ Status GaussSlab::solve(double h, double accuracy, std::span<const double> large
       return Status::not_converged;
     }
   }
+  if (!std::isfinite(grids::max_abs(std::as_const(rest_grid_).all()))) {
+    return Status::undefined;
+  }
   solved_ = true;
   return Status::success;
 }
@@ -519,6 +552,13 @@ Status GaussSlab::solve(double h, double accuracy, std::span<const double> large
 /// Ŷ of all fields at all stages.
 void GaussSlab::complete() {
   if (std::exchange(complete_, true)) {
+    return;
+  }
+  if (by_maps()) {
+    for_each_wave_block(level_.waves(), [&](std::size_t begin, std::size_t end) {
+      base_map_.apply(base_, nullptr, begin, end - begin, Y_);
+      rest_map_.apply(rest_, &Y_, begin, end - begin, Y_);
+    });
     return;
   }
   Y_.re.fill(0.0);

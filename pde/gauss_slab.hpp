@@ -19,6 +19,7 @@
 #include <rubato/pde/multisymplectic_system.hpp>
 #include <rubato/pde/placed_coordinates.hpp>
 #include <rubato/pde/space_collocation.hpp>
+#include <rubato/pde/stage_loops.hpp>
 #include <rubato/pde/stage_source.hpp>
 #include <rubato/pde/wave_resolvent.hpp>
 #include <rubato/variation/gauss_tableau.hpp>
@@ -62,8 +63,9 @@ public:
   void begin_at_level();
   void continue_from(const WaveRows& rests, double ratio, bool at_its_end);
   ///@}
-  /// `largest`: the largest increment of each field so far, beside which corrections are judged.
-  [[nodiscard]] Status solve(double h, double accuracy, std::span<const double> largest);
+  /// `largest`: the largest increment of each field so far, beside which corrections are judged. `steady`: whether
+  /// steps of this length are to be expected, so that matrices for them are made and kept where they are small.
+  [[nodiscard]] Status solve(double h, double accuracy, std::span<const double> largest, bool steady = false);
   [[nodiscard]] int iterations() const { return iterations_; }  ///< since construction
 
   /// Of the step solved last.
@@ -89,14 +91,16 @@ private:
   void add_slopes(const PotentialSlopes& slopes);
   [[nodiscard]] bool prepare(double h);
   void invert(double h);
-  void iterate_waves();
-  [[nodiscard]] bool evaluate_rests();
-  void multiply_by_curvature();
+  void make_maps();
+  [[nodiscard]] bool by_maps() const { return steady_ && !base_map_.empty(); }
   struct Correction {
     double size = 0.0;      ///< relative to the increments
     double rounding = 0.0;  ///< the size that rounding explains
   };
-  [[nodiscard]] Correction last_correction(std::span<const double> largest);
+  void iterate_waves();
+  [[nodiscard]] Correction place_stages(std::span<const double> largest);
+  void evaluate_rests();
+  void multiply_by_curvature();
   void complete();
   void end_rows();
   [[nodiscard]] double wave_energy(const WaveRows& rows, int stride, int offset) const;
@@ -141,12 +145,16 @@ private:
   double h_ = 0.0;
   std::vector<WaveRows> inverse_;  ///< 1/D of each eigenvalue
   WaveRows base_F_;                ///< what b makes of Y_F, row f·m + i
-  WaveRows transfer_;              ///< N' ↦ Y_F: row ((f·|F| + g)·m + i)·m + j
+  PackedMatrices transfer_;        ///< N' ↦ Y_F
+  bool steady_ = false;
+  double maps_h_ = 0.0;
+  PackedMatrices base_map_, rest_map_;  ///< b ↦ Y and N' ↦ Y, for steps of length maps_h_; empty on many waves
   WaveRows rest_, Y_F_, Y_, end_, scratch_;
   std::vector<const double*> inputs_;  ///< of the rest
   grids::FieldSet y_, y_last_, point_, rest_grid_, work_, end_F_;
   PointTransform points_F_;
-  grids::Fourier fourier_all_;  ///< of nodes
+  std::vector<double> weights_;  ///< of a continuation
+  grids::Fourier fourier_all_;   ///< of nodes
   std::vector<int> all_, rows_F_;
   bool solved_ = false, complete_ = false, end_known_ = false;
   int iterations_ = 0;

@@ -1,0 +1,51 @@
+#pragma once
+
+#include <complex>
+#include <cstddef>
+
+#include <rubato/grids/buffer.hpp>
+#include <rubato/pde/wave_rows.hpp>
+
+namespace rubato {
+
+/// A complex matrix for each wave, rows × columns, eight waves in the lanes of a vector: for each block of eight waves
+/// the columns one after the other, in these the rows, of which eight real and then eight imaginary parts.
+class PackedMatrices {
+public:
+  static constexpr std::size_t lanes = 8;
+
+  PackedMatrices() = default;
+  PackedMatrices(int rows, int columns, std::size_t waves);
+
+  [[nodiscard]] bool empty() const { return entries_.size() == 0; }
+  void clear();
+  /// Adds value·(re + i im) to the entry on the waves [begin, begin + count), begin a multiple of `lanes`.
+  void add(int row, int column, std::complex<double> value, const double* re, const double* im, std::size_t begin,
+           std::size_t count);
+  /// y = base + P x on the waves [begin, begin + count), begin a multiple of `lanes`; rows of x, y and base follow each
+  /// other, and begin with wave 0. base may be y, or null for 0.
+  void apply(const WaveRows& x, const WaveRows* base, std::size_t begin, std::size_t count, WaveRows& y) const {
+    apply_to(0, rows_, x, base, 0, begin, count, y);
+  }
+  /// Rows [first, first + count_of_rows) of that, into those of y (and from those of base) that begin with `to`.
+  void apply_to(int first, int count_of_rows, const WaveRows& x, const WaveRows* base, int to, std::size_t begin,
+                std::size_t count, WaveRows& y) const;
+
+private:
+  int rows_ = 0, columns_ = 0;
+  grids::Buffer entries_;
+};
+
+/// y_i = Σ_j weights[i·columns + j] x_j, i < rows, for arrays of `count` numbers one after the other.
+void mix(int rows, int columns, const double* weights, const double* x, std::size_t count, double* y);
+
+/// The largest |y| and |y - last| of what was placed; NaN with a value that is not finite.
+struct StageSizes {
+  double moved = 0.0;
+  double change = 0.0;
+};
+/// point = high + (low + y).
+[[nodiscard]] StageSizes place_stage(const double* high, const double* low, const double* y, const double* last,
+                                     std::size_t count, double* point);
+
+}  // namespace rubato
