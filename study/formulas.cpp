@@ -178,7 +178,11 @@ formula::Expression build_formula(const FormulaText& text, formula::Graph& graph
     } else {
       known.emplace(parameter.name, graph.constant(parameter.value));
     }
-    suggestions.push_back(parameter.name);
+    const bool is_written = !parameter.definition || parameter.definition->location.line != 0 ||
+                            !parameter.definition->location.file.empty();
+    if (is_written) {
+      suggestions.push_back(parameter.name);
+    }
   }
   // dx(f) is a variable of that name; f, or again such a derivative, must be a variable that has one.
   for (const std::string& name : differentiable) {
@@ -196,6 +200,9 @@ formula::Expression build_formula(const FormulaText& text, formula::Graph& graph
     try {
       return known.emplace(name, build_formula(*defined->second, graph, vocabulary, parameters)).first->second;
     } catch (const ProblemError& error) {  // of a name that is known to definitions, and not here
+      if (defined->second->location.file.empty() && defined->second->location.line == 0) {
+        return std::nullopt;  // nobody wrote it: t of a driven system stands for the coordinate `time`
+      }
       throw ProblemError(error.location(), fmt::format("{}\n(in the definition of {}, which is used at {})",
                                                        error.reason(), name, text.location.text()));
     }

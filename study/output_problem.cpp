@@ -81,6 +81,13 @@ private:
         throw ProblemError(value.location, fmt::format("interval = {} is lost in rounding beside t = {}", interval, t));
       }
     }
+    constexpr double most_in_a_step = 1e6;
+    if (const double step = std::abs(problem_.scheme.step.value_or(0.0)); step > most_in_a_step * interval) {
+      throw ProblemError(value.location,
+                         fmt::format("interval = {} would be {:.1e} output times in the first step, and there may be a "
+                                     "million in each",
+                                     interval, step / interval));
+    }
     output_.interval = interval;
   }
 

@@ -157,6 +157,7 @@ TEST_CASE("a driven run is the same whether it was stopped and continued or not"
 }
 
 TEST_CASE("what a driven system cannot have is refused with the reason") {
+  CHECK_THAT(refusal({"output.times=[\"t\"]"}), Contains("unknown name 't'") && !Contains("unknown name 'time'"));
   CHECK_THAT(refusal({"initial.next={ q = 0.5, p = 0, t = 0.1 }"}),
              Contains("the work done until the second level is not known"));
   CHECK_THAT(refusal({"scheme.lagrangian=custom", "scheme.L=(q_1-q_0)^2"}), Contains("one that does not name t"));

@@ -173,6 +173,7 @@ TEST_CASE("output times and quantities are refused with a remedy", "[study]") {
   CHECK_THAT(kepler("output.interval=0"), Catch::Contains("has to be positive"));
   CHECK_THAT(kepler("output.interval=-0.1"), Catch::Contains("has to be positive"));
   CHECK_THAT(kepler("output.interval=1e-300"), Catch::Contains("lost in rounding"));
+  CHECK_THAT(kepler("output.interval=1e-9"), Catch::Contains("a million in each"));
   CHECK_THAT(refusal("kepler", {"output.interval=0.1", "output.times=[0.1]"}), Catch::Contains("leave one of them"));
   CHECK_THAT(kepler("output.states=1"), Catch::Contains("true or false"));
   CHECK_THAT(kepler("output.quantities=1"), Catch::Contains("a table, [output.quantities]"));
