@@ -271,6 +271,14 @@ TEST_CASE("what is wrong with new words is told at its place") {
   CHECK_THAT(refused(text), Catch::StartsWith(expected));
 }
 
+TEST_CASE("a lambda may choose, and call what formulas may") {
+  Graph graph;
+  const Expression x = read(graph, "x"), y = graph.variable("y");
+  const auto traced = [](auto u, auto v) { return where(u > 0, erf(u) * v, besselj(2, v)) + sn(u, 0.5); };
+  CHECK(traced(x, y) == parse("where(x > 0, erf(x)*y, besselj(2, y)) + sn(x, 0.5)", graph, special_names));
+  CHECK(traced(x, y) != parse("where(x >= 0, erf(x)*y, besselj(2, y)) + sn(x, 0.5)", graph, special_names));
+}
+
 TEST_CASE("new functions are read back from their text") {
   Graph graph;
   for (const std::string text : {"erf(x)", "besselj(2, x)", "besselk(0, x)", "sn(x, 0.25)", "where(x > y, x, 0)",
