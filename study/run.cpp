@@ -272,8 +272,7 @@ private:
     for (std::string& sentence : statistics.undefined_quantities()) {
       outcome_.warnings.push_back(std::move(sentence));
     }
-    if (const int order = simulation().order();
-        scheme.lagrangian == Lagrangian::generating && order != *scheme.order) {
+    if (const int order = simulation().order(); scheme.lagrangian == Lagrangian::generating && order != *scheme.order) {
       outcome_.warnings.push_back(
           fmt::format("order = {0} rounds up to {1}: with darboux = \"midpoint\" the even coefficients of the "
                       "generating function vanish, so that orders are even; write order = {1}",
@@ -331,7 +330,8 @@ private:
         "{} bridge{} in {} steps, on which the discrete energy is off by up to {:.2g} "
         "(relative); {}",
         statistics.bridges, statistics.bridges == 1 ? "" : "s", statistics.steps,
-        statistics.relative_bridge_deviation().value_or(statistics.bridge_deviation()), how_it_falls(problem_.scheme, chronicle_->simulation().order()));
+        statistics.relative_bridge_deviation().value_or(statistics.bridge_deviation()),
+        how_it_falls(problem_.scheme, chronicle_->simulation().order()));
     if (causes().crossings() == 0 && !nears_zero()) {
       return fmt::format("the step is too long for this orbit: {}; {}", too_long(), off);
     }
