@@ -82,7 +82,8 @@ public:
 
   void accept() override {
     slab_->increment(delta_);
-    last_rests_ = slab_->rests();
+    last_rests_.re.copy_from(slab_->rests().re);
+    last_rests_.im.copy_from(slab_->rests().im);
     last_h_ = trial_h();
     for (int f = 0; f < system_.field_count(); ++f) {
       double& largest = largest_[static_cast<std::size_t>(f)];

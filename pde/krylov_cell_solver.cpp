@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <complex>
+#include <functional>
 #include <limits>
 #include <numeric>
 #include <utility>
@@ -104,7 +105,7 @@ public:
   }
 
   void forget() override {
-    prepared_.resize(0, 0);
+    is_prepared_ = false;
     spread_ = 0.0;
   }
   void check_residuals(bool on) override { check_ = on; }
@@ -226,9 +227,10 @@ private:
   }
 
   Status prepare(const CellMatrix& matrix) {
-    const bool anew = prepared_.size() == 0 || (matrix.mean - prepared_).norm() > stale * prepared_.norm();
+    const bool anew = !is_prepared_ || (matrix.mean - prepared_).norm() > stale * prepared_.norm();
     if (anew) {
       prepared_ = matrix.mean;
+      is_prepared_ = true;
       means_of_entries_.clear();
       inverted_ = matrix.mean;
       for (const CellMatrix::Entry& entry : matrix.entries) {
@@ -236,7 +238,7 @@ private:
         inverted_(entry.row, entry.column) += entry.factor * means_of_entries_.back();
       }
       if (!inverted_.allFinite()) {
-        prepared_.resize(0, 0);
+        is_prepared_ = false;
         return Status::undefined;
       }
     }
@@ -249,6 +251,10 @@ private:
     variation_.clear();
     rows_.clear();
     columns_.clear();
+    const auto size = static_cast<std::size_t>(size_);
+    variation_.reserve(matrix.entries.size() + size * size);
+    rows_.reserve(size);
+    columns_.reserve(size);
     const auto place_in = [](std::vector<int>& list, int value) {
       const auto found = std::ranges::find(list, value);
       const auto place = static_cast<std::size_t>(found - list.begin());
@@ -450,16 +456,28 @@ private:
   }
 
   Status factor(const CellMatrix& matrix) {
-    const MatrixTerms constants = terms_of(inverted_);
-    std::vector<MatrixTerms> differences;
-    for (const MatrixXd& C : matrix.difference) {
-      differences.push_back(terms_of(C));
+    const auto list = [this](const MatrixXd& of, MatrixTerms& terms) {
+      terms.clear();
+      for (int r = 0; r < size_; ++r) {
+        for (int c = 0; c < size_; ++c) {
+          if (of(r, c) != 0.0) {
+            terms.push_back({r, c, of(r, c)});
+          }
+        }
+      }
+    };
+    MatrixTerms& constants = inverted_terms_;
+    std::vector<MatrixTerms>& differences = difference_terms_;
+    list(inverted_, constants);
+    differences.resize(matrix.difference.size());
+    for (std::size_t a = 0; a < differences.size(); ++a) {
+      list(matrix.difference[a], differences[a]);
     }
     using Complex = std::complex<double>;
     const auto product = [](Complex a, Complex b) {  // std::complex's looks out for infinities
       return Complex(a.real() * b.real() - a.imag() * b.imag(), a.real() * b.imag() + a.imag() * b.real());
     };
-    return inverse_.factor([&](const std::array<std::ptrdiff_t, 3>& k, Complex* out) {
+    const auto entries = [&](const std::array<std::ptrdiff_t, 3>& k, Complex* out) {
       std::array<Symbol, 3> symbols{{{1.0, 0.0}, {1.0, 0.0}, {1.0, 0.0}}};
       for (std::size_t a = 0; a < symbols_.size(); ++a) {
         const auto waves = static_cast<std::ptrdiff_t>(symbols_[a].size());
@@ -480,7 +498,8 @@ private:
       if (differences.size() > 2) {
         add(differences[2], product(product(x, symbols[1].average), symbols[2].difference));
       }
-    });
+    };
+    return inverse_.factor(std::ref(entries));  // which a std::function holds without memory of its own
   }
 
   /// residual = matrix · in.
@@ -589,8 +608,11 @@ private:
   bool check_ = true;
   double error_ = 0.0;  ///< of the last solution, relative
 
-  MatrixXd prepared_;  ///< the constants that C was made of
-  MatrixXd inverted_;  ///< with the entries' means
+  MatrixXd prepared_;  ///< the constants that C was made of, if
+  bool is_prepared_ = false;
+  MatrixXd inverted_;                          ///< with the entries' means
+  MatrixTerms inverted_terms_;                 ///< of it
+  std::vector<MatrixTerms> difference_terms_;  ///< of the matrix' differences
   std::vector<double> means_of_entries_;
   double spread_ = 0.0;  ///< the operator's size, as last seen
   std::vector<Variation> variation_;

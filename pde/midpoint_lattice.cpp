@@ -303,12 +303,11 @@ private:
   }
 
   /// Rates without those of fields at midpoints, whose δ is no difference in time.
-  [[nodiscard]] std::vector<const double*> evolving(const grids::FieldSet& rate) const {
-    std::vector<const double*> pointers(rate.pointers().begin(), rate.pointers().end());
+  using EvolvingRates = std::array<const double*, MultisymplecticSystem::most_fields>;
+  [[nodiscard]] std::span<const double* const> evolving(const grids::FieldSet& rate, EvolvingRates& rates) const {
+    const auto pointers = std::span(rates).first(at_midpoints_.size());
     for (std::size_t f = 0; f < pointers.size(); ++f) {
-      if (at_midpoints_[f]) {
-        pointers[f] = nullptr;
-      }
+      pointers[f] = at_midpoints_[f] ? nullptr : rate.pointers()[f];
     }
     return pointers;
   }
@@ -320,7 +319,8 @@ private:
 
   /// At the node values `fields`, with the velocities in correction_.
   LevelNode level_node(const grids::FieldSet& fields) {
-    const auto rate = evolving(correction_);
+    EvolvingRates rates;
+    const auto rate = evolving(correction_, rates);
     copy_level(fields, at_midpoints_, point_);
     const grids::FieldSet& point = point_;
     const SweepResult result = sweep_(point.pointers(), level_.slopes, rate, 0.0, {}, {});
@@ -380,9 +380,10 @@ private:
       conditions_ = step_conditions(system_, h);
       conditions_h_ = h;
     }
-    matrix_.mean = slaved_.reduced_mean(h);
+    slaved_.reduced_mean(h, matrix_.mean);
     slaved_.follow(h, level_.fields, low_, delta_);
-    const auto rate = evolving(delta_);
+    EvolvingRates rates;
+    const auto rate = evolving(delta_, rates);
     const grids::FieldSet& point = point_;
     double last = std::numeric_limits<double>::infinity();  // the size of the last correction
     double error = std::numeric_limits<double>::infinity();

@@ -75,13 +75,23 @@ Eigen::MatrixXd SlavedFields::restricted(const Eigen::MatrixXd& matrix) const {
   return matrix(free_, free_);
 }
 
-Eigen::MatrixXd SlavedFields::reduced_mean(double h) const {
-  Eigen::MatrixXd mean = (2.0 / h) * system_.M() - system_.constant_hessian();
+void SlavedFields::reduced_mean(double h, Eigen::MatrixXd& reduced) const {
+  constexpr int most = MultisymplecticSystem::most_fields;
+  Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor, most, most> mean =
+      (2.0 / h) * system_.M() - system_.constant_hessian();
   for (const Slave& slave : slaves_) {
-    const Eigen::MatrixXd row = mean.row(slave.field) / mean(slave.field, slave.field);
-    mean -= mean.col(slave.field) * row;
+    const Eigen::Matrix<double, 1, Eigen::Dynamic, Eigen::RowMajor, 1, most> row =
+        mean.row(slave.field) / mean(slave.field, slave.field);
+    const Eigen::Matrix<double, Eigen::Dynamic, 1, Eigen::ColMajor, most, 1> column = mean.col(slave.field);
+    mean.noalias() -= column * row;
   }
-  return restricted(mean);
+  const auto size = static_cast<Eigen::Index>(free_.size());
+  reduced.resize(size, size);
+  for (Eigen::Index r = 0; r < size; ++r) {
+    for (Eigen::Index c = 0; c < size; ++c) {
+      reduced(r, c) = mean(free_[static_cast<std::size_t>(r)], free_[static_cast<std::size_t>(c)]);
+    }
+  }
 }
 
 int SlavedFields::place(int field) const {

@@ -35,7 +35,7 @@ public:
   [[nodiscard]] const std::vector<int>& free() const { return free_; }
 
   /// (2/h) M - (S'')_constant for the free fields, the slaved ones eliminated.
-  [[nodiscard]] Eigen::MatrixXd reduced_mean(double h) const;
+  void reduced_mean(double h, Eigen::MatrixXd& reduced) const;
   /// The entries of a matrix for the free fields.
   [[nodiscard]] Eigen::MatrixXd restricted(const Eigen::MatrixXd& matrix) const;
   /// The number of a field among the free ones.

@@ -1,14 +1,11 @@
-// A step allocates nothing. Every allocation is counted where all of them end, in malloc: Eigen calls it directly and
-// operator new calls it too. (Sanitizers bring their own malloc, which must not be replaced: no test there.)
+// A step allocates nothing.
 
 #include <catch2/catch.hpp>
 
-#if defined(__GLIBC__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+#include "allocations.hpp"
 
-#include <atomic>
-#include <cerrno>
-#include <cstddef>
-#include <cstdlib>
+#ifdef RUBATO_COUNTS_ALLOCATIONS
+
 #include <tuple>
 #include <vector>
 
@@ -18,43 +15,6 @@
 #include <rubato/ode/lagrangian_scheme.hpp>
 #include <rubato/ode/midpoint_scheme.hpp>
 #include <rubato/variation/time_levels.hpp>
-
-namespace {
-
-std::atomic<std::size_t> allocations{0};
-
-}  // namespace
-
-extern "C" {
-
-void* __libc_malloc(std::size_t size);                           // NOLINT: glibc's names
-void* __libc_calloc(std::size_t count, std::size_t size);        // NOLINT
-void* __libc_realloc(void* memory, std::size_t size);            // NOLINT
-void* __libc_memalign(std::size_t alignment, std::size_t size);  // NOLINT
-
-void* malloc(std::size_t size) {
-  ++allocations;
-  return __libc_malloc(size);
-}
-void* calloc(std::size_t count, std::size_t size) {
-  ++allocations;
-  return __libc_calloc(count, size);
-}
-void* realloc(void* memory, std::size_t size) {
-  ++allocations;
-  return __libc_realloc(memory, size);
-}
-void* aligned_alloc(std::size_t alignment, std::size_t size) {
-  ++allocations;
-  return __libc_memalign(alignment, size);
-}
-int posix_memalign(void** memory, std::size_t alignment, std::size_t size) {
-  ++allocations;
-  *memory = __libc_memalign(alignment, size);
-  return *memory == nullptr ? ENOMEM : 0;
-}
-
-}  // extern "C"
 
 namespace {
 
