@@ -188,7 +188,7 @@ std::vector<KeyEntry> make_keys() {
       {"scheme", "step_potential", "word, or table",
        fmt::format("{}; {} where on_singular or bridge is given", potential_words[1], potential_words[0]),
        "A function of the step alone that is part of the conserved energy and makes a next level exist everywhere, "
-       "so that there are no bridges: chosen by a scout of equal steps, or by its numbers.",
+       "so that there are no bridges: chosen by a scout along the orbit, or by its numbers.",
        potential_words},
       {"scheme", "largest_step", "number", none, "How long steps may become, about; for step_potential = \"auto\"."},
       {"scheme", "time_scale", "formula", none, "The same as in [hamiltonian]."},

@@ -1,9 +1,9 @@
 #include <algorithm>
 #include <cmath>
-#include <vector>
 
 #include <rubato/base/limits.hpp>
 #include <rubato/variation/level_accuracy.hpp>
+#include <rubato/variation/scout.hpp>
 #include <rubato/variation/sign.hpp>
 #include <rubato/variation/time_levels.hpp>
 
@@ -13,14 +13,6 @@ namespace rubato {
 
 namespace {
 
-/// The scout: a period of what an orbit does is some dozens of steps that resolve it. Where |η| is larger near the end
-/// than anywhere before, as when waves are about to meet, it goes on. η is wanted to two digits.
-constexpr std::size_t scout_steps = 400, most_scout_steps = 3200;
-constexpr double scouted_before = 0.9;
-/// So much of the largest |η| the second half has to see again: an eccentric orbit that sets out from its pericentre
-/// will come back to it.
-constexpr double come_back = 0.1;
-constexpr double scout_accuracy = 1e-5;
 constexpr int most_potential_trials = 40;
 /// A root this many times longer or shorter than foreseen is not taken.
 constexpr double farthest_root = 2.0;
@@ -33,41 +25,6 @@ constexpr double standing_out = 1e3, largest_slope_ratio = 1.25;
 
 }  // namespace
 
-/// First steps of equal length, as many as can be taken, and what was seen of η; the scheme goes back.
-std::vector<double> TimeLevels::scout(double& energy_size, double& first_size, bool one_step) {
-  const double s = scheme_.order(), h = fixed_h_;
-  StateWriter before;
-  scheme_.save(before);
-  std::vector<double> eta;
-  const auto seen_enough = [&] {
-    if (one_step || eta.empty() || eta.size() >= most_scout_steps) {
-      return !eta.empty();
-    }
-    if (eta.size() % scout_steps != 0) {
-      return false;
-    }
-    const auto size = [](double value) { return std::abs(value); };
-    const auto largest = std::ranges::max_element(eta, {}, size);
-    const double later = std::abs(
-        *std::ranges::max_element(eta.begin() + static_cast<std::ptrdiff_t>(eta.size() / 2), eta.end(), {}, size));
-    return static_cast<double>(largest - eta.begin()) <= scouted_before * static_cast<double>(eta.size()) &&
-           later >= come_back * std::abs(*largest);
-  };
-  while (!seen_enough() && scheme_.advance(h, scout_accuracy) == Status::success) {
-    const double value = scheme_.discrete_energy_slope() * sign(h) / (s * (s + 1.0) * std::pow(std::abs(h), s - 1.0));
-    if (!std::isfinite(value)) {
-      break;
-    }
-    eta.push_back(value);
-    energy_size = std::max(energy_size, scheme_.energy_size().terms);
-    first_size = eta.size() == 1 ? energy_size : first_size;
-    scheme_.accept();
-  }
-  StateReader reader(before.values());
-  scheme_.restore(reader);
-  return eta;
-}
-
 void TimeLevels::choose_potential() {
   const StepPotentialChoice& choice = options_.potential;
   if (choice.kind == StepPotentialChoice::Kind::none || potential_.active()) {
@@ -78,17 +35,10 @@ void TimeLevels::choose_potential() {
     return;
   }
   const bool given = choice.kind == StepPotentialChoice::Kind::given;
-  double size = 0.0, first_size = 0.0;
-  const std::vector<double> eta = scout(size, first_size, given);
-  if (eta.empty()) {
+  const Scouting scouting = scout(scheme_, fixed_h_, given, options_.tolerance);
+  if (scouting.eta.empty()) {
     return;  // the first step will tell why
   }
-  const Scouting scouting{.order = scheme_.order(),
-                          .step = std::abs(fixed_h_),
-                          .eta = eta,
-                          .energy_size = size,
-                          .first_size = first_size,
-                          .tolerance = options_.tolerance};
   potential_ = given ? make_step_potential(scouting, choice.kappa, choice.exponent)
                      : choose_step_potential(scouting, choice.largest_step);
 }

@@ -5,6 +5,7 @@
 #include <iterator>
 #include <limits>
 #include <numbers>
+#include <span>
 #include <vector>
 
 #include <rubato/base/limits.hpp>
@@ -46,39 +47,49 @@ constexpr double negligible = 0.01;
 /// this part of the terms of K then, well above what rounding makes of them.
 constexpr double least_strength = 1e-6, least_strength_by_tolerance = 100.0;
 
-/// η at a time: cubic between the middles of its steps.
+/// η at times that increase: cubic between the middles of the scout's steps.
 class EtaAlong {
 public:
-  EtaAlong(const Scouting& scouting, const EtaDoubt& doubt) : eta_(scouting.eta), step_(scouting.step), doubt_(doubt) {}
+  EtaAlong(const Scouting& scouting, const EtaDoubt& doubt)
+      : time_(scouting.time), eta_(scouting.eta), duration_(scouting.duration), doubt_(doubt) {}
 
-  [[nodiscard]] double operator()(double time) const {
+  [[nodiscard]] double operator()(double time) {
     const double turned = doubt_.turn > 0.0 ? std::cos(two_pi * time / doubt_.turn) : 1.0;
     return doubt_.factor * turned * seen(time);
   }
-  [[nodiscard]] double duration() const { return step_ * static_cast<double>(eta_.size()); }
+  [[nodiscard]] double duration() const { return duration_; }
 
 private:
-  [[nodiscard]] double seen(double time) const {
-    const double at = time / step_ - 0.5;
-    if (at <= 0.0) {
+  [[nodiscard]] double seen(double time) {
+    if (time <= time_.front()) {
       return eta_.front();
     }
-    const auto i = static_cast<std::size_t>(at);
-    if (i + 1 >= eta_.size()) {
+    if (time >= time_.back()) {
       return eta_.back();
     }
+    while (time_[at_ + 1] < time) {
+      ++at_;
+    }
     // The cubic through both, with the slopes that their neighbours tell.
-    const double part = at - static_cast<double>(i);
-    const double left = eta_[i], right = eta_[i + 1];
-    const double before = i > 0 ? eta_[i - 1] : left, after = i + 2 < eta_.size() ? eta_[i + 2] : right;
-    const double rise = right - left, slope_left = 0.5 * (right - before), slope_right = 0.5 * (after - left);
-    const double bend = slope_left - rise, twist = rise - slope_right;
-    return left + part * (rise + (1.0 - part) * ((1.0 - part) * bend + part * twist));
+    const double length = time_[at_ + 1] - time_[at_], part = (time - time_[at_]) / length;
+    const double rise = eta_[at_ + 1] - eta_[at_];
+    const double bend = slope(at_) * length - rise, twist = rise - slope(at_ + 1) * length;
+    return eta_[at_] + part * (rise + (1.0 - part) * ((1.0 - part) * bend + part * twist));
   }
+  /// Of the parabola through a middle and its neighbours.
+  [[nodiscard]] double slope(std::size_t i) const {
+    if (i == 0 || i + 1 == eta_.size()) {
+      return secant(i == 0 ? 0 : i - 1);
+    }
+    const double before = time_[i] - time_[i - 1], after = time_[i + 1] - time_[i];
+    return (secant(i - 1) * after + secant(i) * before) / (before + after);
+  }
+  [[nodiscard]] double secant(std::size_t i) const { return (eta_[i + 1] - eta_[i]) / (time_[i + 1] - time_[i]); }
 
-  std::span<const double> eta_;
-  double step_;
+  std::span<const double> time_, eta_;
+  double duration_;
   EtaDoubt doubt_;
+  std::size_t at_ = 0;  ///< the middle before the time asked for last
 };
 
 double largest_of(std::span<const double> eta) {
@@ -132,18 +143,16 @@ private:
   bool is_whole_;
 };
 
-/// What h dE/dh has to be, to tell one step from another.
-double resolved_slope(const Scouting& scouting) {
-  return std::max(least_slope, least_slope_by_tolerance * scouting.tolerance) * scouting.energy_size;
-}
-
 /// Whether what the second half of a scouted stretch showed is what the first half did.
-bool shows_all(std::span<const double> eta) {
-  if (eta.size() < 2) {
+bool shows_all(const Scouting& scouting) {
+  const std::span<const double> eta = scouting.eta;
+  const auto half = static_cast<std::size_t>(std::ranges::lower_bound(scouting.time, 0.5 * scouting.duration) -
+                                             scouting.time.begin());
+  if (half == 0 || half == eta.size()) {
     return false;
   }
-  const auto [low, high] = std::ranges::minmax(eta.first(eta.size() / 2));
-  const auto [later_low, later_high] = std::ranges::minmax(eta.subspan(eta.size() / 2));
+  const auto [low, high] = std::ranges::minmax(eta.first(half));
+  const auto [later_low, later_high] = std::ranges::minmax(eta.subspan(half));
   const double margin = nothing_new * std::max(std::abs(low), std::abs(high));
   return later_low >= low - margin && later_high <= high + margin;
 }
@@ -183,13 +192,18 @@ StepPotentialChoice with_usual(const StepPotentialChoice& choice, bool usual_is_
                                     : StepPotentialChoice{.kind = usual_is_automatic ? Kind::automatic : Kind::none};
 }
 
-LevelForecast forecast_levels(const Scouting& scouting, const StepPotential& potential, const EtaDoubt& doubt) {
-  const EtaAlong eta(scouting, doubt);
+namespace {
+
+/// forecast_levels(), given up as incomplete where `too_much(forecast)` says so of what was forecast so far.
+template <class TooMuch>
+LevelForecast forecast_unless(const TooMuch& too_much, const Scouting& scouting, const StepPotential& potential,
+                              const EtaDoubt& doubt) {
+  EtaAlong eta(scouting, doubt);
   const int s = scouting.order;
   const Force force(potential);
   const double side = std::copysign(1.0, potential.strength);
   double h = scouting.step, time = 0.0, here = eta(0.0);
-  const double resolved = resolved_slope(scouting);
+  const double resolved = scouting.resolved_slope();
   double defect = (s + 1.0) * power_of(h, s) * here + force.energy(h);
   LevelForecast forecast{.complete = true,
                          .steps = 0.0,
@@ -215,7 +229,7 @@ LevelForecast forecast_levels(const Scouting& scouting, const StepPotential& pot
       solved = std::abs(next - h) < 1e-9 * h;
       h = next;
     }
-    if (!solved || std::abs(std::log(h / last)) > believed_change || forecast.steps > most) {
+    if (!solved || std::abs(std::log(h / last)) > believed_change || forecast.steps > most || too_much(forecast)) {
       forecast.complete = false;
       return forecast;
     }
@@ -234,6 +248,16 @@ LevelForecast forecast_levels(const Scouting& scouting, const StepPotential& pot
   return forecast;
 }
 
+}  // namespace
+
+double Scouting::resolved_slope() const {
+  return std::max(least_slope, least_slope_by_tolerance * tolerance) * energy_size;
+}
+
+LevelForecast forecast_levels(const Scouting& scouting, const StepPotential& potential, const EtaDoubt& doubt) {
+  return forecast_unless([](const LevelForecast&) { return false; }, scouting, potential, doubt);
+}
+
 StepPotential make_step_potential(const Scouting& scouting, double kappa, double exponent) {
   return with_kappa(scouting, scouting.eta.front(), kappa, exponent);
 }
@@ -243,7 +267,7 @@ namespace {
 /// A potential with which all levels of a scouted stretch are forecast to exist.
 struct Candidate {
   StepPotential potential;
-  double work = 0.0;  ///< what its steps take for an error, which falls with the power s of the step
+  double work = 0.0;
   double part = 0.0;  ///< max |f'|
 };
 
@@ -263,7 +287,7 @@ public:
 
   StepPotential operator()() {
     const double side = std::copysign(1.0, scouting_.eta.front());
-    if (s_ * (s_ + 1.0) * largest_ * std::pow(scouting_.step, s_) < resolved_slope(scouting_)) {
+    if (s_ * (s_ + 1.0) * largest_ * std::pow(scouting_.step, s_) < scouting_.resolved_slope()) {
       return made(0.0, 1.0, s_ + 1.0);  // K hardly knows h: steps are as long as the first
     }
     const bool definite = std::ranges::all_of(scouting_.eta, [&](double eta) { return eta * side >= 0.0; });
@@ -300,19 +324,29 @@ private:
         if (std::abs(potential.energy(scouting_.step)) > limit) {
           break;  // and those that are shorter all the more
         }
-        const LevelForecast forecast = forecast_levels(scouting_, potential);
+        const auto too_much = [&](const LevelForecast& so_far) {
+          return so_far.potential > limit || costs_too_much(so_far);
+        };
+        const LevelForecast forecast = forecast_unless(too_much, scouting_, potential, {});
         if (forecast.complete && forecast.potential <= limit && lasts(potential, 0.0)) {
-          const double strays = std::max(forecast.energy, negligible * strayed_);
-          candidates_.push_back({potential, forecast.steps * std::pow(strays, 1.0 / s_), forecast.potential});
+          candidates_.push_back({potential, work(forecast), forecast.potential});
+          least_work_ = std::min(least_work_, candidates_.back().work);
         }
       }
     }
   }
+  /// What the steps take for an error, which falls with their power s.
+  [[nodiscard]] double work(const LevelForecast& forecast) const {
+    return forecast.steps * std::pow(std::max(forecast.energy, negligible * strayed_), 1.0 / s_);
+  }
+  /// More than keep_best() will leave, which is asked now and then, as a power costs more than a step.
+  [[nodiscard]] bool costs_too_much(const LevelForecast& so_far) const {
+    return static_cast<long>(so_far.steps) % 64 == 63 && work(so_far) > (1.0 + price_of_the_law) * least_work_;
+  }
   /// Whether levels would exist for a larger η, which changes its sign so often.
   [[nodiscard]] bool lasts(const StepPotential& potential, double turns) const {
-    const double duration = scouting_.step * static_cast<double>(scouting_.eta.size());
-    return forecast_levels(scouting_, potential, {.factor = eta_margin, .turn = turns > 0.0 ? duration / turns : 0.0})
-        .complete;
+    const double turn = turns > 0.0 ? scouting_.duration / turns : 0.0;
+    return forecast_levels(scouting_, potential, {.factor = eta_margin, .turn = turn}).complete;
   }
 
   [[nodiscard]] StepPotential weakest() const {
@@ -320,7 +354,7 @@ private:
   }
   [[nodiscard]] StepPotential best() {
     keep_best(price_of_the_law);
-    if (!shows_all(scouting_.eta)) {
+    if (!shows_all(scouting_)) {
       keep([&](const Candidate& one) { return lasts(one.potential, unseen_turns); });
     }
     // Of those that are hardly felt the one that begins soonest beyond what was seen.
@@ -354,6 +388,7 @@ private:
   double strayed_ = 0.0;                                   ///< about what the node energy is off with equal steps
   double most_ = std::numeric_limits<double>::infinity();  ///< beside a larger f' the terms of K are lost
   double kappa_limit_ = largest_kappa;
+  double least_work_ = std::numeric_limits<double>::infinity();  ///< of the candidates
   std::vector<Candidate> candidates_;
 };
 

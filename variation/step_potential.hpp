@@ -1,8 +1,8 @@
 #pragma once
 
 #include <optional>
-#include <span>
 #include <stdexcept>
+#include <vector>
 
 #include <rubato/base/state.hpp>
 
@@ -34,7 +34,7 @@ struct StepPotential {
 struct StepPotentialChoice {
   enum class Kind {
     none,
-    automatic,  ///< by a scout of equal steps (choose_step_potential)
+    automatic,  ///< by a scout (choose_step_potential)
     given,      ///< f' = σ (s+1)|η_0| h_0^s (h/(κ h_0))^p, with σ the sign of η_0, of the first step h_0
     stated,     ///< `potential` itself
     usual,      ///< automatic, unless something else is said of the places where the law has no solution
@@ -55,15 +55,20 @@ public:
   using std::invalid_argument::invalid_argument;
 };
 
-/// What a scout of equal steps saw of an orbit: η in the middle of each step, from dK/d|h| = s(s+1)|h|^(s-1) η (theory,
+/// What a scout saw of an orbit: η in the middle of each of its steps, from dK/d|h| = s(s+1)|h|^(s-1) η (theory,
 /// section 8).
 struct Scouting {
   int order = 2;
-  double step = 0.0;  ///< |h_0|, of the scout and of the run's first step
-  std::span<const double> eta;
+  double step = 0.0;         ///< |h_0|, of the run's first step
+  std::vector<double> time;  ///< |t - t_0| of the middles, increasing
+  std::vector<double> eta;
+  double duration = 0.0;     ///< |t - t_0| at the end of the last step
   double energy_size = 0.0;  ///< of the terms of K: what a potential has to be seen beside where η vanishes
   double first_size = 0.0;   ///< the same of the first step: beside a larger f' they would be lost; 0 if not known
   double tolerance = 1e-13;  ///< that levels will be solved to, relative to energy_size
+
+  /// What |h dE/dh| has to be, to tell one step from another.
+  [[nodiscard]] double resolved_slope() const;
 };
 
 /// What a potential makes of the levels along a scouted orbit, by the levels' own leading order (the surrogate of

@@ -4,7 +4,6 @@
 #include <cstddef>
 #include <limits>
 #include <optional>
-#include <vector>
 
 #include <rubato/base/compensated_sum.hpp>
 #include <rubato/variation/level_scheme.hpp>
@@ -141,7 +140,6 @@ private:
 
   // potential_levels.cpp: levels with a step potential (theory, section 9).
   void choose_potential();
-  [[nodiscard]] std::vector<double> scout(double& energy_size, double& first_size, bool one_step);
   [[nodiscard]] Status solve_with_potential(double guess);
   [[nodiscard]] StepReport resumed_with_potential();
   [[nodiscard]] double density_at(double time) const;

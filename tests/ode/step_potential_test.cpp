@@ -40,6 +40,16 @@ IntegrationOptions options_of(const Case& run, StepPotentialChoice potential) {
   return {.lagrangian = run.lagrangian, .step = run.system.step, .until = run.until, .potential = potential};
 }
 
+/// A scout of equal steps.
+Scouting equally_scouted(double step, std::vector<double> eta, double energy_size) {
+  Scouting scouting{.order = 2, .step = step, .eta = std::move(eta), .energy_size = energy_size};
+  for (std::size_t k = 0; k < scouting.eta.size(); ++k) {
+    scouting.time.push_back((static_cast<double>(k) + 0.5) * step);
+  }
+  scouting.duration = static_cast<double>(scouting.eta.size()) * step;
+  return scouting;
+}
+
 std::size_t flagged(const Orbit& orbit) {
   return static_cast<std::size_t>(std::accumulate(orbit.bridged.begin(), orbit.bridged.end(), 0));
 }
@@ -171,8 +181,7 @@ TEST_CASE("levels are forecast to exist where η keeps its sign, and need a pote
     changing.push_back(std::sin(0.1 * k + 0.5));
   }
   const StepPotential hardly{.strength = 1e-12, .length = 1.0, .exponent = 3.0};
-  const Scouting calm{.order = 2, .step = 0.1, .eta = definite, .energy_size = 1.0};
-  const Scouting wild{.order = 2, .step = 0.1, .eta = changing, .energy_size = 1.0};
+  const Scouting calm = equally_scouted(0.1, definite, 1.0), wild = equally_scouted(0.1, changing, 1.0);
   CHECK(forecast_levels(calm, hardly).complete);
   CHECK_FALSE(forecast_levels(wild, hardly).complete);
   const StepPotential chosen = choose_step_potential(wild, std::nullopt);
@@ -189,8 +198,9 @@ TEST_CASE("no potential is chosen beside which the terms of K are lost") {
     growing.push_back(-std::exp(0.5 * k));
   }
   const auto largest_part = [&](double first_size) {
-    const StepPotential chosen = choose_step_potential(
-        {.order = 2, .step = 0.01, .eta = growing, .energy_size = 1e9, .first_size = first_size}, std::nullopt);
+    Scouting scouting = equally_scouted(0.01, growing, 1e9);
+    scouting.first_size = first_size;
+    const StepPotential chosen = choose_step_potential(scouting, std::nullopt);
     return std::abs(chosen.energy(0.01));
   };
   CHECK(largest_part(0.4) <= 30.0 * 0.4 * (1.0 + 1e-12));

@@ -1,0 +1,110 @@
+// The scout for a step potential (theory, section 9): what it sees of η, for how many steps, on a scheme whose η is a
+// given function of time.
+
+#include <catch2/catch.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <numbers>
+#include <vector>
+
+#include <rubato/base/limits.hpp>
+#include <rubato/variation/scout.hpp>
+
+using namespace rubato;
+
+namespace {
+
+/// A scheme of order 2 of which only η(t) is known: dK/dh = 6 h η, η in the middle of the step.
+class KnownEta final : public LevelScheme {
+public:
+  explicit KnownEta(std::function<double(double)> eta, double longest = infinity, std::size_t size = 1)
+      : eta_(std::move(eta)), longest_(longest), size_(size) {}
+
+  [[nodiscard]] Status advance(double h, double) override {
+    ++tried;
+    h_ = h;
+    return std::abs(h) > longest_ ? Status::not_converged : Status::success;
+  }
+  [[nodiscard]] double discrete_energy() const override { return 1.0; }
+  [[nodiscard]] formula::SumSize energy_size() override { return {.terms = 1.0}; }
+  [[nodiscard]] double discrete_energy_slope() const override { return 6.0 * h_ * eta_(time + 0.5 * h_); }
+  [[nodiscard]] LevelNode node() override { return {}; }
+  [[nodiscard]] LevelNode trial_node() override { return {}; }
+  [[nodiscard]] int iterations() const override { return 1; }
+  void accept() override { time += h_; }
+  void save(StateWriter& state) const override { state.write(std::vector<double>(size_, time)); }
+  void restore(StateReader& state) override {
+    for (std::size_t i = 0; i < size_; ++i) {
+      time = state.read();
+    }
+  }
+
+  double time = 5.0;
+  int tried = 0;
+
+private:
+  std::function<double(double)> eta_;
+  double longest_;
+  std::size_t size_;
+  double h_ = 0.0;
+};
+
+constexpr double h = 0.01;
+
+}  // namespace
+
+TEST_CASE("A scout sees 400 first steps in a few where η stays, and goes back") {
+  KnownEta steady([](double) { return -2.0; });
+  const Scouting seen = scout(steady, h, false, 1e-13);
+  CHECK(seen.duration >= 400.0 * h * (1.0 - 1e-9));
+  CHECK(seen.eta.size() <= 10);  // 1 + 1 + 2 + 4 + … + 128 first steps, and one more
+  CHECK(seen.eta.front() == Approx(-2.0));
+  CHECK(seen.time.front() == Approx(0.5 * h));
+  CHECK(steady.time == 5.0);
+  // Where it changes as fast as first steps resolve, the steps are those.
+  KnownEta fast([](double t) { return std::sin(0.5 * t / h); });
+  const std::size_t taken = scout(fast, h, false, 1e-13).eta.size();
+  CHECK(taken >= 400);
+  CHECK(taken <= 500);  // a little longer where a peak happens to be at the end
+  // Backward in time it is the same.
+  KnownEta backward([](double) { return -2.0; });
+  CHECK(scout(backward, -h, false, 1e-13).eta.size() == seen.eta.size());
+}
+
+TEST_CASE("A scout that set out from a peak of η goes on until it sees the next one") {
+  // Peaks a hundredth as wide as they are apart, 20000 first steps.
+  const double period = 20000.0 * h;
+  const auto eta = [period](double t) {
+    const double x = std::sin(std::numbers::pi * (t - 5.0) / period) * 100.0;
+    return 1.0 / (1.0 + x * x);
+  };
+  KnownEta peaks(eta);
+  const Scouting seen = scout(peaks, h, false, 1e-13);
+  CHECK(seen.duration > period);
+  CHECK(seen.eta.size() < 400);
+  const double later =
+      *std::ranges::max_element(seen.eta.begin() + static_cast<std::ptrdiff_t>(seen.eta.size() / 2), seen.eta.end());
+  CHECK(later == Approx(1.0).epsilon(0.02));  // changes by at most a twentieth a step near the top
+  for (std::size_t i = 0; i < seen.eta.size(); ++i) {
+    REQUIRE(seen.eta[i] == Approx(eta(5.0 + seen.time[i])));
+  }
+  // The twin: a state so large that 400 steps have to do is left where they end.
+  KnownEta large([](double t) { return 1.0 / (1.0 + 1e4 * std::pow(std::sin(0.5 * (t - 5.0) / h), 2)) / (t - 4.0); },
+                 infinity, 1000);
+  CHECK(scout(large, h, false, 1e-13).eta.size() == 400);
+}
+
+TEST_CASE("A scout's long steps are those that can be taken; its first decides whether there is one") {
+  KnownEta stiff([](double) { return 1.0; }, 3.0 * h);
+  const Scouting seen = scout(stiff, h, false, 1e-13);
+  CHECK(seen.duration >= 400.0 * h * (1.0 - 1e-9));
+  CHECK(seen.eta.size() >= 200);
+  CHECK(seen.eta.size() <= 230);  // now and then four first steps are tried, and two follow
+  CHECK(stiff.tried <= 1.2 * static_cast<double>(seen.eta.size()));
+  KnownEta never([](double) { return 1.0; }, 0.5 * h);
+  CHECK(scout(never, h, false, 1e-13).eta.empty());
+  KnownEta one([](double) { return 1.0; });
+  CHECK(scout(one, h, true, 1e-13).eta.size() == 1);
+}

@@ -1,0 +1,129 @@
+#include <rubato/variation/scout.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <limits>
+#include <vector>
+
+#include <rubato/variation/sign.hpp>
+
+namespace rubato {
+
+namespace {
+
+/// What a scout sees at least, in first steps: a period of what an orbit does is some dozens of steps that resolve it.
+constexpr double least_stretch = 400.0;
+/// Steps it takes at most, if the state is as small as an orbit's, and if it is large.
+constexpr std::size_t most_steps = 3200, most_large_steps = 400;
+/// Values of a state beyond which it is not small.
+constexpr std::size_t small_state = 100;
+/// |η| largest beyond this part of the stretch: more is to come.
+constexpr double seen_before = 0.9;
+/// So much of the largest |η| the second half has to see again: an eccentric orbit that sets out from its pericentre
+/// will come back to it.
+constexpr double come_back = 0.1;
+/// By so much the stretch has grown when it is looked at again.
+constexpr double look_again = 1.1;
+/// η is wanted to two digits.
+constexpr double scout_accuracy = 1e-5;
+/// Change of η from one step to the next, relative to the larger, with which steps may become twice as long; beyond
+/// which a long step is taken again, half as long; and after how many steps the longer ones are tried once more. A
+/// longer step has an error of η that is four times as large: so it stays a few hundredths.
+constexpr double hardly_changed = 0.05, changed_much = 0.2;
+constexpr int steps_until_tried_again = 8;
+constexpr double longest_stride = 1024.0;
+
+/// The scout's log so far, and whether it has seen enough.
+class Watch {
+public:
+  explicit Watch(Scouting& log, std::size_t most) : log_(log), most_(most), look_at_(least_stretch * log.step) {}
+
+  void add(double eta, double length) {
+    log_.time.push_back(log_.duration + 0.5 * length);
+    log_.eta.push_back(eta);
+    log_.duration += length;
+    if (std::abs(eta) > std::abs(largest_)) {
+      largest_ = eta;
+      largest_at_ = log_.time.back();
+    }
+  }
+
+  [[nodiscard]] bool seen_enough() {
+    if (log_.eta.size() >= most_) {
+      return true;
+    }
+    // A little less: what rounding makes of a sum of steps decides nothing.
+    if (log_.duration < look_at_ * (1.0 - 1e-9)) {
+      return false;
+    }
+    look_at_ = look_again * log_.duration;
+    const auto half = std::ranges::upper_bound(log_.time, 0.5 * log_.duration) - log_.time.begin();
+    const bool comes_back = std::any_of(log_.eta.begin() + half, log_.eta.end(),
+                                        [&](double eta) { return std::abs(eta) >= come_back * std::abs(largest_); });
+    return comes_back && largest_at_ <= seen_before * log_.duration;
+  }
+
+private:
+  Scouting& log_;
+  std::size_t most_;
+  double look_at_;
+  double largest_ = 0.0, largest_at_ = 0.0;
+};
+
+/// dK/d|h| = s(s+1)|h|^(s-1) η, for η = 1.
+double slope_of_one(const Scouting& log, double length) {
+  const double s = log.order;
+  return s * (s + 1.0) * std::pow(length, s - 1.0);
+}
+
+/// Of η, relative; one that K hardly knows h for is as good as 0.
+double change_between(const Scouting& log, double eta, double last) {
+  const double unseen = log.resolved_slope() / (slope_of_one(log, log.step) * log.step);
+  return std::abs(eta - last) / std::max({std::abs(eta), std::abs(last), unseen, std::numeric_limits<double>::min()});
+}
+
+}  // namespace
+
+Scouting scout(LevelScheme& scheme, double first_step, bool one_step, double tolerance) {
+  StateWriter before;
+  scheme.save(before);
+  Scouting log{.order = scheme.order(), .step = std::abs(first_step), .tolerance = tolerance};
+  const std::size_t size = before.values().size();
+  Watch watch(log, one_step ? 1
+                            : std::clamp(most_steps * small_state / std::max<std::size_t>(size, 1), most_large_steps,
+                                         most_steps));
+  double stride = 1.0;
+  int until_tried = 0;
+  while (!watch.seen_enough()) {
+    const double h = stride * first_step;
+    const bool taken = scheme.advance(h, scout_accuracy) == Status::success;
+    double eta = 0.0, change = 0.0;
+    if (taken) {
+      eta = scheme.discrete_energy_slope() * sign(h) / slope_of_one(log, std::abs(h));
+      change = change_between(log, eta, log.eta.empty() ? eta : log.eta.back());
+    }
+    const bool good = taken && std::isfinite(eta);
+    if (stride > 1.0 && !(good && change <= changed_much)) {
+      stride *= 0.5;
+      until_tried = steps_until_tried_again;
+      continue;
+    }
+    if (!good) {
+      break;
+    }
+    log.energy_size = std::max(log.energy_size, scheme.energy_size().terms);
+    log.first_size = log.eta.empty() ? log.energy_size : log.first_size;
+    watch.add(eta, std::abs(h));
+    scheme.accept();
+    until_tried = std::max(until_tried - 1, 0);
+    if (change < hardly_changed && until_tried == 0 && log.eta.size() > 1) {
+      stride = std::min(2.0 * stride, longest_stride);
+    }
+  }
+  StateReader reader(before.values());
+  scheme.restore(reader);
+  return log;
+}
+
+}  // namespace rubato

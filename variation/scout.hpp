@@ -1,0 +1,20 @@
+#pragma once
+
+#include <rubato/variation/level_scheme.hpp>
+#include <rubato/variation/step_potential.hpp>
+
+namespace rubato {
+
+/// A scout for the choice of a step potential (theory, section 9): steps of the scheme from where it stands, as many as
+/// can be taken, and what is seen of η in the middle of each; the scheme goes back. Steps are |first_step|·2^k long: as
+/// long as η hardly changes from one to the next and longer steps tell the same η, so that a stretch where nothing
+/// happens costs little, on an eccentric orbit as on a large lattice.
+///
+/// It sees some hundred first steps, the time in which an orbit does what it does, if they resolve it; and goes on
+/// where |η| is largest near the end, as when two waves are about to meet, or where the second half of what was seen
+/// has nothing like the largest, as on an eccentric orbit that has left its pericentre. It knows nothing of how long
+/// the run is to be, since a run may be continued. \param one_step  the first step is all that is wanted \param
+/// tolerance that levels will be solved to
+[[nodiscard]] Scouting scout(LevelScheme& scheme, double first_step, bool one_step, double tolerance);
+
+}  // namespace rubato
