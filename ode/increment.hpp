@@ -198,7 +198,9 @@ public:
     const bool mended = !smaller || std::isinf(size_) || residual < 0.5 * residual_;
     if (contraction_ && !std::isinf(size_) && size_ > certain_rounding) {
       const double seen = std::max(size / size_, residual / residual_);
-      contraction_ = std::isinf(*contraction_) ? seen : std::max(seen, *contraction_);
+      // Of a correction that may be rounding the ratio is only a bound, which does not make a known one worse.
+      const bool is_bound = std::isinf(*contraction_) || size <= certain_rounding;
+      contraction_ = is_bound ? std::min(seen, *contraction_) : std::max(seen, *contraction_);
     }
     size_ = size;
     residual_ = residual;

@@ -58,9 +58,11 @@ public:
       }
     } else {
       delta_ += (h - trial_h_) * rate_;
-      if (std::abs(h - factored_h_) > refactor_ratio * std::abs(h) && !factor(h)) {
+      const double out_of_date = std::abs(h - factored_h_) / std::abs(h);
+      if (out_of_date > refactor_ratio && !factor(h)) {
         return Status::undefined;
       }
+      contraction_ = std::max(contraction_, out_of_date * stiffness_);
     }
     trial_h_ = h;
     StagnationTest test(accuracy, contraction_);
@@ -132,7 +134,7 @@ public:
 private:
   /// Relative change of h that asks for a new matrix before corrections are seen to contract poorly: for small systems
   /// a matrix costs little more than the iterations it saves.
-  static constexpr double refactor_ratio = Size == Eigen::Dynamic ? 0.1 : 1e-4;
+  static constexpr double refactor_ratio = Size == Eigen::Dynamic ? 0.1 : 1e-3;
 
   void start_level() {
     factored_ = false;
@@ -181,6 +183,7 @@ private:
     const auto n = half_rows(hessian_);
     matrix_.topRows(n) = -0.5 * h * hessian_.bottomRows(n);
     matrix_.bottomRows(n) = 0.5 * h * hessian_.topRows(n);
+    stiffness_ = std::sqrt(matrix_.cwiseProduct(matrix_.transpose()).cwiseAbs().sum());
     matrix_.diagonal().array() += 1.0;
     factored_ = factors_.factor(matrix_.data()) == Status::success;
     factored_h_ = h;
@@ -198,7 +201,8 @@ private:
   Solver factors_;
   bool factored_ = false;  ///< whether there is a matrix, and a trial step, for this level
   double factored_h_ = 0.0;
-  double contraction_ = 0.0;  ///< seen with the matrix
+  double stiffness_ = 0.0;    ///< of ½h J H_zz =: A, sqrt(Σ|A_ij A_ji|): about its largest eigenvalue, in any units
+  double contraction_ = 0.0;  ///< seen with the matrix, or to be expected of one for another h
   double trial_h_ = 0.0;
   double energy_ = 0.0;
   double slope_ = 0.0;

@@ -18,6 +18,8 @@ constexpr int most_potential_trials = 40;
 constexpr double farthest_root = 2.0;
 /// How far one trial may be from the last, and how near they are for a secant to be a slope.
 constexpr double longest_move = 1.25, nearby = 0.05;
+/// Newton's iteration squares what a length is off by: the trial after a shorter move may be the last.
+constexpr double last_move = 1e-5;
 /// What a loosely solved step leaves of E_k, beside h dE/dh: E_k is told to first order in what the step is off by.
 constexpr double loose_energy = 1e-9;
 /// Differences that stand out from their errors so far tell what the scheme's slope is off by, if that is within:
@@ -122,7 +124,7 @@ Status TimeLevels::solve_with_potential(double guess) {
     if (next > farthest_root * foreseen || next < foreseen / farthest_root) {
       return Status::singular;
     }
-    full = full || std::abs(next - length) < 1e-4 * length;
+    full = full || std::abs(next - length) < last_move * length;
     length = next;
   }
   return Status::not_converged;
