@@ -130,7 +130,8 @@ Status TimeLevels::solve_with_potential(double guess) {
   return Status::not_converged;
 }
 
-/// The law again, if it can be met from here; else a plain step, flagged.
+/// The law again, if it can be met from here; else a plain step, flagged: of the last length that met the law or, where
+/// that is too long for the step's own equation, of half of it, and so on as far as the first step's.
 StepReport TimeLevels::resumed_with_potential() {
   if (singular_) {
     StepReport result = ordinary_step(regular_step_);
@@ -141,7 +142,12 @@ StepReport TimeLevels::resumed_with_potential() {
       return result;
     }
   }
-  return flagged(plain_step(regular_step_));
+  StepReport plain = plain_step(regular_step_);
+  while (plain.status != Status::success && std::abs(plain.h) > std::abs(fixed_h_)) {
+    const double shorter = std::max(0.5 * std::abs(plain.h), std::abs(fixed_h_));
+    plain = plain_step(std::copysign(shorter, regular_step_));
+  }
+  return flagged(plain);
 }
 
 }  // namespace rubato

@@ -231,9 +231,10 @@ StepReport TimeLevels::variable_step() {
     return potential_.active() ? resumed_with_potential() : wait_step();
   }
   StepReport result = ordinary_step(predicted_step());
-  // Near the zero of Γ the step may be so long that its own equation cannot be solved either.
-  const bool lost =
-      result.status != Status::success && (result.status != Status::undefined || crossing_is_near(result));
+  // Near the zero of Γ the step may be so long that its own equation cannot be solved either; with a potential a plain
+  // step tells whether the length is to blame.
+  const bool lost = result.status != Status::success &&
+                    (result.status != Status::undefined || potential_.active() || crossing_is_near(result));
   const bool near =
       result.status == Status::success && options_.on_singular == OnSingular::bridge && crossing_is_near(result);
   if (near || (lost && options_.on_singular != OnSingular::stop)) {

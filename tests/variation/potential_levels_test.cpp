@@ -1,0 +1,84 @@
+// What levels with a step potential do where a step cannot be solved, on a scheme of which η and the longest step that
+// has a solution are given functions of time.
+
+#include <catch2/catch.hpp>
+
+#include <cmath>
+
+#include <rubato/variation/time_levels.hpp>
+
+using namespace rubato;
+
+namespace {
+
+constexpr double h = 0.01;
+
+/// K_h = s(h²/24) Γ with η = -Γ/24 and s = 2, which falls from 1 to 1/20 until t = 20 h; from t = 60 h on no step longer
+/// than `longest` is defined.
+class ShortOfBreath final : public LevelScheme {
+public:
+  explicit ShortOfBreath(double longest) : longest_(longest) {}
+
+  [[nodiscard]] Status advance(double step, double) override {
+    h_ = step;
+    return time >= 60.0 * h && std::abs(step) > longest_ ? Status::undefined : Status::success;
+  }
+  [[nodiscard]] double discrete_energy() const override { return 3.0 * h_ * h_ * eta(); }
+  [[nodiscard]] formula::SumSize energy_size() override { return {.terms = 3.0 * h * h}; }
+  [[nodiscard]] double discrete_energy_slope() const override { return 6.0 * h_ * eta(); }
+  [[nodiscard]] LevelNode node() override { return {}; }
+  [[nodiscard]] LevelNode trial_node() override { return {}; }
+  [[nodiscard]] int iterations() const override { return 1; }
+  void accept() override { time += h_; }
+  void save(StateWriter& state) const override { state.write(time); }
+  void restore(StateReader& state) override { time = state.read(); }
+
+  double time = 0.0;
+
+private:
+  [[nodiscard]] double eta() const { return time < 20.0 * h ? 1.0 - 0.95 * time / (20.0 * h) : 0.05; }
+
+  double longest_;
+  double h_ = 0.0;
+};
+
+LevelOptions options_with_potential() {
+  LevelOptions options;
+  options.on_singular = OnSingular::fixed;
+  options.potential = {.kind = StepPotentialChoice::Kind::given, .kappa = 6.0, .exponent = 4.0};
+  return options;
+}
+
+}  // namespace
+
+TEST_CASE("Where the last length is too long for the step's own equation, plain steps are shorter, as far as the first") {
+  ShortOfBreath scheme(1.5 * h);
+  TimeLevels levels(scheme, options_with_potential(), 0.0, h);
+  double longest = 0.0;
+  int flagged = 0;
+  for (int k = 0; k < 200; ++k) {
+    const StepReport step = levels.step();
+    REQUIRE(step.status == Status::success);
+    if (step.bridged) {
+      ++flagged;
+      CHECK(step.h >= h);
+      CHECK(step.h <= 1.5 * h);
+    } else {
+      longest = std::max(longest, step.h);
+      CHECK(std::abs(step.energy - step.target) <= 1e-12 * 3.0 * h * h);
+    }
+  }
+  CHECK(longest > 3.0 * h);  // so that the length of the last step that met the law is not one to go on with
+  CHECK(flagged > 100);
+}
+
+TEST_CASE("Where the first step has no solution either, the run ends and says so") {
+  ShortOfBreath scheme(0.9 * h);
+  TimeLevels levels(scheme, options_with_potential(), 0.0, h);
+  Status status = Status::success;
+  for (int k = 0; k < 200 && status == Status::success; ++k) {
+    status = levels.step().status;
+  }
+  CHECK(status == Status::undefined);
+  CHECK(scheme.time >= 60.0 * h);
+}
