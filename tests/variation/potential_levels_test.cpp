@@ -13,8 +13,8 @@ namespace {
 
 constexpr double h = 0.01;
 
-/// K_h = s(h²/24) Γ with η = -Γ/24 and s = 2, which falls from 1 to 1/20 until t = 20 h; from t = 60 h on no step longer
-/// than `longest` is defined.
+/// K_h = s(h²/24) Γ with η = -Γ/24 and s = 2, which falls from 1 to 1/20 until t = 20 h; from t = 60 h on no step
+/// longer than `longest` is defined.
 class ShortOfBreath final : public LevelScheme {
 public:
   explicit ShortOfBreath(double longest) : longest_(longest) {}
@@ -51,7 +51,8 @@ LevelOptions options_with_potential() {
 
 }  // namespace
 
-TEST_CASE("Where the last length is too long for the step's own equation, plain steps are shorter, as far as the first") {
+TEST_CASE(
+    "Where the last length is too long for the step's own equation, plain steps are shorter, as far as the first") {
   ShortOfBreath scheme(1.5 * h);
   TimeLevels levels(scheme, options_with_potential(), 0.0, h);
   double longest = 0.0;
