@@ -183,16 +183,21 @@ public:
   /// \param accuracy relative size of the last correction at which to stop; 0 asks for stagnation
   /// \param contraction seen before with the same matrix, infinite if none was: for iterations that contract steadily,
   ///        of which what the next correction would mend is known to be nothing before it is made
-  explicit StagnationTest(double accuracy, std::optional<double> contraction = std::nullopt)
+  /// \param before with the same matrix: the size of what one contraction made of the error that there is to begin
+  ///        with; infinite where the matrix is new
+  explicit StagnationTest(double accuracy, std::optional<double> contraction = std::nullopt,
+                          double before = std::numeric_limits<double>::infinity())
       : accuracy_(std::max(accuracy, 0.5 * std::numeric_limits<double>::epsilon())),
         to_stagnation_(accuracy == 0.0),
-        contraction_(contraction) {}
+        contraction_(contraction),
+        size_(before) {}
 
   /// \param size of the correction, relative
   /// \param residual that it was made from, relative
   Verdict judge(double size, double residual) {
-    const bool smaller = size < 0.5 * size_;
-    const bool slow = size > poor_contraction * size_;
+    const bool first = std::isinf(residual_);
+    const bool smaller = first || size < 0.5 * size_;
+    const bool slow = !first && size > poor_contraction * size_;
     // A matrix from where H changes very fast makes every residual look small: corrections shrink, and what they are to
     // mend does not.
     const bool mended = !smaller || std::isinf(size_) || residual < 0.5 * residual_;
@@ -204,6 +209,11 @@ public:
     }
     size_ = size;
     residual_ = residual;
+    // Newton's iteration with a new matrix squares what it starts from; where that is not all there is to a contraction
+    // a loose answer is none the worse for it.
+    if (!to_stagnation_ && contraction_ && size * std::min(*contraction_, size) <= accuracy_) {
+      return Verdict::done;
+    }
     if (to_stagnation_ && contraction_ && *contraction_ < poor_contraction &&
         *contraction_ * std::max(size, residual) <= leftover) {
       return Verdict::done;

@@ -51,6 +51,7 @@ public:
 
   [[nodiscard]] Status advance(double h, double accuracy) override {
     Base::forget_trial();
+    double before = std::numeric_limits<double>::infinity();
     if (!factored_) {
       predict(h);
       if (!factor(h)) {
@@ -63,9 +64,10 @@ public:
         return Status::undefined;
       }
       contraction_ = std::max(contraction_, out_of_date * stiffness_);
+      before = std::max(last_size_, std::abs(h - trial_h_) / std::abs(h));
     }
     trial_h_ = h;
-    StagnationTest test(accuracy, contraction_);
+    StagnationTest test(accuracy, contraction_, before);
     for (int iteration = 0; iteration < most_midpoint_iterations; ++iteration) {
       z_.displaced(0.5, delta_, point_);
       energy_ = evaluator_.gradient(point_.data(), gradient_.data());
@@ -82,6 +84,7 @@ public:
       }
       const auto verdict = test.judge(size, residual);
       contraction_ = *test.contraction();
+      last_size_ = size;
       if (verdict == StagnationTest::Verdict::done ||
           (verdict == StagnationTest::Verdict::stalled && residual_is_rounding(h))) {
         energy_ += 0.5 * gradient_.dot(correction_);  // to first order, at the corrected midpoint
@@ -203,7 +206,7 @@ private:
   double factored_h_ = 0.0;
   double stiffness_ = 0.0;    ///< of ½h J H_zz =: A, sqrt(Σ|A_ij A_ji|): about its largest eigenvalue, in any units
   double contraction_ = 0.0;  ///< seen with the matrix, or to be expected of one for another h
-  double trial_h_ = 0.0;
+  double trial_h_ = 0.0, last_size_ = 0.0;  ///< of the last trial: h, and the last correction's relative size
   double energy_ = 0.0;
   double slope_ = 0.0;
   int iterations_ = 0;

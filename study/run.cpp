@@ -26,6 +26,8 @@ using Clock = std::chrono::steady_clock;
 constexpr double condition_warning = 1e-6;
 /// A step potential of this part of the terms of the energy is told as one: it is meant to be of the size of errors.
 constexpr double large_potential = 0.1;
+/// So many times the steps of the law without a potential are told as a price that need not be paid.
+constexpr double high_price = 5.0;
 
 /// Keeps digests of rows that a record has already.
 class DigestSink final : public RowSink {
@@ -287,6 +289,15 @@ private:
           "the first step is too long for this orbit: to keep the energy law the step potential had to become "
           "{:.2g}, which is {:.2g} of what the energy is made of; take a smaller step",
           statistics.potential.largest(), part));
+    }
+    if (const std::optional<double> price = simulation().potential_price(); price && *price >= high_price) {
+      const bool takes_scale = problem_.hamiltonian() != nullptr && !problem_.hamiltonian()->fictitious_time;
+      outcome_.warnings.push_back(fmt::format(
+          "the step potential holds all steps near those where the motion is fastest: at the start it takes about "
+          "{:.2g} "
+          "times as many as the law would without it; {}step_potential = \"none\" lets steps follow the motion, with "
+          "bridges where the law has no solution",
+          *price, takes_scale ? "hamiltonian.time_scale has as few, every one of them on the law; " : ""));
     }
     if (statistics.condition.any() && statistics.condition.max > condition_warning) {
       outcome_.warnings.push_back(

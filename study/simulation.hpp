@@ -1,6 +1,7 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -43,6 +44,7 @@ public:
   [[nodiscard]] double energy_terms() const { return integrator().levels().energy_scale(); }
   ///@}
   /// The step potential of the run; none before its first step.
+  [[nodiscard]] std::optional<double> potential_price() const { return integrator().levels().potential_price(); }
   [[nodiscard]] const StepPotential& step_potential() const { return integrator().levels().potential(); }
   /// The order of the scheme in time.
   [[nodiscard]] int order() const { return integrator().traits().order; }

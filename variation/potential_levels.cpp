@@ -18,12 +18,18 @@ constexpr int most_potential_trials = 40;
 constexpr double farthest_root = 2.0;
 /// How far one trial may be from the last, and how near they are for a secant to be a slope.
 constexpr double longest_move = 1.25, nearby = 0.05;
-/// Newton's iteration squares what a length is off by: the trial after a shorter move may be the last.
-constexpr double last_move = 1e-5;
 /// What a loosely solved step leaves of E_k, beside h dE/dh: E_k is told to first order in what the step is off by.
 constexpr double loose_energy = 1e-9;
+/// A move that is hardly more than that may be the last; before it, loosely solved steps tell as much and cost less.
+constexpr double last_move = 10.0 * loose_energy;
 /// Differences that stand out from their errors so far tell what the scheme's slope is off by, if that is within:
 constexpr double standing_out = 1e3, largest_slope_ratio = 1.25;
+
+/// The x next to 0 with miss + rate x + curvature x² = 0; Newton's where that is far from it.
+double move_to_root(double miss, double rate, double curvature) {
+  const double bend = 1.0 - 4.0 * curvature * miss / (rate * rate);
+  return -2.0 * miss / (rate * (1.0 + (bend > 0.25 ? std::sqrt(bend) : 1.0)));
+}
 
 }  // namespace
 
@@ -43,10 +49,11 @@ void TimeLevels::choose_potential() {
   }
   potential_ = given ? make_step_potential(scouting, choice.kappa, choice.exponent)
                      : choose_step_potential(scouting, choice.largest_step);
+  potential_price_ = given ? potential_price_ : price_in_steps(scouting, potential_);
 }
 
-/// Newton's iteration on h ↦ K_h + f'(h), kept between lengths known to be too short and too long. A root is taken only
-/// where E_k grows to the side of the potential.
+/// Newton's iteration on h ↦ K_h + f'(h), with the curvature of both, kept between lengths known to be too short and
+/// too long. A root is taken only where E_k grows to the side of the potential.
 Status TimeLevels::solve_with_potential(double guess) {
   const double side = sign(guess);
   const double foreseen = std::abs(guess);
@@ -68,7 +75,9 @@ Status TimeLevels::solve_with_potential(double guess) {
     }
     const double h = side * length;
     const double miss = direction_ * (scheme_.discrete_energy() + potential_.energy(h) - energy_);
-    const double slope = direction_ * side * (scheme_.discrete_energy_slope() + potential_.slope(h));
+    const double scheme_slope = direction_ * side * scheme_.discrete_energy_slope();
+    const double potential_slope = direction_ * side * potential_.slope(h);
+    const double slope = scheme_slope + potential_slope;
     if (!std::isfinite(miss) || !std::isfinite(slope)) {
       return Status::undefined;
     }
@@ -116,8 +125,13 @@ Status TimeLevels::solve_with_potential(double guess) {
     last_miss = miss;
     last_slope = slope;
     last_full = full;
-    double next = rate > 0.0 ? std::clamp(length - miss / rate, length / longest_move, longest_move * length)
-                             : longest_move * length;
+    // K_h - H goes with h^s, f' with h^p.
+    const double curvature =
+        0.5 * ((scheme_.order() - 1.0) * scheme_slope + (potential_.exponent - 1.0) * potential_slope) / length;
+    double next = longest_move * length;
+    if (rate > 0.0) {
+      next = std::clamp(length + move_to_root(miss, rate, curvature), length / longest_move, next);
+    }
     if (stalls == 0 && (next <= below || next >= above)) {
       next = above < infinity ? 0.5 * (below + above) : longest_move * below;
     }

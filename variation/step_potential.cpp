@@ -258,6 +258,23 @@ LevelForecast forecast_levels(const Scouting& scouting, const StepPotential& pot
   return forecast_unless([](const LevelForecast&) { return false; }, scouting, potential, doubt);
 }
 
+double price_in_steps(const Scouting& scouting, const StepPotential& potential) {
+  const LevelForecast forecast = forecast_levels(scouting, potential);
+  const double steps = forecast.complete ? forecast.steps : scouting.duration / scouting.step;
+  const auto steps_in_time = [&](std::size_t i) {
+    return std::pow(std::abs(scouting.eta[i] / scouting.eta.front()), 1.0 / (scouting.order + 1.0)) / scouting.step;
+  };
+  double of_law = 1.0, before = 0.0;
+  for (std::size_t i = 0; i < scouting.eta.size(); ++i) {
+    const double after =
+        i + 1 < scouting.eta.size() ? 0.5 * (scouting.time[i] + scouting.time[i + 1]) : scouting.duration;
+    of_law += steps_in_time(i) * (after - before);
+    of_law += i > 0 && scouting.eta[i] * scouting.eta[i - 1] < 0.0 ? 1.0 : 0.0;
+    before = after;
+  }
+  return steps / of_law;
+}
+
 StepPotential make_step_potential(const Scouting& scouting, double kappa, double exponent) {
   return with_kappa(scouting, scouting.eta.front(), kappa, exponent);
 }

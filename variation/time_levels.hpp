@@ -111,6 +111,8 @@ public:
   [[nodiscard]] double last_step() const { return last_step_; }
   /// The step potential of the run; none before the first step.
   [[nodiscard]] const StepPotential& potential() const { return potential_; }
+  /// price_in_steps() of a potential that was chosen here; none where it was stated, or restored.
+  [[nodiscard]] std::optional<double> potential_price() const { return potential_price_; }
   [[nodiscard]] const LevelOptions& options() const { return options_; }
 
   void save(StateWriter& state) const;
@@ -198,6 +200,7 @@ private:
   std::size_t steps_ = 0;
 
   StepPotential potential_;
+  std::optional<double> potential_price_;
   StepForecast forecast_;     ///< with a step potential
   double slope_ratio_ = 1.0;  ///< dE/dh by differences over the scheme's, on the last step
   double energy_ = std::numeric_limits<double>::quiet_NaN();

@@ -255,3 +255,13 @@ TEST_CASE("H has no preferred zero: the double pendulum at E = 0, order 8, to th
   // Steps of 0.01 are so short for order 8 that E hardly depends on h: that is what is told, and nothing else is tried.
   CHECK(run.h.size() < 11000);
 }
+
+TEST_CASE("a step potential that holds an eccentric orbit at the steps of its pericentre says so, and what to do") {
+  const Run held("eccentric");
+  CHECK(held.tells("times as many as the law would without it"));
+  CHECK(held.tells("time_scale"));
+  // The twins: the same with another potential, in another time, and an orbit that is nearly a circle.
+  CHECK_FALSE(Run("eccentric", {"scheme.step_potential=none"}).tells("times as many"));
+  CHECK_FALSE(Run("eccentric", {"hamiltonian.time_scale=(x^2 + y^2)^(3/4)", "scheme.step=0.1"}).tells("times as many"));
+  CHECK_FALSE(Run("eccentric", {"parameters.e=0.3"}).tells("times as many"));
+}

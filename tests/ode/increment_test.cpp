@@ -1,5 +1,7 @@
 #include <catch2/catch.hpp>
 
+#include <limits>
+
 #include <rubato/ode/increment.hpp>
 
 using namespace rubato;
@@ -51,4 +53,25 @@ TEST_CASE("a displaced compensated state takes its low part along") {
   CHECK(result[0] == 1.0);
   z.displaced(0.5, vector_of(-2.0), result);
   CHECK(result[0] == 0x1p-53);
+}
+
+TEST_CASE("corrections are done where the next would mend nothing, known from the contraction, not before") {
+  using Verdict = StagnationTest::Verdict;
+  const double infinity = std::numeric_limits<double>::infinity();
+  // One contraction made 1e-8 of the error: it is 1e-4, a correction of 1e-16 says, and leaves 1e-8 of itself.
+  StagnationTest continued(0.0, infinity, 1e-8);
+  CHECK(continued.judge(1e-16, 1e-16) == Verdict::done);
+  CHECK(*continued.contraction() == Approx(1e-8));
+  // The twins: a poor contraction before; nothing known.
+  StagnationTest poor(0.0, 1e-2, 1e-8);
+  CHECK(poor.judge(1e-14, 1e-14) == Verdict::again);
+  StagnationTest unknown(0.0, infinity);
+  CHECK(unknown.judge(1e-14, 1e-14) == Verdict::again);
+  CHECK(unknown.judge(1e-22, 1e-22) == Verdict::done);
+
+  // A loose answer is what Newton's iteration with a new matrix leaves of its first correction, about its square.
+  CHECK(StagnationTest(1e-6, infinity).judge(0.9e-3, 0.9e-3) == Verdict::done);
+  CHECK(StagnationTest(1e-6, infinity).judge(1.1e-3, 1.1e-3) == Verdict::again);
+  CHECK(StagnationTest(1e-6).judge(0.9e-3, 0.9e-3) == Verdict::again);  // not of every iteration
+  CHECK(StagnationTest(0.0, infinity).judge(0.9e-3, 0.9e-3) == Verdict::again);
 }

@@ -5,11 +5,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <vector>
 
 #include <Eigen/Dense>
 
+#include <rubato/base/limits.hpp>
 #include <rubato/ode/integrate.hpp>
 #include <rubato/ode/tangent.hpp>
 #include <rubato/variation/gauss_tableau.hpp>
@@ -26,7 +26,6 @@ using Eigen::MatrixXd;
 using Eigen::VectorXd;
 using Kind = StepPotentialChoice::Kind;
 
-constexpr double epsilon = std::numeric_limits<double>::epsilon();
 constexpr int many_steps = 10000;
 
 System rotating_pendulum(double step) {
@@ -241,10 +240,15 @@ TEST_CASE("a run of ten thousand steps comes back as far as the conditions of it
       options.step = system.step;
       options.until = 1e9;
       Return result;
+      bool lost = false;
       OrbitIntegrator there(system.hamiltonian, start, options);
       const auto follow = [&](OrbitIntegrator& run) {
         for (int k = 0; k < many_steps; ++k) {
           const StepReport step = run.step();
+          if (step.status != Status::success && options.potential.kind == Kind::none) {
+            lost = true;  // on bridges an orbit may be thrown out
+            return;
+          }
           REQUIRE(step.status == Status::success);
           const auto velocity =
               systems::velocity(evaluator, {run.scheme().state().begin(), run.scheme().state().end()});
@@ -255,6 +259,9 @@ TEST_CASE("a run of ten thousand steps comes back as far as the conditions of it
         }
       };
       follow(there);
+      if (lost) {
+        return Return{.z = infinity};
+      }
       if (options.potential.kind == Kind::automatic) {
         StepPotential f = there.levels().potential();
         f.strength *= wrong;
@@ -270,6 +277,7 @@ TEST_CASE("a run of ten thousand steps comes back as far as the conditions of it
       result.z =
           systems::distance(systems::joined(start), {back.scheme().state().begin(), back.scheme().state().end()});
       result.t = std::abs(back.t());
+      result.z = lost ? infinity : result.z;
       return result;
     };
     const Return equal = return_of({.levels = Levels::fixed});

@@ -267,3 +267,27 @@ TEST_CASE("a potential that is chosen is felt beside what a loose tolerance leav
     CHECK(flagged(orbit) == 0);
   }
 }
+
+TEST_CASE("what a potential costs in steps is told beside the steps of the law") {
+  // Steps of the law are h_0 (1/η)^(1/3): equal ones, and 1/10 as many where η is 1/1000 for nearly all of the time.
+  constexpr double h = 0.01;
+  const Scouting steady = equally_scouted(h, std::vector<double>(1000, 1.0), 1.0);
+  const StepPotential unfelt{.strength = 1e-20, .length = 1.0, .exponent = 4.0};
+  CHECK(price_in_steps(steady, unfelt) == Approx(1.0).epsilon(2e-3));
+  std::vector<double> eta(1000, 1e-3);
+  for (std::size_t k = 0; k < 100; ++k) {
+    eta[k] = std::max(1e-3, std::exp(-0.1 * static_cast<double>(k)));
+  }
+  const Scouting peak = equally_scouted(h, eta, 1.0);
+  double of_law = 0.0;
+  for (const double value : eta) {
+    of_law += std::cbrt(value);
+  }
+  // f' as strong as the peak, with all lengths near h_0, takes about as many steps as equal ones are.
+  const StepPotential blunt{.strength = 100.0 * h * h, .length = h, .exponent = 8.0};
+  const LevelForecast forecast = forecast_levels(peak, blunt);
+  REQUIRE(forecast.complete);
+  CHECK(forecast.longest < 1.1 * h);
+  CHECK(price_in_steps(peak, blunt) == Approx(forecast.steps / of_law).epsilon(0.02));
+  CHECK(price_in_steps(peak, blunt) > 5.0);
+}
