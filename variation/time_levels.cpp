@@ -231,6 +231,15 @@ StepReport TimeLevels::variable_step() {
     return potential_.active() ? resumed_with_potential() : wait_step();
   }
   StepReport result = ordinary_step(predicted_step());
+  if (result.status != Status::success && potential_.active()) {
+    // Where η turns unforeseen, as on a chaotic orbit: steps may not go on growing or shrinking, or be as long as f'
+    // lets them be at once.
+    for (const double guess : {regular_step_, std::copysign(potential_.length, regular_step_)}) {
+      if (result.status != Status::success) {
+        result = ordinary_step(guess);
+      }
+    }
+  }
   // Near the zero of Γ the step may be so long that its own equation cannot be solved either; with a potential a plain
   // step tells whether the length is to blame.
   const bool lost = result.status != Status::success &&

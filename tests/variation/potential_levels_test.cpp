@@ -3,6 +3,7 @@
 
 #include <catch2/catch.hpp>
 
+#include <algorithm>
 #include <cmath>
 
 #include <rubato/variation/time_levels.hpp>
@@ -82,4 +83,50 @@ TEST_CASE("Where the first step has no solution either, the run ends and says so
   }
   CHECK(status == Status::undefined);
   CHECK(scheme.time >= 60.0 * h);
+}
+
+namespace {
+
+/// η for each step, so that the law's steps grow by 1.3 from one to the next, four times, and are then 0.6 times the
+/// last.
+class Turning final : public LevelScheme {
+public:
+  [[nodiscard]] Status advance(double step, double) override {
+    h_ = step;
+    return Status::success;
+  }
+  [[nodiscard]] double discrete_energy() const override { return 3.0 * h_ * h_ * eta(); }
+  [[nodiscard]] formula::SumSize energy_size() override { return {.terms = 3.0 * h * h}; }
+  [[nodiscard]] double discrete_energy_slope() const override { return 6.0 * h_ * eta(); }
+  [[nodiscard]] LevelNode node() override { return {}; }
+  [[nodiscard]] LevelNode trial_node() override { return {}; }
+  [[nodiscard]] int iterations() const override { return 1; }
+  void accept() override { ++steps_; }
+  void save(StateWriter& state) const override { state.write(static_cast<double>(steps_)); }
+  void restore(StateReader& state) override { steps_ = static_cast<int>(state.read()); }
+
+private:
+  [[nodiscard]] double eta() const {
+    const int growing = std::clamp(steps_ - 19, 0, 4);
+    return std::pow(steps_ >= 24 ? 0.6 * std::pow(1.3, growing) : std::pow(1.3, growing), -2.0);
+  }
+
+  int steps_ = 0;
+  double h_ = 0.0;
+};
+
+}  // namespace
+
+TEST_CASE("Where steps that were growing turn unforeseen, a level is looked for beside the last one, too") {
+  Turning scheme;
+  TimeLevels levels(scheme, options_with_potential(), 0.0, h);
+  double last = 0.0, least_ratio = 1.0;
+  for (int k = 0; k < 40; ++k) {
+    const StepReport step = levels.step();
+    REQUIRE(step.status == Status::success);
+    CHECK_FALSE(step.bridged);
+    least_ratio = last > 0.0 ? std::min(least_ratio, step.h / last) : 1.0;
+    last = step.h;
+  }
+  CHECK(least_ratio == Approx(0.6).epsilon(0.05));
 }
