@@ -143,6 +143,12 @@ private:
   bool is_whole_;
 };
 
+/// Whether K tells one step from another, anywhere.
+bool knows_step(const Scouting& scouting) {
+  const double s = scouting.order;
+  return s * (s + 1.0) * largest_of(scouting.eta) * std::pow(scouting.step, s) >= scouting.resolved_slope();
+}
+
 /// Whether what the second half of a scouted stretch showed is what the first half did.
 bool shows_all(const Scouting& scouting) {
   const std::span<const double> eta = scouting.eta;
@@ -259,6 +265,9 @@ LevelForecast forecast_levels(const Scouting& scouting, const StepPotential& pot
 }
 
 double price_in_steps(const Scouting& scouting, const StepPotential& potential) {
+  if (!knows_step(scouting)) {
+    return 1.0;  // any steps would do
+  }
   const LevelForecast forecast = forecast_levels(scouting, potential);
   const double steps = forecast.complete ? forecast.steps : scouting.duration / scouting.step;
   const auto steps_in_time = [&](std::size_t i) {
@@ -304,7 +313,7 @@ public:
 
   StepPotential operator()() {
     const double side = std::copysign(1.0, scouting_.eta.front());
-    if (s_ * (s_ + 1.0) * largest_ * std::pow(scouting_.step, s_) < scouting_.resolved_slope()) {
+    if (!knows_step(scouting_)) {
       return made(0.0, 1.0, s_ + 1.0);  // K hardly knows h: steps are as long as the first
     }
     const bool definite = std::ranges::all_of(scouting_.eta, [&](double eta) { return eta * side >= 0.0; });

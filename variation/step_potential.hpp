@@ -99,7 +99,8 @@ struct EtaDoubt {
 [[nodiscard]] StepPotential choose_step_potential(const Scouting& scouting, std::optional<double> largest_step);
 
 /// How many times as many steps a potential takes over a scouted stretch as the law does without one, whose steps are,
-/// by the step law (theory, section 3.2), h_0 (|η_0|/|η|)^(1/(s+1)), bridges counted as one step each.
+/// by the step law (theory, section 3.2), h_0 (|η_0|/|η|)^(1/(s+1)), bridges counted as one step each; 1 where K hardly
+/// knows h.
 [[nodiscard]] double price_in_steps(const Scouting& scouting, const StepPotential& potential);
 
 /// The potential of StepPotentialChoice::Kind::given.
