@@ -30,6 +30,9 @@ record::Checkpoint make_checkpoint(const Chronicle& chronicle, const Digests& di
   if (const StepPotential& f = chronicle.simulation().step_potential(); f.active()) {
     checkpoint.emplace("step_potential", std::vector<double>{f.strength, f.length, f.exponent});
   }
+  if (const std::optional<double> price = chronicle.simulation().potential_price()) {
+    checkpoint.emplace("potential_price", std::vector<double>{*price});
+  }
   return checkpoint;
 }
 
@@ -47,6 +50,10 @@ std::optional<Digests> restored(const record::Checkpoint& checkpoint, Chronicle&
     }
   } catch (const std::invalid_argument&) {
     return std::nullopt;  // shorter than what it should restore
+  }
+  if (const auto* price = array_of<std::vector<double>>(checkpoint, "potential_price");
+      price != nullptr && price->size() == 1) {
+    chronicle.simulation().integrator().levels().tell_potential_price(price->front());
   }
   Digests digests;
   for (std::size_t i = 0; i + 2 < numbers->size(); i += 2) {

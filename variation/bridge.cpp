@@ -20,6 +20,8 @@ namespace {
 
 /// A step this many times longer than the one before tells that Γ is about to vanish, or of a root beyond its zero.
 constexpr double sudden_growth = 1.5;
+/// A flagged step that is off E by so many times the terms that E was set with has another energy altogether.
+constexpr double another_energy = 1e3;
 /// Where to look for the zero of Γ, in ordinary steps. Bridges start from levels up to 1.45 steps away from it.
 constexpr std::array look_ahead = {1.0, 1.25, 1.5, 1.75, 2.0};
 /// Accuracy asked of trial steps while a bridge is being looked for.
@@ -277,6 +279,9 @@ void TimeLevels::polish(Bridge& bridge) {
 }
 
 StepReport TimeLevels::flagged(StepReport result) {
+  if (result.status == Status::success && std::abs(result.energy - energy_) > another_energy * law_scale_) {
+    result.status = Status::not_converged;  // the motion blows up: there is nothing beyond
+  }
   if (result.status == Status::success) {
     result.bridged = true;
     result.crossing = !singular_;

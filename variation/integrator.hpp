@@ -50,6 +50,7 @@ public:
   /// Whether E_k is one constant for the run; if not (𝕃 depends on t), energy_balance() is what (3.4) leaves.
   [[nodiscard]] bool autonomous() const { return !level_scheme_->energy_target().has_value(); }
   [[nodiscard]] const TimeLevels& levels() const { return *levels_; }
+  [[nodiscard]] TimeLevels& levels() { return *levels_; }
   [[nodiscard]] SchemeTraits traits() const { return {.order = level_scheme_->order(), .bridged = bridged_}; }
   /// What these options do badly although they can, or what is doubtful about the problem, with a remedy: sentences for
   /// people.

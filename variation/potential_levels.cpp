@@ -144,24 +144,38 @@ Status TimeLevels::solve_with_potential(double guess) {
   return Status::not_converged;
 }
 
-/// The law again, if it can be met from here; else a plain step, flagged: of the last length that met the law or, where
-/// that is too long for the step's own equation, of half of it, and so on as far as the first step's.
+/// The law again, if it can be met from here; else a plain step.
 StepReport TimeLevels::resumed_with_potential() {
-  if (singular_) {
-    StepReport result = ordinary_step(regular_step_);
-    if (result.status == Status::success) {
-      singular_ = false;
-      forecast_.restart();
-      take_ordinary(result);
-      return result;
+  const StepReport result = ordinary_step(regular_step_);
+  if (result.status != Status::success) {
+    return plain_instead(result);
+  }
+  StepReport taken = result;
+  singular_ = false;
+  forecast_.restart();
+  take_ordinary(taken);
+  return taken;
+}
+
+/// A plain step, flagged, where the law was not met: of the last length that met it or, where that is too long for the
+/// step's own equation, of half of it, and so on as far as the first step's. One that has another energy altogether is
+/// none: the motion blows up, and there is nothing beyond. Where a longer one, or the trials for the law, left the
+/// domain of H that is told from less, as shorter steps would only lead across.
+StepReport TimeLevels::plain_instead(const StepReport& failed) {
+  const double first = std::abs(fixed_h_);
+  double length = std::abs(regular_step_);
+  bool doubtful = failed.status == Status::undefined;
+  for (;;) {
+    const StepReport plain = plain_step(std::copysign(length, regular_step_));
+    if (plain.status == Status::success) {
+      return !doubtful || std::abs(plain.energy - energy_) <= law_scale_ ? flagged(plain) : failed;
     }
+    if (!(length > first)) {
+      return plain;
+    }
+    length = std::max(0.5 * length, first);
+    doubtful = true;
   }
-  StepReport plain = plain_step(regular_step_);
-  while (plain.status != Status::success && std::abs(plain.h) > std::abs(fixed_h_)) {
-    const double shorter = std::max(0.5 * std::abs(plain.h), std::abs(fixed_h_));
-    plain = plain_step(std::copysign(shorter, regular_step_));
-  }
-  return flagged(plain);
 }
 
 }  // namespace rubato

@@ -25,6 +25,9 @@ constexpr double seen_before = 0.9;
 constexpr double come_back = 0.1;
 /// By so much the stretch has grown when it is looked at again.
 constexpr double look_again = 1.1;
+/// Where the terms of K are so many times those of the first step the motion has blown up, and what is beyond would
+/// only overflow.
+constexpr double blown_up = 1e100;
 /// η is wanted to two digits.
 constexpr double scout_accuracy = 1e-5;
 /// Change of η from one step to the next, relative to the larger, with which steps may become twice as long; beyond
@@ -112,7 +115,11 @@ Scouting scout(LevelScheme& scheme, double first_step, bool one_step, double tol
     if (!good) {
       break;
     }
-    log.energy_size = std::max(log.energy_size, scheme.energy_size().terms);
+    const double size_of_energy = scheme.energy_size().terms;
+    if (!log.eta.empty() && size_of_energy > blown_up * log.first_size) {
+      break;
+    }
+    log.energy_size = std::max(log.energy_size, size_of_energy);
     log.first_size = log.eta.empty() ? log.energy_size : log.first_size;
     watch.add(eta, std::abs(h));
     scheme.accept();

@@ -247,7 +247,7 @@ StepReport TimeLevels::variable_step() {
   const bool near =
       result.status == Status::success && options_.on_singular == OnSingular::bridge && crossing_is_near(result);
   if (near || (lost && options_.on_singular != OnSingular::stop)) {
-    return potential_.active() ? resumed_with_potential() : singular_step(result);
+    return potential_.active() ? plain_instead(result) : singular_step(result);
   }
   if (result.status == Status::success) {
     take_ordinary(result);

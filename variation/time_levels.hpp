@@ -111,8 +111,10 @@ public:
   [[nodiscard]] double last_step() const { return last_step_; }
   /// The step potential of the run; none before the first step.
   [[nodiscard]] const StepPotential& potential() const { return potential_; }
-  /// price_in_steps() of a potential that was chosen here; none where it was stated, or restored.
+  /// price_in_steps() of a potential that was chosen by a scout. It is told of a run that is restored, too, not by
+  /// save(), whose layout records have.
   [[nodiscard]] std::optional<double> potential_price() const { return potential_price_; }
+  void tell_potential_price(std::optional<double> price) { potential_price_ = price; }
   [[nodiscard]] const LevelOptions& options() const { return options_; }
 
   void save(StateWriter& state) const;
@@ -144,6 +146,7 @@ private:
   void choose_potential();
   [[nodiscard]] Status solve_with_potential(double guess);
   [[nodiscard]] StepReport resumed_with_potential();
+  [[nodiscard]] StepReport plain_instead(const StepReport& failed);
   [[nodiscard]] double density_at(double time) const;
   [[nodiscard]] double predicted_step();
   [[nodiscard]] double law_step(double gamma) const;

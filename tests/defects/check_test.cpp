@@ -135,9 +135,13 @@ TEST_CASE("levels at which Gamma has no value are counted", "[defects]") {
   const Folder folder;
   const std::string file = folder / "a.h5";
   const auto run_to = [&](const char* until) {
-    const std::vector<std::string> settings = {
-        "hamiltonian.H=p^2/2 - 1.223*q^3", "initial.q=-0.4491", "initial.p=-0.7594",
-        "scheme.lagrangian=splitting",     "scheme.step=0.08",  until};
+    const std::vector<std::string> settings = {"hamiltonian.H=p^2/2 - 1.223*q^3",
+                                               "initial.q=-0.4491",
+                                               "initial.p=-0.7594",
+                                               "scheme.lagrangian=splitting",
+                                               "scheme.step=0.05",
+                                               "scheme.levels=fixed",
+                                               until};
     return run(read_problem("pendulum", settings), RunOptions{.output = file, .overwrite = true});
   };
   const Outcome ran = run_to("scheme.until=8");

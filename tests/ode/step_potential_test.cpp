@@ -229,18 +229,17 @@ TEST_CASE("what rounding makes of a large step potential is part of the bound of
 }
 
 TEST_CASE("a step that no number of E's size tells from the law does not pass for one that meets it") {
-  // The motion is at infinity at t = 1.506: the terms of H grow to 10²² times E before its domain ends.
+  // The motion is at infinity at t = 1.506: the run ends where a step has another energy altogether.
   const Hamiltonian blow_up({"x"}, {"y"}, "y^2/2 - x^4/4");
   const Orbit orbit =
       integrate(blow_up, {.q = {1.0}, .p = {0.5}},
                 {.lagrangian = Gauss{2}, .step = 0.05, .until = 5.0, .potential = {.kind = Kind::automatic}});
   CHECK(orbit.status != Status::success);
-  CHECK(orbit.node_energy_deviation() > 1e10);
-  CHECK(flagged(orbit) > 20);
+  CHECK(orbit.node_energy_deviation() > 1e4);
+  CHECK(flagged(orbit) > 2);
   for (std::size_t k = 0; k < orbit.h.size(); ++k) {
-    if (!orbit.bridged[k]) {
-      CHECK(std::abs(orbit.energy[k] - orbit.energy[0]) <= 1e-3 * 5.0);  // E and its terms are less than 5
-    }
+    // E and its terms are less than 5.
+    CHECK(std::abs(orbit.energy[k] - orbit.energy[0]) <= (orbit.bridged[k] ? 1e3 : 1e-3) * 5.0);
   }
   // The twin: terms grow by 10¹² from a start beside an equilibrium, where E with its potential is no less.
   const Hamiltonian double_well({"x"}, {"y"}, "y^2/2 - x^2/2 + x^4/4");

@@ -108,3 +108,30 @@ TEST_CASE("A scout's long steps are those that can be taken; its first decides w
   KnownEta one([](double) { return 1.0; });
   CHECK(scout(one, h, true, 1e-13).eta.size() == 1);
 }
+
+TEST_CASE("A scout does not look beyond a blow-up") {
+  /// K has terms that grow by 10⁴⁰ with every step.
+  class Exploding final : public LevelScheme {
+  public:
+    [[nodiscard]] Status advance(double step, double) override {
+      h_ = step;
+      return Status::success;
+    }
+    [[nodiscard]] double discrete_energy() const override { return terms_; }
+    [[nodiscard]] formula::SumSize energy_size() override { return {.terms = terms_}; }
+    [[nodiscard]] double discrete_energy_slope() const override { return terms_ * h_; }
+    [[nodiscard]] LevelNode node() override { return {}; }
+    [[nodiscard]] LevelNode trial_node() override { return {}; }
+    [[nodiscard]] int iterations() const override { return 1; }
+    void accept() override { terms_ *= 1e40; }
+    void save(StateWriter& state) const override { state.write(terms_); }
+    void restore(StateReader& state) override { terms_ = state.read(); }
+
+  private:
+    double h_ = 0.0, terms_ = 1.0;
+  };
+  Exploding scheme;
+  const Scouting seen = scout(scheme, h, false, 1e-13);
+  CHECK(seen.eta.size() == 3);  // terms of 1, 1e40 and 1e80
+  CHECK(seen.energy_size == Approx(1e80));
+}
