@@ -40,6 +40,8 @@ constexpr double unfelt = 1e-3;
 constexpr double nothing_new = 0.5;
 /// So many times η is made to change its sign and back, to see whether levels would last where it does so unseen.
 constexpr double unseen_turns = 6.0;
+/// From this order on that is asked of every potential.
+constexpr double order_with_zeros = 4.0;
 constexpr double two_pi = 2.0 * std::numbers::pi;
 /// Where the node energy hardly changes, this part of what it is off with equal steps counts for its change.
 constexpr double negligible = 0.01;
@@ -380,7 +382,8 @@ private:
   }
   [[nodiscard]] StepPotential best() {
     keep_best(price_of_the_law);
-    if (!shows_all(scouting_)) {
+    // At high orders η changes its sign on almost every orbit: a stretch where it does not tells little of the rest.
+    if (s_ >= order_with_zeros || !shows_all(scouting_)) {
       keep([&](const Candidate& one) { return lasts(one.potential, unseen_turns); });
     }
     // Of those that are hardly felt the one that begins soonest beyond what was seen.

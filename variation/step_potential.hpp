@@ -93,9 +93,9 @@ struct EtaDoubt {
 /// The potential for a scouted orbit. Both signs, several exponents, and lengths from steps that are nearly equal to
 /// steps that hardly feel it are tried; those count with which all levels are forecast to exist, with a margin. What
 /// their steps are worth is steps · max|D - D_0|^(1/s), the number of steps it takes for an error. Of those not much
-/// worse than the best, and where η did something new in the second half of the stretch of those that would last if it
-/// changed its sign as well, one that is hardly felt is taken; if there is none the weakest of those about as good as
-/// the best. Hypothesis: at least one η, all finite.
+/// worse than the best, and at order 4 and more, or where η did something new in the second half of the stretch, of
+/// those that would last if it changed its sign as well, one that is hardly felt is taken; if there is none the weakest
+/// of those about as good as the best. Hypothesis: at least one η, all finite.
 [[nodiscard]] StepPotential choose_step_potential(const Scouting& scouting, std::optional<double> largest_step);
 
 /// How many times as many steps a potential takes over a scouted stretch as the law does without one, whose steps are,
