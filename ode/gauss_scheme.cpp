@@ -12,7 +12,7 @@
 #include <rubato/formula/batch.hpp>
 #include <rubato/ode/increment.hpp>
 #include <rubato/ode/one_step_state.hpp>
-#include <rubato/solve/dense_solver.hpp>
+#include <rubato/ode/stage_newton.hpp>
 #include <rubato/solve/small_matrices.hpp>
 #include <rubato/variation/gauss_tableau.hpp>
 
@@ -23,12 +23,16 @@ namespace {
 using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
-/// One row for each component of the state, the stages side by side.
-using Rows = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+using Rows = StageNewton::Rows;
 
 constexpr int most_gauss_iterations = 100;
-/// A fixed-point iteration that shrinks its corrections less than this gives way to Newton's.
-constexpr double slow_contraction = 0.2;
+/// A fixed-point iteration that shrinks its corrections by less gives way to Newton's. By how much is a matter of what
+/// both cost, between these (corrections that shrink by less than half count as rounding): to digits_to_go digits by
+/// the first, or in newton_corrections by the second.
+constexpr double slow_contraction = 0.2, slowest_contraction = 0.5;
+constexpr double digits_to_go = 12.0, newton_corrections = 5.0;
+/// What an instruction of a formula takes, for all stages side by side, in the operations of a factorisation.
+constexpr double operations_of_instruction = 10.0;
 /// Newton's iteration stays while steps are at least this part of the one that asked for it.
 constexpr double back_to_fixed_point = 0.5;
 /// E_k is told from its neighbours by terms of order h^s, and its slope with it: a trial that is not the last is solved
@@ -42,8 +46,6 @@ constexpr double least_leftover = 1e-3 * std::numeric_limits<double>::epsilon();
 constexpr double measurable = 1e-13;
 /// Relative change of h that asks for another matrix.
 constexpr double refactor_ratio = 0.03;
-/// Unknowns m·2n up to which a dense matrix is factored.
-constexpr Index most_newton_size = 512;
 /// A step this many times longer or shorter than the last one is not begun from its polynomial.
 constexpr double longest_continuation = 3.0;
 
@@ -102,11 +104,10 @@ public:
     of_stages_ = solve::quotient(tableau_.a.transpose(), tableau_.b).value();
     energies_.setZero(m_);
     weights_.setZero(m_, m_);
-    if (m_ * size_ <= most_newton_size) {
+    if (size_ <= StageNewton::most_components) {
       hessian_.setZero(size_, size_);
-      matrix_.setZero(m_ * size_, m_ * size_);
-      factors_.emplace(static_cast<int>(m_ * size_));
-      right_.setZero(m_ * size_);
+      stage_newton_.emplace(tableau_, size_);
+      slow_ = contraction_worth_newton(hamiltonian);
     }
   }
 
@@ -120,7 +121,7 @@ public:
     }
     bool continued = start(h);
     Status status = iterate(h, accuracy);
-    if (status != Status::success && matrix_.size() > 0) {
+    if (status != Status::success && stage_newton_.has_value()) {
       // Newton's iteration from the same start, and from the tangent.
       if (!newton_) {
         newton_ = true;
@@ -296,7 +297,7 @@ private:
       correction_ = next_;
       const double residual = relative_size();
       if (newton_) {
-        solve();
+        stage_newton_->solve(correction_);
       }
       const double size = newton_ ? relative_size() : residual;
       if (!std::isfinite(size) || !energies_.allFinite()) {
@@ -314,7 +315,7 @@ private:
       if (verdict == StagnationTest::Verdict::done || (verdict == StagnationTest::Verdict::stalled && is_rounding(h))) {
         return Status::success;
       }
-      if (!newton_ && iteration > 1 && size > slow_contraction * last && verdict != StagnationTest::Verdict::again) {
+      if (!newton_ && iteration > 1 && size > slow_ * last && verdict != StagnationTest::Verdict::again) {
         return Status::not_converged;
       }
       if (newton_ && verdict == StagnationTest::Verdict::slow && iteration > most_gauss_iterations / 2) {
@@ -363,7 +364,19 @@ private:
     return true;
   }
 
-  /// Factors I - h A⊗J H_zz, H_zz in the middle of the stages to begin with.
+  /// The contraction at which as many operations lead to the last digit by either iteration.
+  [[nodiscard]] double contraction_worth_newton(const Hamiltonian& hamiltonian) const {
+    const auto instructions = [](const formula::Bytecode& code) {
+      return operations_of_instruction * static_cast<double>(code.instructions().size());
+    };
+    const double products = 4.0 * static_cast<double>(m_ * m_ * size_);
+    const double sweep = instructions(hamiltonian.gradient_code()) + products;
+    const double newton = instructions(hamiltonian.hessian_code()) + stage_newton_->factor_operations() +
+                          newton_corrections * (sweep + stage_newton_->solve_operations());
+    return std::clamp(std::pow(10.0, -digits_to_go * sweep / newton), slow_contraction, slowest_contraction);
+  }
+
+  /// Factors what Newton's corrections take, H_zz in the middle of the stages to begin with.
   [[nodiscard]] bool factor(double h) {
     if (std::abs(h - factored_h_) <= refactor_ratio * std::abs(h)) {
       return true;
@@ -373,30 +386,11 @@ private:
     z_.displaced(1.0, delta_, point_);
     evaluator_.hessian(point_.data(), gradient_.data(), hessian_.data());
     ++iterations_;
-    const Index n = size_ / 2;
-    for (Index i = 0; i < m_; ++i) {
-      for (Index j = 0; j < m_; ++j) {
-        auto block = matrix_.block(i * size_, j * size_, size_, size_);
-        block.topRows(n) = -h * tableau_.a(i, j) * hessian_.bottomRows(n);
-        block.bottomRows(n) = h * tableau_.a(i, j) * hessian_.topRows(n);
-      }
-    }
-    matrix_.diagonal().array() += 1.0;
-    if (factors_->factor(matrix_.data()) != Status::success) {
+    if (stage_newton_->factor(h, hessian_) != Status::success) {
       return false;
     }
     factored_h_ = h;
     return true;
-  }
-
-  void solve() {
-    for (Index i = 0; i < m_; ++i) {
-      right_.segment(i * size_, size_) = correction_.col(i);
-    }
-    factors_->solve(right_.data());
-    for (Index i = 0; i < m_; ++i) {
-      correction_.col(i) = right_.segment(i * size_, size_);
-    }
   }
 
   /// δ with what its rounding loses, and E, from the stages last evaluated.
@@ -451,9 +445,9 @@ private:
   VectorXd energies_;
   VectorXd of_stages_;  ///< A⁻ᵀb: δ = Σ (A⁻ᵀb)_i Y_i
   VectorXd lost_, largest_, point_, gradient_, errors_;
-  MatrixXd weights_, hessian_, matrix_;
-  std::optional<solve::DenseSolver> factors_;
-  VectorXd right_;
+  MatrixXd weights_, hessian_;
+  std::optional<StageNewton> stage_newton_;
+  double slow_ = slowest_contraction;
   double contraction_ = std::numeric_limits<double>::infinity();  ///< of corrections at this level, where it was seen
   bool newton_ = false;
   double newton_step_ = 0.0;  ///< |h| at which fixed-point iteration was too slow

@@ -81,19 +81,11 @@ GaussSlab::GaussSlab(const MultisymplecticSystem& system, const grids::Grid& gri
   parseval_ = parseval_weights(fourier_all_, grid_);
 
   a_inverse_ = solve::quotient(tableau_.a, Eigen::MatrixXd::Identity(m_, m_)).value();
-  const auto eigenvalues = tableau_.inverse_eigenvalues();
-  eigenvalues_.resize(m_);
-  V_.resize(m_, m_);
+  GaussTableau::Eigenbasis basis = tableau_.inverse_eigenbasis();
+  eigenvalues_ = std::move(basis.values);
+  V_ = std::move(basis.V);
+  V_inverse_ = std::move(basis.V_inverse);
   ones_.setZero(m_);
-  for (int e = 0; e < m_; ++e) {
-    eigenvalues_[e] = eigenvalues[static_cast<std::size_t>(e)];
-    Eigen::MatrixXcd shifted = a_inverse_.cast<Complex>();
-    for (int i = 0; i < m_; ++i) {
-      shifted(i, i) -= eigenvalues_[e];
-    }
-    V_.col(e) = solve::singular_values(shifted).vectors.col(m_ - 1);
-  }
-  V_inverse_ = solve::inverse_of(V_).matrix;
   of_stages_.setZero(m_);
   for (int i = 0; i < m_; ++i) {
     for (int j = 0; j < m_; ++j) {

@@ -7,6 +7,8 @@
 
 #include <fmt/format.h>
 
+#include <rubato/solve/small_matrices.hpp>
+
 namespace rubato {
 
 namespace {
@@ -147,6 +149,22 @@ std::vector<std::complex<double>> GaussTableau::inverse_eigenvalues() const {
     result.emplace_back(static_cast<double>(zero.real()), static_cast<double>(zero.imag()));
   }
   return result;
+}
+
+GaussTableau::Eigenbasis GaussTableau::inverse_eigenbasis() const {
+  const Eigen::MatrixXd inverse = solve::quotient(a, Eigen::MatrixXd::Identity(stages, stages)).value();
+  const auto eigenvalues = inverse_eigenvalues();
+  Eigenbasis basis{Eigen::VectorXcd(stages), Eigen::MatrixXcd(stages, stages), {}};
+  for (int e = 0; e < stages; ++e) {
+    basis.values[e] = eigenvalues[static_cast<std::size_t>(e)];
+    Eigen::MatrixXcd shifted = inverse.cast<std::complex<double>>();
+    for (int i = 0; i < stages; ++i) {
+      shifted(i, i) -= basis.values[e];
+    }
+    basis.V.col(e) = solve::singular_values(shifted).vectors.col(stages - 1);
+  }
+  basis.V_inverse = solve::inverse_of(basis.V).matrix;
+  return basis;
 }
 
 void GaussTableau::continuation(const Eigen::MatrixXd& about, double theta, Eigen::MatrixXd& weights) const {

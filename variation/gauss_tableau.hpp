@@ -33,6 +33,13 @@ struct GaussTableau {
   /// approximation of e^z, the method's stability function (Hairer and Wanner, Solving Ordinary Differential Equations
   /// II, section IV.3).
   [[nodiscard]] std::vector<std::complex<double>> inverse_eigenvalues() const;
+  /// A⁻¹ = V Λ V⁻¹, which takes the equations of all stages apart (Butcher, "On the implementation of implicit
+  /// Runge–Kutta methods", BIT 16, 1976).
+  struct Eigenbasis {
+    Eigen::VectorXcd values;  ///< Λ, in the order of inverse_eigenvalues()
+    Eigen::MatrixXcd V, V_inverse;
+  };
+  [[nodiscard]] Eigenbasis inverse_eigenbasis() const;
 
   /// Rows of weights of the stage slopes f_j of a step (of length 1) that give ∫_o^{o+θc_i} Σ_j f_j ℓ_j: the
   /// collocation polynomial, less its value at o, where a step of θ times the length beginning at o has its stages.
