@@ -188,7 +188,10 @@ public:
 
 protected:
   FamilyEquation(const MultisymplecticSystem& system, const grids::Grid& grid, Placement placement = Placement::nodes)
-      : system_(system), sweep_(system, grid, placement), point_(system.field_count(), grid.size()) {}
+      : StepEquation(system.field_count(), grid.size()),
+        system_(system),
+        sweep_(system, grid, placement),
+        point_(rows_) {}
 
   /// Of a step that cannot be taken again, and of which there is no Γ.
   [[nodiscard]] static StepLaw unknown() {

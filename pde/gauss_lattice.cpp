@@ -145,34 +145,31 @@ class GaussEquation final : public FamilyEquation {
 public:
   GaussEquation(const MultisymplecticSystem& system, const grids::Grid& grid, int stages, const LatticeLevel& first,
                 SpaceRule space)
-      : FamilyEquation(system, grid, placement_of(space)),
-        slab_(system, grid, stages, first, space),
-        delta_(system.field_count(), grid.size()) {}
+      : FamilyEquation(system, grid, placement_of(space)), slab_(system, grid, stages, first, space) {}
 
   [[nodiscard]] StepLaw measure(const LatticeLevel& before, const LatticeLevel& after, double h) override {
     StepLaw law = unknown();
     if (slab_.take(before, after, h) != Status::success) {
-      delta_.fill(std::numeric_limits<double>::quiet_NaN());
-      law.residual = grids::magnitudes(std::as_const(delta_).all());
+      rows_.fill(std::numeric_limits<double>::quiet_NaN());
+      law.residual = grids::magnitudes(rows().all());
       return law;
     }
     law.energy = slab_.energy();
-    slab_.increment(delta_);
+    slab_.increment(rows_);
     for (int f = 0; f < system_.field_count(); ++f) {
       const auto z_0 = before.fields.field(f), z_1 = after.fields.field(f);
-      const auto out = delta_.field(f);
+      const auto out = rows_.field(f);
       const bool midpoint = system_.structure().at_midpoints(f);
       for (std::size_t i = 0; i < out.size(); ++i) {
         out[i] = midpoint ? (z_1[i] - 0.5 * out[i]) / h : (z_1[i] - z_0[i] - out[i]) / h;
       }
     }
-    law.residual = grids::magnitudes(std::as_const(delta_).all());
+    law.residual = grids::magnitudes(rows().all());
     return law;
   }
 
 private:
   GaussSlab slab_;
-  grids::FieldSet delta_;
 };
 
 /// Two slabs: of the step, and of the equation linearised at its stages. Made anew for each step, so that what they

@@ -41,9 +41,9 @@ std::unique_ptr<LatticeScheme> make_scheme(const LatticeMethod& method, const Mu
 LatticeIntegrator::LatticeIntegrator(const MultisymplecticSystem& system, const grids::Grid& grid,
                                      const InitialFields& initial, const LatticeOptions& options)
     : method_(make_lattice_method(checked(options).method())),
-      system_(system),
-      scheme_(make_scheme(*method_, system.without_constant(), grid, initial, options, cautions_)),
-      laws_(make_local_laws(*method_, system, grid, options.symmetries)),
+      system_(method_->seen(system)),
+      scheme_(make_scheme(*method_, system_.without_constant(), grid, initial, options, cautions_)),
+      laws_(make_local_laws(*method_, system_, grid, options.symmetries)),
       previous_(scheme_->level()),
       before_(previous_.fields) {
   laws_.share(scheme_->stages());

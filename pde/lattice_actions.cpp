@@ -87,7 +87,7 @@ LatticeAction fourier_action(const MultisymplecticSystem& system) {
 }
 
 LatticeAction euler_box_action(const MultisymplecticSystem& system, bool with_S) {
-  LatticeActionBuilder build = builder_for(system);
+  LatticeActionBuilder build(system.field_count(), system.directions());
   const int base = build.add({InTime::before, SpaceOperator::identity()});
   build.add_derivative({InTime::difference, SpaceOperator::identity()});
   std::vector<int> next = {build.add({InTime::after, SpaceOperator::identity()})};

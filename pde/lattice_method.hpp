@@ -53,6 +53,12 @@ public:
   [[nodiscard]] virtual std::optional<OtherCount> other_count(std::size_t cells, int dimensions) const;
   /// Why the method cannot be taken in so many dimensions, and what to do; empty where it can.
   [[nodiscard]] virtual std::string_view other_dimensions(int /*dimensions*/) const { return {}; }
+  /// Whether there are values in the middle of steps: see MultisymplecticSystem::at_levels.
+  [[nodiscard]] virtual bool has_midpoints() const { return true; }
+  /// The system as the method has it.
+  [[nodiscard]] MultisymplecticSystem seen(const MultisymplecticSystem& system) const {
+    return has_midpoints() ? system : system.at_levels();
+  }
   /// Whether local laws live in the middle of cells; else at nodes.
   [[nodiscard]] virtual bool laws_in_cells() const { return false; }
 

@@ -21,12 +21,12 @@ class MidpointEquation final : public StepEquation {
 public:
   MidpointEquation(const MultisymplecticSystem& system, const grids::Grid& grid, Placement placement,
                    const LatticeLevel& first, double first_step)
-      : system_(system),
+      : StepEquation(system.field_count(), grid.size()),
+        system_(system),
         at_midpoints_(system.structure().at_midpoints()),
         sweep_(system, grid, placement),
-        point_(system.field_count(), grid.size()),
-        delta_(point_),
-        residual_(point_),
+        point_(rows_),
+        delta_(rows_),
         history_(at_midpoints_, grid.size()) {
     const double h = start_ratio * first_step;
     const auto make = placement == Placement::nodes ? make_fourier_scheme : make_box_scheme;
@@ -67,8 +67,8 @@ public:
         middle[i] = is_at_midpoints(f) ? z_1[i] : 0.5 * (z_0[i] + z_1[i]);
       }
     }
-    const SweepResult result = sweep(after.slopes, 1.0 / h, residual_.pointers());
-    return {result.energy, -result.quadratic / (h * h), grids::magnitudes(std::as_const(residual_).all())};
+    const SweepResult result = sweep(after.slopes, 1.0 / h, rows_.pointers());
+    return {result.energy, -result.quadratic / (h * h), grids::magnitudes(rows().all())};
   }
 
 private:
@@ -113,7 +113,7 @@ private:
   const MultisymplecticSystem& system_;
   std::vector<bool> at_midpoints_;
   CellSweep sweep_;
-  grids::FieldSet point_, delta_, residual_;
+  grids::FieldSet point_, delta_;
   LevelHistory history_;
 };
 

@@ -200,4 +200,15 @@ Eigen::MatrixXd MultisymplecticSystem::hessian(std::span<const double> point) co
   return result;
 }
 
+MultisymplecticSystem MultisymplecticSystem::at_levels() const {
+  MultisymplecticSystem result(*this);
+  auto structure = std::make_shared<FieldStructure>(*structure_);
+  structure->nonlinear.assign(structure->nonlinear.size(), false);
+  result.structure_ = std::move(structure);
+  if (reduced_) {
+    result.reduced_ = std::make_shared<const MultisymplecticSystem>(reduced_->at_levels());
+  }
+  return result;
+}
+
 }  // namespace rubato

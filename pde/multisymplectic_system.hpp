@@ -79,6 +79,9 @@ public:
   [[nodiscard]] double constant() const { return constant_; }
   [[nodiscard]] const MultisymplecticSystem& without_constant() const { return reduced_ ? *reduced_ : *this; }
 
+  /// The system as a scheme without midpoints in time has it: every field that a level determines is at levels.
+  [[nodiscard]] MultisymplecticSystem at_levels() const;
+
   [[nodiscard]] const formula::Bytecode& value_code() const { return *value_; }        ///< S
   [[nodiscard]] const formula::Bytecode& gradient_code() const { return *gradient_; }  ///< S, then ∇S
   /// S, ∇S, then the entries of S'' listed in varying_hessian(); the others are constants.

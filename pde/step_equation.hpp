@@ -3,6 +3,7 @@
 #include <memory>
 
 #include <rubato/base/spread.hpp>
+#include <rubato/grids/field_set.hpp>
 #include <rubato/pde/initial_level.hpp>
 #include <rubato/pde/space_collocation.hpp>
 #include <rubato/variation/level_scheme.hpp>
@@ -16,9 +17,13 @@ struct StepLaw {
   Spread residual;      ///< what the two levels leave of the scheme's equation, over all rows and nodes
 };
 
-/// A scheme on a lattice read as an equation for two levels that are there already: it judges steps and takes none.
+/// A scheme on a lattice read as an equation for two levels that are there already: it judges steps and takes none. Of
+/// a scheme that states an action the rows are the variations of that action by the values, on whatever levels.
 class StepEquation {
 public:
+  StepEquation(int fields, std::size_t nodes) : rows_(fields, nodes) {}
+  StepEquation(const StepEquation&) = delete;
+  StepEquation& operator=(const StepEquation&) = delete;
   virtual ~StepEquation() = default;
   /// 𝓔(z_k); and Γ(z_k) if all steps that led to the level were judged before, one after the other. Not finite where S
   /// is not.
@@ -26,6 +31,11 @@ public:
   [[nodiscard]] virtual StepLaw judge(const LatticeLevel& before, const LatticeLevel& after, double h) = 0;
   /// The same for any two levels: no step that was judged.
   [[nodiscard]] virtual StepLaw measure(const LatticeLevel& before, const LatticeLevel& after, double h) = 0;
+  /// What the levels seen last leave of each row at each node, or in each cell.
+  [[nodiscard]] const grids::FieldSet& rows() const { return rows_; }
+
+protected:
+  grids::FieldSet rows_;
 };
 
 /// The equation of box and Fourier: R = M D_t z + Σ_a K_a D_a z̄ - ∇S(z̄) and E_k = Σ ΔV [S(z̄) + Σ_a (D_a z̄)ᵀK₊z̄].

@@ -152,8 +152,8 @@ MultisymplecticSystem make_system(const Problem& problem) {
   for (const Matrix& matrix : pde.K) {
     K.push_back(dense(matrix));
   }
-  return at_location(pde.M.location,
-                     [&] { return MultisymplecticSystem(graph, pde.fields, dense(pde.M), std::move(K), S); });
+  return make_method(problem)->seen(at_location(
+      pde.M.location, [&] { return MultisymplecticSystem(graph, pde.fields, dense(pde.M), std::move(K), S); }));
 }
 
 grids::Grid make_grid(const Problem& problem) {

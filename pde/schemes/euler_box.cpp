@@ -74,7 +74,7 @@ private:
 class EulerBoxEquation final : public StepEquation {
 public:
   EulerBoxEquation(const MultisymplecticSystem& system, const grids::Grid& grid)
-      : map_(system, grid), residual_(system.field_count(), grid.size()) {}
+      : StepEquation(system.field_count(), grid.size()), map_(system, grid) {}
 
   [[nodiscard]] LevelNode node(const LatticeLevel& level) override { return {map_.energy(level.fields), 0.0}; }
 
@@ -83,13 +83,12 @@ public:
   }
 
   [[nodiscard]] StepLaw measure(const LatticeLevel& before, const LatticeLevel& after, double h) override {
-    map_.residual(h, before.fields, after.fields, residual_);
-    return {map_.energy(before.fields), 0.0, grids::magnitudes(std::as_const(residual_).all())};
+    map_.residual(h, before.fields, after.fields, rows_);
+    return {map_.energy(before.fields), 0.0, grids::magnitudes(rows().all())};
   }
 
 private:
   EulerBoxMap map_;
-  grids::FieldSet residual_;
 };
 
 class EulerBoxMethod final : public LatticeMethod {
@@ -99,6 +98,7 @@ public:
     return "its discrete energy reads one level, so that the equation for the next step is singular at every turning "
            "point and on every travelling wave, and with varying levels it drops to first order";
   }
+  [[nodiscard]] bool has_midpoints() const override { return false; }
   [[nodiscard]] std::optional<LatticeAction> action(const MultisymplecticSystem& system) const override {
     return euler_box_action(system);
   }

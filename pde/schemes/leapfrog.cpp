@@ -304,21 +304,18 @@ private:
 class LeapfrogEquation final : public FamilyEquation {
 public:
   LeapfrogEquation(const MultisymplecticSystem& system, const grids::Grid& grid)
-      : FamilyEquation(system, grid, Placement::corners),
-        map_(system, grid),
-        rows_(system.field_count(), grid.size()) {}
+      : FamilyEquation(system, grid, Placement::corners), map_(system, grid) {}
 
   [[nodiscard]] StepLaw measure(const LatticeLevel& before, const LatticeLevel& after, double h) override {
     StepLaw law = unknown();
     map_.residual(h, before, after, rows_);
     law.energy = map_.energy();
-    law.residual = grids::magnitudes(std::as_const(rows_).all());
+    law.residual = grids::magnitudes(rows().all());
     return law;
   }
 
 private:
   LeapfrogMap map_;
-  grids::FieldSet rows_;
 };
 
 class LeapfrogTangents final : public TangentStep {

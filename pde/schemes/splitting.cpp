@@ -84,31 +84,27 @@ class SplittingEquation final : public FamilyEquation {
 public:
   SplittingEquation(const MultisymplecticSystem& system, const grids::Grid& grid, const Composition& composition,
                     Placement placement)
-      : FamilyEquation(system, grid, placement),
-        splitting_(system, grid, placement),
-        composition_(composition),
-        reached_(system.field_count(), grid.size()) {}
+      : FamilyEquation(system, grid, placement), splitting_(system, grid, placement), composition_(composition) {}
 
   [[nodiscard]] StepLaw measure(const LatticeLevel& before, const LatticeLevel& after, double h) override {
     StepLaw law = unknown();
     splitting_.stand(before);
     if (splitting_.step(composition_, h)) {
       law.energy = splitting_.generator();
-      splitting_.fields(reached_);
-      for (std::size_t i = 0; i < reached_.all().size(); ++i) {
-        reached_.all()[i] = (after.fields.all()[i] - reached_.all()[i]) / h;
+      splitting_.fields(rows_);
+      for (std::size_t i = 0; i < rows_.all().size(); ++i) {
+        rows_.all()[i] = (after.fields.all()[i] - rows_.all()[i]) / h;
       }
     } else {
-      reached_.fill(std::numeric_limits<double>::quiet_NaN());
+      rows_.fill(std::numeric_limits<double>::quiet_NaN());
     }
-    law.residual = grids::magnitudes(std::as_const(reached_).all());
+    law.residual = grids::magnitudes(rows().all());
     return law;
   }
 
 private:
   WaveSplitting splitting_;
   const Composition& composition_;
-  grids::FieldSet reached_;
 };
 
 /// Gauss's quadrature of a step, its nodes reached by steps of the same splitting: as accurate as the step itself.

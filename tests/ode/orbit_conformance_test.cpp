@@ -2,6 +2,7 @@
 
 #include <cmath>
 #include <limits>
+#include <random>
 #include <string>
 #include <vector>
 
@@ -11,6 +12,7 @@
 #include <rubato/ode/orbit_methods.hpp>
 #include <rubato/ode/two_step_scheme.hpp>
 #include <rubato/variation/composition.hpp>
+#include <rubato/variation/total_variation.hpp>
 
 using namespace rubato;
 
@@ -72,8 +74,7 @@ const Lagrangian pendulum_by_L({"q"}, "q_dot^2/2 + cos(q)");
 constexpr double start[] = {0.3, 1.2};
 constexpr double first_step = 0.1;
 
-std::unique_ptr<SegmentScheme> make(const Form& form, double h = first_step) {
-  const std::span<const double> z(start);
+std::unique_ptr<SegmentScheme> make(const Form& form, double h = first_step, std::span<const double> z = start) {
   if (form.by_L) {
     return make_one_step_scheme(pendulum_by_L, form.scheme, z.first(1), z.last(1));
   }
@@ -193,5 +194,40 @@ TEST_CASE("every scheme for orbits tells the slope of its discrete energy, to le
     const double share = scheme->slope_to_leading_order() ? 0.5 : 0.1 * h * h;
     CHECK(scheme->discrete_energy_slope() == Approx(difference).epsilon(share).margin(1e-14 / change));
     CHECK_FALSE(scheme->discrete_energy_slope() == Approx(-difference).epsilon(share));  // the twin
+  }
+}
+
+TEST_CASE("every scheme for orbits that states an action makes it stationary, and has its energy, from any state") {
+  std::mt19937_64 random(3);
+  std::uniform_real_distribution<double> value(-1.0, 1.0);
+  for (const Form& form : all_forms()) {
+    if (form.by_L || method_of(form.scheme).is_map()) {
+      continue;  // a quadrature of L's action, or a family of maps that its K generates: families_test, lagrangian_test
+    }
+    INFO(form.told);
+    const auto action = make_action(pendulum, form.scheme);
+    for (int attempt = 0; attempt < 5; ++attempt) {
+      const double z_0[] = {value(random), value(random)};
+      const auto scheme = make(form, first_step, z_0);
+      double t = scheme->state()[0] == z_0[0] ? 0.0 : first_step;  // where the two-step form begins with a pair
+      std::vector<double> corners[2];
+      Eigen::VectorXd gradient(6);
+      for (std::size_t k = 0; k < 2; ++k) {
+        const double h = k == 0 && method_of(form.scheme).name != "forward" ? 0.13 : first_step;
+        corners[k] = {t, scheme->state()[0], scheme->state()[1]};
+        REQUIRE(scheme->advance(h, 0.0) == Status::success);
+        const double energy = scheme->discrete_energy();
+        scheme->accept();
+        t += h;
+        corners[k].insert(corners[k].end(), {t, scheme->state()[0], scheme->state()[1]});
+        action->gradient(corners[k], gradient);
+        CHECK(gradient[0] == Approx(energy).epsilon(1e-13).margin(1e-13));
+      }
+      const Incidence both[] = {{corners[0], 1}, {corners[1], 0}};
+      const Incidence twin[] = {{corners[0], 1}, {corners[0], 0}};
+      // A dozen terms of order 1, to units in the last place; t_1 - t_0 has lost one digit.
+      CHECK(value_variation(*action, both).lpNorm<Eigen::Infinity>() < 1e-13);
+      CHECK(value_variation(*action, twin).lpNorm<Eigen::Infinity>() > 1e-4);
+    }
   }
 }

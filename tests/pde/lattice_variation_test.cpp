@@ -1,7 +1,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <random>
 #include <utility>
 
 #include <Eigen/LU>
@@ -16,7 +15,7 @@
 #include <rubato/variation/total_variation.hpp>
 
 #include "cell_action.hpp"
-#include "equations.hpp"
+#include "mesh_cases.hpp"
 
 using namespace rubato;
 using namespace rubato::tests;
@@ -24,16 +23,6 @@ using grids::FieldSet;
 using Parts = LatticeVariation::Parts;
 
 namespace {
-
-FieldSet random_fields(int fields, std::size_t size, unsigned seed) {
-  std::mt19937_64 random(seed);
-  std::uniform_real_distribution<double> value(-1.0, 1.0);
-  FieldSet result(fields, size);
-  for (double& v : result.all()) {
-    v = value(random);
-  }
-  return result;
-}
 
 double largest(const FieldSet& fields) {
   return grids::max_abs(fields.all());

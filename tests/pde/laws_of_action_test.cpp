@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <random>
 #include <utility>
 
 #include <catch2/catch.hpp>
@@ -14,40 +13,13 @@
 #include <rubato/pde/lattice_method.hpp>
 #include <rubato/variation/lattice_variation.hpp>
 
-#include "equations.hpp"
+#include "mesh_cases.hpp"
 
 using namespace rubato;
 using namespace rubato::tests;
 using grids::FieldSet;
 
 namespace {
-
-struct Case {
-  MultisymplecticSystem system;
-  grids::Grid grid;
-};
-
-std::vector<Case> cases() {
-  const grids::Grid line({{"x", 0, 2, 7}});
-  const grids::Grid plane({{"x", 0, 2, 5}, {"y", -1, 1, 7}});
-  return {{sine_gordon(), line},
-          {wave_equation("(1 + 0.4*sin(pi*x))*(1 - cos(u)) + 0.2*x*u"), line},
-          {schroedinger(2), line},
-          {korteweg_de_vries(6, 1), line},
-          {benjamin_bona_mahony(1, 1, 0.5), line},
-          {good_boussinesq(), line},
-          {dirac(1, 1), line},
-          {wave_equation_2d("1 - cos(u) + 0.3*sin(pi*y)*u"), plane},
-          {zakharov_kuznetsov(), plane}};
-}
-
-FieldSet random_level(const MultisymplecticSystem& system, std::size_t size, unsigned seed) {
-  std::mt19937_64 random(seed);
-  std::uniform_real_distribution<double> value(-1.0, 1.0);
-  FieldSet result(system.field_count(), size);
-  std::ranges::generate(result.all(), [&] { return value(random); });
-  return result;
-}
 
 /// z on the lower or upper faces normal to an axis in place of its average along it.
 LatticeAction restricted(LatticeAction action, int axis, bool upper) {
@@ -70,7 +42,7 @@ void add(double factor, const FieldSet& currents, int rho, int directions, Field
 
 /// Σ_ρ D_ρ J^ν_ρ - ∂L/∂x^ν, row ν: with J_t at the levels, J_a in the middle of the step, on the faces of cells or,
 /// spectrally, at nodes.
-FieldSet laws_by_variation(const LatticeAction& action, const Case& problem, const FieldSet& before,
+FieldSet laws_by_variation(const LatticeAction& action, const MeshCase& problem, const FieldSet& before,
                            const FieldSet& after, double h, bool spectral) {
   const auto& [system, grid] = problem;
   const int n = 1 + grid.dimensions();
@@ -119,13 +91,13 @@ FieldSet laws_by_variation(const LatticeAction& action, const Case& problem, con
 
 TEST_CASE("the local laws of energy and momentum are those of the action's currents, on any states") {
   const double h = 0.2;
-  for (const Case& problem : cases()) {
+  for (const MeshCase& problem : mesh_cases()) {
     for (const char* name : {"box", "fourier"}) {
       const auto& [system, grid] = problem;
       const auto method = make_lattice_method({.name = name});
       LocalLaws laws = make_local_laws(*method, system, grid);
-      const LatticeLevel before{random_level(system, grid.size(), 1), {}},
-          after{random_level(system, grid.size(), 2), {}};
+      const LatticeLevel before{random_fields(system.field_count(), grid.size(), 1), {}},
+          after{random_fields(system.field_count(), grid.size(), 2), {}};
       FieldSet found(static_cast<int>(laws.count()), grid.size());
       static_cast<void>(laws.residuals(before, after, h, found.pointers()));
       INFO(name << " of " << system.fields().front() << ", " << system.field_count() << " fields");

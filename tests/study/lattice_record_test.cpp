@@ -3,6 +3,7 @@
 #include <catch2/catch.hpp>
 
 #include <algorithm>
+#include <fstream>
 #include <string>
 #include <vector>
 
@@ -127,6 +128,27 @@ TEST_CASE("check reproduces splittings on lattices", "[study][lattice]") {
   }
   CHECK_THROWS_WITH(run_problem("kdv", folder / "kdv.h5", {"scheme.lagrangian=splitting"}),
                     Catch::Contains("--set scheme.lagrangian") && Catch::Contains("splitting needs"));
+}
+
+TEST_CASE("check reproduces an euler-box run whose constraint is not linear: its field is at levels",
+          "[study][lattice]") {
+  const Folder folder;
+  const std::string problem = folder / "boussinesq.toml";
+  std::ofstream(problem) << R"toml([multisymplectic]
+equation = "boussinesq"
+[grid]
+x = { from = -20, to = 20, cells = 81 }
+[initial]
+phi = "0.3*sin(pi*x/20)"
+v = "0.1*cos(pi*x/20)"
+[scheme]
+lagrangian = "euler-box"
+levels = "fixed"
+step = 0.04
+until = 2
+)toml";
+  check_reproduces(problem, "euler-box", folder / "lattice.h5");
+  CHECK(rubato::record::Reader(folder / "lattice.h5").has("/states/p"));
 }
 
 TEST_CASE("check reproduces leapfrog runs", "[study][lattice]") {
