@@ -5,6 +5,21 @@
 
 #include "allocations.hpp"
 
+#include <cstddef>
+
+namespace rubato::tests {
+
+/// Those of this program so far; 0 where they are not counted.
+std::size_t allocations_so_far() {
+#ifdef RUBATO_COUNTS_ALLOCATIONS
+  return allocations;
+#else
+  return 0;
+#endif
+}
+
+}  // namespace rubato::tests
+
 #ifdef RUBATO_COUNTS_ALLOCATIONS
 
 #include <cmath>
