@@ -1,9 +1,11 @@
-// Evaluation of formulas at many points: BatchEvaluator against ScalarEvaluator. The counter `per_point` is the time
-// for one point, all outputs together.
+// Evaluation of formulas at many points: BatchEvaluator, with machine code and without, against ScalarEvaluator. The
+// counter `per_point` is the time for one point, all outputs together. `stages` are four points, as Gauss's method of
+// order 8 evaluates them.
 #include <benchmark/benchmark.h>
 
 #include <rubato/formula/batch.hpp>
 #include <rubato/formula/expression.hpp>
+#include <string>
 #include <string_view>
 #include <vector>
 
@@ -30,6 +32,24 @@ Formula prepare(std::string_view name, std::size_t points) {
   } else if (name == "sine-gordon") {
     x = {graph.variable("u"), graph.variable("v"), graph.variable("w")};
     f = gradient((x[1] * x[1] - x[2] * x[2]) / 2 + 1 - cos(x[0]), x);
+  } else if (name == "kepler") {
+    x = {graph.variable("x"), graph.variable("y"), graph.variable("u"), graph.variable("v")};
+    const Expression h = (x[2] * x[2] + x[3] * x[3]) / 2 - 1 / sqrt(x[0] * x[0] + x[1] * x[1]);
+    f = gradient(h, x);
+    f.insert(f.begin(), h);
+  } else if (name == "chain of 32") {
+    for (int i = 0; i < 64; ++i)
+      x.push_back(graph.variable("x" + std::to_string(i)));
+    Expression h = graph.constant(0.0);
+    for (std::size_t i = 0; i <= 32; ++i) {
+      const Expression zero = graph.constant(0.0);
+      const Expression d = (i < 32 ? x[i] : zero) - (i > 0 ? x[i - 1] : zero);
+      h += d * d / 2 + d * d * d / 12;
+      if (i < 32)
+        h += x[32 + i] * x[32 + i] / 2;
+    }
+    f = gradient(h, x);
+    f.insert(f.begin(), h);
   } else {  // one function of one variable
     x = {graph.variable("x")};
     if (name == "sin and cos")
@@ -64,10 +84,9 @@ void per_point(benchmark::State& state, std::size_t points) {
       static_cast<double>(points), benchmark::Counter::kIsIterationInvariantRate | benchmark::Counter::kInvert);
 }
 
-void batch(benchmark::State& state, const char* name) {
-  constexpr std::size_t points = 4096;
+void batch(benchmark::State& state, const char* name, std::size_t points, Engine engine) {
   Formula formula = prepare(name, points);
-  BatchEvaluator evaluator(formula.code);
+  BatchEvaluator evaluator(formula.code, engine);
   for ([[maybe_unused]] const auto iteration : state) {
     evaluator(points, formula.inputs, formula.outputs);
     benchmark::ClobberMemory();
@@ -93,11 +112,16 @@ void scalar(benchmark::State& state, const char* name) {
   per_point(state, points);
 }
 
-constexpr const char* names[] = {"henon-heiles", "sine-gordon", "sin and cos", "exp", "log", "tanh", "sech", "power"};
+constexpr const char* names[] = {"henon-heiles", "kepler", "chain of 32", "sine-gordon", "sin and cos",
+                                 "exp",          "log",    "tanh",        "sech",        "power"};
 
 const int registered = [] {
   for (const char* name : names) {
-    benchmark::RegisterBenchmark((std::string("batch/") + name).c_str(), batch, name);
+    for (const std::size_t points : {4, 256, 4096}) {
+      const std::string which = (points == 4 ? "stages/" : "batch/") + std::string(name) + "/" + std::to_string(points);
+      benchmark::RegisterBenchmark(("machine/" + which).c_str(), batch, name, points, Engine::automatic);
+      benchmark::RegisterBenchmark(("interpreted/" + which).c_str(), batch, name, points, Engine::interpreter);
+    }
     benchmark::RegisterBenchmark((std::string("scalar/") + name).c_str(), scalar, name);
   }
   return 0;

@@ -7,6 +7,23 @@ find_package(xsimd REQUIRED)
 find_package(tomlplusplus REQUIRED)
 find_package(CLI11 REQUIRED)
 
+# Machine code for formulas; without it they are interpreted.
+option(RUBATO_JIT "Compile formulas to machine code" ON)
+add_library(rubato_asmjit INTERFACE)
+set_target_properties(rubato_asmjit PROPERTIES EXPORT_NAME asmjit)
+if(RUBATO_JIT AND CMAKE_SYSTEM_PROCESSOR MATCHES "^(x86_64|AMD64|amd64)$")
+  find_library(ASMJIT_LIBRARY asmjit)
+  find_path(ASMJIT_INCLUDE_DIR asmjit/x86.h)
+  if(ASMJIT_LIBRARY AND ASMJIT_INCLUDE_DIR)
+    target_link_libraries(rubato_asmjit INTERFACE ${ASMJIT_LIBRARY} rt)
+    target_compile_definitions(rubato_asmjit INTERFACE $<BUILD_INTERFACE:RUBATO_ASMJIT> $<BUILD_INTERFACE:ASMJIT_STATIC>)
+    target_include_directories(rubato_asmjit SYSTEM INTERFACE $<BUILD_INTERFACE:${ASMJIT_INCLUDE_DIR}>)
+  else()
+    message(STATUS "Formulas will be interpreted: asmjit (libasmjit-dev) was not found")
+  endif()
+endif()
+install(TARGETS rubato_asmjit EXPORT rubato-targets)
+
 find_package(PkgConfig REQUIRED)
 pkg_check_modules(FFTW REQUIRED fftw3)   # Debian's FFTW has no CMake config file
 find_library(FFTW_OMP fftw3_omp HINTS ${FFTW_LIBRARY_DIRS} REQUIRED)

@@ -22,9 +22,9 @@ set_source_files_properties(${PROJECT_SOURCE_DIR}/grids/short_transform_avx512.c
 
 # Where a room's sources are of two kinds, those that are not of its first.
 set(rubato_sources_once
-  formula/bytecode.cpp formula/differentiate.cpp formula/expression.cpp formula/language.cpp formula/parse.cpp
-  formula/partials.cpp formula/reachable.cpp formula/sum.cpp formula/taylor_program.cpp formula/tokens.cpp
-  formula/transform.cpp
+  formula/batch_program.cpp formula/bytecode.cpp formula/differentiate.cpp formula/executable_memory.cpp formula/expression.cpp
+  formula/language.cpp formula/machine_code.cpp formula/parse.cpp formula/partials.cpp formula/reachable.cpp
+  formula/single_assignment.cpp formula/sum.cpp formula/taylor_program.cpp formula/tokens.cpp formula/transform.cpp
   solve/cyclic_sparse.cpp   # a fallback for rare systems, and most of a large library
   variation/action_quadrature.cpp variation/bridge_causes.cpp variation/composition.cpp variation/first_step.cpp
   variation/formula_action.cpp variation/gauss_tableau.cpp variation/lattice_action.cpp variation/run_span.cpp

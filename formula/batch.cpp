@@ -9,6 +9,7 @@
 #include <rubato/base/lanes.hpp>
 #include <rubato/formula/arithmetic.hpp>
 #include <rubato/formula/batch_kernel.hpp>
+#include <rubato/formula/lazy_machine_code.hpp>
 #include <rubato/formula/special.hpp>
 
 namespace rubato::formula {
@@ -75,7 +76,7 @@ std::string_view simd_name() {
   return batch::best_kernel().name;
 }
 
-BatchEvaluator::BatchEvaluator(const Bytecode& code)
+BatchEvaluator::BatchEvaluator(const Bytecode& code, Engine engine)
     : code_(code),
       registers_(code.register_count() * batch::block_points / batch::widest_vector),
       read_(code.register_count()),
@@ -93,6 +94,10 @@ BatchEvaluator::BatchEvaluator(const Bytecode& code)
   const auto outputs = code.outputs();
   for (std::size_t j = 0; j < outputs.size(); ++j)
     in_place_[j] = outputs[j] >= first_temporary && std::ranges::count(outputs.first(j), outputs[j]) == 0;
+  if (engine == Engine::automatic && code.lazy_machine_code() != nullptr && machine_code_wanted()) {
+    program_ = code.lazy_machine_code()->batch(code_, batch::best_kernel().lanes);
+    work_.resize(program_ ? (program_->work_size() + batch::widest_vector - 1) / batch::widest_vector : 0);
+  }
 }
 
 void BatchEvaluator::operator()(std::size_t points, std::span<const double* const> inputs,
@@ -101,10 +106,13 @@ void BatchEvaluator::operator()(std::size_t points, std::span<const double* cons
   using batch::block_points;
   using batch::widest_vector;
 
-  // Found anew at each call, since the evaluator may have been copied or moved.
+  // Found anew where the evaluator has been copied.
   double* const registers = registers_.empty() ? nullptr : registers_.front().values;
-  for (std::size_t r = 0; r < read_.size(); ++r)
-    read_[r] = write_[r] = registers + r * block_points;
+  if (registers != base_) {
+    base_ = registers;
+    for (std::size_t r = 0; r < read_.size(); ++r)
+      read_[r] = write_[r] = registers + r * block_points;
+  }
 
   const batch::Kernel run = batch::best_kernel().run;
   const auto instructions = code_.instructions();
@@ -127,7 +135,12 @@ void BatchEvaluator::operator()(std::size_t points, std::span<const double* cons
         const std::uint32_t r = registers_of_outputs[j];
         read_[r] = write_[r] = whole ? outputs[j] + start : registers + r * block_points;
       }
-    run({padded, instructions.data(), instructions.data() + instructions.size(), read_.data(), write_.data()});
+    const batch::Block block{padded, instructions.data(), instructions.data() + instructions.size(), read_.data(),
+                             write_.data()};
+    if (program_)
+      program_->run(block, run, work_.empty() ? nullptr : work_.front().values);
+    else
+      run(block);
     for (std::size_t j = 0; j < outputs.size(); ++j)
       if (!whole || !in_place_[j])
         std::copy_n(read_[registers_of_outputs[j]], count, outputs[j] + start);

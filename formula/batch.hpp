@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstddef>
+#include <memory>
 #include <span>
 #include <string_view>
 #include <vector>
@@ -8,6 +9,8 @@
 #include <rubato/formula/bytecode.hpp>
 
 namespace rubato::formula {
+
+class BatchProgram;
 
 /// Evaluates code at many points, in blocks of at most 256 held in registers, with SIMD chosen once at run time for the
 /// machine (the widest of SSE2, AVX2, AVX-512 that it has; base/lanes.hpp). A point's result does not depend on its
@@ -22,9 +25,12 @@ namespace rubato::formula {
 /// arguments outside the domain, and all of pow and atan2 go through the C library one by one (5 to 20 ns each) and
 /// agree bit for bit. Which NaN a result is, if it is one, is left open. Fastest when the arrays are aligned to 64
 /// bytes.
+///
+/// Arithmetic is done by machine code where there is some (batch_program.hpp), all else, and everything elsewhere, one
+/// instruction after the other over the block, with the same results bit for bit.
 class BatchEvaluator {
 public:
-  explicit BatchEvaluator(const Bytecode& code);
+  explicit BatchEvaluator(const Bytecode& code, Engine engine = Engine::automatic);
   BatchEvaluator() = default;
 
   /// Structure of arrays: output j at point i is outputs[j][i], from inputs[m][i], for i in [0, points).
@@ -32,16 +38,20 @@ public:
   void operator()(std::size_t points, std::span<const double* const> inputs, std::span<double* const> outputs);
 
   [[nodiscard]] const Bytecode& code() const { return code_; }
+  [[nodiscard]] bool is_machine_code() const { return program_ != nullptr; }
 
 private:
   Bytecode code_;
+  std::shared_ptr<const BatchProgram> program_;
   struct alignas(64) Chunk {  ///< keeps the registers aligned to the widest vector when the evaluator is copied
     double values[8];
   };
   std::vector<Chunk> registers_;     ///< blocks of 256 points per register; the constants' are filled once
   std::vector<const double*> read_;  ///< where each register is read and written during a block
   std::vector<double*> write_;
+  const double* base_ = nullptr;         ///< of the registers that the two point to
   std::vector<unsigned char> in_place_;  ///< whether output j can be computed where the caller wants it
+  std::vector<Chunk> work_;              ///< of machine code
 };
 
 /// "sse2", "avx2" or "avx512": what the batches of this process use.

@@ -10,6 +10,7 @@
 
 #include <fmt/format.h>
 
+#include <rubato/formula/lazy_machine_code.hpp>
 #include <rubato/formula/reachable.hpp>
 
 namespace rubato::formula {
@@ -296,7 +297,7 @@ std::vector<ValueId> pair_sines_and_cosines(const std::vector<Lowering::Value>& 
 }  // namespace
 
 Bytecode::Bytecode(std::span<const Expression> outputs, std::span<const Expression> inputs, bool reuse_registers)
-    : input_count_(inputs.size()) {
+    : input_count_(inputs.size()), machine_code_(std::make_shared<LazyMachineCode>()) {
   Lowering lowering;
   std::unordered_map<NodeIndex, ValueId> id_of;
   for (const Expression input : inputs) {

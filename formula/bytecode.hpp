@@ -1,6 +1,9 @@
 #pragma once
 
+#include <cassert>
 #include <cstdint>
+#include <functional>
+#include <memory>
 #include <span>
 #include <vector>
 
@@ -65,6 +68,9 @@ struct Instruction {
   std::uint32_t target = 0, a = 0, b = 0, c = 0;  ///< registers
 };
 
+class MachineCode;
+class LazyMachineCode;
+
 /// Straight-line code for several formulas over the same inputs. Immutable; evaluation from many threads is safe, each
 /// with its own workspace.
 ///
@@ -85,32 +91,63 @@ public:
   [[nodiscard]] std::span<const Instruction> instructions() const { return instructions_; }
   [[nodiscard]] std::span<const std::uint32_t> outputs() const { return outputs_; }  ///< register of each output
 
+  /// The same for this machine (machine_code.hpp), made when it is first asked for and shared by all copies; none where
+  /// there is none to be had. Lives as long as any copy.
+  [[nodiscard]] const MachineCode* machine_code() const;
+  [[nodiscard]] LazyMachineCode* lazy_machine_code() const { return machine_code_.get(); }
+
 private:
   std::size_t input_count_ = 0;
   std::size_t register_count_ = 0;
   std::vector<double> constants_;
   std::vector<Instruction> instructions_;
   std::vector<std::uint32_t> outputs_;
+  std::shared_ptr<LazyMachineCode> machine_code_;
 };
 
-/// Evaluates code at one point. Holds the registers (constants loaded once); no allocation in operator().
+/// What evaluates code: the machine itself where it can, or the interpreter alone. Both give the same doubles.
+enum class Engine : std::uint8_t { automatic, interpreter };
+
+/// Evaluates code at one point, by machine code where there is some, else by an interpreter; every result is the same
+/// double. Holds its work space: one evaluator per thread. No allocation after construction.
 ///
-/// The instructions are put into another order than the code's, in which those of one kind that do not wait for each
-/// other stand together: each such group is one tight loop, and its results fill consecutive registers. Every result is
-/// the same double as in the order of the code.
+/// The interpreter puts the instructions into another order than the code's, in which those of one kind that do not
+/// wait for each other stand together: each such group is one tight loop, and its results fill consecutive registers.
 class ScalarEvaluator {
 public:
-  explicit ScalarEvaluator(const Bytecode& code);  ///< copies the code
+  explicit ScalarEvaluator(const Bytecode& code, Engine engine = Engine::automatic);  ///< copies the code
   ScalarEvaluator() = default;
 
   /// Writes all outputs. `inputs.size() == input_count()`, `outputs.size() == output_count()` (checked by assert).
-  void operator()(std::span<const double> inputs, std::span<double> outputs);
+  void operator()(std::span<const double> inputs, std::span<double> outputs) {
+    assert(inputs.size() == code_.input_count() && outputs.size() == code_.output_count());
+    // What is written in place may be what is still to be read.
+    const std::less<const double*> before;
+    if (whole_ != nullptr && (!before(inputs.data(), outputs.data() + outputs.size()) ||
+                              !before(outputs.data(), inputs.data() + inputs.size()))) {
+      whole_(inputs.data(), outputs.data(), work_.data());
+    } else {
+      by_copy(inputs.data(), outputs);
+    }
+  }
 
   /// The same without copying: write the inputs here, run(), read outputs through output(i).
-  [[nodiscard]] std::span<double> inputs() { return {registers_.data(), code_.input_count()}; }
-  void run();
-  [[nodiscard]] double output(std::size_t i) const { return registers_[output_registers_[i]]; }
+  [[nodiscard]] std::span<double> inputs() { return {memory_.data(), code_.input_count()}; }
+  void run() { at(memory_.data()); }
+  [[nodiscard]] double output(std::size_t i) const { return memory_[first_output_ + i]; }
+  /// All outputs at a point of input_count() numbers, as they stand in this evaluator until it is used again.
+  const double* at(const double* point) {
+    double* const outputs = memory_.data() + first_output_;
+    if (run_ != nullptr) {
+      run_(point, outputs, work_.data());
+    } else {
+      interpret(point);
+    }
+    return outputs;
+  }
+
   [[nodiscard]] const Bytecode& code() const { return code_; }
+  [[nodiscard]] bool is_machine_code() const { return run_ != nullptr; }
 
 private:
   struct Fill {  ///< outputs first … first + count - 1 are one constant
@@ -121,14 +158,21 @@ private:
     std::uint32_t output, source;
   };
   void schedule();
-  void plan_outputs();
+  void plan_outputs(std::span<const std::uint32_t> registers);
+  void interpret(const double* point);
+  void run_stream();
+  void by_copy(const double* point, std::span<double> outputs);
 
   Bytecode code_;
-  std::vector<std::uint32_t> stream_;  ///< groups in their new order: kind, length, operands
-  std::vector<double> registers_;      ///< inputs, constants, then one for each result
-  std::vector<std::uint32_t> output_registers_;
-  std::vector<Fill> fills_;
-  std::vector<Copy> copies_;
+  using Function = void (*)(const double* inputs, double* outputs, double* work);
+  Function run_ = nullptr;    ///< machine code that leaves out constants
+  Function whole_ = nullptr;  ///< and that does not
+  std::size_t first_output_ = 0;
+  std::vector<double> memory_;  ///< inputs, outputs: those that are constants were written once
+  std::vector<double> work_;    ///< of machine code, or the interpreter's registers: inputs, constants, each result
+  std::vector<std::uint32_t> stream_;  ///< the interpreter's groups in their new order: kind, length, operands
+  std::vector<Fill> fills_;            ///< outputs that are constants
+  std::vector<Copy> copies_;           ///< and all others
 };
 
 }  // namespace rubato::formula

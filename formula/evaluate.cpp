@@ -1,11 +1,12 @@
 #include <algorithm>
 #include <array>
 #include <bit>
-#include <cassert>
 #include <cmath>
 
 #include <rubato/formula/arithmetic.hpp>
 #include <rubato/formula/bytecode.hpp>
+#include <rubato/formula/machine_code.hpp>
+#include <rubato/formula/single_assignment.hpp>
 #include <rubato/formula/special.hpp>
 
 namespace rubato::formula {
@@ -67,44 +68,37 @@ struct Machine {
 
 }  // namespace
 
-ScalarEvaluator::ScalarEvaluator(const Bytecode& code) : code_(code) {
-  schedule();
-  plan_outputs();
+ScalarEvaluator::ScalarEvaluator(const Bytecode& code, Engine engine)
+    : code_(code), first_output_(code.input_count()), memory_(code.input_count() + code.output_count()) {
+  const MachineCode* const machine = engine == Engine::automatic ? code_.machine_code() : nullptr;
+  if (machine != nullptr) {
+    run_ = machine->function();
+    whole_ = machine->whole();
+    work_.resize(machine->work_size());
+    plan_outputs(code_.outputs());
+  } else {
+    schedule();
+  }
+  for (const Fill& fill : fills_) {
+    std::fill_n(memory_.data() + first_output_ + fill.first, fill.count, fill.value);
+  }
 }
 
 void ScalarEvaluator::schedule() {
   const std::span<const Instruction> instructions = code_.instructions();
   const std::size_t fixed = code_.input_count() + code_.constants().size();
-
-  // Which result each operand is: result i of the code in order, or, below `fixed`, an input or a constant.
-  std::vector<std::uint32_t> holder(code_.register_count());  // what a register of the code holds at the moment
-  for (std::uint32_t i = 0; i < fixed; ++i) {
-    holder[i] = i;
-  }
+  const SingleAssignment assigned = single_assignment(code_);
+  const std::vector<std::uint32_t>& maker = assigned.maker;
   struct Step {
     std::array<std::uint32_t, 3> operands{};
     std::uint32_t first_result = 0;
     std::uint32_t waits_for = 0;
   };
   std::vector<Step> steps(instructions.size());
-  std::vector<std::uint32_t> maker;  // step of each result, from `fixed` on
   for (std::size_t i = 0; i < instructions.size(); ++i) {
-    const Instruction& instruction = instructions[i];
-    const std::array registers{instruction.a, instruction.b, instruction.c};
-    const int operands = operand_count(instruction.code);
-    for (int k = 0; k < operands; ++k) {
-      steps[i].operands[k] = holder[registers[k]];
+    steps[i] = {.operands = assigned.steps[i].operands, .first_result = assigned.steps[i].first_result};
+    for (int k = 0; k < operand_count(instructions[i].code); ++k) {
       steps[i].waits_for += steps[i].operands[k] >= fixed ? 1 : 0;
-    }
-    if (instruction.code == OpCode::integer_power) {
-      steps[i].operands[1] = instruction.b;
-    }
-    steps[i].first_result = static_cast<std::uint32_t>(fixed + maker.size());
-    holder[instruction.target] = steps[i].first_result;
-    maker.push_back(static_cast<std::uint32_t>(i));
-    if (instruction.code == OpCode::sincos) {
-      holder[instruction.b] = steps[i].first_result + 1;
-      maker.push_back(static_cast<std::uint32_t>(i));
     }
   }
 
@@ -173,32 +167,33 @@ void ScalarEvaluator::schedule() {
   }
   stream_.push_back(end_of_stream);
 
-  registers_.assign(next_register, 0.0);
+  work_.assign(next_register, 0.0);
   std::copy(code_.constants().begin(), code_.constants().end(),
-            registers_.begin() + static_cast<std::ptrdiff_t>(code_.input_count()));
-  output_registers_.reserve(code_.output_count());
-  for (const std::uint32_t output : code_.outputs()) {
-    output_registers_.push_back(new_register[holder[output]]);
+            work_.begin() + static_cast<std::ptrdiff_t>(code_.input_count()));
+  std::vector<std::uint32_t> output_registers;
+  output_registers.reserve(code_.output_count());
+  for (const std::uint32_t output : assigned.outputs) {
+    output_registers.push_back(new_register[output]);
   }
+  plan_outputs(output_registers);
 }
 
 /// Runs of one constant, as the zeros of a sparse Hessian, are filled; the rest is copied one by one.
-void ScalarEvaluator::plan_outputs() {
-  constexpr std::uint32_t shortest_fill = 4;
+void ScalarEvaluator::plan_outputs(std::span<const std::uint32_t> registers) {
   const std::size_t inputs = code_.input_count();
   const auto is_constant = [&](std::uint32_t source) {
     return source >= inputs && source < inputs + code_.constants().size();
   };
-  const auto count = static_cast<std::uint32_t>(output_registers_.size());
+  const auto count = static_cast<std::uint32_t>(registers.size());
   for (std::uint32_t first = 0; first < count;) {
-    const std::uint32_t source = output_registers_[first];
+    const std::uint32_t source = registers[first];
     std::uint32_t last = first + 1;
-    while (last < count && output_registers_[last] == source) {
+    while (last < count && registers[last] == source) {
       ++last;
     }
-    if (is_constant(source) && last - first >= shortest_fill) {
-      fills_.push_back({first, last - first, registers_[source]});
-    } else {
+    if (is_constant(source)) {
+      fills_.push_back({first, last - first, code_.constants()[source - inputs]});
+    } else if (run_ == nullptr) {
       for (std::uint32_t i = first; i < last; ++i) {
         copies_.push_back({i, source});
       }
@@ -207,7 +202,20 @@ void ScalarEvaluator::plan_outputs() {
   }
 }
 
-void ScalarEvaluator::run() {
+void ScalarEvaluator::interpret(const double* point) {
+  if (stream_.empty()) {
+    return;
+  }
+  double* const r = work_.data();
+  std::copy_n(point, code_.input_count(), r);
+  run_stream();
+  double* const outputs = memory_.data() + first_output_;
+  for (const Copy& copy : copies_) {
+    outputs[copy.output] = r[copy.source];
+  }
+}
+
+void ScalarEvaluator::run_stream() {
   constexpr auto add = [](double a, double b) { return a + b; };
   constexpr auto subtract = [](double a, double b) { return a - b; };
   constexpr auto multiply = [](double a, double b) { return a * b; };
@@ -217,10 +225,7 @@ void ScalarEvaluator::run() {
   constexpr auto multiply_subtract = [](double a, double b, double c) { return a * b - c; };
   constexpr auto negative_multiply_add = [](double a, double b, double c) { return c - a * b; };
   constexpr auto square = [](double a) { return a * a; };
-  if (stream_.empty()) {
-    return;
-  }
-  double* const r = registers_.data();
+  double* const r = work_.data();
   Machine machine{r, stream_.data(), r + code_.input_count() + code_.constants().size()};
   while (true) {
     switch (*machine.word++) {
@@ -294,19 +299,8 @@ void ScalarEvaluator::run() {
   }
 }
 
-void ScalarEvaluator::operator()(std::span<const double> inputs, std::span<double> outputs) {
-  assert(inputs.size() == code_.input_count() && outputs.size() == code_.output_count());
-  double* const r = registers_.data();
-  for (std::size_t i = 0; i < inputs.size(); ++i) {
-    r[i] = inputs[i];
-  }
-  run();
-  for (const Fill& fill : fills_) {
-    std::fill_n(outputs.data() + fill.first, fill.count, fill.value);
-  }
-  for (const Copy& copy : copies_) {
-    outputs[copy.output] = r[copy.source];
-  }
+void ScalarEvaluator::by_copy(const double* point, std::span<double> outputs) {
+  std::copy_n(at(point), outputs.size(), outputs.data());
 }
 
 }  // namespace rubato::formula

@@ -124,50 +124,41 @@ HamiltonianEvaluator::HamiltonianEvaluator(const Hamiltonian& hamiltonian)
 }
 
 double HamiltonianEvaluator::value(const double* z) {
-  std::copy_n(z, dimension_, value_.inputs().data());
-  value_.run();
-  return value_.output(0);
+  return *value_.at(z);
 }
 
 double HamiltonianEvaluator::gradient(const double* z, double* gradient) {
-  std::copy_n(z, dimension_, gradient_.inputs().data());
-  gradient_.run();
-  for (std::size_t i = 0; i < dimension_; ++i) {
-    gradient[i] = gradient_.output(1 + i);
-  }
-  return gradient_.output(0);
+  const double* const outputs = gradient_.at(z);
+  std::copy_n(outputs + 1, dimension_, gradient);
+  return outputs[0];
 }
 
 double HamiltonianEvaluator::hessian(const double* z, double* gradient, double* hessian) {
-  std::copy_n(z, dimension_, hessian_.inputs().data());
-  hessian_.run();
-  for (std::size_t i = 0; i < dimension_; ++i) {
-    gradient[i] = hessian_.output(1 + i);
-  }
-  std::size_t next = 1 + dimension_;
+  const double* const outputs = hessian_.at(z);
+  std::copy_n(outputs + 1, dimension_, gradient);
+  const double* next = outputs + 1 + dimension_;
   for (std::size_t i = 0; i < dimension_; ++i) {
     for (std::size_t j = i; j < dimension_; ++j) {
-      hessian[i * dimension_ + j] = hessian[j * dimension_ + i] = hessian_.output(next++);
+      hessian[i * dimension_ + j] = hessian[j * dimension_ + i] = *next++;
     }
   }
-  return hessian_.output(0);
+  return outputs[0];
 }
 
 double HamiltonianEvaluator::gamma(const double* z, double& energy) {
   const std::size_t n = dimension_ / 2;
-  std::copy_n(z, dimension_, curvature_.inputs().data());
-  curvature_.run();
-  energy = curvature_.output(0);
+  const double* const outputs = curvature_.at(z);
+  energy = outputs[0];
   double* f = work_.data();
   for (std::size_t i = 0; i < n; ++i) {
-    f[i] = curvature_.output(1 + n + i);
-    f[n + i] = -curvature_.output(1 + i);
+    f[i] = outputs[1 + n + i];
+    f[n + i] = -outputs[1 + i];
   }
   double sum = 0.0;
   for (std::size_t i = 0; i < dimension_; ++i) {
     double row = 0.0;
     for (const Entry& entry : rows_[i]) {
-      row += curvature_.output(entry.output) * f[entry.column];
+      row += outputs[entry.output] * f[entry.column];
     }
     sum += f[i] * row;
   }

@@ -30,15 +30,12 @@ public:
   /// The value at x; to -= or += length·gradient.
   template <typename Point, typename Target>
   double operator()(const Point& x, double length, Target&& to) {
-    const std::span<double> inputs = evaluate_.inputs();
-    for (std::size_t i = 0; i < inputs.size(); ++i) {
-      inputs[i] = x[static_cast<Index>(i)];
+    const double* const outputs = evaluate_.at(x.data());
+    const auto size = static_cast<Index>(evaluate_.code().input_count());
+    for (Index i = 0; i < size; ++i) {
+      to[i] += length * outputs[1 + i];
     }
-    evaluate_.run();
-    for (std::size_t i = 0; i < inputs.size(); ++i) {
-      to[static_cast<Index>(i)] += length * evaluate_.output(1 + i);
-    }
-    return evaluate_.output(0);
+    return outputs[0];
   }
 
 private:

@@ -1,0 +1,31 @@
+#pragma once
+
+#include <cstddef>
+#include <optional>
+#include <vector>
+
+#include <rubato/formula/bytecode.hpp>
+#include <rubato/formula/single_assignment.hpp>
+
+/// Between MachineCode and the assembler; of no use elsewhere.
+namespace rubato::formula {
+
+struct Assembled {
+  std::vector<std::byte> bytes;   ///< runs wherever it stands
+  std::size_t entry = 0;          ///< of the function that leaves out the constants
+  bool writes_constants = false;  ///< whether the beginning is a function that writes them and goes on at the entry
+  std::size_t work_size = 0;
+};
+
+/// Nothing where the processor is no x86-64 with AVX, or there is no assembler.
+[[nodiscard]] std::optional<Assembled> assemble(const Bytecode& code);
+
+/// For `lanes` points side by side (2, 4 or 8): a BatchProgram::Function of the instructions first … last - 1, all of
+/// which is_arithmetic(). Values that others need go where the code has its registers.
+[[nodiscard]] std::optional<Assembled> assemble_lanes(const Bytecode& code, const SingleAssignment& assigned,
+                                                      std::size_t first, std::size_t last, int lanes);
+
+/// What machine code for several points does itself: sums, products, quotients, powers, roots, signs.
+[[nodiscard]] bool is_arithmetic(OpCode code);
+
+}  // namespace rubato::formula
