@@ -20,8 +20,8 @@ struct Assembled {
 /// Nothing where the processor is no x86-64 with AVX, or there is no assembler.
 [[nodiscard]] std::optional<Assembled> assemble(const Bytecode& code);
 
-/// For `lanes` points side by side (2, 4 or 8): a BatchProgram::Function of the instructions first … last - 1, all of
-/// which is_arithmetic(). Values that others need go where the code has its registers.
+/// For `lanes` points side by side (1, 2, 4 or 8): a BatchProgram::Function of the instructions first … last - 1, all
+/// of which is_arithmetic(). Values that others need go where the code has its registers.
 [[nodiscard]] std::optional<Assembled> assemble_lanes(const Bytecode& code, const SingleAssignment& assigned,
                                                       std::size_t first, std::size_t last, int lanes);
 

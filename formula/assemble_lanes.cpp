@@ -34,14 +34,13 @@ public:
         a_.mov(pointers[pointer_of_[k]], table(static_cast<std::uint32_t>(k)));
       }
     }
-    a_.xor_(index_.r32(), index_.r32());
     const asmjit::Label again = a_.newLabel();
     a_.bind(again);
     for (std::size_t i = first_; i < last_; ++i) {
       arithmetic(i);
     }
     a_.add(index_, width());
-    a_.cmp(index_, bytes_);
+    a_.cmp(index_, end_);
     a_.jb(again);
     if (shape_.lanes > 2) {
       a_.vzeroupper();
@@ -56,10 +55,10 @@ public:
 
 private:
   static constexpr std::uint8_t none = 0xff;
-  static constexpr std::size_t first_saved = 3;
-  static constexpr std::array<Gp, 9> pointers{asmjit::x86::r9,  asmjit::x86::r10, asmjit::x86::r11,
-                                              asmjit::x86::rbx, asmjit::x86::rbp, asmjit::x86::r12,
-                                              asmjit::x86::r13, asmjit::x86::r14, asmjit::x86::r15};
+  static constexpr std::size_t first_saved = 4;
+  static constexpr std::array<Gp, 10> pointers{asmjit::x86::r8,  asmjit::x86::r9,  asmjit::x86::r10, asmjit::x86::r11,
+                                               asmjit::x86::rbx, asmjit::x86::rbp, asmjit::x86::r12, asmjit::x86::r13,
+                                               asmjit::x86::r14, asmjit::x86::r15};
 
   [[nodiscard]] int width() const { return shape_.lanes * static_cast<int>(sizeof(double)); }
   [[nodiscard]] Mem table(std::uint32_t place) const {
@@ -150,8 +149,8 @@ private:
   }
 
   asmjit::x86::Assembler& a_ = emitter();
-  const Gp table_ = asmjit::x86::rdi, work_ = asmjit::x86::rsi, bytes_ = asmjit::x86::rdx;
-  const Gp index_ = asmjit::x86::r8, scratch_ = asmjit::x86::rax;
+  const Gp table_ = asmjit::x86::rdi, work_ = asmjit::x86::rsi, index_ = asmjit::x86::rdx, end_ = asmjit::x86::rcx;
+  const Gp scratch_ = asmjit::x86::rax;
   std::vector<std::uint8_t> pointer_of_;  ///< by register of the code
   std::size_t saved_ = 0;
 };

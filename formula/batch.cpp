@@ -68,6 +68,19 @@ const NamedKernel& best_kernel() {
   return best;
 }
 
+/// std::copy_n, without a call for the few points of a collocation step.
+inline void copy_few(const double* from, std::size_t count, double* to) {
+  constexpr std::size_t few = 8;
+  if (count > few) {
+    std::copy_n(from, count, to);
+    return;
+  }
+  for (std::size_t i = 0; i < count; ++i) {
+    to[i] = from[i];
+    __asm__ volatile("" ::: "memory");  // else this is made a call of memcpy
+  }
+}
+
 }  // namespace
 
 }  // namespace batch
@@ -119,14 +132,15 @@ void BatchEvaluator::operator()(std::size_t points, std::span<const double* cons
   const auto registers_of_outputs = code_.outputs();
   for (std::size_t start = 0; start < points; start += block_points) {
     const std::size_t count = std::min(block_points, points - start);
-    const bool whole = count % widest_vector == 0;
-    const std::size_t padded = (count + widest_vector - 1) / widest_vector * widest_vector;
+    const bool whole = count % widest_vector == 0 || (program_ && program_->takes_any_number());
+    const std::size_t padded = whole ? count : (count + widest_vector - 1) / widest_vector * widest_vector;
     for (std::size_t m = 0; m < inputs.size(); ++m) {
       if (whole) {
         read_[m] = inputs[m] + start;
       } else {
-        std::copy_n(inputs[m] + start, count, write_[m]);
-        std::fill(write_[m] + count, write_[m] + padded, inputs[m][start + count - 1]);
+        batch::copy_few(inputs[m] + start, count, write_[m]);
+        for (std::size_t i = count; i < padded; ++i)
+          write_[m][i] = inputs[m][start + count - 1];
         read_[m] = write_[m];
       }
     }
@@ -143,7 +157,7 @@ void BatchEvaluator::operator()(std::size_t points, std::span<const double* cons
       run(block);
     for (std::size_t j = 0; j < outputs.size(); ++j)
       if (!whole || !in_place_[j])
-        std::copy_n(read_[registers_of_outputs[j]], count, outputs[j] + start);
+        batch::copy_few(read_[registers_of_outputs[j]], count, outputs[j] + start);
   }
 }
 

@@ -29,17 +29,35 @@ std::shared_ptr<const BatchProgram> BatchProgram::compile(const Bytecode& code, 
   const SingleAssignment assigned = single_assignment(code);
   std::vector<std::byte> bytes;
   std::size_t work_size = 0;
+  // Where the code of the instructions begins.
+  const auto append = [&](std::size_t first, std::size_t last, int width) -> std::optional<std::size_t> {
+    const auto assembled = assemble_lanes(code, assigned, first, last, width);
+    if (!assembled) {
+      return std::nullopt;
+    }
+    constexpr std::size_t alignment = 64;
+    bytes.resize((bytes.size() + alignment - 1) / alignment * alignment);
+    const std::size_t offset = bytes.size();
+    bytes.insert(bytes.end(), assembled->bytes.begin(), assembled->bytes.end());
+    work_size = std::max(work_size, assembled->work_size * static_cast<std::size_t>(width));
+    return offset;
+  };
   for (Stretch& stretch : stretches) {
     if (stretch.offset) {
-      const auto assembled = assemble_lanes(code, assigned, stretch.first, stretch.last, lanes);
-      if (!assembled) {
+      stretch.offset = append(stretch.first, stretch.last, lanes);
+      if (!stretch.offset) {
         return nullptr;
       }
-      constexpr std::size_t alignment = 64;
-      bytes.resize((bytes.size() + alignment - 1) / alignment * alignment);
-      stretch.offset = bytes.size();
-      bytes.insert(bytes.end(), assembled->bytes.begin(), assembled->bytes.end());
-      work_size = std::max(work_size, assembled->work_size * static_cast<std::size_t>(lanes));
+    }
+  }
+  std::vector<Narrow> narrow;
+  if (stretches.size() == 1 && instructions.size() <= longest_for_any_number) {
+    for (int width = lanes / 2; width >= 1; width /= 2) {
+      const auto offset = append(0, instructions.size(), width);
+      if (!offset) {
+        return nullptr;
+      }
+      narrow.push_back({static_cast<std::size_t>(width), *offset});
     }
   }
   std::optional<ExecutableMemory> memory = ExecutableMemory::with(bytes);
@@ -48,17 +66,36 @@ std::shared_ptr<const BatchProgram> BatchProgram::compile(const Bytecode& code, 
   }
   const std::shared_ptr<BatchProgram> program(new BatchProgram(std::move(*memory)));
   program->stretches_ = std::move(stretches);
+  program->narrow_ = std::move(narrow);
+  program->lanes_ = static_cast<std::size_t>(lanes);
   program->work_size_ = work_size;
   program->bytes_ = bytes.size();
   return program;
 }
 
+BatchProgram::Function BatchProgram::at(std::size_t offset) const {
+  return std::bit_cast<Function>(static_cast<std::byte*>(memory_.begin()) + offset);
+}
+
 void BatchProgram::run(const batch::Block& block, batch::Kernel kernel, double* work) const {
+  // Inputs are read alone, all others are where they are written.
+  double* const* const registers = const_cast<double* const*>(block.read);
+  if (takes_any_number()) {
+    std::size_t done = block.points / lanes_ * lanes_;
+    if (done > 0) {
+      at (*stretches_.front().offset)(registers, work, 0, done * sizeof(double));
+    }
+    for (const Narrow& narrow : narrow_) {
+      if (done + narrow.lanes <= block.points) {
+        at(narrow.offset)(registers, work, done * sizeof(double), (done + narrow.lanes) * sizeof(double));
+        done += narrow.lanes;
+      }
+    }
+    return;
+  }
   for (const Stretch& stretch : stretches_) {
     if (stretch.offset) {
-      const auto function = std::bit_cast<Function>(static_cast<std::byte*>(memory_.begin()) + *stretch.offset);
-      // Inputs are read alone, all others are where they are written.
-      function(const_cast<double* const*>(block.read), work, block.points * sizeof(double));
+      at (*stretch.offset)(registers, work, 0, block.points * sizeof(double));
     } else {
       kernel({block.points, block.begin + stretch.first, block.begin + stretch.last, block.read, block.write});
     }

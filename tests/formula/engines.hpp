@@ -41,7 +41,7 @@ inline std::size_t batch_disagreements(const Bytecode& compiled, const Bytecode&
                                        std::span<const std::vector<double>> points) {
   BatchEvaluator machine(compiled), reference(interpreted, Engine::interpreter);
   std::size_t count = 0;
-  for (const std::size_t size : {std::size_t{1}, std::size_t{5}, std::size_t{16}, points.size()}) {
+  for (const std::size_t size : {std::size_t{1}, std::size_t{5}, std::size_t{7}, std::size_t{16}, points.size()}) {
     const auto columns = [&](std::size_t number) { return std::vector(number, std::vector<double>(size)); };
     const auto pointers = [](auto& of) {
       std::vector<double*> result;
