@@ -54,6 +54,8 @@ public:
   [[nodiscard]] const Vector& value() const { return high_; }  ///< rounded to double
   /// z + scale·δ, with the low part taken along.
   void displaced(double scale, const Vector& delta, Vector& result) const { result = high_ + (low_ + scale * delta); }
+  /// Component i of z + δ, of which that is the component δ_i.
+  [[nodiscard]] double displaced(Eigen::Index i, double delta_i) const { return high_[i] + (low_[i] + delta_i); }
 
   void add(const Vector& delta) {
     two_sum(delta);

@@ -27,19 +27,16 @@ public:
     evaluate_ = formula::ScalarEvaluator(formula::Bytecode(outputs, variables));
   }
 
-  /// The value at x; to -= or += length·gradient.
-  template <typename Point, typename Target>
-  double operator()(const Point& x, double length, Target&& to) {
-    const double* const outputs = evaluate_.at(x.data());
-    const auto size = static_cast<Index>(evaluate_.code().input_count());
-    for (Index i = 0; i < size; ++i) {
-      to[i] += length * outputs[1 + i];
-    }
-    return outputs[0];
+  /// The value at x (n entries), whose gradient is in gradient() until the next call.
+  double operator()(const double* x) {
+    outputs_ = evaluate_.at(x);
+    return outputs_[0];
   }
+  [[nodiscard]] const double* gradient() const { return outputs_ + 1; }
 
 private:
   formula::ScalarEvaluator evaluate_;
+  const double* outputs_ = nullptr;
 };
 
 class SplittingScheme final : public OneStepState<VectorXd> {
@@ -66,12 +63,20 @@ public:
     forget_trial();
     ++iterations_;
     delta_.setZero();
+    z_.displaced(1.0, delta_, point_);
     double energy = 0.0;
     for (const Composition::Part& part : composition_.parts) {
-      z_.displaced(1.0, delta_, point_);
-      const double length = part.length * h;
-      energy += part.length * (part.drift ? T_(point_.tail(n_), length, delta_.head(n_))
-                                          : V_(point_.head(n_), -length, delta_.tail(n_)));
+      // One half of δ changes, and with it that half of the point.
+      Half& half = part.drift ? T_ : V_;
+      const double length = part.drift ? part.length * h : -(part.length * h);
+      const Index moved = part.drift ? 0 : n_;
+      energy += part.length * half(point_.data() + n_ - moved);
+      const double* const gradient = half.gradient();
+      for (Index i = 0; i < n_; ++i) {
+        double& delta = delta_[moved + i];
+        delta += length * gradient[i];
+        point_[moved + i] = z_.displaced(moved + i, delta);
+      }
     }
     energy_ = energy;
     return std::isfinite(energy) && delta_.allFinite() ? Status::success : Status::undefined;

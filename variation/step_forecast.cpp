@@ -43,7 +43,7 @@ double StepForecast::by_law(double time, double guess, double remaining, const S
   const double c = polynomial(&Sample::start, &Sample::coefficient, time);
   double length = guess;
   for (int iteration = 0; iteration < most_forecast_iterations; ++iteration) {
-    const double power = std::pow(length, order - 1);
+    const double power = order == 2 ? length : std::pow(length, order - 1);
     const double slope = order * power * c + potential.slope(length);
     const double change = (remaining - power * length * c - potential.energy(length)) / slope;
     if (!(slope * potential.strength > 0.0) || !(std::abs(change) < (largest_foresight - 1.0) * guess)) {

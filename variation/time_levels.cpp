@@ -124,7 +124,8 @@ double TimeLevels::allowed_miss(const StepReport& step) const {
 /// What the slope of a step makes of Γ, from dK/dh = -s(s+1)/24 h^(s-1) Γ.
 double TimeLevels::gamma_of(const StepReport& step) const {
   const double s = scheme_.order();
-  return -24.0 * (step.slope - potential_.slope(step.h)) / (s * (s + 1.0) * std::pow(step.h, s - 1.0));
+  const double power = s == 2.0 ? step.h : std::pow(step.h, s - 1.0);
+  return -24.0 * (step.slope - potential_.slope(step.h)) / (s * (s + 1.0) * power);
 }
 
 void TimeLevels::add_evidence(StepReport& failed) {
