@@ -39,7 +39,7 @@ set(rubato_sources_once
 set(rubato_sources_steps
   record/writer.cpp
   study/chronicle.cpp study/events.cpp study/lattice_events.cpp study/lattice_residuals.cpp study/lattice_simulation.cpp
-  study/orbit_events.cpp study/orbit_simulation.cpp study/recorder.cpp study/run.cpp)
+  study/law.cpp study/orbit_events.cpp study/orbit_simulation.cpp study/recorder.cpp study/run.cpp)
 # rubato_kind_of(<source> <default> <variable>)
 function(rubato_kind_of source default result)
   foreach(kind IN ITEMS loops once steps)

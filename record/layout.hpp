@@ -4,6 +4,7 @@
 #include <map>
 #include <optional>
 #include <string>
+#include <utility>
 #include <variant>
 #include <vector>
 
@@ -39,6 +40,11 @@ struct Dataset {
   std::optional<std::size_t> expected_rows = std::nullopt;
 };
 
+/// A dataset of a Layout, as rows are appended to it.
+struct Column {
+  std::size_t number = static_cast<std::size_t>(-1);
+};
+
 /// Levels of zlib: none unless asked for.
 ///@{
 inline constexpr int usual_compression = 0;
@@ -59,6 +65,12 @@ struct Layout {
   int compression = usual_compression;  ///< of the rows: 0, none, to most_compression
   std::vector<Scale> scales = {};
   std::vector<Dataset> datasets = {};
+
+  /// Adds a dataset. \return what its rows are appended by
+  Column add(Dataset dataset) {
+    datasets.push_back(std::move(dataset));
+    return {datasets.size() - 1};
+  }
 };
 
 /// Named arrays that `resume` needs, stored under /checkpoint and replaced as a whole. A string is stored as bytes.

@@ -26,7 +26,7 @@ namespace {
 using Clock = std::chrono::steady_clock;
 
 /// A growing dataset on its way to the file. Rows [0, flushed) are in the working file, the rest is in `waiting`.
-struct Column {
+struct Gathered {
   Dataset description;
   std::size_t row_size;
   std::size_t row_bytes;
@@ -51,8 +51,8 @@ struct Column {
   }
 };
 
-std::vector<Column> columns_of(const Layout& layout) {
-  std::vector<Column> columns;
+std::vector<Gathered> columns_of(const Layout& layout) {
+  std::vector<Gathered> columns;
   for (const auto& dataset : layout.datasets) {
     const std::size_t bytes = detail::size_of(dataset.type);
     const std::size_t row_size = detail::row_size(layout, dataset);
@@ -61,7 +61,7 @@ std::vector<Column> columns_of(const Layout& layout) {
   return columns;
 }
 
-void write_column(hid_t dataset, const Column& column, std::size_t end) {
+void write_column(hid_t dataset, const Gathered& column, std::size_t end) {
   auto sizes = detail::extent(dataset);
   sizes.front() = end;
   detail::check(H5Dset_extent(dataset, sizes.data()), "extending a dataset");
@@ -165,7 +165,7 @@ public:
   }
 
   void append(std::size_t dataset, std::span<const double> row) {
-    Column& column = column_for(dataset, row.size());
+    Gathered& column = column_for(dataset, row.size());
     if (column.description.type != Type::f64)
       throw std::invalid_argument(fmt::format("record: '{}' takes integers", column.description.path));
     if (!column.description.may_be_undefined)
@@ -178,7 +178,7 @@ public:
   }
 
   void append(std::size_t dataset, std::span<const std::int64_t> row) {
-    Column& column = column_for(dataset, row.size());
+    Gathered& column = column_for(dataset, row.size());
     const std::string& path = column.description.path;
     std::vector<std::byte> converted(column.row_bytes);
     switch (column.description.type) {
@@ -279,15 +279,15 @@ private:
     return bytes;
   }
 
-  Column& column_for(std::size_t dataset, std::size_t size) {
-    Column& column = columns_.at(dataset);
+  Gathered& column_for(std::size_t dataset, std::size_t size) {
+    Gathered& column = columns_.at(dataset);
     if (size != column.row_size)
       throw std::invalid_argument(
           fmt::format("record: a row of '{}' has {} values, not {}", column.description.path, column.row_size, size));
     return column;
   }
 
-  std::byte* grow(Column& column) {
+  std::byte* grow(Gathered& column) {
     bytes_since_flush_ += column.row_bytes;
     column.waiting.resize(column.waiting.size() + column.row_bytes);
     return column.waiting.data() + column.waiting.size() - column.row_bytes;
@@ -295,9 +295,9 @@ private:
 
   /// Which datasets of one axis are not of one length; empty if none.
   [[nodiscard]] std::string different_rows() const {
-    std::map<std::string_view, const Column*> axes;
+    std::map<std::string_view, const Gathered*> axes;
     for (const auto& column : columns_) {
-      const Column& first = *axes.try_emplace(column.description.axis, &column).first->second;
+      const Gathered& first = *axes.try_emplace(column.description.axis, &column).first->second;
       if (first.appended != column.appended)
         return fmt::format("'{}' has {} rows, but '{}' has {}", first.description.path, first.appended,
                            column.description.path, column.appended);
@@ -310,7 +310,7 @@ private:
       throw std::logic_error("record: " + contradiction);
   }
 
-  void take_over(hid_t file, Column& column) const {
+  void take_over(hid_t file, Gathered& column) const {
     const detail::Handle dataset = detail::open_dataset(file, column.description.path);
     auto sizes = detail::extent(dataset);
     const auto rows = detail::read_integer_attribute(dataset, detail::rows_attribute);
@@ -336,7 +336,7 @@ private:
   /// Moves whole chunks into the working file.
   void flush() {
     bytes_since_flush_ = 0;
-    if (std::ranges::none_of(columns_, [](const Column& column) { return column.flushable() > column.flushed; }))
+    if (std::ranges::none_of(columns_, [](const Gathered& column) { return column.flushable() > column.flushed; }))
       return;
     detail::Handle file = open(*working_);
     working_->reserve(waiting_bytes() + structure_bytes());
@@ -382,7 +382,7 @@ private:
   bool overwrite_;
   CommitPolicy policy_;
   Layout layout_;
-  std::vector<Column> columns_;
+  std::vector<Gathered> columns_;
   Checkpoint checkpoint_;
   std::optional<detail::TemporaryFile> working_;
   std::size_t bytes_since_flush_ = 0;

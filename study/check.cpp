@@ -26,7 +26,7 @@ Chronicle make_chronicle(const record::Reader& reader, const Problem& problem) {
 figures::Names names_in(const record::Reader& reader, const Chronicle& chronicle) {
   figures::Names names{.invariants = chronicle.simulation().invariant_names(),
                        .totals = chronicle.simulation().total_names(),
-                       .residuals = chronicle.simulation().residual_names(),
+                       .residuals = chronicle.simulation().law_names(),
                        .exact = {},
                        .events = {}};
   for (const auto& [name, event] : chronicle.statistics().events) {

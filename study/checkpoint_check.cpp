@@ -35,17 +35,19 @@ public:
     }
   }
 
-  void append(std::size_t dataset, std::span<const double> row) override { compare(columns_[dataset], row); }
-  void append(std::size_t dataset, std::span<const std::int64_t> row) override { compare(columns_[dataset], row); }
+  void append(record::Column column, std::span<const double> row) override { compare(columns_[column.number], row); }
+  void append(record::Column column, std::span<const std::int64_t> row) override {
+    compare(columns_[column.number], row);
+  }
 
 private:
-  struct Column {
+  struct Compared {
     std::optional<StoredRows> rows;
     std::size_t next = 0;
   };
 
   template <typename Number>
-  void compare(Column& column, std::span<const Number> row) {
+  void compare(Compared& column, std::span<const Number> row) {
     if (!column.rows || column.next >= column.rows->rows()) {
       return;
     }
@@ -59,7 +61,7 @@ private:
 
   Findings& findings_;
   std::string reason_;
-  std::vector<Column> columns_;
+  std::vector<Compared> columns_;
 };
 
 Digest digest_of(const record::Reader& reader, const std::string& path, std::size_t rows) {

@@ -51,93 +51,6 @@ std::size_t expected_rows(const Problem& problem, std::string_view axis, std::si
   return levels / static_cast<std::size_t>(axis == "/output/t" ? output.every : output.states_every()) + 2;
 }
 
-/// The datasets that every record has, in the order in which a Chronicle tells of them.
-record::Layout make_layout(const Problem& problem, Simulation& simulation, const OutputMaker* output,
-                           const EventTeller* events, int threads) {
-  using record::Type;
-  record::Layout layout{.title = problem.title,
-                        .problem = problem.text,
-                        .version = std::string(version()),
-                        .compiler = std::string(compiler()),
-                        .threads = threads,
-                        .compression = problem.output.compression};
-  layout.datasets = {
-      {"/levels/t", "/levels/t", {}, Type::f64, "time of every level"},
-      {"/levels/gamma", "/levels/t", {}, Type::f64, about_gamma(problem, simulation), true},
-      {"/levels/node_energy", "/levels/t", {}, Type::f64, "H(z_k)", true},
-      {"/levels/step", "/levels/step", {}, Type::i64, "number of the step from level k to k+1"},
-      {"/levels/h", "/levels/step", {}, Type::f64, "t_{k+1} - t_k"},
-      {"/levels/energy", "/levels/step", {}, Type::f64, "discrete energy E_k (3.4)"},
-      {"/levels/target", "/levels/step", {}, Type::f64, "what E_k has to equal; undefined before E is set", true},
-      {"/levels/rounding", "/levels/step", {}, Type::f64, "a bound of what rounding makes of E_k"},
-      {"/levels/iterations", "/levels/step", {}, Type::i32, "evaluations of the gradient or Hessian in the step"},
-      {"/levels/bridged", "/levels/step", {}, Type::u8, "1 on bridging steps, which do not meet the energy law"},
-      {"/levels/crossing", "/levels/step", {}, Type::u8, "1 on the first step of each bridge"},
-      {"/levels/step_condition",
-       "/levels/step",
-       {},
-       Type::f64,
-       "relative error of h: what is left of the level equation, and rounding in E_k, by |h dE/dh|; undefined with "
-       "fixed levels",
-       true},
-  };
-  if (problem.scheme.potential.kind != StepPotentialChoice::Kind::none) {
-    layout.datasets.push_back({"/levels/step_potential", "/levels/step", {}, Type::f64, "f'(h), a part of E_k"});
-  }
-  if (problem.laws.every > 1) {
-    layout.datasets.push_back({std::string(figures::laws_taken),
-                               "/levels/t",
-                               {},
-                               Type::u8,
-                               "1 on levels whose laws were taken, with those of the step that led there"});
-  }
-  for (const std::string& name : simulation.invariant_names()) {
-    layout.datasets.push_back(
-        {"/laws/" + name, "/levels/t", {}, Type::f64, "invariant " + name + " at every level", true});
-  }
-  for (const std::string& name : simulation.total_names()) {
-    layout.datasets.push_back({"/laws/totals/" + name,
-                               "/levels/t",
-                               {},
-                               Type::f64,
-                               "total of the density of " + name + " at every level",
-                               true});
-  }
-  for (const std::string& name : simulation.residual_names()) {
-    const std::string remark = problem.laws.every > 1 ? " of the step (undefined where it has none, or was not taken)"
-                                                      : " of the step (undefined where it has none)";
-    layout.datasets.push_back(
-        {"/laws/" + name + "_max", "/levels/step", {}, Type::f64, "largest local residual" + remark, true});
-    layout.datasets.push_back({"/laws/" + name + "_rms",
-                               "/levels/step",
-                               {},
-                               Type::f64,
-                               "root mean square of the local residuals" + remark,
-                               true});
-    layout.datasets.push_back({"/laws/" + name + "_undefined",
-                               "/levels/step",
-                               {},
-                               Type::i32,
-                               "number of cells in which the local residual of the step is not defined"});
-  }
-  layout.datasets.push_back({"/states/t", "/states/t", {}, Type::f64, "time of the stored levels"});
-  layout.datasets.push_back({"/states/level", "/states/t", {}, Type::i64, "number of the stored level"});
-  simulation.describe_states(layout, problem.output.states_every() > 1);
-  if (output != nullptr) {
-    layout.datasets.push_back({"/output/t", "/output/t", {}, Type::f64, "the output times"});
-    output->describe(layout);
-  }
-  if (events != nullptr) {
-    events->describe(layout);
-  }
-  if (const auto levels = expected_levels(problem)) {
-    for (record::Dataset& dataset : layout.datasets) {
-      dataset.expected_rows = expected_rows(problem, dataset.axis, *levels);
-    }
-  }
-  return layout;
-}
-
 }  // namespace
 
 Chronicle::Chronicle(const Problem& problem, bool tangents)
@@ -145,16 +58,9 @@ Chronicle::Chronicle(const Problem& problem, bool tangents)
       simulation_(make_simulation(problem, tangents)),
       output_(make_output(problem)),
       events_(make_events(problem)),
-      times_(problem),
-      layout_(make_layout(problem, *simulation_, output_.get(), events_.get(), omp_get_max_threads())),
-      first_step_(dataset("/levels/step")),
-      has_potential_(problem.scheme.potential.kind != StepPotentialChoice::Kind::none),
-      laws_taken_(problem.laws.every > 1 ? std::optional(dataset(figures::laws_taken)) : std::nullopt),
-      first_law_(dataset("/levels/step_condition") + (has_potential_ ? 2 : 1) + (laws_taken_ ? 1 : 0)),
-      first_state_(dataset("/states/t")),
-      first_output_(dataset("/output/t")),
-      first_event_(problem.events.empty() ? 0 : dataset("/events/" + problem.events.front().name + "/missed")) {
-  statistics_.name(simulation_->invariant_names(), simulation_->total_names(), simulation_->residual_names(),
+      times_(problem) {
+  describe(omp_get_max_threads());
+  statistics_.name(simulation_->invariant_names(), simulation_->total_names(), simulation_->law_names(),
                    events_ == nullptr ? std::vector<std::string>() : events_->names());
   const HamiltonianProblem* orbit = problem.hamiltonian();
   const MultisymplecticProblem* pde = problem.multisymplectic();
@@ -162,9 +68,70 @@ Chronicle::Chronicle(const Problem& problem, bool tangents)
   statistics_.laws_every = static_cast<std::size_t>(problem.laws.every);
 }
 
-std::size_t Chronicle::dataset(std::string_view path) const {
-  const auto found = std::ranges::find(layout_.datasets, path, &record::Dataset::path);
-  return static_cast<std::size_t>(found - layout_.datasets.begin());
+/// The columns that every record has, in the order of its digests.
+void Chronicle::describe(int threads) {
+  using record::Type;
+  layout_ = {.title = problem_.title,
+             .problem = problem_.text,
+             .version = std::string(version()),
+             .compiler = std::string(compiler()),
+             .threads = threads,
+             .compression = problem_.output.compression};
+  const auto add = [this](const char* axis, std::string path, Type type, std::string description,
+                          bool may_be_undefined = false) {
+    return layout_.add({std::move(path), axis, {}, type, std::move(description), may_be_undefined});
+  };
+  constexpr auto levels = "/levels/t", steps = "/levels/step", states = "/states/t";
+  columns_ = {
+      .t = add(levels, "/levels/t", Type::f64, "time of every level"),
+      .gamma = add(levels, "/levels/gamma", Type::f64, about_gamma(problem_, *simulation_), true),
+      .node_energy = add(levels, "/levels/node_energy", Type::f64, "H(z_k)", true),
+      .step = add(steps, "/levels/step", Type::i64, "number of the step from level k to k+1"),
+      .h = add(steps, "/levels/h", Type::f64, "t_{k+1} - t_k"),
+      .energy = add(steps, "/levels/energy", Type::f64, "discrete energy E_k (3.4)"),
+      .target = add(steps, "/levels/target", Type::f64, "what E_k has to equal; undefined before E is set", true),
+      .rounding = add(steps, "/levels/rounding", Type::f64, "a bound of what rounding makes of E_k"),
+      .iterations = add(steps, "/levels/iterations", Type::i32, "evaluations of the gradient or Hessian in the step"),
+      .bridged = add(steps, "/levels/bridged", Type::u8, "1 on bridging steps, which do not meet the energy law"),
+      .crossing = add(steps, "/levels/crossing", Type::u8, "1 on the first step of each bridge"),
+      .condition = add(steps, "/levels/step_condition", Type::f64,
+                       "relative error of h: what is left of the level equation, and rounding in E_k, by |h dE/dh|; "
+                       "undefined with fixed levels",
+                       true)};
+  if (problem_.scheme.potential.kind != StepPotentialChoice::Kind::none) {
+    columns_.potential = add(steps, "/levels/step_potential", Type::f64, "f'(h), a part of E_k");
+  }
+  const bool gaps = problem_.laws.every > 1;
+  if (gaps) {
+    columns_.laws_taken = add(levels, std::string(figures::laws_taken), Type::u8,
+                              "1 on levels whose laws were taken, with those of the step that led there");
+  }
+  for (const std::string& name : simulation_->invariant_names()) {
+    columns_.invariants.push_back(
+        add(levels, "/laws/" + name, Type::f64, "invariant " + name + " at every level", true));
+  }
+  for (const std::string& name : simulation_->total_names()) {
+    columns_.totals.push_back(
+        add(levels, "/laws/totals/" + name, Type::f64, "total of the density of " + name + " at every level", true));
+  }
+  for (Law& law : simulation_->laws()) {
+    law.describe(layout_, gaps);
+  }
+  columns_.state_t = add(states, "/states/t", Type::f64, "time of the stored levels");
+  columns_.state_level = add(states, "/states/level", Type::i64, "number of the stored level");
+  simulation_->describe_states(layout_, problem_.output.states_every() > 1);
+  if (output_ != nullptr) {
+    columns_.output_t = add("/output/t", "/output/t", Type::f64, "the output times");
+    output_->describe(layout_);
+  }
+  if (events_ != nullptr) {
+    events_->describe(layout_);
+  }
+  if (const auto count = expected_levels(problem_)) {
+    for (record::Dataset& dataset : layout_.datasets) {
+      dataset.expected_rows = expected_rows(problem_, dataset.axis, *count);
+    }
+  }
 }
 
 void Chronicle::tell_start(RowSink& sink) {
@@ -173,7 +140,7 @@ void Chronicle::tell_start(RowSink& sink) {
   tell_outputs(sink);
   if (events_ != nullptr) {
     const OutputStep start = simulation_->last();
-    events_->begin(sink, first_event_, start.z_1, start.t_1, statistics_.events);
+    events_->begin(sink, start.z_1, start.t_1, statistics_.events);
   }
 }
 
@@ -181,28 +148,25 @@ void Chronicle::tell_level(std::size_t number, RowSink& sink) {
   const LevelNode node = simulation_->node();
   const figures::LevelFigures level{.t = simulation_->t(), .node_energy = node.energy, .gamma = node.gamma};
   statistics_.add_level(level);
-  std::size_t next = 0;
-  sink.append(next++, level.t);
-  sink.append(next++, level.gamma);
-  sink.append(next++, level.node_energy);
+  sink.append(columns_.t, level.t);
+  sink.append(columns_.gamma, level.gamma);
+  sink.append(columns_.node_energy, level.node_energy);
   const bool taken = problem_.laws.taken_at(number);
-  if (laws_taken_) {
-    sink.append(*laws_taken_, taken ? 1 : 0);
+  if (columns_.laws_taken) {
+    sink.append(*columns_.laws_taken, taken ? 1 : 0);
   }
-  next = first_law_;
-  if (!taken) {
-    for (std::size_t i = 0; i < statistics_.invariants.size() + statistics_.totals.size(); ++i) {
-      sink.append(next++, std::numeric_limits<double>::quiet_NaN());
+  const auto tell = [&](const std::vector<record::Column>& columns, std::span<const double> values) {
+    for (std::size_t i = 0; i < columns.size(); ++i) {
+      sink.append(columns[i], taken ? values[i] : std::numeric_limits<double>::quiet_NaN());
     }
-    return;
+  };
+  const auto invariants = taken ? simulation_->invariants() : std::span<const double>();
+  const auto totals = taken ? simulation_->totals() : std::span<const double>();
+  if (taken) {
+    statistics_.add_laws(invariants, totals);
   }
-  const auto invariants = simulation_->invariants(), totals = simulation_->totals();
-  statistics_.add_laws(invariants, totals);
-  for (const std::span<const double> values : {invariants, totals}) {
-    for (const double value : values) {
-      sink.append(next++, value);
-    }
-  }
+  tell(columns_.invariants, invariants);
+  tell(columns_.totals, totals);
 }
 
 void Chronicle::tell_step(const StepReport& report, RowSink& sink) {
@@ -218,36 +182,31 @@ void Chronicle::tell_step(const StepReport& report, RowSink& sink) {
                                   .bridged = report.bridged,
                                   .crossing = report.crossing};
   statistics_.add_step(step);
-  std::size_t next = first_step_;
-  sink.append(next++, statistics_.steps - 1);
-  sink.append(next++, step.h);
-  sink.append(next++, step.energy);
-  sink.append(next++, step.target);
-  sink.append(next++, step.rounding);
-  sink.append(next++, report.iterations);
-  sink.append(next++, step.bridged ? 1 : 0);
-  sink.append(next++, step.crossing ? 1 : 0);
-  sink.append(next++, step.condition);
-  if (has_potential_) {
-    sink.append(next++, step.potential);
+  sink.append(columns_.step, statistics_.steps - 1);
+  sink.append(columns_.h, step.h);
+  sink.append(columns_.energy, step.energy);
+  sink.append(columns_.target, step.target);
+  sink.append(columns_.rounding, step.rounding);
+  sink.append(columns_.iterations, report.iterations);
+  sink.append(columns_.bridged, step.bridged ? 1 : 0);
+  sink.append(columns_.crossing, step.crossing ? 1 : 0);
+  sink.append(columns_.condition, step.condition);
+  if (columns_.potential) {
+    sink.append(*columns_.potential, step.potential);
   }
-  next = first_law_ + statistics_.invariants.size() + statistics_.totals.size();
-  const auto residuals = simulation_->residuals();
-  for (std::size_t i = 0; i < residuals.size(); ++i) {
-    const auto residual = figures::ResidualFigures::of(residuals[i]);
+  const auto laws = simulation_->laws();
+  for (std::size_t i = 0; i < laws.size(); ++i) {
     if (problem_.laws.taken_at(statistics_.steps)) {
-      statistics_.add_residual(i, residual);
+      statistics_.add_residual(i, laws[i].figures());
     }
-    sink.append(next++, residual.max);
-    sink.append(next++, residual.rms);
-    sink.append(next++, static_cast<std::int64_t>(residual.undefined));
+    laws[i].append(sink);
   }
   if (statistics_.steps % static_cast<std::size_t>(problem_.output.states_every()) == 0) {
     tell_state(sink);
   }
   tell_outputs(sink);
   if (events_ != nullptr) {
-    events_->append(sink, first_event_, simulation_->last(), statistics_.events);
+    events_->append(sink, simulation_->last(), statistics_.events);
   }
 }
 
@@ -273,9 +232,8 @@ void Chronicle::tell_outputs(RowSink& sink) {
     return;
   }
   while (const auto t = times_.due(outputs_, step.t_1, statistics_.steps == 0 ? 0.0 : step.h)) {
-    sink.append(first_output_, *t);
-    const bool defined = statistics_.steps == 0 ? output_->append(sink, first_output_ + 1, step.z_1, *t)
-                                                : output_->append(sink, first_output_ + 1, step, *t);
+    sink.append(columns_.output_t, *t);
+    const bool defined = statistics_.steps == 0 ? output_->append(sink, step.z_1, *t) : output_->append(sink, step, *t);
     undefined_outputs_ += defined ? 0 : 1;
     ++outputs_;
   }
@@ -283,8 +241,8 @@ void Chronicle::tell_outputs(RowSink& sink) {
 
 void Chronicle::tell_output_of_level(RowSink& sink) {
   const OutputStep step = simulation_->last();
-  sink.append(first_output_, step.t_1);
-  undefined_outputs_ += output_->append(sink, first_output_ + 1, step.z_1, step.t_1) ? 0 : 1;
+  sink.append(columns_.output_t, step.t_1);
+  undefined_outputs_ += output_->append(sink, step.z_1, step.t_1) ? 0 : 1;
   ++outputs_;
 }
 
@@ -299,9 +257,9 @@ void Chronicle::tell_last(RowSink& sink) {
 }
 
 void Chronicle::tell_state(RowSink& sink) {
-  sink.append(first_state_, simulation_->t());
-  sink.append(first_state_ + 1, statistics_.steps);
-  simulation_->append_state(sink, first_state_ + 2, problem_.output.states_every() > 1);
+  sink.append(columns_.state_t, simulation_->t());
+  sink.append(columns_.state_level, statistics_.steps);
+  simulation_->append_state(sink);
   stored_ = statistics_.steps;
 }
 

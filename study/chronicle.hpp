@@ -3,7 +3,7 @@
 #include <cstddef>
 #include <memory>
 #include <optional>
-#include <string_view>
+#include <vector>
 
 #include <rubato/figures/statistics.hpp>
 #include <rubato/record/layout.hpp>
@@ -31,9 +31,7 @@ public:
   /// What is told of a run that ends here: the statistics, with the errors and the step potential of its simulation.
   [[nodiscard]] figures::Statistics final_statistics();
   [[nodiscard]] const BridgeCauses& causes() const { return causes_; }
-  /// The datasets in the order in which their rows are numbered.
   [[nodiscard]] const record::Layout& layout() const { return layout_; }
-  [[nodiscard]] std::size_t dataset(std::string_view path) const;
   /// Number of the last level whose state went to a sink.
   [[nodiscard]] std::size_t last_stored() const { return stored_; }
 
@@ -62,6 +60,7 @@ public:
   void restore(StateReader& state);
 
 private:
+  void describe(int threads);
   void tell_level(std::size_t number, RowSink& sink);
   /// At the output times that the last step has come to, or at its level.
   void tell_outputs(RowSink& sink);
@@ -73,10 +72,14 @@ private:
   std::unique_ptr<EventTeller> events_;
   OutputTimes times_;
   record::Layout layout_;
-  std::size_t first_step_;  ///< numbers of datasets, and so the next two
-  bool has_potential_;
-  std::optional<std::size_t> laws_taken_;
-  std::size_t first_law_, first_state_, first_output_, first_event_;
+  struct Columns {
+    record::Column t, gamma, node_energy;  ///< of levels
+    record::Column step, h, energy, target, rounding, iterations, bridged, crossing, condition;
+    std::optional<record::Column> potential, laws_taken;  ///< where there are such
+    std::vector<record::Column> invariants, totals;
+    record::Column state_t, state_level, output_t;
+  };
+  Columns columns_;
   figures::Statistics statistics_;
   BridgeCauses causes_;
   std::size_t stored_ = 0;

@@ -39,15 +39,15 @@ class LastRows final : public RowSink {
 public:
   explicit LastRows(const record::Layout& layout) : layout_(layout), rows_(layout.datasets.size()) {}
   using RowSink::append;
-  void append(std::size_t dataset, std::span<const double> row) override {
-    const record::Dataset& description = layout_.datasets[dataset];
+  void append(record::Column column, std::span<const double> row) override {
+    const record::Dataset& description = layout_.datasets[column.number];
     const auto wrong = std::ranges::find_if(row, [](double value) { return !std::isfinite(value); });
     if (wrong != row.end() && !description.may_be_undefined) {
       throw Undefined{fmt::format("a value of {} is {}", description.path, *wrong)};
     }
-    keep(dataset, row);
+    keep(column.number, row);
   }
-  void append(std::size_t dataset, std::span<const std::int64_t> row) override { keep(dataset, row); }
+  void append(record::Column column, std::span<const std::int64_t> row) override { keep(column.number, row); }
   /// The last row; of what is kept whole all, one after the other.
   [[nodiscard]] const std::vector<double>& kept(std::size_t dataset) const { return rows_[dataset]; }
 
@@ -191,7 +191,7 @@ std::vector<std::string> figure_names(const Problem& problem) {
       }
     }
   };
-  add("residuals", simulation->residual_names(), {"max", "rms"});
+  add("residuals", simulation->law_names(), {"max", "rms"});
   add("invariants", simulation->invariant_names(), {"initial", "max_deviation"});
   add("totals", simulation->total_names(), {"initial", "max_deviation"});
   std::vector<std::string> events;
@@ -558,9 +558,9 @@ private:
     const record::Dataset& description = layout_.datasets[dataset];
     if (recorder_) {
       if (description.type == record::Type::f64) {
-        recorder_->append(dataset, row);
+        recorder_->append(record::Column{dataset}, row);
       } else {
-        recorder_->append(dataset, static_cast<std::int64_t>(row.front()));
+        recorder_->append(record::Column{dataset}, static_cast<std::int64_t>(row.front()));
       }
       return;
     }

@@ -14,11 +14,11 @@ public:
   using RowSink::append;
   explicit Rows(std::size_t datasets) : rows_(datasets) {}
 
-  void append(std::size_t dataset, std::span<const double> row) override {
-    rows_.at(dataset).emplace_back(row.begin(), row.end());
+  void append(record::Column column, std::span<const double> row) override {
+    rows_.at(column.number).emplace_back(row.begin(), row.end());
   }
-  void append(std::size_t dataset, std::span<const std::int64_t> row) override {
-    rows_.at(dataset).emplace_back(row.begin(), row.end());
+  void append(record::Column column, std::span<const std::int64_t> row) override {
+    rows_.at(column.number).emplace_back(row.begin(), row.end());
   }
   [[nodiscard]] const std::vector<std::vector<double>>& of(std::size_t dataset) const { return rows_[dataset]; }
 
@@ -71,7 +71,7 @@ void EventCheck::begin(std::span<const double> z) {
   }
   see(z);
   Rows sound(columns_.size());
-  teller_->begin(sound, 0, z, levels_.t.front(), figures_);
+  teller_->begin(sound, z, levels_.t.front(), figures_);
   const std::vector<Rows> none;
   compare(
       sound, [&]() -> const std::vector<Rows>& { return none; }, "from the start");
@@ -88,7 +88,7 @@ void EventCheck::check_step(std::size_t level, std::span<const double> before, s
   teller_->save(signs_before);
   Rows sound(columns_.size());
   std::vector<EventFigures> after = figures_;
-  teller_->append(sound, 0, step, after);
+  teller_->append(sound, step, after);
   teller_->save(signs_after);
   // What rounding makes of the rows.
   std::vector<Rows> moved;
@@ -100,7 +100,7 @@ void EventCheck::check_step(std::size_t level, std::span<const double> before, s
       other.z_1 = z_1;
       restore(signs_before);
       std::vector<EventFigures> ignored = figures_;
-      teller_->append(moved.emplace_back(columns_.size()), 0, other, ignored);
+      teller_->append(moved.emplace_back(columns_.size()), other, ignored);
     }
     restore(signs_after);
     return moved;

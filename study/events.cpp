@@ -9,17 +9,8 @@ namespace rubato::study {
 
 EventTeller::EventTeller(const Problem& problem)
     : problem_(problem),
-      finder_(problem.hamiltonian() != nullptr ? make_orbit_events(problem) : make_lattice_events(problem)) {
-  record::Layout layout;
-  describe(layout);
-  const auto number = [&layout](const std::string& path) {
-    return static_cast<std::size_t>(std::ranges::find(layout.datasets, path, &record::Dataset::path) -
-                                    layout.datasets.begin());
-  };
-  for (std::size_t i = 0; i < problem_.events.size(); ++i) {
-    numbers_.push_back({.missed = number(group(i) + "/missed"), .quantities = number(group(i) + "/quantities")});
-  }
-}
+      finder_(problem.hamiltonian() != nullptr ? make_orbit_events(problem) : make_lattice_events(problem)),
+      columns_(problem.events.size()) {}
 
 std::string EventTeller::group(std::size_t event) const {
   return "/events/" + problem_.events[event].name;
@@ -31,46 +22,46 @@ std::vector<std::string> EventTeller::names() const {
   return names;
 }
 
-void EventTeller::describe(record::Layout& layout) const {
+void EventTeller::describe(record::Layout& layout) {
   using record::Type;
   for (std::size_t i = 0; i < problem_.events.size(); ++i) {
     const Event& event = problem_.events[i];
+    Columns& columns = columns_[i];
     const std::string at = group(i), t = at + "/t";
-    layout.datasets.push_back({at + "/missed",
-                               "/levels/step",
-                               {},
-                               Type::u8,
-                               "1 on steps in which the formula is not defined, 2 on those in which it jumps through "
-                               "zero"});
-    layout.datasets.push_back({t, t, {}, Type::f64, "times of the crossings, by dense output"});
-    layout.datasets.push_back({at + "/direction", t, {}, Type::i32, "1 up, -1 down, in the direction of the run"});
+    columns.missed = layout.add({at + "/missed",
+                                 "/levels/step",
+                                 {},
+                                 Type::u8,
+                                 "1 on steps in which the formula is not defined, 2 on those in which it jumps through "
+                                 "zero"});
+    columns.t = layout.add({t, t, {}, Type::f64, "times of the crossings, by dense output"});
+    columns.direction = layout.add({at + "/direction", t, {}, Type::i32, "1 up, -1 down, in the direction of the run"});
     if (event.stop_after > 0) {
-      layout.datasets.push_back({at + "/stops", t, {}, Type::u8, "1 where it ended the run"});
+      columns.stops = layout.add({at + "/stops", t, {}, Type::u8, "1 where it ended the run"});
     }
     finder_->describe(i, at, layout);
     if (!event.quantities.empty()) {
       std::vector<std::string> names;
       std::ranges::transform(event.quantities, std::back_inserter(names), &OutputQuantity::name);
       layout.scales.push_back({at + "/quantity", std::move(names), "what the quantities are"});
-      layout.datasets.push_back(
-          {at + "/quantities", t, {at + "/quantity"}, Type::f64, "quantities at the crossings", true});
+      columns.quantities =
+          layout.add({at + "/quantities", t, {at + "/quantity"}, Type::f64, "quantities at the crossings", true});
     }
   }
 }
 
-void EventTeller::begin(RowSink& sink, std::size_t first, std::span<const double> z, double t,
-                        std::span<EventFigures> figures) {
+void EventTeller::begin(RowSink& sink, std::span<const double> z, double t, std::span<EventFigures> figures) {
   std::vector<double> values(problem_.events.size());
   finder_->begin(z, t, values);
   const OutputStep start{.z_0 = z, .z_1 = z, .t_0 = t, .t_1 = t, .h = 0.0};
   for (std::size_t i = 0; i < values.size(); ++i) {
     if (problem_.events[i].stop_after > 0 && problem_.events[i].is_condition() && values[i] > 0.0) {
-      append_row(sink, first, i, start, {.fraction = 1.0}, figures[i]);
+      append_row(sink, i, start, {.fraction = 1.0}, figures[i]);
     }
   }
 }
 
-void EventTeller::append(RowSink& sink, std::size_t first, const OutputStep& step, std::span<EventFigures> figures) {
+void EventTeller::append(RowSink& sink, const OutputStep& step, std::span<EventFigures> figures) {
   finder_->follow(step);
   for (std::size_t i = 0; i < problem_.events.size(); ++i) {
     bool jumps = false;
@@ -78,31 +69,31 @@ void EventTeller::append(RowSink& sink, std::size_t first, const OutputStep& ste
       if (crossing.jump && !problem_.events[i].is_condition()) {
         jumps = true;
       } else {
-        append_row(sink, first, i, step, crossing, figures[i]);
+        append_row(sink, i, step, crossing, figures[i]);
       }
     }
     const int missed = finder_->undefined(i) ? 1 : jumps ? 2 : 0;
-    sink.append(first + numbers_[i].missed, missed);
+    sink.append(columns_[i].missed, missed);
     figures[i].value.add_step(missed);
   }
 }
 
-void EventTeller::append_row(RowSink& sink, std::size_t first, std::size_t event, const OutputStep& step,
-                             const Crossing& crossing, EventFigures& figures) {
+void EventTeller::append_row(RowSink& sink, std::size_t event, const OutputStep& step, const Crossing& crossing,
+                             EventFigures& figures) {
   const double t = step.time(crossing.fraction);
   const auto last = static_cast<std::size_t>(problem_.events[event].stop_after);
   const bool stops = last > 0 && figures.value.count + 1 >= last;
-  std::size_t next = first + numbers_[event].missed + 1;
-  sink.append(next++, t);
-  sink.append(next++, static_cast<int>(crossing.direction));
+  const Columns& columns = columns_[event];
+  sink.append(columns.t, t);
+  sink.append(columns.direction, static_cast<int>(crossing.direction));
   if (last > 0) {
-    sink.append(next++, stops ? 1 : 0);
+    sink.append(columns.stops, stops ? 1 : 0);
   }
-  finder_->append(sink, next, event, step, crossing.fraction);
+  finder_->append(sink, event, step, crossing.fraction);
   bool defined = true;
   if (!problem_.events[event].quantities.empty()) {
     const std::vector<double> values = finder_->quantities(event, t);
-    sink.append(first + numbers_[event].quantities, std::span<const double>(values));
+    sink.append(columns.quantities, std::span<const double>(values));
     defined = std::ranges::all_of(values, [](double value) { return std::isfinite(value); });
   }
   figures.value.add(t, stops, defined);

@@ -31,10 +31,10 @@ public:
   [[nodiscard]] virtual bool undefined(std::size_t event) const = 0;
   ///@}
 
-  /// Names the datasets of a crossing's row that are of its state, in the group of the event, and appends to them.
+  /// Adds the columns of a crossing's row that are of its state, in the group of the event, and appends to them.
   ///@{
-  virtual void describe(std::size_t event, const std::string& group, record::Layout& layout) const = 0;
-  virtual void append(RowSink& sink, std::size_t first, std::size_t event, const OutputStep& step, double fraction) = 0;
+  virtual void describe(std::size_t event, const std::string& group, record::Layout& layout) = 0;
+  virtual void append(RowSink& sink, std::size_t event, const OutputStep& step, double fraction) = 0;
   ///@}
   /// The quantities of an event at the state that was appended last.
   [[nodiscard]] virtual std::vector<double> quantities(std::size_t event, double t) = 0;
@@ -58,28 +58,27 @@ class EventTeller {
 public:
   explicit EventTeller(const Problem& problem);
 
-  /// The datasets of all rows, numbered from `first` on in what follows.
-  void describe(record::Layout& layout) const;
+  /// Adds the columns of all rows.
+  void describe(record::Layout& layout);
   /// At the start: a condition that holds there ends the run, if it is one that does.
-  void begin(RowSink& sink, std::size_t first, std::span<const double> z, double t, std::span<EventFigures> figures);
-  void append(RowSink& sink, std::size_t first, const OutputStep& step, std::span<EventFigures> figures);
+  void begin(RowSink& sink, std::span<const double> z, double t, std::span<EventFigures> figures);
+  void append(RowSink& sink, const OutputStep& step, std::span<EventFigures> figures);
 
   [[nodiscard]] std::vector<std::string> names() const;
   void save(StateWriter& state) const { finder_->save(state); }
   void restore(StateReader& state) { finder_->restore(state); }
 
 private:
-  void append_row(RowSink& sink, std::size_t first, std::size_t event, const OutputStep& step, const Crossing& crossing,
+  void append_row(RowSink& sink, std::size_t event, const OutputStep& step, const Crossing& crossing,
                   EventFigures& figures);
   [[nodiscard]] std::string group(std::size_t event) const;
 
   const Problem& problem_;
   std::unique_ptr<EventFinder> finder_;
-  /// Numbers of datasets of each event.
-  struct Numbers {
-    std::size_t missed, quantities;
+  struct Columns {
+    record::Column missed, t, direction, stops, quantities;
   };
-  std::vector<Numbers> numbers_;
+  std::vector<Columns> columns_;  ///< of each event
 };
 
 /// Nothing where the problem has no events.

@@ -100,15 +100,20 @@ private:
   std::vector<StoredRows> fields_, previous_;
 };
 
-/// Where the numbers of a local law are stored.
+/// A local law, and where its numbers are stored.
 struct StoredLaw {
+  const Law& law;
   StoredRows max, rms;
   std::optional<StoredRows> undefined;  ///< not in records of earlier versions
+  std::optional<StoredRows> cells;
 
-  StoredLaw(const record::Reader& reader, const std::string& name)
-      : max(reader, "/laws/" + name + "_max"), rms(reader, "/laws/" + name + "_rms") {
-    if (const std::string path = "/laws/" + name + "_undefined"; reader.has(path)) {
-      undefined.emplace(reader, path);
+  StoredLaw(const record::Reader& reader, const Law& of)
+      : law(of), max(reader, law.max_path()), rms(reader, law.rms_path()) {
+    if (reader.has(law.undefined_path())) {
+      undefined.emplace(reader, law.undefined_path());
+    }
+    if (law.has_cells()) {
+      cells.emplace(reader, law.cells_path(), law.cells().size());
     }
   }
 };
@@ -155,11 +160,8 @@ public:
     for (const std::string& name : invariants_.names()) {
       stored_invariants_.emplace_back(reader, "/laws/" + name);
     }
-    for (const std::string& name : residuals_.names()) {
-      stored_laws_.emplace_back(reader, name);
-    }
-    for (const std::string& name : laws_.names()) {
-      law_fields_.emplace_back(reader, "/laws/fields/" + name, grid_.size());
+    for (const Law& law : residuals_.laws()) {
+      stored_laws_.emplace_back(reader, law);
     }
   }
 
@@ -423,8 +425,7 @@ private:
       return;
     }
     residuals_.take(before_, after_, h, LatticeResiduals::part(law_levels_, levels_.state_level[row]));
-    const auto sizes = residuals_.sizes();
-    std::vector<double> allowed;  // of the largest, and of the root mean square, of each law
+    std::vector<double> allowed;  // of the largest residual of each law in cells
     const auto law_tolerances = [&] {
       if (allowed.empty()) {
         allowed = tolerances([&](const LatticeLevel& before, const LatticeLevel& after) {
@@ -436,14 +437,14 @@ private:
         });
       }
     };
-    for (std::size_t i = 0; i < sizes.size(); ++i) {
-      const auto figures = figures::ResidualFigures::of(sizes[i]);
+    for (std::size_t i = 0; i < stored_laws_.size(); ++i) {
+      StoredLaw& stored = stored_laws_[i];
+      const figures::ResidualFigures figures = stored.law.figures();
       const auto tolerance = [&] {
         law_tolerances();
-        const double own = i < allowed.size() ? allowed[i] : *std::ranges::max_element(allowed);
+        const double own = stored.cells ? allowed[i] : *std::ranges::max_element(allowed);
         return own + Rounding::unit * (std::isfinite(figures.max) ? figures.max : 0.0);
       };
-      StoredLaw& stored = stored_laws_[i];
       const char* reason = law_levels_.taken_at(levels_.state_level[row]) ? "from the states around the step"
                                                                           : "[laws] every of the problem";
       findings_.compare(stored.max.path(), step, {}, stored.max.at(step), figures.max, tolerance, reason);
@@ -451,8 +452,8 @@ private:
       if (stored.undefined) {
         findings_.same(stored.undefined->path(), step, {}, stored.undefined->at(step), figures.undefined, reason);
       }
-      if (i < law_fields_.size()) {
-        compare_row(law_fields_[i], row, residuals_.cells(i), reason, [&](std::size_t) { return tolerance(); });
+      if (stored.cells) {
+        compare_row(*stored.cells, row, stored.law.cells(), reason, [&](std::size_t) { return tolerance(); });
       }
     }
   }
@@ -491,7 +492,7 @@ private:
   LatticeLevel after_, before_, moved_before_, moved_after_;
   std::vector<double> largest_;  ///< of each field so far
   StoredRows node_energy_, gamma_, energy_;
-  std::vector<StoredRows> totals_, stored_invariants_, stored_exact_, law_fields_;
+  std::vector<StoredRows> totals_, stored_invariants_, stored_exact_;
   std::vector<StoredLaw> stored_laws_;
   std::unique_ptr<StepEquation> equation_;
   OutputCheck output_;

@@ -102,9 +102,8 @@ public:
   }
   [[nodiscard]] bool undefined(std::size_t event) const override { return events_[event].search().undefined(); }
 
-  void describe(std::size_t /*event*/, const std::string& /*group*/, record::Layout& /*layout*/) const override {}
-  void append(RowSink& /*sink*/, std::size_t /*first*/, std::size_t /*event*/, const OutputStep& step,
-              double fraction) override {
+  void describe(std::size_t /*event*/, const std::string& /*group*/, record::Layout& /*layout*/) override {}
+  void append(RowSink& /*sink*/, std::size_t /*event*/, const OutputStep& step, double fraction) override {
     load(step);
     // What fails is not a number.
     static_cast<void>(between_.take(level_, next_, step.h, fraction));

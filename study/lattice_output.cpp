@@ -30,7 +30,7 @@ public:
     }
   }
 
-  void describe(record::Layout& layout) const override {
+  void describe(record::Layout& layout) override {
     std::vector<std::string> nodes;
     for (int a = grid_.dimensions() - 1; a >= 0; --a) {
       nodes.push_back("/grid/" + grid_.axis(a).name);
@@ -38,26 +38,27 @@ public:
     if (with_states_) {
       for (const int f : told()) {
         const std::string& name = system_.fields()[static_cast<std::size_t>(f)];
-        layout.datasets.push_back({"/output/" + name, "/output/t", nodes, record::Type::f64,
-                                   "field " + name + " at the output times, by dense output", true});
+        columns_.push_back(layout.add({"/output/" + name, "/output/t", nodes, record::Type::f64,
+                                       "field " + name + " at the output times, by dense output", true}));
       }
     }
     for (const LatticeQuantity& quantity : quantities_) {
-      layout.datasets.push_back({"/output/quantities/" + quantity.name(), "/output/t",
-                                 quantity.is_field() ? nodes : std::vector<std::string>(), record::Type::f64,
-                                 quantity.name() + " of [output.quantities] at the output times", true});
+      quantity_columns_.push_back(
+          layout.add({"/output/quantities/" + quantity.name(), "/output/t",
+                      quantity.is_field() ? nodes : std::vector<std::string>(), record::Type::f64,
+                      quantity.name() + " of [output.quantities] at the output times", true}));
     }
   }
 
-  bool append(RowSink& sink, std::size_t first, const OutputStep& step, double t) override {
+  bool append(RowSink& sink, const OutputStep& step, double t) override {
     std::ranges::copy(step.z_0, level_.fields.all().begin());
     std::ranges::copy(step.z_1, next_.fields.all().begin());
     const bool known = between_->take(level_, next_, step.h, fraction_of(step, t)) == Status::success;
-    return tell(sink, first, between_->level(), t) && known;
+    return tell(sink, between_->level(), t) && known;
   }
-  bool append(RowSink& sink, std::size_t first, std::span<const double> z, double t) override {
+  bool append(RowSink& sink, std::span<const double> z, double t) override {
     std::ranges::copy(z, level_.fields.all().begin());
-    return tell(sink, first, level_, t);
+    return tell(sink, level_, t);
   }
 
 private:
@@ -72,16 +73,18 @@ private:
     return fields;
   }
 
-  bool tell(RowSink& sink, std::size_t first, const LatticeLevel& level, double t) {
+  bool tell(RowSink& sink, const LatticeLevel& level, double t) {
     if (with_states_) {
+      auto column = columns_.begin();
       for (const int f : told()) {
-        sink.append(first++, level.fields.field(f));
+        sink.append(*column++, level.fields.field(f));
       }
     }
     bool defined = true;
+    auto column = quantity_columns_.begin();
     for (LatticeQuantity& quantity : quantities_) {
       const std::vector<double> values = quantity.at(level, t);
-      sink.append(first++, std::span<const double>(values));
+      sink.append(*column++, std::span<const double>(values));
       defined = defined && std::ranges::all_of(values, [](double value) { return std::isfinite(value); });
     }
     return defined;
@@ -93,6 +96,7 @@ private:
   std::unique_ptr<LatticeMethod> method_;
   LatticeLevel level_, next_;
   std::vector<LatticeQuantity> quantities_;
+  std::vector<record::Column> columns_, quantity_columns_;  ///< of the fields told, and of the quantities
   std::optional<LatticeBetween> between_;
 };
 

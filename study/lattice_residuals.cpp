@@ -10,15 +10,26 @@ namespace {
 
 constexpr std::uint64_t seed = 1;
 
+void set(std::span<Law> laws, const std::vector<Spread>& sizes) {
+  for (std::size_t i = 0; i < laws.size(); ++i) {
+    laws[i].set(sizes[i]);
+  }
+}
+
 }  // namespace
 
 LatticeResiduals::LatticeResiduals(const LatticeMethod& method, LocalLaws& laws, const MultisymplecticSystem& system,
                                    const grids::Grid& grid, Wanted wanted)
-    : laws_(laws), names_(laws.names()), cells_(static_cast<int>(laws.count()), grid.size()) {
+    : local_(laws), cells_(static_cast<int>(laws.count()), grid.size()) {
   cells_.fill(std::numeric_limits<double>::quiet_NaN());
+  for (std::size_t i = 0; i < laws.count(); ++i) {
+    laws_.emplace_back(laws.names()[i], std::as_const(cells_).field(static_cast<int>(i)));
+  }
   if (wanted.variational && method.has_variational_laws()) {
     variational_.emplace(method.action(system).value(), grid);
-    names_.insert(names_.end(), variational_->names().begin(), variational_->names().end());
+    for (const std::string& name : variational_->names()) {
+      laws_.emplace_back(name);
+    }
   }
   if (wanted.tangents) {
     auto step = method.tangents(system, grid);
@@ -29,14 +40,22 @@ LatticeResiduals::LatticeResiduals(const LatticeMethod& method, LocalLaws& laws,
           "this one has none: leave out --tangents");
     }
     tangents_.emplace(laws, std::move(step), system, grid, seed);
-    names_.emplace_back("multisymplectic");
+    laws_.emplace_back("multisymplectic");
   }
-  sizes_.resize(names_.size());
+  in_cells_ = std::span(laws_).first(laws.count());
+  of_tangents_ = std::span(laws_).last(tangents_ ? 1 : 0);
+  at_nodes_ = std::span(laws_).subspan(in_cells_.size(), laws_.size() - in_cells_.size() - of_tangents_.size());
+}
+
+void LatticeResiduals::clear() {
+  for (Law& law : laws_) {
+    law.set({});
+  }
 }
 
 void LatticeResiduals::take_in_cells(const LatticeLevel& before, const LatticeLevel& after, double h, Part wanted) {
   if (wanted == Part::all) {
-    std::ranges::copy(laws_.residuals(before, after, h, cells_.pointers()), sizes_.begin());
+    set(in_cells_, local_.residuals(before, after, h, cells_.pointers()));
   } else if (has_cells_) {
     cells_.fill(std::numeric_limits<double>::quiet_NaN());
   }
@@ -44,19 +63,19 @@ void LatticeResiduals::take_in_cells(const LatticeLevel& before, const LatticeLe
 }
 
 void LatticeResiduals::take(const LatticeLevel& before, const LatticeLevel& after, double h, Part wanted) {
-  sizes_.assign(names_.size(), Spread{});
+  clear();
   take_in_cells(before, after, h, wanted);
   if (variational_ && wanted == Part::none) {
     variational_->reset();
   } else if (variational_) {
     if (const auto sizes = variational_->take(before, after, h); sizes && wanted == Part::all) {
-      std::ranges::copy(*sizes, sizes_.begin() + static_cast<std::ptrdiff_t>(laws_.count()));
+      set(at_nodes_, *sizes);
     }
   }
   if (tangents_ && tangent_status_ == Status::success) {
     tangent_status_ = tangents_->take(before, after, h);
     if (tangent_status_ == Status::success && tangents_->residual() && wanted == Part::all) {
-      sizes_.back() = *tangents_->residual();
+      of_tangents_.front().set(*tangents_->residual());
     }
   }
 }
@@ -75,7 +94,7 @@ void LatticeResiduals::restore(StateReader& state, const LatticeLevel& before, c
     tangents_->restore(state);
   }
   if (h != 0.0) {
-    sizes_.assign(names_.size(), Spread{});
+    clear();
     take_in_cells(before, after, h, wanted);
     if (variational_) {
       variational_->reset();

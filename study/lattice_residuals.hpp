@@ -3,12 +3,12 @@
 #include <cstddef>
 #include <optional>
 #include <span>
-#include <string>
 #include <vector>
 
 #include <rubato/base/state.hpp>
 #include <rubato/pde/lattice_method.hpp>
 #include <rubato/pde/variational_laws.hpp>
+#include <rubato/study/law.hpp>
 #include <rubato/study/problem.hpp>
 
 namespace rubato::study {
@@ -30,8 +30,8 @@ public:
   /// not
   LatticeResiduals(const LatticeMethod& method, LocalLaws& laws, const MultisymplecticSystem& system,
                    const grids::Grid& grid, Wanted wanted);
-
-  [[nodiscard]] const std::vector<std::string>& names() const { return names_; }
+  LatticeResiduals(const LatticeResiduals&) = delete;
+  LatticeResiduals& operator=(const LatticeResiduals&) = delete;
 
   /// Which residuals of a step are wanted: all; none, but those of the next step, of which some join both; none at all.
   enum class Part { all, next, none };
@@ -43,11 +43,11 @@ public:
   /// Takes the step from `before` to `after`. Tangent solutions go on whatever is wanted.
   void take(const LatticeLevel& before, const LatticeLevel& after, double h, Part wanted);
 
-  /// Sizes over the step taken last, in the order of names(); with count 0 where there is none.
-  [[nodiscard]] std::span<const Spread> sizes() const { return sizes_; }
-  /// The residual of LocalLaws number `law` in every cell; not a number before the first step, and of a step of which
-  /// none was wanted.
-  [[nodiscard]] std::span<const double> cells(std::size_t law) const { return cells_.field(static_cast<int>(law)); }
+  /// Of the step taken last; those in every cell are not numbers before the first one, and where none was wanted.
+  ///@{
+  [[nodiscard]] std::span<Law> laws() { return laws_; }
+  [[nodiscard]] std::span<const Law> laws() const { return laws_; }
+  ///@}
 
   /// What became of the tangent solutions, if their step could not be solved: they end there.
   [[nodiscard]] Status tangent_status() const { return tangent_status_; }
@@ -57,16 +57,17 @@ public:
   void restore(StateReader& state, const LatticeLevel& before, const LatticeLevel& after, double h, Part wanted);
 
 private:
+  void clear();
   void take_in_cells(const LatticeLevel& before, const LatticeLevel& after, double h, Part wanted);
 
-  LocalLaws& laws_;
-  std::vector<std::string> names_;
+  LocalLaws& local_;
   std::optional<VariationalLaws> variational_;
   std::optional<TangentPair> tangents_;
   Status tangent_status_ = Status::success;
   grids::FieldSet cells_;
   bool has_cells_ = false;
-  std::vector<Spread> sizes_;
+  std::vector<Law> laws_;
+  std::span<Law> in_cells_, at_nodes_, of_tangents_;  ///< parts of them
 };
 
 }  // namespace rubato::study

@@ -16,7 +16,6 @@ public:
   LatticeSimulation(const Problem& problem, bool tangents)
       : laws_(problem.laws),
         lattice_(make_lattice(problem)),
-        law_names_(laws_.none() ? std::vector<std::string>() : lattice_.laws().names()),
         residuals_(lattice_.method(), lattice_.laws(), lattice_.system(), lattice_.grid(),
                    {.variational = !laws_.none(), .tangents = tangents}),
         invariants_(make_invariants(problem, lattice_.system(), lattice_.grid())),
@@ -59,11 +58,17 @@ public:
   }
 
   [[nodiscard]] std::vector<std::string> total_names() const override {
-    // The first is energy, which node() gives.
-    return law_names_.empty() ? law_names_ : std::vector<std::string>(law_names_.begin() + 1, law_names_.end());
+    // Of laws in cells; the first is energy, which node() gives.
+    std::vector<std::string> names;
+    for (const Law& law : laws().subspan(laws_.none() ? 0 : 1)) {
+      if (law.has_cells()) {
+        names.push_back(law.name());
+      }
+    }
+    return names;
   }
   [[nodiscard]] std::span<const double> totals() override {
-    if (law_names_.empty()) {
+    if (laws_.none()) {
       return {};
     }
     total_values_ = lattice_.totals();
@@ -74,11 +79,9 @@ public:
     return lattice_errors(exact_, lattice_.system(), lattice_.level(), t());
   }
 
-  [[nodiscard]] std::vector<std::string> residual_names() const override {
-    return law_names_.empty() ? law_names_ : residuals_.names();
-  }
-  [[nodiscard]] std::span<const Spread> residuals() override {
-    return law_names_.empty() ? std::span<const Spread>() : residuals_.sizes();
+  [[nodiscard]] std::span<Law> laws() override { return laws_.none() ? std::span<Law>() : residuals_.laws(); }
+  [[nodiscard]] std::span<const Law> laws() const override {
+    return laws_.none() ? std::span<const Law>() : residuals_.laws();
   }
 
   void describe_states(record::Layout& layout, bool with_previous) override {
@@ -100,62 +103,66 @@ public:
     }
     const auto describe = [&](const std::string& path, const std::string& axis, const auto& dimensions,
                               const std::string& description, bool may_be_undefined = false) {
-      layout.datasets.push_back({path, axis, dimensions, record::Type::f64, description, may_be_undefined});
+      return layout.add({path, axis, dimensions, record::Type::f64, description, may_be_undefined});
     };
     for (int f = 0; f < lattice_.system().field_count(); ++f) {
       const std::string& name = lattice_.system().fields()[static_cast<std::size_t>(f)];
       if (at_midpoints(f)) {
-        describe("/states/midpoints/" + name, "/states/t", nodes,
-                 "field " + name +
-                     " in the middle of the step that led to the stored level, where alone it exists; "
-                     "undefined at the start",
-                 true);
+        field_columns_.push_back(
+            describe("/states/midpoints/" + name, "/states/t", nodes,
+                     "field " + name +
+                         " in the middle of the step that led to the stored level, where alone it exists; "
+                         "undefined at the start",
+                     true));
       } else {
-        describe("/states/" + name, "/states/t", nodes, "field " + name + " at the stored levels" + slope_remark(f));
+        field_columns_.push_back(describe("/states/" + name, "/states/t", nodes,
+                                          "field " + name + " at the stored levels" + slope_remark(f)));
       }
     }
     if (with_previous) {
       const std::string before = "one level before each stored one (the first row repeats the start)";
-      describe("/states/previous/t", "/states/previous/t", std::vector<std::string>(), "time " + before);
+      previous_t_column_ =
+          describe("/states/previous/t", "/states/previous/t", std::vector<std::string>(), "time " + before);
       for (int f = 0; f < lattice_.system().field_count(); ++f) {
         const std::string& name = lattice_.system().fields()[static_cast<std::size_t>(f)];
         if (!at_midpoints(f)) {
-          describe("/states/previous/" + name, "/states/previous/t", nodes, "field " + name + " " + before);
+          previous_columns_.emplace_back(
+              f, describe("/states/previous/" + name, "/states/previous/t", nodes, "field " + name + " " + before));
         }
       }
     }
     for (const std::string& name : exact_.names()) {
-      describe("/exact/" + name, "/states/t", nodes, "exact solution, from [exact]", true);
+      exact_columns_.push_back(describe("/exact/" + name, "/states/t", nodes, "exact solution, from [exact]", true));
     }
-    for (const std::string& name : law_names_) {
-      describe("/laws/fields/" + name, "/states/t", lattice_.method().laws_in_cells() ? cells : nodes,
-               "local residual of " + name + " over the step that led to the stored level; undefined at the start" +
-                   (laws_.every == 1 ? "" : " and where it was not taken"),
-               true);
+    for (Law& law : laws()) {
+      if (law.has_cells()) {
+        law.describe_cells(layout, lattice_.method().laws_in_cells() ? cells : nodes, laws_.every != 1);
+      }
     }
   }
 
-  void append_state(RowSink& sink, std::size_t first, bool with_previous) override {
-    const int d = lattice_.system().field_count();
+  void append_state(RowSink& sink) override {
     const std::vector<double> undefined(last_h_ == 0.0 ? lattice_.grid().size() : 0,
                                         std::numeric_limits<double>::quiet_NaN());
-    for (int f = 0; f < d; ++f) {
-      const bool missing = at_midpoints(f) && last_h_ == 0.0;
-      sink.append(first++, missing ? std::span<const double>(undefined) : lattice_.field(f));
+    for (std::size_t f = 0; f < field_columns_.size(); ++f) {
+      const int field = static_cast<int>(f);
+      const bool missing = at_midpoints(field) && last_h_ == 0.0;
+      sink.append(field_columns_[f], missing ? std::span<const double>(undefined) : lattice_.field(field));
     }
-    if (with_previous) {
-      sink.append(first++, previous_t_);
-      for (int f = 0; f < d; ++f) {
-        if (!at_midpoints(f)) {
-          sink.append(first++, lattice_.previous().fields.field(f));
-        }
+    if (!previous_columns_.empty()) {
+      sink.append(previous_t_column_, previous_t_);
+      for (const auto& [field, column] : previous_columns_) {
+        sink.append(column, lattice_.previous().fields.field(field));
       }
     }
-    for (const std::vector<double>& values : exact_.at(lattice_.level(), t())) {
-      sink.append(first++, std::span<const double>(values));
+    const auto exact = exact_.at(lattice_.level(), t());
+    for (std::size_t i = 0; i < exact.size(); ++i) {
+      sink.append(exact_columns_[i], std::span<const double>(exact[i]));
     }
-    for (std::size_t law = 0; law < law_names_.size(); ++law) {
-      sink.append(first++, residuals_.cells(law));
+    for (const Law& law : laws()) {
+      if (law.has_cells()) {
+        law.append_cells(sink);
+      }
     }
   }
 
@@ -199,13 +206,15 @@ private:
 
   const Laws& laws_;
   LatticeIntegrator lattice_;
-  std::vector<std::string> law_names_;
   LatticeResiduals residuals_;
   NodeTable invariants_, exact_;
   std::vector<double> invariant_values_, total_values_;
   double previous_t_;
   double last_h_ = 0.0;  ///< of the step taken last; 0 before the first
   std::size_t steps_ = 0;
+  std::vector<record::Column> field_columns_, exact_columns_;
+  record::Column previous_t_column_;
+  std::vector<std::pair<int, record::Column>> previous_columns_;  ///< of the fields at levels, where they are stored
 };
 
 }  // namespace

@@ -45,19 +45,20 @@ public:
   }
   [[nodiscard]] bool undefined(std::size_t event) const override { return events_.undefined(event); }
 
-  void describe(std::size_t /*event*/, const std::string& group, record::Layout& layout) const override {
+  void describe(std::size_t event, const std::string& group, record::Layout& layout) override {
     const std::string t = group + "/t";
-    layout.datasets.push_back(
-        {group + "/q", t, {"/states/coordinate"}, record::Type::f64, "coordinates at the crossings"});
-    layout.datasets.push_back({group + "/p", t, {"/states/momentum"}, record::Type::f64, "momenta at the crossings"});
+    columns_.resize(std::max(columns_.size(), event + 1));
+    columns_[event].q =
+        layout.add({group + "/q", t, {"/states/coordinate"}, record::Type::f64, "coordinates at the crossings"});
+    columns_[event].p =
+        layout.add({group + "/p", t, {"/states/momentum"}, record::Type::f64, "momenta at the crossings"});
   }
-  void append(RowSink& sink, std::size_t first, std::size_t /*event*/, const OutputStep& step,
-              double fraction) override {
+  void append(RowSink& sink, std::size_t event, const OutputStep& step, double fraction) override {
     const std::span<const double> z = events_.state(as_orbit(step), fraction);
     state_.assign(z.begin(), z.end());
     const std::size_t n = state_.size() / 2;
-    sink.append(first, std::span<const double>(state_).first(n));
-    sink.append(first + 1, std::span<const double>(state_).last(n));
+    sink.append(columns_[event].q, std::span<const double>(state_).first(n));
+    sink.append(columns_[event].p, std::span<const double>(state_).last(n));
   }
   [[nodiscard]] std::vector<double> quantities(std::size_t event, double t) override {
     const std::span<const double> values = quantities_[event](events_.arguments(state_, t));
@@ -81,6 +82,10 @@ private:
   OrbitEvents events_;
   std::vector<FormulaTable> quantities_;
   std::vector<double> state_;
+  struct Columns {
+    record::Column q, p;
+  };
+  std::vector<Columns> columns_;  ///< of each event
 };
 
 }  // namespace

@@ -35,47 +35,47 @@ public:
     }
   }
 
-  void describe(record::Layout& layout) const override {
+  void describe(record::Layout& layout) override {
     if (with_states_) {
-      layout.datasets.push_back({"/output/q",
-                                 "/output/t",
-                                 {"/states/coordinate"},
-                                 record::Type::f64,
-                                 "coordinates at the output times, by dense output",
-                                 true});
-      layout.datasets.push_back({"/output/p",
-                                 "/output/t",
-                                 {"/states/momentum"},
-                                 record::Type::f64,
-                                 "momenta at the output times, by dense output",
-                                 true});
+      q_ = layout.add({"/output/q",
+                       "/output/t",
+                       {"/states/coordinate"},
+                       record::Type::f64,
+                       "coordinates at the output times, by dense output",
+                       true});
+      p_ = layout.add({"/output/p",
+                       "/output/t",
+                       {"/states/momentum"},
+                       record::Type::f64,
+                       "momenta at the output times, by dense output",
+                       true});
     }
     for (const std::string& name : quantities_.names()) {
-      layout.datasets.push_back({"/output/quantities/" + name,
-                                 "/output/t",
-                                 {},
-                                 record::Type::f64,
-                                 name + " of [output.quantities] at the output times",
-                                 true});
+      columns_.push_back(layout.add({"/output/quantities/" + name,
+                                     "/output/t",
+                                     {},
+                                     record::Type::f64,
+                                     name + " of [output.quantities] at the output times",
+                                     true}));
     }
   }
 
-  bool append(RowSink& sink, std::size_t first, const OutputStep& step, double t) override {
+  bool append(RowSink& sink, const OutputStep& step, double t) override {
     const double fraction = fraction_of(step, t);
     const bool known = between_->at(step.z_0, step.z_1, step.h, fraction, z_) == Status::success;
-    return tell(sink, first, t) && known;
+    return tell(sink, t) && known;
   }
-  bool append(RowSink& sink, std::size_t first, std::span<const double> z, double t) override {
+  bool append(RowSink& sink, std::span<const double> z, double t) override {
     std::ranges::copy(z, z_.begin());
-    return tell(sink, first, t);
+    return tell(sink, t);
   }
 
 private:
-  bool tell(RowSink& sink, std::size_t first, double t) {
+  bool tell(RowSink& sink, double t) {
     const std::size_t n = z_.size() / 2;
     if (with_states_) {
-      sink.append(first++, std::span<const double>(z_).first(n));
-      sink.append(first++, std::span<const double>(z_).last(n));
+      sink.append(q_, std::span<const double>(z_).first(n));
+      sink.append(p_, std::span<const double>(z_).last(n));
     }
     arguments_ = z_;
     if (reads_velocities_) {
@@ -86,9 +86,9 @@ private:
     arguments_.resize(names_.size(), t);
     const std::span<const double> values = quantities_(arguments_);
     bool defined = true;
-    for (const double value : values) {
-      sink.append(first++, value);
-      defined = defined && std::isfinite(value);
+    for (std::size_t i = 0; i < values.size(); ++i) {
+      sink.append(columns_[i], values[i]);
+      defined = defined && std::isfinite(values[i]);
     }
     return defined;
   }
@@ -99,6 +99,8 @@ private:
   std::optional<OrbitBetween> between_;
   std::unique_ptr<OneStepScheme> reads_velocities_;  ///< of a problem stated by L
   std::vector<double> z_, arguments_;
+  record::Column q_, p_;
+  std::vector<record::Column> columns_;  ///< of the quantities
 };
 
 }  // namespace

@@ -81,44 +81,47 @@ public:
       layout.scales.push_back({"/states/velocity", orbit_.q_dot, "names of the velocities"});
     }
     const auto describe = [&](const std::string& group, const std::string& axis, const std::string& which) {
-      layout.datasets.push_back(
-          {group + "/q", axis, {"/states/coordinate"}, record::Type::f64, "coordinates " + which});
-      layout.datasets.push_back({group + "/p", axis, {"/states/momentum"}, record::Type::f64, "momenta " + which});
+      const record::Column q =
+          layout.add({group + "/q", axis, {"/states/coordinate"}, record::Type::f64, "coordinates " + which});
+      return PhaseColumns{
+          q, layout.add({group + "/p", axis, {"/states/momentum"}, record::Type::f64, "momenta " + which})};
     };
-    describe("/states", "/states/t", "at the stored levels");
+    columns_ = describe("/states", "/states/t", "at the stored levels");
     if (orbit_.L) {
-      layout.datasets.push_back({"/states/q_dot",
-                                 "/states/t",
-                                 {"/states/velocity"},
-                                 record::Type::f64,
-                                 "velocities at the stored levels, of q and p by the Legendre transform"});
+      q_dot_ = layout.add({"/states/q_dot",
+                           "/states/t",
+                           {"/states/velocity"},
+                           record::Type::f64,
+                           "velocities at the stored levels, of q and p by the Legendre transform"});
     }
     if (with_previous) {
       const std::string before = "one level before each stored one (the first row repeats the start)";
-      layout.datasets.push_back({"/states/previous/t", "/states/previous/t", {}, record::Type::f64, "time " + before});
-      describe("/states/previous", "/states/previous/t", before);
+      previous_t_column_ =
+          layout.add({"/states/previous/t", "/states/previous/t", {}, record::Type::f64, "time " + before});
+      previous_columns_ = describe("/states/previous", "/states/previous/t", before);
     }
     for (const std::string& name : exact_.names()) {
-      layout.datasets.push_back(
-          {"/exact/" + name, "/states/t", {}, record::Type::f64, "exact solution, from [exact]", true});
+      exact_columns_.push_back(
+          layout.add({"/exact/" + name, "/states/t", {}, record::Type::f64, "exact solution, from [exact]", true}));
     }
   }
 
-  void append_state(RowSink& sink, std::size_t first, bool with_previous) override {
-    sink.append(first++, integrator_.q());
-    sink.append(first++, integrator_.p());
+  void append_state(RowSink& sink) override {
+    sink.append(columns_.q, integrator_.q());
+    sink.append(columns_.p, integrator_.p());
     if (orbit_.L) {
-      sink.append(first++, integrator_.q_dot());
+      sink.append(q_dot_, integrator_.q_dot());
     }
-    if (with_previous) {
+    if (previous_columns_) {
       const std::size_t n = previous_.size() / 2;
-      sink.append(first++, previous_t_);
-      sink.append(first++, std::span<const double>(previous_).first(n));
-      sink.append(first++, std::span<const double>(previous_).last(n));
+      sink.append(previous_t_column_, previous_t_);
+      sink.append(previous_columns_->q, std::span<const double>(previous_).first(n));
+      sink.append(previous_columns_->p, std::span<const double>(previous_).last(n));
     }
     const double now = t();
-    for (const double value : exact_({&now, 1})) {
-      sink.append(first++, value);
+    const std::span<const double> exact = exact_({&now, 1});
+    for (std::size_t i = 0; i < exact.size(); ++i) {
+      sink.append(exact_columns_[i], exact[i]);
     }
   }
 
@@ -142,6 +145,9 @@ public:
   }
 
 private:
+  struct PhaseColumns {
+    record::Column q, p;
+  };
   /// At the present level: what HamiltonianProblem::formula_names() names.
   [[nodiscard]] std::span<const double> formula_inputs() {
     if (!orbit_.L) {
@@ -161,6 +167,10 @@ private:
   std::vector<double> inputs_;
   std::vector<double> previous_, before_;  ///< the level before this one; what it is while a step is tried
   double previous_t_ = 0.0;
+  PhaseColumns columns_;
+  record::Column q_dot_, previous_t_column_;
+  std::optional<PhaseColumns> previous_columns_;  ///< where states are stored with their predecessors
+  std::vector<record::Column> exact_columns_;
 };
 
 /// 𝕃 as a formula of the corners alone: parameters and definitions put in.

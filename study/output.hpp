@@ -27,13 +27,13 @@ class OutputMaker {
 public:
   virtual ~OutputMaker() = default;
 
-  /// Names the datasets of a row after /output/t.
-  virtual void describe(record::Layout& layout) const = 0;
-  /// Appends one row to each of them, the first of which is number `first` of the layout: at a time in a step, or at a
-  /// level. \return whether all could be told; what could not is not a number
+  /// Adds the columns of a row after /output/t.
+  virtual void describe(record::Layout& layout) = 0;
+  /// Appends one row to each of them: at a time in a step, or at a level. \return whether all could be told; what could
+  /// not is not a number
   ///@{
-  virtual bool append(RowSink& sink, std::size_t first, const OutputStep& step, double t) = 0;
-  virtual bool append(RowSink& sink, std::size_t first, std::span<const double> z, double t) = 0;
+  virtual bool append(RowSink& sink, const OutputStep& step, double t) = 0;
+  virtual bool append(RowSink& sink, std::span<const double> z, double t) = 0;
   ///@}
 };
 

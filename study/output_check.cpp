@@ -13,11 +13,11 @@ public:
   using RowSink::append;
   explicit Row(std::size_t datasets) : values_(datasets) {}
 
-  void append(std::size_t dataset, std::span<const double> row) override {
-    values_.at(dataset).assign(row.begin(), row.end());
+  void append(record::Column column, std::span<const double> row) override {
+    values_.at(column.number).assign(row.begin(), row.end());
   }
-  void append(std::size_t dataset, std::span<const std::int64_t> row) override {
-    values_.at(dataset).assign(row.begin(), row.end());
+  void append(record::Column column, std::span<const std::int64_t> row) override {
+    values_.at(column.number).assign(row.begin(), row.end());
   }
   [[nodiscard]] const std::vector<double>& at(std::size_t dataset) const { return values_[dataset]; }
 
@@ -160,8 +160,8 @@ void OutputCheck::check_level(std::size_t level, std::span<const double> z) {
   const auto begin = std::ranges::lower_bound(places_, level, {}, &Place::level);
   for (auto place = begin; place != places_.end() && place->level == level; ++place) {
     compare(static_cast<std::size_t>(place - places_.begin()), [&](RowSink& sink, int attempt) {
-      static_cast<void>(attempt < 0 ? maker_->append(sink, 0, z, place->t)
-                                    : maker_->append(sink, 0, displaced(z, attempt, 1), place->t));
+      static_cast<void>(attempt < 0 ? maker_->append(sink, z, place->t)
+                                    : maker_->append(sink, displaced(z, attempt, 1), place->t));
     });
   }
 }
@@ -176,14 +176,14 @@ void OutputCheck::check_step(std::size_t level, std::span<const double> before, 
   for (auto place = begin; place != places_.end() && place->level == level; ++place) {
     compare(static_cast<std::size_t>(place - places_.begin()), [&](RowSink& sink, int attempt) {
       if (attempt < 0) {
-        static_cast<void>(maker_->append(sink, 0, step, place->t));
+        static_cast<void>(maker_->append(sink, step, place->t));
         return;
       }
       const std::vector<double> z_0 = displaced(before, attempt, 0), z_1 = displaced(z, attempt, 1);
       OutputStep moved = step;
       moved.z_0 = z_0;
       moved.z_1 = z_1;
-      static_cast<void>(maker_->append(sink, 0, moved, place->t));
+      static_cast<void>(maker_->append(sink, moved, place->t));
     });
   }
 }

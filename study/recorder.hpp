@@ -22,20 +22,20 @@ public:
 
   Recorder(record::Writer writer, Digests digests) : writer_(std::move(writer)), digests_(std::move(digests)) {}
 
-  void append(std::size_t dataset, std::span<const double> row) override {
-    writer_.append(dataset, row);
-    digests_[dataset].add_row(row);
-  }
-  void append(std::size_t dataset, std::span<const std::int64_t> row) override {
-    writer_.append(dataset, row);
-    digests_[dataset].add_row(row);
-  }
+  void append(record::Column column, std::span<const double> row) override { add(column.number, row); }
+  void append(record::Column column, std::span<const std::int64_t> row) override { add(column.number, row); }
   [[nodiscard]] record::Writer& writer() { return writer_; }
   [[nodiscard]] const Digests& digests() const { return digests_; }
   /// Those of the rows that are left where rows were dropped.
   void set_digests(Digests digests) { digests_ = std::move(digests); }
 
 private:
+  template <typename Row>
+  void add(std::size_t dataset, Row row) {
+    writer_.append(dataset, row);
+    digests_[dataset].add_row(row);
+  }
+
   record::Writer writer_;
   Digests digests_;
 };

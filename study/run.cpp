@@ -33,8 +33,10 @@ constexpr double high_price = 5.0;
 class DigestSink final : public RowSink {
 public:
   explicit DigestSink(Digests& digests) : digests_(digests) {}
-  void append(std::size_t dataset, std::span<const double> row) override { digests_[dataset].add_row(row); }
-  void append(std::size_t dataset, std::span<const std::int64_t> row) override { digests_[dataset].add_row(row); }
+  void append(record::Column column, std::span<const double> row) override { digests_[column.number].add_row(row); }
+  void append(record::Column column, std::span<const std::int64_t> row) override {
+    digests_[column.number].add_row(row);
+  }
 
 private:
   Digests& digests_;
@@ -383,6 +385,12 @@ private:
 };
 
 }  // namespace
+
+std::vector<std::string> Simulation::law_names() const {
+  std::vector<std::string> names;
+  std::ranges::transform(laws(), std::back_inserter(names), &Law::name);
+  return names;
+}
 
 std::unique_ptr<Simulation> make_simulation(const Problem& problem, bool tangents) {
   if (problem.hamiltonian() == nullptr) {

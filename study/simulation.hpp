@@ -9,6 +9,7 @@
 #include <rubato/figures/statistics.hpp>
 #include <rubato/ode/integrate.hpp>
 #include <rubato/record/layout.hpp>
+#include <rubato/study/law.hpp>
 #include <rubato/study/output.hpp>
 #include <rubato/study/problem.hpp>
 #include <rubato/study/row_sink.hpp>
@@ -65,15 +66,18 @@ public:
   [[nodiscard]] virtual std::vector<std::string> total_names() const { return {}; }
   [[nodiscard]] virtual std::span<const double> totals() { return {}; }
 
-  [[nodiscard]] virtual std::vector<std::string> residual_names() const { return {}; }
-  /// Local residuals of the step just taken, in the order of residual_names(); with count 0 where a step has none.
-  [[nodiscard]] virtual std::span<const Spread> residuals() { return {}; }
+  /// The local laws, of the step just taken.
+  ///@{
+  [[nodiscard]] virtual std::span<Law> laws() { return {}; }
+  [[nodiscard]] virtual std::span<const Law> laws() const { return {}; }
+  [[nodiscard]] std::vector<std::string> law_names() const;
+  ///@}
 
-  /// Names the datasets of a stored state (under /states, /states/previous when `with_previous`, /exact) and their
+  /// Adds the columns of a stored state (under /states, /states/previous when `with_previous`, /exact) and their
   /// scales.
   virtual void describe_states(record::Layout& layout, bool with_previous) = 0;
-  /// Appends one row to each of them, the first of which is number `first` of the layout.
-  virtual void append_state(RowSink& sink, std::size_t first, bool with_previous) = 0;
+  /// Appends one row to each of them.
+  virtual void append_state(RowSink& sink) = 0;
 
   /// The step taken last, as its record has it. Valid until the next step.
   [[nodiscard]] virtual OutputStep last() const = 0;
