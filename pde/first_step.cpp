@@ -7,16 +7,11 @@ namespace rubato {
 double choose_first_step(const MultisymplecticSystem& system, const grids::Grid& grid, const InitialFields& initial,
                          LatticeOptions options, double tolerance) {
   constexpr std::size_t most_steps = 500;
-  constexpr int order = 2;
-  const double length = options.until - options.start;
-  options.step = std::copysign(1e-6, length) * std::abs(length);
-  LatticeIntegrator start(system, grid, initial, options);
-  const auto run = [&](double step) {
+  const auto make = [&](double step) {
     options.step = step;
-    LatticeIntegrator integrator(system, grid, initial, options);
-    return trial_run(integrator, most_steps);
+    return std::make_unique<LatticeIntegrator>(system, grid, initial, options);
   };
-  return choose_first_step(run, start.node(), starting_scale(start.levels()), order, tolerance, length);
+  return choose_first_step(make, options.until - options.start, tolerance, most_steps);
 }
 
 }  // namespace rubato

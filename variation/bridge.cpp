@@ -4,6 +4,7 @@
 
 #include <rubato/variation/sign.hpp>
 #include <rubato/variation/time_levels.hpp>
+#include <rubato/variation/tuning.hpp>
 
 // Where Γ changes sign the step equation loses its solution (theory, section 3). The node law continues through that
 // set,
@@ -18,45 +19,7 @@ namespace rubato {
 
 namespace {
 
-/// A step this many times longer than the one before tells that Γ is about to vanish, or of a root beyond its zero.
-constexpr double sudden_growth = 1.5;
-/// A flagged step that is off E by so many times the terms that E was set with has another energy altogether.
-constexpr double another_energy = 1e3;
-/// Where to look for the zero of Γ, in ordinary steps. Bridges start from levels up to 1.45 steps away from it.
-constexpr std::array look_ahead = {1.0, 1.25, 1.5, 1.75, 2.0};
-/// Accuracy asked of trial steps while a bridge is being looked for.
-constexpr double trial_accuracy = 1e-9;
-/// Lengths tried for the n equal steps of a bridge, in units of the last regular step. Over plain steps of length κh
-/// H changes by (κh)²ΔΓ/24; from Γ to -Γ the node law asks for 2(h²/8)Γ, that is κ = √3, and for a return to the same Γ
-/// (Γ only touches zero) any κ but 1 will do: at κ = 1 the law is met to second order, and not crossed.
-constexpr std::array lengths = {0.3, 0.5, 0.7, 0.85, 1.0, 1.2, 1.4, 1.6, 1.8, 2.0, 2.25, 2.5, 2.75, 3.0, 3.3, 3.6};
-/// A plain step longer than this, relative to what the step law asks for at its ends, does not belong to a bridge: Γ is
-/// large there, and the law must be met before.
-constexpr double longest_for_gamma = 3.5;
-/// Steps tried while no bridge is found, relative to the step law: whichever leaves the smallest defect of the node
-/// law.
-constexpr std::array waiting_lengths = {0.6, 1.0, 1.5};
-/// How much longer than the last one plain steps may become.
-constexpr double largest_growth = 1.5;
-/// A bridge across a simple zero has values of Γ at its ends whose ratio is 4 at most. A root of the node law's
-/// equation with a more lopsided one is another: the cube root is so steep beside the zero that it has two there.
-constexpr double largest_imbalance = 32.0;
-/// How far the end of a bridge may be off the node law, relative to H - E, where none meets it.
-constexpr double largest_miss = 0.5;
-/// With `fixed`, or after `longest_wait` plain steps, the first step that meets the energy law again may
-/// differ from the step law by this factor; after twice as many by its square. Where Γ hardly changes no plain step
-/// makes a defect of the node law smaller, and it would be waited for in vain.
-constexpr double largest_misfit = 1.5;
-constexpr int longest_wait = 8;
-/// The reversible rule believes no measured amplitude that differs from the last one by more than this factor.
-constexpr double largest_change = 4.0;
-/// The largest change of a bridge's length at once while it is made to meet the law one step later, and how many.
-constexpr double longest_polish = 0.2;
-constexpr int most_polishing = 20;
-/// A relative change of a bridge's length that no longer makes the defect smaller: rounding.
-constexpr double stagnation_polish = 1e-10;
-/// Numbers of steps tried where no single step leads across.
-constexpr std::array counts = {1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 20, 24, 32};
+using namespace tuning;
 
 /// Whether a bridge may lead from one of these Γ to the other.
 bool balanced(double from, double to) {

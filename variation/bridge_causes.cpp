@@ -3,16 +3,11 @@
 #include <algorithm>
 #include <cmath>
 
+#include <rubato/variation/tuning.hpp>
+
 namespace rubato {
 
-namespace {
-
-/// How many steps ahead a zero of Γ explains why a step does not exist: the step law has h grow without bound there.
-constexpr double steps_ahead = 3.0;
-/// A sign change from one Γ to another this many times larger is no crossing of a simple zero: those are balanced.
-constexpr double largest_crossing_ratio = 16.0;
-
-}  // namespace
+using namespace tuning;
 
 double GammaTrend::ratio() const {
   const double a = std::abs(before);

@@ -1,30 +1,26 @@
 #include <rubato/variation/first_step.hpp>
 
+#include <algorithm>
+#include <cmath>
 #include <limits>
 #include <stdexcept>
+#include <utility>
 
 #include <fmt/format.h>
+
+#include <rubato/variation/tuning.hpp>
 
 namespace rubato {
 
 namespace {
 
-/// The tolerance trials begin with, and the factor from one to the next.
-constexpr double coarse_tolerance = 1e-3;
-constexpr double refinement = 1e-2;
-constexpr int most_first_trials = 16;
-/// A trial whose deviation is this part of the tolerance is good enough; the next one aims at its upper third.
-constexpr double least_part = 0.7;
-constexpr double aim = 0.9;
-/// Change of the step from one trial to the next: where the law does not hold yet it is not to be trusted further.
-constexpr double largest_rise = 4.0;
-constexpr double largest_cut = 0.1;
+using namespace tuning;
 
 /// The search for one tolerance. Steps are lengths here.
 class Search {
 public:
-  Search(const std::function<TrialRun(double)>& run, int order, double length)
-      : run_(run), order_(order), longest_(0.1 * std::abs(length)), direction_(length) {}
+  Search(std::function<TrialRun(double)> run, int order, double length)
+      : run_(std::move(run)), order_(order), longest_(0.1 * std::abs(length)), direction_(length) {}
 
   /// \param may_grow whether a deviation below the tolerance asks for a longer step even if the trial did not see all
   /// of the run
@@ -63,24 +59,53 @@ public:
   }
 
 private:
-  const std::function<TrialRun(double)>& run_;
+  std::function<TrialRun(double)> run_;
   int order_;
   double longest_;
   double direction_;
 };
 
+/// The size of H's terms at the start, or of what their rounding says of them, where they all happen to vanish.
+double starting_scale(const TimeLevels& levels) {
+  return std::max(levels.energy_scale(), levels.energy_rounding() / std::numeric_limits<double>::epsilon());
+}
+
 }  // namespace
 
-double choose_first_step(const std::function<TrialRun(double)>& run, const LevelNode& start, double energy_scale,
-                         int order, double tolerance, double length) {
+TrialRun trial_run(Integrator& integrator, std::size_t most_steps) {
+  double low = integrator.bare_node().energy;
+  double high = low;
+  TrialRun result;
+  for (std::size_t k = 0; k < most_steps && !integrator.finished(); ++k) {
+    result.status = integrator.step().status;
+    if (result.status != Status::success) {
+      return result;
+    }
+    const double energy = integrator.bare_node().energy;
+    low = std::min(low, energy);
+    high = std::max(high, energy);
+  }
+  result.whole = integrator.finished();
+  // While the run still waits beside a zero of Γ there is no E yet.
+  const double set = integrator.levels().bare_energy();
+  const double E = std::isnan(set) ? 0.5 * (low + high) : set;
+  const double scale = integrator.levels().energy_scale();
+  result.deviation = scale == 0.0 ? 0.0 : std::max(high - E, E - low) / scale;
+  return result;
+}
+
+double choose_first_step(const std::function<std::unique_ptr<Integrator>(double)>& make, double length,
+                         double tolerance, std::size_t most_steps) {
+  const auto start = make(std::copysign(1e-6, length) * std::abs(length));
   if (!(tolerance > 0.0 && tolerance < 1.0)) {
     throw std::invalid_argument(
         fmt::format("the tolerance of the node energy is relative and has to be between 0 and 1; got {}", tolerance));
   }
-  const Search search(run, order, length);
+  const int order = start->traits().order;
+  const Search search([&](double step) { return trial_run(*make(step), most_steps); }, order, length);
   double reached = std::max(tolerance, coarse_tolerance);
   // |H - E| = (s+1)/24 h^s |Γ| at the start
-  const double law = 24.0 * reached * energy_scale / ((order + 1.0) * std::abs(start.gamma));
+  const double law = 24.0 * reached * starting_scale(start->levels()) / ((order + 1.0) * std::abs(start->node().gamma));
   const double guess = std::pow(law, 1.0 / order);
   double step = search(std::isfinite(guess) && guess > 0.0 ? guess : 0.1 * std::abs(length), reached, true);
   while (reached > tolerance) {

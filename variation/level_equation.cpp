@@ -2,22 +2,15 @@
 #include <cmath>
 
 #include <rubato/base/limits.hpp>
-#include <rubato/variation/level_accuracy.hpp>
 #include <rubato/variation/sign.hpp>
 #include <rubato/variation/time_levels.hpp>
+#include <rubato/variation/tuning.hpp>
 
 // The scalar equation E(h) = E for the length of a step (theory, section 3.2).
 
 namespace rubato {
 
-namespace {
-
-/// A root this many times longer or shorter than the step law predicts is on another branch.
-constexpr double largest_ratio = 4.0;
-/// Trial lengths per step. A regular step takes 2 or 3; the rest is for finding out that there is no root.
-constexpr int most_trials = 60;
-
-}  // namespace
+using namespace tuning;
 
 Status TimeLevels::solve_level(double guess) {
   const double side = sign(guess);
@@ -47,7 +40,7 @@ Status TimeLevels::solve_level(double guess) {
   Status failure = Status::singular;
 
   for (int trial = 0; trial < most_trials; ++trial) {
-    const Status status = scheme_.advance(side * length, full ? 0.0 : detail::loose);
+    const Status status = scheme_.advance(side * length, full ? 0.0 : loose);
     if (status != Status::success) {
       failure = status;
       blocked = length;
@@ -116,7 +109,7 @@ Status TimeLevels::solve_level(double guess) {
       continue;
     }
     // A loosely solved step may tell the wrong side of a root it is nearly at: it moves the bracket only from afar.
-    const bool reliable = full || std::abs(miss) > detail::loose * slope * length;
+    const bool reliable = full || std::abs(miss) > loose * slope * length;
     if (reliable && miss < 0.0) {
       if (length > below) {
         below = length;
@@ -139,7 +132,7 @@ Status TimeLevels::solve_level(double guess) {
     const double secant = (miss - last_miss) / (unit * (1.0 - std::pow(last_length / length, order)));
     const double same_slope = last_slope * std::pow(length / last_length, order - 1);  // that of the last trial, here
     const bool agrees = stalls == 0 && last_length > 0.0 && secant > 0.8 * slope && secant < 1.25 * slope;
-    const double error = full && last_full ? 2.0 * rounding_ : detail::loose * slope * length;
+    const double error = full && last_full ? 2.0 * rounding_ : loose * slope * length;
     if (last_length > 0.0 && secant > 0.0 && std::abs(miss - last_miss) > 100.0 * error) {
       const double ratio = secant / (0.5 * (slope + same_slope));
       correction = ratio > 0.8 && ratio < 1.25 ? 1.0 : ratio;

@@ -2,10 +2,10 @@
 #include <cmath>
 
 #include <rubato/base/limits.hpp>
-#include <rubato/variation/level_accuracy.hpp>
 #include <rubato/variation/scout.hpp>
 #include <rubato/variation/sign.hpp>
 #include <rubato/variation/time_levels.hpp>
+#include <rubato/variation/tuning.hpp>
 
 // Levels with a step potential (theory, section 9): its choice, and the scalar equation K_h + f'(h) = E.
 
@@ -13,17 +13,7 @@ namespace rubato {
 
 namespace {
 
-constexpr int most_potential_trials = 40;
-/// A root this many times longer or shorter than foreseen is not taken.
-constexpr double farthest_root = 2.0;
-/// How far one trial may be from the last, and how near they are for a secant to be a slope.
-constexpr double longest_move = 1.25, nearby = 0.05;
-/// What a loosely solved step leaves of E_k, beside h dE/dh: E_k is told to first order in what the step is off by.
-constexpr double loose_energy = 1e-9;
-/// A move that is hardly more than that may be the last; before it, loosely solved steps tell as much and cost less.
-constexpr double last_move = 10.0 * loose_energy;
-/// Differences that stand out from their errors so far tell what the scheme's slope is off by, if that is within:
-constexpr double standing_out = 1e3, largest_slope_ratio = 1.25;
+using namespace tuning;
 
 /// The x next to 0 with miss + rate x + curvature x² = 0; Newton's where that is far from it.
 double move_to_root(double miss, double rate, double curvature) {
@@ -63,7 +53,7 @@ Status TimeLevels::solve_with_potential(double guess) {
   bool full = false, last_full = false;
   int stalls = 0;
   for (int trial = 0; trial < most_potential_trials; ++trial) {
-    if (const Status status = scheme_.advance(side * length, full ? 0.0 : detail::loose); status != Status::success) {
+    if (const Status status = scheme_.advance(side * length, full ? 0.0 : loose); status != Status::success) {
       // Too long for its own equation, it may be: half way back to the step before.
       const double shorter = 0.5 * (length + std::min(length, std::abs(regular_step_)));
       if (shorter > 0.99 * length) {
@@ -101,7 +91,7 @@ Status TimeLevels::solve_with_potential(double guess) {
     // E_k has one branch that grows with the length to the side of the potential: a root lies between a length that is
     // too short, or short of that branch, and one that is too long. A loosely solved step may tell the wrong side of a
     // root it is nearly at.
-    const double error = full && last_full ? 2.0 * rounding_ : detail::loose * std::abs(slope) * length;
+    const double error = full && last_full ? 2.0 * rounding_ : loose * std::abs(slope) * length;
     const bool reliable = full || std::abs(miss) > error;
     if (slope <= 0.0 || (reliable && miss < 0.0)) {
       below = std::max(below, length);

@@ -7,35 +7,13 @@
 #include <vector>
 
 #include <rubato/variation/sign.hpp>
+#include <rubato/variation/tuning.hpp>
 
 namespace rubato {
 
 namespace {
 
-/// What a scout sees at least, in first steps: a period of what an orbit does is some dozens of steps that resolve it.
-constexpr double least_stretch = 400.0;
-/// Steps it takes at most, if the state is as small as an orbit's, and if it is large.
-constexpr std::size_t most_steps = 3200, most_large_steps = 400;
-/// Values of a state beyond which it is not small.
-constexpr std::size_t small_state = 100;
-/// |η| largest beyond this part of the stretch: more is to come.
-constexpr double seen_before = 0.9;
-/// So much of the largest |η| the second half has to see again: an eccentric orbit that sets out from its pericentre
-/// will come back to it.
-constexpr double come_back = 0.1;
-/// By so much the stretch has grown when it is looked at again.
-constexpr double look_again = 1.1;
-/// Where the terms of K are so many times those of the first step the motion has blown up, and what is beyond would
-/// only overflow.
-constexpr double blown_up = 1e100;
-/// η is wanted to two digits.
-constexpr double scout_accuracy = 1e-5;
-/// Change of η from one step to the next, relative to the larger, with which steps may become twice as long; beyond
-/// which a long step is taken again, half as long; and after how many steps the longer ones are tried once more. A
-/// longer step has an error of η that is four times as large: so it stays a few hundredths.
-constexpr double hardly_changed = 0.05, changed_much = 0.2;
-constexpr int steps_until_tried_again = 8;
-constexpr double longest_stride = 1024.0;
+using namespace tuning;
 
 /// The scout's log so far, and whether it has seen enough.
 class Watch {

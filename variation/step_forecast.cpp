@@ -5,17 +5,11 @@
 #include <limits>
 
 #include <rubato/base/lagrange_weight.hpp>
+#include <rubato/variation/tuning.hpp>
 
 namespace rubato {
 
-namespace {
-
-/// No step is foreseen to be this many times longer or shorter than the last one.
-constexpr double largest_foresight = 1.25;
-constexpr int most_forecast_iterations = 8;
-constexpr double forecast_accuracy = 1e-10;
-
-}  // namespace
+using namespace tuning;
 
 /// Of Lagrange, through all samples.
 double StepForecast::polynomial(double Sample::*at, double Sample::*value, double time) const {

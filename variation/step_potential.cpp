@@ -9,45 +9,14 @@
 #include <vector>
 
 #include <rubato/base/limits.hpp>
+#include <rubato/variation/tuning.hpp>
 
 namespace rubato {
 
 namespace {
 
-/// |ln(h_{k+1}/h_k)| up to which the levels' leading order is believed.
-constexpr double believed_change = 0.2;
-/// The levels have to exist for an η that much larger, too: the orbit will meet what the scout did not.
-constexpr double eta_margin = 1.5;
-/// h dE/dh has to be this part of the terms of K: rounding in these then moves h by 1e-6 of itself at most. Or so many
-/// times the tolerance that levels are solved to, for what that leaves to move h by a thousandth at most; E_k is met
-/// much better than to it (TimeLevels::solved_to).
-constexpr double least_slope = 1e-10, least_slope_by_tolerance = 10.0;
-/// κ tried: from steps as long as the orbit lets them be to steps that are nearly equal.
-constexpr double largest_kappa = 60.0, least_kappa = 1.0 / 16.0, kappa_ratio = 1.3;
-/// κ where none of them is forecast to last.
-constexpr double last_resort = 0.5;
-/// How large f' may become, beside what the node energy is off with equal steps.
-constexpr double largest_part = 4.0;
-/// And beside the size of the terms of K, which is |K| or some hundredths of the sum of their magnitudes.
-constexpr double most_of_terms = 30.0;
-/// Potentials are as good as the best up to this part of its work.
-constexpr double as_good = 0.1;
-/// So much more work may one be that is hardly felt, as the law without a potential is.
-constexpr double price_of_the_law = 0.5;
-/// A potential of this part of what the node energy is off with equal steps is hardly felt.
-constexpr double unfelt = 1e-3;
-/// How far η may leave what the first half of a scouted stretch has shown, for the second to have nothing new.
-constexpr double nothing_new = 0.5;
-/// So many times η is made to change its sign and back, to see whether levels would last where it does so unseen.
-constexpr double unseen_turns = 6.0;
-/// From this order on that is asked of every potential.
-constexpr double order_with_zeros = 4.0;
+using namespace tuning;
 constexpr double two_pi = 2.0 * std::numbers::pi;
-/// Where the node energy hardly changes, this part of what it is off with equal steps counts for its change.
-constexpr double negligible = 0.01;
-/// Where η vanishes, K is the same for every h, and the potential alone tells one step from another: f' is at least
-/// this part of the terms of K then, well above what rounding makes of them.
-constexpr double least_strength = 1e-6, least_strength_by_tolerance = 100.0;
 
 /// η at times that increase: cubic between the middles of the scout's steps.
 class EtaAlong {

@@ -9,19 +9,11 @@
 #include <rubato/base/lagrange_weight.hpp>
 #include <rubato/base/limits.hpp>
 #include <rubato/variation/sign.hpp>
+#include <rubato/variation/tuning.hpp>
 
 namespace rubato {
 
-namespace {
-
-/// Part of the tolerance to which equations are solved.
-constexpr double margin = 0.1;
-/// What a step may be off E by however large its terms have become, beside those that E was set with.
-constexpr double largest_miss_of_terms = 1e-3;
-/// With fixed levels, steps for which the size of the energy's terms serves.
-constexpr std::size_t size_period = 16;
-
-}  // namespace
+using namespace tuning;
 
 TimeLevels::TimeLevels(LevelScheme& scheme, const LevelOptions& options, double start, double first_step)
     : scheme_(scheme), options_(options), start_(start), fixed_h_(first_step), time_(start), last_step_(first_step) {

@@ -1,0 +1,178 @@
+#pragma once
+
+#include <array>
+#include <cstddef>
+
+/// \file
+/// The numbers that were tuned, or chosen, in the search for levels, with their reasons: here, so that whoever changes
+/// one sees the others. Tolerances of a single formula stand beside it.
+
+namespace rubato::tuning {
+
+/// Accuracy asked of a step whose length will still change: Newton's next correction of h squares the error anyway.
+inline constexpr double loose = 1e-6;
+
+// The equation E_k = E of a regular step (level_equation.cpp)
+
+/// A root this many times longer or shorter than the step law predicts is on another branch.
+inline constexpr double largest_ratio = 4.0;
+/// Trial lengths per step. A regular step takes 2 or 3; the rest is for finding out that there is no root.
+inline constexpr int most_trials = 60;
+
+// Levels (time_levels.cpp)
+
+/// Part of the tolerance to which equations are solved.
+inline constexpr double margin = 0.1;
+/// What a step may be off E by however large its terms have become, beside those that E was set with.
+inline constexpr double largest_miss_of_terms = 1e-3;
+/// With fixed levels, steps for which the size of the energy's terms serves.
+inline constexpr std::size_t size_period = 16;
+
+// Where the next step is looked for first (step_forecast.cpp)
+
+/// No step is foreseen to be this many times longer or shorter than the last one.
+inline constexpr double largest_foresight = 1.25;
+inline constexpr int most_forecast_iterations = 8;
+inline constexpr double forecast_accuracy = 1e-10;
+
+// The first step by a tolerance (first_step.cpp)
+
+/// The tolerance trials begin with, and the factor from one to the next.
+inline constexpr double coarse_tolerance = 1e-3;
+inline constexpr double refinement = 1e-2;
+inline constexpr int most_first_trials = 16;
+/// A trial whose deviation is this part of the tolerance is good enough; the next one aims at its upper third.
+inline constexpr double least_part = 0.7;
+inline constexpr double aim = 0.9;
+/// Change of the step from one trial to the next: where the law does not hold yet it is not to be trusted further.
+inline constexpr double largest_rise = 4.0;
+inline constexpr double largest_cut = 0.1;
+
+// Bridges (bridge.cpp; theory, section 3.1)
+
+/// A step this many times longer than the one before tells that Γ is about to vanish, or of a root beyond its zero.
+inline constexpr double sudden_growth = 1.5;
+/// A flagged step that is off E by so many times the terms that E was set with has another energy altogether.
+inline constexpr double another_energy = 1e3;
+/// Where to look for the zero of Γ, in ordinary steps. Bridges start from levels up to 1.45 steps away from it.
+inline constexpr std::array look_ahead = {1.0, 1.25, 1.5, 1.75, 2.0};
+/// Accuracy asked of trial steps while a bridge is being looked for.
+inline constexpr double trial_accuracy = 1e-9;
+/// Lengths tried for the n equal steps of a bridge, in units of the last regular step. Over plain steps of length κh
+/// H changes by (κh)²ΔΓ/24; from Γ to -Γ the node law asks for 2(h²/8)Γ, that is κ = √3, and for a return to the same Γ
+/// (Γ only touches zero) any κ but 1 will do: at κ = 1 the law is met to second order, and not crossed.
+inline constexpr std::array lengths = {0.3, 0.5, 0.7,  0.85, 1.0,  1.2, 1.4, 1.6,
+                                       1.8, 2.0, 2.25, 2.5,  2.75, 3.0, 3.3, 3.6};
+/// A plain step longer than this, relative to what the step law asks for at its ends, does not belong to a bridge: Γ is
+/// large there, and the law must be met before.
+inline constexpr double longest_for_gamma = 3.5;
+/// Steps tried while no bridge is found, relative to the step law: whichever leaves the smallest defect of the node
+/// law.
+inline constexpr std::array waiting_lengths = {0.6, 1.0, 1.5};
+/// How much longer than the last one plain steps may become.
+inline constexpr double largest_growth = 1.5;
+/// A bridge across a simple zero has values of Γ at its ends whose ratio is 4 at most. A root of the node law's
+/// equation with a more lopsided one is another: the cube root is so steep beside the zero that it has two there.
+inline constexpr double largest_imbalance = 32.0;
+/// How far the end of a bridge may be off the node law, relative to H - E, where none meets it.
+inline constexpr double largest_miss = 0.5;
+/// With `fixed`, or after `longest_wait` plain steps, the first step that meets the energy law again may
+/// differ from the step law by this factor; after twice as many by its square. Where Γ hardly changes no plain step
+/// makes a defect of the node law smaller, and it would be waited for in vain.
+inline constexpr double largest_misfit = 1.5;
+inline constexpr int longest_wait = 8;
+/// The reversible rule believes no measured amplitude that differs from the last one by more than this factor.
+inline constexpr double largest_change = 4.0;
+/// The largest change of a bridge's length at once while it is made to meet the law one step later, and how many.
+inline constexpr double longest_polish = 0.2;
+inline constexpr int most_polishing = 20;
+/// A relative change of a bridge's length that no longer makes the defect smaller: rounding.
+inline constexpr double stagnation_polish = 1e-10;
+/// Numbers of steps tried where no single step leads across.
+inline constexpr std::array counts = {1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 20, 24, 32};
+
+// What is said of bridges (bridge_causes.cpp)
+
+/// How many steps ahead a zero of Γ explains why a step does not exist: the step law has h grow without bound there.
+inline constexpr double steps_ahead = 3.0;
+/// A sign change from one Γ to another this many times larger is no crossing of a simple zero: those are balanced.
+inline constexpr double largest_crossing_ratio = 16.0;
+
+// The scout of a step potential (scout.cpp; theory, section 9)
+
+/// What a scout sees at least, in first steps: a period of what an orbit does is some dozens of steps that resolve it.
+inline constexpr double least_stretch = 400.0;
+/// Steps it takes at most, if the state is as small as an orbit's, and if it is large.
+inline constexpr std::size_t most_steps = 3200, most_large_steps = 400;
+/// Values of a state beyond which it is not small.
+inline constexpr std::size_t small_state = 100;
+/// |η| largest beyond this part of the stretch: more is to come.
+inline constexpr double seen_before = 0.9;
+/// So much of the largest |η| the second half has to see again: an eccentric orbit that sets out from its pericentre
+/// will come back to it.
+inline constexpr double come_back = 0.1;
+/// By so much the stretch has grown when it is looked at again.
+inline constexpr double look_again = 1.1;
+/// Where the terms of K are so many times those of the first step the motion has blown up, and what is beyond would
+/// only overflow.
+inline constexpr double blown_up = 1e100;
+/// η is wanted to two digits.
+inline constexpr double scout_accuracy = 1e-5;
+/// Change of η from one step to the next, relative to the larger, with which steps may become twice as long; beyond
+/// which a long step is taken again, half as long; and after how many steps the longer ones are tried once more. A
+/// longer step has an error of η that is four times as large: so it stays a few hundredths.
+inline constexpr double hardly_changed = 0.05, changed_much = 0.2;
+inline constexpr int steps_until_tried_again = 8;
+inline constexpr double longest_stride = 1024.0;
+
+// The choice of a step potential (step_potential.cpp)
+
+/// |ln(h_{k+1}/h_k)| up to which the levels' leading order is believed.
+inline constexpr double believed_change = 0.2;
+/// The levels have to exist for an η that much larger, too: the orbit will meet what the scout did not.
+inline constexpr double eta_margin = 1.5;
+/// h dE/dh has to be this part of the terms of K: rounding in these then moves h by 1e-6 of itself at most. Or so many
+/// times the tolerance that levels are solved to, for what that leaves to move h by a thousandth at most; E_k is met
+/// much better than to it (TimeLevels::solved_to).
+inline constexpr double least_slope = 1e-10, least_slope_by_tolerance = 10.0;
+/// κ tried: from steps as long as the orbit lets them be to steps that are nearly equal.
+inline constexpr double largest_kappa = 60.0, least_kappa = 1.0 / 16.0, kappa_ratio = 1.3;
+/// κ where none of them is forecast to last.
+inline constexpr double last_resort = 0.5;
+/// How large f' may become, beside what the node energy is off with equal steps.
+inline constexpr double largest_part = 4.0;
+/// And beside the size of the terms of K, which is |K| or some hundredths of the sum of their magnitudes.
+inline constexpr double most_of_terms = 30.0;
+/// Potentials are as good as the best up to this part of its work.
+inline constexpr double as_good = 0.1;
+/// So much more work may one be that is hardly felt, as the law without a potential is.
+inline constexpr double price_of_the_law = 0.5;
+/// A potential of this part of what the node energy is off with equal steps is hardly felt.
+inline constexpr double unfelt = 1e-3;
+/// How far η may leave what the first half of a scouted stretch has shown, for the second to have nothing new.
+inline constexpr double nothing_new = 0.5;
+/// So many times η is made to change its sign and back, to see whether levels would last where it does so unseen.
+inline constexpr double unseen_turns = 6.0;
+/// From this order on that is asked of every potential.
+inline constexpr double order_with_zeros = 4.0;
+/// Where the node energy hardly changes, this part of what it is off with equal steps counts for its change.
+inline constexpr double negligible = 0.01;
+/// Where η vanishes, K is the same for every h, and the potential alone tells one step from another: f' is at least
+/// this part of the terms of K then, well above what rounding makes of them.
+inline constexpr double least_strength = 1e-6, least_strength_by_tolerance = 100.0;
+
+// Levels with a step potential (potential_levels.cpp)
+
+inline constexpr int most_potential_trials = 40;
+/// A root this many times longer or shorter than foreseen is not taken.
+inline constexpr double farthest_root = 2.0;
+/// How far one trial may be from the last, and how near they are for a secant to be a slope.
+inline constexpr double longest_move = 1.25, nearby = 0.05;
+/// What a loosely solved step leaves of E_k, beside h dE/dh: E_k is told to first order in what the step is off by.
+inline constexpr double loose_energy = 1e-9;
+/// A move that is hardly more than that may be the last; before it, loosely solved steps tell as much and cost less.
+inline constexpr double last_move = 10.0 * loose_energy;
+/// Differences that stand out from their errors so far tell what the scheme's slope is off by, if that is within:
+inline constexpr double standing_out = 1e3, largest_slope_ratio = 1.25;
+
+}  // namespace rubato::tuning
