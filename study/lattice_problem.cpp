@@ -10,6 +10,7 @@
 #include <rubato/pde/first_step.hpp>
 #include <rubato/study/initial_record.hpp>
 #include <rubato/study/reader.hpp>
+#include <rubato/study/scheme_options.hpp>
 
 namespace rubato::study {
 
@@ -183,14 +184,8 @@ LatticeOptions make_lattice_options(const Problem& problem, const Multisymplecti
                          .space_stages = scheme.space_stages,
                          .composition = scheme.composition,
                          .space = scheme.space,
-                         .start = pde.start,
-                         .step = scheme.step.value_or(0.0),
-                         .until = scheme.until,
-                         .levels = scheme.levels,
-                         .on_singular = scheme.on_singular,
-                         .potential = scheme.potential,
-                         .bridge = scheme.bridge,
-                         .tolerance = scheme.tolerance};
+                         .start = pde.start};
+  set_run_options(scheme, options);
   for (const LinearSymmetry& symmetry : pde.symmetries) {
     options.symmetries.push_back({symmetry.name, dense(symmetry.B)});
     at_location(symmetry.B.location, [&] { check_symmetry(system, options.symmetries.back()); });

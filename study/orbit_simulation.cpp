@@ -7,6 +7,7 @@
 #include <rubato/ode/integrate.hpp>
 #include <rubato/study/formula_table.hpp>
 #include <rubato/study/orbit_problem.hpp>
+#include <rubato/study/scheme_options.hpp>
 #include <rubato/study/simulation.hpp>
 
 namespace rubato::study {
@@ -217,14 +218,8 @@ OrbitIntegrator make_integrator(const Problem& problem) {
   const HamiltonianProblem& orbit = *problem.hamiltonian();
   const Scheme& scheme = problem.scheme;
   IntegrationOptions options{.lagrangian = make_discretisation(problem),
-                             .step = scheme.step.value_or(0.0),
-                             .until = scheme.until,
-                             .levels = scheme.levels,
-                             .on_singular = scheme.on_singular,
-                             .bridge = scheme.bridge,
-                             .potential = scheme.potential,
-                             .tolerance = scheme.tolerance,
                              .max_steps = static_cast<std::size_t>(scheme.max_steps)};
+  set_run_options(scheme, options);
   if (orbit.next) {
     options.next = InitialState{.q = orbit.next->q, .p = orbit.next->p, .t = orbit.next->t};
   }

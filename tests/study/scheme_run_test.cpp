@@ -2,9 +2,12 @@
 // has nothing to do.
 
 #include <cmath>
+#include <tuple>
 
 #include <catch2/catch.hpp>
 
+#include <rubato/ode/integrate.hpp>
+#include <rubato/pde/lattice.hpp>
 #include <rubato/study/problem.hpp>
 #include <rubato/study/run.hpp>
 
@@ -13,6 +16,17 @@
 using namespace rubato::study;
 using namespace rubato::study_tests;
 using Catch::Matchers::Contains;
+
+TEST_CASE("the options of orbits and of lattices say the same of a run where nothing is told") {
+  const rubato::LevelOptions orbit = level_options(rubato::IntegrationOptions{}, true, 0.0),
+                             lattice = level_options(rubato::LatticeOptions{}, true, 0.0),
+                             other = level_options(rubato::LatticeOptions{.tolerance = 1e-12}, true, 0.0);
+  const auto told = [](const rubato::LevelOptions& options) {
+    return std::tuple(options.levels, options.on_singular, options.bridge, options.tolerance, options.potential.kind);
+  };
+  CHECK(told(orbit) == told(lattice));
+  CHECK_FALSE(told(orbit) == told(other));  // the twin
+}
 
 TEST_CASE("step = auto keeps the node energy within energy_tolerance, and resumes as if never stopped") {
   const Folder folder;
