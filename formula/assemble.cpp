@@ -243,13 +243,13 @@ private:
     std::vector<std::pair<std::size_t, std::size_t>> stores;  // first output, how many
     for (std::size_t j = 0; j < assigned_.outputs.size(); ++j) {
       if (constant(j) != never) {
+        if (stores.size() == most_constant_stores) {
+          return false;
+        }
         const std::size_t count = constant(j + 1) == constant(j) ? 2 : 1;
         stores.emplace_back(j, count);
         j += count - 1;
       }
-    }
-    if (stores.size() > most_constant_stores) {
-      return false;
     }
     ValueNumber loaded = never;
     for (const auto& [j, count] : stores) {

@@ -24,7 +24,7 @@ MachineCode::Function MachineCode::whole() const {
 }
 
 std::unique_ptr<const MachineCode> MachineCode::compile(const Bytecode& code) {
-  if (code.instructions().size() > longest_machine_code) {
+  if (code.instructions().size() > longest_machine_code || code.output_count() > most_machine_code_outputs) {
     return nullptr;
   }
   const std::optional<Assembled> assembled = assemble(code);

@@ -25,7 +25,7 @@ public:
   MachineCode(ExecutableMemory memory, const Layout& layout) : memory_(std::move(memory)), layout_(layout) {}
 
   /// None where the processor is no x86-64 with AVX, the library was built without asmjit, the code is too long to gain
-  /// by it (longest_machine_code), or the system gives no executable pages.
+  /// by it (longest_machine_code, most_machine_code_outputs), or the system gives no executable pages.
   [[nodiscard]] static std::unique_ptr<const MachineCode> compile(const Bytecode& code);
 
   /// Writes every output that is no constant.
@@ -46,5 +46,7 @@ private:
 
 /// Instructions beyond which code is interpreted: it would no longer fit the caches of the processor.
 inline constexpr std::size_t longest_machine_code = 200'000;
+/// Outputs beyond which it is, too: those of a Hessian that is nearly all zeros, which take longer to hand over.
+inline constexpr std::size_t most_machine_code_outputs = 1'000'000;
 
 }  // namespace rubato::formula
