@@ -42,8 +42,10 @@ constexpr double loosest = 1e-13;
 /// enough; and one that may be the last, whose leftovers, of one sign, must not add up.
 constexpr double loose_leftover = 0.5 * std::numeric_limits<double>::epsilon();
 constexpr double least_leftover = 1e-3 * std::numeric_limits<double>::epsilon();
-/// A correction larger than this shows how fast corrections contract.
-constexpr double measurable = 1e-13;
+/// A correction larger than this shows how fast corrections contract, and one larger than the second about how fast.
+constexpr double measurable = 1e-13, visible = 4e-15;
+/// Corrections of this size are lost in rounding.
+constexpr double lost_correction = 0.5 * std::numeric_limits<double>::epsilon();
 /// Relative change of h that asks for another matrix.
 constexpr double refactor_ratio = 0.03;
 /// A step this many times longer or shorter than the last one is not begun from its polynomial.
@@ -283,18 +285,9 @@ private:
     }
     StagnationTest test(std::min(accuracy, loosest));
     const double leftover = accuracy > 0.0 ? loose_leftover : newton_ ? least_leftover : 0.0;
-    double last = std::numeric_limits<double>::infinity(), last_residual = last;
+    double last = std::numeric_limits<double>::infinity(), last_residual = last, rate = slowest_contraction;
     for (int iteration = 0; iteration < most_gauss_iterations; ++iteration) {
-      for (Index i = 0; i < m_; ++i) {
-        z_.displaced(1.0, Y_.col(i), point_);
-        Z_.col(i) = point_;
-      }
-      stages_(Z_, f_, energies_);
-      ++iterations_;
-      next_ = f_.lazyProduct(tableau_.a_rest.transpose());
-      next_ += f_.lazyProduct(tableau_.a_short.transpose());
-      next_ = h * next_ - Y_;
-      correction_ = next_;
+      sweep(h);
       const double residual = relative_size();
       if (newton_) {
         stage_newton_->solve(correction_);
@@ -311,8 +304,14 @@ private:
       if (std::max(contraction_, outdated) * size <= leftover) {
         return Status::success;
       }
+      if (size > visible) {
+        rate = size / last;
+      }
       const auto verdict = test.judge(size, residual);
       if (verdict == StagnationTest::Verdict::done || (verdict == StagnationTest::Verdict::stalled && is_rounding(h))) {
+        if (!newton_ && accuracy == 0.0) {
+          settle(h, std::min(rate, slowest_contraction));
+        }
         return Status::success;
       }
       if (!newton_ && iteration > 1 && size > slow_ * last && verdict != StagnationTest::Verdict::again) {
@@ -325,6 +324,30 @@ private:
       last_residual = residual;
     }
     return Status::not_converged;
+  }
+
+  /// What the stages Y_ leave of their equations, as next_ and correction_.
+  void sweep(double h) {
+    for (Index i = 0; i < m_; ++i) {
+      z_.displaced(1.0, Y_.col(i), point_);
+      Z_.col(i) = point_;
+    }
+    stages_(Z_, f_, energies_);
+    ++iterations_;
+    next_ = f_.lazyProduct(tableau_.a_rest.transpose());
+    next_ += f_.lazyProduct(tableau_.a_short.transpose());
+    next_ = h * next_ - Y_;
+    correction_ = next_;
+  }
+
+  /// Corrections that are lost in rounding still have a sign, which may be the same in many steps: with corrections
+  /// that shrink by no more than 0.3 what is left would show after 1e5 steps. Further sweeps leave next to nothing of
+  /// it.
+  void settle(double h, double rate) {
+    for (double left = rate * lost_correction; left > least_leftover; left *= rate) {
+      sweep(h);
+      Y_ += correction_;
+    }
   }
 
   /// Corrections relative to the increments, each component in units of its own. A component that is 0 with slope 0 at

@@ -82,8 +82,8 @@ public:
 
   void accept() override {
     slab_->increment(delta_);
-    last_rests_.re.copy_from(slab_->rests().re);
-    last_rests_.im.copy_from(slab_->rests().im);
+    slab_->keep();
+    slab_->rests_at_end(last_rests_);
     last_h_ = trial_h();
     for (int f = 0; f < system_.field_count(); ++f) {
       double& largest = largest_[static_cast<std::size_t>(f)];
@@ -156,6 +156,7 @@ public:
     }
     law.energy = slab_.energy();
     slab_.increment(rows_);
+    law.is_long = slab_.solved_by_newton();
     for (int f = 0; f < system_.field_count(); ++f) {
       const auto z_0 = before.fields.field(f), z_1 = after.fields.field(f);
       const auto out = rows_.field(f);

@@ -30,6 +30,10 @@ constexpr double roundings = 16.0;
 /// Corrections that shrink less than this lead nowhere within most_slab_iterations.
 constexpr double no_contraction = 0.9;
 constexpr int patience = 8;
+/// Fixed-point iteration is tried again in steps so many times shorter than one in which it did not contract, and now
+/// and then, since it depends on the solution, too.
+constexpr double contracts_again = 0.5;
+constexpr int newton_steps = 32;
 /// |λ|/h may move by this factor before the resolvent is made anew.
 constexpr double drift = 0.5 * WaveResolvent::reach;
 /// Matrices of more are no sooner read than made: 2 MB.
@@ -140,18 +144,25 @@ void GaussSlab::find_varying_fields() {
   }
 }
 
-/// L: the constant entries of S'', and of the others their means, where these are finite.
+/// L: the constant entries of S''; L̄: of the others their means, where these are finite.
 void GaussSlab::set_mean(const LatticeLevel& first) {
   grids::FieldSet at = first.fields;
   copy_level(first.fields, at_midpoints_, at);
-  L_ = mean_hessian(system_, grid_, at);
-  L_terms_ = terms_of(L_);
+  whole_ = mean_hessian(system_, grid_, at);
+  L_terms_ = terms_of(system_.constant_hessian());
+  Eigen::MatrixXd mean = Eigen::MatrixXd::Zero(static_cast<int>(F_.size()), static_cast<int>(F_.size()));
+  for (std::size_t f = 0; f < F_.size(); ++f) {
+    for (std::size_t g = 0; g < F_.size(); ++g) {
+      mean(static_cast<int>(f), static_cast<int>(g)) = whole_(F_[f], F_[g]) - system_.constant_hessian()(F_[f], F_[g]);
+    }
+  }
+  mean_terms_ = terms_of(mean);
 }
 
-/// N = S - ½ zᵀLz and its gradient at the varying fields, the others 0.
+/// N and its gradient at the varying fields, the others 0.
 void GaussSlab::compile() {
   if (!F_.empty()) {
-    const PotentialRest rest = rest_of_potential(system_, L_, F_);
+    const PotentialRest rest = rest_of_potential(system_, system_.constant_hessian(), F_);
     rest_value_ = formula::BatchEvaluator(formula::Bytecode(std::array{rest.value}, rest.inputs));
     rest_gradient_ =
         formula::BatchEvaluator(formula::Bytecode(formula::gradient(rest.value, rest.variables), rest.inputs));
@@ -246,30 +257,14 @@ void GaussSlab::linearise(const GaussSlab& about) {
   if (F_.empty()) {
     return;
   }
-  const PotentialRest rest = rest_of_potential(system_, L_, F_);
-  std::vector<formula::Expression> entries;
-  for (const formula::Expression& slope : formula::gradient(rest.value, rest.variables)) {
-    const auto row = formula::gradient(slope, rest.variables);
-    entries.insert(entries.end(), row.begin(), row.end());
-  }
-  formula::BatchEvaluator evaluate(formula::Bytecode(entries, rest.inputs));
-  curvature_ = grids::FieldSet(static_cast<int>(entries.size()) * m_, grid_.size());
-  std::vector<const double*> in;
-  std::vector<double*> out;
-  for (int i = 0; i < m_; ++i) {
-    in.clear();
-    out.clear();
-    for (std::size_t f = 0; f < F_.size(); ++f) {
-      in.push_back(about.point_.field(varying(static_cast<int>(f), i)).data());
-    }
-    for (int e = 0; e < static_cast<int>(entries.size()); ++e) {
-      out.push_back(curvature_.field(e * m_ + i).data());
-    }
-    evaluate(grid_.size(), places_.after(in, inputs_), out);
-  }
+  compile_curvature();
+  evaluate_curvature(about.point_);
 }
 
 void GaussSlab::begin_at_level() {
+  if (newton_) {
+    newton_->any_start = false;
+  }
   if (F_.empty()) {
     return;
   }
@@ -297,6 +292,12 @@ void GaussSlab::begin_at_level() {
 }
 
 void GaussSlab::continue_from(const WaveRows& rests, double ratio, bool at_its_end) {
+  if (newton_) {
+    newton_->any_start = needs_newton() && (!at_its_end || newton_->any_kept);
+    if (newton_->any_start) {
+      continue_stages(at_its_end ? newton_->kept : y_, ratio, at_its_end, newton_->start);
+    }
+  }
   const WaveRows* from = &rests;
   WaveRows& copy = Y_F_;
   if (from == &rest_) {
@@ -324,7 +325,7 @@ bool GaussSlab::prepare(double h) {
     radius_ = size;
   }
   if (is_far || !resolvent_) {
-    resolvent_.emplace(system_, space_.derivatives(), L_, radius_);
+    resolvent_.emplace(system_, space_.derivatives(), whole_, radius_);
     h_ = maps_h_ = 0.0;
   }
   return resolvent_->status() == Status::success;
@@ -424,24 +425,6 @@ void GaussSlab::iterate_waves() {
   });
 }
 
-/// rest_grid_ = N'' point_ at the stages.
-void GaussSlab::multiply_by_curvature() {
-  const int n = static_cast<int>(F_.size());
-  rest_grid_.fill(0.0);
-  for (int f = 0; f < n; ++f) {
-    for (int g = 0; g < n; ++g) {
-      for (int i = 0; i < m_; ++i) {
-        const auto entry = std::as_const(curvature_).field((f * n + g) * m_ + i);
-        const auto from = std::as_const(point_).field(varying(g, i));
-        const auto to = rest_grid_.field(varying(f, i));
-        for (std::size_t x = 0; x < to.size(); ++x) {
-          to[x] += entry[x] * from[x];
-        }
-      }
-    }
-  }
-}
-
 /// The stages z + y_, and y_ - y_last_, what the stages before left of their equation, beside the increments.
 GaussSlab::Correction GaussSlab::place_stages(std::span<const double> largest) {
   const grids::ReductionBlocks pieces(grid_.size());
@@ -478,7 +461,20 @@ GaussSlab::Correction GaussSlab::place_stages(std::span<const double> largest) {
   return result;
 }
 
-/// N' at the stages.
+/// rest_grid_ -= L̄ times rows as those of the stages.
+void GaussSlab::subtract_mean(std::span<const double* const> of) {
+  for (const MatrixTerm& term : mean_terms_) {
+    for (int i = 0; i < m_; ++i) {
+      const double* from = of[static_cast<std::size_t>(varying(term.column, i))];
+      const auto to = rest_grid_.field(varying(term.row, i));
+      for (std::size_t x = 0; x < to.size(); ++x) {
+        to[x] -= term.value * from[x];
+      }
+    }
+  }
+}
+
+/// R at the stages.
 void GaussSlab::evaluate_rests() {
   const std::size_t n = F_.size();
   std::array<const double*, MultisymplecticSystem::most_fields> in{};
@@ -486,7 +482,7 @@ void GaussSlab::evaluate_rests() {
   // Stages follow each other in memory; coordinates are those of one.
   const bool together = places_.count() == 0;
   if (tangent_) {
-    multiply_by_curvature();
+    multiply_by_curvature(std::as_const(point_).pointers());
   }
   for (int i = 0; !tangent_ && i < (together ? 1 : m_); ++i) {
     for (std::size_t f = 0; f < n; ++f) {
@@ -497,19 +493,14 @@ void GaussSlab::evaluate_rests() {
     rest_gradient_(together ? static_cast<std::size_t>(m_) * grid_.size() : grid_.size(),
                    places_.after(std::span(in).first(n), inputs_), std::span(out).first(n));
   }
+  subtract_mean(std::as_const(y_).pointers());
   points_F_.from_points(std::as_const(rest_grid_).pointers(), rest_);
 }
 
-Status GaussSlab::solve(double h, double accuracy, std::span<const double> largest, bool steady) {
-  solved_ = complete_ = end_known_ = false;
-  steady_ = steady;
-  if (!prepare(h)) {
-    return Status::undefined;
-  }
-  invert(h);
+Status GaussSlab::iterate_to_fixed_point(double accuracy, std::span<const double> largest) {
   double last = std::numeric_limits<double>::infinity();
   int idle = 0;
-  for (int iteration = 0; !F_.empty(); ++iteration) {
+  for (int iteration = 0;; ++iteration) {
     std::swap(y_, y_last_);
     iterate_waves();
     points_F_.to_points(Y_F_, rows_F_, y_.pointers());
@@ -519,7 +510,7 @@ Status GaussSlab::solve(double h, double accuracy, std::span<const double> large
     if (iteration == 0) {
       continue;
     }
-    if (!std::isfinite(size)) {  // the rests of the stages before were not
+    if (!std::isfinite(size)) {  // R at the stages before was not
       return Status::undefined;
     }
     const double contraction = size / last;
@@ -527,11 +518,41 @@ Status GaussSlab::solve(double h, double accuracy, std::span<const double> large
     if (size <= enough ||
         (iteration > 1 && contraction < 1.0 && contraction * size <= std::max(enough, 1e-3 * accuracy)) ||
         (size <= rounding && contraction > 0.5)) {
-      break;
+      return Status::success;
     }
     idle = contraction > no_contraction ? idle + 1 : 0;
     if (idle > patience || iteration == most_slab_iterations) {
       return Status::not_converged;
+    }
+  }
+}
+
+Status GaussSlab::solve(double h, double accuracy, std::span<const double> largest, bool steady) {
+  solved_ = complete_ = end_known_ = false;
+  steady_ = steady;
+  if (!prepare(h)) {
+    return Status::undefined;
+  }
+  invert(h);
+  if (!F_.empty()) {
+    const bool newton = std::abs(h) >= contracts_again * fixed_point_fails_at_ && since_fixed_point_ < newton_steps;
+    Status status = Status::not_converged;
+    if (!newton) {
+      status = iterate_to_fixed_point(accuracy, largest);
+      if (status == Status::not_converged) {
+        fixed_point_fails_at_ = std::abs(h);
+        begin_at_level();
+      } else if (status == Status::success) {
+        fixed_point_fails_at_ = std::numeric_limits<double>::infinity();
+      }
+      since_fixed_point_ = 0;
+    }
+    if (status == Status::not_converged) {
+      ++since_fixed_point_;
+      status = solve_by_newton(h, accuracy, largest);
+    }
+    if (status != Status::success) {
+      return status;
     }
   }
   if (!std::isfinite(grids::max_abs(std::as_const(rest_grid_).all()))) {
@@ -688,6 +709,22 @@ void GaussSlab::end_rows() {
   }
 }
 
+void GaussSlab::rests_at_end(WaveRows& rests) {
+  end_rows();
+  rests.re.copy_from(rest_.re);
+  rests.im.copy_from(rest_.im);
+  for (const MatrixTerm& term : mean_terms_) {
+    const int field = F_[static_cast<std::size_t>(term.column)];
+    if (at_midpoints_[static_cast<std::size_t>(field)]) {
+      continue;  // levels do not have it
+    }
+    for (int i = 0; i < m_; ++i) {
+      add(term.value, std::as_const(end_.re).field(field).data(), std::as_const(end_.im).field(field).data(),
+          end_.waves(), rests.re.field(varying(term.row, i)).data(), rests.im.field(varying(term.row, i)).data());
+    }
+  }
+}
+
 double GaussSlab::energy_at_end() {
   end_rows();
   WaveRows& level = scratch_;
@@ -777,9 +814,24 @@ void GaussSlab::stage(int stage, grids::FieldSet& z, grids::FieldSet& rate) {
 
 void GaussSlab::save(StateWriter& state) const {
   state.write(radius_);
+  state.write(fixed_point_fails_at_);
+  state.write(static_cast<double>(since_fixed_point_));
+  const bool any_kept = newton_ && newton_->any_kept;
+  state.write(static_cast<double>(any_kept));
+  if (any_kept) {
+    state.write(std::as_const(newton_->kept).all());
+  }
 }
 void GaussSlab::restore(StateReader& state) {
   state.read(radius_);
+  state.read(fixed_point_fails_at_);
+  state.read(since_fixed_point_);
+  newton_.reset();
+  if (state.read() != 0.0) {
+    make_newton();
+    state.read(newton_->kept.all());
+    newton_->any_kept = true;
+  }
   resolvent_.reset();
   solved_ = false;
 }

@@ -1,7 +1,9 @@
 #pragma once
 
+#include <cmath>
 #include <complex>
 #include <cstdint>
+#include <limits>
 #include <memory>
 #include <optional>
 #include <span>
@@ -22,6 +24,7 @@
 #include <rubato/pde/stage_loops.hpp>
 #include <rubato/pde/stage_source.hpp>
 #include <rubato/pde/wave_resolvent.hpp>
+#include <rubato/solve/gmres.hpp>
 #include <rubato/variation/gauss_tableau.hpp>
 
 namespace rubato {
@@ -33,14 +36,20 @@ namespace rubato {
 ///
 /// Levels and stages are given and told at the nodes; within, rows of waves are of the values at the points.
 /// A field in ker M has stage values alone, and so have constraints: they hold at the stages. S is taken apart into a
-/// quadratic part with constant coefficients L (where S'' varies, its mean at the first level counts) and the rest N,
-/// a function of the fields F that S'' varies with. Then
+/// quadratic part with constant coefficients L and the rest N, a function of the fields F that S'' varies with; L̄ is
+/// the mean of N'' at the first level. Then
 ///
-///     (A⁻¹/h ⊗ M + I ⊗ (Σ ik_a K_a - L)) Ŷ = [L - Σ ik_a K_a] ẑ_k + N̂'(Z_F)
+///     (A⁻¹/h ⊗ M + I ⊗ (Σ ik_a K_a - L - L̄)) Ŷ = [L - Σ ik_a K_a] ẑ_k + R̂,    R = N'(Z_F) - L̄ Y_F
 ///
-/// is solved exactly on every wave, A⁻¹ brought to its eigenvalues, and iterated on N' alone: a fixed point whose
+/// is solved exactly on every wave, A⁻¹ brought to its eigenvalues, and iterated on R alone: a fixed point whose
 /// contraction does not depend on Δx, and which costs one transform there and one back of each field of F at each
-/// stage, whatever the number of fields.
+/// stage, whatever the number of fields. (L̄ multiplies increments, not fields: what is large and cancels is not
+/// computed.) Where it does not contract, in steps of more than about 1/|N'' - L̄|, Newton's method solves the same
+/// equation Y_F = T(b + R), its corrections by GMRES,
+///
+///     (I - T (N''(Z_F) - L̄)) δ = T(b + R) - Y_F:
+///
+/// T, which inverts the linear part, is the preconditioner already.
 class GaussSlab final : public StageSource {
 public:
   /// `first`: a level of the run, for the mean of S''. \throws std::invalid_argument if stages are not 1 … 8, or as
@@ -57,11 +66,13 @@ public:
   /// made of the same arguments, has just solved. Energies are then none.
   void linearise(const GaussSlab& about);
 
-  /// Where the iteration begins: with N' of the level at all stages, or with N' of another step's stages, continued as
-  /// a polynomial to a step `ratio` times as long, which begins where that one begins or ends.
+  /// Where the iteration begins: with R of the level at all stages, or with R of another step's stages, continued as
+  /// a polynomial to a step `ratio` times as long, which begins where that one begins or ends. Newton's method begins
+  /// with the stages of the step solved or kept last, continued likewise; at a level, with steps that grow to h.
   ///@{
   void begin_at_level();
   void continue_from(const WaveRows& rests, double ratio, bool at_its_end);
+  void keep();  ///< the stages solved last are those of a step of the run
   ///@}
   /// `largest`: the largest increment of each field so far, beside which corrections are judged. `steady`: whether
   /// steps of this length are to be expected, so that matrices for them are made and kept where they are small.
@@ -70,10 +81,12 @@ public:
 
   /// Of the step solved last.
   ///@{
+  [[nodiscard]] bool solved_by_newton() const { return since_fixed_point_ > 0; }
   [[nodiscard]] double energy();           ///< E_k
   [[nodiscard]] double energy_at_end();    ///< 𝓔 of the level it leads to
   void increment(grids::FieldSet& delta);  ///< z_{k+1} - z_k; of fields at midpoints twice their value there
-  [[nodiscard]] const WaveRows& rests() const { return rest_; }  ///< N̂', row f·m + i
+  [[nodiscard]] const WaveRows& rests() const { return rest_; }  ///< R̂, row f·m + i
+  void rests_at_end(WaveRows& rests);                            ///< R̂ with Y as increments of the level it leads to
   ///@}
 
   [[nodiscard]] Status take(const LatticeLevel& before, const LatticeLevel& after, double h) override;
@@ -87,6 +100,8 @@ public:
 private:
   void find_varying_fields();
   void set_mean(const LatticeLevel& first);
+  void compile_curvature();
+  void evaluate_curvature(const grids::FieldSet& stages);
   void compile();
   void add_slopes(const PotentialSlopes& slopes);
   [[nodiscard]] bool prepare(double h);
@@ -100,10 +115,19 @@ private:
   void iterate_waves();
   [[nodiscard]] Correction place_stages(std::span<const double> largest);
   void evaluate_rests();
-  void multiply_by_curvature();
+  void multiply_by_curvature(std::span<const double* const> of);
+  [[nodiscard]] Status iterate_to_fixed_point(double accuracy, std::span<const double> largest);
+  [[nodiscard]] Status solve_by_newton(double h, double accuracy, std::span<const double> largest);
+  [[nodiscard]] Status iterate_by_newton(double accuracy, std::span<const double> largest);
+  [[nodiscard]] bool needs_newton() const { return std::isfinite(fixed_point_fails_at_); }
+  void make_newton();
+  void continue_stages(const grids::FieldSet& from, double ratio, bool at_its_end, grids::FieldSet& to);
+  [[nodiscard]] double evaluate_residual();
+  void apply_newton_matrix(const double* in, double* out);
   void complete();
   void end_rows();
   [[nodiscard]] double wave_energy(const WaveRows& rows, int stride, int offset) const;
+  void subtract_mean(std::span<const double* const> of);
   [[nodiscard]] double rest_energy(std::span<const double* const> fields);
   [[nodiscard]] int varying(int f, int i) const { return f * m_ + i; }
 
@@ -112,16 +136,28 @@ private:
   GaussTableau tableau_;
   int m_, d_;
   std::vector<bool> at_midpoints_;
-  std::vector<int> F_;  ///< fields that S'' varies with, or whose ∂S/∂z_f names a coordinate
-  Eigen::MatrixXd L_;
-  Eigen::VectorXd linear_;  ///< of S in the other fields
-  MatrixTerms L_terms_;
+  std::vector<int> F_;                   ///< fields that S'' varies with, or whose ∂S/∂z_f names a coordinate
+  Eigen::MatrixXd whole_;                ///< L + L̄
+  MatrixTerms L_terms_, mean_terms_;     ///< L, and L̄ among F
+  Eigen::VectorXd linear_;               ///< of S in the other fields
   std::vector<MatrixTerms> K_, K_plus_;  ///< per axis
   formula::BatchEvaluator rest_gradient_, rest_value_;
   SpaceCollocation space_;
   PlacedCoordinates places_;
   bool tangent_ = false;
-  grids::FieldSet curvature_;  ///< of tangents: N'' at the stages, row (f·|F| + g)·m + i
+  formula::BatchEvaluator rest_curvature_;  ///< N'', compiled where it is needed first
+  grids::FieldSet curvature_;               ///< N'' at the stages, row (f·|F| + g)·m + i
+  /// What Newton's method takes, from when it is needed first.
+  struct Newton {
+    solve::Gmres gmres;
+    grids::FieldSet residual, correction;  ///< T(b + R) - Y and δ, as y_
+    grids::FieldSet kept, start;           ///< Y_F of the last step of the run; to begin with
+    bool any_kept = false, any_start = false;
+    std::vector<const double*> rows;  ///< of a vector of GMRES
+  };
+  std::optional<Newton> newton_;
+  double fixed_point_fails_at_ = std::numeric_limits<double>::infinity();  ///< |h|
+  int since_fixed_point_ = 0;  ///< steps solved by Newton's method since the other was tried
   std::vector<double> parseval_;
 
   Eigen::VectorXcd eigenvalues_;  ///< of A⁻¹ = V Λ V⁻¹
@@ -152,6 +188,7 @@ private:
   WaveRows rest_, Y_F_, Y_, end_, scratch_;
   std::vector<const double*> inputs_;  ///< of the rest
   grids::FieldSet y_, y_last_, point_, rest_grid_, work_, end_F_;
+  grids::FieldSet y_scratch_;  ///< as y_, for Newton's method
   PointTransform points_F_;
   std::vector<double> weights_;  ///< of a continuation
   grids::Fourier fourier_all_;   ///< of nodes

@@ -12,9 +12,10 @@ namespace rubato {
 
 /// What one step of a lattice says by itself.
 struct StepLaw {
-  double energy = 0.0;  ///< E_k
-  double gamma = 0.0;   ///< Γ in the middle of the step
-  Spread residual;      ///< what the two levels leave of the scheme's equation, over all rows and nodes
+  double energy = 0.0;   ///< E_k
+  double gamma = 0.0;    ///< Γ in the middle of the step
+  Spread residual;       ///< what the two levels leave of the scheme's equation, over all rows and nodes
+  bool is_long = false;  ///< so long that it makes much more of the rounding of its equation than of its levels'
 };
 
 /// A scheme on a lattice read as an equation for two levels that are there already: it judges steps and takes none. Of

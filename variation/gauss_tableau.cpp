@@ -71,12 +71,59 @@ Polynomial integral(const Polynomial& polynomial) {
   return result;
 }
 
-Real at(const Polynomial& coefficients, Real sigma) {
-  Real sum = 0.0L;
-  for (std::size_t k = coefficients.size(); k-- > 0;) {
-    sum = (sum + coefficients[k]) * sigma;
+/// ℓ_j(x), to some units in the last place of `Real`: the coefficients of its polynomial are up to 1e6 times as large.
+Real lagrange_value(const std::vector<Real>& c, std::size_t j, Real x) {
+  Real value = 1.0L;
+  for (std::size_t i = 0; i < c.size(); ++i) {
+    value *= i == j ? 1.0L : (x - c[i]) / (c[j] - c[i]);
   }
-  return sum;
+  return value;
+}
+
+/// b_j = ∫₀¹ ℓ_j = 1/((1 - x²) P'_m(x)²) at x = 2c_j - 1, where (1 - x²) P'_m = m P_{m-1}.
+std::vector<Real> quadrature_weights(const std::vector<Real>& c) {
+  const int m = static_cast<int>(c.size());
+  std::vector<Real> b;
+  for (const Real node : c) {
+    const Real x = 2.0L * node - 1.0L;
+    Real last = 1.0L, value = x;
+    for (int k = 2; k <= m; ++k) {
+      const Real next = ((2 * k - 1) * x * value - (k - 1) * last) / k;
+      last = value;
+      value = next;
+    }
+    // With P_{m-1} written by P'_m less of it cancels beside ±1; 1 - x² = 4c(1 - c).
+    const Real square = 4.0L * node * (1.0L - node);
+    const Real slope = m * last / square;
+    b.push_back(1.0L / (square * slope * slope));
+  }
+  return b;
+}
+
+/// a_ij = ∫₀^{c_i} ℓ_j by the quadrature itself, which is exact for it; then what rounding leaves of b_i a_ij + b_j
+/// a_ji
+/// - b_i b_j is taken out: it would make the energy drift by as much in every step.
+std::vector<std::vector<Real>> stage_weights(const std::vector<Real>& c, const std::vector<Real>& b) {
+  const std::size_t m = c.size();
+  std::vector<std::vector<Real>> a(m, std::vector<Real>(m, 0.0L));
+  for (std::size_t i = 0; i < m; ++i) {
+    for (std::size_t j = 0; j < m; ++j) {
+      for (std::size_t k = 0; k < m; ++k) {
+        a[i][j] += b[k] * lagrange_value(c, j, c[i] * c[k]);
+      }
+      a[i][j] *= c[i];
+    }
+  }
+  for (std::size_t i = 0; i < m; ++i) {
+    for (std::size_t j = 0; j <= i; ++j) {
+      const Real left = b[i] * a[i][j] + b[j] * a[j][i] - b[i] * b[j];
+      a[i][j] -= 0.5L * left / b[i];
+      if (i != j) {
+        a[j][i] -= 0.5L * left / b[j];
+      }
+    }
+  }
+  return a;
 }
 
 /// `value` in two parts, the first with 12 bits.
@@ -99,20 +146,20 @@ GaussTableau::GaussTableau(int count) : stages(count) {
   for (Eigen::MatrixXd* matrix : {&a, &a_short, &a_rest, &from_start, &from_end}) {
     matrix->setZero(count, count);
   }
-  const std::vector<Real> node = nodes(count);
+  const std::vector<Real> node = nodes(count), weight = quadrature_weights(node);
+  const std::vector<std::vector<Real>> entry = stage_weights(node, weight);
   for (int j = 0; j < count; ++j) {
-    const Polynomial start = integral(lagrange(node, static_cast<std::size_t>(j), 0.0L));
-    const Polynomial end = integral(lagrange(node, static_cast<std::size_t>(j), 1.0L));
-    c[j] = static_cast<double>(node[static_cast<std::size_t>(j)]);
-    const Real weight = at(start, 1.0L);
-    b[j] = static_cast<double>(weight);
-    split(weight, b_short[j], b_rest[j]);
+    const auto at = static_cast<std::size_t>(j);
+    const Polynomial start = integral(lagrange(node, at, 0.0L)), end = integral(lagrange(node, at, 1.0L));
+    c[j] = static_cast<double>(node[at]);
+    split(weight[at], b_short[j], b_rest[j]);
+    b[j] = b_short[j] + b_rest[j];
     for (int i = 0; i < count; ++i) {
-      const Real entry = at(start, node[static_cast<std::size_t>(i)]);
-      a(i, j) = static_cast<double>(entry);
-      split(entry, a_short(i, j), a_rest(i, j));
-      from_start(i, j) = static_cast<double>(start[static_cast<std::size_t>(i)]);
-      from_end(i, j) = static_cast<double>(end[static_cast<std::size_t>(i)]);
+      const auto row = static_cast<std::size_t>(i);
+      split(entry[row][at], a_short(i, j), a_rest(i, j));
+      a(i, j) = a_short(i, j) + a_rest(i, j);
+      from_start(i, j) = static_cast<double>(start[row]);
+      from_end(i, j) = static_cast<double>(end[row]);
     }
   }
 }
