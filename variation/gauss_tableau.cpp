@@ -72,7 +72,7 @@ Polynomial integral(const Polynomial& polynomial) {
 }
 
 /// ℓ_j(x), to some units in the last place of `Real`: the coefficients of its polynomial are up to 1e6 times as large.
-Real lagrange_value(const std::vector<Real>& c, std::size_t j, Real x) {
+Real lagrange_at(const std::vector<Real>& c, std::size_t j, Real x) {
   Real value = 1.0L;
   for (std::size_t i = 0; i < c.size(); ++i) {
     value *= i == j ? 1.0L : (x - c[i]) / (c[j] - c[i]);
@@ -109,7 +109,7 @@ std::vector<std::vector<Real>> stage_weights(const std::vector<Real>& c, const s
   for (std::size_t i = 0; i < m; ++i) {
     for (std::size_t j = 0; j < m; ++j) {
       for (std::size_t k = 0; k < m; ++k) {
-        a[i][j] += b[k] * lagrange_value(c, j, c[i] * c[k]);
+        a[i][j] += b[k] * lagrange_at(c, j, c[i] * c[k]);
       }
       a[i][j] *= c[i];
     }
