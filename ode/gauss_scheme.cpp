@@ -340,9 +340,8 @@ private:
     correction_ = next_;
   }
 
-  /// Corrections that are lost in rounding still have a sign, which may be the same in many steps: with corrections
-  /// that shrink by no more than 0.3 what is left would show after 1e5 steps. Further sweeps leave next to nothing of
-  /// it.
+  /// Corrections that are lost in rounding may still have one sign in many steps, and where they shrink slowly what is
+  /// left of them is not much less. Further sweeps leave next to nothing of it.
   void settle(double h, double rate) {
     for (double left = rate * lost_correction; left > least_leftover; left *= rate) {
       sweep(h);

@@ -21,7 +21,7 @@ StageNewton::StageNewton(const GaussTableau& tableau, Index size) : size_(size) 
     throw std::invalid_argument(
         fmt::format("stage equations of {} components; dense matrices are for 1 to {}", size, most_components));
   }
-  const GaussTableau::Eigenbasis basis = tableau.inverse_eigenbasis();
+  const GaussTableau::Eigenbasis& basis = tableau.inverse_eigenbasis();
   bool any_single = false;
   for (Index e = 0; e < basis.values.size(); ++e) {
     std::complex<double> value = basis.values[e];

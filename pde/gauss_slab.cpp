@@ -49,15 +49,6 @@ struct WaveBlock {
   }
 };
 
-/// ℓ_j(x) of the nodes c.
-double lagrange(const Eigen::VectorXd& c, Eigen::Index j, double x) {
-  double value = 1.0;
-  for (Eigen::Index i = 0; i < c.size(); ++i) {
-    value *= i == j ? 1.0 : (x - c[i]) / (c[j] - c[i]);
-  }
-  return value;
-}
-
 }  // namespace
 
 GaussSlab::GaussSlab(const MultisymplecticSystem& system, const grids::Grid& grid, int stages,
@@ -85,10 +76,10 @@ GaussSlab::GaussSlab(const MultisymplecticSystem& system, const grids::Grid& gri
   parseval_ = parseval_weights(fourier_all_, grid_);
 
   a_inverse_ = solve::quotient(tableau_.a, Eigen::MatrixXd::Identity(m_, m_)).value();
-  GaussTableau::Eigenbasis basis = tableau_.inverse_eigenbasis();
-  eigenvalues_ = std::move(basis.values);
-  V_ = std::move(basis.V);
-  V_inverse_ = std::move(basis.V_inverse);
+  const GaussTableau::Eigenbasis& basis = tableau_.inverse_eigenbasis();
+  eigenvalues_ = basis.values;
+  V_ = basis.V;
+  V_inverse_ = basis.V_inverse;
   ones_.setZero(m_);
   of_stages_.setZero(m_);
   for (int i = 0; i < m_; ++i) {
@@ -99,7 +90,7 @@ GaussSlab::GaussSlab(const MultisymplecticSystem& system, const grids::Grid& gri
   }
   at_middle_.resize(m_);
   for (int i = 0; i < m_; ++i) {
-    at_middle_[i] = lagrange(tableau_.c, i, 0.5);
+    at_middle_[i] = tableau_.lagrange(i, 0.5);
   }
 
   const std::size_t waves = fourier_all_.modes(), nodes = grid.size();
@@ -308,7 +299,7 @@ void GaussSlab::continue_from(const WaveRows& rests, double ratio, bool at_its_e
   for (int i = 0; i < m_; ++i) {
     const double at = (at_its_end ? 1.0 : 0.0) + ratio * tableau_.c[i];
     for (int j = 0; j < m_; ++j) {
-      weights_[static_cast<std::size_t>(i * m_ + j)] = lagrange(tableau_.c, j, at);
+      weights_[static_cast<std::size_t>(i * m_ + j)] = tableau_.lagrange(j, at);
     }
   }
   for (int f = 0; f < static_cast<int>(F_.size()); ++f) {

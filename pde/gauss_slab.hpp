@@ -151,6 +151,7 @@ private:
   struct Newton {
     solve::Gmres gmres;
     grids::FieldSet residual, correction;  ///< T(b + R) - Y and δ, as y_
+    grids::FieldSet image;                 ///< of a vector of GMRES under T (N'' - L̄)
     grids::FieldSet kept, start;           ///< Y_F of the last step of the run; to begin with
     bool any_kept = false, any_start = false;
     std::vector<const double*> rows;  ///< of a vector of GMRES
@@ -188,7 +189,6 @@ private:
   WaveRows rest_, Y_F_, Y_, end_, scratch_;
   std::vector<const double*> inputs_;  ///< of the rest
   grids::FieldSet y_, y_last_, point_, rest_grid_, work_, end_F_;
-  grids::FieldSet y_scratch_;  ///< as y_, for Newton's method
   PointTransform points_F_;
   std::vector<double> weights_;  ///< of a continuation
   grids::Fourier fourier_all_;   ///< of nodes

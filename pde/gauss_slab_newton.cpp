@@ -112,8 +112,8 @@ void GaussSlab::apply_newton_matrix(const double* in, double* out) {
     transfer_.apply(rest_, nullptr, begin, end - begin, Y_F_);
   });
   ++iterations_;
-  points_F_.to_points(Y_F_, rows_F_, y_scratch_.pointers());
-  const auto image = std::as_const(y_scratch_).all();
+  points_F_.to_points(Y_F_, rows_F_, newton_->image.pointers());
+  const auto image = std::as_const(newton_->image).all();
   for (std::size_t i = 0; i < image.size(); ++i) {
     out[i] = in[i] - image[i];
   }
@@ -126,28 +126,23 @@ void GaussSlab::make_newton() {
   if (!tangent_) {
     compile_curvature();
   }
-  newton_.emplace(Newton{solve::Gmres(y_.all().size(), krylov_vectors), y_, y_, y_, y_, {}});
+  newton_.emplace(Newton{solve::Gmres(y_.all().size(), krylov_vectors), y_, y_, y_, y_, y_});
   newton_->rows.resize(rows_F_.size());
-  y_scratch_ = y_;
 }
 
 void GaussSlab::keep() {
   if (newton_) {
     newton_->any_kept = needs_newton();
-    newton_->kept.copy_from(y_);
+    if (newton_->any_kept) {
+      newton_->kept.copy_from(y_);
+    }
   }
 }
 
 /// The polynomial through 0 at 0 and the stages at c_i, at the stages of a step that begins where it begins, or ends:
 /// there less what it comes to.
 void GaussSlab::continue_stages(const grids::FieldSet& from, double ratio, bool at_its_end, grids::FieldSet& to) {
-  const auto basis = [&](int j, double at) {
-    double value = at / tableau_.c[j];
-    for (int i = 0; i < m_; ++i) {
-      value *= i == j ? 1.0 : (at - tableau_.c[i]) / (tableau_.c[j] - tableau_.c[i]);
-    }
-    return value;
-  };
+  const auto basis = [&](int j, double at) { return tableau_.lagrange(j, at) * (at / tableau_.c[j]); };
   for (int i = 0; i < m_; ++i) {
     for (int j = 0; j < m_; ++j) {
       const double at = ratio * tableau_.c[i];

@@ -6,28 +6,15 @@
 
 #include <fmt/format.h>
 
+#include <rubato/base/lagrange_weight.hpp>
 #include <rubato/variation/gauss_tableau.hpp>
+#include <rubato/variation/legendre.hpp>
 
 namespace rubato {
 
 namespace {
 
 using Real = long double;
-
-struct Legendre {
-  Real value, slope;
-};
-
-/// The Legendre polynomial of degree n at x in (-1, 1).
-Legendre legendre(int n, Real x) {
-  Real before = 1.0L, value = x;
-  for (int k = 2; k <= n; ++k) {
-    const Real next = ((2 * k - 1) * x * value - (k - 1) * before) / k;
-    before = value;
-    value = next;
-  }
-  return {value, n * (x * value - before) / (x * x - 1.0L)};
-}
 
 /// The d + 1 Lobatto points on [0, 1]: the ends, and the zeros of the derivative of the Legendre polynomial of degree
 /// d, by Newton's method with (1 - x²) P'' = 2x P' - d(d+1) P.
@@ -40,8 +27,8 @@ std::vector<Real> lobatto_points(int d) {
       continue;
     }
     for (int iteration = 0; iteration < 100; ++iteration) {
-      const Legendre P = legendre(d, x);
-      const Real change = P.slope * (1.0L - x * x) / (2.0L * x * P.slope - d * (d + 1) * P.value);
+      const Legendre P(d, x);
+      const Real change = P.slope() * (1.0L - x * x) / (2.0L * x * P.slope() - d * (d + 1) * P.value);
       x -= change;
       if (std::abs(change) < 1e-19L) {
         break;
@@ -50,15 +37,6 @@ std::vector<Real> lobatto_points(int d) {
     points.push_back(2 * i == d ? 0.5L : 0.5L * (1.0L + x));
   }
   return points;
-}
-
-/// ℓ_i(x) of `points`.
-Real lagrange_value(const std::vector<Real>& points, std::size_t i, Real x) {
-  Real product = 1.0L;
-  for (std::size_t k = 0; k < points.size(); ++k) {
-    product *= k == i ? 1.0L : (x - points[k]) / (points[i] - points[k]);
-  }
-  return product;
 }
 
 /// ℓ_i'(x).
@@ -100,7 +78,7 @@ ActionQuadrature::ActionQuadrature(Points which, int d) : points(which), degree(
     weights.setZero(d + 1);
     for (int i = 0; i <= d; ++i) {
       const bool end = i == 0 || i == d;
-      const Real P = end ? 1.0L : legendre(d, 2.0L * at[static_cast<std::size_t>(i)] - 1.0L).value;
+      const Real P = end ? 1.0L : Legendre(d, 2.0L * at[static_cast<std::size_t>(i)] - 1.0L).value;
       weights[i] = static_cast<double>(1.0L / (d * (d + 1) * P * P));
     }
   }
@@ -108,23 +86,22 @@ ActionQuadrature::ActionQuadrature(Points which, int d) : points(which), degree(
   nodes.setZero(count);
   values.setZero(count, d + 1);
   rates.setZero(count, d + 1);
+  const auto control_at = [&](std::size_t k) { return at[k]; };
   for (Eigen::Index j = 0; j < count; ++j) {
     const Real x = c[static_cast<std::size_t>(j)];
     nodes[j] = static_cast<double>(x);
     for (int i = 0; i <= d; ++i) {
-      values(j, i) = static_cast<double>(lagrange_value(at, static_cast<std::size_t>(i), x));
-      rates(j, i) = static_cast<double>(lagrange_rate(at, static_cast<std::size_t>(i), x));
+      const auto number = static_cast<std::size_t>(i);
+      values(j, i) = static_cast<double>(lagrange_weight(number, at.size(), x, control_at));
+      rates(j, i) = static_cast<double>(lagrange_rate(at, number, x));
     }
   }
 }
 
 void ActionQuadrature::interpolation(double sigma, Eigen::VectorXd& result) const {
   for (Eigen::Index i = 0; i <= degree; ++i) {
-    double product = 1.0;
-    for (Eigen::Index k = 0; k <= degree; ++k) {
-      product *= k == i ? 1.0 : (sigma - control[k]) / (control[i] - control[k]);
-    }
-    result[i] = product;
+    result[i] = lagrange_weight(static_cast<std::size_t>(i), static_cast<std::size_t>(degree) + 1, sigma,
+                                [&](std::size_t k) { return control[static_cast<Eigen::Index>(k)]; });
   }
 }
 

@@ -2,12 +2,15 @@
 
 #include <array>
 #include <cmath>
+#include <mutex>
 #include <stdexcept>
 #include <vector>
 
 #include <fmt/format.h>
 
+#include <rubato/base/lagrange_weight.hpp>
 #include <rubato/solve/small_matrices.hpp>
+#include <rubato/variation/legendre.hpp>
 
 namespace rubato {
 
@@ -22,14 +25,8 @@ std::vector<Real> nodes(int m) {
   for (int i = 0; i < m; ++i) {
     Real x = -std::cos(3.14159265358979323846L * (i + 0.75L) / (m + 0.5L));
     for (int iteration = 0; iteration < 100; ++iteration) {
-      Real last = 1.0L, value = x;
-      for (int k = 2; k <= m; ++k) {
-        const Real next = ((2 * k - 1) * x * value - (k - 1) * last) / k;
-        last = value;
-        value = next;
-      }
-      const Real slope = m * (x * value - last) / (x * x - 1.0L);
-      const Real change = value / slope;
+      const Legendre P(m, x);
+      const Real change = P.value / P.slope();
       x -= change;
       if (std::abs(change) < 1e-19L) {
         break;
@@ -44,7 +41,7 @@ std::vector<Real> nodes(int m) {
 }
 
 /// ℓ_j(origin + σ) as a polynomial in σ.
-Polynomial lagrange(const std::vector<Real>& c, std::size_t j, Real origin) {
+Polynomial lagrange_polynomial(const std::vector<Real>& c, std::size_t j, Real origin) {
   Polynomial result = {1.0L};
   for (std::size_t i = 0; i < c.size(); ++i) {
     if (i == j) {
@@ -71,45 +68,28 @@ Polynomial integral(const Polynomial& polynomial) {
   return result;
 }
 
-/// ℓ_j(x), to some units in the last place of `Real`: the coefficients of its polynomial are up to 1e6 times as large.
-Real lagrange_at(const std::vector<Real>& c, std::size_t j, Real x) {
-  Real value = 1.0L;
-  for (std::size_t i = 0; i < c.size(); ++i) {
-    value *= i == j ? 1.0L : (x - c[i]) / (c[j] - c[i]);
-  }
-  return value;
-}
-
 /// b_j = ∫₀¹ ℓ_j = 1/((1 - x²) P'_m(x)²) at x = 2c_j - 1, where (1 - x²) P'_m = m P_{m-1}.
 std::vector<Real> quadrature_weights(const std::vector<Real>& c) {
   const int m = static_cast<int>(c.size());
   std::vector<Real> b;
   for (const Real node : c) {
-    const Real x = 2.0L * node - 1.0L;
-    Real last = 1.0L, value = x;
-    for (int k = 2; k <= m; ++k) {
-      const Real next = ((2 * k - 1) * x * value - (k - 1) * last) / k;
-      last = value;
-      value = next;
-    }
-    // With P_{m-1} written by P'_m less of it cancels beside ±1; 1 - x² = 4c(1 - c).
-    const Real square = 4.0L * node * (1.0L - node);
-    const Real slope = m * last / square;
+    const Real square = 4.0L * node * (1.0L - node);  // 1 - x², and nothing cancels
+    const Real slope = m * Legendre(m, 2.0L * node - 1.0L).before / square;
     b.push_back(1.0L / (square * slope * slope));
   }
   return b;
 }
 
-/// a_ij = ∫₀^{c_i} ℓ_j by the quadrature itself, which is exact for it; then what rounding leaves of b_i a_ij + b_j
-/// a_ji
-/// - b_i b_j is taken out: it would make the energy drift by as much in every step.
+/// a_ij = ∫₀^{c_i} ℓ_j by the quadrature itself, which is exact for it (the polynomial's coefficients are up to 1e6
+/// times as large as ℓ_j). What rounding leaves of the condition of symplecticity, that b_i a_ij + b_j a_ji is b_i b_j,
+/// is taken out then: it would make the energy drift by as much in every step.
 std::vector<std::vector<Real>> stage_weights(const std::vector<Real>& c, const std::vector<Real>& b) {
   const std::size_t m = c.size();
   std::vector<std::vector<Real>> a(m, std::vector<Real>(m, 0.0L));
   for (std::size_t i = 0; i < m; ++i) {
     for (std::size_t j = 0; j < m; ++j) {
       for (std::size_t k = 0; k < m; ++k) {
-        a[i][j] += b[k] * lagrange_at(c, j, c[i] * c[k]);
+        a[i][j] += b[k] * lagrange_weight(j, m, c[i] * c[k], [&](std::size_t at) { return c[at]; });
       }
       a[i][j] *= c[i];
     }
@@ -150,7 +130,8 @@ GaussTableau::GaussTableau(int count) : stages(count) {
   const std::vector<std::vector<Real>> entry = stage_weights(node, weight);
   for (int j = 0; j < count; ++j) {
     const auto at = static_cast<std::size_t>(j);
-    const Polynomial start = integral(lagrange(node, at, 0.0L)), end = integral(lagrange(node, at, 1.0L));
+    const Polynomial start = integral(lagrange_polynomial(node, at, 0.0L)),
+                     end = integral(lagrange_polynomial(node, at, 1.0L));
     c[j] = static_cast<double>(node[at]);
     split(weight[at], b_short[j], b_rest[j]);
     b[j] = b_short[j] + b_rest[j];
@@ -198,20 +179,38 @@ std::vector<std::complex<double>> GaussTableau::inverse_eigenvalues() const {
   return result;
 }
 
-GaussTableau::Eigenbasis GaussTableau::inverse_eigenbasis() const {
-  const Eigen::MatrixXd inverse = solve::quotient(a, Eigen::MatrixXd::Identity(stages, stages)).value();
-  const auto eigenvalues = inverse_eigenvalues();
-  Eigenbasis basis{Eigen::VectorXcd(stages), Eigen::MatrixXcd(stages, stages), {}};
-  for (int e = 0; e < stages; ++e) {
+namespace {
+
+GaussTableau::Eigenbasis inverse_eigenbasis_of(const GaussTableau& tableau) {
+  const int m = tableau.stages;
+  const Eigen::MatrixXd inverse = solve::quotient(tableau.a, Eigen::MatrixXd::Identity(m, m)).value();
+  const auto eigenvalues = tableau.inverse_eigenvalues();
+  GaussTableau::Eigenbasis basis{Eigen::VectorXcd(m), Eigen::MatrixXcd(m, m), {}};
+  for (int e = 0; e < m; ++e) {
     basis.values[e] = eigenvalues[static_cast<std::size_t>(e)];
     Eigen::MatrixXcd shifted = inverse.cast<std::complex<double>>();
-    for (int i = 0; i < stages; ++i) {
+    for (int i = 0; i < m; ++i) {
       shifted(i, i) -= basis.values[e];
     }
-    basis.V.col(e) = solve::singular_values(shifted).vectors.col(stages - 1);
+    basis.V.col(e) = solve::singular_values(shifted).vectors.col(m - 1);
   }
   basis.V_inverse = solve::inverse_of(basis.V).matrix;
   return basis;
+}
+
+}  // namespace
+
+const GaussTableau::Eigenbasis& GaussTableau::inverse_eigenbasis() const {
+  static std::array<std::once_flag, most_stages + 1> made;
+  static std::array<Eigenbasis, most_stages + 1> bases;
+  const auto number = static_cast<std::size_t>(stages);
+  std::call_once(made[number], [&] { bases[number] = inverse_eigenbasis_of(*this); });
+  return bases[number];
+}
+
+double GaussTableau::lagrange(int j, double x) const {
+  return lagrange_weight(static_cast<std::size_t>(j), static_cast<std::size_t>(stages), x,
+                         [this](std::size_t i) { return c[static_cast<Eigen::Index>(i)]; });
 }
 
 void GaussTableau::continuation(const Eigen::MatrixXd& about, double theta, Eigen::MatrixXd& weights) const {

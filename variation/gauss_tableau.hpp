@@ -39,7 +39,10 @@ struct GaussTableau {
     Eigen::VectorXcd values;  ///< Λ, in the order of inverse_eigenvalues()
     Eigen::MatrixXcd V, V_inverse;
   };
-  [[nodiscard]] Eigenbasis inverse_eigenbasis() const;
+  /// Found once for each number of stages, from then on at no cost.
+  [[nodiscard]] const Eigenbasis& inverse_eigenbasis() const;
+
+  [[nodiscard]] double lagrange(int j, double x) const;  ///< ℓ_j(x)
 
   /// Rows of weights of the stage slopes f_j of a step (of length 1) that give ∫_o^{o+θc_i} Σ_j f_j ℓ_j: the
   /// collocation polynomial, less its value at o, where a step of θ times the length beginning at o has its stages.
