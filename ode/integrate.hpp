@@ -99,9 +99,9 @@ private:
 /// The crossings of an event, in the order of the run.
 struct EventCrossings {
   std::string name;
-  std::vector<double> t;
-  std::vector<double> q, p;  ///< n entries each
-  std::vector<Direction> direction;
+  std::vector<double> t = {};
+  std::vector<double> q = {}, p = {};  ///< n entries each
+  std::vector<Direction> direction = {};
   std::size_t undefined = 0;  ///< steps in which g was not a number somewhere: their crossings are not known
   std::size_t jumps = 0;      ///< jumps through zero, which are no crossings
   bool stopped = false;       ///< whether it ended the integration

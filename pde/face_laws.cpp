@@ -212,9 +212,9 @@ struct FaceOperators : LawTables {
     places(mu, upper).put(line * blocks.line + begin, std::span(inputs).subspan(work.faces.mean.size()));
   }
 
-  /// sum[1 + a] -= weight · ∂S/∂x_a in the middle of the cells of a block and of the step: the sources of momentum.
+  /// total[1 + a] -= weight · ∂S/∂x_a in the middle of the cells of a block and of the step: the sources of momentum.
   void subtract_sources(Workspace& work, std::size_t line, std::size_t begin, std::size_t count, double weight,
-                        std::span<double* const> sum) const {
+                        std::span<double* const> total) const {
     Faces& faces = work.faces;
     if (faces.sources.empty()) {
       return;
@@ -231,7 +231,7 @@ struct FaceOperators : LawTables {
     put_places(work, line, begin, time, false);
     work.source(count, faces.inputs, faces.sources);
     for (std::size_t c = 0; c < faces.sources.size(); ++c) {
-      double* out = sum[1 + static_cast<std::size_t>(system.coordinates()[c])];
+      double* out = total[1 + static_cast<std::size_t>(system.coordinates()[c])];
       for (std::size_t i = 0; i < count; ++i) {
         out[i] -= weight * weight_of(line * blocks.line + begin + i) * faces.sources[c][i];
       }
@@ -284,31 +284,31 @@ struct FaceOperators : LawTables {
     return elements == nullptr ? 1.0 : elements->space().weights()[cell];
   }
 
-  /// In cells: sum += factor · J_μ on one side of them.
+  /// In cells: total += factor · J_μ on one side of them.
   void add_currents(Workspace& work, std::size_t line, std::size_t begin, std::size_t count, int mu, bool upper,
                     double factor, const LatticeLevel& before, const LatticeLevel& after,
-                    std::span<double* const> sum) const {
+                    std::span<double* const> total) const {
     prepare_currents(work, line, begin, count, mu, upper, before, after);
     const bool weighted = elements != nullptr && mu == time;
     for (std::size_t l = 0; l < names.size(); ++l) {
       for (std::size_t c = 0; weighted && c < count; ++c) {
-        sum[l][c] += factor * weight_of(begin + c) * work.faces.currents[l][c];
+        total[l][c] += factor * weight_of(begin + c) * work.faces.currents[l][c];
       }
       for (std::size_t c = 0; !weighted && c < count; ++c) {
-        sum[l][c] += factor * work.faces.currents[l][c];
+        total[l][c] += factor * work.faces.currents[l][c];
       }
     }
   }
-  /// In cells: sum += weight · (Σ_a D_aJ_a - the sources) at `middle` with the rates `rate`.
+  /// In cells: total += weight · (Σ_a D_aJ_a - the sources) at `middle` with the rates `rate`.
   void add_cell_fluxes(Workspace& work, std::size_t line, std::size_t begin, std::size_t count, double weight,
-                       const LatticeLevel& level, std::span<double* const> sum) const {
+                       const LatticeLevel& level, std::span<double* const> total) const {
     for (int mu = 1; mu < directions; ++mu) {
       const double inverse = weight / spacing(mu, 0.0);
       for (const bool upper : {false, true}) {
-        add_currents(work, line, begin, count, mu, upper, upper ? inverse : -inverse, level, level, sum);
+        add_currents(work, line, begin, count, mu, upper, upper ? inverse : -inverse, level, level, total);
       }
     }
-    subtract_sources(work, line, begin, count, weight, sum);
+    subtract_sources(work, line, begin, count, weight, total);
   }
 
   /// In elements: A z and D z at their points.
@@ -347,13 +347,13 @@ struct FaceOperators : LawTables {
   }
 
   /// The law of an element is the mean of what its cells have: fluxes at the nodes within cancel.
-  void spread_over_elements(grids::FieldSet& sum) const {
+  void spread_over_elements(grids::FieldSet& residuals) const {
     if (elements == nullptr) {
       return;
     }
     const auto stages_in_space = static_cast<std::size_t>(elements->space().rule().stages);
-    for (int l = 0; l < sum.fields(); ++l) {
-      const auto values = sum.field(l);
+    for (int l = 0; l < residuals.fields(); ++l) {
+      const auto values = residuals.field(l);
       for (std::size_t first = 0; first < values.size(); first += stages_in_space) {
         const auto element = values.subspan(first, stages_in_space);
         double mean = 0.0;

@@ -39,16 +39,6 @@ constexpr double drift = 0.5 * WaveResolvent::reach;
 /// Matrices of more are no sooner read than made: 2 MB.
 constexpr std::size_t most_entries_of_maps = 131072;
 
-/// Real and imaginary parts of waves, a block at a time.
-struct WaveBlock {
-  alignas(64) double re[wave_block];
-  alignas(64) double im[wave_block];
-  void clear(std::size_t count) {
-    std::fill_n(re, count, 0.0);
-    std::fill_n(im, count, 0.0);
-  }
-};
-
 }  // namespace
 
 GaussSlab::GaussSlab(const MultisymplecticSystem& system, const grids::Grid& grid, int stages,
@@ -75,17 +65,16 @@ GaussSlab::GaussSlab(const MultisymplecticSystem& system, const grids::Grid& gri
   }
   parseval_ = parseval_weights(fourier_all_, grid_);
 
-  a_inverse_ = solve::quotient(tableau_.a, Eigen::MatrixXd::Identity(m_, m_)).value();
+  M_ = terms_of(system_.M());
+  a_inverse_ = tableau_.inverse();
   const GaussTableau::Eigenbasis& basis = tableau_.inverse_eigenbasis();
   eigenvalues_ = basis.values;
   V_ = basis.V;
   V_inverse_ = basis.V_inverse;
   ones_.setZero(m_);
-  of_stages_.setZero(m_);
   for (int i = 0; i < m_; ++i) {
     for (int j = 0; j < m_; ++j) {
       ones_[i] += V_inverse_(i, j);
-      of_stages_[i] += a_inverse_(j, i) * tableau_.b[j];
     }
   }
   at_middle_.resize(m_);
@@ -117,6 +106,10 @@ GaussSlab::GaussSlab(const MultisymplecticSystem& system, const grids::Grid& gri
     rest_map_ = PackedMatrices(d_ * m_, n * m_, waves);
   }
   inverse_.assign(static_cast<std::size_t>(m_), WaveRows(1, waves));
+  if (m_ > 1) {
+    left_ = WaveRows(d_ * m_, waves);
+    refinement_ = left_;
+  }
   y_ = grids::FieldSet(n * m_, nodes);
   y_last_ = y_;
   point_ = y_;
@@ -148,6 +141,7 @@ void GaussSlab::set_mean(const LatticeLevel& first) {
     }
   }
   mean_terms_ = terms_of(mean);
+  whole_terms_ = terms_of(whole_);
 }
 
 /// N and its gradient at the varying fields, the others 0.
@@ -357,6 +351,7 @@ void GaussSlab::invert(double h) {
   const bool anew = h != h_, maps = by_maps(), maps_anew = maps && h != maps_h_;
   const int n = static_cast<int>(F_.size());
   h_ = h;
+  refined_ = false;
   if (anew || maps_anew || !maps) {
     for (int e = 0; e < m_; ++e) {
       resolvent_->start(eigenvalues_[e] / h, inverse_[static_cast<std::size_t>(e)]);
@@ -506,9 +501,12 @@ Status GaussSlab::iterate_to_fixed_point(double accuracy, std::span<const double
     }
     const double contraction = size / last;
     last = size;
-    if (size <= enough ||
-        (iteration > 1 && contraction < 1.0 && contraction * size <= std::max(enough, 1e-3 * accuracy)) ||
-        (size <= rounding && contraction > 0.5)) {
+    const bool done = size <= enough ||
+                      (iteration > 1 && contraction < 1.0 && contraction * size <= std::max(enough, 1e-3 * accuracy)) ||
+                      (size <= rounding && contraction > 0.5);
+    if (!refined_ && (done || size <= refined_at)) {
+      refine();
+    } else if (done) {
       return Status::success;
     }
     idle = contraction > no_contraction ? idle + 1 : 0;
@@ -532,6 +530,7 @@ Status GaussSlab::solve(double h, double accuracy, std::span<const double> large
       status = iterate_to_fixed_point(accuracy, largest);
       if (status == Status::not_converged) {
         fixed_point_fails_at_ = std::abs(h);
+        invert(h);
         begin_at_level();
       } else if (status == Status::success) {
         fixed_point_fails_at_ = std::numeric_limits<double>::infinity();
@@ -545,63 +544,14 @@ Status GaussSlab::solve(double h, double accuracy, std::span<const double> large
     if (status != Status::success) {
       return status;
     }
+  } else {
+    refine();
   }
   if (!std::isfinite(grids::max_abs(std::as_const(rest_grid_).all()))) {
     return Status::undefined;
   }
   solved_ = true;
   return Status::success;
-}
-
-/// Ŷ of all fields at all stages.
-void GaussSlab::complete() {
-  if (std::exchange(complete_, true)) {
-    return;
-  }
-  if (by_maps()) {
-    for_each_wave_block(level_.waves(), [&](std::size_t begin, std::size_t end) {
-      base_map_.apply(base_, nullptr, begin, end - begin, Y_);
-      rest_map_.apply(rest_, &Y_, begin, end - begin, Y_);
-    });
-    return;
-  }
-  Y_.re.fill(0.0);
-  Y_.im.fill(0.0);
-  const int n = static_cast<int>(F_.size());
-  for_each_wave_block(level_.waves(), [&](std::size_t begin, std::size_t end) {
-    const std::size_t count = end - begin;
-    WaveBlock entry, solution;
-    std::array<WaveBlock, MultisymplecticSystem::most_fields> right;
-    for (int e = 0; e < m_; ++e) {
-      for (int c = 0; c < d_; ++c) {
-        WaveBlock& of = right[static_cast<std::size_t>(c)];
-        of.clear(count);
-        add(ones_[e], base_.re.field(c).data() + begin, base_.im.field(c).data() + begin, count, of.re, of.im);
-      }
-      for (int f = 0; f < n; ++f) {
-        WaveBlock& of = right[static_cast<std::size_t>(F_[static_cast<std::size_t>(f)])];
-        for (int j = 0; j < m_; ++j) {
-          add(V_inverse_(e, j), std::as_const(rest_.re).field(varying(f, j)).data() + begin,
-              std::as_const(rest_.im).field(varying(f, j)).data() + begin, count, of.re, of.im);
-        }
-      }
-      for (int r = 0; r < d_; ++r) {
-        solution.clear(count);
-        for (int c = 0; c < d_; ++c) {
-          if (!resolvent_->is_zero(r, c)) {
-            const WaveBlock& of = right[static_cast<std::size_t>(c)];
-            resolvent_->entry(r, c, eigenvalues_[e] / h_, inverse_[static_cast<std::size_t>(e)], begin, count, entry.re,
-                              entry.im);
-            add_product(entry.re, entry.im, of.re, of.im, count, solution.re, solution.im);
-          }
-        }
-        for (int i = 0; i < m_; ++i) {
-          const auto to = static_cast<std::size_t>(r * m_ + i);
-          add(V_(i, e), solution.re, solution.im, count, Y_.re.pointers()[to] + begin, Y_.im.pointers()[to] + begin);
-        }
-      }
-    }
-  });
 }
 
 double GaussSlab::wave_energy(const WaveRows& rows, int stride, int offset) const {
@@ -693,9 +643,12 @@ void GaussSlab::end_rows() {
   end_.im.fill(0.0);
   for (int f = 0; f < d_; ++f) {
     for (int i = 0; i < m_; ++i) {
-      const double weight = at_midpoints_[static_cast<std::size_t>(f)] ? at_middle_[i] : of_stages_[i];
-      add(weight, std::as_const(Y_.re).field(f * m_ + i).data(), std::as_const(Y_.im).field(f * m_ + i).data(),
-          Y_.waves(), end_.re.field(f).data(), end_.im.field(f).data());
+      const bool at_midpoint = at_midpoints_[static_cast<std::size_t>(f)];
+      for (const double weight :
+           {at_midpoint ? at_middle_[i] : a_inverse_.end[i], at_midpoint ? 0.0 : a_inverse_.end_rest[i]}) {
+        add(weight, std::as_const(Y_.re).field(f * m_ + i).data(), std::as_const(Y_.im).field(f * m_ + i).data(),
+            Y_.waves(), end_.re.field(f).data(), end_.im.field(f).data());
+      }
     }
   }
 }
@@ -794,7 +747,7 @@ void GaussSlab::stage(int stage, grids::FieldSet& z, grids::FieldSet& rate) {
   rows.im.fill(0.0);
   for (int f = 0; f < d_; ++f) {
     for (int j = 0; !at_midpoints_[static_cast<std::size_t>(f)] && j < m_; ++j) {
-      add(a_inverse_(stage, j) / h_, std::as_const(Y_.re).field(f * m_ + j).data(),
+      add(a_inverse_.value(stage, j) / h_, std::as_const(Y_.re).field(f * m_ + j).data(),
           std::as_const(Y_.im).field(f * m_ + j).data(), level_.waves(), rows.re.field(f).data(),
           rows.im.field(f).data());
     }

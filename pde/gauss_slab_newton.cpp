@@ -126,7 +126,7 @@ void GaussSlab::make_newton() {
   if (!tangent_) {
     compile_curvature();
   }
-  newton_.emplace(Newton{solve::Gmres(y_.all().size(), krylov_vectors), y_, y_, y_, y_, y_});
+  newton_.emplace(Newton{solve::Gmres(y_.all().size(), krylov_vectors), y_, y_, y_, y_, y_, false, false, {}});
   newton_->rows.resize(rows_F_.size());
 }
 
@@ -198,9 +198,14 @@ Status GaussSlab::iterate_by_newton(double accuracy, std::span<const double> lar
   double residual = evaluate_residual(), last = std::numeric_limits<double>::infinity();
   const auto matrix = [this](const double* in, double* out) { apply_newton_matrix(in, out); };
   const auto identity = [size = y_.all().size()](const double* in, double* out) { std::copy_n(in, size, out); };
+  bool done = false;
   for (int count = 0; count < most_slab_corrections; ++count) {
     if (!std::isfinite(residual)) {
       return Status::undefined;
+    }
+    if (!refined_ && (done || residual == 0.0 || last <= refined_at)) {
+      refine();
+      residual = evaluate_residual();
     }
     if (residual == 0.0) {
       return Status::success;
@@ -238,8 +243,9 @@ Status GaussSlab::iterate_by_newton(double accuracy, std::span<const double> lar
     // The next correction is as much smaller as what it is to mend, or as this was: what hardly makes a residual, as a
     // slow motion of all, is told by the second alone.
     const double next = made.size * std::max(residual / before, made.size / last);
-    if (made.size <= newton_done || next <= std::max({newton_done, 1e-3 * accuracy, unfelt_part * made.rounding}) ||
-        (made.size <= certainly_rounding && residual > 0.5 * before)) {
+    done = made.size <= newton_done || next <= std::max({newton_done, 1e-3 * accuracy, unfelt_part * made.rounding}) ||
+           (made.size <= certainly_rounding && residual > 0.5 * before);
+    if (done && refined_) {
       return Status::success;
     }
     last = made.size;

@@ -26,6 +26,15 @@ struct WaveRows {
 
 /// Waves that are worked on at once: arrays of them stay in the cache.
 inline constexpr std::size_t wave_block = 128;
+/// The real and imaginary parts of such a block.
+struct WaveBlock {
+  alignas(64) double re[wave_block];
+  alignas(64) double im[wave_block];
+  void clear(std::size_t count) {
+    std::fill_n(re, count, 0.0);
+    std::fill_n(im, count, 0.0);
+  }
+};
 /// Calls f(begin, end) for blocks of waves, eight of them by one thread: a few waves are not worth waking another.
 template <typename F>
 void for_each_wave_block(std::size_t waves, F&& f) {

@@ -30,7 +30,7 @@ struct CyclicBidiagonal {
   std::size_t cells = 0;
   std::vector<double> left;
   std::vector<double> right;
-  std::vector<CyclicEntry> entries;
+  std::vector<CyclicEntry> entries = {};
 };
 
 /// constant + values[i] (values may be null).

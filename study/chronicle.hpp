@@ -75,9 +75,9 @@ private:
   struct Columns {
     record::Column t, gamma, node_energy;  ///< of levels
     record::Column step, h, energy, target, rounding, iterations, bridged, crossing, condition;
-    std::optional<record::Column> potential, laws_taken;  ///< where there are such
-    std::vector<record::Column> invariants, totals;
-    record::Column state_t, state_level, output_t;
+    std::optional<record::Column> potential = {}, laws_taken = {};  ///< where there are such
+    std::vector<record::Column> invariants = {}, totals = {};
+    record::Column state_t = {}, state_level = {}, output_t = {};
   };
   Columns columns_;
   figures::Statistics statistics_;

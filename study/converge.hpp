@@ -28,13 +28,13 @@ struct Convergence {
 
 struct ConvergenceOutcome {
   ExitStatus status = ExitStatus::done;
-  std::string message;
+  std::string message = {};
   std::string title;
   double until = 0.0;
   double step = 0.0;
-  std::vector<Convergence> quantities;
+  std::vector<Convergence> quantities = {};
   /// The step that would reach the tolerance asked for in every quantity relative to its size, if the order held.
-  std::optional<double> step_for_tolerance;
+  std::optional<double> step_for_tolerance = {};
   std::optional<double> tolerance;
   double wall_seconds = 0.0;
 };

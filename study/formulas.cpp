@@ -68,9 +68,9 @@ struct MutualFormulas {
   const Value::Table& entries;
   std::vector<std::vector<std::size_t>> needs;  ///< which others each one names
 
-  MutualFormulas(std::string_view role, const Value::Table& table, const Vocabulary& vocabulary,
+  MutualFormulas(std::string_view called, const Value::Table& table, const Vocabulary& vocabulary,
                  std::span<const Parameter> constants)
-      : role(role), entries(table), needs(table.size()) {
+      : role(called), entries(table), needs(table.size()) {
     std::unordered_map<std::string_view, std::size_t> index;
     std::vector<std::string> names(vocabulary.names.begin(), vocabulary.names.end());
     for (std::size_t i = 0; i < table.size(); ++i) {

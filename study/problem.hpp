@@ -37,7 +37,7 @@ struct Parameter {
   std::string name;
   double value = 0.0;  ///< of a parameter
   Location location;
-  std::optional<FormulaText> definition;  ///< of a definition
+  std::optional<FormulaText> definition = {};  ///< of a definition
 };
 
 /// Dense square matrix, row by row.
@@ -108,9 +108,9 @@ struct LinearSymmetry {
 /// [initial] from: a state of another run on a lattice, or of this one where its problem was read from its record.
 struct InitialRecord {
   std::string file;
-  double at = 0.0;                ///< the time of a stored level
-  std::vector<std::string> take;  ///< names of fields
-  bool own_start = false;         ///< the first state of `file`, whatever `at` is
+  double at = 0.0;                     ///< the time of a stored level
+  std::vector<std::string> take = {};  ///< names of fields
+  bool own_start = false;              ///< the first state of `file`, whatever `at` is
   Location location;
 };
 

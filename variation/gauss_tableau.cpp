@@ -183,7 +183,7 @@ namespace {
 
 GaussTableau::Eigenbasis inverse_eigenbasis_of(const GaussTableau& tableau) {
   const int m = tableau.stages;
-  const Eigen::MatrixXd inverse = solve::quotient(tableau.a, Eigen::MatrixXd::Identity(m, m)).value();
+  const Eigen::MatrixXd inverse = tableau.inverse().value;
   const auto eigenvalues = tableau.inverse_eigenvalues();
   GaussTableau::Eigenbasis basis{Eigen::VectorXcd(m), Eigen::MatrixXcd(m, m), {}};
   for (int e = 0; e < m; ++e) {
@@ -206,6 +206,22 @@ const GaussTableau::Eigenbasis& GaussTableau::inverse_eigenbasis() const {
   const auto number = static_cast<std::size_t>(stages);
   std::call_once(made[number], [&] { bases[number] = inverse_eigenbasis_of(*this); });
   return bases[number];
+}
+
+GaussTableau::Inverse GaussTableau::inverse() const {
+  // X + X (I - A X), twice: each squares what is left, and the residual is taken in extended precision.
+  const Eigen::MatrixXd start = solve::quotient(a, Eigen::MatrixXd::Identity(stages, stages)).value();
+  using Matrix = Eigen::Matrix<Real, Eigen::Dynamic, Eigen::Dynamic>;
+  const Matrix A = a_short.cast<Real>() + a_rest.cast<Real>();
+  Matrix X = start.cast<Real>();
+  for (int pass = 0; pass < 2; ++pass) {
+    X += X * (Matrix::Identity(stages, stages) - A * X).eval();
+  }
+  const Matrix w = X.transpose() * (b_short.cast<Real>() + b_rest.cast<Real>());
+  Inverse result{X.cast<double>(), {}, w.cast<double>(), {}};
+  result.rest = (X - result.value.cast<Real>()).cast<double>();
+  result.end_rest = (w - result.end.cast<Real>()).cast<double>();
+  return result;
 }
 
 double GaussTableau::lagrange(int j, double x) const {

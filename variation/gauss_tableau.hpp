@@ -42,6 +42,14 @@ struct GaussTableau {
   /// Found once for each number of stages, from then on at no cost.
   [[nodiscard]] const Eigenbasis& inverse_eigenbasis() const;
 
+  /// A⁻¹, and w = A⁻ᵀb of z_{k+1} = z_k + Σ w_i Y_i with Y_i = h Σ a_ij f_j, in two parts: the nearest numbers of double
+  /// precision, and what these leave.
+  struct Inverse {
+    Eigen::MatrixXd value, rest;
+    Eigen::VectorXd end, end_rest;
+  };
+  [[nodiscard]] Inverse inverse() const;
+
   [[nodiscard]] double lagrange(int j, double x) const;  ///< ℓ_j(x)
 
   /// Rows of weights of the stage slopes f_j of a step (of length 1) that give ∫_o^{o+θc_i} Σ_j f_j ℓ_j: the

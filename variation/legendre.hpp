@@ -6,7 +6,7 @@ namespace rubato {
 struct Legendre {
   using Real = long double;
 
-  Legendre(int n, Real x) : n(n), x(x), value(x) {
+  Legendre(int degree, Real at) : n(degree), x(at), value(at) {
     for (int k = 2; k <= n; ++k) {
       const Real next = ((2 * k - 1) * x * value - (k - 1) * before) / k;
       before = value;

@@ -59,9 +59,9 @@ public:
 /// section 8).
 struct Scouting {
   int order = 2;
-  double step = 0.0;         ///< |h_0|, of the run's first step
-  std::vector<double> time;  ///< |t - t_0| of the middles, increasing
-  std::vector<double> eta;
+  double step = 0.0;              ///< |h_0|, of the run's first step
+  std::vector<double> time = {};  ///< |t - t_0| of the middles, increasing
+  std::vector<double> eta = {};
   double duration = 0.0;     ///< |t - t_0| at the end of the last step
   double energy_size = 0.0;  ///< of the terms of K: what a potential has to be seen beside where η vanishes
   double first_size = 0.0;   ///< the same of the first step: beside a larger f' they would be lost; 0 if not known

@@ -71,3 +71,42 @@ TEST_CASE("the Gauss tableau is symplectic far beyond double precision") {
     }
   }
 }
+
+TEST_CASE("the inverse of the Gauss tableau and the weights of increments are told beyond double precision") {
+  // Products and their sums in long double: what is left of A X - I is m roundings of |A||X|, 2^-64 of it each. A's
+  // parts err by less.
+  using Real = long double;
+  for (int m = 1; m <= GaussTableau::most_stages; ++m) {
+    INFO(m << " stages");
+    const GaussTableau t(m);
+    const GaussTableau::Inverse inverse = t.inverse();
+    Real left = 0.0L, in_double = 0.0L, of_end = 0.0L, of_end_in_double = 0.0L;
+    for (int i = 0; i < m; ++i) {
+      for (int j = 0; j < m; ++j) {
+        Real sum = i == j ? -1.0L : 0.0L, rounded = sum;
+        for (int k = 0; k < m; ++k) {
+          const Real a = static_cast<Real>(t.a_short(i, k)) + static_cast<Real>(t.a_rest(i, k));
+          sum += a * (static_cast<Real>(inverse.value(k, j)) + static_cast<Real>(inverse.rest(k, j)));
+          rounded += a * static_cast<Real>(inverse.value(k, j));
+        }
+        left = std::max(left, std::abs(sum));
+        in_double = std::max(in_double, std::abs(rounded));
+      }
+      Real sum = -(static_cast<Real>(t.b_short[i]) + static_cast<Real>(t.b_rest[i])), rounded = sum;
+      for (int j = 0; j < m; ++j) {
+        const Real a = static_cast<Real>(t.a_short(j, i)) + static_cast<Real>(t.a_rest(j, i));
+        sum += a * (static_cast<Real>(inverse.end[j]) + static_cast<Real>(inverse.end_rest[j]));
+        rounded += a * static_cast<Real>(inverse.end[j]);
+      }
+      of_end = std::max(of_end, std::abs(sum));
+      of_end_in_double = std::max(of_end_in_double, std::abs(rounded));
+    }
+    const Real bound = m * (t.a.cwiseAbs() * inverse.value.cwiseAbs()).maxCoeff() * std::ldexp(1.0L, -64);
+    CHECK(left <= bound);
+    CHECK(of_end <= bound);
+    if (m > 2) {  // the twins; the inverse for one stage is 2
+      CHECK(in_double > bound);
+      CHECK(of_end_in_double > 0.0L);
+    }
+  }
+}
