@@ -9,30 +9,12 @@
 #include <rubato/pde/lattice.hpp>
 
 #include "peer.hpp"
+#include "work.hpp"
 
 /// \file
-/// Work against accuracy: for each error asked for, the cheapest run of each method that reaches it, over grids and
-/// steps.
+/// Equations on periodic lines, as peers and as Rubato have them, for the comparison of work against accuracy.
 
 namespace comparison {
-
-struct Outcome {
-  double error = 0.0;
-  double seconds = 0.0;  ///< CPU time of the steps
-  double before = 0.0;   ///< of these, what was spent before the first step (the scout of variable levels)
-};
-
-/// What rows of the table are of.
-enum class Class { peer, ours, with_laws, with_levels };
-
-/// A method on one grid: a run with so many steps.
-struct Method {
-  std::string name;
-  Class kind = Class::peer;
-  std::size_t nodes = 0;
-  int first = 1;  ///< steps to begin with
-  std::function<Outcome(int)> run;
-};
 
 /// A problem, as peers and as Rubato have it.
 struct Problem {

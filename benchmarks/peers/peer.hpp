@@ -1,26 +1,18 @@
 #pragma once
 
-#include <time.h>
-
 #include <cstddef>
 #include <functional>
 #include <memory>
 #include <string>
 #include <vector>
 
+#include "cpu_clock.hpp"
 #include "transform.hpp"
 
 /// \file
 /// Pseudospectral codes written by hand, one for one kind of equation: what Rubato is measured beside.
 
 namespace peers {
-
-/// Of this process so far.
-inline double cpu_seconds() {
-  timespec now{};
-  clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &now);
-  return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
-}
 
 /// A periodic line.
 struct Line {
