@@ -218,7 +218,7 @@ void report(const Study& study, const std::vector<Method>& methods, int repeats)
   std::printf("  the search, ms (steps), each run at most twice:\n");
   for (std::size_t m = 0; m < study.measures.size(); ++m) {
     for (const auto& [key, row] : by_name) {
-      std::printf("    %-18s %-16s %-26s", study.measures[m].c_str(), name_of(study, key.first).c_str(),
+      std::printf("    %-10s %-18s %-34s", study.measures[m].c_str(), name_of(study, key.first).c_str(),
                   key.second.c_str());
       for (const std::size_t g : columns(m)) {
         if (const auto& entry = row[g]) {

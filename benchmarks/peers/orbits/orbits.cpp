@@ -1,0 +1,28 @@
+// Work against accuracy on orbits: Rubato's schemes beside libraries and codes written by hand for one problem each.
+// One thread. docs/performance.md has what it prints.
+//
+//     build/benchmarks/benchmark_orbits [repeats [problem...]]
+#include <algorithm>
+#include <array>
+#include <cstdio>
+#include <cstdlib>
+#include <string>
+#include <utility>
+
+#include "comparisons.hpp"
+
+int main(int argc, char** argv) {
+  constexpr std::array<std::pair<const char*, void (*)(int)>, 1> problems = {{{"pendulum", orbits::pendulum}}};
+  const int repeats = argc > 1 ? std::max(1, std::atoi(argv[1])) : 5;
+  for (int a = 2; a < argc; ++a) {
+    if (std::ranges::none_of(problems, [&](const auto& one) { return std::string(one.first) == argv[a]; })) {
+      std::fprintf(stderr, "there is no problem \"%s\"\n", argv[a]);
+      return 2;
+    }
+  }
+  for (const auto& [name, compare] : problems) {
+    if (argc <= 2 || std::find(argv + 2, argv + argc, std::string(name)) != argv + argc) {
+      compare(repeats);
+    }
+  }
+}

@@ -1,0 +1,126 @@
+#include "ours.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <memory>
+
+#include <rubato/ode/integrate.hpp>
+#include <rubato/study/orbit_problem.hpp>
+#include <rubato/study/problem.hpp>
+
+namespace orbits {
+
+namespace {
+
+/// What ours can be asked for: a discretisation, levels, and how the latter are had.
+struct Choice {
+  std::string name;
+  rubato::SegmentLagrangian lagrangian;
+  rubato::Levels levels = rubato::Levels::fixed;
+  rubato::StepPotentialChoice potential = {.kind = rubato::StepPotentialChoice::Kind::usual};
+  std::string time_scale = {};  ///< dt/ds, a formula, if levels are of fictitious time
+};
+
+constexpr double none = std::numeric_limits<double>::infinity();
+
+/// Where a method's runs start, made once: what reads and compiles formulas.
+struct Start {
+  rubato::Hamiltonian hamiltonian;
+  rubato::InitialState initial;
+  bool fictitious = false;
+};
+
+Start start_of(const Ours& problem, const std::string& time_scale) {
+  std::vector<std::string> settings = problem.settings;
+  if (!time_scale.empty()) {
+    settings.push_back("hamiltonian.time_scale=" + time_scale);
+  }
+  const auto read = rubato::study::read_problem(problem.name, settings);
+  Start start{rubato::study::make_hamiltonian(read), {problem.q, problem.p, 0.0}, !time_scale.empty()};
+  if (start.fictitious) {  // with the time and its momentum -H
+    start.initial.q.push_back(0.0);
+    rubato::HamiltonianEvaluator plain(
+        rubato::study::make_hamiltonian(rubato::study::read_problem(problem.name, problem.settings)));
+    std::vector<double> z = problem.q;
+    z.insert(z.end(), problem.p.begin(), problem.p.end());
+    start.initial.p.push_back(-plain.value(z.data()));
+  }
+  return start;
+}
+
+Method our_method(const Ours& problem, const Choice& choice, int first) {
+  const Class kind = choice.levels == rubato::Levels::fixed ? Class::ours : Class::with_levels;
+  const auto start = std::make_shared<Start>(start_of(problem, choice.time_scale));
+  return {
+      choice.name, kind, 0, first, [problem, choice, start](int effort, bool timed_only) {
+        rubato::IntegrationOptions options;
+        options.lagrangian = choice.lagrangian;
+        options.levels = choice.levels;
+        options.potential = choice.potential;
+        options.step = problem.until / effort;
+        options.until = start->fictitious ? 1e6 * problem.until : problem.until;
+        const std::size_t n = problem.q.size();
+        const auto run = [&](bool watched, Outcome& outcome) {
+          rubato::OrbitIntegrator orbit(start->hamiltonian, start->initial, options);
+          double worst = 0.0;
+          const double begin = peers::cpu_seconds();
+          const auto time = [&] { return start->fictitious ? orbit.q()[n] : orbit.t(); };
+          while (start->fictitious ? time() < problem.until : !orbit.finished()) {
+            if (orbit.step().status != rubato::Status::success || ++outcome.steps > 20'000'000) {
+              return false;
+            }
+            if (outcome.steps == 1) {
+              outcome.before = peers::cpu_seconds() - begin;
+            }
+            if (watched) {
+              const double error = problem.energy_error(orbit.q().data(), orbit.p().data());
+              worst = error <= worst ? worst : error;
+            }
+          }
+          outcome.seconds = peers::cpu_seconds() - begin;
+          if (watched) {
+            outcome.errors = {std::isfinite(worst) ? worst : none, problem.position_error(orbit.q().data(), time())};
+          }
+          return true;
+        };
+        Outcome outcome, timed;
+        if ((!timed_only && !run(true, outcome)) || !run(false, timed)) {
+          outcome.errors.fill(none);
+          outcome.seconds = none;
+          return outcome;
+        }
+        timed.errors = outcome.errors;
+        return timed;
+      }};
+}
+
+}  // namespace
+
+void add_ours(const Ours& problem, bool separable, const std::string& time_scale, int first,
+              std::vector<Method>& methods) {
+  std::vector<Choice> choices;
+  if (separable) {
+    for (const char* name : {"golden", "blanes-moan-4", "kahan-li-6", "kahan-li-8"}) {
+      choices.push_back({name, rubato::Splitting{name}});
+    }
+  }
+  choices.push_back({"midpoint", rubato::Midpoint{}});
+  for (const int stages : {2, 3, 4, 6, 8}) {
+    choices.push_back({"Gauss " + std::to_string(stages), rubato::Gauss{stages}});
+  }
+  for (const Choice& choice : choices) {
+    methods.push_back(our_method(problem, choice, first));
+  }
+  for (Choice choice : choices) {
+    choice.levels = rubato::Levels::variable;
+    methods.push_back(our_method(problem, choice, first));
+    if (!time_scale.empty() && !std::holds_alternative<rubato::Splitting>(choice.lagrangian)) {
+      choice.name += " in s";
+      choice.time_scale = time_scale;
+      methods.push_back(our_method(problem, choice, first));
+    }
+  }
+}
+
+}  // namespace orbits

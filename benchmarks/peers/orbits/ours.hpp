@@ -1,0 +1,45 @@
+#pragma once
+
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "../work.hpp"
+#include "case.hpp"
+
+/// \file
+/// Rubato on the problems of the peers, through the library, whose headers are not for here: peers are compiled with
+/// other instructions, and Eigen's objects are then others.
+
+namespace orbits {
+
+/// A problem of the catalogue, with the peers' initial data and measures.
+struct Ours {
+  std::string name;                   ///< in the catalogue
+  std::vector<std::string> settings;  ///< of it
+  double until = 0.0;
+  std::vector<double> q, p;
+  std::function<double(const double* q, const double* p)> energy_error;  ///< |H - H_0|/|H_0|
+  std::function<double(const double* q, double t)> position_error;
+};
+
+/// Splittings where there are any, the midpoint rule and Gauss collocation, with fixed and with variable levels; with
+/// a time scale in its time, too.
+void add_ours(const Ours& problem, bool separable, const std::string& time_scale, int first,
+              std::vector<Method>& methods);
+
+template <typename System>
+[[nodiscard]] Ours ours_of(const Case<System>& problem, std::string name, std::vector<std::string> settings) {
+  const State<System> start;
+  const double first = System::energy(start.q.data(), start.p.data());
+  return {.name = std::move(name),
+          .settings = std::move(settings),
+          .until = problem.until,
+          .q = start.q,
+          .p = start.p,
+          .energy_error = [first](const double* q,
+                                  const double* p) { return std::abs((System::energy(q, p) - first) / first); },
+          .position_error = [&problem](const double* q, double t) { return problem.reference.error(q, t); }};
+}
+
+}  // namespace orbits

@@ -1,0 +1,86 @@
+#include "splittings.hpp"
+
+#include <cmath>
+
+namespace orbits {
+
+namespace {
+
+using Parts = std::vector<rubato::Composition::Part>;
+
+/// A palindrome, whose kinds alternate, from its first half and the middle.
+Parts mirrored(bool drift, std::vector<double> half) {
+  Parts parts;
+  for (const double length : half) {
+    parts.push_back({drift, length});
+    drift = !drift;
+  }
+  for (std::size_t i = half.size() - 1; i-- > 0;) {
+    parts.push_back(parts[i]);
+  }
+  return parts;
+}
+
+/// Verlet steps of these lengths, and back to the first.
+Parts verlet_steps(std::vector<double> lengths) {
+  for (std::size_t i = lengths.size() - 1; i-- > 0;) {
+    lengths.push_back(lengths[i]);
+  }
+  Parts parts = {{false, 0.5 * lengths.front()}};
+  for (std::size_t i = 0; i < lengths.size(); ++i) {
+    parts.push_back({true, lengths[i]});
+    parts.push_back({false, 0.5 * (lengths[i] + (i + 1 < lengths.size() ? lengths[i + 1] : 0.0))});
+  }
+  return parts;
+}
+
+double sum(const std::vector<double>& values) {
+  double result = 0.0;
+  for (const double value : values) {
+    result += value;
+  }
+  return result;
+}
+
+/// From lengths of drifts and kicks up to the middle, which has what is left of 1 (its own kind), and the part before
+/// it what is left of ½.
+Parts completed(bool drift, std::vector<double> own, std::vector<double> other) {
+  other.push_back(0.5 - sum(other));
+  own.push_back(1.0 - 2.0 * sum(own));
+  std::vector<double> half;
+  for (std::size_t i = 0; i < other.size(); ++i) {
+    half.push_back(own[i]);
+    half.push_back(other[i]);
+  }
+  half.push_back(own.back());
+  return mirrored(drift, half);
+}
+
+}  // namespace
+
+const std::vector<rubato::Composition>& more_compositions() {
+  static const std::vector<rubato::Composition> all = [] {
+    const double triple = 1.0 / (2.0 - std::cbrt(2.0));
+    const std::vector<double> six = {0.784513610477560, 0.235573213359357, -1.17767998417887};
+    std::vector<double> yoshida = six;
+    yoshida.push_back(1.0 - 2.0 * sum(six));
+    return std::vector<rubato::Composition>{
+        {"yoshida-4", 4, "Yoshida, Phys. Lett. A 150 (1990)", verlet_steps({triple, 1.0 - 2.0 * triple})},
+        {"yoshida-6", 6, "the same, solution A", verlet_steps(yoshida)},
+        // For forces that do not depend on velocities and kinetic energies that are quadratic alone.
+        {"blanes-moan-rkn-6b", 6, "Blanes and Moan, J. Comput. Appl. Math. 142 (2002), SRKN 11 b",
+         completed(
+             false,
+             {0.0414649985182624, 0.198128671918067, -0.0400061921041533, 0.0752539843015807, -0.0115113874206879},
+             {0.123229775946271, 0.290553797799558, -0.127049212625417, -0.246331761062075, 0.357208872795928})},
+        {"blanes-moan-rkn-6a", 6, "the same, SRKN 14 a",
+         completed(true,
+                   {0.0378593198406116, 0.102635633102435, -0.0258678882665587, 0.314241403071447, -0.130144459517415,
+                    0.106417700369543, -0.00879424312851058},
+                   {0.09171915262446165, 0.183983170005006, -0.05653436583288827, 0.004914688774712854,
+                    0.143761127168358, 0.328567693746804})}};
+  }();
+  return all;
+}
+
+}  // namespace orbits
