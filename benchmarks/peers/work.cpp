@@ -8,6 +8,8 @@
 #include <optional>
 #include <utility>
 
+#include "cpu_clock.hpp"
+
 namespace comparison {
 
 namespace {
@@ -63,8 +65,10 @@ std::vector<std::optional<Candidate>> search(const Study& study, const std::vect
     if (known != runs.end()) {
       return known->second;
     }
+    const double before = peers::cpu_seconds();
     Outcome outcome = method.run(effort, false);
-    spent += std::isfinite(outcome.seconds) ? outcome.seconds : 0.01;
+    // A run that fails costs what it took until then.
+    spent += std::isfinite(outcome.seconds) ? outcome.seconds : peers::cpu_seconds() - before + 0.01;
     if (outcome.seconds < 0.05) {
       outcome.seconds = std::min(outcome.seconds, method.run(effort, true).seconds);
     }
@@ -79,7 +83,7 @@ std::vector<std::optional<Candidate>> search(const Study& study, const std::vect
     bool goes_on = false;
     for (std::size_t m = 0; m < measures; ++m) {
       // Unstable steps grow worse first as they become shorter.
-      idle[m] = best[m] < 1.0 && outcome.errors[m] > 0.8 * best[m] ? idle[m] + 1 : 0;
+      idle[m] = best[m] < 1.0 && !(outcome.errors[m] <= 0.8 * best[m]) ? idle[m] + 1 : 0;
       best[m] = std::min(best[m], outcome.errors[m]);
       goes_on = goes_on || (best[m] > study.targets.back() && idle[m] < 3);
     }

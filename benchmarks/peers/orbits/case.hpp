@@ -33,7 +33,11 @@ struct State {
 template <typename System>
 class Reference {
 public:
+  /// \param steps 0 where no positions are asked for
   Reference(double until, int steps) : until_(until), step_(until / steps) {
+    if (steps == 0) {
+      return;
+    }
     const State<System> start;
     const auto run = [&](int n) {
       Extended state{{start.q.begin(), start.q.end()}, {start.p.begin(), start.p.end()}};
@@ -50,6 +54,9 @@ public:
 
   /// |q - q(t)| beside the largest |q|, Euclidean.
   [[nodiscard]] double error(const double* q, double t) const {
+    if (end_.q.empty()) {
+      return 0.0;
+    }
     Extended there = end_;
     const long double later = static_cast<long double>(t) - until_;
     if (!std::isfinite(t)) {
@@ -90,18 +97,24 @@ private:
   double scale_ = 0.0, uncertainty_ = 0.0;
 };
 
+/// Of a run that nobody waits for: a tolerance below rounding, above all.
+struct TooLong {};
+
 /// Looks at nodes, or does not.
 template <typename System>
 class Watch {
 public:
   static constexpr bool active = true;
-  Watch() {
+  explicit Watch(double longest) : deadline_(peers::cpu_seconds() + longest) {
     const State<System> start;
     first_ = System::energy(start.q.data(), start.p.data());
   }
   void operator()(const double* q, const double* p) {
     const double error = std::abs(System::energy(q, p) - first_);
     worst_ = error <= worst_ ? worst_ : error;
+    if (++nodes_ % 1024 == 0 && peers::cpu_seconds() > deadline_) {
+      throw TooLong();
+    }
   }
   /// max |H(z_k) - H(z_0)| beside |H(z_0)|
   [[nodiscard]] double worst() const {
@@ -109,7 +122,8 @@ public:
   }
 
 private:
-  double first_ = 0.0, worst_ = 0.0;
+  double deadline_, first_ = 0.0, worst_ = 0.0;
+  long nodes_ = 0;
 };
 struct NoWatch {
   static constexpr bool active = false;
@@ -128,6 +142,7 @@ template <typename System>
 struct Case {
   double until = 0.0;
   Reference<System> reference;
+  double longest = 2.0;  ///< seconds of a run that is looked at
 
   Case(double time, int reference_steps) : until(time), reference(time, reference_steps) {}
 
@@ -136,16 +151,23 @@ struct Case {
   [[nodiscard]] Method method(std::string name, Class kind, int first, Run run) const {
     return {std::move(name), kind, 0, first, [this, run](int effort, bool timed_only) mutable {
               Outcome outcome;
+              const auto failed = [&] {
+                outcome.seconds = std::numeric_limits<double>::infinity();
+                outcome.errors.fill(outcome.seconds);
+                return outcome;
+              };
               if (!timed_only) {
                 State<System> state;
-                Watch<System> watch;
-                const Taken taken = run(effort, until, state, watch);
-                if (!std::isfinite(taken.seconds)) {
-                  outcome.seconds = std::numeric_limits<double>::infinity();
-                  outcome.errors.fill(outcome.seconds);
-                  return outcome;
+                Watch<System> watch(longest);
+                try {
+                  const Taken taken = run(effort, until, state, watch);
+                  if (!std::isfinite(taken.seconds)) {
+                    return failed();
+                  }
+                  outcome.errors = {watch.worst(), reference.error(state.q.data(), taken.t)};
+                } catch (const TooLong&) {
+                  return failed();
                 }
-                outcome.errors = {watch.worst(), reference.error(state.q.data(), taken.t)};
               }
               State<System> state;
               NoWatch none;

@@ -3,17 +3,11 @@
 
 namespace orbits {
 
-namespace {
-
-constexpr const char* time_scale = "(x^2 + y^2)^(3/4)";
-
-}  // namespace
-
 void kepler(int repeats) {
   const Case<Kepler<600>> problem(20 * 3.14159265358979323846, 8000);
   std::vector<Method> methods;
   add_peers(problem, 150, methods);
-  add_ours(ours_of(problem, "kepler", {}), true, time_scale, 150, methods);
+  add_ours(ours_of(problem, "kepler", {}), true, {{"r^(3/2)", "sqrt(x^2 + y^2)*sqrt(sqrt(x^2 + y^2))"}}, 150, methods);
   report(study("Kepler, e = 0.6, ten revolutions", problem.until, problem.reference.uncertainty()), methods, repeats);
 }
 

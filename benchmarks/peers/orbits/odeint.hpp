@@ -99,6 +99,7 @@ private:
   std::unique_ptr<X> q_, p_;
 };
 
+/// \param first steps to begin the search for equal ones with; 0: none of these
 template <typename System>
 void add_odeint(const Case<System>& problem, int first, std::vector<Method>& methods) {
   namespace odeint = boost::numeric::odeint;
@@ -114,6 +115,9 @@ void add_odeint(const Case<System>& problem, int first, std::vector<Method>& met
     return odeint::make_controlled<odeint::runge_kutta_dopri5<Z>>(tolerance, tolerance);
   });
   controlled("bulirsch-stoer", [](double tolerance) { return odeint::bulirsch_stoer<Z>(tolerance, tolerance); });
+  if (first == 0) {
+    return;
+  }
   if constexpr (System::separable) {
     methods.push_back(problem.method("sb3a-mclachlan", Class::odeint, first,
                                      OdeintSymplectic<System, odeint::symplectic_rkn_sb3a_mclachlan>()));

@@ -12,14 +12,15 @@
 #include "comparisons.hpp"
 
 int main(int argc, char** argv) {
-  constexpr std::array<std::pair<const char*, void (*)(int)>, 7> problems = {
+  constexpr std::array<std::pair<const char*, void (*)(int)>, 8> problems = {
       {{"pendulum", orbits::pendulum},
        {"kepler", orbits::kepler},
        {"henon-heiles", orbits::henon_heiles},
        {"non-separable", orbits::non_separable},
        {"outer-solar-system", orbits::outer_solar_system},
        {"fput-chain", orbits::chain_32},
-       {"fput-chain-1024", orbits::chain_1024}}};
+       {"fput-chain-1024", orbits::chain_1024},
+       {"comet", orbits::comet}}};
   const int repeats = argc > 1 ? std::max(1, std::atoi(argv[1])) : 5;
   for (int a = 2; a < argc; ++a) {
     if (std::ranges::none_of(problems, [&](const auto& one) { return std::string(one.first) == argv[a]; })) {

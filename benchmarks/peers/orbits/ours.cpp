@@ -76,6 +76,9 @@ Method our_method(const Ours& problem, const Choice& choice, int first) {
             if (watched) {
               const double error = problem.energy_error(orbit.q().data(), orbit.p().data());
               worst = error <= worst ? worst : error;
+              if (outcome.steps % 1024 == 0 && peers::cpu_seconds() - begin > problem.longest) {
+                return false;
+              }
             }
           }
           outcome.seconds = peers::cpu_seconds() - begin;
@@ -97,7 +100,7 @@ Method our_method(const Ours& problem, const Choice& choice, int first) {
 
 }  // namespace
 
-void add_ours(const Ours& problem, bool separable, const std::string& time_scale, int first,
+void add_ours(const Ours& problem, bool separable, const TimeScales& time_scales, int first,
               std::vector<Method>& methods) {
   std::vector<Choice> choices;
   if (separable) {
@@ -109,15 +112,19 @@ void add_ours(const Ours& problem, bool separable, const std::string& time_scale
   for (const int stages : {2, 3, 4, 6, 8}) {
     choices.push_back({"Gauss " + std::to_string(stages), rubato::Gauss{stages}});
   }
-  for (const Choice& choice : choices) {
-    methods.push_back(our_method(problem, choice, first));
+  for (const auto& [scale_name, formula] : time_scales) {
+    const std::vector<Choice> plain = choices;
+    for (Choice choice : plain) {
+      if (choice.time_scale.empty() && !std::holds_alternative<rubato::Splitting>(choice.lagrangian)) {
+        choice.name += ", dt/ds = " + scale_name;
+        choice.time_scale = formula;
+        choices.push_back(choice);
+      }
+    }
   }
-  for (Choice choice : choices) {
-    choice.levels = rubato::Levels::variable;
-    methods.push_back(our_method(problem, choice, first));
-    if (!time_scale.empty() && !std::holds_alternative<rubato::Splitting>(choice.lagrangian)) {
-      choice.name += " in s";
-      choice.time_scale = time_scale;
+  for (const rubato::Levels levels : {rubato::Levels::fixed, rubato::Levels::variable}) {
+    for (Choice choice : choices) {
+      choice.levels = levels;
       methods.push_back(our_method(problem, choice, first));
     }
   }

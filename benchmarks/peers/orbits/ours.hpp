@@ -18,14 +18,17 @@ struct Ours {
   std::string name;                   ///< in the catalogue
   std::vector<std::string> settings;  ///< of it
   double until = 0.0;
+  double longest = 0.0;  ///< seconds of a run that is looked at
   std::vector<double> q, p;
   std::function<double(const double* q, const double* p)> energy_error;  ///< |H - H_0|/|H_0|
   std::function<double(const double* q, double t)> position_error;
 };
 
+/// dt/ds, each a name and a formula.
+using TimeScales = std::vector<std::pair<std::string, std::string>>;
 /// Splittings where there are any, the midpoint rule and Gauss collocation, with fixed and with variable levels; with
-/// a time scale in its time, too.
-void add_ours(const Ours& problem, bool separable, const std::string& time_scale, int first,
+/// time scales in their times, too.
+void add_ours(const Ours& problem, bool separable, const TimeScales& time_scales, int first,
               std::vector<Method>& methods);
 
 template <typename System>
@@ -35,6 +38,7 @@ template <typename System>
   return {.name = std::move(name),
           .settings = std::move(settings),
           .until = problem.until,
+          .longest = problem.longest,
           .q = start.q,
           .p = start.p,
           .energy_error = [first](const double* q,

@@ -83,4 +83,19 @@ const std::vector<rubato::Composition>& more_compositions() {
   return all;
 }
 
+const std::vector<rubato::Composition>& planetary_compositions() {
+  static const std::vector<rubato::Composition> all = {
+      {"Wisdom-Holman", 2, "Wisdom and Holman, Astron. J. 102 (1991)", mirrored(true, {0.5, 1.0})},
+      {"Kepler, SABA 3", 2, "Laskar and Robutel, Celest. Mech. Dyn. Astron. 80 (2001)",
+       mirrored(true, {0.1 * (5.0 - std::sqrt(15.0)), 5.0 / 18.0, 0.1 * std::sqrt(15.0), 4.0 / 9.0})},
+      {"Kepler, ABA 864", 4, "Blanes et al., Appl. Numer. Math. 68 (2013)",
+       mirrored(true, {0.0711334264982231177779387300061549964174, 0.183083687472197221961703757166430291072,
+                       0.241153427956640098736487795326289649618, 0.310782859898574869507522291054262796375,
+                       0.521411761772814789212136078067994229991, -0.0265646185119588006972121379164987592663,
+                       -0.333698616227678005726562603400438876027, 0.0653961422823734184559721793911134363710})},
+      {"Kepler, Blanes-Moan 4", 4, "as blanes-moan-4", rubato::composition("blanes-moan-4").parts},
+      {"Kepler, Kahan-Li 8", 8, "as kahan-li-8", rubato::composition("kahan-li-8").parts}};
+  return all;
+}
+
 }  // namespace orbits

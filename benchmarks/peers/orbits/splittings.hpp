@@ -64,6 +64,8 @@ private:
 
 /// Compositions of orders 4, 6 that Rubato has not.
 [[nodiscard]] const std::vector<rubato::Composition>& more_compositions();
+/// Of Kepler orbits and kicks that are small beside them: Wisdom and Holman's, SABA₃, ABA(8,6,4).
+[[nodiscard]] const std::vector<rubato::Composition>& planetary_compositions();
 
 template <typename System>
 void add_splittings(const Case<System>& problem, int first, std::vector<Method>& methods) {
