@@ -6,12 +6,16 @@ set(RUBATO_INCLUDE_DIR ${PROJECT_BINARY_DIR}/include)
 file(MAKE_DIRECTORY ${RUBATO_INCLUDE_DIR}/rubato)
 file(CREATE_LINK ${PROJECT_SOURCE_DIR}/rubato.hpp ${RUBATO_INCLUDE_DIR}/rubato/rubato.hpp SYMBOLIC)
 
-# rubato_room(<room> [ONCE] [ROOMS <room>...] [PUBLIC <target>...] [PRIVATE <target>...]); ONCE: most of the
-# room needs no speed (see Optimisation.cmake, which names the sources that are otherwise).
+# rubato_room(<room> [ONCE] [EXCEPT <source>...] [ROOMS <room>...] [PUBLIC <target>...] [PRIVATE <target>...]); ONCE: most
+# of the room needs no speed (see Optimisation.cmake, which names the sources that are otherwise). EXCEPT: sources that
+# this build has others for.
 function(rubato_room room)
-  cmake_parse_arguments(PARSE_ARGV 1 arg "ONCE" "" "ROOMS;PUBLIC;PRIVATE")
+  cmake_parse_arguments(PARSE_ARGV 1 arg "ONCE" "" "EXCEPT;ROOMS;PUBLIC;PRIVATE")
   list(TRANSFORM arg_ROOMS PREPEND rubato_ OUTPUT_VARIABLE rooms)
   file(GLOB_RECURSE sources CONFIGURE_DEPENDS RELATIVE ${PROJECT_SOURCE_DIR} ${PROJECT_SOURCE_DIR}/${room}/*.cpp)
+  if(arg_EXCEPT)
+    list(REMOVE_ITEM sources ${arg_EXCEPT})
+  endif()
   file(GLOB headers CONFIGURE_DEPENDS ${PROJECT_SOURCE_DIR}/${room}/*.hpp)
   file(CREATE_LINK ${PROJECT_SOURCE_DIR}/${room} ${RUBATO_INCLUDE_DIR}/rubato/${room} SYMBOLIC)
   if(sources)

@@ -22,6 +22,8 @@
 namespace rubato::program {
 namespace {
 
+ranks::Communicator* other_ranks = nullptr;
+
 /// Prints an outcome, and answers with its status. `said`: warnings that were printed already.
 study::ExitStatus report(const study::Outcome& outcome, bool json, bool quiet,
                          const std::vector<std::string>& said = {}) {
@@ -66,6 +68,7 @@ auto with_progress(const Reporting& reporting, study::RunOptions options, std::v
                    const Work& work) {
   options.threads = reporting.threads;
   options.interrupt = &catch_interrupts();
+  options.ranks = other_ranks;
   ProgressLine line;
   if (!reporting.quiet) {
     options.caution = [&said](const std::string& sentence) {
@@ -128,6 +131,10 @@ study::ExitStatus report_on(const Reporting& reporting, const study::RunOptions&
 }
 
 }  // namespace
+
+void share_with(ranks::Communicator* ranks) {
+  other_ranks = ranks;
+}
 
 study::ExitStatus run(const RunCommand& command) {
   const study::Problem problem = study::read_problem(command.problem, command.settings);

@@ -49,6 +49,9 @@ struct CheckCommand {
   bool replay = false;
 };
 
+/// The ranks that share the command, of which this process is number 0; null for none.
+void share_with(ranks::Communicator* ranks);
+
 [[nodiscard]] study::ExitStatus run(const RunCommand& command);
 [[nodiscard]] study::ExitStatus converge(const ConvergeCommand& command);
 [[nodiscard]] study::ExitStatus scan(const ScanCommand& command);

@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
@@ -11,8 +12,10 @@
 #include <fmt/ranges.h>
 #include <CLI/CLI.hpp>
 
+#include <rubato/ranks/communicator.hpp>
 #include <rubato/record/error.hpp>
 #include <rubato/study/browse.hpp>
+#include <rubato/study/ensemble_ranks.hpp>
 #include <rubato/study/help.hpp>
 #include <rubato/study/threads.hpp>
 #include <rubato/study/version.hpp>
@@ -351,13 +354,37 @@ ExitStatus guarded(int argc, char** argv) {
   }
 }
 
+/// The command is carried out by rank 0 alone, which shares out what it can; all others help it. Their own status does
+/// not count.
+ExitStatus by_ranks(int argc, char** argv) {
+  // Longer than ranks take to see that they are done; one that does not is ended by the launcher.
+  constexpr std::chrono::seconds patience{5};
+  ExitStatus status = ExitStatus::done;
+  try {
+    const auto ranks = rubato::ranks::join();
+    if (ranks->rank() == 0) {
+      rubato::program::share_with(ranks.get());
+      status = guarded(argc, argv);
+      rubato::study::dismiss(*ranks);
+    } else {
+      rubato::study::help_rank_0(*ranks, &rubato::program::catch_interrupts());
+    }
+    std::fflush(nullptr);  // some launchers end all where one ends with another status than 0
+    ranks->leave(patience);
+  } catch (const std::exception& error) {
+    print_error(error.what());
+    status = ExitStatus::failed;
+  }
+  return status;
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
   rubato::program::wait_briefly(argv);
   rubato::program::keep_standard_streams();
   rubato::program::survive_file_limits();
-  const ExitStatus status = guarded(argc, argv);
+  const ExitStatus status = by_ranks(argc, argv);
   if (status == ExitStatus::file_error) {
     // HDF5, at the end of the process, takes up again what it could not write or read, and may crash there.
     std::fflush(nullptr);

@@ -13,6 +13,7 @@
 #include <rubato/grids/resample.hpp>
 #include <rubato/record/reader.hpp>
 #include <rubato/study/effective.hpp>
+#include <rubato/study/ensemble_ranks.hpp>
 #include <rubato/study/lattice_problem.hpp>
 
 namespace rubato::study {
@@ -204,6 +205,7 @@ ConvergenceOutcome converge(const Problem& problem, std::optional<double> tolera
   if (problem.ensemble) {
     throw ProblemError(problem.ensemble->location, "converge compares runs of one problem; leave [ensemble] out");
   }
+  refuse_ranks(options, problem.scheme.step_location);
   if (!problem.scheme.step) {
     throw ProblemError(problem.scheme.step_location, "converge halves the step: give it as a number, not \"auto\"");
   }

@@ -1,6 +1,7 @@
 #include <rubato/study/ensemble.hpp>
 
 #include <algorithm>
+#include <atomic>
 #include <chrono>
 #include <cmath>
 #include <exception>
@@ -17,6 +18,8 @@
 #include <rubato/study/chronicle.hpp>
 #include <rubato/study/digest.hpp>
 #include <rubato/study/document.hpp>
+#include <rubato/study/ensemble_member.hpp>
+#include <rubato/study/ensemble_ranks.hpp>
 #include <rubato/study/reader.hpp>
 #include <rubato/study/recorder.hpp>
 #include <rubato/study/stored.hpp>
@@ -28,185 +31,6 @@ namespace rubato::study {
 namespace {
 
 constexpr double nan = std::numeric_limits<double>::quiet_NaN();
-
-/// What the record keeps whole of a run: the crossings of its events, and what is told at output times.
-bool is_kept_whole(const record::Dataset& dataset) {
-  return dataset.axis.starts_with("/events/") || dataset.axis == "/output/t";
-}
-
-/// Keeps the last row of every dataset, and all of what is kept whole, and refuses what a record of the run would.
-class LastRows final : public RowSink {
-public:
-  explicit LastRows(const record::Layout& layout) : layout_(layout), rows_(layout.datasets.size()) {}
-  using RowSink::append;
-  void append(record::Column column, std::span<const double> row) override {
-    const record::Dataset& description = layout_.datasets[column.number];
-    const auto wrong = std::ranges::find_if(row, [](double value) { return !std::isfinite(value); });
-    if (wrong != row.end() && !description.may_be_undefined) {
-      throw Undefined{fmt::format("a value of {} is {}", description.path, *wrong)};
-    }
-    keep(column.number, row);
-  }
-  void append(record::Column column, std::span<const std::int64_t> row) override { keep(column.number, row); }
-  /// The last row; of what is kept whole all, one after the other.
-  [[nodiscard]] const std::vector<double>& kept(std::size_t dataset) const { return rows_[dataset]; }
-
-  struct Undefined {
-    std::string what;
-  };
-
-private:
-  template <typename Row>
-  void keep(std::size_t dataset, Row row) {
-    if (!is_kept_whole(layout_.datasets[dataset])) {
-      rows_[dataset].clear();
-    }
-    rows_[dataset].insert(rows_[dataset].end(), row.begin(), row.end());
-  }
-
-  const record::Layout& layout_;
-  std::vector<std::vector<double>> rows_;
-};
-
-/// What the record keeps of a state: of an orbit q and p, of a lattice its fields.
-bool is_last_state(const record::Dataset& dataset) {
-  return dataset.path.starts_with("/states/") && dataset.axis == "/states/t" && dataset.type == record::Type::f64 &&
-         dataset.path != "/states/t" && !dataset.path.starts_with("/states/previous/");
-}
-
-struct MemberResult {
-  ExitStatus status = ExitStatus::done;
-  std::string message;
-  figures::JsonObject figures;
-  std::vector<std::vector<double>> states;  ///< the last one, in the order of the layout
-  std::vector<std::vector<double>> series;  ///< of each dataset that is kept whole all rows, likewise
-};
-
-/// A run of one member to its end. \throws ProblemError
-class Member {
-public:
-  Member(const Problem& problem, const std::atomic<bool>* interrupt)
-      : problem_(problem), interrupt_(interrupt), chronicle_(problem, false), rows_(chronicle_.layout()) {}
-
-  [[nodiscard]] const record::Layout& layout() const { return chronicle_.layout(); }
-
-  MemberResult run() {
-    try {
-      chronicle_.tell_start(rows_);
-      while (result_.status == ExitStatus::done && !simulation().finished() && !chronicle_.stopped()) {
-        one_step();
-      }
-    } catch (const LastRows::Undefined& undefined) {
-      result_.status = ExitStatus::failed;
-      result_.message = fmt::format("{} at t = {:.10g}", undefined.what, simulation().t());
-    }
-    finish();
-    return std::move(result_);
-  }
-
-private:
-  [[nodiscard]] Simulation& simulation() { return chronicle_.simulation(); }
-
-  void one_step() {
-    if (interrupt_ != nullptr && interrupt_->load()) {
-      result_.status = ExitStatus::interrupted;
-      return;
-    }
-    if (chronicle_.statistics().steps >= static_cast<std::size_t>(problem_.scheme.max_steps)) {
-      result_.status = ExitStatus::failed;
-      result_.message =
-          fmt::format("max_steps = {} reached at t = {:.10g}", problem_.scheme.max_steps, simulation().t());
-      return;
-    }
-    const StepReport report = simulation().step();
-    if (report.status != Status::success) {
-      const bool singular = report.status == Status::singular || report.status == Status::ill_conditioned;
-      result_.status = singular ? ExitStatus::singular : ExitStatus::failed;
-      result_.message = simulation().integrator().explain(report);
-      return;
-    }
-    chronicle_.tell_step(report, rows_);
-    const LevelNode node = simulation().node();
-    if (!std::isfinite(node.energy) || (simulation().has_gamma() && !std::isfinite(node.gamma))) {
-      throw LastRows::Undefined{"the node energy or Gamma is not finite"};
-    }
-  }
-
-  void finish() {
-    try {
-      if (result_.status != ExitStatus::failed && chronicle_.last_stored() != chronicle_.statistics().steps) {
-        chronicle_.tell_state(rows_);
-      }
-    } catch (const LastRows::Undefined&) {
-      result_.status = ExitStatus::failed;
-    }
-    figures::add_figures(result_.figures, chronicle_.final_statistics());
-    for (std::size_t i = 0; i < layout().datasets.size(); ++i) {
-      if (is_last_state(layout().datasets[i])) {
-        result_.states.push_back(rows_.kept(i));
-      }
-      if (is_kept_whole(layout().datasets[i])) {
-        result_.series.push_back(rows_.kept(i));
-      }
-    }
-  }
-
-  const Problem& problem_;
-  const std::atomic<bool>* interrupt_;
-  Chronicle chronicle_;
-  LastRows rows_;
-  MemberResult result_;
-};
-
-/// The figures that members of a problem may have, as a run tells them in JSON.
-std::vector<std::string> figure_names(const Problem& problem) {
-  std::vector<std::string> names = {"steps",
-                                    "t",
-                                    "h/min",
-                                    "h/max",
-                                    "discrete_energy/value",
-                                    "discrete_energy/max_relative_deviation",
-                                    "discrete_energy/max_deviation",
-                                    "step_potential/max",
-                                    "step_potential/kappa",
-                                    "step_potential/p",
-                                    "step_potential/from",
-                                    "step_potential/to",
-                                    "node_energy/initial",
-                                    "node_energy/max_deviation",
-                                    "bridges/count",
-                                    "bridges/steps",
-                                    "bridges/max_deviation",
-                                    "gamma/min",
-                                    "gamma/max",
-                                    "step_condition/max",
-                                    "newton_iterations/mean",
-                                    "newton_iterations/max"};
-  const auto simulation = make_simulation(problem);
-  const auto add = [&names](std::string_view group, const std::vector<std::string>& of,
-                            std::initializer_list<std::string_view> keys) {
-    for (const std::string& name : of) {
-      for (const std::string_view key : keys) {
-        names.push_back(fmt::format("{}/{}/{}", group, name, key));
-      }
-    }
-  };
-  add("residuals", simulation->law_names(), {"max", "rms"});
-  add("invariants", simulation->invariant_names(), {"initial", "max_deviation"});
-  add("totals", simulation->total_names(), {"initial", "max_deviation"});
-  std::vector<std::string> events;
-  std::ranges::transform(problem.events, std::back_inserter(events), &Event::name);
-  add("events", events, {"count", "first", "last"});
-  if (std::ranges::any_of(problem.events, [](const Event& event) { return event.stop_after > 0; })) {
-    names.emplace_back("stopped/t");
-  }
-  std::vector<std::string> exact;
-  for (const Named<Spread>& error : simulation->errors()) {
-    exact.push_back(error.name);
-  }
-  add("error", exact, {"max", "rms"});
-  return names;
-}
 
 /// The value of an entry as a number; of one that is none, its place among those that the members have.
 class EntryColumn {
@@ -252,7 +76,7 @@ private:
 };
 
 /// The members of a problem, and their record.
-class EnsembleDriver {
+class EnsembleDriver final : private MemberDesk {
 public:
   EnsembleDriver(const Problem& problem, const RunOptions& options, std::string file)
       : problem_(problem), ensemble_(*problem.ensemble), options_(options) {
@@ -459,9 +283,12 @@ private:
     if (recorder_ && written_ == 0) {
       recorder_->writer().commit(checkpoint());
     }
-    const std::size_t members = finished_only_.value_or(ensemble_.members());
-#pragma omp parallel default(shared)
-    work(members);
+    end_ = finished_only_.value_or(ensemble_.members());
+    {
+      const OtherRanks others(options_.ranks, {.problem = problem_, .figures = names_, .threads = options_.threads},
+                              *this);
+      run_members(problem_, names_, *this);
+    }
     if (error_) {
       std::rethrow_exception(error_);
     }
@@ -481,34 +308,29 @@ private:
     return std::move(outcome_);
   }
 
-  /// One thread: members in the order of their numbers, until there are no more.
-  void work(std::size_t members) {
-    while (true) {
-      std::size_t member = 0;
-      {
-        const std::scoped_lock lock(mutex_);
-        if (error_ || interrupted() || next_ >= members) {
-          return;
-        }
-        member = next_++;
-      }
-      try {
-        const Problem problem = member_problem(problem_, member);
-        MemberResult result = Member(problem, options_.interrupt).run();
-        if (result.status == ExitStatus::interrupted) {
-          return;
-        }
-        const std::scoped_lock lock(mutex_);
-        waiting_.emplace(member, std::move(result));
-        publish();
-      } catch (...) {
-        const std::scoped_lock lock(mutex_);
-        error_ = error_ ? error_ : std::current_exception();
-      }
+  [[nodiscard]] std::optional<std::size_t> next() override {
+    const std::scoped_lock lock(mutex_);
+    if (halted() || next_ >= end_) {
+      return std::nullopt;
+    }
+    return next_++;
+  }
+  void hand_in(std::size_t member, MemberResult result) override {
+    const std::scoped_lock lock(mutex_);
+    if (!error_) {
+      waiting_.emplace(member, std::move(result));
+      publish();
     }
   }
-  [[nodiscard]] bool interrupted() const {
-    return options_.interrupt != nullptr && options_.interrupt->load();
+  /// The first error is that of the whole.
+  void fail(std::exception_ptr error) override {
+    const std::scoped_lock lock(mutex_);
+    error_ = error_ ? error_ : std::move(error);
+    halted_ = true;
+  }
+  void halt() override { halted_ = true; }
+  [[nodiscard]] bool halted() const override {
+    return halted_.load() || (options_.interrupt != nullptr && options_.interrupt->load());
   }
 
   /// What is finished goes into the record in the order of the members.
@@ -523,11 +345,7 @@ private:
     show_progress();
   }
 
-  void take(const MemberResult& result) {
-    std::vector<double> figures;
-    for (const std::string& name : names_) {
-      figures.push_back(result.figures.find(name).value_or(nan));
-    }
+  void take(MemberResult& result) {
     const std::size_t member = written_;
     std::size_t next = 0;
     append(next++, static_cast<double>(member));
@@ -535,7 +353,7 @@ private:
     for (const EntryColumn& column : columns_) {
       append(next++, column.at(member));
     }
-    for (const double figure : figures) {
+    for (const double figure : result.figures) {
       append(next++, figure);
     }
     if (keeps_states_) {
@@ -547,13 +365,11 @@ private:
     if (recorder_) {
       recorder_->writer().end_level();
     }
-    tell(result.status, result.message, std::move(figures));
+    tell(result.status, result.message, std::move(result.figures));
   }
 
   /// Into the record, or compared with it.
-  void append(std::size_t dataset, double value) {
-    append(dataset, std::span<const double>(&value, 1));
-  }
+  void append(std::size_t dataset, double value) { append(dataset, std::span<const double>(&value, 1)); }
   void append(std::size_t dataset, std::span<const double> row) {
     const record::Dataset& description = layout_.datasets[dataset];
     if (recorder_) {
@@ -691,9 +507,10 @@ private:
   std::string first_failure_;
 
   std::mutex mutex_;  ///< of all that follows, and of the outcome
-  std::size_t next_ = 0, written_ = 0;
+  std::size_t next_ = 0, end_ = 0, written_ = 0;
   std::map<std::size_t, MemberResult> waiting_;  ///< finished before one with a smaller number
   std::exception_ptr error_;
+  std::atomic<bool> halted_ = false;
   Clock::time_point last_progress_;
   EnsembleOutcome outcome_;
 };

@@ -11,6 +11,7 @@
 #include <rubato/ode/integrate.hpp>
 #include <rubato/record/reader.hpp>
 #include <rubato/record/writer.hpp>
+#include <rubato/study/ensemble_ranks.hpp>
 #include <rubato/study/lattice_problem.hpp>
 #include <rubato/study/recorder.hpp>
 #include <rubato/study/stored.hpp>
@@ -404,6 +405,8 @@ std::unique_ptr<Simulation> make_simulation(const Problem& problem, bool tangent
 }
 
 Outcome run(const Problem& problem, const RunOptions& options) {
+  refuse_ranks(options, problem.hamiltonian() != nullptr ? problem.hamiltonian()->statement().location
+                                                         : problem.scheme.lagrangian_location);
   if (const auto* pde = problem.multisymplectic(); pde != nullptr && pde->initial_record) {
     std::error_code ignored;
     if (std::filesystem::equivalent(pde->initial_record->file, options.output.value_or(problem.output.file), ignored)) {
@@ -415,6 +418,7 @@ Outcome run(const Problem& problem, const RunOptions& options) {
 }
 
 Outcome resume(const std::string& file, std::optional<double> until, const RunOptions& options) {
+  refuse_ranks(options, {file, 0, 0});
   record::Claim claim(file);  // before anything is read: a run that is just ending would change it
   Problem problem;
   RunOptions as_begun = options;

@@ -1,0 +1,11 @@
+// A build without MPI.
+
+#include <rubato/ranks/communicator.hpp>
+
+namespace rubato::ranks {
+
+std::unique_ptr<Communicator> join() {
+  return std::make_unique<Alone>();
+}
+
+}  // namespace rubato::ranks

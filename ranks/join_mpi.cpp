@@ -1,0 +1,124 @@
+// A build with MPI: the only source that knows it.
+
+#define OMPI_SKIP_MPICXX 1
+#define MPICH_SKIP_MPICXX 1
+#include <mpi.h>
+
+#include <algorithm>
+#include <array>
+#include <cstdint>
+#include <cstdlib>
+#include <stdexcept>
+
+#include <rubato/ranks/communicator.hpp>
+#include <rubato/ranks/naps.hpp>
+
+namespace rubato::ranks {
+
+namespace {
+
+/// A message is its head, then its bytes in parts: MPI counts with an int.
+constexpr int head_tag = 1, part_tag = 2;
+constexpr std::size_t largest_part = std::size_t{1} << 30;
+using Head = std::array<std::uint64_t, 2>;  ///< kind, and the number of bytes
+
+class Job final : public Communicator {
+public:
+  /// \throws std::runtime_error if the library does not let a thread other than the first one call it
+  Job() {
+    int provided = MPI_THREAD_SINGLE;
+    MPI_Init_thread(nullptr, nullptr, MPI_THREAD_SERIALIZED, &provided);
+    // What goes wrong in the library ends all ranks, with its message: its default.
+    MPI_Comm_rank(MPI_COMM_WORLD, &rank_);
+    MPI_Comm_size(MPI_COMM_WORLD, &size_);
+    if (provided < MPI_THREAD_SERIALIZED) {
+      MPI_Finalize();
+      throw std::runtime_error("this MPI library was built without support for threads, which is needed here");
+    }
+  }
+
+  [[nodiscard]] int rank() const override { return rank_; }
+  [[nodiscard]] int size() const override { return size_; }
+
+  void send(int to, int kind, std::span<const std::byte> bytes) override {
+    const Head head = {static_cast<std::uint64_t>(kind), bytes.size()};
+    MPI_Request request = MPI_REQUEST_NULL;
+    MPI_Isend(head.data(), static_cast<int>(head.size()), MPI_UINT64_T, to, head_tag, MPI_COMM_WORLD, &request);
+    wait_for(request);
+    for (std::size_t begin = 0; begin < bytes.size(); begin += largest_part) {
+      const auto part = bytes.subspan(begin, std::min(largest_part, bytes.size() - begin));
+      MPI_Isend(part.data(), static_cast<int>(part.size()), MPI_BYTE, to, part_tag, MPI_COMM_WORLD, &request);
+      wait_for(request);
+    }
+  }
+
+  [[nodiscard]] std::optional<Message> receive() override {
+    int has_come = 0;
+    MPI_Status status;
+    MPI_Iprobe(MPI_ANY_SOURCE, head_tag, MPI_COMM_WORLD, &has_come, &status);
+    if (has_come == 0) {
+      return std::nullopt;
+    }
+    Head head{};
+    MPI_Recv(head.data(), static_cast<int>(head.size()), MPI_UINT64_T, status.MPI_SOURCE, head_tag, MPI_COMM_WORLD,
+             MPI_STATUS_IGNORE);
+    Message message{.from = status.MPI_SOURCE, .kind = static_cast<int>(head[0]), .bytes = {}};
+    message.bytes.resize(head[1]);
+    for (std::size_t begin = 0; begin < message.bytes.size(); begin += largest_part) {
+      const std::size_t count = std::min(largest_part, message.bytes.size() - begin);
+      MPI_Recv(message.bytes.data() + begin, static_cast<int>(count), MPI_BYTE, message.from, part_tag, MPI_COMM_WORLD,
+               MPI_STATUS_IGNORE);
+    }
+    return message;
+  }
+
+  bool leave(std::chrono::duration<double> patience) override {
+    const auto end = std::chrono::steady_clock::now() + patience;
+    MPI_Request request = MPI_REQUEST_NULL;
+    MPI_Ibarrier(MPI_COMM_WORLD, &request);
+    Naps naps;
+    while (!is_done(request)) {
+      if (std::chrono::steady_clock::now() > end) {
+        return false;
+      }
+      naps.take();
+    }
+    MPI_Finalize();
+    return true;
+  }
+
+private:
+  static bool is_done(MPI_Request& request) {
+    int done = 0;
+    MPI_Test(&request, &done, MPI_STATUS_IGNORE);
+    return done != 0;
+  }
+  /// The library itself would wait without ever leaving the processor to others.
+  static void wait_for(MPI_Request& request) {
+    Naps naps;
+    while (!is_done(request)) {
+      naps.take();
+    }
+  }
+
+  int rank_ = 0, size_ = 1;
+};
+
+/// A process that no launcher started has nobody to talk to: it does without the library, which takes a tenth of a
+/// second to begin.
+bool was_launched() {
+  // Set by Open MPI, PMIx, and the PMI of MPICH, Intel MPI and Slurm.
+  constexpr std::array marks = {"OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "PMI_RANK", "PMI_SIZE"};
+  return std::ranges::any_of(marks, [](const char* mark) { return std::getenv(mark) != nullptr; });
+}
+
+}  // namespace
+
+std::unique_ptr<Communicator> join() {
+  if (was_launched()) {
+    return std::make_unique<Job>();
+  }
+  return std::make_unique<Alone>();
+}
+
+}  // namespace rubato::ranks

@@ -1,0 +1,217 @@
+#include <rubato/study/ensemble_member.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <initializer_list>
+#include <iterator>
+#include <limits>
+#include <string_view>
+#include <utility>
+
+#include <fmt/format.h>
+
+#include <rubato/figures/text.hpp>
+#include <rubato/study/chronicle.hpp>
+#include <rubato/study/row_sink.hpp>
+
+namespace rubato::study {
+
+namespace {
+
+/// Keeps the last row of every dataset, and all of what is kept whole, and refuses what a record of the run would.
+class LastRows final : public RowSink {
+public:
+  explicit LastRows(const record::Layout& layout) : layout_(layout), rows_(layout.datasets.size()) {}
+  using RowSink::append;
+  void append(record::Column column, std::span<const double> row) override {
+    const record::Dataset& description = layout_.datasets[column.number];
+    const auto wrong = std::ranges::find_if(row, [](double value) { return !std::isfinite(value); });
+    if (wrong != row.end() && !description.may_be_undefined) {
+      throw Undefined{fmt::format("a value of {} is {}", description.path, *wrong)};
+    }
+    keep(column.number, row);
+  }
+  void append(record::Column column, std::span<const std::int64_t> row) override { keep(column.number, row); }
+  /// The last row; of what is kept whole all, one after the other.
+  [[nodiscard]] const std::vector<double>& kept(std::size_t dataset) const { return rows_[dataset]; }
+
+  struct Undefined {
+    std::string what;
+  };
+
+private:
+  template <typename Row>
+  void keep(std::size_t dataset, Row row) {
+    if (!is_kept_whole(layout_.datasets[dataset])) {
+      rows_[dataset].clear();
+    }
+    rows_[dataset].insert(rows_[dataset].end(), row.begin(), row.end());
+  }
+
+  const record::Layout& layout_;
+  std::vector<std::vector<double>> rows_;
+};
+
+/// A run of one member to its end. \throws ProblemError
+class Member {
+public:
+  Member(const Problem& problem, const std::vector<std::string>& figures, const MemberDesk& desk)
+      : problem_(problem), names_(figures), desk_(desk), chronicle_(problem, false), rows_(chronicle_.layout()) {}
+
+  [[nodiscard]] const record::Layout& layout() const { return chronicle_.layout(); }
+
+  MemberResult run() {
+    try {
+      chronicle_.tell_start(rows_);
+      while (result_.status == ExitStatus::done && !simulation().finished() && !chronicle_.stopped()) {
+        one_step();
+      }
+    } catch (const LastRows::Undefined& undefined) {
+      result_.status = ExitStatus::failed;
+      result_.message = fmt::format("{} at t = {:.10g}", undefined.what, simulation().t());
+    }
+    finish();
+    return std::move(result_);
+  }
+
+private:
+  [[nodiscard]] Simulation& simulation() { return chronicle_.simulation(); }
+
+  void one_step() {
+    if (desk_.halted()) {
+      result_.status = ExitStatus::interrupted;
+      return;
+    }
+    if (chronicle_.statistics().steps >= static_cast<std::size_t>(problem_.scheme.max_steps)) {
+      result_.status = ExitStatus::failed;
+      result_.message =
+          fmt::format("max_steps = {} reached at t = {:.10g}", problem_.scheme.max_steps, simulation().t());
+      return;
+    }
+    const StepReport report = simulation().step();
+    if (report.status != Status::success) {
+      const bool singular = report.status == Status::singular || report.status == Status::ill_conditioned;
+      result_.status = singular ? ExitStatus::singular : ExitStatus::failed;
+      result_.message = simulation().integrator().explain(report);
+      return;
+    }
+    chronicle_.tell_step(report, rows_);
+    const LevelNode node = simulation().node();
+    if (!std::isfinite(node.energy) || (simulation().has_gamma() && !std::isfinite(node.gamma))) {
+      throw LastRows::Undefined{"the node energy or Gamma is not finite"};
+    }
+  }
+
+  void finish() {
+    try {
+      if (result_.status != ExitStatus::failed && chronicle_.last_stored() != chronicle_.statistics().steps) {
+        chronicle_.tell_state(rows_);
+      }
+    } catch (const LastRows::Undefined&) {
+      result_.status = ExitStatus::failed;
+    }
+    figures::JsonObject figures;
+    figures::add_figures(figures, chronicle_.final_statistics());
+    for (const std::string& name : names_) {
+      result_.figures.push_back(figures.find(name).value_or(std::numeric_limits<double>::quiet_NaN()));
+    }
+    for (std::size_t i = 0; i < layout().datasets.size(); ++i) {
+      if (is_last_state(layout().datasets[i])) {
+        result_.states.push_back(rows_.kept(i));
+      }
+      if (is_kept_whole(layout().datasets[i])) {
+        result_.series.push_back(rows_.kept(i));
+      }
+    }
+  }
+
+  const Problem& problem_;
+  const std::vector<std::string>& names_;
+  const MemberDesk& desk_;
+  Chronicle chronicle_;
+  LastRows rows_;
+  MemberResult result_;
+};
+
+/// One thread: members until there are no more.
+void take_members(const Problem& ensemble, const std::vector<std::string>& figures, MemberDesk& desk) {
+  try {
+    while (const std::optional<std::size_t> number = desk.next()) {
+      const Problem problem = member_problem(ensemble, *number);
+      MemberResult result = Member(problem, figures, desk).run();
+      if (result.status == ExitStatus::interrupted) {
+        return;
+      }
+      desk.hand_in(*number, std::move(result));
+    }
+  } catch (...) {
+    desk.fail(std::current_exception());
+  }
+}
+
+}  // namespace
+
+bool is_kept_whole(const record::Dataset& dataset) {
+  return dataset.axis.starts_with("/events/") || dataset.axis == "/output/t";
+}
+
+bool is_last_state(const record::Dataset& dataset) {
+  return dataset.path.starts_with("/states/") && dataset.axis == "/states/t" && dataset.type == record::Type::f64 &&
+         dataset.path != "/states/t" && !dataset.path.starts_with("/states/previous/");
+}
+
+std::vector<std::string> figure_names(const Problem& member) {
+  std::vector<std::string> names = {"steps",
+                                    "t",
+                                    "h/min",
+                                    "h/max",
+                                    "discrete_energy/value",
+                                    "discrete_energy/max_relative_deviation",
+                                    "discrete_energy/max_deviation",
+                                    "step_potential/max",
+                                    "step_potential/kappa",
+                                    "step_potential/p",
+                                    "step_potential/from",
+                                    "step_potential/to",
+                                    "node_energy/initial",
+                                    "node_energy/max_deviation",
+                                    "bridges/count",
+                                    "bridges/steps",
+                                    "bridges/max_deviation",
+                                    "gamma/min",
+                                    "gamma/max",
+                                    "step_condition/max",
+                                    "newton_iterations/mean",
+                                    "newton_iterations/max"};
+  const auto simulation = make_simulation(member);
+  const auto add = [&names](std::string_view group, const std::vector<std::string>& of,
+                            std::initializer_list<std::string_view> keys) {
+    for (const std::string& name : of) {
+      for (const std::string_view key : keys) {
+        names.push_back(fmt::format("{}/{}/{}", group, name, key));
+      }
+    }
+  };
+  add("residuals", simulation->law_names(), {"max", "rms"});
+  add("invariants", simulation->invariant_names(), {"initial", "max_deviation"});
+  add("totals", simulation->total_names(), {"initial", "max_deviation"});
+  std::vector<std::string> events;
+  std::ranges::transform(member.events, std::back_inserter(events), &Event::name);
+  add("events", events, {"count", "first", "last"});
+  if (std::ranges::any_of(member.events, [](const Event& event) { return event.stop_after > 0; })) {
+    names.emplace_back("stopped/t");
+  }
+  std::vector<std::string> exact;
+  for (const Named<Spread>& error : simulation->errors()) {
+    exact.push_back(error.name);
+  }
+  add("error", exact, {"max", "rms"});
+  return names;
+}
+
+void run_members(const Problem& ensemble, const std::vector<std::string>& figures, MemberDesk& desk) {
+#pragma omp parallel default(shared)
+  take_members(ensemble, figures, desk);
+}
+
+}  // namespace rubato::study

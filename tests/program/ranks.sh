@@ -1,0 +1,170 @@
+#!/usr/bin/env bash
+# The program under mpirun, in a build with MPI: ranks.sh RUBATO SOURCE_FOLDER MPIRUN CASE [KILLS]. Ranks share an
+# ensemble, and its record is that of one process bit by bit, on every number of ranks, killed and resumed.
+set -u
+rubato=$1
+source_folder=$2
+mpirun=$3
+case_name=$4
+kills=${5:-3}
+
+# Tests may run as root, and on fewer processors than there are ranks.
+export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 OMPI_MCA_rmaps_base_oversubscribe=1
+export OMPI_MCA_hwloc_base_binding_policy=none OMP_NUM_THREADS=1 OMP_WAIT_POLICY=passive
+
+folder=$(mktemp -d)
+trap 'rm -rf "$folder"' EXIT
+cd "$folder" || exit 1
+failures=0
+
+# alone ARGUMENTS…, on RANKS ARGUMENTS…: runs the program; its status, output and messages are then in $status, out, err.
+alone() {
+  last="rubato $*"
+  "$rubato" "$@" >out 2>err </dev/null
+  status=$?
+}
+on() {
+  last="mpirun -n $1 rubato ${*:2}"
+  timeout 100 "$mpirun" -n "$1" "$rubato" "${@:2}" >out 2>err </dev/null
+  status=$?
+}
+
+# check DESCRIPTION COMMAND…: counts a failure unless the command succeeds.
+check() {
+  local description=$1
+  shift
+  if ! "$@"; then
+    echo "FAILED: $description"
+    echo "  after: ${last:-} (status ${status:-none})"
+    echo "  out: $(head -c 600 out 2>/dev/null)"
+    echo "  err: $(head -c 600 err 2>/dev/null)"
+    failures=$((failures + 1))
+  fi
+}
+status_is() { check "status $1" test "$status" -eq "$1"; }
+same() { h5diff "$1" "$2" >difference 2>&1; }
+differ() { ! h5diff "$1" "$2" >difference 2>&1; }
+once() { test "$(grep -c -- "$1" "$2")" -eq 1; }
+members() { h5ls "$1/members" | sed -n 's/^number  *Dataset {\([0-9]*\).*/\1/p'; }
+
+pendulums=("$source_folder/examples/pendulums.toml" --set ensemble.random.count=40)
+case $case_name in
+  shared)
+    alone run "${pendulums[@]}" -o alone.h5 --json
+    status_is 0
+    for ranks in 1 2 3; do
+      on $ranks run "${pendulums[@]}" -o shared.h5 --force --json
+      status_is 0
+      check "one JSON object, of one rank" once '"members": 40' out
+      check "the record of one process, on $ranks ranks" same alone.h5 shared.h5
+    done
+    alone run "${pendulums[@]}" --set ensemble.random.count=3 -o three.h5 --quiet
+    on 5 run "${pendulums[@]}" --set ensemble.random.count=3 -o few.h5 --quiet
+    status_is 0
+    check "with more ranks than members" same three.h5 few.h5
+    on 2 run "${pendulums[@]}" --set ensemble.random.seed=2 -o other.h5 --quiet
+    check "the twin: other members are told apart" differ alone.h5 other.h5
+    on 3 check shared.h5
+    status_is 0
+    check "says that all agree" once 'all agree' out
+    on 3 scan pendulum initial.p=0.5:1.5:5 --set scheme.until=20 -o scan.h5
+    status_is 0
+    alone scan pendulum initial.p=0.5:1.5:5 --set scheme.until=20 -o scan-alone.h5
+    check "a scan as well" same scan-alone.h5 scan.h5
+    on 3 run "${pendulums[@]}" --set scheme.max_steps=450 -o short.h5
+    status_is 4
+    check "members that fail are told once" once 'members ended early' err
+    ;;
+  refused)
+    for problem in pendulum sine-gordon sine-gordon-2d; do
+      on 2 run $problem -o never.h5
+      status_is 2
+      check "one rank says so" once '^rubato: error: ' err
+      check "the place" grep -q "^rubato: error: $problem.toml (built-in):[0-9]*:[0-9]*: " err
+      check "and what to do" grep -q 'there are 2: .*without mpirun' err
+    done
+    on 2 converge pendulum
+    status_is 2
+    check "nothing was written" test -z "$(ls ./*.h5 2>/dev/null)"
+    alone run pendulum --set scheme.until=5 -o one.h5 --quiet
+    on 2 resume one.h5 --until 10
+    status_is 2
+    on 3 run "${pendulums[@]}" --set scheme.stepp=1 -o never.h5
+    status_is 2
+    check "one rank says what is wrong" once '^rubato: error: ' err
+    on 3 frobnicate
+    status_is 2
+    check "one rank says so" once '^rubato: error: ' err
+    # What is for one process is done by one.
+    on 3 list
+    status_is 0
+    check "one list" once 'Pendulum, librating' out
+    on 2 check one.h5
+    status_is 0
+    check "one table" once '^Pendulum, librating' out
+    on 2 run "${pendulums[@]}" -o missing/folder/never.h5
+    status_is 5
+    check "one rank says so" once '^rubato: error: ' err
+    ;;
+  killed)
+    all=150   # of a tenth of a second each
+    pendulums=("$source_folder/examples/pendulums.toml" --set ensemble.random.count=$all --set scheme.until=2500)
+    alone run "${pendulums[@]}" -o alone.h5 --quiet
+    said=0 grown=0 before=0
+    for ((kill = 0; kill < kills; ++kill)); do
+      command=(resume killed.h5)
+      [ -e killed.h5 ] || command=(run "${pendulums[@]}" -o killed.h5)
+      ranks=$((2 + kill % 3))
+      "$mpirun" -n $ranks "$rubato" "${command[@]}" --quiet >out 2>err </dev/null &
+      launcher=$!
+      last="mpirun -n $ranks rubato ${command[*]}, of which a rank was killed"
+      # Some time after the ranks are there; then one of them, the first as well.
+      for ((wait = 0; wait < 200; ++wait)); do
+        read -r -a pids <"/proc/$launcher/task/$launcher/children"
+        [ "${#pids[@]}" -lt "$ranks" ] || break
+        sleep 0.05
+      done
+      sleep "0.$((RANDOM % 10))$((RANDOM % 10))"
+      kill -KILL "${pids[RANDOM % ${#pids[@]}]}" 2>/dev/null
+      wait $launcher
+      status=$?
+      [ -e killed.h5 ] || continue
+      check "an ordinary reader opens the record" h5ls killed.h5 >/dev/null
+      now=$(members killed.h5)
+      check "no member is lost: $before, and then $now" test "${now:-0}" -ge "$before"
+      [ "${now:-0}" -le "$before" ] || grown=$((grown + 1))
+      before=${now:-0}
+      [ "$before" -lt $all ] || break
+      check "a run of which a rank died has not ended well" test "$status" -ne 0
+      check "and says so" grep -q 'interrupted after\|signal 9' err
+      ! grep -q "rubato: error: interrupted after .* of $all members; continue with" err || said=$((said + 1))
+    done
+    check "kills after which the record has more members" test "$grown" -gt 0
+    echo "$kill kills, $grown after new members, $said told by the first rank; $before members"
+    on 2 resume killed.h5 --quiet
+    status_is 0
+    check "the record is that of a run never stopped" same alone.h5 killed.h5
+    # The launcher is asked to end: so are the ranks.
+    "$mpirun" -n 3 "$rubato" run "${pendulums[@]}" -o ended.h5 --quiet >out 2>err </dev/null &
+    launcher=$!
+    last='mpirun -n 3 rubato run, ended'
+    for ((wait = 0; wait < 200; ++wait)); do
+      [ ! -e ended.h5 ] || break
+      sleep 0.05
+    done
+    kill -TERM $launcher
+    wait $launcher
+    status=$?
+    check "interrupted" test "$status" -ne 0
+    check "a record" test -s ended.h5
+    on 4 resume ended.h5 --quiet
+    status_is 0
+    check "and continued" same alone.h5 ended.h5
+    ;;
+  *)
+    echo "no case $case_name"
+    exit 2
+    ;;
+esac
+[ "$failures" -eq 0 ] && echo "$case_name: as expected"
+exit $((failures > 0))
