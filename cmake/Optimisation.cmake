@@ -10,7 +10,7 @@ set(rubato_sources_loops
   formula/evaluate.cpp
   grids/box_operators.cpp grids/fourier.cpp grids/reductions.cpp grids/spectral_derivative.cpp
   solve/cyclic_block.cpp solve/fourier_preconditioner.cpp solve/gmres.cpp
-  pde/cell_sweep.cpp pde/euler_box_map.cpp pde/face_gather.cpp pde/midpoint_lattice.cpp pde/stage_loops.cpp pde/wave_loops.cpp
+  pde/cell_sweep.cpp pde/euler_box_map.cpp pde/face_gather.cpp pde/law_currents.cpp pde/midpoint_lattice.cpp pde/stage_loops.cpp pde/wave_loops.cpp
   record/checksum.cpp)
 foreach(kernel IN ITEMS avx2 avx512)
   set_source_files_properties(${PROJECT_SOURCE_DIR}/solve/chunk_elimination_${kernel}.cpp PROPERTIES

@@ -13,7 +13,6 @@
 #include <rubato/grids/reductions.hpp>
 #include <rubato/pde/face_gather.hpp>
 #include <rubato/pde/law_engine.hpp>
-#include <rubato/pde/node_derivative.hpp>
 #include <rubato/pde/placed_coordinates.hpp>
 #include <rubato/pde/space_collocation.hpp>
 
@@ -27,7 +26,8 @@ constexpr int time = LawTables::time;
 /// The fields on the faces of one block: means and derivatives in the directions within the face, and S.
 struct Faces {
   std::vector<double*> mean;
-  std::vector<std::array<double*, 4>> derivative;  ///< of each field in direction μ
+  std::vector<std::array<double*, 4>> derivative;               ///< of each field in direction μ
+  std::vector<std::array<const double*, 4>> derivative_inputs;  ///< the same
   double* S = nullptr;
   std::vector<double*> currents;      ///< of each law
   std::vector<double*> sources;       ///< of each coordinate that S names
@@ -45,30 +45,20 @@ struct FaceOperators : LawTables {
   CellBlocks blocks;
   FaceGather gather;
   std::vector<std::unique_ptr<Workspace>> workspaces;
-  grids::FieldSet middle, rate;
-  grids::FieldSet current, sum;                                ///< of each law
-  std::unique_ptr<NodeDerivative> nodal;                       ///< at nodes only
+  StepPoints points;
+  grids::FieldSet sum;                                         ///< of each law
   std::unique_ptr<ElementOperators> elements;                  ///< in elements only: of cells the laws are a mean of
-  grids::FieldSet at_points;                                   ///< in elements, of the fields in use
-  std::vector<grids::FieldSet> derivatives;                    ///< along each axis, of the fields in use
-  std::vector<grids::FieldSet> following;                      ///< with one-sided differences: the next nodes' values
+  grids::FieldSet at_points, derivatives;                      ///< in elements, of the fields in use
   std::vector<std::vector<double>> sums;                       ///< [law][block]: of densities
-  std::shared_ptr<StageSource> stages;                         ///< null: the laws of a step are taken at its middle
-  PlacedCoordinates at_cells;                                  ///< in their middles; or at the nodes
+  PlacedCoordinates at_cells;                                  ///< in their middles
   std::array<std::vector<PlacedCoordinates>, 2> placed_faces;  ///< [upper][axis]: on the faces normal to an axis
 
-  FaceOperators(LawTables tables, Placement placement)
-      : LawTables(std::move(tables)), blocks(grid), gather(grid), middle(d, grid.size()), rate(d, grid.size()) {
+  FaceOperators(LawTables tables, Placement placement, std::shared_ptr<StageSource> stages)
+      : LawTables(std::move(tables)), blocks(grid), gather(grid), points(system, grid, std::move(stages)) {
     if (placement.has_elements()) {
       elements = std::make_unique<ElementOperators>(grid, placement.stages);
       at_points = grids::FieldSet(d, grid.size());
-      derivatives.push_back(at_points);
-    } else if (placement != Placement::cells) {
-      nodal = std::make_unique<NodeDerivative>(grid, placement);
-      derivatives.assign(static_cast<std::size_t>(grid.dimensions()), grids::FieldSet(d, grid.size()));
-      if (nodal->one_sided()) {
-        following = derivatives;
-      }
+      derivatives = at_points;
     }
     if (!system.coordinates().empty()) {
       place_faces();
@@ -77,10 +67,6 @@ struct FaceOperators : LawTables {
   }
 
   void place_faces() {
-    if (nodal != nullptr) {
-      at_cells = PlacedCoordinates(system, grid, Within::node);
-      return;
-    }
     at_cells =
         elements != nullptr ? elements->space().places(system, grid) : PlacedCoordinates(system, grid, Within::centre);
     for (const bool upper : {false, true}) {
@@ -112,6 +98,8 @@ struct FaceOperators : LawTables {
         for (int mu = 0; mu < directions; ++mu) {
           derivative[static_cast<std::size_t>(mu)] = take();
         }
+        auto& inputs = work->faces.derivative_inputs.emplace_back();
+        std::ranges::copy(derivative, inputs.begin());
       }
       work->faces.S = take();
       for (std::size_t l = 0; l < names.size(); ++l) {
@@ -127,23 +115,6 @@ struct FaceOperators : LawTables {
         work->source = formula::BatchEvaluator(system.source_code());
       }
       workspaces.push_back(std::move(work));
-    }
-  }
-
-  /// z̄ and D_t z of a step at the nodes; fields at midpoints have the value that `after` holds, and no D_t.
-  void make_middle(const grids::FieldSet& before, const grids::FieldSet& after, double h) {
-    for (int f = 0; f < d; ++f) {
-      const double* z_0 = before.field(f).data();
-      const double* z_1 = after.field(f).data();
-      double* m = middle.field(f).data();
-      double* r = rate.field(f).data();
-      const bool midpoint = system.structure().at_midpoints(f);
-      grids::for_each_block(grid.size(), 4096, [=](std::size_t begin, std::size_t end) {
-        for (std::size_t i = begin; i < end; ++i) {
-          m[i] = midpoint ? z_1[i] : 0.5 * (z_0[i] + z_1[i]);
-          r[i] = midpoint ? 0.0 : (z_1[i] - z_0[i]) / h;
-        }
-      });
     }
   }
 
@@ -177,8 +148,6 @@ struct FaceOperators : LawTables {
       const bool in_element = elements != nullptr && mu == time;
       if (in_element) {
         std::copy_n(at_points.field(f).data() + offset, count, faces.mean[i]);
-      } else if (nodal != nullptr) {
-        std::copy_n(values.field(f).data() + offset, count, faces.mean[i]);
       } else {
         face(values.field(f).data(), line, begin, count, mu, upper, mu, faces.mean[i]);
       }
@@ -187,13 +156,11 @@ struct FaceOperators : LawTables {
           continue;
         }
         double* derivative = faces.derivative[i][static_cast<std::size_t>(nu)];
-        const double* from = nu == time ? rate.field(f).data() : values.field(f).data();
-        if (nodal == nullptr && !in_element) {
-          face(from, line, begin, count, mu, upper, nu, derivative);
-        } else if (nu == time) {
-          std::copy_n(from + offset, count, derivative);
+        if (in_element) {
+          std::copy_n(std::as_const(derivatives).field(f).data() + offset, count, derivative);
         } else {
-          std::copy_n(derivatives[static_cast<std::size_t>(nu) - 1].field(f).data() + offset, count, derivative);
+          const grids::FieldSet& from = nu == time ? points.rate() : values;
+          face(from.field(f).data(), line, begin, count, mu, upper, nu, derivative);
         }
         if (const double slope = nu == 1 ? slopes.at(f, line) : 0.0; slope != 0.0) {
           for (std::size_t c = 0; c < count; ++c) {
@@ -221,11 +188,10 @@ struct FaceOperators : LawTables {
     }
     for (int f = 0; f < d; ++f) {
       const auto i = static_cast<std::size_t>(f);
-      if (nodal != nullptr || elements != nullptr) {
-        std::copy_n((elements != nullptr ? at_points : middle).field(f).data() + line * blocks.line + begin, count,
-                    faces.mean[i]);
+      if (elements != nullptr) {
+        std::copy_n(at_points.field(f).data() + line * blocks.line + begin, count, faces.mean[i]);
       } else {
-        face(middle.field(f).data(), line, begin, count, time, false, time, faces.mean[i]);
+        face(points.z().field(f).data(), line, begin, count, time, false, time, faces.mean[i]);
       }
     }
     put_places(work, line, begin, time, false);
@@ -236,47 +202,6 @@ struct FaceOperators : LawTables {
         out[i] -= weight * weight_of(line * blocks.line + begin + i) * faces.sources[c][i];
       }
     }
-  }
-
-  /// The currents J_μ of all laws on those faces, which begin with cell `first`.
-  void currents(Faces& faces, std::size_t count, int mu, std::size_t first) const {
-    const auto add = [count](double* out, double factor, const double* left, const double* right) {
-      for (std::size_t c = 0; c < count; ++c) {
-        out[c] += factor * left[c] * right[c];
-      }
-    };
-    const auto mean = [&](int f) { return faces.mean[static_cast<std::size_t>(f)]; };
-    // With one-sided differences fluxes join a node's values with those of the next one.
-    std::array<const double*, MultisymplecticSystem::most_fields> next{};
-    const bool joins = mu != time && !following.empty();
-    for (int f = 0; joins && f < d; ++f) {
-      next[static_cast<std::size_t>(f)] = following[static_cast<std::size_t>(mu) - 1].field(f).data() + first;
-    }
-    const auto partner = [&](int f) -> const double* { return joins ? next[static_cast<std::size_t>(f)] : mean(f); };
-    const auto derivative = [&](int f, int nu) {
-      return faces.derivative[static_cast<std::size_t>(f)][static_cast<std::size_t>(nu)];
-    };
-    for (int nu = 0; nu < directions; ++nu) {
-      double* out = faces.currents[static_cast<std::size_t>(nu)];
-      if (nu != mu) {
-        std::fill_n(out, count, 0.0);
-        for (const MatrixTerm& term : plus[static_cast<std::size_t>(mu)]) {
-          add(out, -term.value, derivative(term.row, nu), partner(term.column));
-        }
-        continue;
-      }
-      std::copy_n(faces.S, count, out);
-      for (int other = 0; other < directions; ++other) {
-        if (other != nu) {
-          for (const MatrixTerm& term : plus[static_cast<std::size_t>(other)]) {
-            add(out, term.value, derivative(term.row, other), mean(term.column));
-          }
-        }
-      }
-    }
-    const auto fields = static_cast<std::size_t>(d);
-    symmetry_currents(mu, count, std::span(faces.inputs).first(fields), std::span(next).first(joins ? fields : 0),
-                      std::span(faces.currents).subspan(static_cast<std::size_t>(directions)));
   }
 
   /// Of a density in sums over the grid.
@@ -299,7 +224,7 @@ struct FaceOperators : LawTables {
       }
     }
   }
-  /// In cells: total += weight · (Σ_a D_aJ_a - the sources) at `middle` with the rates `rate`.
+  /// In cells: total += weight · (Σ_a D_aJ_a - the sources) at the point of the step.
   void add_cell_fluxes(Workspace& work, std::size_t line, std::size_t begin, std::size_t count, double weight,
                        const LatticeLevel& level, std::span<double* const> total) const {
     for (int mu = 1; mu < directions; ++mu) {
@@ -314,7 +239,7 @@ struct FaceOperators : LawTables {
   /// In elements: A z and D z at their points.
   void take_points(const grids::FieldSet& values) {
     for (int f = 0; elements != nullptr && f < d; ++f) {
-      (*elements)(values.field(f).data(), at_points.field(f).data(), derivatives[0].field(f).data());
+      (*elements)(values.field(f).data(), at_points.field(f).data(), derivatives.field(f).data());
     }
   }
 
@@ -337,8 +262,8 @@ struct FaceOperators : LawTables {
         add_currents(work, line, begin, count, time, upper, (upper ? 1.0 : -1.0) / h, before, after, out);
       });
     }
-    for_each_stage(before, after, h, [&](double weight) {
-      take_points(middle);
+    points.for_each(before, after, h, [&](double weight) {
+      take_points(points.z());
       for_each([&](Workspace& work, std::size_t line, std::size_t begin, std::size_t count, auto& out) {
         add_cell_fluxes(work, line, begin, count, weight, after, out);
       });
@@ -367,88 +292,15 @@ struct FaceOperators : LawTables {
 
   void prepare_currents(Workspace& work, std::size_t line, std::size_t begin, std::size_t count, int mu, bool upper,
                         const LatticeLevel& before, const LatticeLevel& after) const {
-    const grids::FieldSet& values = mu != time ? middle : upper ? after.fields : before.fields;
+    const grids::FieldSet& values = mu != time ? points.z() : upper ? after.fields : before.fields;
     fill(work, line, begin, count, mu, upper, values, after.slopes);
-    currents(work.faces, count, mu, line * blocks.line + begin);
-  }
-
-  void differentiate(const grids::FieldSet& values) {
-    for (std::size_t a = 0; a < derivatives.size(); ++a) {
-      (*nodal)(static_cast<int>(a), values.pointers(), derivatives[a].pointers());
-    }
-    for (std::size_t a = 0; a < following.size(); ++a) {
-      for (int f = 0; f < d; ++f) {
-        nodal->next(static_cast<int>(a), values.field(f).data(), following[a].field(f).data());
-      }
-    }
-  }
-
-  /// The currents J_μ of all laws at the nodes.
-  void currents_at_nodes(int mu, const grids::FieldSet& values, const PotentialSlopes& slopes,
-                         grids::FieldSet& result) {
-    differentiate(values);
-    for_each_block_of_cells([&](std::size_t, std::size_t line, std::size_t begin, std::size_t count, Workspace& work) {
-      fill(work, line, begin, count, mu, false, values, slopes);
-      currents(work.faces, count, mu, line * blocks.line + begin);
-      for (std::size_t l = 0; l < names.size(); ++l) {
-        std::copy_n(work.faces.currents[l], count,
-                    result.field(static_cast<int>(l)).data() + line * blocks.line + begin);
-      }
-    });
-  }
-
-  /// Residuals at the nodes, into sum[law].
-  void residuals_at_nodes(const LatticeLevel& before, const LatticeLevel& after, double h) {
-    if (current.fields() == 0) {
-      current = grids::FieldSet(static_cast<int>(names.size()), grid.size());
-    }
-    currents_at_nodes(time, after.fields, after.slopes, sum);
-    currents_at_nodes(time, before.fields, before.slopes, current);
-    for (std::size_t i = 0; i < sum.all().size(); ++i) {
-      sum.all()[i] = (sum.all()[i] - current.all()[i]) / h;
-    }
-    for_each_stage(before, after, h, [&](double weight) { add_fluxes(weight, after.slopes); });
-  }
-
-  /// sum += weight · (Σ_a ∂_a J_a - the sources) at `middle` with the rates `rate`.
-  void add_fluxes(double weight, const PotentialSlopes& slopes) {
-    for (int a = 0; a < grid.dimensions(); ++a) {
-      currents_at_nodes(1 + a, middle, slopes, current);
-      (*nodal)(a, std::as_const(current).pointers(), current.pointers());
-      for (std::size_t i = 0; i < sum.all().size(); ++i) {
-        sum.all()[i] += weight * current.all()[i];
-      }
-    }
-    if (system.coordinates().empty()) {
-      return;
-    }
-    for_each_block_of_cells([&](std::size_t, std::size_t line, std::size_t begin, std::size_t count, Workspace& work) {
-      std::array<double*, 4> out{};
-      for (int nu = 0; nu < directions; ++nu) {
-        out[static_cast<std::size_t>(nu)] = sum.field(nu).data() + line * blocks.line + begin;
-      }
-      subtract_sources(work, line, begin, count, weight, out);
-    });
-  }
-
-  /// Calls use(weight) for every stage of a step, with the stage in `middle` and `rate`, or once for its middle; where
-  /// the stages cannot be found, `middle` is not a number, so that no law passes for one that held.
-  template <typename Use>
-  void for_each_stage(const LatticeLevel& before, const LatticeLevel& after, double h, Use&& use) {
-    if (stages == nullptr) {
-      make_middle(before.fields, after.fields, h);
-      use(1.0);
-      return;
-    }
-    const Status status = stages->take(before, after, h);
-    for (int i = 0; i < stages->count(); ++i) {
-      if (status == Status::success) {
-        stages->stage(i, middle, rate);
-      } else {
-        middle.fill(std::numeric_limits<double>::quiet_NaN());
-      }
-      use(stages->weight(i));
-    }
+    const Faces& faces = work.faces;
+    LawTables::currents(mu, count,
+                        {.z = std::span(faces.inputs).first(static_cast<std::size_t>(d)),
+                         .derivatives = faces.derivative_inputs,
+                         .S = faces.S,
+                         .partner = {}},
+                        faces.currents);
   }
 
   /// Calls use(block, line, begin, count, workspace) for every block of cells, in parallel.
@@ -468,9 +320,10 @@ struct FaceOperators : LawTables {
 
 class FaceLaws final : public LawEngine {
 public:
-  FaceLaws(LawTables tables, Placement placement) : operators_(std::move(tables), placement) {}
+  FaceLaws(LawTables tables, Placement placement, std::shared_ptr<StageSource> stages)
+      : operators_(std::move(tables), placement, std::move(stages)) {}
 
-  void share(std::shared_ptr<StageSource> stages) override { operators_.stages = std::move(stages); }
+  void share(std::shared_ptr<StageSource> stages) override { operators_.points.share(std::move(stages)); }
 
   [[nodiscard]] const LawTables& tables() const override { return operators_; }
   std::vector<Spread> residuals(const LatticeLevel& before, const LatticeLevel& after, double h,
@@ -488,11 +341,7 @@ std::vector<Spread> FaceLaws::residuals(const LatticeLevel& before, const Lattic
   if (s.sum.fields() == 0) {
     s.sum = grids::FieldSet(static_cast<int>(s.names.size()), s.grid.size());
   }
-  if (s.nodal != nullptr) {
-    s.residuals_at_nodes(before, after, h);
-  } else {
-    s.residuals_in_cells(before, after, h);
-  }
+  s.residuals_in_cells(before, after, h);
   std::vector<Spread> sizes;
   for (std::size_t l = 0; l < s.names.size(); ++l) {
     const auto values = std::as_const(s.sum).field(static_cast<int>(l));
@@ -508,9 +357,6 @@ std::vector<double> FaceLaws::totals(const LatticeLevel& level) {
   FaceOperators& s = operators_;
   const std::size_t laws = s.names.size();
   s.take_points(level.fields);
-  if (s.nodal != nullptr) {
-    s.differentiate(level.fields);
-  }
   s.for_each_block_of_cells(
       [&](std::size_t block, std::size_t line, std::size_t begin, std::size_t count, Workspace& work) {
         s.prepare_currents(work, line, begin, count, time, false, level, level);
@@ -535,15 +381,16 @@ std::vector<double> FaceLaws::totals(const LatticeLevel& level) {
 
 Spread FaceLaws::multisymplectic_residual(const TangentLevels& u, const TangentLevels& v, double h, double* residual) {
   FaceOperators& s = operators_;
-  const bool over_stages = s.stages != nullptr;
-  if (over_stages && (s.nodal != nullptr || u.stages.size() != static_cast<std::size_t>(s.stages->count()) ||
-                      v.stages.size() != u.stages.size())) {
+  const StageSource* stages = s.points.stages();
+  const bool over_stages = stages != nullptr;
+  if (over_stages &&
+      (u.stages.size() != static_cast<std::size_t>(stages->count()) || v.stages.size() != u.stages.size())) {
     throw std::invalid_argument("the law of two tangent solutions of Gauss collocation needs their stages, on cells");
   }
   std::vector<grids::FieldSet> middles;  // of the step, where it has no stages
   for (const TangentLevels* tangent : {&u, &v}) {
-    s.make_middle(tangent->before, tangent->after, h);
-    middles.push_back(s.middle);
+    s.points.take_middle(tangent->before, tangent->after, h);
+    middles.push_back(s.points.z());
   }
   grids::FieldSet sum(1, s.grid.size());
   sum.fill(0.0);
@@ -583,7 +430,7 @@ Spread FaceLaws::multisymplectic_residual(const TangentLevels& u, const TangentL
         if (mu == time) {
           add(upper ? u.after : u.before, upper ? v.after : v.before, mu, upper, factor(1.0));
         } else if (over_stages) {
-          add(u.stages[i], v.stages[i], mu, upper, factor(s.stages->weight(static_cast<int>(i))));
+          add(u.stages[i], v.stages[i], mu, upper, factor(stages->weight(static_cast<int>(i))));
         } else {
           add(middles[0], middles[1], mu, upper, factor(1.0));
         }
@@ -599,41 +446,8 @@ Spread FaceLaws::multisymplectic_residual(const TangentLevels& u, const TangentL
 
 }  // namespace
 
-void LawTables::symmetry_currents(int mu, std::size_t count, std::span<const double* const> z,
-                                  std::span<const double* const> partner, std::span<double* const> out) const {
-  const auto direction = static_cast<std::size_t>(mu);
-  std::size_t law = 0;
-  for (const auto& symmetry : partner.empty() ? quadratic : quadratic_plus) {
-    double* to = out[law++];
-    std::fill_n(to, count, 0.0);
-    for (const MatrixTerm& term : symmetry[direction]) {
-      const double* left = z[static_cast<std::size_t>(term.row)];
-      const double* right = (partner.empty() ? z : partner)[static_cast<std::size_t>(term.column)];
-      for (std::size_t c = 0; c < count; ++c) {
-        to[c] += term.value * left[c] * right[c];
-      }
-    }
-  }
-  for (const auto& symmetry : linear) {
-    double* to = out[law++];
-    std::fill_n(to, count, 0.0);
-    for (const MatrixTerm& term : symmetry[direction]) {
-      const double* field = z[static_cast<std::size_t>(term.column)];
-      for (std::size_t c = 0; c < count; ++c) {
-        to[c] += term.value * field[c];
-      }
-    }
-  }
-}
-
-std::unique_ptr<LawEngine> make_face_laws(LawTables tables, Placement placement) {
-  return std::make_unique<FaceLaws>(std::move(tables), placement);
-}
-
-std::unique_ptr<LawEngine> make_stage_laws(LawTables tables, std::shared_ptr<StageSource> stages, Placement placement) {
-  auto laws = std::make_unique<FaceLaws>(std::move(tables), placement);
-  laws->share(std::move(stages));
-  return laws;
+std::unique_ptr<LawEngine> make_face_laws(LawTables tables, Placement placement, std::shared_ptr<StageSource> stages) {
+  return std::make_unique<FaceLaws>(std::move(tables), placement, std::move(stages));
 }
 
 }  // namespace rubato

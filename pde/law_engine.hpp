@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <memory>
 #include <span>
 #include <string>
@@ -14,6 +15,14 @@ namespace rubato {
 /// "momentum", in more dimensions "momentum_x", …; where S names the coordinate, momentum has a source, and what is
 /// reported is its `balance`: "momentum_balance", "momentum_balance_x".
 [[nodiscard]] std::string momentum_name(bool balance, const grids::Grid& grid, int axis);
+
+/// The fields at `count` points, one after the other.
+struct LawPoints {
+  std::span<const double* const> z;
+  std::span<const std::array<const double*, 4>> derivatives;  ///< of each field in direction ν
+  const double* S = nullptr;
+  std::span<const double* const> partner;  ///< z where fluxes join the points with others; empty: z
+};
 
 /// What the laws of a system need to know of it, whatever the scheme: directions μ are 0 for time and 1 + a for axis a.
 struct LawTables {
@@ -35,8 +44,10 @@ struct LawTables {
   std::vector<std::vector<MatrixTerms>> linear;          ///< bᵀΛ: [symmetry][direction], in `column`
   std::vector<std::string> names;
 
-  /// The currents J_μ of the symmetries, linear ones first, at `count` points into `out`: of the fields `z`, or, where
-  /// fluxes join them with others, with `partner`'s (empty: none).
+  /// The currents J_μ of all laws into `out`; of the derivatives those in the directions ν ≠ μ are read, of fields
+  /// that are a row of some Λ₊.
+  void currents(int mu, std::size_t count, const LawPoints& points, std::span<double* const> out) const;
+  /// The currents J_μ of the symmetries alone, linear ones first.
   void symmetry_currents(int mu, std::size_t count, std::span<const double* const> z,
                          std::span<const double* const> partner, std::span<double* const> out) const;
 
@@ -62,11 +73,13 @@ public:
                                           double* residual) = 0;
 };
 
-/// On the faces of cells, with Placement::cells; at the nodes otherwise, with the derivatives of NodeDerivative.
-[[nodiscard]] std::unique_ptr<LawEngine> make_face_laws(LawTables tables, Placement placement);
-/// At the nodes, with the fluxes integrated over the stages of a step; from `stages` until others are shared.
-[[nodiscard]] std::unique_ptr<LawEngine> make_stage_laws(LawTables tables, std::shared_ptr<StageSource> stages,
-                                                         Placement placement = Placement::nodes);
+/// On the faces of cells, or of elements. Here and below: with the fluxes integrated over the stages of a step, from
+/// `stages` until others are shared; with null, taken at its middle.
+[[nodiscard]] std::unique_ptr<LawEngine> make_face_laws(LawTables tables, Placement placement,
+                                                        std::shared_ptr<StageSource> stages = nullptr);
+/// At the nodes, with the derivatives of NodeDerivative.
+[[nodiscard]] std::unique_ptr<LawEngine> make_node_laws(LawTables tables, Placement placement,
+                                                        std::shared_ptr<StageSource> stages = nullptr);
 /// On cells with their values at the base corner: Placement::corners.
 [[nodiscard]] std::unique_ptr<LawEngine> make_corner_laws(LawTables tables);
 

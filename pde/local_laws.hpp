@@ -53,8 +53,9 @@ class StageSource;
 /// others energy is O(h²) and momentum O(Δx²); symmetries hold to rounding always.
 ///
 /// With several stages in time, J_a is integrated over them: Σ_i b_i J_a(Z_i, Ż_i); the error of energy is O(h^2m)
-/// then. With several in space, J_t is the mean of the Gauss points of an element in its quadrature, and D_a that of
-/// its two faces; its cells share the residual. The error of momentum is O(Δx^2r).
+/// then. With splittings, over Lobatto's points, of which the levels are two. With several in space, J_t is the mean of
+/// the Gauss points of an element in its quadrature, and D_a that of its two faces; its cells share the residual. The
+/// error of momentum is O(Δx^2r).
 ///
 /// **Fourier**: the same currents at the nodes, D_a the spectral derivative: laws in space hold to
 /// aliasing error only.

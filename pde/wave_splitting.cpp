@@ -809,13 +809,13 @@ void WaveSplitting::tell(const WaveRows& rows, At at, grids::FieldSet& fields) {
 }
 
 /// x_t = A x + M⁻¹∇N.
-void WaveSplitting::rates(grids::FieldSet& rates) {
-  static_cast<void>(evaluate_rest(moved_, At::led));
+void WaveSplitting::tell_rates(const WaveRows& rows, At at, grids::FieldSet& rates) {
+  static_cast<void>(evaluate_rest(rows, at));
   const std::size_t n = varying_.size();
   if (n > 0) {
     from_grid(std::as_const(outputs_).pointers().subspan(1), fourier_, rest_rows_);
   }
-  multiply(generator_form_, moved_, work_);
+  multiply(generator_form_, rows, work_);
   for (std::size_t p = 0; p < translation_.size(); ++p) {
     work_.re.field(static_cast<int>(p))[0] += translation_[p] * static_cast<double>(grid_.size());
   }
@@ -823,7 +823,7 @@ void WaveSplitting::rates(grids::FieldSet& rates) {
     for (int p = 0; p < size(); ++p) {
       const auto row = static_cast<int>(v);
       add(inverse_M_(p, varying_[v]), std::as_const(rest_rows_.re).field(row).data(),
-          std::as_const(rest_rows_.im).field(row).data(), moved_.waves(), work_.re.field(p).data(),
+          std::as_const(rest_rows_.im).field(row).data(), rows.waves(), work_.re.field(p).data(),
           work_.im.field(p).data());
     }
   }

@@ -59,8 +59,11 @@ public:
   void fields_here(grids::FieldSet& fields) { tell(x_, At::here, fields); }
   void fields_before(grids::FieldSet& fields) { tell(before_, At::nowhere, fields); }
   ///@}
-  /// Their rates where it led, 0 for fields without equation of motion.
-  void rates(grids::FieldSet& rates);
+  /// Their rates where it led, and where it stands; 0 for fields without equation of motion.
+  ///@{
+  void rates(grids::FieldSet& rates) { tell_rates(moved_, At::led, rates); }
+  void rates_here(grids::FieldSet& rates) { tell_rates(x_, At::here, rates); }
+  ///@}
 
   /// The waves where it stands, and what is known of the energy there.
   void save(StateWriter& state) const;
@@ -96,6 +99,7 @@ private:
   [[nodiscard]] double wave_energy(const WaveRows& rows) const;
   [[nodiscard]] bool evaluate_rest(const WaveRows& rows, At at);
   void tell(const WaveRows& rows, At at, grids::FieldSet& fields);
+  void tell_rates(const WaveRows& rows, At at, grids::FieldSet& rates);
   void forget();
   [[nodiscard]] int size() const { return static_cast<int>(evolving_.size()); }
 

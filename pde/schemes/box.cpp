@@ -54,7 +54,7 @@ public:
       return make_face_laws(std::move(tables), Placement::cells);
     }
     auto stages = make_gauss_stages(tables.system, tables.grid, stages_, space_);
-    return make_stage_laws(std::move(tables), std::move(stages), placement());
+    return make_face_laws(std::move(tables), placement(), std::move(stages));
   }
   [[nodiscard]] std::unique_ptr<StepEquation> equation(const MultisymplecticSystem& system, const grids::Grid& grid,
                                                        const LatticeLevel& first, double first_step) const override {

@@ -32,10 +32,10 @@ public:
   }
   [[nodiscard]] std::unique_ptr<LawEngine> laws(LawTables tables) const override {
     if (stages_ == 1) {
-      return make_face_laws(std::move(tables), Placement::nodes);
+      return make_node_laws(std::move(tables), Placement::nodes);
     }
     auto stages = make_gauss_stages(tables.system, tables.grid, stages_);
-    return make_stage_laws(std::move(tables), std::move(stages));
+    return make_node_laws(std::move(tables), Placement::nodes, std::move(stages));
   }
   [[nodiscard]] std::unique_ptr<StepEquation> equation(const MultisymplecticSystem& system, const grids::Grid& grid,
                                                        const LatticeLevel& first, double first_step) const override {

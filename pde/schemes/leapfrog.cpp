@@ -339,7 +339,7 @@ public:
       : pairs_(wave_type(tables.system).pairs),
         volume_(tables.grid.cell_volume()),
         variation_(leapfrog_action(tables.system, false), tables.grid),
-        laws_(make_face_laws(std::move(tables), Placement::corners)) {}
+        laws_(make_node_laws(std::move(tables), Placement::corners)) {}
 
   [[nodiscard]] const LawTables& tables() const override { return laws_->tables(); }
   std::vector<Spread> residuals(const LatticeLevel& before, const LatticeLevel& after, double h,

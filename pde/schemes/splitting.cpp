@@ -8,8 +8,8 @@
 #include <rubato/pde/family_lattice.hpp>
 #include <rubato/pde/lattice_method.hpp>
 #include <rubato/pde/wave_splitting.hpp>
+#include <rubato/variation/action_quadrature.hpp>
 #include <rubato/variation/composition.hpp>
-#include <rubato/variation/gauss_tableau.hpp>
 
 namespace rubato {
 
@@ -107,22 +107,31 @@ private:
   const Composition& composition_;
 };
 
-/// Gauss's quadrature of a step, its nodes reached by steps of the same splitting: as accurate as the step itself.
+/// Lobatto's quadrature of a step: as accurate as the step itself. Its first and last points are the levels, the others
+/// are reached by steps of the same splitting.
 class SplittingStages final : public StageSource {
 public:
   SplittingStages(const MultisymplecticSystem& system, const grids::Grid& grid, const Composition& composition,
                   Placement placement)
-      : splitting_(system, grid, placement), tableau_(composition.order / 2), composition_(composition) {}
+      : splitting_(system, grid, placement),
+        quadrature_(ActionQuadrature::Points::lobatto, composition.order / 2),
+        composition_(composition),
+        here_(system.field_count(), grid.size()) {}
 
   [[nodiscard]] Status take(const LatticeLevel& before, const LatticeLevel&, double h) override {
-    splitting_.stand(before);
+    stand(before);
     h_ = h;
     return Status::success;
   }
-  [[nodiscard]] int count() const override { return tableau_.stages; }
-  [[nodiscard]] double weight(int stage) const override { return tableau_.b[stage]; }
+  [[nodiscard]] int count() const override { return static_cast<int>(quadrature_.nodes.size()) - 2; }
+  [[nodiscard]] double weight(int stage) const override { return quadrature_.weights[1 + stage]; }
+  [[nodiscard]] double end_weight() const override { return quadrature_.weights[0]; }
+  void rates_at(const LatticeLevel& level, grids::FieldSet& rate) override {
+    stand(level);
+    splitting_.rates_here(rate);
+  }
   void stage(int stage, grids::FieldSet& z, grids::FieldSet& rate) override {
-    if (!splitting_.step(composition_, tableau_.c[stage] * h_, false)) {
+    if (!splitting_.step(composition_, quadrature_.nodes[1 + stage] * h_, false)) {
       z.fill(std::numeric_limits<double>::quiet_NaN());
       return;
     }
@@ -131,9 +140,20 @@ public:
   }
 
 private:
+  /// A level is one of two steps.
+  void stand(const LatticeLevel& level) {
+    if (!stands_ || !std::ranges::equal(std::as_const(here_).all(), level.fields.all())) {
+      splitting_.stand(level);
+      here_.copy_from(level.fields);
+      stands_ = true;
+    }
+  }
+
   WaveSplitting splitting_;
-  GaussTableau tableau_;
+  ActionQuadrature quadrature_;
   const Composition& composition_;
+  grids::FieldSet here_;  ///< where it stands
+  bool stands_ = false;
   double h_ = 0.0;
 };
 
@@ -174,7 +194,7 @@ public:
   }
   [[nodiscard]] std::unique_ptr<LawEngine> laws(LawTables tables) const override {
     auto stages = std::make_shared<SplittingStages>(tables.system, tables.grid, composition_, placement_);
-    return make_stage_laws(std::move(tables), std::move(stages), placement_);
+    return make_node_laws(std::move(tables), placement_, std::move(stages));
   }
   [[nodiscard]] std::unique_ptr<StepEquation> equation(const MultisymplecticSystem& system, const grids::Grid& grid,
                                                        const LatticeLevel&, double) const override {
