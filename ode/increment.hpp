@@ -52,6 +52,7 @@ public:
   explicit CompensatedState(const Vector& z) : high_(z), low_(Vector::Zero(z.size())), sum_(z), part_(z) {}
 
   [[nodiscard]] const Vector& value() const { return high_; }  ///< rounded to double
+  [[nodiscard]] const Vector& low() const { return low_; }     ///< what rounding left
   /// z + scale·δ, with the low part taken along.
   void displaced(double scale, const Vector& delta, Vector& result) const { result = high_ + (low_ + scale * delta); }
   /// Component i of z + δ, of which that is the component δ_i.

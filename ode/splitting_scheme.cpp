@@ -1,8 +1,10 @@
 #include <rubato/ode/splitting_scheme.hpp>
 
 #include <cmath>
+#include <optional>
 #include <stdexcept>
 #include <utility>
+#include <vector>
 
 #include <fmt/format.h>
 
@@ -17,15 +19,25 @@ namespace {
 using Eigen::Index;
 using Eigen::VectorXd;
 
+/// Instructions of a step up to which it is one formula: to compile them takes a millisecond.
+constexpr std::size_t longest_whole_step = 4000;
+
 /// T or V with its gradient.
 class Half {
 public:
-  Half(formula::Expression energy, std::span<const formula::Expression> variables) {
-    std::vector<formula::Expression> outputs = {energy};
+  Half(formula::Expression energy, std::span<const formula::Expression> variables)
+      : variables_(variables.begin(), variables.end()), outputs_of_(1, energy) {
     const auto gradient = formula::gradient(energy, variables);
-    outputs.insert(outputs.end(), gradient.begin(), gradient.end());
-    evaluate_ = formula::ScalarEvaluator(formula::Bytecode(outputs, variables));
+    outputs_of_.insert(outputs_of_.end(), gradient.begin(), gradient.end());
+    evaluate_ = formula::ScalarEvaluator(formula::Bytecode(outputs_of_, variables));
   }
+
+  /// The value and the gradient at a point that is told by formulas of another graph.
+  [[nodiscard]] std::vector<formula::Expression> at(std::span<const formula::Expression> point,
+                                                    formula::Graph& graph) const {
+    return formula::substitute(outputs_of_, graph, variables_, point);
+  }
+  [[nodiscard]] std::size_t instructions() const { return evaluate_.code().instructions().size(); }
 
   /// The value at x (n entries), whose gradient is in gradient() until the next call.
   double operator()(const double* x) {
@@ -35,9 +47,54 @@ public:
   [[nodiscard]] const double* gradient() const { return outputs_ + 1; }
 
 private:
+  std::vector<formula::Expression> variables_, outputs_of_;
   formula::ScalarEvaluator evaluate_;
   const double* outputs_ = nullptr;
 };
+
+/// A whole step as one formula, (z in its two parts, h) ↦ (E, δ): the operations of part after part, with their
+/// numbers, which machine code then keeps in registers from one part to the next. Empty where that would be long.
+std::optional<formula::ScalarEvaluator> whole_step(const Half& T, const Half& V, const Composition& composition,
+                                                   std::size_t n) {
+  std::size_t instructions = 0;
+  for (const Composition::Part& part : composition.parts) {
+    instructions += (part.drift ? T : V).instructions() + 4 * n;
+  }
+  if (instructions > longest_whole_step) {
+    return std::nullopt;
+  }
+  formula::Graph graph;
+  std::vector<formula::Expression> inputs;
+  for (const char* name : {"high", "low"}) {
+    for (std::size_t i = 0; i < 2 * n; ++i) {
+      inputs.push_back(graph.variable(fmt::format("{}{}", name, i)));
+    }
+  }
+  const formula::Expression h = graph.variable("h");
+  const std::vector<formula::Expression> high(inputs.begin(), inputs.begin() + static_cast<std::ptrdiff_t>(2 * n)),
+      low(inputs.begin() + static_cast<std::ptrdiff_t>(2 * n), inputs.end());
+  inputs.push_back(h);
+  std::vector<formula::Expression> delta(2 * n, graph.constant(0.0)), point;
+  for (std::size_t i = 0; i < 2 * n; ++i) {
+    point.push_back(high[i] + low[i]);
+  }
+  formula::Expression energy = graph.constant(0.0);
+  for (const Composition::Part& part : composition.parts) {
+    const Half& half = part.drift ? T : V;
+    const std::size_t moved = part.drift ? 0 : n;
+    const auto value = half.at(std::span(point).subspan(n - moved, n), graph);
+    energy += part.length * value[0];
+    const formula::Expression length = (part.drift ? part.length : -part.length) * h;
+    for (std::size_t i = 0; i < n; ++i) {
+      formula::Expression& change = delta[moved + i];
+      change += length * value[1 + i];
+      point[moved + i] = high[moved + i] + (low[moved + i] + change);
+    }
+  }
+  std::vector<formula::Expression> outputs = {energy};
+  outputs.insert(outputs.end(), delta.begin(), delta.end());
+  return formula::ScalarEvaluator(formula::Bytecode(outputs, inputs));
+}
 
 class SplittingScheme final : public OneStepState<VectorXd> {
 public:
@@ -49,7 +106,9 @@ public:
         energy_size_(hamiltonian.size_code()),
         n_(static_cast<Index>(hamiltonian.degrees_of_freedom())),
         T_(halves.T, std::span(hamiltonian.variables()).subspan(hamiltonian.degrees_of_freedom())),
-        V_(halves.V, std::span(hamiltonian.variables()).first(hamiltonian.degrees_of_freedom())) {
+        V_(halves.V, std::span(hamiltonian.variables()).first(hamiltonian.degrees_of_freedom())),
+        whole_(whole_step(T_, V_, composition, hamiltonian.degrees_of_freedom())) {
+    inputs_.setZero(4 * n_ + 1);
     point_.setZero(2 * n_);
     errors_.setZero(2 * n_);
   }
@@ -62,24 +121,8 @@ public:
     trial_h_ = h;
     forget_trial();
     ++iterations_;
-    delta_.setZero();
-    z_.displaced(1.0, delta_, point_);
-    double energy = 0.0;
-    for (const Composition::Part& part : composition_.parts) {
-      // One half of δ changes, and with it that half of the point.
-      Half& half = part.drift ? T_ : V_;
-      const double length = part.drift ? part.length * h : -(part.length * h);
-      const Index moved = part.drift ? 0 : n_;
-      energy += part.length * half(point_.data() + n_ - moved);
-      const double* const gradient = half.gradient();
-      for (Index i = 0; i < n_; ++i) {
-        double& delta = delta_[moved + i];
-        delta += length * gradient[i];
-        point_[moved + i] = z_.displaced(moved + i, delta);
-      }
-    }
-    energy_ = energy;
-    return std::isfinite(energy) && delta_.allFinite() ? Status::success : Status::undefined;
+    energy_ = whole_ ? by_whole(h) : by_parts(h);
+    return std::isfinite(energy_) && delta_.allFinite() ? Status::success : Status::undefined;
   }
 
   [[nodiscard]] double discrete_energy() const override { return energy_; }
@@ -112,11 +155,44 @@ public:
 private:
   [[nodiscard]] LevelNode node_at(const VectorXd& z) override { return law_(z.data()); }
 
+  /// δ. \return E
+  ///@{
+  double by_whole(double h) {
+    inputs_.head(2 * n_) = z_.value();
+    inputs_.segment(2 * n_, 2 * n_) = z_.low();
+    inputs_[4 * n_] = h;
+    const double* const outputs = whole_->at(inputs_.data());
+    delta_ = Eigen::Map<const VectorXd>(outputs + 1, 2 * n_);
+    return outputs[0];
+  }
+  double by_parts(double h) {
+    delta_.setZero();
+    z_.displaced(1.0, delta_, point_);
+    double energy = 0.0;
+    for (const Composition::Part& part : composition_.parts) {
+      // One half of δ changes, and with it that half of the point.
+      Half& half = part.drift ? T_ : V_;
+      const double length = part.drift ? part.length * h : -(part.length * h);
+      const Index moved = part.drift ? 0 : n_;
+      energy += part.length * half(point_.data() + n_ - moved);
+      const double* const gradient = half.gradient();
+      for (Index i = 0; i < n_; ++i) {
+        double& delta = delta_[moved + i];
+        delta += length * gradient[i];
+        point_[moved + i] = z_.displaced(moved + i, delta);
+      }
+    }
+    return energy;
+  }
+  ///@}
+
   const Composition& composition_;
   NodeLaw law_;
   formula::SumSizeEvaluator energy_size_;
   Index n_;
   Half T_, V_;
+  std::optional<formula::ScalarEvaluator> whole_;
+  VectorXd inputs_;  ///< of whole_
   VectorXd point_, errors_;
   double trial_h_ = 0.0, energy_ = 0.0;
   int iterations_ = 0;

@@ -1,3 +1,4 @@
+#include <array>
 #include <cmath>
 #include <functional>
 #include <string>
@@ -406,4 +407,55 @@ TEST_CASE("a splitting names the term that mixes coordinates and momenta") {
   CHECK(separate(mixed).mixed == "q*p");
   CHECK_THROWS_WITH(make_splitting_scheme(mixed, composition("golden"), span_of(z)), Catch::Matchers::Contains("q*p"));
   CHECK_THROWS_WITH(composition("ruth-3"), Catch::Matchers::Contains("kahan-li-8"));
+}
+
+TEST_CASE("a splitting's whole step is its parts one after the other, bit for bit") {
+  // H = Σ p_i²/2 - cos q_i, whose halves are known: n = 1 is one formula, n = 60 too long for that.
+  const auto by_hand = [](const Composition& one, double q, double p, double h) {
+    double dq = 0.0, dp = 0.0, energy = 0.0;
+    for (const Composition::Part& part : one.parts) {
+      if (part.drift) {
+        energy += part.length * ((p + dp) * (p + dp) / 2);
+        dq += part.length * h * (p + dp);
+      } else {
+        energy += part.length * -std::cos(q + dq);
+        dp += -(part.length * h) * std::sin(q + dq);
+      }
+    }
+    return std::array{q + dq, p + dp, energy};
+  };
+  for (const std::size_t n : {std::size_t{1}, std::size_t{60}}) {
+    const Hamiltonian H(n, [](const auto& q, const auto& p) {
+      auto sum = p[0] * p[0] / 2 - cos(q[0]);
+      for (std::size_t i = 1; i < q.size(); ++i) {
+        sum += p[i] * p[i] / 2 - cos(q[i]);
+      }
+      return sum;
+    });
+    VectorXd z(2 * n);
+    for (std::size_t i = 0; i < n; ++i) {
+      z[static_cast<Eigen::Index>(i)] = 0.3 + 0.01 * static_cast<double>(i);
+      z[static_cast<Eigen::Index>(n + i)] = 1.7 - 0.02 * static_cast<double>(i);
+    }
+    for (const Composition& one : compositions()) {
+      const auto scheme = make_splitting_scheme(H, one, span_of(z));
+      for (const double h : {0.1, -0.7}) {
+        REQUIRE(scheme->advance(h, 0.0) == Status::success);
+        scheme->accept();
+        double energy = 0.0;
+        for (std::size_t i = 0; i < n; ++i) {
+          const double q = z[static_cast<Eigen::Index>(i)], p = z[static_cast<Eigen::Index>(n + i)];
+          const auto expected = by_hand(one, q, p, h);
+          INFO(one.name << ", n = " << n << ", h = " << h);
+          CHECK(scheme->state()[i] == expected[0]);
+          CHECK(scheme->state()[n + i] == expected[1]);
+          CHECK(by_hand(one, q, p, h * (1.0 + 1e-12))[0] != expected[0]);
+          energy += expected[2];
+        }
+        // Sums of n terms of size 2, in another order.
+        CHECK(std::abs(scheme->discrete_energy() - energy) <= 8e-16 * static_cast<double>(n * n));
+        scheme->restart(span_of(z));
+      }
+    }
+  }
 }
