@@ -5,6 +5,7 @@
 #include <limits>
 
 #include <rubato/base/lagrange_weight.hpp>
+#include <rubato/variation/power_of.hpp>
 #include <rubato/variation/tuning.hpp>
 
 namespace rubato {
@@ -37,7 +38,7 @@ double StepForecast::by_law(double time, double guess, double remaining, const S
   const double c = polynomial(&Sample::start, &Sample::coefficient, time);
   double length = guess;
   for (int iteration = 0; iteration < most_forecast_iterations; ++iteration) {
-    const double power = order == 2 ? length : std::pow(length, order - 1);
+    const double power = power_of(length, order - 1);
     const double slope = order * power * c + potential.slope(length);
     const double change = (remaining - power * length * c - potential.energy(length)) / slope;
     if (!(slope * potential.strength > 0.0) || !(std::abs(change) < (largest_foresight - 1.0) * guess)) {
@@ -69,7 +70,7 @@ void StepForecast::add(double time, double h, double remaining, const StepPotent
   samples_[0] = {.start = time,
                  .middle = time + 0.5 * h,
                  .length = length,
-                 .coefficient = (remaining - potential.energy(h)) / std::pow(length, order)};
+                 .coefficient = (remaining - potential.energy(h)) / power_of(length, order)};
   known_ = std::min(known_ + 1, samples_.size());
 }
 

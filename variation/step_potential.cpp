@@ -9,6 +9,7 @@
 #include <vector>
 
 #include <rubato/base/limits.hpp>
+#include <rubato/variation/power_of.hpp>
 #include <rubato/variation/tuning.hpp>
 
 namespace rubato {
@@ -85,14 +86,6 @@ StepPotential with_kappa(const Scouting& scouting, double eta, double kappa, dou
   return {.strength = std::copysign(std::max(size, least), eta), .length = kappa * scouting.step, .exponent = exponent};
 }
 
-double power_of(double x, int n) {
-  double result = 1.0;
-  for (; n > 0; n /= 2, x *= x) {
-    result *= n % 2 != 0 ? x : 1.0;
-  }
-  return result;
-}
-
 /// f' and f'' for forecasts, where h > 0, and in which nearly all of their time is spent on powers.
 class Force {
 public:
@@ -137,17 +130,17 @@ bool shows_all(const Scouting& scouting) {
 }  // namespace
 
 double StepPotential::energy(double h) const {
-  return strength == 0.0 ? 0.0 : strength * std::pow(std::abs(h) / length, exponent);
+  return strength == 0.0 ? 0.0 : strength * power_of(std::abs(h) / length, exponent);
 }
 
-/// Of |h|/length, raised to p; of pow() itself, good to two units in the last place; and of the product.
+/// Of |h|/length, raised to p; of p - 1 products, or of pow(), good to two units in the last place; and of the product.
 double StepPotential::rounding(double h) const {
-  return 0.5 * epsilon * (exponent + 3.0) * std::abs(energy(h));
+  return 0.5 * epsilon * (exponent + std::max(exponent - 1.0, 2.0) + 1.0) * std::abs(energy(h));
 }
 
 double StepPotential::slope(double h) const {
   return strength == 0.0 ? 0.0
-                         : std::copysign(strength * exponent / length * std::pow(std::abs(h) / length, exponent - 1.0),
+                         : std::copysign(strength * exponent / length * power_of(std::abs(h) / length, exponent - 1.0),
                                          strength * h);
 }
 

@@ -8,6 +8,7 @@
 
 #include <rubato/base/lagrange_weight.hpp>
 #include <rubato/base/limits.hpp>
+#include <rubato/variation/power_of.hpp>
 #include <rubato/variation/sign.hpp>
 #include <rubato/variation/tuning.hpp>
 
@@ -116,7 +117,7 @@ double TimeLevels::allowed_miss(const StepReport& step) const {
 /// What the slope of a step makes of Γ, from dK/dh = -s(s+1)/24 h^(s-1) Γ.
 double TimeLevels::gamma_of(const StepReport& step) const {
   const double s = scheme_.order();
-  const double power = s == 2.0 ? step.h : std::pow(step.h, s - 1.0);
+  const double power = power_of(step.h, scheme_.order() - 1);
   return -24.0 * (step.slope - potential_.slope(step.h)) / (s * (s + 1.0) * power);
 }
 
