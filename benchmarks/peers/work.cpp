@@ -78,7 +78,8 @@ std::vector<std::optional<Candidate>> search(const Study& study, const std::vect
   std::array<double, most_measures> best;
   best.fill(none);
   std::array<int, most_measures> idle = {};
-  for (double effort = method.first; spent < study.longest_search; effort *= std::sqrt(2.0)) {
+  const double growth = method.kind == Class::with_levels ? study.growth_of_levels : std::sqrt(2.0);
+  for (double effort = method.first; spent < study.longest_search; effort *= growth) {
     const Outcome outcome = run(static_cast<int>(std::lround(effort)));
     bool goes_on = false;
     for (std::size_t m = 0; m < measures; ++m) {

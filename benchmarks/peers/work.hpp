@@ -45,6 +45,7 @@ struct Study {
   std::string by_hand = "by hand";    ///< how the rows of Class::peer are called
   double longest_search = 2.0;        ///< seconds that a method on one grid may search for
   double longest_run = 1.0;           ///< and of one run
+  double growth_of_levels = 1.41421;  ///< of the effort from run to run of a search with variable levels
   double shortest_measurement = 0.0;  ///< seconds; a shorter run is repeated in its turn, and the mean taken
   /// Whether an error is reached only if the next finer run that was tried reaches twice of it, too: where errors pass
   /// through zero.

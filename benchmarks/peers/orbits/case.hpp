@@ -142,7 +142,7 @@ template <typename System>
 struct Case {
   double until = 0.0;
   Reference<System> reference;
-  double longest = 2.0;  ///< seconds of a run that is looked at
+  double longest = 0.5;  ///< seconds of a run that is looked at
 
   Case(double time, int reference_steps) : until(time), reference(time, reference_steps) {}
 

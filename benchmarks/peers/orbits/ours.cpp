@@ -98,6 +98,28 @@ Method our_method(const Ours& problem, const Choice& choice, int first) {
       }};
 }
 
+Choice gauss_of(int stages) {
+  return {"Gauss " + std::to_string(stages), rubato::Gauss{stages}};
+}
+Choice in_time(Choice choice, const TimeScales::value_type& scale) {
+  choice.name += ", dt/ds = " + scale.first;
+  choice.time_scale = scale.second;
+  return choice;
+}
+
+/// With fixed levels, and then with variable ones, each with a scout: there every other number of stages is enough.
+void add_choices(const std::vector<Choice>& choices, const Ours& problem, int first, std::vector<Method>& methods) {
+  for (const rubato::Levels levels : {rubato::Levels::fixed, rubato::Levels::variable}) {
+    for (Choice choice : choices) {
+      if (levels == rubato::Levels::variable && (choice.name == "Gauss 3" || choice.name == "Gauss 6")) {
+        continue;
+      }
+      choice.levels = levels;
+      methods.push_back(our_method(problem, choice, first));
+    }
+  }
+}
+
 }  // namespace
 
 void add_ours(const Ours& problem, bool separable, const TimeScales& time_scales, int first,
@@ -110,24 +132,24 @@ void add_ours(const Ours& problem, bool separable, const TimeScales& time_scales
   }
   choices.push_back({"midpoint", rubato::Midpoint{}});
   for (const int stages : {2, 3, 4, 6, 8}) {
-    choices.push_back({"Gauss " + std::to_string(stages), rubato::Gauss{stages}});
+    choices.push_back(gauss_of(stages));
   }
-  for (const auto& [scale_name, formula] : time_scales) {
-    const std::vector<Choice> plain = choices;
-    for (Choice choice : plain) {
-      if (choice.time_scale.empty() && !std::holds_alternative<rubato::Splitting>(choice.lagrangian)) {
-        choice.name += ", dt/ds = " + scale_name;
-        choice.time_scale = formula;
-        choices.push_back(choice);
-      }
+  for (const auto& scale : time_scales) {
+    for (const int stages : {2, 4, 8}) {
+      choices.push_back(in_time(gauss_of(stages), scale));
     }
   }
-  for (const rubato::Levels levels : {rubato::Levels::fixed, rubato::Levels::variable}) {
-    for (Choice choice : choices) {
-      choice.levels = levels;
-      methods.push_back(our_method(problem, choice, first));
+  add_choices(choices, problem, first, methods);
+}
+
+void add_ours_in(const TimeScales& time_scales, const Ours& problem, int first, std::vector<Method>& methods) {
+  std::vector<Choice> choices;
+  for (const auto& scale : time_scales) {
+    for (const int stages : {6, 8}) {
+      choices.push_back(in_time(gauss_of(stages), scale));
     }
   }
+  add_choices(choices, problem, first, methods);
 }
 
 }  // namespace orbits

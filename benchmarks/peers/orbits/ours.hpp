@@ -27,9 +27,12 @@ struct Ours {
 /// dt/ds, each a name and a formula.
 using TimeScales = std::vector<std::pair<std::string, std::string>>;
 /// Splittings where there are any, the midpoint rule and Gauss collocation, with fixed and with variable levels; with
-/// time scales in their times, too.
+/// time scales Gauss collocation in their times, too.
 void add_ours(const Ours& problem, bool separable, const TimeScales& time_scales, int first,
               std::vector<Method>& methods);
+
+/// Gauss collocation of high order in these times alone.
+void add_ours_in(const TimeScales& time_scales, const Ours& problem, int first, std::vector<Method>& methods);
 
 template <typename System>
 [[nodiscard]] Ours ours_of(const Case<System>& problem, std::string name, std::vector<std::string> settings) {
