@@ -106,6 +106,7 @@ public:
     of_stages_ = solve::quotient(tableau_.a.transpose(), tableau_.b).value();
     energies_.setZero(m_);
     weights_.setZero(m_, m_);
+    end_weights_.setZero(m_, m_);
     if (size_ <= StageNewton::most_components) {
       hessian_.setZero(size_, size_);
       stage_newton_.emplace(tableau_, size_);
@@ -231,8 +232,11 @@ private:
   }
   /// The collocation polynomial of the last step, at the stages of one that follows it.
   void continue_last(double h) {
-    tableau_.continuation(tableau_.from_end, h / last_h_, weights_);
-    base_ = last_h_ * last_f_.lazyProduct(weights_.transpose());
+    if (const double ratio = h / last_h_; ratio != end_ratio_) {  // equal steps have one
+      tableau_.continuation(tableau_.from_end, ratio, end_weights_);
+      end_ratio_ = ratio;
+    }
+    base_ = last_h_ * last_f_.lazyProduct(end_weights_.transpose());
   }
   /// What the polynomial of the first trial leaves of the stages of a step of length h: by Lagrange's interpolation
   /// over the trials, of which the first leaves nothing.
@@ -468,6 +472,8 @@ private:
   VectorXd of_stages_;  ///< A⁻ᵀb: δ = Σ (A⁻ᵀb)_i Y_i
   VectorXd lost_, largest_, point_, gradient_, errors_;
   MatrixXd weights_, hessian_;
+  MatrixXd end_weights_;  ///< of a continuation from the end of a step to one end_ratio_ times as long
+  double end_ratio_ = 0.0;
   std::optional<StageNewton> stage_newton_;
   double slow_ = slowest_contraction;
   double contraction_ = std::numeric_limits<double>::infinity();  ///< of corrections at this level, where it was seen
