@@ -115,7 +115,8 @@ void add_choices(const std::vector<Choice>& choices, const Ours& problem, int fi
         continue;
       }
       choice.levels = levels;
-      methods.push_back(our_method(problem, choice, first));
+      // In a time of its own an orbit takes fewer steps.
+      methods.push_back(our_method(problem, choice, choice.time_scale.empty() ? first : std::max(first / 4, 1)));
     }
   }
 }
