@@ -29,7 +29,7 @@ void check(const std::vector<Axis>& axes) {
     if (axis.cells < 3) {
       throw std::invalid_argument(fmt::format("axis {}: at least 3 cells are needed, not {}", axis.name, axis.cells));
     }
-    if (!(axis.node(1) > axis.from)) {
+    if (!(axis.from + axis.spacing() > axis.from)) {
       throw std::invalid_argument(fmt::format("axis {}: {} cells from {} to {} are closer than rounding", axis.name,
                                               axis.cells, axis.from, axis.to));
     }

@@ -13,12 +13,18 @@ struct Axis {
   double from = 0.0;
   double to = 1.0;
   std::size_t cells = 0;
+  /// Of a part of an axis: how many cells the whole has, and the number there of the first; 0 and 0 for a whole axis.
+  std::size_t of = 0, first = 0;
 
   [[nodiscard]] double length() const { return to - from; }
-  [[nodiscard]] double spacing() const { return (to - from) / static_cast<double>(cells); }
-  [[nodiscard]] double node(std::size_t i) const { return from + static_cast<double>(i) * spacing(); }
+  [[nodiscard]] double spacing() const { return (to - from) / static_cast<double>(of == 0 ? cells : of); }
+  [[nodiscard]] double node(std::size_t i) const {
+    return from + static_cast<double>(of == 0 ? i : (first + i) % of) * spacing();
+  }
   /// The middle of cell i, between nodes i and i + 1.
-  [[nodiscard]] double centre(std::size_t i) const { return from + (static_cast<double>(i) + 0.5) * spacing(); }
+  [[nodiscard]] double centre(std::size_t i) const {
+    return from + (static_cast<double>(of == 0 ? i : (first + i) % of) + 0.5) * spacing();
+  }
 };
 
 /// A periodic grid in 1 to 3 dimensions. Nodes are numbered with the first axis fastest: node (i, j, k) of axes x, y, z

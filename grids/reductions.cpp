@@ -82,7 +82,7 @@ RUBATO_WIDE_VECTORS double largest_difference(const double* a, const double* b, 
 
 double sum(std::span<const double> values) {
   const ReductionBlocks pieces(values.size());
-  if (pieces.blocks > 1) {
+  if (pieces.blocks > 1 || Slab::of(values.size()) != nullptr) {
     return sum_of(values.size(), [v = values.data()](std::size_t i) { return v[i]; });
   }
   double sums[lanes], rests[lanes];
@@ -99,7 +99,7 @@ double sum(std::span<const double> values) {
 
 double max_abs(std::span<const double> values) {
   const ReductionBlocks pieces(values.size());
-  if (pieces.blocks == 1) {
+  if (pieces.blocks == 1 && Slab::of(values.size()) == nullptr) {
     double poison = 0.0;
     const double largest = largest_in_lanes(values.data(), values.size(), poison);
     if (poison == 0.0) {
@@ -111,7 +111,7 @@ double max_abs(std::span<const double> values) {
 
 double max_abs_difference(std::span<const double> a, std::span<const double> b) {
   const ReductionBlocks pieces(a.size());
-  if (pieces.blocks == 1) {
+  if (pieces.blocks == 1 && Slab::of(a.size()) == nullptr) {
     double poison = 0.0;
     const double largest = largest_difference(a.data(), b.data(), a.size(), poison);
     if (poison == 0.0) {

@@ -9,6 +9,7 @@
 #include <rubato/base/compensated_sum.hpp>
 #include <rubato/base/spread.hpp>
 #include <rubato/grids/parallel.hpp>
+#include <rubato/grids/slab.hpp>
 
 namespace rubato::grids {
 
@@ -41,14 +42,34 @@ void take_in_lanes(std::size_t begin, std::size_t end, F& f, const Take& take) {
   }
 }
 
+/// Adds f(begin), …, f(end - 1) to the lanes; `phase` is how many values of the block came before.
+template <class F>
+void add_in_lanes(LaneSums& sums, std::size_t phase, std::size_t begin, std::size_t end, F& f) {
+  const auto take = [&](std::size_t lane, double term) {
+    const double sum = sums.high[lane] + term;
+    const double moved = sum - sums.high[lane];
+    sums.low[lane] += (sums.high[lane] - (sum - moved)) + (term - moved);
+    sums.high[lane] = sum;
+  };
+  for (; begin < end && phase % reduction_lanes != 0; ++begin, ++phase) {
+    take(phase % reduction_lanes, f(begin));
+  }
+  take_in_lanes(begin, end, f, take);
+}
+
 }  // namespace detail
 
 /// Σ_i f(i) for i in [0, count), in parallel, with the rounding errors carried along: eight compensated partial sums in
 /// each block (Knuth's branch-free two-sum), blocks added in their order. Error: one rounding of the result plus O(n
 /// ε²) of the terms. The result is the same bit by bit for every number of threads. NaN and infinite terms give NaN or
-/// an infinity.
+/// an infinity. Where this thread has a Slab, over the whole lattice, with the same bits for every number of ranks.
 template <class F>
 CompensatedSum compensated_sum_of(std::size_t count, F&& f) {
+  if (const Slab* const slab = Slab::of(count)) {
+    return slab->sum(count, [&f](LaneSums& sums, std::size_t phase, std::size_t begin, std::size_t end) {
+      detail::add_in_lanes(sums, phase, begin, end, f);
+    });
+  }
   const ReductionBlocks pieces(count);
   std::array<CompensatedSum, ReductionBlocks::most> partial;
   for_each_block(count, pieces.block, [&](std::size_t begin, std::size_t end) {
@@ -84,13 +105,14 @@ double sum_of(std::size_t count, F&& f) {
   return std::isfinite(total.high) ? total.value() : total.high;
 }
 
-/// max_i |f(i)|, 0 for none; NaN if one of the values is NaN.
+namespace detail {
+
 template <class F>
-double max_abs_of(std::size_t count, F&& f) {
+double max_abs_here(std::size_t count, F& f) {
   const ReductionBlocks pieces(count);
   std::array<double, ReductionBlocks::most> partial;
   const auto larger = [](double a, double b) { return b > a || b != b ? b : a; };
-  for_each_block(count, pieces.block, [&](std::size_t begin, std::size_t end) {
+  grids::for_each_block(count, pieces.block, [&](std::size_t begin, std::size_t end) {
     constexpr std::size_t lanes = detail::reduction_lanes;
     std::array<double, lanes> sizes{};
     std::array<double, lanes> poison{};  // becomes NaN with the first value that is not finite
@@ -115,6 +137,32 @@ double max_abs_of(std::size_t count, F&& f) {
   return largest;
 }
 
+}  // namespace detail
+
+/// Of how many values a reduction over `count` of them is: those of the whole lattice, where this thread has a Slab.
+inline std::size_t whole_count(std::size_t count) {
+  const Slab* const slab = Slab::of(count);
+  return slab == nullptr ? count : count / slab->size() * slab->whole().size();
+}
+
+/// max_i |f(i)|, 0 for none; NaN if one of the values is NaN. With a Slab as compensated_sum_of().
+template <class F>
+double max_abs_of(std::size_t count, F&& f) {
+  if (const Slab* const slab = Slab::of(count)) {
+    double largest = 0.0;
+    for (std::size_t begin = slab->first_node(); begin < count; begin += slab->size()) {
+      const auto owned = [&f, begin](std::size_t i) { return f(begin + i); };
+      const double here = detail::max_abs_here(slab->owned(), owned);
+      largest = here > largest || here != here ? here : largest;
+      if (largest != largest) {
+        break;
+      }
+    }
+    return slab->largest(largest);
+  }
+  return detail::max_abs_here(count, f);
+}
+
 /// The same of an array, in vectors where it is one block, with the same bits.
 ///@{
 double sum(std::span<const double> values);
@@ -131,7 +179,10 @@ inline double dot(std::span<const double> a, std::span<const double> b) {
 inline Spread magnitudes(std::span<const double> values) {
   const double squares = dot(values, values);
   if (std::isfinite(squares)) {
-    return Spread::of_magnitudes(max_abs(values), squares, static_cast<double>(values.size()), 0.0);
+    return Spread::of_magnitudes(max_abs(values), squares, static_cast<double>(whole_count(values.size())), 0.0);
+  }
+  if (const Slab* const slab = Slab::of(values.size())) {
+    return slab->magnitudes(values);
   }
   Spread spread;
   for (const double value : values) {
@@ -141,7 +192,7 @@ inline Spread magnitudes(std::span<const double> values) {
 }
 /// sqrt(Σ v_i² / n).
 inline double rms(std::span<const double> values) {
-  return values.empty() ? 0.0 : std::sqrt(dot(values, values) / static_cast<double>(values.size()));
+  return values.empty() ? 0.0 : std::sqrt(dot(values, values) / static_cast<double>(whole_count(values.size())));
 }
 
 }  // namespace rubato::grids

@@ -9,7 +9,6 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include <rubato/base/larger.hpp>
 #include <rubato/grids/box_operators.hpp>
 #include <rubato/grids/reductions.hpp>
 
@@ -204,6 +203,30 @@ void EulerBoxMap::order_solves(std::vector<bool> known, std::vector<bool> used, 
   }
 }
 
+std::size_t EulerBoxMap::reach() const {
+  // Of the fields at the new level; those not computed yet are at the old one, or not read.
+  std::vector<std::size_t> reach(static_cast<std::size_t>(system_.field_count()), 0);
+  const auto of_row = [&](int row) {
+    std::size_t farthest = 0;
+    for (int f = 0; f < system_.field_count(); ++f) {
+      const std::size_t own = reach[static_cast<std::size_t>(f)];
+      farthest = std::max({farthest, local(row, f) ? own : 0, across(row, f) ? own + 1 : 0});
+    }
+    return farthest;
+  };
+  std::vector<std::size_t> kicked;
+  for (const Kick& kick : kicks_) {
+    kicked.push_back(of_row(kick.row));
+  }
+  for (std::size_t k = 0; k < kicks_.size(); ++k) {
+    reach[static_cast<std::size_t>(kicks_[k].column)] = kicked[k];
+  }
+  for (const LocalSolve& solve : solves_) {
+    reach[static_cast<std::size_t>(solve.field)] = of_row(solve.row);
+  }
+  return *std::ranges::max_element(reach);
+}
+
 bool EulerBoxMap::local(int row, int field) const {
   if (rate_of(row, field) != 0.0 || system_.constant_hessian()(row, field) != 0.0) {
     return true;
@@ -272,22 +295,21 @@ void EulerBoxMap::kick(const Kick& kick, double h, grids::FieldSet& fields) cons
   add(h / kick.value, row_.field(0), fields.field(kick.column));
 }
 
-/// One correction at every node to row_ + rate (z - z_before)/h = 0, in the one field. \return the largest
-double EulerBoxMap::correct(const LocalSolve& solve, double h, const grids::FieldSet& before,
-                            grids::FieldSet& fields) const {
+/// One correction at every node to row_ + rate (z - z_before)/h = 0, in the one field, and into row_. \return the
+/// largest
+double EulerBoxMap::correct(const LocalSolve& solve, double h, const grids::FieldSet& before, grids::FieldSet& fields) {
   const int entry = varying_entry(solve.row, solve.field);
   const double constant = (entry < 0 ? system_.constant_hessian()(solve.row, solve.field) : 0.0) + solve.rate / h;
   const auto row = row_.field(0);
   const auto values = fields.field(solve.field);
   const auto old = before.field(solve.field);
-  double change = 0.0;
   for (std::size_t i = 0; i < values.size(); ++i) {
     const double derivative = constant + (entry < 0 ? 0.0 : outputs_.field(1 + system_.field_count() + entry)[i]);
     const double correction = (row[i] + solve.rate / h * (values[i] - old[i])) / derivative;
     values[i] -= correction;
-    change = larger(change, std::abs(correction));
+    row[i] = correction;
   }
-  return change;
+  return grids::max_abs(row);
 }
 
 /// Newton's method at every node for the row of a level, in the one field.

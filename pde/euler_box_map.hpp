@@ -38,6 +38,9 @@ public:
 
   [[nodiscard]] int evaluations() const { return evaluations_; }  ///< of S and its derivatives, since construction
 
+  /// How many neighbours along an axis a value at the new level is made of, at most.
+  [[nodiscard]] std::size_t reach() const;
+
 private:
   /// An entry of M₊: the equation of `row` at a level gives `column` at the next.
   struct Kick {
@@ -66,7 +69,7 @@ private:
   void add_differences(int row, const grids::FieldSet& fields);
   void kick(const Kick& kick, double h, grids::FieldSet& fields) const;
   [[nodiscard]] double correct(const LocalSolve& solve, double h, const grids::FieldSet& before,
-                               grids::FieldSet& fields) const;
+                               grids::FieldSet& fields);
   [[nodiscard]] bool is_rounding(const LocalSolve& solve, double h, const grids::FieldSet& before,
                                  const grids::FieldSet& fields);
   [[nodiscard]] Status run(const LocalSolve& solve, double h, const grids::FieldSet& before, grids::FieldSet& fields);

@@ -17,6 +17,10 @@ const LatticeOptions& checked(const LatticeOptions& options) {
   return options;
 }
 
+const grids::Grid& part_of(const grids::Grid& grid, const LatticeOptions& options) {
+  return options.slab == nullptr ? grid : options.slab->grid();
+}
+
 /// \param cautions receives what the user should know about the problem
 std::unique_ptr<LatticeScheme> make_scheme(const LatticeMethod& method, const MultisymplecticSystem& system,
                                            const grids::Grid& grid, const InitialFields& initial,
@@ -28,12 +32,25 @@ std::unique_ptr<LatticeScheme> make_scheme(const LatticeMethod& method, const Mu
                     "\"box\"",
                     options.lagrangian, reason));
   }
-  auto [first, about_data] = method.first_level(system, grid, initial);
-  cautions = std::move(about_data);
-  if (const auto growth = find_short_wave_growth(system, grid, first)) {
-    cautions.insert(cautions.begin(), describe(*growth, grid, system));
+  LatticeLevel first;
+  {
+    // Every rank makes the first level of the whole lattice, and keeps its part.
+    const grids::Slab::Shared alone(nullptr);
+    InitialLevel whole = method.first_level(system, grid, initial);
+    cautions = std::move(whole.cautions);
+    if (const auto growth = find_short_wave_growth(system, grid, whole.level)) {
+      cautions.insert(cautions.begin(), describe(*growth, grid, system));
+    }
+    first = std::move(whole.level);
   }
-  return method.scheme(system, grid, std::move(first), options.step);
+  if (options.slab != nullptr) {
+    grids::FieldSet part(first.fields.fields(), options.slab->size());
+    for (int f = 0; f < part.fields(); ++f) {
+      options.slab->take_part(first.fields.field(f), part.field(f));
+    }
+    first.fields = std::move(part);
+  }
+  return method.scheme(system, part_of(grid, options), std::move(first), options.step);
 }
 
 }  // namespace
@@ -43,7 +60,7 @@ LatticeIntegrator::LatticeIntegrator(const MultisymplecticSystem& system, const 
     : method_(make_lattice_method(checked(options).method())),
       system_(method_->seen(system)),
       scheme_(make_scheme(*method_, system_.without_constant(), grid, initial, options, cautions_)),
-      laws_(make_local_laws(*method_, system_, grid, options.symmetries)),
+      laws_(make_local_laws(*method_, system_, part_of(grid, options), options.symmetries)),
       previous_(scheme_->level()),
       before_(previous_.fields) {
   laws_.share(scheme_->stages());
@@ -82,12 +99,12 @@ std::vector<Spread> LatticeIntegrator::residuals(std::span<double* const> cells)
 
 void LatticeIntegrator::save(StateWriter& state) const {
   Integrator::save(state);
-  state.write(previous().fields.all());
+  grids::save_whole(state, previous().fields);
 }
 
 void LatticeIntegrator::restore(StateReader& state) {
   Integrator::restore(state);
-  state.read(previous_.fields.all());
+  grids::restore_whole(state, previous_.fields);
   previous_is_told_ = true;
 }
 

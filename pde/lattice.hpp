@@ -6,6 +6,7 @@
 #include <vector>
 
 #include <rubato/grids/grid.hpp>
+#include <rubato/grids/slab.hpp>
 #include <rubato/pde/initial_level.hpp>
 #include <rubato/pde/lattice_method.hpp>
 #include <rubato/pde/lattice_scheme.hpp>
@@ -31,6 +32,9 @@ struct LatticeOptions {
   std::optional<BridgeRule> bridge = std::nullopt;
   double tolerance = 1e-13;  ///< of the level equation, relative
   std::vector<LinearSymmetry> symmetries = {};
+  /// The part of the lattice that this rank has, the grid being the whole; null for all of it. Its reductions are then
+  /// those of this thread (grids::Slab::Shared), for as long as the integrator lives.
+  const grids::Slab* slab = nullptr;
   [[nodiscard]] LatticeMethodChoice method() const { return {lagrangian, stages, composition, space, space_stages}; }
 };
 

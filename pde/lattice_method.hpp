@@ -62,6 +62,13 @@ public:
   /// Whether local laws live in the middle of cells; else at nodes.
   [[nodiscard]] virtual bool laws_in_cells() const { return false; }
 
+  /// Whether ranks can share a lattice with this method, and how many planes of its neighbours each has to know of two
+  /// levels to take a step, its energies and its laws from them (grids::Slab). \throws as scheme()
+  ///@{
+  [[nodiscard]] virtual bool is_shared() const { return false; }
+  [[nodiscard]] virtual std::size_t ghosts(const MultisymplecticSystem& /*system*/) const { return 0; }
+  ///@}
+
   /// The discrete action that states the scheme; nothing for a family of maps that has its K in place of one (theory,
   /// section 8).
   [[nodiscard]] virtual std::optional<LatticeAction> action(const MultisymplecticSystem& system) const = 0;

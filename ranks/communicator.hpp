@@ -35,6 +35,20 @@ public:
   /// A message that has come, the earliest of its sender; nothing if there is none. Does not wait.
   [[nodiscard]] virtual std::optional<Message> receive() = 0;
 
+  /// Numbers for another rank, and room for those that another sends.
+  struct Outgoing {
+    int to = 0;
+    std::span<const double> values;
+  };
+  struct Incoming {
+    int from = 0;
+    std::span<double> values;
+  };
+  /// Sends and receives all that is listed, and returns when it has come. What one rank sends another meets what that
+  /// one expects in the order of the calls, and of the lists; the sizes agree. No other messages are waited for
+  /// meanwhile.
+  virtual void exchange(std::span<const Outgoing> out, std::span<const Incoming> in) = 0;
+
   /// Ends the job in good order when all ranks have called it. False if some have not within `patience`: the launcher
   /// then ends them when this process ends. No other call may follow.
   virtual bool leave(std::chrono::duration<double> patience) = 0;
@@ -47,6 +61,7 @@ public:
   [[nodiscard]] int size() const override { return 1; }
   void send(int to, int kind, std::span<const std::byte> bytes) override;  ///< \throws std::logic_error
   [[nodiscard]] std::optional<Message> receive() override { return std::nullopt; }
+  void exchange(std::span<const Outgoing> out, std::span<const Incoming> in) override;  ///< \throws std::logic_error
   bool leave(std::chrono::duration<double> /*patience*/) override { return true; }
 };
 

@@ -8,6 +8,7 @@
 #include <array>
 #include <cstdint>
 #include <cstdlib>
+#include <limits>
 #include <stdexcept>
 
 #include <rubato/ranks/communicator.hpp>
@@ -18,7 +19,7 @@ namespace rubato::ranks {
 namespace {
 
 /// A message is its head, then its bytes in parts: MPI counts with an int.
-constexpr int head_tag = 1, part_tag = 2;
+constexpr int head_tag = 1, part_tag = 2, numbers_tag = 3;
 constexpr std::size_t largest_part = std::size_t{1} << 30;
 using Head = std::array<std::uint64_t, 2>;  ///< kind, and the number of bytes
 
@@ -72,6 +73,19 @@ public:
     return message;
   }
 
+  void exchange(std::span<const Outgoing> out, std::span<const Incoming> in) override {
+    requests_.clear();
+    for (const Incoming& numbers : in) {
+      MPI_Irecv(numbers.values.data(), counted(numbers.values.size()), MPI_DOUBLE, numbers.from, numbers_tag,
+                MPI_COMM_WORLD, &requests_.emplace_back());
+    }
+    for (const Outgoing& numbers : out) {
+      MPI_Isend(numbers.values.data(), counted(numbers.values.size()), MPI_DOUBLE, numbers.to, numbers_tag,
+                MPI_COMM_WORLD, &requests_.emplace_back());
+    }
+    MPI_Waitall(static_cast<int>(requests_.size()), requests_.data(), MPI_STATUSES_IGNORE);
+  }
+
   bool leave(std::chrono::duration<double> patience) override {
     const auto end = std::chrono::steady_clock::now() + patience;
     MPI_Request request = MPI_REQUEST_NULL;
@@ -88,6 +102,12 @@ public:
   }
 
 private:
+  static int counted(std::size_t size) {
+    if (size > static_cast<std::size_t>(std::numeric_limits<int>::max())) {
+      throw std::runtime_error("more than 2147483647 numbers for one message between ranks: take more ranks");
+    }
+    return static_cast<int>(size);
+  }
   static bool is_done(MPI_Request& request) {
     int done = 0;
     MPI_Test(&request, &done, MPI_STATUS_IGNORE);
@@ -102,6 +122,7 @@ private:
   }
 
   int rank_ = 0, size_ = 1;
+  std::vector<MPI_Request> requests_;
 };
 
 /// A process that no launcher started has nobody to talk to: it does without the library, which takes a tenth of a

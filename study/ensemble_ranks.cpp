@@ -13,6 +13,7 @@
 #include <rubato/ranks/naps.hpp>
 #include <rubato/ranks/packet.hpp>
 #include <rubato/record/error.hpp>
+#include <rubato/study/lattice_ranks.hpp>
 #include <rubato/study/threads.hpp>
 #include <rubato/study/version.hpp>
 
@@ -41,10 +42,6 @@ enum Kind : int {
 /// How long ranks that were told to halt are waited for before the record is closed without them. Where one of them has
 /// died, the launcher gives all others about a second from its first signal.
 constexpr std::chrono::milliseconds patience{200};
-
-std::string build() {
-  return fmt::format("{}, {}", version(), compiler());
-}
 
 void put(Packet& packet, const MemberResult& result) {
   packet.number(static_cast<std::uint64_t>(result.status)).text(result.message).numbers(result.figures);
@@ -127,7 +124,7 @@ private:
 
   void hand_out_work() {
     Packet packet;
-    packet.text(build()).text(work_.problem.text).text(work_.problem.source);
+    packet.text(build_of_ranks()).text(work_.problem.text).text(work_.problem.source);
     packet.number(static_cast<std::uint64_t>(work_.threads)).number(work_.figures.size());
     for (const std::string& name : work_.figures) {
       packet.text(name);
@@ -299,9 +296,9 @@ bool carry_out(ranks::Communicator& ranks, const Message& message, const std::at
   RemoteDesk desk(ranks, interrupt);
   try {
     PacketReader packet(message.bytes);
-    if (const std::string other = packet.text(); other != build()) {
+    if (const std::string other = packet.text(); other != build_of_ranks()) {
       throw std::runtime_error(
-          fmt::format("this is rubato {}, and rank 0 is {}: all have to be the same", build(), other));
+          fmt::format("this is rubato {}, and rank 0 is {}: all have to be the same", build_of_ranks(), other));
     }
     const std::string text = packet.text(), source = packet.text();
     use_threads(static_cast<int>(packet.number()));
@@ -332,6 +329,10 @@ OtherRanks::~OtherRanks() {
   }
 }
 
+std::string build_of_ranks() {
+  return fmt::format("{}, {}", version(), compiler());
+}
+
 void help_rank_0(ranks::Communicator& ranks, const std::atomic<bool>* interrupt) {
   for (Naps naps;;) {
     const auto message = ranks.receive();
@@ -341,6 +342,9 @@ void help_rank_0(ranks::Communicator& ranks, const std::atomic<bool>* interrupt)
       if (carry_out(ranks, *message, interrupt)) {
         return;
       }
+      naps.restart();
+    } else if (message->kind == lattice_to_do) {
+      follow_leader(ranks, message->bytes);
       naps.restart();
     } else if (message->kind == go_home) {
       return;
@@ -356,11 +360,9 @@ void dismiss(ranks::Communicator& ranks) {
 
 void refuse_ranks(const RunOptions& options, const Location& location) {
   if (options.ranks != nullptr && options.ranks->size() > 1) {
-    throw ProblemError(location,
-                       fmt::format("one run is not shared by ranks, and there are {}: they share the members of "
-                                   "an [ensemble] alone; start it without mpirun (--threads says on how many "
-                                   "threads it runs)",
-                                   options.ranks->size()));
+    throw ProblemError(location, fmt::format("{} ranks cannot share this command; start it without mpirun (--threads "
+                                             "says on how many threads it runs)",
+                                             options.ranks->size()));
   }
 }
 

@@ -35,6 +35,9 @@ private:
   std::thread service_;  ///< the only one that talks to the others, meanwhile
 };
 
+/// What has to be the same of all ranks: version and compiler of the program.
+[[nodiscard]] std::string build_of_ranks();
+
 /// What a rank other than 0 does, from the beginning of the process to its end: it waits for work of rank 0, until
 /// dismiss().
 void help_rank_0(ranks::Communicator& ranks, const std::atomic<bool>* interrupt);

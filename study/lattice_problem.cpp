@@ -197,6 +197,7 @@ LatticeIntegrator make_lattice(const Problem& problem) {
   const MultisymplecticSystem system = make_system(problem);
   const grids::Grid grid = make_grid(problem);
   LatticeOptions options = make_lattice_options(problem, system);
+  options.slab = grids::Slab::present();
   const InitialFields initial = make_initial_fields(problem, grid);
   return at_initial(problem, [&] {
     if (const auto& scheme = problem.scheme; !scheme.step) {
@@ -257,6 +258,15 @@ NodeTable make_invariants(const Problem& problem, const MultisymplecticSystem& s
   return {problem, pde.invariants, pde.fields, grid};
 }
 
+bool reads_derivatives(const Problem& problem, const NamedFormula& formula) {
+  const MultisymplecticProblem& pde = *problem.multisymplectic();
+  formula::Graph graph;
+  const formula::Expression expression = problem.build(formula.formula, graph, quantity_names(pde), pde.fields);
+  return std::ranges::any_of(formula::variables_of(expression), [&](std::size_t variable) {
+    return graph.variable_name(variable).find('(') != std::string::npos;
+  });
+}
+
 NodeTable make_exact(const Problem& problem, const MultisymplecticSystem& system, const grids::Grid& grid) {
   const MultisymplecticProblem& pde = *problem.multisymplectic();
   for (const NamedFormula& exact : pde.exact) {
@@ -276,8 +286,15 @@ std::vector<figures::Named<Spread>> lattice_errors(NodeTable& exact, const Multi
   for (std::size_t i = 0; i < values.size(); ++i) {
     errors.push_back({exact.names()[i], {}});
     const std::span<const double> field = level.fields.field(system.field(exact.names()[i]));
+    std::vector<double> error(field.size());
     for (std::size_t node = 0; node < field.size(); ++node) {
-      errors.back().value.add(std::abs(field[node] - values[i][node]));
+      error[node] = std::abs(field[node] - values[i][node]);
+    }
+    if (const grids::Slab* const slab = grids::Slab::of(error.size())) {
+      error = slab->gathered(error);
+    }
+    for (const double value : error) {
+      errors.back().value.add(value);
     }
   }
   return errors;

@@ -85,7 +85,8 @@ public:
   }
 
   void describe_states(record::Layout& layout, bool with_previous) override {
-    const grids::Grid& grid = lattice_.grid();
+    const grids::Slab* const slab = grids::Slab::present();
+    const grids::Grid& grid = slab == nullptr ? lattice_.grid() : slab->whole();
     std::vector<std::string> nodes, cells;
     for (int a = grid.dimensions() - 1; a >= 0; --a) {
       nodes.push_back("/grid/" + grid.axis(a).name);

@@ -11,8 +11,8 @@
 #include <rubato/ode/integrate.hpp>
 #include <rubato/record/reader.hpp>
 #include <rubato/record/writer.hpp>
-#include <rubato/study/ensemble_ranks.hpp>
 #include <rubato/study/lattice_problem.hpp>
+#include <rubato/study/lattice_ranks.hpp>
 #include <rubato/study/recorder.hpp>
 #include <rubato/study/stored.hpp>
 #include <rubato/study/threads.hpp>
@@ -60,7 +60,10 @@ class Driver {
 public:
   Driver(const Problem& problem, const RunOptions& options, std::string file) : problem_(problem), options_(options) {
     use_threads(options.threads);  // has to be known before anything allocates work space for each of them
-    chronicle_.emplace(problem, options.tangents);
+    if (options.ranks != nullptr && options.ranks->size() > 1) {
+      leader_.emplace(*options.ranks, problem, options.threads);
+    }
+    make_chronicle();
     outcome_.title = problem.title;
     outcome_.file = std::move(file);
     outcome_.variable_levels = problem.scheme.levels == Levels::variable;
@@ -70,7 +73,8 @@ public:
     recorder_.emplace(record::Writer::create(outcome_.file, chronicle_->layout(), options_.overwrite, commit_policy()),
                       Digests(chronicle_->layout().datasets.size()));
     try {
-      chronicle_->tell_start(*recorder_);
+      order(Order::start);
+      tell(*recorder_, [this](RowSink& sink) { chronicle_->tell_start(sink); });
     } catch (const record::NotFinite& error) {
       return undefined_at_start(error);
     }
@@ -106,11 +110,41 @@ private:
   [[nodiscard]] const Statistics& statistics() const { return chronicle_->statistics(); }
   [[nodiscard]] const BridgeCauses& causes() const { return chronicle_->causes(); }
   [[nodiscard]] record::Writer& writer() { return recorder_->writer(); }
-  [[nodiscard]] record::Checkpoint checkpoint() const { return make_checkpoint(*chronicle_, recorder_->digests()); }
+  [[nodiscard]] record::Checkpoint checkpoint() const {
+    order(Order::save);
+    return make_checkpoint(*chronicle_, recorder_->digests());
+  }
+
+  /// What all ranks do together, where there are others.
+  void order(Order order) const {
+    if (leader_) {
+      leader_->order(order);
+    }
+  }
+  void make_chronicle() {
+    order(Order::make);
+    chronicle_.emplace(problem_, options_.tangents);
+  }
+  /// Lets `append` have a sink whose rows go to `sink`.
+  template <typename Append>
+  void tell(RowSink& sink, const Append& append) {
+    if (leader_) {
+      GatheringSink gathering(leader_->slab(), &sink);
+      append(gathering);
+      gathering.rethrow();
+    } else {
+      append(sink);
+    }
+  }
 
   [[nodiscard]] record::CommitPolicy commit_policy() const { return {.durable = problem_.output.durable}; }
 
   Digests restore(const record::Checkpoint& checkpoint) {
+    if (const auto state = checkpoint.find("state"); leader_ && state != checkpoint.end()) {
+      if (const auto* values = std::get_if<std::vector<double>>(&state->second)) {
+        leader_->order_restore(*values);
+      }
+    }
     std::optional<Digests> digests = restored(checkpoint, *chronicle_);
     if (!digests) {
       throw record::Error(outcome_.file, "its checkpoint is not that of its problem: the run cannot be continued");
@@ -123,15 +157,19 @@ private:
   /// record.
   void go_back_to(std::size_t steps) {
     writer().drop_level();
-    chronicle_.emplace(problem_, options_.tangents);
+    make_chronicle();
     Digests digests = restore(record::Reader(outcome_.file).checkpoint());
     DigestSink sink(digests);
     while (statistics().steps < steps) {
+      order(Order::step);
       const StepReport report = simulation().step();
       if (report.status != Status::success) {
         throw std::logic_error("a step that was taken before cannot be repeated");
       }
-      chronicle_->tell_step(report, sink);
+      tell(sink, [&](RowSink& rows) {
+        chronicle_->tell_step(report, rows);
+        static_cast<void>(simulation().node());  // as all ranks do
+      });
     }
     recorder_->set_digests(std::move(digests));
   }
@@ -175,6 +213,7 @@ private:
     }
     outcome_.complete = outcome_.status == ExitStatus::done;
     finish();
+    order(Order::finish);
     outcome_.statistics = chronicle_->final_statistics();
     outcome_.wall_seconds = std::chrono::duration<double>(Clock::now() - begin).count();
     add_warnings();
@@ -187,7 +226,8 @@ private:
     const record::Checkpoint last = checkpoint();
     // The last state is always stored. Where it is not one of every n-th it is provisional: `resume` drops it again, so
     // that a run continued is the same as one never stopped.
-    chronicle_->tell_last(*recorder_);
+    order(Order::last);
+    tell(*recorder_, [this](RowSink& sink) { chronicle_->tell_last(sink); });
     writer().finish(last,
                     outcome_.complete ? record::Writer::Completion::complete : record::Writer::Completion::interrupted);
   }
@@ -208,6 +248,7 @@ private:
           problem_.scheme.max_steps, simulation().t(), problem_.scheme.until);
       return;
     }
+    order(Order::step);
     const StepReport report = simulation().step();
     if (report.status != Status::success) {
       const bool singular = report.status == Status::singular || report.status == Status::ill_conditioned;
@@ -216,8 +257,12 @@ private:
       return;
     }
     const std::size_t steps = statistics().steps;
+    LevelNode node;
     try {
-      chronicle_->tell_step(report, *recorder_);
+      tell(*recorder_, [&](RowSink& sink) {
+        chronicle_->tell_step(report, sink);
+        node = simulation().node();
+      });
     } catch (const record::NotFinite& error) {
       outcome_.status = ExitStatus::failed;
       outcome_.message = fmt::format(
@@ -228,8 +273,7 @@ private:
       return;
     }
     writer().end_level();
-    if (const LevelNode node = simulation().node();
-        !std::isfinite(node.energy) || (simulation().has_gamma() && !std::isfinite(node.gamma))) {
+    if (!std::isfinite(node.energy) || (simulation().has_gamma() && !std::isfinite(node.gamma))) {
       outcome_.status = ExitStatus::failed;
       outcome_.message = fmt::format(
           "{}: the node energy or Gamma is not finite at t = {:.10g}: the orbit left the domain of the formula{}",
@@ -379,6 +423,7 @@ private:
 
   const Problem& problem_;
   const RunOptions& options_;
+  std::optional<LatticeLeader> leader_;  ///< before all that ranks have parts of
   std::optional<Chronicle> chronicle_;
   std::optional<Recorder> recorder_;
   Clock::time_point last_progress_;
@@ -405,8 +450,7 @@ std::unique_ptr<Simulation> make_simulation(const Problem& problem, bool tangent
 }
 
 Outcome run(const Problem& problem, const RunOptions& options) {
-  refuse_ranks(options, problem.hamiltonian() != nullptr ? problem.hamiltonian()->statement().location
-                                                         : problem.scheme.lagrangian_location);
+  refuse_unshared(problem, options);
   if (const auto* pde = problem.multisymplectic(); pde != nullptr && pde->initial_record) {
     std::error_code ignored;
     if (std::filesystem::equivalent(pde->initial_record->file, options.output.value_or(problem.output.file), ignored)) {
@@ -418,7 +462,6 @@ Outcome run(const Problem& problem, const RunOptions& options) {
 }
 
 Outcome resume(const std::string& file, std::optional<double> until, const RunOptions& options) {
-  refuse_ranks(options, {file, 0, 0});
   record::Claim claim(file);  // before anything is read: a run that is just ending would change it
   Problem problem;
   RunOptions as_begun = options;
@@ -431,6 +474,7 @@ Outcome resume(const std::string& file, std::optional<double> until, const RunOp
     const std::vector<std::string> settings = {fmt::format("scheme.until={:.17g}", *until)};
     problem = parse_stored(problem.text, file, settings);
   }
+  refuse_unshared(problem, as_begun);
   use_threads(options.threads);
   return blame_record(file, [&] { return Driver(problem, as_begun, file).resume(std::move(claim)); });
 }

@@ -48,7 +48,8 @@ struct RunOptions {
   /// Called now and then (at most ten times a second).
   std::function<void(const Progress&)> progress = {};
   /// The ranks that share the run, of which this process is number 0 and the others carry out help_rank_0(); null for
-  /// none. The members of an ensemble are handed out to all of them; one run by itself is refused.
+  /// none. The members of an ensemble are handed out to all of them, and a lattice is shared in slabs; what cannot be
+  /// shared is refused.
   ranks::Communicator* ranks = nullptr;
   /// Called at the start with each warning that is known then; all are in Outcome::warnings as well.
   std::function<void(const std::string&)> caution = {};

@@ -42,8 +42,8 @@ struct GaussTableau {
   /// Found once for each number of stages, from then on at no cost.
   [[nodiscard]] const Eigenbasis& inverse_eigenbasis() const;
 
-  /// A⁻¹, and w = A⁻ᵀb of z_{k+1} = z_k + Σ w_i Y_i with Y_i = h Σ a_ij f_j, in two parts: the nearest numbers of double
-  /// precision, and what these leave.
+  /// A⁻¹, and w = A⁻ᵀb of z_{k+1} = z_k + Σ w_i Y_i with Y_i = h Σ a_ij f_j, in two parts: the nearest numbers of
+  /// double precision, and what these leave.
   struct Inverse {
     Eigen::MatrixXd value, rest;
     Eigen::VectorXd end, end_rest;

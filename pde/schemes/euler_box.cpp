@@ -1,10 +1,14 @@
+#include <algorithm>
 #include <cmath>
 #include <limits>
+#include <string>
 #include <utility>
+#include <vector>
 
 #include <fmt/format.h>
 
 #include <rubato/grids/reductions.hpp>
+#include <rubato/grids/slab.hpp>
 #include <rubato/pde/euler_box_map.hpp>
 #include <rubato/pde/lattice_actions.hpp>
 #include <rubato/pde/lattice_method.hpp>
@@ -48,15 +52,16 @@ public:
 
   void accept() override {
     level_.fields.copy_from(trial_);
+    grids::refresh_ghosts(level_.fields);
     iterations_ = 0;
   }
   void stand(const LatticeLevel& level, const LatticeLevel&, double) override {
     level_.fields.copy_from(level.fields);
     iterations_ = 0;
   }
-  void save(StateWriter& state) const override { state.write(level_.fields.all()); }
+  void save(StateWriter& state) const override { grids::save_whole(state, level_.fields); }
   void restore(StateReader& state) override {
-    state.read(level_.fields.all());
+    grids::restore_whole(state, level_.fields);
     iterations_ = 0;
   }
 
@@ -99,6 +104,17 @@ public:
            "point and on every travelling wave, and with varying levels it drops to first order";
   }
   [[nodiscard]] bool has_midpoints() const override { return false; }
+  [[nodiscard]] bool is_shared() const override { return true; }
+  /// The energy of the new level reads one neighbour more than its values do. Laws read, of levels whose ghosts are
+  /// right, the currents of a neighbour, which reads its own.
+  [[nodiscard]] std::size_t ghosts(const MultisymplecticSystem& system) const override {
+    constexpr std::size_t of_laws = 2;
+    std::vector<grids::Axis> axes;
+    for (int a = 0; a < system.directions(); ++a) {
+      axes.push_back({std::string(1, static_cast<char>('a' + a)), 0.0, 1.0, 3});
+    }
+    return std::max(of_laws, EulerBoxMap(system, grids::Grid(std::move(axes))).reach() + 1);
+  }
   [[nodiscard]] std::optional<LatticeAction> action(const MultisymplecticSystem& system) const override {
     return euler_box_action(system);
   }

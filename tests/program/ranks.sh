@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # The program under mpirun, in a build with MPI: ranks.sh RUBATO SOURCE_FOLDER MPIRUN CASE [KILLS]. Ranks share an
-# ensemble, and its record is that of one process bit by bit, on every number of ranks, killed and resumed.
+# ensemble or a lattice, and the record is that of one process bit by bit, on every number of ranks, killed and resumed.
 set -u
 rubato=$1
 source_folder=$2
@@ -45,10 +45,63 @@ status_is() { check "status $1" test "$status" -eq "$1"; }
 same() { h5diff "$1" "$2" >difference 2>&1; }
 differ() { ! h5diff "$1" "$2" >difference 2>&1; }
 once() { test "$(grep -c -- "$1" "$2")" -eq 1; }
+levels() { h5ls "$1/levels" | sed -n 's/^t  *Dataset {\([0-9]*\).*/\1/p'; }
 members() { h5ls "$1/members" | sed -n 's/^number  *Dataset {\([0-9]*\).*/\1/p'; }
 
 pendulums=("$source_folder/examples/pendulums.toml" --set ensemble.random.count=40)
+explicit=(--set scheme.lagrangian=euler-box --set scheme.levels=fixed)
 case $case_name in
+  lattice)
+    ring=(run sine-gordon-2d "${explicit[@]}" --set scheme.until=1 --set output.every=3)
+    alone "${ring[@]}" -o alone.h5 --quiet
+    for ranks in 2 3; do   # 255 planes
+      on $ranks "${ring[@]}" -o shared.h5 --force --json
+      status_is 0
+      check "one JSON object" once '"steps": 20' out
+      check "the record of one process, on $ranks ranks" same alone.h5 shared.h5
+    done
+    on 2 check shared.h5
+    status_is 0
+    on 2 "${ring[@]}" --set scheme.step=0.0500001 -o other.h5 --quiet
+    check "the twin: another step is told apart" differ alone.h5 other.h5
+    on 3 "${ring[@]}" --set scheme.until=0.3 -o part.h5 --quiet
+    on 2 resume part.h5 --until 1 --quiet
+    status_is 0
+    check "resumed on another number of ranks" same alone.h5 part.h5
+    # Killed, and continued on another number of ranks.
+    ring=(run sine-gordon-2d "${explicit[@]}" --set grid.x.cells=65 --set grid.y.cells=61 --set output.every=100 --set scheme.until=1e9)
+    grown=0 before=0
+    for ((kill = 0; kill < kills; ++kill)); do
+      command=(resume killed.h5)
+      [ -e killed.h5 ] || command=("${ring[@]}" -o killed.h5)
+      "$mpirun" -n 4 "$rubato" "${command[@]}" --quiet >out 2>err </dev/null &
+      launcher=$!
+      last="mpirun -n 4 rubato ${command[*]}, of which a rank was killed"
+      for ((wait = 0; wait < 200; ++wait)); do
+        read -r -a pids <"/proc/$launcher/task/$launcher/children"
+        [ "${#pids[@]}" -lt 4 ] || break
+        sleep 0.05
+      done
+      sleep "$((RANDOM % 5)).$((RANDOM % 10))"   # versions are committed every two seconds
+      kill -KILL "${pids[RANDOM % ${#pids[@]}]}" 2>/dev/null
+      wait $launcher
+      status=$?
+      check "a run of which a rank died has not ended well" test "$status" -ne 0
+      check "and the launcher says so" grep -q 'signal 9' err
+      [ -e killed.h5 ] || continue
+      check "an ordinary reader opens the record" h5ls killed.h5 >/dev/null
+      now=$(levels killed.h5)
+      check "no level is lost: $before, and then $now" test "${now:-0}" -ge "$before"
+      [ "${now:-0}" -le "$before" ] || grown=$((grown + 1))
+      before=${now:-0}
+    done
+    until=$(awk "BEGIN { print 0.05 * ($before + 250) }")
+    on 2 resume killed.h5 --until "$until" --quiet
+    status_is 0
+    alone "${ring[@]}" --set scheme.until="$until" -o never-killed.h5 --quiet
+    check "the record is that of a run never stopped" same never-killed.h5 killed.h5
+    echo "$kill kills, $grown after new levels; $before levels"
+    ;;
   shared)
     alone run "${pendulums[@]}" -o alone.h5 --json
     status_is 0
@@ -76,13 +129,17 @@ case $case_name in
     check "members that fail are told once" once 'members ended early' err
     ;;
   refused)
-    for problem in pendulum sine-gordon sine-gordon-2d; do
+    for problem in pendulum sine-gordon; do
       on 2 run $problem -o never.h5
       status_is 2
       check "one rank says so" once '^rubato: error: ' err
       check "the place" grep -q "^rubato: error: $problem.toml (built-in):[0-9]*:[0-9]*: " err
-      check "and what to do" grep -q 'there are 2: .*without mpirun' err
+      check "and what to do" grep -q '2 ranks cannot share this run: .*without mpirun' err
     done
+    check "and what is shared" grep -q 'lagrangian = "euler-box" so far' err
+    on 4 run sine-gordon-2d "${explicit[@]}" --set grid.y.cells=3 -o never.h5
+    status_is 2
+    check "more ranks than planes" once '4 ranks cannot share a lattice of 3 planes across y' err
     on 2 converge pendulum
     status_is 2
     check "nothing was written" test -z "$(ls ./*.h5 2>/dev/null)"
@@ -114,7 +171,7 @@ case $case_name in
     for ((kill = 0; kill < kills; ++kill)); do
       command=(resume killed.h5)
       [ -e killed.h5 ] || command=(run "${pendulums[@]}" -o killed.h5)
-      ranks=$((2 + kill % 3))
+      ranks=4
       "$mpirun" -n $ranks "$rubato" "${command[@]}" --quiet >out 2>err </dev/null &
       launcher=$!
       last="mpirun -n $ranks rubato ${command[*]}, of which a rank was killed"

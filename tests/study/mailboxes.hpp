@@ -1,11 +1,14 @@
 #pragma once
 
 #include <algorithm>
+#include <condition_variable>
 #include <deque>
 #include <functional>
+#include <map>
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <stdexcept>
 #include <thread>
 #include <vector>
 
@@ -45,6 +48,29 @@ public:
       box.pop_front();
       return message;
     }
+    void exchange(std::span<const Outgoing> out, std::span<const Incoming> in) override {
+      for (const Outgoing& numbers : out) {
+        const std::scoped_lock lock(all_.mutex_);
+        auto& box = all_.numbers_[{rank_, numbers.to}];
+        box.emplace_back(numbers.values.begin(), numbers.values.end());
+        all_.tamper_(rank_, box.back());
+        all_.sent_ += numbers.values.size();
+        ++all_.exchanges_;
+        all_.has_come_.notify_all();
+      }
+      for (const Incoming& numbers : in) {
+        std::unique_lock lock(all_.mutex_);
+        auto& box = all_.numbers_[{numbers.from, rank_}];
+        if (!all_.has_come_.wait_for(lock, std::chrono::seconds(60), [&box] { return !box.empty(); })) {
+          throw std::runtime_error("ranks wait for each other");
+        }
+        if (box.front().size() != numbers.values.size()) {
+          throw std::runtime_error("ranks do not agree on the size of what they exchange");
+        }
+        std::ranges::copy(box.front(), numbers.values.begin());
+        box.pop_front();
+      }
+    }
     bool leave(std::chrono::duration<double> /*patience*/) override { return true; }
 
   private:
@@ -52,18 +78,26 @@ public:
     int rank_;
   };
 
+  /// Called with every array of numbers before it is put into its box.
+  using Tamper = std::function<void(int from, std::vector<double>& numbers)>;
+  void tamper_with(Tamper tamper) { tamper_ = std::move(tamper); }
+  /// Numbers that exchange() has sent, and how many times.
+  [[nodiscard]] std::size_t sent() const { return sent_; }
+  [[nodiscard]] std::size_t exchanges() const { return exchanges_; }
+
 private:
   std::mutex mutex_;
+  std::condition_variable has_come_;
+  std::map<std::pair<int, int>, std::deque<std::vector<double>>> numbers_;
+  Tamper tamper_ = [](int, std::vector<double>&) {};
+  std::size_t sent_ = 0, exchanges_ = 0;
   std::vector<std::deque<ranks::Message>> boxes_;
   Censor censor_;
 };
 
 /// Calls command(rank 0) while all other ranks help. `interrupt` is that of the last rank.
 template <class Command>
-auto with_ranks(
-    int size, const Command& command, Mailboxes::Censor censor = [](ranks::Message&) {},
-    const std::atomic<bool>* interrupt = nullptr) {
-  Mailboxes all(size, std::move(censor));
+auto with_ranks(Mailboxes& all, const Command& command, const std::atomic<bool>* interrupt = nullptr) {
   Mailboxes::Rank first(all, 0);
   struct Helpers {
     explicit Helpers(Mailboxes::Rank& leader) : leader_(leader) {}
@@ -76,13 +110,21 @@ auto with_ranks(
   private:
     Mailboxes::Rank& leader_;
   } helpers(first);
-  for (int rank = 1; rank < size; ++rank) {
-    helpers.threads.emplace_back([&all, rank, mine = rank + 1 == size ? interrupt : nullptr] {
+  for (int rank = 1; rank < first.size(); ++rank) {
+    helpers.threads.emplace_back([&all, rank, mine = rank + 1 == first.size() ? interrupt : nullptr] {
       Mailboxes::Rank helper(all, rank);
       study::help_rank_0(helper, mine);
     });
   }
   return command(first);
+}
+
+template <class Command>
+auto with_ranks(
+    int size, const Command& command, Mailboxes::Censor censor = [](ranks::Message&) {},
+    const std::atomic<bool>* interrupt = nullptr) {
+  Mailboxes all(size, std::move(censor));
+  return with_ranks(all, command, interrupt);
 }
 
 }  // namespace rubato::study_tests

@@ -1,0 +1,124 @@
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <span>
+#include <vector>
+
+#include <rubato/base/compensated_sum.hpp>
+#include <rubato/base/spread.hpp>
+#include <rubato/base/state.hpp>
+#include <rubato/grids/field_set.hpp>
+#include <rubato/grids/grid.hpp>
+#include <rubato/ranks/communicator.hpp>
+
+namespace rubato::grids {
+
+/// The eight compensated partial sums of a block.
+struct LaneSums {
+  std::array<double, 8> high{};
+  std::array<double, 8> low{};
+};
+
+/// The part of a lattice that one of several ranks has: consecutive planes across the last axis, which it owns, and
+/// beyond them on each side `ghosts` planes that others own. A field of the part is an array of grid(), a grid like any
+/// other: what reads neighbours reads those in the ghosts, and is right as far from the seam of that grid as ghosts are
+/// right. refresh() makes them right. What the owned nodes hold is then the same, bit by bit, as on one rank.
+///
+/// Reductions (grids/reductions.hpp) of a thread that has a slab, over arrays of the part, are over the owned nodes of
+/// all ranks, which must all take part. Sums are taken in the blocks of ReductionBlocks of the whole lattice, one after
+/// the other in each: a block that goes on at the next rank is handed over with its partial sums. So they have the same
+/// bits for every number of ranks.
+class Slab {
+public:
+  /// Planes are shared out as evenly as can be, the first ranks having one more where they do not go up.
+  /// \throws std::invalid_argument if there are more ranks than planes
+  Slab(ranks::Communicator& ranks, const Grid& whole, std::size_t ghosts);
+
+  [[nodiscard]] const Grid& whole() const { return whole_; }
+  [[nodiscard]] const Grid& grid() const { return grid_; }
+  [[nodiscard]] bool leads() const { return ranks_.rank() == 0; }
+  /// Nodes of grid(), ghosts and all.
+  [[nodiscard]] std::size_t size() const { return grid_.size(); }
+  /// The first owned one of them, and how many are owned: consecutive ones.
+  ///@{
+  [[nodiscard]] std::size_t first_node() const { return ghosts_ * plane_; }
+  [[nodiscard]] std::size_t owned() const { return planes(ranks_.rank()) * plane_; }
+  ///@}
+
+  /// Copies what others own into the ghosts of every field.
+  void refresh(FieldSet& fields) const;
+  /// Out of an array of the whole lattice, ghosts and all.
+  void take_part(std::span<const double> whole, std::span<double> part) const;
+  /// The whole lattice, at rank 0; nothing at others.
+  [[nodiscard]] std::vector<double> gathered(std::span<const double> part) const;
+  /// Rank 0's values at all ranks.
+  void broadcast(std::span<double> values) const;
+
+  /// For reductions: see above. `add` is called with the phase in the block and nodes of the part.
+  template <class Add>
+  [[nodiscard]] CompensatedSum sum(std::size_t count, const Add& add) const {
+    return sum(
+        count,
+        [](const void* function, LaneSums& sums, std::size_t phase, std::size_t begin, std::size_t end) {
+          (*static_cast<const Add*>(function))(sums, phase, begin, end);
+        },
+        &add);
+  }
+  /// The largest of all ranks' values; NaN if one is.
+  [[nodiscard]] double largest(double here) const;
+  /// Of values that are not all finite.
+  [[nodiscard]] Spread magnitudes(std::span<const double> values) const;
+
+  /// Lets this thread's reductions be those of a slab, while it lives; of none, with null.
+  class Shared {
+  public:
+    explicit Shared(const Slab* slab) : before_(present_) { present_ = slab; }
+    Shared(const Shared&) = delete;
+    Shared& operator=(const Shared&) = delete;
+    ~Shared() { present_ = before_; }
+
+  private:
+    const Slab* before_;
+  };
+  /// The slab that this thread has; null for none.
+  [[nodiscard]] static const Slab* present() { return present_; }
+  /// The same where `count` values are arrays of its part.
+  [[nodiscard]] static const Slab* of(std::size_t count) {
+    return present_ != nullptr && count > 0 && count % present_->size() == 0 ? present_ : nullptr;
+  }
+
+private:
+  using AddPiece = void (*)(const void*, LaneSums&, std::size_t, std::size_t, std::size_t);
+  [[nodiscard]] CompensatedSum sum(std::size_t count, AddPiece add, const void* function) const;
+
+  /// What a rank owns.
+  ///@{
+  [[nodiscard]] std::size_t first_plane(int rank) const;
+  [[nodiscard]] std::size_t planes(int rank) const { return first_plane(rank + 1) - first_plane(rank); }
+  [[nodiscard]] int owner(std::size_t plane) const;
+  ///@}
+  /// The planes of the whole lattice that a rank's part has, in its order, and whether each is a ghost there.
+  [[nodiscard]] std::vector<std::size_t> ghost_planes(int rank) const;
+
+  inline static thread_local const Slab* present_ = nullptr;
+
+  ranks::Communicator& ranks_;
+  Grid whole_;
+  std::size_t ghosts_, plane_;
+  Grid grid_;
+  /// For refresh(): planes of the part that go to, and come from, each rank.
+  std::vector<std::vector<std::size_t>> send_, receive_;
+  mutable std::vector<std::vector<double>> out_, in_;
+};
+
+/// Ghosts of fields that were changed; nothing for a thread without a slab.
+void refresh_ghosts(FieldSet& fields);
+/// Saves fields as those of the whole lattice, the same for every number of ranks (at rank 0; others save nothing), and
+/// restores them, from the same at every rank.
+///@{
+void save_whole(StateWriter& state, const FieldSet& fields);
+void restore_whole(StateReader& state, FieldSet& fields);
+///@}
+
+}  // namespace rubato::grids

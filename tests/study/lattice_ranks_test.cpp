@@ -1,0 +1,282 @@
+// One lattice shared by several ranks: here threads that pass numbers in memory. tests/program/ranks.sh has the same
+// with MPI.
+
+#include <catch2/catch.hpp>
+
+#include <cmath>
+#include <cstring>
+#include <filesystem>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include <fmt/format.h>
+
+#include <rubato/grids/reductions.hpp>
+#include <rubato/grids/slab.hpp>
+#include <rubato/record/reader.hpp>
+#include <rubato/study/check.hpp>
+#include <rubato/study/lattice_ranks.hpp>
+
+#include "study/mailboxes.hpp"
+#include "study/records.hpp"
+
+using namespace rubato;
+using namespace rubato::study;
+using namespace rubato::study_tests;
+using Catch::Contains;
+
+namespace {
+
+using Settings = std::vector<std::string>;
+
+/// A wave on a torus, neither direction like the other; [exact] is not what it does, but its differences are figures.
+Problem wave_on_torus(std::size_t x, std::size_t y, const Settings& more = {}) {
+  const std::string text = fmt::format(R"toml(
+[multisymplectic]
+fields = ["u", "v", "a", "b"]
+M = [["u", "v", -1]]
+K.x = [["u", "a", 1]]
+K.y = [["u", "b", 1]]
+S = "(v^2 - a^2 - b^2)/2 + 1 - cos(u)"
+[grid]
+x = {{ from = -1, to = 5, cells = {} }}
+y = {{ from = 0.3, to = 7, cells = {} }}
+[initial]
+u = "sin(pi*x/3)*exp(cos(2*pi*(y - 0.3)/6.7))"
+v = "dx(u)"
+[exact]
+u = "x*t"
+[invariants]
+mass = "u^2 + b"
+[scheme]
+lagrangian = "euler-box"
+levels = "fixed"
+step = 0.01
+until = 0.3
+[output]
+every = 7
+)toml",
+                                       x, y);
+  return parse_problem(text, "torus.toml", more);
+}
+
+RunOptions on(ranks::Communicator& ranks, const std::string& file) {
+  return {.output = file, .overwrite = true, .threads = 1, .ranks = &ranks};
+}
+
+}  // namespace
+
+TEST_CASE("the record of a lattice is the same for every number of ranks") {
+  const Folder folder;
+  struct Case {
+    std::size_t x, y;
+    std::vector<int> ranks;
+  };
+  // 9 × 7: parts thinner than their ghosts; 40 × 37: one block of sums; 90 × 101: three, cut anywhere.
+  for (const Case& torus : {Case{9, 7, {2, 3, 7}}, Case{40, 37, {2, 5}}, Case{90, 101, {2, 3, 4}}}) {
+    const Problem problem = wave_on_torus(torus.x, torus.y);
+    const Outcome one = run(problem, {.output = folder / "one.h5", .overwrite = true, .threads = 1});
+    REQUIRE(one.status == ExitStatus::done);
+    for (const int size : torus.ranks) {
+      INFO(torus.x << " x " << torus.y << " nodes on " << size << " ranks");
+      const Outcome all = with_ranks(size, [&](auto& rank) { return run(problem, on(rank, folder / "all.h5")); });
+      CHECK(all.status == ExitStatus::done);
+      CHECK(different_datasets(folder / "one.h5", folder / "all.h5") == Names{});
+      CHECK(differences(one, all) == Names{});
+      CHECK(all.warnings == one.warnings);
+    }
+  }
+  CHECK(check(folder / "all.h5").status == ExitStatus::done);
+
+  // The twin: one number of a plane on its way to a neighbour.
+  Mailboxes tampered(3);
+  tampered.tamper_with([sent = 0](int, std::vector<double>& numbers) mutable {
+    if (numbers.size() % 90 == 0 && ++sent == 50) {
+      numbers.front() += 1e-9;
+      numbers.back() += 1e-9;
+    }
+  });
+  static_cast<void>(
+      with_ranks(tampered, [&](auto& rank) { return run(wave_on_torus(90, 101), on(rank, folder / "all.h5")); }));
+  CHECK_FALSE(different_datasets(folder / "one.h5", folder / "all.h5").empty());
+}
+
+TEST_CASE("lattices on a line and in space are shared as well") {
+  const Folder folder;
+  const std::vector<Problem> problems = {
+      read_problem("sine-gordon", Settings{"scheme.lagrangian=euler-box", "scheme.levels=fixed", "scheme.step=0.02",
+                                           "scheme.until=0.5"}),
+      parse_problem(R"toml(
+[multisymplectic]
+fields = ["u", "v", "a", "b", "c"]
+M = [["u", "v", -1]]
+K.x = [["u", "a", 1]]
+K.y = [["u", "b", 1]]
+K.z = [["u", "c", 1]]
+S = "(v^2 - a^2 - b^2 - c^2)/2 + u^4/4"
+[grid]
+x = { from = 0, to = 1, cells = 12 }
+y = { from = 0, to = 1, cells = 9 }
+z = { from = 0, to = 1, cells = 11 }
+[initial]
+u = "sin(2*pi*(x + 2*y))*cos(2*pi*z)"
+v = 0
+[scheme]
+lagrangian = "euler-box"
+levels = "fixed"
+step = 0.01
+until = 0.2
+)toml",
+                    "space.toml")};
+  for (const Problem& problem : problems) {
+    INFO(problem.name);
+    const Outcome one = run(problem, {.output = folder / "one.h5", .overwrite = true, .threads = 1});
+    const Outcome all = with_ranks(3, [&](auto& rank) { return run(problem, on(rank, folder / "all.h5")); });
+    CHECK(all.status == ExitStatus::done);
+    CHECK(different_datasets(folder / "one.h5", folder / "all.h5") == Names{});
+    CHECK(differences(one, all) == Names{});
+  }
+}
+
+TEST_CASE("a shared lattice is continued on other numbers of ranks") {
+  const Folder folder;
+  const Problem whole = wave_on_torus(40, 37), part = wave_on_torus(40, 37, {"scheme.until=0.11"});
+  static_cast<void>(run(whole, {.output = folder / "one.h5", .threads = 1}));
+  for (const auto& [before, after] : {std::pair{4, 2}, std::pair{1, 3}, std::pair{3, 1}}) {
+    INFO("from " << before << " ranks to " << after);
+    static_cast<void>(with_ranks(before, [&](auto& rank) { return run(part, on(rank, folder / "all.h5")); }));
+    const Outcome resumed =
+        with_ranks(after, [&](auto& rank) { return resume(folder / "all.h5", 0.3, {.threads = 1, .ranks = &rank}); });
+    CHECK(resumed.status == ExitStatus::done);
+    CHECK(different_datasets(folder / "one.h5", folder / "all.h5") == Names{});
+  }
+  // Interrupted at rank 0: the record is whole, and is continued.
+  std::atomic<bool> stop = false;
+  Mailboxes all(3);
+  all.tamper_with(
+      [&stop, sent = 0](int from, std::vector<double>&) mutable { stop = stop || (from == 1 && ++sent > 300); });
+  RunOptions options{.output = folder / "all.h5", .overwrite = true, .threads = 1, .interrupt = &stop};
+  const Outcome stopped = with_ranks(all, [&](auto& rank) {
+    options.ranks = &rank;
+    return run(whole, options);
+  });
+  CHECK(stopped.status == ExitStatus::interrupted);
+  CHECK(with_ranks(2, [&](auto& rank) {
+          return resume(folder / "all.h5", {}, {.threads = 1, .ranks = &rank});
+        }).status == ExitStatus::done);
+  CHECK(different_datasets(folder / "one.h5", folder / "all.h5") == Names{});
+}
+
+TEST_CASE("a shared run that leaves the domain of its formulas ends as it would on one rank") {
+  const Folder folder;
+  // Far beyond the CFL condition: the numbers overflow.
+  const Problem problem = wave_on_torus(12, 11, {"scheme.step=3", "scheme.until=3000"});
+  const Outcome one = run(problem, {.output = folder / "one.h5", .threads = 1});
+  REQUIRE(one.status == ExitStatus::failed);
+  const Outcome all = with_ranks(3, [&](auto& rank) { return run(problem, on(rank, folder / "all.h5")); });
+  CHECK(all.status == ExitStatus::failed);
+  CHECK(all.message == one.message);
+  CHECK(different_datasets(folder / "one.h5", folder / "all.h5") == Names{});
+}
+
+TEST_CASE("what ranks cannot share is refused, with its place, before anything is written") {
+  const Folder folder;
+  const auto refusal = [&](const Problem& problem, int size = 2, bool tangents = false) -> std::string {
+    try {
+      static_cast<void>(with_ranks(size, [&](auto& rank) {
+        RunOptions options = on(rank, folder / "never.h5");
+        options.tangents = tangents;
+        return run(problem, options);
+      }));
+    } catch (const ProblemError& error) {
+      return error.what();
+    }
+    return "";
+  };
+  const auto torus = [](const Settings& settings) { return wave_on_torus(9, 7, settings); };
+  for (const std::string scheme : {"box", "fourier", "leapfrog", "splitting"}) {
+    const std::string setting = "scheme.lagrangian=" + scheme;
+    CHECK_THAT(refusal(torus({setting})), Contains(setting) && Contains("2 ranks cannot share this run") &&
+                                              Contains("lagrangian = \"euler-box\" so far") &&
+                                              Contains("without mpirun"));
+  }
+  CHECK_THAT(refusal(torus({"scheme.step=auto", "scheme.energy_tolerance=1e-3"})), Contains("auto"));
+  CHECK_THAT(refusal(torus({}), 2, true), Contains("--tangents"));
+  CHECK_THAT(refusal(torus({"multisymplectic.S=(v^2 - a^2 - b^2)/2 + cos(y)*u^2"})), Contains("coordinate"));
+  CHECK_THAT(refusal(torus({"invariants.mass=dy(u)^2"})), Contains("mass has derivatives"));
+  CHECK_THAT(refusal(torus({"output.interval=0.1"})), Contains("output at times"));
+  CHECK_THAT(refusal(torus({"output.quantities.mean=integral(u)"})), Contains("of quantities"));
+  CHECK_THAT(refusal(torus({"events.high=integral(u^2) > 100"})), Contains("events"));
+  CHECK_THAT(refusal(torus({}), 8), Contains("8 ranks cannot share a lattice of 7 planes across y"));
+  // What the scheme itself refuses, and what all ranks find at the start, is said once.
+  CHECK_THAT(refusal(read_problem("kdv", Settings{"scheme.lagrangian=euler-box", "scheme.levels=fixed"})),
+             Contains("euler-box is not explicit for this system"));
+  CHECK_THAT(refusal(torus({"initial.a=1"})), Contains("torus.toml:") || Contains("initial.a=1"));
+  CHECK_FALSE(std::filesystem::exists(folder / "never.h5"));
+}
+
+TEST_CASE("sums and maxima over slabs have the bits of those over the whole") {
+  // Two arrays of 100 × 97 nodes: five blocks of sums, the third across the seam of the arrays.
+  const grids::Grid grid({{"x", 0.0, 1.0, 100}, {"y", 0.0, 1.0, 97}});
+  grids::FieldSet whole(2, grid.size());
+  for (std::size_t i = 0; i < whole.all().size(); ++i) {
+    whole.all()[i] = std::sin(static_cast<double>(i * i % 1013)) * std::pow(10.0, static_cast<double>(i % 17));
+  }
+  const auto reduce = [](const grids::FieldSet& fields) {
+    const auto all = fields.all(), one = fields.field(1);
+    return std::vector<double>{
+        grids::sum(all),     grids::sum(one), grids::dot(one, fields.field(0)), grids::max_abs(all),
+        grids::max_abs(one), grids::rms(one), grids::magnitudes(all).squares,   grids::magnitudes(one).max};
+  };
+  const std::vector<double> expected = reduce(whole);
+  for (const int size : {1, 2, 3, 8, 97}) {
+    INFO(size << " ranks");
+    Mailboxes all(size);
+    std::vector<std::vector<double>> found(static_cast<std::size_t>(size));
+    std::vector<std::thread> threads;
+    for (int rank = 0; rank < size; ++rank) {
+      threads.emplace_back([&, rank] {
+        Mailboxes::Rank mine(all, rank);
+        const grids::Slab slab(mine, grid, 2);
+        const grids::Slab::Shared shared(&slab);
+        grids::FieldSet part(2, slab.size());
+        for (int f = 0; f < 2; ++f) {
+          slab.take_part(whole.field(f), part.field(f));
+        }
+        const grids::FieldSet before = part;
+        slab.refresh(part);  // ghosts that are right already stay so
+        auto& result = found[static_cast<std::size_t>(rank)];
+        result = reduce(part);
+        if (std::memcmp(before.all().data(), part.all().data(), part.all().size_bytes()) != 0) {
+          result.clear();
+        }
+      });
+    }
+    for (std::thread& thread : threads) {
+      thread.join();
+    }
+    for (const std::vector<double>& result : found) {
+      CHECK(result == expected);
+    }
+  }
+}
+
+TEST_CASE("what ranks send for a level is the planes that a neighbour needs, and some numbers") {
+  // A level of 64 × 64 nodes and four fields on two ranks: to each neighbour three planes of each field at every level;
+  // beside them sums, orders, and what the record is given, which is nothing between the first level and the last.
+  const Folder folder;
+  const auto sent = [&](int levels) {
+    Mailboxes all(2);
+    const Problem problem = wave_on_torus(64, 64, {fmt::format("scheme.until={}", 0.01 * levels), "output.every=1000"});
+    static_cast<void>(with_ranks(all, [&](auto& rank) { return run(problem, on(rank, folder / "a.h5")); }));
+    return std::pair(all.sent(), all.exchanges());
+  };
+  const auto [few, few_times] = sent(10);
+  const auto [many, many_times] = sent(30);
+  const double numbers = static_cast<double>(many - few) / 20.0 / 2.0;  // a level and rank
+  const double planes = 2.0 * 3.0 * 4.0 * 64.0;
+  INFO(numbers << " numbers a level and rank in " << static_cast<double>(many_times - few_times) / 40.0 << " messages");
+  CHECK(numbers >= planes);
+  CHECK(numbers < 1.25 * planes);
+}
