@@ -27,7 +27,7 @@ void chain_32(int repeats) {
   compare_chain<31>(4000, 1.0, 0.4, repeats);
 }
 void chain_1024(int repeats) {
-  compare_chain<1023>(1500, 3.0, 1.0, repeats);
+  compare_chain<1023>(1500, 1.0, 0.5, repeats);
 }
 
 }  // namespace orbits

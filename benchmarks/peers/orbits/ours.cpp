@@ -22,6 +22,8 @@ struct Choice {
   std::string time_scale = {};  ///< dt/ds, a formula, if levels are of fictitious time
 };
 
+/// Coordinates up to which implicit schemes are run: their matrices are dense, and beyond a step takes seconds.
+constexpr std::size_t most_implicit = 128;
 constexpr double none = std::numeric_limits<double>::infinity();
 
 /// Where a method's runs start, made once: what reads and compiles formulas.
@@ -131,9 +133,11 @@ void add_ours(const Ours& problem, bool separable, const TimeScales& time_scales
       choices.push_back({name, rubato::Splitting{name}});
     }
   }
-  choices.push_back({"midpoint", rubato::Midpoint{}});
-  for (const int stages : {2, 3, 4, 6, 8}) {
-    choices.push_back(gauss_of(stages));
+  if (problem.q.size() <= most_implicit) {
+    choices.push_back({"midpoint", rubato::Midpoint{}});
+    for (const int stages : {2, 3, 4, 6, 8}) {
+      choices.push_back(gauss_of(stages));
+    }
   }
   for (const auto& scale : time_scales) {
     for (const int stages : {2, 4, 8}) {
