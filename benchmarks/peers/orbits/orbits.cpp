@@ -28,6 +28,12 @@ int main(int argc, char** argv) {
       return 2;
     }
   }
+#if !RUBATO_HAS_ODEINT
+  std::printf("built without Boost.Odeint, which is left out\n");
+#endif
+#if !RUBATO_HAS_SUNDIALS
+  std::printf("built without SUNDIALS, which is left out\n");
+#endif
   for (const auto& [name, compare] : problems) {
     if (argc <= 2 || std::find(argv + 2, argv + argc, std::string(name)) != argv + argc) {
       compare(repeats);
