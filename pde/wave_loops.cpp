@@ -21,12 +21,51 @@ RUBATO_WIDE_VECTORS void add(double value, const double* re, const double* im, s
     out_im[w] += value * im[w];
   }
 }
-RUBATO_WIDE_VECTORS void turn_pair(const double* a, const double* b, const double* c, const double* d,
-                                   std::size_t count, double* __restrict x, double* __restrict y) {
+RUBATO_WIDE_VECTORS void turn_pair(const PairMatrices& matrices, const PairMatrices& rests, std::size_t count,
+                                   double* __restrict x, double* __restrict y) {
+  const auto [a, b, c, d] = matrices;
+  const auto [a_rest, b_rest, c_rest, d_rest] = rests;
   for (std::size_t w = 0; w < count; ++w) {
-    const double old = x[w];
-    x[w] = a[w] * old + b[w] * y[w];
-    y[w] = c[w] * old + d[w] * y[w];
+    const double u = x[w], v = y[w];
+    x[w] = (a[w] * u + b[w] * v) + (a_rest[w] * u + b_rest[w] * v);
+    y[w] = (c[w] * u + d[w] * v) + (c_rest[w] * u + d_rest[w] * v);
+  }
+}
+
+namespace {
+
+/// The first `53 - bits` bits of a value (Veltkamp).
+inline double leading(double value, double two_to_bits_and_one) {
+  const double scaled = value * two_to_bits_and_one;
+  return scaled - (scaled - value);
+}
+constexpr double in_half = 0x1p27 + 1.0, to_twelve = 0x1p41 + 1.0;
+
+/// What rounding took from the product (Dekker).
+inline double product_error(double left, double right, double product) {
+  const double l = leading(left, in_half), r = leading(right, in_half);
+  const double left_low = left - l, right_low = right - r;
+  return ((l * r - product) + l * right_low + left_low * r) + left_low * right_low;
+}
+
+}  // namespace
+
+RUBATO_WIDE_VECTORS void split_turns(std::size_t count, const PairMatrices& matrices, const PairMatrices& rests) {
+  for (std::size_t w = 0; w < count; ++w) {
+    const double a = matrices.a[w], b = matrices.b[w], c = matrices.c[w], d = matrices.d[w];
+    const double p = a * d, q = -(b * c);
+    const double larger = p > q ? p : q, smaller = p > q ? q : p;
+    // 1 - ad + bc: one of p and q is at least a half, and then both differences are exact.
+    const double missing = ((1.0 - larger) - smaller) - product_error(a, d, p) + product_error(b, c, -q);
+    const double mend = smaller >= 0.0 ? 0.5 * missing : 0.0;
+    const auto split = [mend, w](double value, double* brief, double* rest) {
+      brief[w] = leading(value, to_twelve);
+      rest[w] = (value - brief[w]) + mend * value;
+    };
+    split(a, matrices.a, rests.a);
+    split(b, matrices.b, rests.b);
+    split(c, matrices.c, rests.c);
+    split(d, matrices.d, rests.d);
   }
 }
 RUBATO_WIDE_VECTORS void add_product(const double* x_re, const double* x_im, const double* y_re, const double* y_im,

@@ -14,9 +14,16 @@ void add(std::complex<double> value, const double* re, const double* im, std::si
          double* out_im);
 /// The same with a real value.
 void add(double value, const double* re, const double* im, std::size_t count, double* out_re, double* out_im);
+/// A real matrix (a b; c d) for each wave, or what its entries have beyond other ones.
+struct PairMatrices {
+  double *a, *b, *c, *d;
+};
+/// Takes matrices of determinant 1, as exact as double precision allows, in two parts: the first have 12 bits, so that
+/// products with them err at random only, and the rests make up for the determinant too, where the matrix turns
+/// (ad ≥ 0 ≥ bc). What a rounded matrix misses of it would make a wave grow by as much in every step.
+void split_turns(std::size_t count, const PairMatrices& matrices, const PairMatrices& rests);
 /// (x, y) = (a x + b y, c x + d y), all real.
-void turn_pair(const double* a, const double* b, const double* c, const double* d, std::size_t count, double* x,
-               double* y);
+void turn_pair(const PairMatrices& matrices, const PairMatrices& rests, std::size_t count, double* x, double* y);
 /// out += x·y.
 void add_product(const double* x_re, const double* x_im, const double* y_re, const double* y_im, std::size_t count,
                  double* out_re, double* out_im);

@@ -530,19 +530,31 @@ void WaveSplitting::fill(double tau, WaveRows& entries) {
   });
 }
 
-const WaveRows& WaveSplitting::propagator(double tau) {
-  for (const Propagator& known : propagators_) {
+PairMatrices WaveSplitting::turns(grids::FieldSet& entries, const std::vector<int>& group) const {
+  const int x = group.front(), y = group.back();
+  const auto entry = [&](int row, int column) { return entries.field(row * size() + column).data(); };
+  return {entry(x, x), entry(x, y), entry(y, x), entry(y, y)};
+}
+
+WaveSplitting::Propagator& WaveSplitting::propagator(double tau) {
+  for (Propagator& known : propagators_) {
     if (known.tau == tau && known.entries.rows() > 0) {
-      return known.entries;
+      return known;
     }
   }
   Propagator& anew = propagators_[replaced_++ % propagators_.size()];
   if (anew.entries.rows() == 0) {
     anew.entries = WaveRows(size() * size(), fourier_.modes());
+    anew.rests = grids::FieldSet(real_pairs_ ? size() * size() : 0, fourier_.modes());
   }
   anew.tau = tau;
   fill(tau, anew.entries);
-  return anew.entries;
+  for (const std::vector<int>& group : groups_) {
+    if (real_pairs_ && group.size() == 2) {
+      split_turns(fourier_.modes(), turns(anew.entries.re, group), turns(anew.rests, group));
+    }
+  }
+  return anew;
 }
 
 /// out = matrix·in, over the coupled pairs.
@@ -633,24 +645,23 @@ bool WaveSplitting::evaluate_rest(const WaveRows& rows, At at) {
 void WaveSplitting::drift(double tau) {
   rest_at_ = At::nowhere;
   rest_energy_is_known_ = rest_rows_are_known_ = false;
-  const WaveRows& E = propagator(tau);
+  Propagator& E = propagator(tau);
   if (real_pairs_) {
     for (const std::vector<int>& group : groups_) {
       const int x = group.front(), y = group.back();
-      const auto entry = [&](int row, int column) { return E.re.field(row * size() + column).data(); };
+      const PairMatrices entries = turns(E.entries.re, group), rests = turns(E.rests, group);
       for (grids::FieldSet* part : {&moved_.re, &moved_.im}) {
         if (group.size() == 2) {
-          turn_pair(entry(x, x), entry(x, y), entry(y, x), entry(y, y), moved_.waves(), part->field(x).data(),
-                    part->field(y).data());
+          turn_pair(entries, rests, moved_.waves(), part->field(x).data(), part->field(y).data());
         } else {
           for (std::size_t w = 0; w < moved_.waves(); ++w) {
-            part->field(x)[w] *= entry(x, x)[w];
+            part->field(x)[w] *= entries.a[w];
           }
         }
       }
     }
   } else {
-    multiply(E, moved_, next_);
+    multiply(E.entries, moved_, next_);
     std::swap(moved_, next_);
   }
   for (std::size_t p = 0; p < translation_.size(); ++p) {

@@ -76,7 +76,8 @@ private:
   /// exp(τA) on every wave, for one τ.
   struct Propagator {
     double tau = 0.0;
-    WaveRows entries;  ///< row·r + column; none before the first
+    WaveRows entries;       ///< row·r + column; none before the first; of real pairs the first bits
+    grids::FieldSet rests;  ///< of real pairs, what they have beyond these
   };
 
   void split_fields();
@@ -86,7 +87,8 @@ private:
   void compile_rest();
   void classify();
   [[nodiscard]] bool is_turn() const;
-  [[nodiscard]] const WaveRows& propagator(double tau);
+  [[nodiscard]] Propagator& propagator(double tau);
+  [[nodiscard]] PairMatrices turns(grids::FieldSet& entries, const std::vector<int>& group) const;
   void find_frequencies();
   void fill(double tau, WaveRows& entries);
   void fill_by_frequencies(double tau, WaveRows& entries);

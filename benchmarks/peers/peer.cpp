@@ -48,16 +48,15 @@ void Peer::stand(const Function& first, const Function& second) {
   }
 }
 
-Series Peer::solution() const {
+Series Peer::series_of(const Modes& modes) const {
   // The mode without a partner, if there is one, is half e^{iπi} and half e^{-iπi}: at the nodes they are the same.
   const std::size_t n = line_.nodes, most = n / 2;
   Series series{line_.from, line_.length, std::vector<Complex>(2 * most + 1)};
   const double factor = 1.0 / static_cast<double>(n);
   for (std::size_t k = 0; k <= most; ++k) {
     const double weight = 2 * k == n ? 0.5 * factor : factor;
-    series.coefficients[most + k] = weight * state_.u[k];
-    series.coefficients[most - k] =
-        weight * (kind_ == Kind::complex ? state_.u[k == 0 ? 0 : n - k] : std::conj(state_.u[k]));
+    series.coefficients[most + k] = weight * modes[k];
+    series.coefficients[most - k] = weight * (kind_ == Kind::complex ? modes[k == 0 ? 0 : n - k] : std::conj(modes[k]));
   }
   return series;
 }

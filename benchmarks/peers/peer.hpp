@@ -52,11 +52,14 @@ public:
   };
   void stand(const State& state) { state_ = state; }
   [[nodiscard]] const State& state() const { return state_; }
-  [[nodiscard]] Series solution() const;
+  [[nodiscard]] Series solution() const { return series_of(state_.u); }
+  [[nodiscard]] Series rate() const { return series_of(state_.v); }  ///< u_t, of a wave equation
   /// Goes so many steps through a time. \return CPU seconds, without what is prepared for this length of step
   virtual double go(double time, int steps) = 0;
 
 protected:
+  [[nodiscard]] Series series_of(const Modes& modes) const;
+
   Line line_;
   Kind kind_;
   State state_;
