@@ -22,13 +22,16 @@ RUBATO_WIDE_VECTORS void add(double value, const double* re, const double* im, s
   }
 }
 RUBATO_WIDE_VECTORS void turn_pair(const PairMatrices& matrices, const PairMatrices& rests, std::size_t count,
-                                   double* __restrict x, double* __restrict y) {
+                                   double* __restrict x_re, double* __restrict x_im, double* __restrict y_re,
+                                   double* __restrict y_im) {
   const auto [a, b, c, d] = matrices;
   const auto [a_rest, b_rest, c_rest, d_rest] = rests;
   for (std::size_t w = 0; w < count; ++w) {
-    const double u = x[w], v = y[w];
-    x[w] = (a[w] * u + b[w] * v) + (a_rest[w] * u + b_rest[w] * v);
-    y[w] = (c[w] * u + d[w] * v) + (c_rest[w] * u + d_rest[w] * v);
+    const double u = x_re[w], u_im = x_im[w], v = y_re[w], v_im = y_im[w];
+    x_re[w] = (a[w] * u + b[w] * v) + (a_rest[w] * u + b_rest[w] * v);
+    x_im[w] = (a[w] * u_im + b[w] * v_im) + (a_rest[w] * u_im + b_rest[w] * v_im);
+    y_re[w] = (c[w] * u + d[w] * v) + (c_rest[w] * u + d_rest[w] * v);
+    y_im[w] = (c[w] * u_im + d[w] * v_im) + (c_rest[w] * u_im + d_rest[w] * v_im);
   }
 }
 

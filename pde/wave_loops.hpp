@@ -22,8 +22,9 @@ struct PairMatrices {
 /// products with them err at random only, and the rests make up for the determinant too, where the matrix turns
 /// (ad ≥ 0 ≥ bc). What a rounded matrix misses of it would make a wave grow by as much in every step.
 void split_turns(std::size_t count, const PairMatrices& matrices, const PairMatrices& rests);
-/// (x, y) = (a x + b y, c x + d y), all real.
-void turn_pair(const PairMatrices& matrices, const PairMatrices& rests, std::size_t count, double* x, double* y);
+/// (x, y) = (a x + b y, c x + d y).
+void turn_pair(const PairMatrices& matrices, const PairMatrices& rests, std::size_t count, double* x_re, double* x_im,
+               double* y_re, double* y_im);
 /// out += x·y.
 void add_product(const double* x_re, const double* x_im, const double* y_re, const double* y_im, std::size_t count,
                  double* out_re, double* out_im);

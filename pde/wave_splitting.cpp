@@ -650,14 +650,14 @@ void WaveSplitting::drift(double tau) {
     for (const std::vector<int>& group : groups_) {
       const int x = group.front(), y = group.back();
       const PairMatrices entries = turns(E.entries.re, group), rests = turns(E.rests, group);
-      for (grids::FieldSet* part : {&moved_.re, &moved_.im}) {
-        if (group.size() == 2) {
-          turn_pair(entries, rests, moved_.waves(), part->field(x).data(), part->field(y).data());
-        } else {
-          for (std::size_t w = 0; w < moved_.waves(); ++w) {
-            part->field(x)[w] *= entries.a[w];
-          }
-        }
+      if (group.size() == 2) {
+        turn_pair(entries, rests, moved_.waves(), moved_.re.field(x).data(), moved_.im.field(x).data(),
+                  moved_.re.field(y).data(), moved_.im.field(y).data());
+        continue;
+      }
+      for (std::size_t w = 0; w < moved_.waves(); ++w) {
+        moved_.re.field(x)[w] *= entries.a[w];
+        moved_.im.field(x)[w] *= entries.a[w];
       }
     }
   } else {
