@@ -49,15 +49,7 @@ public:
         combine(1.0, current_.field(nu), sum_.field(nu));
       }
     }
-    std::vector<Spread> sizes;
-    for (int l = 0; l < sum_.fields(); ++l) {
-      const auto values = std::as_const(sum_).field(l);
-      sizes.push_back(grids::magnitudes(values));
-      if (!residuals.empty()) {
-        std::ranges::copy(values, residuals[static_cast<std::size_t>(l)]);
-      }
-    }
-    return sizes;
+    return tell_residuals(sum_, residuals);
   }
 
   std::vector<double> totals(const LatticeLevel& level) override {

@@ -342,15 +342,7 @@ std::vector<Spread> FaceLaws::residuals(const LatticeLevel& before, const Lattic
     s.sum = grids::FieldSet(static_cast<int>(s.names.size()), s.grid.size());
   }
   s.residuals_in_cells(before, after, h);
-  std::vector<Spread> sizes;
-  for (std::size_t l = 0; l < s.names.size(); ++l) {
-    const auto values = std::as_const(s.sum).field(static_cast<int>(l));
-    sizes.push_back(grids::magnitudes(values));
-    if (!residuals.empty()) {
-      std::ranges::copy(values, residuals[l]);
-    }
-  }
-  return sizes;
+  return tell_residuals(s.sum, residuals);
 }
 
 std::vector<double> FaceLaws::totals(const LatticeLevel& level) {

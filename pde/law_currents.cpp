@@ -1,5 +1,6 @@
 #include <algorithm>
 
+#include <rubato/grids/reductions.hpp>
 #include <rubato/pde/law_engine.hpp>
 
 namespace rubato {
@@ -14,6 +15,17 @@ void add_term(double factor, const double* left, const double* right, std::size_
 }
 
 }  // namespace
+
+std::vector<Spread> tell_residuals(const grids::FieldSet& of_laws, std::span<double* const> residuals) {
+  std::vector<Spread> sizes;
+  for (int l = 0; l < of_laws.fields(); ++l) {
+    sizes.push_back(grids::magnitudes(of_laws.field(l)));
+    if (!residuals.empty()) {
+      std::ranges::copy(of_laws.field(l), residuals[static_cast<std::size_t>(l)]);
+    }
+  }
+  return sizes;
+}
 
 void LawTables::currents(int mu, std::size_t count, const LawPoints& points, std::span<double* const> out) const {
   const std::span<const double* const> partner = points.partner.empty() ? points.z : points.partner;

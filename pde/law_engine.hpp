@@ -55,6 +55,9 @@ private:
   void add_affine_symmetries();
 };
 
+/// Residuals of each law in each cell as LocalLaws tells them: their magnitudes, and themselves where there is room.
+[[nodiscard]] std::vector<Spread> tell_residuals(const grids::FieldSet& of_laws, std::span<double* const> residuals);
+
 /// The laws of one family of schemes; LocalLaws documents the functions.
 class LawEngine {
 public:

@@ -321,15 +321,7 @@ std::vector<Spread> NodeLaws::residuals(const LatticeLevel& before, const Lattic
     const auto sum = sum_.field(1 + tables_.system.coordinates()[c]);
     std::ranges::transform(sum, source, sum.begin(), std::minus<>());
   }
-  std::vector<Spread> sizes;
-  for (int l = 0; l < sum_.fields(); ++l) {
-    const auto values = std::as_const(sum_).field(l);
-    sizes.push_back(grids::magnitudes(values));
-    if (!residuals.empty()) {
-      std::ranges::copy(values, residuals[static_cast<std::size_t>(l)]);
-    }
-  }
-  return sizes;
+  return tell_residuals(sum_, residuals);
 }
 
 std::vector<double> NodeLaws::totals(const LatticeLevel& level) {
