@@ -184,7 +184,7 @@ LatticeFamily::LatticeFamily(const LatticeProblem& problem, const LatticeOracle&
       d_(problem.fields.size()),
       nodes_(problem.nodes()),
       rule_(gauss_quadrature(static_cast<std::size_t>(problem.stages))),
-      places_(gauss_quadrature(static_cast<std::size_t>(problem.order_of_scheme() / 2))) {
+      places_(lobatto_quadrature(static_cast<std::size_t>(problem.order_of_scheme() / 2) + 1)) {
   for (const Axis& axis : problem.axes) {
     auto& table = dft_.emplace_back(axis.cells, std::vector<Complex>(axis.cells));
     for (std::size_t j = 0; j < axis.cells; ++j) {
@@ -871,8 +871,8 @@ LatticeFamily::Taken LatticeFamily::compose(Real z, long double h, bool disturbe
   return taken;
 }
 
-/// At the nodes of Gauss's quadrature with as many as half the order: where steps of these lengths lead, and the rates
-/// that the equation has there.
+/// At the nodes of Lobatto's quadrature, one more than half the order, with the levels for its ends: where steps of
+/// these lengths lead, and the rates that the equation has there.
 void LatticeFamily::add_places(const Real& z, long double h, bool disturbed, Taken& taken) const {
   taken.stages.clear();
   taken.rates.clear();
