@@ -128,8 +128,9 @@ Bounded LevelsJudge::potential_of(std::size_t k) const {
   }
   const long double ratio = std::abs(static_cast<long double>(h_[k]) / h_[0]);
   const long double value = potential_[0] * std::pow(ratio, exponent_);
-  // Of each of both: the quotient |h|/length, raised to p, pow() itself and a product.
-  return {value, 2 * (exponent_ + 4) * unit_roundoff * std::abs(value)};
+  // Of each of both: the quotient |h|/length, raised to p, which is p - 1 products or pow(), and one more product.
+  const long double roundings = exponent_ + std::max(exponent_ - 1.0L, 3.0L) + 1.0L;
+  return {value, 2 * roundings * unit_roundoff * std::abs(value)};
 }
 
 void LevelsJudge::judge_strength(const Bounded& size, long double part, long double terms) {
