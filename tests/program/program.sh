@@ -9,26 +9,13 @@ case_name=$3
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 cd "$folder" || exit 1
-failures=0
+source "$source_folder/tests/program/check.sh"
 
 # run ARGUMENTS…: runs the program; its status, output and messages are then in $status, out and err.
 run() {
   "$rubato" "$@" >out 2>err </dev/null
   status=$?
   last="rubato $*"
-}
-
-# check DESCRIPTION COMMAND…: counts a failure unless the command succeeds.
-check() {
-  local description=$1
-  shift
-  if ! "$@"; then
-    echo "FAILED: $description"
-    echo "  after: ${last:-} (status ${status:-none})"
-    echo "  out: $(head -c 600 out 2>/dev/null)"
-    echo "  err: $(head -c 600 err 2>/dev/null)"
-    failures=$((failures + 1))
-  fi
 }
 
 # expect STATUS [TEXT]: the status, and a text on standard error (for status 0: on standard output).

@@ -15,7 +15,7 @@ export OMPI_MCA_hwloc_base_binding_policy=none OMP_NUM_THREADS=1 OMP_WAIT_POLICY
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 cd "$folder" || exit 1
-failures=0
+source "$source_folder/tests/program/check.sh"
 
 # alone ARGUMENTS…, on RANKS ARGUMENTS…: runs the program; its status, output and messages are then in $status, out, err.
 alone() {
@@ -29,18 +29,6 @@ on() {
   status=$?
 }
 
-# check DESCRIPTION COMMAND…: counts a failure unless the command succeeds.
-check() {
-  local description=$1
-  shift
-  if ! "$@"; then
-    echo "FAILED: $description"
-    echo "  after: ${last:-} (status ${status:-none})"
-    echo "  out: $(head -c 600 out 2>/dev/null)"
-    echo "  err: $(head -c 600 err 2>/dev/null)"
-    failures=$((failures + 1))
-  fi
-}
 status_is() { check "status $1" test "$status" -eq "$1"; }
 same() { h5diff "$1" "$2" >difference 2>&1; }
 differ() { ! h5diff "$1" "$2" >difference 2>&1; }
