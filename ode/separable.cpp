@@ -80,4 +80,15 @@ Separation separate(const Hamiltonian& hamiltonian) {
   return separate(hamiltonian.expression(), hamiltonian.variables());
 }
 
+bool is_quadratic(Expression T, std::span<const Expression> momenta) {
+  for (const Expression slope : formula::gradient(T, momenta)) {
+    for (const Expression second : formula::gradient(slope, momenta)) {
+      if (!formula::variables_of(second).empty()) {
+        return false;
+      }
+    }
+  }
+  return true;
+}
+
 }  // namespace rubato

@@ -209,6 +209,14 @@ std::unique_ptr<OneStepScheme> make_splitting_scheme(const Hamiltonian& hamilton
         "a splitting needs H = T(p) + V(q); the term {} depends on coordinates and momenta: use lagrangian = \"gauss\"",
         halves.mixed));
   }
+  const std::span<const formula::Expression> momenta =
+      std::span(hamiltonian.variables()).subspan(hamiltonian.degrees_of_freedom());
+  if (composition.of_quadratic_kinetic_energy && !is_quadratic(halves.T, momenta)) {
+    throw std::invalid_argument(
+        fmt::format("the composition {} is of order {} where T(p) is of degree two alone, and T = {} is not: use {}",
+                    composition.name, composition.order, formula::to_string(halves.T),
+                    composition_of_order(composition.order).name));
+  }
   return std::make_unique<SplittingScheme>(hamiltonian, halves, composition, z_0);
 }
 

@@ -97,6 +97,15 @@ WaveSplitting::WaveSplitting(const MultisymplecticSystem& system, const grids::G
   propagators_.resize(waves > many_waves ? propagators_of_many_waves : most_propagators);
 }
 
+void WaveSplitting::check(const Composition& composition) const {
+  if (composition.of_quadratic_kinetic_energy && flow_ == Flow::turn) {
+    throw SchemeRefusal(
+        fmt::format("the composition {} is of order {} beside kicks alone, and the rest of S turns pairs of fields: "
+                    "use {}",
+                    composition.name, composition.order, composition_of_order(composition.order).name));
+  }
+}
+
 void WaveSplitting::split_fields() {
   for (int f = 0; f < system_.field_count(); ++f) {
     const auto& name = system_.fields()[static_cast<std::size_t>(f)];

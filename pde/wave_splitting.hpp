@@ -39,6 +39,10 @@ public:
   /// \param placement nodes: Σ K_a ∂_a; corners: Σ K₊δ_a⁺ - K₊ᵀδ_a⁻, second differences of wave equations
   WaveSplitting(const MultisymplecticSystem& system, const grids::Grid& grid, Placement placement = Placement::nodes);
 
+  /// \throws SchemeRefusal if the composition is not of its order here: one of Nyström's kind beside turns. Of kicks
+  /// [N, [N, [N, L]]] = 0, for L is of degree two in what they move, and N does not depend on that.
+  void check(const Composition& composition) const;
+
   /// Stands at a level. \throws SchemeRefusal if a potential has a mean slope
   void stand(const LatticeLevel& level);
   /// Goes a step of length h from there; false if a value is not finite.

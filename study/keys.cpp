@@ -203,7 +203,8 @@ std::vector<KeyEntry> make_keys() {
        "The stages of Gauss collocation in space, of order 2*space_stages; of box, on a line, whose number of cells is "
        "then an odd multiple of them."},
       {"scheme", "composition", "word", scheme.composition,
-       "Of splitting: the flows that are composed; the number is the order, golden and verlet have 2.",
+       "Of splitting: the flows that are composed; the number is the order, golden and verlet have 2. rkn is for T(p) "
+       "of degree two, and on lattices for kicks.",
        composition_words()},
       {"scheme", "space", "word", scheme.space,
        "Of a lattice's splitting: spectral derivatives, or differences of neighbours, of second order.", space_words},

@@ -13,6 +13,10 @@
 #include <rubato/study/document.hpp>
 #include <rubato/study/problem.hpp>
 
+namespace rubato {
+struct Composition;
+}
+
 namespace rubato::study {
 
 /// A table being read: remembers which keys were asked for, so that finish() can refuse all others.
@@ -139,6 +143,10 @@ void add_definitions(Section& root, Names& taken, const Vocabulary& vocabulary, 
 
 /// \throws ProblemError at the first term of H that depends on coordinates and momenta, if there is one
 void check_separable(const HamiltonianProblem& orbit, std::span<const Parameter> parameters);
+/// \throws ProblemError at `location`, of the composition, if that needs a T(p) of degree two and this one is not.
+/// Hypothesis: check_separable() passed.
+void check_kinetic_energy(const HamiltonianProblem& orbit, std::span<const Parameter> parameters,
+                          const Composition& composition, const Location& location);
 
 /// Whether a formula names t, itself or through a definition.
 [[nodiscard]] bool names_time(const FormulaText& text, const Vocabulary& vocabulary,

@@ -357,6 +357,10 @@ private:
       return;
     }
     scheme_.composition = composition_words()[read_word(name->value, "composition", composition_words())];
+    if (problem_.hamiltonian() != nullptr) {
+      check_kinetic_energy(*problem_.hamiltonian(), parameters_, composition(scheme_.composition),
+                           name->value.location);
+    }
     if (const int order = composition(scheme_.composition).order; scheme_.order && *scheme_.order != order) {
       throw ProblemError(scheme_.order_location,
                          fmt::format("order = {}, and composition = \"{}\" is of order {}; leave one of them out",

@@ -8,6 +8,7 @@
 #include <rubato/formula/parse.hpp>
 #include <rubato/ode/separable.hpp>
 #include <rubato/study/reader.hpp>
+#include <rubato/variation/composition.hpp>
 
 namespace rubato::study {
 
@@ -55,14 +56,25 @@ std::vector<Term> terms_of(std::string_view text) {
   return terms;
 }
 
-Separation separation_of(const FormulaText& H, const std::vector<std::string>& names,
+std::string shortened(const std::string& term) {
+  constexpr std::size_t longest = 100;
+  return term.size() <= longest ? term : fmt::format("{} ...", term.substr(0, longest));
+}
+
+/// \param graph where its parts are, with the names as variables
+Separation separation_in(formula::Graph& graph, const FormulaText& H, const std::vector<std::string>& names,
                          std::span<const Parameter> parameters) {
-  formula::Graph graph;
   std::vector<formula::Expression> variables;
   for (const std::string& name : names) {
     variables.push_back(graph.variable(name));
   }
   return separate(build_formula(H, graph, {names, {}, {}}, parameters), variables);
+}
+
+std::string mixed_term(const FormulaText& H, const std::vector<std::string>& names,
+                       std::span<const Parameter> parameters) {
+  formula::Graph graph;
+  return separation_in(graph, H, names, parameters).mixed;
 }
 
 /// Where in the text the first term stands that is mixed by itself; at its beginning if it cannot be told.
@@ -72,7 +84,7 @@ std::size_t place_of_mixed(const HamiltonianProblem& orbit, const std::vector<st
   for (const Term& term : terms_of(text)) {
     try {
       const FormulaText part{text.substr(term.begin, term.end - term.begin), orbit.H.location};
-      if (!separation_of(part, names, parameters).separable()) {
+      if (!mixed_term(part, names, parameters).empty()) {
         return term.begin;
       }
     } catch (const ProblemError&) {
@@ -86,19 +98,37 @@ std::size_t place_of_mixed(const HamiltonianProblem& orbit, const std::vector<st
 
 void check_separable(const HamiltonianProblem& orbit, std::span<const Parameter> parameters) {
   const std::vector<std::string> names = orbit.names();
-  const Separation halves = separation_of(orbit.H, names, parameters);
-  if (halves.separable()) {
+  const std::string mixed = mixed_term(orbit.H, names, parameters);
+  if (mixed.empty()) {
     return;
   }
-  constexpr std::size_t longest = 100;
-  const std::string term =
-      halves.mixed.size() <= longest ? halves.mixed : fmt::format("{} ...", halves.mixed.substr(0, longest));
   const formula::ParseError error(
       orbit.H.text, place_of_mixed(orbit, names, parameters),
       fmt::format("lagrangian = \"splitting\" needs H = T(p) + V(q), and the term {} depends on coordinates and on "
                   "momenta; use \"gauss\", \"midpoint\" or \"generating\"",
-                  term));
+                  shortened(mixed)));
   throw ProblemError(place_in_file(orbit.H.location, error.line(), error.column()), error.what());
+}
+
+void check_kinetic_energy(const HamiltonianProblem& orbit, std::span<const Parameter> parameters,
+                          const Composition& composition, const Location& location) {
+  if (!composition.of_quadratic_kinetic_energy) {
+    return;
+  }
+  const std::vector<std::string> names = orbit.names();
+  formula::Graph graph;
+  const Separation halves = separation_in(graph, orbit.H, names, parameters);
+  std::vector<formula::Expression> momenta;
+  for (const std::string& name : std::span(names).subspan(names.size() / 2)) {
+    momenta.push_back(graph.variable(name));
+  }
+  if (!is_quadratic(halves.T, momenta)) {
+    throw ProblemError(location,
+                       fmt::format("composition = \"{}\" is of order {} where T(p) is of degree two alone, "
+                                   "and T = {} is not; use \"{}\"",
+                                   composition.name, composition.order, shortened(formula::to_string(halves.T)),
+                                   composition_of_order(composition.order).name));
+  }
 }
 
 }  // namespace rubato::study

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 #include <stdexcept>
 
 #include <fmt/format.h>
@@ -24,6 +25,18 @@ CompositionParts palindrome(bool drift, const std::vector<double>& half) {
   return parts;
 }
 
+/// The same, from all but the last of its own drifts and all but the last of the kicks between them, which sum to 1.
+CompositionParts completed_palindrome(const std::vector<double>& drifts, std::vector<double> kicks) {
+  kicks.push_back(0.5 - std::accumulate(kicks.begin(), kicks.end(), 0.0));
+  std::vector<double> half;
+  for (std::size_t i = 0; i < drifts.size(); ++i) {
+    half.push_back(drifts[i]);
+    half.push_back(kicks[i]);
+  }
+  half.push_back(1.0 - 2.0 * std::accumulate(drifts.begin(), drifts.end(), 0.0));
+  return palindrome(true, half);
+}
+
 /// Verlet steps of these lengths and back; kicks that meet are one.
 CompositionParts of_verlet(const std::vector<double>& half) {
   std::vector<double> lengths = half;
@@ -42,15 +55,14 @@ CompositionParts of_verlet(const std::vector<double>& half) {
 std::vector<Composition> make_compositions() {
   const double golden = (3.0 - std::sqrt(5.0)) / 4.0;
   const double suzuki = 1.0 / (4.0 - std::cbrt(4.0));
-  const double a[] = {0.0792036964311957, 0.353172906049774, -0.0420650803577195};
-  const double b[] = {0.209515106613362, -0.143851773179818};
   return {
       {"golden", 2, "theory, section 8.2", palindrome(true, {golden, 0.5, 1.0 - 2.0 * golden}),
        -0.5 * (7.0 - 3.0 * std::sqrt(5.0))},
       {"verlet", 2, "Störmer 1907, Verlet 1967", of_verlet({1.0})},
       {"suzuki-4", 4, "Suzuki, Phys. Lett. A 146 (1990)", of_verlet({suzuki, suzuki, 1.0 - 4.0 * suzuki})},
       {"blanes-moan-4", 4, "Blanes and Moan, J. Comput. Appl. Math. 142 (2002)",
-       palindrome(true, {a[0], b[0], a[1], b[1], a[2], 0.5 - (b[0] + b[1]), 1.0 - 2.0 * (a[0] + a[1] + a[2])})},
+       completed_palindrome({0.0792036964311957, 0.353172906049774, -0.0420650803577195},
+                            {0.209515106613362, -0.143851773179818})},
       {"kahan-li-6", 6, "Kahan and Li, Math. Comp. 66 (1997), s9odr6a",
        of_verlet({0.39216144400731413927925056, 0.33259913678935943859974864, -0.70624617255763935980996482,
                   0.08221359629355080023149045, 0.79854399093482996339895035})},
@@ -58,6 +70,14 @@ std::vector<Composition> make_compositions() {
        of_verlet({0.13020248308889008087881763, 0.56116298177510838456196441, -0.38947496264484728640807860,
                   0.15884190655515560089621075, -0.39590389413323757733623154, 0.18453964097831570709183254,
                   0.25837438768632204729397911, 0.29501172360931029887096624, -0.60550853383003451169892108})},
+      {.name = "blanes-moan-rkn-6",
+       .order = 6,
+       .source = "Blanes and Moan, J. Comput. Appl. Math. 142 (2002), SRKN 14 a",
+       .parts = completed_palindrome({0.0378593198406116, 0.102635633102435, -0.0258678882665587, 0.314241403071447,
+                                      -0.130144459517415, 0.106417700369543, -0.00879424312851058},
+                                     {0.09171915262446165, 0.183983170005006, -0.05653436583288827,
+                                      0.004914688774712854, 0.143761127168358, 0.328567693746804}),
+       .of_quadratic_kinetic_energy = true},
   };
 }
 

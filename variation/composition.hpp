@@ -23,6 +23,9 @@ struct Composition {
   /// -24 η of the node law E - H = (s+1) h^s η, in units of fᵀH_zz f (theory, section 8); NaN where η is no multiple of
   /// that.
   double gamma = std::numeric_limits<double>::quiet_NaN();
+  /// Of Nyström's kind: of its order where kicks commute with what they make of drifts, [V, [V, [V, T]]] = 0, so for T
+  /// of degree two in p; of lower order elsewhere.
+  bool of_quadratic_kinetic_energy = false;
 
   /// The larger of Σ|a_i| and Σ|b_i|: how much more than that of H the terms of the discrete energy come to.
   [[nodiscard]] double magnitude() const;
@@ -32,14 +35,15 @@ struct Composition {
 /// By name:
 ///
 // clang-format off
-/// | name          | order | kicks | source                                                                           |
-/// |---------------|-------|-------|----------------------------------------------------------------------------------|
-/// | golden        | 2     | 2     | theory, section 8.2: drifts a, 1 - 2a, a with a = (3 - √5)/4, kicks ½             |
-/// | verlet        | 2     | 1     | kick ½, drift 1, kick ½: Störmer, Verlet; the discrete Lagrangian of Kane et al.  |
-/// | suzuki-4      | 4     | 5     | five Verlet steps (Suzuki 1990)                                                   |
-/// | blanes-moan-4 | 4     | 6     | Blanes and Moan, J. Comput. Appl. Math. 142 (2002), S₆ of order 4                 |
-/// | kahan-li-6    | 6     | 9     | Kahan and Li, Math. Comp. 66 (1997), s9odr6a: nine Verlet steps                   |
-/// | kahan-li-8    | 8     | 17    | the same, s17odr8a: seventeen Verlet steps                                        |
+/// | name              | order | kicks | source                                                                           |
+/// |-------------------|-------|-------|----------------------------------------------------------------------------------|
+/// | golden            | 2     | 2     | theory, section 8.2: drifts a, 1 - 2a, a with a = (3 - √5)/4, kicks ½             |
+/// | verlet            | 2     | 1     | kick ½, drift 1, kick ½: Störmer, Verlet; the discrete Lagrangian of Kane et al.  |
+/// | suzuki-4          | 4     | 5     | five Verlet steps (Suzuki 1990)                                                   |
+/// | blanes-moan-4     | 4     | 6     | Blanes and Moan, J. Comput. Appl. Math. 142 (2002), S₆ of order 4                 |
+/// | kahan-li-6        | 6     | 9     | Kahan and Li, Math. Comp. 66 (1997), s9odr6a: nine Verlet steps                   |
+/// | kahan-li-8        | 8     | 17    | the same, s17odr8a: seventeen Verlet steps                                        |
+/// | blanes-moan-rkn-6 | 6     | 14    | Blanes and Moan, as above, SRKN₁₄ᵃ of order 6: of Nyström's kind                  |
 // clang-format on
 ///
 /// \throws std::invalid_argument for another name, with the list

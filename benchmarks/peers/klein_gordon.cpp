@@ -27,14 +27,16 @@ void klein_gordon(int repeats) {
   const Reference reference(problem);
   std::vector<Method> methods;
   const std::vector<std::size_t> grids = {80, 96, 112, 128, 160, 192, 224, 256, 288};
-  for (const char* name : {"verlet", "blanes-moan-4", "kahan-li-6", "kahan-li-8"}) {
+  for (const char* name : {"verlet", "blanes-moan-4", "kahan-li-6", "kahan-li-8", "blanes-moan-rkn-6"}) {
     for (const std::size_t n : grids) {
       methods.push_back(peer_method(problem, reference, name,
                                     peers::waves_and_kicks(problem.line(n), peers::Rest::cubic, name), n, 10));
     }
   }
-  add_ours(problem, reference, {splitting("blanes-moan-4"), splitting("kahan-li-6"), splitting("kahan-li-8")}, grids,
-           10, methods);
+  add_ours(
+      problem, reference,
+      {splitting("blanes-moan-4"), splitting("kahan-li-6"), splitting("kahan-li-8"), splitting("blanes-moan-rkn-6")},
+      grids, 10, methods);
   add_ours(problem, reference, {gauss(3), gauss(4), gauss(6), gauss(8)}, grids, 8, methods);
   report(problem, reference, methods, repeats);
 }

@@ -22,6 +22,7 @@ public:
       : FamilyLattice(system, grid, std::move(first), placement),
         splitting_(system, grid, placement),
         composition_(composition) {
+    splitting_.check(composition);
     splitting_.stand(level_);
   }
 

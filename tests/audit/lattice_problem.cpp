@@ -174,6 +174,9 @@ private:
       problem_.lagrangian = LatticeProblem::Lagrangian::splitting;
       problem_.composition =
           random_.one_of({"golden", "verlet", "suzuki-4", "blanes-moan-4", "kahan-li-6", "kahan-li-8"});
+      if (kicks && random_.chance(0.15)) {
+        problem_.composition = "blanes-moan-rkn-6";
+      }
       problem_.differences = random_.chance(0.35);
     } else if (family < 0.65) {
       problem_.lagrangian =

@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include "audit/bounded.hpp"
 #include "audit/quadrature.hpp"
 #include "audit/random.hpp"
 #include "audit/series.hpp"
@@ -439,8 +440,11 @@ private:
         problem_.lagrangian = OrbitProblem::Lagrangian::splitting;
         problem_.composition =
             random_.one_of({"golden", "golden", "verlet", "suzuki-4", "blanes-moan-4", "kahan-li-6", "kahan-li-8"});
-        problem_.by_order =
-            random_.chance(0.3) && problem_.composition != "verlet" && problem_.composition != "suzuki-4";
+        if (kinetic_energy_is_quadratic() && random_.chance(0.2)) {
+          problem_.composition = "blanes-moan-rkn-6";
+        }
+        problem_.by_order = random_.chance(0.3) && problem_.composition != "verlet" &&
+                            problem_.composition != "suzuki-4" && problem_.composition != "blanes-moan-rkn-6";
       } else {
         problem_.lagrangian = OrbitProblem::Lagrangian::gauss;
         problem_.stages = 1 + static_cast<int>(random_.below(8));
@@ -474,6 +478,31 @@ private:
   }
 
   /// Leaves the terms of H out that depend on both coordinates and momenta; false if T or V would be nothing.
+  /// By third differences of T along lines: 0 but for rounding, or of the size of T.
+  bool kinetic_energy_is_quadratic() {
+    const std::size_t n = problem_.degrees_of_freedom();
+    const Expression T = problem_.H.terms_where([n](const Expression& term) { return term.depends_on(n, 2 * n); });
+    for (int line = 0; line < 8; ++line) {
+      std::vector<double> direction(2 * n);
+      for (double& component : direction) {
+        component = random_.between(-1.0, 1.0);
+      }
+      const auto at = [&](long double s) {
+        std::vector<Bounded> z;
+        for (const double component : direction) {
+          z.emplace_back(s * component);
+        }
+        return T(std::span<const Bounded>(z)).value;
+      };
+      const long double values[] = {at(-1.5L), at(-0.5L), at(0.5L), at(1.5L)};
+      const long double size = std::abs(values[0]) + std::abs(values[1]) + std::abs(values[2]) + std::abs(values[3]);
+      if (!(std::abs(values[3] - values[0] - 3 * (values[2] - values[1])) <= 1e-12L * size)) {
+        return false;
+      }
+    }
+    return true;
+  }
+
   bool separate() {
     const std::size_t n = problem_.degrees_of_freedom();
     const auto is_mixed = [n](const Expression& term) { return term.depends_on(0, n) && term.depends_on(n, 2 * n); };

@@ -170,6 +170,22 @@ std::vector<CompositionPart> composition_parts(const std::string& name) {
                          0.15884190655515560089621075L, -0.39590389413323757733623154L, 0.18453964097831570709183254L,
                          0.25837438768632204729397911L, 0.29501172360931029887096624L, -0.60550853383003451169892108L});
   }
+  if (name == "blanes-moan-rkn-6") {
+    const long double a[] = {0.0378593198406116L, 0.102635633102435L, -0.0258678882665587L, 0.314241403071447L,
+                             -0.130144459517415L, 0.106417700369543L, -0.00879424312851058L};
+    const long double b[] = {0.09171915262446165L,  0.183983170005006L, -0.05653436583288827L,
+                             0.004914688774712854L, 0.143761127168358L, 0.328567693746804L};
+    std::vector<long double> half;
+    long double drifts = 0, kicks = 0;
+    for (int i = 0; i < 7; ++i) {
+      half.push_back(a[i]);
+      half.push_back(i < 6 ? b[i] : 0.5L - kicks);
+      drifts += a[i];
+      kicks += half.back();
+    }
+    half.push_back(1 - 2 * drifts);
+    return alternating(half);
+  }
   throw std::runtime_error("no composition is called " + name);
 }
 

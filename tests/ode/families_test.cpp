@@ -409,6 +409,41 @@ TEST_CASE("a splitting names the term that mixes coordinates and momenta") {
   CHECK_THROWS_WITH(composition("ruth-3"), Catch::Matchers::Contains("kahan-li-8"));
 }
 
+TEST_CASE("a composition of Nyström's kind is taken where T is quadratic, and loses its order elsewhere") {
+  VectorXd z(2);
+  z << 0.3, 0.4;
+  const Composition& nystrom = composition("blanes-moan-rkn-6");
+  const Hamiltonian turned({"a", "b"}, {"p", "r"}, "(p + r)^2/2 + (p - 2*r + 3)^2/5 + p - cos(a)*b");
+  VectorXd two(4);
+  two << 0.1, 0.2, 0.3, 0.4;
+  CHECK_NOTHROW(make_splitting_scheme(turned, nystrom, span_of(two)));
+  const Hamiltonian quartic({"q"}, {"p"}, "p^2/2 + p^4/8 - cos(q)");
+  CHECK_THROWS_WITH(make_splitting_scheme(quartic, nystrom, span_of(z)),
+                    Catch::Matchers::Contains("degree two alone") && Catch::Matchers::Contains("kahan-li-6"));
+
+  // Taken all the same it has order 4 there: steps half as long err by 2⁴, not 2⁶. Beside Gauss collocation of
+  // order 16.
+  Composition taken = nystrom;
+  taken.of_quadratic_kinetic_energy = false;
+  const double until = 6.0;
+  const auto order = [&](const Hamiltonian& H) {
+    const auto end = [&](const std::unique_ptr<OneStepScheme>& scheme, int steps) {
+      for (int k = 0; k < steps; ++k) {
+        REQUIRE(scheme->advance(until / steps, 0.0) == Status::success);
+        scheme->accept();
+      }
+      return state_of(*scheme);
+    };
+    const VectorXd exact = end(make_gauss_scheme(H, 8, span_of(z)), 60);
+    const auto error = [&](int steps) {
+      return (end(make_splitting_scheme(H, taken, span_of(z)), steps) - exact).norm();
+    };
+    return std::log2(error(8) / error(32)) / 2.0;
+  };
+  CHECK(order(Hamiltonian({"q"}, {"p"}, "p^2/2 - cos(q) + q^4/5")) > 5.6);
+  CHECK(order(quartic) < 5.0);
+}
+
 TEST_CASE("a splitting's whole step is its parts one after the other, bit for bit") {
   // H = Σ p_i²/2 - cos q_i, whose halves are known: n = 1 is one formula, n = 60 too long for that.
   const auto by_hand = [](const Composition& one, double q, double p, double h) {

@@ -161,26 +161,38 @@ TEST_CASE("every scheme for orbits has the order that it says") {
     }
     INFO(form.told);
     const int order = make(form)->order();
-    std::vector<std::vector<double>> ends;
-    for (const int steps : {4, 8, 16}) {
-      const double h = 1.6 / steps;
-      const auto scheme = make(form, h);
-      ends.push_back(after(*scheme, h, steps));
+    double coarse = 0.0, fine = 0.0;
+    for (const int first : {4, 2}) {  // fewer steps where those err too little
+      std::vector<std::vector<double>> ends;
+      for (const int steps : {first, 2 * first, 4 * first}) {
+        const double h = 1.6 / steps;
+        const auto scheme = make(form, h);
+        ends.push_back(after(*scheme, h, steps));
+      }
+      coarse = distance(ends[0], ends[1]);
+      fine = distance(ends[1], ends[2]);
+      if (fine >= 1e-11) {
+        break;
+      }
     }
-    const double coarse = distance(ends[0], ends[1]), fine = distance(ends[1], ends[2]);
     INFO(order << ": " << coarse << " " << fine);
     if (fine < 1e-11) {
       CHECK(order >= 8);  // rounding is near before a slope is seen
       continue;
     }
-    CHECK(std::log2(coarse / fine) == Approx(order).margin(0.15 * order + 0.15));
+    const double slope = std::log2(coarse / fine), margin = 0.15 * order + 0.15;
+    // Of Blanes and Moan's composition of Nyström's kind the leading term is small: at these steps that of h⁸ shows.
+    const auto* splitting = std::get_if<Splitting>(&form.scheme);
+    const bool next_shows = splitting != nullptr && splitting->composition == "blanes-moan-rkn-6";
+    CHECK(slope > order - margin);
+    CHECK(slope < order + (next_shows ? 2 : 0) + margin);
   }
 }
 
 TEST_CASE("every scheme for orbits tells the slope of its discrete energy, to leading order at least") {
   for (const Form& form : all_forms()) {
     INFO(form.told);
-    const double h = make(form)->order() > 4 ? 0.4 : 0.2, change = 1e-3 * h;
+    const double h = make(form)->order() > 4 ? 0.8 : 0.2, change = 1e-3 * h;
     const auto energy_at = [&](double length) {
       const auto scheme = make(form, h);
       REQUIRE(scheme->advance(length, 0.0) == Status::success);

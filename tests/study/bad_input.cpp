@@ -133,6 +133,16 @@ TEST_CASE("an ODE problem with one thing wrong is refused at that place", "[stud
       });
 }
 
+TEST_CASE("a composition of Nyström's kind is refused where T is not quadratic", "[study][bad input]") {
+  const std::string text =
+      replaced(pendulum, "until = 10", "until = 10\nlagrangian = \"splitting\"\ncomposition = \"blanes-moan-rkn-6\"");
+  check_cases(text, {
+                        {"p^2/2", "p^2/2 + p^4/9", "15:16", "degree two alone"},
+                        {"p^2/2", "sqrt(1 + p^2)", "15:16", "use \"kahan-li-6\""},
+                    });
+  CHECK(complaint(replaced(text, "p^2/2", "(p - 1)^2/2 + 3*p")).empty());
+}
+
 TEST_CASE("a splitting of an H that is none is refused at the term that mixes", "[study][bad input]") {
   const std::string text = replaced(pendulum, "until = 10", "until = 10\nlagrangian = \"splitting\"");
   check_cases(text, {

@@ -129,7 +129,7 @@ void add_ours(const Ours& problem, bool separable, const TimeScales& time_scales
               std::vector<Method>& methods) {
   std::vector<Choice> choices;
   if (separable) {
-    for (const char* name : {"golden", "blanes-moan-4", "kahan-li-6", "kahan-li-8"}) {
+    for (const char* name : {"golden", "blanes-moan-4", "kahan-li-6", "kahan-li-8", "blanes-moan-rkn-6"}) {
       choices.push_back({name, rubato::Splitting{name}});
     }
   }
