@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstddef>
 #include <span>
 #include <stdexcept>
 #include <vector>
@@ -10,18 +11,35 @@ namespace rubato {
 /// `save(StateWriter&)` writes, `restore(StateReader&)` reads back in the same order.
 class StateWriter {
 public:
+  /// Who reads it: whoever opens a record; or this process, which goes back to where it was. What several ranks share
+  /// is gathered for a record, and each keeps its part to go back to.
+  enum class For { record, going_back };
+  explicit StateWriter(For reader = For::record) : reader_(reader) {}
+  [[nodiscard]] For reader() const { return reader_; }
+
   void write(double value) { values_.push_back(value); }
   void write(std::span<const double> values) { values_.insert(values_.end(), values.begin(), values.end()); }
+  /// What this process has of `of` values.
+  void write_part(std::span<const double> values, std::size_t of) {
+    write(values);
+    size_ += of - values.size();
+  }
   [[nodiscard]] const std::vector<double>& values() const { return values_; }
-  void clear() { values_.clear(); }
+  /// How many values there are, of all ranks together.
+  [[nodiscard]] std::size_t size() const { return values_.size() + size_; }
+  void clear() { *this = StateWriter(reader_); }
 
 private:
+  For reader_;
   std::vector<double> values_;
+  std::size_t size_ = 0;  ///< of the parts of others
 };
 
 class StateReader {
 public:
   explicit StateReader(std::span<const double> values) : rest_(values) {}
+  explicit StateReader(const StateWriter& writer) : rest_(writer.values()), reader_(writer.reader()) {}
+  [[nodiscard]] StateWriter::For reader() const { return reader_; }
 
   double read() {
     double value = 0.0;
@@ -46,6 +64,7 @@ public:
 
 private:
   std::span<const double> rest_;
+  StateWriter::For reader_ = StateWriter::For::record;
 };
 
 }  // namespace rubato

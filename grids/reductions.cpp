@@ -1,6 +1,8 @@
 #include <rubato/grids/reductions.hpp>
 
+#include <algorithm>
 #include <cstring>
+#include <iterator>
 
 #include <rubato/grids/wide_vectors.hpp>
 
@@ -119,6 +121,106 @@ double max_abs_difference(std::span<const double> a, std::span<const double> b) 
     }
   }
   return max_abs_of(a.size(), [p = a.data(), q = b.data()](std::size_t i) { return p[i] - q[i]; });
+}
+
+namespace {
+
+std::vector<std::span<const double>> each_row(const FieldSet& rows) {
+  std::vector<std::span<const double>> each;
+  for (int r = 0; r < rows.fields(); ++r) {
+    each.push_back(rows.field(r));
+  }
+  return each;
+}
+
+}  // namespace
+
+void sums(std::span<const std::span<const double>> rows, std::span<double> sums) {
+  if (rows.empty() || Slab::of(rows.front().size()) == nullptr) {
+    std::ranges::transform(rows, sums.begin(), [](std::span<const double> row) { return sum(row); });
+    return;
+  }
+  sums_of(
+      rows.front().size(), [&rows](std::size_t row, std::size_t i) { return rows[row][i]; }, sums);
+}
+
+std::vector<double> integrals(const Grid& grid, std::span<const std::span<const double>> rows) {
+  std::vector<double> result(rows.size());
+  sums(rows, result);
+  for (double& sum : result) {
+    sum *= grid.cell_volume();
+  }
+  return result;
+}
+
+std::vector<double> integrals(const Grid& grid, const FieldSet& rows) {
+  return integrals(grid, each_row(rows));
+}
+
+void max_abs(std::span<const std::span<const double>> rows, std::span<double> largest) {
+  const Slab* const slab = rows.empty() ? nullptr : Slab::of(rows.front().size());
+  std::ranges::transform(rows, largest.begin(), [slab](std::span<const double> row) {
+    const auto value = [v = row.data()](std::size_t i) { return v[i]; };
+    return slab == nullptr ? max_abs(row) : detail::max_abs_of_part(*slab, row.size(), value);
+  });
+  if (slab != nullptr) {
+    slab->reduce(rows.front().size(), {}, detail::no_sum, largest);
+  }
+}
+
+namespace {
+
+Spread magnitudes_here(std::span<const double> values) {
+  const double squares = dot(values, values);
+  if (std::isfinite(squares)) {
+    return Spread::of_magnitudes(max_abs(values), squares, static_cast<double>(values.size()), 0.0);
+  }
+  Spread spread;
+  for (const double value : values) {
+    spread.add(std::isfinite(value) ? std::abs(value) : value);
+  }
+  return spread;
+}
+
+std::vector<Spread> magnitudes_over(const Slab& slab, std::span<const std::span<const double>> rows) {
+  std::vector<CompensatedSum> squares(rows.size());
+  std::vector<double> largest;
+  for (const std::span<const double> row : rows) {
+    const auto value = [v = row.data()](std::size_t i) { return v[i]; };
+    largest.push_back(detail::max_abs_of_part(slab, row.size(), value));
+  }
+  detail::reduce_over(
+      slab, rows.front().size(), squares,
+      [&rows](std::size_t row, std::size_t i) { return rows[row][i] * rows[row][i]; }, largest);
+  std::vector<Spread> spreads;
+  for (std::size_t row = 0; row < rows.size(); ++row) {
+    const double sum = detail::rounded(squares[row]);
+    spreads.push_back(
+        std::isfinite(sum)
+            ? Spread::of_magnitudes(largest[row], sum, static_cast<double>(whole_count(rows[row].size())), 0.0)
+            : slab.magnitudes(rows[row]));
+  }
+  return spreads;
+}
+
+}  // namespace
+
+std::vector<Spread> magnitudes(std::span<const std::span<const double>> rows) {
+  if (const Slab* const slab = rows.empty() ? nullptr : Slab::of(rows.front().size())) {
+    return magnitudes_over(*slab, rows);
+  }
+  std::vector<Spread> spreads;
+  std::ranges::transform(rows, std::back_inserter(spreads), magnitudes_here);
+  return spreads;
+}
+
+std::vector<Spread> magnitudes(const FieldSet& rows) {
+  return magnitudes(each_row(rows));
+}
+
+Spread magnitudes(std::span<const double> values) {
+  const Slab* const slab = Slab::of(values.size());
+  return slab == nullptr ? magnitudes_here(values) : magnitudes_over(*slab, std::span(&values, 1)).front();
 }
 
 }  // namespace rubato::grids

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstddef>
 #include <span>
+#include <vector>
 
 #include <rubato/base/compensated_sum.hpp>
 #include <rubato/base/spread.hpp>
@@ -57,6 +58,22 @@ void add_in_lanes(LaneSums& sums, std::size_t phase, std::size_t begin, std::siz
   take_in_lanes(begin, end, f, take);
 }
 
+/// For reductions without sums.
+inline constexpr auto no_sum = [](std::size_t, LaneSums&, std::size_t, std::size_t, std::size_t) {};
+
+/// Of each row r Σ_i f(r, i) over all ranks, and the largest of their `largest`, in one exchange.
+template <class F>
+void reduce_over(const Slab& slab, std::size_t count, std::span<CompensatedSum> sums, F&& f,
+                 std::span<double> largest) {
+  slab.reduce(
+      count, sums,
+      [&f](std::size_t row, LaneSums& into, std::size_t phase, std::size_t begin, std::size_t end) {
+        const auto term = [&f, row](std::size_t i) { return f(row, i); };
+        add_in_lanes(into, phase, begin, end, term);
+      },
+      largest);
+}
+
 }  // namespace detail
 
 /// Σ_i f(i) for i in [0, count), in parallel, with the rounding errors carried along: eight compensated partial sums in
@@ -66,9 +83,9 @@ void add_in_lanes(LaneSums& sums, std::size_t phase, std::size_t begin, std::siz
 template <class F>
 CompensatedSum compensated_sum_of(std::size_t count, F&& f) {
   if (const Slab* const slab = Slab::of(count)) {
-    return slab->sum(count, [&f](LaneSums& sums, std::size_t phase, std::size_t begin, std::size_t end) {
-      detail::add_in_lanes(sums, phase, begin, end, f);
-    });
+    CompensatedSum total;
+    detail::reduce_over(*slab, count, std::span(&total, 1), [&f](std::size_t, std::size_t i) { return f(i); }, {});
+    return total;
   }
   const ReductionBlocks pieces(count);
   std::array<CompensatedSum, ReductionBlocks::most> partial;
@@ -98,11 +115,37 @@ CompensatedSum compensated_sum_of(std::size_t count, F&& f) {
   return total;
 }
 
+namespace detail {
+
+/// With an infinite term the carried error is NaN; the plain part says which infinity.
+inline double rounded(const CompensatedSum& total) {
+  return std::isfinite(total.high) ? total.value() : total.high;
+}
+
+}  // namespace detail
+
 template <class F>
 double sum_of(std::size_t count, F&& f) {
-  const CompensatedSum total = compensated_sum_of(count, f);
-  // With an infinite term the carried error is NaN; the plain part says which infinity.
-  return std::isfinite(total.high) ? total.value() : total.high;
+  return detail::rounded(compensated_sum_of(count, f));
+}
+
+/// The same of several rows, Σ_i f(r, i) for r = 0, 1, …, which ranks exchange together.
+template <class F>
+void sums_of(std::size_t count, F&& f, std::span<double> sums) {
+  std::array<CompensatedSum, 32> totals;
+  for (std::size_t first = 0; first < sums.size(); first += totals.size()) {
+    const auto some = std::span(totals).first(std::min(totals.size(), sums.size() - first));
+    const auto term = [&f, first](std::size_t row, std::size_t i) { return f(first + row, i); };
+    if (const Slab* const slab = Slab::of(count)) {
+      detail::reduce_over(*slab, count, some, term, {});
+    }
+    for (std::size_t row = 0; row < some.size(); ++row) {
+      if (Slab::of(count) == nullptr) {
+        some[row] = compensated_sum_of(count, [&term, row](std::size_t i) { return term(row, i); });
+      }
+      sums[first + row] = detail::rounded(some[row]);
+    }
+  }
 }
 
 namespace detail {
@@ -145,20 +188,29 @@ inline std::size_t whole_count(std::size_t count) {
   return slab == nullptr ? count : count / slab->size() * slab->whole().size();
 }
 
+namespace detail {
+
+/// max_i |f(i)| over what this rank owns.
+template <class F>
+double max_abs_of_part(const Slab& slab, std::size_t count, F& f) {
+  double largest = 0.0;
+  for (std::size_t begin = slab.first_node(); begin < count && largest == largest; begin += slab.size()) {
+    const auto owned = [&f, begin](std::size_t i) { return f(begin + i); };
+    const double here = max_abs_here(slab.owned(), owned);
+    largest = here > largest || here != here ? here : largest;
+  }
+  return largest;
+}
+
+}  // namespace detail
+
 /// max_i |f(i)|, 0 for none; NaN if one of the values is NaN. With a Slab as compensated_sum_of().
 template <class F>
 double max_abs_of(std::size_t count, F&& f) {
   if (const Slab* const slab = Slab::of(count)) {
-    double largest = 0.0;
-    for (std::size_t begin = slab->first_node(); begin < count; begin += slab->size()) {
-      const auto owned = [&f, begin](std::size_t i) { return f(begin + i); };
-      const double here = detail::max_abs_here(slab->owned(), owned);
-      largest = here > largest || here != here ? here : largest;
-      if (largest != largest) {
-        break;
-      }
-    }
-    return slab->largest(largest);
+    double largest = detail::max_abs_of_part(*slab, count, f);
+    slab->reduce(count, {}, detail::no_sum, std::span(&largest, 1));
+    return largest;
   }
   return detail::max_abs_here(count, f);
 }
@@ -174,22 +226,20 @@ double max_abs_difference(std::span<const double> a, std::span<const double> b);
 inline double dot(std::span<const double> a, std::span<const double> b) {
   return sum_of(a.size(), [p = a.data(), q = b.data()](std::size_t i) { return p[i] * q[i]; });
 }
-/// The magnitudes |v_i|. Values that are not finite, or whose squares are not, are rare: they are looked for only where
-/// Σ v_i² says that there are any.
-inline Spread magnitudes(std::span<const double> values) {
-  const double squares = dot(values, values);
-  if (std::isfinite(squares)) {
-    return Spread::of_magnitudes(max_abs(values), squares, static_cast<double>(whole_count(values.size())), 0.0);
-  }
-  if (const Slab* const slab = Slab::of(values.size())) {
-    return slab->magnitudes(values);
-  }
-  Spread spread;
-  for (const double value : values) {
-    spread.add(std::isfinite(value) ? std::abs(value) : value);
-  }
-  return spread;
-}
+/// Σ values and max |values| of each row, which ranks exchange together; and Σ ΔV values.
+///@{
+void sums(std::span<const std::span<const double>> rows, std::span<double> sums);
+[[nodiscard]] std::vector<double> integrals(const Grid& grid, std::span<const std::span<const double>> rows);
+[[nodiscard]] std::vector<double> integrals(const Grid& grid, const FieldSet& rows);
+void max_abs(std::span<const std::span<const double>> rows, std::span<double> largest);
+///@}
+/// The magnitudes |v_i|, of each row. Values that are not finite, or whose squares are not, are rare: they are looked
+/// for only where Σ v_i² says that there are any.
+///@{
+[[nodiscard]] std::vector<Spread> magnitudes(std::span<const std::span<const double>> rows);
+[[nodiscard]] std::vector<Spread> magnitudes(const FieldSet& rows);
+[[nodiscard]] Spread magnitudes(std::span<const double> values);
+///@}
 /// sqrt(Σ v_i² / n).
 inline double rms(std::span<const double> values) {
   return values.empty() ? 0.0 : std::sqrt(dot(values, values) / static_cast<double>(whole_count(values.size())));

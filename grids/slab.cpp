@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 #include <stdexcept>
 
 #include <fmt/core.h>
@@ -58,13 +59,13 @@ Slab::Slab(Communicator& ranks, const Grid& whole, std::size_t ghosts)
     const std::vector<std::size_t> wanted = ghost_planes(rank);
     for (std::size_t i = 0; i < wanted.size(); ++i) {
       const int from = owner(wanted[i]);
+      const std::size_t depth = i < ghosts_ ? ghosts_ - i : i + 1 - ghosts_;  // the first half are those before
       if (from == mine) {
-        send_[static_cast<std::size_t>(rank)].push_back(ghosts_ + wanted[i] - first_plane(mine));
+        send_[static_cast<std::size_t>(rank)].push_back({ghosts_ + wanted[i] - first_plane(mine), depth});
       }
       if (rank == mine) {
-        // The first half are those before what is owned.
         const std::size_t place = i < ghosts_ ? i : planes(mine) + i;
-        receive_[static_cast<std::size_t>(from)].push_back(place);
+        receive_[static_cast<std::size_t>(from)].push_back({place, depth});
       }
     }
   }
@@ -95,14 +96,25 @@ std::vector<std::size_t> Slab::ghost_planes(int rank) const {
 }
 
 void Slab::refresh(FieldSet& fields) const {
-  const auto copy = [&](const std::vector<std::size_t>& planes, std::vector<double>& buffer, bool into_buffer) {
-    buffer.resize(planes.size() * plane_ * static_cast<std::size_t>(fields.fields()));
+  std::vector<int> all(static_cast<std::size_t>(fields.fields()));
+  std::iota(all.begin(), all.end(), 0);
+  refresh(fields, all, ghosts_);
+}
+
+void Slab::refresh(FieldSet& fields, std::span<const int> which, std::size_t outer) const {
+  const auto wanted = [&](const GhostPlane& plane) { return plane.depth + outer > ghosts_; };
+  const auto make_room = [&](const std::vector<GhostPlane>& planes, std::vector<double>& buffer) {
+    buffer.resize(static_cast<std::size_t>(std::ranges::count_if(planes, wanted)) * plane_ * which.size());
+  };
+  const auto copy = [&](const std::vector<GhostPlane>& planes, std::vector<double>& buffer, bool into_buffer) {
     double* at = buffer.data();
-    for (int f = 0; f < fields.fields(); ++f) {
-      for (const std::size_t plane : planes) {
-        double* const values = fields.field(f).data() + plane * plane_;
-        into_buffer ? std::copy_n(values, plane_, at) : std::copy_n(at, plane_, values);
-        at += plane_;
+    for (const int f : which) {
+      for (const GhostPlane& plane : planes) {
+        if (wanted(plane)) {
+          double* const values = fields.field(f).data() + plane.place * plane_;
+          into_buffer ? std::copy_n(values, plane_, at) : std::copy_n(at, plane_, values);
+          at += plane_;
+        }
       }
     }
   };
@@ -110,16 +122,17 @@ void Slab::refresh(FieldSet& fields) const {
   std::vector<Communicator::Incoming> in;
   const auto mine = static_cast<std::size_t>(ranks_.rank());
   for (std::size_t rank = 0; rank < send_.size(); ++rank) {
+    make_room(send_[rank], out_[rank]);
     copy(send_[rank], out_[rank], true);
     if (rank == mine) {
       copy(receive_[rank], out_[rank], false);  // a part so thin, or so few ranks, that it is its own neighbour
       continue;
     }
-    if (!send_[rank].empty()) {
+    if (!out_[rank].empty()) {
       out.push_back({static_cast<int>(rank), out_[rank]});
     }
-    if (!receive_[rank].empty()) {
-      in_[rank].resize(receive_[rank].size() * plane_ * static_cast<std::size_t>(fields.fields()));
+    make_room(receive_[rank], in_[rank]);
+    if (!in_[rank].empty()) {
       in.push_back({static_cast<int>(rank), in_[rank]});
     }
   }
@@ -154,128 +167,125 @@ std::vector<double> Slab::gathered(std::span<const double> part) const {
   return whole;
 }
 
-void Slab::broadcast(std::span<double> values) const {
-  if (!leads()) {
-    ranks_.exchange({}, std::array{Communicator::Incoming{0, values}});
-    return;
+/// A binomial tree: what a rank gets by the lowest bit of its place, it hands on by every lower one.
+void Slab::broadcast(std::span<double> values, int root) const {
+  const int size = ranks_.size(), place = (ranks_.rank() - root + size) % size;
+  const auto rank_at = [&](int other) { return (other + root) % size; };
+  int bit = 1;
+  while (bit < size && (place & bit) == 0) {
+    bit *= 2;
+  }
+  if (place != 0) {
+    ranks_.exchange({}, std::array{Communicator::Incoming{rank_at(place - bit), values}});
   }
   std::vector<Communicator::Outgoing> out;
-  for (int rank = 1; rank < ranks_.size(); ++rank) {
-    out.push_back({rank, values});
+  for (bit /= 2; bit > 0; bit /= 2) {
+    if (place + bit < size) {
+      out.push_back({rank_at(place + bit), values});
+    }
   }
   ranks_.exchange(out, {});
 }
 
 /// Blocks are numbers 0, 1, … of values 0, …, count - 1 of the whole: m arrays of all nodes one after the other, of
-/// each of which this rank owns a stretch. What a stretch has of a block that began before it follows when the partial
-/// sums have come from the rank that had the value before. Every rank goes through its stretches in ascending order, so
-/// that none waits for itself.
-CompensatedSum Slab::sum(std::size_t count, AddPiece add, const void* function) const {
+/// each of which this rank owns a stretch. Ranks go through an array in their order: what blocks this rank has alone is
+/// known when the sums of those before come from the rank before, with what that had of a block that goes on here.
+void Slab::reduce(std::size_t count, std::span<CompensatedSum> sums, AddPiece add, const void* function,
+                  std::span<double> largest) const {
   const std::size_t nodes = whole_.size(), arrays = count / size(), total = arrays * nodes;
   const ReductionBlocks pieces(total);
   const int size = ranks_.size(), mine = ranks_.rank();
-  const int before = (mine + size - 1) % size, after = (mine + 1) % size;
+  constexpr std::size_t lanes = detail::reduction_lanes;
   const auto end_of = [&](std::size_t b) { return std::min((b + 1) * pieces.block, total); };
-
-  std::array<double, 16> carried{};
-  const auto send = [&](const LaneSums& sums) {
-    std::ranges::copy(sums.high, carried.begin());
-    std::ranges::copy(sums.low, carried.begin() + 8);
-    ranks_.exchange(std::array{Communicator::Outgoing{after, carried}}, {});
+  const auto in_block = [&](std::size_t place) { return place % pieces.block != 0 && place != total; };
+  // Room for what has been added up before a place: of each row its sum, and the lanes of a block that goes on there.
+  const auto begin_chain = [&](std::size_t place) {
+    const std::size_t stride = in_block(place) ? 2 + 2 * lanes : 2;
+    chain_.resize(sums.size() * stride + largest.size());
+    return stride;
   };
-  const auto receive = [&] {
-    ranks_.exchange({}, std::array{Communicator::Incoming{before, carried}});
-    LaneSums sums;
-    std::copy_n(carried.begin(), 8, sums.high.begin());
-    std::copy_n(carried.begin() + 8, 8, sums.low.begin());
-    return sums;
-  };
-
-  std::vector<double> finished;  // two numbers for each block that ends here
-  LaneSums local;                // handed over without a message, where there is one rank
-  const auto finish = [&](std::size_t b, std::size_t high_end, const LaneSums& sums, std::vector<double>& into) {
-    if (high_end != end_of(b)) {
-      size == 1 ? static_cast<void>(local = sums) : send(sums);
-      return;
-    }
+  const auto finish = [](const LaneSums& block) {
     CompensatedSum part;
-    for (std::size_t l = 0; l < sums.high.size(); ++l) {
-      part.add(sums.high[l]);
-      part.low += sums.low[l];
+    for (std::size_t l = 0; l < lanes; ++l) {
+      part.add(block.high[l]);
+      part.low += block.low[l];
     }
-    into.insert(into.end(), {part.high, part.low});
+    return part;
   };
+  const auto append = [](CompensatedSum& sum, const CompensatedSum& part) {
+    sum.add(part.high);
+    sum.low += part.low;
+  };
+  finished_.resize(std::max(finished_.size(), sums.size()));
+  open_.resize(std::max(open_.size(), sums.size()));
+  std::ranges::fill(sums, CompensatedSum());
+
   for (std::size_t array = 0; array < arrays; ++array) {
     const std::size_t begin = array * nodes + first_plane(mine) * plane_, end = begin + owned();
     const std::size_t shift = array * this->size() + first_node();  // of `begin`, in the part
-    std::vector<double> here;
-    std::size_t first = begin / pieces.block;
-    const bool continues = begin != first * pieces.block;
-    for (std::size_t b = first + (continues ? 1 : 0); b * pieces.block < end; ++b) {
-      LaneSums sums;
-      const std::size_t from = b * pieces.block, to = std::min(end_of(b), end);
-      add(function, sums, 0, shift + (from - begin), shift + (to - begin));
-      finish(b, to, sums, here);
-    }
-    if (continues) {
-      LaneSums sums = size == 1 ? local : receive();
-      const std::size_t to = std::min(end_of(first), end);
-      add(function, sums, begin - first * pieces.block, shift, shift + (to - begin));
-      finish(first, to, sums, finished);
-    }
-    finished.insert(finished.end(), here.begin(), here.end());
-  }
-
-  // The blocks in their order, at rank 0: each ended where its last value is.
-  CompensatedSum result;
-  if (leads()) {
-    std::vector<std::vector<double>> all(static_cast<std::size_t>(size));
-    const auto owner_of_end = [&](std::size_t b) {
-      return static_cast<std::size_t>(owner((end_of(b) - 1) % nodes / plane_));
-    };
-    std::vector<std::size_t> counts(all.size(), 0);
-    for (std::size_t b = 0; b < pieces.blocks; ++b) {
-      ++counts[owner_of_end(b)];
-    }
-    std::vector<Communicator::Incoming> in;
-    for (std::size_t rank = 1; rank < all.size(); ++rank) {
-      all[rank].resize(2 * counts[rank]);
-      if (counts[rank] > 0) {
-        in.push_back({static_cast<int>(rank), all[rank]});
+    const std::size_t first = begin / pieces.block, head = std::min(end_of(first), end);
+    const bool continues = in_block(begin);
+    for (std::size_t row = 0; row < sums.size(); ++row) {
+      finished_[row].clear();
+      for (std::size_t b = first + (continues ? 1 : 0); b * pieces.block < end; ++b) {
+        const std::size_t from = b * pieces.block, to = std::min(end_of(b), end);
+        open_[row] = {};
+        add(function, row, open_[row], 0, shift + (from - begin), shift + (to - begin));
+        if (to == end_of(b)) {
+          finished_[row].push_back(finish(open_[row]));
+        }
       }
     }
-    ranks_.exchange({}, in);
-    all[0] = std::move(finished);
-    std::vector<std::size_t> taken(all.size(), 0);
-    for (std::size_t b = 0; b < pieces.blocks; ++b) {
-      const std::size_t rank = owner_of_end(b), at = 2 * taken[rank]++;
-      result.add(all[rank][at]);
-      result.low += all[rank][at + 1];
+    const bool is_first = mine == 0 && array == 0, is_last = mine == size - 1 && array == arrays - 1;
+    const std::size_t stride = begin_chain(begin);
+    if (is_first) {
+      std::ranges::fill(chain_, 0.0);
+    } else if (size > 1) {
+      ranks_.exchange({}, std::array{Communicator::Incoming{(mine + size - 1) % size, chain_}});
     }
-  } else if (!finished.empty()) {
-    ranks_.exchange(std::array{Communicator::Outgoing{0, finished}}, {});
+    for (std::size_t row = 0; row < sums.size(); ++row) {
+      const double* at = chain_.data() + row * stride;
+      sums[row] = CompensatedSum(at[0], at[1]);
+      if (continues) {
+        LaneSums block;
+        std::copy_n(at + 2, lanes, block.high.begin());
+        std::copy_n(at + 2 + lanes, lanes, block.low.begin());
+        add(function, row, block, begin - first * pieces.block, shift, shift + (head - begin));
+        if (head == end_of(first)) {
+          append(sums[row], finish(block));
+        } else {
+          open_[row] = block;
+        }
+      }
+      for (const CompensatedSum& part : finished_[row]) {
+        append(sums[row], part);
+      }
+    }
+    for (std::size_t i = 0; i < largest.size(); ++i) {
+      const double other = chain_[sums.size() * stride + i];
+      largest[i] = largest[i] != largest[i] || largest[i] > other ? largest[i] : other;
+    }
+    const std::size_t next = begin_chain(end);
+    for (std::size_t row = 0; row < sums.size(); ++row) {
+      double* at = chain_.data() + row * next;
+      at[0] = sums[row].high;
+      at[1] = sums[row].low;
+      if (next > 2) {
+        std::ranges::copy(open_[row].high, at + 2);
+        std::ranges::copy(open_[row].low, at + 2 + lanes);
+      }
+    }
+    std::ranges::copy(largest, chain_.begin() + static_cast<std::ptrdiff_t>(sums.size() * next));
+    if (size > 1 && !is_last) {
+      ranks_.exchange(std::array{Communicator::Outgoing{(mine + 1) % size, chain_}}, {});
+    }
   }
-  std::array<double, 2> both = {result.high, result.low};
-  broadcast(both);
-  return CompensatedSum(both[0], both[1]);
-}
-
-double Slab::largest(double here) const {
-  if (!leads()) {
-    ranks_.exchange(std::array{Communicator::Outgoing{0, std::span<const double>(&here, 1)}}, {});
-  } else {
-    std::vector<double> others(static_cast<std::size_t>(ranks_.size() - 1));
-    std::vector<Communicator::Incoming> in;
-    for (std::size_t i = 0; i < others.size(); ++i) {
-      in.push_back({static_cast<int>(i) + 1, std::span(others).subspan(i, 1)});
-    }
-    ranks_.exchange({}, in);
-    for (const double other : others) {
-      here = here != here || here > other ? here : other;
-    }
+  static_cast<void>(begin_chain(total));
+  broadcast(chain_, size - 1);
+  for (std::size_t row = 0; row < sums.size(); ++row) {
+    sums[row] = CompensatedSum(chain_[2 * row], chain_[2 * row + 1]);
   }
-  broadcast(std::span(&here, 1));
-  return here;
+  std::copy_n(chain_.begin() + static_cast<std::ptrdiff_t>(2 * sums.size()), largest.size(), largest.begin());
 }
 
 Spread Slab::magnitudes(std::span<const double> values) const {
@@ -289,9 +299,9 @@ Spread Slab::magnitudes(std::span<const double> values) const {
   return spread;
 }
 
-void refresh_ghosts(FieldSet& fields) {
+void refresh_ghosts(FieldSet& fields, std::span<const int> which, std::size_t outer) {
   if (const Slab* const slab = Slab::of(fields.size())) {
-    slab->refresh(fields);
+    slab->refresh(fields, which, outer);
   }
 }
 
@@ -301,6 +311,10 @@ void save_whole(StateWriter& state, const FieldSet& fields) {
     state.write(fields.all());
     return;
   }
+  if (state.reader() == StateWriter::For::going_back) {
+    state.write_part(fields.all(), static_cast<std::size_t>(fields.fields()) * slab->whole().size());
+    return;
+  }
   for (int f = 0; f < fields.fields(); ++f) {
     state.write(slab->gathered(fields.field(f)));
   }
@@ -308,7 +322,7 @@ void save_whole(StateWriter& state, const FieldSet& fields) {
 
 void restore_whole(StateReader& state, FieldSet& fields) {
   const Slab* const slab = Slab::of(fields.size());
-  if (slab == nullptr) {
+  if (slab == nullptr || state.reader() == StateWriter::For::going_back) {
     state.read(fields.all());
     return;
   }

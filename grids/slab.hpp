@@ -27,8 +27,8 @@ struct LaneSums {
 ///
 /// Reductions (grids/reductions.hpp) of a thread that has a slab, over arrays of the part, are over the owned nodes of
 /// all ranks, which must all take part. Sums are taken in the blocks of ReductionBlocks of the whole lattice, one after
-/// the other in each: a block that goes on at the next rank is handed over with its partial sums. So they have the same
-/// bits for every number of ranks.
+/// the other in each, and added up in their order: what a rank has of both goes on to the next one. So they have the
+/// same bits for every number of ranks.
 class Slab {
 public:
   /// Planes are shared out as evenly as can be, the first ranks having one more where they do not go up.
@@ -48,25 +48,27 @@ public:
 
   /// Copies what others own into the ghosts of every field.
   void refresh(FieldSet& fields) const;
+  /// The same of some fields, and of the `outer` ghosts on each side that are farthest out: those that a step made
+  /// wrong which reads so many neighbours.
+  void refresh(FieldSet& fields, std::span<const int> which, std::size_t outer) const;
   /// Out of an array of the whole lattice, ghosts and all.
   void take_part(std::span<const double> whole, std::span<double> part) const;
   /// The whole lattice, at rank 0; nothing at others.
   [[nodiscard]] std::vector<double> gathered(std::span<const double> part) const;
-  /// Rank 0's values at all ranks.
-  void broadcast(std::span<double> values) const;
+  /// One rank's values at all ranks, along a tree.
+  void broadcast(std::span<double> values, int root = 0) const;
 
-  /// For reductions: see above. `add` is called with the phase in the block and nodes of the part.
+  /// For reductions: see above. Sums over `count` values of each row, and of `largest` the largest of all ranks, NaN if
+  /// one is; with one message to the next rank, and one back. `add` is called with the row, its sums, the phase in the
+  /// block and nodes of the part.
   template <class Add>
-  [[nodiscard]] CompensatedSum sum(std::size_t count, const Add& add) const {
-    return sum(
-        count,
-        [](const void* function, LaneSums& sums, std::size_t phase, std::size_t begin, std::size_t end) {
-          (*static_cast<const Add*>(function))(sums, phase, begin, end);
-        },
-        &add);
+  void reduce(std::size_t count, std::span<CompensatedSum> sums, const Add& add, std::span<double> largest) const {
+    reduce(
+        count, sums,
+        [](const void* function, std::size_t row, LaneSums& into, std::size_t phase, std::size_t begin,
+           std::size_t end) { (*static_cast<const Add*>(function))(row, into, phase, begin, end); },
+        &add, largest);
   }
-  /// The largest of all ranks' values; NaN if one is.
-  [[nodiscard]] double largest(double here) const;
   /// Of values that are not all finite.
   [[nodiscard]] Spread magnitudes(std::span<const double> values) const;
 
@@ -89,8 +91,9 @@ public:
   }
 
 private:
-  using AddPiece = void (*)(const void*, LaneSums&, std::size_t, std::size_t, std::size_t);
-  [[nodiscard]] CompensatedSum sum(std::size_t count, AddPiece add, const void* function) const;
+  using AddPiece = void (*)(const void*, std::size_t, LaneSums&, std::size_t, std::size_t, std::size_t);
+  void reduce(std::size_t count, std::span<CompensatedSum> sums, AddPiece add, const void* function,
+              std::span<double> largest) const;
 
   /// What a rank owns.
   ///@{
@@ -98,7 +101,12 @@ private:
   [[nodiscard]] std::size_t planes(int rank) const { return first_plane(rank + 1) - first_plane(rank); }
   [[nodiscard]] int owner(std::size_t plane) const;
   ///@}
-  /// The planes of the whole lattice that a rank's part has, in its order, and whether each is a ghost there.
+  /// A plane of the part that goes to, or comes from, another rank.
+  struct GhostPlane {
+    std::size_t place;
+    std::size_t depth;  ///< which ghost it is there, from 1, beside what is owned, outwards
+  };
+  /// The planes of the whole lattice that are a rank's ghosts, in their order.
   [[nodiscard]] std::vector<std::size_t> ghost_planes(int rank) const;
 
   inline static thread_local const Slab* present_ = nullptr;
@@ -108,14 +116,19 @@ private:
   std::size_t ghosts_, plane_;
   Grid grid_;
   /// For refresh(): planes of the part that go to, and come from, each rank.
-  std::vector<std::vector<std::size_t>> send_, receive_;
+  std::vector<std::vector<GhostPlane>> send_, receive_;
   mutable std::vector<std::vector<double>> out_, in_;
+  /// For reduce(): what goes from rank to rank; of each row the blocks that begin and end here, and the sums of one
+  /// that goes on.
+  mutable std::vector<double> chain_;
+  mutable std::vector<std::vector<CompensatedSum>> finished_;
+  mutable std::vector<LaneSums> open_;
 };
 
-/// Ghosts of fields that were changed; nothing for a thread without a slab.
-void refresh_ghosts(FieldSet& fields);
-/// Saves fields as those of the whole lattice, the same for every number of ranks (at rank 0; others save nothing), and
-/// restores them, from the same at every rank.
+/// Ghosts of fields that were changed, as Slab::refresh(); nothing for a thread without a slab.
+void refresh_ghosts(FieldSet& fields, std::span<const int> which, std::size_t outer);
+/// Saves fields: for a record as those of the whole lattice, the same for every number of ranks (at rank 0; others save
+/// nothing), and restores them, from the same at every rank; to go back to as this rank has them.
 ///@{
 void save_whole(StateWriter& state, const FieldSet& fields);
 void restore_whole(StateReader& state, FieldSet& fields);

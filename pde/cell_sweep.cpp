@@ -10,6 +10,7 @@
 
 #include <rubato/base/compensated_sum.hpp>
 #include <rubato/grids/buffer.hpp>
+#include <rubato/grids/reductions.hpp>
 #include <rubato/grids/wide_vectors.hpp>
 #include <rubato/pde/matrix_terms.hpp>
 #include <rubato/pde/node_derivative.hpp>
@@ -29,6 +30,8 @@ BoxGather::BoxGather(const grids::Grid& grid) : dimensions_(grid.dimensions()) {
 namespace {
 
 constexpr std::size_t block_size = CellBlocks::most;
+/// Quantities of a node that are summed over the grid together.
+constexpr int rows_by_node = 4;
 using Line = std::array<double, block_size + 1>;
 
 /// Nodes begin … begin + count of a line (count + 1 of them), the last one cyclically.
@@ -212,6 +215,8 @@ struct CellSweep::Storage {
     std::vector<grids::FieldSet> derivative;  ///< along each axis
     grids::FieldSet mean;                     ///< in elements
   };
+  /// At corners: what is summed over the grid, node by node, as ranks that share a lattice have to.
+  grids::FieldSet by_node;
   std::unique_ptr<NodeDerivative> nodal;
   std::unique_ptr<ElementOperators> elements;
   Made of_point, of_rate;
@@ -247,6 +252,18 @@ struct CellSweep::Storage {
       of_point.derivative.assign(static_cast<std::size_t>(dimensions), grids::FieldSet(d, grid.size()));
       of_rate = of_point;
     }
+    if (placement == Placement::corners) {
+      by_node = grids::FieldSet(rows_by_node, grid.size());
+    }
+  }
+
+  [[nodiscard]] bool sums_by_node() const { return by_node.fields() > 0; }
+  /// Σ over the grid of the rows of by_node.
+  [[nodiscard]] std::array<double, rows_by_node> sums_of_nodes() const {
+    std::array<double, rows_by_node> sums{};
+    grids::sums_of(
+        by_node.size(), [this](std::size_t row, std::size_t i) { return by_node.pointers()[row][i]; }, sums);
+    return sums;
   }
 
   void make(std::span<const double* const> fields, Made& made) const {
@@ -337,6 +354,8 @@ struct CellSweep::Storage {
                     const PotentialSlopes& slopes) const;
   void energy_size(std::size_t block, Workspace& work, std::span<const double* const> point,
                    const PotentialSlopes& slopes, std::span<const double> references);
+  [[nodiscard]] std::vector<double> mean_terms_by_node(std::size_t terms, std::span<const double* const> point,
+                                                       const PotentialSlopes& slopes);
   /// The terms of S in cell c of the block that was gathered last.
   static void evaluate_terms(Workspace& work, std::size_t c);
   void energy_change(std::size_t block, Workspace& work, std::span<const double* const> rate, double inverse_h,
@@ -420,8 +439,12 @@ void CellSweep::Storage::run_block(std::size_t block, Workspace& work, std::span
     }
   }
   weigh(block, count, density);
-  result.energy = sum(density, count);
-  result.finite = result.finite && std::isfinite(result.energy);
+  if (sums_by_node()) {
+    std::copy_n(density, count, by_node.field(0).data() + offset);
+  } else {
+    result.energy = sum(density, count);
+    result.finite = result.finite && std::isfinite(result.energy);
+  }
 
   if (!rate.empty()) {
     double* form = density;  // no longer needed
@@ -509,6 +532,30 @@ void CellSweep::Storage::evaluate_terms(Workspace& work, std::size_t c) {
   work.size.run(work.cell, work.cell_error);
 }
 
+std::vector<double> CellSweep::Storage::mean_terms_by_node(std::size_t terms, std::span<const double* const> point,
+                                                           const PotentialSlopes& slopes) {
+  Workspace& work = *workspaces.front();
+  std::vector<double> means(terms);
+  for (std::size_t first = 0; first < terms; first += rows_by_node) {
+    for (std::size_t block = 0; block < blocks.count(); ++block) {
+      gather_point(block, work, point, slopes);
+      const std::size_t begin = block % blocks.per_line * block_size,
+                        offset = block / blocks.per_line * blocks.line + begin;
+      for (std::size_t c = 0; c < std::min(block_size, blocks.line - begin); ++c) {
+        evaluate_terms(work, c);
+        for (std::size_t row = 0; row < rows_by_node; ++row) {
+          by_node.pointers()[row][offset + c] = first + row < terms ? work.size.value(1 + first + row) : 0.0;
+        }
+      }
+    }
+    const auto sums = sums_of_nodes();
+    for (std::size_t row = 0; row < rows_by_node && first + row < terms; ++row) {
+      means[first + row] = sums[row] / static_cast<double>(grids::whole_count(by_node.size()));
+    }
+  }
+  return means;
+}
+
 /// `energy` becomes Σ |terms - references| of the block, `quadratic` the sum of the cells' errors, residual[0] that of
 /// their squares, scale[0] Σ |terms|.
 void CellSweep::Storage::energy_size(std::size_t block, Workspace& work, std::span<const double* const> point,
@@ -536,6 +583,15 @@ void CellSweep::Storage::energy_size(std::size_t block, Workspace& work, std::sp
         magnitude += product;
         size.rounding += unit * (4.0 * product + 2.0 * factor * inverse_spacing[a] * std::abs(work.mean[row][c]));
       }
+    }
+    if (sums_by_node()) {
+      const std::array<double, rows_by_node> values = {size.terms, size.rounding, size.rounding * size.rounding,
+                                                       magnitude};
+      for (int row = 0; row < rows_by_node; ++row) {
+        by_node.field(row)[block / blocks.per_line * blocks.line + block % blocks.per_line * block_size + c] =
+            values[static_cast<std::size_t>(row)];
+      }
+      continue;
     }
     const double weight = weight_of(block, c);
     size.rounding *= weight;
@@ -617,7 +673,12 @@ SweepResult CellSweep::operator()(std::span<const double* const> point, const Po
       moved[r] = std::max(moved[r], result.moved[r]);
     }
   }
-  total.energy = s.volume * energy.value();
+  if (s.sums_by_node()) {
+    total.energy = s.volume * grids::sum(std::as_const(s.by_node).field(0));
+    total.finite = total.finite && std::isfinite(total.energy);
+  } else {
+    total.energy = s.volume * energy.value();
+  }
   total.quadratic = s.volume * quadratic.value();
   for (std::size_t r = 0; r < static_cast<std::size_t>(s.d); ++r) {
     if (residuals[r] > 0.0) {
@@ -653,6 +714,9 @@ std::vector<double> CellSweep::mean_terms(std::span<const double* const> point, 
   s.make(point, s.of_point);
   Workspace& work = *s.workspaces.front();
   std::vector<double> means(work.size.output_count() - 1, 0.0);
+  if (s.sums_by_node()) {
+    return s.mean_terms_by_node(means.size(), point, slopes);
+  }
   for (std::size_t block = 0; block < s.blocks.count(); ++block) {
     s.gather_point(block, work, point, slopes);
     const std::size_t begin = block % s.blocks.per_line * block_size;
@@ -684,14 +748,24 @@ formula::SumSize CellSweep::energy_size(std::span<const double* const> point, co
   double magnitudes = 0.0;
   double sum = 0.0;
   double squares = 0.0;
-  for (const BlockResult& result : s.results) {
-    terms += result.energy;
-    sum += result.quadratic;
-    squares += result.residual[0];
-    magnitudes += result.scale[0];
+  double pieces = static_cast<double>(blocks);
+  if (s.sums_by_node()) {
+    const auto sums = s.sums_of_nodes();
+    terms = sums[0];
+    sum = sums[1];
+    squares = sums[2];
+    magnitudes = sums[3];
+    pieces = static_cast<double>(grids::whole_count(s.by_node.size())) / block_size;
+  } else {
+    for (const BlockResult& result : s.results) {
+      terms += result.energy;
+      sum += result.quadratic;
+      squares += result.residual[0];
+      magnitudes += result.scale[0];
+    }
   }
   // A block is summed in eight lanes of up to 32 cells, whose partial sums are rounded, too.
-  const double summing = std::numeric_limits<double>::epsilon() * magnitudes / std::sqrt(static_cast<double>(blocks));
+  const double summing = std::numeric_limits<double>::epsilon() * magnitudes / std::sqrt(pieces);
   return {.terms = s.volume * terms, .rounding = s.volume * (std::min(sum, 4.0 * std::sqrt(squares)) + summing)};
 }
 

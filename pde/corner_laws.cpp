@@ -55,11 +55,7 @@ public:
   std::vector<double> totals(const LatticeLevel& level) override {
     take(level.fields, level.fields, 1.0);
     find(LawTables::time, level.fields);
-    std::vector<double> totals;
-    for (int l = 0; l < current_.fields(); ++l) {
-      totals.push_back(tables_.grid.cell_volume() * grids::sum(std::as_const(current_).field(l)));
-    }
-    return totals;
+    return grids::integrals(tables_.grid, current_);
   }
 
   Spread multisymplectic_residual(const TangentLevels& u, const TangentLevels& v, double h, double* residual) override {

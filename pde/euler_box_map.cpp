@@ -1,6 +1,7 @@
 #include <rubato/pde/euler_box_map.hpp>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <stdexcept>
@@ -11,6 +12,7 @@
 
 #include <rubato/grids/box_operators.hpp>
 #include <rubato/grids/reductions.hpp>
+#include <rubato/grids/slab.hpp>
 
 namespace rubato {
 
@@ -76,11 +78,13 @@ Status EulerBoxMap::advance(double h, const grids::FieldSet& before, grids::Fiel
     row_of_gradient(entry.row);
     add_differences(entry.row, before);
     kick(entry, h, after);
+    renew(entry.column, after);
   }
   for (const LocalSolve& solve : solves_) {
     if (const Status status = run(solve, h, before, after); status != Status::success) {
       return status;
     }
+    renew(solve.field, after);
   }
   return Status::success;
 }
@@ -98,7 +102,8 @@ Status EulerBoxMap::tangent(double h, const grids::FieldSet& before, const grids
   for (const LocalSolve& solve : solves_) {
     row_of_hessian(solve.row, u_after);
     add_differences(solve.row, u_after);
-    if (!std::isfinite(correct(solve, h, u_before, u_after))) {
+    correct(solve, h, u_before, u_after);
+    if (!std::isfinite(grids::max_abs(row_.field(0)))) {
       return Status::undefined;
     }
   }
@@ -130,19 +135,20 @@ void EulerBoxMap::residual(double h, const grids::FieldSet& before, const grids:
 
 double EulerBoxMap::energy(const grids::FieldSet& fields) {
   evaluate(fields);
-  double sum = grids::sum(outputs_.field(0));
+  const auto density = row_.field(0);
+  std::ranges::copy(outputs_.field(0), density.begin());
   for (int a = 0; a < grid_.dimensions(); ++a) {
     const auto& plus = system_.structure().K_plus[static_cast<std::size_t>(a)];
     for (int r = 0; r < system_.field_count(); ++r) {
       for (int c = 0; c < system_.field_count(); ++c) {
         if (plus(r, c) != 0.0) {
           grids::apply(grid_, difference_along(a), fields.field(c).data(), scratch_.field(0).data());
-          sum -= plus(r, c) * grids::dot(fields.field(r), scratch_.field(0));
+          add_product(-plus(r, c), fields.field(r), scratch_.field(0), density);
         }
       }
     }
   }
-  return grid_.cell_volume() * sum;
+  return grid_.cell_volume() * grids::sum(density);
 }
 
 /// Finds an order in which each equation of a level has one unknown, which it holds at the node itself.
@@ -173,6 +179,10 @@ void EulerBoxMap::plan() {
     known[static_cast<std::size_t>(f)] = used[static_cast<std::size_t>(f)] = !algebraic;
   }
   order_solves(known, used, start_solves_);
+  halo_ = find_halo(true);
+  const Halo other = find_halo(false);
+  halo_.planes = std::max(halo_.planes, other.planes);
+  halo_.lost = std::max(halo_.lost, other.lost);
 }
 
 void EulerBoxMap::order_solves(std::vector<bool> known, std::vector<bool> used, std::vector<LocalSolve>& solves) const {
@@ -203,28 +213,64 @@ void EulerBoxMap::order_solves(std::vector<bool> known, std::vector<bool> used, 
   }
 }
 
-std::size_t EulerBoxMap::reach() const {
-  // Of the fields at the new level; those not computed yet are at the old one, or not read.
-  std::vector<std::size_t> reach(static_cast<std::size_t>(system_.field_count()), 0);
-  const auto of_row = [&](int row) {
-    std::size_t farthest = 0;
-    for (int f = 0; f < system_.field_count(); ++f) {
-      const std::size_t own = reach[static_cast<std::size_t>(f)];
-      farthest = std::max({farthest, local(row, f) ? own : 0, across(row, f) ? own + 1 : 0});
+EulerBoxMap::Halo EulerBoxMap::halo(const MultisymplecticSystem& system) {
+  std::vector<grids::Axis> axes;
+  for (int a = 0; a < system.directions(); ++a) {
+    axes.push_back({std::string(1, static_cast<char>('a' + a)), 0.0, 1.0, 3});
+  }
+  return EulerBoxMap(system, grids::Grid(std::move(axes))).halo_;
+}
+
+/// On one side of a part, the one after it or the one before, along every axis.
+EulerBoxMap::Halo EulerBoxMap::find_halo(bool after) const {
+  const auto fields = static_cast<std::size_t>(system_.field_count());
+  Halo halo;
+  std::vector<bool> renewed(fields, false);
+  for (int f = 0; f < system_.field_count(); ++f) {
+    bool read = false;
+    for (int r = 0; r < system_.field_count(); ++r) {
+      read = read || across(r, f);
     }
-    return farthest;
+    if (read && !system_.structure().algebraic[static_cast<std::size_t>(f)]) {
+      renewed[static_cast<std::size_t>(f)] = true;
+      halo.renewed.push_back(f);
+    }
+  }
+  // Planes that are wrong of each field, until a step changes nothing of them.
+  std::vector<std::size_t> lost(fields, 0);
+  const auto of_row = [&](int row, const std::vector<std::size_t>& of) {
+    std::size_t most = 0;
+    for (int f = 0; f < system_.field_count(); ++f) {
+      const std::size_t own = of[static_cast<std::size_t>(f)];
+      const bool outer = after ? follows(row, f) : precedes(row, f);
+      most = std::max({most, local(row, f) || across(row, f) ? own : 0, outer ? own + 1 : 0});
+    }
+    return most;
   };
-  std::vector<std::size_t> kicked;
-  for (const Kick& kick : kicks_) {
-    kicked.push_back(of_row(kick.row));
+  for (std::vector<std::size_t> before(fields, 1); before != lost;) {
+    before = lost;
+    const auto lose = [&](int field, std::size_t planes) {
+      const auto f = static_cast<std::size_t>(field);
+      halo.planes = std::max(halo.planes, renewed[f] ? planes : 0);
+      lost[f] = renewed[f] ? 0 : planes;
+    };
+    for (const Kick& kick : kicks_) {
+      lose(kick.column, std::max(before[static_cast<std::size_t>(kick.column)], of_row(kick.row, before)));
+    }
+    for (const LocalSolve& solve : solves_) {
+      const std::size_t own = solve.rate != 0.0 ? before[static_cast<std::size_t>(solve.field)] : 0;
+      lost[static_cast<std::size_t>(solve.field)] = own;
+      lose(solve.field, std::max(own, of_row(solve.row, lost)));
+    }
+    halo.lost = *std::ranges::max_element(lost);
   }
-  for (std::size_t k = 0; k < kicks_.size(); ++k) {
-    reach[static_cast<std::size_t>(kicks_[k].column)] = kicked[k];
+  return halo;
+}
+
+void EulerBoxMap::renew(int field, grids::FieldSet& fields) const {
+  if (std::ranges::find(halo_.renewed, field) != halo_.renewed.end()) {
+    grids::refresh_ghosts(fields, std::span(&field, 1), halo_.planes);
   }
-  for (const LocalSolve& solve : solves_) {
-    reach[static_cast<std::size_t>(solve.field)] = of_row(solve.row);
-  }
-  return *std::ranges::max_element(reach);
 }
 
 bool EulerBoxMap::local(int row, int field) const {
@@ -234,10 +280,9 @@ bool EulerBoxMap::local(int row, int field) const {
   return varying_entry(row, field) >= 0;
 }
 
-bool EulerBoxMap::across(int row, int field) const {
-  return std::ranges::any_of(system_.structure().K_plus, [&](const Eigen::MatrixXd& plus) {
-    return plus(row, field) != 0.0 || plus.transpose()(row, field) != 0.0;
-  });
+bool EulerBoxMap::follows(int row, int field) const {
+  return std::ranges::any_of(system_.structure().K_plus,
+                             [&](const Eigen::MatrixXd& plus) { return plus(row, field) != 0.0; });
 }
 
 /// Where S''(row, field) is in varying_hessian(); -1 if it is constant.
@@ -295,9 +340,8 @@ void EulerBoxMap::kick(const Kick& kick, double h, grids::FieldSet& fields) cons
   add(h / kick.value, row_.field(0), fields.field(kick.column));
 }
 
-/// One correction at every node to row_ + rate (z - z_before)/h = 0, in the one field, and into row_. \return the
-/// largest
-double EulerBoxMap::correct(const LocalSolve& solve, double h, const grids::FieldSet& before, grids::FieldSet& fields) {
+/// One correction at every node to row_ + rate (z - z_before)/h = 0, in the one field, and into row_.
+void EulerBoxMap::correct(const LocalSolve& solve, double h, const grids::FieldSet& before, grids::FieldSet& fields) {
   const int entry = varying_entry(solve.row, solve.field);
   const double constant = (entry < 0 ? system_.constant_hessian()(solve.row, solve.field) : 0.0) + solve.rate / h;
   const auto row = row_.field(0);
@@ -309,7 +353,6 @@ double EulerBoxMap::correct(const LocalSolve& solve, double h, const grids::Fiel
     values[i] -= correction;
     row[i] = correction;
   }
-  return grids::max_abs(row);
 }
 
 /// Newton's method at every node for the row of a level, in the one field.
@@ -319,11 +362,14 @@ Status EulerBoxMap::run(const LocalSolve& solve, double h, const grids::FieldSet
     evaluate(fields);
     row_of_gradient(solve.row);
     add_differences(solve.row, fields);
-    const double change = correct(solve, h, before, fields);
+    correct(solve, h, before, fields);
+    const std::array<std::span<const double>, 2> both = {row_.field(0), fields.field(solve.field)};
+    std::array<double, 2> sizes{};
+    grids::max_abs(both, sizes);
+    const auto [change, scale] = sizes;
     if (!std::isfinite(change)) {
       return Status::undefined;
     }
-    const double scale = grids::max_abs(std::as_const(fields).field(solve.field));
     // A correction of rounding is a residual of rounding, by the derivative that it was divided by.
     if (change <= 1e-15 * scale || (change >= 0.5 * last && is_rounding(solve, h, before, fields))) {
       return Status::success;

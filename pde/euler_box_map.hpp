@@ -38,8 +38,14 @@ public:
 
   [[nodiscard]] int evaluations() const { return evaluations_; }  ///< of S and its derivatives, since construction
 
-  /// How many neighbours along an axis a value at the new level is made of, at most.
-  [[nodiscard]] std::size_t reach() const;
+  /// What a step makes of ghosts that are all right (grids::Slab): advance() renews those of the fields that go on from
+  /// level to level and that neighbours read, as far as they are wrong.
+  struct Halo {
+    std::vector<int> renewed;
+    std::size_t planes = 0;  ///< of them, the outer ones on each side
+    std::size_t lost = 0;    ///< outer planes that stay wrong of other fields
+  };
+  [[nodiscard]] static Halo halo(const MultisymplecticSystem& system);
 
 private:
   /// An entry of M₊: the equation of `row` at a level gives `column` at the next.
@@ -57,10 +63,17 @@ private:
   };
 
   void plan();
+  [[nodiscard]] Halo find_halo(bool after) const;
+  void renew(int field, grids::FieldSet& fields) const;
   void order_solves(std::vector<bool> known, std::vector<bool> used, std::vector<LocalSolve>& solves) const;
   [[nodiscard]] double rate_of(int row, int field) const { return system_.structure().M_plus.transpose()(row, field); }
   [[nodiscard]] bool local(int row, int field) const;
-  [[nodiscard]] bool across(int row, int field) const;
+  [[nodiscard]] bool across(int row, int field) const { return follows(row, field) || precedes(row, field); }
+  /// Whether a row reads the field at the next node along an axis, or at the one before.
+  ///@{
+  [[nodiscard]] bool follows(int row, int field) const;
+  [[nodiscard]] bool precedes(int row, int field) const { return follows(field, row); }
+  ///@}
   [[nodiscard]] int varying_entry(int row, int field) const;
 
   void evaluate(const grids::FieldSet& fields);
@@ -68,8 +81,7 @@ private:
   void row_of_hessian(int row, const grids::FieldSet& u);
   void add_differences(int row, const grids::FieldSet& fields);
   void kick(const Kick& kick, double h, grids::FieldSet& fields) const;
-  [[nodiscard]] double correct(const LocalSolve& solve, double h, const grids::FieldSet& before,
-                               grids::FieldSet& fields);
+  void correct(const LocalSolve& solve, double h, const grids::FieldSet& before, grids::FieldSet& fields);
   [[nodiscard]] bool is_rounding(const LocalSolve& solve, double h, const grids::FieldSet& before,
                                  const grids::FieldSet& fields);
   [[nodiscard]] Status run(const LocalSolve& solve, double h, const grids::FieldSet& before, grids::FieldSet& fields);
@@ -83,6 +95,7 @@ private:
   formula::BatchEvaluator evaluate_;
   std::vector<Kick> kicks_;
   std::vector<LocalSolve> solves_, start_solves_;
+  Halo halo_;
   int evaluations_ = 0;
 };
 

@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include <rubato/grids/slab.hpp>
 #include <rubato/pde/cell_sweep.hpp>
 #include <rubato/pde/lattice_scheme.hpp>
 #include <rubato/pde/level_fields.hpp>
@@ -103,7 +104,7 @@ protected:
   /// \param more whether the scheme writes of its own what the fields do not say
   void save_level(StateWriter& state, bool more = false) const {
     tell_level();
-    state.write(level_.fields.all());
+    grids::save_whole(state, level_.fields);
     for (const auto& slope : level_.slopes.of_field) {
       state.write(slope);
     }
@@ -114,7 +115,7 @@ protected:
   }
   /// \return whether what the scheme writes of its own follows: records of earlier versions may be without
   bool restore_level(StateReader& state) {
-    state.read(level_.fields.all());
+    grids::restore_whole(state, level_.fields);
     for (auto& slope : level_.slopes.of_field) {
       state.read(std::span<double>(slope));
     }

@@ -1,5 +1,6 @@
 #include <rubato/pde/lattice.hpp>
 
+#include <algorithm>
 #include <cmath>
 #include <stdexcept>
 #include <utility>
@@ -44,6 +45,11 @@ std::unique_ptr<LatticeScheme> make_scheme(const LatticeMethod& method, const Mu
     first = std::move(whole.level);
   }
   if (options.slab != nullptr) {
+    if (std::ranges::any_of(first.slopes.of_field, [](const auto& slopes) {
+          return std::ranges::any_of(slopes, [](double slope) { return slope != 0.0; });
+        })) {
+      throw SchemeRefusal("a lattice with a potential that has a mean slope is not shared by ranks");
+    }
     grids::FieldSet part(first.fields.fields(), options.slab->size());
     for (int f = 0; f < part.fields(); ++f) {
       options.slab->take_part(first.fields.field(f), part.field(f));

@@ -17,14 +17,10 @@ void add_term(double factor, const double* left, const double* right, std::size_
 }  // namespace
 
 std::vector<Spread> tell_residuals(const grids::FieldSet& of_laws, std::span<double* const> residuals) {
-  std::vector<Spread> sizes;
-  for (int l = 0; l < of_laws.fields(); ++l) {
-    sizes.push_back(grids::magnitudes(of_laws.field(l)));
-    if (!residuals.empty()) {
-      std::ranges::copy(of_laws.field(l), residuals[static_cast<std::size_t>(l)]);
-    }
+  for (std::size_t l = 0; l < residuals.size(); ++l) {
+    std::ranges::copy(of_laws.field(static_cast<int>(l)), residuals[l]);
   }
-  return sizes;
+  return grids::magnitudes(of_laws);
 }
 
 void LawTables::currents(int mu, std::size_t count, const LawPoints& points, std::span<double* const> out) const {

@@ -186,11 +186,9 @@ std::vector<double> NodeFormula::at_point(const LatticeLevel& level, double t, c
 }
 
 std::vector<double> NodeFormula::integrals(const LatticeLevel& level, double t) {
-  std::vector<double> result;
-  for (const auto& values : (*this)(level, t)) {
-    result.push_back(storage_->grid.cell_volume() * grids::sum(values));
-  }
-  return result;
+  const std::vector<std::vector<double>> values = (*this)(level, t);
+  const std::vector<std::span<const double>> rows(values.begin(), values.end());
+  return grids::integrals(storage_->grid, rows);
 }
 
 }  // namespace rubato

@@ -326,11 +326,7 @@ std::vector<Spread> NodeLaws::residuals(const LatticeLevel& before, const Lattic
 
 std::vector<double> NodeLaws::totals(const LatticeLevel& level) {
   take_level(level, false);
-  std::vector<double> totals;
-  for (int l = 0; l < density_.fields(); ++l) {
-    totals.push_back(tables_.grid.cell_volume() * grids::sum(std::as_const(density_).field(l)));
-  }
-  return totals;
+  return grids::integrals(tables_.grid, density_);
 }
 
 }  // namespace

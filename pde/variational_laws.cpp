@@ -25,15 +25,14 @@ std::optional<std::vector<Spread>> VariationalLaws::take(const LatticeLevel& bef
   residual_.copy_from(parts_.after);  // of the last step
   variation_.take(before.fields, after.fields, h, after.slopes);
   variation_.coordinates(parts_);
-  std::vector<Spread> sizes;
   for (int nu = 0; nu < residual_.fields(); ++nu) {
     const auto residual = residual_.field(nu);
     const auto next = std::as_const(parts_.before).field(nu);
     for (std::size_t i = 0; i < residual.size(); ++i) {
       residual[i] += next[i];
     }
-    sizes.push_back(grids::magnitudes(residual));
   }
+  std::vector<Spread> sizes = grids::magnitudes(residual_);
   if (!std::exchange(started_, true)) {
     return std::nullopt;
   }

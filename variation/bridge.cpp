@@ -80,7 +80,7 @@ void TimeLevels::measure_law(const LevelNode& node) {
 
 /// The end of `count` plain steps of length h. Leaves the scheme at the present level.
 std::optional<LevelNode> TimeLevels::plain_end(double h, int count, double accuracy) {
-  StateWriter before;
+  StateWriter before(StateWriter::For::going_back);
   if (count > 1) {
     scheme_.save(before);
   }
@@ -100,7 +100,7 @@ std::optional<LevelNode> TimeLevels::plain_end(double h, int count, double accur
     }
   }
   if (count > 1) {
-    StateReader reader(before.values());
+    StateReader reader(before);
     scheme_.restore(reader);
   }
   return end;
@@ -178,7 +178,7 @@ double TimeLevels::step_after(const Bridge& bridge) const {
 /// Whether the ordinary step equation has a solution from the end of the bridge, and which. Leaves the scheme at the
 /// present level.
 bool TimeLevels::law_holds_after(Bridge& bridge) {
-  StateWriter before;
+  StateWriter before(StateWriter::For::going_back);
   scheme_.save(before);
   const double direction = direction_;
   bool holds = true;
@@ -199,7 +199,7 @@ bool TimeLevels::law_holds_after(Bridge& bridge) {
     }
   }
   direction_ = direction;
-  StateReader reader(before.values());
+  StateReader reader(before);
   scheme_.restore(reader);
   return holds;
 }

@@ -17,7 +17,7 @@ namespace rubato {
 
 template <typename Judge>
 bool TimeLevels::seen_after(double h, bool otherwise, const Judge& judge) {
-  StateWriter before;
+  StateWriter before(StateWriter::For::going_back);
   scheme_.save(before);
   save(before);
   bool verdict = otherwise;
@@ -25,7 +25,7 @@ bool TimeLevels::seen_after(double h, bool otherwise, const Judge& judge) {
     scheme_.accept();
     verdict = judge();
   }
-  StateReader reader(before.values());
+  StateReader reader(before);
   scheme_.restore(reader);
   restore(reader);
   return verdict;

@@ -340,11 +340,17 @@ double LatticeVariation::energy() {
   if (!s.currents_known) {
     s.energy_code(s.grid.size(), s.all_inputs, s.energies);
   }
-  double sum = 0.0;
-  for (const double* energy : s.energies) {
-    sum += grids::sum({energy, s.grid.size()});
-  }
-  return s.grid.cell_volume() * sum;
+  const auto density = s.scratch.field(0);
+  grids::for_each_block(density.size(), piece, [&](std::size_t begin, std::size_t end) {
+    std::fill(density.begin() + static_cast<std::ptrdiff_t>(begin), density.begin() + static_cast<std::ptrdiff_t>(end),
+              0.0);
+    for (const double* energy : s.energies) {
+      for (std::size_t i = begin; i < end; ++i) {
+        density[i] += energy[i];
+      }
+    }
+  });
+  return s.grid.cell_volume() * grids::sum(density);
 }
 
 void LatticeVariation::values(Parts& out) {

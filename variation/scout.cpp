@@ -67,10 +67,10 @@ double change_between(const Scouting& log, double eta, double last) {
 }  // namespace
 
 Scouting scout(LevelScheme& scheme, double first_step, bool one_step, double tolerance) {
-  StateWriter before;
+  StateWriter before(StateWriter::For::going_back);
   scheme.save(before);
   Scouting log{.order = scheme.order(), .step = std::abs(first_step), .tolerance = tolerance};
-  const std::size_t size = before.values().size();
+  const std::size_t size = before.size();
   Watch watch(log, one_step ? 1
                             : std::clamp(most_steps * small_state / std::max<std::size_t>(size, 1), most_large_steps,
                                          most_steps));
@@ -106,7 +106,7 @@ Scouting scout(LevelScheme& scheme, double first_step, bool one_step, double tol
       stride = std::min(2.0 * stride, longest_stride);
     }
   }
-  StateReader reader(before.values());
+  StateReader reader(before);
   scheme.restore(reader);
   return log;
 }

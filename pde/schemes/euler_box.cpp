@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -27,14 +28,15 @@ public:
   [[nodiscard]] const LatticeLevel& level() const override { return level_; }
 
   [[nodiscard]] Status advance(double h, double) override {
+    there_.reset();
     const int counted = map_.evaluations();
     const Status status = map_.advance(h, level_.fields, trial_);
     iterations_ += map_.evaluations() - counted;
     if (status != Status::success) {
       return status;
     }
-    energy_ = map_.energy(level_.fields);
-    slope_ = (map_.energy(trial_) - energy_) / h;
+    energy_ = energy_here();
+    slope_ = (energy_there() - energy_) / h;
     return std::isfinite(slope_) ? Status::success : Status::undefined;
   }
 
@@ -46,29 +48,41 @@ public:
   }
   [[nodiscard]] double discrete_energy_slope() const override { return slope_; }
   [[nodiscard]] bool has_gamma() const override { return false; }
-  [[nodiscard]] LevelNode node() override { return {map_.energy(level_.fields), 0.0}; }
-  [[nodiscard]] LevelNode trial_node() override { return {map_.energy(trial_), 0.0}; }
+  [[nodiscard]] LevelNode node() override { return {energy_here(), 0.0}; }
+  [[nodiscard]] LevelNode trial_node() override { return {energy_there(), 0.0}; }
   [[nodiscard]] int iterations() const override { return iterations_; }
 
   void accept() override {
     level_.fields.copy_from(trial_);
-    grids::refresh_ghosts(level_.fields);
+    here_ = std::exchange(there_, std::nullopt);
     iterations_ = 0;
   }
   void stand(const LatticeLevel& level, const LatticeLevel&, double) override {
     level_.fields.copy_from(level.fields);
+    here_.reset();
     iterations_ = 0;
   }
   void save(StateWriter& state) const override { grids::save_whole(state, level_.fields); }
   void restore(StateReader& state) override {
     grids::restore_whole(state, level_.fields);
+    here_.reset();
     iterations_ = 0;
   }
 
 private:
+  [[nodiscard]] double energy_here() { return known(here_, level_.fields); }
+  [[nodiscard]] double energy_there() { return known(there_, trial_); }
+  [[nodiscard]] double known(std::optional<double>& energy, const grids::FieldSet& fields) {
+    if (!energy) {
+      energy = map_.energy(fields);
+    }
+    return *energy;
+  }
+
   MultisymplecticSystem system_;
   grids::Grid grid_;
   EulerBoxMap map_;
+  std::optional<double> here_, there_;  ///< energies of the present level and of the trial one
   LatticeLevel level_;
   grids::FieldSet trial_;
   double energy_ = 0.0;
@@ -105,15 +119,10 @@ public:
   }
   [[nodiscard]] bool has_midpoints() const override { return false; }
   [[nodiscard]] bool is_shared() const override { return true; }
-  /// The energy of the new level reads one neighbour more than its values do. Laws read, of levels whose ghosts are
-  /// right, the currents of a neighbour, which reads its own.
+  /// Laws read the currents of a neighbour, which reads its own; energies read one neighbour.
   [[nodiscard]] std::size_t ghosts(const MultisymplecticSystem& system) const override {
-    constexpr std::size_t of_laws = 2;
-    std::vector<grids::Axis> axes;
-    for (int a = 0; a < system.directions(); ++a) {
-      axes.push_back({std::string(1, static_cast<char>('a' + a)), 0.0, 1.0, 3});
-    }
-    return std::max(of_laws, EulerBoxMap(system, grids::Grid(std::move(axes))).reach() + 1);
+    const EulerBoxMap::Halo halo = EulerBoxMap::halo(system);
+    return 2 + std::max(halo.planes, halo.lost);
   }
   [[nodiscard]] std::optional<LatticeAction> action(const MultisymplecticSystem& system) const override {
     return euler_box_action(system);

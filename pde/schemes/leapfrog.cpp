@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 
 #include <rubato/grids/reductions.hpp>
+#include <rubato/grids/slab.hpp>
 #include <rubato/grids/stencil.hpp>
 #include <rubato/pde/family_lattice.hpp>
 #include <rubato/pde/lattice_method.hpp>
@@ -159,7 +160,18 @@ public:
         variation_(leapfrog_action(system), grid),
         stencil_(grid),
         parts_(system.field_count(), grid.size()),
-        scratch_(1, grid.size()) {}
+        scratch_(1, grid.size()) {
+    for (const MovingPair& pair : waves_.pairs) {
+      moving_.push_back(pair.u);
+    }
+    momenta_.resize(moving_.size());
+    largest_.resize(moving_.size());
+  }
+
+  /// Neighbours along an axis that u at the new level is made of; its momentum and differences are made of as many of
+  /// its own. So ghosts of u that are right at every level, but for those farthest out, which each step renews, leave
+  /// the other fields right one ghost less far.
+  static constexpr std::size_t reach = 1;
 
   /// false if a value is not finite.
   [[nodiscard]] bool advance(double h, const LatticeLevel& before, grids::FieldSet& after) {
@@ -220,20 +232,29 @@ private:
         u[i] += inverse * (pair.m * v[i] + rest[i] / grid_.cell_volume());
       }
     }
+    grids::refresh_ghosts(after, moving_, reach);
     vary();
-    bool finite = true;
     for (const MovingPair& pair : waves_.pairs) {
       const auto v = after.field(pair.v);
       const auto momentum = std::as_const(parts_.after).field(pair.u);
       for (std::size_t i = 0; i < v.size(); ++i) {
         v[i] = momentum[i] / (pair.m * grid_.cell_volume());
-        finite = finite && std::isfinite(v[i]);
       }
     }
     for (const SlopeField& slope : waves_.slopes) {
       differentiate(slope, after, slopes, after.field(slope.w));
     }
-    return finite;
+    return is_finite(after);
+  }
+
+  /// Whether the momenta of a level are.
+  [[nodiscard]] bool is_finite(const grids::FieldSet& fields) {
+    std::size_t pair = 0;
+    for (std::span<const double>& momentum : momenta_) {
+      momentum = fields.field(waves_.pairs[pair++].v);
+    }
+    grids::max_abs(momenta_, largest_);
+    return std::ranges::all_of(largest_, [](double value) { return std::isfinite(value); });
   }
 
   void vary(double h, const LatticeLevel& before, const grids::FieldSet& after) {
@@ -260,11 +281,14 @@ private:
   }
 
   WaveType waves_;
+  std::vector<int> moving_;  ///< the fields u: what differences along the axes are taken of
   grids::Grid grid_;
   LatticeVariation variation_;
   grids::Stencil stencil_;
   LatticeVariation::Parts parts_;
   grids::FieldSet scratch_;
+  std::vector<std::span<const double>> momenta_;
+  std::vector<double> largest_;
 };
 
 class LeapfrogLattice final : public FamilyLattice {
@@ -384,6 +408,9 @@ private:
 class LeapfrogMethod final : public LatticeMethod {
 public:
   [[nodiscard]] bool has_bridges() const override { return false; }
+  [[nodiscard]] bool is_shared() const override { return true; }
+  /// Laws take the divergence of currents that are made of differences.
+  [[nodiscard]] std::size_t ghosts(const MultisymplecticSystem&) const override { return 2 + LeapfrogMap::reach; }
   [[nodiscard]] std::optional<LatticeAction> action(const MultisymplecticSystem& system) const override {
     return leapfrog_action(system);
   }

@@ -56,6 +56,20 @@ case $case_name in
     on 2 resume part.h5 --until 1 --quiet
     status_is 0
     check "resumed on another number of ranks" same alone.h5 part.h5
+    # leapfrog, and with variable levels.
+    for levels in fixed variable; do
+      ring=(run sine-gordon-2d --set scheme.lagrangian=leapfrog --set scheme.levels=$levels --set scheme.until=0.5 --set output.every=3)
+      alone "${ring[@]}" -o alone.h5 --force --quiet
+      for ranks in 2 4; do
+        on $ranks "${ring[@]}" -o shared.h5 --force --quiet
+        status_is 0
+        check "the record of one process, on $ranks ranks" same alone.h5 shared.h5
+      done
+      on 4 "${ring[@]}" --set scheme.until=0.2 -o part.h5 --force --quiet
+      on 3 resume part.h5 --until 0.5 --quiet
+      status_is 0
+      check "resumed on another number of ranks" same alone.h5 part.h5
+    done
     # Killed, and continued on another number of ranks.
     ring=(run sine-gordon-2d "${explicit[@]}" --set grid.x.cells=65 --set grid.y.cells=61 --set output.every=100 --set scheme.until=1e9)
     grown=0 before=0
