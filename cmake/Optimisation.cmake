@@ -8,6 +8,7 @@ endif()
 # The kernels of cmake/FormulaKernels.cmake and solve/chunk_elimination_*.cpp besides, which have options of their own.
 set(rubato_sources_loops
   formula/evaluate.cpp
+  ode/splitting_lanes.cpp
   grids/box_operators.cpp grids/fourier.cpp grids/reductions.cpp grids/spectral_derivative.cpp
   solve/cyclic_block.cpp solve/fourier_preconditioner.cpp solve/gmres.cpp
   pde/cell_sweep.cpp pde/euler_box_map.cpp pde/face_gather.cpp pde/law_currents.cpp pde/midpoint_lattice.cpp pde/stage_loops.cpp pde/wave_loops.cpp
@@ -30,7 +31,7 @@ set(rubato_sources_once
   variation/formula_action.cpp variation/gauss_tableau.cpp variation/lattice_action.cpp variation/run_span.cpp
   variation/total_variation.cpp
   ode/darboux.cpp ode/discrete_lagrangian.cpp ode/first_step.cpp ode/flow_map.cpp ode/legendre.cpp
-  ode/node_law.cpp ode/orbit_between.cpp ode/separable.cpp ode/tangent.cpp ode/taylor_code.cpp
+  ode/node_law.cpp ode/orbit_between.cpp ode/separable.cpp ode/splitting_formula.cpp ode/tangent.cpp ode/taylor_code.cpp
   pde/field_structure.cpp pde/first_step.cpp pde/initial_agreement.cpp pde/initial_level.cpp pde/initial_sawtooths.cpp
   pde/kernel_conditions.cpp pde/lattice.cpp pde/lattice_actions.cpp pde/lattice_between.cpp pde/lattice_method.cpp
   pde/law_tables.cpp pde/local_laws.cpp pde/multisymplectic_system.cpp pde/periodicity.cpp pde/potential_rest.cpp

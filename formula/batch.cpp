@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cassert>
 #include <cmath>
 #include <limits>
@@ -10,6 +11,7 @@
 #include <rubato/formula/arithmetic.hpp>
 #include <rubato/formula/batch_kernel.hpp>
 #include <rubato/formula/lazy_machine_code.hpp>
+#include <rubato/formula/scalar_functions.hpp>
 #include <rubato/formula/special.hpp>
 
 namespace rubato::formula {
@@ -68,6 +70,39 @@ const NamedKernel& best_kernel() {
   return best;
 }
 
+/// What the scalar evaluator calls, point after point; all else by the best kernel, whose operations are the scalar
+/// ones.
+void run_with_scalar_functions(const Block& block) {
+  const Kernel kernel = best_kernel().run;
+  for (const Instruction* i = block.begin; i != block.end; ++i) {
+    const double* const a = block.read[i->a];
+    double* const target = block.write[i->target];
+    if (i->code == OpCode::sincos) {
+      const auto of = std::bit_cast<void (*)(double, double*, double*)>(sincos_function());
+      double* const cosine = block.write[i->b];
+      for (std::size_t k = 0; k < block.points; ++k) {
+        double s = 0.0, c = 0.0;
+        of(a[k], &s, &c);
+        target[k] = s;
+        cosine[k] = c;
+      }
+    } else if (!is_called(i->code)) {
+      kernel({block.points, i, i + 1, block.read, block.write});
+    } else if (operand_count(i->code) == 1) {
+      const auto of = std::bit_cast<double (*)(double)>(scalar_function(i->code));
+      for (std::size_t k = 0; k < block.points; ++k) {
+        target[k] = of(a[k]);
+      }
+    } else {
+      const auto of = std::bit_cast<double (*)(double, double)>(scalar_function(i->code));
+      const double* const b = block.read[i->b];
+      for (std::size_t k = 0; k < block.points; ++k) {
+        target[k] = of(a[k], b[k]);
+      }
+    }
+  }
+}
+
 /// std::copy_n, without a call for the few points of a collocation step.
 inline void copy_few(const double* from, std::size_t count, double* to) {
   constexpr std::size_t few = 8;
@@ -89,8 +124,9 @@ std::string_view simd_name() {
   return batch::best_kernel().name;
 }
 
-BatchEvaluator::BatchEvaluator(const Bytecode& code, Engine engine)
+BatchEvaluator::BatchEvaluator(const Bytecode& code, Engine engine, BatchFunctions functions)
     : code_(code),
+      functions_(functions),
       registers_(code.register_count() * batch::block_points / batch::widest_vector),
       read_(code.register_count()),
       write_(code.register_count()),
@@ -127,7 +163,8 @@ void BatchEvaluator::operator()(std::size_t points, std::span<const double* cons
       read_[r] = write_[r] = registers + r * block_points;
   }
 
-  const batch::Kernel run = batch::best_kernel().run;
+  const batch::Kernel run =
+      functions_ == BatchFunctions::vector ? batch::best_kernel().run : batch::run_with_scalar_functions;
   const auto instructions = code_.instructions();
   const auto registers_of_outputs = code_.outputs();
   for (std::size_t start = 0; start < points; start += block_points) {

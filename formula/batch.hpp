@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <memory>
 #include <span>
 #include <string_view>
@@ -11,6 +12,10 @@
 namespace rubato::formula {
 
 class BatchProgram;
+
+/// Which functions batches call: those of the vector kernels, or the scalar evaluator's, one point after the other.
+/// With the latter every result is the scalar evaluator's, bit for bit.
+enum class BatchFunctions : std::uint8_t { vector, scalar };
 
 /// Evaluates code at many points, in blocks of at most 256 held in registers, with SIMD chosen once at run time for the
 /// machine (the widest of SSE2, AVX2, AVX-512 that it has; base/lanes.hpp). A point's result does not depend on its
@@ -30,7 +35,8 @@ class BatchProgram;
 /// instruction after the other over the block, with the same results bit for bit.
 class BatchEvaluator {
 public:
-  explicit BatchEvaluator(const Bytecode& code, Engine engine = Engine::automatic);
+  explicit BatchEvaluator(const Bytecode& code, Engine engine = Engine::automatic,
+                          BatchFunctions functions = BatchFunctions::vector);
   BatchEvaluator() = default;
 
   /// Structure of arrays: output j at point i is outputs[j][i], from inputs[m][i], for i in [0, points).
@@ -42,6 +48,7 @@ public:
 
 private:
   Bytecode code_;
+  BatchFunctions functions_ = BatchFunctions::vector;
   std::shared_ptr<const BatchProgram> program_;
   struct alignas(64) Chunk {  ///< keeps the registers aligned to the widest vector when the evaluator is copied
     double values[8];

@@ -14,6 +14,7 @@
 #include <rubato/ode/generating_action.hpp>
 #include <rubato/ode/generating_scheme.hpp>
 #include <rubato/ode/midpoint_scheme.hpp>
+#include <rubato/ode/orbit_end.hpp>
 #include <rubato/ode/orbit_events.hpp>
 #include <rubato/ode/two_step_scheme.hpp>
 #include <rubato/solve/small_matrices.hpp>
@@ -227,31 +228,58 @@ std::vector<std::string> OrbitIntegrator::cautions() const {
   return cautions;
 }
 
-double Orbit::discrete_energy_deviation() const {
-  Spread law, nodes;
-  double E = 0.0;  // of the first step that meets the law
-  for (std::size_t k = 0; k < energy.size(); ++k) {
-    if (bridged[k] == 0) {
-      E = law.count() == 0.0 ? energy[k] : E;
-      law.add(energy[k]);
+namespace {
+
+/// How well the laws held, from the energies of steps and levels as they come.
+class HeldLaws {
+public:
+  void add_level(double node_energy) {
+    first_node_ = nodes_.count() == 0.0 ? node_energy : first_node_;
+    nodes_.add(node_energy);
+  }
+  void add_step(double energy, bool bridged) {
+    if (!bridged) {
+      E_ = law_.count() == 0.0 ? energy : E_;
+      law_.add(energy);
     }
   }
-  for (const double value : node_energy) {
-    nodes.add(value);
+
+  [[nodiscard]] double energy() const { return E_; }
+  [[nodiscard]] double discrete_energy_deviation() const {
+    if (law_.undefined + nodes_.undefined > 0.0) {
+      return std::numeric_limits<double>::quiet_NaN();
+    }
+    const double deviation = law_.farthest(E_);
+    return deviation == 0.0 ? 0.0 : deviation / std::max(std::abs(E_), nodes_.largest());
   }
-  if (law.undefined + nodes.undefined > 0.0) {
-    return std::numeric_limits<double>::quiet_NaN();
+  [[nodiscard]] double node_energy_deviation() const {
+    return nodes_.undefined > 0.0 ? std::numeric_limits<double>::quiet_NaN() : nodes_.farthest(first_node_);
   }
-  const double deviation = law.farthest(E);
-  return deviation == 0.0 ? 0.0 : deviation / std::max(std::abs(E), nodes.largest());
+
+private:
+  Spread law_, nodes_;
+  double E_ = 0.0, first_node_ = 0.0;
+};
+
+HeldLaws laws_of(const Orbit& orbit) {
+  HeldLaws laws;
+  for (const double value : orbit.node_energy) {
+    laws.add_level(value);
+  }
+  for (std::size_t k = 0; k < orbit.energy.size(); ++k) {
+    laws.add_step(orbit.energy[k], orbit.bridged[k] != 0);
+  }
+  return laws;
+}
+
+}  // namespace
+
+double Orbit::discrete_energy_deviation() const {
+  return laws_of(*this).discrete_energy_deviation();
 }
 
 double Orbit::node_energy_deviation() const {
-  Spread nodes;
-  for (const double value : node_energy) {
-    nodes.add(value);
-  }
-  return nodes.undefined > 0.0 ? std::numeric_limits<double>::quiet_NaN() : nodes.farthest(node_energy.front());
+  return laws_of(*this).node_energy_deviation();
 }
 
 namespace {
@@ -357,6 +385,10 @@ std::unique_ptr<EventLog> make_log(const Lagrangian& lagrangian, const InitialMo
                                     std::make_unique<OrbitBetween>(map(), 2 * initial.q.size()), std::nullopt, map());
 }
 
+std::string steps_used_up(const IntegrationOptions& options, double t) {
+  return fmt::format("max_steps = {} reached at t = {:.10g}", options.max_steps, t);
+}
+
 Orbit run(OrbitIntegrator integrator, std::unique_ptr<EventLog> events, const IntegrationOptions& options) {
   Orbit orbit;
   orbit.degrees_of_freedom = integrator.q().size();
@@ -379,7 +411,7 @@ Orbit run(OrbitIntegrator integrator, std::unique_ptr<EventLog> events, const In
   while (!integrator.finished() && !stopped) {
     if (orbit.steps() == options.max_steps) {
       orbit.status = Status::not_converged;
-      orbit.message = fmt::format("max_steps = {} reached at t = {:.10g}", options.max_steps, integrator.t());
+      orbit.message = steps_used_up(options, integrator.t());
       break;
     }
     const StepReport report = integrator.step();
@@ -401,7 +433,59 @@ Orbit run(OrbitIntegrator integrator, std::unique_ptr<EventLog> events, const In
   return orbit;
 }
 
+/// Of levels and steps no more than how well the laws held.
+OrbitEnd run_to_end(OrbitIntegrator& integrator, EventLog* events, const IntegrationOptions& options) {
+  OrbitEnd end;
+  Orbit crossings;
+  HeldLaws laws;
+  laws.add_level(integrator.node().energy);
+  bool stopped = false;
+  if (events != nullptr) {
+    events->begin(integrator.scheme().state(), integrator.t(), crossings);
+  }
+  while (!integrator.finished() && !stopped) {
+    if (end.steps == options.max_steps) {
+      end.status = Status::not_converged;
+      end.message = steps_used_up(options, integrator.t());
+      break;
+    }
+    const double before = integrator.t();
+    const StepReport report = integrator.step();
+    if (report.status != Status::success) {
+      end.status = report.status;
+      end.message = integrator.explain(report);
+      break;
+    }
+    ++end.steps;
+    laws.add_step(report.energy, report.bridged);
+    laws.add_level(integrator.node().energy);
+    if (events != nullptr) {
+      stopped = events->follow(integrator.scheme().state(), before, integrator.t(), report.h, crossings);
+    }
+  }
+  end.t = integrator.t();
+  end.q.assign(integrator.q().begin(), integrator.q().end());
+  end.p.assign(integrator.p().begin(), integrator.p().end());
+  end.discrete_energy = laws.energy();
+  end.discrete_energy_deviation = laws.discrete_energy_deviation();
+  end.node_energy_deviation = laws.node_energy_deviation();
+  end.events = std::move(crossings.events);
+  return end;
+}
+
 }  // namespace
+
+OrbitEnd integrate_to_end(const Hamiltonian& hamiltonian, const InitialState& initial,
+                          const IntegrationOptions& options, std::mutex& making) {
+  std::optional<OrbitIntegrator> integrator;
+  std::unique_ptr<EventLog> events;
+  {
+    const std::scoped_lock lock(making);
+    integrator.emplace(hamiltonian, initial, options);
+    events = make_log(hamiltonian, initial, options);
+  }
+  return run_to_end(*integrator, events.get(), options);
+}
 
 Orbit integrate(const Hamiltonian& hamiltonian, const InitialState& initial, const IntegrationOptions& options) {
   OrbitIntegrator integrator(hamiltonian, initial, options);  // which looks at what it is given

@@ -140,4 +140,24 @@ struct Orbit {
 [[nodiscard]] Orbit integrate(const Lagrangian& lagrangian, const InitialMotion& initial,
                               const IntegrationOptions& options);
 
+/// The last level of one of many orbits, and how well the laws held on the way to it.
+struct OrbitEnd {
+  double t = 0.0;
+  std::vector<double> q, p;  ///< n entries each
+  std::size_t steps = 0;
+  double discrete_energy = 0.0;            ///< E: that of the first step that meets the law
+  double discrete_energy_deviation = 0.0;  ///< as Orbit tells them
+  double node_energy_deviation = 0.0;
+  std::vector<EventCrossings> events;
+  Status status = Status::success;
+  std::string message;
+};
+
+/// Integrates one H from many initial states with the same options, each with levels of its own: every orbit is the
+/// same, bit for bit, as that of integrate() for it alone. On fixed levels with a splitting, and without events, they
+/// go side by side in vectors (SplittingLanes), many times as fast; all others one after the other. They are shared out
+/// to OpenMP's threads. \throws as OrbitIntegrator, for the first of the states that cannot be started from
+[[nodiscard]] std::vector<OrbitEnd> integrate(const Hamiltonian& hamiltonian, std::span<const InitialState> initial,
+                                              const IntegrationOptions& options);
+
 }  // namespace rubato

@@ -11,6 +11,7 @@
 #include <rubato/ode/node_law.hpp>
 #include <rubato/ode/one_step_state.hpp>
 #include <rubato/ode/separable.hpp>
+#include <rubato/ode/splitting_formula.hpp>
 
 namespace rubato {
 
@@ -19,25 +20,10 @@ namespace {
 using Eigen::Index;
 using Eigen::VectorXd;
 
-/// Instructions of a step up to which it is one formula: to compile them takes a millisecond.
-constexpr std::size_t longest_whole_step = 4000;
-
 /// T or V with its gradient.
 class Half {
 public:
-  Half(formula::Expression energy, std::span<const formula::Expression> variables)
-      : variables_(variables.begin(), variables.end()), outputs_of_(1, energy) {
-    const auto gradient = formula::gradient(energy, variables);
-    outputs_of_.insert(outputs_of_.end(), gradient.begin(), gradient.end());
-    evaluate_ = formula::ScalarEvaluator(formula::Bytecode(outputs_of_, variables));
-  }
-
-  /// The value and the gradient at a point that is told by formulas of another graph.
-  [[nodiscard]] std::vector<formula::Expression> at(std::span<const formula::Expression> point,
-                                                    formula::Graph& graph) const {
-    return formula::substitute(outputs_of_, graph, variables_, point);
-  }
-  [[nodiscard]] std::size_t instructions() const { return evaluate_.code().instructions().size(); }
+  explicit Half(const SplittingHalf& formula) : evaluate_(formula.code) {}
 
   /// The value at x (n entries), whose gradient is in gradient() until the next call.
   double operator()(const double* x) {
@@ -47,67 +33,34 @@ public:
   [[nodiscard]] const double* gradient() const { return outputs_ + 1; }
 
 private:
-  std::vector<formula::Expression> variables_, outputs_of_;
   formula::ScalarEvaluator evaluate_;
   const double* outputs_ = nullptr;
 };
 
-/// A whole step as one formula, (z in its two parts, h) ↦ (E, δ): the operations of part after part, with their
-/// numbers, which machine code then keeps in registers from one part to the next. Empty where that would be long.
-std::optional<formula::ScalarEvaluator> whole_step(const Half& T, const Half& V, const Composition& composition,
-                                                   std::size_t n) {
-  std::size_t instructions = 0;
-  for (const Composition::Part& part : composition.parts) {
-    instructions += (part.drift ? T : V).instructions() + 4 * n;
-  }
-  if (instructions > longest_whole_step) {
+/// A whole step, if it is one formula.
+std::optional<formula::ScalarEvaluator> whole_step(const SplittingHalf& T, const SplittingHalf& V,
+                                                   const Composition& composition) {
+  const auto step = splitting_formula(T, V, composition);
+  if (!step) {
     return std::nullopt;
   }
-  formula::Graph graph;
-  std::vector<formula::Expression> inputs;
-  for (const char* name : {"high", "low"}) {
-    for (std::size_t i = 0; i < 2 * n; ++i) {
-      inputs.push_back(graph.variable(fmt::format("{}{}", name, i)));
-    }
-  }
-  const formula::Expression h = graph.variable("h");
-  const std::vector<formula::Expression> high(inputs.begin(), inputs.begin() + static_cast<std::ptrdiff_t>(2 * n)),
-      low(inputs.begin() + static_cast<std::ptrdiff_t>(2 * n), inputs.end());
-  inputs.push_back(h);
-  std::vector<formula::Expression> delta(2 * n, graph.constant(0.0)), point;
-  for (std::size_t i = 0; i < 2 * n; ++i) {
-    point.push_back(high[i] + low[i]);
-  }
-  formula::Expression energy = graph.constant(0.0);
-  for (const Composition::Part& part : composition.parts) {
-    const Half& half = part.drift ? T : V;
-    const std::size_t moved = part.drift ? 0 : n;
-    const auto value = half.at(std::span(point).subspan(n - moved, n), graph);
-    energy += part.length * value[0];
-    const formula::Expression length = (part.drift ? part.length : -part.length) * h;
-    for (std::size_t i = 0; i < n; ++i) {
-      formula::Expression& change = delta[moved + i];
-      change += length * value[1 + i];
-      point[moved + i] = high[moved + i] + (low[moved + i] + change);
-    }
-  }
-  std::vector<formula::Expression> outputs = {energy};
-  outputs.insert(outputs.end(), delta.begin(), delta.end());
-  return formula::ScalarEvaluator(formula::Bytecode(outputs, inputs));
+  std::vector<formula::Expression> outputs = {step->energy};
+  outputs.insert(outputs.end(), step->delta.begin(), step->delta.end());
+  return formula::ScalarEvaluator(formula::Bytecode(outputs, step->inputs()));
 }
 
 class SplittingScheme final : public OneStepState<VectorXd> {
 public:
-  SplittingScheme(const Hamiltonian& hamiltonian, const Separation& halves, const Composition& composition,
-                  std::span<const double> z_0)
+  SplittingScheme(const Hamiltonian& hamiltonian, const SplittingHalf& T, const SplittingHalf& V,
+                  const Composition& composition, std::span<const double> z_0)
       : OneStepState(hamiltonian, z_0),
         composition_(composition),
         law_(hamiltonian, composition.gamma),
         energy_size_(hamiltonian.size_code()),
         n_(static_cast<Index>(hamiltonian.degrees_of_freedom())),
-        T_(halves.T, std::span(hamiltonian.variables()).subspan(hamiltonian.degrees_of_freedom())),
-        V_(halves.V, std::span(hamiltonian.variables()).first(hamiltonian.degrees_of_freedom())),
-        whole_(whole_step(T_, V_, composition, hamiltonian.degrees_of_freedom())) {
+        T_(T),
+        V_(V),
+        whole_(whole_step(T, V, composition)) {
     inputs_.setZero(4 * n_ + 1);
     point_.setZero(2 * n_);
     errors_.setZero(2 * n_);
@@ -209,15 +162,16 @@ std::unique_ptr<OneStepScheme> make_splitting_scheme(const Hamiltonian& hamilton
         "a splitting needs H = T(p) + V(q); the term {} depends on coordinates and momenta: use lagrangian = \"gauss\"",
         halves.mixed));
   }
-  const std::span<const formula::Expression> momenta =
-      std::span(hamiltonian.variables()).subspan(hamiltonian.degrees_of_freedom());
-  if (composition.of_quadratic_kinetic_energy && !is_quadratic(halves.T, momenta)) {
+  const std::span variables(hamiltonian.variables());
+  const std::size_t n = hamiltonian.degrees_of_freedom();
+  if (composition.of_quadratic_kinetic_energy && !is_quadratic(halves.T, variables.subspan(n))) {
     throw std::invalid_argument(
         fmt::format("the composition {} is of order {} where T(p) is of degree two alone, and T = {} is not: use {}",
                     composition.name, composition.order, formula::to_string(halves.T),
                     composition_of_order(composition.order).name));
   }
-  return std::make_unique<SplittingScheme>(hamiltonian, halves, composition, z_0);
+  return std::make_unique<SplittingScheme>(hamiltonian, SplittingHalf(halves.T, variables.subspan(n)),
+                                           SplittingHalf(halves.V, variables.first(n)), composition, z_0);
 }
 
 }  // namespace rubato

@@ -46,8 +46,8 @@ bool same_bits(const Column& a, const Column& b) {
 }
 
 std::vector<Column> batched(const Bytecode& code, const std::vector<Column>& inputs, std::size_t first,
-                            std::size_t last) {
-  BatchEvaluator evaluator(code);
+                            std::size_t last, BatchFunctions functions = BatchFunctions::vector) {
+  BatchEvaluator evaluator(code, Engine::automatic, functions);
   std::vector<Column> outputs(code.output_count(), Column(last - first));
   std::vector<const double*> in;
   std::vector<double*> out;
@@ -212,6 +212,29 @@ TEST_CASE("operations of two and three arguments are bit for bit those of the sc
       worst = std::max(worst, ulp_distance(found[i], expected[i]));
     INFO(to_string(e));
     CHECK(worst == 0.0);
+  }
+}
+
+TEST_CASE("with the scalar evaluator's functions every result is the scalar evaluator's") {
+  const Column x = arguments();
+  std::size_t others = 0;
+  for (const Bounded& f : unary_functions()) {
+    Graph graph;
+    const Expression variable = graph.variable("x");
+    const Bytecode code = compile({f.function(variable), 2.0 * f.function(variable * variable) + variable}, {variable});
+    const std::vector<Column> expected = one_by_one(code, {x});
+    const std::vector<Column> found = batched(code, {x}, 0, x.size(), BatchFunctions::scalar);
+    INFO(f.name);
+    CHECK(same_bits(found[0], expected[0]));
+    CHECK(same_bits(found[1], expected[1]));
+    others += same_bits(batched(code, {x})[0], expected[0]) ? 0 : 1;
+  }
+  CHECK(others > 5);  // the vector functions give other bits
+  const std::vector<Column> points = mixed_points();
+  const std::vector<Column> expected = one_by_one(mixed_code(), points);
+  const std::vector<Column> found = batched(mixed_code(), points, 0, points[0].size(), BatchFunctions::scalar);
+  for (std::size_t j = 0; j < expected.size(); ++j) {
+    CHECK(same_bits(found[j], expected[j]));
   }
 }
 

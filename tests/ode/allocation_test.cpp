@@ -14,7 +14,10 @@
 #include <rubato/ode/hamiltonian.hpp>
 #include <rubato/ode/lagrangian_scheme.hpp>
 #include <rubato/ode/midpoint_scheme.hpp>
+#include <rubato/ode/splitting_lanes.hpp>
 #include <rubato/variation/time_levels.hpp>
+
+#include "systems.hpp"
 
 namespace {
 
@@ -117,6 +120,23 @@ TEST_CASE("an allocation in a step would be counted") {
   };
   CHECK(allocations_in_steps(2, Levels::variable, by_new) >= 100);
   CHECK(allocations_in_steps(2, Levels::variable, by_eigen) >= 100);
+}
+
+TEST_CASE("orbits side by side take their steps without allocations") {
+  const systems::System system = systems::henon_heiles();
+  std::vector<double> z = system.initial.q;
+  z.insert(z.end(), system.initial.p.begin(), system.initial.p.end());
+  const auto lanes = SplittingLanes::make(system.hamiltonian, composition("golden"), {}, 16);
+  std::vector<SplittingLanes::End> ends(16);
+  const auto allocations_until = [&](double until) {
+    const std::vector<SplittingLanes::Start> starts(16, {.z = z, .t = 0.0, .step = 0.1, .until = until});
+    const std::size_t before = allocations;
+    CHECK(lanes->run(starts, 1'000'000, ends));
+    return allocations - before;
+  };
+  CHECK(allocations_until(10.0) == allocations_until(500.0));
+  // The twin: what is told of each orbit at its end is allocated.
+  CHECK(allocations_until(10.0) > 0);
 }
 
 #endif

@@ -1,0 +1,311 @@
+#include <rubato/ode/splitting_lanes.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <stdexcept>
+
+#include <fmt/format.h>
+
+#include <rubato/ode/separable.hpp>
+#include <rubato/ode/splitting_formula.hpp>
+#include <rubato/variation/run_span.hpp>
+#include <rubato/variation/tuning.hpp>
+
+namespace rubato {
+
+namespace {
+
+using formula::Expression;
+
+/// Steps between two questions whether to go on.
+constexpr std::size_t steps_between_questions = 1024;
+
+constexpr std::size_t chunk = 8;
+
+/// H, and fᵀH_zz f as HamiltonianEvaluator::gamma() adds it up, and what is observed: formulas of `variables`.
+std::vector<Expression> seen_at_levels(const Hamiltonian& hamiltonian, bool gamma,
+                                       std::span<const Expression> observed) {
+  const std::span<const Expression> variables = hamiltonian.variables();
+  std::vector<Expression> seen = {hamiltonian.expression()};
+  if (gamma) {
+    formula::Graph& graph = *hamiltonian.graph();
+    const std::size_t n = hamiltonian.degrees_of_freedom();
+    const auto gradient = formula::gradient(hamiltonian.expression(), variables);
+    const auto upper = formula::hessian_upper(hamiltonian.expression(), variables);
+    std::vector<Expression> f(2 * n, graph.constant(0.0));
+    for (std::size_t i = 0; i < n; ++i) {
+      f[i] = gradient[n + i];
+      f[n + i] = -gradient[i];
+    }
+    Expression sum = graph.constant(0.0);
+    for (std::size_t i = 0; i < 2 * n; ++i) {
+      Expression row = graph.constant(0.0);
+      for (std::size_t j = 0; j < 2 * n; ++j) {
+        const std::size_t low = std::min(i, j), high = std::max(i, j);
+        const Expression entry = upper[low * 2 * n - low * (low + 1) / 2 + high];
+        if (!entry.is_constant(0.0)) {
+          row += entry * f[j];
+        }
+      }
+      sum += f[i] * row;
+    }
+    seen.push_back(sum);
+  }
+  seen.insert(seen.end(), observed.begin(), observed.end());
+  return seen;
+}
+
+/// z + δ in two parts, as CompensatedState::add() has it.
+struct NextLevel {
+  std::vector<Expression> high, low;
+};
+NextLevel next_level(const SplittingFormula& step) {
+  NextLevel next;
+  for (std::size_t i = 0; i < step.high.size(); ++i) {
+    const Expression high = step.high[i], delta = step.delta[i];
+    const Expression sum = high + delta;
+    const Expression part = sum - high;
+    const Expression low = step.low[i] + ((high - (sum - part)) + (delta - part));
+    const Expression rounded = sum + low;
+    next.high.push_back(rounded);
+    next.low.push_back(low - (rounded - sum));
+  }
+  return next;
+}
+
+formula::BatchEvaluator scalar_batch(std::span<const Expression> outputs, std::span<const Expression> inputs) {
+  return formula::BatchEvaluator(formula::Bytecode(outputs, inputs), formula::Engine::automatic,
+                                 formula::BatchFunctions::scalar);
+}
+
+}  // namespace
+
+double SplittingLanes::Along::farthest(double from) const {
+  return std::max(std::abs(least - from), std::abs(greatest - from));
+}
+
+std::unique_ptr<SplittingLanes> SplittingLanes::make(const Hamiltonian& hamiltonian, const Composition& composition,
+                                                     std::span<const Expression> observed, std::size_t width,
+                                                     bool all) {
+  const Hamiltonian& bare = hamiltonian.without_constant();
+  const Separation halves = separate(bare);
+  if (!halves.separable()) {
+    throw std::invalid_argument(fmt::format("a splitting needs H = T(p) + V(q); {} depends on both", halves.mixed));
+  }
+  const std::span variables(bare.variables());
+  const std::size_t n = bare.degrees_of_freedom();
+  const auto step = splitting_formula(SplittingHalf(halves.T, variables.subspan(n)),
+                                      SplittingHalf(halves.V, variables.first(n)), composition);
+  if (!step) {
+    return nullptr;
+  }
+  std::unique_ptr<SplittingLanes> lanes(
+      new SplittingLanes(n, composition, (std::max<std::size_t>(width, 1) + chunk - 1) / chunk * chunk));
+  lanes->has_gamma_ = all && composition.has_node_law();
+  const std::vector<Expression> seen = seen_at_levels(bare, lanes->has_gamma_, observed);
+  lanes->nodes_ = scalar_batch(seen, variables);
+
+  const NextLevel next = next_level(*step);
+  std::vector<Expression> outputs = next.high;
+  outputs.insert(outputs.end(), next.low.begin(), next.low.end());
+  outputs.push_back(step->energy);
+  const auto seen_there = formula::substitute(seen, *step->graph, variables, next.high);
+  outputs.insert(outputs.end(), seen_there.begin(), seen_there.end());
+  lanes->whole_ = scalar_batch(outputs, step->inputs());
+
+  lanes->measures_ = all;
+  // As SplittingScheme::energy_size() has it.
+  std::vector<Expression> middle, errors;
+  for (std::size_t i = 0; i < 2 * n; ++i) {
+    middle.push_back(step->high[i] + (step->low[i] + 0.5 * step->delta[i]));
+    errors.push_back(2.0 * (abs(middle[i]) + abs(step->delta[i])));
+  }
+  middle.insert(middle.end(), errors.begin(), errors.end());
+  lanes->middle_ = scalar_batch(middle, step->inputs());
+  lanes->energy_size_ = formula::SumSizeEvaluator(bare.size_code());
+  lanes->make_room(hamiltonian, composition, observed.size());
+  return lanes;
+}
+
+void SplittingLanes::make_room(const Hamiltonian& hamiltonian, const Composition& composition, std::size_t observed) {
+  const std::size_t nodes = 1 + (has_gamma_ ? 1 : 0) + observed;
+  const std::size_t rows = 2 * 4 * n_ + 4 + 3 + 4 * nodes + 4 * n_;
+  room_.resize(rows * width_ / chunk);
+  std::size_t next = 0;
+  const auto take = [&] { return row(next++); };
+  for (auto& to : to_) {
+    for (std::size_t i = 0; i < 4 * n_; ++i) {
+      to.push_back(take());
+    }
+  }
+  for (double** one : {&h_, &energy_, &odd_, &rounding_}) {
+    *one = take();
+  }
+  const auto see = [&](double constant, double scale) {
+    return Seen{.first = take(), .least = take(), .greatest = take(), .constant = constant, .scale = scale};
+  };
+  energies_ = see(hamiltonian.constant(), 1.0);
+  for (std::size_t k = 0; k < nodes; ++k) {
+    const bool is_gamma = has_gamma_ && k == 1;
+    nodes_seen_.push_back(see(k == 0 ? hamiltonian.constant() : 0.0, is_gamma ? composition.gamma : 1.0));
+    seen_at_.push_back(take());
+  }
+  for (std::size_t i = 0; i < 4 * n_; ++i) {
+    middle_at_.push_back(take());
+  }
+  for (int which = 0; which < 2; ++which) {
+    from_[which].assign(to_[which].begin(), to_[which].end());
+    from_[which].push_back(h_);
+  }
+  for (auto& to : to_) {
+    to.push_back(energy_);
+    to.insert(to.end(), seen_at_.begin(), seen_at_.end());
+  }
+  high_.resize(2 * n_);
+  point_.resize(2 * n_);
+  errors_.resize(2 * n_);
+}
+
+std::size_t SplittingLanes::steps_of(const Start& start) {
+  const double direction = start.step > 0.0 ? 1.0 : -1.0;
+  const auto finished = [&](std::size_t k) {
+    const double t = start.t + static_cast<double>(k) * start.step;
+    return direction * (t - start.until) >= -end_slack * std::abs(start.step);
+  };
+  const double about = std::clamp((start.until - start.t) / start.step - 2.0, 0.0, 1e15);
+  auto steps = static_cast<std::size_t>(about);
+  while (!finished(steps)) {
+    ++steps;
+  }
+  return steps;
+}
+
+bool SplittingLanes::run(std::span<const Start> starts, std::size_t max_steps, std::span<End> ends,
+                         const std::function<bool()>& halted) {
+  if (starts.empty() || starts.size() > width_ || starts.size() != ends.size()) {
+    throw std::invalid_argument(
+        fmt::format("{} starts and {} ends of orbits that have room for {}", starts.size(), ends.size(), width_));
+  }
+  begin(starts);
+  for (std::size_t m = 0; m < starts.size(); ++m) {
+    ends[m] = {};
+    ends[m].steps = steps_of(starts[m]);
+    ends[m].alone = ends[m].steps > max_steps;
+    ends[m].z.resize(2 * n_);
+    ends[m].observed.resize(nodes_seen_.size() - (has_gamma_ ? 2 : 1));
+  }
+  std::size_t k = 0;
+  for (;;) {
+    std::size_t stop = std::numeric_limits<std::size_t>::max();
+    for (std::size_t m = 0; m < starts.size(); ++m) {
+      if (!ends[m].alone && ends[m].steps == k) {
+        tell(m, starts[m], k, ends[m]);
+      }
+      if (!ends[m].alone && ends[m].steps > k) {
+        stop = std::min(stop, ends[m].steps);
+      }
+    }
+    if (stop == std::numeric_limits<std::size_t>::max()) {
+      return true;
+    }
+    for (; k < stop; ++k) {
+      if (k % steps_between_questions == 0 && halted && halted()) {
+        return false;
+      }
+      if (measures_ && k % tuning::size_period == 0) {
+        measure(starts.size());
+      }
+      step();
+    }
+  }
+}
+
+/// Lanes beyond the last orbit are like the first.
+void SplittingLanes::begin(std::span<const Start> starts) {
+  here_ = 0;
+  first_step_ = true;
+  for (std::size_t m = 0; m < width_; ++m) {
+    const Start& start = starts[m < starts.size() ? m : 0];
+    for (std::size_t i = 0; i < 2 * n_; ++i) {
+      to_[0][i][m] = start.z[i];
+      to_[0][2 * n_ + i][m] = 0.0;
+    }
+    h_[m] = start.step;
+    odd_[m] = rounding_[m] = 0.0;
+  }
+  high_.assign(from_[0].begin(), from_[0].begin() + static_cast<std::ptrdiff_t>(2 * n_));
+  nodes_(width_, high_, seen_at_);
+  see_level(true);
+}
+
+void SplittingLanes::step() {
+  whole_(width_, from_[here_], to_[1 - here_]);
+  here_ = 1 - here_;
+  see(energy_, energies_, first_step_);
+  see_level(false);
+  first_step_ = false;
+}
+
+void SplittingLanes::see_level(bool first) {
+  for (std::size_t k = 0; k < seen_at_.size(); ++k) {
+    see(seen_at_[k], nodes_seen_[k], first);
+  }
+}
+
+/// A value that is not finite leaves its mark in odd_ for good.
+void SplittingLanes::see(const double* __restrict values, const Seen& seen, bool first) {
+  const double constant = seen.constant, scale = seen.scale;
+  double* const __restrict least = seen.least;
+  double* const __restrict greatest = seen.greatest;
+  double* const __restrict odd = odd_;
+  if (first) {
+    for (std::size_t m = 0; m < width_; ++m) {
+      seen.first[m] = least[m] = greatest[m] = scale * (values[m] + constant);
+    }
+  }
+  for (std::size_t m = 0; m < width_; ++m) {
+    const double value = scale * (values[m] + constant);
+    least[m] = value < least[m] ? value : least[m];
+    greatest[m] = value > greatest[m] ? value : greatest[m];
+    odd[m] += value - value;
+  }
+}
+
+/// What rounding makes of E_k in the coming step, as TimeLevels has it from time to time.
+void SplittingLanes::measure(std::size_t lanes) {
+  middle_(width_, from_[here_], middle_at_);
+  for (std::size_t m = 0; m < lanes; ++m) {
+    for (std::size_t i = 0; i < 2 * n_; ++i) {
+      point_[i] = middle_at_[i][m];
+      errors_[i] = middle_at_[2 * n_ + i][m];
+    }
+    formula::SumSize size = energy_size_(point_, errors_);
+    size.rounding *= magnitude_;
+    odd_[m] += size.terms - size.terms;
+    odd_[m] += size.rounding - size.rounding;
+    rounding_[m] = std::max(rounding_[m], size.rounding);
+  }
+}
+
+void SplittingLanes::tell(std::size_t lane, const Start& start, std::size_t steps, End& end) const {
+  double odd = odd_[lane];
+  for (std::size_t i = 0; i < 2 * n_; ++i) {
+    end.z[i] = from_[here_][i][lane];
+    odd += end.z[i] - end.z[i];
+  }
+  end.alone = odd != 0.0;
+  end.t = start.t + static_cast<double>(steps) * start.step;
+  const auto along = [lane](const Seen& seen) {
+    return Along{.first = seen.first[lane], .least = seen.least[lane], .greatest = seen.greatest[lane]};
+  };
+  end.energy = steps > 0 ? along(energies_) : Along{};
+  end.node_energy = along(nodes_seen_[0]);
+  end.gamma = has_gamma_ ? along(nodes_seen_[1]) : Along{};
+  for (std::size_t k = 0; k < end.observed.size(); ++k) {
+    end.observed[k] = along(nodes_seen_[k + (has_gamma_ ? 2 : 1)]);
+  }
+  end.rounding = rounding_[lane];
+}
+
+}  // namespace rubato
