@@ -18,6 +18,7 @@
 #include <rubato/study/chronicle.hpp>
 #include <rubato/study/digest.hpp>
 #include <rubato/study/document.hpp>
+#include <rubato/study/ensemble_lanes.hpp>
 #include <rubato/study/ensemble_member.hpp>
 #include <rubato/study/ensemble_ranks.hpp>
 #include <rubato/study/reader.hpp>
@@ -38,6 +39,10 @@ public:
   EntryColumn(const Ensemble& ensemble, std::size_t entry) {
     for (const auto& member : ensemble.values) {
       const std::string& text = member[entry];
+      if (const auto plain = plain_number(text)) {
+        numbers_.push_back(*plain);
+        continue;
+      }
       double number = nan;
       try {
         const Value root = read_document("value = " + text, "");
@@ -88,7 +93,9 @@ public:
     outcome_.values = ensemble_.values;
     // All are read before anything is written; what only the run of one shows ends that one.
     keeps_states_ = keeps_series_ = true;
-    for (std::size_t m = 0; m < ensemble_.members(); ++m) {
+    const std::size_t read =
+        differ_in_starts_alone(problem) ? std::min<std::size_t>(1, ensemble_.members()) : ensemble_.members();
+    for (std::size_t m = 0; m < read; ++m) {
       const Problem member = member_problem(problem, m);
       if (m == 0) {
         names_ = figure_names(member);

@@ -12,6 +12,7 @@
 
 #include <rubato/figures/text.hpp>
 #include <rubato/study/chronicle.hpp>
+#include <rubato/study/ensemble_lanes.hpp>
 #include <rubato/study/row_sink.hpp>
 
 namespace rubato::study {
@@ -143,17 +144,45 @@ private:
   MemberResult result_;
 };
 
-/// One thread: members until there are no more.
+/// A member by itself. \return whether it came to an end of its own
+bool take_alone(const Problem& ensemble, std::size_t number, const std::vector<std::string>& figures,
+                MemberDesk& desk) {
+  const Problem problem = member_problem(ensemble, number);
+  MemberResult result = Member(problem, figures, desk).run();
+  if (result.status == ExitStatus::interrupted) {
+    return false;
+  }
+  desk.hand_in(number, std::move(result));
+  return true;
+}
+
+/// One thread: members until there are no more, as many at once as go side by side.
 void take_members(const Problem& ensemble, const std::vector<std::string>& figures, MemberDesk& desk) {
   try {
-    while (const std::optional<std::size_t> number = desk.next()) {
-      const Problem problem = member_problem(ensemble, *number);
-      MemberResult result = Member(problem, figures, desk).run();
-      if (result.status == ExitStatus::interrupted) {
-        return;
+    const std::unique_ptr<MemberLanes> lanes = MemberLanes::make(ensemble, figures);
+    const std::size_t at_once = lanes == nullptr ? 1 : lanes->width();
+    std::vector<std::size_t> numbers;
+    do {
+      numbers.clear();
+      while (numbers.size() < at_once) {
+        const std::optional<std::size_t> number = desk.next();
+        if (!number) {
+          break;
+        }
+        numbers.push_back(*number);
       }
-      desk.hand_in(*number, std::move(result));
-    }
+      std::vector<std::optional<MemberResult>> results(numbers.size());
+      if (lanes != nullptr && !numbers.empty()) {
+        results = lanes->run(numbers, desk);
+      }
+      for (std::size_t i = 0; i < numbers.size(); ++i) {
+        if (results[i]) {
+          desk.hand_in(numbers[i], std::move(*results[i]));
+        } else if (!take_alone(ensemble, numbers[i], figures, desk)) {
+          return;
+        }
+      }
+    } while (numbers.size() == at_once);
   } catch (...) {
     desk.fail(std::current_exception());
   }
