@@ -151,20 +151,62 @@ void Slab::take_part(std::span<const double> whole, std::span<double> part) cons
   }
 }
 
-std::vector<double> Slab::gathered(std::span<const double> part) const {
-  const std::span<const double> mine = part.subspan(first_node(), owned());
+std::vector<double> Slab::gathered(std::span<const double> part, Range planes, Range columns) const {
+  // What a rank has of these planes is sent as it lies there, if that is all of them.
+  const auto planes_of_rank = [&](int rank) {
+    const std::size_t first = std::max(planes.first, first_plane(rank));
+    const std::size_t end = std::min(planes.first + planes.count, first_plane(rank + 1));
+    return Range{first, end > first ? end - first : 0};
+  };
+  const auto place_of = [&](std::size_t plane) { return (plane - planes.first) * columns.count; };
+  const Range mine = planes_of_rank(ranks_.rank());
+  const double* from = part.data() + (ghosts_ + mine.first - first_plane(ranks_.rank())) * plane_ + columns.first;
+  const auto pack = [&](double* to) {
+    for (std::size_t i = 0; i < mine.count; ++i) {
+      std::copy_n(from + i * plane_, columns.count, to + i * columns.count);
+    }
+  };
   if (!leads()) {
-    ranks_.exchange(std::array{Communicator::Outgoing{0, mine}}, {});
+    if (mine.count == 0) {
+      return {};
+    }
+    std::span<const double> all(from, mine.count * plane_);
+    std::vector<double> packed;
+    if (columns.count != plane_) {
+      packed.resize(mine.count * columns.count);
+      pack(packed.data());
+      all = packed;
+    }
+    ranks_.exchange(std::array{Communicator::Outgoing{0, all}}, {});
     return {};
   }
-  std::vector<double> whole(whole_.size());
-  std::ranges::copy(mine, whole.begin());
+  std::vector<double> box(planes.count * columns.count);
+  if (mine.count > 0) {
+    pack(box.data() + place_of(mine.first));
+  }
   std::vector<Communicator::Incoming> in;
   for (int rank = 1; rank < ranks_.size(); ++rank) {
-    in.push_back({rank, std::span(whole).subspan(first_plane(rank) * plane_, planes(rank) * plane_)});
+    if (const Range theirs = planes_of_rank(rank); theirs.count > 0) {
+      in.push_back({rank, std::span(box).subspan(place_of(theirs.first), theirs.count * columns.count)});
+    }
   }
   ranks_.exchange({}, in);
-  return whole;
+  return box;
+}
+
+std::vector<double> Slab::collected(std::span<const double> few) const {
+  if (!leads()) {
+    ranks_.exchange(std::array{Communicator::Outgoing{0, few}}, {});
+    return {};
+  }
+  std::vector<double> all(few.size() * static_cast<std::size_t>(ranks_.size()));
+  std::ranges::copy(few, all.begin());
+  std::vector<Communicator::Incoming> in;
+  for (int rank = 1; rank < ranks_.size(); ++rank) {
+    in.push_back({rank, std::span(all).subspan(static_cast<std::size_t>(rank) * few.size(), few.size())});
+  }
+  ranks_.exchange({}, in);
+  return all;
 }
 
 /// A binomial tree: what a rank gets by the lowest bit of its place, it hands on by every lower one.

@@ -38,12 +38,20 @@ public:
   [[nodiscard]] const Grid& whole() const { return whole_; }
   [[nodiscard]] const Grid& grid() const { return grid_; }
   [[nodiscard]] bool leads() const { return ranks_.rank() == 0; }
+  [[nodiscard]] int rank() const { return ranks_.rank(); }
+  [[nodiscard]] int ranks() const { return ranks_.size(); }
   /// Nodes of grid(), ghosts and all.
   [[nodiscard]] std::size_t size() const { return grid_.size(); }
   /// The first owned one of them, and how many are owned: consecutive ones.
   ///@{
   [[nodiscard]] std::size_t first_node() const { return ghosts_ * plane_; }
   [[nodiscard]] std::size_t owned() const { return planes(ranks_.rank()) * plane_; }
+  ///@}
+  /// The first owned node's number in the whole lattice; and who owns a node of that, and where in its part.
+  ///@{
+  [[nodiscard]] std::size_t number_of_first() const { return first_plane(ranks_.rank()) * plane_; }
+  [[nodiscard]] int owner_of(std::size_t number) const { return owner(number / plane_); }
+  [[nodiscard]] std::size_t node_of(std::size_t number) const { return first_node() + number - number_of_first(); }
   ///@}
 
   /// Copies what others own into the ghosts of every field.
@@ -53,8 +61,19 @@ public:
   void refresh(FieldSet& fields, std::span<const int> which, std::size_t outer) const;
   /// Out of an array of the whole lattice, ghosts and all.
   void take_part(std::span<const double> whole, std::span<double> part) const;
-  /// The whole lattice, at rank 0; nothing at others.
-  [[nodiscard]] std::vector<double> gathered(std::span<const double> part) const;
+  /// The whole lattice, at rank 0; nothing at others. Or of `planes` planes from `first` on their `columns` values from
+  /// `column` on, plane by plane: what does not take room for more.
+  ///@{
+  [[nodiscard]] std::vector<double> gathered(std::span<const double> part) const {
+    return gathered(part, {0, whole_.size() / plane_}, {0, plane_});
+  }
+  struct Range {
+    std::size_t first = 0, count = 0;
+  };
+  [[nodiscard]] std::vector<double> gathered(std::span<const double> part, Range planes, Range columns) const;
+  ///@}
+  /// As many numbers of every rank, one rank's after the other's, at rank 0; nothing at others.
+  [[nodiscard]] std::vector<double> collected(std::span<const double> few) const;
   /// One rank's values at all ranks, along a tree.
   void broadcast(std::span<double> values, int root = 0) const;
 

@@ -13,6 +13,7 @@
 #include <rubato/grids/fourier.hpp>
 #include <rubato/grids/lines.hpp>
 #include <rubato/grids/reductions.hpp>
+#include <rubato/grids/whole.hpp>
 #include <rubato/pde/cell_solver.hpp>
 #include <rubato/pde/euler_box_map.hpp>
 #include <rubato/pde/initial_agreement.hpp>
@@ -310,6 +311,9 @@ std::optional<std::string> sawtooth_caution(const grids::Grid& grid, const std::
   for (std::size_t i = 0; i < given.size(); ++i) {
     taken = std::max(taken, std::abs(given[i] - used[i]));
   }
+  if (taken == 0.0) {
+    return std::nullopt;
+  }
   double second = 0.0;
   for (int a = 0; a < grid.dimensions(); ++a) {
     std::vector<double> line(grid.cells(a));
@@ -321,7 +325,7 @@ std::optional<std::string> sawtooth_caution(const grids::Grid& grid, const std::
     }
   }
   // Half of the roughest place would be the sawtooth, whose second difference is four times its amplitude.
-  if (taken == 0.0 || 4.0 * taken <= 0.5 * second) {
+  if (4.0 * taken <= 0.5 * second) {
     return std::nullopt;
   }
   std::vector<std::string> cells;
@@ -381,7 +385,7 @@ std::vector<std::string> find_cautions(const MultisymplecticSystem& system, cons
       continue;
     }
     if (const auto broken = find_seam_break(grid, *given[i])) {
-      cautions.push_back(describe(*broken, grid, name));
+      cautions.push_back(describe(*broken, grids::whole_of(grid), name));
     }
     if (auto caution = sawtooth_caution(grid, name, *given[i], level.fields.field(f))) {
       cautions.push_back(std::move(*caution));

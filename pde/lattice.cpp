@@ -35,16 +35,19 @@ std::unique_ptr<LatticeScheme> make_scheme(const LatticeMethod& method, const Mu
   }
   LatticeLevel first;
   {
-    // Every rank makes the first level of the whole lattice, and keeps its part.
-    const grids::Slab::Shared alone(nullptr);
-    InitialLevel whole = method.first_level(system, grid, initial);
-    cautions = std::move(whole.cautions);
-    if (const auto growth = find_short_wave_growth(system, grid, whole.level)) {
+    // Every rank makes its part of the first level, or the whole, and keeps its part.
+    const grids::Slab::Shared those_who_make_it(options.initial_is_part ? options.slab : nullptr);
+    const grids::Grid& made = options.initial_is_part ? part_of(grid, options) : grid;
+    InitialLevel level = method.first_level(system, made, initial);
+    cautions = std::move(level.cautions);
+    if (const auto growth = find_short_wave_growth(system, made, level.level)) {
       cautions.insert(cautions.begin(), describe(*growth, grid, system));
     }
-    first = std::move(whole.level);
+    first = std::move(level.level);
   }
-  if (options.slab != nullptr) {
+  if (options.initial_is_part) {
+    options.slab->refresh(first.fields);
+  } else if (options.slab != nullptr) {
     if (std::ranges::any_of(first.slopes.of_field, [](const auto& slopes) {
           return std::ranges::any_of(slopes, [](double slope) { return slope != 0.0; });
         })) {

@@ -35,6 +35,7 @@ struct LatticeOptions {
   /// The part of the lattice that this rank has, the grid being the whole; null for all of it. Its reductions are then
   /// those of this thread (grids::Slab::Shared), for as long as the integrator lives.
   const grids::Slab* slab = nullptr;
+  bool initial_is_part = false;  ///< the initial fields are of that part, too: LatticeMethod::begins_in_parts()
   [[nodiscard]] LatticeMethodChoice method() const { return {lagrangian, stages, composition, space, space_stages}; }
 };
 

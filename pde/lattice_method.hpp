@@ -67,6 +67,8 @@ public:
   ///@{
   [[nodiscard]] virtual bool is_shared() const { return false; }
   [[nodiscard]] virtual std::size_t ghosts(const MultisymplecticSystem& /*system*/) const { return 0; }
+  /// Whether first_level() is made by each rank of its part, where no field is given that others determine.
+  [[nodiscard]] virtual bool begins_in_parts() const { return false; }
   ///@}
 
   /// The discrete action that states the scheme; nothing for a family of maps that has its K in place of one (theory,

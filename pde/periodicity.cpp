@@ -6,8 +6,8 @@
 
 #include <fmt/format.h>
 
-#include <rubato/grids/lines.hpp>
 #include <rubato/grids/reductions.hpp>
+#include <rubato/grids/whole.hpp>
 
 namespace rubato {
 
@@ -90,37 +90,36 @@ std::optional<SeamBreak> find_seam_break(const grids::Grid& grid, std::span<cons
   std::optional<SeamBreak> worst;
   double most = rounding_of_values * grids::max_abs(values);
   for (int a = 0; a < grid.dimensions(); ++a) {
-    const std::size_t n = grid.cells(a);
+    const std::size_t n = grids::whole_of(grid).cells(a);
     if (n < shortest_line) {
       continue;
     }
-    Line line(n);
-    const auto lines = grids::lines_along(grid, a);
+    Line line(n), shown(n);
+    std::size_t first = 0;
     double seam = 0.0;
-    grids::Line shown;
-    for (const grids::Line& at : lines) {
-      line.read(at, values.data());
+    grids::for_each_line(grid, a, values, [&](const double* array, const grids::Line& at, std::size_t node) {
+      line.read(at, array);
       if (const double out = line.seam(); out > seam) {
         seam = out;
-        shown = at;
+        shown = line;
+        first = node;
       }
-    }
-    if (seam <= most) {
+    });
+    if (!grids::agreed(grid, seam > most)) {
       continue;
     }
     double inside = 0.0;
     double second = 0.0;
-    for (const grids::Line& at : lines) {
-      line.read(at, values.data());
+    grids::for_each_line(grid, a, values, [&](const double* array, const grids::Line& at, std::size_t) {
+      line.read(at, array);
       for (std::size_t i = 2; i + 2 < n; ++i) {
         inside = std::max(inside, line.standing_out_at(i));
         second = std::max(second, line.second(i));
       }
-    }
+    });
     if (seam > beyond_inside * inside && seam > 3.0 * of_second_difference * second) {
       most = seam;
-      line.read(shown, values.data());
-      worst = classify(line.values(), a, shown.first, grid.spacing(a));
+      worst = classify(shown.values(), a, first, grid.spacing(a));
     }
   }
   return worst;

@@ -24,7 +24,7 @@ struct SeamBreak {
 /// as rough; a jump J gives 3 J at the seam and a jump J' of the slope 2 Δx J'. The seam is broken if a node next to it
 /// stands out, 4.5 times as much as any inside (data may have fronts and cusps there, too), and by more than a
 /// fiftieth of the largest second difference: less is lost in the truncation error. Lines shorter than 20 cells say
-/// too little.
+/// too little. Where this thread has a slab (grids/whole.hpp) rank 0 gets what is found, others nothing.
 [[nodiscard]] std::optional<SeamBreak> find_seam_break(const grids::Grid& grid, std::span<const double> values);
 
 /// The same in words: "across the seam, where …, `what` jumps by …".

@@ -13,6 +13,7 @@
 #include <fmt/ranges.h>
 
 #include <rubato/grids/reductions.hpp>
+#include <rubato/grids/whole.hpp>
 #include <rubato/pde/placed_coordinates.hpp>
 #include <rubato/solve/small_matrices.hpp>
 
@@ -273,7 +274,7 @@ std::vector<std::array<double, 3>> directions_of(int dimensions) {
 /// that a level does not have. Then the coordinates that S names.
 std::vector<std::vector<double>> states_of(const MultisymplecticSystem& system, const grids::Grid& grid,
                                            const LatticeLevel& level) {
-  const std::size_t nodes = level.fields.size();
+  const std::size_t nodes = grids::whole_of(grid).size();
   std::set<std::size_t> samples;
   for (std::size_t s = 0; s < sample_states; ++s) {
     // Multiples of the golden mean: not in step with the grid's rows.
@@ -285,9 +286,8 @@ std::vector<std::vector<double>> states_of(const MultisymplecticSystem& system, 
     if (!system.structure().at_midpoints(f)) {
       const std::span<const double> values = level.fields.field(f);
       mean[static_cast<std::size_t>(f)] = grids::sum(values) / static_cast<double>(nodes);
-      const auto [least, greatest] = std::ranges::minmax_element(values);
-      samples.insert(
-          {static_cast<std::size_t>(least - values.begin()), static_cast<std::size_t>(greatest - values.begin())});
+      const auto [least, greatest] = grids::extreme_nodes(values);
+      samples.insert({least, greatest});
     }
   }
   const PlacedCoordinates places(system, grid, Within::node);
@@ -296,14 +296,13 @@ std::vector<std::vector<double>> states_of(const MultisymplecticSystem& system, 
       state.push_back(places.value(c, node));
     }
   };
-  const std::size_t fields = mean.size();
   append_place(nodes / 2, mean);
   std::vector<std::vector<double>> states{mean};
   for (const std::size_t node : samples) {
-    std::vector<double>& state = states.emplace_back(fields, 0.0);
+    std::vector<double>& state = states.emplace_back(grids::values_at(level.fields, node));
     for (int f = 0; f < system.field_count(); ++f) {
-      if (!system.structure().at_midpoints(f)) {
-        state[static_cast<std::size_t>(f)] = level.fields.field(f)[node];
+      if (system.structure().at_midpoints(f)) {
+        state[static_cast<std::size_t>(f)] = 0.0;
       }
     }
     append_place(node, state);

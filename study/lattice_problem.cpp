@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <rubato/grids/whole.hpp>
 #include <rubato/pde/first_step.hpp>
 #include <rubato/study/initial_record.hpp>
 #include <rubato/study/reader.hpp>
@@ -93,11 +94,10 @@ private:
     }
     NodeFormula formula(graph, {expression}, pde_.fields, grid_);
     values_[f] = std::move(formula(known, pde_.start).front());
-    const auto wrong = std::ranges::find_if(*values_[f], [](double value) { return !std::isfinite(value); });
-    if (wrong != values_[f]->end()) {
-      throw ProblemError(text.location,
-                         fmt::format("the initial {} is {} at {}", pde_.fields[f], *wrong,
-                                     place_of(grid_, static_cast<std::size_t>(wrong - values_[f]->begin()))));
+    if (const auto wrong = grids::first_undefined(*values_[f])) {
+      const auto [node, value] = *wrong;
+      throw ProblemError(text.location, fmt::format("the initial {} is {} at {}", pde_.fields[f], value,
+                                                    place_of(grids::whole_of(grid_), node)));
     }
     return true;
   }
@@ -107,6 +107,25 @@ private:
   const grids::Grid& grid_;
   InitialFields values_;
 };
+
+/// Whether the ranks that share a lattice can make the first level of their parts each: not from derivatives across
+/// planes, nor where what a user gave has to agree with what the constraints say.
+bool begins_in_parts(const Problem& problem, const MultisymplecticSystem& system) {
+  const MultisymplecticProblem& pde = *problem.multisymplectic();
+  bool in_parts = make_method(problem)->begins_in_parts();
+  for (std::size_t f = 0; f < pde.fields.size(); ++f) {
+    if (const auto& text = pde.initial[f]) {
+      formula::Graph graph;
+      const auto expression = problem.build(*text, graph, pde.axis_names(), pde.fields);
+      const std::string across = fmt::format("d{}(", pde.axes.back().name);
+      in_parts = in_parts && !system.structure().algebraic[f] &&
+                 std::ranges::none_of(formula::variables_of(expression), [&](std::size_t variable) {
+                   return graph.variable_name(variable).find(across) != std::string::npos;
+                 });
+    }
+  }
+  return in_parts;
+}
 
 /// Calls `make`; what the library refuses is wrong at `location`.
 template <typename Make>
@@ -157,7 +176,7 @@ MultisymplecticSystem make_system(const Problem& problem) {
       pde.M.location, [&] { return MultisymplecticSystem(graph, pde.fields, dense(pde.M), std::move(K), S); }));
 }
 
-grids::Grid make_grid(const Problem& problem) {
+grids::Grid make_grid(const Problem& problem, int ranks) {
   const MultisymplecticProblem& pde = *problem.multisymplectic();
   return at_location(pde.axes.front().location, [&] {
     std::vector<grids::Axis> axes;
@@ -166,7 +185,7 @@ grids::Grid make_grid(const Problem& problem) {
       axes.push_back({axis.name, axis.from, axis.to, static_cast<std::size_t>(axis.cells)});
       nodes *= static_cast<double>(axis.cells);
     }
-    grids::require_memory(least_doubles * nodes * static_cast<double>(pde.fields.size()),
+    grids::require_memory(least_doubles * nodes * static_cast<double>(pde.fields.size()) / ranks,
                           fmt::format("a run with {} fields on {:.6g} nodes", pde.fields.size(), nodes));
     return grids::Grid(std::move(axes));
   });
@@ -175,6 +194,16 @@ grids::Grid make_grid(const Problem& problem) {
 InitialFields make_initial_fields(const Problem& problem, const grids::Grid& grid) {
   return InitialValues(problem, grid).take();
 }
+
+namespace {
+
+/// By this rank alone.
+InitialFields whole_initial_fields(const Problem& problem, const grids::Grid& grid) {
+  const grids::Slab::Shared alone(nullptr);
+  return make_initial_fields(problem, grid);
+}
+
+}  // namespace
 
 LatticeOptions make_lattice_options(const Problem& problem, const MultisymplecticSystem& system) {
   const MultisymplecticProblem& pde = *problem.multisymplectic();
@@ -195,10 +224,12 @@ LatticeOptions make_lattice_options(const Problem& problem, const Multisymplecti
 
 LatticeIntegrator make_lattice(const Problem& problem) {
   const MultisymplecticSystem system = make_system(problem);
-  const grids::Grid grid = make_grid(problem);
   LatticeOptions options = make_lattice_options(problem, system);
   options.slab = grids::Slab::present();
-  const InitialFields initial = make_initial_fields(problem, grid);
+  const grids::Grid grid = make_grid(problem, options.slab == nullptr ? 1 : options.slab->ranks());
+  options.initial_is_part = options.slab != nullptr && begins_in_parts(problem, system);
+  const InitialFields initial = options.initial_is_part ? make_initial_fields(problem, options.slab->grid())
+                                                        : whole_initial_fields(problem, grid);
   return at_initial(problem, [&] {
     if (const auto& scheme = problem.scheme; !scheme.step) {
       options.step = choose_first_step(system, grid, initial, options, *scheme.energy_tolerance);

@@ -49,7 +49,7 @@ std::size_t ghosts_of(const Problem& problem) {
 }
 
 grids::Slab make_slab(ranks::Communicator& ranks, const Problem& problem) {
-  const grids::Grid whole = make_grid(problem);
+  const grids::Grid whole = make_grid(problem, ranks.size());
   const std::size_t ghosts = ghosts_of(problem);
   try {
     return {ranks, whole, ghosts};

@@ -119,6 +119,7 @@ public:
   }
   [[nodiscard]] bool has_midpoints() const override { return false; }
   [[nodiscard]] bool is_shared() const override { return true; }
+  [[nodiscard]] bool begins_in_parts() const override { return true; }
   /// Laws read the currents of a neighbour, which reads its own; energies read one neighbour.
   [[nodiscard]] std::size_t ghosts(const MultisymplecticSystem& system) const override {
     const EulerBoxMap::Halo halo = EulerBoxMap::halo(system);

@@ -409,6 +409,7 @@ class LeapfrogMethod final : public LatticeMethod {
 public:
   [[nodiscard]] bool has_bridges() const override { return false; }
   [[nodiscard]] bool is_shared() const override { return true; }
+  [[nodiscard]] bool begins_in_parts() const override { return true; }
   /// Laws take the divergence of currents that are made of differences.
   [[nodiscard]] std::size_t ghosts(const MultisymplecticSystem&) const override { return 2 + LeapfrogMap::reach; }
   [[nodiscard]] std::optional<LatticeAction> action(const MultisymplecticSystem& system) const override {

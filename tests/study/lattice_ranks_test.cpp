@@ -183,6 +183,47 @@ TEST_CASE("a shared lattice is continued on other numbers of ranks") {
   CHECK(different_datasets(folder / "one.h5", folder / "all.h5") == Names{});
 }
 
+TEST_CASE("a first level is the same whether ranks make it in parts or whole, and so is what is said of it") {
+  const Folder folder;
+  // Data that do not repeat, across planes and along them; derivatives along planes, and across them, which no rank can
+  // take of its part; an equation that is ill-posed, which is seen at the least and the greatest value.
+  for (const Settings& settings :
+       {Settings{"initial.u=exp(y/3)*sin(pi*x/3)"}, Settings{"initial.u=x^3*cos(2*pi*(y - 0.3)/6.7)"},
+        Settings{"initial.v=dx(dx(u))"}, Settings{"initial.v=dy(u)"},
+        Settings{"multisymplectic.S=(v^2 - a^2 - b^2)/2 + (1 - cos(u))*a^2"}}) {
+    INFO(settings.front());
+    const Problem problem = wave_on_torus(40, 37, settings);
+    const auto outcome = [&](const RunOptions& options) {
+      try {
+        return run(problem, options).warnings;
+      } catch (const ProblemError& error) {
+        return std::vector<std::string>{error.what()};
+      }
+    };
+    const auto one = outcome({.output = folder / "one.h5", .overwrite = true, .threads = 1});
+    const auto all = with_ranks(3, [&](auto& rank) { return outcome(on(rank, folder / "all.h5")); });
+    CHECK(all == one);
+    CHECK(one.empty() == settings.front().starts_with("initial.v"));
+    if (std::filesystem::exists(folder / "one.h5")) {
+      CHECK(different_datasets(folder / "one.h5", folder / "all.h5") == Names{});
+    }
+    std::filesystem::remove(folder / "one.h5");
+  }
+  // Undefined at nodes of the last rank alone.
+  const Problem wrong = wave_on_torus(9, 12, {"initial.u=log(6 - y)"});
+  std::vector<std::string> said;
+  for (const int size : {1, 3}) {
+    try {
+      static_cast<void>(with_ranks(size, [&](auto& rank) { return run(wrong, on(rank, folder / "never.h5")); }));
+    } catch (const ProblemError& error) {
+      said.emplace_back(error.what());
+    }
+  }
+  REQUIRE(said.size() == 2);
+  CHECK(said[0] == said[1]);
+  CHECK_THAT(said[0], Contains("nan at x = -1, y = 6.44"));
+}
+
 TEST_CASE("a shared run that leaves the domain of its formulas ends as it would on one rank") {
   const Folder folder;
   // Far beyond the CFL condition: the numbers overflow.
