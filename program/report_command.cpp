@@ -8,6 +8,7 @@
 #include <rubato/record/reader.hpp>
 #include <rubato/report/comparison.hpp>
 #include <rubato/report/csv.hpp>
+#include <rubato/report/ensemble_page.hpp>
 #include <rubato/report/page.hpp>
 #include <rubato/report/xdmf.hpp>
 #include <rubato/study/document.hpp>
@@ -140,6 +141,15 @@ void ReportCommands::compare() const {
   probe_record(file_);
   probe_record(other_file_);
   const record::Reader first(file_), second(other_file_);
+  if (report::is_ensemble(first) || report::is_ensemble(second)) {
+    const report::EnsembleComparison comparison = report::compare_ensembles(first, second, canonical);
+    if (output_) {
+      throw std::invalid_argument(
+          "-o: no page shows two ensembles; leave it out, and have `rubato report` draw each by itself");
+    }
+    print(json_ ? report::to_json(comparison) + "\n" : report::to_table(comparison));
+    return;
+  }
   const report::Comparison comparison = report::compare(first, second, canonical);
   if (output_) {
     refuse_replacing(file_, *output_);

@@ -124,7 +124,8 @@ std::vector<std::array<std::string, 3>> side_by_side(const std::vector<figures::
 
 }  // namespace
 
-Comparison compare(const record::Reader& a, const record::Reader& b, const Canonical& canonical) {
+std::array<std::vector<std::string>, 2> problem_differences(const record::Reader& a, const record::Reader& b,
+                                                            const Canonical& canonical) {
   const auto problem = [&](const record::Reader& reader) {
     try {
       return lines_of_text(canonical ? canonical(reader.header().problem) : reader.header().problem);
@@ -132,45 +133,61 @@ Comparison compare(const record::Reader& a, const record::Reader& b, const Canon
       throw record::Error(reader.file(), fmt::format("the problem in it cannot be read ({})", error.what()));
     }
   };
+  return differing_lines(problem(a), problem(b));
+}
+
+Comparison compare(const record::Reader& a, const record::Reader& b, const Canonical& canonical) {
   const Contents in_a = contents_of(a), in_b = contents_of(b);
   require_something_in_common(a, in_a, b, in_b);
   Comparison comparison{.files = {a.file().string(), b.file().string()},
                         .titles = {a.header().title, b.header().title},
                         .statistics = {summarise(a, in_a), summarise(b, in_b)},
                         .lines = {},
-                        .only_in = differing_lines(problem(a), problem(b))};
+                        .only_in = problem_differences(a, b, canonical)};
   comparison.lines =
       side_by_side(figures::lines_of(comparison.statistics[0]), figures::lines_of(comparison.statistics[1]));
   return comparison;
 }
 
-std::string to_table(const Comparison& comparison) {
-  std::vector<std::array<std::string, 3>> rows{{"", comparison.files[0], comparison.files[1]}};
-  rows.insert(rows.end(), comparison.lines.begin(), comparison.lines.end());
+std::string table_side_by_side(const std::array<std::string, 2>& titles, const std::array<std::string, 2>& files,
+                               const std::vector<std::array<std::string, 3>>& lines) {
+  std::vector<std::array<std::string, 3>> rows{{"", files[0], files[1]}};
+  rows.insert(rows.end(), lines.begin(), lines.end());
   std::array<std::size_t, 2> width{0, 0};
   for (const auto& row : rows) {
     for (const std::size_t column : {0, 1}) {
       width[column] = std::max(width[column], row[column].size());
     }
   }
-  std::string text = comparison.titles[0];
-  if (comparison.titles[0] != comparison.titles[1]) {
-    text += " | " + comparison.titles[1];
+  std::string text = titles[0];
+  if (titles[0] != titles[1]) {
+    text += " | " + titles[1];
   }
   text += '\n';
   for (const auto& [label, a, b] : rows) {
     text += fmt::format("  {:<{}}  {:<{}}  {}\n", label, width[0], a.empty() && !label.empty() ? "-" : a, width[1],
                         b.empty() ? "-" : b);
   }
+  return text;
+}
+
+std::string told_differences(const std::array<std::string, 2>& files,
+                             const std::array<std::vector<std::string>, 2>& only_in) {
+  std::string text;
   for (const std::size_t i : {0, 1}) {
-    if (!comparison.only_in[i].empty()) {
-      text += fmt::format("only in the problem of {}:\n", comparison.files[i]);
-      for (const std::string& line : comparison.only_in[i]) {
+    if (!only_in[i].empty()) {
+      text += fmt::format("only in the problem of {}:\n", files[i]);
+      for (const std::string& line : only_in[i]) {
         text += "  " + line + '\n';
       }
     }
   }
   return text;
+}
+
+std::string to_table(const Comparison& comparison) {
+  return table_side_by_side(comparison.titles, comparison.files, comparison.lines) +
+         told_differences(comparison.files, comparison.only_in);
 }
 
 std::string to_json(const Comparison& comparison) {

@@ -18,17 +18,27 @@ constexpr std::string_view members_axis = "/members/number";
 /// Coordinates and momenta of more degrees of freedom are left to the record.
 constexpr std::size_t most_degrees = 8;
 
-/// One array over the members.
-struct MemberColumn {
-  std::string name, group, label, path;
-  std::size_t offset = 0;
-};
-
 bool has_one_number(const record::DatasetInfo& info) {
   return info.grows && !info.is_text && info.shape.size() == 1;
 }
 
-/// What members were given, then how they ended, their figures, and the last states of orbits.
+/// One column of the rows of a dataset. \throws record::Error where there are not so many
+std::vector<double> read_one(const record::Reader& reader, const std::string& path, std::size_t rows,
+                             std::size_t offset) {
+  if (rows == 0) {
+    return {};
+  }
+  const std::vector<double> all = read_rows(reader, path, rows, offset);
+  const std::size_t stride = all.size() / rows;
+  std::vector<double> column(rows);
+  for (std::size_t i = 0; i < rows; ++i) {
+    column[i] = all[i * stride + offset];
+  }
+  return column;
+}
+
+}  // namespace
+
 std::vector<MemberColumn> member_columns(const record::Reader& reader) {
   std::vector<MemberColumn> given, figures, last;
   for (const record::DatasetInfo& info : reader.datasets()) {
@@ -62,24 +72,11 @@ std::vector<MemberColumn> member_columns(const record::Reader& reader) {
   return given;
 }
 
-/// One column of the rows of a dataset. \throws record::Error where there are not so many
-std::vector<double> read_one(const record::Reader& reader, const std::string& path, std::size_t rows,
-                             std::size_t offset) {
-  if (rows == 0) {
-    return {};
-  }
-  const std::vector<double> all = read_rows(reader, path, rows, offset);
-  const std::size_t stride = all.size() / rows;
-  std::vector<double> column(rows);
-  for (std::size_t i = 0; i < rows; ++i) {
-    column[i] = all[i * stride + offset];
-  }
-  return column;
-}
-
 std::vector<double> read_column(const record::Reader& reader, const MemberColumn& column) {
   return read_one(reader, column.path, reader.rows(std::string(members_axis)), column.offset);
 }
+
+namespace {
 
 std::size_t stride_for(std::size_t rows, std::size_t most) {
   return rows == 0 ? 1 : (rows - 1) / std::max<std::size_t>(most, 1) + 1;

@@ -1,5 +1,9 @@
 #pragma once
 
+#include <cstddef>
+#include <string>
+#include <vector>
+
 #include <rubato/record/reader.hpp>
 #include <rubato/report/packing.hpp>
 
@@ -8,6 +12,17 @@ namespace rubato::report {
 
 /// Whether the record is one of many runs.
 [[nodiscard]] bool is_ensemble(const record::Reader& reader);
+
+/// One array over the members.
+struct MemberColumn {
+  std::string name, group, label, path;
+  std::size_t offset = 0;
+};
+/// What members were given ("given"), then how they ended and their figures ("figure"), and the last states of orbits
+/// ("last").
+[[nodiscard]] std::vector<MemberColumn> member_columns(const record::Reader& reader);
+/// \throws record::Error where it is not as long as there are members
+[[nodiscard]] std::vector<double> read_column(const record::Reader& reader, const MemberColumn& column);
 
 /// "summary": the lines of the ensemble's table.
 void write_ensemble_summary(Json& json, const record::Reader& reader);

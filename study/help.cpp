@@ -90,7 +90,8 @@ std::string formulas() {
   text += wrapped(
       "q = [\"r[3]\"] declares r1, r2, r3, and formulas name these. Where values are given, "
       "r = [1, 0, \"a/2\"] or r1 = ..., r2 = ..., r3 = ... may be written, not both; "
-      "r = \"sin(i*pi/4)\" gives every component by its index i. In formulas r[i] is a component, for an i that is a "
+      "r = 0 gives all components one number, r = \"sin(i*pi/4)\" every component by its index i. In formulas r[i] is "
+      "a component, for an i that is a "
       "number, a parameter or the index of a sum: sum(i, 1, 2, (r[i+1] - r[i])^2). \"r[N]\" is as long as the integer "
       "N "
       "of [parameters]. In norm and dot, and nowhere else, r is the whole vector, as far as r1, r2, ... go, and r[1:2] "

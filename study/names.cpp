@@ -121,11 +121,17 @@ std::vector<const Value*> take_values(Section& section, const NameList& list) {
         location.column -= static_cast<int>(prefix.size());  // messages count from the beginning of the formula
         values[group.first + i - 1] = &section.keep({prefix + *whole->value.string() + ")", location});
       }
+    } else if (whole != nullptr && whole->value.array() == nullptr) {
+      for (std::size_t i = 0; i < group.count; ++i) {  // one number for all
+        values[group.first + i] = &whole->value;
+      }
     } else if (whole != nullptr) {
-      const auto& items = read_array(whole->value, group.base, "numbers, or one formula of the index i");
+      const auto& items = *whole->value.array();
       if (items.size() != group.count) {
-        throw ProblemError(whole->value.location, fmt::format("{} has {} values, and was declared as {}[{}]",
-                                                              group.base, items.size(), group.base, group.count));
+        throw ProblemError(whole->value.location,
+                           fmt::format("{0} has {1} values, and was declared as {0}[{2}]: give {2}, one number for "
+                                       "all, or one formula of the index i",
+                                       group.base, items.size(), group.count));
       }
       for (std::size_t i = 0; i < group.count; ++i) {
         values[group.first + i] = &items[i];

@@ -277,7 +277,23 @@ case $case_name in
     run report all.h5 --max-size 0.01
     expect 2 "this record needs at least"
     run compare all.h5 all.h5
-    expect 5 "record of an ensemble"
+    expect 0 "the same in all"
+    run scan pendulum initial.p=0.5:1.5:3 --set scheme.until=20 --set scheme.step=0.05 -o finer.h5
+    expect 0
+    run compare all.h5 finer.h5
+    expect 0 "member by member, 3 given the same in both"
+    check "where they are farthest apart" grep -q "last level .*farthest apart in member [0-2]: " out
+    check "where the problems differ" grep -q "step = 0.05" out
+    run compare all.h5 finer.h5 --json
+    expect 0 '"members_alike": 3'
+    run scan pendulum initial.p=0.6:1.6:3 --set scheme.until=20 -o others.h5
+    run compare all.h5 others.h5
+    expect 0 "no member was given the same"
+    run compare all.h5 finer.h5 -o both.html
+    expect 2 "leave it out"
+    run run pendulum --set scheme.until=20 -o single.h5
+    run compare all.h5 single.h5
+    expect 2 "is the record of an ensemble"
     run scan pendulum initial.u=0:1:2 -o never.h5
     expect 2 "unknown key u"
     run scan pendulum p=0:1:2 -o never.h5

@@ -175,6 +175,30 @@ until = 5
   CHECK(first.hamiltonian()->initial.p == std::vector<double>{5, 7});
 }
 
+TEST_CASE("one number starts all components of a vector") {
+  const std::string text = R"toml([hamiltonian]
+q = ["r[3]", "s"]
+p = ["p[3]", "w"]
+H = "(dot(p, p) + w^2)/2 + norm(r)^2 + s^2"
+[initial]
+r = 0.25
+s = 2
+p = 0
+w = 1
+[scheme]
+step = 0.1
+until = 5
+)toml";
+  const Problem one = parse_problem(text, "t.toml");
+  CHECK(one.hamiltonian()->initial.q == std::vector<double>{0.25, 0.25, 0.25, 2});
+  CHECK(one.hamiltonian()->initial.p == std::vector<double>{0, 0, 0, 1});
+  CHECK(parse_problem(replaced(text, "r = 0.25", "r = [1, 2, 3]"), "t.toml").hamiltonian()->initial.q[1] == 2.0);
+  CHECK_THROWS_WITH(parse_problem(replaced(text, "r = 0.25", "r = 0.25\nr2 = 1"), "t.toml"), Contains("given twice"));
+  CHECK_THROWS_WITH(parse_problem(replaced(text, "r = 0.25", "r = [1, 2]"), "t.toml"),
+                    Contains("declared as r[3]: give 3, one number for all"));
+  CHECK_THROWS_WITH(parse_problem(replaced(text, "p = 0\n", ""), "t.toml"), Contains("p1"));
+}
+
 TEST_CASE("data that do not fit are refused with the reason, and nothing is written") {
   const Folder folder;
   const std::string data = folder / "data.h5";
