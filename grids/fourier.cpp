@@ -4,10 +4,13 @@
 #include <cmath>
 #include <numbers>
 #include <optional>
+#include <stdexcept>
 
 #include <rubato/grids/buffer.hpp>
 #include <rubato/grids/fftw_plan.hpp>
 #include <rubato/grids/parallel.hpp>
+#include <rubato/grids/transposition.hpp>
+#include <rubato/grids/whole.hpp>
 #include <rubato/grids/wide_vectors.hpp>
 
 namespace rubato::grids {
@@ -64,23 +67,29 @@ RUBATO_WIDE_VECTORS void scale(double factor, const double* from, std::size_t co
 struct Fourier::Storage {
   static constexpr std::size_t together = 4;
 
-  Grid grid;
   int fields;
+  std::size_t nodes;  ///< of the whole lattice
   std::size_t nx, ny, nz;
   std::size_t half;         ///< modes kept along x
   std::size_t real_row;     ///< doubles from row to row
   std::size_t complex_row;  ///< complex numbers from row to row
   Buffer real;
   Buffer complex;
+  /// Where the grid is a slab's part: ny or nz are the planes that this rank owns, transforms across planes are those
+  /// of columns, and modes are there.
+  std::optional<Transposition> transposed;
+  std::size_t first_node = 0;
+  Buffer across;
+  Plan across_forward, across_inverse;
   std::optional<ShortTransform> own;
   Plan pair_forward, pair_inverse, row_forward, row_inverse, y_forward, y_inverse, z_forward, z_inverse;
 
   Storage(const Grid& g, int n)
-      : grid(g),
-        fields(n),
+      : fields(n),
+        nodes(whole_of(g).size()),
         nx(g.cells(0)),
-        ny(g.cells(1)),
-        nz(g.cells(2)),
+        ny(cells_here(g, 1)),
+        nz(cells_here(g, 2)),
         half(nx / 2 + 1),
         real_row((nx + 7) / 8 * 8),
         complex_row((half + together - 1) / together * together),
@@ -88,7 +97,10 @@ struct Fourier::Storage {
         complex(2 * static_cast<std::size_t>(n) * ny * nz * complex_row) {
     parallel_fill(real.data(), real.size(), 0.0);
     parallel_fill(complex.data(), complex.size(), 0.0);
-    if (ny * nz == 1 && ShortTransform::serves(nx)) {
+    const Slab* const slab = slab_of(g);
+    if (slab != nullptr) {
+      share(*slab, g.dimensions());
+    } else if (ny * nz == 1 && ShortTransform::serves(nx)) {
       own.emplace(nx);
     }
     const int length = static_cast<int>(nx);
@@ -109,14 +121,64 @@ struct Fourier::Storage {
                                   nullptr, static_cast<int>(stride), 1, sign, FFTW_ESTIMATE);
       });
     };
-    if (ny > 1) {
+    const int last = slab != nullptr ? g.dimensions() - 1 : 3;
+    if (ny > 1 && last > 1) {
       y_forward = columns(ny, complex_row, FFTW_FORWARD);
       y_inverse = columns(ny, complex_row, FFTW_BACKWARD);
     }
-    if (nz > 1) {
+    if (nz > 1 && last > 2) {
       z_forward = columns(nz, complex_row * ny, FFTW_FORWARD);
       z_inverse = columns(nz, complex_row * ny, FFTW_BACKWARD);
     }
+  }
+
+  /// The slab that a grid is the part of; null for none.
+  static const Slab* slab_of(const Grid& g) {
+    const Slab* const slab = Slab::of(g.size());
+    return slab != nullptr && slab->size() == g.size() && g.axes().back().of != 0 ? slab : nullptr;
+  }
+  static std::size_t cells_here(const Grid& g, int axis) {
+    const Slab* const slab = slab_of(g);
+    return slab != nullptr && axis == g.dimensions() - 1 ? slab->planes(slab->rank()) : g.cells(axis);
+  }
+  /// \throws std::invalid_argument for a line, which has no transforms along planes
+  void share(const Slab& slab, int dimensions) {
+    if (dimensions == 1) {
+      throw std::invalid_argument("transforms along a line are not shared by ranks");
+    }
+    first_node = slab.first_node();
+    transposed.emplace(
+        slab, fields,
+        Transposition::Shape{
+            .rows = dimensions == 2 ? 1 : ny, .width = complex_row, .modes = half, .together = together});
+    const std::size_t size = transposed->mine().size();
+    across =
+        Buffer(std::max<std::size_t>(2 * together, 2 * static_cast<std::size_t>(fields) * transposed->planes() * size));
+    parallel_fill(across.data(), across.size(), 0.0);
+    if (size == 0) {
+      return;
+    }
+    const int lengths[] = {static_cast<int>(transposed->planes())}, stride = static_cast<int>(size);
+    auto* at = reinterpret_cast<fftw_complex*>(across.data());
+    const auto plan = [&](int sign) {
+      return make_plan([&] {
+        return fftw_plan_many_dft(1, lengths, together, at, nullptr, stride, 1, at, nullptr, stride, 1, sign,
+                                  FFTW_ESTIMATE);
+      });
+    };
+    across_forward = plan(FFTW_FORWARD);
+    across_inverse = plan(FFTW_BACKWARD);
+  }
+
+  void transform_across(fftw_plan plan, std::size_t count) {
+    const std::size_t size = transposed->mine().size(), groups = size / together;
+    for_each_block(count * groups, 4, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t unit = begin; unit < end; ++unit) {
+        const std::size_t place = unit / groups * transposed->planes() * size + unit % groups * together;
+        auto* start = reinterpret_cast<fftw_complex*>(across.data()) + place;
+        fftw_execute_dft(plan, start, start);
+      }
+    });
   }
 
   fftw_complex* spectrum(std::size_t offset) { return reinterpret_cast<fftw_complex*>(complex.data()) + offset; }
@@ -212,11 +274,18 @@ int Fourier::fields() const {
   return storage_->fields;
 }
 std::size_t Fourier::modes() const {
+  if (storage_->transposed) {
+    return storage_->transposed->modes();
+  }
   return storage_->half * storage_->ny * storage_->nz;
 }
 
 std::size_t Fourier::row_length() const {
-  return storage_->half;
+  return storage_->transposed ? storage_->transposed->mine().modes : storage_->half;
+}
+
+const Transposition* Fourier::transposition() const {
+  return storage_->transposed ? &*storage_->transposed : nullptr;
 }
 
 const ShortTransform* Fourier::short_transform() const {
@@ -228,12 +297,26 @@ std::array<std::ptrdiff_t, 3> Fourier::wave(std::size_t mode) const {
   const auto signed_index = [](std::size_t k, std::size_t n) {
     return static_cast<std::ptrdiff_t>(k) - (2 * k > n ? static_cast<std::ptrdiff_t>(n) : 0);
   };
+  if (s.transposed) {
+    const Transposition::Part& part = s.transposed->mine();
+    const std::size_t x = part.first_place + mode % part.modes, row = part.first_row + mode / part.modes % part.rows;
+    const std::ptrdiff_t across = signed_index(mode / part.modes / part.rows, s.transposed->planes());
+    const auto along = static_cast<std::ptrdiff_t>(x);
+    return s.transposed->slab().whole().dimensions() == 2
+               ? std::array<std::ptrdiff_t, 3>{along, across, 0}
+               : std::array<std::ptrdiff_t, 3>{along, signed_index(row, s.ny), across};
+  }
   return {static_cast<std::ptrdiff_t>(mode % s.half), signed_index(mode / s.half % s.ny, s.ny),
           signed_index(mode / s.half / s.ny, s.nz)};
 }
 
 Fourier::Complex& Fourier::at(int field, std::size_t mode) {
   Storage& s = *storage_;
+  if (s.transposed) {
+    const Transposition::Part& part = s.transposed->mine();
+    const std::size_t row = static_cast<std::size_t>(field) * s.transposed->planes() * part.rows + mode / part.modes;
+    return reinterpret_cast<Complex*>(s.across.data())[row * part.width + mode % part.modes];
+  }
   if (mode < s.half) {  // without a division
     return reinterpret_cast<Complex*>(
         s.complex.data())[static_cast<std::size_t>(field) * s.ny * s.nz * s.complex_row + mode];
@@ -250,7 +333,7 @@ void Fourier::forward(std::span<const double* const> values) {
   Storage& s = *storage_;
   const std::size_t rows = s.ny * s.nz;
   s.for_each_pair(values.size(), [&](std::size_t field, std::size_t row, bool paired) {
-    const double* from = values[field] + row * s.nx;
+    const double* from = values[field] + s.first_node + row * s.nx;
     const std::size_t place = field * rows + row;
     if (paired) {
       s.forward(from, from + s.nx, place);
@@ -265,10 +348,18 @@ void Fourier::forward(std::span<const double* const> values) {
   if (s.z_forward) {
     s.transform_columns(s.z_forward.get(), true, values.size());
   }
+  if (s.transposed) {
+    s.transposed->to_columns(values.size(), s.complex.data(), s.across.data());
+    s.transform_across(s.across_forward.get(), values.size());
+  }
 }
 
 void Fourier::inverse(std::span<double* const> values) {
   Storage& s = *storage_;
+  if (s.transposed) {
+    s.transform_across(s.across_inverse.get(), values.size());
+    s.transposed->to_planes(values.size(), s.across.data(), s.complex.data());
+  }
   if (s.z_inverse) {
     s.transform_columns(s.z_inverse.get(), true, values.size());
   }
@@ -276,9 +367,9 @@ void Fourier::inverse(std::span<double* const> values) {
     s.transform_columns(s.y_inverse.get(), false, values.size());
   }
   const std::size_t rows = s.ny * s.nz;
-  const double factor = 1.0 / static_cast<double>(s.grid.size());
+  const double factor = 1.0 / static_cast<double>(s.nodes);
   s.for_each_pair(values.size(), [&](std::size_t field, std::size_t row, bool paired) {
-    double* to = values[field] + row * s.nx;
+    double* to = values[field] + s.first_node + row * s.nx;
     const std::size_t place = field * rows + row;
     if (paired) {
       s.inverse(place, factor, to, to + s.nx);

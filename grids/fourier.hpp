@@ -9,6 +9,8 @@
 
 namespace rubato::grids {
 
+class Transposition;
+
 /// θ = 2π k / n of wave index k, and the symbols of the operators on e^{iθj}.
 ///@{
 [[nodiscard]] double wave_angle(std::ptrdiff_t k, std::size_t n);
@@ -35,6 +37,11 @@ public:
   using Complex = std::complex<double>;
 
   /// Throws std::bad_alloc. Takes about 2 · fields · size doubles.
+  ///
+  /// On the grid of this thread's slab (of two or three dimensions) transforms are those of the whole lattice, all
+  /// ranks taking part: each has some of the modes, and its owned nodes, of which ghosts are left alone. What
+  /// neighbours in a row are transformed with depends on the number of ranks, and so does rounding. The slab has to
+  /// outlive this.
   Fourier(const Grid& grid, int fields);
   ~Fourier();
   Fourier(Fourier&&) noexcept;
@@ -51,6 +58,8 @@ public:
   [[nodiscard]] Complex& at(int field, std::size_t mode);
   [[nodiscard]] const Complex& at(int field, std::size_t mode) const;
 
+  /// Which modes this rank has; null for all.
+  [[nodiscard]] const Transposition* transposition() const;
   /// The transform of a field on its own, which leaves the coefficients here alone; null where there is none for this
   /// grid and processor.
   [[nodiscard]] const ShortTransform* short_transform() const;

@@ -194,6 +194,40 @@ std::vector<double> Slab::gathered(std::span<const double> part, Range planes, R
   return box;
 }
 
+void Slab::exchange_all(const std::vector<std::vector<double>>& out, std::vector<std::vector<double>>& in) const {
+  std::vector<Communicator::Outgoing> outgoing;
+  std::vector<Communicator::Incoming> incoming;
+  for (int rank = 0; rank < ranks_.size(); ++rank) {
+    const auto r = static_cast<std::size_t>(rank);
+    if (rank == ranks_.rank()) {
+      std::ranges::copy(out[r], in[r].begin());
+      continue;
+    }
+    if (!out[r].empty()) {
+      outgoing.push_back({rank, out[r]});
+    }
+    if (!in[r].empty()) {
+      incoming.push_back({rank, in[r]});
+    }
+  }
+  ranks_.exchange(outgoing, incoming);
+}
+
+double Slab::sum_over_ranks(double here) const {
+  CompensatedSum sum;
+  for (const double number : collected(std::span(&here, 1))) {
+    sum.add(number);
+  }
+  double total = std::isfinite(sum.high) ? sum.value() : sum.high;
+  broadcast(std::span(&total, 1));
+  return total;
+}
+
+double Slab::largest_over_ranks(double here) const {
+  reduce(size(), {}, detail::no_sum, std::span(&here, 1));
+  return here;
+}
+
 std::vector<double> Slab::collected(std::span<const double> few) const {
   if (!leads()) {
     ranks_.exchange(std::array{Communicator::Outgoing{0, few}}, {});
@@ -344,6 +378,12 @@ Spread Slab::magnitudes(std::span<const double> values) const {
 void refresh_ghosts(FieldSet& fields, std::span<const int> which, std::size_t outer) {
   if (const Slab* const slab = Slab::of(fields.size())) {
     slab->refresh(fields, which, outer);
+  }
+}
+
+void refresh_ghosts(FieldSet& fields) {
+  if (const Slab* const slab = Slab::of(fields.size())) {
+    slab->refresh(fields);
   }
 }
 

@@ -47,6 +47,11 @@ public:
   [[nodiscard]] std::size_t first_node() const { return ghosts_ * plane_; }
   [[nodiscard]] std::size_t owned() const { return planes(ranks_.rank()) * plane_; }
   ///@}
+  /// What a rank owns.
+  ///@{
+  [[nodiscard]] std::size_t first_plane(int rank) const;
+  [[nodiscard]] std::size_t planes(int rank) const { return first_plane(rank + 1) - first_plane(rank); }
+  ///@}
   /// The first owned node's number in the whole lattice; and who owns a node of that, and where in its part.
   ///@{
   [[nodiscard]] std::size_t number_of_first() const { return first_plane(ranks_.rank()) * plane_; }
@@ -71,6 +76,14 @@ public:
     std::size_t first = 0, count = 0;
   };
   [[nodiscard]] std::vector<double> gathered(std::span<const double> part, Range planes, Range columns) const;
+  ///@}
+  /// To every rank, from every rank, this one as well; nothing where there is nothing.
+  void exchange_all(const std::vector<std::vector<double>>& out, std::vector<std::vector<double>>& in) const;
+  /// The sum and the largest, NaN if one is, of all ranks' numbers; the sum in their order, so that its rounding
+  /// depends on how many they are.
+  ///@{
+  [[nodiscard]] double sum_over_ranks(double here) const;
+  [[nodiscard]] double largest_over_ranks(double here) const;
   ///@}
   /// As many numbers of every rank, one rank's after the other's, at rank 0; nothing at others.
   [[nodiscard]] std::vector<double> collected(std::span<const double> few) const;
@@ -114,12 +127,7 @@ private:
   void reduce(std::size_t count, std::span<CompensatedSum> sums, AddPiece add, const void* function,
               std::span<double> largest) const;
 
-  /// What a rank owns.
-  ///@{
-  [[nodiscard]] std::size_t first_plane(int rank) const;
-  [[nodiscard]] std::size_t planes(int rank) const { return first_plane(rank + 1) - first_plane(rank); }
   [[nodiscard]] int owner(std::size_t plane) const;
-  ///@}
   /// A plane of the part that goes to, or comes from, another rank.
   struct GhostPlane {
     std::size_t place;
@@ -145,7 +153,10 @@ private:
 };
 
 /// Ghosts of fields that were changed, as Slab::refresh(); nothing for a thread without a slab.
+///@{
 void refresh_ghosts(FieldSet& fields, std::span<const int> which, std::size_t outer);
+void refresh_ghosts(FieldSet& fields);
+///@}
 /// Saves fields: for a record as those of the whole lattice, the same for every number of ranks (at rank 0; others save
 /// nothing), and restores them, from the same at every rank; to go back to as this rank has them.
 ///@{

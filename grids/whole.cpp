@@ -13,6 +13,11 @@ const Grid& whole_of(const Grid& grid) {
   return slab == nullptr ? grid : slab->whole();
 }
 
+bool agreed_by_all(const Grid& grid, bool said) {
+  const Slab* const slab = Slab::of(grid.size());
+  return slab == nullptr ? said : slab->largest_over_ranks(said ? 0.0 : 1.0) == 0.0;
+}
+
 bool agreed(const Grid& grid, bool said) {
   double number = said ? 1.0 : 0.0;
   if (const Slab* const slab = Slab::of(grid.size())) {

@@ -66,6 +66,7 @@ public:
   /// levels to take a step, its energies and its laws from them (grids::Slab). \throws as scheme()
   ///@{
   [[nodiscard]] virtual bool is_shared() const { return false; }
+  [[nodiscard]] virtual bool is_shared_in(int /*dimensions*/) const { return is_shared(); }
   [[nodiscard]] virtual std::size_t ghosts(const MultisymplecticSystem& /*system*/) const { return 0; }
   /// Whether first_level() is made by each rank of its part, where no field is given that others determine.
   [[nodiscard]] virtual bool begins_in_parts() const { return false; }

@@ -7,6 +7,7 @@
 #include <rubato/formula/batch.hpp>
 #include <rubato/grids/buffer.hpp>
 #include <rubato/grids/reductions.hpp>
+#include <rubato/grids/whole.hpp>
 #include <rubato/pde/law_engine.hpp>
 #include <rubato/pde/node_derivative.hpp>
 #include <rubato/pde/placed_coordinates.hpp>
@@ -193,8 +194,11 @@ void NodeLaws::point_at(Workspace& work, const grids::FieldSet& z, const grids::
 
 /// J_t of the level into density_; with fluxes, if levels are points of the quadrature, these into at_level_.
 void NodeLaws::take_level(const LatticeLevel& level, bool with_fluxes) {
-  const bool is_known = densities_are_known_ && std::ranges::equal(std::as_const(known_).all(), level.fields.all()) &&
-                        known_slopes_.of_field == level.slopes.of_field;
+  bool is_known = densities_are_known_ && std::ranges::equal(std::as_const(known_).all(), level.fields.all()) &&
+                  known_slopes_.of_field == level.slopes.of_field;
+  if (points_.stages() != nullptr) {  // which all ranks of a lattice find together
+    is_known = grids::agreed_by_all(tables_.grid, is_known);
+  }
   with_fluxes = with_fluxes && points_.end_weight() != 0.0;
   if (is_known && (fluxes_are_known_ || !with_fluxes)) {
     return;

@@ -49,8 +49,8 @@ Eigen::MatrixXd mean_hessian(const MultisymplecticSystem& system, const grids::G
   formula::BatchEvaluator evaluate(system.hessian_code());
   evaluate(grid.size(), places.after(fields.pointers()), outputs.pointers());
   for (std::size_t e = 0; e < entries.size(); ++e) {
-    const double entry =
-        grids::sum(std::as_const(outputs).field(first + static_cast<int>(e))) / static_cast<double>(grid.size());
+    const double entry = grids::sum(std::as_const(outputs).field(first + static_cast<int>(e))) /
+                         static_cast<double>(grids::whole_count(grid.size()));
     mean(entries[e].row, entries[e].column) = mean(entries[e].column, entries[e].row) =
         std::isfinite(entry) ? entry : 0.0;
   }

@@ -4,6 +4,8 @@
 
 #include <rubato/grids/grid.hpp>
 #include <rubato/grids/parallel.hpp>
+#include <rubato/grids/transposition.hpp>
+#include <rubato/grids/whole.hpp>
 
 namespace rubato {
 
@@ -28,7 +30,7 @@ void from_grid(std::span<const double* const> fields, grids::Fourier& fourier, W
     return;
   }
   fourier.forward(fields);
-  const std::size_t length = fourier.row_length();
+  const std::size_t length = std::max<std::size_t>(1, fourier.row_length());  // a rank may have no waves
   grids::for_each_block(
       fields.size() * (rows.waves() / length), std::max<std::size_t>(1, grids::nodes_per_block / length),
       [&](std::size_t begin, std::size_t end) {
@@ -49,7 +51,7 @@ void to_grid(const WaveRows& rows, std::span<const int> which, grids::Fourier& f
     });
     return;
   }
-  const std::size_t length = fourier.row_length();
+  const std::size_t length = std::max<std::size_t>(1, fourier.row_length());  // a rank may have no waves
   grids::for_each_block(
       which.size() * (rows.waves() / length), std::max<std::size_t>(1, grids::nodes_per_block / length),
       [&](std::size_t begin, std::size_t end) {
@@ -63,12 +65,41 @@ void to_grid(const WaveRows& rows, std::span<const int> which, grids::Fourier& f
   fourier.inverse(fields);
 }
 
+void save_waves(StateWriter& state, const grids::Fourier& fourier, const grids::FieldSet& rows) {
+  const grids::Transposition* const shared = fourier.transposition();
+  if (shared == nullptr) {
+    state.write(rows.all());
+    return;
+  }
+  if (state.reader() == StateWriter::For::going_back) {
+    state.write_part(rows.all(), static_cast<std::size_t>(rows.fields()) * shared->modes_of_whole());
+    return;
+  }
+  for (int row = 0; row < rows.fields(); ++row) {
+    state.write(shared->gathered(rows.field(row)));
+  }
+}
+
+void restore_waves(StateReader& state, const grids::Fourier& fourier, grids::FieldSet& rows) {
+  const grids::Transposition* const shared = fourier.transposition();
+  if (shared == nullptr || state.reader() == StateWriter::For::going_back) {
+    state.read(rows.all());
+    return;
+  }
+  std::vector<double> whole(shared->modes_of_whole());
+  for (int row = 0; row < rows.fields(); ++row) {
+    state.read(std::span(whole));
+    shared->take_part(whole, rows.field(row));
+  }
+}
+
 std::vector<double> parseval_weights(const grids::Fourier& fourier, const grids::Grid& grid) {
+  const double nodes = static_cast<double>(grids::whole_of(grid).size());
   std::vector<double> weights(fourier.modes());
   for (std::size_t w = 0; w < weights.size(); ++w) {
     const auto k = fourier.wave(w)[0];
     const bool alone = k == 0 || 2 * static_cast<std::size_t>(k) == grid.cells(0);
-    weights[w] = (alone ? 1.0 : 2.0) / static_cast<double>(grid.size());
+    weights[w] = (alone ? 1.0 : 2.0) / nodes;
   }
   return weights;
 }

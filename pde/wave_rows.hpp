@@ -6,6 +6,7 @@
 #include <span>
 #include <vector>
 
+#include <rubato/base/state.hpp>
 #include <rubato/grids/field_set.hpp>
 #include <rubato/grids/fourier.hpp>
 #include <rubato/grids/parallel.hpp>
@@ -50,6 +51,12 @@ void from_grid(std::span<const double* const> fields, grids::Fourier& fourier, W
 /// Transforms rows number `which` into grid functions.
 void to_grid(const WaveRows& rows, std::span<const int> which, grids::Fourier& fourier,
              std::span<double* const> fields);
+
+/// For a checkpoint, as grids::save_whole().
+///@{
+void save_waves(StateWriter& state, const grids::Fourier& fourier, const grids::FieldSet& rows);
+void restore_waves(StateReader& state, const grids::Fourier& fourier, grids::FieldSet& rows);
+///@}
 
 /// The weight of each wave in Σ_nodes f g = Σ_waves weight Re(conj f̂ ĝ): half of the waves along x are kept.
 [[nodiscard]] std::vector<double> parseval_weights(const grids::Fourier& fourier, const grids::Grid& grid);

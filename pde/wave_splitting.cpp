@@ -14,6 +14,9 @@
 
 #include <rubato/base/compensated_sum.hpp>
 #include <rubato/grids/reductions.hpp>
+#include <rubato/grids/slab.hpp>
+#include <rubato/grids/transposition.hpp>
+#include <rubato/grids/whole.hpp>
 #include <rubato/pde/lattice_scheme.hpp>
 #include <rubato/pde/potential_rest.hpp>
 #include <rubato/solve/small_matrices.hpp>
@@ -49,6 +52,12 @@ Waves waves_of(Complex delta, double tau) {
   return {sine, std::cosh(x)};
 }
 
+/// Of arrays that are no grid's: a slab has no say in it.
+double largest_here(std::span<const double> values) {
+  const grids::Slab::Shared alone(nullptr);
+  return grids::max_abs(values);
+}
+
 void set_wave(const MatrixXcd& values, std::size_t wave, WaveRows& rows) {
   for (Index r = 0; r < values.rows(); ++r) {
     for (Index c = 0; c < values.cols(); ++c) {
@@ -65,6 +74,7 @@ WaveSplitting::WaveSplitting(const MultisymplecticSystem& system, const grids::G
     : system_(system),
       grid_(grid),
       placement_(placement),
+      whole_size_(grids::whole_of(grid).size()),
       fourier_(grid, system.field_count()),
       places_(system, grid, Within::node) {
   split_fields();
@@ -176,7 +186,7 @@ MatrixXcd WaveSplitting::derivatives_on_wave(std::size_t wave) const {
   const auto k = fourier_.wave(wave);
   MatrixXcd sum = MatrixXcd::Zero(system_.field_count(), system_.field_count());
   for (int a = 0; a < grid_.dimensions(); ++a) {
-    const grids::Axis& axis = grid_.axis(a);
+    const grids::Axis& axis = grids::whole_of(grid_).axis(a);
     const auto number = k[static_cast<std::size_t>(a)];
     if (placement_ == Placement::nodes) {
       sum += grids::derivative_symbol(number, axis) * system_.K(a).cast<Complex>();
@@ -227,14 +237,31 @@ void WaveSplitting::reduce() {
   }
 }
 
+/// Of waves, those of other ranks as well.
+double WaveSplitting::largest_of_waves(std::span<const double> values) const {
+  const double here = largest_here(values);
+  const grids::Transposition* const shared = fourier_.transposition();
+  return shared == nullptr ? here : shared->slab().largest_over_ranks(here);
+}
+
+double WaveSplitting::sum_of_waves(double here) const {
+  const grids::Transposition* const shared = fourier_.transposition();
+  return shared == nullptr ? here : shared->slab().sum_over_ranks(here);
+}
+
+/// Whether the first wave here is the one that is constant in space.
+bool WaveSplitting::has_mean() const {
+  return fourier_.modes() > 0 && fourier_.wave(0) == std::array<std::ptrdiff_t, 3>{};
+}
+
 void WaveSplitting::group_waves() {
   std::vector<int> group(static_cast<std::size_t>(size()));
   std::iota(group.begin(), group.end(), 0);
   for (int r = 0; r < size(); ++r) {
     for (int c = 0; c < size(); ++c) {
       const int row = r * size() + c;
-      const bool any = grids::max_abs(std::as_const(generator_form_.re).field(row)) > 0.0 ||
-                       grids::max_abs(std::as_const(generator_form_.im).field(row)) > 0.0;
+      const bool any = largest_of_waves(std::as_const(generator_form_.re).field(row)) > 0.0 ||
+                       largest_of_waves(std::as_const(generator_form_.im).field(row)) > 0.0;
       const int from = group[static_cast<std::size_t>(c)], to = group[static_cast<std::size_t>(r)];
       if (any && from != to) {
         std::ranges::replace(group, from, to);
@@ -261,13 +288,13 @@ void WaveSplitting::group_waves() {
 
 /// Wave equations and Schrödinger's have real A and G: half of the work, and G is symmetric.
 void WaveSplitting::find_real_forms() {
-  real_pairs_ = grids::max_abs(std::as_const(generator_form_.im).all()) == 0.0 &&
+  real_pairs_ = largest_of_waves(std::as_const(generator_form_.im).all()) == 0.0 &&
                 std::ranges::all_of(groups_, [](const auto& group) { return group.size() <= 2; });
-  if (grids::max_abs(std::as_const(energy_form_.im).all()) > 0.0) {
+  if (largest_of_waves(std::as_const(energy_form_.im).all()) > 0.0) {
     return;
   }
   for (const auto& [row, column] : coupled_) {
-    if (row <= column && grids::max_abs(std::as_const(energy_form_.re).field(row * size() + column)) > 0.0) {
+    if (row <= column && largest_of_waves(std::as_const(energy_form_.re).field(row * size() + column)) > 0.0) {
       real_forms_.emplace_back(row, column);
     }
   }
@@ -431,14 +458,14 @@ void WaveSplitting::accept() {
 }
 
 void WaveSplitting::save(StateWriter& state) const {
-  state.write(std::as_const(x_.re).all());
-  state.write(std::as_const(x_.im).all());
+  save_waves(state, fourier_, std::as_const(x_.re));
+  save_waves(state, fourier_, std::as_const(x_.im));
   state.write(first_energy_is_known_ ? 1.0 : 0.0);
   state.write(first_energy_is_known_ ? first_energy_ : 0.0);
 }
 void WaveSplitting::restore(StateReader& state) {
-  state.read(x_.re.all());
-  state.read(x_.im.all());
+  restore_waves(state, fourier_, x_.re);
+  restore_waves(state, fourier_, x_.im);
   forget();
   state.read(first_energy_is_known_);
   state.read(first_energy_);
@@ -454,7 +481,7 @@ void WaveSplitting::find_frequencies() {
   grids::FieldSet frequencies(static_cast<int>(groups_.size()), fourier_.modes());
   for (std::size_t g = 0; g < groups_.size(); ++g) {
     const int x = groups_[g].front(), y = groups_[g].back();
-    if (x == y || grids::max_abs(A(x, x)) > 0.0 || grids::max_abs(A(y, y)) > 0.0) {
+    if (x == y || largest_here(A(x, x)) > 0.0 || largest_here(A(y, y)) > 0.0) {
       return;
     }
     for (std::size_t w = 0; w < frequencies.size(); ++w) {
@@ -624,11 +651,11 @@ double WaveSplitting::wave_energy(const WaveRows& rows) const {
   }
   for (int p = 0; p < size(); ++p) {
     const double slope = slope_[static_cast<std::size_t>(evolving_[static_cast<std::size_t>(p)])];
-    if (slope != 0.0) {
+    if (slope != 0.0 && has_mean()) {
       sum.add(slope * rows.re.field(p)[0]);  // Σ x over the nodes
     }
   }
-  return grid_.cell_volume() * sum.value();
+  return grid_.cell_volume() * sum_of_waves(sum.value());
 }
 
 /// N and ∇N of these rows.
@@ -673,8 +700,8 @@ void WaveSplitting::drift(double tau) {
     multiply(E.entries, moved_, next_);
     std::swap(moved_, next_);
   }
-  for (std::size_t p = 0; p < translation_.size(); ++p) {
-    moved_.re.field(static_cast<int>(p))[0] += tau * translation_[p] * static_cast<double>(grid_.size());
+  for (std::size_t p = 0; p < translation_.size() && has_mean(); ++p) {
+    moved_.re.field(static_cast<int>(p))[0] += tau * translation_[p] * static_cast<double>(whole_size_);
   }
 }
 
@@ -809,6 +836,7 @@ void WaveSplitting::tell(const WaveRows& rows, At at, grids::FieldSet& fields) {
   }
   if (at == At::nowhere || rest_at_ != at) {
     to_grid(work_, all_, fourier_, fields.pointers());
+    grids::refresh_ghosts(fields);
     return;
   }
   // A kick has seen the varying fields at the nodes.
@@ -826,6 +854,7 @@ void WaveSplitting::tell(const WaveRows& rows, At at, grids::FieldSet& fields) {
     }
   }
   to_grid(work_, std::span(which).first(count), fourier_, std::span(to).first(count));
+  grids::refresh_ghosts(fields);
 }
 
 /// x_t = A x + M⁻¹∇N.
@@ -836,8 +865,8 @@ void WaveSplitting::tell_rates(const WaveRows& rows, At at, grids::FieldSet& rat
     from_grid(std::as_const(outputs_).pointers().subspan(1), fourier_, rest_rows_);
   }
   multiply(generator_form_, rows, work_);
-  for (std::size_t p = 0; p < translation_.size(); ++p) {
-    work_.re.field(static_cast<int>(p))[0] += translation_[p] * static_cast<double>(grid_.size());
+  for (std::size_t p = 0; p < translation_.size() && has_mean(); ++p) {
+    work_.re.field(static_cast<int>(p))[0] += translation_[p] * static_cast<double>(whole_size_);
   }
   for (std::size_t v = 0; v < n; ++v) {
     for (int p = 0; p < size(); ++p) {
@@ -853,6 +882,7 @@ void WaveSplitting::tell_rates(const WaveRows& rows, At at, grids::FieldSet& rat
     to[static_cast<std::size_t>(p)] = rates.field(evolving_[static_cast<std::size_t>(p)]).data();
   }
   to_grid(work_, std::span(all_).first(evolving_.size()), fourier_, std::span(to).first(evolving_.size()));
+  grids::refresh_ghosts(rates);
 }
 
 }  // namespace rubato

@@ -36,6 +36,7 @@ public:
   /// \throws SchemeRefusal where the linear part cannot be solved for the fields without an
   /// equation of motion (KdV and other potential forms), where N depends on one of these, or where its flow is neither
   /// a kick nor a turn
+  /// On the grid of a slab, of the whole lattice (grids::Fourier); fields and rates come with their ghosts then.
   /// \param placement nodes: Σ K_a ∂_a; corners: Σ K₊δ_a⁺ - K₊ᵀδ_a⁻, second differences of wave equations
   WaveSplitting(const MultisymplecticSystem& system, const grids::Grid& grid, Placement placement = Placement::nodes);
 
@@ -103,6 +104,9 @@ private:
   [[nodiscard]] bool kick_from_here(double tau);
   void kick_by(std::size_t v, const WaveRows& slopes, double tau);
   [[nodiscard]] double wave_energy(const WaveRows& rows) const;
+  [[nodiscard]] double largest_of_waves(std::span<const double> values) const;
+  [[nodiscard]] double sum_of_waves(double here) const;
+  [[nodiscard]] bool has_mean() const;
   [[nodiscard]] bool evaluate_rest(const WaveRows& rows, At at);
   void tell(const WaveRows& rows, At at, grids::FieldSet& fields);
   void tell_rates(const WaveRows& rows, At at, grids::FieldSet& rates);
@@ -114,6 +118,7 @@ private:
   MultisymplecticSystem system_;
   grids::Grid grid_;
   Placement placement_;
+  std::size_t whole_size_;  ///< nodes of the whole lattice
   grids::Fourier fourier_;
   std::vector<int> evolving_, others_;        ///< fields with an equation of motion, and without
   Eigen::MatrixXd inverse_M_;                 ///< M⁻¹ of the evolving fields

@@ -35,6 +35,9 @@ std::string methods_to_share() {
   for (const LatticeMethodEntry& entry : lattice_methods()) {
     if (make_lattice_method({.name = std::string(entry.name)})->is_shared()) {
       names.push_back(fmt::format("\"{}\"", entry.name));
+    } else if (entry.has_space &&
+               make_lattice_method({.name = std::string(entry.name), .space = "differences"})->is_shared()) {
+      names.push_back(fmt::format("\"{}\" with space = \"differences\"", entry.name));
     }
   }
   return fmt::format("{}", fmt::join(names, ", "));
@@ -140,6 +143,9 @@ void refuse_unshared(const Problem& problem, const RunOptions& options) {
   const Location& scheme = problem.scheme.lagrangian_location;
   if (!make_method(problem)->is_shared()) {
     refuse_sharing(scheme, ranks, fmt::format("lattices are shared with lagrangian = {} so far", methods_to_share()));
+  }
+  if (!make_method(problem)->is_shared_in(static_cast<int>(pde->axes.size()))) {
+    refuse_sharing(scheme, ranks, "its transforms along a line take the whole of it");
   }
   if (!problem.scheme.step) {
     refuse_sharing(problem.scheme.step_location, ranks, "step = \"auto\" is not shared; give it as a number");

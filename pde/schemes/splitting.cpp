@@ -5,6 +5,7 @@
 #include <utility>
 
 #include <rubato/grids/reductions.hpp>
+#include <rubato/grids/whole.hpp>
 #include <rubato/pde/family_lattice.hpp>
 #include <rubato/pde/lattice_method.hpp>
 #include <rubato/pde/wave_splitting.hpp>
@@ -117,6 +118,7 @@ public:
       : splitting_(system, grid, placement),
         quadrature_(ActionQuadrature::Points::lobatto, composition.order / 2),
         composition_(composition),
+        grid_(grid),
         here_(system.field_count(), grid.size()) {}
 
   [[nodiscard]] Status take(const LatticeLevel& before, const LatticeLevel&, double h) override {
@@ -143,7 +145,7 @@ public:
 private:
   /// A level is one of two steps.
   void stand(const LatticeLevel& level) {
-    if (!stands_ || !std::ranges::equal(std::as_const(here_).all(), level.fields.all())) {
+    if (!stands_ || !grids::agreed_by_all(grid_, std::ranges::equal(std::as_const(here_).all(), level.fields.all()))) {
       splitting_.stand(level);
       here_.copy_from(level.fields);
       stands_ = true;
@@ -153,6 +155,7 @@ private:
   WaveSplitting splitting_;
   ActionQuadrature quadrature_;
   const Composition& composition_;
+  grids::Grid grid_;
   grids::FieldSet here_;  ///< where it stands
   bool stands_ = false;
   double h_ = 0.0;
@@ -167,6 +170,11 @@ public:
   [[nodiscard]] int order() const override { return composition_.order; }
   [[nodiscard]] bool has_bridges() const override { return false; }
   [[nodiscard]] bool has_variational_laws() const override { return false; }
+  /// With differences: laws at nodes have spectral derivatives, which are taken of a whole lattice.
+  [[nodiscard]] bool is_shared() const override { return placement_ == Placement::corners; }
+  [[nodiscard]] bool is_shared_in(int dimensions) const override { return is_shared() && dimensions > 1; }
+  /// Laws read the fluxes of a neighbour, which reads its own; the waves of a step are the whole lattice's.
+  [[nodiscard]] std::size_t ghosts(const MultisymplecticSystem&) const override { return 2; }
   /// None: the family has its K.
   [[nodiscard]] std::optional<LatticeAction> action(const MultisymplecticSystem&) const override {
     return std::nullopt;

@@ -70,6 +70,19 @@ case $case_name in
       status_is 0
       check "resumed on another number of ranks" same alone.h5 part.h5
     done
+    # A splitting, whose transforms round as the number of ranks has it.
+    ring=(run sine-gordon-2d --set scheme.lagrangian=splitting --set scheme.space=differences --set scheme.levels=fixed --set scheme.until=0.5)
+    alone "${ring[@]}" -o alone.h5 --force --quiet
+    for ranks in 2 3; do
+      on $ranks "${ring[@]}" -o shared.h5 --force --quiet
+      status_is 0
+      check "the fields of one process to rounding, on $ranks ranks" h5diff -d 1e-12 alone.h5 shared.h5 /states/u /states/u
+      check "the twin: which is not all of their bits" differ alone.h5 shared.h5
+    done
+    on 3 "${ring[@]}" --set scheme.until=0.2 -o part.h5 --force --quiet
+    on 3 resume part.h5 --until 0.5 --quiet
+    status_is 0
+    check "resumed on as many ranks" same shared.h5 part.h5
     # Killed, and continued on another number of ranks.
     ring=(run sine-gordon-2d "${explicit[@]}" --set grid.x.cells=65 --set grid.y.cells=61 --set output.every=100 --set scheme.until=1e9)
     grown=0 before=0

@@ -6,6 +6,8 @@
 #include <cmath>
 #include <cstring>
 #include <filesystem>
+#include <functional>
+#include <limits>
 #include <string>
 #include <thread>
 #include <vector>
@@ -32,7 +34,10 @@ namespace {
 using Settings = std::vector<std::string>;
 
 /// A wave on a torus, neither direction like the other; [exact] is not what it does, but its differences are figures.
-Problem wave_on_torus(std::size_t x, std::size_t y, const Settings& more = {}) {
+Problem wave_on_torus(std::size_t x, std::size_t y, Settings more = {}, bool differences = false) {
+  if (differences) {
+    more.emplace_back("scheme.space=differences");
+  }
   const std::string text = fmt::format(R"toml(
 [multisymplectic]
 fields = ["u", "v", "a", "b"]
@@ -60,6 +65,31 @@ every = 7
 )toml",
                                        x, y);
   return parse_problem(text, "torus.toml", more);
+}
+
+Problem wave_in_space(const Settings& settings) {
+  return parse_problem(R"toml(
+[multisymplectic]
+fields = ["u", "v", "a", "b", "c"]
+M = [["u", "v", -1]]
+K.x = [["u", "a", 1]]
+K.y = [["u", "b", 1]]
+K.z = [["u", "c", 1]]
+S = "(v^2 - a^2 - b^2 - c^2)/2 + u^4/4"
+[grid]
+x = { from = 0, to = 1, cells = 12 }
+y = { from = 0, to = 1, cells = 9 }
+z = { from = 0, to = 1, cells = 11 }
+[initial]
+u = "sin(2*pi*(x + 2*y))*cos(2*pi*z)"
+v = 0
+[scheme]
+lagrangian = "euler-box"
+levels = "fixed"
+step = 0.01
+until = 0.2
+)toml",
+                       "space.toml", settings);
 }
 
 RunOptions on(ranks::Communicator& ranks, const std::string& file) {
@@ -119,28 +149,7 @@ TEST_CASE("lattices on a line and in space are shared as well") {
   const std::vector<Problem> problems = {
       read_problem("sine-gordon", Settings{"scheme.lagrangian=" + scheme, "scheme.levels=fixed", "scheme.step=0.02",
                                            "scheme.until=0.5"}),
-      parse_problem(R"toml(
-[multisymplectic]
-fields = ["u", "v", "a", "b", "c"]
-M = [["u", "v", -1]]
-K.x = [["u", "a", 1]]
-K.y = [["u", "b", 1]]
-K.z = [["u", "c", 1]]
-S = "(v^2 - a^2 - b^2 - c^2)/2 + u^4/4"
-[grid]
-x = { from = 0, to = 1, cells = 12 }
-y = { from = 0, to = 1, cells = 9 }
-z = { from = 0, to = 1, cells = 11 }
-[initial]
-u = "sin(2*pi*(x + 2*y))*cos(2*pi*z)"
-v = 0
-[scheme]
-lagrangian = "euler-box"
-levels = "fixed"
-step = 0.01
-until = 0.2
-)toml",
-                    "space.toml", Settings{"scheme.lagrangian=" + scheme})};
+      wave_in_space({"scheme.lagrangian=" + scheme})};
   for (const Problem& problem : problems) {
     INFO(problem.name);
     const Outcome one = run(problem, {.output = folder / "one.h5", .overwrite = true, .threads = 1});
@@ -224,6 +233,88 @@ TEST_CASE("a first level is the same whether ranks make it in parts or whole, an
   CHECK_THAT(said[0], Contains("nan at x = -1, y = 6.44"));
 }
 
+TEST_CASE("splittings on differences are shared, equal to rounding, and continued with the same bits") {
+  const Folder folder;
+  const std::string levels = GENERATE("fixed", "variable");
+  const auto settings = [&](Settings more) {
+    for (const std::string setting : {"lagrangian=splitting", "space=differences", "composition=golden"}) {
+      more.push_back("scheme." + setting);
+    }
+    more.push_back("scheme.levels=" + levels);
+    return more;
+  };
+  const auto read = [&](const std::string& file, const std::string& path) {
+    return record::Reader(folder / file).read(path);
+  };
+  const auto u_of = [&](const std::string& file) { return read(file, "/states/u"); };
+  struct Case {
+    std::function<Problem(const Settings&)> make;
+    std::vector<int> ranks;
+  };
+  // 9 × 7: more ranks than groups of columns; 41 × 37: rows are transformed in other pairs; in space by rows.
+  for (const auto& [make, sizes] :
+       {Case{[&](const Settings& more) { return wave_on_torus(9, 7, settings(more)); }, {2, 3, 5}},
+        Case{[&](const Settings& more) { return wave_on_torus(41, 37, settings(more)); }, {2, 4}},
+        Case{[&](const Settings& more) { return wave_in_space(settings(more)); }, {2, 3}}}) {
+    const Problem problem = make({});
+    const Outcome one = run(problem, {.output = folder / "one.h5", .overwrite = true, .threads = 1});
+    REQUIRE(one.status == ExitStatus::done);
+    const std::vector<double> expected = u_of("one.h5");
+    // Some thirty steps of some ten transforms and kicks, each of which rounds by some ε of the largest value; and
+    // levels whose times are known as well as the step condition says, in either run, while u moves at the rate v.
+    double scale = 0.0, late = 0.0, rate = 0.0;
+    for (const double u : expected) {
+      scale = std::max(scale, std::abs(u));
+    }
+    if (levels == "variable") {
+      const auto condition = read("one.h5", "/levels/step_condition"), h = read("one.h5", "/levels/h");
+      for (std::size_t k = 0; k < h.size(); ++k) {
+        late += std::isfinite(condition[k]) ? 2.0 * condition[k] * h[k] : 0.0;
+      }
+      for (const double v : read("one.h5", "/states/v")) {
+        rate = std::max(rate, std::abs(v));
+      }
+    }
+    const double allowed = 30 * 10 * 8 * std::numeric_limits<double>::epsilon() * scale + late * rate;
+    const auto is_close = [&](const std::string& file) {
+      const std::vector<double> found = u_of(file);
+      bool close = found.size() == expected.size();
+      for (std::size_t i = 0; close && i < found.size(); ++i) {
+        close = std::abs(found[i] - expected[i]) <= allowed;
+      }
+      return close;
+    };
+    for (const int size : sizes) {
+      INFO(levels << " levels, " << problem.source << ", " << expected.size() << " values, " << size << " ranks");
+      const Outcome all = with_ranks(size, [&](auto& rank) { return run(problem, on(rank, folder / "all.h5")); });
+      CHECK(all.status == ExitStatus::done);
+      CHECK(is_close("all.h5"));
+      // Ended, and continued: by as many ranks with the same bits, by others to rounding.
+      for (const int others : {size, 3}) {
+        static_cast<void>(with_ranks(
+            size, [&](auto& rank) { return run(make({"scheme.until=0.11"}), on(rank, folder / "part.h5")); }));
+        const Outcome resumed = with_ranks(others, [&](auto& rank) {
+          return resume(folder / "part.h5", problem.scheme.until, {.threads = 1, .ranks = &rank});
+        });
+        CHECK(resumed.status == ExitStatus::done);
+        CHECK(is_close("part.h5"));
+        if (others == size) {
+          CHECK(different_datasets(folder / "all.h5", folder / "part.h5") == Names{});
+        }
+      }
+    }
+    // The twin: waves on their way to the rank that has them.
+    Mailboxes tampered(2);
+    tampered.tamper_with([sent = 0](int, std::vector<double>& numbers) mutable {
+      if (numbers.size() >= 32 && numbers.size() % 8 == 0 && ++sent > 20) {
+        numbers.front() += 1e-3;
+      }
+    });
+    static_cast<void>(with_ranks(tampered, [&](auto& rank) { return run(problem, on(rank, folder / "all.h5")); }));
+    CHECK_FALSE(is_close("all.h5"));
+  }
+}
+
 TEST_CASE("a shared run that leaves the domain of its formulas ends as it would on one rank") {
   const Folder folder;
   // Far beyond the CFL condition: the numbers overflow.
@@ -253,9 +344,10 @@ TEST_CASE("what ranks cannot share is refused, with its place, before anything i
   const auto torus = [](const Settings& settings) { return wave_on_torus(9, 7, settings); };
   for (const std::string scheme : {"box", "fourier", "splitting"}) {
     const std::string setting = "scheme.lagrangian=" + scheme;
-    CHECK_THAT(refusal(torus({setting})), Contains(setting) && Contains("2 ranks cannot share this run") &&
-                                              Contains(R"(lagrangian = "euler-box", "leapfrog" so far)") &&
-                                              Contains("without mpirun"));
+    CHECK_THAT(refusal(torus({setting})),
+               Contains(setting) && Contains("2 ranks cannot share this run") &&
+                   Contains(R"("euler-box", "splitting" with space = "differences", "leapfrog" so far)") &&
+                   Contains("without mpirun"));
   }
   CHECK_THAT(refusal(torus({"scheme.step=auto", "scheme.energy_tolerance=1e-3"})), Contains("auto"));
   CHECK_THAT(refusal(torus({}), 2, true), Contains("--tangents"));
@@ -318,17 +410,24 @@ TEST_CASE("sums and maxima over slabs have the bits of those over the whole") {
   }
 }
 
-TEST_CASE("what ranks send for a level is a plane of what moves to each neighbour, and some numbers") {
+TEST_CASE("what ranks send for a level is a plane of what moves to each neighbour, or waves, and some numbers") {
   // Of nodes in a plane and of ranks as many as stated; between levels that the record stores, so that nothing but
-  // planes, sums and orders goes from rank to rank.
+  // planes, waves, sums and orders goes from rank to rank.
+  struct Case {
+    std::string scheme;
+    std::size_t nodes;
+    int ranks;
+  };
   const auto [scheme, nodes, size] =
-      GENERATE(table<std::string, std::size_t, int>({{"euler-box", 64, 2}, {"leapfrog", 64, 2}, {"leapfrog", 64, 4}}));
+      GENERATE(Case{"euler-box", 64, 2}, Case{"leapfrog", 64, 2}, Case{"leapfrog", 64, 4}, Case{"splitting", 64, 2},
+               Case{"splitting", 64, 4});
   const Folder folder;
   const auto sent = [&, scheme = scheme, nodes = nodes, size = size](int levels) {
     Mailboxes all(size);
     const Problem problem = wave_on_torus(
         nodes, nodes,
-        {"scheme.lagrangian=" + scheme, fmt::format("scheme.until={}", 0.01 * levels), "output.every=1000"});
+        {"scheme.lagrangian=" + scheme, fmt::format("scheme.until={}", 0.01 * levels), "output.every=1000"},
+        scheme == "splitting");
     static_cast<void>(with_ranks(all, [&](auto& rank) { return run(problem, on(rank, folder / "a.h5")); }));
     return std::pair(all.sent(), all.exchanges());
   };
@@ -338,6 +437,13 @@ TEST_CASE("what ranks send for a level is a plane of what moves to each neighbou
   const double planes = 2.0 * static_cast<double>(nodes);                // of u, one to each neighbour
   const double messages = static_cast<double>(many_times - few_times) / 16.0 / size;
   INFO(scheme << ", " << size << " ranks: " << numbers << " numbers a level and rank in " << messages << " messages");
+  if (scheme == "splitting") {
+    // The waves of a field that go to other ranks; 36 columns of which 33 are modes.
+    const double waves = 2.0 * 36.0 * static_cast<double>(nodes) / size * (size - 1) / size;
+    CAPTURE(numbers / waves);
+    CHECK(numbers < 40.0 * waves);
+    return;
+  }
   CHECK(numbers >= planes);
   CHECK(numbers - planes < 300.0);
   CHECK(messages < 16.0);
