@@ -32,6 +32,7 @@ on() {
 status_is() { check "status $1" test "$status" -eq "$1"; }
 same() { h5diff "$1" "$2" >difference 2>&1; }
 differ() { ! h5diff "$1" "$2" >difference 2>&1; }
+no() { ! grep -q -- "$1" "$2"; }
 once() { test "$(grep -c -- "$1" "$2")" -eq 1; }
 levels() { h5ls "$1/levels" | sed -n 's/^t  *Dataset {\([0-9]*\).*/\1/p'; }
 members() { h5ls "$1/members" | sed -n 's/^number  *Dataset {\([0-9]*\).*/\1/p'; }
@@ -151,7 +152,10 @@ case $case_name in
       check "the place" grep -q "^rubato: error: $problem.toml (built-in):[0-9]*:[0-9]*: " err
       check "and what to do" grep -q '2 ranks cannot share this run: .*without mpirun' err
     done
-    check "and what is shared" grep -q 'lagrangian = "euler-box" so far' err
+    for method in euler-box leapfrog; do   # whatever else is
+      check "what is shared, $method" grep -q "lattices are shared with lagrangian = .*\"$method\".* so far" err
+    done
+    check "the twin: what is not, is not told" no '"box"' err
     on 4 run sine-gordon-2d "${explicit[@]}" --set grid.y.cells=3 -o never.h5
     status_is 2
     check "more ranks than planes" once '4 ranks cannot share a lattice of 3 planes across y' err
