@@ -77,6 +77,19 @@ void OrbitEvents::follow(const OrbitStep& step) {
   };
   look_at(step.z_0, step.t_0, 0.0, &Event::from);
   look_at(step.z_1, step.t_1, 1.0, &Event::to);
+  search(step);
+}
+
+void OrbitEvents::follow(const OrbitStep& step, std::span<const CrossingSearch::Sample> from,
+                         std::span<const CrossingSearch::Sample> to) {
+  for (std::size_t i = 0; i < events_.size(); ++i) {
+    events_[i].from = from[i];
+    events_[i].to = to[i];
+  }
+  search(step);
+}
+
+void OrbitEvents::search(const OrbitStep& step) {
   for (Event& event : events_) {
     const auto between = [this, &step, &event](double fraction) -> CrossingSearch::Sample {
       const std::span<const double> z = state(step, fraction);

@@ -43,6 +43,9 @@ public:
   void begin(std::span<const double> z, double t);
   /// All of a step: what is told below is then of it.
   void follow(const OrbitStep& step);
+  /// The same, where g and its rate, dg/dfraction, at both levels are known of every event.
+  void follow(const OrbitStep& step, std::span<const CrossingSearch::Sample> from,
+              std::span<const CrossingSearch::Sample> to);
 
   [[nodiscard]] const std::vector<Crossing>& crossings(std::size_t event) const { return *events_[event].found; }
   /// Whether g was not a number somewhere in the step.
@@ -66,6 +69,7 @@ private:
     double first = 0.0;
   };
 
+  void search(const OrbitStep& step);
   [[nodiscard]] CrossingSearch::Sample sample(Event& event, double h, double fraction);
 
   OrbitBetween between_;

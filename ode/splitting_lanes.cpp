@@ -9,6 +9,7 @@
 
 #include <rubato/ode/separable.hpp>
 #include <rubato/ode/splitting_formula.hpp>
+#include <rubato/variation/clear_of_zero.hpp>
 #include <rubato/variation/run_span.hpp>
 #include <rubato/variation/tuning.hpp>
 
@@ -130,7 +131,7 @@ std::unique_ptr<SplittingLanes> SplittingLanes::make(const Hamiltonian& hamilton
 
 void SplittingLanes::make_room(const Hamiltonian& hamiltonian, const Composition& composition, std::size_t observed) {
   const std::size_t nodes = 1 + (has_gamma_ ? 1 : 0) + observed;
-  const std::size_t rows = 2 * 4 * n_ + 4 + 3 + 4 * nodes + 4 * n_;
+  const std::size_t rows = 2 * 4 * n_ + 5 + 3 + 5 * nodes + 4 * n_;
   room_.resize(rows * width_ / chunk);
   std::size_t next = 0;
   const auto take = [&] { return row(next++); };
@@ -139,7 +140,7 @@ void SplittingLanes::make_room(const Hamiltonian& hamiltonian, const Composition
       to.push_back(take());
     }
   }
-  for (double** one : {&h_, &energy_, &odd_, &rounding_}) {
+  for (double** one : {&h_, &energy_, &odd_, &rounding_, &shows_}) {
     *one = take();
   }
   const auto see = [&](double constant, double scale) {
@@ -149,7 +150,9 @@ void SplittingLanes::make_room(const Hamiltonian& hamiltonian, const Composition
   for (std::size_t k = 0; k < nodes; ++k) {
     const bool is_gamma = has_gamma_ && k == 1;
     nodes_seen_.push_back(see(k == 0 ? hamiltonian.constant() : 0.0, is_gamma ? composition.gamma : 1.0));
-    seen_at_.push_back(take());
+    for (auto& at : seen_at_) {
+      at.push_back(take());
+    }
   }
   for (std::size_t i = 0; i < 4 * n_; ++i) {
     middle_at_.push_back(take());
@@ -158,9 +161,12 @@ void SplittingLanes::make_room(const Hamiltonian& hamiltonian, const Composition
     from_[which].assign(to_[which].begin(), to_[which].end());
     from_[which].push_back(h_);
   }
-  for (auto& to : to_) {
-    to.push_back(energy_);
-    to.insert(to.end(), seen_at_.begin(), seen_at_.end());
+  for (int which = 0; which < 2; ++which) {
+    to_[which].push_back(energy_);
+    to_[which].insert(to_[which].end(), seen_at_[which].begin(), seen_at_[which].end());
+  }
+  for (std::size_t i = 0; i < 4; ++i) {
+    shown_[i].resize(i < 2 ? 2 * n_ : observed);
   }
   high_.resize(2 * n_);
   point_.resize(2 * n_);
@@ -182,7 +188,7 @@ std::size_t SplittingLanes::steps_of(const Start& start) {
 }
 
 bool SplittingLanes::run(std::span<const Start> starts, std::size_t max_steps, std::span<End> ends,
-                         const std::function<bool()>& halted) {
+                         const std::function<bool()>& halted, const Watch* watch) {
   if (starts.empty() || starts.size() > width_ || starts.size() != ends.size()) {
     throw std::invalid_argument(
         fmt::format("{} starts and {} ends of orbits that have room for {}", starts.size(), ends.size(), width_));
@@ -217,8 +223,65 @@ bool SplittingLanes::run(std::span<const Start> starts, std::size_t max_steps, s
         measure(starts.size());
       }
       step();
+      if (watch != nullptr) {
+        find_steps_to_show(*watch, k == 0);
+        stop = show(starts, k, ends, *watch) ? k + 1 : stop;
+      }
     }
   }
+}
+
+/// Which orbits have a step to show: 0 for those whose functions are clear of zeros.
+void SplittingLanes::find_steps_to_show(const Watch& watch, bool all) {
+  double* const __restrict shows = shows_;
+  const double* const __restrict h = h_;
+  std::fill_n(shows, width_, all || watch.functions == 0 ? 1.0 : 0.0);
+  const std::size_t first = nodes_seen_.size() - shown_[2].size() + watch.first_function;
+  for (std::size_t i = 0; i < watch.functions; ++i) {
+    const double* const __restrict from = seen_at_[1 - here_][first + 2 * i];
+    const double* const __restrict rate_0 = seen_at_[1 - here_][first + 2 * i + 1];
+    const double* const __restrict to = seen_at_[here_][first + 2 * i];
+    const double* const __restrict rate_1 = seen_at_[here_][first + 2 * i + 1];
+    for (std::size_t m = 0; m < width_; ++m) {
+      shows[m] = is_clear_of_zero(from[m], h[m] * rate_0[m], to[m], h[m] * rate_1[m]) ? shows[m] : 1.0;
+    }
+  }
+}
+
+/// Every orbit that has not ended, and has something to show of step k. \return whether some are to end with it
+bool SplittingLanes::show(std::span<const Start> starts, std::size_t k, std::span<End> ends, const Watch& watch) {
+  const std::size_t first = nodes_seen_.size() - shown_[2].size();
+  bool some_end = false;
+  for (std::size_t m = 0; m < starts.size(); ++m) {
+    if (shows_[m] == 0.0 || ends[m].alone || ends[m].steps <= k) {
+      continue;
+    }
+    for (const int end : {0, 1}) {
+      const int which = end == 0 ? 1 - here_ : here_;
+      for (std::size_t i = 0; i < 2 * n_; ++i) {
+        shown_[end][i] = to_[which][i][m];
+      }
+      for (std::size_t i = 0; i < shown_[2].size(); ++i) {
+        shown_[2 + end][i] = seen_at_[which][first + i][m];
+      }
+    }
+    const auto time = [&](std::size_t level) { return starts[m].t + static_cast<double>(level) * starts[m].step; };
+    const Verdict verdict = watch.show({.lane = m,
+                                        .z_0 = shown_[0],
+                                        .z_1 = shown_[1],
+                                        .t_0 = time(k),
+                                        .t_1 = time(k + 1),
+                                        .h = starts[m].step,
+                                        .observed_0 = shown_[2],
+                                        .observed_1 = shown_[3]});
+    if (verdict == Verdict::alone) {
+      ends[m].alone = true;
+    } else if (verdict == Verdict::end) {
+      ends[m].steps = k + 1;
+      some_end = true;
+    }
+  }
+  return some_end;
 }
 
 /// Lanes beyond the last orbit are like the first.
@@ -235,7 +298,7 @@ void SplittingLanes::begin(std::span<const Start> starts) {
     odd_[m] = rounding_[m] = 0.0;
   }
   high_.assign(from_[0].begin(), from_[0].begin() + static_cast<std::ptrdiff_t>(2 * n_));
-  nodes_(width_, high_, seen_at_);
+  nodes_(width_, high_, seen_at_[0]);
   see_level(true);
 }
 
@@ -248,8 +311,8 @@ void SplittingLanes::step() {
 }
 
 void SplittingLanes::see_level(bool first) {
-  for (std::size_t k = 0; k < seen_at_.size(); ++k) {
-    see(seen_at_[k], nodes_seen_[k], first);
+  for (std::size_t k = 0; k < nodes_seen_.size(); ++k) {
+    see(seen_at_[here_][k], nodes_seen_[k], first);
   }
 }
 

@@ -43,6 +43,24 @@ public:
     double rounding = 0.0;             ///< the largest bound of what rounding makes of E_k
   };
 
+  /// A step of one orbit, for whoever watches them.
+  struct Step {
+    std::size_t lane = 0;  ///< the place of its start
+    std::span<const double> z_0, z_1;
+    double t_0 = 0.0, t_1 = 0.0, h = 0.0;
+    std::span<const double> observed_0, observed_1;  ///< at both levels
+  };
+  enum class Verdict { go_on, end, alone };
+  struct Watch {
+    std::function<Verdict(const Step&)> show = {};
+    /// Of these functions, of which the one after the other are observed g and dg/dt, zeros are looked for: steps in
+    /// which all are clear of them (is_clear_of_zero) are not shown, but for the first.
+    ///@{
+    std::size_t first_function = 0;
+    std::size_t functions = 0;
+    ///@}
+  };
+
   /// Of up to `width` orbits. None where a step would be a long formula (splitting_formula).
   /// \param observed formulas of H's graph and variables
   /// \param all whether to tell Γ and what rounding makes of E_k, too, which takes as long as the steps
@@ -53,10 +71,10 @@ public:
                                                             std::size_t width, bool all = false);
 
   /// From each start to its end, as many of both, unless there are more than max_steps to be taken: that is for those
-  /// who run it alone. Steps are taken without allocations. \param halted is asked now and then \return whether it
-  /// came to the end
+  /// who run it alone. Steps are taken without allocations. \param halted is asked now and then \param watch is shown
+  /// steps, and may end an orbit with one \return whether it came to the end
   [[nodiscard]] bool run(std::span<const Start> starts, std::size_t max_steps, std::span<End> ends,
-                         const std::function<bool()>& halted = {});
+                         const std::function<bool()>& halted = {}, const Watch* watch = nullptr);
 
   SplittingLanes(const SplittingLanes&) = delete;  // its parts point to each other
   SplittingLanes& operator=(const SplittingLanes&) = delete;
@@ -88,6 +106,8 @@ private:
   void see_level(bool first);
   void see(const double* values, const Seen& seen, bool first);
   void measure(std::size_t lanes);
+  void find_steps_to_show(const Watch& watch, bool all);
+  [[nodiscard]] bool show(std::span<const Start> starts, std::size_t k, std::span<End> ends, const Watch& watch);
   void tell(std::size_t lane, const Start& start, std::size_t steps, End& end) const;
 
   std::size_t n_, width_;
@@ -99,12 +119,13 @@ private:
   formula::SumSizeEvaluator energy_size_;
   std::vector<Chunk> room_;
   std::vector<const double*> from_[2], high_;
-  std::vector<double*> to_[2], seen_at_, middle_at_;
+  std::vector<double*> to_[2], seen_at_[2], middle_at_;
   int here_ = 0;  ///< which of the two has the present level
-  double *h_ = nullptr, *energy_ = nullptr, *odd_ = nullptr, *rounding_ = nullptr;
+  double *h_ = nullptr, *energy_ = nullptr, *odd_ = nullptr, *rounding_ = nullptr, *shows_ = nullptr;
   Seen energies_;
   std::vector<Seen> nodes_seen_;  ///< H, Γ if there is one, what is observed
   std::vector<double> point_, errors_;
+  std::vector<double> shown_[4];  ///< z and what is observed, at both levels
   bool first_step_ = true;
 };
 

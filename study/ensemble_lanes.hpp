@@ -7,8 +7,6 @@
 #include <string_view>
 #include <vector>
 
-#include <rubato/ode/integrate.hpp>
-#include <rubato/ode/splitting_lanes.hpp>
 #include <rubato/study/ensemble_member.hpp>
 
 namespace rubato::study {
@@ -20,11 +18,11 @@ namespace rubato::study {
 /// of one can be read of all.
 [[nodiscard]] bool differ_in_starts_alone(const Problem& ensemble);
 
-/// Members that differ in where they start, on fixed levels of a splitting, side by side in vectors (SplittingLanes):
-/// what is kept of each is what its run alone gives, bit for bit.
+/// Members on fixed levels of a splitting that have one H, side by side in vectors (SplittingLanes): what is kept of
+/// each is what its run alone gives, bit for bit. They may differ in where they start and end, and in their steps.
 class MemberLanes {
 public:
-  /// Null where the members are no such, or where more is kept of them: events, output at times of its own.
+  /// Null where the members are no such, or where more is kept of them: output at times of its own.
   /// \param figures the names of those to tell
   [[nodiscard]] static std::unique_ptr<MemberLanes> make(const Problem& ensemble,
                                                          const std::vector<std::string>& figures);
@@ -33,22 +31,25 @@ public:
   /// halts the desk gets none.
   [[nodiscard]] std::vector<std::optional<MemberResult>> run(std::span<const std::size_t> members,
                                                              const MemberDesk& desk);
-  [[nodiscard]] std::size_t width() const { return lanes_->width(); }
+  [[nodiscard]] std::size_t width() const { return width_; }
+
+  ~MemberLanes();
+  MemberLanes(const MemberLanes&) = delete;
+  MemberLanes& operator=(const MemberLanes&) = delete;
 
 private:
-  MemberLanes(const Problem& ensemble, const std::vector<std::string>& figures)
-      : ensemble_(ensemble), figures_(figures) {}
-  [[nodiscard]] MemberResult result(const SplittingLanes::Start& start, const SplittingLanes::End& end) const;
+  class Kind;  ///< those with one H, and all else that is compiled of a problem
+  struct Own;  ///< what a member has for itself
+
+  MemberLanes(const Problem& ensemble, const std::vector<std::string>& figures);
+  [[nodiscard]] std::optional<Own> read(std::size_t member, std::string& signature) const;
 
   const Problem& ensemble_;
   const std::vector<std::string>& figures_;
-  std::vector<double> z_;            ///< of the first member, at the start
-  std::vector<std::size_t> places_;  ///< in z, of each entry that differs
-  std::vector<std::string> invariants_;
-  double t_ = 0.0;
-  std::size_t laws_every_ = 1;
-  IntegrationOptions options_;
-  std::unique_ptr<SplittingLanes> lanes_;
+  std::size_t width_ = 8;
+  std::optional<Problem> first_;     ///< the first member, where starts alone differ
+  std::vector<std::size_t> places_;  ///< and in its z, of each entry that differs
+  std::unique_ptr<Kind> kind_;
 };
 
 }  // namespace rubato::study

@@ -63,6 +63,16 @@ void EventTeller::begin(RowSink& sink, std::span<const double> z, double t, std:
 
 void EventTeller::append(RowSink& sink, const OutputStep& step, std::span<EventFigures> figures) {
   finder_->follow(step);
+  append_found(sink, step, figures);
+}
+
+void EventTeller::append(RowSink& sink, const OutputStep& step, std::span<const CrossingSearch::Sample> from,
+                         std::span<const CrossingSearch::Sample> to, std::span<EventFigures> figures) {
+  finder_->follow(step, from, to);
+  append_found(sink, step, figures);
+}
+
+void EventTeller::append_found(RowSink& sink, const OutputStep& step, std::span<EventFigures> figures) {
   for (std::size_t i = 0; i < problem_.events.size(); ++i) {
     bool jumps = false;
     for (const Crossing& crossing : finder_->crossings(i)) {

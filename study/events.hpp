@@ -25,6 +25,11 @@ public:
   /// g of every event at the start, which is where its sign begins.
   virtual void begin(std::span<const double> z, double t, std::span<double> values) = 0;
   virtual void follow(const OutputStep& step) = 0;
+  /// The same, where g and its rate at both levels are known of every event.
+  virtual void follow(const OutputStep& step, std::span<const CrossingSearch::Sample> /*from*/,
+                      std::span<const CrossingSearch::Sample> /*to*/) {
+    follow(step);
+  }
   /// Of the step followed last.
   ///@{
   [[nodiscard]] virtual const std::vector<Crossing>& crossings(std::size_t event) const = 0;
@@ -63,12 +68,15 @@ public:
   /// At the start: a condition that holds there ends the run, if it is one that does.
   void begin(RowSink& sink, std::span<const double> z, double t, std::span<EventFigures> figures);
   void append(RowSink& sink, const OutputStep& step, std::span<EventFigures> figures);
+  void append(RowSink& sink, const OutputStep& step, std::span<const CrossingSearch::Sample> from,
+              std::span<const CrossingSearch::Sample> to, std::span<EventFigures> figures);
 
   [[nodiscard]] std::vector<std::string> names() const;
   void save(StateWriter& state) const { finder_->save(state); }
   void restore(StateReader& state) { finder_->restore(state); }
 
 private:
+  void append_found(RowSink& sink, const OutputStep& step, std::span<EventFigures> figures);
   void append_row(RowSink& sink, std::size_t event, const OutputStep& step, const Crossing& crossing,
                   EventFigures& figures);
   [[nodiscard]] std::string group(std::size_t event) const;

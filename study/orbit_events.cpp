@@ -40,6 +40,10 @@ public:
     }
   }
   void follow(const OutputStep& step) override { events_.follow(as_orbit(step)); }
+  void follow(const OutputStep& step, std::span<const CrossingSearch::Sample> from,
+              std::span<const CrossingSearch::Sample> to) override {
+    events_.follow(as_orbit(step), from, to);
+  }
   [[nodiscard]] const std::vector<Crossing>& crossings(std::size_t event) const override {
     return events_.crossings(event);
   }

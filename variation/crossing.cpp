@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include <rubato/base/limits.hpp>
+#include <rubato/variation/clear_of_zero.hpp>
 
 namespace rubato {
 
@@ -80,6 +81,11 @@ const std::vector<Crossing>& CrossingSearch::follow(double h, Sample from, Sampl
   } else {
     constexpr int deepest = 3;
     set_rates(h, from, to, g);
+    if (!at_start_ && sign_ == sign_of(from.value) && is_clear_of_zero(from.value, from.rate, to.value, to.rate)) {
+      previous_value_ = from.value;
+      previous_h_ = h;
+      return crossings_;
+    }
     samples_.push_back(from);
     refine(from, to, deepest, g);
     samples_.push_back(to);

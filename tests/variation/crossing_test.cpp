@@ -2,11 +2,14 @@
 
 #include <catch2/catch.hpp>
 
+#include <algorithm>
 #include <cmath>
 #include <functional>
 #include <limits>
+#include <random>
 #include <vector>
 
+#include <rubato/variation/clear_of_zero.hpp>
 #include <rubato/variation/crossing.hpp>
 
 using namespace rubato;
@@ -157,4 +160,58 @@ TEST_CASE("a search goes on where another one was", "[variation]") {
       CHECK(found[i].fraction == expected[i].fraction);
     }
   }
+}
+
+TEST_CASE("where a function is clear of zero, nothing is looked for", "[variation]") {
+  // The rule without what the cubic is off the line by.
+  const auto careless = [](double from, double, double to, double) {
+    return from * to > 0.0 && std::min(std::abs(from), std::abs(to)) > 0.26 * std::abs(to - from);
+  };
+  std::mt19937 random(7);
+  std::uniform_real_distribution<double> unit(-1.0, 1.0);
+  int clear = 0, looked_at = 0, wrong = 0, careless_wrong = 0, far = 0;
+  for (int i = 0; i < 20000; ++i) {
+    const double level = 3.0 * unit(random), from = level + 0.5 * unit(random), to = level + 0.5 * unit(random);
+    const double size = std::exp2(4.0 * unit(random));
+    const double rate_0 = size * unit(random), rate_1 = size * unit(random), change = to - from;
+    double least = std::min(from, to), most = std::max(from, to);
+    for (int k = 1; k < 400; ++k) {
+      const double s = k / 400.0;
+      const double value =
+          from + s * (rate_0 + s * (3.0 * change - 2.0 * rate_0 - rate_1 + s * (rate_0 + rate_1 - 2.0 * change)));
+      least = std::min(least, value);
+      most = std::max(most, value);
+    }
+    // Nearer to zero than a fourth of how much it varies, as CrossingSearch asks of the cubic.
+    const bool near = least * most <= 0.0 || std::min(std::abs(least), std::abs(most)) < 0.25 * (most - least);
+    const bool says = is_clear_of_zero(from, rate_0, to, rate_1);
+    clear += says ? 1 : 0;
+    wrong += says && near ? 1 : 0;
+    careless_wrong += careless(from, rate_0, to, rate_1) && near ? 1 : 0;
+    far += std::min(std::abs(least), std::abs(most)) > most - least && !near ? 1 : 0;
+    if (says) {
+      // In its first step a search does not ask whether it is clear.
+      CrossingSearch search;
+      search.begin(from);
+      const auto& found = search.follow(1.0, {0.0, from, rate_0}, {1.0, to, rate_1}, [&](double fraction) {
+        ++looked_at;
+        return CrossingSearch::Sample{fraction, from};
+      });
+      CHECK(found.empty());
+    }
+  }
+  CHECK(wrong == 0);
+  CHECK(looked_at == 0);
+  CHECK(careless_wrong > 100);  // the twin
+  CHECK(clear > 0.9 * far);     // and it is not so by saying no
+  CHECK(far > 2000);
+  for (const double odd : {none, std::numeric_limits<double>::infinity()}) {
+    CHECK(is_clear_of_zero(1.0, 0.0, 1.0, 0.0));
+    CHECK_FALSE(is_clear_of_zero(odd, 0.0, 1.0, 0.0));
+    CHECK_FALSE(is_clear_of_zero(1.0, odd, 1.0, 0.0));
+    CHECK_FALSE(is_clear_of_zero(1.0, 0.0, odd, 0.0));
+    CHECK_FALSE(is_clear_of_zero(1.0, 0.0, 1.0, odd));
+  }
+  CHECK_FALSE(is_clear_of_zero(0.0, 0.0, 0.0, 0.0));
+  CHECK_FALSE(is_clear_of_zero(1.0, 0.0, -1.0, 0.0));
 }
