@@ -51,7 +51,7 @@ using State = std::vector<std::vector<double>>;  ///< the values of each quantit
 /// The problem with another step, or other numbers of cells, and the state at `until` as its only output.
 Problem refined(const Problem& problem, int step_halvings, int grid_halvings) {
   std::vector<std::string> settings = {fmt::format("scheme.step={}", *problem.scheme.step / std::exp2(step_halvings)),
-                                       fmt::format("output.times=[{}]", problem.scheme.until), "output.states=false",
+                                       fmt::format("output.times=[{}]", problem.scheme.until), "output.states=true",
                                        "output.every=1000000000"};
   if (const MultisymplecticProblem* pde = problem.multisymplectic()) {
     for (const GridAxis& axis : pde->axes) {
@@ -64,8 +64,8 @@ Problem refined(const Problem& problem, int step_halvings, int grid_halvings) {
   }
   // Events would end runs before the time at which these are compared.
   std::string text = problem.text;
-  for (const char* const table : {"events", "section"}) {
-    text = without_table(text, problem.source, table);
+  for (const char* const entry : {"events", "section", "output.interval"}) {
+    text = without(text, problem.source, entry);
   }
   return parse_problem(text, problem.source, settings);
 }
@@ -75,16 +75,19 @@ public:
   RefinedRuns(const Problem& problem, const RunOptions& options) : problem_(problem), options_(options) {
     if (const HamiltonianProblem* orbit = problem.hamiltonian()) {
       names_ = orbit->names();
-      return;
-    }
-    const MultisymplecticProblem& pde = *problem.multisymplectic();
-    const MultisymplecticSystem system = make_system(problem);
-    for (const std::string& field : pde.fields) {
-      if (!system.structure().at_midpoints(system.field(field))) {
-        names_.push_back(field);
+    } else {
+      const MultisymplecticSystem system = make_system(problem);
+      for (const std::string& field : problem.multisymplectic()->fields) {
+        if (!system.structure().at_midpoints(system.field(field))) {
+          names_.push_back(field);
+        }
       }
+      grid_.emplace(make_grid(problem));
     }
-    grid_.emplace(make_grid(problem));
+    states_ = names_.size();
+    for (const OutputQuantity& quantity : problem.output.quantities) {
+      names_.push_back(quantity.name);
+    }
   }
 
   [[nodiscard]] const std::vector<std::string>& names() const { return names_; }
@@ -117,11 +120,10 @@ public:
           state.push_back({value});
         }
       }
-      return state;
     }
-    const grids::Grid own = make_grid(problem);
-    for (const std::string& name : names_) {
-      state.push_back(grids::resampled(reader.read("/output/" + name, 0, 1), own, *grid_));
+    for (std::size_t i = state.size(); i < names_.size(); ++i) {
+      const auto values = reader.read((i < states_ ? "/output/" : "/output/quantities/") + names_[i], 0, 1);
+      state.push_back(values.size() == 1 ? values : grids::resampled(values, make_grid(problem), *grid_));
     }
     return state;
   }
@@ -145,7 +147,8 @@ private:
   const Problem& problem_;
   const RunOptions& options_;
   Workshop folder_;
-  std::vector<std::string> names_;
+  std::vector<std::string> names_;  ///< of what is compared: the state, then the quantities of [output.quantities]
+  std::size_t states_ = 0;
   std::optional<grids::Grid> grid_;
   std::optional<ChosenPotential> potential_;
 };
@@ -166,9 +169,15 @@ double difference(const std::vector<double>& a, const std::vector<double>& b) {
   return largest;
 }
 
-/// Differences that are rounding are none.
+/// Differences that are rounding are none; of values that are not defined nothing is known.
 Refinement compare(const std::vector<double>& whole, const std::vector<double>& half,
                    const std::vector<double>& quarter, double size) {
+  for (const std::vector<double>* values : {&whole, &half, &quarter}) {
+    if (!std::ranges::all_of(*values, [](double value) { return std::isfinite(value); })) {
+      constexpr double unknown = std::numeric_limits<double>::quiet_NaN();
+      return {.coarse = unknown, .fine = unknown};
+    }
+  }
   const auto above_rounding = [size](double value) { return value > rounding_floor * size ? value : 0.0; };
   return {.coarse = above_rounding(difference(whole, half)), .fine = above_rounding(difference(half, quarter))};
 }
@@ -184,8 +193,9 @@ figures::JsonObject json(const Refinement& refinement) {
 
 std::string text(const Refinement& refinement) {
   const auto order = refinement.order();
-  return refinement.coarse == 0.0
-             ? "rounding"
+  return refinement.coarse == 0.0 ? "rounding"
+         : std::isnan(refinement.coarse)
+             ? "not defined"
              : fmt::format("{:.2g}, {}", refinement.error(), order ? fmt::format("order {:.2f}", *order) : "no order");
 }
 

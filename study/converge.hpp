@@ -20,7 +20,7 @@ struct Refinement {
 };
 
 struct Convergence {
-  std::string name;   ///< of a coordinate, a momentum or a field
+  std::string name;   ///< of a coordinate, a momentum or a field, or of [output.quantities]
   double size = 0.0;  ///< its largest magnitude at the end
   Refinement step;
   std::optional<Refinement> grid;  ///< of a lattice
@@ -40,9 +40,10 @@ struct ConvergenceOutcome {
 };
 
 /// Runs the problem to `until` with its step, a half and a quarter of it, and a lattice also with half and a quarter of
-/// its spacings (with the next odd numbers of cells where the problem's are odd), and compares the states at `until`
-/// (dense output; of other grids at the nodes of the problem's, by trigonometric interpolation). Nothing is written.
-/// \throws ProblemError for step = "auto", an ensemble, or a problem whose fields a record has not at its levels
+/// its spacings (with the next odd numbers of cells where the problem's are odd), and compares the states and what
+/// [output.quantities] holds at `until` (dense output; of other grids at the nodes of the problem's, by trigonometric
+/// interpolation). Nothing is written. \throws ProblemError for step = "auto", an ensemble, or a problem whose fields a
+/// record has not at its levels
 [[nodiscard]] ConvergenceOutcome converge(const Problem& problem, std::optional<double> tolerance,
                                           const RunOptions& options = {});
 

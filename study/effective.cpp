@@ -229,9 +229,17 @@ std::string setting_value(const std::string& text) {
   return write_value(read_setting_value(text, "the command line"));
 }
 
-std::string without_table(std::string_view text, const std::string& source, std::string_view table) {
+std::string without(std::string_view text, const std::string& source, std::string_view path) {
   Value root = read_document(text, source);
-  std::erase_if(*root.table(), [table](const Entry& entry) { return entry.key == table; });
+  Value::Table* table = root.table();
+  for (auto dot = path.find('.'); dot != path.npos && table != nullptr; dot = path.find('.')) {
+    const auto inner = std::ranges::find(*table, path.substr(0, dot), &Entry::key);
+    table = inner == table->end() ? nullptr : inner->value.table();
+    path.remove_prefix(dot + 1);
+  }
+  if (table != nullptr) {
+    std::erase_if(*table, [path](const Entry& entry) { return entry.key == path; });
+  }
   return write_document(root);
 }
 

@@ -23,8 +23,8 @@ struct EffectiveDocument {
 /// A value of the command line as TOML: what is not TOML is a string.
 [[nodiscard]] std::string setting_value(const std::string& text);
 
-/// The text of a problem without one of its tables.
-[[nodiscard]] std::string without_table(std::string_view text, const std::string& source, std::string_view table);
+/// The text of a problem without one of its entries, a table or "table.key", if there is one.
+[[nodiscard]] std::string without(std::string_view text, const std::string& source, std::string_view path);
 
 /// "; did you mean …?" for the nearest of the catalogue's names, or a list of them all.
 [[nodiscard]] std::string catalogue_suggestion(std::string_view name);

@@ -159,7 +159,7 @@ Problem read_effective(EffectiveDocument document, const std::string& source) {
   problem.events = read_events(root, problem);
   problem.ensemble = read_ensemble(root, problem.parameters);
   if (problem.ensemble) {
-    problem.ensemble->common = without_table(problem.text, source, "ensemble");
+    problem.ensemble->common = without(problem.text, source, "ensemble");
   }
   return problem;
 }

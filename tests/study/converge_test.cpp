@@ -2,6 +2,7 @@
 
 #include <catch2/catch.hpp>
 
+#include <algorithm>
 #include <cmath>
 #include <string>
 #include <vector>
@@ -128,4 +129,54 @@ TEST_CASE("convergence that cannot be measured is refused, or told") {
   CHECK_FALSE(free.quantities[0].step.order());
   CHECK_FALSE(free.step_for_tolerance);
   CHECK_THAT(to_table(free), Contains("rounding") && Contains("cannot be said"));
+}
+
+TEST_CASE("what is wanted of a run converges as its states do") {
+  // With an interval, and with states or without: converge looks at the end.
+  const std::string quantities = R"toml([output]
+interval = 0.3
+states = false
+[output.quantities]
+twice = "2*q"
+minus = "3 - p"
+nowhere = "log(q - 100)"
+)toml";
+  const ConvergenceOutcome outcome =
+      converge(parse_problem(pendulum + quantities, "t.toml", std::vector<std::string>{"scheme.levels=fixed"}), 1e-6);
+  REQUIRE(outcome.status == ExitStatus::done);
+  const auto of = [&outcome](const std::string& name) {
+    return *std::ranges::find(outcome.quantities, name, &Convergence::name);
+  };
+  REQUIRE(outcome.quantities.size() == 5);
+  CHECK(of("q").step.order().value() == Approx(2.0).margin(0.2));
+  CHECK(of("twice").step.error() == 2.0 * of("q").step.error());  // the twin: not the error of q itself
+  CHECK(of("twice").size == 2.0 * of("q").size);
+  CHECK(of("minus").step.error() == Approx(of("p").step.error()).epsilon(1e-9));
+  CHECK_FALSE(of("nowhere").step.order());
+  CHECK_THAT(to_table(outcome), Contains("not defined"));
+  CHECK_THAT(to_json(outcome), !Contains("nan"));
+  const ConvergenceOutcome without = converge(
+      parse_problem(pendulum, "t.toml", std::vector<std::string>{"scheme.levels=fixed", "output.every=3"}), 1e-6);
+  CHECK(without.quantities.size() == 2);
+  CHECK(without.quantities[0].step.error() == of("q").step.error());
+
+  const std::string lattice = replaced(replaced(breather, "until = 20", "until = 1"),
+                                       "[symmetries]\nturn = [[\"u\", \"v\", 1], [\"v\", \"u\", -1]]\n", "");
+  const ConvergenceOutcome told = converge(
+      parse_problem(lattice, "t.toml",
+                    std::vector<std::string>{"scheme.step=0.1", "grid.x.cells=101", "output.interval=0.5",
+                                             "output.quantities.twice=2*u", "output.quantities.all=integral(u)",
+                                             "output.quantities.probe={ formula = \"u\", at = { x = 0 } }"}),
+      std::nullopt);
+  REQUIRE(told.status == ExitStatus::done);
+  REQUIRE(told.quantities.size() == 6);
+  for (const Convergence& quantity : told.quantities) {
+    INFO(quantity.name);
+    REQUIRE(quantity.grid);
+    CHECK(quantity.step.order().value() == Approx(2.0).margin(0.2));
+    CHECK(quantity.grid->order().value() == Approx(2.0).margin(0.4));
+  }
+  const auto u = std::ranges::find(told.quantities, "u", &Convergence::name);
+  const auto twice = std::ranges::find(told.quantities, "twice", &Convergence::name);
+  CHECK(twice->grid->error() == Approx(2.0 * u->grid->error()).epsilon(1e-9));
 }
