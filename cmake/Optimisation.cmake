@@ -5,7 +5,8 @@ if(CMAKE_CXX_COMPILER_ID MATCHES "GNU|Clang" AND PROJECT_IS_TOP_LEVEL)
   string(REPLACE "-O3" "-O2" CMAKE_CXX_FLAGS_RELEASE "${CMAKE_CXX_FLAGS_RELEASE}")
 endif()
 
-# The kernels of cmake/FormulaKernels.cmake and solve/chunk_elimination_*.cpp besides, which have options of their own.
+# The kernels of cmake/FormulaKernels.cmake, solve/chunk_elimination_*.cpp and ode/stage_kernels_*.cpp have options of their
+# own.
 set(rubato_sources_loops
   formula/evaluate.cpp
   ode/splitting_lanes.cpp
@@ -15,6 +16,11 @@ set(rubato_sources_loops
   record/checksum.cpp)
 foreach(kernel IN ITEMS avx2 avx512)
   set_source_files_properties(${PROJECT_SOURCE_DIR}/solve/chunk_elimination_${kernel}.cpp PROPERTIES
+    COMPILE_OPTIONS $<$<CONFIG:Release>:-O3> SKIP_PRECOMPILE_HEADERS ON)
+endforeach()
+
+foreach(kernel IN ITEMS portable avx2 avx512)
+  set_source_files_properties(${PROJECT_SOURCE_DIR}/ode/stage_kernels_${kernel}.cpp PROPERTIES
     COMPILE_OPTIONS $<$<CONFIG:Release>:-O3> SKIP_PRECOMPILE_HEADERS ON)
 endforeach()
 

@@ -9,10 +9,11 @@
 #include <utility>
 #include <vector>
 
-#include <rubato/formula/batch.hpp>
 #include <rubato/ode/increment.hpp>
 #include <rubato/ode/one_step_state.hpp>
+#include <rubato/ode/stage_kernels.hpp>
 #include <rubato/ode/stage_newton.hpp>
+#include <rubato/ode/stage_slopes.hpp>
 #include <rubato/solve/small_matrices.hpp>
 #include <rubato/variation/gauss_tableau.hpp>
 
@@ -23,16 +24,19 @@ namespace {
 using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
-using Rows = StageNewton::Rows;
+using Rows = StageSlopes::Rows;
 
 constexpr int most_gauss_iterations = 100;
 /// A fixed-point iteration that shrinks its corrections by less gives way to Newton's. By how much is a matter of what
-/// both cost, between these (corrections that shrink by less than half count as rounding): to digits_to_go digits by
-/// the first, or in newton_corrections by the second.
-constexpr double slow_contraction = 0.2, slowest_contraction = 0.5;
-constexpr double digits_to_go = 12.0, newton_corrections = 5.0;
-/// What an instruction of a formula takes, for all stages side by side, in the operations of a factorisation.
-constexpr double operations_of_instruction = 10.0;
+/// both cost, up to this (corrections that shrink by less than half count as rounding): to digits_to_go digits by the
+/// first, or in newton_corrections by the second.
+constexpr double slowest_contraction = 0.5;
+constexpr double digits_to_go = 14.0, newton_corrections = 5.0;
+/// What they cost, in nanoseconds or so: a sweep over the stages besides its formulas, an instruction of these and the
+/// product of a row with the tableau for all stages side by side, and of Newton's corrections one for each eigenvalue
+/// and an operation.
+constexpr double cost_of_sweep = 50.0, cost_of_instruction = 0.7, cost_of_row = 6.0;
+constexpr double cost_of_part = 300.0, cost_of_operation = 0.3;
 /// Newton's iteration stays while steps are at least this part of the one that asked for it.
 constexpr double back_to_fixed_point = 0.5;
 /// E_k is told from its neighbours by terms of order h^s, and its slope with it: a trial that is not the last is solved
@@ -51,67 +55,52 @@ constexpr double refactor_ratio = 0.03;
 /// A step this many times longer or shorter than the last one is not begun from its polynomial.
 constexpr double longest_continuation = 3.0;
 
+/// A step that no start leads to is approached from one so many times shorter, a power of two.
+constexpr double shortest_approach = 64.0;
+
 /// Trial steps at one level that are kept to begin others from, and the largest weight that one may have.
 constexpr std::size_t most_trials = 4;
 constexpr double farthest_extrapolation = 20.0;
-
-/// J∇H at the stages, and H there.
-class StageEvaluator {
-public:
-  StageEvaluator(const Hamiltonian& hamiltonian, int stages)
-      : evaluate_(hamiltonian.gradient_code()), outputs_(hamiltonian.gradient_code().output_count(), stages) {}
-
-  void operator()(const Rows& Z, Rows& f, VectorXd& energies) {
-    in_.clear();
-    out_.clear();
-    for (Index r = 0; r < Z.rows(); ++r) {
-      in_.push_back(Z.row(r).data());
-    }
-    for (Index r = 0; r < outputs_.rows(); ++r) {
-      out_.push_back(outputs_.row(r).data());
-    }
-    evaluate_(static_cast<std::size_t>(Z.cols()), in_, out_);
-    const Index n = Z.rows() / 2;
-    energies = outputs_.row(0).transpose();
-    f.topRows(n) = outputs_.bottomRows(n);
-    f.bottomRows(n) = -outputs_.middleRows(1, n);
-  }
-
-private:
-  formula::BatchEvaluator evaluate_;
-  Rows outputs_;  ///< H, then ∇H
-  std::vector<const double*> in_;
-  std::vector<double*> out_;
-};
 
 class GaussScheme final : public OneStepState<VectorXd> {
 public:
   GaussScheme(const Hamiltonian& hamiltonian, int stages, std::span<const double> z_0)
       : OneStepState(hamiltonian, z_0),
         tableau_(stages),
-        stages_(hamiltonian, stages),
-        energy_size_(hamiltonian.size_code()),
-        rounding_(hamiltonian.gradient_code()),
+        kernels_(stages::kernels(stages)),
         m_(stages),
-        size_(static_cast<Index>(z_0.size())) {
-    for (Rows* rows : {&Y_, &Z_, &f_, &last_f_, &trial_f_, &base_, &miss_, &next_, &correction_, &bounds_}) {
-      rows->setZero(size_, m_);
+        size_(static_cast<Index>(z_0.size())),
+        Z_(zero_rows(size_)),
+        f_(zero_rows(size_)),
+        slopes_(hamiltonian, Z_, f_),
+        energy_size_(hamiltonian.size_code()),
+        rounding_(hamiltonian.gradient_code()) {
+    for (Rows* rows : {&Y_, &last_f_, &trial_f_, &base_, &miss_, &next_, &correction_, &bounds_, &next_bounds_}) {
+      *rows = zero_rows(size_);
     }
     for (Trial& trial : trials_) {
-      trial.gap.setZero(size_, m_);
+      trial.gap = zero_rows(size_);
     }
-    for (VectorXd* vector : {&lost_, &largest_, &point_, &gradient_, &errors_}) {
+    for (Rows* table : {&first_, &second_, &end_table_, &trial_table_}) {
+      *table = zero_rows(m_);
+    }
+    first_.leftCols(m_) = tableau_.a_rest.transpose();
+    second_.leftCols(m_) = tableau_.a_short.transpose();
+    for (VectorXd* vector : {&lost_, &largest_, &floor_, &point_, &gradient_, &errors_}) {
       vector->setZero(size_);
     }
+    for (Index i = 0; i < m_; ++i) {
+      b_[static_cast<std::size_t>(i)] =
+          static_cast<long double>(tableau_.b_short[i]) + static_cast<long double>(tableau_.b_rest[i]);
+    }
     of_stages_ = solve::quotient(tableau_.a.transpose(), tableau_.b).value();
-    energies_.setZero(m_);
     weights_.setZero(m_, m_);
-    end_weights_.setZero(m_, m_);
     if (size_ <= StageNewton::most_components) {
       hessian_.setZero(size_, size_);
       stage_newton_.emplace(tableau_, size_);
       slow_ = contraction_worth_newton(hamiltonian);
     }
+    start_level();
   }
 
   [[nodiscard]] int order() const override { return static_cast<int>(2 * m_); }
@@ -136,11 +125,15 @@ public:
         start_on_tangent(h);
         status = iterate(h, accuracy);
       }
+      if (status != Status::success && accuracy == 0.0) {
+        status = approach(h);
+      }
     }
     trial_h_ = h;
     if (status == Status::success) {
       finish(h);
       remember(h);
+      return std::isfinite(energy_) ? status : Status::undefined;
     }
     return status;
   }
@@ -163,14 +156,15 @@ public:
       miss_ = Y_ - base_;
     }
     take(lost_);
-    std::swap(last_f_, f_);
+    last_f_ = f_;
     last_h_ = trial_h_;
+    base_h_ = 0.0;
     start_level();
   }
   void restart(std::span<const double> z) override {
     stand_at(Eigen::Map<const VectorXd>(z.data(), size_));
     largest_.setZero();
-    last_h_ = newton_step_ = 0.0;
+    last_h_ = newton_step_ = base_h_ = 0.0;
     newton_ = missed_ = false;
     start_level();
   }
@@ -182,7 +176,9 @@ public:
     }
     state.write(as_span(largest_));
     for (const Rows* rows : {&last_f_, &miss_}) {
-      state.write({rows->data(), static_cast<std::size_t>(rows->size())});
+      for (Index r = 0; r < size_; ++r) {
+        state.write({rows->row(r).data(), static_cast<std::size_t>(m_)});
+      }
     }
   }
   void restore(StateReader& state) override {
@@ -193,8 +189,11 @@ public:
     state.read(missed_);
     state.read(as_span(largest_));
     for (Rows* rows : {&last_f_, &miss_}) {
-      state.read(std::span<double>(rows->data(), static_cast<std::size_t>(rows->size())));
+      for (Index r = 0; r < size_; ++r) {
+        state.read(std::span<double>(rows->row(r).data(), static_cast<std::size_t>(m_)));
+      }
     }
+    base_h_ = 0.0;
     start_level();
   }
 
@@ -208,15 +207,43 @@ private:
     contraction_ = std::numeric_limits<double>::infinity();
     factored_h_ = 0.0;
     iterations_ = 0;
+    floor_ = largest_.cwiseMax(std::numeric_limits<double>::epsilon() * z_.value().cwiseAbs());
+  }
+
+  /// Rows for so many components, or stages.
+  [[nodiscard]] Rows zero_rows(Index count) const { return Rows::Zero(count, kernels_.lanes); }
+  /// Whether stages of q alone are iterated, with those of p between: H = T(p) + V(q), by fixed-point iteration, which
+  /// then contracts by the square of what it does else.
+  [[nodiscard]] bool by_halves() const { return slopes_.has_halves() && !newton_; }
+  /// The components that are iterated.
+  [[nodiscard]] Index iterated() const { return by_halves() ? size_ / 2 : size_; }
+  /// What mends Y.
+  [[nodiscard]] const Rows& mending() const { return newton_ ? correction_ : next_; }
+
+  /// to_r = factor Σ_j from_rj table_j, of the first `rows` rows.
+  void combine(Index rows, const Rows& from, const Rows& table, double factor, Rows& to) const {
+    kernels_.combine(static_cast<std::size_t>(rows), static_cast<int>(m_), from.data(), table.data(), nullptr, factor,
+                     to.data());
+  }
+  /// h A f of `rows` rows from the one numbered `first`.
+  void collocate(Index first, Index rows, double h, Rows& to) {
+    kernels_.combine(static_cast<std::size_t>(rows), static_cast<int>(m_), f_.row(first).data(), first_.data(),
+                     second_.data(), h, to.row(first).data());
+  }
+  void place_stages(Index first, Index rows) {
+    kernels_.place(static_cast<std::size_t>(rows), z_.value().data() + first, z_.low().data() + first,
+                   Y_.row(first).data(), Z_.row(first).data());
+  }
+  [[nodiscard]] double relative_size(const Rows& correction) const {
+    return kernels_.relative_size(static_cast<std::size_t>(iterated()), Y_.data(), correction.data(), floor_.data());
   }
 
   /// The stages to begin with: by the trials already made at this level, by the last step's polynomial, or on the
   /// tangent. \return whether by what was made before
   bool start(double h) {
     if (known_ > 0 && near(h / trials_[0].h)) {
-      tableau_.continuation(tableau_.from_start, h / trials_[0].h, weights_);
-      base_ = trials_[0].h * trial_f_.lazyProduct(weights_.transpose());
-      Y_ = base_;
+      tabulate(tableau_.from_start, h / trials_[0].h, trial_table_);
+      combine(size_, trial_f_, trial_table_, trials_[0].h, Y_);
       add_gap(h);
     } else if (last_h_ != 0.0 && near(h / last_h_)) {
       continue_last(h);
@@ -230,13 +257,22 @@ private:
     }
     return true;
   }
+  /// Weights of stage slopes by which the collocation polynomial leads to the stages of a step `ratio` times as long.
+  void tabulate(const MatrixXd& about, double ratio, Rows& table) {
+    tableau_.continuation(about, ratio, weights_);
+    table.leftCols(m_) = weights_.transpose();
+  }
   /// The collocation polynomial of the last step, at the stages of one that follows it.
   void continue_last(double h) {
+    if (h == base_h_) {
+      return;
+    }
     if (const double ratio = h / last_h_; ratio != end_ratio_) {  // equal steps have one
-      tableau_.continuation(tableau_.from_end, ratio, end_weights_);
+      tabulate(tableau_.from_end, ratio, end_table_);
       end_ratio_ = ratio;
     }
-    base_ = last_h_ * last_f_.lazyProduct(end_weights_.transpose());
+    combine(size_, last_f_, end_table_, last_h_, base_);
+    base_h_ = h;
   }
   /// What the polynomial of the first trial leaves of the stages of a step of length h: by Lagrange's interpolation
   /// over the trials, of which the first leaves nothing.
@@ -270,14 +306,30 @@ private:
       return;
     }
     const std::size_t place = known_ < most_trials ? known_++ : 1 + replaced_++ % (most_trials - 1);
-    tableau_.continuation(tableau_.from_start, h / trials_[0].h, weights_);
+    tabulate(tableau_.from_start, h / trials_[0].h, trial_table_);
     trials_[place].h = h;
-    trials_[place].gap = Y_ - trials_[0].h * trial_f_.lazyProduct(weights_.transpose());
+    combine(size_, trial_f_, trial_table_, trials_[0].h, trials_[place].gap);
+    trials_[place].gap = Y_ - trials_[place].gap;
   }
   void start_on_tangent(double h) {
     evaluator_.gradient(z_.value().data(), gradient_.data());
     apply_j(gradient_, point_);
-    Y_.noalias() = h * point_ * tableau_.c.transpose();
+    Y_.setZero();  // also where there are no stages: an iteration may have left anything there
+    Y_.leftCols(m_).noalias() = h * point_ * tableau_.c.transpose();
+  }
+  /// A step that is found from nowhere else, through steps that double, of which the polynomial of each begins the
+  /// next: along those solutions that begin at h = 0.
+  [[nodiscard]] Status approach(double h) {
+    double part = h / shortest_approach;
+    start_on_tangent(part);
+    Status status = iterate(part, loosest);
+    tabulate(tableau_.from_start, 2.0, trial_table_);
+    while (status == Status::success && part != h) {
+      combine(size_, f_, trial_table_, part, Y_);
+      part *= 2.0;
+      status = iterate(part, part == h ? 0.0 : loosest);
+    }
+    return status;
   }
   [[nodiscard]] static bool near(double ratio) {
     return ratio > 1.0 / longest_continuation && ratio < longest_continuation;
@@ -288,39 +340,47 @@ private:
       return Status::undefined;
     }
     StagnationTest test(std::min(accuracy, loosest));
-    const double leftover = accuracy > 0.0 ? loose_leftover : newton_ ? least_leftover : 0.0;
+    const double leftover = accuracy > 0.0 ? loose_leftover : least_leftover;
     double last = std::numeric_limits<double>::infinity(), last_residual = last, rate = slowest_contraction;
+    double expected = std::numeric_limits<double>::infinity();  // the size of the correction, beneath rounding too
+    double before_last = last;
     for (int iteration = 0; iteration < most_gauss_iterations; ++iteration) {
-      sweep(h);
-      const double residual = relative_size();
+      double residual = sweep(h), size = residual;
       if (newton_) {
+        correction_ = next_;
         stage_newton_->solve(correction_);
+        size = relative_size(correction_);
+        Y_ += correction_;
       }
-      const double size = newton_ ? relative_size() : residual;
-      if (!std::isfinite(size) || !energies_.allFinite()) {
+      if (!std::isfinite(size)) {
         return Status::undefined;
       }
-      Y_ += correction_;
       if (last < 1.0 && size > measurable) {
         contraction_ = std::max(size / last, residual / last_residual);
-      }
-      const double outdated = newton_ ? std::abs(h - factored_h_) / std::abs(h) : 0.0;
-      if (std::max(contraction_, outdated) * size <= leftover) {
-        return Status::success;
       }
       if (size > visible) {
         rate = size / last;
       }
+      // Of what shrinks most slowly a little is seen at last, at any size.
+      const double seen = newton_ ? contraction_ : std::max(contraction_, rate);
+      expected = size > visible || newton_ || std::isinf(seen) ? size : seen * expected;
+      const double outdated = newton_ ? std::abs(h - factored_h_) / std::abs(h) : 0.0;
+      if (left_after(std::max(seen, outdated)) * expected <= leftover) {
+        return Status::success;
+      }
       const auto verdict = test.judge(size, residual);
       if (verdict == StagnationTest::Verdict::done || (verdict == StagnationTest::Verdict::stalled && is_rounding(h))) {
         if (!newton_ && accuracy == 0.0) {
-          settle(h, std::min(rate, slowest_contraction));
+          settle(h, std::min(rate, slowest_contraction), std::min(expected, lost_correction));
         }
         return Status::success;
       }
-      if (!newton_ && iteration > 1 && size > slow_ * last && verdict != StagnationTest::Verdict::again) {
+      // Corrections that turn while they shrink may not shrink at one time, and much at the next.
+      const bool is_slow = size > slow_ * last && size > slow_ * slow_ * before_last;
+      if (!newton_ && iteration > 1 && is_slow && verdict != StagnationTest::Verdict::again) {
         return Status::not_converged;
       }
+      before_last = last;
       if (newton_ && verdict == StagnationTest::Verdict::slow && iteration > most_gauss_iterations / 2) {
         return Status::not_converged;
       }
@@ -330,76 +390,95 @@ private:
     return Status::not_converged;
   }
 
-  /// What the stages Y_ leave of their equations, as next_ and correction_.
-  void sweep(double h) {
-    for (Index i = 0; i < m_; ++i) {
-      z_.displaced(1.0, Y_.col(i), point_);
-      Z_.col(i) = point_;
-    }
-    stages_(Z_, f_, energies_);
+  /// What is left of a correction in the increment that the sweep before it told. Of q and p taken in turn the slopes
+  /// of p were told by the uncorrected q: they know as much as half a sweep more would.
+  [[nodiscard]] double left_after(double contraction) const {
+    return by_halves() ? std::sqrt(contraction) : contraction;
+  }
+
+  /// What the stages Y_ leave of their equations, as next_, which is added to them unless Newton's correction is to be.
+  /// \return its relative size
+  double sweep(double h) {
     ++iterations_;
-    next_ = f_.lazyProduct(tableau_.a_rest.transpose());
-    next_ += f_.lazyProduct(tableau_.a_short.transpose());
-    next_ = h * next_ - Y_;
-    correction_ = next_;
+    const auto correct = [&](Index rows) {
+      return kernels_.correct(static_cast<std::size_t>(rows), static_cast<int>(m_), f_.data(), first_.data(),
+                              second_.data(), h, floor_.data(), Y_.data(), next_.data());
+    };
+    if (by_halves()) {
+      const Index n = size_ / 2;
+      place_stages(0, n);
+      slopes_.evaluate_forces();
+      collocate(n, n, h, Y_);
+      place_stages(n, n);
+      slopes_.evaluate_velocities();
+      return correct(n);
+    }
+    place_stages(0, size_);
+    slopes_.evaluate();
+    if (!newton_) {
+      return correct(size_);
+    }
+    collocate(0, size_, h, next_);
+    next_ -= Y_;
+    return relative_size(next_);
   }
 
   /// Corrections that are lost in rounding may still have one sign in many steps, and where they shrink slowly what is
   /// left of them is not much less. Further sweeps leave next to nothing of it.
-  void settle(double h, double rate) {
-    for (double left = rate * lost_correction; left > least_leftover; left *= rate) {
-      sweep(h);
-      Y_ += correction_;
+  void settle(double h, double rate, double size) {
+    for (double left = left_after(rate) * size; left > least_leftover; left *= rate) {
+      static_cast<void>(sweep(h));
     }
-  }
-
-  /// Corrections relative to the increments, each component in units of its own. A component that is 0 with slope 0 at
-  /// the start has no unit but its first correction.
-  [[nodiscard]] double relative_size() const {
-    double result = 0.0;
-    for (Index r = 0; r < size_; ++r) {
-      const double scale =
-          std::max({Y_.row(r).cwiseAbs().maxCoeff(), largest_[r], correction_.row(r).cwiseAbs().maxCoeff(),
-                    std::numeric_limits<double>::epsilon() * std::abs(z_.value()[r])});
-      const double correction = correction_.row(r).cwiseAbs().sum();
-      result = larger(result, correction == 0.0 ? 0.0 : correction / scale);
-    }
-    return result;
   }
 
   /// Whether what the last corrections mended is no more than what the evaluation of the stages rounds at.
   [[nodiscard]] bool is_rounding(double h) {
     constexpr double unit = 0.5 * std::numeric_limits<double>::epsilon();
-    const Index n = size_ / 2;
-    for (Index i = 0; i < m_; ++i) {
-      point_ = Z_.col(i);
-      errors_ = point_.cwiseAbs() + Y_.col(i).cwiseAbs();
-      rounding_.run(as_span(std::as_const(point_)), as_span(std::as_const(errors_)));
-      for (Index r = 0; r < size_; ++r) {
-        bounds_(r, i) = rounding_.bound(static_cast<std::size_t>(1 + (r < n ? n + r : r - n)));
-      }
+    const auto collected = [&](Index r, Index i) {
+      return std::abs(h) * tableau_.a.row(i).cwiseAbs().dot(bounds_.row(r).head(m_));
+    };
+    bound_slopes([](Index, Index) { return 0.0; });
+    if (by_halves()) {  // stages of p have the rounding of the slopes that they were made of
+      bound_slopes([&](Index r, Index i) { return r < size_ / 2 ? 0.0 : collected(r, i); });
     }
     for (Index i = 0; i < m_; ++i) {
-      for (Index r = 0; r < size_; ++r) {
-        const double slopes = tableau_.a.row(i).cwiseAbs().dot(bounds_.row(r));
-        if (!(std::abs(next_(r, i)) <= 2.0 * unit * (std::abs(h) * slopes + 4.0 * std::abs(Y_(r, i))))) {
+      for (Index r = 0; r < iterated(); ++r) {
+        if (!(std::abs(next_(r, i)) <= 2.0 * unit * (collected(r, i) + 4.0 * std::abs(Y_(r, i))))) {
           return false;
         }
       }
     }
     return true;
   }
+  /// bounds_, of the rounding of f at the stages. \param more (component, stage) ↦ what the stage errs by besides its
+  /// own rounding and that of its increment; of p it may depend on the bounds for p'
+  template <typename More>
+  void bound_slopes(const More& more) {
+    const Index n = size_ / 2;
+    Rows& bounds = next_bounds_;
+    for (Index i = 0; i < m_; ++i) {
+      point_ = Z_.col(i);
+      for (Index r = 0; r < size_; ++r) {
+        errors_[r] = std::abs(point_[r]) + std::abs(Y_(r, i)) + more(r, i);
+      }
+      rounding_.run(as_span(std::as_const(point_)), as_span(std::as_const(errors_)));
+      for (Index r = 0; r < size_; ++r) {
+        bounds(r, i) = rounding_.bound(static_cast<std::size_t>(1 + (r < n ? n + r : r - n)));
+      }
+    }
+    std::swap(bounds_, next_bounds_);
+  }
 
   /// The contraction at which as many operations lead to the last digit by either iteration.
   [[nodiscard]] double contraction_worth_newton(const Hamiltonian& hamiltonian) const {
-    const auto instructions = [](const formula::Bytecode& code) {
-      return operations_of_instruction * static_cast<double>(code.instructions().size());
-    };
-    const double products = 4.0 * static_cast<double>(m_ * m_ * size_);
-    const double sweep = instructions(hamiltonian.gradient_code()) + products;
-    const double newton = instructions(hamiltonian.hessian_code()) + stage_newton_->factor_operations() +
-                          newton_corrections * (sweep + stage_newton_->solve_operations());
-    return std::clamp(std::pow(10.0, -digits_to_go * sweep / newton), slow_contraction, slowest_contraction);
+    const double sweep = cost_of_sweep + cost_of_instruction * static_cast<double>(slopes_.instructions()) +
+                         cost_of_row * static_cast<double>(size_);
+    const double parts = static_cast<double>((m_ + 1) / 2);
+    const double newton = cost_of_instruction * static_cast<double>(hamiltonian.hessian_code().instructions().size()) +
+                          (newton_corrections + 1.0) * parts * cost_of_part +
+                          cost_of_operation * (stage_newton_->factor_operations() +
+                                               newton_corrections * stage_newton_->solve_operations());
+    return std::min(std::pow(10.0, -digits_to_go * sweep / (newton + newton_corrections * sweep)), slowest_contraction);
   }
 
   /// Factors what Newton's corrections take, H_zz in the middle of the stages to begin with.
@@ -408,7 +487,7 @@ private:
       return true;
     }
     const VectorXd& b = tableau_.b;
-    delta_ = Y_.lazyProduct(b);
+    delta_ = Y_.leftCols(m_).lazyProduct(b);
     z_.displaced(1.0, delta_, point_);
     evaluator_.hessian(point_.data(), gradient_.data(), hessian_.data());
     ++iterations_;
@@ -422,10 +501,10 @@ private:
   /// δ with what its rounding loses, and E, from the stages last evaluated.
   void finish(double h) {
     for (Index r = 0; r < size_; ++r) {
+      const double* const slopes = f_.row(r).data();
       long double sum = 0.0L;
       for (Index i = 0; i < m_; ++i) {
-        sum += (static_cast<long double>(tableau_.b_short[i]) + static_cast<long double>(tableau_.b_rest[i])) *
-               static_cast<long double>(f_(r, i));
+        sum += b_[static_cast<std::size_t>(i)] * static_cast<long double>(slopes[i]);
       }
       sum *= static_cast<long double>(h);
       if (newton_) {
@@ -438,28 +517,30 @@ private:
       lost_[r] = static_cast<double>(sum - static_cast<long double>(delta_[r]));
     }
     long double energy = 0.0L;
-    for (Index i = 0; i < m_; ++i) {
-      energy += (static_cast<long double>(tableau_.b_short[i]) + static_cast<long double>(tableau_.b_rest[i])) *
-                static_cast<long double>(energies_[i]);
-    }
-    // To first order at the corrected stages; ∇H = -Jf.
     const Index n = size_ / 2;
     for (Index i = 0; i < m_; ++i) {
-      energy += static_cast<long double>(tableau_.b[i]) *
-                static_cast<long double>(f_.col(i).head(n).dot(correction_.col(i).tail(n)) -
-                                         f_.col(i).tail(n).dot(correction_.col(i).head(n)));
+      // To first order at the corrected stages; ∇H = -Jf.
+      double mended = 0.0;
+      for (Index r = 0; r < iterated(); ++r) {
+        mended += (r < n ? -f_(r + n, i) : f_(r - n, i)) * mending()(r, i);
+      }
+      energy += b_[static_cast<std::size_t>(i)] *
+                (static_cast<long double>(slopes_.energy(i, by_halves())) + static_cast<long double>(mended));
     }
     energy_ = static_cast<double>(energy);
   }
 
   GaussTableau tableau_;
-  StageEvaluator stages_;
+  stages::Kernels kernels_;
+  Index m_, size_;
+  Rows Z_, f_;  ///< z_k + Y_i and J∇H there
+  StageSlopes slopes_;
   formula::SumSizeEvaluator energy_size_;
   formula::RoundingEvaluator rounding_;
-  Index m_, size_;
-  Rows Y_, Z_, f_, last_f_;  ///< Z_i - z_k, Z_i, J∇H(Z_i), and that of the last step
-  Rows base_, miss_;         ///< Y by a polynomial continued; what the last step's left of the present one's
-  bool missed_ = false;      ///< whether miss_ is known
+  Rows Y_, last_f_;      ///< Z_i - z_k; J∇H at the stages of the last step
+  Rows base_, miss_;     ///< Y by a polynomial continued; what the last step's left of the present one's
+  double base_h_ = 0.0;  ///< the step that base_ is of, by the last step; 0 for none
+  bool missed_ = false;  ///< whether miss_ is known
   struct Trial {
     double h = 0.0;
     Rows gap;  ///< Y less what the polynomial of the first trial makes of it
@@ -467,13 +548,16 @@ private:
   std::array<Trial, most_trials> trials_;  ///< at this level; the first always stays
   Rows trial_f_;                           ///< J∇H at the stages of the first
   std::size_t known_ = 0, replaced_ = 0;
-  Rows next_, correction_, bounds_;  ///< what the stages leave of their equations, what corrects it, and rounding
-  VectorXd energies_;
+  Rows next_, correction_, bounds_,
+      next_bounds_;               ///< what the stages leave of their equations, Newton's correction, and rounding
+  Rows first_, second_;           ///< A in two parts: rows of the weights of f_j
+  Rows end_table_, trial_table_;  ///< weights of continuations; the first of one end_ratio_ times as long
+  double end_ratio_ = 0.0;
+  std::array<long double, GaussTableau::most_stages> b_{};
   VectorXd of_stages_;  ///< A⁻ᵀb: δ = Σ (A⁻ᵀb)_i Y_i
   VectorXd lost_, largest_, point_, gradient_, errors_;
+  VectorXd floor_;  ///< of a component, how large its increments are at least
   MatrixXd weights_, hessian_;
-  MatrixXd end_weights_;  ///< of a continuation from the end of a step to one end_ratio_ times as long
-  double end_ratio_ = 0.0;
   std::optional<StageNewton> stage_newton_;
   double slow_ = slowest_contraction;
   double contraction_ = std::numeric_limits<double>::infinity();  ///< of corrections at this level, where it was seen

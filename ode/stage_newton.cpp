@@ -95,7 +95,7 @@ void StageNewton::solve(Rows& right) {
       }
     }
   }
-  right = result_;
+  right.leftCols(m) = result_;
 }
 
 double StageNewton::factor_operations() const {

@@ -31,7 +31,7 @@ public:
   /// Factors for a step of length h; hessian = H_zz, size × size, the state (q, p). Not success where a matrix is
   /// singular or not finite.
   [[nodiscard]] Status factor(double h, const Eigen::MatrixXd& hessian);
-  /// r ↦ δ. Hypothesis: the last factor() succeeded.
+  /// r ↦ δ, in the first m columns. Hypothesis: the last factor() succeeded.
   void solve(Rows& right);
 
   /// Operations of factor() and of solve(), about: what a choice between iterations is made by, the same everywhere.

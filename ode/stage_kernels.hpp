@@ -1,0 +1,44 @@
+#pragma once
+
+#include <cstddef>
+#include <span>
+
+namespace rubato::stages {
+
+/// What a sweep over the stages of collocation does beside evaluating ∇H: sums over stages. A row is a component of the
+/// state, its stages side by side in `lanes` places, of which those past the last stage are 0 (in `from`: are not
+/// read); rows follow one another. Every instruction set does the same roundings in the same order.
+struct Kernels {
+  int lanes = 0;  ///< of a row: 2, 4 or 8
+
+  /// to_r = factor (Σ_j from_rj first_j + Σ_j from_rj second_j) for each of `rows` rows; first_j and second_j are rows
+  /// of tables, one for each of `stages` stages. No second sum where `second` is null.
+  void (*combine)(std::size_t rows, int stages, const double* from, const double* first, const double* second,
+                  double factor, double* to);
+  /// A correction of Y by fixed-point iteration: the same sums less Y into `correction`, which is then added to Y.
+  /// \return relative_size() of it beside Y as it was
+  double (*correct)(std::size_t rows, int stages, const double* from, const double* first, const double* second,
+                    double factor, const double* floor, double* Y, double* correction);
+  /// to_r = high_r + (low_r + Y_r): the stages, of a state in two parts.
+  void (*place)(std::size_t rows, const double* high, const double* low, const double* Y, double* to);
+  /// The largest over the rows of |correction_r| / max(|Y_r|, |correction_r|, floor_r), in each the largest over its
+  /// places; NaN once a correction is.
+  double (*relative_size)(std::size_t rows, const double* Y, const double* correction, const double* floor);
+};
+
+/// For rows of so many stages (1 … 8), of the widest instruction set that this machine has (base/lanes.hpp).
+[[nodiscard]] Kernels kernels(int stages);
+
+/// All that there are, for tests.
+struct NamedKernels {
+  const char* name;
+  Kernels (*make)(int stages);
+  bool supported;  ///< by this machine
+};
+[[nodiscard]] std::span<const NamedKernels> all_kernels();
+
+Kernels kernels_portable(int stages);
+Kernels kernels_avx2(int stages);
+Kernels kernels_avx512(int stages);
+
+}  // namespace rubato::stages

@@ -1,0 +1,191 @@
+#pragma once
+
+// Internal: the code of the kernels, compiled once for each instruction set by the stage_kernels_*.cpp beside it.
+
+#include <rubato/ode/stage_kernels.hpp>
+
+namespace rubato::stages {
+namespace {
+
+template <int lanes>
+struct Vector;
+template <>
+struct Vector<2> {
+  using V = double __attribute__((vector_size(16)));
+};
+template <>
+struct Vector<4> {
+  using V = double __attribute__((vector_size(32)));
+};
+template <>
+struct Vector<8> {
+  using V = double __attribute__((vector_size(64)));
+};
+
+template <std::size_t n>
+struct Count {};
+
+/// Rows of `width` places in vectors of `native` doubles, or of all if that is less.
+template <int native, int width>
+struct StageRows {
+  static constexpr int lanes = native < width ? native : width;
+  static constexpr int parts = width / lanes;
+  /// Rows that are summed at a time, so that sums do not wait for each other and stay in registers.
+  static constexpr std::size_t block = parts == 1 ? 4 : parts == 2 ? 2 : 1;
+  using V = typename Vector<lanes>::V;
+
+  static V load(const double* from) {
+    V v;
+    __builtin_memcpy(&v, from, sizeof(V));
+    return v;
+  }
+  static void store(double* to, V v) { __builtin_memcpy(to, &v, sizeof(V)); }
+  static std::size_t at(int part) { return static_cast<std::size_t>(part * lanes); }
+  static V magnitude(V v) {
+    using Bits = decltype(v < v);
+    constexpr long long no_sign = 0x7fffffffffffffff;
+    return reinterpret_cast<V>(reinterpret_cast<Bits>(v) & no_sign);
+  }
+  static V larger_of(V a, V b) { return a > b ? a : b; }
+  /// The largest of its numbers, which are none of them below 0.
+  static double largest(V v) {
+    if constexpr (lanes == 8) {
+      const auto low = __builtin_shufflevector(v, v, 0, 1, 2, 3), high = __builtin_shufflevector(v, v, 4, 5, 6, 7);
+      return StageRows<4, 4>::largest(low > high ? low : high);
+    } else if constexpr (lanes == 4) {
+      const auto low = __builtin_shufflevector(v, v, 0, 1), high = __builtin_shufflevector(v, v, 2, 3);
+      return StageRows<2, 2>::largest(low > high ? low : high);
+    } else {
+      return v[0] > v[1] ? v[0] : v[1];
+    }
+  }
+
+  /// The sums of `count` rows, each handed to done(row, part, sum).
+  template <std::size_t count, bool two, typename Done>
+  static void sum_some(int stages, const double* from, const double* first, const double* second, double factor,
+                       const Done& done) {
+    V a[count][parts] = {}, b[count][parts] = {};
+    for (int j = 0; j < stages; ++j) {
+      for (int p = 0; p < parts; ++p) {
+        const V weight = load(first + j * width + p * lanes);
+        const V rest = two ? load(second + j * width + p * lanes) : weight;
+        for (std::size_t r = 0; r < count; ++r) {
+          const double value = from[r * width + static_cast<std::size_t>(j)];
+          a[r][p] += value * weight;
+          if constexpr (two) {
+            b[r][p] += value * rest;
+          }
+        }
+      }
+    }
+    for (std::size_t r = 0; r < count; ++r) {
+      for (int p = 0; p < parts; ++p) {
+        done(r, p, factor * (two ? a[r][p] + b[r][p] : a[r][p]));
+      }
+    }
+  }
+  /// some(count, first row), of as many rows at a time as there are registers for.
+  template <typename Some>
+  static void for_rows(std::size_t rows, const Some& some) {
+    std::size_t r = 0;
+    for (; r + block <= rows; r += block) {
+      some(Count<block>{}, r);
+    }
+    if constexpr (block > 2) {
+      for (; r + 2 <= rows; r += 2) {
+        some(Count<2>{}, r);
+      }
+    }
+    for (; r < rows; ++r) {
+      some(Count<1>{}, r);
+    }
+  }
+
+  static void combine(std::size_t rows, int stages, const double* from, const double* first, const double* second,
+                      double factor, double* to) {
+    for_rows(rows, [&]<std::size_t count>(Count<count>, std::size_t r) {
+      const auto keep = [&](std::size_t row, int p, V sum) { store(to + (r + row) * width + at(p), sum); };
+      if (second != nullptr) {
+        sum_some<count, true>(stages, from + r * width, first, second, factor, keep);
+      } else {
+        sum_some<count, false>(stages, from + r * width, first, second, factor, keep);
+      }
+    });
+  }
+
+  static double correct(std::size_t rows, int stages, const double* from, const double* first, const double* second,
+                        double factor, const double* floor, double* Y, double* correction) {
+    RelativeSize relative;
+    for_rows(rows, [&]<std::size_t count>(Count<count>, std::size_t r) {
+      V size[count] = {}, scale[count] = {};
+      sum_some<count, true>(stages, from + r * width, first, second, factor, [&](std::size_t row, int p, V sum) {
+        const std::size_t place = (r + row) * width + at(p);
+        const V y = load(Y + place), c = sum - y;
+        store(correction + place, c);
+        store(Y + place, y + c);
+        relative.take(y, c, size[row], scale[row]);
+      });
+      for (std::size_t row = 0; row < count; ++row) {
+        relative.close(size[row], scale[row], floor[r + row]);
+      }
+    });
+    return relative.result();
+  }
+
+  static void place(std::size_t rows, const double* high, const double* low, const double* Y, double* to) {
+    for (std::size_t r = 0; r < rows; ++r) {
+      for (int p = 0; p < parts; ++p) {
+        const std::size_t place = r * width + at(p);
+        store(to + place, high[r] + (low[r] + load(Y + place)));
+      }
+    }
+  }
+
+  /// Takes in rows, part by part.
+  struct RelativeSize {
+    V any = {};  ///< knows of a NaN
+    double most = 0.0;
+
+    void take(V y, V correction, V& size, V& scale) {
+      const V c = magnitude(correction);
+      any += c;
+      size = larger_of(size, c);
+      scale = larger_of(larger_of(scale, c), magnitude(y));
+    }
+    void close(V size, V scale, double floor) {
+      const double numerator = largest(size), denominator = largest(scale);
+      if (numerator != 0.0) {
+        const double ratio = numerator / (denominator > floor ? denominator : floor);
+        most = most >= ratio ? most : ratio;
+      }
+    }
+    [[nodiscard]] double result() const {
+      const V defined = {}, undefined = defined + 1.0;
+      return largest(any == any ? defined : undefined) == 0.0 ? most : __builtin_nan("");
+    }
+  };
+  static double relative_size(std::size_t rows, const double* Y, const double* correction, const double* floor) {
+    RelativeSize relative;
+    for (std::size_t r = 0; r < rows; ++r) {
+      V size = {}, scale = {};
+      for (int p = 0; p < parts; ++p) {
+        const std::size_t place = r * width + at(p);
+        relative.take(load(Y + place), load(correction + place), size, scale);
+      }
+      relative.close(size, scale, floor[r]);
+    }
+    return relative.result();
+  }
+
+  static Kernels all() { return {width, combine, correct, place, relative_size}; }
+};
+
+template <int native>
+Kernels stage_kernels_of(int stages) {
+  return stages <= 2   ? StageRows<native, 2>::all()
+         : stages <= 4 ? StageRows<native, 4>::all()
+                       : StageRows<native, 8>::all();
+}
+
+}  // namespace
+}  // namespace rubato::stages
