@@ -249,4 +249,23 @@ void write_rows(hid_t dataset, hid_t memory, hsize_t first, hsize_t count, const
   check(H5Dwrite(dataset, memory, room, space, H5P_DEFAULT, data), "writing rows");
 }
 
+void write_part(hid_t dataset, hid_t memory, hsize_t row, hsize_t first, hsize_t count, const void* data) {
+  if (count == 0)
+    return;
+  std::vector<hsize_t> sizes = extent(dataset), start(sizes.size(), 0);
+  hsize_t plane = 1;
+  for (std::size_t i = 2; i < sizes.size(); ++i)
+    plane *= sizes[i];
+  start.front() = row;
+  sizes.front() = 1;
+  if (sizes.size() > 1) {
+    start[1] = first / plane;
+    sizes[1] = count / plane;
+  }
+  const Handle space(H5Dget_space(dataset), H5Sclose, "writing rows");
+  check(H5Sselect_hyperslab(space, H5S_SELECT_SET, start.data(), nullptr, sizes.data(), nullptr), "writing rows");
+  const Handle room(H5Screate_simple(static_cast<int>(sizes.size()), sizes.data(), nullptr), H5Sclose, "writing rows");
+  check(H5Dwrite(dataset, memory, room, space, H5P_DEFAULT, data), "writing rows");
+}
+
 }  // namespace rubato::record::detail

@@ -1,8 +1,11 @@
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <map>
 #include <optional>
+#include <span>
 #include <string>
 #include <utility>
 #include <variant>
@@ -76,5 +79,14 @@ struct Layout {
 /// Named arrays that `resume` needs, stored under /checkpoint and replaced as a whole. A string is stored as bytes.
 using CheckpointArray = std::variant<std::vector<double>, std::vector<std::int64_t>, std::string>;
 using Checkpoint = std::map<std::string, CheckpointArray>;
+
+/// A checkpoint of which one array, of `size` numbers, does not have to fit into memory.
+struct CheckpointInParts {
+  using Take = std::function<void(std::span<const double>)>;
+  std::string name;
+  std::size_t size = 0;
+  std::function<void(const Take&)> hand_over;  ///< calls what it is given with part after part
+  std::function<Checkpoint()> others;          ///< all other arrays; called after that
+};
 
 }  // namespace rubato::record

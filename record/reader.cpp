@@ -191,8 +191,8 @@ std::vector<std::string> Reader::read_strings(const std::string& path) const {
   return implementation_->in_dataset(path, [](hid_t dataset) { return detail::read_texts(dataset); });
 }
 
-Checkpoint Reader::checkpoint() const {
-  return implementation_->in_file([](hid_t file) { return detail::read_checkpoint(file); });
+Checkpoint Reader::checkpoint(const std::string& left_out) const {
+  return implementation_->in_file([&](hid_t file) { return detail::read_checkpoint(file, left_out); });
 }
 
 }  // namespace rubato::record

@@ -76,8 +76,9 @@ public:
   /// All values of a scale of names.
   [[nodiscard]] std::vector<std::string> read_strings(const std::string& path) const;
 
-  /// All that belongs to the last complete level.
-  [[nodiscard]] Checkpoint checkpoint() const;
+  /// All that belongs to the last complete level; without the array `left_out`, which is looked at all the same, and
+  /// can be read as the dataset "/checkpoint/NAME".
+  [[nodiscard]] Checkpoint checkpoint(const std::string& left_out = {}) const;
 
 private:
   class Implementation;

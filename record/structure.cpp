@@ -129,7 +129,7 @@ void compare_dataset(hid_t file, const Layout& layout, const Dataset& descriptio
 
 }  // namespace
 
-std::size_t rows_of_chunk(hid_t dataset) {
+std::vector<hsize_t> chunk_of(hid_t dataset) {
   const std::string doing = "reading how a dataset is stored";
   const Handle properties(H5Dget_create_plist(dataset), H5Pclose, doing);
   std::vector<hsize_t> chunk(extent(dataset).size());
@@ -137,7 +137,7 @@ std::size_t rows_of_chunk(hid_t dataset) {
       H5Pget_chunk(properties, static_cast<int>(chunk.size()), chunk.data()) != static_cast<int>(chunk.size()) ||
       chunk.empty() || chunk.front() == 0)
     throw Failure("a dataset that grows is not stored in chunks");
-  return chunk.front();
+  return chunk;
 }
 
 Handle checked_storage(hsize_t count, std::size_t value_bytes) {

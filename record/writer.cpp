@@ -25,48 +25,93 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-/// A growing dataset on its way to the file. Rows [0, flushed) are in the working file, the rest is in `waiting`.
+/// A growing dataset on its way to the file. The bytes of its rows, one row after the other, are in the working file up
+/// to `flushed`; the rest is in `waiting`.
 struct Gathered {
   Dataset description;
   std::size_t row_size;
   std::size_t row_bytes;
-  std::size_t chunk_rows;
+  std::size_t chunk_rows = 1;
+  std::size_t block_bytes = 1;  ///< of a row: what chunks divide it into along its slowest dimension
   std::size_t flushed = 0;
   std::size_t complete = 0;        ///< rows of whole levels
   detail::Checksum checksum = {};  ///< of these
   std::size_t appended = 0;
+  detail::Checksum checksum_of_all = {};  ///< of these, and of what has come of the next one
   std::vector<std::byte> waiting = {};
 
-  /// Rows of whole levels that also fill whole chunks. Only these enter the working file: every chunk in it is
-  /// compressed and written once, so that versions do not pile up dead space in it.
-  [[nodiscard]] std::size_t flushable() const { return complete - complete % chunk_rows; }
+  [[nodiscard]] std::size_t end() const { return flushed + waiting.size(); }
+  /// What has come of a row that is not whole yet.
+  [[nodiscard]] std::size_t begun() const { return end() - appended * row_bytes; }
 
-  /// The bytes of rows [first, last), which have to be waiting.
-  [[nodiscard]] std::span<const std::byte> bytes(std::size_t first, std::size_t last) const {
-    return std::span(waiting).subspan((first - flushed) * row_bytes, (last - first) * row_bytes);
+  void add(std::span<const std::byte> bytes) {
+    checksum_of_all.add(bytes);
+    waiting.insert(waiting.end(), bytes.begin(), bytes.end());
+    appended = end() / row_bytes;
   }
+
+  /// Up to where bytes go into the working file. Every chunk in it is compressed and written once, so that versions do
+  /// not pile up dead space in it: rows of whole levels that fill whole chunks, and of rows so long that a chunk has no
+  /// two of them, whole blocks as they come. \return `flushed` if there is nothing
+  enum class Of { whole_levels, all };
+  [[nodiscard]] std::size_t flushable(Of of) const {
+    if (chunk_rows > 1 || of == Of::whole_levels)
+      return std::max(flushed, (complete - complete % chunk_rows) * row_bytes);
+    const std::size_t rows = appended * row_bytes;
+    return std::max(flushed, rows + begun() / block_bytes * block_bytes);
+  }
+
   void complete_all() {
-    checksum.add(bytes(complete, appended));
+    checksum = checksum_of_all;
     complete = appended;
   }
+  void drop_incomplete() {
+    const std::size_t left = complete * row_bytes;
+    waiting.resize(left > flushed ? left - flushed : 0);  // what is in the file already is written again
+    flushed = std::min(flushed, left);
+    appended = complete;
+    checksum_of_all = checksum;
+  }
 };
+
+/// What the chunks of a dataset divide its rows into.
+void set_chunk(Gathered& column, const Layout& layout, const std::vector<hsize_t>& chunk) {
+  column.chunk_rows = chunk.front();
+  const auto shape = detail::row_shape(layout, column.description);
+  if (!shape.empty())
+    column.block_bytes = chunk.at(1) * (column.row_bytes / shape.front());
+}
 
 std::vector<Gathered> columns_of(const Layout& layout) {
   std::vector<Gathered> columns;
   for (const auto& dataset : layout.datasets) {
     const std::size_t bytes = detail::size_of(dataset.type);
     const std::size_t row_size = detail::row_size(layout, dataset);
-    columns.push_back({dataset, row_size, row_size * bytes, detail::chunk_shape(layout, dataset).front()});
+    columns.push_back({dataset, row_size, row_size * bytes});
+    set_chunk(columns.back(), layout, detail::chunk_shape(layout, dataset));
   }
   return columns;
 }
 
-void write_column(hid_t dataset, const Gathered& column, std::size_t end) {
+/// Lets a dataset have `rows` rows, and writes what waits of their bytes up to `end`.
+void write_column(hid_t dataset, const Gathered& column, std::size_t rows, std::size_t end) {
   auto sizes = detail::extent(dataset);
-  sizes.front() = end;
+  sizes.front() = rows;
   detail::check(H5Dset_extent(dataset, sizes.data()), "extending a dataset");
-  detail::write_rows(dataset, detail::memory_type(column.description.type), column.flushed, end - column.flushed,
-                     column.waiting.data());
+  const hid_t memory = detail::memory_type(column.description.type);
+  const std::size_t value_bytes = column.row_bytes / column.row_size;
+  for (std::size_t place = column.flushed; place < end;) {
+    const std::byte* const bytes = column.waiting.data() + (place - column.flushed);
+    const std::size_t row = place / column.row_bytes, begin = place % column.row_bytes;
+    if (const std::size_t whole = (end - place) / column.row_bytes; begin == 0 && whole > 0) {
+      detail::write_rows(dataset, memory, row, whole, bytes);
+      place += whole * column.row_bytes;
+    } else {
+      const std::size_t count = std::min(column.row_bytes - begin, end - place);
+      detail::write_part(dataset, memory, row, begin / value_bytes, count / value_bytes, bytes);
+      place += count;
+    }
+  }
 }
 
 template <class Integer>
@@ -141,7 +186,7 @@ public:
     working_->trim();
   }
 
-  void take_over() {
+  void take_over(const std::string& left_out) {
     overwrite_ = true;
     {
       const detail::Descriptor published = detail::open_regular(path_);
@@ -152,7 +197,7 @@ public:
     }
     detail::Handle file = open(*working_);
     detail::compare_structure(file, layout_);
-    checkpoint_ = detail::read_checkpoint(file);
+    checkpoint_ = detail::read_checkpoint(file, left_out);
     working_->reserve(structure_bytes());
     for (auto& column : columns_)
       take_over(file, column);
@@ -168,13 +213,19 @@ public:
     Gathered& column = column_for(dataset, row.size());
     if (column.description.type != Type::f64)
       throw std::invalid_argument(fmt::format("record: '{}' takes integers", column.description.path));
-    if (!column.description.may_be_undefined)
-      for (std::size_t i = 0; i < row.size(); ++i)
-        if (!std::isfinite(row[i]))
-          throw NotFinite(fmt::format("record: value {} of row {} of '{}' is {}", i, column.appended,
-                                      column.description.path, row[i]));
-    std::memcpy(grow(column), row.data(), column.row_bytes);
-    ++column.appended;
+    add(column, row);
+  }
+
+  void append_part(std::size_t dataset, std::span<const double> part) {
+    Gathered& column = columns_.at(dataset);
+    if (column.description.type != Type::f64)
+      throw std::invalid_argument(fmt::format("record: '{}' takes integers", column.description.path));
+    if (part.size_bytes() > column.row_bytes - column.begun())
+      throw std::invalid_argument(
+          fmt::format("record: parts go beyond a row of '{}', of {} values", column.description.path, column.row_size));
+    add(column, part);
+    if (bytes_since_flush_ > policy_.buffer_bytes)
+      detail::with_file(path_, [&] { flush(Gathered::Of::all); });
   }
 
   void append(std::size_t dataset, std::span<const std::int64_t> row) {
@@ -187,8 +238,7 @@ public:
       case Type::i32: store<std::int32_t>(row, path, converted.data()); break;
       case Type::u8: store<std::uint8_t>(row, path, converted.data()); break;
     }
-    std::memcpy(grow(column), converted.data(), column.row_bytes);
-    ++column.appended;
+    add(column, std::span<const std::byte>(converted));
   }
 
   [[nodiscard]] std::size_t rows(std::size_t dataset) const { return columns_.at(dataset).appended; }
@@ -202,10 +252,8 @@ public:
   }
 
   void drop_level() {
-    for (auto& column : columns_) {
-      column.waiting.resize(column.waiting.size() - (column.appended - column.complete) * column.row_bytes);
-      column.appended = column.complete;
-    }
+    for (auto& column : columns_)
+      column.drop_incomplete();
   }
 
   [[nodiscard]] const Checkpoint& checkpoint() const { return checkpoint_; }
@@ -214,7 +262,23 @@ public:
     return Clock::now() - last_commit_ >= std::max(policy_.interval, policy_.times_last_commit * commit_duration_);
   }
 
-  void commit(const Checkpoint& checkpoint) {
+  void stage(const CheckpointInParts& checkpoint) {
+    detail::with_file(path_, [&] {
+      detail::Handle file = open(*working_);
+      working_->reserve(structure_bytes() + checkpoint.size * (sizeof(double) + 1));
+      is_staged_ = true;
+      detail::write_checkpoint(file, checkpoint);
+      file.close("writing the working file");
+      working_->trim();
+    });
+  }
+  void require_staged() const {
+    if (!is_staged_)
+      throw std::logic_error("record: there is no checkpoint to publish");
+  }
+
+  /// \param checkpoint null: the one that is staged
+  void commit(const Checkpoint* checkpoint) {
     const auto begin = Clock::now();
     detail::with_file(path_, [&] {
       flush();
@@ -227,7 +291,7 @@ public:
     commit_duration_ = last_commit_ - begin;
   }
 
-  void finish(const Checkpoint& checkpoint, Completion completion) {
+  void finish(const Checkpoint* checkpoint, Completion completion) {
     detail::with_file(path_, [&] {
       flush();
       check_axes();
@@ -281,22 +345,34 @@ private:
 
   Gathered& column_for(std::size_t dataset, std::size_t size) {
     Gathered& column = columns_.at(dataset);
+    if (column.begun() > 0)
+      throw std::invalid_argument(fmt::format("record: a row of '{}' is begun in parts", column.description.path));
     if (size != column.row_size)
       throw std::invalid_argument(
           fmt::format("record: a row of '{}' has {} values, not {}", column.description.path, column.row_size, size));
     return column;
   }
 
-  std::byte* grow(Gathered& column) {
-    bytes_since_flush_ += column.row_bytes;
-    column.waiting.resize(column.waiting.size() + column.row_bytes);
-    return column.waiting.data() + column.waiting.size() - column.row_bytes;
+  void add(Gathered& column, std::span<const std::byte> bytes) {
+    bytes_since_flush_ += bytes.size();
+    column.add(bytes);
+  }
+  /// A row, or a part of one.
+  void add(Gathered& column, std::span<const double> values) {
+    if (!column.description.may_be_undefined)
+      for (std::size_t i = 0; i < values.size(); ++i)
+        if (!std::isfinite(values[i]))
+          throw NotFinite(fmt::format("record: value {} of row {} of '{}' is {}", column.begun() / sizeof(double) + i,
+                                      column.appended, column.description.path, values[i]));
+    add(column, std::as_bytes(values));
   }
 
   /// Which datasets of one axis are not of one length; empty if none.
   [[nodiscard]] std::string different_rows() const {
     std::map<std::string_view, const Gathered*> axes;
     for (const auto& column : columns_) {
+      if (column.begun() > 0)
+        return fmt::format("a part of a row of '{}' is missing", column.description.path);
       const Gathered& first = *axes.try_emplace(column.description.axis, &column).first->second;
       if (first.appended != column.appended)
         return fmt::format("'{}' has {} rows, but '{}' has {}", first.description.path, first.appended,
@@ -317,59 +393,64 @@ private:
     if (rows < 0 || static_cast<hsize_t>(rows) > sizes.front())
       throw detail::Failure(
           fmt::format("dataset '{}' should have {} rows, but has {}", column.description.path, rows, sizes.front()));
-    column.chunk_rows = detail::rows_of_chunk(dataset);
+    set_chunk(column, layout_, detail::chunk_of(dataset));
     std::uint64_t left = static_cast<std::uint64_t>(rows) * column.row_bytes;
     detail::read_through(dataset, [&](std::span<const std::byte> bytes) {  // provisional rows are behind the others
       const auto part = bytes.first(std::min<std::uint64_t>(left, bytes.size()));
       column.checksum.add(part);
       left -= part.size();
     });
+    column.checksum_of_all = column.checksum;
     column.complete = column.appended = static_cast<std::size_t>(rows);
-    column.flushed = column.flushable();
-    column.waiting.resize((column.complete - column.flushed) * column.row_bytes);
-    detail::read_rows(dataset, detail::memory_type(column.description.type), column.flushed,
-                      column.complete - column.flushed, column.waiting.data());
-    sizes.front() = column.flushed;
+    column.flushed = column.flushable(Gathered::Of::whole_levels);
+    const std::size_t in_file = column.flushed / column.row_bytes, left_over = column.complete - in_file;
+    column.waiting.resize(left_over * column.row_bytes);
+    detail::read_rows(dataset, detail::memory_type(column.description.type), in_file, left_over, column.waiting.data());
+    sizes.front() = in_file;
     detail::check(H5Dset_extent(dataset, sizes.data()), "shortening a dataset");
   }
 
   /// Moves whole chunks into the working file.
-  void flush() {
+  void flush(Gathered::Of of = Gathered::Of::whole_levels) {
     bytes_since_flush_ = 0;
-    if (std::ranges::none_of(columns_, [](const Gathered& column) { return column.flushable() > column.flushed; }))
+    if (std::ranges::none_of(columns_, [&](const Gathered& column) { return column.flushable(of) > column.flushed; }))
       return;
     detail::Handle file = open(*working_);
     working_->reserve(waiting_bytes() + structure_bytes());
     for (const auto& column : columns_)
-      if (column.flushable() > column.flushed)
-        write_column(detail::open_dataset(file, column.description.path), column, column.flushable());
+      if (const std::size_t end = column.flushable(of); end > column.flushed)
+        write_column(detail::open_dataset(file, column.description.path), column,
+                     (end + column.row_bytes - 1) / column.row_bytes, end);
     file.close("writing the working file");
     working_->trim();
     for (auto& column : columns_) {
-      const std::size_t done = (column.flushable() - column.flushed) * column.row_bytes;
-      column.waiting.erase(column.waiting.begin(), column.waiting.begin() + static_cast<std::ptrdiff_t>(done));
-      column.flushed = column.flushable();
+      const std::size_t end = column.flushable(of);
+      column.waiting.erase(column.waiting.begin(),
+                           column.waiting.begin() + static_cast<std::ptrdiff_t>(end - column.flushed));
+      column.flushed = end;
     }
   }
 
   /// Adds to a file with whole chunks what makes it a record of all complete levels.
-  void complete_version(detail::TemporaryFile& version, const Checkpoint& checkpoint, Completion completion,
+  void complete_version(detail::TemporaryFile& version, const Checkpoint* checkpoint, Completion completion,
                         bool last) {
     detail::Handle file = open(version);
     std::uint64_t checkpoint_bytes = 0;
-    for (const auto& [name, array] : checkpoint)
-      checkpoint_bytes += 4096 + std::visit([](const auto& a) { return a.size() * sizeof(a[0]); }, array);
+    if (checkpoint != nullptr)
+      for (const auto& [name, array] : *checkpoint)
+        checkpoint_bytes += 4096 + std::visit([](const auto& a) { return a.size() * sizeof(a[0]); }, array);
     version.reserve(waiting_bytes() + structure_bytes() + checkpoint_bytes);
     std::map<std::string, detail::Checksum> checksums;
     for (const auto& column : columns_) {
       const detail::Handle dataset = detail::open_dataset(file, column.description.path);
       // The last version shows provisional rows too; the attribute tells `resume` where the whole levels end.
       const std::size_t end = last ? column.appended : column.complete;
-      write_column(dataset, column, end);
-      (checksums[column.description.path] = column.checksum).add(column.bytes(column.complete, end));
+      write_column(dataset, column, end, end * column.row_bytes);
+      checksums[column.description.path] = last ? column.checksum_of_all : column.checksum;
       detail::write_attribute(dataset, detail::rows_attribute, Type::i64, static_cast<std::int64_t>(column.complete));
     }
-    detail::write_checkpoint(file, checkpoint);
+    if (checkpoint != nullptr)
+      detail::write_checkpoint(file, *checkpoint);
     detail::write_attribute(file, "finished", Type::u8, completion == Completion::complete ? 1 : 0);
     detail::write_seal(file, checksums);
     file.close("writing the record");
@@ -384,6 +465,7 @@ private:
   Layout layout_;
   std::vector<Gathered> columns_;
   Checkpoint checkpoint_;
+  bool is_staged_ = false;
   std::optional<detail::TemporaryFile> working_;
   std::size_t bytes_since_flush_ = 0;
   Clock::time_point last_commit_ = Clock::now();
@@ -411,7 +493,7 @@ Writer Writer::resume(const std::filesystem::path& file, const Layout& layout, C
   return resume(Claim(file), layout, policy);
 }
 
-Writer Writer::resume(Claim claim, const Layout& layout, CommitPolicy policy) {
+Writer Writer::resume(Claim claim, const Layout& layout, CommitPolicy policy, const std::string& left_out) {
   detail::validate(layout);
   const std::filesystem::path file = claim.file();
   return detail::with_file(file, [&] {
@@ -420,7 +502,7 @@ Writer Writer::resume(Claim claim, const Layout& layout, CommitPolicy policy) {
     if (H5Fis_hdf5(file.c_str()) == 0)
       throw Error(file, "is not an HDF5 file");
     auto implementation = std::make_unique<Implementation>(std::move(claim), layout, true, policy);
-    implementation->take_over();
+    implementation->take_over(left_out);
     return Writer(std::move(implementation));
   });
 }
@@ -430,6 +512,9 @@ void Writer::append(std::size_t dataset, std::span<const double> row) {
 }
 void Writer::append(std::size_t dataset, std::span<const std::int64_t> row) {
   implementation_->append(dataset, row);
+}
+void Writer::append_part(std::size_t dataset, std::span<const double> part) {
+  implementation_->append_part(dataset, part);
 }
 std::size_t Writer::rows(std::size_t dataset) const {
   return implementation_->rows(dataset);
@@ -447,10 +532,21 @@ bool Writer::commit_due() const {
   return implementation_->commit_due();
 }
 void Writer::commit(const Checkpoint& checkpoint) {
-  implementation_->commit(checkpoint);
+  implementation_->commit(&checkpoint);
+}
+void Writer::commit() {
+  implementation_->require_staged();
+  implementation_->commit(nullptr);
+}
+void Writer::stage(const CheckpointInParts& checkpoint) {
+  implementation_->stage(checkpoint);
 }
 void Writer::finish(const Checkpoint& checkpoint, Completion completion) {
-  implementation_->finish(checkpoint, completion);
+  implementation_->finish(&checkpoint, completion);
+}
+void Writer::finish(Completion completion) {
+  implementation_->require_staged();
+  implementation_->finish(nullptr, completion);
 }
 
 }  // namespace rubato::record

@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <memory>
 #include <span>
+#include <string>
 
 #include <rubato/record/error.hpp>
 #include <rubato/record/layout.hpp>
@@ -84,7 +85,9 @@ public:
   /// all else, while the claim lasts. Throws Error if there is no such record or if its scales or datasets are not
   /// those of the layout. Title, problem, version, compiler and threads are replaced by those of the layout at the next
   /// commit.
-  [[nodiscard]] static Writer resume(Claim claim, const Layout& layout, CommitPolicy policy = {});
+  /// \param left_out an array that checkpoint() is to do without, as large as it may be
+  [[nodiscard]] static Writer resume(Claim claim, const Layout& layout, CommitPolicy policy = {},
+                                     const std::string& left_out = {});
   [[nodiscard]] static Writer resume(const std::filesystem::path& file, const Layout& layout, CommitPolicy policy = {});
 
   Writer(Writer&&) noexcept;
@@ -98,6 +101,11 @@ public:
 
   /// The same for the integer types; a value outside the stored type's range is refused too.
   void append(std::size_t dataset, std::span<const std::int64_t> row);
+
+  /// Appends a row in parts, which follow one another as in the row; it is a row with the last of them. Of long rows
+  /// what goes beyond CommitPolicy::buffer_bytes moves to the working file at once. Throws as append, and
+  /// std::invalid_argument if the parts are longer than a row; what has come of the row then is for drop_level.
+  void append_part(std::size_t dataset, std::span<const double> part);
 
   /// One number, for datasets with one number per row.
   void append(std::size_t dataset, std::floating_point auto value) {
@@ -128,12 +136,18 @@ public:
   /// Publishes everything up to the last `end_level`, with the checkpoint that belongs to it.
   void commit(const Checkpoint& checkpoint);
 
+  /// Puts a checkpoint into the working file part by part, for the next commit() or finish() without one. What the
+  /// checkpoint's functions throw is passed on.
+  void stage(const CheckpointInParts& checkpoint);
+  void commit();
+
   enum class Completion { interrupted, complete };
 
   /// Publishes for the last time and waits until it is on the disk. The attribute `finished` of the record becomes 1 if
   /// the run is complete. Rows appended after the last `end_level` are provisional: readers see them, `resume` drops
   /// them (the last state of a run, where it is not one of every n-th). No other call may follow.
   void finish(const Checkpoint& checkpoint, Completion completion);
+  void finish(Completion completion);
 
 private:
   class Implementation;

@@ -124,8 +124,15 @@ void read_through(hid_t dataset, const std::function<void(std::span<const std::b
 /// Writes them into an extent that already has room.
 void write_rows(hid_t dataset, hid_t memory, hsize_t first, hsize_t count, const void* data);
 
+/// A part of row `row`, from its value `first` on, as the row lies in memory; it has to begin where a place along the
+/// slowest dimension begins, and to end where one ends.
+void write_part(hid_t dataset, hid_t memory, hsize_t row, hsize_t first, hsize_t count, const void* data);
+
 void write_checkpoint(hid_t file, const Checkpoint& checkpoint);
-[[nodiscard]] Checkpoint read_checkpoint(hid_t file);
+/// The same of an array that comes in parts, and of others, which are asked for when it has come.
+void write_checkpoint(hid_t file, const CheckpointInParts& checkpoint);
+/// Without the values of `left_out`, which have to be those that were written all the same.
+[[nodiscard]] Checkpoint read_checkpoint(hid_t file, const std::string& left_out = {});
 /// What is stored as the checksum of its arrays, with which they are compared whenever they are read; 0 if there is
 /// none.
 [[nodiscard]] std::int64_t stored_checkpoint_checksum(hid_t file);

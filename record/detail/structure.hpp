@@ -31,8 +31,8 @@ void validate(const Layout& layout);
 /// HDF5's chunk cache) is divided along its slowest dimensions.
 [[nodiscard]] std::vector<hsize_t> chunk_shape(const Layout& layout, const Dataset& dataset);
 
-/// How many rows a chunk of a growing dataset has. Throws Failure if it is not stored in chunks.
-[[nodiscard]] std::size_t rows_of_chunk(hid_t dataset);
+/// The sizes of the chunks of a dataset, rows first. Throws Failure if it is not stored in chunks.
+[[nodiscard]] std::vector<hsize_t> chunk_of(hid_t dataset);
 
 /// The links (name, target) that put a dataset's axis and scales into its own group.
 [[nodiscard]] std::vector<std::pair<std::string, std::string>> links_of(const Dataset& dataset);

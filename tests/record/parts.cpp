@@ -1,0 +1,200 @@
+// Rows and checkpoints that come in parts, for those who have no room for the whole.
+
+#include <catch2/catch.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <optional>
+
+#include <rubato/record/reader.hpp>
+
+#include "sample.hpp"
+
+using namespace rubato::record;
+using sample::Folder;
+
+namespace {
+
+constexpr std::size_t cells = 50'000;  // rows of 3 × 50000 doubles, 1.2 MB: chunks divide them
+
+std::vector<double> field_of(std::int64_t k, std::size_t size = 3 * cells) {
+  std::vector<double> field(size);
+  for (std::size_t i = 0; i < field.size(); ++i)
+    field[i] = std::sin(static_cast<double>(k) + 0.01 * static_cast<double>(i));
+  return field;
+}
+
+/// Level k of sample::Run with its fields in parts of `size` numbers; `tamper` may change what is appended.
+void write_in_parts(Writer& writer, std::int64_t k, std::size_t size, std::size_t row_size = 3 * cells,
+                    const std::function<void(std::vector<double>&)>& tamper = {}) {
+  const auto number = static_cast<double>(k);
+  writer.append(sample::level_t, 0.1 * number);
+  writer.append(sample::gamma, k == 0 ? NAN : std::cos(number));
+  if (k > 0) {
+    writer.append(sample::step, k - 1);
+    writer.append(sample::h, 0.1 + 1e-3 * std::sin(number));
+    writer.append(sample::energy, -0.5 + 1e-16 * number);
+    writer.append(sample::bridged, k % 10 == 0);
+  }
+  if (k % 3 == 0) {
+    writer.append(sample::state_t, 0.1 * number);
+    writer.append(sample::q, std::vector{std::sin(number), std::cos(number)});
+    writer.append(sample::previous_t, 0.1 * (number - 1));
+    writer.append(sample::previous_q, std::vector{std::sin(number - 1), std::cos(number - 1)});
+    std::vector<double> field = field_of(k, row_size);
+    if (tamper)
+      tamper(field);
+    for (const auto dataset : {sample::u, sample::flux})
+      for (std::size_t first = 0; first < field.size(); first += size)
+        writer.append_part(dataset, std::span(field).subspan(first, std::min(size, field.size() - first)));
+  }
+  writer.end_level();
+}
+
+/// A checkpoint of sample::Run with a state of `count` numbers.
+Checkpoint large_checkpoint(std::int64_t k, std::size_t count) {
+  Checkpoint checkpoint = sample::Run{k}.checkpoint();
+  checkpoint["state"] = field_of(k, count);
+  return checkpoint;
+}
+CheckpointInParts in_parts(const Checkpoint& checkpoint, std::size_t size) {
+  const auto& state = std::get<std::vector<double>>(checkpoint.at("state"));
+  return {.name = "state",
+          .size = state.size(),
+          .hand_over =
+              [&state, size](const CheckpointInParts::Take& take) {
+                for (std::size_t first = 0; first < state.size(); first += size)
+                  take(std::span(state).subspan(first, std::min(size, state.size() - first)));
+              },
+          .others =
+              [&checkpoint] {
+                Checkpoint others = checkpoint;
+                others.erase("state");
+                return others;
+              }};
+}
+
+}  // namespace
+
+TEST_CASE("rows in parts make the record that whole rows make") {
+  const Folder folder;
+  // Long rows, which go to the working file before they are whole; short ones, of which a chunk has many.
+  struct Case {
+    std::size_t cells, part, buffer;
+    int compression;
+  };
+  for (const Case& c : {Case{cells, 7'001, 100'000, 4}, Case{cells, 50'000, 1, 0}, Case{cells, 150'000, 1'000'000, 0},
+                        Case{5, 4, 1, 4}}) {
+    INFO(c.cells << " cells in parts of " << c.part << " numbers");
+    Layout layout = sample::layout(c.cells);
+    layout.compression = c.compression;
+    const CommitPolicy small{.buffer_bytes = c.buffer};
+    constexpr std::int64_t last = 10;
+    const auto whole = [&] {
+      auto writer = Writer::create(folder / "whole.h5", layout, true);
+      for (std::int64_t k = 0; k <= last; ++k)
+        sample::Run{k, c.cells}.write(writer);
+      writer.finish(large_checkpoint(last, 300'000), Writer::Completion::complete);
+    };
+    whole();
+    const auto tampered = [](std::vector<double>& field) { field.back() += 1e-15; };
+    for (const bool is_twin : {false, true}) {
+      std::optional<Writer> begun = Writer::create(folder / "parts.h5", layout, true, small);
+      for (std::int64_t k = 0; k <= 6; ++k) {
+        Writer& writer = *begun;
+        if (k == 3) {  // a level that is given up
+          writer.append_part(sample::u, field_of(99, c.cells));
+          writer.drop_level();
+        }
+        write_in_parts(writer, k, c.part, 3 * c.cells);
+        const Checkpoint checkpoint = large_checkpoint(k, k < 4 ? 300'000 : 200'000);
+        writer.stage(in_parts(checkpoint, c.part));
+        writer.commit();
+        CHECK(Reader(folder / "parts.h5").checkpoint() == checkpoint);
+        CHECK(Reader(folder / "parts.h5").rows("/states/u") == static_cast<std::size_t>(k / 3 + 1));
+      }
+      begun.reset();
+      Writer writer = Writer::resume(folder / "parts.h5", layout, small);
+      for (std::int64_t k = 7; k <= last; ++k)
+        write_in_parts(writer, k, c.part, 3 * c.cells,
+                       is_twin ? tampered : std::function<void(std::vector<double>&)>());
+      const Checkpoint checkpoint = large_checkpoint(last, 300'000);
+      writer.stage(in_parts(checkpoint, c.part));
+      writer.finish(Writer::Completion::complete);
+      CHECK(sample::difference(folder / "whole.h5", folder / "parts.h5").empty() != is_twin);
+      CHECK(Reader(folder / "parts.h5").checkpoint() == checkpoint);
+    }
+  }
+}
+
+TEST_CASE("parts of the last state are provisional, as the whole is") {
+  const Folder folder;
+  for (const bool in_parts_too : {false, true}) {
+    auto writer = Writer::create(folder / "a.h5", sample::layout(cells), true, {.buffer_bytes = 1000});
+    write_in_parts(writer, 0, 1000);
+    const Checkpoint checkpoint = large_checkpoint(0, 10);
+    writer.stage(in_parts(checkpoint, 3));
+    for (const auto dataset : {sample::state_t, sample::previous_t})
+      writer.append(dataset, 7.0);
+    for (const auto dataset : {sample::q, sample::previous_q})
+      writer.append(dataset, std::vector{1.0, 2.0});
+    for (const auto dataset : {sample::u, sample::flux}) {
+      const std::vector<double> field = field_of(7);
+      if (in_parts_too) {
+        writer.append_part(dataset, std::span(field).first(60'000));
+        writer.append_part(dataset, std::span(field).subspan(60'000));
+      } else {
+        writer.append(dataset, field);
+      }
+    }
+    writer.finish(Writer::Completion::complete);
+    std::filesystem::rename(folder / "a.h5", folder / (in_parts_too ? "parts.h5" : "whole.h5"));
+  }
+  CHECK(sample::difference(folder / "whole.h5", folder / "parts.h5").empty());
+  CHECK(Reader(folder / "parts.h5").read("/states/u", 1, 1) == field_of(7));
+  CHECK(Writer::resume(folder / "parts.h5", sample::layout(cells)).rows(sample::u) == 1);
+}
+
+TEST_CASE("wrong parts are refused, and nothing of them is published") {
+  const Folder folder;
+  auto writer = Writer::create(folder / "a.h5", sample::layout(cells), false, {.buffer_bytes = 1000});
+  write_in_parts(writer, 0, 5000);
+  const Checkpoint checkpoint = large_checkpoint(0, 100);
+  CHECK_THROWS_AS(writer.commit(), std::logic_error);  // with what checkpoint?
+  writer.stage(in_parts(checkpoint, 30));
+  writer.commit();
+  std::vector<double> part(100'000, 1.0);
+  writer.append_part(sample::u, part);
+  CHECK_THROWS_AS(writer.end_level(), std::logic_error);
+  CHECK_THROWS_AS(writer.append_part(sample::u, part), std::invalid_argument);  // longer than a row
+  CHECK_THROWS_AS(writer.append(sample::u, field_of(1)), std::invalid_argument);
+  CHECK_THROWS_AS(writer.append_part(sample::step, part), std::invalid_argument);
+  part[7] = INFINITY;
+  CHECK_THROWS_WITH(writer.append_part(sample::u, std::span(part).first(50'000)),
+                    "record: value 100007 of row 1 of '/states/u' is inf");
+  writer.drop_level();
+  write_in_parts(writer, 3, 5000);
+  for (const std::size_t announced : {99, 101}) {
+    CheckpointInParts wrong = in_parts(checkpoint, 30);
+    wrong.size = announced;
+    CHECK_THROWS_AS(writer.stage(wrong), Error);
+  }
+  CHECK(Reader(folder / "a.h5").rows("/states/u") == 1);
+  CHECK(Reader(folder / "a.h5").checkpoint() == checkpoint);
+}
+
+TEST_CASE("a checkpoint is read without its large array, which is looked at all the same") {
+  const Folder folder;
+  {
+    auto writer = Writer::create(folder / "a.h5", sample::layout());
+    sample::Run{}.write(writer);
+    writer.finish(large_checkpoint(0, 200'000), Writer::Completion::interrupted);
+  }
+  const Reader reader(folder / "a.h5");
+  Checkpoint others = large_checkpoint(0, 200'000);
+  others.erase("state");
+  CHECK(reader.checkpoint("state") == others);
+  CHECK(reader.read("/checkpoint/state", 100'000, 3)[2] == field_of(0, 200'000)[100'002]);
+  CHECK(Writer::resume(Claim(folder / "a.h5"), sample::layout(), {}, "state").checkpoint() == others);
+}
