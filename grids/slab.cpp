@@ -151,13 +151,55 @@ void Slab::take_part(std::span<const double> whole, std::span<double> part) cons
   }
 }
 
+Slab::Range Slab::owned_of(Range planes, int rank) const {
+  const std::size_t first = std::max(planes.first, first_plane(rank));
+  const std::size_t end = std::min(planes.first + planes.count, first_plane(rank + 1));
+  return {first, end > first ? end - first : 0};
+}
+
+void Slab::gather(std::span<const double> part, const Use& use) const {
+  const std::size_t all = planes_of(whole_), some = planes_at_once(plane_);
+  for (std::size_t first = 0; first < all; first += some) {
+    const std::vector<double> planes = gathered(part, {first, std::min(some, all - first)}, {0, plane_});
+    if (leads()) {
+      use(planes);
+    }
+  }
+}
+
+void Slab::scatter(std::span<double> part, const Fill& fill) const {
+  const std::size_t all = planes_of(whole_), some = planes_at_once(plane_);
+  std::vector<double> box;
+  for (std::size_t first = 0; first < all; first += some) {
+    const Range planes{first, std::min(some, all - first)};
+    const Range mine = owned_of(planes, ranks_.rank());
+    double* const here = part.data() + (ghosts_ + mine.first - first_plane(ranks_.rank())) * plane_;
+    if (!leads()) {
+      if (mine.count > 0) {
+        ranks_.exchange({}, std::array{Communicator::Incoming{0, std::span(here, mine.count * plane_)}});
+      }
+      continue;
+    }
+    box.resize(planes.count * plane_);
+    fill(box);
+    std::vector<Communicator::Outgoing> out;
+    for (int rank = 0; rank < ranks_.size(); ++rank) {
+      const Range theirs = owned_of(planes, rank);
+      const auto values = std::span<const double>(box).subspan((theirs.count > 0 ? theirs.first - first : 0) * plane_,
+                                                               theirs.count * plane_);
+      if (theirs.count > 0 && rank != ranks_.rank()) {
+        out.push_back({rank, values});
+      } else {
+        std::ranges::copy(values, here);
+      }
+    }
+    ranks_.exchange(out, {});
+  }
+}
+
 std::vector<double> Slab::gathered(std::span<const double> part, Range planes, Range columns) const {
   // What a rank has of these planes is sent as it lies there, if that is all of them.
-  const auto planes_of_rank = [&](int rank) {
-    const std::size_t first = std::max(planes.first, first_plane(rank));
-    const std::size_t end = std::min(planes.first + planes.count, first_plane(rank + 1));
-    return Range{first, end > first ? end - first : 0};
-  };
+  const auto planes_of_rank = [&](int rank) { return owned_of(planes, rank); };
   const auto place_of = [&](std::size_t plane) { return (plane - planes.first) * columns.count; };
   const Range mine = planes_of_rank(ranks_.rank());
   const double* from = part.data() + (ghosts_ + mine.first - first_plane(ranks_.rank())) * plane_ + columns.first;
@@ -367,9 +409,11 @@ void Slab::reduce(std::size_t count, std::span<CompensatedSum> sums, AddPiece ad
 Spread Slab::magnitudes(std::span<const double> values) const {
   Spread spread;
   for (std::size_t begin = 0; begin < values.size(); begin += size()) {
-    for (const double value : gathered(values.subspan(begin, size()))) {
-      spread.add(std::isfinite(value) ? std::abs(value) : value);
-    }
+    gather(values.subspan(begin, size()), [&](std::span<const double> planes) {
+      for (const double value : planes) {
+        spread.add(std::isfinite(value) ? std::abs(value) : value);
+      }
+    });
   }
   Spread::visit(spread, [this](double& member) { broadcast(std::span(&member, 1)); });
   return spread;
@@ -398,7 +442,7 @@ void save_whole(StateWriter& state, const FieldSet& fields) {
     return;
   }
   for (int f = 0; f < fields.fields(); ++f) {
-    state.write(slab->gathered(fields.field(f)));
+    slab->gather(fields.field(f), [&](std::span<const double> planes) { state.write(planes); });
   }
 }
 
@@ -408,11 +452,14 @@ void restore_whole(StateReader& state, FieldSet& fields) {
     state.read(fields.all());
     return;
   }
-  std::vector<double> whole(slab->whole().size());
   for (int f = 0; f < fields.fields(); ++f) {
-    state.read(std::span(whole));
-    slab->take_part(whole, fields.field(f));
+    state.require(slab->whole().size());
+    slab->scatter(fields.field(f), [&](std::span<double> planes) { state.read_alone(planes.size(), planes); });
+    if (!slab->leads()) {
+      state.read_alone(slab->whole().size(), {});
+    }
   }
+  slab->refresh(fields);
 }
 
 }  // namespace rubato::grids

@@ -1,7 +1,9 @@
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
+#include <functional>
 #include <span>
 #include <vector>
 
@@ -77,6 +79,18 @@ public:
   };
   [[nodiscard]] std::vector<double> gathered(std::span<const double> part, Range planes, Range columns) const;
   ///@}
+  /// The whole lattice at rank 0, some planes at a time in their order: with what `use` is called there. And out of
+  /// such, which `fill` makes there, what each rank owns; ghosts stay as they were.
+  ///@{
+  using Use = std::function<void(std::span<const double>)>;
+  using Fill = std::function<void(std::span<double>)>;
+  void gather(std::span<const double> part, const Use& use) const;
+  void scatter(std::span<double> part, const Fill& fill) const;
+  ///@}
+  /// So many planes of `numbers` numbers go to or from rank 0 at a time: about a megabyte.
+  [[nodiscard]] static std::size_t planes_at_once(std::size_t numbers) {
+    return std::max<std::size_t>(1, (std::size_t{1} << 17) / std::max<std::size_t>(1, numbers));
+  }
   /// To every rank, from every rank, this one as well; nothing where there is nothing.
   void exchange_all(const std::vector<std::vector<double>>& out, std::vector<std::vector<double>>& in) const;
   /// The sum and the largest, NaN if one is, of all ranks' numbers; the sum in their order, so that its rounding
@@ -128,6 +142,8 @@ private:
               std::span<double> largest) const;
 
   [[nodiscard]] int owner(std::size_t plane) const;
+  /// Which of some planes a rank owns.
+  [[nodiscard]] Range owned_of(Range planes, int rank) const;
   /// A plane of the part that goes to, or comes from, another rank.
   struct GhostPlane {
     std::size_t place;

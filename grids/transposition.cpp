@@ -79,35 +79,48 @@ void Transposition::to_planes(std::size_t fields, const double* in_columns, doub
   }
 }
 
-std::vector<double> Transposition::gathered(std::span<const double> of_modes) const {
+void Transposition::make_room(std::vector<std::vector<double>>& of_all, std::vector<std::vector<double>>& of_one,
+                              std::size_t planes) const {
   for (std::size_t rank = 0; rank < parts_.size(); ++rank) {
-    out_[rank].clear();
-    in_[rank].resize(slab_.leads() ? planes_ * parts_[rank].rows * parts_[rank].modes : 0);
+    of_all[rank].resize(slab_.leads() ? planes * parts_[rank].rows * parts_[rank].modes : 0);
+    of_one[rank].clear();
   }
-  out_[0].assign(of_modes.begin(), of_modes.end());
-  slab_.exchange_all(out_, in_);
-  if (!slab_.leads()) {
-    return {};
-  }
-  std::vector<double> whole(modes_of_whole());
-  for (std::size_t rank = 0; rank < parts_.size(); ++rank) {
-    const Part& part = parts_[rank];
-    const double* from = in_[rank].data();
-    for (std::size_t plane = 0; plane < planes_; ++plane) {
-      for (std::size_t row = 0; row < part.rows; ++row, from += part.modes) {
-        std::copy_n(from, part.modes, whole.data() + place_in_whole(part, plane, row));
-      }
-    }
-  }
-  return whole;
+  of_one[0].resize(planes * mine().rows * mine().modes);
 }
 
-void Transposition::take_part(std::span<const double> whole, std::span<double> of_modes) const {
-  double* to = of_modes.data();
-  for (std::size_t plane = 0; plane < planes_; ++plane) {
-    for (std::size_t row = 0; row < mine().rows; ++row, to += mine().modes) {
-      std::copy_n(whole.data() + place_in_whole(mine(), plane, row), mine().modes, to);
+void Transposition::gather(std::span<const double> of_modes, const Slab::Use& use) const {
+  const std::size_t some = Slab::planes_at_once(shape_.rows * shape_.modes), here = mine().rows * mine().modes;
+  std::vector<double> whole;
+  for (std::size_t first = 0; first < planes_; first += some) {
+    const std::size_t planes = std::min(some, planes_ - first);
+    make_room(in_, out_, planes);
+    std::ranges::copy(of_modes.subspan(first * here, planes * here), out_[0].begin());
+    slab_.exchange_all(out_, in_);
+    if (slab_.leads()) {
+      whole.resize(planes * shape_.rows * shape_.modes);
+      for_rows(planes, [&](std::size_t rank, std::size_t from, std::size_t to, std::size_t count) {
+        std::copy_n(in_[rank].data() + from, count, whole.data() + to);
+      });
+      use(whole);
     }
+  }
+}
+
+void Transposition::scatter(std::span<double> of_modes, const Slab::Fill& fill) const {
+  const std::size_t some = Slab::planes_at_once(shape_.rows * shape_.modes), here = mine().rows * mine().modes;
+  std::vector<double> whole;
+  for (std::size_t first = 0; first < planes_; first += some) {
+    const std::size_t planes = std::min(some, planes_ - first);
+    make_room(out_, in_, planes);
+    if (slab_.leads()) {
+      whole.resize(planes * shape_.rows * shape_.modes);
+      fill(whole);
+      for_rows(planes, [&](std::size_t rank, std::size_t to, std::size_t from, std::size_t count) {
+        std::copy_n(whole.data() + from, count, out_[rank].data() + to);
+      });
+    }
+    slab_.exchange_all(out_, in_);
+    std::ranges::copy(in_[0], of_modes.begin() + static_cast<std::ptrdiff_t>(first * here));
   }
 }
 

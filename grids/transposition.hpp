@@ -43,17 +43,28 @@ public:
   void to_planes(std::size_t fields, const double* in_columns, double* in_planes) const;
   ///@}
   [[nodiscard]] std::size_t modes_of_whole() const { return planes_ * shape_.rows * shape_.modes; }
-  /// One number for each mode: of the whole lattice, by plane, row and place, at rank 0, and nothing at others; and out
-  /// of such.
+  /// One number for each mode, as Slab has them for nodes: of the whole lattice, by plane, row and place, some planes
+  /// at a time, at rank 0; and out of such.
   ///@{
-  [[nodiscard]] std::vector<double> gathered(std::span<const double> of_modes) const;
-  void take_part(std::span<const double> whole, std::span<double> of_modes) const;
+  void gather(std::span<const double> of_modes, const Slab::Use& use) const;
+  void scatter(std::span<double> of_modes, const Slab::Fill& fill) const;
   ///@}
 
 private:
-  [[nodiscard]] std::size_t place_in_whole(const Part& part, std::size_t plane, std::size_t row) const {
-    return (plane * shape_.rows + part.first_row + row) * shape_.modes + part.first_place;
+  /// Calls copy(rank, place in what is sent, place among all modes of these planes, count) for each row of each.
+  template <class Copy>
+  void for_rows(std::size_t planes, const Copy& copy) const {
+    for (std::size_t rank = 0; rank < parts_.size(); ++rank) {
+      const Part& part = parts_[rank];
+      for (std::size_t i = 0; i < planes * part.rows; ++i) {
+        const std::size_t row = i / part.rows * shape_.rows + part.first_row + i % part.rows;
+        copy(rank, i * part.modes, row * shape_.modes + part.first_place, part.modes);
+      }
+    }
   }
+  /// Makes room for what every rank sends to rank 0, or gets from there, of so many planes.
+  void make_room(std::vector<std::vector<double>>& of_all, std::vector<std::vector<double>>& of_one,
+                 std::size_t planes) const;
 
   const Slab& slab_;
   Shape shape_;

@@ -97,12 +97,11 @@ void for_each_line(const Grid& grid, int axis, std::span<const double> values,
     }
     return;
   }
-  constexpr std::size_t at_once = std::size_t{1} << 20;
   const Grid& whole = slab->whole();
   const int last = whole.dimensions() - 1;
   const std::size_t planes = whole.cells(last), plane = whole.size() / planes;
   if (axis == last) {  // the lines of some columns
-    const std::size_t most = std::max<std::size_t>(1, at_once / planes);
+    const std::size_t most = Slab::planes_at_once(planes);
     for (std::size_t first = 0; first < plane; first += most) {
       const std::size_t count = std::min(most, plane - first);
       const std::vector<double> box = slab->gathered(values, {0, planes}, {first, count});
@@ -112,7 +111,7 @@ void for_each_line(const Grid& grid, int axis, std::span<const double> values,
     }
     return;
   }
-  const std::size_t most = std::max<std::size_t>(1, at_once / plane), stride = whole.stride(axis);
+  const std::size_t most = Slab::planes_at_once(plane), stride = whole.stride(axis);
   for (std::size_t first = 0; first < planes; first += most) {
     const std::size_t count = std::min(most, planes - first);
     const std::vector<double> box = slab->gathered(values, {first, count}, {0, plane});

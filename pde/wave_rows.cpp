@@ -76,7 +76,7 @@ void save_waves(StateWriter& state, const grids::Fourier& fourier, const grids::
     return;
   }
   for (int row = 0; row < rows.fields(); ++row) {
-    state.write(shared->gathered(rows.field(row)));
+    shared->gather(rows.field(row), [&](std::span<const double> planes) { state.write(planes); });
   }
 }
 
@@ -86,10 +86,12 @@ void restore_waves(StateReader& state, const grids::Fourier& fourier, grids::Fie
     state.read(rows.all());
     return;
   }
-  std::vector<double> whole(shared->modes_of_whole());
   for (int row = 0; row < rows.fields(); ++row) {
-    state.read(std::span(whole));
-    shared->take_part(whole, rows.field(row));
+    state.require(shared->modes_of_whole());
+    shared->scatter(rows.field(row), [&](std::span<double> planes) { state.read_alone(planes.size(), planes); });
+    if (!shared->slab().leads()) {
+      state.read_alone(shared->modes_of_whole(), {});
+    }
   }
 }
 

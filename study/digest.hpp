@@ -16,10 +16,15 @@ public:
 
   template <typename Number>
   void add_row(std::span<const Number> row) {
-    for (const Number number : row) {
+    add_part(row, true);
+  }
+  /// A row in parts.
+  template <typename Number>
+  void add_part(std::span<const Number> part, bool is_last) {
+    for (const Number number : part) {
       mix(std::bit_cast<std::uint64_t>(static_cast<double>(number)));
     }
-    ++rows_;
+    rows_ += is_last ? 1 : 0;
   }
   [[nodiscard]] std::int64_t rows() const { return rows_; }
   [[nodiscard]] std::int64_t value() const { return static_cast<std::int64_t>(value_); }

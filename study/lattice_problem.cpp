@@ -321,11 +321,15 @@ std::vector<figures::Named<Spread>> lattice_errors(NodeTable& exact, const Multi
     for (std::size_t node = 0; node < field.size(); ++node) {
       error[node] = std::abs(field[node] - values[i][node]);
     }
+    const auto add = [&](std::span<const double> some) {
+      for (const double value : some) {
+        errors.back().value.add(value);
+      }
+    };
     if (const grids::Slab* const slab = grids::Slab::of(error.size())) {
-      error = slab->gathered(error);
-    }
-    for (const double value : error) {
-      errors.back().value.add(value);
+      slab->gather(error, add);
+    } else {
+      add(error);
     }
   }
   return errors;

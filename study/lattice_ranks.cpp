@@ -29,6 +29,8 @@ namespace {
                                  ranks, reason));
 }
 
+constexpr const char* shared_state = "/checkpoint/state";
+
 /// "euler-box", …
 std::string methods_to_share() {
   std::vector<std::string> names;
@@ -68,14 +70,6 @@ Order take_order(const grids::Slab& slab) {
   return static_cast<Order>(static_cast<int>(order));
 }
 
-std::vector<double> take_state(const grids::Slab& slab) {
-  double size = 0.0;
-  slab.broadcast(std::span(&size, 1));
-  std::vector<double> state(static_cast<std::size_t>(size));
-  slab.broadcast(state);
-  return state;
-}
-
 /// What rank 0 orders, at another rank.
 class Follower {
 public:
@@ -113,12 +107,14 @@ private:
     }
   }
   void save() {
-    StateWriter state;
+    StateWriter state(StateWriter::For::record, nullptr);
     chronicle_->save(state);
   }
   void restore() {
-    const std::vector<double> values = take_state(slab_);
-    StateReader state{std::span<const double>(values)};
+    double size = 0.0;
+    slab_.broadcast(std::span(&size, 1));
+    SharedState source(slab_, nullptr);
+    StateReader state(source, static_cast<std::size_t>(size));
     chronicle_->restore(state);
   }
 
@@ -195,42 +191,78 @@ void LatticeLeader::order(Order order) const {
   slab().broadcast(std::span(&number, 1));
 }
 
-void LatticeLeader::order_restore(std::span<const double> state) const {
+void LatticeLeader::order_restore(std::size_t size) const {
   order(Order::restore);
-  auto size = static_cast<double>(state.size());
-  slab().broadcast(std::span(&size, 1));
-  std::vector<double> copy(state.begin(), state.end());
-  slab().broadcast(copy);
+  auto number = static_cast<double>(size);
+  slab().broadcast(std::span(&number, 1));
+}
+
+template <typename Append>
+void GatheringSink::to_sink(const Append& append) {
+  if (sink_ != nullptr && !thrown_) {
+    try {
+      append(*sink_);
+    } catch (...) {
+      thrown_ = std::current_exception();
+    }
+  }
 }
 
 void GatheringSink::append(record::Column column, std::span<const double> row) {
-  std::vector<double> whole;
-  if (row.size() == slab_.size()) {
-    whole = slab_.gathered(row);
-    row = whole;
+  if (row.size() != slab_.size()) {
+    to_sink([&](RowSink& sink) { sink.append(column, row); });
+    return;
   }
-  if (sink_ != nullptr && !thrown_) {
-    try {
-      sink_->append(column, row);
-    } catch (...) {
-      thrown_ = std::current_exception();
-    }
-  }
+  std::size_t left = slab_.whole().size();
+  slab_.gather(row, [&](std::span<const double> planes) {
+    left -= planes.size();
+    to_sink([&](RowSink& sink) { sink.append_part(column, planes, left == 0); });
+  });
 }
 
 void GatheringSink::append(record::Column column, std::span<const std::int64_t> row) {
-  if (sink_ != nullptr && !thrown_) {
-    try {
-      sink_->append(column, row);
-    } catch (...) {
-      thrown_ = std::current_exception();
-    }
-  }
+  to_sink([&](RowSink& sink) { sink.append(column, row); });
 }
 
 void GatheringSink::rethrow() {
   if (thrown_) {
     std::rethrow_exception(std::exchange(thrown_, nullptr));
+  }
+}
+
+void SharedState::read(std::span<double> values) {
+  read_alone(values);
+  slab_.broadcast(values);
+}
+
+void SharedState::read_alone(std::span<double> values) {
+  if (record_ == nullptr) {
+    return;
+  }
+  constexpr std::size_t at_once = std::size_t{1} << 16;
+  for (double& value : values) {
+    if (taken_ == waiting_.size()) {
+      taken_ = 0;
+      try {
+        if (!thrown_) {
+          const std::size_t count = std::min(at_once, record_->rows(shared_state) - next_);
+          waiting_ = record_->read(shared_state, next_, count);
+          next_ += count;
+        }
+      } catch (...) {
+        thrown_ = std::current_exception();
+      }
+      if (thrown_) {  // others wait for as many numbers as were announced
+        waiting_.assign(at_once, 0.0);
+      }
+    }
+    value = waiting_[taken_++];
+  }
+}
+
+void SharedState::rethrow() const {
+  if (thrown_) {
+    std::rethrow_exception(thrown_);
   }
 }
 

@@ -5,8 +5,10 @@
 #include <span>
 #include <vector>
 
+#include <rubato/base/state.hpp>
 #include <rubato/grids/slab.hpp>
 #include <rubato/ranks/communicator.hpp>
+#include <rubato/record/reader.hpp>
 #include <rubato/study/problem.hpp>
 #include <rubato/study/row_sink.hpp>
 #include <rubato/study/run.hpp>
@@ -54,8 +56,8 @@ public:
   ~LatticeLeader();
 
   void order(Order order) const;
-  /// With the state that all are to restore.
-  void order_restore(std::span<const double> state) const;
+  /// A state of `size` numbers.
+  void order_restore(std::size_t size) const;
   [[nodiscard]] const grids::Slab& slab() const { return lattice_.slab(); }
 
 private:
@@ -63,7 +65,8 @@ private:
 };
 
 /// Rows on their way to a sink at rank 0, to nowhere at others: what is a field of this rank's part becomes one of the
-/// whole lattice. Every rank has to append the same columns, so that what the sink throws waits until rethrow().
+/// whole lattice, which the sink gets some planes at a time. Every rank has to append the same columns, so that what
+/// the sink throws waits until rethrow().
 class GatheringSink final : public RowSink {
 public:
   /// \param sink null at other ranks than 0
@@ -75,8 +78,30 @@ public:
   void rethrow();
 
 private:
+  template <typename Append>
+  void to_sink(const Append& append);
+
   const grids::Slab& slab_;
   RowSink* sink_;
+  std::exception_ptr thrown_;
+};
+
+/// The state in a record, which rank 0 reads piece by piece and hands on: no rank has more of it than its part.
+class SharedState final : public StateSource {
+public:
+  /// \param record null at other ranks than 0
+  SharedState(const grids::Slab& slab, const record::Reader* record) : slab_(slab), record_(record) {}
+  void read(std::span<double> values) override;
+  void read_alone(std::span<double> values) override;
+  /// Throws what reading has thrown first; there were zeros after that.
+  void rethrow() const;
+
+private:
+  const grids::Slab& slab_;
+  const record::Reader* record_;
+  std::size_t next_ = 0;  ///< in the record, behind what waits
+  std::vector<double> waiting_;
+  std::size_t taken_ = 0;  ///< of what waits
   std::exception_ptr thrown_;
 };
 

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstddef>
+#include <functional>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -24,6 +25,10 @@ public:
 
   void append(record::Column column, std::span<const double> row) override { add(column.number, row); }
   void append(record::Column column, std::span<const std::int64_t> row) override { add(column.number, row); }
+  void append_part(record::Column column, std::span<const double> part, bool is_last) override {
+    writer_.append_part(column.number, part);
+    digests_[column.number].add_part(part, is_last);
+  }
   [[nodiscard]] record::Writer& writer() { return writer_; }
   [[nodiscard]] const Digests& digests() const { return digests_; }
   /// Those of the rows that are left where rows were dropped.
@@ -44,8 +49,16 @@ private:
 /// its number of rows and its value; the last is that of "state" itself.
 [[nodiscard]] record::Checkpoint make_checkpoint(const Chronicle& chronicle, const Digests& digests);
 
+/// The same, but for those who have no room for the whole state: of a chronicle that ranks share, and that has to stay
+/// as it is meanwhile. `begin` is called before they all save.
+[[nodiscard]] record::CheckpointInParts make_checkpoint_in_parts(const Chronicle& chronicle, const Digests& digests,
+                                                                 std::function<void()> begin);
+
 /// Brings a chronicle to where the checkpoint was made. Nothing, and the chronicle in no state to be used, if the
 /// checkpoint is not one of its problem.
 [[nodiscard]] std::optional<Digests> restored(const record::Checkpoint& checkpoint, Chronicle& chronicle);
+/// The same with the "state" apart from all else.
+[[nodiscard]] std::optional<Digests> restored(const record::Checkpoint& others, StateReader& state,
+                                              Chronicle& chronicle);
 
 }  // namespace rubato::study

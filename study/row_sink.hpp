@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <span>
+#include <vector>
 
 #include <rubato/record/layout.hpp>
 
@@ -16,6 +17,14 @@ public:
   virtual ~RowSink() = default;
   virtual void append(record::Column column, std::span<const double> row) = 0;
   virtual void append(record::Column column, std::span<const std::int64_t> row) = 0;
+  /// A row in parts, which follow one another as in the row, and nothing else in between.
+  virtual void append_part(record::Column column, std::span<const double> part, bool is_last) {
+    parts_.insert(parts_.end(), part.begin(), part.end());
+    if (is_last) {
+      append(column, std::span<const double>(parts_));
+      parts_.clear();
+    }
+  }
 
   /// One number, for datasets with one number per row.
   void append(record::Column column, std::floating_point auto value) {
@@ -26,6 +35,9 @@ public:
     const auto number = static_cast<std::int64_t>(value);
     append(column, std::span<const std::int64_t>(&number, 1));
   }
+
+private:
+  std::vector<double> parts_;
 };
 
 }  // namespace rubato::study

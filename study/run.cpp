@@ -1,5 +1,6 @@
 #include <rubato/study/run.hpp>
 
+#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <filesystem>
@@ -37,6 +38,9 @@ public:
   void append(record::Column column, std::span<const double> row) override { digests_[column.number].add_row(row); }
   void append(record::Column column, std::span<const std::int64_t> row) override {
     digests_[column.number].add_row(row);
+  }
+  void append_part(record::Column column, std::span<const double> part, bool is_last) override {
+    digests_[column.number].add_part(part, is_last);
   }
 
 private:
@@ -79,15 +83,16 @@ public:
       return undefined_at_start(error);
     }
     writer().end_level();
-    writer().commit(checkpoint());
+    commit();
     return loop();
   }
 
   /// Nobody else can have written the record since it was claimed: the problem that this driver was made for, the
   /// checkpoint and the rows are of one version.
   Outcome resume(record::Claim claim) {
-    auto continued = record::Writer::resume(std::move(claim), chronicle_->layout(), commit_policy());
-    Digests digests = restore(continued.checkpoint());
+    auto continued =
+        record::Writer::resume(std::move(claim), chronicle_->layout(), commit_policy(), leader_ ? "state" : "");
+    Digests digests = restore([&] { return continued.checkpoint(); });
     recorder_.emplace(std::move(continued), std::move(digests));
     const bool stopped = chronicle_->stopped(), at_end = simulation().finished() && !stopped;
     Outcome outcome = loop();
@@ -110,9 +115,17 @@ private:
   [[nodiscard]] const Statistics& statistics() const { return chronicle_->statistics(); }
   [[nodiscard]] const BridgeCauses& causes() const { return chronicle_->causes(); }
   [[nodiscard]] record::Writer& writer() { return recorder_->writer(); }
-  [[nodiscard]] record::Checkpoint checkpoint() const {
-    order(Order::save);
-    return make_checkpoint(*chronicle_, recorder_->digests());
+  /// The checkpoint goes into the record as the parts of the ranks come, where there are others.
+  void stage_checkpoint() {
+    writer().stage(make_checkpoint_in_parts(*chronicle_, recorder_->digests(), [this] { order(Order::save); }));
+  }
+  void commit() {
+    if (leader_) {
+      stage_checkpoint();
+      writer().commit();
+    } else {
+      writer().commit(make_checkpoint(*chronicle_, recorder_->digests()));
+    }
   }
 
   /// What all ranks do together, where there are others.
@@ -137,15 +150,34 @@ private:
     }
   }
 
-  [[nodiscard]] record::CommitPolicy commit_policy() const { return {.durable = problem_.output.durable}; }
-
-  Digests restore(const record::Checkpoint& checkpoint) {
-    if (const auto state = checkpoint.find("state"); leader_ && state != checkpoint.end()) {
-      if (const auto* values = std::get_if<std::vector<double>>(&state->second)) {
-        leader_->order_restore(*values);
-      }
+  /// Of a shared lattice no more rows wait in memory than this rank's part of a field takes, or a megabyte.
+  [[nodiscard]] record::CommitPolicy commit_policy() const {
+    record::CommitPolicy policy{.durable = problem_.output.durable};
+    if (leader_) {
+      policy.buffer_bytes =
+          std::clamp(leader_->slab().owned() * sizeof(double), std::size_t{1} << 20, policy.buffer_bytes);
     }
-    std::optional<Digests> digests = restored(checkpoint, *chronicle_);
+    return policy;
+  }
+
+  /// \param checkpoint makes that of the record, where it fits into memory
+  template <typename MakeCheckpoint>
+  Digests restore(const MakeCheckpoint& checkpoint) {
+    std::optional<Digests> digests;
+    if (leader_) {
+      const record::Reader record(outcome_.file);
+      const record::Checkpoint others = record.checkpoint("state");
+      if (record.has("/checkpoint/state")) {
+        const std::size_t size = record.rows("/checkpoint/state");
+        leader_->order_restore(size);
+        SharedState source(leader_->slab(), &record);
+        StateReader state(source, size);
+        digests = restored(others, state, *chronicle_);
+        source.rethrow();
+      }
+    } else {
+      digests = restored(checkpoint(), *chronicle_);
+    }
     if (!digests) {
       throw record::Error(outcome_.file, "its checkpoint is not that of its problem: the run cannot be continued");
     }
@@ -158,7 +190,7 @@ private:
   void go_back_to(std::size_t steps) {
     writer().drop_level();
     make_chronicle();
-    Digests digests = restore(record::Reader(outcome_.file).checkpoint());
+    Digests digests = restore([&] { return record::Reader(outcome_.file).checkpoint(); });
     DigestSink sink(digests);
     while (statistics().steps < steps) {
       order(Order::step);
@@ -223,13 +255,19 @@ private:
   }
 
   void finish() {
-    const record::Checkpoint last = checkpoint();
+    std::optional<record::Checkpoint> last;
+    if (leader_) {
+      stage_checkpoint();
+    } else {
+      last = make_checkpoint(*chronicle_, recorder_->digests());
+    }
     // The last state is always stored. Where it is not one of every n-th it is provisional: `resume` drops it again, so
     // that a run continued is the same as one never stopped.
     order(Order::last);
     tell(*recorder_, [this](RowSink& sink) { chronicle_->tell_last(sink); });
-    writer().finish(last,
-                    outcome_.complete ? record::Writer::Completion::complete : record::Writer::Completion::interrupted);
+    const auto completion =
+        outcome_.complete ? record::Writer::Completion::complete : record::Writer::Completion::interrupted;
+    last ? writer().finish(*last, completion) : writer().finish(completion);
   }
 
   void one_step() {
@@ -281,7 +319,7 @@ private:
       return;
     }
     if (writer().commit_due()) {
-      writer().commit(checkpoint());
+      commit();
     }
     show_progress(report);
   }

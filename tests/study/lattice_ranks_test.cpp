@@ -410,6 +410,41 @@ TEST_CASE("sums and maxima over slabs have the bits of those over the whole") {
   }
 }
 
+TEST_CASE("rows and checkpoints go to the record, and come from it, in parts") {
+  const Folder folder;
+  // Slab::planes_at_once(): as many planes as a megabyte has, of which either rank owns more.
+  constexpr std::size_t x = 1000, y = 310, part = (std::size_t{1} << 17) / x * x;
+  const std::string scheme = GENERATE("euler-box", "splitting");
+  const auto torus = [&](double until) {
+    return wave_on_torus(x, y, {"scheme.lagrangian=" + scheme, fmt::format("scheme.until={}", until), "output.every=3"},
+                         scheme == "splitting");
+  };
+  std::size_t largest = 0;
+  Mailboxes all(2);
+  all.tamper_with([&largest](int, std::vector<double>& numbers) { largest = std::max(largest, numbers.size()); });
+  static_cast<void>(with_ranks(all, [&](auto& rank) { return run(torus(0.05), on(rank, folder / "whole.h5")); }));
+  static_cast<void>(with_ranks(all, [&](auto& rank) { return run(torus(0.02), on(rank, folder / "part.h5")); }));
+  static_cast<void>(
+      with_ranks(all, [&](auto& rank) { return resume(folder / "part.h5", 0.05, {.threads = 1, .ranks = &rank}); }));
+  CHECK(different_datasets(folder / "part.h5", folder / "whole.h5") == Names{});
+  if (scheme == "euler-box") {  // which sends nothing else that is large
+    CHECK(largest <= part);
+    CHECK(largest > part / 2);
+    static_cast<void>(run(torus(0.05), {.output = folder / "one.h5", .threads = 1}));
+    CHECK(different_datasets(folder / "one.h5", folder / "whole.h5") == Names{});
+  }
+
+  // The twin: one number of the last planes.
+  Mailboxes tampered(2);
+  tampered.tamper_with([](int, std::vector<double>& numbers) {
+    if (numbers.size() == x * y % part) {
+      numbers.back() += 1e-12;
+    }
+  });
+  static_cast<void>(with_ranks(tampered, [&](auto& rank) { return run(torus(0.05), on(rank, folder / "other.h5")); }));
+  CHECK_FALSE(different_datasets(folder / "other.h5", folder / "whole.h5").empty());
+}
+
 TEST_CASE("what ranks send for a level is a plane of what moves to each neighbour, or waves, and some numbers") {
   // Of nodes in a plane and of ranks as many as stated; between levels that the record stores, so that nothing but
   // planes, waves, sums and orders goes from rank to rank.
