@@ -4,11 +4,11 @@
 #include <cmath>
 #include <iterator>
 #include <limits>
-#include <numbers>
 #include <span>
 #include <vector>
 
 #include <rubato/base/limits.hpp>
+#include <rubato/variation/level_forecasts.hpp>
 #include <rubato/variation/power_of.hpp>
 #include <rubato/variation/tuning.hpp>
 
@@ -17,52 +17,6 @@ namespace rubato {
 namespace {
 
 using namespace tuning;
-constexpr double two_pi = 2.0 * std::numbers::pi;
-
-/// η at times that increase: cubic between the middles of the scout's steps.
-class EtaAlong {
-public:
-  EtaAlong(const Scouting& scouting, const EtaDoubt& doubt)
-      : time_(scouting.time), eta_(scouting.eta), duration_(scouting.duration), doubt_(doubt) {}
-
-  [[nodiscard]] double operator()(double time) {
-    const double turned = doubt_.turn > 0.0 ? std::cos(two_pi * time / doubt_.turn) : 1.0;
-    return doubt_.factor * turned * seen(time);
-  }
-  [[nodiscard]] double duration() const { return duration_; }
-
-private:
-  [[nodiscard]] double seen(double time) {
-    if (time <= time_.front()) {
-      return eta_.front();
-    }
-    if (time >= time_.back()) {
-      return eta_.back();
-    }
-    while (time_[at_ + 1] < time) {
-      ++at_;
-    }
-    // The cubic through both, with the slopes that their neighbours tell.
-    const double length = time_[at_ + 1] - time_[at_], part = (time - time_[at_]) / length;
-    const double rise = eta_[at_ + 1] - eta_[at_];
-    const double bend = slope(at_) * length - rise, twist = rise - slope(at_ + 1) * length;
-    return eta_[at_] + part * (rise + (1.0 - part) * ((1.0 - part) * bend + part * twist));
-  }
-  /// Of the parabola through a middle and its neighbours.
-  [[nodiscard]] double slope(std::size_t i) const {
-    if (i == 0 || i + 1 == eta_.size()) {
-      return secant(i == 0 ? 0 : i - 1);
-    }
-    const double before = time_[i] - time_[i - 1], after = time_[i + 1] - time_[i];
-    return (secant(i - 1) * after + secant(i) * before) / (before + after);
-  }
-  [[nodiscard]] double secant(std::size_t i) const { return (eta_[i + 1] - eta_[i]) / (time_[i + 1] - time_[i]); }
-
-  std::span<const double> time_, eta_;
-  double duration_;
-  EtaDoubt doubt_;
-  std::size_t at_ = 0;  ///< the middle before the time asked for last
-};
 
 double largest_of(std::span<const double> eta) {
   double largest = 0.0;
@@ -85,27 +39,6 @@ StepPotential with_kappa(const Scouting& scouting, double eta, double kappa, dou
                        (scouting.energy_size > 0.0 ? scouting.energy_size : 1.0);
   return {.strength = std::copysign(std::max(size, least), eta), .length = kappa * scouting.step, .exponent = exponent};
 }
-
-/// f' and f'' for forecasts, where h > 0, and in which nearly all of their time is spent on powers.
-class Force {
-public:
-  explicit Force(const StepPotential& potential)
-      : potential_(potential), whole_(static_cast<int>(potential.exponent)), is_whole_(whole_ == potential.exponent) {}
-
-  [[nodiscard]] double energy(double h) const {
-    return is_whole_ ? potential_.strength * power_of(h / potential_.length, whole_) : potential_.energy(h);
-  }
-  [[nodiscard]] double slope(double h) const {
-    return is_whole_ ? potential_.strength * potential_.exponent / potential_.length *
-                           power_of(h / potential_.length, whole_ - 1)
-                     : potential_.slope(h);
-  }
-
-private:
-  const StepPotential& potential_;
-  int whole_;
-  bool is_whole_;
-};
 
 /// Whether K tells one step from another, anywhere.
 bool knows_step(const Scouting& scouting) {
@@ -162,70 +95,13 @@ StepPotentialChoice with_usual(const StepPotentialChoice& choice, bool usual_is_
                                     : StepPotentialChoice{.kind = usual_is_automatic ? Kind::automatic : Kind::none};
 }
 
-namespace {
-
-/// forecast_levels(), given up as incomplete where `too_much(forecast)` says so of what was forecast so far.
-template <class TooMuch>
-LevelForecast forecast_unless(const TooMuch& too_much, const Scouting& scouting, const StepPotential& potential,
-                              const EtaDoubt& doubt) {
-  EtaAlong eta(scouting, doubt);
-  const int s = scouting.order;
-  const Force force(potential);
-  const double side = std::copysign(1.0, potential.strength);
-  double h = scouting.step, time = 0.0, here = eta(0.0);
-  const double resolved = scouting.resolved_slope();
-  double defect = (s + 1.0) * power_of(h, s) * here + force.energy(h);
-  LevelForecast forecast{.complete = true,
-                         .steps = 0.0,
-                         .shortest = h,
-                         .longest = h,
-                         .energy = 0.0,
-                         .potential = std::abs(force.energy(h))};
-  const double first_defect = defect;
-  const double end = eta.duration();
-  const double most = 20.0 * end / scouting.step;
-  while (time < end) {
-    // Newton's iteration from the last step, on the branch where the energy grows to the side of the potential.
-    const double last = h;
-    bool solved = false;
-    for (int iteration = 0; iteration < 20 && !solved; ++iteration) {
-      const double power = power_of(h, s - 1);
-      const double miss = (s + 1.0) * power * h * here + force.energy(h) - defect;
-      const double slope = s * (s + 1.0) * power * here + force.slope(h);
-      if (!(slope * side * h > resolved)) {
-        break;
-      }
-      const double next = std::clamp(h - miss / slope, 0.5 * h, 2.0 * h);
-      solved = std::abs(next - h) < 1e-9 * h;
-      h = next;
-    }
-    if (!solved || std::abs(std::log(h / last)) > believed_change || forecast.steps > most || too_much(forecast)) {
-      forecast.complete = false;
-      return forecast;
-    }
-    time += h;
-    const double there = eta(time);
-    defect += power_of(h, s) * (there - here);
-    here = there;
-    forecast.steps += 1.0;
-    forecast.potential = std::max(forecast.potential, std::abs(force.energy(h)));
-    forecast.energy = std::max(forecast.energy, std::abs(defect - first_defect));
-    forecast.shortest = std::min(forecast.shortest, h);
-    forecast.longest = std::max(forecast.longest, h);
-  }
-  // As many as the stretch needs, a part of the last one left out.
-  forecast.steps -= (time - end) / h;
-  return forecast;
-}
-
-}  // namespace
-
 double Scouting::resolved_slope() const {
   return std::max(least_slope, least_slope_by_tolerance * tolerance) * energy_size;
 }
 
 LevelForecast forecast_levels(const Scouting& scouting, const StepPotential& potential, const EtaDoubt& doubt) {
-  return forecast_unless([](const LevelForecast&) { return false; }, scouting, potential, doubt);
+  const ForecastJob job{.potential = potential, .doubt = doubt};
+  return forecast_side_by_side(scouting, EtaPieces(scouting), {&job, 1}).front();
 }
 
 double price_in_steps(const Scouting& scouting, const StepPotential& potential) {
@@ -257,6 +133,7 @@ namespace {
 /// A potential with which all levels of a scouted stretch are forecast to exist.
 struct Candidate {
   StepPotential potential;
+  std::size_t place = 0;  ///< among those that are tried
   double work = 0.0;
   double part = 0.0;  ///< max |f'|
 };
@@ -265,7 +142,7 @@ struct Candidate {
 class Choice {
 public:
   Choice(const Scouting& scouting, std::optional<double> largest_step)
-      : scouting_(scouting), s_(scouting.order), largest_(largest_of(scouting.eta)) {
+      : scouting_(scouting), pieces_(scouting), s_(scouting.order), largest_(largest_of(scouting.eta)) {
     strayed_ = std::abs(made(largest_, 1.0, s_).strength);
     if (scouting.first_size > 0.0) {
       most_ = most_of_terms * scouting.first_size;
@@ -285,9 +162,10 @@ public:
     for (const double limit : {usual, most_}) {
       // An η that was seen with one sign only may grow beyond what was seen: a potential of the other sign would not
       // last.
-      try_all(side, limit);
+      const bool is_last = limit != usual;
+      try_all(side, limit, is_last);
       if (!definite || candidates_.empty()) {
-        try_all(-side, limit);
+        try_all(-side, limit, is_last);
       }
       if (!candidates_.empty()) {
         return limit == usual ? best() : weakest();
@@ -306,37 +184,78 @@ private:
     return potential;
   }
 
-  /// Potentials of one sign whose part of the energy is at most `limit`.
-  void try_all(double sign, double limit) {
+  /// Potentials of one sign whose part of the energy is at most `limit`. All that are forecast to last count where
+  /// this is the last limit; otherwise those that keep_best() will not leave need not be followed to their end, and are
+  /// soon known where some from all over the range come first.
+  void try_all(double sign, double limit, bool is_last) {
+    std::vector<StepPotential> all;
     for (const double exponent : {s_ + 1.0, s_ + 2.0, s_ + 4.0, 2.0 * s_ + 2.0, 3.0 * s_, 4.0 * s_}) {
       for (double kappa = kappa_limit_; kappa >= least_kappa; kappa /= kappa_ratio) {
         const StepPotential potential = made(std::copysign(largest_, sign), kappa, exponent);
         if (std::abs(potential.energy(scouting_.step)) > limit) {
           break;  // and those that are shorter all the more
         }
-        const auto too_much = [&](const LevelForecast& so_far) {
-          return so_far.potential > limit || costs_too_much(so_far);
-        };
-        const LevelForecast forecast = forecast_unless(too_much, scouting_, potential, {});
-        if (forecast.complete && forecast.potential <= limit && lasts(potential, 0.0)) {
-          candidates_.push_back({potential, work(forecast), forecast.potential});
-          least_work_ = std::min(least_work_, candidates_.back().work);
-        }
+        all.push_back(potential);
       }
+    }
+    // One after the other at the last limit, where it depends on those before how far one is followed.
+    const std::size_t groups = is_last ? all.size() : std::min<std::size_t>(all.size(), 3);
+    for (std::size_t group = 0; group < groups; ++group) {
+      std::vector<Candidate> together;
+      for (std::size_t i = group; i < all.size(); i += groups) {
+        together.push_back({.potential = all[i], .place = tried_ + i});
+      }
+      try_together(together, limit, is_last);
+    }
+    tried_ += all.size();
+    std::ranges::sort(candidates_, {}, &Candidate::place);
+  }
+  void try_together(std::span<const Candidate> group, double limit, bool is_last) {
+    // Asked now and then, as a power costs more than a step.
+    const GiveUp give_up{.potential = limit,
+                         .period = is_last ? 64u : 16u,
+                         .too_much = [this](const LevelForecast& so_far) { return costs_too_much(so_far); }};
+    std::vector<ForecastJob> jobs;
+    for (const Candidate& one : group) {
+      jobs.push_back({.potential = one.potential});
+    }
+    const std::vector<LevelForecast> forecasts = forecast_side_by_side(scouting_, pieces_, jobs, &give_up);
+    std::vector<Candidate> left;
+    for (std::size_t i = 0; i < group.size(); ++i) {
+      if (forecasts[i].complete && forecasts[i].potential <= limit && (is_last || !costs_too_much(forecasts[i]))) {
+        left.push_back(group[i]);
+        left.back().work = work(forecasts[i]);
+        left.back().part = forecasts[i].potential;
+      }
+    }
+    for (const Candidate& one : lasting(left, 0.0)) {
+      candidates_.push_back(one);
+      least_work_ = std::min(least_work_, one.work);
     }
   }
   /// What the steps take for an error, which falls with their power s.
   [[nodiscard]] double work(const LevelForecast& forecast) const {
     return forecast.steps * std::pow(std::max(forecast.energy, negligible * strayed_), 1.0 / s_);
   }
-  /// More than keep_best() will leave, which is asked now and then, as a power costs more than a step.
+  /// More than keep_best() will leave.
   [[nodiscard]] bool costs_too_much(const LevelForecast& so_far) const {
-    return static_cast<long>(so_far.steps) % 64 == 63 && work(so_far) > (1.0 + price_of_the_law) * least_work_;
+    return work(so_far) > (1.0 + price_of_the_law) * least_work_;
   }
-  /// Whether levels would exist for a larger η, which changes its sign so often.
-  [[nodiscard]] bool lasts(const StepPotential& potential, double turns) const {
+  /// Those with which levels would exist for a larger η, which changes its sign so often.
+  [[nodiscard]] std::vector<Candidate> lasting(std::span<const Candidate> all, double turns) const {
     const double turn = turns > 0.0 ? scouting_.duration / turns : 0.0;
-    return forecast_levels(scouting_, potential, {.factor = eta_margin, .turn = turn}).complete;
+    std::vector<ForecastJob> jobs;
+    for (const Candidate& one : all) {
+      jobs.push_back({.potential = one.potential, .doubt = {.factor = eta_margin, .turn = turn}});
+    }
+    const std::vector<LevelForecast> forecasts = forecast_side_by_side(scouting_, pieces_, jobs);
+    std::vector<Candidate> kept;
+    for (std::size_t i = 0; i < all.size(); ++i) {
+      if (forecasts[i].complete) {
+        kept.push_back(all[i]);
+      }
+    }
+    return kept;
   }
 
   [[nodiscard]] StepPotential weakest() const {
@@ -346,7 +265,7 @@ private:
     keep_best(price_of_the_law);
     // At high orders η changes its sign on almost every orbit: a stretch where it does not tells little of the rest.
     if (s_ >= order_with_zeros || !shows_all(scouting_)) {
-      keep([&](const Candidate& one) { return lasts(one.potential, unseen_turns); });
+      leave(lasting(candidates_, unseen_turns));
     }
     // Of those that are hardly felt the one that begins soonest beyond what was seen.
     if (keep([&](const Candidate& one) { return one.part <= unfelt * strayed_; })) {
@@ -366,6 +285,9 @@ private:
   bool keep(const Condition& condition) {
     std::vector<Candidate> kept;
     std::ranges::copy_if(candidates_, std::back_inserter(kept), condition);
+    return leave(std::move(kept));
+  }
+  bool leave(std::vector<Candidate> kept) {
     if (!kept.empty()) {
       candidates_ = std::move(kept);
       return true;
@@ -374,12 +296,14 @@ private:
   }
 
   const Scouting& scouting_;
+  EtaPieces pieces_;
   double s_;
   double largest_;
   double strayed_ = 0.0;                                   ///< about what the node energy is off with equal steps
   double most_ = std::numeric_limits<double>::infinity();  ///< beside a larger f' the terms of K are lost
   double kappa_limit_ = largest_kappa;
   double least_work_ = std::numeric_limits<double>::infinity();  ///< of the candidates
+  std::size_t tried_ = 0;
   std::vector<Candidate> candidates_;
 };
 

@@ -1,0 +1,161 @@
+// Forecasts of levels side by side: each is, bit by bit, what it is taken by itself, step by step.
+
+#include <catch2/catch.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <random>
+#include <vector>
+
+#include <rubato/variation/level_forecasts.hpp>
+#include <rubato/variation/power_of.hpp>
+
+using namespace rubato;
+
+namespace {
+
+const double pi = std::acos(-1.0);
+
+/// A stretch with steps of their own lengths, in which η swings about `mean`.
+Scouting stretch(int order, double mean, unsigned seed) {
+  std::mt19937 random(seed);
+  std::uniform_real_distribution<double> part(0.5, 1.5);
+  Scouting scouting{.order = order, .step = 0.1, .energy_size = 1.0};
+  for (int k = 0; k < 150; ++k) {
+    const double length = 0.1 * part(random);
+    scouting.time.push_back(scouting.duration + 0.5 * length);
+    scouting.eta.push_back(1e-3 * (mean + std::sin(0.7 * scouting.time.back()) + 0.1 * part(random)));
+    scouting.duration += length;
+  }
+  return scouting;
+}
+
+double eta_at(const Scouting& scouting, const EtaDoubt& doubt, double time) {
+  const auto& t = scouting.time;
+  const auto& eta = scouting.eta;
+  double seen = time <= t.front() ? eta.front() : eta.back();
+  if (time > t.front() && time < t.back()) {
+    const auto i = static_cast<std::size_t>(std::ranges::lower_bound(t, time) - t.begin()) - 1;
+    const auto secant = [&](std::size_t k) { return (eta[k + 1] - eta[k]) / (t[k + 1] - t[k]); };
+    const auto slope = [&](std::size_t k) {
+      if (k == 0 || k + 1 == t.size()) {
+        return secant(k == 0 ? 0 : k - 1);
+      }
+      const double before = t[k] - t[k - 1], after = t[k + 1] - t[k];
+      return (secant(k - 1) * after + secant(k) * before) / (before + after);
+    };
+    const double length = t[i + 1] - t[i], part = (time - t[i]) / length, rise = eta[i + 1] - eta[i];
+    const double bend = slope(i) * length - rise, twist = rise - slope(i + 1) * length;
+    seen = eta[i] + part * (rise + (1.0 - part) * ((1.0 - part) * bend + part * twist));
+  }
+  return doubt.factor * (doubt.turn > 0.0 ? std::cos(2.0 * pi * time / doubt.turn) : 1.0) * seen;
+}
+
+/// What is meant, one number after the other. \param asked after so many steps whether to give up; 0 for never
+LevelForecast plain_forecast(const Scouting& scouting, const ForecastJob& job, double limit, std::size_t asked,
+                             double most_steps) {
+  const StepPotential& potential = job.potential;
+  const int s = scouting.order;
+  double h = scouting.step, time = 0.0, here = eta_at(scouting, job.doubt, 0.0);
+  double defect = (s + 1.0) * power_of(h, s) * here + potential.energy(h);
+  const double first = defect, side = std::copysign(1.0, potential.strength);
+  LevelForecast forecast{.complete = true, .shortest = h, .longest = h, .potential = std::abs(potential.energy(h))};
+  while (time < scouting.duration) {
+    const double last = h;
+    bool solved = false;
+    for (int iteration = 0; iteration < 20 && !solved; ++iteration) {
+      const double power = power_of(h, s - 1);
+      const double miss = (s + 1.0) * power * h * here + potential.energy(h) - defect;
+      const double slope = s * (s + 1.0) * power * here + potential.slope(h);
+      if (!(slope * side * h > scouting.resolved_slope())) {
+        break;
+      }
+      const double next = std::clamp(h - miss / slope, 0.5 * h, 2.0 * h);
+      solved = std::abs(next - h) < 1e-9 * h;
+      h = next;
+    }
+    const bool given_up =
+        forecast.potential > limit ||
+        (asked > 0 && static_cast<std::size_t>(forecast.steps) % asked == asked - 1 && forecast.steps > most_steps);
+    if (!solved || std::abs(std::log(h / last)) > 0.2 || forecast.steps > 20.0 * scouting.duration / scouting.step ||
+        given_up) {
+      forecast.complete = false;
+      return forecast;
+    }
+    time += h;
+    const double there = eta_at(scouting, job.doubt, time);
+    defect += power_of(h, s) * (there - here);
+    here = there;
+    forecast.steps += 1.0;
+    forecast.potential = std::max(forecast.potential, std::abs(potential.energy(h)));
+    forecast.energy = std::max(forecast.energy, std::abs(defect - first));
+    forecast.shortest = std::min(forecast.shortest, h);
+    forecast.longest = std::max(forecast.longest, h);
+  }
+  forecast.steps -= (time - scouting.duration) / h;
+  return forecast;
+}
+
+bool same(const LevelForecast& a, const LevelForecast& b) {
+  return a.complete == b.complete && a.steps == b.steps && a.shortest == b.shortest && a.longest == b.longest &&
+         a.energy == b.energy && a.potential == b.potential;
+}
+
+/// From those that are hardly felt to those that hardly let steps change, of both signs, with doubts.
+std::vector<ForecastJob> many_jobs(const Scouting& scouting, bool broken) {
+  std::vector<ForecastJob> jobs;
+  const double s = scouting.order;
+  for (const double exponent : {s + 1.0, 2.0 * s + 2.0, 4.0 * s}) {
+    for (double kappa = 8.0; kappa > 0.2; kappa /= 1.7) {
+      for (const double sign : {1.0, -1.0}) {
+        const StepPotential potential{.strength = sign * 4e-3 * std::pow(scouting.step, s),
+                                      .length = kappa * scouting.step,
+                                      .exponent = exponent + (broken && kappa < 1.0 ? 0.3 : 0.0)};
+        jobs.push_back({.potential = potential});
+        jobs.push_back({.potential = potential, .doubt = {.factor = 1.5, .turn = 0.0}});
+        jobs.push_back({.potential = potential, .doubt = {.factor = 1.5, .turn = scouting.duration / 6.0}});
+      }
+    }
+  }
+  return jobs;
+}
+
+}  // namespace
+
+TEST_CASE("levels forecast side by side are those forecast alone, bit by bit", "[variation]") {
+  int complete = 0, incomplete = 0, changed = 0;
+  for (const int order : {2, 4, 8}) {
+    for (const double mean : {2.0, 0.3}) {
+      for (const bool broken : {false, true}) {
+        const Scouting scouting = stretch(order, mean, 7);
+        const EtaPieces pieces(scouting);
+        const std::vector<ForecastJob> jobs = many_jobs(scouting, broken);
+        const std::vector<LevelForecast> found = forecast_side_by_side(scouting, pieces, jobs);
+        const double limit = 3e-3 * std::pow(scouting.step, order), most = 40.0;
+        const GiveUp give_up{.potential = limit, .period = 16, .too_much = [&](const LevelForecast& so_far) {
+                               return so_far.steps > most;
+                             }};
+        const std::vector<LevelForecast> fewer = forecast_side_by_side(scouting, pieces, jobs, &give_up);
+        constexpr double unlimited = std::numeric_limits<double>::infinity();
+        for (std::size_t i = 0; i < jobs.size(); ++i) {
+          INFO("order " << order << ", mean " << mean << ", job " << i);
+          const LevelForecast expected = plain_forecast(scouting, jobs[i], unlimited, 0, 0.0);
+          CHECK(same(found[i], expected));
+          CHECK(same(forecast_levels(scouting, jobs[i].potential, jobs[i].doubt), expected));
+          CHECK(same(fewer[i], plain_forecast(scouting, jobs[i], limit, 16, most)));
+          (expected.complete ? complete : incomplete) += 1;
+          // The twin: of a strength that is another in its last digit.
+          ForecastJob other = jobs[i];
+          other.potential.strength = std::nextafter(other.potential.strength, 1.0);
+          changed += same(plain_forecast(scouting, other, unlimited, 0, 0.0), expected) ? 0 : 1;
+        }
+      }
+    }
+  }
+  CHECK(complete > 100);
+  CHECK(incomplete > 100);
+  CHECK(changed > 100);
+  const Scouting scouting = stretch(2, 2.0, 7);
+  CHECK(forecast_side_by_side(scouting, EtaPieces(scouting), {}).empty());
+}

@@ -1,0 +1,385 @@
+#include <rubato/variation/level_forecasts.hpp>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <numbers>
+
+#include <rubato/grids/wide_vectors.hpp>
+#include <rubato/variation/power_of.hpp>
+#include <rubato/variation/tuning.hpp>
+
+namespace rubato {
+
+namespace {
+
+using namespace tuning;
+constexpr double two_pi = 2.0 * std::numbers::pi;
+
+constexpr std::size_t wide = 8;
+using V [[gnu::vector_size(64)]] = double;
+using Mask [[gnu::vector_size(64)]] = std::int64_t;
+
+/// Forecasts side by side; of a mask each number is 0 or -1.
+struct Block {
+  // Of the job.
+  V strength, length, slope_of_one, side, exponent, factor, turn;
+  Mask whole, one_less;  ///< the exponent, if it is whole
+  Mask broken;           ///< if it is not
+  // Of what was foreseen so far.
+  V h, last, time, here, defect, first_defect, steps, shortest, longest, potential, energy;
+  Mask countdown, live;
+  // The piece of η that the time is in, and the doubt there.
+  V end, begin, piece_length, eta, rise, bend, twist, doubt;
+  Mask solved, odd;
+};
+
+/// So many blocks that one goes on while another waits for a division.
+constexpr std::size_t blocks = 2;
+constexpr std::size_t width = blocks * wide;
+
+struct Lanes {
+  std::array<Block, blocks> block{};
+  int bits = 0;  ///< of the largest whole exponent
+  bool any_broken = false;
+};
+
+[[gnu::always_inline]] inline bool any(const Mask& mask) {
+  std::int64_t all = 0;
+  for (std::size_t i = 0; i < wide; ++i) {
+    all |= mask[i];
+  }
+  return all != 0;
+}
+
+/// power = (h/length)^p and less = (h/length)^(p-1), by products as power_of() has them.
+[[gnu::always_inline]] inline void raise(const Block& block, const Lanes& lanes, V& power, V& less) {
+  const V one = V{} + 1.0, x = block.h / block.length;
+  V square = x;
+  power = less = one;
+  for (int bit = 0; bit < lanes.bits; ++bit) {
+    const std::int64_t this_bit = std::int64_t{1} << bit;
+    power *= (block.whole & this_bit) != 0 ? square : one;
+    less *= (block.one_less & this_bit) != 0 ? square : one;
+    square *= square;
+  }
+  if (lanes.any_broken) {
+    for (std::size_t i = 0; i < wide; ++i) {
+      power[i] = block.broken[i] != 0 ? std::pow(x[i], block.exponent[i]) : power[i];
+      less[i] = block.broken[i] != 0 ? std::pow(x[i], block.exponent[i] - 1.0) : less[i];
+    }
+  }
+}
+
+/// h^n.
+[[gnu::always_inline]] inline void raise_whole(const V& h, int n, V& power) {
+  V square = h;
+  for (power = V{} + 1.0; n > 0; n /= 2, square *= square) {
+    if (n % 2 != 0) {
+      power *= square;
+    }
+  }
+}
+
+/// |x|, in its place.
+[[gnu::always_inline]] inline void make_positive(V& x) {
+  x = x < 0.0 ? -x : x;
+}
+
+/// Newton's iteration from the last step, on the branch where the energy grows to the side of the potential.
+RUBATO_WIDE_VECTORS void solve(Lanes& lanes, int s, double resolved) {
+  const double one_more = s + 1.0, both = s * (s + 1.0);
+  std::array<Mask, blocks> going;
+  for (std::size_t k = 0; k < blocks; ++k) {
+    Block& block = lanes.block[k];
+    block.last = block.h;
+    block.solved = Mask{};
+    going[k] = block.live;
+  }
+  for (int iteration = 0; iteration < 20; ++iteration) {
+    Mask still{};
+    for (std::size_t k = 0; k < blocks; ++k) {
+      Block& block = lanes.block[k];
+      V power, less, of_order;
+      raise(block, lanes, power, less);
+      raise_whole(block.h, s - 1, of_order);
+      const V h = block.h;
+      const V miss = one_more * of_order * h * block.here + block.strength * power - block.defect;
+      const V slope = both * of_order * block.here + block.slope_of_one * less;
+      const V moved = h - miss / slope, low = 0.5 * h, high = 2.0 * h;
+      const V bounded = moved < low ? low : (high < moved ? high : moved);
+      const Mask goes = going[k] & (slope * block.side * h > resolved);
+      V change = bounded - h;
+      make_positive(change);
+      const Mask ends = goes & (change < 1e-9 * h);
+      block.h = goes != 0 ? bounded : h;
+      block.solved |= ends;
+      going[k] = goes & ~ends;
+      still |= going[k];
+    }
+    if (!any(still)) {
+      return;
+    }
+  }
+}
+
+/// Which lanes have something unusual about their new step. \return whether any has
+RUBATO_WIDE_VECTORS bool judge(Lanes& lanes, double most, double limit) {
+  // ln 0.82 = -0.198, ln 1.22 = 0.199
+  static_assert(believed_change == 0.2);
+  Mask all{};
+  for (Block& block : lanes.block) {
+    const V ratio = block.h / block.last;
+    block.countdown -= 1;
+    const Mask usual = block.solved & (ratio > 0.82) & (ratio < 1.22) & (block.steps <= most) &
+                       (block.potential <= limit) & (block.countdown != 0);
+    block.odd = block.live & ~usual;
+    all |= block.odd;
+  }
+  return any(all);
+}
+
+/// All to the ends of their steps. \return whether any leaves its piece of η
+RUBATO_WIDE_VECTORS bool move(Lanes& lanes) {
+  Mask leave{};
+  for (Block& block : lanes.block) {
+    block.time += block.h;
+    leave |= block.live & (block.end < block.time);
+  }
+  return any(leave);
+}
+
+/// What the steps make of the rest. \return whether any is at the end
+RUBATO_WIDE_VECTORS bool take(Lanes& lanes, int s, double end) {
+  Mask ended{};
+  for (Block& block : lanes.block) {
+    const V part = (block.time - block.begin) / block.piece_length;
+    const V seen = block.eta + part * (block.rise + (1.0 - part) * ((1.0 - part) * block.bend + part * block.twist));
+    const V there = block.doubt * seen;
+    V power, less, of_order;
+    raise(block, lanes, power, less);
+    raise_whole(block.h, s, of_order);
+    block.defect += of_order * (there - block.here);
+    block.here = there;
+    block.steps += 1.0;
+    V potential = block.strength * power, energy = block.defect - block.first_defect;
+    make_positive(potential);
+    make_positive(energy);
+    block.potential = block.potential < potential ? potential : block.potential;
+    block.energy = block.energy < energy ? energy : block.energy;
+    block.shortest = block.h < block.shortest ? block.h : block.shortest;
+    block.longest = block.longest < block.h ? block.h : block.longest;
+    ended |= ~block.live | (block.time >= end);
+  }
+  return any(ended);
+}
+
+class Forecasts {
+public:
+  Forecasts(const Scouting& scouting, const EtaPieces& pieces, std::span<const ForecastJob> jobs, const GiveUp* give_up)
+      : scouting_(scouting), pieces_(pieces.pieces()), jobs_(jobs), give_up_(give_up), results_(jobs.size()) {}
+
+  std::vector<LevelForecast> operator()() {
+    const double end = scouting_.duration, most = 20.0 * end / scouting_.step;
+    const double resolved = scouting_.resolved_slope();
+    const double limit = give_up_ != nullptr ? give_up_->potential : std::numeric_limits<double>::infinity();
+    for (std::size_t l = 0; l < width; ++l) {
+      load(l);
+    }
+    while (finished_ < jobs_.size()) {
+      solve(lanes_, scouting_.order, resolved);
+      if (judge(lanes_, most, limit)) {
+        for (std::size_t l = 0; l < width; ++l) {
+          if (const auto [block, i] = lane(l); block.odd[i] != 0 && !goes_on(l, most, limit)) {
+            finish(l, false);
+          }
+        }
+      }
+      if (move(lanes_)) {
+        for (std::size_t l = 0; l < width; ++l) {
+          find_piece(l);
+        }
+      }
+      for (std::size_t l = 0; l < width && any_turns_; ++l) {
+        const auto [block, i] = lane(l);
+        block.doubt[i] = doubt(l);
+      }
+      if (take(lanes_, scouting_.order, end)) {
+        for (std::size_t l = 0; l < width; ++l) {
+          const auto [block, i] = lane(l);
+          if (block.live[i] != 0 && !(block.time[i] < end)) {
+            finish(l, true);
+          }
+          if (block.live[i] == 0) {
+            load(l);
+          }
+        }
+      }
+    }
+    return std::move(results_);
+  }
+
+private:
+  /// The next job that there is; none: the lane stands still.
+  void load(std::size_t l) {
+    const auto [block, i] = lane(l);
+    for (; next_ < jobs_.size(); ++next_) {
+      const ForecastJob& job = jobs_[next_];
+      const StepPotential& potential = job.potential;
+      const int whole = static_cast<int>(potential.exponent);
+      const bool is_whole = whole == potential.exponent && whole > 0;
+      block.strength[i] = potential.strength;
+      block.length[i] = potential.length;
+      block.exponent[i] = potential.exponent;
+      block.slope_of_one[i] = potential.strength * potential.exponent / potential.length;
+      block.side[i] = std::copysign(1.0, potential.strength);
+      block.factor[i] = job.doubt.factor;
+      block.turn[i] = job.doubt.turn;
+      block.whole[i] = is_whole ? whole : 0;
+      block.one_less[i] = is_whole ? whole - 1 : 0;
+      block.broken[i] = is_whole ? 0 : -1;
+      lanes_.any_broken = lanes_.any_broken || !is_whole;
+      for (; is_whole && (whole >> lanes_.bits) > 0; ++lanes_.bits) {
+      }
+      const double h = scouting_.step;
+      const double energy = potential.strength * (is_whole ? power_of(h / potential.length, whole)
+                                                           : std::pow(h / potential.length, potential.exponent));
+      block.h[i] = block.last[i] = block.shortest[i] = block.longest[i] = h;
+      block.time[i] = 0.0;
+      stand(l, 0);
+      any_turns_ = any_turns_ || job.doubt.turn > 0.0;
+      block.doubt[i] = doubt(l);
+      const double here = doubt(l) * pieces_.front()(0.0);
+      block.here[i] = here;
+      block.defect[i] = block.first_defect[i] = (scouting_.order + 1.0) * power_of(h, scouting_.order) * here + energy;
+      block.steps[i] = block.energy[i] = 0.0;
+      block.potential[i] = std::abs(energy);
+      restart_countdown(l);
+      block.live[i] = -1;
+      job_[l] = next_++;
+      return;
+    }
+    block.live[i] = 0;
+  }
+  void stand(std::size_t l, std::size_t piece) {
+    const auto [block, i] = lane(l);
+    const EtaPieces::Piece& at = pieces_[piece];
+    at_[l] = piece;
+    block.end[i] = at.end;
+    block.begin[i] = at.begin;
+    block.piece_length[i] = at.length;
+    block.eta[i] = at.eta;
+    block.rise[i] = at.rise;
+    block.bend[i] = at.bend;
+    block.twist[i] = at.twist;
+  }
+  [[nodiscard]] double doubt(std::size_t l) {
+    const auto [block, i] = lane(l);
+    return block.turn[i] > 0.0 ? block.factor[i] * std::cos(two_pi * block.time[i] / block.turn[i]) : block.factor[i];
+  }
+  void restart_countdown(std::size_t l) {
+    const auto [block, i] = lane(l);
+    constexpr std::int64_t never = std::int64_t{1} << 60;
+    block.countdown[i] =
+        give_up_ != nullptr && give_up_->too_much ? static_cast<std::int64_t>(give_up_->period) : never;
+  }
+  [[nodiscard]] LevelForecast so_far(std::size_t l) {
+    const auto [block, i] = lane(l);
+    return {.complete = true,
+            .steps = block.steps[i],
+            .shortest = block.shortest[i],
+            .longest = block.longest[i],
+            .energy = block.energy[i],
+            .potential = block.potential[i]};
+  }
+  /// Of a lane with something unusual, whether there is no more to it than that.
+  [[nodiscard]] bool goes_on(std::size_t l, double most, double limit) {
+    const auto [block, i] = lane(l);
+    bool goes = block.solved[i] != 0 && std::abs(std::log(block.h[i] / block.last[i])) <= believed_change &&
+                !(block.steps[i] > most) && !(block.potential[i] > limit);
+    if (block.countdown[i] == 0) {
+      restart_countdown(l);
+      goes = goes && !give_up_->too_much(so_far(l));
+    }
+    return goes;
+  }
+  void finish(std::size_t l, bool complete) {
+    const auto [block, i] = lane(l);
+    LevelForecast& result = results_[job_[l]];
+    result = so_far(l);
+    result.complete = complete;
+    if (complete) {
+      // As many as the stretch needs, a part of the last one left out.
+      result.steps -= (block.time[i] - scouting_.duration) / block.h[i];
+    }
+    block.live[i] = 0;
+    ++finished_;
+  }
+  void find_piece(std::size_t l) {
+    const auto [block, i] = lane(l);
+    if (block.live[i] != 0 && block.end[i] < block.time[i]) {
+      std::size_t at = at_[l];
+      while (pieces_[at].end < block.time[i]) {
+        ++at;
+      }
+      stand(l, at);
+    }
+  }
+  struct Lane {
+    Block& block;
+    std::size_t i;
+  };
+  [[nodiscard]] Lane lane(std::size_t l) { return {lanes_.block[l / wide], l % wide}; }
+
+  const Scouting& scouting_;
+  std::span<const EtaPieces::Piece> pieces_;
+  std::span<const ForecastJob> jobs_;
+  const GiveUp* give_up_;
+  std::vector<LevelForecast> results_;
+  Lanes lanes_;
+  std::array<std::size_t, width> job_{}, at_{};
+  std::size_t next_ = 0, finished_ = 0;
+  bool any_turns_ = false;
+};
+
+}  // namespace
+
+EtaPieces::EtaPieces(const Scouting& scouting) {
+  const std::vector<double>&time = scouting.time, &eta = scouting.eta;
+  const auto secant = [&](std::size_t i) { return (eta[i + 1] - eta[i]) / (time[i + 1] - time[i]); };
+  // Of the parabola through a middle and its neighbours.
+  const auto slope = [&](std::size_t i) {
+    if (i == 0 || i + 1 == eta.size()) {
+      return secant(i == 0 ? 0 : i - 1);
+    }
+    const double before = time[i] - time[i - 1], after = time[i + 1] - time[i];
+    return (secant(i - 1) * after + secant(i) * before) / (before + after);
+  };
+  constexpr double infinite = std::numeric_limits<double>::infinity();
+  const auto constant = [](double end, double value) {
+    return Piece{.begin = 0.0, .end = end, .length = 1.0, .eta = value, .rise = 0.0, .bend = 0.0, .twist = 0.0};
+  };
+  pieces_.push_back(constant(time.front(), eta.front()));
+  for (std::size_t i = 0; i + 1 < eta.size(); ++i) {
+    const double length = time[i + 1] - time[i], rise = eta[i + 1] - eta[i];
+    // At the last middle it is what it is after it.
+    const double end = i + 2 < eta.size() ? time[i + 1] : std::nextafter(time[i + 1], -infinite);
+    pieces_.push_back({.begin = time[i],
+                       .end = end,
+                       .length = length,
+                       .eta = eta[i],
+                       .rise = rise,
+                       .bend = slope(i) * length - rise,
+                       .twist = rise - slope(i + 1) * length});
+  }
+  pieces_.push_back(constant(infinite, eta.back()));
+}
+
+std::vector<LevelForecast> forecast_side_by_side(const Scouting& scouting, const EtaPieces& pieces,
+                                                 std::span<const ForecastJob> jobs, const GiveUp* give_up) {
+  return Forecasts(scouting, pieces, jobs, give_up)();
+}
+
+}  // namespace rubato
