@@ -132,10 +132,14 @@ void take_members(const Problem& ensemble, const std::vector<std::string>& figur
       if (lanes != nullptr && !numbers.empty()) {
         results = lanes->run(numbers, desk);
       }
-      for (std::size_t i = 0; i < numbers.size(); ++i) {
+      // The first one last: members are published in their order, and these together.
+      for (std::size_t i = numbers.size(); i-- > 0;) {
         if (results[i]) {
           desk.hand_in(numbers[i], std::move(*results[i]));
-        } else if (!take_alone(ensemble, numbers[i], figures, desk)) {
+        }
+      }
+      for (std::size_t i = 0; i < numbers.size(); ++i) {
+        if (!results[i] && !take_alone(ensemble, numbers[i], figures, desk)) {
           return;
         }
       }

@@ -1,8 +1,8 @@
 // kill_and_resume RUBATO KILLS: kills `rubato run` and `rubato resume` with SIGKILL at so many random moments, for an
-// orbit and a lattice with every = 1 and 7, and for an ensemble of 1000 orbits: every other time some time after the
-// start, else some time after the process has added levels to the record, however long a busy machine takes for that.
-// Each time an ordinary reader has to open the record; in the end it is, dataset by dataset and bit by bit, that of a
-// run never stopped. Exits 0 if all of this holds.
+// orbit and a lattice with every = 1 and 7, and for ensembles of orbits, alone and side by side: every other time some
+// time after the start, else some time after the process has added levels to the record, however long a busy machine
+// takes for that. Each time an ordinary reader has to open the record; in the end it is, dataset by dataset and bit by
+// bit, that of a run never stopped. Exits 0 if all of this holds.
 
 #include <algorithm>
 #include <chrono>
@@ -139,27 +139,32 @@ void kill_and_resume(const std::string& program, const sample::Folder& parent, b
   expect(!sample::difference(killed, other).empty(), "a run of another step is told apart");
 }
 
-void kill_and_resume_ensemble(const std::string& program, const sample::Folder& parent, std::mt19937& random) {
-  const std::filesystem::path folder = parent / "ensemble";
+void kill_and_resume_ensemble(const std::string& program, const sample::Folder& parent, bool side_by_side,
+                              std::mt19937& random) {
+  const std::filesystem::path folder = parent / (side_by_side ? "side_by_side" : "ensemble");
   std::filesystem::create_directory(folder);
   const std::string problem = (folder / "problem.toml").string();
   const std::string killed = (folder / "killed.h5").string();
   const std::string never = (folder / "never.h5").string();
-  slow_problems::write_ensemble(problem, 1000);
-  kills = std::min(kills, 20);  // a thousand members last for about twice as many
+  // They last for about twice as many kills.
+  const std::size_t all = side_by_side ? 6000 : 1000;
+  (side_by_side ? slow_problems::write_members_side_by_side : slow_problems::write_ensemble)(problem,
+                                                                                             static_cast<int>(all));
+  kills = std::min(kills, 20);
   const Growing record{killed, "/members/number"};
   // One thread, so that there are members left however fast the machine is; the run never stopped takes all.
   const int grown = kill_again_and_again(program, problem, record, {"--threads", "1"}, random);
   const std::size_t members = record.rows();
-  expect(members < 1000, fmt::format("members are left for the last process; there were {}", members));
+  expect(members < all, fmt::format("members are left for the last process; there were {}", members));
   expect(wait_for(start(program, {"resume", killed, "--quiet"})) == 0, "the last resume ends well");
   expect(wait_for(start(program, {"run", problem, "-o", never, "--quiet"})) == 0,
          "the ensemble never stopped ends well");
   const std::string difference = sample::difference(killed, never);
   expect(difference.empty(), "the records are the same, bit by bit: " + difference);
-  expect(record.rows() == 1000, "all members are there");
-  fmt::print("ensemble of 1000: {} kills, {} of them after new members, {} members at the last; {}\n", kills, grown,
-             members, difference.empty() ? "records identical" : difference);
+  expect(record.rows() == all, "all members are there");
+  fmt::print("ensemble of {}{}: {} kills, {} of them after new members, {} members at the last; {}\n", all,
+             side_by_side ? " side by side" : "", kills, grown, members,
+             difference.empty() ? "records identical" : difference);
 
   // The twin: an ensemble of another seed is told apart.
   const std::string other = (folder / "other.h5").string();
@@ -189,7 +194,9 @@ int main(int argc, char** argv) {
         kill_and_resume(argv[1], folder, lattice, every, random);
       }
     }
-    kill_and_resume_ensemble(argv[1], folder, random);
+    for (const bool side_by_side : {false, true}) {
+      kill_and_resume_ensemble(argv[1], folder, side_by_side, random);
+    }
   } catch (const std::exception& error) {
     fmt::print("FAILED: {}\n", error.what());
     return 1;

@@ -39,4 +39,12 @@ void write_ensemble(const std::filesystem::path& file, int members) {
       members);
 }
 
+void write_members_side_by_side(const std::filesystem::path& file, int members) {
+  std::ofstream(file) << fmt::format(
+      "[hamiltonian]\nq = [\"q\"]\np = [\"p\"]\nH = \"p^2/2 - cos(q)\"\n[initial]\nq = 0\np = 1.9\n[scheme]\nstep = "
+      "0.1\nlagrangian = \"splitting\"\nlevels = \"fixed\"\nuntil = 10000\n[events]\nfar = \"q - 500\"\n"
+      "[ensemble]\nrandom = {{ count = {}, seed = 1, initial.p = \"uniform(0.1, 2.9)\" }}\n",
+      members);
+}
+
 }  // namespace slow_problems

@@ -11,5 +11,7 @@ void write_orbit(const std::filesystem::path& file, int every);
 void write_lattice(const std::filesystem::path& file, int every);
 /// So many pendulums, each of which takes about a tenth of a second, with crossings and output times.
 void write_ensemble(const std::filesystem::path& file, int members);
+/// So many pendulums side by side in vectors, of which 128 take about a second.
+void write_members_side_by_side(const std::filesystem::path& file, int members);
 
 }  // namespace slow_problems
