@@ -86,7 +86,8 @@ public:
     }
     states_ = names_.size();
     for (const OutputQuantity& quantity : problem.output.quantities) {
-      names_.push_back(quantity.name);
+      const bool taken = std::ranges::find(names_, quantity.name) != names_.end();
+      names_.push_back(taken ? fmt::format("output.quantities.{}", quantity.name) : quantity.name);
     }
   }
 
@@ -122,7 +123,10 @@ public:
       }
     }
     for (std::size_t i = state.size(); i < names_.size(); ++i) {
-      const auto values = reader.read((i < states_ ? "/output/" : "/output/quantities/") + names_[i], 0, 1);
+      const std::string path = i < states_
+                                   ? fmt::format("/output/{}", names_[i])
+                                   : fmt::format("/output/quantities/{}", problem_.output.quantities[i - states_].name);
+      const std::vector<double> values = reader.read(path, 0, 1);
       state.push_back(values.size() == 1 ? values : grids::resampled(values, make_grid(problem), *grid_));
     }
     return state;

@@ -138,6 +138,7 @@ interval = 0.3
 states = false
 [output.quantities]
 twice = "2*q"
+p = "3*q"
 minus = "3 - p"
 nowhere = "log(q - 100)"
 )toml";
@@ -147,7 +148,8 @@ nowhere = "log(q - 100)"
   const auto of = [&outcome](const std::string& name) {
     return *std::ranges::find(outcome.quantities, name, &Convergence::name);
   };
-  REQUIRE(outcome.quantities.size() == 5);
+  REQUIRE(outcome.quantities.size() == 6);
+  CHECK(of("output.quantities.p").step.error() == Approx(3.0 * of("q").step.error()).epsilon(1e-9));
   CHECK(of("q").step.order().value() == Approx(2.0).margin(0.2));
   CHECK(of("twice").step.error() == 2.0 * of("q").step.error());  // the twin: not the error of q itself
   CHECK(of("twice").size == 2.0 * of("q").size);
