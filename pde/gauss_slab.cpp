@@ -496,8 +496,9 @@ Status GaussSlab::iterate_to_fixed_point(double accuracy, std::span<const double
     if (iteration == 0) {
       continue;
     }
-    if (!std::isfinite(size)) {  // R at the stages before was not
-      return Status::undefined;
+    if (!std::isfinite(size)) {
+      // R at the stages before was not: at those that it began with, or the iterates have run away.
+      return iteration == 1 ? Status::undefined : Status::not_converged;
     }
     const double contraction = size / last;
     last = size;

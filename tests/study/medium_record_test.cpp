@@ -156,6 +156,38 @@ TEST_CASE("the balance of momentum falls with the order of the scheme while mome
   CHECK(order_of_balance({"scheme.composition=blanes-moan-4", "parameters.R=5", "grid.x.cells=120"}, 0.025) < 2.0);
 }
 
+TEST_CASE("a fixed point that runs away to what is not finite is one that does not contract") {
+  // The trap's force is 36 at its ends, and the iterates' cubes overflow: Newton's method takes these steps.
+  for (const char* const stages : {"scheme.stages=2", "scheme.stages=3"}) {
+    CHECK(
+        balance_of_trap({"scheme.lagrangian=fourier", stages, "parameters.R=12", "grid.x.cells=288", "scheme.step=0.2"})
+            .residual < 1e-12);
+  }
+  // The twin: what is not defined where the solution goes stays so.
+  const std::string text = R"toml(title = "T"
+[multisymplectic]
+fields = ["u", "v", "w"]
+M = [["u", "v", -1]]
+K.x = [["u", "w", 1]]
+S = "(v^2 - w^2)/2 - log(1.2 + u)"
+[grid]
+x = { from = 0, to = "2*pi", cells = 32 }
+[initial]
+u = "sin(x)"
+v = -3
+[scheme]
+lagrangian = "fourier"
+stages = 2
+levels = "fixed"
+step = 0.1
+until = 3
+)toml";
+  const Folder folder;
+  const Outcome ended = run(parse_problem(text, "t.toml"), {.output = folder / "a.h5"});
+  CHECK(ended.status == ExitStatus::failed);
+  CHECK_THAT(ended.message, Contains("undefined"));
+}
+
 TEST_CASE("the energy balance of a driven lattice holds on every step, and its record goes on bit by bit") {
   for (const std::vector<std::string>& scheme :
        {std::vector<std::string>{"scheme.lagrangian=box", "grid.x.cells=101"},
