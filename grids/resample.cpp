@@ -13,9 +13,9 @@ namespace rubato::grids {
 namespace {
 
 /// Interpolates lines along one axis.
-class Line {
+class ResamplingLine {
 public:
-  Line(const Axis& from, const Axis& to)
+  ResamplingLine(const Axis& from, const Axis& to)
       : n_(from.cells), m_(to.cells), forward_(Grid({from}), 1), inverse_(Grid({to}), 1), in_(n_), out_(m_) {}
 
   std::vector<double>& in() { return in_; }
@@ -75,7 +75,7 @@ std::vector<double> resampled(std::span<const double> values, const Grid& from, 
     const Grid before(axes);
     axes[static_cast<std::size_t>(a)] = to.axis(a);
     const Grid after(axes);
-    Line line(before.axis(a), after.axis(a));
+    ResamplingLine line(before.axis(a), after.axis(a));
     std::vector<double> next(after.size());
     const std::size_t stride = before.stride(a), n = before.cells(a), m = after.cells(a);
     for (std::size_t first = 0; first < before.size() / n; ++first) {
