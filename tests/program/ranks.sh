@@ -84,6 +84,29 @@ case $case_name in
     on 3 resume part.h5 --until 0.5 --quiet
     status_is 0
     check "resumed on as many ranks" same shared.h5 part.h5
+    # The disk of the rank that writes is full, here: no file may be so long there.
+    ring=(run sine-gordon-2d "${explicit[@]}" --set scheme.until=0.2 --set output.every=1)
+    "$rubato" "${ring[@]}" --set scheme.until=0.1 -o full.h5 --quiet
+    cp full.h5 before.h5
+    cat >limited <<'LIMITED'
+[ "${OMPI_COMM_WORLD_RANK:-$PMI_RANK}" -ne 0 ] || ulimit -f "$1"
+shift
+exec "$@"
+LIMITED
+    for limit in 8000 20000 200000; do   # a copy, some rows more; the twin has room
+      last="mpirun -n 3 rubato resume, with files of $limit KB at most"
+      timeout 100 "$mpirun" -n 3 bash limited $limit "$rubato" resume full.h5 --until 0.2 --quiet >out 2>err </dev/null
+      status=$?
+      if [ $limit -lt 200000 ]; then
+        status_is 5
+        check "one rank names the place" once '^rubato: error: .*full.h5: .*File too large' err
+        check "the record is what it was" cmp full.h5 before.h5
+      else
+        status_is 0
+        alone "${ring[@]}" -o alone.h5 --force --quiet
+        check "and is continued where there is room" same alone.h5 full.h5
+      fi
+    done
     # Killed, and continued on another number of ranks.
     ring=(run sine-gordon-2d "${explicit[@]}" --set grid.x.cells=65 --set grid.y.cells=61 --set output.every=100 --set scheme.until=1e9)
     grown=0 before=0
