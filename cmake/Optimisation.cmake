@@ -11,7 +11,7 @@ set(rubato_sources_loops
   formula/evaluate.cpp
   ode/splitting_lanes.cpp
   grids/box_operators.cpp grids/fourier.cpp grids/reductions.cpp grids/spectral_derivative.cpp
-  solve/cyclic_block.cpp solve/fourier_preconditioner.cpp solve/gmres.cpp
+  solve/band_solver.cpp solve/cyclic_block.cpp solve/fourier_preconditioner.cpp solve/gmres.cpp
   pde/cell_sweep.cpp pde/euler_box_map.cpp pde/face_gather.cpp pde/law_currents.cpp pde/midpoint_lattice.cpp pde/stage_loops.cpp pde/wave_loops.cpp
   record/checksum.cpp)
 foreach(kernel IN ITEMS avx2 avx512)

@@ -69,20 +69,22 @@ public:
                                                     : graph_.constant(0.0);
   }
 
-  /// Upper triangle of the Hessian, row by row, for n variables.
-  std::vector<Expression> second(std::span<const Expression> variables) {
-    const std::size_t n = variables.size();
-    std::vector<Expression> upper(n * (n + 1) / 2, graph_.constant(0.0));
+  /// Entries of the upper triangle of the Hessian, row by row.
+  std::vector<HessianEntry> second(std::span<const Expression> variables) {
+    std::vector<HessianEntry> entries;
     for (const Expression variable : variables) {
       if (variable.index() >= active_.size()) {
         continue;
       }
       for (const auto& [partner, w] : row(variable.index())) {
         const auto [i, j] = std::minmax(number_.at(variable.index()), number_.at(partner));
-        upper[i * n - i * (i + 1) / 2 + j] = materialize(graph_, w);
+        if (const Expression value = materialize(graph_, w); !value.is_constant(0.0)) {
+          entries.push_back({i, j, value});
+        }
       }
     }
-    return upper;
+    std::ranges::sort(entries, {}, [](const HessianEntry& entry) { return std::pair(entry.row, entry.column); });
+    return entries;
   }
 
 private:
@@ -286,6 +288,16 @@ std::vector<Expression> gradient(Expression expression, std::span<const Expressi
 }
 
 std::vector<Expression> hessian_upper(Expression expression, std::span<const Expression> variables) {
+  const std::size_t n = variables.size();
+  const std::vector<HessianEntry> entries = hessian_entries(expression, variables);
+  std::vector<Expression> upper(n * (n + 1) / 2, expression.graph()->constant(0.0));
+  for (const auto& [i, j, value] : entries) {
+    upper[i * n - i * (i + 1) / 2 + j] = value;
+  }
+  return upper;
+}
+
+std::vector<HessianEntry> hessian_entries(Expression expression, std::span<const Expression> variables) {
   check(expression);
   return Sweep(expression, variables, true).second(variables);
 }

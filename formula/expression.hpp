@@ -258,6 +258,14 @@ Expression where(Condition condition, Expression a, Expression b);
 /// share their parts with each other and with the gradient.
 [[nodiscard]] std::vector<Expression> hessian_upper(Expression expression, std::span<const Expression> variables);
 
+/// An entry of a Hessian: row <= column, the places of two variables.
+struct HessianEntry {
+  std::size_t row, column;
+  Expression value;
+};
+/// The entries of hessian_upper() that do not vanish identically, row by row: of a chain their number grows like n.
+[[nodiscard]] std::vector<HessianEntry> hessian_entries(Expression expression, std::span<const Expression> variables);
+
 /// Derivative of `expression` with respect to one variable: gradient() of one variable.
 [[nodiscard]] Expression derivative(Expression expression, Expression variable);
 

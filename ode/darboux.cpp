@@ -71,6 +71,14 @@ MatrixXd symplectic_unit(Index n) {
   return J;
 }
 
+MatrixXd turned(const MatrixXd& m) {
+  const Index n = m.rows() / 2;
+  MatrixXd result(m.rows(), m.cols());
+  result.topRows(n) = m.bottomRows(n);
+  result.bottomRows(n) = -m.topRows(n);
+  return result;
+}
+
 MatrixXd darboux_symmetric(DarbouxType type, Index n) {
   MatrixXd F = MatrixXd::Zero(2 * n, 2 * n);
   if (type != DarbouxType::midpoint) {

@@ -18,6 +18,8 @@ enum class DarbouxType { midpoint, euler_a, euler_b };
 
 /// J of size 2n.
 [[nodiscard]] Eigen::MatrixXd symplectic_unit(Eigen::Index n);
+/// J m of a matrix with 2n rows, by their exchange.
+[[nodiscard]] Eigen::MatrixXd turned(const Eigen::MatrixXd& m);
 
 /// The symmetric 2n × 2n matrix F of a named type.
 [[nodiscard]] Eigen::MatrixXd darboux_symmetric(DarbouxType type, Eigen::Index n);

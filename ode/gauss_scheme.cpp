@@ -95,9 +95,8 @@ public:
     }
     of_stages_ = solve::quotient(tableau_.a.transpose(), tableau_.b).value();
     weights_.setZero(m_, m_);
-    if (size_ <= StageNewton::most_components) {
-      hessian_.setZero(size_, size_);
-      stage_newton_.emplace(tableau_, size_);
+    stage_newton_ = StageNewton::of(tableau_, hamiltonian);
+    if (stage_newton_) {
       slow_ = contraction_worth_newton(hamiltonian);
     }
     start_level();
@@ -489,9 +488,8 @@ private:
     const VectorXd& b = tableau_.b;
     delta_ = Y_.leftCols(m_).lazyProduct(b);
     z_.displaced(1.0, delta_, point_);
-    evaluator_.hessian(point_.data(), gradient_.data(), hessian_.data());
     ++iterations_;
-    if (stage_newton_->factor(h, hessian_) != Status::success) {
+    if (stage_newton_->factor(evaluator_, point_.data(), h) != Status::success) {
       return false;
     }
     factored_h_ = h;
@@ -557,7 +555,7 @@ private:
   VectorXd of_stages_;  ///< A⁻ᵀb: δ = Σ (A⁻ᵀb)_i Y_i
   VectorXd lost_, largest_, point_, gradient_, errors_;
   VectorXd floor_;  ///< of a component, how large its increments are at least
-  MatrixXd weights_, hessian_;
+  MatrixXd weights_;
   std::optional<StageNewton> stage_newton_;
   double slow_ = slowest_contraction;
   double contraction_ = std::numeric_limits<double>::infinity();  ///< of corrections at this level, where it was seen

@@ -17,10 +17,10 @@ namespace rubato {
 ///
 /// The stages are evaluated side by side in vectors, from the collocation polynomial of the last step continued, by
 /// fixed-point iteration, of H = T(p) + V(q) on the stages of q alone; where that is seen to contract so slowly that it
-/// costs more, by simplified Newton iteration with H_zz in the middle of the step (StageNewton, up to its
-/// most_components). Both go on until the next correction would be lost in rounding a thousand times over, or until
-/// corrections stagnate, and the increment is kept with what its rounding loses. A step that neither finds is
-/// approached through shorter ones, unless it is a trial.
+/// costs more, by simplified Newton iteration with H_zz in the middle of the step (StageNewton, if it has a matrix).
+/// Both go on until the next correction would be lost in rounding a thousand times over, or until corrections stagnate,
+/// and the increment is kept with what its rounding loses. A step that neither finds is approached through shorter
+/// ones, unless it is a trial.
 ///
 /// The slope of E_k comes from the node laws at both ends of the step, E_k - H = (s+1) h^s η + O(h^(s+1)) with signs
 /// that agree: dE/dh = s (E_k - (H(z_k) + H(z_{k+1}))/2)/h (1 + O(h²)). There is no node law in closed form, so that a

@@ -41,7 +41,7 @@ public:
       : half_(F.rows() / 2),
         rows_(static_cast<Index>(field.input_count())),
         plain_(F.isZero(0.0)),
-        half_twist_(0.5 * symplectic_unit(half_) * F),
+        half_twist_(plain_ ? MatrixXd() : MatrixXd(0.5 * turned(F))),
         nodes_(terms, plain_),
         field_(field, terms - 1, nodes_.count),
         antiderivative_{{field_, as_span(nodes_.antiderivative[0])}, {field_, as_span(nodes_.antiderivative[1])}},
@@ -143,7 +143,7 @@ private:
 
   Index half_, rows_;
   bool plain_;           ///< F = 0: the even terms of ∇φ and the odd ones of c vanish
-  MatrixXd half_twist_;  ///< ½JF
+  MatrixXd half_twist_;  ///< ½JF, unless it vanishes
   GeneratingNodes nodes_;
   formula::TaylorEvaluator field_;  ///< a lane for each node
   formula::TaylorEvaluator::LaneMap antiderivative_[2];

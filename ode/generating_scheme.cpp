@@ -71,7 +71,7 @@ public:
         gradient_rounding_(hamiltonian.gradient_code()),
         plain_(generating_.odd()),
         size_(F.rows()),
-        weight_(0.5 * (MatrixXd::Identity(size_, size_) + symplectic_unit(size_ / 2) * F)),
+        weight_(plain_ ? MatrixXd() : MatrixXd(0.5 * (MatrixXd::Identity(size_, size_) + turned(F)))),
         z_(VectorXd(Eigen::Map<const VectorXd>(z_0.data(), size_))),
         history_(size_) {
     for (VectorXd* vector : {&delta_, &step_, &point_, &w_, &continued_from_, &continued_, &slope_, &residual_,
@@ -243,12 +243,21 @@ private:
     return Status::success;
   }
 
+  /// E_F v, as step_.
+  void weigh(const VectorXd& v) {
+    if (plain_) {
+      step_ = 0.5 * v;
+    } else {
+      step_.noalias() = weight_ * v;
+    }
+  }
+
   /// w = z_k + E_F δ
   void place() {
     if (plain_) {
       z_.displaced(0.5, delta_, w_);
     } else {
-      step_.noalias() = weight_ * delta_;
+      weigh(delta_);
       z_.displaced(1.0, step_, w_);
     }
   }
@@ -268,7 +277,8 @@ private:
     if (const double size = relative_size(residual_); size > 0.0) {
       FlowTangent& tangent = size <= small_residual ? small_tangent_ : tangent_;
       const double scale = displacement / size;
-      step_.noalias() = scale * (weight_ * residual_);
+      weigh(residual_);
+      step_ *= scale;
       if (const Status status = tangent.apply(z_.value(), step_, h, moved_); status != Status::success) {
         reason_ = tangent.failure();
         return status;
@@ -303,7 +313,7 @@ private:
   Status finish(double h) {
     Status status = Status::success;
     generating_.gradient_sum_rate(h, order_.terms, slope_);
-    step_.noalias() = weight_ * correction_;
+    weigh(correction_);
     const double change = slope_.dot(step_);
     const bool fresh = !tail_known_ || std::abs(h - tail_h_) > tail_ratio * std::abs(h);
     if (fresh) {
@@ -347,7 +357,7 @@ private:
   formula::RoundingEvaluator gradient_rounding_;
   bool plain_;  ///< F = 0
   Index size_;
-  MatrixXd weight_;  ///< E_F
+  MatrixXd weight_;  ///< E_F, unless it is ½
   CompensatedState<VectorXd> z_;
   VelocityHistory<VectorXd> history_;
 

@@ -83,21 +83,12 @@ void Hamiltonian::compile() {
   value_ = std::make_shared<formula::Bytecode>(outputs, variables_);
   std::ranges::copy(formula::gradient(expression_, variables_), std::back_inserter(outputs));
   gradient_ = std::make_shared<formula::Bytecode>(outputs, variables_);
-  std::vector<formula::Expression> curvature = outputs;
   std::vector<Place> places;
-  std::size_t row = 0, column = 0;
-  for (const formula::Expression entry : formula::hessian_upper(expression_, variables_)) {
+  for (const auto& [row, column, entry] : formula::hessian_entries(expression_, variables_)) {
     outputs.push_back(entry);
-    if (!entry.is_constant(0.0)) {
-      curvature.push_back(entry);
-      places.push_back({row, column});
-    }
-    if (++column == variables_.size()) {
-      column = ++row;
-    }
+    places.push_back({row, column});
   }
   hessian_ = std::make_shared<formula::Bytecode>(outputs, variables_);
-  curvature_ = std::make_shared<formula::Bytecode>(curvature, variables_);
   places_ = std::make_shared<const std::vector<Place>>(std::move(places));
 }
 
@@ -106,13 +97,12 @@ HamiltonianEvaluator::HamiltonianEvaluator(const Hamiltonian& hamiltonian)
       value_(hamiltonian.value_code()),
       gradient_(hamiltonian.gradient_code()),
       hessian_(hamiltonian.hessian_code()),
-      curvature_(hamiltonian.curvature_code()),
+      places_(hamiltonian.shared_hessian_places()),
       rows_(dimension_),
       work_(dimension_) {
   // Both triangles, the columns of each row in their order: a sum over a row is that over all columns, bit by bit.
-  const auto& places = hamiltonian.curvature_places();
-  for (std::size_t k = 0; k < places.size(); ++k) {
-    const auto [row, column] = places[k];
+  for (std::size_t k = 0; k < places_->size(); ++k) {
+    const auto [row, column] = (*places_)[k];
     rows_[row].push_back({column, 1 + dimension_ + k});
     if (row != column) {
       rows_[column].push_back({row, 1 + dimension_ + k});
@@ -136,18 +126,21 @@ double HamiltonianEvaluator::gradient(const double* z, double* gradient) {
 double HamiltonianEvaluator::hessian(const double* z, double* gradient, double* hessian) {
   const double* const outputs = hessian_.at(z);
   std::copy_n(outputs + 1, dimension_, gradient);
+  std::fill_n(hessian, dimension_ * dimension_, 0.0);
   const double* next = outputs + 1 + dimension_;
-  for (std::size_t i = 0; i < dimension_; ++i) {
-    for (std::size_t j = i; j < dimension_; ++j) {
-      hessian[i * dimension_ + j] = hessian[j * dimension_ + i] = *next++;
-    }
+  for (const auto [row, column] : *places_) {
+    hessian[row * dimension_ + column] = hessian[column * dimension_ + row] = *next++;
   }
   return outputs[0];
 }
 
+std::span<const double> HamiltonianEvaluator::hessian_entries(const double* z) {
+  return {hessian_.at(z) + 1 + dimension_, places_->size()};
+}
+
 double HamiltonianEvaluator::gamma(const double* z, double& energy) {
   const std::size_t n = dimension_ / 2;
-  const double* const outputs = curvature_.at(z);
+  const double* const outputs = hessian_.at(z);
   energy = outputs[0];
   double* f = work_.data();
   for (std::size_t i = 0; i < n; ++i) {

@@ -49,15 +49,15 @@ public:
 
   [[nodiscard]] const formula::Bytecode& value_code() const { return *value_; }
   [[nodiscard]] const formula::Bytecode& gradient_code() const { return *gradient_; }  ///< H, then ∇H
-  [[nodiscard]] const formula::Bytecode& hessian_code() const { return *hessian_; }  ///< H, ∇H, upper triangle of H_zz
-  /// H, ∇H, and the entries of the upper triangle of H_zz that do not vanish identically, at curvature_places(): of a
-  /// chain their number grows like its length.
+  /// H, ∇H, and the entries of the upper triangle of H_zz that do not vanish identically, at hessian_places(), row by
+  /// row: of a chain their number grows like its length.
   ///@{
   struct Place {
     std::size_t row, column;
   };
-  [[nodiscard]] const formula::Bytecode& curvature_code() const { return *curvature_; }
-  [[nodiscard]] const std::vector<Place>& curvature_places() const { return *places_; }
+  [[nodiscard]] const formula::Bytecode& hessian_code() const { return *hessian_; }
+  [[nodiscard]] const std::vector<Place>& hessian_places() const { return *places_; }
+  [[nodiscard]] const std::shared_ptr<const std::vector<Place>>& shared_hessian_places() const { return places_; }
   ///@}
   /// For a formula::SumSizeEvaluator: how large the terms of H are, and what rounding makes of H.
   [[nodiscard]] const formula::Bytecode& size_code() const { return *size_; }
@@ -72,7 +72,7 @@ private:
   formula::Expression expression_;
   double constant_ = 0.0;
   std::shared_ptr<const Hamiltonian> reduced_;  ///< H - c, if c is not 0
-  std::shared_ptr<const formula::Bytecode> value_, gradient_, hessian_, curvature_, size_;
+  std::shared_ptr<const formula::Bytecode> value_, gradient_, hessian_, size_;
   std::shared_ptr<const std::vector<Place>> places_;
 };
 
@@ -108,6 +108,8 @@ public:
   double gradient(const double* z, double* gradient);
   /// H(z), ∇H(z), and the full symmetric H_zz(z) into `hessian` (2n × 2n).
   double hessian(const double* z, double* gradient, double* hessian);
+  /// The entries of H_zz(z) at Hamiltonian::hessian_places(), until the next evaluation.
+  [[nodiscard]] std::span<const double> hessian_entries(const double* z);
   /// Γ(z) = fᵀ H_zz f with f = J∇H (theory, section 3), and H(z) into `energy`.
   double gamma(const double* z, double& energy);
 
@@ -120,7 +122,8 @@ private:
   };
 
   std::size_t dimension_;
-  formula::ScalarEvaluator value_, gradient_, hessian_, curvature_;
+  formula::ScalarEvaluator value_, gradient_, hessian_;
+  std::shared_ptr<const std::vector<Hamiltonian::Place>> places_;
   std::vector<std::vector<Entry>> rows_;
   std::vector<double> work_;
 };

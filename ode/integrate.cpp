@@ -204,7 +204,8 @@ void OrbitIntegrator::begin_levels(double t, double energy_constant, double node
 
 std::vector<std::string> OrbitIntegrator::cautions() const {
   const auto* const generating = std::get_if<Generating>(&options_.lagrangian);
-  if (generating == nullptr) {
+  const auto* const named = generating != nullptr ? std::get_if<DarbouxType>(&generating->darboux) : nullptr;
+  if (generating == nullptr || (named != nullptr && *named == DarbouxType::midpoint && !options_.next)) {
     return {};
   }
   const std::size_t n = scheme_->dimension() / 2;

@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <optional>
 #include <stdexcept>
-#include <type_traits>
 #include <utility>
 #include <vector>
 
@@ -14,8 +14,7 @@
 
 #include <rubato/ode/increment.hpp>
 #include <rubato/ode/one_step_state.hpp>
-#include <rubato/solve/dense_solver.hpp>
-#include <rubato/solve/elimination.hpp>
+#include <rubato/ode/step_matrix.hpp>
 
 namespace rubato {
 
@@ -23,30 +22,27 @@ namespace {
 
 constexpr int most_midpoint_iterations = 50;
 
-/// Size is 2n where that is small enough for the compiler to unroll, else Eigen::Dynamic.
-template <int Size>
+/// Size is 2n where that is small enough for the compiler to unroll, else Eigen::Dynamic. Matrix: a step matrix of
+/// ode/step_matrix.hpp.
+template <int Size, typename Matrix>
 class MidpointScheme final : public OneStepState<Eigen::Matrix<double, Size, 1>> {
   using Vector = Eigen::Matrix<double, Size, 1>;
-  using Matrix = Eigen::Matrix<double, Size, Size>;
   using Base = OneStepState<Vector>;
   using Base::delta_;
   using Base::evaluator_;
   using Base::z_;
-  using Solver = std::conditional_t<Size == Eigen::Dynamic, solve::DenseSolver, solve::FixedSolver<std::max(Size, 1)>>;
 
 public:
-  MidpointScheme(const Hamiltonian& hamiltonian, std::span<const double> z_0)
+  MidpointScheme(const Hamiltonian& hamiltonian, std::span<const double> z_0, Matrix matrix)
       : Base(hamiltonian, z_0),
         energy_size_(hamiltonian.size_code()),
         gradient_rounding_(hamiltonian.gradient_code()),
         size_(static_cast<Eigen::Index>(z_0.size())),
         history_(size_),
-        factors_(static_cast<int>(size_)) {
+        matrix_(std::move(matrix)) {
     for (Vector* vector : {&rate_, &correction_, &point_, &gradient_, &f_, &rounding_point_}) {
       vector->setZero(size_);
     }
-    hessian_.setZero(size_, size_);
-    matrix_.setZero(size_, size_);
   }
 
   [[nodiscard]] Status advance(double h, double accuracy) override {
@@ -60,10 +56,10 @@ public:
     } else {
       delta_ += (h - trial_h_) * rate_;
       const double out_of_date = std::abs(h - factored_h_) / std::abs(h);
-      if (out_of_date > refactor_ratio && !factor(h)) {
+      if (out_of_date > Matrix::refactor_ratio && !factor(h)) {
         return Status::undefined;
       }
-      contraction_ = std::max(contraction_, out_of_date * stiffness_);
+      contraction_ = std::max(contraction_, out_of_date * matrix_.stiffness());
       before = std::max(last_size_, std::abs(h - trial_h_) / std::abs(h));
     }
     trial_h_ = h;
@@ -75,7 +71,7 @@ public:
       apply_j(gradient_, f_);
       correction_ = h * f_ - delta_;
       const double residual = history_.relative_size(correction_, delta_, z_.value());
-      factors_.solve(correction_.data());
+      matrix_.solve(correction_.data());
       delta_ += correction_;
       const double size = history_.relative_size(correction_, delta_, z_.value());
       if (!std::isfinite(size) || !std::isfinite(energy_)) {
@@ -89,7 +85,7 @@ public:
           (verdict == StagnationTest::Verdict::stalled && residual_is_rounding(h))) {
         energy_ += 0.5 * gradient_.dot(correction_);  // to first order, at the corrected midpoint
         rate_ = f_;
-        factors_.solve(rate_.data());
+        matrix_.solve(rate_.data());
         slope_ = 0.5 * gradient_.dot(rate_);
         return Status::success;
       }
@@ -135,10 +131,6 @@ public:
   }
 
 private:
-  /// Relative change of h that asks for a new matrix before corrections are seen to contract poorly: for small systems
-  /// a matrix costs little more than the iterations it saves.
-  static constexpr double refactor_ratio = Size == Eigen::Dynamic ? 0.1 : 1e-3;
-
   void start_level() {
     factored_ = false;
     iterations_ = 0;
@@ -181,14 +173,8 @@ private:
   /// Factors I - ½h J H_zz at the middle of the present δ.
   bool factor(double h) {
     z_.displaced(0.5, delta_, point_);
-    evaluator_.hessian(point_.data(), gradient_.data(), hessian_.data());
+    factored_ = matrix_.factor(evaluator_, point_.data(), h) == Status::success;
     ++iterations_;
-    const auto n = half_rows(hessian_);
-    matrix_.topRows(n) = -0.5 * h * hessian_.bottomRows(n);
-    matrix_.bottomRows(n) = 0.5 * h * hessian_.topRows(n);
-    stiffness_ = std::sqrt(matrix_.cwiseProduct(matrix_.transpose()).cwiseAbs().sum());
-    matrix_.diagonal().array() += 1.0;
-    factored_ = factors_.factor(matrix_.data()) == Status::success;
     factored_h_ = h;
     contraction_ = std::numeric_limits<double>::infinity();
     return factored_;
@@ -200,28 +186,37 @@ private:
   VelocityHistory<Vector> history_;
 
   Vector rate_, correction_, point_, gradient_, f_, rounding_point_;  ///< rate_ = dδ/dh along the solved step
-  Matrix hessian_, matrix_;
-  Solver factors_;
+  Matrix matrix_;
   bool factored_ = false;  ///< whether there is a matrix, and a trial step, for this level
   double factored_h_ = 0.0;
-  double stiffness_ = 0.0;    ///< of ½h J H_zz =: A, sqrt(Σ|A_ij A_ji|): about its largest eigenvalue, in any units
-  double contraction_ = 0.0;  ///< seen with the matrix, or to be expected of one for another h
+  double contraction_ = 0.0;                ///< seen with the matrix, or to be expected of one for another h
   double trial_h_ = 0.0, last_size_ = 0.0;  ///< of the last trial: h, and the last correction's relative size
   double energy_ = 0.0;
   double slope_ = 0.0;
   int iterations_ = 0;
 };
 
+template <int Size>
+std::unique_ptr<OneStepScheme> dense_scheme(const Hamiltonian& hamiltonian, std::span<const double> z_0) {
+  using Matrix = DenseStepMatrix<Size>;
+  return std::make_unique<MidpointScheme<Size, Matrix>>(hamiltonian, z_0, Matrix(hamiltonian));
+}
+
 }  // namespace
 
 std::unique_ptr<OneStepScheme> make_midpoint_scheme(const Hamiltonian& hamiltonian, std::span<const double> z_0) {
   check_initial_state(hamiltonian, z_0);
   switch (z_0.size()) {
-    case 2: return std::make_unique<MidpointScheme<2>>(hamiltonian, z_0);
-    case 4: return std::make_unique<MidpointScheme<4>>(hamiltonian, z_0);
-    case 6: return std::make_unique<MidpointScheme<6>>(hamiltonian, z_0);
-    default: return std::make_unique<MidpointScheme<Eigen::Dynamic>>(hamiltonian, z_0);
+    case 2: return dense_scheme<2>(hamiltonian, z_0);
+    case 4: return dense_scheme<4>(hamiltonian, z_0);
+    case 6: return dense_scheme<6>(hamiltonian, z_0);
+    default: break;
   }
+  if (std::optional<HessianBand> band = HessianBand::of(hamiltonian)) {
+    using Scheme = MidpointScheme<Eigen::Dynamic, BandStepMatrix>;
+    return std::make_unique<Scheme>(hamiltonian, z_0, BandStepMatrix(*std::move(band)));
+  }
+  return dense_scheme<Eigen::Dynamic>(hamiltonian, z_0);
 }
 
 }  // namespace rubato

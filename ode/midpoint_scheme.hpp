@@ -17,7 +17,8 @@ namespace rubato {
 /// with variable ones it preserves dp∧dq - dE∧dt, and at fixed E dp∧dq with ∂h/∂z included.
 ///
 /// The increment δ is solved by simplified Newton, with (I - ½h J H_zz)⁻¹ factored once a step at the predicted
-/// midpoint and again when it contracts poorly, until the corrections stagnate. z is summed with compensation. \throws
+/// midpoint and again when it contracts poorly, within its band where few degrees of freedom meet in an entry of H_zz
+/// (HessianBand), until the corrections stagnate. z is summed with compensation. \throws
 /// std::invalid_argument if z_0 has not 2n entries, is not finite, or H or ∇H is not finite there
 [[nodiscard]] std::unique_ptr<OneStepScheme> make_midpoint_scheme(const Hamiltonian& hamiltonian,
                                                                   std::span<const double> z_0);

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <map>
 #include <stdexcept>
 
 #include <fmt/format.h>
@@ -33,21 +34,22 @@ std::vector<Expression> seen_at_levels(const Hamiltonian& hamiltonian, bool gamm
     formula::Graph& graph = *hamiltonian.graph();
     const std::size_t n = hamiltonian.degrees_of_freedom();
     const auto gradient = formula::gradient(hamiltonian.expression(), variables);
-    const auto upper = formula::hessian_upper(hamiltonian.expression(), variables);
     std::vector<Expression> f(2 * n, graph.constant(0.0));
     for (std::size_t i = 0; i < n; ++i) {
       f[i] = gradient[n + i];
       f[n + i] = -gradient[i];
     }
+    // Both triangles, the columns of each row in their order.
+    std::vector<std::map<std::size_t, Expression>> rows(2 * n);
+    for (const auto& [i, j, entry] : formula::hessian_entries(hamiltonian.expression(), variables)) {
+      rows[i].emplace(j, entry);
+      rows[j].emplace(i, entry);
+    }
     Expression sum = graph.constant(0.0);
     for (std::size_t i = 0; i < 2 * n; ++i) {
       Expression row = graph.constant(0.0);
-      for (std::size_t j = 0; j < 2 * n; ++j) {
-        const std::size_t low = std::min(i, j), high = std::max(i, j);
-        const Expression entry = upper[low * 2 * n - low * (low + 1) / 2 + high];
-        if (!entry.is_constant(0.0)) {
-          row += entry * f[j];
-        }
+      for (const auto& [j, entry] : rows[i]) {
+        row += entry * f[j];
       }
       sum += f[i] * row;
     }

@@ -1,9 +1,8 @@
 #include <rubato/ode/stage_newton.hpp>
 
+#include <algorithm>
 #include <cmath>
-#include <stdexcept>
-
-#include <fmt/core.h>
+#include <utility>
 
 namespace rubato {
 
@@ -14,13 +13,22 @@ using Eigen::Index;
 /// Below this an eigenvalue is real, whose imaginary part is rounding; others are larger than 1.
 constexpr double real_to = 1e-6;
 
+/// What an operation within a band takes longer than one of a whole matrix: its loops are short.
+constexpr double band_operation = 3.0;
+
 }  // namespace
 
-StageNewton::StageNewton(const GaussTableau& tableau, Index size) : size_(size) {
-  if (size < 1 || size > most_components) {
-    throw std::invalid_argument(
-        fmt::format("stage equations of {} components; dense matrices are for 1 to {}", size, most_components));
+std::optional<StageNewton> StageNewton::of(const GaussTableau& tableau, const Hamiltonian& hamiltonian) {
+  const auto size = static_cast<Index>(2 * hamiltonian.degrees_of_freedom());
+  std::optional<HessianBand> band = HessianBand::of(hamiltonian);
+  if (!band && size > most_components) {
+    return std::nullopt;
   }
+  return StageNewton(tableau, size, std::move(band));
+}
+
+StageNewton::StageNewton(const GaussTableau& tableau, Index size, std::optional<HessianBand> band)
+    : size_(size), band_(std::move(band)) {
   const GaussTableau::Eigenbasis& basis = tableau.inverse_eigenbasis();
   bool any_single = false;
   for (Index e = 0; e < basis.values.size(); ++e) {
@@ -38,40 +46,91 @@ StageNewton::StageNewton(const GaussTableau& tableau, Index size) : size_(size) 
       basis.V.col(e).cwiseAbs().maxCoeff(&largest);
       turn = basis.V(largest, e) / std::abs(basis.V(largest, e));
     }
-    parts_.push_back({value, turn * value * basis.V_inverse.row(e).transpose(),
-                      (single ? 1.0 : 2.0) / turn * basis.V.col(e),
-                      solve::DenseSolver(static_cast<int>(single ? size : 2 * size))});
+    Part part{value, turn * value * basis.V_inverse.row(e).transpose(), (single ? 1.0 : 2.0) / turn * basis.V.col(e),
+              solve::DenseSolver(1)};
+    const int rows = static_cast<int>(single ? size : 2 * size);
+    if (band_) {
+      const int width = single ? band_->width : 2 * band_->width + 1;
+      part.factors = solve::BandSolver(rows, std::min(width, rows - 1), std::min(width, rows - 1));
+    } else {
+      part.factors = solve::DenseSolver(rows);
+    }
+    parts_.push_back(std::move(part));
   }
-  matrix_.setZero(2 * size, 2 * size);
-  if (any_single) {
-    single_.setZero(size, size);
+  if (!band_) {
+    gradient_.setZero(size);
+    hessian_.setZero(size, size);
+    matrix_.setZero(2 * size, 2 * size);
+    if (any_single) {
+      single_.setZero(size, size);
+    }
   }
   rhs_.setZero(2 * size);
   result_.setZero(size, tableau.stages);
 }
 
-Status StageNewton::factor(double h, const Eigen::MatrixXd& hessian) {
-  const Index n = size_ / 2;
+Status StageNewton::factor(HamiltonianEvaluator& hamiltonian, const double* point, double h) {
+  std::span<const double> entries;
+  if (band_) {
+    entries = hamiltonian.hessian_entries(point);
+  } else {
+    hamiltonian.hessian(point, gradient_.data(), hessian_.data());
+  }
   for (Part& part : parts_) {
-    const auto shifted = [&](auto block) {  // Re λ - h J H_zz
-      block.topRows(n) = -h * hessian.bottomRows(n);
-      block.bottomRows(n) = h * hessian.topRows(n);
-      block.diagonal().array() += part.value.real();
-    };
-    if (part.is_pair()) {
-      shifted(matrix_.topLeftCorner(size_, size_));
-      shifted(matrix_.bottomRightCorner(size_, size_));
-      matrix_.topRightCorner(size_, size_).diagonal().setConstant(-part.value.imag());
-      matrix_.bottomLeftCorner(size_, size_).diagonal().setConstant(part.value.imag());
-    } else {
-      shifted(single_.topRows(size_));
-    }
-    const Status status = part.factors.factor(part.is_pair() ? matrix_.data() : single_.data());
-    if (status != Status::success) {
+    if (const Status status = band_ ? factor_band(part, h, entries) : factor_whole(part, h);
+        status != Status::success) {
       return status;
     }
   }
   return Status::success;
+}
+
+Status StageNewton::factor_whole(Part& part, double h) {
+  const Index n = size_ / 2;
+  const auto shifted = [&](auto block) {  // Re λ - h J H_zz
+    block.topRows(n) = -h * hessian_.bottomRows(n);
+    block.bottomRows(n) = h * hessian_.topRows(n);
+    block.diagonal().array() += part.value.real();
+  };
+  auto& factors = std::get<solve::DenseSolver>(part.factors);
+  if (!part.is_pair()) {
+    shifted(single_.topRows(size_));
+    return factors.factor(single_.data());
+  }
+  shifted(matrix_.topLeftCorner(size_, size_));
+  shifted(matrix_.bottomRightCorner(size_, size_));
+  matrix_.topRightCorner(size_, size_).diagonal().setConstant(-part.value.imag());
+  matrix_.bottomLeftCorner(size_, size_).diagonal().setConstant(part.value.imag());
+  return factors.factor(matrix_.data());
+}
+
+Status StageNewton::factor_band(Part& part, double h, std::span<const double> entries) {
+  auto& factors = std::get<solve::BandSolver>(part.factors);
+  const int copies = part.is_pair() ? 2 : 1;  // a component's real and imaginary part stand side by side
+  factors.clear();
+  for (const auto& [row, column, number, sign] : band_->entries) {
+    for (int copy = 0; copy < copies; ++copy) {
+      factors.entry(copies * row + copy, copies * column + copy) = -h * sign * entries[number];
+    }
+  }
+  for (int i = 0; i < factors.size(); ++i) {
+    factors.entry(i, i) += part.value.real();
+  }
+  if (part.is_pair()) {
+    for (int i = 0; i < factors.size(); i += 2) {
+      factors.entry(i, i + 1) = -part.value.imag();
+      factors.entry(i + 1, i) = part.value.imag();
+    }
+  }
+  return factors.factor();
+}
+
+Index StageNewton::place(const Part& part, Index r, bool imaginary) const {
+  if (!band_) {
+    return imaginary ? size_ + r : r;
+  }
+  const Index row = band_->places[static_cast<std::size_t>(r)];
+  return part.is_pair() ? 2 * row + (imaginary ? 1 : 0) : row;
 }
 
 void StageNewton::solve(Rows& right) {
@@ -80,17 +139,25 @@ void StageNewton::solve(Rows& right) {
   for (Part& part : parts_) {
     rhs_.setZero();
     for (Index r = 0; r < size_; ++r) {
+      double& real = rhs_[place(part, r, false)];
       for (Index i = 0; i < m; ++i) {
-        rhs_[r] += part.from_stages[i].real() * right(r, i);
-        rhs_[size_ + r] += part.from_stages[i].imag() * right(r, i);
+        real += part.from_stages[i].real() * right(r, i);
+      }
+      if (part.is_pair()) {
+        double& imaginary = rhs_[place(part, r, true)];
+        for (Index i = 0; i < m; ++i) {
+          imaginary += part.from_stages[i].imag() * right(r, i);
+        }
       }
     }
-    part.factors.solve(rhs_.data());
+    std::visit([this](auto& factors) { factors.solve(rhs_.data()); }, part.factors);
     for (Index r = 0; r < size_; ++r) {
+      const double real = rhs_[place(part, r, false)];
+      const double imaginary = part.is_pair() ? rhs_[place(part, r, true)] : 0.0;
       for (Index i = 0; i < m; ++i) {
-        result_(r, i) += part.to_stages[i].real() * rhs_[r];
+        result_(r, i) += part.to_stages[i].real() * real;
         if (part.is_pair()) {
-          result_(r, i) -= part.to_stages[i].imag() * rhs_[size_ + r];
+          result_(r, i) -= part.to_stages[i].imag() * imaginary;
         }
       }
     }
@@ -101,8 +168,12 @@ void StageNewton::solve(Rows& right) {
 double StageNewton::factor_operations() const {
   double sum = 0.0;
   for (const Part& part : parts_) {
-    const double n = part.factors.size();
-    sum += 2.0 / 3.0 * n * n * n + 2.0 * n * n;
+    if (const auto* band = std::get_if<solve::BandSolver>(&part.factors)) {
+      sum += band_operation * 4.0 * band->size() * band->lower() * band->lower();
+    } else {
+      const double n = std::get<solve::DenseSolver>(part.factors).size();
+      sum += 2.0 / 3.0 * n * n * n + 2.0 * n * n;
+    }
   }
   return sum;
 }
@@ -110,8 +181,13 @@ double StageNewton::factor_operations() const {
 double StageNewton::solve_operations() const {
   double sum = 0.0;
   for (const Part& part : parts_) {
-    const double n = part.factors.size();
-    sum += 2.0 * n * n + 4.0 * static_cast<double>(result_.size());
+    if (const auto* band = std::get_if<solve::BandSolver>(&part.factors)) {
+      sum += band_operation * 6.0 * band->size() * band->lower();
+    } else {
+      const double n = std::get<solve::DenseSolver>(part.factors).size();
+      sum += 2.0 * n * n;
+    }
+    sum += 4.0 * static_cast<double>(result_.size());
   }
   return sum;
 }

@@ -54,7 +54,6 @@ TEST_CASE("gradients and Hessians of every problem of the catalogue, in machine 
       compare(hamiltonian.value_code());
       compare(hamiltonian.gradient_code());
       compare(hamiltonian.hessian_code());
-      compare(hamiltonian.curvature_code());
       // The twin: coordinates and momenta change places, which most Hamiltonians notice.
       std::vector<formula::Expression> swapped(hamiltonian.variables().rbegin(), hamiltonian.variables().rend());
       const formula::Bytecode other(std::array{hamiltonian.expression()}, swapped);

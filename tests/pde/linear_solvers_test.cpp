@@ -24,6 +24,7 @@
 #include <rubato/grids/stencil.hpp>
 #include <rubato/pde/cell_solver.hpp>
 #include <rubato/pde/wave_resolvent.hpp>
+#include <rubato/solve/band_solver.hpp>
 #include <rubato/solve/cyclic_block.hpp>
 #include <rubato/solve/cyclic_sparse.hpp>
 #include <rubato/solve/dense_solver.hpp>
@@ -108,6 +109,26 @@ std::unique_ptr<Subject> dense_solver(int n) {
         }
         return status;
       });
+}
+
+/// A band that is as wide as the matrix.
+std::unique_ptr<Subject> band_solver() {
+  const int n = 13;
+  return of_matrix(n, [solver = std::make_shared<solve::BandSolver>(n, n - 1, n - 1)](const MatrixXd& A,
+                                                                                      const VectorXd& b, VectorXd& x) {
+    solver->clear();
+    for (int i = 0; i < A.rows(); ++i) {
+      for (int j = 0; j < A.cols(); ++j) {
+        solver->entry(i, j) = A(i, j);
+      }
+    }
+    const Status status = solver->factor();
+    x = b;
+    if (status == Status::success) {
+      solver->solve(x.data());
+    }
+    return status;
+  });
 }
 
 std::unique_ptr<Subject> fixed_solver() {
@@ -419,6 +440,7 @@ std::unique_ptr<Subject> dense_of() {
 }
 
 const Member members[] = {
+    {"BandSolver", "solve/band_solver.hpp", band_solver},
     {"DenseSolver, unrolled", "solve/dense_solver.hpp", dense_of<3>},
     {"DenseSolver, in loops", "solve/dense_solver.hpp", dense_of<13>},
     {"DenseSolver, by blocks", "solve/dense_solver.hpp", dense_of<40>},
