@@ -14,18 +14,13 @@ set(rubato_sources_loops
   solve/band_solver.cpp solve/cyclic_block.cpp solve/fourier_preconditioner.cpp solve/gmres.cpp
   pde/cell_sweep.cpp pde/euler_box_map.cpp pde/face_gather.cpp pde/law_currents.cpp pde/midpoint_lattice.cpp pde/stage_loops.cpp pde/wave_loops.cpp
   record/checksum.cpp)
-foreach(kernel IN ITEMS avx2 avx512)
-  set_source_files_properties(${PROJECT_SOURCE_DIR}/solve/chunk_elimination_${kernel}.cpp PROPERTIES
+foreach(kernel IN ITEMS
+    grids/short_transform_avx512
+    ode/stage_kernels_portable ode/stage_kernels_avx2 ode/stage_kernels_avx512
+    solve/chunk_elimination_avx2 solve/chunk_elimination_avx512)
+  set_source_files_properties(${PROJECT_SOURCE_DIR}/${kernel}.cpp PROPERTIES
     COMPILE_OPTIONS $<$<CONFIG:Release>:-O3> SKIP_PRECOMPILE_HEADERS ON)
 endforeach()
-
-foreach(kernel IN ITEMS portable avx2 avx512)
-  set_source_files_properties(${PROJECT_SOURCE_DIR}/ode/stage_kernels_${kernel}.cpp PROPERTIES
-    COMPILE_OPTIONS $<$<CONFIG:Release>:-O3> SKIP_PRECOMPILE_HEADERS ON)
-endforeach()
-
-set_source_files_properties(${PROJECT_SOURCE_DIR}/grids/short_transform_avx512.cpp PROPERTIES
-  COMPILE_OPTIONS $<$<CONFIG:Release>:-O3> SKIP_PRECOMPILE_HEADERS ON)
 
 # Where a room's sources are of two kinds, those that are not of its first.
 set(rubato_sources_once

@@ -442,7 +442,7 @@ void save_whole(StateWriter& state, const FieldSet& fields) {
     return;
   }
   for (int f = 0; f < fields.fields(); ++f) {
-    slab->gather(fields.field(f), [&](std::span<const double> planes) { state.write(planes); });
+    save_in_parts(state, *slab, fields.field(f));
   }
 }
 
@@ -453,11 +453,7 @@ void restore_whole(StateReader& state, FieldSet& fields) {
     return;
   }
   for (int f = 0; f < fields.fields(); ++f) {
-    state.require(slab->whole().size());
-    slab->scatter(fields.field(f), [&](std::span<double> planes) { state.read_alone(planes.size(), planes); });
-    if (!slab->leads()) {
-      state.read_alone(slab->whole().size(), {});
-    }
+    restore_in_parts(state, *slab, slab->whole().size(), fields.field(f));
   }
   slab->refresh(fields);
 }

@@ -173,6 +173,22 @@ private:
 void refresh_ghosts(FieldSet& fields, std::span<const int> which, std::size_t outer);
 void refresh_ghosts(FieldSet& fields);
 ///@}
+/// Saves what a rank has of numbers that Slab, or Transposition, gathers and scatters, as those of all ranks, in a
+/// record; and restores it out of `of` such numbers. All ranks call the same.
+///@{
+template <class Shared>
+void save_in_parts(StateWriter& state, const Shared& shared, std::span<const double> part) {
+  shared.gather(part, [&](std::span<const double> planes) { state.write(planes); });
+}
+template <class Shared>
+void restore_in_parts(StateReader& state, const Shared& shared, std::size_t of, std::span<double> part) {
+  state.require(of);
+  shared.scatter(part, [&](std::span<double> planes) { state.read_alone(planes.size(), planes); });
+  if (!shared.leads()) {
+    state.read_alone(of, {});
+  }
+}
+///@}
 /// Saves fields: for a record as those of the whole lattice, the same for every number of ranks (at rank 0; others save
 /// nothing), and restores them, from the same at every rank; to go back to as this rank has them.
 ///@{

@@ -11,8 +11,7 @@ namespace rubato::grids {
 /// Between the planes of a slab and columns across all planes, for transforms along the last axis. Complex numbers, as
 /// pairs of doubles: in planes [field][owned plane][row][place in the row]; in columns [field][plane of the whole][row
 /// of this rank][place]. In three dimensions rows are shared out among the ranks, in two the places of the one row,
-/// some
-/// (`together`) at a time. Places beyond `modes` in a row are padding.
+/// some (`together`) at a time. Places beyond `modes` in a row are padding.
 class Transposition {
 public:
   struct Shape {
@@ -32,6 +31,7 @@ public:
   };
   [[nodiscard]] const Part& mine() const { return parts_[static_cast<std::size_t>(slab_.rank())]; }
   [[nodiscard]] const Slab& slab() const { return slab_; }
+  [[nodiscard]] bool leads() const { return slab_.leads(); }
   /// Planes of the whole lattice.
   [[nodiscard]] std::size_t planes() const { return planes_; }
   /// Modes that this rank has: numbered by plane, row and place.

@@ -53,15 +53,6 @@ void check_darboux(const MatrixXd& alpha, const MatrixXd& argument) {
   }
 }
 
-/// E = (I + JF)/2.
-MatrixXd weight(const MatrixXd& F) {
-  if (F.rows() % 2 != 0) {
-    throw std::invalid_argument(fmt::format("F has to be 2n×2n; got {}×{}", F.rows(), F.cols()));
-  }
-  check_darboux_symmetric(F, F.rows() / 2);
-  return 0.5 * (MatrixXd::Identity(F.rows(), F.rows()) + product(symplectic_unit(F.rows() / 2), F));
-}
-
 }  // namespace
 
 MatrixXd symplectic_unit(Index n) {
@@ -77,6 +68,14 @@ MatrixXd turned(const MatrixXd& m) {
   result.topRows(n) = m.bottomRows(n);
   result.bottomRows(n) = -m.topRows(n);
   return result;
+}
+
+MatrixXd darboux_weight(const MatrixXd& F) {
+  if (F.rows() % 2 != 0) {
+    throw std::invalid_argument(fmt::format("F has to be 2n×2n; got {}×{}", F.rows(), F.cols()));
+  }
+  check_darboux_symmetric(F, F.rows() / 2);
+  return 0.5 * (MatrixXd::Identity(F.rows(), F.rows()) + turned(F));
 }
 
 MatrixXd darboux_symmetric(DarbouxType type, Index n) {
@@ -119,7 +118,7 @@ bool is_darboux(const MatrixXd& alpha, double tolerance) {
 }
 
 MatrixXd normal_darboux(const MatrixXd& F) {
-  const MatrixXd E = weight(F);
+  const MatrixXd E = darboux_weight(F);
   const Index size = F.rows();
   MatrixXd alpha(2 * size, 2 * size);
   alpha.topLeftCorner(size, size) = symplectic_unit(size / 2);
@@ -130,7 +129,7 @@ MatrixXd normal_darboux(const MatrixXd& F) {
 }
 
 MatrixXd normal_darboux_inverse(const MatrixXd& F) {
-  const MatrixXd E = weight(F);
+  const MatrixXd E = darboux_weight(F);
   const Index size = F.rows();
   const MatrixXd J = symplectic_unit(size / 2);
   MatrixXd inverse(2 * size, 2 * size);
@@ -172,7 +171,7 @@ MatrixXd inverse_fractional_transform(const MatrixXd& alpha, const MatrixXd& M) 
 }
 
 MatrixXd parasite_matrix(const MatrixXd& F) {
-  const MatrixXd twice = 2.0 * weight(F).transpose();  // I - FJ
+  const MatrixXd twice = 2.0 * darboux_weight(F).transpose();  // I - FJ
   const MatrixXd identity = MatrixXd::Identity(F.rows(), F.rows());
   const auto negative = solve::quotient(2.0 * identity - twice, twice, singular_limit);
   if (!negative) {

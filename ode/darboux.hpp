@@ -20,6 +20,9 @@ enum class DarbouxType { midpoint, euler_a, euler_b };
 [[nodiscard]] Eigen::MatrixXd symplectic_unit(Eigen::Index n);
 /// J m of a matrix with 2n rows, by their exchange.
 [[nodiscard]] Eigen::MatrixXd turned(const Eigen::MatrixXd& m);
+/// E_F = (I + JF)/2, the weight of ẑ in w = (I - E_F) z + E_F ẑ. \throws std::invalid_argument as
+/// check_darboux_symmetric
+[[nodiscard]] Eigen::MatrixXd darboux_weight(const Eigen::MatrixXd& F);
 
 /// The symmetric 2n × 2n matrix F of a named type.
 [[nodiscard]] Eigen::MatrixXd darboux_symmetric(DarbouxType type, Eigen::Index n);

@@ -37,7 +37,7 @@ GeneratingAction::GeneratingAction(const Hamiltonian& hamiltonian, const MatrixX
       terms_(generating_.terms()),
       element_{.corners = 2, .coordinates = 1, .values = generating_.dimension()},
       J_(symplectic_unit(F.rows() / 2)),
-      weight_(0.5 * J_ * F) {
+      weight_(0.5 * turned(F)) {
   for (VectorXd* vector : {&middle_, &delta_, &w_, &slope_, &slope_rate_}) {
     vector->setZero(F.rows());
   }

@@ -71,7 +71,7 @@ public:
         gradient_rounding_(hamiltonian.gradient_code()),
         plain_(generating_.odd()),
         size_(F.rows()),
-        weight_(plain_ ? MatrixXd() : MatrixXd(0.5 * (MatrixXd::Identity(size_, size_) + turned(F)))),
+        weight_(plain_ ? MatrixXd() : darboux_weight(F)),
         z_(VectorXd(Eigen::Map<const VectorXd>(z_0.data(), size_))),
         history_(size_) {
     for (VectorXd* vector : {&delta_, &step_, &point_, &w_, &continued_from_, &continued_, &slope_, &residual_,
@@ -254,12 +254,8 @@ private:
 
   /// w = z_k + E_F δ
   void place() {
-    if (plain_) {
-      z_.displaced(0.5, delta_, w_);
-    } else {
-      weigh(delta_);
-      z_.displaced(1.0, step_, w_);
-    }
+    weigh(delta_);
+    z_.displaced(1.0, step_, w_);
   }
 
   /// One correction of δ.

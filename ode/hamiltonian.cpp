@@ -97,12 +97,12 @@ HamiltonianEvaluator::HamiltonianEvaluator(const Hamiltonian& hamiltonian)
       value_(hamiltonian.value_code()),
       gradient_(hamiltonian.gradient_code()),
       hessian_(hamiltonian.hessian_code()),
-      places_(hamiltonian.shared_hessian_places()),
+      places_(hamiltonian.hessian_places()),
       rows_(dimension_),
       work_(dimension_) {
   // Both triangles, the columns of each row in their order: a sum over a row is that over all columns, bit by bit.
-  for (std::size_t k = 0; k < places_->size(); ++k) {
-    const auto [row, column] = (*places_)[k];
+  for (std::size_t k = 0; k < places_.size(); ++k) {
+    const auto [row, column] = places_[k];
     rows_[row].push_back({column, 1 + dimension_ + k});
     if (row != column) {
       rows_[column].push_back({row, 1 + dimension_ + k});
@@ -128,14 +128,14 @@ double HamiltonianEvaluator::hessian(const double* z, double* gradient, double* 
   std::copy_n(outputs + 1, dimension_, gradient);
   std::fill_n(hessian, dimension_ * dimension_, 0.0);
   const double* next = outputs + 1 + dimension_;
-  for (const auto [row, column] : *places_) {
+  for (const auto [row, column] : places_) {
     hessian[row * dimension_ + column] = hessian[column * dimension_ + row] = *next++;
   }
   return outputs[0];
 }
 
 std::span<const double> HamiltonianEvaluator::hessian_entries(const double* z) {
-  return {hessian_.at(z) + 1 + dimension_, places_->size()};
+  return {hessian_.at(z) + 1 + dimension_, places_.size()};
 }
 
 double HamiltonianEvaluator::gamma(const double* z, double& energy) {

@@ -57,7 +57,6 @@ public:
   };
   [[nodiscard]] const formula::Bytecode& hessian_code() const { return *hessian_; }
   [[nodiscard]] const std::vector<Place>& hessian_places() const { return *places_; }
-  [[nodiscard]] const std::shared_ptr<const std::vector<Place>>& shared_hessian_places() const { return places_; }
   ///@}
   /// For a formula::SumSizeEvaluator: how large the terms of H are, and what rounding makes of H.
   [[nodiscard]] const formula::Bytecode& size_code() const { return *size_; }
@@ -123,7 +122,7 @@ private:
 
   std::size_t dimension_;
   formula::ScalarEvaluator value_, gradient_, hessian_;
-  std::shared_ptr<const std::vector<Hamiltonian::Place>> places_;
+  std::vector<Hamiltonian::Place> places_;
   std::vector<std::vector<Entry>> rows_;
   std::vector<double> work_;
 };

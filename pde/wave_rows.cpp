@@ -76,7 +76,7 @@ void save_waves(StateWriter& state, const grids::Fourier& fourier, const grids::
     return;
   }
   for (int row = 0; row < rows.fields(); ++row) {
-    shared->gather(rows.field(row), [&](std::span<const double> planes) { state.write(planes); });
+    grids::save_in_parts(state, *shared, rows.field(row));
   }
 }
 
@@ -87,11 +87,7 @@ void restore_waves(StateReader& state, const grids::Fourier& fourier, grids::Fie
     return;
   }
   for (int row = 0; row < rows.fields(); ++row) {
-    state.require(shared->modes_of_whole());
-    shared->scatter(rows.field(row), [&](std::span<double> planes) { state.read_alone(planes.size(), planes); });
-    if (!shared->slab().leads()) {
-      state.read_alone(shared->modes_of_whole(), {});
-    }
+    grids::restore_in_parts(state, *shared, shared->modes_of_whole(), rows.field(row));
   }
 }
 

@@ -29,8 +29,6 @@ namespace {
                                  ranks, reason));
 }
 
-constexpr const char* shared_state = "/checkpoint/state";
-
 /// "euler-box", …
 std::string methods_to_share() {
   std::vector<std::string> names;

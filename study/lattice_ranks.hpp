@@ -86,6 +86,9 @@ private:
   std::exception_ptr thrown_;
 };
 
+/// Where a record has the state.
+inline constexpr const char* shared_state = "/checkpoint/state";
+
 /// The state in a record, which rank 0 reads piece by piece and hands on: no rank has more of it than its part.
 class SharedState final : public StateSource {
 public:

@@ -90,9 +90,8 @@ public:
   /// Nobody else can have written the record since it was claimed: the problem that this driver was made for, the
   /// checkpoint and the rows are of one version.
   Outcome resume(record::Claim claim) {
-    auto continued =
-        record::Writer::resume(std::move(claim), chronicle_->layout(), commit_policy(), leader_ ? "state" : "");
-    Digests digests = restore([&] { return continued.checkpoint(); });
+    auto continued = record::Writer::resume(std::move(claim), chronicle_->layout(), commit_policy(), state_apart());
+    Digests digests = restore(continued.checkpoint());
     recorder_.emplace(std::move(continued), std::move(digests));
     const bool stopped = chronicle_->stopped(), at_end = simulation().finished() && !stopped;
     Outcome outcome = loop();
@@ -160,23 +159,24 @@ private:
     return policy;
   }
 
-  /// \param checkpoint makes that of the record, where it fits into memory
-  template <typename MakeCheckpoint>
-  Digests restore(const MakeCheckpoint& checkpoint) {
+  /// The array that is left out of checkpoints as they are read, where ranks share it and none has room for all of it.
+  [[nodiscard]] const char* state_apart() const { return leader_ ? "state" : ""; }
+
+  /// \param checkpoint that of the record, but for state_apart()
+  Digests restore(const record::Checkpoint& checkpoint) {
     std::optional<Digests> digests;
     if (leader_) {
       const record::Reader record(outcome_.file);
-      const record::Checkpoint others = record.checkpoint("state");
-      if (record.has("/checkpoint/state")) {
-        const std::size_t size = record.rows("/checkpoint/state");
+      if (record.has(shared_state)) {
+        const std::size_t size = record.rows(shared_state);
         leader_->order_restore(size);
         SharedState source(leader_->slab(), &record);
         StateReader state(source, size);
-        digests = restored(others, state, *chronicle_);
+        digests = restored(checkpoint, state, *chronicle_);
         source.rethrow();
       }
     } else {
-      digests = restored(checkpoint(), *chronicle_);
+      digests = restored(checkpoint, *chronicle_);
     }
     if (!digests) {
       throw record::Error(outcome_.file, "its checkpoint is not that of its problem: the run cannot be continued");
@@ -190,7 +190,7 @@ private:
   void go_back_to(std::size_t steps) {
     writer().drop_level();
     make_chronicle();
-    Digests digests = restore([&] { return record::Reader(outcome_.file).checkpoint(); });
+    Digests digests = restore(record::Reader(outcome_.file).checkpoint(state_apart()));
     DigestSink sink(digests);
     while (statistics().steps < steps) {
       order(Order::step);
