@@ -20,7 +20,7 @@
 #include <rubato/ode/generating_scheme.hpp>
 #include <rubato/ode/increment.hpp>
 #include <rubato/ode/integrate.hpp>
-#include <rubato/study/orbit_problem.hpp>
+#include <rubato/problem/orbit_problem.hpp>
 
 namespace {
 
@@ -36,11 +36,11 @@ struct System {
 };
 
 System system_from(const char* name, std::vector<std::string> settings, double period) {
-  const study::Problem problem = study::read_problem(name, settings);
-  const study::PhasePoint& start = problem.hamiltonian()->initial;
+  const rubato::Problem problem = rubato::read_problem(name, settings);
+  const rubato::PhasePoint& start = problem.hamiltonian()->initial;
   std::vector<double> z = start.q;
   z.insert(z.end(), start.p.begin(), start.p.end());
-  return {study::make_hamiltonian(problem), z, period};
+  return {rubato::make_hamiltonian(problem), z, period};
 }
 
 /// Pendula in a ring, coupled by springs (Frenkel and Kontorova): as many sines as degrees of freedom, little else.

@@ -32,7 +32,7 @@
 
 #include <rubato/ode/gauss_scheme.hpp>
 #include <rubato/ode/integrate.hpp>
-#include <rubato/study/lattice_problem.hpp>
+#include <rubato/problem/lattice_problem.hpp>
 
 #include "peers/energy_preserving_gauss.hpp"
 
@@ -47,7 +47,7 @@ double cpu_seconds() {
   return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
 }
 
-struct Problem {
+struct Case {
   std::string name;
   Hamiltonian hamiltonian;
   std::vector<double> q, p;
@@ -69,7 +69,7 @@ Hamiltonian double_well() {
 }
 
 /// From the pericentre, for a hundred revolutions; the step is a tenth of the time scale there.
-Problem kepler(std::string name, double e, SegmentLagrangian scheme, double part) {
+Case kepler(std::string name, double e, SegmentLagrangian scheme, double part) {
   return {.name = std::move(name),
           .hamiltonian = {{"x", "y"}, {"u", "v"}, "(u^2 + v^2)/2 - 1/sqrt(x^2 + y^2)"},
           .q = {1.0 - e, 0.0},
@@ -96,7 +96,7 @@ struct Levels {
 /// The true orbit: Gauss collocation of order 16, from the nearest of its levels to the time asked for.
 class TrueOrbit {
 public:
-  TrueOrbit(const Problem& problem, double step)
+  TrueOrbit(const Case& problem, double step)
       : scheme_(make_gauss_scheme(problem.hamiltonian, 8, problem.start())), step_(step) {
     for (long k = 0; static_cast<double>(k) * step <= problem.until + step; ++k) {
       levels_.add(static_cast<double>(k) * step, scheme_->state());
@@ -173,7 +173,7 @@ struct Row {
   bool equal = false;
 };
 
-double energy_error(const Problem& problem, const Levels& levels) {
+double energy_error(const Case& problem, const Levels& levels) {
   HamiltonianEvaluator evaluator(problem.hamiltonian);
   const double start = evaluator.value(levels.at(0).data());
   double worst = 0.0;
@@ -184,7 +184,7 @@ double energy_error(const Problem& problem, const Levels& levels) {
 }
 
 /// The errors of a run.
-void judge(Row& row, const Problem& problem, const Levels& levels, TrueOrbit& truth) {
+void judge(Row& row, const Case& problem, const Levels& levels, TrueOrbit& truth) {
   row.energy = energy_error(problem, levels);
   if (std::isnan(row.ended)) {
     row.position = position_error(levels, truth, 0.98 * problem.until, problem.until);
@@ -213,7 +213,7 @@ void count_steps(Run& run, Row& row, const After& after) {
   row.cpu = std::min(row.cpu, cpu_seconds() - start);
 }
 
-Row run_library(const Problem& problem, TrueOrbit& truth, int repeats, rubato::Levels kind,
+Row run_library(const Case& problem, TrueOrbit& truth, int repeats, rubato::Levels kind,
                 const StepPotentialChoice& potential, const std::string& name) {
   Row row{.levels = name, .cpu = std::numeric_limits<double>::infinity(), .equal = kind == rubato::Levels::fixed};
   IntegrationOptions options{.lagrangian = problem.scheme,
@@ -240,7 +240,7 @@ Row run_library(const Problem& problem, TrueOrbit& truth, int repeats, rubato::L
   return row;
 }
 
-Row run_rival(const Problem& problem, TrueOrbit& truth, int repeats) {
+Row run_rival(const Case& problem, TrueOrbit& truth, int repeats) {
   Row row{.levels = "H kept by α", .cpu = std::numeric_limits<double>::infinity(), .keeps_energy = true};
   for (int repeat = 0; repeat < repeats; ++repeat) {
     const std::vector<double> z = problem.start();
@@ -273,7 +273,7 @@ Row run_rival(const Problem& problem, TrueOrbit& truth, int repeats) {
 }
 
 /// Steps that have no α, of those for which none is found.
-std::size_t count_without_alpha(const Problem& problem) {
+std::size_t count_without_alpha(const Case& problem) {
   const std::vector<double> z = problem.start();
   EnergyPreservingGauss run(problem.hamiltonian, z);
   std::size_t count = 0;
@@ -337,7 +337,7 @@ void print(const std::string& orbit, const Row& row, const Row& equal, int order
 }
 
 /// All rows of one orbit.
-void measure(const Problem& problem, int repeats, bool with_rival) {
+void measure(const Case& problem, int repeats, bool with_rival) {
   // Of order 16, with steps that resolve the orbit well: half of them show how well.
   const double fine = std::holds_alternative<Midpoint>(problem.scheme) ? 2.0 * problem.step : problem.step;
   TrueOrbit truth(problem, fine);
@@ -366,7 +366,7 @@ void measure(const Problem& problem, int repeats, bool with_rival) {
 }
 
 /// What becomes of a run with first steps that differ by 1e-7 of themselves.
-void vary(Problem problem, TrueOrbit& truth, Kind potential, const char* levels) {
+void vary(Case problem, TrueOrbit& truth, Kind potential, const char* levels) {
   const double step = problem.step;
   std::size_t least = std::numeric_limits<std::size_t>::max(), most = 0;
   double nearest = std::numeric_limits<double>::infinity(), farthest = 0.0;
@@ -388,7 +388,7 @@ void measure_kinks(int repeats) {
     Row row{.levels = name, .cpu = std::numeric_limits<double>::infinity(), .equal = name == "equal"};
     const std::vector<std::string> settings = {"scheme.lagrangian=fourier", setting};
     for (int repeat = 0; repeat < repeats; ++repeat) {
-      LatticeIntegrator run = study::make_lattice(study::read_problem("sine-gordon-kinks", settings));
+      LatticeIntegrator run = rubato::make_lattice(rubato::read_problem("sine-gordon-kinks", settings));
       const double energy = run.node().energy;
       count_steps(run, row,
                   [&](const StepReport&) { row.energy = std::max(row.energy, std::abs(run.node().energy - energy)); });
@@ -430,7 +430,7 @@ bool check(const char* what, double value, bool holds) {
 
 bool check_rival() {
   bool holds = true;
-  const Problem orbit = kepler("", 0.3, Gauss{2}, 0.1);
+  const Case orbit = kepler("", 0.3, Gauss{2}, 0.1);
   // One step from a place that is not symmetric. Differences are off by d⁴ times fifth derivatives, 1e-12 of some 100,
   // and by rounding, ε/d. With α that depends on z the map is no longer symplectic, by what α has to mend, h⁵: the
   // twin.
@@ -449,7 +449,7 @@ bool check_rival() {
   holds = check("the same with α tuned to the state", tuned, tuned > 1e-6) && holds;
 
   // Order, from the last of three halvings: 4 with α tuned, 2 with another.
-  const Problem rotating{.name = "", .hamiltonian = pendulum(), .q = {0.0}, .p = {2.2}, .step = 0.1, .until = 10.0};
+  const Case rotating{.name = "", .hamiltonian = pendulum(), .q = {0.0}, .p = {2.2}, .step = 0.1, .until = 10.0};
   TrueOrbit truth(rotating, 0.05);
   const auto error = [&](double h, double alpha) {
     EnergyPreservingGauss run(rotating.hamiltonian, rotating.start());
@@ -479,10 +479,10 @@ int main(int count, char** arguments) {
     return EXIT_FAILURE;
   }
   const auto pendulum_from = [](std::string name, double p, double h, SegmentLagrangian scheme) {
-    return Problem{std::move(name), pendulum(), {0.0}, {p}, h, 1000.0, scheme};
+    return Case{std::move(name), pendulum(), {0.0}, {p}, h, 1000.0, scheme};
   };
   const auto well_from = [](std::string name, double h, SegmentLagrangian scheme) {
-    return Problem{std::move(name), double_well(), {1.02}, {0.0}, h, 1000.0, scheme};
+    return Case{std::move(name), double_well(), {1.02}, {0.0}, h, 1000.0, scheme};
   };
 
   std::printf("Midpoint, and order 4 by generating functions:\n\n");
@@ -512,7 +512,7 @@ int main(int count, char** arguments) {
        {std::tuple(0.8, SegmentLagrangian(Midpoint{}), 0.1), std::tuple(0.8, SegmentLagrangian(Gauss{2}), 0.2),
         std::tuple(0.9, SegmentLagrangian(Gauss{2}), 0.2), std::tuple(0.9, SegmentLagrangian(Gauss{2}), 0.1)}) {
     const bool midpoint = std::holds_alternative<Midpoint>(scheme);
-    const Problem problem = kepler(
+    const Case problem = kepler(
         fmt::format("Kepler, e = {}, {}, {}", e, midpoint ? "midpoint" : "Gauss, 2 stages", part), e, scheme, part);
     TrueOrbit truth(problem, problem.step);
     if (midpoint) {

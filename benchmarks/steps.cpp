@@ -8,8 +8,8 @@
 #include <string>
 #include <vector>
 
-#include <rubato/study/orbit_problem.hpp>
-#include <rubato/study/problem.hpp>
+#include <rubato/problem/orbit_problem.hpp>
+#include <rubato/problem/problem.hpp>
 
 namespace {
 
@@ -29,7 +29,7 @@ double time_of(const std::string& problem, const Scheme& scheme, const std::stri
   std::vector<std::string> settings = scheme.settings;
   settings.push_back("scheme.levels=" + levels);
   settings.emplace_back("scheme.until=1e9");
-  rubato::OrbitIntegrator orbit = rubato::study::make_integrator(rubato::study::read_problem(problem, settings));
+  rubato::OrbitIntegrator orbit = rubato::make_integrator(rubato::read_problem(problem, settings));
   constexpr double enough = 0.3;
   constexpr int block = 50;
   for (int i = 0; i < block; ++i) {

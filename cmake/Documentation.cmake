@@ -15,7 +15,7 @@ if(DOXYGEN_FOUND)
   set(DOXYGEN_WARN_LOGFILE ${PROJECT_BINARY_DIR}/reference-warnings.txt)
   set(DOXYGEN_GENERATE_LATEX NO)
   set(DOXYGEN_QUIET YES)
-  doxygen_add_docs(documentation README.md CHANGELOG.md docs base formula grids solve variation ode pde record study report rubato.hpp
+  doxygen_add_docs(documentation README.md CHANGELOG.md docs base formula grids solve variation ode pde record figures catalogue problem run report rubato.hpp
     COMMENT "Reference pages, into reference/html")
 else()
   add_custom_target(documentation COMMAND ${CMAKE_COMMAND} -E echo

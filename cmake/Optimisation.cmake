@@ -41,8 +41,8 @@ set(rubato_sources_once
 set(rubato_sources_steps
   figures/statistics.cpp
   record/writer.cpp
-  study/chronicle.cpp study/ensemble_lanes.cpp study/ensemble_member.cpp study/events.cpp study/lattice_events.cpp study/lattice_residuals.cpp study/lattice_simulation.cpp
-  study/law.cpp study/orbit_events.cpp study/orbit_simulation.cpp study/recorder.cpp study/run.cpp)
+  run/chronicle.cpp run/ensemble_lanes.cpp run/ensemble_member.cpp run/events.cpp run/lattice_events.cpp run/lattice_residuals.cpp run/lattice_simulation.cpp
+  run/law.cpp run/orbit_events.cpp run/orbit_simulation.cpp run/recorder.cpp run/run.cpp)
 # rubato_kind_of(<source> <default> <variable>)
 function(rubato_kind_of source default result)
   foreach(kind IN ITEMS loops once steps)

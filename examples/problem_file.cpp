@@ -11,13 +11,12 @@
 #include <rubato/rubato.hpp>
 
 int main() {
-  namespace study = rubato::study;
   const std::string file = (std::filesystem::temp_directory_path() / "rubato-example-problem_file.h5").string();
 
-  const study::Problem problem = study::read_problem("henon-heiles", std::vector<std::string>{"scheme.until=50"});
-  const study::Outcome run = study::run(problem, {.output = file, .overwrite = true});
-  const study::Outcome check = study::check(file);
-  fmt::print("{}\nand again, from the states alone:\n\n{}\n", study::to_table(run), study::to_table(check));
+  const rubato::Problem problem = rubato::read_problem("henon-heiles", std::vector<std::string>{"scheme.until=50"});
+  const rubato::Outcome run = rubato::run(problem, {.output = file, .overwrite = true});
+  const rubato::Outcome check = rubato::check(file);
+  fmt::print("{}\nand again, from the states alone:\n\n{}\n", rubato::to_table(run), rubato::to_table(check));
 
   const rubato::record::Reader record(file);
   const std::vector<double> t = record.read("/levels/t");
@@ -25,8 +24,8 @@ int main() {
   std::remove(file.c_str());
 
   // The run meets the tolerance of the level equation, 1e-13 relative, and its record agrees with itself.
-  const bool as_expected = run.status == study::ExitStatus::done && t.size() == run.statistics.steps + 1 &&
+  const bool as_expected = run.status == rubato::ExitStatus::done && t.size() == run.statistics.steps + 1 &&
                            run.statistics.energy_deviation() <= 1e-13 * run.statistics.energy_scale() &&
-                           check.status == study::ExitStatus::done;
+                           check.status == rubato::ExitStatus::done;
   return as_expected ? 0 : 1;
 }

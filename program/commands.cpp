@@ -5,14 +5,14 @@
 #include <fmt/format.h>
 
 #include <rubato/base/quoted.hpp>
+#include <rubato/problem/browse.hpp>
+#include <rubato/problem/effective.hpp>
 #include <rubato/record/error.hpp>
 #include <rubato/record/reader.hpp>
 #include <rubato/report/xdmf.hpp>
-#include <rubato/study/browse.hpp>
-#include <rubato/study/check.hpp>
-#include <rubato/study/converge.hpp>
-#include <rubato/study/effective.hpp>
-#include <rubato/study/ensemble.hpp>
+#include <rubato/run/check.hpp>
+#include <rubato/run/converge.hpp>
+#include <rubato/run/ensemble.hpp>
 
 #include "beside.hpp"
 #include "probe.hpp"
@@ -25,12 +25,12 @@ namespace {
 ranks::Communicator* other_ranks = nullptr;
 
 /// Prints an outcome, and answers with its status. `said`: warnings that were printed already.
-study::ExitStatus report(const study::Outcome& outcome, bool json, bool quiet,
-                         const std::vector<std::string>& said = {}) {
+rubato::ExitStatus report(const rubato::Outcome& outcome, bool json, bool quiet,
+                          const std::vector<std::string>& said = {}) {
   if (json) {
-    print(study::to_json(outcome) + "\n");
+    print(rubato::to_json(outcome) + "\n");
   } else if (!quiet) {
-    print(study::to_table(outcome));
+    print(rubato::to_table(outcome));
   }
   if (!quiet) {
     for (const std::string& warning : outcome.warnings) {
@@ -46,7 +46,7 @@ study::ExitStatus report(const study::Outcome& outcome, bool json, bool quiet,
 }
 
 /// Beside the record of a plane or a volume, the small file that lets ParaView open it.
-void write_xdmf(study::Outcome& outcome) {
+void write_xdmf(rubato::Outcome& outcome) {
   const std::string file = beside(outcome.file, ".xdmf");
   try {
     const record::Reader reader(outcome.file);
@@ -64,7 +64,7 @@ void write_xdmf(study::Outcome& outcome) {
 
 /// Carries out `work` with a progress line. `said`: the warnings it printed.
 template <typename Work>
-auto with_progress(const Reporting& reporting, study::RunOptions options, std::vector<std::string>& said,
+auto with_progress(const Reporting& reporting, rubato::RunOptions options, std::vector<std::string>& said,
                    const Work& work) {
   options.threads = reporting.threads;
   options.interrupt = &catch_interrupts();
@@ -77,21 +77,21 @@ auto with_progress(const Reporting& reporting, study::RunOptions options, std::v
     };
   }
   if (line.is_shown() && !reporting.quiet) {
-    options.progress = [&line](const study::Progress& progress) { line.update(progress); };
+    options.progress = [&line](const rubato::Progress& progress) { line.update(progress); };
   }
   return work(options);
 }
 
 /// Carries out `work` on an ensemble, and reports its outcome; with `rows`, of every member.
 template <typename Work>
-study::ExitStatus report_members(const Reporting& reporting, const study::RunOptions& options, bool rows,
-                                 const Work& work) {
+rubato::ExitStatus report_members(const Reporting& reporting, const rubato::RunOptions& options, bool rows,
+                                  const Work& work) {
   std::vector<std::string> said;
-  const study::EnsembleOutcome outcome = with_progress(reporting, options, said, work);
+  const rubato::EnsembleOutcome outcome = with_progress(reporting, options, said, work);
   if (reporting.json) {
-    print(study::to_json(outcome) + "\n");
+    print(rubato::to_json(outcome) + "\n");
   } else if (!reporting.quiet) {
-    print(study::to_table(outcome, rows));
+    print(rubato::to_table(outcome, rows));
   }
   if (!outcome.message.empty()) {
     print_error(outcome.message);
@@ -103,15 +103,15 @@ study::ExitStatus report_members(const Reporting& reporting, const study::RunOpt
 std::string grid_setting(const std::string& entry) {
   const std::size_t equals = entry.find('=');
   if (equals == std::string::npos || equals == 0 || entry.find('.') > equals) {
-    throw study::ProblemError({entry.substr(0, 200), 0, 0},
-                              "expected table.key=from:to:count, or table.key=a,b,c: what to change, and its values");
+    throw rubato::ProblemError({entry.substr(0, 200), 0, 0},
+                               "expected table.key=from:to:count, or table.key=a,b,c: what to change, and its values");
   }
   const std::string path = entry.substr(0, equals), values = entry.substr(equals + 1);
   std::string list;
   if (values.find(':') == std::string::npos) {
     for (std::size_t begin = 0; begin <= values.size();) {
       const std::size_t end = std::min(values.find(',', begin), values.size());
-      list += fmt::format("{}{}", list.empty() ? "" : ", ", study::setting_value(values.substr(begin, end - begin)));
+      list += fmt::format("{}{}", list.empty() ? "" : ", ", rubato::setting_value(values.substr(begin, end - begin)));
       begin = end + 1;
     }
     return fmt::format("ensemble.grid.{}=[{}]", path, list);
@@ -121,9 +121,9 @@ std::string grid_setting(const std::string& entry) {
 
 /// Carries out `work` with a progress line, and reports its outcome.
 template <typename Work>
-study::ExitStatus report_on(const Reporting& reporting, const study::RunOptions& options, const Work& work) {
+rubato::ExitStatus report_on(const Reporting& reporting, const rubato::RunOptions& options, const Work& work) {
   std::vector<std::string> said;
-  study::Outcome outcome = with_progress(reporting, options, said, work);
+  rubato::Outcome outcome = with_progress(reporting, options, said, work);
   if (!outcome.file.empty()) {
     write_xdmf(outcome);
   }
@@ -136,78 +136,78 @@ void share_with(ranks::Communicator* ranks) {
   other_ranks = ranks;
 }
 
-study::ExitStatus run(const RunCommand& command) {
-  const study::Problem problem = study::read_problem(command.problem, command.settings);
-  study::RunOptions options;
+rubato::ExitStatus run(const RunCommand& command) {
+  const rubato::Problem problem = rubato::read_problem(command.problem, command.settings);
+  rubato::RunOptions options;
   options.output = command.output;
   options.overwrite = command.force;
   options.tangents = command.tangents;
   refuse_replacing(command.problem, command.output.value_or(problem.output.file));
   if (problem.ensemble) {
     return report_members(command.reporting, options, false,
-                          [&](const study::RunOptions& complete) { return study::run_ensemble(problem, complete); });
+                          [&](const rubato::RunOptions& complete) { return rubato::run_ensemble(problem, complete); });
   }
   return report_on(command.reporting, options,
-                   [&](const study::RunOptions& complete) { return study::run(problem, complete); });
+                   [&](const rubato::RunOptions& complete) { return rubato::run(problem, complete); });
 }
 
-study::ExitStatus scan(const ScanCommand& command) {
+rubato::ExitStatus scan(const ScanCommand& command) {
   RunCommand run = command.run;
   for (const std::string& entry : command.entries) {
     run.settings.push_back(grid_setting(entry));
   }
-  const study::Problem problem = study::read_problem(run.problem, run.settings);
-  study::RunOptions options;
+  const rubato::Problem problem = rubato::read_problem(run.problem, run.settings);
+  rubato::RunOptions options;
   options.output = run.output.value_or(problem.name + "-scan.h5");
   options.overwrite = run.force;
   refuse_replacing(run.problem, *options.output);
   return report_members(run.reporting, options, true,
-                        [&](const study::RunOptions& complete) { return study::run_ensemble(problem, complete); });
+                        [&](const rubato::RunOptions& complete) { return rubato::run_ensemble(problem, complete); });
 }
 
-study::ExitStatus converge(const ConvergeCommand& command) {
-  const study::Problem problem = study::read_problem(command.problem, command.settings);
+rubato::ExitStatus converge(const ConvergeCommand& command) {
+  const rubato::Problem problem = rubato::read_problem(command.problem, command.settings);
   std::vector<std::string> said;
   const Reporting quiet{.json = command.reporting.json, .quiet = true, .threads = command.reporting.threads};
-  const study::ConvergenceOutcome outcome = with_progress(quiet, {}, said, [&](const study::RunOptions& options) {
-    return study::converge(problem, command.tolerance, options);
+  const rubato::ConvergenceOutcome outcome = with_progress(quiet, {}, said, [&](const rubato::RunOptions& options) {
+    return rubato::converge(problem, command.tolerance, options);
   });
   if (!outcome.message.empty()) {
     print_error(outcome.message);
   } else {
-    print(command.reporting.json ? study::to_json(outcome) + "\n" : study::to_table(outcome));
+    print(command.reporting.json ? rubato::to_json(outcome) + "\n" : rubato::to_table(outcome));
   }
   return outcome.status;
 }
 
-study::ExitStatus resume(const ResumeCommand& command) {
+rubato::ExitStatus resume(const ResumeCommand& command) {
   probe_record(command.file);
-  if (study::is_ensemble(record::Reader(command.file))) {
+  if (rubato::is_ensemble(record::Reader(command.file))) {
     if (command.until) {
-      throw study::ProblemError({"--until", 0, 0},
-                                "the members of an ensemble end where its problem says; leave it out");
+      throw rubato::ProblemError({"--until", 0, 0},
+                                 "the members of an ensemble end where its problem says; leave it out");
     }
-    return report_members(command.reporting, {}, false, [&](const study::RunOptions& complete) {
-      return study::resume_ensemble(command.file, complete);
+    return report_members(command.reporting, {}, false, [&](const rubato::RunOptions& complete) {
+      return rubato::resume_ensemble(command.file, complete);
     });
   }
-  return report_on(command.reporting, {}, [&](const study::RunOptions& complete) {
-    return study::resume(command.file, command.until, complete);
+  return report_on(command.reporting, {}, [&](const rubato::RunOptions& complete) {
+    return rubato::resume(command.file, command.until, complete);
   });
 }
 
-study::ExitStatus check(const CheckCommand& command) {
+rubato::ExitStatus check(const CheckCommand& command) {
   probe_record(command.file);
-  if (study::is_ensemble(record::Reader(command.file, record::Altered::told))) {
-    return report_members({.json = command.json}, {}, false, [&](const study::RunOptions& complete) {
-      return study::check_ensemble(command.file, complete);
+  if (rubato::is_ensemble(record::Reader(command.file, record::Altered::told))) {
+    return report_members({.json = command.json}, {}, false, [&](const rubato::RunOptions& complete) {
+      return rubato::check_ensemble(command.file, complete);
     });
   }
-  return report(study::check(command.file, {.replay = command.replay}), command.json, false);
+  return report(rubato::check(command.file, {.replay = command.replay}), command.json, false);
 }
 
-study::ExitStatus list() {
-  const auto items = study::list_catalogue();
+rubato::ExitStatus list() {
+  const auto items = rubato::list_catalogue();
   std::size_t width = 0;
   for (const auto& item : items) {
     width = std::max(width, item.name.size());
@@ -223,12 +223,12 @@ study::ExitStatus list() {
     text += fmt::format("  {:<{}}  {}\n", item.name, width, item.title);
   }
   print(text);
-  return study::ExitStatus::done;
+  return rubato::ExitStatus::done;
 }
 
-study::ExitStatus show(const std::string& name) {
-  print(study::show_catalogue(name));
-  return study::ExitStatus::done;
+rubato::ExitStatus show(const std::string& name) {
+  print(rubato::show_catalogue(name));
+  return rubato::ExitStatus::done;
 }
 
 }  // namespace rubato::program

@@ -4,9 +4,10 @@
 #include <string>
 #include <vector>
 
-#include <rubato/study/run.hpp>
+#include <rubato/run/run.hpp>
 
-/// The commands of the program, each a thin call into study/. Errors are thrown; main() turns them into exit statuses.
+/// The commands of the program, each a thin call into problem/ and run/. Errors are thrown; main() turns them into exit
+/// statuses.
 namespace rubato::program {
 
 /// What `run` and `resume` have in common.
@@ -52,12 +53,12 @@ struct CheckCommand {
 /// The ranks that share the command, of which this process is number 0; null for none.
 void share_with(ranks::Communicator* ranks);
 
-[[nodiscard]] study::ExitStatus run(const RunCommand& command);
-[[nodiscard]] study::ExitStatus converge(const ConvergeCommand& command);
-[[nodiscard]] study::ExitStatus scan(const ScanCommand& command);
-[[nodiscard]] study::ExitStatus resume(const ResumeCommand& command);
-[[nodiscard]] study::ExitStatus check(const CheckCommand& command);
-[[nodiscard]] study::ExitStatus list();
-[[nodiscard]] study::ExitStatus show(const std::string& name);
+[[nodiscard]] rubato::ExitStatus run(const RunCommand& command);
+[[nodiscard]] rubato::ExitStatus converge(const ConvergeCommand& command);
+[[nodiscard]] rubato::ExitStatus scan(const ScanCommand& command);
+[[nodiscard]] rubato::ExitStatus resume(const ResumeCommand& command);
+[[nodiscard]] rubato::ExitStatus check(const CheckCommand& command);
+[[nodiscard]] rubato::ExitStatus list();
+[[nodiscard]] rubato::ExitStatus show(const std::string& name);
 
 }  // namespace rubato::program

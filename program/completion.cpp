@@ -6,8 +6,8 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include <rubato/study/browse.hpp>
-#include <rubato/study/help.hpp>
+#include <rubato/problem/browse.hpp>
+#include <rubato/problem/help.hpp>
 
 namespace rubato::program {
 
@@ -63,14 +63,14 @@ std::vector<Command> commands_of(const CLI::App& app) {
   }
   for (Command& command : commands) {
     if (command.name == "help") {
-      command.words = fmt::format("{} {}", fmt::join(study::help_topics(), " "), names_of(commands));
+      command.words = fmt::format("{} {}", fmt::join(rubato::help_topics(), " "), names_of(commands));
     }
   }
   return commands;
 }
 
 std::string catalogue_names() {
-  return names_of(study::list_catalogue());
+  return names_of(rubato::list_catalogue());
 }
 
 std::string option_names(const Command& command) {

@@ -12,13 +12,13 @@
 #include <fmt/ranges.h>
 #include <CLI/CLI.hpp>
 
+#include <rubato/problem/browse.hpp>
+#include <rubato/problem/help.hpp>
 #include <rubato/ranks/communicator.hpp>
 #include <rubato/record/error.hpp>
-#include <rubato/study/browse.hpp>
-#include <rubato/study/ensemble_ranks.hpp>
-#include <rubato/study/help.hpp>
-#include <rubato/study/threads.hpp>
-#include <rubato/study/version.hpp>
+#include <rubato/run/ensemble_ranks.hpp>
+#include <rubato/run/threads.hpp>
+#include <rubato/run/version.hpp>
 
 #include "commands.hpp"
 #include "completion.hpp"
@@ -29,8 +29,8 @@
 
 namespace {
 
+using rubato::ExitStatus;
 using rubato::program::print_error;
-using rubato::study::ExitStatus;
 
 constexpr const char* description =
     "Variational integration with variable time levels.\n"
@@ -64,7 +64,7 @@ constexpr const char* run_examples =
 
 /// A whole number of threads, or the reason why not.
 std::string check_threads(const std::string& text) {
-  constexpr int most = rubato::study::most_threads;
+  constexpr int most = rubato::most_threads;
   int threads = 0;
   const bool is_number = CLI::detail::lexical_cast(text, threads);
   return is_number && threads >= 1 && threads <= most
@@ -101,7 +101,7 @@ void add_reporting(CLI::App& command, rubato::program::Reporting& reporting) {
 class CommandLine {
 public:
   CommandLine() : app_(description, "rubato") {
-    app_.set_version_flag("--version", fmt::format("rubato {}", rubato::study::version()));
+    app_.set_version_flag("--version", fmt::format("rubato {}", rubato::version()));
     app_.footer(examples);
     app_.require_subcommand(1);
     add_run();
@@ -174,17 +174,17 @@ private:
   /// A topic, a command, or everything.
   ExitStatus help() {
     std::vector<std::string> known = command_names();
-    const auto& topics = rubato::study::help_topics();
+    const auto& topics = rubato::help_topics();
     if (name_.empty()) {
       // App::help() would be that of the command chosen, which is this one.
       rubato::program::print(app_.get_formatter()->make_help(&app_, app_.get_name(), CLI::AppFormatMode::Normal));
     } else if (std::ranges::find(topics, name_) != topics.end()) {
-      rubato::program::print(rubato::study::help_text(name_));
+      rubato::program::print(rubato::help_text(name_));
     } else if (std::ranges::find(known, name_) != known.end()) {
       rubato::program::print(app_.get_subcommand(name_)->help("rubato"));
     } else {
       known.insert(known.end(), topics.begin(), topics.end());
-      const std::string guess = rubato::study::did_you_mean(name_, known);
+      const std::string guess = rubato::did_you_mean(name_, known);
       print_error(fmt::format("there is no help on {}; {}\nTopics: {}. Commands: see rubato --help",
                               name_.substr(0, 100), guess.empty() ? "it is neither a topic nor a command" : guess,
                               fmt::join(topics, ", ")));
@@ -299,7 +299,7 @@ private:
       const std::string word = argv[1];
       message =
           word.starts_with('-') ? fmt::format("unknown option {}", word) : fmt::format("unknown command {}", word);
-      if (const std::string guess = rubato::study::did_you_mean(word, names); !guess.empty()) {
+      if (const std::string guess = rubato::did_you_mean(word, names); !guess.empty()) {
         message += "; " + guess;
       }
     }
@@ -337,7 +337,7 @@ ExitStatus guarded(int argc, char** argv) {
   } catch (const rubato::record::Error& error) {
     print_error(error.what());
     return ExitStatus::file_error;
-  } catch (const rubato::study::FileError& error) {
+  } catch (const rubato::FileError& error) {
     print_error(error.what());
     return ExitStatus::file_error;
   } catch (const std::invalid_argument& error) {
@@ -365,9 +365,9 @@ ExitStatus by_ranks(int argc, char** argv) {
     if (ranks->rank() == 0) {
       rubato::program::share_with(ranks.get());
       status = guarded(argc, argv);
-      rubato::study::dismiss(*ranks);
+      rubato::dismiss(*ranks);
     } else {
-      rubato::study::help_rank_0(*ranks, &rubato::program::catch_interrupts());
+      rubato::help_rank_0(*ranks, &rubato::program::catch_interrupts());
     }
     std::fflush(nullptr);  // some launchers end all where one ends with another status than 0
     ranks->leave(patience);

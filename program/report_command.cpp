@@ -5,14 +5,14 @@
 
 #include <fmt/format.h>
 
+#include <rubato/problem/document.hpp>
 #include <rubato/record/reader.hpp>
 #include <rubato/report/comparison.hpp>
 #include <rubato/report/csv.hpp>
 #include <rubato/report/ensemble_page.hpp>
 #include <rubato/report/page.hpp>
 #include <rubato/report/xdmf.hpp>
-#include <rubato/study/document.hpp>
-#include <rubato/study/record_notes.hpp>
+#include <rubato/run/record_notes.hpp>
 
 #include "beside.hpp"
 #include "probe.hpp"
@@ -48,14 +48,14 @@ std::string check_megabytes(const std::string& text) {
 
 /// The same problem in the same words, however it was written.
 std::string canonical(const std::string& problem) {
-  return study::write_document(study::read_document(problem, "problem"));
+  return rubato::write_document(rubato::read_document(problem, "problem"));
 }
 
 /// What the problem in a record tells of its numbers; nothing, where that problem cannot be read or is not of these
 /// states: the numbers can be drawn without.
 report::Notes notes_on(const record::Reader& reader) {
   try {
-    study::RecordNotes notes = study::notes_on(reader);
+    rubato::RecordNotes notes = rubato::notes_on(reader);
     return {std::move(notes.fields), std::move(notes.rounding)};
   } catch (const std::logic_error&) {
     return {};
@@ -114,7 +114,7 @@ void ReportCommands::add_export(CLI::App& app) {
   export_->footer(export_examples);
 }
 
-std::optional<study::ExitStatus> ReportCommands::act() const {
+std::optional<rubato::ExitStatus> ReportCommands::act() const {
   if (report_->parsed()) {
     report();
   } else if (compare_->parsed()) {
@@ -124,7 +124,7 @@ std::optional<study::ExitStatus> ReportCommands::act() const {
   } else {
     return std::nullopt;
   }
-  return study::ExitStatus::done;
+  return rubato::ExitStatus::done;
 }
 
 void ReportCommands::report() const {

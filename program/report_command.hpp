@@ -5,7 +5,7 @@
 
 #include <CLI/CLI.hpp>
 
-#include <rubato/study/run.hpp>
+#include <rubato/run/run.hpp>
 
 namespace rubato::program {
 
@@ -16,7 +16,7 @@ public:
   void add_to(CLI::App& app);
 
   /// Nothing if none of them was chosen. Errors are thrown as by the other commands.
-  [[nodiscard]] std::optional<study::ExitStatus> act() const;
+  [[nodiscard]] std::optional<rubato::ExitStatus> act() const;
 
 private:
   void add_report(CLI::App& app);

@@ -10,7 +10,7 @@
 #include <fmt/format.h>
 
 #include <rubato/base/utf8.hpp>
-#include <rubato/study/run.hpp>
+#include <rubato/run/run.hpp>
 
 namespace rubato::program {
 namespace {
@@ -28,7 +28,7 @@ std::string crash_message;
 /// Only what is allowed in a signal handler.
 extern "C" void on_crash(int /*number*/) {
   static_cast<void>(!write(STDERR_FILENO, crash_message.data(), crash_message.size()));
-  _exit(static_cast<int>(study::ExitStatus::file_error));
+  _exit(static_cast<int>(rubato::ExitStatus::file_error));
 }
 
 }  // namespace

@@ -56,7 +56,7 @@ void print_warning(std::string_view message) {
 void print(std::string_view unchecked) {
   const std::string text = printable(unchecked);
   if (std::fwrite(text.data(), 1, text.size(), stdout) != text.size() || std::fflush(stdout) != 0) {
-    throw study::FileError("standard output cannot be written");
+    throw rubato::FileError("standard output cannot be written");
   }
 }
 
@@ -68,7 +68,7 @@ ProgressLine::~ProgressLine() {
   }
 }
 
-void ProgressLine::update(const study::Progress& progress) {
+void ProgressLine::update(const rubato::Progress& progress) {
   if (!is_terminal_) {
     return;
   }

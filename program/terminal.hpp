@@ -3,7 +3,7 @@
 #include <chrono>
 #include <string_view>
 
-#include <rubato/study/run.hpp>
+#include <rubato/run/run.hpp>
 
 namespace rubato::program {
 
@@ -13,7 +13,7 @@ void print_warning(std::string_view message);
 
 /// Writes to standard output. Here, and in messages, what a file or an argument contains cannot command the terminal
 /// (rubato::printable).
-/// \throws study::FileError if that fails, as on a full disk
+/// \throws rubato::FileError if that fails, as on a full disk
 void print(std::string_view text);
 
 /// One line on standard error, rewritten as the run goes on; nothing if that is not a terminal.
@@ -25,7 +25,7 @@ public:
   ~ProgressLine();  ///< wipes the line
 
   [[nodiscard]] bool is_shown() const { return is_terminal_; }
-  void update(const study::Progress& progress);
+  void update(const rubato::Progress& progress);
 
 private:
   std::chrono::steady_clock::time_point begin_;

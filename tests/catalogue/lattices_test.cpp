@@ -6,12 +6,12 @@
 
 #include <catch2/catch.hpp>
 
-#include <rubato/study/browse.hpp>
-#include <rubato/study/lattice_problem.hpp>
-#include <rubato/study/problem.hpp>
+#include <rubato/problem/browse.hpp>
+#include <rubato/problem/lattice_problem.hpp>
+#include <rubato/problem/problem.hpp>
 
 using namespace rubato;
-using namespace rubato::study;
+using namespace rubato;
 
 namespace {
 

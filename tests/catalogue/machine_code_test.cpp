@@ -7,15 +7,15 @@
 
 #include <catch2/catch.hpp>
 
-#include <rubato/study/browse.hpp>
-#include <rubato/study/lattice_problem.hpp>
-#include <rubato/study/orbit_problem.hpp>
-#include <rubato/study/problem.hpp>
+#include <rubato/problem/browse.hpp>
+#include <rubato/problem/lattice_problem.hpp>
+#include <rubato/problem/orbit_problem.hpp>
+#include <rubato/problem/problem.hpp>
 
 #include "formula/engines.hpp"
 
 using namespace rubato;
-using namespace rubato::study;
+using namespace rubato;
 
 namespace {
 

@@ -7,7 +7,7 @@
 #include <catch2/catch.hpp>
 
 #include <rubato/catalogue/catalogue.hpp>
-#include <rubato/study/lattice_problem.hpp>
+#include <rubato/problem/lattice_problem.hpp>
 
 // Every lattice of the catalogue that has an exact solution converges as its scheme promises: box to second order in
 // the step and the spacing refined together, Fourier faster than any order in the spacing.
@@ -47,20 +47,20 @@ const Row& sine_gordon() {
   return *std::ranges::find(rows(), "sine-gordon", &Row::name);
 }
 
-study::Problem problem_of(const std::string& name, const std::string& lagrangian, std::size_t cells, double step,
-                          double until) {
-  const auto axes = study::read_problem(name).multisymplectic()->axis_names();
+rubato::Problem problem_of(const std::string& name, const std::string& lagrangian, std::size_t cells, double step,
+                           double until) {
+  const auto axes = rubato::read_problem(name).multisymplectic()->axis_names();
   std::vector<std::string> settings{fmt::format("scheme.lagrangian={}", lagrangian), "scheme.levels=fixed",
                                     fmt::format("scheme.step={:.17g}", step),
                                     fmt::format("scheme.until={:.17g}", until)};
   for (const std::string& axis : axes) {
     settings.push_back(fmt::format("grid.{}.cells={}", axis, cells));
   }
-  return study::read_problem(name, settings);
+  return rubato::read_problem(name, settings);
 }
 
-LatticeIntegrator run(const study::Problem& problem) {
-  LatticeIntegrator lattice = study::make_lattice(problem);
+LatticeIntegrator run(const rubato::Problem& problem) {
+  LatticeIntegrator lattice = rubato::make_lattice(problem);
   while (!lattice.finished()) {
     REQUIRE(lattice.step().status == Status::success);
   }
@@ -68,11 +68,11 @@ LatticeIntegrator run(const study::Problem& problem) {
 }
 
 /// The largest error of the fields in [exact] at the end.
-double error_of(const study::Problem& problem) {
+double error_of(const rubato::Problem& problem) {
   const LatticeIntegrator lattice = run(problem);
-  study::NodeTable exact = study::make_exact(problem, lattice.system(), lattice.grid());
+  rubato::NodeTable exact = rubato::make_exact(problem, lattice.system(), lattice.grid());
   double worst = 0.0;
-  for (const auto& error : study::lattice_errors(exact, lattice.system(), lattice.level(), lattice.t())) {
+  for (const auto& error : rubato::lattice_errors(exact, lattice.system(), lattice.level(), lattice.t())) {
     worst = std::max(worst, error.value.max);
   }
   return worst;
@@ -114,7 +114,7 @@ std::pair<double, double> errors_in_space(const Row& row, const std::string& lag
   const auto on = [&](std::size_t cells) {
     return problem_of(row.name, lagrangian, cells * row.fourier, step, 10 * step);
   };
-  const study::Problem finest = on(45);
+  const rubato::Problem finest = on(45);
   const LatticeIntegrator reference = run(finest);
   std::vector<std::string> names;
   for (const auto& exact : finest.multisymplectic()->exact) {
@@ -157,7 +157,7 @@ TEST_CASE("the table of orders has every lattice of the catalogue that has an ex
   }
   std::vector<std::string> shipped;
   for (const catalogue::Entry& entry : catalogue::entries()) {
-    const study::Problem problem = study::read_problem(std::string(entry.name));
+    const rubato::Problem problem = rubato::read_problem(std::string(entry.name));
     if (problem.multisymplectic() != nullptr && !problem.multisymplectic()->exact.empty()) {
       shipped.emplace_back(entry.name);
     }

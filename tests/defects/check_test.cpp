@@ -16,17 +16,17 @@
 #include <hdf5.h>
 
 #include <rubato/figures/text.hpp>
+#include <rubato/problem/browse.hpp>
+#include <rubato/problem/problem.hpp>
 #include <rubato/record/reader.hpp>
 #include <rubato/report/comparison.hpp>
-#include <rubato/study/browse.hpp>
-#include <rubato/study/check.hpp>
-#include <rubato/study/problem.hpp>
-#include <rubato/study/run.hpp>
+#include <rubato/run/check.hpp>
+#include <rubato/run/run.hpp>
 
 #include "defects.hpp"
 
 using namespace rubato;
-using namespace rubato::study;
+using namespace rubato;
 using Catch::Matchers::Contains;
 using Catch::Matchers::StartsWith;
 using rubato::defect_tests::defect_file;

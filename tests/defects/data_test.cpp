@@ -7,11 +7,11 @@
 
 #include <catch2/catch.hpp>
 
-#include <rubato/study/run.hpp>
+#include <rubato/run/run.hpp>
 
 #include "defects.hpp"
 
-using namespace rubato::study;
+using namespace rubato;
 using namespace rubato::defect_tests;
 using Catch::Contains;
 

@@ -7,7 +7,7 @@
 
 #include <rubato/record/reader.hpp>
 #include <rubato/report/page.hpp>
-#include <rubato/study/ensemble.hpp>
+#include <rubato/run/ensemble.hpp>
 
 #include "record/sample.hpp"
 
@@ -41,7 +41,7 @@ grid = { initial.p = "0.5:2.5:4", scheme.levels = ["variable", "fixed"] }
 std::string page_of(const std::string& text, const report::PageOptions& options = {}) {
   const sample::Folder folder;
   const std::string file = (folder / "all.h5").string();
-  static_cast<void>(study::run_ensemble(study::parse_problem(text, "t.toml"), {.output = file}));
+  static_cast<void>(rubato::run_ensemble(rubato::parse_problem(text, "t.toml"), {.output = file}));
   return report::page(record::Reader(file), options);
 }
 

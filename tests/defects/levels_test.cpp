@@ -10,14 +10,14 @@
 #include <string>
 #include <vector>
 
+#include <rubato/problem/problem.hpp>
 #include <rubato/record/reader.hpp>
-#include <rubato/study/problem.hpp>
-#include <rubato/study/run.hpp>
+#include <rubato/run/run.hpp>
 
 #include "defects.hpp"
 
 using namespace rubato;
-using namespace rubato::study;
+using namespace rubato;
 using rubato::defect_tests::defect_file;
 
 namespace {

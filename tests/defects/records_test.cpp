@@ -9,15 +9,15 @@
 
 #include <hdf5.h>
 
+#include <rubato/problem/problem.hpp>
 #include <rubato/record/error.hpp>
 #include <rubato/record/reader.hpp>
 #include <rubato/report/comparison.hpp>
 #include <rubato/report/csv.hpp>
 #include <rubato/report/page.hpp>
 #include <rubato/report/xdmf.hpp>
-#include <rubato/study/check.hpp>
-#include <rubato/study/problem.hpp>
-#include <rubato/study/run.hpp>
+#include <rubato/run/check.hpp>
+#include <rubato/run/run.hpp>
 
 #include "defects.hpp"
 #include "record/sample.hpp"
@@ -40,8 +40,8 @@ std::string complaint(const std::function<void()>& reading) {
 /// What every reader says of a record.
 std::vector<std::string> complaints(const std::string& file, const sample::Folder& folder) {
   const std::string out = (folder / "out").string();
-  return {complaint([&] { static_cast<void>(study::check(file)); }),
-          complaint([&] { static_cast<void>(study::resume(file, 12.0, {.threads = 1})); }),
+  return {complaint([&] { static_cast<void>(rubato::check(file)); }),
+          complaint([&] { static_cast<void>(rubato::resume(file, 12.0, {.threads = 1})); }),
           complaint([&] { static_cast<void>(report::page(record::Reader(file), {})); }),
           complaint([&] { static_cast<void>(report::export_csv(record::Reader(file), out, true)); }), complaint([&] {
             const record::Reader reader(file);
@@ -52,9 +52,8 @@ std::vector<std::string> complaints(const std::string& file, const sample::Folde
 std::string write_orbit(const sample::Folder& folder) {
   const std::string file = (folder / "orbit.h5").string();
   const std::vector<std::string> settings{"scheme.until=3"};
-  REQUIRE(
-      study::run(study::read_problem("pendulum", settings), {.output = file, .overwrite = true, .threads = 1}).status ==
-      study::ExitStatus::done);
+  REQUIRE(rubato::run(rubato::read_problem("pendulum", settings), {.output = file, .overwrite = true, .threads = 1})
+              .status == rubato::ExitStatus::done);
   return file;
 }
 
@@ -137,8 +136,8 @@ TEST_CASE("what the problem in a record claims is compared with its datasets bef
   const sample::Folder folder;
   const std::string file = (folder / "lattice.h5").string();
   const std::vector<std::string> settings{"scheme.until=0.2", "grid.x.cells=21"};
-  REQUIRE(study::run(study::read_problem("sine-gordon", settings), {.output = file, .threads = 1}).status ==
-          study::ExitStatus::done);
+  REQUIRE(rubato::run(rubato::read_problem("sine-gordon", settings), {.output = file, .threads = 1}).status ==
+          rubato::ExitStatus::done);
   std::string problem = record::Reader(file).header().problem;
   const std::size_t place = problem.find("cells = 21");
   REQUIRE(place != std::string::npos);
@@ -156,7 +155,7 @@ TEST_CASE("what the problem in a record claims is compared with its datasets bef
     H5Sclose(space);
     H5Tclose(type);
   });
-  CHECK_THAT(complaint([&] { static_cast<void>(study::check(file)); }),
+  CHECK_THAT(complaint([&] { static_cast<void>(rubato::check(file)); }),
              Contains("lattice.h5: dataset '/grid/x' has 21 values; by the problem it should have 2000000001"));
-  CHECK_THAT(complaint([&] { static_cast<void>(study::resume(file, {})); }), Contains("'/grid/x' has 21 values"));
+  CHECK_THAT(complaint([&] { static_cast<void>(rubato::resume(file, {})); }), Contains("'/grid/x' has 21 values"));
 }

@@ -6,8 +6,8 @@
 #include <memory>
 
 #include <rubato/ode/integrate.hpp>
-#include <rubato/study/orbit_problem.hpp>
-#include <rubato/study/problem.hpp>
+#include <rubato/problem/orbit_problem.hpp>
+#include <rubato/problem/problem.hpp>
 
 namespace orbits {
 
@@ -38,12 +38,11 @@ Start start_of(const Ours& problem, const std::string& time_scale) {
   if (!time_scale.empty()) {
     settings.push_back("hamiltonian.time_scale=" + time_scale);
   }
-  const auto read = rubato::study::read_problem(problem.name, settings);
-  Start start{rubato::study::make_hamiltonian(read), {problem.q, problem.p, 0.0}, !time_scale.empty()};
+  const auto read = rubato::read_problem(problem.name, settings);
+  Start start{rubato::make_hamiltonian(read), {problem.q, problem.p, 0.0}, !time_scale.empty()};
   if (start.fictitious) {  // with the time and its momentum -H
     start.initial.q.push_back(0.0);
-    rubato::HamiltonianEvaluator plain(
-        rubato::study::make_hamiltonian(rubato::study::read_problem(problem.name, problem.settings)));
+    rubato::HamiltonianEvaluator plain(rubato::make_hamiltonian(rubato::read_problem(problem.name, problem.settings)));
     std::vector<double> z = problem.q;
     z.insert(z.end(), problem.p.begin(), problem.p.end());
     start.initial.p.push_back(-plain.value(z.data()));

@@ -1,0 +1,337 @@
+#include <rubato/problem/keys.hpp>
+
+#include <algorithm>
+#include <functional>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <rubato/ode/orbit_methods.hpp>
+#include <rubato/pde/lattice_method.hpp>
+#include <rubato/problem/problem.hpp>
+#include <rubato/variation/composition.hpp>
+
+namespace rubato {
+
+namespace {
+
+constexpr std::array<TableEntry, 24> all_tables{{
+    {"", "one of [hamiltonian], [lagrangian] and [multisymplectic] says what is to be solved"},
+    {"hamiltonian", "an orbit: q' = dH/dp, p' = -dH/dq"},
+    {"lagrangian",
+     "an orbit, too: d/dt dL/dq_dot = dL/dq; the velocity of q is called q_dot, and its momentum, dL/dq_dot, p_q"},
+    {"multisymplectic", "a lattice: M z_t + K.x z_x (+ K.y z_y + K.z z_z) = grad S(z)"},
+    {"multisymplectic.K", "the matrices of the space derivatives, one for each direction of the grid"},
+    {"grid", "the periodic grid of a lattice"},
+    {"grid.x", "one direction, and so grid.y, grid.z: nodes from + i*(to - from)/cells, i = 0 ... cells-1"},
+    {"parameters", "numbers and formulas of each other, in any order", "a parameter"},
+    {"definitions",
+     "formulas with a name, in any order: of the state, x, y, z, t, parameters and each other, wherever these are "
+     "known",
+     "a definition"},
+    {"initial",
+     "where the run starts: for an orbit a number for every coordinate and momentum, or, with [lagrangian], every "
+     "coordinate and velocity; for a lattice formulas of x, y, z for the fields that no constraint determines",
+     "a coordinate, a momentum, a velocity or a field"},
+    {"initial.next", "a second level for an orbit, in place of a midpoint step to it: the two-step form of a scheme",
+     "a coordinate or a momentum"},
+    {"invariants",
+     "formulas that are reported along the run: of q and p, with [lagrangian] of q, q_dot and p_q; on a lattice "
+     "densities, summed over the nodes",
+     "a quantity"},
+    {"exact", "the exact solution as formulas of t, on a lattice of x, y, z and t: the error is reported",
+     "a coordinate, a momentum, a velocity or a field"},
+    {"symmetries",
+     "linear symmetries z -> z + s B z of a lattice, each the entries [row, column, value] of B or the "
+     "whole of it: their local laws are reported",
+     "a symmetry"},
+    {"scheme", "how it is solved"},
+    {"scheme.step_potential",
+     "a step potential by its numbers: f'(h) = +-(s+1) |eta| h0^s (|h|/(kappa h0))^p, of the first step h0"},
+    {"laws", "how often the laws are looked at"},
+    {"output", "the record"},
+    {"output.quantities",
+     "formulas that are told at the output times, or at the levels that are stored: of q, p and t; on a lattice of "
+     "fields, dx(f), t and x, y, z, with integral(f); at one point of it { formula = ..., at = { x = ... } }",
+     "a quantity"},
+    {"events",
+     "zeros of formulas along the run, located between its levels: of q, p and t; on a lattice of t, integral(f), and "
+     "of fields at a point. NAME = \"x - 1\": every zero; NAME = \"x > 1\": where that becomes true",
+     "an event: a formula, a comparison, or a table as the next one"},
+    {"events.NAME", "an event with all that may be said of it"},
+    {"section", "a Poincare section: an event that is drawn on the page, by its first two quantities"},
+    {"ensemble", "many runs of the problem, each with some of its entries changed: members, grid or random"},
+    {"ensemble.random",
+     "random = { count = 100, seed = 1, initial.p = \"uniform(0, 2)\" }: what is drawn, by the path of the entry",
+     "the first part of an entry's path"},
+}};
+
+constexpr auto every_entry = [](const auto&) { return true; };
+
+/// The names of those entries of a registry of which `which` holds.
+template <typename Entries, typename Which = decltype(every_entry)>
+std::vector<std::string_view> names_of(const Entries& entries, Which which = every_entry) {
+  std::vector<std::string_view> words;
+  for (const auto& one : entries) {
+    if (std::invoke(which, one)) {
+      words.push_back(one.name);
+    }
+  }
+  return words;
+}
+
+/// Those of orbits, then those of lattices; some are both.
+std::vector<std::string_view> all_lagrangians() {
+  std::vector<std::string_view> words = names_of(orbit_methods());
+  for (const std::string_view word : lattice_lagrangians()) {
+    if (std::ranges::find(words, word) == words.end()) {
+      words.push_back(word);
+    }
+  }
+  return words;
+}
+
+std::vector<KeyEntry> make_keys() {
+  const Scheme scheme;
+  const Output output;
+  const std::string required = "required";
+  const std::string none = "none";
+  static const std::vector<std::string_view> words = all_lagrangians();
+  return {
+      {"", "title", "text", "the file's name", "What reports call the problem."},
+      {"", "hamiltonian", "table", none, ""},
+      {"", "lagrangian", "table", none, ""},
+      {"", "multisymplectic", "table", none, ""},
+      {"", "grid", "table", "required for a lattice", ""},
+      {"", "parameters", "table", none, ""},
+      {"", "definitions", "table", none, ""},
+      {"", "initial", "table", required, ""},
+      {"", "invariants", "table", none, ""},
+      {"", "exact", "table", none, ""},
+      {"", "symmetries", "table", none, ""},
+      {"", "scheme", "table", required, ""},
+      {"", "laws", "table", none, ""},
+      {"", "output", "table", none, ""},
+      {"", "events", "table", none, ""},
+      {"", "section", "table", none, ""},
+      {"", "ensemble", "table", none, ""},
+
+      {"hamiltonian", "q", "list of names", required, "The coordinates; \"r[3]\" declares the vector r1, r2, r3."},
+      {"hamiltonian", "p", "list of names", required, "The momenta, in the same order."},
+      {"hamiltonian", "H", "formula", required,
+       "The Hamiltonian, of coordinates, momenta and parameters; of t, too, for a driven system."},
+      {"hamiltonian", "time_scale", "formula", none,
+       "A positive g, of the same: the orbit in fictitious time, dt = g dt', in which step and until are then meant. "
+       "The time becomes a coordinate called time."},
+
+      {"lagrangian", "q", "list of names", required,
+       "The coordinates; \"r[3]\" declares the vector r1, r2, r3, with the velocities r1_dot, r2_dot, r3_dot."},
+      {"lagrangian", "L", "formula", required,
+       "The Lagrangian, of coordinates, velocities and parameters: \"q_dot^2/2 + cos(q)\". Velocities have to "
+       "follow "
+       "from "
+       "momenta: its second derivatives by them form a matrix with an inverse."},
+
+      {"multisymplectic", "fields", "list of names", required, "The fields z; \"r[3]\" declares r1, r2, r3."},
+      {"multisymplectic", "M", "matrix", required,
+       "Of z_t, skew: a list of entries [\"row\", \"column\", value], each with the opposite one across the diagonal, "
+       "or "
+       "all rows in full."},
+      {"multisymplectic", "K", "table", required, "See [multisymplectic.K]; written K.x = ..."},
+      {"multisymplectic", "S", "formula", required,
+       "Of the fields and parameters; of the grid's x, y, z, too, for a medium that is not the same everywhere, and of "
+       "t "
+       "for a driven system."},
+      {"multisymplectic.K", "x", "matrix", required, "Of z_x, as M."},
+      {"multisymplectic.K", "y", "matrix", "required if the grid has y", "Of z_y."},
+      {"multisymplectic.K", "z", "matrix", "required if the grid has z", "Of z_z."},
+
+      {"grid", "x", "table", required, "See [grid.x]; written x = { from = ..., to = ..., cells = ... }."},
+      {"grid", "y", "table", none, "The second direction."},
+      {"grid", "z", "table", none, "The third direction."},
+      {"grid.x", "from", "number", required, "Where the period begins: the first node."},
+      {"grid.x", "to", "number", required, "Where it ends: the first node again."},
+      {"grid.x", "cells", "integer, at least 3", required,
+       "Nodes in a period. \"box\" needs odd numbers; transforms are fast with small prime factors."},
+
+      {"initial", "t", "number", "0", "The time of the start."},
+      {"initial", "from", "text", none,
+       "A record: what is not given here is taken from one of its states, and its time is that of the start. Or a "
+       "table, "
+       "NAME.csv: a line of names, then rows of numbers; on a lattice one for each node, with x, y, z where it is. Or "
+       "datasets of another HDF5 file, \"data.h5\" or \"data.h5:/group\", with the names of what they give."},
+      {"initial", "at", "number", "the last",
+       "Of from: the stored level nearest to this time; of datasets, by their t."},
+      {"initial", "take", "list of names", "those that it was given itself",
+       "Of from, on a lattice: the fields that are taken, by waves where the number of cells differs."},
+      {"initial", "next", "table", none, "See [initial.next]; for orbits."},
+      {"initial.next", "t", "number", required, "The time of the second level."},
+
+      {"scheme", "lagrangian", "word",
+       fmt::format("{} for orbits, {} for lattices", hamiltonian_lagrangians()[0], lattice_lagrangians()[0]),
+       fmt::format("The discrete Lagrangian, or the family of symplectic maps; for orbits {}, for [lagrangian] the "
+                   "quadratures of the action {}, for lattices {}.",
+                   fmt::join(hamiltonian_lagrangians(), ", "), fmt::join(quadratures(), ", "),
+                   fmt::join(lattice_lagrangians(), ", ")),
+       words},
+      {"scheme", "levels", "word", std::string(to_string(scheme.levels)),
+       "Levels from the total variation, which keep the discrete energy, or equal ones.", levels_words},
+      {"scheme", "step", "number, or \"auto\"", required,
+       "The first step t_1 - t_0, with the sign of until - start; \"auto\" chooses it for energy_tolerance."},
+      {"scheme", "until", "number", required, "The run ends at the first level at or past this time."},
+      {"scheme", "energy_tolerance", "number between 0 and 1", "required by step = \"auto\"",
+       "How far the energy at the nodes may stray, relative to it."},
+      {"scheme", "on_singular", "word", std::string(to_string(scheme.on_singular)),
+       "What to do where no step keeps the energy: bridge the gap, take steps of fixed length over it, or end the run.",
+       on_singular_words},
+      {"scheme", "bridge", "word", std::string(to_string(scheme.bridge)),
+       "Bridges that keep the run's own node law, or those that a run backward finds again.", bridge_words},
+      {"scheme", "step_potential", "word, or table",
+       fmt::format("{}; {} where on_singular or bridge is given", potential_words[1], potential_words[0]),
+       "A function of the step alone that is part of the conserved energy and makes a next level exist everywhere, "
+       "so that there are no bridges: chosen by a scout along the orbit, or by its numbers.",
+       potential_words},
+      {"scheme", "largest_step", "number", none, "How long steps may become, about; for step_potential = \"auto\"."},
+      {"scheme", "time_scale", "formula", none, "The same as in [hamiltonian]."},
+      {"scheme.step_potential", "kappa", "number", required, "kappa h0 is about the largest step."},
+      {"scheme.step_potential", "p", "number greater than the order", required, "How suddenly it is felt."},
+      {"scheme", "order", "integer", "required by generating",
+       "The order of a generating function; with splitting 2, 4, 6 or 8, for the best splitting of that order."},
+      {"scheme", "stages", "integer from 1 to 8", "required by gauss and lobatto; 1 for box and fourier",
+       "The stages of Gauss collocation in time, of order 2*stages; or Lobatto's points, 2 to 9, of order 2*stages - "
+       "2."},
+      {"scheme", "space_stages", "1 or 3", fmt::format("{}", scheme.space_stages),
+       "The stages of Gauss collocation in space, of order 2*space_stages; of box, on a line, whose number of cells is "
+       "then an odd multiple of them."},
+      {"scheme", "composition", "word", scheme.composition,
+       "Of splitting: the flows that are composed; the number is the order, golden and verlet have 2. rkn is for T(p) "
+       "of degree two, and on lattices for kicks.",
+       composition_words()},
+      {"scheme", "space", "word", scheme.space,
+       "Of a lattice's splitting: spectral derivatives, or differences of neighbours, of second order.", space_words},
+      {"scheme", "darboux", "word, or matrix", std::string(darboux_words[0]),
+       "The type of a generating function; as a matrix a symmetric 2n x 2n one, in full.", darboux_words},
+      {"scheme", "L", "formula", "required by custom",
+       "The discrete Lagrangian, of t_0, t_1 and every coordinate and momentum with _0 and _1: q_0, q_1."},
+      {"scheme", "allow_unstable", "true or false", scheme.allow_unstable ? "true" : "false",
+       "Lets forward run for more than a few steps, over which it is unstable."},
+      {"scheme", "max_steps", "integer, at least 1", fmt::format("{}", scheme.max_steps),
+       "The run ends after so many steps."},
+      {"scheme", "tolerance", "number between 0 and 1", fmt::format("{}", scheme.tolerance),
+       "Of the energy in each step, relative; the step itself is always solved to rounding."},
+
+      {"laws", "every", "integer, at least 1, or false (\"off\")", "1",
+       "Local laws, totals and invariants are taken at every n-th level and step, or never; the energy always."},
+
+      {"output", "file", "text", "the problem's name with .h5", "The record, relative to the current folder."},
+      {"output", "every", "integer, at least 1", fmt::format("{}", output.every),
+       "Every n-th level is stored, and the first and the last."},
+      {"output", "states", "true or false", output.states ? "true" : "false",
+       "false: only the first and the last level are stored, and quantities take the place of states at output times."},
+      {"output", "times", "list of numbers", none,
+       "Times at which states are told, too, whatever the levels are: no step is shortened."},
+      {"output", "interval", "number", none, "In place of times: the start, and so on by equal intervals."},
+      {"output", "quantities", "table", none, "See [output.quantities]."},
+      {"output", "durable", "true or false", output.durable ? "true" : "false",
+       "Every version of the record is on the disk before it takes its place."},
+      {"output", "compression", "integer from 0 to 9", fmt::format("{}", output.compression),
+       "How hard the record is compressed: 0 is not at all, and fastest."},
+
+      {"events", "stop", "formula or comparison", none,
+       "The run ends with the step in which it is met: \"x^2 + y^2 > 100\". The same as { crossing = ..., stop = true "
+       "}."},
+      {"events.NAME", "crossing", "formula or comparison", required, "What passes zero, or becomes true."},
+      {"events.NAME", "direction", "word", std::string(direction_words[0]), "Which way it passes zero, along the run.",
+       direction_words},
+      {"events.NAME", "at", "table", "required for fields",
+       "On a lattice, the point at which fields are meant: { x = 3.5 }."},
+      {"events.NAME", "stop", "true, false, or integer, at least 1", "false",
+       "The run ends with the step of the first crossing, or of that number."},
+      {"events.NAME", "quantities", "list of formulas", none,
+       "What is told of each crossing, besides the time and the state of an orbit; on a lattice numbers."},
+      {"section", "crossing", "formula or comparison", required, "As of an event."},
+      {"section", "direction", "word", std::string(direction_words[0]), "As of an event.", direction_words},
+      {"section", "at", "table", "required for fields", "As of an event."},
+      {"section", "stop", "true, false, or integer, at least 1", "false", "As of an event."},
+      {"section", "quantities", "list of formulas", required, "The coordinates of the section: [\"y\", \"v\"]."},
+
+      {"ensemble", "members", "list of tables", none,
+       "One table for each member: [{ initial.p = 1 }, { initial.p = 1.5, parameters.k = 2 }]."},
+      {"ensemble", "grid", "table", none,
+       "All combinations: { initial.p = \"0:2:21\", parameters.k = [1, 2] }, from:to:count or a list for each entry; "
+       "the last one changes first."},
+      {"ensemble", "random", "table", none, "See [ensemble.random]."},
+      {"ensemble.random", "count", "integer, at least 1", required, "How many members."},
+      {"ensemble.random", "seed", "integer, at least 0", "1", "The same seed draws the same members."},
+  };
+}
+
+/// "grid.y" and "grid.z" are documented as "grid.x", "events." and any name as "events.NAME".
+std::string_view documented_name(std::string_view table) {
+  return table == "grid.y" || table == "grid.z" ? "grid.x" : table.starts_with("events.") ? "events.NAME" : table;
+}
+
+}  // namespace
+
+std::span<const std::string_view> hamiltonian_lagrangians() {
+  static const std::vector<std::string_view> words = names_of(orbit_methods(), &OrbitMethod::of_hamiltonian);
+  return words;
+}
+std::span<const std::string_view> quadratures() {
+  static const std::vector<std::string_view> words = names_of(orbit_methods(), &OrbitMethod::of_lagrangian);
+  return words;
+}
+std::span<const std::string_view> lattice_lagrangians() {
+  static const std::vector<std::string_view> words = names_of(lattice_methods());
+  return words;
+}
+std::span<const std::string_view> composition_words() {
+  static const std::vector<std::string_view> words = names_of(compositions());
+  return words;
+}
+
+std::span<const TableEntry> problem_tables() {
+  return all_tables;
+}
+
+std::span<const KeyEntry> problem_keys() {
+  static const std::vector<KeyEntry> keys = make_keys();
+  return keys;
+}
+
+std::vector<std::string_view> keys_of(std::string_view table) {
+  std::vector<std::string_view> names;
+  for (const KeyEntry& key : problem_keys()) {
+    if (key.table == table) {
+      names.push_back(key.name);
+    }
+  }
+  return names;
+}
+
+std::optional<std::string_view> table_of(std::string_view key) {
+  std::optional<std::string_view> table;
+  for (const KeyEntry& known : problem_keys()) {
+    const bool is_of_event = known.table == "events.NAME" || known.table == "section";  // [events] stands for them
+    if (known.name == key && !is_of_event) {
+      if (table) {
+        return std::nullopt;
+      }
+      table = known.table;
+    }
+  }
+  return table && !table->empty() ? table : std::nullopt;
+}
+
+bool is_documented(std::string_view table, std::string_view key) {
+  const std::string_view name = documented_name(table);
+  const auto entry = std::ranges::find(problem_tables(), name, &TableEntry::name);
+  if (entry == problem_tables().end()) {
+    return false;
+  }
+  return !entry->names_what.empty() || std::ranges::any_of(problem_keys(), [&](const KeyEntry& known) {
+    return known.table == name && known.name == key;
+  });
+}
+
+}  // namespace rubato

@@ -1,0 +1,338 @@
+#include <rubato/problem/lattice_problem.hpp>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <rubato/grids/whole.hpp>
+#include <rubato/pde/first_step.hpp>
+#include <rubato/problem/initial_record.hpp>
+#include <rubato/problem/reader.hpp>
+#include <rubato/problem/scheme_options.hpp>
+
+namespace rubato {
+
+namespace {
+
+/// Doubles per cell and field that the leanest scheme and its laws keep: two levels, the rounding they carry, the
+/// increment, residual, correction and four rates for prediction.
+constexpr double least_doubles = 14.0;
+
+Eigen::MatrixXd dense(const Matrix& matrix) {
+  using Rows = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+  const auto size = static_cast<Eigen::Index>(matrix.size);
+  return Eigen::Map<const Rows>(matrix.entries.data(), size, size);
+}
+
+/// The field in "dx(dy(f))", or the name itself.
+std::string differentiated_field(const std::string& name) {
+  const std::size_t open = name.rfind('(');
+  return open == std::string::npos ? name : name.substr(open + 1, name.find(')') - open - 1);
+}
+
+std::vector<std::string> fields_in(const formula::Graph& graph, formula::Expression expression) {
+  std::vector<std::string> fields;
+  for (const std::size_t variable : formula::variables_of(expression)) {
+    fields.push_back(differentiated_field(graph.variable_name(variable)));
+  }
+  return fields;
+}
+
+std::string place_of(const grids::Grid& grid, std::size_t node) {
+  const auto place = grid.place(node);
+  std::vector<std::string> coordinates;
+  for (int a = 0; a < grid.dimensions(); ++a) {
+    coordinates.push_back(
+        fmt::format("{} = {:.6g}", grid.axis(a).name, grid.axis(a).node(place[static_cast<std::size_t>(a)])));
+  }
+  return fmt::format("{}", fmt::join(coordinates, ", "));
+}
+
+/// Evaluates the initial fields one by one.
+class InitialValues {
+public:
+  InitialValues(const Problem& problem, const grids::Grid& grid)
+      : problem_(problem), pde_(*problem.multisymplectic()), grid_(grid), values_(pde_.fields.size()) {}
+
+  InitialFields take() {
+    if (pde_.initial_record) {
+      const InitialRecord& source = *pde_.initial_record;
+      std::vector<std::vector<double>> fields = read_initial_fields(source, grid_);
+      for (std::size_t i = 0; i < fields.size(); ++i) {
+        const auto field = std::ranges::find(pde_.fields, source.take[i]) - pde_.fields.begin();
+        values_[static_cast<std::size_t>(field)] = std::move(fields[i]);
+      }
+    }
+    // The reader has made sure that no field depends on itself: every round settles at least one.
+    for (bool again = true; again;) {
+      again = false;
+      for (std::size_t f = 0; f < values_.size(); ++f) {
+        again = (pde_.initial[f] && !values_[f] && evaluate(f)) || again;
+      }
+    }
+    return std::move(values_);
+  }
+
+private:
+  /// \return whether all that the formula needs is known, so that the field is now, too
+  bool evaluate(std::size_t f) {
+    const FormulaText& text = *pde_.initial[f];
+    auto graph = std::make_shared<formula::Graph>();
+    const formula::Expression expression = problem_.build(text, *graph, pde_.axis_names(), pde_.fields);
+    std::vector<const double*> known(values_.size(), nullptr);
+    for (std::size_t i = 0; i < values_.size(); ++i) {
+      known[i] = values_[i] ? values_[i]->data() : nullptr;
+    }
+    for (const std::string& name : fields_in(*graph, expression)) {
+      const auto needed = static_cast<std::size_t>(std::ranges::find(pde_.fields, name) - pde_.fields.begin());
+      if (needed < values_.size() && known[needed] == nullptr) {
+        return false;
+      }
+    }
+    NodeFormula formula(graph, {expression}, pde_.fields, grid_);
+    values_[f] = std::move(formula(known, pde_.start).front());
+    if (const auto wrong = grids::first_undefined(*values_[f])) {
+      const auto [node, value] = *wrong;
+      throw ProblemError(text.location, fmt::format("the initial {} is {} at {}", pde_.fields[f], value,
+                                                    place_of(grids::whole_of(grid_), node)));
+    }
+    return true;
+  }
+
+  const Problem& problem_;
+  const MultisymplecticProblem& pde_;
+  const grids::Grid& grid_;
+  InitialFields values_;
+};
+
+/// Whether the ranks that share a lattice can make the first level of their parts each: not from derivatives across
+/// planes, nor where what a user gave has to agree with what the constraints say.
+bool begins_in_parts(const Problem& problem, const MultisymplecticSystem& system) {
+  const MultisymplecticProblem& pde = *problem.multisymplectic();
+  bool in_parts = make_method(problem)->begins_in_parts();
+  for (std::size_t f = 0; f < pde.fields.size(); ++f) {
+    if (const auto& text = pde.initial[f]) {
+      formula::Graph graph;
+      const auto expression = problem.build(*text, graph, pde.axis_names(), pde.fields);
+      const std::string across = fmt::format("d{}(", pde.axes.back().name);
+      in_parts = in_parts && !system.structure().algebraic[f] &&
+                 std::ranges::none_of(formula::variables_of(expression), [&](std::size_t variable) {
+                   return graph.variable_name(variable).find(across) != std::string::npos;
+                 });
+    }
+  }
+  return in_parts;
+}
+
+/// Calls `make`; what the library refuses is wrong at `location`.
+template <typename Make>
+auto at_location(const Location& location, const Make& make) {
+  try {
+    return make();
+  } catch (const ProblemError&) {
+    throw;
+  } catch (const std::invalid_argument& error) {
+    throw ProblemError(location, error.what());
+  }
+}
+
+/// The same for what is made of [initial]: what is wrong with one field is wrong at its formula.
+template <typename Make>
+auto at_initial(const Problem& problem, const Make& make) {
+  const MultisymplecticProblem& pde = *problem.multisymplectic();
+  return at_location(pde.initial_location, [&] {
+    try {
+      return make();
+    } catch (const StepPotentialError& error) {
+      throw ProblemError(problem.scheme.potential_location, error.what());
+    } catch (const SchemeRefusal& error) {
+      throw ProblemError(problem.scheme.lagrangian_location, error.what());
+    } catch (const InitialFieldError& error) {
+      const auto& text = pde.initial[static_cast<std::size_t>(error.field())];
+      throw ProblemError(text ? text->location : pde.initial_location, error.what());
+    }
+  });
+}
+
+}  // namespace
+
+MultisymplecticSystem make_system(const Problem& problem) {
+  const MultisymplecticProblem& pde = *problem.multisymplectic();
+  auto graph = std::make_shared<formula::Graph>();
+  formula::Expression S = problem.build(pde.S, *graph, quantity_names(pde));
+  if (pde.driven) {
+    const formula::Expression t = graph->variable("t"), time = graph->variable(clock_name);
+    S = formula::substitute(std::array{S}, *graph, std::array{t}, std::array{time}).front() +
+        graph->variable(work_name);
+  }
+  std::vector<Eigen::MatrixXd> K;
+  for (const Matrix& matrix : pde.K) {
+    K.push_back(dense(matrix));
+  }
+  return make_method(problem)->seen(at_location(
+      pde.M.location, [&] { return MultisymplecticSystem(graph, pde.fields, dense(pde.M), std::move(K), S); }));
+}
+
+grids::Grid make_grid(const Problem& problem, int ranks) {
+  const MultisymplecticProblem& pde = *problem.multisymplectic();
+  return at_location(pde.axes.front().location, [&] {
+    std::vector<grids::Axis> axes;
+    double nodes = 1.0;
+    for (const GridAxis& axis : pde.axes) {
+      axes.push_back({axis.name, axis.from, axis.to, static_cast<std::size_t>(axis.cells)});
+      nodes *= static_cast<double>(axis.cells);
+    }
+    grids::require_memory(least_doubles * nodes * static_cast<double>(pde.fields.size()) / ranks,
+                          fmt::format("a run with {} fields on {:.6g} nodes", pde.fields.size(), nodes));
+    return grids::Grid(std::move(axes));
+  });
+}
+
+InitialFields make_initial_fields(const Problem& problem, const grids::Grid& grid) {
+  return InitialValues(problem, grid).take();
+}
+
+namespace {
+
+/// By this rank alone.
+InitialFields whole_initial_fields(const Problem& problem, const grids::Grid& grid) {
+  const grids::Slab::Shared alone(nullptr);
+  return make_initial_fields(problem, grid);
+}
+
+}  // namespace
+
+LatticeOptions make_lattice_options(const Problem& problem, const MultisymplecticSystem& system) {
+  const MultisymplecticProblem& pde = *problem.multisymplectic();
+  const Scheme& scheme = problem.scheme;
+  LatticeOptions options{.lagrangian = scheme.method,
+                         .stages = scheme.stages.value_or(1),
+                         .space_stages = scheme.space_stages,
+                         .composition = scheme.composition,
+                         .space = scheme.space,
+                         .start = pde.start};
+  set_run_options(scheme, options);
+  for (const StatedSymmetry& symmetry : pde.symmetries) {
+    options.symmetries.push_back({symmetry.name, dense(symmetry.B)});
+    at_location(symmetry.B.location, [&] { check_symmetry(system, options.symmetries.back()); });
+  }
+  return options;
+}
+
+LatticeIntegrator make_lattice(const Problem& problem) {
+  const MultisymplecticSystem system = make_system(problem);
+  LatticeOptions options = make_lattice_options(problem, system);
+  options.slab = grids::Slab::present();
+  const grids::Grid grid = make_grid(problem, options.slab == nullptr ? 1 : options.slab->ranks());
+  options.initial_is_part = options.slab != nullptr && begins_in_parts(problem, system);
+  const InitialFields initial = options.initial_is_part ? make_initial_fields(problem, options.slab->grid())
+                                                        : whole_initial_fields(problem, grid);
+  return at_initial(problem, [&] {
+    if (const auto& scheme = problem.scheme; !scheme.step) {
+      options.step = choose_first_step(system, grid, initial, options, *scheme.energy_tolerance);
+    }
+    return LatticeIntegrator(system, grid, initial, options);
+  });
+}
+
+std::unique_ptr<LatticeMethod> make_method(const Problem& problem) {
+  return make_lattice_method(method_choice(problem.scheme));
+}
+
+LatticeLevel make_initial_level(const Problem& problem, const MultisymplecticSystem& system, const grids::Grid& grid) {
+  const InitialFields initial = make_initial_fields(problem, grid);
+  return at_initial(problem, [&] { return make_method(problem)->first_level(system, grid, initial).level; });
+}
+
+NodeTable::NodeTable(const Problem& problem, const std::vector<NamedFormula>& formulas,
+                     const std::vector<std::string>& fields, const grids::Grid& grid) {
+  std::vector<std::string> names = fields;
+  std::ranges::copy(argument_names(*problem.multisymplectic()), std::back_inserter(names));
+  auto graph = std::make_shared<formula::Graph>();
+  std::vector<formula::Expression> outputs;
+  for (const NamedFormula& formula : formulas) {
+    names_.push_back(formula.name);
+    outputs.push_back(problem.build(formula.formula, *graph, names, fields));
+  }
+  if (!outputs.empty()) {
+    formula_.emplace(graph, std::move(outputs), fields, grid);
+  }
+}
+
+std::vector<std::vector<double>> NodeTable::at(const LatticeLevel& level, double t) {
+  return formula_ ? (*formula_)(level, t) : std::vector<std::vector<double>>();
+}
+
+std::vector<double> NodeTable::integrals(const LatticeLevel& level, double t) {
+  return formula_ ? formula_->integrals(level, t) : std::vector<double>();
+}
+
+NodeTable make_invariants(const Problem& problem, const MultisymplecticSystem& system, const grids::Grid& grid) {
+  const MultisymplecticProblem& pde = *problem.multisymplectic();
+  for (const NamedFormula& invariant : pde.invariants) {
+    formula::Graph graph;
+    for (const std::string& field :
+         fields_in(graph, problem.build(invariant.formula, graph, quantity_names(pde), pde.fields))) {
+      if (std::ranges::find(pde.fields, field) == pde.fields.end()) {
+        continue;  // a coordinate, or the time
+      }
+      if (system.structure().at_midpoints(system.field(field))) {
+        throw ProblemError(
+            invariant.formula.location,
+            fmt::format("{} exists in the middle of steps only, and invariants are taken at levels", field));
+      }
+    }
+  }
+  return {problem, pde.invariants, pde.fields, grid};
+}
+
+bool reads_derivatives(const Problem& problem, const NamedFormula& formula) {
+  const MultisymplecticProblem& pde = *problem.multisymplectic();
+  formula::Graph graph;
+  const formula::Expression expression = problem.build(formula.formula, graph, quantity_names(pde), pde.fields);
+  return std::ranges::any_of(formula::variables_of(expression), [&](std::size_t variable) {
+    return graph.variable_name(variable).find('(') != std::string::npos;
+  });
+}
+
+NodeTable make_exact(const Problem& problem, const MultisymplecticSystem& system, const grids::Grid& grid) {
+  const MultisymplecticProblem& pde = *problem.multisymplectic();
+  for (const NamedFormula& exact : pde.exact) {
+    if (system.structure().at_midpoints(system.field(exact.name))) {
+      throw ProblemError(
+          exact.formula.location,
+          fmt::format("{} exists in the middle of steps only, and errors are taken at levels", exact.name));
+    }
+  }
+  return {problem, pde.exact, {}, grid};
+}
+
+std::vector<figures::Named<Spread>> lattice_errors(NodeTable& exact, const MultisymplecticSystem& system,
+                                                   const LatticeLevel& level, double t) {
+  std::vector<figures::Named<Spread>> errors;
+  const std::vector<std::vector<double>> values = exact.at(level, t);
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    errors.push_back({exact.names()[i], {}});
+    const std::span<const double> field = level.fields.field(system.field(exact.names()[i]));
+    std::vector<double> error(field.size());
+    for (std::size_t node = 0; node < field.size(); ++node) {
+      error[node] = std::abs(field[node] - values[i][node]);
+    }
+    const auto add = [&](std::span<const double> some) {
+      for (const double value : some) {
+        errors.back().value.add(value);
+      }
+    };
+    if (const grids::Slab* const slab = grids::Slab::of(error.size())) {
+      slab->gather(error, add);
+    } else {
+      add(error);
+    }
+  }
+  return errors;
+}
+
+}  // namespace rubato

@@ -1,0 +1,101 @@
+#include <rubato/problem/orbit_problem.hpp>
+
+#include <fmt/format.h>
+
+#include <rubato/ode/first_step.hpp>
+#include <rubato/problem/scheme_options.hpp>
+
+namespace rubato {
+
+namespace {
+
+Generating make_generating(const Scheme& scheme) {
+  Generating generating{.order = *scheme.order};
+  switch (scheme.darboux) {
+    case DarbouxKind::midpoint: generating.darboux = DarbouxType::midpoint; break;
+    case DarbouxKind::euler_a: generating.darboux = DarbouxType::euler_a; break;
+    case DarbouxKind::euler_b: generating.darboux = DarbouxType::euler_b; break;
+    case DarbouxKind::matrix: {
+      const auto size = static_cast<Eigen::Index>(scheme.darboux_matrix->size);
+      generating.darboux = Eigen::MatrixXd(
+          Eigen::Map<const Eigen::MatrixXd>(scheme.darboux_matrix->entries.data(), size, size));  // symmetric
+      break;
+    }
+  }
+  return generating;
+}
+
+/// 𝕃 as a formula of the corners alone: parameters and definitions put in.
+Custom make_custom(const Problem& problem) {
+  formula::Graph graph;
+  return {.L = to_string(problem.build(*problem.scheme.L, graph, custom_lagrangian_names(*problem.hamiltonian())))};
+}
+
+}  // namespace
+
+Hamiltonian make_hamiltonian(const Problem& problem) {
+  const HamiltonianProblem& orbit = *problem.hamiltonian();
+  auto graph = std::make_shared<formula::Graph>();
+  const formula::Expression H = problem.build(orbit.H, *graph, orbit.names());
+  return Hamiltonian(graph, orbit.q, orbit.p, H);
+}
+
+Lagrangian make_lagrangian(const Problem& problem) {
+  const HamiltonianProblem& orbit = *problem.hamiltonian();
+  auto graph = std::make_shared<formula::Graph>();
+  const formula::Expression L = problem.build(*orbit.L, *graph, orbit.lagrangian_names());
+  return {graph, orbit.q, orbit.q_dot, L};
+}
+
+SegmentLagrangian make_discretisation(const Problem& problem) {
+  const Scheme& scheme = problem.scheme;
+  switch (scheme.lagrangian) {
+    case LagrangianName::midpoint: return Midpoint{};
+    case LagrangianName::forward: return Forward{.allow_unstable = scheme.allow_unstable};
+    case LagrangianName::custom: return make_custom(problem);
+    case LagrangianName::generating: return make_generating(scheme);
+    case LagrangianName::gauss: return Gauss{.stages = *scheme.stages};
+    case LagrangianName::splitting: return Splitting{.composition = scheme.composition};
+    case LagrangianName::trapezoid: return Trapezoid{};
+    case LagrangianName::lobatto: return Lobatto{.points = *scheme.stages};
+    default:
+      throw ProblemError(
+          scheme.lagrangian_location,
+          fmt::format("lagrangian = \"{}\" is not available for an orbit in this version", scheme.word()));
+  }
+}
+
+OrbitIntegrator make_integrator(const Problem& problem) {
+  const HamiltonianProblem& orbit = *problem.hamiltonian();
+  const Scheme& scheme = problem.scheme;
+  IntegrationOptions options{.lagrangian = make_discretisation(problem),
+                             .max_steps = static_cast<std::size_t>(scheme.max_steps)};
+  set_run_options(scheme, options);
+  if (orbit.next) {
+    options.next = InitialState{.q = orbit.next->q, .p = orbit.next->p, .t = orbit.next->t};
+  }
+  const auto make = [&](const auto& system, const auto& initial) {
+    if (!scheme.step) {
+      options.step = choose_first_step(system, initial, options, *scheme.energy_tolerance);
+    }
+    return OrbitIntegrator(system, initial, options);
+  };
+  try {
+    return orbit.L ? make(make_lagrangian(problem),
+                          InitialMotion{.q = orbit.initial.q, .q_dot = orbit.initial.q_dot, .t = orbit.initial.t})
+                   : make(make_hamiltonian(problem),
+                          InitialState{.q = orbit.initial.q, .p = orbit.initial.p, .t = orbit.initial.t});
+  } catch (const ProblemError&) {
+    throw;
+  } catch (const StartingPairError& error) {
+    throw ProblemError(orbit.next->location, error.what());
+  } catch (const StepPotentialError& error) {
+    throw ProblemError(scheme.potential_location, error.what());
+  } catch (const UnstableError& error) {
+    throw ProblemError(scheme.lagrangian_location, error.what());
+  } catch (const std::invalid_argument& error) {
+    throw ProblemError(orbit.initial.location, error.what());
+  }
+}
+
+}  // namespace rubato

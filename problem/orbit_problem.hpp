@@ -1,0 +1,16 @@
+#pragma once
+
+#include <rubato/ode/integrate.hpp>
+#include <rubato/problem/problem.hpp>
+
+namespace rubato {
+
+/// What [hamiltonian], [initial] and [scheme] of a problem stand for in the library's own terms.
+[[nodiscard]] Hamiltonian make_hamiltonian(const Problem& problem);
+/// Of a problem stated by L.
+[[nodiscard]] Lagrangian make_lagrangian(const Problem& problem);
+[[nodiscard]] SegmentLagrangian make_discretisation(const Problem& problem);
+/// \throws ProblemError at the place in the problem that is wrong
+[[nodiscard]] OrbitIntegrator make_integrator(const Problem& problem);
+
+}  // namespace rubato

@@ -1,0 +1,233 @@
+#include <rubato/problem/problem.hpp>
+
+#include <cerrno>
+#include <cstdio>
+#include <cstring>
+#include <filesystem>
+#include <memory>
+
+#include <fmt/format.h>
+
+#include <rubato/catalogue/catalogue.hpp>
+#include <rubato/problem/effective.hpp>
+#include <rubato/problem/keys.hpp>
+#include <rubato/problem/reader.hpp>
+
+namespace rubato {
+namespace {
+
+constexpr std::size_t largest_file = 64 << 20;
+
+/// The bytes of a file; absent if there is no such file.
+/// \throws FileError if there is one and it cannot be read
+std::optional<std::string> read_file(const std::string& path) {
+  errno = 0;
+  const std::unique_ptr<std::FILE, int (*)(std::FILE*)> file(std::fopen(path.c_str(), "rb"), &std::fclose);
+  if (!file && (errno == ENOENT || errno == ENOTDIR || errno == ENAMETOOLONG)) {
+    return std::nullopt;
+  }
+  std::string text;
+  std::string block(1 << 16, '\0');
+  while (file) {
+    const std::size_t count = std::fread(block.data(), 1, block.size(), file.get());
+    text.append(block, 0, count);
+    if (text.size() > largest_file) {
+      throw ProblemError({path, 0, 0}, fmt::format("larger than {} MB; is this a problem file?", largest_file >> 20));
+    }
+    if (count < block.size()) {
+      break;
+    }
+  }
+  if (!file || std::ferror(file.get()) != 0) {
+    throw FileError(fmt::format("{}: cannot be read: {}", path, std::strerror(errno)));
+  }
+  return text;
+}
+
+void read_laws(Section& root, Problem& problem) {
+  auto section = root.take_section("laws");
+  if (!section) {
+    return;
+  }
+  problem.laws.location = section->location();
+  if (const Entry* every = section->take("every")) {
+    problem.laws.location = every->value.location;
+    const bool* word = std::get_if<bool>(&every->value.data);
+    const bool off = every->value.string() != nullptr && *every->value.string() == "off";
+    if (word != nullptr && *word) {
+      throw ProblemError(every->value.location, "every = true: write every = 1, or false for none of the laws");
+    }
+    if (const auto* zero = std::get_if<std::int64_t>(&every->value.data); zero != nullptr && *zero == 0) {
+      throw ProblemError(every->value.location, "every = 0: write every = false for none of the laws");
+    }
+    problem.laws.every = word != nullptr || off ? 0 : read_integer(every->value, "every", problem.parameters, 1);
+  }
+  section->finish();
+  if (problem.laws.none()) {
+    std::visit([](auto& system) { system.invariants.clear(); }, problem.system);
+  }
+}
+
+void read_output(Section& root, Problem& problem) {
+  problem.output.file = problem.name + ".h5";
+  problem.output.file_location = root.location();
+  if (auto section = root.take_section("output")) {
+    if (const Entry* file = section->take("file")) {
+      problem.output.file = read_string(file->value, "file");
+      problem.output.file_location = file->value.location;
+      if (problem.output.file.empty()) {
+        throw ProblemError(file->value.location, "file: the name is empty");
+      }
+    }
+    if (const Entry* every = section->take("every")) {
+      problem.output.every = read_integer(every->value, "every", problem.parameters, 1);
+    }
+    if (const Entry* durable = section->take("durable")) {
+      problem.output.durable = read_boolean(durable->value, "durable");
+    }
+    if (const Entry* compression = section->take("compression")) {
+      const std::int64_t level = read_integer(compression->value, "compression", problem.parameters, 0);
+      if (level > record::most_compression) {
+        throw ProblemError(compression->value.location,
+                           fmt::format("compression = {}: it goes from 0, none, to {}, most and slowest", level,
+                                       record::most_compression));
+      }
+      problem.output.compression = static_cast<int>(level);
+    }
+    read_output_times(*section, problem);
+    section->finish();
+  }
+}
+
+/// A misspelt table says more than a missing one, so that all names are looked at first.
+void check_tables(Section root) {
+  for (const std::string_view key : keys_of("")) {
+    static_cast<void>(root.take(key));
+  }
+  root.finish();
+}
+
+/// [hamiltonian], [lagrangian] or [multisymplectic], whichever is there.
+void read_system(Section& root, Problem& problem) {
+  std::optional<Section> found;
+  const auto take = [&](std::string_view key) {
+    auto section = root.take_section(key);
+    if (section && found) {
+      throw ProblemError(section->location(),
+                         fmt::format("{} and [{}] in one problem; keep one of them", found->name(), key));
+    }
+    if (section) {
+      found = std::move(section);
+    }
+  };
+  take("hamiltonian");
+  take("lagrangian");
+  take("multisymplectic");
+  if (!found) {
+    throw ProblemError(root.location(),
+                       "there is neither [hamiltonian] nor [multisymplectic], nor [lagrangian]; `rubato show pendulum` "
+                       "prints a complete problem to start from");
+  }
+  if (found->name() == "[hamiltonian]") {
+    read_hamiltonian(root, *found, problem);
+  } else if (found->name() == "[lagrangian]") {
+    read_lagrangian(root, *found, problem);
+  } else {
+    read_multisymplectic(root, *found, problem);
+  }
+}
+
+Problem read_effective(EffectiveDocument document, const std::string& source) {
+  if (document.root.table()->empty()) {
+    throw ProblemError(document.root.location,
+                       "the file is empty; `rubato show pendulum` prints a complete problem to "
+                       "start from");
+  }
+  Problem problem;
+  problem.source = source;
+  problem.name = std::filesystem::path(source).stem().string();
+  problem.text = std::move(document.text);
+
+  Section root(*document.root.table(), document.root.location, "");
+  check_tables(root);
+  const Entry* title = root.take("title");
+  problem.title = title == nullptr ? problem.name : read_string(title->value, "title");
+  read_system(root, problem);
+  problem.scheme = read_scheme(root, problem);
+  read_laws(root, problem);
+  read_output(root, problem);
+  problem.events = read_events(root, problem);
+  problem.ensemble = read_ensemble(root, problem.parameters);
+  if (problem.ensemble) {
+    problem.ensemble->common = without(problem.text, source, "ensemble");
+  }
+  return problem;
+}
+
+}  // namespace
+
+double Problem::start() const {
+  const auto* ode = hamiltonian();
+  return ode != nullptr ? ode->initial.t : multisymplectic()->start;
+}
+
+formula::Expression Problem::build(const FormulaText& formula, formula::Graph& graph,
+                                   std::span<const std::string> names,
+                                   std::span<const std::string> differentiable) const {
+  const auto* pde = multisymplectic();
+  const auto axes = pde != nullptr ? pde->axis_names() : std::vector<std::string>();
+  const auto periods = pde != nullptr ? std::span<const GridAxis>(pde->axes) : std::span<const GridAxis>();
+  return build_formula(
+      formula, graph, {.names = names, .differentiable = differentiable, .axes = axes, .periods = periods}, parameters);
+}
+
+formula::Expression Problem::build_quantity(const FormulaText& formula, formula::Graph& graph,
+                                            std::span<const std::string> names,
+                                            std::span<const std::string> differentiable,
+                                            std::vector<formula::Expression>& integrands) const {
+  const auto axes = multisymplectic()->axis_names();
+  return build_formula(formula, graph,
+                       {.names = names,
+                        .differentiable = differentiable,
+                        .axes = axes,
+                        .integrands = &integrands,
+                        .periods = multisymplectic()->axes},
+                       parameters);
+}
+
+Problem parse_problem(std::string_view text, const std::string& source, std::span<const std::string> settings) {
+  return read_effective(effective_document(text, source, settings), source);
+}
+
+Problem member_problem(const Problem& problem, std::size_t member) {
+  const Ensemble& ensemble = *problem.ensemble;
+  std::vector<std::string> settings;
+  for (std::size_t i = 0; i < ensemble.paths.size(); ++i) {
+    settings.push_back(fmt::format("{}={}", ensemble.paths[i], ensemble.values[member][i]));
+  }
+  try {
+    EffectiveDocument document = effective_document(ensemble.common, problem.source, settings);
+    return read_effective(std::move(document), problem.source);
+  } catch (const ProblemError& error) {
+    throw ProblemError(ensemble.location,
+                       fmt::format("member {} ({}): {}", member, ensemble.described(member), error.what()));
+  }
+}
+
+Problem read_problem(const std::string& problem, std::span<const std::string> settings) {
+  std::error_code ignored;
+  const bool is_folder = std::filesystem::is_directory(problem, ignored);
+  if (!is_folder) {
+    if (const auto text = read_file(problem)) {
+      return parse_problem(*text, problem, settings);
+    }
+  }
+  if (const auto entry = catalogue::find(problem)) {
+    return parse_problem(entry->text, problem + ".toml (built-in)", settings);
+  }
+  throw ProblemError(
+      {problem.empty() ? "\"\"" : problem, 0, 0},
+      is_folder ? "this is a folder, not a problem file" : "there is no such file" + catalogue_suggestion(problem));
+}
+
+}  // namespace rubato

@@ -1,0 +1,129 @@
+#include <rubato/run/check.hpp>
+
+#include <cmath>
+
+#include <fmt/format.h>
+
+#include <rubato/run/checkpoint_check.hpp>
+#include <rubato/run/lattice_check.hpp>
+#include <rubato/run/level_check.hpp>
+#include <rubato/run/orbit_check.hpp>
+#include <rubato/run/threads.hpp>
+
+namespace rubato {
+
+namespace {
+
+/// What a run of the problem tells, in its order. \throws record::Error where the problem cannot be run
+Chronicle make_chronicle(const record::Reader& reader, const Problem& problem) {
+  try {
+    return {problem, reader.has("/laws/multisymplectic_max")};
+  } catch (const ProblemError& error) {
+    throw record::Error(reader.file(), fmt::format("the problem in it cannot be run ({})", error.what()));
+  }
+}
+
+figures::Names names_in(const record::Reader& reader, const Chronicle& chronicle) {
+  figures::Names names{.invariants = chronicle.simulation().invariant_names(),
+                       .totals = chronicle.simulation().total_names(),
+                       .residuals = chronicle.simulation().law_names(),
+                       .exact = {},
+                       .events = {}};
+  for (const auto& [name, event] : chronicle.statistics().events) {
+    names.events.push_back(name);
+  }
+  for (const record::Dataset& dataset : chronicle.layout().datasets) {
+    constexpr std::string_view group = "/exact/";
+    if (dataset.path.starts_with(group) && reader.has(dataset.path)) {
+      names.exact.push_back(dataset.path.substr(group.size()));
+    }
+  }
+  return names;
+}
+
+class RecordCheck {
+public:
+  RecordCheck(const record::Reader& reader, const CheckOptions& options)
+      : reader_(reader), options_(options), problem_(stored_problem(reader)) {
+    outcome_.title = problem_.title;
+    outcome_.file = reader.file().string();
+    outcome_.variable_levels = problem_.scheme.levels == Levels::variable;
+    outcome_.complete = reader.header().finished;
+  }
+
+  Outcome run() {
+    try {
+      recompute();
+    } catch (const figures::Mismatch& mismatch) {  // with the problem, whatever else is true of the record
+      findings_.add({.dataset = mismatch.dataset(), .reason = mismatch.reason()});
+    }
+    add_altered();
+    outcome_.compared = findings_.compared();
+    outcome_.disagreement_count = findings_.disagreements();
+    outcome_.disagreements = findings_.listed();
+    if (findings_.disagreements() > 0) {
+      outcome_.status = ExitStatus::contradiction;
+      outcome_.message = fmt::format(
+          "{} contradicts itself: of {} numbers that were recomputed {} disagree; the first: {}", outcome_.file,
+          findings_.compared(), findings_.disagreements(), to_string(findings_.listed().front()));
+    }
+    return std::move(outcome_);
+  }
+
+private:
+  /// What only its checksum tells of: attributes, names of coordinates, axes, another record's dataset.
+  void add_altered() {
+    for (const std::string& name : reader_.altered()) {
+      if (!findings_.has(name)) {
+        findings_.add({.dataset = name.front() == '/' ? name : "attribute " + name,
+                       .reason = "it is not what was written, by its checksum in the record"});
+      }
+    }
+  }
+
+  void recompute() {
+    const StoredLevels levels(reader_, static_cast<std::size_t>(problem_.output.states_every()));
+    Chronicle chronicle = make_chronicle(reader_, problem_);
+    const figures::Names names = names_in(reader_, chronicle);
+    const CheckpointFindings checkpoint = check_checkpoint(reader_, levels, names, chronicle, findings_);
+    check_levels(reader_, levels, problem_, checkpoint, findings_);
+    const auto check_states = problem_.hamiltonian() != nullptr ? check_orbit : check_lattice;
+    const Spread equation = check_states(reader_, levels, problem_, chronicle.simulation().has_gamma(), findings_);
+    if (options_.replay) {
+      replay(reader_, levels, problem_, findings_);
+    }
+    outcome_.statistics = figures::stored_statistics(reader_, names, findings_.corrections());
+    outcome_.statistics.laws_every = static_cast<std::size_t>(problem_.laws.every);
+    if (equation.count() > 0.0) {
+      outcome_.statistics.residuals.push_back({"step_equation", equation});
+    }
+    outcome_.warnings = outcome_.statistics.undefined_quantities();
+    if (levels.sparse && !options_.replay) {
+      outcome_.warnings.push_back(fmt::format(
+          "the record keeps {} and its predecessor: {} of {} steps were recomputed; what the record "
+          "tells of the others was compared with the digests of the run only (--replay takes all steps again)",
+          problem_.output.states ? fmt::format("every {}-th state", problem_.output.every) : "the last state",
+          levels.state_level.size() - 1, levels.steps()));
+    }
+    if (!checkpoint.has_digests) {
+      outcome_.warnings.emplace_back(
+          "the record was written by an earlier version, without digests: what cannot be recomputed was not checked");
+    }
+  }
+
+  const record::Reader& reader_;
+  CheckOptions options_;
+  Problem problem_;
+  Findings findings_;
+  Outcome outcome_;
+};
+
+}  // namespace
+
+Outcome check(const std::string& file, const CheckOptions& options) {
+  use_threads(0);
+  const record::Reader reader(file, record::Altered::told);
+  return blame_record(file, [&] { return RecordCheck(reader, options).run(); });
+}
+
+}  // namespace rubato

@@ -1,0 +1,28 @@
+#pragma once
+
+#include <string>
+
+#include <rubato/run/run.hpp>
+
+namespace rubato {
+
+struct CheckOptions {
+  /// Takes every step again, from the start, and compares all rows bit by bit: as long as the run was. Bits may differ
+  /// between machines whose elementary functions round differently.
+  bool replay = false;
+};
+
+/// Recomputes everything of a record that its stored states tell again, and compares: check_levels, check_orbit,
+/// check_lattice. Beside that the digests that the run kept of every dataset in its checkpoint, which see that a number
+/// was altered but not which, and its statistics.
+///
+/// Where numbers disagree the outcome's status is ExitStatus::contradiction, and Outcome::disagreements names them. Its
+/// figures are those of the record, with what was recomputed in place of what disagrees; with the residual of the step
+/// equation in addition. What could not be recomputed is told in its warnings: with `every` > 1 steps between stored
+/// states, but for their digests; iterations.
+///
+/// The record is read level by level. It may be that of a run still going, or of one that was killed. \throws
+/// record::Error if it cannot be read, or its datasets do not fit together
+[[nodiscard]] Outcome check(const std::string& file, const CheckOptions& options = {});
+
+}  // namespace rubato

@@ -1,0 +1,26 @@
+#pragma once
+
+#include <rubato/figures/stored.hpp>
+#include <rubato/problem/stored.hpp>
+#include <rubato/run/chronicle.hpp>
+#include <rubato/run/findings.hpp>
+
+namespace rubato {
+
+struct CheckpointFindings {
+  bool has_digests = false;
+  /// What the tolerance of the energy law is relative to, as the run had it; 0 where the checkpoint does not tell.
+  double energy_terms = 0.0;
+  StepPotential potential = {};
+};
+
+/// Whether the checkpoint belongs to the rest of the record: the digests of every dataset; the statistics, made anew of
+/// /levels and /laws; time, energies and state of the level it is at. Restores `chronicle` to it.
+[[nodiscard]] CheckpointFindings check_checkpoint(const record::Reader& reader, const StoredLevels& levels,
+                                                  const figures::Names& names, Chronicle& chronicle,
+                                                  Findings& findings);
+
+/// Takes every step of the record again and compares all rows, and the checkpoint at the end, bit by bit.
+void replay(const record::Reader& reader, const StoredLevels& levels, const Problem& problem, Findings& findings);
+
+}  // namespace rubato

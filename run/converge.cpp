@@ -1,0 +1,315 @@
+#include <rubato/run/converge.hpp>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdlib>
+#include <filesystem>
+#include <limits>
+
+#include <fmt/format.h>
+
+#include <rubato/figures/text.hpp>
+#include <rubato/grids/resample.hpp>
+#include <rubato/problem/effective.hpp>
+#include <rubato/problem/lattice_problem.hpp>
+#include <rubato/record/reader.hpp>
+#include <rubato/run/ensemble_ranks.hpp>
+
+namespace rubato {
+
+namespace {
+
+/// Differences below so many roundings of the quantity's size say nothing of an order.
+constexpr double rounding_floor = 100.0 * std::numeric_limits<double>::epsilon();
+
+/// A folder for the records of the runs, removed with them.
+class Workshop {
+public:
+  Workshop() {
+    std::string name = (std::filesystem::temp_directory_path() / "rubato-converge-XXXXXX").string();
+    if (mkdtemp(name.data()) == nullptr) {
+      throw FileError(
+          fmt::format("{}: no folder for the runs can be made there", std::filesystem::temp_directory_path().string()));
+    }
+    path_ = name;
+  }
+  Workshop(const Workshop&) = delete;
+  Workshop& operator=(const Workshop&) = delete;
+  ~Workshop() {
+    std::error_code ignored;
+    std::filesystem::remove_all(path_, ignored);
+  }
+  [[nodiscard]] std::string operator/(const std::string& name) const { return (path_ / name).string(); }
+
+private:
+  std::filesystem::path path_;
+};
+
+using State = std::vector<std::vector<double>>;  ///< the values of each quantity
+
+/// The problem with another step, or other numbers of cells, and the state at `until` as its only output.
+Problem refined(const Problem& problem, int step_halvings, int grid_halvings) {
+  std::vector<std::string> settings = {fmt::format("scheme.step={}", *problem.scheme.step / std::exp2(step_halvings)),
+                                       fmt::format("output.times=[{}]", problem.scheme.until), "output.states=true",
+                                       "output.every=1000000000"};
+  if (const MultisymplecticProblem* pde = problem.multisymplectic()) {
+    for (const GridAxis& axis : pde->axes) {
+      const std::int64_t cells = axis.cells * (std::int64_t{1} << grid_halvings);
+      // An odd number of elements stays one.
+      const bool odd = axis.cells % 2 != 0 && grid_halvings > 0;
+      settings.push_back(fmt::format("grid.{}.cells={}", axis.name, cells + (odd ? problem.scheme.space_stages : 0)));
+    }
+    settings.emplace_back("laws.every=false");
+  }
+  // Events would end runs before the time at which these are compared.
+  std::string text = problem.text;
+  for (const char* const entry : {"events", "section", "output.interval"}) {
+    text = without(text, problem.source, entry);
+  }
+  return parse_problem(text, problem.source, settings);
+}
+
+class RefinedRuns {
+public:
+  RefinedRuns(const Problem& problem, const RunOptions& options) : problem_(problem), options_(options) {
+    if (const HamiltonianProblem* orbit = problem.hamiltonian()) {
+      names_ = orbit->names();
+    } else {
+      const MultisymplecticSystem system = make_system(problem);
+      for (const std::string& field : problem.multisymplectic()->fields) {
+        if (!system.structure().at_midpoints(system.field(field))) {
+          names_.push_back(field);
+        }
+      }
+      grid_.emplace(make_grid(problem));
+    }
+    states_ = names_.size();
+    for (const OutputQuantity& quantity : problem.output.quantities) {
+      const bool taken = std::ranges::find(names_, quantity.name) != names_.end();
+      names_.push_back(taken ? fmt::format("output.quantities.{}", quantity.name) : quantity.name);
+    }
+  }
+
+  [[nodiscard]] const std::vector<std::string>& names() const { return names_; }
+
+  /// The state at `until`, on the problem's own grid; nothing, and why, where the run did not get there.
+  std::optional<State> at_end(int step_halvings, int grid_halvings, ConvergenceOutcome& outcome) {
+    Problem problem = refined(problem_, step_halvings, grid_halvings);
+    if (potential_) {
+      problem.scheme.potential = scaled(*potential_, std::exp2(-step_halvings));
+    }
+    RunOptions options = options_;
+    options.output = folder_ / "run.h5";
+    options.overwrite = true;
+    const Outcome run = rubato::run(problem, options);
+    if (run.status != ExitStatus::done) {
+      outcome.status = run.status;
+      outcome.message = fmt::format(
+          "with {} of the step{}: {}", fraction(step_halvings),
+          grid_halvings > 0 ? fmt::format(" and {} of the spacings", fraction(grid_halvings)) : "", run.message);
+      return std::nullopt;
+    }
+    if (!potential_ && problem.scheme.potential.kind == StepPotentialChoice::Kind::automatic) {
+      potential_ = {run.step_potential, run.order};
+    }
+    const record::Reader reader(*options.output);
+    State state;
+    if (!grid_) {
+      for (const char* const path : {"/output/q", "/output/p"}) {
+        for (const double value : reader.read(path, 0, 1)) {
+          state.push_back({value});
+        }
+      }
+    }
+    for (std::size_t i = state.size(); i < names_.size(); ++i) {
+      const std::string path = i < states_
+                                   ? fmt::format("/output/{}", names_[i])
+                                   : fmt::format("/output/quantities/{}", problem_.output.quantities[i - states_].name);
+      const std::vector<double> values = reader.read(path, 0, 1);
+      state.push_back(values.size() == 1 ? values : grids::resampled(values, make_grid(problem), *grid_));
+    }
+    return state;
+  }
+
+private:
+  /// What a scout of each run would choose differs from run to run. f' of h·ratio is ratio^s f'(h), as errors are, so
+  /// that with the step the same levels are refined.
+  struct ChosenPotential {
+    StepPotential of_whole;
+    int order;
+  };
+  static StepPotentialChoice scaled(const ChosenPotential& chosen, double ratio) {
+    StepPotential potential = chosen.of_whole;
+    potential.strength *= std::pow(ratio, chosen.order);
+    potential.length *= ratio;
+    return {.kind = StepPotentialChoice::Kind::stated, .potential = potential};
+  }
+
+  static std::string fraction(int halvings) { return halvings == 0 ? "the whole" : fmt::format("1/{}", 1 << halvings); }
+
+  const Problem& problem_;
+  const RunOptions& options_;
+  Workshop folder_;
+  std::vector<std::string> names_;  ///< of what is compared: the state, then the quantities of [output.quantities]
+  std::size_t states_ = 0;
+  std::optional<grids::Grid> grid_;
+  std::optional<ChosenPotential> potential_;
+};
+
+double size_of(const std::vector<double>& values) {
+  double largest = 0.0;
+  for (const double value : values) {
+    largest = std::max(largest, std::abs(value));
+  }
+  return largest;
+}
+
+double difference(const std::vector<double>& a, const std::vector<double>& b) {
+  double largest = 0.0;
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    largest = std::max(largest, std::abs(a[i] - b[i]));
+  }
+  return largest;
+}
+
+/// Differences that are rounding are none; of values that are not defined nothing is known.
+Refinement compare(const std::vector<double>& whole, const std::vector<double>& half,
+                   const std::vector<double>& quarter, double size) {
+  for (const std::vector<double>* values : {&whole, &half, &quarter}) {
+    if (!std::ranges::all_of(*values, [](double value) { return std::isfinite(value); })) {
+      constexpr double unknown = std::numeric_limits<double>::quiet_NaN();
+      return {.coarse = unknown, .fine = unknown};
+    }
+  }
+  const auto above_rounding = [size](double value) { return value > rounding_floor * size ? value : 0.0; };
+  return {.coarse = above_rounding(difference(whole, half)), .fine = above_rounding(difference(half, quarter))};
+}
+
+figures::JsonObject json(const Refinement& refinement) {
+  figures::JsonObject object;
+  object.number("error", refinement.error());
+  if (const auto order = refinement.order()) {
+    object.number("order", *order);
+  }
+  return object;
+}
+
+std::string text(const Refinement& refinement) {
+  const auto order = refinement.order();
+  return refinement.coarse == 0.0 ? "rounding"
+         : std::isnan(refinement.coarse)
+             ? "not defined"
+             : fmt::format("{:.2g}, {}", refinement.error(), order ? fmt::format("order {:.2f}", *order) : "no order");
+}
+
+}  // namespace
+
+std::optional<double> Refinement::order() const {
+  return coarse > 0.0 && fine > 0.0 && coarse > fine ? std::optional(std::log2(coarse / fine)) : std::nullopt;
+}
+
+double Refinement::error() const {
+  const auto p = order();
+  const double power = p ? std::exp2(*p) : 0.0;
+  return p ? coarse * power / (power - 1.0) : std::max(coarse, fine);
+}
+
+ConvergenceOutcome converge(const Problem& problem, std::optional<double> tolerance, const RunOptions& options) {
+  if (problem.ensemble) {
+    throw ProblemError(problem.ensemble->location, "converge compares runs of one problem; leave [ensemble] out");
+  }
+  refuse_ranks(options, problem.scheme.step_location);
+  if (!problem.scheme.step) {
+    throw ProblemError(problem.scheme.step_location, "converge halves the step: give it as a number, not \"auto\"");
+  }
+  const auto begin = std::chrono::steady_clock::now();
+  ConvergenceOutcome outcome{
+      .title = problem.title, .until = problem.scheme.until, .step = *problem.scheme.step, .tolerance = tolerance};
+  RefinedRuns comparison(problem, options);
+  std::vector<State> steps, grids;
+  for (int halvings = 0; halvings < 3; ++halvings) {
+    auto state = comparison.at_end(halvings, 0, outcome);
+    if (!state) {
+      return outcome;
+    }
+    steps.push_back(*std::move(state));
+  }
+  if (problem.multisymplectic() != nullptr) {
+    grids.push_back(steps.front());
+    for (int halvings = 1; halvings < 3; ++halvings) {
+      auto state = comparison.at_end(0, halvings, outcome);
+      if (!state) {
+        return outcome;
+      }
+      grids.push_back(*std::move(state));
+    }
+  }
+  double factor = std::numeric_limits<double>::infinity();
+  for (std::size_t i = 0; i < comparison.names().size(); ++i) {
+    Convergence& quantity = outcome.quantities.emplace_back();
+    quantity.name = comparison.names()[i];
+    quantity.size = size_of(steps.back()[i]);
+    quantity.step = compare(steps[0][i], steps[1][i], steps[2][i], quantity.size);
+    if (!grids.empty()) {
+      quantity.grid = compare(grids[0][i], grids[1][i], grids[2][i], quantity.size);
+    }
+    if (tolerance && quantity.step.coarse > 0.0) {
+      const auto order = quantity.step.order();
+      factor =
+          !order ? 0.0 : std::min(factor, std::pow(*tolerance * quantity.size / quantity.step.error(), 1.0 / *order));
+    }
+  }
+  if (tolerance && factor > 0.0 && std::isfinite(factor)) {
+    outcome.step_for_tolerance = outcome.step * factor;
+  }
+  outcome.wall_seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+  return outcome;
+}
+
+std::string to_json(const ConvergenceOutcome& outcome) {
+  figures::JsonObject object, quantities;
+  object.count("status", static_cast<std::size_t>(outcome.status))
+      .number("until", outcome.until)
+      .number("step", outcome.step);
+  for (const Convergence& quantity : outcome.quantities) {
+    figures::JsonObject one;
+    one.number("size", quantity.size).object("step", json(quantity.step));
+    if (quantity.grid) {
+      one.object("grid", json(*quantity.grid));
+      one.text("dominant", quantity.grid->error() > quantity.step.error() ? "grid" : "step");
+    }
+    quantities.object(quantity.name, one);
+  }
+  object.object("quantities", quantities);
+  if (outcome.tolerance) {
+    object.number("tolerance", *outcome.tolerance);
+  }
+  if (outcome.step_for_tolerance) {
+    object.number("step_for_tolerance", *outcome.step_for_tolerance);
+  }
+  return object.number("wall_seconds", outcome.wall_seconds).str();
+}
+
+std::string to_table(const ConvergenceOutcome& outcome) {
+  std::string table = fmt::format("{}\n  errors at t = {:.10g} with step = {:.10g}, by runs with halves and quarters\n",
+                                  outcome.title, outcome.until, outcome.step);
+  for (const Convergence& quantity : outcome.quantities) {
+    table += fmt::format("  {:<16} of {:<10.4g} step: {:<26}", quantity.name, quantity.size, text(quantity.step));
+    if (quantity.grid) {
+      table += fmt::format(" grid: {:<26}", text(*quantity.grid));
+    }
+    table.erase(table.find_last_not_of(' ') + 1);
+    table += "\n";
+  }
+  if (outcome.tolerance) {
+    table += outcome.step_for_tolerance
+                 ? fmt::format("  step = {:.3g} would reach {:.3g} of each, if the order held\n",
+                               *outcome.step_for_tolerance, *outcome.tolerance)
+                 : fmt::format("  which step would reach {:.3g} cannot be said: no order is seen, or all is rounding\n",
+                               *outcome.tolerance);
+  }
+  return table;
+}
+
+}  // namespace rubato

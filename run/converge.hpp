@@ -1,0 +1,53 @@
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <rubato/run/run.hpp>
+
+/// How accurate a run is: what the laws do not tell, since they can be perfect on an orbit that is wrong.
+namespace rubato {
+
+/// What refining the step, or the grid, changed of one quantity at the end.
+struct Refinement {
+  double coarse = 0.0, fine = 0.0;  ///< largest differences: of 1 and 1/2, of 1/2 and 1/4
+  /// log2(coarse/fine); absent where differences are rounding, or do not fall.
+  [[nodiscard]] std::optional<double> order() const;
+  /// Of the problem as it stands, by Richardson: coarse times 2^p/(2^p - 1) with the observed order p; the coarse
+  /// difference itself where there is none.
+  [[nodiscard]] double error() const;
+};
+
+struct Convergence {
+  std::string name;   ///< of a coordinate, a momentum or a field, or of [output.quantities]
+  double size = 0.0;  ///< its largest magnitude at the end
+  Refinement step;
+  std::optional<Refinement> grid;  ///< of a lattice
+};
+
+struct ConvergenceOutcome {
+  ExitStatus status = ExitStatus::done;
+  std::string message = {};
+  std::string title;
+  double until = 0.0;
+  double step = 0.0;
+  std::vector<Convergence> quantities = {};
+  /// The step that would reach the tolerance asked for in every quantity relative to its size, if the order held.
+  std::optional<double> step_for_tolerance = {};
+  std::optional<double> tolerance;
+  double wall_seconds = 0.0;
+};
+
+/// Runs the problem to `until` with its step, a half and a quarter of it, and a lattice also with half and a quarter of
+/// its spacings (with the next odd numbers of cells where the problem's are odd), and compares the states and what
+/// [output.quantities] holds at `until` (dense output; of other grids at the nodes of the problem's, by trigonometric
+/// interpolation). Nothing is written. \throws ProblemError for step = "auto", an ensemble, or a problem whose fields a
+/// record has not at its levels
+[[nodiscard]] ConvergenceOutcome converge(const Problem& problem, std::optional<double> tolerance,
+                                          const RunOptions& options = {});
+
+[[nodiscard]] std::string to_json(const ConvergenceOutcome& outcome);
+[[nodiscard]] std::string to_table(const ConvergenceOutcome& outcome);
+
+}  // namespace rubato

@@ -1,0 +1,217 @@
+#include <rubato/run/ensemble_member.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <initializer_list>
+#include <iterator>
+#include <limits>
+#include <string_view>
+#include <utility>
+
+#include <fmt/format.h>
+
+#include <rubato/figures/text.hpp>
+#include <rubato/run/chronicle.hpp>
+#include <rubato/run/ensemble_lanes.hpp>
+#include <rubato/run/last_rows.hpp>
+
+namespace rubato {
+
+namespace {
+
+/// A run of one member to its end. \throws ProblemError
+class Member {
+public:
+  Member(const Problem& problem, const std::vector<std::string>& figures, const MemberDesk& desk)
+      : problem_(problem), names_(figures), desk_(desk), chronicle_(problem, false), rows_(chronicle_.layout()) {}
+
+  [[nodiscard]] const record::Layout& layout() const { return chronicle_.layout(); }
+
+  MemberResult run() {
+    try {
+      chronicle_.tell_start(rows_);
+      while (result_.status == ExitStatus::done && !simulation().finished() && !chronicle_.stopped()) {
+        one_step();
+      }
+    } catch (const LastRows::Undefined& undefined) {
+      result_.status = ExitStatus::failed;
+      result_.message = fmt::format("{} at t = {:.10g}", undefined.what, simulation().t());
+    }
+    finish();
+    return std::move(result_);
+  }
+
+private:
+  [[nodiscard]] Simulation& simulation() { return chronicle_.simulation(); }
+
+  void one_step() {
+    if (desk_.halted()) {
+      result_.status = ExitStatus::interrupted;
+      return;
+    }
+    if (chronicle_.statistics().steps >= static_cast<std::size_t>(problem_.scheme.max_steps)) {
+      result_.status = ExitStatus::failed;
+      result_.message =
+          fmt::format("max_steps = {} reached at t = {:.10g}", problem_.scheme.max_steps, simulation().t());
+      return;
+    }
+    const StepReport report = simulation().step();
+    if (report.status != Status::success) {
+      const bool singular = report.status == Status::singular || report.status == Status::ill_conditioned;
+      result_.status = singular ? ExitStatus::singular : ExitStatus::failed;
+      result_.message = simulation().integrator().explain(report);
+      return;
+    }
+    chronicle_.tell_step(report, rows_);
+    const LevelNode node = simulation().node();
+    if (!std::isfinite(node.energy) || (simulation().has_gamma() && !std::isfinite(node.gamma))) {
+      throw LastRows::Undefined{"the node energy or Gamma is not finite"};
+    }
+  }
+
+  void finish() {
+    try {
+      if (result_.status != ExitStatus::failed && chronicle_.last_stored() != chronicle_.statistics().steps) {
+        chronicle_.tell_state(rows_);
+      }
+    } catch (const LastRows::Undefined&) {
+      result_.status = ExitStatus::failed;
+    }
+    figures::JsonObject figures;
+    figures::add_figures(figures, chronicle_.final_statistics());
+    for (const std::string& name : names_) {
+      result_.figures.push_back(figures.find(name).value_or(std::numeric_limits<double>::quiet_NaN()));
+    }
+    for (std::size_t i = 0; i < layout().datasets.size(); ++i) {
+      if (is_last_state(layout().datasets[i])) {
+        result_.states.push_back(rows_.kept(i));
+      }
+      if (is_kept_whole(layout().datasets[i])) {
+        result_.series.push_back(rows_.kept(i));
+      }
+    }
+  }
+
+  const Problem& problem_;
+  const std::vector<std::string>& names_;
+  const MemberDesk& desk_;
+  Chronicle chronicle_;
+  LastRows rows_;
+  MemberResult result_;
+};
+
+/// A member by itself. \return whether it came to an end of its own
+bool take_alone(const Problem& ensemble, std::size_t number, const std::vector<std::string>& figures,
+                MemberDesk& desk) {
+  const Problem problem = member_problem(ensemble, number);
+  MemberResult result = Member(problem, figures, desk).run();
+  if (result.status == ExitStatus::interrupted) {
+    return false;
+  }
+  desk.hand_in(number, std::move(result));
+  return true;
+}
+
+/// One thread: members until there are no more, as many at once as go side by side.
+void take_members(const Problem& ensemble, const std::vector<std::string>& figures, MemberDesk& desk) {
+  try {
+    const std::unique_ptr<MemberLanes> lanes = MemberLanes::make(ensemble, figures);
+    std::vector<std::size_t> numbers;
+    std::size_t at_once = 1;
+    do {
+      at_once = lanes == nullptr ? 1 : lanes->width();
+      numbers.clear();
+      while (numbers.size() < at_once) {
+        const std::optional<std::size_t> number = desk.next();
+        if (!number) {
+          break;
+        }
+        numbers.push_back(*number);
+      }
+      std::vector<std::optional<MemberResult>> results(numbers.size());
+      if (lanes != nullptr && !numbers.empty()) {
+        results = lanes->run(numbers, desk);
+      }
+      // The first one last: members are published in their order, and these together.
+      for (std::size_t i = numbers.size(); i-- > 0;) {
+        if (results[i]) {
+          desk.hand_in(numbers[i], std::move(*results[i]));
+        }
+      }
+      for (std::size_t i = 0; i < numbers.size(); ++i) {
+        if (!results[i] && !take_alone(ensemble, numbers[i], figures, desk)) {
+          return;
+        }
+      }
+    } while (numbers.size() == at_once);
+  } catch (...) {
+    desk.fail(std::current_exception());
+  }
+}
+
+}  // namespace
+
+bool is_kept_whole(const record::Dataset& dataset) {
+  return dataset.axis.starts_with("/events/") || dataset.axis == "/output/t";
+}
+
+bool is_last_state(const record::Dataset& dataset) {
+  return dataset.path.starts_with("/states/") && dataset.axis == "/states/t" && dataset.type == record::Type::f64 &&
+         dataset.path != "/states/t" && !dataset.path.starts_with("/states/previous/");
+}
+
+std::vector<std::string> figure_names(const Problem& member) {
+  std::vector<std::string> names = {"steps",
+                                    "t",
+                                    "h/min",
+                                    "h/max",
+                                    "discrete_energy/value",
+                                    "discrete_energy/max_relative_deviation",
+                                    "discrete_energy/max_deviation",
+                                    "step_potential/max",
+                                    "step_potential/kappa",
+                                    "step_potential/p",
+                                    "step_potential/from",
+                                    "step_potential/to",
+                                    "node_energy/initial",
+                                    "node_energy/max_deviation",
+                                    "bridges/count",
+                                    "bridges/steps",
+                                    "bridges/max_deviation",
+                                    "gamma/min",
+                                    "gamma/max",
+                                    "step_condition/max",
+                                    "newton_iterations/mean",
+                                    "newton_iterations/max"};
+  const auto simulation = make_simulation(member);
+  const auto add = [&names](std::string_view group, const std::vector<std::string>& of,
+                            std::initializer_list<std::string_view> keys) {
+    for (const std::string& name : of) {
+      for (const std::string_view key : keys) {
+        names.push_back(fmt::format("{}/{}/{}", group, name, key));
+      }
+    }
+  };
+  add("residuals", simulation->law_names(), {"max", "rms"});
+  add("invariants", simulation->invariant_names(), {"initial", "max_deviation"});
+  add("totals", simulation->total_names(), {"initial", "max_deviation"});
+  std::vector<std::string> events;
+  std::ranges::transform(member.events, std::back_inserter(events), &StatedEvent::name);
+  add("events", events, {"count", "first", "last"});
+  if (std::ranges::any_of(member.events, [](const StatedEvent& event) { return event.stop_after > 0; })) {
+    names.emplace_back("stopped/t");
+  }
+  std::vector<std::string> exact;
+  for (const Named<Spread>& error : simulation->errors()) {
+    exact.push_back(error.name);
+  }
+  add("error", exact, {"max", "rms"});
+  return names;
+}
+
+void run_members(const Problem& ensemble, const std::vector<std::string>& figures, MemberDesk& desk) {
+#pragma omp parallel default(shared)
+  take_members(ensemble, figures, desk);
+}
+
+}  // namespace rubato

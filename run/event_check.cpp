@@ -1,0 +1,160 @@
+#include <rubato/run/event_check.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include <fmt/format.h>
+
+namespace rubato {
+
+/// The rows of one step, dataset by dataset.
+class EventCheck::Rows final : public RowSink {
+public:
+  using RowSink::append;
+  explicit Rows(std::size_t datasets) : rows_(datasets) {}
+
+  void append(record::Column column, std::span<const double> row) override {
+    rows_.at(column.number).emplace_back(row.begin(), row.end());
+  }
+  void append(record::Column column, std::span<const std::int64_t> row) override {
+    rows_.at(column.number).emplace_back(row.begin(), row.end());
+  }
+  [[nodiscard]] const std::vector<std::vector<double>>& of(std::size_t dataset) const { return rows_[dataset]; }
+
+private:
+  std::vector<std::vector<std::vector<double>>> rows_;
+};
+
+EventCheck::EventCheck(const record::Reader& reader, const StoredLevels& levels, const Problem& problem,
+                       std::size_t components, Findings& findings)
+    : levels_(levels),
+      components_(components),
+      findings_(findings),
+      teller_(levels.sparse ? nullptr : make_events(problem)) {
+  if (teller_ == nullptr) {
+    return;
+  }
+  teller_->describe(layout_);
+  for (const std::string& name : teller_->names()) {
+    figures_.push_back({name, {}});
+  }
+  for (const record::Dataset& dataset : layout_.datasets) {
+    std::size_t size = 1;
+    for (const std::string& scale : dataset.dimensions) {
+      size *= reader.rows(scale);
+    }
+    columns_.emplace_back(reader, dataset.path, size);
+  }
+  next_.assign(columns_.size(), 0);
+}
+
+void EventCheck::see(std::span<const double> z) {
+  scales_.resize(z.size() / components_, 0.0);
+  for (std::size_t i = 0; i < z.size(); ++i) {
+    double& scale = scales_[i / components_];
+    scale = std::isfinite(z[i]) ? std::max(scale, std::abs(z[i])) : scale;
+  }
+}
+
+std::vector<double> EventCheck::displaced(std::span<const double> z, int attempt, int level) const {
+  std::vector<double> moved(z.begin(), z.end());
+  for (std::size_t i = 0; i < moved.size(); ++i) {
+    moved[i] += Rounding::sign(attempt, i, level) * Rounding::displacement * scales_[i / components_];
+  }
+  return moved;
+}
+
+void EventCheck::begin(std::span<const double> z) {
+  if (teller_ == nullptr) {
+    return;
+  }
+  see(z);
+  Rows sound(columns_.size());
+  teller_->begin(sound, z, levels_.t.front(), figures_);
+  const std::vector<Rows> none;
+  compare(
+      sound, [&]() -> const std::vector<Rows>& { return none; }, "from the start");
+}
+
+void EventCheck::check_step(std::size_t level, std::span<const double> before, std::span<const double> z) {
+  if (teller_ == nullptr) {
+    return;
+  }
+  see(z);
+  OutputStep step{
+      .z_0 = before, .z_1 = z, .t_0 = levels_.t[level - 1], .t_1 = levels_.t[level], .h = levels_.h[level - 1]};
+  StateWriter signs_before, signs_after;
+  teller_->save(signs_before);
+  Rows sound(columns_.size());
+  std::vector<EventFigures> after = figures_;
+  teller_->append(sound, step, after);
+  teller_->save(signs_after);
+  // What rounding makes of the rows.
+  std::vector<Rows> moved;
+  const auto make_moved = [&]() -> const std::vector<Rows>& {
+    for (int attempt = 0; moved.size() < std::size_t{Rounding::displacements}; ++attempt) {
+      const std::vector<double> z_0 = displaced(before, attempt, 0), z_1 = displaced(z, attempt, 1);
+      OutputStep other = step;
+      other.z_0 = z_0;
+      other.z_1 = z_1;
+      restore(signs_before);
+      std::vector<EventFigures> ignored = figures_;
+      teller_->append(moved.emplace_back(columns_.size()), other, ignored);
+    }
+    restore(signs_after);
+    return moved;
+  };
+  compare(sound, make_moved, "from the levels around it");
+  figures_ = std::move(after);
+}
+
+void EventCheck::restore(const StateWriter& signs) {
+  StateReader reader{std::span<const double>(signs.values())};
+  teller_->restore(reader);
+}
+
+void EventCheck::compare(const Rows& sound, const std::function<const std::vector<Rows>&()>& moved,
+                         const char* reason) {
+  for (std::size_t i = 0; i < columns_.size(); ++i) {
+    const auto& rows = sound.of(i);
+    for (std::size_t r = 0; r < rows.size(); ++r, ++next_[i]) {
+      if (next_[i] >= columns_[i].rows()) {
+        findings_.add({.dataset = columns_[i].path(),
+                       .row = next_[i],
+                       .recomputed = rows[r].front(),
+                       .reason = "the levels have this, and the record has not"});
+        continue;
+      }
+      const std::span<const double> stored = columns_[i].row(next_[i]);
+      for (std::size_t k = 0; k < stored.size(); ++k) {
+        const auto tolerance = [&] {
+          double change = 0.0;
+          for (const Rows& other : moved()) {
+            // Where rounding decides on whether there is a crossing, it decides on all of it.
+            change = other.of(i).size() != rows.size()
+                         ? std::numeric_limits<double>::infinity()
+                         : std::max(change, std::abs(other.of(i)[r][k] - rows[r][k]) / Rounding::displacement);
+          }
+          return Rounding::unit * (change + std::abs(rows[r][k]));
+        };
+        findings_.compare(columns_[i].path(), next_[i], stored.size() == 1 ? std::nullopt : std::optional(k), stored[k],
+                          rows[r][k], tolerance, reason);
+      }
+    }
+  }
+}
+
+void EventCheck::finish() {
+  for (std::size_t i = 0; i < columns_.size(); ++i) {
+    if (next_[i] < columns_[i].rows()) {
+      findings_.add(
+          {.dataset = columns_[i].path(),
+           .row = next_[i],
+           .stored = columns_[i].row(next_[i]).front(),
+           .reason = fmt::format("the record has {} rows; by the levels there are {}", columns_[i].rows(), next_[i])});
+    }
+  }
+}
+
+}  // namespace rubato

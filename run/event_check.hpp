@@ -1,0 +1,51 @@
+#pragma once
+
+#include <cstddef>
+#include <functional>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include <rubato/problem/stored.hpp>
+#include <rubato/run/events.hpp>
+#include <rubato/run/findings.hpp>
+
+namespace rubato {
+
+/// What a record tells under /events, made anew from its levels, where all of them are stored: the signs that decide on
+/// crossings go from step to step.
+class EventCheck {
+public:
+  /// \param components how many numbers of a state have one scale: a field's, or one
+  /// \throws figures::Mismatch for a dataset that is not there, or of another size
+  EventCheck(const record::Reader& reader, const StoredLevels& levels, const Problem& problem, std::size_t components,
+             Findings& findings);
+
+  /// In the order of the levels.
+  ///@{
+  void begin(std::span<const double> z);
+  void check_step(std::size_t level, std::span<const double> before, std::span<const double> z);
+  ///@}
+  /// After the last one: whether the record has more crossings.
+  void finish();
+
+private:
+  class Rows;
+  /// `moved`: the same of displaced states.
+  void compare(const Rows& sound, const std::function<const std::vector<Rows>&()>& moved, const char* reason);
+  void restore(const StateWriter& signs);
+  void see(std::span<const double> z);
+  [[nodiscard]] std::vector<double> displaced(std::span<const double> z, int attempt, int level) const;
+
+  const StoredLevels& levels_;
+  std::size_t components_;
+  Findings& findings_;
+  std::unique_ptr<EventTeller> teller_;
+  record::Layout layout_;
+  std::vector<EventFigures> figures_;
+  std::vector<StoredRows> columns_;
+  std::vector<std::size_t> next_;  ///< row of each of them
+  std::vector<double> scales_;     ///< largest magnitude of each component so far
+};
+
+}  // namespace rubato

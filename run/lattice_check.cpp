@@ -1,0 +1,519 @@
+#include <rubato/run/lattice_check.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <optional>
+#include <utility>
+
+#include <fmt/format.h>
+
+#include <rubato/problem/lattice_problem.hpp>
+#include <rubato/run/event_check.hpp>
+#include <rubato/run/lattice_residuals.hpp>
+#include <rubato/run/output_check.hpp>
+
+namespace rubato {
+
+namespace {
+
+/// The stored levels of a lattice, one at a time.
+class StoredLattice {
+public:
+  StoredLattice(const record::Reader& reader, const MultisymplecticSystem& system, std::size_t nodes,
+                const StoredLevels& levels, Findings& findings)
+      : system_(system), findings_(findings) {
+    for (int f = 0; f < system.field_count(); ++f) {
+      const std::string& name = system.fields()[static_cast<std::size_t>(f)];
+      const bool at_midpoints = system.structure().at_midpoints(f);
+      fields_.emplace_back(reader, (at_midpoints ? "/states/midpoints/" : "/states/") + name, nodes);
+      if (levels.sparse && !at_midpoints) {
+        previous_.emplace_back(reader, "/states/previous/" + name, nodes);
+      }
+    }
+    for (const auto* all : {&fields_, &previous_}) {
+      for (const StoredRows& rows : *all) {
+        if (rows.rows() != levels.state_level.size()) {
+          throw record::Error(reader.file(),
+                              fmt::format("{} has {} rows; {} stored levels do not fit together with that", rows.path(),
+                                          rows.rows(), levels.state_level.size()));
+        }
+      }
+    }
+  }
+
+  /// Of fields at midpoints the value in the middle of the step that led there; 0 at the start, where there is none.
+  /// \return false, and the findings say so, where it is not finite
+  bool load(std::size_t row, grids::FieldSet& level) {
+    bool whole = true;
+    for (int f = 0; f < system_.field_count(); ++f) {
+      StoredRows& rows = fields_[static_cast<std::size_t>(f)];
+      if (row == 0 && system_.structure().at_midpoints(f)) {
+        std::ranges::fill(level.field(f), 0.0);
+        const std::span<const double> values = rows.row(row);
+        for (std::size_t i = 0; i < values.size(); ++i) {
+          findings_.same(rows.path(), row, i, values[i], std::numeric_limits<double>::quiet_NaN(),
+                         "no step led to the start");
+        }
+      } else {
+        whole = copy(rows, row, level.field(f)) && whole;
+      }
+    }
+    return whole;
+  }
+  /// The level before it.
+  bool load_previous(std::size_t row, grids::FieldSet& level) {
+    bool whole = true;
+    auto rows = previous_.begin();
+    for (int f = 0; f < system_.field_count(); ++f) {
+      if (system_.structure().at_midpoints(f)) {
+        std::ranges::fill(level.field(f), 0.0);
+      } else {
+        whole = copy(*rows++, row, level.field(f)) && whole;
+      }
+    }
+    return whole;
+  }
+  [[nodiscard]] const std::string& path(int field) const { return fields_[static_cast<std::size_t>(field)].path(); }
+  /// Of the level before, for fields that are at levels.
+  [[nodiscard]] std::string previous_path(int field) const {
+    return "/states/previous/" + system_.fields()[static_cast<std::size_t>(field)];
+  }
+
+private:
+  bool copy(StoredRows& rows, std::size_t row, std::span<double> out) {
+    const std::span<const double> values = rows.row(row);
+    bool whole = true;
+    for (std::size_t i = 0; i < values.size(); ++i) {
+      if (!std::isfinite(values[i])) {
+        whole = false;
+        findings_.add(
+            {.dataset = rows.path(), .row = row, .index = i, .stored = values[i], .reason = "a state is finite"});
+      }
+    }
+    std::ranges::copy(values, out.begin());
+    return whole;
+  }
+
+  const MultisymplecticSystem& system_;
+  Findings& findings_;
+  std::vector<StoredRows> fields_, previous_;
+};
+
+/// A local law, and where its numbers are stored.
+struct StoredLaw {
+  const Law& law;
+  StoredRows max, rms;
+  std::optional<StoredRows> undefined;  ///< not in records of earlier versions
+  std::optional<StoredRows> cells;
+
+  StoredLaw(const record::Reader& reader, const Law& of)
+      : law(of), max(reader, law.max_path()), rms(reader, law.rms_path()) {
+    if (reader.has(law.undefined_path())) {
+      undefined.emplace(reader, law.undefined_path());
+    }
+    if (law.has_cells()) {
+      cells.emplace(reader, law.cells_path(), law.cells().size());
+    }
+  }
+};
+
+class LatticeCheck {
+public:
+  LatticeCheck(const record::Reader& reader, const StoredLevels& levels, const Problem& problem, bool has_gamma,
+               Findings& findings)
+      : reader_(reader),
+        levels_(levels),
+        problem_(problem),
+        has_gamma_(has_gamma),
+        findings_(findings),
+        system_(make_system(problem)),
+        grid_(make_grid(problem)),
+        method_(make_method(problem)),
+        law_levels_(problem.laws),
+        laws_(make_local_laws(*method_, system_, grid_, make_lattice_options(problem, system_).symmetries)),
+        residuals_(*method_, laws_, system_, grid_,
+                   {.variational = !levels.sparse && !law_levels_.none(),
+                    .tangents = !levels.sparse && reader.has("/laws/multisymplectic_max")}),
+        invariants_(make_invariants(problem, system_, grid_)),
+        exact_(make_exact(problem, system_, grid_)),
+        stored_(reader, system_, grid_.size(), levels, findings),
+        after_(make_initial_level(problem, system_, grid_)),
+        before_(after_),
+        moved_before_(after_),
+        moved_after_(after_),
+        largest_(static_cast<std::size_t>(system_.field_count()), 0.0),
+        node_energy_(reader, "/levels/node_energy"),
+        gamma_(reader, "/levels/gamma"),
+        energy_(reader, "/levels/energy"),
+        output_(reader, levels, problem, grid_.size(), findings),
+        events_(reader, levels, problem, grid_.size(), findings) {
+    for (const std::string& name : exact_.names()) {
+      stored_exact_.emplace_back(reader, "/exact/" + name, grid_.size());
+    }
+    if (law_levels_.none()) {
+      return;
+    }
+    for (std::size_t law = 1; law < laws_.count(); ++law) {  // the first is energy, the node energy
+      totals_.emplace_back(reader, "/laws/totals/" + laws_.names()[law]);
+    }
+    for (const std::string& name : invariants_.names()) {
+      stored_invariants_.emplace_back(reader, "/laws/" + name);
+    }
+    for (const Law& law : residuals_.laws()) {
+      stored_laws_.emplace_back(reader, law);
+    }
+  }
+
+  Spread run() {
+    check_grid();
+    output_.check_times();
+    const grids::FieldSet initial = after_.fields;
+    bool whole = stored_.load(0, after_.fields);
+    check_start(initial);
+    const bool in_turn = !levels_.sparse && levels_.steps() > 0;
+    law_slack_ = make_lattice_options(problem_, system_).stages > 1 ? solver_slack : 1.0;
+    equation_ = method_->equation(system_, grid_, after_, in_turn ? levels_.h.front() : 0.0);
+    check_level(0, in_turn);
+    output_.check_level(0, std::as_const(after_.fields).all());
+    events_.begin(std::as_const(after_.fields).all());
+    bool start_known = true;
+    for (std::size_t row = 1; row < levels_.state_level.size(); ++row) {
+      if (levels_.sparse) {
+        whole = check_previous(row);
+      } else {
+        std::swap(before_.fields, after_.fields);
+      }
+      const bool before_whole = whole;
+      whole = stored_.load(row, after_.fields);
+      grow_scales();
+      start_known = start_known && whole && before_whole;
+      const std::size_t level = levels_.state_level[row];
+      if (whole && before_whole) {
+        check_step(row);
+        output_.check_step(level, std::as_const(before_.fields).all(), std::as_const(after_.fields).all());
+        events_.check_step(level, std::as_const(before_.fields).all(), std::as_const(after_.fields).all());
+      }
+      if (whole) {
+        check_level(row, in_turn && start_known);
+        output_.check_level(level, std::as_const(after_.fields).all());
+      }
+    }
+    events_.finish();
+    return residual_;
+  }
+
+private:
+  void check_grid() {
+    for (int a = 0; a < grid_.dimensions(); ++a) {
+      const grids::Axis& axis = grid_.axis(a);
+      StoredRows nodes(reader_, "/grid/" + axis.name), cells(reader_, "/grid/" + axis.name + "_cell");
+      if (nodes.rows() != grid_.cells(a) || cells.rows() != grid_.cells(a)) {
+        throw figures::Mismatch(reader_.file(), nodes.path(),
+                                fmt::format("{} has {} nodes; by the problem it should have {}", nodes.path(),
+                                            nodes.rows(), grid_.cells(a)));
+      }
+      for (std::size_t i = 0; i < grid_.cells(a); ++i) {
+        findings_.same(nodes.path(), i, {}, nodes.at(i), axis.node(i), "[grid] of the problem");
+        findings_.same(cells.path(), i, {}, cells.at(i), axis.centre(i), "[grid] of the problem");
+      }
+    }
+  }
+
+  /// Any other initial data than the problem's differ by more than this, relative to a field; on other machines the
+  /// constraints that give auxiliary fields may be solved with other rounding.
+  static constexpr double start_tolerance = 1e-9;
+
+  void check_start(const grids::FieldSet& initial) {
+    for (int f = 0; f < system_.field_count(); ++f) {
+      if (system_.structure().at_midpoints(f)) {
+        continue;
+      }
+      const auto expected = initial.field(f);
+      const auto found = std::as_const(after_.fields).field(f);
+      double largest = 0.0;
+      for (std::size_t i = 0; i < expected.size(); ++i) {
+        largest = std::max(largest, std::abs(expected[i]));
+      }
+      for (std::size_t i = 0; i < expected.size(); ++i) {
+        findings_.compare(
+            stored_.path(f), 0, i, found[i], expected[i], [&] { return start_tolerance * largest; },
+            "the initial level of the problem");
+      }
+    }
+    grow_scales();
+    if (levels_.sparse && stored_.load_previous(0, before_.fields)) {
+      compare_levels(0, "the first row repeats the start");
+    }
+  }
+
+  /// Loads the level before a stored one.
+  bool check_previous(std::size_t row) {
+    const bool whole = stored_.load_previous(row, before_.fields);
+    if (whole && levels_.follows(row)) {
+      compare_levels(row, "the stored level before");
+    }
+    return whole;
+  }
+
+  /// before_, as loaded, with after_, still that of the row before.
+  void compare_levels(std::size_t row, const char* reason) {
+    for (int f = 0; f < system_.field_count(); ++f) {
+      if (!system_.structure().at_midpoints(f)) {
+        const auto found = std::as_const(before_.fields).field(f), expected = std::as_const(after_.fields).field(f);
+        for (std::size_t i = 0; i < found.size(); ++i) {
+          findings_.same(stored_.previous_path(f), row, i, found[i], expected[i], reason);
+        }
+      }
+    }
+  }
+
+  void grow_scales() {
+    for (int f = 0; f < system_.field_count(); ++f) {
+      double& largest = largest_[static_cast<std::size_t>(f)];
+      for (const double value : std::as_const(after_.fields).field(f)) {
+        largest = std::isfinite(value) ? std::max(largest, std::abs(value)) : largest;
+      }
+    }
+  }
+
+  /// Fields displaced as Rounding says, by the largest magnitude of each so far.
+  void displace(const LatticeLevel& state, int attempt, int level, LatticeLevel& moved) const {
+    std::uint64_t number = 0;
+    for (int f = 0; f < system_.field_count(); ++f) {
+      const double size = Rounding::displacement * largest_[static_cast<std::size_t>(f)];
+      const auto from = state.fields.field(f);
+      const auto to = moved.fields.field(f);
+      for (std::size_t i = 0; i < to.size(); ++i) {
+        to[i] = from[i] + Rounding::sign(attempt, ++number, level) * size;
+      }
+    }
+  }
+
+  /// The tolerances of what `evaluate(before, after)` gives, one after the other.
+  template <typename Evaluate>
+  std::vector<double> tolerances(Evaluate&& evaluate) {
+    const std::vector<double> sound = evaluate(before_, after_);
+    std::vector<double> result(sound.size(), 0.0);
+    for (int attempt = 0; attempt < Rounding::displacements; ++attempt) {
+      displace(before_, attempt, 0, moved_before_);
+      displace(after_, attempt, 1, moved_after_);
+      const std::vector<double> moved = evaluate(moved_before_, moved_after_);
+      for (std::size_t i = 0; i < result.size(); ++i) {
+        const double change = std::abs(moved[i] - sound[i]) / Rounding::displacement;
+        result[i] = change > result[i] ? change : result[i];
+      }
+    }
+    for (std::size_t i = 0; i < result.size(); ++i) {
+      result[i] = Rounding::unit * (result[i] + std::abs(sound[i]));
+    }
+    return result;
+  }
+
+  /// Node energy, Γ, totals and invariants.
+  void check_level(std::size_t row, bool gamma_known) {
+    const std::size_t level = levels_.state_level[row];
+    const double t = levels_.state_t[row];
+    const auto evaluate = [&](LatticeLevel& at) {
+      std::vector<double> values = laws_.totals(at);
+      const std::vector<double> invariants = invariants_.integrals(at, t);
+      values.insert(values.end(), invariants.begin(), invariants.end());
+      return values;
+    };
+    std::vector<double> found = evaluate(after_), allowed;
+    const LevelNode node = equation_->node(after_);
+    const auto tolerance = [&](std::size_t i) {
+      return [&, i] {
+        if (allowed.empty()) {
+          allowed = tolerances([&](const LatticeLevel&, LatticeLevel& at) { return evaluate(at); });
+        }
+        return allowed[i];
+      };
+    };
+    const char* reason = "from the state at that level";
+    findings_.compare("/levels/node_energy", level, {}, node_energy_.at(level), node.energy, tolerance(0), reason);
+    check_totals(level, found, tolerance);
+    if (has_gamma_ && gamma_known) {
+      check_gamma(level, node.gamma);
+    }
+    const std::vector<std::vector<double>> exact = exact_.at(after_, t);
+    for (std::size_t i = 0; i < exact.size(); ++i) {
+      compare_row(stored_exact_[i], row, exact[i], "[exact] of the problem",
+                  [&](std::size_t) { return Rounding::unit * (1.0 + std::abs(t)) * size_of(exact[i]); });
+    }
+  }
+
+  /// Totals and invariants; `found` and `tolerance` tell of the node energy first.
+  template <typename Tolerance>
+  void check_totals(std::size_t level, std::vector<double>& found, Tolerance&& tolerance) {
+    const bool taken = law_levels_.taken_at(level);
+    const char* reason = taken ? "from the state at that level" : "[laws] every of the problem";
+    if (!taken) {
+      std::ranges::fill(found, std::numeric_limits<double>::quiet_NaN());
+    }
+    std::size_t next = 1;
+    for (StoredRows& rows : totals_) {
+      findings_.compare(rows.path(), level, {}, rows.at(level), found[next], tolerance(next), reason);
+      ++next;
+    }
+    for (StoredRows& rows : stored_invariants_) {
+      findings_.compare(rows.path(), level, {}, rows.at(level), found[next], tolerance(next), reason);
+      ++next;
+    }
+  }
+
+  /// Γ at a level is a quadratic form of rates that are extrapolated from differences of stored levels, which have lost
+  /// digits: at the first levels two steps of a hundredth of h.
+  void check_gamma(std::size_t level, double gamma) {
+    constexpr double lost_digits = 1e4;
+    gamma_scale_ = std::max(gamma_scale_, std::abs(gamma));
+    findings_.compare(
+        "/levels/gamma", level, {}, gamma_.at(level), gamma,
+        [&] { return lost_digits * Rounding::unit * std::max(gamma_scale_, energy_rate_scale()); },
+        "from the states at that level and before");
+  }
+
+  /// A rate squared, by the states and the step: what Γ would be if nothing cancelled.
+  [[nodiscard]] double energy_rate_scale() const {
+    double scale = 0.0;
+    for (const double largest : largest_) {
+      scale += largest * largest * grid_.cell_volume() * static_cast<double>(grid_.size());
+    }
+    return scale;
+  }
+
+  /// Newton's iteration ends where the error that its last correction left, as the contraction measured so far tells
+  /// it, is below rounding: an estimate that is off by the contraction's own variation from one correction to the next.
+  static constexpr double solver_slack = 16.0;
+  /// In long steps, of h|N''| ≫ 1, a slow motion of all makes h² of what transforms and S round at, which is more than
+  /// what rounding moves the levels by: by the logarithm of the nodes (8), the stages that it comes from (8), the
+  /// terms that cancel (2) and the basis in which stages are taken apart (4).
+  static constexpr double long_slack = 8192.0;
+
+  /// E_k, what the step leaves of the scheme's equation, and the local laws.
+  void check_step(std::size_t row) {
+    const std::size_t step = levels_.step_to(row);
+    const double h = levels_.h[step];
+    const StepLaw law = equation_->judge(before_, after_, h);
+    std::vector<double> allowed;
+    const auto tolerance = [&](std::size_t i) {
+      return [&, i] {
+        if (allowed.empty()) {
+          allowed = tolerances([&](const LatticeLevel& before, const LatticeLevel& after) {
+            const StepLaw moved = equation_->measure(before, after, h);
+            return std::vector<double>{moved.energy, moved.residual.largest()};
+          });
+        }
+        return allowed[i];
+      };
+    };
+    findings_.compare("/levels/energy", step, {}, energy_.at(step), law.energy + levels_.potential_of(step),
+                      tolerance(0), "from the states around the step");
+    residual_.add(law.residual);
+    findings_.count(grid_.size());
+    if (law.residual.undefined > 0.0 || law.residual.largest() > equation_tolerance_) {
+      equation_tolerance_ = std::max(equation_tolerance_, (law.is_long ? long_slack : solver_slack) * tolerance(1)());
+      if (law.residual.undefined > 0.0 || !(law.residual.largest() <= equation_tolerance_)) {
+        findings_.add({.dataset = "/states",
+                       .row = row,
+                       .stored = law.residual.largest(),
+                       .recomputed = 0.0,
+                       .tolerance = equation_tolerance_,
+                       .reason = "what the step from the level before leaves of the scheme's equation"});
+      }
+    }
+    check_laws(row, step, h, law.is_long ? long_slack : law_slack_);
+  }
+
+  /// `slack`: how many times what rounding of the levels makes of a law is allowed.
+  void check_laws(std::size_t row, std::size_t step, double h, double slack) {
+    if (law_levels_.none()) {
+      return;
+    }
+    residuals_.take(before_, after_, h, LatticeResiduals::part(law_levels_, levels_.state_level[row]));
+    std::vector<double> allowed;  // of the largest residual of each law in cells
+    const auto law_tolerances = [&] {
+      if (allowed.empty()) {
+        allowed = tolerances([&](const LatticeLevel& before, const LatticeLevel& after) {
+          std::vector<double> values;
+          for (const Spread& size : laws_.residuals(before, after, h)) {
+            values.push_back(size.largest());
+          }
+          return values;
+        });
+      }
+    };
+    for (std::size_t i = 0; i < stored_laws_.size(); ++i) {
+      StoredLaw& stored = stored_laws_[i];
+      const figures::ResidualFigures figures = stored.law.figures();
+      const auto tolerance = [&] {
+        law_tolerances();
+        const double own = stored.cells ? allowed[i] : *std::ranges::max_element(allowed);
+        return slack * own + Rounding::unit * (std::isfinite(figures.max) ? figures.max : 0.0);
+      };
+      const char* reason = law_levels_.taken_at(levels_.state_level[row]) ? "from the states around the step"
+                                                                          : "[laws] every of the problem";
+      findings_.compare(stored.max.path(), step, {}, stored.max.at(step), figures.max, tolerance, reason);
+      findings_.compare(stored.rms.path(), step, {}, stored.rms.at(step), figures.rms, tolerance, reason);
+      if (stored.undefined) {
+        findings_.same(stored.undefined->path(), step, {}, stored.undefined->at(step), figures.undefined, reason);
+      }
+      if (stored.cells) {
+        compare_row(*stored.cells, row, stored.law.cells(), reason, [&](std::size_t) { return tolerance(); });
+      }
+    }
+  }
+
+  template <typename Tolerance>
+  void compare_row(StoredRows& rows, std::size_t row, std::span<const double> expected, const char* reason,
+                   Tolerance&& tolerance) {
+    const std::span<const double> stored = rows.row(row);
+    for (std::size_t i = 0; i < expected.size(); ++i) {
+      findings_.compare(
+          rows.path(), row, i, stored[i], expected[i], [&] { return tolerance(i); }, reason);
+    }
+  }
+
+  static double size_of(const std::vector<double>& values) {
+    Spread spread;
+    for (const double value : values) {
+      spread.add(value);
+    }
+    return spread.largest();
+  }
+
+  const record::Reader& reader_;
+  const StoredLevels& levels_;
+  const Problem& problem_;
+  bool has_gamma_;
+  Findings& findings_;
+  MultisymplecticSystem system_;
+  grids::Grid grid_;
+  std::unique_ptr<LatticeMethod> method_;
+  double law_slack_ = 1.0;  ///< where stages are solved anew, by another way: their equations round, too
+  Laws law_levels_;
+  LocalLaws laws_;
+  LatticeResiduals residuals_;
+  NodeTable invariants_, exact_;
+  StoredLattice stored_;
+  LatticeLevel after_, before_, moved_before_, moved_after_;
+  std::vector<double> largest_;  ///< of each field so far
+  StoredRows node_energy_, gamma_, energy_;
+  std::vector<StoredRows> totals_, stored_invariants_, stored_exact_;
+  std::vector<StoredLaw> stored_laws_;
+  std::unique_ptr<StepEquation> equation_;
+  OutputCheck output_;
+  EventCheck events_;
+  double equation_tolerance_ = 0.0;
+  double gamma_scale_ = 0.0;
+  Spread residual_;
+};
+
+}  // namespace
+
+Spread check_lattice(const record::Reader& reader, const StoredLevels& levels, const Problem& problem, bool has_gamma,
+                     Findings& findings) {
+  return LatticeCheck(reader, levels, problem, has_gamma, findings).run();
+}
+
+}  // namespace rubato

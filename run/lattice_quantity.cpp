@@ -1,0 +1,70 @@
+#include <rubato/run/lattice_quantity.hpp>
+
+#include <algorithm>
+#include <utility>
+
+#include <fmt/format.h>
+
+#include <rubato/problem/reader.hpp>
+
+namespace rubato {
+
+namespace {
+
+void refuse_midpoints(const formula::Graph& graph, formula::Expression formula, const OutputQuantity& quantity,
+                      const MultisymplecticSystem& system) {
+  for (const std::size_t variable : formula::variables_of(formula)) {
+    std::string name = graph.variable_name(variable);
+    while (name.ends_with(")")) {  // dx(f)
+      name = name.substr(3, name.size() - 4);
+    }
+    const auto found = std::ranges::find(system.fields(), name);
+    if (found != system.fields().end() && system.structure().at_midpoints(system.field(name))) {
+      throw ProblemError(quantity.formula.location,
+                         fmt::format("{} exists in the middle of steps only, and quantities are told at times", name));
+    }
+  }
+}
+
+}  // namespace
+
+LatticeQuantity::LatticeQuantity(const Problem& problem, const OutputQuantity& quantity,
+                                 const MultisymplecticSystem& system, const grids::Grid& grid)
+    : name_(quantity.name) {
+  const MultisymplecticProblem& pde = *problem.multisymplectic();
+  auto graph = std::make_shared<formula::Graph>();
+  std::vector<formula::Expression> integrands;
+  const formula::Expression value =
+      problem.build_quantity(quantity.formula, *graph, quantity_names(pde), pde.fields, integrands);
+  for (const auto& formula : integrands) {
+    refuse_midpoints(*graph, formula, quantity, system);
+  }
+  refuse_midpoints(*graph, value, quantity, system);
+  std::vector<std::string> numbers;
+  for (std::size_t i = 0; i < integrands.size(); ++i) {
+    numbers.push_back(fmt::format("integral {}", i + 1));
+  }
+  for (const std::size_t variable : formula::variables_of(value)) {
+    const std::string& name = graph->variable_name(variable);
+    is_field_ = is_field_ || (name != "t" && !name.starts_with("integral "));
+  }
+  if (quantity.at || !is_field_) {
+    std::vector<double> point;
+    for (int a = 0; a < grid.dimensions(); ++a) {
+      point.push_back(quantity.at ? (*quantity.at)[static_cast<std::size_t>(a)] : grid.axis(a).from);
+    }
+    point_.emplace(grid, std::move(point));
+    is_field_ = false;
+  }
+  if (!integrands.empty()) {
+    integrands_.emplace(graph, std::move(integrands), pde.fields, grid);
+  }
+  value_.emplace(graph, std::vector{value}, pde.fields, grid, std::move(numbers));
+}
+
+std::vector<double> LatticeQuantity::at(const LatticeLevel& level, double t) {
+  const std::vector<double> numbers = integrands_ ? integrands_->integrals(level, t) : std::vector<double>();
+  return point_ ? value_->at_point(level, t, *point_, numbers) : std::move((*value_)(level, t, numbers).front());
+}
+
+}  // namespace rubato

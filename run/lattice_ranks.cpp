@@ -1,0 +1,293 @@
+#include <rubato/run/lattice_ranks.hpp>
+
+#include <algorithm>
+#include <array>
+#include <cstdio>
+#include <cstdlib>
+#include <memory>
+#include <stdexcept>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <rubato/pde/lattice_method.hpp>
+#include <rubato/problem/lattice_problem.hpp>
+#include <rubato/ranks/packet.hpp>
+#include <rubato/run/chronicle.hpp>
+#include <rubato/run/ensemble_ranks.hpp>
+#include <rubato/run/threads.hpp>
+#include <rubato/run/version.hpp>
+
+namespace rubato {
+
+namespace {
+
+[[noreturn]] void refuse_sharing(const Location& location, int ranks, const std::string& reason) {
+  throw ProblemError(location,
+                     fmt::format("{} ranks cannot share this run: {}; start it without mpirun (--threads says "
+                                 "on how many threads it runs)",
+                                 ranks, reason));
+}
+
+/// "euler-box", …
+std::string methods_to_share() {
+  std::vector<std::string> names;
+  for (const LatticeMethodEntry& entry : lattice_methods()) {
+    if (make_lattice_method({.name = std::string(entry.name)})->is_shared()) {
+      names.push_back(fmt::format("\"{}\"", entry.name));
+    } else if (entry.has_space &&
+               make_lattice_method({.name = std::string(entry.name), .space = "differences"})->is_shared()) {
+      names.push_back(fmt::format("\"{}\" with space = \"differences\"", entry.name));
+    }
+  }
+  return fmt::format("{}", fmt::join(names, ", "));
+}
+
+std::size_t ghosts_of(const Problem& problem) {
+  try {
+    return make_method(problem)->ghosts(make_system(problem));
+  } catch (const std::invalid_argument& error) {
+    throw ProblemError(problem.scheme.lagrangian_location, error.what());
+  }
+}
+
+grids::Slab make_slab(ranks::Communicator& ranks, const Problem& problem) {
+  const grids::Grid whole = make_grid(problem, ranks.size());
+  const std::size_t ghosts = ghosts_of(problem);
+  try {
+    return {ranks, whole, ghosts};
+  } catch (const std::invalid_argument& error) {
+    throw ProblemError(problem.multisymplectic()->axes.back().location, error.what());
+  }
+}
+
+/// Of rank 0, by all.
+Order take_order(const grids::Slab& slab) {
+  double order = 0.0;
+  slab.broadcast(std::span(&order, 1));
+  return static_cast<Order>(static_cast<int>(order));
+}
+
+/// What rank 0 orders, at another rank.
+class Follower {
+public:
+  Follower(const Problem& problem, const grids::Slab& slab) : problem_(problem), slab_(slab), sink_(slab, nullptr) {}
+
+  void carry_out(Order order) {
+    if (order == Order::make) {
+      chronicle_ = std::make_unique<Chronicle>(problem_, false);
+      return;
+    }
+    if (chronicle_ == nullptr) {
+      throw std::logic_error("rank 0 goes on with a lattice that could not be made here");
+    }
+    switch (order) {
+      case Order::start: chronicle_->tell_start(sink_); break;
+      case Order::step: step(); break;
+      case Order::save: save(); break;
+      case Order::restore: restore(); break;
+      case Order::last: chronicle_->tell_last(sink_); break;
+      case Order::finish: static_cast<void>(chronicle_->final_statistics()); break;
+      case Order::make:
+      case Order::end: break;
+    }
+  }
+
+private:
+  void step() {
+    Simulation& simulation = chronicle_->simulation();
+    const StepReport report = simulation.step();
+    if (report.status == Status::success) {
+      chronicle_->tell_step(report, sink_);
+      static_cast<void>(simulation.node());
+    } else {
+      static_cast<void>(simulation.integrator().explain(report));
+    }
+  }
+  void save() {
+    StateWriter state(StateWriter::For::record, nullptr);
+    chronicle_->save(state);
+  }
+  void restore() {
+    double size = 0.0;
+    slab_.broadcast(std::span(&size, 1));
+    SharedState source(slab_, nullptr);
+    StateReader state(source, static_cast<std::size_t>(size));
+    chronicle_->restore(state);
+  }
+
+  const Problem& problem_;
+  const grids::Slab& slab_;
+  GatheringSink sink_;
+  std::unique_ptr<Chronicle> chronicle_;
+};
+
+}  // namespace
+
+void refuse_unshared(const Problem& problem, const RunOptions& options) {
+  if (options.ranks == nullptr || options.ranks->size() == 1) {
+    return;
+  }
+  const int ranks = options.ranks->size();
+  const MultisymplecticProblem* const pde = problem.multisymplectic();
+  if (pde == nullptr) {
+    refuse_sharing(problem.hamiltonian()->statement().location, ranks,
+                   "it is one orbit; they share lattices, and the members of an [ensemble]");
+  }
+  const Location& scheme = problem.scheme.lagrangian_location;
+  if (!make_method(problem)->is_shared()) {
+    refuse_sharing(scheme, ranks, fmt::format("lattices are shared with lagrangian = {} so far", methods_to_share()));
+  }
+  if (!make_method(problem)->is_shared_in(static_cast<int>(pde->axes.size()))) {
+    refuse_sharing(scheme, ranks, "its transforms along a line take the whole of it");
+  }
+  if (!problem.scheme.step) {
+    refuse_sharing(problem.scheme.step_location, ranks, "step = \"auto\" is not shared; give it as a number");
+  }
+  if (pde->initial_record) {
+    refuse_sharing(pde->initial_record->location, ranks, "initial data from a record are not shared");
+  }
+  if (options.tangents) {
+    refuse_sharing(scheme, ranks, "tangent solutions (--tangents) are not shared");
+  }
+  if (pde->driven || !make_system(problem).coordinates().empty()) {
+    refuse_sharing(pde->S.location, ranks, "S names t or a coordinate");
+  }
+  if (!problem.events.empty()) {
+    refuse_sharing(scheme, ranks, "events and sections are not shared");
+  }
+  if (make_output(problem) != nullptr) {
+    refuse_sharing(problem.output.file_location, ranks,
+                   "output at times of its own, and of quantities, is not shared; states are stored by every");
+  }
+  for (const NamedFormula& invariant : pde->invariants) {
+    if (reads_derivatives(problem, invariant)) {
+      refuse_sharing(invariant.formula.location, ranks,
+                     fmt::format("{} has derivatives, which take the whole lattice", invariant.name));
+    }
+  }
+}
+
+SharedLattice::SharedLattice(ranks::Communicator& ranks, const Problem& problem)
+    : slab_(make_slab(ranks, problem)), shared_(&slab_) {}
+
+LatticeLeader::LatticeLeader(ranks::Communicator& ranks, const Problem& problem, int threads)
+    : lattice_(ranks, problem) {
+  ranks::Packet packet;
+  packet.text(build_of_ranks()).text(problem.text).text(problem.source).number(static_cast<std::uint64_t>(threads));
+  for (int rank = 1; rank < ranks.size(); ++rank) {
+    ranks.send(rank, lattice_to_do, packet.bytes());
+  }
+}
+
+LatticeLeader::~LatticeLeader() {
+  order(Order::end);
+}
+
+void LatticeLeader::order(Order order) const {
+  auto number = static_cast<double>(static_cast<int>(order));
+  slab().broadcast(std::span(&number, 1));
+}
+
+void LatticeLeader::order_restore(std::size_t size) const {
+  order(Order::restore);
+  auto number = static_cast<double>(size);
+  slab().broadcast(std::span(&number, 1));
+}
+
+template <typename Append>
+void GatheringSink::to_sink(const Append& append) {
+  if (sink_ != nullptr && !thrown_) {
+    try {
+      append(*sink_);
+    } catch (...) {
+      thrown_ = std::current_exception();
+    }
+  }
+}
+
+void GatheringSink::append(record::Column column, std::span<const double> row) {
+  if (row.size() != slab_.size()) {
+    to_sink([&](RowSink& sink) { sink.append(column, row); });
+    return;
+  }
+  std::size_t left = slab_.whole().size();
+  slab_.gather(row, [&](std::span<const double> planes) {
+    left -= planes.size();
+    to_sink([&](RowSink& sink) { sink.append_part(column, planes, left == 0); });
+  });
+}
+
+void GatheringSink::append(record::Column column, std::span<const std::int64_t> row) {
+  to_sink([&](RowSink& sink) { sink.append(column, row); });
+}
+
+void GatheringSink::rethrow() {
+  if (thrown_) {
+    std::rethrow_exception(std::exchange(thrown_, nullptr));
+  }
+}
+
+void SharedState::read(std::span<double> values) {
+  read_alone(values);
+  slab_.broadcast(values);
+}
+
+void SharedState::read_alone(std::span<double> values) {
+  if (record_ == nullptr) {
+    return;
+  }
+  constexpr std::size_t at_once = std::size_t{1} << 16;
+  for (double& value : values) {
+    if (taken_ == waiting_.size()) {
+      taken_ = 0;
+      try {
+        if (!thrown_) {
+          const std::size_t count = std::min(at_once, record_->rows(shared_state) - next_);
+          waiting_ = record_->read(shared_state, next_, count);
+          next_ += count;
+        }
+      } catch (...) {
+        thrown_ = std::current_exception();
+      }
+      if (thrown_) {  // others wait for as many numbers as were announced
+        waiting_.assign(at_once, 0.0);
+      }
+    }
+    value = waiting_[taken_++];
+  }
+}
+
+void SharedState::rethrow() const {
+  if (thrown_) {
+    std::rethrow_exception(thrown_);
+  }
+}
+
+void follow_leader(ranks::Communicator& ranks, std::span<const std::byte> message) {
+  try {
+    ranks::PacketReader packet(message);
+    if (const std::string other = packet.text(); other != build_of_ranks()) {
+      throw std::runtime_error(
+          fmt::format("this is rubato {}, and rank 0 is {}: all have to be the same", build_of_ranks(), other));
+    }
+    const std::string text = packet.text(), source = packet.text();
+    use_threads(static_cast<int>(packet.number()));
+    const Problem problem = parse_problem(text, source);
+    const SharedLattice lattice(ranks, problem);
+    Follower follower(problem, lattice.slab());
+    for (Order order = take_order(lattice.slab()); order != Order::end; order = take_order(lattice.slab())) {
+      try {
+        follower.carry_out(order);
+      } catch (const std::invalid_argument&) {
+        // What is wrong with a problem or a record is found at rank 0 as well, which then ends it.
+      }
+    }
+  } catch (const std::exception& error) {
+    std::fputs(fmt::format("rubato: error: on rank {}: {}\n", ranks.rank(), error.what()).c_str(), stderr);
+    std::fflush(nullptr);
+    std::_Exit(static_cast<int>(ExitStatus::failed));
+  }
+}
+
+}  // namespace rubato

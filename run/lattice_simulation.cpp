@@ -1,0 +1,231 @@
+#include <algorithm>
+#include <limits>
+
+#include <fmt/format.h>
+
+#include <rubato/problem/lattice_problem.hpp>
+#include <rubato/run/lattice_residuals.hpp>
+#include <rubato/run/simulation.hpp>
+
+namespace rubato {
+
+namespace {
+
+class LatticeSimulation final : public Simulation {
+public:
+  LatticeSimulation(const Problem& problem, bool tangents)
+      : laws_(problem.laws),
+        lattice_(make_lattice(problem)),
+        residuals_(lattice_.method(), lattice_.laws(), lattice_.system(), lattice_.grid(),
+                   {.variational = !laws_.none(), .tangents = tangents}),
+        invariants_(make_invariants(problem, lattice_.system(), lattice_.grid())),
+        exact_(make_exact(problem, lattice_.system(), lattice_.grid())),
+        previous_t_(lattice_.t()) {
+    if (tangents && laws_.none()) {
+      throw ProblemError(laws_.location,
+                         "[laws] every = false takes no laws, and --tangents asks for one: leave out one");
+    }
+  }
+
+  [[nodiscard]] StepReport step() override {
+    const double before = lattice_.t();
+    const StepReport report = lattice_.step();
+    if (report.status == Status::success) {
+      previous_t_ = before;
+      last_h_ = report.h;
+      ++steps_;
+      residuals_.take(lattice_.previous(), lattice_.level(), report.h, LatticeResiduals::part(laws_, steps_));
+    }
+    return report;
+  }
+  [[nodiscard]] Integrator& integrator() override { return lattice_; }
+  [[nodiscard]] const Integrator& integrator() const override { return lattice_; }
+
+  [[nodiscard]] std::vector<std::string> warnings() const override {
+    std::vector<std::string> warnings;
+    if (residuals_.tangent_status() != Status::success) {
+      warnings.push_back(
+          fmt::format("the tangent solutions ended early ({}), and with them the multisymplectic residual: a smaller "
+                      "step may help",
+                      to_string(residuals_.tangent_status())));
+    }
+    return warnings;
+  }
+
+  [[nodiscard]] std::vector<std::string> invariant_names() const override { return invariants_.names(); }
+  [[nodiscard]] std::span<const double> invariants() override {
+    return invariant_values_ = invariants_.integrals(lattice_.level(), t());
+  }
+
+  [[nodiscard]] std::vector<std::string> total_names() const override {
+    // Of laws in cells; the first is energy, which node() gives.
+    std::vector<std::string> names;
+    for (const Law& law : laws().subspan(laws_.none() ? 0 : 1)) {
+      if (law.has_cells()) {
+        names.push_back(law.name());
+      }
+    }
+    return names;
+  }
+  [[nodiscard]] std::span<const double> totals() override {
+    if (laws_.none()) {
+      return {};
+    }
+    total_values_ = lattice_.totals();
+    return std::span<const double>(total_values_).subspan(1);
+  }
+
+  [[nodiscard]] std::vector<Named<Spread>> errors() override {
+    return lattice_errors(exact_, lattice_.system(), lattice_.level(), t());
+  }
+
+  [[nodiscard]] std::span<Law> laws() override { return laws_.none() ? std::span<Law>() : residuals_.laws(); }
+  [[nodiscard]] std::span<const Law> laws() const override {
+    return laws_.none() ? std::span<const Law>() : residuals_.laws();
+  }
+
+  void describe_states(record::Layout& layout, bool with_previous) override {
+    const grids::Slab* const slab = grids::Slab::present();
+    const grids::Grid& grid = slab == nullptr ? lattice_.grid() : slab->whole();
+    std::vector<std::string> nodes, cells;
+    for (int a = grid.dimensions() - 1; a >= 0; --a) {
+      nodes.push_back("/grid/" + grid.axis(a).name);
+      cells.push_back("/grid/" + grid.axis(a).name + "_cell");
+    }
+    for (int a = 0; a < grid.dimensions(); ++a) {
+      std::vector<double> node, centre;
+      for (std::size_t i = 0; i < grid.cells(a); ++i) {
+        node.push_back(grid.axis(a).node(i));
+        centre.push_back(grid.axis(a).centre(i));
+      }
+      layout.scales.push_back({"/grid/" + grid.axis(a).name, node, "coordinates of the nodes"});
+      layout.scales.push_back(
+          {"/grid/" + grid.axis(a).name + "_cell", centre, "coordinates of the middle of the cells"});
+    }
+    const auto describe = [&](const std::string& path, const std::string& axis, const auto& dimensions,
+                              const std::string& description, bool may_be_undefined = false) {
+      return layout.add({path, axis, dimensions, record::Type::f64, description, may_be_undefined});
+    };
+    for (int f = 0; f < lattice_.system().field_count(); ++f) {
+      const std::string& name = lattice_.system().fields()[static_cast<std::size_t>(f)];
+      if (at_midpoints(f)) {
+        field_columns_.push_back(
+            describe("/states/midpoints/" + name, "/states/t", nodes,
+                     "field " + name +
+                         " in the middle of the step that led to the stored level, where alone it exists; "
+                         "undefined at the start",
+                     true));
+      } else {
+        field_columns_.push_back(describe("/states/" + name, "/states/t", nodes,
+                                          "field " + name + " at the stored levels" + slope_remark(f)));
+      }
+    }
+    if (with_previous) {
+      const std::string before = "one level before each stored one (the first row repeats the start)";
+      previous_t_column_ =
+          describe("/states/previous/t", "/states/previous/t", std::vector<std::string>(), "time " + before);
+      for (int f = 0; f < lattice_.system().field_count(); ++f) {
+        const std::string& name = lattice_.system().fields()[static_cast<std::size_t>(f)];
+        if (!at_midpoints(f)) {
+          previous_columns_.emplace_back(
+              f, describe("/states/previous/" + name, "/states/previous/t", nodes, "field " + name + " " + before));
+        }
+      }
+    }
+    for (const std::string& name : exact_.names()) {
+      exact_columns_.push_back(describe("/exact/" + name, "/states/t", nodes, "exact solution, from [exact]", true));
+    }
+    for (Law& law : laws()) {
+      if (law.has_cells()) {
+        law.describe_cells(layout, lattice_.method().laws_in_cells() ? cells : nodes, laws_.every != 1);
+      }
+    }
+  }
+
+  void append_state(RowSink& sink) override {
+    const std::vector<double> undefined(last_h_ == 0.0 ? lattice_.grid().size() : 0,
+                                        std::numeric_limits<double>::quiet_NaN());
+    for (std::size_t f = 0; f < field_columns_.size(); ++f) {
+      const int field = static_cast<int>(f);
+      const bool missing = at_midpoints(field) && last_h_ == 0.0;
+      sink.append(field_columns_[f], missing ? std::span<const double>(undefined) : lattice_.field(field));
+    }
+    if (!previous_columns_.empty()) {
+      sink.append(previous_t_column_, previous_t_);
+      for (const auto& [field, column] : previous_columns_) {
+        sink.append(column, lattice_.previous().fields.field(field));
+      }
+    }
+    const auto exact = exact_.at(lattice_.level(), t());
+    for (std::size_t i = 0; i < exact.size(); ++i) {
+      sink.append(exact_columns_[i], std::span<const double>(exact[i]));
+    }
+    for (const Law& law : laws()) {
+      if (law.has_cells()) {
+        law.append_cells(sink);
+      }
+    }
+  }
+
+  [[nodiscard]] OutputStep last() const override {
+    return {.z_0 = lattice_.previous().fields.all(),
+            .z_1 = lattice_.level().fields.all(),
+            .t_0 = previous_t_,
+            .t_1 = t(),
+            .h = last_h_};
+  }
+
+  void save(StateWriter& state) const override {
+    lattice_.save(state);
+    state.write(previous_t_);
+    state.write(last_h_);
+    if (laws_.every != 1) {
+      state.write(static_cast<double>(steps_));
+    }
+    residuals_.save(state);
+  }
+  void restore(StateReader& state) override {
+    lattice_.restore(state);
+    state.read(previous_t_);
+    state.read(last_h_);
+    if (laws_.every != 1) {
+      state.read(steps_);
+    }
+    residuals_.restore(state, lattice_.previous(), lattice_.level(), last_h_, LatticeResiduals::part(laws_, steps_));
+  }
+
+private:
+  [[nodiscard]] bool at_midpoints(int field) const { return lattice_.system().structure().at_midpoints(field); }
+
+  /// Of a potential only the periodic part is a grid function.
+  [[nodiscard]] std::string slope_remark(int field) const {
+    const auto& slopes = lattice_.level().slopes.of_field;
+    const auto f = static_cast<std::size_t>(field);
+    const bool sloping = f < slopes.size() && std::ranges::any_of(slopes[f], [](double slope) { return slope != 0.0; });
+    return sloping ? ", its periodic part (the whole potential has a mean slope along x)" : "";
+  }
+
+  const Laws& laws_;
+  LatticeIntegrator lattice_;
+  LatticeResiduals residuals_;
+  NodeTable invariants_, exact_;
+  std::vector<double> invariant_values_, total_values_;
+  double previous_t_;
+  double last_h_ = 0.0;  ///< of the step taken last; 0 before the first
+  std::size_t steps_ = 0;
+  std::vector<record::Column> field_columns_, exact_columns_;
+  record::Column previous_t_column_;
+  std::vector<std::pair<int, record::Column>> previous_columns_;  ///< of the fields at levels, where they are stored
+};
+
+}  // namespace
+
+std::unique_ptr<Simulation> make_lattice_simulation(const Problem& problem, bool tangents) {
+  try {
+    return std::make_unique<LatticeSimulation>(problem, tangents);
+  } catch (const SchemeRefusal& error) {
+    throw ProblemError(problem.scheme.lagrangian_location, error.what());
+  }
+}
+
+}  // namespace rubato

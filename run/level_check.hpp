@@ -1,0 +1,24 @@
+#pragma once
+
+#include <rubato/problem/problem.hpp>
+#include <rubato/problem/stored.hpp>
+#include <rubato/run/checkpoint_check.hpp>
+#include <rubato/run/findings.hpp>
+
+namespace rubato {
+
+/// Whether what a record tells of its levels and steps fits together, and its problem, whatever the states are:
+///
+/// - times, steps and their numbers: t_{k+1} = t_k + h_k; with fixed levels t_k = start + k·step; the first step is the
+///   problem's; stored levels are every n-th and the last;
+/// - flags: a bridge begins with a crossing; fixed levels have none;
+/// - the energy law: one E, set by the first step that is no bridge, and |E_k - E| within the tolerance, or within what
+///   rounding leaves, on every step that is no bridge;
+/// - no number is missing where there has to be one;
+/// - the step potential's part of E_k is that of the potential in the checkpoint.
+///
+/// `checkpoint`: what the law's tolerance is relative to, and the step potential, as the checkpoint has them.
+void check_levels(const record::Reader& reader, const StoredLevels& levels, const Problem& problem,
+                  const CheckpointFindings& checkpoint, Findings& findings);
+
+}  // namespace rubato

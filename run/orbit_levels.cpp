@@ -1,0 +1,61 @@
+#include <rubato/run/orbit_levels.hpp>
+
+#include <fmt/format.h>
+
+#include <rubato/ode/discrete_lagrangian.hpp>
+#include <rubato/problem/orbit_problem.hpp>
+#include <rubato/variation/total_variation.hpp>
+
+namespace rubato {
+
+namespace {
+
+/// Of an 𝕃 that depends on t no state between levels is known: H does not tell its rates.
+void refuse_dependence_on_time(const Problem& problem, std::string_view asked_for) {
+  if (problem.scheme.lagrangian != LagrangianName::custom) {
+    return;
+  }
+  const auto action = make_action(make_hamiltonian(problem), make_discretisation(problem));
+  const std::vector<double> z = start_of(*problem.hamiltonian());
+  const double start = problem.start(), step = problem.scheme.step.value_or(1.0);
+  std::vector<double> corners = {start};
+  corners.insert(corners.end(), z.begin(), z.end());
+  corners.push_back(start + step);
+  corners.insert(corners.end(), z.begin(), z.end());
+  if (!is_autonomous(*action, corners)) {
+    throw ProblemError(problem.scheme.L->location,
+                       fmt::format("L depends on t, and states between levels would be interpolated with the rates of "
+                                   "H, which does not: leave out {}; every level is stored with every = 1",
+                                   asked_for));
+  }
+}
+
+std::unique_ptr<OneStepScheme> make_quadrature(const Problem& problem) {
+  const PhasePoint& start = problem.hamiltonian()->initial;
+  return make_one_step_scheme(make_lagrangian(problem).without_constant(), make_discretisation(problem), start.q,
+                              start.q_dot);
+}
+
+}  // namespace
+
+std::vector<double> start_of(const HamiltonianProblem& orbit) {
+  std::vector<double> z = orbit.initial.q;
+  z.insert(z.end(), orbit.initial.p.begin(), orbit.initial.p.end());
+  return z;
+}
+
+OrbitBetween make_between(const Problem& problem, std::string_view asked_for) {
+  refuse_dependence_on_time(problem, asked_for);
+  const HamiltonianProblem& orbit = *problem.hamiltonian();
+  const std::vector<double> z = start_of(orbit);
+  if (orbit.L) {
+    return {make_quadrature(problem), z.size()};
+  }
+  return {make_hamiltonian(problem), make_discretisation(problem), orbit.next.has_value(), z};
+}
+
+std::unique_ptr<OneStepScheme> make_velocities(const Problem& problem) {
+  return problem.hamiltonian()->L ? make_quadrature(problem) : nullptr;
+}
+
+}  // namespace rubato

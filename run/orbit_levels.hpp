@@ -1,0 +1,20 @@
+#pragma once
+
+#include <memory>
+
+#include <rubato/ode/orbit_between.hpp>
+#include <rubato/problem/problem.hpp>
+
+namespace rubato {
+
+/// The states of a problem's orbit between its levels. \throws ProblemError for an 𝕃 that depends on t: of that no such
+/// state is known; `asked_for` is what to leave out
+[[nodiscard]] OrbitBetween make_between(const Problem& problem, std::string_view asked_for);
+
+/// What tells the velocities of a problem that is stated by L; null for others.
+[[nodiscard]] std::unique_ptr<OneStepScheme> make_velocities(const Problem& problem);
+
+/// (q, p) at the start.
+[[nodiscard]] std::vector<double> start_of(const HamiltonianProblem& orbit);
+
+}  // namespace rubato

@@ -1,0 +1,557 @@
+// One lattice shared by several ranks: here threads that pass numbers in memory. tests/program/ranks.sh has the same
+// with MPI.
+
+#include <catch2/catch.hpp>
+
+#include <array>
+#include <bit>
+#include <cmath>
+#include <cstring>
+#include <filesystem>
+#include <functional>
+#include <limits>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <sys/mount.h>
+
+#include <rubato/grids/reductions.hpp>
+#include <rubato/grids/slab.hpp>
+#include <rubato/record/reader.hpp>
+#include <rubato/run/check.hpp>
+#include <rubato/run/lattice_ranks.hpp>
+
+#include "run/mailboxes.hpp"
+#include "run/records.hpp"
+
+using namespace rubato;
+using namespace rubato;
+using namespace rubato::run_tests;
+using Catch::Contains;
+
+namespace {
+
+using Settings = std::vector<std::string>;
+
+/// A wave on a torus, neither direction like the other; [exact] is not what it does, but its differences are figures.
+Problem wave_on_torus(std::size_t x, std::size_t y, Settings more = {}, bool differences = false) {
+  if (differences) {
+    more.emplace_back("scheme.space=differences");
+  }
+  const std::string text = fmt::format(R"toml(
+[multisymplectic]
+fields = ["u", "v", "a", "b"]
+M = [["u", "v", -1]]
+K.x = [["u", "a", 1]]
+K.y = [["u", "b", 1]]
+S = "(v^2 - a^2 - b^2)/2 + 1 - cos(u)"
+[grid]
+x = {{ from = -1, to = 5, cells = {} }}
+y = {{ from = 0.3, to = 7, cells = {} }}
+[initial]
+u = "sin(pi*x/3)*exp(cos(2*pi*(y - 0.3)/6.7))"
+v = "dx(u)"
+[exact]
+u = "x*t"
+[invariants]
+mass = "u^2 + b"
+[scheme]
+lagrangian = "euler-box"
+levels = "fixed"
+step = 0.01
+until = 0.3
+[output]
+every = 7
+)toml",
+                                       x, y);
+  return parse_problem(text, "torus.toml", more);
+}
+
+Problem wave_in_space(const Settings& settings) {
+  return parse_problem(R"toml(
+[multisymplectic]
+fields = ["u", "v", "a", "b", "c"]
+M = [["u", "v", -1]]
+K.x = [["u", "a", 1]]
+K.y = [["u", "b", 1]]
+K.z = [["u", "c", 1]]
+S = "(v^2 - a^2 - b^2 - c^2)/2 + u^4/4"
+[grid]
+x = { from = 0, to = 1, cells = 12 }
+y = { from = 0, to = 1, cells = 9 }
+z = { from = 0, to = 1, cells = 11 }
+[initial]
+u = "sin(2*pi*(x + 2*y))*cos(2*pi*z)"
+v = 0
+[scheme]
+lagrangian = "euler-box"
+levels = "fixed"
+step = 0.01
+until = 0.2
+)toml",
+                       "space.toml", settings);
+}
+
+RunOptions on(ranks::Communicator& ranks, const std::string& file) {
+  return {.output = file, .overwrite = true, .threads = 1, .ranks = &ranks};
+}
+
+}  // namespace
+
+namespace {
+
+/// The schemes that ranks share, with fixed levels and, where they have them, with variable ones.
+const std::vector<Settings> shared_schemes = {
+    {}, {"scheme.lagrangian=leapfrog"}, {"scheme.lagrangian=leapfrog", "scheme.levels=variable"}};
+
+}  // namespace
+
+TEST_CASE("the record of a lattice is the same for every number of ranks") {
+  const Settings scheme = GENERATE(from_range(shared_schemes));
+  INFO(fmt::format("{}", fmt::join(scheme, " ")));
+  const Folder folder;
+  struct Case {
+    std::size_t x, y;
+    std::vector<int> ranks;
+  };
+  // 9 × 7: parts thinner than their ghosts; 40 × 37: one block of sums; 90 × 101: three, cut anywhere.
+  for (const Case& torus : {Case{9, 7, {2, 3, 7}}, Case{40, 37, {2, 5}}, Case{90, 101, {2, 3, 4}}}) {
+    const Problem problem = wave_on_torus(torus.x, torus.y, scheme);
+    const Outcome one = run(problem, {.output = folder / "one.h5", .overwrite = true, .threads = 1});
+    REQUIRE(one.status == ExitStatus::done);
+    for (const int size : torus.ranks) {
+      INFO(torus.x << " x " << torus.y << " nodes on " << size << " ranks");
+      const Outcome all = with_ranks(size, [&](auto& rank) { return run(problem, on(rank, folder / "all.h5")); });
+      CHECK(all.status == ExitStatus::done);
+      CHECK(different_datasets(folder / "one.h5", folder / "all.h5") == Names{});
+      CHECK(differences(one, all) == Names{});
+      CHECK(all.warnings == one.warnings);
+    }
+  }
+  CHECK(check(folder / "all.h5").status == ExitStatus::done);
+
+  // The twin: one number of a plane on its way to a neighbour.
+  Mailboxes tampered(3);
+  tampered.tamper_with([sent = 0](int, std::vector<double>& numbers) mutable {
+    if (numbers.size() == 90 && ++sent == 50) {
+      numbers.front() += 1e-9;
+      numbers.back() += 1e-9;
+    }
+  });
+  static_cast<void>(with_ranks(
+      tampered, [&](auto& rank) { return run(wave_on_torus(90, 101, scheme), on(rank, folder / "all.h5")); }));
+  CHECK_FALSE(different_datasets(folder / "one.h5", folder / "all.h5").empty());
+}
+
+TEST_CASE("lattices on a line and in space are shared as well") {
+  const std::string scheme = GENERATE("euler-box", "leapfrog");
+  const Folder folder;
+  const std::vector<Problem> problems = {
+      read_problem("sine-gordon", Settings{"scheme.lagrangian=" + scheme, "scheme.levels=fixed", "scheme.step=0.02",
+                                           "scheme.until=0.5"}),
+      wave_in_space({"scheme.lagrangian=" + scheme})};
+  for (const Problem& problem : problems) {
+    INFO(problem.name);
+    const Outcome one = run(problem, {.output = folder / "one.h5", .overwrite = true, .threads = 1});
+    const Outcome all = with_ranks(3, [&](auto& rank) { return run(problem, on(rank, folder / "all.h5")); });
+    CHECK(all.status == ExitStatus::done);
+    CHECK(different_datasets(folder / "one.h5", folder / "all.h5") == Names{});
+    CHECK(differences(one, all) == Names{});
+  }
+}
+
+TEST_CASE("a shared lattice is continued on other numbers of ranks") {
+  const Settings scheme = GENERATE(from_range(shared_schemes));
+  const Folder folder;
+  Settings ended = scheme;
+  ended.emplace_back("scheme.until=0.11");
+  const Problem whole = wave_on_torus(40, 37, scheme), part = wave_on_torus(40, 37, ended);
+  static_cast<void>(run(whole, {.output = folder / "one.h5", .threads = 1}));
+  for (const auto& [before, after] : {std::pair{4, 2}, std::pair{1, 3}, std::pair{3, 1}}) {
+    INFO("from " << before << " ranks to " << after);
+    static_cast<void>(with_ranks(before, [&](auto& rank) { return run(part, on(rank, folder / "all.h5")); }));
+    const Outcome resumed =
+        with_ranks(after, [&](auto& rank) { return resume(folder / "all.h5", 0.3, {.threads = 1, .ranks = &rank}); });
+    CHECK(resumed.status == ExitStatus::done);
+    CHECK(different_datasets(folder / "one.h5", folder / "all.h5") == Names{});
+  }
+  // Interrupted at rank 0: the record is whole, and is continued.
+  std::atomic<bool> stop = false;
+  Mailboxes all(3);
+  all.tamper_with(
+      [&stop, sent = 0](int from, std::vector<double>&) mutable { stop = stop || (from == 1 && ++sent > 300); });
+  RunOptions options{.output = folder / "all.h5", .overwrite = true, .threads = 1, .interrupt = &stop};
+  const Outcome stopped = with_ranks(all, [&](auto& rank) {
+    options.ranks = &rank;
+    return run(whole, options);
+  });
+  CHECK(stopped.status == ExitStatus::interrupted);
+  CHECK(with_ranks(2, [&](auto& rank) {
+          return resume(folder / "all.h5", {}, {.threads = 1, .ranks = &rank});
+        }).status == ExitStatus::done);
+  CHECK(different_datasets(folder / "one.h5", folder / "all.h5") == Names{});
+}
+
+TEST_CASE("a first level is the same whether ranks make it in parts or whole, and so is what is said of it") {
+  const Folder folder;
+  // Data that do not repeat, across planes and along them; derivatives along planes, and across them, which no rank can
+  // take of its part; an equation that is ill-posed, which is seen at the least and the greatest value.
+  for (const Settings& settings :
+       {Settings{"initial.u=exp(y/3)*sin(pi*x/3)"}, Settings{"initial.u=x^3*cos(2*pi*(y - 0.3)/6.7)"},
+        Settings{"initial.v=dx(dx(u))"}, Settings{"initial.v=dy(u)"},
+        Settings{"multisymplectic.S=(v^2 - a^2 - b^2)/2 + (1 - cos(u))*a^2"}}) {
+    INFO(settings.front());
+    const Problem problem = wave_on_torus(40, 37, settings);
+    const auto outcome = [&](const RunOptions& options) {
+      try {
+        return run(problem, options).warnings;
+      } catch (const ProblemError& error) {
+        return std::vector<std::string>{error.what()};
+      }
+    };
+    const auto one = outcome({.output = folder / "one.h5", .overwrite = true, .threads = 1});
+    const auto all = with_ranks(3, [&](auto& rank) { return outcome(on(rank, folder / "all.h5")); });
+    CHECK(all == one);
+    CHECK(one.empty() == settings.front().starts_with("initial.v"));
+    if (std::filesystem::exists(folder / "one.h5")) {
+      CHECK(different_datasets(folder / "one.h5", folder / "all.h5") == Names{});
+    }
+    std::filesystem::remove(folder / "one.h5");
+  }
+  // Undefined at nodes of the last rank alone.
+  const Problem wrong = wave_on_torus(9, 12, {"initial.u=log(6 - y)"});
+  std::vector<std::string> said;
+  for (const int size : {1, 3}) {
+    try {
+      static_cast<void>(with_ranks(size, [&](auto& rank) { return run(wrong, on(rank, folder / "never.h5")); }));
+    } catch (const ProblemError& error) {
+      said.emplace_back(error.what());
+    }
+  }
+  REQUIRE(said.size() == 2);
+  CHECK(said[0] == said[1]);
+  CHECK_THAT(said[0], Contains("nan at x = -1, y = 6.44"));
+}
+
+TEST_CASE("splittings on differences are shared, equal to rounding, and continued with the same bits") {
+  const Folder folder;
+  const std::string levels = GENERATE("fixed", "variable");
+  const auto settings = [&](Settings more) {
+    for (const std::string setting : {"lagrangian=splitting", "space=differences", "composition=golden"}) {
+      more.push_back("scheme." + setting);
+    }
+    more.push_back("scheme.levels=" + levels);
+    return more;
+  };
+  const auto read = [&](const std::string& file, const std::string& path) {
+    return record::Reader(folder / file).read(path);
+  };
+  const auto u_of = [&](const std::string& file) { return read(file, "/states/u"); };
+  struct Case {
+    std::function<Problem(const Settings&)> make;
+    std::vector<int> ranks;
+  };
+  // 9 × 7: more ranks than groups of columns; 41 × 37: rows are transformed in other pairs; in space by rows.
+  for (const auto& [make, sizes] :
+       {Case{[&](const Settings& more) { return wave_on_torus(9, 7, settings(more)); }, {2, 3, 5}},
+        Case{[&](const Settings& more) { return wave_on_torus(41, 37, settings(more)); }, {2, 4}},
+        Case{[&](const Settings& more) { return wave_in_space(settings(more)); }, {2, 3}}}) {
+    const Problem problem = make({});
+    const Outcome one = run(problem, {.output = folder / "one.h5", .overwrite = true, .threads = 1});
+    REQUIRE(one.status == ExitStatus::done);
+    const std::vector<double> expected = u_of("one.h5");
+    // Some thirty steps of some ten transforms and kicks, each of which rounds by some ε of the largest value; and
+    // levels whose times are known as well as the step condition says, in either run, while u moves at the rate v.
+    double scale = 0.0, late = 0.0, rate = 0.0;
+    for (const double u : expected) {
+      scale = std::max(scale, std::abs(u));
+    }
+    if (levels == "variable") {
+      const auto condition = read("one.h5", "/levels/step_condition"), h = read("one.h5", "/levels/h");
+      for (std::size_t k = 0; k < h.size(); ++k) {
+        late += std::isfinite(condition[k]) ? 2.0 * condition[k] * h[k] : 0.0;
+      }
+      for (const double v : read("one.h5", "/states/v")) {
+        rate = std::max(rate, std::abs(v));
+      }
+    }
+    const double allowed = 30 * 10 * 8 * std::numeric_limits<double>::epsilon() * scale + late * rate;
+    const auto is_close = [&](const std::string& file) {
+      const std::vector<double> found = u_of(file);
+      bool close = found.size() == expected.size();
+      for (std::size_t i = 0; close && i < found.size(); ++i) {
+        close = std::abs(found[i] - expected[i]) <= allowed;
+      }
+      return close;
+    };
+    for (const int size : sizes) {
+      INFO(levels << " levels, " << problem.source << ", " << expected.size() << " values, " << size << " ranks");
+      const Outcome all = with_ranks(size, [&](auto& rank) { return run(problem, on(rank, folder / "all.h5")); });
+      CHECK(all.status == ExitStatus::done);
+      CHECK(is_close("all.h5"));
+      // Ended, and continued: by as many ranks with the same bits, by others to rounding.
+      for (const int others : {size, 3}) {
+        static_cast<void>(with_ranks(
+            size, [&](auto& rank) { return run(make({"scheme.until=0.11"}), on(rank, folder / "part.h5")); }));
+        const Outcome resumed = with_ranks(others, [&](auto& rank) {
+          return resume(folder / "part.h5", problem.scheme.until, {.threads = 1, .ranks = &rank});
+        });
+        CHECK(resumed.status == ExitStatus::done);
+        CHECK(is_close("part.h5"));
+        if (others == size) {
+          CHECK(different_datasets(folder / "all.h5", folder / "part.h5") == Names{});
+        }
+      }
+    }
+    // The twin: waves on their way to the rank that has them.
+    Mailboxes tampered(2);
+    tampered.tamper_with([sent = 0](int, std::vector<double>& numbers) mutable {
+      if (numbers.size() >= 32 && numbers.size() % 8 == 0 && ++sent > 20) {
+        numbers.front() += 1e-3;
+      }
+    });
+    static_cast<void>(with_ranks(tampered, [&](auto& rank) { return run(problem, on(rank, folder / "all.h5")); }));
+    CHECK_FALSE(is_close("all.h5"));
+  }
+}
+
+TEST_CASE("a shared run that leaves the domain of its formulas ends as it would on one rank") {
+  const Folder folder;
+  // Far beyond the CFL condition: the numbers overflow.
+  const Problem problem = wave_on_torus(12, 11, {"scheme.step=3", "scheme.until=3000"});
+  const Outcome one = run(problem, {.output = folder / "one.h5", .threads = 1});
+  REQUIRE(one.status == ExitStatus::failed);
+  const Outcome all = with_ranks(3, [&](auto& rank) { return run(problem, on(rank, folder / "all.h5")); });
+  CHECK(all.status == ExitStatus::failed);
+  CHECK(all.message == one.message);
+  CHECK(different_datasets(folder / "one.h5", folder / "all.h5") == Names{});
+}
+
+TEST_CASE("what ranks cannot share is refused, with its place, before anything is written") {
+  const Folder folder;
+  const auto refusal = [&](const Problem& problem, int size = 2, bool tangents = false) -> std::string {
+    try {
+      static_cast<void>(with_ranks(size, [&](auto& rank) {
+        RunOptions options = on(rank, folder / "never.h5");
+        options.tangents = tangents;
+        return run(problem, options);
+      }));
+    } catch (const ProblemError& error) {
+      return error.what();
+    }
+    return "";
+  };
+  const auto torus = [](const Settings& settings) { return wave_on_torus(9, 7, settings); };
+  for (const std::string scheme : {"box", "fourier", "splitting"}) {
+    const std::string setting = "scheme.lagrangian=" + scheme;
+    CHECK_THAT(refusal(torus({setting})),
+               Contains(setting) && Contains("2 ranks cannot share this run") &&
+                   Contains(R"("euler-box", "splitting" with space = "differences", "leapfrog" so far)") &&
+                   Contains("without mpirun"));
+  }
+  CHECK_THAT(refusal(torus({"scheme.step=auto", "scheme.energy_tolerance=1e-3"})), Contains("auto"));
+  CHECK_THAT(refusal(torus({}), 2, true), Contains("--tangents"));
+  CHECK_THAT(refusal(torus({"multisymplectic.S=(v^2 - a^2 - b^2)/2 + cos(y)*u^2"})), Contains("coordinate"));
+  CHECK_THAT(refusal(torus({"invariants.mass=dy(u)^2"})), Contains("mass has derivatives"));
+  CHECK_THAT(refusal(torus({"output.interval=0.1"})), Contains("output at times"));
+  CHECK_THAT(refusal(torus({"output.quantities.mean=integral(u)"})), Contains("of quantities"));
+  CHECK_THAT(refusal(torus({"events.high=integral(u^2) > 100"})), Contains("events"));
+  CHECK_THAT(refusal(torus({}), 8), Contains("8 ranks cannot share a lattice of 7 planes across y"));
+  // What the scheme itself refuses, and what all ranks find at the start, is said once.
+  CHECK_THAT(refusal(read_problem("kdv", Settings{"scheme.lagrangian=euler-box", "scheme.levels=fixed"})),
+             Contains("euler-box is not explicit for this system"));
+  CHECK_THAT(refusal(torus({"initial.a=1"})), Contains("torus.toml:") || Contains("initial.a=1"));
+  CHECK_FALSE(std::filesystem::exists(folder / "never.h5"));
+}
+
+TEST_CASE("sums and maxima over slabs have the bits of those over the whole") {
+  // Two arrays of 100 × 97 nodes: five blocks of sums, the third across the seam of the arrays.
+  const grids::Grid grid({{"x", 0.0, 1.0, 100}, {"y", 0.0, 1.0, 97}});
+  grids::FieldSet whole(2, grid.size());
+  for (std::size_t i = 0; i < whole.all().size(); ++i) {
+    whole.all()[i] = std::sin(static_cast<double>(i * i % 1013)) * std::pow(10.0, static_cast<double>(i % 17));
+  }
+  const auto reduce = [](const grids::FieldSet& fields) {
+    const auto all = fields.all(), one = fields.field(1);
+    return std::vector<double>{
+        grids::sum(all),     grids::sum(one), grids::dot(one, fields.field(0)), grids::max_abs(all),
+        grids::max_abs(one), grids::rms(one), grids::magnitudes(all).squares,   grids::magnitudes(one).max};
+  };
+  const std::vector<double> expected = reduce(whole);
+  for (const int size : {1, 2, 3, 8, 97}) {
+    INFO(size << " ranks");
+    Mailboxes all(size);
+    std::vector<std::vector<double>> found(static_cast<std::size_t>(size));
+    std::vector<std::thread> threads;
+    for (int rank = 0; rank < size; ++rank) {
+      threads.emplace_back([&, rank] {
+        Mailboxes::Rank mine(all, rank);
+        const grids::Slab slab(mine, grid, 2);
+        const grids::Slab::Shared shared(&slab);
+        grids::FieldSet part(2, slab.size());
+        for (int f = 0; f < 2; ++f) {
+          slab.take_part(whole.field(f), part.field(f));
+        }
+        const grids::FieldSet before = part;
+        slab.refresh(part);  // ghosts that are right already stay so
+        auto& result = found[static_cast<std::size_t>(rank)];
+        result = reduce(part);
+        if (std::memcmp(before.all().data(), part.all().data(), part.all().size_bytes()) != 0) {
+          result.clear();
+        }
+      });
+    }
+    for (std::thread& thread : threads) {
+      thread.join();
+    }
+    for (const std::vector<double>& result : found) {
+      CHECK(result == expected);
+    }
+  }
+}
+
+TEST_CASE("rows and checkpoints go to the record, and come from it, in parts") {
+  const Folder folder;
+  // Slab::planes_at_once(): as many planes as a megabyte has, of which either rank owns more.
+  constexpr std::size_t x = 1000, y = 310, part = (std::size_t{1} << 17) / x * x;
+  const std::string scheme = GENERATE("euler-box", "splitting");
+  const auto torus = [&](double until) {
+    return wave_on_torus(x, y, {"scheme.lagrangian=" + scheme, fmt::format("scheme.until={}", until), "output.every=3"},
+                         scheme == "splitting");
+  };
+  std::size_t largest = 0;
+  Mailboxes all(2);
+  all.tamper_with([&largest](int, std::vector<double>& numbers) { largest = std::max(largest, numbers.size()); });
+  static_cast<void>(with_ranks(all, [&](auto& rank) { return run(torus(0.05), on(rank, folder / "whole.h5")); }));
+  static_cast<void>(with_ranks(all, [&](auto& rank) { return run(torus(0.02), on(rank, folder / "part.h5")); }));
+  static_cast<void>(
+      with_ranks(all, [&](auto& rank) { return resume(folder / "part.h5", 0.05, {.threads = 1, .ranks = &rank}); }));
+  CHECK(different_datasets(folder / "part.h5", folder / "whole.h5") == Names{});
+  if (scheme == "euler-box") {  // which sends nothing else that is large
+    CHECK(largest <= part);
+    CHECK(largest > part / 2);
+    static_cast<void>(run(torus(0.05), {.output = folder / "one.h5", .threads = 1}));
+    CHECK(different_datasets(folder / "one.h5", folder / "whole.h5") == Names{});
+  }
+
+  // The twin: one number of the last planes.
+  Mailboxes tampered(2);
+  tampered.tamper_with([](int, std::vector<double>& numbers) {
+    if (numbers.size() == x * y % part) {
+      numbers.back() += 1e-12;
+    }
+  });
+  static_cast<void>(with_ranks(tampered, [&](auto& rank) { return run(torus(0.05), on(rank, folder / "other.h5")); }));
+  CHECK_FALSE(different_datasets(folder / "other.h5", folder / "whole.h5").empty());
+}
+
+TEST_CASE("a full disk ends a shared run with its place, and the record stays what it was") {
+  const Folder folder;
+  const std::string disk = folder / "disk";
+  std::filesystem::create_directory(disk);
+  const auto with_disk = [&](const std::string& size, const auto& use) {
+    if (::mount("none", disk.c_str(), "tmpfs", 0, size.c_str()) != 0) {
+      return false;
+    }
+    struct Mounted {
+      const std::string& disk;
+      ~Mounted() { ::umount(disk.c_str()); }
+    } mounted{disk};
+    use();
+    return true;
+  };
+  const Problem problem = wave_on_torus(150, 120, {"output.every=1", "scheme.until=0.2"});
+  const std::string file = disk + "/full.h5";
+  const auto begun = [&](double until) {
+    static_cast<void>(run(wave_on_torus(150, 120, {"output.every=1", fmt::format("scheme.until={}", until)}),
+                          {.output = folder / "begun.h5", .overwrite = true, .threads = 1}));
+  };
+  std::string said;
+  const auto goes_on = [&] {
+    said.clear();
+    std::filesystem::copy_file(folder / "begun.h5", file);
+    try {
+      static_cast<void>(with_ranks(3, [&](auto& rank) { return resume(file, 0.2, {.threads = 1, .ranks = &rank}); }));
+    } catch (const record::Error& error) {
+      said = error.what();
+    }
+    CHECK(std::distance(std::filesystem::directory_iterator(disk), {}) == 1);
+    CHECK(check(file).status == ExitStatus::done);
+    std::filesystem::copy_file(file, folder / "kept.h5", std::filesystem::copy_options::overwrite_existing);
+  };
+  begun(0.02);
+  // Full with the second copy of what was begun, with rows, with the checkpoint at the end.
+  const auto bytes = std::filesystem::file_size(folder / "begun.h5");
+  for (const double copies : {1.5, 2.2, 2.7, 4.0}) {
+    INFO("room for " << copies << " records of " << bytes << " bytes");
+    if (!with_disk(fmt::format("size={:.0f}", copies * static_cast<double>(bytes)), goes_on)) {
+      WARN("skipped: a small file system could not be mounted here");
+      return;
+    }
+    CHECK_THAT(said, Contains(file) && Contains("No space left on device"));
+    CHECK(different_datasets(folder / "begun.h5", folder / "kept.h5") == Names{});
+  }
+  // What was kept goes on elsewhere, and the twin: a disk that is large enough.
+  static_cast<void>(run(problem, {.output = folder / "one.h5", .threads = 1}));
+  static_cast<void>(
+      with_ranks(2, [&](auto& rank) { return resume(folder / "kept.h5", 0.2, {.threads = 1, .ranks = &rank}); }));
+  CHECK(different_datasets(folder / "one.h5", folder / "kept.h5") == Names{});
+  REQUIRE(with_disk("size=300m", goes_on));
+  CHECK(said.empty());
+  CHECK(different_datasets(folder / "one.h5", folder / "kept.h5") == Names{});
+}
+
+TEST_CASE("what ranks send for a level is a plane of what moves to each neighbour, or waves, and some numbers") {
+  // Of nodes in a plane and of ranks as many as stated; between levels that the record stores, so that nothing but
+  // planes, waves, sums and orders goes from rank to rank.
+  struct Case {
+    std::string scheme;
+    std::size_t nodes;
+    int ranks;
+  };
+  const auto [scheme, nodes, size] =
+      GENERATE(Case{"euler-box", 64, 2}, Case{"leapfrog", 64, 2}, Case{"leapfrog", 64, 4}, Case{"splitting", 64, 2},
+               Case{"splitting", 64, 4});
+  const Folder folder;
+  const auto sent = [&, scheme = scheme, nodes = nodes, size = size](int levels) {
+    Mailboxes all(size);
+    // The last rank's share of sums is what they are in the end, for all others, along a tree.
+    std::size_t results = 0;
+    all.tamper_with([&, planes = 2 * nodes / (size == 2 ? 1 : 2)](int from, std::vector<double>& numbers_sent) {
+      results += from == size - 1 && numbers_sent.size() != planes ? numbers_sent.size() : 0;
+    });
+    const Problem problem = wave_on_torus(
+        nodes, nodes,
+        {"scheme.lagrangian=" + scheme, fmt::format("scheme.until={}", 0.01 * levels), "output.every=1000"},
+        scheme == "splitting");
+    static_cast<void>(with_ranks(all, [&](auto& rank) { return run(problem, on(rank, folder / "a.h5")); }));
+    return std::array{all.sent(), all.exchanges(), results / std::bit_width(static_cast<unsigned>(size - 1))};
+  };
+  const auto [few, few_times, few_results] = sent(10);
+  const auto [many, many_times, many_results] = sent(26);  // sizes of the energy are looked at every 16th level
+  const double numbers = static_cast<double>(many - few) / 16.0 / size;  // a level and rank
+  const double planes = 2.0 * static_cast<double>(nodes);                // of u, one to each neighbour
+  const double messages = static_cast<double>(many_times - few_times) / 16.0 / size;
+  INFO(scheme << ", " << size << " ranks: " << numbers << " numbers a level and rank in " << messages << " messages");
+  if (scheme == "splitting") {
+    // The waves of a field that go to other ranks; 36 columns of which 33 are modes.
+    const double waves = 2.0 * 36.0 * static_cast<double>(nodes) / size * (size - 1) / size;
+    CAPTURE(numbers / waves);
+    CHECK(numbers < 40.0 * waves);
+    return;
+  }
+  CHECK(numbers >= planes);
+  CHECK(numbers - planes < 300.0);
+  CHECK(messages < 16.0);
+  // The least that would do: of each rank but one the parts of sums, of two numbers, and maxima to another, and their
+  // results back, and an order. It does not depend on how long planes are: on 1023² nodes and more all is within 10 %.
+  const double share = static_cast<double>(size - 1) / size;
+  const double least = share * (2.0 * static_cast<double>(many_results - few_results) / 16.0 + 1.0);
+  CAPTURE(least);
+  CHECK(least < numbers - planes);
+  CHECK(2.0 * 1023 + numbers - planes < 1.1 * (2.0 * 1023 + least));
+  CHECK_FALSE(2.0 * 255 + numbers - planes < 1.1 * (2.0 * 255 + least));  // the twin: short planes
+}

@@ -1,0 +1,110 @@
+// Runs with a step potential, from problem files: recorded, checked, continued, refused.
+
+#include <catch2/catch.hpp>
+
+#include <cmath>
+
+#include <rubato/problem/effective.hpp>
+#include <rubato/record/error.hpp>
+#include <rubato/run/check.hpp>
+#include <rubato/run/run.hpp>
+
+#include "run/records.hpp"
+
+using namespace rubato;
+using namespace rubato;
+using namespace rubato::run_tests;
+using Catch::Contains;
+
+namespace {
+
+const std::vector<std::string> rotating = {"scheme.step_potential=auto", "scheme.until=20"};
+const std::vector<std::string> colliding = {"scheme.step_potential=auto", "scheme.lagrangian=fourier",
+                                            "grid.x.cells=65", "scheme.until=30"};
+
+std::vector<std::string> with(std::vector<std::string> settings, const std::string& setting) {
+  settings.push_back(setting);
+  return settings;
+}
+
+std::string refusal(const std::vector<std::string>& settings) {
+  const Folder folder;
+  try {
+    run_problem("pendulum", folder / "a.h5", settings);
+  } catch (const std::exception& error) {
+    return error.what();
+  }
+  return "";
+}
+
+}  // namespace
+
+TEST_CASE("a run with a step potential has no bridges, tells the potential, and is checked and replayed") {
+  const Folder folder;
+  const std::string file = folder / "a.h5";
+  for (const auto& [name, settings] : {std::pair("pendulum-rotation", rotating), {"sine-gordon-kinks", colliding}}) {
+    for (const char* every : {"output.every=1", "output.every=3"}) {
+      INFO(name << ", " << every);
+      const Outcome ran = run_problem(name, file, with(settings, every));
+      REQUIRE(ran.status == ExitStatus::done);
+      CHECK(ran.statistics.bridge_steps == 0);
+      CHECK(ran.statistics.potential.largest() > 0.0);
+      CHECK_THAT(to_table(ran), Contains("step potential"));
+      CHECK_THAT(to_json(ran), Contains("\"step_potential\": {\"max\"") && Contains("\"kappa\"") && Contains("\"p\""));
+      const Outcome checked = check(file, {.replay = true});
+      CHECK(checked.status == ExitStatus::done);
+      CHECK(differences(ran, checked) == Names{});
+    }
+  }
+  // The twin: the same orbit without it.
+  const Outcome plain = run_problem("pendulum-rotation", file, {"scheme.until=20"});
+  CHECK(plain.statistics.bridge_steps > 0);
+  CHECK_THAT(to_table(plain), !Contains("step potential"));
+}
+
+TEST_CASE("a step potential that was altered in a record is found, and so is an energy without it") {
+  const Folder folder;
+  const std::string file = folder / "a.h5";
+  const Outcome ran = run_problem("pendulum-rotation", file, rotating);
+  REQUIRE(check(file).status == ExitStatus::done);
+  falsify(file, "/levels/step_potential", 7, 1e-6);
+  CHECK(check(file).status == ExitStatus::contradiction);
+  run_problem("pendulum-rotation", file, rotating);
+  falsify(file, "/levels/energy", 7, -1e-5);
+  CHECK(check(file).status == ExitStatus::contradiction);
+  for (std::size_t i = 0; i < 3; ++i) {
+    run_problem("pendulum-rotation", file, rotating);
+    falsify(file, "/checkpoint/step_potential", i, 1e-9);
+    CHECK_THROWS_AS(check(file), record::Error);  // by the checksum of the checkpoint
+  }
+}
+
+TEST_CASE("a run with a step potential goes on with it, bit by bit") {
+  const Folder folder;
+  for (const auto& [name, settings] : {std::pair("pendulum-rotation", rotating), {"sine-gordon-kinks", colliding}}) {
+    INFO(name);
+    const std::string straight = folder / "straight.h5", stopped = folder / "stopped.h5";
+    run_problem(name, straight, settings);
+    run_problem(name, stopped, with(settings, "scheme.until=9"));
+    CHECK(resume(stopped, name == std::string("pendulum-rotation") ? 20.0 : 30.0, {.threads = 1}).status ==
+          ExitStatus::done);
+    const Names different = different_datasets(straight, stopped);
+    CHECK(different == Names{});
+    std::filesystem::remove(straight);
+    std::filesystem::remove(stopped);
+  }
+}
+
+TEST_CASE("step potentials that cannot be are refused with the place") {
+  CHECK_THAT(refusal({"scheme.step_potential=auto", "scheme.levels=fixed"}), Contains("levels = \"variable\""));
+  CHECK_THAT(refusal({"scheme.step_potential=automatic"}), Contains("step_potential"));
+  CHECK_THAT(refusal({"scheme.step_potential.kappa=2"}), Contains("needs kappa and p"));
+  CHECK_THAT(refusal({"scheme.step_potential.kappa=2", "scheme.step_potential.p=2"}),
+             Contains("greater than the order") && Contains("step_potential"));
+  CHECK_THAT(refusal({"scheme.largest_step=2", "scheme.on_singular=fixed"}), Contains("applies to step_potential"));
+  CHECK_THAT(refusal({"scheme.step_potential=auto", "scheme.bridge=reversible"}), Contains("no bridges"));
+  CHECK_THAT(refusal({"scheme.step_potential=auto", "scheme.lagrangian=forward", "scheme.until=0.2"}),
+             Contains("unstable"));
+  CHECK(refusal({"scheme.largest_step=2", "scheme.until=2"}).empty());
+  CHECK(refusal({"scheme.step_potential.kappa=2", "scheme.step_potential.p=4", "scheme.until=2"}).empty());
+}
