@@ -5,8 +5,10 @@
 #include <algorithm>
 #include <array>
 #include <cstdint>
+#include <numeric>
 #include <utility>
 
+#include <rubato/base/lanes.hpp>
 #include <rubato/formula/scalar_functions.hpp>
 #include <rubato/formula/straight_code.hpp>
 
@@ -25,25 +27,37 @@ constexpr int less = 0x11, less_or_equal = 0x12, unordered = 0x03;
 class PointCode final : StraightCode {
 public:
   PointCode(const Bytecode& code, const SingleAssignment& assigned, std::span<const std::uint32_t> order)
-      : StraightCode(code, assigned, order, 0, assigned.steps.size(), 1) {
-    next_output_.assign(assigned_.outputs.size(), never);
-    for (std::size_t j = assigned_.outputs.size(); j-- > 0;) {
-      Value& value = values_[assigned_.outputs[j]];
-      next_output_[j] = std::exchange(value.first_output, static_cast<std::uint32_t>(j));
+      : PointCode(code, assigned, order, assigned.steps.size()) {}
+
+  /// The part of rolled code that these instructions are.
+  PointCode(const Bytecode& code, const SingleAssignment& assigned, std::span<const std::uint32_t> order,
+            const RolledCode& rolled)
+      : PointCode(code, assigned, order, order.size()) {
+    rolled_ = &rolled;
+    std::vector<bool> here(assigned.steps.size(), false);
+    for (const std::uint32_t i : order) {
+      here[i] = true;
     }
-    calls_ = std::ranges::any_of(code.instructions(),
-                                 [](const Instruction& i) { return is_called(i.code) || i.code == OpCode::sincos; });
+    for (auto v = static_cast<ValueNumber>(fixed()); v < values_.size(); ++v) {
+      if (rolled.place[v] != never && !here[assigned.maker[v - fixed()]]) {
+        values_[v].home = {Home::Place::kept, rolled.place[v]};
+      }
+    }
   }
 
+  std::optional<Assembled> run_single(std::span<const std::uint32_t> late) {
+    begin(late);
+    body();
+    end();
+    return result();
+  }
   std::optional<Assembled> run() {
     const bool writes_constants = write_constants();
     const std::size_t entry = a_.offset();
-    begin();
-    for (std::size_t i = first_; i < last_; ++i) {
-      if (!arithmetic(i)) {
-        translate(instruction(i).code, step(i));
-      }
-    }
+    std::vector<std::uint32_t> inputs(code_.input_count());
+    std::iota(inputs.begin(), inputs.end(), 0U);
+    begin(inputs);
+    body();
     end();
     std::optional<Assembled> assembled = result();
     if (assembled) {
@@ -54,6 +68,18 @@ public:
   }
 
 private:
+  PointCode(const Bytecode& code, const SingleAssignment& assigned, std::span<const std::uint32_t> order,
+            std::size_t count)
+      : StraightCode(code, assigned, order, 0, count, 1) {
+    next_output_.assign(assigned_.outputs.size(), never);
+    for (std::size_t j = assigned_.outputs.size(); j-- > 0;) {
+      Value& value = values_[assigned_.outputs[j]];
+      next_output_[j] = std::exchange(value.first_output, static_cast<std::uint32_t>(j));
+    }
+    calls_ = std::ranges::any_of(code.instructions(),
+                                 [](const Instruction& i) { return is_called(i.code) || i.code == OpCode::sincos; });
+  }
+
   [[nodiscard]] static Xmm xmm(int number) { return Xmm(static_cast<std::uint32_t>(number)); }
 
   [[nodiscard]] Mem memory(Home home) const override {
@@ -61,13 +87,20 @@ private:
     switch (home.place) {
       case Home::Place::input: return asmjit::x86::qword_ptr(inputs_, offset);
       case Home::Place::output: return asmjit::x86::qword_ptr(outputs_, offset);
-      case Home::Place::work: return asmjit::x86::qword_ptr(work_, offset);
+      case Home::Place::kept: return asmjit::x86::qword_ptr(work_, offset);
+      case Home::Place::work:
+        return asmjit::x86::qword_ptr(
+            work_, offset + static_cast<std::int32_t>(rolled_ == nullptr ? 0 : rolled_->places * sizeof(double)));
       default: return asmjit::x86::qword_ptr(pool_, constant_offset(home.index));
     }
   }
 
   void write_outputs(ValueNumber v, int reg) override {
     Value& value = values_[v];
+    if (const std::uint32_t place = kept_at(v); place != never && value.home.place == Home::Place::nowhere) {
+      value.home = {Home::Place::kept, place};
+      a_.vmovsd(memory(value.home), xmm(reg));
+    }
     for (std::uint32_t j = value.first_output; j != never; j = next_output_[j]) {
       const Home home{Home::Place::output, j};
       if (value.home.place == Home::Place::nowhere) {
@@ -201,7 +234,10 @@ private:
     std::array<Home, 2> homes;
     for (std::uint32_t k = 0; k < 2; ++k) {
       const std::uint32_t output = values_[values.first_result + k].first_output;
-      homes[k] = output != never ? Home{Home::Place::output, output} : work_place();
+      const std::uint32_t place = kept_at(values.first_result + k);
+      homes[k] = place != never    ? Home{Home::Place::kept, place}
+                 : output != never ? Home{Home::Place::output, output}
+                                   : work_place();
       values_[values.first_result + k].home = homes[k];
     }
     a_.lea(asmjit::x86::rdi, memory(homes[0]));
@@ -209,10 +245,12 @@ private:
     call(sincos_function());
     for (std::uint32_t k = 0; k < 2; ++k) {
       const ValueNumber v = values.first_result + k;
-      if (const std::uint32_t first = values_[v].first_output; first != never && next_output_[first] != never) {
+      const std::uint32_t written = values_[v].first_output;
+      const bool is_written = homes[k].place == Home::Place::output;
+      if (const std::uint32_t first = is_written ? next_output_[written] : written; first != never) {
         pinned_ = 0;
         const int reg = load(v);
-        for (std::uint32_t j = next_output_[first]; j != never; j = next_output_[j]) {
+        for (std::uint32_t j = first; j != never; j = next_output_[j]) {
           a_.vmovsd(memory({Home::Place::output, j}), xmm(reg));
         }
       }
@@ -267,7 +305,7 @@ private:
   }
 
   /// Arguments in registers that calls preserve, if there are calls; three pushes align the stack for them.
-  void begin() {
+  void begin(std::span<const std::uint32_t> late) {
     if (calls_) {
       const std::array saved{asmjit::x86::rbx, asmjit::x86::r14, asmjit::x86::r15};
       for (const Gp& reg : saved) {
@@ -280,8 +318,8 @@ private:
       outputs_ = saved[1];
       work_ = saved[2];
     }
-    // Outputs that are inputs; constants are the caller's.
-    for (ValueNumber v = 0; v < code_.input_count(); ++v) {
+    // Outputs that are inputs, or were there before; constants are the caller's.
+    for (const ValueNumber v : late) {
       if (values_[v].first_output != never) {
         const int reg = free_register() != no_register ? free_register() : 0;
         let_go(reg);
@@ -290,6 +328,14 @@ private:
         if (values_[v].next != values_[v].last) {
           put(v, reg);
         }
+      }
+    }
+  }
+
+  void body() {
+    for (std::size_t i = first_; i < last_; ++i) {
+      if (!arithmetic(i)) {
+        translate(instruction(i).code, step(i));
       }
     }
   }
@@ -307,10 +353,23 @@ private:
 
   asmjit::x86::Assembler& a_ = emitter();
   Gp inputs_ = asmjit::x86::rdi, outputs_ = asmjit::x86::rsi, work_ = asmjit::x86::rdx;
+  /// Where a value is kept for other parts of rolled code.
+  [[nodiscard]] std::uint32_t kept_at(ValueNumber v) const {
+    return rolled_ == nullptr || v < fixed() ? never : rolled_->place[v];
+  }
+
+  const RolledCode* rolled_ = nullptr;
   std::vector<std::uint32_t> next_output_;  ///< of the same value
   std::vector<const void*> functions_;
   bool calls_ = false;
 };
+
+/// As many as the kernels of batches take (base/lanes.hpp).
+int lanes_of_machine() {
+  const auto& features = asmjit::CpuInfo::host().features().x86();
+  const int most = features.hasAVX512_F() && features.hasAVX512_DQ() ? 8 : 4;
+  return lanes_asked_for() == 0 ? most : std::min(most, lanes_asked_for());
+}
 
 }  // namespace
 
@@ -320,6 +379,9 @@ std::optional<Assembled> assemble(const Bytecode& code) {
     return std::nullopt;
   }
   const SingleAssignment assigned = single_assignment(code);
+  if (std::optional<Assembled> rolled = assemble_rolled(code, assigned, lanes_of_machine())) {
+    return rolled;
+  }
   std::optional<Assembled> assembled = PointCode(code, assigned, {}).run();
   if (assembled && assembled->work_size > 0) {
     // The shorter code has fewer values to store and to load again.
@@ -331,6 +393,12 @@ std::optional<Assembled> assemble(const Bytecode& code) {
   return assembled;
 }
 
+std::optional<Assembled> assemble_single(const Bytecode& code, const SingleAssignment& assigned,
+                                         const RolledCode& rolled, std::span<const std::uint32_t> single,
+                                         std::span<const std::uint32_t> late) {
+  return PointCode(code, assigned, single, rolled).run_single(late);
+}
+
 }  // namespace rubato::formula
 
 #else
@@ -338,6 +406,11 @@ std::optional<Assembled> assemble(const Bytecode& code) {
 namespace rubato::formula {
 
 std::optional<Assembled> assemble(const Bytecode&) {
+  return std::nullopt;
+}
+
+std::optional<Assembled> assemble_single(const Bytecode&, const SingleAssignment&, const RolledCode&,
+                                         std::span<const std::uint32_t>, std::span<const std::uint32_t>) {
   return std::nullopt;
 }
 

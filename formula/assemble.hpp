@@ -1,10 +1,13 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <optional>
+#include <span>
 #include <vector>
 
 #include <rubato/formula/bytecode.hpp>
+#include <rubato/formula/rolled_code.hpp>
 #include <rubato/formula/single_assignment.hpp>
 
 /// Between MachineCode and the assembler; of no use elsewhere.
@@ -15,6 +18,7 @@ struct Assembled {
   std::size_t entry = 0;          ///< of the function that leaves out the constants
   bool writes_constants = false;  ///< whether the beginning is a function that writes them and goes on at the entry
   std::size_t work_size = 0;
+  bool in_loops = false;
 };
 
 /// Nothing where the processor is no x86-64 with AVX, or there is no assembler.
@@ -24,6 +28,16 @@ struct Assembled {
 /// of which is_arithmetic(). Values that others need go where the code has its registers.
 [[nodiscard]] std::optional<Assembled> assemble_lanes(const Bytecode& code, const SingleAssignment& assigned,
                                                       std::size_t first, std::size_t last, int lanes);
+
+/// The same as assemble(), in loops; nothing where there are none that are worth it.
+[[nodiscard]] std::optional<Assembled> assemble_rolled(const Bytecode& code, const SingleAssignment& assigned,
+                                                       int lanes);
+
+/// Single instructions of rolled code, at one point; and the outputs of `late`. Values from before, and those for
+/// others, stand at their places of the work space.
+[[nodiscard]] std::optional<Assembled> assemble_single(const Bytecode& code, const SingleAssignment& assigned,
+                                                       const RolledCode& rolled, std::span<const std::uint32_t> single,
+                                                       std::span<const std::uint32_t> late);
 
 /// What machine code for several points does itself: sums, products, quotients, powers, roots, signs.
 [[nodiscard]] bool is_arithmetic(OpCode code);

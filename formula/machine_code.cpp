@@ -35,7 +35,8 @@ std::unique_ptr<const MachineCode> MachineCode::compile(const Bytecode& code) {
   if (!memory) {
     return nullptr;
   }
-  const Layout layout{assembled->bytes.size(), assembled->entry, assembled->writes_constants, assembled->work_size};
+  const Layout layout{assembled->bytes.size(), assembled->entry, assembled->writes_constants, assembled->work_size,
+                      assembled->in_loops};
   return std::make_unique<const MachineCode>(std::move(*memory), layout);
 }
 

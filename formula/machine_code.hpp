@@ -9,9 +9,10 @@
 
 namespace rubato::formula {
 
-/// A Bytecode as one function for this machine, without branches, values in registers. It does the operations of the
-/// code in the order of the code, each rounded by itself, and calls the functions that the interpreter calls: its
-/// results are the interpreter's, bit for bit (which NaN a result is, if it is one, is left open).
+/// A Bytecode as one function for this machine, values in registers, in loops over several numbers at a time where it
+/// does the same again and again (rolled_code.hpp). It does the operations of the code in the order of the code, as far
+/// as they wait for each other, each rounded by itself, and calls the functions that the interpreter calls: its results
+/// are the interpreter's, bit for bit (which NaN a result is, if it is one, is left open).
 class MachineCode {
 public:
   /// `outputs` overlaps nothing; `work` has work_size() numbers of room.
@@ -21,6 +22,7 @@ public:
     std::size_t bytes, entry;
     bool writes_constants;
     std::size_t work_size;
+    bool in_loops;
   };
   MachineCode(ExecutableMemory memory, const Layout& layout) : memory_(std::move(memory)), layout_(layout) {}
 
@@ -33,6 +35,8 @@ public:
   /// Writes every output; none where the constants among them are too many.
   [[nodiscard]] Function whole() const;
   [[nodiscard]] std::size_t work_size() const { return layout_.work_size; }
+  /// Whether most of it goes in loops over several numbers at a time (rolled_code.hpp).
+  [[nodiscard]] bool in_loops() const { return layout_.in_loops; }
   [[nodiscard]] std::size_t bytes() const { return layout_.bytes; }  ///< of code and constants
 
 private:

@@ -54,9 +54,10 @@ protected:
             Arithmetic::kIdVdivpd};
   }
 
-  /// Where a value can be read again once its register has been given to another.
+  /// Where a value can be read again once its register has been given to another: `work` is given to others when it is
+  /// read no more, `kept` is not.
   struct Home {
-    enum class Place : std::uint8_t { nowhere, input, constant, output, work } place = Place::nowhere;
+    enum class Place : std::uint8_t { nowhere, input, constant, output, work, kept } place = Place::nowhere;
     std::uint32_t index = 0;
   };
   struct Value {
