@@ -1,6 +1,6 @@
 #include <rubato/ode/separable.hpp>
 
-#include <algorithm>
+#include <unordered_map>
 #include <vector>
 
 namespace rubato {
@@ -12,22 +12,43 @@ using formula::Operation;
 
 class Separator {
 public:
-  Separator(formula::Graph& graph, std::span<const Expression> variables)
-      : graph_(graph), first_momentum_(variables.size() / 2) {
-    for (const Expression variable : variables) {
-      numbers_.push_back(graph_.node(variable.index()).a);
+  Separator(formula::Graph& graph, std::span<const Expression> variables) : graph_(graph) {
+    for (std::size_t i = 0; i < variables.size(); ++i) {
+      depends_on_[variables[i].index()] = i < variables.size() / 2 ? coordinates : momenta;
     }
     result_.T = graph_.constant(0.0);
     result_.V = graph_.constant(0.0);
   }
 
   Separation operator()(Expression H) {
+    find_dependence(H.index());
     add(H, 1.0);
     return result_;
   }
 
 private:
+  enum Part : unsigned char { coordinates = 1, momenta = 2, both = 3 };
+
+  /// Of all nodes up to this one; arguments stand before those who use them.
+  void find_dependence(formula::NodeIndex last) {
+    depends_.assign(last + 1, 0);
+    for (formula::NodeIndex i = 0; i <= last; ++i) {
+      const formula::Node& node = graph_.node(i);
+      const int arguments = formula::arity(node.operation);
+      if (const auto variable = depends_on_.find(i); variable != depends_on_.end()) {
+        depends_[i] = variable->second;
+      } else if (arguments >= 1) {
+        depends_[i] = depends_[node.a] | (arguments == 2 ? depends_[node.b] : 0);
+      }
+    }
+  }
+
+  /// What depends on one of the two stays as it is: long sums keep their order.
   void add(Expression term, double factor) {
+    if (const unsigned char part = depends_[term.index()]; part != both) {
+      (part == momenta ? result_.T : result_.V) += factor * term;
+      return;
+    }
     const formula::Node node = graph_.node(term.index());
     const Expression a(&graph_, node.a);
     const Expression b(&graph_, node.b);
@@ -50,23 +71,14 @@ private:
         break;
       default: break;
     }
-    bool on_q = false, on_p = false;
-    for (const std::size_t number : formula::variables_of(term)) {
-      const auto place = static_cast<std::size_t>(std::ranges::find(numbers_, number) - numbers_.begin());
-      (place < first_momentum_ ? on_q : on_p) = true;
+    if (result_.mixed.empty()) {
+      result_.mixed = formula::to_string(term);
     }
-    if (on_q && on_p) {
-      if (result_.mixed.empty()) {
-        result_.mixed = formula::to_string(term);
-      }
-      return;
-    }
-    (on_p ? result_.T : result_.V) += factor * term;
   }
 
   formula::Graph& graph_;
-  std::size_t first_momentum_;
-  std::vector<std::size_t> numbers_;
+  std::unordered_map<formula::NodeIndex, unsigned char> depends_on_;  ///< of variables
+  std::vector<unsigned char> depends_;                                ///< Part, of each node
   Separation result_;
 };
 
