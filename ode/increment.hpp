@@ -12,6 +12,7 @@
 #include <rubato/base/lagrange_weight.hpp>
 #include <rubato/base/larger.hpp>
 #include <rubato/base/state.hpp>
+#include <rubato/ode/state_kernels.hpp>
 
 /// \file
 /// What every implicit scheme of this room does with its increment δ_k = z_{k+1} - z_k: predict it, judge corrections
@@ -55,12 +56,19 @@ public:
   [[nodiscard]] const Vector& low() const { return low_; }     ///< what rounding left
   /// z + scale·δ, with the low part taken along.
   void displaced(double scale, const Vector& delta, Vector& result) const { result = high_ + (low_ + scale * delta); }
-  /// Component i of z + δ, of which that is the component δ_i.
-  [[nodiscard]] double displaced(Eigen::Index i, double delta_i) const { return high_[i] + (low_[i] + delta_i); }
 
   void add(const Vector& delta) {
-    two_sum(delta);
-    renormalise();
+    if constexpr (Vector::SizeAtCompileTime == Eigen::Dynamic) {
+      state_kernels().add(static_cast<std::size_t>(delta.size()), delta.data(), high_.data(), low_.data());
+    } else {
+      two_sum(delta);
+      renormalise();
+    }
+  }
+  /// Another state, for this one.
+  void exchange(Vector& high, Vector& low) {
+    high_.swap(high);
+    low_.swap(low);
   }
   /// δ and what it lost when it was rounded.
   void add(const Vector& delta, const Vector& lost) {

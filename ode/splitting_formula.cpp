@@ -24,16 +24,21 @@ std::vector<Expression> SplittingFormula::inputs() const {
   return all;
 }
 
-std::optional<SplittingFormula> splitting_formula(const SplittingHalf& T, const SplittingHalf& V,
-                                                  const Composition& composition) {
+bool is_long(const SplittingHalf& T, const SplittingHalf& V, const Composition& composition) {
   const std::size_t n = V.variables.size();
   std::size_t instructions = 0;
   for (const Composition::Part& part : composition.parts) {
     instructions += (part.drift ? T : V).code.instructions().size() + 4 * n;
   }
-  if (instructions > longest_splitting_formula) {
+  return instructions > longest_splitting_formula;
+}
+
+std::optional<SplittingFormula> splitting_formula(const SplittingHalf& T, const SplittingHalf& V,
+                                                  const Composition& composition) {
+  if (is_long(T, V, composition)) {
     return std::nullopt;
   }
+  const std::size_t n = V.variables.size();
   SplittingFormula step;
   step.graph = std::make_shared<formula::Graph>();
   formula::Graph& graph = *step.graph;

@@ -38,6 +38,9 @@ struct SplittingFormula {
   [[nodiscard]] std::vector<formula::Expression> inputs() const;
 };
 
+/// Whether a step would be long as one formula.
+[[nodiscard]] bool is_long(const SplittingHalf& T, const SplittingHalf& V, const Composition& composition);
+
 /// None where that would be long: more than longest_splitting_formula instructions.
 [[nodiscard]] std::optional<SplittingFormula> splitting_formula(const SplittingHalf& T, const SplittingHalf& V,
                                                                 const Composition& composition);

@@ -1,5 +1,6 @@
 #include <rubato/ode/splitting_scheme.hpp>
 
+#include <array>
 #include <cmath>
 #include <optional>
 #include <stdexcept>
@@ -8,10 +9,12 @@
 
 #include <fmt/format.h>
 
+#include <rubato/formula/machine_code.hpp>
 #include <rubato/ode/node_law.hpp>
 #include <rubato/ode/one_step_state.hpp>
 #include <rubato/ode/separable.hpp>
 #include <rubato/ode/splitting_formula.hpp>
+#include <rubato/ode/state_kernels.hpp>
 
 namespace rubato {
 
@@ -23,24 +26,46 @@ using Eigen::VectorXd;
 /// T or V with its gradient.
 class Half {
 public:
-  explicit Half(const SplittingHalf& formula) : evaluate_(formula.code) {}
+  explicit Half(const SplittingHalf& formula) : gradient_is_point_(is_point(formula)) {
+    evaluate_ = formula::ScalarEvaluator(
+        gradient_is_point_ ? formula::Bytecode(std::span(formula.outputs).first(1), formula.variables) : formula.code);
+  }
 
   /// The value at x (n entries), whose gradient is in gradient() until the next call.
   double operator()(const double* x) {
-    outputs_ = evaluate_.at(x);
-    return outputs_[0];
+    const double* const outputs = evaluate_.at(x);
+    gradient_ = gradient_is_point_ ? x : outputs + 1;
+    return outputs[0];
   }
-  [[nodiscard]] const double* gradient() const { return outputs_ + 1; }
+  [[nodiscard]] const double* gradient() const { return gradient_; }
 
 private:
+  /// As of T = p²/2, of which nothing has to be copied.
+  static bool is_point(const SplittingHalf& formula) {
+    const std::span<const std::uint32_t> outputs = formula.code.outputs();
+    for (std::uint32_t i = 0; i + 1 < outputs.size(); ++i) {
+      if (outputs[i + 1] != i) {
+        return false;
+      }
+    }
+    return true;
+  }
+
+  bool gradient_is_point_;
   formula::ScalarEvaluator evaluate_;
-  const double* outputs_ = nullptr;
+  const double* gradient_ = nullptr;
 };
+
+/// Many coordinates with the same forces: one half after the other, in vectors, is quicker than a long formula.
+bool goes_in_loops(const SplittingHalf& half) {
+  const formula::MachineCode* const code = half.code.machine_code();
+  return code != nullptr && code->in_loops();
+}
 
 /// A whole step, if it is one formula.
 std::optional<formula::ScalarEvaluator> whole_step(const SplittingHalf& T, const SplittingHalf& V,
                                                    const Composition& composition) {
-  const auto step = splitting_formula(T, V, composition);
+  const auto step = goes_in_loops(V) ? std::nullopt : splitting_formula(T, V, composition);
   if (!step) {
     return std::nullopt;
   }
@@ -60,10 +85,12 @@ public:
         n_(static_cast<Index>(hamiltonian.degrees_of_freedom())),
         T_(T),
         V_(V),
-        whole_(whole_step(T, V, composition)) {
+        whole_(whole_step(T, V, composition)),
+        is_long_(is_long(T, V, composition)) {
     inputs_.setZero(4 * n_ + 1);
     point_.setZero(2 * n_);
     errors_.setZero(2 * n_);
+    low_.setZero(2 * n_);
   }
 
   [[nodiscard]] int order() const override { return composition_.order; }
@@ -74,14 +101,19 @@ public:
     trial_h_ = h;
     forget_trial();
     ++iterations_;
-    energy_ = whole_ ? by_whole(h) : by_parts(h);
-    return std::isfinite(energy_) && delta_.allFinite() ? Status::success : Status::undefined;
+    energy_ = whole_ ? by_whole(h) : is_long_ ? by_states(h) : by_parts(h);
+    const VectorXd& found = is_long_ ? trial_end() : delta_;
+    const bool finite = kernels_.finite(static_cast<std::size_t>(2 * n_), found.data());
+    return std::isfinite(energy_) && finite ? Status::success : Status::undefined;
   }
 
   [[nodiscard]] double discrete_energy() const override { return energy_; }
   [[nodiscard]] double discrete_energy_slope() const override { return slope_by_nodes(energy_, trial_h_); }
   [[nodiscard]] bool slope_to_leading_order() const override { return true; }
   [[nodiscard]] formula::SumSize energy_size() override {
+    if (is_long_) {
+      delta_ = (trial_end() - z_.value()) + (low_ - z_.low());
+    }
     z_.displaced(0.5, delta_, point_);
     errors_ = 2.0 * (point_.cwiseAbs() + delta_.cwiseAbs());
     formula::SumSize size = energy_size_(as_span(std::as_const(point_)), as_span(std::as_const(errors_)));
@@ -91,7 +123,11 @@ public:
   [[nodiscard]] int iterations() const override { return iterations_; }
 
   void accept() override {
-    take();
+    if (is_long_) {
+      take_with(low_);
+    } else {
+      take();
+    }
     iterations_ = 0;
   }
   void restart(std::span<const double> z) override {
@@ -128,25 +164,44 @@ private:
       const double length = part.drift ? part.length * h : -(part.length * h);
       const Index moved = part.drift ? 0 : n_;
       energy += part.length * half(point_.data() + n_ - moved);
-      const double* const gradient = half.gradient();
-      for (Index i = 0; i < n_; ++i) {
-        double& delta = delta_[moved + i];
-        delta += length * gradient[i];
-        point_[moved + i] = z_.displaced(moved + i, delta);
-      }
+      kernels_.move(static_cast<std::size_t>(n_), length, half.gradient(), z_.value().data() + moved,
+                    z_.low().data() + moved, delta_.data() + moved, point_.data() + moved);
     }
     return energy;
   }
   ///@}
+
+  /// z + δ, without δ: of long states four arrays fewer, and so what a step goes over again and again stays near.
+  double by_states(double h) {
+    VectorXd& end = trial_end();
+    std::array<const double*, 2> high{z_.value().data(), z_.value().data() + n_};  // of q and of p, as they stand
+    std::array<const double*, 2> low{z_.low().data(), z_.low().data() + n_};
+    double energy = 0.0;
+    for (const Composition::Part& part : composition_.parts) {
+      Half& half = part.drift ? T_ : V_;
+      const std::size_t moved = part.drift ? 0 : 1;
+      const Index first = part.drift ? 0 : n_;
+      energy += part.length * half(high[1 - moved]);
+      kernels_.displace(static_cast<std::size_t>(n_), part.drift ? part.length * h : -(part.length * h),
+                        half.gradient(), high[moved], low[moved], end.data() + first, low_.data() + first);
+      high[moved] = end.data() + first;
+      low[moved] = low_.data() + first;
+    }
+    end_is_known();
+    return energy;
+  }
 
   const Composition& composition_;
   NodeLaw law_;
   formula::SumSizeEvaluator energy_size_;
   Index n_;
   Half T_, V_;
+  StateKernels kernels_ = state_kernels();
   std::optional<formula::ScalarEvaluator> whole_;
+  bool is_long_;
   VectorXd inputs_;  ///< of whole_
   VectorXd point_, errors_;
+  VectorXd low_;  ///< of the trial level, where it is found without δ
   double trial_h_ = 0.0, energy_ = 0.0;
   int iterations_ = 0;
 };

@@ -1,6 +1,7 @@
 #include <array>
 #include <cmath>
 #include <functional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -10,6 +11,7 @@
 #include <rubato/ode/gauss_scheme.hpp>
 #include <rubato/ode/lagrangian_scheme.hpp>
 #include <rubato/ode/separable.hpp>
+#include <rubato/ode/splitting_formula.hpp>
 #include <rubato/ode/splitting_scheme.hpp>
 #include <rubato/ode/tangent.hpp>
 #include <rubato/variation/composition.hpp>
@@ -21,6 +23,7 @@
 using namespace rubato;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
+using formula::Expression;
 
 namespace {
 
@@ -444,29 +447,68 @@ TEST_CASE("a composition of Nyström's kind is taken where T is quadratic, and l
   CHECK(order(quartic) < 5.0);
 }
 
+namespace {
+
+/// One number of a state, and what is added to it: short formulas keep the sum δ apart, long states add to their two
+/// parts each time.
+struct Added {
+  bool apart;
+  double high, low = 0.0, delta = 0.0;
+
+  void add(double change) {
+    if (apart) {
+      delta += change;
+      return;
+    }
+    const double sum = high + change, part = sum - high;
+    const double rest = low + ((high - (sum - part)) + (change - part));
+    high = sum + rest;
+    low = rest - (high - sum);
+  }
+  [[nodiscard]] double value() const { return apart ? high + delta : high; }
+};
+
+}  // namespace
+
 TEST_CASE("a splitting's whole step is its parts one after the other, bit for bit") {
-  // H = Σ p_i²/2 - cos q_i, whose halves are known: n = 1 is one formula, n = 60 too long for that.
-  const auto by_hand = [](const Composition& one, double q, double p, double h) {
-    double dq = 0.0, dp = 0.0, energy = 0.0;
+  // H = Σ p_i²/2 + V(q_i), whose halves are known, as one formula, as parts in loops, and as long states.
+  struct Potential {
+    double (*energy)(double);
+    double (*slope)(double);
+    Expression (*formula)(Expression);
+  };
+  const Potential pendulum{[](double q) { return -std::cos(q); }, [](double q) { return std::sin(q); },
+                           [](Expression q) { return -cos(q); }};
+  const Potential quartic{[](double q) { return q * q * (q * q) / 4; }, [](double q) { return q * (q * q); },
+                          [](Expression q) { return pow(q, 4.0) / 4.0; }};
+  const auto by_hand = [](const Composition& one, const Potential& V, bool apart, double q, double p, double h) {
+    Added here{apart, q}, there{apart, p};
+    double energy = 0.0;
     for (const Composition::Part& part : one.parts) {
       if (part.drift) {
-        energy += part.length * ((p + dp) * (p + dp) / 2);
-        dq += part.length * h * (p + dp);
+        energy += part.length * (there.value() * there.value() / 2);
+        here.add(part.length * h * there.value());
       } else {
-        energy += part.length * -std::cos(q + dq);
-        dp += -(part.length * h) * std::sin(q + dq);
+        energy += part.length * V.energy(here.value());
+        there.add(-(part.length * h) * V.slope(here.value()));
       }
     }
-    return std::array{q + dq, p + dp, energy};
+    return std::array{here.value(), there.value(), energy};
   };
-  for (const std::size_t n : {std::size_t{1}, std::size_t{60}}) {
-    const Hamiltonian H(n, [](const auto& q, const auto& p) {
-      auto sum = p[0] * p[0] / 2 - cos(q[0]);
+  std::set<std::pair<bool, std::size_t>> seen;
+  const std::vector<std::pair<Potential, std::size_t>> cases{
+      {pendulum, 1}, {pendulum, 60}, {quartic, 1}, {quartic, 40}, {quartic, 203}};
+  for (const auto& [V, n] : cases) {
+    const Hamiltonian H(n, [&](const auto& q, const auto& p) {
+      auto sum = p[0] * p[0] / 2 + V.formula(q[0]);
       for (std::size_t i = 1; i < q.size(); ++i) {
-        sum += p[i] * p[i] / 2 - cos(q[i]);
+        sum += p[i] * p[i] / 2 + V.formula(q[i]);
       }
       return sum;
     });
+    const rubato::Separation halves = rubato::separate(H);
+    const std::span variables(H.variables());
+    const rubato::SplittingHalf T(halves.T, variables.subspan(n)), rest(halves.V, variables.first(n));
     VectorXd z(2 * n);
     for (std::size_t i = 0; i < n; ++i) {
       z[static_cast<Eigen::Index>(i)] = 0.3 + 0.01 * static_cast<double>(i);
@@ -474,17 +516,19 @@ TEST_CASE("a splitting's whole step is its parts one after the other, bit for bi
     }
     for (const Composition& one : compositions()) {
       const auto scheme = make_splitting_scheme(H, one, span_of(z));
+      const bool apart = !rubato::is_long(T, rest, one);
+      seen.emplace(apart, n);
       for (const double h : {0.1, -0.7}) {
         REQUIRE(scheme->advance(h, 0.0) == Status::success);
         scheme->accept();
         double energy = 0.0;
         for (std::size_t i = 0; i < n; ++i) {
           const double q = z[static_cast<Eigen::Index>(i)], p = z[static_cast<Eigen::Index>(n + i)];
-          const auto expected = by_hand(one, q, p, h);
+          const auto expected = by_hand(one, V, apart, q, p, h);
           INFO(one.name << ", n = " << n << ", h = " << h);
           CHECK(scheme->state()[i] == expected[0]);
           CHECK(scheme->state()[n + i] == expected[1]);
-          CHECK(by_hand(one, q, p, h * (1.0 + 1e-12))[0] != expected[0]);
+          CHECK(by_hand(one, V, apart, q, p, h * (1.0 + 1e-12))[0] != expected[0]);
           energy += expected[2];
         }
         // Sums of n terms of size 2, in another order.
@@ -493,4 +537,7 @@ TEST_CASE("a splitting's whole step is its parts one after the other, bit for bi
       }
     }
   }
+  CHECK(seen.contains({true, 40}));
+  CHECK(seen.contains({false, 40}));
+  CHECK(seen.contains({false, 203}));
 }
