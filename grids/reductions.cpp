@@ -4,6 +4,7 @@
 #include <cstring>
 #include <iterator>
 
+#include <rubato/grids/largest.hpp>
 #include <rubato/grids/wide_vectors.hpp>
 
 namespace rubato::grids {
@@ -11,27 +12,6 @@ namespace rubato::grids {
 namespace {
 
 constexpr std::size_t lanes = detail::reduction_lanes;
-
-/// Lane by lane Knuth's two-sum, as compensated_sum_of() has it.
-RUBATO_WIDE_VECTORS void sum_in_lanes(const double* values, std::size_t count, double* sums, double* rests) {
-  EightLanes high = {}, low = {};
-  std::size_t i = 0;
-  const auto take = [&](std::size_t some) __attribute__((always_inline)) {
-    EightLanes term = {};  // zeros change neither part
-    std::memcpy(&term, values + i, some * sizeof(double));
-    const EightLanes sum = high + term, moved = sum - high;
-    low += (high - (sum - moved)) + (term - moved);
-    high = sum;
-  };
-  for (; i + lanes <= count; i += lanes) {
-    take(lanes);
-  }
-  if (i < count) {
-    take(count - i);
-  }
-  std::memcpy(sums, &high, sizeof high);
-  std::memcpy(rests, &low, sizeof low);
-}
 
 /// The largest |a| or, with b, |a - b|; `poison` becomes NaN with a value that is not finite. In four times as many
 /// lanes, to hide what a comparison takes: their number does not matter to a maximum.
@@ -73,37 +53,32 @@ template <bool has_second>
   }
   return largest;
 }
-RUBATO_WIDE_VECTORS double largest_in_lanes(const double* values, std::size_t count, double& poison) {
-  return largest_of<false>(values, nullptr, count, poison);
-}
 RUBATO_WIDE_VECTORS double largest_difference(const double* a, const double* b, std::size_t count, double& poison) {
   return largest_of<true>(a, b, count, poison);
 }
 
 }  // namespace
 
+RUBATO_WIDE_VECTORS double largest_magnitude(const double* values, std::size_t count, double& poison) {
+  return largest_of<false>(values, nullptr, count, poison);
+}
+
 double sum(std::span<const double> values) {
-  const ReductionBlocks pieces(values.size());
-  if (pieces.blocks > 1 || Slab::of(values.size()) != nullptr) {
+  if (Slab::of(values.size()) != nullptr) {
     return sum_of(values.size(), [v = values.data()](std::size_t i) { return v[i]; });
   }
-  double sums[lanes], rests[lanes];
-  sum_in_lanes(values.data(), values.size(), sums, rests);
-  CompensatedSum part, total;
-  for (std::size_t l = 0; l < lanes; ++l) {
-    part.add(sums[l]);
-    part.low += rests[l];
-  }
-  total.add(part.high);
-  total.low += part.low;
-  return std::isfinite(total.high) ? total.value() : total.high;
+  return detail::sum_of_pieces(values.size(),
+                               [values](DigitSum& sum, std::size_t begin, std::size_t end) {
+                                 sum.add(values.subspan(begin, end - begin));
+                               })
+      .value();
 }
 
 double max_abs(std::span<const double> values) {
   const ReductionBlocks pieces(values.size());
   if (pieces.blocks == 1 && Slab::of(values.size()) == nullptr) {
     double poison = 0.0;
-    const double largest = largest_in_lanes(values.data(), values.size(), poison);
+    const double largest = largest_magnitude(values.data(), values.size(), poison);
     if (poison == 0.0) {
       return largest;
     }
@@ -164,7 +139,7 @@ void max_abs(std::span<const std::span<const double>> rows, std::span<double> la
     return slab == nullptr ? max_abs(row) : detail::max_abs_of_part(*slab, row.size(), value);
   });
   if (slab != nullptr) {
-    slab->reduce(rows.front().size(), {}, detail::no_sum, largest);
+    slab->reduce({}, {}, largest);
   }
 }
 
@@ -183,21 +158,21 @@ Spread magnitudes_here(std::span<const double> values) {
 }
 
 std::vector<Spread> magnitudes_over(const Slab& slab, std::span<const std::span<const double>> rows) {
-  std::vector<CompensatedSum> squares(rows.size());
+  std::vector<DigitSum> squares;
   std::vector<double> largest;
   for (const std::span<const double> row : rows) {
     const auto value = [v = row.data()](std::size_t i) { return v[i]; };
+    const auto square = [v = row.data()](std::size_t i) { return v[i] * v[i]; };
     largest.push_back(detail::max_abs_of_part(slab, row.size(), value));
+    squares.push_back(detail::sum_of_part(slab, row.size(), square));
   }
-  detail::reduce_over(
-      slab, rows.front().size(), squares,
-      [&rows](std::size_t row, std::size_t i) { return rows[row][i] * rows[row][i]; }, largest);
+  std::vector<double> sums(rows.size());
+  slab.reduce(squares, sums, largest);
   std::vector<Spread> spreads;
   for (std::size_t row = 0; row < rows.size(); ++row) {
-    const double sum = detail::rounded(squares[row]);
     spreads.push_back(
-        std::isfinite(sum)
-            ? Spread::of_magnitudes(largest[row], sum, static_cast<double>(whole_count(rows[row].size())), 0.0)
+        std::isfinite(sums[row])
+            ? Spread::of_magnitudes(largest[row], sums[row], static_cast<double>(whole_count(rows[row].size())), 0.0)
             : slab.magnitudes(rows[row]));
   }
   return spreads;

@@ -4,11 +4,12 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <optional>
 #include <span>
 #include <vector>
 
-#include <rubato/base/compensated_sum.hpp>
 #include <rubato/base/spread.hpp>
+#include <rubato/grids/digit_sum.hpp>
 #include <rubato/grids/parallel.hpp>
 #include <rubato/grids/slab.hpp>
 
@@ -43,107 +44,85 @@ void take_in_lanes(std::size_t begin, std::size_t end, F& f, const Take& take) {
   }
 }
 
-/// Adds f(begin), …, f(end - 1) to the lanes; `phase` is how many values of the block came before.
+/// Adds f(begin), …, f(end - 1).
 template <class F>
-void add_in_lanes(LaneSums& sums, std::size_t phase, std::size_t begin, std::size_t end, F& f) {
-  const auto take = [&](std::size_t lane, double term) {
-    const double sum = sums.high[lane] + term;
-    const double moved = sum - sums.high[lane];
-    sums.low[lane] += (sums.high[lane] - (sum - moved)) + (term - moved);
-    sums.high[lane] = sum;
-  };
-  for (; begin < end && phase % reduction_lanes != 0; ++begin, ++phase) {
-    take(phase % reduction_lanes, f(begin));
+void add_terms(DigitSum& sum, std::size_t begin, std::size_t end, F& f) {
+  std::array<double, 512> terms;  // what a first-level cache holds beside what f reads
+  for (; begin < end; begin += terms.size()) {
+    const std::size_t count = std::min(terms.size(), end - begin);
+    for (std::size_t i = 0; i < count; ++i) {
+      terms[i] = f(begin + i);
+    }
+    sum.add(std::span(terms).first(count));
   }
-  take_in_lanes(begin, end, f, take);
 }
 
-/// For reductions without sums.
-inline constexpr auto no_sum = [](std::size_t, LaneSums&, std::size_t, std::size_t, std::size_t) {};
-
-/// Of each row r Σ_i f(r, i) over all ranks, and the largest of their `largest`, in one exchange.
-template <class F>
-void reduce_over(const Slab& slab, std::size_t count, std::span<CompensatedSum> sums, F&& f,
-                 std::span<double> largest) {
-  slab.reduce(
-      count, sums,
-      [&f](std::size_t row, LaneSums& into, std::size_t phase, std::size_t begin, std::size_t end) {
-        const auto term = [&f, row](std::size_t i) { return f(row, i); };
-        add_in_lanes(into, phase, begin, end, term);
-      },
-      largest);
-}
-
-}  // namespace detail
-
-/// Σ_i f(i) for i in [0, count), in parallel, with the rounding errors carried along: eight compensated partial sums in
-/// each block (Knuth's branch-free two-sum), blocks added in their order. Error: one rounding of the result plus O(n
-/// ε²) of the terms. The result is the same bit by bit for every number of threads. NaN and infinite terms give NaN or
-/// an infinity. Where this thread has a Slab, over the whole lattice, with the same bits for every number of ranks.
-template <class F>
-CompensatedSum compensated_sum_of(std::size_t count, F&& f) {
-  if (const Slab* const slab = Slab::of(count)) {
-    CompensatedSum total;
-    detail::reduce_over(*slab, count, std::span(&total, 1), [&f](std::size_t, std::size_t i) { return f(i); }, {});
+/// The sum of what add(sum, begin, end) adds for pieces of [0, count), in parallel.
+template <class Add>
+DigitSum sum_of_pieces(std::size_t count, const Add& add) {
+  const ReductionBlocks pieces(count);
+  DigitSum total;
+  if (pieces.blocks <= 1 || thread_count() == 1) {
+    add(total, 0, count);
     return total;
   }
-  const ReductionBlocks pieces(count);
-  std::array<CompensatedSum, ReductionBlocks::most> partial;
-  for_each_block(count, pieces.block, [&](std::size_t begin, std::size_t end) {
-    constexpr std::size_t lanes = detail::reduction_lanes;
-    std::array<double, lanes> high{};
-    std::array<double, lanes> low{};
-    const auto take = [&](std::size_t lane, double term) {
-      const double sum = high[lane] + term;
-      const double moved = sum - high[lane];
-      low[lane] += (high[lane] - (sum - moved)) + (term - moved);
-      high[lane] = sum;
-    };
-    detail::take_in_lanes(begin, end, f, take);
-    CompensatedSum total;
-    for (std::size_t l = 0; l < lanes; ++l) {
-      total.add(high[l]);
-      total.low += low[l];
-    }
-    partial[begin / pieces.block] = total;
+  std::array<std::optional<DigitSum>, ReductionBlocks::most> partial;
+  grids::for_each_block(count, pieces.block, [&](std::size_t begin, std::size_t end) {
+    add(partial[begin / pieces.block].emplace(), begin, end);
   });
-  CompensatedSum total;
   for (std::size_t b = 0; b < pieces.blocks; ++b) {
-    total.add(partial[b].high);
-    total.low += partial[b].low;
+    total.add(*partial[b]);
   }
   return total;
 }
 
-namespace detail {
-
-/// With an infinite term the carried error is NaN; the plain part says which infinity.
-inline double rounded(const CompensatedSum& total) {
-  return std::isfinite(total.high) ? total.value() : total.high;
+/// Σ f(i) over the values of arrays of `count` that this rank owns.
+template <class F>
+DigitSum sum_of_part(const Slab& slab, std::size_t count, F& f) {
+  DigitSum total;
+  for (std::size_t first = slab.first_node(); first < count; first += slab.size()) {
+    total.add(sum_of_pieces(slab.owned(), [&f, first](DigitSum& sum, std::size_t begin, std::size_t end) {
+      add_terms(sum, first + begin, first + end, f);
+    }));
+  }
+  return total;
 }
 
 }  // namespace detail
 
+/// Σ_i f(i) for i in [0, count), in parallel, as DigitSum has it: the same bit by bit for every number of threads and,
+/// where this thread has a Slab, over the whole lattice, for every number of ranks. NaN and infinite terms give NaN or
+/// an infinity.
 template <class F>
 double sum_of(std::size_t count, F&& f) {
-  return detail::rounded(compensated_sum_of(count, f));
+  if (const Slab* const slab = Slab::of(count)) {
+    DigitSum total = detail::sum_of_part(*slab, count, f);
+    double sum = 0.0;
+    slab->reduce(std::span(&total, 1), std::span(&sum, 1), {});
+    return sum;
+  }
+  return detail::sum_of_pieces(
+             count, [&f](DigitSum& sum, std::size_t begin, std::size_t end) { detail::add_terms(sum, begin, end, f); })
+      .value();
 }
 
 /// The same of several rows, Σ_i f(r, i) for r = 0, 1, …, which ranks exchange together.
 template <class F>
 void sums_of(std::size_t count, F&& f, std::span<double> sums) {
-  std::array<CompensatedSum, 32> totals;
+  const Slab* const slab = Slab::of(count);
+  std::array<DigitSum, 32> totals;
   for (std::size_t first = 0; first < sums.size(); first += totals.size()) {
-    const auto some = std::span(totals).first(std::min(totals.size(), sums.size() - first));
-    const auto term = [&f, first](std::size_t row, std::size_t i) { return f(first + row, i); };
-    if (const Slab* const slab = Slab::of(count)) {
-      detail::reduce_over(*slab, count, some, term, {});
-    }
+    const auto some = sums.subspan(first, std::min(totals.size(), sums.size() - first));
     for (std::size_t row = 0; row < some.size(); ++row) {
-      if (Slab::of(count) == nullptr) {
-        some[row] = compensated_sum_of(count, [&term, row](std::size_t i) { return term(row, i); });
+      const auto term = [&f, number = first + row](std::size_t i) { return f(number, i); };
+      if (slab == nullptr) {
+        some[row] = sum_of(count, term);
+      } else {
+        totals[row] = detail::sum_of_part(*slab, count, term);
       }
-      sums[first + row] = detail::rounded(some[row]);
+    }
+    if (slab != nullptr) {
+      slab->reduce(std::span(totals).first(some.size()), some, {});
     }
   }
 }
@@ -204,12 +183,12 @@ double max_abs_of_part(const Slab& slab, std::size_t count, F& f) {
 
 }  // namespace detail
 
-/// max_i |f(i)|, 0 for none; NaN if one of the values is NaN. With a Slab as compensated_sum_of().
+/// max_i |f(i)|, 0 for none; NaN if one of the values is NaN. With a Slab as sum_of().
 template <class F>
 double max_abs_of(std::size_t count, F&& f) {
   if (const Slab* const slab = Slab::of(count)) {
     double largest = detail::max_abs_of_part(*slab, count, f);
-    slab->reduce(count, {}, detail::no_sum, std::span(&largest, 1));
+    slab->reduce({}, {}, std::span(&largest, 1));
     return largest;
   }
   return detail::max_abs_here(count, f);
@@ -222,7 +201,7 @@ double max_abs(std::span<const double> values);
 /// max_i |a_i - b_i|. Hypothesis: equal sizes.
 double max_abs_difference(std::span<const double> a, std::span<const double> b);
 ///@}
-/// Σ a_i b_i; products rounded, their sum compensated. Hypothesis: equal sizes.
+/// Σ a_i b_i; products rounded, their sum as sum_of(). Hypothesis: equal sizes.
 inline double dot(std::span<const double> a, std::span<const double> b) {
   return sum_of(a.size(), [p = a.data(), q = b.data()](std::size_t i) { return p[i] * q[i]; });
 }

@@ -256,17 +256,14 @@ void Slab::exchange_all(const std::vector<std::vector<double>>& out, std::vector
 }
 
 double Slab::sum_over_ranks(double here) const {
-  CompensatedSum sum;
-  for (const double number : collected(std::span(&here, 1))) {
-    sum.add(number);
-  }
-  double total = std::isfinite(sum.high) ? sum.value() : sum.high;
-  broadcast(std::span(&total, 1));
-  return total;
+  DigitSum sum;
+  sum.add(std::span(&here, 1));
+  reduce(std::span(&sum, 1), std::span(&here, 1), {});
+  return here;
 }
 
 double Slab::largest_over_ranks(double here) const {
-  reduce(size(), {}, detail::no_sum, std::span(&here, 1));
+  reduce({}, {}, std::span(&here, 1));
   return here;
 }
 
@@ -305,105 +302,43 @@ void Slab::broadcast(std::span<double> values, int root) const {
   ranks_.exchange(out, {});
 }
 
-/// Blocks are numbers 0, 1, … of values 0, …, count - 1 of the whole: m arrays of all nodes one after the other, of
-/// each of which this rank owns a stretch. Ranks go through an array in their order: what blocks this rank has alone is
-/// known when the sums of those before come from the rank before, with what that had of a block that goes on here.
-void Slab::reduce(std::size_t count, std::span<CompensatedSum> sums, AddPiece add, const void* function,
-                  std::span<double> largest) const {
-  const std::size_t nodes = whole_.size(), arrays = count / size(), total = arrays * nodes;
-  const ReductionBlocks pieces(total);
+/// The tree of broadcast(), from its leaves to rank 0 and back; there the sums are numbers that all ranks need.
+void Slab::reduce(std::span<DigitSum> sums, std::span<double> totals, std::span<double> largest) const {
+  constexpr std::size_t packed = std::tuple_size_v<DigitSum::Packed>;
+  const std::size_t numbers = packed * sums.size();
+  const auto packed_sum = [this](std::size_t row) { return std::span(sums_).subspan(packed * row).first<packed>(); };
+  sums_.resize(numbers + largest.size());
   const int size = ranks_.size(), mine = ranks_.rank();
-  constexpr std::size_t lanes = detail::reduction_lanes;
-  const auto end_of = [&](std::size_t b) { return std::min((b + 1) * pieces.block, total); };
-  const auto in_block = [&](std::size_t place) { return place % pieces.block != 0 && place != total; };
-  // Room for what has been added up before a place: of each row its sum, and the lanes of a block that goes on there.
-  const auto begin_chain = [&](std::size_t place) {
-    const std::size_t stride = in_block(place) ? 2 + 2 * lanes : 2;
-    chain_.resize(sums.size() * stride + largest.size());
-    return stride;
-  };
-  const auto finish = [](const LaneSums& block) {
-    CompensatedSum part;
-    for (std::size_t l = 0; l < lanes; ++l) {
-      part.add(block.high[l]);
-      part.low += block.low[l];
+  int bit = 1;
+  for (; bit < size && (mine & bit) == 0; bit *= 2) {
+    if (mine + bit >= size) {
+      continue;
     }
-    return part;
-  };
-  const auto append = [](CompensatedSum& sum, const CompensatedSum& part) {
-    sum.add(part.high);
-    sum.low += part.low;
-  };
-  finished_.resize(std::max(finished_.size(), sums.size()));
-  open_.resize(std::max(open_.size(), sums.size()));
-  std::ranges::fill(sums, CompensatedSum());
-
-  for (std::size_t array = 0; array < arrays; ++array) {
-    const std::size_t begin = array * nodes + first_plane(mine) * plane_, end = begin + owned();
-    const std::size_t shift = array * this->size() + first_node();  // of `begin`, in the part
-    const std::size_t first = begin / pieces.block, head = std::min(end_of(first), end);
-    const bool continues = in_block(begin);
+    ranks_.exchange({}, std::array{Communicator::Incoming{mine + bit, sums_}});
     for (std::size_t row = 0; row < sums.size(); ++row) {
-      finished_[row].clear();
-      for (std::size_t b = first + (continues ? 1 : 0); b * pieces.block < end; ++b) {
-        const std::size_t from = b * pieces.block, to = std::min(end_of(b), end);
-        open_[row] = {};
-        add(function, row, open_[row], 0, shift + (from - begin), shift + (to - begin));
-        if (to == end_of(b)) {
-          finished_[row].push_back(finish(open_[row]));
-        }
-      }
-    }
-    const bool is_first = mine == 0 && array == 0, is_last = mine == size - 1 && array == arrays - 1;
-    const std::size_t stride = begin_chain(begin);
-    if (is_first) {
-      std::ranges::fill(chain_, 0.0);
-    } else if (size > 1) {
-      ranks_.exchange({}, std::array{Communicator::Incoming{(mine + size - 1) % size, chain_}});
-    }
-    for (std::size_t row = 0; row < sums.size(); ++row) {
-      const double* at = chain_.data() + row * stride;
-      sums[row] = CompensatedSum(at[0], at[1]);
-      if (continues) {
-        LaneSums block;
-        std::copy_n(at + 2, lanes, block.high.begin());
-        std::copy_n(at + 2 + lanes, lanes, block.low.begin());
-        add(function, row, block, begin - first * pieces.block, shift, shift + (head - begin));
-        if (head == end_of(first)) {
-          append(sums[row], finish(block));
-        } else {
-          open_[row] = block;
-        }
-      }
-      for (const CompensatedSum& part : finished_[row]) {
-        append(sums[row], part);
-      }
+      sums[row].add(DigitSum::unpacked(packed_sum(row)));
     }
     for (std::size_t i = 0; i < largest.size(); ++i) {
-      const double other = chain_[sums.size() * stride + i];
+      const double other = sums_[numbers + i];
       largest[i] = largest[i] != largest[i] || largest[i] > other ? largest[i] : other;
     }
-    const std::size_t next = begin_chain(end);
+  }
+  if (mine != 0) {
     for (std::size_t row = 0; row < sums.size(); ++row) {
-      double* at = chain_.data() + row * next;
-      at[0] = sums[row].high;
-      at[1] = sums[row].low;
-      if (next > 2) {
-        std::ranges::copy(open_[row].high, at + 2);
-        std::ranges::copy(open_[row].low, at + 2 + lanes);
-      }
+      std::ranges::copy(sums[row].packed(), packed_sum(row).begin());
     }
-    std::ranges::copy(largest, chain_.begin() + static_cast<std::ptrdiff_t>(sums.size() * next));
-    if (size > 1 && !is_last) {
-      ranks_.exchange(std::array{Communicator::Outgoing{(mine + 1) % size, chain_}}, {});
-    }
+    std::ranges::copy(largest, sums_.begin() + static_cast<std::ptrdiff_t>(numbers));
+    ranks_.exchange(std::array{Communicator::Outgoing{mine - bit, sums_}}, {});
   }
-  static_cast<void>(begin_chain(total));
-  broadcast(chain_, size - 1);
-  for (std::size_t row = 0; row < sums.size(); ++row) {
-    sums[row] = CompensatedSum(chain_[2 * row], chain_[2 * row + 1]);
+  sums_.resize(totals.size() + largest.size());
+  const auto results = std::span(sums_);
+  if (mine == 0) {
+    std::ranges::transform(sums, sums_.begin(), [](const DigitSum& sum) { return sum.value(); });
+    std::ranges::copy(largest, results.subspan(totals.size()).begin());
   }
-  std::copy_n(chain_.begin() + static_cast<std::ptrdiff_t>(2 * sums.size()), largest.size(), largest.begin());
+  broadcast(results);
+  std::ranges::copy(results.first(totals.size()), totals.begin());
+  std::ranges::copy(results.subspan(totals.size()), largest.begin());
 }
 
 Spread Slab::magnitudes(std::span<const double> values) const {

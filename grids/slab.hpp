@@ -7,20 +7,14 @@
 #include <span>
 #include <vector>
 
-#include <rubato/base/compensated_sum.hpp>
 #include <rubato/base/spread.hpp>
 #include <rubato/base/state.hpp>
+#include <rubato/grids/digit_sum.hpp>
 #include <rubato/grids/field_set.hpp>
 #include <rubato/grids/grid.hpp>
 #include <rubato/ranks/communicator.hpp>
 
 namespace rubato::grids {
-
-/// The eight compensated partial sums of a block.
-struct LaneSums {
-  std::array<double, 8> high{};
-  std::array<double, 8> low{};
-};
 
 /// The part of a lattice that one of several ranks has: consecutive planes across the last axis, which it owns, and
 /// beyond them on each side `ghosts` planes that others own. A field of the part is an array of grid(), a grid like any
@@ -28,9 +22,8 @@ struct LaneSums {
 /// right. refresh() makes them right. What the owned nodes hold is then the same, bit by bit, as on one rank.
 ///
 /// Reductions (grids/reductions.hpp) of a thread that has a slab, over arrays of the part, are over the owned nodes of
-/// all ranks, which must all take part. Sums are taken in the blocks of ReductionBlocks of the whole lattice, one after
-/// the other in each, and added up in their order: what a rank has of both goes on to the next one. So they have the
-/// same bits for every number of ranks.
+/// all ranks, which must all take part. Each sums up what it owns, and the sums are added up along a tree, in whatever
+/// order that is: DigitSum has the same bits for every number of ranks.
 class Slab {
 public:
   /// Planes are shared out as evenly as can be, the first ranks having one more where they do not go up.
@@ -93,8 +86,7 @@ public:
   }
   /// To every rank, from every rank, this one as well; nothing where there is nothing.
   void exchange_all(const std::vector<std::vector<double>>& out, std::vector<std::vector<double>>& in) const;
-  /// The sum and the largest, NaN if one is, of all ranks' numbers; the sum in their order, so that its rounding
-  /// depends on how many they are.
+  /// The sum, as DigitSum has it, and the largest, NaN if one is, of all ranks' numbers.
   ///@{
   [[nodiscard]] double sum_over_ranks(double here) const;
   [[nodiscard]] double largest_over_ranks(double here) const;
@@ -104,17 +96,9 @@ public:
   /// One rank's values at all ranks, along a tree.
   void broadcast(std::span<double> values, int root = 0) const;
 
-  /// For reductions: see above. Sums over `count` values of each row, and of `largest` the largest of all ranks, NaN if
-  /// one is; with one message to the next rank, and one back. `add` is called with the row, its sums, the phase in the
-  /// block and nodes of the part.
-  template <class Add>
-  void reduce(std::size_t count, std::span<CompensatedSum> sums, const Add& add, std::span<double> largest) const {
-    reduce(
-        count, sums,
-        [](const void* function, std::size_t row, LaneSums& into, std::size_t phase, std::size_t begin,
-           std::size_t end) { (*static_cast<const Add*>(function))(row, into, phase, begin, end); },
-        &add, largest);
-  }
+  /// For reductions: `totals` of the sums of all ranks, which are used up, and of `largest` the largest of all, NaN if
+  /// one is; along a tree and back, with two messages of each rank but one.
+  void reduce(std::span<DigitSum> sums, std::span<double> totals, std::span<double> largest) const;
   /// Of values that are not all finite.
   [[nodiscard]] Spread magnitudes(std::span<const double> values) const;
 
@@ -137,10 +121,6 @@ public:
   }
 
 private:
-  using AddPiece = void (*)(const void*, std::size_t, LaneSums&, std::size_t, std::size_t, std::size_t);
-  void reduce(std::size_t count, std::span<CompensatedSum> sums, AddPiece add, const void* function,
-              std::span<double> largest) const;
-
   [[nodiscard]] int owner(std::size_t plane) const;
   /// Which of some planes a rank owns.
   [[nodiscard]] Range owned_of(Range planes, int rank) const;
@@ -161,11 +141,7 @@ private:
   /// For refresh(): planes of the part that go to, and come from, each rank.
   std::vector<std::vector<GhostPlane>> send_, receive_;
   mutable std::vector<std::vector<double>> out_, in_;
-  /// For reduce(): what goes from rank to rank; of each row the blocks that begin and end here, and the sums of one
-  /// that goes on.
-  mutable std::vector<double> chain_;
-  mutable std::vector<std::vector<CompensatedSum>> finished_;
-  mutable std::vector<LaneSums> open_;
+  mutable std::vector<double> sums_;  ///< what goes from rank to rank in reduce()
 };
 
 /// Ghosts of fields that were changed, as Slab::refresh(); nothing for a thread without a slab.

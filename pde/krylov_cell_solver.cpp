@@ -8,6 +8,7 @@
 #include <numeric>
 #include <utility>
 
+#include <rubato/base/compensated_sum.hpp>
 #include <rubato/grids/field_set.hpp>
 #include <rubato/grids/fourier.hpp>
 #include <rubato/grids/reductions.hpp>

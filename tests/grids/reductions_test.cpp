@@ -2,12 +2,14 @@
 
 #include <catch2/catch.hpp>
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <random>
 #include <utility>
 #include <vector>
 
+#include <rubato/base/compensated_sum.hpp>
 #include <rubato/grids/reductions.hpp>
 
 using namespace rubato::grids;
@@ -48,6 +50,62 @@ TEST_CASE("Sums in vectors have the bits of sums in lanes", "[reductions]") {
     plain_sums_that_differ += plain != sum(v);
   }
   CHECK(plain_sums_that_differ > 30);  // otherwise the values would show nothing
+}
+
+TEST_CASE("A sum has the same bits in every order and in all parts", "[reductions]") {
+  constexpr double infinity = std::numeric_limits<double>::infinity(),
+                   smallest = std::numeric_limits<double>::denorm_min(), most = std::numeric_limits<double>::max();
+  // Of common sizes; of all that there are, down to the last bit of the smallest; at the edges of digits.
+  std::vector<std::vector<double>> examples = {uneven_values(3000), {}, {}, {}};
+  std::mt19937_64 random(7);
+  for (int i = 0; i < 2000; ++i) {
+    const double mantissa = std::uniform_real_distribution<double>(-1.0, 1.0)(random);
+    examples[1].push_back(std::ldexp(mantissa, static_cast<int>(random() % 2090) - 1073));
+    examples[2].push_back(std::ldexp(i % 3 == 0 ? 1.0 : mantissa, static_cast<int>(random() % 8) * 28 - 1));
+    examples[3].push_back(smallest * static_cast<double>(random() % 1000));
+  }
+  std::size_t compensated_sums_that_differ = 0;
+  for (std::vector<double>& v : examples) {
+    const double expected = sum(v);
+    rubato::CompensatedSum before;
+    for (const double value : v) {
+      before.add(value);
+    }
+    for (int shuffle = 0; shuffle < 50; ++shuffle) {
+      std::shuffle(v.begin(), v.end(), random);
+      std::vector<DigitSum> parts(1 + random() % 9);
+      rubato::CompensatedSum compensated;
+      for (std::size_t begin = 0; begin < v.size();) {
+        const std::size_t count = std::min(v.size() - begin, random() % 700);
+        parts[random() % parts.size()].add(std::span(v).subspan(begin, count));
+        begin += count;
+      }
+      for (const double value : v) {
+        compensated.add(value);
+      }
+      DigitSum all;
+      for (const DigitSum& part : parts) {
+        all.add(DigitSum::unpacked(part.packed()));
+      }
+      CHECK(all.value() == expected);
+      compensated_sums_that_differ += compensated.high != before.high || compensated.low != before.low;
+    }
+  }
+  CHECK(compensated_sums_that_differ > 40);  // the twin: what carries its errors along depends on the order
+
+  CHECK(sum(std::vector<double>{most, -most, smallest}) == 0.0);  // beyond the digits that are kept
+  CHECK(sum(std::vector<double>{1.0, 0x1p-105, -1.0}) == 0x1p-105);
+  CHECK(sum(std::vector<double>{0x1p400, smallest, 0x1p350, -0x1p400}) == 0x1p350);
+  CHECK(sum(std::vector<double>{smallest, smallest}) == 2.0 * smallest);
+  CHECK(sum(std::vector<double>{most, most}) == infinity);
+  CHECK(sum(std::vector<double>{most, most, -most}) == most);
+  CHECK(sum(std::vector<double>(100000, 0.1)) == 10000.0);
+  DigitSum high, low;
+  high.add(std::vector<double>{infinity, 1.0});
+  CHECK(high.value() == infinity);
+  low.add(std::vector<double>{-infinity});
+  high.add(DigitSum::unpacked(low.packed()));
+  CHECK(std::isnan(high.value()));
 }
 
 TEST_CASE("Maxima in vectors find every place, and values that are not finite", "[reductions]") {
