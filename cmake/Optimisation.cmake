@@ -9,13 +9,8 @@ endif()
 # own.
 set(rubato_sources_loops
   formula/evaluate.cpp
-<<<<<<< HEAD
   ode/splitting_lanes.cpp ode/state_kernels.cpp
-  grids/box_operators.cpp grids/fourier.cpp grids/reductions.cpp grids/spectral_derivative.cpp
-=======
-  ode/splitting_lanes.cpp
   grids/box_operators.cpp grids/digit_sum.cpp grids/fourier.cpp grids/reductions.cpp grids/spectral_derivative.cpp
->>>>>>> d2f29d1 (Sum in digits at fixed places, the same in every order, along a tree of ranks)
   solve/band_solver.cpp solve/cyclic_block.cpp solve/fourier_preconditioner.cpp solve/gmres.cpp
   pde/cell_sweep.cpp pde/euler_box_map.cpp pde/face_gather.cpp pde/law_currents.cpp pde/midpoint_lattice.cpp pde/stage_loops.cpp pde/wave_loops.cpp
   record/checksum.cpp)
