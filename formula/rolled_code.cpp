@@ -15,7 +15,7 @@ namespace rubato::formula {
 namespace {
 
 using ValueNumber = std::uint32_t;
-constexpr std::uint32_t nothing = RolledCode::none;
+constexpr std::uint32_t not_there = RolledCode::none;
 /// Code that is shorter is made straight: it takes some ten nanoseconds.
 constexpr std::size_t shortest_rolled = 100;
 /// More loops than these, each with code of its own, would take longer to make than straight code.
@@ -122,7 +122,7 @@ private:
     for (std::size_t i = 0; i < instructions.size(); ++i) {
       const SingleAssignment::Step& step = assigned_.steps[i];
       const OpCode operation = instructions[i].code;
-      Shape shape{.code = operation, .detail = 0, .operands = {nothing, nothing, nothing}, .distances = {}};
+      Shape shape{.code = operation, .detail = 0, .operands = {not_there, not_there, not_there}, .distances = {}};
       bool anchored = false;
       std::int32_t anchor = std::numeric_limits<std::int32_t>::max();
       for (std::size_t k = 0; k < operands_of(i); ++k) {
@@ -168,7 +168,7 @@ private:
     for (std::size_t v = fixed_; v < count_; ++v) {
       members[next[shape_[v]]++] = static_cast<ValueNumber>(v);
     }
-    run_of_.assign(count_, nothing);
+    run_of_.assign(count_, not_there);
     const auto before = [&](ValueNumber a, ValueNumber b) { return anchor_[a] < anchor_[b]; };
     for (std::uint32_t s = 0; s < shapes_; ++s) {
       if (begin[s + 1] - begin[s] < lanes_ || !is_anchored_[members[begin[s]]]) {
@@ -209,7 +209,7 @@ private:
     for (std::size_t k = 0; k < operands_of(first); ++k) {
       const ValueNumber operand = assigned_.steps[first].operands[k];
       const bool constant = is_constant(operand), result = operand >= fixed_;
-      if (result && run_of_[operand] == nothing) {
+      if (result && run_of_[operand] == not_there) {
         return false;
       }
       for (std::size_t m = 1; m < values.size(); ++m) {
@@ -229,7 +229,7 @@ private:
   // ---- what is kept and what is made anew, in which loops
 
   [[nodiscard]] bool made_in_lanes(ValueNumber v) const {
-    return v >= fixed_ && run_of_[v] != nothing && runs_[run_of_[v]].in_lanes;
+    return v >= fixed_ && run_of_[v] != not_there && runs_[run_of_[v]].in_lanes;
   }
 
   /// How often runs are read.
@@ -378,7 +378,7 @@ private:
 
   void find_outputs() {
     const auto outputs = static_cast<std::uint32_t>(assigned_.outputs.size());
-    std::vector<std::uint32_t> first(count_, nothing), next(outputs, nothing);
+    std::vector<std::uint32_t> first(count_, not_there), next(outputs, not_there);
     for (std::uint32_t j = outputs; j-- > 0;) {
       next[j] = std::exchange(first[assigned_.outputs[j]], j);
     }
@@ -417,7 +417,7 @@ private:
   void stores_of(std::uint32_t r, const std::vector<std::uint32_t>& first, const std::vector<std::uint32_t>& next) {
     const auto list = [&](ValueNumber v) {
       std::vector<std::uint32_t> all;
-      for (std::uint32_t j = first[v]; j != nothing; j = next[j]) {
+      for (std::uint32_t j = first[v]; j != not_there; j = next[j]) {
         all.push_back(j);
       }
       return all;
@@ -431,10 +431,10 @@ private:
     for (std::uint32_t m = 0; regular && m < values.size(); ++m) {
       std::uint32_t j = first[values[m]];
       for (std::size_t k = 0; regular && k < here.size(); ++k) {
-        regular = j != nothing && j == here[k] + m * (there[k] - here[k]);
-        j = regular ? next[j] : nothing;
+        regular = j != not_there && j == here[k] + m * (there[k] - here[k]);
+        j = regular ? next[j] : not_there;
       }
-      regular = regular && j == nothing;
+      regular = regular && j == not_there;
     }
     if (regular) {
       for (std::size_t k = 0; k < here.size(); ++k) {
@@ -445,7 +445,7 @@ private:
     runs_[r].kept = true;
     runs_[r].last_phase = last_phase_;
     for (const ValueNumber v : values) {
-      if (first[v] != nothing) {
+      if (first[v] != not_there) {
         result_.late.push_back(v);
       }
     }
@@ -478,7 +478,7 @@ private:
     }
     // In a run that is kept its members have their places, from when the first is made.
     for (auto v = static_cast<ValueNumber>(fixed_); v < count_; ++v) {
-      if (run_of_[v] != nothing && runs_[run_of_[v]].kept && !made_in_lanes(v)) {
+      if (run_of_[v] != not_there && runs_[run_of_[v]].kept && !made_in_lanes(v)) {
         keep(run_of_[v], kept_alone_[v] ? last_phase_ : phase_[maker(v)]);
         kept_alone_[v] = false;
       }
@@ -487,7 +487,7 @@ private:
 
   /// Runs that are needed no more leave their places to others.
   void place_kept() {
-    result_.place.assign(count_, nothing);
+    result_.place.assign(count_, not_there);
     struct Room {
       std::size_t first, size;
     };
