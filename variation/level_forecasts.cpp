@@ -25,7 +25,7 @@ using Mask [[gnu::vector_size(64)]] = std::int64_t;
 /// Forecasts side by side; of a mask each number is 0 or -1.
 struct Block {
   // Of the job.
-  V strength, length, slope_of_one, side, exponent, factor, turn;
+  V strength, length, slope_of_one, side, exponent, factor, turn, limit;
   Mask whole, one_less;  ///< the exponent, if it is whole
   Mask broken;           ///< if it is not
   // Of what was foreseen so far.
@@ -34,6 +34,7 @@ struct Block {
   // The piece of η that the time is in, and the doubt there.
   V end, begin, piece_length, eta, rise, bend, twist, doubt;
   Mask solved, odd;
+  int lanes;  ///< that are live: a block without any stands still
 };
 
 /// So many blocks that one goes on while another waits for a division.
@@ -98,9 +99,16 @@ RUBATO_WIDE_VECTORS void solve(Lanes& lanes, int s, double resolved) {
     block.solved = Mask{};
     going[k] = block.live;
   }
+  std::array<bool, blocks> waits;
+  for (std::size_t k = 0; k < blocks; ++k) {
+    waits[k] = lanes.block[k].lanes > 0;
+  }
   for (int iteration = 0; iteration < 20; ++iteration) {
     Mask still{};
     for (std::size_t k = 0; k < blocks; ++k) {
+      if (!waits[k]) {
+        continue;
+      }
       Block& block = lanes.block[k];
       V power, less, of_order;
       raise(block, lanes, power, less);
@@ -117,6 +125,7 @@ RUBATO_WIDE_VECTORS void solve(Lanes& lanes, int s, double resolved) {
       block.h = goes != 0 ? bounded : h;
       block.solved |= ends;
       going[k] = goes & ~ends;
+      waits[k] = any(going[k]);
       still |= going[k];
     }
     if (!any(still)) {
@@ -126,7 +135,7 @@ RUBATO_WIDE_VECTORS void solve(Lanes& lanes, int s, double resolved) {
 }
 
 /// Which lanes have something unusual about their new step. \return whether any has
-RUBATO_WIDE_VECTORS bool judge(Lanes& lanes, double most, double limit) {
+RUBATO_WIDE_VECTORS bool judge(Lanes& lanes, double most) {
   // ln 0.82 = -0.198, ln 1.22 = 0.199
   static_assert(believed_change == 0.2);
   Mask all{};
@@ -134,7 +143,7 @@ RUBATO_WIDE_VECTORS bool judge(Lanes& lanes, double most, double limit) {
     const V ratio = block.h / block.last;
     block.countdown -= 1;
     const Mask usual = block.solved & (ratio > 0.82) & (ratio < 1.22) & (block.steps <= most) &
-                       (block.potential <= limit) & (block.countdown != 0);
+                       (block.potential <= block.limit) & (block.countdown != 0);
     block.odd = block.live & ~usual;
     all |= block.odd;
   }
@@ -155,6 +164,9 @@ RUBATO_WIDE_VECTORS bool move(Lanes& lanes) {
 RUBATO_WIDE_VECTORS bool take(Lanes& lanes, int s, double end) {
   Mask ended{};
   for (Block& block : lanes.block) {
+    if (block.lanes == 0) {
+      continue;
+    }
     const V part = (block.time - block.begin) / block.piece_length;
     const V seen = block.eta + part * (block.rise + (1.0 - part) * ((1.0 - part) * block.bend + part * block.twist));
     const V there = block.doubt * seen;
@@ -171,29 +183,31 @@ RUBATO_WIDE_VECTORS bool take(Lanes& lanes, int s, double end) {
     block.energy = block.energy < energy ? energy : block.energy;
     block.shortest = block.h < block.shortest ? block.h : block.shortest;
     block.longest = block.longest < block.h ? block.h : block.longest;
-    ended |= ~block.live | (block.time >= end);
+    ended |= block.live & (block.time >= end);
   }
   return any(ended);
 }
 
 class Forecasts {
 public:
-  Forecasts(const Scouting& scouting, const EtaPieces& pieces, std::span<const ForecastJob> jobs, const GiveUp* give_up)
-      : scouting_(scouting), pieces_(pieces.pieces()), jobs_(jobs), give_up_(give_up), results_(jobs.size()) {}
+  Forecasts(const Scouting& scouting, const EtaPieces& pieces, ForecastQueue& queue)
+      : scouting_(scouting),
+        pieces_(pieces.pieces()),
+        queue_(queue),
+        period_(queue.period() > 0 ? static_cast<std::int64_t>(queue.period()) : std::int64_t{1} << 60) {}
 
-  std::vector<LevelForecast> operator()() {
+  void operator()() {
     const double end = scouting_.duration, most = 20.0 * end / scouting_.step;
     const double resolved = scouting_.resolved_slope();
-    const double limit = give_up_ != nullptr ? give_up_->potential : std::numeric_limits<double>::infinity();
-    for (std::size_t l = 0; l < width; ++l) {
-      load(l);
-    }
-    while (finished_ < jobs_.size()) {
+    load_all();
+    while (live_ > 0) {
+      bool has_room = false;
       solve(lanes_, scouting_.order, resolved);
-      if (judge(lanes_, most, limit)) {
+      if (judge(lanes_, most)) {
         for (std::size_t l = 0; l < width; ++l) {
-          if (const auto [block, i] = lane(l); block.odd[i] != 0 && !goes_on(l, most, limit)) {
+          if (const auto [block, i] = lane(l); block.odd[i] != 0 && !goes_on(l, most)) {
             finish(l, false);
+            has_room = true;
           }
         }
       }
@@ -211,57 +225,68 @@ public:
           const auto [block, i] = lane(l);
           if (block.live[i] != 0 && !(block.time[i] < end)) {
             finish(l, true);
-          }
-          if (block.live[i] == 0) {
-            load(l);
+            has_room = true;
           }
         }
       }
+      if (has_room) {
+        load_all();
+      }
     }
-    return std::move(results_);
   }
 
 private:
-  /// The next job that there is; none: the lane stands still.
-  void load(std::size_t l) {
-    const auto [block, i] = lane(l);
-    for (; next_ < jobs_.size(); ++next_) {
-      const ForecastJob& job = jobs_[next_];
-      const StepPotential& potential = job.potential;
-      const int whole = static_cast<int>(potential.exponent);
-      const bool is_whole = whole == potential.exponent && whole > 0;
-      block.strength[i] = potential.strength;
-      block.length[i] = potential.length;
-      block.exponent[i] = potential.exponent;
-      block.slope_of_one[i] = potential.strength * potential.exponent / potential.length;
-      block.side[i] = std::copysign(1.0, potential.strength);
-      block.factor[i] = job.doubt.factor;
-      block.turn[i] = job.doubt.turn;
-      block.whole[i] = is_whole ? whole : 0;
-      block.one_less[i] = is_whole ? whole - 1 : 0;
-      block.broken[i] = is_whole ? 0 : -1;
-      lanes_.any_broken = lanes_.any_broken || !is_whole;
-      for (; is_whole && (whole >> lanes_.bits) > 0; ++lanes_.bits) {
+  /// The next jobs that there are; without one a lane stands still.
+  void load_all() {
+    for (std::size_t l = 0; l < width; ++l) {
+      const auto [block, i] = lane(l);
+      if (block.live[i] == 0) {
+        const std::optional<ForecastQueue::Next> next = queue_.next();
+        if (!next) {
+          return;
+        }
+        load(l, *next);
       }
-      const double h = scouting_.step;
-      const double energy = potential.strength * (is_whole ? power_of(h / potential.length, whole)
-                                                           : std::pow(h / potential.length, potential.exponent));
-      block.h[i] = block.last[i] = block.shortest[i] = block.longest[i] = h;
-      block.time[i] = 0.0;
-      stand(l, 0);
-      any_turns_ = any_turns_ || job.doubt.turn > 0.0;
-      block.doubt[i] = doubt(l);
-      const double here = doubt(l) * pieces_.front()(0.0);
-      block.here[i] = here;
-      block.defect[i] = block.first_defect[i] = (scouting_.order + 1.0) * power_of(h, scouting_.order) * here + energy;
-      block.steps[i] = block.energy[i] = 0.0;
-      block.potential[i] = std::abs(energy);
-      restart_countdown(l);
-      block.live[i] = -1;
-      job_[l] = next_++;
-      return;
     }
-    block.live[i] = 0;
+  }
+  void load(std::size_t l, const ForecastQueue::Next& next) {
+    const auto [block, i] = lane(l);
+    const StepPotential& potential = next.job.potential;
+    const EtaDoubt& job_doubt = next.job.doubt;
+    const int whole = static_cast<int>(potential.exponent);
+    const bool is_whole = whole == potential.exponent && whole > 0;
+    block.strength[i] = potential.strength;
+    block.length[i] = potential.length;
+    block.exponent[i] = potential.exponent;
+    block.slope_of_one[i] = potential.strength * potential.exponent / potential.length;
+    block.side[i] = std::copysign(1.0, potential.strength);
+    block.factor[i] = job_doubt.factor;
+    block.turn[i] = job_doubt.turn;
+    block.limit[i] = next.job.limit;
+    block.whole[i] = is_whole ? whole : 0;
+    block.one_less[i] = is_whole ? whole - 1 : 0;
+    block.broken[i] = is_whole ? 0 : -1;
+    lanes_.any_broken = lanes_.any_broken || !is_whole;
+    for (; is_whole && (whole >> lanes_.bits) > 0; ++lanes_.bits) {
+    }
+    const double h = scouting_.step;
+    const double energy = potential.strength * (is_whole ? power_of(h / potential.length, whole)
+                                                         : std::pow(h / potential.length, potential.exponent));
+    block.h[i] = block.last[i] = block.shortest[i] = block.longest[i] = h;
+    block.time[i] = 0.0;
+    stand(l, 0);
+    any_turns_ = any_turns_ || job_doubt.turn > 0.0;
+    block.doubt[i] = doubt(l);
+    const double here = doubt(l) * pieces_.front()(0.0);
+    block.here[i] = here;
+    block.defect[i] = block.first_defect[i] = (scouting_.order + 1.0) * power_of(h, scouting_.order) * here + energy;
+    block.steps[i] = block.energy[i] = 0.0;
+    block.potential[i] = std::abs(energy);
+    block.countdown[i] = period_;
+    block.live[i] = -1;
+    block.lanes += 1;
+    live_ += 1;
+    job_[l] = next.number;
   }
   void stand(std::size_t l, std::size_t piece) {
     const auto [block, i] = lane(l);
@@ -279,12 +304,6 @@ private:
     const auto [block, i] = lane(l);
     return block.turn[i] > 0.0 ? block.factor[i] * std::cos(two_pi * block.time[i] / block.turn[i]) : block.factor[i];
   }
-  void restart_countdown(std::size_t l) {
-    const auto [block, i] = lane(l);
-    constexpr std::int64_t never = std::int64_t{1} << 60;
-    block.countdown[i] =
-        give_up_ != nullptr && give_up_->too_much ? static_cast<std::int64_t>(give_up_->period) : never;
-  }
   [[nodiscard]] LevelForecast so_far(std::size_t l) {
     const auto [block, i] = lane(l);
     return {.complete = true,
@@ -295,27 +314,28 @@ private:
             .potential = block.potential[i]};
   }
   /// Of a lane with something unusual, whether there is no more to it than that.
-  [[nodiscard]] bool goes_on(std::size_t l, double most, double limit) {
+  [[nodiscard]] bool goes_on(std::size_t l, double most) {
     const auto [block, i] = lane(l);
     bool goes = block.solved[i] != 0 && std::abs(std::log(block.h[i] / block.last[i])) <= believed_change &&
-                !(block.steps[i] > most) && !(block.potential[i] > limit);
+                !(block.steps[i] > most) && !(block.potential[i] > block.limit[i]);
     if (block.countdown[i] == 0) {
-      restart_countdown(l);
-      goes = goes && !give_up_->too_much(so_far(l));
+      block.countdown[i] = period_;
+      goes = goes && !queue_.too_much(job_[l], so_far(l));
     }
     return goes;
   }
   void finish(std::size_t l, bool complete) {
     const auto [block, i] = lane(l);
-    LevelForecast& result = results_[job_[l]];
-    result = so_far(l);
+    LevelForecast result = so_far(l);
     result.complete = complete;
     if (complete) {
       // As many as the stretch needs, a part of the last one left out.
       result.steps -= (block.time[i] - scouting_.duration) / block.h[i];
     }
     block.live[i] = 0;
-    ++finished_;
+    block.lanes -= 1;
+    live_ -= 1;
+    queue_.finished(job_[l], result);
   }
   void find_piece(std::size_t l) {
     const auto [block, i] = lane(l);
@@ -335,12 +355,11 @@ private:
 
   const Scouting& scouting_;
   std::span<const EtaPieces::Piece> pieces_;
-  std::span<const ForecastJob> jobs_;
-  const GiveUp* give_up_;
-  std::vector<LevelForecast> results_;
+  ForecastQueue& queue_;
+  std::int64_t period_;
   Lanes lanes_;
   std::array<std::size_t, width> job_{}, at_{};
-  std::size_t next_ = 0, finished_ = 0;
+  int live_ = 0;
   bool any_turns_ = false;
 };
 
@@ -377,9 +396,28 @@ EtaPieces::EtaPieces(const Scouting& scouting) {
   pieces_.push_back(constant(infinite, eta.back()));
 }
 
+void forecast_side_by_side(const Scouting& scouting, const EtaPieces& pieces, ForecastQueue& queue) {
+  Forecasts(scouting, pieces, queue)();
+}
+
 std::vector<LevelForecast> forecast_side_by_side(const Scouting& scouting, const EtaPieces& pieces,
-                                                 std::span<const ForecastJob> jobs, const GiveUp* give_up) {
-  return Forecasts(scouting, pieces, jobs, give_up)();
+                                                 std::span<const ForecastJob> jobs) {
+  class All final : public ForecastQueue {
+  public:
+    explicit All(std::span<const ForecastJob> jobs) : results(jobs.size()), jobs_(jobs) {}
+    std::optional<Next> next() override {
+      return begun_ < jobs_.size() ? std::optional(Next{begun_, jobs_[begun_++]}) : std::nullopt;
+    }
+    void finished(std::size_t number, const LevelForecast& forecast) override { results[number] = forecast; }
+    std::vector<LevelForecast> results;
+
+  private:
+    std::span<const ForecastJob> jobs_;
+    std::size_t begun_ = 0;
+  };
+  All all(jobs);
+  forecast_side_by_side(scouting, pieces, all);
+  return std::move(all.results);
 }
 
 }  // namespace rubato

@@ -1,7 +1,8 @@
 #pragma once
 
 #include <cstddef>
-#include <functional>
+#include <limits>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -34,19 +35,30 @@ private:
 struct ForecastJob {
   StepPotential potential;
   EtaDoubt doubt = {};
+  double limit = std::numeric_limits<double>::infinity();  ///< a potential of more than this is too much
 };
 
-/// Whether to give a forecast up, as incomplete, for what it is so far; asked of each every so many steps.
-struct GiveUp {
-  double potential = 0.0;  ///< more than this part of the potential is too much
-  std::size_t period = 1;
-  std::function<bool(const LevelForecast&)> too_much = {};  ///< none: never
+/// Where forecasts come from and go to, while others go on. What is forecast of a job does not depend on the others.
+class ForecastQueue {
+public:
+  virtual ~ForecastQueue() = default;
+  struct Next {
+    std::size_t number;
+    ForecastJob job;
+  };
+  [[nodiscard]] virtual std::optional<Next> next() = 0;  ///< none: none until another one has finished
+  virtual void finished(std::size_t number, const LevelForecast& forecast) = 0;
+  /// Whether to give this one up, as incomplete, for what it is so far; asked every period() steps, 0 for never.
+  [[nodiscard]] virtual bool too_much(std::size_t /*number*/, const LevelForecast& /*so_far*/) { return false; }
+  [[nodiscard]] virtual std::size_t period() const { return 0; }
 };
 
 /// forecast_levels() of many potentials of one scouted stretch, side by side in vectors, bit by bit the same: one after
 /// the other each waits for its own divisions.
+///@{
+void forecast_side_by_side(const Scouting& scouting, const EtaPieces& pieces, ForecastQueue& queue);
 [[nodiscard]] std::vector<LevelForecast> forecast_side_by_side(const Scouting& scouting, const EtaPieces& pieces,
-                                                               std::span<const ForecastJob> jobs,
-                                                               const GiveUp* give_up = nullptr);
+                                                               std::span<const ForecastJob> jobs);
+///@}
 
 }  // namespace rubato

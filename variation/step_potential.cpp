@@ -133,7 +133,6 @@ namespace {
 /// A potential with which all levels of a scouted stretch are forecast to exist.
 struct Candidate {
   StepPotential potential;
-  std::size_t place = 0;  ///< among those that are tried
   double work = 0.0;
   double part = 0.0;  ///< max |f'|
 };
@@ -163,9 +162,14 @@ public:
       // An η that was seen with one sign only may grow beyond what was seen: a potential of the other sign would not
       // last.
       const bool is_last = limit != usual;
-      try_all(side, limit, is_last);
-      if (!definite || candidates_.empty()) {
-        try_all(-side, limit, is_last);
+      std::vector<StepPotential> all = potentials(side, limit);
+      const std::vector<StepPotential> others = potentials(-side, limit);
+      if (!definite) {
+        all.insert(all.end(), others.begin(), others.end());
+      }
+      try_all(all, limit, is_last);
+      if (definite && candidates_.empty()) {
+        try_all(others, limit, is_last);
       }
       if (!candidates_.empty()) {
         return limit == usual ? best() : weakest();
@@ -184,10 +188,8 @@ private:
     return potential;
   }
 
-  /// Potentials of one sign whose part of the energy is at most `limit`. All that are forecast to last count where
-  /// this is the last limit; otherwise those that keep_best() will not leave need not be followed to their end, and are
-  /// soon known where some from all over the range come first.
-  void try_all(double sign, double limit, bool is_last) {
+  /// Potentials of one sign whose part of the energy is at most `limit`.
+  [[nodiscard]] std::vector<StepPotential> potentials(double sign, double limit) const {
     std::vector<StepPotential> all;
     for (const double exponent : {s_ + 1.0, s_ + 2.0, s_ + 4.0, 2.0 * s_ + 2.0, 3.0 * s_, 4.0 * s_}) {
       for (double kappa = kappa_limit_; kappa >= least_kappa; kappa /= kappa_ratio) {
@@ -198,48 +200,111 @@ private:
         all.push_back(potential);
       }
     }
-    // One after the other at the last limit, where it depends on those before how far one is followed.
-    const std::size_t groups = is_last ? all.size() : std::min<std::size_t>(all.size(), 3);
-    for (std::size_t group = 0; group < groups; ++group) {
-      std::vector<Candidate> together;
-      for (std::size_t i = group; i < all.size(); i += groups) {
-        together.push_back({.potential = all[i], .place = tried_ + i});
-      }
-      try_together(together, limit, is_last);
-    }
-    tried_ += all.size();
-    std::ranges::sort(candidates_, {}, &Candidate::place);
+    return all;
   }
-  void try_together(std::span<const Candidate> group, double limit, bool is_last) {
-    // Asked now and then, as a power costs more than a step.
-    const GiveUp give_up{.potential = limit,
-                         .period = is_last ? 64u : 16u,
-                         .too_much = [this](const LevelForecast& so_far) { return costs_too_much(so_far); }};
-    std::vector<ForecastJob> jobs;
-    for (const Candidate& one : group) {
-      jobs.push_back({.potential = one.potential});
-    }
-    const std::vector<LevelForecast> forecasts = forecast_side_by_side(scouting_, pieces_, jobs, &give_up);
-    std::vector<Candidate> left;
-    for (std::size_t i = 0; i < group.size(); ++i) {
-      if (forecasts[i].complete && forecasts[i].potential <= limit && (is_last || !costs_too_much(forecasts[i]))) {
-        left.push_back(group[i]);
-        left.back().work = work(forecasts[i]);
-        left.back().part = forecasts[i].potential;
+
+  /// Each is forecast, and then, if its levels exist, for a larger η: all side by side, so that few wait for one. Those
+  /// that keep_best() will not leave need not be followed to their end, and are soon known where some from all over the
+  /// range come first. At the last limit all that are forecast to last count, but for those that cost too much beside
+  /// what was tried before them.
+  class Trials final : public ForecastQueue {
+  public:
+    Trials(Choice& choice, std::span<const StepPotential> all, double limit, bool is_last)
+        : choice_(choice), all_(all), limit_(limit), is_last_(is_last), trials_(all.size()) {
+      const std::size_t apart = is_last ? 1 : 3;
+      for (std::size_t first = 0; first < apart; ++first) {
+        for (std::size_t i = first; i < all.size(); i += apart) {
+          order_.push_back(i);
+        }
       }
     }
-    for (const Candidate& one : lasting(left, 0.0)) {
-      candidates_.push_back(one);
-      least_work_ = std::min(least_work_, one.work);
+
+    std::optional<Next> next() override {
+      if (!to_doubt_.empty()) {
+        const std::size_t i = to_doubt_.back();
+        to_doubt_.pop_back();
+        return Next{all_.size() + i, {.potential = all_[i], .doubt = {.factor = eta_margin, .turn = 0.0}}};
+      }
+      if (begun_ < order_.size()) {
+        const std::size_t i = order_[begun_++];
+        return Next{i, {.potential = all_[i], .limit = limit_}};
+      }
+      return std::nullopt;
     }
+    /// Asked now and then, as a power costs more than a step.
+    [[nodiscard]] std::size_t period() const override { return is_last_ ? 64 : 16; }
+    bool too_much(std::size_t number, const LevelForecast& so_far) override {
+      if (number >= all_.size()) {
+        return false;
+      }
+      trials_[number].asked = choice_.work(so_far);
+      return costs_too_much(number, trials_[number].asked);
+    }
+    void finished(std::size_t number, const LevelForecast& forecast) override {
+      if (number < all_.size()) {
+        Trial& trial = trials_[number];
+        trial.work = choice_.work(forecast);
+        trial.part = forecast.potential;
+        if (forecast.complete && forecast.potential <= limit_ &&
+            !costs_too_much(number, is_last_ ? trial.asked : trial.work)) {
+          to_doubt_.push_back(number);
+        }
+      } else if (forecast.complete) {
+        trials_[number - all_.size()].lasts = true;
+        if (!is_last_) {
+          choice_.least_work_ = std::min(choice_.least_work_, trials_[number - all_.size()].work);
+        }
+      }
+    }
+
+    /// In their order.
+    void add_candidates() {
+      for (std::size_t i = 0; i < all_.size(); ++i) {
+        const Trial& trial = trials_[i];
+        if (trial.lasts && !(is_last_ && costs_too_much(i, trial.asked))) {
+          choice_.candidates_.push_back({.potential = all_[i], .work = trial.work, .part = trial.part});
+        }
+      }
+      for (const Trial& trial : trials_) {
+        if (trial.lasts) {
+          choice_.least_work_ = std::min(choice_.least_work_, trial.work);
+        }
+      }
+    }
+
+  private:
+    struct Trial {
+      double work = 0.0, part = 0.0;
+      double asked = 0.0;  ///< its work when it was asked for last
+      bool lasts = false;
+    };
+
+    /// More than keep_best() will leave; at the last limit, than that beside those before it, as far as they are known.
+    [[nodiscard]] bool costs_too_much(std::size_t number, double work) const {
+      double least = choice_.least_work_;
+      for (std::size_t i = 0; is_last_ && i < number; ++i) {
+        least = trials_[i].lasts ? std::min(least, trials_[i].work) : least;
+      }
+      return work > (1.0 + price_of_the_law) * least;
+    }
+
+    Choice& choice_;
+    std::span<const StepPotential> all_;
+    double limit_;
+    bool is_last_;
+    std::vector<Trial> trials_;
+    std::vector<std::size_t> order_, to_doubt_;
+    std::size_t begun_ = 0;
+  };
+  void try_all(std::span<const StepPotential> all, double limit, bool is_last) {
+    Trials trials(*this, all, limit, is_last);
+    forecast_side_by_side(scouting_, pieces_, trials);
+    trials.add_candidates();
   }
+
   /// What the steps take for an error, which falls with their power s.
   [[nodiscard]] double work(const LevelForecast& forecast) const {
     return forecast.steps * std::pow(std::max(forecast.energy, negligible * strayed_), 1.0 / s_);
-  }
-  /// More than keep_best() will leave.
-  [[nodiscard]] bool costs_too_much(const LevelForecast& so_far) const {
-    return work(so_far) > (1.0 + price_of_the_law) * least_work_;
   }
   /// Those with which levels would exist for a larger η, which changes its sign so often.
   [[nodiscard]] std::vector<Candidate> lasting(std::span<const Candidate> all, double turns) const {
@@ -303,7 +368,6 @@ private:
   double most_ = std::numeric_limits<double>::infinity();  ///< beside a larger f' the terms of K are lost
   double kappa_limit_ = largest_kappa;
   double least_work_ = std::numeric_limits<double>::infinity();  ///< of the candidates
-  std::size_t tried_ = 0;
   std::vector<Candidate> candidates_;
 };
 

@@ -102,6 +102,33 @@ bool same(const LevelForecast& a, const LevelForecast& b) {
          a.energy == b.energy && a.potential == b.potential;
 }
 
+/// Every other job comes when another one has finished; they are given up after `most` steps.
+class Queue final : public ForecastQueue {
+public:
+  Queue(std::span<const ForecastJob> jobs, double most) : results(jobs.size()), jobs_(jobs), most_(most) {}
+
+  std::optional<Next> next() override {
+    if (begun_ >= jobs_.size() || begun_ > 2 * ended_ + 20) {
+      return std::nullopt;
+    }
+    const std::size_t number = begun_++;
+    return Next{number, jobs_[number]};
+  }
+  void finished(std::size_t number, const LevelForecast& forecast) override {
+    results[number] = forecast;
+    ++ended_;
+  }
+  bool too_much(std::size_t /*number*/, const LevelForecast& so_far) override { return so_far.steps > most_; }
+  [[nodiscard]] std::size_t period() const override { return 16; }
+
+  std::vector<LevelForecast> results;
+
+private:
+  std::span<const ForecastJob> jobs_;
+  double most_;
+  std::size_t begun_ = 0, ended_ = 0;
+};
+
 /// From those that are hardly felt to those that hardly let steps change, of both signs, with doubts.
 std::vector<ForecastJob> many_jobs(const Scouting& scouting, bool broken) {
   std::vector<ForecastJob> jobs;
@@ -133,10 +160,13 @@ TEST_CASE("levels forecast side by side are those forecast alone, bit by bit", "
         const std::vector<ForecastJob> jobs = many_jobs(scouting, broken);
         const std::vector<LevelForecast> found = forecast_side_by_side(scouting, pieces, jobs);
         const double limit = 3e-3 * std::pow(scouting.step, order), most = 40.0;
-        const GiveUp give_up{.potential = limit, .period = 16, .too_much = [&](const LevelForecast& so_far) {
-                               return so_far.steps > most;
-                             }};
-        const std::vector<LevelForecast> fewer = forecast_side_by_side(scouting, pieces, jobs, &give_up);
+        std::vector<ForecastJob> limited = jobs;
+        for (ForecastJob& job : limited) {
+          job.limit = limit;
+        }
+        Queue queue(limited, most);
+        forecast_side_by_side(scouting, pieces, queue);
+        const std::vector<LevelForecast>& fewer = queue.results;
         constexpr double unlimited = std::numeric_limits<double>::infinity();
         for (std::size_t i = 0; i < jobs.size(); ++i) {
           INFO("order " << order << ", mean " << mean << ", job " << i);
@@ -157,5 +187,5 @@ TEST_CASE("levels forecast side by side are those forecast alone, bit by bit", "
   CHECK(incomplete > 100);
   CHECK(changed > 100);
   const Scouting scouting = stretch(2, 2.0, 7);
-  CHECK(forecast_side_by_side(scouting, EtaPieces(scouting), {}).empty());
+  CHECK(forecast_side_by_side(scouting, EtaPieces(scouting), std::span<const ForecastJob>()).empty());
 }
