@@ -37,9 +37,13 @@ void TimeLevels::choose_potential() {
   if (scouting.eta.empty()) {
     return;  // the first step will tell why
   }
-  potential_ = given ? make_step_potential(scouting, choice.kappa, choice.exponent)
-                     : choose_step_potential(scouting, choice.largest_step);
-  potential_price_ = given ? potential_price_ : price_in_steps(scouting, potential_);
+  if (given) {
+    potential_ = make_step_potential(scouting, choice.kappa, choice.exponent);
+  } else {
+    const PricedPotential chosen = choose_priced_potential(scouting, choice.largest_step);
+    potential_ = chosen.potential;
+    potential_price_ = chosen.price_in_steps;
+  }
 }
 
 /// Newton's iteration on h ↦ K_h + f'(h), with the curvature of both, kept between lengths known to be too short and

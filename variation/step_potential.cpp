@@ -104,12 +104,10 @@ LevelForecast forecast_levels(const Scouting& scouting, const StepPotential& pot
   return forecast_side_by_side(scouting, EtaPieces(scouting), {&job, 1}).front();
 }
 
-double price_in_steps(const Scouting& scouting, const StepPotential& potential) {
-  if (!knows_step(scouting)) {
-    return 1.0;  // any steps would do
-  }
-  const LevelForecast forecast = forecast_levels(scouting, potential);
-  const double steps = forecast.complete ? forecast.steps : scouting.duration / scouting.step;
+namespace {
+
+/// Of so many steps over the stretch.
+double price_of(const Scouting& scouting, double steps) {
   const auto steps_in_time = [&](std::size_t i) {
     return std::pow(std::abs(scouting.eta[i] / scouting.eta.front()), 1.0 / (scouting.order + 1.0)) / scouting.step;
   };
@@ -124,6 +122,16 @@ double price_in_steps(const Scouting& scouting, const StepPotential& potential) 
   return steps / of_law;
 }
 
+}  // namespace
+
+double price_in_steps(const Scouting& scouting, const StepPotential& potential) {
+  if (!knows_step(scouting)) {
+    return 1.0;  // any steps would do
+  }
+  const LevelForecast forecast = forecast_levels(scouting, potential);
+  return price_of(scouting, forecast.complete ? forecast.steps : scouting.duration / scouting.step);
+}
+
 StepPotential make_step_potential(const Scouting& scouting, double kappa, double exponent) {
   return with_kappa(scouting, scouting.eta.front(), kappa, exponent);
 }
@@ -133,6 +141,7 @@ namespace {
 /// A potential with which all levels of a scouted stretch are forecast to exist.
 struct Candidate {
   StepPotential potential;
+  double steps = 0.0;
   double work = 0.0;
   double part = 0.0;  ///< max |f'|
 };
@@ -151,10 +160,10 @@ public:
     }
   }
 
-  StepPotential operator()() {
+  PricedPotential operator()() {
     const double side = std::copysign(1.0, scouting_.eta.front());
     if (!knows_step(scouting_)) {
-      return made(0.0, 1.0, s_ + 1.0);  // K hardly knows h: steps are as long as the first
+      return with_price(made(0.0, 1.0, s_ + 1.0));  // K hardly knows h: steps are as long as the first
     }
     const bool definite = std::ranges::all_of(scouting_.eta, [&](double eta) { return eta * side >= 0.0; });
     const double usual = std::min(largest_part * strayed_, most_);
@@ -172,16 +181,20 @@ public:
         try_all(others, limit, is_last);
       }
       if (!candidates_.empty()) {
-        return limit == usual ? best() : weakest();
+        const Candidate chosen = limit == usual ? best() : weakest();
+        return {chosen.potential, price_of(scouting_, chosen.steps)};
       }
     }
     // Nothing is forecast to last: steps that are nearly equal.
     StepPotential equal = made(std::copysign(largest_, side), last_resort, s_ + 1.0);
     equal.strength /= std::max(1.0, std::abs(equal.energy(scouting_.step)) / most_);
-    return equal;
+    return with_price(equal);
   }
 
 private:
+  [[nodiscard]] PricedPotential with_price(const StepPotential& potential) const {
+    return {potential, price_in_steps(scouting_, potential)};
+  }
   [[nodiscard]] StepPotential made(double eta, double kappa, double exponent) const {
     StepPotential potential = with_kappa(scouting_, eta, kappa, exponent);
     potential.strength = rounded(potential.strength);
@@ -243,6 +256,7 @@ private:
     void finished(std::size_t number, const LevelForecast& forecast) override {
       if (number < all_.size()) {
         Trial& trial = trials_[number];
+        trial.steps = forecast.steps;
         trial.work = choice_.work(forecast);
         trial.part = forecast.potential;
         if (forecast.complete && forecast.potential <= limit_ &&
@@ -262,7 +276,8 @@ private:
       for (std::size_t i = 0; i < all_.size(); ++i) {
         const Trial& trial = trials_[i];
         if (trial.lasts && !(is_last_ && costs_too_much(i, trial.asked))) {
-          choice_.candidates_.push_back({.potential = all_[i], .work = trial.work, .part = trial.part});
+          choice_.candidates_.push_back(
+              {.potential = all_[i], .steps = trial.steps, .work = trial.work, .part = trial.part});
         }
       }
       for (const Trial& trial : trials_) {
@@ -274,7 +289,7 @@ private:
 
   private:
     struct Trial {
-      double work = 0.0, part = 0.0;
+      double steps = 0.0, work = 0.0, part = 0.0;
       double asked = 0.0;  ///< its work when it was asked for last
       bool lasts = false;
     };
@@ -323,10 +338,8 @@ private:
     return kept;
   }
 
-  [[nodiscard]] StepPotential weakest() const {
-    return std::ranges::min_element(candidates_, {}, &Candidate::part)->potential;
-  }
-  [[nodiscard]] StepPotential best() {
+  [[nodiscard]] Candidate weakest() const { return *std::ranges::min_element(candidates_, {}, &Candidate::part); }
+  [[nodiscard]] Candidate best() {
     keep_best(price_of_the_law);
     // At high orders η changes its sign on almost every orbit: a stretch where it does not tells little of the rest.
     if (s_ >= order_with_zeros || !shows_all(scouting_)) {
@@ -334,8 +347,7 @@ private:
     }
     // Of those that are hardly felt the one that begins soonest beyond what was seen.
     if (keep([&](const Candidate& one) { return one.part <= unfelt * strayed_; })) {
-      return std::ranges::min_element(candidates_, {}, [](const Candidate& one) { return one.potential.length; })
-          ->potential;
+      return *std::ranges::min_element(candidates_, {}, [](const Candidate& one) { return one.potential.length; });
     }
     keep_best(as_good);
     return weakest();
@@ -373,8 +385,12 @@ private:
 
 }  // namespace
 
-StepPotential choose_step_potential(const Scouting& scouting, std::optional<double> largest_step) {
+PricedPotential choose_priced_potential(const Scouting& scouting, std::optional<double> largest_step) {
   return Choice(scouting, largest_step)();
+}
+
+StepPotential choose_step_potential(const Scouting& scouting, std::optional<double> largest_step) {
+  return choose_priced_potential(scouting, largest_step).potential;
 }
 
 }  // namespace rubato

@@ -103,6 +103,13 @@ struct EtaDoubt {
 /// knows h.
 [[nodiscard]] double price_in_steps(const Scouting& scouting, const StepPotential& potential);
 
+/// Both, as the choice has forecast the steps already.
+struct PricedPotential {
+  StepPotential potential;
+  double price_in_steps = 1.0;
+};
+[[nodiscard]] PricedPotential choose_priced_potential(const Scouting& scouting, std::optional<double> largest_step);
+
 /// The potential of StepPotentialChoice::Kind::given.
 [[nodiscard]] StepPotential make_step_potential(const Scouting& scouting, double kappa, double exponent);
 
