@@ -58,7 +58,8 @@ public:
   void displaced(double scale, const Vector& delta, Vector& result) const { result = high_ + (low_ + scale * delta); }
 
   void add(const Vector& delta) {
-    if constexpr (Vector::SizeAtCompileTime == Eigen::Dynamic) {
+    constexpr Eigen::Index long_enough = 16;  // for a call to pay
+    if (delta.size() >= long_enough) {
       state_kernels().add(static_cast<std::size_t>(delta.size()), delta.data(), high_.data(), low_.data());
     } else {
       two_sum(delta);

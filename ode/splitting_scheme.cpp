@@ -103,7 +103,7 @@ public:
     ++iterations_;
     energy_ = whole_ ? by_whole(h) : is_long_ ? by_states(h) : by_parts(h);
     const VectorXd& found = is_long_ ? trial_end() : delta_;
-    const bool finite = kernels_.finite(static_cast<std::size_t>(2 * n_), found.data());
+    const bool finite = whole_ ? found.allFinite() : kernels_.finite(static_cast<std::size_t>(2 * n_), found.data());
     return std::isfinite(energy_) && finite ? Status::success : Status::undefined;
   }
 
