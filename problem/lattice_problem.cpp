@@ -243,6 +243,9 @@ std::unique_ptr<LatticeMethod> make_method(const Problem& problem) {
 }
 
 LatticeLevel make_initial_level(const Problem& problem, const MultisymplecticSystem& system, const grids::Grid& grid) {
+  if (grids::Slab::present() != nullptr) {
+    return make_lattice(problem).level();
+  }
   const InitialFields initial = make_initial_fields(problem, grid);
   return at_initial(problem, [&] { return make_method(problem)->first_level(system, grid, initial).level; });
 }

@@ -26,7 +26,7 @@ namespace rubato {
 /// The scheme of the problem.
 [[nodiscard]] LatticeMethodChoice method_choice(const Scheme& scheme);
 [[nodiscard]] std::unique_ptr<LatticeMethod> make_method(const Problem& problem);
-/// The level that a run of the problem starts from.
+/// The level that a run of the problem starts from; of a thread that has a slab its part.
 [[nodiscard]] LatticeLevel make_initial_level(const Problem& problem, const MultisymplecticSystem& system,
                                               const grids::Grid& grid);
 ///@}

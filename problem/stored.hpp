@@ -28,6 +28,7 @@ struct StoredLevels {
   std::size_t every = 1;
   bool sparse = false;  ///< not every level is stored, but the one before each that is
 
+  StoredLevels() = default;
   /// \throws record::Error if the lengths of these datasets contradict each other
   StoredLevels(const record::Reader& reader, std::size_t every);
 

@@ -203,7 +203,7 @@ rubato::ExitStatus check(const CheckCommand& command) {
       return rubato::check_ensemble(command.file, complete);
     });
   }
-  return report(rubato::check(command.file, {.replay = command.replay}), command.json, false);
+  return report(rubato::check(command.file, {.replay = command.replay, .ranks = other_ranks}), command.json, false);
 }
 
 rubato::ExitStatus list() {

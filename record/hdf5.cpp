@@ -223,6 +223,16 @@ void read_rows(hid_t dataset, hid_t memory, hsize_t first, hsize_t count, void* 
   check(H5Dread(dataset, memory, room, space, H5P_DEFAULT, data), "reading rows");
 }
 
+void read_block(hid_t dataset, hid_t memory, std::vector<hsize_t> first, const std::vector<hsize_t>& sizes,
+                void* data) {
+  first.resize(sizes.size(), 0);
+  const Handle space(H5Dget_space(dataset), H5Sclose, "reading rows");
+  check(H5Sselect_hyperslab(space, H5S_SELECT_SET, first.data(), nullptr, sizes.data(), nullptr), "selecting rows");
+  const Handle room(H5Screate_simple(static_cast<int>(sizes.size()), sizes.data(), nullptr), H5Sclose,
+                    "selecting rows");
+  check(H5Dread(dataset, memory, room, space, H5P_DEFAULT, data), "reading rows");
+}
+
 void read_through(hid_t dataset, const std::function<void(std::span<const std::byte>)>& use) {
   const Handle type(H5Dget_type(dataset), H5Tclose, "looking at its type");
   const auto sizes = extent(dataset);

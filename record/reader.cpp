@@ -178,6 +178,23 @@ std::vector<double> Reader::read(const std::string& path, std::size_t first, std
       path, [&](hid_t dataset) { return read_numbers<double>(dataset, H5T_NATIVE_DOUBLE, path, first, count); });
 }
 
+std::vector<double> Reader::read_part(const std::string& path, std::size_t row, std::size_t first,
+                                      std::size_t count) const {
+  return implementation_->in_dataset(path, [&](hid_t dataset) {
+    auto sizes = detail::extent(dataset);
+    if (sizes.size() < 2 || row >= sizes[0] || first > sizes[1] || count > sizes[1] - first)
+      throw detail::Failure(fmt::format("a part of row {} of '{}' was asked for that it has not", row, path));
+    sizes[0] = 1;
+    sizes[1] = count;
+    std::size_t values = 1;
+    for (const auto size : sizes)
+      values *= size;
+    std::vector<double> numbers(values);
+    detail::read_block(dataset, H5T_NATIVE_DOUBLE, {row, first}, sizes, numbers.data());
+    return numbers;
+  });
+}
+
 std::vector<std::int64_t> Reader::read_integers(const std::string& path) const {
   return implementation_->in_dataset(path, [&](hid_t dataset) {
     const detail::Handle type(H5Dget_type(dataset), H5Tclose, "reading a type");

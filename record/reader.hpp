@@ -71,6 +71,9 @@ public:
   [[nodiscard]] std::vector<double> read(const std::string& path) const;
   /// Rows first, …, first + count - 1.
   [[nodiscard]] std::vector<double> read(const std::string& path, std::size_t first, std::size_t count) const;
+  /// Of one row, the places first, …, first + count - 1 along the second dimension.
+  [[nodiscard]] std::vector<double> read_part(const std::string& path, std::size_t row, std::size_t first,
+                                              std::size_t count) const;
   /// All values of a dataset of an integer type.
   [[nodiscard]] std::vector<std::int64_t> read_integers(const std::string& path) const;
   /// All values of a scale of names.

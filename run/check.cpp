@@ -1,11 +1,13 @@
 #include <rubato/run/check.hpp>
 
 #include <cmath>
+#include <optional>
 
 #include <fmt/format.h>
 
 #include <rubato/run/checkpoint_check.hpp>
 #include <rubato/run/lattice_check.hpp>
+#include <rubato/run/lattice_ranks.hpp>
 #include <rubato/run/level_check.hpp>
 #include <rubato/run/orbit_check.hpp>
 #include <rubato/run/threads.hpp>
@@ -15,9 +17,13 @@ namespace rubato {
 namespace {
 
 /// What a run of the problem tells, in its order. \throws record::Error where the problem cannot be run
-Chronicle make_chronicle(const record::Reader& reader, const Problem& problem) {
+void make_chronicle(const record::Reader& reader, const Problem& problem, const LatticeLeader* leader,
+                    std::optional<Chronicle>& chronicle) {
   try {
-    return {problem, reader.has("/laws/multisymplectic_max")};
+    if (leader != nullptr) {
+      leader->order(Order::make);
+    }
+    chronicle.emplace(problem, reader.has("/laws/multisymplectic_max"));
   } catch (const ProblemError& error) {
     throw record::Error(reader.file(), fmt::format("the problem in it cannot be run ({})", error.what()));
   }
@@ -83,12 +89,18 @@ private:
 
   void recompute() {
     const StoredLevels levels(reader_, static_cast<std::size_t>(problem_.output.states_every()));
-    Chronicle chronicle = make_chronicle(reader_, problem_);
-    const figures::Names names = names_in(reader_, chronicle);
-    const CheckpointFindings checkpoint = check_checkpoint(reader_, levels, names, chronicle, findings_);
+    share();
+    const LatticeLeader* const leader = leader_ ? &*leader_ : nullptr;
+    std::optional<Chronicle> chronicle;
+    make_chronicle(reader_, problem_, leader, chronicle);
+    const figures::Names names = names_in(reader_, *chronicle);
+    const CheckpointFindings checkpoint = check_checkpoint(reader_, levels, names, *chronicle, leader, findings_);
     check_levels(reader_, levels, problem_, checkpoint, findings_);
-    const auto check_states = problem_.hamiltonian() != nullptr ? check_orbit : check_lattice;
-    const Spread equation = check_states(reader_, levels, problem_, chronicle.simulation().has_gamma(), findings_);
+    const bool has_gamma = chronicle->simulation().has_gamma();
+    chronicle.reset();  // the states need its room
+    const Spread equation = problem_.hamiltonian() != nullptr
+                                ? check_orbit(reader_, levels, problem_, has_gamma, findings_)
+                                : check_lattice_of(levels, has_gamma);
     if (options_.replay) {
       replay(reader_, levels, problem_, findings_);
     }
@@ -111,9 +123,31 @@ private:
     }
   }
 
+  /// With other ranks, where they could have run the problem together.
+  void share() {
+    if (options_.replay) {
+      return;
+    }
+    const RunOptions run{.tangents = reader_.has("/laws/multisymplectic_max"), .ranks = options_.ranks};
+    try {
+      refuse_unshared(problem_, run);
+      if (run.ranks != nullptr && run.ranks->size() > 1) {
+        leader_.emplace(*run.ranks, problem_, 0);
+      }
+    } catch (const ProblemError&) {
+      // Then rank 0 does it alone.
+    }
+  }
+
+  Spread check_lattice_of(const StoredLevels& levels, bool has_gamma) {
+    return leader_ ? leader_->check(reader_, levels, has_gamma, findings_)
+                   : check_lattice({nullptr, &reader_}, levels, problem_, has_gamma, findings_);
+  }
+
   const record::Reader& reader_;
   CheckOptions options_;
   Problem problem_;
+  std::optional<LatticeLeader> leader_;  ///< before all that ranks have parts of
   Findings findings_;
   Outcome outcome_;
 };

@@ -10,6 +10,9 @@ struct CheckOptions {
   /// Takes every step again, from the start, and compares all rows bit by bit: as long as the run was. Bits may differ
   /// between machines whose elementary functions round differently.
   bool replay = false;
+  /// As RunOptions::ranks: they share the check of a lattice that they could have run, each with its part of every
+  /// level (a replay is taken by rank 0 alone, and so is what cannot be shared).
+  ranks::Communicator* ranks = nullptr;
 };
 
 /// Recomputes everything of a record that its stored states tell again, and compares: check_levels, check_orbit,

@@ -9,12 +9,15 @@
 #include <fmt/format.h>
 
 #include <rubato/run/recorder.hpp>
+#include <rubato/run/shared_rows.hpp>
 
 namespace rubato {
 
 namespace {
 
-constexpr const char* state_path = "/checkpoint/state";
+constexpr const char* state_path = shared_state;
+/// Rows of more numbers are read in parts.
+constexpr std::size_t small_row = std::size_t{1} << 17;
 
 /// Compares the rows that a simulation tells with those of a record.
 class Comparison final : public RowSink {
@@ -25,7 +28,7 @@ public:
   /// Begins with row `first(path)` of each dataset that is wanted.
   Comparison(const record::Reader& reader, const record::Layout& layout, Findings& findings, std::string reason,
              const Wanted& wanted, const std::function<std::size_t(const record::Dataset&)>& first)
-      : findings_(findings), reason_(std::move(reason)) {
+      : reader_(reader), findings_(findings), reason_(std::move(reason)) {
     for (const record::Dataset& dataset : layout.datasets) {
       columns_.emplace_back();
       if (wanted(dataset.path) && reader.has(dataset.path)) {
@@ -39,11 +42,27 @@ public:
   void append(record::Column column, std::span<const std::int64_t> row) override {
     compare(columns_[column.number], row);
   }
+  void append_part(record::Column column, std::span<const double> part, bool is_last) override {
+    Compared& compared = columns_[column.number];
+    if (!compared.rows || compared.next >= compared.rows->rows()) {
+      return;
+    }
+    const record::DatasetInfo info = reader_.info(compared.rows->path());
+    const std::size_t plane = info.row_size() / info.shape.at(1);
+    const std::vector<double> stored =
+        reader_.read_part(info.path, compared.next, compared.taken / plane, part.size() / plane);
+    for (std::size_t i = 0; i < part.size(); ++i) {
+      findings_.same(info.path, compared.next, compared.taken + i, stored[i], part[i], reason_);
+    }
+    compared.taken = is_last ? 0 : compared.taken + part.size();
+    compared.next += is_last ? 1 : 0;
+  }
 
 private:
   struct Compared {
     std::optional<StoredRows> rows;
     std::size_t next = 0;
+    std::size_t taken = 0;  ///< of that row, in parts
   };
 
   template <typename Number>
@@ -59,17 +78,38 @@ private:
     ++column.next;
   }
 
+  const record::Reader& reader_;
   Findings& findings_;
   std::string reason_;
   std::vector<Compared> columns_;
 };
 
 Digest digest_of(const record::Reader& reader, const std::string& path, std::size_t rows) {
-  StoredRows stored(reader, path, reader.info(path).row_size());
+  const record::DatasetInfo info = reader.info(path);
   Digest digest;
-  for (std::size_t row = 0; row < std::min(rows, stored.rows()); ++row) {
-    digest.add_row(stored.row(row));
+  if (info.row_size() <= small_row) {
+    StoredRows stored(reader, path, info.row_size());
+    for (std::size_t row = 0; row < std::min(rows, stored.rows()); ++row) {
+      digest.add_row(stored.row(row));
+    }
+    return digest;
   }
+  for (std::size_t row = 0; row < std::min(rows, reader.rows(path)); ++row) {
+    read_in_parts(reader, info, row, [&](std::span<const double> part) { digest.add_part(part, false); });
+    digest.add_part(std::span<const double>(), true);
+  }
+  return digest;
+}
+
+/// Of the state in the checkpoint, some of it at a time.
+Digest digest_of_state(const record::Reader& reader) {
+  const std::size_t size = reader.rows(state_path);
+  Digest digest;
+  for (std::size_t first = 0; first < size; first += small_row) {
+    const std::vector<double> some = reader.read(state_path, first, std::min(small_row, size - first));
+    digest.add_part(std::span<const double>(some), false);
+  }
+  digest.add_part(std::span<const double>(), true);
   return digest;
 }
 
@@ -109,8 +149,12 @@ void check_potential(const record::Reader& reader, const StepPotential& potentia
 
 /// What the checkpoint says of the level it is at, against what the record says of it.
 void check_state(const record::Reader& reader, const StoredLevels& levels, const figures::Names& names,
-                 Chronicle& chronicle, Findings& findings) {
+                 Chronicle& chronicle, const LatticeLeader* leader, Findings& findings) {
   const std::size_t last = levels.steps();
+  const bool tells_state = levels.state_level.back() == last;
+  if (leader != nullptr) {
+    leader->order_state(tells_state);
+  }
   Simulation& simulation = chronicle.simulation();
   const LevelNode node = simulation.node();
   const auto at_last = [&](const char* path, double expected) {
@@ -128,44 +172,66 @@ void check_state(const record::Reader& reader, const StoredLevels& levels, const
   at_last("/levels/node_energy", node.energy);
 
   const figures::Statistics made = figures::stored_statistics(reader, names);
-  StateWriter stored, expected, whole;
+  StateWriter stored, expected;
   chronicle.statistics().save(stored);
   made.save(expected);
-  chronicle.save(whole);
-  const std::size_t offset = whole.values().size() - chronicle.values_after_statistics() - stored.values().size();
+  const std::size_t offset = reader.rows(state_path) - chronicle.values_after_statistics() - stored.values().size();
   compare_arrays(stored.values(), expected.values(), offset, "the statistics of /levels and /laws", findings);
 
   findings.same(state_path, offset + stored.values().size(), {}, static_cast<double>(chronicle.last_stored()),
                 static_cast<double>(last / levels.every * levels.every), "the last of every n-th level");
-  if (levels.state_level.back() == last) {
+  if (tells_state) {
     const auto of_states = [](const std::string& path) {
       return path.starts_with("/states/") && !path.starts_with("/states/previous/");
     };
     Comparison comparison(reader, chronicle.layout(), findings, "the state in the checkpoint", of_states,
                           [&](const record::Dataset&) { return levels.state_level.size() - 1; });
-    chronicle.tell_state(comparison);
+    if (leader == nullptr) {
+      chronicle.tell_state(comparison);
+    } else {
+      GatheringSink gathering(leader->slab(), &comparison);
+      chronicle.tell_state(gathering);
+      gathering.rethrow();
+    }
   }
+}
+
+/// Brings a chronicle to the checkpoint, with other ranks where there are some. Nothing if it is not one of the
+/// problem.
+std::optional<Digests> restore(const record::Reader& reader, const record::Checkpoint& others, Chronicle& chronicle,
+                               const LatticeLeader* leader) {
+  if (leader == nullptr) {
+    return restored(others, chronicle);
+  }
+  if (!reader.has(state_path)) {
+    return std::nullopt;
+  }
+  const std::size_t size = reader.rows(state_path);
+  leader->order_restore(size);
+  SharedState source(leader->slab(), &reader);
+  StateReader state(source, size);
+  auto digests = restored(others, state, chronicle);
+  source.rethrow();
+  return digests;
 }
 
 }  // namespace
 
 CheckpointFindings check_checkpoint(const record::Reader& reader, const StoredLevels& levels,
-                                    const figures::Names& names, Chronicle& chronicle, Findings& findings) {
-  const record::Checkpoint checkpoint = reader.checkpoint();
+                                    const figures::Names& names, Chronicle& chronicle, const LatticeLeader* leader,
+                                    Findings& findings) {
+  const record::Checkpoint checkpoint = reader.checkpoint(leader == nullptr ? "" : "state");
   if (!checkpoint.contains("digests")) {
     return {};  // a record of an earlier version
   }
-  const std::optional<Digests> digests = restored(checkpoint, chronicle);
+  const std::optional<Digests> digests = restore(reader, checkpoint, chronicle, leader);
   if (!digests) {
     findings.add({.dataset = state_path, .reason = "it is not the checkpoint of the problem in the record"});
     return {.has_digests = true};
   }
   const auto& numbers = std::get<std::vector<std::int64_t>>(checkpoint.at("digests"));
-  const auto& state = std::get<std::vector<double>>(checkpoint.at("state"));
-  Digest whole;
-  whole.add_row(std::span<const double>(state));
   findings.count(1);
-  if (whole != Digest(numbers[numbers.size() - 2], numbers.back())) {
+  if (digest_of_state(reader) != Digest(numbers[numbers.size() - 2], numbers.back())) {
     findings.add(
         {.dataset = state_path, .reason = "it is not what the run wrote, by the digest in /checkpoint/digests"});
   }
@@ -174,7 +240,7 @@ CheckpointFindings check_checkpoint(const record::Reader& reader, const StoredLe
   CheckpointFindings result{.has_digests = true,
                             .energy_terms = chronicle.simulation().energy_terms(),
                             .potential = chronicle.simulation().step_potential()};
-  check_state(reader, levels, names, chronicle, findings);
+  check_state(reader, levels, names, chronicle, leader, findings);
   return result;
 }
 

@@ -4,6 +4,7 @@
 #include <rubato/problem/stored.hpp>
 #include <rubato/run/chronicle.hpp>
 #include <rubato/run/findings.hpp>
+#include <rubato/run/lattice_ranks.hpp>
 
 namespace rubato {
 
@@ -16,9 +17,10 @@ struct CheckpointFindings {
 
 /// Whether the checkpoint belongs to the rest of the record: the digests of every dataset; the statistics, made anew of
 /// /levels and /laws; time, energies and state of the level it is at. Restores `chronicle` to it.
+/// \param leader of the ranks that share the chronicle; null for none
 [[nodiscard]] CheckpointFindings check_checkpoint(const record::Reader& reader, const StoredLevels& levels,
                                                   const figures::Names& names, Chronicle& chronicle,
-                                                  Findings& findings);
+                                                  const LatticeLeader* leader, Findings& findings);
 
 /// Takes every step of the record again and compares all rows, and the checkpoint at the end, bit by bit.
 void replay(const record::Reader& reader, const StoredLevels& levels, const Problem& problem, Findings& findings);

@@ -14,6 +14,11 @@ void Findings::add(Disagreement disagreement) {
   }
 }
 
+void Findings::add_unlisted(const std::string& dataset, std::size_t count) {
+  disagreements_ += count;
+  listed_of_[dataset] += count;
+}
+
 std::string to_string(const Disagreement& disagreement) {
   std::string text = disagreement.dataset;
   if (disagreement.row) {

@@ -23,6 +23,13 @@ public:
   static constexpr std::size_t most_listed = 10;
 
   void add(Disagreement disagreement);
+  /// As many more of a dataset of which enough are listed.
+  void add_unlisted(const std::string& dataset, std::size_t count);
+
+  /// Whether they are other bits; all that are not numbers are the same.
+  [[nodiscard]] static bool differ(double stored, double recomputed) {
+    return stored != recomputed && !(std::isnan(stored) && std::isnan(recomputed));
+  }
 
   /// Compares a number: the same bits, or both not numbers, or a difference up to tolerance(), which is asked for only
   /// where the bits differ.
@@ -30,7 +37,7 @@ public:
   bool compare(std::string_view dataset, std::size_t row, std::optional<std::size_t> index, double stored,
                double recomputed, Tolerance&& tolerance, std::string_view reason) {
     ++compared_;
-    if (stored == recomputed || (std::isnan(stored) && std::isnan(recomputed))) {
+    if (!differ(stored, recomputed)) {
       return true;
     }
     double allowed = 0.0;

@@ -8,6 +8,8 @@
 
 #include <fmt/format.h>
 
+#include <rubato/grids/reductions.hpp>
+#include <rubato/grids/whole.hpp>
 #include <rubato/problem/lattice_problem.hpp>
 #include <rubato/run/event_check.hpp>
 #include <rubato/run/lattice_residuals.hpp>
@@ -20,24 +22,26 @@ namespace {
 /// The stored levels of a lattice, one at a time.
 class StoredLattice {
 public:
-  StoredLattice(const record::Reader& reader, const MultisymplecticSystem& system, std::size_t nodes,
+  StoredLattice(const SharedRecord& record, const MultisymplecticSystem& system, std::size_t nodes,
                 const StoredLevels& levels, Findings& findings)
-      : system_(system), findings_(findings) {
+      : system_(system), findings_(record.slab(), findings) {
     for (int f = 0; f < system.field_count(); ++f) {
       const std::string& name = system.fields()[static_cast<std::size_t>(f)];
       const bool at_midpoints = system.structure().at_midpoints(f);
-      fields_.emplace_back(reader, (at_midpoints ? "/states/midpoints/" : "/states/") + name, nodes);
+      fields_.emplace_back(record, (at_midpoints ? "/states/midpoints/" : "/states/") + name, nodes);
       if (levels.sparse && !at_midpoints) {
-        previous_.emplace_back(reader, "/states/previous/" + name, nodes);
+        previous_.emplace_back(record, "/states/previous/" + name, nodes);
       }
     }
     for (const auto* all : {&fields_, &previous_}) {
-      for (const StoredRows& rows : *all) {
-        if (rows.rows() != levels.state_level.size()) {
-          throw record::Error(reader.file(),
-                              fmt::format("{} has {} rows; {} stored levels do not fit together with that", rows.path(),
-                                          rows.rows(), levels.state_level.size()));
-        }
+      for (const SharedRows& rows : *all) {
+        record.at_rank_0([&] {
+          if (rows.rows() != levels.state_level.size()) {
+            throw record::Error(record.reader()->file(),
+                                fmt::format("{} has {} rows; {} stored levels do not fit together with that",
+                                            rows.path(), rows.rows(), levels.state_level.size()));
+          }
+        });
       }
     }
   }
@@ -47,18 +51,17 @@ public:
   bool load(std::size_t row, grids::FieldSet& level) {
     bool whole = true;
     for (int f = 0; f < system_.field_count(); ++f) {
-      StoredRows& rows = fields_[static_cast<std::size_t>(f)];
+      SharedRows& rows = fields_[static_cast<std::size_t>(f)];
       if (row == 0 && system_.structure().at_midpoints(f)) {
         std::ranges::fill(level.field(f), 0.0);
-        const std::span<const double> values = rows.row(row);
-        for (std::size_t i = 0; i < values.size(); ++i) {
-          findings_.same(rows.path(), row, i, values[i], std::numeric_limits<double>::quiet_NaN(),
-                         "no step led to the start");
-        }
+        findings_.compare(
+            rows.path(), row, rows.row(row), [](std::size_t) { return std::numeric_limits<double>::quiet_NaN(); },
+            [] { return 0.0; }, "no step led to the start");
       } else {
         whole = copy(rows, row, level.field(f)) && whole;
       }
     }
+    grids::refresh_ghosts(level);
     return whole;
   }
   /// The level before it.
@@ -72,6 +75,7 @@ public:
         whole = copy(*rows++, row, level.field(f)) && whole;
       }
     }
+    grids::refresh_ghosts(level);
     return whole;
   }
   [[nodiscard]] const std::string& path(int field) const { return fields_[static_cast<std::size_t>(field)].path(); }
@@ -81,93 +85,90 @@ public:
   }
 
 private:
-  bool copy(StoredRows& rows, std::size_t row, std::span<double> out) {
+  bool copy(SharedRows& rows, std::size_t row, std::span<double> out) {
     const std::span<const double> values = rows.row(row);
-    bool whole = true;
-    for (std::size_t i = 0; i < values.size(); ++i) {
-      if (!std::isfinite(values[i])) {
-        whole = false;
-        findings_.add(
-            {.dataset = rows.path(), .row = row, .index = i, .stored = values[i], .reason = "a state is finite"});
-      }
-    }
     std::ranges::copy(values, out.begin());
-    return whole;
+    return findings_.finite(rows.path(), row, values, "a state is finite");
   }
 
   const MultisymplecticSystem& system_;
-  Findings& findings_;
-  std::vector<StoredRows> fields_, previous_;
+  PartFindings findings_;
+  std::vector<SharedRows> fields_, previous_;
 };
 
 /// A local law, and where its numbers are stored.
 struct StoredLaw {
   const Law& law;
-  StoredRows max, rms;
-  std::optional<StoredRows> undefined;  ///< not in records of earlier versions
-  std::optional<StoredRows> cells;
+  SharedRows max, rms;
+  std::optional<SharedRows> undefined;  ///< not in records of earlier versions
+  std::optional<SharedRows> cells;
 
-  StoredLaw(const record::Reader& reader, const Law& of)
-      : law(of), max(reader, law.max_path()), rms(reader, law.rms_path()) {
-    if (reader.has(law.undefined_path())) {
-      undefined.emplace(reader, law.undefined_path());
+  StoredLaw(const SharedRecord& record, const Law& of)
+      : law(of), max(record, law.max_path()), rms(record, law.rms_path()) {
+    if (record.has(law.undefined_path())) {
+      undefined.emplace(record, law.undefined_path());
     }
     if (law.has_cells()) {
-      cells.emplace(reader, law.cells_path(), law.cells().size());
+      cells.emplace(record, law.cells_path(), law.cells().size());
     }
   }
 };
 
 class LatticeCheck {
 public:
-  LatticeCheck(const record::Reader& reader, const StoredLevels& levels, const Problem& problem, bool has_gamma,
+  LatticeCheck(const SharedRecord& record, const StoredLevels& levels, const Problem& problem, bool has_gamma,
                Findings& findings)
-      : reader_(reader),
+      : record_(record),
         levels_(levels),
         problem_(problem),
         has_gamma_(has_gamma),
         findings_(findings),
+        parts_(record.slab(), findings),
         system_(make_system(problem)),
-        grid_(make_grid(problem)),
+        grid_(record.slab() == nullptr ? make_grid(problem) : record.slab()->grid()),
         method_(make_method(problem)),
         law_levels_(problem.laws),
         laws_(make_local_laws(*method_, system_, grid_, make_lattice_options(problem, system_).symmetries)),
         residuals_(*method_, laws_, system_, grid_,
                    {.variational = !levels.sparse && !law_levels_.none(),
-                    .tangents = !levels.sparse && reader.has("/laws/multisymplectic_max")}),
+                    .tangents = !levels.sparse && record.has("/laws/multisymplectic_max")}),
         invariants_(make_invariants(problem, system_, grid_)),
         exact_(make_exact(problem, system_, grid_)),
-        stored_(reader, system_, grid_.size(), levels, findings),
+        stored_(record, system_, grid_.size(), levels, findings),
         after_(make_initial_level(problem, system_, grid_)),
         before_(after_),
         moved_before_(after_),
         moved_after_(after_),
         largest_(static_cast<std::size_t>(system_.field_count()), 0.0),
-        node_energy_(reader, "/levels/node_energy"),
-        gamma_(reader, "/levels/gamma"),
-        energy_(reader, "/levels/energy"),
-        output_(reader, levels, problem, grid_.size(), findings),
-        events_(reader, levels, problem, grid_.size(), findings) {
+        node_energy_(record, "/levels/node_energy"),
+        gamma_(record, "/levels/gamma"),
+        energy_(record, "/levels/energy") {
+    if (record.slab() == nullptr) {  // what ranks share has neither
+      output_.emplace(*record.reader(), levels, problem, grid_.size(), findings);
+      events_.emplace(*record.reader(), levels, problem, grid_.size(), findings);
+    }
     for (const std::string& name : exact_.names()) {
-      stored_exact_.emplace_back(reader, "/exact/" + name, grid_.size());
+      stored_exact_.emplace_back(record, "/exact/" + name, grid_.size());
     }
     if (law_levels_.none()) {
       return;
     }
     for (std::size_t law = 1; law < laws_.count(); ++law) {  // the first is energy, the node energy
-      totals_.emplace_back(reader, "/laws/totals/" + laws_.names()[law]);
+      totals_.emplace_back(record, "/laws/totals/" + laws_.names()[law]);
     }
     for (const std::string& name : invariants_.names()) {
-      stored_invariants_.emplace_back(reader, "/laws/" + name);
+      stored_invariants_.emplace_back(record, "/laws/" + name);
     }
     for (const Law& law : residuals_.laws()) {
-      stored_laws_.emplace_back(reader, law);
+      stored_laws_.emplace_back(record, law);
     }
   }
 
   Spread run() {
-    check_grid();
-    output_.check_times();
+    record_.at_rank_0([this] { check_grid(); });
+    if (output_) {
+      output_->check_times();
+    }
     const grids::FieldSet initial = after_.fields;
     bool whole = stored_.load(0, after_.fields);
     check_start(initial);
@@ -175,8 +176,10 @@ public:
     law_slack_ = make_lattice_options(problem_, system_).stages > 1 ? solver_slack : 1.0;
     equation_ = method_->equation(system_, grid_, after_, in_turn ? levels_.h.front() : 0.0);
     check_level(0, in_turn);
-    output_.check_level(0, std::as_const(after_.fields).all());
-    events_.begin(std::as_const(after_.fields).all());
+    if (output_) {
+      output_->check_level(0, std::as_const(after_.fields).all());
+      events_->begin(std::as_const(after_.fields).all());
+    }
     bool start_known = true;
     for (std::size_t row = 1; row < levels_.state_level.size(); ++row) {
       if (levels_.sparse) {
@@ -191,29 +194,37 @@ public:
       const std::size_t level = levels_.state_level[row];
       if (whole && before_whole) {
         check_step(row);
-        output_.check_step(level, std::as_const(before_.fields).all(), std::as_const(after_.fields).all());
-        events_.check_step(level, std::as_const(before_.fields).all(), std::as_const(after_.fields).all());
+        if (output_) {
+          output_->check_step(level, std::as_const(before_.fields).all(), std::as_const(after_.fields).all());
+          events_->check_step(level, std::as_const(before_.fields).all(), std::as_const(after_.fields).all());
+        }
       }
       if (whole) {
         check_level(row, in_turn && start_known);
-        output_.check_level(level, std::as_const(after_.fields).all());
+        if (output_) {
+          output_->check_level(level, std::as_const(after_.fields).all());
+        }
       }
     }
-    events_.finish();
+    if (events_) {
+      events_->finish();
+    }
     return residual_;
   }
 
 private:
   void check_grid() {
-    for (int a = 0; a < grid_.dimensions(); ++a) {
-      const grids::Axis& axis = grid_.axis(a);
-      StoredRows nodes(reader_, "/grid/" + axis.name), cells(reader_, "/grid/" + axis.name + "_cell");
-      if (nodes.rows() != grid_.cells(a) || cells.rows() != grid_.cells(a)) {
-        throw figures::Mismatch(reader_.file(), nodes.path(),
+    const record::Reader& reader = *record_.reader();
+    const grids::Grid& grid = record_.slab() == nullptr ? grid_ : record_.slab()->whole();
+    for (int a = 0; a < grid.dimensions(); ++a) {
+      const grids::Axis& axis = grid.axis(a);
+      StoredRows nodes(reader, "/grid/" + axis.name), cells(reader, "/grid/" + axis.name + "_cell");
+      if (nodes.rows() != grid.cells(a) || cells.rows() != grid.cells(a)) {
+        throw figures::Mismatch(reader.file(), nodes.path(),
                                 fmt::format("{} has {} nodes; by the problem it should have {}", nodes.path(),
-                                            nodes.rows(), grid_.cells(a)));
+                                            nodes.rows(), grid.cells(a)));
       }
-      for (std::size_t i = 0; i < grid_.cells(a); ++i) {
+      for (std::size_t i = 0; i < grid.cells(a); ++i) {
         findings_.same(nodes.path(), i, {}, nodes.at(i), axis.node(i), "[grid] of the problem");
         findings_.same(cells.path(), i, {}, cells.at(i), axis.centre(i), "[grid] of the problem");
       }
@@ -231,15 +242,9 @@ private:
       }
       const auto expected = initial.field(f);
       const auto found = std::as_const(after_.fields).field(f);
-      double largest = 0.0;
-      for (std::size_t i = 0; i < expected.size(); ++i) {
-        largest = std::max(largest, std::abs(expected[i]));
-      }
-      for (std::size_t i = 0; i < expected.size(); ++i) {
-        findings_.compare(
-            stored_.path(f), 0, i, found[i], expected[i], [&] { return start_tolerance * largest; },
-            "the initial level of the problem");
-      }
+      parts_.compare(
+          stored_.path(f), 0, found, [&](std::size_t i) { return expected[i]; },
+          [&] { return start_tolerance * grids::max_abs(expected); }, "the initial level of the problem");
     }
     grow_scales();
     if (levels_.sparse && stored_.load_previous(0, before_.fields)) {
@@ -261,31 +266,39 @@ private:
     for (int f = 0; f < system_.field_count(); ++f) {
       if (!system_.structure().at_midpoints(f)) {
         const auto found = std::as_const(before_.fields).field(f), expected = std::as_const(after_.fields).field(f);
-        for (std::size_t i = 0; i < found.size(); ++i) {
-          findings_.same(stored_.previous_path(f), row, i, found[i], expected[i], reason);
-        }
+        parts_.compare(
+            stored_.previous_path(f), row, found, [&](std::size_t i) { return expected[i]; }, [] { return 0.0; },
+            reason);
       }
     }
   }
 
   void grow_scales() {
     for (int f = 0; f < system_.field_count(); ++f) {
+      const auto values = std::as_const(after_.fields).field(f);
+      const auto finite = [values](std::size_t i) { return std::isfinite(values[i]) ? values[i] : 0.0; };
       double& largest = largest_[static_cast<std::size_t>(f)];
-      for (const double value : std::as_const(after_.fields).field(f)) {
-        largest = std::isfinite(value) ? std::max(largest, std::abs(value)) : largest;
-      }
+      largest = std::max(largest, grids::max_abs_of(values.size(), finite));
     }
+  }
+
+  /// A node's number in the whole lattice, ghosts as those that they are copies of.
+  [[nodiscard]] std::uint64_t number_of(std::size_t node) const {
+    const grids::Axis& axis = grid_.axes().back();
+    const std::size_t plane = grid_.size() / axis.cells;
+    return axis.of == 0 ? node : (axis.first + node / plane) % axis.of * plane + node % plane;
   }
 
   /// Fields displaced as Rounding says, by the largest magnitude of each so far.
   void displace(const LatticeLevel& state, int attempt, int level, LatticeLevel& moved) const {
-    std::uint64_t number = 0;
+    const std::uint64_t nodes = grids::whole_of(grid_).size();
     for (int f = 0; f < system_.field_count(); ++f) {
+      const std::uint64_t before = static_cast<std::uint64_t>(f) * nodes;
       const double size = Rounding::displacement * largest_[static_cast<std::size_t>(f)];
       const auto from = state.fields.field(f);
       const auto to = moved.fields.field(f);
       for (std::size_t i = 0; i < to.size(); ++i) {
-        to[i] = from[i] + Rounding::sign(attempt, ++number, level) * size;
+        to[i] = from[i] + Rounding::sign(attempt, before + number_of(i) + 1, level) * size;
       }
     }
   }
@@ -339,7 +352,7 @@ private:
     const std::vector<std::vector<double>> exact = exact_.at(after_, t);
     for (std::size_t i = 0; i < exact.size(); ++i) {
       compare_row(stored_exact_[i], row, exact[i], "[exact] of the problem",
-                  [&](std::size_t) { return Rounding::unit * (1.0 + std::abs(t)) * size_of(exact[i]); });
+                  [&] { return Rounding::unit * (1.0 + std::abs(t)) * grids::magnitudes(exact[i]).largest(); });
     }
   }
 
@@ -352,11 +365,11 @@ private:
       std::ranges::fill(found, std::numeric_limits<double>::quiet_NaN());
     }
     std::size_t next = 1;
-    for (StoredRows& rows : totals_) {
+    for (SharedRows& rows : totals_) {
       findings_.compare(rows.path(), level, {}, rows.at(level), found[next], tolerance(next), reason);
       ++next;
     }
-    for (StoredRows& rows : stored_invariants_) {
+    for (SharedRows& rows : stored_invariants_) {
       findings_.compare(rows.path(), level, {}, rows.at(level), found[next], tolerance(next), reason);
       ++next;
     }
@@ -377,7 +390,7 @@ private:
   [[nodiscard]] double energy_rate_scale() const {
     double scale = 0.0;
     for (const double largest : largest_) {
-      scale += largest * largest * grid_.cell_volume() * static_cast<double>(grid_.size());
+      scale += largest * largest * grid_.cell_volume() * static_cast<double>(grids::whole_of(grid_).size());
     }
     return scale;
   }
@@ -410,7 +423,7 @@ private:
     findings_.compare("/levels/energy", step, {}, energy_.at(step), law.energy + levels_.potential_of(step),
                       tolerance(0), "from the states around the step");
     residual_.add(law.residual);
-    findings_.count(grid_.size());
+    findings_.count(grids::whole_of(grid_).size());
     if (law.residual.undefined > 0.0 || law.residual.largest() > equation_tolerance_) {
       equation_tolerance_ = std::max(equation_tolerance_, (law.is_long ? long_slack : solver_slack) * tolerance(1)());
       if (law.residual.undefined > 0.0 || !(law.residual.largest() <= equation_tolerance_)) {
@@ -459,34 +472,24 @@ private:
         findings_.same(stored.undefined->path(), step, {}, stored.undefined->at(step), figures.undefined, reason);
       }
       if (stored.cells) {
-        compare_row(*stored.cells, row, stored.law.cells(), reason, [&](std::size_t) { return tolerance(); });
+        compare_row(*stored.cells, row, stored.law.cells(), reason, tolerance);
       }
     }
   }
 
   template <typename Tolerance>
-  void compare_row(StoredRows& rows, std::size_t row, std::span<const double> expected, const char* reason,
+  void compare_row(SharedRows& rows, std::size_t row, std::span<const double> expected, const char* reason,
                    Tolerance&& tolerance) {
-    const std::span<const double> stored = rows.row(row);
-    for (std::size_t i = 0; i < expected.size(); ++i) {
-      findings_.compare(
-          rows.path(), row, i, stored[i], expected[i], [&] { return tolerance(i); }, reason);
-    }
+    parts_.compare(
+        rows.path(), row, rows.row(row), [&](std::size_t i) { return expected[i]; }, tolerance, reason);
   }
 
-  static double size_of(const std::vector<double>& values) {
-    Spread spread;
-    for (const double value : values) {
-      spread.add(value);
-    }
-    return spread.largest();
-  }
-
-  const record::Reader& reader_;
+  const SharedRecord& record_;
   const StoredLevels& levels_;
   const Problem& problem_;
   bool has_gamma_;
   Findings& findings_;
+  PartFindings parts_;
   MultisymplecticSystem system_;
   grids::Grid grid_;
   std::unique_ptr<LatticeMethod> method_;
@@ -498,12 +501,12 @@ private:
   StoredLattice stored_;
   LatticeLevel after_, before_, moved_before_, moved_after_;
   std::vector<double> largest_;  ///< of each field so far
-  StoredRows node_energy_, gamma_, energy_;
-  std::vector<StoredRows> totals_, stored_invariants_, stored_exact_;
+  SharedRows node_energy_, gamma_, energy_;
+  std::vector<SharedRows> totals_, stored_invariants_, stored_exact_;
   std::vector<StoredLaw> stored_laws_;
   std::unique_ptr<StepEquation> equation_;
-  OutputCheck output_;
-  EventCheck events_;
+  std::optional<OutputCheck> output_;
+  std::optional<EventCheck> events_;
   double equation_tolerance_ = 0.0;
   double gamma_scale_ = 0.0;
   Spread residual_;
@@ -511,9 +514,9 @@ private:
 
 }  // namespace
 
-Spread check_lattice(const record::Reader& reader, const StoredLevels& levels, const Problem& problem, bool has_gamma,
+Spread check_lattice(const SharedRecord& record, const StoredLevels& levels, const Problem& problem, bool has_gamma,
                      Findings& findings) {
-  return LatticeCheck(reader, levels, problem, has_gamma, findings).run();
+  return LatticeCheck(record, levels, problem, has_gamma, findings).run();
 }
 
 }  // namespace rubato

@@ -4,6 +4,7 @@
 #include <rubato/problem/problem.hpp>
 #include <rubato/problem/stored.hpp>
 #include <rubato/run/findings.hpp>
+#include <rubato/run/shared_rows.hpp>
 
 namespace rubato {
 
@@ -15,8 +16,9 @@ namespace rubato {
 /// - of each step between two of them: E_k, what they leave of the scheme's equation, the local laws in every cell and
 ///   their sizes; of steps that follow each other also the variational laws and the multisymplectic residual.
 ///
-/// One level is in memory at a time. \return the residuals of the step equation \throws record::Error
-[[nodiscard]] Spread check_lattice(const record::Reader& reader, const StoredLevels& levels, const Problem& problem,
+/// One level is in memory at a time; of a shared record each rank has its part of it, all call this, and rank 0 has the
+/// findings. \return the residuals of the step equation \throws record::Error
+[[nodiscard]] Spread check_lattice(const SharedRecord& record, const StoredLevels& levels, const Problem& problem,
                                    bool has_gamma, Findings& findings);
 
 }  // namespace rubato

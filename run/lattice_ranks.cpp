@@ -15,6 +15,7 @@
 #include <rubato/ranks/packet.hpp>
 #include <rubato/run/chronicle.hpp>
 #include <rubato/run/ensemble_ranks.hpp>
+#include <rubato/run/lattice_check.hpp>
 #include <rubato/run/threads.hpp>
 #include <rubato/run/version.hpp>
 
@@ -78,7 +79,7 @@ public:
       chronicle_ = std::make_unique<Chronicle>(problem_, false);
       return;
     }
-    if (chronicle_ == nullptr) {
+    if (chronicle_ == nullptr && order != Order::check) {
       throw std::logic_error("rank 0 goes on with a lattice that could not be made here");
     }
     switch (order) {
@@ -86,6 +87,8 @@ public:
       case Order::step: step(); break;
       case Order::save: save(); break;
       case Order::restore: restore(); break;
+      case Order::state: tell_state(); break;
+      case Order::check: check(); break;
       case Order::last: chronicle_->tell_last(sink_); break;
       case Order::finish: static_cast<void>(chronicle_->final_statistics()); break;
       case Order::make:
@@ -107,6 +110,23 @@ private:
   void save() {
     StateWriter state(StateWriter::For::record, nullptr);
     chronicle_->save(state);
+  }
+  void tell_state() {
+    double told = 0.0;
+    slab_.broadcast(std::span(&told, 1));
+    static_cast<void>(chronicle_->simulation().node());
+    if (told != 0.0) {
+      chronicle_->tell_state(sink_);
+    }
+  }
+  void check() {
+    chronicle_.reset();
+    double has_gamma = 0.0;
+    slab_.broadcast(std::span(&has_gamma, 1));
+    const SharedRecord record(&slab_, nullptr);
+    const StoredLevels levels = shared_levels(record, nullptr);
+    Findings of_rank_0;
+    static_cast<void>(check_lattice(record, levels, problem_, has_gamma != 0.0, of_rank_0));
   }
   void restore() {
     double size = 0.0;
@@ -172,7 +192,7 @@ SharedLattice::SharedLattice(ranks::Communicator& ranks, const Problem& problem)
     : slab_(make_slab(ranks, problem)), shared_(&slab_) {}
 
 LatticeLeader::LatticeLeader(ranks::Communicator& ranks, const Problem& problem, int threads)
-    : lattice_(ranks, problem) {
+    : problem_(problem), lattice_(ranks, problem) {
   ranks::Packet packet;
   packet.text(build_of_ranks()).text(problem.text).text(problem.source).number(static_cast<std::uint64_t>(threads));
   for (int rank = 1; rank < ranks.size(); ++rank) {
@@ -193,6 +213,22 @@ void LatticeLeader::order_restore(std::size_t size) const {
   order(Order::restore);
   auto number = static_cast<double>(size);
   slab().broadcast(std::span(&number, 1));
+}
+
+void LatticeLeader::order_state(bool told) const {
+  order(Order::state);
+  double number = told ? 1.0 : 0.0;
+  slab().broadcast(std::span(&number, 1));
+}
+
+Spread LatticeLeader::check(const record::Reader& reader, const StoredLevels& levels, bool has_gamma,
+                            Findings& findings) const {
+  order(Order::check);
+  double number = has_gamma ? 1.0 : 0.0;
+  slab().broadcast(std::span(&number, 1));
+  const SharedRecord record(&slab(), &reader);
+  static_cast<void>(shared_levels(record, &levels));
+  return check_lattice(record, levels, problem_, has_gamma, findings);
 }
 
 template <typename Append>

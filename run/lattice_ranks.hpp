@@ -8,14 +8,16 @@
 #include <rubato/base/state.hpp>
 #include <rubato/grids/slab.hpp>
 #include <rubato/problem/problem.hpp>
+#include <rubato/problem/stored.hpp>
 #include <rubato/ranks/communicator.hpp>
 #include <rubato/record/reader.hpp>
+#include <rubato/run/findings.hpp>
 #include <rubato/run/row_sink.hpp>
 #include <rubato/run/run.hpp>
 
-/// A run on one lattice, shared by the ranks of a job in slabs: all ranks do the same, each with its part, as rank 0
-/// orders it. Rank 0 alone has the record; rows of whole fields are gathered there. What the record holds does not
-/// depend on the number of ranks.
+/// A run on one lattice, or the check of its record, shared by the ranks of a job in slabs: all ranks do the same, each
+/// with its part, as rank 0 orders it. Rank 0 alone has the record; rows of whole fields are gathered there. What the
+/// record holds does not depend on the number of ranks.
 namespace rubato {
 
 /// \throws ProblemError where a run cannot be shared by the ranks of `options`, saying what can be; never where there
@@ -29,8 +31,10 @@ enum class Order : int {
   step,     ///< take a step and tell it, or explain why not
   save,     ///< for a checkpoint
   restore,  ///< from one
+  state,    ///< the energies at the present level; and tell its state, if that is wanted
   last,     ///< tell the last state
   finish,   ///< the statistics at the end
+  check,    ///< the states of a record
   end,
 };
 
@@ -58,9 +62,15 @@ public:
   void order(Order order) const;
   /// A state of `size` numbers.
   void order_restore(std::size_t size) const;
+  /// Whether the state is told as well.
+  void order_state(bool told) const;
+  /// check_lattice() by all ranks, whose findings these are.
+  [[nodiscard]] Spread check(const record::Reader& reader, const StoredLevels& levels, bool has_gamma,
+                             Findings& findings) const;
   [[nodiscard]] const grids::Slab& slab() const { return lattice_.slab(); }
 
 private:
+  const Problem& problem_;
   SharedLattice lattice_;
 };
 

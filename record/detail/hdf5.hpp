@@ -119,6 +119,8 @@ void write_attribute(hid_t object, const std::string& name, Type type, std::int6
 
 /// Rows first, …, first + count - 1 of a dataset, as `memory` numbers; `data` has room for them.
 void read_rows(hid_t dataset, hid_t memory, hsize_t first, hsize_t count, void* data);
+/// A block of `sizes` from `first` on, 0 along the dimensions that it does not name.
+void read_block(hid_t dataset, hid_t memory, std::vector<hsize_t> first, const std::vector<hsize_t>& sizes, void* data);
 /// Passes all values of a dataset of numbers, as they are stored, through `use`, a few megabytes at a time.
 void read_through(hid_t dataset, const std::function<void(std::span<const std::byte>)>& use);
 /// Writes them into an extent that already has room.

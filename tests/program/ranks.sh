@@ -49,8 +49,13 @@ case $case_name in
       check "one JSON object" once '"steps": 20' out
       check "the record of one process, on $ranks ranks" same alone.h5 shared.h5
     done
-    on 2 check shared.h5
-    status_is 0
+    alone check shared.h5
+    cp out checked
+    for ranks in 2 3; do
+      on $ranks check shared.h5
+      status_is 0
+      check "what one process says of the record, on $ranks ranks" cmp checked out
+    done
     on 2 "${ring[@]}" --set scheme.step=0.0500001 -o other.h5 --quiet
     check "the twin: another step is told apart" differ alone.h5 other.h5
     on 3 "${ring[@]}" --set scheme.until=0.3 -o part.h5 --quiet
@@ -107,6 +112,8 @@ LIMITED
         check "and is continued where there is room" same alone.h5 full.h5
       fi
     done
+    ;;
+  lattice_killed)
     # Killed, and continued on another number of ranks.
     ring=(run sine-gordon-2d "${explicit[@]}" --set grid.x.cells=65 --set grid.y.cells=61 --set output.every=100 --set scheme.until=1e9)
     grown=0 before=0

@@ -195,6 +195,74 @@ TEST_CASE("a shared lattice is continued on other numbers of ranks") {
   CHECK(different_datasets(folder / "one.h5", folder / "all.h5") == Names{});
 }
 
+TEST_CASE("ranks check the record of a lattice together, and find what one finds") {
+  const Settings scheme = GENERATE(from_range(shared_schemes));
+  const std::string every = GENERATE("1", "3");
+  INFO(fmt::format("{}, every {}", fmt::join(scheme, " "), every));
+  const Folder folder;
+  const std::string file = folder / "checked.h5";
+  Settings settings = scheme;
+  settings.insert(settings.end(), {"output.every=" + every, "scheme.until=0.11"});
+  static_cast<void>(run(wave_on_torus(13, 11, settings), {.output = file, .threads = 1}));
+  const auto told = [](const Outcome& outcome) {
+    std::vector<std::string> all = {to_json(outcome)};
+    for (const Disagreement& found : outcome.disagreements) {
+      all.push_back(to_string(found));
+    }
+    all.insert(all.end(), outcome.warnings.begin(), outcome.warnings.end());
+    return all;
+  };
+  const auto found_by = [&](int size) {
+    return told(with_ranks(size, [&](auto& rank) { return check(file, {.ranks = &rank}); }));
+  };
+  const auto sound = check(file);
+  CHECK(sound.status == ExitStatus::done);
+  for (const int size : {2, 3, 11}) {
+    CHECK(found_by(size) == told(sound));
+  }
+  CHECK(found_by(12) == told(sound));  // more ranks than planes: rank 0 alone
+  // It is shared, and what goes wrong on the way is found: planes of u on their way to rank 1.
+  Mailboxes tampered(3);
+  tampered.tamper_with([sent = 0](int from, std::vector<double>& numbers) mutable {
+    if (from == 0 && numbers.size() == 4 * 13 && ++sent == 12) {
+      numbers.front() += 1e-3;
+    }
+  });
+  CHECK(with_ranks(tampered, [&](auto& rank) { return check(file, {.ranks = &rank}); }).status ==
+        ExitStatus::contradiction);
+
+  // What is altered is found by all, wherever it is: more than are listed, in the parts of two ranks; what is not a
+  // number; the start; a law in a cell; one number of a step, of a level, of the grid.
+  const std::string whole = folder / "whole.h5";
+  std::filesystem::copy_file(file, whole);
+  const auto altered = [&](const std::string& dataset, const std::vector<std::size_t>& indices, double change) {
+    INFO(dataset);
+    std::filesystem::copy_file(whole, file, std::filesystem::copy_options::overwrite_existing);
+    for (const std::size_t index : indices) {
+      falsify(file, dataset, index, change);
+    }
+    const Outcome one = check(file);
+    CHECK(one.status == ExitStatus::contradiction);
+    for (const int size : {2, 3}) {
+      CHECK(found_by(size) == told(one));
+    }
+  };
+  constexpr std::size_t nodes = 13 * 11;
+  std::vector<std::size_t> many;
+  for (std::size_t i = 20; i < 120; i += 7) {
+    many.push_back(nodes + i);
+  }
+  altered("/states/u", many, 1e-3);
+  altered("/states/u", {2 * nodes - 1}, 1e-8);
+  altered("/states/v", {nodes + 100}, std::nan(""));
+  altered("/states/u", {70}, 1e-3);
+  altered("/laws/fields/energy", {nodes + 142}, 1e-2);
+  altered("/laws/fields/energy", {nodes + 5, nodes + 142}, 1e-2);
+  altered("/levels/energy", {2}, 1e-6);
+  altered("/laws/mass", {1}, 1e-6);
+  altered("/grid/y", {10}, 1e-3);
+}
+
 TEST_CASE("a first level is the same whether ranks make it in parts or whole, and so is what is said of it") {
   const Folder folder;
   // Data that do not repeat, across planes and along them; derivatives along planes, and across them, which no rank can
@@ -292,6 +360,8 @@ TEST_CASE("splittings on differences are shared, equal to rounding, and continue
       const Outcome all = with_ranks(size, [&](auto& rank) { return run(problem, on(rank, folder / "all.h5")); });
       CHECK(all.status == ExitStatus::done);
       CHECK(is_close("all.h5"));
+      CHECK(with_ranks(size, [&](auto& rank) { return check(folder / "all.h5", {.ranks = &rank}); }).status ==
+            ExitStatus::done);
       // Ended, and continued: by as many ranks with the same bits, by others to rounding.
       for (const int others : {size, 3}) {
         static_cast<void>(with_ranks(
