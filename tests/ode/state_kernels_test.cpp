@@ -1,0 +1,73 @@
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <random>
+#include <vector>
+
+#include <catch2/catch.hpp>
+#include <rubato/ode/state_kernels.hpp>
+
+namespace {
+
+using Numbers = std::vector<double>;
+
+/// high + low + change, in two parts, as the comments say it.
+void add_plainly(double& high, double& low, double change) {
+  const double sum = high + change, part = sum - high;
+  const double rest = low + ((high - (sum - part)) + (change - part));
+  high = sum + rest;
+  low = rest - (high - sum);
+}
+
+}  // namespace
+
+TEST_CASE("kernels over states do what their loops say, bit for bit, of every length") {
+  const rubato::StateKernels kernels = rubato::state_kernels();
+  std::mt19937_64 engine(15);
+  std::normal_distribution<double> normal;
+  for (std::size_t n = 0; n < 70; ++n) {
+    const auto numbers = [&](double size) {
+      Numbers all(n);
+      std::ranges::generate(all, [&] { return size * normal(engine); });
+      return all;
+    };
+    const Numbers gradient = numbers(3.0), high = numbers(1.0), low = numbers(1e-17), delta = numbers(1e-2);
+    const double factor = 0.1 * normal(engine);
+    INFO(n);
+
+    Numbers moved = delta, point(n);
+    kernels.move(n, factor, gradient.data(), high.data(), low.data(), moved.data(), point.data());
+    Numbers added = high, rest = low;
+    kernels.add(n, delta.data(), added.data(), rest.data());
+    Numbers there(n), there_rest(n), here = high, here_rest = low;
+    kernels.displace(n, factor, gradient.data(), high.data(), low.data(), there.data(), there_rest.data());
+    kernels.displace(n, factor, gradient.data(), here.data(), here_rest.data(), here.data(), here_rest.data());
+    std::size_t wrong = 0, twins = 0;
+    for (std::size_t i = 0; i < n; ++i) {
+      const double change = delta[i] + factor * gradient[i];
+      wrong += moved[i] == change && point[i] == high[i] + (low[i] + change) ? 0 : 1;
+      double expected = high[i], expected_rest = low[i];
+      add_plainly(expected, expected_rest, delta[i]);
+      wrong += added[i] == expected && rest[i] == expected_rest ? 0 : 1;
+      expected = high[i];
+      expected_rest = low[i];
+      add_plainly(expected, expected_rest, factor * gradient[i]);
+      wrong += there[i] == expected && there_rest[i] == expected_rest ? 0 : 1;
+      wrong += here[i] == expected && here_rest[i] == expected_rest ? 0 : 1;
+      // The twin: a fused product would round less.
+      twins += std::fma(factor, gradient[i], delta[i]) != change ? 1 : 0;
+    }
+    CHECK(wrong == 0);
+    CHECK((n < 20 || twins > 0));
+
+    CHECK(kernels.finite(n, high.data()));
+    for (std::size_t i = 0; i < n; ++i) {
+      for (const double bad : {std::numeric_limits<double>::infinity(), -std::numeric_limits<double>::infinity(),
+                               std::numeric_limits<double>::quiet_NaN(), -std::numeric_limits<double>::quiet_NaN()}) {
+        Numbers spoilt = high;
+        spoilt[i] = bad;
+        CHECK_FALSE(kernels.finite(n, spoilt.data()));
+      }
+    }
+  }
+}
