@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cstdint>
 #include <numeric>
 #include <utility>
@@ -221,7 +222,7 @@ private:
     if (two) {
       release(b);
     }
-    call(scalar_function(code));
+    call(std::bit_cast<const void*>(scalar_function(code)));
     finish(values.first_result, 0);
   }
 
@@ -242,7 +243,7 @@ private:
     }
     a_.lea(asmjit::x86::rdi, memory(homes[0]));
     a_.lea(asmjit::x86::rsi, memory(homes[1]));
-    call(sincos_function());
+    call(std::bit_cast<const void*>(sincos_function()));
     for (std::uint32_t k = 0; k < 2; ++k) {
       const ValueNumber v = values.first_result + k;
       const std::uint32_t written = values_[v].first_output;

@@ -30,37 +30,6 @@ std::span<const NamedKernel> kernels() {
   return all;
 }
 
-double evaluate_scalar(OpCode code, double a, double b) {
-  switch (code) {
-    case OpCode::sin: return std::sin(a);
-    case OpCode::cos: return std::cos(a);
-    case OpCode::tan: return std::tan(a);
-    case OpCode::sinh: return std::sinh(a);
-    case OpCode::cosh: return std::cosh(a);
-    case OpCode::sech: return sech(a);
-    case OpCode::csch: return csch(a);
-    case OpCode::asinh: return std::asinh(a);
-    case OpCode::acosh: return std::acosh(a);
-    case OpCode::atanh: return std::atanh(a);
-    case OpCode::exp: return std::exp(a);
-    case OpCode::log: return std::log(a);
-    case OpCode::cbrt: return std::cbrt(a);
-    case OpCode::power: return std::pow(a, b);
-    case OpCode::atan2: return std::atan2(a, b);
-    case OpCode::erf: return std::erf(a);
-    case OpCode::bessel_j: return bessel_j(a, b);
-    case OpCode::bessel_y: return bessel_y(a, b);
-    case OpCode::bessel_i: return bessel_i(a, b);
-    case OpCode::bessel_k: return bessel_k(a, b);
-    case OpCode::jacobi_sn: return jacobi(a, b).sn;
-    case OpCode::jacobi_cn: return jacobi(a, b).cn;
-    case OpCode::jacobi_dn: return jacobi(a, b).dn;
-    default: break;  // the kernels take all arguments of the others themselves
-  }
-  assert(false);
-  return std::numeric_limits<double>::quiet_NaN();
-}
-
 namespace {
 
 const NamedKernel& best_kernel() {
@@ -78,7 +47,7 @@ void run_with_scalar_functions(const Block& block) {
     const double* const a = block.read[i->a];
     double* const target = block.write[i->target];
     if (i->code == OpCode::sincos) {
-      const auto of = std::bit_cast<void (*)(double, double*, double*)>(sincos_function());
+      const SineAndCosine of = sincos_function();
       double* const cosine = block.write[i->b];
       for (std::size_t k = 0; k < block.points; ++k) {
         double s = 0.0, c = 0.0;
@@ -86,19 +55,13 @@ void run_with_scalar_functions(const Block& block) {
         target[k] = s;
         cosine[k] = c;
       }
-    } else if (!is_called(i->code)) {
-      kernel({block.points, i, i + 1, block.read, block.write});
-    } else if (operand_count(i->code) == 1) {
-      const auto of = std::bit_cast<double (*)(double)>(scalar_function(i->code));
-      for (std::size_t k = 0; k < block.points; ++k) {
-        target[k] = of(a[k]);
-      }
-    } else {
-      const auto of = std::bit_cast<double (*)(double, double)>(scalar_function(i->code));
-      const double* const b = block.read[i->b];
+    } else if (const ScalarFunction of = scalar_function(i->code)) {
+      const double* const b = operand_count(i->code) == 2 ? block.read[i->b] : a;
       for (std::size_t k = 0; k < block.points; ++k) {
         target[k] = of(a[k], b[k]);
       }
+    } else {
+      kernel({block.points, i, i + 1, block.read, block.write});
     }
   }
 }

@@ -39,8 +39,4 @@ struct NamedKernel {
 /// All kernels, narrowest first.
 [[nodiscard]] std::span<const NamedKernel> kernels();
 
-/// One instruction at one point, through the C library, for the arguments a kernel does not take itself (compiled for
-/// the baseline instruction set).
-[[nodiscard]] double evaluate_scalar(OpCode code, double a, double b);
-
 }  // namespace rubato::formula::batch

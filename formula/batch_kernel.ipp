@@ -9,6 +9,7 @@
 #include <xsimd/xsimd.hpp>
 
 #include <rubato/formula/batch_kernel.hpp>
+#include <rubato/formula/scalar_functions.hpp>
 
 namespace rubato::formula::batch {
 namespace {
@@ -65,7 +66,7 @@ void ternary(const Block& block, const Instruction& i, Function f) {
   xsimd::select(inside, Batch(1.0), Batch(0.0)).store_aligned(good);
   for (std::size_t lane = 0; lane < lanes; ++lane)
     if (good[lane] == 0.0)
-      results[lane] = evaluate_scalar(code, arguments[lane], 0.0);
+      results[lane] = scalar_function(code)(arguments[lane], 0.0);
   return Batch::load_aligned(results);
 }
 
@@ -186,12 +187,14 @@ Batch integer_power(Batch x, std::int32_t exponent) {
   return exponent < 0 ? Batch(1.0) / result : result;
 }
 
+/// What has no form in vectors.
 void one_by_one(const Block& block, const Instruction& i) {
+  const ScalarFunction of = scalar_function(i.code);
   const double* a = block.read[i.a];
-  const double* b = block.read[i.b];
+  const double* b = operand_count(i.code) == 2 ? block.read[i.b] : a;
   double* target = block.write[i.target];
   for (std::size_t k = 0; k < block.points; ++k)
-    target[k] = evaluate_scalar(i.code, a[k], b[k]);
+    target[k] = of(a[k], b[k]);
 }
 
 Mask normal(Batch x) {
@@ -276,16 +279,7 @@ void run_instruction(const Block& block, const Instruction& i) {
         const Batch zero(0.0);
         return xsimd::select(a <= zero, b, xsimd::select(a > zero, zero, a));
       });
-    case OpCode::power:
-    case OpCode::atan2:
-    case OpCode::erf:
-    case OpCode::bessel_j:
-    case OpCode::bessel_y:
-    case OpCode::bessel_i:
-    case OpCode::bessel_k:
-    case OpCode::jacobi_sn:
-    case OpCode::jacobi_cn:
-    case OpCode::jacobi_dn: return one_by_one(block, i);
+    default: return one_by_one(block, i);
   }
 }
 

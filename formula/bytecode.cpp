@@ -11,6 +11,7 @@
 #include <fmt/format.h>
 
 #include <rubato/formula/lazy_machine_code.hpp>
+#include <rubato/formula/operations.hpp>
 #include <rubato/formula/reachable.hpp>
 
 namespace rubato::formula {
@@ -22,22 +23,27 @@ int operand_count(OpCode code) {
     case OpCode::multiply:
     case OpCode::divide:
     case OpCode::power:
-    case OpCode::atan2:
-    case OpCode::min:
-    case OpCode::max:
-    case OpCode::bessel_j:
-    case OpCode::bessel_y:
-    case OpCode::bessel_i:
-    case OpCode::bessel_k:
-    case OpCode::jacobi_sn:
-    case OpCode::jacobi_cn:
-    case OpCode::jacobi_dn:
     case OpCode::where_positive:
     case OpCode::where_negative: return 2;
     case OpCode::multiply_add:
     case OpCode::multiply_subtract:
-    case OpCode::negative_multiply_add: return 3;
+    case OpCode::negative_multiply_add:
+      return 3;
+// clang-format off
+#define RUBATO_FUNCTION(id, name, form, ...) case OpCode::id: return arity_of(Form::form);
+#include <rubato/formula/operations.inc>
+      // clang-format on
     default: return 1;
+  }
+}
+
+Form form_of(OpCode code) {
+  switch (code) {
+// clang-format off
+#define RUBATO_FUNCTION(id, name, form, ...) case OpCode::id: return Form::form;
+#include <rubato/formula/operations.inc>
+      // clang-format on
+    default: return operand_count(code) == 1 ? Form::one : Form::two;
   }
 }
 
@@ -173,38 +179,12 @@ OpCode code_of(Operation operation) {
     case Operation::add: return OpCode::add;
     case Operation::subtract: return OpCode::subtract;
     case Operation::multiply: return OpCode::multiply;
-    case Operation::negate: return OpCode::negate;
-    case Operation::sin: return OpCode::sin;
-    case Operation::cos: return OpCode::cos;
-    case Operation::tan: return OpCode::tan;
-    case Operation::asin: return OpCode::asin;
-    case Operation::acos: return OpCode::acos;
-    case Operation::atan: return OpCode::atan;
-    case Operation::atan2: return OpCode::atan2;
-    case Operation::sinh: return OpCode::sinh;
-    case Operation::cosh: return OpCode::cosh;
-    case Operation::tanh: return OpCode::tanh;
-    case Operation::asinh: return OpCode::asinh;
-    case Operation::acosh: return OpCode::acosh;
-    case Operation::atanh: return OpCode::atanh;
-    case Operation::exp: return OpCode::exp;
-    case Operation::log: return OpCode::log;
-    case Operation::sqrt: return OpCode::sqrt;
-    case Operation::cbrt: return OpCode::cbrt;
-    case Operation::abs: return OpCode::abs;
-    case Operation::sech: return OpCode::sech;
-    case Operation::csch: return OpCode::csch;
-    case Operation::sign: return OpCode::sign;
-    case Operation::min: return OpCode::min;
-    case Operation::max: return OpCode::max;
-    case Operation::erf: return OpCode::erf;
-    case Operation::bessel_j: return OpCode::bessel_j;
-    case Operation::bessel_y: return OpCode::bessel_y;
-    case Operation::bessel_i: return OpCode::bessel_i;
-    case Operation::bessel_k: return OpCode::bessel_k;
-    case Operation::jacobi_sn: return OpCode::jacobi_sn;
-    case Operation::jacobi_cn: return OpCode::jacobi_cn;
-    case Operation::jacobi_dn: return OpCode::jacobi_dn;
+    case Operation::negate:
+      return OpCode::negate;
+// clang-format off
+#define RUBATO_FUNCTION(id, ...) case Operation::id: return OpCode::id;
+#include <rubato/formula/operations.inc>
+      // clang-format on
     case Operation::where_positive: return OpCode::where_positive;
     case Operation::where_negative: return OpCode::where_negative;
     case Operation::constant:

@@ -24,40 +24,11 @@ enum class OpCode : std::uint8_t {
   square,                 ///< r[a]*r[a]
   integer_power,          ///< r[a]^immediate, by repeated squaring; the immediate is `b` read as std::int32_t
   power,                  ///< pow(r[a], r[b])
-  sin,
-  cos,
-  sincos,  ///< r[target] = sin r[a], r[b] = cos r[a]: `b` is a second target
-  tan,
-  asin,
-  acos,
-  atan,
-  atan2,
-  sinh,
-  cosh,
-  tanh,
-  asinh,
-  acosh,
-  atanh,
-  exp,
-  log,
-  sqrt,
-  cbrt,
-  abs,
-  sech,
-  csch,
-  sign,
-  min,  ///< NaN if either argument is
-  max,
-  erf,
-  bessel_j,  ///< of the order r[a], a constant, at r[b]
-  bessel_y,
-  bessel_i,
-  bessel_k,
-  jacobi_sn,  ///< of r[a], with the parameter r[b], a constant
-  jacobi_cn,
-  jacobi_dn,
-  where_positive,  ///< r[b] if r[a] > 0, else 0; NaN if r[a] is
-  where_negative,  ///< r[b] if r[a] <= 0, else 0; NaN if r[a] is
+  sincos,                 ///< r[target] = sin r[a], r[b] = cos r[a]: `b` is a second target
+#define RUBATO_FUNCTION(id, ...) id,
+#include <rubato/formula/operations.inc>  // of r[a], or of r[a] and r[b]
+  where_positive,                         ///< r[b] if r[a] > 0, else 0; NaN if r[a] is
+  where_negative,                         ///< r[b] if r[a] <= 0, else 0; NaN if r[a] is
 };
 
 /// How many of a, b, c are registers that an instruction reads: 1, 2 or 3 (integer_power and sincos: only a).

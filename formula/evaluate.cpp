@@ -6,6 +6,7 @@
 #include <rubato/formula/arithmetic.hpp>
 #include <rubato/formula/bytecode.hpp>
 #include <rubato/formula/machine_code.hpp>
+#include <rubato/formula/operations.hpp>
 #include <rubato/formula/single_assignment.hpp>
 #include <rubato/formula/special.hpp>
 
@@ -260,38 +261,12 @@ void ScalarEvaluator::run_stream() {
           *machine.target++ = std::cos(x);
         }
         break;
-      case many(OpCode::sin): machine.group<1>([](double a) { return std::sin(a); }); break;
-      case many(OpCode::cos): machine.group<1>([](double a) { return std::cos(a); }); break;
-      case many(OpCode::tan): machine.group<1>([](double a) { return std::tan(a); }); break;
-      case many(OpCode::asin): machine.group<1>([](double a) { return std::asin(a); }); break;
-      case many(OpCode::acos): machine.group<1>([](double a) { return std::acos(a); }); break;
-      case many(OpCode::atan): machine.group<1>([](double a) { return std::atan(a); }); break;
-      case many(OpCode::sinh): machine.group<1>([](double a) { return std::sinh(a); }); break;
-      case many(OpCode::cosh): machine.group<1>([](double a) { return std::cosh(a); }); break;
-      case many(OpCode::tanh): machine.group<1>([](double a) { return std::tanh(a); }); break;
-      case many(OpCode::asinh): machine.group<1>([](double a) { return std::asinh(a); }); break;
-      case many(OpCode::acosh): machine.group<1>([](double a) { return std::acosh(a); }); break;
-      case many(OpCode::atanh): machine.group<1>([](double a) { return std::atanh(a); }); break;
-      case many(OpCode::exp): machine.group<1>([](double a) { return std::exp(a); }); break;
-      case many(OpCode::log): machine.group<1>([](double a) { return std::log(a); }); break;
-      case many(OpCode::sqrt): machine.group<1>([](double a) { return std::sqrt(a); }); break;
-      case many(OpCode::cbrt): machine.group<1>([](double a) { return std::cbrt(a); }); break;
-      case many(OpCode::abs): machine.group<1>([](double a) { return std::abs(a); }); break;
-      case many(OpCode::sech): machine.group<1>([](double a) { return sech(a); }); break;
-      case many(OpCode::csch): machine.group<1>([](double a) { return csch(a); }); break;
-      case many(OpCode::sign): machine.group<1>([](double a) { return sign(a); }); break;
       case many(OpCode::power): machine.group<2>([](double a, double b) { return std::pow(a, b); }); break;
-      case many(OpCode::atan2): machine.group<2>([](double a, double b) { return std::atan2(a, b); }); break;
-      case many(OpCode::min): machine.group<2>([](double a, double b) { return minimum(a, b); }); break;
-      case many(OpCode::max): machine.group<2>([](double a, double b) { return maximum(a, b); }); break;
-      case many(OpCode::erf): machine.group<1>([](double a) { return std::erf(a); }); break;
-      case many(OpCode::bessel_j): machine.group<2>(bessel_j); break;
-      case many(OpCode::bessel_y): machine.group<2>(bessel_y); break;
-      case many(OpCode::bessel_i): machine.group<2>(bessel_i); break;
-      case many(OpCode::bessel_k): machine.group<2>(bessel_k); break;
-      case many(OpCode::jacobi_sn): machine.group<2>([](double a, double b) { return jacobi(a, b).sn; }); break;
-      case many(OpCode::jacobi_cn): machine.group<2>([](double a, double b) { return jacobi(a, b).cn; }); break;
-      case many(OpCode::jacobi_dn): machine.group<2>([](double a, double b) { return jacobi(a, b).dn; }); break;
+#define RUBATO_FUNCTION(id, name, form, is, symmetry, value, ...)                                         \
+  case many(OpCode::id):                                                                                  \
+    machine.group<arity_of(Form::form)>([](double a, [[maybe_unused]] double b = 0.0) { return value; }); \
+    break;
+#include <rubato/formula/operations.inc>
       case many(OpCode::where_positive): machine.group<2>(where_positive); break;
       case many(OpCode::where_negative): machine.group<2>(where_negative); break;
       default: __builtin_unreachable();

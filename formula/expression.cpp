@@ -10,51 +10,26 @@
 #include <fmt/format.h>
 
 #include <rubato/formula/arithmetic.hpp>
+#include <rubato/formula/operations.hpp>
 #include <rubato/formula/special.hpp>
 
 namespace rubato::formula {
 
 namespace {
 
-struct OperationInfo {
-  std::string_view name;
-  int arity;
+constexpr std::array<OperationTraits, 8> arithmetic{
+    {{"constant", 0}, {"variable", 0}, {"+", 2}, {"-", 2}, {"*", 2}, {"/", 2}, {"-", 1}, {"^", 2}}};
+constexpr std::array functions_of_users = {
+#define RUBATO_FUNCTION(id, name, form, is, symmetry, ...) \
+  OperationTraits{#name, arity_of(Form::form), Form::form, Symmetry::symmetry},
+#include <rubato/formula/operations.inc>
 };
+static_assert(arithmetic.size() == static_cast<std::size_t>(Operation::power) + 1);
+static_assert(arithmetic.size() + functions_of_users.size() == static_cast<std::size_t>(Operation::where_positive));
 
-constexpr std::array<OperationInfo, 41> operations{{
-    {"constant", 0}, {"variable", 0}, {"+", 2},    {"-", 2},    {"*", 2},       {"/", 2},       {"-", 1},
-    {"^", 2},        {"sin", 1},      {"cos", 1},  {"tan", 1},  {"asin", 1},    {"acos", 1},    {"atan", 1},
-    {"atan2", 2},    {"sinh", 1},     {"cosh", 1}, {"tanh", 1}, {"asinh", 1},   {"acosh", 1},   {"atanh", 1},
-    {"exp", 1},      {"log", 1},      {"sqrt", 1}, {"cbrt", 1}, {"abs", 1},     {"sech", 1},    {"csch", 1},
-    {"sign", 1},     {"min", 2},      {"max", 2},  {"erf", 1},  {"besselj", 2}, {"bessely", 2}, {"besseli", 2},
-    {"besselk", 2},  {"sn", 2},       {"cn", 2},   {"dn", 2},   {"where", 2},   {"where", 2},
-}};
-static_assert(operations.size() == static_cast<std::size_t>(Operation::where_negative) + 1);
+constexpr OperationTraits choice{"where", 2};
 
 constexpr NodeIndex no_node = std::numeric_limits<NodeIndex>::max();
-
-bool is_even_function(Operation operation) {
-  return operation == Operation::cos || operation == Operation::cosh || operation == Operation::abs ||
-         operation == Operation::sech;
-}
-
-bool is_odd_function(Operation operation) {
-  switch (operation) {
-    case Operation::sin:
-    case Operation::tan:
-    case Operation::asin:
-    case Operation::atan:
-    case Operation::sinh:
-    case Operation::tanh:
-    case Operation::asinh:
-    case Operation::atanh:
-    case Operation::cbrt:
-    case Operation::csch:
-    case Operation::erf:
-    case Operation::sign: return true;
-    default: return false;
-  }
-}
 
 bool same_node(const Node& x, const Node& y) {
   return x.operation == y.operation && x.a == y.a && x.b == y.b &&
@@ -74,12 +49,20 @@ std::size_t hash(const Node& node) {
 
 }  // namespace
 
+const OperationTraits& traits_of(Operation operation) {
+  const auto number = static_cast<std::size_t>(operation);
+  const std::size_t of_table = number - arithmetic.size();
+  return number < arithmetic.size()             ? arithmetic[number]
+         : of_table < functions_of_users.size() ? functions_of_users[of_table]
+                                                : choice;
+}
+
 int arity(Operation operation) {
-  return operations[static_cast<std::size_t>(operation)].arity;
+  return traits_of(operation).arity;
 }
 
 std::string_view name(Operation operation) {
-  return operations[static_cast<std::size_t>(operation)].name;
+  return traits_of(operation).name;
 }
 
 double apply(Operation operation, double a, double b) {
@@ -91,38 +74,12 @@ double apply(Operation operation, double a, double b) {
     case Operation::multiply: return a * b;
     case Operation::divide: return a / b;
     case Operation::negate: return -a;
-    case Operation::power: return std::pow(a, b);
-    case Operation::sin: return std::sin(a);
-    case Operation::cos: return std::cos(a);
-    case Operation::tan: return std::tan(a);
-    case Operation::asin: return std::asin(a);
-    case Operation::acos: return std::acos(a);
-    case Operation::atan: return std::atan(a);
-    case Operation::atan2: return std::atan2(a, b);
-    case Operation::sinh: return std::sinh(a);
-    case Operation::cosh: return std::cosh(a);
-    case Operation::tanh: return std::tanh(a);
-    case Operation::asinh: return std::asinh(a);
-    case Operation::acosh: return std::acosh(a);
-    case Operation::atanh: return std::atanh(a);
-    case Operation::exp: return std::exp(a);
-    case Operation::log: return std::log(a);
-    case Operation::sqrt: return std::sqrt(a);
-    case Operation::cbrt: return std::cbrt(a);
-    case Operation::abs: return std::abs(a);
-    case Operation::sech: return sech(a);
-    case Operation::csch: return csch(a);
-    case Operation::sign: return sign(a);
-    case Operation::min: return minimum(a, b);
-    case Operation::max: return maximum(a, b);
-    case Operation::erf: return std::erf(a);
-    case Operation::bessel_j: return bessel_j(a, b);
-    case Operation::bessel_y: return bessel_y(a, b);
-    case Operation::bessel_i: return bessel_i(a, b);
-    case Operation::bessel_k: return bessel_k(a, b);
-    case Operation::jacobi_sn: return jacobi(a, b).sn;
-    case Operation::jacobi_cn: return jacobi(a, b).cn;
-    case Operation::jacobi_dn: return jacobi(a, b).dn;
+    case Operation::power:
+      return std::pow(a, b);
+// clang-format off
+#define RUBATO_FUNCTION(id, name, form, is, symmetry, value, ...) case Operation::id: return value;
+#include <rubato/formula/operations.inc>
+      // clang-format on
     case Operation::where_positive: return where_positive(a, b);
     case Operation::where_negative: return where_negative(a, b);
   }
@@ -247,9 +204,9 @@ Expression Graph::make(Operation operation, Expression a) {
     if ((node.operation == Operation::multiply || node.operation == Operation::divide) && at(node.a).is_constant()) {
       return make(node.operation, constant(-nodes_[node.a].value), at(node.b));
     }
-  } else if (is_even_function(operation)) {
+  } else if (traits_of(operation).symmetry == Symmetry::even) {
     a = first_orientation(a);
-  } else if (is_odd_function(operation) && node.operation == Operation::negate) {
+  } else if (traits_of(operation).symmetry == Symmetry::odd && node.operation == Operation::negate) {
     return -make(operation, at(node.a));
   }
   return at(intern({operation, a.index()}));
@@ -467,99 +424,25 @@ Expression pow(Expression base, Expression exponent) {
 Expression pow(Expression base, double exponent) {
   return pow(base, constant_like(base, exponent));
 }
-Expression sin(Expression a) {
-  return unary(Operation::sin, a);
-}
-Expression cos(Expression a) {
-  return unary(Operation::cos, a);
-}
-Expression tan(Expression a) {
-  return unary(Operation::tan, a);
-}
-Expression asin(Expression a) {
-  return unary(Operation::asin, a);
-}
-Expression acos(Expression a) {
-  return unary(Operation::acos, a);
-}
-Expression atan(Expression a) {
-  return unary(Operation::atan, a);
-}
-Expression atan2(Expression y, Expression x) {
-  return binary(Operation::atan2, y, x);
-}
-Expression sinh(Expression a) {
-  return unary(Operation::sinh, a);
-}
-Expression cosh(Expression a) {
-  return unary(Operation::cosh, a);
-}
-Expression tanh(Expression a) {
-  return unary(Operation::tanh, a);
-}
-Expression asinh(Expression a) {
-  return unary(Operation::asinh, a);
-}
-Expression acosh(Expression a) {
-  return unary(Operation::acosh, a);
-}
-Expression atanh(Expression a) {
-  return unary(Operation::atanh, a);
-}
-Expression exp(Expression a) {
-  return unary(Operation::exp, a);
-}
-Expression log(Expression a) {
-  return unary(Operation::log, a);
-}
-Expression sqrt(Expression a) {
-  return unary(Operation::sqrt, a);
-}
-Expression cbrt(Expression a) {
-  return unary(Operation::cbrt, a);
-}
-Expression abs(Expression a) {
-  return unary(Operation::abs, a);
-}
-Expression sech(Expression a) {
-  return unary(Operation::sech, a);
-}
-Expression csch(Expression a) {
-  return unary(Operation::csch, a);
-}
-Expression sign(Expression a) {
-  return unary(Operation::sign, a);
-}
-Expression min(Expression a, Expression b) {
-  return binary(Operation::min, a, b);
-}
-Expression max(Expression a, Expression b) {
-  return binary(Operation::max, a, b);
-}
-Expression erf(Expression a) {
-  return unary(Operation::erf, a);
-}
-Expression besselj(double n, Expression x) {
-  return binary(Operation::bessel_j, constant_like(x, n), x);
-}
-Expression bessely(double n, Expression x) {
-  return binary(Operation::bessel_y, constant_like(x, n), x);
-}
-Expression besseli(double n, Expression x) {
-  return binary(Operation::bessel_i, constant_like(x, n), x);
-}
-Expression besselk(double n, Expression x) {
-  return binary(Operation::bessel_k, constant_like(x, n), x);
-}
-Expression sn(Expression u, double m) {
-  return binary(Operation::jacobi_sn, u, constant_like(u, m));
-}
-Expression cn(Expression u, double m) {
-  return binary(Operation::jacobi_cn, u, constant_like(u, m));
-}
-Expression dn(Expression u, double m) {
-  return binary(Operation::jacobi_dn, u, constant_like(u, m));
-}
+#define RUBATO_DEFINE_one(name, id) \
+  Expression name(Expression a) {   \
+    return unary(Operation::id, a); \
+  }
+#define RUBATO_DEFINE_two(name, id)             \
+  Expression name(Expression a, Expression b) { \
+    return binary(Operation::id, a, b);         \
+  }
+#define RUBATO_DEFINE_several(name, id) RUBATO_DEFINE_two(name, id)
+#define RUBATO_DEFINE_order(name, id)                     \
+  Expression name(double n, Expression x) {               \
+    return binary(Operation::id, constant_like(x, n), x); \
+  }
+#define RUBATO_DEFINE_parameter(name, id)                 \
+  Expression name(Expression u, double m) {               \
+    return binary(Operation::id, u, constant_like(u, m)); \
+  }
+#define RUBATO_FUNCTION(id, name, form, ...) RUBATO_DEFINE_##form(name, id)
+#include <rubato/formula/operations.inc>
 
 Expression where(Condition condition, Expression a, Expression b) {
   if (condition.or_equal) {  // a >= b: not b > a

@@ -24,37 +24,8 @@ enum class Operation : std::uint8_t {
   divide,
   negate,
   power,
-  sin,
-  cos,
-  tan,
-  asin,
-  acos,
-  atan,
-  atan2,
-  sinh,
-  cosh,
-  tanh,
-  asinh,
-  acosh,
-  atanh,
-  exp,
-  log,
-  sqrt,
-  cbrt,
-  abs,
-  sech,
-  csch,
-  sign,
-  min,
-  max,
-  erf,
-  bessel_j,  ///< of the order a, which is a number, at b; and so the next three
-  bessel_y,
-  bessel_i,
-  bessel_k,
-  jacobi_sn,  ///< of a, with the parameter b, which is a number; and so the next two
-  jacobi_cn,
-  jacobi_dn,
+#define RUBATO_FUNCTION(id, ...) id,
+#include <rubato/formula/operations.inc>
   where_positive,  ///< b where a > 0, else 0
   where_negative,  ///< 0 where a > 0, else b; both are undefined where a is
 };
@@ -175,42 +146,21 @@ template <typename T> Expression& operator/=(Expression& a, T b) { return a = a 
 
 Expression pow(Expression base, Expression exponent);
 Expression pow(Expression base, double exponent);
-Expression sin(Expression a);
-Expression cos(Expression a);
-Expression tan(Expression a);
-Expression asin(Expression a);
-Expression acos(Expression a);
-Expression atan(Expression a);
-Expression atan2(Expression y, Expression x);
-Expression sinh(Expression a);
-Expression cosh(Expression a);
-Expression tanh(Expression a);
-Expression asinh(Expression a);
-Expression acosh(Expression a);
-Expression atanh(Expression a);
-Expression exp(Expression a);
-Expression log(Expression a);
-Expression sqrt(Expression a);
-Expression cbrt(Expression a);
-Expression abs(Expression a);
-Expression sech(Expression a);
-Expression csch(Expression a);
-Expression sign(Expression a);
-Expression min(Expression a, Expression b);
-Expression max(Expression a, Expression b);
-Expression erf(Expression a);
-/// Bessel's functions of an integer order. \throws std::invalid_argument if n is none, or larger than 1000
+/// The functions of operations.inc. Bessel's are of an integer order n, Jacobi's of the parameter m = k².
+/// \throws std::invalid_argument if n is no integer or larger than 1000, and unless 0 <= m <= 1
 ///@{
-Expression besselj(double n, Expression x);
-Expression bessely(double n, Expression x);
-Expression besseli(double n, Expression x);
-Expression besselk(double n, Expression x);
-///@}
-/// Jacobi's elliptic functions of the parameter m = k². \throws std::invalid_argument unless 0 <= m <= 1
-///@{
-Expression sn(Expression u, double m);
-Expression cn(Expression u, double m);
-Expression dn(Expression u, double m);
+#define RUBATO_DECLARE_one(name) Expression name(Expression a);
+#define RUBATO_DECLARE_two(name) Expression name(Expression a, Expression b);
+#define RUBATO_DECLARE_several(name) Expression name(Expression a, Expression b);
+#define RUBATO_DECLARE_order(name) Expression name(double n, Expression x);
+#define RUBATO_DECLARE_parameter(name) Expression name(Expression u, double m);
+#define RUBATO_FUNCTION(id, name, form, ...) RUBATO_DECLARE_##form(name)
+#include <rubato/formula/operations.inc>
+#undef RUBATO_DECLARE_one
+#undef RUBATO_DECLARE_two
+#undef RUBATO_DECLARE_several
+#undef RUBATO_DECLARE_order
+#undef RUBATO_DECLARE_parameter
 ///@}
 
 /// A comparison: `difference` > 0, or, `or_equal`, not its opposite > 0.

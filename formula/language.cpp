@@ -4,45 +4,28 @@
 #include <array>
 #include <numbers>
 
+#include <rubato/formula/operations.hpp>
+
 namespace rubato::formula {
 
 namespace {
 
-constexpr std::array<Function, 31> all_functions{{
-    {"sin", Operation::sin, "sine of an angle in radians"},
-    {"cos", Operation::cos, "cosine"},
-    {"tan", Operation::tan, "tangent"},
-    {"asin", Operation::asin, "inverse sine, from -pi/2 to pi/2", "-1 <= x <= 1"},
-    {"acos", Operation::acos, "inverse cosine, from 0 to pi", "-1 <= x <= 1"},
-    {"atan", Operation::atan, "inverse tangent, from -pi/2 to pi/2"},
-    {"atan2", Operation::atan2, "angle of the point (y, x), in this order: atan(y/x) in the right quadrant", "", false,
-     "y, x"},
-    {"sinh", Operation::sinh, "hyperbolic sine"},
-    {"cosh", Operation::cosh, "hyperbolic cosine"},
-    {"tanh", Operation::tanh, "hyperbolic tangent"},
-    {"asinh", Operation::asinh, "inverse hyperbolic sine"},
-    {"acosh", Operation::acosh, "inverse hyperbolic cosine, at least 0", "x >= 1"},
-    {"atanh", Operation::atanh, "inverse hyperbolic tangent", "-1 < x < 1"},
-    {"exp", Operation::exp, "exponential function"},
-    {"log", Operation::log, "natural logarithm", "x > 0"},
-    {"sqrt", Operation::sqrt, "square root", "x >= 0"},
-    {"cbrt", Operation::cbrt, "cube root, of negative numbers too"},
-    {"abs", Operation::abs, "absolute value"},
-    {"sech", Operation::sech, "1/cosh(x), without overflow"},
-    {"csch", Operation::csch, "1/sinh(x)", "x not 0"},
-    {"sign", Operation::sign, "-1, 0 or 1; its derivative is taken as 0"},
-    {"min", Operation::min, "the least of two or more", "", true, "a, b, ..."},
-    {"max", Operation::max, "the greatest of two or more", "", true, "a, b, ..."},
-    {"erf", Operation::erf, "error function", "", false, "x", true},
-    {"besselj", Operation::bessel_j, "Bessel function of the first kind, of integer order n", "", false, "n, x", true},
-    {"bessely", Operation::bessel_y, "Bessel function of the second kind", "x > 0", false, "n, x", true},
-    {"besseli", Operation::bessel_i, "modified Bessel function of the first kind", "", false, "n, x", true},
-    {"besselk", Operation::bessel_k, "modified Bessel function of the second kind", "x > 0", false, "n, x", true},
-    {"sn", Operation::jacobi_sn, "Jacobi's elliptic function of the parameter m = k^2", "0 <= m <= 1", false, "u, m",
-     true},
-    {"cn", Operation::jacobi_cn, "the same", "0 <= m <= 1", false, "u, m", true},
-    {"dn", Operation::jacobi_dn, "the same", "0 <= m <= 1", false, "u, m", true},
-}};
+constexpr std::string_view arguments_of(Form form) {
+  switch (form) {
+    case Form::one: return "x";
+    case Form::two: return "y, x";
+    case Form::several: return "a, b, ...";
+    case Form::order: return "n, x";
+    case Form::parameter: return "u, m";
+  }
+  return "";
+}
+
+constexpr std::array all_functions = {
+#define RUBATO_FUNCTION(id, name, form, is, symmetry, value, error, gives_way, domain, meaning) \
+  Function{#name, Operation::id, meaning, domain, Form::form == Form::several, arguments_of(Form::form), gives_way},
+#include <rubato/formula/operations.inc>
+};
 
 constexpr std::array<Word, 7> all_words{{
     {"ellipk", "m", "complete elliptic integral K of the parameter m, a known number, 0 <= m < 1"},

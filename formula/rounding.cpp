@@ -9,6 +9,7 @@
 #include <numbers>
 
 #include <rubato/formula/arithmetic.hpp>
+#include <rubato/formula/operations.hpp>
 #include <rubato/formula/special.hpp>
 #include <rubato/formula/sum.hpp>
 
@@ -21,23 +22,30 @@ constexpr double unit = 0.5 * std::numeric_limits<double>::epsilon();
 /// Terms that cancel by more than this make a sum that is small by accident.
 constexpr double least_part = 0.03;
 
-/// Of functions that are not rounded correctly, in units of u·|result|.
-constexpr double function_error = 2.0;
-constexpr double hyperbolic_error = 4.0;
-
 /// Of Bessel and elliptic functions, in units of their size and slope: near a zero the error is that of the argument.
 constexpr double special_error = 16.0;
 
-/// The value of such a function, and its derivative.
-std::array<double, 2> with_slope(OpCode function, double parameter, double x) {
+double slope_of(OpCode function, double parameter, double x) {
   std::array<double, 2> coefficients{};
   scaled_derivatives(function, parameter, x, coefficients);
-  return coefficients;
+  return coefficients[1];
 }
+
+/// Of functions that are not rounded correctly, in units of u·|result|.
+constexpr double function_error = 2.0;
 
 /// Error of an argument by the derivative there; no error is none, however steep the function.
 double carried(double derivative, double error) {
   return error == 0.0 ? 0.0 : std::abs(derivative) * error;
+}
+
+/// Of √a = v. Where a is not known better than its size the derivative says nothing: |√(a + δ) - √a| ≤ √δ.
+double of_square_root(double v, double da) {
+  return (da == 0.0 ? 0.0 : std::min(0.5 / v * da, std::sqrt(da / unit))) + v;
+}
+double of_cube_root(double v, double a, double da) {
+  return (da == 0.0 ? 0.0 : std::min(std::abs(v / (3.0 * a)) * da, 2.0 * std::cbrt(da * unit) / unit)) +
+         2.0 * std::abs(v);
 }
 
 }  // namespace
@@ -62,6 +70,19 @@ void RoundingEvaluator::run(std::span<const double> inputs, std::span<const doub
     const auto set = [&](double result, double derivative, double own) {
       v = result;
       e = carried(derivative, da) + own * std::abs(v);
+    };
+    // The errors that operations.inc names: of a value v with these slopes, in its two arguments or in one.
+    const auto by_both = [&](double in_a, double in_b, double own) {
+      return carried(in_a, da) + carried(in_b, bound[step.b]) + own * std::abs(v);
+    };
+    const auto by = [&](double in_a, double own) { return carried(in_a, da) + own * std::abs(v); };
+    const auto of_bessel = [&](double n, double x, double dx) {
+      const double slope = slope_of(step.code, n, x);
+      return carried(slope, dx) + special_error * (std::abs(v) + std::abs(slope));
+    };
+    const auto of_jacobi = [&](double m, double u, double du) {
+      const double slope = slope_of(step.code, m, u);
+      return carried(slope, du) + special_error * (std::abs(v) + std::abs(u * slope));
     };
     switch (step.code) {
       case OpCode::add:
@@ -105,8 +126,6 @@ void RoundingEvaluator::run(std::span<const double> inputs, std::span<const doub
             function_error * std::abs(v);
         break;
       }
-      case OpCode::sin: set(std::sin(a), std::cos(a), function_error); break;
-      case OpCode::cos: set(std::cos(a), std::sin(a), function_error); break;
       case OpCode::sincos: {
         const double sine = std::sin(a);
         const double cosine = std::cos(a);
@@ -115,88 +134,16 @@ void RoundingEvaluator::run(std::span<const double> inputs, std::span<const doub
         set(sine, cosine, function_error);
         break;
       }
-      case OpCode::tan: {
-        const double tangent = std::tan(a);
-        set(tangent, 1.0 + tangent * tangent, hyperbolic_error);
-        break;
-      }
-      case OpCode::asin: set(std::asin(a), 1.0 / std::sqrt(1.0 - a * a), function_error); break;
-      case OpCode::acos: set(std::acos(a), 1.0 / std::sqrt(1.0 - a * a), function_error); break;
-      case OpCode::atan: set(std::atan(a), 1.0 / (1.0 + a * a), function_error); break;
-      case OpCode::atan2: {
-        const double b = value[step.b];
-        const double square = a * a + b * b;
-        v = std::atan2(a, b);
-        e = carried(b / square, da) + carried(a / square, bound[step.b]) + function_error * std::abs(v);
-        break;
-      }
-      case OpCode::sinh: set(std::sinh(a), std::cosh(a), hyperbolic_error); break;
-      case OpCode::cosh: set(std::cosh(a), std::sinh(a), hyperbolic_error); break;
-      case OpCode::tanh: {
-        const double tangent = std::tanh(a);
-        set(tangent, 1.0 - tangent * tangent, hyperbolic_error);
-        break;
-      }
-      case OpCode::asinh: set(std::asinh(a), 1.0 / std::sqrt(1.0 + a * a), hyperbolic_error); break;
-      case OpCode::acosh: set(std::acosh(a), 1.0 / std::sqrt(a * a - 1.0), hyperbolic_error); break;
-      case OpCode::atanh: set(std::atanh(a), 1.0 / (1.0 - a * a), hyperbolic_error); break;
-      case OpCode::exp: {
-        const double power = std::exp(a);
-        set(power, power, function_error);
-        break;
-      }
-      case OpCode::log: set(std::log(a), 1.0 / a, function_error); break;
-      case OpCode::sqrt: {
-        v = std::sqrt(a);
-        // Where a is not known better than its size the derivative says nothing: |√(a + δ) - √a| ≤ √δ.
-        e = da == 0.0 ? 0.0 : std::min(0.5 / v * da, std::sqrt(da / unit));
-        e += v;
-        break;
-      }
-      case OpCode::cbrt: {
-        v = std::cbrt(a);
-        e = da == 0.0 ? 0.0 : std::min(std::abs(v / (3.0 * a)) * da, 2.0 * std::cbrt(da * unit) / unit);
-        e += function_error * std::abs(v);
-        break;
-      }
-      case OpCode::abs: set(std::abs(a), 1.0, 0.0); break;
-      case OpCode::sech: {
-        const double secant = sech(a);
-        set(secant, secant * std::tanh(a), hyperbolic_error);
-        break;
-      }
-      case OpCode::csch: {
-        const double cosecant = csch(a);
-        set(cosecant, cosecant / std::tanh(a), hyperbolic_error);
-        break;
-      }
-      case OpCode::sign: set(sign(a), 0.0, 0.0); break;
-      case OpCode::min:
-        v = minimum(a, value[step.b]);
-        e = std::max(da, bound[step.b]);
-        break;
-      case OpCode::max:
-        v = maximum(a, value[step.b]);
-        e = std::max(da, bound[step.b]);
-        break;
-      case OpCode::erf: set(std::erf(a), 2.0 * std::numbers::inv_sqrtpi * std::exp(-a * a), function_error); break;
-      case OpCode::bessel_j:
-      case OpCode::bessel_y:
-      case OpCode::bessel_i:
-      case OpCode::bessel_k: {
-        const auto [f, slope] = with_slope(step.code, a, value[step.b]);
-        v = f;
-        e = carried(slope, bound[step.b]) + special_error * (std::abs(v) + std::abs(slope));
-        break;
-      }
-      case OpCode::jacobi_sn:
-      case OpCode::jacobi_cn:
-      case OpCode::jacobi_dn: {
-        const auto [f, slope] = with_slope(step.code, value[step.b], a);
-        v = f;
-        e = carried(slope, da) + special_error * (std::abs(v) + std::abs(a * slope));
-        break;
-      }
+#define RUBATO_FUNCTION(id, name, form, is, symmetry, f, error, ...) \
+  case OpCode::id: {                                                 \
+    constexpr bool of_two = arity_of(Form::form) == 2;               \
+    [[maybe_unused]] const double b = of_two ? value[step.b] : 0.0;  \
+    [[maybe_unused]] const double db = of_two ? bound[step.b] : 0.0; \
+    v = f;                                                           \
+    e = error;                                                       \
+    break;                                                           \
+  }
+#include <rubato/formula/operations.inc>
       case OpCode::where_positive:
         v = where_positive(a, value[step.b]);
         e = where_positive(a, bound[step.b]);

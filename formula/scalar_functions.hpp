@@ -5,11 +5,14 @@
 /// The functions that machine code calls: those that the interpreter calls for the same instruction.
 namespace rubato::formula {
 
-/// Whether an instruction is a call, of one or two doubles (sincos is another).
+/// Of one argument or of two: what takes one leaves the second alone.
+using ScalarFunction = double (*)(double a, double b);
+/// What an instruction calls; null where it is made of the machine's own instructions (and for sincos).
+[[nodiscard]] ScalarFunction scalar_function(OpCode code);
 [[nodiscard]] bool is_called(OpCode code);
-/// double (*)(double) or double (*)(double, double), by operand_count(code).
-[[nodiscard]] const void* scalar_function(OpCode code);
-/// void (*)(double, double* sine, double* cosine).
-[[nodiscard]] const void* sincos_function();
+
+/// sin a and cos a.
+using SineAndCosine = void (*)(double a, double* sine, double* cosine);
+[[nodiscard]] SineAndCosine sincos_function();
 
 }  // namespace rubato::formula

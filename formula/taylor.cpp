@@ -10,6 +10,7 @@
 
 #include <rubato/base/lanes.hpp>
 #include <rubato/formula/arithmetic.hpp>
+#include <rubato/formula/scalar_functions.hpp>
 #include <rubato/formula/special.hpp>
 #include <rubato/formula/taylor_kernel.hpp>
 
@@ -34,67 +35,21 @@ std::string_view name_of(OpCode code) {
     case OpCode::square:
     case OpCode::integer_power:
     case OpCode::power: return "^";
-    case OpCode::sin:
-    case OpCode::sincos: return "sin";
-    case OpCode::cos: return "cos";
-    case OpCode::tan: return "tan";
-    case OpCode::asin: return "asin";
-    case OpCode::acos: return "acos";
-    case OpCode::atan: return "atan";
-    case OpCode::atan2: return "atan2";
-    case OpCode::sinh: return "sinh";
-    case OpCode::cosh: return "cosh";
-    case OpCode::tanh: return "tanh";
-    case OpCode::asinh: return "asinh";
-    case OpCode::acosh: return "acosh";
-    case OpCode::atanh: return "atanh";
-    case OpCode::exp: return "exp";
-    case OpCode::log: return "log";
-    case OpCode::sqrt: return "sqrt";
-    case OpCode::cbrt: return "cbrt";
-    case OpCode::abs: return "abs";
-    case OpCode::sech: return "sech";
-    case OpCode::csch: return "csch";
-    case OpCode::sign: return "sign";
-    case OpCode::min: return "min";
-    case OpCode::max: return "max";
-    case OpCode::erf: return "erf";
-    case OpCode::bessel_j: return "besselj";
-    case OpCode::bessel_y: return "bessely";
-    case OpCode::bessel_i: return "besseli";
-    case OpCode::bessel_k: return "besselk";
-    case OpCode::jacobi_sn: return "sn";
-    case OpCode::jacobi_cn: return "cn";
-    case OpCode::jacobi_dn: return "dn";
+    case OpCode::sincos:
+      return "sin";
+// clang-format off
+#define RUBATO_FUNCTION(id, name, ...) case OpCode::id: return #name;
+#include <rubato/formula/operations.inc>
+      // clang-format on
     case OpCode::where_positive: return "where";
     case OpCode::where_negative: return "where";
   }
   return "?";
 }
 
-/// f(a_0) of the functions with D f(a) = ±(D a)/b; NaN outside the open interval where that holds.
+/// f(a_0) of the functions with D f(a) = ±(D a)/b; a general power has a logarithm in it.
 double leading_value(OpCode code, double a) {
-  switch (code) {
-    case OpCode::asin: return std::asin(a);
-    case OpCode::acos: return std::acos(a);
-    case OpCode::atan: return std::atan(a);
-    case OpCode::asinh: return std::asinh(a);
-    case OpCode::acosh: return std::acosh(a);
-    case OpCode::atanh: return std::atanh(a);
-    default: return std::log(a);  // of log itself and of a general power
-  }
-}
-
-bool in_domain(OpCode code, double a) {
-  switch (code) {
-    case OpCode::asin:
-    case OpCode::acos:
-    case OpCode::atanh: return std::abs(a) < 1.0;
-    case OpCode::acosh: return a > 1.0;
-    case OpCode::atan:
-    case OpCode::asinh: return true;
-    default: return a > 0.0;
-  }
+  return code == OpCode::power ? std::log(a) : scalar_function(code)(a, 0.0);
 }
 
 /// x^p; the powers of roots and quotients are formed from them.
@@ -257,7 +212,7 @@ bool TaylorEvaluator::has_expansion(const Step& step, std::size_t lane) const {
     case Kind::reciprocal: return a != 0.0;
     case Kind::square_root: return a > 0.0;
     case Kind::power: return step.positive ? a > 0.0 : a != 0.0;
-    case Kind::quotient_integral: return in_domain(step.code, a);
+    case Kind::quotient_integral: return b > 0.0 && !std::isnan(at(step.target)[lane]);
     case Kind::secant: return step.factor > 0.0 || a != 0.0;
     case Kind::argument: return at(step.c)[lane] > 0.0;
     case Kind::absolute:
@@ -301,7 +256,7 @@ bool TaylorEvaluator::start_lane(std::size_t lane) {
       case Kind::exponential: target = std::exp(a); break;
       case Kind::quotient_integral:
         target = leading_value(step.code, a);
-        expandable = expandable && in_domain(step.code, a);
+        expandable = expandable && b > 0.0;
         break;
       case Kind::circular:
         target = std::sin(a);

@@ -1,3 +1,4 @@
+#include <rubato/formula/operations.hpp>
 #include <rubato/formula/taylor_program.hpp>
 
 #include <algorithm>
@@ -208,6 +209,14 @@ private:
     emit(Kind::quotient_integral, base_.target, base_.a, denominator).factor = factor;
   }
 
+  /// By the Taylor coefficients of the function itself, which scaled_derivatives() knows.
+  void by_coefficients(OpCode code) {
+    switch (form_of(code)) {
+      case Form::order: return function(base_.b, *constant(base_.a));
+      case Form::parameter: return function(base_.a, *constant(base_.b));
+      default: return function(base_.a, 0.0);
+    }
+  }
   void function(std::uint32_t argument, double parameter) {
     base_.culprit = argument;
     Step& step = emit(Kind::function, base_.target, argument);
@@ -306,16 +315,9 @@ void Lowering::lower(const Instruction& instruction) {
     case OpCode::sign: emit(Kind::sign, base_.target, base_.a); return;
     case OpCode::min: emit(Kind::minimum, base_.target, base_.a, base_.b); return;
     case OpCode::max: emit(Kind::maximum, base_.target, base_.a, base_.b); return;
-    case OpCode::erf: function(base_.a, 0.0); return;
-    case OpCode::bessel_j:
-    case OpCode::bessel_y:
-    case OpCode::bessel_i:
-    case OpCode::bessel_k: function(base_.b, *constant(base_.a)); return;
-    case OpCode::jacobi_sn:
-    case OpCode::jacobi_cn:
-    case OpCode::jacobi_dn: function(base_.a, *constant(base_.b)); return;
     case OpCode::where_positive: emit(Kind::choice, base_.target, base_.a, base_.b); return;
     case OpCode::where_negative: emit(Kind::choice, base_.target, base_.a, base_.b).factor = -1.0; return;
+    default: by_coefficients(instruction.code); return;
   }
 }
 
