@@ -6,20 +6,18 @@
 
 #include <fmt/format.h>
 
+#include <rubato/ode/tuning.hpp>
 #include <rubato/solve/small_matrices.hpp>
 
 namespace rubato {
 
 namespace {
 
+using namespace tuning::darboux;
+
 using Eigen::Index;
 using Eigen::MatrixXd;
 using solve::product;
-
-/// Ratio of the last pivot to the largest below which a matrix counts as singular.
-constexpr double singular_limit = 1e-13;
-/// Relative asymmetry that is blamed on rounding.
-constexpr double symmetry_tolerance = 1e-10;
 
 bool is_close(const MatrixXd& a, const MatrixXd& b, double tolerance) {
   return (a - b).cwiseAbs().maxCoeff() <= tolerance;  // false for NaN

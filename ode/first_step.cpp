@@ -1,12 +1,13 @@
 #include <rubato/ode/first_step.hpp>
 
+#include <rubato/ode/tuning.hpp>
 #include <rubato/variation/first_step.hpp>
 
 namespace rubato {
 
 namespace {
 
-constexpr std::size_t most_first_steps = 2000;
+using namespace tuning::first_step_of_orbit;
 
 }  // namespace
 

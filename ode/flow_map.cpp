@@ -5,17 +5,13 @@
 
 #include <rubato/ode/increment.hpp>
 #include <rubato/ode/taylor_code.hpp>
+#include <rubato/ode/tuning.hpp>
 
 namespace rubato {
 
 namespace {
 
-constexpr int most_parts = 64;
-/// Size of a part's last term beside its first at which the part counts as resolved. It need not be small: the map is
-/// a start and a direction for an iteration that corrects it.
-constexpr double resolved = 1e-3;
-/// The same for a tangent, beside the displaced vector.
-constexpr double tangent_resolved = 0.1;
+using namespace tuning::flow_map;
 
 }  // namespace
 

@@ -5,17 +5,18 @@
 
 #include <rubato/ode/darboux.hpp>
 #include <rubato/ode/increment.hpp>
+#include <rubato/ode/tuning.hpp>
 #include <rubato/solve/small_matrices.hpp>
 
 namespace rubato {
 
 namespace {
 
+using namespace tuning::gauss_function;
+
 using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
-
-constexpr int most_stage_iterations = 50;
 
 }  // namespace
 

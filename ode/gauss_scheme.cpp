@@ -14,6 +14,7 @@
 #include <rubato/ode/stage_kernels.hpp>
 #include <rubato/ode/stage_newton.hpp>
 #include <rubato/ode/stage_slopes.hpp>
+#include <rubato/ode/tuning.hpp>
 #include <rubato/solve/small_matrices.hpp>
 #include <rubato/variation/gauss_tableau.hpp>
 
@@ -21,46 +22,12 @@ namespace rubato {
 
 namespace {
 
+using namespace tuning::gauss;
+
 using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 using Rows = StageSlopes::Rows;
-
-constexpr int most_gauss_iterations = 100;
-/// A fixed-point iteration that shrinks its corrections by less gives way to Newton's. By how much is a matter of what
-/// both cost, up to this (corrections that shrink by less than half count as rounding): to digits_to_go digits by the
-/// first, or in newton_corrections by the second.
-constexpr double slowest_contraction = 0.5;
-constexpr double digits_to_go = 14.0, newton_corrections = 5.0;
-/// What they cost, in nanoseconds or so: a sweep over the stages besides its formulas, an instruction of these and the
-/// product of a row with the tableau for all stages side by side, and of Newton's corrections one for each eigenvalue
-/// and an operation.
-constexpr double cost_of_sweep = 50.0, cost_of_instruction = 0.7, cost_of_row = 6.0;
-constexpr double cost_of_part = 300.0, cost_of_operation = 0.3;
-/// Newton's iteration stays while steps are at least this part of the one that asked for it.
-constexpr double back_to_fixed_point = 0.5;
-/// E_k is told from its neighbours by terms of order h^s, and its slope with it: a trial that is not the last is solved
-/// nearly as well as the last.
-constexpr double loosest = 1e-13;
-/// What the next correction would mend, relative, by the contraction seen so far, at which a trial is solved well
-/// enough; and one that may be the last, whose leftovers, of one sign, must not add up.
-constexpr double loose_leftover = 0.5 * std::numeric_limits<double>::epsilon();
-constexpr double least_leftover = 1e-3 * std::numeric_limits<double>::epsilon();
-/// A correction larger than this shows how fast corrections contract, and one larger than the second about how fast.
-constexpr double measurable = 1e-13, visible = 4e-15;
-/// Corrections of this size are lost in rounding.
-constexpr double lost_correction = 0.5 * std::numeric_limits<double>::epsilon();
-/// Relative change of h that asks for another matrix.
-constexpr double refactor_ratio = 0.03;
-/// A step this many times longer or shorter than the last one is not begun from its polynomial.
-constexpr double longest_continuation = 3.0;
-
-/// A step that no start leads to is approached from one so many times shorter, a power of two.
-constexpr double shortest_approach = 64.0;
-
-/// Trial steps at one level that are kept to begin others from, and the largest weight that one may have.
-constexpr std::size_t most_trials = 4;
-constexpr double farthest_extrapolation = 20.0;
 
 class GaussScheme final : public OneStepState<VectorXd> {
 public:
@@ -321,25 +288,25 @@ private:
   [[nodiscard]] Status approach(double h) {
     double part = h / shortest_approach;
     start_on_tangent(part);
-    Status status = iterate(part, loosest);
+    Status status = iterate(part, tuning::loosest_trial);
     tabulate(tableau_.from_start, 2.0, trial_table_);
     while (status == Status::success && part != h) {
       combine(size_, f_, trial_table_, part, Y_);
       part *= 2.0;
-      status = iterate(part, part == h ? 0.0 : loosest);
+      status = iterate(part, part == h ? 0.0 : tuning::loosest_trial);
     }
     return status;
   }
   [[nodiscard]] static bool near(double ratio) {
-    return ratio > 1.0 / longest_continuation && ratio < longest_continuation;
+    return ratio > 1.0 / tuning::longest_continuation && ratio < tuning::longest_continuation;
   }
 
   [[nodiscard]] Status iterate(double h, double accuracy) {
     if (newton_ && !factor(h)) {
       return Status::undefined;
     }
-    StagnationTest test(std::min(accuracy, loosest));
-    const double leftover = accuracy > 0.0 ? loose_leftover : least_leftover;
+    StagnationTest test(std::min(accuracy, tuning::loosest_trial));
+    const double leftover = accuracy > 0.0 ? loose_leftover : tuning::least_leftover;
     double last = std::numeric_limits<double>::infinity(), last_residual = last, rate = slowest_contraction;
     double expected = std::numeric_limits<double>::infinity();  // the size of the correction, beneath rounding too
     double before_last = last;
@@ -425,7 +392,7 @@ private:
   /// Corrections that are lost in rounding may still have one sign in many steps, and where they shrink slowly what is
   /// left of them is not much less. Further sweeps leave next to nothing of it.
   void settle(double h, double rate, double size) {
-    for (double left = left_after(rate) * size; left > least_leftover; left *= rate) {
+    for (double left = left_after(rate) * size; left > tuning::least_leftover; left *= rate) {
       static_cast<void>(sweep(h));
     }
   }

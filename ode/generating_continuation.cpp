@@ -1,15 +1,16 @@
 #include <rubato/ode/generating_continuation.hpp>
 
+#include <rubato/ode/tuning.hpp>
+
 #include <algorithm>
 #include <cmath>
 namespace rubato {
 
 namespace {
 
-using Eigen::Index;
+using namespace tuning::generating_start;
 
-/// Size of the last two orders beside the whole at which the series is still of use as a start.
-constexpr double converged = 1e-3;
+using Eigen::Index;
 
 }  // namespace
 

@@ -16,40 +16,17 @@
 #include <rubato/ode/generating_forecast.hpp>
 #include <rubato/ode/generating_function.hpp>
 #include <rubato/ode/increment.hpp>
+#include <rubato/ode/tuning.hpp>
 
 namespace rubato {
 
 namespace {
 
+using namespace tuning::generating;
+
 using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
-
-/// Where the tangent is poor, on coarse steps, corrections shrink by little: an accurate step is worth some more of
-/// them.
-constexpr int most_generating_iterations = 100;
-/// Relative size of the displacement whose flow is differenced for a tangent: small beside what it bends over, large
-/// beside rounding.
-constexpr double displacement = 1e-5;
-/// What that leaves of a tangent undetermined, relative: ε over a displacement of 1e-5 of a step, 1e-10 of curvature.
-constexpr double displacement_error = 1e-9;
-/// Up to this relative size of a residual a tangent of a few orders corrects it to far below rounding. It cannot be
-/// left out: what is smooth in a correction, however small, adds up in one direction for the whole run.
-constexpr double small_residual = 1e-13;
-/// A correction at least this large shows, by the next one, how fast corrections contract.
-constexpr double measurable_correction = 1e-12;
-/// Relative size of a correction that rounding alone may make.
-constexpr double rounding = 8.0 * epsilon;
-/// How much larger than its estimate the contraction of a correction is taken to be.
-constexpr double rate_margin = 10.0;
-/// Relative change of h within a level that asks for a new φ^(s+1).
-constexpr double tail_ratio = 0.05;
-/// Orders of the Taylor step that a run starts from: those of the scheme and some more, since it goes a whole step from
-/// its centre and the generating function only half of one.
-constexpr int extra_flow_order = 3;
-/// Highest orders of the flow whose tangent corrects residuals, and small ones.
-constexpr int most_tangent_order = 10;
-constexpr int small_tangent_order = 4;
 
 /// -24 φ^(s+1), which the step law of order s has in place of Γ.
 constexpr double gamma_factor = -24.0;

@@ -4,14 +4,14 @@
 #include <cstdlib>
 #include <utility>
 
+#include <rubato/ode/tuning.hpp>
 #include <rubato/solve/band_solver.hpp>
 
 namespace rubato {
 
 namespace {
 
-/// How many times less work elimination in a band has to take: its loops are short.
-constexpr double band_gain = 8.0;
+using namespace tuning::band;
 
 }  // namespace
 

@@ -16,6 +16,7 @@
 #include <rubato/ode/midpoint_scheme.hpp>
 #include <rubato/ode/orbit_end.hpp>
 #include <rubato/ode/orbit_events.hpp>
+#include <rubato/ode/tuning.hpp>
 #include <rubato/ode/two_step_scheme.hpp>
 #include <rubato/solve/small_matrices.hpp>
 
@@ -23,8 +24,7 @@ namespace rubato {
 
 namespace {
 
-/// Rounding in the eigenvalues of a parasite that neither grows nor decays; multiple ones are the roots of it.
-constexpr double growth_tolerance = 1e-6;
+using namespace tuning::parasites;
 
 std::vector<double> joined(const InitialState& state) {
   std::vector<double> z = state.q;

@@ -14,30 +14,18 @@
 #include <rubato/formula/rounding.hpp>
 #include <rubato/ode/increment.hpp>
 #include <rubato/ode/legendre.hpp>
+#include <rubato/ode/tuning.hpp>
 #include <rubato/solve/dense_solver.hpp>
 
 namespace rubato {
 
 namespace {
 
+using namespace tuning::of_lagrangian;
+
 using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
-
-constexpr int most_newton_iterations = 50;
-/// Corrections beyond the domain of L are halved so often.
-constexpr int most_halvings = 20;
-/// E_k is told from its neighbours by terms of order h^s, and its slope with it: a trial that is not the last is solved
-/// nearly as well as the last.
-constexpr double lagrangian_loosest = 1e-13;
-/// What the next correction would mend, relative, at which a step is solved.
-constexpr double lagrangian_least_leftover = 1e-3 * epsilon;
-/// A step this many times longer or shorter than the last one is not begun from its polynomial.
-constexpr double lagrangian_longest_continuation = 3.0;
-/// A polynomial that is farther than this part of the largest increments of the run from where its iteration began may
-/// be another solution than the step.
-constexpr double lagrangian_farthest = 0.5;
-constexpr int lagrangian_finest_approach = 16;
 
 std::vector<double> joined(std::span<const double> q, std::span<const double> p) {
   std::vector<double> z(q.begin(), q.end());
@@ -292,7 +280,7 @@ private:
     }
   }
   [[nodiscard]] static bool near(double ratio) {
-    return ratio > 1.0 / lagrangian_longest_continuation && ratio < lagrangian_longest_continuation;
+    return ratio > 1.0 / tuning::longest_continuation && ratio < tuning::longest_continuation;
   }
 
   /// iterate(), and whether what it found is the step: Newton's method may end far away, at a polynomial that no motion
@@ -331,7 +319,7 @@ private:
   }
 
   [[nodiscard]] Status iterate(double h, double accuracy) {
-    StagnationTest test(std::min(accuracy, lagrangian_loosest));
+    StagnationTest test(std::min(accuracy, tuning::loosest_trial));
     double last = std::numeric_limits<double>::infinity();
     int halvings = 0;
     correction_.setZero();
@@ -363,7 +351,7 @@ private:
       }
       Y_ += correction_;
       // Newton's iteration converges faster than the last contraction says.
-      if (std::isfinite(last) && size / last * size <= lagrangian_least_leftover) {
+      if (std::isfinite(last) && size / last * size <= tuning::least_leftover) {
         return Status::success;
       }
       const auto verdict = test.judge(size, size);

@@ -5,18 +5,13 @@
 #include <limits>
 
 #include <rubato/base/limits.hpp>
+#include <rubato/ode/tuning.hpp>
 
 namespace rubato {
 
 namespace {
 
-constexpr int most_legendre_iterations = 100;
-constexpr int most_legendre_halvings = 60;
-/// What is left of ∂L/∂q̇ = p, beside its terms, when it is rounding for certain; what no longer shrinks may be more,
-/// which is_rounding() decides.
-constexpr double legendre_rounding = 4.0 * epsilon;
-/// Pivots of the scaled matrix that differ by more are those of a singular one.
-constexpr double least_pivot_ratio = 1e-13;
+using namespace tuning::legendre;
 
 void scale(const Eigen::Ref<const Eigen::MatrixXd>& masses, Eigen::VectorXd& scales) {
   for (Eigen::Index i = 0; i < masses.rows(); ++i) {

@@ -13,13 +13,13 @@
 #include <rubato/ode/integrate.hpp>
 #include <rubato/ode/orbit_end.hpp>
 #include <rubato/ode/splitting_lanes.hpp>
+#include <rubato/ode/tuning.hpp>
 
 namespace rubato {
 
 namespace {
 
-/// As many as keep a step's numbers in the fastest cache.
-constexpr std::size_t most_side_by_side = 128;
+using namespace tuning::many_orbits;
 
 /// Whether orbits with these options have a form side by side.
 bool go_side_by_side(const IntegrationOptions& options) {

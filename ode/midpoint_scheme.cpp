@@ -15,12 +15,13 @@
 #include <rubato/ode/increment.hpp>
 #include <rubato/ode/one_step_state.hpp>
 #include <rubato/ode/step_matrix.hpp>
+#include <rubato/ode/tuning.hpp>
 
 namespace rubato {
 
 namespace {
 
-constexpr int most_midpoint_iterations = 50;
+using namespace tuning::midpoint;
 
 /// Size is 2n where that is small enough for the compiler to unroll, else Eigen::Dynamic. Matrix: a step matrix of
 /// ode/step_matrix.hpp.

@@ -10,6 +10,7 @@
 
 #include <rubato/ode/separable.hpp>
 #include <rubato/ode/splitting_formula.hpp>
+#include <rubato/ode/tuning.hpp>
 #include <rubato/variation/clear_of_zero.hpp>
 #include <rubato/variation/run_span.hpp>
 #include <rubato/variation/tuning.hpp>
@@ -18,10 +19,9 @@ namespace rubato {
 
 namespace {
 
-using formula::Expression;
+using namespace tuning::lanes_of_splitting;
 
-/// Steps between two questions whether to go on.
-constexpr std::size_t steps_between_questions = 1024;
+using formula::Expression;
 
 constexpr std::size_t chunk = 8;
 

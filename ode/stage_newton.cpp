@@ -1,5 +1,7 @@
 #include <rubato/ode/stage_newton.hpp>
 
+#include <rubato/ode/tuning.hpp>
+
 #include <algorithm>
 #include <cmath>
 #include <utility>
@@ -8,13 +10,9 @@ namespace rubato {
 
 namespace {
 
+using namespace tuning::stage_newton;
+
 using Eigen::Index;
-
-/// Below this an eigenvalue is real, whose imaginary part is rounding; others are larger than 1.
-constexpr double real_to = 1e-6;
-
-/// What an operation within a band takes longer than one of a whole matrix: its loops are short.
-constexpr double band_operation = 3.0;
 
 }  // namespace
 

@@ -9,19 +9,18 @@
 
 #include <rubato/ode/discrete_lagrangian.hpp>
 #include <rubato/ode/increment.hpp>
+#include <rubato/ode/tuning.hpp>
 #include <rubato/solve/dense_solver.hpp>
 
 namespace rubato {
 
 namespace {
 
+using namespace tuning::two_step;
+
 using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
-
-constexpr int most_iterations = 50;
-/// Corrections by Newton's own matrix, renewed each time, that do not shrink: rounding is all that is left.
-constexpr int rounding_stalls = 3;
 
 class TwoStepScheme final : public SegmentScheme {
 public:

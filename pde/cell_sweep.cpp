@@ -16,6 +16,7 @@
 #include <rubato/pde/node_derivative.hpp>
 #include <rubato/pde/placed_coordinates.hpp>
 #include <rubato/pde/space_collocation.hpp>
+#include <rubato/pde/tuning.hpp>
 
 namespace rubato {
 
@@ -29,9 +30,9 @@ BoxGather::BoxGather(const grids::Grid& grid) : dimensions_(grid.dimensions()) {
 
 namespace {
 
+using namespace tuning::cell_sweep;
+
 constexpr std::size_t block_size = CellBlocks::most;
-/// Quantities of a node that are summed over the grid together.
-constexpr int rows_by_node = 4;
 using Line = std::array<double, block_size + 1>;
 
 /// Nodes begin … begin + count of a line (count + 1 of them), the last one cyclically.

@@ -13,12 +13,13 @@
 #include <rubato/grids/box_operators.hpp>
 #include <rubato/grids/reductions.hpp>
 #include <rubato/grids/slab.hpp>
+#include <rubato/pde/tuning.hpp>
 
 namespace rubato {
 
 namespace {
 
-constexpr int most_map_iterations = 50;
+using namespace tuning::euler_box;
 
 [[noreturn]] void refuse(const std::string& reason) {
   throw std::invalid_argument(

@@ -10,21 +10,19 @@
 #include <fmt/ranges.h>
 
 #include <rubato/pde/multisymplectic_system.hpp>
+#include <rubato/pde/tuning.hpp>
 #include <rubato/solve/small_matrices.hpp>
 
 namespace rubato {
 
 namespace {
 
+using namespace tuning::field_structure;
+
 using Eigen::Index;
 using Eigen::MatrixXcd;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
-
-constexpr double rank_threshold = 1e-10;    ///< of the largest singular value
-constexpr double support_threshold = 1e-7;  ///< of a unit vector's components
-constexpr int equilibration_sweeps = 12;    ///< each takes the root of the ratio that is left
-constexpr double cancelled = 1e-13;         ///< of the sum of |terms|
 
 /// 2^k next to the inverse root of x; 1 for 0.
 double inverse_root(double x) {

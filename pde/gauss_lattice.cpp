@@ -18,15 +18,12 @@
 #include <rubato/pde/level_fields.hpp>
 #include <rubato/pde/step_equation.hpp>
 #include <rubato/pde/tangent.hpp>
+#include <rubato/pde/tuning.hpp>
 
 namespace rubato {
 
 namespace {
 
-/// E_k is told from its neighbours by terms of order h^s: a trial that is not the last is solved nearly as well.
-constexpr double loosest = 1e-13;
-/// A step this many times longer or shorter than the last one is not begun from its stages.
-constexpr double longest_continuation = 3.0;
 constexpr std::uint64_t nowhere = std::numeric_limits<std::uint64_t>::max();
 
 Placement placement_of(SpaceRule space) {
@@ -66,10 +63,10 @@ public:
     }
     forget_trial();
     const bool steady = h == last_h_;  // of equal levels, after a resumption too
-    Status status = slab_->solve(h, std::min(accuracy, loosest), largest_, steady);
+    Status status = slab_->solve(h, std::min(accuracy, tuning::loosest_trial), largest_, steady);
     if (status != Status::success && continued) {
       slab_->begin_at_level();
-      status = slab_->solve(h, std::min(accuracy, loosest), largest_, steady);
+      status = slab_->solve(h, std::min(accuracy, tuning::loosest_trial), largest_, steady);
     }
     count_iterations(slab_->iterations() - counted);
     if (status != Status::success) {
@@ -126,7 +123,7 @@ public:
 
 private:
   [[nodiscard]] static bool near(double ratio) {
-    return ratio > 1.0 / longest_continuation && ratio < longest_continuation;
+    return ratio > 1.0 / tuning::longest_continuation && ratio < tuning::longest_continuation;
   }
   [[nodiscard]] double energy_at_end() const override { return slab_->energy_at_end(); }
 

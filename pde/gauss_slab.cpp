@@ -13,31 +13,17 @@
 #include <rubato/grids/reductions.hpp>
 #include <rubato/pde/level_fields.hpp>
 #include <rubato/pde/potential_rest.hpp>
+#include <rubato/pde/tuning.hpp>
 #include <rubato/solve/small_matrices.hpp>
 
 namespace rubato {
 
 namespace {
 
-using Complex = std::complex<double>;
+using namespace tuning::gauss_slab;
+constexpr double drift = drift_in_reach * WaveResolvent::reach;
 
-constexpr int most_slab_iterations = 200;
-/// What the next correction would mend, relative, at which nothing but rounding is left.
-constexpr double enough = 0.25 * epsilon;
-/// Where the iteration contracts, what rounding makes of a stage's values enters the next ones with a factor below one;
-/// the transforms and the rest of S add some units in the last place of these values.
-constexpr double roundings = 16.0;
-/// Corrections that shrink less than this lead nowhere within most_slab_iterations.
-constexpr double no_contraction = 0.9;
-constexpr int patience = 8;
-/// Fixed-point iteration is tried again in steps so many times shorter than one in which it did not contract, and now
-/// and then, since it depends on the solution, too.
-constexpr double contracts_again = 0.5;
-constexpr int newton_steps = 32;
-/// |λ|/h may move by this factor before the resolvent is made anew.
-constexpr double drift = 0.5 * WaveResolvent::reach;
-/// Matrices of more are no sooner read than made: 2 MB.
-constexpr std::size_t most_entries_of_maps = 131072;
+using Complex = std::complex<double>;
 
 }  // namespace
 

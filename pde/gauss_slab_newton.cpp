@@ -7,6 +7,7 @@
 #include <rubato/grids/reductions.hpp>
 #include <rubato/pde/gauss_slab.hpp>
 #include <rubato/pde/potential_rest.hpp>
+#include <rubato/pde/tuning.hpp>
 
 /// \file
 /// Newton's method for the stages of a GaussSlab, for steps in which its fixed-point iteration does not contract.
@@ -15,22 +16,7 @@ namespace rubato {
 
 namespace {
 
-constexpr int most_slab_corrections = 40;
-constexpr int krylov_vectors = 60, most_krylov_iterations = 240;
-/// A correction is solved for as well as the last one was large, between these: the next squares what is left.
-constexpr double coarsest_solve = 1e-2, finest_solve = 1e-8;
-/// The shortest part of a correction that is taken where the whole one makes the residual larger.
-constexpr double shortest_part = 1.0 / 64.0;
-/// Corrections below this are taken whole.
-constexpr double small_correction = 1e-6;
-/// Newton's corrections square: those below that mend nothing are rounding, which a long step makes more of, about as
-/// much as h² ε for a motion that nothing holds back.
-constexpr double certainly_rounding = 1e-7;
-constexpr int most_doublings = 30;
-/// Of what rounding explains, the part that may be left.
-constexpr double unfelt_part = 0.01;
-/// A correction of this size beside the increments is rounding.
-constexpr double newton_done = 0.25 * std::numeric_limits<double>::epsilon();
+using namespace tuning::slab_newton;
 
 }  // namespace
 

@@ -13,20 +13,18 @@
 #include <rubato/grids/lines.hpp>
 #include <rubato/grids/reductions.hpp>
 #include <rubato/pde/still_waves.hpp>
+#include <rubato/pde/tuning.hpp>
 #include <rubato/solve/small_matrices.hpp>
 
 namespace rubato {
 
 namespace {
 
+using namespace tuning::initial_agreement;
+
 using Eigen::Index;
 using Eigen::MatrixXd;
 using Values = std::vector<double>;
-
-/// Of second and, for euler-box, of first differences.
-constexpr double second_share = 0.5;
-constexpr double first_share = 0.75;
-constexpr double rounding_share = 1e-9;
 
 double second_difference(const Values& line, std::size_t i) {
   const std::size_t n = line.size();

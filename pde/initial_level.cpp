@@ -21,17 +21,18 @@
 #include <rubato/pde/kernel_conditions.hpp>
 #include <rubato/pde/periodicity.hpp>
 #include <rubato/pde/placed_coordinates.hpp>
+#include <rubato/pde/tuning.hpp>
 #include <rubato/solve/small_matrices.hpp>
 
 namespace rubato {
 
 namespace {
 
+using namespace tuning::initial_level;
+
 using Eigen::Index;
 using Eigen::MatrixXcd;
 using Eigen::MatrixXd;
-
-constexpr int most_level_iterations = 30;
 
 /// Which fields are computed, by which combinations of rows.
 struct Plan {

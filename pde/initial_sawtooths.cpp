@@ -8,20 +8,18 @@
 #include <rubato/base/limits.hpp>
 #include <rubato/grids/reductions.hpp>
 #include <rubato/pde/still_waves.hpp>
+#include <rubato/pde/tuning.hpp>
 #include <rubato/solve/small_matrices.hpp>
 
 namespace rubato {
 
 namespace {
 
+using namespace tuning::sawtooths;
+
 using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
-
-/// One step gives linear constraints; others converge as Newton's method does.
-constexpr int most_passes = 20;
-/// Of the largest value of a field: what is left of an amplitude once it is 0 to rounding.
-constexpr double no_amplitude = 1e-15;
 
 class Removal {
 public:

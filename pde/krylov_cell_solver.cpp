@@ -16,6 +16,7 @@
 #include <rubato/pde/matrix_terms.hpp>
 #include <rubato/pde/space_collocation.hpp>
 #include <rubato/pde/still_waves.hpp>
+#include <rubato/pde/tuning.hpp>
 #include <rubato/solve/fourier_preconditioner.hpp>
 #include <rubato/solve/gmres.hpp>
 #include <rubato/solve/small_matrices.hpp>
@@ -24,14 +25,10 @@ namespace rubato {
 
 namespace {
 
+using namespace tuning::krylov;
+
 using Eigen::Index;
 using Eigen::MatrixXd;
-
-constexpr int restart = 20;
-/// Change of the constants, relative, beyond which the matrix with the entries' means is inverted anew.
-constexpr double stale = 1e-5;
-/// Corrections, after the first solution, where the residual is looked at.
-constexpr int most_refinements = 5;
 
 /// A⁻¹; not finite where A is singular, for the residual to show.
 MatrixXd inverse_of(const MatrixXd& A) {

@@ -9,13 +9,13 @@
 #include <rubato/pde/lattice_scheme.hpp>
 #include <rubato/pde/level_fields.hpp>
 #include <rubato/pde/level_history.hpp>
+#include <rubato/pde/tuning.hpp>
 
 namespace rubato {
 
 namespace {
 
-/// Length of the two short steps, relative to the first step; as in a run, so that the Γ of the first levels agrees.
-constexpr double start_ratio = 1e-2;
+using namespace tuning::midpoint_start;
 
 class MidpointEquation final : public StepEquation {
 public:

@@ -18,28 +18,14 @@
 #include <rubato/pde/level_history.hpp>
 #include <rubato/pde/newton_contraction.hpp>
 #include <rubato/pde/slaved_fields.hpp>
+#include <rubato/pde/tuning.hpp>
 
 namespace rubato {
 
 namespace {
 
-constexpr int most_iterations = 20;
-/// Corrections after which a linear solve that went wrong is thought of; a regular step takes 2 to 4.
-constexpr int careful_after = 6;
-/// Accuracy of a trial beside the cube of its relative distance from the last one.
-constexpr double trial_accuracy = 1e-3;
-constexpr double finest_trial = 1e-13;
-/// Correction of a trial, relative, beside its distance from the last one: what shifting it leaves.
-constexpr double expected_correction = 1e-2;
-/// Levels for which the size of the energy's terms serves.
-constexpr int size_period = 16;
-/// The residual, relative to the terms of its row, at which nothing but rounding is left.
-constexpr double residual_floor = 4.0 * epsilon;
-/// The backward error that a step may be accepted with: a dozen products and sums of each row and some evaluations
-/// within ∇S, half a unit in the last place each, of terms that may be a few times what is left of them.
-constexpr double solved = 64.0 * epsilon;
-/// Length of the two steps, one forward and one back, that find the velocity at the start, relative to the first step.
-constexpr double start_ratio = 1e-2;
+using namespace tuning::midpoint_lattice;
+using namespace tuning::midpoint_start;
 
 void check(const MultisymplecticSystem& system, const grids::Grid& grid, Placement placement,
            const LatticeLevel& first) {
@@ -188,7 +174,7 @@ public:
   [[nodiscard]] double discrete_energy() const override { return energy_; }
   /// It changes slowly, and costs more than a sweep: taken anew now and then.
   [[nodiscard]] formula::SumSize energy_size() override {
-    if (size_age_ >= size_period) {
+    if (size_age_ >= tuning::size_period) {
       const grids::FieldSet& point = point_;
       make_point(0.5);
       size_of_energy_ = sweep_.energy_size(point.pointers(), level_.slopes, terms_at_start_);
@@ -489,7 +475,7 @@ private:
   int iterations_ = 0;
   std::vector<double> terms_at_start_;  ///< means over the cells of the terms of S
   formula::SumSize size_of_energy_;
-  int size_age_ = size_period;  ///< levels since it was taken
+  std::size_t size_age_ = tuning::size_period;  ///< levels since it was taken
   LevelNode node_;
   bool node_known_ = false;
 };

@@ -11,14 +11,15 @@
 #include <rubato/pde/law_engine.hpp>
 #include <rubato/pde/node_derivative.hpp>
 #include <rubato/pde/placed_coordinates.hpp>
+#include <rubato/pde/tuning.hpp>
 
 namespace rubato {
 
 namespace {
 
+using namespace tuning::node_laws;
+
 constexpr int in_time = LawTables::time;
-/// Blocks of cells that a thread takes at once.
-constexpr std::size_t blocks_at_once = 8;
 
 /// The laws at the nodes. What is differentiated is most of their cost, so that it is little: densities of a level
 /// once, for the two steps that it is a level of; fields where a current has their derivative; and fluxes, which are

@@ -8,18 +8,13 @@
 
 #include <rubato/grids/reductions.hpp>
 #include <rubato/grids/whole.hpp>
+#include <rubato/pde/tuning.hpp>
 
 namespace rubato {
 
 namespace {
 
-constexpr std::size_t shortest_line = 20;
-constexpr std::size_t nearest = 4;  ///< a stencil of five nodes reaches 2 to each side of a break
-constexpr std::size_t farthest = 10;
-constexpr double standing_out = 10.0;
-constexpr double beyond_inside = 4.5;  ///< a kink between two nodes gives a quarter of what one at a node gives
-constexpr double of_second_difference = 0.02;
-constexpr double rounding_of_values = 1e-12;
+using namespace tuning::periodicity;
 
 /// One line of values, round its period.
 class Line {

@@ -4,15 +4,16 @@
 #include <cstring>
 
 #include <rubato/grids/wide_vectors.hpp>
+#include <rubato/pde/tuning.hpp>
 
 namespace rubato {
 
 namespace {
 
+using namespace tuning::stage_loops;
+
 using grids::EightLanes;
 constexpr std::size_t lanes = PackedMatrices::lanes;
-/// Rows whose sums stay in registers.
-constexpr int rows_at_once = 8;
 
 [[gnu::always_inline]] inline void take(const double* from, std::size_t count, EightLanes& to) {
   if (count == lanes) {

@@ -6,19 +6,19 @@
 
 #include <rubato/grids/fourier.hpp>
 #include <rubato/pde/kernel_conditions.hpp>
+#include <rubato/pde/tuning.hpp>
 #include <rubato/solve/small_matrices.hpp>
 
 namespace rubato {
 
 namespace {
 
+using namespace tuning::wave_resolvent;
+
 using Complex = std::complex<double>;
 using Eigen::Index;
 using Eigen::MatrixXcd;
 using Eigen::MatrixXd;
-
-/// A pivot this much smaller than the largest means a matrix without inverse.
-constexpr double singular = 1e-13;
 
 /// The part Σ ik_a K_a - L of a wave.
 class Symbols {

@@ -19,11 +19,14 @@
 #include <rubato/grids/whole.hpp>
 #include <rubato/pde/lattice_scheme.hpp>
 #include <rubato/pde/potential_rest.hpp>
+#include <rubato/pde/tuning.hpp>
 #include <rubato/solve/small_matrices.hpp>
 
 namespace rubato {
 
 namespace {
+
+using namespace tuning::wave_splitting;
 
 using Complex = std::complex<double>;
 using Eigen::Index;
@@ -31,10 +34,6 @@ using Eigen::MatrixXcd;
 using Eigen::MatrixXd;
 using formula::Expression;
 
-/// Steps of one composition have at most nine different drifts, and those to the Gauss points of a step as many each;
-/// where tables are long, such steps make them anew.
-constexpr std::size_t most_propagators = 64, propagators_of_many_waves = 24;
-constexpr std::size_t many_waves = 4096;
 constexpr const char* remedy = "; take lagrangian = \"fourier\" with stages";
 
 /// sinh(√δ τ)/√δ and cosh(√δ τ).

@@ -15,23 +15,19 @@
 #include <rubato/grids/reductions.hpp>
 #include <rubato/grids/whole.hpp>
 #include <rubato/pde/placed_coordinates.hpp>
+#include <rubato/pde/tuning.hpp>
 #include <rubato/solve/small_matrices.hpp>
 
 namespace rubato {
 
 namespace {
 
+using namespace tuning::well_posedness;
+
 using Complex = std::complex<double>;
 using Eigen::Index;
 using Eigen::MatrixXcd;
 using Eigen::MatrixXd;
-
-constexpr double cancelled_entry = 1e-13;  ///< of the sum of |terms|
-constexpr double significant = 1e-6;       ///< of the largest term of the polynomial on some circle
-constexpr double shorter = 64.0;           ///< the waves at the far end, beside the shortest of the grid
-constexpr double least_growth = 4.0;       ///< of the rate up to there
-constexpr double beside_sigma = 1e-3;      ///< Re σ beside |σ|: multiple roots have real parts from rounding
-constexpr std::size_t sample_states = 16;
 
 /// ZᵀXZ, entries that are nothing but rounding of their terms set to 0.
 MatrixXcd congruent(const MatrixXd& Z, const MatrixXcd& X) {

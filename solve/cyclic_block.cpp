@@ -16,13 +16,12 @@
 #include <rubato/solve/chunk_elimination.hpp>
 #include <rubato/solve/cyclic_sparse.hpp>
 #include <rubato/solve/dense_solver.hpp>
+#include <rubato/solve/tuning.hpp>
 
 namespace rubato::solve {
 namespace {
 
-constexpr std::size_t residual_block = 512;  ///< cells whose residual is computed together, in first-level cache
-constexpr double refine_above = 1e-12;
-constexpr double unacceptable_backward_error = 1e-9;
+using namespace tuning::cyclic_block;
 
 /// out[j] = rhs - (A z + B y) of equation `row` at cells begin + j, j < count, none of which is the last cell.
 RUBATO_WIDE_VECTORS void residual_of_row(const CyclicBidiagonal& a, const CyclicBorder& border, const double* rhs,

@@ -8,15 +8,16 @@
 #include <fmt/core.h>
 #include <Eigen/LU>
 #include <rubato/solve/elimination.hpp>
+#include <rubato/solve/tuning.hpp>
 
 namespace rubato::solve {
 namespace {
 
+using namespace tuning::dense;
+
 using elimination::factor_in_place;
 using elimination::substitute;
 using elimination::usable;
-
-constexpr int largest_unblocked = 16;
 
 template <int N>
 using Fixed = std::integral_constant<int, N>;

@@ -10,14 +10,14 @@
 #include <fmt/core.h>
 #include <rubato/grids/parallel.hpp>
 #include <rubato/solve/small_matrices.hpp>
+#include <rubato/solve/tuning.hpp>
 
 namespace rubato::solve {
 namespace {
 
-using Complex = std::complex<double>;
+using namespace tuning::preconditioner;
 
-constexpr double deficient_below = 1e-13;
-constexpr std::size_t piece = 128;  ///< modes multiplied together, in first-level cache
+using Complex = std::complex<double>;
 
 bool finite(Complex z) {
   return std::isfinite(z.real()) && std::isfinite(z.imag());

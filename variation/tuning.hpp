@@ -2,6 +2,7 @@
 
 #include <array>
 #include <cstddef>
+#include <limits>
 
 /// \file
 /// The numbers that were tuned, or chosen, in the search for levels, with their reasons: here, so that whoever changes
@@ -18,6 +19,16 @@ inline constexpr double loose = 1e-6;
 inline constexpr double largest_ratio = 4.0;
 /// Trial lengths per step. A regular step takes 2 or 3; the rest is for finding out that there is no root.
 inline constexpr int most_trials = 60;
+
+// The equations of a step, whatever the scheme
+
+/// E_k is told from its neighbours by terms of order h^s, and its slope with it: a trial that is not the last is solved
+/// nearly as well as the last.
+inline constexpr double loosest_trial = 1e-13;
+/// What the next correction would mend, relative, at which a step is solved: leftovers, of one sign, must not add up.
+inline constexpr double least_leftover = 1e-3 * std::numeric_limits<double>::epsilon();
+/// A step this many times longer or shorter than the last one is not begun from its polynomial.
+inline constexpr double longest_continuation = 3.0;
 
 // Levels (time_levels.cpp)
 

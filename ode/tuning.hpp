@@ -1,0 +1,203 @@
+#pragma once
+
+#include <cstddef>
+#include <limits>
+
+#include <rubato/base/limits.hpp>
+#include <rubato/variation/tuning.hpp>
+
+/// \file
+/// The numbers of this room that were tuned, or chosen, with their reasons: here, so that whoever changes one sees the
+/// others. Those of the search for levels are in variation/tuning.hpp.
+
+/// Darboux matrices (darboux.cpp).
+namespace rubato::tuning::darboux {
+
+/// Ratio of the last pivot to the largest below which a matrix counts as singular.
+inline constexpr double singular_limit = 1e-13;
+/// Relative asymmetry that is blamed on rounding.
+inline constexpr double symmetry_tolerance = 1e-10;
+
+}  // namespace rubato::tuning::darboux
+
+/// The first step of an orbit (first_step.cpp).
+namespace rubato::tuning::first_step_of_orbit {
+
+inline constexpr std::size_t most_first_steps = 2000;
+
+}  // namespace rubato::tuning::first_step_of_orbit
+
+/// The Taylor map of a flow (flow_map.cpp).
+namespace rubato::tuning::flow_map {
+
+inline constexpr int most_parts = 64;
+/// Size of a part's last term beside its first at which the part counts as resolved. It need not be small: the map is
+/// a start and a direction for an iteration that corrects it.
+inline constexpr double resolved = 1e-3;
+/// The same for a tangent, beside the displaced vector.
+inline constexpr double tangent_resolved = 0.1;
+
+}  // namespace rubato::tuning::flow_map
+
+/// Γ of Gauss collocation (gauss_function.cpp).
+namespace rubato::tuning::gauss_function {
+
+inline constexpr int most_stage_iterations = 50;
+
+}  // namespace rubato::tuning::gauss_function
+
+/// Steps of Gauss collocation (gauss_scheme.cpp).
+namespace rubato::tuning::gauss {
+
+inline constexpr int most_gauss_iterations = 100;
+/// A fixed-point iteration that shrinks its corrections by less gives way to Newton's. By how much is a matter of what
+/// both cost, up to this (corrections that shrink by less than half count as rounding): to digits_to_go digits by the
+/// first, or in newton_corrections by the second.
+inline constexpr double slowest_contraction = 0.5;
+inline constexpr double digits_to_go = 14.0, newton_corrections = 5.0;
+/// What they cost, in nanoseconds or so: a sweep over the stages besides its formulas, an instruction of these and the
+/// product of a row with the tableau for all stages side by side, and of Newton's corrections one for each eigenvalue
+/// and an operation.
+inline constexpr double cost_of_sweep = 50.0, cost_of_instruction = 0.7, cost_of_row = 6.0;
+inline constexpr double cost_of_part = 300.0, cost_of_operation = 0.3;
+/// Newton's iteration stays while steps are at least this part of the one that asked for it.
+inline constexpr double back_to_fixed_point = 0.5;
+/// What the next correction would mend, relative, by the contraction seen so far, at which a trial that is not the last
+/// is solved well enough.
+inline constexpr double loose_leftover = 0.5 * std::numeric_limits<double>::epsilon();
+/// A correction larger than this shows how fast corrections contract, and one larger than the second about how fast.
+inline constexpr double measurable = 1e-13, visible = 4e-15;
+/// Corrections of this size are lost in rounding.
+inline constexpr double lost_correction = 0.5 * std::numeric_limits<double>::epsilon();
+/// Relative change of h that asks for another matrix.
+inline constexpr double refactor_ratio = 0.03;
+/// A step that no start leads to is approached from one so many times shorter, a power of two.
+inline constexpr double shortest_approach = 64.0;
+/// Trial steps at one level that are kept to begin others from, and the largest weight that one may have.
+inline constexpr std::size_t most_trials = 4;
+inline constexpr double farthest_extrapolation = 20.0;
+
+}  // namespace rubato::tuning::gauss
+
+/// The start of a generating step (generating_continuation.cpp).
+namespace rubato::tuning::generating_start {
+
+/// Size of the last two orders beside the whole at which the series is still of use as a start.
+inline constexpr double converged = 1e-3;
+
+}  // namespace rubato::tuning::generating_start
+
+/// Steps of generating functions (generating_scheme.cpp).
+namespace rubato::tuning::generating {
+
+/// Where the tangent is poor, on coarse steps, corrections shrink by little: an accurate step is worth some more of
+/// them.
+inline constexpr int most_generating_iterations = 100;
+/// Relative size of the displacement whose flow is differenced for a tangent: small beside what it bends over, large
+/// beside rounding.
+inline constexpr double displacement = 1e-5;
+/// What that leaves of a tangent undetermined, relative: ε over a displacement of 1e-5 of a step, 1e-10 of curvature.
+inline constexpr double displacement_error = 1e-9;
+/// Up to this relative size of a residual a tangent of a few orders corrects it to far below rounding. It cannot be
+/// left out: what is smooth in a correction, however small, adds up in one direction for the whole run.
+inline constexpr double small_residual = 1e-13;
+/// A correction at least this large shows, by the next one, how fast corrections contract.
+inline constexpr double measurable_correction = 1e-12;
+/// Relative size of a correction that rounding alone may make.
+inline constexpr double rounding = 8.0 * epsilon;
+/// How much larger than its estimate the contraction of a correction is taken to be.
+inline constexpr double rate_margin = 10.0;
+/// Relative change of h within a level that asks for a new φ^(s+1).
+inline constexpr double tail_ratio = 0.05;
+/// Orders of the Taylor step that a run starts from: those of the scheme and some more, since it goes a whole step from
+/// its centre and the generating function only half of one.
+inline constexpr int extra_flow_order = 3;
+/// Highest orders of the flow whose tangent corrects residuals, and small ones.
+inline constexpr int most_tangent_order = 10;
+inline constexpr int small_tangent_order = 4;
+
+}  // namespace rubato::tuning::generating
+
+/// Chains (hessian_band.cpp).
+namespace rubato::tuning::band {
+
+/// How many times less work elimination in a band has to take: its loops are short.
+inline constexpr double band_gain = 8.0;
+
+}  // namespace rubato::tuning::band
+
+/// Parasites of two-step schemes (integrate.cpp).
+namespace rubato::tuning::parasites {
+
+/// Rounding in the eigenvalues of a parasite that neither grows nor decays; multiple ones are the roots of it.
+inline constexpr double growth_tolerance = 1e-6;
+
+}  // namespace rubato::tuning::parasites
+
+/// Steps of a Lagrangian (lagrangian_scheme.cpp).
+namespace rubato::tuning::of_lagrangian {
+
+inline constexpr int most_newton_iterations = 50;
+/// Corrections beyond the domain of L are halved so often.
+inline constexpr int most_halvings = 20;
+/// A polynomial that is farther than this part of the largest increments of the run from where its iteration began may
+/// be another solution than the step.
+inline constexpr double lagrangian_farthest = 0.5;
+inline constexpr int lagrangian_finest_approach = 16;
+
+}  // namespace rubato::tuning::of_lagrangian
+
+/// Velocities from momenta (legendre.cpp).
+namespace rubato::tuning::legendre {
+
+inline constexpr int most_legendre_iterations = 100;
+inline constexpr int most_legendre_halvings = 60;
+/// What is left of ∂L/∂q̇ = p, beside its terms, when it is rounding for certain; what no longer shrinks may be more,
+/// which is_rounding() decides.
+inline constexpr double legendre_rounding = 4.0 * epsilon;
+/// Pivots of the scaled matrix that differ by more are those of a singular one.
+inline constexpr double least_pivot_ratio = 1e-13;
+
+}  // namespace rubato::tuning::legendre
+
+/// Orbits side by side (many_orbits.cpp).
+namespace rubato::tuning::many_orbits {
+
+/// As many as keep a step's numbers in the fastest cache.
+inline constexpr std::size_t most_side_by_side = 128;
+
+}  // namespace rubato::tuning::many_orbits
+
+/// Steps of the midpoint rule (midpoint_scheme.cpp).
+namespace rubato::tuning::midpoint {
+
+inline constexpr int most_midpoint_iterations = 50;
+
+}  // namespace rubato::tuning::midpoint
+
+/// Splittings side by side (splitting_lanes.cpp).
+namespace rubato::tuning::lanes_of_splitting {
+
+/// Steps between two questions whether to go on.
+inline constexpr std::size_t steps_between_questions = 1024;
+
+}  // namespace rubato::tuning::lanes_of_splitting
+
+/// Newton's matrices of stages (stage_newton.cpp).
+namespace rubato::tuning::stage_newton {
+
+/// Below this an eigenvalue is real, whose imaginary part is rounding; others are larger than 1.
+inline constexpr double real_to = 1e-6;
+/// What an operation within a band takes longer than one of a whole matrix: its loops are short.
+inline constexpr double band_operation = 3.0;
+
+}  // namespace rubato::tuning::stage_newton
+
+/// Two-step schemes (two_step_scheme.cpp).
+namespace rubato::tuning::two_step {
+
+inline constexpr int most_iterations = 50;
+/// Corrections by Newton's own matrix, renewed each time, that do not shrink: rounding is all that is left.
+inline constexpr int rounding_stalls = 3;
+
+}  // namespace rubato::tuning::two_step

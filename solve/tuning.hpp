@@ -1,0 +1,32 @@
+#pragma once
+
+#include <cstddef>
+#include <limits>
+
+/// \file
+/// The numbers of this room that were tuned, or chosen, with their reasons: here, so that whoever changes one sees the
+/// others. Those of the search for levels are in variation/tuning.hpp.
+
+/// Cyclic block systems (cyclic_block.cpp).
+namespace rubato::tuning::cyclic_block {
+
+inline constexpr std::size_t residual_block = 512;  ///< cells whose residual is computed together, in first-level cache
+inline constexpr double refine_above = 1e-12;
+inline constexpr double unacceptable_backward_error = 1e-9;
+
+}  // namespace rubato::tuning::cyclic_block
+
+/// Dense systems (dense_solver.cpp).
+namespace rubato::tuning::dense {
+
+inline constexpr int largest_unblocked = 16;
+
+}  // namespace rubato::tuning::dense
+
+/// The Fourier preconditioner (fourier_preconditioner.cpp).
+namespace rubato::tuning::preconditioner {
+
+inline constexpr double deficient_below = 1e-13;
+inline constexpr std::size_t piece = 128;  ///< modes multiplied together, in first-level cache
+
+}  // namespace rubato::tuning::preconditioner
