@@ -5,7 +5,7 @@ if(CMAKE_CXX_COMPILER_ID MATCHES "GNU|Clang" AND PROJECT_IS_TOP_LEVEL)
   string(REPLACE "-O3" "-O2" CMAKE_CXX_FLAGS_RELEASE "${CMAKE_CXX_FLAGS_RELEASE}")
 endif()
 
-# The kernels of cmake/FormulaKernels.cmake, solve/chunk_elimination_*.cpp and ode/stage_kernels_*.cpp have options of their
+# The kernels of cmake/FormulaKernels.cmake, solve/block_qr_reduction_*.cpp and ode/stage_kernels_*.cpp have options of their
 # own.
 set(rubato_sources_loops
   formula/evaluate.cpp
@@ -17,7 +17,7 @@ set(rubato_sources_loops
 foreach(kernel IN ITEMS
     grids/short_transform_avx512
     ode/stage_kernels_portable ode/stage_kernels_avx2 ode/stage_kernels_avx512
-    solve/chunk_elimination_avx2 solve/chunk_elimination_avx512)
+    solve/block_qr_reduction_avx2 solve/block_qr_reduction_avx512)
   set_source_files_properties(${PROJECT_SOURCE_DIR}/${kernel}.cpp PROPERTIES
     COMPILE_OPTIONS $<$<CONFIG:Release>:-O3> SKIP_PRECOMPILE_HEADERS ON)
 endforeach()

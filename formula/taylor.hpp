@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include <rubato/base/outcome.hpp>
+#include <rubato/base/status.hpp>
 #include <rubato/formula/bytecode.hpp>
 #include <rubato/formula/taylor_kernel.hpp>
 #include <rubato/formula/taylor_program.hpp>

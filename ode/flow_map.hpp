@@ -4,7 +4,7 @@
 
 #include <Eigen/Core>
 
-#include <rubato/base/outcome.hpp>
+#include <rubato/base/status.hpp>
 #include <rubato/formula/taylor.hpp>
 #include <rubato/ode/hamiltonian.hpp>
 

@@ -5,7 +5,7 @@
 
 #include <Eigen/Core>
 
-#include <rubato/base/outcome.hpp>
+#include <rubato/base/status.hpp>
 #include <rubato/ode/hamiltonian.hpp>
 #include <rubato/solve/dense_solver.hpp>
 #include <rubato/variation/gauss_tableau.hpp>

@@ -164,7 +164,7 @@ public:
   }
 
 private:
-  [[nodiscard]] LevelNode node_at(const VectorXd& z) override {
+  [[nodiscard]] NodeEnergy node_at(const VectorXd& z) override {
     return {evaluator_.value(z.data()), std::numeric_limits<double>::quiet_NaN()};
   }
 

@@ -6,7 +6,7 @@
 
 #include <Eigen/Core>
 
-#include <rubato/base/outcome.hpp>
+#include <rubato/base/status.hpp>
 #include <rubato/ode/darboux.hpp>
 #include <rubato/ode/generating_nodes.hpp>
 #include <rubato/ode/hamiltonian.hpp>

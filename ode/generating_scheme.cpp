@@ -114,7 +114,7 @@ public:
   [[nodiscard]] int iterations() const override { return iterations_; }
   [[nodiscard]] std::string failure_reason() const override { return reason_; }
 
-  [[nodiscard]] LevelNode node() override {
+  [[nodiscard]] NodeEnergy node() override {
     if (!node_known_) {
       node_ = node_at(z_.value());
       node_known_ = true;
@@ -122,7 +122,7 @@ public:
     return node_;
   }
 
-  [[nodiscard]] LevelNode trial_node() override {
+  [[nodiscard]] NodeEnergy trial_node() override {
     z_.displaced(1.0, delta_, point_);
     return node_at(point_);
   }
@@ -309,8 +309,8 @@ private:
   }
 
   /// NaN where H has no Taylor expansion, for the caller to judge.
-  LevelNode node_at(const VectorXd& z) {
-    LevelNode node{energy_evaluator_.value(z.data()), std::numeric_limits<double>::quiet_NaN()};
+  NodeEnergy node_at(const VectorXd& z) {
+    NodeEnergy node{energy_evaluator_.value(z.data()), std::numeric_limits<double>::quiet_NaN()};
     if (at_node_.expand(as_span(z)) == Status::success) {
       node.gamma = gamma_factor * at_node_.coefficient(order_.order + 1);
     } else {
@@ -353,7 +353,7 @@ private:
   double tail_ = 0.0, tail_h_ = 0.0;  ///< φ^(s+1) at w, and the h for which it was last computed
   bool tail_known_ = false;
   int iterations_ = 0;
-  LevelNode node_;
+  NodeEnergy node_;
   bool node_known_ = false;
   std::string reason_;
 };
@@ -370,7 +370,7 @@ std::unique_ptr<OneStepScheme> make_generating_scheme(const Hamiltonian& hamilto
   }
   check_darboux_symmetric(F, static_cast<Index>(size / 2));
   auto scheme = std::make_unique<GeneratingScheme>(hamiltonian, F, generating_order(order, F), z_0);
-  const LevelNode node = scheme->node();
+  const NodeEnergy node = scheme->node();
   if (!std::isfinite(node.energy) || !std::isfinite(node.gamma)) {
     throw std::invalid_argument(fmt::format(
         "H has no Taylor expansion at the initial state ({}): {}", fmt::join(z_0, ", "),

@@ -396,7 +396,7 @@ Orbit run(OrbitIntegrator integrator, std::unique_ptr<EventLog> events, const In
   orbit.cautions = integrator.cautions();
   const auto record_level = [&] {
     orbit.t.push_back(integrator.t());
-    const LevelNode node = integrator.node();
+    const NodeEnergy node = integrator.node();
     orbit.gamma.push_back(node.gamma);
     orbit.node_energy.push_back(node.energy);
     orbit.q.insert(orbit.q.end(), integrator.q().begin(), integrator.q().end());

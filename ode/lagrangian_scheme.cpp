@@ -134,13 +134,13 @@ public:
   }
   [[nodiscard]] int iterations() const override { return iterations_; }
 
-  [[nodiscard]] LevelNode node() override {
+  [[nodiscard]] NodeEnergy node() override {
     if (!here_) {
       here_ = read(z_.value(), seed_, velocity_);
     }
     return *here_;
   }
-  [[nodiscard]] LevelNode trial_node() override {
+  [[nodiscard]] NodeEnergy trial_node() override {
     if (!there_) {
       static_cast<void>(node());
       z_.displaced(1.0, delta_, end_);
@@ -214,7 +214,7 @@ private:
   }
 
   /// H and Γ at z, and the velocities there, found from `from`.
-  [[nodiscard]] LevelNode read(const VectorXd& z, const VectorXd& from, VectorXd& velocity) {
+  [[nodiscard]] NodeEnergy read(const VectorXd& z, const VectorXd& from, VectorXd& velocity) {
     velocity = from;
     if (transform_.solve(z.data(), z.data() + n_, velocity.data()) != Status::success) {
       if (transform_.singular()) {
@@ -488,7 +488,7 @@ private:
   VectorXd seed_;                          ///< velocities that those at this level are found from
   VectorXd velocity_, trial_velocity_;     ///< at both levels, where here_ and there_ are known
   VectorXd acceleration_, seed_at_level_;  ///< at this level, where steps begin on a parabola
-  std::optional<LevelNode> here_, there_;
+  std::optional<NodeEnergy> here_, there_;
   MatrixXd Y_, last_Y_, trial_Y_;  ///< q at the control points but the first, less q_k; of the last step; of a trial
   MatrixXd begun_, shorter_;       ///< where an iteration began; of a shorter step, to continue
   bool far_ = false;               ///< whether the last iteration ended far from where it began

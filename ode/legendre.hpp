@@ -4,7 +4,7 @@
 
 #include <Eigen/Core>
 
-#include <rubato/base/outcome.hpp>
+#include <rubato/base/status.hpp>
 #include <rubato/formula/rounding.hpp>
 #include <rubato/ode/lagrangian.hpp>
 #include <rubato/solve/dense_solver.hpp>

@@ -137,8 +137,8 @@ private:
     iterations_ = 0;
   }
 
-  [[nodiscard]] LevelNode node_at(const Vector& z) override {
-    LevelNode node;
+  [[nodiscard]] NodeEnergy node_at(const Vector& z) override {
+    NodeEnergy node;
     node.gamma = evaluator_.gamma(z.data(), node.energy);
     return node;
   }

@@ -5,8 +5,8 @@
 
 namespace rubato {
 
-LevelNode NodeLaw::operator()(const double* z) {
-  LevelNode node;
+NodeEnergy NodeLaw::operator()(const double* z) {
+  NodeEnergy node;
   if (!generating_) {
     if (std::isnan(factor_)) {
       return {evaluator_.value(z), factor_};

@@ -26,7 +26,7 @@ public:
   /// The exponent s of the step law.
   [[nodiscard]] int order() const { return order_; }
   /// At z (2n entries). Γ is NaN where H has no Taylor expansion, for the caller to judge.
-  [[nodiscard]] LevelNode operator()(const double* z);
+  [[nodiscard]] NodeEnergy operator()(const double* z);
   /// Why Γ was last NaN.
   [[nodiscard]] std::string failure_reason() const { return generating_ ? generating_->failure() : std::string(); }
 

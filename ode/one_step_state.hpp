@@ -20,13 +20,13 @@ public:
   [[nodiscard]] std::size_t dimension() const override { return static_cast<std::size_t>(delta_.size()); }
   [[nodiscard]] std::span<const double> state() const override { return as_span(z_.value()); }
 
-  [[nodiscard]] LevelNode node() override {
+  [[nodiscard]] NodeEnergy node() override {
     if (!here_.node) {
       here_.node = node_at(z_.value());
     }
     return *here_.node;
   }
-  [[nodiscard]] LevelNode trial_node() override {
+  [[nodiscard]] NodeEnergy trial_node() override {
     if (!there_.node) {
       there_.node = node_at(end());
     }
@@ -43,7 +43,7 @@ protected:
   }
 
   /// What the levels read at z.
-  [[nodiscard]] virtual LevelNode node_at(const Vector& z) = 0;
+  [[nodiscard]] virtual NodeEnergy node_at(const Vector& z) = 0;
 
   /// H at both levels of the trial step.
   ///@{
@@ -109,7 +109,7 @@ protected:
 private:
   struct Readings {
     std::optional<double> energy;
-    std::optional<LevelNode> node;
+    std::optional<NodeEnergy> node;
   };
 
   [[nodiscard]] const Vector& end() const {

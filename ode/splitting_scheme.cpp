@@ -142,7 +142,7 @@ public:
   }
 
 private:
-  [[nodiscard]] LevelNode node_at(const VectorXd& z) override { return law_(z.data()); }
+  [[nodiscard]] NodeEnergy node_at(const VectorXd& z) override { return law_(z.data()); }
 
   /// δ. \return E
   ///@{

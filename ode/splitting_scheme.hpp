@@ -18,7 +18,7 @@ namespace rubato {
 /// extended sense.
 ///
 /// The golden splitting obeys the midpoint rule's step law, with E_k - H = ((7 - 3√5)/16) h²Γ + O(h⁴): its Γ, in the
-/// terms of LevelNode, is -((7 - 3√5)/2) fᵀH_zz f, and bridges cross its zeros. The others have no node law in closed
+/// terms of NodeEnergy, is -((7 - 3√5)/2) fᵀH_zz f, and bridges cross its zeros. The others have no node law in closed
 /// form: a run with variable levels ends where the level equation has no solution. The slope dE/dh is that of
 /// make_gauss_scheme().
 /// \throws std::invalid_argument if H is not separable, naming the term; if T is not quadratic where the composition

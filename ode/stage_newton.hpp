@@ -8,7 +8,7 @@
 
 #include <Eigen/Core>
 
-#include <rubato/base/outcome.hpp>
+#include <rubato/base/status.hpp>
 #include <rubato/ode/hamiltonian.hpp>
 #include <rubato/ode/hessian_band.hpp>
 #include <rubato/solve/band_solver.hpp>

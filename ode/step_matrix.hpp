@@ -7,7 +7,7 @@
 
 #include <Eigen/Core>
 
-#include <rubato/base/outcome.hpp>
+#include <rubato/base/status.hpp>
 #include <rubato/ode/hamiltonian.hpp>
 #include <rubato/ode/hessian_band.hpp>
 #include <rubato/ode/increment.hpp>

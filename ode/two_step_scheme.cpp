@@ -121,9 +121,9 @@ public:
   [[nodiscard]] int iterations() const override { return iterations_; }
   [[nodiscard]] bool has_node_law() const override { return false; }
 
-  [[nodiscard]] LevelNode node() override { return node_at(z_.value()); }
+  [[nodiscard]] NodeEnergy node() override { return node_at(z_.value()); }
 
-  [[nodiscard]] LevelNode trial_node() override {
+  [[nodiscard]] NodeEnergy trial_node() override {
     z_.displaced(1.0, delta_, point_);
     return node_at(point_);
   }
@@ -195,9 +195,9 @@ private:
     return true;
   }
 
-  LevelNode node_at(const VectorXd& z) {
+  NodeEnergy node_at(const VectorXd& z) {
     return law_ ? (*law_)(z.data())
-                : LevelNode{.energy = node_energy_.value(z.data()), .gamma = std::numeric_limits<double>::quiet_NaN()};
+                : NodeEnergy{.energy = node_energy_.value(z.data()), .gamma = std::numeric_limits<double>::quiet_NaN()};
   }
 
   std::unique_ptr<DiscreteAction> action_;

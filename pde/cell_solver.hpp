@@ -6,7 +6,7 @@
 
 #include <Eigen/Core>
 
-#include <rubato/base/outcome.hpp>
+#include <rubato/base/status.hpp>
 #include <rubato/grids/grid.hpp>
 #include <rubato/pde/cell_sweep.hpp>
 
@@ -70,10 +70,10 @@ inline constexpr double newton_tolerance = 1e-9;
 /// For the box in one dimension cyclic block elimination, O(cells); in more, and at nodes, by the inverse of the matrix
 /// with the entries' means, block by block in Fourier space, and GMRES for what the entries differ from their means
 /// where that is not small, to the relative error `tolerance`; where residuals are checked, to that residual.
-[[nodiscard]] std::unique_ptr<CellSolver> make_cell_solver(const grids::Grid& grid, Placement placement, int size,
+[[nodiscard]] std::unique_ptr<CellSolver> make_cell_solver(const grids::Grid& grid, Collocation collocation, int size,
                                                            int conditions, double tolerance);
 [[nodiscard]] std::unique_ptr<CellSolver> make_cyclic_cell_solver(const grids::Grid& grid, int size, int conditions);
-[[nodiscard]] std::unique_ptr<CellSolver> make_krylov_cell_solver(const grids::Grid& grid, Placement placement,
-                                                                  int size, double tolerance);
+[[nodiscard]] std::unique_ptr<CellSolver> make_gmres_cell_solver(const grids::Grid& grid, Collocation collocation,
+                                                                 int size, double tolerance);
 
 }  // namespace rubato

@@ -222,7 +222,7 @@ struct CellSweep::Storage {
   std::unique_ptr<ElementOperators> elements;
   Made of_point, of_rate;
 
-  Storage(const MultisymplecticSystem& s, const grids::Grid& grid, Placement placement)
+  Storage(const MultisymplecticSystem& s, const grids::Grid& grid, Collocation collocation)
       : system(s),
         blocks(grid),
         gather(grid),
@@ -231,7 +231,7 @@ struct CellSweep::Storage {
         volume(grid.cell_volume()),
         M(terms_of(s.M())),
         constant_hessian(terms_of(s.constant_hessian())),
-        places(s, grid, placement.points == Placement::Points::cells ? Within::centre : Within::node),
+        places(s, grid, collocation.points == Collocation::Points::cells ? Within::centre : Within::node),
         differentiated(static_cast<std::size_t>(d)),
         results(blocks.count()) {
     for (int a = 0; a < dimensions; ++a) {
@@ -242,18 +242,18 @@ struct CellSweep::Storage {
         differentiated[static_cast<std::size_t>(term.column)][static_cast<std::size_t>(a)] = true;
       }
     }
-    if (placement.has_elements()) {
-      elements = std::make_unique<ElementOperators>(grid, placement.stages);
+    if (collocation.has_elements()) {
+      elements = std::make_unique<ElementOperators>(grid, collocation.stages);
       places = elements->space().places(s, grid);
       of_point.mean = grids::FieldSet(d, grid.size());
-    } else if (placement != Placement::cells) {
-      nodal = std::make_unique<NodeDerivative>(grid, placement);
+    } else if (collocation != Collocation::cells) {
+      nodal = std::make_unique<NodeDerivative>(grid, collocation);
     }
     if (nodal != nullptr || elements != nullptr) {
       of_point.derivative.assign(static_cast<std::size_t>(dimensions), grids::FieldSet(d, grid.size()));
       of_rate = of_point;
     }
-    if (placement == Placement::corners) {
+    if (collocation == Collocation::corners) {
       by_node = grids::FieldSet(rows_by_node, grid.size());
     }
   }
@@ -643,8 +643,8 @@ void CellSweep::Storage::energy_change(std::size_t block, Workspace& work, std::
   result.quadratic = 4.0 * ((sum(moved, count) - work_of_R) + 2.0 * work_of_M);
 }
 
-CellSweep::CellSweep(const MultisymplecticSystem& system, const grids::Grid& grid, Placement placement)
-    : storage_(std::make_unique<Storage>(system, grid, placement)) {}
+CellSweep::CellSweep(const MultisymplecticSystem& system, const grids::Grid& grid, Collocation collocation)
+    : storage_(std::make_unique<Storage>(system, grid, collocation)) {}
 CellSweep::~CellSweep() = default;
 
 SweepResult CellSweep::operator()(std::span<const double* const> point, const PotentialSlopes& slopes,

@@ -12,23 +12,23 @@
 namespace rubato {
 
 /// Where the equation is imposed, and by which operators A and D_a.
-struct Placement {
+struct Collocation {
   enum class Points { cells, nodes, corners };
   Points points = Points::cells;
   int stages = 1;  ///< of cells: Gauss points of as many cells together, an element
 
-  static const Placement cells;    ///< in the middle of cells, by averages and differences of the nodes around: the box
-  static const Placement nodes;    ///< at the nodes, A the identity and D_a the spectral derivative: Fourier
-  static const Placement corners;  ///< at the nodes too, by one-sided differences: euler-box
+  static const Collocation cells;  ///< in the middle of cells, by averages and differences of the nodes around: the box
+  static const Collocation nodes;  ///< at the nodes, A the identity and D_a the spectral derivative: Fourier
+  static const Collocation corners;  ///< at the nodes too, by one-sided differences: euler-box
   /// At the Gauss points of elements of several cells, along a line alone: see SpaceCollocation.
-  [[nodiscard]] static constexpr Placement elements(int stages) { return {Points::cells, stages}; }
+  [[nodiscard]] static constexpr Collocation elements(int stages) { return {Points::cells, stages}; }
   [[nodiscard]] constexpr bool has_elements() const { return stages > 1; }
 
-  friend constexpr bool operator==(const Placement&, const Placement&) = default;
+  friend constexpr bool operator==(const Collocation&, const Collocation&) = default;
 };
-inline constexpr Placement Placement::cells{};
-inline constexpr Placement Placement::nodes{Placement::Points::nodes};
-inline constexpr Placement Placement::corners{Placement::Points::corners};
+inline constexpr Collocation Collocation::cells{};
+inline constexpr Collocation Collocation::nodes{Collocation::Points::nodes};
+inline constexpr Collocation Collocation::corners{Collocation::Points::corners};
 
 /// Where the batch evaluator's blocks of cells begin and end: pieces of at most 256 cells of one line along x.
 /// A function of the grid alone, so that results do not depend on the number of threads.
@@ -78,10 +78,10 @@ struct EnergyChange {
 };
 
 /// Evaluates the equation in every cell, in batches, in parallel. Holds work space for each thread. At
-/// Placement::corners only energies are those of a scheme: its equation has differences of both kinds.
+/// Collocation::corners only energies are those of a scheme: its equation has differences of both kinds.
 class CellSweep {
 public:
-  CellSweep(const MultisymplecticSystem& system, const grids::Grid& grid, Placement placement = Placement::cells);
+  CellSweep(const MultisymplecticSystem& system, const grids::Grid& grid, Collocation collocation = Collocation::cells);
   ~CellSweep();
 
   /// At node values `point` (z̄ = A point, D_a point) with slopes, and node rates `rate` (empty for none; null pointers

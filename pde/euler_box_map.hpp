@@ -2,7 +2,7 @@
 
 #include <vector>
 
-#include <rubato/base/outcome.hpp>
+#include <rubato/base/status.hpp>
 #include <rubato/formula/batch.hpp>
 #include <rubato/grids/field_set.hpp>
 #include <rubato/grids/grid.hpp>
@@ -99,7 +99,7 @@ private:
   int evaluations_ = 0;
 };
 
-/// The first level of an euler-box run from the user's data: what initial_level() gives for Placement::corners.
+/// The first level of an euler-box run from the user's data: what initial_level() gives for Collocation::corners.
 /// \throws std::invalid_argument as initial_level() and EulerBoxMap
 [[nodiscard]] LatticeLevel euler_box_level(const MultisymplecticSystem& system, const grids::Grid& grid,
                                            const InitialFields& given);

@@ -44,19 +44,19 @@ public:
     return size_of_energy_;
   }
 
-  [[nodiscard]] LevelNode node() final { return {energy_here(), std::numeric_limits<double>::quiet_NaN()}; }
-  [[nodiscard]] LevelNode trial_node() final { return {energy_there(), std::numeric_limits<double>::quiet_NaN()}; }
+  [[nodiscard]] NodeEnergy node() final { return {energy_here(), std::numeric_limits<double>::quiet_NaN()}; }
+  [[nodiscard]] NodeEnergy trial_node() final { return {energy_there(), std::numeric_limits<double>::quiet_NaN()}; }
 
 protected:
   /// \throws std::invalid_argument if S is not finite at the first level
   FamilyLattice(const MultisymplecticSystem& system, const grids::Grid& grid, LatticeLevel first,
-                Placement placement = Placement::nodes)
+                Collocation collocation = Collocation::nodes)
       : system_(system),
         grid_(grid),
         level_(std::move(first)),
         at_midpoints_(system.structure().at_midpoints()),
         point_(level_.fields),
-        sweep_(system, grid, placement) {
+        sweep_(system, grid, collocation) {
     make_point();
     if (!sweep_(std::as_const(point_).pointers(), level_.slopes, {}, 0.0, {}, {}).finite) {
       throw std::invalid_argument("S is not finite at the initial level");
@@ -177,7 +177,7 @@ private:
 /// What the equations of families share: a step is taken again, and compared with the level that is there.
 class FamilyEquation : public StepEquation {
 public:
-  [[nodiscard]] LevelNode node(const LatticeLevel& level) final {
+  [[nodiscard]] NodeEnergy node(const LatticeLevel& level) final {
     copy_level(level.fields, system_.structure().at_midpoints(), point_);
     const SweepResult result = sweep_(std::as_const(point_).pointers(), level.slopes, {}, 0.0, {}, {});
     constexpr double none = std::numeric_limits<double>::quiet_NaN();
@@ -188,10 +188,11 @@ public:
   }
 
 protected:
-  FamilyEquation(const MultisymplecticSystem& system, const grids::Grid& grid, Placement placement = Placement::nodes)
+  FamilyEquation(const MultisymplecticSystem& system, const grids::Grid& grid,
+                 Collocation collocation = Collocation::nodes)
       : StepEquation(system.field_count(), grid.size()),
         system_(system),
-        sweep_(system, grid, placement),
+        sweep_(system, grid, collocation),
         point_(rows_) {}
 
   /// Of a step that cannot be taken again, and of which there is no Γ.

@@ -26,8 +26,8 @@ namespace {
 
 constexpr std::uint64_t nowhere = std::numeric_limits<std::uint64_t>::max();
 
-Placement placement_of(SpaceRule space) {
-  return space.spectral() ? Placement::nodes : Placement::elements(space.stages);
+Collocation placement_of(SpaceRule space) {
+  return space.spectral() ? Collocation::nodes : Collocation::elements(space.stages);
 }
 
 class GaussLattice final : public FamilyLattice {

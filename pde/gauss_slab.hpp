@@ -11,8 +11,8 @@
 
 #include <Eigen/Core>
 
-#include <rubato/base/outcome.hpp>
 #include <rubato/base/state.hpp>
+#include <rubato/base/status.hpp>
 #include <rubato/formula/batch.hpp>
 #include <rubato/grids/field_set.hpp>
 #include <rubato/grids/fourier.hpp>

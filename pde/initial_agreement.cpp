@@ -61,11 +61,11 @@ double seam_excess(const Values& line) {
 
 class Comparison {
 public:
-  Comparison(const MultisymplecticSystem& system, const grids::Grid& grid, Placement placement, int field,
+  Comparison(const MultisymplecticSystem& system, const grids::Grid& grid, Collocation collocation, int field,
              const InitialFields& given, const LatticeLevel& level, const MatrixXd& rows)
       : system_(system),
         grid_(grid),
-        placement_(placement),
+        collocation_(collocation),
         field_(field),
         all_(given),
         given_(*given[static_cast<std::size_t>(field)]),
@@ -109,7 +109,7 @@ private:
     for (int a = 1; a < grid_.dimensions(); ++a) {
       free[static_cast<std::size_t>(a) - 1] = solve::product(rows_.transpose(), system_.K(a).col(field_)).isZero(1e-9);
     }
-    const StillWaves waves(grid_, placement_, free);
+    const StillWaves waves(grid_, collocation_, free);
     const std::size_t line = grid_.cells(0);
     const std::size_t lines = grid_.size() / line;
     Values sums(lines, 0.0), members(lines, 0.0);
@@ -144,7 +144,7 @@ private:
         at.read(given_.data(), line);
         const std::size_t n = line.size();
         for (std::size_t i = 0; i < n; ++i) {
-          roughness[i] = placement_ == Placement::corners
+          roughness[i] = collocation_ == Collocation::corners
                              ? first_share * std::max(std::abs(line[(i + 1) % n] - line[i]),
                                                       std::abs(line[i] - line[(i + n - 1) % n]))
                              : second_share * second_difference(line, i);
@@ -251,7 +251,7 @@ private:
 
   const MultisymplecticSystem& system_;
   const grids::Grid& grid_;
-  Placement placement_;
+  Collocation collocation_;
   int field_;
   const InitialFields& all_;
   const Values& given_;
@@ -262,9 +262,9 @@ private:
 
 }  // namespace
 
-void check_agreement(const MultisymplecticSystem& system, const grids::Grid& grid, Placement placement, int field,
+void check_agreement(const MultisymplecticSystem& system, const grids::Grid& grid, Collocation collocation, int field,
                      const InitialFields& given, const LatticeLevel& level, const MatrixXd& rows) {
-  Comparison(system, grid, placement, field, given, level, rows).refuse_contradiction();
+  Comparison(system, grid, collocation, field, given, level, rows).refuse_contradiction();
 }
 
 }  // namespace rubato

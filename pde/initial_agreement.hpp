@@ -19,7 +19,7 @@ namespace rubato {
 ///
 /// \param rows the constraints as combinations of the equation's rows
 /// \throws InitialFieldError where they differ by more
-void check_agreement(const MultisymplecticSystem& system, const grids::Grid& grid, Placement placement, int field,
+void check_agreement(const MultisymplecticSystem& system, const grids::Grid& grid, Collocation collocation, int field,
                      const InitialFields& given, const LatticeLevel& level, const Eigen::MatrixXd& rows);
 
 }  // namespace rubato

@@ -124,11 +124,12 @@ Plan make_plan(const MultisymplecticSystem& system, const InitialFields& given) 
 /// Newton on the discrete constraints.
 class ConstraintSolve {
 public:
-  ConstraintSolve(const MultisymplecticSystem& system, const grids::Grid& grid, Placement placement, const Plan& plan)
+  ConstraintSolve(const MultisymplecticSystem& system, const grids::Grid& grid, Collocation collocation,
+                  const Plan& plan)
       : system_(system),
         grid_(grid),
         plan_(plan),
-        sweep_(system, grid, placement),
+        sweep_(system, grid, collocation),
         size_(static_cast<int>(plan.unknowns.size())),
         lines_(grid.size() / grid.cells(0)),
         residual_(system.field_count(), grid.size()),
@@ -170,7 +171,7 @@ public:
         add_entries(column, row, hessian_.field(static_cast<int>(e)).data());
       }
     }
-    solver_ = make_cell_solver(grid, placement, size_, conditions_.count(), newton_tolerance);
+    solver_ = make_cell_solver(grid, collocation, size_, conditions_.count(), newton_tolerance);
   }
 
   /// Of the constraints, as combinations of the equation's rows.
@@ -399,15 +400,15 @@ std::vector<std::string> find_cautions(const MultisymplecticSystem& system, cons
 }  // namespace
 
 InitialLevel prepare_initial_level(const MultisymplecticSystem& system, const grids::Grid& grid,
-                                   const InitialFields& given, Placement placement) {
-  if (placement == Placement::corners) {
+                                   const InitialFields& given, Collocation collocation) {
+  if (collocation == Collocation::corners) {
     LatticeLevel level = euler_box_level(system, grid, given);
     std::vector<int> computed;
     for (int f = 0; f < system.field_count(); ++f) {
       if (system.structure().algebraic[static_cast<std::size_t>(f)]) {
         computed.push_back(f);
         if (given[static_cast<std::size_t>(f)]) {
-          check_agreement(system, grid, placement, f, given, level, system.structure().level_constraints);
+          check_agreement(system, grid, collocation, f, given, level, system.structure().level_constraints);
         }
       }
     }
@@ -430,8 +431,8 @@ InitialLevel prepare_initial_level(const MultisymplecticSystem& system, const gr
     auto cautions = find_cautions(system, grid, given, {}, level);
     return {std::move(level), std::move(cautions)};
   }
-  ConstraintSolve solve(system, grid, placement, plan);
-  remove_sawtooths(system, grid, placement, plan.unknowns, solve.left_kernel(), level);
+  ConstraintSolve solve(system, grid, collocation, plan);
+  remove_sawtooths(system, grid, collocation, plan.unknowns, solve.left_kernel(), level);
   if (const Status status = solve.run(level); status != Status::success) {
     std::vector<std::string> names;
     for (const int f : plan.unknowns) {
@@ -442,7 +443,7 @@ InitialLevel prepare_initial_level(const MultisymplecticSystem& system, const gr
   }
   for (const int f : plan.unknowns) {
     if (given[static_cast<std::size_t>(f)]) {
-      check_agreement(system, grid, placement, f, given, level, plan.rows);
+      check_agreement(system, grid, collocation, f, given, level, plan.rows);
     }
   }
   auto cautions = find_cautions(system, grid, given, plan.unknowns, level);
@@ -450,8 +451,8 @@ InitialLevel prepare_initial_level(const MultisymplecticSystem& system, const gr
 }
 
 LatticeLevel initial_level(const MultisymplecticSystem& system, const grids::Grid& grid, const InitialFields& given,
-                           Placement placement) {
-  return prepare_initial_level(system, grid, given, placement).level;
+                           Collocation collocation) {
+  return prepare_initial_level(system, grid, given, collocation).level;
 }
 
 }  // namespace rubato

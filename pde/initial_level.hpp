@@ -39,9 +39,9 @@ struct InitialLevel {
 };
 
 /// The first level from the user's data: fields that the constraints of a level determine are computed from the others
-/// by the *discrete* constraints nᵀ(Σ K_a D_a z - ∇S(A z)) = 0 of the placement (theory, section 5, "Algebraic
+/// by the *discrete* constraints nᵀ(Σ K_a D_a z - ∇S(A z)) = 0 of the collocation (theory, section 5, "Algebraic
 /// fields"), whatever the user wrote for them; a potential φ with φ_x = u is split into m·x + periodic part, so that u
-/// is used as given, whatever its mean, and the periodic part has mean 0. With Placement::nodes and an even number of
+/// is used as given, whatever its mean, and the periodic part has mean 0. With Collocation::nodes and an even number of
 /// cells u loses its Nyquist mode, which φ_x cannot have.
 ///
 /// Cautions: data that do not repeat with the period of the grid (find_seam_break), a Nyquist mode that was more than
@@ -51,10 +51,11 @@ struct InitialLevel {
 /// determines; InitialFieldError if data given for a field that is computed differ from it by more than truncation
 /// error explains (check_agreement)
 [[nodiscard]] InitialLevel prepare_initial_level(const MultisymplecticSystem& system, const grids::Grid& grid,
-                                                 const InitialFields& given, Placement placement = Placement::cells);
+                                                 const InitialFields& given,
+                                                 Collocation collocation = Collocation::cells);
 
 /// Its level alone.
 [[nodiscard]] LatticeLevel initial_level(const MultisymplecticSystem& system, const grids::Grid& grid,
-                                         const InitialFields& given, Placement placement = Placement::cells);
+                                         const InitialFields& given, Collocation collocation = Collocation::cells);
 
 }  // namespace rubato

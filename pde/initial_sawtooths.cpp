@@ -23,16 +23,16 @@ using Eigen::VectorXd;
 
 class Removal {
 public:
-  Removal(const MultisymplecticSystem& system, const grids::Grid& grid, Placement placement,
+  Removal(const MultisymplecticSystem& system, const grids::Grid& grid, Collocation collocation,
           const std::vector<int>& computed, const MatrixXd& left)
       : system_(system),
         grid_(grid),
         computed_(computed),
         left_(left),
-        waves_(grid, placement, free_directions(system, left)),
+        waves_(grid, collocation, free_directions(system, left)),
         lines_(grid.size() / grid.cells(0)) {
     if (left.cols() > 0 && waves_.patterns().size() > 1) {
-      sweep_.emplace(system, grid, placement);
+      sweep_.emplace(system, grid, collocation);
       residual_ = grids::FieldSet(system.field_count(), grid.size());
       hessian_ = grids::FieldSet(static_cast<int>(system.varying_hessian().size()), grid.size());
     }
@@ -138,9 +138,9 @@ private:
 
 }  // namespace
 
-void remove_sawtooths(const MultisymplecticSystem& system, const grids::Grid& grid, Placement placement,
+void remove_sawtooths(const MultisymplecticSystem& system, const grids::Grid& grid, Collocation collocation,
                       const std::vector<int>& computed, const MatrixXd& left, LatticeLevel& level) {
-  Removal(system, grid, placement, computed, left)(level);
+  Removal(system, grid, collocation, computed, left)(level);
 }
 
 }  // namespace rubato

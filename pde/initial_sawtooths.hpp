@@ -15,7 +15,7 @@ namespace rubato {
 ///
 /// \param computed the fields that the constraints give; the others are the user's
 /// \param left the kernel vectors as columns, one entry for each row of the equation
-void remove_sawtooths(const MultisymplecticSystem& system, const grids::Grid& grid, Placement placement,
+void remove_sawtooths(const MultisymplecticSystem& system, const grids::Grid& grid, Collocation collocation,
                       const std::vector<int>& computed, const Eigen::MatrixXd& left, LatticeLevel& level);
 
 }  // namespace rubato

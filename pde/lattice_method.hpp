@@ -9,7 +9,7 @@
 #include <vector>
 
 #include <rubato/pde/lattice_scheme.hpp>
-#include <rubato/pde/law_engine.hpp>
+#include <rubato/pde/law_evaluator.hpp>
 #include <rubato/pde/local_laws.hpp>
 #include <rubato/pde/step_equation.hpp>
 #include <rubato/pde/tangent.hpp>
@@ -86,7 +86,7 @@ public:
                                                               const grids::Grid& grid, LatticeLevel first,
                                                               double first_step) const = 0;
   /// The local laws between two levels.
-  [[nodiscard]] virtual std::unique_ptr<LawEngine> laws(LawTables tables) const = 0;
+  [[nodiscard]] virtual std::unique_ptr<LawEvaluator> laws(LawTables tables) const = 0;
   /// What two levels leave of the scheme's equation. `first` and `first_step` are those of the run.
   [[nodiscard]] virtual std::unique_ptr<StepEquation> equation(const MultisymplecticSystem& system,
                                                                const grids::Grid& grid, const LatticeLevel& first,

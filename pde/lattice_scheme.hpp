@@ -66,7 +66,7 @@ public:
 /// first level has no Nyquist mode where a potential cannot. The linear systems are solved in Fourier space, with GMRES
 /// where S'' varies much.
 /// \throws std::invalid_argument as make_box_scheme, but for the number of cells; `first` from initial_level() with
-/// Placement::nodes
+/// Collocation::nodes
 [[nodiscard]] std::unique_ptr<LatticeScheme> make_fourier_scheme(const MultisymplecticSystem& system,
                                                                  const grids::Grid& grid, LatticeLevel first,
                                                                  double first_step);
@@ -90,7 +90,7 @@ public:
 /// E_k = Σ ΔV [S - Σ_a zᵀK₊δ_a⁺z] reads one level, and no h could be solved from it at turning points or on travelling
 /// waves. Stable under a CFL condition only, h < Δx for wave equations.
 /// \throws std::invalid_argument if the rows cannot be put into such an order (KdV and other potential forms, Dirac),
-/// saying which field is left; `first` from initial_level() with Placement::corners
+/// saying which field is left; `first` from initial_level() with Collocation::corners
 [[nodiscard]] std::unique_ptr<LatticeScheme> make_euler_box_scheme(const MultisymplecticSystem& system,
                                                                    const grids::Grid& grid, LatticeLevel first);
 

@@ -1,7 +1,7 @@
 #include <algorithm>
 
 #include <rubato/grids/reductions.hpp>
-#include <rubato/pde/law_engine.hpp>
+#include <rubato/pde/law_evaluator.hpp>
 
 namespace rubato {
 

@@ -1,4 +1,4 @@
-#include <rubato/pde/law_engine.hpp>
+#include <rubato/pde/law_evaluator.hpp>
 
 #include <algorithm>
 

@@ -9,7 +9,7 @@
 #include <fmt/format.h>
 
 #include <rubato/formula/batch.hpp>
-#include <rubato/pde/law_engine.hpp>
+#include <rubato/pde/law_evaluator.hpp>
 #include <rubato/solve/small_matrices.hpp>
 
 namespace rubato {
@@ -61,7 +61,7 @@ void check_symmetry(const MultisymplecticSystem& system, const LinearSymmetry& s
   }
 }
 
-LocalLaws::LocalLaws(std::unique_ptr<LawEngine> engine) : engine_(std::move(engine)) {}
+LocalLaws::LocalLaws(std::unique_ptr<LawEvaluator> engine) : engine_(std::move(engine)) {}
 LocalLaws::~LocalLaws() = default;
 LocalLaws::LocalLaws(LocalLaws&&) noexcept = default;
 LocalLaws& LocalLaws::operator=(LocalLaws&&) noexcept = default;

@@ -33,7 +33,7 @@ struct TangentLevels {
   std::span<const grids::FieldSet> stages = {};
 };
 
-class LawEngine;
+class LawEvaluator;
 class StageSource;
 
 /// The local conservation laws of a lattice, in the form that its scheme has them (theory, section 5).
@@ -73,12 +73,12 @@ class StageSource;
 class LocalLaws {
 public:
   /// Those of a method: see make_local_laws() of lattice_method.hpp.
-  explicit LocalLaws(std::unique_ptr<LawEngine> engine);
+  explicit LocalLaws(std::unique_ptr<LawEvaluator> engine);
   ~LocalLaws();
   LocalLaws(LocalLaws&&) noexcept;
   LocalLaws& operator=(LocalLaws&&) noexcept;
 
-  /// See LawEngine.
+  /// See LawEvaluator.
   void share(std::shared_ptr<StageSource> stages);
 
   /// "energy", "momentum" (in more dimensions "momentum_x", …; "momentum_balance" and "momentum_balance_x" where S
@@ -108,7 +108,7 @@ public:
   Spread multisymplectic_residual(const TangentLevels& u, const TangentLevels& v, double h, double* residual = nullptr);
 
 private:
-  std::unique_ptr<LawEngine> engine_;
+  std::unique_ptr<LawEvaluator> engine_;
 };
 
 }  // namespace rubato

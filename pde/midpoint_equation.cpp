@@ -19,17 +19,17 @@ using namespace tuning::midpoint_start;
 
 class MidpointEquation final : public StepEquation {
 public:
-  MidpointEquation(const MultisymplecticSystem& system, const grids::Grid& grid, Placement placement,
+  MidpointEquation(const MultisymplecticSystem& system, const grids::Grid& grid, Collocation collocation,
                    const LatticeLevel& first, double first_step)
       : StepEquation(system.field_count(), grid.size()),
         system_(system),
         at_midpoints_(system.structure().at_midpoints()),
-        sweep_(system, grid, placement),
+        sweep_(system, grid, collocation),
         point_(rows_),
         delta_(rows_),
         history_(at_midpoints_, grid.size()) {
     const double h = start_ratio * first_step;
-    const auto make = placement == Placement::nodes ? make_fourier_scheme : make_box_scheme;
+    const auto make = collocation == Collocation::nodes ? make_fourier_scheme : make_box_scheme;
     if (h != 0.0 && short_step(*make(system, grid, first, h), first, h, delta_) &&
         short_step(*make(system, grid, first, -h), first, -h, point_)) {
       for (int f = 0; f < system.field_count(); ++f) {
@@ -43,7 +43,7 @@ public:
     }
   }
 
-  [[nodiscard]] LevelNode node(const LatticeLevel& level) override {
+  [[nodiscard]] NodeEnergy node(const LatticeLevel& level) override {
     copy_level(level.fields, at_midpoints_, point_);
     history_.velocity(delta_);
     const SweepResult result = sweep(level.slopes, 0.0, {});
@@ -120,9 +120,9 @@ private:
 }  // namespace
 
 std::unique_ptr<StepEquation> make_midpoint_equation(const MultisymplecticSystem& system, const grids::Grid& grid,
-                                                     Placement placement, const LatticeLevel& first,
+                                                     Collocation collocation, const LatticeLevel& first,
                                                      double first_step) {
-  return std::make_unique<MidpointEquation>(system, grid, placement, first, first_step);
+  return std::make_unique<MidpointEquation>(system, grid, collocation, first, first_step);
 }
 
 }  // namespace rubato

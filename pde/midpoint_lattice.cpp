@@ -17,7 +17,7 @@
 #include <rubato/pde/level_fields.hpp>
 #include <rubato/pde/level_history.hpp>
 #include <rubato/pde/newton_contraction.hpp>
-#include <rubato/pde/slaved_fields.hpp>
+#include <rubato/pde/static_condensation.hpp>
 #include <rubato/pde/tuning.hpp>
 
 namespace rubato {
@@ -27,14 +27,14 @@ namespace {
 using namespace tuning::midpoint_lattice;
 using namespace tuning::midpoint_start;
 
-void check(const MultisymplecticSystem& system, const grids::Grid& grid, Placement placement,
+void check(const MultisymplecticSystem& system, const grids::Grid& grid, Collocation collocation,
            const LatticeLevel& first) {
   if (system.directions() != grid.dimensions()) {
     throw std::invalid_argument(
         fmt::format("the system has {} space direction(s), the grid {}", system.directions(), grid.dimensions()));
   }
   for (int a = 0; a < grid.dimensions(); ++a) {
-    if (placement == Placement::cells && grid.cells(a) % 2 == 0) {
+    if (collocation == Collocation::cells && grid.cells(a) % 2 == 0) {
       throw std::invalid_argument(
           fmt::format("box needs an odd number of cells in every direction, and {} has {}: with an even one the "
                       "average of neighbours annihilates the sawtooth (-1)^i, which the scheme then cannot determine; "
@@ -106,13 +106,13 @@ Sizes add_twice(std::span<const double> c, std::span<double> delta) {
 /// Box and Fourier: the same midpoint rule in time with another A and D_a.
 class MidpointLattice final : public LatticeScheme {
 public:
-  MidpointLattice(const MultisymplecticSystem& system, const grids::Grid& grid, Placement placement, LatticeLevel first,
-                  double first_step)
+  MidpointLattice(const MultisymplecticSystem& system, const grids::Grid& grid, Collocation collocation,
+                  LatticeLevel first, double first_step)
       : system_(system),
         grid_(grid),
         level_(std::move(first)),
         at_midpoints_(system.structure().at_midpoints()),
-        sweep_(system, grid, placement),
+        sweep_(system, grid, collocation),
         low_(system.field_count(), grid.size()),
         delta_(low_),
         point_(low_),
@@ -126,19 +126,19 @@ public:
         conditions_(step_conditions(system, first_step)),
         change_known_(conditions_.count() == 0 && std::ranges::find(at_midpoints_, true) == at_midpoints_.end()),
         border_(static_cast<std::size_t>(conditions_.count()) * (grid.size() / grid.cells(0))),
-        slaved_(conditions_.count() > 0 ? SlavedFields(system, nullptr) : SlavedFields(system)),
-        solver_(make_cell_solver(grid, placement, static_cast<int>(slaved_.free().size()), conditions_.count(),
+        condensation_(conditions_.count() > 0 ? StaticCondensation(system, nullptr) : StaticCondensation(system)),
+        solver_(make_cell_solver(grid, collocation, static_cast<int>(condensation_.free().size()), conditions_.count(),
                                  newton_tolerance)) {
     for (int a = 0; a < system.directions(); ++a) {
-      matrix_.difference.push_back(slaved_.restricted(system.K(a)));
+      matrix_.difference.push_back(condensation_.restricted(system.K(a)));
     }
-    for (const int f : slaved_.free()) {
+    for (const int f : condensation_.free()) {
       free_residual_.push_back(std::as_const(residual_).field(f).data());
       free_correction_.push_back(correction_.field(f).data());
     }
     for (std::size_t e = 0; e < system.varying_hessian().size(); ++e) {
-      const int row = slaved_.place(system.varying_hessian()[e].row);
-      const int column = slaved_.place(system.varying_hessian()[e].column);
+      const int row = condensation_.place(system.varying_hessian()[e].row);
+      const int column = condensation_.place(system.varying_hessian()[e].column);
       const double* values = hessian_.field(static_cast<int>(e)).data();
       matrix_.entries.push_back({row, column, -1.0, values});
       if (row != column) {
@@ -186,7 +186,7 @@ public:
   [[nodiscard]] bool slope_to_leading_order() const override { return true; }
   [[nodiscard]] int iterations() const override { return iterations_; }
 
-  [[nodiscard]] LevelNode node() override {
+  [[nodiscard]] NodeEnergy node() override {
     if (!node_known_) {
       find_start_velocity();
       history_.velocity(correction_);
@@ -196,7 +196,7 @@ public:
     return node_;
   }
 
-  [[nodiscard]] LevelNode trial_node() override {
+  [[nodiscard]] NodeEnergy trial_node() override {
     history_.velocity_after(trial_h_, delta_, correction_);
     make_point(1.0);
     return level_node(point_);
@@ -304,7 +304,7 @@ private:
   }
 
   /// At the node values `fields`, with the velocities in correction_.
-  LevelNode level_node(const grids::FieldSet& fields) {
+  NodeEnergy level_node(const grids::FieldSet& fields) {
     EvolvingRates rates;
     const auto rate = evolving(correction_, rates);
     copy_level(fields, at_midpoints_, point_);
@@ -366,8 +366,8 @@ private:
       conditions_ = step_conditions(system_, h);
       conditions_h_ = h;
     }
-    slaved_.reduced_mean(h, matrix_.mean);
-    slaved_.follow(h, level_.fields, low_, delta_);
+    condensation_.reduced_mean(h, matrix_.mean);
+    condensation_.follow(h, level_.fields, low_, delta_);
     EvolvingRates rates;
     const auto rate = evolving(delta_, rates);
     const grids::FieldSet& point = point_;
@@ -399,7 +399,7 @@ private:
           status != Status::success) {
         return status == Status::undefined ? status : Status::not_converged;
       }
-      slaved_.correct(h, correction_);
+      condensation_.correct(h, correction_);
       const double size = add_correction();
       if (!std::isfinite(size)) {
         return Status::undefined;
@@ -464,7 +464,7 @@ private:
   double conditions_h_ = 0.0;
   bool change_known_;  ///< whether a correction's energy can be had without another sweep
   std::vector<double> border_;
-  SlavedFields slaved_;
+  StaticCondensation condensation_;
   std::vector<const double*> free_residual_;  ///< of the fields that are solved for
   std::vector<double*> free_correction_;
   std::unique_ptr<CellSolver> solver_;
@@ -476,7 +476,7 @@ private:
   std::vector<double> terms_at_start_;  ///< means over the cells of the terms of S
   formula::SumSize size_of_energy_;
   std::size_t size_age_ = tuning::size_period;  ///< levels since it was taken
-  LevelNode node_;
+  NodeEnergy node_;
   bool node_known_ = false;
 };
 
@@ -484,14 +484,14 @@ private:
 
 std::unique_ptr<LatticeScheme> make_box_scheme(const MultisymplecticSystem& system, const grids::Grid& grid,
                                                LatticeLevel first, double first_step) {
-  check(system, grid, Placement::cells, first);
-  return std::make_unique<MidpointLattice>(system, grid, Placement::cells, std::move(first), first_step);
+  check(system, grid, Collocation::cells, first);
+  return std::make_unique<MidpointLattice>(system, grid, Collocation::cells, std::move(first), first_step);
 }
 
 std::unique_ptr<LatticeScheme> make_fourier_scheme(const MultisymplecticSystem& system, const grids::Grid& grid,
                                                    LatticeLevel first, double first_step) {
-  check(system, grid, Placement::nodes, first);
-  return std::make_unique<MidpointLattice>(system, grid, Placement::nodes, std::move(first), first_step);
+  check(system, grid, Collocation::nodes, first);
+  return std::make_unique<MidpointLattice>(system, grid, Collocation::nodes, std::move(first), first_step);
 }
 
 }  // namespace rubato

@@ -17,11 +17,11 @@ grids::BoxOperator along_axis(int axis, grids::Along along) {
 
 }  // namespace
 
-NodeDerivative::NodeDerivative(const grids::Grid& grid, Placement placement) : grid_(grid) {
-  if (placement == Placement::cells) {
+NodeDerivative::NodeDerivative(const grids::Grid& grid, Collocation collocation) : grid_(grid) {
+  if (collocation == Collocation::cells) {
     throw std::invalid_argument("derivatives at nodes are not those of the box");
   }
-  if (placement == Placement::nodes) {
+  if (collocation == Collocation::nodes) {
     spectral_ = std::make_unique<grids::SpectralDerivative>(grid);
   } else {
     scratch_ = grids::FieldSet(1, grid.size());

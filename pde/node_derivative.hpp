@@ -9,8 +9,8 @@
 
 namespace rubato {
 
-/// Derivatives at the nodes in densities and fluxes of local laws, by placement: ∂ (Placement::nodes), or the backward
-/// difference δ⁻ (Placement::corners).
+/// Derivatives at the nodes in densities and fluxes of local laws, by collocation: ∂ (Collocation::nodes), or the
+/// backward difference δ⁻ (Collocation::corners).
 ///
 /// For M z_t + Σ_a (K₊δ_a⁺ - K₊ᵀδ_a⁻) z = ∇S(z) the laws of energy and of a linear symmetry B (with K₊B skew in the
 /// sense K₊B = -BᵀK₊) hold exactly at every node while time is continuous, with z⁺ the neighbour along a:
@@ -18,8 +18,8 @@ namespace rubato {
 ///     ∂_t[S + Σ_a (δ_a⁻z)ᵀK₊z] - Σ_a δ_a⁻[z_tᵀK₊z⁺] = 0,      ∂_t[½ zᵀMBz] + Σ_a δ_a⁻[zᵀK₊Bz⁺] = 0.
 class NodeDerivative {
 public:
-  /// \throws std::invalid_argument for Placement::cells
-  NodeDerivative(const grids::Grid& grid, Placement placement);
+  /// \throws std::invalid_argument for Collocation::cells
+  NodeDerivative(const grids::Grid& grid, Collocation collocation);
 
   [[nodiscard]] bool one_sided() const { return spectral_ == nullptr; }
   /// out = D_a in; in and out may be the same.

@@ -8,7 +8,7 @@
 #include <rubato/grids/buffer.hpp>
 #include <rubato/grids/reductions.hpp>
 #include <rubato/grids/whole.hpp>
-#include <rubato/pde/law_engine.hpp>
+#include <rubato/pde/law_evaluator.hpp>
 #include <rubato/pde/node_derivative.hpp>
 #include <rubato/pde/placed_coordinates.hpp>
 #include <rubato/pde/tuning.hpp>
@@ -24,9 +24,9 @@ constexpr int in_time = LawTables::time;
 /// The laws at the nodes. What is differentiated is most of their cost, so that it is little: densities of a level
 /// once, for the two steps that it is a level of; fields where a current has their derivative; and fluxes, which are
 /// summed over the stages before.
-class NodeLaws final : public LawEngine {
+class NodeLaws final : public LawEvaluator {
 public:
-  NodeLaws(LawTables tables, Placement placement, std::shared_ptr<StageSource> stages);
+  NodeLaws(LawTables tables, Collocation collocation, std::shared_ptr<StageSource> stages);
 
   void share(std::shared_ptr<StageSource> stages) override { points_.share(std::move(stages)); }
   [[nodiscard]] const LawTables& tables() const override { return tables_; }
@@ -84,10 +84,10 @@ private:
   Fluxes at_level_, of_step_;
 };
 
-NodeLaws::NodeLaws(LawTables tables, Placement placement, std::shared_ptr<StageSource> stages)
+NodeLaws::NodeLaws(LawTables tables, Collocation collocation, std::shared_ptr<StageSource> stages)
     : tables_(std::move(tables)),
       blocks_(tables_.grid),
-      derivative_(tables_.grid, placement),
+      derivative_(tables_.grid, collocation),
       points_(tables_.system, tables_.grid, std::move(stages)),
       known_(tables_.d, tables_.grid.size()),
       density_(static_cast<int>(tables_.names.size()), tables_.grid.size()) {
@@ -336,8 +336,9 @@ std::vector<double> NodeLaws::totals(const LatticeLevel& level) {
 
 }  // namespace
 
-std::unique_ptr<LawEngine> make_node_laws(LawTables tables, Placement placement, std::shared_ptr<StageSource> stages) {
-  return std::make_unique<NodeLaws>(std::move(tables), placement, std::move(stages));
+std::unique_ptr<LawEvaluator> make_node_laws(LawTables tables, Collocation collocation,
+                                             std::shared_ptr<StageSource> stages) {
+  return std::make_unique<NodeLaws>(std::move(tables), collocation, std::move(stages));
 }
 
 }  // namespace rubato

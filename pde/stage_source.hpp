@@ -4,7 +4,7 @@
 #include <utility>
 #include <vector>
 
-#include <rubato/base/outcome.hpp>
+#include <rubato/base/status.hpp>
 #include <rubato/grids/field_set.hpp>
 #include <rubato/pde/initial_level.hpp>
 #include <rubato/pde/multisymplectic_system.hpp>

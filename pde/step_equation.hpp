@@ -28,7 +28,7 @@ public:
   virtual ~StepEquation() = default;
   /// 𝓔(z_k); and Γ(z_k) if all steps that led to the level were judged before, one after the other. Not finite where S
   /// is not.
-  [[nodiscard]] virtual LevelNode node(const LatticeLevel& level) = 0;
+  [[nodiscard]] virtual NodeEnergy node(const LatticeLevel& level) = 0;
   [[nodiscard]] virtual StepLaw judge(const LatticeLevel& before, const LatticeLevel& after, double h) = 0;
   /// The same for any two levels: no step that was judged.
   [[nodiscard]] virtual StepLaw measure(const LatticeLevel& before, const LatticeLevel& after, double h) = 0;
@@ -44,7 +44,7 @@ protected:
 /// Γ at a level comes from the rates of the last steps, as in a run. At `first`, the level that all started from, there
 /// are none, and a short step forward and one back stand for them, hundredths of `first_step` long.
 [[nodiscard]] std::unique_ptr<StepEquation> make_midpoint_equation(const MultisymplecticSystem& system,
-                                                                   const grids::Grid& grid, Placement placement,
+                                                                   const grids::Grid& grid, Collocation collocation,
                                                                    const LatticeLevel& first, double first_step);
 
 /// Of Gauss collocation: steps are taken again, and the residual is what the level after differs from where its step

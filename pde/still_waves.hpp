@@ -17,9 +17,9 @@ namespace rubato {
 /// of its own, and no sawtooth along it need be looked at.
 class StillWaves {
 public:
-  StillWaves(const grids::Grid& grid, Placement placement, const std::array<bool, 2>& free)
+  StillWaves(const grids::Grid& grid, Collocation collocation, const std::array<bool, 2>& free)
       : ny_(grid.cells(1)), free_(free) {
-    for (int a = 0; placement == Placement::nodes && a < grid.dimensions(); ++a) {
+    for (int a = 0; collocation == Collocation::nodes && a < grid.dimensions(); ++a) {
       if (grid.cells(a) % 2 == 0 && !(a > 0 && free[static_cast<std::size_t>(a) - 1])) {
         for (std::size_t i = 0, count = patterns_.size(); i < count; ++i) {
           patterns_.push_back(patterns_[i] | 1U << static_cast<unsigned>(a));

@@ -39,7 +39,7 @@ public:
     }
     const int conditions = step_conditions(s, 1.0).count();
     border.resize(static_cast<std::size_t>(conditions) * blocks.lines);
-    solver = make_cell_solver(grid, Placement::cells, s.field_count(), conditions, 1e-14);
+    solver = make_cell_solver(grid, Collocation::cells, s.field_count(), conditions, 1e-14);
   }
 
   Status operator()(const LatticeLevel& before, const LatticeLevel& after, double h, const grids::FieldSet& u_before,

@@ -6,8 +6,8 @@
 #include <span>
 #include <vector>
 
-#include <rubato/base/outcome.hpp>
 #include <rubato/base/state.hpp>
+#include <rubato/base/status.hpp>
 #include <rubato/pde/initial_level.hpp>
 #include <rubato/pde/local_laws.hpp>
 #include <rubato/pde/multisymplectic_system.hpp>

@@ -107,7 +107,7 @@ inline constexpr double no_amplitude = 1e-15;
 
 }  // namespace rubato::tuning::sawtooths
 
-/// Krylov solver of cells (krylov_cell_solver.cpp).
+/// Krylov solver of cells (gmres_cell_solver.cpp).
 namespace rubato::tuning::krylov {
 
 inline constexpr int restart = 20;

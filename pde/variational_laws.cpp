@@ -4,7 +4,7 @@
 #include <utility>
 
 #include <rubato/grids/reductions.hpp>
-#include <rubato/pde/law_engine.hpp>
+#include <rubato/pde/law_evaluator.hpp>
 
 namespace rubato {
 

@@ -7,7 +7,7 @@
 
 #include <Eigen/Core>
 
-#include <rubato/base/outcome.hpp>
+#include <rubato/base/status.hpp>
 #include <rubato/pde/multisymplectic_system.hpp>
 #include <rubato/pde/wave_rows.hpp>
 

@@ -69,10 +69,10 @@ void set_wave(const MatrixXcd& values, std::size_t wave, WaveRows& rows) {
 
 }  // namespace
 
-WaveSplitting::WaveSplitting(const MultisymplecticSystem& system, const grids::Grid& grid, Placement placement)
+WaveSplitting::WaveSplitting(const MultisymplecticSystem& system, const grids::Grid& grid, Collocation collocation)
     : system_(system),
       grid_(grid),
-      placement_(placement),
+      collocation_(collocation),
       whole_size_(grids::whole_of(grid).size()),
       fourier_(grid, system.field_count()),
       places_(system, grid, Within::node) {
@@ -187,7 +187,7 @@ MatrixXcd WaveSplitting::derivatives_on_wave(std::size_t wave) const {
   for (int a = 0; a < grid_.dimensions(); ++a) {
     const grids::Axis& axis = grids::whole_of(grid_).axis(a);
     const auto number = k[static_cast<std::size_t>(a)];
-    if (placement_ == Placement::nodes) {
+    if (collocation_ == Collocation::nodes) {
       sum += grids::derivative_symbol(number, axis) * system_.K(a).cast<Complex>();
     } else {
       const double theta = 2.0 * std::numbers::pi * static_cast<double>(number) / static_cast<double>(axis.cells);

@@ -37,8 +37,9 @@ public:
   /// equation of motion (KdV and other potential forms), where N depends on one of these, or where its flow is neither
   /// a kick nor a turn
   /// On the grid of a slab, of the whole lattice (grids::Fourier); fields and rates come with their ghosts then.
-  /// \param placement nodes: Σ K_a ∂_a; corners: Σ K₊δ_a⁺ - K₊ᵀδ_a⁻, second differences of wave equations
-  WaveSplitting(const MultisymplecticSystem& system, const grids::Grid& grid, Placement placement = Placement::nodes);
+  /// \param collocation nodes: Σ K_a ∂_a; corners: Σ K₊δ_a⁺ - K₊ᵀδ_a⁻, second differences of wave equations
+  WaveSplitting(const MultisymplecticSystem& system, const grids::Grid& grid,
+                Collocation collocation = Collocation::nodes);
 
   /// \throws SchemeRefusal if the composition is not of its order here: one of Nyström's kind beside turns. Of kicks
   /// [N, [N, [N, L]]] = 0, for L is of degree two in what they move, and N does not depend on that.
@@ -117,7 +118,7 @@ private:
 
   MultisymplecticSystem system_;
   grids::Grid grid_;
-  Placement placement_;
+  Collocation collocation_;
   std::size_t whole_size_;  ///< nodes of the whole lattice
   grids::Fourier fourier_;
   std::vector<int> evolving_, others_;        ///< fields with an equation of motion, and without

@@ -12,7 +12,7 @@
 #include <toml++/toml.h>
 
 #include <rubato/base/quoted.hpp>
-#include <rubato/problem/scan.hpp>
+#include <rubato/problem/toml_precheck.hpp>
 
 namespace rubato {
 namespace {
@@ -194,7 +194,7 @@ Value read_document(std::string_view text, const std::string& source) {
   if (text.starts_with(byte_order_mark)) {
     text.remove_prefix(byte_order_mark.size());
   }
-  scan_toml(text, source);
+  precheck_toml(text, source);
   const Converter converter(text, source);
   try {
     const toml::table table = toml::parse(text, source);

@@ -156,7 +156,7 @@ void check_state(const record::Reader& reader, const StoredLevels& levels, const
     leader->order_state(tells_state);
   }
   Simulation& simulation = chronicle.simulation();
-  const LevelNode node = simulation.node();
+  const NodeEnergy node = simulation.node();
   const auto at_last = [&](const char* path, double expected) {
     const double stored = reader.read(path, last, 1).front();
     // Bits may differ between machines whose elementary functions round differently.

@@ -145,7 +145,7 @@ void Chronicle::tell_start(RowSink& sink) {
 }
 
 void Chronicle::tell_level(std::size_t number, RowSink& sink) {
-  const LevelNode node = simulation_->node();
+  const NodeEnergy node = simulation_->node();
   const figures::LevelFigures level{.t = simulation_->t(), .node_energy = node.energy, .gamma = node.gamma};
   statistics_.add_level(level);
   sink.append(columns_.t, level.t);

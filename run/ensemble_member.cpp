@@ -63,7 +63,7 @@ private:
       return;
     }
     chronicle_.tell_step(report, rows_);
-    const LevelNode node = simulation().node();
+    const NodeEnergy node = simulation().node();
     if (!std::isfinite(node.energy) || (simulation().has_gamma() && !std::isfinite(node.gamma))) {
       throw LastRows::Undefined{"the node energy or Gamma is not finite"};
     }

@@ -334,7 +334,7 @@ private:
       return values;
     };
     std::vector<double> found = evaluate(after_), allowed;
-    const LevelNode node = equation_->node(after_);
+    const NodeEnergy node = equation_->node(after_);
     const auto tolerance = [&](std::size_t i) {
       return [&, i] {
         if (allowed.empty()) {

@@ -207,7 +207,7 @@ private:
   }
 
   /// H and Γ at z; of a problem stated by L, which has no formula for H, by its scheme. After that, formula_inputs().
-  [[nodiscard]] LevelNode node_at(const std::vector<double>& z) {
+  [[nodiscard]] NodeEnergy node_at(const std::vector<double>& z) {
     if (law_) {
       return (*law_)(z.data());
     }
@@ -252,7 +252,7 @@ private:
   void check_node(const std::vector<double>& z, std::size_t level) {
     const std::size_t outputs = 2 + laws_.size();
     const auto evaluate = [this](const std::vector<double>& state, std::vector<double>& out) {
-      const LevelNode node = node_at(state);
+      const NodeEnergy node = node_at(state);
       out[0] = node.energy;
       out[1] = node.gamma;
       std::ranges::copy(invariants_(formula_inputs(state)), out.begin() + 2);

@@ -9,7 +9,7 @@
 
 #include <rubato/base/limits.hpp>
 #include <rubato/formula/bytecode.hpp>
-#include <rubato/pde/law_engine.hpp>
+#include <rubato/pde/law_evaluator.hpp>
 #include <rubato/pde/placed_coordinates.hpp>
 #include <rubato/problem/lattice_problem.hpp>
 #include <rubato/problem/stored.hpp>

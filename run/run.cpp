@@ -295,7 +295,7 @@ private:
       return;
     }
     const std::size_t steps = statistics().steps;
-    LevelNode node;
+    NodeEnergy node;
     try {
       tell(*recorder_, [&](RowSink& sink) {
         chronicle_->tell_step(report, sink);

@@ -33,7 +33,7 @@ public:
 
   [[nodiscard]] bool finished() const { return integrator().finished(); }
   [[nodiscard]] double t() const { return integrator().t(); }
-  [[nodiscard]] LevelNode node() { return integrator().node(); }  ///< H(z_k) and Γ(z_k)
+  [[nodiscard]] NodeEnergy node() { return integrator().node(); }  ///< H(z_k) and Γ(z_k)
   [[nodiscard]] bool autonomous() const { return integrator().autonomous(); }
   /// Whether node() knows Γ: not for an arbitrary 𝕃, nor where no levels are chosen by it.
   [[nodiscard]] bool has_gamma() const { return integrator().has_gamma(); }

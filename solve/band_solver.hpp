@@ -5,7 +5,7 @@
 #include <utility>
 #include <vector>
 
-#include <rubato/base/outcome.hpp>
+#include <rubato/base/status.hpp>
 
 namespace rubato::solve {
 

@@ -13,7 +13,7 @@
 #include <rubato/base/limits.hpp>
 #include <rubato/grids/buffer.hpp>
 #include <rubato/grids/wide_vectors.hpp>
-#include <rubato/solve/chunk_elimination.hpp>
+#include <rubato/solve/block_qr_reduction.hpp>
 #include <rubato/solve/cyclic_sparse.hpp>
 #include <rubato/solve/dense_solver.hpp>
 #include <rubato/solve/tuning.hpp>

@@ -5,7 +5,7 @@
 #include <span>
 #include <vector>
 
-#include <rubato/base/outcome.hpp>
+#include <rubato/base/status.hpp>
 
 namespace rubato::solve {
 

@@ -2,7 +2,7 @@
 
 #include <memory>
 
-#include <rubato/base/outcome.hpp>
+#include <rubato/base/status.hpp>
 
 namespace rubato::solve {
 

@@ -7,7 +7,7 @@
 #include <limits>
 #include <utility>
 
-#include <rubato/base/outcome.hpp>
+#include <rubato/base/status.hpp>
 
 /// \file
 /// LU with partial pivoting of matrices of a few rows, as plain loops: for sizes that the compiler knows they unroll.

@@ -7,7 +7,7 @@
 #include <span>
 #include <vector>
 
-#include <rubato/base/outcome.hpp>
+#include <rubato/base/status.hpp>
 #include <rubato/grids/fourier.hpp>
 #include <rubato/grids/grid.hpp>
 

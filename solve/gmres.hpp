@@ -6,7 +6,7 @@
 #include <type_traits>
 #include <vector>
 
-#include <rubato/base/outcome.hpp>
+#include <rubato/base/status.hpp>
 #include <rubato/grids/buffer.hpp>
 
 namespace rubato::solve {

@@ -54,19 +54,19 @@ double TimeLevels::law_power(double gamma) const {
   return orientation * sign(gamma) * std::pow(std::abs(gamma), 1.0 / (scheme_.order() + 1.0));
 }
 
-double TimeLevels::law_defect(const LevelNode& node) const {
+double TimeLevels::law_defect(const NodeEnergy& node) const {
   return node.energy - energy_ - law_constant_ * law_power(node.gamma);
 }
 
 /// Where the amplitude before a bridge from the present level is read: at the level before, as the amplitude after the
 /// bridge is at the level after its end.
-LevelNode TimeLevels::law_node() {
-  const LevelNode here = scheme_.node();
+NodeEnergy TimeLevels::law_node() {
+  const NodeEnergy here = scheme_.node();
   return remembered_ > 0 && last_node_.gamma * here.gamma > 0.0 ? last_node_ : here;
 }
 
 /// The reversible rule: the law's constant is the amplitude at this node.
-void TimeLevels::measure_law(const LevelNode& node) {
+void TimeLevels::measure_law(const NodeEnergy& node) {
   if (options_.bridge == BridgeRule::anchored) {
     return;
   }
@@ -79,17 +79,17 @@ void TimeLevels::measure_law(const LevelNode& node) {
 }
 
 /// The end of `count` plain steps of length h. Leaves the scheme at the present level.
-std::optional<LevelNode> TimeLevels::plain_end(double h, int count, double accuracy) {
+std::optional<NodeEnergy> TimeLevels::plain_end(double h, int count, double accuracy) {
   StateWriter before(StateWriter::For::going_back);
   if (count > 1) {
     scheme_.save(before);
   }
-  std::optional<LevelNode> end;
+  std::optional<NodeEnergy> end;
   for (int i = 1; i <= count; ++i) {
     if (scheme_.advance(h, accuracy) != Status::success) {
       break;
     }
-    const LevelNode node = scheme_.trial_node();
+    const NodeEnergy node = scheme_.trial_node();
     if (!std::isfinite(node.energy) || !(std::abs(h) <= longest_for_gamma * law_step(node.gamma))) {
       break;
     }
@@ -111,11 +111,11 @@ std::optional<LevelNode> TimeLevels::plain_end(double h, int count, double accur
 std::optional<TimeLevels::Bridge> TimeLevels::find_bridge(int count, bool crossing) {
   const double here = scheme_.node().gamma;
   const double unit = plain_length();
-  std::optional<LevelNode> previous;
+  std::optional<NodeEnergy> previous;
   double previous_h = 0.0;
   for (const double ratio : lengths) {
     const double h = ratio * unit;
-    const std::optional<LevelNode> node = plain_end(h, count, trial_accuracy);
+    const std::optional<NodeEnergy> node = plain_end(h, count, trial_accuracy);
     if (!node) {
       return std::nullopt;
     }
@@ -148,7 +148,7 @@ std::optional<TimeLevels::Bridge> TimeLevels::refine_bridge(int count, double ne
   bridge.count = count;
   for (int iteration = 0; iteration < 60; ++iteration) {
     bridge.h = far_h - far_defect * (far_h - near_h) / (far_defect - near_defect);
-    const std::optional<LevelNode> node = plain_end(bridge.h, count, 0.0);
+    const std::optional<NodeEnergy> node = plain_end(bridge.h, count, 0.0);
     if (!node) {
       return std::nullopt;
     }
@@ -275,7 +275,7 @@ StepReport TimeLevels::singular_step(const StepReport& ordinary) {
     return wait_step();
   }
   const bool exists = ordinary.status == Status::success;
-  const LevelNode next = exists ? scheme_.trial_node() : LevelNode{};
+  const NodeEnergy next = exists ? scheme_.trial_node() : NodeEnergy{};
   const bool same_side = exists && next.gamma * scheme_.node().gamma > 0.0;
   measure_law(law_node());
   const std::optional<Bridge> bridge = find_bridge(1, true);
@@ -333,7 +333,7 @@ StepReport TimeLevels::waiting_step() {
   double smallest = std::numeric_limits<double>::infinity();
   for (int halving = 0; halving < 10 && smallest == std::numeric_limits<double>::infinity(); ++halving) {
     for (const double ratio : waiting_lengths) {
-      const std::optional<LevelNode> end = plain_end(ratio * length, 1, trial_accuracy);
+      const std::optional<NodeEnergy> end = plain_end(ratio * length, 1, trial_accuracy);
       if (!end) {
         continue;
       }
@@ -354,7 +354,7 @@ StepReport TimeLevels::waiting_step() {
 std::optional<StepReport> TimeLevels::resumed_step(double misfit) {
   double expected = std::abs(regular_step_);
   if (scheme_.has_node_law()) {
-    const LevelNode here = scheme_.node();
+    const NodeEnergy here = scheme_.node();
     set_direction(here.gamma);
     expected = law_step(here.gamma);
   } else if (std::isfinite(slope_gamma_[0])) {

@@ -36,7 +36,7 @@ bool TimeLevels::seen_after(double h, bool otherwise, const Judge& judge) {
 /// Anchored: if it is more centred on the zero than a bridge from the end of the ordinary step would be. Reversible: if
 /// it and the ordinary step after it take less time than the ordinary step and the bridge from its end; a run backward
 /// in time asks what the run forward would have done at the far end of the bridge.
-bool TimeLevels::bridge_now(const Bridge& bridge, const StepReport& ordinary, const LevelNode& next) {
+bool TimeLevels::bridge_now(const Bridge& bridge, const StepReport& ordinary, const NodeEnergy& next) {
   if (options_.bridge == BridgeRule::reversible) {
     return regular_step_ > 0.0 || remembered_ == 0 ? is_sooner(bridge.h + bridge.after, ordinary.h)
                                                    : is_way_back(bridge);
@@ -50,7 +50,7 @@ bool TimeLevels::bridge_now(const Bridge& bridge, const StepReport& ordinary, co
 /// Whether a bridge and the step after it, of this length together, are shorter than an ordinary step and the bridge
 /// from its end.
 bool TimeLevels::is_sooner(double bridge_and_step, double ordinary) {
-  const LevelNode here = scheme_.node();
+  const NodeEnergy here = scheme_.node();
   return seen_after(ordinary, true, [&] {
     measure_law(here);
     const std::optional<Bridge> later = find_bridge(1, true);
@@ -81,7 +81,7 @@ bool TimeLevels::is_bridged_before(const Bridge& bridge) {
 
 /// From the far end of a bridge backward in time: whether a run forward would take it there, not an ordinary step.
 bool TimeLevels::is_bridged_at_end(const Bridge& bridge) {
-  const LevelNode far = scheme_.node();
+  const NodeEnergy far = scheme_.node();
   const double bridge_and_step = bridge.h + last_step_;
   last_step_ = regular_step_ = -bridge.after;
   set_direction(far.gamma);

@@ -13,8 +13,8 @@ bool Integrator::finished() const {
   return direction * (levels_->time() - until_) >= -end_slack * std::abs(levels_->last_step());
 }
 
-LevelNode Integrator::node() {
-  LevelNode node = level_scheme_->node();
+NodeEnergy Integrator::node() {
+  NodeEnergy node = level_scheme_->node();
   node.energy += node_constant_;
   return node;
 }
@@ -81,7 +81,7 @@ std::string slope_name(int order) {
                       : fmt::format("-(24/({} h^{})) dE/dh", order * (order + 1), order - 1);
 }
 
-std::string describe_failure(const StepReport& report, double t, const LevelNode& node, double last_step,
+std::string describe_failure(const StepReport& report, double t, const NodeEnergy& node, double last_step,
                              OnSingular on_singular, std::string_view reason, const SchemeTraits& scheme) {
   const std::string where =
       std::isfinite(node.gamma)

@@ -43,9 +43,9 @@ public:
   [[nodiscard]] bool finished() const;
 
   [[nodiscard]] double t() const { return levels_->time(); }
-  [[nodiscard]] LevelNode node();  ///< H(z_k), or 𝓔(z_k), and Γ(z_k); Γ is NaN where the scheme has none
+  [[nodiscard]] NodeEnergy node();  ///< H(z_k), or 𝓔(z_k), and Γ(z_k); Γ is NaN where the scheme has none
   /// The same of H, or S, without the constant that was added to it.
-  [[nodiscard]] LevelNode bare_node() { return level_scheme_->node(); }
+  [[nodiscard]] NodeEnergy bare_node() { return level_scheme_->node(); }
   [[nodiscard]] bool has_gamma() const { return level_scheme_->has_gamma(); }
   /// Whether E_k is one constant for the run; if not (𝕃 depends on t), energy_balance() is what (3.4) leaves.
   [[nodiscard]] bool autonomous() const { return !level_scheme_->energy_target().has_value(); }
@@ -89,7 +89,7 @@ private:
 
 /// One sentence on why a step failed at time t, with the values that matter and what to do, given what the run does
 /// already where Γ vanishes. `reason`: what of the formula was not defined, where that is known.
-[[nodiscard]] std::string describe_failure(const StepReport& report, double t, const LevelNode& node, double last_step,
+[[nodiscard]] std::string describe_failure(const StepReport& report, double t, const NodeEnergy& node, double last_step,
                                            OnSingular on_singular, std::string_view reason = {},
                                            const SchemeTraits& scheme = {});
 

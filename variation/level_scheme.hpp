@@ -3,15 +3,15 @@
 #include <optional>
 #include <string>
 
-#include <rubato/base/outcome.hpp>
 #include <rubato/base/state.hpp>
+#include <rubato/base/status.hpp>
 #include <rubato/formula/rounding.hpp>
 
 namespace rubato {
 
 /// What the choice of time levels reads at a level: the node energy H(z_k) and Γ(z_k) (theory, section 3; for order s
 /// Γ stands for -24 φ^(s+1), which is Γ itself for s = 2).
-struct LevelNode {
+struct NodeEnergy {
   double energy = 0.0;
   double gamma = 0.0;
 };
@@ -47,9 +47,9 @@ public:
   /// bridges stand. Not so for an arbitrary 𝕃.
   [[nodiscard]] virtual bool has_node_law() const { return true; }
 
-  [[nodiscard]] virtual LevelNode node() = 0;        ///< at the current level
-  [[nodiscard]] virtual LevelNode trial_node() = 0;  ///< at the trial level
-  [[nodiscard]] virtual int iterations() const = 0;  ///< solver iterations since the last accept()
+  [[nodiscard]] virtual NodeEnergy node() = 0;        ///< at the current level
+  [[nodiscard]] virtual NodeEnergy trial_node() = 0;  ///< at the trial level
+  [[nodiscard]] virtual int iterations() const = 0;   ///< solver iterations since the last accept()
 
   /// Whether node() knows Γ, the quantity that dE_k/dh of this scheme is proportional to; else it is NaN there.
   [[nodiscard]] virtual bool has_gamma() const { return has_node_law(); }

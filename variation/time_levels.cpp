@@ -163,12 +163,12 @@ StepReport TimeLevels::fixed_step() {
 
 StepReport TimeLevels::first_step() {
   choose_potential();
-  const LevelNode here = scheme_.node();
+  const NodeEnergy here = scheme_.node();
   StepReport result = plain_step(fixed_h_);
   if (result.status != Status::success) {
     return result;
   }
-  const LevelNode next = scheme_.trial_node();
+  const NodeEnergy next = scheme_.trial_node();
   const bool ill_conditioned = !(result.condition <= options_.condition_limit);
   if (potential_.active()) {
     if (ill_conditioned) {

@@ -159,11 +159,11 @@ private:
   struct Bridge {
     double h = 0.0;
     int count = 0;
-    LevelNode end = {};
-    double miss = 0.0;    ///< relative, of the node law at the end
-    double after = 0.0;   ///< length of the ordinary step that follows
-    LevelNode next = {};  ///< at its end
-    double slope = 0.0;   ///< of the law defect at `end`, by h
+    NodeEnergy end = {};
+    double miss = 0.0;     ///< relative, of the node law at the end
+    double after = 0.0;    ///< length of the ordinary step that follows
+    NodeEnergy next = {};  ///< at its end
+    double slope = 0.0;    ///< of the law defect at `end`, by h
   };
   StepReport singular_step(const StepReport& ordinary);
   StepReport wait_step();
@@ -174,7 +174,7 @@ private:
   StepReport bridge_step();
   StepReport flagged(StepReport report);
   [[nodiscard]] bool crossing_is_near(const StepReport& step);
-  [[nodiscard]] bool bridge_now(const Bridge& bridge, const StepReport& ordinary, const LevelNode& next);
+  [[nodiscard]] bool bridge_now(const Bridge& bridge, const StepReport& ordinary, const NodeEnergy& next);
   [[nodiscard]] bool is_sooner(double bridge_and_step, double ordinary);
   [[nodiscard]] bool is_way_back(const Bridge& bridge);
   [[nodiscard]] bool is_bridged_before(const Bridge& bridge);
@@ -182,13 +182,13 @@ private:
   /// What `judge` says at the end of a step of length h, or `otherwise` if there is none; leaves all as it was.
   template <typename Judge>
   [[nodiscard]] bool seen_after(double h, bool otherwise, const Judge& judge);
-  void measure_law(const LevelNode& node);
-  [[nodiscard]] LevelNode law_node();
+  void measure_law(const NodeEnergy& node);
+  [[nodiscard]] NodeEnergy law_node();
   [[nodiscard]] double law_power(double gamma) const;
-  [[nodiscard]] double law_defect(const LevelNode& node) const;
+  [[nodiscard]] double law_defect(const NodeEnergy& node) const;
   [[nodiscard]] double step_after(const Bridge& bridge) const;
   [[nodiscard]] double plain_length() const;
-  [[nodiscard]] std::optional<LevelNode> plain_end(double h, int count, double accuracy);
+  [[nodiscard]] std::optional<NodeEnergy> plain_end(double h, int count, double accuracy);
   [[nodiscard]] std::optional<Bridge> find_bridge(int count, bool crossing);
   [[nodiscard]] std::optional<Bridge> refine_bridge(int count, double near_h, double near_defect, double far_h,
                                                     double far_defect);
@@ -213,8 +213,8 @@ private:
   double law_constant_ = 0.0;
   double step_constant_ = 0.0;  ///< |h^(s+1) Γ|, of the first step or as law_constant_ has it
   double last_step_ = 0.0;
-  LevelNode last_node_{std::numeric_limits<double>::quiet_NaN(),
-                       std::numeric_limits<double>::quiet_NaN()};  ///< the level before this one, for bridges
+  NodeEnergy last_node_{std::numeric_limits<double>::quiet_NaN(),
+                        std::numeric_limits<double>::quiet_NaN()};  ///< the level before this one, for bridges
   double trial_step_ = 0.0;    ///< the step the scheme's trial level was last solved for
   double direction_ = 1.0;     ///< sign of dE/d|h| on the branch the run is on
   double regular_step_ = 0.0;  ///< the last step that met the law

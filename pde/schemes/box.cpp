@@ -42,23 +42,23 @@ public:
   }
   [[nodiscard]] InitialLevel first_level(const MultisymplecticSystem& system, const grids::Grid& grid,
                                          const InitialFields& given) const override {
-    return prepare_initial_level(system, grid, given, placement());
+    return prepare_initial_level(system, grid, given, collocation());
   }
   [[nodiscard]] std::unique_ptr<LatticeScheme> scheme(const MultisymplecticSystem& system, const grids::Grid& grid,
                                                       LatticeLevel first, double first_step) const override {
     return is_box() ? make_box_scheme(system, grid, std::move(first), first_step)
                     : make_gauss_lattice(system, grid, stages_, std::move(first), space_);
   }
-  [[nodiscard]] std::unique_ptr<LawEngine> laws(LawTables tables) const override {
+  [[nodiscard]] std::unique_ptr<LawEvaluator> laws(LawTables tables) const override {
     if (is_box()) {
-      return make_face_laws(std::move(tables), Placement::cells);
+      return make_edge_laws(std::move(tables), Collocation::cells);
     }
     auto stages = make_gauss_stages(tables.system, tables.grid, stages_, space_);
-    return make_face_laws(std::move(tables), placement(), std::move(stages));
+    return make_edge_laws(std::move(tables), collocation(), std::move(stages));
   }
   [[nodiscard]] std::unique_ptr<StepEquation> equation(const MultisymplecticSystem& system, const grids::Grid& grid,
                                                        const LatticeLevel& first, double first_step) const override {
-    return is_box() ? make_midpoint_equation(system, grid, Placement::cells, first, first_step)
+    return is_box() ? make_midpoint_equation(system, grid, Collocation::cells, first, first_step)
                     : make_gauss_equation(system, grid, stages_, first, space_);
   }
   [[nodiscard]] std::unique_ptr<TangentStep> tangents(const MultisymplecticSystem& system,
@@ -68,7 +68,7 @@ public:
 
 private:
   [[nodiscard]] bool is_box() const { return stages_ == 1 && space_.stages == 1; }
-  [[nodiscard]] Placement placement() const { return Placement::elements(space_.stages); }
+  [[nodiscard]] Collocation collocation() const { return Collocation::elements(space_.stages); }
 
   int stages_;
   SpaceRule space_;

@@ -48,8 +48,8 @@ public:
   }
   [[nodiscard]] double discrete_energy_slope() const override { return slope_; }
   [[nodiscard]] bool has_gamma() const override { return false; }
-  [[nodiscard]] LevelNode node() override { return {energy_here(), 0.0}; }
-  [[nodiscard]] LevelNode trial_node() override { return {energy_there(), 0.0}; }
+  [[nodiscard]] NodeEnergy node() override { return {energy_here(), 0.0}; }
+  [[nodiscard]] NodeEnergy trial_node() override { return {energy_there(), 0.0}; }
   [[nodiscard]] int iterations() const override { return iterations_; }
 
   void accept() override {
@@ -95,7 +95,7 @@ public:
   EulerBoxEquation(const MultisymplecticSystem& system, const grids::Grid& grid)
       : StepEquation(system.field_count(), grid.size()), map_(system, grid) {}
 
-  [[nodiscard]] LevelNode node(const LatticeLevel& level) override { return {map_.energy(level.fields), 0.0}; }
+  [[nodiscard]] NodeEnergy node(const LatticeLevel& level) override { return {map_.energy(level.fields), 0.0}; }
 
   [[nodiscard]] StepLaw judge(const LatticeLevel& before, const LatticeLevel& after, double h) override {
     return measure(before, after, h);
@@ -130,14 +130,14 @@ public:
   }
   [[nodiscard]] InitialLevel first_level(const MultisymplecticSystem& system, const grids::Grid& grid,
                                          const InitialFields& given) const override {
-    return prepare_initial_level(system, grid, given, Placement::corners);
+    return prepare_initial_level(system, grid, given, Collocation::corners);
   }
   [[nodiscard]] std::unique_ptr<LatticeScheme> scheme(const MultisymplecticSystem& system, const grids::Grid& grid,
                                                       LatticeLevel first, double) const override {
     return make_euler_box_scheme(system, grid, std::move(first));
   }
-  [[nodiscard]] std::unique_ptr<LawEngine> laws(LawTables tables) const override {
-    return make_corner_laws(std::move(tables));
+  [[nodiscard]] std::unique_ptr<LawEvaluator> laws(LawTables tables) const override {
+    return make_euler_box_laws(std::move(tables));
   }
   [[nodiscard]] std::unique_ptr<StepEquation> equation(const MultisymplecticSystem& system, const grids::Grid& grid,
                                                        const LatticeLevel&, double) const override {

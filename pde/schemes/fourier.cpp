@@ -23,23 +23,23 @@ public:
   [[nodiscard]] bool has_variational_laws() const override { return false; }
   [[nodiscard]] InitialLevel first_level(const MultisymplecticSystem& system, const grids::Grid& grid,
                                          const InitialFields& given) const override {
-    return prepare_initial_level(system, grid, given, Placement::nodes);
+    return prepare_initial_level(system, grid, given, Collocation::nodes);
   }
   [[nodiscard]] std::unique_ptr<LatticeScheme> scheme(const MultisymplecticSystem& system, const grids::Grid& grid,
                                                       LatticeLevel first, double first_step) const override {
     return stages_ == 1 ? make_fourier_scheme(system, grid, std::move(first), first_step)
                         : make_gauss_lattice(system, grid, stages_, std::move(first));
   }
-  [[nodiscard]] std::unique_ptr<LawEngine> laws(LawTables tables) const override {
+  [[nodiscard]] std::unique_ptr<LawEvaluator> laws(LawTables tables) const override {
     if (stages_ == 1) {
-      return make_node_laws(std::move(tables), Placement::nodes);
+      return make_node_laws(std::move(tables), Collocation::nodes);
     }
     auto stages = make_gauss_stages(tables.system, tables.grid, stages_);
-    return make_node_laws(std::move(tables), Placement::nodes, std::move(stages));
+    return make_node_laws(std::move(tables), Collocation::nodes, std::move(stages));
   }
   [[nodiscard]] std::unique_ptr<StepEquation> equation(const MultisymplecticSystem& system, const grids::Grid& grid,
                                                        const LatticeLevel& first, double first_step) const override {
-    return stages_ == 1 ? make_midpoint_equation(system, grid, Placement::nodes, first, first_step)
+    return stages_ == 1 ? make_midpoint_equation(system, grid, Collocation::nodes, first, first_step)
                         : make_gauss_equation(system, grid, stages_, first);
   }
   [[nodiscard]] std::unique_ptr<TangentStep> tangents(const MultisymplecticSystem&, const grids::Grid&) const override {

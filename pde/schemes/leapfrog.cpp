@@ -12,7 +12,7 @@
 #include <rubato/pde/family_lattice.hpp>
 #include <rubato/pde/lattice_method.hpp>
 #include <rubato/pde/matrix_terms.hpp>
-#include <rubato/pde/slaved_fields.hpp>
+#include <rubato/pde/static_condensation.hpp>
 #include <rubato/variation/lattice_variation.hpp>
 
 namespace rubato {
@@ -294,7 +294,9 @@ private:
 class LeapfrogLattice final : public FamilyLattice {
 public:
   LeapfrogLattice(const MultisymplecticSystem& system, const grids::Grid& grid, LatticeLevel first)
-      : FamilyLattice(system, grid, std::move(first), Placement::corners), map_(system, grid), trial_(level_.fields) {}
+      : FamilyLattice(system, grid, std::move(first), Collocation::corners),
+        map_(system, grid),
+        trial_(level_.fields) {}
 
   [[nodiscard]] Status advance(double h, double) override {
     forget_trial();
@@ -328,7 +330,7 @@ private:
 class LeapfrogEquation final : public FamilyEquation {
 public:
   LeapfrogEquation(const MultisymplecticSystem& system, const grids::Grid& grid)
-      : FamilyEquation(system, grid, Placement::corners), map_(system, grid) {}
+      : FamilyEquation(system, grid, Collocation::corners), map_(system, grid) {}
 
   [[nodiscard]] StepLaw measure(const LatticeLevel& before, const LatticeLevel& after, double h) override {
     StepLaw law = unknown();
@@ -357,13 +359,13 @@ private:
 
 /// The laws at nodes; and of two tangent solutions, with ω = m (U_u V_v - U_v V_u) at a level and Ω the two-form of the
 /// slab's action at the node, at both levels together a divergence in space: (ω_{k+1} - ω_k)/h - Ω/(h ΔV).
-class LeapfrogLaws final : public LawEngine {
+class LeapfrogLaws final : public LawEvaluator {
 public:
   explicit LeapfrogLaws(LawTables tables)
       : pairs_(wave_type(tables.system).pairs),
         volume_(tables.grid.cell_volume()),
         variation_(leapfrog_action(tables.system, false), tables.grid),
-        laws_(make_node_laws(std::move(tables), Placement::corners)) {}
+        laws_(make_node_laws(std::move(tables), Collocation::corners)) {}
 
   [[nodiscard]] const LawTables& tables() const override { return laws_->tables(); }
   std::vector<Spread> residuals(const LatticeLevel& before, const LatticeLevel& after, double h,
@@ -400,7 +402,7 @@ private:
   std::vector<MovingPair> pairs_;
   double volume_;
   LatticeVariation variation_;
-  std::unique_ptr<LawEngine> laws_;
+  std::unique_ptr<LawEvaluator> laws_;
 };
 
 /// Leapfrog in time and space, from leapfrog_action() alone: step, energy, equation and variational laws are variations
@@ -418,13 +420,13 @@ public:
   [[nodiscard]] InitialLevel first_level(const MultisymplecticSystem& system, const grids::Grid& grid,
                                          const InitialFields& given) const override {
     static_cast<void>(wave_type(system));  // which says what is wrong in terms of this scheme
-    return prepare_initial_level(system, grid, given, Placement::corners);
+    return prepare_initial_level(system, grid, given, Collocation::corners);
   }
   [[nodiscard]] std::unique_ptr<LatticeScheme> scheme(const MultisymplecticSystem& system, const grids::Grid& grid,
                                                       LatticeLevel first, double) const override {
     return std::make_unique<LeapfrogLattice>(system, grid, std::move(first));
   }
-  [[nodiscard]] std::unique_ptr<LawEngine> laws(LawTables tables) const override {
+  [[nodiscard]] std::unique_ptr<LawEvaluator> laws(LawTables tables) const override {
     return std::make_unique<LeapfrogLaws>(std::move(tables));
   }
   [[nodiscard]] std::unique_ptr<StepEquation> equation(const MultisymplecticSystem& system, const grids::Grid& grid,

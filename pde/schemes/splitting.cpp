@@ -19,9 +19,9 @@ namespace {
 class SplittingLattice final : public FamilyLattice {
 public:
   SplittingLattice(const MultisymplecticSystem& system, const grids::Grid& grid, const Composition& composition,
-                   LatticeLevel first, Placement placement)
-      : FamilyLattice(system, grid, std::move(first), placement),
-        splitting_(system, grid, placement),
+                   LatticeLevel first, Collocation collocation)
+      : FamilyLattice(system, grid, std::move(first), collocation),
+        splitting_(system, grid, collocation),
         composition_(composition) {
     splitting_.check(composition);
     splitting_.stand(level_);
@@ -85,8 +85,8 @@ private:
 class SplittingEquation final : public FamilyEquation {
 public:
   SplittingEquation(const MultisymplecticSystem& system, const grids::Grid& grid, const Composition& composition,
-                    Placement placement)
-      : FamilyEquation(system, grid, placement), splitting_(system, grid, placement), composition_(composition) {}
+                    Collocation collocation)
+      : FamilyEquation(system, grid, collocation), splitting_(system, grid, collocation), composition_(composition) {}
 
   [[nodiscard]] StepLaw measure(const LatticeLevel& before, const LatticeLevel& after, double h) override {
     StepLaw law = unknown();
@@ -114,8 +114,8 @@ private:
 class SplittingStages final : public StageSource {
 public:
   SplittingStages(const MultisymplecticSystem& system, const grids::Grid& grid, const Composition& composition,
-                  Placement placement)
-      : splitting_(system, grid, placement),
+                  Collocation collocation)
+      : splitting_(system, grid, collocation),
         quadrature_(ActionQuadrature::Points::lobatto, composition.order / 2),
         composition_(composition),
         grid_(grid),
@@ -164,14 +164,14 @@ private:
 /// Compositions of the waves' exact flow and that of what is left of S: WaveSplitting.
 class SplittingMethod final : public LatticeMethod {
 public:
-  SplittingMethod(const Composition& composition, Placement placement)
-      : composition_(composition), placement_(placement) {}
+  SplittingMethod(const Composition& composition, Collocation collocation)
+      : composition_(composition), collocation_(collocation) {}
 
   [[nodiscard]] int order() const override { return composition_.order; }
   [[nodiscard]] bool has_bridges() const override { return false; }
   [[nodiscard]] bool has_variational_laws() const override { return false; }
   /// With differences: laws at nodes have spectral derivatives, which are taken of a whole lattice.
-  [[nodiscard]] bool is_shared() const override { return placement_ == Placement::corners; }
+  [[nodiscard]] bool is_shared() const override { return collocation_ == Collocation::corners; }
   [[nodiscard]] bool is_shared_in(int dimensions) const override { return is_shared() && dimensions > 1; }
   /// Laws read the fluxes of a neighbour, which reads its own; the waves of a step are the whole lattice's.
   [[nodiscard]] std::size_t ghosts(const MultisymplecticSystem&) const override { return 2; }
@@ -181,9 +181,9 @@ public:
   }
   [[nodiscard]] InitialLevel first_level(const MultisymplecticSystem& system, const grids::Grid& grid,
                                          const InitialFields& given) const override {
-    InitialLevel first = prepare_initial_level(system, grid, given, Placement::nodes);
-    if (placement_ == Placement::corners) {  // what follows from the others follows by differences
-      WaveSplitting splitting(system, grid, placement_);
+    InitialLevel first = prepare_initial_level(system, grid, given, Collocation::nodes);
+    if (collocation_ == Collocation::corners) {  // what follows from the others follows by differences
+      WaveSplitting splitting(system, grid, collocation_);
       grids::FieldSet all(system.field_count(), grid.size());
       splitting.stand(first.level);
       if (splitting.step(composition_, 0.0)) {
@@ -199,15 +199,15 @@ public:
   }
   [[nodiscard]] std::unique_ptr<LatticeScheme> scheme(const MultisymplecticSystem& system, const grids::Grid& grid,
                                                       LatticeLevel first, double) const override {
-    return std::make_unique<SplittingLattice>(system, grid, composition_, std::move(first), placement_);
+    return std::make_unique<SplittingLattice>(system, grid, composition_, std::move(first), collocation_);
   }
-  [[nodiscard]] std::unique_ptr<LawEngine> laws(LawTables tables) const override {
-    auto stages = std::make_shared<SplittingStages>(tables.system, tables.grid, composition_, placement_);
-    return make_node_laws(std::move(tables), placement_, std::move(stages));
+  [[nodiscard]] std::unique_ptr<LawEvaluator> laws(LawTables tables) const override {
+    auto stages = std::make_shared<SplittingStages>(tables.system, tables.grid, composition_, collocation_);
+    return make_node_laws(std::move(tables), collocation_, std::move(stages));
   }
   [[nodiscard]] std::unique_ptr<StepEquation> equation(const MultisymplecticSystem& system, const grids::Grid& grid,
                                                        const LatticeLevel&, double) const override {
-    return std::make_unique<SplittingEquation>(system, grid, composition_, placement_);
+    return std::make_unique<SplittingEquation>(system, grid, composition_, collocation_);
   }
   [[nodiscard]] std::unique_ptr<TangentStep> tangents(const MultisymplecticSystem&, const grids::Grid&) const override {
     return nullptr;
@@ -215,7 +215,7 @@ public:
 
 private:
   const Composition& composition_;
-  Placement placement_;
+  Collocation collocation_;
 };
 
 }  // namespace
@@ -226,8 +226,8 @@ LatticeMethodEntry splitting_method() {
           .has_compositions = true,
           .has_space = true,
           .make = [](const LatticeMethodChoice& choice) -> std::unique_ptr<LatticeMethod> {
-            return std::make_unique<SplittingMethod>(composition(choice.composition),
-                                                     choice.space == "fourier" ? Placement::nodes : Placement::corners);
+            return std::make_unique<SplittingMethod>(
+                composition(choice.composition), choice.space == "fourier" ? Collocation::nodes : Collocation::corners);
           }};
 }
 

@@ -86,7 +86,7 @@ TEST_CASE("the backward error of a step tells a step that is solved from one tha
     const auto scheme = method->scheme(system, line, first, h);
     REQUIRE(scheme->advance(h, 0.0) == Status::success);
     scheme->accept();
-    CellSweep sweep(system, line, std::string(name) == "box" ? Placement::cells : Placement::nodes);
+    CellSweep sweep(system, line, std::string(name) == "box" ? Collocation::cells : Collocation::nodes);
     const auto backward_error = [&](double displacement) {
       grids::FieldSet after = scheme->level().fields, point = after, rate = after, residual = after;
       after.field(1)[7] += displacement;

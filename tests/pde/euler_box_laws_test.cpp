@@ -113,7 +113,7 @@ TEST_CASE("the tangents of euler-box and leapfrog are the derivatives of their m
     INFO(name);
     const grids::Grid line({{"x", -6, 6, 60}});
     const auto method = make_lattice_method({.name = name});
-    const LatticeLevel first = initial_level(system, line, bumps(system, line), Placement::corners);
+    const LatticeLevel first = initial_level(system, line, bumps(system, line), Collocation::corners);
     const grids::FieldSet u = random_tangent(system, line, 3);
     const auto after = [&, &system = system, h = h](double s) {
       LatticeLevel moved = first;

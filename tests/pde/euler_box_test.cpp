@@ -70,6 +70,6 @@ TEST_CASE("euler-box refuses what it cannot do, with the reason") {
   CHECK_THROWS_WITH(LatticeIntegrator(sine_gordon(), grid, {zero, zero, std::nullopt},
                                       {.lagrangian = "euler-box", .step = 0.1, .until = 1}),
                     Contains("fixed levels only"));
-  CHECK_THROWS_WITH(initial_level(korteweg_de_vries(6, 1), grid, {zero, zero, zero, zero}, Placement::corners),
+  CHECK_THROWS_WITH(initial_level(korteweg_de_vries(6, 1), grid, {zero, zero, zero, zero}, Collocation::corners),
                     Contains("no equation gives phi"));
 }

@@ -150,7 +150,7 @@ TEST_CASE("a sawtooth that a potential cannot have is taken out of the data, and
   for (std::size_t i = 0; i < u.size(); ++i) {
     u[i] += i % 2 == 0 ? 0.05 : -0.05;
   }
-  const InitialLevel first = prepare_initial_level(system, grid, initial, Placement::nodes);
+  const InitialLevel first = prepare_initial_level(system, grid, initial, Collocation::nodes);
   // What the smooth data have of it themselves: their kink at the seam, exp(-25), and less.
   CHECK(largest_difference(first.level.fields.field(system.field("u")), smooth) < 1e-11);
   REQUIRE(first.cautions.size() == 1);
@@ -158,11 +158,11 @@ TEST_CASE("a sawtooth that a potential cannot have is taken out of the data, and
                                          Catch::Contains("x = 49"));
   // The twins: what smooth data lose is not worth a word, and an odd number of cells loses nothing.
   u = smooth;
-  CHECK(prepare_initial_level(system, grid, initial, Placement::nodes).cautions.empty());
+  CHECK(prepare_initial_level(system, grid, initial, Collocation::nodes).cautions.empty());
   const grids::Grid odd({{"x", -10, 10, 49}});
   initial = humps(system, odd);
   (*initial[1])[7] += 0.05;
-  const auto used = prepare_initial_level(system, odd, initial, Placement::nodes);
+  const auto used = prepare_initial_level(system, odd, initial, Collocation::nodes);
   CHECK(largest_difference(used.level.fields.field(1), *initial[1]) == 0.0);
 }
 

@@ -53,7 +53,7 @@ TEST_CASE("one Gauss stage on cells is the box scheme") {
   // whose sawtooths rounding enters 45 times enlarged.
   for (const Example& example : examples(true)) {
     INFO(example.name);
-    const LatticeLevel first = first_level(example, Placement::cells);
+    const LatticeLevel first = first_level(example, Collocation::cells);
     const double h = 0.02;
     const auto box = make_box_scheme(example.system, example.grid, first, h);
     const auto gauss = make_gauss_lattice(example.system, example.grid, 1, first, cells);
@@ -76,10 +76,10 @@ TEST_CASE("the stages of Gauss collocation on cells solve the equation at every 
   // As for the spectral lattice; derivatives in cells enlarge what rounding leaves of sawtooths by 2/Δx ~ 6.
   for (const auto& [example, space_stages] : examples_and_stages()) {
     INFO(example.name << ", " << space_stages << " in space");
-    const LatticeLevel first = first_level(example, Placement::elements(space_stages));
+    const LatticeLevel first = first_level(example, Collocation::elements(space_stages));
     GaussSlab slab(example.system, example.grid, 3, first, {.stages = space_stages});
     REQUIRE(slab.take(first, first, 0.05) == Status::success);
-    CellSweep sweep(example.system, example.grid, Placement::elements(space_stages));
+    CellSweep sweep(example.system, example.grid, Collocation::elements(space_stages));
     grids::FieldSet z = first.fields, rate = z, residual = z;
     double energy = 0.0;
     for (int i = 0; i < slab.count(); ++i) {
@@ -252,7 +252,7 @@ TEST_CASE("collocation with three stages in space: derivatives and values by wav
 TEST_CASE("energies on elements are their quadrature's") {
   const grids::Grid grid({{"x", -8, 8, 45}});
   const MultisymplecticSystem system = sine_gordon();
-  const LatticeLevel level = initial_level(system, grid, smooth_hump(grid), Placement::elements(3));
+  const LatticeLevel level = initial_level(system, grid, smooth_hump(grid), Collocation::elements(3));
   ElementOperators elements(grid, 3);
   std::vector<std::vector<double>> z(3, std::vector<double>(45)), dz = z;
   for (std::size_t f = 0; f < 3; ++f) {
@@ -268,7 +268,7 @@ TEST_CASE("energies on elements are their quadrature's") {
     energy += 3 * grid.spacing(0) * tableau.b[static_cast<Eigen::Index>(p % 3)] * density;
     twin += grid.spacing(0) * density;
   }
-  CellSweep sweep(system, grid, Placement::elements(3));
+  CellSweep sweep(system, grid, Collocation::elements(3));
   const double swept = sweep(level.fields.pointers(), level.slopes, {}, 0.0, {}, {}).energy;
   CHECK(swept == Approx(energy).epsilon(1e-13));
   CHECK(std::abs(swept - twin) > 1e-8);
@@ -285,7 +285,7 @@ TEST_CASE("Gauss collocation on cells conserves the form of two tangent solution
         continue;
       }
       INFO(example.name << ", " << stages << " stages, " << space_stages << " in space");
-      const LatticeLevel first = first_level(example, Placement::elements(space_stages));
+      const LatticeLevel first = first_level(example, Collocation::elements(space_stages));
       const double h = 0.02;
       const auto scheme = method->scheme(example.system, example.grid, first, h);
       LocalLaws laws = make_local_laws(*method, example.system, example.grid);
@@ -307,7 +307,7 @@ TEST_CASE("tangent solutions of Gauss collocation are derivatives of its map") {
   for (const int space_stages : {1, 3}) {
     const Example example = examples(true)[1];
     const auto method = make_lattice_method({.name = "box", .stages = 2, .space_stages = space_stages});
-    const LatticeLevel first = first_level(example, Placement::elements(space_stages));
+    const LatticeLevel first = first_level(example, Collocation::elements(space_stages));
     const grids::FieldSet u = random_tangent(example.system, example.grid, 3),
                           v = random_tangent(example.system, example.grid, 4);
     const double h = 0.02, epsilon = 1e-4;
@@ -349,7 +349,7 @@ TEST_CASE("first levels fulfil their constraints at the points of elements") {
       continue;
     }
     INFO(example.name);
-    CellSweep sweep(example.system, example.grid, Placement::elements(3));
+    CellSweep sweep(example.system, example.grid, Collocation::elements(3));
     const auto left = [&](const LatticeLevel& level) {
       grids::FieldSet residual(example.system.field_count(), example.grid.size());
       sweep(level.fields.pointers(), level.slopes, {}, 0.0, residual.pointers(), {});
@@ -365,8 +365,8 @@ TEST_CASE("first levels fulfil their constraints at the points of elements") {
       }
       return worst;
     };
-    CHECK(left(first_level(example, Placement::elements(3))) < 1e-12);
-    CHECK(left(first_level(example, Placement::cells)) > 1e-4);  // the twin: constraints of the box
+    CHECK(left(first_level(example, Collocation::elements(3))) < 1e-12);
+    CHECK(left(first_level(example, Collocation::cells)) > 1e-4);  // the twin: constraints of the box
   }
 }
 

@@ -70,7 +70,7 @@ TEST_CASE("the discrete energy of Gauss collocation is the mean of S over the st
     const auto scheme = make_gauss_lattice(example.system, example.grid, 3, first);
     REQUIRE(scheme->advance(0.05, 0.0) == Status::success);
     const auto stages = scheme->stages();
-    CellSweep sweep(example.system, example.grid, Placement::nodes);
+    CellSweep sweep(example.system, example.grid, Collocation::nodes);
     grids::FieldSet z = first.fields, rate = z;
     double energy = 0.0, at_first = 0.0;
     for (int i = 0; i < stages->count(); ++i) {
@@ -95,7 +95,7 @@ TEST_CASE("the stages of Gauss collocation solve the equation at every node") {
     const LatticeLevel first = first_level(example);
     GaussSlab slab(example.system, example.grid, 3, first);
     REQUIRE(slab.take(first, first, 0.05) == Status::success);
-    CellSweep sweep(example.system, example.grid, Placement::nodes);
+    CellSweep sweep(example.system, example.grid, Collocation::nodes);
     grids::FieldSet z = first.fields, rate = z, residual = z;
     for (int i = 0; i < slab.count(); ++i) {
       slab.stage(i, z, rate);
@@ -135,7 +135,7 @@ TEST_CASE("the squares of the Korteweg-de Vries equation stay what they are, how
   InitialFields initial(system.fields().size());
   const auto u = static_cast<std::size_t>(std::ranges::find(system.fields(), "u") - system.fields().begin());
   initial[u] = sampled(grid, [](double x) { return 2.0 / std::pow(std::cosh(x), 2); });
-  const LatticeLevel first = initial_level(system, grid, initial, Placement::nodes);
+  const LatticeLevel first = initial_level(system, grid, initial, Collocation::nodes);
   const auto squares = [&](const grids::FieldSet& z) {
     return grids::dot(z.field(static_cast<int>(u)), z.field(static_cast<int>(u)));
   };

@@ -44,7 +44,7 @@ LatticeLevel kinks_at(double s) {
     u[i] = kinks(x, s);
     v[i] = speed * (8.0 * (kinks(x, s + d) - kinks(x, s - d)) - (kinks(x, s + 2 * d) - kinks(x, s - 2 * d))) / (12 * d);
   }
-  return initial_level(sine_gordon(), grid, initial, Placement::nodes);
+  return initial_level(sine_gordon(), grid, initial, Collocation::nodes);
 }
 
 grids::FieldSet derivative(const grids::FieldSet& z) {

@@ -38,7 +38,7 @@ inline std::vector<Example> examples(bool odd_alone = false) {
           {"wave in the plane", wave_equation_2d("1 - cos(u)"), plane, {"u", "v"}}};
 }
 
-inline LatticeLevel first_level(const Example& example, Placement placement = Placement::nodes) {
+inline LatticeLevel first_level(const Example& example, Collocation collocation = Collocation::nodes) {
   InitialFields initial(example.system.fields().size());
   double shift = 0.0;
   for (std::size_t f = 0; f < initial.size(); ++f) {
@@ -61,7 +61,7 @@ inline LatticeLevel first_level(const Example& example, Placement placement = Pl
       values[i] = (0.1 + 0.4 * std::exp(-square / 4.0)) * (f == 0 || example.given.size() != 2 ? 1.0 : 0.5);
     }
   }
-  return initial_level(example.system, example.grid, initial, placement);
+  return initial_level(example.system, example.grid, initial, collocation);
 }
 
 /// z after `steps` equal steps; fields at midpoints left out.

@@ -21,14 +21,15 @@ namespace {
 constexpr double pi = std::numbers::pi;
 
 /// The level of a wave equation with these u and w.
-InitialLevel with_w(const grids::Grid& grid, const Profile& u, const Profile& w, Placement placement) {
-  return prepare_initial_level(
-      sine_gordon(), grid, {sampled(grid, u), sampled(grid, [](double) { return 0.0; }), sampled(grid, w)}, placement);
+InitialLevel with_w(const grids::Grid& grid, const Profile& u, const Profile& w, Collocation collocation) {
+  return prepare_initial_level(sine_gordon(), grid,
+                               {sampled(grid, u), sampled(grid, [](double) { return 0.0; }), sampled(grid, w)},
+                               collocation);
 }
 
-bool refused(const grids::Grid& grid, const Profile& u, const Profile& w, Placement placement) {
+bool refused(const grids::Grid& grid, const Profile& u, const Profile& w, Collocation collocation) {
   try {
-    static_cast<void>(with_w(grid, u, w, placement));
+    static_cast<void>(with_w(grid, u, w, collocation));
     return false;
   } catch (const InitialFieldError& error) {
     CHECK(error.field() == 2);
@@ -52,26 +53,26 @@ double slope_of_bump(double x) {
 }  // namespace
 
 TEST_CASE("a jump at the seam excuses what differs there, and nothing else") {
-  for (const Placement placement : {Placement::cells, Placement::nodes, Placement::corners}) {
-    INFO("placement " << static_cast<int>(placement.points));
+  for (const Collocation collocation : {Collocation::cells, Collocation::nodes, Collocation::corners}) {
+    INFO("collocation " << static_cast<int>(collocation.points));
     const grids::Grid grid({{"x", -10, 10, 401}});
     CHECK(refused(
-        grid, bump, [](double x) { return 3.0 * x; }, placement));
+        grid, bump, [](double x) { return 3.0 * x; }, collocation));
     CHECK(refused(
-        grid, bump, [](double x) { return slope_of_bump(x) + 0.01 * x; }, placement));
+        grid, bump, [](double x) { return slope_of_bump(x) + 0.01 * x; }, collocation));
     CHECK(refused(
-        grid, bump, [](double) { return 0.0; }, placement));
+        grid, bump, [](double) { return 0.0; }, collocation));
     // Right everywhere but at the seam, where u has a kink, or even jumps.
     CHECK_FALSE(refused(
-        grid, [](double x) { return 1.5 * x * x; }, [](double x) { return 3.0 * x; }, placement));
+        grid, [](double x) { return 1.5 * x * x; }, [](double x) { return 3.0 * x; }, collocation));
     CHECK_FALSE(refused(
-        grid, [](double x) { return 2.0 * x; }, [](double) { return 2.0; }, placement));
-    CHECK_FALSE(refused(grid, bump, slope_of_bump, placement));
+        grid, [](double x) { return 2.0 * x; }, [](double) { return 2.0; }, collocation));
+    CHECK_FALSE(refused(grid, bump, slope_of_bump, collocation));
     // The same, but wrong inside.
     CHECK(refused(
-        grid, [](double x) { return 1.5 * x * x; }, [](double x) { return 3.0 * x + bump(x); }, placement));
+        grid, [](double x) { return 1.5 * x * x; }, [](double x) { return 3.0 * x + bump(x); }, collocation));
     CHECK(refused(
-        grid, [](double x) { return 2.0 * x; }, [](double) { return 2.2; }, placement));
+        grid, [](double x) { return 2.0 * x; }, [](double) { return 2.2; }, collocation));
   }
 }
 
@@ -167,7 +168,7 @@ TEST_CASE("data for a field that exists at midpoints only are not used, which is
   const auto system = korteweg_de_vries(6, 1);
   const grids::Grid grid({{"x", -10, 10, 101}});
   const auto level = prepare_initial_level(
-      system, grid, {std::nullopt, sampled(grid, bump), std::nullopt, sampled(grid, bump)}, Placement::cells);
+      system, grid, {std::nullopt, sampled(grid, bump), std::nullopt, sampled(grid, bump)}, Collocation::cells);
   REQUIRE(level.cautions.size() == 1);
   CHECK_THAT(level.cautions.front(), Catch::Contains("the initial w is not used"));
 }

@@ -73,7 +73,7 @@ TEST_CASE("a kink and an antikink stop at their first overlap, and obey the law 
   double law = 0.0;
   double energy = 0.0;
   while (!lattice.finished()) {
-    const LevelNode node = lattice.node();
+    const NodeEnergy node = lattice.node();
     report = lattice.step();
     if (report.status != Status::success) {
       break;

@@ -461,16 +461,16 @@ const Member members[] = {
        return std::make_unique<OfCells>(
            line, false, [](const grids::Grid& grid, int size) { return make_cyclic_cell_solver(grid, size, 0); });
      }},
-    {"make_krylov_cell_solver", "pde/cell_solver.hpp",
+    {"make_gmres_cell_solver", "pde/cell_solver.hpp",
      []() -> std::unique_ptr<Subject> {
        return std::make_unique<OfCells>(plane, false, [](const grids::Grid& grid, int size) {
-         return make_krylov_cell_solver(grid, Placement::cells, size, 1e-13);
+         return make_gmres_cell_solver(grid, Collocation::cells, size, 1e-13);
        });
      }},
     {"make_cell_solver", "pde/cell_solver.hpp",
      []() -> std::unique_ptr<Subject> {
        return std::make_unique<OfCells>(line, true, [](const grids::Grid& grid, int size) {
-         return make_cell_solver(grid, Placement::nodes, size, 0, 1e-13);
+         return make_cell_solver(grid, Collocation::nodes, size, 0, 1e-13);
        });
      }},
     {"WaveResolvent", "pde/wave_resolvent.hpp",

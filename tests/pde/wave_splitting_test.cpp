@@ -35,7 +35,7 @@ LatticeLevel first_level(const MultisymplecticSystem& system, const grids::Grid&
         sampled(grid, [scale](double x) { return hump(x - scale, scale); });
     scale *= 0.6;
   }
-  return initial_level(system, grid, initial, Placement::nodes);
+  return initial_level(system, grid, initial, Collocation::nodes);
 }
 
 struct Example {

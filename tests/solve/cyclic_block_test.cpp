@@ -10,7 +10,7 @@
 
 #include <catch2/catch.hpp>
 #include <rubato/grids/buffer.hpp>
-#include <rubato/solve/chunk_elimination.hpp>
+#include <rubato/solve/block_qr_reduction.hpp>
 #include <rubato/solve/cyclic_block.hpp>
 #include <rubato/solve/cyclic_sparse.hpp>
 

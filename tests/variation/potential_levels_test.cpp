@@ -27,8 +27,8 @@ public:
   [[nodiscard]] double discrete_energy() const override { return 3.0 * h_ * h_ * eta(); }
   [[nodiscard]] formula::SumSize energy_size() override { return {.terms = 3.0 * h * h}; }
   [[nodiscard]] double discrete_energy_slope() const override { return 6.0 * h_ * eta(); }
-  [[nodiscard]] LevelNode node() override { return {}; }
-  [[nodiscard]] LevelNode trial_node() override { return {}; }
+  [[nodiscard]] NodeEnergy node() override { return {}; }
+  [[nodiscard]] NodeEnergy trial_node() override { return {}; }
   [[nodiscard]] int iterations() const override { return 1; }
   void accept() override { time += h_; }
   void save(StateWriter& state) const override { state.write(time); }
@@ -98,8 +98,8 @@ public:
   [[nodiscard]] double discrete_energy() const override { return 3.0 * h_ * h_ * eta(); }
   [[nodiscard]] formula::SumSize energy_size() override { return {.terms = 3.0 * h * h}; }
   [[nodiscard]] double discrete_energy_slope() const override { return 6.0 * h_ * eta(); }
-  [[nodiscard]] LevelNode node() override { return {}; }
-  [[nodiscard]] LevelNode trial_node() override { return {}; }
+  [[nodiscard]] NodeEnergy node() override { return {}; }
+  [[nodiscard]] NodeEnergy trial_node() override { return {}; }
   [[nodiscard]] int iterations() const override { return 1; }
   void accept() override { ++steps_; }
   void save(StateWriter& state) const override { state.write(static_cast<double>(steps_)); }

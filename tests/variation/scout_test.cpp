@@ -30,8 +30,8 @@ public:
   [[nodiscard]] double discrete_energy() const override { return 1.0; }
   [[nodiscard]] formula::SumSize energy_size() override { return {.terms = 1.0}; }
   [[nodiscard]] double discrete_energy_slope() const override { return 6.0 * h_ * eta_(time + 0.5 * h_); }
-  [[nodiscard]] LevelNode node() override { return {}; }
-  [[nodiscard]] LevelNode trial_node() override { return {}; }
+  [[nodiscard]] NodeEnergy node() override { return {}; }
+  [[nodiscard]] NodeEnergy trial_node() override { return {}; }
   [[nodiscard]] int iterations() const override { return 1; }
   void accept() override { time += h_; }
   void save(StateWriter& state) const override { state.write(std::vector<double>(size_, time)); }
@@ -120,8 +120,8 @@ TEST_CASE("A scout does not look beyond a blow-up") {
     [[nodiscard]] double discrete_energy() const override { return terms_; }
     [[nodiscard]] formula::SumSize energy_size() override { return {.terms = terms_}; }
     [[nodiscard]] double discrete_energy_slope() const override { return terms_ * h_; }
-    [[nodiscard]] LevelNode node() override { return {}; }
-    [[nodiscard]] LevelNode trial_node() override { return {}; }
+    [[nodiscard]] NodeEnergy node() override { return {}; }
+    [[nodiscard]] NodeEnergy trial_node() override { return {}; }
     [[nodiscard]] int iterations() const override { return 1; }
     void accept() override { terms_ *= 1e40; }
     void save(StateWriter& state) const override { state.write(terms_); }

@@ -1,6 +1,6 @@
 #pragma once
 
-// Internal: the code of the kernels, compiled once for each instruction set by the chunk_elimination_*.cpp beside it.
+// Internal: the code of the kernels, compiled once for each instruction set by the block_qr_reduction_*.cpp beside it.
 // `Lanes` gives a vector type V of `lanes` doubles and its square root.
 
 #include <algorithm>
@@ -8,7 +8,7 @@
 #include <type_traits>
 #include <utility>
 
-#include <rubato/solve/chunk_elimination.hpp>
+#include <rubato/solve/block_qr_reduction.hpp>
 
 namespace rubato::solve::chunks {
 

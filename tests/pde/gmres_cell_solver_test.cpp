@@ -99,7 +99,7 @@ TEST_CASE("systems with varying coefficients are solved, checked ones to the tol
     INFO("strength " << strength);
     const Example example(strength);
     const VectorXd exact = example.solution();
-    const auto solver = make_krylov_cell_solver(example.grid, Placement::cells, size, 1e-13);
+    const auto solver = make_gmres_cell_solver(example.grid, Collocation::cells, size, 1e-13);
     // The condition number of these matrices is below 1e3.
     CHECK(error_of(*solver, example, exact) < 1e-10);
     // Twin: the solution of a system with one entry changed by a part in 10^6 is another one.
@@ -117,7 +117,7 @@ TEST_CASE("solutions that nobody checks are as good as asked, and their error is
     const VectorXd exact = example.solution();
     double coarse = 0.0;
     for (const double tolerance : {1e-3, 1e-6, 1e-9}) {
-      const auto solver = make_krylov_cell_solver(example.grid, Placement::cells, size, tolerance);
+      const auto solver = make_gmres_cell_solver(example.grid, Collocation::cells, size, tolerance);
       solver->check_residuals(false);
       const double error = error_of(*solver, example, exact);
       // What is told is an estimate in the fields that vary, within a factor of the condition.
@@ -132,7 +132,7 @@ TEST_CASE("solutions that nobody checks are as good as asked, and their error is
 
 TEST_CASE("a system whose constants change a little needs no new inversion and gets its own solution") {
   Example example(1.0);
-  const auto solver = make_krylov_cell_solver(example.grid, Placement::cells, size, 1e-12);
+  const auto solver = make_gmres_cell_solver(example.grid, Collocation::cells, size, 1e-12);
   const VectorXd before = example.solution();
   CHECK(error_of(*solver, example, before) < 1e-10);
   example.matrix.mean(0, 0) *= 1.0 + 1e-7;
@@ -146,7 +146,7 @@ TEST_CASE("a system whose constants change a little needs no new inversion and g
 
 TEST_CASE("a matrix that is not finite is undefined") {
   Example example(1.0);
-  const auto solver = make_krylov_cell_solver(example.grid, Placement::cells, size, 1e-12);
+  const auto solver = make_gmres_cell_solver(example.grid, Collocation::cells, size, 1e-12);
   example.values.field(0)[3] = std::nan("");
   grids::FieldSet c(size, example.grid.size());
   CHECK(solver->solve(example.matrix, {}, std::as_const(example.rhs).pointers(), c.pointers(), {}) ==

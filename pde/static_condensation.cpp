@@ -1,4 +1,4 @@
-#include <rubato/pde/slaved_fields.hpp>
+#include <rubato/pde/static_condensation.hpp>
 
 #include <algorithm>
 
@@ -34,18 +34,18 @@ std::optional<LinearRow> linear_row(const MultisymplecticSystem& system, int fie
   return LinearRow{a, outputs[1 + static_cast<std::size_t>(field)] - a};  // ∂S/∂s depends on s alone
 }
 
-SlavedFields::SlavedFields(const MultisymplecticSystem& system, std::nullptr_t) : system_(system) {
+StaticCondensation::StaticCondensation(const MultisymplecticSystem& system, std::nullptr_t) : system_(system) {
   for (int f = 0; f < system.field_count(); ++f) {
     free_.push_back(f);
   }
 }
 
-SlavedFields::SlavedFields(const MultisymplecticSystem& system) : system_(system) {
-  std::vector<bool> slaved(system.fields().size(), false);
+StaticCondensation::StaticCondensation(const MultisymplecticSystem& system) : system_(system) {
+  std::vector<bool> condensed(system.fields().size(), false);
   for (int f = 0; f < system.field_count(); ++f) {
     const auto masters_evolve = [&] {
       for (int j = 0; j < system.field_count(); ++j) {
-        if (system.M()(f, j) != 0.0 && (slaved[static_cast<std::size_t>(j)] || system.structure().at_midpoints(j))) {
+        if (system.M()(f, j) != 0.0 && (condensed[static_cast<std::size_t>(j)] || system.structure().at_midpoints(j))) {
           return false;
         }
       }
@@ -55,7 +55,7 @@ SlavedFields::SlavedFields(const MultisymplecticSystem& system) : system_(system
     if (system.structure().at_midpoints(f) || !in_no_K(system, f) || !row || !masters_evolve()) {
       continue;
     }
-    slaved[static_cast<std::size_t>(f)] = true;
+    condensed[static_cast<std::size_t>(f)] = true;
     Slave slave{f, *row, {}};
     for (int j = 0; j < system.field_count(); ++j) {
       if (system.M()(f, j) != 0.0) {
@@ -65,17 +65,17 @@ SlavedFields::SlavedFields(const MultisymplecticSystem& system) : system_(system
     slaves_.push_back(std::move(slave));
   }
   for (int f = 0; f < system.field_count(); ++f) {
-    if (!slaved[static_cast<std::size_t>(f)]) {
+    if (!condensed[static_cast<std::size_t>(f)]) {
       free_.push_back(f);
     }
   }
 }
 
-Eigen::MatrixXd SlavedFields::restricted(const Eigen::MatrixXd& matrix) const {
+Eigen::MatrixXd StaticCondensation::restricted(const Eigen::MatrixXd& matrix) const {
   return matrix(free_, free_);
 }
 
-void SlavedFields::reduced_mean(double h, Eigen::MatrixXd& reduced) const {
+void StaticCondensation::reduced_mean(double h, Eigen::MatrixXd& reduced) const {
   constexpr int most = MultisymplecticSystem::most_fields;
   Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor, most, most> mean =
       (2.0 / h) * system_.M() - system_.constant_hessian();
@@ -94,12 +94,12 @@ void SlavedFields::reduced_mean(double h, Eigen::MatrixXd& reduced) const {
   }
 }
 
-int SlavedFields::place(int field) const {
+int StaticCondensation::place(int field) const {
   return static_cast<int>(std::ranges::find(free_, field) - free_.begin());
 }
 
-void SlavedFields::follow(double h, const grids::FieldSet& high, const grids::FieldSet& low,
-                          grids::FieldSet& delta) const {
+void StaticCondensation::follow(double h, const grids::FieldSet& high, const grids::FieldSet& low,
+                                grids::FieldSet& delta) const {
   for (const Slave& slave : slaves_) {
     const double constant = -slave.row.b / slave.row.a;
     const double* z = high.field(slave.field).data();
@@ -121,7 +121,7 @@ void SlavedFields::follow(double h, const grids::FieldSet& high, const grids::Fi
   }
 }
 
-void SlavedFields::correct(double h, grids::FieldSet& correction) const {
+void StaticCondensation::correct(double h, grids::FieldSet& correction) const {
   for (const Slave& slave : slaves_) {
     double* out = correction.field(slave.field).data();
     grids::for_each_block(correction.size(), grids::nodes_per_block, [&, out](std::size_t begin, std::size_t end) {

@@ -59,12 +59,12 @@ private:
 [[nodiscard]] std::vector<Spread> tell_residuals(const grids::FieldSet& of_laws, std::span<double* const> residuals);
 
 /// The laws of one family of schemes; LocalLaws documents the functions.
-class LawEngine {
+class LawEvaluator {
 public:
-  LawEngine() = default;
-  LawEngine(const LawEngine&) = delete;
-  LawEngine& operator=(const LawEngine&) = delete;
-  virtual ~LawEngine() = default;
+  LawEvaluator() = default;
+  LawEvaluator(const LawEvaluator&) = delete;
+  LawEvaluator& operator=(const LawEvaluator&) = delete;
+  virtual ~LawEvaluator() = default;
 
   [[nodiscard]] virtual const LawTables& tables() const = 0;
   /// Where the stages of steps come from, if the laws need them: a run's own, so that they are solved once.
@@ -78,12 +78,12 @@ public:
 
 /// On the faces of cells, or of elements. Here and below: with the fluxes integrated over the stages of a step, from
 /// `stages` until others are shared; with null, taken at its middle.
-[[nodiscard]] std::unique_ptr<LawEngine> make_face_laws(LawTables tables, Placement placement,
-                                                        std::shared_ptr<StageSource> stages = nullptr);
+[[nodiscard]] std::unique_ptr<LawEvaluator> make_edge_laws(LawTables tables, Collocation collocation,
+                                                           std::shared_ptr<StageSource> stages = nullptr);
 /// At the nodes, with the derivatives of NodeDerivative.
-[[nodiscard]] std::unique_ptr<LawEngine> make_node_laws(LawTables tables, Placement placement,
-                                                        std::shared_ptr<StageSource> stages = nullptr);
-/// On cells with their values at the base corner: Placement::corners.
-[[nodiscard]] std::unique_ptr<LawEngine> make_corner_laws(LawTables tables);
+[[nodiscard]] std::unique_ptr<LawEvaluator> make_node_laws(LawTables tables, Collocation collocation,
+                                                           std::shared_ptr<StageSource> stages = nullptr);
+/// On cells with their values at the base corner: Collocation::corners.
+[[nodiscard]] std::unique_ptr<LawEvaluator> make_euler_box_laws(LawTables tables);
 
 }  // namespace rubato

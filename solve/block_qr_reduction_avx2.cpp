@@ -5,13 +5,13 @@
 #include <algorithm>
 #include <cmath>
 
-#include <rubato/solve/chunk_elimination.hpp>
+#include <rubato/solve/block_qr_reduction.hpp>
 
 // From here to the end of the file, templates instantiated there included. Fused multiply-add is not switched on, so
 // that every instruction set gives the same results.
 #pragma GCC target("avx2")
 
-#include <rubato/solve/chunk_elimination_code.hpp>
+#include <rubato/solve/block_qr_reduction_code.hpp>
 
 namespace rubato::solve::chunks {
 namespace {

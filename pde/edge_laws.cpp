@@ -11,7 +11,7 @@
 #include <rubato/grids/buffer.hpp>
 #include <rubato/grids/reductions.hpp>
 #include <rubato/pde/face_gather.hpp>
-#include <rubato/pde/law_engine.hpp>
+#include <rubato/pde/law_evaluator.hpp>
 #include <rubato/pde/placed_coordinates.hpp>
 #include <rubato/pde/space_collocation.hpp>
 
@@ -52,10 +52,10 @@ struct FaceOperators : LawTables {
   PlacedCoordinates at_cells;                                  ///< in their middles
   std::array<std::vector<PlacedCoordinates>, 2> placed_faces;  ///< [upper][axis]: on the faces normal to an axis
 
-  FaceOperators(LawTables tables, Placement placement, std::shared_ptr<StageSource> stages)
+  FaceOperators(LawTables tables, Collocation collocation, std::shared_ptr<StageSource> stages)
       : LawTables(std::move(tables)), blocks(grid), gather(grid), points(system, grid, std::move(stages)) {
-    if (placement.has_elements()) {
-      elements = std::make_unique<ElementOperators>(grid, placement.stages);
+    if (collocation.has_elements()) {
+      elements = std::make_unique<ElementOperators>(grid, collocation.stages);
       at_points = grids::FieldSet(d, grid.size());
       derivatives = at_points;
     }
@@ -317,10 +317,10 @@ struct FaceOperators : LawTables {
   }
 };
 
-class FaceLaws final : public LawEngine {
+class EdgeLaws final : public LawEvaluator {
 public:
-  FaceLaws(LawTables tables, Placement placement, std::shared_ptr<StageSource> stages)
-      : operators_(std::move(tables), placement, std::move(stages)) {}
+  EdgeLaws(LawTables tables, Collocation collocation, std::shared_ptr<StageSource> stages)
+      : operators_(std::move(tables), collocation, std::move(stages)) {}
 
   void share(std::shared_ptr<StageSource> stages) override { operators_.points.share(std::move(stages)); }
 
@@ -334,7 +334,7 @@ private:
   FaceOperators operators_;
 };
 
-std::vector<Spread> FaceLaws::residuals(const LatticeLevel& before, const LatticeLevel& after, double h,
+std::vector<Spread> EdgeLaws::residuals(const LatticeLevel& before, const LatticeLevel& after, double h,
                                         std::span<double* const> residuals) {
   FaceOperators& s = operators_;
   if (s.sum.fields() == 0) {
@@ -344,7 +344,7 @@ std::vector<Spread> FaceLaws::residuals(const LatticeLevel& before, const Lattic
   return tell_residuals(s.sum, residuals);
 }
 
-std::vector<double> FaceLaws::totals(const LatticeLevel& level) {
+std::vector<double> EdgeLaws::totals(const LatticeLevel& level) {
   FaceOperators& s = operators_;
   const std::size_t laws = s.names.size();
   s.take_points(level.fields);
@@ -370,7 +370,7 @@ std::vector<double> FaceLaws::totals(const LatticeLevel& level) {
   return totals;
 }
 
-Spread FaceLaws::multisymplectic_residual(const TangentLevels& u, const TangentLevels& v, double h, double* residual) {
+Spread EdgeLaws::multisymplectic_residual(const TangentLevels& u, const TangentLevels& v, double h, double* residual) {
   FaceOperators& s = operators_;
   const StageSource* stages = s.points.stages();
   const bool over_stages = stages != nullptr;
@@ -437,8 +437,9 @@ Spread FaceLaws::multisymplectic_residual(const TangentLevels& u, const TangentL
 
 }  // namespace
 
-std::unique_ptr<LawEngine> make_face_laws(LawTables tables, Placement placement, std::shared_ptr<StageSource> stages) {
-  return std::make_unique<FaceLaws>(std::move(tables), placement, std::move(stages));
+std::unique_ptr<LawEvaluator> make_edge_laws(LawTables tables, Collocation collocation,
+                                             std::shared_ptr<StageSource> stages) {
+  return std::make_unique<EdgeLaws>(std::move(tables), collocation, std::move(stages));
 }
 
 }  // namespace rubato

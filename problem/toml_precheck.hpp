@@ -9,6 +9,6 @@ namespace rubato {
 /// ASCII outside strings and comments, lines longer than 10^6 bytes, unclosed strings, brackets or dotted keys nested
 /// deeper than 100 levels.
 /// \throws ProblemError
-void scan_toml(std::string_view text, const std::string& source);
+void precheck_toml(std::string_view text, const std::string& source);
 
 }  // namespace rubato

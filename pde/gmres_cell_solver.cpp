@@ -42,11 +42,11 @@ MatrixXd inverse_of(const MatrixXd& A) {
 ///     c = C⁻¹(r - V A w),      w = (C⁻¹ r)_w - (C⁻¹ V A w)_w,
 ///
 /// a second-kind equation with a small operator. c has the error of w, made smaller by that operator once more.
-class KrylovCellSolver final : public CellSolver {
+class GmresCellSolver final : public CellSolver {
 public:
-  KrylovCellSolver(const grids::Grid& grid, Placement placement, int size, double tolerance)
+  GmresCellSolver(const grids::Grid& grid, Collocation collocation, int size, double tolerance)
       : grid_(grid),
-        placement_(placement),
+        collocation_(collocation),
         size_(size),
         tolerance_(tolerance),
         blocks_(grid),
@@ -55,11 +55,11 @@ public:
         all_(static_cast<std::size_t>(size)),
         rhs_(size, grid.size()) {
     std::iota(all_.begin(), all_.end(), 0);
-    if (placement == Placement::nodes) {
+    if (collocation == Collocation::nodes) {
       spectral_ = std::make_unique<grids::SpectralDerivative>(grid);
     }
-    if (placement.has_elements()) {
-      elements_ = std::make_unique<ElementOperators>(grid, placement.stages);
+    if (collocation.has_elements()) {
+      elements_ = std::make_unique<ElementOperators>(grid, collocation.stages);
       symbols_.push_back(symbols_of(elements_->space(), grid.cells(0)));
       return;
     }
@@ -68,7 +68,7 @@ public:
       for (std::size_t i = 0; i < symbols.size(); ++i) {
         const auto k =
             static_cast<std::ptrdiff_t>(i) - (2 * i > symbols.size() ? static_cast<std::ptrdiff_t>(symbols.size()) : 0);
-        if (placement == Placement::nodes) {
+        if (collocation == Collocation::nodes) {
           symbols[i] = {1.0, grids::derivative_symbol(k, grid.axis(a))};
         } else {
           const double theta = grids::wave_angle(k, symbols.size());
@@ -119,7 +119,7 @@ private:
       free[static_cast<std::size_t>(a) - 1] =
           solve::product(transposed ? MatrixXd(C.transpose()) : C, vectors).isZero(1e-9);
     }
-    return {grid_, placement_, free};
+    return {grid_, collocation_, free};
   }
 
   [[nodiscard]] double line_sum(unsigned pattern, const double* row) const {
@@ -398,7 +398,7 @@ private:
 
   void take_mean(const double* field, std::size_t line, std::size_t begin, std::size_t count, double* mean,
                  double* const* none) const {
-    if (placement_ == Placement::nodes || elements_ != nullptr) {
+    if (collocation_ == Collocation::nodes || elements_ != nullptr) {
       std::copy_n(field + line * blocks_.line + begin, count, mean);
     } else {
       gather_(field, line, begin, count, mean, none);
@@ -592,7 +592,7 @@ private:
   };
 
   grids::Grid grid_;
-  Placement placement_;
+  Collocation collocation_;
   int size_;
   double tolerance_;
   CellBlocks blocks_;
@@ -626,17 +626,17 @@ private:
 
 }  // namespace
 
-std::unique_ptr<CellSolver> make_krylov_cell_solver(const grids::Grid& grid, Placement placement, int size,
-                                                    double tolerance) {
-  return std::make_unique<KrylovCellSolver>(grid, placement, size, tolerance);
+std::unique_ptr<CellSolver> make_gmres_cell_solver(const grids::Grid& grid, Collocation collocation, int size,
+                                                   double tolerance) {
+  return std::make_unique<GmresCellSolver>(grid, collocation, size, tolerance);
 }
 
-std::unique_ptr<CellSolver> make_cell_solver(const grids::Grid& grid, Placement placement, int size, int conditions,
+std::unique_ptr<CellSolver> make_cell_solver(const grids::Grid& grid, Collocation collocation, int size, int conditions,
                                              double tolerance) {
-  if (grid.dimensions() == 1 && placement == Placement::cells) {
+  if (grid.dimensions() == 1 && collocation == Collocation::cells) {
     return make_cyclic_cell_solver(grid, size, conditions);
   }
-  return make_krylov_cell_solver(grid, placement, size, tolerance);
+  return make_gmres_cell_solver(grid, collocation, size, tolerance);
 }
 
 }  // namespace rubato

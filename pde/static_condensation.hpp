@@ -26,24 +26,24 @@ struct LinearRow {
 /// A (Σ_j M_sj δ_j/h - a m_s - b) = 0 with m the middle of the step, and A has no kernel on the grids of a scheme:
 ///
 ///     m_s = (Σ_j M_sj δ_j/h - b)/a,    c_s = (2/h) Σ_j M_sj c_j / a  for a correction c of m.
-class SlavedFields {
+class StaticCondensation {
 public:
-  explicit SlavedFields(const MultisymplecticSystem& system);
+  explicit StaticCondensation(const MultisymplecticSystem& system);
   /// None: every field is free.
-  SlavedFields(const MultisymplecticSystem& system, std::nullptr_t);
+  StaticCondensation(const MultisymplecticSystem& system, std::nullptr_t);
 
   [[nodiscard]] const std::vector<int>& free() const { return free_; }
 
-  /// (2/h) M - (S'')_constant for the free fields, the slaved ones eliminated.
+  /// (2/h) M - (S'')_constant for the free fields, the condensed ones eliminated.
   void reduced_mean(double h, Eigen::MatrixXd& reduced) const;
   /// The entries of a matrix for the free fields.
   [[nodiscard]] Eigen::MatrixXd restricted(const Eigen::MatrixXd& matrix) const;
   /// The number of a field among the free ones.
   [[nodiscard]] int place(int field) const;
 
-  /// Sets the slaved fields' δ = 2 (m - z) by the others', z = high + low.
+  /// Sets the condensed fields' δ = 2 (m - z) by the others', z = high + low.
   void follow(double h, const grids::FieldSet& high, const grids::FieldSet& low, grids::FieldSet& delta) const;
-  /// Sets the slaved fields' corrections by the others'.
+  /// Sets the condensed fields' corrections by the others'.
   void correct(double h, grids::FieldSet& correction) const;
 
 private:

@@ -2,7 +2,7 @@
 #include <cmath>
 
 #include <rubato/base/lanes.hpp>
-#include <rubato/solve/chunk_elimination_code.hpp>
+#include <rubato/solve/block_qr_reduction_code.hpp>
 
 namespace rubato::solve::chunks {
 namespace {

@@ -5,7 +5,7 @@
 #include <rubato/grids/reductions.hpp>
 #include <rubato/grids/stencil.hpp>
 #include <rubato/pde/lattice_actions.hpp>
-#include <rubato/pde/law_engine.hpp>
+#include <rubato/pde/law_evaluator.hpp>
 #include <rubato/variation/lattice_variation.hpp>
 
 namespace rubato {
@@ -16,9 +16,9 @@ using grids::FieldSet;
 
 /// The laws of euler-box: forward differences of the currents J^ν_ρ that its action has by variation, at the base
 /// corners. J^ν_t reads one level alone. The law of two tangent solutions is its two-form at a node between two slabs.
-class CornerLaws final : public LawEngine {
+class EulerBoxLaws final : public LawEvaluator {
 public:
-  explicit CornerLaws(LawTables tables)
+  explicit EulerBoxLaws(LawTables tables)
       : tables_(std::move(tables)),
         variation_(euler_box_action(tables_.system), tables_.grid),
         stencil_(tables_.grid),
@@ -127,8 +127,8 @@ private:
 
 }  // namespace
 
-std::unique_ptr<LawEngine> make_corner_laws(LawTables tables) {
-  return std::make_unique<CornerLaws>(std::move(tables));
+std::unique_ptr<LawEvaluator> make_euler_box_laws(LawTables tables) {
+  return std::make_unique<EulerBoxLaws>(std::move(tables));
 }
 
 }  // namespace rubato

@@ -1,4 +1,4 @@
-#include <rubato/problem/scan.hpp>
+#include <rubato/problem/toml_precheck.hpp>
 
 #include <cctype>
 
@@ -173,7 +173,7 @@ private:
 
 }  // namespace
 
-void scan_toml(std::string_view text, const std::string& source) {
+void precheck_toml(std::string_view text, const std::string& source) {
   Scanner(text, source).run();
 }
 
