@@ -299,6 +299,8 @@ FirstPartials first_partials(Graph& graph, NodeIndex index, bool of_a, bool of_b
     case Operation::acosh: d.a = build.inverse(sqrt(a - 1.0) * sqrt(a + 1.0)); break;
     case Operation::atanh: d.a = build.inverse((1.0 - a) * (1.0 + a)); break;
     case Operation::exp: d.a = build(v); break;
+    case Operation::expm1: d.a = build(exp(a)); break;
+    case Operation::log1p: d.a = build.inverse(1.0 + a); break;
     case Operation::log: d.a = build.inverse(a); break;
     case Operation::sqrt: d.a = build(0.5, build.reciprocal(v)); break;
     case Operation::cbrt: d.a = build(1.0 / 3.0, pow(build.reciprocal(v), 2.0)); break;
@@ -414,6 +416,8 @@ SecondPartials second_partials(Graph& graph, NodeIndex index, bool of_a, bool of
       break;
     }
     case Operation::exp: d.aa = build(v); break;
+    case Operation::expm1: d.aa = build(exp(a)); break;
+    case Operation::log1p: d.aa = product(-1.0, square(graph, build.inverse(1.0 + a)), {}); break;
     case Operation::log: d.aa = product(-1.0, square(graph, build.inverse(a)), {}); break;
     case Operation::sqrt: {  // -1/(4 v³)
       const Expression g = build.reciprocal(v);

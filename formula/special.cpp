@@ -50,6 +50,26 @@ void expand_erf(double x, std::span<double> f) {
   }
 }
 
+/// All derivatives are e^x.
+void expand_expm1(double x, std::span<double> f) {
+  f[0] = std::expm1(x);
+  double coefficient = std::exp(x);
+  for (std::size_t k = 1; k < f.size(); ++k) {
+    coefficient /= static_cast<double>(k);
+    f[k] = coefficient;
+  }
+}
+
+/// (-1)^{k-1} / (k (1 + x)^k).
+void expand_log1p(double x, std::span<double> f) {
+  f[0] = x > -1.0 ? std::log1p(x) : undefined;
+  double power = -1.0;
+  for (std::size_t k = 1; k < f.size(); ++k) {
+    power /= -(1.0 + x);
+    f[k] = power / static_cast<double>(k);
+  }
+}
+
 /// 2 f_n' = a f_{n-1} + b f_{n+1}, taken k times: 2^k f_n^(k) = Σ_j binomial(k, j) a^{k-j} b^j f_{n-k+2j}.
 void expand_bessel(double (*function)(double, double), double a, double b, double n, double x, std::span<double> f) {
   const std::size_t orders = f.size();
@@ -198,6 +218,8 @@ double elliptic_e(double m) {
 void scaled_derivatives(OpCode function, double parameter, double x, std::span<double> coefficients) {
   switch (function) {
     case OpCode::erf: return expand_erf(x, coefficients);
+    case OpCode::expm1: return expand_expm1(x, coefficients);
+    case OpCode::log1p: return expand_log1p(x, coefficients);
     case OpCode::bessel_j: return expand_bessel(bessel_j, 1.0, -1.0, parameter, x, coefficients);
     case OpCode::bessel_y: return expand_bessel(bessel_y, 1.0, -1.0, parameter, x, coefficients);
     case OpCode::bessel_i: return expand_bessel(bessel_i, 1.0, 1.0, parameter, x, coefficients);

@@ -83,6 +83,8 @@ TEST_CASE("special functions have the values that others found") {
       {"sn(0.3, 0)", 0.295520206661339564},
       {"cn(0.3, 1)", 0.956627911900248293},
       {"sn(0, 0.4)", 0.0},
+      {"expm1(2^-40)*2^40", 1.00000000000045475},
+      {"log1p(2^-40)*2^40", 0.999999999999545253},
   }));
   INFO(text);
   // A few units in the last place of numbers up to 2.
