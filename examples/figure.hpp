@@ -38,9 +38,9 @@ public:
     body_ += fmt::format("<text x=\"{:.1f}\" y=\"{:.1f}\" fill=\"{}\">{}</text>\n", x(at.x), y(at.y), colour, text);
   }
 
-  void write(const std::filesystem::path& file) const {
-    std::ofstream out(file);
-    out << fmt::format(
+  void write(const std::filesystem::path& file) const { std::ofstream(file) << text(); }
+  [[nodiscard]] std::string text() const {
+    std::string out = fmt::format(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {0} {1}\" width=\"{0}\" height=\"{1}\" "
         "font-family=\"sans-serif\" font-size=\"12\">\n<rect width=\"100%\" height=\"100%\" fill=\"#fff\"/>\n"
         "<clipPath id=\"c\"><rect x=\"{2}\" y=\"{3}\" width=\"{4}\" height=\"{5}\"/></clipPath>\n"
@@ -49,16 +49,16 @@ public:
     for (int i = 0; i <= 4; ++i) {
       const double tx = low_.x + i * (high_.x - low_.x) / 4;
       const double ty = low_.y + i * (high_.y - low_.y) / 4;
-      out << fmt::format("<text x=\"{:.1f}\" y=\"{}\" text-anchor=\"middle\">{:.4g}</text>\n", x(tx),
-                         height - bottom + 16, tx)
-          << fmt::format("<text x=\"{}\" y=\"{:.1f}\" text-anchor=\"end\">{:.3g}</text>\n", left - 6, y(ty) + 4, ty);
+      out += fmt::format("<text x=\"{:.1f}\" y=\"{}\" text-anchor=\"middle\">{:.4g}</text>\n", x(tx),
+                         height - bottom + 16, tx) +
+             fmt::format("<text x=\"{}\" y=\"{:.1f}\" text-anchor=\"end\">{:.3g}</text>\n", left - 6, y(ty) + 4, ty);
     }
-    out << fmt::format("<text x=\"{}\" y=\"18\" text-anchor=\"middle\" font-size=\"14\">{}</text>\n", width / 2, title_)
-        << fmt::format("<text x=\"{}\" y=\"{}\" text-anchor=\"middle\">{}</text>\n", width / 2, height - 8, x_label_)
-        << fmt::format("<text transform=\"translate(14 {}) rotate(-90)\" text-anchor=\"middle\">{}</text>\n",
-                       height / 2, y_label_)
-        << "<g clip-path=\"url(#c)\" stroke-width=\"1.5\">\n"
-        << body_ << "</g>\n</svg>\n";
+    out +=
+        fmt::format("<text x=\"{}\" y=\"18\" text-anchor=\"middle\" font-size=\"14\">{}</text>\n", width / 2, title_) +
+        fmt::format("<text x=\"{}\" y=\"{}\" text-anchor=\"middle\">{}</text>\n", width / 2, height - 8, x_label_) +
+        fmt::format("<text transform=\"translate(14 {}) rotate(-90)\" text-anchor=\"middle\">{}</text>\n", height / 2,
+                    y_label_);
+    return out + "<g clip-path=\"url(#c)\" stroke-width=\"1.5\">\n" + body_ + "</g>\n</svg>\n";
   }
 
 private:
