@@ -102,45 +102,56 @@ void Slab::refresh(FieldSet& fields) const {
 }
 
 void Slab::refresh(FieldSet& fields, std::span<const int> which, std::size_t outer) const {
-  const auto wanted = [&](const GhostPlane& plane) { return plane.depth + outer > ghosts_; };
-  const auto make_room = [&](const std::vector<GhostPlane>& planes, std::vector<double>& buffer) {
-    buffer.resize(static_cast<std::size_t>(std::ranges::count_if(planes, wanted)) * plane_ * which.size());
-  };
-  const auto copy = [&](const std::vector<GhostPlane>& planes, std::vector<double>& buffer, bool into_buffer) {
-    double* at = buffer.data();
-    for (const int f : which) {
-      for (const GhostPlane& plane : planes) {
-        if (wanted(plane)) {
-          double* const values = fields.field(f).data() + plane.place * plane_;
-          into_buffer ? std::copy_n(values, plane_, at) : std::copy_n(at, plane_, values);
-          at += plane_;
-        }
+  begin_refresh(fields, which, outer);
+  end_refresh(fields, which, outer);
+}
+
+/// Calls copy(values of a plane, their place in a message) for those of the planes that are among the `outer` ones.
+template <class Copy>
+std::size_t Slab::for_ghosts(const std::vector<GhostPlane>& planes, std::span<const int> which, std::size_t outer,
+                             const Copy& copy) const {
+  std::size_t at = 0;
+  for (const int f : which) {
+    for (const GhostPlane& plane : planes) {
+      if (plane.depth + outer > ghosts_) {
+        copy(f, plane.place * plane_, at);
+        at += plane_;
       }
     }
-  };
+  }
+  return at;
+}
+
+void Slab::begin_refresh(const FieldSet& fields, std::span<const int> which, std::size_t outer) const {
+  const auto none = [](int, std::size_t, std::size_t) {};
   std::vector<Communicator::Outgoing> out;
   std::vector<Communicator::Incoming> in;
-  const auto mine = static_cast<std::size_t>(ranks_.rank());
   for (std::size_t rank = 0; rank < send_.size(); ++rank) {
-    make_room(send_[rank], out_[rank]);
-    copy(send_[rank], out_[rank], true);
-    if (rank == mine) {
-      copy(receive_[rank], out_[rank], false);  // a part so thin, or so few ranks, that it is its own neighbour
-      continue;
+    out_[rank].resize(for_ghosts(send_[rank], which, outer, none));
+    for_ghosts(send_[rank], which, outer, [&](int f, std::size_t place, std::size_t at) {
+      std::copy_n(fields.field(f).data() + place, plane_, out_[rank].data() + at);
+    });
+    if (static_cast<int>(rank) == ranks_.rank()) {
+      continue;  // a part so thin, or so few ranks, that it is its own neighbour
     }
     if (!out_[rank].empty()) {
       out.push_back({static_cast<int>(rank), out_[rank]});
     }
-    make_room(receive_[rank], in_[rank]);
+    in_[rank].resize(for_ghosts(receive_[rank], which, outer, none));
     if (!in_[rank].empty()) {
       in.push_back({static_cast<int>(rank), in_[rank]});
     }
   }
-  ranks_.exchange(out, in);
+  ranks_.begin_exchange(out, in);
+}
+
+void Slab::end_refresh(FieldSet& fields, std::span<const int> which, std::size_t outer) const {
+  ranks_.end_exchange();
   for (std::size_t rank = 0; rank < send_.size(); ++rank) {
-    if (rank != mine) {
-      copy(receive_[rank], in_[rank], false);
-    }
+    const std::vector<double>& from = static_cast<int>(rank) == ranks_.rank() ? out_[rank] : in_[rank];
+    for_ghosts(receive_[rank], which, outer, [&](int f, std::size_t place, std::size_t at) {
+      std::copy_n(from.data() + at, plane_, fields.field(f).data() + place);
+    });
   }
 }
 

@@ -59,6 +59,25 @@ public:
   /// The same of some fields, and of the `outer` ghosts on each side that are farthest out: those that a step made
   /// wrong which reads so many neighbours.
   void refresh(FieldSet& fields, std::span<const int> which, std::size_t outer) const;
+  /// Calls compute(begin, end) for pieces of all nodes of the part, which sets some fields there, and refreshes ghosts
+  /// as above: the nodes that others wait for come first, and the rest while these are on their way.
+  template <class Compute>
+  void compute_and_refresh(FieldSet& fields, std::span<const int> which, std::size_t outer,
+                           const Compute& compute) const {
+    const std::size_t first = first_node(), end = first + owned(), edge = ghosts_ * plane_;
+    if (owned() <= 2 * edge) {
+      compute(std::size_t{0}, size());
+      refresh(fields, which, outer);
+      return;
+    }
+    compute(first, first + edge);
+    compute(end - edge, end);
+    begin_refresh(fields, which, outer);
+    compute(std::size_t{0}, first);
+    compute(first + edge, end - edge);
+    compute(end, size());
+    end_refresh(fields, which, outer);
+  }
   /// Out of an array of the whole lattice, ghosts and all.
   void take_part(std::span<const double> whole, std::span<double> part) const;
   /// The whole lattice, at rank 0; nothing at others. Or of `planes` planes from `first` on their `columns` values from
@@ -121,6 +140,11 @@ public:
   }
 
 private:
+  /// refresh() in two parts, between which no ghost is read.
+  ///@{
+  void begin_refresh(const FieldSet& fields, std::span<const int> which, std::size_t outer) const;
+  void end_refresh(FieldSet& fields, std::span<const int> which, std::size_t outer) const;
+  ///@}
   [[nodiscard]] int owner(std::size_t plane) const;
   /// Which of some planes a rank owns.
   [[nodiscard]] Range owned_of(Range planes, int rank) const;
@@ -129,6 +153,9 @@ private:
     std::size_t place;
     std::size_t depth;  ///< which ghost it is there, from 1, beside what is owned, outwards
   };
+  template <class Copy>
+  std::size_t for_ghosts(const std::vector<GhostPlane>& planes, std::span<const int> which, std::size_t outer,
+                         const Copy& copy) const;
   /// The planes of the whole lattice that are a rank's ghosts, in their order.
   [[nodiscard]] std::vector<std::size_t> ghost_planes(int rank) const;
 
@@ -148,6 +175,15 @@ private:
 ///@{
 void refresh_ghosts(FieldSet& fields, std::span<const int> which, std::size_t outer);
 void refresh_ghosts(FieldSet& fields);
+/// Slab::compute_and_refresh(); without a slab compute(0, all nodes).
+template <class Compute>
+void compute_and_refresh(FieldSet& fields, std::span<const int> which, std::size_t outer, const Compute& compute) {
+  if (const Slab* const slab = Slab::of(fields.size())) {
+    slab->compute_and_refresh(fields, which, outer, compute);
+  } else {
+    compute(std::size_t{0}, fields.size());
+  }
+}
 ///@}
 /// Saves what a rank has of numbers that Slab, or Transposition, gathers and scatters, as those of all ranks, in a
 /// record; and restores it out of `of` such numbers. All ranks call the same.

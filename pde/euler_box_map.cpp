@@ -78,8 +78,12 @@ Status EulerBoxMap::advance(double h, const grids::FieldSet& before, grids::Fiel
   for (const Kick& entry : kicks_) {
     row_of_gradient(entry.row);
     add_differences(entry.row, before);
-    kick(entry, h, after);
-    renew(entry.column, after);
+    if (is_renewed(entry.column)) {
+      grids::compute_and_refresh(after, std::span(&entry.column, 1), halo_.planes,
+                                 [&](std::size_t begin, std::size_t end) { kick(entry, h, after, begin, end); });
+    } else {
+      kick(entry, h, after, 0, grid_.size());
+    }
   }
   for (const LocalSolve& solve : solves_) {
     if (const Status status = run(solve, h, before, after); status != Status::success) {
@@ -97,7 +101,7 @@ Status EulerBoxMap::tangent(double h, const grids::FieldSet& before, const grids
   for (const Kick& entry : kicks_) {
     row_of_hessian(entry.row, u_before);
     add_differences(entry.row, u_before);
-    kick(entry, h, u_after);
+    kick(entry, h, u_after, 0, grid_.size());
   }
   evaluate(after);
   for (const LocalSolve& solve : solves_) {
@@ -268,8 +272,12 @@ EulerBoxMap::Halo EulerBoxMap::find_halo(bool after) const {
   return halo;
 }
 
+bool EulerBoxMap::is_renewed(int field) const {
+  return std::ranges::find(halo_.renewed, field) != halo_.renewed.end();
+}
+
 void EulerBoxMap::renew(int field, grids::FieldSet& fields) const {
-  if (std::ranges::find(halo_.renewed, field) != halo_.renewed.end()) {
+  if (is_renewed(field)) {
     grids::refresh_ghosts(fields, std::span(&field, 1), halo_.planes);
   }
 }
@@ -337,8 +345,8 @@ void EulerBoxMap::add_differences(int row, const grids::FieldSet& fields) {
 }
 
 /// M₊[row, column] (z_{k+1} - z_k)_column = h row_.
-void EulerBoxMap::kick(const Kick& kick, double h, grids::FieldSet& fields) const {
-  add(h / kick.value, row_.field(0), fields.field(kick.column));
+void EulerBoxMap::kick(const Kick& kick, double h, grids::FieldSet& fields, std::size_t begin, std::size_t end) const {
+  add(h / kick.value, row_.field(0).subspan(begin, end - begin), fields.field(kick.column).subspan(begin, end - begin));
 }
 
 /// One correction at every node to row_ + rate (z - z_before)/h = 0, in the one field, and into row_.

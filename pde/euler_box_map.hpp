@@ -64,6 +64,7 @@ private:
 
   void plan();
   [[nodiscard]] Halo find_halo(bool after) const;
+  [[nodiscard]] bool is_renewed(int field) const;
   void renew(int field, grids::FieldSet& fields) const;
   void order_solves(std::vector<bool> known, std::vector<bool> used, std::vector<LocalSolve>& solves) const;
   [[nodiscard]] double rate_of(int row, int field) const { return system_.structure().M_plus.transpose()(row, field); }
@@ -80,7 +81,7 @@ private:
   void row_of_gradient(int row);
   void row_of_hessian(int row, const grids::FieldSet& u);
   void add_differences(int row, const grids::FieldSet& fields);
-  void kick(const Kick& kick, double h, grids::FieldSet& fields) const;
+  void kick(const Kick& kick, double h, grids::FieldSet& fields, std::size_t begin, std::size_t end) const;
   void correct(const LocalSolve& solve, double h, const grids::FieldSet& before, grids::FieldSet& fields);
   [[nodiscard]] bool is_rounding(const LocalSolve& solve, double h, const grids::FieldSet& before,
                                  const grids::FieldSet& fields);

@@ -47,7 +47,16 @@ public:
   /// Sends and receives all that is listed, and returns when it has come. What one rank sends another meets what that
   /// one expects in the order of the calls, and of the lists; the sizes agree. No other messages are waited for
   /// meanwhile.
-  virtual void exchange(std::span<const Outgoing> out, std::span<const Incoming> in) = 0;
+  void exchange(std::span<const Outgoing> out, std::span<const Incoming> in) {
+    begin_exchange(out, in);
+    end_exchange();
+  }
+  /// The same in two calls, between which this rank does something else: what goes out stays as it is, what comes in
+  /// may be there or not, and nothing else is exchanged.
+  ///@{
+  virtual void begin_exchange(std::span<const Outgoing> out, std::span<const Incoming> in) = 0;
+  virtual void end_exchange() = 0;
+  ///@}
 
   /// Ends the job in good order when all ranks have called it. False if some have not within `patience`: the launcher
   /// then ends them when this process ends. No other call may follow.
@@ -61,7 +70,9 @@ public:
   [[nodiscard]] int size() const override { return 1; }
   void send(int to, int kind, std::span<const std::byte> bytes) override;  ///< \throws std::logic_error
   [[nodiscard]] std::optional<Message> receive() override { return std::nullopt; }
-  void exchange(std::span<const Outgoing> out, std::span<const Incoming> in) override;  ///< \throws std::logic_error
+  /// \throws std::logic_error
+  void begin_exchange(std::span<const Outgoing> out, std::span<const Incoming> in) override;
+  void end_exchange() override {}
   bool leave(std::chrono::duration<double> /*patience*/) override { return true; }
 };
 

@@ -74,7 +74,7 @@ public:
     return message;
   }
 
-  void exchange(std::span<const Outgoing> out, std::span<const Incoming> in) override {
+  void begin_exchange(std::span<const Outgoing> out, std::span<const Incoming> in) override {
     requests_.clear();
     for (const Incoming& numbers : in) {
       MPI_Irecv(numbers.values.data(), counted(numbers.values.size()), MPI_DOUBLE, numbers.from, numbers_tag,
@@ -84,6 +84,9 @@ public:
       MPI_Isend(numbers.values.data(), counted(numbers.values.size()), MPI_DOUBLE, numbers.to, numbers_tag,
                 MPI_COMM_WORLD, &requests_.emplace_back());
     }
+  }
+
+  void end_exchange() override {
     // MPI_Waitall() never leaves the processor to others: where other programs had two processors as well, two ranks
     // took twice as long with it as one rank did, and as long as one without.
     constexpr int looks = 200;

@@ -223,16 +223,17 @@ private:
             Vary&& vary) {
     after.copy_from(before);
     vary();  // at u_t = 0
-    for (const MovingPair& pair : waves_.pairs) {
-      const auto u = after.field(pair.u);
-      const auto v = before.field(pair.v);
-      const auto rest = std::as_const(parts_.before).field(pair.u);
-      const double inverse = h * pair.row.a / (pair.m * pair.m);
-      for (std::size_t i = 0; i < u.size(); ++i) {
-        u[i] += inverse * (pair.m * v[i] + rest[i] / grid_.cell_volume());
+    grids::compute_and_refresh(after, moving_, reach, [&](std::size_t begin, std::size_t end) {
+      for (const MovingPair& pair : waves_.pairs) {
+        const auto u = after.field(pair.u);
+        const auto v = before.field(pair.v);
+        const auto rest = std::as_const(parts_.before).field(pair.u);
+        const double inverse = h * pair.row.a / (pair.m * pair.m);
+        for (std::size_t i = begin; i < end; ++i) {
+          u[i] += inverse * (pair.m * v[i] + rest[i] / grid_.cell_volume());
+        }
       }
-    }
-    grids::refresh_ghosts(after, moving_, reach);
+    });
     vary();
     for (const MovingPair& pair : waves_.pairs) {
       const auto v = after.field(pair.v);

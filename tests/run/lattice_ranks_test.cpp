@@ -483,6 +483,63 @@ TEST_CASE("sums and maxima over slabs have the bits of those over the whole") {
   }
 }
 
+TEST_CASE("what neighbours wait for is computed first, and the rest while it is on its way") {
+  const grids::Grid grid({{"x", 0.0, 1.0, 5}, {"y", 0.0, 1.0, 40}});
+  constexpr std::size_t ghosts = 3, plane = 5;
+  const std::vector<int> which = {0};
+  for (const int size : {1, 2, 3, 8}) {  // 8: parts of five planes, that have no inside
+    INFO(size << " ranks");
+    Mailboxes all(size);
+    // Which nodes were computed when a rank sent, in pieces; and whether each of all was once.
+    std::vector<std::size_t> sent_after(static_cast<std::size_t>(size), 0);
+    std::vector<std::size_t> computed(static_cast<std::size_t>(size), 0);
+    all.tamper_with([&](int from, std::vector<double>&) {
+      auto& after = sent_after[static_cast<std::size_t>(from)];
+      after = after == 0 ? computed[static_cast<std::size_t>(from)] : after;
+    });
+    std::vector<char> right(static_cast<std::size_t>(size), 0);
+    std::vector<std::thread> threads;
+    for (int rank = 0; rank < size; ++rank) {
+      threads.emplace_back([&, rank] {
+        Mailboxes::Rank mine(all, rank);
+        const grids::Slab slab(mine, grid, ghosts);
+        const auto r = static_cast<std::size_t>(rank);
+        const auto value = [&](std::size_t node) {
+          return static_cast<double>((slab.number_of_first() + grid.size() + node - slab.first_node()) % grid.size());
+        };
+        grids::FieldSet fields(1, slab.size());
+        std::size_t twice = 0;
+        slab.compute_and_refresh(fields, which, 1, [&](std::size_t begin, std::size_t end) {
+          for (std::size_t i = begin; i < end; ++i) {
+            twice += fields.field(0)[i] != 0.0 ? 1 : 0;
+            // As a step leaves it: wrong in the outermost ghosts.
+            fields.field(0)[i] = i < plane || i + plane >= slab.size() ? -1.0 : 1.0 + value(i);
+          }
+          computed[r] += end - begin;
+        });
+        bool is_right = twice == 0;
+        for (std::size_t i = 0; i < slab.size(); ++i) {
+          is_right = is_right && fields.field(0)[i] == 1.0 + value(i);
+        }
+        right[r] = is_right ? 1 : 0;
+      });
+    }
+    for (std::thread& thread : threads) {
+      thread.join();
+    }
+    for (std::size_t r = 0; r < right.size(); ++r) {
+      CHECK(right[r] == 1);
+      if (size == 2 || size == 3) {
+        CHECK(sent_after[r] == 2 * ghosts * plane);  // before all else
+      }
+      CHECK(computed[r] == (40U / right.size() + (r < 40 % right.size() ? 1 : 0) + 2 * ghosts) * plane);
+    }
+    if (size == 8) {
+      CHECK(sent_after[0] == computed[0]);  // the twin: nothing was left to do meanwhile
+    }
+  }
+}
+
 TEST_CASE("rows and checkpoints go to the record, and come from it, in parts") {
   const Folder folder;
   // Slab::planes_at_once(): as many planes as a megabyte has, of which either rank owns more.

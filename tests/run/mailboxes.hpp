@@ -48,7 +48,7 @@ public:
       box.pop_front();
       return message;
     }
-    void exchange(std::span<const Outgoing> out, std::span<const Incoming> in) override {
+    void begin_exchange(std::span<const Outgoing> out, std::span<const Incoming> in) override {
       for (const Outgoing& numbers : out) {
         const std::scoped_lock lock(all_.mutex_);
         auto& box = all_.numbers_[{rank_, numbers.to}];
@@ -58,7 +58,10 @@ public:
         ++all_.exchanges_;
         all_.has_come_.notify_all();
       }
-      for (const Incoming& numbers : in) {
+      expected_.assign(in.begin(), in.end());
+    }
+    void end_exchange() override {
+      for (const Incoming& numbers : expected_) {
         std::unique_lock lock(all_.mutex_);
         auto& box = all_.numbers_[{numbers.from, rank_}];
         if (!all_.has_come_.wait_for(lock, std::chrono::seconds(60), [&box] { return !box.empty(); })) {
@@ -76,6 +79,7 @@ public:
   private:
     Mailboxes& all_;
     int rank_;
+    std::vector<Incoming> expected_;
   };
 
   /// Called with every array of numbers before it is put into its box.
