@@ -221,4 +221,40 @@ RUBATO_WIDE_VECTORS double weighted_sum(const double* weights, const double* val
   return ((sums[0] + sums[1]) + (sums[2] + sums[3])) + ((sums[4] + sums[5]) + (sums[6] + sums[7]));
 }
 
+namespace {
+
+RUBATO_WIDE_VECTORS void sum_in_lanes(const double* values, std::size_t count, double* sums, double* rests) {
+  constexpr std::size_t lanes = 8;
+  grids::EightLanes high = {}, low = {};
+  const auto take = [&](std::size_t from, std::size_t some) __attribute__((always_inline)) {
+    grids::EightLanes term = {};  // zeros change neither part
+    std::memcpy(&term, values + from, some * sizeof(double));
+    const grids::EightLanes sum = high + term, moved = sum - high;
+    low += (high - (sum - moved)) + (term - moved);
+    high = sum;
+  };
+  std::size_t i = 0;
+  for (; i + lanes <= count; i += lanes) {
+    take(i, lanes);
+  }
+  if (i < count) {
+    take(i, count - i);
+  }
+  std::memcpy(sums, &high, sizeof high);
+  std::memcpy(rests, &low, sizeof low);
+}
+
+}  // namespace
+
+CompensatedSum sum_of_values(const double* values, std::size_t count) {
+  double sums[8], rests[8];
+  sum_in_lanes(values, count, sums, rests);
+  CompensatedSum total;
+  for (std::size_t l = 0; l < 8; ++l) {
+    total.add(sums[l]);
+    total.low += rests[l];
+  }
+  return total;
+}
+
 }  // namespace rubato

@@ -3,6 +3,8 @@
 #include <complex>
 #include <cstddef>
 
+#include <rubato/base/compensated_sum.hpp>
+
 /// \file
 /// Loops over waves, whose numbers have real and imaginary parts apart; outputs overlap no inputs. In vectors, and the
 /// same bit by bit for every width of them.
@@ -60,6 +62,8 @@ void add_form(const double* g_re, const double* g_im, const double* l_re, const 
 void interleave(const double* re, const double* im, std::size_t count, double* pairs);
 void separate(const double* pairs, std::size_t count, double* re, double* im);
 ///@}
+/// Σ values, each rounding carried along (Knuth's two-sum in eight lanes).
+[[nodiscard]] CompensatedSum sum_of_values(const double* values, std::size_t count);
 /// Σ weights·values.
 [[nodiscard]] double weighted_sum(const double* weights, const double* values, std::size_t count);
 

@@ -105,6 +105,7 @@ private:
   [[nodiscard]] bool kick_from_here(double tau);
   void kick_by(std::size_t v, const WaveRows& slopes, double tau);
   [[nodiscard]] double wave_energy(const WaveRows& rows) const;
+  [[nodiscard]] double node_energy(std::span<const double> N) const;
   [[nodiscard]] double largest_of_waves(std::span<const double> values) const;
   [[nodiscard]] double sum_of_waves(double here) const;
   [[nodiscard]] bool has_mean() const;
