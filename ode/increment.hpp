@@ -60,7 +60,7 @@ public:
   void add(const Vector& delta) {
     constexpr Eigen::Index long_enough = 16;  // for a call to pay
     if (delta.size() >= long_enough) {
-      state_kernels().add(static_cast<std::size_t>(delta.size()), delta.data(), high_.data(), low_.data());
+      add_to_state(static_cast<std::size_t>(delta.size()), delta.data(), high_.data(), low_.data());
     } else {
       two_sum(delta);
       renormalise();

@@ -103,7 +103,7 @@ public:
     ++iterations_;
     energy_ = whole_ ? by_whole(h) : is_long_ ? by_states(h) : by_parts(h);
     const VectorXd& found = is_long_ ? trial_end() : delta_;
-    const bool finite = whole_ ? found.allFinite() : kernels_.finite(static_cast<std::size_t>(2 * n_), found.data());
+    const bool finite = whole_ ? found.allFinite() : all_finite(static_cast<std::size_t>(2 * n_), found.data());
     return std::isfinite(energy_) && finite ? Status::success : Status::undefined;
   }
 
@@ -164,8 +164,8 @@ private:
       const double length = part.drift ? part.length * h : -(part.length * h);
       const Index moved = part.drift ? 0 : n_;
       energy += part.length * half(point_.data() + n_ - moved);
-      kernels_.move(static_cast<std::size_t>(n_), length, half.gradient(), z_.value().data() + moved,
-                    z_.low().data() + moved, delta_.data() + moved, point_.data() + moved);
+      move_state(static_cast<std::size_t>(n_), length, half.gradient(), z_.value().data() + moved,
+                 z_.low().data() + moved, delta_.data() + moved, point_.data() + moved);
     }
     return energy;
   }
@@ -182,8 +182,8 @@ private:
       const std::size_t moved = part.drift ? 0 : 1;
       const Index first = part.drift ? 0 : n_;
       energy += part.length * half(high[1 - moved]);
-      kernels_.displace(static_cast<std::size_t>(n_), part.drift ? part.length * h : -(part.length * h),
-                        half.gradient(), high[moved], low[moved], end.data() + first, low_.data() + first);
+      displace_state(static_cast<std::size_t>(n_), part.drift ? part.length * h : -(part.length * h), half.gradient(),
+                     high[moved], low[moved], end.data() + first, low_.data() + first);
       high[moved] = end.data() + first;
       low[moved] = low_.data() + first;
     }
@@ -196,7 +196,6 @@ private:
   formula::SumSizeEvaluator energy_size_;
   Index n_;
   Half T_, V_;
-  StateKernels kernels_ = state_kernels();
   std::optional<formula::ScalarEvaluator> whole_;
   bool is_long_;
   VectorXd inputs_;  ///< of whole_

@@ -22,7 +22,6 @@ void add_plainly(double& high, double& low, double change) {
 }  // namespace
 
 TEST_CASE("kernels over states do what their loops say, bit for bit, of every length") {
-  const rubato::StateKernels kernels = rubato::state_kernels();
   std::mt19937_64 engine(15);
   std::normal_distribution<double> normal;
   for (std::size_t n = 0; n < 70; ++n) {
@@ -36,12 +35,12 @@ TEST_CASE("kernels over states do what their loops say, bit for bit, of every le
     INFO(n);
 
     Numbers moved = delta, point(n);
-    kernels.move(n, factor, gradient.data(), high.data(), low.data(), moved.data(), point.data());
+    rubato::move_state(n, factor, gradient.data(), high.data(), low.data(), moved.data(), point.data());
     Numbers added = high, rest = low;
-    kernels.add(n, delta.data(), added.data(), rest.data());
+    rubato::add_to_state(n, delta.data(), added.data(), rest.data());
     Numbers there(n), there_rest(n), here = high, here_rest = low;
-    kernels.displace(n, factor, gradient.data(), high.data(), low.data(), there.data(), there_rest.data());
-    kernels.displace(n, factor, gradient.data(), here.data(), here_rest.data(), here.data(), here_rest.data());
+    rubato::displace_state(n, factor, gradient.data(), high.data(), low.data(), there.data(), there_rest.data());
+    rubato::displace_state(n, factor, gradient.data(), here.data(), here_rest.data(), here.data(), here_rest.data());
     std::size_t wrong = 0, twins = 0;
     for (std::size_t i = 0; i < n; ++i) {
       const double change = delta[i] + factor * gradient[i];
@@ -60,13 +59,13 @@ TEST_CASE("kernels over states do what their loops say, bit for bit, of every le
     CHECK(wrong == 0);
     CHECK((n < 20 || twins > 0));
 
-    CHECK(kernels.finite(n, high.data()));
+    CHECK(rubato::all_finite(n, high.data()));
     for (std::size_t i = 0; i < n; ++i) {
       for (const double bad : {std::numeric_limits<double>::infinity(), -std::numeric_limits<double>::infinity(),
                                std::numeric_limits<double>::quiet_NaN(), -std::numeric_limits<double>::quiet_NaN()}) {
         Numbers spoilt = high;
         spoilt[i] = bad;
-        CHECK_FALSE(kernels.finite(n, spoilt.data()));
+        CHECK_FALSE(rubato::all_finite(n, spoilt.data()));
       }
     }
   }
