@@ -97,7 +97,7 @@ struct Fourier::Storage {
         complex(2 * static_cast<std::size_t>(n) * ny * nz * complex_row) {
     parallel_fill(real.data(), real.size(), 0.0);
     parallel_fill(complex.data(), complex.size(), 0.0);
-    const Slab* const slab = slab_of(g);
+    const Slab* const slab = Slab::of(g);
     if (slab != nullptr) {
       share(*slab, g.dimensions());
     } else if (ny * nz == 1 && ShortTransform::serves(nx)) {
@@ -132,13 +132,8 @@ struct Fourier::Storage {
     }
   }
 
-  /// The slab that a grid is the part of; null for none.
-  static const Slab* slab_of(const Grid& g) {
-    const Slab* const slab = Slab::of(g.size());
-    return slab != nullptr && slab->size() == g.size() && g.axes().back().of != 0 ? slab : nullptr;
-  }
   static std::size_t cells_here(const Grid& g, int axis) {
-    const Slab* const slab = slab_of(g);
+    const Slab* const slab = Slab::of(g);
     return slab != nullptr && axis == g.dimensions() - 1 ? slab->planes(slab->rank()) : g.cells(axis);
   }
   /// \throws std::invalid_argument for a line, which has no transforms along planes

@@ -76,6 +76,11 @@ private:
 
 /// Spectral derivatives: exact for every trigonometric polynomial that the grid resolves; the Nyquist mode of an even
 /// number of cells is given derivative zero. Plans and threads as in `Fourier`.
+///
+/// On the grid of this thread's slab derivatives are those of the whole lattice: along planes each rank takes those of
+/// its part, ghosts and all; across planes all ranks take part, each with some of the lines (grids/columns.hpp), and of
+/// the results ghosts are left alone. Each line is differentiated as it is on one rank: the bits are the same for every
+/// number of ranks. The slab has to outlive this.
 class SpectralDerivative {
 public:
   explicit SpectralDerivative(const Grid& grid);

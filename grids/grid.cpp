@@ -26,7 +26,7 @@ void check(const std::vector<Axis>& axes) {
       throw std::invalid_argument(
           fmt::format("axis {}: from = {} must be less than to = {}", axis.name, axis.from, axis.to));
     }
-    if (axis.cells < 3) {
+    if (axis.cells < 3 && axis.of == 0) {
       throw std::invalid_argument(fmt::format("axis {}: at least 3 cells are needed, not {}", axis.name, axis.cells));
     }
     if (!(axis.from + axis.spacing() > axis.from)) {

@@ -33,7 +33,8 @@ struct Axis {
 class Grid {
 public:
   /// Throws std::invalid_argument (naming axis and values) unless there are 1 to 3 axes with different names, from < to
-  /// finite, at least 3 cells each, and one field of all nodes fits into this machine's memory.
+  /// finite, at least 3 cells each (but of a part of an axis), and one field of all nodes fits into this machine's
+  /// memory.
   explicit Grid(std::vector<Axis> axes);
 
   [[nodiscard]] int dimensions() const { return static_cast<int>(axes_.size()); }

@@ -138,6 +138,10 @@ public:
   [[nodiscard]] static const Slab* of(std::size_t count) {
     return present_ != nullptr && count > 0 && count % present_->size() == 0 ? present_ : nullptr;
   }
+  /// The same where `grid` is its part.
+  [[nodiscard]] static const Slab* of(const Grid& grid) {
+    return present_ != nullptr && present_->size() == grid.size() && grid.axes().back().of != 0 ? present_ : nullptr;
+  }
 
 private:
   /// refresh() in two parts, between which no ghost is read.

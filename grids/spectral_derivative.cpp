@@ -5,6 +5,7 @@
 
 #include <fmt/core.h>
 #include <rubato/grids/buffer.hpp>
+#include <rubato/grids/columns.hpp>
 #include <rubato/grids/fftw_plan.hpp>
 #include <rubato/grids/fourier.hpp>
 #include <rubato/grids/parallel.hpp>
@@ -19,6 +20,7 @@ constexpr std::size_t together = 8;
 
 struct SpectralDerivative::Storage {
   struct Direction {
+    std::size_t lines = 1;                     ///< so many are taken together
     std::size_t padded = 0;                    ///< doubles from one line to the next in a workspace
     std::vector<std::complex<double>> symbol;  ///< with the factor 1/n
     std::optional<ShortTransform> own;         ///< in place of the plans, where there is one
@@ -51,21 +53,30 @@ struct SpectralDerivative::Storage {
   };
 
   Grid grid;
+  std::optional<Columns> columns;  ///< where the grid is a slab's part
   std::vector<Direction> directions;
   std::size_t workspace = 0;
   std::vector<Buffer> workspaces;  ///< one for each thread: `together` lines, and one line of modes
 
   explicit Storage(const Grid& g) : grid(g) {
-    for (const Axis& axis : grid.axes()) {
-      const std::size_t padded = (axis.cells + 7) / 8 * 8;
-      workspace = std::max(workspace, (lines_together(axis) + 1) * padded + 2);
+    const Slab* const slab = Slab::of(g);
+    if (slab != nullptr) {
+      columns.emplace(*slab);
+    }
+    const std::vector<Axis>& axes = slab == nullptr ? grid.axes() : slab->whole().axes();
+    for (std::size_t a = 0; a < axes.size(); ++a) {
+      Direction& direction = directions.emplace_back();
+      const std::size_t lines = slab != nullptr && a + 1 == axes.size() ? columns->count() : g.size() / axes[a].cells;
+      direction.lines = std::clamp<std::size_t>(lines, 1, together);
+      direction.padded = (axes[a].cells + 7) / 8 * 8;
+      workspace = std::max(workspace, (direction.lines + 1) * direction.padded + 2);
     }
     prepare_workspaces();
     double* lines = workspaces.front().data();
-    for (const Axis& axis : grid.axes()) {
-      Direction direction;
-      direction.padded = (axis.cells + 7) / 8 * 8;
-      auto* modes = reinterpret_cast<fftw_complex*>(lines + lines_together(axis) * direction.padded);
+    for (std::size_t a = 0; a < axes.size(); ++a) {
+      const Axis& axis = axes[a];
+      Direction& direction = directions[a];
+      auto* modes = reinterpret_cast<fftw_complex*>(lines + direction.lines * direction.padded);
       const int n = static_cast<int>(axis.cells);
       direction.forward = make_plan([&] { return fftw_plan_dft_r2c_1d(n, lines, modes, FFTW_ESTIMATE); });
       direction.inverse = make_plan([&] { return fftw_plan_dft_c2r_1d(n, modes, lines, FFTW_ESTIMATE); });
@@ -76,18 +87,59 @@ struct SpectralDerivative::Storage {
         direction.symbol.push_back(derivative_symbol(static_cast<std::ptrdiff_t>(k), axis) /
                                    static_cast<double>(axis.cells));
       }
-      directions.push_back(std::move(direction));
     }
-  }
-
-  [[nodiscard]] std::size_t lines_together(const Axis& axis) const {
-    return std::min(together, grid.size() / axis.cells);
   }
 
   void prepare_workspaces() {
     while (workspaces.size() < static_cast<std::size_t>(thread_count())) {
       workspaces.emplace_back(workspace);
     }
+  }
+
+  /// The derivatives of `lines` lines of each of `fields` fields, some together: read(field, first line, count, lines
+  /// of the workspace) and write(the same) copy them there and back.
+  template <class Read, class Write>
+  void each_line(const Direction& direction, std::size_t n, std::size_t fields, std::size_t lines, const Read& read,
+                 const Write& write) {
+    const std::size_t groups = (lines + together - 1) / together;
+    for_each_block(fields * groups, std::max<std::size_t>(1, nodes_per_block / (n * direction.lines)),
+                   [&](std::size_t begin, std::size_t end) {
+                     double* space = workspaces[thread_number()].data();
+                     for (std::size_t unit = begin; unit < end; ++unit) {
+                       const std::size_t field = unit / groups, first = unit % groups * together;
+                       const std::size_t count = std::min(together, lines - first);
+                       read(field, first, count, space);
+                       for (std::size_t l = 0; l < count; ++l) {
+                         direction.along(space + l * direction.padded, n, space + direction.lines * direction.padded);
+                       }
+                       write(field, first, count, space);
+                     }
+                   });
+  }
+
+  /// Across the planes of a slab.
+  void across(const Direction& direction, std::span<const double* const> in, std::span<double* const> out) {
+    const std::size_t n = columns->planes(), padded = direction.padded;
+    columns->take(in);
+    each_line(
+        direction, n, in.size(), columns->count(),
+        [&](std::size_t field, std::size_t first, std::size_t count, double* lines) {
+          for (std::size_t i = 0; i < n; ++i) {
+            const double* row = columns->row(field, i) + first;
+            for (std::size_t l = 0; l < count; ++l) {
+              lines[l * padded + i] = row[l];
+            }
+          }
+        },
+        [&](std::size_t field, std::size_t first, std::size_t count, const double* lines) {
+          for (std::size_t i = 0; i < n; ++i) {
+            double* row = columns->row(field, i) + first;
+            for (std::size_t l = 0; l < count; ++l) {
+              row[l] = lines[l * padded + i];
+            }
+          }
+        });
+    columns->put(out);
   }
 };
 
@@ -103,42 +155,40 @@ void SpectralDerivative::operator()(int axis, std::span<const double* const> in,
                                             s.grid.dimensions(), in.size(), out.size()));
   }
   s.prepare_workspaces();
-  const Storage::Direction& direction = s.directions[axis];
-  const std::size_t n = s.grid.cells(axis);
+  const Storage::Direction& direction = s.directions[static_cast<std::size_t>(axis)];
+  if (s.columns && axis == s.grid.dimensions() - 1) {
+    s.across(direction, in, out);
+    return;
+  }
+  const std::size_t n = s.grid.cells(axis), padded = direction.padded;
   const std::size_t stride = s.grid.stride(axis);
-  const std::size_t lines = s.grid.size() / n;
-  const std::size_t groups = (lines + together - 1) / together;
-  const auto one = [&](std::size_t unit) {
-    double* space = s.workspaces[thread_number()].data();
-    double* modes = space + std::min(together, lines) * direction.padded;
-    const double* from = in[unit / groups];
-    double* to = out[unit / groups];
-    const std::size_t first = unit % groups * together;
-    const std::size_t count = std::min(together, lines - first);
-    std::size_t starts[together];
-    for (std::size_t l = 0; l < count; ++l) {
-      starts[l] = (first + l) / stride * stride * n + (first + l) % stride;
-    }
-    for (std::size_t i = 0; i < n; ++i) {
-      for (std::size_t l = 0; l < count; ++l) {
-        space[l * direction.padded + i] = from[starts[l] + i * stride];
-      }
-    }
-    for (std::size_t l = 0; l < count; ++l) {
-      direction.along(space + l * direction.padded, n, modes);
-    }
-    for (std::size_t i = 0; i < n; ++i) {
-      for (std::size_t l = 0; l < count; ++l) {
-        to[starts[l] + i * stride] = space[l * direction.padded + i];
-      }
-    }
-  };
-  for_each_block(in.size() * groups, std::max<std::size_t>(1, nodes_per_block / (n * std::min(together, lines))),
-                 [&](std::size_t begin, std::size_t end) {
-                   for (std::size_t unit = begin; unit < end; ++unit) {
-                     one(unit);
-                   }
-                 });
+  const auto start = [n, stride](std::size_t line) { return line / stride * stride * n + line % stride; };
+  s.each_line(
+      direction, n, in.size(), s.grid.size() / n,
+      [&](std::size_t field, std::size_t first, std::size_t count, double* lines) {
+        std::size_t starts[together];
+        for (std::size_t l = 0; l < count; ++l) {
+          starts[l] = start(first + l);
+        }
+        const double* from = in[field];
+        for (std::size_t i = 0; i < n; ++i) {
+          for (std::size_t l = 0; l < count; ++l) {
+            lines[l * padded + i] = from[starts[l] + i * stride];
+          }
+        }
+      },
+      [&](std::size_t field, std::size_t first, std::size_t count, const double* lines) {
+        std::size_t starts[together];
+        for (std::size_t l = 0; l < count; ++l) {
+          starts[l] = start(first + l);
+        }
+        double* to = out[field];
+        for (std::size_t i = 0; i < n; ++i) {
+          for (std::size_t l = 0; l < count; ++l) {
+            to[starts[l] + i * stride] = lines[l * padded + i];
+          }
+        }
+      });
 }
 
 void SpectralDerivative::operator()(int axis, const double* in, double* out) const {
