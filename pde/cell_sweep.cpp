@@ -216,7 +216,7 @@ struct CellSweep::Storage {
     std::vector<grids::FieldSet> derivative;  ///< along each axis
     grids::FieldSet mean;                     ///< in elements
   };
-  /// At corners: what is summed over the grid, node by node, as ranks that share a lattice have to.
+  /// At corners, and of a slab: what is summed over the grid, node by node, as ranks that share a lattice have to.
   grids::FieldSet by_node;
   std::unique_ptr<NodeDerivative> nodal;
   std::unique_ptr<ElementOperators> elements;
@@ -253,7 +253,7 @@ struct CellSweep::Storage {
       of_point.derivative.assign(static_cast<std::size_t>(dimensions), grids::FieldSet(d, grid.size()));
       of_rate = of_point;
     }
-    if (collocation == Collocation::corners) {
+    if (collocation == Collocation::corners || grids::Slab::of(grid) != nullptr) {
       by_node = grids::FieldSet(rows_by_node, grid.size());
     }
   }

@@ -197,7 +197,7 @@ void NodeLaws::point_at(Workspace& work, const grids::FieldSet& z, const grids::
 void NodeLaws::take_level(const LatticeLevel& level, bool with_fluxes) {
   bool is_known = densities_are_known_ && std::ranges::equal(std::as_const(known_).all(), level.fields.all()) &&
                   known_slopes_.of_field == level.slopes.of_field;
-  if (points_.stages() != nullptr) {  // which all ranks of a lattice find together
+  if (points_.stages() != nullptr || !derivative_.one_sided()) {  // which all ranks of a lattice find together
     is_known = grids::agreed_by_all(tables_.grid, is_known);
   }
   with_fluxes = with_fluxes && points_.end_weight() != 0.0;

@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <rubato/grids/slab.hpp>
 #include <rubato/grids/whole.hpp>
 #include <rubato/pde/first_step.hpp>
 #include <rubato/problem/initial_record.hpp>
@@ -99,7 +100,18 @@ private:
       throw ProblemError(text.location, fmt::format("the initial {} is {} at {}", pde_.fields[f], value,
                                                     place_of(grids::whole_of(grid_), node)));
     }
+    refresh(*values_[f]);
     return true;
+  }
+
+  /// What derivatives across planes leave of ghosts.
+  void refresh(std::vector<double>& values) const {
+    if (grids::Slab::of(grid_) != nullptr) {
+      grids::FieldSet field(1, values.size());
+      std::ranges::copy(values, field.field(0).begin());
+      grids::refresh_ghosts(field);
+      std::ranges::copy(field.field(0), values.begin());
+    }
   }
 
   const Problem& problem_;
@@ -108,21 +120,13 @@ private:
   InitialFields values_;
 };
 
-/// Whether the ranks that share a lattice can make the first level of their parts each: not from derivatives across
-/// planes, nor where what a user gave has to agree with what the constraints say.
+/// Whether the ranks that share a lattice can make the first level of their parts each: not where what a user gave has
+/// to agree with what the constraints say.
 bool begins_in_parts(const Problem& problem, const MultisymplecticSystem& system) {
   const MultisymplecticProblem& pde = *problem.multisymplectic();
   bool in_parts = make_method(problem)->begins_in_parts();
   for (std::size_t f = 0; f < pde.fields.size(); ++f) {
-    if (const auto& text = pde.initial[f]) {
-      formula::Graph graph;
-      const auto expression = problem.build(*text, graph, pde.axis_names(), pde.fields);
-      const std::string across = fmt::format("d{}(", pde.axes.back().name);
-      in_parts = in_parts && !system.structure().algebraic[f] &&
-                 std::ranges::none_of(formula::variables_of(expression), [&](std::size_t variable) {
-                   return graph.variable_name(variable).find(across) != std::string::npos;
-                 });
-    }
+    in_parts = in_parts && !(pde.initial[f] && system.structure().algebraic[f]);
   }
   return in_parts;
 }
@@ -290,15 +294,6 @@ NodeTable make_invariants(const Problem& problem, const MultisymplecticSystem& s
     }
   }
   return {problem, pde.invariants, pde.fields, grid};
-}
-
-bool reads_derivatives(const Problem& problem, const NamedFormula& formula) {
-  const MultisymplecticProblem& pde = *problem.multisymplectic();
-  formula::Graph graph;
-  const formula::Expression expression = problem.build(formula.formula, graph, quantity_names(pde), pde.fields);
-  return std::ranges::any_of(formula::variables_of(expression), [&](std::size_t variable) {
-    return graph.variable_name(variable).find('(') != std::string::npos;
-  });
 }
 
 NodeTable make_exact(const Problem& problem, const MultisymplecticSystem& system, const grids::Grid& grid) {

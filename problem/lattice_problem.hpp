@@ -57,9 +57,6 @@ private:
 [[nodiscard]] NodeTable make_exact(const Problem& problem, const MultisymplecticSystem& system,
                                    const grids::Grid& grid);
 
-/// Whether a formula of a lattice problem has dx() or its like.
-[[nodiscard]] bool reads_derivatives(const Problem& problem, const NamedFormula& formula);
-
 /// |field - exact| over the nodes of a level, for each name of [exact].
 [[nodiscard]] std::vector<figures::Named<Spread>> lattice_errors(NodeTable& exact, const MultisymplecticSystem& system,
                                                                  const LatticeLevel& level, double t);

@@ -36,9 +36,6 @@ std::string methods_to_share() {
   for (const LatticeMethodEntry& entry : lattice_methods()) {
     if (make_lattice_method({.name = std::string(entry.name)})->is_shared()) {
       names.push_back(fmt::format("\"{}\"", entry.name));
-    } else if (entry.has_space &&
-               make_lattice_method({.name = std::string(entry.name), .space = "differences"})->is_shared()) {
-      names.push_back(fmt::format("\"{}\" with space = \"differences\"", entry.name));
     }
   }
   return fmt::format("{}", fmt::join(names, ", "));
@@ -179,12 +176,6 @@ void refuse_unshared(const Problem& problem, const RunOptions& options) {
   if (make_output(problem) != nullptr) {
     refuse_sharing(problem.output.file_location, ranks,
                    "output at times of its own, and of quantities, is not shared; states are stored by every");
-  }
-  for (const NamedFormula& invariant : pde->invariants) {
-    if (reads_derivatives(problem, invariant)) {
-      refuse_sharing(invariant.formula.location, ranks,
-                     fmt::format("{} has derivatives, which take the whole lattice", invariant.name));
-    }
   }
 }
 

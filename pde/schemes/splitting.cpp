@@ -170,11 +170,13 @@ public:
   [[nodiscard]] int order() const override { return composition_.order; }
   [[nodiscard]] bool has_bridges() const override { return false; }
   [[nodiscard]] bool has_variational_laws() const override { return false; }
-  /// With differences: laws at nodes have spectral derivatives, which are taken of a whole lattice.
-  [[nodiscard]] bool is_shared() const override { return collocation_ == Collocation::corners; }
-  [[nodiscard]] bool is_shared_in(int dimensions) const override { return is_shared() && dimensions > 1; }
-  /// Laws read the fluxes of a neighbour, which reads its own; the waves of a step are the whole lattice's.
-  [[nodiscard]] std::size_t ghosts(const MultisymplecticSystem&) const override { return 2; }
+  [[nodiscard]] bool is_shared() const override { return true; }
+  [[nodiscard]] bool is_shared_in(int dimensions) const override { return dimensions > 1; }
+  /// With differences laws read the fluxes of a neighbour, which reads its own; the waves of a step are the whole
+  /// lattice's, and so are spectral derivatives.
+  [[nodiscard]] std::size_t ghosts(const MultisymplecticSystem&) const override {
+    return collocation_ == Collocation::corners ? 2 : 0;
+  }
   /// None: the family has its K.
   [[nodiscard]] std::optional<LatticeAction> action(const MultisymplecticSystem&) const override {
     return std::nullopt;

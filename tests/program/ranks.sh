@@ -77,18 +77,22 @@ case $case_name in
       check "resumed on another number of ranks" same alone.h5 part.h5
     done
     # A splitting, whose transforms round as the number of ranks has it.
-    ring=(run sine-gordon-2d --set scheme.lagrangian=splitting --set scheme.space=differences --set scheme.levels=fixed --set scheme.until=0.5)
-    alone "${ring[@]}" -o alone.h5 --force --quiet
-    for ranks in 2 3; do
-      on $ranks "${ring[@]}" -o shared.h5 --force --quiet
+    for space in differences fourier; do
+      ring=(run sine-gordon-2d --set scheme.lagrangian=splitting --set scheme.space=$space --set scheme.levels=fixed --set scheme.until=0.5)
+      alone "${ring[@]}" -o alone.h5 --force --quiet
+      for ranks in 2 3; do
+        on $ranks "${ring[@]}" -o shared.h5 --force --quiet
+        status_is 0
+        check "the fields of one process to rounding, $space, on $ranks ranks" h5diff -d 1e-12 alone.h5 shared.h5 /states/u /states/u
+        check "the twin: which is not all of their bits" differ alone.h5 shared.h5
+        on $ranks check shared.h5
+        status_is 0
+      done
+      on 3 "${ring[@]}" --set scheme.until=0.2 -o part.h5 --force --quiet
+      on 3 resume part.h5 --until 0.5 --quiet
       status_is 0
-      check "the fields of one process to rounding, on $ranks ranks" h5diff -d 1e-12 alone.h5 shared.h5 /states/u /states/u
-      check "the twin: which is not all of their bits" differ alone.h5 shared.h5
+      check "resumed on as many ranks" same shared.h5 part.h5
     done
-    on 3 "${ring[@]}" --set scheme.until=0.2 -o part.h5 --force --quiet
-    on 3 resume part.h5 --until 0.5 --quiet
-    status_is 0
-    check "resumed on as many ranks" same shared.h5 part.h5
     # The disk of the rank that writes is full, here: no file may be so long there.
     ring=(run sine-gordon-2d "${explicit[@]}" --set scheme.until=0.2 --set output.every=1)
     "$rubato" "${ring[@]}" --set scheme.until=0.1 -o full.h5 --quiet
@@ -182,7 +186,7 @@ LIMITED
       check "the place" grep -q "^rubato: error: $problem.toml (built-in):[0-9]*:[0-9]*: " err
       check "and what to do" grep -q '2 ranks cannot share this run: .*without mpirun' err
     done
-    for method in euler-box leapfrog; do   # whatever else is
+    for method in euler-box leapfrog splitting; do   # whatever else is
       check "what is shared, $method" grep -q "lattices are shared with lagrangian = .*\"$method\".* so far" err
     done
     check "the twin: what is not, is not told" no '"box"' err

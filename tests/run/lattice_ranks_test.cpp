@@ -18,6 +18,7 @@
 #include <fmt/ranges.h>
 #include <sys/mount.h>
 
+#include <rubato/grids/fourier.hpp>
 #include <rubato/grids/reductions.hpp>
 #include <rubato/grids/slab.hpp>
 #include <rubato/record/reader.hpp>
@@ -86,6 +87,8 @@ z = { from = 0, to = 1, cells = 11 }
 [initial]
 u = "sin(2*pi*(x + 2*y))*cos(2*pi*z)"
 v = 0
+[invariants]
+mass = "u^2 + c"
 [scheme]
 lagrangian = "euler-box"
 levels = "fixed"
@@ -103,9 +106,13 @@ RunOptions on(ranks::Communicator& ranks, const std::string& file) {
 
 namespace {
 
-/// The schemes that ranks share, with fixed levels and, where they have them, with variable ones.
+/// The schemes that ranks share with the same bits, with fixed levels and, where they have them, with variable ones;
+/// and invariants with derivatives, along planes and across them.
 const std::vector<Settings> shared_schemes = {
-    {}, {"scheme.lagrangian=leapfrog"}, {"scheme.lagrangian=leapfrog", "scheme.levels=variable"}};
+    {},
+    {"scheme.lagrangian=leapfrog"},
+    {"scheme.lagrangian=leapfrog", "scheme.levels=variable"},
+    {"scheme.lagrangian=leapfrog", "invariants.mass=dy(u)^2 + v*dx(dy(a)) + dx(u)*dy(dy(u))"}};
 
 }  // namespace
 
@@ -151,8 +158,8 @@ TEST_CASE("lattices on a line and in space are shared as well") {
   const Folder folder;
   const std::vector<Problem> problems = {
       read_problem("sine-gordon", Settings{"scheme.lagrangian=" + scheme, "scheme.levels=fixed", "scheme.step=0.02",
-                                           "scheme.until=0.5"}),
-      wave_in_space({"scheme.lagrangian=" + scheme})};
+                                           "scheme.until=0.5", "invariants.topological_charge=dx(u)^2 + v*dx(dx(u))"}),
+      wave_in_space({"scheme.lagrangian=" + scheme, "invariants.mass=dz(u)^2 + dy(dz(dx(v)))*u"})};
   for (const Problem& problem : problems) {
     INFO(problem.name);
     const Outcome one = run(problem, {.output = folder / "one.h5", .overwrite = true, .threads = 1});
@@ -265,11 +272,11 @@ TEST_CASE("ranks check the record of a lattice together, and find what one finds
 
 TEST_CASE("a first level is the same whether ranks make it in parts or whole, and so is what is said of it") {
   const Folder folder;
-  // Data that do not repeat, across planes and along them; derivatives along planes, and across them, which no rank can
-  // take of its part; an equation that is ill-posed, which is seen at the least and the greatest value.
+  // Data that do not repeat, across planes and along them; derivatives along planes, and across them, which all ranks
+  // take together; an equation that is ill-posed, which is seen at the least and the greatest value.
   for (const Settings& settings :
        {Settings{"initial.u=exp(y/3)*sin(pi*x/3)"}, Settings{"initial.u=x^3*cos(2*pi*(y - 0.3)/6.7)"},
-        Settings{"initial.v=dx(dx(u))"}, Settings{"initial.v=dy(u)"},
+        Settings{"initial.v=dx(dx(u))"}, Settings{"initial.v=dx(dy(u))*cos(dy(u))"},
         Settings{"multisymplectic.S=(v^2 - a^2 - b^2)/2 + (1 - cos(u))*a^2"}}) {
     INFO(settings.front());
     const Problem problem = wave_on_torus(40, 37, settings);
@@ -304,14 +311,17 @@ TEST_CASE("a first level is the same whether ranks make it in parts or whole, an
   CHECK_THAT(said[0], Contains("nan at x = -1, y = 6.44"));
 }
 
-TEST_CASE("splittings on differences are shared, equal to rounding, and continued with the same bits") {
+TEST_CASE("splittings are shared, equal to rounding, and continued with the same bits") {
   const Folder folder;
-  const std::string levels = GENERATE("fixed", "variable");
+  const std::string levels = GENERATE("fixed", "variable"), space = GENERATE("differences", "fourier");
   const auto settings = [&](Settings more) {
-    for (const std::string setting : {"lagrangian=splitting", "space=differences", "composition=golden"}) {
+    for (const std::string& setting : {std::string("lagrangian=splitting"), std::string("composition=golden"),
+                                       "space=" + space, "levels=" + levels}) {
       more.push_back("scheme." + setting);
     }
-    more.push_back("scheme.levels=" + levels);
+    if (space == "fourier") {  // whose derivatives take all ranks, too
+      more.emplace_back("invariants.mass=v*dx(u) + " + std::string(levels == "fixed" ? "dx(dy(u))^2" : "dy(b)^2"));
+    }
     return more;
   };
   const auto read = [&](const std::string& file, const std::string& path) {
@@ -356,7 +366,8 @@ TEST_CASE("splittings on differences are shared, equal to rounding, and continue
       return close;
     };
     for (const int size : sizes) {
-      INFO(levels << " levels, " << problem.source << ", " << expected.size() << " values, " << size << " ranks");
+      INFO(space << ", " << levels << " levels, " << problem.source << ", " << expected.size() << " values, " << size
+                 << " ranks");
       const Outcome all = with_ranks(size, [&](auto& rank) { return run(problem, on(rank, folder / "all.h5")); });
       CHECK(all.status == ExitStatus::done);
       CHECK(is_close("all.h5"));
@@ -415,17 +426,17 @@ TEST_CASE("what ranks cannot share is refused, with its place, before anything i
     return "";
   };
   const auto torus = [](const Settings& settings) { return wave_on_torus(9, 7, settings); };
-  for (const std::string scheme : {"box", "fourier", "splitting"}) {
+  for (const std::string scheme : {"box", "fourier"}) {
     const std::string setting = "scheme.lagrangian=" + scheme;
-    CHECK_THAT(refusal(torus({setting})),
-               Contains(setting) && Contains("2 ranks cannot share this run") &&
-                   Contains(R"("euler-box", "splitting" with space = "differences", "leapfrog" so far)") &&
-                   Contains("without mpirun"));
+    CHECK_THAT(refusal(torus({setting})), Contains(setting) && Contains("2 ranks cannot share this run") &&
+                                              Contains(R"("euler-box", "splitting", "leapfrog" so far)") &&
+                                              Contains("without mpirun"));
   }
+  CHECK_THAT(refusal(read_problem("sine-gordon", Settings{"scheme.lagrangian=splitting"})),
+             Contains("transforms along a line take the whole of it"));
   CHECK_THAT(refusal(torus({"scheme.step=auto", "scheme.energy_tolerance=1e-3"})), Contains("auto"));
   CHECK_THAT(refusal(torus({}), 2, true), Contains("--tangents"));
   CHECK_THAT(refusal(torus({"multisymplectic.S=(v^2 - a^2 - b^2)/2 + cos(y)*u^2"})), Contains("coordinate"));
-  CHECK_THAT(refusal(torus({"invariants.mass=dy(u)^2"})), Contains("mass has derivatives"));
   CHECK_THAT(refusal(torus({"output.interval=0.1"})), Contains("output at times"));
   CHECK_THAT(refusal(torus({"output.quantities.mean=integral(u)"})), Contains("of quantities"));
   CHECK_THAT(refusal(torus({"events.high=integral(u^2) > 100"})), Contains("events"));
@@ -479,6 +490,73 @@ TEST_CASE("sums and maxima over slabs have the bits of those over the whole") {
     }
     for (const std::vector<double>& result : found) {
       CHECK(result == expected);
+    }
+  }
+}
+
+TEST_CASE("derivatives of a lattice have the bits of those on one rank, whoever takes them") {
+  // Lines of even and of odd length, more ranks than lines across planes, and a line, which one rank takes.
+  const std::vector<std::vector<grids::Axis>> lattices = {{{"x", 0.0, 1.0, 21}, {"y", -1.0, 1.0, 16}},
+                                                          {{"x", 0.0, 1.0, 3}, {"y", -1.0, 1.0, 45}},
+                                                          {{"x", 0.0, 1.0, 6}, {"y", 0.0, 2.0, 5}, {"z", 0.0, 3.0, 11}},
+                                                          {{"x", 0.0, 2.0, 64}}};
+  constexpr int fields = 3;
+  for (const auto& axes : lattices) {
+    const grids::Grid grid(axes);
+    const int last = grid.dimensions() - 1;
+    grids::FieldSet whole(fields, grid.size());
+    for (std::size_t i = 0; i < whole.all().size(); ++i) {
+      whole.all()[i] = std::sin(static_cast<double>(i * i % 1013)) * std::pow(10.0, static_cast<double>(i % 7));
+    }
+    // Across planes, then along x, of two fields where they are, of all three into others.
+    const auto derive = [&](const grids::Grid& on, grids::FieldSet& values) {
+      const grids::SpectralDerivative derivative(on);
+      derivative(last, std::as_const(values).pointers().first(2), values.pointers().first(2));
+      grids::FieldSet next = values;
+      derivative(0, std::as_const(values).pointers(), next.pointers());
+      derivative(last, std::as_const(next).pointers(), values.pointers());
+    };
+    grids::FieldSet expected = whole;
+    derive(grid, expected);
+    for (const int size : {1, 2, 5, 11}) {
+      const auto is_right = [&](const Mailboxes::Tamper& tamper) {
+        Mailboxes all(size);
+        all.tamper_with(tamper);
+        std::vector<char> right(static_cast<std::size_t>(size), 0);
+        std::vector<std::thread> threads;
+        for (int rank = 0; rank < size; ++rank) {
+          threads.emplace_back([&, rank] {
+            Mailboxes::Rank mine(all, rank);
+            const grids::Slab slab(mine, grid, 2);
+            const grids::Slab::Shared shared(&slab);
+            grids::FieldSet part(fields, slab.size()), result(fields, slab.size());
+            for (int f = 0; f < fields; ++f) {
+              slab.take_part(whole.field(f), part.field(f));
+              slab.take_part(expected.field(f), result.field(f));
+            }
+            derive(slab.grid(), part);
+            bool same = true;
+            for (int f = 0; f < fields; ++f) {
+              same = same && std::memcmp(part.field(f).data() + slab.first_node(),
+                                         result.field(f).data() + slab.first_node(), 8 * slab.owned()) == 0;
+            }
+            right[static_cast<std::size_t>(rank)] = same ? 1 : 0;
+          });
+        }
+        for (std::thread& thread : threads) {
+          thread.join();
+        }
+        return std::ranges::count(right, 1) == size;
+      };
+      INFO(grid.dimensions() << " dimensions, " << grid.size() << " nodes, " << size << " ranks");
+      CHECK(is_right([](int, std::vector<double>&) {}));
+      if (size > 1) {  // the twin: one number of one message
+        CHECK_FALSE(is_right([sent = 0](int, std::vector<double>& numbers) mutable {
+          if (++sent == 2) {
+            numbers.back() += 1.0;
+          }
+        }));
+      }
     }
   }
 }
@@ -629,6 +707,65 @@ TEST_CASE("a full disk ends a shared run with its place, and the record stays wh
   REQUIRE(with_disk("size=300m", goes_on));
   CHECK(said.empty());
   CHECK(different_datasets(folder / "one.h5", folder / "kept.h5") == Names{});
+}
+
+TEST_CASE("what ranks send for a level of a splitting in Fourier space is transposes, and some numbers") {
+  // Of 60 × 64 nodes: of 31 waves of a row, with padding 32, each rank has a part, and so of the 60 lines across
+  // planes. A message of fields to be transformed is a multiple of the one, of derivatives of the other.
+  constexpr std::size_t x = 60, y = 64, width = 32;
+  const auto size = GENERATE(2, 4);
+  const auto ranks = static_cast<std::size_t>(size);
+  const std::size_t waves = 2 * y / ranks * width / ranks, lines = y / ranks * x / ranks;
+  struct Sent {
+    std::size_t waves = 0, lines = 0, numbers = 0, messages = 0;
+  };
+  const Folder folder;
+  const auto sent = [&](int levels) {
+    Mailboxes all(size);
+    Sent result;
+    all.tamper_with([&](int, std::vector<double>& numbers) {
+      if (numbers.size() % waves == 0) {
+        result.waves += numbers.size() / waves;
+      } else if (numbers.size() % lines == 0) {
+        result.lines += numbers.size() / lines;
+      }
+    });
+    const Problem problem = wave_on_torus(
+        x, y, {"scheme.lagrangian=splitting", fmt::format("scheme.until={}", 0.01 * levels), "output.every=1000"});
+    static_cast<void>(with_ranks(all, [&](auto& rank) { return run(problem, on(rank, folder / "a.h5")); }));
+    result.numbers = all.sent();
+    result.messages = all.exchanges();
+    return result;
+  };
+  const Sent few = sent(10), many = sent(26);  // sizes of the energy are looked at every 16th level
+  // How many times the waves, or the lines, of a whole field are sent for a level: each rank sends to all others.
+  const double times = 16.0 * size * (size - 1);
+  const double fields = static_cast<double>(many.waves - few.waves) / times;
+  const double derivatives = static_cast<double>(many.lines - few.lines) / times;
+  // Of a step two kicks, each there and back (4), the energy (1) and the fields at its end (4); of the laws the waves
+  // of u and v there, what kicks them, there and back, and their rates (6).
+  CHECK(fields == 15.0);
+  // Of u and of the flux of three laws, there and back; of u and b, for the size of the energy.
+  CHECK(derivatives == 8.0 + 4.0 / 16.0);
+  const auto transposes = [&](double of_waves, double of_lines) {
+    return (size - 1) * (fields * of_waves + derivatives * of_lines);
+  };
+  const double numbers = static_cast<double>(many.numbers - few.numbers) / 16.0 / size;
+  const double rest = numbers - transposes(static_cast<double>(waves), static_cast<double>(lines));
+  const double messages = static_cast<double>(many.messages - few.messages) / 16.0 / size;
+  INFO(numbers << " numbers a level and rank, of which " << rest << " are no transposes, in " << messages
+               << " messages");
+  CHECK(rest > 0.0);
+  CHECK(rest < 150.0);
+  CHECK(messages < 80.0);
+  // Padding and all else is less than a tenth of what has to be sent; and the twin, of 9 × 9 nodes.
+  const auto least = [&](std::size_t nodes) {
+    const auto n = static_cast<double>(nodes), p = static_cast<double>(size);
+    return transposes(2.0 * static_cast<double>(nodes / 2 + 1) * n / p / p, n * n / p / p);
+  };
+  const double padding = transposes(static_cast<double>(waves), 0.0) * (1.0 - 31.0 / 32.0);
+  CHECK(padding + rest < 0.1 * least(60));
+  CHECK(rest > 0.1 * least(9));
 }
 
 TEST_CASE("what ranks send for a level is a plane of what moves to each neighbour, or waves, and some numbers") {
