@@ -307,7 +307,8 @@ private:
     }
     StagnationTest test(std::min(accuracy, tuning::loosest_trial));
     const double leftover = accuracy > 0.0 ? loose_leftover : tuning::least_leftover;
-    double last = std::numeric_limits<double>::infinity(), last_residual = last, rate = slowest_contraction;
+    double last = std::numeric_limits<double>::infinity(), last_residual = last;
+    double rate = std::min(contraction_, slowest_contraction);  // of another trial at this level, if there was one
     double expected = std::numeric_limits<double>::infinity();  // the size of the correction, beneath rounding too
     double before_last = last;
     for (int iteration = 0; iteration < most_gauss_iterations; ++iteration) {

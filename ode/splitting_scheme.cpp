@@ -96,8 +96,8 @@ public:
   [[nodiscard]] int order() const override { return composition_.order; }
   [[nodiscard]] bool has_node_law() const override { return composition_.has_node_law(); }
 
-  /// Explicit: `accuracy` has nothing to bear on.
-  [[nodiscard]] Status advance(double h, double /*accuracy*/) override {
+  [[nodiscard]] bool is_explicit() const override { return true; }
+  [[nodiscard]] Status advance(double h, double) override {
     trial_h_ = h;
     forget_trial();
     ++iterations_;

@@ -119,7 +119,8 @@ Status TimeLevels::solve_level(double guess) {
 
   RootBracket bracket;
   SlopeOfTrials slopes(scheme_.order(), scheme_.slope_to_leading_order());
-  Trial now{.length = std::abs(guess)};
+  const bool full = scheme_.is_explicit();
+  Trial now{.length = std::abs(guess), .full = full};
   double best = infinity;
   bool newton = true;  // whether this length came from the last slope, not from halving a bracket
   int stalls = 0;      // such trials in a row that brought no improvement
@@ -132,7 +133,7 @@ Status TimeLevels::solve_level(double guess) {
       failure = status;
       bracket.blocked = now.length;
       newton = false;
-      now = {.length = 0.5 * (bracket.below + now.length)};
+      now = {.length = 0.5 * (bracket.below + now.length), .full = full};
       if (now.length < shortest) {
         return failure;
       }
@@ -153,7 +154,7 @@ Status TimeLevels::solve_level(double guess) {
         return Status::singular;
       }
       newton = false;
-      now = {.length = bracket.before_fold(now)};
+      now = {.length = bracket.before_fold(now), .full = full};
       if (now.length < shortest) {
         return Status::singular;
       }

@@ -46,6 +46,16 @@ void TimeLevels::choose_potential() {
   }
 }
 
+/// dE/dh by differences over the scheme's: as the steps up to the last let expect, or the last that is known.
+double TimeLevels::foreseen_slope_ratio() {
+  if (slope_ratios_.empty()) {
+    return 1.0;
+  }
+  const bool is_known_of_last = since_ratio_ <= std::abs(regular_step_);
+  return is_known_of_last ? std::clamp(slope_ratios_.at(since_ratio_), 1.0 / largest_slope_ratio, largest_slope_ratio)
+                          : slope_ratios_.newest();
+}
+
 /// Newton's iteration on h ↦ K_h + f'(h), with the curvature of both, kept between lengths known to be too short and
 /// too long. A root is taken only where E_k grows to the side of the potential.
 Status TimeLevels::solve_with_potential(double guess) {
@@ -54,8 +64,10 @@ Status TimeLevels::solve_with_potential(double guess) {
   const double tolerance = solved_to();
   double length = foreseen, last_length = 0.0, last_miss = 0.0, best = infinity;
   double below = 0.0, above = infinity, last_slope = 0.0;
-  bool full = false, last_full = false;
+  bool full = scheme_.is_explicit() || first_miss_ <= tolerance, last_full = false;
   int stalls = 0;
+  double slope_ratio = foreseen_slope_ratio();
+  bool is_measured = false;
   for (int trial = 0; trial < most_potential_trials; ++trial) {
     if (const Status status = scheme_.advance(side * length, full ? 0.0 : loose); status != Status::success) {
       // Too long for its own equation, it may be: half way back to the step before.
@@ -64,7 +76,7 @@ Status TimeLevels::solve_with_potential(double guess) {
         return status;
       }
       length = shorter;
-      full = false;
+      full = scheme_.is_explicit();
       continue;
     }
     const double h = side * length;
@@ -74,6 +86,12 @@ Status TimeLevels::solve_with_potential(double guess) {
     const double slope = scheme_slope + potential_slope;
     if (!std::isfinite(miss) || !std::isfinite(slope)) {
       return Status::undefined;
+    }
+    if (trial == 0) {
+      first_miss_ = std::max(std::abs(miss), std::isfinite(first_miss_) ? memory * first_miss_ : 0.0);
+    }
+    if (last_length > 0.0 && last_length != length && std::abs(last_miss) > tolerance) {
+      left_of_miss_ = std::max(memory * left_of_miss_, std::max(0.0, std::abs(miss) - tolerance) / std::abs(last_miss));
     }
     stalls = full && std::abs(miss) >= 0.5 * best ? stalls + 1 : 0;
     if (stalls >= 2) {
@@ -85,6 +103,11 @@ Status TimeLevels::solve_with_potential(double guess) {
     const double last_place = 0.5 * epsilon * std::abs(slope) * length;
     if (full && (std::abs(miss) <= std::max(tolerance, last_place) || stagnated)) {
       trial_step_ = h;
+      if (is_measured) {
+        slope_ratios_.add(since_ratio_, slope_ratio);
+        since_ratio_ = 0.0;
+      }
+      since_ratio_ += length;
       return slope > 0.0 ? Status::success : Status::singular;
     }
     if (!full && std::abs(miss) <= tolerance) {
@@ -102,19 +125,20 @@ Status TimeLevels::solve_with_potential(double guess) {
     } else if (reliable) {
       above = std::min(above, length);
     }
-    // A scheme knows its slope to leading order, or by a matrix that is a little out of date: differences between
-    // trials tell the rest, and what they told on the last step.
+    // Where a scheme knows its slope to leading order differences between trials tell the rest, and what they told on
+    // the last steps.
     const double secant = (miss - last_miss) / (length - last_length);
     const double ratio = secant / (0.5 * (slope + last_slope));
     const double pair_error = full && last_full ? 2.0 * rounding_ : loose_energy * std::abs(slope) * length;
     const bool is_near = last_length > 0.0 && std::abs(length - last_length) < nearby * length;
-    if (is_near && std::abs(miss - last_miss) > standing_out * pair_error && ratio < largest_slope_ratio &&
-        ratio > 1.0 / largest_slope_ratio) {
-      slope_ratio_ = ratio;
+    if (scheme_.slope_to_leading_order() && is_near && std::abs(miss - last_miss) > standing_out * pair_error &&
+        ratio < largest_slope_ratio && ratio > 1.0 / largest_slope_ratio) {
+      slope_ratio = ratio;
+      is_measured = true;
     }
     const bool measured =
         is_near && stalls > 0 && full && last_full && secant > 0.0 && std::abs(miss - last_miss) > pair_error;
-    const double rate = measured ? secant : slope_ratio_ * slope;
+    const double rate = measured ? secant : slope_ratio * slope;
     last_length = length;
     last_miss = miss;
     last_slope = slope;
@@ -132,7 +156,9 @@ Status TimeLevels::solve_with_potential(double guess) {
     if (next > farthest_root * foreseen || next < foreseen / farthest_root) {
       return Status::singular;
     }
-    full = full || std::abs(next - length) < last_move * length;
+    // Met after this move, as others have been: then it may be the last.
+    const bool expected = left_of_miss_ * std::abs(miss) <= tolerance;
+    full = full || expected || std::abs(next - length) < last_move * length;
     length = next;
   }
   return Status::not_converged;
@@ -147,6 +173,7 @@ StepReport TimeLevels::resumed_with_potential() {
   StepReport taken = result;
   singular_ = false;
   forecast_.restart();
+  slope_ratios_ = {};
   take_ordinary(taken);
   return taken;
 }

@@ -257,7 +257,7 @@ void TimeLevels::set_energy(const StepReport& result) {
 
 void TimeLevels::take_ordinary(StepReport& result) {
   if (potential_.active()) {
-    forecast_.add(time_.value(), result.h, energy_ - scheme_.node().energy, potential_, scheme_.order());
+    forecast_.add(result.h, energy_ - scheme_.node().energy, result.slope, potential_, scheme_.order());
   } else {
     remember(result.h, result.slope);
   }
@@ -293,11 +293,10 @@ double TimeLevels::density_at(double time) const {
 
 double TimeLevels::predicted_step() {
   if (potential_.active()) {
-    return forecast_.empty()
-               ? regular_step_
-               : std::copysign(forecast_.length(time_.value(), regular_step_, energy_ - scheme_.node().energy,
-                                                potential_, scheme_.order()),
-                               regular_step_);
+    return forecast_.empty() ? regular_step_
+                             : std::copysign(forecast_.length(regular_step_, energy_ - scheme_.node().energy,
+                                                              potential_, scheme_.order()),
+                                             regular_step_);
   }
   if (remembered_ < 2) {
     return regular_step_;
@@ -318,7 +317,10 @@ double TimeLevels::predicted_step() {
 void TimeLevels::save(StateWriter& state) const {
   potential_.save(state);
   forecast_.save(state);
-  state.write(slope_ratio_);
+  slope_ratios_.save(state);
+  state.write(since_ratio_);
+  state.write(first_miss_);
+  state.write(left_of_miss_);
   state.write(time_.high);
   state.write(time_.low);
   for (const double value : {static_cast<double>(steps_),
@@ -353,7 +355,10 @@ void TimeLevels::save(StateWriter& state) const {
 void TimeLevels::restore(StateReader& state) {
   potential_.restore(state);
   forecast_.restore(state);
-  state.read(slope_ratio_);
+  slope_ratios_.restore(state);
+  state.read(since_ratio_);
+  state.read(first_miss_);
+  state.read(left_of_miss_);
   state.read(time_.high);
   state.read(time_.low);
   state.read(steps_);

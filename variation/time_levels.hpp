@@ -145,6 +145,7 @@ private:
   // potential_levels.cpp: levels with a step potential (theory, section 9).
   void choose_potential();
   [[nodiscard]] Status solve_with_potential(double guess);
+  [[nodiscard]] double foreseen_slope_ratio();
   [[nodiscard]] StepReport resumed_with_potential();
   [[nodiscard]] StepReport plain_instead(const StepReport& failed);
   [[nodiscard]] double density_at(double time) const;
@@ -204,8 +205,11 @@ private:
 
   StepPotential potential_;
   std::optional<double> potential_price_;
-  StepForecast forecast_;     ///< with a step potential
-  double slope_ratio_ = 1.0;  ///< dE/dh by differences over the scheme's, on the last step
+  StepForecast forecast_;       ///< with a step potential
+  Extrapolation slope_ratios_;  ///< dE/dh by differences over the scheme's, of steps that told it
+  double since_ratio_ = 0.0;    ///< the time since the start of the newest of them
+  double first_miss_ = std::numeric_limits<double>::infinity();  ///< |E_k - E| of first trials, on the last steps
+  double left_of_miss_ = 1.0;  ///< of |E_k - E| after Newton's moves, beyond the tolerance, on the last steps
   double energy_ = std::numeric_limits<double>::quiet_NaN();
   double energy_scale_ = 0.0;
   double law_scale_ = 0.0;  ///< of the terms of the step that set E, f' among them

@@ -39,7 +39,10 @@ inline constexpr double largest_miss_of_terms = 1e-3;
 /// With fixed levels, steps for which the size of the energy's terms serves.
 inline constexpr std::size_t size_period = 16;
 
-// Where the next step is looked for first (step_forecast.cpp)
+// Where the next step is looked for first (step_forecast.cpp, extrapolation.cpp)
+
+/// How much an error foreseen counts one step later.
+inline constexpr double memory = 0.5;
 
 /// No step is foreseen to be this many times longer or shorter than the last one.
 inline constexpr double largest_foresight = 1.25;

@@ -299,6 +299,7 @@ public:
         map_(system, grid),
         trial_(level_.fields) {}
 
+  [[nodiscard]] bool is_explicit() const override { return true; }
   [[nodiscard]] Status advance(double h, double) override {
     forget_trial();
     count_iterations(1);
