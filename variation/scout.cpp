@@ -1,6 +1,7 @@
 #include <rubato/variation/scout.hpp>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
 #include <limits>
@@ -64,6 +65,28 @@ double change_between(const Scouting& log, double eta, double last) {
   return std::abs(eta - last) / std::max({std::abs(eta), std::abs(last), unseen, std::numeric_limits<double>::min()});
 }
 
+/// Iterations for the time of a first step, of the last stride of each length, 2^k first steps.
+class Prices {
+public:
+  /// Whether this stride costs much more than a shorter one did, for the same time.
+  [[nodiscard]] bool is_dear(double stride, int iterations) {
+    const auto k = static_cast<std::size_t>(std::ilogb(stride));
+    last_[k] = iterations / stride;
+    return k > 0 && last_[k] > dear * *std::min_element(last_.begin(), last_.begin() + k);
+  }
+
+private:
+  static constexpr std::size_t most = 11;
+  static_assert(longest_stride < 1U << most);
+  std::array<double, most> last_ = filled();
+
+  static constexpr std::array<double, most> filled() {
+    std::array<double, most> nothing{};
+    nothing.fill(std::numeric_limits<double>::infinity());
+    return nothing;
+  }
+};
+
 }  // namespace
 
 Scouting scout(LevelScheme& scheme, double first_step, bool one_step, double tolerance) {
@@ -74,7 +97,8 @@ Scouting scout(LevelScheme& scheme, double first_step, bool one_step, double tol
   Watch watch(log, one_step ? 1
                             : std::clamp(most_steps * small_state / std::max<std::size_t>(size, 1), most_large_steps,
                                          most_steps));
-  double stride = 1.0;
+  Prices prices;
+  double stride = 1.0, longest = longest_stride;
   int until_tried = 0;
   while (!watch.seen_enough()) {
     const double h = stride * first_step;
@@ -83,6 +107,9 @@ Scouting scout(LevelScheme& scheme, double first_step, bool one_step, double tol
     if (taken) {
       eta = scheme.discrete_energy_slope() * sign(h) / slope_of_one(log, std::abs(h));
       change = change_between(log, eta, log.eta.empty() ? eta : log.eta.back());
+    }
+    if (prices.is_dear(stride, scheme.iterations())) {
+      longest = 0.5 * stride;
     }
     const bool good = taken && std::isfinite(eta);
     if (stride > 1.0 && !(good && change <= changed_much)) {
@@ -103,8 +130,9 @@ Scouting scout(LevelScheme& scheme, double first_step, bool one_step, double tol
     scheme.accept();
     until_tried = std::max(until_tried - 1, 0);
     if (change < hardly_changed && until_tried == 0 && log.eta.size() > 1) {
-      stride = std::min(2.0 * stride, longest_stride);
+      stride *= 2.0;
     }
+    stride = std::min(stride, longest);
   }
   StateReader reader(before);
   scheme.restore(reader);

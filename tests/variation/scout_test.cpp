@@ -32,8 +32,11 @@ public:
   [[nodiscard]] double discrete_energy_slope() const override { return 6.0 * h_ * eta_(time + 0.5 * h_); }
   [[nodiscard]] NodeEnergy node() override { return {}; }
   [[nodiscard]] NodeEnergy trial_node() override { return {}; }
-  [[nodiscard]] int iterations() const override { return 1; }
-  void accept() override { time += h_; }
+  [[nodiscard]] int iterations() const override { return std::abs(h_) > dear_from ? dear : 1; }
+  void accept() override {
+    all_iterations += iterations();
+    time += h_;
+  }
   void save(StateWriter& state) const override { state.write(std::vector<double>(size_, time)); }
   void restore(StateReader& state) override {
     for (std::size_t i = 0; i < size_; ++i) {
@@ -42,7 +45,9 @@ public:
   }
 
   double time = 5.0;
-  int tried = 0;
+  int tried = 0, all_iterations = 0;
+  double dear_from = infinity;  ///< a step longer than this takes so many iterations
+  int dear = 1;
 
 private:
   std::function<double(double)> eta_;
@@ -54,6 +59,21 @@ private:
 constexpr double h = 0.01;
 
 }  // namespace
+
+TEST_CASE("A scout takes no strides that cost more than they save") {
+  KnownEta steady([](double) { return -2.0; });
+  steady.dear_from = 10.0 * h;
+  steady.dear = 1000;
+  const Scouting seen = scout(steady, h, false, 1e-13);
+  CHECK(seen.duration >= 400.0 * h * (1.0 - 1e-9));
+  // 1, 2, 4, 8 steps at once, then 16, once, which are dear; then 8, 46 times.
+  CHECK(steady.all_iterations < 1100);
+  KnownEta saving([](double) { return -2.0; });
+  saving.dear_from = 10.0 * h;
+  saving.dear = 2;  // twice the iterations for twice the time, and less for more
+  (void)scout(saving, h, false, 1e-13);
+  CHECK(saving.tried < 20);
+}
 
 TEST_CASE("A scout sees 400 first steps in a few where η stays, and goes back") {
   KnownEta steady([](double) { return -2.0; });
