@@ -709,9 +709,16 @@ Status GaussSlab::take(const LatticeLevel& before, const LatticeLevel&, double h
   if (same) {
     return Status::success;
   }
+  const double failed_at = fixed_point_fails_at_;
+  const int since = since_fixed_point_;
   stand(before.fields, nullptr, before.slopes);
   begin_at_level();
-  return solve(h, 0.0, {});
+  const Status status = solve(h, 0.0, {});
+  if (std::exchange(restored_, false)) {  // the run had counted this step
+    fixed_point_fails_at_ = failed_at;
+    since_fixed_point_ = since;
+  }
+  return status;
 }
 
 void GaussSlab::stage(int stage, grids::FieldSet& z, grids::FieldSet& rate) {
@@ -765,6 +772,7 @@ void GaussSlab::restore(StateReader& state) {
   }
   resolvent_.reset();
   solved_ = false;
+  restored_ = true;
 }
 
 namespace {

@@ -170,6 +170,7 @@ private:
   std::optional<Newton> newton_;
   double fixed_point_fails_at_ = std::numeric_limits<double>::infinity();  ///< |h|
   int since_fixed_point_ = 0;  ///< steps solved by Newton's method since the other was tried
+  bool restored_ = false;      ///< and no stages taken for laws since
   std::vector<double> parseval_;
 
   Eigen::VectorXcd eigenvalues_;  ///< of A⁻¹ = V Λ V⁻¹
