@@ -450,6 +450,27 @@ InitialLevel prepare_initial_level(const MultisymplecticSystem& system, const gr
   return {std::move(level), std::move(cautions)};
 }
 
+InitialLevel prepare_determined_level(const MultisymplecticSystem& system, const grids::Grid& grid,
+                                      const InitialFields& given, const std::function<void(LatticeLevel&)>& determine) {
+  check(system, grid, given);
+  LatticeLevel level{grids::FieldSet(system.field_count(), grid.size()), {}};
+  level.slopes.of_field.resize(given.size());
+  std::vector<int> computed;
+  for (int f = 0; f < system.field_count(); ++f) {
+    const auto i = static_cast<std::size_t>(f);
+    if (system.structure().algebraic[i]) {
+      computed.push_back(f);
+    } else if (given[i]) {
+      std::ranges::copy(*given[i], level.fields.field(f).begin());
+    } else {
+      throw std::invalid_argument(fmt::format("no initial data for {}", system.fields()[i]));
+    }
+  }
+  determine(level);
+  auto cautions = find_cautions(system, grid, given, computed, level);
+  return {std::move(level), std::move(cautions)};
+}
+
 LatticeLevel initial_level(const MultisymplecticSystem& system, const grids::Grid& grid, const InitialFields& given,
                            Collocation collocation) {
   return prepare_initial_level(system, grid, given, collocation).level;

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <functional>
 #include <optional>
 #include <stdexcept>
 #include <string>
@@ -53,6 +54,13 @@ struct InitialLevel {
 [[nodiscard]] InitialLevel prepare_initial_level(const MultisymplecticSystem& system, const grids::Grid& grid,
                                                  const InitialFields& given,
                                                  Collocation collocation = Collocation::cells);
+
+/// The same where constraints determine the algebraic fields, of which none is given, from all others: `determine` sets
+/// them, at each of the ranks that share a lattice in its part.
+/// \throws std::invalid_argument if another field is missing
+[[nodiscard]] InitialLevel prepare_determined_level(const MultisymplecticSystem& system, const grids::Grid& grid,
+                                                    const InitialFields& given,
+                                                    const std::function<void(LatticeLevel&)>& determine);
 
 /// Its level alone.
 [[nodiscard]] LatticeLevel initial_level(const MultisymplecticSystem& system, const grids::Grid& grid,

@@ -232,6 +232,8 @@ void WaveSplitting::reduce() {
     }
     return result;
   };
+  constexpr std::ptrdiff_t none = std::numeric_limits<std::ptrdiff_t>::min();
+  std::ptrdiff_t unsolved = none;  // the first wave that is
   for (std::size_t w = 0; w < waves; ++w) {
     const MatrixXcd B = derivatives_on_wave(w) - L_.cast<Complex>();
     MatrixXcd G = -part(B, evolving_, evolving_);
@@ -239,10 +241,8 @@ void WaveSplitting::reduce() {
       const MatrixXcd B22 = part(B, others_, others_);
       const solve::Inverse inverse = solve::inverse_of(B22);
       if (!(inverse.smallest_pivot > 1e-12 * (1.0 + inverse.largest_pivot))) {
-        throw SchemeRefusal(
-            fmt::format("splitting needs a linear part that can be solved for the fields without an equation of motion "
-                        "({}, …) wave by wave, and on the wave number {} it cannot{}",
-                        system_.fields()[static_cast<std::size_t>(others_.front())], fourier_.wave(w)[0], remedy));
+        unsolved = fourier_.wave(w)[0];
+        break;
       }
       const MatrixXcd C = -solve::product(inverse.matrix, part(B, others_, evolving_));
       G -= solve::product(part(B, evolving_, others_), C);
@@ -250,6 +250,18 @@ void WaveSplitting::reduce() {
     }
     set_wave(G, w, energy_form_);
     set_wave(solve::product(inverse_M_.cast<Complex>(), G), w, generator_form_);
+  }
+  if (const grids::Transposition* const shared = fourier_.transposition()) {  // all ranks refuse, or none
+    const double largest = -std::numeric_limits<double>::max();
+    const double wave =
+        shared->slab().largest_over_ranks(unsolved == none ? largest : -std::abs(static_cast<double>(unsolved)));
+    unsolved = wave == largest ? none : static_cast<std::ptrdiff_t>(-wave);
+  }
+  if (unsolved != none) {
+    throw SchemeRefusal(
+        fmt::format("splitting needs a linear part that can be solved for the fields without an equation of motion "
+                    "({}, …) wave by wave, and on the wave number {} it cannot{}",
+                    system_.fields()[static_cast<std::size_t>(others_.front())], unsolved, remedy));
   }
 }
 

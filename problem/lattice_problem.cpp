@@ -121,12 +121,12 @@ private:
 };
 
 /// Whether the ranks that share a lattice can make the first level of their parts each: not where what a user gave has
-/// to agree with what the constraints say.
+/// to agree with what the constraints say, nor where other fields are missing.
 bool begins_in_parts(const Problem& problem, const MultisymplecticSystem& system) {
   const MultisymplecticProblem& pde = *problem.multisymplectic();
   bool in_parts = make_method(problem)->begins_in_parts();
   for (std::size_t f = 0; f < pde.fields.size(); ++f) {
-    in_parts = in_parts && !(pde.initial[f] && system.structure().algebraic[f]);
+    in_parts = in_parts && pde.initial[f].has_value() != system.structure().algebraic[f];
   }
   return in_parts;
 }

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include <rubato/grids/reductions.hpp>
+#include <rubato/grids/slab.hpp>
 #include <rubato/grids/whole.hpp>
 #include <rubato/pde/family_lattice.hpp>
 #include <rubato/pde/lattice_method.hpp>
@@ -182,21 +183,16 @@ public:
   [[nodiscard]] std::optional<LatticeAction> action(const MultisymplecticSystem&) const override {
     return std::nullopt;
   }
+  [[nodiscard]] bool begins_in_parts() const override { return true; }
   [[nodiscard]] InitialLevel first_level(const MultisymplecticSystem& system, const grids::Grid& grid,
                                          const InitialFields& given) const override {
+    const auto determine = [&](LatticeLevel& level) { determine_by_waves(system, grid, level); };
+    if (grids::Slab::of(grid) != nullptr) {
+      return prepare_determined_level(system, grid, given, determine);
+    }
     InitialLevel first = prepare_initial_level(system, grid, given, Collocation::nodes);
     if (collocation_ == Collocation::corners) {  // what follows from the others follows by differences
-      WaveSplitting splitting(system, grid, collocation_);
-      grids::FieldSet all(system.field_count(), grid.size());
-      splitting.stand(first.level);
-      if (splitting.step(composition_, 0.0)) {
-        splitting.fields(all);
-      }
-      for (int f = 0; f < system.field_count(); ++f) {
-        if (system.structure().algebraic[static_cast<std::size_t>(f)]) {
-          std::ranges::copy(std::as_const(all).field(f), first.level.fields.field(f).begin());
-        }
-      }
+      determine(first.level);
     }
     return first;
   }
@@ -217,6 +213,21 @@ public:
   }
 
 private:
+  /// The algebraic fields, from the others.
+  void determine_by_waves(const MultisymplecticSystem& system, const grids::Grid& grid, LatticeLevel& level) const {
+    WaveSplitting splitting(system, grid, collocation_);
+    grids::FieldSet all(system.field_count(), grid.size());
+    splitting.stand(level);
+    if (splitting.step(composition_, 0.0)) {
+      splitting.fields(all);
+    }
+    for (int f = 0; f < system.field_count(); ++f) {
+      if (system.structure().algebraic[static_cast<std::size_t>(f)]) {
+        std::ranges::copy(std::as_const(all).field(f), level.fields.field(f).begin());
+      }
+    }
+  }
+
   const Composition& composition_;
   Collocation collocation_;
 };
