@@ -103,19 +103,17 @@ public:
 
   void save(StateWriter& state) const override {
     save_level(state);
-    state.write(low_.all());
+    grids::save_whole(state, low_);
     state.write(largest_);
-    state.write(last_rests_.re.all());
-    state.write(last_rests_.im.all());
+    slab_->save(state, last_rests_);
     state.write(last_h_);
     slab_->save(state);
   }
   void restore(StateReader& state) override {
     restore_level(state);
-    state.read(low_.all());
+    grids::restore_whole(state, low_);
     state.read(std::span<double>(largest_));
-    state.read(last_rests_.re.all());
-    state.read(last_rests_.im.all());
+    slab_->restore(state, last_rests_);
     state.read(last_h_);
     slab_->restore(state);
     stamp_ = nowhere;

@@ -11,6 +11,9 @@
 #include <rubato/base/larger.hpp>
 #include <rubato/base/limits.hpp>
 #include <rubato/grids/reductions.hpp>
+#include <rubato/grids/slab.hpp>
+#include <rubato/grids/transposition.hpp>
+#include <rubato/grids/whole.hpp>
 #include <rubato/pde/level_fields.hpp>
 #include <rubato/pde/potential_rest.hpp>
 #include <rubato/pde/tuning.hpp>
@@ -101,6 +104,17 @@ GaussSlab::GaussSlab(const MultisymplecticSystem& system, const grids::Grid& gri
   point_ = y_;
   rest_grid_ = y_;
   weights_.resize(static_cast<std::size_t>(m_ * m_));
+}
+
+/// Whether the first wave here is the one that is constant in space.
+bool GaussSlab::has_mean() const {
+  return fourier_all_.modes() > 0 && fourier_all_.wave(0) == std::array<std::ptrdiff_t, 3>{};
+}
+
+/// Those of other ranks as well.
+double GaussSlab::sum_of_waves(double here) const {
+  const grids::Transposition* const shared = fourier_all_.transposition();
+  return shared == nullptr ? here : shared->slab().sum_over_ranks(here);
 }
 
 void GaussSlab::find_varying_fields() {
@@ -217,8 +231,8 @@ void GaussSlab::stand(const grids::FieldSet& high, const grids::FieldSet* low, c
       }
     }
   });
-  for (int f = 0; !tangent_ && f < d_; ++f) {
-    base_.re.field(f)[0] += linear_[f] * static_cast<double>(grid_.size());
+  for (int f = 0; !tangent_ && f < d_ && has_mean(); ++f) {
+    base_.re.field(f)[0] += linear_[f] * static_cast<double>(grids::whole_of(grid_).size());
   }
 }
 
@@ -297,9 +311,10 @@ bool GaussSlab::prepare(double h) {
   }
   if (is_far || !resolvent_) {
     resolvent_.emplace(system_, space_.derivatives(), whole_, radius_);
+    is_solvable_ = grids::agreed_by_all(grid_, resolvent_->status() == Status::success);
     h_ = maps_h_ = 0.0;
   }
-  return resolvent_->status() == Status::success;
+  return is_solvable_;
 }
 
 /// b ↦ Y and N' ↦ Y for steps of length h_: what complete() does otherwise with the entries of the resolvent.
@@ -402,6 +417,7 @@ GaussSlab::Correction GaussSlab::place_stages(std::span<const double> largest) {
   const grids::ReductionBlocks pieces(grid_.size());
   std::array<double, grids::ReductionBlocks::most> moved_in, change_in;  // as in wave_energy()
   Correction result;
+  std::array<double, 2 * MultisymplecticSystem::most_fields> found{};  // of each field how far it moved, and the change
   for (int f = 0; f < static_cast<int>(F_.size()); ++f) {
     grids::for_each_block(grid_.size(), pieces.block, [&](std::size_t begin, std::size_t end) {
       StageSizes of_block;
@@ -416,17 +432,23 @@ GaussSlab::Correction GaussSlab::place_stages(std::span<const double> largest) {
       moved_in[begin / pieces.block] = of_block.moved;
       change_in[begin / pieces.block] = of_block.change;
     });
-    double moved = 0.0, change = 0.0;
+    double &moved = found[2 * static_cast<std::size_t>(f)], &change = found[2 * static_cast<std::size_t>(f) + 1];
     for (std::size_t b = 0; b < pieces.blocks; ++b) {
       moved = larger(moved, moved_in[b]);
       change = larger(change, change_in[b]);
     }
-    const int field = F_[static_cast<std::size_t>(f)];
-    const double scale = std::max({largest.empty() ? 0.0 : largest[static_cast<std::size_t>(field)],
-                                   epsilon * level_sizes_[static_cast<std::size_t>(f)], moved});
+  }
+  if (const grids::Slab* const slab = grids::Slab::of(grid_)) {
+    slab->reduce({}, {}, std::span(found).first(2 * F_.size()));
+  }
+  for (std::size_t f = 0; f < F_.size(); ++f) {
+    const double moved = found[2 * f], change = found[2 * f + 1];
+    const int field = F_[f];
+    const double scale =
+        std::max({largest.empty() ? 0.0 : largest[static_cast<std::size_t>(field)], epsilon * level_sizes_[f], moved});
     result.size = larger(result.size, change == 0.0 ? 0.0 : change / scale);
     if (scale > 0.0) {
-      const double values = level_sizes_[static_cast<std::size_t>(f)] + moved;
+      const double values = level_sizes_[f] + moved;
       result.rounding = std::max(result.rounding, roundings * epsilon * values / scale);
     }
   }
@@ -587,11 +609,11 @@ double GaussSlab::wave_energy(const WaveRows& rows, int stride, int offset) cons
     sum.add(partial[b]);
   }
   for (int f = 0; f < d_; ++f) {
-    if (linear_[f] != 0.0) {
+    if (linear_[f] != 0.0 && has_mean()) {
       sum.add(linear_[f] * (level_.re.field(f)[0] + rows.re.field(f * stride + offset)[0]));
     }
   }
-  return grid_.cell_volume() * sum.value();
+  return grid_.cell_volume() * sum_of_waves(sum.value());
 }
 
 double GaussSlab::rest_energy(std::span<const double* const> fields) {
@@ -706,7 +728,7 @@ Status GaussSlab::take(const LatticeLevel& before, const LatticeLevel&, double h
     same = at_midpoints_[static_cast<std::size_t>(f)] ||
            std::ranges::equal(std::as_const(high_).field(f), before.fields.field(f));
   }
-  if (same) {
+  if (grids::agreed_by_all(grid_, same)) {
     return Status::success;
   }
   const double failed_at = fixed_point_fails_at_;
@@ -757,7 +779,7 @@ void GaussSlab::save(StateWriter& state) const {
   const bool any_kept = newton_ && newton_->any_kept;
   state.write(static_cast<double>(any_kept));
   if (any_kept) {
-    state.write(std::as_const(newton_->kept).all());
+    grids::save_whole(state, newton_->kept);
   }
 }
 void GaussSlab::restore(StateReader& state) {
@@ -767,12 +789,21 @@ void GaussSlab::restore(StateReader& state) {
   newton_.reset();
   if (state.read() != 0.0) {
     make_newton();
-    state.read(newton_->kept.all());
+    grids::restore_whole(state, newton_->kept);
     newton_->any_kept = true;
   }
   resolvent_.reset();
   solved_ = false;
   restored_ = true;
+}
+
+void GaussSlab::save(StateWriter& state, const WaveRows& rests) const {
+  save_waves(state, fourier_all_, rests.re);
+  save_waves(state, fourier_all_, rests.im);
+}
+void GaussSlab::restore(StateReader& state, WaveRows& rests) const {
+  restore_waves(state, fourier_all_, rests.re);
+  restore_waves(state, fourier_all_, rests.im);
 }
 
 namespace {

@@ -100,8 +100,15 @@ public:
 
   void save(StateWriter& state) const;
   void restore(StateReader& state);
+  /// Rests, for a checkpoint.
+  ///@{
+  void save(StateWriter& state, const WaveRows& rests) const;
+  void restore(StateReader& state, WaveRows& rests) const;
+  ///@}
 
 private:
+  [[nodiscard]] bool has_mean() const;
+  [[nodiscard]] double sum_of_waves(double here) const;
   void find_varying_fields();
   void set_mean(const LatticeLevel& first);
   void compile_curvature();
@@ -180,6 +187,7 @@ private:
   GaussTableau::Inverse a_inverse_;
 
   std::optional<WaveResolvent> resolvent_;
+  bool is_solvable_ = false;  ///< by the resolvents of all ranks
   double radius_ = 0.0;
 
   std::uint64_t stamp_ = 0;

@@ -12,6 +12,7 @@
 #include <fmt/format.h>
 #include <Eigen/Core>
 
+#include <rubato/grids/whole.hpp>
 #include <rubato/pde/wave_loops.hpp>
 #include <rubato/solve/small_matrices.hpp>
 #include <rubato/variation/gauss_tableau.hpp>
@@ -126,7 +127,7 @@ SpaceCollocation::SpaceCollocation(const grids::Grid& grid, SpaceRule rule) : ru
     for (int a = 0; a < grid.dimensions(); ++a) {
       const auto axis = static_cast<std::size_t>(a);
       if (spectral()) {
-        derivatives_[axis][w] = grids::derivative_symbol(wave[axis], grid.axis(a)).imag();
+        derivatives_[axis][w] = grids::derivative_symbol(wave[axis], grids::whole_of(grid).axis(a)).imag();
         continue;
       }
       const HalfAngle half(wave[axis], grid.cells(a));

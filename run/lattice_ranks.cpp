@@ -36,6 +36,8 @@ std::string methods_to_share() {
   for (const LatticeMethodEntry& entry : lattice_methods()) {
     if (make_lattice_method({.name = std::string(entry.name)})->is_shared()) {
       names.push_back(fmt::format("\"{}\"", entry.name));
+    } else if (entry.has_stages && make_lattice_method({.name = std::string(entry.name), .stages = 2})->is_shared()) {
+      names.push_back(fmt::format("\"{}\" with several stages", entry.name));
     }
   }
   return fmt::format("{}", fmt::join(names, ", "));

@@ -21,6 +21,9 @@ public:
     return stages_ == 1 ? std::optional(fourier_action(system)) : std::nullopt;
   }
   [[nodiscard]] bool has_variational_laws() const override { return false; }
+  /// Of Gauss collocation, whose sweeps are transforms, work at nodes and products for each wave.
+  [[nodiscard]] bool is_shared() const override { return stages_ > 1; }
+  [[nodiscard]] bool is_shared_in(int dimensions) const override { return is_shared() && dimensions > 1; }
   [[nodiscard]] InitialLevel first_level(const MultisymplecticSystem& system, const grids::Grid& grid,
                                          const InitialFields& given) const override {
     return prepare_initial_level(system, grid, given, Collocation::nodes);
