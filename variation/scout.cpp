@@ -68,11 +68,11 @@ double change_between(const Scouting& log, double eta, double last) {
 /// Iterations for the time of a first step, of the last stride of each length, 2^k first steps.
 class Prices {
 public:
-  /// Whether this stride costs much more than a shorter one did, for the same time.
+  /// Whether this stride takes many iterations, much more than a shorter one did for the same time.
   [[nodiscard]] bool is_dear(double stride, int iterations) {
     const auto k = static_cast<std::size_t>(std::ilogb(stride));
     last_[k] = iterations / stride;
-    return k > 0 && last_[k] > dear * *std::min_element(last_.begin(), last_.begin() + k);
+    return iterations > many_iterations && last_[k] > dear * *std::min_element(last_.begin(), last_.begin() + k);
   }
 
 private:
@@ -102,13 +102,14 @@ Scouting scout(LevelScheme& scheme, double first_step, bool one_step, double tol
   int until_tried = 0;
   while (!watch.seen_enough()) {
     const double h = stride * first_step;
+    const int counted = scheme.iterations();  // since the last level
     const bool taken = scheme.advance(h, scout_accuracy) == Status::success;
     double eta = 0.0, change = 0.0;
     if (taken) {
       eta = scheme.discrete_energy_slope() * sign(h) / slope_of_one(log, std::abs(h));
       change = change_between(log, eta, log.eta.empty() ? eta : log.eta.back());
     }
-    if (prices.is_dear(stride, scheme.iterations())) {
+    if (prices.is_dear(stride, scheme.iterations() - counted)) {
       longest = 0.5 * stride;
     }
     const bool good = taken && std::isfinite(eta);

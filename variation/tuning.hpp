@@ -138,8 +138,9 @@ inline constexpr double scout_accuracy = 1e-5;
 inline constexpr double hardly_changed = 0.05, changed_much = 0.2;
 inline constexpr int steps_until_tried_again = 8;
 inline constexpr double longest_stride = 1024.0;
-/// A stride that costs so many times the iterations of a shorter one, for the same time, is not tried again, nor is a
-/// longer one: where a fixed point no longer contracts there are thousands in a step.
+/// A stride that takes more than so many iterations, and so many times those of a shorter one for the same time, is not
+/// tried again, nor is a longer one: where a fixed point no longer contracts there are thousands in a step.
+inline constexpr int many_iterations = 100;
 inline constexpr double dear = 2.0;
 
 // The choice of a step potential (step_potential.cpp)

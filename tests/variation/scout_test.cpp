@@ -7,6 +7,7 @@
 #include <cmath>
 #include <functional>
 #include <numbers>
+#include <utility>
 #include <vector>
 
 #include <rubato/base/limits.hpp>
@@ -25,6 +26,7 @@ public:
   [[nodiscard]] Status advance(double h, double) override {
     ++tried;
     h_ = h;
+    iterations_ += std::abs(h) > dear_from ? dear : 1;
     return std::abs(h) > longest_ ? Status::not_converged : Status::success;
   }
   [[nodiscard]] double discrete_energy() const override { return 1.0; }
@@ -32,9 +34,9 @@ public:
   [[nodiscard]] double discrete_energy_slope() const override { return 6.0 * h_ * eta_(time + 0.5 * h_); }
   [[nodiscard]] NodeEnergy node() override { return {}; }
   [[nodiscard]] NodeEnergy trial_node() override { return {}; }
-  [[nodiscard]] int iterations() const override { return std::abs(h_) > dear_from ? dear : 1; }
+  [[nodiscard]] int iterations() const override { return iterations_; }
   void accept() override {
-    all_iterations += iterations();
+    all_iterations += std::exchange(iterations_, 0);
     time += h_;
   }
   void save(StateWriter& state) const override { state.write(std::vector<double>(size_, time)); }
@@ -54,6 +56,7 @@ private:
   double longest_;
   std::size_t size_;
   double h_ = 0.0;
+  int iterations_ = 0;
 };
 
 constexpr double h = 0.01;
