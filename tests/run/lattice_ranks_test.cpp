@@ -524,6 +524,29 @@ TEST_CASE("what ranks cannot share is refused, with its place, before anything i
   // What the scheme itself refuses, and what all ranks find at the start, is said once.
   CHECK_THAT(refusal(read_problem("kdv", Settings{"scheme.lagrangian=euler-box", "scheme.levels=fixed"})),
              Contains("euler-box is not explicit for this system"));
+  // Waves that have no solution are those of one rank alone.
+  CHECK_THAT(refusal(parse_problem(R"toml(
+[multisymplectic]
+fields = ["u", "v", "a", "c", "d"]
+M = [["u", "v", -1]]
+K.x = [["u", "a", 1], ["c", "d", 1]]
+K.y = [["u", "c", 1e-3]]
+S = "(v^2 - a^2)/2 + 1 - cos(u)"
+[grid]
+x = { from = -1, to = 5, cells = 41 }
+y = { from = 0, to = 7, cells = 39 }
+[initial]
+u = "sin(pi*x/3)"
+v = 0
+[scheme]
+lagrangian = "splitting"
+levels = "fixed"
+step = 0.01
+until = 0.1
+)toml",
+                                   "waves.toml", Settings{}),
+                     3),
+             Contains("waves.toml:15:15") && Contains("on the wave number 0 it cannot"));
   CHECK_THAT(refusal(torus({"initial.a=1"})), Contains("torus.toml:") || Contains("initial.a=1"));
   CHECK_FALSE(std::filesystem::exists(folder / "never.h5"));
 }
