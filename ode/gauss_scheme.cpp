@@ -115,6 +115,11 @@ public:
   [[nodiscard]] int iterations() const override { return iterations_; }
 
   void accept() override {
+    steps_by_newton_ = newton_ ? steps_by_newton_ + 1 : 0;
+    if (steps_by_newton_ >= most_by_newton) {
+      newton_ = false;  // it may contract here
+      steps_by_newton_ = 0;
+    }
     largest_ = largest_.cwiseMax(delta_.cwiseAbs());
     missed_ = last_h_ != 0.0 && near(trial_h_ / last_h_);
     if (missed_) {
@@ -132,12 +137,14 @@ public:
     largest_.setZero();
     last_h_ = newton_step_ = base_h_ = 0.0;
     newton_ = missed_ = false;
+    steps_by_newton_ = 0;
     start_level();
   }
 
   void save(StateWriter& state) const override {
     z_.save(state);
-    for (const double value : {last_h_, static_cast<double>(newton_), newton_step_, static_cast<double>(missed_)}) {
+    for (const double value : {last_h_, static_cast<double>(newton_), newton_step_,
+                               static_cast<double>(steps_by_newton_), static_cast<double>(missed_)}) {
       state.write(value);
     }
     state.write(as_span(largest_));
@@ -152,6 +159,7 @@ public:
     state.read(last_h_);
     state.read(newton_);
     state.read(newton_step_);
+    state.read(steps_by_newton_);
     state.read(missed_);
     state.read(as_span(largest_));
     for (Rows* rows : {&last_f_, &miss_}) {
@@ -529,6 +537,7 @@ private:
   double contraction_ = std::numeric_limits<double>::infinity();  ///< of corrections at this level, where it was seen
   bool newton_ = false;
   double newton_step_ = 0.0;  ///< |h| at which fixed-point iteration was too slow
+  int steps_by_newton_ = 0;
   double trial_h_ = 0.0, last_h_ = 0.0, factored_h_ = 0.0;
   double energy_ = 0.0;
   int iterations_ = 0;

@@ -117,7 +117,7 @@ public:
     z_.displaced(0.5, delta_, point_);
     errors_ = 2.0 * (point_.cwiseAbs() + delta_.cwiseAbs());
     formula::SumSize size = energy_size_(as_span(std::as_const(point_)), as_span(std::as_const(errors_)));
-    size.rounding *= composition_.magnitude();
+    size.rounding *= magnitude_;
     return size;
   }
   [[nodiscard]] int iterations() const override { return iterations_; }
@@ -192,6 +192,7 @@ private:
   }
 
   const Composition& composition_;
+  double magnitude_ = composition_.magnitude();
   NodeLaw law_;
   formula::SumSizeEvaluator energy_size_;
   Index n_;

@@ -62,6 +62,9 @@ inline constexpr double cost_of_sweep = 50.0, cost_of_instruction = 0.7, cost_of
 inline constexpr double cost_of_part = 300.0, cost_of_operation = 0.3;
 /// Newton's iteration stays while steps are at least this part of the one that asked for it.
 inline constexpr double back_to_fixed_point = 0.5;
+/// And so many of them at most: what was too slow in a step may not be in those that follow, and a try costs some
+/// sweeps.
+inline constexpr int most_by_newton = 16;
 /// What the next correction would mend, relative, by the contraction seen so far, at which a trial that is not the last
 /// is solved well enough.
 inline constexpr double loose_leftover = 0.5 * std::numeric_limits<double>::epsilon();
