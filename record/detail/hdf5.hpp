@@ -135,6 +135,9 @@ void write_checkpoint(hid_t file, const Checkpoint& checkpoint);
 void write_checkpoint(hid_t file, const CheckpointInParts& checkpoint);
 /// Without the values of `left_out`, which have to be those that were written all the same.
 [[nodiscard]] Checkpoint read_checkpoint(hid_t file, const std::string& left_out = {});
+/// Compares the checkpoint with its checksum, in parts: it may be much larger than all else that is read. Fails as
+/// read_checkpoint().
+void examine_checkpoint(hid_t file);
 /// What is stored as the checksum of its arrays, with which they are compared whenever they are read; 0 if there is
 /// none.
 [[nodiscard]] std::int64_t stored_checkpoint_checksum(hid_t file);
