@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <numeric>
 #include <stdexcept>
 
@@ -20,36 +21,46 @@ std::size_t planes_of(const Grid& whole) {
 }
 
 /// \throws std::invalid_argument if there are more ranks than planes
-Grid part_of(const Grid& whole, const Communicator& ranks, std::size_t first, std::size_t count, std::size_t ghosts) {
-  const std::size_t planes = planes_of(whole);
-  if (static_cast<std::size_t>(ranks.size()) > planes) {
+std::vector<std::size_t> checked(std::vector<std::size_t> first_planes, const Grid& whole, const Communicator& ranks) {
+  const std::size_t planes = planes_of(whole), size = static_cast<std::size_t>(ranks.size());
+  if (size > planes) {
     throw std::invalid_argument(
         fmt::format("{} ranks cannot share a lattice of {} planes across {}: there has to be one for each; start fewer",
                     ranks.size(), planes, whole.axes().back().name));
   }
+  if (first_planes.empty()) {
+    for (std::size_t rank = 0; rank <= size; ++rank) {
+      first_planes.push_back(planes / size * rank + std::min(rank, planes % size));
+    }
+  }
+  if (first_planes.size() != size + 1 || first_planes.front() != 0 || first_planes.back() != planes ||
+      std::ranges::adjacent_find(first_planes, std::greater_equal<>()) != first_planes.end()) {
+    throw std::logic_error("the parts of ranks do not make up the lattice");
+  }
+  return first_planes;
+}
+
+/// \param parts the first planes of this rank and of the next
+Grid part_of(const Grid& whole, std::span<const std::size_t, 2> parts, Ghosts ghosts) {
+  const std::size_t planes = planes_of(whole);
   std::vector<Axis> axes = whole.axes();
   axes.back().of = planes;
   // The first plane is a ghost, beyond the lattice's own first one at rank 0.
-  axes.back().first = (first + planes * (1 + ghosts / planes) - ghosts) % planes;
-  axes.back().cells = count + 2 * ghosts;
+  axes.back().first = (parts[0] + planes * (1 + ghosts.before / planes) - ghosts.before) % planes;
+  axes.back().cells = parts[1] - parts[0] + ghosts.before + ghosts.after;
   return Grid(std::move(axes));
-}
-
-std::size_t first_of(const Grid& whole, const Communicator& ranks, int rank) {
-  const std::size_t planes = planes_of(whole), size = static_cast<std::size_t>(ranks.size()),
-                    r = static_cast<std::size_t>(rank);
-  return planes / size * r + std::min(r, planes % size);
 }
 
 }  // namespace
 
-Slab::Slab(Communicator& ranks, const Grid& whole, std::size_t ghosts)
+Slab::Slab(Communicator& ranks, const Grid& whole, Ghosts ghosts, std::vector<std::size_t> first_planes)
     : ranks_(ranks),
       whole_(whole),
       ghosts_(ghosts),
       plane_(whole.size() / planes_of(whole)),
-      grid_(part_of(whole, ranks, first_of(whole, ranks, ranks.rank()),
-                    first_of(whole, ranks, ranks.rank() + 1) - first_of(whole, ranks, ranks.rank()), ghosts)),
+      first_planes_(checked(std::move(first_planes), whole, ranks)),
+      grid_(
+          part_of(whole, std::span(first_planes_).subspan(static_cast<std::size_t>(ranks.rank())).first<2>(), ghosts)),
       send_(static_cast<std::size_t>(ranks.size())),
       receive_(send_.size()),
       out_(send_.size()),
@@ -59,37 +70,30 @@ Slab::Slab(Communicator& ranks, const Grid& whole, std::size_t ghosts)
     const std::vector<std::size_t> wanted = ghost_planes(rank);
     for (std::size_t i = 0; i < wanted.size(); ++i) {
       const int from = owner(wanted[i]);
-      const std::size_t depth = i < ghosts_ ? ghosts_ - i : i + 1 - ghosts_;  // the first half are those before
+      const bool is_before = i < ghosts_.before;
+      const std::size_t from_edge = is_before ? i : wanted.size() - 1 - i;
       if (from == mine) {
-        send_[static_cast<std::size_t>(rank)].push_back({ghosts_ + wanted[i] - first_plane(mine), depth});
+        send_[static_cast<std::size_t>(rank)].push_back({ghosts_.before + wanted[i] - first_plane(mine), from_edge});
       }
       if (rank == mine) {
-        const std::size_t place = i < ghosts_ ? i : planes(mine) + i;
-        receive_[static_cast<std::size_t>(from)].push_back({place, depth});
+        const std::size_t place = is_before ? i : planes(mine) + i;
+        receive_[static_cast<std::size_t>(from)].push_back({place, from_edge});
       }
     }
   }
 }
 
-std::size_t Slab::first_plane(int rank) const {
-  return first_of(whole_, ranks_, rank);
-}
-
 int Slab::owner(std::size_t plane) const {
-  int rank = 0;
-  while (first_plane(rank + 1) <= plane) {
-    ++rank;
-  }
-  return rank;
+  return static_cast<int>(std::ranges::upper_bound(first_planes_, plane) - first_planes_.begin()) - 1;
 }
 
 std::vector<std::size_t> Slab::ghost_planes(int rank) const {
-  const std::size_t all = planes_of(whole_), around = all * (1 + ghosts_ / all);
+  const std::size_t all = planes_of(whole_), around = all * (1 + ghosts_.before / all);
   std::vector<std::size_t> result;
-  for (std::size_t i = 0; i < ghosts_; ++i) {
-    result.push_back((first_plane(rank) + around - ghosts_ + i) % all);
+  for (std::size_t i = 0; i < ghosts_.before; ++i) {
+    result.push_back((first_plane(rank) + around - ghosts_.before + i) % all);
   }
-  for (std::size_t i = 0; i < ghosts_; ++i) {
+  for (std::size_t i = 0; i < ghosts_.after; ++i) {
     result.push_back((first_plane(rank + 1) + i) % all);
   }
   return result;
@@ -98,7 +102,11 @@ std::vector<std::size_t> Slab::ghost_planes(int rank) const {
 void Slab::refresh(FieldSet& fields) const {
   std::vector<int> all(static_cast<std::size_t>(fields.fields()));
   std::iota(all.begin(), all.end(), 0);
-  refresh(fields, all, ghosts_);
+  refresh(fields, all);
+}
+
+void Slab::refresh(FieldSet& fields, std::span<const int> which) const {
+  refresh(fields, which, std::max(ghosts_.before, ghosts_.after));
 }
 
 void Slab::refresh(FieldSet& fields, std::span<const int> which, std::size_t outer) const {
@@ -113,7 +121,7 @@ std::size_t Slab::for_ghosts(const std::vector<GhostPlane>& planes, std::span<co
   std::size_t at = 0;
   for (const int f : which) {
     for (const GhostPlane& plane : planes) {
-      if (plane.depth + outer > ghosts_) {
+      if (plane.from_edge < outer) {
         copy(f, plane.place * plane_, at);
         at += plane_;
       }
@@ -184,7 +192,7 @@ void Slab::scatter(std::span<double> part, const Fill& fill) const {
   for (std::size_t first = 0; first < all; first += some) {
     const Range planes{first, std::min(some, all - first)};
     const Range mine = owned_of(planes, ranks_.rank());
-    double* const here = part.data() + (ghosts_ + mine.first - first_plane(ranks_.rank())) * plane_;
+    double* const here = part.data() + (ghosts_.before + mine.first - first_plane(ranks_.rank())) * plane_;
     if (!leads()) {
       if (mine.count > 0) {
         ranks_.exchange({}, std::array{Communicator::Incoming{0, std::span(here, mine.count * plane_)}});
@@ -213,7 +221,8 @@ std::vector<double> Slab::gathered(std::span<const double> part, Range planes, R
   const auto planes_of_rank = [&](int rank) { return owned_of(planes, rank); };
   const auto place_of = [&](std::size_t plane) { return (plane - planes.first) * columns.count; };
   const Range mine = planes_of_rank(ranks_.rank());
-  const double* from = part.data() + (ghosts_ + mine.first - first_plane(ranks_.rank())) * plane_ + columns.first;
+  const double* from =
+      part.data() + (ghosts_.before + mine.first - first_plane(ranks_.rank())) * plane_ + columns.first;
   const auto pack = [&](double* to) {
     for (std::size_t i = 0; i < mine.count; ++i) {
       std::copy_n(from + i * plane_, columns.count, to + i * columns.count);
@@ -264,6 +273,28 @@ void Slab::exchange_all(const std::vector<std::vector<double>>& out, std::vector
     }
   }
   ranks_.exchange(outgoing, incoming);
+}
+
+void Slab::pass_on(std::span<const double> out, std::span<double> in) const {
+  const int size = ranks_.size(), mine = ranks_.rank();
+  if (size == 1) {
+    std::ranges::copy(out, in.begin());
+    return;
+  }
+  ranks_.exchange(std::array{Communicator::Outgoing{(mine + 1) % size, out}},
+                  std::array{Communicator::Incoming{(mine + size - 1) % size, in}});
+}
+
+void Slab::in_turn(std::span<double> numbers, const std::function<void()>& add) const {
+  const int last = ranks_.size() - 1, mine = ranks_.rank();
+  if (mine > 0) {
+    ranks_.exchange({}, std::array{Communicator::Incoming{mine - 1, numbers}});
+  }
+  add();
+  if (mine < last) {
+    ranks_.exchange(std::array{Communicator::Outgoing{mine + 1, numbers}}, {});
+  }
+  broadcast(numbers, last);
 }
 
 double Slab::sum_over_ranks(double here) const {
@@ -368,6 +399,12 @@ Spread Slab::magnitudes(std::span<const double> values) const {
 void refresh_ghosts(FieldSet& fields, std::span<const int> which, std::size_t outer) {
   if (const Slab* const slab = Slab::of(fields.size())) {
     slab->refresh(fields, which, outer);
+  }
+}
+
+void refresh_ghosts(FieldSet& fields, std::span<const int> which) {
+  if (const Slab* const slab = Slab::of(fields.size())) {
+    slab->refresh(fields, which);
   }
 }
 

@@ -16,19 +16,25 @@
 
 namespace rubato::grids {
 
+/// How many planes of its neighbours a rank has copies of: before those that it owns, and after them.
+struct Ghosts {
+  std::size_t before = 0, after = 0;
+};
+
 /// The part of a lattice that one of several ranks has: consecutive planes across the last axis, which it owns, and
-/// beyond them on each side `ghosts` planes that others own. A field of the part is an array of grid(), a grid like any
-/// other: what reads neighbours reads those in the ghosts, and is right as far from the seam of that grid as ghosts are
-/// right. refresh() makes them right. What the owned nodes hold is then the same, bit by bit, as on one rank.
+/// beyond them on either side ghosts, planes that others own. A field of the part is an array of grid(), a grid like
+/// any other: what reads neighbours reads those in the ghosts, and is right as far from the seam of that grid as ghosts
+/// are right. refresh() makes them right. What the owned nodes hold is then the same, bit by bit, as on one rank.
 ///
 /// Reductions (grids/reductions.hpp) of a thread that has a slab, over arrays of the part, are over the owned nodes of
 /// all ranks, which must all take part. Each sums up what it owns, and the sums are added up along a tree, in whatever
 /// order that is: DigitSum has the same bits for every number of ranks.
 class Slab {
 public:
-  /// Planes are shared out as evenly as can be, the first ranks having one more where they do not go up.
+  /// \param first_planes of each rank, and how many planes there are, in increasing order; with none, planes are shared
+  /// out as evenly as can be, the first ranks having one more where they do not go up
   /// \throws std::invalid_argument if there are more ranks than planes
-  Slab(ranks::Communicator& ranks, const Grid& whole, std::size_t ghosts);
+  Slab(ranks::Communicator& ranks, const Grid& whole, Ghosts ghosts, std::vector<std::size_t> first_planes = {});
 
   [[nodiscard]] const Grid& whole() const { return whole_; }
   [[nodiscard]] const Grid& grid() const { return grid_; }
@@ -39,12 +45,12 @@ public:
   [[nodiscard]] std::size_t size() const { return grid_.size(); }
   /// The first owned one of them, and how many are owned: consecutive ones.
   ///@{
-  [[nodiscard]] std::size_t first_node() const { return ghosts_ * plane_; }
+  [[nodiscard]] std::size_t first_node() const { return ghosts_.before * plane_; }
   [[nodiscard]] std::size_t owned() const { return planes(ranks_.rank()) * plane_; }
   ///@}
   /// What a rank owns.
   ///@{
-  [[nodiscard]] std::size_t first_plane(int rank) const;
+  [[nodiscard]] std::size_t first_plane(int rank) const { return first_planes_[static_cast<std::size_t>(rank)]; }
   [[nodiscard]] std::size_t planes(int rank) const { return first_plane(rank + 1) - first_plane(rank); }
   ///@}
   /// The first owned node's number in the whole lattice; and who owns a node of that, and where in its part.
@@ -56,6 +62,7 @@ public:
 
   /// Copies what others own into the ghosts of every field.
   void refresh(FieldSet& fields) const;
+  void refresh(FieldSet& fields, std::span<const int> which) const;
   /// The same of some fields, and of the `outer` ghosts on each side that are farthest out: those that a step made
   /// wrong which reads so many neighbours.
   void refresh(FieldSet& fields, std::span<const int> which, std::size_t outer) const;
@@ -64,7 +71,8 @@ public:
   template <class Compute>
   void compute_and_refresh(FieldSet& fields, std::span<const int> which, std::size_t outer,
                            const Compute& compute) const {
-    const std::size_t first = first_node(), end = first + owned(), edge = ghosts_ * plane_;
+    const std::size_t first = first_node(), end = first + owned(),
+                      edge = std::max(ghosts_.before, ghosts_.after) * plane_;
     if (owned() <= 2 * edge) {
       compute(std::size_t{0}, size());
       refresh(fields, which, outer);
@@ -105,6 +113,12 @@ public:
   }
   /// To every rank, from every rank, this one as well; nothing where there is nothing.
   void exchange_all(const std::vector<std::vector<double>>& out, std::vector<std::vector<double>>& in) const;
+  /// To the rank with the parts behind, which is rank 0 for the last, as many from the rank with those before.
+  void pass_on(std::span<const double> out, std::span<double> in) const;
+  /// Calls add() at one rank after the other, in the order of their parts, each of which goes on from the numbers that
+  /// the one before has left; what the last one leaves are the numbers of all. So a sum is made of terms in an order
+  /// that does not depend on how many ranks there are, at the price of that many messages, one after the other.
+  void in_turn(std::span<double> numbers, const std::function<void()>& add) const;
   /// The sum, as DigitSum has it, and the largest, NaN if one is, of all ranks' numbers.
   ///@{
   [[nodiscard]] double sum_over_ranks(double here) const;
@@ -155,7 +169,7 @@ private:
   /// A plane of the part that goes to, or comes from, another rank.
   struct GhostPlane {
     std::size_t place;
-    std::size_t depth;  ///< which ghost it is there, from 1, beside what is owned, outwards
+    std::size_t from_edge;  ///< how many ghosts there are beyond it where it is one
   };
   template <class Copy>
   std::size_t for_ghosts(const std::vector<GhostPlane>& planes, std::span<const int> which, std::size_t outer,
@@ -167,7 +181,9 @@ private:
 
   ranks::Communicator& ranks_;
   Grid whole_;
-  std::size_t ghosts_, plane_;
+  Ghosts ghosts_;
+  std::size_t plane_;
+  std::vector<std::size_t> first_planes_;
   Grid grid_;
   /// For refresh(): planes of the part that go to, and come from, each rank.
   std::vector<std::vector<GhostPlane>> send_, receive_;
@@ -178,6 +194,7 @@ private:
 /// Ghosts of fields that were changed, as Slab::refresh(); nothing for a thread without a slab.
 ///@{
 void refresh_ghosts(FieldSet& fields, std::span<const int> which, std::size_t outer);
+void refresh_ghosts(FieldSet& fields, std::span<const int> which);
 void refresh_ghosts(FieldSet& fields);
 /// Slab::compute_and_refresh(); without a slab compute(0, all nodes).
 template <class Compute>

@@ -20,6 +20,29 @@
 
 namespace rubato {
 
+SharedCellBlocks::SharedCellBlocks(const grids::Grid& grid, bool share)
+    : CellBlocks(grid), shared_(share && grid.dimensions() == 1 ? grids::Slab::of(grid) : nullptr) {
+  if (shared_ == nullptr) {
+    return;
+  }
+  const std::size_t first = shared_->number_of_first(), end = first + shared_->owned(), cells = whole_cells();
+  for (std::size_t cell = first; cell < end;) {
+    const std::size_t next = std::min(cell / most * most + most, cells);
+    const bool is_told = cell % most == 0;
+    const std::size_t here = shared_->first_node() + cell - first;
+    parts_.push_back({0, here, (is_told ? next : std::min(next, end)) - cell, here, is_told});
+    cell = next;
+  }
+}
+
+void SharedCellBlocks::in_turn(std::span<double> numbers, const std::function<void()>& add) const {
+  if (shared_ == nullptr) {
+    add();
+  } else {
+    shared_->in_turn(numbers, add);
+  }
+}
+
 BoxGather::BoxGather(const grids::Grid& grid) : dimensions_(grid.dimensions()) {
   for (int a = 0; a < 3; ++a) {
     n_[a] = grid.cells(a);
@@ -196,11 +219,19 @@ RUBATO_WIDE_VECTORS double sum(const double* values, std::size_t count) {
   return result;
 }
 
+/// CompensatedSum, of numbers that go from rank to rank.
+void add_to(double& high, double& low, double term) {
+  CompensatedSum sum(high, low);
+  sum.add(term);
+  high = sum.high;
+  low = sum.low;
+}
+
 }  // namespace
 
 struct CellSweep::Storage {
   MultisymplecticSystem system;
-  CellBlocks blocks;
+  SharedCellBlocks blocks;
   BoxGather gather;
   int d, dimensions;
   double volume;
@@ -216,7 +247,8 @@ struct CellSweep::Storage {
     std::vector<grids::FieldSet> derivative;  ///< along each axis
     grids::FieldSet mean;                     ///< in elements
   };
-  /// At corners, and of a slab: what is summed over the grid, node by node, as ranks that share a lattice have to.
+  /// At corners, and of a slab whose blocks are not those of the whole: what is summed over the grid, node by node, as
+  /// ranks that share a lattice have to.
   grids::FieldSet by_node;
   std::unique_ptr<NodeDerivative> nodal;
   std::unique_ptr<ElementOperators> elements;
@@ -224,7 +256,7 @@ struct CellSweep::Storage {
 
   Storage(const MultisymplecticSystem& s, const grids::Grid& grid, Collocation collocation)
       : system(s),
-        blocks(grid),
+        blocks(grid, collocation == Collocation::cells),
         gather(grid),
         d(s.field_count()),
         dimensions(grid.dimensions()),
@@ -253,7 +285,7 @@ struct CellSweep::Storage {
       of_point.derivative.assign(static_cast<std::size_t>(dimensions), grids::FieldSet(d, grid.size()));
       of_rate = of_point;
     }
-    if (collocation == Collocation::corners || grids::Slab::of(grid) != nullptr) {
+    if (collocation == Collocation::corners || (grids::Slab::of(grid) != nullptr && !blocks.are_shared())) {
       by_node = grids::FieldSet(rows_by_node, grid.size());
     }
   }
@@ -286,23 +318,35 @@ struct CellSweep::Storage {
   }
 
   /// Of a cell in sums over the grid.
-  [[nodiscard]] double weight_of(std::size_t block, std::size_t c) const {
-    return elements == nullptr ? 1.0 : elements->space().weights()[block * block_size + c];
+  [[nodiscard]] double weight_of(std::size_t cell) const {
+    return elements == nullptr ? 1.0 : elements->space().weights()[cell];
   }
-  void weigh(std::size_t block, std::size_t count, double* values) const {
+  void weigh(std::size_t offset, std::size_t count, double* values) const {
     for (std::size_t c = 0; elements != nullptr && c < count; ++c) {
-      values[c] *= weight_of(block, c);
+      values[c] *= weight_of(offset + c);
     }
+  }
+  /// Calls add(what it comes to) for the blocks in their order, those of other ranks as well: see
+  /// SharedCellBlocks::in_turn.
+  template <class Add>
+  void for_each_result(std::span<double> numbers, const Add& add) const {
+    blocks.in_turn(numbers, [&] {
+      for (std::size_t block = 0; block < results.size(); ++block) {
+        if (blocks[block].is_told) {
+          add(results[block]);
+        }
+      }
+    });
   }
 
   /// A and D_a of one field on a block.
-  void take(const double* field, int f, const Made& made, std::size_t line, std::size_t begin, std::size_t count,
-            double* mean, const std::array<double*, 3>& difference) const {
+  void take(const double* field, int f, const Made& made, const CellBlocks::Block& block, double* mean,
+            const std::array<double*, 3>& difference) const {
+    const auto& [line, begin, count, offset, is_told] = block;
     if (nodal == nullptr && elements == nullptr) {
       gather(field, line, begin, count, mean, difference.data());
       return;
     }
-    const std::size_t offset = line * blocks.line + begin;
     std::copy_n((elements != nullptr ? made.mean.field(f).data() : field) + offset, count, mean);
     for (std::size_t a = 0; a < made.derivative.size(); ++a) {
       if (difference[a] != nullptr) {
@@ -370,15 +414,13 @@ struct CellSweep::Storage {
 /// A and D_a of the point on a block, the potentials' slopes included, and where it is.
 void CellSweep::Storage::gather_point(std::size_t block, Workspace& work, std::span<const double* const> point,
                                       const PotentialSlopes& slopes) const {
-  const std::size_t line = block / blocks.per_line;
-  const std::size_t begin = block % blocks.per_line * block_size;
-  const std::size_t count = std::min(block_size, blocks.line - begin);
-  places.put(line * blocks.line + begin, std::span(work.inputs).subspan(static_cast<std::size_t>(d)));
+  const CellBlocks::Block at = blocks[block];
+  places.put(at.offset, std::span(work.inputs).subspan(static_cast<std::size_t>(d)));
   for (int f = 0; f < d; ++f) {
     const auto i = static_cast<std::size_t>(f);
-    take(point[i], f, of_point, line, begin, count, work.mean[i], work.difference[i]);
-    if (const double slope = slopes.at(f, line); slope != 0.0 && work.difference[i][0] != nullptr) {
-      for (std::size_t c = 0; c < count; ++c) {
+    take(point[i], f, of_point, at, work.mean[i], work.difference[i]);
+    if (const double slope = slopes.at(f, at.line); slope != 0.0 && work.difference[i][0] != nullptr) {
+      for (std::size_t c = 0; c < at.count; ++c) {
         work.difference[i][0][c] += slope;
       }
     }
@@ -388,10 +430,8 @@ void CellSweep::Storage::gather_point(std::size_t block, Workspace& work, std::s
 void CellSweep::Storage::run_block(std::size_t block, Workspace& work, std::span<const double* const> point,
                                    const PotentialSlopes& slopes, std::span<const double* const> rate, double inverse_h,
                                    std::span<double* const> residual, std::span<double* const> hessian) {
-  const std::size_t line = block / blocks.per_line;
-  const std::size_t begin = block % blocks.per_line * block_size;
-  const std::size_t count = std::min(block_size, blocks.line - begin);
-  const std::size_t offset = line * blocks.line + begin;
+  const CellBlocks::Block at = blocks[block];
+  const std::size_t count = at.count, offset = at.offset;
   BlockResult& result = results[block];
   result = {};
 
@@ -400,7 +440,7 @@ void CellSweep::Storage::run_block(std::size_t block, Workspace& work, std::span
     for (int f = 0; f < d; ++f) {
       const auto i = static_cast<std::size_t>(f);
       if (rate[i] != nullptr) {
-        take(rate[i], f, of_rate, line, begin, count, work.rate_mean[i], work.rate_difference[i]);
+        take(rate[i], f, of_rate, at, work.rate_mean[i], work.rate_difference[i]);
       } else {
         std::fill_n(work.rate_mean[i], count, 0.0);
         for (double* difference : work.rate_difference[i]) {
@@ -439,7 +479,7 @@ void CellSweep::Storage::run_block(std::size_t block, Workspace& work, std::span
       add(term.value, difference, mean, count, density);
     }
   }
-  weigh(block, count, density);
+  weigh(offset, count, density);
   if (sums_by_node()) {
     std::copy_n(density, count, by_node.field(0).data() + offset);
   } else {
@@ -468,7 +508,7 @@ void CellSweep::Storage::run_block(std::size_t block, Workspace& work, std::span
       const double factor = row == column ? -1.0 : -2.0;
       add(factor, varying[e], left, right, count, form);
     }
-    weigh(block, count, form);
+    weigh(offset, count, form);
     result.quadratic = sum(form, count);
   }
 }
@@ -540,12 +580,11 @@ std::vector<double> CellSweep::Storage::mean_terms_by_node(std::size_t terms, st
   for (std::size_t first = 0; first < terms; first += rows_by_node) {
     for (std::size_t block = 0; block < blocks.count(); ++block) {
       gather_point(block, work, point, slopes);
-      const std::size_t begin = block % blocks.per_line * block_size,
-                        offset = block / blocks.per_line * blocks.line + begin;
-      for (std::size_t c = 0; c < std::min(block_size, blocks.line - begin); ++c) {
+      const CellBlocks::Block at = blocks[block];
+      for (std::size_t c = 0; c < at.count; ++c) {
         evaluate_terms(work, c);
         for (std::size_t row = 0; row < rows_by_node; ++row) {
-          by_node.pointers()[row][offset + c] = first + row < terms ? work.size.value(1 + first + row) : 0.0;
+          by_node.pointers()[row][at.offset + c] = first + row < terms ? work.size.value(1 + first + row) : 0.0;
         }
       }
     }
@@ -562,11 +601,14 @@ std::vector<double> CellSweep::Storage::mean_terms_by_node(std::size_t terms, st
 void CellSweep::Storage::energy_size(std::size_t block, Workspace& work, std::span<const double* const> point,
                                      const PotentialSlopes& slopes, std::span<const double> references) {
   constexpr double unit = 0.5 * std::numeric_limits<double>::epsilon();
-  const std::size_t count = std::min(block_size, blocks.line - block % blocks.per_line * block_size);
+  const CellBlocks::Block at = blocks[block];
   BlockResult& result = results[block];
   result = {};
+  if (!at.is_told) {
+    return;
+  }
   gather_point(block, work, point, slopes);
-  for (std::size_t c = 0; c < count; ++c) {
+  for (std::size_t c = 0; c < at.count; ++c) {
     evaluate_terms(work, c);
     formula::SumSize size;
     double magnitude = 0.0;
@@ -589,12 +631,11 @@ void CellSweep::Storage::energy_size(std::size_t block, Workspace& work, std::sp
       const std::array<double, rows_by_node> values = {size.terms, size.rounding, size.rounding * size.rounding,
                                                        magnitude};
       for (int row = 0; row < rows_by_node; ++row) {
-        by_node.field(row)[block / blocks.per_line * blocks.line + block % blocks.per_line * block_size + c] =
-            values[static_cast<std::size_t>(row)];
+        by_node.field(row)[at.offset + c] = values[static_cast<std::size_t>(row)];
       }
       continue;
     }
-    const double weight = weight_of(block, c);
+    const double weight = weight_of(at.offset + c);
     size.rounding *= weight;
     result.energy += weight * size.terms;
     result.quadratic += size.rounding;
@@ -606,10 +647,8 @@ void CellSweep::Storage::energy_size(std::size_t block, Workspace& work, std::sp
 void CellSweep::Storage::energy_change(std::size_t block, Workspace& work, std::span<const double* const> rate,
                                        double inverse_h, std::span<const double* const> residual,
                                        std::span<const double* const> correction) {
-  const std::size_t line = block / blocks.per_line;
-  const std::size_t begin = block % blocks.per_line * block_size;
-  const std::size_t count = std::min(block_size, blocks.line - begin);
-  const std::size_t offset = line * blocks.line + begin;
+  const CellBlocks::Block at = blocks[block];
+  const std::size_t count = at.count, offset = at.offset;
   const std::array<double*, 3> none{};
   double* twisted = work.outputs[0];    // (A c)ᵀM A δ/h
   double* corrected = work.outputs[1];  // -(A c)ᵀR
@@ -620,11 +659,11 @@ void CellSweep::Storage::energy_change(std::size_t block, Workspace& work, std::
   for (int f = 0; f < d; ++f) {
     const auto i = static_cast<std::size_t>(f);
     const double* r = residual[i] + offset;  // -R
-    take(correction[i], f, of_rate, line, begin, count, work.mean[i], none);
+    take(correction[i], f, of_rate, at, work.mean[i], none);
     const double* c = work.mean[i];
     add(1.0, c, r, count, corrected);
     if (rate[i] != nullptr) {
-      take(rate[i], f, of_rate, line, begin, count, work.rate_mean[i], none);
+      take(rate[i], f, of_rate, at, work.rate_mean[i], none);
       add(1.0, work.rate_mean[i], r, count, moved);
     }
   }
@@ -662,18 +701,24 @@ SweepResult CellSweep::operator()(std::span<const double* const> point, const Po
   }
 
   SweepResult total;
-  CompensatedSum energy, quadratic;
-  std::array<double, MultisymplecticSystem::most_fields> residuals{}, scales{}, moved{};
-  for (const BlockResult& result : s.results) {
-    energy.add(result.energy);
-    quadratic.add(result.quadratic);
-    total.finite = total.finite && result.finite;
-    for (std::size_t r = 0; r < static_cast<std::size_t>(s.d); ++r) {
+  const auto rows = static_cast<std::size_t>(s.d);
+  // Σ energy and Σ quadratic, compensated; whether all is finite; three maxima of each row.
+  std::array<double, 5 + 3 * MultisymplecticSystem::most_fields> numbers{};
+  const auto residuals = std::span(numbers).subspan(5, rows), scales = std::span(numbers).subspan(5 + rows, rows),
+             moved = std::span(numbers).subspan(5 + 2 * rows, rows);
+  numbers[4] = 1.0;
+  s.for_each_result(std::span(numbers).first(5 + 3 * rows), [&](const BlockResult& result) {
+    add_to(numbers[0], numbers[1], result.energy);
+    add_to(numbers[2], numbers[3], result.quadratic);
+    numbers[4] = numbers[4] != 0.0 && result.finite ? 1.0 : 0.0;
+    for (std::size_t r = 0; r < rows; ++r) {
       residuals[r] = std::max(residuals[r], result.residual[r]);
       scales[r] = std::max(scales[r], result.scale[r]);
       moved[r] = std::max(moved[r], result.moved[r]);
     }
-  }
+  });
+  const CompensatedSum energy(numbers[0], numbers[1]), quadratic(numbers[2], numbers[3]);
+  total.finite = numbers[4] != 0.0;
   if (s.sums_by_node()) {
     total.energy = s.volume * grids::sum(std::as_const(s.by_node).field(0));
     total.finite = total.finite && std::isfinite(total.energy);
@@ -701,11 +746,12 @@ EnergyChange CellSweep::energy_change(std::span<const double* const> rate, doubl
     s.energy_change(static_cast<std::size_t>(block), *s.workspaces[static_cast<std::size_t>(omp_get_thread_num())],
                     rate, inverse_h, residual, correction);
   }
-  CompensatedSum energy, quadratic;
-  for (const BlockResult& result : s.results) {
-    energy.add(result.energy);
-    quadratic.add(result.quadratic);
-  }
+  std::array<double, 4> numbers{};
+  s.for_each_result(numbers, [&](const BlockResult& result) {
+    add_to(numbers[0], numbers[1], result.energy);
+    add_to(numbers[2], numbers[3], result.quadratic);
+  });
+  const CompensatedSum energy(numbers[0], numbers[1]), quadratic(numbers[2], numbers[3]);
   return {s.volume * energy.value(), s.volume * quadratic.value()};
 }
 
@@ -718,18 +764,33 @@ std::vector<double> CellSweep::mean_terms(std::span<const double* const> point, 
   if (s.sums_by_node()) {
     return s.mean_terms_by_node(means.size(), point, slopes);
   }
+  // Ranks do what takes long side by side, and add up one after the other.
+  std::vector<double> later;
   for (std::size_t block = 0; block < s.blocks.count(); ++block) {
+    const CellBlocks::Block at = s.blocks[block];
+    if (!at.is_told) {
+      continue;
+    }
     s.gather_point(block, work, point, slopes);
-    const std::size_t begin = block % s.blocks.per_line * block_size;
-    for (std::size_t c = 0; c < std::min(block_size, s.blocks.line - begin); ++c) {
+    for (std::size_t c = 0; c < at.count; ++c) {
       s.evaluate_terms(work, c);
       for (std::size_t i = 0; i < means.size(); ++i) {
-        means[i] += s.weight_of(block, c) * work.size.value(1 + i);
+        const double term = s.weight_of(at.offset + c) * work.size.value(1 + i);
+        if (s.blocks.are_shared()) {
+          later.push_back(term);
+        } else {
+          means[i] += term;
+        }
       }
     }
   }
+  s.blocks.in_turn(means, [&] {
+    for (std::size_t i = 0; i < later.size(); ++i) {
+      means[i % means.size()] += later[i];
+    }
+  });
   for (double& mean : means) {
-    mean /= static_cast<double>(s.blocks.line * s.blocks.lines);
+    mean /= static_cast<double>(s.blocks.whole_cells());
   }
   return means;
 }
@@ -745,26 +806,20 @@ formula::SumSize CellSweep::energy_size(std::span<const double* const> point, co
     s.energy_size(static_cast<std::size_t>(block), *s.workspaces[static_cast<std::size_t>(omp_get_thread_num())], point,
                   slopes, references);
   }
-  double terms = 0.0;
-  double magnitudes = 0.0;
-  double sum = 0.0;
-  double squares = 0.0;
-  double pieces = static_cast<double>(blocks);
+  std::array<double, rows_by_node> sums{};
+  double pieces = static_cast<double>(s.blocks.whole_count());
   if (s.sums_by_node()) {
-    const auto sums = s.sums_of_nodes();
-    terms = sums[0];
-    sum = sums[1];
-    squares = sums[2];
-    magnitudes = sums[3];
+    sums = s.sums_of_nodes();
     pieces = static_cast<double>(grids::whole_count(s.by_node.size())) / block_size;
   } else {
-    for (const BlockResult& result : s.results) {
-      terms += result.energy;
-      sum += result.quadratic;
-      squares += result.residual[0];
-      magnitudes += result.scale[0];
-    }
+    s.for_each_result(sums, [&sums](const BlockResult& result) {
+      sums[0] += result.energy;
+      sums[1] += result.quadratic;
+      sums[2] += result.residual[0];
+      sums[3] += result.scale[0];
+    });
   }
+  const auto& [terms, sum, squares, magnitudes] = sums;
   // A block is summed in eight lanes of up to 32 cells, whose partial sums are rounded, too.
   const double summing = std::numeric_limits<double>::epsilon() * magnitudes / std::sqrt(pieces);
   return {.terms = s.volume * terms, .rounding = s.volume * (std::min(sum, 4.0 * std::sqrt(squares)) + summing)};

@@ -1,5 +1,8 @@
 #include <rubato/pde/cell_solver.hpp>
 
+#include <algorithm>
+
+#include <rubato/grids/slab.hpp>
 #include <rubato/solve/cyclic_block.hpp>
 
 namespace rubato {
@@ -9,11 +12,17 @@ namespace {
 class CyclicCellSolver final : public CellSolver {
 public:
   CyclicCellSolver(const grids::Grid& grid, int size, int conditions)
-      : inverse_spacing_(1.0 / grid.spacing(0)), solver_(size, grid.cells(0), conditions) {
+      : inverse_spacing_(1.0 / grid.spacing(0)),
+        slab_(grids::Slab::of(grid)),
+        cells_(slab_ == nullptr ? grid.cells(0) : slab_->whole().cells(0)),
+        first_(slab_ == nullptr ? 0 : slab_->first_node()),
+        solver_(size, cells_, conditions, 1, slab_),
+        rhs_(static_cast<std::size_t>(size)),
+        solution_(rhs_.size()) {
     const auto block = static_cast<std::size_t>(size);
     const auto count = static_cast<std::size_t>(conditions);
     matrix_.block = size;
-    matrix_.cells = grid.cells(0);
+    matrix_.cells = slab_ == nullptr ? cells_ : slab_->owned();
     matrix_.left.resize(block * block);
     matrix_.right.resize(block * block);
     border_.count = conditions;
@@ -37,9 +46,10 @@ public:
     }
     matrix_.entries.clear();
     for (const CellMatrix::Entry& entry : matrix.entries) {
-      matrix_.entries.push_back({entry.row, entry.column, 0.5 * entry.factor, 0.5 * entry.factor, entry.values});
+      matrix_.entries.push_back(
+          {entry.row, entry.column, 0.5 * entry.factor, 0.5 * entry.factor, entry.values + first_});
     }
-    const double weight = 1.0 / static_cast<double>(matrix_.cells);
+    const double weight = 1.0 / static_cast<double>(cells_);
     next = 0;
     for (int b = 0; b < conditions.count(); ++b) {
       for (int i = 0; i < d; ++i) {
@@ -47,7 +57,9 @@ public:
         border_.rows[next++].constant = weight * conditions.pins(b, i);
       }
     }
-    return solver_.solve(matrix_, border_, rhs, border_rhs_, solution, y, check_).status;
+    std::ranges::transform(rhs, rhs_.begin(), [this](const double* values) { return values + first_; });
+    std::ranges::transform(solution, solution_.begin(), [this](double* values) { return values + first_; });
+    return solver_.solve(matrix_, border_, rhs_, border_rhs_, solution_, y, check_).status;
   }
 
   void check_residuals(bool on) override {
@@ -56,10 +68,15 @@ public:
 
 private:
   double inverse_spacing_;
+  const grids::Slab* slab_;  ///< of the ranks that share the line; null for one process
+  std::size_t cells_;        ///< of all ranks
+  std::size_t first_;        ///< of the nodes that are owned
   solve::CyclicBlockSolver solver_;
   solve::CyclicBidiagonal matrix_;
   solve::CyclicBorder border_;
   std::vector<double> border_rhs_;
+  std::vector<const double*> rhs_;
+  std::vector<double*> solution_;
   solve::CyclicCheck check_ = solve::CyclicCheck::every_solve;
 };
 

@@ -41,7 +41,7 @@ struct Workspace {
 
 /// What the laws are computed with: the operators on faces, in blocks of cells.
 struct FaceOperators : LawTables {
-  CellBlocks blocks;
+  SharedCellBlocks blocks;
   FaceGather gather;
   std::vector<std::unique_ptr<Workspace>> workspaces;
   StepPoints points;
@@ -310,9 +310,8 @@ struct FaceOperators : LawTables {
 #pragma omp parallel for schedule(static) if (count > 8)
     for (std::ptrdiff_t b = 0; b < count; ++b) {
       const auto block = static_cast<std::size_t>(b);
-      const std::size_t begin = block % blocks.per_line * block_size;
-      use(block, block / blocks.per_line, begin, std::min(block_size, blocks.line - begin),
-          *workspaces[static_cast<std::size_t>(omp_get_thread_num())]);
+      const CellBlocks::Block at = blocks[block];
+      use(block, at.line, at.begin, at.count, *workspaces[static_cast<std::size_t>(omp_get_thread_num())]);
     }
   }
 };
@@ -359,13 +358,22 @@ std::vector<double> EdgeLaws::totals(const LatticeLevel& level) {
           s.sums[l][block] = sum.value();
         }
       });
+  std::vector<double> numbers(2 * laws);  // Σ, compensated, of each law
+  s.blocks.in_turn(numbers, [&] {
+    for (std::size_t l = 0; l < laws; ++l) {
+      CompensatedSum sum(numbers[2 * l], numbers[2 * l + 1]);
+      for (std::size_t block = 0; block < s.sums[l].size(); ++block) {
+        if (s.blocks[block].is_told) {
+          sum.add(s.sums[l][block]);
+        }
+      }
+      numbers[2 * l] = sum.high;
+      numbers[2 * l + 1] = sum.low;
+    }
+  });
   std::vector<double> totals;
   for (std::size_t l = 0; l < laws; ++l) {
-    CompensatedSum sum;
-    for (const double part : s.sums[l]) {
-      sum.add(part);
-    }
-    totals.push_back(s.grid.cell_volume() * sum.value());
+    totals.push_back(s.grid.cell_volume() * CompensatedSum(numbers[2 * l], numbers[2 * l + 1]).value());
   }
   return totals;
 }

@@ -48,7 +48,8 @@ std::unique_ptr<LatticeScheme> make_scheme(const LatticeMethod& method, const Mu
   if (options.initial_is_part) {
     options.slab->refresh(first.fields);
   } else if (options.slab != nullptr) {
-    if (std::ranges::any_of(first.slopes.of_field, [](const auto& slopes) {
+    // On a line a slope is one number, the same for all.
+    if (grid.dimensions() > 1 && std::ranges::any_of(first.slopes.of_field, [](const auto& slopes) {
           return std::ranges::any_of(slopes, [](double slope) { return slope != 0.0; });
         })) {
       throw SchemeRefusal("a lattice with a potential that has a mean slope is not shared by ranks");

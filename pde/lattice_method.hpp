@@ -8,6 +8,7 @@
 #include <string_view>
 #include <vector>
 
+#include <rubato/grids/slab.hpp>
 #include <rubato/pde/lattice_scheme.hpp>
 #include <rubato/pde/law_evaluator.hpp>
 #include <rubato/pde/local_laws.hpp>
@@ -66,8 +67,16 @@ public:
   /// levels to take a step, its energies and its laws from them (grids::Slab). \throws as scheme()
   ///@{
   [[nodiscard]] virtual bool is_shared() const { return false; }
-  [[nodiscard]] virtual bool is_shared_in(int /*dimensions*/) const { return is_shared(); }
-  [[nodiscard]] virtual std::size_t ghosts(const MultisymplecticSystem& /*system*/) const { return 0; }
+  /// Why not in so many dimensions, where it is in others; empty where it is.
+  [[nodiscard]] virtual std::string_view not_shared_in(int /*dimensions*/) const { return {}; }
+  [[nodiscard]] virtual grids::Ghosts ghosts(const MultisymplecticSystem& /*system*/) const { return {}; }
+  /// The first plane of each rank's part, and how many there are, for steps of length h; none: any parts will do.
+  /// \throws std::invalid_argument if there are too many ranks
+  [[nodiscard]] virtual std::vector<std::size_t> parts(const MultisymplecticSystem& /*system*/,
+                                                       const grids::Grid& /*whole*/, double /*h*/,
+                                                       int /*ranks*/) const {
+    return {};
+  }
   /// Whether first_level() is made by each rank of its part, where no field is given that others determine.
   [[nodiscard]] virtual bool begins_in_parts() const { return false; }
   ///@}

@@ -57,6 +57,9 @@ public:
                                                              const grids::Grid& grid, LatticeLevel first,
                                                              double first_step);
 
+/// How many fields a step of length h of the box scheme solves for; the others follow node by node.
+[[nodiscard]] int box_unknowns(const MultisymplecticSystem& system, double h);
+
 /// The Fourier scheme (theory, section 5): spectral differentiation ∂ in space at the midpoint in time,
 ///
 ///     M δ_t z + Σ_a K_a ∂_a z̄ = ∇S(z̄)  at every node,      E_k = Σ ΔV [S(z̄) + Σ_a (∂_a z̄)ᵀK₊z̄].

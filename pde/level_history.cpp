@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <stdexcept>
 
+#include <rubato/grids/slab.hpp>
+
 namespace rubato {
 
 LevelHistory::LevelHistory(std::vector<bool> at_midpoints, std::size_t nodes) : at_midpoints_(std::move(at_midpoints)) {
@@ -116,7 +118,7 @@ void LevelHistory::save(StateWriter& state) const {
   state.write(static_cast<double>(known_));
   for (std::size_t i = 0; i < known_; ++i) {
     state.write(samples_[i].time);
-    state.write(samples_[i].rate.all());
+    grids::save_whole(state, samples_[i].rate);
   }
 }
 
@@ -127,7 +129,7 @@ void LevelHistory::restore(StateReader& state) {
   }
   for (std::size_t i = 0; i < known_; ++i) {
     state.read(samples_[i].time);
-    state.read(samples_[i].rate.all());
+    grids::restore_whole(state, samples_[i].rate);
   }
 }
 

@@ -10,6 +10,7 @@
 #include <rubato/base/larger.hpp>
 #include <rubato/base/limits.hpp>
 #include <rubato/grids/reductions.hpp>
+#include <rubato/grids/whole.hpp>
 #include <rubato/grids/wide_vectors.hpp>
 #include <rubato/pde/cell_solver.hpp>
 #include <rubato/pde/kernel_conditions.hpp>
@@ -34,7 +35,7 @@ void check(const MultisymplecticSystem& system, const grids::Grid& grid, Colloca
         fmt::format("the system has {} space direction(s), the grid {}", system.directions(), grid.dimensions()));
   }
   for (int a = 0; a < grid.dimensions(); ++a) {
-    if (collocation == Collocation::cells && grid.cells(a) % 2 == 0) {
+    if (collocation == Collocation::cells && grids::whole_of(grid).cells(a) % 2 == 0) {
       throw std::invalid_argument(
           fmt::format("box needs an odd number of cells in every direction, and {} has {}: with an even one the "
                       "average of neighbours annihilates the sawtooth (-1)^i, which the scheme then cannot determine; "
@@ -47,6 +48,11 @@ void check(const MultisymplecticSystem& system, const grids::Grid& grid, Colloca
                                             first.fields.fields(), first.fields.size(), system.field_count(),
                                             grid.size()));
   }
+}
+
+/// What conditions hold are potentials that other fields' rows are made of.
+StaticCondensation condensation_of(const MultisymplecticSystem& system, const KernelConditions& conditions) {
+  return conditions.count() > 0 ? StaticCondensation(system, nullptr) : StaticCondensation(system);
 }
 
 /// Largest absolute values, NaN if one is not finite.
@@ -89,7 +95,7 @@ RUBATO_WIDE_VECTORS Sizes add_twice_in_block(const double* c, double* delta, std
 }
 
 /// δ += 2 c.
-Sizes add_twice(std::span<const double> c, std::span<double> delta) {
+Sizes add_twice_here(std::span<const double> c, std::span<double> delta) {
   const grids::ReductionBlocks pieces(c.size());
   std::array<Sizes, grids::ReductionBlocks::most> partial;
   grids::for_each_block(c.size(), pieces.block, [&](std::size_t begin, std::size_t end) {
@@ -101,6 +107,32 @@ Sizes add_twice(std::span<const double> c, std::span<double> delta) {
     result.sum = larger(result.sum, partial[b].sum);
   }
   return result;
+}
+
+/// The same, of all ranks that share the fields, all of which have come to the same numbers in ghosts.
+void add_twice(const grids::FieldSet& c, grids::FieldSet& delta, std::span<Sizes> sizes) {
+  const grids::Slab* const slab = grids::Slab::of(delta.size());
+  std::array<double, 2 * MultisymplecticSystem::most_fields> largest;
+  for (std::size_t f = 0; f < sizes.size(); ++f) {
+    const auto from = c.field(static_cast<int>(f));
+    const auto to = delta.field(static_cast<int>(f));
+    if (slab == nullptr) {
+      sizes[f] = add_twice_here(from, to);
+      continue;
+    }
+    const std::size_t first = slab->first_node(), owned = slab->owned(), end = first + owned;
+    add_twice_here(from.first(first), to.first(first));
+    add_twice_here(from.subspan(end), to.subspan(end));
+    const Sizes here = add_twice_here(from.subspan(first, owned), to.subspan(first, owned));
+    largest[2 * f] = here.added;
+    largest[2 * f + 1] = here.sum;
+  }
+  if (slab != nullptr) {
+    slab->reduce({}, {}, std::span(largest).first(2 * sizes.size()));
+    for (std::size_t f = 0; f < sizes.size(); ++f) {
+      sizes[f] = {largest[2 * f], largest[2 * f + 1]};
+    }
+  }
 }
 
 /// Box and Fourier: the same midpoint rule in time with another A and D_a.
@@ -126,7 +158,7 @@ public:
         conditions_(step_conditions(system, first_step)),
         change_known_(conditions_.count() == 0 && std::ranges::find(at_midpoints_, true) == at_midpoints_.end()),
         border_(static_cast<std::size_t>(conditions_.count()) * (grid.size() / grid.cells(0))),
-        condensation_(conditions_.count() > 0 ? StaticCondensation(system, nullptr) : StaticCondensation(system)),
+        condensation_(condensation_of(system, conditions_)),
         solver_(make_cell_solver(grid, collocation, static_cast<int>(condensation_.free().size()), conditions_.count(),
                                  newton_tolerance)) {
     for (int a = 0; a < system.directions(); ++a) {
@@ -207,9 +239,14 @@ public:
     history_.advance(trial_h_);
     contraction_.advance();
     ++size_age_;
-    for (int f = 0; f < system_.field_count(); ++f) {
-      double& largest = largest_[static_cast<std::size_t>(f)];
-      largest = std::max(largest, grids::max_abs(std::as_const(delta_).field(f)));
+    std::array<std::span<const double>, MultisymplecticSystem::most_fields> rows;
+    std::array<double, MultisymplecticSystem::most_fields> sizes;
+    for (std::size_t f = 0; f < largest_.size(); ++f) {
+      rows[f] = std::as_const(delta_).field(static_cast<int>(f));
+    }
+    grids::max_abs(std::span(rows).first(largest_.size()), sizes);
+    for (std::size_t f = 0; f < largest_.size(); ++f) {
+      largest_[f] = std::max(largest_[f], sizes[f]);
     }
     add_increment(delta_, at_midpoints_, level_.fields, low_);
     start_level();
@@ -235,8 +272,8 @@ public:
   }
 
   void save(StateWriter& state) const override {
-    state.write(level_.fields.all());
-    state.write(low_.all());
+    grids::save_whole(state, level_.fields);
+    grids::save_whole(state, low_);
     state.write(largest_);
     for (const auto& slope : level_.slopes.of_field) {
       state.write(slope);
@@ -249,8 +286,8 @@ public:
   }
 
   void restore(StateReader& state) override {
-    state.read(level_.fields.all());
-    state.read(low_.all());
+    grids::restore_whole(state, level_.fields);
+    grids::restore_whole(state, low_);
     state.read(std::span<double>(largest_));
     for (auto& slope : level_.slopes.of_field) {
       state.read(std::span<double>(slope));
@@ -399,6 +436,7 @@ private:
           status != Status::success) {
         return status == Status::undefined ? status : Status::not_converged;
       }
+      grids::refresh_ghosts(correction_, condensation_.free());
       condensation_.correct(h, correction_);
       const double size = add_correction();
       if (!std::isfinite(size)) {
@@ -434,9 +472,11 @@ private:
 
   /// δ += 2 c; the largest relative size of c over the fields.
   double add_correction() {
+    std::array<Sizes, MultisymplecticSystem::most_fields> all;
+    add_twice(correction_, delta_, std::span(all).first(at_midpoints_.size()));
     double size = 0.0;
     for (int f = 0; f < system_.field_count(); ++f) {
-      const Sizes sizes = add_twice(std::as_const(correction_).field(f), delta_.field(f));
+      const Sizes& sizes = all[static_cast<std::size_t>(f)];
       if (sizes.added != 0.0) {
         const double scale = std::max({sizes.sum, largest_[static_cast<std::size_t>(f)], epsilon * level_size(f)});
         size = larger(size, sizes.added / scale);
@@ -481,6 +521,10 @@ private:
 };
 
 }  // namespace
+
+int box_unknowns(const MultisymplecticSystem& system, double h) {
+  return static_cast<int>(condensation_of(system, step_conditions(system, h)).free().size());
+}
 
 std::unique_ptr<LatticeScheme> make_box_scheme(const MultisymplecticSystem& system, const grids::Grid& grid,
                                                LatticeLevel first, double first_step) {

@@ -34,8 +34,8 @@ namespace {
 std::string methods_to_share() {
   std::vector<std::string> names;
   for (const LatticeMethodEntry& entry : lattice_methods()) {
-    if (make_lattice_method({.name = std::string(entry.name)})->is_shared()) {
-      names.push_back(fmt::format("\"{}\"", entry.name));
+    if (const auto method = make_lattice_method({.name = std::string(entry.name)}); method->is_shared()) {
+      names.push_back(fmt::format("\"{}\"{}", entry.name, method->not_shared_in(2).empty() ? "" : " on a line"));
     } else if (entry.has_stages && make_lattice_method({.name = std::string(entry.name), .stages = 2})->is_shared()) {
       names.push_back(fmt::format("\"{}\" with several stages", entry.name));
     }
@@ -43,7 +43,7 @@ std::string methods_to_share() {
   return fmt::format("{}", fmt::join(names, ", "));
 }
 
-std::size_t ghosts_of(const Problem& problem) {
+grids::Ghosts ghosts_of(const Problem& problem) {
   try {
     return make_method(problem)->ghosts(make_system(problem));
   } catch (const std::invalid_argument& error) {
@@ -53,9 +53,10 @@ std::size_t ghosts_of(const Problem& problem) {
 
 grids::Slab make_slab(ranks::Communicator& ranks, const Problem& problem) {
   const grids::Grid whole = make_grid(problem, ranks.size());
-  const std::size_t ghosts = ghosts_of(problem);
+  const grids::Ghosts ghosts = ghosts_of(problem);
   try {
-    return {ranks, whole, ghosts};
+    return {ranks, whole, ghosts,
+            make_method(problem)->parts(make_system(problem), whole, *problem.scheme.step, ranks.size())};
   } catch (const std::invalid_argument& error) {
     throw ProblemError(problem.multisymplectic()->axes.back().location, error.what());
   }
@@ -157,8 +158,9 @@ void refuse_unshared(const Problem& problem, const RunOptions& options) {
   if (!make_method(problem)->is_shared()) {
     refuse_sharing(scheme, ranks, fmt::format("lattices are shared with lagrangian = {} so far", methods_to_share()));
   }
-  if (!make_method(problem)->is_shared_in(static_cast<int>(pde->axes.size()))) {
-    refuse_sharing(scheme, ranks, "its transforms along a line take the whole of it");
+  if (const auto reason = make_method(problem)->not_shared_in(static_cast<int>(pde->axes.size())); !reason.empty()) {
+    refuse_sharing(scheme, ranks,
+                   fmt::format("{}; lattices are shared with lagrangian = {} so far", reason, methods_to_share()));
   }
   if (!problem.scheme.step) {
     refuse_sharing(problem.scheme.step_location, ranks, "step = \"auto\" is not shared; give it as a number");

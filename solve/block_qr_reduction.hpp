@@ -28,6 +28,20 @@ struct Shape {
   [[nodiscard]] int slot() const { return d * (3 * d + extras()); }
 };
 
+/// The first cell of a chunk: chunks differ by at most one cell; the longer ones come first.
+[[nodiscard]] inline std::size_t first_cell(std::size_t cells, std::size_t chunks, std::size_t chunk) {
+  const std::size_t longer = cells % chunks;
+  return chunk * (cells / chunks) + (chunk < longer ? chunk : longer);
+}
+
+/// What one of several ranks has of a system: some chunks, in arrays that begin with the first of them.
+struct Part {
+  std::size_t first_chunk = 0;
+  std::size_t chunks = 0;
+  std::size_t first_cell = 0;
+  const double* before = nullptr;  ///< the record before the first, where there are records
+};
+
 /// The system of one level: the user's (matrix != nullptr) or stored records.
 struct System {
   Shape shape;
@@ -37,18 +51,23 @@ struct System {
   const CyclicBorder* border = nullptr;
   std::span<const double* const> rhs;
   const double* records = nullptr;
+  const Part* part = nullptr;  ///< null: all of it is here
 
-  /// Chunks differ by at most one cell; the longer ones come first.
+  /// In the arrays that are here.
   [[nodiscard]] std::size_t first_cell(std::size_t chunk) const {
-    const std::size_t longer = cells % chunks;
-    return chunk * (cells / chunks) + (chunk < longer ? chunk : longer);
+    return chunks::first_cell(cells, chunks, chunk) - (part == nullptr ? 0 : part->first_cell);
   }
+  /// The chunks that are here.
+  ///@{
+  [[nodiscard]] std::size_t first_chunk() const { return part == nullptr ? 0 : part->first_chunk; }
+  [[nodiscard]] std::size_t end_chunk() const { return part == nullptr ? chunks : part->first_chunk + part->chunks; }
+  ///@}
 };
 
 /// Where pass two finds the solution at the chunks' first nodes, and where it puts that of all nodes: either the user's
 /// arrays or an array of nodes × columns × d.
 struct Solution {
-  const double* separators = nullptr;  ///< chunks × columns × d
+  const double* separators = nullptr;  ///< chunks × columns × d; of a part that of the chunk behind it as well
   const double* border = nullptr;      ///< columns × k
   std::span<double* const> fields;
   double* nodes = nullptr;
@@ -57,7 +76,8 @@ struct Solution {
 /// The two passes over a group of `lanes` chunks that begins with chunk `first`.
 struct Kernels {
   int lanes = 0;
-  /// Eliminates the interior nodes; the records of the reduced cells go to reduced[chunk · record].
+  /// Eliminates the interior nodes; the records of the reduced cells go to reduced[chunk · record], a part's chunks
+  /// counted from its first.
   void (*reduce)(const System&, std::size_t first, double* workspace, double* reduced) = nullptr;
   /// Repeats that and computes the interior nodes from the chunk's ends.
   void (*expand)(const System&, std::size_t first, double* workspace, const Solution&) = nullptr;

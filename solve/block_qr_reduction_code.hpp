@@ -51,7 +51,7 @@ struct Elimination {
       : system(s), shape(s.shape), first(first_chunk), cell(reinterpret_cast<V*>(workspace)) {
     for (int l = 0; l < lanes; ++l) {
       // Lanes past the last chunk repeat it; what they compute is not stored.
-      const std::size_t chunk = std::min(first + l, s.chunks - 1);
+      const std::size_t chunk = std::min(first + l, s.end_chunk() - 1);
       begin[l] = s.first_cell(chunk);
       length[l] = s.first_cell(chunk + 1) - begin[l];
       steps = std::max(steps, length[l]);
@@ -87,7 +87,9 @@ struct Elimination {
       return shape.d;
     }
   }
-  [[nodiscard]] int active() const { return static_cast<int>(std::min<std::size_t>(lanes, system.chunks - first)); }
+  [[nodiscard]] int active() const {
+    return static_cast<int>(std::min<std::size_t>(lanes, system.end_chunk() - first));
+  }
 
   void load_constants() {
     const auto n = d();
@@ -138,12 +140,16 @@ struct Elimination {
     }
   }
 
+  [[nodiscard]] const double* before_first() const {
+    return system.part != nullptr ? system.part->before : system.records + (system.cells - 1) * shape.record();
+  }
+
   void load_from_records(std::size_t step) {
     const int size = shape.record();
     for (int l = 0; l < lanes; ++l) {
       const std::size_t i = begin[l] + std::min(step, length[l] - 1);
       const double* own = system.records + i * size;
-      const double* previous = system.records + (i == 0 ? system.cells - 1 : i - 1) * size;
+      const double* previous = i > 0 ? own - size : before_first();
       for (int j = 0; j < size; ++j) {
         cell[j][l] = own[j];
       }
@@ -318,7 +324,7 @@ struct Elimination {
     const int size = shape.record();
     for (int l = 0; l < active(); ++l) {
       for (int j = 0; j < size; ++j) {
-        reduced[(first + l) * size + j] = state[j][l];
+        reduced[(first - system.first_chunk() + l) * size + j] = state[j][l];
       }
     }
   }
@@ -352,8 +358,8 @@ struct Elimination {
     V* start = spare;
     V* next = start + per_node;
     for (int l = 0; l < lanes; ++l) {
-      const std::size_t chunk = std::min(first + l, system.chunks - 1);
-      const std::size_t following = chunk + 1 == system.chunks ? 0 : chunk + 1;
+      const std::size_t chunk = std::min(first + l, system.end_chunk() - 1) - system.first_chunk();
+      const std::size_t following = system.part == nullptr && chunk + 1 == system.chunks ? 0 : chunk + 1;
       for (int j = 0; j < per_node; ++j) {
         start[j][l] = solution.separators[chunk * per_node + j];
         next[j][l] = solution.separators[following * per_node + j];

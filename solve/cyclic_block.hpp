@@ -7,6 +7,10 @@
 
 #include <rubato/base/status.hpp>
 
+namespace rubato::grids {
+class Slab;
+}
+
 namespace rubato::solve {
 
 /// A matrix entry that varies from cell to cell: values[i] times `left` is added to entry (row, column) of L_i, times
@@ -86,10 +90,19 @@ struct CyclicOutcome {
 /// The residual of every solve is computed (see CyclicCheck); above 1e-12 one refinement is made. With borders,
 /// elimination takes the C rows along by ordinary elimination: where that fails (a kernel of A that lives on few nodes)
 /// the bordered matrix goes to Eigen's SparseLU.
+///
+/// Ranks that share a line of cells (grids::Slab, with the parts of cyclic_parts()) eliminate their chunks each; what
+/// is left of all is solved by rank 0, which sends back the nodes that separate them. The bits are those of one
+/// process. All ranks solve at the same time, with the same borders, and find the same outcome. The general sparse LU
+/// takes the whole, and is not shared: what needs it is ill_conditioned.
 class CyclicBlockSolver {
 public:
-  /// Throws std::invalid_argument unless 1 <= block <= 16, cells >= 2, 0 <= borders <= 8, 1 <= max_columns <= 16.
-  CyclicBlockSolver(int block, std::size_t cells, int borders = 0, int max_columns = 1);
+  /// \param cells of all ranks
+  /// \param slab of the ranks that share them; null for one process. It has to live longer than the solver.
+  /// Throws std::invalid_argument unless 1 <= block <= 16, cells >= 2, 0 <= borders <= 8, 1 <= max_columns <= 16;
+  /// std::logic_error if the slab's parts are not those of cyclic_parts().
+  CyclicBlockSolver(int block, std::size_t cells, int borders = 0, int max_columns = 1,
+                    const grids::Slab* slab = nullptr);
   ~CyclicBlockSolver();
   CyclicBlockSolver(CyclicBlockSolver&&) noexcept;
   CyclicBlockSolver& operator=(CyclicBlockSolver&&) noexcept;
@@ -98,6 +111,9 @@ public:
   /// solution[column·block + field] to one per node; border_rhs and border_solution are border × columns, column by
   /// column. Solution and rhs may not overlap. Throws std::invalid_argument if shapes differ from those of
   /// construction.
+  ///
+  /// With a slab the matrix, its cells counted, and all arrays are those of this rank's part, and solutions have room
+  /// for one node more, that behind the part.
   ///
   /// Status: undefined if the matrix or rhs holds a value that is not finite, singular if the matrix is (to rounding),
   /// ill_conditioned if the residual stays above 1e-9 even so.

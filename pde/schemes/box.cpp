@@ -4,6 +4,7 @@
 #include <rubato/pde/gauss_slab.hpp>
 #include <rubato/pde/lattice_actions.hpp>
 #include <rubato/pde/lattice_method.hpp>
+#include <rubato/solve/cyclic_parts.hpp>
 
 namespace rubato {
 
@@ -37,6 +38,18 @@ public:
                : "";
   }
   [[nodiscard]] bool laws_in_cells() const override { return true; }
+  [[nodiscard]] bool is_shared() const override { return is_box(); }
+  [[nodiscard]] std::string_view not_shared_in(int dimensions) const override {
+    return dimensions > 1 ? "its linear systems are solved by elimination on a line alone, in planes and volumes by "
+                            "transforms of the whole lattice"
+                          : "";
+  }
+  /// Laws of a node read the cell before it; sums are made of blocks of cells, which may reach into the next part.
+  [[nodiscard]] grids::Ghosts ghosts(const MultisymplecticSystem&) const override { return {1, CellBlocks::most}; }
+  [[nodiscard]] std::vector<std::size_t> parts(const MultisymplecticSystem& system, const grids::Grid& whole, double h,
+                                               int ranks) const override {
+    return solve::cyclic_parts(box_unknowns(system, h), whole.cells(0), ranks).first_cells.front();
+  }
   [[nodiscard]] std::optional<LatticeAction> action(const MultisymplecticSystem& system) const override {
     return is_box() ? std::optional(box_action(system)) : std::nullopt;
   }

@@ -122,9 +122,10 @@ public:
   [[nodiscard]] bool is_shared() const override { return true; }
   [[nodiscard]] bool begins_in_parts() const override { return true; }
   /// Laws read the currents of a neighbour, which reads its own; energies read one neighbour.
-  [[nodiscard]] std::size_t ghosts(const MultisymplecticSystem& system) const override {
+  [[nodiscard]] grids::Ghosts ghosts(const MultisymplecticSystem& system) const override {
     const EulerBoxMap::Halo halo = EulerBoxMap::halo(system);
-    return 2 + std::max(halo.planes, halo.lost);
+    const std::size_t planes = 2 + std::max(halo.planes, halo.lost);
+    return {planes, planes};
   }
   [[nodiscard]] std::optional<LatticeAction> action(const MultisymplecticSystem& system) const override {
     return euler_box_action(system);

@@ -23,7 +23,9 @@ public:
   [[nodiscard]] bool has_variational_laws() const override { return false; }
   /// Of Gauss collocation, whose sweeps are transforms, work at nodes and products for each wave.
   [[nodiscard]] bool is_shared() const override { return stages_ > 1; }
-  [[nodiscard]] bool is_shared_in(int dimensions) const override { return is_shared() && dimensions > 1; }
+  [[nodiscard]] std::string_view not_shared_in(int dimensions) const override {
+    return dimensions > 1 ? "" : "its transforms along a line take the whole of it";
+  }
   [[nodiscard]] InitialLevel first_level(const MultisymplecticSystem& system, const grids::Grid& grid,
                                          const InitialFields& given) const override {
     return prepare_initial_level(system, grid, given, Collocation::nodes);

@@ -415,7 +415,10 @@ public:
   [[nodiscard]] bool is_shared() const override { return true; }
   [[nodiscard]] bool begins_in_parts() const override { return true; }
   /// Laws take the divergence of currents that are made of differences.
-  [[nodiscard]] std::size_t ghosts(const MultisymplecticSystem&) const override { return 2 + LeapfrogMap::reach; }
+  [[nodiscard]] grids::Ghosts ghosts(const MultisymplecticSystem&) const override {
+    constexpr std::size_t planes = 2 + LeapfrogMap::reach;
+    return {planes, planes};
+  }
   [[nodiscard]] std::optional<LatticeAction> action(const MultisymplecticSystem& system) const override {
     return leapfrog_action(system);
   }

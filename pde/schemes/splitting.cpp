@@ -173,11 +173,13 @@ public:
   [[nodiscard]] bool has_bridges() const override { return false; }
   [[nodiscard]] bool has_variational_laws() const override { return false; }
   [[nodiscard]] bool is_shared() const override { return true; }
-  [[nodiscard]] bool is_shared_in(int dimensions) const override { return dimensions > 1; }
+  [[nodiscard]] std::string_view not_shared_in(int dimensions) const override {
+    return dimensions > 1 ? "" : "its transforms along a line take the whole of it";
+  }
   /// With differences laws read the fluxes of a neighbour, which reads its own; the waves of a step are the whole
   /// lattice's, and so are spectral derivatives.
-  [[nodiscard]] std::size_t ghosts(const MultisymplecticSystem&) const override {
-    return collocation_ == Collocation::corners ? 2 : 0;
+  [[nodiscard]] grids::Ghosts ghosts(const MultisymplecticSystem&) const override {
+    return collocation_ == Collocation::corners ? grids::Ghosts{2, 2} : grids::Ghosts{};
   }
   /// None: the family has its K.
   [[nodiscard]] std::optional<LatticeAction> action(const MultisymplecticSystem&) const override {

@@ -76,6 +76,31 @@ case $case_name in
       status_is 0
       check "resumed on another number of ranks" same alone.h5 part.h5
     done
+    # The box scheme on a line.
+    for levels in fixed variable; do
+      line=(run kdv --set grid.x.cells=1001 --set scheme.levels=$levels --set scheme.until=0.2 --set output.every=7)
+      alone "${line[@]}" -o alone.h5 --force --quiet
+      alone check alone.h5
+      cp out checked
+      for ranks in 2 3 4; do
+        on $ranks "${line[@]}" -o shared.h5 --force --quiet
+        status_is 0
+        check "the record of one process, on $ranks ranks" same alone.h5 shared.h5
+      done
+      on 3 check alone.h5
+      status_is 0
+      check "what one process says of the record" cmp checked out
+      on 4 "${line[@]}" --set scheme.until=0.1 -o part.h5 --force --quiet
+      on 3 resume part.h5 --until 0.2 --quiet
+      status_is 0
+      check "resumed on another number of ranks" same alone.h5 part.h5
+    done
+    on 2 "${line[@]}" --set scheme.step=0.0050001 -o other.h5 --force --quiet
+    check "the twin: another step is told apart" differ alone.h5 other.h5
+    on 4 run kdv --set grid.x.cells=49 -o never.h5 --quiet
+    status_is 2
+    check "one rank says how many can share so few cells" once 'kdv.toml.*4 ranks cannot share.*start 3' err
+    check "and nothing is written" test ! -e never.h5
     # Transforms round as the number of ranks has it.
     splitting=(--set scheme.lagrangian=splitting --set grid.x.cells=135 --set grid.y.cells=121)
     collocation=(--set scheme.lagrangian=fourier --set scheme.stages=2 --set grid.x.cells=75 --set grid.y.cells=64)
@@ -184,16 +209,18 @@ LIMITED
     ;;
   refused)
     for problem in pendulum sine-gordon; do
-      on 2 run $problem -o never.h5
+      stages=$([ $problem = pendulum ] || echo '--set scheme.stages=2')
+      on 2 run $problem $stages -o never.h5
       status_is 2
       check "one rank says so" once '^rubato: error: ' err
-      check "the place" grep -q "^rubato: error: $problem.toml (built-in):[0-9]*:[0-9]*: " err
+      check "the place" grep -q "^rubato: error: $problem.toml (built-in):[0-9]*:[0-9]*: \|^rubato: error: .*--set" err
       check "and what to do" grep -q '2 ranks cannot share this run: .*without mpirun' err
     done
     for method in euler-box leapfrog splitting; do   # whatever else is
       check "what is shared, $method" grep -q "lattices are shared with lagrangian = .*\"$method\".* so far" err
     done
-    check "the twin: what is not, is not told" no '"box"' err
+    check "what is shared, box" grep -q '"box" on a line' err
+    check "the twin: what is not, is not told" no '"box",' err
     on 4 run sine-gordon-2d "${explicit[@]}" --set grid.y.cells=3 -o never.h5
     status_is 2
     check "more ranks than planes" once '4 ranks cannot share a lattice of 3 planes across y' err

@@ -24,6 +24,8 @@
 #include <rubato/record/reader.hpp>
 #include <rubato/run/check.hpp>
 #include <rubato/run/lattice_ranks.hpp>
+#include <rubato/solve/cyclic_block.hpp>
+#include <rubato/solve/cyclic_parts.hpp>
 
 #include "run/mailboxes.hpp"
 #include "run/records.hpp"
@@ -105,6 +107,12 @@ RunOptions on(ranks::Communicator& ranks, const std::string& file) {
 }  // namespace
 
 namespace {
+
+/// A problem of the catalogue on a line, with the box scheme and fixed levels.
+Problem line(const std::string& name, Settings more) {
+  more.insert(more.begin(), {"scheme.lagrangian=box", "scheme.levels=fixed", "output.every=3"});
+  return read_problem(name, more);
+}
 
 /// The schemes that ranks share with the same bits, with fixed levels and, where they have them, with variable ones;
 /// and invariants with derivatives, along planes and across them.
@@ -268,6 +276,238 @@ TEST_CASE("ranks check the record of a lattice together, and find what one finds
   altered("/levels/energy", {2}, 1e-6);
   altered("/laws/mass", {1}, 1e-6);
   altered("/grid/y", {10}, 1e-3);
+}
+
+TEST_CASE("the box scheme on a line is the same for every number of ranks, resumed and checked on others") {
+  struct Case {
+    std::string name, cells, until;
+    std::vector<int> ranks;
+  };
+  // KdV has a potential whose mean is held, and one with a slope; sine-Gordon a field that is not solved for;
+  // Boussinesq neither. 33: one block of sums for both ranks; 8193: two levels of the elimination are shared.
+  const auto [name, cells, until, ranks] =
+      GENERATE(Case{"kdv", "33", "0.05", {2}}, Case{"kdv", "257", "0.05", {2, 3, 4, 7}},
+               Case{"kdv", "8193", "0.015", {2, 3}}, Case{"sine-gordon", "301", "0.5", {2, 5}},
+               Case{"boussinesq", "401", "0.5", {3, 4}}, Case{"camassa-holm", "201", "0.05", {2, 4}});
+  const std::string levels = GENERATE("fixed", "variable");
+  INFO(name << " on " << cells << " cells, " << levels << " levels");
+  const Folder folder;
+  const auto problem = [&, &name = name, &cells = cells](const std::string& end) {
+    return line(name, {"grid.x.cells=" + cells, "scheme.levels=" + levels, "scheme.until=" + end});
+  };
+  const Problem whole = problem(until);
+  const Outcome one = run(whole, {.output = folder / "one.h5", .threads = 1});
+  REQUIRE(one.status == ExitStatus::done);
+  const Outcome sound = check(folder / "one.h5");
+  REQUIRE(sound.status == ExitStatus::done);
+  for (const int size : ranks) {
+    INFO(size << " ranks");
+    const Outcome all = with_ranks(size, [&](auto& rank) { return run(whole, on(rank, folder / "all.h5")); });
+    CHECK(all.status == ExitStatus::done);
+    CHECK(different_datasets(folder / "one.h5", folder / "all.h5") == Names{});
+    CHECK(differences(one, all) == Names{});
+    CHECK(all.warnings == one.warnings);
+    const Outcome checked = with_ranks(size, [&](auto& rank) { return check(folder / "one.h5", {.ranks = &rank}); });
+    CHECK(to_json(checked) == to_json(sound));
+    // Ended, and continued on another number.
+    const int after = size == 2 ? 1 : 2;
+    const std::string part = folder / "part.h5";
+    static_cast<void>(with_ranks(size, [&](auto& rank) { return run(problem("0.006"), on(rank, part)); }));
+    const Outcome resumed =
+        with_ranks(after, [&](auto& rank) { return resume(part, whole.scheme.until, {.threads = 1, .ranks = &rank}); });
+    CHECK(resumed.status == ExitStatus::done);
+    CHECK(different_datasets(folder / "one.h5", part) == Names{});
+  }
+}
+
+TEST_CASE("what goes from rank to rank on a line is what the record is made of") {
+  const Folder folder;
+  const Problem kdv = line("kdv", {"grid.x.cells=1001", "scheme.until=0.05"});
+  static_cast<void>(run(kdv, {.output = folder / "one.h5", .threads = 1}));
+  // Twins, each the numbers of another message: ghosts of a correction; the records that are left of 31 chunks, of
+  // KdV's four unknowns and one condition; the nodes that separate them; sums of a sweep.
+  constexpr std::size_t record = 2 * 16 + 4 * 2 + 2 * 4 + 2, head = 3;
+  for (const std::size_t size : {std::size_t{4 * 257}, 31 * record, head + 4 * 32, std::size_t{17}}) {
+    INFO(size);
+    Mailboxes tampered(2);
+    int found = 0;
+    tampered.tamper_with([&found, size](int, std::vector<double>& numbers) {
+      if (numbers.size() == size && ++found >= 20) {
+        for (double& number : numbers) {
+          number *= 1.0 + 1e-7;
+        }
+      }
+    });
+    static_cast<void>(with_ranks(tampered, [&](auto& rank) { return run(kdv, on(rank, folder / "all.h5")); }));
+    CHECK(found >= 20);
+    CHECK_FALSE(different_datasets(folder / "one.h5", folder / "all.h5").empty());
+  }
+}
+
+TEST_CASE("ranks find what one finds in a falsified record of a line, and are stopped by what stops one") {
+  const Folder folder;
+  const std::string file = folder / "line.h5";
+  const Problem kdv = line("kdv", {"grid.x.cells=129", "scheme.until=0.05", "output.every=1"});
+  for (const auto& [dataset, index, change] : {std::tuple{"/states/u", 129 * 3 + 40, 1e-6},
+                                               {"/states/u", 129 * 3 + 100, 1e-6},
+                                               {"/states/midpoints/w", 129 * 2 + 65, 1e-3},
+                                               {"/laws/fields/mass", 129 * 2 + 128, 1e-3},
+                                               {"/levels/energy", 3, 1e-6},
+                                               {"/laws/totals/momentum", 2, 1e-6}}) {
+    INFO(dataset);
+    static_cast<void>(run(kdv, {.output = file, .overwrite = true, .threads = 1}));
+    falsify(file, dataset, static_cast<std::size_t>(index), change);
+    const Outcome one = check(file);
+    CHECK(one.status == ExitStatus::contradiction);
+    for (const int size : {2, 4}) {
+      const Outcome all = with_ranks(size, [&](auto& rank) { return check(file, {.ranks = &rank}); });
+      CHECK(to_json(all) == to_json(one));
+      CHECK(all.message == one.message);
+    }
+  }
+  // A step much too long: the iteration does not converge, anywhere.
+  const Problem wild = line("kdv", {"grid.x.cells=129", "scheme.step=40", "scheme.until=4000"});
+  const Outcome one = run(wild, {.output = folder / "one.h5", .threads = 1});
+  REQUIRE(one.status == ExitStatus::failed);
+  const Outcome all = with_ranks(3, [&](auto& rank) { return run(wild, on(rank, folder / "all.h5")); });
+  CHECK(all.status == ExitStatus::failed);
+  CHECK(all.message == one.message);
+  CHECK(different_datasets(folder / "one.h5", folder / "all.h5") == Names{});
+}
+
+namespace {
+
+/// A bordered cyclic system with two right-hand sides, of random numbers; what each rank has of it is a piece.
+struct CyclicSystem {
+  static constexpr std::size_t d = 3, k = 1, columns = 2;
+  std::size_t cells;
+  double scale;
+  std::vector<std::vector<double>> numbers;  ///< two entries, a border's column and row, d · columns right-hand sides
+
+  /// \param scale of the first row: where it is small, that is refined
+  explicit CyclicSystem(std::size_t of, double scale_of_first = 1.0)
+      : cells(of), scale(scale_of_first), numbers(4 + d * columns, std::vector<double>(of)) {
+    double x = 0.4;
+    for (auto& row : numbers) {
+      for (double& value : row) {
+        value = x = 3.9 * x * (1.0 - x);
+      }
+    }
+    for (const std::size_t row : {4UL, 4 + d}) {
+      for (double& value : numbers[row]) {
+        value *= scale;
+      }
+    }
+  }
+
+  /// Solves what begins at a cell: solution, border's solution, outcome.
+  std::vector<double> solve(std::size_t first, std::size_t count, solve::CyclicCheck check,
+                            const grids::Slab* slab = nullptr) const {
+    solve::CyclicBlockSolver solver(d, cells, k, columns, slab);
+    const auto at = [&](std::size_t row) { return numbers[row].data() + first; };
+    const solve::CyclicBidiagonal matrix{d,
+                                         count,
+                                         {-3 * scale, scale, 0, 0.5, -2, 0, 0, 1, -4},
+                                         {2 * scale, 0, 0.3 * scale, 0, 1.5, 0, 1, 0, 3},
+                                         {{0, 2, scale, scale, at(0)}, {1, 1, 1, 0.5, at(1)}}};
+    const solve::CyclicBorder border{k, {{0.5 * scale}, {1.0, at(2)}, {0.0}}, {{0.0}, {0.25, at(3)}, {0.0}}, {0.125}};
+    std::vector<const double*> rhs;
+    std::vector<double*> solution;
+    std::vector<double> result((count + 1) * d * columns), y(k * columns);
+    for (std::size_t j = 0; j < d * columns; ++j) {
+      rhs.push_back(at(4 + j));
+      solution.push_back(result.data() + j * (count + 1));
+    }
+    const solve::CyclicOutcome outcome =
+        solver.solve(matrix, border, rhs, std::vector<double>{1.0, -2.0}, solution, y, check);
+    result.insert(result.end(), y.begin(), y.end());
+    result.insert(result.end(), {static_cast<double>(outcome.status), outcome.rcond_estimate, outcome.backward_error,
+                                 outcome.refined ? 1.0 : 0.0, outcome.fallback ? 1.0 : 0.0});
+    return result;
+  }
+};
+
+}  // namespace
+
+TEST_CASE("ranks solve a cyclic system together with the bits of one, at whatever level parts end") {
+  // One, two and three levels of chunks of 16; the first ones longer by one cell.
+  const std::size_t cells = GENERATE(35, 1003, 8199, 135007);
+  const auto check = GENERATE(solve::CyclicCheck::every_solve, solve::CyclicCheck::left_to_caller);
+  // A small equation is refined, and one that is empty needs the general method, if it has a solution at all.
+  const double scale = GENERATE(1.0, 1e-7, 0.0);
+  if (scale == 0.0 && cells > 2000) {
+    return;  // the general method takes its time
+  }
+  const CyclicSystem system(cells, scale);
+  const std::vector<double> whole = system.solve(0, cells, check);
+  constexpr std::size_t rows = CyclicSystem::d * CyclicSystem::columns;
+  const auto status_of = [](const std::vector<double>& result) { return static_cast<Status>(*(result.end() - 5)); };
+  const bool has_solution = scale != 0.0, is_checked = check == solve::CyclicCheck::every_solve;
+  REQUIRE((status_of(whole) == Status::success) == has_solution);
+  REQUIRE((*(whole.end() - 2) == 1.0) == (scale == 1e-7 && is_checked));  // refined
+  for (const int size : {1, 2, 3, 7}) {
+    if (cells / 16 < static_cast<std::size_t>(size)) {
+      continue;
+    }
+    INFO(cells << " cells, " << size << " ranks");
+    const auto parts = solve::cyclic_parts(CyclicSystem::d, cells, size).first_cells.front();
+    Mailboxes all(size);
+    std::vector<std::vector<double>> found(static_cast<std::size_t>(size));
+    std::vector<std::thread> threads;
+    for (int rank = 0; rank < size; ++rank) {
+      threads.emplace_back([&, rank] {
+        Mailboxes::Rank mine(all, rank);
+        const grids::Slab slab(mine, grids::Grid({{"x", 0.0, 1.0, cells}}), {1, 1}, parts);
+        found[static_cast<std::size_t>(rank)] = system.solve(slab.number_of_first(), slab.owned(), check, &slab);
+      });
+    }
+    for (std::thread& thread : threads) {
+      thread.join();
+    }
+    std::size_t wrong = 0;
+    for (std::size_t r = 0; r < found.size(); ++r) {
+      if (!has_solution) {
+        CHECK(status_of(found[r]) == Status::ill_conditioned);
+        continue;
+      }
+      const std::size_t first = parts[r], count = parts[r + 1] - first;
+      for (std::size_t j = 0; j < rows; ++j) {
+        for (std::size_t i = 0; i <= count; ++i) {
+          wrong += found[r][j * (count + 1) + i] == whole[j * (cells + 1) + (first + i) % cells] ? 0 : 1;
+        }
+      }
+      // y and the outcome
+      wrong += std::equal(found[r].begin() + static_cast<std::ptrdiff_t>((count + 1) * rows), found[r].end(),
+                          whole.begin() + static_cast<std::ptrdiff_t>((cells + 1) * rows))
+                   ? 0
+                   : 1;
+    }
+    CHECK(wrong == 0);
+    if (size == 3) {  // the twin: parts that end elsewhere
+      Mailboxes::Rank mine(all, 0);
+      const grids::Slab slab(mine, grids::Grid({{"x", 0.0, 1.0, cells}}), {1, 1}, {0, 1, 2, cells});
+      CHECK_THROWS_AS(solve::CyclicBlockSolver(CyclicSystem::d, cells, 1, 1, &slab), std::logic_error);
+    }
+  }
+}
+
+TEST_CASE("parts of a line end at chunks, and are nearly equal") {
+  for (const std::size_t cells : {std::size_t{1000001}, std::size_t{12345}, std::size_t{401}}) {
+    for (const int size : {1, 2, 3, 4, 10}) {
+      const auto parts = solve::cyclic_parts(4, cells, size).first_cells.front();
+      std::size_t least = cells, most = 0;
+      for (std::size_t r = 0; r + 1 < parts.size(); ++r) {
+        least = std::min(least, parts[r + 1] - parts[r]);
+        most = std::max(most, parts[r + 1] - parts[r]);
+      }
+      INFO(cells << " cells, " << size << " ranks: " << least << " to " << most);
+      // Sixteen cells of the last level and one more of them; with few cells parts are of few chunks, one more or less.
+      CHECK(most <= least + std::max<std::size_t>(17, least / 16 + 1));
+      CHECK(parts.back() == cells);
+    }
+  }
+  CHECK(solve::cyclic_parts(4, 1000001, 4).shared == 3);
+  CHECK_THROWS_AS(solve::cyclic_parts(4, 63, 4), std::invalid_argument);
 }
 
 TEST_CASE("a first level is the same whether ranks make it in parts or whole, and so is what is said of it") {
@@ -505,13 +745,24 @@ TEST_CASE("what ranks cannot share is refused, with its place, before anything i
     return "";
   };
   const auto torus = [](const Settings& settings) { return wave_on_torus(9, 7, settings); };
+  const auto check_that_methods_are_named = [&](const Problem& problem) {
+    CHECK_THAT(refusal(problem), Contains("2 ranks cannot share this run") && Contains("without mpirun") &&
+                                     Contains(R"("box" on a line, "fourier" with several stages, "euler-box", )"
+                                              R"("splitting", "leapfrog" so far)"));
+  };
   for (const std::string scheme : {"box", "fourier"}) {
     const std::string setting = "scheme.lagrangian=" + scheme;
-    CHECK_THAT(refusal(torus({setting})),
-               Contains(setting) && Contains("2 ranks cannot share this run") &&
-                   Contains(R"("fourier" with several stages, "euler-box", "splitting", "leapfrog" so far)") &&
-                   Contains("without mpirun"));
+    CHECK_THAT(refusal(torus({setting})), Contains(setting));
+    check_that_methods_are_named(torus({setting}));
   }
+  // On a line: with stages; with fewer cells than chunks of the elimination for all, which have 16 for KdV's four
+  // unknowns and the same for what sine-Gordon solves for.
+  check_that_methods_are_named(line("kdv", {"scheme.stages=2"}));
+  check_that_methods_are_named(line("kdv", {"scheme.space_stages=3", "grid.x.cells=63"}));
+  CHECK_THAT(refusal(line("kdv", {"grid.x.cells=49"}), 4),
+             Contains("kdv.toml") && Contains("4 ranks cannot share a line of 49 cells: each has to have 16") &&
+                 Contains("start 3 at most"));
+  CHECK_THAT(refusal(line("sine-gordon", {"grid.x.cells=31"})), Contains("each has to have 16 of them; start one"));
   CHECK_THAT(refusal(read_problem("sine-gordon", Settings{"scheme.lagrangian=splitting"})),
              Contains("transforms along a line take the whole of it"));
   CHECK_THAT(refusal(torus({"scheme.step=auto", "scheme.energy_tolerance=1e-3"})), Contains("auto"));
@@ -573,7 +824,7 @@ TEST_CASE("sums and maxima over slabs have the bits of those over the whole") {
     for (int rank = 0; rank < size; ++rank) {
       threads.emplace_back([&, rank] {
         Mailboxes::Rank mine(all, rank);
-        const grids::Slab slab(mine, grid, 2);
+        const grids::Slab slab(mine, grid, {2, 2});
         const grids::Slab::Shared shared(&slab);
         grids::FieldSet part(2, slab.size());
         for (int f = 0; f < 2; ++f) {
@@ -630,7 +881,7 @@ TEST_CASE("derivatives of a lattice have the bits of those on one rank, whoever 
         for (int rank = 0; rank < size; ++rank) {
           threads.emplace_back([&, rank] {
             Mailboxes::Rank mine(all, rank);
-            const grids::Slab slab(mine, grid, 2);
+            const grids::Slab slab(mine, grid, {2, 2});
             const grids::Slab::Shared shared(&slab);
             grids::FieldSet part(fields, slab.size()), result(fields, slab.size());
             for (int f = 0; f < fields; ++f) {
@@ -683,7 +934,7 @@ TEST_CASE("what neighbours wait for is computed first, and the rest while it is 
     for (int rank = 0; rank < size; ++rank) {
       threads.emplace_back([&, rank] {
         Mailboxes::Rank mine(all, rank);
-        const grids::Slab slab(mine, grid, ghosts);
+        const grids::Slab slab(mine, grid, {ghosts, ghosts});
         const auto r = static_cast<std::size_t>(rank);
         const auto value = [&](std::size_t node) {
           return static_cast<double>((slab.number_of_first() + grid.size() + node - slab.first_node()) % grid.size());
@@ -939,4 +1190,42 @@ TEST_CASE("what ranks send for a level is a plane of what moves to each neighbou
     CHECK(long_planes + numbers - planes < 1.1 * (long_planes + least));
   }
   CHECK_FALSE(planes + numbers - planes < 1.1 * (planes + least));  // the twin: short planes, among which sums count
+}
+
+TEST_CASE("what ranks send for a level of a line is what is left of their parts, ghosts, and some numbers") {
+  // KdV, fixed levels, between levels that the record stores. Parts end at chunks of one level of the elimination with
+  // 1001 cells, of two with 8193 on 2 ranks.
+  const auto [cells, size] =
+      GENERATE(std::pair{"1001", 2}, std::pair{"1001", 3}, std::pair{"1001", 4}, std::pair{"8193", 2});
+  const Folder folder;
+  std::size_t iterations = 0;
+  const auto sent = [&, cells = cells, size = size](int levels) {
+    Mailboxes all(size);
+    const Problem problem = line("kdv", {fmt::format("grid.x.cells={}", cells), "scheme.step=0.005",
+                                         "output.every=1000", fmt::format("scheme.until={}", 0.005 * levels)});
+    static_cast<void>(with_ranks(all, [&](auto& rank) { return run(problem, on(rank, folder / "a.h5")); }));
+    const auto counts = record::Reader(folder / "a.h5").read("/levels/iterations");
+    iterations = 0;
+    for (const double count : counts) {
+      iterations += static_cast<std::size_t>(count);
+    }
+    return std::array{all.sent(), all.exchanges(), iterations};
+  };
+  const auto [few, few_times, few_iterations] = sent(10);
+  const auto [many, many_times, many_iterations] = sent(26);
+  // Each iteration but the last of a level solves.
+  const double solves = static_cast<double>(many_iterations - few_iterations) / 16.0 - 1.0;
+  const double numbers = static_cast<double>(many - few) / 16.0 / size;
+  const double messages = static_cast<double>(many_times - few_times) / 16.0 / size;
+  INFO(cells << " cells, " << size << " ranks: " << numbers << " numbers a level and rank in " << messages
+             << " messages, " << solves << " solves");
+  // In each solve the records of all ranks but rank 0, of 50 numbers, with their solutions of four; ghosts of four
+  // fields.
+  const auto parts = solve::cyclic_parts(4, std::stoul(cells), size);
+  const auto& left = parts.first_cells.back();
+  const double of_parts = 54.0 * static_cast<double>(left.back() - left[1]) / size, ghosts = 4.0 * 257.0;
+  CAPTURE(of_parts, ghosts);
+  CHECK(numbers > solves * (of_parts + ghosts));
+  CHECK(numbers - solves * (of_parts + ghosts) < 400.0);
+  CHECK(messages < 60.0);
 }
