@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <memory>
 #include <optional>
 #include <utility>
@@ -339,6 +340,7 @@ private:
       return [&, i] {
         if (allowed.empty()) {
           allowed = tolerances([&](const LatticeLevel&, LatticeLevel& at) { return evaluate(at); });
+          allowed.front() += rounding_of_constant();
         }
         return allowed[i];
       };
@@ -395,6 +397,12 @@ private:
     return scale;
   }
 
+  /// A run sums S without its constant C, and adds ∫C: four roundings of that, where 1 - cos u is small itself.
+  [[nodiscard]] double rounding_of_constant() const {
+    const double volume = grid_.cell_volume() * static_cast<double>(grids::whole_of(grid_).size());
+    return 2.0 * std::numeric_limits<double>::epsilon() * std::abs(system_.constant()) * volume;
+  }
+
   /// Newton's iteration ends where the error that its last correction left, as the contraction measured so far tells
   /// it, is below rounding: an estimate that is off by the contraction's own variation from one correction to the next.
   static constexpr double solver_slack = 16.0;
@@ -416,6 +424,7 @@ private:
             const StepLaw moved = equation_->measure(before, after, h);
             return std::vector<double>{moved.energy, moved.residual.largest()};
           });
+          allowed.front() += rounding_of_constant();
         }
         return allowed[i];
       };

@@ -217,6 +217,27 @@ TEST_CASE("check reads a record that ended between stored levels", "[run][lattic
   CHECK(checked.statistics.errors.front().value.largest() == ran.statistics.errors.front().value.largest());
 }
 
+TEST_CASE("check knows that a run rounds at the integral of what S has of a constant", "[run][lattice]") {
+  // S with 1 - cos u over a length of 4e6, where that is 25 ppm of 1: a run sums -cos u and adds the length.
+  const Folder folder;
+  const std::string file = folder / "long.h5";
+  for (const char* lagrangian : {"box", "leapfrog", "splitting", "fourier"}) {
+    INFO(lagrangian);
+    run_problem(
+        "sine-gordon", file,
+        {"grid.x.from=-2e6", "grid.x.to=2e6", "grid.x.cells=63", "initial.u=0.01*sin(2*pi*x/4e6)", "initial.v=0",
+         "scheme.levels=fixed", "scheme.step=0.1", "scheme.until=0.5", std::string("scheme.lagrangian=") + lagrangian});
+    const Outcome checked = check(file);
+    for (const Disagreement& disagreement : checked.disagreements) {
+      UNSCOPED_INFO(to_string(disagreement));
+    }
+    CHECK(checked.disagreements.empty());
+    // Four roundings of 4e6 are 1.8e-9: ten times as much is seen.
+    falsify(file, "/levels/node_energy", 3, 2e-8);
+    CHECK(check(file).status == ExitStatus::contradiction);
+  }
+}
+
 TEST_CASE("check says of a damaged lattice record what is wrong", "[run][lattice]") {
   const Folder folder;
   const std::string file = folder / "damaged.h5";
