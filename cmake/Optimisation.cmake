@@ -29,7 +29,7 @@ set(rubato_sources_once
   formula/single_assignment.cpp formula/sum.cpp formula/taylor_program.cpp formula/tokens.cpp formula/transform.cpp
   solve/cyclic_sparse.cpp   # a fallback for rare systems, and most of a large library
   variation/action_quadrature.cpp variation/bridge_causes.cpp variation/composition.cpp variation/first_step.cpp
-  variation/formula_action.cpp variation/gauss_tableau.cpp variation/lattice_action.cpp variation/run_span.cpp
+  variation/formula_action.cpp variation/lattice_action.cpp variation/run_span.cpp
   variation/total_variation.cpp
   ode/darboux.cpp ode/discrete_lagrangian.cpp ode/first_step.cpp ode/flow_map.cpp ode/legendre.cpp
   ode/node_law.cpp ode/orbit_between.cpp ode/separable.cpp ode/splitting_formula.cpp ode/tangent.cpp ode/taylor_code.cpp

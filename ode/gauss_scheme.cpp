@@ -318,7 +318,7 @@ private:
     double last = std::numeric_limits<double>::infinity(), last_residual = last;
     double rate = std::min(contraction_, slowest_contraction);  // of another trial at this level, if there was one
     double expected = std::numeric_limits<double>::infinity();  // the size of the correction, beneath rounding too
-    double before_last = last;
+    std::array<double, 2> before_last{last, last};              // newest first
     for (int iteration = 0; iteration < most_gauss_iterations; ++iteration) {
       double residual = sweep(h), size = residual;
       if (newton_) {
@@ -350,12 +350,13 @@ private:
         }
         return Status::success;
       }
-      // Corrections that turn while they shrink may not shrink at one time, and much at the next.
-      const bool is_slow = size > slow_ * last && size > slow_ * slow_ * before_last;
+      // Corrections that turn while they shrink may hardly shrink once or twice, and much at the next time.
+      const bool is_slow =
+          size > slow_ * last && size > slow_ * slow_ * before_last[0] && size > slow_ * slow_ * slow_ * before_last[1];
       if (!newton_ && iteration > 1 && is_slow && verdict != StagnationTest::Verdict::again) {
         return Status::not_converged;
       }
-      before_last = last;
+      before_last = {last, before_last[0]};
       if (newton_ && verdict == StagnationTest::Verdict::slow && iteration > most_gauss_iterations / 2) {
         return Status::not_converged;
       }

@@ -232,12 +232,14 @@ double GaussTableau::lagrange(int j, double x) const {
 void GaussTableau::continuation(const Eigen::MatrixXd& about, double theta, Eigen::MatrixXd& weights) const {
   for (int i = 0; i < stages; ++i) {
     const double sigma = theta * c[i];
-    for (int j = 0; j < stages; ++j) {
-      double sum = 0.0;
-      for (int k = stages; k-- > 0;) {
-        sum = (sum + about(k, j)) * sigma;
+    std::array<double, most_stages> sums{};  // Horner's scheme for all j at once, as none waits for another
+    for (int k = stages; k-- > 0;) {
+      for (int j = 0; j < stages; ++j) {
+        sums[static_cast<std::size_t>(j)] = (sums[static_cast<std::size_t>(j)] + about(k, j)) * sigma;
       }
-      weights(i, j) = sum;
+    }
+    for (int j = 0; j < stages; ++j) {
+      weights(i, j) = sums[static_cast<std::size_t>(j)];
     }
   }
 }
