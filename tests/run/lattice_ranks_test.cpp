@@ -510,6 +510,19 @@ TEST_CASE("parts of a line end at chunks, and are nearly equal") {
   CHECK_THROWS_AS(solve::cyclic_parts(4, 63, 4), std::invalid_argument);
 }
 
+namespace {
+
+/// The warnings of a run, or why it is refused.
+std::vector<std::string> said_of(const Problem& problem, const RunOptions& options) {
+  try {
+    return run(problem, options).warnings;
+  } catch (const ProblemError& error) {
+    return {error.what()};
+  }
+}
+
+}  // namespace
+
 TEST_CASE("a first level is the same whether ranks make it in parts or whole, and so is what is said of it") {
   const Folder folder;
   // Data that do not repeat, across planes and along them; derivatives along planes, and across them, which all ranks
@@ -520,15 +533,8 @@ TEST_CASE("a first level is the same whether ranks make it in parts or whole, an
         Settings{"multisymplectic.S=(v^2 - a^2 - b^2)/2 + (1 - cos(u))*a^2"}}) {
     INFO(settings.front());
     const Problem problem = wave_on_torus(40, 37, settings);
-    const auto outcome = [&](const RunOptions& options) {
-      try {
-        return run(problem, options).warnings;
-      } catch (const ProblemError& error) {
-        return std::vector<std::string>{error.what()};
-      }
-    };
-    const auto one = outcome({.output = folder / "one.h5", .overwrite = true, .threads = 1});
-    const auto all = with_ranks(3, [&](auto& rank) { return outcome(on(rank, folder / "all.h5")); });
+    const auto one = said_of(problem, {.output = folder / "one.h5", .overwrite = true, .threads = 1});
+    const auto all = with_ranks(3, [&](auto& rank) { return said_of(problem, on(rank, folder / "all.h5")); });
     CHECK(all == one);
     CHECK(one.empty() == settings.front().starts_with("initial.v"));
     if (std::filesystem::exists(folder / "one.h5")) {
@@ -544,15 +550,8 @@ TEST_CASE("a first level is the same whether ranks make it in parts or whole, an
       INFO(space << ", " << setting);
       const Problem problem =
           wave_on_torus(40, 37, {"scheme.lagrangian=splitting", "scheme.space=" + space, "scheme.until=0.01", setting});
-      const auto outcome = [&](const RunOptions& options) {
-        try {
-          return run(problem, options).warnings;
-        } catch (const ProblemError& error) {
-          return std::vector<std::string>{error.what()};
-        }
-      };
-      const auto one = outcome({.output = folder / "one.h5", .overwrite = true, .threads = 1});
-      const auto all = with_ranks(3, [&](auto& rank) { return outcome(on(rank, folder / "all.h5")); });
+      const auto one = said_of(problem, {.output = folder / "one.h5", .overwrite = true, .threads = 1});
+      const auto all = with_ranks(3, [&](auto& rank) { return said_of(problem, on(rank, folder / "all.h5")); });
       CHECK(all == one);
       for (const std::string field : {"u", "v", "a", "b"}) {
         if (setting != "initial.a=1") {
