@@ -36,16 +36,14 @@
 
 #include "peers/energy_preserving_gauss.hpp"
 
+#include "peers/cpu_clock.hpp"
+
 namespace {
+
+using peers::cpu_seconds;
 
 using namespace rubato;
 using Kind = StepPotentialChoice::Kind;
-
-double cpu_seconds() {
-  timespec now{};
-  clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &now);
-  return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
-}
 
 struct Case {
   std::string name;

@@ -7,20 +7,17 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <ctime>
 #include <string>
 #include <vector>
 
 #include <rubato/problem/orbit_problem.hpp>
 #include <rubato/problem/problem.hpp>
 
+#include "peers/cpu_clock.hpp"
+
 namespace {
 
-double cpu_seconds() {
-  timespec now{};
-  clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &now);
-  return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
-}
+using peers::cpu_seconds;
 
 struct Scheme {
   std::string name;

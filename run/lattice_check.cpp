@@ -324,6 +324,16 @@ private:
     return result;
   }
 
+  /// The same where an energy comes first. A run sums S without its constant C, and adds ∫C: four roundings of that,
+  /// where 1 - cos u is small itself.
+  template <typename Evaluate>
+  std::vector<double> tolerances_of_energy_first(Evaluate&& evaluate) {
+    std::vector<double> result = tolerances(evaluate);
+    const double volume = grid_.cell_volume() * static_cast<double>(grids::whole_of(grid_).size());
+    result.front() += 2.0 * std::numeric_limits<double>::epsilon() * std::abs(system_.constant()) * volume;
+    return result;
+  }
+
   /// Node energy, Γ, totals and invariants.
   void check_level(std::size_t row, bool gamma_known) {
     const std::size_t level = levels_.state_level[row];
@@ -339,8 +349,7 @@ private:
     const auto tolerance = [&](std::size_t i) {
       return [&, i] {
         if (allowed.empty()) {
-          allowed = tolerances([&](const LatticeLevel&, LatticeLevel& at) { return evaluate(at); });
-          allowed.front() += rounding_of_constant();
+          allowed = tolerances_of_energy_first([&](const LatticeLevel&, LatticeLevel& at) { return evaluate(at); });
         }
         return allowed[i];
       };
@@ -397,12 +406,6 @@ private:
     return scale;
   }
 
-  /// A run sums S without its constant C, and adds ∫C: four roundings of that, where 1 - cos u is small itself.
-  [[nodiscard]] double rounding_of_constant() const {
-    const double volume = grid_.cell_volume() * static_cast<double>(grids::whole_of(grid_).size());
-    return 2.0 * std::numeric_limits<double>::epsilon() * std::abs(system_.constant()) * volume;
-  }
-
   /// Newton's iteration ends where the error that its last correction left, as the contraction measured so far tells
   /// it, is below rounding: an estimate that is off by the contraction's own variation from one correction to the next.
   static constexpr double solver_slack = 16.0;
@@ -420,11 +423,10 @@ private:
     const auto tolerance = [&](std::size_t i) {
       return [&, i] {
         if (allowed.empty()) {
-          allowed = tolerances([&](const LatticeLevel& before, const LatticeLevel& after) {
+          allowed = tolerances_of_energy_first([&](const LatticeLevel& before, const LatticeLevel& after) {
             const StepLaw moved = equation_->measure(before, after, h);
             return std::vector<double>{moved.energy, moved.residual.largest()};
           });
-          allowed.front() += rounding_of_constant();
         }
         return allowed[i];
       };

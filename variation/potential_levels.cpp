@@ -67,7 +67,7 @@ Status TimeLevels::solve_with_potential(double guess) {
   bool full = scheme_.is_explicit() || first_miss_ <= tolerance, last_full = false;
   int stalls = 0;
   double slope_ratio = foreseen_slope_ratio();
-  bool is_measured = false;
+  bool ratio_is_told = false;
   for (int trial = 0; trial < most_potential_trials; ++trial) {
     if (const Status status = scheme_.advance(side * length, full ? 0.0 : loose); status != Status::success) {
       // Too long for its own equation, it may be: half way back to the step before.
@@ -103,7 +103,7 @@ Status TimeLevels::solve_with_potential(double guess) {
     const double last_place = 0.5 * epsilon * std::abs(slope) * length;
     if (full && (std::abs(miss) <= std::max(tolerance, last_place) || stagnated)) {
       trial_step_ = h;
-      if (is_measured) {
+      if (ratio_is_told) {
         slope_ratios_.add(since_ratio_, slope_ratio);
         since_ratio_ = 0.0;
       }
@@ -134,7 +134,7 @@ Status TimeLevels::solve_with_potential(double guess) {
     if (scheme_.slope_to_leading_order() && is_near && std::abs(miss - last_miss) > standing_out * pair_error &&
         ratio < largest_slope_ratio && ratio > 1.0 / largest_slope_ratio) {
       slope_ratio = ratio;
-      is_measured = true;
+      ratio_is_told = true;
     }
     const bool measured =
         is_near && stalls > 0 && full && last_full && secant > 0.0 && std::abs(miss - last_miss) > pair_error;

@@ -104,6 +104,16 @@ RunOptions on(ranks::Communicator& ranks, const std::string& file) {
   return {.output = file, .overwrite = true, .threads = 1, .ranks = &ranks};
 }
 
+/// A run that fails does so on three ranks as on one, with the same message and record. `folder` has neither yet.
+void check_fails_alike(const Problem& problem, const Folder& folder) {
+  const Outcome one = run(problem, {.output = folder / "one.h5", .threads = 1});
+  REQUIRE(one.status == ExitStatus::failed);
+  const Outcome all = with_ranks(3, [&](auto& rank) { return run(problem, on(rank, folder / "all.h5")); });
+  CHECK(all.status == ExitStatus::failed);
+  CHECK(all.message == one.message);
+  CHECK(different_datasets(folder / "one.h5", folder / "all.h5") == Names{});
+}
+
 }  // namespace
 
 namespace {
@@ -367,12 +377,7 @@ TEST_CASE("ranks find what one finds in a falsified record of a line, and are st
   }
   // A step much too long: the iteration does not converge, anywhere.
   const Problem wild = line("kdv", {"grid.x.cells=129", "scheme.step=40", "scheme.until=4000"});
-  const Outcome one = run(wild, {.output = folder / "one.h5", .threads = 1});
-  REQUIRE(one.status == ExitStatus::failed);
-  const Outcome all = with_ranks(3, [&](auto& rank) { return run(wild, on(rank, folder / "all.h5")); });
-  CHECK(all.status == ExitStatus::failed);
-  CHECK(all.message == one.message);
-  CHECK(different_datasets(folder / "one.h5", folder / "all.h5") == Names{});
+  check_fails_alike(wild, folder);
 }
 
 namespace {
@@ -721,12 +726,7 @@ TEST_CASE("a shared run that leaves the domain of its formulas ends as it would 
   const Folder folder;
   // Far beyond the CFL condition: the numbers overflow.
   const Problem problem = wave_on_torus(12, 11, {"scheme.step=3", "scheme.until=3000"});
-  const Outcome one = run(problem, {.output = folder / "one.h5", .threads = 1});
-  REQUIRE(one.status == ExitStatus::failed);
-  const Outcome all = with_ranks(3, [&](auto& rank) { return run(problem, on(rank, folder / "all.h5")); });
-  CHECK(all.status == ExitStatus::failed);
-  CHECK(all.message == one.message);
-  CHECK(different_datasets(folder / "one.h5", folder / "all.h5") == Names{});
+  check_fails_alike(problem, folder);
 }
 
 TEST_CASE("what ranks cannot share is refused, with its place, before anything is written") {
