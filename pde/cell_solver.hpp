@@ -50,8 +50,8 @@ class CellSolver {
 public:
   virtual ~CellSolver() = default;
   /// rhs: one array for each equation; solution: one for each unknown, not overlapping rhs. `y` receives the unknowns
-  /// of the conditions, y[b·lines + line], lines = n_y n_z. On a slab (grids::Slab) of a line all ranks solve, and find
-  /// the solution at the nodes that they own.
+  /// of the conditions, y[b·lines + line], lines = n_y n_z. On a slab (grids::Slab) all ranks solve, and find the
+  /// solution at the nodes that they own.
   [[nodiscard]] virtual Status solve(const CellMatrix& matrix, const KernelConditions& conditions,
                                      std::span<const double* const> rhs, std::span<double* const> solution,
                                      std::span<double> y) = 0;

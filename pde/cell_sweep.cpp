@@ -8,7 +8,6 @@
 #include <limits>
 #include <utility>
 
-#include <rubato/base/compensated_sum.hpp>
 #include <rubato/grids/buffer.hpp>
 #include <rubato/grids/reductions.hpp>
 #include <rubato/grids/wide_vectors.hpp>
@@ -19,29 +18,6 @@
 #include <rubato/pde/tuning.hpp>
 
 namespace rubato {
-
-SharedCellBlocks::SharedCellBlocks(const grids::Grid& grid, bool share)
-    : CellBlocks(grid), shared_(share && grid.dimensions() == 1 ? grids::Slab::of(grid) : nullptr) {
-  if (shared_ == nullptr) {
-    return;
-  }
-  const std::size_t first = shared_->number_of_first(), end = first + shared_->owned(), cells = whole_cells();
-  for (std::size_t cell = first; cell < end;) {
-    const std::size_t next = std::min(cell / most * most + most, cells);
-    const bool is_told = cell % most == 0;
-    const std::size_t here = shared_->first_node() + cell - first;
-    parts_.push_back({0, here, (is_told ? next : std::min(next, end)) - cell, here, is_told});
-    cell = next;
-  }
-}
-
-void SharedCellBlocks::in_turn(std::span<double> numbers, const std::function<void()>& add) const {
-  if (shared_ == nullptr) {
-    add();
-  } else {
-    shared_->in_turn(numbers, add);
-  }
-}
 
 BoxGather::BoxGather(const grids::Grid& grid) : dimensions_(grid.dimensions()) {
   for (int a = 0; a < 3; ++a) {
@@ -219,14 +195,6 @@ RUBATO_WIDE_VECTORS double sum(const double* values, std::size_t count) {
   return result;
 }
 
-/// CompensatedSum, of numbers that go from rank to rank.
-void add_to(double& high, double& low, double term) {
-  CompensatedSum sum(high, low);
-  sum.add(term);
-  high = sum.high;
-  low = sum.low;
-}
-
 }  // namespace
 
 struct CellSweep::Storage {
@@ -285,7 +253,7 @@ struct CellSweep::Storage {
       of_point.derivative.assign(static_cast<std::size_t>(dimensions), grids::FieldSet(d, grid.size()));
       of_rate = of_point;
     }
-    if (collocation == Collocation::corners || (grids::Slab::of(grid) != nullptr && !blocks.are_shared())) {
+    if (collocation == Collocation::corners || (grids::Slab::of(grid) != nullptr && !blocks.are_of_whole())) {
       by_node = grids::FieldSet(rows_by_node, grid.size());
     }
   }
@@ -326,17 +294,28 @@ struct CellSweep::Storage {
       values[c] *= weight_of(offset + c);
     }
   }
-  /// Calls add(what it comes to) for the blocks in their order, those of other ranks as well: see
-  /// SharedCellBlocks::in_turn.
-  template <class Add>
-  void for_each_result(std::span<double> numbers, const Add& add) const {
-    blocks.in_turn(numbers, [&] {
-      for (std::size_t block = 0; block < results.size(); ++block) {
-        if (blocks[block].is_told) {
-          add(results[block]);
-        }
+  /// Σ of energy and of the quadratic form; where wanted, residuals, scales and what moves them, of each row, and
+  /// whether a block has something that is not finite (1).
+  struct Totals {
+    std::array<double, 2> sums{};
+    std::array<double, 1 + 3 * MultisymplecticSystem::most_fields> largest{};
+  };
+  [[nodiscard]] Totals totals(std::size_t maxima) const {
+    Totals all;
+    const auto rows = static_cast<std::size_t>(d);
+    const auto sum_of = [this](std::size_t block, std::size_t r) {
+      return r == 0 ? results[block].energy : results[block].quadratic;
+    };
+    const auto largest_of = [this, rows](std::size_t block, std::size_t r) {
+      const BlockResult& result = results[block];
+      if (r == 0) {
+        return result.finite ? 0.0 : 1.0;
       }
-    });
+      const std::size_t row = (r - 1) % rows;
+      return r <= rows ? result.residual[row] : r <= 2 * rows ? result.scale[row] : result.moved[row];
+    };
+    blocks.total(all.sums, sum_of, std::span(all.largest).first(maxima), largest_of);
+    return all;
   }
 
   /// A and D_a of one field on a block.
@@ -701,32 +680,24 @@ SweepResult CellSweep::operator()(std::span<const double* const> point, const Po
   }
 
   SweepResult total;
-  const auto rows = static_cast<std::size_t>(s.d);
-  // Σ energy and Σ quadratic, compensated; whether all is finite; three maxima of each row.
-  std::array<double, 5 + 3 * MultisymplecticSystem::most_fields> numbers{};
-  const auto residuals = std::span(numbers).subspan(5, rows), scales = std::span(numbers).subspan(5 + rows, rows),
-             moved = std::span(numbers).subspan(5 + 2 * rows, rows);
-  numbers[4] = 1.0;
-  s.for_each_result(std::span(numbers).first(5 + 3 * rows), [&](const BlockResult& result) {
-    add_to(numbers[0], numbers[1], result.energy);
-    add_to(numbers[2], numbers[3], result.quadratic);
-    numbers[4] = numbers[4] != 0.0 && result.finite ? 1.0 : 0.0;
-    for (std::size_t r = 0; r < rows; ++r) {
-      residuals[r] = std::max(residuals[r], result.residual[r]);
-      scales[r] = std::max(scales[r], result.scale[r]);
-      moved[r] = std::max(moved[r], result.moved[r]);
-    }
-  });
-  const CompensatedSum energy(numbers[0], numbers[1]), quadratic(numbers[2], numbers[3]);
-  total.finite = numbers[4] != 0.0;
   if (s.sums_by_node()) {
     total.energy = s.volume * grids::sum(std::as_const(s.by_node).field(0));
-    total.finite = total.finite && std::isfinite(total.energy);
-  } else {
-    total.energy = s.volume * energy.value();
+    if (residual.empty() && rate.empty()) {
+      total.finite = std::isfinite(total.energy);
+      return total;
+    }
   }
-  total.quadratic = s.volume * quadratic.value();
-  for (std::size_t r = 0; r < static_cast<std::size_t>(s.d); ++r) {
+  const auto rows = static_cast<std::size_t>(s.d);
+  const Storage::Totals totals = s.totals(1 + 3 * rows);
+  const auto residuals = std::span(totals.largest).subspan(1, rows),
+             scales = std::span(totals.largest).subspan(1 + rows),
+             moved = std::span(totals.largest).subspan(1 + 2 * rows);
+  if (!s.sums_by_node()) {
+    total.energy = s.volume * totals.sums[0];
+  }
+  total.finite = totals.largest[0] == 0.0 && std::isfinite(total.energy);
+  total.quadratic = s.volume * totals.sums[1];
+  for (std::size_t r = 0; r < rows; ++r) {
     if (residuals[r] > 0.0) {
       total.residual = std::max(total.residual, residuals[r] / scales[r]);
       total.backward_error = std::max(total.backward_error, residuals[r] / (scales[r] + moved[r]));
@@ -746,13 +717,8 @@ EnergyChange CellSweep::energy_change(std::span<const double* const> rate, doubl
     s.energy_change(static_cast<std::size_t>(block), *s.workspaces[static_cast<std::size_t>(omp_get_thread_num())],
                     rate, inverse_h, residual, correction);
   }
-  std::array<double, 4> numbers{};
-  s.for_each_result(numbers, [&](const BlockResult& result) {
-    add_to(numbers[0], numbers[1], result.energy);
-    add_to(numbers[2], numbers[3], result.quadratic);
-  });
-  const CompensatedSum energy(numbers[0], numbers[1]), quadratic(numbers[2], numbers[3]);
-  return {s.volume * energy.value(), s.volume * quadratic.value()};
+  const auto [energy, quadratic] = s.totals(0).sums;
+  return {s.volume * energy, s.volume * quadratic};
 }
 
 std::vector<double> CellSweep::mean_terms(std::span<const double* const> point, const PotentialSlopes& slopes) {
@@ -776,7 +742,7 @@ std::vector<double> CellSweep::mean_terms(std::span<const double* const> point, 
       s.evaluate_terms(work, c);
       for (std::size_t i = 0; i < means.size(); ++i) {
         const double term = s.weight_of(at.offset + c) * work.size.value(1 + i);
-        if (s.blocks.are_shared()) {
+        if (s.blocks.are_of_whole()) {
           later.push_back(term);
         } else {
           means[i] += term;
@@ -812,11 +778,15 @@ formula::SumSize CellSweep::energy_size(std::span<const double* const> point, co
     sums = s.sums_of_nodes();
     pieces = static_cast<double>(grids::whole_count(s.by_node.size())) / block_size;
   } else {
-    s.for_each_result(sums, [&sums](const BlockResult& result) {
-      sums[0] += result.energy;
-      sums[1] += result.quadratic;
-      sums[2] += result.residual[0];
-      sums[3] += result.scale[0];
+    s.blocks.in_turn(sums, [&] {
+      for (std::size_t block = 0; block < s.results.size(); ++block) {
+        if (const BlockResult& result = s.results[block]; s.blocks[block].is_told) {
+          sums[0] += result.energy;
+          sums[1] += result.quadratic;
+          sums[2] += result.residual[0];
+          sums[3] += result.scale[0];
+        }
+      }
     });
   }
   const auto& [terms, sum, squares, magnitudes] = sums;

@@ -1,7 +1,5 @@
 #pragma once
 
-#include <algorithm>
-#include <functional>
 #include <memory>
 #include <span>
 #include <vector>
@@ -10,7 +8,7 @@
 #include <rubato/formula/rounding.hpp>
 #include <rubato/grids/field_set.hpp>
 #include <rubato/grids/grid.hpp>
-#include <rubato/grids/slab.hpp>
+#include <rubato/pde/cell_blocks.hpp>
 #include <rubato/pde/multisymplectic_system.hpp>
 #include <rubato/variation/potential_slopes.hpp>
 
@@ -34,58 +32,6 @@ struct Collocation {
 inline constexpr Collocation Collocation::cells{};
 inline constexpr Collocation Collocation::nodes{Collocation::Points::nodes};
 inline constexpr Collocation Collocation::corners{Collocation::Points::corners};
-
-/// Where the batch evaluator's blocks of cells begin and end: pieces of at most 256 cells of one line along x.
-/// A function of the grid alone, so that results do not depend on the number of threads.
-struct CellBlocks {
-  static constexpr std::size_t most = 256;
-  std::size_t line = 0;      ///< cells in a line along x
-  std::size_t lines = 0;     ///< n_y n_z
-  std::size_t per_line = 0;  ///< blocks in a line
-  explicit CellBlocks(const grids::Grid& grid)
-      : line(grid.cells(0)), lines(grid.size() / line), per_line((line + most - 1) / most) {}
-  [[nodiscard]] std::size_t count() const { return lines * per_line; }
-
-  struct Block {
-    std::size_t line = 0;
-    std::size_t begin = 0, count = 0;  ///< cells of the line
-    std::size_t offset = 0;            ///< of its first cell in an array of all
-    /// Whether it is this rank's to tell what the block has in all: sums, and maxima of sums.
-    bool is_told = true;
-  };
-  [[nodiscard]] Block operator[](std::size_t block) const {
-    const std::size_t number = block / per_line, begin = block % per_line * most;
-    return {number, begin, std::min(most, line - begin), number * line + begin};
-  }
-};
-
-/// The same, and of a line that ranks share (grids::Slab) the blocks of the whole line in which a rank has cells: those
-/// that begin with a cell that it owns, whole, with some cells of the next rank; and of one that begins before, and is
-/// told by the rank before, what it owns.
-class SharedCellBlocks : public CellBlocks {
-public:
-  /// \param share false for what is shared in another way, and sees its part as a grid like any other
-  explicit SharedCellBlocks(const grids::Grid& grid, bool share = true);
-  [[nodiscard]] std::size_t count() const { return shared_ != nullptr ? parts_.size() : CellBlocks::count(); }
-  [[nodiscard]] Block operator[](std::size_t block) const {
-    return shared_ != nullptr ? parts_[block] : CellBlocks::operator[](block);
-  }
-  /// For what is made of blocks one after the other: calls add(), with a slab at one rank after the other, where
-  /// `numbers` go on from rank to rank (grids::Slab::in_turn).
-  void in_turn(std::span<double> numbers, const std::function<void()>& add) const;
-  /// How many cells and blocks all ranks have.
-  ///@{
-  [[nodiscard]] std::size_t whole_cells() const { return shared_ != nullptr ? shared_->whole().size() : line * lines; }
-  [[nodiscard]] std::size_t whole_count() const {
-    return shared_ != nullptr ? (whole_cells() + most - 1) / most : CellBlocks::count();
-  }
-  ///@}
-  [[nodiscard]] bool are_shared() const { return shared_ != nullptr; }
-
-private:
-  const grids::Slab* shared_ = nullptr;
-  std::vector<Block> parts_;
-};
 
 /// A, D_x, D_y, D_z of fields on a block of cells: box averages and differences of the nodes around (theory, section
 /// 5).

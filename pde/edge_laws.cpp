@@ -358,22 +358,10 @@ std::vector<double> EdgeLaws::totals(const LatticeLevel& level) {
           s.sums[l][block] = sum.value();
         }
       });
-  std::vector<double> numbers(2 * laws);  // Σ, compensated, of each law
-  s.blocks.in_turn(numbers, [&] {
-    for (std::size_t l = 0; l < laws; ++l) {
-      CompensatedSum sum(numbers[2 * l], numbers[2 * l + 1]);
-      for (std::size_t block = 0; block < s.sums[l].size(); ++block) {
-        if (s.blocks[block].is_told) {
-          sum.add(s.sums[l][block]);
-        }
-      }
-      numbers[2 * l] = sum.high;
-      numbers[2 * l + 1] = sum.low;
-    }
-  });
-  std::vector<double> totals;
-  for (std::size_t l = 0; l < laws; ++l) {
-    totals.push_back(s.grid.cell_volume() * CompensatedSum(numbers[2 * l], numbers[2 * l + 1]).value());
+  std::vector<double> totals(laws);
+  s.blocks.total(totals, [&s](std::size_t block, std::size_t law) { return s.sums[law][block]; });
+  for (double& total : totals) {
+    total *= s.grid.cell_volume();
   }
   return totals;
 }

@@ -10,6 +10,7 @@
 #include <rubato/pde/cell_sweep.hpp>
 #include <rubato/pde/lattice_scheme.hpp>
 #include <rubato/pde/level_fields.hpp>
+#include <rubato/pde/shared_slopes.hpp>
 #include <rubato/pde/step_equation.hpp>
 
 namespace rubato {
@@ -105,9 +106,7 @@ protected:
   void save_level(StateWriter& state, bool more = false) const {
     tell_level();
     grids::save_whole(state, level_.fields);
-    for (const auto& slope : level_.slopes.of_field) {
-      state.write(slope);
-    }
+    save_slopes(state, level_.slopes, grid_);
     for (const double value : {size_of_energy_.terms, size_of_energy_.rounding, static_cast<double>(size_age_),
                                (here_ ? known_here : 0.0) + (more ? more_follows : 0.0), here_.value_or(0.0)}) {
       state.write(value);
@@ -116,9 +115,7 @@ protected:
   /// \return whether what the scheme writes of its own follows: records of earlier versions may be without
   bool restore_level(StateReader& state) {
     grids::restore_whole(state, level_.fields);
-    for (auto& slope : level_.slopes.of_field) {
-      state.read(std::span<double>(slope));
-    }
+    restore_slopes(state, level_.slopes, grid_);
     state.read(size_of_energy_.terms);
     state.read(size_of_energy_.rounding);
     state.read(size_age_);

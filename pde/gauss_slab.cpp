@@ -16,6 +16,7 @@
 #include <rubato/grids/whole.hpp>
 #include <rubato/pde/level_fields.hpp>
 #include <rubato/pde/potential_rest.hpp>
+#include <rubato/pde/shared_slopes.hpp>
 #include <rubato/pde/tuning.hpp>
 #include <rubato/solve/small_matrices.hpp>
 
@@ -162,10 +163,7 @@ void GaussSlab::compile() {
 }
 
 void GaussSlab::add_slopes(const PotentialSlopes& slopes) {
-  const bool any = std::ranges::any_of(slopes.of_field, [](const auto& of) {
-    return std::ranges::any_of(of, [](double slope) { return slope != 0.0; });
-  });
-  if (!any) {
+  if (!has_slope(slopes, grid_)) {
     slopes_ = WaveRows();
     return;
   }
@@ -720,6 +718,7 @@ void GaussSlab::increment(grids::FieldSet& delta) {
       }
     }
   }
+  grids::refresh_ghosts(delta);
 }
 
 Status GaussSlab::take(const LatticeLevel& before, const LatticeLevel&, double h) {
@@ -770,6 +769,8 @@ void GaussSlab::stage(int stage, grids::FieldSet& z, grids::FieldSet& rate) {
   }
   space_.to_nodes(rows);
   to_grid(rows, all_, fourier_all_, rate.pointers());
+  grids::refresh_ghosts(z);
+  grids::refresh_ghosts(rate);
 }
 
 void GaussSlab::save(StateWriter& state) const {

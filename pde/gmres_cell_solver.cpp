@@ -46,6 +46,7 @@ class GmresCellSolver final : public CellSolver {
 public:
   GmresCellSolver(const grids::Grid& grid, Collocation collocation, int size, double tolerance)
       : grid_(grid),
+        whole_(grids::whole_of(grid)),
         collocation_(collocation),
         size_(size),
         tolerance_(tolerance),
@@ -53,7 +54,8 @@ public:
         gather_(grid),
         inverse_(grid, size),
         all_(static_cast<std::size_t>(size)),
-        rhs_(size, grid.size()) {
+        rhs_(size, grid.size()),
+        reads_ghosts_(collocation == Collocation::cells && grids::Slab::of(grid) != nullptr) {
     std::iota(all_.begin(), all_.end(), 0);
     if (collocation == Collocation::nodes) {
       spectral_ = std::make_unique<grids::SpectralDerivative>(grid);
@@ -64,15 +66,16 @@ public:
       return;
     }
     for (int a = 0; a < grid.dimensions(); ++a) {
-      std::vector<Symbol>& symbols = symbols_.emplace_back(grid.cells(a));
+      const grids::Axis& axis = whole_.axis(a);
+      std::vector<Symbol>& symbols = symbols_.emplace_back(axis.cells);
       for (std::size_t i = 0; i < symbols.size(); ++i) {
         const auto k =
             static_cast<std::ptrdiff_t>(i) - (2 * i > symbols.size() ? static_cast<std::ptrdiff_t>(symbols.size()) : 0);
         if (collocation == Collocation::nodes) {
-          symbols[i] = {1.0, grids::derivative_symbol(k, grid.axis(a))};
+          symbols[i] = {1.0, grids::derivative_symbol(k, axis)};
         } else {
           const double theta = grids::wave_angle(k, symbols.size());
-          symbols[i] = {grids::average_symbol(theta), grids::difference_symbol(theta, grid.spacing(a))};
+          symbols[i] = {grids::average_symbol(theta), grids::difference_symbol(theta, axis.spacing())};
         }
       }
     }
@@ -124,6 +127,7 @@ private:
 
   [[nodiscard]] double line_sum(unsigned pattern, const double* row) const {
     if (!StillWaves::alternates_along_x(pattern)) {
+      const grids::Slab::Shared alone(nullptr);  // of a line, not of a lattice
       return grids::sum({row, blocks_.line});
     }
     CompensatedSum sum;
@@ -139,23 +143,29 @@ private:
     const auto count = static_cast<std::size_t>(weights.cols());
     const std::size_t lines = blocks_.lines;
     means.assign(count * lines, 0.0);
+    std::vector<double> totals(lines);
     for (std::size_t b = 0; b < count; ++b) {
       std::vector<CompensatedSum> sums(lines);
-      std::vector<std::size_t> members(lines, 0);
       for (std::size_t line = 0; line < lines; ++line) {
         const std::size_t group = waves.group_of(line);
         const double sign = waves.sign_of(pattern, line);
-        members[group] += blocks_.line;
-        for (int r = 0; r < size_; ++r) {
+        for (int r = 0; waves.owns(line) && r < size_; ++r) {
           const double weight = sign * weights(r, static_cast<Index>(b));
           if (weight != 0.0) {
             sums[group].add(weight * line_sum(pattern, values[static_cast<std::size_t>(r)] + line * blocks_.line));
           }
         }
       }
+      std::ranges::transform(sums, totals.begin(), [](const CompensatedSum& sum) { return sum.value(); });
+      if (const grids::Slab* const slab = waves.shared()) {
+        std::vector<grids::DigitSum> of_ranks(lines / grid_.cells(grid_.dimensions() - 1));
+        for (std::size_t group = 0; group < of_ranks.size(); ++group) {
+          of_ranks[group].add(std::span(&totals[group], 1));
+        }
+        slab->reduce(of_ranks, std::span(totals).first(of_ranks.size()), {});
+      }
       for (std::size_t line = 0; line < lines; ++line) {
-        const std::size_t group = waves.group_of(line);
-        means[b * lines + line] = sums[group].value() / static_cast<double>(members[group]);
+        means[b * lines + line] = totals[waves.group_of(line)] / static_cast<double>(waves.members());
       }
     }
   }
@@ -232,7 +242,7 @@ private:
       means_of_entries_.clear();
       inverted_ = matrix.mean;
       for (const CellMatrix::Entry& entry : matrix.entries) {
-        means_of_entries_.push_back(grids::sum({entry.values, grid_.size()}) / static_cast<double>(grid_.size()));
+        means_of_entries_.push_back(grids::sum({entry.values, grid_.size()}) / static_cast<double>(whole_.size()));
         inverted_(entry.row, entry.column) += entry.factor * means_of_entries_.back();
       }
       if (!inverted_.allFinite()) {
@@ -277,6 +287,7 @@ private:
     if (start_.fields() < columns) {
       start_ = grids::FieldSet(columns, grid_.size());
       means_at_points_ = elements_ != nullptr ? start_ : grids::FieldSet();
+      with_ghosts_ = reads_ghosts_ ? start_ : grids::FieldSet();
       image_ = start_;
       gmres_.reset();
     }
@@ -352,8 +363,14 @@ private:
     });
   }
 
-  /// products = V A w.
+  /// products = V A w, of which ghosts may be anything.
   void multiply_variation(const double* w) {
+    if (reads_ghosts_) {
+      grids::FieldSet& fields = with_ghosts_;
+      std::copy_n(w, columns_.size() * grid_.size(), fields.all().begin());
+      grids::refresh_ghosts(fields, std::span(all_).first(columns_.size()));
+      w = std::as_const(fields).all().data();
+    }
     if (elements_ != nullptr) {
       for (std::size_t j = 0; j < columns_.size(); ++j) {
         (*elements_)(w + j * grid_.size(), means_at_points_.field(static_cast<int>(j)).data(), nullptr);
@@ -413,6 +430,7 @@ private:
       residual_ = correction_;
       const bool local = spectral_ == nullptr && elements_ == nullptr;
       derivative_.assign(local ? 0 : static_cast<std::size_t>(grid_.dimensions()), correction_);
+      values_ = elements_ != nullptr || reads_ghosts_ ? correction_ : grids::FieldSet();
     }
     double previous = 0.0;
     for (int pass = 0;; ++pass) {
@@ -503,14 +521,16 @@ private:
   /// residual = matrix · in.
   void multiply(const CellMatrix& matrix, std::span<double* const> in) {
     if (elements_ != nullptr) {
-      if (values_at_points_.fields() == 0) {
-        values_at_points_ = grids::FieldSet(size_, grid_.size());
-      }
       for (int f = 0; f < size_; ++f) {
-        (*elements_)(in[static_cast<std::size_t>(f)], values_at_points_.field(f).data(),
-                     derivative_[0].field(f).data());
+        (*elements_)(in[static_cast<std::size_t>(f)], values_.field(f).data(), derivative_[0].field(f).data());
       }
-      in = values_at_points_.pointers();
+      in = values_.pointers();
+    } else if (reads_ghosts_) {
+      for (int f = 0; f < size_; ++f) {
+        std::copy_n(in[static_cast<std::size_t>(f)], grid_.size(), values_.field(f).begin());
+      }
+      grids::refresh_ghosts(values_);
+      in = values_.pointers();
     }
     for (std::size_t a = 0; spectral_ != nullptr && a < derivative_.size(); ++a) {
       for (int f = 0; f < size_; ++f) {
@@ -591,7 +611,7 @@ private:
     const double* values;  ///< may be null
   };
 
-  grids::Grid grid_;
+  grids::Grid grid_, whole_;
   Collocation collocation_;
   int size_;
   double tolerance_;
@@ -616,11 +636,14 @@ private:
   std::vector<Variation> variation_;
   std::vector<int> rows_, columns_;           ///< that V touches
   grids::FieldSet start_, image_, products_;  ///< (C⁻¹ r)_w, w, V A w
+  bool reads_ghosts_;                         ///< of a slab, whose transforms and sums know nothing of them
+  grids::FieldSet with_ghosts_;               ///< w
   std::array<double*, 16> outputs_{};
-  std::unique_ptr<solve::Gmres> gmres_;                 ///< for w
-  grids::FieldSet correction_, residual_;               ///< of refinements, made when first needed
-  std::vector<grids::FieldSet> derivative_;             ///< at nodes and in elements, along each axis
-  grids::FieldSet means_at_points_, values_at_points_;  ///< in elements, of w and of a solution
+  std::unique_ptr<solve::Gmres> gmres_;      ///< for w
+  grids::FieldSet correction_, residual_;    ///< of refinements, made when first needed
+  std::vector<grids::FieldSet> derivative_;  ///< at nodes and in elements, along each axis
+  grids::FieldSet means_at_points_;          ///< in elements, of w
+  grids::FieldSet values_;                   ///< of a solution: at points of elements, or with ghosts
   std::vector<double> means_;
 };
 

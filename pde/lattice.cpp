@@ -7,6 +7,7 @@
 
 #include <fmt/format.h>
 
+#include <rubato/pde/shared_slopes.hpp>
 #include <rubato/pde/well_posedness.hpp>
 
 namespace rubato {
@@ -48,17 +49,12 @@ std::unique_ptr<LatticeScheme> make_scheme(const LatticeMethod& method, const Mu
   if (options.initial_is_part) {
     options.slab->refresh(first.fields);
   } else if (options.slab != nullptr) {
-    // On a line a slope is one number, the same for all.
-    if (grid.dimensions() > 1 && std::ranges::any_of(first.slopes.of_field, [](const auto& slopes) {
-          return std::ranges::any_of(slopes, [](double slope) { return slope != 0.0; });
-        })) {
-      throw SchemeRefusal("a lattice with a potential that has a mean slope is not shared by ranks");
-    }
     grids::FieldSet part(first.fields.fields(), options.slab->size());
     for (int f = 0; f < part.fields(); ++f) {
       options.slab->take_part(first.fields.field(f), part.field(f));
     }
     first.fields = std::move(part);
+    first.slopes = part_of(first.slopes, *options.slab);
   }
   return method.scheme(system, part_of(grid, options), std::move(first), options.step);
 }

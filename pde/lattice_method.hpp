@@ -63,12 +63,12 @@ public:
   /// Whether local laws live in the middle of cells; else at nodes.
   [[nodiscard]] virtual bool laws_in_cells() const { return false; }
 
-  /// Whether ranks can share a lattice with this method, and how many planes of its neighbours each has to know of two
-  /// levels to take a step, its energies and its laws from them (grids::Slab). \throws as scheme()
+  /// Where ranks share a lattice (grids::Slab).
   ///@{
-  [[nodiscard]] virtual bool is_shared() const { return false; }
-  /// Why not in so many dimensions, where it is in others; empty where it is.
+  /// Why they cannot in so many dimensions; empty where they can.
   [[nodiscard]] virtual std::string_view not_shared_in(int /*dimensions*/) const { return {}; }
+  /// How many planes of its neighbours each has to know of two levels to take a step, its energies and its laws from
+  /// them. \throws as scheme()
   [[nodiscard]] virtual grids::Ghosts ghosts(const MultisymplecticSystem& /*system*/) const { return {}; }
   /// The first plane of each rank's part, and how many there are, for steps of length h; none: any parts will do.
   /// \throws std::invalid_argument if there are too many ranks

@@ -18,6 +18,7 @@
 #include <rubato/pde/level_fields.hpp>
 #include <rubato/pde/level_history.hpp>
 #include <rubato/pde/newton_contraction.hpp>
+#include <rubato/pde/shared_slopes.hpp>
 #include <rubato/pde/static_condensation.hpp>
 #include <rubato/pde/tuning.hpp>
 
@@ -40,7 +41,7 @@ void check(const MultisymplecticSystem& system, const grids::Grid& grid, Colloca
           fmt::format("box needs an odd number of cells in every direction, and {} has {}: with an even one the "
                       "average of neighbours annihilates the sawtooth (-1)^i, which the scheme then cannot determine; "
                       "take {} cells",
-                      grid.axis(a).name, grid.cells(a), grid.cells(a) + 1));
+                      grid.axis(a).name, grids::whole_of(grid).cells(a), grids::whole_of(grid).cells(a) + 1));
     }
   }
   if (first.fields.fields() != system.field_count() || first.fields.size() != grid.size()) {
@@ -275,9 +276,7 @@ public:
     grids::save_whole(state, level_.fields);
     grids::save_whole(state, low_);
     state.write(largest_);
-    for (const auto& slope : level_.slopes.of_field) {
-      state.write(slope);
-    }
+    save_slopes(state, level_.slopes, grid_);
     history_.save(state);
     contraction_.save(state);
     for (const double value : {size_of_energy_.terms, size_of_energy_.rounding, static_cast<double>(size_age_)}) {
@@ -289,9 +288,7 @@ public:
     grids::restore_whole(state, level_.fields);
     grids::restore_whole(state, low_);
     state.read(std::span<double>(largest_));
-    for (auto& slope : level_.slopes.of_field) {
-      state.read(std::span<double>(slope));
-    }
+    restore_slopes(state, level_.slopes, grid_);
     history_.restore(state);
     contraction_.restore(state);
     state.read(size_of_energy_.terms);

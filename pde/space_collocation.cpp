@@ -100,11 +100,12 @@ std::string_view space_rule_objection(SpaceRule rule, std::size_t cells) {
 }
 
 SpaceCollocation::SpaceCollocation(const grids::Grid& grid, SpaceRule rule) : rule_(rule) {
+  const grids::Grid& whole = grids::whole_of(grid);
   for (int a = 0; a < grid.dimensions(); ++a) {
-    if (const std::string_view objection = space_rule_objection(rule, grid.cells(a)); !objection.empty()) {
+    if (const std::string_view objection = space_rule_objection(rule, whole.cells(a)); !objection.empty()) {
       throw std::invalid_argument(
           fmt::format("{} = {} cells, and collocation with {} stage(s) in space cannot take them: {}",
-                      grid.axis(a).name, grid.cells(a), rule.stages, objection));
+                      whole.axis(a).name, whole.cells(a), rule.stages, objection));
     }
   }
   if (rule.stages > 1 && grid.dimensions() > 1) {
@@ -127,11 +128,11 @@ SpaceCollocation::SpaceCollocation(const grids::Grid& grid, SpaceRule rule) : ru
     for (int a = 0; a < grid.dimensions(); ++a) {
       const auto axis = static_cast<std::size_t>(a);
       if (spectral()) {
-        derivatives_[axis][w] = grids::derivative_symbol(wave[axis], grids::whole_of(grid).axis(a)).imag();
+        derivatives_[axis][w] = grids::derivative_symbol(wave[axis], whole.axis(a)).imag();
         continue;
       }
-      const HalfAngle half(wave[axis], grid.cells(a));
-      derivatives_[axis][w] = 2.0 / grid.spacing(a) * (half.sin / half.cos);
+      const HalfAngle half(wave[axis], whole.cells(a));
+      derivatives_[axis][w] = 2.0 / whole.spacing(a) * (half.sin / half.cos);
       const std::complex<double> phase(half.cos, half.sin);
       factor *= half.cos * phase;
       inverse *= std::conj(phase) / half.cos;

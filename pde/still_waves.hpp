@@ -5,6 +5,8 @@
 #include <vector>
 
 #include <rubato/grids/grid.hpp>
+#include <rubato/grids/slab.hpp>
+#include <rubato/grids/whole.hpp>
 #include <rubato/pde/cell_sweep.hpp>
 
 namespace rubato {
@@ -14,13 +16,25 @@ namespace rubato {
 /// linear system is on the constant, it is on each of them.
 ///
 /// A direction y or z is free if the kernel's vectors may vary along it: each index along it is then a group of lines
-/// of its own, and no sawtooth along it need be looked at.
+/// of its own, and no sawtooth along it need be looked at. Of a slab's grid lines are those of the part, and waves
+/// those of the whole lattice.
 class StillWaves {
 public:
   StillWaves(const grids::Grid& grid, Collocation collocation, const std::array<bool, 2>& free)
-      : ny_(grid.cells(1)), free_(free) {
+      : ny_(grid.cells(1)), free_(free), end_line_(grid.size() / grid.cells(0)) {
+    const grids::Grid& whole = grids::whole_of(grid);
+    if (const grids::Slab* const slab = grids::Slab::of(grid)) {
+      const auto across = static_cast<std::size_t>(grid.dimensions() - 1);
+      const std::size_t plane = whole.stride(grid.dimensions() - 1);
+      first_line_ = slab->first_node() / grid.cells(0);
+      end_line_ = first_line_ + slab->owned() / grid.cells(0);
+      first_plane_.at(across - 1) =
+          (slab->number_of_first() + whole.size() - slab->first_node()) / plane % whole.cells(grid.dimensions() - 1);
+      shared_ = free.at(across - 1) ? nullptr : slab;
+    }
+    members_ = whole.size() / ((free[0] ? whole.cells(1) : 1) * (free[1] ? whole.cells(2) : 1));
     for (int a = 0; collocation == Collocation::nodes && a < grid.dimensions(); ++a) {
-      if (grid.cells(a) % 2 == 0 && !(a > 0 && free[static_cast<std::size_t>(a) - 1])) {
+      if (grids::whole_of(grid).cells(a) % 2 == 0 && !(a > 0 && free[static_cast<std::size_t>(a) - 1])) {
         for (std::size_t i = 0, count = patterns_.size(); i < count; ++i) {
           patterns_.push_back(patterns_[i] | 1U << static_cast<unsigned>(a));
         }
@@ -38,15 +52,26 @@ public:
     const std::size_t k = line / ny_;
     return (free_[0] ? j : 0) + (free_[1] ? k * (free_[0] ? ny_ : 1) : 0);
   }
+  /// How many nodes a group has, and the ranks over whose lines it goes; null for this one's alone.
+  ///@{
+  [[nodiscard]] std::size_t members() const { return members_; }
+  [[nodiscard]] const grids::Slab* shared() const { return shared_; }
+  ///@}
+  [[nodiscard]] bool owns(std::size_t line) const { return line >= first_line_ && line < end_line_; }
   /// The wave at the first node of that line.
   [[nodiscard]] double sign_of(unsigned pattern, std::size_t line) const {
-    const std::size_t flips = ((pattern & 2U) != 0 ? line % ny_ : 0) + ((pattern & 4U) != 0 ? line / ny_ : 0);
+    const std::size_t flips = ((pattern & 2U) != 0 ? first_plane_[0] + line % ny_ : 0) +
+                              ((pattern & 4U) != 0 ? first_plane_[1] + line / ny_ : 0);
     return flips % 2 == 0 ? 1.0 : -1.0;
   }
 
 private:
   std::size_t ny_;
   std::array<bool, 2> free_;
+  std::size_t first_line_ = 0, end_line_;     ///< owned
+  std::array<std::size_t, 2> first_plane_{};  ///< along y and z, of the grid's first
+  std::size_t members_ = 0;
+  const grids::Slab* shared_ = nullptr;
   std::vector<unsigned> patterns_{0};
 };
 

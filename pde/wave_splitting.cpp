@@ -19,6 +19,7 @@
 #include <rubato/grids/whole.hpp>
 #include <rubato/pde/lattice_scheme.hpp>
 #include <rubato/pde/potential_rest.hpp>
+#include <rubato/pde/shared_slopes.hpp>
 #include <rubato/pde/tuning.hpp>
 #include <rubato/solve/small_matrices.hpp>
 
@@ -450,12 +451,10 @@ bool WaveSplitting::is_turn() const {
 }
 
 void WaveSplitting::stand(const LatticeLevel& level) {
-  for (int f = 0; f < system_.field_count(); ++f) {
-    for (std::size_t line = 0; line * grid_.cells(0) < grid_.size(); ++line) {
-      if (level.slopes.at(f, line) != 0.0) {
-        throw SchemeRefusal(fmt::format("splitting takes no potential with a mean slope, and {} has one{}",
-                                        system_.fields()[static_cast<std::size_t>(f)], remedy));
-      }
+  for (std::size_t f = 0; f < level.slopes.of_field.size(); ++f) {
+    if (has_slope({{level.slopes.of_field[f]}}, grid_)) {
+      throw SchemeRefusal(
+          fmt::format("splitting takes no potential with a mean slope, and {} has one{}", system_.fields()[f], remedy));
     }
   }
   std::array<const double*, MultisymplecticSystem::most_fields> from{};

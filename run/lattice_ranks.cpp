@@ -30,14 +30,14 @@ namespace {
                                  ranks, reason));
 }
 
-/// "euler-box", …
-std::string methods_to_share() {
+/// In so many dimensions: "euler-box", …
+std::string methods_to_share(int dimensions) {
   std::vector<std::string> names;
   for (const LatticeMethodEntry& entry : lattice_methods()) {
-    if (const auto method = make_lattice_method({.name = std::string(entry.name)}); method->is_shared()) {
-      names.push_back(fmt::format("\"{}\"{}", entry.name, method->not_shared_in(2).empty() ? "" : " on a line"));
-    } else if (entry.has_stages && make_lattice_method({.name = std::string(entry.name), .stages = 2})->is_shared()) {
-      names.push_back(fmt::format("\"{}\" with several stages", entry.name));
+    const LatticeMethodChoice choice{.name = std::string(entry.name)};
+    if (make_lattice_method(choice)->not_shared_in(dimensions).empty()) {
+      names.push_back(
+          fmt::format("\"{}\"{}", entry.name, entry.has_stages && dimensions == 1 ? " with one stage" : ""));
     }
   }
   return fmt::format("{}", fmt::join(names, ", "));
@@ -155,12 +155,10 @@ void refuse_unshared(const Problem& problem, const RunOptions& options) {
                    "it is one orbit; they share lattices, and the members of an [ensemble]");
   }
   const Location& scheme = problem.scheme.lagrangian_location;
-  if (!make_method(problem)->is_shared()) {
-    refuse_sharing(scheme, ranks, fmt::format("lattices are shared with lagrangian = {} so far", methods_to_share()));
-  }
-  if (const auto reason = make_method(problem)->not_shared_in(static_cast<int>(pde->axes.size())); !reason.empty()) {
+  const int dimensions = static_cast<int>(pde->axes.size());
+  if (const auto reason = make_method(problem)->not_shared_in(dimensions); !reason.empty()) {
     refuse_sharing(scheme, ranks,
-                   fmt::format("{}; lattices are shared with lagrangian = {} so far", reason, methods_to_share()));
+                   fmt::format("{}; a line is shared with lagrangian = {}", reason, methods_to_share(dimensions)));
   }
   if (!problem.scheme.step) {
     refuse_sharing(problem.scheme.step_location, ranks, "step = \"auto\" is not shared; give it as a number");

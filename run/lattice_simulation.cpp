@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 
+#include <rubato/pde/shared_slopes.hpp>
 #include <rubato/problem/lattice_problem.hpp>
 #include <rubato/run/lattice_residuals.hpp>
 #include <rubato/run/simulation.hpp>
@@ -201,7 +202,7 @@ private:
   [[nodiscard]] std::string slope_remark(int field) const {
     const auto& slopes = lattice_.level().slopes.of_field;
     const auto f = static_cast<std::size_t>(field);
-    const bool sloping = f < slopes.size() && std::ranges::any_of(slopes[f], [](double slope) { return slope != 0.0; });
+    const bool sloping = f < slopes.size() && has_slope({{slopes[f]}}, lattice_.grid());
     return sloping ? ", its periodic part (the whole potential has a mean slope along x)" : "";
   }
 

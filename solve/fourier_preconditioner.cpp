@@ -9,6 +9,7 @@
 
 #include <fmt/core.h>
 #include <rubato/grids/parallel.hpp>
+#include <rubato/grids/transposition.hpp>
 #include <rubato/solve/small_matrices.hpp>
 #include <rubato/solve/tuning.hpp>
 
@@ -154,6 +155,10 @@ Status FourierPreconditioner::factor(const Symbol& symbol) {
     }
   });
   deficient_ = deficient;
+  if (const grids::Transposition* const shared = taken_.transposition()) {
+    deficient_ = static_cast<std::size_t>(shared->slab().sum_over_ranks(static_cast<double>(deficient_)));
+    undefined = shared->slab().largest_over_ranks(undefined ? 1.0 : 0.0) > 0.0;
+  }
   return undefined ? Status::undefined : Status::success;
 }
 
@@ -189,6 +194,9 @@ void FourierPreconditioner::multiply(bool with_taken, double factor, std::span<c
   const auto n = static_cast<std::size_t>(fields_);
   const std::size_t modes = taken_.modes();
   const std::size_t row_length = taken_.row_length();
+  if (row_length == 0) {
+    return;  // other ranks have all waves
+  }
   const std::size_t pieces = (row_length + piece - 1) / piece;
   grids::for_each_block(
       modes / row_length * pieces, std::max<std::size_t>(1, 4 / pieces), [&](std::size_t first, std::size_t last) {

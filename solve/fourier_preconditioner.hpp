@@ -16,7 +16,8 @@ namespace rubato::solve {
 /// The inverse of a system with constant coefficients on a periodic grid: block-diagonal in Fourier space, one complex
 /// matrix of fields × fields for each wave. As the preconditioner of a system with variable coefficients (S'' frozen at
 /// its mean) it leaves a spectrum in which GMRES needs few iterations whatever the grid; as the inverse of a linear
-/// problem's matrix it is exact.
+/// problem's matrix it is exact. On the grid of this thread's slab it is that of the whole lattice, all ranks taking
+/// part (grids::Fourier): of right-hand sides owned nodes are read, of results ghosts are left alone.
 class FourierPreconditioner {
 public:
   using Complex = std::complex<double>;

@@ -38,16 +38,20 @@ public:
                : "";
   }
   [[nodiscard]] bool laws_in_cells() const override { return true; }
-  [[nodiscard]] bool is_shared() const override { return is_box(); }
   [[nodiscard]] std::string_view not_shared_in(int dimensions) const override {
-    return dimensions > 1 ? "its linear systems are solved by elimination on a line alone, in planes and volumes by "
-                            "transforms of the whole lattice"
-                          : "";
+    return dimensions > 1 || is_box() ? "" : "with stages its transforms along a line take the whole of it";
   }
-  /// Laws of a node read the cell before it; sums are made of blocks of cells, which may reach into the next part.
-  [[nodiscard]] grids::Ghosts ghosts(const MultisymplecticSystem&) const override { return {1, CellBlocks::most}; }
+  /// Laws of a node read the cell before it; cells the node after. On a line sums are made of blocks of cells, which
+  /// may reach into the next part.
+  [[nodiscard]] grids::Ghosts ghosts(const MultisymplecticSystem& system) const override {
+    return {1, system.directions() > 1 ? 1 : CellBlocks::most};
+  }
+  /// Elimination on a line has pieces of its own.
   [[nodiscard]] std::vector<std::size_t> parts(const MultisymplecticSystem& system, const grids::Grid& whole, double h,
                                                int ranks) const override {
+    if (whole.dimensions() > 1) {
+      return {};
+    }
     return solve::cyclic_parts(box_unknowns(system, h), whole.cells(0), ranks).first_cells.front();
   }
   [[nodiscard]] std::optional<LatticeAction> action(const MultisymplecticSystem& system) const override {

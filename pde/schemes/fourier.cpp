@@ -21,8 +21,6 @@ public:
     return stages_ == 1 ? std::optional(fourier_action(system)) : std::nullopt;
   }
   [[nodiscard]] bool has_variational_laws() const override { return false; }
-  /// Of Gauss collocation, whose sweeps are transforms, work at nodes and products for each wave.
-  [[nodiscard]] bool is_shared() const override { return stages_ > 1; }
   [[nodiscard]] std::string_view not_shared_in(int dimensions) const override {
     return dimensions > 1 ? "" : "its transforms along a line take the whole of it";
   }

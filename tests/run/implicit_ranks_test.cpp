@@ -1,0 +1,180 @@
+// Lattices in the plane and in space that several ranks share with implicit schemes: potentials, whose equations have a
+// kernel, and collocation in boxes. Ranks are threads here; see lattice_ranks_test.cpp.
+
+#include <catch2/catch.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <string>
+#include <vector>
+
+#include <rubato/record/reader.hpp>
+#include <rubato/run/check.hpp>
+#include <rubato/run/run.hpp>
+
+#include "run/mailboxes.hpp"
+#include "run/records.hpp"
+
+using namespace rubato;
+using namespace rubato::run_tests;
+
+namespace {
+
+using Settings = std::vector<std::string>;
+
+/// Zakharov and Kuznetsov's equation: of the potential's slope there is one number for each line along x, and constants
+/// along x that vary with y are a kernel.
+Problem zakharov_kuznetsov(Settings more) {
+  more.insert(more.begin(),
+              {"initial.u=0.5 + exp(-((x - 2)^2 + (y - 1)^2)/4)", "grid.x.from=-6", "grid.x.to=6", "grid.y.from=-6",
+               "grid.y.to=6", "scheme.step=0.02", "scheme.until=0.2", "output.every=2"});
+  return read_problem("zakharov-kuznetsov-pulse", more);
+}
+
+/// Kadomtsev and Petviashvili's, (u_t + u u_x + u_xxx)_x + u_yy = 0, u = φ_x: derivatives in both directions see φ,
+/// whose kernel is one constant and, on even numbers of cells, three sawtooths.
+Problem kadomtsev_petviashvili(const Settings& more) {
+  return parse_problem(R"toml(
+[multisymplectic]
+fields = ["phi", "u", "v", "w", "q"]
+M = [["phi", "u", 0.5]]
+K.x = [["phi", "w", 1], ["u", "v", -1]]
+K.y = [["phi", "q", 0.5]]
+S = "v^2/2 - u*w + u^3/6 - q^2/4"
+[grid]
+x = { from = -6, to = 6, cells = 24 }
+y = { from = -6, to = 6, cells = 20 }
+[initial]
+u = "-0.2*x*exp(-(x^2 + y^2)/3)"
+[scheme]
+lagrangian = "fourier"
+levels = "fixed"
+step = 0.02
+until = 0.2
+[output]
+every = 2
+)toml",
+                       "kp.toml", more);
+}
+
+/// The same in space, the equation of the plane for each z, and a field whose derivative along z is seen.
+Problem potential_in_space(const Settings& more) {
+  return parse_problem(R"toml(
+[multisymplectic]
+fields = ["phi", "u", "v", "w", "p", "q"]
+M = [["phi", "u", 0.5]]
+K.x = [["phi", "p", 1], ["u", "v", -1]]
+K.y = [["u", "w", -1]]
+K.z = [["u", "q", -1]]
+S = "u^3/6 - p*u + (v^2 + w^2 + q^2)/2"
+[grid]
+x = { from = -4, to = 4, cells = 9 }
+y = { from = -4, to = 4, cells = 7 }
+z = { from = -4, to = 4, cells = 11 }
+[initial]
+u = "0.3 + exp(-((x - 1)^2 + y^2 + (z + 1)^2)/4)"
+[scheme]
+lagrangian = "box"
+levels = "fixed"
+step = 0.02
+until = 0.1
+[output]
+every = 2
+)toml",
+                       "potential.toml", more);
+}
+
+RunOptions on(ranks::Communicator& ranks, const std::string& file) {
+  return {.output = file, .overwrite = true, .threads = 1, .ranks = &ranks};
+}
+
+/// The largest difference of u, over the largest u; infinite where there are others.
+double distance(const std::string& file, const std::string& other) {
+  const std::vector<double> u = record::Reader(file).read("/states/u"), v = record::Reader(other).read("/states/u");
+  if (u.size() != v.size()) {
+    return std::numeric_limits<double>::infinity();
+  }
+  double largest = 0.0, size = 0.0;
+  for (std::size_t i = 0; i < u.size(); ++i) {
+    largest = std::max(largest, std::isfinite(v[i]) ? std::abs(u[i] - v[i]) : std::numeric_limits<double>::infinity());
+    size = std::max(size, std::abs(u[i]));
+  }
+  return largest / size;
+}
+
+struct Shared {
+  std::string name;
+  Problem (*make)(Settings more);
+  Settings scheme;
+  std::vector<int> ranks;
+};
+
+}  // namespace
+
+TEST_CASE("potentials in the plane and in space are shared, equal to rounding, and continued with the same bits") {
+  const auto zk = [](Settings more) { return zakharov_kuznetsov(std::move(more)); };
+  const auto kp = [](Settings more) { return kadomtsev_petviashvili(more); };
+  const auto space = [](Settings more) { return potential_in_space(more); };
+  const auto shared = GENERATE_COPY(values<Shared>({
+      {"ZK, box", zk, {"scheme.lagrangian=box", "grid.x.cells=25", "grid.y.cells=21"}, {2, 4}},
+      {"ZK, box, variable levels",
+       zk,
+       {"scheme.lagrangian=box", "scheme.levels=variable", "grid.x.cells=25", "grid.y.cells=21"},
+       {3}},
+      {"ZK, fourier", zk, {"scheme.lagrangian=fourier", "grid.x.cells=24", "grid.y.cells=20"}, {2, 3}},
+      {"ZK, fourier, 2 stages",
+       zk,
+       {"scheme.lagrangian=fourier", "scheme.stages=2", "grid.x.cells=25", "grid.y.cells=20"},
+       {3}},
+      {"ZK, box, 2 stages",
+       zk,
+       {"scheme.lagrangian=box", "scheme.stages=2", "grid.x.cells=25", "grid.y.cells=21"},
+       {3}},
+      {"KP, fourier", kp, {}, {2, 3}},
+      {"KP, fourier, odd", kp, {"grid.y.cells=21"}, {3}},
+      {"space, box", space, {}, {2, 3}},
+      {"space, fourier", space, {"scheme.lagrangian=fourier", "grid.x.cells=8", "grid.z.cells=10"}, {3}},
+  }));
+  INFO(shared.name);
+  const Folder folder;
+  const Problem problem = shared.make(shared.scheme);
+  const Outcome one = run(problem, {.output = folder / "one.h5", .overwrite = true, .threads = 1});
+  REQUIRE(one.status == ExitStatus::done);
+  // Ten steps, each of which leaves some thirty roundings: of transforms, and of linear systems, which are solved to
+  // some of them.
+  const double allowed = 10 * 30 * std::numeric_limits<double>::epsilon();
+  for (const int size : shared.ranks) {
+    INFO(size << " ranks");
+    const Outcome all = with_ranks(size, [&](auto& rank) { return run(problem, on(rank, folder / "all.h5")); });
+    CHECK(all.status == ExitStatus::done);
+    CHECK(distance(folder / "one.h5", folder / "all.h5") <= allowed);
+    CHECK(with_ranks(size, [&](auto& rank) { return check(folder / "all.h5", {.ranks = &rank}); }).status ==
+          ExitStatus::done);
+    CHECK(check(folder / "all.h5", {}).status == ExitStatus::done);
+    // Ended, and continued: by as many ranks with the same bits, by one process to rounding.
+    Settings sooner = shared.scheme;
+    sooner.emplace_back("scheme.until=0.06");
+    for (const int others : {size, 1}) {
+      static_cast<void>(
+          with_ranks(size, [&](auto& rank) { return run(shared.make(sooner), on(rank, folder / "part.h5")); }));
+      const Outcome resumed = with_ranks(others, [&](auto& rank) {
+        return resume(folder / "part.h5", problem.scheme.until, {.threads = 1, .ranks = &rank});
+      });
+      CHECK(resumed.status == ExitStatus::done);
+      CHECK(distance(folder / "one.h5", folder / "part.h5") <= allowed);
+      if (others == size) {
+        CHECK(different_datasets(folder / "all.h5", folder / "part.h5") == Names{});
+      }
+    }
+  }
+  // The twin: numbers on their way from one rank to another, again and again, as Newton's method mends the rest.
+  Mailboxes tampered(2);
+  tampered.tamper_with([sent = 0](int, std::vector<double>& numbers) mutable {
+    if (numbers.size() >= 16 && ++sent > 20) {
+      numbers.front() += 1e-3;
+    }
+  });
+  static_cast<void>(with_ranks(tampered, [&](auto& rank) { return run(problem, on(rank, folder / "all.h5")); }));
+  CHECK(distance(folder / "one.h5", folder / "all.h5") > allowed);
+}
