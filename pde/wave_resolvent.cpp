@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
+#include <utility>
 
 #include <rubato/grids/fourier.hpp>
 #include <rubato/pde/kernel_conditions.hpp>
@@ -52,6 +54,90 @@ struct Border {
   MatrixXcd columns, rows;
 };
 
+/// A small complex matrix, real and imaginary parts apart, inverted in place by elimination with partial pivoting.
+class Elimination {
+public:
+  /// \throws std::bad_alloc
+  void take(const MatrixXcd& matrix) {
+    n_ = static_cast<std::size_t>(matrix.rows());
+    re_.resize(n_ * n_);
+    im_.resize(n_ * n_);
+    pivots_.resize(n_);
+    for (std::size_t r = 0; r < n_; ++r) {
+      for (std::size_t c = 0; c < n_; ++c) {
+        const Complex entry = matrix(static_cast<Index>(r), static_cast<Index>(c));
+        re_[r * n_ + c] = entry.real();
+        im_[r * n_ + c] = entry.imag();
+      }
+    }
+  }
+  void invert() {
+    determinant_ = 1.0;
+    smallest_ = std::numeric_limits<double>::infinity();
+    largest_ = 0.0;
+    for (std::size_t k = 0; k < n_; ++k) {
+      step(k);
+    }
+    for (std::size_t k = n_; k-- > 0;) {
+      for (std::size_t r = 0; pivots_[k] != k && r < n_; ++r) {
+        std::swap(re_[r * n_ + k], re_[r * n_ + pivots_[k]]);
+        std::swap(im_[r * n_ + k], im_[r * n_ + pivots_[k]]);
+      }
+    }
+  }
+  [[nodiscard]] Complex entry(std::size_t row, std::size_t column) const {
+    return {re_[row * n_ + column], im_[row * n_ + column]};
+  }
+  [[nodiscard]] Complex determinant() const { return determinant_; }
+  [[nodiscard]] bool is_regular() const { return smallest_ > singular * singular * largest_; }
+
+private:
+  void step(std::size_t k) {
+    const auto square = [this](std::size_t at) { return re_[at] * re_[at] + im_[at] * im_[at]; };
+    std::size_t pivot = k;
+    for (std::size_t r = k + 1; r < n_; ++r) {
+      pivot = square(r * n_ + k) > square(pivot * n_ + k) ? r : pivot;
+    }
+    pivots_[k] = pivot;
+    double *re = &re_[k * n_], *im = &im_[k * n_];
+    if (pivot != k) {
+      std::swap_ranges(re, re + n_, &re_[pivot * n_]);
+      std::swap_ranges(im, im + n_, &im_[pivot * n_]);
+      determinant_ = -determinant_;
+    }
+    const double size = square(k * n_ + k), a = re[k] / size, b = -im[k] / size;  // of its inverse
+    determinant_ = {determinant_.real() * re[k] - determinant_.imag() * im[k],
+                    determinant_.real() * im[k] + determinant_.imag() * re[k]};
+    smallest_ = std::min(smallest_, size);
+    largest_ = std::max(largest_, size);
+    re[k] = 1.0;
+    im[k] = 0.0;
+    for (std::size_t c = 0; c < n_; ++c) {
+      const double x = re[c];
+      re[c] = x * a - im[c] * b;
+      im[c] = x * b + im[c] * a;
+    }
+    for (std::size_t r = 0; r < n_; ++r) {
+      double *to_re = &re_[r * n_], *to_im = &im_[r * n_];
+      const double x = to_re[k], y = to_im[k];
+      if (r == k || (x == 0.0 && y == 0.0)) {
+        continue;
+      }
+      to_re[k] = to_im[k] = 0.0;
+      for (std::size_t c = 0; c < n_; ++c) {
+        to_re[c] -= x * re[c] - y * im[c];
+        to_im[c] -= x * im[c] + y * re[c];
+      }
+    }
+  }
+
+  std::size_t n_ = 0;
+  std::vector<double> re_, im_;
+  std::vector<std::size_t> pivots_;
+  Complex determinant_ = 1.0;
+  double smallest_ = 0.0, largest_ = 0.0;  ///< |pivot|²
+};
+
 }  // namespace
 
 WaveResolvent::WaveResolvent(const MultisymplecticSystem& system, std::span<const std::vector<double>> numbers,
@@ -68,10 +154,13 @@ WaveResolvent::WaveResolvent(const MultisymplecticSystem& system, std::span<cons
   adjoint_.assign(entries, WaveRows(points, waves_));
   determinant_ = WaveRows(points, waves_);
   std::vector<bool> failed(waves_, false);
+  std::vector<Complex> roots;  // of 1
+  for (int j = 0; j < points; ++j) {
+    roots.push_back(std::polar(1.0, 2.0 * std::numbers::pi * j / points));
+  }
 
   grids::for_each_block(waves_, 64, [&](std::size_t begin, std::size_t end) {
-    std::vector<MatrixXcd> inverses(static_cast<std::size_t>(points));
-    std::vector<Complex> determinants(static_cast<std::size_t>(points));
+    std::vector<Elimination> inverses(static_cast<std::size_t>(points));
     for (std::size_t wave = begin; wave < end; ++wave) {
       const MatrixXcd D = symbols.derivatives(wave);
       const MatrixXcd constant = D - symbols.L();
@@ -91,32 +180,29 @@ WaveResolvent::WaveResolvent(const MultisymplecticSystem& system, std::span<cons
       P.bottomLeftCorner(size - d, d) = border.rows;
       double scale = 0.0;
       for (int j = 0; j < points; ++j) {
-        const double angle = 2.0 * std::numbers::pi * j / points;
-        P.topLeftCorner(d, d) = constant + std::polar(radius, angle) * M;
-        const solve::Inverse inverse = solve::inverse_of(P);
-        failed[wave] = failed[wave] || !(inverse.smallest_pivot > singular * inverse.largest_pivot);
-        const auto i = static_cast<std::size_t>(j);
-        inverses[i] = inverse.matrix.topLeftCorner(d, d);
-        determinants[i] = inverse.determinant;
-        scale = std::max(scale, std::abs(determinants[i]));
+        P.topLeftCorner(d, d) = constant + roots[static_cast<std::size_t>(j)] * radius * M;
+        Elimination& inverse = inverses[static_cast<std::size_t>(j)];
+        inverse.take(P);
+        inverse.invert();
+        failed[wave] = failed[wave] || !inverse.is_regular();
+        scale = std::max(scale, std::abs(inverse.determinant()));
       }
       // Coefficients from values on a circle; D is scaled, and A with it.
       for (int k = 0; k < points; ++k) {
-        Complex sum = 0.0;
-        MatrixXcd all = MatrixXcd::Zero(d, d);
         for (int j = 0; j < points; ++j) {
-          const Complex weight = std::polar(1.0 / points, -2.0 * std::numbers::pi * j * k / points);
-          const Complex value = weight * (determinants[static_cast<std::size_t>(j)] / scale);
-          sum += value;
-          all += value * inverses[static_cast<std::size_t>(j)];
-        }
-        determinant_.re.field(k)[wave] = sum.real();
-        determinant_.im.field(k)[wave] = sum.imag();
-        for (Index r = 0; r < d; ++r) {
-          for (Index c = 0; c < d; ++c) {
-            WaveRows& to = adjoint_[place(static_cast<int>(r), static_cast<int>(c))];
-            to.re.field(k)[wave] = all(r, c).real();
-            to.im.field(k)[wave] = all(r, c).imag();
+          const Elimination& inverse = inverses[static_cast<std::size_t>(j)];
+          const Complex weight = std::conj(roots[static_cast<std::size_t>(j * k % points)]) / double(points);
+          const Complex value = weight * (inverse.determinant() / scale);
+          const double a = value.real(), b = value.imag();
+          determinant_.re.field(k)[wave] += a;
+          determinant_.im.field(k)[wave] += b;
+          for (int r = 0; r < fields_; ++r) {
+            for (int c = 0; c < fields_; ++c) {
+              const Complex entry = inverse.entry(static_cast<std::size_t>(r), static_cast<std::size_t>(c));
+              WaveRows& to = adjoint_[place(r, c)];
+              to.re.pointers()[static_cast<std::size_t>(k)][wave] += a * entry.real() - b * entry.imag();
+              to.im.pointers()[static_cast<std::size_t>(k)][wave] += a * entry.imag() + b * entry.real();
+            }
           }
         }
       }
