@@ -47,7 +47,7 @@ GaussSlab::GaussSlab(const MultisymplecticSystem& system, const grids::Grid& gri
   all_.resize(static_cast<std::size_t>(d_));
   std::iota(all_.begin(), all_.end(), 0);
   find_varying_fields();
-  set_mean(first);
+  set_middle(first);
   compile();
   for (int a = 0; a < grid.dimensions(); ++a) {
     K_.push_back(terms_of(system_.K(a)));
@@ -61,6 +61,14 @@ GaussSlab::GaussSlab(const MultisymplecticSystem& system, const grids::Grid& gri
   eigenvalues_ = basis.values;
   V_ = basis.V;
   V_inverse_ = basis.V_inverse;
+  for (int i = 0; i < m_; ++i) {
+    for (int j = 0; j < m_; ++j) {
+      a_inverse_high_.push_back(a_inverse_.value(i, j));
+      a_inverse_low_.push_back(a_inverse_.rest(i, j));
+      V_by_rows_.push_back(V_(i, j));
+      V_inverse_by_rows_.push_back(V_inverse_(i, j));
+    }
+  }
   ones_.setZero(m_);
   for (int i = 0; i < m_; ++i) {
     for (int j = 0; j < m_; ++j) {
@@ -94,10 +102,17 @@ GaussSlab::GaussSlab(const MultisymplecticSystem& system, const grids::Grid& gri
   if (static_cast<std::size_t>(d_ * m_ * (d_ + n * m_)) * waves <= most_entries_of_maps) {
     base_map_ = PackedMatrices(d_ * m_, d_, waves);
     rest_map_ = PackedMatrices(d_ * m_, n * m_, waves);
+    for (int e = 0; e < m_; ++e) {
+      resolvents_.emplace_back(d_, d_, waves);
+    }
+    base_Y_ = WaveRows(d_ * m_, waves);
+    right_ = base_Y_;
+    resolved_ = base_Y_;
   }
   inverse_.assign(static_cast<std::size_t>(m_), WaveRows(1, waves));
   if (m_ > 1) {
     left_ = WaveRows(d_ * m_, waves);
+    rate_ = WaveRows(m_, waves);
     refinement_ = left_;
   }
   y_ = grids::FieldSet(n * m_, nodes);
@@ -129,19 +144,20 @@ void GaussSlab::find_varying_fields() {
   }
 }
 
-/// L: the constant entries of S''; L̄: of the others their means, where these are finite.
-void GaussSlab::set_mean(const LatticeLevel& first) {
+/// L: the constant entries of S''; L̄: of the others the middle of their values, where these are finite.
+void GaussSlab::set_middle(const LatticeLevel& first) {
   grids::FieldSet at = first.fields;
   copy_level(first.fields, at_midpoints_, at);
-  whole_ = mean_hessian(system_, grid_, at);
+  whole_ = middle_hessian(system_, grid_, at);
   L_terms_ = terms_of(system_.constant_hessian());
-  Eigen::MatrixXd mean = Eigen::MatrixXd::Zero(static_cast<int>(F_.size()), static_cast<int>(F_.size()));
+  Eigen::MatrixXd middle = Eigen::MatrixXd::Zero(static_cast<int>(F_.size()), static_cast<int>(F_.size()));
   for (std::size_t f = 0; f < F_.size(); ++f) {
     for (std::size_t g = 0; g < F_.size(); ++g) {
-      mean(static_cast<int>(f), static_cast<int>(g)) = whole_(F_[f], F_[g]) - system_.constant_hessian()(F_[f], F_[g]);
+      middle(static_cast<int>(f), static_cast<int>(g)) =
+          whole_(F_[f], F_[g]) - system_.constant_hessian()(F_[f], F_[g]);
     }
   }
-  mean_terms_ = terms_of(mean);
+  middle_terms_ = terms_of(middle);
   whole_terms_ = terms_of(whole_);
 }
 
@@ -320,6 +336,9 @@ void GaussSlab::make_maps() {
   maps_h_ = h_;
   base_map_.clear();
   rest_map_.clear();
+  for (PackedMatrices& resolvent : resolvents_) {
+    resolvent.clear();
+  }
   for_each_wave_block(level_.waves(), [&](std::size_t begin, std::size_t end) {
     const std::size_t count = end - begin;
     WaveBlock entry;
@@ -331,6 +350,7 @@ void GaussSlab::make_maps() {
           }
           resolvent_->entry(r, c, eigenvalues_[e] / h_, inverse_[static_cast<std::size_t>(e)], begin, count, entry.re,
                             entry.im);
+          resolvents_[static_cast<std::size_t>(e)].add(r, c, 1.0, entry.re, entry.im, begin, count);
           const auto g = std::ranges::find(F_, c) - F_.begin();
           for (int i = 0; i < m_; ++i) {
             base_map_.add(r * m_ + i, c, V_(i, e) * ones_[e], entry.re, entry.im, begin, count);
@@ -369,10 +389,16 @@ void GaussSlab::invert(double h) {
   for_each_wave_block(level_.waves(), [&](std::size_t begin, std::size_t end) {
     const std::size_t count = end - begin;
     WaveBlock entry, of_base;
+    if (maps) {
+      base_map_.apply(base_, nullptr, begin, count, base_Y_);
+    }
     for (int f = 0; f < n; ++f) {
       const int row = F_[static_cast<std::size_t>(f)];
-      if (maps) {
-        base_map_.apply_to(row * m_, m_, base_, nullptr, varying(f, 0), begin, count, base_F_);
+      for (int i = 0; maps && i < m_; ++i) {
+        std::copy_n(std::as_const(base_Y_.re).field(row * m_ + i).data() + begin, count,
+                    base_F_.re.field(varying(f, i)).data() + begin);
+        std::copy_n(std::as_const(base_Y_.im).field(row * m_ + i).data() + begin, count,
+                    base_F_.im.field(varying(f, i)).data() + begin);
       }
       for (int e = 0; (anew || !maps) && e < m_; ++e) {
         of_base.clear(count);
@@ -454,14 +480,11 @@ GaussSlab::Correction GaussSlab::place_stages(std::span<const double> largest) {
 }
 
 /// rest_grid_ -= L̄ times rows as those of the stages.
-void GaussSlab::subtract_mean(std::span<const double* const> of) {
-  for (const MatrixTerm& term : mean_terms_) {
+void GaussSlab::subtract_middle(std::span<const double* const> of) {
+  for (const MatrixTerm& term : middle_terms_) {
     for (int i = 0; i < m_; ++i) {
-      const double* from = of[static_cast<std::size_t>(varying(term.column, i))];
-      const auto to = rest_grid_.field(varying(term.row, i));
-      for (std::size_t x = 0; x < to.size(); ++x) {
-        to[x] -= term.value * from[x];
-      }
+      subtract(term.value, of[static_cast<std::size_t>(varying(term.column, i))], grid_.size(),
+               rest_grid_.field(varying(term.row, i)).data());
     }
   }
 }
@@ -485,12 +508,12 @@ void GaussSlab::evaluate_rests() {
     rest_gradient_(together ? static_cast<std::size_t>(m_) * grid_.size() : grid_.size(),
                    places_.after(std::span(in).first(n), inputs_), std::span(out).first(n));
   }
-  subtract_mean(std::as_const(y_).pointers());
+  subtract_middle(std::as_const(y_).pointers());
   points_F_.from_points(std::as_const(rest_grid_).pointers(), rest_);
 }
 
 Status GaussSlab::iterate_to_fixed_point(double accuracy, std::span<const double> largest) {
-  double last = std::numeric_limits<double>::infinity();
+  double last = std::numeric_limits<double>::infinity(), before_last = last;
   int idle = 0;
   for (int iteration = 0;; ++iteration) {
     std::swap(y_, y_last_);
@@ -507,10 +530,16 @@ Status GaussSlab::iterate_to_fixed_point(double accuracy, std::span<const double
       return iteration == 1 ? Status::undefined : Status::not_converged;
     }
     const double contraction = size / last;
-    last = size;
-    const bool done = size <= enough ||
-                      (iteration > 1 && contraction < 1.0 && contraction * size <= std::max(enough, 1e-3 * accuracy)) ||
-                      (size <= rounding && contraction > 0.5);
+    // Of two corrections on average: near the end each has rounding of its own.
+    const double on_average = std::isfinite(before_last) ? std::sqrt(size / before_last) : contraction;
+    before_last = std::exchange(last, size);
+    const double next = on_average * size;  // what the next correction would mend of the stages here; those of all
+                                            // fields, which are made of their rests, are that correction better
+    const bool done =
+        size <= enough ||
+        (iteration > 1 && on_average < 1.0 &&
+         (next <= std::max(enough, 1e-3 * accuracy) || (next <= enough_at_stages && on_average * next <= enough))) ||
+        (size <= rounding && contraction > 0.5);
     if (!refined_ && (done || size <= refined_at)) {
       refine();
     } else if (done) {
@@ -664,7 +693,7 @@ void GaussSlab::rests_at_end(WaveRows& rests) {
   end_rows();
   rests.re.copy_from(rest_.re);
   rests.im.copy_from(rest_.im);
-  for (const MatrixTerm& term : mean_terms_) {
+  for (const MatrixTerm& term : middle_terms_) {
     const int field = F_[static_cast<std::size_t>(term.column)];
     if (at_midpoints_[static_cast<std::size_t>(field)]) {
       continue;  // levels do not have it
@@ -809,7 +838,7 @@ void GaussSlab::restore(StateReader& state, WaveRows& rests) const {
 
 namespace {
 
-/// Made at the first step, which tells the mean of S''.
+/// Made at the first step, which tells the middle of S''.
 class GaussStages final : public StageSource {
 public:
   GaussStages(const MultisymplecticSystem& system, const grids::Grid& grid, int stages, SpaceRule space)

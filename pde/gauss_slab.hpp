@@ -37,7 +37,7 @@ namespace rubato {
 /// Levels and stages are given and told at the nodes; within, rows of waves are of the values at the points.
 /// A field in ker M has stage values alone, and so have constraints: they hold at the stages. S is taken apart into a
 /// quadratic part with constant coefficients L and the rest N, a function of the fields F that S'' varies with; L̄ is
-/// the mean of N'' at the first level. Then
+/// a middle of the values of N'' at the first level (middle_hessian). Then
 ///
 ///     (A⁻¹/h ⊗ M + I ⊗ (Σ ik_a K_a - L - L̄)) Ŷ = [L - Σ ik_a K_a] ẑ_k + R̂,    R = N'(Z_F) - L̄ Y_F
 ///
@@ -56,7 +56,7 @@ namespace rubato {
 /// their equation's residual is taken with A⁻¹ in two parts, and what mends it is added from then on.
 class GaussSlab final : public StageSource {
 public:
-  /// `first`: a level of the run, for the mean of S''. \throws std::invalid_argument if stages are not 1 … 8, or as
+  /// `first`: a level of the run, for the middle of S''. \throws std::invalid_argument if stages are not 1 … 8, or as
   /// SpaceCollocation
   GaussSlab(const MultisymplecticSystem& system, const grids::Grid& grid, int stages, const LatticeLevel& first,
             SpaceRule space = {});
@@ -110,7 +110,7 @@ private:
   [[nodiscard]] bool has_mean() const;
   [[nodiscard]] double sum_of_waves(double here) const;
   void find_varying_fields();
-  void set_mean(const LatticeLevel& first);
+  void set_middle(const LatticeLevel& first);
   void compile_curvature();
   void evaluate_curvature(const grids::FieldSet& stages);
   void compile();
@@ -141,11 +141,12 @@ private:
   static constexpr double refined_at = 1e-6;
   void refine();
   void evaluate_left(std::size_t begin, std::size_t count);
+  void resolve_left();
   template <typename RightSide>
   void solve_on_waves(const RightSide& right_side, WaveRows& x);
   void end_rows();
   [[nodiscard]] double wave_energy(const WaveRows& rows, int stride, int offset) const;
-  void subtract_mean(std::span<const double* const> of);
+  void subtract_middle(std::span<const double* const> of);
   [[nodiscard]] double rest_energy(std::span<const double* const> fields);
   [[nodiscard]] int varying(int f, int i) const { return f * m_ + i; }
 
@@ -156,9 +157,9 @@ private:
   std::vector<bool> at_midpoints_;
   std::vector<int> F_;     ///< fields that S'' varies with, or whose ∂S/∂z_f names a coordinate
   Eigen::MatrixXd whole_;  ///< L + L̄
-  MatrixTerms M_, L_terms_, mean_terms_, whole_terms_;  ///< M, L, L̄ among F, L + L̄
-  Eigen::VectorXd linear_;                              ///< of S in the other fields
-  std::vector<MatrixTerms> K_, K_plus_;                 ///< per axis
+  MatrixTerms M_, L_terms_, middle_terms_, whole_terms_;  ///< M, L, L̄ among F, L + L̄
+  Eigen::VectorXd linear_;                                ///< of S in the other fields
+  std::vector<MatrixTerms> K_, K_plus_;                   ///< per axis
   formula::BatchEvaluator rest_gradient_, rest_value_;
   SpaceCollocation space_;
   PlacedCoordinates places_;
@@ -185,6 +186,8 @@ private:
   Eigen::VectorXcd ones_;  ///< V⁻¹ (1, …, 1)
   Eigen::VectorXd at_middle_;
   GaussTableau::Inverse a_inverse_;
+  std::vector<double> a_inverse_high_, a_inverse_low_;  ///< by rows
+  std::vector<std::complex<double>> V_by_rows_, V_inverse_by_rows_;
 
   std::optional<WaveResolvent> resolvent_;
   bool is_solvable_ = false;  ///< by the resolvents of all ranks
@@ -205,7 +208,10 @@ private:
   PackedMatrices transfer_;        ///< N' ↦ Y_F
   bool steady_ = false;
   double maps_h_ = 0.0;
-  PackedMatrices base_map_, rest_map_;  ///< b ↦ Y and N' ↦ Y, for steps of length maps_h_; empty on many waves
+  PackedMatrices base_map_, rest_map_;      ///< b ↦ Y and N' ↦ Y, for steps of length maps_h_; empty on many waves
+  std::vector<PackedMatrices> resolvents_;  ///< the resolvent at each eigenvalue, with these
+  WaveRows base_Y_;                         ///< what b makes of Y then, and what mends it
+  WaveRows rate_, right_, resolved_;        ///< see refine()
   WaveRows rest_, Y_F_, Y_, end_, scratch_;
   WaveRows left_, refinement_;  ///< of the equation of all stages, and what mends it; none with one stage
   bool refined_ = false;

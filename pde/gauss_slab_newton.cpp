@@ -92,7 +92,7 @@ void GaussSlab::apply_newton_matrix(const double* in, double* out) {
     rows[r] = in + r * grid_.size();
   }
   multiply_by_curvature(rows);
-  subtract_mean(rows);
+  subtract_middle(rows);
   points_F_.from_points(std::as_const(rest_grid_).pointers(), rest_);
   for_each_wave_block(level_.waves(), [&](std::size_t begin, std::size_t end) {
     transfer_.apply(rest_, nullptr, begin, end - begin, Y_F_);

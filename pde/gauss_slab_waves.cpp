@@ -15,7 +15,7 @@ void GaussSlab::complete() {
     return;
   }
   stages_of_rests();
-  if (refined_ && m_ > 1) {
+  if (refined_ && m_ > 1 && !by_maps()) {
     for (int row = 0; row < Y_.rows(); ++row) {
       add(1.0, std::as_const(refinement_.re).field(row).data(), std::as_const(refinement_.im).field(row).data(),
           Y_.waves(), Y_.re.field(row).data(), Y_.im.field(row).data());
@@ -26,8 +26,7 @@ void GaussSlab::complete() {
 void GaussSlab::stages_of_rests() {
   if (by_maps()) {
     for_each_wave_block(level_.waves(), [&](std::size_t begin, std::size_t end) {
-      base_map_.apply(base_, nullptr, begin, end - begin, Y_);
-      rest_map_.apply(rest_, &Y_, begin, end - begin, Y_);
+      rest_map_.apply(rest_, &base_Y_, begin, end - begin, Y_);
     });
     return;
   }
@@ -83,7 +82,6 @@ void GaussSlab::solve_on_waves(const RightSide& right_side, WaveRows& x) {
 void GaussSlab::evaluate_left(std::size_t begin, std::size_t count) {
   const auto re = [&](WaveRows& rows, int row) { return rows.re.field(row).data() + begin; };
   const auto im = [&](WaveRows& rows, int row) { return rows.im.field(row).data() + begin; };
-  WaveBlock rate;
   for (int i = 0; i < m_; ++i) {
     for (int c = 0; c < d_; ++c) {
       std::copy_n(re(base_, c), count, re(left_, c * m_ + i));
@@ -108,17 +106,58 @@ void GaussSlab::evaluate_left(std::size_t begin, std::size_t count) {
         }
       }
     }
+  }
+  const std::size_t waves = Y_.waves();
+  const Strided<double> rates = {rate_.re.all().data() + begin, rate_.im.all().data() + begin, waves};
+  for (int c = 0; c < d_; ++c) {
+    if (std::ranges::none_of(M_, [c](const MatrixTerm& term) { return term.column == c; })) {
+      continue;
+    }
+    const Strided<const double> of = {re(Y_, c * m_), im(Y_, c * m_), waves};
+    for (int i = 0; i < m_; ++i) {
+      std::fill_n(re(rate_, i), count, 0.0);
+      std::fill_n(im(rate_, i), count, 0.0);
+    }
+    add_mixed(m_, m_, a_inverse_high_.data(), of, count, rates);
+    add_mixed(m_, m_, a_inverse_low_.data(), of, count, rates);
     for (const MatrixTerm& term : M_) {
-      rate.clear(count);
-      for (int j = 0; j < m_; ++j) {
-        const int from = term.column * m_ + j;
-        add(a_inverse_.value(i, j), re(Y_, from), im(Y_, from), count, rate.re, rate.im);
-        add(a_inverse_.rest(i, j), re(Y_, from), im(Y_, from), count, rate.re, rate.im);
+      for (int i = 0; term.column == c && i < m_; ++i) {
+        const int to = term.row * m_ + i;
+        add(-term.value / h_, re(rate_, i), im(rate_, i), count, re(left_, to), im(left_, to));
       }
-      const int to = term.row * m_ + i;
-      add(-term.value / h_, rate.re, rate.im, count, re(left_, to), im(left_, to));
     }
   }
+}
+
+/// refinement_ = what solve_on_waves() makes of left_, by the resolvents of the maps.
+void GaussSlab::resolve_left() {
+  refinement_.re.fill(0.0);
+  refinement_.im.fill(0.0);
+  right_.re.fill(0.0);
+  right_.im.fill(0.0);
+  const std::size_t waves = level_.waves(), d = static_cast<std::size_t>(d_);
+  const auto from = [waves](const WaveRows& rows, std::size_t row, std::size_t begin, std::size_t stride) {
+    const std::size_t at = row * waves + begin;
+    return Strided<const double>{rows.re.all().data() + at, rows.im.all().data() + at, stride * waves};
+  };
+  const auto to = [waves](WaveRows& rows, std::size_t row, std::size_t begin, std::size_t stride) {
+    const std::size_t at = row * waves + begin;
+    return Strided<double>{rows.re.all().data() + at, rows.im.all().data() + at, stride * waves};
+  };
+  const auto m = static_cast<std::size_t>(m_);
+  for_each_wave_block(waves, [&](std::size_t begin, std::size_t end) {
+    const std::size_t count = end - begin;
+    for (std::size_t c = 0; c < d; ++c) {
+      add_mixed(m_, m_, V_inverse_by_rows_.data(), from(left_, c * m, begin, 1), count, to(right_, c, begin, d));
+    }
+    for (int e = 0; e < m_; ++e) {
+      resolvents_[static_cast<std::size_t>(e)].apply_to(0, d_, right_, nullptr, e * d_, begin, count, resolved_,
+                                                        e * d_);
+    }
+    for (std::size_t r = 0; r < d; ++r) {
+      add_mixed(m_, m_, V_by_rows_.data(), from(resolved_, r, begin, d), count, to(refinement_, r * m, begin, 1));
+    }
+  });
 }
 
 /// What the stages of these rests lack, which is the same for others near by.
@@ -135,7 +174,15 @@ void GaussSlab::refine() {
           std::as_const(left_.im).field(c * m_ + j).data() + begin, count, right.re, right.im);
     }
   };
-  solve_on_waves(right_side, refinement_);
+  if (by_maps()) {
+    resolve_left();
+    for (int row = 0; row < base_Y_.rows(); ++row) {
+      add(1.0, std::as_const(refinement_.re).field(row).data(), std::as_const(refinement_.im).field(row).data(),
+          base_Y_.waves(), base_Y_.re.field(row).data(), base_Y_.im.field(row).data());
+    }
+  } else {
+    solve_on_waves(right_side, refinement_);
+  }
   for (int f = 0; f < static_cast<int>(F_.size()); ++f) {
     for (int i = 0; i < m_; ++i) {
       const int row = F_[static_cast<std::size_t>(f)] * m_ + i;

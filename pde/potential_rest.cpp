@@ -36,12 +36,16 @@ PotentialRest rest_of_potential(const MultisymplecticSystem& system, const Eigen
   return rest;
 }
 
-Eigen::MatrixXd mean_hessian(const MultisymplecticSystem& system, const grids::Grid& grid,
-                             const grids::FieldSet& fields) {
-  Eigen::MatrixXd mean = system.constant_hessian();
+namespace {
+
+/// S'' with one value of each varying entry for all nodes: what `value_of` makes of its values there.
+template <typename ValueOf>
+Eigen::MatrixXd constant_in_space(const MultisymplecticSystem& system, const grids::Grid& grid,
+                                  const grids::FieldSet& fields, const ValueOf& value_of) {
+  Eigen::MatrixXd hessian = system.constant_hessian();
   const auto& entries = system.varying_hessian();
   if (entries.empty()) {
-    return mean;
+    return hessian;
   }
   const int first = 1 + system.field_count();
   grids::FieldSet outputs(first + static_cast<int>(entries.size()), grid.size());
@@ -49,12 +53,35 @@ Eigen::MatrixXd mean_hessian(const MultisymplecticSystem& system, const grids::G
   formula::BatchEvaluator evaluate(system.hessian_code());
   evaluate(grid.size(), places.after(fields.pointers()), outputs.pointers());
   for (std::size_t e = 0; e < entries.size(); ++e) {
-    const double entry = grids::sum(std::as_const(outputs).field(first + static_cast<int>(e))) /
-                         static_cast<double>(grids::whole_count(grid.size()));
-    mean(entries[e].row, entries[e].column) = mean(entries[e].column, entries[e].row) =
+    const double entry = value_of(std::as_const(outputs).field(first + static_cast<int>(e)));
+    hessian(entries[e].row, entries[e].column) = hessian(entries[e].column, entries[e].row) =
         std::isfinite(entry) ? entry : 0.0;
   }
-  return mean;
+  return hessian;
+}
+
+}  // namespace
+
+Eigen::MatrixXd mean_hessian(const MultisymplecticSystem& system, const grids::Grid& grid,
+                             const grids::FieldSet& fields) {
+  return constant_in_space(system, grid, fields, [](std::span<const double> values) {
+    return grids::sum(values) / static_cast<double>(grids::whole_count(values.size()));
+  });
+}
+
+Eigen::MatrixXd middle_hessian(const MultisymplecticSystem& system, const grids::Grid& grid,
+                               const grids::FieldSet& fields) {
+  return constant_in_space(system, grid, fields, [](std::span<const double> values) {
+    const auto count = static_cast<double>(grids::whole_count(values.size()));
+    const double mean = grids::sum(values) / count;
+    const auto mean_of = [&](auto&& of) {
+      return grids::sum_of(values.size(), [&](std::size_t i) { return of(values[i] - mean); }) / count;
+    };
+    const double square = mean_of([](double v) { return v * v; }), cube = mean_of([](double v) { return v * v * v; });
+    // Σ (v - mean - δ)³ = 0: δ³ + 3 σ² δ = <(v - mean)³>, whose one real root is 2σ sinh(t), sinh 3t = <…>/(2σ³).
+    const double sigma = std::sqrt(square);
+    return sigma > 0.0 ? mean + 2.0 * sigma * std::sinh(std::asinh(0.5 * cube / (square * sigma)) / 3.0) : mean;
+  });
 }
 
 bool is_in_rest(const MultisymplecticSystem& system, int field) {

@@ -28,6 +28,13 @@ struct PotentialRest {
 /// `fields`: of a level, without what it does not have.
 [[nodiscard]] Eigen::MatrixXd mean_hessian(const MultisymplecticSystem& system, const grids::Grid& grid,
                                            const grids::FieldSet& fields);
+/// The same with the value of each entry that the fourth powers of the differences from it are least with: between the
+/// mean and the middle of its range. An iteration with the exact inverse T of the linear part contracts by
+/// |T (S'' - L̄)|, which is at most |T|_p |S'' - L̄|_p for every p >= 2, T a function of the waves and S'' of the places
+/// (the inequality of Kato, Seiler and Simon): the mean is best for p = 2, that is where T singles few waves out, the
+/// middle for p = ∞, where T is about the same for many.
+[[nodiscard]] Eigen::MatrixXd middle_hessian(const MultisymplecticSystem& system, const grids::Grid& grid,
+                                             const grids::FieldSet& fields);
 
 /// Whether S beyond ½ zᵀLz depends on a field: S'' varies with it, or ∂S/∂z_f names a coordinate.
 [[nodiscard]] bool is_in_rest(const MultisymplecticSystem& system, int field);

@@ -105,6 +105,8 @@ RUBATO_WIDE_VECTORS void apply_packed(int rows, int columns, const double* entri
       const int some = std::min(rows_at_once, wanted - r);
       if (here == lanes) {
         apply_some(some, rows, columns, own, at, lanes);
+      } else if (here == 1) {
+        apply_some(some, rows, columns, own, at, 1);  // the last wave of lines of 16 n nodes
       } else {
         apply_some(some, rows, columns, own, at, here);
       }
@@ -147,6 +149,67 @@ template <int R>
   }
 }
 
+[[gnu::always_inline]] inline void add_weighted(double weight, const EightLanes& x_re, const EightLanes& x_im,
+                                                EightLanes& re, EightLanes& im) {
+  re += weight * x_re;
+  im += weight * x_im;
+}
+[[gnu::always_inline]] inline void add_weighted(const std::complex<double>& weight, const EightLanes& x_re,
+                                                const EightLanes& x_im, EightLanes& re, EightLanes& im) {
+  re += weight.real() * x_re - weight.imag() * x_im;
+  im += weight.real() * x_im + weight.imag() * x_re;
+}
+
+/// R rows of a mixture on one block.
+template <int R, typename Weight>
+[[gnu::always_inline]] inline void add_mixed_block(int columns, const Weight* weights, const Strided<const double>& x,
+                                                   std::size_t count, const Strided<double>& y) {
+  EightLanes re[R], im[R], x_re, x_im;
+  for (int r = 0; r < R; ++r) {
+    take(y.re + static_cast<std::size_t>(r) * y.stride, count, re[r]);
+    take(y.im + static_cast<std::size_t>(r) * y.stride, count, im[r]);
+  }
+  for (int c = 0; c < columns; ++c) {
+    take(x.re + static_cast<std::size_t>(c) * x.stride, count, x_re);
+    take(x.im + static_cast<std::size_t>(c) * x.stride, count, x_im);
+    for (int r = 0; r < R; ++r) {
+      add_weighted(weights[r * columns + c], x_re, x_im, re[r], im[r]);
+    }
+  }
+  for (int r = 0; r < R; ++r) {
+    give(re[r], count, y.re + static_cast<std::size_t>(r) * y.stride);
+    give(im[r], count, y.im + static_cast<std::size_t>(r) * y.stride);
+  }
+}
+
+template <typename Weight>
+[[gnu::always_inline]] inline void add_mixed_rows(int rows, int columns, const Weight* weights, Strided<const double> x,
+                                                  std::size_t count, Strided<double> y) {
+  constexpr int some = 4;
+  for (std::size_t w = 0; w < count; w += lanes) {
+    const std::size_t here = std::min(lanes, count - w);
+    const Strided<const double> from = {x.re + w, x.im + w, x.stride};
+    for (int r = 0; r < rows;) {
+      const Strided<double> to = {y.re + static_cast<std::size_t>(r) * y.stride + w,
+                                  y.im + static_cast<std::size_t>(r) * y.stride + w, y.stride};
+      const Weight* own = weights + r * columns;
+      if (r + some <= rows && here == lanes) {
+        add_mixed_block<some>(columns, own, from, lanes, to);
+        r += some;
+      } else if (here == lanes) {
+        add_mixed_block<1>(columns, own, from, lanes, to);
+        ++r;
+      } else if (here == 1) {
+        add_mixed_block<1>(columns, own, from, 1, to);
+        ++r;
+      } else {
+        add_mixed_block<1>(columns, own, from, here, to);
+        ++r;
+      }
+    }
+  }
+}
+
 }  // namespace
 
 PackedMatrices::PackedMatrices(int rows, int columns, std::size_t waves)
@@ -168,13 +231,15 @@ void PackedMatrices::add(int row, int column, std::complex<double> value, const 
 }
 
 void PackedMatrices::apply_to(int first, int count_of_rows, const WaveRows& x, const WaveRows* base, int to,
-                              std::size_t begin, std::size_t count, WaveRows& y) const {
+                              std::size_t begin, std::size_t count, WaveRows& y, int from) const {
   const std::size_t stride = y.waves(), offset = static_cast<std::size_t>(to) * stride;
-  apply_packed(rows_, columns_, entries_.data(), first, count_of_rows,
-               {x.re.all().data(), x.im.all().data(), base == nullptr ? nullptr : base->re.all().data() + offset,
-                base == nullptr ? nullptr : base->im.all().data() + offset, y.re.all().data() + offset,
-                y.im.all().data() + offset, stride},
-               begin, count);
+  const std::size_t start = static_cast<std::size_t>(from) * stride;
+  apply_packed(
+      rows_, columns_, entries_.data(), first, count_of_rows,
+      {x.re.all().data() + start, x.im.all().data() + start, base == nullptr ? nullptr : base->re.all().data() + offset,
+       base == nullptr ? nullptr : base->im.all().data() + offset, y.re.all().data() + offset,
+       y.im.all().data() + offset, stride},
+      begin, count);
 }
 
 RUBATO_WIDE_VECTORS void mix(int rows, int columns, const double* weights, const double* x, std::size_t count,
@@ -188,6 +253,25 @@ RUBATO_WIDE_VECTORS void mix(int rows, int columns, const double* weights, const
     for (; r < rows; ++r) {
       mix_rows<1>(columns, weights + r * columns, x + i, count, here, y + static_cast<std::size_t>(r) * count + i);
     }
+  }
+}
+
+RUBATO_WIDE_VECTORS void add_mixed(int rows, int columns, const double* weights, Strided<const double> x,
+                                   std::size_t count, Strided<double> y) {
+  add_mixed_rows(rows, columns, weights, x, count, y);
+}
+RUBATO_WIDE_VECTORS void add_mixed(int rows, int columns, const std::complex<double>* weights, Strided<const double> x,
+                                   std::size_t count, Strided<double> y) {
+  add_mixed_rows(rows, columns, weights, x, count, y);
+}
+
+RUBATO_WIDE_VECTORS void subtract(double value, const double* x, std::size_t count, double* out) {
+  EightLanes from, to;
+  for (std::size_t i = 0; i < count; i += lanes) {
+    const std::size_t here = std::min(lanes, count - i);
+    take(x + i, here, from);
+    take(out + i, here, to);
+    give(to - value * from, here, out + i);
   }
 }
 

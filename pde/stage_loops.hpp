@@ -27,9 +27,10 @@ public:
   void apply(const WaveRows& x, const WaveRows* base, std::size_t begin, std::size_t count, WaveRows& y) const {
     apply_to(0, rows_, x, base, 0, begin, count, y);
   }
-  /// Rows [first, first + count_of_rows) of that, into those of y (and from those of base) that begin with `to`.
+  /// Rows [first, first + count_of_rows) of that, into those of y (and from those of base) that begin with `to`; of x
+  /// those that begin with `from`.
   void apply_to(int first, int count_of_rows, const WaveRows& x, const WaveRows* base, int to, std::size_t begin,
-                std::size_t count, WaveRows& y) const;
+                std::size_t count, WaveRows& y, int from = 0) const;
 
 private:
   int rows_ = 0, columns_ = 0;
@@ -38,6 +39,23 @@ private:
 
 /// y_i = Σ_j weights[i·columns + j] x_j, i < rows, for arrays of `count` numbers one after the other.
 void mix(int rows, int columns, const double* weights, const double* x, std::size_t count, double* y);
+
+/// Rows that are `stride` from one to the next.
+template <typename Number>
+struct Strided {
+  Number* re;
+  Number* im;
+  std::size_t stride;
+};
+/// y_i += Σ_j weights[i·columns + j] x_j, i < rows, `count` waves of each row.
+///@{
+void add_mixed(int rows, int columns, const double* weights, Strided<const double> x, std::size_t count,
+               Strided<double> y);
+void add_mixed(int rows, int columns, const std::complex<double>* weights, Strided<const double> x, std::size_t count,
+               Strided<double> y);
+///@}
+/// out -= value·x.
+void subtract(double value, const double* x, std::size_t count, double* out);
 
 /// The largest |y| and |y - last| of what was placed; NaN with a value that is not finite.
 struct StageSizes {

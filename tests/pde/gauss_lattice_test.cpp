@@ -1,6 +1,8 @@
 // Gauss collocation in time on spectral lattices: against the midpoint scheme, by slopes, and by its own laws.
 
+#include <algorithm>
 #include <cmath>
+#include <complex>
 #include <memory>
 #include <string>
 #include <vector>
@@ -11,6 +13,8 @@
 #include <rubato/pde/cell_sweep.hpp>
 #include <rubato/pde/gauss_slab.hpp>
 #include <rubato/pde/lattice.hpp>
+#include <rubato/pde/potential_rest.hpp>
+#include <rubato/pde/stage_loops.hpp>
 
 #include "humps.hpp"
 #include "kept_energy.hpp"
@@ -198,5 +202,90 @@ TEST_CASE("local laws of Gauss collocation fall as the order of the scheme says"
     }
     INFO(stages << " stages: " << worst[0] << ", " << worst[1] << ", " << worst[2]);
     CHECK(std::log2(worst[1] / worst[2]) == Approx(2.0 * stages).margin(0.5));
+  }
+}
+
+TEST_CASE("the middle of S'' leaves the least sum of fourth powers") {
+  // Σ (v - c)³ = 0 there, of numbers of both signs up to 24: rounding of each is some ε of the largest cube.
+  for (const std::string& V : {std::string("u^4/4"), std::string("-u^4/4"), std::string("u^2/2")}) {
+    INFO(V);
+    const MultisymplecticSystem system = wave_equation(V);
+    const grids::Grid grid({{"x", -8.0, 8.0, 57}});
+    grids::FieldSet z(3, grid.size());
+    const auto u = sampled(grid, [](double x) { return 2.0 * sech(x); });
+    std::copy(u.begin(), u.end(), z.field(0).begin());
+    const auto cubes = [&](double c) {
+      double sum = 0.0, sizes = 0.0;
+      for (const double value : u) {
+        const double v = V == "u^2/2" ? 1.0 : (V[0] == '-' ? -3.0 : 3.0) * value * value;
+        sum += std::pow(v - c, 3);
+        sizes += std::pow(std::abs(v - c), 3);
+      }
+      return sizes == 0.0 ? 0.0 : sum / sizes;
+    };
+    CHECK(std::abs(cubes(middle_hessian(system, grid, z)(0, 0))) < 1e-13);
+    if (V != "u^2/2") {  // the twin: the mean does not
+      CHECK(std::abs(cubes(mean_hessian(system, grid, z)(0, 0))) > 0.1);
+    }
+  }
+}
+
+TEST_CASE("loops over stages do what their sums say, however many waves are left over") {
+  // The same products and sums in the same order: bit by bit.
+  constexpr std::size_t waves = 29;
+  constexpr int rows = 6, columns = 5;
+  WaveRows x(columns, waves), y(rows, waves), base(rows, waves);
+  std::vector<std::complex<double>> weights;
+  PackedMatrices matrices(rows, columns, waves);
+  const auto number = [](int i, std::size_t w) { return std::sin(1.7 * i + 0.3 * static_cast<double>(w)); };
+  for (int c = 0; c < columns; ++c) {
+    for (std::size_t w = 0; w < waves; ++w) {
+      x.re.field(c)[w] = number(c, w);
+      x.im.field(c)[w] = number(c + 20, w);
+    }
+  }
+  std::vector<double> one(waves, 1.0), none(waves, 0.0);
+  for (int r = 0; r < rows; ++r) {
+    for (std::size_t w = 0; w < waves; ++w) {
+      base.re.field(r)[w] = number(r + 40, w);
+      base.im.field(r)[w] = number(r + 60, w);
+    }
+    for (int c = 0; c < columns; ++c) {
+      weights.emplace_back(number(r, 3 * c), number(c, 7 * r));
+      matrices.add(r, c, weights.back(), one.data(), none.data(), 0, waves);
+    }
+  }
+  const auto expected = [&](int r, std::size_t w, bool conjugate) {
+    std::complex<double> sum(base.re.field(r)[w], base.im.field(r)[w]);
+    for (int c = 0; c < columns; ++c) {
+      const double a = weights[r * columns + c].real(), b = (conjugate ? -1.0 : 1.0) * weights[r * columns + c].imag();
+      const double p = x.re.field(c)[w], q = x.im.field(c)[w];
+      sum = {sum.real() + (a * p - b * q), sum.imag() + (a * q + b * p)};
+    }
+    return sum;
+  };
+  for (const std::size_t count : {1, 7, 8, 9, 16, 21, 29}) {
+    for (const bool packed : {false, true}) {
+      INFO(count << (packed ? " waves, matrices" : " waves, weights"));
+      y.re.copy_from(base.re);
+      y.im.copy_from(base.im);
+      if (packed) {
+        matrices.apply(x, &base, 0, count, y);
+      } else {
+        add_mixed(rows, columns, weights.data(), {x.re.all().data(), x.im.all().data(), waves}, count,
+                  {y.re.all().data(), y.im.all().data(), waves});
+      }
+      int off = 0, off_of_twin = 0;
+      for (int r = 0; r < rows; ++r) {
+        for (std::size_t w = 0; w < waves; ++w) {
+          const std::complex<double> found(y.re.field(r)[w], y.im.field(r)[w]);
+          const std::complex<double> before(base.re.field(r)[w], base.im.field(r)[w]);
+          off += found != (w < count ? expected(r, w, false) : before);
+          off_of_twin += found != (w < count ? expected(r, w, true) : before);
+        }
+      }
+      CHECK(off == 0);
+      CHECK(off_of_twin > 0);
+    }
   }
 }
