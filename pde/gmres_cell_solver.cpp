@@ -157,13 +157,7 @@ private:
         }
       }
       std::ranges::transform(sums, totals.begin(), [](const CompensatedSum& sum) { return sum.value(); });
-      if (const grids::Slab* const slab = waves.shared()) {
-        std::vector<grids::DigitSum> of_ranks(lines / grid_.cells(grid_.dimensions() - 1));
-        for (std::size_t group = 0; group < of_ranks.size(); ++group) {
-          of_ranks[group].add(std::span(&totals[group], 1));
-        }
-        slab->reduce(of_ranks, std::span(totals).first(of_ranks.size()), {});
-      }
+      waves.add_ranks(totals, 1);
       for (std::size_t line = 0; line < lines; ++line) {
         means[b * lines + line] = totals[waves.group_of(line)] / static_cast<double>(waves.members());
       }

@@ -205,6 +205,7 @@ public:
       }
       double change = 0.0;
       double scale = 0.0;
+      grids::refresh_ghosts(correction_);
       for (int u = 0; u < size_; ++u) {
         const auto values = level.fields.field(plan_.unknowns[static_cast<std::size_t>(u)]);
         const auto correction = correction_.field(u);
@@ -238,10 +239,10 @@ private:
       double& sum = terms[static_cast<std::size_t>(row)];
       for (int f = 0; f < system_.field_count(); ++f) {
         const double value = grids::max_abs(level.fields.field(f));
-        const std::vector<double>& slopes = level.slopes.of_field[static_cast<std::size_t>(f)];
+        const double largest_slope = largest_of(level.slopes.of_field[static_cast<std::size_t>(f)]);
         sum += std::abs(system_.constant_hessian()(row, f)) * value;
         for (int a = 0; a < system_.directions(); ++a) {
-          const double slope = a == 0 && !slopes.empty() ? grids::max_abs(slopes) : 0.0;
+          const double slope = a == 0 ? largest_slope : 0.0;
           sum += std::abs(system_.K(a)(row, f)) * (2.0 / grid_.spacing(a) * value + slope);
         }
       }
@@ -265,6 +266,16 @@ private:
       }
     }
     return true;
+  }
+
+  /// max |slope| of all lines.
+  [[nodiscard]] double largest_of(const std::vector<double>& slopes) const {
+    double largest = 0.0;
+    for (const double slope : slopes) {
+      largest = std::max(largest, std::abs(slope));
+    }
+    const grids::Slab* const slab = slopes.empty() ? nullptr : grids::Slab::of(grid_);
+    return slab == nullptr ? largest : slab->largest_over_ranks(largest);
   }
 
   void add_entries(int row, int column, const double* values) {
@@ -309,29 +320,30 @@ private:
 /// What of a given field was taken off as a sawtooth, if it was more than truncation error.
 std::optional<std::string> sawtooth_caution(const grids::Grid& grid, const std::string& field,
                                             const std::vector<double>& given, std::span<const double> used) {
-  double taken = 0.0;
-  for (std::size_t i = 0; i < given.size(); ++i) {
-    taken = std::max(taken, std::abs(given[i] - used[i]));
-  }
+  const double taken = grids::max_abs_difference(given, used);
   if (taken == 0.0) {
     return std::nullopt;
   }
+  const grids::Grid& whole = grids::whole_of(grid);
   double second = 0.0;
   for (int a = 0; a < grid.dimensions(); ++a) {
-    std::vector<double> line(grid.cells(a));
-    for (const grids::Line& at : grids::lines_along(grid, a)) {
-      at.read(given.data(), line);
+    std::vector<double> line(whole.cells(a));
+    grids::for_each_line(grid, a, given, [&](const double* values, const grids::Line& at, std::size_t) {
+      at.read(values, line);
       for (std::size_t i = 0, n = line.size(); i < n; ++i) {
         second = std::max(second, std::abs(line[(i + n - 1) % n] - 2.0 * line[i] + line[(i + 1) % n]));
       }
-    }
+    });
+  }
+  if (const grids::Slab* const slab = grids::Slab::of(grid)) {
+    second = slab->largest_over_ranks(second);
   }
   // Half of the roughest place would be the sawtooth, whose second difference is four times its amplitude.
   if (4.0 * taken <= 0.5 * second) {
     return std::nullopt;
   }
   std::vector<std::string> cells;
-  for (const grids::Axis& axis : grid.axes()) {
+  for (const grids::Axis& axis : whole.axes()) {
     if (axis.cells % 2 == 0) {
       cells.push_back(fmt::format("{} = {}", axis.name, grids::good_odd_count(axis.cells)));
     }
@@ -448,6 +460,21 @@ InitialLevel prepare_initial_level(const MultisymplecticSystem& system, const gr
   }
   auto cautions = find_cautions(system, grid, given, plan.unknowns, level);
   return {std::move(level), std::move(cautions)};
+}
+
+bool determines_no_given_field(const MultisymplecticSystem& system, const std::vector<bool>& given) {
+  InitialFields fields(given.size());
+  for (std::size_t f = 0; f < given.size(); ++f) {
+    if (given[f]) {
+      fields[f].emplace();
+    }
+  }
+  try {
+    const Plan plan = make_plan(system, fields);
+    return std::ranges::none_of(plan.unknowns, [&](int f) { return given[static_cast<std::size_t>(f)]; });
+  } catch (const std::invalid_argument&) {
+    return false;  // fields are missing
+  }
 }
 
 InitialLevel prepare_determined_level(const MultisymplecticSystem& system, const grids::Grid& grid,

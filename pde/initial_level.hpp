@@ -55,9 +55,14 @@ struct InitialLevel {
                                                  const InitialFields& given,
                                                  Collocation collocation = Collocation::cells);
 
-/// The same where constraints determine the algebraic fields, of which none is given, from all others: `determine` sets
-/// them, at each of the ranks that share a lattice in its part.
-/// \throws std::invalid_argument if another field is missing
+/// Whether no field is missing, and none given that prepare_initial_level() computes and compares with what is given:
+/// then ranks that share a lattice (of more than one dimension, without Collocation::corners) may each call that with
+/// what is given in their parts.
+[[nodiscard]] bool determines_no_given_field(const MultisymplecticSystem& system, const std::vector<bool>& given);
+
+/// As prepare_initial_level() where constraints determine the algebraic fields, none of which is given, from all
+/// others: `determine` sets them, at each of the ranks that share a lattice in its part. \throws std::invalid_argument
+/// if another field is missing
 [[nodiscard]] InitialLevel prepare_determined_level(const MultisymplecticSystem& system, const grids::Grid& grid,
                                                     const InitialFields& given,
                                                     const std::function<void(LatticeLevel&)>& determine);

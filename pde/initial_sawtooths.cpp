@@ -7,6 +7,7 @@
 
 #include <rubato/base/limits.hpp>
 #include <rubato/grids/reductions.hpp>
+#include <rubato/grids/whole.hpp>
 #include <rubato/pde/still_waves.hpp>
 #include <rubato/pde/tuning.hpp>
 #include <rubato/solve/small_matrices.hpp>
@@ -65,7 +66,7 @@ private:
     for (std::size_t e = 0; e < system_.varying_hessian().size(); ++e) {
       const auto [row, column] = system_.varying_hessian()[e];
       hessian(row, column) = hessian(column, row) =
-          grids::sum(hessian_.field(static_cast<int>(e))) / static_cast<double>(grid_.size());
+          grids::sum(hessian_.field(static_cast<int>(e))) / static_cast<double>(grids::whole_of(grid_).size());
     }
     MatrixXd result = solve::product(hessian, left_);
     for (Index f = 0; f < result.rows(); ++f) {
@@ -78,11 +79,14 @@ private:
     return result;
   }
 
-  /// Calls visit(node, group, sign) for every node.
+  /// Calls visit(node, group, sign) for every node; of those of other ranks for none.
   template <typename Visit>
   void for_each_node(unsigned pattern, const Visit& visit) const {
     const double next = StillWaves::alternates_along_x(pattern) ? -1.0 : 1.0;
     for (std::size_t line = 0; line < lines_; ++line) {
+      if (!waves_.owns(line)) {
+        continue;
+      }
       double sign = waves_.sign_of(pattern, line);
       for (std::size_t i = 0; i < grid_.cells(0); ++i, sign *= next) {
         visit(line * grid_.cells(0) + i, static_cast<Index>(waves_.group_of(line)), sign);
@@ -94,18 +98,15 @@ private:
   bool step(LatticeLevel& level, unsigned pattern) {
     const MatrixXd slope = gradient();
     MatrixXd sums = MatrixXd::Zero(left_.cols(), static_cast<Index>(lines_));
-    VectorXd members = VectorXd::Zero(sums.cols());
     for_each_node(pattern, [&](std::size_t node, Index group, double sign) {
-      members[group] += 1.0;
       for (Index r = 0; r < left_.rows(); ++r) {
         for (Index b = 0; b < left_.cols(); ++b) {
           sums(b, group) += sign * left_(r, b) * std::as_const(residual_).field(static_cast<int>(r))[node];
         }
       }
     });
-    for (Index group = 0; group < sums.cols(); ++group) {
-      sums.col(group) /= std::max(members[group], 1.0);  // groups that lines do not reach are empty
-    }
+    waves_.add_ranks({sums.data(), static_cast<std::size_t>(sums.size())}, static_cast<std::size_t>(sums.rows()));
+    sums /= static_cast<double>(waves_.members());
     const auto amplitudes = solve::quotient(solve::product(slope.transpose(), slope), std::move(sums),
                                             epsilon * static_cast<double>(slope.cols()));
     if (!amplitudes) {
@@ -113,8 +114,13 @@ private:
     }
     const MatrixXd change = -solve::product(slope, *amplitudes);
     bool changed = false;
-    for (int f = 0; f < system_.field_count() && change.allFinite(); ++f) {
-      const double size = change.row(f).cwiseAbs().maxCoeff();
+    if (!grids::agreed_by_all(grid_, change.allFinite())) {
+      return false;
+    }
+    const grids::Slab* const slab = grids::Slab::of(grid_);
+    for (int f = 0; f < system_.field_count(); ++f) {
+      double size = change.row(f).cwiseAbs().maxCoeff();
+      size = slab == nullptr ? size : slab->largest_over_ranks(size);
       if (size <= no_amplitude * grids::max_abs(std::as_const(level.fields).field(f))) {
         continue;
       }

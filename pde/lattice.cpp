@@ -48,6 +48,7 @@ std::unique_ptr<LatticeScheme> make_scheme(const LatticeMethod& method, const Mu
   }
   if (options.initial_is_part) {
     options.slab->refresh(first.fields);
+    refresh_slopes(first.slopes, part_of(grid, options));
   } else if (options.slab != nullptr) {
     grids::FieldSet part(first.fields.fields(), options.slab->size());
     for (int f = 0; f < part.fields(); ++f) {

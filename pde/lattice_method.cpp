@@ -15,6 +15,15 @@ namespace rubato {
 #include <rubato/pde/schemes/registry.inc>
 #undef RUBATO_LATTICE_METHOD
 
+bool LatticeMethod::begins_in_parts(const MultisymplecticSystem& system, const std::vector<bool>& given) const {
+  for (std::size_t f = 0; f < given.size(); ++f) {
+    if (given[f] == system.structure().algebraic[f]) {
+      return false;
+    }
+  }
+  return true;
+}
+
 std::optional<LatticeMethod::OtherCount> LatticeMethod::other_count(std::size_t, int) const {
   return std::nullopt;
 }

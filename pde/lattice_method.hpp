@@ -77,8 +77,9 @@ public:
                                                        int /*ranks*/) const {
     return {};
   }
-  /// Whether first_level() is made by each rank of its part, where no field is given that others determine.
-  [[nodiscard]] virtual bool begins_in_parts() const { return false; }
+  /// Whether each rank makes first_level() of its part, where these fields are given: not where what is given has to
+  /// agree with what others determine, nor where fields are missing.
+  [[nodiscard]] virtual bool begins_in_parts(const MultisymplecticSystem& system, const std::vector<bool>& given) const;
   ///@}
 
   /// The discrete action that states the scheme; nothing for a family of maps that has its K in place of one (theory,

@@ -50,6 +50,19 @@ PotentialSlopes part_of(const PotentialSlopes& whole, const grids::Slab& slab) {
   return part;
 }
 
+void refresh_slopes(PotentialSlopes& slopes, const grids::Grid& grid) {
+  const grids::Slab* const slab = sharing(grid);
+  const std::size_t line = grid.cells(0);
+  for (std::vector<double>& lines : slopes.of_field) {
+    if (slab != nullptr && !lines.empty()) {
+      grids::FieldSet nodes(1, grid.size());
+      to_nodes(lines, line, nodes.field(0));
+      slab->refresh(nodes);
+      to_lines(nodes.field(0), line, lines);
+    }
+  }
+}
+
 bool has_slope(const PotentialSlopes& slopes, const grids::Grid& grid) {
   const auto any = [&](const auto& is_one) {
     return std::ranges::any_of(slopes.of_field, [&](const auto& lines) { return std::ranges::any_of(lines, is_one); });

@@ -11,6 +11,8 @@ namespace rubato {
 
 /// Those of this rank's part. Hypothesis: `whole` has those of all lines.
 [[nodiscard]] PotentialSlopes part_of(const PotentialSlopes& whole, const grids::Slab& slab);
+/// Renews those of ghosts; nothing for a thread without a slab.
+void refresh_slopes(PotentialSlopes& slopes, const grids::Grid& grid);
 /// Whether a line of the whole lattice has one that is not 0.
 [[nodiscard]] bool has_slope(const PotentialSlopes& slopes, const grids::Grid& grid);
 /// As grids::save_whole() and grids::restore_whole() do with fields: in a record those of all lines.

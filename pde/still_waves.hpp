@@ -2,6 +2,7 @@
 
 #include <array>
 #include <cstddef>
+#include <span>
 #include <vector>
 
 #include <rubato/grids/grid.hpp>
@@ -23,7 +24,7 @@ public:
   StillWaves(const grids::Grid& grid, Collocation collocation, const std::array<bool, 2>& free)
       : ny_(grid.cells(1)), free_(free), end_line_(grid.size() / grid.cells(0)) {
     const grids::Grid& whole = grids::whole_of(grid);
-    if (const grids::Slab* const slab = grids::Slab::of(grid)) {
+    if (const grids::Slab* const slab = grids::Slab::of(grid); slab != nullptr && grid.dimensions() > 1) {
       const auto across = static_cast<std::size_t>(grid.dimensions() - 1);
       const std::size_t plane = whole.stride(grid.dimensions() - 1);
       first_line_ = slab->first_node() / grid.cells(0);
@@ -34,7 +35,7 @@ public:
     }
     members_ = whole.size() / ((free[0] ? whole.cells(1) : 1) * (free[1] ? whole.cells(2) : 1));
     for (int a = 0; collocation == Collocation::nodes && a < grid.dimensions(); ++a) {
-      if (grids::whole_of(grid).cells(a) % 2 == 0 && !(a > 0 && free[static_cast<std::size_t>(a) - 1])) {
+      if (whole.cells(a) % 2 == 0 && !(a > 0 && free[static_cast<std::size_t>(a) - 1])) {
         for (std::size_t i = 0, count = patterns_.size(); i < count; ++i) {
           patterns_.push_back(patterns_[i] | 1U << static_cast<unsigned>(a));
         }
@@ -52,11 +53,20 @@ public:
     const std::size_t k = line / ny_;
     return (free_[0] ? j : 0) + (free_[1] ? k * (free_[0] ? ny_ : 1) : 0);
   }
-  /// How many nodes a group has, and the ranks over whose lines it goes; null for this one's alone.
-  ///@{
+  /// How many nodes a group has, of all ranks.
   [[nodiscard]] std::size_t members() const { return members_; }
-  [[nodiscard]] const grids::Slab* shared() const { return shared_; }
-  ///@}
+  /// Adds up what the ranks have over whose lines groups go: sums[group·numbers + i], of those of this rank.
+  void add_ranks(std::span<double> sums, std::size_t numbers) const {
+    if (shared_ == nullptr) {
+      return;
+    }
+    const auto some = sums.first(numbers * (free_[0] ? ny_ : 1));  // the groups of a plane
+    std::vector<grids::DigitSum> of_ranks(some.size());
+    for (std::size_t i = 0; i < some.size(); ++i) {
+      of_ranks[i].add(some.subspan(i, 1));
+    }
+    shared_->reduce(of_ranks, some, {});
+  }
   [[nodiscard]] bool owns(std::size_t line) const { return line >= first_line_ && line < end_line_; }
   /// The wave at the first node of that line.
   [[nodiscard]] double sign_of(unsigned pattern, std::size_t line) const {
@@ -71,7 +81,7 @@ private:
   std::size_t first_line_ = 0, end_line_;     ///< owned
   std::array<std::size_t, 2> first_plane_{};  ///< along y and z, of the grid's first
   std::size_t members_ = 0;
-  const grids::Slab* shared_ = nullptr;
+  const grids::Slab* shared_ = nullptr;  ///< of the ranks over whose lines groups go; null for this one's alone
   std::vector<unsigned> patterns_{0};
 };
 

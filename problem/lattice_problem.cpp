@@ -120,15 +120,13 @@ private:
   InitialFields values_;
 };
 
-/// Whether the ranks that share a lattice can make the first level of their parts each: not where what a user gave has
-/// to agree with what the constraints say, nor where other fields are missing.
+/// LatticeMethod::begins_in_parts() of what is given.
 bool begins_in_parts(const Problem& problem, const MultisymplecticSystem& system) {
-  const MultisymplecticProblem& pde = *problem.multisymplectic();
-  bool in_parts = make_method(problem)->begins_in_parts();
-  for (std::size_t f = 0; f < pde.fields.size(); ++f) {
-    in_parts = in_parts && pde.initial[f].has_value() != system.structure().algebraic[f];
+  std::vector<bool> given;
+  for (const auto& formula : problem.multisymplectic()->initial) {
+    given.push_back(formula.has_value());
   }
-  return in_parts;
+  return make_method(problem)->begins_in_parts(system, given);
 }
 
 /// Calls `make`; what the library refuses is wrong at `location`.

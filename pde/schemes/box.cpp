@@ -54,6 +54,10 @@ public:
     }
     return solve::cyclic_parts(box_unknowns(system, h), whole.cells(0), ranks).first_cells.front();
   }
+  [[nodiscard]] bool begins_in_parts(const MultisymplecticSystem& system,
+                                     const std::vector<bool>& given) const override {
+    return system.directions() > 1 && determines_no_given_field(system, given);
+  }
   [[nodiscard]] std::optional<LatticeAction> action(const MultisymplecticSystem& system) const override {
     return is_box() ? std::optional(box_action(system)) : std::nullopt;
   }

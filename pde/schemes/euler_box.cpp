@@ -119,7 +119,6 @@ public:
            "point and on every travelling wave, and with varying levels it drops to first order";
   }
   [[nodiscard]] bool has_midpoints() const override { return false; }
-  [[nodiscard]] bool begins_in_parts() const override { return true; }
   /// Laws read the currents of a neighbour, which reads its own; energies read one neighbour.
   [[nodiscard]] grids::Ghosts ghosts(const MultisymplecticSystem& system) const override {
     const EulerBoxMap::Halo halo = EulerBoxMap::halo(system);

@@ -24,6 +24,10 @@ public:
   [[nodiscard]] std::string_view not_shared_in(int dimensions) const override {
     return dimensions > 1 ? "" : "its transforms along a line take the whole of it";
   }
+  [[nodiscard]] bool begins_in_parts(const MultisymplecticSystem& system,
+                                     const std::vector<bool>& given) const override {
+    return system.directions() > 1 && determines_no_given_field(system, given);
+  }
   [[nodiscard]] InitialLevel first_level(const MultisymplecticSystem& system, const grids::Grid& grid,
                                          const InitialFields& given) const override {
     return prepare_initial_level(system, grid, given, Collocation::nodes);

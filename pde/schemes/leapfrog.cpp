@@ -412,7 +412,6 @@ private:
 class LeapfrogMethod final : public LatticeMethod {
 public:
   [[nodiscard]] bool has_bridges() const override { return false; }
-  [[nodiscard]] bool begins_in_parts() const override { return true; }
   /// Laws take the divergence of currents that are made of differences.
   [[nodiscard]] grids::Ghosts ghosts(const MultisymplecticSystem&) const override {
     constexpr std::size_t planes = 2 + LeapfrogMap::reach;

@@ -184,7 +184,6 @@ public:
   [[nodiscard]] std::optional<LatticeAction> action(const MultisymplecticSystem&) const override {
     return std::nullopt;
   }
-  [[nodiscard]] bool begins_in_parts() const override { return true; }
   [[nodiscard]] InitialLevel first_level(const MultisymplecticSystem& system, const grids::Grid& grid,
                                          const InitialFields& given) const override {
     const auto determine = [&](LatticeLevel& level) { determine_by_waves(system, grid, level); };
