@@ -1105,8 +1105,8 @@ TEST_CASE("what ranks send for a level of a scheme in Fourier space is transpose
     // Of u and of the flux of three laws, there and back; of u and b, for the size of the energy.
     CHECK(derivatives == 8.0 + 4.0 / 16.0);
   } else if (scheme == "midpoint") {
-    // Of each sweep its residual, of the three fields that are solved for, there; the solution, some of it more than once
-    // as the entries of S'' want, back; and three fields' derivatives.
+    // Of each sweep its residual, of the three fields that are solved for, there; the solution, some of it more than
+    // once as the entries of S'' want, back; and three fields' derivatives.
     CHECK(fields >= 6.0 * (many.sweeps - few.sweeps - 16.0) / 16.0);
     CHECK(derivatives >= 3.0 * (many.sweeps - few.sweeps) / 16.0);
   } else {
