@@ -78,12 +78,7 @@ Status EulerBoxMap::advance(double h, const grids::FieldSet& before, grids::Fiel
   for (const Kick& entry : kicks_) {
     row_of_gradient(entry.row);
     add_differences(entry.row, before);
-    if (is_renewed(entry.column)) {
-      grids::compute_and_refresh(after, std::span(&entry.column, 1), halo_.planes,
-                                 [&](std::size_t begin, std::size_t end) { kick(entry, h, after, begin, end); });
-    } else {
-      kick(entry, h, after, 0, grid_.size());
-    }
+    kick_and_renew(entry, h, after);
   }
   for (const LocalSolve& solve : solves_) {
     if (const Status status = run(solve, h, before, after); status != Status::success) {
@@ -101,7 +96,7 @@ Status EulerBoxMap::tangent(double h, const grids::FieldSet& before, const grids
   for (const Kick& entry : kicks_) {
     row_of_hessian(entry.row, u_before);
     add_differences(entry.row, u_before);
-    kick(entry, h, u_after, 0, grid_.size());
+    kick_and_renew(entry, h, u_after);
   }
   evaluate(after);
   for (const LocalSolve& solve : solves_) {
@@ -111,6 +106,7 @@ Status EulerBoxMap::tangent(double h, const grids::FieldSet& before, const grids
     if (!std::isfinite(grids::max_abs(row_.field(0)))) {
       return Status::undefined;
     }
+    renew(solve.field, u_after);
   }
   return Status::success;
 }
@@ -347,6 +343,16 @@ void EulerBoxMap::add_differences(int row, const grids::FieldSet& fields) {
 /// M₊[row, column] (z_{k+1} - z_k)_column = h row_.
 void EulerBoxMap::kick(const Kick& kick, double h, grids::FieldSet& fields, std::size_t begin, std::size_t end) const {
   add(h / kick.value, row_.field(0).subspan(begin, end - begin), fields.field(kick.column).subspan(begin, end - begin));
+}
+
+/// The same at all nodes, ghosts renewed.
+void EulerBoxMap::kick_and_renew(const Kick& entry, double h, grids::FieldSet& fields) const {
+  if (is_renewed(entry.column)) {
+    grids::compute_and_refresh(fields, std::span(&entry.column, 1), halo_.planes,
+                               [&](std::size_t begin, std::size_t end) { kick(entry, h, fields, begin, end); });
+  } else {
+    kick(entry, h, fields, 0, grid_.size());
+  }
 }
 
 /// One correction at every node to row_ + rate (z - z_before)/h = 0, in the one field, and into row_.

@@ -38,8 +38,8 @@ public:
 
   [[nodiscard]] int evaluations() const { return evaluations_; }  ///< of S and its derivatives, since construction
 
-  /// What a step makes of ghosts that are all right (grids::Slab): advance() renews those of the fields that go on from
-  /// level to level and that neighbours read, as far as they are wrong.
+  /// What a step makes of ghosts that are all right (grids::Slab): advance() and tangent() renew those of the fields
+  /// that go on from level to level and that neighbours read, as far as they are wrong.
   struct Halo {
     std::vector<int> renewed;
     std::size_t planes = 0;  ///< of them, the outer ones on each side
@@ -82,6 +82,7 @@ private:
   void row_of_hessian(int row, const grids::FieldSet& u);
   void add_differences(int row, const grids::FieldSet& fields);
   void kick(const Kick& kick, double h, grids::FieldSet& fields, std::size_t begin, std::size_t end) const;
+  void kick_and_renew(const Kick& entry, double h, grids::FieldSet& fields) const;
   void correct(const LocalSolve& solve, double h, const grids::FieldSet& before, grids::FieldSet& fields);
   [[nodiscard]] bool is_rounding(const LocalSolve& solve, double h, const grids::FieldSet& before,
                                  const grids::FieldSet& fields);

@@ -12,6 +12,7 @@
 #include <fmt/format.h>
 
 #include <rubato/grids/reductions.hpp>
+#include <rubato/grids/whole.hpp>
 #include <rubato/pde/family_lattice.hpp>
 #include <rubato/pde/gauss_slab.hpp>
 #include <rubato/pde/lattice_scheme.hpp>
@@ -183,7 +184,8 @@ public:
 
   Status operator()(const LatticeLevel& before, const LatticeLevel& after, double h, const grids::FieldSet& u_before,
                     grids::FieldSet& u_after) override {
-    if (!slab_ || h != h_ || !std::ranges::equal(std::as_const(before_).all(), before.fields.all())) {
+    if (!slab_ || h != h_ ||
+        !grids::agreed_by_all(grid_, std::ranges::equal(std::as_const(before_).all(), before.fields.all()))) {
       h_ = h;
       before_.copy_from(before.fields);
       const int count = static_cast<int>(stages_.size());

@@ -6,10 +6,13 @@
 #include <stdexcept>
 #include <utility>
 
+#include <rubato/grids/slab.hpp>
+#include <rubato/grids/whole.hpp>
 #include <rubato/pde/cell_solver.hpp>
 #include <rubato/pde/cell_sweep.hpp>
 #include <rubato/pde/euler_box_map.hpp>
 #include <rubato/pde/kernel_conditions.hpp>
+#include <rubato/solve/cyclic_parts.hpp>
 
 namespace rubato {
 
@@ -64,6 +67,7 @@ public:
         status != Status::success) {
       return status;
     }
+    grids::refresh_ghosts(middle);  // ranks have found what they own
     for (int f = 0; f < system.field_count(); ++f) {
       const auto u_0 = u_before.field(f);
       const auto u_1 = u_after.field(f);
@@ -127,6 +131,9 @@ private:
 std::unique_ptr<TangentStep> make_box_tangents(const MultisymplecticSystem& system, const grids::Grid& grid) {
   return std::make_unique<BoxTangents>(system, grid);
 }
+std::vector<std::size_t> box_tangent_parts(const MultisymplecticSystem& system, const grids::Grid& whole, int ranks) {
+  return solve::cyclic_parts(system.field_count(), whole.cells(0), ranks).first_cells.front();
+}
 std::unique_ptr<TangentStep> make_euler_box_tangents(const MultisymplecticSystem& system, const grids::Grid& grid) {
   return std::make_unique<EulerBoxTangents>(system, grid);
 }
@@ -138,6 +145,11 @@ grids::FieldSet random_tangent(const MultisymplecticSystem& system, const grids:
   std::uniform_real_distribution<double> phase(0.0, 2.0 * std::numbers::pi);
   std::uniform_int_distribution<int> wave(1, 3);
   grids::FieldSet tangent(system.field_count(), grid.size());
+  // Of a part of the lattice, the same numbers as at these nodes of the whole.
+  const grids::Grid& whole = grids::whole_of(grid);
+  const auto number = [&grid, &whole](int axis, std::size_t place) {
+    return (grid.axis(axis).first + place) % whole.cells(axis);
+  };
   for (int f = 0; f < system.field_count(); ++f) {
     for (int w = 0; w < waves; ++w) {
       const double a = amplitude(random);
@@ -151,7 +163,8 @@ grids::FieldSet random_tangent(const MultisymplecticSystem& system, const grids:
         double angle = shift;
         std::size_t rest = i;
         for (int axis = 0; axis < grid.dimensions(); ++axis) {
-          angle += k[axis] * static_cast<double>(rest % grid.cells(axis)) / static_cast<double>(grid.cells(axis));
+          angle += k[axis] * static_cast<double>(number(axis, rest % grid.cells(axis))) /
+                   static_cast<double>(whole.cells(axis));
           rest /= grid.cells(axis);
         }
         values[i] += a * std::sin(angle);
@@ -198,16 +211,16 @@ Status TangentPair::take(const LatticeLevel& before, const LatticeLevel& after, 
 void TangentPair::save(StateWriter& state) const {
   state.write(static_cast<double>(steps_));
   for (const Tangent* tangent : {&u_, &v_}) {
-    state.write(tangent->now.all());
-    state.write(tangent->earlier.all());
+    grids::save_whole(state, tangent->now);
+    grids::save_whole(state, tangent->earlier);
   }
 }
 
 void TangentPair::restore(StateReader& state) {
   state.read(steps_);
   for (Tangent* tangent : {&u_, &v_}) {
-    state.read(tangent->now.all());
-    state.read(tangent->earlier.all());
+    grids::restore_whole(state, tangent->now);
+    grids::restore_whole(state, tangent->earlier);
   }
   residual_.reset();
 }

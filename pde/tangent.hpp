@@ -34,6 +34,10 @@ public:
 /// Of the box: M D_t U + Σ K_a D_a Ū = S''(z̄)Ū in every cell.
 [[nodiscard]] std::unique_ptr<TangentStep> make_box_tangents(const MultisymplecticSystem& system,
                                                              const grids::Grid& grid);
+/// Where parts of ranks that share a line have to begin for box tangents, as LatticeMethod::parts(): they are solved
+/// for all fields, steps for fewer, and the chunks of the elimination are shorter where more than four are solved for.
+[[nodiscard]] std::vector<std::size_t> box_tangent_parts(const MultisymplecticSystem& system, const grids::Grid& whole,
+                                                         int ranks);
 /// Of Gauss collocation on cells: M U̇_i + Σ K_a ∂_a U_i = S''(Z_i)U_i at every point of every stage.
 [[nodiscard]] std::unique_ptr<TangentStep> make_gauss_tangents(const MultisymplecticSystem& system,
                                                                const grids::Grid& grid, int stages, SpaceRule space);

@@ -14,7 +14,6 @@
 
 #include <rubato/grids/reductions.hpp>
 #include <rubato/grids/whole.hpp>
-#include <rubato/pde/placed_coordinates.hpp>
 #include <rubato/pde/tuning.hpp>
 #include <rubato/solve/small_matrices.hpp>
 
@@ -270,7 +269,8 @@ std::vector<std::array<double, 3>> directions_of(int dimensions) {
 /// that a level does not have. Then the coordinates that S names.
 std::vector<std::vector<double>> states_of(const MultisymplecticSystem& system, const grids::Grid& grid,
                                            const LatticeLevel& level) {
-  const std::size_t nodes = grids::whole_of(grid).size();
+  const grids::Grid& whole = grids::whole_of(grid);
+  const std::size_t nodes = whole.size();
   std::set<std::size_t> samples;
   for (std::size_t s = 0; s < sample_states; ++s) {
     // Multiples of the golden mean: not in step with the grid's rows.
@@ -286,10 +286,9 @@ std::vector<std::vector<double>> states_of(const MultisymplecticSystem& system, 
       samples.insert({least, greatest});
     }
   }
-  const PlacedCoordinates places(system, grid, Within::node);
   const auto append_place = [&](std::size_t node, std::vector<double>& state) {
-    for (std::size_t c = 0; c < places.count(); ++c) {
-      state.push_back(places.value(c, node));
+    for (const int axis : system.coordinates()) {
+      state.push_back(whole.axis(axis).node(whole.place(node)[static_cast<std::size_t>(axis)]));
     }
   };
   append_place(nodes / 2, mean);

@@ -132,7 +132,7 @@ private:
     try {
       refuse_unshared(problem_, run);
       if (run.ranks != nullptr && run.ranks->size() > 1) {
-        leader_.emplace(*run.ranks, problem_, 0);
+        leader_.emplace(*run.ranks, problem_, 0, run.tangents);
       }
     } catch (const ProblemError&) {
       // Then rank 0 does it alone.

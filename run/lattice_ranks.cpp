@@ -43,20 +43,28 @@ std::string methods_to_share(int dimensions) {
   return fmt::format("{}", fmt::join(names, ", "));
 }
 
-grids::Ghosts ghosts_of(const Problem& problem) {
+grids::Ghosts ghosts_of(const Problem& problem, const MultisymplecticSystem& system) {
   try {
-    return make_method(problem)->ghosts(make_system(problem));
+    return make_method(problem)->ghosts(system);
   } catch (const std::invalid_argument& error) {
     throw ProblemError(problem.scheme.lagrangian_location, error.what());
   }
 }
 
-grids::Slab make_slab(ranks::Communicator& ranks, const Problem& problem) {
+grids::Slab make_slab(ranks::Communicator& ranks, const Problem& problem, bool tangents) {
   const grids::Grid whole = make_grid(problem, ranks.size());
-  const grids::Ghosts ghosts = ghosts_of(problem);
+  const MultisymplecticSystem system = make_system(problem);
+  const grids::Ghosts ghosts = ghosts_of(problem, system);
   try {
-    return {ranks, whole, ghosts,
-            make_method(problem)->parts(make_system(problem), whole, *problem.scheme.step, ranks.size())};
+    auto parts = make_method(problem)->parts(system, whole, *problem.scheme.step, ranks.size());
+    if (tangents && !parts.empty() && parts != box_tangent_parts(system, whole, ranks.size())) {
+      refuse_sharing(problem.scheme.lagrangian_location, ranks.size(),
+                     "tangent solutions (--tangents) are solved for more fields than steps are, in shorter chunks of "
+                     "cells, at which the parts of ranks do not end");
+    }
+    return {ranks, whole, ghosts, std::move(parts)};
+  } catch (const ProblemError&) {
+    throw;
   } catch (const std::invalid_argument& error) {
     throw ProblemError(problem.multisymplectic()->axes.back().location, error.what());
   }
@@ -72,11 +80,12 @@ Order take_order(const grids::Slab& slab) {
 /// What rank 0 orders, at another rank.
 class Follower {
 public:
-  Follower(const Problem& problem, const grids::Slab& slab) : problem_(problem), slab_(slab), sink_(slab, nullptr) {}
+  Follower(const Problem& problem, bool tangents, const grids::Slab& slab)
+      : problem_(problem), tangents_(tangents), slab_(slab), sink_(slab, nullptr) {}
 
   void carry_out(Order order) {
     if (order == Order::make) {
-      chronicle_ = std::make_unique<Chronicle>(problem_, false);
+      chronicle_ = std::make_unique<Chronicle>(problem_, tangents_);
       return;
     }
     if (chronicle_ == nullptr && order != Order::check) {
@@ -137,6 +146,7 @@ private:
   }
 
   const Problem& problem_;
+  bool tangents_;
   const grids::Slab& slab_;
   GatheringSink sink_;
   std::unique_ptr<Chronicle> chronicle_;
@@ -166,12 +176,6 @@ void refuse_unshared(const Problem& problem, const RunOptions& options) {
   if (pde->initial_record) {
     refuse_sharing(pde->initial_record->location, ranks, "initial data from a record are not shared");
   }
-  if (options.tangents) {
-    refuse_sharing(scheme, ranks, "tangent solutions (--tangents) are not shared");
-  }
-  if (pde->driven || !make_system(problem).coordinates().empty()) {
-    refuse_sharing(pde->S.location, ranks, "S names t or a coordinate");
-  }
   if (!problem.events.empty()) {
     refuse_sharing(scheme, ranks, "events and sections are not shared");
   }
@@ -181,13 +185,17 @@ void refuse_unshared(const Problem& problem, const RunOptions& options) {
   }
 }
 
-SharedLattice::SharedLattice(ranks::Communicator& ranks, const Problem& problem)
-    : slab_(make_slab(ranks, problem)), shared_(&slab_) {}
+SharedLattice::SharedLattice(ranks::Communicator& ranks, const Problem& problem, bool tangents)
+    : slab_(make_slab(ranks, problem, tangents)), shared_(&slab_) {}
 
-LatticeLeader::LatticeLeader(ranks::Communicator& ranks, const Problem& problem, int threads)
-    : problem_(problem), lattice_(ranks, problem) {
+LatticeLeader::LatticeLeader(ranks::Communicator& ranks, const Problem& problem, int threads, bool tangents)
+    : problem_(problem), lattice_(ranks, problem, tangents) {
   ranks::Packet packet;
-  packet.text(build_of_ranks()).text(problem.text).text(problem.source).number(static_cast<std::uint64_t>(threads));
+  packet.text(build_of_ranks())
+      .text(problem.text)
+      .text(problem.source)
+      .number(static_cast<std::uint64_t>(threads))
+      .number(tangents ? 1 : 0);
   for (int rank = 1; rank < ranks.size(); ++rank) {
     ranks.send(rank, lattice_to_do, packet.bytes());
   }
@@ -302,9 +310,10 @@ void follow_leader(ranks::Communicator& ranks, std::span<const std::byte> messag
     }
     const std::string text = packet.text(), source = packet.text();
     use_threads(static_cast<int>(packet.number()));
+    const bool tangents = packet.number() != 0;
     const Problem problem = parse_problem(text, source);
-    const SharedLattice lattice(ranks, problem);
-    Follower follower(problem, lattice.slab());
+    const SharedLattice lattice(ranks, problem, tangents);
+    Follower follower(problem, tangents, lattice.slab());
     for (Order order = take_order(lattice.slab()); order != Order::end; order = take_order(lattice.slab())) {
       try {
         follower.carry_out(order);

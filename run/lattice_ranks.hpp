@@ -41,8 +41,9 @@ enum class Order : int {
 /// The slab of this rank. While it lives, this thread's reductions are those of all ranks.
 class SharedLattice {
 public:
-  /// \throws ProblemError at the grid if there are more ranks than planes
-  SharedLattice(ranks::Communicator& ranks, const Problem& problem);
+  /// \throws ProblemError at the grid if there are more ranks than planes; at the scheme if parts will not do for
+  /// `tangents`
+  SharedLattice(ranks::Communicator& ranks, const Problem& problem, bool tangents);
 
   [[nodiscard]] const grids::Slab& slab() const { return slab_; }
 
@@ -54,7 +55,8 @@ private:
 /// At rank 0: calls the others to share a run, orders what they do, and ends it with them when it goes.
 class LatticeLeader {
 public:
-  LatticeLeader(ranks::Communicator& ranks, const Problem& problem, int threads);
+  /// With `tangents`, as make_simulation() has them.
+  LatticeLeader(ranks::Communicator& ranks, const Problem& problem, int threads, bool tangents);
   LatticeLeader(const LatticeLeader&) = delete;
   LatticeLeader& operator=(const LatticeLeader&) = delete;
   ~LatticeLeader();

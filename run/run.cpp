@@ -65,7 +65,7 @@ public:
   Driver(const Problem& problem, const RunOptions& options, std::string file) : problem_(problem), options_(options) {
     use_threads(options.threads);  // has to be known before anything allocates work space for each of them
     if (options.ranks != nullptr && options.ranks->size() > 1) {
-      leader_.emplace(*options.ranks, problem, options.threads);
+      leader_.emplace(*options.ranks, problem, options.threads, options.tangents);
     }
     make_chronicle();
     outcome_.title = problem.title;

@@ -1,0 +1,287 @@
+// What ranks share of a lattice beside its levels and laws: tangent solutions, potentials that differ from place to
+// place and in time. Ranks are threads, as in lattice_ranks_test.cpp.
+
+#include <catch2/catch.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <string>
+#include <vector>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <rubato/record/reader.hpp>
+#include <rubato/run/check.hpp>
+
+#include "run/mailboxes.hpp"
+#include "run/records.hpp"
+#include "run/shared_lattices.hpp"
+
+using namespace rubato;
+using namespace rubato::run_tests;
+using Catch::Contains;
+
+namespace {
+
+/// Compares runs of a problem on ranks with that of one process: record, tables, checks, and what is continued on
+/// another number of ranks. `make(more)` states the problem, with more settings.
+template <typename Make>
+void check_shared_run(const Folder& folder, const Make& make, const std::string& sooner, const std::vector<int>& sizes,
+                      bool tangents = false) {
+  const Problem whole = make({}), part = make({"scheme.until=" + sooner});
+  const std::string alone = folder / "one.h5", shared = folder / "all.h5", continued = folder / "part.h5";
+  const Outcome one = run(whole, {.output = alone, .overwrite = true, .threads = 1, .tangents = tangents});
+  REQUIRE(one.status == ExitStatus::done);
+  const Outcome sound = check(alone);
+  REQUIRE(sound.status == ExitStatus::done);
+  const auto shared_by = [&](auto& rank, const std::string& file) {
+    RunOptions options = on(rank, file);
+    options.tangents = tangents;
+    return options;
+  };
+  for (const int size : sizes) {
+    INFO(size << " ranks");
+    const Outcome all = with_ranks(size, [&](auto& rank) { return run(whole, shared_by(rank, shared)); });
+    CHECK(all.status == ExitStatus::done);
+    CHECK(different_datasets(alone, shared) == Names{});
+    CHECK(differences(one, all) == Names{});
+    CHECK(all.warnings == one.warnings);
+    const Outcome checked = with_ranks(size, [&](auto& rank) { return check(alone, {.ranks = &rank}); });
+    CHECK(to_json(checked) == to_json(sound));
+    static_cast<void>(with_ranks(size, [&](auto& rank) { return run(part, shared_by(rank, continued)); }));
+    const Outcome resumed = with_ranks(size == 2 ? 1 : 2, [&](auto& rank) {
+      return resume(continued, whole.scheme.until, {.threads = 1, .ranks = &rank});
+    });
+    CHECK(resumed.status == ExitStatus::done);
+    CHECK(different_datasets(alone, continued) == Names{});
+  }
+}
+
+/// A record that is falsified is found out by ranks as by one process.
+void check_found_by_ranks(const std::string& file, const std::string& dataset, std::size_t index, double change) {
+  INFO(dataset);
+  falsify(file, dataset, index, change);
+  const Outcome one = check(file);
+  CHECK(one.status == ExitStatus::contradiction);
+  for (const int size : {2, 3}) {
+    const Outcome all = with_ranks(size, [&](auto& rank) { return check(file, {.ranks = &rank}); });
+    CHECK(to_json(all) == to_json(one));
+    CHECK(all.message == one.message);
+  }
+}
+
+Settings joined(Settings first, const Settings& more) {
+  first.insert(first.end(), more.begin(), more.end());
+  return first;
+}
+
+/// The largest difference of two datasets, by the largest value of the first.
+double relative_difference(const std::string& a, const std::string& b, const std::string& path) {
+  const std::vector<double> first = record::Reader(a).read(path), second = record::Reader(b).read(path);
+  if (first.size() != second.size()) {
+    return std::numeric_limits<double>::infinity();
+  }
+  double largest = 0.0, scale = 0.0;
+  for (std::size_t i = 0; i < first.size(); ++i) {
+    largest = std::max(largest, std::abs(first[i] - second[i]));
+    scale = std::max(scale, std::abs(first[i]));
+  }
+  return largest / scale;
+}
+
+}  // namespace
+
+TEST_CASE("ranks carry tangent solutions along a lattice with the bits of one") {
+  const Folder folder;
+  // Where every level is stored they are checked, too.
+  const std::string every = GENERATE("1", "7");
+  SECTION("on a torus and in space") {
+    const Settings scheme = GENERATE(Settings{}, Settings{"scheme.lagrangian=leapfrog"},
+                                     Settings{"scheme.lagrangian=leapfrog", "scheme.levels=variable"});
+    INFO(fmt::format("{}, every {}", fmt::join(scheme, " "), every));
+    const Settings settings = joined(scheme, {"output.every=" + every});
+    // 9 × 7: parts thinner than their ghosts.
+    check_shared_run(
+        folder, [&](const Settings& more) { return wave_on_torus(24, 23, joined(settings, more)); }, "0.11", {2, 3},
+        true);
+    check_shared_run(
+        folder, [&](const Settings& more) { return wave_on_torus(9, 7, joined(settings, more)); }, "0.11", {3, 7},
+        true);
+    check_shared_run(
+        folder, [&](const Settings& more) { return wave_in_space(joined(settings, more)); }, "0.11", {3}, true);
+  }
+  SECTION("on a line, by elimination") {
+    const std::string levels = GENERATE("fixed", "variable");
+    // KdV has a potential whose mean is held, sine-Gordon a field that is not solved for.
+    for (const auto& [name, cells, until] : {std::tuple{"kdv", "257", "0.05"}, std::tuple{"sine-gordon", "301", "0.5"},
+                                             std::tuple{"nls", "129", "0.02"}}) {
+      INFO(name << ", " << levels << " levels, every " << every);
+      check_shared_run(
+          folder,
+          [&, &name = name, &cells = cells, &until = until](const Settings& more) {
+            return line(name, joined({fmt::format("grid.x.cells={}", cells), "scheme.levels=" + levels,
+                                      "output.every=" + every, fmt::format("scheme.until={}", until)},
+                                     more));
+          },
+          "0.006", {2, 3}, true);
+    }
+  }
+}
+
+TEST_CASE("what is wrong with tangent solutions of ranks is seen in their law alone, and found by a check") {
+  const Folder folder;
+  const std::string scheme = GENERATE("euler-box", "leapfrog");
+  const Problem problem = wave_on_torus(40, 37, {"scheme.lagrangian=" + scheme, "output.every=1"});
+  const std::string file = folder / "one.h5";
+  static_cast<void>(run(problem, {.output = file, .threads = 1, .tangents = true}));
+  // On 2 ranks both neighbours are one, and two planes go to it at once: of u, then of each tangent solution.
+  Mailboxes tampered(2);
+  int found = 0;
+  tampered.tamper_with([&found](int from, std::vector<double>& numbers) {
+    if (from == 0 && numbers.size() == 2 * 40 && found++ % 3 == 1) {
+      numbers.front() *= 1.0 + 1e-9;
+    }
+  });
+  static_cast<void>(with_ranks(tampered, [&](auto& rank) {
+    RunOptions options = on(rank, folder / "all.h5");
+    options.tangents = true;
+    return run(problem, options);
+  }));
+  CHECK(found >= 3 * 30);
+  const Names different = different_datasets(file, folder / "all.h5");
+  CAPTURE(different);
+  CHECK(std::ranges::find(different, "/laws/multisymplectic_rms") != different.end());
+  CHECK(std::ranges::all_of(different, [](const std::string& path) {
+    return path.starts_with("/laws/multisymplectic") || path.starts_with("/checkpoint");
+  }));
+  check_found_by_ranks(file, "/laws/multisymplectic_max", 7, 1e-10);
+}
+
+TEST_CASE("tangent solutions that a scheme has not are refused on ranks as on one") {
+  const Folder folder;
+  for (const Settings& settings :
+       {Settings{"scheme.lagrangian=splitting"}, Settings{"scheme.lagrangian=fourier", "scheme.stages=2"}}) {
+    Names said;
+    for (const int size : {1, 3}) {
+      try {
+        static_cast<void>(with_ranks(size, [&](auto& rank) {
+          RunOptions options = on(rank, folder / "never.h5");
+          options.tangents = true;
+          return run(wave_on_torus(9, 7, settings), options);
+        }));
+      } catch (const ProblemError& error) {
+        said.emplace_back(error.what());
+      }
+    }
+    REQUIRE(said.size() == 2);
+    CHECK(said[0] == said[1]);
+    CHECK_THAT(said[0], Contains("tangent solutions are for schemes that have a local law of two of them"));
+  }
+}
+
+namespace {
+
+/// A medium that differs from place to place, and forces that do in time and do not.
+const Settings of_places = {
+    "multisymplectic.S=(v^2 - a^2 - b^2)/2 + (1 + 0.3*sin(pi*x/3)*cos(2*pi*(y - 0.3)/6.7))*(1 - cos(u))"};
+const Settings of_times = {"multisymplectic.S=(v^2 - a^2 - b^2)/2 + 1 - cos(u) + 0.2*u*sin(pi*x/3)*cos(3*t)"};
+
+}  // namespace
+
+TEST_CASE("ranks share lattices whose S names coordinates, or t, with the bits of one") {
+  const Folder folder;
+  SECTION("on a torus") {
+    const Settings S = GENERATE(of_places, of_times);
+    const Settings scheme = GENERATE(Settings{}, Settings{"scheme.lagrangian=leapfrog"},
+                                     Settings{"scheme.lagrangian=leapfrog", "scheme.levels=variable"});
+    if (S == of_times && !scheme.empty()) {
+      return;  // leapfrog is for wave equations, and time is none
+    }
+    INFO(fmt::format("{} {}", fmt::join(scheme, " "), S.front()));
+    for (const std::string every : {"1", "7"}) {
+      const Settings settings = joined(joined(scheme, S), {"output.every=" + every});
+      check_shared_run(folder, [&](const Settings& more) { return wave_on_torus(40, 37, joined(settings, more)); },
+                       "0.11", {2, 3});
+    }
+    check_shared_run(
+        folder, [&](const Settings& more) { return wave_on_torus(9, 7, joined(joined(scheme, S), more)); }, "0.11", {7},
+        true);
+    check_found_by_ranks(folder / "one.h5", "/states/u", 9 * 7 + 40, 1e-3);
+  }
+  SECTION("on a line") {
+    const std::string S = GENERATE("v^2/2 - w^2/2 + (1 + 0.3*sin(2*pi*x/40))*(1 - cos(u))",
+                                   "v^2/2 - w^2/2 + 1 - cos(u) + 0.1*u*cos(2*pi*x/40)*sin(t)");
+    const std::string scheme = GENERATE("box", "euler-box");
+    const std::string levels = GENERATE("fixed", "variable");
+    if (scheme == "euler-box" && levels == "variable") {
+      return;
+    }
+    INFO(scheme << ", " << levels << " levels, " << S);
+    const auto make = [&](const Settings& more) {
+      const std::string text = fmt::format(R"toml(
+[multisymplectic]
+fields = ["u", "v", "w"]
+M = [["u", "v", -1]]
+K.x = [["u", "w", 1]]
+S = "{}"
+[grid]
+x = {{ from = -20, to = 20, cells = 201 }}
+[initial]
+u = "sin(2*pi*x/40)"
+v = 0
+[scheme]
+lagrangian = "{}"
+levels = "{}"
+step = 0.02
+until = 0.4
+)toml",
+                                           S, scheme, levels);
+      return parse_problem(text, "line.toml", more);
+    };
+    // With the time and the work there are five fields, of which tangent solutions are solved for in other chunks.
+    const bool other_chunks = scheme == "box" && S.find("sin(t)") != std::string::npos;
+    check_shared_run(folder, make, "0.1", {2, 3}, !other_chunks);
+    check_found_by_ranks(folder / "one.h5", "/states/u", 201 * 3 + 150, 1e-4);
+    if (other_chunks) {
+      CHECK_THROWS_WITH(with_ranks(2,
+                                   [&](auto& rank) {
+                                     RunOptions options = on(rank, folder / "never.h5");
+                                     options.tangents = true;
+                                     return run(make({}), options);
+                                   }),
+                        Contains("line.toml:13:15") && Contains("in shorter chunks of cells"));
+      // Rank 0 checks such a record alone.
+      static_cast<void>(
+          run(make({}), {.output = folder / "one.h5", .overwrite = true, .threads = 1, .tangents = true}));
+      const Outcome checked = with_ranks(2, [&](auto& rank) { return check(folder / "one.h5", {.ranks = &rank}); });
+      CHECK(checked.status == ExitStatus::done);
+    }
+  }
+}
+
+TEST_CASE("schemes with transforms share what S says of coordinates and t to rounding") {
+  const Folder folder;
+  const Settings S = GENERATE(of_places, of_times);
+  const Settings scheme =
+      GENERATE(Settings{"scheme.lagrangian=splitting", "scheme.space=differences"},
+               Settings{"scheme.lagrangian=splitting"}, Settings{"scheme.lagrangian=fourier", "scheme.stages=2"});
+  INFO(fmt::format("{} {}", fmt::join(scheme, " "), S.front()));
+  // As lattice_ranks_test.cpp has it: thirty steps of some ten transforms and kicks, each rounded by some ε.
+  constexpr double allowed = 30 * 10 * 8 * std::numeric_limits<double>::epsilon();
+  const Problem problem = wave_on_torus(41, 37, joined(scheme, S));
+  static_cast<void>(run(problem, {.output = folder / "one.h5", .threads = 1}));
+  for (const int size : {2, 3}) {
+    const Outcome all = with_ranks(size, [&](auto& rank) { return run(problem, on(rank, folder / "all.h5")); });
+    CHECK(all.status == ExitStatus::done);
+    CHECK(relative_difference(folder / "one.h5", folder / "all.h5", "/states/u") <= allowed);
+    CHECK(with_ranks(size, [&](auto& rank) { return check(folder / "all.h5", {.ranks = &rank}); }).status ==
+          ExitStatus::done);
+  }
+  // The twin: a medium and a force that are moved by 10⁻⁹.
+  std::string moved = S.front();
+  moved.replace(moved.find("sin(pi*x/3)"), 11, "sin(pi*x/3 + 1e-9)");
+  static_cast<void>(run(wave_on_torus(41, 37, joined(scheme, {moved})), {.output = folder / "moved.h5", .threads = 1}));
+  CHECK(relative_difference(folder / "one.h5", folder / "moved.h5", "/states/u") > allowed);
+}

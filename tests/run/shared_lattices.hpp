@@ -1,0 +1,87 @@
+#pragma once
+
+#include <cstddef>
+#include <string>
+#include <vector>
+
+#include <fmt/format.h>
+
+#include <rubato/problem/problem.hpp>
+#include <rubato/run/run.hpp>
+
+namespace rubato::run_tests {
+
+using Settings = std::vector<std::string>;
+
+/// A wave on a torus, neither direction like the other; [exact] is not what it does, but its differences are figures.
+inline Problem wave_on_torus(std::size_t x, std::size_t y, Settings more = {}, bool differences = false) {
+  if (differences) {
+    more.emplace_back("scheme.space=differences");
+  }
+  const std::string text = fmt::format(R"toml(
+[multisymplectic]
+fields = ["u", "v", "a", "b"]
+M = [["u", "v", -1]]
+K.x = [["u", "a", 1]]
+K.y = [["u", "b", 1]]
+S = "(v^2 - a^2 - b^2)/2 + 1 - cos(u)"
+[grid]
+x = {{ from = -1, to = 5, cells = {} }}
+y = {{ from = 0.3, to = 7, cells = {} }}
+[initial]
+u = "sin(pi*x/3)*exp(cos(2*pi*(y - 0.3)/6.7))"
+v = "dx(u)"
+[exact]
+u = "x*t"
+[invariants]
+mass = "u^2 + b"
+[scheme]
+lagrangian = "euler-box"
+levels = "fixed"
+step = 0.01
+until = 0.3
+[output]
+every = 7
+)toml",
+                                       x, y);
+  return parse_problem(text, "torus.toml", more);
+}
+
+inline Problem wave_in_space(const Settings& settings) {
+  return parse_problem(R"toml(
+[multisymplectic]
+fields = ["u", "v", "a", "b", "c"]
+M = [["u", "v", -1]]
+K.x = [["u", "a", 1]]
+K.y = [["u", "b", 1]]
+K.z = [["u", "c", 1]]
+S = "(v^2 - a^2 - b^2 - c^2)/2 + u^4/4"
+[grid]
+x = { from = 0, to = 1, cells = 13 }
+y = { from = 0, to = 1, cells = 9 }
+z = { from = 0, to = 1, cells = 11 }
+[initial]
+u = "sin(2*pi*(x + 2*y))*cos(2*pi*z)"
+v = 0
+[invariants]
+mass = "u^2 + c"
+[scheme]
+lagrangian = "euler-box"
+levels = "fixed"
+step = 0.01
+until = 0.2
+)toml",
+                       "space.toml", settings);
+}
+
+inline RunOptions on(ranks::Communicator& ranks, const std::string& file) {
+  return {.output = file, .overwrite = true, .threads = 1, .ranks = &ranks};
+}
+
+/// A problem of the catalogue on a line, with the box scheme and fixed levels.
+inline Problem line(const std::string& name, Settings more) {
+  more.insert(more.begin(), {"scheme.lagrangian=box", "scheme.levels=fixed", "output.every=3"});
+  return read_problem(name, more);
+}
+
+}  // namespace rubato::run_tests
