@@ -1,8 +1,10 @@
 #include <rubato/pde/lattice_between.hpp>
 
-#include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
+
+#include <rubato/grids/reductions.hpp>
 
 namespace rubato {
 
@@ -20,9 +22,7 @@ Status LatticeBetween::take(const LatticeLevel& level, const LatticeLevel& next,
   if (status == Status::success) {
     scheme_->accept();
     result_.fields.copy_from(scheme_->level().fields);
-    const auto values = std::as_const(result_.fields).all();
-    status =
-        std::ranges::all_of(values, [](double value) { return std::isfinite(value); }) ? status : Status::undefined;
+    status = std::isfinite(grids::max_abs(std::as_const(result_.fields).all())) ? status : Status::undefined;
   }
   if (status != Status::success) {
     result_.fields.fill(std::numeric_limits<double>::quiet_NaN());

@@ -189,7 +189,7 @@ void check_state(const record::Reader& reader, const StoredLevels& levels, const
     if (leader == nullptr) {
       chronicle.tell_state(comparison);
     } else {
-      GatheringSink gathering(leader->slab(), &comparison);
+      GatheringSink gathering(leader->slab(), chronicle.layout(), &comparison);
       chronicle.tell_state(gathering);
       gathering.rethrow();
     }

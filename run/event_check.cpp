@@ -26,12 +26,12 @@ private:
   std::vector<std::vector<std::vector<double>>> rows_;
 };
 
-EventCheck::EventCheck(const record::Reader& reader, const StoredLevels& levels, const Problem& problem,
+EventCheck::EventCheck(const SharedRecord& record, const StoredLevels& levels, const Problem& problem,
                        std::size_t components, Findings& findings)
     : levels_(levels),
-      components_(components),
       findings_(findings),
-      teller_(levels.sparse ? nullptr : make_events(problem)) {
+      teller_(levels.sparse ? nullptr : make_events(problem)),
+      scales_(record.slab(), components) {
   if (teller_ == nullptr) {
     return;
   }
@@ -40,36 +40,16 @@ EventCheck::EventCheck(const record::Reader& reader, const StoredLevels& levels,
     figures_.push_back({name, {}});
   }
   for (const record::Dataset& dataset : layout_.datasets) {
-    std::size_t size = 1;
-    for (const std::string& scale : dataset.dimensions) {
-      size *= reader.rows(scale);
-    }
-    columns_.emplace_back(reader, dataset.path, size);
+    columns_.emplace_back(record, dataset);
   }
   next_.assign(columns_.size(), 0);
-}
-
-void EventCheck::see(std::span<const double> z) {
-  scales_.resize(z.size() / components_, 0.0);
-  for (std::size_t i = 0; i < z.size(); ++i) {
-    double& scale = scales_[i / components_];
-    scale = std::isfinite(z[i]) ? std::max(scale, std::abs(z[i])) : scale;
-  }
-}
-
-std::vector<double> EventCheck::displaced(std::span<const double> z, int attempt, int level) const {
-  std::vector<double> moved(z.begin(), z.end());
-  for (std::size_t i = 0; i < moved.size(); ++i) {
-    moved[i] += Rounding::sign(attempt, i, level) * Rounding::displacement * scales_[i / components_];
-  }
-  return moved;
 }
 
 void EventCheck::begin(std::span<const double> z) {
   if (teller_ == nullptr) {
     return;
   }
-  see(z);
+  scales_.see(z);
   Rows sound(columns_.size());
   teller_->begin(sound, z, levels_.t.front(), figures_);
   const std::vector<Rows> none;
@@ -81,7 +61,7 @@ void EventCheck::check_step(std::size_t level, std::span<const double> before, s
   if (teller_ == nullptr) {
     return;
   }
-  see(z);
+  scales_.see(z);
   OutputStep step{
       .z_0 = before, .z_1 = z, .t_0 = levels_.t[level - 1], .t_1 = levels_.t[level], .h = levels_.h[level - 1]};
   StateWriter signs_before, signs_after;
@@ -94,7 +74,7 @@ void EventCheck::check_step(std::size_t level, std::span<const double> before, s
   std::vector<Rows> moved;
   const auto make_moved = [&]() -> const std::vector<Rows>& {
     for (int attempt = 0; moved.size() < std::size_t{Rounding::displacements}; ++attempt) {
-      const std::vector<double> z_0 = displaced(before, attempt, 0), z_1 = displaced(z, attempt, 1);
+      const std::vector<double> z_0 = scales_.displaced(before, attempt, 0), z_1 = scales_.displaced(z, attempt, 1);
       OutputStep other = step;
       other.z_0 = z_0;
       other.z_1 = z_1;

@@ -8,7 +8,8 @@
 
 #include <rubato/problem/stored.hpp>
 #include <rubato/run/events.hpp>
-#include <rubato/run/findings.hpp>
+#include <rubato/run/shared_rows.hpp>
+#include <rubato/run/state_scales.hpp>
 
 namespace rubato {
 
@@ -18,7 +19,7 @@ class EventCheck {
 public:
   /// \param components how many numbers of a state have one scale: a field's, or one
   /// \throws figures::Mismatch for a dataset that is not there, or of another size
-  EventCheck(const record::Reader& reader, const StoredLevels& levels, const Problem& problem, std::size_t components,
+  EventCheck(const SharedRecord& record, const StoredLevels& levels, const Problem& problem, std::size_t components,
              Findings& findings);
 
   /// In the order of the levels.
@@ -34,18 +35,15 @@ private:
   /// `moved`: the same of displaced states.
   void compare(const Rows& sound, const std::function<const std::vector<Rows>&()>& moved, const char* reason);
   void restore(const StateWriter& signs);
-  void see(std::span<const double> z);
-  [[nodiscard]] std::vector<double> displaced(std::span<const double> z, int attempt, int level) const;
 
   const StoredLevels& levels_;
-  std::size_t components_;
   Findings& findings_;
   std::unique_ptr<EventTeller> teller_;
   record::Layout layout_;
   std::vector<EventFigures> figures_;
-  std::vector<StoredRows> columns_;
+  std::vector<SharedRows> columns_;
   std::vector<std::size_t> next_;  ///< row of each of them
-  std::vector<double> scales_;     ///< largest magnitude of each component so far
+  StateScales scales_;
 };
 
 }  // namespace rubato

@@ -15,6 +15,7 @@
 #include <rubato/run/event_check.hpp>
 #include <rubato/run/lattice_residuals.hpp>
 #include <rubato/run/output_check.hpp>
+#include <rubato/run/state_scales.hpp>
 
 namespace rubato {
 
@@ -143,11 +144,9 @@ public:
         largest_(static_cast<std::size_t>(system_.field_count()), 0.0),
         node_energy_(record, "/levels/node_energy"),
         gamma_(record, "/levels/gamma"),
-        energy_(record, "/levels/energy") {
-    if (record.slab() == nullptr) {  // what ranks share has neither
-      output_.emplace(*record.reader(), levels, problem, grid_.size(), findings);
-      events_.emplace(*record.reader(), levels, problem, grid_.size(), findings);
-    }
+        energy_(record, "/levels/energy"),
+        output_(record, levels, problem, grid_.size(), findings),
+        events_(record, levels, problem, grid_.size(), findings) {
     for (const std::string& name : exact_.names()) {
       stored_exact_.emplace_back(record, "/exact/" + name, grid_.size());
     }
@@ -167,9 +166,7 @@ public:
 
   Spread run() {
     record_.at_rank_0([this] { check_grid(); });
-    if (output_) {
-      output_->check_times();
-    }
+    output_.check_times();
     const grids::FieldSet initial = after_.fields;
     bool whole = stored_.load(0, after_.fields);
     check_start(initial);
@@ -177,10 +174,8 @@ public:
     law_slack_ = make_lattice_options(problem_, system_).stages > 1 ? solver_slack : 1.0;
     equation_ = method_->equation(system_, grid_, after_, in_turn ? levels_.h.front() : 0.0);
     check_level(0, in_turn);
-    if (output_) {
-      output_->check_level(0, std::as_const(after_.fields).all());
-      events_->begin(std::as_const(after_.fields).all());
-    }
+    output_.check_level(0, std::as_const(after_.fields).all());
+    events_.begin(std::as_const(after_.fields).all());
     bool start_known = true;
     for (std::size_t row = 1; row < levels_.state_level.size(); ++row) {
       if (levels_.sparse) {
@@ -195,21 +190,15 @@ public:
       const std::size_t level = levels_.state_level[row];
       if (whole && before_whole) {
         check_step(row);
-        if (output_) {
-          output_->check_step(level, std::as_const(before_.fields).all(), std::as_const(after_.fields).all());
-          events_->check_step(level, std::as_const(before_.fields).all(), std::as_const(after_.fields).all());
-        }
+        output_.check_step(level, std::as_const(before_.fields).all(), std::as_const(after_.fields).all());
+        events_.check_step(level, std::as_const(before_.fields).all(), std::as_const(after_.fields).all());
       }
       if (whole) {
         check_level(row, in_turn && start_known);
-        if (output_) {
-          output_->check_level(level, std::as_const(after_.fields).all());
-        }
+        output_.check_level(level, std::as_const(after_.fields).all());
       }
     }
-    if (events_) {
-      events_->finish();
-    }
+    events_.finish();
     return residual_;
   }
 
@@ -283,13 +272,6 @@ private:
     }
   }
 
-  /// A node's number in the whole lattice, ghosts as those that they are copies of.
-  [[nodiscard]] std::uint64_t number_of(std::size_t node) const {
-    const grids::Axis& axis = grid_.axes().back();
-    const std::size_t plane = grid_.size() / axis.cells;
-    return axis.of == 0 ? node : (axis.first + node / plane) % axis.of * plane + node % plane;
-  }
-
   /// Fields displaced as Rounding says, by the largest magnitude of each so far.
   void displace(const LatticeLevel& state, int attempt, int level, LatticeLevel& moved) const {
     const std::uint64_t nodes = grids::whole_of(grid_).size();
@@ -299,7 +281,7 @@ private:
       const auto from = state.fields.field(f);
       const auto to = moved.fields.field(f);
       for (std::size_t i = 0; i < to.size(); ++i) {
-        to[i] = from[i] + Rounding::sign(attempt, before + number_of(i) + 1, level) * size;
+        to[i] = from[i] + Rounding::sign(attempt, before + number_in_whole(record_.slab(), i) + 1, level) * size;
       }
     }
   }
@@ -516,8 +498,8 @@ private:
   std::vector<SharedRows> totals_, stored_invariants_, stored_exact_;
   std::vector<StoredLaw> stored_laws_;
   std::unique_ptr<StepEquation> equation_;
-  std::optional<OutputCheck> output_;
-  std::optional<EventCheck> events_;
+  OutputCheck output_;
+  EventCheck events_;
   double equation_tolerance_ = 0.0;
   double gamma_scale_ = 0.0;
   Spread residual_;

@@ -68,7 +68,7 @@ class LatticeEventFinder final : public EventFinder {
 public:
   explicit LatticeEventFinder(const Problem& problem)
       : system_(make_system(problem)),
-        grid_(make_grid(problem)),
+        grid_(present_grid(problem)),
         method_(make_method(problem)),
         level_(make_initial_level(problem, system_, grid_)),
         next_(level_),

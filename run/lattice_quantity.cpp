@@ -5,6 +5,8 @@
 
 #include <fmt/format.h>
 
+#include <rubato/grids/slab.hpp>
+#include <rubato/problem/lattice_problem.hpp>
 #include <rubato/problem/reader.hpp>
 
 namespace rubato {
@@ -27,6 +29,11 @@ void refuse_midpoints(const formula::Graph& graph, formula::Expression formula, 
 }
 
 }  // namespace
+
+grids::Grid present_grid(const Problem& problem) {
+  const grids::Slab* const slab = grids::Slab::present();
+  return slab == nullptr ? make_grid(problem) : slab->grid();
+}
 
 LatticeQuantity::LatticeQuantity(const Problem& problem, const OutputQuantity& quantity,
                                  const MultisymplecticSystem& system, const grids::Grid& grid)

@@ -10,6 +10,9 @@
 
 namespace rubato {
 
+/// The grid of a problem; of a thread that has a slab its part.
+[[nodiscard]] grids::Grid present_grid(const Problem& problem);
+
 /// A quantity of a lattice that is told at a time: a number, or one for each node.
 class LatticeQuantity {
 public:

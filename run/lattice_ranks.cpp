@@ -16,6 +16,7 @@
 #include <rubato/run/chronicle.hpp>
 #include <rubato/run/ensemble_ranks.hpp>
 #include <rubato/run/lattice_check.hpp>
+#include <rubato/run/shared_rows.hpp>
 #include <rubato/run/threads.hpp>
 #include <rubato/run/version.hpp>
 
@@ -55,8 +56,9 @@ grids::Slab make_slab(ranks::Communicator& ranks, const Problem& problem, bool t
   const grids::Grid whole = make_grid(problem, ranks.size());
   const MultisymplecticSystem system = make_system(problem);
   const grids::Ghosts ghosts = ghosts_of(problem, system);
+  const double direction = problem.scheme.until < problem.start() ? -1.0 : 1.0;  // of a step to be chosen
   try {
-    auto parts = make_method(problem)->parts(system, whole, *problem.scheme.step, ranks.size());
+    auto parts = make_method(problem)->parts(system, whole, problem.scheme.step.value_or(direction), ranks.size());
     if (tangents && !parts.empty() && parts != box_tangent_parts(system, whole, ranks.size())) {
       refuse_sharing(problem.scheme.lagrangian_location, ranks.size(),
                      "tangent solutions (--tangents) are solved for more fields than steps are, in shorter chunks of "
@@ -81,7 +83,7 @@ Order take_order(const grids::Slab& slab) {
 class Follower {
 public:
   Follower(const Problem& problem, bool tangents, const grids::Slab& slab)
-      : problem_(problem), tangents_(tangents), slab_(slab), sink_(slab, nullptr) {}
+      : problem_(problem), tangents_(tangents), slab_(slab) {}
 
   void carry_out(Order order) {
     if (order == Order::make) {
@@ -92,13 +94,13 @@ public:
       throw std::logic_error("rank 0 goes on with a lattice that could not be made here");
     }
     switch (order) {
-      case Order::start: chronicle_->tell_start(sink_); break;
+      case Order::start: gathered([this](RowSink& sink) { chronicle_->tell_start(sink); }); break;
       case Order::step: step(); break;
       case Order::save: save(); break;
       case Order::restore: restore(); break;
       case Order::state: tell_state(); break;
       case Order::check: check(); break;
-      case Order::last: chronicle_->tell_last(sink_); break;
+      case Order::last: gathered([this](RowSink& sink) { chronicle_->tell_last(sink); }); break;
       case Order::finish: static_cast<void>(chronicle_->final_statistics()); break;
       case Order::make:
       case Order::end: break;
@@ -106,11 +108,17 @@ public:
   }
 
 private:
+  /// Calls tell(sink) with one that gathers what is told.
+  template <typename Tell>
+  void gathered(const Tell& tell) {
+    GatheringSink sink(slab_, chronicle_->layout(), nullptr);
+    tell(sink);
+  }
   void step() {
     Simulation& simulation = chronicle_->simulation();
     const StepReport report = simulation.step();
     if (report.status == Status::success) {
-      chronicle_->tell_step(report, sink_);
+      gathered([&](RowSink& sink) { chronicle_->tell_step(report, sink); });
       static_cast<void>(simulation.node());
     } else {
       static_cast<void>(simulation.integrator().explain(report));
@@ -125,7 +133,7 @@ private:
     slab_.broadcast(std::span(&told, 1));
     static_cast<void>(chronicle_->simulation().node());
     if (told != 0.0) {
-      chronicle_->tell_state(sink_);
+      gathered([this](RowSink& sink) { chronicle_->tell_state(sink); });
     }
   }
   void check() {
@@ -148,7 +156,6 @@ private:
   const Problem& problem_;
   bool tangents_;
   const grids::Slab& slab_;
-  GatheringSink sink_;
   std::unique_ptr<Chronicle> chronicle_;
 };
 
@@ -170,18 +177,8 @@ void refuse_unshared(const Problem& problem, const RunOptions& options) {
     refuse_sharing(scheme, ranks,
                    fmt::format("{}; a line is shared with lagrangian = {}", reason, methods_to_share(dimensions)));
   }
-  if (!problem.scheme.step) {
-    refuse_sharing(problem.scheme.step_location, ranks, "step = \"auto\" is not shared; give it as a number");
-  }
   if (pde->initial_record) {
     refuse_sharing(pde->initial_record->location, ranks, "initial data from a record are not shared");
-  }
-  if (!problem.events.empty()) {
-    refuse_sharing(scheme, ranks, "events and sections are not shared");
-  }
-  if (make_output(problem) != nullptr) {
-    refuse_sharing(problem.output.file_location, ranks,
-                   "output at times of its own, and of quantities, is not shared; states are stored by every");
   }
 }
 
@@ -244,7 +241,7 @@ void GatheringSink::to_sink(const Append& append) {
 }
 
 void GatheringSink::append(record::Column column, std::span<const double> row) {
-  if (row.size() != slab_.size()) {
+  if (!has_nodes(layout_.datasets[column.number])) {
     to_sink([&](RowSink& sink) { sink.append(column, row); });
     return;
   }

@@ -76,13 +76,15 @@ private:
   SharedLattice lattice_;
 };
 
-/// Rows on their way to a sink at rank 0, to nowhere at others: what is a field of this rank's part becomes one of the
-/// whole lattice, which the sink gets some planes at a time. Every rank has to append the same columns, so that what
-/// the sink throws waits until rethrow().
+/// Rows on their way to a sink at rank 0, to nowhere at others: of a dataset over nodes this rank's part becomes a row
+/// of the whole lattice, which the sink gets some planes at a time. Every rank has to append the same columns, so that
+/// what the sink throws waits until rethrow().
 class GatheringSink final : public RowSink {
 public:
+  /// \param layout of the columns
   /// \param sink null at other ranks than 0
-  GatheringSink(const grids::Slab& slab, RowSink* sink) : slab_(slab), sink_(sink) {}
+  GatheringSink(const grids::Slab& slab, const record::Layout& layout, RowSink* sink)
+      : slab_(slab), layout_(layout), sink_(sink) {}
   using RowSink::append;
   void append(record::Column column, std::span<const double> row) override;
   void append(record::Column column, std::span<const std::int64_t> row) override;
@@ -94,6 +96,7 @@ private:
   void to_sink(const Append& append);
 
   const grids::Slab& slab_;
+  const record::Layout& layout_;
   RowSink* sink_;
   std::exception_ptr thrown_;
 };

@@ -81,8 +81,8 @@ public:
         node_energy_(reader, "/levels/node_energy"),
         gamma_(reader, "/levels/gamma"),
         energy_(reader, "/levels/energy"),
-        output_(reader, levels, problem, 1, findings),
-        events_(reader, levels, problem, 1, findings) {
+        output_({nullptr, &reader}, levels, problem, 1, findings),
+        events_({nullptr, &reader}, levels, problem, 1, findings) {
     if (reader.has("/levels/rounding")) {  // records of earlier versions have none
       rounding_.emplace(reader, "/levels/rounding");
     }

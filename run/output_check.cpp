@@ -25,7 +25,7 @@ private:
   std::vector<std::vector<double>> values_;
 };
 
-double largest_of(const std::vector<double>& values) {
+double largest_of(std::span<const double> values) {
   double largest = 0.0;
   for (const double value : values) {
     largest = std::isfinite(value) ? std::max(largest, std::abs(value)) : largest;
@@ -35,14 +35,15 @@ double largest_of(const std::vector<double>& values) {
 
 }  // namespace
 
-OutputCheck::OutputCheck(const record::Reader& reader, const StoredLevels& levels, const Problem& problem,
+OutputCheck::OutputCheck(const SharedRecord& record, const StoredLevels& levels, const Problem& problem,
                          std::size_t components, Findings& findings)
-    : reader_(reader),
+    : record_(record),
       levels_(levels),
       problem_(problem),
-      components_(components),
       findings_(findings),
-      maker_(make_output(problem)) {
+      parts_(record.slab(), findings),
+      maker_(make_output(problem)),
+      scales_(record.slab(), components) {
   if (maker_ == nullptr) {
     return;
   }
@@ -50,16 +51,14 @@ OutputCheck::OutputCheck(const record::Reader& reader, const StoredLevels& level
   record::Layout layout;
   maker_->describe(layout);
   for (const record::Dataset& dataset : layout.datasets) {
-    std::size_t size = 1;
-    for (const std::string& scale : dataset.dimensions) {
-      size *= reader.rows(scale);
-    }
-    columns_.emplace_back(reader, dataset.path, size);
-    if (columns_.back().rows() != places_.size()) {
-      throw figures::Mismatch(reader.file(), dataset.path,
-                              fmt::format("{} has {} rows; by the problem and the levels it should have {}",
-                                          dataset.path, columns_.back().rows(), places_.size()));
-    }
+    columns_.emplace_back(record_, dataset);
+    record_.at_rank_0([&] {
+      if (columns_.back().rows() != places_.size()) {
+        throw figures::Mismatch(record_.reader()->file(), dataset.path,
+                                fmt::format("{} has {} rows; by the problem and the levels it should have {}",
+                                            dataset.path, columns_.back().rows(), places_.size()));
+      }
+    });
   }
 }
 
@@ -87,31 +86,17 @@ void OutputCheck::check_times() {
   if (maker_ == nullptr) {
     return;
   }
-  StoredRows stored(reader_, "/output/t");
-  if (stored.rows() != places_.size()) {
-    throw figures::Mismatch(reader_.file(), stored.path(),
-                            fmt::format("{} has {} rows; by the problem and the levels it should have {}",
-                                        stored.path(), stored.rows(), places_.size()));
-  }
-  for (std::size_t row = 0; row < places_.size(); ++row) {
-    findings_.same(stored.path(), row, {}, stored.at(row), places_[row].t, "[output] of the problem");
-  }
-}
-
-void OutputCheck::see(std::span<const double> z) {
-  scales_.resize(z.size() / components_, 0.0);
-  for (std::size_t i = 0; i < z.size(); ++i) {
-    double& scale = scales_[i / components_];
-    scale = std::isfinite(z[i]) ? std::max(scale, std::abs(z[i])) : scale;
-  }
-}
-
-std::vector<double> OutputCheck::displaced(std::span<const double> z, int attempt, int level) {
-  std::vector<double> moved(z.begin(), z.end());
-  for (std::size_t i = 0; i < moved.size(); ++i) {
-    moved[i] += Rounding::sign(attempt, i, level) * Rounding::displacement * scales_[i / components_];
-  }
-  return moved;
+  record_.at_rank_0([&] {
+    StoredRows stored(*record_.reader(), "/output/t");
+    if (stored.rows() != places_.size()) {
+      throw figures::Mismatch(record_.reader()->file(), stored.path(),
+                              fmt::format("{} has {} rows; by the problem and the levels it should have {}",
+                                          stored.path(), stored.rows(), places_.size()));
+    }
+    for (std::size_t row = 0; row < places_.size(); ++row) {
+      findings_.same(stored.path(), row, {}, stored.at(row), places_[row].t, "[output] of the problem");
+    }
+  });
 }
 
 /// make(sink, attempt): the row, of states that are displaced unless `attempt` is negative.
@@ -119,6 +104,12 @@ template <typename Make>
 void OutputCheck::compare(std::size_t row, Make&& make) {
   Row sound(columns_.size());
   make(sound, -1);
+  // Of a row in parts what this rank has: ghosts are nobody's.
+  const grids::Slab* const slab = record_.slab();
+  const auto here = [&](std::size_t i, const Row& made) {
+    const std::span<const double> values = made.at(i);
+    return columns_[i].are_in_parts() ? values.subspan(slab->first_node(), slab->owned()) : values;
+  };
   std::vector<double> allowed;
   const auto tolerance = [&](std::size_t dataset) {
     if (allowed.empty()) {
@@ -127,24 +118,37 @@ void OutputCheck::compare(std::size_t row, Make&& make) {
         Row moved(columns_.size());
         make(moved, attempt);
         for (std::size_t i = 0; i < columns_.size(); ++i) {
-          for (std::size_t k = 0; k < sound.at(i).size(); ++k) {
-            const double change = std::abs(moved.at(i)[k] - sound.at(i)[k]) / Rounding::displacement;
+          const auto before = here(i, sound), after = here(i, moved);
+          for (std::size_t k = 0; k < before.size(); ++k) {
+            const double change = std::abs(after[k] - before[k]) / Rounding::displacement;
             allowed[i] = change > allowed[i] ? change : allowed[i];
           }
         }
       }
       for (std::size_t i = 0; i < columns_.size(); ++i) {
-        allowed[i] = Rounding::unit * (allowed[i] + largest_of(sound.at(i)));
+        double largest = largest_of(here(i, sound));
+        if (slab != nullptr) {
+          allowed[i] = slab->largest_over_ranks(allowed[i]);
+          largest = slab->largest_over_ranks(largest);
+        }
+        allowed[i] = Rounding::unit * (allowed[i] + largest);
       }
     }
     return allowed[dataset];
   };
+  constexpr const char* reason = "from the levels around that time";
   for (std::size_t i = 0; i < columns_.size(); ++i) {
     const std::span<const double> stored = columns_[i].row(row);
+    if (columns_[i].are_in_parts()) {
+      parts_.compare(
+          columns_[i].path(), row, stored, [&](std::size_t k) { return sound.at(i)[k]; }, [&] { return tolerance(i); },
+          reason);
+      continue;
+    }
     for (std::size_t k = 0; k < stored.size(); ++k) {
       findings_.compare(
           columns_[i].path(), row, stored.size() == 1 ? std::nullopt : std::optional(k), stored[k], sound.at(i)[k],
-          [&] { return tolerance(i); }, "from the levels around that time");
+          [&] { return tolerance(i); }, reason);
     }
   }
 }
@@ -153,7 +157,7 @@ void OutputCheck::check_level(std::size_t level, std::span<const double> z) {
   if (maker_ == nullptr) {
     return;
   }
-  see(z);
+  scales_.see(z);
   if (problem_.output.has_times() && level > 0) {
     return;
   }
@@ -161,7 +165,7 @@ void OutputCheck::check_level(std::size_t level, std::span<const double> z) {
   for (auto place = begin; place != places_.end() && place->level == level; ++place) {
     compare(static_cast<std::size_t>(place - places_.begin()), [&](RowSink& sink, int attempt) {
       static_cast<void>(attempt < 0 ? maker_->append(sink, z, place->t)
-                                    : maker_->append(sink, displaced(z, attempt, 1), place->t));
+                                    : maker_->append(sink, scales_.displaced(z, attempt, 1), place->t));
     });
   }
 }
@@ -179,7 +183,7 @@ void OutputCheck::check_step(std::size_t level, std::span<const double> before, 
         static_cast<void>(maker_->append(sink, step, place->t));
         return;
       }
-      const std::vector<double> z_0 = displaced(before, attempt, 0), z_1 = displaced(z, attempt, 1);
+      const std::vector<double> z_0 = scales_.displaced(before, attempt, 0), z_1 = scales_.displaced(z, attempt, 1);
       OutputStep moved = step;
       moved.z_0 = z_0;
       moved.z_1 = z_1;

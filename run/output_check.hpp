@@ -11,6 +11,8 @@
 #include <rubato/run/findings.hpp>
 #include <rubato/run/output.hpp>
 #include <rubato/run/output_times.hpp>
+#include <rubato/run/shared_rows.hpp>
+#include <rubato/run/state_scales.hpp>
 
 namespace rubato {
 
@@ -18,7 +20,7 @@ namespace rubato {
 class OutputCheck {
 public:
   /// \param components how many numbers of a state have one scale: a field's, or one
-  OutputCheck(const record::Reader& reader, const StoredLevels& levels, const Problem& problem, std::size_t components,
+  OutputCheck(const SharedRecord& record, const StoredLevels& levels, const Problem& problem, std::size_t components,
               Findings& findings);
 
   /// The times themselves.
@@ -38,18 +40,16 @@ private:
   void find_places();
   template <typename Make>
   void compare(std::size_t row, Make&& make);
-  [[nodiscard]] std::vector<double> displaced(std::span<const double> z, int attempt, int level);
-  void see(std::span<const double> z);
 
-  const record::Reader& reader_;
+  SharedRecord record_;
   const StoredLevels& levels_;
   const Problem& problem_;
-  std::size_t components_;
   Findings& findings_;
+  PartFindings parts_;
   std::unique_ptr<OutputMaker> maker_;
   std::vector<Place> places_;
-  std::vector<StoredRows> columns_;
-  std::vector<double> scales_;  ///< largest magnitude of each component so far
+  std::vector<SharedRows> columns_;
+  StateScales scales_;
 };
 
 }  // namespace rubato

@@ -141,7 +141,7 @@ private:
   template <typename Append>
   void tell(RowSink& sink, const Append& append) {
     if (leader_) {
-      GatheringSink gathering(leader_->slab(), &sink);
+      GatheringSink gathering(leader_->slab(), chronicle_->layout(), &sink);
       append(gathering);
       gathering.rethrow();
     } else {

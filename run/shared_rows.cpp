@@ -66,10 +66,40 @@ StoredLevels shared_levels(const SharedRecord& record, const StoredLevels* level
   return shared;
 }
 
+namespace {
+
+/// Numbers of a row, of this rank's part where they are those of nodes.
+std::size_t numbers_of_row(const SharedRecord& record, const record::Dataset& dataset) {
+  if (record.slab() != nullptr && has_nodes(dataset)) {
+    return record.slab()->size();
+  }
+  double numbers = 1.0;
+  record.at_rank_0(
+      [&] {
+        for (const std::string& scale : dataset.dimensions) {
+          numbers *= static_cast<double>(record.reader()->rows(scale));
+        }
+      },
+      std::span(&numbers, 1));
+  return static_cast<std::size_t>(numbers);
+}
+
+}  // namespace
+
+bool has_nodes(const record::Dataset& dataset) {
+  return std::ranges::any_of(dataset.dimensions, [](const std::string& scale) { return scale.starts_with("/grid/"); });
+}
+
 SharedRows::SharedRows(const SharedRecord& record, std::string path, std::size_t row_size)
-    : record_(&record), path_(std::move(path)) {
+    : SharedRows(record, std::move(path), row_size, record.slab() != nullptr && row_size == record.slab()->size()) {}
+
+SharedRows::SharedRows(const SharedRecord& record, const record::Dataset& dataset)
+    : SharedRows(record, dataset.path, numbers_of_row(record, dataset),
+                 record.slab() != nullptr && has_nodes(dataset)) {}
+
+SharedRows::SharedRows(const SharedRecord& record, std::string path, std::size_t row_size, bool in_parts)
+    : record_(record), path_(std::move(path)), in_parts_(in_parts) {
   const grids::Slab* const slab = record.slab();
-  const bool in_parts = slab != nullptr && row_size == slab->size();
   double rows = 0.0;
   record.at_rank_0(
       [&] {
@@ -80,23 +110,29 @@ SharedRows::SharedRows(const SharedRecord& record, std::string path, std::size_t
   rows_ = static_cast<std::size_t>(rows);
   if (in_parts) {
     stored_.reset();
-    part_.resize(row_size);
+  }
+  if (slab != nullptr) {
+    row_.resize(row_size);
   }
 }
 
 std::span<const double> SharedRows::row(std::size_t row) {
-  if (part_.empty()) {
+  if (record_.slab() == nullptr) {
     return stored_->row(row);
   }
+  if (!in_parts_) {
+    record_.at_rank_0([&] { std::ranges::copy(stored_->row(row), row_.begin()); }, row_);
+    return row_;
+  }
   std::size_t first = 0;
-  const grids::Slab& slab = *record_->slab();
+  const grids::Slab& slab = *record_.slab();
   const std::size_t plane = slab.whole().size() / slab.whole().cells(slab.whole().dimensions() - 1);
   std::exception_ptr thrown;  // others wait for what was announced
-  slab.scatter(part_, [&](std::span<double> planes) {
+  slab.scatter(row_, [&](std::span<double> planes) {
     std::ranges::fill(planes, 0.0);
     try {
       if (!thrown) {
-        const auto values = record_->reader()->read_part(path_, row, first, planes.size() / plane);
+        const auto values = record_.reader()->read_part(path_, row, first, planes.size() / plane);
         std::ranges::copy(values, planes.begin());
       }
     } catch (...) {
@@ -104,17 +140,17 @@ std::span<const double> SharedRows::row(std::size_t row) {
     }
     first += planes.size() / plane;
   });
-  record_->at_rank_0([&] {
+  record_.at_rank_0([&] {
     if (thrown) {
       std::rethrow_exception(thrown);
     }
   });
-  return part_;
+  return row_;
 }
 
 double SharedRows::at(std::size_t row) {
   double value = 0.0;
-  record_->at_rank_0([&] { value = stored_->at(row); }, std::span(&value, 1));
+  record_.at_rank_0([&] { value = stored_->at(row); }, std::span(&value, 1));
   return value;
 }
 

@@ -41,24 +41,34 @@ private:
 /// The levels of a record, at all ranks; `levels` is looked at by rank 0 alone.
 [[nodiscard]] StoredLevels shared_levels(const SharedRecord& record, const StoredLevels* levels);
 
+/// Whether a row has a number for each node, of which every rank has some.
+[[nodiscard]] bool has_nodes(const record::Dataset& dataset);
+
 /// figures::StoredRows, of which a rank has its part: where a row has a number for each node, those of its grid. Ghosts
 /// have no value.
 class SharedRows {
 public:
   SharedRows(const SharedRecord& record, std::string path, std::size_t row_size = 1);
+  /// Those of a dataset as a layout has it.
+  SharedRows(const SharedRecord& record, const record::Dataset& dataset);
 
   [[nodiscard]] const std::string& path() const { return path_; }
   [[nodiscard]] std::size_t rows() const { return rows_; }
   /// Valid until the next call.
   [[nodiscard]] std::span<const double> row(std::size_t row);
   [[nodiscard]] double at(std::size_t row);
+  /// Whether a rank has a part of each row, and not all of it.
+  [[nodiscard]] bool are_in_parts() const { return in_parts_; }
 
 private:
-  const SharedRecord* record_;
+  SharedRows(const SharedRecord& record, std::string path, std::size_t row_size, bool in_parts);
+
+  SharedRecord record_;
   std::string path_;
   std::size_t rows_ = 0;
-  std::optional<StoredRows> stored_;  ///< of one process; of rank 0 what has one number in a row
-  std::vector<double> part_;
+  bool in_parts_;
+  std::optional<StoredRows> stored_;  ///< of one process; of rank 0 what is not in parts
+  std::vector<double> row_;           ///< of this rank, where there are others
 };
 
 /// Calls use(numbers) for a row of a dataset in parts of about a megabyte, or whole rows that are smaller.

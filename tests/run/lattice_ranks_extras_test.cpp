@@ -1,10 +1,12 @@
 // What ranks share of a lattice beside its levels and laws: tangent solutions, potentials that differ from place to
-// place and in time. Ranks are threads, as in lattice_ranks_test.cpp.
+// place and in time, events, output between levels, first steps that are chosen. Ranks are threads, as in
+// lattice_ranks_test.cpp.
 
 #include <catch2/catch.hpp>
 
 #include <algorithm>
 #include <cmath>
+#include <filesystem>
 #include <limits>
 #include <string>
 #include <vector>
@@ -12,6 +14,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <rubato/problem/lattice_problem.hpp>
 #include <rubato/record/reader.hpp>
 #include <rubato/run/check.hpp>
 
@@ -41,6 +44,12 @@ void check_shared_run(const Folder& folder, const Make& make, const std::string&
     options.tangents = tangents;
     return options;
   };
+  std::string ended = alone;
+  if (!whole.scheme.step) {  // which is another one for a run that ends sooner
+    ended = folder / "ended.h5";
+    static_cast<void>(run(part, {.output = ended, .overwrite = true, .threads = 1}));
+    static_cast<void>(resume(ended, whole.scheme.until, {.threads = 1}));
+  }
   for (const int size : sizes) {
     INFO(size << " ranks");
     const Outcome all = with_ranks(size, [&](auto& rank) { return run(whole, shared_by(rank, shared)); });
@@ -55,7 +64,7 @@ void check_shared_run(const Folder& folder, const Make& make, const std::string&
       return resume(continued, whole.scheme.until, {.threads = 1, .ranks = &rank});
     });
     CHECK(resumed.status == ExitStatus::done);
-    CHECK(different_datasets(alone, continued) == Names{});
+    CHECK(different_datasets(ended, continued) == Names{});
   }
 }
 
@@ -90,6 +99,18 @@ double relative_difference(const std::string& a, const std::string& b, const std
   }
   return largest / scale;
 }
+
+}  // namespace
+
+namespace {
+
+/// What ranks share to rounding.
+const std::vector<Settings> schemes_with_transforms = {{"scheme.lagrangian=splitting", "scheme.space=differences"},
+                                                       {"scheme.lagrangian=splitting"},
+                                                       {"scheme.lagrangian=fourier", "scheme.stages=2"},
+                                                       {"scheme.lagrangian=fourier"},
+                                                       {"scheme.lagrangian=box"},
+                                                       {"scheme.lagrangian=box", "scheme.stages=2"}};
 
 }  // namespace
 
@@ -157,6 +178,47 @@ TEST_CASE("what is wrong with tangent solutions of ranks is seen in their law al
     return path.starts_with("/laws/multisymplectic") || path.starts_with("/checkpoint");
   }));
   check_found_by_ranks(file, "/laws/multisymplectic_max", 7, 1e-10);
+}
+
+TEST_CASE("ranks carry tangent solutions of box schemes along, which keep their law to rounding") {
+  const Folder folder;
+  const std::string stages = GENERATE("1", "2");
+  const std::string every = GENERATE("1", "7");
+  const auto make = [&](const std::string& until) {
+    return wave_on_torus(
+        21, 19, {"scheme.lagrangian=box", "scheme.stages=" + stages, "scheme.until=" + until, "output.every=" + every});
+  };
+  const auto with_tangents = [](auto& rank, const std::string& file) {
+    RunOptions options = on(rank, file);
+    options.tangents = true;
+    return options;
+  };
+  const auto law_of = [](const std::string& file) {
+    return std::ranges::max(record::Reader(file).read("/laws/multisymplectic_max"));
+  };
+  const std::string one = folder / "one.h5", all = folder / "all.h5", part = folder / "part.h5";
+  static_cast<void>(run(make("0.2"), {.output = one, .threads = 1, .tangents = true}));
+  for (const int size : {2, 3}) {
+    static_cast<void>(with_ranks(size, [&](auto& rank) { return run(make("0.2"), with_tangents(rank, all)); }));
+    // What solves leave of it and rounding are of one size on any number of ranks.
+    CHECK(law_of(all) <= 2.0 * law_of(one));
+    CHECK(with_ranks(size, [&](auto& rank) { return check(all, {.ranks = &rank}); }).status == ExitStatus::done);
+    static_cast<void>(with_ranks(size, [&](auto& rank) { return run(make("0.11"), with_tangents(rank, part)); }));
+    static_cast<void>(with_ranks(size, [&](auto& rank) { return resume(part, 0.2, {.threads = 1, .ranks = &rank}); }));
+    CHECK(different_datasets(all, part) == Names{});
+  }
+  // The twin: planes of all four fields on their way to a neighbour, each time otherwise: as linear systems see them,
+  // which then may not converge, and as tangent solutions have them.
+  Mailboxes tampered(3);
+  tampered.tamper_with([sent = 0](int, std::vector<double>& numbers) mutable {
+    if (numbers.size() == 4 * 21) {
+      numbers.front() *= 1.0 + 1e-9 * (++sent % 7);
+    }
+  });
+  const Outcome other = with_ranks(tampered, [&](auto& rank) { return run(make("0.2"), with_tangents(rank, all)); });
+  const bool ended = std::ranges::any_of(
+      other.warnings, [](const std::string& warning) { return warning.starts_with("the tangent solutions ended"); });
+  CHECK((ended || law_of(all) > 10.0 * law_of(one)));
 }
 
 TEST_CASE("tangent solutions that a scheme has not are refused on ranks as on one") {
@@ -264,9 +326,7 @@ until = 0.4
 TEST_CASE("schemes with transforms share what S says of coordinates and t to rounding") {
   const Folder folder;
   const Settings S = GENERATE(of_places, of_times);
-  const Settings scheme =
-      GENERATE(Settings{"scheme.lagrangian=splitting", "scheme.space=differences"},
-               Settings{"scheme.lagrangian=splitting"}, Settings{"scheme.lagrangian=fourier", "scheme.stages=2"});
+  const Settings scheme = GENERATE(from_range(schemes_with_transforms));
   INFO(fmt::format("{} {}", fmt::join(scheme, " "), S.front()));
   // As lattice_ranks_test.cpp has it: thirty steps of some ten transforms and kicks, each rounded by some ε.
   constexpr double allowed = 30 * 10 * 8 * std::numeric_limits<double>::epsilon();
@@ -284,4 +344,172 @@ TEST_CASE("schemes with transforms share what S says of coordinates and t to rou
   moved.replace(moved.find("sin(pi*x/3)"), 11, "sin(pi*x/3 + 1e-9)");
   static_cast<void>(run(wave_on_torus(41, 37, joined(scheme, {moved})), {.output = folder / "moved.h5", .threads = 1}));
   CHECK(relative_difference(folder / "one.h5", folder / "moved.h5", "/states/u") > allowed);
+}
+
+namespace {
+
+/// A zero of an integral, with quantities; a condition at a point between nodes, whose formula differentiates across
+/// planes.
+const Settings some_events = {
+    R"x(events.slow={crossing="integral(v*sin(pi*x/3)) + 2", quantities=["integral(u^2)", "t"]})x",
+    R"x(events.steep={crossing="dy(u) + dx(v) < -0.0985", at={x=0.7, y=5.1}, quantities=["u", "dy(b)"]})x"};
+/// Times between levels, a field, a number of integrals, and one at a point.
+const Settings some_output = {"output.interval=0.037", "output.quantities.power=v*b",
+                              "output.quantities.mean=integral(u*dy(b))/integral(1)",
+                              R"x(output.quantities.here={formula="dy(u)*v", at={x=0.7, y=5.1}})x"};
+const Settings levels_output = {"output.quantities.power=v*b", "output.quantities.mean=integral(u)"};
+
+}  // namespace
+
+TEST_CASE("ranks find the events of a lattice, and tell it between levels, with the bits of one") {
+  const Folder folder;
+  const Settings scheme = GENERATE(Settings{}, Settings{"scheme.lagrangian=leapfrog", "scheme.levels=variable"});
+  SECTION("events") {
+    for (const std::string every : {"1", "7"}) {
+      INFO(fmt::format("{}, every {}", fmt::join(scheme, " "), every));
+      const Settings settings = joined(joined(scheme, some_events), {"output.every=" + every});
+      check_shared_run(folder, [&](const Settings& more) { return wave_on_torus(24, 23, joined(settings, more)); },
+                       "0.11", {2, 3});
+    }
+    const record::Reader reader(folder / "one.h5");
+    CHECK(reader.rows("/events/slow/t") > 0);
+    CHECK(reader.rows("/events/steep/t") > 0);
+    // An event that ends the run, at all ranks.
+    check_shared_run(folder,
+                     [&](const Settings& more) {
+                       Settings all = joined({R"x(events.end={crossing="integral(v^2) > 51", stop=true})x"}, scheme);
+                       return wave_on_torus(9, 7, joined(all, more));
+                     },
+                     "0.02", {3, 7});
+    CHECK(record::Reader(folder / "one.h5").rows("/events/end/t") == 1);
+  }
+  SECTION("output") {
+    for (const Settings& output : {some_output, levels_output}) {
+      for (const std::string every : {"1", "7"}) {
+        INFO(fmt::format("{}, every {}", fmt::join(scheme, " "), every));
+        const Settings settings = joined(joined(scheme, output), {"output.every=" + every});
+        check_shared_run(folder, [&](const Settings& more) { return wave_on_torus(24, 23, joined(settings, more)); },
+                         "0.11", {2, 3});
+      }
+    }
+    check_shared_run(
+        folder, [&](const Settings& more) { return wave_on_torus(9, 7, joined(joined(scheme, some_output), more)); },
+        "0.11", {7});
+  }
+}
+
+TEST_CASE("as many quantities as a part has nodes are no field") {
+  const Folder folder;
+  // On 3 ranks 9 nodes each, with copies of three of either neighbour.
+  const Settings settings = {"scheme.lagrangian=euler-box",
+                             "scheme.levels=fixed",
+                             "scheme.step=0.02",
+                             "scheme.until=0.2",
+                             "grid.x.cells=9",
+                             R"x(events.early={crossing="t - 0.05", at={x=1}, )x"
+                             R"x(quantities=["1", "2", "3", "4", "5", "6", "7", "u", "integral(v)"]})x"};
+  check_shared_run(folder, [&](const Settings& more) { return read_problem("sine-gordon", joined(settings, more)); },
+                   "0.1", {3});
+  const Problem problem = read_problem("sine-gordon", settings);
+  const grids::Ghosts ghosts = make_method(problem)->ghosts(make_system(problem));
+  CHECK(9 / 3 + ghosts.before + ghosts.after == problem.events.front().quantities.size());
+}
+
+TEST_CASE("ranks find events of a line, and tell it between levels, with the bits of one") {
+  const Folder folder;
+  const std::string levels = GENERATE("fixed", "variable");
+  const Settings settings = {"grid.x.cells=257",
+                             "scheme.levels=" + levels,
+                             "scheme.until=0.05",
+                             "output.every=1",
+                             "output.interval=0.0071",
+                             "output.quantities.power=u*dx(u)",
+                             R"x(output.quantities.here={formula="dx(u)", at={x=1.2345}})x",
+                             R"x(events.peak={crossing="dx(u)", at={x=3.3}, quantities=["u", "integral(u^3)"]})x",
+                             R"x(events.late="t - 0.031")x"};
+  check_shared_run(folder, [&](const Settings& more) { return line("kdv", joined(settings, more)); }, "0.02",
+                   {2, 3, 7});
+  CHECK(record::Reader(folder / "one.h5").rows("/events/late/t") == 1);
+}
+
+TEST_CASE("what ranks tell of events and between levels is checked by ranks") {
+  const Folder folder;
+  const std::string file = folder / "told.h5";
+  const Problem problem = wave_on_torus(13, 11, joined(joined(some_events, some_output), {"output.every=1"}));
+  constexpr std::size_t nodes = 13 * 11;
+  for (const auto& [dataset, index, change] : {std::tuple{"/output/u", 3 * nodes + 140, 1e-6},
+                                               {"/output/quantities/power", 2 * nodes + 5, 1e-6},
+                                               {"/output/quantities/mean", std::size_t{4}, 1e-8},
+                                               {"/output/quantities/here", std::size_t{4}, 1e-6},
+                                               {"/output/t", std::size_t{2}, 1e-9},
+                                               {"/events/slow/t", std::size_t{0}, 1e-6},
+                                               {"/events/slow/quantities", std::size_t{1}, 1e-6},
+                                               {"/events/steep/missed", std::size_t{7}, 1.0}}) {
+    static_cast<void>(run(problem, {.output = file, .overwrite = true, .threads = 1}));
+    check_found_by_ranks(file, dataset, index, change);
+  }
+  // The twin: what goes on from rank to rank to a value at a point, which does not touch the levels.
+  static_cast<void>(run(problem, {.output = folder / "one.h5", .threads = 1}));
+  Mailboxes at_points(3);
+  at_points.tamper_with([](int from, std::vector<double>& numbers) {
+    if (from == 1 && numbers.size() == 1) {  // one number that is no order goes to rank 2 in turn, and to none else
+      numbers.front() *= 1.0 + 1e-9;
+    }
+  });
+  static_cast<void>(with_ranks(at_points, [&](auto& rank) { return run(problem, on(rank, folder / "all.h5")); }));
+  const Names different = different_datasets(folder / "one.h5", folder / "all.h5");
+  CHECK(std::ranges::find(different, "/output/quantities/here") != different.end());
+  CHECK(std::ranges::find(different, "/states/u") == different.end());
+}
+
+TEST_CASE("schemes with transforms share events and output to rounding") {
+  const Folder folder;
+  const Settings scheme = GENERATE(from_range(schemes_with_transforms));
+  INFO(fmt::format("{}", fmt::join(scheme, " ")));
+  // Thirty steps of some ten transforms and kicks, each rounded by some ε; and derivatives, twice of wave number 20 at
+  // most.
+  const Settings told = joined(some_events, some_output);
+  constexpr double allowed = 400 * 30 * 10 * 8 * std::numeric_limits<double>::epsilon();
+  const Problem problem = wave_on_torus(25, 23, joined(joined(scheme, {"output.every=1", "scheme.until=0.15"}), told));
+  const std::string one = folder / "one.h5", all = folder / "all.h5";
+  static_cast<void>(run(problem, {.output = one, .threads = 1}));
+  const auto apart = [&](const std::string& file) {
+    Names paths;
+    for (const std::string path : {"/output/u", "/output/quantities/power", "/output/quantities/mean",
+                                   "/output/quantities/here", "/events/slow/t", "/events/steep/quantities"}) {
+      if (!(relative_difference(one, file, path) <= allowed)) {
+        paths.push_back(path);
+      }
+    }
+    return paths;
+  };
+  for (const int size : {2, 3}) {
+    CHECK(with_ranks(size, [&](auto& rank) { return run(problem, on(rank, all)); }).status == ExitStatus::done);
+    CHECK(apart(all) == Names{});
+    CHECK(with_ranks(size, [&](auto& rank) { return check(all, {.ranks = &rank}); }).status == ExitStatus::done);
+  }
+  // The twin: a point a little beside.
+  std::string beside = some_output.back();
+  beside.replace(beside.find("0.7"), 3, "0.70001");
+  static_cast<void>(run(wave_on_torus(25, 23, joined(joined(scheme, told), {"scheme.until=0.15", beside})),
+                        {.output = folder / "beside.h5", .threads = 1}));
+  CHECK(apart(folder / "beside.h5") == Names{"/output/quantities/here"});
+}
+
+TEST_CASE("ranks choose a first step together, the one that one process would") {
+  const Folder folder;
+  const Settings scheme = GENERATE(Settings{}, Settings{"scheme.lagrangian=leapfrog", "scheme.levels=variable"});
+  INFO(fmt::format("{}", fmt::join(scheme, " ")));
+  const Settings settings =
+      joined(scheme, {"scheme.step=auto", "scheme.energy_tolerance=2e-2", "output.interval=0.05"});
+  check_shared_run(folder, [&](const Settings& more) { return wave_on_torus(24, 23, joined(settings, more)); }, "0.11",
+                   {2, 3});
+}
+
+TEST_CASE("ranks choose the first step of a line together") {
+  const Folder folder;
+  const std::string levels = GENERATE("fixed", "variable");
+  const Settings settings = {"grid.x.cells=129", "scheme.step=auto", "scheme.energy_tolerance=1e-4",
+                             "scheme.levels=" + levels, "scheme.until=0.05"};
+  check_shared_run(folder, [&](const Settings& more) { return line("kdv", joined(settings, more)); }, "0.02", {2, 3});
 }

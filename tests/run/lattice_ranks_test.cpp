@@ -684,10 +684,6 @@ TEST_CASE("what ranks cannot share is refused, with its place, before anything i
   CHECK_THAT(refusal(line("sine-gordon", {"grid.x.cells=31"})), Contains("each has to have 16 of them; start one"));
   CHECK_THAT(refusal(read_problem("sine-gordon", Settings{"scheme.lagrangian=splitting"})),
              Contains("transforms along a line take the whole of it"));
-  CHECK_THAT(refusal(torus({"scheme.step=auto", "scheme.energy_tolerance=1e-3"})), Contains("auto"));
-  CHECK_THAT(refusal(torus({"output.interval=0.1"})), Contains("output at times"));
-  CHECK_THAT(refusal(torus({"output.quantities.mean=integral(u)"})), Contains("of quantities"));
-  CHECK_THAT(refusal(torus({"events.high=integral(u^2) > 100"})), Contains("events"));
   CHECK_THAT(refusal(torus({}), 8), Contains("8 ranks cannot share a lattice of 7 planes across y"));
   // What the scheme itself refuses, and what all ranks find at the start, is said once.
   CHECK_THAT(refusal(read_problem("kdv", Settings{"scheme.lagrangian=euler-box", "scheme.levels=fixed"})),
