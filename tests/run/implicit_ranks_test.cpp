@@ -10,6 +10,8 @@
 #include <string>
 #include <vector>
 
+#include <fmt/format.h>
+
 #include <rubato/record/reader.hpp>
 #include <rubato/run/check.hpp>
 #include <rubato/run/run.hpp>
@@ -219,4 +221,44 @@ TEST_CASE("ranks say of their parts of a first level what is said of the whole")
       CHECK_THAT(one.front(), Catch::Contains(part));
     }
   }
+}
+
+TEST_CASE("what ranks send for a level of the box scheme in the plane is transposes, planes, and some numbers") {
+  // Of 59 x 63 nodes on two ranks: a message of fields to be transformed is of the 31 or 32 planes that a rank has, 16
+  // of 32 columns each, two of which are padding; of ghosts, of one plane; all others are shorter.
+  constexpr std::size_t x = 59, y = 63, columns = 32, modes = x / 2 + 1;
+  const Folder folder;
+  struct Sent {
+    double transposes = 0.0, planes = 0.0, numbers = 0.0;
+  };
+  const auto sent = [&](int levels) {
+    Mailboxes all(2);
+    Sent result;
+    all.tamper_with([&](int, std::vector<double>& numbers) {
+      const auto size = static_cast<double>(numbers.size());
+      if (numbers.size() % (y / 2 * columns) == 0 || numbers.size() % ((y + 1) / 2 * columns) == 0) {
+        result.transposes += size;
+      } else if (numbers.size() % x == 0) {
+        result.planes += size;
+      }
+    });
+    const Problem problem = read_problem(
+        "sine-gordon-2d", Settings{"grid.x.cells=59", "grid.y.cells=63", "scheme.levels=fixed", "scheme.step=0.05",
+                                   "output.every=1000", fmt::format("scheme.until={}", 0.05 * levels)});
+    static_cast<void>(with_ranks(all, [&](auto& rank) { return run(problem, on(rank, folder / "a.h5")); }));
+    result.numbers = static_cast<double>(all.sent());
+    return result;
+  };
+  const Sent few = sent(10), many = sent(26);  // sizes of the energy are looked at every 16th level
+  const auto of_level = [&](double Sent::*what) { return (many.*what - few.*what) / 16.0 / 2.0; };
+  const double transposes = of_level(&Sent::transposes), planes = of_level(&Sent::planes),
+               rest = of_level(&Sent::numbers) - transposes - planes;
+  INFO(transposes << " numbers of transposes, " << planes << " of planes, " << rest << " others, of a level and rank");
+  CHECK(transposes > 0.0);
+  CHECK(planes > 0.0);
+  CHECK(rest > 0.0);
+  // Padding and all else is less than a tenth of what has to be sent; and the twin, of 5 × 5 nodes.
+  const double least = transposes * static_cast<double>(modes) / columns + planes;
+  CHECK(transposes + planes + rest < 1.1 * least);
+  CHECK(rest > 0.1 * least * 5.0 * 5.0 / (x * y));
 }
