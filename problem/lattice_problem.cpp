@@ -3,6 +3,9 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <exception>
+#include <iterator>
+#include <utility>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -55,13 +58,15 @@ std::string place_of(const grids::Grid& grid, std::size_t node) {
 /// Evaluates the initial fields one by one.
 class InitialValues {
 public:
-  InitialValues(const Problem& problem, const grids::Grid& grid)
-      : problem_(problem), pde_(*problem.multisymplectic()), grid_(grid), values_(pde_.fields.size()) {}
+  /// \param ranks those that evaluate them together, each in its part or all of them; null for one process
+  InitialValues(const Problem& problem, const grids::Grid& grid, const grids::Slab* ranks)
+      : problem_(problem), pde_(*problem.multisymplectic()), grid_(grid), ranks_(ranks), values_(pde_.fields.size()) {}
 
   InitialFields take() {
     if (pde_.initial_record) {
       const InitialRecord& source = *pde_.initial_record;
-      std::vector<std::vector<double>> fields = read_initial_fields(source, grid_);
+      std::vector<std::vector<double>> fields =
+          ranks_ == nullptr ? read_initial_fields(source, grid_) : read_by_rank_0(source);
       for (std::size_t i = 0; i < fields.size(); ++i) {
         const auto field = std::ranges::find(pde_.fields, source.take[i]) - pde_.fields.begin();
         values_[static_cast<std::size_t>(field)] = std::move(fields[i]);
@@ -104,7 +109,50 @@ private:
     return true;
   }
 
-  /// What derivatives across planes leave of ghosts.
+  /// The same at ranks, of which the first one alone reads, one field after the other.
+  [[nodiscard]] std::vector<std::vector<double>> read_by_rank_0(const InitialRecord& source) const {
+    const bool in_parts = grids::Slab::of(grid_) != nullptr;
+    const grids::Grid& whole = in_parts ? ranks_->whole() : grid_;
+    std::vector<std::vector<double>> fields;
+    for (const std::string& name : source.take) {
+      InitialRecord one = source;
+      one.take = {name};
+      std::vector<double> read;
+      std::exception_ptr thrown;
+      if (ranks_->leads()) {
+        try {
+          const grids::Slab::Shared alone(nullptr);
+          read = std::move(read_initial_fields(one, whole).front());
+        } catch (...) {
+          thrown = std::current_exception();
+        }
+      }
+      double failed = thrown ? 1.0 : 0.0;
+      ranks_->broadcast(std::span(&failed, 1));
+      if (thrown) {
+        std::rethrow_exception(thrown);
+      }
+      if (failed != 0.0) {
+        throw ProblemError(source.location, "rank 0 cannot read the initial data");
+      }
+      if (in_parts) {
+        std::vector<double>& part = fields.emplace_back(grid_.size());
+        auto next = read.begin();
+        ranks_->scatter(part, [&next](std::span<double> planes) {
+          std::copy_n(next, planes.size(), planes.begin());
+          next += std::ssize(planes);
+        });
+        refresh(part);
+      } else {
+        read.resize(whole.size());
+        ranks_->broadcast(read);
+        fields.push_back(std::move(read));
+      }
+    }
+    return fields;
+  }
+
+  /// What others own of the values, which derivatives across planes, or reading, leave out.
   void refresh(std::vector<double>& values) const {
     if (grids::Slab::of(grid_) != nullptr) {
       grids::FieldSet field(1, values.size());
@@ -117,14 +165,18 @@ private:
   const Problem& problem_;
   const MultisymplecticProblem& pde_;
   const grids::Grid& grid_;
+  const grids::Slab* ranks_;
   InitialFields values_;
 };
 
 /// LatticeMethod::begins_in_parts() of what is given.
 bool begins_in_parts(const Problem& problem, const MultisymplecticSystem& system) {
+  const MultisymplecticProblem& pde = *problem.multisymplectic();
   std::vector<bool> given;
-  for (const auto& formula : problem.multisymplectic()->initial) {
-    given.push_back(formula.has_value());
+  for (std::size_t f = 0; f < pde.fields.size(); ++f) {
+    const bool is_read = pde.initial_record &&
+                         std::ranges::find(pde.initial_record->take, pde.fields[f]) != pde.initial_record->take.end();
+    given.push_back(is_read || pde.initial[f].has_value());
   }
   return make_method(problem)->begins_in_parts(system, given);
 }
@@ -194,15 +246,16 @@ grids::Grid make_grid(const Problem& problem, int ranks) {
 }
 
 InitialFields make_initial_fields(const Problem& problem, const grids::Grid& grid) {
-  return InitialValues(problem, grid).take();
+  return InitialValues(problem, grid, grids::Slab::of(grid)).take();
 }
 
 namespace {
 
-/// By this rank alone.
+/// By this rank alone, but for what rank 0 reads.
 InitialFields whole_initial_fields(const Problem& problem, const grids::Grid& grid) {
+  const grids::Slab* const ranks = grids::Slab::present();
   const grids::Slab::Shared alone(nullptr);
-  return make_initial_fields(problem, grid);
+  return InitialValues(problem, grid, ranks).take();
 }
 
 }  // namespace
@@ -224,20 +277,31 @@ LatticeOptions make_lattice_options(const Problem& problem, const Multisymplecti
   return options;
 }
 
-LatticeIntegrator make_lattice(const Problem& problem) {
-  const MultisymplecticSystem system = make_system(problem);
+namespace {
+
+/// Calls make(grid, initial, options) with what a lattice begins with, of all of it or of the part of a slab.
+template <typename Make>
+auto with_initial_fields(const Problem& problem, const MultisymplecticSystem& system, const Make& make) {
   LatticeOptions options = make_lattice_options(problem, system);
   options.slab = grids::Slab::present();
   const grids::Grid grid = make_grid(problem, options.slab == nullptr ? 1 : options.slab->ranks());
   options.initial_is_part = options.slab != nullptr && begins_in_parts(problem, system);
   const InitialFields initial = options.initial_is_part ? make_initial_fields(problem, options.slab->grid())
                                                         : whole_initial_fields(problem, grid);
-  return at_initial(problem, [&] {
-    if (const auto& scheme = problem.scheme; !scheme.step) {
-      options.step = choose_first_step(system, grid, initial, options, *scheme.energy_tolerance);
-    }
-    return LatticeIntegrator(system, grid, initial, options);
-  });
+  return at_initial(problem, [&] { return make(grid, initial, options); });
+}
+
+}  // namespace
+
+LatticeIntegrator make_lattice(const Problem& problem) {
+  const MultisymplecticSystem system = make_system(problem);
+  return with_initial_fields(
+      problem, system, [&](const grids::Grid& grid, const InitialFields& initial, LatticeOptions& options) {
+        if (const auto& scheme = problem.scheme; !scheme.step) {
+          options.step = choose_first_step(system, grid, initial, options, *scheme.energy_tolerance);
+        }
+        return LatticeIntegrator(system, grid, initial, options);
+      });
 }
 
 std::unique_ptr<LatticeMethod> make_method(const Problem& problem) {
@@ -246,7 +310,11 @@ std::unique_ptr<LatticeMethod> make_method(const Problem& problem) {
 
 LatticeLevel make_initial_level(const Problem& problem, const MultisymplecticSystem& system, const grids::Grid& grid) {
   if (grids::Slab::present() != nullptr) {
-    return make_lattice(problem).level();
+    return with_initial_fields(
+        problem, system, [&](const grids::Grid& whole, const InitialFields& initial, LatticeOptions& options) {
+          options.step = problem.scheme.step.value_or(options.until < options.start ? -1.0 : 1.0);  // none is taken
+          return LatticeLevel(LatticeIntegrator(system, whole, initial, options).level());
+        });
   }
   const InitialFields initial = make_initial_fields(problem, grid);
   return at_initial(problem, [&] { return make_method(problem)->first_level(system, grid, initial).level; });

@@ -177,9 +177,6 @@ void refuse_unshared(const Problem& problem, const RunOptions& options) {
     refuse_sharing(scheme, ranks,
                    fmt::format("{}; a line is shared with lagrangian = {}", reason, methods_to_share(dimensions)));
   }
-  if (pde->initial_record) {
-    refuse_sharing(pde->initial_record->location, ranks, "initial data from a record are not shared");
-  }
 }
 
 SharedLattice::SharedLattice(ranks::Communicator& ranks, const Problem& problem, bool tangents)

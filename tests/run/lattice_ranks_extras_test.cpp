@@ -1,6 +1,6 @@
 // What ranks share of a lattice beside its levels and laws: tangent solutions, potentials that differ from place to
-// place and in time, events, output between levels, first steps that are chosen. Ranks are threads, as in
-// lattice_ranks_test.cpp.
+// place and in time, events, output between levels, first steps that are chosen, records to begin from. Ranks are
+// threads, as in lattice_ranks_test.cpp.
 
 #include <catch2/catch.hpp>
 
@@ -346,6 +346,28 @@ TEST_CASE("schemes with transforms share what S says of coordinates and t to rou
   CHECK(relative_difference(folder / "one.h5", folder / "moved.h5", "/states/u") > allowed);
 }
 
+TEST_CASE("what is said of a medium does not depend on the number of ranks") {
+  const Folder folder;
+  // A medium that does not repeat; one that is undefined in the planes of one rank; an equation that is ill-posed at
+  // some places.
+  for (const std::string S : {"(v^2 - a^2 - b^2)/2 + y*(1 - cos(u))", "(v^2 - a^2 - b^2)/2 + u^2*log(y - 6)",
+                              "(v^2 - a^2 - b^2)/2 + a^2*cos(2*pi*(y - 0.3)/6.7)"}) {
+    INFO(S);
+    const Problem problem = wave_on_torus(40, 37, {"multisymplectic.S=" + S, "scheme.until=0.02"});
+    const auto said_on = [&](int size) -> Names {
+      try {
+        const Outcome outcome = with_ranks(size, [&](auto& rank) { return run(problem, on(rank, folder / "a.h5")); });
+        return joined({outcome.message.substr(0, outcome.message.find("a.h5"))}, outcome.warnings);
+      } catch (const ProblemError& error) {
+        return {error.what()};
+      }
+    };
+    const Names one = said_on(1);
+    CHECK(one != Names{""});
+    CHECK(said_on(3) == one);
+  }
+}
+
 namespace {
 
 /// A zero of an integral, with quantities; a condition at a point between nodes, whose formula differentiates across
@@ -512,4 +534,44 @@ TEST_CASE("ranks choose the first step of a line together") {
   const Settings settings = {"grid.x.cells=129", "scheme.step=auto", "scheme.energy_tolerance=1e-4",
                              "scheme.levels=" + levels, "scheme.until=0.05"};
   check_shared_run(folder, [&](const Settings& more) { return line("kdv", joined(settings, more)); }, "0.02", {2, 3});
+}
+
+TEST_CASE("ranks begin from a record that rank 0 reads") {
+  const Folder folder;
+  const std::string old = folder / "old.h5", small = folder / "small.h5";
+  static_cast<void>(run(wave_on_torus(24, 23, {"scheme.until=0.1"}), {.output = old, .threads = 1}));
+  static_cast<void>(run(wave_on_torus(15, 14, {"scheme.until=0.1"}), {.output = small, .threads = 1}));
+  const auto from = [&](const std::string& file, Settings more) {
+    std::string text = wave_on_torus(24, 23).text;
+    const std::size_t begin = text.find("[initial]") + 10, end = text.find("\n[", begin);
+    text.replace(begin, end - begin, fmt::format("from = \"{}\"\nt = 0\n", file));
+    return parse_problem(text, "torus.toml", more);
+  };
+  const Settings scheme = GENERATE(Settings{}, Settings{"scheme.lagrangian=leapfrog", "scheme.levels=variable"});
+  // Of as many cells, and of fewer, by waves; and a field that is given anew.
+  for (const std::string& file : {old, small}) {
+    check_shared_run(folder, [&](const Settings& more) { return from(file, joined(scheme, more)); }, "0.11", {2, 3});
+  }
+  check_shared_run(folder,
+                   [&](const Settings& more) { return from(small, joined(joined(scheme, {"initial.v=dy(u)"}), more)); },
+                   "0.11", {3});
+  // The twin: of what rank 0 hands out.
+  Mailboxes tampered(2);
+  tampered.tamper_with([sent = 0](int from_rank, std::vector<double>& numbers) mutable {
+    if (from_rank == 0 && numbers.size() == 24 * 11 && ++sent == 1) {
+      numbers.back() += 1e-12;
+    }
+  });
+  static_cast<void>(
+      with_ranks(tampered, [&](auto& rank) { return run(from(old, scheme), on(rank, folder / "all.h5")); }));
+  static_cast<void>(run(from(old, scheme), {.output = folder / "one.h5", .overwrite = true, .threads = 1}));
+  CHECK_FALSE(different_datasets(folder / "one.h5", folder / "all.h5").empty());
+  // What cannot be read is said once.
+  CHECK_THROWS_WITH(with_ranks(2,
+                               [&](auto& rank) {
+                                 const Problem problem = from(old, {"grid.x.to=6"});
+                                 return run(problem, on(rank, folder / "never.h5"));
+                               }),
+                    Contains("only the number of cells may differ"));
+  CHECK_FALSE(std::filesystem::exists(folder / "never.h5"));
 }
