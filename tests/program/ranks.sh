@@ -62,6 +62,28 @@ case $case_name in
     on 2 resume part.h5 --until 1 --quiet
     status_is 0
     check "resumed on another number of ranks" same alone.h5 part.h5
+    # Tangent solutions, events, output between levels, an S of x and t, a start from a record.
+    told=(run sine-gordon-2d "${explicit[@]}" --tangents --set grid.x.cells=61 --set grid.y.cells=51 --set scheme.until=1
+      --set output.every=3 --set output.interval=0.13 --set 'output.quantities.mean=integral(u*v)'
+      --set 'output.quantities.here={ formula = "dy(u)", at = { x = 1.2, y = 0.7 } }'
+      --set 'events.grows={ crossing = "integral(v^2) > 1", quantities = ["integral(u)"] }'
+      --set 'multisymplectic.S=(v^2 - a^2 - b^2)/2 + (1 + 0.1*cos(pi*x/14))*(1 - cos(u)) + 0.1*u*sin(t)')
+    alone "${told[@]}" -o alone.h5 --force --quiet
+    status_is 0
+    on 3 "${told[@]}" -o shared.h5 --force --quiet
+    status_is 0
+    check "what is told beside levels and laws, as of one process" same alone.h5 shared.h5
+    on 2 "${told[@]}" --set scheme.until=0.4 -o part.h5 --force --quiet
+    on 3 resume part.h5 --until 1 --quiet
+    check "resumed on another number of ranks" same alone.h5 part.h5
+    sed '/^\[initial\]/,/^$/d' "$source_folder/catalogue/sine-gordon-2d.toml" >from.toml
+    printf '\n[initial]\nfrom = "alone.h5"\n' >>from.toml
+    begun=(run from.toml "${explicit[@]}" --set grid.x.cells=61 --set grid.y.cells=51 --set scheme.until=2)
+    alone "${begun[@]}" -o begun.h5 --quiet
+    status_is 0
+    on 3 "${begun[@]}" -o shared.h5 --force --quiet
+    status_is 0
+    check "begun from a record that rank 0 reads" same begun.h5 shared.h5
     # leapfrog, and with variable levels.
     for levels in fixed variable; do
       ring=(run sine-gordon-2d --set scheme.lagrangian=leapfrog --set scheme.levels=$levels --set scheme.until=0.5 --set output.every=3)
