@@ -16,6 +16,7 @@
 #include <rubato/grids/whole.hpp>
 #include <rubato/pde/level_fields.hpp>
 #include <rubato/pde/potential_rest.hpp>
+#include <rubato/pde/same_bits.hpp>
 #include <rubato/pde/shared_slopes.hpp>
 #include <rubato/pde/tuning.hpp>
 #include <rubato/solve/small_matrices.hpp>
@@ -753,8 +754,8 @@ void GaussSlab::increment(grids::FieldSet& delta) {
 Status GaussSlab::take(const LatticeLevel& before, const LatticeLevel&, double h) {
   bool same = solved_ && h == h_;
   for (int f = 0; same && f < d_; ++f) {
-    same = at_midpoints_[static_cast<std::size_t>(f)] ||
-           std::ranges::equal(std::as_const(high_).field(f), before.fields.field(f));
+    same =
+        at_midpoints_[static_cast<std::size_t>(f)] || same_bits(std::as_const(high_).field(f), before.fields.field(f));
   }
   if (grids::agreed_by_all(grid_, same)) {
     return Status::success;
@@ -789,15 +790,25 @@ void GaussSlab::stage(int stage, grids::FieldSet& z, grids::FieldSet& rate) {
   }
   rows.re.fill(0.0);
   rows.im.fill(0.0);
+  std::array<int, MultisymplecticSystem::most_fields> which{};
+  std::array<double*, MultisymplecticSystem::most_fields> to{};
+  std::size_t count = 0;
   for (int f = 0; f < d_; ++f) {
-    for (int j = 0; !at_midpoints_[static_cast<std::size_t>(f)] && j < m_; ++j) {
+    const auto place = static_cast<std::size_t>(f);
+    if (at_midpoints_[place] || (!asked_.empty() && !asked_[place])) {
+      std::ranges::fill(rate.field(f), 0.0);
+      continue;
+    }
+    for (int j = 0; j < m_; ++j) {
       add(a_inverse_.value(stage, j) / h_, std::as_const(Y_.re).field(f * m_ + j).data(),
           std::as_const(Y_.im).field(f * m_ + j).data(), level_.waves(), rows.re.field(f).data(),
           rows.im.field(f).data());
     }
+    which[count] = f;
+    to[count++] = rate.field(f).data();
   }
   space_.to_nodes(rows);
-  to_grid(rows, all_, fourier_all_, rate.pointers());
+  to_grid(rows, std::span(which).first(count), fourier_all_, std::span(to).first(count));
   grids::refresh_ghosts(z);
   grids::refresh_ghosts(rate);
 }
@@ -847,18 +858,26 @@ public:
   [[nodiscard]] Status take(const LatticeLevel& before, const LatticeLevel& after, double h) override {
     if (!slab_) {
       slab_.emplace(system_, grid_, tableau_.stages, before, space_);
+      slab_->ask_rates_of(asked_);
     }
     return slab_->take(before, after, h);
   }
   [[nodiscard]] int count() const override { return tableau_.stages; }
   [[nodiscard]] double weight(int stage) const override { return tableau_.b[stage]; }
   void stage(int stage, grids::FieldSet& z, grids::FieldSet& rate) override { slab_.value().stage(stage, z, rate); }
+  void ask_rates_of(const std::vector<bool>& fields) override {
+    asked_ = fields;
+    if (slab_) {
+      slab_->ask_rates_of(fields);
+    }
+  }
 
 private:
   MultisymplecticSystem system_;
   grids::Grid grid_;
   GaussTableau tableau_;
   SpaceRule space_;
+  std::vector<bool> asked_;
   std::optional<GaussSlab> slab_;
 };
 

@@ -97,6 +97,7 @@ public:
   [[nodiscard]] int count() const override { return m_; }
   [[nodiscard]] double weight(int stage) const override { return tableau_.b[stage]; }
   void stage(int stage, grids::FieldSet& z, grids::FieldSet& rate) override;
+  void ask_rates_of(const std::vector<bool>& fields) override { asked_ = fields; }
 
   void save(StateWriter& state) const;
   void restore(StateReader& state);
@@ -221,6 +222,7 @@ private:
   std::vector<double> weights_;  ///< of a continuation
   grids::Fourier fourier_all_;   ///< of nodes
   std::vector<int> all_, rows_F_;
+  std::vector<bool> asked_;  ///< whose rates at stages; none: all
   bool solved_ = false, complete_ = false, end_known_ = false;
   int iterations_ = 0;
 };

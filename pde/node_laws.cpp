@@ -11,6 +11,7 @@
 #include <rubato/pde/law_evaluator.hpp>
 #include <rubato/pde/node_derivative.hpp>
 #include <rubato/pde/placed_coordinates.hpp>
+#include <rubato/pde/same_bits.hpp>
 #include <rubato/pde/tuning.hpp>
 
 namespace rubato {
@@ -22,8 +23,8 @@ using namespace tuning::node_laws;
 constexpr int in_time = LawTables::time;
 
 /// The laws at the nodes. What is differentiated is most of their cost, so that it is little: densities of a level
-/// once, for the two steps that it is a level of; fields where a current has their derivative; and fluxes, which are
-/// summed over the stages before.
+/// once, for the two steps that it is a level of; fields where a current has their derivative, in time too; and fluxes,
+/// which are summed over the stages before.
 class NodeLaws final : public LawEvaluator {
 public:
   NodeLaws(LawTables tables, Collocation collocation, std::shared_ptr<StageSource> stages);
@@ -103,6 +104,7 @@ NodeLaws::NodeLaws(LawTables tables, Collocation collocation, std::shared_ptr<St
 }
 
 void NodeLaws::find_differentiated() {
+  std::vector<bool> in_fluxes;
   for (int f = 0; f < tables_.d; ++f) {
     const auto is_row = [f](const MatrixTerms& terms) {
       return std::ranges::any_of(terms, [f](const MatrixTerm& term) { return term.row == f; });
@@ -110,7 +112,9 @@ void NodeLaws::find_differentiated() {
     if (std::ranges::any_of(tables_.plus, is_row)) {
       differentiated_.push_back(f);
     }
+    in_fluxes.push_back(std::any_of(tables_.plus.begin() + 1, tables_.plus.end(), is_row));
   }
+  points_.ask_rates_of(in_fluxes);
 }
 
 void NodeLaws::prepare_workspaces() {
@@ -195,7 +199,7 @@ void NodeLaws::point_at(Workspace& work, const grids::FieldSet& z, const grids::
 
 /// J_t of the level into density_; with fluxes, if levels are points of the quadrature, these into at_level_.
 void NodeLaws::take_level(const LatticeLevel& level, bool with_fluxes) {
-  bool is_known = densities_are_known_ && std::ranges::equal(std::as_const(known_).all(), level.fields.all()) &&
+  bool is_known = densities_are_known_ && same_bits(std::as_const(known_).all(), level.fields.all()) &&
                   known_slopes_.of_field == level.slopes.of_field;
   if (points_.stages() != nullptr || !derivative_.one_sided()) {  // which all ranks of a lattice find together
     is_known = grids::agreed_by_all(tables_.grid, is_known);

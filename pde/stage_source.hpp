@@ -21,7 +21,7 @@ public:
   [[nodiscard]] virtual Status take(const LatticeLevel& before, const LatticeLevel& after, double h) = 0;
   [[nodiscard]] virtual int count() const = 0;
   [[nodiscard]] virtual double weight(int stage) const = 0;
-  /// Z_i and Ż_i; fields without equation of motion have rate 0.
+  /// Z_i and Ż_i; fields without equation of motion have rate 0, and so may fields whose rates are not asked for.
   virtual void stage(int stage, grids::FieldSet& z, grids::FieldSet& rate) = 0;
 
   /// The weight of each of the two levels, and ż at one by the equation; 0: they are none.
@@ -29,6 +29,9 @@ public:
   [[nodiscard]] virtual double end_weight() const { return 0.0; }
   virtual void rates_at(const LatticeLevel& /*level*/, grids::FieldSet& /*rate*/) {}
   ///@}
+
+  /// From now on rates of these fields alone are asked for; before, of all.
+  virtual void ask_rates_of(const std::vector<bool>& /*fields*/) {}
 };
 
 /// Where the fluxes of a step are taken: at its stages, or at its middle.
@@ -36,7 +39,17 @@ class StepPoints {
 public:
   StepPoints(const MultisymplecticSystem& system, const grids::Grid& grid, std::shared_ptr<StageSource> stages);
 
-  void share(std::shared_ptr<StageSource> stages) { stages_ = std::move(stages); }
+  void share(std::shared_ptr<StageSource> stages) {
+    stages_ = std::move(stages);
+    ask_rates_of(asked_);
+  }
+  /// See StageSource; the rates of others are then not to be read.
+  void ask_rates_of(const std::vector<bool>& fields) {
+    asked_ = fields;
+    if (stages_ != nullptr && !asked_.empty()) {
+      stages_->ask_rates_of(asked_);
+    }
+  }
   [[nodiscard]] const StageSource* stages() const { return stages_.get(); }
 
   /// Calls use(weight) for every stage of a step between the levels, with the stage in z() and rate(), or once for its
@@ -62,7 +75,7 @@ private:
   [[nodiscard]] bool take(const LatticeLevel& before, const LatticeLevel& after, double h);
   double place(int stage, bool known);
 
-  std::vector<bool> at_midpoints_;
+  std::vector<bool> at_midpoints_, asked_;
   std::shared_ptr<StageSource> stages_;
   grids::FieldSet z_, rate_;
 };

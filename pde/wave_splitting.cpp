@@ -889,17 +889,29 @@ void WaveSplitting::tell(const WaveRows& rows, At at, grids::FieldSet& fields) {
 }
 
 /// x_t = A x + M⁻¹∇N.
-void WaveSplitting::tell_rates(const WaveRows& rows, At at, grids::FieldSet& rates) {
-  static_cast<void>(evaluate_rest(rows, at));
-  const std::size_t n = varying_.size();
-  if (n > 0) {
-    from_grid(std::as_const(outputs_).pointers().subspan(1), fourier_, rest_rows_);
+void WaveSplitting::tell_rates(const WaveRows& rows, At at, grids::FieldSet& rates, const std::vector<bool>& asked) {
+  std::array<int, MultisymplecticSystem::most_fields> which{};
+  std::array<double*, MultisymplecticSystem::most_fields> to{};
+  std::size_t count = 0;
+  bool kicked = false;
+  rates.fill(0.0);
+  for (int p = 0; p < size(); ++p) {
+    const int f = evolving_[static_cast<std::size_t>(p)];
+    if (asked.empty() || asked[static_cast<std::size_t>(f)]) {
+      which[count] = p;
+      to[count++] = rates.field(f).data();
+      kicked = kicked || std::ranges::any_of(varying_, [&](int v) { return inverse_M_(p, v) != 0.0; });
+    }
   }
   multiply(generator_form_, rows, work_);
   for (std::size_t p = 0; p < translation_.size() && has_mean(); ++p) {
     work_.re.field(static_cast<int>(p))[0] += translation_[p] * static_cast<double>(whole_size_);
   }
-  for (std::size_t v = 0; v < n; ++v) {
+  if (kicked) {
+    static_cast<void>(evaluate_rest(rows, at));
+    from_grid(std::as_const(outputs_).pointers().subspan(1), fourier_, rest_rows_);
+  }
+  for (std::size_t v = 0; v < varying_.size() && kicked; ++v) {
     for (int p = 0; p < size(); ++p) {
       const auto row = static_cast<int>(v);
       add(inverse_M_(p, varying_[v]), std::as_const(rest_rows_.re).field(row).data(),
@@ -907,12 +919,7 @@ void WaveSplitting::tell_rates(const WaveRows& rows, At at, grids::FieldSet& rat
           work_.im.field(p).data());
     }
   }
-  rates.fill(0.0);
-  std::array<double*, MultisymplecticSystem::most_fields> to{};
-  for (int p = 0; p < size(); ++p) {
-    to[static_cast<std::size_t>(p)] = rates.field(evolving_[static_cast<std::size_t>(p)]).data();
-  }
-  to_grid(work_, std::span(all_).first(evolving_.size()), fourier_, std::span(to).first(evolving_.size()));
+  to_grid(work_, std::span(which).first(count), fourier_, std::span(to).first(count));
   grids::refresh_ghosts(rates);
 }
 

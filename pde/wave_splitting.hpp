@@ -65,10 +65,13 @@ public:
   void fields_here(grids::FieldSet& fields) { tell(x_, At::here, fields); }
   void fields_before(grids::FieldSet& fields) { tell(before_, At::nowhere, fields); }
   ///@}
-  /// Their rates where it led, and where it stands; 0 for fields without equation of motion.
+  /// Their rates where it led, and where it stands; 0 for fields without equation of motion, and for those that are not
+  /// asked for (empty: all are).
   ///@{
-  void rates(grids::FieldSet& rates) { tell_rates(moved_, At::led, rates); }
-  void rates_here(grids::FieldSet& rates) { tell_rates(x_, At::here, rates); }
+  void rates(grids::FieldSet& rates, const std::vector<bool>& asked = {}) { tell_rates(moved_, At::led, rates, asked); }
+  void rates_here(grids::FieldSet& rates, const std::vector<bool>& asked = {}) {
+    tell_rates(x_, At::here, rates, asked);
+  }
   ///@}
 
   /// The waves where it stands, and what is known of the energy there.
@@ -111,7 +114,7 @@ private:
   [[nodiscard]] bool has_mean() const;
   [[nodiscard]] bool evaluate_rest(const WaveRows& rows, At at);
   void tell(const WaveRows& rows, At at, grids::FieldSet& fields);
-  void tell_rates(const WaveRows& rows, At at, grids::FieldSet& rates);
+  void tell_rates(const WaveRows& rows, At at, grids::FieldSet& rates, const std::vector<bool>& asked);
   void forget();
   [[nodiscard]] int size() const { return static_cast<int>(evolving_.size()); }
 

@@ -9,6 +9,7 @@
 #include <rubato/grids/whole.hpp>
 #include <rubato/pde/family_lattice.hpp>
 #include <rubato/pde/lattice_method.hpp>
+#include <rubato/pde/same_bits.hpp>
 #include <rubato/pde/wave_splitting.hpp>
 #include <rubato/variation/action_quadrature.hpp>
 #include <rubato/variation/composition.hpp>
@@ -133,21 +134,22 @@ public:
   [[nodiscard]] double end_weight() const override { return quadrature_.weights[0]; }
   void rates_at(const LatticeLevel& level, grids::FieldSet& rate) override {
     stand(level);
-    splitting_.rates_here(rate);
+    splitting_.rates_here(rate, asked_);
   }
+  void ask_rates_of(const std::vector<bool>& fields) override { asked_ = fields; }
   void stage(int stage, grids::FieldSet& z, grids::FieldSet& rate) override {
     if (!splitting_.step(composition_, quadrature_.nodes[1 + stage] * h_, false)) {
       z.fill(std::numeric_limits<double>::quiet_NaN());
       return;
     }
+    splitting_.rates(rate, asked_);  // which may show the fields that N depends on at the nodes
     splitting_.fields(z);
-    splitting_.rates(rate);
   }
 
 private:
   /// A level is one of two steps.
   void stand(const LatticeLevel& level) {
-    if (!stands_ || !grids::agreed_by_all(grid_, std::ranges::equal(std::as_const(here_).all(), level.fields.all()))) {
+    if (!stands_ || !grids::agreed_by_all(grid_, same_bits(std::as_const(here_).all(), level.fields.all()))) {
       splitting_.stand(level);
       here_.copy_from(level.fields);
       stands_ = true;
@@ -158,7 +160,8 @@ private:
   ActionQuadrature quadrature_;
   const Composition& composition_;
   grids::Grid grid_;
-  grids::FieldSet here_;  ///< where it stands
+  std::vector<bool> asked_;  ///< whose rates; none: all
+  grids::FieldSet here_;     ///< where it stands
   bool stands_ = false;
   double h_ = 0.0;
 };

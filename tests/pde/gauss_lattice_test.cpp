@@ -289,3 +289,27 @@ TEST_CASE("loops over stages do what their sums say, however many waves are left
     }
   }
 }
+
+TEST_CASE("rates of stages that are asked for are the same as among those of all fields") {
+  // Bit by bit; the twin: what is not asked for is not told.
+  for (const Example& example : examples()) {
+    INFO(example.name);
+    const LatticeLevel first = first_level(example);
+    const int d = example.system.field_count();
+    const auto stages = make_gauss_stages(example.system, example.grid, 3);
+    grids::FieldSet z(d, example.grid.size()), all = z, some = z;
+    REQUIRE(stages->take(first, first, 0.02) == Status::success);
+    stages->stage(1, z, all);
+    for (int f = 0; f < d; ++f) {
+      std::vector<bool> asked(static_cast<std::size_t>(d), false);
+      asked[static_cast<std::size_t>(f)] = true;
+      stages->ask_rates_of(asked);
+      stages->stage(1, z, some);
+      CHECK(std::ranges::equal(std::as_const(some).field(f), std::as_const(all).field(f)));
+      for (int other = 0; other < d; ++other) {
+        CHECK((other == f || grids::max_abs(std::as_const(some).field(other)) == 0.0));
+      }
+    }
+    CHECK(grids::max_abs(std::as_const(all).all()) > 0.0);
+  }
+}

@@ -6,6 +6,7 @@
 #include <numeric>
 #include <random>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <catch2/catch.hpp>
@@ -357,4 +358,36 @@ TEST_CASE("splittings of waves do not drift by the rounding of what turns them")
   // The twin: what the energy strays by within an eighth, the error of the scheme, is seen.
   const auto [least, greatest] = std::minmax_element(energies.begin(), energies.begin() + 1000);
   CHECK(*greatest - *least > 1e-12 * mean(0));
+}
+
+TEST_CASE("rates that are asked for are the same as among those of all fields") {
+  // Bit by bit, of one field after the other; the twin: what is not asked for is not told.
+  for (const Example& example : examples()) {
+    INFO(example.name);
+    const LatticeLevel first = first_level(example.system, line, example.given);
+    WaveSplitting splitting(example.system, line);
+    const int d = example.system.field_count();
+    grids::FieldSet all(d, line.size()), some(d, line.size());
+    for (const bool here : {true, false}) {
+      splitting.stand(first);
+      REQUIRE(splitting.step(composition("blanes-moan-4"), 0.05));
+      const auto tell = [&](grids::FieldSet& rates, const std::vector<bool>& asked) {
+        here ? splitting.rates_here(rates, asked) : splitting.rates(rates, asked);
+      };
+      tell(all, {});
+      int moving = 0;
+      for (int f = 0; f < d; ++f) {
+        std::vector<bool> asked(static_cast<std::size_t>(d), false);
+        asked[static_cast<std::size_t>(f)] = true;
+        tell(some, asked);
+        CHECK(std::ranges::equal(std::as_const(some).field(f), std::as_const(all).field(f)));
+        const auto is_zero = [](double value) { return value == 0.0; };
+        for (int other = 0; other < d; ++other) {
+          CHECK((other == f || std::ranges::all_of(std::as_const(some).field(other), is_zero)));
+        }
+        moving += !std::ranges::all_of(std::as_const(all).field(f), is_zero);
+      }
+      CHECK(moving >= 2);
+    }
+  }
 }
