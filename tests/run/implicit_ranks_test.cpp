@@ -18,13 +18,12 @@
 
 #include "run/mailboxes.hpp"
 #include "run/records.hpp"
+#include "run/shared_lattices.hpp"
 
 using namespace rubato;
 using namespace rubato::run_tests;
 
 namespace {
-
-using Settings = std::vector<std::string>;
 
 /// Zakharov and Kuznetsov's equation: of the potential's slope there is one number for each line along x, and constants
 /// along x that vary with y are a kernel.
@@ -86,10 +85,6 @@ until = 0.1
 every = 2
 )toml",
                        "potential.toml", more);
-}
-
-RunOptions on(ranks::Communicator& ranks, const std::string& file) {
-  return {.output = file, .overwrite = true, .threads = 1, .ranks = &ranks};
 }
 
 /// The largest difference of u, over the largest u; infinite where there are others.
