@@ -534,13 +534,9 @@ Status GaussSlab::iterate_to_fixed_point(double accuracy, std::span<const double
     // Of two corrections on average: near the end each has rounding of its own.
     const double on_average = std::isfinite(before_last) ? std::sqrt(size / before_last) : contraction;
     before_last = std::exchange(last, size);
-    const double next = on_average * size;  // what the next correction would mend of the stages here; those of all
-                                            // fields, which are made of their rests, are that correction better
-    const bool done =
-        size <= enough ||
-        (iteration > 1 && on_average < 1.0 &&
-         (next <= std::max(enough, 1e-3 * accuracy) || (next <= enough_at_stages && on_average * next <= enough))) ||
-        (size <= rounding && contraction > 0.5);
+    const bool done = size <= enough ||
+                      (iteration > 1 && on_average < 1.0 && on_average * size <= std::max(enough, 1e-3 * accuracy)) ||
+                      (size <= rounding && contraction > 0.5);
     if (!refined_ && (done || size <= refined_at)) {
       refine();
     } else if (done) {

@@ -41,8 +41,6 @@ namespace rubato::tuning::gauss_slab {
 inline constexpr int most_slab_iterations = 200;
 /// What the next correction would mend, relative, at which nothing but rounding is left.
 inline constexpr double enough = 0.25 * epsilon;
-/// The same of stages that serve only to evaluate the rest of S once more: their own rounding.
-inline constexpr double enough_at_stages = epsilon;
 /// Where the iteration contracts, what rounding makes of a stage's values enters the next ones with a factor below one;
 /// the transforms and the rest of S add some units in the last place of these values.
 inline constexpr double roundings = 16.0;
