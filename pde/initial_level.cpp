@@ -360,7 +360,8 @@ std::optional<std::string> sawtooth_caution(const grids::Grid& grid, const std::
 void add_medium_cautions(const MultisymplecticSystem& system, const grids::Grid& grid, const LatticeLevel& level,
                          std::vector<std::string>& cautions) {
   const PlacedCoordinates places(system, grid, Within::node);
-  if (places.count() == 0 || !cautions.empty()) {  // data that are broken there have been named
+  // Data that are broken there have been named, at rank 0.
+  if (places.count() == 0 || !grids::agreed(grid, cautions.empty())) {
     return;
   }
   grids::FieldSet gradient(1 + system.field_count(), grid.size());
@@ -371,10 +372,14 @@ void add_medium_cautions(const MultisymplecticSystem& system, const grids::Grid&
     if (!system.varies_in_space(f) || !std::isfinite(grids::max_abs(row))) {
       continue;
     }
-    if (const auto broken = find_seam_break(grid, row)) {
+    const auto broken = find_seam_break(grid, row);  // told to rank 0
+    if (broken) {
       const std::string what = fmt::format("dS/d{}", system.fields()[static_cast<std::size_t>(f)]);
-      cautions.push_back(fmt::format("the medium is not periodic: {}, and the solution meets an interface there",
-                                     describe_break(*broken, grid, broken->jump ? what : "the slope of " + what)));
+      cautions.push_back(
+          fmt::format("the medium is not periodic: {}, and the solution meets an interface there",
+                      describe_break(*broken, grids::whole_of(grid), broken->jump ? what : "the slope of " + what)));
+    }
+    if (grids::agreed(grid, broken.has_value())) {
       return;
     }
   }

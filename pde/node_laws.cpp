@@ -109,10 +109,11 @@ void NodeLaws::find_differentiated() {
     const auto is_row = [f](const MatrixTerms& terms) {
       return std::ranges::any_of(terms, [f](const MatrixTerm& term) { return term.row == f; });
     };
-    if (std::ranges::any_of(tables_.plus, is_row)) {
+    const bool is_differentiated = std::ranges::any_of(tables_.plus, is_row);
+    if (is_differentiated) {
       differentiated_.push_back(f);
     }
-    in_fluxes.push_back(std::any_of(tables_.plus.begin() + 1, tables_.plus.end(), is_row));
+    in_fluxes.push_back(is_differentiated);  // in time as well: the flux of momentum along x has z_tᵀM₊z
   }
   points_.ask_rates_of(in_fluxes);
 }

@@ -80,7 +80,8 @@ Eigen::MatrixXd middle_hessian(const MultisymplecticSystem& system, const grids:
     const double square = mean_of([](double v) { return v * v; }), cube = mean_of([](double v) { return v * v * v; });
     // Σ (v - mean - δ)³ = 0: δ³ + 3 σ² δ = <(v - mean)³>, whose one real root is 2σ sinh(t), sinh 3t = <…>/(2σ³).
     const double sigma = std::sqrt(square);
-    return sigma > 0.0 ? mean + 2.0 * sigma * std::sinh(std::asinh(0.5 * cube / (square * sigma)) / 3.0) : mean;
+    const double scale = square * sigma;
+    return std::isnormal(scale) ? mean + 2.0 * sigma * std::sinh(std::asinh(0.5 * cube / scale) / 3.0) : mean;
   });
 }
 

@@ -312,7 +312,7 @@ LatticeLevel make_initial_level(const Problem& problem, const MultisymplecticSys
   if (grids::Slab::present() != nullptr) {
     return with_initial_fields(
         problem, system, [&](const grids::Grid& whole, const InitialFields& initial, LatticeOptions& options) {
-          options.step = problem.scheme.step.value_or(options.until < options.start ? -1.0 : 1.0);  // none is taken
+          options.step = problem.scheme.step.value_or(options.until - options.start);  // none is taken
           return LatticeLevel(LatticeIntegrator(system, whole, initial, options).level());
         });
   }

@@ -101,15 +101,6 @@ double distance(const std::string& file, const std::string& other) {
   return largest / size;
 }
 
-/// Warnings, or why it is refused.
-std::vector<std::string> said_of(const Problem& problem, const RunOptions& options) {
-  try {
-    return run(problem, options).warnings;
-  } catch (const ProblemError& error) {
-    return {error.what()};
-  }
-}
-
 struct Shared {
   std::string name;
   Problem (*make)(Settings more);
@@ -256,4 +247,59 @@ TEST_CASE("what ranks send for a level of the box scheme in the plane is transpo
   const double least = transposes * static_cast<double>(modes) / columns + planes;
   CHECK(transposes + planes + rest < 1.1 * least);
   CHECK(rest > 0.1 * least * 5.0 * 5.0 / (x * y));
+}
+
+TEST_CASE("ranks agree on what is said of media that do not repeat") {
+  // What breaks is told to rank 0: data that do, beside a medium that does not; a medium that does in two rows.
+  const auto medium = [](const std::string& scheme, const std::string& S, const std::string& u) {
+    return parse_problem(fmt::format(R"toml(
+[multisymplectic]
+fields = ["u", "v", "w", "s"]
+M = [["u", "v", -1]]
+K.x = [["u", "w", 1]]
+K.y = [["u", "s", 1]]
+S = "{}"
+[grid]
+x = {{ from = 0, to = 1, cells = 32 }}
+y = {{ from = 0, to = 1, cells = 33 }}
+[initial]
+u = "{}"
+v = 0
+[scheme]
+lagrangian = "{}"
+levels = "fixed"
+step = 0.01
+until = 0.05
+)toml",
+                                     S, u, scheme),
+                         "medium.toml");
+  };
+  const Folder folder;
+  for (const auto& [S, u] :
+       {std::pair{"(v^2 - w^2 - s^2)/2 + (1 + y)*u^2/2", "y"},
+        std::pair{"(v^2 - w^2 - s^2)/2 + (1 + y)*u^2/2", "sin(2*pi*x + 1)*sin(2*pi*y) + 2"},
+        std::pair{"(v^2 - w^2 - (1 + y)*s^2)/2 + (1 + y)*u^2/2", "sin(2*pi*x + 1)*sin(2*pi*y) + 2"}}) {
+    INFO(S << ", " << u);
+    for (const std::string scheme : {"leapfrog", "euler-box"}) {
+      const Problem problem = medium(scheme, S, u);
+      const auto one = said_of(problem, {.output = folder / "one.h5", .overwrite = true, .threads = 1});
+      CHECK_FALSE(one.empty());
+      for (const int size : {2, 3}) {
+        CHECK(with_ranks(size, [&](auto& rank) { return said_of(problem, on(rank, folder / "all.h5")); }) == one);
+      }
+    }
+  }
+}
+
+TEST_CASE("ranks choose a first step in whatever units time is, and tell output before it") {
+  const Folder folder;
+  const Problem problem = wave_on_torus(9, 7,
+                                        {"scheme.lagrangian=box", "scheme.step=auto", "scheme.energy_tolerance=1e-4",
+                                         "scheme.until=5e-10", "output.times=[1e-10]"});
+  const Outcome one = run(problem, {.output = folder / "one.h5", .threads = 1});
+  REQUIRE(one.status == ExitStatus::done);
+  const Outcome all = with_ranks(2, [&](auto& rank) { return run(problem, on(rank, folder / "all.h5")); });
+  CHECK(all.status == ExitStatus::done);
+  const auto first_step = [&](const char* file) { return record::Reader(folder / file).read("/levels/h").front(); };
+  CHECK(first_step("all.h5") == Approx(first_step("one.h5")));
 }

@@ -84,4 +84,13 @@ inline Problem line(const std::string& name, Settings more) {
   return read_problem(name, more);
 }
 
+/// The warnings of a run, or why it is refused.
+inline std::vector<std::string> said_of(const Problem& problem, const RunOptions& options) {
+  try {
+    return run(problem, options).warnings;
+  } catch (const ProblemError& error) {
+    return {error.what()};
+  }
+}
+
 }  // namespace rubato::run_tests
