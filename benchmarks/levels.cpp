@@ -34,15 +34,13 @@
 #include <rubato/ode/integrate.hpp>
 #include <rubato/problem/lattice_problem.hpp>
 
-#include "peers/energy_preserving_gauss.hpp"
-
 #include "peers/cpu_clock.hpp"
+#include "peers/energy_preserving_gauss.hpp"
 
 namespace {
 
-using peers::cpu_seconds;
-
 using namespace rubato;
+using peers::cpu_seconds;
 using Kind = StepPotentialChoice::Kind;
 
 struct Case {

@@ -70,16 +70,13 @@ public:
   ///@{
   [[nodiscard]] std::size_t whole_cells() const { return slab_ != nullptr ? slab_->whole().size() : line * lines; }
   [[nodiscard]] std::size_t whole_count() const {
-    return slab_ != nullptr ? (line_slab_ != nullptr ? 1 : slab_->whole().size() / line) * whole_per_line() : count();
+    return slab_ != nullptr ? CellBlocks(slab_->whole()).count() : count();
   }
   ///@}
   /// Whether it is a line that ranks share, and blocks are those of the whole.
   [[nodiscard]] bool are_of_whole() const { return line_slab_ != nullptr; }
 
 private:
-  [[nodiscard]] std::size_t whole_per_line() const {
-    return line_slab_ != nullptr ? (whole_cells() + most - 1) / most : per_line;
-  }
   template <class LargestOf>
   void add_largest(std::span<double> largest, const LargestOf& largest_of, std::size_t block) const {
     for (std::size_t r = 0; r < largest.size(); ++r) {

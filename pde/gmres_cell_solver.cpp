@@ -360,10 +360,9 @@ private:
   /// products = V A w, of which ghosts may be anything.
   void multiply_variation(const double* w) {
     if (reads_ghosts_) {
-      grids::FieldSet& fields = with_ghosts_;
-      std::copy_n(w, columns_.size() * grid_.size(), fields.all().begin());
-      grids::refresh_ghosts(fields, std::span(all_).first(columns_.size()));
-      w = std::as_const(fields).all().data();
+      std::copy_n(w, columns_.size() * grid_.size(), with_ghosts_.all().begin());
+      grids::refresh_ghosts(with_ghosts_, std::span(all_).first(columns_.size()));
+      w = std::as_const(with_ghosts_).all().data();
     }
     if (elements_ != nullptr) {
       for (std::size_t j = 0; j < columns_.size(); ++j) {

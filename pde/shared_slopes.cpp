@@ -63,14 +63,20 @@ void refresh_slopes(PotentialSlopes& slopes, const grids::Grid& grid) {
   }
 }
 
-bool has_slope(const PotentialSlopes& slopes, const grids::Grid& grid) {
-  const auto any = [&](const auto& is_one) {
-    return std::ranges::any_of(slopes.of_field, [&](const auto& lines) { return std::ranges::any_of(lines, is_one); });
-  };
-  if (!any([](double) { return true; })) {
+bool has_slope(const PotentialSlopes& slopes, std::size_t field, const grids::Grid& grid) {
+  if (field >= slopes.of_field.size() || slopes.of_field[field].empty()) {
     return false;  // at every rank
   }
-  return !grids::agreed_by_all(grid, !any([](double slope) { return slope != 0.0; }));
+  return !grids::agreed_by_all(grid,
+                               std::ranges::all_of(slopes.of_field[field], [](double slope) { return slope == 0.0; }));
+}
+
+bool has_slope(const PotentialSlopes& slopes, const grids::Grid& grid) {
+  bool any = false;
+  for (std::size_t field = 0; field < slopes.of_field.size(); ++field) {
+    any = any || has_slope(slopes, field, grid);
+  }
+  return any;
 }
 
 void save_slopes(StateWriter& state, const PotentialSlopes& slopes, const grids::Grid& grid) {

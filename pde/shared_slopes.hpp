@@ -1,5 +1,7 @@
 #pragma once
 
+#include <cstddef>
+
 #include <rubato/base/state.hpp>
 #include <rubato/grids/grid.hpp>
 #include <rubato/grids/slab.hpp>
@@ -13,8 +15,11 @@ namespace rubato {
 [[nodiscard]] PotentialSlopes part_of(const PotentialSlopes& whole, const grids::Slab& slab);
 /// Renews those of ghosts; nothing for a thread without a slab.
 void refresh_slopes(PotentialSlopes& slopes, const grids::Grid& grid);
-/// Whether a line of the whole lattice has one that is not 0.
+/// Whether a line of the whole lattice has one that is not 0, of a field or of any.
+///@{
+[[nodiscard]] bool has_slope(const PotentialSlopes& slopes, std::size_t field, const grids::Grid& grid);
 [[nodiscard]] bool has_slope(const PotentialSlopes& slopes, const grids::Grid& grid);
+///@}
 /// As grids::save_whole() and grids::restore_whole() do with fields: in a record those of all lines.
 ///@{
 void save_slopes(StateWriter& state, const PotentialSlopes& slopes, const grids::Grid& grid);

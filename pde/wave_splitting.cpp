@@ -452,7 +452,7 @@ bool WaveSplitting::is_turn() const {
 
 void WaveSplitting::stand(const LatticeLevel& level) {
   for (std::size_t f = 0; f < level.slopes.of_field.size(); ++f) {
-    if (has_slope({{level.slopes.of_field[f]}}, grid_)) {
+    if (has_slope(level.slopes, f, grid_)) {
       throw SchemeRefusal(
           fmt::format("splitting takes no potential with a mean slope, and {} has one{}", system_.fields()[f], remedy));
     }

@@ -200,9 +200,7 @@ private:
 
   /// Of a potential only the periodic part is a grid function.
   [[nodiscard]] std::string slope_remark(int field) const {
-    const auto& slopes = lattice_.level().slopes.of_field;
-    const auto f = static_cast<std::size_t>(field);
-    const bool sloping = f < slopes.size() && has_slope({{slopes[f]}}, lattice_.grid());
+    const bool sloping = has_slope(lattice_.level().slopes, static_cast<std::size_t>(field), lattice_.grid());
     return sloping ? ", its periodic part (the whole potential has a mean slope along x)" : "";
   }
 
