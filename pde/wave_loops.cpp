@@ -54,21 +54,39 @@ inline double product_error(double left, double right, double product) {
 }  // namespace
 
 RUBATO_WIDE_VECTORS void split_turns(std::size_t count, const PairMatrices& matrices, const PairMatrices& rests) {
+  double *const first[] = {matrices.a, matrices.b, matrices.c, matrices.d}, *const rest[] = {rests.a, rests.b, rests.c,
+                                                                                             rests.d};
+  // No two of the eight overlap, which the compiler would have to find out in every call.
+#pragma GCC ivdep
   for (std::size_t w = 0; w < count; ++w) {
-    const double a = matrices.a[w], b = matrices.b[w], c = matrices.c[w], d = matrices.d[w];
+    const double a = first[0][w], b = first[1][w], c = first[2][w], d = first[3][w];
     const double p = a * d, q = -(b * c);
     const double larger = p > q ? p : q, smaller = p > q ? q : p;
     // 1 - ad + bc: one of p and q is at least a half, and then both differences are exact.
     const double missing = ((1.0 - larger) - smaller) - product_error(a, d, p) + product_error(b, c, -q);
     const double mend = smaller >= 0.0 ? 0.5 * missing : 0.0;
-    const auto split = [mend, w](double value, double* brief, double* rest) {
-      brief[w] = leading(value, to_twelve);
-      rest[w] = (value - brief[w]) + mend * value;
-    };
-    split(a, matrices.a, rests.a);
-    split(b, matrices.b, rests.b);
-    split(c, matrices.c, rests.c);
-    split(d, matrices.d, rests.d);
+    const double brief[] = {leading(a, to_twelve), leading(b, to_twelve), leading(c, to_twelve), leading(d, to_twelve)};
+    rest[0][w] = (a - brief[0]) + mend * a;
+    rest[1][w] = (b - brief[1]) + mend * b;
+    rest[2][w] = (c - brief[2]) + mend * c;
+    rest[3][w] = (d - brief[3]) + mend * d;
+    first[0][w] = brief[0];
+    first[1][w] = brief[1];
+    first[2][w] = brief[2];
+    first[3][w] = brief[3];
+  }
+}
+RUBATO_WIDE_VECTORS void fill_turns(double tau, const double* frequencies, const double* sines, const double* up,
+                                    const double* down, std::size_t count, double* __restrict b, double* __restrict c) {
+  for (std::size_t w = 0; w < count; ++w) {
+    const double s = frequencies[w] == 0.0 ? tau : sines[w] / frequencies[w];
+    b[w] = s * up[w];
+    c[w] = s * down[w];
+  }
+}
+RUBATO_WIDE_VECTORS void multiply(double value, const double* in, std::size_t count, double* __restrict out) {
+  for (std::size_t w = 0; w < count; ++w) {
+    out[w] = value * in[w];
   }
 }
 RUBATO_WIDE_VECTORS void add_product(const double* x_re, const double* x_im, const double* y_re, const double* y_im,

@@ -24,6 +24,11 @@ struct PairMatrices {
 /// products with them err at random only, and the rests make up for the determinant too, where the matrix turns
 /// (ad ≥ 0 ≥ bc). What a rounded matrix misses of it would make a wave grow by as much in every step.
 void split_turns(std::size_t count, const PairMatrices& matrices, const PairMatrices& rests);
+/// b = up·sin(ωτ)/ω and c = down·sin(ωτ)/ω, of frequencies ω and sines sin(ωτ); τ where ω = 0.
+void fill_turns(double tau, const double* frequencies, const double* sines, const double* up, const double* down,
+                std::size_t count, double* b, double* c);
+/// out = value·in.
+void multiply(double value, const double* in, std::size_t count, double* out);
 /// (x, y) = (a x + b y, c x + d y).
 void turn_pair(const PairMatrices& matrices, const PairMatrices& rests, std::size_t count, double* x_re, double* x_im,
                double* y_re, double* y_im);

@@ -534,20 +534,14 @@ void WaveSplitting::fill_by_frequencies(double tau, WaveRows& entries) {
     const int x = groups_[g].front(), y = groups_[g].back();
     const auto row = [&](int r, int c) { return r * size() + c; };
     const double* omega = std::as_const(frequencies_).field(static_cast<int>(g)).data();
-    for (std::size_t w = 0; w < waves; ++w) {
-      angle[w] = omega[w] * tau;
-    }
+    rubato::multiply(tau, omega, waves, angle);
     const double* const in[] = {angle};
     double* const out[] = {cosine, sine};
     turn_(waves, in, out);
     const double* up = std::as_const(generator_form_.re).field(row(x, y)).data();
     const double* down = std::as_const(generator_form_.re).field(row(y, x)).data();
-    double *const E_xy = entries.re.field(row(x, y)).data(), *const E_yx = entries.re.field(row(y, x)).data();
-    for (std::size_t w = 0; w < waves; ++w) {
-      const double s = omega[w] == 0.0 ? tau : sine[w] / omega[w];
-      E_xy[w] = s * up[w];
-      E_yx[w] = s * down[w];
-    }
+    fill_turns(tau, omega, sine, up, down, waves, entries.re.field(row(x, y)).data(),
+               entries.re.field(row(y, x)).data());
     std::copy_n(cosine, waves, entries.re.field(row(x, x)).data());
     std::copy_n(cosine, waves, entries.re.field(row(y, y)).data());
   }
