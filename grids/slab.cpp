@@ -286,6 +286,11 @@ void Slab::pass_on(std::span<const double> out, std::span<double> in) const {
 }
 
 void Slab::in_turn(std::span<double> numbers, const std::function<void()>& add) const {
+  pass_along(numbers, add);
+  broadcast(numbers, ranks_.size() - 1);
+}
+
+void Slab::pass_along(std::span<double> numbers, const std::function<void()>& add) const {
   const int last = ranks_.size() - 1, mine = ranks_.rank();
   if (mine > 0) {
     ranks_.exchange({}, std::array{Communicator::Incoming{mine - 1, numbers}});
@@ -294,7 +299,6 @@ void Slab::in_turn(std::span<double> numbers, const std::function<void()>& add) 
   if (mine < last) {
     ranks_.exchange(std::array{Communicator::Outgoing{mine + 1, numbers}}, {});
   }
-  broadcast(numbers, last);
 }
 
 double Slab::sum_over_ranks(double here) const {

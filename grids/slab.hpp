@@ -119,6 +119,8 @@ public:
   /// the one before has left; what the last one leaves are the numbers of all. So a sum is made of terms in an order
   /// that does not depend on how many ranks there are, at the price of that many messages, one after the other.
   void in_turn(std::span<double> numbers, const std::function<void()>& add) const;
+  /// The same, of which the last rank alone has the numbers of all.
+  void pass_along(std::span<double> numbers, const std::function<void()>& add) const;
   /// The sum, as DigitSum has it, and the largest, NaN if one is, of all ranks' numbers.
   ///@{
   [[nodiscard]] double sum_over_ranks(double here) const;

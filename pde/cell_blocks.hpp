@@ -28,19 +28,24 @@ struct CellBlocks {
     std::size_t line = 0;
     std::size_t begin = 0, count = 0;  ///< cells of the line
     std::size_t offset = 0;            ///< of its first cell in an array of all
+    /// Of a piece of a block: the place of its first cell in the block, and how many cells that has.
+    std::size_t place = 0, whole = 0;
     /// Whether it is this rank's to tell what the block has in all: sums, and maxima of sums.
     bool is_told = true;
+    [[nodiscard]] bool begins() const { return place == 0; }
+    [[nodiscard]] bool ends() const { return place + count == whole; }
+    [[nodiscard]] bool is_piece() const { return count < whole; }
   };
   [[nodiscard]] Block operator[](std::size_t block) const {
     const std::size_t number = block / per_line, begin = block % per_line * most;
-    return {number, begin, std::min(most, line - begin), number * line + begin};
+    const std::size_t cells = std::min(most, line - begin);
+    return {number, begin, cells, number * line + begin, 0, cells};
   }
 };
 
 /// The same of a lattice that ranks share (grids::Slab). In a plane or in space blocks are those of the part, of which
-/// a rank tells those in lines that it owns. Of a line they are the blocks of the whole line in which a rank has cells:
-/// those that begin with a cell that it owns, whole, with some cells of the next rank; and of one that begins before,
-/// and is told by the rank before, what it owns.
+/// a rank tells those in lines that it owns. Of a line they are what a rank owns of the blocks of the whole line: the
+/// first and the last may be pieces, whose sums go on from rank to rank in the order of their cells.
 class SharedCellBlocks : public CellBlocks {
 public:
   /// \param share_line false for a line that is shared in another way, and sees its part as a grid like any other
@@ -54,18 +59,23 @@ public:
     result.is_told = slab_ == nullptr || (result.line >= first_line_ && result.line < end_line_);
     return result;
   }
-  /// For what is made of blocks one after the other: calls add(), with a slab of a line at one rank after the other,
+  /// For what is made of cells one after the other: calls add(), with a slab of a line at one rank after the other,
   /// where `numbers` go on from rank to rank (grids::Slab::in_turn).
   void in_turn(std::span<double> numbers, const std::function<void()>& add) const;
+  /// What is made of blocks one after the other, of a line of all ranks: numbers that begin with 0, to which add(block,
+  /// numbers) adds. Of a piece go_on(block, carried) is called before, which goes on from the `carried` numbers that
+  /// the cells of the block before it left, 0 for the first. The last rank alone has what comes of it: see tell(). It
+  /// lives until the next call.
+  template <class GoOn, class Add>
+  std::span<double> add_up(std::size_t numbers, std::size_t carried, const GoOn& go_on, const Add& add) const;
+  void tell(std::span<double> numbers) const;  ///< the last rank's, to all
   /// What the blocks of all ranks come to, the same at every rank: sums[r] = Σ sum_of(block, r), and the largest
-  /// largest[r] of largest_of(block, r) >= 0, NaN left out. Of one process, and of a line, sums are compensated, in the
-  /// order of the blocks; in a plane or in space on ranks they are DigitSums, which have no order.
-  template <class SumOf, class LargestOf>
-  void total(std::span<double> sums, const SumOf& sum_of, std::span<double> largest, const LargestOf& largest_of) const;
-  template <class SumOf>
-  void total(std::span<double> sums, const SumOf& sum_of) const {
-    total(sums, sum_of, {}, [](std::size_t, std::size_t) { return 0.0; });
-  }
+  /// largest[r] of largest_of(block, r) >= 0, NaN left out. Pieces are gone on from as in add_up(); sum_of() is asked
+  /// where a block ends, largest_of() of each piece. Of one process, and of a line, sums are compensated, in the order
+  /// of the blocks; in a plane or in space on ranks they are DigitSums, which have no order.
+  template <class GoOn, class SumOf, class LargestOf>
+  void total(std::size_t carried, const GoOn& go_on, std::span<double> sums, const SumOf& sum_of,
+             std::span<double> largest, const LargestOf& largest_of) const;
   /// How many cells and blocks all ranks have.
   ///@{
   [[nodiscard]] std::size_t whole_cells() const { return slab_ != nullptr ? slab_->whole().size() : line * lines; }
@@ -77,27 +87,50 @@ public:
   [[nodiscard]] bool are_of_whole() const { return line_slab_ != nullptr; }
 
 private:
-  template <class LargestOf>
-  void add_largest(std::span<double> largest, const LargestOf& largest_of, std::size_t block) const {
-    for (std::size_t r = 0; r < largest.size(); ++r) {
-      largest[r] = std::max(largest[r], largest_of(block, r));
-    }
-  }
+  void pass_along(std::span<double> numbers, const std::function<void()>& add) const;
 
   const grids::Slab* slab_ = nullptr;
   const grids::Slab* line_slab_ = nullptr;  ///< the same of a line
   std::size_t first_line_ = 0, end_line_ = 0;
   std::vector<Block> parts_;
-  // Of total(): Σ, compensated, and maxima; and sums without an order.
+  // What goes on from block to block, and from rank to rank; and sums without an order.
   mutable std::vector<double> numbers_;
   mutable std::vector<grids::DigitSum> digits_;
 };
 
-template <class SumOf, class LargestOf>
-void SharedCellBlocks::total(std::span<double> sums, const SumOf& sum_of, std::span<double> largest,
-                             const LargestOf& largest_of) const {
-  std::ranges::fill(largest, 0.0);
+template <class GoOn, class Add>
+std::span<double> SharedCellBlocks::add_up(std::size_t numbers, std::size_t carried, const GoOn& go_on,
+                                           const Add& add) const {
+  numbers_.assign(numbers + (are_of_whole() ? carried : 0), 0.0);
+  const auto told = std::span(numbers_).first(numbers), carry = std::span(numbers_).subspan(numbers);
+  const auto add_all = [&] {
+    for (std::size_t block = 0; block < count(); ++block) {
+      const Block at = (*this)[block];
+      if (at.is_piece()) {
+        if (at.begins()) {
+          std::ranges::fill(carry, 0.0);
+        }
+        go_on(block, carry);
+      }
+      if (at.is_told) {
+        add(block, told);
+      }
+    }
+  };
+  pass_along(numbers_, std::ref(add_all));  // which a std::function holds without memory of its own
+  return told;
+}
+
+template <class GoOn, class SumOf, class LargestOf>
+void SharedCellBlocks::total(std::size_t carried, const GoOn& go_on, std::span<double> sums, const SumOf& sum_of,
+                             std::span<double> largest, const LargestOf& largest_of) const {
+  const auto add_largest = [&largest_of](std::span<double> to, std::size_t block) {
+    for (std::size_t r = 0; r < to.size(); ++r) {
+      to[r] = std::max(to[r], largest_of(block, r));
+    }
+  };
   if (slab_ != nullptr && line_slab_ == nullptr) {
+    std::ranges::fill(largest, 0.0);
     digits_.assign(sums.size(), grids::DigitSum());
     for (std::size_t block = 0; block < count(); ++block) {
       if (!(*this)[block].is_told) {
@@ -107,32 +140,31 @@ void SharedCellBlocks::total(std::span<double> sums, const SumOf& sum_of, std::s
         const double term = sum_of(block, r);
         digits_[r].add(std::span(&term, 1));
       }
-      add_largest(largest, largest_of, block);
+      add_largest(largest, block);
     }
     slab_->reduce(digits_, sums, largest);
     return;
   }
-  numbers_.assign(2 * sums.size() + largest.size(), 0.0);
-  const auto numbers = std::span(numbers_), maxima = numbers.subspan(2 * sums.size());
-  const auto add = [&] {
-    for (std::size_t block = 0; block < count(); ++block) {
-      if (!(*this)[block].is_told) {
-        continue;
-      }
-      for (std::size_t r = 0; r < sums.size(); ++r) {
-        CompensatedSum sum(numbers[2 * r], numbers[2 * r + 1]);
-        sum.add(sum_of(block, r));
-        numbers[2 * r] = sum.high;
-        numbers[2 * r + 1] = sum.low;
-      }
-      add_largest(maxima, largest_of, block);
-    }
-  };
-  in_turn(numbers, std::ref(add));  // which a std::function holds without memory of its own
+  // Maxima, then sums: of these two numbers are added up, and one is told.
+  const std::size_t maxima = largest.size();
+  const std::span<double> all =
+      add_up(maxima + 2 * sums.size(), carried, go_on, [&](std::size_t block, std::span<double> numbers) {
+        add_largest(numbers.first(maxima), block);
+        for (std::size_t r = 0; (*this)[block].ends() && r < sums.size(); ++r) {
+          const auto both = numbers.subspan(maxima + 2 * r, 2);
+          CompensatedSum sum(both[0], both[1]);
+          sum.add(sum_of(block, r));
+          both[0] = sum.high;
+          both[1] = sum.low;
+        }
+      });
   for (std::size_t r = 0; r < sums.size(); ++r) {
-    sums[r] = CompensatedSum(numbers[2 * r], numbers[2 * r + 1]).value();
+    all[maxima + r] = CompensatedSum(all[maxima + 2 * r], all[maxima + 2 * r + 1]).value();
   }
-  std::ranges::copy(maxima, largest.begin());
+  const auto told = all.first(maxima + sums.size());
+  tell(told);
+  std::ranges::copy(told.first(maxima), largest.begin());
+  std::ranges::copy(told.subspan(maxima), sums.begin());
 }
 
 }  // namespace rubato

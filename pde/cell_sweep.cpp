@@ -116,6 +116,7 @@ namespace {
 struct BlockResult {
   double energy = 0.0;
   double quadratic = 0.0;
+  std::array<double, rows_by_node> size{};  ///< of energy_size()
   bool finite = true;
   std::array<double, MultisymplecticSystem::most_fields> residual{};  ///< max |R| of each row
   std::array<double, MultisymplecticSystem::most_fields> scale{};     ///< Σ of the largest terms of each row
@@ -128,7 +129,7 @@ struct Workspace {
   grids::Buffer memory;
   formula::BatchEvaluator gradient, hessian;
   formula::RoundingEvaluator size;
-  std::vector<double> cell, cell_error;
+  std::vector<double> cell, cell_error, sizes;
   std::vector<double*> mean, rate_mean, outputs;
   std::vector<std::array<double*, 3>> difference, rate_difference;
   std::vector<const double*> inputs;
@@ -176,6 +177,25 @@ RUBATO_WIDE_VECTORS void add(double factor, const double* a, const double* b, st
   }
 }
 
+/// Of sum(): its eight partial sums, and that of the cells at the end of a block that do not fill eight.
+constexpr std::size_t lane_sums = 9;
+
+/// What sum() of a whole block comes to when cells of a piece of it are added to those before.
+void add_in_lanes(const double* values, const CellBlocks::Block& at, std::span<double> partial) {
+  const std::size_t rest = at.whole / 8 * 8;
+  for (std::size_t i = 0; i < at.count; ++i) {
+    const std::size_t place = at.place + i;
+    partial[place < rest ? place % 8 : 8] += values[i];
+  }
+}
+double sum_of_lanes(std::span<const double> partial) {
+  double result = partial[8];
+  for (const double part : partial.first(8)) {
+    result += part;
+  }
+  return result;
+}
+
 /// Σ values, eight partial sums side by side so that it vectorises.
 RUBATO_WIDE_VECTORS double sum(const double* values, std::size_t count) {
   double partial[8] = {};
@@ -210,6 +230,12 @@ struct CellSweep::Storage {
   std::vector<std::array<bool, 3>> differentiated;  ///< of each field, along each direction
   std::vector<BlockResult> results;
   std::vector<std::unique_ptr<Workspace>> workspaces;
+  /// Of a piece of a block, of a line that ranks share: what is summed up, cell by cell, and what run_block() finds.
+  struct Piece {
+    std::array<std::array<double, block_size>, rows_by_node> terms;
+    std::vector<double> sizes;
+  };
+  std::vector<Piece> pieces;  ///< of the first and of the last block that are here
   /// At nodes and in elements: what is made of point and rate before the blocks are run.
   struct Made {
     std::vector<grids::FieldSet> derivative;  ///< along each axis
@@ -256,6 +282,39 @@ struct CellSweep::Storage {
     if (collocation == Collocation::corners || (grids::Slab::of(grid) != nullptr && !blocks.are_of_whole())) {
       by_node = grids::FieldSet(rows_by_node, grid.size());
     }
+    if (blocks.are_of_whole()) {
+      pieces.assign(2, {.terms = {}, .sizes = std::vector<double>(size_count())});
+    }
+  }
+
+  /// Of the sizes that a block's rows are judged by, largest absolute values, the places of those of ∇S, of the rate,
+  /// of A z and D_a z of each field, and of each varying entry of S''.
+  ///@{
+  [[nodiscard]] std::size_t size_of_gradient(int f) const { return static_cast<std::size_t>(f); }
+  [[nodiscard]] std::size_t size_of_rate(int f) const { return static_cast<std::size_t>(d + f); }
+  [[nodiscard]] std::size_t size_of_mean(int f) const { return static_cast<std::size_t>(2 * d + f); }
+  [[nodiscard]] std::size_t size_of_difference(int f, std::size_t a) const {
+    return static_cast<std::size_t>(d) * (3 + a) + static_cast<std::size_t>(f);
+  }
+  [[nodiscard]] std::size_t size_of_entry(std::size_t e) const {
+    return static_cast<std::size_t>(d) * (3 + static_cast<std::size_t>(dimensions)) + e;
+  }
+  [[nodiscard]] std::size_t size_count() const { return size_of_entry(system.varying_hessian().size()); }
+  ///@}
+  [[nodiscard]] Piece& piece(std::size_t block) { return pieces[block == 0 ? 0 : 1]; }
+  /// The sum of a block's cells: of a piece's what it is made of, for later.
+  [[nodiscard]] double sum_or_keep(std::size_t block, std::size_t row, const double* values) {
+    const CellBlocks::Block at = blocks[block];
+    if (!at.is_piece()) {
+      return sum(values, at.count);
+    }
+    std::copy_n(values, at.count, piece(block).terms[row].begin());
+    return 0.0;
+  }
+  /// Adds the terms of a piece to those before, as sum() does.
+  [[nodiscard]] double go_on_in_lanes(std::size_t block, std::size_t row, std::span<double> partial) {
+    add_in_lanes(piece(block).terms[row].data(), blocks[block], partial);
+    return sum_of_lanes(partial);
   }
 
   [[nodiscard]] bool sums_by_node() const { return by_node.fields() > 0; }
@@ -300,7 +359,8 @@ struct CellSweep::Storage {
     std::array<double, 2> sums{};
     std::array<double, 1 + 3 * MultisymplecticSystem::most_fields> largest{};
   };
-  [[nodiscard]] Totals totals(std::size_t maxima) const {
+  template <class GoOn>
+  [[nodiscard]] Totals totals(std::size_t maxima, std::size_t carried, const GoOn& go_on) const {
     Totals all;
     const auto rows = static_cast<std::size_t>(d);
     const auto sum_of = [this](std::size_t block, std::size_t r) {
@@ -314,16 +374,16 @@ struct CellSweep::Storage {
       const std::size_t row = (r - 1) % rows;
       return r <= rows ? result.residual[row] : r <= 2 * rows ? result.scale[row] : result.moved[row];
     };
-    blocks.total(all.sums, sum_of, std::span(all.largest).first(maxima), largest_of);
+    blocks.total(carried, go_on, all.sums, sum_of, std::span(all.largest).first(maxima), largest_of);
     return all;
   }
 
   /// A and D_a of one field on a block.
   void take(const double* field, int f, const Made& made, const CellBlocks::Block& block, double* mean,
             const std::array<double*, 3>& difference) const {
-    const auto& [line, begin, count, offset, is_told] = block;
+    const std::size_t begin = block.begin, count = block.count, offset = block.offset;
     if (nodal == nullptr && elements == nullptr) {
-      gather(field, line, begin, count, mean, difference.data());
+      gather(field, block.line, begin, count, mean, difference.data());
       return;
     }
     std::copy_n((elements != nullptr ? made.mean.field(f).data() : field) + offset, count, mean);
@@ -368,9 +428,15 @@ struct CellSweep::Storage {
     work->size = formula::RoundingEvaluator(system.size_code());
     work->cell.resize(work->inputs.size());
     work->cell_error.resize(work->inputs.size());
+    work->sizes.resize(size_count());
     return work;
   }
 
+  /// What a sweep has and tells.
+  struct Wanted {
+    bool rate, residual, hessian;
+    double inverse_h;
+  };
   void run_block(std::size_t block, Workspace& work, std::span<const double* const> point,
                  const PotentialSlopes& slopes, std::span<const double* const> rate, double inverse_h,
                  std::span<double* const> residual, std::span<double* const> hessian);
@@ -384,10 +450,19 @@ struct CellSweep::Storage {
   static void evaluate_terms(Workspace& work, std::size_t c);
   void energy_change(std::size_t block, Workspace& work, std::span<const double* const> rate, double inverse_h,
                      std::span<const double* const> residual, std::span<const double* const> correction);
+  /// Out of the sums Σ (A c)ᵀM A δ/h, -Σ (A c)ᵀR and -Σ (A δ)ᵀR of a block.
+  static void change(double work_of_M, double work_of_R, double moved, BlockResult& result);
   void residual_row(int row, std::size_t count, bool with_rate, double inverse_h, const Workspace& work, double* out,
                     BlockResult& result) const;
-  /// What the values' last digits change of each row by way of ∇S, over ε.
-  void move_rows(std::size_t count, const Workspace& work, BlockResult& result) const;
+  void take_sizes(std::size_t count, const Wanted& wanted, Workspace& work) const;
+  /// Of a whole block's sizes: Σ of the largest terms of each row, and what the values' last digits change of it by way
+  /// of ∇S, over ε.
+  void judge_rows(std::span<const double> sizes, const Wanted& wanted, BlockResult& result) const;
+  /// What run_block() left undone of a piece.
+  void go_on(std::size_t block, const Wanted& wanted, std::span<double> carried);
+  [[nodiscard]] std::size_t carried(const Wanted& wanted) const {
+    return (wanted.rate ? 2 : 1) * lane_sums + (wanted.residual ? size_count() : 0);
+  }
 };
 
 /// A and D_a of the point on a block, the potentials' slopes included, and where it is.
@@ -431,10 +506,10 @@ void CellSweep::Storage::run_block(std::size_t block, Workspace& work, std::span
     }
   }
 
-  const bool with_hessian = !hessian.empty() || !rate.empty();
-  const std::size_t outputs = 1 + static_cast<std::size_t>(d) + (with_hessian ? system.varying_hessian().size() : 0);
-  (with_hessian ? work.hessian : work.gradient)(count, work.inputs,
-                                                std::span<double* const>(work.outputs.data(), outputs));
+  const Wanted wanted = {!rate.empty(), !residual.empty(), !hessian.empty() || !rate.empty(), inverse_h};
+  const std::size_t outputs = 1 + static_cast<std::size_t>(d) + (wanted.hessian ? system.varying_hessian().size() : 0);
+  (wanted.hessian ? work.hessian : work.gradient)(count, work.inputs,
+                                                  std::span<double* const>(work.outputs.data(), outputs));
   double* const* varying = work.outputs.data() + 1 + d;
   for (std::size_t e = 0; e < hessian.size(); ++e) {
     std::copy_n(varying[e], count, hessian[e] + offset);
@@ -445,8 +520,11 @@ void CellSweep::Storage::run_block(std::size_t block, Workspace& work, std::span
       residual_row(row, count, !rate.empty(), inverse_h, work, residual[static_cast<std::size_t>(row)] + offset,
                    result);
     }
-    if (with_hessian) {
-      move_rows(count, work, result);
+    take_sizes(count, wanted, work);
+    if (at.is_piece()) {
+      std::ranges::copy(work.sizes, piece(block).sizes.begin());
+    } else {
+      judge_rows(work.sizes, wanted, result);
     }
   }
 
@@ -462,7 +540,7 @@ void CellSweep::Storage::run_block(std::size_t block, Workspace& work, std::span
   if (sums_by_node()) {
     std::copy_n(density, count, by_node.field(0).data() + offset);
   } else {
-    result.energy = sum(density, count);
+    result.energy = sum_or_keep(block, 0, density);
     result.finite = result.finite && std::isfinite(result.energy);
   }
 
@@ -488,55 +566,97 @@ void CellSweep::Storage::run_block(std::size_t block, Workspace& work, std::span
       add(factor, varying[e], left, right, count, form);
     }
     weigh(offset, count, form);
-    result.quadratic = sum(form, count);
+    result.quadratic = sum_or_keep(block, 1, form);
+  }
+}
+
+void CellSweep::Storage::go_on(std::size_t block, const Wanted& wanted, std::span<double> carried) {
+  BlockResult& result = results[block];
+  result.energy = go_on_in_lanes(block, 0, carried.first(lane_sums));
+  if (wanted.rate) {
+    result.quadratic = go_on_in_lanes(block, 1, carried.subspan(lane_sums, lane_sums));
+  }
+  const auto sizes = carried.last(wanted.residual ? size_count() : 0);
+  for (std::size_t i = 0; i < sizes.size(); ++i) {
+    sizes[i] = std::max(sizes[i], piece(block).sizes[i]);
+  }
+  if (blocks[block].ends()) {
+    result.finite = result.finite && std::isfinite(result.energy);
+    if (wanted.residual) {
+      judge_rows(sizes, wanted, result);
+    }
   }
 }
 
 void CellSweep::Storage::residual_row(int row, std::size_t count, bool with_rate, double inverse_h,
                                       const Workspace& work, double* out, BlockResult& result) const {
-  const double* gradient = work.outputs[1 + static_cast<std::size_t>(row)];
-  double scale = largest(gradient, count);
-  std::copy_n(gradient, count, out);
+  std::copy_n(work.outputs[1 + static_cast<std::size_t>(row)], count, out);
   if (with_rate) {
     for (const MatrixTerm& term : M) {
       if (term.row == row) {
-        const double* rate = work.rate_mean[static_cast<std::size_t>(term.column)];
-        add(-inverse_h * term.value, rate, count, out);
-        scale += std::abs(inverse_h * term.value) * largest(rate, count);
+        add(-inverse_h * term.value, work.rate_mean[static_cast<std::size_t>(term.column)], count, out);
       }
     }
   }
   for (std::size_t a = 0; a < K.size(); ++a) {
     for (const MatrixTerm& term : K[a]) {
       if (term.row == row) {
-        const auto column = static_cast<std::size_t>(term.column);
-        add(-term.value, work.difference[column][a], count, out);
-        // The difference of two nearly equal values has the rounding error of the values.
-        scale += std::abs(term.value) * (largest(work.difference[column][a], count) +
-                                         2.0 * inverse_spacing[a] * largest(work.mean[column], count));
+        add(-term.value, work.difference[static_cast<std::size_t>(term.column)][a], count, out);
       }
     }
   }
-  const auto r = static_cast<std::size_t>(row);
-  result.residual[r] = largest(out, count);
-  result.scale[r] = scale;
+  result.residual[static_cast<std::size_t>(row)] = largest(out, count);
   result.finite = result.finite && std::isfinite(sum(out, count));
 }
 
-void CellSweep::Storage::move_rows(std::size_t count, const Workspace& work, BlockResult& result) const {
-  std::array<double, MultisymplecticSystem::most_fields> sizes{};
-  for (std::size_t f = 0; f < static_cast<std::size_t>(d); ++f) {
-    sizes[f] = largest(work.mean[f], count);
+void CellSweep::Storage::take_sizes(std::size_t count, const Wanted& wanted, Workspace& work) const {
+  for (int f = 0; f < d; ++f) {
+    const auto i = static_cast<std::size_t>(f);
+    work.sizes[size_of_gradient(f)] = largest(work.outputs[1 + i], count);
+    work.sizes[size_of_rate(f)] = wanted.rate ? largest(work.rate_mean[i], count) : 0.0;
+    work.sizes[size_of_mean(f)] = largest(work.mean[i], count);
+    for (std::size_t a = 0; a < K.size(); ++a) {
+      const double* difference = work.difference[i][a];
+      work.sizes[size_of_difference(f, a)] = difference != nullptr ? largest(difference, count) : 0.0;
+    }
+  }
+  for (std::size_t e = 0; e < system.varying_hessian().size(); ++e) {
+    work.sizes[size_of_entry(e)] =
+        wanted.hessian ? largest(work.outputs[1 + static_cast<std::size_t>(d) + e], count) : 0.0;
+  }
+}
+
+void CellSweep::Storage::judge_rows(std::span<const double> sizes, const Wanted& wanted, BlockResult& result) const {
+  for (int row = 0; row < d; ++row) {
+    double scale = sizes[size_of_gradient(row)];
+    for (const MatrixTerm& term : M) {
+      if (wanted.rate && term.row == row) {
+        scale += std::abs(wanted.inverse_h * term.value) * sizes[size_of_rate(term.column)];
+      }
+    }
+    for (std::size_t a = 0; a < K.size(); ++a) {
+      for (const MatrixTerm& term : K[a]) {
+        if (term.row == row) {
+          // The difference of two nearly equal values has the rounding error of the values.
+          scale += std::abs(term.value) * (sizes[size_of_difference(term.column, a)] +
+                                           2.0 * inverse_spacing[a] * sizes[size_of_mean(term.column)]);
+        }
+      }
+    }
+    result.scale[static_cast<std::size_t>(row)] = scale;
+  }
+  if (!wanted.hessian) {
+    return;
   }
   const auto move = [&](int row, int column, double derivative) {
-    result.moved[static_cast<std::size_t>(row)] += derivative * sizes[static_cast<std::size_t>(column)];
+    result.moved[static_cast<std::size_t>(row)] += derivative * sizes[size_of_mean(column)];
   };
   for (const MatrixTerm& term : constant_hessian) {
     move(term.row, term.column, std::abs(term.value));
   }
   for (std::size_t e = 0; e < system.varying_hessian().size(); ++e) {
     const auto [row, column] = system.varying_hessian()[e];
-    const double derivative = largest(work.outputs[1 + static_cast<std::size_t>(d) + e], count);
+    const double derivative = sizes[size_of_entry(e)];
     move(row, column, derivative);
     if (row != column) {
       move(column, row, derivative);
@@ -575,8 +695,7 @@ std::vector<double> CellSweep::Storage::mean_terms_by_node(std::size_t terms, st
   return means;
 }
 
-/// `energy` becomes Σ |terms - references| of the block, `quadratic` the sum of the cells' errors, residual[0] that of
-/// their squares, scale[0] Σ |terms|.
+/// `size` becomes Σ |terms - references| of the block, the sum of the cells' errors, that of their squares, Σ |terms|.
 void CellSweep::Storage::energy_size(std::size_t block, Workspace& work, std::span<const double* const> point,
                                      const PotentialSlopes& slopes, std::span<const double> references) {
   constexpr double unit = 0.5 * std::numeric_limits<double>::epsilon();
@@ -616,10 +735,15 @@ void CellSweep::Storage::energy_size(std::size_t block, Workspace& work, std::sp
     }
     const double weight = weight_of(at.offset + c);
     size.rounding *= weight;
-    result.energy += weight * size.terms;
-    result.quadratic += size.rounding;
-    result.residual[0] += size.rounding * size.rounding;
-    result.scale[0] += weight * magnitude;
+    const std::array<double, rows_by_node> values = {weight * size.terms, size.rounding, size.rounding * size.rounding,
+                                                     weight * magnitude};
+    for (std::size_t row = 0; row < values.size(); ++row) {
+      if (at.is_piece()) {
+        piece(block).terms[row][c] = values[row];
+      } else {
+        result.size[row] += values[row];
+      }
+    }
   }
 }
 
@@ -654,11 +778,13 @@ void CellSweep::Storage::energy_change(std::size_t block, Workspace& work, std::
       add(factor, c, delta, count, twisted);
     }
   }
-  BlockResult& result = results[block];
-  const double work_of_M = sum(twisted, count);
-  const double work_of_R = sum(corrected, count);
+  change(sum_or_keep(block, 0, twisted), sum_or_keep(block, 1, corrected), sum_or_keep(block, 2, moved),
+         results[block]);
+}
+
+void CellSweep::Storage::change(double work_of_M, double work_of_R, double moved, BlockResult& result) {
   result.energy = work_of_M + 0.5 * work_of_R;
-  result.quadratic = 4.0 * ((sum(moved, count) - work_of_R) + 2.0 * work_of_M);
+  result.quadratic = 4.0 * ((moved - work_of_R) + 2.0 * work_of_M);
 }
 
 CellSweep::CellSweep(const MultisymplecticSystem& system, const grids::Grid& grid, Collocation collocation)
@@ -688,7 +814,10 @@ SweepResult CellSweep::operator()(std::span<const double* const> point, const Po
     }
   }
   const auto rows = static_cast<std::size_t>(s.d);
-  const Storage::Totals totals = s.totals(1 + 3 * rows);
+  const Storage::Wanted wanted = {!rate.empty(), !residual.empty(), !hessian.empty() || !rate.empty(), inverse_h};
+  const Storage::Totals totals =
+      s.totals(wanted.residual ? 1 + 3 * rows : 1, s.carried(wanted),
+               [&](std::size_t block, std::span<double> carried) { s.go_on(block, wanted, carried); });
   const auto residuals = std::span(totals.largest).subspan(1, rows),
              scales = std::span(totals.largest).subspan(1 + rows),
              moved = std::span(totals.largest).subspan(1 + 2 * rows);
@@ -717,7 +846,14 @@ EnergyChange CellSweep::energy_change(std::span<const double* const> rate, doubl
     s.energy_change(static_cast<std::size_t>(block), *s.workspaces[static_cast<std::size_t>(omp_get_thread_num())],
                     rate, inverse_h, residual, correction);
   }
-  const auto [energy, quadratic] = s.totals(0).sums;
+  const auto go_on = [&s](std::size_t block, std::span<double> carried) {
+    std::array<double, 3> sums;
+    for (std::size_t row = 0; row < sums.size(); ++row) {
+      sums[row] = s.go_on_in_lanes(block, row, carried.subspan(row * lane_sums, lane_sums));
+    }
+    Storage::change(sums[0], sums[1], sums[2], s.results[block]);
+  };
+  const auto [energy, quadratic] = s.totals(0, 3 * lane_sums, go_on).sums;
   return {s.volume * energy, s.volume * quadratic};
 }
 
@@ -734,9 +870,6 @@ std::vector<double> CellSweep::mean_terms(std::span<const double* const> point, 
   std::vector<double> later;
   for (std::size_t block = 0; block < s.blocks.count(); ++block) {
     const CellBlocks::Block at = s.blocks[block];
-    if (!at.is_told) {
-      continue;
-    }
     s.gather_point(block, work, point, slopes);
     for (std::size_t c = 0; c < at.count; ++c) {
       s.evaluate_terms(work, c);
@@ -778,16 +911,22 @@ formula::SumSize CellSweep::energy_size(std::span<const double* const> point, co
     sums = s.sums_of_nodes();
     pieces = static_cast<double>(grids::whole_count(s.by_node.size())) / block_size;
   } else {
-    s.blocks.in_turn(sums, [&] {
-      for (std::size_t block = 0; block < s.results.size(); ++block) {
-        if (const BlockResult& result = s.results[block]; s.blocks[block].is_told) {
-          sums[0] += result.energy;
-          sums[1] += result.quadratic;
-          sums[2] += result.residual[0];
-          sums[3] += result.scale[0];
+    const auto go_on = [&s](std::size_t block, std::span<double> carried) {
+      for (std::size_t row = 0; row < carried.size(); ++row) {
+        for (std::size_t c = 0; c < s.blocks[block].count; ++c) {
+          carried[row] += s.piece(block).terms[row][c];
         }
+        s.results[block].size[row] = carried[row];
       }
-    });
+    };
+    const auto add_block = [&s](std::size_t block, std::span<double> to) {
+      for (std::size_t row = 0; s.blocks[block].ends() && row < to.size(); ++row) {
+        to[row] += s.results[block].size[row];
+      }
+    };
+    const std::span<double> all = s.blocks.add_up(sums.size(), rows_by_node, go_on, add_block);
+    s.blocks.tell(all);
+    std::ranges::copy(all, sums.begin());
   }
   const auto& [terms, sum, squares, magnitudes] = sums;
   // A block is summed in eight lanes of up to 32 cells, whose partial sums are rounded, too.

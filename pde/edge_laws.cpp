@@ -22,6 +22,13 @@ namespace {
 constexpr std::size_t block_size = CellBlocks::most;
 constexpr int time = LawTables::time;
 
+CompensatedSum sum_from(CompensatedSum sum, std::span<const double> terms) {
+  for (const double term : terms) {
+    sum.add(term);
+  }
+  return sum;
+}
+
 /// The fields on the faces of one block: means and derivatives in the directions within the face, and S.
 struct Faces {
   std::vector<double*> mean;
@@ -49,6 +56,7 @@ struct FaceOperators : LawTables {
   std::unique_ptr<ElementOperators> elements;                  ///< in elements only: of cells the laws are a mean of
   grids::FieldSet at_points, derivatives;                      ///< in elements, of the fields in use
   std::vector<std::vector<double>> sums;                       ///< [law][block]: of densities
+  std::array<grids::FieldSet, 2> pieces;                       ///< of the first and the last block here: densities
   PlacedCoordinates at_cells;                                  ///< in their middles
   std::array<std::vector<PlacedCoordinates>, 2> placed_faces;  ///< [upper][axis]: on the faces normal to an axis
 
@@ -63,6 +71,9 @@ struct FaceOperators : LawTables {
       place_faces();
     }
     sums.assign(names.size(), std::vector<double>(blocks.count()));
+    if (blocks.are_of_whole()) {
+      pieces.fill(grids::FieldSet(static_cast<int>(names.size()), block_size));
+    }
   }
 
   void place_faces() {
@@ -116,6 +127,8 @@ struct FaceOperators : LawTables {
       workspaces.push_back(std::move(work));
     }
   }
+
+  [[nodiscard]] grids::FieldSet& piece(std::size_t block) { return pieces[block == 0 ? 0 : 1]; }
 
   /// The operations along x, y, z on the faces normal to `mu` that differentiate in `nu` (nu = mu: none).
   void face(const double* field, std::size_t line, std::size_t begin, std::size_t count, int mu, bool upper, int nu,
@@ -351,15 +364,31 @@ std::vector<double> EdgeLaws::totals(const LatticeLevel& level) {
       [&](std::size_t block, std::size_t line, std::size_t begin, std::size_t count, Workspace& work) {
         s.prepare_currents(work, line, begin, count, time, false, level, level);
         for (std::size_t l = 0; l < laws; ++l) {
-          CompensatedSum sum;
+          double* const terms = work.faces.currents[l];
           for (std::size_t c = 0; c < count; ++c) {
-            sum.add(s.weight_of(line * s.blocks.line + begin + c) * work.faces.currents[l][c]);
+            terms[c] *= s.weight_of(line * s.blocks.line + begin + c);
           }
-          s.sums[l][block] = sum.value();
+          if (s.blocks[block].is_piece()) {
+            std::copy_n(terms, count, s.piece(block).field(static_cast<int>(l)).data());
+          } else {
+            s.sums[l][block] = sum_from({}, {terms, count}).value();
+          }
         }
       });
+  const auto go_on = [&s](std::size_t block, std::span<double> carried) {
+    for (std::size_t l = 0; l < s.names.size(); ++l) {
+      const auto before = carried.subspan(2 * l, 2);
+      const auto terms = std::as_const(s.piece(block)).field(static_cast<int>(l)).first(s.blocks[block].count);
+      const CompensatedSum sum = sum_from(CompensatedSum(before[0], before[1]), terms);
+      before[0] = sum.high;
+      before[1] = sum.low;
+      s.sums[l][block] = sum.value();
+    }
+  };
   std::vector<double> totals(laws);
-  s.blocks.total(totals, [&s](std::size_t block, std::size_t law) { return s.sums[law][block]; });
+  s.blocks.total(
+      2 * laws, go_on, totals, [&s](std::size_t block, std::size_t law) { return s.sums[law][block]; }, {},
+      [](std::size_t, std::size_t) { return 0.0; });
   for (double& total : totals) {
     total *= s.grid.cell_volume();
   }

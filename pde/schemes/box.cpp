@@ -41,11 +41,8 @@ public:
   [[nodiscard]] std::string_view not_shared_in(int dimensions) const override {
     return dimensions > 1 || is_box() ? "" : "with stages its transforms along a line take the whole of it";
   }
-  /// Laws of a node read the cell before it; cells the node after. On a line sums are made of blocks of cells, which
-  /// may reach into the next part.
-  [[nodiscard]] grids::Ghosts ghosts(const MultisymplecticSystem& system) const override {
-    return {1, system.directions() > 1 ? 1 : CellBlocks::most};
-  }
+  /// Laws of a node read the cell before it; cells the node after.
+  [[nodiscard]] grids::Ghosts ghosts(const MultisymplecticSystem& /*system*/) const override { return {1, 1}; }
   /// Elimination on a line has pieces of its own.
   [[nodiscard]] std::vector<std::size_t> parts(const MultisymplecticSystem& system, const grids::Grid& whole, double h,
                                                int ranks) const override {
