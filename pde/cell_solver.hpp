@@ -51,10 +51,11 @@ public:
   virtual ~CellSolver() = default;
   /// rhs: one array for each equation; solution: one for each unknown, not overlapping rhs. `y` receives the unknowns
   /// of the conditions, y[b·lines + line], lines = n_y n_z. On a slab (grids::Slab) all ranks solve, and find the
-  /// solution at the nodes that they own.
+  /// solution at the nodes that they own; in ghosts as well where finds_ghosts().
   [[nodiscard]] virtual Status solve(const CellMatrix& matrix, const KernelConditions& conditions,
                                      std::span<const double* const> rhs, std::span<double* const> solution,
                                      std::span<double> y) = 0;
+  [[nodiscard]] virtual bool finds_ghosts() const { return false; }
   /// Forgets what was kept from the last solves, so that the next ones do not depend on them.
   virtual void forget() {}
   /// Whether the next solves look at their residuals themselves (as they do at first), or leave that to the caller.

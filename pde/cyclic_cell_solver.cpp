@@ -18,7 +18,9 @@ public:
         first_(slab_ == nullptr ? 0 : slab_->first_node()),
         solver_(size, cells_, conditions, 1, slab_),
         rhs_(static_cast<std::size_t>(size)),
-        solution_(rhs_.size()) {
+        solution_(rhs_.size()),
+        last_(rhs_.size()),
+        before_(rhs_.size()) {
     const auto block = static_cast<std::size_t>(size);
     const auto count = static_cast<std::size_t>(conditions);
     matrix_.block = size;
@@ -59,14 +61,29 @@ public:
     }
     std::ranges::transform(rhs, rhs_.begin(), [this](const double* values) { return values + first_; });
     std::ranges::transform(solution, solution_.begin(), [this](double* values) { return values + first_; });
-    return solver_.solve(matrix_, border_, rhs_, border_rhs_, solution_, y, check_).status;
+    const Status status = solver_.solve(matrix_, border_, rhs_, border_rhs_, solution_, y, check_).status;
+    if (slab_ != nullptr && status == Status::success) {
+      find_ghosts();
+    }
+    return status;
   }
+  [[nodiscard]] bool finds_ghosts() const override { return true; }
 
   void check_residuals(bool on) override {
     check_ = on ? solve::CyclicCheck::every_solve : solve::CyclicCheck::left_to_caller;
   }
 
 private:
+  /// The node behind a part, which separates it from the next, is part of the solution; the one before it is not.
+  void find_ghosts() {
+    std::ranges::transform(solution_, last_.begin(),
+                           [this](const double* values) { return values[matrix_.cells - 1]; });
+    slab_->pass_on(last_, before_);
+    for (std::size_t f = 0; f < solution_.size(); ++f) {
+      solution_[f][-1] = before_[f];
+    }
+  }
+
   double inverse_spacing_;
   const grids::Slab* slab_;  ///< of the ranks that share the line; null for one process
   std::size_t cells_;        ///< of all ranks
@@ -77,6 +94,7 @@ private:
   std::vector<double> border_rhs_;
   std::vector<const double*> rhs_;
   std::vector<double*> solution_;
+  std::vector<double> last_, before_;  ///< the solution at the last node of this part, and of the one before
   solve::CyclicCheck check_ = solve::CyclicCheck::every_solve;
 };
 

@@ -205,7 +205,9 @@ public:
       }
       double change = 0.0;
       double scale = 0.0;
-      grids::refresh_ghosts(correction_);
+      if (!solver_->finds_ghosts()) {
+        grids::refresh_ghosts(correction_);
+      }
       for (int u = 0; u < size_; ++u) {
         const auto values = level.fields.field(plan_.unknowns[static_cast<std::size_t>(u)]);
         const auto correction = correction_.field(u);

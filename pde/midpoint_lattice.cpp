@@ -245,7 +245,7 @@ public:
     for (std::size_t f = 0; f < largest_.size(); ++f) {
       rows[f] = std::as_const(delta_).field(static_cast<int>(f));
     }
-    grids::max_abs(std::span(rows).first(largest_.size()), sizes);
+    grids::max_abs(std::span(rows).first(largest_.size()), std::span(sizes).first(largest_.size()));
     for (std::size_t f = 0; f < largest_.size(); ++f) {
       largest_[f] = std::max(largest_[f], sizes[f]);
     }
@@ -433,7 +433,9 @@ private:
           status != Status::success) {
         return status == Status::undefined ? status : Status::not_converged;
       }
-      grids::refresh_ghosts(correction_, condensation_.free());
+      if (!solver_->finds_ghosts()) {
+        grids::refresh_ghosts(correction_, condensation_.free());
+      }
       condensation_.correct(h, correction_);
       const double size = add_correction();
       if (!std::isfinite(size)) {
