@@ -8,6 +8,8 @@
 #include <limits>
 #include <numbers>
 
+#include <fmt/format.h>
+
 #include <rubato/formula/arithmetic.hpp>
 #include <rubato/formula/operations.hpp>
 #include <rubato/formula/special.hpp>
@@ -164,19 +166,150 @@ Bytecode sum_size_code(Expression sum, std::span<const Expression> inputs) {
   return {outputs, inputs};
 }
 
+namespace {
+
+/// A value, and its bound unless that is 0 for certain.
+struct Rounded {
+  Expression value;
+  std::optional<Expression> bound = {};
+};
+
+/// The operations of RoundingEvaluator::run() as formulas.
+class RoundingFormula {
+public:
+  /// The result of an instruction, of a sincos the sine; none of those that are not foreseen.
+  std::optional<Rounded> operator()(const Instruction& step, std::span<const Rounded> registers) {
+    const Rounded& a = registers[step.a];
+    const auto b = [&]() -> const Rounded& { return registers[step.b]; };
+    switch (step.code) {
+      case OpCode::add: return sum(a.value + b().value, a, b());
+      case OpCode::subtract: return sum(a.value - b().value, a, b());
+      case OpCode::multiply: {
+        const Expression v = a.value * b().value;
+        return Rounded{v, plus(plus(carried(b().value, a), carried(a.value, b())), abs(v))};
+      }
+      case OpCode::divide: {
+        const Expression v = a.value / b().value;
+        return Rounded{v, plus(plus(carried(1.0 / b().value, a), carried(v / b().value, b())), abs(v))};
+      }
+      case OpCode::negate: return Rounded{-a.value, a.bound};
+      case OpCode::multiply_add:
+      case OpCode::multiply_subtract:
+      case OpCode::negative_multiply_add: {
+        const Rounded& c = registers[step.c];
+        const Expression product = a.value * b().value;
+        const Expression v = step.code == OpCode::multiply_add        ? product + c.value
+                             : step.code == OpCode::multiply_subtract ? product - c.value
+                                                                      : c.value - product;
+        return Rounded{
+            v, plus(plus(plus(plus(carried(b().value, a), carried(a.value, b())), abs(product)), c.bound), abs(v))};
+      }
+      case OpCode::square: return of_one(a.value * a.value, 2.0 * a.value, a, 1.0);
+      case OpCode::integer_power: {
+        const auto n = std::bit_cast<std::int32_t>(step.b);
+        return of_one(pow(a.value, n), n * pow(a.value, n - 1), a, std::abs(static_cast<double>(n)));
+      }
+      case OpCode::abs: return Rounded{abs(a.value), a.bound};
+      case OpCode::sqrt: {
+        const Expression v = sqrt(a.value);
+        return Rounded{v,
+                       plus(a.bound ? std::optional(min(0.5 / v * *a.bound, sqrt(*a.bound / unit))) : std::nullopt, v)};
+      }
+      case OpCode::sincos:
+      case OpCode::sin: return of_one(sin(a.value), cos(a.value), a, function_error);
+      case OpCode::cos: return of_one(cos(a.value), sin(a.value), a, function_error);
+      case OpCode::exp: return of_one(exp(a.value), exp(a.value), a, function_error);
+      case OpCode::log: return of_one(log(a.value), 1.0 / a.value, a, function_error);
+      default: return std::nullopt;
+    }
+  }
+  Rounded cosine(const Rounded& a) { return of_one(cos(a.value), sin(a.value), a, function_error); }
+
+private:
+  static std::optional<Expression> plus(const std::optional<Expression>& a, const std::optional<Expression>& b) {
+    return a && b ? std::optional(*a + *b) : a ? a : b;
+  }
+  static std::optional<Expression> carried(Expression derivative, const Rounded& a) {
+    return a.bound ? std::optional(abs(derivative) * *a.bound) : std::nullopt;
+  }
+  static Rounded sum(Expression v, const Rounded& a, const Rounded& b) {
+    return {v, plus(plus(a.bound, b.bound), abs(v))};
+  }
+  static Rounded of_one(Expression v, Expression derivative, const Rounded& a, double own) {
+    return {v, plus(carried(derivative, a), own * abs(v))};
+  }
+};
+
+/// Longer formulas are not worth their machine code: they are many times as long.
+constexpr std::size_t longest_with_formula = 1000;
+
+}  // namespace
+
+std::optional<Bytecode> rounding_code(const Bytecode& code) {
+  Graph graph;
+  RoundingFormula rounding;
+  std::vector<Rounded> registers(code.register_count());
+  std::vector<Expression> inputs;
+  for (const char* const name : {"x{}", "e{}"}) {
+    for (std::size_t i = 0; i < code.input_count(); ++i) {
+      inputs.push_back(graph.variable(fmt::format(fmt::runtime(name), i)));
+    }
+  }
+  for (std::size_t i = 0; i < code.input_count(); ++i) {
+    registers[i] = {inputs[i], inputs[code.input_count() + i]};
+  }
+  for (std::size_t k = 0; k < code.constants().size(); ++k) {
+    registers[code.input_count() + k] = {graph.constant(code.constants()[k])};
+  }
+  for (const Instruction& step : code.instructions()) {
+    const std::optional<Rounded> result = rounding(step, registers);
+    if (!result) {
+      return std::nullopt;
+    }
+    if (step.code == OpCode::sincos) {
+      registers[step.b] = rounding.cosine(registers[step.a]);
+    }
+    registers[step.target] = *result;
+  }
+  const auto outputs = code.outputs();
+  Expression terms = graph.constant(0.0);
+  for (std::size_t i = 1; i < outputs.size(); ++i) {
+    terms += abs(registers[outputs[i]].value);
+  }
+  const Rounded& first = registers[outputs[0]];
+  const std::array all{first.value, terms, first.bound ? *first.bound : graph.constant(0.0)};
+  return Bytecode(all, inputs);
+}
+
 SumSizeEvaluator::SumSizeEvaluator(const Bytecode& code) : evaluator_(code), errors_(code.input_count(), 0.0) {}
 
+void SumSizeEvaluator::prepare() {
+  if (!formula_ && evaluator_.code().instructions().size() <= longest_with_formula) {
+    if (const std::optional<Bytecode> code = rounding_code(evaluator_.code())) {
+      formula_.emplace(*code);
+    }
+  }
+}
+
 SumSize SumSizeEvaluator::operator()(std::span<const double> inputs, std::span<const double> errors) {
+  const auto size_of = [](double sum, double terms, double bound) {
+    return SumSize{.terms = std::max(std::abs(sum), least_part * terms),
+                   .rounding = unit * (std::isfinite(bound) ? bound : terms)};
+  };
+  if (formula_) {
+    std::ranges::copy(errors, std::ranges::copy(inputs, formula_->inputs().begin()).out);
+    formula_->run();
+    // An error of 0 times an infinite derivative is the evaluator's to judge.
+    if (std::isfinite(formula_->output(2))) {
+      return size_of(formula_->output(0), formula_->output(1), formula_->output(2));
+    }
+  }
   evaluator_.run(inputs, errors);
   double terms = 0.0;
   for (std::size_t i = 1; i < evaluator_.output_count(); ++i) {
     terms += std::abs(evaluator_.value(i));
   }
-  SumSize size;
-  size.terms = std::max(std::abs(evaluator_.value(0)), least_part * terms);
-  const double bound = evaluator_.bound(0);
-  size.rounding = unit * (std::isfinite(bound) ? bound : terms);
-  return size;
+  return size_of(evaluator_.value(0), terms, evaluator_.bound(0));
 }
 
 SumSize SumSizeEvaluator::operator()(std::span<const double> inputs) {

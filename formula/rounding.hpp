@@ -1,5 +1,6 @@
 #pragma once
 
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -27,6 +28,7 @@ public:
   [[nodiscard]] double value(std::size_t output) const { return values_[code_.outputs()[output]]; }
   [[nodiscard]] double bound(std::size_t output) const { return bounds_[code_.outputs()[output]]; }
   [[nodiscard]] std::size_t output_count() const { return code_.output_count(); }
+  [[nodiscard]] const Bytecode& code() const { return code_; }
 
 private:
   Bytecode code_;
@@ -42,11 +44,20 @@ struct SumSize {
 /// Code for a SumSizeEvaluator: the sum, then its terms. `inputs`: variables of its graph.
 [[nodiscard]] Bytecode sum_size_code(Expression sum, std::span<const Expression> inputs);
 
+/// What RoundingEvaluator does as a formula, whose inputs are those of the code and then their errors, and whose
+/// outputs are the code's first, Σ|others|, and the bound of the first: with the same roundings. None of code with
+/// functions other than sqrt, sin, cos, exp and log.
+[[nodiscard]] std::optional<Bytecode> rounding_code(const Bytecode& code);
+
 /// Both for the formula of a sum_size_code().
 class SumSizeEvaluator {
 public:
   explicit SumSizeEvaluator(const Bytecode& code);
   SumSizeEvaluator() = default;
+
+  /// For those who ask often: the bound by a formula of its own, which machine code is made of, where there is one and
+  /// it is not long. No result changes.
+  void prepare();
 
   /// At `inputs` that are off by u·`errors`. Where the bound is not finite, rounding is that of the terms.
   [[nodiscard]] SumSize operator()(std::span<const double> inputs, std::span<const double> errors);
@@ -55,6 +66,7 @@ public:
 
 private:
   RoundingEvaluator evaluator_;
+  std::optional<ScalarEvaluator> formula_;
   std::vector<double> errors_;
 };
 

@@ -48,9 +48,10 @@ public:
     for (Trial& trial : trials_) {
       trial.gap = zero_rows(size_);
     }
-    for (Rows* table : {&first_, &second_, &end_table_, &trial_table_}) {
+    for (Rows* table : {&first_, &second_, &end_table_, &trial_table_, &from_start_, &from_end_, &powers_}) {
       *table = zero_rows(m_);
     }
+    nodes_ = zero_rows(1);
     first_.leftCols(m_) = tableau_.a_rest.transpose();
     second_.leftCols(m_) = tableau_.a_short.transpose();
     for (VectorXd* vector : {&lost_, &largest_, &floor_, &point_, &gradient_, &errors_}) {
@@ -61,7 +62,9 @@ public:
           static_cast<long double>(tableau_.b_short[i]) + static_cast<long double>(tableau_.b_rest[i]);
     }
     of_stages_ = solve::quotient(tableau_.a.transpose(), tableau_.b).value();
-    weights_.setZero(m_, m_);
+    from_start_.leftCols(m_) = tableau_.from_start.transpose();
+    from_end_.leftCols(m_) = tableau_.from_end.transpose();
+    nodes_.leftCols(m_) = tableau_.c.transpose();
     stage_newton_ = StageNewton::of(tableau_, hamiltonian);
     if (stage_newton_) {
       slow_ = contraction_worth_newton(hamiltonian);
@@ -216,7 +219,7 @@ private:
   /// tangent. \return whether by what was made before
   bool start(double h) {
     if (known_ > 0 && near(h / trials_[0].h)) {
-      tabulate(tableau_.from_start, h / trials_[0].h, trial_table_);
+      tabulate_trial(h / trials_[0].h);
       combine(size_, trial_f_, trial_table_, trials_[0].h, Y_);
       add_gap(h);
     } else if (last_h_ != 0.0 && near(h / last_h_)) {
@@ -231,10 +234,27 @@ private:
     }
     return true;
   }
-  /// Weights of stage slopes by which the collocation polynomial leads to the stages of a step `ratio` times as long.
-  void tabulate(const MatrixXd& about, double ratio, Rows& table) {
-    tableau_.continuation(about, ratio, weights_);
-    table.leftCols(m_) = weights_.transpose();
+  /// Weights of stage slopes by which the collocation polynomial leads to the stages of a step `ratio` times as long:
+  /// column i has ∫_o^{o+θc_i} ℓ_j, from the powers of θc_i.
+  void tabulate(const Rows& about, double ratio, Rows& table) {
+    const Index lanes = kernels_.lanes;
+    double* power = powers_.data();
+    for (Index i = 0; i < lanes; ++i) {
+      power[i] = ratio * nodes_(0, i);
+    }
+    for (Index k = 1; k < m_; ++k, power += lanes) {
+      for (Index i = 0; i < lanes; ++i) {
+        power[lanes + i] = power[i] * powers_(0, i);
+      }
+    }
+    combine(m_, about, powers_, 1.0, table);
+  }
+  /// About the start, of what is begun and kept with the same weights.
+  void tabulate_trial(double ratio) {
+    if (ratio != trial_ratio_) {
+      tabulate(from_start_, ratio, trial_table_);
+      trial_ratio_ = ratio;
+    }
   }
   /// The collocation polynomial of the last step, at the stages of one that follows it.
   void continue_last(double h) {
@@ -242,7 +262,7 @@ private:
       return;
     }
     if (const double ratio = h / last_h_; ratio != end_ratio_) {  // equal steps have one
-      tabulate(tableau_.from_end, ratio, end_table_);
+      tabulate(from_end_, ratio, end_table_);
       end_ratio_ = ratio;
     }
     combine(size_, last_f_, end_table_, last_h_, base_);
@@ -280,7 +300,7 @@ private:
       return;
     }
     const std::size_t place = known_ < most_trials ? known_++ : 1 + replaced_++ % (most_trials - 1);
-    tabulate(tableau_.from_start, h / trials_[0].h, trial_table_);
+    tabulate_trial(h / trials_[0].h);
     trials_[place].h = h;
     combine(size_, trial_f_, trial_table_, trials_[0].h, trials_[place].gap);
     trials_[place].gap = Y_ - trials_[place].gap;
@@ -297,7 +317,7 @@ private:
     double part = h / shortest_approach;
     start_on_tangent(part);
     Status status = iterate(part, tuning::loosest_trial);
-    tabulate(tableau_.from_start, 2.0, trial_table_);
+    tabulate_trial(2.0);
     while (status == Status::success && part != h) {
       combine(size_, f_, trial_table_, part, Y_);
       part *= 2.0;
@@ -526,13 +546,14 @@ private:
   Rows next_, correction_, bounds_,
       next_bounds_;               ///< what the stages leave of their equations, Newton's correction, and rounding
   Rows first_, second_;           ///< A in two parts: rows of the weights of f_j
-  Rows end_table_, trial_table_;  ///< weights of continuations; the first of one end_ratio_ times as long
-  double end_ratio_ = 0.0;
+  Rows end_table_, trial_table_;  ///< weights of continuations, which are so many times as long
+  double end_ratio_ = 0.0, trial_ratio_ = 0.0;
   std::array<long double, GaussTableau::most_stages> b_{};
   VectorXd of_stages_;  ///< A⁻ᵀb: δ = Σ (A⁻ᵀb)_i Y_i
   VectorXd lost_, largest_, point_, gradient_, errors_;
-  VectorXd floor_;  ///< of a component, how large its increments are at least
-  MatrixXd weights_;
+  VectorXd floor_;              ///< of a component, how large its increments are at least
+  Rows from_start_, from_end_;  ///< collocation polynomials about both ends: row j, of f_j, by powers of the time
+  Rows nodes_, powers_;         ///< c, and its powers for a table
   std::optional<StageNewton> stage_newton_;
   double slow_ = slowest_contraction;
   double contraction_ = std::numeric_limits<double>::infinity();  ///< of corrections at this level, where it was seen

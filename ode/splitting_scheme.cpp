@@ -2,6 +2,7 @@
 
 #include <array>
 #include <cmath>
+#include <limits>
 #include <optional>
 #include <stdexcept>
 #include <utility>
@@ -13,6 +14,7 @@
 #include <rubato/ode/node_law.hpp>
 #include <rubato/ode/one_step_state.hpp>
 #include <rubato/ode/separable.hpp>
+#include <rubato/ode/splitting_energies.hpp>
 #include <rubato/ode/splitting_formula.hpp>
 #include <rubato/ode/state_kernels.hpp>
 
@@ -83,6 +85,9 @@ public:
         law_(hamiltonian, composition.gamma),
         energy_size_(hamiltonian.size_code()),
         n_(static_cast<Index>(hamiltonian.degrees_of_freedom())),
+        graph_(hamiltonian.graph()),
+        T_half_(T),
+        V_half_(V),
         T_(T),
         V_(V),
         whole_(whole_step(T, V, composition)),
@@ -120,6 +125,17 @@ public:
     size.rounding *= magnitude_;
     return size;
   }
+  [[nodiscard]] double prepare_abreast() override {
+    energy_size_.prepare();
+    if (!abreast_) {
+      abreast_.emplace(T_half_, V_half_, composition_);
+    }
+    return abreast_->price();
+  }
+  void energies_abreast(std::span<const double, abreast> h, std::span<double, abreast> energies) override {
+    (*abreast_)(as_span(z_.value()), as_span(z_.low()), h, energies);
+    ++iterations_;
+  }
   [[nodiscard]] int iterations() const override { return iterations_; }
 
   void accept() override {
@@ -140,6 +156,17 @@ public:
     restore_state(state);
     iterations_ = 0;
   }
+
+  /// Where nothing is known of Γ the energies are all there is to it, and they are known.
+  ///@{
+  [[nodiscard]] NodeEnergy node() override {
+    return has_node_law() ? OneStepState::node() : NodeEnergy{energy_here(), std::numeric_limits<double>::quiet_NaN()};
+  }
+  [[nodiscard]] NodeEnergy trial_node() override {
+    return has_node_law() ? OneStepState::trial_node()
+                          : NodeEnergy{energy_there(), std::numeric_limits<double>::quiet_NaN()};
+  }
+  ///@}
 
 private:
   [[nodiscard]] NodeEnergy node_at(const VectorXd& z) override { return law_(z.data()); }
@@ -196,7 +223,10 @@ private:
   NodeLaw law_;
   formula::SumSizeEvaluator energy_size_;
   Index n_;
+  std::shared_ptr<const formula::Graph> graph_;  ///< of the formulas of T and V
+  SplittingHalf T_half_, V_half_;
   Half T_, V_;
+  std::optional<SplittingEnergies> abreast_;
   std::optional<formula::ScalarEvaluator> whole_;
   bool is_long_;
   VectorXd inputs_;  ///< of whole_

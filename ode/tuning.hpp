@@ -178,6 +178,17 @@ inline constexpr int most_midpoint_iterations = 50;
 
 }  // namespace rubato::tuning::midpoint
 
+/// E_k of several lengths at once (splitting_energies.cpp).
+namespace rubato::tuning::splitting_energies {
+
+/// What eight take beside one: where one waits for every result, about as long; where it is made of parts that keep the
+/// machine busy by themselves, somewhat longer.
+inline constexpr double price_of_whole = 1.0, price_of_parts = 1.7;
+/// Instructions of V beyond which eight of each number are more than the fastest cache holds.
+inline constexpr std::size_t longest_formula = 2000;
+
+}  // namespace rubato::tuning::splitting_energies
+
 /// Splittings side by side (splitting_lanes.cpp).
 namespace rubato::tuning::lanes_of_splitting {
 

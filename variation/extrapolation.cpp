@@ -31,18 +31,20 @@ void Extrapolation::add(double ahead, double value) {
   foreseen_count_ = 0;
   best_ = static_cast<std::size_t>(std::ranges::min_element(errors_) - errors_.begin());
   known_ = std::min(known_ + 1, most);
-  std::move_backward(distances_.begin(), distances_.end() - 1, distances_.end());
-  distances_[0] = 0.0;
+  // Of the values before, and quotients that do not wait for each other.
+  std::array<double, most> inverse{};
+  for (std::size_t j = known_ - 1; j > 0; --j) {
+    distances_[j] = distances_[j - 1] + ahead;
+    inverse[j] = 1.0 / distances_[j];
+  }
   // f[0, …, j+1] = (f[0, …, j] - f[1, …, j+1])/(t_0 - t_{j+1})
   double newer = value;
-  for (std::size_t j = 0; j < known_; ++j) {
+  for (std::size_t j = 0; j + 1 < known_; ++j) {
     const double older = differences_[j];
     differences_[j] = newer;
-    if (j + 1 < known_) {
-      distances_[j + 1] += ahead;
-      newer = (newer - older) / distances_[j + 1];
-    }
+    newer = (newer - older) * inverse[j + 1];
   }
+  differences_[known_ - 1] = newer;
 }
 
 void Extrapolation::save(StateWriter& state) const {

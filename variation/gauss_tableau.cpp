@@ -229,19 +229,4 @@ double GaussTableau::lagrange(int j, double x) const {
                          [this](std::size_t i) { return c[static_cast<Eigen::Index>(i)]; });
 }
 
-void GaussTableau::continuation(const Eigen::MatrixXd& about, double theta, Eigen::MatrixXd& weights) const {
-  for (int i = 0; i < stages; ++i) {
-    const double sigma = theta * c[i];
-    std::array<double, most_stages> sums{};  // Horner's scheme for all j at once, as none waits for another
-    for (int k = stages; k-- > 0;) {
-      for (int j = 0; j < stages; ++j) {
-        sums[static_cast<std::size_t>(j)] = (sums[static_cast<std::size_t>(j)] + about(k, j)) * sigma;
-      }
-    }
-    for (int j = 0; j < stages; ++j) {
-      weights(i, j) = sums[static_cast<std::size_t>(j)];
-    }
-  }
-}
-
 }  // namespace rubato

@@ -51,10 +51,6 @@ struct GaussTableau {
   [[nodiscard]] Inverse inverse() const;
 
   [[nodiscard]] double lagrange(int j, double x) const;  ///< ℓ_j(x)
-
-  /// Rows of weights of the stage slopes f_j of a step (of length 1) that give ∫_o^{o+θc_i} Σ_j f_j ℓ_j: the
-  /// collocation polynomial, less its value at o, where a step of θ times the length beginning at o has its stages.
-  void continuation(const Eigen::MatrixXd& about, double theta, Eigen::MatrixXd& weights) const;
 };
 
 }  // namespace rubato

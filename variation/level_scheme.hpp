@@ -1,6 +1,9 @@
 #pragma once
 
+#include <cstddef>
+#include <limits>
 #include <optional>
+#include <span>
 #include <string>
 
 #include <rubato/base/state.hpp>
@@ -40,6 +43,15 @@ public:
   [[nodiscard]] virtual double discrete_energy_slope() const = 0;
   /// Whether that is the leading term of the derivative alone, off by a factor that hardly depends on h.
   [[nodiscard]] virtual bool slope_to_leading_order() const { return false; }
+  /// E_k of several steps from the current level, where a scheme finds them quicker side by side than one after the
+  /// other. The trial level is as it was. Results are those of advance() to rounding, and the same on every machine.
+  ///@{
+  static constexpr std::size_t abreast = 8;
+  /// Gets ready for levels that are solved for. \return what that many energies take, in steps, about; infinite where
+  /// they are not found side by side
+  [[nodiscard]] virtual double prepare_abreast() { return std::numeric_limits<double>::infinity(); }
+  virtual void energies_abreast(std::span<const double, abreast> /*h*/, std::span<double, abreast> /*energies*/) {}
+  ///@}
   /// What E_k must equal when it is not one constant for the run (𝕃 depending on t explicitly), else nothing.
   [[nodiscard]] virtual std::optional<double> energy_target() const { return std::nullopt; }
   /// The exponent s of the step law h^(s+1) Γ = const.

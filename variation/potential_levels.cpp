@@ -1,7 +1,10 @@
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include <rubato/base/limits.hpp>
+#include <rubato/variation/energy_profile.hpp>
+#include <rubato/variation/power_of.hpp>
 #include <rubato/variation/scout.hpp>
 #include <rubato/variation/sign.hpp>
 #include <rubato/variation/time_levels.hpp>
@@ -56,13 +59,71 @@ double TimeLevels::foreseen_slope_ratio() {
                           : slope_ratios_.newest();
 }
 
+/// Whether lengths side by side lead to the next level sooner than one after the other, as those before were foreseen.
+bool TimeLevels::goes_abreast() const {
+  const double trials = misforeseen_ < nearly_foreseen ? 2.0 : misforeseen_ < hardly_foreseen ? 3.0 : 4.0;
+  return price_abreast_ + 1.0 < trials;
+}
+
+/// The root of K_h + f'(h) = E, with K_h by its values at eight lengths around the one foreseen: as near, mostly, as
+/// rounding lets it be. None where the polynomial has none near them, or on the wrong branch.
+std::optional<TimeLevels::Root> TimeLevels::root_abreast(double foreseen) {
+  const double side = sign(regular_step_);
+  const double part = std::clamp(around_foreseen * misforeseen_, narrowest_abreast, widest_abreast);
+  double middle = foreseen;
+  for (int batch = 0; batch < most_batches; ++batch) {
+    std::array<double, LevelScheme::abreast> h{}, misses{};
+    for (std::size_t i = 0; i < h.size(); ++i) {
+      h[i] = side * middle * (1.0 + part * EnergyProfile::places[i]);
+    }
+    scheme_.energies_abreast(h, misses);
+    for (double& miss : misses) {
+      miss = direction_ * (miss - energy_);
+    }
+    const EnergyProfile profile(misses);
+    // f' at the middle times (1 + part x)^p.
+    const double p = potential_.exponent, energy = direction_ * potential_.energy(middle);
+    double x = 0.0;
+    for (int iteration = 0; iteration < most_iterations_abreast; ++iteration) {
+      const double ratio = 1.0 + part * x;
+      const EnergyProfile::Point K = profile.at(x);
+      const double bend = energy * power_of(ratio, p - 2.0);
+      const double miss = K.value + bend * ratio * ratio;
+      const double rate = K.slope + p * part * bend * ratio;
+      const double curvature = 0.5 * (K.bend + p * (p - 1.0) * part * part * bend);
+      if (!(rate > 0.0)) {
+        return std::nullopt;
+      }
+      const double inverse = 1.0 / rate, newton = -miss * inverse;
+      const double move = newton * (1.0 - std::clamp(newton * curvature * inverse, -0.5, 0.5));  // P. L. Chebyshev
+      x += move;
+      if (!(std::abs(x) < farthest_abreast)) {
+        x = std::copysign(farthest_abreast, x);
+        break;
+      }
+      if (std::abs(move) < last_move_abreast) {
+        if (std::abs(x) <= 1.0 || batch + 1 == most_batches) {
+          return Root{.length = middle * (1.0 + part * x), .slope = rate / (part * middle)};
+        }
+        break;
+      }
+    }
+    if (!std::isfinite(x)) {
+      return std::nullopt;
+    }
+    middle *= 1.0 + part * x;
+  }
+  return std::nullopt;
+}
+
 /// Newton's iteration on h ↦ K_h + f'(h), with the curvature of both, kept between lengths known to be too short and
 /// too long. A root is taken only where E_k grows to the side of the potential.
 Status TimeLevels::solve_with_potential(double guess) {
   const double side = sign(guess);
   const double foreseen = std::abs(guess);
   const double tolerance = solved_to();
-  double length = foreseen, last_length = 0.0, last_miss = 0.0, best = infinity;
+  const std::optional<Root> near = goes_abreast() ? root_abreast(foreseen) : std::nullopt;
+  double length = near ? near->length : foreseen, last_length = 0.0, last_miss = 0.0, best = infinity;
   double below = 0.0, above = infinity, last_slope = 0.0;
   bool full = scheme_.is_explicit() || first_miss_ <= tolerance, last_full = false;
   int stalls = 0;
@@ -90,6 +151,9 @@ Status TimeLevels::solve_with_potential(double guess) {
     if (trial == 0) {
       first_miss_ = std::max(std::abs(miss), std::isfinite(first_miss_) ? memory * first_miss_ : 0.0);
     }
+    if (trial == 0 && near && scheme_.slope_to_leading_order()) {
+      slope_ratio = std::clamp(near->slope / slope, 1.0 / largest_slope_ratio, largest_slope_ratio);
+    }
     if (last_length > 0.0 && last_length != length && std::abs(last_miss) > tolerance) {
       left_of_miss_ = std::max(memory * left_of_miss_, std::max(0.0, std::abs(miss) - tolerance) / std::abs(last_miss));
     }
@@ -108,6 +172,7 @@ Status TimeLevels::solve_with_potential(double guess) {
         since_ratio_ = 0.0;
       }
       since_ratio_ += length;
+      misforeseen_ = std::max(std::abs(length - foreseen) / length, memory_of_foresight * misforeseen_);
       return slope > 0.0 ? Status::success : Status::singular;
     }
     if (!full && std::abs(miss) <= tolerance) {

@@ -16,13 +16,14 @@ double StepForecast::by_law(double c, double guess, double remaining, const Step
   double length = guess;
   for (int iteration = 0; iteration < most_forecast_iterations; ++iteration) {
     const double power = power_of(length, order - 1);
-    const double slope = order * power * c + potential.slope(length);
-    const double change = (remaining - power * length * c - potential.energy(length)) / slope;
+    const double energy = potential.energy(length);
+    const double slope = order * power * c + potential.exponent * energy / length;
+    const double change = (remaining - power * length * c - energy) / slope;
     if (!(slope * potential.strength > 0.0) || !(std::abs(change) < (largest_foresight - 1.0) * guess)) {
       break;
     }
     length += change;
-    if (std::abs(change) < forecast_accuracy * guess) {
+    if (change * change < forecast_accuracy * guess * guess) {  // the next would be about that
       return length < guess * largest_foresight && length > guess / largest_foresight ? length : infinity;
     }
   }

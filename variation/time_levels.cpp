@@ -45,6 +45,9 @@ TimeLevels::TimeLevels(LevelScheme& scheme, const LevelOptions& options, double 
         fmt::format("the tolerance of the level equation must be positive; got {}", options.tolerance));
   }
   measure(first_step);
+  if (options_.potential.kind != StepPotentialChoice::Kind::none) {
+    price_abreast_ = scheme_.prepare_abreast();
+  }
 }
 
 StepReport TimeLevels::step() {
@@ -321,6 +324,7 @@ void TimeLevels::save(StateWriter& state) const {
   state.write(since_ratio_);
   state.write(first_miss_);
   state.write(left_of_miss_);
+  state.write(misforeseen_);
   state.write(time_.high);
   state.write(time_.low);
   for (const double value : {static_cast<double>(steps_),
@@ -359,6 +363,7 @@ void TimeLevels::restore(StateReader& state) {
   state.read(since_ratio_);
   state.read(first_miss_);
   state.read(left_of_miss_);
+  state.read(misforeseen_);
   state.read(time_.high);
   state.read(time_.low);
   state.read(steps_);

@@ -146,6 +146,11 @@ private:
   void choose_potential();
   [[nodiscard]] Status solve_with_potential(double guess);
   [[nodiscard]] double foreseen_slope_ratio();
+  struct Root {
+    double length, slope;  ///< of E_k, by |h|, to the side of the potential
+  };
+  [[nodiscard]] bool goes_abreast() const;
+  [[nodiscard]] std::optional<Root> root_abreast(double foreseen);
   [[nodiscard]] StepReport resumed_with_potential();
   [[nodiscard]] StepReport plain_instead(const StepReport& failed);
   [[nodiscard]] double density_at(double time) const;
@@ -209,6 +214,9 @@ private:
   Extrapolation slope_ratios_;  ///< dE/dh by differences over the scheme's, of steps that told it
   double since_ratio_ = 0.0;    ///< the time since the start of the newest of them
   double first_miss_ = std::numeric_limits<double>::infinity();  ///< |E_k - E| of first trials, on the last steps
+  /// Of lengths foreseen, relative, on the last steps: the largest, older ones less.
+  double misforeseen_ = 0.0;
+  double price_abreast_ = std::numeric_limits<double>::infinity();  ///< LevelScheme::prepare_abreast()
   double left_of_miss_ = 1.0;  ///< of |E_k - E| after Newton's moves, beyond the tolerance, on the last steps
   double energy_ = std::numeric_limits<double>::quiet_NaN();
   double energy_scale_ = 0.0;

@@ -186,6 +186,21 @@ inline constexpr int most_potential_trials = 40;
 inline constexpr double farthest_root = 2.0;
 /// How far one trial may be from the last, and how near they are for a secant to be a slope.
 inline constexpr double longest_move = 1.25, nearby = 0.05;
+/// Where lengths were foreseen this well of late, relative, two trials lead to the root; a third does up to the other.
+inline constexpr double nearly_foreseen = 1e-6, hardly_foreseen = 1e-3;
+/// How much of a length that was badly foreseen counts one step later.
+inline constexpr double memory_of_foresight = 0.7;
+/// Lengths tried side by side reach this many times as far as those of late were off, within these parts of a length:
+/// nothing is gained by less, and up to the most the polynomial through them still has ten digits where a period has
+/// some eight steps.
+inline constexpr double around_foreseen = 2.0, narrowest_abreast = 0.05, widest_abreast = 0.08;
+/// A root may be so far out, where the ends of the lengths are at 1; one that is beyond them is looked for again around
+/// where it is thought to be.
+inline constexpr double farthest_abreast = 2.0;
+inline constexpr int most_batches = 2;
+/// Moves of third order: the next would be this to the third.
+inline constexpr double last_move_abreast = 1e-4;
+inline constexpr int most_iterations_abreast = 8;
 /// What a loosely solved step leaves of E_k, beside h dE/dh: E_k is told to first order in what the step is off by.
 inline constexpr double loose_energy = 1e-9;
 /// A move that is hardly more than that may be the last; before it, loosely solved steps tell as much and cost less.

@@ -186,3 +186,58 @@ TEST_CASE("where a derivative is infinite the size of the terms stands in for th
   CHECK(std::isfinite(at_edge.rounding));
   CHECK(at_edge.terms == 2.0);
 }
+
+TEST_CASE("the bound as a formula is that of the evaluator, bit for bit") {
+  struct Case {
+    std::string formula;
+    bool has_formula;
+  };
+  const std::vector<Case> cases = {
+      {"x^2/2 - cos(y)", true},
+      {"(x^2 + y^2)/2 + x^2*y - y^3/3", true},
+      {"x^2/2 - 1/sqrt(x^2 + y^2)", true},
+      {"(x^2 + 2*y^2 - 2*x*y*cos(x-y))/(2*(1+sin(x-y)^2)) - 2*cos(x) - cos(y)", true},
+      {"exp(x)*sin(y) - abs(x*y) + log(1 + x^2) - 3/x^5", true},
+      {"atan2(y, x) + x^7", false},
+      {"x^1.7 + y", false},
+  };
+  std::mt19937 random(2);
+  std::uniform_real_distribution<double> uniform(-2.0, 2.0);
+  for (const auto& [text, has_formula] : cases) {
+    INFO(text);
+    Graph graph;
+    const std::vector<Expression> inputs = {graph.variable("x"), graph.variable("y")};
+    const Bytecode code = sum_size_code(parsed(graph, text), inputs);
+    CHECK(rounding_code(code).has_value() == has_formula);
+    SumSizeEvaluator plain(code), prepared(code);
+    prepared.prepare();
+    double last = 0.0;
+    for (int k = 0; k < 100; ++k) {
+      const double at[] = {std::abs(uniform(random)), uniform(random)};
+      const double errors[] = {std::abs(uniform(random)), k % 10 == 0 ? 0.0 : std::abs(uniform(random))};
+      const SumSize expected = plain(at, errors), found = prepared(at, errors);
+      CHECK(found.terms == expected.terms);
+      CHECK(found.rounding == expected.rounding);
+      CHECK(found.rounding != last);  // the twin: elsewhere it is another
+      last = found.rounding;
+    }
+  }
+}
+
+TEST_CASE("a bound that is not finite as a formula is left to the evaluator") {
+  Graph graph;
+  const std::vector<Expression> inputs = {graph.variable("x"), graph.variable("y")};
+  const Bytecode code = sum_size_code(parsed(graph, "log(x)*y + 2"), inputs);
+  SumSizeEvaluator plain(code), prepared(code);
+  prepared.prepare();
+  // 1/x is infinite where x is subnormal, and so would be its product with an error of 0.
+  const double at[] = {1e-310, 0.0}, errors[] = {0.0, 1.0};
+  REQUIRE(rounding_code(code).has_value());
+  ScalarEvaluator formula(*rounding_code(code));
+  const double all[] = {at[0], at[1], errors[0], errors[1]};
+  double outputs[3];
+  formula(all, outputs);
+  CHECK_FALSE(std::isfinite(outputs[2]));
+  CHECK(prepared(at, errors).rounding == plain(at, errors).rounding);
+  CHECK(std::isfinite(prepared(at, errors).rounding));
+}

@@ -401,6 +401,22 @@ case $case_name in
         check "the same with $lanes lanes" diff -r $problem-2-csv $problem-$lanes-csv
       done
     done
+    # Energies of several lengths side by side, in whole steps and by parts; nor does machine code change one.
+    for problem in 'pendulum --set initial.p=1.9 --set scheme.step=0.76 --set scheme.until=60' \
+      'outer-solar-system --set scheme.step=877 --set scheme.until=60000'; do
+      for lanes in 2 4 8 none; do
+        [ $lanes = none ] && export RUBATO_JIT=0 || export RUBATO_LANES=$lanes
+        run run $problem --set scheme.lagrangian=splitting --set scheme.composition=blanes-moan-rkn-6 -o $lanes.h5
+        expect 0
+        unset RUBATO_JIT RUBATO_LANES
+        run export $lanes.h5
+        expect 0
+        check "the same with $lanes lanes" diff -r 2-csv $lanes-csv
+        rm $lanes.h5
+        [ $lanes = 2 ] || rm -r $lanes-csv
+      done
+      rm -r 2-csv
+    done
     run run lattice.toml --set scheme.until=1 --set scheme.step=0.100000001 -o other.h5
     run export other.h5
     check 'the comparison sees another step' test -n "$(diff -rq lattice-2-csv other-csv)"
