@@ -15,6 +15,7 @@
 #include <rubato/ode/lagrangian_scheme.hpp>
 #include <rubato/ode/midpoint_scheme.hpp>
 #include <rubato/ode/splitting_lanes.hpp>
+#include <rubato/ode/splitting_scheme.hpp>
 #include <rubato/variation/time_levels.hpp>
 
 #include "systems.hpp"
@@ -107,6 +108,27 @@ TEST_CASE("a step of a quadrature of the action allocates nothing") {
                                                std::span(z).first(n), std::span(z).last(n));
     CHECK(allocations_in_steps(*scheme, kind, [](const SegmentScheme&) {}) == 0);
   }
+}
+
+TEST_CASE("a step by energies of lengths side by side allocates nothing") {
+  const systems::System system = systems::henon_heiles();
+  std::vector<double> z = system.initial.q;
+  z.insert(z.end(), system.initial.p.begin(), system.initial.p.end());
+  const auto scheme = make_splitting_scheme(system.hamiltonian, composition("blanes-moan-rkn-6"), z);
+  const LevelOptions options{.on_singular = OnSingular::fixed,
+                             .potential = {.kind = StepPotentialChoice::Kind::automatic}};
+  TimeLevels levels(*scheme, options, 0.0, 0.83);
+  std::size_t allocated = 0;
+  int evaluations = 0;
+  for (int k = 0; k < 105; ++k) {
+    const std::size_t before = allocations;
+    const StepReport report = levels.step();
+    allocated += k < 5 ? 0 : allocations - before;
+    REQUIRE(report.status == Status::success);
+    evaluations += report.iterations;
+  }
+  CHECK(allocated == 0);
+  CHECK(evaluations < 230);  // one of eight lengths and one of a step; one after the other they are four
 }
 
 TEST_CASE("an allocation in a step would be counted") {
