@@ -72,7 +72,9 @@ LatticeIntegrator::LatticeIntegrator(const MultisymplecticSystem& system, const 
       before_(previous_.fields) {
   laws_.share(scheme_->stages());
   const double constant = system.constant() * grid.cell_volume() * static_cast<double>(grid.size());
-  begin(*scheme_, options, level_options(options, true, constant), options.start, constant);
+  LevelOptions levels = level_options(options, true, constant);
+  levels.run_length = std::abs(options.until - options.start);
+  begin(*scheme_, options, levels, options.start, constant);
 }
 
 StepReport LatticeIntegrator::step() {

@@ -36,12 +36,15 @@ void TimeLevels::choose_potential() {
     return;
   }
   const bool given = choice.kind == StepPotentialChoice::Kind::given;
-  const Scouting scouting = scout(scheme_, fixed_h_, given, options_.tolerance);
+  const bool short_run = !given && is_short_run(scheme_.order(), fixed_h_, options_.run_length);
+  const Scouting scouting = scout(scheme_, fixed_h_, given || short_run, options_.tolerance);
   if (scouting.eta.empty()) {
     return;  // the first step will tell why
   }
   if (given) {
     potential_ = make_step_potential(scouting, choice.kappa, choice.exponent);
+  } else if (short_run) {
+    potential_ = nearly_equal_steps(scouting, choice.largest_step);
   } else {
     const PricedPotential chosen = choose_priced_potential(scouting, choice.largest_step);
     potential_ = chosen.potential;
@@ -161,11 +164,14 @@ Status TimeLevels::solve_with_potential(double guess) {
     if (stalls >= 2) {
       measure(h);  // rounding may be more than at the last level
     }
+    // Or so near that neither E_k, by its tolerance, nor h feels the difference.
+    const double unfelt = std::min(margin * options_.tolerance * energy_scale_, unfelt_in_step * slope * length);
+    const double enough = std::max(tolerance, unfelt);
     const bool stagnated = stalls >= 2 && std::abs(miss) <= std::max(options_.tolerance * energy_scale_,
                                                                      rounding_ + epsilon * std::abs(slope) * length);
     // No other h is nearer than its last place lets it be, which a large f' multiplies.
     const double last_place = 0.5 * epsilon * std::abs(slope) * length;
-    if (full && (std::abs(miss) <= std::max(tolerance, last_place) || stagnated)) {
+    if (full && (std::abs(miss) <= std::max(enough, last_place) || stagnated)) {
       trial_step_ = h;
       if (ratio_is_told) {
         slope_ratios_.add(since_ratio_, slope_ratio);
@@ -175,7 +181,7 @@ Status TimeLevels::solve_with_potential(double guess) {
       misforeseen_ = std::max(std::abs(length - foreseen) / length, memory_of_foresight * misforeseen_);
       return slope > 0.0 ? Status::success : Status::singular;
     }
-    if (!full && std::abs(miss) <= tolerance) {
+    if (!full && std::abs(miss) <= enough) {
       full = true;  // met already: the same length again, solved to stagnation
       continue;
     }
@@ -222,7 +228,7 @@ Status TimeLevels::solve_with_potential(double guess) {
       return Status::singular;
     }
     // Met after this move, as others have been: then it may be the last.
-    const bool expected = left_of_miss_ * std::abs(miss) <= tolerance;
+    const bool expected = left_of_miss_ * std::abs(miss) <= enough;
     full = full || expected || std::abs(next - length) < last_move * length;
     length = next;
   }

@@ -136,6 +136,18 @@ StepPotential make_step_potential(const Scouting& scouting, double kappa, double
   return with_kappa(scouting, scouting.eta.front(), kappa, exponent);
 }
 
+bool is_short_run(int order, double first_step, double run_length) {
+  return order >= order_with_zeros && run_length < short_run * least_stretch * std::abs(first_step);
+}
+
+StepPotential nearly_equal_steps(const Scouting& first, std::optional<double> largest_step) {
+  const double s = first.order, eta = first.eta.front();
+  const double size = std::max(stiff_part * (first.energy_size > 0.0 ? first.energy_size : 1.0),
+                               stiff_margin * (s + 1.0) * std::abs(eta) * std::pow(first.step, s));
+  const double kappa = largest_step ? std::min(1.0, *largest_step / first.step) : 1.0;
+  return {.strength = rounded(std::copysign(size, eta)), .length = kappa * first.step, .exponent = 4.0 * s};
+}
+
 namespace {
 
 /// A potential with which all levels of a scouted stretch are forecast to exist.

@@ -110,6 +110,16 @@ struct PricedPotential {
 };
 [[nodiscard]] PricedPotential choose_priced_potential(const Scouting& scouting, std::optional<double> largest_step);
 
+/// Whether a run is too short for a scout: at order 4 and more η changes its sign on almost every orbit, so that
+/// potentials with which levels last let steps vary little, and a scout costs more than that saves.
+[[nodiscard]] bool is_short_run(int order, double first_step, double run_length);
+/// The potential of a run that is too short for a scout, of which `first` saw one step: steps are nearly equal, and
+/// found in hardly more than two trials. f' is a thousandth of the terms of K, or a hundred times what the first step
+/// says that the node energy is off by, (s+1)|η|h^s, and its p = 4s is the largest that is tried where there is a
+/// scout. Levels exist as long as s(s+1) h^s |η| < p f': while the node energy is off by less than 4f'. Hypothesis: at
+/// least one η.
+[[nodiscard]] StepPotential nearly_equal_steps(const Scouting& first, std::optional<double> largest_step);
+
 /// The potential of StepPotentialChoice::Kind::given.
 [[nodiscard]] StepPotential make_step_potential(const Scouting& scouting, double kappa, double exponent);
 

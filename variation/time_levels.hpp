@@ -39,6 +39,9 @@ struct LevelOptions {
   double condition_limit = 1e-2;  ///< a step whose condition exceeds it is refused: its energy law is only rounding
   double energy_constant = 0.0;   ///< to be added to the scheme's energies in what is told of them
   StepPotentialChoice potential = {};
+  /// |until - start|, as far as it is known: whether a scout is worth while
+  /// (is_short_run, nearly_equal_steps); infinite if it is not.
+  double run_length = std::numeric_limits<double>::infinity();
 };
 
 /// What one call of TimeLevels::step() did.

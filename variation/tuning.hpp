@@ -178,6 +178,11 @@ inline constexpr double negligible = 0.01;
 /// Where η vanishes, K is the same for every h, and the potential alone tells one step from another: f' is at least
 /// this part of the terms of K then, well above what rounding makes of them.
 inline constexpr double least_strength = 1e-6, least_strength_by_tolerance = 100.0;
+/// A run of fewer first steps than so many times least_stretch is short: a scout would cost a quarter of it and more.
+inline constexpr double short_run = 4.0;
+/// f' of nearly equal steps: this part of the terms of K, a hundredth of what a user is warned of, and at least so many
+/// times what the first step says that the node energy is off by.
+inline constexpr double stiff_part = 1e-3, stiff_margin = 100.0;
 
 // Levels with a step potential (potential_levels.cpp)
 
@@ -201,6 +206,9 @@ inline constexpr int most_batches = 2;
 /// Moves of third order: the next would be this to the third.
 inline constexpr double last_move_abreast = 1e-4;
 inline constexpr int most_iterations_abreast = 8;
+/// An h off by this part of itself is as good as exact: the motion's own terms, which it moves by as much of what they
+/// change in a step, are rounded by more.
+inline constexpr double unfelt_in_step = 1e-12;
 /// What a loosely solved step leaves of E_k, beside h dE/dh: E_k is told to first order in what the step is off by.
 inline constexpr double loose_energy = 1e-9;
 /// A move that is hardly more than that may be the last; before it, loosely solved steps tell as much and cost less.

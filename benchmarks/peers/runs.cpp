@@ -63,7 +63,7 @@ double Reference::error(const peers::Series& series, std::size_t nodes) const {
 double Reference::error(const std::vector<std::vector<double>>& fields, double t) const {
   peers::Series there = series_;
   const double later = t - problem_.until;
-  if (std::abs(later) > 1e-9 * problem_.until) {
+  if (std::abs(later) > 1e-14 * problem_.until) {
     peer_->stand(end_);
     peer_->go(later, std::max(8, static_cast<int>(problem_.converged_steps * std::abs(later) / problem_.until)));
     there = peer_->solution();

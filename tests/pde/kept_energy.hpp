@@ -14,11 +14,12 @@ struct StepLengths {
   double shortest = std::numeric_limits<double>::infinity(), longest = 0.0;
 };
 
-/// Runs a lattice to its end; every step has to meet the law E_k = E to 1e-12.
-inline StepLengths check_energy_is_kept(LatticeIntegrator& lattice) {
+/// Runs a lattice to its end, or as far as t = `end`; every step has to meet the law E_k = E to 1e-12.
+inline StepLengths check_energy_is_kept(LatticeIntegrator& lattice,
+                                        double end = std::numeric_limits<double>::infinity()) {
   StepLengths lengths;
   double energy = 0.0;
-  while (!lattice.finished()) {
+  while (!lattice.finished() && lattice.t() < end) {
     const StepReport report = lattice.step();
     REQUIRE(report.status == Status::success);
     REQUIRE_FALSE(report.bridged);

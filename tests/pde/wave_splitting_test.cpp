@@ -155,8 +155,9 @@ TEST_CASE("levels of splittings on lattices keep the discrete energy, and their 
   const LatticeOptions options = {.lagrangian = "splitting", .composition = "blanes-moan-4", .step = 0.2, .until = 2};
   LatticeOptions variable = options;
   variable.potential.kind = StepPotentialChoice::Kind::automatic;
+  variable.until = 400;  // a run worth a scout
   LatticeIntegrator run(system, fine, initial, variable);
-  CHECK(check_energy_is_kept(run).longest > 0.21);
+  CHECK(check_energy_is_kept(run, 2).longest > 0.21);
   std::vector<double> worst;
   for (const double h : {0.2, 0.1, 0.05}) {
     LatticeOptions fixed = options;
@@ -171,6 +172,49 @@ TEST_CASE("levels of splittings on lattices keep the discrete energy, and their 
   }
   INFO(worst[0] << ", " << worst[1] << ", " << worst[2]);
   CHECK(std::log2(worst[1] / worst[2]) == Approx(4.0).margin(0.2));
+}
+
+TEST_CASE(
+    "a short run with variable levels takes equal steps but for some thousandths, and hardly two trials for each") {
+  const auto system = wave_equation("u^2/2 + u^4/4");
+  const grids::Grid grid({{"x", -20, 20, 128}});
+  InitialFields initial(3);
+  initial[0] = sampled(grid, [](double x) { return 2.0 / std::cosh(x); });
+  initial[1] = sampled(grid, [](double) { return 0.0; });
+  const LatticeOptions short_run = {
+      .lagrangian = "splitting", .composition = "blanes-moan-4", .step = 12.0 / 74.0, .until = 12};
+  struct Seen {
+    int steps = 0, trials = 0;
+    double shortest = 1e300, longest = 0.0;
+  };
+  const auto run = [&](const LatticeOptions& options) {
+    LatticeIntegrator lattice(system, grid, initial, options);
+    Seen seen;
+    double energy = 0.0;
+    while (lattice.t() < 12.0 - 1e-6) {
+      const StepReport report = lattice.step();
+      REQUIRE(report.status == Status::success);
+      REQUIRE_FALSE(report.bridged);
+      energy = seen.steps == 0 ? report.energy : energy;
+      // The tolerance, 1e-13 of the terms of E_k.
+      REQUIRE(std::abs(report.energy - energy) <= 1e-13 * lattice.levels().energy_scale());
+      ++seen.steps;
+      seen.trials += report.iterations;
+      seen.shortest = std::min(seen.shortest, report.h);
+      seen.longest = std::max(seen.longest, report.h);
+    }
+    return seen;
+  };
+  const Seen seen = run(short_run);
+  CHECK(std::abs(seen.steps - 74) <= 1);
+  CHECK(seen.trials <= 2.6 * seen.steps);
+  CHECK(seen.longest < 1.005 * seen.shortest);
+  // The twin: a run worth a scout, as far as the same time.
+  LatticeOptions long_run = short_run;
+  long_run.until = 1000;
+  const Seen scouted = run(long_run);
+  CHECK(scouted.trials > 2.8 * scouted.steps);
+  CHECK(scouted.longest > 1.05 * scouted.shortest);
 }
 
 TEST_CASE("what a splitting on a lattice cannot split is refused with the reason") {
