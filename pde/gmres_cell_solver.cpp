@@ -235,9 +235,11 @@ private:
       is_prepared_ = true;
       means_of_entries_.clear();
       inverted_ = matrix.mean;
+      sizes_ = matrix.mean.cwiseAbs();
       for (const CellMatrix::Entry& entry : matrix.entries) {
         means_of_entries_.push_back(grids::sum({entry.values, grid_.size()}) / static_cast<double>(whole_.size()));
         inverted_(entry.row, entry.column) += entry.factor * means_of_entries_.back();
+        sizes_(entry.row, entry.column) += std::abs(entry.factor * means_of_entries_.back());
       }
       if (!inverted_.allFinite()) {
         is_prepared_ = false;
@@ -481,6 +483,16 @@ private:
     differences.resize(matrix.difference.size());
     for (std::size_t a = 0; a < differences.size(); ++a) {
       list(matrix.difference[a], differences[a]);
+      double largest = 0.0;
+      for (const Symbol& symbol : symbols_[a]) {
+        largest = std::max(largest, std::abs(symbol.difference));
+      }
+      sizes_ += largest * matrix.difference[a].cwiseAbs();
+    }
+    std::vector<double>& sizes = sizes_by_rows_;
+    sizes.clear();
+    for (int i = 0; i < size_ * size_; ++i) {
+      sizes.push_back(sizes_(i / size_, i % size_));
     }
     using Complex = std::complex<double>;
     const auto product = [](Complex a, Complex b) {  // std::complex's looks out for infinities
@@ -508,7 +520,7 @@ private:
         add(differences[2], product(product(x, symbols[1].average), symbols[2].difference));
       }
     };
-    return inverse_.factor(std::ref(entries));  // which a std::function holds without memory of its own
+    return inverse_.factor(std::ref(entries), sizes);  // which a std::function holds without memory of its own
   }
 
   /// residual = matrix · in.
@@ -621,7 +633,9 @@ private:
 
   MatrixXd prepared_;  ///< the constants that C was made of, if
   bool is_prepared_ = false;
-  MatrixXd inverted_;                          ///< with the entries' means
+  MatrixXd inverted_;  ///< with the entries' means
+  MatrixXd sizes_;     ///< the sum of what its entries are made of, and of differences
+  std::vector<double> sizes_by_rows_;
   MatrixTerms inverted_terms_;                 ///< of it
   std::vector<MatrixTerms> difference_terms_;  ///< of the matrix' differences
   std::vector<double> means_of_entries_;

@@ -110,6 +110,66 @@ void pseudo_invert(int n, const Complex* a, Complex* inverse) {
   }
 }
 
+/// Powers of two for rows and columns.
+struct Scales {
+  bool is_needed = false;
+  std::array<double, 16> rows, columns;
+};
+
+/// Such that the largest of |sizes| in each row and column comes to about 1 (D. Ruiz, A scaling algorithm to
+/// equilibrate both rows and columns norms in matrices, 2001: each sweep takes the roots of the largest, and halves how
+/// many digits are missing).
+Scales scales_of(int n, std::span<const double> sizes) {
+  Scales scales;
+  scales.rows.fill(1.0);
+  scales.columns.fill(1.0);
+  std::array<double, 16> of_rows, of_columns;
+  const auto find_largest = [&] {
+    of_rows.fill(0.0);
+    of_columns.fill(0.0);
+    for (int i = 0; i < n * n; ++i) {
+      const double size = scales.rows[i / n] * sizes[i] * scales.columns[i % n];
+      of_rows[i / n] = std::max(of_rows[i / n], size);
+      of_columns[i % n] = std::max(of_columns[i % n], size);
+    }
+  };
+  find_largest();
+  const auto range = [n](const std::array<double, 16>& all) {
+    const auto [least, most] = std::minmax_element(all.begin(), all.begin() + n);
+    return *least / *most;
+  };
+  const double least = std::min(range(of_rows), range(of_columns));
+  scales.is_needed = least < scaled_below && least >= zero_below;
+  constexpr int sweeps = 6;
+  for (int sweep = 0; scales.is_needed && sweep < sweeps; ++sweep) {
+    const auto divide_by_root = [](double& scale, double largest) {
+      if (largest > 0.0) {
+        scale = std::ldexp(scale, -static_cast<int>(std::lround(0.5 * std::log2(largest))));
+      }
+    };
+    for (int i = 0; i < n; ++i) {
+      divide_by_root(scales.rows[i], of_rows[i]);
+      divide_by_root(scales.columns[i], of_columns[i]);
+    }
+    find_largest();
+  }
+  return scales;
+}
+
+/// a = the inverse of the matrix, by way of the one that is scaled. False, and a in disorder, if that is singular.
+bool invert_scaled(int n, const Scales& scales, const Complex* matrix, Complex* a) {
+  for (int i = 0; i < n * n; ++i) {
+    a[i] = scales.rows[i / n] * matrix[i] * scales.columns[i % n];
+  }
+  if (!invert(n, a)) {
+    return false;
+  }
+  for (int i = 0; i < n * n; ++i) {
+    a[i] = scales.columns[i / n] * a[i] * scales.rows[i % n];
+  }
+  return std::all_of(a, a + n * n, finite);
+}
+
 }  // namespace
 
 FourierPreconditioner::FourierPreconditioner(const grids::Grid& grid, int fields)
@@ -127,10 +187,11 @@ FourierPreconditioner::FourierPreconditioner(const grids::Grid& grid, int fields
   inverses_.resize(taken_.modes() * static_cast<std::size_t>(fields) * fields);
 }
 
-Status FourierPreconditioner::factor(const Symbol& symbol) {
+Status FourierPreconditioner::factor(const Symbol& symbol, std::span<const double> sizes) {
   std::atomic<std::size_t> deficient = 0;
   std::atomic<bool> undefined = false;
   const int n = fields_;
+  const Scales scales = sizes.empty() ? Scales() : scales_of(n, sizes);
   const std::size_t modes = taken_.modes();
   grids::for_each_block(modes, 64, [&](std::size_t begin, std::size_t end) {
     std::array<Complex, 256> matrix;
@@ -143,7 +204,8 @@ Status FourierPreconditioner::factor(const Symbol& symbol) {
         return;
       }
       std::copy_n(matrix.begin(), n * n, inverse.begin());
-      if (!invert(n, inverse.data())) {
+      if (!invert(n, inverse.data()) &&
+          !(scales.is_needed && invert_scaled(n, scales, matrix.data(), inverse.data()))) {
         pseudo_invert(n, matrix.data(), inverse.data());
         ++deficient;
       }

@@ -32,7 +32,13 @@ public:
   /// Inverts the matrix of every wave once. A matrix that is singular to rounding (pivots below 1e-13 of the largest)
   /// gets its pseudo-inverse, so that the constant of a potential, say, is left alone; `deficient_waves` counts them.
   /// Status::undefined if an entry is not finite.
-  Status factor(const Symbol& symbol);
+  ///
+  /// Where rows or columns are of sizes so different that pivots do not tell (4/h² of a short step beside coefficients
+  /// of order 1), a matrix that seems singular is judged again after rows and columns were multiplied by powers of two,
+  /// the same for all waves, that make the largest of each about 1. What is singular then has its pseudo-inverse, as it
+  /// is. \param sizes the largest terms, over all waves, that each entry is the sum of, row by row: terms that cancel
+  /// count, so that a row of rounding is not made a row; empty: judged as matrices are
+  Status factor(const Symbol& symbol, std::span<const double> sizes = {});
   [[nodiscard]] std::size_t deficient_waves() const { return deficient_; }
 
   /// out = (constant-coefficient matrix)⁻¹ in: `fields` arrays of grid values one after the other, as in

@@ -36,6 +36,11 @@ inline constexpr int largest_unblocked = 16;
 namespace rubato::tuning::preconditioner {
 
 inline constexpr double deficient_below = 1e-13;
+/// Sizes of rows or columns of which the smallest is so small a part of the largest: a wave may have less of an entry
+/// than the largest over all waves, and pivots are smaller than entries. 10⁴ of deficient_below for both.
+inline constexpr double scaled_below = 1e-9;
+/// Smaller ones are rows of zeros: 4/h² with h the rounding of what the equation takes time for has ε²/4 beside it.
+inline constexpr double zero_below = 1e-32;
 inline constexpr std::size_t piece = 128;  ///< modes multiplied together, in first-level cache
 
 }  // namespace rubato::tuning::preconditioner

@@ -57,7 +57,8 @@ void check_resumes_at_start(const std::string& name, std::vector<std::string> se
   settings.push_back("scheme.until=0.5");
   const std::atomic<bool> interrupt = true;
   const std::string file = folder / "stopped.h5";
-  const Outcome stopped = run(read_problem(name, settings), {.output = file, .threads = 1, .interrupt = &interrupt});
+  const Outcome stopped =
+      run(read_problem("sine-gordon-2d", settings), {.output = file, .threads = 1, .interrupt = &interrupt});
   REQUIRE(stopped.status == ExitStatus::interrupted);
   REQUIRE(stopped.statistics.steps == 0);
   CHECK(check(file).statistics.steps == 0);
@@ -146,6 +147,20 @@ TEST_CASE("records hold the same whatever their compression, and less of it take
   CHECK(check(folder / "0.h5").status == ExitStatus::done);
   CHECK_THROWS_WITH(read_problem("sine-gordon", std::vector<std::string>{"output.compression=10"}),
                     Catch::Contains("it goes from 0, none, to 9"));
+}
+
+TEST_CASE("steps in the plane may be short", "[run][lattice]") {
+  // 4/h² of the equation for u beside 1, by 4e14 and 4e18.
+  const std::string scheme = GENERATE("box", "fourier"), step = GENERATE("1e-7", "1e-9");
+  INFO(scheme << ", " << step);
+  const Folder folder;
+  const std::vector<std::string> settings = {"grid.x.cells=31",     "grid.y.cells=31",
+                                             "scheme.levels=fixed", "scheme.lagrangian=" + scheme,
+                                             "scheme.step=" + step, "scheme.until=10" + step.substr(1)};
+  const Outcome outcome = run(read_problem("sine-gordon-2d", settings), {.output = folder / "short.h5", .threads = 1});
+  CHECK(outcome.status == ExitStatus::done);
+  CHECK(outcome.statistics.steps == 10);
+  CHECK(check(folder / "short.h5").status == ExitStatus::done);
 }
 
 TEST_CASE("records do not depend on the number of threads", "[run][lattice]") {

@@ -303,3 +303,49 @@ TEST_CASE("undefined, singular and trivial systems are reported as such") {
   FourierPreconditioner inverse(grid, 1);
   CHECK(inverse.factor([&](const auto&, auto* m) { m[0] = std::nan(""); }) == Status::undefined);
 }
+
+TEST_CASE("rank is judged of rows and columns that are scaled") {
+  // The midpoint rule of u_tt = u_xx, 4/h² for a short step beside 1: (-4/h², ∂; ∂, 1).
+  constexpr double inverse_square = 4e18;
+  constexpr std::size_t n = 21, waves = n / 2 + 1;
+  const Grid grid({{"x", 0.0, 2.0, n}});
+  const double steepest = std::abs(grids::derivative_symbol(10, grid.axis(0)));
+  const auto wave = [&](const auto& k, auto* m) {
+    m[0] = -inverse_square;
+    m[1] = m[2] = grids::derivative_symbol(k[0], grid.axis(0));
+    m[3] = 1.0;
+  };
+  const std::vector<double> sizes = {inverse_square, steepest, steepest, 1.0};
+  FourierPreconditioner inverse(grid, 2);
+  REQUIRE(inverse.factor(wave, sizes) == Status::success);
+  CHECK(inverse.deficient_waves() == 0);
+  // w = 1 + cos(3πx) in the second row: the field there is w to 1e-16, as the first is ∂w/4·h².
+  std::vector<double> values(2 * n, 0.0), exact(2 * n);
+  for (std::size_t i = 0; i < n; ++i) {
+    const double angle = 3.0 * std::numbers::pi * grid.axis(0).node(i);
+    values[n + i] = exact[n + i] = 1.0 + std::cos(angle);
+    exact[i] = -3.0 * std::numbers::pi * std::sin(angle) / inverse_square;
+  }
+  inverse(values.data(), values.data());
+  for (std::size_t i = 0; i < n; ++i) {
+    CHECK(std::abs(values[i] - exact[i]) < 1e-14 * 10.0 / inverse_square);
+    CHECK(std::abs(values[n + i] - exact[n + i]) < 1e-14);
+  }
+  // Twins: as they are, all waves seem to lack rank; and what lacks it does when scaled: the constant of ∂ alone in a
+  // row, and in all waves a row whose terms cancel to rounding.
+  REQUIRE(inverse.factor(wave) == Status::success);
+  CHECK(inverse.deficient_waves() == waves);
+  const auto with_row = [&](auto entry) {
+    return [&, entry](const auto& k, auto* m) {
+      wave(k, m);
+      m[2] = 0.0;
+      m[3] = entry(k);
+    };
+  };
+  REQUIRE(inverse.factor(with_row([&](const auto& k) { return grids::derivative_symbol(k[0], grid.axis(0)); }),
+                         std::vector{inverse_square, steepest, 0.0, steepest}) == Status::success);
+  CHECK(inverse.deficient_waves() == 1);
+  REQUIRE(inverse.factor(with_row([](const auto&) { return std::complex<double>(1e-16); }),
+                         std::vector{inverse_square, steepest, 0.0, 2.0}) == Status::success);
+  CHECK(inverse.deficient_waves() == waves);
+}
