@@ -41,6 +41,7 @@ public:
   [[nodiscard]] bool leads() const { return ranks_.rank() == 0; }
   [[nodiscard]] int rank() const { return ranks_.rank(); }
   [[nodiscard]] int ranks() const { return ranks_.size(); }
+  [[nodiscard]] const ranks::Communicator& communicator() const { return ranks_; }
   /// Nodes of grid(), ghosts and all.
   [[nodiscard]] std::size_t size() const { return grid_.size(); }
   /// The first owned one of them, and how many are owned: consecutive ones.

@@ -370,7 +370,10 @@ ExitStatus by_ranks(int argc, char** argv) {
       rubato::help_rank_0(*ranks, &rubato::program::catch_interrupts());
     }
     std::fflush(nullptr);  // some launchers end all where one ends with another status than 0
-    ranks->leave(patience);
+    // With HDF5 for MPI the end of the job is that of HDF5: see main(). The launcher then ends the others.
+    if (status != ExitStatus::file_error) {
+      ranks->leave(patience);
+    }
   } catch (const std::exception& error) {
     print_error(error.what());
     status = ExitStatus::failed;

@@ -58,6 +58,9 @@ public:
   virtual void end_exchange() = 0;
   ///@}
 
+  /// For libraries that speak MPI themselves: where the MPI_Comm of these ranks is; null without MPI.
+  [[nodiscard]] virtual const void* mpi() const { return nullptr; }
+
   /// Ends the job in good order when all ranks have called it. False if some have not within `patience`: the launcher
   /// then ends them when this process ends. No other call may follow.
   virtual bool leave(std::chrono::duration<double> patience) = 0;

@@ -1,7 +1,5 @@
-// A build with MPI: the only source that knows it.
+// A build with MPI: the only source that knows it, beside record/together_mpi.cpp.
 
-#define OMPI_SKIP_MPICXX 1
-#define MPICH_SKIP_MPICXX 1
 #include <mpi.h>
 
 #include <algorithm>
@@ -28,6 +26,8 @@ class Job final : public Communicator {
 public:
   /// \throws std::runtime_error if the library does not let a thread other than the first one call it
   Job() {
+    // Libraries that wait inside of Open MPI, as HDF5 does, leave the processor to others too (see end_exchange()).
+    setenv("OMPI_MCA_mpi_yield_when_idle", "1", 0);  // NOLINT(concurrency-mt-unsafe): nobody else runs yet
     int provided = MPI_THREAD_SINGLE;
     MPI_Init_thread(nullptr, nullptr, MPI_THREAD_SERIALIZED, &provided);
     // What goes wrong in the library ends all ranks, with its message: its default.
@@ -97,6 +97,8 @@ public:
     }
   }
 
+  [[nodiscard]] const void* mpi() const override { return &world_; }
+
   bool leave(std::chrono::duration<double> patience) override {
     const auto end = std::chrono::steady_clock::now() + patience;
     MPI_Request request = MPI_REQUEST_NULL;
@@ -138,6 +140,7 @@ private:
   }
 
   int rank_ = 0, size_ = 1;
+  MPI_Comm world_ = MPI_COMM_WORLD;
   std::vector<MPI_Request> requests_;
 };
 

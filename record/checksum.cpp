@@ -17,26 +17,7 @@ namespace rubato::record::detail {
 
 namespace {
 
-constexpr std::size_t width = 8;  // bytes taken at once
-using Tables = std::array<std::array<std::uint64_t, 256>, width>;
-
-/// tables[k][b]: the effect of byte b with k bytes behind it.
-constexpr Tables make_tables() {
-  constexpr std::uint64_t polynomial = 0xC96C5795D7870F42;  // ECMA-182, bits reversed
-  Tables tables{};
-  for (std::size_t byte = 0; byte < 256; ++byte) {
-    std::uint64_t value = byte;
-    for (int bit = 0; bit < 8; ++bit)
-      value = (value >> 1) ^ ((value & 1) != 0 ? polynomial : 0);
-    tables[0][byte] = value;
-  }
-  for (std::size_t k = 1; k < width; ++k)
-    for (std::size_t byte = 0; byte < 256; ++byte)
-      tables[k][byte] = (tables[k - 1][byte] >> 8) ^ tables[0][tables[k - 1][byte] & 0xFF];
-  return tables;
-}
-
-constexpr Tables tables = make_tables();
+constexpr std::size_t width = 8;  // bytes of a number
 
 std::uint64_t little_endian(const std::byte* bytes) {
   std::uint64_t value = 0;
@@ -79,20 +60,6 @@ std::uint64_t checksum_of(int descriptor, std::uint64_t size) {
 }
 
 }  // namespace
-
-void Checksum::add(std::span<const std::byte> bytes) {
-  std::uint64_t state = state_;
-  for (; bytes.size() >= width; bytes = bytes.subspan(width)) {
-    state ^= little_endian(bytes.data());
-    std::uint64_t next = 0;
-    for (std::size_t i = 0; i < width; ++i)
-      next ^= tables[width - 1 - i][(state >> (8 * i)) & 0xFF];
-    state = next;
-  }
-  for (const std::byte byte : bytes)
-    state = (state >> 8) ^ tables[0][(state ^ std::to_integer<std::uint64_t>(byte)) & 0xFF];
-  state_ = state;
-}
 
 Integrity integrity_of(int descriptor) {
   const std::uint64_t size = size_of(descriptor);

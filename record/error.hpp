@@ -1,8 +1,13 @@
 #pragma once
 
+#include <cstddef>
 #include <filesystem>
 #include <stdexcept>
 #include <string>
+
+#include <fmt/format.h>
+
+#include <rubato/record/layout.hpp>
 
 namespace rubato::record {
 
@@ -27,7 +32,9 @@ public:
 /// A value that is not finite was to be stored where none may be: the text names the dataset, the row and the value.
 class NotFinite : public std::invalid_argument {
 public:
-  using std::invalid_argument::invalid_argument;
+  NotFinite(const Dataset& dataset, std::size_t row, std::size_t place, double value)
+      : std::invalid_argument(
+            fmt::format("record: value {} of row {} of '{}' is {}", place, row, dataset.path, value)) {}
 };
 
 }  // namespace rubato::record

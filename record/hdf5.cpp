@@ -148,7 +148,13 @@ Type type_of(hid_t stored) {
 }
 
 std::size_t size_of(Type type) {
-  return H5Tget_size(memory_type(type));
+  switch (type) {
+    case Type::f64:
+    case Type::i64: return 8;
+    case Type::i32: return 4;
+    case Type::u8: return 1;
+  }
+  return 0;
 }
 
 Handle text_type() {
@@ -259,13 +265,19 @@ void write_rows(hid_t dataset, hid_t memory, hsize_t first, hsize_t count, const
   check(H5Dwrite(dataset, memory, room, space, H5P_DEFAULT, data), "writing rows");
 }
 
-void write_part(hid_t dataset, hid_t memory, hsize_t row, hsize_t first, hsize_t count, const void* data) {
+hsize_t plane_of(const std::vector<hsize_t>& extent) {
+  hsize_t plane = 1;
+  for (std::size_t i = 2; i < extent.size(); ++i)
+    plane *= extent[i];
+  return plane;
+}
+
+void write_part(hid_t dataset, hid_t memory, hsize_t row, hsize_t first, hsize_t count, const void* data,
+                hid_t transfer) {
   if (count == 0)
     return;
   std::vector<hsize_t> sizes = extent(dataset), start(sizes.size(), 0);
-  hsize_t plane = 1;
-  for (std::size_t i = 2; i < sizes.size(); ++i)
-    plane *= sizes[i];
+  const hsize_t plane = plane_of(sizes);
   start.front() = row;
   sizes.front() = 1;
   if (sizes.size() > 1) {
@@ -275,7 +287,7 @@ void write_part(hid_t dataset, hid_t memory, hsize_t row, hsize_t first, hsize_t
   const Handle space(H5Dget_space(dataset), H5Sclose, "writing rows");
   check(H5Sselect_hyperslab(space, H5S_SELECT_SET, start.data(), nullptr, sizes.data(), nullptr), "writing rows");
   const Handle room(H5Screate_simple(static_cast<int>(sizes.size()), sizes.data(), nullptr), H5Sclose, "writing rows");
-  check(H5Dwrite(dataset, memory, room, space, H5P_DEFAULT, data), "writing rows");
+  check(H5Dwrite(dataset, memory, room, space, transfer, data), "writing rows");
 }
 
 }  // namespace rubato::record::detail

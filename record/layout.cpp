@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 
 #include <rubato/record/detail/structure.hpp>
+#include <rubato/record/together.hpp>
 
 namespace rubato::record::detail {
 
@@ -98,11 +99,17 @@ std::size_t row_size(const Layout& layout, const Dataset& dataset) {
   return size;
 }
 
+namespace {
+
+/// Chunks are of about so many bytes.
+constexpr std::size_t target_bytes = std::size_t{128} << 10;
+
+}  // namespace
+
 std::vector<hsize_t> chunk_shape(const Layout& layout, const Dataset& dataset) {
   std::vector<hsize_t> row = row_shape(layout, dataset);
   const std::size_t value_bytes = size_of(dataset.type);
   constexpr std::size_t least_bytes = std::size_t{4} << 10;
-  constexpr std::size_t target_bytes = std::size_t{128} << 10;
   constexpr std::size_t most_bytes = std::size_t{1} << 20;
   constexpr std::size_t most_rows = 16384;
 
@@ -122,3 +129,11 @@ std::vector<hsize_t> chunk_shape(const Layout& layout, const Dataset& dataset) {
 }
 
 }  // namespace rubato::record::detail
+
+namespace rubato::record {
+
+bool is_long(const Layout& layout, const Dataset& dataset) {
+  return detail::row_size(layout, dataset) * detail::size_of(dataset.type) >= detail::target_bytes;
+}
+
+}  // namespace rubato::record

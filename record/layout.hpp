@@ -41,6 +41,8 @@ struct Dataset {
   /// About how many rows there will be, if that is known: the last chunk of a dataset is in the file whole, however few
   /// of its rows are used, so that chunks of short datasets are small.
   std::optional<std::size_t> expected_rows = std::nullopt;
+  /// Ranks write its rows together if they are long and not compressed (record/together.hpp).
+  bool together = false;
 };
 
 /// A dataset of a Layout, as rows are appended to it.

@@ -6,6 +6,7 @@
 #include <hdf5_hl.h>
 
 #include <rubato/record/detail/structure.hpp>
+#include <rubato/record/together.hpp>
 
 namespace rubato::record::detail {
 
@@ -67,7 +68,12 @@ void create_dataset(hid_t file, const Layout& layout, const Dataset& description
     check(H5Pset_shuffle(properties), doing);
     check(H5Pset_deflate(properties, static_cast<unsigned>(layout.compression)), doing);
   }
-  check(H5Pset_fletcher32(properties), doing);
+  if (description.together && layout.compression == 0 && is_long(layout, description)) {
+    check(H5Pset_alloc_time(properties, H5D_ALLOC_TIME_EARLY), doing);
+    check(H5Pset_fill_time(properties, H5D_FILL_TIME_NEVER), doing);
+  } else {
+    check(H5Pset_fletcher32(properties), doing);
+  }
   const Handle dataset(H5Dcreate2(file, description.path.c_str(), stored_type(description.type), space,
                                   creating_groups(), properties, H5P_DEFAULT),
                        H5Dclose, doing);
@@ -138,6 +144,14 @@ std::vector<hsize_t> chunk_of(hid_t dataset) {
       chunk.empty() || chunk.front() == 0)
     throw Failure("a dataset that grows is not stored in chunks");
   return chunk;
+}
+
+bool is_for_ranks(hid_t dataset) {
+  const std::string doing = "reading how a dataset is stored";
+  const Handle properties(H5Dget_create_plist(dataset), H5Pclose, doing);
+  H5D_alloc_time_t time = H5D_ALLOC_TIME_DEFAULT;
+  check(H5Pget_alloc_time(properties, &time), doing);
+  return time == H5D_ALLOC_TIME_EARLY && H5Pget_nfilters(properties) == 0;
 }
 
 Handle checked_storage(hsize_t count, std::size_t value_bytes) {

@@ -17,6 +17,7 @@
 #include <rubato/record/detail/hdf5.hpp>
 #include <rubato/record/detail/seal.hpp>
 #include <rubato/record/detail/structure.hpp>
+#include <rubato/record/together.hpp>
 #include <rubato/record/writer.hpp>
 
 namespace rubato::record {
@@ -33,11 +34,12 @@ struct Gathered {
   std::size_t row_bytes;
   std::size_t chunk_rows = 1;
   std::size_t block_bytes = 1;  ///< of a row: what chunks divide it into along its slowest dimension
+  bool together = false;        ///< ranks can write its rows
   std::size_t flushed = 0;
-  std::size_t complete = 0;        ///< rows of whole levels
-  detail::Checksum checksum = {};  ///< of these
+  std::size_t complete = 0;  ///< rows of whole levels
+  Checksum checksum = {};    ///< of these
   std::size_t appended = 0;
-  detail::Checksum checksum_of_all = {};  ///< of these, and of what has come of the next one
+  Checksum checksum_of_all = {};  ///< of these, and of what has come of the next one
   std::vector<std::byte> waiting = {};
 
   [[nodiscard]] std::size_t end() const { return flushed + waiting.size(); }
@@ -88,6 +90,7 @@ std::vector<Gathered> columns_of(const Layout& layout) {
     const std::size_t bytes = detail::size_of(dataset.type);
     const std::size_t row_size = detail::row_size(layout, dataset);
     columns.push_back({dataset, row_size, row_size * bytes});
+    columns.back().together = dataset.together && layout.compression == 0 && is_long(layout, dataset);
     set_chunk(columns.back(), layout, detail::chunk_shape(layout, dataset));
   }
   return columns;
@@ -241,6 +244,36 @@ public:
     add(column, std::span<const std::byte>(converted));
   }
 
+  [[nodiscard]] std::optional<std::filesystem::path> make_room(std::span<const std::size_t> datasets) {
+    std::uint64_t bytes = 0;
+    for (const std::size_t dataset : datasets) {
+      const Gathered& column = columns_.at(dataset);
+      if (!column.together || column.chunk_rows > 1 || column.begun() > 0)
+        return std::nullopt;
+      bytes += column.row_bytes + column.block_bytes;
+    }
+    return detail::with_file(path_, [&] {
+      flush(Gathered::Of::all);
+      detail::Handle file = open(*working_);
+      working_->reserve(bytes + structure_bytes());
+      for (const std::size_t dataset : datasets)
+        write_column(detail::open_dataset(file, columns_[dataset].description.path), columns_[dataset],
+                     columns_[dataset].appended + 1, columns_[dataset].flushed);
+      file.close("writing the working file");
+      return std::optional(working_->path());
+    });
+  }
+
+  void append_written(std::size_t dataset, const Checksum& row) {
+    Gathered& column = columns_.at(dataset);
+    if (!column.together || !column.waiting.empty() || row.bytes() != column.row_bytes)
+      throw std::invalid_argument(
+          fmt::format("record: what was written is not the next row of '{}'", column.description.path));
+    column.flushed += column.row_bytes;
+    column.appended += 1;
+    column.checksum_of_all.append(row);
+  }
+
   [[nodiscard]] std::size_t rows(std::size_t dataset) const { return columns_.at(dataset).appended; }
 
   void end_level() {
@@ -362,8 +395,7 @@ private:
     if (!column.description.may_be_undefined)
       for (std::size_t i = 0; i < values.size(); ++i)
         if (!std::isfinite(values[i]))
-          throw NotFinite(fmt::format("record: value {} of row {} of '{}' is {}", column.begun() / sizeof(double) + i,
-                                      column.appended, column.description.path, values[i]));
+          throw NotFinite(column.description, column.appended, column.begun() / sizeof(double) + i, values[i]);
     add(column, std::as_bytes(values));
   }
 
@@ -394,6 +426,7 @@ private:
       throw detail::Failure(
           fmt::format("dataset '{}' should have {} rows, but has {}", column.description.path, rows, sizes.front()));
     set_chunk(column, layout_, detail::chunk_of(dataset));
+    column.together = is_long(layout_, column.description) && detail::is_for_ranks(dataset);
     std::uint64_t left = static_cast<std::uint64_t>(rows) * column.row_bytes;
     detail::read_through(dataset, [&](std::span<const std::byte> bytes) {  // provisional rows are behind the others
       const auto part = bytes.first(std::min<std::uint64_t>(left, bytes.size()));
@@ -440,7 +473,7 @@ private:
       for (const auto& [name, array] : *checkpoint)
         checkpoint_bytes += 4096 + std::visit([](const auto& a) { return a.size() * sizeof(a[0]); }, array);
     version.reserve(waiting_bytes() + structure_bytes() + checkpoint_bytes);
-    std::map<std::string, detail::Checksum> checksums;
+    std::map<std::string, Checksum> checksums;
     for (const auto& column : columns_) {
       const detail::Handle dataset = detail::open_dataset(file, column.description.path);
       // The last version shows provisional rows too; the attribute tells `resume` where the whole levels end.
@@ -515,6 +548,12 @@ void Writer::append(std::size_t dataset, std::span<const std::int64_t> row) {
 }
 void Writer::append_part(std::size_t dataset, std::span<const double> part) {
   implementation_->append_part(dataset, part);
+}
+std::optional<std::filesystem::path> Writer::make_room(std::span<const std::size_t> datasets) {
+  return implementation_->make_room(datasets);
+}
+void Writer::append_written(std::size_t dataset, const Checksum& row) {
+  implementation_->append_written(dataset, row);
 }
 std::size_t Writer::rows(std::size_t dataset) const {
   return implementation_->rows(dataset);

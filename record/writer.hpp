@@ -6,9 +6,11 @@
 #include <cstdint>
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 
+#include <rubato/base/checksum.hpp>
 #include <rubato/record/error.hpp>
 #include <rubato/record/layout.hpp>
 
@@ -106,6 +108,15 @@ public:
   /// what goes beyond CommitPolicy::buffer_bytes moves to the working file at once. Throws as append, and
   /// std::invalid_argument if the parts are longer than a row; what has come of the row then is for drop_level.
   void append_part(std::size_t dataset, std::span<const double> part);
+
+  /// Room in the working file for one more row of each of these datasets, for write_together(). append_written() has to
+  /// follow for those that were written, before anything else of these datasets.
+  /// \return the working file; nothing if ranks cannot write rows of one, by how it was made
+  [[nodiscard]] std::optional<std::filesystem::path> make_room(std::span<const std::size_t> datasets);
+
+  /// Takes what was written there as the next row. Throws std::invalid_argument if there is no room for one.
+  /// \param row checksum of its numbers, all of them
+  void append_written(std::size_t dataset, const Checksum& row);
 
   /// One number, for datasets with one number per row.
   void append(std::size_t dataset, std::floating_point auto value) {

@@ -8,6 +8,7 @@
 
 #include <fmt/format.h>
 
+#include <rubato/run/gathering_sink.hpp>
 #include <rubato/run/recorder.hpp>
 #include <rubato/run/shared_rows.hpp>
 
@@ -123,7 +124,7 @@ void check_digests(const record::Reader& reader, const Chronicle& chronicle, con
     }
     findings.count(1);
     if (digest_of(reader, path, static_cast<std::size_t>(std::max<std::int64_t>(0, digests[i].rows()))) != digests[i]) {
-      findings.add({.dataset = path, .reason = "it is not what the run wrote, by the digest in /checkpoint/digests"});
+      findings.add({.dataset = path, .reason = "it is not what the run wrote, by the digest in /checkpoint/row_digests"});
     }
   }
 }
@@ -191,6 +192,7 @@ void check_state(const record::Reader& reader, const StoredLevels& levels, const
     } else {
       GatheringSink gathering(leader->slab(), chronicle.layout(), &comparison);
       chronicle.tell_state(gathering);
+      gathering.finish();
       gathering.rethrow();
     }
   }
@@ -221,7 +223,7 @@ CheckpointFindings check_checkpoint(const record::Reader& reader, const StoredLe
                                     const figures::Names& names, Chronicle& chronicle, const LatticeLeader* leader,
                                     Findings& findings) {
   const record::Checkpoint checkpoint = reader.checkpoint(leader == nullptr ? "" : "state");
-  if (!checkpoint.contains("digests")) {
+  if (!checkpoint.contains(Digest::array)) {
     return {};  // a record of an earlier version
   }
   const std::optional<Digests> digests = restore(reader, checkpoint, chronicle, leader);
@@ -229,11 +231,11 @@ CheckpointFindings check_checkpoint(const record::Reader& reader, const StoredLe
     findings.add({.dataset = state_path, .reason = "it is not the checkpoint of the problem in the record"});
     return {.has_digests = true};
   }
-  const auto& numbers = std::get<std::vector<std::int64_t>>(checkpoint.at("digests"));
+  const auto& numbers = std::get<std::vector<std::int64_t>>(checkpoint.at(Digest::array));
   findings.count(1);
   if (digest_of_state(reader) != Digest(numbers[numbers.size() - 2], numbers.back())) {
     findings.add(
-        {.dataset = state_path, .reason = "it is not what the run wrote, by the digest in /checkpoint/digests"});
+        {.dataset = state_path, .reason = "it is not what the run wrote, by the digest in /checkpoint/row_digests"});
   }
   check_digests(reader, chronicle, *digests, findings);
   check_potential(reader, chronicle.simulation().step_potential(), findings);

@@ -1,18 +1,24 @@
 #pragma once
 
-#include <bit>
 #include <cstddef>
 #include <cstdint>
 #include <span>
+#include <type_traits>
+
+#include <rubato/base/checksum.hpp>
 
 namespace rubato {
 
 /// A running digest of the rows of a dataset, as the doubles that a reader makes of them: any one number altered gives
-/// another. It is no protection against intent, which could renew it.
+/// another. It is no protection against intent, which could renew it. Of a row that lies in parts in several places it
+/// is put together out of theirs.
 class Digest {
 public:
+  /// Where records have them, in their checkpoint. (Those of versions before it, "digests", were of another kind.)
+  static constexpr const char* array = "row_digests";
+
   Digest() = default;
-  Digest(std::int64_t rows, std::int64_t value) : rows_(rows), value_(static_cast<std::uint64_t>(value)) {}
+  Digest(std::int64_t rows, std::int64_t value) : rows_(rows), checksum_(static_cast<std::uint64_t>(value)) {}
 
   template <typename Number>
   void add_row(std::span<const Number> row) {
@@ -21,23 +27,30 @@ public:
   /// A row in parts.
   template <typename Number>
   void add_part(std::span<const Number> part, bool is_last) {
-    for (const Number number : part) {
-      mix(std::bit_cast<std::uint64_t>(static_cast<double>(number)));
+    if constexpr (std::is_same_v<Number, double>) {
+      checksum_.add(std::as_bytes(part));
+    } else {
+      for (const Number number : part) {
+        const auto value = static_cast<double>(number);
+        checksum_.add(std::as_bytes(std::span(&value, 1)));
+      }
     }
     rows_ += is_last ? 1 : 0;
   }
+  /// A row of doubles with this checksum.
+  void add_row(const Checksum& row) {
+    checksum_.append(row);
+    ++rows_;
+  }
   [[nodiscard]] std::int64_t rows() const { return rows_; }
-  [[nodiscard]] std::int64_t value() const { return static_cast<std::int64_t>(value_); }
-  friend bool operator==(const Digest&, const Digest&) = default;
+  [[nodiscard]] std::int64_t value() const { return static_cast<std::int64_t>(checksum_.value()); }
+  friend bool operator==(const Digest& one, const Digest& other) {
+    return one.rows() == other.rows() && one.value() == other.value();
+  }
 
 private:
-  void mix(std::uint64_t word) {
-    constexpr std::uint64_t odd = 0x9E3779B97F4A7C15;  // 2^64 over the golden ratio
-    value_ = (value_ ^ word) * odd;
-    value_ ^= value_ >> 32;
-  }
   std::int64_t rows_ = 0;
-  std::uint64_t value_ = 0;
+  Checksum checksum_;
 };
 
 }  // namespace rubato

@@ -457,12 +457,12 @@ private:
     for (const Digest& digest : recorder_->digests()) {
       numbers.insert(numbers.end(), {digest.rows(), digest.value()});
     }
-    return {{"digests", std::move(numbers)}};
+    return {{Digest::array, std::move(numbers)}};
   }
 
   [[nodiscard]] Digests stored_digests(const record::Reader& reader) const {
     const record::Checkpoint checkpoint = reader.checkpoint();
-    const auto found = checkpoint.find("digests");
+    const auto found = checkpoint.find(Digest::array);
     const auto* numbers = found == checkpoint.end() ? nullptr : std::get_if<std::vector<std::int64_t>>(&found->second);
     if (numbers == nullptr || numbers->size() != 2 * layout_.datasets.size()) {
       throw record::Error(outcome_.file, "its checkpoint is not that of its problem: the ensemble cannot be continued");

@@ -15,6 +15,7 @@
 #include <rubato/ranks/packet.hpp>
 #include <rubato/run/chronicle.hpp>
 #include <rubato/run/ensemble_ranks.hpp>
+#include <rubato/run/gathering_sink.hpp>
 #include <rubato/run/lattice_check.hpp>
 #include <rubato/run/shared_rows.hpp>
 #include <rubato/run/threads.hpp>
@@ -113,6 +114,7 @@ private:
   void gathered(const Tell& tell) {
     GatheringSink sink(slab_, chronicle_->layout(), nullptr);
     tell(sink);
+    sink.finish();
   }
   void step() {
     Simulation& simulation = chronicle_->simulation();
@@ -160,6 +162,12 @@ private:
 };
 
 }  // namespace
+
+void end_job(const ranks::Communicator& ranks, const std::exception& error, ExitStatus status) {
+  std::fputs(fmt::format("rubato: error: on rank {}: {}\n", ranks.rank(), error.what()).c_str(), stderr);
+  std::fflush(nullptr);
+  std::_Exit(static_cast<int>(status));
+}
 
 void refuse_unshared(const Problem& problem, const RunOptions& options) {
   if (options.ranks == nullptr || options.ranks->size() == 1) {
@@ -226,39 +234,6 @@ Spread LatticeLeader::check(const record::Reader& reader, const StoredLevels& le
   return check_lattice(record, levels, problem_, has_gamma, findings);
 }
 
-template <typename Append>
-void GatheringSink::to_sink(const Append& append) {
-  if (sink_ != nullptr && !thrown_) {
-    try {
-      append(*sink_);
-    } catch (...) {
-      thrown_ = std::current_exception();
-    }
-  }
-}
-
-void GatheringSink::append(record::Column column, std::span<const double> row) {
-  if (!has_nodes(layout_.datasets[column.number])) {
-    to_sink([&](RowSink& sink) { sink.append(column, row); });
-    return;
-  }
-  std::size_t left = slab_.whole().size();
-  slab_.gather(row, [&](std::span<const double> planes) {
-    left -= planes.size();
-    to_sink([&](RowSink& sink) { sink.append_part(column, planes, left == 0); });
-  });
-}
-
-void GatheringSink::append(record::Column column, std::span<const std::int64_t> row) {
-  to_sink([&](RowSink& sink) { sink.append(column, row); });
-}
-
-void GatheringSink::rethrow() {
-  if (thrown_) {
-    std::rethrow_exception(std::exchange(thrown_, nullptr));
-  }
-}
-
 void SharedState::read(std::span<double> values) {
   read_alone(values);
   slab_.broadcast(values);
@@ -315,10 +290,10 @@ void follow_leader(ranks::Communicator& ranks, std::span<const std::byte> messag
         // What is wrong with a problem or a record is found at rank 0 as well, which then ends it.
       }
     }
+  } catch (const record::Error& error) {
+    end_job(ranks, error, ExitStatus::file_error);
   } catch (const std::exception& error) {
-    std::fputs(fmt::format("rubato: error: on rank {}: {}\n", ranks.rank(), error.what()).c_str(), stderr);
-    std::fflush(nullptr);
-    std::_Exit(static_cast<int>(ExitStatus::failed));
+    end_job(ranks, error, ExitStatus::failed);
   }
 }
 

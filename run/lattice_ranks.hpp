@@ -12,7 +12,6 @@
 #include <rubato/ranks/communicator.hpp>
 #include <rubato/record/reader.hpp>
 #include <rubato/run/findings.hpp>
-#include <rubato/run/row_sink.hpp>
 #include <rubato/run/run.hpp>
 
 /// A run on one lattice, or the check of its record, shared by the ranks of a job in slabs: all ranks do the same, each
@@ -23,6 +22,9 @@ namespace rubato {
 /// \throws ProblemError where a run cannot be shared by the ranks of `options`, saying what can be; never where there
 /// is one rank
 void refuse_unshared(const Problem& problem, const RunOptions& options);
+
+/// Ends this process, and with it the job, for what went wrong at this rank alone: others may wait for it.
+[[noreturn]] void end_job(const ranks::Communicator& ranks, const std::exception& error, ExitStatus status);
 
 /// What ranks do next: each of these takes all of them.
 enum class Order : int {
@@ -74,31 +76,6 @@ public:
 private:
   const Problem& problem_;
   SharedLattice lattice_;
-};
-
-/// Rows on their way to a sink at rank 0, to nowhere at others: of a dataset over nodes this rank's part becomes a row
-/// of the whole lattice, which the sink gets some planes at a time. Every rank has to append the same columns, so that
-/// what the sink throws waits until rethrow().
-class GatheringSink final : public RowSink {
-public:
-  /// \param layout of the columns
-  /// \param sink null at other ranks than 0
-  GatheringSink(const grids::Slab& slab, const record::Layout& layout, RowSink* sink)
-      : slab_(slab), layout_(layout), sink_(sink) {}
-  using RowSink::append;
-  void append(record::Column column, std::span<const double> row) override;
-  void append(record::Column column, std::span<const std::int64_t> row) override;
-  /// Throws what the sink has thrown first since the last call; it was given nothing after that.
-  void rethrow();
-
-private:
-  template <typename Append>
-  void to_sink(const Append& append);
-
-  const grids::Slab& slab_;
-  const record::Layout& layout_;
-  RowSink* sink_;
-  std::exception_ptr thrown_;
 };
 
 /// Where a record has the state.

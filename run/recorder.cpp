@@ -24,7 +24,7 @@ record::Checkpoint others_of(const Chronicle& chronicle, const Digests& digests,
     numbers.insert(numbers.end(), {digest.rows(), digest.value()});
   }
   numbers.insert(numbers.end(), {whole.rows(), whole.value()});
-  record::Checkpoint checkpoint = {{"digests", std::move(numbers)}};
+  record::Checkpoint checkpoint = {{Digest::array, std::move(numbers)}};
   if (const StepPotential& f = chronicle.simulation().step_potential(); f.active()) {
     checkpoint.emplace("step_potential", std::vector<double>{f.strength, f.length, f.exponent});
   }
@@ -35,6 +35,21 @@ record::Checkpoint others_of(const Chronicle& chronicle, const Digests& digests,
 }
 
 }  // namespace
+
+RowSink::InParts Recorder::in_parts(std::span<const record::Column> columns) {
+  InParts wish{.wanted = InParts::Wanted::written, .file = {}, .rows = {}};
+  std::vector<std::size_t> datasets;
+  for (const record::Column column : columns) {
+    datasets.push_back(column.number);
+    wish.rows.push_back(writer_.rows(column.number));
+  }
+  const auto file = writer_.make_room(datasets);
+  if (!file) {
+    return {};
+  }
+  wish.file = *file;
+  return wish;
+}
 
 record::Checkpoint make_checkpoint(const Chronicle& chronicle, const Digests& digests) {
   StateWriter state;
@@ -85,7 +100,7 @@ std::optional<Digests> restored(const record::Checkpoint& checkpoint, Chronicle&
 }
 
 std::optional<Digests> restored(const record::Checkpoint& others, StateReader& state, Chronicle& chronicle) {
-  const auto* numbers = array_of<std::vector<std::int64_t>>(others, "digests");
+  const auto* numbers = array_of<std::vector<std::int64_t>>(others, Digest::array);
   const bool fits = numbers != nullptr && numbers->size() == 2 * chronicle.layout().datasets.size() + 2;
   try {
     chronicle.restore(state);

@@ -29,6 +29,11 @@ public:
     writer_.append_part(column.number, part);
     digests_[column.number].add_part(part, is_last);
   }
+  InParts in_parts(std::span<const record::Column> columns) override;
+  void append_checksum(record::Column column, const Checksum& row) override {
+    writer_.append_written(column.number, row);
+    digests_[column.number].add_row(row);
+  }
   [[nodiscard]] record::Writer& writer() { return writer_; }
   [[nodiscard]] const Digests& digests() const { return digests_; }
   /// Those of the rows that are left where rows were dropped.
@@ -45,8 +50,8 @@ private:
   Digests digests_;
 };
 
-/// All that `resume` needs, and the digests of the rows that belong to it: "state" and "digests", each two integers,
-/// its number of rows and its value; the last is that of "state" itself.
+/// All that `resume` needs, and the digests of the rows that belong to it: "state" and Digest::array, each two
+/// integers, its number of rows and its value; the last is that of "state" itself.
 [[nodiscard]] record::Checkpoint make_checkpoint(const Chronicle& chronicle, const Digests& digests);
 
 /// The same, but for those who have no room for the whole state: of a chronicle that ranks share, and that has to stay

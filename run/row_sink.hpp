@@ -3,9 +3,12 @@
 #include <concepts>
 #include <cstddef>
 #include <cstdint>
+#include <filesystem>
 #include <span>
+#include <stdexcept>
 #include <vector>
 
+#include <rubato/base/checksum.hpp>
 #include <rubato/record/layout.hpp>
 
 namespace rubato {
@@ -24,6 +27,23 @@ public:
       append(column, std::span<const double>(parts_));
       parts_.clear();
     }
+  }
+
+  /// What is to become of the next rows of columns whose rows ranks have in parts.
+  struct InParts {
+    enum class Wanted {
+      numbers,   ///< each row as others, by append() or append_part()
+      checksum,  ///< append_checksum() of each row; nothing of its numbers
+      written,   ///< the same, when ranks have written them into `file` as rows `rows` (record/together.hpp)
+    };
+    Wanted wanted = Wanted::numbers;
+    std::filesystem::path file;
+    std::vector<std::size_t> rows;  ///< of each column; with none, numbers may be of any value
+  };
+  virtual InParts in_parts(std::span<const record::Column> /*columns*/) { return {}; }
+  /// \throws std::logic_error unless in_parts() asks for it
+  virtual void append_checksum(record::Column /*column*/, const Checksum& /*row*/) {
+    throw std::logic_error("these rows are wanted, not their checksums");
   }
 
   /// One number, for datasets with one number per row.

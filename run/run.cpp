@@ -14,8 +14,10 @@
 #include <rubato/problem/stored.hpp>
 #include <rubato/record/reader.hpp>
 #include <rubato/record/writer.hpp>
+#include <rubato/run/gathering_sink.hpp>
 #include <rubato/run/lattice_ranks.hpp>
 #include <rubato/run/recorder.hpp>
+#include <rubato/run/shared_rows.hpp>
 #include <rubato/run/threads.hpp>
 
 namespace rubato {
@@ -42,6 +44,10 @@ public:
   void append_part(record::Column column, std::span<const double> part, bool is_last) override {
     digests_[column.number].add_part(part, is_last);
   }
+  InParts in_parts(std::span<const record::Column> /*columns*/) override {
+    return {.wanted = InParts::Wanted::checksum, .file = {}, .rows = {}};
+  }
+  void append_checksum(record::Column column, const Checksum& row) override { digests_[column.number].add_row(row); }
 
 private:
   Digests& digests_;
@@ -74,7 +80,7 @@ public:
   }
 
   Outcome start() {
-    recorder_.emplace(record::Writer::create(outcome_.file, chronicle_->layout(), options_.overwrite, commit_policy()),
+    recorder_.emplace(record::Writer::create(outcome_.file, layout_of_record(), options_.overwrite, commit_policy()),
                       Digests(chronicle_->layout().datasets.size()));
     try {
       order(Order::start);
@@ -143,10 +149,20 @@ private:
     if (leader_) {
       GatheringSink gathering(leader_->slab(), chronicle_->layout(), &sink);
       append(gathering);
+      gathering.finish();
       gathering.rethrow();
     } else {
       append(sink);
     }
+  }
+
+  /// Ranks write long rows of nodes together.
+  [[nodiscard]] record::Layout layout_of_record() const {
+    record::Layout layout = chronicle_->layout();
+    for (record::Dataset& dataset : layout.datasets) {
+      dataset.together = leader_ && has_nodes(dataset);
+    }
+    return layout;
   }
 
   /// Of a shared lattice no more rows wait in memory than this rank's part of a field takes, or a megabyte.
@@ -164,6 +180,11 @@ private:
 
   /// \param checkpoint that of the record, but for state_apart()
   Digests restore(const record::Checkpoint& checkpoint) {
+    if (!checkpoint.contains(Digest::array)) {
+      throw record::Error(outcome_.file,
+                          "it was written by an earlier version, whose checkpoints this one does not go on from: run "
+                          "its problem again");
+    }
     std::optional<Digests> digests;
     if (leader_) {
       const record::Reader record(outcome_.file);

@@ -64,6 +64,8 @@ public:
       close_(id_);
   }
 
+  /// Leaves it open.
+  void release() { id_ = H5I_INVALID_HID; }
   /// Closes now, and reports failure: closing a file is what writes the rest of it.
   void close(const std::string& doing) { check(close_(std::exchange(id_, H5I_INVALID_HID)), doing); }
 
@@ -102,6 +104,7 @@ auto with_file(const std::filesystem::path& file, Action&& action) {
 /// The one that is stored like `stored`. Throws Failure if there is none.
 [[nodiscard]] Type type_of(hid_t stored);
 [[nodiscard]] bool is_number(hid_t stored);
+/// In bytes; does without HDF5, and so without a Session.
 [[nodiscard]] std::size_t size_of(Type type);
 
 /// UTF-8 of variable length, which h5py, netCDF and MATLAB read as strings.
@@ -128,7 +131,11 @@ void write_rows(hid_t dataset, hid_t memory, hsize_t first, hsize_t count, const
 
 /// A part of row `row`, from its value `first` on, as the row lies in memory; it has to begin where a place along the
 /// slowest dimension begins, and to end where one ends.
-void write_part(hid_t dataset, hid_t memory, hsize_t row, hsize_t first, hsize_t count, const void* data);
+/// \param transfer how: by this process, or by all ranks together
+void write_part(hid_t dataset, hid_t memory, hsize_t row, hsize_t first, hsize_t count, const void* data,
+                hid_t transfer = H5P_DEFAULT);
+/// How many values a place along the slowest dimension of a row has.
+[[nodiscard]] hsize_t plane_of(const std::vector<hsize_t>& extent);
 
 void write_checkpoint(hid_t file, const Checkpoint& checkpoint);
 /// The same of an array that comes in parts, and of others, which are asked for when it has come.
