@@ -57,8 +57,7 @@ void check_resumes_at_start(const std::string& name, std::vector<std::string> se
   settings.push_back("scheme.until=0.5");
   const std::atomic<bool> interrupt = true;
   const std::string file = folder / "stopped.h5";
-  const Outcome stopped =
-      run(read_problem("sine-gordon-2d", settings), {.output = file, .threads = 1, .interrupt = &interrupt});
+  const Outcome stopped = run(read_problem(name, settings), {.output = file, .threads = 1, .interrupt = &interrupt});
   REQUIRE(stopped.status == ExitStatus::interrupted);
   REQUIRE(stopped.statistics.steps == 0);
   CHECK(check(file).statistics.steps == 0);
