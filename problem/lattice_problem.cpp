@@ -283,6 +283,7 @@ namespace {
 template <typename Make>
 auto with_initial_fields(const Problem& problem, const MultisymplecticSystem& system, const Make& make) {
   LatticeOptions options = make_lattice_options(problem, system);
+  options.begun_until = problem.scheme.begun_until;
   options.slab = grids::Slab::present();
   const grids::Grid grid = make_grid(problem, options.slab == nullptr ? 1 : options.slab->ranks());
   options.initial_is_part = options.slab != nullptr && begins_in_parts(problem, system);

@@ -246,8 +246,37 @@ CheckpointFindings check_checkpoint(const record::Reader& reader, const StoredLe
   return result;
 }
 
+namespace {
+
+/// The problem with which the run began: if its step potential is not the one that is chosen for a run to `until`, but
+/// that of one that is too short for a scout, it was continued (is_short_run).
+Problem as_begun(const record::Reader& reader, const Problem& problem) {
+  const std::string path(figures::step_potential_path);
+  if (problem.multisymplectic() == nullptr || !reader.has(path)) {
+    return problem;
+  }
+  const std::vector<double> stored = reader.read(path);
+  const auto is_chosen = [&](const Problem& tried) {
+    Chronicle chronicle(tried, false);
+    (void)chronicle.simulation().step();  // the first chooses
+    const StepPotential& potential = chronicle.simulation().step_potential();
+    return stored == std::vector{potential.strength, potential.length, potential.exponent};
+  };
+  if (!is_chosen(problem)) {
+    Problem begun = problem;
+    begun.scheme.begun_until = problem.start();
+    if (is_chosen(begun)) {
+      return begun;
+    }
+  }
+  return problem;
+}
+
+}  // namespace
+
 void replay(const record::Reader& reader, const StoredLevels& levels, const Problem& problem, Findings& findings) {
-  Chronicle chronicle(problem, reader.has("/laws/multisymplectic_max"));
+  const Problem begun = as_begun(reader, problem);
+  Chronicle chronicle(begun, reader.has("/laws/multisymplectic_max"));
   Comparison comparison(
       reader, chronicle.layout(), findings, "the step taken again", [](const std::string&) { return true; },
       [](const record::Dataset&) { return std::size_t{0}; });

@@ -95,6 +95,22 @@ TEST_CASE("a run with a step potential goes on with it, bit by bit") {
   }
 }
 
+TEST_CASE("a run that was too short for a scout is replayed as it was begun when it was continued") {
+  const Folder folder;
+  const std::string file = folder / "a.h5", straight = folder / "straight.h5";
+  const std::vector<std::string> settings = {"grid.x.cells=32", "scheme.lagrangian=splitting", "scheme.order=4",
+                                             "output.every=100", "laws.every=off"};
+  run_problem("sine-gordon", file, with(settings, "scheme.until=2"));
+  CHECK(resume(file, 85.0, {.threads = 1}).status == ExitStatus::done);  // 1700 steps
+  CHECK(check(file, {.replay = true}).status == ExitStatus::done);
+  // The twins: a run begun with that end has another potential, and an altered energy is found all the same.
+  run_problem("sine-gordon", straight, with(settings, "scheme.until=85"));
+  CHECK(check(straight, {.replay = true}).status == ExitStatus::done);
+  CHECK_FALSE(different_datasets(file, straight) == Names{});
+  falsify(file, "/levels/iterations", 1500, 1);
+  CHECK(check(file, {.replay = true}).status == ExitStatus::contradiction);
+}
+
 TEST_CASE("step potentials that cannot be are refused with the place") {
   CHECK_THAT(refusal({"scheme.step_potential=auto", "scheme.levels=fixed"}), Contains("levels = \"variable\""));
   CHECK_THAT(refusal({"scheme.step_potential=automatic"}), Contains("step_potential"));
