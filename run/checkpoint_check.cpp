@@ -124,7 +124,8 @@ void check_digests(const record::Reader& reader, const Chronicle& chronicle, con
     }
     findings.count(1);
     if (digest_of(reader, path, static_cast<std::size_t>(std::max<std::int64_t>(0, digests[i].rows()))) != digests[i]) {
-      findings.add({.dataset = path, .reason = "it is not what the run wrote, by the digest in /checkpoint/row_digests"});
+      findings.add(
+          {.dataset = path, .reason = "it is not what the run wrote, by the digest in /checkpoint/row_digests"});
     }
   }
 }
