@@ -218,7 +218,8 @@ LIMITED
     ;;
   lattice_killed)
     # Killed, and continued on another number of ranks.
-    ring=(run sine-gordon-2d "${explicit[@]}" --set grid.x.cells=65 --set grid.y.cells=61 --set output.every=100 --set scheme.until=1e9)
+    # Rows of fields are long enough to be written by all ranks together.
+    ring=(run sine-gordon-2d "${explicit[@]}" --set grid.x.cells=135 --set grid.y.cells=125 --set output.every=50 --set scheme.until=1e9)
     grown=0 before=0
     for ((kill = 0; kill < kills; ++kill)); do
       command=(resume killed.h5)
