@@ -2,6 +2,8 @@
 
 #include <array>
 
+#include <rubato/base/little_endian.hpp>
+
 namespace rubato {
 
 namespace {
@@ -26,13 +28,6 @@ constexpr Tables make_tables() {
 }
 
 constexpr Tables tables = make_tables();
-
-std::uint64_t little_endian(const std::byte* bytes) {
-  std::uint64_t value = 0;
-  for (std::size_t i = 0; i < width; ++i)
-    value |= std::to_integer<std::uint64_t>(bytes[i]) << (8 * i);
-  return value;
-}
 
 // Polynomials modulo that one, the coefficient of 1 in the highest bit.
 constexpr std::uint64_t one = std::uint64_t{1} << 63;

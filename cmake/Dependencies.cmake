@@ -65,4 +65,3 @@ if(RUBATO_MPI AND HDF5_IS_PARALLEL)
   target_link_libraries(rubato_hdf5 INTERFACE rubato_mpi)
 endif()
 install(TARGETS rubato_hdf5 EXPORT rubato-targets)
-

@@ -9,6 +9,7 @@
 
 #include <unistd.h>
 
+#include <rubato/base/little_endian.hpp>
 #include <rubato/record/detail/checksum.hpp>
 #include <rubato/record/detail/files.hpp>
 #include <rubato/record/detail/hdf5.hpp>
@@ -18,13 +19,6 @@ namespace rubato::record::detail {
 namespace {
 
 constexpr std::size_t width = 8;  // bytes of a number
-
-std::uint64_t little_endian(const std::byte* bytes) {
-  std::uint64_t value = 0;
-  for (std::size_t i = 0; i < width; ++i)
-    value |= std::to_integer<std::uint64_t>(bytes[i]) << (8 * i);
-  return value;
-}
 
 void append_little_endian(std::string& text, std::uint64_t value) {
   for (std::size_t i = 0; i < width; ++i)

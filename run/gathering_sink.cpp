@@ -2,8 +2,9 @@
 
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <cmath>
+#include <cstdint>
+#include <iterator>
 #include <string>
 #include <utility>
 
@@ -143,14 +144,15 @@ std::vector<Checksum> GatheringSink::judged(const InParts& wish) {
   }
   const std::vector<double> all = slab_.collected(said);
   std::vector<Checksum> checksums;
+  const grids::Grid& whole = slab_.whole();
+  const std::size_t plane_bytes = whole.size() / whole.cells(whole.dimensions() - 1) * sizeof(double);
   for (std::size_t i = 0; i < waiting_.size() && !all.empty(); ++i) {
     const record::Dataset& dataset = layout_.datasets[waiting_[i].column.number];
     Checksum row;
     for (int rank = 0; rank < slab_.ranks(); ++rank) {
       const std::size_t place = static_cast<std::size_t>(rank) * said.size() + i * PartSaid::size;
       const auto part = PartSaid::of(std::span(all).subspan(place).first<PartSaid::size>());
-      const std::size_t plane = slab_.whole().size() / slab_.whole().cells(slab_.whole().dimensions() - 1);
-      row.append(Checksum(part.checksum, slab_.planes(rank) * plane * sizeof(double)));
+      row.append(Checksum(part.checksum, slab_.planes(rank) * plane_bytes));
       if (!wish.rows.empty() && !thrown_ && !dataset.may_be_undefined && part.undefined_place >= 0.0) {
         thrown_ = std::make_exception_ptr(record::NotFinite(
             dataset, wish.rows[i], static_cast<std::size_t>(part.undefined_place), part.undefined_value));

@@ -17,9 +17,25 @@ namespace {
 
 constexpr double h = 0.01;
 
+/// A scheme that is nowhere but in time, of which steps have an energy.
+class SchemeOfTime : public LevelScheme {
+public:
+  [[nodiscard]] NodeEnergy node() override { return {}; }
+  [[nodiscard]] NodeEnergy trial_node() override { return {}; }
+  [[nodiscard]] int iterations() const override { return 1; }
+  void accept() override { time += h_; }
+  void save(StateWriter& state) const override { state.write(time); }
+  void restore(StateReader& state) override { time = state.read(); }
+
+  double time = 0.0;
+
+protected:
+  double h_ = 0.0;  ///< of the last trial
+};
+
 /// K_h = s(h²/24) Γ with η = -Γ/24 and s = 2, which falls from 1 to 1/20 until t = 20 h; from t = 60 h on no step
 /// longer than `longest` is defined.
-class ShortOfBreath final : public LevelScheme {
+class ShortOfBreath final : public SchemeOfTime {
 public:
   explicit ShortOfBreath(double longest) : longest_(longest) {}
 
@@ -30,20 +46,11 @@ public:
   [[nodiscard]] double discrete_energy() const override { return 3.0 * h_ * h_ * eta(); }
   [[nodiscard]] formula::SumSize energy_size() override { return {.terms = 3.0 * h * h}; }
   [[nodiscard]] double discrete_energy_slope() const override { return 6.0 * h_ * eta(); }
-  [[nodiscard]] NodeEnergy node() override { return {}; }
-  [[nodiscard]] NodeEnergy trial_node() override { return {}; }
-  [[nodiscard]] int iterations() const override { return 1; }
-  void accept() override { time += h_; }
-  void save(StateWriter& state) const override { state.write(time); }
-  void restore(StateReader& state) override { time = state.read(); }
-
-  double time = 0.0;
 
 private:
   [[nodiscard]] double eta() const { return time < 20.0 * h ? 1.0 - 0.95 * time / (20.0 * h) : 0.05; }
 
   double longest_;
-  double h_ = 0.0;
 };
 
 LevelOptions options_with_potential() {
@@ -138,7 +145,7 @@ namespace {
 
 /// Steps that follow η = 1 + 0.3 sin(2πt/8h), which eight steps a period foresee badly, and whose E_k is not quadratic
 /// in h either. Energies side by side are as one likes them.
-class Turns final : public LevelScheme {
+class Turns final : public SchemeOfTime {
 public:
   enum class Abreast { none, right, wrong, without_root, undefined };
   explicit Turns(Abreast kind) : kind_(kind) {}
@@ -167,14 +174,7 @@ public:
                                                      : std::numeric_limits<double>::quiet_NaN();
     }
   }
-  [[nodiscard]] NodeEnergy node() override { return {}; }
-  [[nodiscard]] NodeEnergy trial_node() override { return {}; }
-  [[nodiscard]] int iterations() const override { return 1; }
-  void accept() override { time += h_; }
-  void save(StateWriter& state) const override { state.write(time); }
-  void restore(StateReader& state) override { time = state.read(); }
 
-  double time = 0.0;
   int trials = 0, batches = 0;
 
 private:
@@ -185,7 +185,6 @@ private:
   }
 
   Abreast kind_;
-  double h_ = 0.0;
 };
 
 /// The levels of 200 steps, and what the last 150 took.
