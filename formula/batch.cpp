@@ -5,6 +5,7 @@
 #include <bit>
 #include <cassert>
 #include <cmath>
+#include <cstring>
 #include <limits>
 
 #include <rubato/base/lanes.hpp>
@@ -118,21 +119,16 @@ void BatchEvaluator::operator()(std::size_t points, std::span<const double* cons
   using batch::block_points;
   using batch::widest_vector;
 
-  // Found anew where the evaluator has been copied.
+  find_registers();
+  bound_.stand = false;
   double* const registers = registers_.empty() ? nullptr : registers_.front().values;
-  if (registers != base_) {
-    base_ = registers;
-    for (std::size_t r = 0; r < read_.size(); ++r)
-      read_[r] = write_[r] = registers + r * block_points;
-  }
-
   const batch::Kernel run =
       functions_ == BatchFunctions::vector ? batch::best_kernel().run : batch::run_with_scalar_functions;
   const auto instructions = code_.instructions();
   const auto registers_of_outputs = code_.outputs();
   for (std::size_t start = 0; start < points; start += block_points) {
     const std::size_t count = std::min(block_points, points - start);
-    const bool whole = count % widest_vector == 0 || (program_ && program_->takes_any_number());
+    const bool whole = in_place(count);
     const std::size_t padded = whole ? count : (count + widest_vector - 1) / widest_vector * widest_vector;
     for (std::size_t m = 0; m < inputs.size(); ++m) {
       if (whole) {
@@ -158,6 +154,78 @@ void BatchEvaluator::operator()(std::size_t points, std::span<const double* cons
     for (std::size_t j = 0; j < outputs.size(); ++j)
       if (!whole || !in_place_[j])
         batch::copy_few(read_[registers_of_outputs[j]], count, outputs[j] + start);
+  }
+}
+
+bool BatchEvaluator::in_place(std::size_t points) const {
+  return points % batch::widest_vector == 0 || (program_ && program_->takes_any_number());
+}
+
+/// Anew where the evaluator has been copied.
+void BatchEvaluator::find_registers() {
+  double* const registers = registers_.empty() ? nullptr : registers_.front().values;
+  if (registers != base_) {
+    base_ = registers;
+    for (std::size_t r = 0; r < read_.size(); ++r)
+      read_[r] = write_[r] = registers + r * batch::block_points;
+    bound_.stand = false;
+  }
+}
+
+void BatchEvaluator::bind(std::size_t points, std::span<const double* const> inputs, std::span<double* const> outputs) {
+  assert(points <= batch::block_points && inputs.size() == code_.input_count() &&
+         outputs.size() == code_.output_count());
+  bound_ = {points, {inputs.begin(), inputs.end()}, {outputs.begin(), outputs.end()}, {}, false, nullptr};
+}
+
+void BatchEvaluator::run() {
+  find_registers();
+  if (!bound_.stand) {
+    if (!in_place(bound_.points)) {
+      (*this)(bound_.points, bound_.inputs, bound_.outputs);
+      return;
+    }
+    std::ranges::copy(bound_.inputs, read_.begin());
+    bound_.copies.clear();
+    for (std::size_t j = 0; j < bound_.outputs.size(); ++j) {
+      const std::uint32_t r = code_.outputs()[j];
+      if (in_place_[j]) {
+        read_[r] = write_[r] = bound_.outputs[j];
+      }
+    }
+    for (std::size_t j = 0; j < bound_.outputs.size(); ++j) {
+      if (!in_place_[j]) {
+        bound_.copies.push_back({read_[code_.outputs()[j]], bound_.outputs[j]});
+      }
+    }
+    bound_.all = program_ ? program_->in_one_go(bound_.points) : nullptr;
+    bound_.stand = true;
+  }
+  run_bound();
+}
+
+void BatchEvaluator::run_bound() {
+  double* const work = work_.empty() ? nullptr : work_.front().values;
+  if (bound_.all != nullptr) {
+    // Inputs are read alone, all others are where they are written.
+    bound_.all(const_cast<double* const*>(read_.data()), work, 0, bound_.points * sizeof(double));
+  } else if (const auto instructions = code_.instructions(); !instructions.empty()) {
+    const batch::Kernel kernel =
+        functions_ == BatchFunctions::vector ? batch::best_kernel().run : batch::run_with_scalar_functions;
+    const batch::Block block{bound_.points, instructions.data(), instructions.data() + instructions.size(),
+                             read_.data(), write_.data()};
+    if (program_) {
+      program_->run(block, kernel, work);
+    } else {
+      kernel(block);
+    }
+  }
+  for (const Places::Copy& copy : bound_.copies) {
+    if (bound_.points == batch::widest_vector) {  // in one piece, for who reads it as a vector at once
+      std::memcpy(copy.to, copy.from, batch::widest_vector * sizeof(double));
+    } else {
+      batch::copy_few(copy.from, bound_.points, copy.to);
+    }
   }
 }
 

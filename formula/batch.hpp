@@ -43,10 +43,22 @@ public:
   /// Inputs and outputs may not overlap. No allocation. One evaluator per thread.
   void operator()(std::size_t points, std::span<const double* const> inputs, std::span<double* const> outputs);
 
+  /// The same for few points that stay where they are and are evaluated often: run() evaluates at the places that
+  /// bind() was told, of which nothing is looked up again. At most 256 points.
+  ///@{
+  void bind(std::size_t points, std::span<const double* const> inputs, std::span<double* const> outputs);
+  void run();
+  ///@}
+
   [[nodiscard]] const Bytecode& code() const { return code_; }
   [[nodiscard]] bool is_machine_code() const { return program_ != nullptr; }
 
 private:
+  /// Whether so many points are evaluated where the caller has them, not in a copy padded to whole vectors.
+  [[nodiscard]] bool in_place(std::size_t points) const;
+  void find_registers();
+  void run_bound();
+
   Bytecode code_;
   BatchFunctions functions_ = BatchFunctions::vector;
   std::shared_ptr<const BatchProgram> program_;
@@ -59,6 +71,21 @@ private:
   const double* base_ = nullptr;         ///< of the registers that the two point to
   std::vector<unsigned char> in_place_;  ///< whether output j can be computed where the caller wants it
   std::vector<Chunk> work_;              ///< of machine code
+
+  /// What bind() was told and found.
+  struct Places {
+    std::size_t points = 0;
+    std::vector<const double*> inputs;
+    std::vector<double*> outputs;
+    struct Copy {
+      const double* from;
+      double* to;
+    };
+    std::vector<Copy> copies;  ///< outputs that cannot be computed where the caller wants them
+    bool stand = false;        ///< whether read_ and write_ are these still
+    void (*all)(double* const*, double*, std::size_t, std::size_t) = nullptr;  ///< machine code that does it in one go
+  };
+  Places bound_;
 };
 
 /// "sse2", "avx2" or "avx512": what the batches of this process use.

@@ -77,6 +77,17 @@ BatchProgram::Function BatchProgram::at(std::size_t offset) const {
   return std::bit_cast<Function>(static_cast<std::byte*>(memory_.begin()) + offset);
 }
 
+BatchProgram::Function BatchProgram::in_one_go(std::size_t points) const {
+  if (stretches_.size() != 1 || points == 0) {
+    return nullptr;
+  }
+  if (points % lanes_ == 0) {
+    return at(*stretches_.front().offset);
+  }
+  const auto narrow = std::ranges::find(narrow_, points, &Narrow::lanes);
+  return narrow == narrow_.end() ? nullptr : at(narrow->offset);
+}
+
 void BatchProgram::run(const batch::Block& block, batch::Kernel kernel, double* work) const {
   // Inputs are read alone, all others are where they are written.
   double* const* const registers = const_cast<double* const*>(block.read);

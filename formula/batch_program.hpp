@@ -29,6 +29,8 @@ public:
   [[nodiscard]] bool takes_any_number() const { return !narrow_.empty(); }
 
   void run(const batch::Block& block, batch::Kernel kernel, double* work) const;
+  /// Machine code that does so many points by itself; null where it takes several, or the kernel.
+  [[nodiscard]] Function in_one_go(std::size_t points) const;
   [[nodiscard]] std::size_t work_size() const { return work_size_; }  ///< numbers
   [[nodiscard]] std::size_t bytes() const { return bytes_; }
 

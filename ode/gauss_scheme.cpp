@@ -48,12 +48,21 @@ public:
     for (Trial& trial : trials_) {
       trial.gap = zero_rows(size_);
     }
-    for (Rows* table : {&first_, &second_, &end_table_, &trial_table_, &from_start_, &from_end_, &powers_}) {
+    for (Rows* table : {&first_, &second_, &end_table_, &trial_table_, &from_start_, &from_end_, &powers_,
+                        &square_first_, &square_second_}) {
       *table = zero_rows(m_);
     }
     nodes_ = zero_rows(1);
     first_.leftCols(m_) = tableau_.a_rest.transpose();
     second_.leftCols(m_) = tableau_.a_short.transpose();
+    if (slopes_.has_linear_velocities()) {
+      const GaussTableau::Square square = tableau_.square();
+      square_first_.leftCols(m_) = square.a_rest.transpose();
+      square_second_.leftCols(m_) = square.a_short.transpose();
+      node_short_ = square.c_short;
+      node_rest_ = square.c_rest;
+      carried_ = carried_rest_ = zero_rows(size_ / 2);
+    }
     for (VectorXd* vector : {&lost_, &largest_, &floor_, &point_, &gradient_, &errors_}) {
       vector->setZero(size_);
     }
@@ -194,6 +203,9 @@ private:
   [[nodiscard]] bool by_halves() const { return slopes_.has_halves() && !newton_; }
   /// The components that are iterated.
   [[nodiscard]] Index iterated() const { return by_halves() ? size_ / 2 : size_; }
+  /// Whether of these T is a quadratic form, M⁻¹ = T_pp, so that stages of p can be left out until those of q are
+  /// found: Q_i = q + h M⁻¹(c_i p + h Σ_j (A²)_ij p'_j).
+  [[nodiscard]] bool at_once() const { return slopes_.has_linear_velocities() && !newton_; }
   /// What mends Y.
   [[nodiscard]] const Rows& mending() const { return newton_ ? correction_ : next_; }
 
@@ -226,7 +238,8 @@ private:
       continue_last(h);
       Y_ = base_;
       if (missed_) {
-        Y_ += std::pow(h / last_h_, static_cast<int>(m_) + 1) * miss_;
+        const double ratio = h / last_h_;
+        Y_ += (ratio == 1.0 ? 1.0 : std::pow(ratio, static_cast<int>(m_) + 1)) * miss_;
       }
     } else {
       start_on_tangent(h);
@@ -329,7 +342,37 @@ private:
     return ratio > 1.0 / tuning::longest_continuation && ratio < tuning::longest_continuation;
   }
 
+  /// Solves for the stages from where they are begun, and evaluates what is left out of sweeps.
   [[nodiscard]] Status iterate(double h, double accuracy) {
+    if (at_once()) {
+      carry_momenta();
+      place_stages(0, size_ / 2);
+    }
+    const Status status = solve(h, accuracy);
+    if (status == Status::success && at_once()) {
+      find_momenta(h);
+      slopes_.evaluate_velocities();
+    }
+    return status;
+  }
+  /// The stages of p, by the slopes last evaluated.
+  void find_momenta(double h) {
+    collocate(size_ / 2, size_ / 2, h, Y_);
+    place_stages(size_ / 2, size_ / 2);
+  }
+  /// c_i p, in two parts.
+  void carry_momenta() {
+    const Index n = size_ / 2;
+    for (Index r = 0; r < n; ++r) {
+      const double high = z_.value()[n + r], low = z_.low()[n + r];
+      for (Index i = 0; i < m_; ++i) {
+        carried_(r, i) = node_short_[i] * high;
+        carried_rest_(r, i) = node_rest_[i] * high + node_short_[i] * low;
+      }
+    }
+  }
+
+  [[nodiscard]] Status solve(double h, double accuracy) {
     if (newton_ && !factor(h)) {
       return Status::undefined;
     }
@@ -400,12 +443,20 @@ private:
       return kernels_.correct(static_cast<std::size_t>(rows), static_cast<int>(m_), f_.data(), first_.data(),
                               second_.data(), h, floor_.data(), Y_.data(), next_.data());
     };
+    if (at_once()) {
+      const auto n = static_cast<std::size_t>(size_ / 2);
+      slopes_.evaluate_forces();
+      kernels_.gather(n, static_cast<int>(m_), f_.row(size_ / 2).data(), square_first_.data(), square_second_.data(), h,
+                      carried_.data(), carried_rest_.data(), slopes_.momenta().data());
+      slopes_.evaluate_linear_velocities();
+      return kernels_.mend(n, slopes_.velocities().data(), h, floor_.data(), z_.value().data(), z_.low().data(),
+                           Y_.data(), next_.data(), Z_.data());
+    }
     if (by_halves()) {
       const Index n = size_ / 2;
       place_stages(0, n);
       slopes_.evaluate_forces();
-      collocate(n, n, h, Y_);
-      place_stages(n, n);
+      find_momenta(h);
       slopes_.evaluate_velocities();
       return correct(n);
     }
@@ -433,6 +484,9 @@ private:
     const auto collected = [&](Index r, Index i) {
       return std::abs(h) * tableau_.a.row(i).cwiseAbs().dot(bounds_.row(r).head(m_));
     };
+    if (at_once()) {
+      find_momenta(h);
+    }
     bound_slopes([](Index, Index) { return 0.0; });
     if (by_halves()) {  // stages of p have the rounding of the slopes that they were made of
       bound_slopes([&](Index r, Index i) { return r < size_ / 2 ? 0.0 : collected(r, i); });
@@ -544,9 +598,12 @@ private:
   Rows trial_f_;                           ///< J∇H at the stages of the first
   std::size_t known_ = 0, replaced_ = 0;
   Rows next_, correction_, bounds_,
-      next_bounds_;               ///< what the stages leave of their equations, Newton's correction, and rounding
-  Rows first_, second_;           ///< A in two parts: rows of the weights of f_j
-  Rows end_table_, trial_table_;  ///< weights of continuations, which are so many times as long
+      next_bounds_;                    ///< what the stages leave of their equations, Newton's correction, and rounding
+  Rows first_, second_;                ///< A in two parts: rows of the weights of f_j
+  Rows square_first_, square_second_;  ///< A² in two parts, likewise
+  VectorXd node_short_, node_rest_;    ///< c in two parts
+  Rows carried_, carried_rest_;        ///< c_i p in two parts
+  Rows end_table_, trial_table_;       ///< weights of continuations, which are so many times as long
   double end_ratio_ = 0.0, trial_ratio_ = 0.0;
   std::array<long double, GaussTableau::most_stages> b_{};
   VectorXd of_stages_;  ///< A⁻ᵀb: δ = Σ (A⁻ᵀb)_i Y_i

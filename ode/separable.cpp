@@ -93,8 +93,18 @@ Separation separate(const Hamiltonian& hamiltonian) {
 }
 
 bool is_quadratic(Expression T, std::span<const Expression> momenta) {
+  std::unordered_map<std::size_t, Expression> by_number;
+  for (const Expression p : momenta) {
+    by_number.emplace(formula::variables_of(p).front(), p);
+  }
   for (const Expression slope : formula::gradient(T, momenta)) {
-    for (const Expression second : formula::gradient(slope, momenta)) {
+    std::vector<Expression> present;  // momenta in the slope: all others have no second derivative
+    for (const std::size_t number : formula::variables_of(slope)) {
+      if (const auto p = by_number.find(number); p != by_number.end()) {
+        present.push_back(p->second);
+      }
+    }
+    for (const Expression second : formula::gradient(slope, present)) {
       if (!formula::variables_of(second).empty()) {
         return false;
       }

@@ -15,10 +15,18 @@ struct Kernels {
   /// of tables, one for each of `stages` stages. No second sum where `second` is null.
   void (*combine)(std::size_t rows, int stages, const double* from, const double* first, const double* second,
                   double factor, double* to);
-  /// A correction of Y by fixed-point iteration: the same sums less Y into `correction`, which is then added to Y.
+  /// A correction of Y by fixed-point iteration: the same sums less Y into `correction`, and the sums into Y.
   /// \return relative_size() of it beside Y as it was
   double (*correct)(std::size_t rows, int stages, const double* from, const double* first, const double* second,
                     double factor, const double* floor, double* Y, double* correction);
+  /// to_r = base_r + (rest_r + factor (Σ_j from_rj first_j + Σ_j from_rj second_j)): the same sums added to rows that
+  /// are told in two parts.
+  void (*gather)(std::size_t rows, int stages, const double* from, const double* first, const double* second,
+                 double factor, const double* base, const double* rest, double* to);
+  /// Y_r becomes factor from_r, by what `correction` tells then; to_r are the stages high_r + (low_r + Y_r). \return
+  /// relative_size() of the correction beside Y as it was
+  double (*mend)(std::size_t rows, const double* from, double factor, const double* floor, const double* high,
+                 const double* low, double* Y, double* correction, double* to);
   /// to_r = high_r + (low_r + Y_r): the stages, of a state in two parts.
   void (*place)(std::size_t rows, const double* high, const double* low, const double* Y, double* to);
   /// The largest over the rows of |correction_r| / max(|Y_r|, |correction_r|, floor_r), in each the largest over its

@@ -31,7 +31,7 @@ struct StageRows {
   static constexpr int lanes = native < width ? native : width;
   static constexpr int parts = width / lanes;
   /// Rows that are summed at a time, so that sums do not wait for each other and stay in registers.
-  static constexpr std::size_t block = parts == 1 ? 4 : parts == 2 ? 2 : 1;
+  static constexpr std::size_t block = lanes == 8 ? 4 : parts == 1 ? 2 : 1;
   using V = typename Vector<lanes>::V;
 
   static V load(const double* from) {
@@ -60,27 +60,37 @@ struct StageRows {
     }
   }
 
-  /// The sums of `count` rows, each handed to done(row, part, sum).
+  /// The sums of `count` rows, each handed to done(row, part, sum): those over even and odd stages added, so that half
+  /// as many wait for each other.
   template <std::size_t count, bool two, typename Done>
   static void sum_some(int stages, const double* from, const double* first, const double* second, double factor,
                        const Done& done) {
-    V a[count][parts] = {}, b[count][parts] = {};
-    for (int j = 0; j < stages; ++j) {
+    V a[count][parts][2] = {}, b[count][parts][2] = {};
+    const auto add = [&](int j, int half) {
       for (int p = 0; p < parts; ++p) {
         const V weight = load(first + j * width + p * lanes);
         const V rest = two ? load(second + j * width + p * lanes) : weight;
         for (std::size_t r = 0; r < count; ++r) {
           const double value = from[r * width + static_cast<std::size_t>(j)];
-          a[r][p] += value * weight;
+          a[r][p][half] += value * weight;
           if constexpr (two) {
-            b[r][p] += value * rest;
+            b[r][p][half] += value * rest;
           }
         }
       }
+    };
+    int j = 0;
+    for (; j + 2 <= stages; j += 2) {
+      add(j, 0);
+      add(j + 1, 1);
+    }
+    if (j < stages) {
+      add(j, 0);
     }
     for (std::size_t r = 0; r < count; ++r) {
       for (int p = 0; p < parts; ++p) {
-        done(r, p, factor * (two ? a[r][p] + b[r][p] : a[r][p]));
+        const V sum = a[r][p][0] + a[r][p][1];
+        done(r, p, factor * (two ? sum + (b[r][p][0] + b[r][p][1]) : sum));
       }
     }
   }
@@ -122,13 +132,41 @@ struct StageRows {
         const std::size_t place = (r + row) * width + at(p);
         const V y = load(Y + place), c = sum - y;
         store(correction + place, c);
-        store(Y + place, y + c);
+        store(Y + place, sum);
         relative.take(y, c, size[row], scale[row]);
       });
       for (std::size_t row = 0; row < count; ++row) {
         relative.close(size[row], scale[row], floor[r + row]);
       }
     });
+    return relative.result();
+  }
+
+  static void gather(std::size_t rows, int stages, const double* from, const double* first, const double* second,
+                     double factor, const double* base, const double* rest, double* to) {
+    for_rows(rows, [&]<std::size_t count>(Count<count>, std::size_t r) {
+      sum_some<count, true>(stages, from + r * width, first, second, factor, [&](std::size_t row, int p, V sum) {
+        const std::size_t place = (r + row) * width + at(p);
+        store(to + place, load(base + place) + (load(rest + place) + sum));
+      });
+    });
+  }
+
+  static double mend(std::size_t rows, const double* from, double factor, const double* floor, const double* high,
+                     const double* low, double* Y, double* correction, double* to) {
+    RelativeSize relative;
+    for (std::size_t r = 0; r < rows; ++r) {
+      V size = {}, scale = {};
+      for (int p = 0; p < parts; ++p) {
+        const std::size_t place = r * width + at(p);
+        const V y = load(Y + place), mended = factor * load(from + place), c = mended - y;
+        store(correction + place, c);
+        store(Y + place, mended);
+        store(to + place, high[r] + (low[r] + mended));
+        relative.take(y, c, size, scale);
+      }
+      relative.close(size, scale, floor[r]);
+    }
     return relative.result();
   }
 
@@ -177,7 +215,7 @@ struct StageRows {
     return relative.result();
   }
 
-  static Kernels all() { return {width, combine, correct, place, relative_size}; }
+  static Kernels all() { return {width, combine, correct, gather, mend, place, relative_size}; }
 };
 
 template <int native>

@@ -25,11 +25,24 @@ public:
   /// Whether H is T(p) + V(q), and the halves can be asked for.
   [[nodiscard]] bool has_halves() const { return halves_.has_value(); }
 
-  void evaluate() { evaluate_and_turn(whole_); }
+  /// Whether T is a quadratic form: then ∇T of a sum of momenta is the sum of velocities.
+  [[nodiscard]] bool has_linear_velocities() const { return linear_.has_value(); }
+
+  void evaluate();
   /// The rows of p', from those of q; and the rows of q', from those of p.
   ///@{
-  void evaluate_forces() { evaluate_and_turn(halves_->V); }
-  void evaluate_velocities() { evaluate_and_turn(halves_->T); }
+  void evaluate_forces() { halves_->V.run(); }
+  void evaluate_velocities() { halves_->T.run(); }
+  ///@}
+  /// ∇T of momenta(), n rows, as velocities(), where it is linear.
+  ///@{
+  Rows& momenta() { return linear_->p; }
+  void evaluate_linear_velocities() {
+    if (!linear_->same) {
+      linear_->evaluate.run();
+    }
+  }
+  [[nodiscard]] const Rows& velocities() const { return linear_->same ? linear_->p : linear_->v; }
   ///@}
   /// H at a stage, by what was evaluated last of all its parts.
   [[nodiscard]] double energy(Eigen::Index stage, bool by_halves) const {
@@ -39,21 +52,21 @@ public:
   [[nodiscard]] std::size_t instructions() const;
 
 private:
-  struct Part {
-    formula::BatchEvaluator evaluate;
-    std::vector<const double*> in;
-    std::vector<double*> out;
-  };
   struct Halves {
-    Part T, V;
+    formula::BatchEvaluator T, V;  ///< with ∇T and -∇V
   };
-  void evaluate_and_turn(Part& part);
+  struct Linear {
+    Rows p, v;
+    formula::BatchEvaluator evaluate;
+    bool same = false;  ///< ∇T = p
+  };
 
   const Rows& Z_;
   Rows& f_;
   Rows energies_;  ///< of H, T and V
-  Part whole_;
+  formula::BatchEvaluator whole_;
   std::optional<Halves> halves_;
+  std::optional<Linear> linear_;
 };
 
 }  // namespace rubato

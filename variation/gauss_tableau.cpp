@@ -145,6 +145,25 @@ GaussTableau::GaussTableau(int count) : stages(count) {
   }
 }
 
+GaussTableau::Square GaussTableau::square() const {
+  const auto whole = [&](int i, int j) { return static_cast<Real>(a_short(i, j)) + static_cast<Real>(a_rest(i, j)); };
+  Square result{Eigen::MatrixXd(stages, stages), Eigen::MatrixXd(stages, stages), Eigen::VectorXd(stages),
+                Eigen::VectorXd(stages)};
+  for (int i = 0; i < stages; ++i) {
+    Real node = 0.0L;
+    for (int j = 0; j < stages; ++j) {
+      Real sum = 0.0L;
+      for (int k = 0; k < stages; ++k) {
+        sum += whole(i, k) * whole(k, j);
+      }
+      split(sum, result.a_short(i, j), result.a_rest(i, j));
+      node += whole(i, j);  // as it is in A, so that A² and c belong to the same method
+    }
+    split(node, result.c_short[i], result.c_rest[i]);
+  }
+  return result;
+}
+
 std::vector<std::complex<double>> GaussTableau::inverse_eigenvalues() const {
   using Complex = std::complex<Real>;
   const int m = stages;

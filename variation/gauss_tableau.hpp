@@ -50,6 +50,13 @@ struct GaussTableau {
   };
   [[nodiscard]] Inverse inverse() const;
 
+  /// A² and c, in two parts as above: of q'' = f(q), Q_i = q + c_i h q' + h² Σ (A²)_ij f(Q_j).
+  struct Square {
+    Eigen::MatrixXd a_short, a_rest;
+    Eigen::VectorXd c_short, c_rest;
+  };
+  [[nodiscard]] Square square() const;
+
   [[nodiscard]] double lagrange(int j, double x) const;  ///< ℓ_j(x)
 };
 

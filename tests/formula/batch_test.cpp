@@ -291,6 +291,59 @@ TEST_CASE("a point's result does not depend on its place, its neighbours or the 
   CHECK_FALSE(same_bits({not_a_number}, {1.0}));
 }
 
+TEST_CASE("at places that stay points are evaluated as anywhere, and again when these have changed") {
+  Graph graph;
+  const Expression x = graph.variable("x"), y = graph.variable("y");
+  const std::vector<Expression> arithmetic = {x * y + 1.0, y, x / y - x, constant_like(x, 3.0), x * y + 1.0},
+                                functions = {sin(x) * y, x, exp(y) - x, sin(x) * y, x * x}, none = {y, x};
+  const std::array variables{x, y};
+  for (const auto& formulas : {arithmetic, functions, none}) {
+    const Bytecode code(formulas, variables);
+    for (const Engine engine : {Engine::automatic, Engine::interpreter}) {
+      for (const std::size_t points : {1UL, 2UL, 3UL, 4UL, 8UL, 12UL, 16UL, 256UL}) {
+        std::vector<Column> inputs(2, Column(points)), outputs(formulas.size(), Column(points)), expected = outputs;
+        std::vector<const double*> in;
+        std::vector<double*> out, other;
+        for (std::size_t j = 0; j < formulas.size(); ++j) {
+          out.push_back(outputs[j].data());
+          other.push_back(expected[j].data());
+        }
+        for (const Column& column : inputs) {
+          in.push_back(column.data());
+        }
+        BatchEvaluator bound(code, engine), free(code, engine);
+        bound.bind(points, in, out);
+        for (int turn = 0; turn < 4; ++turn) {
+          INFO(points << " points, turn " << turn);
+          for (std::size_t i = 0; i < points; ++i) {
+            inputs[0][i] = 0.3 + static_cast<double>(i) + turn;
+            inputs[1][i] = 1.7 - 0.01 * static_cast<double>(i) * turn;
+          }
+          if (turn == 2) {  // elsewhere in between
+            std::vector<Column> elsewhere(formulas.size(), Column(points));
+            std::vector<double*> there;
+            for (Column& column : elsewhere) {
+              there.push_back(column.data());
+            }
+            bound(points, in, there);
+          }
+          BatchEvaluator copy(bound);
+          (turn == 3 ? copy : bound).run();
+          free(points, in, other);
+          for (std::size_t j = 0; j < formulas.size(); ++j) {
+            CHECK(same_bits(outputs[j], expected[j]));
+          }
+          const Column before = outputs[0];
+          inputs[1][points - 1] += 1.0;  // the twin: what is not evaluated again stays
+          CHECK(same_bits(outputs[0], before));
+          bound.run();
+          CHECK_FALSE(same_bits(outputs[0], before));
+        }
+      }
+    }
+  }
+}
+
 TEST_CASE("threads with an evaluator each get what one thread gets") {
   const Bytecode code = mixed_code();
   const auto points = mixed_points();

@@ -10,6 +10,7 @@
 #include <rubato/ode/gauss_scheme.hpp>
 #include <rubato/ode/stage_kernels.hpp>
 #include <rubato/ode/stage_slopes.hpp>
+#include <rubato/variation/gauss_tableau.hpp>
 
 #include "systems.hpp"
 
@@ -26,11 +27,11 @@ struct PlainKernels {
   std::size_t lanes, stages;
 
   [[nodiscard]] double sum(const Numbers& from, const Numbers& table, std::size_t row, std::size_t place) const {
-    double result = 0.0;
+    double even = 0.0, odd = 0.0;
     for (std::size_t j = 0; j < stages; ++j) {
-      result += from[row * lanes + j] * table[j * lanes + place];
+      (j % 2 == 0 ? even : odd) += from[row * lanes + j] * table[j * lanes + place];
     }
-    return result;
+    return even + odd;
   }
   [[nodiscard]] double relative_size(const Numbers& Y, const Numbers& correction, const Numbers& floor) const {
     double result = 0.0;
@@ -78,6 +79,11 @@ TEST_CASE("kernels over stages do what their loops say, bit for bit, by every in
         kernels.place(rows, high.data(), low.data(), Y.data(), placed.data());
         const double size = kernels.correct(rows, m, from.data(), first.data(), second.data(), h, floor.data(),
                                             mended.data(), correction.data());
+        const Numbers base = numbers(rows * lanes), rest = numbers(rows * lanes);
+        Numbers gathered = one, moved_to = Y, moved_by = one, there = one;
+        kernels.gather(rows, m, from.data(), first.data(), second.data(), h, base.data(), rest.data(), gathered.data());
+        const double by = kernels.mend(rows, from.data(), h, floor.data(), high.data(), low.data(), moved_to.data(),
+                                       moved_by.data(), there.data());
         std::size_t wrong = 0, moved = 0;
         for (std::size_t i = 0; i < rows * lanes; ++i) {
           const std::size_t r = i / lanes, place = i % lanes;
@@ -86,13 +92,22 @@ TEST_CASE("kernels over stages do what their loops say, bit for bit, by every in
           wrong += two[i] != h * (a + b);
           wrong += placed[i] != high[r] + (low[r] + Y[i]);
           wrong += correction[i] != h * (a + b) - Y[i];
-          wrong += mended[i] != Y[i] + correction[i];
+          wrong += mended[i] != h * (a + b);
+          wrong += gathered[i] != base[i] + (rest[i] + h * (a + b));
+          wrong += moved_to[i] != h * from[i];
+          wrong += moved_by[i] != h * from[i] - Y[i];
+          wrong += there[i] != high[r] + (low[r] + h * from[i]);
           moved += two[i] != h * a;  // the twin: the second table counts
         }
         CHECK(wrong == 0);
         CHECK(moved == rows * lanes);
         CHECK(size == plain.relative_size(Y, correction, floor));
         CHECK(kernels.relative_size(rows, Y.data(), correction.data(), floor.data()) == size);
+        CHECK(by == plain.relative_size(Y, moved_by, floor));
+        Numbers gone = from;
+        gone.back() = std::numeric_limits<double>::quiet_NaN();
+        CHECK(std::isnan(kernels.mend(rows, gone.data(), h, floor.data(), high.data(), low.data(), moved_to.data(),
+                                      moved_by.data(), there.data())));
         for (const std::size_t place : {std::size_t{0}, rows * lanes - 1}) {
           Numbers undefined = correction;
           undefined[place] = std::numeric_limits<double>::quiet_NaN();
@@ -131,11 +146,45 @@ TEST_CASE("slopes at the stages are the same of H as a whole and by halves") {
   CHECK_FALSE(StageSlopes(systems::non_separable().hamiltonian, z, g).has_halves());
 }
 
+TEST_CASE("velocities are told of sums of momenta where T is a quadratic form, and of no others") {
+  const auto linear = [](const char* T) {
+    const Hamiltonian H({"a", "b"}, {"u", "v"}, std::string(T) + " + cos(a*b)");
+    StageSlopes::Rows Z = StageSlopes::Rows::Random(4, 4), f = StageSlopes::Rows::Zero(4, 4);
+    StageSlopes slopes(H, Z, f);
+    if (!slopes.has_linear_velocities()) {
+      return false;
+    }
+    // Told apart: each velocity is that of the stage where its momenta are those.
+    slopes.momenta() = Z.bottomRows(2);
+    slopes.evaluate_linear_velocities();
+    slopes.evaluate_velocities();
+    CHECK((slopes.velocities() - f.topRows(2)).cwiseAbs().maxCoeff() == 0.0);
+    CHECK(slopes.velocities().cwiseAbs().minCoeff() > 0.0);
+    return true;
+  };
+  CHECK(linear("(u^2 + v^2)/2"));
+  CHECK(linear("u^2/6 + v^2"));
+  CHECK(linear("u^2/2 + u*v/3 + v^2"));
+  CHECK_FALSE(linear("(u^2 + v^2)/2 + u"));
+  CHECK_FALSE(linear("sqrt(1 + u^2 + v^2)"));
+  CHECK_FALSE(linear("u^2/2 + v^4"));
+  for (const int stages : {1, 3, 8}) {
+    const rubato::GaussTableau tableau(stages);
+    const auto square = tableau.square();
+    CHECK((square.a_short + square.a_rest - tableau.a * tableau.a).cwiseAbs().maxCoeff() < 4e-16);
+    CHECK((square.c_short + square.c_rest - tableau.c).cwiseAbs().maxCoeff() < 4e-16);
+    CHECK(square.a_rest.cwiseAbs().maxCoeff() <= 0x1p-13);  // of 12 bits after the point
+  }
+}
+
 TEST_CASE("Gauss collocation by halves leads where it leads without, in fewer sweeps") {
   // The same H, once so written that its terms mix q and p.
   const Hamiltonian plain({"q"}, {"p"}, "p^2/2 - cos(q) + q^4/5"),
       mixed({"q"}, {"p"}, "p*(p + q)/2 - p*q/2 - cos(q) + q^4/5"),
       other({"q"}, {"p"}, "p*(p + q)/2 - p*q/2.0000000001 - cos(q) + q^4/5");
+  // And with a T that is no quadratic form.
+  const Hamiltonian relativistic({"q"}, {"p"}, "2*sqrt(4 + p^2) - cos(q) + q^4/5"),
+      relativistic_mixed({"q"}, {"p"}, "2*sqrt(4 + p^2) + p*(p + q)/2 - p*q/2 - p^2/2 - cos(q) + q^4/5");
   const double start[] = {0.3, 1.7};
   for (const int stages : {1, 2, 3, 5, 8}) {
     const auto end = [&](const Hamiltonian& H, int& sweeps) {
@@ -153,6 +202,8 @@ TEST_CASE("Gauss collocation by halves leads where it leads without, in fewer sw
     // Rounding of 200 steps, ε each at most, grown by what the orbit stretches in 50 time units, less than 100 times.
     CHECK((halves - end(mixed, whole)).norm() < 4e-12);
     CHECK((halves - end(other, unused)).norm() > 4e-12);
+    CHECK((end(relativistic, unused) - end(relativistic_mixed, unused)).norm() < 4e-12);
+    CHECK((end(relativistic, unused) - halves).norm() > 1e-3);
     CHECK(by_halves < 0.8 * whole);
   }
 }
