@@ -6,9 +6,12 @@ namespace {
 
 constexpr std::size_t half = EnergyProfile::count / 2;
 
-/// [j][k]: of y^k in Lagrange's polynomial that is 1 at y_j = x_j² and 0 at the others.
-constexpr auto lagrange = [] {
-  std::array<std::array<double, half>, half> all{};
+/// [j][k]: of y^k in Lagrange's polynomial that is 1 at y_j = x_j² and 0 at the others, halved; and divided by x_j.
+struct Weights {
+  std::array<std::array<double, half>, half> even{}, odd{};
+};
+constexpr Weights weights = [] {
+  Weights all;
   for (std::size_t j = 0; j < half; ++j) {
     const auto square = [](std::size_t i) { return EnergyProfile::places[i] * EnergyProfile::places[i]; };
     std::array<double, half> product{1.0};
@@ -23,7 +26,8 @@ constexpr auto lagrange = [] {
       scale *= square(j) - square(i);
     }
     for (std::size_t k = 0; k < half; ++k) {
-      all[j][k] = product[k] / scale;
+      all.even[j][k] = 0.5 * product[k] / scale;
+      all.odd[j][k] = all.even[j][k] / EnergyProfile::places[j];
     }
   }
   return all;
@@ -33,11 +37,10 @@ constexpr auto lagrange = [] {
 
 EnergyProfile::EnergyProfile(std::span<const double, count> values) {
   for (std::size_t j = 0; j < half; ++j) {
-    const double mean = 0.5 * (values[j] + values[half + j]);
-    const double slope = 0.5 * (values[j] - values[half + j]) / places[j];
+    const double sum = values[j] + values[half + j], difference = values[j] - values[half + j];
     for (std::size_t k = 0; k < half; ++k) {
-      even_[k] += lagrange[j][k] * mean;
-      odd_[k] += lagrange[j][k] * slope;
+      even_[k] += weights.even[j][k] * sum;
+      odd_[k] += weights.odd[j][k] * difference;
     }
   }
 }

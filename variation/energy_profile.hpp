@@ -27,6 +27,7 @@ public:
     double value = 0.0, slope = 0.0, bend = 0.0;  ///< with the first two derivatives by x
   };
   [[nodiscard]] Point at(double x) const;
+  [[nodiscard]] Point middle() const { return {.value = even_[0], .slope = odd_[0], .bend = 2.0 * even_[1]}; }
 
 private:
   static constexpr std::size_t half = count / 2;

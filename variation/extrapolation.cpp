@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <type_traits>
 
 #include <rubato/variation/tuning.hpp>
 
@@ -31,20 +32,33 @@ void Extrapolation::add(double ahead, double value) {
   foreseen_count_ = 0;
   best_ = static_cast<std::size_t>(std::ranges::min_element(errors_) - errors_.begin());
   known_ = std::min(known_ + 1, most);
+  if (known_ == most) {
+    take_in(std::integral_constant<std::size_t, most>(), ahead, value);
+  } else {
+    take_in(known_, ahead, value);
+  }
+}
+
+/// The value becomes the newest of `count`, which the compiler may know.
+template <typename Count>
+void Extrapolation::take_in(Count count, double ahead, double value) {
+  const std::size_t known = count;
   // Of the values before, and quotients that do not wait for each other.
   std::array<double, most> inverse{};
-  for (std::size_t j = known_ - 1; j > 0; --j) {
+  for (std::size_t j = known - 1; j > 0; --j) {
     distances_[j] = distances_[j - 1] + ahead;
+  }
+  for (std::size_t j = 1; j < known; ++j) {
     inverse[j] = 1.0 / distances_[j];
   }
   // f[0, …, j+1] = (f[0, …, j] - f[1, …, j+1])/(t_0 - t_{j+1})
   double newer = value;
-  for (std::size_t j = 0; j + 1 < known_; ++j) {
+  for (std::size_t j = 0; j + 1 < known; ++j) {
     const double older = differences_[j];
     differences_[j] = newer;
     newer = (newer - older) * inverse[j + 1];
   }
-  differences_[known_ - 1] = newer;
+  differences_[known - 1] = newer;
 }
 
 void Extrapolation::save(StateWriter& state) const {

@@ -31,6 +31,9 @@ private:
   static constexpr double never = std::numeric_limits<double>::infinity();
   static constexpr std::array<double, most> nothing_foreseen{never, never, never, never, never, never};
 
+  template <typename Count>
+  void take_in(Count count, double ahead, double value);
+
   std::size_t known_ = 0, foreseen_count_ = 0, best_ = 0;
   std::array<double, most> distances_{};    ///< of the values before the newest one from it, backward
   std::array<double, most> differences_{};  ///< divided, of the newest 1, 2, … values

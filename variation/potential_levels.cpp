@@ -24,6 +24,12 @@ double move_to_root(double miss, double rate, double curvature) {
   return -2.0 * miss / (rate * (1.0 + (bend > 0.25 ? std::sqrt(bend) : 1.0)));
 }
 
+/// The same by P. L. Chebyshev's iteration, of third order, without a root.
+double profile_move(double miss, double rate, double curvature) {
+  const double inverse = 1.0 / rate, newton = -miss * inverse;
+  return newton * (1.0 - std::clamp(newton * curvature * inverse, -0.5, 0.5));
+}
+
 }  // namespace
 
 void TimeLevels::choose_potential() {
@@ -32,7 +38,7 @@ void TimeLevels::choose_potential() {
     return;
   }
   if (choice.kind == StepPotentialChoice::Kind::stated) {
-    potential_ = choice.potential;
+    set_potential(choice.potential);
     return;
   }
   const bool given = choice.kind == StepPotentialChoice::Kind::given;
@@ -42,12 +48,12 @@ void TimeLevels::choose_potential() {
     return;  // the first step will tell why
   }
   if (given) {
-    potential_ = make_step_potential(scouting, choice.kappa, choice.exponent);
+    set_potential(make_step_potential(scouting, choice.kappa, choice.exponent));
   } else if (short_run) {
-    potential_ = nearly_equal_steps(scouting, choice.largest_step);
+    set_potential(nearly_equal_steps(scouting, choice.largest_step));
   } else {
     const PricedPotential chosen = choose_priced_potential(scouting, choice.largest_step);
-    potential_ = chosen.potential;
+    set_potential(chosen.potential);
     potential_price_ = chosen.price_in_steps;
   }
 }
@@ -86,7 +92,13 @@ std::optional<TimeLevels::Root> TimeLevels::root_abreast(double foreseen) {
     const EnergyProfile profile(misses);
     // f' at the middle times (1 + part x)^p.
     const double p = potential_.exponent, energy = direction_ * potential_.energy(middle);
-    double x = 0.0;
+    // The first move is from the middle, where there is little to evaluate.
+    const EnergyProfile::Point here = profile.middle();
+    double x = profile_move(here.value + energy, here.slope + p * part * energy,
+                            0.5 * (here.bend + p * (p - 1.0) * part * part * energy));
+    if (!(here.slope + p * part * energy > 0.0) || !(std::abs(x) < farthest_abreast)) {
+      x = 0.0;
+    }
     for (int iteration = 0; iteration < most_iterations_abreast; ++iteration) {
       const double ratio = 1.0 + part * x;
       const EnergyProfile::Point K = profile.at(x);
@@ -97,8 +109,7 @@ std::optional<TimeLevels::Root> TimeLevels::root_abreast(double foreseen) {
       if (!(rate > 0.0)) {
         return std::nullopt;
       }
-      const double inverse = 1.0 / rate, newton = -miss * inverse;
-      const double move = newton * (1.0 - std::clamp(newton * curvature * inverse, -0.5, 0.5));  // P. L. Chebyshev
+      const double move = profile_move(miss, rate, curvature);
       x += move;
       if (!(std::abs(x) < farthest_abreast)) {
         x = std::copysign(farthest_abreast, x);
@@ -144,9 +155,9 @@ Status TimeLevels::solve_with_potential(double guess) {
       continue;
     }
     const double h = side * length;
-    const double miss = direction_ * (scheme_.discrete_energy() + potential_.energy(h) - energy_);
+    const double miss = direction_ * (scheme_.discrete_energy() + potential_at(h).energy - energy_);
     const double scheme_slope = direction_ * side * scheme_.discrete_energy_slope();
-    const double potential_slope = direction_ * side * potential_.slope(h);
+    const double potential_slope = direction_ * side * potential_at(h).slope;
     const double slope = scheme_slope + potential_slope;
     if (!std::isfinite(miss) || !std::isfinite(slope)) {
       return Status::undefined;

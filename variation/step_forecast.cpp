@@ -11,9 +11,12 @@ namespace rubato {
 
 using namespace tuning;
 
-/// Newton's iteration from `guess`; infinite where it ends nowhere near.
+/// Newton's iteration from `guess`, to a small part of what c leaves uncertain; infinite where it ends nowhere near.
 double StepForecast::by_law(double c, double guess, double remaining, const StepPotential& potential, int order) const {
   double length = guess;
+  // After a change the next is about p/2 of its square.
+  const double uncertain = law_scale_ * coefficients_.error() / (0.5 * potential.exponent * guess);
+  const double last_change = std::max(forecast_accuracy, std::min(small_uncertainty * uncertain, coarse_forecast));
   for (int iteration = 0; iteration < most_forecast_iterations; ++iteration) {
     const double power = power_of(length, order - 1);
     const double energy = potential.energy(length);
@@ -23,7 +26,7 @@ double StepForecast::by_law(double c, double guess, double remaining, const Step
       break;
     }
     length += change;
-    if (change * change < forecast_accuracy * guess * guess) {  // the next would be about that
+    if (change * change < last_change * guess * guess) {
       return length < guess * largest_foresight && length > guess / largest_foresight ? length : infinity;
     }
   }
@@ -41,11 +44,11 @@ double StepForecast::length(double last, double remaining, const StepPotential& 
   return std::isfinite(length) ? length : by_length;
 }
 
-void StepForecast::add(double h, double remaining, double slope, const StepPotential& potential, int order) {
+void StepForecast::add(double h, double remaining, double slope, double potential, int order) {
   const double length = std::abs(h);
   const double power = power_of(length, order);
   lengths_.add(last_, length);
-  coefficients_.add(last_, (remaining - potential.energy(h)) / power);
+  coefficients_.add(last_, (remaining - potential) / power);
   law_scale_ = power / std::abs(slope);
   last_ = length;
 }

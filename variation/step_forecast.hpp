@@ -16,8 +16,8 @@ public:
   /// \param last h of the step before
   /// \param remaining E - H(z_k)
   [[nodiscard]] double length(double last, double remaining, const StepPotential& potential, int order);
-  /// A step that met the law, and the slope of E_k there, f'' included.
-  void add(double h, double remaining, double slope, const StepPotential& potential, int order);
+  /// A step that met the law, the slope of E_k there, f'' included, and f'.
+  void add(double h, double remaining, double slope, double potential, int order);
   void restart() { *this = {}; }
   [[nodiscard]] bool empty() const { return lengths_.empty(); }
 

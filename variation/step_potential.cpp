@@ -67,14 +67,13 @@ double StepPotential::energy(double h) const {
 }
 
 /// Of |h|/length, raised to p; of p - 1 products, or of pow(), good to two units in the last place; and of the product.
-double StepPotential::rounding(double h) const {
-  return 0.5 * epsilon * (exponent + std::max(exponent - 1.0, 2.0) + 1.0) * std::abs(energy(h));
+double StepPotential::rounding_of(double energy) const {
+  return 0.5 * epsilon * (exponent + std::max(exponent - 1.0, 2.0) + 1.0) * std::abs(energy);
 }
 
-double StepPotential::slope(double h) const {
-  return strength == 0.0 ? 0.0
-                         : std::copysign(strength * exponent / length * power_of(std::abs(h) / length, exponent - 1.0),
-                                         strength * h);
+StepPotential::Part StepPotential::at(double h) const {
+  const double there = energy(h);
+  return {.energy = there, .slope = there == 0.0 ? 0.0 : exponent * there / h};
 }
 
 void StepPotential::save(StateWriter& state) const {

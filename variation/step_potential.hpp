@@ -21,10 +21,15 @@ struct StepPotential {
   [[nodiscard]] bool active() const { return strength != 0.0; }
   /// f'(h), what it adds to the discrete energy, an even function of h.
   [[nodiscard]] double energy(double h) const;
-  /// A bound of what rounding makes of f'(h).
-  [[nodiscard]] double rounding(double h) const;
-  /// f''(h).
-  [[nodiscard]] double slope(double h) const;
+  /// f''(h) = p f'(h)/h; 0 at h = 0, where a step is none.
+  [[nodiscard]] double slope(double h) const { return at(h).slope; }
+  /// Both, for one power.
+  struct Part {
+    double energy = 0.0, slope = 0.0;
+  };
+  [[nodiscard]] Part at(double h) const;
+  /// A bound of what rounding makes of f'(h), which is `energy`.
+  [[nodiscard]] double rounding_of(double energy) const;
 
   void save(StateWriter& state) const;
   void restore(StateReader& state);

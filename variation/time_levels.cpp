@@ -73,8 +73,8 @@ void TimeLevels::measure(double h) {
     energy_scale_ = std::max(energy_scale_, size.terms);
     rounding_ = size.rounding;
     if (potential_.active()) {
-      const double potential = potential_.energy(h);
-      rounding_ += potential_.rounding(h) + 0.5 * epsilon * std::abs(scheme_.discrete_energy() + potential);
+      const double potential = potential_at(h).energy;
+      rounding_ += potential_.rounding_of(potential) + 0.5 * epsilon * std::abs(scheme_.discrete_energy() + potential);
     }
   }
 }
@@ -87,11 +87,11 @@ StepReport TimeLevels::report(Status status, double h) {
   result.target = scheme_.energy_target().value_or(energy_);
   if (status == Status::success) {
     measure(h);
-    result.potential = potential_.energy(h);
+    result.potential = potential_at(h).energy;
     result.energy = scheme_.discrete_energy() + result.potential;
     result.slope = options_.levels == Levels::fixed && !scheme_.has_node_law()
                        ? std::numeric_limits<double>::quiet_NaN()
-                       : scheme_.discrete_energy_slope() + potential_.slope(h);
+                       : scheme_.discrete_energy_slope() + potential_at(h).slope;
     result.condition = options_.levels == Levels::fixed ? std::numeric_limits<double>::quiet_NaN()
                                                         : rounding_ / std::abs(h * result.slope);
   }
@@ -121,7 +121,7 @@ double TimeLevels::allowed_miss(const StepReport& step) const {
 double TimeLevels::gamma_of(const StepReport& step) const {
   const double s = scheme_.order();
   const double power = power_of(step.h, scheme_.order() - 1);
-  return -24.0 * (step.slope - potential_.slope(step.h)) / (s * (s + 1.0) * power);
+  return -24.0 * (step.slope - potential_at(step.h).slope) / (s * (s + 1.0) * power);
 }
 
 void TimeLevels::add_evidence(StepReport& failed) {
@@ -260,7 +260,7 @@ void TimeLevels::set_energy(const StepReport& result) {
 
 void TimeLevels::take_ordinary(StepReport& result) {
   if (potential_.active()) {
-    forecast_.add(result.h, energy_ - scheme_.node().energy, result.slope, potential_, scheme_.order());
+    forecast_.add(result.h, energy_ - scheme_.node().energy, result.slope, result.potential, scheme_.order());
   } else {
     remember(result.h, result.slope);
   }
@@ -357,7 +357,9 @@ void TimeLevels::save(StateWriter& state) const {
 }
 
 void TimeLevels::restore(StateReader& state) {
-  potential_.restore(state);
+  StepPotential potential;
+  potential.restore(state);
+  set_potential(potential);
   forecast_.restore(state);
   slope_ratios_.restore(state);
   state.read(since_ratio_);

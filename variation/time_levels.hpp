@@ -211,7 +211,22 @@ private:
   CompensatedSum time_;
   std::size_t steps_ = 0;
 
-  StepPotential potential_;
+  /// f' and f'' at a length, of which one step asks several times.
+  [[nodiscard]] const StepPotential::Part& potential_at(double h) const {
+    if (h != potential_length_) {
+      potential_part_ = potential_.at(h);
+      potential_length_ = h;
+    }
+    return potential_part_;
+  }
+  void set_potential(const StepPotential& potential) {
+    potential_ = potential;
+    potential_length_ = std::numeric_limits<double>::quiet_NaN();
+  }
+
+  StepPotential potential_;  ///< by set_potential()
+  mutable StepPotential::Part potential_part_;
+  mutable double potential_length_ = std::numeric_limits<double>::quiet_NaN();  ///< where that is
   std::optional<double> potential_price_;
   StepForecast forecast_;       ///< with a step potential
   Extrapolation slope_ratios_;  ///< dE/dh by differences over the scheme's, of steps that told it

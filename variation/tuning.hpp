@@ -48,6 +48,8 @@ inline constexpr double memory = 0.5;
 inline constexpr double largest_foresight = 1.25;
 inline constexpr int most_forecast_iterations = 8;
 inline constexpr double forecast_accuracy = 1e-10;
+/// A forecast is solved to this part of what it is off by itself, or at least so well.
+inline constexpr double small_uncertainty = 0.03, coarse_forecast = 1e-4;
 
 // The first step by a tolerance (first_step.cpp)
 

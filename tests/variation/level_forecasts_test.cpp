@@ -67,7 +67,8 @@ LevelForecast plain_forecast(const Scouting& scouting, const ForecastJob& job, d
     for (int iteration = 0; iteration < 20 && !solved; ++iteration) {
       const double power = power_of(h, s - 1);
       const double miss = (s + 1.0) * power * h * here + potential.energy(h) - defect;
-      const double slope = s * (s + 1.0) * power * here + potential.slope(h);
+      const double slope = s * (s + 1.0) * power * here + potential.strength * potential.exponent / potential.length *
+                                                              power_of(h / potential.length, potential.exponent - 1.0);
       if (!(slope * side * h > scouting.resolved_slope())) {
         break;
       }
