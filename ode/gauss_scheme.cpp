@@ -136,7 +136,8 @@ public:
     missed_ = last_h_ != 0.0 && near(trial_h_ / last_h_);
     if (missed_) {
       continue_last(trial_h_);
-      miss_ = Y_ - base_;
+      kernels_.subtract(static_cast<std::size_t>(begun()), Y_.data(), base_.data(), miss_.data());
+      miss_.bottomRows(size_ - begun()).setZero();
     }
     take(lost_);
     last_f_ = f_;
@@ -206,6 +207,8 @@ private:
   /// Whether of these T is a quadratic form, M⁻¹ = T_pp, so that stages of p can be left out until those of q are
   /// found: Q_i = q + h M⁻¹(c_i p + h Σ_j (A²)_ij p'_j).
   [[nodiscard]] bool at_once() const { return slopes_.has_linear_velocities() && !newton_; }
+  /// Components whose stages are begun from those of the last step.
+  [[nodiscard]] Index begun() const { return at_once() ? size_ / 2 : size_; }
   /// What mends Y.
   [[nodiscard]] const Rows& mending() const { return newton_ ? correction_ : next_; }
 
@@ -235,12 +238,8 @@ private:
       combine(size_, trial_f_, trial_table_, trials_[0].h, Y_);
       add_gap(h);
     } else if (last_h_ != 0.0 && near(h / last_h_)) {
-      continue_last(h);
-      Y_ = base_;
-      if (missed_) {
-        const double ratio = h / last_h_;
-        Y_ += (ratio == 1.0 ? 1.0 : std::pow(ratio, static_cast<int>(m_) + 1)) * miss_;
-      }
+      const double ratio = h / last_h_;
+      continue_last(h, !missed_ ? 0.0 : ratio == 1.0 ? 1.0 : std::pow(ratio, static_cast<int>(m_) + 1));
     } else {
       start_on_tangent(h);
       return false;
@@ -269,17 +268,29 @@ private:
       trial_ratio_ = ratio;
     }
   }
-  /// The collocation polynomial of the last step, at the stages of one that follows it.
+  /// base_, the collocation polynomial of the last step at the stages of one that follows it.
   void continue_last(double h) {
-    if (h == base_h_) {
+    if (h == base_h_ && base_rows_ >= begun()) {
       return;
     }
+    tabulate_end(h);
+    combine(begun(), last_f_, end_table_, last_h_, base_);
+    base_h_ = h;
+    base_rows_ = begun();
+  }
+  /// And Y_, with so many times what that left of the last step's.
+  void continue_last(double h, double weight) {
+    tabulate_end(h);
+    kernels_.begin(static_cast<std::size_t>(begun()), static_cast<int>(m_), last_f_.data(), end_table_.data(), last_h_,
+                   miss_.data(), weight, base_.data(), Y_.data());
+    base_h_ = h;
+    base_rows_ = begun();
+  }
+  void tabulate_end(double h) {
     if (const double ratio = h / last_h_; ratio != end_ratio_) {  // equal steps have one
       tabulate(from_end_, ratio, end_table_);
       end_ratio_ = ratio;
     }
-    combine(size_, last_f_, end_table_, last_h_, base_);
-    base_h_ = h;
   }
   /// What the polynomial of the first trial leaves of the stages of a step of length h: by Lagrange's interpolation
   /// over the trials, of which the first leaves nothing.
@@ -346,8 +357,8 @@ private:
   [[nodiscard]] Status iterate(double h, double accuracy) {
     if (at_once()) {
       carry_momenta();
-      place_stages(0, size_ / 2);
     }
+    place_stages(0, iterated());
     const Status status = solve(h, accuracy);
     if (status == Status::success && at_once()) {
       find_momenta(h);
@@ -393,17 +404,18 @@ private:
       if (!std::isfinite(size)) {
         return Status::undefined;
       }
+      const double ratio = size / last;
       if (last < 1.0 && size > measurable) {
-        contraction_ = std::max(size / last, residual / last_residual);
+        contraction_ = newton_ ? std::max(ratio, residual / last_residual) : ratio;
       }
       if (size > visible) {
-        rate = size / last;
+        rate = ratio;
       }
       // Of what shrinks most slowly a little is seen at last, at any size.
       const double seen = newton_ ? contraction_ : std::max(contraction_, rate);
       expected = size > visible || newton_ || std::isinf(seen) ? size : seen * expected;
       const double outdated = newton_ ? std::abs(h - factored_h_) / std::abs(h) : 0.0;
-      if (left_after(std::max(seen, outdated)) * expected <= leftover) {
+      if (leaves_at_most(leftover, std::max(seen, outdated), expected)) {
         return Status::success;
       }
       const auto verdict = test.judge(size, residual);
@@ -434,6 +446,10 @@ private:
   [[nodiscard]] double left_after(double contraction) const {
     return by_halves() ? std::sqrt(contraction) : contraction;
   }
+  /// left_after(contraction) size <= leftover, without a root.
+  [[nodiscard]] bool leaves_at_most(double leftover, double contraction, double size) const {
+    return by_halves() ? contraction * (size * size) <= leftover * leftover : contraction * size <= leftover;
+  }
 
   /// What the stages Y_ leave of their equations, as next_, which is added to them unless Newton's correction is to be.
   /// \return its relative size
@@ -441,7 +457,8 @@ private:
     ++iterations_;
     const auto correct = [&](Index rows) {
       return kernels_.correct(static_cast<std::size_t>(rows), static_cast<int>(m_), f_.data(), first_.data(),
-                              second_.data(), h, floor_.data(), Y_.data(), next_.data());
+                              second_.data(), h, floor_.data(), z_.value().data(), z_.low().data(), Y_.data(),
+                              next_.data(), Z_.data());
     };
     if (at_once()) {
       const auto n = static_cast<std::size_t>(size_ / 2);
@@ -453,14 +470,14 @@ private:
                            Y_.data(), next_.data(), Z_.data());
     }
     if (by_halves()) {
-      const Index n = size_ / 2;
-      place_stages(0, n);
       slopes_.evaluate_forces();
       find_momenta(h);
       slopes_.evaluate_velocities();
-      return correct(n);
+      return correct(size_ / 2);
     }
-    place_stages(0, size_);
+    if (newton_) {
+      place_stages(0, size_);
+    }
     slopes_.evaluate();
     if (!newton_) {
       return correct(size_);
@@ -589,6 +606,7 @@ private:
   Rows Y_, last_f_;      ///< Z_i - z_k; J∇H at the stages of the last step
   Rows base_, miss_;     ///< Y by a polynomial continued; what the last step's left of the present one's
   double base_h_ = 0.0;  ///< the step that base_ is of, by the last step; 0 for none
+  Index base_rows_ = 0;  ///< how many of it
   bool missed_ = false;  ///< whether miss_ is known
   struct Trial {
     double h = 0.0;

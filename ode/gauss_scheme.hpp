@@ -16,7 +16,12 @@ namespace rubato {
 /// symplectic in the extended sense, for any H. For m = 1 this is the midpoint rule.
 ///
 /// The stages are evaluated side by side in vectors, from the collocation polynomial of the last step continued, by
-/// fixed-point iteration, of H = T(p) + V(q) on the stages of q alone; where that is seen to contract so slowly that it
+/// fixed-point iteration, of H = T(p) + V(q) on the stages of q alone, and where T is a quadratic form, T_pp = M⁻¹,
+/// without those of p between,
+///
+///     Q_i = q_k + h M⁻¹(c_i p_k - h Σ_j (A²)_ij ∇V(Q_j));
+///
+/// where that is seen to contract so slowly that it
 /// costs more, by simplified Newton iteration with H_zz in the middle of the step (StageNewton, if it has a matrix).
 /// Both go on until the next correction would be lost in rounding a thousand times over, or until corrections stagnate,
 /// and the increment is kept with what its rounding loses. A step that neither finds is approached through shorter

@@ -15,20 +15,28 @@ struct Kernels {
   /// of tables, one for each of `stages` stages. No second sum where `second` is null.
   void (*combine)(std::size_t rows, int stages, const double* from, const double* first, const double* second,
                   double factor, double* to);
-  /// A correction of Y by fixed-point iteration: the same sums less Y into `correction`, and the sums into Y.
-  /// \return relative_size() of it beside Y as it was
+  /// A correction of Y by fixed-point iteration: the same sums less Y into `correction`, and the sums into Y; to_r are
+  /// the stages high_r + (low_r + Y_r), of a state in two parts. \return relative_size() of it beside Y as it was
   double (*correct)(std::size_t rows, int stages, const double* from, const double* first, const double* second,
-                    double factor, const double* floor, double* Y, double* correction);
+                    double factor, const double* floor, const double* high, const double* low, double* Y,
+                    double* correction, double* to);
   /// to_r = base_r + (rest_r + factor (Σ_j from_rj first_j + Σ_j from_rj second_j)): the same sums added to rows that
   /// are told in two parts.
   void (*gather)(std::size_t rows, int stages, const double* from, const double* first, const double* second,
                  double factor, const double* base, const double* rest, double* to);
-  /// Y_r becomes factor from_r, by what `correction` tells then; to_r are the stages high_r + (low_r + Y_r). \return
-  /// relative_size() of the correction beside Y as it was
+  /// The same where Y_r becomes factor from_r.
   double (*mend)(std::size_t rows, const double* from, double factor, const double* floor, const double* high,
                  const double* low, double* Y, double* correction, double* to);
-  /// to_r = high_r + (low_r + Y_r): the stages, of a state in two parts.
+  /// to_r = high_r + (low_r + Y_r).
   void (*place)(std::size_t rows, const double* high, const double* low, const double* Y, double* to);
+  /// base_r = factor Σ_j from_rj first_j, and to_r = base_r + weight more_r.
+  void (*begin)(std::size_t rows, int stages, const double* from, const double* first, double factor,
+                const double* more, double weight, double* base, double* to);
+  /// to_r = from_r - less_r; and x_r = -x_r.
+  ///@{
+  void (*subtract)(std::size_t rows, const double* from, const double* less, double* to);
+  void (*negate)(std::size_t rows, double* x);
+  ///@}
   /// The largest over the rows of |correction_r| / max(|Y_r|, |correction_r|, floor_r), in each the largest over its
   /// places; NaN once a correction is.
   double (*relative_size)(std::size_t rows, const double* Y, const double* correction, const double* floor);

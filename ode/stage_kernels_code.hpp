@@ -124,7 +124,8 @@ struct StageRows {
   }
 
   static double correct(std::size_t rows, int stages, const double* from, const double* first, const double* second,
-                        double factor, const double* floor, double* Y, double* correction) {
+                        double factor, const double* floor, const double* high, const double* low, double* Y,
+                        double* correction, double* to) {
     RelativeSize relative;
     for_rows(rows, [&]<std::size_t count>(Count<count>, std::size_t r) {
       V size[count] = {}, scale[count] = {};
@@ -133,6 +134,7 @@ struct StageRows {
         const V y = load(Y + place), c = sum - y;
         store(correction + place, c);
         store(Y + place, sum);
+        store(to + place, high[r + row] + (low[r + row] + sum));
         relative.take(y, c, size[row], scale[row]);
       });
       for (std::size_t row = 0; row < count; ++row) {
@@ -179,6 +181,29 @@ struct StageRows {
     }
   }
 
+  static void begin(std::size_t rows, int stages, const double* from, const double* first, double factor,
+                    const double* more, double weight, double* base, double* to) {
+    for_rows(rows, [&]<std::size_t count>(Count<count>, std::size_t r) {
+      sum_some<count, false>(stages, from + r * width, first, nullptr, factor, [&](std::size_t row, int p, V sum) {
+        const std::size_t place = (r + row) * width + at(p);
+        store(base + place, sum);
+        store(to + place, sum + weight * load(more + place));
+      });
+    });
+  }
+
+  static void subtract(std::size_t rows, const double* from, const double* less, double* to) {
+    for (std::size_t place = 0; place < rows * width; place += lanes) {
+      store(to + place, load(from + place) - load(less + place));
+    }
+  }
+
+  static void negate(std::size_t rows, double* x) {
+    for (std::size_t place = 0; place < rows * width; place += lanes) {
+      store(x + place, -load(x + place));
+    }
+  }
+
   /// Takes in rows, part by part.
   struct RelativeSize {
     V any = {};  ///< knows of a NaN
@@ -215,7 +240,9 @@ struct StageRows {
     return relative.result();
   }
 
-  static Kernels all() { return {width, combine, correct, gather, mend, place, relative_size}; }
+  static Kernels all() {
+    return {width, combine, correct, gather, mend, place, begin, subtract, negate, relative_size};
+  }
 };
 
 template <int native>

@@ -4,6 +4,7 @@
 #include <span>
 
 #include <rubato/ode/separable.hpp>
+#include <rubato/ode/stage_kernels.hpp>
 
 namespace rubato {
 
@@ -38,7 +39,7 @@ bool is_quadratic_form(Expression T, std::span<const Expression> momenta, const 
 }  // namespace
 
 StageSlopes::StageSlopes(const Hamiltonian& hamiltonian, const Rows& Z, Rows& f)
-    : Z_(Z), f_(f), energies_(Rows::Zero(3, Z.cols())) {
+    : Z_(Z), f_(f), energies_(Rows::Zero(3, Z.cols())), negate_(stages::kernels(static_cast<int>(Z.cols())).negate) {
   const Index n = Z.rows() / 2;
   const auto part = [&](const Bytecode& code, Index energy, Index first, Index count) {
     std::vector<const double*> in;
@@ -80,10 +81,7 @@ StageSlopes::StageSlopes(const Hamiltonian& hamiltonian, const Rows& Z, Rows& f)
 void StageSlopes::evaluate() {
   whole_.run();
   const Index n = Z_.rows() / 2;
-  double* const forces = f_.row(n).data();
-  for (Index i = 0; i < n * f_.cols(); ++i) {
-    forces[i] = -forces[i];
-  }
+  negate_(static_cast<std::size_t>(n), f_.row(n).data());
 }
 
 std::size_t StageSlopes::instructions() const {

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstddef>
 #include <optional>
 #include <vector>
 
@@ -64,6 +65,7 @@ private:
   const Rows& Z_;
   Rows& f_;
   Rows energies_;  ///< of H, T and V
+  void (*negate_)(std::size_t rows, double* x);
   formula::BatchEvaluator whole_;
   std::optional<Halves> halves_;
   std::optional<Linear> linear_;

@@ -72,18 +72,23 @@ TEST_CASE("kernels over stages do what their loops say, bit for bit, by every in
         const Numbers high = numbers(rows), low = numbers(rows), floor = numbers(rows);
         const Numbers Y = numbers(rows * lanes);
         const double h = random(engine);
-        Numbers one(rows * lanes), two = one, placed = one, mended = Y, correction = one;
+        Numbers one(rows * lanes), two = one, placed = one, mended = Y, correction = one, stages_there = one;
+        Numbers begun = one, summed = one, less = one, negative = Y;
         const int m = static_cast<int>(stages);
         kernels.combine(rows, m, from.data(), first.data(), nullptr, h, one.data());
         kernels.combine(rows, m, from.data(), first.data(), second.data(), h, two.data());
         kernels.place(rows, high.data(), low.data(), Y.data(), placed.data());
-        const double size = kernels.correct(rows, m, from.data(), first.data(), second.data(), h, floor.data(),
-                                            mended.data(), correction.data());
+        const double size =
+            kernels.correct(rows, m, from.data(), first.data(), second.data(), h, floor.data(), high.data(), low.data(),
+                            mended.data(), correction.data(), stages_there.data());
         const Numbers base = numbers(rows * lanes), rest = numbers(rows * lanes);
         Numbers gathered = one, moved_to = Y, moved_by = one, there = one;
         kernels.gather(rows, m, from.data(), first.data(), second.data(), h, base.data(), rest.data(), gathered.data());
         const double by = kernels.mend(rows, from.data(), h, floor.data(), high.data(), low.data(), moved_to.data(),
                                        moved_by.data(), there.data());
+        kernels.begin(rows, m, from.data(), first.data(), h, Y.data(), 0.7, begun.data(), summed.data());
+        kernels.subtract(rows, Y.data(), from.data(), less.data());
+        kernels.negate(rows, negative.data());
         std::size_t wrong = 0, moved = 0;
         for (std::size_t i = 0; i < rows * lanes; ++i) {
           const std::size_t r = i / lanes, place = i % lanes;
@@ -93,6 +98,9 @@ TEST_CASE("kernels over stages do what their loops say, bit for bit, by every in
           wrong += placed[i] != high[r] + (low[r] + Y[i]);
           wrong += correction[i] != h * (a + b) - Y[i];
           wrong += mended[i] != h * (a + b);
+          wrong += stages_there[i] != high[r] + (low[r] + h * (a + b));
+          wrong += begun[i] != h * a || summed[i] != h * a + 0.7 * Y[i];
+          wrong += less[i] != Y[i] - from[i] || negative[i] != -Y[i];
           wrong += gathered[i] != base[i] + (rest[i] + h * (a + b));
           wrong += moved_to[i] != h * from[i];
           wrong += moved_by[i] != h * from[i] - Y[i];
