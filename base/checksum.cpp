@@ -2,6 +2,10 @@
 
 #include <array>
 
+#if defined(__x86_64__)
+#include <immintrin.h>
+#endif
+
 #include <rubato/base/little_endian.hpp>
 
 namespace rubato {
@@ -50,11 +54,66 @@ constexpr auto squares = [] {
   return powers;
 }();
 
-}  // namespace
+/// x^n.
+constexpr std::uint64_t power(std::uint64_t n) {
+  std::uint64_t result = one;
+  for (std::size_t k = 0; n != 0; n >>= 1, ++k)
+    if ((n & 1) != 0)
+      result = product(result, squares.at(k));
+  return result;
+}
 
-void Checksum::add(std::span<const std::byte> bytes) {
-  const std::size_t count = bytes.size();
-  std::uint64_t state = state_;
+#if defined(__x86_64__)
+
+/// Products of polynomials by the processor's own instruction, which gives them times x, as bits are reversed.
+class Folding {
+public:
+  static constexpr std::size_t block = 64;  ///< bytes that are folded at a time
+
+  [[nodiscard]] static bool is_supported() {
+    static const bool supported = __builtin_cpu_supports("pclmul") != 0;
+    return supported;
+  }
+
+  /// Bytes whose remainder is that of all whole blocks of `bytes` behind what left `state`: each 16 bytes are
+  /// multiplied by the power of x that takes them to where they meet those 64 bytes later (V. Gopal et al., "Fast CRC
+  /// Computation for Generic Polynomials Using PCLMULQDQ Instruction", Intel, 2009). One block at least.
+  __attribute__((target("pclmul"))) static std::array<std::byte, 16> fold(std::uint64_t state,
+                                                                          std::span<const std::byte> bytes) {
+    constexpr std::uint64_t four[] = {power(575), power(511)}, single[] = {power(191), power(127)};
+    const __m128i four_on = load(reinterpret_cast<const std::byte*>(four));
+    const __m128i one_on = load(reinterpret_cast<const std::byte*>(single));
+    const std::byte* from = bytes.data();
+    __m128i sum[4] = {load(from), load(from + 16), load(from + 32), load(from + 48)};
+    sum[0] = _mm_xor_si128(sum[0], _mm_set_epi64x(0, static_cast<long long>(state)));
+    const std::byte* const end = from + bytes.size() / block * block;
+    for (from += block; from != end; from += block) {
+      for (int i = 0; i < 4; ++i) {
+        sum[i] = _mm_xor_si128(moved(sum[i], four_on), load(from + 16 * i));
+      }
+    }
+    for (int i = 1; i < 4; ++i) {
+      sum[i] = _mm_xor_si128(moved(sum[i - 1], one_on), sum[i]);
+    }
+    std::array<std::byte, 16> rest;
+    _mm_storeu_si128(reinterpret_cast<__m128i*>(rest.data()), sum[3]);
+    return rest;
+  }
+
+private:
+  __attribute__((target("pclmul"))) static __m128i load(const std::byte* from) {
+    return _mm_loadu_si128(reinterpret_cast<const __m128i*>(from));
+  }
+  /// The first eight bytes by one power, the others by the other.
+  __attribute__((target("pclmul"))) static __m128i moved(__m128i bytes, __m128i powers) {
+    return _mm_xor_si128(_mm_clmulepi64_si128(bytes, powers, 0x00), _mm_clmulepi64_si128(bytes, powers, 0x11));
+  }
+};
+
+#endif
+
+/// By tables, eight bytes at a time. \return the state after them
+std::uint64_t by_tables(std::uint64_t state, std::span<const std::byte> bytes) {
   for (; bytes.size() >= width; bytes = bytes.subspan(width)) {
     state ^= little_endian(bytes.data());
     std::uint64_t next = 0;
@@ -64,8 +123,20 @@ void Checksum::add(std::span<const std::byte> bytes) {
   }
   for (const std::byte byte : bytes)
     state = (state >> 8) ^ tables[0][(state ^ std::to_integer<std::uint64_t>(byte)) & 0xFF];
-  state_ = state;
-  bytes_ += count;
+  return state;
+}
+
+}  // namespace
+
+void Checksum::add(std::span<const std::byte> bytes) {
+  bytes_ += bytes.size();
+#if defined(__x86_64__)
+  if (bytes.size() >= Folding::block && Folding::is_supported()) {
+    state_ = by_tables(0, Folding::fold(state_, bytes));
+    bytes = bytes.last(bytes.size() % Folding::block);
+  }
+#endif
+  state_ = by_tables(state_, bytes);
 }
 
 void Checksum::append(const Checksum& other) {

@@ -1,4 +1,6 @@
+#include <algorithm>
 #include <cstdint>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -18,6 +20,29 @@ Checksum of(std::string_view text) {
 TEST_CASE("checksums are CRC-64/XZ") {
   CHECK(of("").value() == 0);
   CHECK(of("123456789").value() == 0x995DC9BBDF1939FA);  // the check value of the CRC catalogue
+}
+
+TEST_CASE("checksums of many bytes at once are those of few at a time, wherever they begin and end") {
+  std::string text;
+  for (std::uint32_t i = 0, x = 7; i < 3000; ++i)
+    text += static_cast<char>((x = x * 1664525 + 1013904223) >> 24);
+  const auto bytes = std::as_bytes(std::span(text));
+  for (std::size_t count = 0; count < 700; ++count) {
+    const auto some = bytes.subspan(count % 17, count < 350 ? count : 4 * count - 300);
+    Checksum at_once, piecewise;
+    at_once.add(some.first(some.size() / 3));  // goes on from a state that is not the first
+    at_once.add(some.subspan(some.size() / 3));
+    for (std::size_t at = 0; at < some.size(); at += 5)
+      piecewise.add(some.subspan(at, std::min<std::size_t>(5, some.size() - at)));
+    CHECK(at_once.value() == piecewise.value());
+    CHECK(at_once.bytes() == some.size());
+  }
+  // The twin: one bit, in each of the places that go side by side.
+  for (const std::size_t place : {0U, 15U, 16U, 40U, 63U, 64U, 1000U, 2999U}) {
+    std::string altered = text;
+    altered[place] = static_cast<char>(altered[place] ^ 16);
+    CHECK(of(altered).value() != of(text).value());
+  }
 }
 
 TEST_CASE("a checksum is put together out of those of pieces, wherever they are cut") {
