@@ -122,7 +122,7 @@ void BatchEvaluator::operator()(std::size_t points, std::span<const double* cons
   find_registers();
   bound_.stand = false;
   double* const registers = registers_.empty() ? nullptr : registers_.front().values;
-  const batch::Kernel run =
+  const batch::Kernel kernel =
       functions_ == BatchFunctions::vector ? batch::best_kernel().run : batch::run_with_scalar_functions;
   const auto instructions = code_.instructions();
   const auto registers_of_outputs = code_.outputs();
@@ -148,9 +148,9 @@ void BatchEvaluator::operator()(std::size_t points, std::span<const double* cons
     const batch::Block block{padded, instructions.data(), instructions.data() + instructions.size(), read_.data(),
                              write_.data()};
     if (program_)
-      program_->run(block, run, work_.empty() ? nullptr : work_.front().values);
+      program_->run(block, kernel, work_.empty() ? nullptr : work_.front().values);
     else
-      run(block);
+      kernel(block);
     for (std::size_t j = 0; j < outputs.size(); ++j)
       if (!whole || !in_place_[j])
         batch::copy_few(read_[registers_of_outputs[j]], count, outputs[j] + start);
