@@ -189,6 +189,8 @@ namespace rubato::tuning::wave_splitting {
 /// where tables are long, such steps make them anew.
 inline constexpr std::size_t most_propagators = 64, propagators_of_many_waves = 24;
 inline constexpr std::size_t many_waves = 4096;
+/// Cosines and sines of so many different drifts, and of so many angles, are found at once, where waves are few.
+inline constexpr std::size_t most_drifts = 9, angles_at_once = 1024;
 
 }  // namespace rubato::tuning::wave_splitting
 

@@ -21,18 +21,89 @@ RUBATO_WIDE_VECTORS void add(double value, const double* re, const double* im, s
     out_im[w] += value * im[w];
   }
 }
-RUBATO_WIDE_VECTORS void turn_pair(const PairMatrices& matrices, const PairMatrices& rests, std::size_t count,
-                                   double* __restrict x_re, double* __restrict x_im, double* __restrict y_re,
-                                   double* __restrict y_im) {
-  const auto [a, b, c, d] = matrices;
-  const auto [a_rest, b_rest, c_rest, d_rest] = rests;
-  for (std::size_t w = 0; w < count; ++w) {
-    const double u = x_re[w], u_im = x_im[w], v = y_re[w], v_im = y_im[w];
-    x_re[w] = (a[w] * u + b[w] * v) + (a_rest[w] * u + b_rest[w] * v);
-    x_im[w] = (a[w] * u_im + b[w] * v_im) + (a_rest[w] * u_im + b_rest[w] * v_im);
-    y_re[w] = (c[w] * u + d[w] * v) + (c_rest[w] * u + d_rest[w] * v);
-    y_im[w] = (c[w] * u_im + d[w] * v_im) + (c_rest[w] * u_im + d_rest[w] * v_im);
+
+namespace {
+
+inline double sum_of_lanes(const grids::EightLanes& sums) {
+  return ((sums[0] + sums[1]) + (sums[2] + sums[3])) + ((sums[4] + sums[5]) + (sums[6] + sums[7]));
+}
+
+template <typename V>
+[[gnu::always_inline]] inline void load(const double* from, V& value) {
+  std::memcpy(&value, from, sizeof value);
+}
+template <typename V>
+[[gnu::always_inline]] inline void store(const V& value, double* to) {
+  std::memcpy(to, &value, sizeof value);
+}
+
+/// turn_pair() of the waves from w on that V has room for.
+template <bool kicks, bool sums, typename V>
+[[gnu::always_inline]] inline void turn_some(const PairMatrices& matrices, const PairMatrices& rests,
+                                             const BeforeTurn& before, const RowPair& rows, std::size_t w, V& sum) {
+  V u, u_im, v, v_im;
+  load(rows.x_re + w, u);
+  load(rows.x_im + w, u_im);
+  load(rows.y_re + w, v);
+  load(rows.y_im + w, v_im);
+  if constexpr (kicks) {
+    V re, im;
+    load(before.re + w, re);
+    load(before.im + w, im);
+    v += before.kick * re;
+    v_im += before.kick * im;
   }
+  if constexpr (sums) {
+    V of_x, of_y;
+    load(before.of_x + w, of_x);
+    load(before.of_y + w, of_y);
+    sum += of_x * (u * u + u_im * u_im) + of_y * (v * v + v_im * v_im);
+  }
+  V a, b, a_rest, b_rest;
+  load(matrices.a + w, a);
+  load(matrices.b + w, b);
+  load(rests.a + w, a_rest);
+  load(rests.b + w, b_rest);
+  store<V>((a * u + b * v) + (a_rest * u + b_rest * v), rows.x_re + w);
+  store<V>((a * u_im + b * v_im) + (a_rest * u_im + b_rest * v_im), rows.x_im + w);
+  load(matrices.c + w, a);
+  load(matrices.d + w, b);
+  load(rests.c + w, a_rest);
+  load(rests.d + w, b_rest);
+  store<V>((a * u + b * v) + (a_rest * u + b_rest * v), rows.y_re + w);
+  store<V>((a * u_im + b * v_im) + (a_rest * u_im + b_rest * v_im), rows.y_im + w);
+}
+
+template <bool kicks, bool sums>
+[[gnu::always_inline]] inline double turn_all(const PairMatrices& matrices, const PairMatrices& rests,
+                                              const BeforeTurn& before, std::size_t count, const RowPair& rows) {
+  constexpr std::size_t lanes = 8;
+  grids::EightLanes sum = {};
+  std::size_t w = 0;
+  for (; w + lanes <= count; w += lanes) {
+    turn_some<kicks, sums>(matrices, rests, before, rows, w, sum);
+  }
+  double rest = 0.0;
+  for (; w < count; ++w) {
+    turn_some<kicks, sums>(matrices, rests, before, rows, w, rest);
+  }
+  return sums ? sum_of_lanes(sum) + rest : 0.0;
+}
+
+}  // namespace
+
+RUBATO_WIDE_VECTORS double turn_pair(const PairMatrices& matrices, const PairMatrices& rests, const BeforeTurn& before,
+                                     std::size_t count, const RowPair& rows) {
+  // Copies: what is stored through the rows cannot change them.
+  const PairMatrices own = matrices, own_rests = rests;
+  const BeforeTurn own_before = before;
+  const RowPair own_rows = rows;
+  if (before.re != nullptr) {
+    return before.of_x != nullptr ? turn_all<true, true>(own, own_rests, own_before, count, own_rows)
+                                  : turn_all<true, false>(own, own_rests, own_before, count, own_rows);
+  }
+  return before.of_x != nullptr ? turn_all<false, true>(own, own_rests, own_before, count, own_rows)
+                                : turn_all<false, false>(own, own_rests, own_before, count, own_rows);
 }
 
 namespace {
@@ -51,6 +122,14 @@ inline double product_error(double left, double right, double product) {
   return ((l * r - product) + l * right_low + left_low * r) + left_low * right_low;
 }
 
+/// Half of 1 - ad + bc, p = ad and q = -bc rounded; 0 where the matrix does not turn.
+inline double half_of_missing(double a, double b, double c, double d, double p, double q) {
+  const double larger = p > q ? p : q, smaller = p > q ? q : p;
+  // One of p and q is at least a half, and then both differences are exact.
+  const double missing = ((1.0 - larger) - smaller) - product_error(a, d, p) + product_error(b, c, -q);
+  return smaller >= 0.0 ? 0.5 * missing : 0.0;
+}
+
 }  // namespace
 
 RUBATO_WIDE_VECTORS void split_turns(std::size_t count, const PairMatrices& matrices, const PairMatrices& rests) {
@@ -60,11 +139,7 @@ RUBATO_WIDE_VECTORS void split_turns(std::size_t count, const PairMatrices& matr
 #pragma GCC ivdep
   for (std::size_t w = 0; w < count; ++w) {
     const double a = first[0][w], b = first[1][w], c = first[2][w], d = first[3][w];
-    const double p = a * d, q = -(b * c);
-    const double larger = p > q ? p : q, smaller = p > q ? q : p;
-    // 1 - ad + bc: one of p and q is at least a half, and then both differences are exact.
-    const double missing = ((1.0 - larger) - smaller) - product_error(a, d, p) + product_error(b, c, -q);
-    const double mend = smaller >= 0.0 ? 0.5 * missing : 0.0;
+    const double mend = half_of_missing(a, b, c, d, a * d, -(b * c));
     const double brief[] = {leading(a, to_twelve), leading(b, to_twelve), leading(c, to_twelve), leading(d, to_twelve)};
     rest[0][w] = (a - brief[0]) + mend * a;
     rest[1][w] = (b - brief[1]) + mend * b;
@@ -76,12 +151,24 @@ RUBATO_WIDE_VECTORS void split_turns(std::size_t count, const PairMatrices& matr
     first[3][w] = brief[3];
   }
 }
-RUBATO_WIDE_VECTORS void fill_turns(double tau, const double* frequencies, const double* sines, const double* up,
-                                    const double* down, std::size_t count, double* __restrict b, double* __restrict c) {
+RUBATO_WIDE_VECTORS void make_turns(double tau, const double* frequencies, const double* cosines, const double* sines,
+                                    const double* up, const double* down, std::size_t count,
+                                    const PairMatrices& matrices, const PairMatrices& rests) {
+  double *const a_first = matrices.a, *const b_first = matrices.b, *const c_first = matrices.c;
+  double *const a_rest = rests.a, *const b_rest = rests.b, *const c_rest = rests.c;
+#pragma GCC ivdep
   for (std::size_t w = 0; w < count; ++w) {
-    const double s = frequencies[w] == 0.0 ? tau : sines[w] / frequencies[w];
-    b[w] = s * up[w];
-    c[w] = s * down[w];
+    const double sine = frequencies[w] == 0.0 ? tau : sines[w];
+    const double a = cosines[w], b = sine * up[w], c = sine * down[w];
+    const double p = a * a, q = -(b * c);
+    const double mend = half_of_missing(a, b, c, a, p, q);
+    const double brief_a = leading(a, to_twelve), brief_b = leading(b, to_twelve), brief_c = leading(c, to_twelve);
+    a_rest[w] = (a - brief_a) + mend * a;
+    b_rest[w] = (b - brief_b) + mend * b;
+    c_rest[w] = (c - brief_c) + mend * c;
+    a_first[w] = brief_a;
+    b_first[w] = brief_b;
+    c_first[w] = brief_c;
   }
 }
 RUBATO_WIDE_VECTORS void multiply(double value, const double* in, std::size_t count, double* __restrict out) {
@@ -207,7 +294,7 @@ RUBATO_WIDE_VECTORS double sum_form(const double* g, const double* l_re, const d
   for (std::size_t l = 0; w + l < count; ++l) {
     sums[l] += g[w + l] * (l_re[w + l] * r_re[w + l] + l_im[w + l] * r_im[w + l]);
   }
-  return ((sums[0] + sums[1]) + (sums[2] + sums[3])) + ((sums[4] + sums[5]) + (sums[6] + sums[7]));
+  return sum_of_lanes(sums);
 }
 
 RUBATO_WIDE_VECTORS void interleave(const double* re, const double* im, std::size_t count, double* __restrict pairs) {
@@ -239,40 +326,27 @@ RUBATO_WIDE_VECTORS double weighted_sum(const double* weights, const double* val
   return ((sums[0] + sums[1]) + (sums[2] + sums[3])) + ((sums[4] + sums[5]) + (sums[6] + sums[7]));
 }
 
-namespace {
-
-RUBATO_WIDE_VECTORS void sum_in_lanes(const double* values, std::size_t count, double* sums, double* rests) {
+RUBATO_WIDE_VECTORS double sum_of_values(const double* values, std::size_t count) {
   constexpr std::size_t lanes = 8;
-  grids::EightLanes high = {}, low = {};
-  const auto take = [&](std::size_t from, std::size_t some) __attribute__((always_inline)) {
-    grids::EightLanes term = {};  // zeros change neither part
-    std::memcpy(&term, values + from, some * sizeof(double));
-    const grids::EightLanes sum = high + term, moved = sum - high;
-    low += (high - (sum - moved)) + (term - moved);
-    high = sum;
-  };
+  grids::EightLanes even = {}, odd = {}, term;
   std::size_t i = 0;
-  for (; i + lanes <= count; i += lanes) {
-    take(i, lanes);
+  for (; i + 2 * lanes <= count; i += 2 * lanes) {
+    load(values + i, term);
+    even += term;
+    load(values + i + lanes, term);
+    odd += term;
   }
-  if (i < count) {
-    take(i, count - i);
+  if (i + lanes <= count) {
+    load(values + i, term);
+    even += term;
+    i += lanes;
   }
-  std::memcpy(sums, &high, sizeof high);
-  std::memcpy(rests, &low, sizeof low);
-}
-
-}  // namespace
-
-CompensatedSum sum_of_values(const double* values, std::size_t count) {
-  double sums[8], rests[8];
-  sum_in_lanes(values, count, sums, rests);
-  CompensatedSum total;
-  for (std::size_t l = 0; l < 8; ++l) {
-    total.add(sums[l]);
-    total.low += rests[l];
+  even += odd;
+  double rest = 0.0;
+  for (; i < count; ++i) {
+    rest += values[i];
   }
-  return total;
+  return sum_of_lanes(even) + rest;
 }
 
 }  // namespace rubato

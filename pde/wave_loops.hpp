@@ -3,8 +3,6 @@
 #include <complex>
 #include <cstddef>
 
-#include <rubato/base/compensated_sum.hpp>
-
 /// \file
 /// Loops over waves, whose numbers have real and imaginary parts apart; outputs overlap no inputs. In vectors, and the
 /// same bit by bit for every width of them.
@@ -24,14 +22,25 @@ struct PairMatrices {
 /// products with them err at random only, and the rests make up for the determinant too, where the matrix turns
 /// (ad ≥ 0 ≥ bc). What a rounded matrix misses of it would make a wave grow by as much in every step.
 void split_turns(std::size_t count, const PairMatrices& matrices, const PairMatrices& rests);
-/// b = up·sin(ωτ)/ω and c = down·sin(ωτ)/ω, of frequencies ω and sines sin(ωτ); τ where ω = 0.
-void fill_turns(double tau, const double* frequencies, const double* sines, const double* up, const double* down,
-                std::size_t count, double* b, double* c);
+/// The same of a = d = cos(ωτ), b = up·sin(ωτ) and c = down·sin(ωτ), with τ for the sine where ω = 0. No d is written:
+/// it is a, and so are their rests.
+void make_turns(double tau, const double* frequencies, const double* cosines, const double* sines, const double* up,
+                const double* down, std::size_t count, const PairMatrices& matrices, const PairMatrices& rests);
 /// out = value·in.
 void multiply(double value, const double* in, std::size_t count, double* out);
-/// (x, y) = (a x + b y, c x + d y).
-void turn_pair(const PairMatrices& matrices, const PairMatrices& rests, std::size_t count, double* x_re, double* x_im,
-               double* y_re, double* y_im);
+/// Two rows of waves.
+struct RowPair {
+  double *x_re, *x_im, *y_re, *y_im;
+};
+/// What is done with a pair of rows before it is turned, in the same pass.
+struct BeforeTurn {
+  double kick = 0.0;                              ///< y += kick·(re + i im)
+  const double *re = nullptr, *im = nullptr;      ///< none: no kick
+  const double *of_x = nullptr, *of_y = nullptr;  ///< weights of |x|² and |y|² in the sum; none: no sum
+};
+/// (x, y) = (a x + b y, c x + d y). \return Σ of_x |x|² + of_y |y|² after the kick and before the turn
+double turn_pair(const PairMatrices& matrices, const PairMatrices& rests, const BeforeTurn& before, std::size_t count,
+                 const RowPair& rows);
 /// out += x·y.
 void add_product(const double* x_re, const double* x_im, const double* y_re, const double* y_im, std::size_t count,
                  double* out_re, double* out_im);
@@ -67,8 +76,8 @@ void add_form(const double* g_re, const double* g_im, const double* l_re, const 
 void interleave(const double* re, const double* im, std::size_t count, double* pairs);
 void separate(const double* pairs, std::size_t count, double* re, double* im);
 ///@}
-/// Σ values, each rounding carried along (Knuth's two-sum in eight lanes).
-[[nodiscard]] CompensatedSum sum_of_values(const double* values, std::size_t count);
+/// Σ values, in eight lanes.
+[[nodiscard]] double sum_of_values(const double* values, std::size_t count);
 /// Σ weights·values.
 [[nodiscard]] double weighted_sum(const double* weights, const double* values, std::size_t count);
 

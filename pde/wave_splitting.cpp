@@ -2,8 +2,10 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <complex>
+#include <cstdint>
 #include <limits>
 #include <numbers>
 #include <numeric>
@@ -58,6 +60,22 @@ double largest_here(std::span<const double> values) {
   return grids::max_abs(values);
 }
 
+bool are_same_bits(double a, double b) {
+  return std::bit_cast<std::uint64_t>(a) == std::bit_cast<std::uint64_t>(b);
+}
+
+/// How many lengths a composition's drifts have.
+std::size_t different_drifts(const Composition& composition) {
+  std::vector<double> lengths;
+  for (const Composition::Part& part : composition.parts) {
+    if (part.drift) {
+      lengths.push_back(part.length);
+    }
+  }
+  std::ranges::sort(lengths);
+  return static_cast<std::size_t>(std::ranges::unique(lengths).begin() - lengths.begin());
+}
+
 void set_wave(const MatrixXcd& values, std::size_t wave, WaveRows& rows) {
   for (Index r = 0; r < values.rows(); ++r) {
     for (Index c = 0; c < values.cols(); ++c) {
@@ -72,6 +90,11 @@ void set_wave(const MatrixXcd& values, std::size_t wave, WaveRows& rows) {
 template <typename Add>
 CompensatedSum sum_of_pieces(std::size_t count, const Add& add) {
   const grids::ReductionBlocks pieces(count);
+  if (pieces.blocks <= 1) {
+    CompensatedSum sum;
+    add(0, count, sum);
+    return CompensatedSum(sum.value());
+  }
   std::array<double, grids::ReductionBlocks::most> partial;  // each is set below, and most are never used
   grids::for_each_block(count, pieces.block, [&](std::size_t begin, std::size_t end) {
     CompensatedSum sum;
@@ -92,7 +115,9 @@ WaveSplitting::WaveSplitting(const MultisymplecticSystem& system, const grids::G
       grid_(grid),
       collocation_(collocation),
       whole_size_(grids::whole_of(grid).size()),
+      cell_volume_(grid.cell_volume()),
       fourier_(grid, system.field_count()),
+      has_mean_(fourier_.modes() > 0 && fourier_.wave(0) == std::array<std::ptrdiff_t, 3>{}),
       places_(system, grid, Within::node) {
   split_fields();
   L_ = mean_hessian(system, grid, grids::FieldSet(system.field_count(), grid.size()));
@@ -104,6 +129,7 @@ WaveSplitting::WaveSplitting(const MultisymplecticSystem& system, const grids::G
   parseval_ = parseval_weights(fourier_, grid);
   find_real_forms();
   find_frequencies();
+  find_pairs();
   const std::size_t waves = fourier_.modes(), nodes = grid.size();
   x_ = WaveRows(size(), waves);
   before_ = x_;
@@ -276,11 +302,6 @@ double WaveSplitting::largest_of_waves(std::span<const double> values) const {
 double WaveSplitting::sum_of_waves(double here) const {
   const grids::Transposition* const shared = fourier_.transposition();
   return shared == nullptr ? here : shared->slab().sum_over_ranks(here);
-}
-
-/// Whether the first wave here is the one that is constant in space.
-bool WaveSplitting::has_mean() const {
-  return fourier_.modes() > 0 && fourier_.wave(0) == std::array<std::ptrdiff_t, 3>{};
 }
 
 void WaveSplitting::group_waves() {
@@ -519,39 +540,53 @@ void WaveSplitting::find_frequencies() {
       frequencies.field(static_cast<int>(g))[w] = std::sqrt(squared);
     }
   }
+  const std::size_t waves = fourier_.modes();
+  grids::FieldSet of_sines(2 * frequencies.fields(), waves);
+  for (std::size_t g = 0; g < groups_.size(); ++g) {
+    const int x = groups_[g].front(), y = groups_[g].back(), row = 2 * static_cast<int>(g);
+    for (std::size_t w = 0; w < waves; ++w) {
+      const double omega = std::as_const(frequencies).field(static_cast<int>(g))[w];
+      of_sines.field(row)[w] = omega == 0.0 ? A(x, y)[w] : A(x, y)[w] / omega;
+      of_sines.field(row + 1)[w] = omega == 0.0 ? A(y, x)[w] : A(y, x)[w] / omega;
+    }
+  }
   formula::Graph graph;
   const Expression angle = graph.variable("angle");
   turn_ = formula::BatchEvaluator(formula::Bytecode(std::array{cos(angle), sin(angle)}, std::array{angle}));
   frequencies_ = std::move(frequencies);
-  angles_ = grids::FieldSet(3, fourier_.modes());
+  of_sines_ = std::move(of_sines);
+  at_once_ = std::clamp<std::size_t>(angles_at_once / std::max<std::size_t>(1, waves), 1, most_drifts);
+  angles_ = grids::FieldSet(3, (at_once_ * waves + 7) / 8 * 8);  // whole vectors
 }
 
-void WaveSplitting::fill_by_frequencies(double tau, WaveRows& entries) {
+void WaveSplitting::fill_by_frequencies(std::span<const std::size_t> places) {
   const std::size_t waves = fourier_.modes();
-  double *const angle = angles_.field(0).data(), *const cosine = angles_.field(1).data(),
-                *const sine = angles_.field(2).data();
-  for (std::size_t g = 0; g < groups_.size(); ++g) {
-    const int x = groups_[g].front(), y = groups_[g].back();
-    const auto row = [&](int r, int c) { return r * size() + c; };
-    const double* omega = std::as_const(frequencies_).field(static_cast<int>(g)).data();
-    rubato::multiply(tau, omega, waves, angle);
-    const double* const in[] = {angle};
-    double* const out[] = {cosine, sine};
-    turn_(waves, in, out);
-    const double* up = std::as_const(generator_form_.re).field(row(x, y)).data();
-    const double* down = std::as_const(generator_form_.re).field(row(y, x)).data();
-    fill_turns(tau, omega, sine, up, down, waves, entries.re.field(row(x, y)).data(),
-               entries.re.field(row(y, x)).data());
-    std::copy_n(cosine, waves, entries.re.field(row(x, x)).data());
-    std::copy_n(cosine, waves, entries.re.field(row(y, y)).data());
+  double* const angle = angles_.field(0).data();
+  const double *const cosine = std::as_const(angles_).field(1).data(), *const sine =
+                                                                           std::as_const(angles_).field(2).data();
+  for (std::size_t first = 0; first < places.size(); first += at_once_) {
+    const auto some = places.subspan(first, std::min(at_once_, places.size() - first));
+    for (std::size_t g = 0; g < groups_.size(); ++g) {
+      const double* const omega = std::as_const(frequencies_).field(static_cast<int>(g)).data();
+      for (std::size_t i = 0; i < some.size(); ++i) {
+        rubato::multiply(propagators_[some[i]].tau, omega, waves, angle + i * waves);
+      }
+      const double* const in[] = {angle};
+      double* const out[] = {angles_.field(1).data(), angles_.field(2).data()};
+      turn_((some.size() * waves + 7) / 8 * 8, in, out);
+      const int row = 2 * static_cast<int>(g);
+      for (std::size_t i = 0; i < some.size(); ++i) {
+        Propagator& E = propagators_[some[i]];
+        const int x = groups_[g].front(), y = groups_[g].back();
+        make_turns(E.tau, omega, cosine + i * waves, sine + i * waves, std::as_const(of_sines_).field(row).data(),
+                   std::as_const(of_sines_).field(row + 1).data(), waves, turns(E.entries.re, x, y),
+                   turns(E.rests, x, y));
+      }
+    }
   }
 }
 
 void WaveSplitting::fill(double tau, WaveRows& entries) {
-  if (frequencies_.fields() > 0) {
-    fill_by_frequencies(tau, entries);
-    return;
-  }
   for_each_wave_block(fourier_.modes(), [&](std::size_t begin, std::size_t end) {
     for (const std::vector<int>& members : groups_) {
       const auto n = static_cast<Index>(members.size());
@@ -579,7 +614,9 @@ void WaveSplitting::fill(double tau, WaveRows& entries) {
             const auto row = static_cast<std::size_t>(members[static_cast<std::size_t>(i)] * size() +
                                                       members[static_cast<std::size_t>(j)]);
             entries.re.pointers()[row][w] = E(i, j).real();
-            entries.im.pointers()[row][w] = E(i, j).imag();
+            if (!real_pairs_) {
+              entries.im.pointers()[row][w] = E(i, j).imag();
+            }
           }
         }
       }
@@ -587,31 +624,141 @@ void WaveSplitting::fill(double tau, WaveRows& entries) {
   });
 }
 
-PairMatrices WaveSplitting::turns(grids::FieldSet& entries, const std::vector<int>& group) const {
-  const int x = group.front(), y = group.back();
-  const auto entry = [&](int row, int column) { return entries.field(row * size() + column).data(); };
-  return {entry(x, x), entry(x, y), entry(y, x), entry(y, y)};
+/// With frequencies the two cosines are one row.
+PairMatrices WaveSplitting::turns(grids::FieldSet& entries, int x, int y) const {
+  const int z = frequencies_.fields() > 0 ? std::min(x, y) : y;
+  const int first = frequencies_.fields() > 0 ? z : x;
+  const auto entry = [&](int row, int column) {
+    return entries.pointers()[static_cast<std::size_t>(row * size() + column)];
+  };
+  return {entry(first, first), entry(x, y), entry(y, x), entry(z, z)};
 }
 
-WaveSplitting::Propagator& WaveSplitting::propagator(double tau) {
-  for (Propagator& known : propagators_) {
-    if (known.tau == tau && known.entries.rows() > 0) {
-      return known;
-    }
+/// Real pairs whose kick, energy and turn are one pass: where all groups are such, and the energy has no other terms.
+void WaveSplitting::find_pairs() {
+  const bool splits = real_pairs_ &&
+                      std::ranges::all_of(groups_, [](const auto& group) { return group.size() == 2; }) &&
+                      std::ranges::all_of(real_forms_, [](const auto& form) { return form.first == form.second; }) &&
+                      !real_forms_.empty() && std::ranges::all_of(slope_, [](double slope) { return slope == 0.0; });
+  if (!splits) {
+    return;
   }
-  Propagator& anew = propagators_[replaced_++ % propagators_.size()];
-  if (anew.entries.rows() == 0) {
-    anew.entries = WaveRows(size() * size(), fourier_.modes());
-    anew.rests = grids::FieldSet(real_pairs_ ? size() * size() : 0, fourier_.modes());
-  }
-  anew.tau = tau;
-  fill(tau, anew.entries);
   for (const std::vector<int>& group : groups_) {
-    if (real_pairs_ && group.size() == 2) {
-      split_turns(fourier_.modes(), turns(anew.entries.re, group), turns(anew.rests, group));
+    pairs_.push_back({.x = group.front(), .y = group.back()});
+  }
+  for (std::size_t v = 0; v < varying_.size() && flow_ == Flow::kick; ++v) {
+    for (int p = 0; p < size(); ++p) {
+      const double rate = inverse_M_(p, varying_[v]);
+      if (rate == 0.0) {
+        continue;
+      }
+      const auto pair = std::ranges::find_if(pairs_, [p](const Pair& one) { return one.x == p || one.y == p; });
+      if (pair->kicked_by >= 0) {
+        loose_kicks_.push_back({p, v, rate});
+        continue;
+      }
+      if (pair->x == p) {
+        std::swap(pair->x, pair->y);
+      }
+      pair->kicked_by = static_cast<int>(v);
+      pair->rate = rate;
     }
   }
-  return anew;
+  pair_weights_ = grids::FieldSet(2 * static_cast<int>(pairs_.size()), fourier_.modes());
+  for (std::size_t f = 0; f < real_forms_.size(); ++f) {
+    const int place = real_forms_[f].first;
+    for (std::size_t i = 0; i < pairs_.size(); ++i) {
+      if (pairs_[i].x == place || pairs_[i].y == place) {
+        std::ranges::copy(std::as_const(real_form_weights_.re).field(static_cast<int>(f)),
+                          pair_weights_.field(2 * static_cast<int>(i) + (pairs_[i].y == place ? 1 : 0)).begin());
+      }
+    }
+  }
+}
+
+void WaveSplitting::make_room(Propagator& propagator) const {
+  if (propagator.entries.re.fields() == 0) {
+    propagator.entries.re = grids::FieldSet(size() * size(), fourier_.modes());
+    propagator.entries.im = grids::FieldSet(real_pairs_ ? 0 : size() * size(), fourier_.modes());
+    propagator.rests = grids::FieldSet(real_pairs_ ? size() * size() : 0, fourier_.modes());
+  }
+}
+
+/// Of the one for this τ, known or to be filled. None that the step under way has found is given away.
+std::size_t WaveSplitting::place_of_propagator(double tau) {
+  const std::size_t room = propagators_.size();
+  for (std::size_t back = 1; back <= room; ++back) {  // the newest first
+    const std::size_t place = (replaced_ + room - back) % room;
+    if (Propagator& known = propagators_[place]; known.used > 0 && are_same_bits(known.tau, tau)) {
+      known.used = steps_prepared_;
+      return place;
+    }
+  }
+  std::size_t place = room, passed = 0;
+  while (passed < room && propagators_[replaced_ % room].used == steps_prepared_) {
+    ++replaced_;
+    ++passed;
+  }
+  if (passed < room) {
+    place = replaced_++ % room;
+  } else {
+    propagators_.emplace_back();
+  }
+  Propagator& anew = propagators_[place];
+  make_room(anew);
+  anew.tau = tau;
+  anew.used = steps_prepared_;
+  missing_.push_back(place);
+  return place;
+}
+
+void WaveSplitting::fill_missing() {
+  if (frequencies_.fields() > 0) {
+    fill_by_frequencies(missing_);
+  } else {
+    for (const std::size_t place : missing_) {
+      Propagator& E = propagators_[place];
+      fill(E.tau, E.entries);
+      for (const std::vector<int>& group : groups_) {
+        if (real_pairs_ && group.size() == 2) {
+          split_turns(fourier_.modes(), turns(E.entries.re, group.front(), group.back()),
+                      turns(E.rests, group.front(), group.back()));
+        }
+      }
+    }
+  }
+  missing_.clear();
+}
+
+/// Products of one length with h have the same bits, be they numbers or not.
+void WaveSplitting::make_propagators(const Composition& composition, double h) {
+  const std::size_t parts = composition.parts.size();
+  bool known = of_parts_.size() == parts;
+  for (std::size_t i = 0; i < parts && known; ++i) {
+    const Composition::Part& part = composition.parts[i];
+    known = !part.drift || are_same_bits(propagators_[of_parts_[i]].tau, part.length * h);
+  }
+  if (known) {
+    return;
+  }
+  of_parts_.resize(parts);
+  missing_.reserve(parts);
+  ++steps_prepared_;
+  for (std::size_t i = 0; i < parts; ++i) {
+    const Composition::Part& part = composition.parts[i];
+    of_parts_[i] = part.drift ? place_of_propagator(part.length * h) : 0;
+  }
+  fill_missing();
+}
+
+void WaveSplitting::prepare(const Composition& composition, double h) {
+  // Those of a step and, where they are short, of the one tried before it; a step looks for no others.
+  propagators_.resize((fourier_.modes() > many_waves ? 1 : 2) * different_drifts(composition));
+  for (Propagator& propagator : propagators_) {
+    make_room(propagator);
+  }
+  of_parts_.clear();
+  make_propagators(composition, h);
 }
 
 /// out = matrix·in, over the coupled pairs.
@@ -664,23 +811,25 @@ double WaveSplitting::wave_energy(const WaveRows& rows) const {
   });
   for (int p = 0; p < size(); ++p) {
     const double slope = slope_[static_cast<std::size_t>(evolving_[static_cast<std::size_t>(p)])];
-    if (slope != 0.0 && has_mean()) {
+    if (slope != 0.0 && has_mean_) {
       sum.add(slope * rows.re.field(p)[0]);  // Σ x over the nodes
     }
   }
-  return grid_.cell_volume() * sum_of_waves(sum.value());
+  return cell_volume_ * sum_of_waves(sum.value());
 }
 
 /// ΔV Σ N over the nodes. Where ranks share the lattice their sums have the same bits for every number of them; alone
 /// it is as exact, in a third of the time: a splitting promises no more than rounding between the two.
 double WaveSplitting::node_energy(std::span<const double> N) const {
   if (fourier_.transposition() != nullptr) {
-    return grid_.cell_volume() * grids::sum(N);
+    return cell_volume_ * grids::sum(N);
   }
   const CompensatedSum sum = sum_of_pieces(N.size(), [N](std::size_t begin, std::size_t end, CompensatedSum& into) {
-    into = sum_of_values(N.data() + begin, end - begin);
+    for (std::size_t first = begin; first < end; first += wave_block) {
+      into.add(sum_of_values(N.data() + first, std::min(wave_block, end - first)));
+    }
   });
-  return grid_.cell_volume() * sum.value();
+  return cell_volume_ * sum.value();
 }
 
 /// N and ∇N of these rows.
@@ -702,32 +851,72 @@ bool WaveSplitting::evaluate_rest(const WaveRows& rows, At at) {
   return std::isfinite(rest_energy_);
 }
 
-/// moved_ goes along the flow of the waves, and of what is linear in S.
-void WaveSplitting::drift(double tau) {
+/// A kick, X_1 and a turn of all pairs in one pass over the waves.
+double WaveSplitting::turn_pairs(const Propagator& E, bool with_energy) {
+  // What turns is not written to.
+  auto& entries = const_cast<grids::FieldSet&>(E.entries.re);
+  auto& rests = const_cast<grids::FieldSet&>(E.rests);
+  const std::span<double*const> re = moved_.re.pointers(), im = moved_.im.pointers();
+  const auto sum = sum_of_pieces(moved_.waves(), [&](std::size_t begin, std::size_t end, CompensatedSum& into) {
+    for (std::size_t i = 0; i < pairs_.size(); ++i) {
+      const Pair& pair = pairs_[i];
+      const auto x = static_cast<std::size_t>(pair.x), y = static_cast<std::size_t>(pair.y);
+      PairMatrices first = turns(entries, pair.x, pair.y), rest = turns(rests, pair.x, pair.y);
+      for (std::size_t w = begin; w < end; w += wave_block) {
+        BeforeTurn before;
+        if (kicking_rows_ != nullptr && pair.kicked_by >= 0) {
+          before = {.kick = kicking_tau_ * pair.rate,
+                    .re = kicking_rows_->re.field(pair.kicked_by).data() + w,
+                    .im = kicking_rows_->im.field(pair.kicked_by).data() + w};
+        }
+        if (with_energy) {
+          const int row = 2 * static_cast<int>(i);
+          before.of_x = std::as_const(pair_weights_).field(row).data() + w;
+          before.of_y = std::as_const(pair_weights_).field(row + 1).data() + w;
+        }
+        into.add(turn_pair({first.a + w, first.b + w, first.c + w, first.d + w},
+                           {rest.a + w, rest.b + w, rest.c + w, rest.d + w}, before, std::min(wave_block, end - w),
+                           {re[x] + w, im[x] + w, re[y] + w, im[y] + w}));
+      }
+    }
+  });
+  kicking_rows_ = nullptr;
+  return with_energy ? cell_volume_ * sum_of_waves(sum.value()) : 0.0;
+}
+
+/// moved_ goes along the flow of the waves, and of what is linear in S. \return X_1, if it is asked for
+double WaveSplitting::drift(const Propagator& E, bool with_energy) {
   rest_at_ = At::nowhere;
   rest_energy_is_known_ = rest_rows_are_known_ = false;
-  Propagator& E = propagator(tau);
+  if (!pairs_.empty()) {
+    return turn_pairs(E, with_energy);
+  }
+  const double energy = with_energy ? wave_energy(moved_) : 0.0;
   if (real_pairs_) {
+    auto& all = const_cast<grids::FieldSet&>(E.entries.re);
+    auto& rests = const_cast<grids::FieldSet&>(E.rests);
     for (const std::vector<int>& group : groups_) {
       const int x = group.front(), y = group.back();
-      const PairMatrices entries = turns(E.entries.re, group), rests = turns(E.rests, group);
       if (group.size() == 2) {
-        turn_pair(entries, rests, moved_.waves(), moved_.re.field(x).data(), moved_.im.field(x).data(),
-                  moved_.re.field(y).data(), moved_.im.field(y).data());
+        turn_pair(turns(all, x, y), turns(rests, x, y), {}, moved_.waves(),
+                  {moved_.re.field(x).data(), moved_.im.field(x).data(), moved_.re.field(y).data(),
+                   moved_.im.field(y).data()});
         continue;
       }
+      const double* const factor = E.entries.re.field(x * size() + x).data();
       for (std::size_t w = 0; w < moved_.waves(); ++w) {
-        moved_.re.field(x)[w] *= entries.a[w];
-        moved_.im.field(x)[w] *= entries.a[w];
+        moved_.re.field(x)[w] *= factor[w];
+        moved_.im.field(x)[w] *= factor[w];
       }
     }
   } else {
     multiply(E.entries, moved_, next_);
     std::swap(moved_, next_);
   }
-  for (std::size_t p = 0; p < translation_.size() && has_mean(); ++p) {
-    moved_.re.field(static_cast<int>(p))[0] += tau * translation_[p] * static_cast<double>(whole_size_);
+  for (std::size_t p = 0; p < translation_.size() && has_mean_; ++p) {
+    moved_.re.field(static_cast<int>(p))[0] += E.tau * translation_[p] * static_cast<double>(whole_size_);
   }
+  return energy;
 }
 
 /// The fields that varying field v kicks, by the waves of ∂_vN.
@@ -741,6 +930,38 @@ void WaveSplitting::kick_by(std::size_t v, const WaveRows& slopes, double tau) {
   }
 }
 
+/// All of a kick, at once or, where turns take kicks along, in part with the turn that comes next.
+void WaveSplitting::kick_before_turn(const WaveRows& slopes, double tau) {
+  if (pairs_.empty()) {
+    for (std::size_t v = 0; v < varying_.size(); ++v) {
+      kick_by(v, slopes, tau);
+    }
+    return;
+  }
+  kicking_rows_ = &slopes;
+  kicking_tau_ = tau;
+  for (const Kick& kick : loose_kicks_) {
+    const auto row = static_cast<int>(kick.v);
+    add(tau * kick.rate, slopes.re.field(row).data(), slopes.im.field(row).data(), moved_.waves(),
+        moved_.re.field(kick.p).data(), moved_.im.field(kick.p).data());
+  }
+}
+
+/// What of the last kick no turn has taken along.
+void WaveSplitting::finish_kick() {
+  if (kicking_rows_ == nullptr) {
+    return;
+  }
+  for (const Pair& pair : pairs_) {
+    if (pair.kicked_by >= 0) {
+      add(kicking_tau_ * pair.rate, kicking_rows_->re.field(pair.kicked_by).data(),
+          kicking_rows_->im.field(pair.kicked_by).data(), moved_.waves(), moved_.re.field(pair.y).data(),
+          moved_.im.field(pair.y).data());
+    }
+  }
+  kicking_rows_ = nullptr;
+}
+
 /// A kick of x_, which moved_ is; leaves rest_energy_.
 bool WaveSplitting::kick_from_here(double tau) {
   if (!first_kick_is_known_) {
@@ -751,9 +972,7 @@ bool WaveSplitting::kick_from_here(double tau) {
     first_energy_ = rest_energy_;
     first_kick_is_known_ = first_energy_is_known_ = true;
   }
-  for (std::size_t v = 0; v < varying_.size(); ++v) {
-    kick_by(v, first_kick_, tau);
-  }
+  kick_before_turn(first_kick_, tau);
   rest_energy_ = first_energy_;
   return true;
 }
@@ -769,9 +988,7 @@ bool WaveSplitting::kick(double tau) {
   if (flow_ == Flow::kick) {
     from_grid(std::as_const(outputs_).pointers().subspan(1), fourier_, rest_rows_);
     rest_rows_are_known_ = true;
-    for (std::size_t v = 0; v < n; ++v) {
-      kick_by(v, rest_rows_, tau);
-    }
+    kick_before_turn(rest_rows_, tau);
   } else if (flow_ == Flow::turn) {
     rest_at_ = At::nowhere;  // but for its energy, which a turn keeps
     rubato::fill(tau, grid_.size(), values_.field(static_cast<int>(n)).data());
@@ -806,21 +1023,25 @@ bool WaveSplitting::step(const Composition& composition, double h, bool with_gen
   std::ranges::copy(std::as_const(x_.im).all(), moved_.im.all().begin());
   rest_at_ = rest_at_ == At::here ? At::here : At::nowhere;
   rest_energy_is_known_ = rest_rows_are_known_ = false;
+  kicking_rows_ = nullptr;
+  make_propagators(composition, h);
   CompensatedSum K;
-  for (const Composition::Part& part : composition.parts) {
+  for (std::size_t i = 0; i < composition.parts.size(); ++i) {
+    const Composition::Part& part = composition.parts[i];
     if (part.drift) {
+      const double energy = drift(propagators_[of_parts_[i]], with_generator);
       if (with_generator) {
-        K.add(part.length * wave_energy(moved_));
+        K.add(part.length * energy);
       }
-      drift(part.length * h);
     } else {
-      const bool from_here = flow_ == Flow::kick && &part == composition.parts.data();
-      if (!(from_here ? kick_from_here(part.length * h) : kick(part.length * h))) {
+      finish_kick();
+      if (!(flow_ == Flow::kick && i == 0 ? kick_from_here(part.length * h) : kick(part.length * h))) {
         return false;
       }
       K.add(part.length * rest_energy_);
     }
   }
+  finish_kick();
   generator_ = K.value();
   return std::isfinite(generator_);
 }
@@ -898,7 +1119,7 @@ void WaveSplitting::tell_rates(const WaveRows& rows, At at, grids::FieldSet& rat
     }
   }
   multiply(generator_form_, rows, work_);
-  for (std::size_t p = 0; p < translation_.size() && has_mean(); ++p) {
+  for (std::size_t p = 0; p < translation_.size() && has_mean_; ++p) {
     work_.re.field(static_cast<int>(p))[0] += translation_[p] * static_cast<double>(whole_size_);
   }
   if (kicked) {

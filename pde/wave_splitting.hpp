@@ -45,6 +45,10 @@ public:
   /// [N, [N, [N, L]]] = 0, for L is of degree two in what they move, and N does not depend on that.
   void check(const Composition& composition) const;
 
+  /// Makes room for steps of this composition, and what turns the waves in those of length h: so steps allocate
+  /// nothing, whatever their lengths are, and the first one takes as long as others.
+  void prepare(const Composition& composition, double h);
+
   /// Stands at a level. \throws SchemeRefusal if a potential has a mean slope
   void stand(const LatticeLevel& level);
   /// Goes a step of length h from there; false if a value is not finite.
@@ -85,8 +89,21 @@ private:
   /// exp(τA) on every wave, for one τ.
   struct Propagator {
     double tau = 0.0;
-    WaveRows entries;       ///< row·r + column; none before the first; of real pairs the first bits
+    std::size_t used = 0;   ///< for which step last
+    WaveRows entries;       ///< row·r + column; none before the first; of real pairs the first bits, without im
     grids::FieldSet rests;  ///< of real pairs, what they have beyond these
+  };
+  /// A real pair of rows: y, if one of them, is what a varying field kicks.
+  struct Pair {
+    int x, y;
+    int kicked_by = -1;  ///< number of the varying field; none
+    double rate = 0.0;   ///< by which
+  };
+  /// A kick that no turn takes along: field p by varying field v.
+  struct Kick {
+    int p;
+    std::size_t v;
+    double rate;
   };
 
   void split_fields();
@@ -96,22 +113,28 @@ private:
   void compile_rest();
   void classify();
   [[nodiscard]] bool is_turn() const;
-  [[nodiscard]] Propagator& propagator(double tau);
-  [[nodiscard]] PairMatrices turns(grids::FieldSet& entries, const std::vector<int>& group) const;
+  void find_pairs();
+  void make_propagators(const Composition& composition, double h);
+  [[nodiscard]] std::size_t place_of_propagator(double tau);
+  void make_room(Propagator& propagator) const;
+  void fill_missing();
+  [[nodiscard]] PairMatrices turns(grids::FieldSet& entries, int x, int y) const;
   void find_frequencies();
   void fill(double tau, WaveRows& entries);
-  void fill_by_frequencies(double tau, WaveRows& entries);
+  void fill_by_frequencies(std::span<const std::size_t> places);
   void find_real_forms();
   void multiply(const WaveRows& matrix, const WaveRows& in, WaveRows& out) const;
-  void drift(double tau);
+  [[nodiscard]] double drift(const Propagator& E, bool with_energy);
+  [[nodiscard]] double turn_pairs(const Propagator& E, bool with_energy);
   [[nodiscard]] bool kick(double tau);
   [[nodiscard]] bool kick_from_here(double tau);
   void kick_by(std::size_t v, const WaveRows& slopes, double tau);
+  void kick_before_turn(const WaveRows& slopes, double tau);
+  void finish_kick();
   [[nodiscard]] double wave_energy(const WaveRows& rows) const;
   [[nodiscard]] double node_energy(std::span<const double> N) const;
   [[nodiscard]] double largest_of_waves(std::span<const double> values) const;
   [[nodiscard]] double sum_of_waves(double here) const;
-  [[nodiscard]] bool has_mean() const;
   [[nodiscard]] bool evaluate_rest(const WaveRows& rows, At at);
   void tell(const WaveRows& rows, At at, grids::FieldSet& fields);
   void tell_rates(const WaveRows& rows, At at, grids::FieldSet& rates, const std::vector<bool>& asked);
@@ -124,7 +147,9 @@ private:
   grids::Grid grid_;
   Collocation collocation_;
   std::size_t whole_size_;  ///< nodes of the whole lattice
+  double cell_volume_;
   grids::Fourier fourier_;
+  bool has_mean_;                             ///< the first wave here is the one that is constant in space
   std::vector<int> evolving_, others_;        ///< fields with an equation of motion, and without
   Eigen::MatrixXd inverse_M_;                 ///< M⁻¹ of the evolving fields
   Eigen::MatrixXd L_;                         ///< the mean of S''(0)
@@ -138,10 +163,20 @@ private:
   std::vector<std::pair<int, int>> real_forms_;
   WaveRows real_form_weights_;    ///< by the same, in re
   grids::FieldSet frequencies_;   ///< ω of each group and wave, where the pairs turn and are few; none elsewhere
+  grids::FieldSet of_sines_;      ///< of each such group what multiplies sin(ωτ) in its matrix: b, then c
   formula::BatchEvaluator turn_;  ///< cosine and sine of an angle
+  std::size_t at_once_ = 1;       ///< of how many τ
   grids::FieldSet angles_;        ///< of the waves, their cosines and sines
+  /// Where all groups are real pairs, and X_1 = ½ Σ (G_xx |x|² + G_yy |y|²): kick, energy and turn are one pass.
+  std::vector<Pair> pairs_;
+  grids::FieldSet pair_weights_;  ///< of |x|² and |y|² in X_1, of each
+  std::vector<Kick> loose_kicks_;
+  const WaveRows* kicking_rows_ = nullptr;  ///< of a kick that the next turn takes along, and its τ; null: none
+  double kicking_tau_ = 0.0;
   std::vector<Propagator> propagators_;
-  std::size_t replaced_ = 0;
+  std::size_t replaced_ = 0, steps_prepared_ = 0;
+  std::vector<std::size_t> of_parts_;  ///< places of the propagators of the last step's parts
+  std::vector<std::size_t> missing_;   ///< places of those to be filled
   std::vector<double> parseval_;
 
   std::vector<double> slope_;        ///< of S in the fields that it moves linearly, with the waves; 0 for the others

@@ -21,11 +21,12 @@ namespace {
 class SplittingLattice final : public FamilyLattice {
 public:
   SplittingLattice(const MultisymplecticSystem& system, const grids::Grid& grid, const Composition& composition,
-                   LatticeLevel first, Collocation collocation)
+                   LatticeLevel first, double first_step, Collocation collocation)
       : FamilyLattice(system, grid, std::move(first), collocation),
         splitting_(system, grid, collocation),
         composition_(composition) {
     splitting_.check(composition);
+    splitting_.prepare(composition, first_step);
     splitting_.stand(level_);
   }
 
@@ -200,8 +201,8 @@ public:
     return first;
   }
   [[nodiscard]] std::unique_ptr<LatticeScheme> scheme(const MultisymplecticSystem& system, const grids::Grid& grid,
-                                                      LatticeLevel first, double) const override {
-    return std::make_unique<SplittingLattice>(system, grid, composition_, std::move(first), collocation_);
+                                                      LatticeLevel first, double first_step) const override {
+    return std::make_unique<SplittingLattice>(system, grid, composition_, std::move(first), first_step, collocation_);
   }
   [[nodiscard]] std::unique_ptr<LawEvaluator> laws(LawTables tables) const override {
     auto stages = std::make_shared<SplittingStages>(tables.system, tables.grid, composition_, collocation_);
