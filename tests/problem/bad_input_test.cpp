@@ -22,6 +22,13 @@ std::string complaint(const std::string& text, const std::vector<std::string>& s
   }
 }
 
+std::string in_parentheses(const std::string& formula, std::size_t pairs) {
+  std::string text(pairs, '(');
+  text += formula;
+  text.append(pairs, ')');
+  return text;
+}
+
 struct Case {
   std::string from, to;
   std::string where;  ///< line:column
@@ -65,7 +72,7 @@ TEST_CASE("an ODE problem with one thing wrong is refused at that place", "[prob
           {"\"T\"", "\"a\\u0000b\"", "1:10", "this text holds the character U+0000"},
           {"0.1", "1e11", "12:8", "so long beside the run, from t = 0 to until = 10"},
           {"[scheme]", "[invariants]\nt = \"q\"\n[scheme]", "12:1", "records have something else of that name"},
-          {"cos(q)", std::string(100'000, '(') + "q" + std::string(100'000, ')'), "5:1014", "nesting deeper"},
+          {"cos(q)", in_parentheses("q", 100'000), "5:1014", "nesting deeper"},
           {"\"p^2/2 - cos(q)\"", "\"\"\"\np^2/2\n - coz(q)\"\"\"", "7:4", "did you mean 'cos'?"},
           {"\"p^2/2 - cos(q)\"", "\" \"", "5:6", "the formula is empty"},
           // names
