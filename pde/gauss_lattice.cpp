@@ -41,7 +41,7 @@ public:
         slab_(std::make_shared<GaussSlab>(system, grid, stages, level_, space)),
         largest_(static_cast<std::size_t>(system.field_count()), 0.0),
         stages_(stages),
-        last_rests_(slab_->rests()) {}
+        forecast_(slab_->make_forecast()) {}
 
   [[nodiscard]] std::shared_ptr<StageSource> stages() override { return slab_; }
   [[nodiscard]] int order() const override { return 2 * stages_; }
@@ -52,18 +52,21 @@ public:
       stamp_ = slab_->stamp();
       forget_trial();
     }
+    if (h == trial_h()) {
+      return Status::success;  // any step is solved to rounding
+    }
     const int counted = slab_->iterations();
     bool continued = true;
     if (trial_h() != 0.0 && near(h / trial_h())) {
-      slab_->continue_from(slab_->rests(), h / trial_h(), false);
-    } else if (last_h_ != 0.0 && near(h / last_h_)) {
-      slab_->continue_from(last_rests_, h / last_h_, true);
+      slab_->continue_trial(h / trial_h());
+    } else if (forecast_.last_h() != 0.0 && near(h / forecast_.last_h())) {
+      slab_->continue_from(forecast_, h);
     } else {
       slab_->begin_at_level();
       continued = false;
     }
     forget_trial();
-    const bool steady = h == last_h_;  // of equal levels, after a resumption too
+    const bool steady = GaussSlab::are_near(h, forecast_.last_h());  // of equal levels, after a resumption too
     Status status = slab_->solve(h, std::min(accuracy, tuning::loosest_trial), largest_, steady);
     if (status != Status::success && continued) {
       slab_->begin_at_level();
@@ -80,9 +83,7 @@ public:
 
   void accept() override {
     slab_->increment(delta_);
-    slab_->keep();
-    slab_->rests_at_end(last_rests_);
-    last_h_ = trial_h();
+    slab_->keep(forecast_);
     for (int f = 0; f < system_.field_count(); ++f) {
       double& largest = largest_[static_cast<std::size_t>(f)];
       largest = std::max(largest, grids::max_abs(std::as_const(delta_).field(f)));
@@ -97,7 +98,7 @@ public:
     level_.fields.copy_from(level.fields);
     low_.fill(0.0);
     std::ranges::fill(largest_, 0.0);
-    last_h_ = 0.0;
+    forecast_.forget();
     stamp_ = nowhere;
     start_level();
   }
@@ -106,16 +107,14 @@ public:
     save_level(state);
     grids::save_whole(state, low_);
     state.write(largest_);
-    slab_->save(state, last_rests_);
-    state.write(last_h_);
+    slab_->save(state, forecast_);
     slab_->save(state);
   }
   void restore(StateReader& state) override {
     restore_level(state);
     grids::restore_whole(state, low_);
     state.read(std::span<double>(largest_));
-    slab_->restore(state, last_rests_);
-    state.read(last_h_);
+    slab_->restore(state, forecast_);
     slab_->restore(state);
     stamp_ = nowhere;
   }
@@ -131,8 +130,7 @@ private:
   std::shared_ptr<GaussSlab> slab_;
   std::vector<double> largest_;  ///< of |δ| of each field so far
   int stages_;
-  WaveRows last_rests_;  ///< of the last step's stages
-  double last_h_ = 0.0;
+  RestForecast forecast_;
   std::uint64_t stamp_ = nowhere;  ///< of the slab, where it stands at this level
 };
 

@@ -262,6 +262,7 @@ void GaussSlab::linearise(const GaussSlab& about) {
 }
 
 void GaussSlab::begin_at_level() {
+  starts_solved_ = false;
   if (newton_) {
     newton_->any_start = false;
   }
@@ -291,30 +292,62 @@ void GaussSlab::begin_at_level() {
   }
 }
 
-void GaussSlab::continue_from(const WaveRows& rests, double ratio, bool at_its_end) {
-  if (newton_) {
-    newton_->any_start = needs_newton() && (!at_its_end || newton_->any_kept);
-    if (newton_->any_start) {
-      continue_stages(at_its_end ? newton_->kept : y_, ratio, at_its_end, newton_->start);
-    }
-  }
-  const WaveRows* from = &rests;
-  WaveRows& copy = Y_F_;
-  if (from == &rest_) {
-    std::ranges::copy(std::as_const(rest_.re).all(), copy.re.all().begin());
-    std::ranges::copy(std::as_const(rest_.im).all(), copy.im.all().begin());
-    from = &copy;
-  }
+RestForecast GaussSlab::make_forecast() const {
+  return {tableau_, static_cast<int>(F_.size()), level_.waves()};
+}
+
+/// R as the polynomial through R of these stages, at those of a step `ratio` times as long.
+void GaussSlab::continue_rests(double ratio) {
+  WaveRows& from = Y_F_;
+  std::ranges::copy(std::as_const(rest_.re).all(), from.re.all().begin());
+  std::ranges::copy(std::as_const(rest_.im).all(), from.im.all().begin());
   for (int i = 0; i < m_; ++i) {
-    const double at = (at_its_end ? 1.0 : 0.0) + ratio * tableau_.c[i];
     for (int j = 0; j < m_; ++j) {
-      weights_[static_cast<std::size_t>(i * m_ + j)] = tableau_.lagrange(j, at);
+      weights_[static_cast<std::size_t>(i * m_ + j)] = tableau_.lagrange(j, ratio * tableau_.c[i]);
     }
   }
   for (int f = 0; f < static_cast<int>(F_.size()); ++f) {
     const auto row = static_cast<std::size_t>(varying(f, 0));
-    mix(m_, m_, weights_.data(), from->re.pointers()[row], rest_.waves(), rest_.re.pointers()[row]);
-    mix(m_, m_, weights_.data(), from->im.pointers()[row], rest_.waves(), rest_.im.pointers()[row]);
+    mix(m_, m_, weights_.data(), from.re.pointers()[row], rest_.waves(), rest_.re.pointers()[row]);
+    mix(m_, m_, weights_.data(), from.im.pointers()[row], rest_.waves(), rest_.im.pointers()[row]);
+  }
+}
+
+/// rests += factor L̄ ẑ_k at every stage: with -1 R becomes N' - L̄ Z, which names no level.
+void GaussSlab::add_middle_of_level(double factor, WaveRows& rests) const {
+  for (const MatrixTerm& term : middle_terms_) {
+    const int field = F_[static_cast<std::size_t>(term.column)];
+    for (int i = 0; i < m_; ++i) {
+      add(factor * term.value, level_.re.field(field).data(), level_.im.field(field).data(), level_.waves(),
+          rests.re.field(varying(term.row, i)).data(), rests.im.field(varying(term.row, i)).data());
+    }
+  }
+}
+
+void GaussSlab::continue_trial(double ratio) {
+  starts_solved_ = std::abs(ratio - 1.0) <= refined_at;
+  if (newton_) {
+    newton_->any_start = needs_newton();
+    if (newton_->any_start) {
+      continue_stages(y_, ratio, false, newton_->start);
+    }
+  }
+  continue_rests(ratio);
+}
+
+void GaussSlab::continue_from(RestForecast& forecast, double h) {
+  starts_solved_ = false;
+  const double ratio = h / forecast.last_h();
+  if (newton_) {
+    newton_->any_start = needs_newton() && newton_->any_kept;
+    if (newton_->any_start) {
+      continue_stages(newton_->kept, ratio, true, newton_->start);
+    }
+  }
+  forecast.foresee(rest_);
+  add_middle_of_level(1.0, rest_);
+  if (ratio != 1.0) {
+    continue_rests(ratio);
   }
 }
 
@@ -327,14 +360,18 @@ bool GaussSlab::prepare(double h) {
   if (is_far || !resolvent_) {
     resolvent_.emplace(system_, space_.derivatives(), whole_, radius_);
     is_solvable_ = grids::agreed_by_all(grid_, resolvent_->status() == Status::success);
-    h_ = maps_h_ = 0.0;
+    inverted_h_ = maps_h_ = 0.0;
   }
   return is_solvable_;
 }
 
-/// b ↦ Y and N' ↦ Y for steps of length h_: what complete() does otherwise with the entries of the resolvent.
+bool GaussSlab::are_near(double h, double other) {
+  return std::abs(h - other) <= nearby * std::abs(other);
+}
+
+/// b ↦ Y and N' ↦ Y for steps of length reference_h_: what complete() does otherwise with the entries of the resolvent.
 void GaussSlab::make_maps() {
-  maps_h_ = h_;
+  maps_h_ = reference_h_;
   base_map_.clear();
   rest_map_.clear();
   for (PackedMatrices& resolvent : resolvents_) {
@@ -349,8 +386,8 @@ void GaussSlab::make_maps() {
           if (resolvent_->is_zero(r, c)) {
             continue;
           }
-          resolvent_->entry(r, c, eigenvalues_[e] / h_, inverse_[static_cast<std::size_t>(e)], begin, count, entry.re,
-                            entry.im);
+          resolvent_->entry(r, c, eigenvalues_[e] / reference_h_, inverse_[static_cast<std::size_t>(e)], begin, count,
+                            entry.re, entry.im);
           resolvents_[static_cast<std::size_t>(e)].add(r, c, 1.0, entry.re, entry.im, begin, count);
           const auto g = std::ranges::find(F_, c) - F_.begin();
           for (int i = 0; i < m_; ++i) {
@@ -366,15 +403,20 @@ void GaussSlab::make_maps() {
   });
 }
 
-/// base_F_ and transfer_ for steps of length h.
+/// base_F_ and transfer_ for steps of length h, or one near by: what these miss is mended by refine(), with the h that
+/// is meant.
 void GaussSlab::invert(double h) {
-  const bool anew = h != h_, maps = by_maps(), maps_anew = maps && h != maps_h_;
+  if (m_ == 1 || !are_near(h, reference_h_)) {
+    reference_h_ = h;
+  }
+  const bool anew = reference_h_ != inverted_h_, maps = by_maps(), maps_anew = maps && reference_h_ != maps_h_;
   const int n = static_cast<int>(F_.size());
   h_ = h;
+  inverted_h_ = reference_h_;
   refined_ = false;
-  if (anew || maps_anew || !maps) {
+  if (anew) {
     for (int e = 0; e < m_; ++e) {
-      resolvent_->start(eigenvalues_[e] / h, inverse_[static_cast<std::size_t>(e)]);
+      resolvent_->start(eigenvalues_[e] / reference_h_, inverse_[static_cast<std::size_t>(e)]);
     }
   }
   if (maps_anew) {
@@ -392,15 +434,12 @@ void GaussSlab::invert(double h) {
     WaveBlock entry, of_base;
     if (maps) {
       base_map_.apply(base_, nullptr, begin, count, base_Y_);
+      if (!anew) {
+        return;
+      }
     }
     for (int f = 0; f < n; ++f) {
       const int row = F_[static_cast<std::size_t>(f)];
-      for (int i = 0; maps && i < m_; ++i) {
-        std::copy_n(std::as_const(base_Y_.re).field(row * m_ + i).data() + begin, count,
-                    base_F_.re.field(varying(f, i)).data() + begin);
-        std::copy_n(std::as_const(base_Y_.im).field(row * m_ + i).data() + begin, count,
-                    base_F_.im.field(varying(f, i)).data() + begin);
-      }
       for (int e = 0; (anew || !maps) && e < m_; ++e) {
         of_base.clear(count);
         for (int c = 0; c < d_; ++c) {
@@ -408,8 +447,8 @@ void GaussSlab::invert(double h) {
           if (resolvent_->is_zero(row, c) || (maps && g >= n)) {
             continue;
           }
-          resolvent_->entry(row, c, eigenvalues_[e] / h, inverse_[static_cast<std::size_t>(e)], begin, count, entry.re,
-                            entry.im);
+          resolvent_->entry(row, c, eigenvalues_[e] / reference_h_, inverse_[static_cast<std::size_t>(e)], begin, count,
+                            entry.re, entry.im);
           if (!maps) {
             add_product(entry.re, entry.im, base_.re.field(c).data() + begin, base_.im.field(c).data() + begin, count,
                         of_base.re, of_base.im);
@@ -428,6 +467,9 @@ void GaussSlab::invert(double h) {
       }
     }
   });
+  if (maps) {
+    take_base_of_varying();
+  }
 }
 
 /// Ŷ_F of the rests.
@@ -513,7 +555,7 @@ void GaussSlab::evaluate_rests() {
   points_F_.from_points(std::as_const(rest_grid_).pointers(), rest_);
 }
 
-Status GaussSlab::iterate_to_fixed_point(double accuracy, std::span<const double> largest) {
+Status GaussSlab::iterate_to_fixed_point(std::span<const double> largest) {
   double last = std::numeric_limits<double>::infinity(), before_last = last;
   int idle = 0;
   for (int iteration = 0;; ++iteration) {
@@ -534,8 +576,10 @@ Status GaussSlab::iterate_to_fixed_point(double accuracy, std::span<const double
     // Of two corrections on average: near the end each has rounding of its own.
     const double on_average = std::isfinite(before_last) ? std::sqrt(size / before_last) : contraction;
     before_last = std::exchange(last, size);
+    // The stages that the step is made of come from the rests of these: the next correction is in them.
+    const double next = on_average * size;
     const bool done = size <= enough ||
-                      (iteration > 1 && on_average < 1.0 && on_average * size <= std::max(enough, 1e-3 * accuracy)) ||
+                      (iteration > 1 && on_average < 1.0 && next <= nearly_enough && on_average * next <= enough) ||
                       (size <= rounding && contraction > 0.5);
     if (!refined_ && (done || size <= refined_at)) {
       refine();
@@ -552,6 +596,7 @@ Status GaussSlab::iterate_to_fixed_point(double accuracy, std::span<const double
 Status GaussSlab::solve(double h, double accuracy, std::span<const double> largest, bool steady) {
   solved_ = complete_ = end_known_ = false;
   steady_ = steady;
+  const bool starts_solved = std::exchange(starts_solved_, false);
   if (!prepare(h)) {
     return Status::undefined;
   }
@@ -560,7 +605,10 @@ Status GaussSlab::solve(double h, double accuracy, std::span<const double> large
     const bool newton = std::abs(h) >= contracts_again * fixed_point_fails_at_ && since_fixed_point_ < newton_steps;
     Status status = Status::not_converged;
     if (!newton) {
-      status = iterate_to_fixed_point(accuracy, largest);
+      if (starts_solved) {
+        refine();
+      }
+      status = iterate_to_fixed_point(largest);
       if (status == Status::not_converged) {
         fixed_point_fails_at_ = std::abs(h);
         invert(h);
@@ -587,7 +635,9 @@ Status GaussSlab::solve(double h, double accuracy, std::span<const double> large
   return Status::success;
 }
 
-double GaussSlab::wave_energy(const WaveRows& rows, int stride, int offset) const {
+/// Σ_i w_i of the quadratic and linear terms of the waves at the level and row f·stages + i of each field.
+double GaussSlab::wave_energy(const WaveRows& rows, std::span<const double> weights) const {
+  const auto stages = static_cast<int>(weights.size());
   const grids::ReductionBlocks pieces(rows.waves());
   std::array<double, grids::ReductionBlocks::most> partial;  // each is set below, and most are never used
   grids::for_each_block(rows.waves(), pieces.block, [&](std::size_t begin, std::size_t end) {
@@ -596,29 +646,33 @@ double GaussSlab::wave_energy(const WaveRows& rows, int stride, int offset) cons
     std::array<double, wave_block> terms;
     for (std::size_t first = begin; first < end; first += wave_block) {
       const std::size_t count = std::min(wave_block, end - first);
-      const auto load = [&](int f, WaveBlock& to) {
-        const double* re = rows.re.field(f * stride + offset).data() + first;
-        const double* im = rows.im.field(f * stride + offset).data() + first;
+      const auto load = [&](int f, int stage, WaveBlock& to) {
+        const double* re = rows.re.field(f * stages + stage).data() + first;
+        const double* im = rows.im.field(f * stages + stage).data() + first;
         const double* level_re = level_.re.field(f).data() + first;
         const double* level_im = level_.im.field(f).data() + first;
         add_pair(level_re, re, count, to.re);
         add_pair(level_im, im, count, to.im);
       };
       terms.fill(0.0);
-      for (const MatrixTerm& term : L_terms_) {
-        load(term.row, left);
-        load(term.column, right);
-        add_dot(0.5 * term.value, left.re, left.im, right.re, right.im, count, terms.data());
-      }
-      for (std::size_t a = 0; a < K_plus_.size(); ++a) {
-        const double* k = space_.derivatives()[a].data() + first;
-        for (const MatrixTerm& term : K_plus_[a]) {
-          load(term.row, left);
-          load(term.column, right);
-          add_cross(term.value, k, left.re, left.im, right.re, right.im, count, terms.data());
-          for (std::size_t w = 0; a == 0 && slopes_.rows() > 0 && w < count; ++w) {
-            terms[w] += term.value * (slopes_.re.field(term.row)[first + w] * right.re[w] +
-                                      slopes_.im.field(term.row)[first + w] * right.im[w]);
+      for (int i = 0; i < stages; ++i) {
+        const double weight = weights[static_cast<std::size_t>(i)];
+        for (const MatrixTerm& term : L_terms_) {
+          load(term.row, i, left);
+          load(term.column, i, right);
+          add_dot(0.5 * weight * term.value, left.re, left.im, right.re, right.im, count, terms.data());
+        }
+        for (std::size_t a = 0; a < K_plus_.size(); ++a) {
+          const double* k = space_.derivatives()[a].data() + first;
+          for (const MatrixTerm& term : K_plus_[a]) {
+            load(term.row, i, left);
+            load(term.column, i, right);
+            add_cross(weight * term.value, k, left.re, left.im, right.re, right.im, count, terms.data());
+            for (std::size_t w = 0; a == 0 && slopes_.rows() > 0 && w < count; ++w) {
+              terms[w] += weight * term.value *
+                          (slopes_.re.field(term.row)[first + w] * right.re[w] +
+                           slopes_.im.field(term.row)[first + w] * right.im[w]);
+            }
           }
         }
       }
@@ -633,8 +687,9 @@ double GaussSlab::wave_energy(const WaveRows& rows, int stride, int offset) cons
     sum.add(partial[b]);
   }
   for (int f = 0; f < d_; ++f) {
-    if (linear_[f] != 0.0 && has_mean()) {
-      sum.add(linear_[f] * (level_.re.field(f)[0] + rows.re.field(f * stride + offset)[0]));
+    for (int i = 0; linear_[f] != 0.0 && has_mean() && i < stages; ++i) {
+      sum.add(weights[static_cast<std::size_t>(i)] * linear_[f] *
+              (level_.re.field(f)[0] + rows.re.field(f * stages + i)[0]));
     }
   }
   return grid_.cell_volume() * sum_of_waves(sum.value());
@@ -655,12 +710,12 @@ double GaussSlab::rest_energy(std::span<const double* const> fields) {
 double GaussSlab::energy() {
   complete();
   CompensatedSum sum;
+  sum.add(wave_energy(Y_, {tableau_.b.data(), static_cast<std::size_t>(m_)}));
   for (int i = 0; i < m_; ++i) {
     std::array<const double*, MultisymplecticSystem::most_fields> in{};
     for (std::size_t f = 0; f < F_.size(); ++f) {
       in[f] = std::as_const(point_).field(varying(static_cast<int>(f), i)).data();
     }
-    sum.add(tableau_.b[i] * wave_energy(Y_, m_, i));
     sum.add(tableau_.b[i] * rest_energy(std::span(in).first(F_.size())));
   }
   return sum.value();
@@ -686,22 +741,6 @@ void GaussSlab::end_rows() {
   }
 }
 
-void GaussSlab::rests_at_end(WaveRows& rests) {
-  end_rows();
-  rests.re.copy_from(rest_.re);
-  rests.im.copy_from(rest_.im);
-  for (const MatrixTerm& term : middle_terms_) {
-    const int field = F_[static_cast<std::size_t>(term.column)];
-    if (at_midpoints_[static_cast<std::size_t>(field)]) {
-      continue;  // levels do not have it
-    }
-    for (int i = 0; i < m_; ++i) {
-      add(term.value, std::as_const(end_.re).field(field).data(), std::as_const(end_.im).field(field).data(),
-          end_.waves(), rests.re.field(varying(term.row, i)).data(), rests.im.field(varying(term.row, i)).data());
-    }
-  }
-}
-
 double GaussSlab::energy_at_end() {
   end_rows();
   WaveRows& level = scratch_;
@@ -713,7 +752,7 @@ double GaussSlab::energy_at_end() {
       std::ranges::fill(level.im.field(f), 0.0);
     }
   }
-  double energy = wave_energy(level, 1, 0);
+  double energy = wave_energy(level, std::array{1.0});
   if (!F_.empty()) {
     grids::FieldSet& end = end_F_;
     points_F_.to_points(level, F_, end.pointers());
@@ -758,9 +797,11 @@ Status GaussSlab::take(const LatticeLevel& before, const LatticeLevel&, double h
   }
   const double failed_at = fixed_point_fails_at_;
   const int since = since_fixed_point_;
+  const double reference = std::exchange(reference_h_, 0.0);  // what a step gives depends on it alone
   stand(before.fields, nullptr, before.slopes);
   begin_at_level();
   const Status status = solve(h, 0.0, {});
+  reference_h_ = reference;
   if (std::exchange(restored_, false)) {  // the run had counted this step
     fixed_point_fails_at_ = failed_at;
     since_fixed_point_ = since;
@@ -813,6 +854,7 @@ void GaussSlab::save(StateWriter& state) const {
   state.write(radius_);
   state.write(fixed_point_fails_at_);
   state.write(static_cast<double>(since_fixed_point_));
+  state.write(reference_h_);
   const bool any_kept = newton_ && newton_->any_kept;
   state.write(static_cast<double>(any_kept));
   if (any_kept) {
@@ -823,6 +865,7 @@ void GaussSlab::restore(StateReader& state) {
   state.read(radius_);
   state.read(fixed_point_fails_at_);
   state.read(since_fixed_point_);
+  state.read(reference_h_);
   newton_.reset();
   if (state.read() != 0.0) {
     make_newton();
@@ -832,15 +875,6 @@ void GaussSlab::restore(StateReader& state) {
   resolvent_.reset();
   solved_ = false;
   restored_ = true;
-}
-
-void GaussSlab::save(StateWriter& state, const WaveRows& rests) const {
-  save_waves(state, fourier_all_, rests.re);
-  save_waves(state, fourier_all_, rests.im);
-}
-void GaussSlab::restore(StateReader& state, WaveRows& rests) const {
-  restore_waves(state, fourier_all_, rests.re);
-  restore_waves(state, fourier_all_, rests.im);
 }
 
 namespace {

@@ -20,6 +20,7 @@
 #include <rubato/pde/matrix_terms.hpp>
 #include <rubato/pde/multisymplectic_system.hpp>
 #include <rubato/pde/placed_coordinates.hpp>
+#include <rubato/pde/rest_forecast.hpp>
 #include <rubato/pde/space_collocation.hpp>
 #include <rubato/pde/stage_loops.hpp>
 #include <rubato/pde/stage_source.hpp>
@@ -70,17 +71,23 @@ public:
   /// made of the same arguments, has just solved. Energies are then none.
   void linearise(const GaussSlab& about);
 
-  /// Where the iteration begins: with R of the level at all stages, or with R of another step's stages, continued as
-  /// a polynomial to a step `ratio` times as long, which begins where that one begins or ends. Newton's method begins
-  /// with the stages of the step solved or kept last, continued likewise; at a level, with steps that grow to h.
+  /// Where the iteration begins: with R of the level at all stages, with R of the stages solved last, for a step
+  /// `ratio` times as long from the same level, or with what is foreseen from the steps that led here. Newton's method
+  /// begins with the stages of the step solved or kept last, continued as a polynomial; at a level, with steps that
+  /// grow to h.
   ///@{
   void begin_at_level();
-  void continue_from(const WaveRows& rests, double ratio, bool at_its_end);
-  void keep();  ///< the stages solved last are those of a step of the run
+  void continue_trial(double ratio);
+  void continue_from(RestForecast& forecast, double h);
+  /// The stages solved last are those of a step of the run.
+  void keep(RestForecast& forecast);
+  [[nodiscard]] RestForecast make_forecast() const;
   ///@}
   /// `largest`: the largest increment of each field so far, beside which corrections are judged. `steady`: whether
-  /// steps of this length are to be expected, so that matrices for them are made and kept where they are small.
+  /// steps of about this length are to be expected, so that matrices for them are made and kept where they are small.
   [[nodiscard]] Status solve(double h, double accuracy, std::span<const double> largest, bool steady = false);
+  /// Whether matrices of steps of the one length serve for those of the other.
+  [[nodiscard]] static bool are_near(double h, double other);
   [[nodiscard]] int iterations() const { return iterations_; }  ///< since construction
 
   /// Of the step solved last.
@@ -89,8 +96,6 @@ public:
   [[nodiscard]] double energy();           ///< E_k
   [[nodiscard]] double energy_at_end();    ///< 𝓔 of the level it leads to
   void increment(grids::FieldSet& delta);  ///< z_{k+1} - z_k; of fields at midpoints twice their value there
-  [[nodiscard]] const WaveRows& rests() const { return rest_; }  ///< R̂, row f·m + i
-  void rests_at_end(WaveRows& rests);                            ///< R̂ with Y as increments of the level it leads to
   ///@}
 
   [[nodiscard]] Status take(const LatticeLevel& before, const LatticeLevel& after, double h) override;
@@ -101,10 +106,10 @@ public:
 
   void save(StateWriter& state) const;
   void restore(StateReader& state);
-  /// Rests, for a checkpoint.
+  /// For a checkpoint.
   ///@{
-  void save(StateWriter& state, const WaveRows& rests) const;
-  void restore(StateReader& state, WaveRows& rests) const;
+  void save(StateWriter& state, const RestForecast& forecast) const { forecast.save(state, fourier_all_); }
+  void restore(StateReader& state, RestForecast& forecast) const { forecast.restore(state, fourier_all_); }
   ///@}
 
 private:
@@ -128,12 +133,14 @@ private:
   [[nodiscard]] Correction place_stages(std::span<const double> largest);
   void evaluate_rests();
   void multiply_by_curvature(std::span<const double* const> of);
-  [[nodiscard]] Status iterate_to_fixed_point(double accuracy, std::span<const double> largest);
+  [[nodiscard]] Status iterate_to_fixed_point(std::span<const double> largest);
   [[nodiscard]] Status solve_by_newton(double h, double accuracy, std::span<const double> largest);
   [[nodiscard]] Status iterate_by_newton(double accuracy, std::span<const double> largest);
   [[nodiscard]] bool needs_newton() const { return std::isfinite(fixed_point_fails_at_); }
   void make_newton();
   void continue_stages(const grids::FieldSet& from, double ratio, bool at_its_end, grids::FieldSet& to);
+  void continue_rests(double ratio);
+  void add_middle_of_level(double factor, WaveRows& rests) const;
   [[nodiscard]] double evaluate_residual();
   void apply_newton_matrix(const double* in, double* out);
   void complete();
@@ -143,10 +150,11 @@ private:
   void refine();
   void evaluate_left(std::size_t begin, std::size_t count);
   void resolve_left();
+  void take_base_of_varying();
   template <typename RightSide>
   void solve_on_waves(const RightSide& right_side, WaveRows& x);
   void end_rows();
-  [[nodiscard]] double wave_energy(const WaveRows& rows, int stride, int offset) const;
+  [[nodiscard]] double wave_energy(const WaveRows& rows, std::span<const double> weights) const;
   void subtract_middle(std::span<const double* const> of);
   [[nodiscard]] double rest_energy(std::span<const double* const> fields);
   [[nodiscard]] int varying(int f, int i) const { return f * m_ + i; }
@@ -204,12 +212,15 @@ private:
   WaveRows base_;                    ///< b of P Y = b + N'
 
   double h_ = 0.0;
+  double reference_h_ = 0.0;       ///< near h_: of all matrices
+  double inverted_h_ = 0.0;        ///< the reference that inverse_ and transfer_ were made for
+  bool starts_solved_ = false;     ///< with stages that are as good as refined_at asks
   std::vector<WaveRows> inverse_;  ///< 1/D of each eigenvalue
   WaveRows base_F_;                ///< what b makes of Y_F, row f·m + i
   PackedMatrices transfer_;        ///< N' ↦ Y_F
   bool steady_ = false;
   double maps_h_ = 0.0;
-  PackedMatrices base_map_, rest_map_;      ///< b ↦ Y and N' ↦ Y, for steps of length maps_h_; empty on many waves
+  PackedMatrices base_map_, rest_map_;      ///< b ↦ Y and N' ↦ Y, for the reference maps_h_; empty on many waves
   std::vector<PackedMatrices> resolvents_;  ///< the resolvent at each eigenvalue, with these
   WaveRows base_Y_;                         ///< what b makes of Y then, and what mends it
   WaveRows rate_, right_, resolved_;        ///< see refine()

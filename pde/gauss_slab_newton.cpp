@@ -116,7 +116,12 @@ void GaussSlab::make_newton() {
   newton_->rows.resize(rows_F_.size());
 }
 
-void GaussSlab::keep() {
+void GaussSlab::keep(RestForecast& forecast) {
+  WaveRows& rests = forecast.next();
+  rests.re.copy_from(rest_.re);
+  rests.im.copy_from(rest_.im);
+  add_middle_of_level(-1.0, rests);
+  forecast.add(h_);
   if (newton_) {
     newton_->any_kept = needs_newton();
     if (newton_->any_kept) {
@@ -162,7 +167,7 @@ Status GaussSlab::solve_by_newton(double h, double accuracy, std::span<const dou
     }
     invert(shorter);
     begin_at_level();
-    status = iterate_to_fixed_point(accuracy, largest);
+    status = iterate_to_fixed_point(largest);
   }
   while (status == Status::success && doublings > 0) {
     const double longer = std::ldexp(h, -(--doublings));

@@ -64,8 +64,8 @@ void GaussSlab::solve_on_waves(const RightSide& right_side, WaveRows& x) {
         for (int c = 0; c < d_; ++c) {
           if (!resolvent_->is_zero(r, c)) {
             const WaveBlock& of = right[static_cast<std::size_t>(c)];
-            resolvent_->entry(r, c, eigenvalues_[e] / h_, inverse_[static_cast<std::size_t>(e)], begin, count, entry.re,
-                              entry.im);
+            resolvent_->entry(r, c, eigenvalues_[e] / inverted_h_, inverse_[static_cast<std::size_t>(e)], begin, count,
+                              entry.re, entry.im);
             add_product(entry.re, entry.im, of.re, of.im, count, solution.re, solution.im);
           }
         }
@@ -114,11 +114,7 @@ void GaussSlab::evaluate_left(std::size_t begin, std::size_t count) {
       continue;
     }
     const Strided<const double> of = {re(Y_, c * m_), im(Y_, c * m_), waves};
-    for (int i = 0; i < m_; ++i) {
-      std::fill_n(re(rate_, i), count, 0.0);
-      std::fill_n(im(rate_, i), count, 0.0);
-    }
-    add_mixed(m_, m_, a_inverse_high_.data(), of, count, rates);
+    mix(m_, m_, a_inverse_high_.data(), of, count, rates);
     add_mixed(m_, m_, a_inverse_low_.data(), of, count, rates);
     for (const MatrixTerm& term : M_) {
       for (int i = 0; term.column == c && i < m_; ++i) {
@@ -131,10 +127,6 @@ void GaussSlab::evaluate_left(std::size_t begin, std::size_t count) {
 
 /// refinement_ = what solve_on_waves() makes of left_, by the resolvents of the maps.
 void GaussSlab::resolve_left() {
-  refinement_.re.fill(0.0);
-  refinement_.im.fill(0.0);
-  right_.re.fill(0.0);
-  right_.im.fill(0.0);
   const std::size_t waves = level_.waves(), d = static_cast<std::size_t>(d_);
   const auto from = [waves](const WaveRows& rows, std::size_t row, std::size_t begin, std::size_t stride) {
     const std::size_t at = row * waves + begin;
@@ -148,14 +140,14 @@ void GaussSlab::resolve_left() {
   for_each_wave_block(waves, [&](std::size_t begin, std::size_t end) {
     const std::size_t count = end - begin;
     for (std::size_t c = 0; c < d; ++c) {
-      add_mixed(m_, m_, V_inverse_by_rows_.data(), from(left_, c * m, begin, 1), count, to(right_, c, begin, d));
+      mix(m_, m_, V_inverse_by_rows_.data(), from(left_, c * m, begin, 1), count, to(right_, c, begin, d));
     }
     for (int e = 0; e < m_; ++e) {
       resolvents_[static_cast<std::size_t>(e)].apply_to(0, d_, right_, nullptr, e * d_, begin, count, resolved_,
                                                         e * d_);
     }
     for (std::size_t r = 0; r < d; ++r) {
-      add_mixed(m_, m_, V_by_rows_.data(), from(resolved_, r, begin, d), count, to(refinement_, r * m, begin, 1));
+      mix(m_, m_, V_by_rows_.data(), from(resolved_, r, begin, d), count, to(refinement_, r * m, begin, 1));
     }
   });
 }
@@ -180,14 +172,26 @@ void GaussSlab::refine() {
       add(1.0, std::as_const(refinement_.re).field(row).data(), std::as_const(refinement_.im).field(row).data(),
           base_Y_.waves(), base_Y_.re.field(row).data(), base_Y_.im.field(row).data());
     }
-  } else {
-    solve_on_waves(right_side, refinement_);
+    take_base_of_varying();
+    return;
   }
+  solve_on_waves(right_side, refinement_);
   for (int f = 0; f < static_cast<int>(F_.size()); ++f) {
     for (int i = 0; i < m_; ++i) {
       const int row = F_[static_cast<std::size_t>(f)] * m_ + i;
       add(1.0, std::as_const(refinement_.re).field(row).data(), std::as_const(refinement_.im).field(row).data(),
           refinement_.waves(), base_F_.re.field(varying(f, i)).data(), base_F_.im.field(varying(f, i)).data());
+    }
+  }
+}
+
+/// base_F_ of base_Y_.
+void GaussSlab::take_base_of_varying() {
+  for (int f = 0; f < static_cast<int>(F_.size()); ++f) {
+    for (int i = 0; i < m_; ++i) {
+      const int row = F_[static_cast<std::size_t>(f)] * m_ + i;
+      std::ranges::copy(std::as_const(base_Y_.re).field(row), base_F_.re.field(varying(f, i)).begin());
+      std::ranges::copy(std::as_const(base_Y_.im).field(row), base_F_.im.field(varying(f, i)).begin());
     }
   }
 }

@@ -1,10 +1,12 @@
 #include <rubato/pde/stage_loops.hpp>
 
 #include <algorithm>
+#include <array>
 #include <cstring>
 
 #include <rubato/grids/wide_vectors.hpp>
 #include <rubato/pde/tuning.hpp>
+#include <rubato/variation/gauss_tableau.hpp>
 
 namespace rubato {
 
@@ -160,14 +162,17 @@ template <int R>
   im += weight.real() * x_im + weight.imag() * x_re;
 }
 
-/// R rows of a mixture on one block.
-template <int R, typename Weight>
-[[gnu::always_inline]] inline void add_mixed_block(int columns, const Weight* weights, const Strided<const double>& x,
-                                                   std::size_t count, const Strided<double>& y) {
+/// R rows of a mixture on one block, in addition to what is there or not.
+template <int R, bool Adds, typename Weight>
+[[gnu::always_inline]] inline void mix_block(int columns, const Weight* weights, const Strided<const double>& x,
+                                             std::size_t count, const Strided<double>& y) {
   EightLanes re[R], im[R], x_re, x_im;
   for (int r = 0; r < R; ++r) {
-    take(y.re + static_cast<std::size_t>(r) * y.stride, count, re[r]);
-    take(y.im + static_cast<std::size_t>(r) * y.stride, count, im[r]);
+    re[r] = im[r] = EightLanes{};
+    if constexpr (Adds) {
+      take(y.re + static_cast<std::size_t>(r) * y.stride, count, re[r]);
+      take(y.im + static_cast<std::size_t>(r) * y.stride, count, im[r]);
+    }
   }
   for (int c = 0; c < columns; ++c) {
     take(x.re + static_cast<std::size_t>(c) * x.stride, count, x_re);
@@ -182,9 +187,9 @@ template <int R, typename Weight>
   }
 }
 
-template <typename Weight>
-[[gnu::always_inline]] inline void add_mixed_rows(int rows, int columns, const Weight* weights, Strided<const double> x,
-                                                  std::size_t count, Strided<double> y) {
+template <bool Adds, typename Weight>
+[[gnu::always_inline]] inline void mix_waves(int rows, int columns, const Weight* weights, Strided<const double> x,
+                                             std::size_t count, Strided<double> y) {
   constexpr int some = 4;
   for (std::size_t w = 0; w < count; w += lanes) {
     const std::size_t here = std::min(lanes, count - w);
@@ -194,19 +199,165 @@ template <typename Weight>
                                   y.im + static_cast<std::size_t>(r) * y.stride + w, y.stride};
       const Weight* own = weights + r * columns;
       if (r + some <= rows && here == lanes) {
-        add_mixed_block<some>(columns, own, from, lanes, to);
+        mix_block<some, Adds>(columns, own, from, lanes, to);
         r += some;
       } else if (here == lanes) {
-        add_mixed_block<1>(columns, own, from, lanes, to);
+        mix_block<1, Adds>(columns, own, from, lanes, to);
         ++r;
       } else if (here == 1) {
-        add_mixed_block<1>(columns, own, from, 1, to);
+        mix_block<1, Adds>(columns, own, from, 1, to);
         ++r;
       } else {
-        add_mixed_block<1>(columns, own, from, here, to);
+        mix_block<1, Adds>(columns, own, from, here, to);
         ++r;
       }
     }
+  }
+}
+
+struct LaneNumbers {
+  EightLanes re, im;
+};
+using LaneStages = std::array<LaneNumbers, GaussTableau::most_stages>;
+
+[[gnu::always_inline]] inline void take_stages(int m, const Strided<const double>& from, std::size_t at,
+                                               std::size_t count, LaneStages& to) {
+  for (int i = 0; i < m; ++i) {
+    take(from.re + static_cast<std::size_t>(i) * from.stride + at, count, to[i].re);
+    take(from.im + static_cast<std::size_t>(i) * from.stride + at, count, to[i].im);
+  }
+}
+/// Σ conj(x_i) y_i.
+[[gnu::always_inline]] inline LaneNumbers inner_product(int m, const LaneStages& x, const LaneStages& y) {
+  LaneNumbers sum = {};
+  for (int i = 0; i < m; ++i) {
+    sum.re += x[i].re * y[i].re + x[i].im * y[i].im;
+    sum.im += x[i].re * y[i].im - x[i].im * y[i].re;
+  }
+  return sum;
+}
+/// Σ |x_i|².
+[[gnu::always_inline]] inline void add_squares(int m, const LaneStages& x, EightLanes& sum) {
+  for (int i = 0; i < m; ++i) {
+    sum += x[i].re * x[i].re + x[i].im * x[i].im;
+  }
+}
+[[gnu::always_inline]] inline void subtract_product(const LaneNumbers& a, const LaneNumbers& x, LaneNumbers& y) {
+  y.re -= a.re * x.re - a.im * x.im;
+  y.im -= a.re * x.im + a.im * x.re;
+}
+[[gnu::always_inline]] inline void take_larger_part(const LaneNumbers& x, EightLanes& of) {
+  const EightLanes re = x.re < 0.0 ? -x.re : x.re, im = x.im < 0.0 ? -x.im : x.im;
+  of = re > im ? re : im;
+}
+[[gnu::always_inline]] inline void multiply_by(const EightLanes& factor, LaneNumbers& x) {
+  x.re *= factor;
+  x.im *= factor;
+}
+[[gnu::always_inline]] inline void give_number(const LaneNumbers& value, const Strided<double>& to, int row,
+                                               std::size_t at, std::size_t count) {
+  give(value.re, count, to.re + static_cast<std::size_t>(row) * to.stride + at);
+  give(value.im, count, to.im + static_cast<std::size_t>(row) * to.stride + at);
+}
+/// sum += Σ_j weights_j x_j.
+[[gnu::always_inline]] inline void add_continued(int m, const double* weights, const LaneStages& x, LaneNumbers& sum) {
+  for (int j = 0; j < m; ++j) {
+    sum.re += weights[j] * x[j].re;
+    sum.im += weights[j] * x[j].im;
+  }
+}
+
+/// α and β of z = α x + β y; β = 0 without y. It is found from what z and y have across x: where that is nothing but
+/// rounding, they are comparable.
+[[gnu::always_inline]] inline void fit_recurrence(int m, const LaneStages& z, const LaneStages& x, const LaneStages* y,
+                                                  LaneNumbers& alpha, LaneNumbers& beta) {
+  EightLanes squares = {};
+  add_squares(m, x, squares);
+  const EightLanes of_x = 1.0 / (squares + least_square);
+  alpha = inner_product(m, x, z);
+  multiply_by(of_x, alpha);
+  beta = LaneNumbers{};
+  if (y == nullptr) {
+    return;
+  }
+  EightLanes of_y = {};
+  add_squares(m, *y, of_y);
+  LaneNumbers along = inner_product(m, x, *y);
+  multiply_by(of_x, along);
+  squares = rounding_of_squares * of_y + least_square;
+  for (int i = 0; i < m; ++i) {
+    LaneNumbers across = (*y)[i], of_z = z[i];
+    subtract_product(along, x[i], across);
+    subtract_product(alpha, x[i], of_z);
+    squares += across.re * across.re + across.im * across.im;
+    beta.re += across.re * of_z.re + across.im * of_z.im;
+    beta.im += across.re * of_z.im - across.im * of_z.re;
+  }
+  multiply_by(1.0 / squares, beta);
+  subtract_product(along, beta, alpha);
+}
+
+[[gnu::always_inline]] inline void foresee_block(int m, const double* onward, const WaveForecast& forecast,
+                                                 std::size_t w, std::size_t count) {
+  const EightLanes none = {};
+  const double* to_last = onward + (m - 1) * m;
+  const bool recurs = forecast.past[1].re != nullptr;
+  LaneStages z, base;
+  LaneNumbers last = {};
+  take_stages(m, forecast.past[0], w, count, z);
+  add_continued(m, to_last, z, last);
+  give_number(last, forecast.last[0], 0, w, count);
+  for (int i = 0; i < m; ++i) {
+    base[i] = LaneNumbers{};
+  }
+  if (recurs) {
+    LaneStages x, y, left;
+    LaneNumbers alpha, beta;
+    take_stages(m, forecast.past[1], w, count, x);
+    if (forecast.past[2].re != nullptr) {
+      take_stages(m, forecast.past[2], w, count, y);
+      fit_recurrence(m, z, x, &y, alpha, beta);
+    } else {
+      for (int i = 0; i < m; ++i) {
+        y[i] = LaneNumbers{};
+      }
+      fit_recurrence(m, z, x, nullptr, alpha, beta);
+    }
+    for (int i = 0; i < m; ++i) {
+      left[i] = z[i];
+      subtract_product(alpha, x[i], left[i]);
+      subtract_product(beta, y[i], left[i]);
+      subtract_product(alpha, z[i], base[i]);
+      subtract_product(beta, x[i], base[i]);
+      base[i] = {-base[i].re, -base[i].im};
+    }
+    last = base[m - 1];
+    give_number(last, forecast.last[1], 0, w, count);
+    add_continued(m, to_last, left, last);
+    give_number(last, forecast.last[2], 0, w, count);
+    EightLanes off_polynomial, off_recurrence, off_both;
+    take(forecast.off[0] + w, count, off_polynomial);
+    if (forecast.judged) {
+      take(forecast.off[1] + w, count, off_recurrence);
+      take(forecast.off[2] + w, count, off_both);
+    } else {
+      take_larger_part(left[m - 1], off_recurrence);
+      off_both = off_recurrence;
+    }
+    off_polynomial *= 1.0 / caution;
+    // What is continued is z, or nothing, or what the recurrence leaves.
+    const auto alone = off_recurrence <= off_polynomial && off_recurrence <= off_both;
+    const auto both = off_both < off_recurrence && off_both <= off_polynomial;
+    for (int i = 0; i < m; ++i) {
+      z[i].re = alone ? none : (both ? left[i].re : z[i].re);
+      z[i].im = alone ? none : (both ? left[i].im : z[i].im);
+      base[i].re = alone || both ? base[i].re : none;
+      base[i].im = alone || both ? base[i].im : none;
+    }
+  }
+  for (int i = 0; i < m; ++i) {
+    add_continued(m, onward + i * m, z, base[i]);
+    give_number(base[i], forecast.stages, i, w, count);
   }
 }
 
@@ -258,11 +409,19 @@ RUBATO_WIDE_VECTORS void mix(int rows, int columns, const double* weights, const
 
 RUBATO_WIDE_VECTORS void add_mixed(int rows, int columns, const double* weights, Strided<const double> x,
                                    std::size_t count, Strided<double> y) {
-  add_mixed_rows(rows, columns, weights, x, count, y);
+  mix_waves<true>(rows, columns, weights, x, count, y);
 }
 RUBATO_WIDE_VECTORS void add_mixed(int rows, int columns, const std::complex<double>* weights, Strided<const double> x,
                                    std::size_t count, Strided<double> y) {
-  add_mixed_rows(rows, columns, weights, x, count, y);
+  mix_waves<true>(rows, columns, weights, x, count, y);
+}
+RUBATO_WIDE_VECTORS void mix(int rows, int columns, const double* weights, Strided<const double> x, std::size_t count,
+                             Strided<double> y) {
+  mix_waves<false>(rows, columns, weights, x, count, y);
+}
+RUBATO_WIDE_VECTORS void mix(int rows, int columns, const std::complex<double>* weights, Strided<const double> x,
+                             std::size_t count, Strided<double> y) {
+  mix_waves<false>(rows, columns, weights, x, count, y);
 }
 
 RUBATO_WIDE_VECTORS void subtract(double value, const double* x, std::size_t count, double* out) {
@@ -272,6 +431,33 @@ RUBATO_WIDE_VECTORS void subtract(double value, const double* x, std::size_t cou
     take(x + i, here, from);
     take(out + i, here, to);
     give(to - value * from, here, out + i);
+  }
+}
+
+RUBATO_WIDE_VECTORS void measure_distance(Strided<const double> x, Strided<const double> y, std::size_t count,
+                                          double* out) {
+  LaneNumbers a, b;
+  EightLanes larger;
+  for (std::size_t w = 0; w < count; w += lanes) {
+    const std::size_t here = std::min(lanes, count - w);
+    take(x.re + w, here, a.re);
+    take(x.im + w, here, a.im);
+    take(y.re + w, here, b.re);
+    take(y.im + w, here, b.im);
+    a.re -= b.re;
+    a.im -= b.im;
+    take_larger_part(a, larger);
+    give(larger, here, out + w);
+  }
+}
+
+RUBATO_WIDE_VECTORS void foresee_waves(int m, const double* onward, const WaveForecast& forecast, std::size_t count) {
+  for (std::size_t w = 0; w < count; w += lanes) {
+    if (count - w >= lanes) {
+      foresee_block(m, onward, forecast, w, lanes);
+    } else {
+      foresee_block(m, onward, forecast, w, count - w);
+    }
   }
 }
 

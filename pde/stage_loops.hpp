@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <complex>
 #include <cstddef>
 
@@ -47,15 +48,43 @@ struct Strided {
   Number* im;
   std::size_t stride;
 };
-/// y_i += Σ_j weights[i·columns + j] x_j, i < rows, `count` waves of each row.
+/// Those of waves from `begin` on, of rows that begin with number `row`.
+///@{
+[[nodiscard]] inline Strided<const double> rows_from(const WaveRows& rows, int row, std::size_t begin) {
+  const std::size_t at = static_cast<std::size_t>(row) * rows.waves() + begin;
+  return {rows.re.all().data() + at, rows.im.all().data() + at, rows.waves()};
+}
+[[nodiscard]] inline Strided<double> rows_from(WaveRows& rows, int row, std::size_t begin) {
+  const std::size_t at = static_cast<std::size_t>(row) * rows.waves() + begin;
+  return {rows.re.all().data() + at, rows.im.all().data() + at, rows.waves()};
+}
+///@}
+/// y_i += Σ_j weights[i·columns + j] x_j, i < rows, `count` waves of each row; and y_i = that.
 ///@{
 void add_mixed(int rows, int columns, const double* weights, Strided<const double> x, std::size_t count,
                Strided<double> y);
 void add_mixed(int rows, int columns, const std::complex<double>* weights, Strided<const double> x, std::size_t count,
                Strided<double> y);
+void mix(int rows, int columns, const double* weights, Strided<const double> x, std::size_t count, Strided<double> y);
+void mix(int rows, int columns, const std::complex<double>* weights, Strided<const double> x, std::size_t count,
+         Strided<double> y);
 ///@}
 /// out -= value·x.
 void subtract(double value, const double* x, std::size_t count, double* out);
+
+/// out = max(|Re(x - y)|, |Im(x - y)|), of one row.
+void measure_distance(Strided<const double> x, Strided<const double> y, std::size_t count, double* out);
+
+/// A field's rows for RestForecast.
+struct WaveForecast {
+  std::array<Strided<const double>, 3> past;  ///< stages of the last step, and of those before it; null where unknown
+  bool judged;                                ///< `off` tells of all ways; else of the first alone
+  std::array<const double*, 3> off;           ///< how far each way was off
+  std::array<Strided<double>, 3> last;        ///< what each says of the last stage
+  Strided<double> stages;                     ///< by the best way
+};
+/// \param onward what the polynomial through m stages is at those of the next step, by rows
+void foresee_waves(int m, const double* onward, const WaveForecast& forecast, std::size_t count);
 
 /// The largest |y| and |y - last| of what was placed; NaN with a value that is not finite.
 struct StageSizes {

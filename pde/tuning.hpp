@@ -41,6 +41,10 @@ namespace rubato::tuning::gauss_slab {
 inline constexpr int most_slab_iterations = 200;
 /// What the next correction would mend, relative, at which nothing but rounding is left.
 inline constexpr double enough = 0.25 * epsilon;
+/// Stages that the next correction would move by this are as good as enough where it is made without looking at it.
+inline constexpr double nearly_enough = 4.0 * epsilon;
+/// Matrices of a step that differs by this, relative, serve: what is left of them is mended with them.
+inline constexpr double nearby = 1e-10;
 /// Where the iteration contracts, what rounding makes of a stage's values enters the next ones with a factor below one;
 /// the transforms and the rest of S add some units in the last place of these values.
 inline constexpr double roundings = 16.0;
@@ -171,6 +175,12 @@ namespace rubato::tuning::stage_loops {
 
 /// Rows whose sums stay in registers.
 inline constexpr int rows_at_once = 8;
+/// Beside squares of stages, what rounding makes of a sum of them that is 0; and beside squares that are 0.
+inline constexpr double rounding_of_squares = 256.0 * epsilon * epsilon;
+inline constexpr double least_square = 1e-300;
+/// A recurrence is taken where the polynomial missed the last stage by so many times more: an error that passes through
+/// 0 there tells nothing.
+inline constexpr double caution = 8.0;
 
 }  // namespace rubato::tuning::stage_loops
 

@@ -1,0 +1,98 @@
+#include <rubato/pde/rest_forecast.hpp>
+
+#include <algorithm>
+#include <utility>
+
+#include <rubato/pde/stage_loops.hpp>
+
+namespace rubato {
+
+RestForecast::RestForecast(const GaussTableau& tableau, int fields, std::size_t waves)
+    : tableau_(tableau),
+      m_(tableau.stages),
+      fields_(fields),
+      at_last_(static_cast<std::size_t>(m_)),
+      foreseen_(ways * fields, waves),
+      off_(ways * fields, waves),
+      seen_(1, waves) {
+  past_.fill(WaveRows(fields * m_, waves));
+  for (int i = 0; i < m_; ++i) {
+    for (int j = 0; j < m_; ++j) {
+      onward_.push_back(tableau.lagrange(j, 1.0 + tableau.c[i]));
+    }
+  }
+}
+
+void RestForecast::add(double h) {
+  newest_ = place(past_.size() - 1);
+  const WaveRows& rests = past_[newest_];
+  if (std::exchange(told_, false)) {
+    for (int j = 0; j < m_; ++j) {
+      at_last_[static_cast<std::size_t>(j)] = tableau_.lagrange(j, tableau_.c[m_ - 1] * (last_h_ / h));
+    }
+    for_each_wave_block(rests.waves(), [&](std::size_t begin, std::size_t end) {
+      for (int f = 0; f < fields_; ++f) {
+        const std::size_t count = end - begin;
+        const Strided<double> seen = {seen_.re.all().data() + begin, seen_.im.all().data() + begin, rests.waves()};
+        mix(1, m_, at_last_.data(), rows_from(rests, f * m_, begin), count, seen);
+        for (int way = 0; way < ways; ++way) {
+          const int row = way * fields_ + f;
+          measure_distance({seen.re, seen.im, seen.stride}, rows_from(std::as_const(foreseen_), row, begin), count,
+                           off_.field(row).data() + begin);
+        }
+      }
+    });
+    judged_ = known_ > 1;
+  }
+  known_ = std::min(known_ + 1, static_cast<int>(past_.size()));
+  last_h_ = h;
+}
+
+void RestForecast::foresee(WaveRows& rests) {
+  for_each_wave_block(rests.waves(), [&](std::size_t begin, std::size_t end) {
+    for (int f = 0; f < fields_; ++f) {
+      WaveForecast forecast{};
+      for (int back = 0; back < known_; ++back) {
+        forecast.past[static_cast<std::size_t>(back)] =
+            rows_from(std::as_const(past_[place(static_cast<std::size_t>(back))]), f * m_, begin);
+      }
+      forecast.judged = judged_;
+      for (int way = 0; way < ways; ++way) {
+        const int row = way * fields_ + f;
+        forecast.off.at(static_cast<std::size_t>(way)) = std::as_const(off_).field(row).data() + begin;
+        forecast.last.at(static_cast<std::size_t>(way)) = rows_from(foreseen_, row, begin);
+      }
+      forecast.stages = rows_from(rests, f * m_, begin);
+      foresee_waves(m_, onward_.data(), forecast, end - begin);
+    }
+  });
+  told_ = true;
+}
+
+void RestForecast::save(StateWriter& state, const grids::Fourier& fourier) const {
+  state.write(static_cast<double>(known_));
+  state.write(static_cast<double>(judged_));
+  state.write(last_h_);
+  for (int back = 0; back < known_; ++back) {
+    const WaveRows& rests = past_[place(static_cast<std::size_t>(back))];
+    save_waves(state, fourier, rests.re);
+    save_waves(state, fourier, rests.im);
+  }
+  save_waves(state, fourier, off_);
+}
+
+void RestForecast::restore(StateReader& state, const grids::Fourier& fourier) {
+  state.read(known_);
+  judged_ = state.read() != 0.0;
+  told_ = false;
+  state.read(last_h_);
+  newest_ = 0;
+  for (int back = 0; back < known_; ++back) {
+    WaveRows& rests = past_[static_cast<std::size_t>(back)];
+    restore_waves(state, fourier, rests.re);
+    restore_waves(state, fourier, rests.im);
+  }
+  restore_waves(state, fourier, off_);
+}
+
+}  // namespace rubato

@@ -1,0 +1,67 @@
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <vector>
+
+#include <rubato/base/state.hpp>
+#include <rubato/grids/fourier.hpp>
+#include <rubato/pde/wave_rows.hpp>
+#include <rubato/variation/gauss_tableau.hpp>
+
+namespace rubato {
+
+/// What the rests of the next step's stages are likely to be, from those G of up to three steps before: where the
+/// iteration for them begins. On each wave one of three ways is taken, the one that came nearest to the last stage of
+/// the step before:
+///
+/// - the polynomial in time through the last step's stages, continued;
+/// - a recurrence from step to step, G_i^{n+1} = α G_i^n + β G_i^{n-1}, whose α and β fit the stages of the last three
+///   steps best, in least squares (Prony's method, wave by wave). It is exact where a wave turns with one or two
+///   frequencies, however long the step: in what travels unchanged, in two of these while they are apart, in small
+///   waves of either direction. Two steps tell α alone;
+/// - the same, and the polynomial through what it leaves of the last step, continued.
+///
+/// What is foreseen is of a step as long as the last one, and from steps that are taken to be equally long. Where they
+/// are not, the recurrence is as far off as it is found to be.
+class RestForecast {
+public:
+  /// Of so many fields.
+  RestForecast(const GaussTableau& tableau, int fields, std::size_t waves);
+
+  void forget() { known_ = 0, judged_ = told_ = false, last_h_ = 0.0; }
+  /// Of the last step; 0: none is known.
+  [[nodiscard]] double last_h() const { return last_h_; }
+
+  /// Rests of the stages of the step just taken, row f·m + i: to be filled, and then added.
+  ///@{
+  [[nodiscard]] WaveRows& next() { return past_[place(past_.size() - 1)]; }
+  void add(double h);
+  ///@}
+  /// Rests of the stages of the next step, in the same rows. Hypothesis: last_h() is not 0.
+  void foresee(WaveRows& rests);
+
+  void save(StateWriter& state, const grids::Fourier& fourier) const;
+  void restore(StateReader& state, const grids::Fourier& fourier);
+
+private:
+  static constexpr int ways = 3;
+  /// Where the step so many before the last one is.
+  [[nodiscard]] std::size_t place(std::size_t back) const { return (newest_ + back) % past_.size(); }
+
+  const GaussTableau tableau_;
+  int m_, fields_;
+  std::vector<double> onward_;    ///< ℓ_j(1 + c_i), by rows
+  std::vector<double> at_last_;   ///< ℓ_j at the time for which the last stage was foreseen, in the step taken
+  std::array<WaveRows, 3> past_;  ///< the last step's first
+  WaveRows foreseen_;             ///< the last stage, row way·fields + f
+  grids::FieldSet off_;           ///< and how far it was off the last time, in these rows
+  WaveRows seen_;                 ///< one row
+  std::size_t newest_ = 0;
+  int known_ = 0;
+  double last_h_ = 0.0;
+  bool told_ = false;    ///< foreseen_ is of the next step
+  bool judged_ = false;  ///< off_ is of recurrences, too
+};
+
+}  // namespace rubato
