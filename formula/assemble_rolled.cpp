@@ -33,6 +33,10 @@ public:
         if (v >= fixed() && std::ranges::find(made, v) == made.end()) {
           values_[v].home = {Home::Place::kept, rolled.place[v]};
         }
+        if (v < code.input_count() && rolled.common[v] && std::ranges::find(common_, v) == common_.end()) {
+          values_[v].home = {Home::Place::common, static_cast<std::uint32_t>(work_size_++)};
+          common_.push_back(v);
+        }
       }
     }
     for (const RolledCode::Store& store : loop.stores) {
@@ -51,6 +55,9 @@ public:
     const asmjit::Label again = a_.newLabel(), done = a_.newLabel();
     if (last > 0) {
       a_.mov(last_index_, last);
+    }
+    for (const ValueNumber v : common_) {
+      spread(v);
     }
     a_.bind(again);
     for (std::size_t k = 0; k < strides_.size(); ++k) {
@@ -88,6 +95,12 @@ private:
   static int scale_of(std::uint32_t stride) {
     return stride == 1 ? 0 : stride == 2 ? 1 : stride == 4 ? 2 : stride == 8 ? 3 : unscaled;
   }
+  /// An input, once for each lane, to where the loop reads it.
+  void spread(ValueNumber v) {
+    const Mem from = asmjit::x86::qword_ptr(inputs_, static_cast<std::int32_t>(v * sizeof(double)));
+    a_.emit(shape_.lanes == 2 ? Arithmetic::kIdVmovddup : Arithmetic::kIdVbroadcastsd, vec(0), from);
+    a_.emit(shape_.move, memory(values_[v].home), vec(0));
+  }
   [[nodiscard]] int width() const { return shape_.lanes * static_cast<int>(sizeof(double)); }
 
   [[nodiscard]] Mem memory(Home home) const override {
@@ -97,6 +110,7 @@ private:
       case Home::Place::input: return asmjit::x86::ptr(inputs_, index_, 0, offset, size);
       case Home::Place::kept: return asmjit::x86::ptr(work_, index_, 0, offset, size);
       case Home::Place::work:
+      case Home::Place::common:
         return asmjit::x86::ptr(work_,
                                 static_cast<std::int32_t>(rolled_.places * sizeof(double)) +
                                     static_cast<std::int32_t>(home.index) * width(),
@@ -148,6 +162,7 @@ private:
   const RolledCode& rolled_;
   const RolledCode::Loop& loop_;
   std::vector<std::uint32_t> strides_;  ///< that addresses do not have
+  std::vector<ValueNumber> common_;     ///< inputs that are the same for all members
 };
 
 /// Calls the parts one after the other, all with the same arguments; copies in between.

@@ -53,7 +53,7 @@ struct Run {
   bool is_output = false;
   bool kept = false;                  ///< for others, who read it; what is not is made anew where it is needed
   double work = 0.0;                  ///< to make a member of what is kept, in sums
-  double reads = 0.0;                 ///< of a member, by others
+  double reads = 0.0;                 ///< of a member, by loops that do not make it
   double single_reads = 0.0;          ///< of members, by single instructions
   std::uint32_t level = 0;            ///< of the loop that makes it
   std::uint32_t level_elsewhere = 0;  ///< of one that makes it anew for others
@@ -78,6 +78,7 @@ public:
     if (code_.instructions().size() < shortest_rolled) {
       return std::nullopt;
     }
+    find_common();
     find_shapes();
     find_runs();
     std::size_t covered = 0;
@@ -104,18 +105,37 @@ public:
 private:
   // ---- shapes and runs
 
+  /// Inputs that a vector's worth of instructions reads, and many times as many as read the others: the length of a
+  /// step in all that it moves. They are the same for all members of a run.
+  void find_common() {
+    std::vector<std::size_t> reads(code_.input_count(), 0);
+    for (std::size_t i = 0; i < code_.instructions().size(); ++i) {
+      for (std::size_t k = 0; k < operands_of(i); ++k) {
+        if (const ValueNumber v = assigned_.steps[i].operands[k]; v < reads.size()) {
+          ++reads[v];
+        }
+      }
+    }
+    const auto all = static_cast<double>(std::accumulate(reads.begin(), reads.end(), std::size_t{0}));
+    const auto read = reads.size() - static_cast<std::size_t>(std::ranges::count(reads, std::size_t{0}));
+    result_.common.resize(reads.size());
+    for (std::size_t v = 0; v < reads.size(); ++v) {
+      result_.common[v] = reads[v] >= lanes_ && static_cast<double>(reads[v] * read) > many_times * all;
+    }
+  }
+
   void find_shapes() {
     const std::size_t inputs = code_.input_count();
     shape_.resize(count_);
     anchor_.assign(count_, 0);
     is_anchored_.assign(count_, false);
     for (ValueNumber v = 0; v < fixed_; ++v) {
-      const bool is_input = v < inputs;
-      shape_[v] = is_input ? 0 : static_cast<std::uint32_t>(v - inputs + 1);
-      anchor_[v] = is_input ? static_cast<std::int32_t>(v) : 0;
-      is_anchored_[v] = is_input;
+      const bool one_of_many = v < inputs && !result_.common[v];
+      shape_[v] = one_of_many ? 0 : v + 1;
+      anchor_[v] = one_of_many ? static_cast<std::int32_t>(v) : 0;
+      is_anchored_[v] = one_of_many;
     }
-    shapes_ = static_cast<std::uint32_t>(code_.constants().size() + 1);
+    shapes_ = static_cast<std::uint32_t>(fixed_ + 1);
     std::unordered_map<Shape, std::uint32_t, ShapeHash> known;
     known.reserve(64);
     const auto instructions = code_.instructions();
@@ -244,11 +264,16 @@ private:
         }
       }
     }
-    for (const Run& run : runs_) {
+    // A loop has what its runs read of each other in registers; what is made anew elsewhere makes what it reads anew.
+    // Runs come after those of their operands.
+    for (std::size_t r = runs_.size(); r-- > 0;) {
+      const Run& run = runs_[r];
       if (run.in_lanes) {
         for (const ValueNumber v : run_operands(run)) {
           Run& other = runs_[run_of_[v]];
-          other.reads += static_cast<double>(run.values.size()) / static_cast<double>(other.values.size());
+          other.reads += is_beside(v, run)
+                             ? run.reads
+                             : static_cast<double>(run.values.size()) / static_cast<double>(other.values.size());
         }
       }
     }
@@ -270,21 +295,22 @@ private:
           run.level_elsewhere = std::max(run.level_elsewhere, other.level + 1);
           continue;
         }
-        const bool beside = v == other.values.front() && other.first_anchor == run.first_anchor &&
-                            other.values.size() == run.values.size();
+        const bool beside = is_beside(v, run);
         const std::uint32_t elsewhere = !other.kept ? other.level_elsewhere : other.level + (run.in_lanes ? 1 : 0);
         run.level_elsewhere = std::max(run.level_elsewhere, elsewhere);
         run.level = std::max(run.level, other.kept && beside ? other.level : elsewhere);
         run.work += other.kept ? 0.0 : other.work;
       }
       last_phase_ = std::max(last_phase_, run.level);
+      // In the loop that writes it a run is made in any case.
+      const double again = run.reads - (run.is_output ? 0.0 : 1.0);
       run.kept = run.in_lanes &&
-                 (run.work > most_in_one_loop || (run.reads - 1.0) * run.work > most_again ||
+                 ((run.work > most_in_one_loop && run.reads > 0.0) || again * run.work > most_again ||
                   run.single_reads * run.work > std::max(most_again, static_cast<double>(run.values.size()) / 8.0));
     }
   }
 
-  /// One for all that are kept or written of the same places, at a time when all they read is there.
+  /// One for all that are kept or written of as many members, at a time when all they read is there.
   void find_loops() {
     for (std::uint32_t r = 0; r < runs_.size(); ++r) {
       const Run& run = runs_[r];
@@ -293,8 +319,7 @@ private:
       }
       const auto same = std::ranges::find_if(loops_, [&](const std::vector<std::uint32_t>& loop) {
         const Run& other = runs_[loop.front()];
-        return other.level == run.level && other.first_anchor == run.first_anchor &&
-               other.values.size() == run.values.size();
+        return other.level == run.level && other.values.size() == run.values.size();
       });
       if (same != loops_.end()) {
         same->push_back(r);
@@ -547,11 +572,18 @@ private:
 
   // ---- small questions
 
+  /// Whether an operand of the run's first member is the first of as many that one loop makes with it.
+  [[nodiscard]] bool is_beside(ValueNumber operand, const Run& run) const {
+    const Run& other = runs_[run_of_[operand]];
+    return operand == other.values.front() && other.values.size() == run.values.size();
+  }
   [[nodiscard]] std::size_t maker(ValueNumber v) const { return assigned_.maker[v - fixed_]; }
   [[nodiscard]] std::size_t operands_of(std::size_t i) const {
     return static_cast<std::size_t>(operand_count(code_.instructions()[i].code));
   }
-  [[nodiscard]] bool is_constant(ValueNumber v) const { return v >= code_.input_count() && v < fixed_; }
+  [[nodiscard]] bool is_constant(ValueNumber v) const {
+    return v < fixed_ && (v >= code_.input_count() || result_.common[v]);
+  }
   /// What a run's first member reads of runs, each once.
   [[nodiscard]] std::vector<ValueNumber> run_operands(const Run& run) const {
     std::vector<ValueNumber> all;
@@ -575,6 +607,8 @@ private:
   static constexpr double most_again = 8.0;
   static constexpr std::size_t line = 8;  ///< doubles of a line of the cache
   static constexpr std::uint32_t shortest_copy = 32;
+  /// An input that is read so many times as often as inputs are on average is no member of a run.
+  static constexpr double many_times = 4.0;
 
   const Bytecode& code_;
   const SingleAssignment& assigned_;

@@ -35,6 +35,7 @@ struct RolledCode {
   };
 
   std::vector<Phase> phases;
+  std::vector<bool> common;          ///< by input: the same number for all members of a run
   std::vector<std::uint32_t> place;  ///< by value: where it is kept for others; those of a run follow each other
   std::size_t places = 0;
   std::vector<Copy> copies;

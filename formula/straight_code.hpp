@@ -55,9 +55,9 @@ protected:
   }
 
   /// Where a value can be read again once its register has been given to another: `work` is given to others when it is
-  /// read no more, `kept` is not.
+  /// read no more, `common` and `kept` are not.
   struct Home {
-    enum class Place : std::uint8_t { nowhere, input, constant, output, work, kept } place = Place::nowhere;
+    enum class Place : std::uint8_t { nowhere, input, constant, output, work, common, kept } place = Place::nowhere;
     std::uint32_t index = 0;
   };
   struct Value {

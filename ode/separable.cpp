@@ -1,5 +1,6 @@
 #include <rubato/ode/separable.hpp>
 
+#include <algorithm>
 #include <unordered_map>
 #include <vector>
 
@@ -93,24 +94,9 @@ Separation separate(const Hamiltonian& hamiltonian) {
 }
 
 bool is_quadratic(Expression T, std::span<const Expression> momenta) {
-  std::unordered_map<std::size_t, Expression> by_number;
-  for (const Expression p : momenta) {
-    by_number.emplace(formula::variables_of(p).front(), p);
-  }
-  for (const Expression slope : formula::gradient(T, momenta)) {
-    std::vector<Expression> present;  // momenta in the slope: all others have no second derivative
-    for (const std::size_t number : formula::variables_of(slope)) {
-      if (const auto p = by_number.find(number); p != by_number.end()) {
-        present.push_back(p->second);
-      }
-    }
-    for (const Expression second : formula::gradient(slope, present)) {
-      if (!formula::variables_of(second).empty()) {
-        return false;
-      }
-    }
-  }
-  return true;
+  return std::ranges::all_of(formula::hessian_entries(T, momenta), [](const formula::HessianEntry& second) {
+    return second.value.is_constant() || formula::variables_of(second.value).empty();
+  });
 }
 
 }  // namespace rubato

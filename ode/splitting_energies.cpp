@@ -110,10 +110,10 @@ SplittingEnergies::SplittingEnergies(const SplittingHalf& T, const SplittingHalf
   to_.resize(states);
 }
 
-void SplittingEnergies::operator()(std::span<const double> high, std::span<const double> low,
-                                   std::span<const double, count> h, std::span<double, count> energies) {
+void SplittingEnergies::operator()(std::span<const double> z, std::span<const double, count> h,
+                                   std::span<double, count> energies) {
   for (std::size_t i = 0; i < 2 * n_; ++i) {
-    std::ranges::fill(inputs_[i].values, high[i] + low[i]);
+    std::ranges::fill(inputs_[i].values, z[i]);
   }
   if (!is_whole_) {
     by_parts(h, energies);

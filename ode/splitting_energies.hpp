@@ -23,9 +23,8 @@ public:
   /// What they take, in steps of one length: told from the formulas, so that it is the same on every machine.
   /// Infinite where nothing is gained: long steps, and those of which formulas go in vectors by themselves.
   [[nodiscard]] double price() const { return price_; }
-  /// At z = high + low, 2n entries each. price() is finite.
-  void operator()(std::span<const double> high, std::span<const double> low, std::span<const double, count> h,
-                  std::span<double, count> energies);
+  /// At z, 2n entries, without its low digits. price() is finite.
+  void operator()(std::span<const double> z, std::span<const double, count> h, std::span<double, count> energies);
 
 private:
   /// One number for each length.

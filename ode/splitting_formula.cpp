@@ -1,5 +1,7 @@
 #include <rubato/ode/splitting_formula.hpp>
 
+#include <initializer_list>
+
 #include <fmt/format.h>
 
 namespace rubato {
@@ -17,9 +19,52 @@ std::vector<Expression> SplittingHalf::at(std::span<const Expression> point, for
   return formula::substitute(outputs, graph, variables, point);
 }
 
+SplittingState::SplittingState(std::size_t n, formula::Graph& graph) {
+  std::size_t next = 0;
+  for (auto* const part : {&low_q_, &q_, &p_, &low_p_}) {
+    for (std::size_t i = 0; i < n; ++i) {
+      part->push_back(graph.variable(fmt::format("x{}", next++)));
+    }
+  }
+}
+
+namespace {
+
+std::vector<Expression> one_after_another(std::initializer_list<std::span<const Expression>> pieces) {
+  std::vector<Expression> all;
+  for (const std::span<const Expression> piece : pieces) {
+    all.insert(all.end(), piece.begin(), piece.end());
+  }
+  return all;
+}
+
+}  // namespace
+
+std::vector<Expression> SplittingState::all() const {
+  return one_after_another({low_q_, q_, p_, low_p_});
+}
+std::vector<Expression> SplittingState::high() const {
+  return one_after_another({q_, p_});
+}
+std::vector<Expression> SplittingState::low() const {
+  return one_after_another({low_q_, low_p_});
+}
+
+Expression SplittingState::move(const SplittingHalf& half, bool drift, Expression length) {
+  const auto value = half.at(drift ? p_ : q_, *length.graph());
+  auto& moved = drift ? q_ : p_;
+  auto& low = drift ? low_q_ : low_p_;
+  for (std::size_t i = 0; i < moved.size(); ++i) {
+    const Expression change = low[i] + length * value[1 + i];
+    const Expression sum = moved[i] + change;
+    low[i] = change - (sum - moved[i]);
+    moved[i] = sum;
+  }
+  return value[0];
+}
+
 std::vector<Expression> SplittingFormula::inputs() const {
-  std::vector<Expression> all = high;
-  all.insert(all.end(), low.begin(), low.end());
+  std::vector<Expression> all = here.all();
   all.push_back(h);
   return all;
 }
@@ -39,32 +84,14 @@ std::optional<SplittingFormula> splitting_formula(const SplittingHalf& T, const 
     return std::nullopt;
   }
   const std::size_t n = V.variables.size();
-  SplittingFormula step;
-  step.graph = std::make_shared<formula::Graph>();
-  formula::Graph& graph = *step.graph;
-  for (std::size_t i = 0; i < 2 * n; ++i) {
-    step.high.push_back(graph.variable(fmt::format("high{}", i)));
-  }
-  for (std::size_t i = 0; i < 2 * n; ++i) {
-    step.low.push_back(graph.variable(fmt::format("low{}", i)));
-  }
-  step.h = graph.variable("h");
-  step.delta.assign(2 * n, graph.constant(0.0));
-  std::vector<Expression> point;
-  for (std::size_t i = 0; i < 2 * n; ++i) {
-    point.push_back(step.high[i] + step.low[i]);
-  }
-  step.energy = graph.constant(0.0);
+  const auto shared = std::make_shared<formula::Graph>();
+  formula::Graph& graph = *shared;
+  const SplittingState here(n, graph);
+  SplittingFormula step{
+      .graph = shared, .here = here, .there = here, .h = graph.variable("h"), .energy = graph.constant(0.0)};
   for (const Composition::Part& part : composition.parts) {
-    const std::size_t moved = part.drift ? 0 : n;
-    const auto value = (part.drift ? T : V).at(std::span(point).subspan(n - moved, n), graph);
-    step.energy += part.length * value[0];
-    const Expression length = (part.drift ? part.length : -part.length) * step.h;
-    for (std::size_t i = 0; i < n; ++i) {
-      Expression& change = step.delta[moved + i];
-      change += length * value[1 + i];
-      point[moved + i] = step.high[moved + i] + (step.low[moved + i] + change);
-    }
+    const SplittingHalf& half = part.drift ? T : V;
+    step.energy += part.length * step.there.move(half, part.drift, (part.drift ? part.length : -part.length) * step.h);
   }
   return step;
 }

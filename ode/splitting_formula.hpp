@@ -25,16 +25,42 @@ struct SplittingHalf {
   formula::Bytecode code;                    ///< of `outputs`
 };
 
-/// A whole step of a splitting as formulas of one graph, (z in its two parts, h) ↦ (E, δ): the operations of part after
-/// part, with their numbers, which machine code then keeps in registers from one part to the next.
+/// z = high + low as formulas that follow each other along the parts of a step. What a part adds to a number takes up
+/// its low part first, and what rounding leaves of the sum is the new one (Kahan, Comm. ACM 8 (1965) 40): a step loses
+/// digits of what its parts add, not of z.
+class SplittingState {
+public:
+  /// n entries each: low digits of q, q, p, low digits of p, so that z stands in one piece, and so does what a part
+  /// moves.
+  static constexpr std::size_t parts = 4;
+
+  /// Variables of the graph.
+  SplittingState(std::size_t n, formula::Graph& graph);
+
+  /// All numbers, in their order.
+  [[nodiscard]] std::vector<formula::Expression> all() const;
+  /// z, and what rounding left of it, 2n entries.
+  ///@{
+  [[nodiscard]] std::vector<formula::Expression> high() const;
+  [[nodiscard]] std::vector<formula::Expression> low() const;
+  ///@}
+
+  /// Adds `length` times the gradient of T to q (a drift), or of V to p. \return T or V
+  formula::Expression move(const SplittingHalf& half, bool drift, formula::Expression length);
+
+private:
+  std::vector<formula::Expression> q_, p_, low_q_, low_p_;
+};
+
+/// A whole step of a splitting as formulas of one graph, (z in its two parts, h) ↦ (E, the next z in its two parts):
+/// the operations of part after part, with their numbers, which machine code then keeps in registers from one part to
+/// the next.
 struct SplittingFormula {
   std::shared_ptr<formula::Graph> graph;
-  std::vector<formula::Expression> high, low;  ///< z = high + low, 2n entries each
-  formula::Expression h;
-  formula::Expression energy;              ///< E
-  std::vector<formula::Expression> delta;  ///< δ, 2n entries
+  SplittingState here, there;
+  formula::Expression h, energy;
 
-  /// high, low and h.
+  /// Those of z, and h.
   [[nodiscard]] std::vector<formula::Expression> inputs() const;
 };
 

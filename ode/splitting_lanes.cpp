@@ -59,24 +59,6 @@ std::vector<Expression> seen_at_levels(const Hamiltonian& hamiltonian, bool gamm
   return seen;
 }
 
-/// z + δ in two parts, as CompensatedState::add() has it.
-struct NextLevel {
-  std::vector<Expression> high, low;
-};
-NextLevel next_level(const SplittingFormula& step) {
-  NextLevel next;
-  for (std::size_t i = 0; i < step.high.size(); ++i) {
-    const Expression high = step.high[i], delta = step.delta[i];
-    const Expression sum = high + delta;
-    const Expression part = sum - high;
-    const Expression low = step.low[i] + ((high - (sum - part)) + (delta - part));
-    const Expression rounded = sum + low;
-    next.high.push_back(rounded);
-    next.low.push_back(low - (rounded - sum));
-  }
-  return next;
-}
-
 formula::BatchEvaluator scalar_batch(std::span<const Expression> outputs, std::span<const Expression> inputs) {
   return formula::BatchEvaluator(formula::Bytecode(outputs, inputs), formula::Engine::automatic,
                                  formula::BatchFunctions::scalar);
@@ -109,11 +91,10 @@ std::unique_ptr<SplittingLanes> SplittingLanes::make(const Hamiltonian& hamilton
   const std::vector<Expression> seen = seen_at_levels(bare, lanes->has_gamma_, observed);
   lanes->nodes_ = scalar_batch(seen, variables);
 
-  const NextLevel next = next_level(*step);
-  std::vector<Expression> outputs = next.high;
-  outputs.insert(outputs.end(), next.low.begin(), next.low.end());
+  std::vector<Expression> outputs = step->there.all();
   outputs.push_back(step->energy);
-  const auto seen_there = formula::substitute(seen, *step->graph, variables, next.high);
+  const std::vector<Expression> high = step->here.high(), high_there = step->there.high();
+  const auto seen_there = formula::substitute(seen, *step->graph, variables, high_there);
   outputs.insert(outputs.end(), seen_there.begin(), seen_there.end());
   lanes->whole_ = scalar_batch(outputs, step->inputs());
 
@@ -121,8 +102,9 @@ std::unique_ptr<SplittingLanes> SplittingLanes::make(const Hamiltonian& hamilton
   // As SplittingScheme::energy_size() has it.
   std::vector<Expression> middle, errors;
   for (std::size_t i = 0; i < 2 * n; ++i) {
-    middle.push_back(step->high[i] + (step->low[i] + 0.5 * step->delta[i]));
-    errors.push_back(2.0 * (abs(middle[i]) + abs(step->delta[i])));
+    const Expression here = high[i], there = high_there[i];
+    middle.push_back(0.5 * (here + there));
+    errors.push_back(2.0 * (abs(middle[i]) + abs(there - here)));
   }
   middle.insert(middle.end(), errors.begin(), errors.end());
   lanes->middle_ = scalar_batch(middle, step->inputs());
@@ -261,7 +243,7 @@ bool SplittingLanes::show(std::span<const Start> starts, std::size_t k, std::spa
     for (const int end : {0, 1}) {
       const int which = end == 0 ? 1 - here_ : here_;
       for (std::size_t i = 0; i < 2 * n_; ++i) {
-        shown_[end][i] = to_[which][i][m];
+        shown_[end][i] = to_[which][n_ + i][m];
       }
       for (std::size_t i = 0; i < shown_[2].size(); ++i) {
         shown_[2 + end][i] = seen_at_[which][first + i][m];
@@ -293,13 +275,14 @@ void SplittingLanes::begin(std::span<const Start> starts) {
   for (std::size_t m = 0; m < width_; ++m) {
     const Start& start = starts[m < starts.size() ? m : 0];
     for (std::size_t i = 0; i < 2 * n_; ++i) {
-      to_[0][i][m] = start.z[i];
-      to_[0][2 * n_ + i][m] = 0.0;
+      to_[0][n_ + i][m] = start.z[i];
+      to_[0][i < n_ ? i : 2 * n_ + i][m] = 0.0;
     }
     h_[m] = start.step;
     odd_[m] = rounding_[m] = 0.0;
   }
-  high_.assign(from_[0].begin(), from_[0].begin() + static_cast<std::ptrdiff_t>(2 * n_));
+  const auto high = from_[0].begin() + static_cast<std::ptrdiff_t>(n_);  // as SplittingState has it
+  high_.assign(high, high + static_cast<std::ptrdiff_t>(2 * n_));
   nodes_(width_, high_, seen_at_[0]);
   see_level(true);
 }
@@ -356,7 +339,7 @@ void SplittingLanes::measure(std::size_t lanes) {
 void SplittingLanes::tell(std::size_t lane, const Start& start, std::size_t steps, End& end) const {
   double odd = odd_[lane];
   for (std::size_t i = 0; i < 2 * n_; ++i) {
-    end.z[i] = from_[here_][i][lane];
+    end.z[i] = from_[here_][n_ + i][lane];
     odd += end.z[i] - end.z[i];
   }
   end.alone = odd != 0.0;

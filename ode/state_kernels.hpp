@@ -8,15 +8,9 @@
 
 namespace rubato {
 
-/// δ += factor gradient, and the point (high + (low + δ)).
-void move_state(std::size_t n, double factor, const double* gradient, const double* high, const double* low,
-                double* delta, double* point);
 /// high + low + δ as high + low: high + δ = sum + error exactly (Knuth), the error added to the low part, and what the
 /// low part can give moved up.
 void add_to_state(std::size_t n, const double* delta, double* high, double* low);
-/// The same of factor gradient in place of δ, from one state to another, or to itself.
-void displace_state(std::size_t n, double factor, const double* gradient, const double* high, const double* low,
-                    double* to_high, double* to_low);
 /// Whether all numbers are finite.
 [[nodiscard]] bool all_finite(std::size_t n, const double* numbers);
 

@@ -9,6 +9,7 @@
 #include <rubato/base/state.hpp>
 #include <rubato/base/status.hpp>
 #include <rubato/formula/rounding.hpp>
+#include <rubato/variation/tuning.hpp>
 
 namespace rubato {
 
@@ -39,9 +40,13 @@ public:
   /// the scale of the tolerance, and the error of h. Where E_k was last evaluated; at the current level if it has not
   /// been yet.
   [[nodiscard]] virtual formula::SumSize energy_size() = 0;
+  /// For how many steps that serves where levels are fixed and nothing is solved to it.
+  [[nodiscard]] virtual std::size_t energy_size_period() const { return tuning::size_period; }
   /// Total derivative dE_k/dh along the solved step; -(h/4)Γ for the midpoint 𝕃, -s h^(s-1) (s+1)Γ/24 for order s.
   [[nodiscard]] virtual double discrete_energy_slope() const = 0;
-  /// Whether that is the leading term of the derivative alone, off by a factor that hardly depends on h.
+  /// Whether it is had from node energies alone, which would be found for it.
+  [[nodiscard]] virtual bool slope_is_of_nodes() const { return !has_node_law(); }
+  /// Whether it is the leading term of the derivative alone, off by a factor that hardly depends on h.
   [[nodiscard]] virtual bool slope_to_leading_order() const { return false; }
   /// E_k of several steps from the current level, where a scheme finds them quicker side by side than one after the
   /// other. The trial level is as it was. Results are those of advance() to rounding, and the same on every machine.

@@ -65,7 +65,7 @@ StepReport TimeLevels::step() {
 /// What the terms of E_k and its rounding are at the trial step; of a step potential its own rounding, and that of the
 /// sum. With fixed levels nothing is solved to it.
 void TimeLevels::measure(double h) {
-  if (options_.levels == Levels::fixed && steps_ % size_period != 0) {
+  if (options_.levels == Levels::fixed && steps_ % scheme_.energy_size_period() != 0) {
     return;
   }
   const formula::SumSize size = scheme_.energy_size();
@@ -89,7 +89,7 @@ StepReport TimeLevels::report(Status status, double h) {
     measure(h);
     result.potential = potential_at(h).energy;
     result.energy = scheme_.discrete_energy() + result.potential;
-    result.slope = options_.levels == Levels::fixed && !scheme_.has_node_law()
+    result.slope = options_.levels == Levels::fixed && scheme_.slope_is_of_nodes()
                        ? std::numeric_limits<double>::quiet_NaN()
                        : scheme_.discrete_energy_slope() + potential_at(h).slope;
     result.condition = options_.levels == Levels::fixed ? std::numeric_limits<double>::quiet_NaN()

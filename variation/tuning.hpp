@@ -36,8 +36,9 @@ inline constexpr double longest_continuation = 3.0;
 inline constexpr double margin = 0.1;
 /// What a step may be off E by however large its terms have become, beside those that E was set with.
 inline constexpr double largest_miss_of_terms = 1e-3;
-/// With fixed levels, steps for which the size of the energy's terms serves.
-inline constexpr std::size_t size_period = 16;
+/// With fixed levels, steps for which the size of the energy's terms serves; and of a large state (small_state), whose
+/// bound of rounding takes as long as some steps.
+inline constexpr std::size_t size_period = 16, large_size_period = 96;
 
 // Where the next step is looked for first (step_forecast.cpp, extrapolation.cpp)
 
