@@ -18,10 +18,10 @@ ln -s "$rubato" "$folder/build/rubato"
 ln -s "$source_folder/examples" "$folder/examples"
 cd "$folder"
 
-# Digits beyond the tenth, figures of the size of rounding, counts of iterations, and times; and how wide columns are,
-# which depends on these.
+# Digits beyond the tenth, figures of the size of rounding and the member that has the largest of these, counts of
+# iterations, and times; and how wide columns are, which depends on these.
 varying_figures_masked() {
-  sed -E -e 's/(\.[0-9]{10})[0-9]+/\1/g' -e 's/[0-9.]+e-1[0-9]/SMALL/g' -e '/^ *iterations per step/s/[0-9.]+/N/g' -e '/^ *time taken/s/[0-9].*/TIME/' -e 's/   +/  /g'
+  sed -E -e 's/(\.[0-9]{10})[0-9]+/\1/g' -e 's/[0-9.]+e-1[0-9]/SMALL/g' -e '/^ *iterations per step/s/[0-9.]+/N/g' -e '/^ *time taken/s/[0-9].*/TIME/' -e 's/(SMALL to SMALL.* in member )[0-9]+/\1N/' -e 's/   +/  /g'
 }
 
 fail() {
