@@ -6,6 +6,7 @@
 #include <fmt/core.h>
 #include <rubato/base/compensated_sum.hpp>
 #include <rubato/grids/parallel.hpp>
+#include <rubato/grids/wide_vectors.hpp>
 
 namespace rubato::grids {
 namespace {
@@ -22,8 +23,8 @@ struct Rows {
 /// out[i] = scale Σ_r sign_r (first · row_r[i] + second · row_r[i + 1]), i in [begin, end), where no i + 1 is cyclic.
 /// `single` leaves out the second term.
 template <int Count>
-void combine(const Rows& rows, bool single, double first, double second, double scale, std::size_t begin,
-             std::size_t end, double* out) {
+[[gnu::always_inline]] inline void combine(const Rows& rows, bool single, double first, double second, double scale,
+                                           std::size_t begin, std::size_t end, double* out) {
   std::array<const double*, Count> p;
   std::array<double, Count> a;
   std::array<double, Count> b;
@@ -33,6 +34,7 @@ void combine(const Rows& rows, bool single, double first, double second, double 
     b[r] = rows.sign[r] * second;
   }
   if (single) {
+#pragma GCC ivdep
     for (std::size_t i = begin; i < end; ++i) {
       double sum = a[0] * p[0][i];
       for (int r = 1; r < Count; ++r) {
@@ -41,6 +43,7 @@ void combine(const Rows& rows, bool single, double first, double second, double 
       out[i] = scale * sum;
     }
   } else {
+#pragma GCC ivdep
     for (std::size_t i = begin; i < end; ++i) {
       double sum = a[0] * p[0][i] + b[0] * p[0][i + 1];
       for (int r = 1; r < Count; ++r) {
@@ -51,8 +54,8 @@ void combine(const Rows& rows, bool single, double first, double second, double 
   }
 }
 
-void combine(const Rows& rows, bool single, double first, double second, double scale, std::size_t begin,
-             std::size_t end, double* out) {
+RUBATO_WIDE_VECTORS void combine(const Rows& rows, bool single, double first, double second, double scale,
+                                 std::size_t begin, std::size_t end, double* out) {
   switch (rows.count) {
     case 1: return combine<1>(rows, single, first, second, scale, begin, end, out);
     case 2: return combine<2>(rows, single, first, second, scale, begin, end, out);

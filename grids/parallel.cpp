@@ -3,6 +3,9 @@
 #include <omp.h>
 
 #include <algorithm>
+#include <bit>
+#include <cstdint>
+#include <cstring>
 
 namespace rubato::grids {
 
@@ -24,8 +27,14 @@ void detail::for_each_block(std::size_t count, std::size_t block, void (*call)(v
 }
 
 void parallel_fill(double* values, std::size_t count, double value) {
-  for_each_block(count, nodes_per_block,
-                 [&](std::size_t begin, std::size_t end) { std::fill(values + begin, values + end, value); });
+  const bool all_bits_zero = std::bit_cast<std::uint64_t>(value) == 0;
+  for_each_block(count, nodes_per_block, [&](std::size_t begin, std::size_t end) {
+    if (all_bits_zero) {
+      std::memset(values + begin, 0, (end - begin) * sizeof(double));
+    } else {
+      std::fill(values + begin, values + end, value);
+    }
+  });
 }
 
 int thread_count() {

@@ -2,6 +2,7 @@
 #include <stdexcept>
 #include <utility>
 
+#include <rubato/grids/arrays.hpp>
 #include <rubato/grids/reductions.hpp>
 #include <rubato/grids/stencil.hpp>
 #include <rubato/pde/lattice_actions.hpp>
@@ -40,13 +41,13 @@ public:
       find(mu, before.fields);
       for (int l = 0; l < sum_.fields(); ++l) {
         stencil_.apply(along(mu), current_.field(l).data(), scratch_.field(0).data());
-        combine(1.0, scratch_.field(0), sum_.field(l));
+        grids::add(1.0, scratch_.field(0), sum_.field(l));
       }
     }
     if (!tables_.system.coordinates().empty()) {
       variation_.sources(current_);
       for (int nu = 1; nu < tables_.directions; ++nu) {
-        combine(1.0, current_.field(nu), sum_.field(nu));
+        grids::add(1.0, current_.field(nu), sum_.field(nu));
       }
     }
     return tell_residuals(sum_, residuals);
@@ -97,7 +98,7 @@ private:
   /// J_μ of all laws of the slab that was taken, z at its lower level, into current_.
   void find(int mu, const FieldSet& z) {
     for (int nu = 0; nu < tables_.directions; ++nu) {
-      std::ranges::copy(std::as_const(currents_).field(nu * tables_.directions + mu), current_.field(nu).begin());
+      std::copy_n(std::as_const(currents_).field(nu * tables_.directions + mu).data(), z.size(), current_.field(nu).data());
     }
     tables_.symmetry_currents(mu, z.size(), z.pointers(), {},
                               current_.pointers().subspan(static_cast<std::size_t>(tables_.directions)));
@@ -105,17 +106,8 @@ private:
   void add(double factor, int mu, const FieldSet& z) {
     find(mu, z);
     for (int l = 0; l < sum_.fields(); ++l) {
-      combine(factor, current_.field(l), sum_.field(l));
+      grids::add(factor, current_.field(l), sum_.field(l));
     }
-  }
-
-  /// out += factor x.
-  static void combine(double factor, std::span<const double> x, std::span<double> out) {
-    grids::for_each_block(out.size(), grids::nodes_per_block, [=](std::size_t begin, std::size_t end) {
-      for (std::size_t i = begin; i < end; ++i) {
-        out[i] += factor * x[i];
-      }
-    });
   }
 
   LawTables tables_;

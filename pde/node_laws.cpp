@@ -5,6 +5,7 @@
 #include <utility>
 
 #include <rubato/formula/batch.hpp>
+#include <rubato/grids/arrays.hpp>
 #include <rubato/grids/buffer.hpp>
 #include <rubato/grids/reductions.hpp>
 #include <rubato/grids/whole.hpp>
@@ -281,19 +282,13 @@ void NodeLaws::add_fluxes_of_point(double weight, const grids::FieldSet& z, cons
 
 /// of_step_ += weight times the level's.
 void NodeLaws::add_fluxes_of_level(double weight) {
-  const auto add = [weight](const grids::FieldSet& from, grids::FieldSet& to) {
-    grids::for_each_block(to.all().size(), grids::nodes_per_block, [&](std::size_t begin, std::size_t end) {
-      for (std::size_t i = begin; i < end; ++i) {
-        to.all()[i] += weight * from.all()[i];
-      }
-    });
-  };
-  for (std::size_t a = 0; a < of_step_.along.size() && weight != 0.0; ++a) {
-    add(at_level_.along[a], of_step_.along[a]);
+  if (weight == 0.0) {
+    return;
   }
-  if (weight != 0.0) {
-    add(at_level_.sources, of_step_.sources);
+  for (std::size_t a = 0; a < of_step_.along.size(); ++a) {
+    grids::add(weight, std::as_const(at_level_.along[a]).all(), of_step_.along[a].all());
   }
+  grids::add(weight, std::as_const(at_level_.sources).all(), of_step_.sources.all());
 }
 
 std::vector<Spread> NodeLaws::residuals(const LatticeLevel& before, const LatticeLevel& after, double h,
@@ -315,17 +310,10 @@ std::vector<Spread> NodeLaws::residuals(const LatticeLevel& before, const Lattic
     grids::FieldSet& flux = of_step_.along[a];
     derivative_(static_cast<int>(a), std::as_const(flux).pointers(), flux.pointers());
   }
-  grids::for_each_block(sum_.all().size(), grids::nodes_per_block, [&](std::size_t begin, std::size_t end) {
-    double* sum = sum_.all().data();
-    for (std::size_t i = begin; i < end; ++i) {
-      sum[i] = (std::as_const(density_).all()[i] - sum[i]) / h;
-    }
-    for (const grids::FieldSet& flux : of_step_.along) {
-      for (std::size_t i = begin; i < end; ++i) {
-        sum[i] += flux.all()[i];
-      }
-    }
-  });
+  grids::difference_quotient(std::as_const(density_).all(), sum_.all(), h, sum_.all());
+  for (const grids::FieldSet& flux : of_step_.along) {
+    grids::add(1.0, flux.all(), sum_.all());
+  }
   for (std::size_t c = 0; c < tables_.system.coordinates().size(); ++c) {
     const auto source = std::as_const(of_step_.sources).field(static_cast<int>(c));
     const auto sum = sum_.field(1 + tables_.system.coordinates()[c]);

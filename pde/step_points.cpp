@@ -1,6 +1,7 @@
+#include <algorithm>
 #include <limits>
 
-#include <rubato/grids/parallel.hpp>
+#include <rubato/grids/arrays.hpp>
 #include <rubato/pde/stage_source.hpp>
 
 namespace rubato {
@@ -14,17 +15,14 @@ StepPoints::StepPoints(const MultisymplecticSystem& system, const grids::Grid& g
 
 void StepPoints::take_middle(const grids::FieldSet& before, const grids::FieldSet& after, double h) {
   for (int f = 0; f < z_.fields(); ++f) {
-    const double* z_0 = before.field(f).data();
-    const double* z_1 = after.field(f).data();
-    double* m = z_.field(f).data();
-    double* r = rate_.field(f).data();
-    const bool midpoint = at_midpoints_[static_cast<std::size_t>(f)];
-    grids::for_each_block(z_.size(), grids::nodes_per_block, [=](std::size_t begin, std::size_t end) {
-      for (std::size_t i = begin; i < end; ++i) {
-        m[i] = midpoint ? z_1[i] : 0.5 * (z_0[i] + z_1[i]);
-        r[i] = midpoint ? 0.0 : (z_1[i] - z_0[i]) / h;
-      }
-    });
+    const auto z_0 = before.field(f), z_1 = after.field(f);
+    if (at_midpoints_[static_cast<std::size_t>(f)]) {
+      std::copy_n(z_1.data(), z_1.size(), z_.field(f).data());
+      std::ranges::fill(rate_.field(f), 0.0);
+    } else {
+      grids::combine(0.5, z_0, 1.0, z_1, z_.field(f));
+      grids::difference_quotient(z_1, z_0, h, rate_.field(f));
+    }
   }
 }
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <utility>
 
+#include <rubato/grids/arrays.hpp>
 #include <rubato/grids/reductions.hpp>
 #include <rubato/pde/law_evaluator.hpp>
 
@@ -26,11 +27,7 @@ std::optional<std::vector<Spread>> VariationalLaws::take(const LatticeLevel& bef
   variation_.take(before.fields, after.fields, h, after.slopes);
   variation_.coordinates(parts_);
   for (int nu = 0; nu < residual_.fields(); ++nu) {
-    const auto residual = residual_.field(nu);
-    const auto next = std::as_const(parts_.before).field(nu);
-    for (std::size_t i = 0; i < residual.size(); ++i) {
-      residual[i] += next[i];
-    }
+    grids::add(1.0, std::as_const(parts_.before).field(nu), residual_.field(nu));
   }
   std::vector<Spread> sizes = grids::magnitudes(residual_);
   if (!std::exchange(started_, true)) {

@@ -46,8 +46,11 @@ struct Gathered {
   /// What has come of a row that is not whole yet.
   [[nodiscard]] std::size_t begun() const { return end() - appended * row_bytes; }
 
-  void add(std::span<const std::byte> bytes) {
-    checksum_of_all.add(bytes);
+  void add(std::span<const std::byte> bytes, const Checksum* known) {
+    if (known != nullptr)
+      checksum_of_all.append(*known);
+    else
+      checksum_of_all.add(bytes);
     waiting.insert(waiting.end(), bytes.begin(), bytes.end());
     appended = end() / row_bytes;
   }
@@ -212,11 +215,11 @@ public:
       throw detail::Failure(contradiction);
   }
 
-  void append(std::size_t dataset, std::span<const double> row) {
+  void append(std::size_t dataset, std::span<const double> row, const Checksum* checksum) {
     Gathered& column = column_for(dataset, row.size());
     if (column.description.type != Type::f64)
       throw std::invalid_argument(fmt::format("record: '{}' takes integers", column.description.path));
-    add(column, row);
+    add(column, row, checksum);
   }
 
   void append_part(std::size_t dataset, std::span<const double> part) {
@@ -386,17 +389,17 @@ private:
     return column;
   }
 
-  void add(Gathered& column, std::span<const std::byte> bytes) {
+  void add(Gathered& column, std::span<const std::byte> bytes, const Checksum* checksum = nullptr) {
     bytes_since_flush_ += bytes.size();
-    column.add(bytes);
+    column.add(bytes, checksum);
   }
   /// A row, or a part of one.
-  void add(Gathered& column, std::span<const double> values) {
+  void add(Gathered& column, std::span<const double> values, const Checksum* checksum = nullptr) {
     if (!column.description.may_be_undefined)
       for (std::size_t i = 0; i < values.size(); ++i)
         if (!std::isfinite(values[i]))
           throw NotFinite(column.description, column.appended, column.begun() / sizeof(double) + i, values[i]);
-    add(column, std::as_bytes(values));
+    add(column, std::as_bytes(values), checksum);
   }
 
   /// Which datasets of one axis are not of one length; empty if none.
@@ -540,8 +543,8 @@ Writer Writer::resume(Claim claim, const Layout& layout, CommitPolicy policy, co
   });
 }
 
-void Writer::append(std::size_t dataset, std::span<const double> row) {
-  implementation_->append(dataset, row);
+void Writer::append(std::size_t dataset, std::span<const double> row, const Checksum* checksum) {
+  implementation_->append(dataset, row, checksum);
 }
 void Writer::append(std::size_t dataset, std::span<const std::int64_t> row) {
   implementation_->append(dataset, row);

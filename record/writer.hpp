@@ -99,7 +99,8 @@ public:
   /// Appends one row to the dataset number `dataset` of the layout. Throws std::invalid_argument if the size is not
   /// that of a row or if the dataset is of another type; NotFinite if a value is not finite and the dataset does not
   /// say that it may be.
-  void append(std::size_t dataset, std::span<const double> row);
+  /// \param checksum of its bytes, by who has it already
+  void append(std::size_t dataset, std::span<const double> row, const Checksum* checksum = nullptr);
 
   /// The same for the integer types; a value outside the stored type's range is refused too.
   void append(std::size_t dataset, std::span<const std::int64_t> row);

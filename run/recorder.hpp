@@ -23,7 +23,16 @@ public:
 
   Recorder(record::Writer writer, Digests digests) : writer_(std::move(writer)), digests_(std::move(digests)) {}
 
-  void append(record::Column column, std::span<const double> row) override { add(column.number, row); }
+  void append(record::Column column, std::span<const double> row) override {
+    if (row.size_bytes() < long_row) {
+      add(column.number, row);
+      return;
+    }
+    Checksum checksum;
+    checksum.add(std::as_bytes(row));
+    writer_.append(column.number, row, &checksum);
+    digests_[column.number].add_row(checksum);
+  }
   void append(record::Column column, std::span<const std::int64_t> row) override { add(column.number, row); }
   void append_part(record::Column column, std::span<const double> part, bool is_last) override {
     writer_.append_part(column.number, part);
@@ -40,6 +49,9 @@ public:
   void set_digests(Digests digests) { digests_ = std::move(digests); }
 
 private:
+  /// From so many bytes on a checksum costs more than putting one more checksum behind another.
+  static constexpr std::size_t long_row = 8192;
+
   template <typename Row>
   void add(std::size_t dataset, Row row) {
     writer_.append(dataset, row);

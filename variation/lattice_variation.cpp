@@ -9,6 +9,7 @@
 #include <fmt/format.h>
 
 #include <rubato/formula/batch.hpp>
+#include <rubato/grids/arrays.hpp>
 #include <rubato/grids/parallel.hpp>
 #include <rubato/grids/reductions.hpp>
 
@@ -192,7 +193,7 @@ struct LatticeVariation::Storage {
       const auto result = out.field(static_cast<int>(j));
       const double* in = in_time(weights(action, field, o.time, h), before.field(field), after.field(field));
       if (o.space == grids::SpaceOperator::identity()) {
-        std::ranges::copy(std::span(in, grid.size()), result.begin());
+        std::copy_n(in, grid.size(), result.data());
       } else {
         stencil.apply(o.space, in, result.data());
       }
@@ -223,11 +224,7 @@ struct LatticeVariation::Storage {
     // The same two weights but for a sign: values that agree leave no rounding in a difference.
     const double ratio = w.after == 0.0 ? 0.0 : w.before / w.after;
     double* out = scratch.field(0).data();
-    grids::for_each_block(grid.size(), piece, [&](std::size_t begin, std::size_t end) {
-      for (std::size_t i = begin; i < end; ++i) {
-        out[i] = w.after * (after[i] + ratio * before[i]);
-      }
-    });
+    grids::combine(w.after, after, ratio, before, {out, grid.size()});
     return out;
   }
 
@@ -241,11 +238,7 @@ struct LatticeVariation::Storage {
     }
     const auto add = [&](double weight, std::span<double> to) {
       if (weight != 0.0) {
-        grids::for_each_block(to.size(), piece, [&, weight](std::size_t begin, std::size_t end) {
-          for (std::size_t i = begin; i < end; ++i) {
-            to[i] += weight * moved[i];
-          }
-        });
+        grids::add(weight, {moved, to.size()}, to);
       }
     };
     add(volume * w.before, out.before.field(row));
@@ -341,15 +334,10 @@ double LatticeVariation::energy() {
     s.energy_code(s.grid.size(), s.all_inputs, s.energies);
   }
   const auto density = s.scratch.field(0);
-  grids::for_each_block(density.size(), piece, [&](std::size_t begin, std::size_t end) {
-    std::fill(density.begin() + static_cast<std::ptrdiff_t>(begin), density.begin() + static_cast<std::ptrdiff_t>(end),
-              0.0);
-    for (const double* energy : s.energies) {
-      for (std::size_t i = begin; i < end; ++i) {
-        density[i] += energy[i];
-      }
-    }
-  });
+  s.scratch.fill(0.0);
+  for (const double* energy : s.energies) {
+    grids::add(1.0, {energy, density.size()}, density);
+  }
   return s.grid.cell_volume() * grids::sum(density);
 }
 
@@ -389,8 +377,10 @@ void LatticeVariation::currents(FieldSet& out) {
   for (int row = 0; row < s.currents.fields(); ++row) {
     const auto from = std::as_const(s.currents).field(row);
     const auto to = out.field(row % count);
-    for (std::size_t i = 0; i < to.size(); ++i) {
-      to[i] = row < count ? from[i] : to[i] + from[i];
+    if (row < count) {
+      std::copy_n(from.data(), from.size(), to.data());
+    } else {
+      grids::add(1.0, from, to);
     }
   }
 }
@@ -401,10 +391,7 @@ void LatticeVariation::sources(FieldSet& out) {
   out.fill(0.0);
   for (std::size_t j = 0; j < s.action.places.size(); ++j) {
     const auto from = std::as_const(s.gradient).field(static_cast<int>(s.action.values.size() + j));
-    const auto to = out.field(1 + s.action.places[j].axis);
-    for (std::size_t i = 0; i < to.size(); ++i) {
-      to[i] += from[i];
-    }
+    grids::add(1.0, from, out.field(1 + s.action.places[j].axis));
   }
 }
 

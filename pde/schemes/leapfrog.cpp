@@ -156,7 +156,8 @@ class LeapfrogMap {
 public:
   LeapfrogMap(const MultisymplecticSystem& system, const grids::Grid& grid)
       : waves_(wave_type(system)),
-        grid_(grid),
+        line_(grid.cells(0)),
+        volume_(grid.cell_volume()),
         variation_(leapfrog_action(system), grid),
         stencil_(grid),
         parts_(system.field_count(), grid.size()),
@@ -202,8 +203,8 @@ public:
       const auto v_0 = before.fields.field(pair.v), v_1 = after.fields.field(pair.v);
       const auto of_u = rows.field(pair.u), of_v = rows.field(pair.v);
       for (std::size_t i = 0; i < of_u.size(); ++i) {
-        of_u[i] = (pair.m * v_0[i] + from[i] / grid_.cell_volume()) / h;
-        of_v[i] = (pair.m * v_1[i] - into[i] / grid_.cell_volume()) / h;
+        of_u[i] = (pair.m * v_0[i] + from[i] / volume_) / h;
+        of_v[i] = (pair.m * v_1[i] - into[i] / volume_) / h;
       }
     }
     for (const SlopeField& slope : waves_.slopes) {
@@ -230,7 +231,7 @@ private:
         const auto rest = std::as_const(parts_.before).field(pair.u);
         const double inverse = h * pair.row.a / (pair.m * pair.m);
         for (std::size_t i = begin; i < end; ++i) {
-          u[i] += inverse * (pair.m * v[i] + rest[i] / grid_.cell_volume());
+          u[i] += inverse * (pair.m * v[i] + rest[i] / volume_);
         }
       }
     });
@@ -238,8 +239,9 @@ private:
     for (const MovingPair& pair : waves_.pairs) {
       const auto v = after.field(pair.v);
       const auto momentum = std::as_const(parts_.after).field(pair.u);
+      const double factor = pair.m * volume_;
       for (std::size_t i = 0; i < v.size(); ++i) {
-        v[i] = momentum[i] / (pair.m * grid_.cell_volume());
+        v[i] = momentum[i] / factor;
       }
     }
     for (const SlopeField& slope : waves_.slopes) {
@@ -273,17 +275,21 @@ private:
     for (const MatrixTerm& term : slope.terms) {
       const auto du = scratch_.field(0);
       stencil_.apply(difference, fields.field(term.column).data(), du.data());
-      for (std::size_t i = 0; i < out.size(); ++i) {
+      const double factor = term.value / slope.row.a;
+      for (std::size_t begin = 0; begin < out.size(); begin += line_) {
         const bool sloping = slopes != nullptr && slope.axis == 0;
-        const double mean = sloping ? slopes->at(term.column, i / grid_.cells(0)) : 0.0;
-        out[i] += term.value / slope.row.a * (du[i] + mean);
+        const double mean = sloping ? slopes->at(term.column, begin / line_) : 0.0;
+        for (std::size_t i = begin; i < begin + line_; ++i) {
+          out[i] += factor * (du[i] + mean);
+        }
       }
     }
   }
 
   WaveType waves_;
   std::vector<int> moving_;  ///< the fields u: what differences along the axes are taken of
-  grids::Grid grid_;
+  std::size_t line_;         ///< cells along the first axis
+  double volume_;            ///< of one
   LatticeVariation variation_;
   grids::Stencil stencil_;
   LatticeVariation::Parts parts_;
