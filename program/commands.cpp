@@ -47,12 +47,12 @@ rubato::ExitStatus report(const rubato::Outcome& outcome, bool json, bool quiet,
 
 /// Beside the record of a plane or a volume, the small file that lets ParaView open it.
 void write_xdmf(rubato::Outcome& outcome) {
+  if (outcome.axes < 2) {
+    return;
+  }
   const std::string file = beside(outcome.file, ".xdmf");
   try {
-    const record::Reader reader(outcome.file);
-    if (reader.has("/grid/y")) {
-      report::export_xdmf(reader, file);
-    }
+    report::export_xdmf(record::Reader(outcome.file), file);
   } catch (const record::AlreadyExists&) {
     outcome.warnings.push_back(fmt::format(
         "{} is left as it is, since it was not written for this record; `rubato export --xdmf --force` replaces it",

@@ -384,7 +384,7 @@ ExitStatus by_ranks(int argc, char** argv) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  rubato::program::wait_briefly(argv);
+  rubato::program::wait_briefly({argv, static_cast<std::size_t>(argc)});
   rubato::program::keep_standard_streams();
   rubato::program::survive_file_limits();
   const ExitStatus status = by_ranks(argc, argv);

@@ -77,6 +77,9 @@ public:
     outcome_.title = problem.title;
     outcome_.file = std::move(file);
     outcome_.variable_levels = problem.scheme.levels == Levels::variable;
+    if (const auto* lattice = std::get_if<MultisymplecticProblem>(&problem.system)) {
+      outcome_.axes = lattice->axes.size();
+    }
   }
 
   Outcome start() {

@@ -62,6 +62,7 @@ struct Outcome {
   std::string file;  ///< the record; empty where none could be written
   Statistics statistics;
   bool variable_levels = true;
+  std::size_t axes = 0;                ///< of a lattice's grid
   bool complete = false;               ///< whether `until` was reached
   std::string message;                 ///< why it ended early, with the remedy; empty when it did not
   std::vector<std::string> warnings;   ///< each one sentence, with the remedy
