@@ -6,7 +6,8 @@
 namespace rubato::grids {
 
 // Sums of whole arrays of one length, in vectors, by all threads where they are long. Each number is made as it is
-// written here: the same bits on every machine and for any number of threads. Arrays are the same one or do not overlap.
+// written here: the same bits on every machine and for any number of threads. Arrays are the same one or do not
+// overlap.
 
 /// out += factor x.
 void add(double factor, std::span<const double> x, std::span<double> out);

@@ -98,7 +98,8 @@ private:
   /// J_μ of all laws of the slab that was taken, z at its lower level, into current_.
   void find(int mu, const FieldSet& z) {
     for (int nu = 0; nu < tables_.directions; ++nu) {
-      std::copy_n(std::as_const(currents_).field(nu * tables_.directions + mu).data(), z.size(), current_.field(nu).data());
+      std::copy_n(std::as_const(currents_).field(nu * tables_.directions + mu).data(), z.size(),
+                  current_.field(nu).data());
     }
     tables_.symmetry_currents(mu, z.size(), z.pointers(), {},
                               current_.pointers().subspan(static_cast<std::size_t>(tables_.directions)));
