@@ -108,6 +108,17 @@ case $case_name in
     status=$?
     expect 5 'cannot be written'
     ;;
+  libraries)
+    # What lies in the folder that the program is started in is no library of its, whatever its name. The twin: the same
+    # folder, where the loader is told of it.
+    names=$(ldd "$rubato" | awk '$2 == "=>" && $3 ~ /^\// { print $1 }')
+    check 'has libraries' test -n "$names"
+    for name in $names; do echo 'not a library' >"$name"; done
+    run --version
+    expect 0 'rubato '
+    LD_LIBRARY_PATH=$folder "$rubato" --version >/dev/null 2>&1
+    check 'such libraries would be noticed' test $? -ne 0
+    ;;
   usage)
     run --help
     expect 0 'Examples:'
