@@ -87,71 +87,83 @@ SplittingEnergies::SplittingEnergies(const SplittingHalf& T, const SplittingHalf
   price_ = is_whole_ ? price_of_whole : price_of_parts;
   const std::size_t states = 2 * n_ + 1;
   if (is_whole_) {
+    make_rows(states);
     stages_.emplace_back(whole_code(T, V, composition));
-    inputs_.resize(states);
-    outputs_.resize(1);
-    from_.resize(states);
-    to_.resize(1);
+    bind(stages_[0], rows_[0], rows_[1].first(1));
     return;
   }
   // Two parts at a time, which all pairs of a composition are alike in; of an odd number the last one alone.
+  make_rows(states + 4);
   const std::span parts(composition.parts);
-  stages_.emplace_back(parts_code(T, V, parts.first(2)));
-  if (parts.size() % 2 == 1) {
-    stages_.emplace_back(parts_code(T, V, parts.last(1)));
+  stages_.reserve(4);
+  for (const std::size_t of_pair : {std::size_t{2}, parts.size() % 2}) {
+    if (of_pair == 0) {
+      continue;
+    }
+    const formula::Bytecode code = parts_code(T, V, of_pair == 2 ? parts.first(2) : parts.last(1));
+    for (std::size_t from = 0; from < 2; ++from) {
+      stages_.emplace_back(code);
+      bind(stages_.back(), rows_[from].first(states + 2 * of_pair), rows_[1 - from].first(states));
+    }
   }
-  inputs_.resize(states);
-  outputs_.resize(states);
-  changes_.resize(2);
-  for (const Composition::Part& part : parts) {
-    std::ranges::fill(weights_.emplace_back().values, part.length);
+}
+
+/// Two places for so many rows. What is written to one is not to stand where the next numbers of the other are read
+/// from, by the last twelve bits of addresses, which is all that processors look at before they let a load go ahead of
+/// a store.
+void SplittingEnergies::make_rows(std::size_t count_of_rows) {
+  constexpr std::size_t page = 4096 / sizeof(Row), half = page / 2;
+  const std::size_t apart = (count_of_rows + half) / page * page + half;
+  memory_.resize(apart + count_of_rows);
+  rows_ = {std::span(memory_).first(count_of_rows), std::span(memory_).last(count_of_rows)};
+}
+
+void SplittingEnergies::bind(formula::BatchEvaluator& stage, std::span<Row> from, std::span<Row> to) {
+  std::vector<const double*> inputs;
+  std::vector<double*> outputs;
+  for (const Row& row : from) {
+    inputs.push_back(row.values);
   }
-  from_.resize(states + 4);
-  to_.resize(states);
+  for (Row& row : to) {
+    outputs.push_back(row.values);
+  }
+  stage.bind(count, inputs, outputs);
 }
 
 void SplittingEnergies::operator()(std::span<const double> z, std::span<const double, count> h,
                                    std::span<double, count> energies) {
   for (std::size_t i = 0; i < 2 * n_; ++i) {
-    std::ranges::fill(inputs_[i].values, z[i]);
+    std::ranges::fill(rows_[0][i].values, z[i]);
   }
   if (!is_whole_) {
     by_parts(h, energies);
     return;
   }
-  std::ranges::copy(h, inputs_.back().values);
-  for (std::size_t i = 0; i < inputs_.size(); ++i) {
-    from_[i] = inputs_[i].values;
-  }
-  to_[0] = outputs_[0].values;
-  stages_[0](count, from_, to_);
-  std::ranges::copy(outputs_[0].values, energies.begin());
+  std::ranges::copy(h, rows_[0][2 * n_].values);
+  stages_[0].run();
+  std::ranges::copy(rows_[1][0].values, energies.begin());
 }
 
 /// From one place of z and E to the other, and back.
 void SplittingEnergies::by_parts(std::span<const double, count> h, std::span<double, count> energies) {
   const std::size_t states = 2 * n_ + 1;
-  std::array<std::vector<Row>*, 2> place{&inputs_, &outputs_};
-  std::ranges::fill(inputs_.back().values, 0.0);
+  std::ranges::fill(rows_[0][2 * n_].values, 0.0);
+  std::size_t place = 0;
   const std::span parts(composition_->parts);
   for (std::size_t k = 0; k < parts.size(); k += 2) {
     const std::size_t of_pair = std::min<std::size_t>(2, parts.size() - k);
-    for (std::size_t i = 0; i < states; ++i) {
-      from_[i] = (*place[0])[i].values;
-      to_[i] = (*place[1])[i].values;
-    }
     for (std::size_t j = 0; j < of_pair; ++j) {
       const double length = parts[k + j].drift ? parts[k + j].length : -parts[k + j].length;
+      Row* const takes = &rows_[place][states + 2 * j];
       for (std::size_t m = 0; m < count; ++m) {
-        changes_[j].values[m] = length * h[m];
+        takes[0].values[m] = length * h[m];
       }
-      from_[states + 2 * j] = changes_[j].values;
-      from_[states + 2 * j + 1] = weights_[k + j].values;
+      std::ranges::fill(takes[1].values, parts[k + j].length);
     }
-    stages_[of_pair == 2 ? 0 : 1](count, std::span(from_).first(states + 2 * of_pair), to_);
-    std::swap(place[0], place[1]);
+    stages_[(of_pair == 2 ? 0 : 2) + place].run();
+    place = 1 - place;
   }
-  std::ranges::copy(place[0]->back().values, energies.begin());
+  std::ranges::copy(rows_[place][2 * n_].values, energies.begin());
 }
 
 }  // namespace rubato

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <span>
 #include <vector>
@@ -19,6 +20,12 @@ public:
   static constexpr std::size_t count = LevelScheme::abreast;
 
   SplittingEnergies(const SplittingHalf& T, const SplittingHalf& V, const Composition& composition);
+  // The stages are bound to the rows.
+  SplittingEnergies(const SplittingEnergies&) = delete;
+  SplittingEnergies& operator=(const SplittingEnergies&) = delete;
+  SplittingEnergies(SplittingEnergies&&) = default;
+  SplittingEnergies& operator=(SplittingEnergies&&) = default;
+  ~SplittingEnergies() = default;
 
   /// What they take, in steps of one length: told from the formulas, so that it is the same on every machine.
   /// Infinite where nothing is gained: long steps, and those of which formulas go in vectors by themselves.
@@ -32,16 +39,17 @@ private:
     double values[count];
   };
   void by_parts(std::span<const double, count> h, std::span<double, count> energies);
+  void make_rows(std::size_t states);
+  void bind(formula::BatchEvaluator& stage, std::span<Row> from, std::span<Row> to);
 
   const Composition* composition_;
   std::size_t n_;
   double price_;
   bool is_whole_ = false;
-  std::vector<formula::BatchEvaluator> stages_;  ///< the whole step; or two parts, and one
-  std::vector<Row> inputs_, outputs_;            ///< of the whole; or z and E in two places
-  std::vector<Row> changes_, weights_;           ///< of parts
-  std::vector<const double*> from_;
-  std::vector<double*> to_;
+  /// The whole step; or of two parts, and of the last one alone, each from the first place to the second and back.
+  std::vector<formula::BatchEvaluator> stages_;
+  std::vector<Row> memory_;
+  std::array<std::span<Row>, 2> rows_;  ///< of the whole z and h, and E; or z, E and what parts take in two places
 };
 
 }  // namespace rubato

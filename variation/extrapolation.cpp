@@ -30,7 +30,12 @@ void Extrapolation::add(double ahead, double value) {
     errors_[degree] = std::isfinite(errors_[degree]) ? memory * errors_[degree] + error : error / (1.0 - memory);
   }
   foreseen_count_ = 0;
-  best_ = static_cast<std::size_t>(std::ranges::min_element(errors_) - errors_.begin());
+  best_ = 0;
+  double least = errors_[0];  // kept as a number: looked up anew, each comparison would wait for the one before
+  for (std::size_t degree = 1; degree < most; ++degree) {
+    best_ = errors_[degree] < least ? degree : best_;
+    least = std::min(least, errors_[degree]);
+  }
   known_ = std::min(known_ + 1, most);
   if (known_ == most) {
     take_in(std::integral_constant<std::size_t, most>(), ahead, value);
