@@ -2,11 +2,14 @@
 
 #include <catch2/catch.hpp>
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <random>
 #include <string>
 #include <vector>
+
+#include <fmt/format.h>
 
 #include <rubato/formula/parse.hpp>
 #include <rubato/formula/reachable.hpp>
@@ -222,6 +225,40 @@ TEST_CASE("the bound as a formula is that of the evaluator, bit for bit") {
       last = found.rounding;
     }
   }
+}
+
+TEST_CASE("the bound of a long formula stays what it was when machine code of it is made") {
+  constexpr std::size_t masses = 200;
+  Graph graph;
+  std::vector<Expression> inputs;
+  for (std::size_t i = 0; i < masses; ++i) {
+    inputs.push_back(graph.variable(fmt::format("q{}", i)));
+  }
+  Expression sum = inputs.front() * inputs.front();
+  for (std::size_t i = 0; i + 1 < masses; ++i) {
+    const Expression stretch = inputs[i + 1] - inputs[i];
+    sum += stretch * stretch / 2.0 + 0.25 * stretch * stretch * stretch;
+  }
+  const Bytecode code = sum_size_code(sum, inputs);
+  REQUIRE(code.instructions().size() > 1000);  // no code at once
+  REQUIRE(rounding_code(code).has_value());
+  SumSizeEvaluator plain(code), prepared(code);
+  prepared.prepare();
+  std::mt19937 random(4);
+  std::uniform_real_distribution<double> uniform(-1.0, 1.0);
+  std::vector<double> at(masses), errors(masses);
+  double last = 0.0;
+  bool same = true, moves = true;
+  for (int k = 0; k < 3100; ++k) {  // it pays from 3000 on
+    std::ranges::generate(at, [&] { return uniform(random); });
+    std::ranges::generate(errors, [&] { return std::abs(uniform(random)); });
+    const SumSize expected = plain(at, errors), found = prepared(at, errors);
+    same = same && found.terms == expected.terms && found.rounding == expected.rounding;
+    moves = moves && found.rounding != last;  // the twin: elsewhere it is another
+    last = found.rounding;
+  }
+  CHECK(same);
+  CHECK(moves);
 }
 
 TEST_CASE("a bound that is not finite as a formula is left to the evaluator") {
