@@ -12,6 +12,7 @@
 #include <limits>
 #include <string>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include <fmt/format.h>
@@ -508,13 +509,11 @@ TEST_CASE("a first level is the same whether ranks make it in parts or whole, an
   CHECK_THAT(said[0], Contains("nan at x = -1, y = 6.44"));
 }
 
-TEST_CASE("schemes with transforms are shared, equal to rounding, and continued with the same bits") {
+namespace {
+
+/// That `scheme` is shared, on planes and in space, equal to rounding, and continued with the same bits.
+void require_shared_to_rounding(const Settings& scheme, const std::string& levels) {
   const Folder folder;
-  const std::string levels = GENERATE("fixed", "variable");
-  const Settings scheme =
-      GENERATE(Settings{"lagrangian=splitting", "composition=golden", "space=differences"},
-               Settings{"lagrangian=splitting", "composition=golden", "space=fourier"},
-               Settings{"lagrangian=fourier", "stages=2"}, Settings{"lagrangian=fourier"}, Settings{"lagrangian=box"});
   const auto settings = [&](Settings more) {
     for (const std::string& setting : scheme) {
       more.push_back("scheme." + setting);
@@ -599,6 +598,26 @@ TEST_CASE("schemes with transforms are shared, equal to rounding, and continued 
     static_cast<void>(with_ranks(tampered, [&](auto& rank) { return run(problem, on(rank, folder / "all.h5")); }));
     CHECK_FALSE(is_close("all.h5"));
   }
+}
+
+const Settings by_differences{"lagrangian=splitting", "composition=golden", "space=differences"};
+const Settings by_waves{"lagrangian=splitting", "composition=golden", "space=fourier"};
+const Settings with_stages{"lagrangian=fourier", "stages=2"}, with_one{"lagrangian=fourier"}, of_box{"lagrangian=box"};
+
+}  // namespace
+
+TEST_CASE("schemes with transforms are shared, equal to rounding, and continued with the same bits") {
+  const auto [scheme, levels] =
+      GENERATE(std::pair(by_differences, "variable"), std::pair(by_waves, "fixed"), std::pair(with_stages, "variable"),
+               std::pair(with_one, "fixed"), std::pair(of_box, "variable"));
+  require_shared_to_rounding(scheme, levels);
+}
+
+TEST_CASE("schemes with transforms are shared with the other kind of levels, too", "[long]") {
+  const auto [scheme, levels] =
+      GENERATE(std::pair(by_differences, "fixed"), std::pair(by_waves, "variable"), std::pair(with_stages, "fixed"),
+               std::pair(with_one, "variable"), std::pair(of_box, "fixed"));
+  require_shared_to_rounding(scheme, levels);
 }
 
 TEST_CASE("ranks take long steps of collocation by Newton's method, and continue them with the same bits") {
