@@ -11,6 +11,7 @@ namespace orbits {
 
 void pendulum(int repeats);
 void kepler(int repeats);
+void eccentric_kepler(int repeats);
 void henon_heiles(int repeats);
 void outer_solar_system(int repeats);
 void chain_32(int repeats);

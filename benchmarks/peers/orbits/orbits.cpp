@@ -12,9 +12,10 @@
 #include "comparisons.hpp"
 
 int main(int argc, char** argv) {
-  constexpr std::array<std::pair<const char*, void (*)(int)>, 8> problems = {
+  constexpr std::array<std::pair<const char*, void (*)(int)>, 9> problems = {
       {{"pendulum", orbits::pendulum},
        {"kepler", orbits::kepler},
+       {"eccentric-kepler", orbits::eccentric_kepler},
        {"henon-heiles", orbits::henon_heiles},
        {"non-separable", orbits::non_separable},
        {"outer-solar-system", orbits::outer_solar_system},

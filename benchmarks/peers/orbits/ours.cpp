@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <initializer_list>
 #include <limits>
 #include <memory>
 
@@ -108,16 +109,43 @@ Choice in_time(Choice choice, const TimeScales::value_type& scale) {
   return choice;
 }
 
-/// With fixed levels, and then with variable ones, each with a scout: there every other number of stages is enough.
+/// With such levels; with variable ones, each with a scout, every other number of stages is enough, and Verlet's
+/// method, whose levels break down, is none.
+void add_choices(const std::vector<Choice>& choices, rubato::Levels levels, const Ours& problem, int first,
+                 std::vector<Method>& methods) {
+  for (Choice choice : choices) {
+    if (levels == rubato::Levels::variable &&
+        (choice.name == "Gauss 3" || choice.name == "Gauss 6" || choice.name == "verlet")) {
+      continue;
+    }
+    choice.levels = levels;
+    // In a time of its own an orbit takes fewer steps.
+    methods.push_back(our_method(problem, choice, choice.time_scale.empty() ? first : std::max(first / 4, 1)));
+  }
+}
 void add_choices(const std::vector<Choice>& choices, const Ours& problem, int first, std::vector<Method>& methods) {
   for (const rubato::Levels levels : {rubato::Levels::fixed, rubato::Levels::variable}) {
-    for (Choice choice : choices) {
-      if (levels == rubato::Levels::variable && (choice.name == "Gauss 3" || choice.name == "Gauss 6")) {
-        continue;
-      }
-      choice.levels = levels;
-      // In a time of its own an orbit takes fewer steps.
-      methods.push_back(our_method(problem, choice, choice.time_scale.empty() ? first : std::max(first / 4, 1)));
+    add_choices(choices, levels, problem, first, methods);
+  }
+}
+
+std::vector<Choice> splittings() {
+  std::vector<Choice> choices;
+  for (const char* name : {"verlet", "golden", "blanes-moan-4", "kahan-li-6", "kahan-li-8", "blanes-moan-rkn-6"}) {
+    choices.push_back({name, rubato::Splitting{name}});
+  }
+  return choices;
+}
+void add_stages(std::vector<Choice>& choices) {
+  choices.push_back({"midpoint", rubato::Midpoint{}});
+  for (const int stages : {2, 3, 4, 6, 8}) {
+    choices.push_back(gauss_of(stages));
+  }
+}
+void add_in_times(const TimeScales& time_scales, std::initializer_list<int> all_stages, std::vector<Choice>& choices) {
+  for (const auto& scale : time_scales) {
+    for (const int stages : all_stages) {
+      choices.push_back(in_time(gauss_of(stages), scale));
     }
   }
 }
@@ -126,34 +154,27 @@ void add_choices(const std::vector<Choice>& choices, const Ours& problem, int fi
 
 void add_ours(const Ours& problem, bool separable, const TimeScales& time_scales, int first,
               std::vector<Method>& methods) {
-  std::vector<Choice> choices;
-  if (separable) {
-    for (const char* name : {"golden", "blanes-moan-4", "kahan-li-6", "kahan-li-8", "blanes-moan-rkn-6"}) {
-      choices.push_back({name, rubato::Splitting{name}});
-    }
-  }
+  std::vector<Choice> choices = separable ? splittings() : std::vector<Choice>();
   if (problem.q.size() <= most_implicit) {
-    choices.push_back({"midpoint", rubato::Midpoint{}});
-    for (const int stages : {2, 3, 4, 6, 8}) {
-      choices.push_back(gauss_of(stages));
-    }
+    add_stages(choices);
   }
-  for (const auto& scale : time_scales) {
-    for (const int stages : {2, 4, 8}) {
-      choices.push_back(in_time(gauss_of(stages), scale));
-    }
-  }
+  add_in_times(time_scales, {2, 4, 8}, choices);
   add_choices(choices, problem, first, methods);
 }
 
 void add_ours_in(const TimeScales& time_scales, const Ours& problem, int first, std::vector<Method>& methods) {
   std::vector<Choice> choices;
-  for (const auto& scale : time_scales) {
-    for (const int stages : {6, 8}) {
-      choices.push_back(in_time(gauss_of(stages), scale));
-    }
-  }
+  add_in_times(time_scales, {6, 8}, choices);
   add_choices(choices, problem, first, methods);
+}
+
+void add_ours_eccentric(const Ours& problem, const TimeScales& time_scales, int first, std::vector<Method>& methods) {
+  std::vector<Choice> choices = splittings();
+  add_stages(choices);
+  add_choices(choices, rubato::Levels::fixed, problem, first, methods);
+  choices.clear();
+  add_in_times(time_scales, {2, 4, 8}, choices);
+  add_choices(choices, rubato::Levels::variable, problem, first / 5, methods);
 }
 
 }  // namespace orbits

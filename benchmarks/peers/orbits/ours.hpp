@@ -34,6 +34,10 @@ void add_ours(const Ours& problem, bool separable, const TimeScales& time_scales
 /// Gauss collocation of high order in these times alone.
 void add_ours_in(const TimeScales& time_scales, const Ours& problem, int first, std::vector<Method>& methods);
 
+/// What adaptation is worth where an orbit is eccentric: all with fixed levels of t, and with variable ones in these
+/// times.
+void add_ours_eccentric(const Ours& problem, const TimeScales& time_scales, int first, std::vector<Method>& methods);
+
 template <typename System>
 [[nodiscard]] Ours ours_of(const Case<System>& problem, std::string name, std::vector<std::string> settings) {
   const State<System> start;
