@@ -7,11 +7,11 @@ namespace {
 constexpr std::size_t half = EnergyProfile::count / 2;
 
 /// [j][k]: of y^k in Lagrange's polynomial that is 1 at y_j = x_j² and 0 at the others, halved; and divided by x_j.
-struct Weights {
+struct ProfileWeights {
   std::array<std::array<double, half>, half> even{}, odd{};
 };
-constexpr Weights weights = [] {
-  Weights all;
+constexpr ProfileWeights of_profile = [] {
+  ProfileWeights all;
   for (std::size_t j = 0; j < half; ++j) {
     const auto square = [](std::size_t i) { return EnergyProfile::places[i] * EnergyProfile::places[i]; };
     std::array<double, half> product{1.0};
@@ -39,8 +39,8 @@ EnergyProfile::EnergyProfile(std::span<const double, count> values) {
   for (std::size_t j = 0; j < half; ++j) {
     const double sum = values[j] + values[half + j], difference = values[j] - values[half + j];
     for (std::size_t k = 0; k < half; ++k) {
-      even_[k] += weights.even[j][k] * sum;
-      odd_[k] += weights.odd[j][k] * difference;
+      even_[k] += of_profile.even[j][k] * sum;
+      odd_[k] += of_profile.odd[j][k] * difference;
     }
   }
 }
