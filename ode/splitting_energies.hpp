@@ -23,9 +23,6 @@ public:
   // The stages are bound to the rows.
   SplittingEnergies(const SplittingEnergies&) = delete;
   SplittingEnergies& operator=(const SplittingEnergies&) = delete;
-  SplittingEnergies(SplittingEnergies&&) = default;
-  SplittingEnergies& operator=(SplittingEnergies&&) = default;
-  ~SplittingEnergies() = default;
 
   /// What they take, in steps of one length: told from the formulas, so that it is the same on every machine.
   /// Infinite where nothing is gained: long steps, and those of which formulas go in vectors by themselves.
@@ -39,7 +36,7 @@ private:
     double values[count];
   };
   void by_parts(std::span<const double, count> h, std::span<double, count> energies);
-  void make_rows(std::size_t states);
+  void make_rows(std::size_t count_of_rows);
   void bind(formula::BatchEvaluator& stage, std::span<Row> from, std::span<Row> to);
 
   const Composition* composition_;

@@ -7,7 +7,7 @@ void kepler(int repeats) {
   const Case<Kepler<600>> problem(20 * 3.14159265358979323846, 8000);
   std::vector<Method> methods;
   add_peers(problem, 150, methods);
-  add_ours(ours_of(problem, "kepler", {}), true, {{"r^(3/2)", "sqrt(x^2 + y^2)*sqrt(sqrt(x^2 + y^2))"}}, 150, methods);
+  add_ours(ours_of(problem, "kepler", {}), true, {by_distance}, 150, methods);
   report(study("Kepler, e = 0.6, ten revolutions", problem.until, problem.reference.uncertainty()), methods, repeats);
 }
 
@@ -16,8 +16,7 @@ void eccentric_kepler(int repeats) {
   const Case<Kepler<900>> problem(200 * 3.14159265358979323846, 640000);
   std::vector<Method> methods;
   add_peers(problem, 4000, methods);
-  add_ours_eccentric(ours_of(problem, "kepler", {"parameters.e=0.9"}),
-                     {{"r^(3/2)", "sqrt(x^2 + y^2)*sqrt(sqrt(x^2 + y^2))"}}, 4000, methods);
+  add_ours_eccentric(ours_of(problem, "kepler", {"parameters.e=0.9"}), {by_distance}, 4000, methods);
   report(study("Kepler, e = 0.9, a hundred revolutions, fixed levels of t", problem.until,
                problem.reference.uncertainty()),
          methods, repeats);

@@ -26,6 +26,8 @@ struct Ours {
 
 /// dt/ds, each a name and a formula.
 using TimeScales = std::vector<std::pair<std::string, std::string>>;
+/// Of Kepler's problem: the time of a revolution at the distance r, but for a factor.
+inline const TimeScales::value_type by_distance{"r^(3/2)", "sqrt(x^2 + y^2)*sqrt(sqrt(x^2 + y^2))"};
 /// Splittings where there are any, the midpoint rule and Gauss collocation, with fixed and with variable levels; with
 /// time scales Gauss collocation in their times, too.
 void add_ours(const Ours& problem, bool separable, const TimeScales& time_scales, int first,
