@@ -18,6 +18,7 @@
 #include "probe.hpp"
 #include "signals.hpp"
 #include "terminal.hpp"
+#include "waiting.hpp"
 
 namespace rubato::program {
 namespace {
@@ -138,6 +139,7 @@ void share_with(ranks::Communicator* ranks) {
 
 rubato::ExitStatus run(const RunCommand& command) {
   const rubato::Problem problem = rubato::read_problem(command.problem, command.settings);
+  wait_briefly_for(problem, command.problem);
   rubato::RunOptions options;
   options.output = command.output;
   options.overwrite = command.force;

@@ -5,7 +5,11 @@
 #include <algorithm>
 #include <array>
 #include <cstdlib>
+#include <filesystem>
 #include <string_view>
+#include <system_error>
+
+#include <rubato/ranks/communicator.hpp>
 
 namespace rubato::program {
 
@@ -17,30 +21,56 @@ namespace {
 /// machine 20,000 cost nothing that could be measured, 4000 a third.
 constexpr const char* looks = "20000";
 
-/// Whether threads may have to wait for each other at all.
-bool may_share_work(std::span<char* const> arguments) {
-  constexpr std::array<std::string_view, 5> sharing = {"run", "scan", "converge", "resume", "check"};
-  const auto is = [&](std::size_t i, std::string_view word) { return i < arguments.size() && arguments[i] == word; };
-  if (std::ranges::none_of(sharing, [&](std::string_view command) { return is(1, command); })) {
-    return false;
-  }
-  for (std::size_t i = 2; i < arguments.size(); ++i) {
-    if (is(i, "--threads=1") || (is(i, "--threads") && is(i + 1, "1"))) {
-      return false;
-    }
-  }
-  return true;
+using Words = std::span<char* const>;
+
+/// Those of main().
+Words& words() {
+  static Words all;
+  return all;
 }
 
-}  // namespace
+bool is(Words arguments, std::size_t i, std::string_view word) {
+  return i < arguments.size() && arguments[i] == word;
+}
 
-void wait_briefly(std::span<char* const> arguments) {
-  if (!may_share_work(arguments) || std::getenv("GOMP_SPINCOUNT") != nullptr ||
+bool has_one_thread(Words arguments) {
+  for (std::size_t i = 2; i < arguments.size(); ++i) {
+    if (is(arguments, i, "--threads=1") || (is(arguments, i, "--threads") && is(arguments, i + 1, "1"))) {
+      return true;
+    }
+  }
+  return false;
+}
+
+void replace_program(Words arguments) {
+  if (has_one_thread(arguments) || std::getenv("GOMP_SPINCOUNT") != nullptr ||
       std::getenv("OMP_WAIT_POLICY") != nullptr) {
     return;
   }
   if (setenv("GOMP_SPINCOUNT", looks, 0) == 0) {
     execv("/proc/self/exe", arguments.data());  // returns only if it cannot
+  }
+}
+
+bool can_be_read_again(const std::filesystem::path& file) {
+  std::error_code none;
+  return std::filesystem::is_regular_file(file, none) || !std::filesystem::exists(file, none);
+}
+
+}  // namespace
+
+void wait_briefly(Words arguments) {
+  constexpr std::array<std::string_view, 4> sharing = {"scan", "converge", "resume", "check"};
+  words() = arguments;
+  if (std::ranges::any_of(sharing, [&](std::string_view command) { return is(arguments, 1, command); }) ||
+      (ranks::joins() && is(arguments, 1, "run"))) {
+    replace_program(arguments);
+  }
+}
+
+void wait_briefly_for(const rubato::Problem& problem, const std::string& name) {
+  if (!ranks::joins() && (problem.ensemble || problem.hamiltonian() == nullptr) && can_be_read_again(name)) {
+    replace_program(words());
   }
 }
 

@@ -8,4 +8,8 @@ std::unique_ptr<Communicator> join() {
   return std::make_unique<Alone>();
 }
 
+bool joins() {
+  return false;
+}
+
 }  // namespace rubato::ranks

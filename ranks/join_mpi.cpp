@@ -161,4 +161,8 @@ std::unique_ptr<Communicator> join() {
   return std::make_unique<Alone>();
 }
 
+bool joins() {
+  return was_launched();
+}
+
 }  // namespace rubato::ranks
