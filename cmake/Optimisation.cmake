@@ -14,7 +14,7 @@ set(rubato_sources_loops
   solve/band_solver.cpp solve/cyclic_block.cpp solve/fourier_preconditioner.cpp solve/gmres.cpp
   pde/cell_sweep.cpp pde/euler_box_map.cpp pde/face_gather.cpp pde/law_currents.cpp pde/midpoint_lattice.cpp pde/stage_loops.cpp pde/wave_loops.cpp
   pde/schemes/leapfrog.cpp
-  record/checksum.cpp)
+  record/checksum.cpp record/chunks.cpp)
 foreach(kernel IN ITEMS
     grids/short_transform_avx512
     ode/stage_kernels_portable ode/stage_kernels_avx2 ode/stage_kernels_avx512

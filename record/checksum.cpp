@@ -44,7 +44,7 @@ void read_exactly(int descriptor, std::span<std::byte> bytes, std::uint64_t plac
 
 std::uint64_t checksum_of(int descriptor, std::uint64_t size) {
   Checksum checksum;
-  constexpr std::uint64_t longest = std::uint64_t{1} << 20;
+  constexpr std::uint64_t longest = std::uint64_t{1} << 17;
   std::vector<std::byte> block(std::min(longest, size));
   for (std::uint64_t place = 0; place < size; place += block.size()) {
     const auto part = std::span(block).first(std::min<std::uint64_t>(block.size(), size - place));

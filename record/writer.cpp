@@ -12,6 +12,7 @@
 #include <fmt/format.h>
 
 #include <rubato/record/detail/checksum.hpp>
+#include <rubato/record/detail/chunks.hpp>
 #include <rubato/record/detail/files.hpp>
 #include <rubato/record/detail/gate.hpp>
 #include <rubato/record/detail/hdf5.hpp>
@@ -99,6 +100,9 @@ std::vector<Gathered> columns_of(const Layout& layout) {
   return columns;
 }
 
+/// Fewer bytes are not worth looking whether their chunks can be written as they are.
+constexpr std::size_t least_directly = std::size_t{16} << 10;
+
 /// Lets a dataset have `rows` rows, and writes what waits of their bytes up to `end`.
 void write_column(hid_t dataset, const Gathered& column, std::size_t rows, std::size_t end) {
   auto sizes = detail::extent(dataset);
@@ -106,10 +110,20 @@ void write_column(hid_t dataset, const Gathered& column, std::size_t rows, std::
   detail::check(H5Dset_extent(dataset, sizes.data()), "extending a dataset");
   const hid_t memory = detail::memory_type(column.description.type);
   const std::size_t value_bytes = column.row_bytes / column.row_size;
+  auto chunks =
+      end - column.flushed < least_directly ? std::nullopt : detail::ChunkWriter::of(dataset, column.description.type);
   for (std::size_t place = column.flushed; place < end;) {
     const std::byte* const bytes = column.waiting.data() + (place - column.flushed);
+    if (const std::size_t count = chunks ? chunks->bytes_at(place) : 0; count > 0 && place + count <= end) {
+      chunks->write(place, std::span(bytes, count));
+      place += count;
+      continue;
+    }
     const std::size_t row = place / column.row_bytes, begin = place % column.row_bytes;
-    if (const std::size_t whole = (end - place) / column.row_bytes; begin == 0 && whole > 0) {
+    std::size_t whole = (end - place) / column.row_bytes;
+    if (chunks)
+      whole = std::min(whole, column.chunk_rows - row % column.chunk_rows);  // and on with whole chunks
+    if (begin == 0 && whole > 0) {
       detail::write_rows(dataset, memory, row, whole, bytes);
       place += whole * column.row_bytes;
     } else {
@@ -193,7 +207,7 @@ public:
   }
 
   void take_over(const std::string& left_out) {
-    overwrite_ = true;
+    overwrite_ = published_ = true;
     {
       const detail::Descriptor published = detail::open_regular(path_);
       const detail::Handle file = detail::open_file(path_, H5F_ACC_RDONLY);
@@ -295,7 +309,9 @@ public:
   [[nodiscard]] const Checkpoint& checkpoint() const { return checkpoint_; }
 
   [[nodiscard]] bool commit_due() const {
-    return Clock::now() - last_commit_ >= std::max(policy_.interval, policy_.times_last_commit * commit_duration_);
+    const auto pause =
+        published_ ? std::max(policy_.interval, policy_.times_last_commit * commit_duration_) : policy_.first;
+    return Clock::now() - last_commit_ >= pause;
   }
 
   void stage(const CheckpointInParts& checkpoint) {
@@ -323,9 +339,12 @@ public:
       complete_version(next, checkpoint, Completion::interrupted, false);
       publish(next, policy_.durable);
     });
+    published_ = true;
     last_commit_ = Clock::now();
     commit_duration_ = last_commit_ - begin;
   }
+
+  [[nodiscard]] bool published() const { return published_; }
 
   void finish(const Checkpoint* checkpoint, Completion completion) {
     detail::with_file(path_, [&] {
@@ -501,7 +520,7 @@ private:
   Layout layout_;
   std::vector<Gathered> columns_;
   Checkpoint checkpoint_;
-  bool is_staged_ = false;
+  bool is_staged_ = false, published_ = false;
   std::optional<detail::TemporaryFile> working_;
   std::size_t bytes_since_flush_ = 0;
   Clock::time_point last_commit_ = Clock::now();
@@ -572,6 +591,9 @@ void Writer::drop_level() {
 }
 bool Writer::commit_due() const {
   return implementation_->commit_due();
+}
+bool Writer::published() const {
+  return implementation_->published();
 }
 void Writer::commit(const Checkpoint& checkpoint) {
   implementation_->commit(&checkpoint);

@@ -29,6 +29,8 @@ struct CommitPolicy {
   /// after): a version then survives a crash of the whole machine, too, on every file system. The waiting counts as
   /// part of the commit, and so is bounded by `times_last_commit`.
   bool durable = true;
+  /// The first commit of a new record is due after so long.
+  std::chrono::duration<double> first = std::chrono::seconds(2);
 };
 
 /// The right to write a record: while it lasts, no other process or thread that asks for it gets it, so that what is
@@ -143,8 +145,12 @@ public:
   /// Forgets the rows appended since then.
   void drop_level();
 
-  /// Whether enough time has passed since the last commit (see CommitPolicy).
+  /// Whether enough time has passed since the last commit, or, of a new record, since it was prepared (see
+  /// CommitPolicy).
   [[nodiscard]] bool commit_due() const;
+
+  /// Whether there is a version for readers: one that was published, or that is resumed.
+  [[nodiscard]] bool published() const;
 
   /// Publishes everything up to the last `end_level`, with the checkpoint that belongs to it.
   void commit(const Checkpoint& checkpoint);

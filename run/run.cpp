@@ -92,7 +92,9 @@ public:
       return undefined_at_start(error);
     }
     writer().end_level();
-    commit();
+    if (leader_ || Clock::now() - begun_ >= short_run) {
+      commit();
+    }
     return loop();
   }
 
@@ -119,6 +121,10 @@ public:
   }
 
 private:
+  /// A run of one process that has ended by then is published once, when it ends: to publish its start would take as
+  /// long again.
+  static constexpr std::chrono::milliseconds short_run{50};
+
   [[nodiscard]] Simulation& simulation() { return chronicle_->simulation(); }
   [[nodiscard]] const Statistics& statistics() const { return chronicle_->statistics(); }
   [[nodiscard]] const BridgeCauses& causes() const { return chronicle_->causes(); }
@@ -170,7 +176,7 @@ private:
 
   /// Of a shared lattice no more rows wait in memory than this rank's part of a field takes, or a megabyte.
   [[nodiscard]] record::CommitPolicy commit_policy() const {
-    record::CommitPolicy policy{.durable = problem_.output.durable};
+    record::CommitPolicy policy{.durable = problem_.output.durable, .first = short_run};
     if (leader_) {
       policy.buffer_bytes =
           std::clamp(leader_->slab().owned() * sizeof(double), std::size_t{1} << 20, policy.buffer_bytes);
@@ -209,13 +215,19 @@ private:
   }
 
   /// Where a level begins that cannot be stored, the run ends with the one before it: the simulation is taken back to
-  /// the last checkpoint published and repeats the steps since then, so that what is stored last is a state of the
-  /// record.
+  /// the last checkpoint published, or its start, and repeats the steps since then, so that what is stored last is a
+  /// state of the record.
   void go_back_to(std::size_t steps) {
     writer().drop_level();
     make_chronicle();
-    Digests digests = restore(record::Reader(outcome_.file).checkpoint(state_apart()));
+    Digests digests(chronicle_->layout().datasets.size());
     DigestSink sink(digests);
+    if (writer().published()) {
+      digests = restore(record::Reader(outcome_.file).checkpoint(state_apart()));
+    } else {
+      order(Order::start);
+      tell(sink, [this](RowSink& rows) { chronicle_->tell_start(rows); });
+    }
     while (statistics().steps < steps) {
       order(Order::step);
       const StepReport report = simulation().step();
@@ -489,6 +501,7 @@ private:
   std::optional<LatticeLeader> leader_;  ///< before all that ranks have parts of
   std::optional<Chronicle> chronicle_;
   std::optional<Recorder> recorder_;
+  const Clock::time_point begun_ = Clock::now();
   Clock::time_point last_progress_;
   Outcome outcome_;
 };

@@ -1,0 +1,139 @@
+#include <rubato/record/detail/chunks.hpp>
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cstring>
+#include <utility>
+
+#include <rubato/record/detail/structure.hpp>
+
+namespace rubato::record::detail {
+
+namespace {
+
+constexpr std::uint64_t modulus = 0xFFFF;
+
+/// Σ w_i and Σ (n - i) w_i of numbers of two bytes, the lower one first. That is how processors have them; the other
+/// way round each is 256 times as large modulo 2^16 - 1.
+class Sums {
+public:
+  void add(std::uint16_t number) {
+    sum_ += number;
+    weighted_ += sum_;
+    reduce();
+  }
+
+  /// 16 sums side by side: number i = 16 r + l of n = 16 R has the weight n - i = 16 (R - r) - l.
+  void add_side_by_side(const std::byte* bytes, std::size_t rounds) {
+    std::array<std::uint32_t, lanes> sums{}, weighted{};
+    for (std::size_t r = 0; r < rounds; ++r) {
+      std::array<std::uint16_t, lanes> numbers;
+      std::memcpy(numbers.data(), bytes + r * sizeof numbers, sizeof numbers);
+      for (std::size_t l = 0; l < lanes; ++l) {
+        sums[l] += numbers[l];
+        weighted[l] += sums[l];
+      }
+    }
+    weighted_ += lanes * rounds * sum_;
+    for (std::size_t l = 0; l < lanes; ++l) {
+      weighted_ += std::uint64_t{lanes} * weighted[l] - l * sums[l];
+      sum_ += sums[l];
+    }
+    reduce();
+  }
+
+  [[nodiscard]] std::uint32_t value() const {
+    const auto half = [&](std::uint64_t sum) {
+      const std::uint64_t turned = sum * 256 % modulus;
+      return static_cast<std::uint32_t>(turned == 0 && !all_zero_ ? modulus : turned);
+    };
+    return half(weighted_) << 16 | half(sum_);
+  }
+
+  static constexpr std::size_t lanes = 16;
+  /// The weighted sum of a lane, of 2^16 r (r + 1)/2 at most, fits into 32 bits.
+  static constexpr std::size_t most_rounds = 256;
+
+private:
+  void reduce() {
+    all_zero_ = all_zero_ && sum_ == 0;
+    sum_ %= modulus;
+    weighted_ %= modulus;
+  }
+
+  std::uint64_t sum_ = 0, weighted_ = 0;
+  bool all_zero_ = true;
+};
+
+}  // namespace
+
+std::uint32_t fletcher32(std::span<const std::byte> bytes) {
+  static_assert(std::endian::native == std::endian::little);
+  constexpr std::size_t round_bytes = 2 * Sums::lanes;
+  Sums sums;
+  for (std::size_t rounds; (rounds = std::min(Sums::most_rounds, bytes.size() / round_bytes)) > 0;) {
+    sums.add_side_by_side(bytes.data(), rounds);
+    bytes = bytes.subspan(rounds * round_bytes);
+  }
+  for (; !bytes.empty(); bytes = bytes.subspan(std::min<std::size_t>(2, bytes.size()))) {
+    std::uint16_t number = 0;
+    std::memcpy(&number, bytes.data(), std::min(sizeof number, bytes.size()));
+    sums.add(number);
+  }
+  return sums.value();
+}
+
+std::optional<ChunkWriter> ChunkWriter::of(hid_t dataset, Type type) {
+  const Handle properties(H5Dget_create_plist(dataset), H5Pclose, "looking at a dataset");
+  const Handle stored(H5Dget_type(dataset), H5Tclose, "looking at a dataset");
+  if (H5Pget_layout(properties) != H5D_CHUNKED || H5Pget_nfilters(properties) != 1 ||
+      H5Tequal(stored, memory_type(type)) <= 0)
+    return std::nullopt;
+  unsigned flags = 0;
+  std::size_t parameters = 0;
+  if (H5Pget_filter2(properties, 0, &flags, &parameters, nullptr, 0, nullptr, nullptr) != H5Z_FILTER_FLETCHER32)
+    return std::nullopt;
+  const std::vector<hsize_t> sizes = extent(dataset);
+  std::vector<hsize_t> shape = chunk_of(dataset);
+  const bool has_whole_planes = sizes.size() < 3 || std::equal(sizes.begin() + 2, sizes.end(), shape.begin() + 2);
+  const bool has_whole_rows = sizes.size() < 2 || shape[1] == sizes[1];
+  if (!has_whole_planes || (!has_whole_rows && shape[0] > 1))
+    return std::nullopt;
+  return ChunkWriter(dataset, std::move(shape), sizes, size_of(type));
+}
+
+ChunkWriter::ChunkWriter(hid_t dataset, std::vector<hsize_t> shape, const std::vector<hsize_t>& sizes,
+                         std::size_t value_bytes)
+    : dataset_(dataset),
+      shape_(std::move(shape)),
+      row_bytes_(value_bytes),
+      plane_bytes_(value_bytes * plane_of(sizes)),
+      rows_(shape_.front()) {
+  for (std::size_t i = 1; i < sizes.size(); ++i)
+    row_bytes_ *= sizes[i];
+  block_bytes_ = shape_.size() < 2 ? row_bytes_ : plane_bytes_ * shape_[1];
+  stored_.resize(rows_ * block_bytes_ + sizeof(std::uint32_t));
+}
+
+std::size_t ChunkWriter::bytes_at(std::size_t place) const {
+  if (block_bytes_ == row_bytes_)
+    return place % (rows_ * row_bytes_) == 0 ? rows_ * row_bytes_ : 0;
+  const std::size_t begin = place % row_bytes_;
+  return begin % block_bytes_ == 0 ? std::min(block_bytes_, row_bytes_ - begin) : 0;
+}
+
+void ChunkWriter::write(std::size_t place, std::span<const std::byte> bytes) {
+  const std::size_t size = stored_.size() - sizeof(std::uint32_t);
+  const auto rest = std::ranges::copy(bytes, stored_.begin()).out;
+  std::fill(rest, stored_.begin() + static_cast<std::ptrdiff_t>(size), std::byte{0});  // beyond the edge
+  const std::uint32_t checksum = fletcher32(std::span(stored_).first(size));
+  std::memcpy(stored_.data() + size, &checksum, sizeof checksum);
+  std::vector<hsize_t> first(shape_.size(), 0);
+  first[0] = place / row_bytes_;
+  if (first.size() > 1)
+    first[1] = place % row_bytes_ / plane_bytes_;
+  check(H5Dwrite_chunk(dataset_, H5P_DEFAULT, 0, first.data(), stored_.size(), stored_.data()), "writing rows");
+}
+
+}  // namespace rubato::record::detail
