@@ -7,6 +7,7 @@
 #include <rubato/grids/stencil.hpp>
 #include <rubato/pde/lattice_actions.hpp>
 #include <rubato/pde/law_evaluator.hpp>
+#include <rubato/pde/same_bits.hpp>
 #include <rubato/variation/lattice_variation.hpp>
 
 namespace rubato {
@@ -23,41 +24,46 @@ public:
       : tables_(std::move(tables)),
         variation_(euler_box_action(tables_.system), tables_.grid),
         stencil_(tables_.grid),
-        currents_(tables_.directions * tables_.directions, tables_.grid.size()),
-        current_(static_cast<int>(tables_.names.size()), tables_.grid.size()),
-        sum_(current_),
+        known_(tables_.d, tables_.grid.size()),
+        density_(static_cast<int>(tables_.names.size()), tables_.grid.size()),
+        symmetries_(static_cast<int>(tables_.names.size()) - tables_.directions, tables_.grid.size()),
+        sum_(density_),
         scratch_(1, tables_.grid.size()) {}
 
   [[nodiscard]] const LawTables& tables() const override { return tables_; }
 
   std::vector<Spread> residuals(const LatticeLevel& before, const LatticeLevel& after, double h,
                                 std::span<double* const> residuals) override {
-    sum_.fill(0.0);
-    take(after.fields, after.fields, h);
-    add(1.0 / h, LawTables::time, after.fields);
-    take(before.fields, after.fields, h);
-    add(-1.0 / h, LawTables::time, before.fields);
+    take_level(after);
+    for (int l = 0; l < sum_.fields(); ++l) {
+      grids::combine(1.0 / h, std::as_const(density_).field(l), 0.0, std::as_const(density_).field(l), sum_.field(l));
+    }
+    variation_.take(before.fields, after.fields, h);
+    slab_is_whole_ = after.slopes.of_field.empty();
+    for_each_current(LawTables::time, before.fields,
+                     [&](int l, std::span<const double> current) { grids::add(-1.0 / h, current, sum_.field(l)); });
     for (int mu = 1; mu < tables_.directions; ++mu) {
-      find(mu, before.fields);
-      for (int l = 0; l < sum_.fields(); ++l) {
-        stencil_.apply(along(mu), current_.field(l).data(), scratch_.field(0).data());
+      for_each_current(mu, before.fields, [&](int l, std::span<const double> current) {
+        stencil_.apply(along(mu), current.data(), scratch_.field(0).data());
         grids::add(1.0, scratch_.field(0), sum_.field(l));
-      }
+      });
     }
     if (!tables_.system.coordinates().empty()) {
-      variation_.sources(current_);
+      FieldSet sources(tables_.directions, tables_.grid.size());
+      variation_.sources(sources);
       for (int nu = 1; nu < tables_.directions; ++nu) {
-        grids::add(1.0, current_.field(nu), sum_.field(nu));
+        grids::add(1.0, std::as_const(sources).field(nu), sum_.field(nu));
       }
     }
     return tell_residuals(sum_, residuals);
   }
 
   std::vector<double> totals(const LatticeLevel& level) override {
-    take(level.fields, level.fields, 1.0);
-    find(LawTables::time, level.fields);
-    return grids::integrals(tables_.grid, current_);
+    take_level(level);
+    return grids::integrals(tables_.grid, density_);
   }
+
+  [[nodiscard]] LatticeVariation* slab() override { return slab_is_whole_ ? &variation_ : nullptr; }
 
   Spread multisymplectic_residual(const TangentLevels& u, const TangentLevels& v, double h, double* residual) override {
     if (u.earlier == nullptr || v.earlier == nullptr) {
@@ -90,32 +96,40 @@ public:
 private:
   static grids::SpaceOperator along(int mu) { return grids::SpaceOperator::forward_difference(mu - 1); }
 
-  void take(const FieldSet& before, const FieldSet& after, double h) {
-    variation_.take(before, after, h);
-    variation_.currents(currents_);
+  /// use(l, J_μ of law l) of the slab that was taken, z at its lower level.
+  template <typename Use>
+  void for_each_current(int mu, const FieldSet& z, const Use& use) {
+    const FieldSet& currents = variation_.currents();
+    for (int nu = 0; nu < tables_.directions; ++nu) {
+      use(nu, currents.field(nu * tables_.directions + mu));
+    }
+    tables_.symmetry_currents(mu, z.size(), z.pointers(), {}, symmetries_.pointers());
+    for (int l = 0; l < symmetries_.fields(); ++l) {
+      use(tables_.directions + l, std::as_const(symmetries_).field(l));
+    }
   }
 
-  /// J_μ of all laws of the slab that was taken, z at its lower level, into current_.
-  void find(int mu, const FieldSet& z) {
-    for (int nu = 0; nu < tables_.directions; ++nu) {
-      std::copy_n(std::as_const(currents_).field(nu * tables_.directions + mu).data(), z.size(),
-                  current_.field(nu).data());
+  /// J_t of a level, which needs no other, into density_: once for the step that leads there and its totals.
+  void take_level(const LatticeLevel& level) {
+    if (std::exchange(is_known_, true) && same_bits(std::as_const(known_).all(), level.fields.all())) {
+      return;
     }
-    tables_.symmetry_currents(mu, z.size(), z.pointers(), {},
-                              current_.pointers().subspan(static_cast<std::size_t>(tables_.directions)));
-  }
-  void add(double factor, int mu, const FieldSet& z) {
-    find(mu, z);
-    for (int l = 0; l < sum_.fields(); ++l) {
-      grids::add(factor, current_.field(l), sum_.field(l));
-    }
+    slab_is_whole_ = false;
+    variation_.take(level.fields, level.fields, 1.0);
+    for_each_current(LawTables::time, level.fields, [&](int l, std::span<const double> current) {
+      std::ranges::copy(current, density_.field(l).begin());
+    });
+    known_.copy_from(level.fields);
   }
 
   LawTables tables_;
   LatticeVariation variation_;
   grids::Stencil stencil_;
-  FieldSet currents_;                 ///< J^ν_ρ of the slab
-  FieldSet current_, sum_, scratch_;  ///< J_μ of each law; residuals
+  FieldSet known_;                       ///< the level that density_ is of
+  FieldSet density_, symmetries_, sum_;  ///< J_t of each law; J_μ of the symmetries; residuals
+  FieldSet scratch_;
+  bool is_known_ = false;
+  bool slab_is_whole_ = false;  ///< variation_ is of the step that residuals() was asked for last
 };
 
 }  // namespace

@@ -4,8 +4,10 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <optional>
 #include <stdexcept>
 #include <string>
+#include <utility>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -53,14 +55,17 @@ EulerBoxMap::EulerBoxMap(const MultisymplecticSystem& system, const grids::Grid&
       grid_(grid),
       outputs_(static_cast<int>(system.hessian_code().output_count()), grid.size()),
       row_(1, grid.size()),
+      derivative_(row_),
       scratch_(row_),
       places_(system, grid, Within::node),
-      evaluate_(system.hessian_code()) {
+      evaluate_(system.hessian_code()),
+      value_(system.value_code()) {
   if (system.directions() != grid.dimensions()) {
     throw std::invalid_argument(
         fmt::format("the system has {} space direction(s), the grid {}", system.directions(), grid.dimensions()));
   }
   plan();
+  compile();
 }
 
 Status EulerBoxMap::start(grids::FieldSet& fields) {
@@ -74,9 +79,8 @@ Status EulerBoxMap::start(grids::FieldSet& fields) {
 
 Status EulerBoxMap::advance(double h, const grids::FieldSet& before, grids::FieldSet& after) {
   after.copy_from(before);
-  evaluate(before);
   for (const Kick& entry : kicks_) {
-    row_of_gradient(entry.row);
+    evaluate_row(entry.code, before);
     add_differences(entry.row, before);
     kick_and_renew(entry, h, after);
   }
@@ -102,7 +106,9 @@ Status EulerBoxMap::tangent(double h, const grids::FieldSet& before, const grids
   for (const LocalSolve& solve : solves_) {
     row_of_hessian(solve.row, u_after);
     add_differences(solve.row, u_after);
-    correct(solve, h, u_before, u_after);
+    const int entry = varying_entry(solve.row, solve.field);
+    correct(solve, entry < 0 ? nullptr : std::as_const(outputs_).field(1 + system_.field_count() + entry).data(), h,
+            u_before, u_after);
     if (!std::isfinite(grids::max_abs(row_.field(0)))) {
       return Status::undefined;
     }
@@ -135,9 +141,9 @@ void EulerBoxMap::residual(double h, const grids::FieldSet& before, const grids:
 }
 
 double EulerBoxMap::energy(const grids::FieldSet& fields) {
-  evaluate(fields);
   const auto density = row_.field(0);
-  std::ranges::copy(outputs_.field(0), density.begin());
+  double* const out[] = {density.data()};
+  value_(grid_.size(), places_.after(fields.pointers(), inputs_), out);
   for (int a = 0; a < grid_.dimensions(); ++a) {
     const auto& plus = system_.structure().K_plus[static_cast<std::size_t>(a)];
     for (int r = 0; r < system_.field_count(); ++r) {
@@ -299,6 +305,38 @@ int EulerBoxMap::varying_entry(int row, int field) const {
   return found == varying.end() ? -1 : static_cast<int>(found - varying.begin());
 }
 
+/// What a step needs of S, and no more: functions in it are most of the cost of an explicit step.
+void EulerBoxMap::compile() {
+  using formula::Expression;
+  const std::vector<Expression> z(system_.variables().begin(), system_.variables().begin() + system_.field_count());
+  const std::vector<Expression> gradient = formula::gradient(system_.expression(), z);
+  const auto add = [&](int row, std::optional<int> given) {
+    std::vector<Expression> outputs{gradient[static_cast<std::size_t>(row)]};
+    if (given) {
+      outputs.push_back(formula::gradient(outputs.front(), std::array{z[static_cast<std::size_t>(*given)]}).front());
+    }
+    codes_.push_back({formula::BatchEvaluator(formula::Bytecode(outputs, system_.variables())), outputs.size()});
+    return codes_.size() - 1;
+  };
+  for (Kick& kick : kicks_) {
+    kick.code = add(kick.row, std::nullopt);
+  }
+  for (auto* solves : {&start_solves_, &solves_}) {
+    for (LocalSolve& solve : *solves) {
+      solve.is_affine = varying_entry(solve.row, solve.field) < 0;
+      solve.code = add(solve.row, solve.is_affine ? std::nullopt : std::optional(solve.field));
+    }
+  }
+}
+
+/// row_ = ∇S of one row, and S'' with the field that it gives into derivative_ if that varies.
+void EulerBoxMap::evaluate_row(std::size_t code, const grids::FieldSet& fields) {
+  double* const out[] = {row_.field(0).data(), derivative_.field(0).data()};
+  codes_[code].evaluate(grid_.size(), places_.after(fields.pointers(), inputs_),
+                        std::span(out).first(codes_[code].outputs));
+  ++evaluations_;
+}
+
 void EulerBoxMap::evaluate(const grids::FieldSet& fields) {
   evaluate_(grid_.size(), places_.after(fields.pointers(), inputs_), outputs_.pointers());
   ++evaluations_;
@@ -356,28 +394,40 @@ void EulerBoxMap::kick_and_renew(const Kick& entry, double h, grids::FieldSet& f
 }
 
 /// One correction at every node to row_ + rate (z - z_before)/h = 0, in the one field, and into row_.
-void EulerBoxMap::correct(const LocalSolve& solve, double h, const grids::FieldSet& before, grids::FieldSet& fields) {
-  const int entry = varying_entry(solve.row, solve.field);
-  const double constant = (entry < 0 ? system_.constant_hessian()(solve.row, solve.field) : 0.0) + solve.rate / h;
+/// \param varying S'' of the row with the field; null where it is constant
+void EulerBoxMap::correct(const LocalSolve& solve, const double* varying, double h, const grids::FieldSet& before,
+                          grids::FieldSet& fields) {
+  const double constant =
+      (varying == nullptr ? system_.constant_hessian()(solve.row, solve.field) : 0.0) + solve.rate / h;
   const auto row = row_.field(0);
   const auto values = fields.field(solve.field);
   const auto old = before.field(solve.field);
+  const double rate = solve.rate / h;
+  if (varying == nullptr) {
+    const double inverse = 1.0 / constant;
+    for (std::size_t i = 0; i < values.size(); ++i) {
+      const double correction = inverse * (row[i] + rate * (values[i] - old[i]));
+      values[i] -= correction;
+      row[i] = correction;
+    }
+    return;
+  }
   for (std::size_t i = 0; i < values.size(); ++i) {
-    const double derivative = constant + (entry < 0 ? 0.0 : outputs_.field(1 + system_.field_count() + entry)[i]);
-    const double correction = (row[i] + solve.rate / h * (values[i] - old[i])) / derivative;
+    const double correction = (row[i] + rate * (values[i] - old[i])) / (constant + varying[i]);
     values[i] -= correction;
     row[i] = correction;
   }
 }
 
-/// Newton's method at every node for the row of a level, in the one field.
+/// Newton's method at every node for the row of a level, in the one field. Where S is quadratic in that, the first
+/// correction is the solution.
 Status EulerBoxMap::run(const LocalSolve& solve, double h, const grids::FieldSet& before, grids::FieldSet& fields) {
+  const double* const varying = solve.is_affine ? nullptr : std::as_const(derivative_).field(0).data();
   double last = std::numeric_limits<double>::infinity();
   for (int iteration = 0; iteration < most_map_iterations; ++iteration) {
-    evaluate(fields);
-    row_of_gradient(solve.row);
+    evaluate_row(solve.code, fields);
     add_differences(solve.row, fields);
-    correct(solve, h, before, fields);
+    correct(solve, varying, h, before, fields);
     const std::array<std::span<const double>, 2> both = {row_.field(0), fields.field(solve.field)};
     std::array<double, 2> sizes{};
     grids::max_abs(both, sizes);
@@ -386,7 +436,7 @@ Status EulerBoxMap::run(const LocalSolve& solve, double h, const grids::FieldSet
       return Status::undefined;
     }
     // A correction of rounding is a residual of rounding, by the derivative that it was divided by.
-    if (change <= 1e-15 * scale || (change >= 0.5 * last && is_rounding(solve, h, before, fields))) {
+    if (solve.is_affine || change <= 1e-15 * scale || (change >= 0.5 * last && is_rounding(solve, h, before, fields))) {
       return Status::success;
     }
     last = change;

@@ -53,6 +53,7 @@ private:
     int row = 0;
     int column = 0;
     double value = 0.0;
+    std::size_t code = 0;
   };
   /// The equation of `row` at one level gives `field` there, node by node; `rate` is the entry of M₊ that multiplies
   /// its increment (0 for a constraint).
@@ -60,6 +61,14 @@ private:
     int row = 0;
     int field = 0;
     double rate = 0.0;
+    std::size_t code = 0;
+    bool is_affine = true;  ///< S'' of the row with the field is constant
+  };
+
+  /// ∂S/∂z of one row, and S'' of the row with the field that it gives if that varies.
+  struct RowCode {
+    formula::BatchEvaluator evaluate;
+    std::size_t outputs = 0;
   };
 
   void plan();
@@ -77,13 +86,16 @@ private:
   ///@}
   [[nodiscard]] int varying_entry(int row, int field) const;
 
+  void compile();
   void evaluate(const grids::FieldSet& fields);
+  void evaluate_row(std::size_t code, const grids::FieldSet& fields);
   void row_of_gradient(int row);
   void row_of_hessian(int row, const grids::FieldSet& u);
   void add_differences(int row, const grids::FieldSet& fields);
   void kick(const Kick& kick, double h, grids::FieldSet& fields, std::size_t begin, std::size_t end) const;
   void kick_and_renew(const Kick& entry, double h, grids::FieldSet& fields) const;
-  void correct(const LocalSolve& solve, double h, const grids::FieldSet& before, grids::FieldSet& fields);
+  void correct(const LocalSolve& solve, const double* varying, double h, const grids::FieldSet& before,
+               grids::FieldSet& fields);
   [[nodiscard]] bool is_rounding(const LocalSolve& solve, double h, const grids::FieldSet& before,
                                  const grids::FieldSet& fields);
   [[nodiscard]] Status run(const LocalSolve& solve, double h, const grids::FieldSet& before, grids::FieldSet& fields);
@@ -91,10 +103,11 @@ private:
   MultisymplecticSystem system_;
   grids::Grid grid_;
   grids::FieldSet outputs_;  ///< S, ∇S and the varying entries of S'' as last evaluated
-  grids::FieldSet row_, scratch_;
+  grids::FieldSet row_, derivative_, scratch_;
   PlacedCoordinates places_;
-  std::vector<const double*> inputs_;  ///< the fields, then the coordinates
-  formula::BatchEvaluator evaluate_;
+  std::vector<const double*> inputs_;         ///< the fields, then the coordinates
+  formula::BatchEvaluator evaluate_, value_;  ///< all of them; S
+  std::vector<RowCode> codes_;                ///< what kicks and solves take
   std::vector<Kick> kicks_;
   std::vector<LocalSolve> solves_, start_solves_;
   Halo halo_;

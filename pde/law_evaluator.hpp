@@ -9,6 +9,7 @@
 #include <rubato/pde/local_laws.hpp>
 #include <rubato/pde/matrix_terms.hpp>
 #include <rubato/pde/stage_source.hpp>
+#include <rubato/variation/lattice_variation.hpp>
 
 namespace rubato {
 
@@ -74,6 +75,8 @@ public:
   virtual std::vector<double> totals(const LatticeLevel& level) = 0;
   virtual Spread multisymplectic_residual(const TangentLevels& u, const TangentLevels& v, double h,
                                           double* residual) = 0;
+  /// The variation of the scheme's action over the step that residuals() has seen last, where the laws are made of it.
+  [[nodiscard]] virtual LatticeVariation* slab() { return nullptr; }
 };
 
 /// On the faces of cells, or of elements. Here and below: with the fluxes integrated over the stages of a step, from

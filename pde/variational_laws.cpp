@@ -22,10 +22,13 @@ VariationalLaws::VariationalLaws(LatticeAction action, const grids::Grid& grid)
 }
 
 std::optional<std::vector<Spread>> VariationalLaws::take(const LatticeLevel& before, const LatticeLevel& after,
-                                                         double h) {
+                                                         double h, LatticeVariation* taken) {
   residual_.copy_from(parts_.after);  // of the last step
-  variation_.take(before.fields, after.fields, h, after.slopes);
-  variation_.coordinates(parts_);
+  if (taken == nullptr) {
+    taken = &variation_;
+    taken->take(before.fields, after.fields, h, after.slopes);
+  }
+  taken->coordinates(parts_);
   for (int nu = 0; nu < residual_.fields(); ++nu) {
     grids::add(1.0, std::as_const(parts_.before).field(nu), residual_.field(nu));
   }

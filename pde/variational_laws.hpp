@@ -28,7 +28,9 @@ public:
 
   /// Takes the next step. Unless it is the first since construction or reset(): the sizes of the residuals at the
   /// level `before`, which residual(law) then holds, one for each node.
-  std::optional<std::vector<Spread>> take(const LatticeLevel& before, const LatticeLevel& after, double h);
+  /// \param taken the variation of the same action over this step, if another has taken it
+  std::optional<std::vector<Spread>> take(const LatticeLevel& before, const LatticeLevel& after, double h,
+                                          LatticeVariation* taken = nullptr);
   [[nodiscard]] std::span<const double> residual(std::size_t law) const {
     return residual_.field(static_cast<int>(law));
   }

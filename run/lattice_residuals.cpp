@@ -68,7 +68,8 @@ void LatticeResiduals::take(const LatticeLevel& before, const LatticeLevel& afte
   if (variational_ && wanted == Part::none) {
     variational_->reset();
   } else if (variational_) {
-    if (const auto sizes = variational_->take(before, after, h); sizes && wanted == Part::all) {
+    LatticeVariation* const taken = wanted == Part::all ? local_.slab() : nullptr;
+    if (const auto sizes = variational_->take(before, after, h, taken); sizes && wanted == Part::all) {
       set(at_nodes_, *sizes);
     }
   }
@@ -100,7 +101,7 @@ void LatticeResiduals::restore(StateReader& state, const LatticeLevel& before, c
       variational_->reset();
     }
     if (variational_ && wanted != Part::none) {
-      static_cast<void>(variational_->take(before, after, h));
+      static_cast<void>(variational_->take(before, after, h, wanted == Part::all ? local_.slab() : nullptr));
     }
   }
 }

@@ -99,6 +99,7 @@ struct LatticeVariation::Storage {
     }
     arguments = variables;
     all_inputs = joined({&inputs, &places});
+    all_directions = joined({&inputs, &places, &directions});
     for (std::size_t j = 0; j < action.places.size(); ++j) {
       arguments.push_back(action.places[j].variable);
       find_place(action.places[j], places.field(static_cast<int>(j)));
@@ -185,17 +186,23 @@ struct LatticeVariation::Storage {
     }
   }
 
-  /// L_o of the fields of a slab, into one array for each value of the action.
-  void gather(const FieldSet& before, const FieldSet& after, const PotentialSlopes* slopes, FieldSet& out) {
+  /// L_o of the fields of a slab, one array for each value of the action, to which `arrays` then point: in `out`, or
+  /// the field itself where L_o changes nothing.
+  void gather(const FieldSet& before, const FieldSet& after, const PotentialSlopes* slopes, FieldSet& out,
+              std::span<const double*> arrays) {
     for (std::size_t j = 0; j < action.values.size(); ++j) {
       const auto [field, op, variable] = action.values[j];
       const StencilOperator& o = action.operators[static_cast<std::size_t>(op)];
       const auto result = out.field(static_cast<int>(j));
       const double* in = in_time(weights(action, field, o.time, h), before.field(field), after.field(field));
-      if (o.space == grids::SpaceOperator::identity()) {
+      arrays[j] = result.data();
+      if (o.space != grids::SpaceOperator::identity()) {
+        stencil.apply(o.space, in, result.data());
+      } else if (in == scratch.field(0).data()) {
         std::copy_n(in, grid.size(), result.data());
       } else {
-        stencil.apply(o.space, in, result.data());
+        arrays[j] = in;
+        continue;  // and has no slope, being no derivative
       }
       if (slopes != nullptr && o.time != InTime::difference && along_first_axis(o.space)) {
         const std::size_t line = grid.cells(0);
@@ -290,9 +297,11 @@ struct LatticeVariation::Storage {
   FieldSet currents;    ///< J^ν_ρ, of one part after the other
   FieldSet second;      ///< the second variation applied to them
   FieldSet scratch;
-  std::vector<const double*> all_inputs;  ///< inputs and places
-  std::vector<double*> energies;          ///< where J^t_t of each part goes
-  std::vector<bool> read;                 ///< whether L depends on a value (the currents read all)
+  std::vector<const double*> all_inputs;      ///< inputs, or the fields themselves, and places
+  std::vector<const double*> all_directions;  ///< these, and directions or the fields of u
+  FieldSet total;                             ///< the currents of all parts, where there are several
+  std::vector<double*> energies;              ///< where J^t_t of each part goes
+  std::vector<bool> read;                     ///< whether L depends on a value (the currents read all)
   double h = 0.0;
   bool gradient_known = false;
   bool currents_known = false;
@@ -316,7 +325,7 @@ const LatticeAction& LatticeVariation::action() const {
 void LatticeVariation::take(const FieldSet& before, const FieldSet& after, double h, const PotentialSlopes& slopes) {
   Storage& s = *storage_;
   s.h = h;
-  s.gather(before, after, &slopes, s.inputs);
+  s.gather(before, after, &slopes, s.inputs, s.all_inputs);
   s.gradient_known = false;
   s.currents_known = false;
 }
@@ -370,19 +379,26 @@ void LatticeVariation::coordinates(Parts& out) {
   }
 }
 
-void LatticeVariation::currents(FieldSet& out) {
+const FieldSet& LatticeVariation::currents() {
   Storage& s = *storage_;
   s.need_currents();
   const int count = s.currents_count();
+  if (s.currents.fields() == count) {
+    return s.currents;
+  }
+  if (s.total.fields() == 0) {
+    s.total = FieldSet(count, s.grid.size());
+  }
   for (int row = 0; row < s.currents.fields(); ++row) {
     const auto from = std::as_const(s.currents).field(row);
-    const auto to = out.field(row % count);
+    const auto to = s.total.field(row % count);
     if (row < count) {
       std::copy_n(from.data(), from.size(), to.data());
     } else {
       grids::add(1.0, from, to);
     }
   }
+  return s.total;
 }
 
 void LatticeVariation::sources(FieldSet& out) {
@@ -397,8 +413,9 @@ void LatticeVariation::sources(FieldSet& out) {
 
 void LatticeVariation::tangent(const Parts& u, Parts& out) {
   Storage& s = *storage_;
-  s.gather(u.before, u.after, nullptr, s.directions);
-  s.second_code(s.grid.size(), Storage::joined({&s.inputs, &s.places, &s.directions}), s.second.pointers());
+  std::ranges::copy(s.all_inputs, s.all_directions.begin());
+  s.gather(u.before, u.after, nullptr, s.directions, std::span(s.all_directions).subspan(s.all_inputs.size()));
+  s.second_code(s.grid.size(), s.all_directions, s.second.pointers());
   s.back_to_values(s.second, out);
 }
 

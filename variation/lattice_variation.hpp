@@ -47,9 +47,13 @@ public:
 
   [[nodiscard]] const LatticeAction& action() const;
 
-  /// Reads the slab from `before` to `after`, h apart: everything below is of this slab. Of potentials, which are
-  /// slope·x + periodic, the fields hold the periodic part.
+  /// Reads the slab from `before` to `after`, h apart: everything below is of this slab, and is computed when it is
+  /// asked for: until then the fields that the action names have to stay as they are. Of potentials, which are slope·x
+  /// + periodic, the fields hold the periodic part.
   void take(const grids::FieldSet& before, const grids::FieldSet& after, double h, const PotentialSlopes& slopes = {});
+  void take(const grids::FieldSet&&, const grids::FieldSet&, double, const PotentialSlopes& = {}) = delete;
+  void take(const grids::FieldSet&, const grids::FieldSet&&, double, const PotentialSlopes& = {}) = delete;
+  void take(const grids::FieldSet&&, const grids::FieldSet&&, double, const PotentialSlopes& = {}) = delete;
 
   /// 𝕊 of the slab.
   [[nodiscard]] double action_value();
@@ -59,8 +63,8 @@ public:
   void values(Parts& out);
   /// ∂𝕊/∂x^ν(node), row ν, 0 for time.
   void coordinates(Parts& out);
-  /// J^ν_ρ in every cell, into out.field(ν·(1 + dimensions) + ρ), the sum over the parts of L.
-  void currents(grids::FieldSet& out);
+  /// J^ν_ρ in every cell in field ν·(1 + dimensions) + ρ, the sum over the parts of L. Stays until the next take().
+  [[nodiscard]] const grids::FieldSet& currents();
   /// ∂L/∂x^ν in every cell where L reads a coordinate, into out.field(ν); 0 in the other rows.
   void sources(grids::FieldSet& out);
 

@@ -193,7 +193,8 @@ TEST_CASE("the times of all nodes of a level vary the action by its discrete ene
     for (const LatticeAction& action : actions_of(system)) {
       LatticeVariation mesh(action, grid);
       const int d = system.field_count();
-      mesh.take(random_fields(d, grid.size(), 6), random_fields(d, grid.size(), 7), 0.2);
+      const FieldSet before = random_fields(d, grid.size(), 6), after = random_fields(d, grid.size(), 7);
+      mesh.take(before, after, 0.2);
       Parts places(1 + grid.dimensions(), grid.size());
       mesh.coordinates(places);
       CHECK(std::abs(grids::sum(std::as_const(places.before).field(0)) - mesh.energy()) < 10 * rounding);

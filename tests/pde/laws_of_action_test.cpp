@@ -56,13 +56,13 @@ FieldSet laws_by_variation(const LatticeAction& action, const MeshCase& problem,
       }
     }
     whole.take(at_level, at_level, h);
-    whole.currents(currents);
+    currents = whole.currents();
     add(level == &after ? 1.0 / h : -1.0 / h, currents, 0, n, sum);
   }
   for (int a = 0; a < grid.dimensions(); ++a) {
     if (spectral) {
       whole.take(before, after, h);
-      whole.currents(currents);
+      currents = whole.currents();
       FieldSet derivative(currents);
       for (int row = 0; row < n * n; ++row) {
         grids::Stencil(grid).apply(grids::SpaceOperator::spectral_derivative(a), currents.field(row).data(),
@@ -74,7 +74,7 @@ FieldSet laws_by_variation(const LatticeAction& action, const MeshCase& problem,
     for (const bool upper : {false, true}) {
       LatticeVariation face(restricted(action, a, upper), grid);
       face.take(before, after, h);
-      face.currents(currents);
+      currents = face.currents();
       add((upper ? 1.0 : -1.0) / grid.spacing(a), currents, 1 + a, n, sum);
     }
   }
