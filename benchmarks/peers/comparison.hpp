@@ -35,6 +35,11 @@ struct Problem {
   [[nodiscard]] rubato::InitialFields initial(std::size_t nodes) const;
 };
 
+/// u_tt = u_xx - sin u: a breather of frequency 1/2 in its first period.
+[[nodiscard]] Problem sine_gordon_breather();
+/// i ψ_t + ψ_xx + 2|ψ|²ψ = 0: the moving soliton of the catalogue.
+[[nodiscard]] Problem schroedinger_soliton();
+
 /// The solution at `until` and for a while after it.
 class Reference {
 public:

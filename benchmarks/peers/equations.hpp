@@ -12,4 +12,7 @@ void korteweg_de_vries(int repeats);
 void two_solitons(int repeats);
 void benjamin_bona_mahony(int repeats);
 
+/// The price of a level of second order, whatever its error.
+void second_order(int repeats);
+
 }  // namespace comparison

@@ -85,4 +85,8 @@ enum class Rest { sine, cubic };  ///< V' = sin u, m = 1; V' = u + u³, m = 1
 [[nodiscard]] std::unique_ptr<Peer> schroedinger(const Line& line, double a, const std::string& method);
 ///@}
 
+/// u_tt = u_xx - sin u by the leapfrog of second order in both: `steps` steps from u and u_t, into `out`.
+/// \return CPU seconds
+double leapfrog(const Line& line, const Function& u, const Function& u_t, double h, int steps, Nodes& out);
+
 }  // namespace peers

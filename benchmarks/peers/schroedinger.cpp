@@ -6,10 +6,9 @@
 
 namespace comparison {
 
-/// i ψ_t + ψ_xx + 2|ψ|²ψ = 0: the moving soliton of the catalogue.
-void schroedinger(int repeats) {
+Problem schroedinger_soliton() {
   const double c = 4 * std::numbers::pi / 40;
-  const Problem problem{
+  return {
       .name = "Schroedinger soliton",
       .from = -20,
       .length = 40,
@@ -26,6 +25,10 @@ void schroedinger(int repeats) {
           },
       .converged_nodes = 320,
       .converged_steps = 8000};
+}
+
+void schroedinger(int repeats) {
+  const Problem problem = schroedinger_soliton();
   const Reference reference(problem);
   std::vector<Method> methods;
   const std::vector<std::size_t> grids = {48, 64, 80, 96, 112, 128, 160, 192};
