@@ -1,12 +1,21 @@
 // One level of sine-Gordon by box with variable levels, in one and two dimensions, per cell: beside one streaming pass
-// (read z_k, write z_{k+1}), and beside the same Newton iteration with Eigen's SparseLU.
+// (read z_k, write z_{k+1}), and beside the same Newton iteration with Eigen's SparseLU, and with KLU where that is
+// there.
 #include <benchmark/benchmark.h>
 #include <omp.h>
 
+#include <algorithm>
 #include <cmath>
 #include <memory>
 #include <optional>
+#include <utility>
 #include <vector>
+
+#if RUBATO_HAS_KLU
+#include <klu.h>
+
+#include <Eigen/SparseCore>
+#endif
 
 #include <rubato/grids/field_set.hpp>
 #include <rubato/pde/cell_solver.hpp>
@@ -124,41 +133,165 @@ int iterations_of_a_level(const MultisymplecticSystem& system, const grids::Grid
   return (iterations + steps / 2) / steps;
 }
 
-/// The Newton iterations of a level, as many as the scheme makes, with SparseLU.
-void one_level_with_sparse_lu(benchmark::State& state) {
-  omp_set_num_threads(static_cast<int>(state.range(1)));
-  const auto system = sine_gordon(1);
-  const auto grid = make_grid(1, static_cast<std::size_t>(state.range(0)));
-  const LatticeLevel level = first_level(system, grid);
-  CellSweep sweep(system, grid);
-  grids::FieldSet residual(3, grid.size());
-  grids::FieldSet hessian(1, grid.size());
-  grids::FieldSet solution(3, grid.size());
-  solve::CyclicBidiagonal matrix{3, grid.size(), {}, {}, {}};
-  const double difference = 1.0 / grid.spacing(0);
-  for (const double sign : {-1.0, 1.0}) {
-    const Eigen::MatrixXd block = system.M() / step + sign * difference * system.K(0) - 0.5 * system.constant_hessian();
-    auto& side = sign < 0 ? matrix.left : matrix.right;
-    for (int i = 0; i < 9; ++i) {
-      side.push_back(block(i / 3, i % 3));
+/// What the Newton iterations of a level on a line solve.
+struct Equations {
+  explicit Equations(std::size_t cells) : grid(make_grid(1, cells)) {
+    const double difference = 1.0 / grid.spacing(0);
+    for (const double sign : {-1.0, 1.0}) {
+      const Eigen::MatrixXd block =
+          system.M() / step + sign * difference * system.K(0) - 0.5 * system.constant_hessian();
+      auto& side = sign < 0 ? matrix.left : matrix.right;
+      for (int i = 0; i < 9; ++i) {
+        side.push_back(block(i / 3, i % 3));
+      }
     }
+    matrix.entries = {{0, 0, -0.5, -0.5, hessian.field(0).data()}};
   }
-  matrix.entries = {{0, 0, -0.5, -0.5, hessian.field(0).data()}};
-  const grids::FieldSet& rhs = residual;
-  const int iterations = iterations_of_a_level(system, grid);
+  void evaluate() {
+    benchmark::DoNotOptimize(sweep(level.fields.pointers(), level.slopes, level.fields.pointers(), 1.0 / step,
+                                   residual.pointers(), hessian.pointers()));
+  }
+
+  /// The largest of what solution(cell, field) leaves of the equations, beside their right side.
+  template <typename Solution>
+  [[nodiscard]] double left_by(const Solution& solution) const {
+    double left = 0.0, scale = 0.0;
+    for (std::size_t i = 0; i < grid.size(); ++i) {
+      const std::size_t next = i + 1 == grid.size() ? 0 : i + 1;
+      for (std::size_t r = 0; r < 3; ++r) {
+        const double right = residual.field(static_cast<int>(r))[i];
+        double sum = -right;
+        for (std::size_t c = 0; c < 3; ++c) {
+          const double varying = r == 0 && c == 0 ? -0.5 * hessian.field(0)[i] : 0.0;
+          sum += (matrix.left[3 * r + c] + varying) * solution(i, c) +
+                 (matrix.right[3 * r + c] + varying) * solution(next, c);
+        }
+        left = std::max(left, std::abs(sum));
+        scale = std::max(scale, std::abs(right));
+      }
+    }
+    return left / scale;
+  }
+
+  MultisymplecticSystem system = sine_gordon(1);
+  grids::Grid grid;
+  LatticeLevel level = first_level(system, grid);
+  CellSweep sweep{system, grid};
+  grids::FieldSet residual{3, grid.size()}, hessian{1, grid.size()};
+  solve::CyclicBidiagonal matrix{3, grid.size(), {}, {}, {}};
+};
+
+/// The Newton iterations of a level, as many as the scheme makes, with a solver for matrices of any pattern.
+template <typename Solver>
+void one_level_with(benchmark::State& state) {
+  omp_set_num_threads(static_cast<int>(state.range(1)));
+  Equations equations(static_cast<std::size_t>(state.range(0)));
+  equations.evaluate();
+  Solver solver(equations);
+  const int iterations = iterations_of_a_level(equations.system, equations.grid);
   for (auto _ : state) {
     for (int iteration = 0; iteration < iterations; ++iteration) {
-      benchmark::DoNotOptimize(sweep(level.fields.pointers(), level.slopes, level.fields.pointers(), 1.0 / step,
-                                     residual.pointers(), hessian.pointers()));
-      if (solve::solve_cyclic_by_sparse_lu(matrix, {}, rhs.pointers(), {}, solution.pointers(), {}) !=
-          Status::success) {
-        state.SkipWithError("SparseLU failed");
+      equations.evaluate();
+      if (!solver(equations)) {
+        state.SkipWithError("the solver failed");
         return;
       }
     }
   }
-  count_cells(state, grid.size());
+  if (equations.left_by([&](std::size_t i, std::size_t f) { return solver.solution(i, f); }) > 1e-9) {
+    state.SkipWithError("the solver solves something else");
+  }
+  count_cells(state, equations.grid.size());
 }
+
+class SparseLu {
+public:
+  explicit SparseLu(const Equations& equations) : solution_(3, equations.grid.size()) {}
+  bool operator()(const Equations& equations) {
+    return solve::solve_cyclic_by_sparse_lu(equations.matrix, {}, equations.residual.pointers(), {},
+                                            solution_.pointers(), {}) == Status::success;
+  }
+  [[nodiscard]] double solution(std::size_t i, std::size_t f) const { return solution_.field(static_cast<int>(f))[i]; }
+
+private:
+  grids::FieldSet solution_;
+};
+
+#if RUBATO_HAS_KLU
+/// Pattern and pivots once, as a code for one equation would: an iteration fills in what varies, factors again and
+/// solves.
+class Klu {
+public:
+  explicit Klu(const Equations& equations) : right_(3 * equations.grid.size()) {
+    const auto cells = static_cast<int>(equations.grid.size());
+    const auto& [block, count, left, right, entries] = equations.matrix;
+    std::vector<Eigen::Triplet<double, int>> triplets;
+    for (int i = 0; i < cells; ++i) {
+      const int next = i + 1 == cells ? 0 : i + 1;
+      for (int r = 0; r < 3; ++r) {
+        for (int c = 0; c < 3; ++c) {
+          const auto at = static_cast<std::size_t>(3 * r + c);
+          const bool varies = r == 0 && c == 0;
+          if (varies || left[at] != 0.0) {
+            triplets.emplace_back(3 * i + r, 3 * i + c, left[at]);
+          }
+          if (varies || right[at] != 0.0) {
+            triplets.emplace_back(3 * i + r, 3 * next + c, right[at]);
+          }
+        }
+      }
+    }
+    matrix_.resize(3 * cells, 3 * cells);
+    matrix_.setFromTriplets(triplets.begin(), triplets.end());
+    constant_.assign(matrix_.valuePtr(), matrix_.valuePtr() + matrix_.nonZeros());
+    for (int i = 0; i < cells; ++i) {
+      const int next = i + 1 == cells ? 0 : i + 1;
+      places_.push_back(static_cast<std::size_t>(&matrix_.coeffRef(3 * i, 3 * i) - matrix_.valuePtr()));
+      places_.push_back(static_cast<std::size_t>(&matrix_.coeffRef(3 * i, 3 * next) - matrix_.valuePtr()));
+    }
+    klu_defaults(&common_);
+    symbolic_ = klu_analyze(3 * cells, matrix_.outerIndexPtr(), matrix_.innerIndexPtr(), &common_);
+    fill(equations);
+    numeric_ = klu_factor(matrix_.outerIndexPtr(), matrix_.innerIndexPtr(), matrix_.valuePtr(), symbolic_, &common_);
+  }
+  Klu(const Klu&) = delete;
+  Klu& operator=(const Klu&) = delete;
+  ~Klu() {
+    klu_free_numeric(&numeric_, &common_);
+    klu_free_symbolic(&symbolic_, &common_);
+  }
+  bool operator()(const Equations& equations) {
+    fill(equations);
+    for (int f = 0; f < 3; ++f) {
+      const auto row = std::as_const(equations.residual).field(f);
+      for (std::size_t i = 0; i < row.size(); ++i) {
+        right_[3 * i + static_cast<std::size_t>(f)] = row[i];
+      }
+    }
+    return klu_refactor(matrix_.outerIndexPtr(), matrix_.innerIndexPtr(), matrix_.valuePtr(), symbolic_, numeric_,
+                        &common_) == 1 &&
+           klu_solve(symbolic_, numeric_, static_cast<int>(right_.size()), 1, right_.data(), &common_) == 1;
+  }
+  [[nodiscard]] double solution(std::size_t i, std::size_t f) const { return right_[3 * i + f]; }
+
+private:
+  void fill(const Equations& equations) {
+    std::ranges::copy(constant_, matrix_.valuePtr());
+    const auto hessian = std::as_const(equations.hessian).field(0);
+    for (std::size_t i = 0; i < hessian.size(); ++i) {
+      matrix_.valuePtr()[places_[2 * i]] -= 0.5 * hessian[i];
+      matrix_.valuePtr()[places_[2 * i + 1]] -= 0.5 * hessian[i];
+    }
+  }
+
+  Eigen::SparseMatrix<double> matrix_;  ///< by columns
+  std::vector<double> constant_, right_;
+  std::vector<std::size_t> places_;
+  klu_common common_{};
+  klu_symbolic* symbolic_ = nullptr;
+  klu_numeric* numeric_ = nullptr;
+};
+#endif
 
 BENCHMARK(streaming_pass)->ArgNames({"cells", "threads"})->Args({1'000'001, 1})->Args({10'000'001, 1})->UseRealTime();
 BENCHMARK(one_level<1>)
@@ -170,11 +303,20 @@ BENCHMARK(one_level<1>)
     ->Args({10'000'001, 1})
     ->UseRealTime()
     ->Unit(benchmark::kMillisecond);
-BENCHMARK(one_level_with_sparse_lu)
+BENCHMARK(one_level_with<SparseLu>)
+    ->Name("one_level_with_sparse_lu")
     ->ArgNames({"cells", "threads"})
     ->Args({100'001, 1})
     ->UseRealTime()
     ->Unit(benchmark::kMillisecond);
+#if RUBATO_HAS_KLU
+BENCHMARK(one_level_with<Klu>)
+    ->Name("one_level_with_klu")
+    ->ArgNames({"cells", "threads"})
+    ->Args({100'001, 1})
+    ->UseRealTime()
+    ->Unit(benchmark::kMillisecond);
+#endif
 BENCHMARK(one_level<2>)
     ->Name("one_level_2d")
     ->ArgNames({"cells", "threads"})

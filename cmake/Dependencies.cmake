@@ -65,14 +65,23 @@ target_include_directories(rubato_hdf5 INTERFACE $<BUILD_INTERFACE:${HDF5_INCLUD
 # RUBATO_OWN_HDF5. Others that link rubato, and may be libraries, have the shared one.
 set(libraries ${HDF5_HL_LIBRARIES} ${HDF5_LIBRARIES})
 set(own ${libraries})
-if(NOT RUBATO_MPI AND NOT APPLE)
+if(NOT RUBATO_MPI)
   list(TRANSFORM own REPLACE "(/libhdf5[^/]*)\\.so$" "\\1.a")
-  foreach(library IN LISTS own)
-    if(library MATCHES "/libhdf5[^/]*\\.a$" AND NOT EXISTS ${library})
-      set(own ${libraries})
-      break()
-    endif()
-  endforeach()
+endif()
+if(NOT "${own}" STREQUAL "${libraries}")
+  include(CheckCXXSourceCompiles)   # what the static one needs may be missing, or not be named
+  set(CMAKE_REQUIRED_INCLUDES ${HDF5_INCLUDE_DIRS})
+  set(CMAKE_REQUIRED_LIBRARIES ${own})
+  check_cxx_source_compiles("
+    #include <hdf5.h>
+    #include <hdf5_hl.h>
+    int main() { return H5open() + H5Fclose(H5Fcreate(\"a\", 0, 0, 0)) + H5DSset_scale(H5Dopen2(0, \"a\", 0), \"a\"); }"
+    RUBATO_HDF5_IS_STATIC)
+  unset(CMAKE_REQUIRED_INCLUDES)
+  unset(CMAKE_REQUIRED_LIBRARIES)
+  if(NOT RUBATO_HDF5_IS_STATIC)
+    set(own ${libraries})
+  endif()
 endif()
 set(chosen $<BOOL:$<TARGET_PROPERTY:RUBATO_OWN_HDF5>>)
 target_link_libraries(rubato_hdf5 INTERFACE
