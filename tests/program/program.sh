@@ -119,6 +119,30 @@ case $case_name in
     LD_LIBRARY_PATH=$folder "$rubato" --version >/dev/null 2>&1
     check 'such libraries would be noticed' test $? -ne 0
     ;;
+  waiting)
+    # The run of a lattice lets threads wait briefly, which OpenMP reads before it begins; an orbit has nothing to share, and
+    # does not begin again for it; what comes through a pipe cannot be read again.
+    unset OMP_WAIT_POLICY GOMP_SPINCOUNT
+    lets_wait() {
+      "$rubato" run "$@" --quiet --force -o waiting.h5 &
+      process=$!
+      wait_for_record waiting.h5 0
+      tr '\0' '\n' <"/proc/$process/environ" | grep -q '^GOMP_SPINCOUNT='
+      found=$?
+      kill -INT "$process"
+      wait "$process"
+      rm -f waiting.h5
+      return "$found"
+    }
+    without() { ! "$@"; }
+    write_lattice
+    check 'a lattice lets threads wait briefly' lets_wait lattice.toml --threads 2
+    check 'but not with one thread' without lets_wait lattice.toml --threads 1
+    check 'nor an orbit' without lets_wait pendulum --set scheme.until=1e9
+    check 'nor from a pipe' without lets_wait <(cat lattice.toml)
+    export GOMP_SPINCOUNT=7
+    check 'what the environment says stands' lets_wait lattice.toml
+    ;;
   usage)
     run --help
     expect 0 'Examples:'
