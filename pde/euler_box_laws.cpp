@@ -28,6 +28,7 @@ public:
         density_(static_cast<int>(tables_.names.size()), tables_.grid.size()),
         symmetries_(static_cast<int>(tables_.names.size()) - tables_.directions, tables_.grid.size()),
         sum_(density_),
+        sources_(tables_.system.coordinates().empty() ? 0 : tables_.directions, tables_.grid.size()),
         scratch_(1, tables_.grid.size()) {}
 
   [[nodiscard]] const LawTables& tables() const override { return tables_; }
@@ -49,10 +50,9 @@ public:
       });
     }
     if (!tables_.system.coordinates().empty()) {
-      FieldSet sources(tables_.directions, tables_.grid.size());
-      variation_.sources(sources);
+      variation_.sources(sources_);
       for (int nu = 1; nu < tables_.directions; ++nu) {
-        grids::add(1.0, std::as_const(sources).field(nu), sum_.field(nu));
+        grids::add(1.0, std::as_const(sources_).field(nu), sum_.field(nu));
       }
     }
     return tell_residuals(sum_, residuals);
@@ -127,7 +127,7 @@ private:
   grids::Stencil stencil_;
   FieldSet known_;                       ///< the level that density_ is of
   FieldSet density_, symmetries_, sum_;  ///< J_t of each law; J_μ of the symmetries; residuals
-  FieldSet scratch_;
+  FieldSet sources_, scratch_;           ///< ∂L/∂x^ν, where S names coordinates
   bool is_known_ = false;
   bool slab_is_whole_ = false;  ///< variation_ is of the step that residuals() was asked for last
 };
