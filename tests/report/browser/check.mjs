@@ -396,6 +396,7 @@ async function checkPage(context, name, scheme) {
   await page.goto(url);
   const ready = await page.waitForFunction(() => document.documentElement.dataset.ready === "yes", null, { timeout: expected[name] === "errors" ? 3000 : 15000 }).catch(() => null);
   const milliseconds = Date.now() - begin;
+  const background = await page.evaluate(() => getComputedStyle(document.body).backgroundColor);
   try {
     checker.check("errors", ready !== null, "the page does not become ready");
     if (ready) await lookAt(page, name, scheme, checker);
@@ -404,7 +405,6 @@ async function checkPage(context, name, scheme) {
   } catch (reason) {
     if (reason !== checker.found) throw reason;
   }
-  const background = await page.evaluate(() => getComputedStyle(document.body).backgroundColor);
   await page.close();
   return { failures: checker.failures, milliseconds, looked: Date.now() - begin, background };
 }
