@@ -351,8 +351,8 @@ async function checkColours(page, checker) {
   });
 }
 
-/** What a page that is ready shows, and how it answers: that in the light alone, colours being all that is otherwise in the dark. */
-async function lookAt(page, name, scheme, checker) {
+/** What a page that is ready shows, and how it answers. */
+async function lookAt(page, name, checker) {
   await page.waitForTimeout(100);
   const colours = await page.evaluate(coloursOfCanvases);
   checker.check("drawn", colours.length >= 5, `only ${colours.length} pictures`);
@@ -366,7 +366,6 @@ async function lookAt(page, name, scheme, checker) {
   checker.check("names", await page.evaluate(nameless) === 0, `${await page.evaluate(nameless)} controls or pictures without a name`);
   const ratios = await page.evaluate(contrasts);
   checker.check("contrast", Math.min(...ratios) >= 4.5, `contrasts of text: ${ratios}`);
-  if (scheme === "dark") return;
   await page.emulateMedia({ media: "print" });
   checker.check("print", !(await page.locator(".player").isVisible()), "the player is printed");
   await page.emulateMedia({ media: "screen" });
@@ -382,7 +381,7 @@ async function lookAt(page, name, scheme, checker) {
   checker.check("scheme", await page.evaluate(() => window.bad === undefined), "text of the record was run");
 }
 
-async function checkPage(context, name, scheme) {
+async function checkPage(context, name) {
   const checker = new Checker(expected[name]);
   const page = await context.newPage();
   const url = pathToFileURL(join(folder, `${name}.html`)).href;
@@ -396,15 +395,15 @@ async function checkPage(context, name, scheme) {
   await page.goto(url);
   const ready = await page.waitForFunction(() => document.documentElement.dataset.ready === "yes", null, { timeout: expected[name] === "errors" ? 3000 : 15000 }).catch(() => null);
   const milliseconds = Date.now() - begin;
-  const background = await page.evaluate(() => getComputedStyle(document.body).backgroundColor);
   try {
     checker.check("errors", ready !== null, "the page does not become ready");
-    if (ready) await lookAt(page, name, scheme, checker);
+    if (ready) await lookAt(page, name, checker);
     checker.check("requests", requests.length === 1 && requests[0] === url, `requests: ${requests.slice(0, 5)}`);
     checker.check("errors", errors.length === 0, `errors: ${errors.slice(0, 3)}`);
   } catch (reason) {
     if (reason !== checker.found) throw reason;
   }
+  const background = await page.evaluate(() => getComputedStyle(document.body).backgroundColor);
   await page.close();
   return { failures: checker.failures, milliseconds, looked: Date.now() - begin, background };
 }
@@ -431,7 +430,7 @@ for (const scheme of ["light", "dark"]) {
   await withBrowser(scheme, async (context) => {
     for (const name of names) {
       if (scheme === "dark" && !inTheDark.includes(name)) continue;
-      const { failures, milliseconds, looked, background } = await checkPage(context, name, scheme);
+      const { failures, milliseconds, looked, background } = await checkPage(context, name);
       if (expected[name]) {
         const found = failures.some(({ kind }) => kind === expected[name]);
         console.log(`${found ? "found" : "MISSED"}  ${name} (${looked} ms): ${failures.map(({ text }) => text).join("; ").slice(0, 120)}`);
