@@ -14,8 +14,10 @@ namespace {
 
 constexpr std::uint64_t modulus = 0xFFFF;
 
-/// Σ w_i and Σ (n - i) w_i of numbers of two bytes, the lower one first. That is how processors have them; the other
-/// way round each is 256 times as large modulo 2^16 - 1.
+/// Modulo 2^16 - 1 a number of two bytes is 256 times the one with its bytes in the other order.
+constexpr std::uint64_t turn = std::endian::native == std::endian::little ? 256 : 1;
+
+/// Σ w_i and Σ (n - i) w_i of numbers of two bytes as the processor has them.
 class Sums {
 public:
   void add(std::uint16_t number) {
@@ -45,7 +47,7 @@ public:
 
   [[nodiscard]] std::uint32_t value() const {
     const auto half = [&](std::uint64_t sum) {
-      const std::uint64_t turned = sum * 256 % modulus;
+      const std::uint64_t turned = sum * turn % modulus;
       return static_cast<std::uint32_t>(turned == 0 && !all_zero_ ? modulus : turned);
     };
     return half(weighted_) << 16 | half(sum_);
@@ -69,7 +71,6 @@ private:
 }  // namespace
 
 std::uint32_t fletcher32(std::span<const std::byte> bytes) {
-  static_assert(std::endian::native == std::endian::little);
   constexpr std::size_t round_bytes = 2 * Sums::lanes;
   Sums sums;
   for (std::size_t rounds; (rounds = std::min(Sums::most_rounds, bytes.size() / round_bytes)) > 0;) {

@@ -15,8 +15,8 @@ namespace rubato::record::detail {
 /// 2^16 - 1 unless all w are 0. To a single last byte belongs a lower one that is 0.
 [[nodiscard]] std::uint32_t fletcher32(std::span<const std::byte> bytes);
 
-/// Writes whole chunks of a dataset of which Fletcher's checksum is the only filter. HDF5 would copy each of them three
-/// times, and takes much longer for the checksum.
+/// Writes whole chunks of a dataset of which Fletcher's checksum is the only filter, without the copies that HDF5 makes
+/// of them in its cache and for its filter.
 class ChunkWriter {
 public:
   /// Nothing if the dataset has other filters, or if its chunks are no pieces of its rows as they lie one after
