@@ -126,15 +126,13 @@ void EulerBoxMap::residual(double h, const grids::FieldSet& before, const grids:
     add(rate / h, after.field(field), out);
     add(-rate / h, before.field(field), out);
   };
-  evaluate(before);
   for (const Kick& entry : kicks_) {
-    row_of_gradient(entry.row);
+    evaluate_row(entry.code, before);
     add_differences(entry.row, before);
     set(entry.row, -1.0, entry.column, entry.value);
   }
-  evaluate(after);
   for (const LocalSolve& solve : solves_) {
-    row_of_gradient(solve.row);
+    evaluate_row(solve.code, after);
     add_differences(solve.row, after);
     set(solve.row, 1.0, solve.field, solve.rate);
   }
@@ -342,11 +340,6 @@ void EulerBoxMap::evaluate(const grids::FieldSet& fields) {
   ++evaluations_;
 }
 
-/// row_ = ∇S of one row, as last evaluated.
-void EulerBoxMap::row_of_gradient(int row) {
-  std::ranges::copy(outputs_.field(1 + row), row_.field(0).begin());
-}
-
 /// row_ = S''u of one row, S'' as last evaluated.
 void EulerBoxMap::row_of_hessian(int row, const grids::FieldSet& u) {
   row_.fill(0.0);
@@ -448,7 +441,7 @@ Status EulerBoxMap::run(const LocalSolve& solve, double h, const grids::FieldSet
 bool EulerBoxMap::is_rounding(const LocalSolve& solve, double h, const grids::FieldSet& before,
                               const grids::FieldSet& fields) {
   evaluate(fields);
-  row_of_gradient(solve.row);
+  std::ranges::copy(outputs_.field(1 + solve.row), row_.field(0).begin());
   add_differences(solve.row, fields);
   const auto row = std::as_const(row_).field(0);
   const auto values = fields.field(solve.field), old = before.field(solve.field);

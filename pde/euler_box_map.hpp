@@ -53,7 +53,7 @@ private:
     int row = 0;
     int column = 0;
     double value = 0.0;
-    std::size_t code = 0;
+    std::size_t code = 0;  ///< of codes_
   };
   /// The equation of `row` at one level gives `field` there, node by node; `rate` is the entry of M₊ that multiplies
   /// its increment (0 for a constraint).
@@ -61,7 +61,7 @@ private:
     int row = 0;
     int field = 0;
     double rate = 0.0;
-    std::size_t code = 0;
+    std::size_t code = 0;   ///< of codes_
     bool is_affine = true;  ///< S'' of the row with the field is constant
   };
 
@@ -89,7 +89,6 @@ private:
   void compile();
   void evaluate(const grids::FieldSet& fields);
   void evaluate_row(std::size_t code, const grids::FieldSet& fields);
-  void row_of_gradient(int row);
   void row_of_hessian(int row, const grids::FieldSet& u);
   void add_differences(int row, const grids::FieldSet& fields);
   void kick(const Kick& kick, double h, grids::FieldSet& fields, std::size_t begin, std::size_t end) const;
@@ -102,8 +101,8 @@ private:
 
   MultisymplecticSystem system_;
   grids::Grid grid_;
-  grids::FieldSet outputs_;  ///< S, ∇S and the varying entries of S'' as last evaluated
-  grids::FieldSet row_, derivative_, scratch_;
+  grids::FieldSet outputs_;                     ///< S, ∇S and the varying entries of S'' as last evaluated
+  grids::FieldSet row_, derivative_, scratch_;  ///< of one row: the equation, S'' as RowCode has it
   PlacedCoordinates places_;
   std::vector<const double*> inputs_;         ///< the fields, then the coordinates
   formula::BatchEvaluator evaluate_, value_;  ///< all of them; S
