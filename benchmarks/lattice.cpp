@@ -303,26 +303,17 @@ BENCHMARK(one_level<1>)
     ->Args({10'000'001, 1})
     ->UseRealTime()
     ->Unit(benchmark::kMillisecond);
-BENCHMARK(one_level_with<SparseLu>)
-    ->Name("one_level_with_sparse_lu")
-    ->ArgNames({"cells", "threads"})
-    ->Args({100'001, 1})
-    ->UseRealTime()
-    ->Unit(benchmark::kMillisecond);
+void on_one_thread(benchmark::internal::Benchmark* run, long cells) {
+  run->ArgNames({"cells", "threads"})->Args({cells, 1})->UseRealTime()->Unit(benchmark::kMillisecond);
+}
+void on_a_long_line(benchmark::internal::Benchmark* run) {
+  on_one_thread(run, 100'001);
+}
+BENCHMARK(one_level_with<SparseLu>)->Name("one_level_with_sparse_lu")->Apply(on_a_long_line);
 #if RUBATO_HAS_KLU
-BENCHMARK(one_level_with<Klu>)
-    ->Name("one_level_with_klu")
-    ->ArgNames({"cells", "threads"})
-    ->Args({100'001, 1})
-    ->UseRealTime()
-    ->Unit(benchmark::kMillisecond);
+BENCHMARK(one_level_with<Klu>)->Name("one_level_with_klu")->Apply(on_a_long_line);
 #endif
-BENCHMARK(one_level<2>)
-    ->Name("one_level_2d")
-    ->ArgNames({"cells", "threads"})
-    ->Args({511, 1})
-    ->UseRealTime()
-    ->Unit(benchmark::kMillisecond);
+BENCHMARK(one_level<2>)->Name("one_level_2d")->Apply([](auto* run) { on_one_thread(run, 511); });
 
 }  // namespace
 
