@@ -8,6 +8,7 @@
 
 #include <rubato/grids/slab.hpp>
 #include <rubato/pde/cell_sweep.hpp>
+#include <rubato/pde/corner_energy.hpp>
 #include <rubato/pde/lattice_scheme.hpp>
 #include <rubato/pde/level_fields.hpp>
 #include <rubato/pde/shared_slopes.hpp>
@@ -63,6 +64,9 @@ protected:
       throw std::invalid_argument("S is not finite at the initial level");
     }
     terms_at_start_ = sweep_.mean_terms(std::as_const(point_).pointers(), level_.slopes);
+    if (collocation == Collocation::corners) {
+      at_corners_.emplace(system, grid);
+    }
   }
 
   /// 𝓔 of the trial level.
@@ -74,6 +78,9 @@ protected:
 
   /// 𝓔 of the fields of a level.
   [[nodiscard]] double energy_of(const grids::FieldSet& fields) const {
+    if (at_corners_) {
+      return (*at_corners_)(fields, level_.slopes);
+    }
     copy_level(fields, at_midpoints_, point_);
     return sweep_(std::as_const(point_).pointers(), level_.slopes, {}, 0.0, {}, {}).energy;
   }
@@ -162,6 +169,7 @@ private:
 
   mutable grids::FieldSet point_;
   mutable CellSweep sweep_;
+  mutable std::optional<CornerEnergy> at_corners_;  ///< in place of a sweep
   double trial_h_ = 0.0;
   double energy_ = 0.0;
   mutable std::optional<double> here_, there_;

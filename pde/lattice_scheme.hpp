@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstddef>
 #include <memory>
 #include <stdexcept>
 
@@ -8,6 +9,7 @@
 #include <rubato/pde/space_collocation.hpp>
 #include <rubato/pde/stage_source.hpp>
 #include <rubato/variation/level_scheme.hpp>
+#include <rubato/variation/tuning.hpp>
 
 namespace rubato {
 
@@ -34,6 +36,8 @@ public:
   ///@}
   /// The stages of the step accepted last, for laws that need them; null for schemes whose laws two levels give.
   [[nodiscard]] virtual std::shared_ptr<StageSource> stages() { return nullptr; }
+  /// A bound of rounding takes as long as some steps.
+  [[nodiscard]] std::size_t energy_size_period() const override { return tuning::large_size_period; }
 };
 
 /// The box (Preissman) scheme, the production form of box_action() (theory, section 5): in

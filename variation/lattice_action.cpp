@@ -19,6 +19,64 @@ formula::Expression LatticeAction::lagrangian() const {
   return sum;
 }
 
+std::vector<formula::Expression> LatticeAction::currents(const Part& part) const {
+  std::vector<formula::Expression> variables, all;
+  for (const Value& value : values) {
+    variables.push_back(value.variable);
+  }
+  const std::vector<formula::Expression> first = formula::gradient(part.density, variables);
+  for (int nu = 0; nu <= dimensions; ++nu) {
+    for (int rho = 0; rho <= dimensions; ++rho) {
+      all.push_back(current(part, first, nu, rho));
+    }
+  }
+  return all;
+}
+
+/// \param first the gradient of the part's V
+formula::Expression LatticeAction::current(const Part& part, std::span<const formula::Expression> first, int nu,
+                                           int rho) const {
+  const auto derivative = [&](int direction) { return part.derivatives[static_cast<std::size_t>(direction)]; };
+  formula::Expression sum = nu == rho ? -part.density : graph->constant(0.0);
+  for (int f = 0; f < fields; ++f) {
+    const std::size_t j = index_of(f, derivative(rho));
+    if (j < first.size() && (!first[j].is_constant() || first[j].constant_value() != 0.0)) {
+      sum += first[j] * values[index_of(f, derivative(nu))].variable;
+    }
+  }
+  for (const OneForm& form : part.forms) {
+    if (nu != rho && form.mu == rho) {
+      sum += form.along[static_cast<std::size_t>(nu)];
+    } else if (nu == rho && form.mu != rho) {
+      sum -= form.along[static_cast<std::size_t>(form.mu)];
+    }
+  }
+  return sum;
+}
+
+formula::Expression LatticeAction::energy() const {
+  formula::Expression sum;
+  for (const Part& part : parts) {
+    const formula::Expression own = currents(part).front();
+    sum = sum.valid() ? sum + own : own;
+  }
+  return sum;
+}
+
+std::size_t LatticeAction::index_of(int field, int op) const {
+  const auto found =
+      std::ranges::find_if(values, [&](const Value& value) { return value.field == field && value.op == op; });
+  return static_cast<std::size_t>(found - values.begin());
+}
+
+void LatticeAction::find_place(const Place& place, const grids::Grid& grid, std::span<double> out) const {
+  const auto a = static_cast<std::size_t>(place.axis);
+  const grids::Along along = operators[static_cast<std::size_t>(place.op)].space.box[a];
+  for (std::size_t cell = 0; cell < out.size(); ++cell) {
+    out[cell] = grids::coordinate(grid.axis(place.axis), grid.place(cell)[a], along);
+  }
+}
+
 LatticeActionBuilder::LatticeActionBuilder(int fields, int dimensions) {
   if (fields < 1 || dimensions < 1 || dimensions > 3) {
     throw std::invalid_argument(

@@ -1,6 +1,8 @@
 #pragma once
 
+#include <cstddef>
 #include <memory>
+#include <span>
 #include <utility>
 #include <vector>
 
@@ -86,6 +88,18 @@ struct LatticeAction {
 
   /// Σ_parts V + Σ_μ Q^μ_μ, on a rectangle.
   [[nodiscard]] formula::Expression lagrangian() const;
+  /// J^ν_ρ = P_ρ·D_ν z + Q^ρ_ν - δ_ρν L of a part (LatticeVariation), ν·(1 + dimensions) + ρ; in J^ρ_ρ the terms Q^ρ_ρ
+  /// cancel and are left out.
+  [[nodiscard]] std::vector<formula::Expression> currents(const Part& part) const;
+  /// J^t_t of all parts: -∂𝕊/∂h of a cell over its volume.
+  [[nodiscard]] formula::Expression energy() const;
+  /// L_o x^ν in every cell: its neighbours are where they are, not across the seam.
+  void find_place(const Place& place, const grids::Grid& grid, std::span<double> out) const;
+
+private:
+  [[nodiscard]] std::size_t index_of(int field, int op) const;
+  [[nodiscard]] formula::Expression current(const Part& part, std::span<const formula::Expression> first, int nu,
+                                            int rho) const;
 };
 
 /// Makes the variables of a LatticeAction, so that the density is stated as a formula of them.

@@ -102,7 +102,7 @@ struct LatticeVariation::Storage {
     all_directions = joined({&inputs, &places, &directions});
     for (std::size_t j = 0; j < action.places.size(); ++j) {
       arguments.push_back(action.places[j].variable);
-      find_place(action.places[j], places.field(static_cast<int>(j)));
+      action.find_place(action.places[j], grid, places.field(static_cast<int>(j)));
     }
     for (int part = 0; part < static_cast<int>(action.parts.size()); ++part) {
       energies.push_back(currents.field(part * currents_count()).data());
@@ -119,49 +119,18 @@ struct LatticeVariation::Storage {
     compile_second_variation(first);
   }
 
-  [[nodiscard]] std::size_t index_of(int field, int op) const {
-    const auto found = std::ranges::find_if(
-        action.values, [&](const LatticeAction::Value& value) { return value.field == field && value.op == op; });
-    return static_cast<std::size_t>(found - action.values.begin());
-  }
   [[nodiscard]] int directions_count() const { return 1 + action.dimensions; }
   [[nodiscard]] int currents_count() const { return directions_count() * directions_count(); }
 
-  /// J^ν_ρ = P_ρ·D_ν z + Q^ρ_ν - δ_ρν L of every part; in J^ρ_ρ the terms Q^ρ_ρ cancel and are left out.
   void compile_currents() {
     std::vector<Expression> outputs, energy;
     for (const LatticeAction::Part& part : action.parts) {
-      energy.push_back(Expression());
-      const std::vector<Expression> first = formula::gradient(part.density, variables);
-      for (int nu = 0; nu < directions_count(); ++nu) {
-        for (int rho = 0; rho < directions_count(); ++rho) {
-          outputs.push_back(current(part, first, nu, rho));
-        }
-      }
-      energy.back() = outputs[outputs.size() - static_cast<std::size_t>(currents_count())];
+      const std::vector<Expression> all = action.currents(part);
+      outputs.insert(outputs.end(), all.begin(), all.end());
+      energy.push_back(all.front());
     }
     currents_code = GridCode(outputs, arguments);
     energy_code = GridCode(energy, arguments);
-  }
-  /// \param first the gradient of the part's V
-  [[nodiscard]] Expression current(const LatticeAction::Part& part, std::span<const Expression> first, int nu,
-                                   int rho) const {
-    const auto derivative = [&](int direction) { return part.derivatives[static_cast<std::size_t>(direction)]; };
-    Expression sum = nu == rho ? -part.density : action.graph->constant(0.0);
-    for (int f = 0; f < action.fields; ++f) {
-      const std::size_t j = index_of(f, derivative(rho));
-      if (j < first.size() && (!first[j].is_constant() || first[j].constant_value() != 0.0)) {
-        sum += first[j] * variables[index_of(f, derivative(nu))];
-      }
-    }
-    for (const LatticeAction::OneForm& form : part.forms) {
-      if (nu != rho && form.mu == rho) {
-        sum += form.along[static_cast<std::size_t>(nu)];
-      } else if (nu == rho && form.mu != rho) {
-        sum -= form.along[static_cast<std::size_t>(form.mu)];
-      }
-    }
-    return sum;
   }
 
   /// The gradient of (∂L/∂values)·u: the second variation applied to a direction u.
@@ -175,15 +144,6 @@ struct LatticeVariation::Storage {
     }
     const std::vector<Expression> rows = formula::gradient(along, variables);
     second_code = GridCode(rows, both);
-  }
-
-  /// L_o x^ν in every cell: its neighbours are where they are, not across the seam.
-  void find_place(const LatticeAction::Place& place, std::span<double> out) const {
-    const auto a = static_cast<std::size_t>(place.axis);
-    const grids::Along along = action.operators[static_cast<std::size_t>(place.op)].space.box[a];
-    for (std::size_t cell = 0; cell < out.size(); ++cell) {
-      out[cell] = grids::coordinate(grid.axis(place.axis), grid.place(cell)[a], along);
-    }
   }
 
   /// L_o of the fields of a slab, one array for each value of the action, to which `arrays` then point: in `out`, or

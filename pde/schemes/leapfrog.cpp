@@ -1,5 +1,7 @@
+#include <algorithm>
 #include <array>
 #include <cmath>
+#include <span>
 #include <string>
 #include <utility>
 #include <vector>
@@ -9,11 +11,13 @@
 #include <rubato/grids/reductions.hpp>
 #include <rubato/grids/slab.hpp>
 #include <rubato/grids/stencil.hpp>
+#include <rubato/grids/wide_vectors.hpp>
 #include <rubato/pde/family_lattice.hpp>
 #include <rubato/pde/lattice_method.hpp>
 #include <rubato/pde/matrix_terms.hpp>
 #include <rubato/pde/static_condensation.hpp>
 #include <rubato/variation/lattice_variation.hpp>
+#include <rubato/variation/node_variation.hpp>
 
 namespace rubato {
 
@@ -147,24 +151,53 @@ LatticeAction leapfrog_action(const MultisymplecticSystem& system, bool with_V =
   return build.finish();
 }
 
-/// The map of levels that the action states, by its variations alone. With the momenta m v ΔV at the levels,
+/// u = u of before + factor (m v + momentum + h force), at these nodes.
+RUBATO_WIDE_VECTORS void move(double factor, double m, double momentum, double h, const double* before, const double* v,
+                              const double* force, std::size_t begin, std::size_t end, double* u) {
+#pragma GCC ivdep
+  for (std::size_t i = begin; i < end; ++i) {
+    u[i] = before[i] + factor * (m * v[i] + momentum + h * force[i]);
+  }
+}
+
+/// The map of levels that the action states, by formulas of its variation at a node. With the momenta m v ΔV at the
+/// levels,
 ///
 ///     m v_k ΔV = -∂𝕊/∂u_k,    m v_{k+1} ΔV = ∂𝕊/∂u_{k+1},
 ///
-/// of which the first is linear in u_{k+1}: the leapfrog. The fields w are differences of u at each level.
-class LeapfrogMap {
+/// of which the first is linear in u_{k+1}, with the factor m²ΔV/(a h), and what is left of it at u_{k+1} = u_k was
+/// found when u_k was: the leapfrog. The fields w are differences of u at each level.
+class LeapfrogStep {
 public:
-  LeapfrogMap(const MultisymplecticSystem& system, const grids::Grid& grid)
-      : waves_(wave_type(system)),
-        line_(grid.cells(0)),
+  LeapfrogStep(const MultisymplecticSystem& system, const grids::Grid& grid)
+      : pairs_(wave_type(system).pairs),
         volume_(grid.cell_volume()),
         variation_(leapfrog_action(system), grid),
-        stencil_(grid),
-        parts_(system.field_count(), grid.size()),
-        scratch_(1, grid.size()) {
-    for (const MovingPair& pair : waves_.pairs) {
+        force_(static_cast<int>(pairs_.size()), grid.size()),
+        next_force_(force_),
+        density_(1, grid.size()) {
+    using Level = NodeVariation::Level;
+    std::vector<formula::Expression> outputs;
+    for (const MovingPair& pair : pairs_) {
       moving_.push_back(pair.u);
+      told_.push_back(pair.v);
+      outputs.push_back(variation_.values(Level::after, pair.u) / pair.m);
     }
+    for (const SlopeField& slope : wave_type(system).slopes) {
+      formula::Expression sum = formula::constant_like(variation_.step(), -slope.row.b / slope.row.a);
+      for (const MatrixTerm& term : slope.terms) {
+        sum += term.value / slope.row.a * variation_.difference(Level::after, term.column, slope.axis, slope.forward);
+      }
+      told_.push_back(slope.w);
+      outputs.push_back(sum);
+    }
+    for (const MovingPair& pair : pairs_) {
+      const auto [momentum, force] = variation_.at_rest(pair.u);
+      momentum_at_rest_.push_back(momentum.constant_value());  // the row of v being linear in it
+      outputs.push_back(force);
+    }
+    outputs.push_back(variation_.energy());
+    code_ = variation_.code(outputs);
     momenta_.resize(moving_.size());
     largest_.resize(moving_.size());
   }
@@ -176,28 +209,128 @@ public:
 
   /// false if a value is not finite.
   [[nodiscard]] bool advance(double h, const LatticeLevel& before, grids::FieldSet& after) {
-    return step(h, before.fields, after, &before.slopes, [&] { vary(h, before, after); });
+    if (!force_is_known_) {
+      evaluate(before.fields, before.fields, h, before.slopes, after);
+      std::swap(force_, next_force_);
+      force_is_known_ = true;
+    }
+    grids::compute_and_refresh(after, moving_, reach, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t p = 0; p < pairs_.size(); ++p) {
+        const auto& [u, v, m, row] = pairs_[p];
+        move(h * row.a / (m * m), m, momentum_at_rest_[p], h, before.fields.field(u).data(),
+             before.fields.field(v).data(), std::as_const(force_).field(static_cast<int>(p)).data(), begin, end,
+             after.field(u).data());
+      }
+    });
+    evaluate(before.fields, after, h, before.slopes, after);
+    return is_finite(after);
+  }
+  /// The last step leads to the level that the next is taken from.
+  void accept() { std::swap(force_, next_force_); }
+  /// The next step is taken from another level.
+  void forget() { force_is_known_ = false; }
+
+  /// E_k = -∂𝕊/∂h of the last step.
+  [[nodiscard]] double energy() const { return volume_ * grids::sum(density_.field(0)); }
+
+private:
+  /// Momenta and differences at the upper level, into `out`; what the next step begins from; and the energy.
+  void evaluate(const grids::FieldSet& lower, const grids::FieldSet& upper, double h, const PotentialSlopes& slopes,
+                grids::FieldSet& out) {
+    outputs_.clear();
+    for (const int f : told_) {
+      outputs_.push_back(out.field(f).data());
+    }
+    outputs_.insert(outputs_.end(), next_force_.pointers().begin(), next_force_.pointers().end());
+    outputs_.push_back(density_.field(0).data());
+    variation_.read(code_, lower, upper, h, slopes);
+    code_(outputs_);
   }
 
-  /// The same for a solution of the linearised equations, over a step that was taken.
+  /// Whether the momenta of a level are.
+  [[nodiscard]] bool is_finite(const grids::FieldSet& fields) {
+    std::ranges::transform(pairs_, momenta_.begin(), [&](const MovingPair& pair) { return fields.field(pair.v); });
+    grids::max_abs(momenta_, largest_);
+    return std::ranges::all_of(largest_, [](double value) { return std::isfinite(value); });
+  }
+
+  std::vector<MovingPair> pairs_;
+  double volume_;  ///< of a cell
+  NodeVariation variation_;
+  NodeCode code_;
+  std::vector<int> moving_, told_;  ///< the fields u; those that the code tells
+  std::vector<double> momentum_at_rest_;
+  grids::FieldSet force_, next_force_;  ///< of slabs at rest, of both levels
+  grids::FieldSet density_;             ///< of E
+  bool force_is_known_ = false;
+  std::vector<double*> outputs_;
+  std::vector<std::span<const double>> momenta_;
+  std::vector<double> largest_;
+};
+
+/// What two levels leave of the equations, and the linearised map, by passes of the variation over the lattice: apart
+/// from LeapfrogStep.
+class LeapfrogVariation {
+public:
+  LeapfrogVariation(const MultisymplecticSystem& system, const grids::Grid& grid)
+      : waves_(wave_type(system)),
+        line_(grid.cells(0)),
+        volume_(grid.cell_volume()),
+        variation_(leapfrog_action(system), grid),
+        stencil_(grid),
+        parts_(system.field_count(), grid.size()),
+        scratch_(1, grid.size()) {
+    for (const MovingPair& pair : waves_.pairs) {
+      moving_.push_back(pair.u);
+    }
+  }
+
+  /// Over a step that was taken. false if a value is not finite.
   [[nodiscard]] bool tangent(double h, const LatticeLevel& before, const LatticeLevel& after,
                              const grids::FieldSet& u_before, grids::FieldSet& u_after) {
     variation_.take(before.fields, after.fields, h, before.slopes);
     LatticeVariation::Parts direction(parts_);
     direction.before.copy_from(u_before);
-    return step(h, u_before, u_after, nullptr, [&] {
+    const auto vary = [&] {
       direction.after.copy_from(u_after);
       variation_.tangent(direction, parts_);
+    };
+    u_after.copy_from(u_before);
+    vary();  // at u_t = 0
+    grids::compute_and_refresh(u_after, moving_, LeapfrogStep::reach, [&](std::size_t begin, std::size_t end) {
+      for (const MovingPair& pair : waves_.pairs) {
+        const auto u = u_after.field(pair.u);
+        const auto v = u_before.field(pair.v);
+        const auto rest = std::as_const(parts_.before).field(pair.u);
+        const double inverse = h * pair.row.a / (pair.m * pair.m);
+        for (std::size_t i = begin; i < end; ++i) {
+          u[i] += inverse * (pair.m * v[i] + rest[i] / volume_);
+        }
+      }
     });
+    vary();
+    bool is_finite = true;
+    for (const MovingPair& pair : waves_.pairs) {
+      const auto v = u_after.field(pair.v);
+      const auto momentum = std::as_const(parts_.after).field(pair.u);
+      const double factor = pair.m * volume_;
+      std::ranges::transform(momentum, v.begin(), [factor](double value) { return value / factor; });
+      is_finite = is_finite && std::isfinite(grids::max_abs(u_after.field(pair.v)));
+    }
+    for (const SlopeField& slope : waves_.slopes) {
+      differentiate(slope, u_after, nullptr, u_after.field(slope.w));
+    }
+    return is_finite;
   }
 
-  /// E_k = -∂𝕊/∂h of the slab that advance() or residual() has seen last.
+  /// E_k = -∂𝕊/∂h of the slab that residual() has seen last.
   [[nodiscard]] double energy() { return variation_.energy(); }
 
   /// What two levels leave of the equations: of u and v divided by h, in the units of the rows of M z_t, of w at
   /// `after`.
   void residual(double h, const LatticeLevel& before, const LatticeLevel& after, grids::FieldSet& rows) {
-    vary(h, before, after.fields);
+    variation_.take(before.fields, after.fields, h, before.slopes);
+    variation_.values(parts_);
     for (const MovingPair& pair : waves_.pairs) {
       const auto from = std::as_const(parts_.before).field(pair.u), into = std::as_const(parts_.after).field(pair.u);
       const auto v_0 = before.fields.field(pair.v), v_1 = after.fields.field(pair.v);
@@ -217,54 +350,6 @@ public:
   }
 
 private:
-  /// \param vary takes the variation by the values of both levels, of fields or of their changes, into parts_
-  /// \param slopes of fields; null of their changes
-  template <typename Vary>
-  bool step(double h, const grids::FieldSet& before, grids::FieldSet& after, const PotentialSlopes* slopes,
-            Vary&& vary) {
-    after.copy_from(before);
-    vary();  // at u_t = 0
-    grids::compute_and_refresh(after, moving_, reach, [&](std::size_t begin, std::size_t end) {
-      for (const MovingPair& pair : waves_.pairs) {
-        const auto u = after.field(pair.u);
-        const auto v = before.field(pair.v);
-        const auto rest = std::as_const(parts_.before).field(pair.u);
-        const double inverse = h * pair.row.a / (pair.m * pair.m);
-        for (std::size_t i = begin; i < end; ++i) {
-          u[i] += inverse * (pair.m * v[i] + rest[i] / volume_);
-        }
-      }
-    });
-    vary();
-    for (const MovingPair& pair : waves_.pairs) {
-      const auto v = after.field(pair.v);
-      const auto momentum = std::as_const(parts_.after).field(pair.u);
-      const double factor = pair.m * volume_;
-      for (std::size_t i = 0; i < v.size(); ++i) {
-        v[i] = momentum[i] / factor;
-      }
-    }
-    for (const SlopeField& slope : waves_.slopes) {
-      differentiate(slope, after, slopes, after.field(slope.w));
-    }
-    return is_finite(after);
-  }
-
-  /// Whether the momenta of a level are.
-  [[nodiscard]] bool is_finite(const grids::FieldSet& fields) {
-    std::size_t pair = 0;
-    for (std::span<const double>& momentum : momenta_) {
-      momentum = fields.field(waves_.pairs[pair++].v);
-    }
-    grids::max_abs(momenta_, largest_);
-    return std::ranges::all_of(largest_, [](double value) { return std::isfinite(value); });
-  }
-
-  void vary(double h, const LatticeLevel& before, const grids::FieldSet& after) {
-    variation_.take(before.fields, after, h, before.slopes);
-    variation_.values(parts_);
-  }
-
   /// out = w of a level's u; without `slopes` its linear part alone.
   void differentiate(const SlopeField& slope, const grids::FieldSet& fields, const PotentialSlopes* slopes,
                      std::span<double> out) {
@@ -294,75 +379,78 @@ private:
   grids::Stencil stencil_;
   LatticeVariation::Parts parts_;
   grids::FieldSet scratch_;
-  std::vector<std::span<const double>> momenta_;
-  std::vector<double> largest_;
 };
 
 class LeapfrogLattice final : public FamilyLattice {
 public:
   LeapfrogLattice(const MultisymplecticSystem& system, const grids::Grid& grid, LatticeLevel first)
       : FamilyLattice(system, grid, std::move(first), Collocation::corners),
-        map_(system, grid),
+        step_(system, grid),
         trial_(level_.fields) {}
 
   [[nodiscard]] bool is_explicit() const override { return true; }
   [[nodiscard]] Status advance(double h, double) override {
     forget_trial();
     count_iterations(1);
-    if (!map_.advance(h, level_, trial_)) {
+    if (!step_.advance(h, level_, trial_)) {
       return Status::undefined;
     }
-    const double energy = map_.energy();
+    const double energy = step_.energy();
     set_trial(h, energy);
     return std::isfinite(energy) ? Status::success : Status::undefined;
   }
   void accept() override {
-    level_.fields.copy_from(trial_);
+    std::swap(level_.fields, trial_);
+    step_.accept();
     grow_older();
     move();
   }
   void stand(const LatticeLevel& level, const LatticeLevel&, double) override {
     level_.fields.copy_from(level.fields);
+    step_.forget();
     start_level();
   }
   void save(StateWriter& state) const override { save_level(state); }
-  void restore(StateReader& state) override { restore_level(state); }
+  void restore(StateReader& state) override {
+    restore_level(state);
+    step_.forget();
+  }
 
 private:
   [[nodiscard]] double energy_at_end() const override { return energy_of(trial_); }
 
-  LeapfrogMap map_;
+  LeapfrogStep step_;
   grids::FieldSet trial_;
 };
 
 class LeapfrogEquation final : public FamilyEquation {
 public:
   LeapfrogEquation(const MultisymplecticSystem& system, const grids::Grid& grid)
-      : FamilyEquation(system, grid, Collocation::corners), map_(system, grid) {}
+      : FamilyEquation(system, grid, Collocation::corners), variation_(system, grid) {}
 
   [[nodiscard]] StepLaw measure(const LatticeLevel& before, const LatticeLevel& after, double h) override {
     StepLaw law = unknown();
-    map_.residual(h, before, after, rows_);
-    law.energy = map_.energy();
+    variation_.residual(h, before, after, rows_);
+    law.energy = variation_.energy();
     law.residual = grids::magnitudes(rows().all());
     return law;
   }
 
 private:
-  LeapfrogMap map_;
+  LeapfrogVariation variation_;
 };
 
 class LeapfrogTangents final : public TangentStep {
 public:
-  LeapfrogTangents(const MultisymplecticSystem& system, const grids::Grid& grid) : map_(system, grid) {}
+  LeapfrogTangents(const MultisymplecticSystem& system, const grids::Grid& grid) : variation_(system, grid) {}
 
   [[nodiscard]] Status operator()(const LatticeLevel& before, const LatticeLevel& after, double h,
                                   const grids::FieldSet& u_before, grids::FieldSet& u_after) override {
-    return map_.tangent(h, before, after, u_before, u_after) ? Status::success : Status::undefined;
+    return variation_.tangent(h, before, after, u_before, u_after) ? Status::success : Status::undefined;
   }
 
 private:
-  LeapfrogMap map_;
+  LeapfrogVariation variation_;
 };
 
 /// The laws at nodes; and of two tangent solutions, with ω = m (U_u V_v - U_v V_u) at a level and Ω the two-form of the
@@ -420,7 +508,7 @@ public:
   [[nodiscard]] bool has_bridges() const override { return false; }
   /// Laws take the divergence of currents that are made of differences.
   [[nodiscard]] grids::Ghosts ghosts(const MultisymplecticSystem&) const override {
-    constexpr std::size_t planes = 2 + LeapfrogMap::reach;
+    constexpr std::size_t planes = 2 + LeapfrogStep::reach;
     return {planes, planes};
   }
   [[nodiscard]] std::optional<LatticeAction> action(const MultisymplecticSystem& system) const override {

@@ -68,21 +68,6 @@ bool lives_at_midpoints(const MultisymplecticSystem& system) {
   return some;
 }
 
-/// Those of all schemes that state one and take the system.
-std::vector<LatticeAction> actions_of(const MultisymplecticSystem& system) {
-  std::vector<LatticeAction> actions;
-  for (const LatticeMethodEntry& entry : lattice_methods()) {
-    try {
-      if (auto action = make_lattice_method({.name = std::string(entry.name)})->action(system)) {
-        actions.push_back(*std::move(action));
-      }
-    } catch (const SchemeRefusal&) {
-      continue;
-    }
-  }
-  return actions;
-}
-
 /// Corner data of the cell (k, i) in FormulaAction's order, from three levels of a line.
 std::vector<double> corners(const std::array<FieldSet, 3>& levels, const std::array<double, 3>& t,
                             const grids::Grid& grid, std::size_t k, std::size_t i) {

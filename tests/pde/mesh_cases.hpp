@@ -39,4 +39,19 @@ inline grids::FieldSet random_fields(int fields, std::size_t size, unsigned seed
   return result;
 }
 
+/// Those of all schemes that state one and take the system.
+inline std::vector<LatticeAction> actions_of(const MultisymplecticSystem& system) {
+  std::vector<LatticeAction> actions;
+  for (const LatticeMethodEntry& entry : lattice_methods()) {
+    try {
+      if (auto action = make_lattice_method({.name = std::string(entry.name)})->action(system)) {
+        actions.push_back(*std::move(action));
+      }
+    } catch (const SchemeRefusal&) {
+      continue;
+    }
+  }
+  return actions;
+}
+
 }  // namespace rubato::tests

@@ -1,0 +1,53 @@
+#include <rubato/pde/corner_energy.hpp>
+
+#include <array>
+#include <utility>
+
+#include <rubato/grids/reductions.hpp>
+#include <rubato/pde/matrix_terms.hpp>
+
+namespace rubato {
+
+CornerEnergy::CornerEnergy(const MultisymplecticSystem& system, const grids::Grid& grid)
+    : volume_(grid.cell_volume()),
+      coordinates_(static_cast<int>(system.coordinates().size()), grid.size()),
+      density_(1, grid.size()) {
+  using formula::Expression;
+  NodeFormulas formulas(grid);
+  const auto is_absent = [&](int f) { return system.structure().at_midpoints(f); };
+  std::vector<Expression> z;
+  for (int f = 0; f < system.field_count(); ++f) {
+    z.push_back(is_absent(f) ? formulas.graph().constant(0.0) : formulas.node(f));
+  }
+  const PlacedCoordinates placed(system, grid, Within::node);
+  for (int c = 0; c < coordinates_.fields(); ++c) {
+    z.push_back(formulas.node(system.field_count() + c));
+    for (std::size_t node = 0; node < grid.size(); ++node) {
+      coordinates_.field(c)[node] = placed.value(static_cast<std::size_t>(c), node);
+    }
+  }
+  Expression density =
+      formula::substitute(std::array{system.expression()}, formulas.graph(), system.variables(), z).front();
+  for (int a = 0; a < grid.dimensions(); ++a) {
+    for (const MatrixTerm& term : terms_of(system.structure().K_plus[static_cast<std::size_t>(a)])) {
+      if (is_absent(term.row) || is_absent(term.column)) {
+        continue;
+      }
+      Expression derivative = formulas.in_cell(grids::SpaceOperator::backward_difference(a), term.row);
+      if (a == 0) {
+        derivative += formulas.slope(term.row);
+      }
+      add_weighted(density, term.value, derivative * z[static_cast<std::size_t>(term.column)]);
+    }
+  }
+  code_ = formulas.code(std::array{density});
+}
+
+double CornerEnergy::operator()(const grids::FieldSet& fields, const PotentialSlopes& slopes) {
+  double* const out[] = {density_.field(0).data()};
+  code_.read({&fields, &coordinates_}, {}, slopes);
+  code_(out);
+  return volume_ * grids::sum(std::as_const(density_).field(0));
+}
+
+}  // namespace rubato

@@ -1,0 +1,27 @@
+#pragma once
+
+#include <vector>
+
+#include <rubato/grids/field_set.hpp>
+#include <rubato/grids/grid.hpp>
+#include <rubato/pde/multisymplectic_system.hpp>
+#include <rubato/pde/placed_coordinates.hpp>
+#include <rubato/variation/node_code.hpp>
+
+namespace rubato {
+
+/// 𝓔 = Σ ΔV [S + Σ_a (δ_a⁻z)ᵀK₊z] of a level with its equation at corners (Collocation::corners), what CellSweep says,
+/// by one formula of a node and the one before it along each axis. Fields that levels do not have are zero.
+class CornerEnergy {
+public:
+  CornerEnergy(const MultisymplecticSystem& system, const grids::Grid& grid);
+
+  [[nodiscard]] double operator()(const grids::FieldSet& fields, const PotentialSlopes& slopes);
+
+private:
+  double volume_;  ///< of a cell
+  grids::FieldSet coordinates_, density_;
+  NodeCode code_;
+};
+
+}  // namespace rubato

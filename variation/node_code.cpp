@@ -1,0 +1,176 @@
+#include <rubato/variation/node_code.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <stdexcept>
+
+#include <fmt/format.h>
+
+#include <rubato/grids/parallel.hpp>
+
+namespace rubato {
+
+namespace {
+
+std::size_t moved(std::size_t i, int by, std::size_t of) {
+  auto j = static_cast<std::ptrdiff_t>(i) + by;
+  const auto n = static_cast<std::ptrdiff_t>(of);
+  for (; j < 0; j += n) {
+  }
+  for (; j >= n; j -= n) {
+  }
+  return static_cast<std::size_t>(j);
+}
+
+}  // namespace
+
+NodeCode::NodeCode(std::span<const formula::Expression> outputs, std::span<const NodeInput> inputs,
+                   const grids::Grid& grid)
+    : cells_{grid.cells(0), grid.cells(1), grid.cells(2)}, outputs_(outputs.size()) {
+  std::vector<formula::Expression> variables;
+  for (const NodeInput& input : inputs) {
+    const auto reads = [&](const formula::Expression& output) {
+      const auto numbers = formula::variables_of(output);
+      const auto own = formula::variables_of(input.variable);
+      return std::ranges::binary_search(numbers, own.front());
+    };
+    if (std::ranges::any_of(outputs, reads)) {
+      inputs_.push_back(input);
+      variables.push_back(input.variable);
+    }
+  }
+  prototype_ = formula::BatchEvaluator(formula::Bytecode(outputs, variables));
+}
+
+void NodeCode::read(std::initializer_list<const grids::FieldSet*> arrays, std::span<const double> numbers,
+                    const PotentialSlopes& slopes) {
+  arrays_.clear();
+  for (const grids::FieldSet* part : arrays) {
+    arrays_.insert(arrays_.end(), part->pointers().begin(), part->pointers().end());
+  }
+  numbers_.assign(numbers.begin(), numbers.end());
+  slopes_ = &slopes;
+  while (workspaces_.size() < static_cast<std::size_t>(grids::thread_count())) {
+    Workspace& work = workspaces_.emplace_back();
+    work.code = prototype_;
+    work.in.resize(inputs_.size());
+    work.out.resize(outputs_);
+    work.copies.resize(inputs_.size());
+  }
+  for (Workspace& work : workspaces_) {
+    for (std::size_t j = 0; j < inputs_.size(); ++j) {
+      if (inputs_[j].kind == NodeInput::Kind::uniform) {
+        work.copies[j].fill(numbers_[static_cast<std::size_t>(inputs_[j].number)]);
+      }
+    }
+  }
+}
+
+void NodeCode::operator()(std::size_t begin, std::size_t end, std::span<double* const> outputs) {
+  const std::size_t line = cells_[0];
+  grids::for_each_block(end - begin, grids::nodes_per_block, [&](std::size_t first, std::size_t last) {
+    Workspace& work = workspaces_[static_cast<std::size_t>(grids::thread_number())];
+    for (std::size_t node = begin + first; node < begin + last;) {
+      const std::size_t place = node % line;
+      const std::size_t count = std::min({piece, line - place, begin + last - node});
+      evaluate(work, node / line, place, count, outputs);
+      node += count;
+    }
+  });
+}
+
+void NodeCode::evaluate(Workspace& work, std::size_t line, std::size_t begin, std::size_t count,
+                        std::span<double* const> outputs) const {
+  const auto [n, rows, layers] = cells_;
+  const std::size_t row = line % rows, layer = line / rows;
+  for (std::size_t j = 0; j < inputs_.size(); ++j) {
+    const NodeInput& input = inputs_[j];
+    double* const copy = work.copies[j].data();
+    work.in[j] = copy;
+    const std::size_t other = moved(layer, input.offset[2], layers) * rows + moved(row, input.offset[1], rows);
+    if (input.kind == NodeInput::Kind::slope) {
+      std::fill_n(copy, count, slopes_->at(input.number, other));
+    } else if (input.kind == NodeInput::Kind::node) {
+      const double* const start = arrays_[static_cast<std::size_t>(input.number)] + other * n;
+      const auto from = static_cast<std::ptrdiff_t>(begin) + input.offset[0];
+      const auto to = from + static_cast<std::ptrdiff_t>(count);
+      if (from >= 0 && to <= static_cast<std::ptrdiff_t>(n)) {
+        work.in[j] = start + from;
+        continue;
+      }
+      for (std::size_t i = 0; i < count; ++i) {
+        copy[i] = start[moved(begin + i, input.offset[0], n)];
+      }
+    }
+  }
+  for (std::size_t j = 0; j < outputs_; ++j) {
+    work.out[j] = outputs[j] + line * n + begin;
+  }
+  work.code(count, work.in, work.out);
+}
+
+formula::Expression NodeFormulas::variable(NodeInput input) {
+  const std::size_t known = graph_->variable_count();
+  input.variable = graph_->variable(fmt::format("{} {} {} {} {}", static_cast<int>(input.kind), input.number,
+                                                input.offset[0], input.offset[1], input.offset[2]));
+  if (graph_->variable_count() > known) {
+    inputs_.push_back(input);
+  }
+  return input.variable;
+}
+
+NodeFormulas::Weights NodeFormulas::weights(const grids::SpaceOperator& op) const {
+  if (op.spectral_axis >= 0) {
+    throw std::invalid_argument("a spectral derivative reads all nodes, not the neighbours of one");
+  }
+  Weights all = {{{}, op.mirrored ? -1.0 : 1.0}};
+  for (std::size_t a = 0; a < op.box.size(); ++a) {
+    const grids::Along along = op.box[a];
+    if (along == grids::Along::identity) {
+      continue;
+    }
+    const double scale = along == grids::Along::average      ? 0.5
+                         : along == grids::Along::difference ? 1.0 / grid_.spacing(static_cast<int>(a))
+                                                             : 1.0;
+    Weights next;
+    for (const auto& [offset, weight] : all) {
+      auto further = offset;
+      further[a] += op.mirrored ? -1 : 1;
+      next.emplace_back(further, scale * weight);
+      if (along != grids::Along::next) {
+        next.emplace_back(offset, (along == grids::Along::difference ? -scale : scale) * weight);
+      }
+    }
+    all = std::move(next);
+  }
+  return all;
+}
+
+formula::Expression NodeFormulas::in_cell(const grids::SpaceOperator& op, int array, std::array<int, 3> cell) {
+  Weights all = weights(op);
+  // One order of the nodes for all cells: what two have in common is the same formula.
+  std::ranges::sort(all, [](const auto& a, const auto& b) { return a.first > b.first; });
+  const double scale = std::abs(all.front().second);
+  formula::Expression total;
+  for (auto [offset, weight] : all) {
+    std::ranges::transform(offset, cell, offset.begin(), std::plus());
+    add_weighted(total, weight / scale, node(array, offset));
+  }
+  return scale == 1.0 ? total : scale * total;
+}
+
+void add_weighted(formula::Expression& sum, double weight, const formula::Expression& term) {
+  if (term.is_constant() && term.constant_value() == 0.0) {
+    return;
+  }
+  const bool is_sign = weight == 1.0 || weight == -1.0;
+  const formula::Expression part = is_sign ? term : std::abs(weight) * term;
+  if (!sum.valid()) {
+    sum = weight < 0.0 ? -part : part;
+  } else {
+    sum = weight < 0.0 ? sum - part : sum + part;
+  }
+}
+
+}  // namespace rubato

@@ -1,0 +1,173 @@
+#include <rubato/variation/node_variation.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+#include <utility>
+
+#include <fmt/format.h>
+
+namespace rubato {
+
+namespace {
+
+using formula::Expression;
+
+/// Uniform numbers of the code.
+constexpr int number_of_h = 0, number_of_rate = 1;
+
+std::array<int, 3> sum(std::array<int, 3> a, const std::array<int, 3>& b, int sign = 1) {
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    a[i] += sign * b[i];
+  }
+  return a;
+}
+
+bool is_zero(const Expression& e) {
+  return e.is_constant() && e.constant_value() == 0.0;
+}
+
+}  // namespace
+
+NodeVariation::NodeVariation(LatticeAction action, const grids::Grid& grid)
+    : action_(std::move(action)), formulas_(grid), places_(static_cast<int>(action_.places.size()), grid.size()) {
+  if (action_.dimensions != grid.dimensions()) {
+    throw std::invalid_argument(fmt::format("an action in {} dimensions cannot be varied on a grid with {}",
+                                            action_.dimensions, grid.dimensions()));
+  }
+  for (const StencilOperator& op : action_.operators) {
+    if (op.space.spectral_axis >= 0) {
+      throw std::invalid_argument("a spectral derivative reads all nodes, not the neighbours of one");
+    }
+  }
+  h_ = formulas_.uniform(number_of_h);
+  rate_ = formulas_.uniform(number_of_rate);
+  std::vector<Expression> arguments;
+  for (const LatticeAction::Value& value : action_.values) {
+    arguments.push_back(value.variable);
+  }
+  derivatives_ = formula::gradient(action_.lagrangian(), arguments);
+  for (std::size_t j = 0; j < action_.places.size(); ++j) {
+    action_.find_place(action_.places[j], grid, places_.field(static_cast<int>(j)));
+  }
+}
+
+int NodeVariation::array_of(Level level, int field) const {
+  return field + (level == Level::after ? action_.fields : 0);
+}
+
+Expression NodeVariation::place(std::size_t number, Offset cell) {
+  return formulas_.node(2 * action_.fields + static_cast<int>(number), cell);
+}
+
+Expression NodeVariation::difference(Level level, int field, int axis, bool forward) {
+  using grids::SpaceOperator;
+  return in_space(level, field,
+                  forward ? SpaceOperator::forward_difference(axis) : SpaceOperator::backward_difference(axis), {},
+                  true);
+}
+
+/// The operator of a field in a cell.
+Expression NodeVariation::in_space(Level level, int field, const grids::SpaceOperator& op, Offset cell,
+                                   bool with_slope) {
+  const Expression periodic = formulas_.in_cell(op, array_of(level, field), cell);
+  const bool slopes = with_slope && op.box[0] == grids::Along::difference;
+  return slopes ? periodic + formulas_.slope(field, cell) : periodic;
+}
+
+/// L_o z in a cell.
+Expression NodeVariation::value(const LatticeAction::Value& value, Offset cell, Motion motion) {
+  const StencilOperator& op = action_.operators[static_cast<std::size_t>(value.op)];
+  const bool in_slab = action_.at_midpoints[static_cast<std::size_t>(value.field)];
+  const bool is_difference = op.time == InTime::difference;
+  if (is_difference && (in_slab || motion == Motion::none)) {
+    return formulas_.graph().constant(0.0);
+  }
+  const auto at = [&](Level level) { return in_space(level, value.field, op.space, cell, !is_difference); };
+  if (motion == Motion::none) {
+    return at(Level::after);
+  }
+  if (in_slab || op.time == InTime::after) {
+    return at(Level::after);
+  }
+  if (op.time == InTime::before) {
+    return at(Level::before);
+  }
+  return is_difference ? rate_ * (at(Level::after) - at(Level::before)) : 0.5 * (at(Level::before) + at(Level::after));
+}
+
+/// ∂L/∂(L_o z) in a cell, in the values of nodes.
+std::span<const Expression> NodeVariation::derivatives_in(Offset cell, Motion motion) {
+  const auto [found, is_new] = in_cells_.try_emplace({cell, motion});
+  if (is_new) {
+    std::vector<Expression> from, to;
+    for (const LatticeAction::Value& v : action_.values) {
+      from.push_back(v.variable);
+      to.push_back(value(v, cell, motion));
+    }
+    for (std::size_t j = 0; j < action_.places.size(); ++j) {
+      from.push_back(action_.places[j].variable);
+      to.push_back(place(j, cell));
+    }
+    found->second = formula::substitute(derivatives_, formulas_.graph(), from, to);
+  }
+  return found->second;
+}
+
+/// Σ_o (L_o)ᵀ ∂L/∂(L_o z_f), with the operators' weights in time at the level: of differences times h.
+NodeVariation::AtRest NodeVariation::parts(Level level, int field, Motion motion) {
+  Expression momentum, force;
+  for (std::size_t j = 0; j < action_.values.size(); ++j) {
+    const LatticeAction::Value& v = action_.values[j];
+    if (v.field != field || is_zero(derivatives_[j])) {
+      continue;
+    }
+    const StencilOperator& op = action_.operators[static_cast<std::size_t>(v.op)];
+    const bool in_slab = action_.at_midpoints[static_cast<std::size_t>(field)];
+    const bool upper = level == Level::after;
+    if (op.time == InTime::difference
+            ? in_slab
+            : (upper ? op.time == InTime::before && !in_slab : op.time == InTime::after || in_slab)) {
+      continue;
+    }
+    for (const auto& [offset, weight] : formulas_.weights(op.space)) {
+      const Expression derivative = derivatives_in(sum({}, offset, -1), motion)[j];
+      if (op.time == InTime::difference) {
+        add_weighted(momentum, upper ? weight : -weight, derivative);
+      } else {
+        add_weighted(force, (op.time == InTime::mean && !in_slab ? 0.5 : 1.0) * weight, derivative);
+      }
+    }
+  }
+  const auto or_zero = [&](const Expression& sum) { return sum.valid() ? sum : formulas_.graph().constant(0.0); };
+  return {or_zero(momentum), or_zero(force)};
+}
+
+Expression NodeVariation::values(Level level, int field) {
+  const auto [momentum, force] = parts(level, field, Motion::between_levels);
+  return is_zero(force) ? momentum : momentum + h_ * force;
+}
+
+NodeVariation::AtRest NodeVariation::at_rest(int field) {
+  return parts(Level::before, field, Motion::none);
+}
+
+Expression NodeVariation::energy() {
+  std::vector<Expression> from, to;
+  for (const LatticeAction::Value& v : action_.values) {
+    from.push_back(v.variable);
+    to.push_back(value(v, {}, Motion::between_levels));
+  }
+  for (std::size_t j = 0; j < action_.places.size(); ++j) {
+    from.push_back(action_.places[j].variable);
+    to.push_back(place(j, {}));
+  }
+  return formula::substitute(std::array{action_.energy()}, formulas_.graph(), from, to).front();
+}
+
+void NodeVariation::read(NodeCode& code, const grids::FieldSet& before, const grids::FieldSet& after, double h,
+                         const PotentialSlopes& slopes) const {
+  code.read({&before, &after, &places_}, std::array{h, 1.0 / h}, slopes);
+}
+
+}  // namespace rubato

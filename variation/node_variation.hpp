@@ -1,0 +1,82 @@
+#pragma once
+
+#include <array>
+#include <map>
+#include <span>
+#include <tuple>
+#include <utility>
+#include <vector>
+
+#include <rubato/formula/expression.hpp>
+#include <rubato/grids/field_set.hpp>
+#include <rubato/grids/grid.hpp>
+#include <rubato/variation/lattice_action.hpp>
+#include <rubato/variation/node_code.hpp>
+
+namespace rubato {
+
+/// The variation of an action at one node as formulas of the node and its neighbours, for schemes that solve a row of
+/// the discrete Euler–Lagrange equation by formulas, too: what LatticeVariation computes in passes over the lattice is
+/// here one formula, in which what cells have in common is computed once. For stencils of box operators; those with a
+/// spectral derivative read all nodes.
+///
+/// With 𝕊 = h ΔV Σ L, where ΔV is the volume of a cell:
+///
+/// | formula          | of                                                                                   |
+/// |------------------|--------------------------------------------------------------------------------------|
+/// | values(level, f) | ∂𝕊/∂z_f(node)/ΔV at one of the two levels of the slab                                |
+/// | at_rest(f)       | momentum + h force = ∂𝕊/∂z_f(node)/ΔV at the lower level if both are the upper level |
+/// | energy()         | -∂𝕊/∂h/ΔV, the part of a cell                                                        |
+class NodeVariation {
+public:
+  enum class Level { before, after };
+
+  /// \throws std::invalid_argument if the dimensions of action and grid differ, or the stencil has a spectral
+  /// derivative
+  NodeVariation(LatticeAction action, const grids::Grid& grid);
+
+  [[nodiscard]] formula::Expression values(Level level, int field);
+  struct AtRest {
+    formula::Expression momentum, force;  ///< both without h
+  };
+  [[nodiscard]] AtRest at_rest(int field);
+  [[nodiscard]] formula::Expression energy();
+
+  /// What formulas are made of: z_f at a node that is so far from this one; a difference of z_f there along an axis, of
+  /// potentials their slope as well; and h.
+  ///@{
+  [[nodiscard]] formula::Expression node(Level level, int field, std::array<int, 3> offset = {}) {
+    return formulas_.node(array_of(level, field), offset);
+  }
+  [[nodiscard]] formula::Expression difference(Level level, int field, int axis, bool forward);
+  [[nodiscard]] formula::Expression step() const { return h_; }
+  ///@}
+
+  /// Such formulas as code.
+  [[nodiscard]] NodeCode code(std::span<const formula::Expression> outputs) const { return formulas_.code(outputs); }
+  /// Lets code read the slab from `before` to `after`, h apart, which have to stay there.
+  void read(NodeCode& code, const grids::FieldSet& before, const grids::FieldSet& after, double h,
+            const PotentialSlopes& slopes) const;
+
+private:
+  using Offset = std::array<int, 3>;
+  enum class Motion { between_levels, none };
+
+  [[nodiscard]] int array_of(Level level, int field) const;
+  [[nodiscard]] formula::Expression in_space(Level level, int field, const grids::SpaceOperator& op, Offset cell,
+                                             bool with_slope);
+  [[nodiscard]] formula::Expression value(const LatticeAction::Value& value, Offset cell, Motion motion);
+  [[nodiscard]] formula::Expression place(std::size_t number, Offset cell);
+  [[nodiscard]] std::span<const formula::Expression> derivatives_in(Offset cell, Motion motion);
+  /// Of differences in time, and of all else without h.
+  [[nodiscard]] AtRest parts(Level level, int field, Motion motion);
+
+  LatticeAction action_;
+  NodeFormulas formulas_;
+  formula::Expression h_, rate_;                  ///< h and 1/h
+  std::vector<formula::Expression> derivatives_;  ///< ∂L/∂(L_o z), in the variables of the action
+  std::map<std::tuple<Offset, Motion>, std::vector<formula::Expression>> in_cells_;
+  grids::FieldSet places_;
+};
+
+}  // namespace rubato
