@@ -94,7 +94,7 @@ public:
   [[nodiscard]] double discrete_energy_slope() const override {
     return order() * (energy_ - 0.5 * (energy_at(*here_) + energy_at(*there_))) / trial_h_;
   }
-  [[nodiscard]] bool slope_is_of_nodes() const override { return true; }
+  [[nodiscard]] bool slope_costs_more() const override { return true; }
   [[nodiscard]] bool slope_to_leading_order() const override { return true; }
   [[nodiscard]] formula::SumSize energy_size() override {
     // After a step was taken its ends have changed places.

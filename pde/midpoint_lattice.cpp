@@ -2,7 +2,9 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <memory>
 #include <stdexcept>
+#include <utility>
 #include <vector>
 
 #include <fmt/format.h>
@@ -13,6 +15,7 @@
 #include <rubato/grids/whole.hpp>
 #include <rubato/grids/wide_vectors.hpp>
 #include <rubato/pde/cell_solver.hpp>
+#include <rubato/pde/gauss_slab.hpp>
 #include <rubato/pde/kernel_conditions.hpp>
 #include <rubato/pde/lattice_scheme.hpp>
 #include <rubato/pde/level_fields.hpp>
@@ -147,8 +150,8 @@ public:
         at_midpoints_(system.structure().at_midpoints()),
         sweep_(system, grid, collocation),
         low_(system.field_count(), grid.size()),
-        delta_(low_),
         point_(low_),
+        delta_(low_),
         residual_(low_),
         correction_(low_),
         hessian_(static_cast<int>(system.varying_hessian().size()), grid.size()),
@@ -178,6 +181,9 @@ public:
         matrix_.entries.push_back({column, row, -1.0, values});
       }
     }
+    if (collocation == Collocation::nodes) {
+      waves_ = std::make_unique<Waves>(system, grid, level_);
+    }
     if (!level_sweep({}).finite) {
       throw std::invalid_argument("S is not finite at the initial level");
     }
@@ -194,6 +200,10 @@ public:
       return Status::undefined;
     }
     find_start_velocity();
+    if (waves_ != nullptr && solve_on_waves(h, accuracy) == Status::success) {
+      trial_h_ = h;
+      return Status::success;
+    }
     if (trial_h_ == 0.0) {
       history_.predict(h, delta_);
     } else {
@@ -215,7 +225,14 @@ public:
     }
     return size_of_energy_;
   }
-  [[nodiscard]] double discrete_energy_slope() const override { return slope_; }
+  [[nodiscard]] double discrete_energy_slope() const override {
+    if (!slope_known_) {
+      slope_ = sweep_slope();
+      slope_known_ = true;
+    }
+    return slope_;
+  }
+  [[nodiscard]] bool slope_costs_more() const override { return waves_ != nullptr; }
   [[nodiscard]] bool slope_to_leading_order() const override { return true; }
   [[nodiscard]] int iterations() const override { return iterations_; }
 
@@ -236,6 +253,11 @@ public:
   }
 
   void accept() override {
+    if (waves_ != nullptr && waves_->solved) {
+      waves_->slab.keep(waves_->forecast);
+    } else if (waves_ != nullptr) {
+      waves_->forecast.forget();
+    }
     history_.record(0.5 * trial_h_, trial_h_, delta_);
     history_.advance(trial_h_);
     contraction_.advance();
@@ -258,6 +280,9 @@ public:
     low_.fill(0.0);
     history_ = LevelHistory(at_midpoints_, grid_.size());
     contraction_ = NewtonContraction();
+    if (waves_ != nullptr) {
+      waves_->forecast.forget();
+    }
     start_tried_ = true;
     for (int f = 0; f < system_.field_count(); ++f) {
       const auto z_0 = level.fields.field(f), z_1 = next.fields.field(f);
@@ -279,8 +304,14 @@ public:
     save_slopes(state, level_.slopes, grid_);
     history_.save(state);
     contraction_.save(state);
-    for (const double value : {size_of_energy_.terms, size_of_energy_.rounding, static_cast<double>(size_age_)}) {
+    const double more = waves_ != nullptr ? waves_follow : 0.0;
+    for (const double value :
+         {size_of_energy_.terms, size_of_energy_.rounding, static_cast<double>(size_age_) + more}) {
       state.write(value);
+    }
+    if (waves_ != nullptr) {
+      waves_->slab.save(state, waves_->forecast);
+      waves_->slab.save(state);
     }
   }
 
@@ -293,7 +324,15 @@ public:
     contraction_.restore(state);
     state.read(size_of_energy_.terms);
     state.read(size_of_energy_.rounding);
-    state.read(size_age_);
+    const double age = state.read();
+    size_age_ = static_cast<std::size_t>(age);
+    if (waves_ != nullptr) {
+      waves_->forecast.forget();
+      if (age != static_cast<double>(size_age_)) {  // records of earlier versions are without
+        waves_->slab.restore(state, waves_->forecast);
+        waves_->slab.restore(state);
+      }
+    }
     start_level();
   }
 
@@ -301,13 +340,60 @@ private:
   void start_level() {
     std::ranges::fill(level_sizes_, -1.0);
     solver_->forget();
+    if (waves_ != nullptr) {
+      waves_->stands = waves_->solved = false;
+    }
     trial_h_ = 0.0;
     node_known_ = false;
     iterations_ = 0;
   }
 
+  /// What is added to the age of the energy's size in a record where the state of slab_ follows.
+  static constexpr double waves_follow = 0.5;
+
+  /// One stage of Gauss collocation is the midpoint rule: the step by iteration on what S leaves, wave by wave
+  /// (GaussSlab), which takes a transform there and one back of the fields that S'' varies with.
+  [[nodiscard]] Status solve_on_waves(double h, double accuracy) {
+    auto& [slab, forecast, stands, solved] = *waves_;
+    if (!std::exchange(stands, true)) {
+      slab.stand(level_.fields, &low_, level_.slopes);
+    }
+    const auto is_near = [h](double other) {
+      return other != 0.0 && h / other > 1.0 / tuning::longest_continuation && h / other < tuning::longest_continuation;
+    };
+    const int counted = slab.iterations();
+    const bool steady = GaussSlab::are_near(h, forecast.last_h());
+    if (solved && is_near(trial_h_)) {
+      slab.continue_trial(h / trial_h_);
+    } else if (is_near(forecast.last_h())) {
+      slab.continue_from(forecast, h);
+    } else {
+      slab.begin_at_level();
+    }
+    const Status status = slab.solve(h, std::min(accuracy, tuning::loosest_trial), largest_, steady);
+    iterations_ += slab.iterations() - counted;
+    solved = status == Status::success;
+    if (solved) {
+      slab.increment(delta_);
+      energy_ = slab.energy();
+      slope_known_ = false;
+      solved = std::isfinite(energy_);
+      return solved ? Status::success : Status::undefined;
+    }
+    return status;
+  }
+
+  /// dE/dh of the trial step, of a step that was solved on waves.
+  [[nodiscard]] double sweep_slope() const {
+    make_point(0.5);
+    EvolvingRates rates;
+    const grids::FieldSet& point = point_;
+    const SweepResult result = sweep_(point.pointers(), level_.slopes, evolving(delta_, rates), 1.0 / trial_h_, {}, {});
+    return result.quadratic / (4.0 * trial_h_);
+  }
+
   /// point = z + scale·δ at every node; fields at midpoints have z = 0.
-  void make_point(double scale) {
+  void make_point(double scale) const {
     for (int f = 0; f < system_.field_count(); ++f) {
       const double* high = level_.fields.field(f).data();
       const double* low = low_.field(f).data();
@@ -417,6 +503,7 @@ private:
       }
       energy_ = result.energy;
       slope_ = result.quadratic / (4.0 * h);
+      slope_known_ = true;
       // What the corrections tell of their error rests on S'' at single points: where it changes fast, a correction is
       // small and mends nothing. A step that may be accepted is therefore looked at once more.
       const bool is_trial = accuracy > 0.0;
@@ -488,9 +575,10 @@ private:
   grids::Grid grid_;
   LatticeLevel level_;
   std::vector<bool> at_midpoints_;
-  CellSweep sweep_;
+  mutable CellSweep sweep_;
   grids::FieldSet low_;  ///< the fields are level_.fields + low_
-  grids::FieldSet delta_, point_, residual_, correction_, hessian_;
+  mutable grids::FieldSet point_;
+  grids::FieldSet delta_, residual_, correction_, hessian_;
   LevelHistory history_;
   std::vector<double> largest_;      ///< of |δ| of each field so far
   std::vector<double> level_sizes_;  ///< max |z| of each field; -1: not known yet
@@ -508,9 +596,22 @@ private:
   std::vector<double*> free_correction_;
   std::unique_ptr<CellSolver> solver_;
 
+  /// Of solve_on_waves().
+  struct Waves {
+    Waves(const MultisymplecticSystem& system, const grids::Grid& grid, const LatticeLevel& first)
+        : slab(system, grid, 1, first), forecast(slab.make_forecast()) {}
+
+    GaussSlab slab;
+    RestForecast forecast;
+    bool stands = false;  ///< slab, at this level
+    bool solved = false;  ///< the trial
+  };
+  std::unique_ptr<Waves> waves_;  ///< at nodes
+
   double trial_h_ = 0.0;  ///< 0: no trial of this level
   double energy_ = 0.0;
-  double slope_ = 0.0;
+  mutable double slope_ = 0.0;
+  mutable bool slope_known_ = true;  ///< else it is found when it is asked for
   int iterations_ = 0;
   std::vector<double> terms_at_start_;  ///< means over the cells of the terms of S
   formula::SumSize size_of_energy_;

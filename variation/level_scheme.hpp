@@ -44,8 +44,8 @@ public:
   [[nodiscard]] virtual std::size_t energy_size_period() const { return tuning::size_period; }
   /// Total derivative dE_k/dh along the solved step; -(h/4)Γ for the midpoint 𝕃, -s h^(s-1) (s+1)Γ/24 for order s.
   [[nodiscard]] virtual double discrete_energy_slope() const = 0;
-  /// Whether it is had from node energies alone, which would be found for it.
-  [[nodiscard]] virtual bool slope_is_of_nodes() const { return !has_node_law(); }
+  /// Whether something is found for it that the step does not need: node energies, or rates.
+  [[nodiscard]] virtual bool slope_costs_more() const { return !has_node_law(); }
   /// Whether it is the leading term of the derivative alone, off by a factor that hardly depends on h.
   [[nodiscard]] virtual bool slope_to_leading_order() const { return false; }
   /// E_k of several steps from the current level, where a scheme finds them quicker side by side than one after the

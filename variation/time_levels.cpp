@@ -89,7 +89,7 @@ StepReport TimeLevels::report(Status status, double h) {
     measure(h);
     result.potential = potential_at(h).energy;
     result.energy = scheme_.discrete_energy() + result.potential;
-    result.slope = options_.levels == Levels::fixed && scheme_.slope_is_of_nodes()
+    result.slope = options_.levels == Levels::fixed && scheme_.slope_costs_more()
                        ? std::numeric_limits<double>::quiet_NaN()
                        : scheme_.discrete_energy_slope() + potential_at(h).slope;
     result.condition = options_.levels == Levels::fixed ? std::numeric_limits<double>::quiet_NaN()
