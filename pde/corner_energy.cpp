@@ -10,7 +10,7 @@ namespace rubato {
 
 CornerEnergy::CornerEnergy(const MultisymplecticSystem& system, const grids::Grid& grid)
     : volume_(grid.cell_volume()),
-      coordinates_(static_cast<int>(system.coordinates().size()), grid.size()),
+      coordinates_(PlacedCoordinates(system, grid, Within::node).values()),
       density_(1, grid.size()) {
   using formula::Expression;
   NodeFormulas formulas(grid);
@@ -19,12 +19,8 @@ CornerEnergy::CornerEnergy(const MultisymplecticSystem& system, const grids::Gri
   for (int f = 0; f < system.field_count(); ++f) {
     z.push_back(is_absent(f) ? formulas.graph().constant(0.0) : formulas.node(f));
   }
-  const PlacedCoordinates placed(system, grid, Within::node);
   for (int c = 0; c < coordinates_.fields(); ++c) {
     z.push_back(formulas.node(system.field_count() + c));
-    for (std::size_t node = 0; node < grid.size(); ++node) {
-      coordinates_.field(c)[node] = placed.value(static_cast<std::size_t>(c), node);
-    }
   }
   Expression density =
       formula::substitute(std::array{system.expression()}, formulas.graph(), system.variables(), z).front();

@@ -59,7 +59,7 @@ EulerBoxMap::EulerBoxMap(const MultisymplecticSystem& system, const grids::Grid&
       scratch_(row_),
       places_(system, grid, Within::node),
       evaluate_(system.hessian_code()),
-      value_(system.value_code()) {
+      formulas_(system, grid) {
   if (system.directions() != grid.dimensions()) {
     throw std::invalid_argument(
         fmt::format("the system has {} space direction(s), the grid {}", system.directions(), grid.dimensions()));
@@ -78,19 +78,38 @@ Status EulerBoxMap::start(grids::FieldSet& fields) {
 }
 
 Status EulerBoxMap::advance(double h, const grids::FieldSet& before, grids::FieldSet& after) {
-  after.copy_from(before);
-  for (const Kick& entry : kicks_) {
-    evaluate_row(entry.code, before);
-    add_differences(entry.row, before);
-    kick_and_renew(entry, h, after);
+  for (Kick& entry : kicks_) {
+    formulas_.read(entry.step, h, 0.0, before, after);
+    double* const out[] = {after.field(entry.column).data()};
+    const auto take = [&](std::size_t begin, std::size_t end) { entry.step(begin, end, out); };
+    if (is_renewed(entry.column)) {
+      grids::compute_and_refresh(after, std::span(&entry.column, 1), halo_.planes, take);
+    } else {
+      take(0, grid_.size());
+    }
+    ++evaluations_;
   }
-  for (const LocalSolve& solve : solves_) {
-    if (const Status status = run(solve, h, before, after); status != Status::success) {
+  for (LocalSolve& solve : solves_) {
+    if (const Status status = step(solve, h, before, after); status != Status::success) {
       return status;
     }
     renew(solve.field, after);
   }
   return Status::success;
+}
+
+/// What the row makes of its field: at once, or by iteration.
+Status EulerBoxMap::step(LocalSolve& solve, double h, const grids::FieldSet& before, grids::FieldSet& after) {
+  if (!solve.is_affine) {
+    std::ranges::copy(before.field(solve.field), after.field(solve.field).begin());
+    return run(solve, h, before, after);
+  }
+  const double slope = system_.constant_hessian()(solve.row, solve.field) + solve.rate / h;
+  formulas_.read(solve.step, h, 1.0 / slope, before, after);
+  double* const out[] = {after.field(solve.field).data()};
+  solve.step(out);
+  ++evaluations_;
+  return std::isfinite(grids::max_abs(std::as_const(after).field(solve.field))) ? Status::success : Status::undefined;
 }
 
 Status EulerBoxMap::tangent(double h, const grids::FieldSet& before, const grids::FieldSet& after,
@@ -139,21 +158,9 @@ void EulerBoxMap::residual(double h, const grids::FieldSet& before, const grids:
 }
 
 double EulerBoxMap::energy(const grids::FieldSet& fields) {
-  const auto density = row_.field(0);
-  double* const out[] = {density.data()};
-  value_(grid_.size(), places_.after(fields.pointers(), inputs_), out);
-  for (int a = 0; a < grid_.dimensions(); ++a) {
-    const auto& plus = system_.structure().K_plus[static_cast<std::size_t>(a)];
-    for (int r = 0; r < system_.field_count(); ++r) {
-      for (int c = 0; c < system_.field_count(); ++c) {
-        if (plus(r, c) != 0.0) {
-          grids::apply(grid_, difference_along(a), fields.field(c).data(), scratch_.field(0).data());
-          add_product(-plus(r, c), fields.field(r), scratch_.field(0), density);
-        }
-      }
-    }
-  }
-  return grid_.cell_volume() * grids::sum(density);
+  formulas_.read(energy_, 1.0, 0.0, fields, fields);
+  energy_(row_.pointers());
+  return grid_.cell_volume() * grids::sum(std::as_const(row_).field(0));
 }
 
 /// Finds an order in which each equation of a level has one unknown, which it holds at the node itself.
@@ -172,7 +179,7 @@ void EulerBoxMap::plan() {
         refuse(fmt::format("its part M+ of M couples {} to more than one field",
                            system_.fields()[static_cast<std::size_t>(r)]));
       }
-      kicks_.push_back({r, c, M_plus(r, c)});
+      kicks_.push_back({.row = r, .column = c, .value = M_plus(r, c), .step = {}});
       known[static_cast<std::size_t>(c)] = true;
       used[static_cast<std::size_t>(r)] = true;
     }
@@ -202,7 +209,7 @@ void EulerBoxMap::order_solves(std::vector<bool> known, std::vector<bool> used, 
         }
       }
       if (!used[static_cast<std::size_t>(r)] && unknown.size() == 1 && !across(r, unknown[0])) {
-        solves.push_back({r, unknown[0], rate_of(r, unknown[0])});
+        solves.push_back({.row = r, .field = unknown[0], .rate = rate_of(r, unknown[0]), .step = {}});
         known[static_cast<std::size_t>(unknown[0])] = used[static_cast<std::size_t>(r)] = progress = true;
       }
     }
@@ -318,13 +325,18 @@ void EulerBoxMap::compile() {
   };
   for (Kick& kick : kicks_) {
     kick.code = add(kick.row, std::nullopt);
+    kick.step = formulas_.kick(kick.row, kick.column, kick.value);
   }
   for (auto* solves : {&start_solves_, &solves_}) {
     for (LocalSolve& solve : *solves) {
       solve.is_affine = varying_entry(solve.row, solve.field) < 0;
       solve.code = add(solve.row, solve.is_affine ? std::nullopt : std::optional(solve.field));
+      if (solve.is_affine) {
+        solve.step = formulas_.solve(solve.row, solve.field);
+      }
     }
   }
+  energy_ = formulas_.energy();
 }
 
 /// row_ = ∇S of one row, and S'' with the field that it gives into derivative_ if that varies.

@@ -6,6 +6,7 @@
 #include <rubato/formula/batch.hpp>
 #include <rubato/grids/field_set.hpp>
 #include <rubato/grids/grid.hpp>
+#include <rubato/pde/euler_box_formulas.hpp>
 #include <rubato/pde/initial_level.hpp>
 #include <rubato/pde/multisymplectic_system.hpp>
 #include <rubato/pde/placed_coordinates.hpp>
@@ -54,6 +55,7 @@ private:
     int column = 0;
     double value = 0.0;
     std::size_t code = 0;  ///< of codes_
+    NodeCode step;         ///< what the field becomes
   };
   /// The equation of `row` at one level gives `field` there, node by node; `rate` is the entry of M₊ that multiplies
   /// its increment (0 for a constraint).
@@ -63,6 +65,7 @@ private:
     double rate = 0.0;
     std::size_t code = 0;   ///< of codes_
     bool is_affine = true;  ///< S'' of the row with the field is constant
+    NodeCode step;          ///< then what the field becomes
   };
 
   /// ∂S/∂z of one row, and S'' of the row with the field that it gives if that varies.
@@ -93,6 +96,7 @@ private:
   void add_differences(int row, const grids::FieldSet& fields);
   void kick(const Kick& kick, double h, grids::FieldSet& fields, std::size_t begin, std::size_t end) const;
   void kick_and_renew(const Kick& entry, double h, grids::FieldSet& fields) const;
+  [[nodiscard]] Status step(LocalSolve& solve, double h, const grids::FieldSet& before, grids::FieldSet& after);
   void correct(const LocalSolve& solve, const double* varying, double h, const grids::FieldSet& before,
                grids::FieldSet& fields);
   [[nodiscard]] bool is_rounding(const LocalSolve& solve, double h, const grids::FieldSet& before,
@@ -104,9 +108,11 @@ private:
   grids::FieldSet outputs_;                     ///< S, ∇S and the varying entries of S'' as last evaluated
   grids::FieldSet row_, derivative_, scratch_;  ///< of one row: the equation, S'' as RowCode has it
   PlacedCoordinates places_;
-  std::vector<const double*> inputs_;         ///< the fields, then the coordinates
-  formula::BatchEvaluator evaluate_, value_;  ///< all of them; S
-  std::vector<RowCode> codes_;                ///< what kicks and solves take
+  std::vector<const double*> inputs_;  ///< the fields, then the coordinates
+  formula::BatchEvaluator evaluate_;   ///< all of outputs_
+  EulerBoxFormulas formulas_;
+  NodeCode energy_;
+  std::vector<RowCode> codes_;  ///< what kicks and solves take
   std::vector<Kick> kicks_;
   std::vector<LocalSolve> solves_, start_solves_;
   Halo halo_;

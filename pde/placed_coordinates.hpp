@@ -41,6 +41,8 @@ public:
   [[nodiscard]] std::vector<const double*> after(std::span<const double* const> fields) const;
   std::span<const double* const> after(std::span<const double* const> fields, std::vector<const double*>& inputs) const;
   ///@}
+  /// One field for each coordinate.
+  [[nodiscard]] const grids::FieldSet& values() const { return values_; }
   [[nodiscard]] double value(std::size_t coordinate, std::size_t cell) const {
     return values_.field(static_cast<int>(coordinate))[cell];
   }

@@ -15,6 +15,7 @@
 #include <rubato/run/ensemble.hpp>
 
 #include "beside.hpp"
+#include "heap.hpp"
 #include "probe.hpp"
 #include "signals.hpp"
 #include "terminal.hpp"
@@ -140,6 +141,7 @@ void share_with(ranks::Communicator* ranks) {
 rubato::ExitStatus run(const RunCommand& command) {
   const rubato::Problem problem = rubato::read_problem(command.problem, command.settings);
   wait_briefly_for(problem, command.problem);
+  prepare_heap();
   rubato::RunOptions options;
   options.output = command.output;
   options.overwrite = command.force;

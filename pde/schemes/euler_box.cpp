@@ -54,7 +54,7 @@ public:
   [[nodiscard]] int iterations() const override { return iterations_; }
 
   void accept() override {
-    level_.fields.copy_from(trial_);
+    std::swap(level_.fields, trial_);
     here_ = std::exchange(there_, std::nullopt);
     iterations_ = 0;
   }

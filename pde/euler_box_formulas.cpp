@@ -1,0 +1,97 @@
+#include <rubato/pde/euler_box_formulas.hpp>
+
+#include <array>
+#include <numeric>
+
+#include <rubato/pde/matrix_terms.hpp>
+#include <rubato/pde/placed_coordinates.hpp>
+
+namespace rubato {
+
+namespace {
+
+using formula::Expression;
+using grids::SpaceOperator;
+
+/// Uniform numbers of the code.
+constexpr int number_of_h = 0, number_of_inverse = 1;
+constexpr int before = 0, after = 1;
+
+}  // namespace
+
+EulerBoxFormulas::EulerBoxFormulas(const MultisymplecticSystem& system, const grids::Grid& grid)
+    : system_(system),
+      formulas_(grid),
+      gradient_(formula::gradient(system.expression(),
+                                  std::span(system.variables()).first(static_cast<std::size_t>(system.field_count())))),
+      coordinates_(PlacedCoordinates(system, grid, Within::node).values()) {}
+
+std::vector<int> EulerBoxFormulas::arrays_of(int level) const {
+  std::vector<int> arrays(static_cast<std::size_t>(system_.field_count()));
+  std::iota(arrays.begin(), arrays.end(), level * system_.field_count());
+  return arrays;
+}
+
+std::vector<Expression> EulerBoxFormulas::values(const std::vector<int>& arrays) {
+  std::vector<Expression> z;
+  for (const int array : arrays) {
+    z.push_back(formulas_.node(array));
+  }
+  for (int c = 0; c < coordinates_.fields(); ++c) {
+    z.push_back(formulas_.node(2 * system_.field_count() + c));
+  }
+  return z;
+}
+
+Expression EulerBoxFormulas::row(int number, const std::vector<int>& arrays) {
+  Expression sum = formula::substitute(std::array{gradient_[static_cast<std::size_t>(number)]}, formulas_.graph(),
+                                       system_.variables(), values(arrays))
+                       .front();
+  for (int a = 0; a < system_.directions(); ++a) {
+    for (const MatrixTerm& term : terms_of(system_.structure().K_plus[static_cast<std::size_t>(a)])) {
+      const auto difference = [&](int field, const SpaceOperator& op) {
+        return formulas_.in_cell(op, arrays[static_cast<std::size_t>(field)]);
+      };
+      if (term.row == number) {
+        add_weighted(sum, -term.value, difference(term.column, SpaceOperator::forward_difference(a)));
+      }
+      if (term.column == number) {
+        add_weighted(sum, term.value, difference(term.row, SpaceOperator::backward_difference(a)));
+      }
+    }
+  }
+  return sum;
+}
+
+NodeCode EulerBoxFormulas::kick(int number, int column, double value) {
+  const Expression factor = 1.0 / value * formulas_.uniform(number_of_h);
+  return formulas_.code(std::array{formulas_.node(column) + factor * row(number, arrays_of(before))});
+}
+
+NodeCode EulerBoxFormulas::solve(int number, int field) {
+  std::vector<int> arrays = arrays_of(after);
+  arrays[static_cast<std::size_t>(field)] = field;  // of the level before
+  return formulas_.code(std::array{formulas_.node(field) - formulas_.uniform(number_of_inverse) * row(number, arrays)});
+}
+
+NodeCode EulerBoxFormulas::energy() {
+  const std::vector<Expression> z = values(arrays_of(before));
+  Expression density =
+      formula::substitute(std::array{system_.expression()}, formulas_.graph(), system_.variables(), z).front();
+  for (int a = 0; a < system_.directions(); ++a) {
+    for (const MatrixTerm& term : terms_of(system_.structure().K_plus[static_cast<std::size_t>(a)])) {
+      add_weighted(
+          density, -term.value,
+          z[static_cast<std::size_t>(term.row)] * formulas_.in_cell(SpaceOperator::forward_difference(a), term.column));
+    }
+  }
+  return formulas_.code(std::array{density});
+}
+
+void EulerBoxFormulas::read(NodeCode& code, double h, double inverse, const grids::FieldSet& lower,
+                            const grids::FieldSet& upper) const {
+  static const PotentialSlopes none;
+  code.read({&lower, &upper, &coordinates_}, std::array{h, inverse}, none);
+}
+
+}  // namespace rubato
