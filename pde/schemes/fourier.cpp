@@ -10,7 +10,7 @@ namespace rubato {
 
 namespace {
 
-/// One stage is the midpoint rule, with Newton's method and a node law; more are Gauss collocation.
+/// One stage is the midpoint rule, with a node law; more are Gauss collocation.
 class FourierMethod final : public LatticeMethod {
 public:
   explicit FourierMethod(int stages) : stages_(stages) {}
