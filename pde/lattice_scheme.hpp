@@ -70,11 +70,10 @@ public:
 ///
 /// Spectrally accurate in space, order 2 in time. Any number of cells: on even ones ∂ annihilates the Nyquist mode, on
 /// which the step's matrix then has the kernel that it has on the constant; it is held there too (StillWaves), and the
-/// first level has no Nyquist mode where a potential cannot. The step is one of Gauss collocation with one stage, solved
-/// wave by wave as those are (GaussSlab); where that fails by Newton's method, its linear systems in Fourier space, with
-/// GMRES where S'' varies much.
-/// \throws std::invalid_argument as make_box_scheme, but for the number of cells; `first` from initial_level() with
-/// Collocation::nodes
+/// first level has no Nyquist mode where a potential cannot. The step is one of Gauss collocation with one stage,
+/// solved wave by wave as those are (GaussSlab); where that fails by Newton's method, its linear systems in Fourier
+/// space, with GMRES where S'' varies much. \throws std::invalid_argument as make_box_scheme, but for the number of
+/// cells; `first` from initial_level() with Collocation::nodes
 [[nodiscard]] std::unique_ptr<LatticeScheme> make_fourier_scheme(const MultisymplecticSystem& system,
                                                                  const grids::Grid& grid, LatticeLevel first,
                                                                  double first_step);
