@@ -348,7 +348,7 @@ private:
     iterations_ = 0;
   }
 
-  /// What is added to the age of the energy's size in a record where the state of slab_ follows.
+  /// What is added to the age of the energy's size in a record where that of waves_ follows.
   static constexpr double waves_follow = 0.5;
 
   /// One stage of Gauss collocation is the midpoint rule: the step by iteration on what S leaves, wave by wave

@@ -217,9 +217,12 @@ public:
     grids::compute_and_refresh(after, moving_, reach, [&](std::size_t begin, std::size_t end) {
       for (std::size_t p = 0; p < pairs_.size(); ++p) {
         const auto& [u, v, m, row] = pairs_[p];
-        move(h * row.a / (m * m), m, momentum_at_rest_[p], h, before.fields.field(u).data(),
-             before.fields.field(v).data(), std::as_const(force_).field(static_cast<int>(p)).data(), begin, end,
-             after.field(u).data());
+        const double *const from = before.fields.field(u).data(), *const momentum = before.fields.field(v).data(),
+                            *const force = std::as_const(force_).field(static_cast<int>(p)).data();
+        double* const to = after.field(u).data();
+        grids::for_each_block(end - begin, grids::nodes_per_block, [&](std::size_t first, std::size_t last) {
+          move(h * row.a / (m * m), m, momentum_at_rest_[p], h, from, momentum, force, begin + first, begin + last, to);
+        });
       }
     });
     evaluate(before.fields, after, h, before.slopes, after);
