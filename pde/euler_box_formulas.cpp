@@ -15,7 +15,7 @@ using grids::SpaceOperator;
 
 /// Uniform numbers of the code.
 constexpr int number_of_h = 0, number_of_inverse = 1;
-constexpr int before = 0, after = 1;
+constexpr int lower_level = 0, upper_level = 1;
 
 }  // namespace
 
@@ -65,17 +65,17 @@ Expression EulerBoxFormulas::row(int number, const std::vector<int>& arrays) {
 
 NodeCode EulerBoxFormulas::kick(int number, int column, double value) {
   const Expression factor = 1.0 / value * formulas_.uniform(number_of_h);
-  return formulas_.code(std::array{formulas_.node(column) + factor * row(number, arrays_of(before))});
+  return formulas_.code(std::array{formulas_.node(column) + factor * row(number, arrays_of(lower_level))});
 }
 
 NodeCode EulerBoxFormulas::solve(int number, int field) {
-  std::vector<int> arrays = arrays_of(after);
+  std::vector<int> arrays = arrays_of(upper_level);
   arrays[static_cast<std::size_t>(field)] = field;  // of the level before
   return formulas_.code(std::array{formulas_.node(field) - formulas_.uniform(number_of_inverse) * row(number, arrays)});
 }
 
 NodeCode EulerBoxFormulas::energy() {
-  const std::vector<Expression> z = values(arrays_of(before));
+  const std::vector<Expression> z = values(arrays_of(lower_level));
   Expression density =
       formula::substitute(std::array{system_.expression()}, formulas_.graph(), system_.variables(), z).front();
   for (int a = 0; a < system_.directions(); ++a) {
