@@ -13,8 +13,8 @@ namespace rubato {
 /// The rows of a step of euler-box that give their field explicitly, and its energy, each as one formula of a node and
 /// its neighbours. With R(z) = ∇S - Σ_a (K₊δ_a⁺ - K₊ᵀδ_a⁻) z:
 ///
-///     kick:   z_c at the new level = z_c + h R_r(z)/M₊(r, c)              where M₊ has the entry (r, c),
-///     solve:  z_f at the new level = z_f - (R_r(z') - …)/(S''(r, f) + M₊(f, r)/h)   where S'' is constant there:
+///     kick:   z_c at the new level = z_c + h R_r(z)/M₊(r, c)                  where M₊ has the entry (r, c),
+///     solve:  z_f at the new level = z_f - R_r(z')/(S''(r, f) + M₊(f, r)/h)   where S'' is constant there:
 ///
 /// z' is the new level, in which z_f is still that of the old one, so that one correction is the solution.
 class EulerBoxFormulas {

@@ -56,15 +56,7 @@ public:
       return Status::success;  // any step is solved to rounding
     }
     const int counted = slab_->iterations();
-    bool continued = true;
-    if (trial_h() != 0.0 && near(h / trial_h())) {
-      slab_->continue_trial(h / trial_h());
-    } else if (forecast_.last_h() != 0.0 && near(h / forecast_.last_h())) {
-      slab_->continue_from(forecast_, h);
-    } else {
-      slab_->begin_at_level();
-      continued = false;
-    }
+    const bool continued = slab_->begin(forecast_, h, trial_h());
     forget_trial();
     const bool steady = GaussSlab::are_near(h, forecast_.last_h());  // of equal levels, after a resumption too
     Status status = slab_->solve(h, std::min(accuracy, tuning::loosest_trial), largest_, steady);
@@ -120,9 +112,6 @@ public:
   }
 
 private:
-  [[nodiscard]] static bool near(double ratio) {
-    return ratio > 1.0 / tuning::longest_continuation && ratio < tuning::longest_continuation;
-  }
   [[nodiscard]] double energy_at_end() const override { return slab_->energy_at_end(); }
 
   grids::FieldSet low_;  ///< the fields are level_.fields + low_

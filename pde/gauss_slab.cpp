@@ -20,6 +20,7 @@
 #include <rubato/pde/shared_slopes.hpp>
 #include <rubato/pde/tuning.hpp>
 #include <rubato/solve/small_matrices.hpp>
+#include <rubato/variation/tuning.hpp>
 
 namespace rubato {
 
@@ -322,6 +323,22 @@ void GaussSlab::add_middle_of_level(double factor, WaveRows& rests) const {
           rests.re.field(varying(term.row, i)).data(), rests.im.field(varying(term.row, i)).data());
     }
   }
+}
+
+bool GaussSlab::begin(RestForecast& forecast, double h, double trial) {
+  const auto is_near = [h](double other) {
+    const double ratio = other != 0.0 ? h / other : 0.0;
+    return ratio > 1.0 / tuning::longest_continuation && ratio < tuning::longest_continuation;
+  };
+  if (is_near(trial)) {
+    continue_trial(h / trial);
+  } else if (is_near(forecast.last_h())) {
+    continue_from(forecast, h);
+  } else {
+    begin_at_level();
+    return false;
+  }
+  return true;
 }
 
 void GaussSlab::continue_trial(double ratio) {

@@ -77,6 +77,9 @@ public:
   /// grow to h.
   ///@{
   void begin_at_level();
+  /// The nearest of these for a step of length h, `trial` that of the stages solved last from this level; 0: none were.
+  /// \return false if it is the level
+  bool begin(RestForecast& forecast, double h, double trial);
   void continue_trial(double ratio);
   void continue_from(RestForecast& forecast, double h);
   /// The stages solved last are those of a step of the run.

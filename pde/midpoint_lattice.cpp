@@ -358,18 +358,9 @@ private:
     if (!std::exchange(stands, true)) {
       slab.stand(level_.fields, &low_, level_.slopes);
     }
-    const auto is_near = [h](double other) {
-      return other != 0.0 && h / other > 1.0 / tuning::longest_continuation && h / other < tuning::longest_continuation;
-    };
     const int counted = slab.iterations();
     const bool steady = GaussSlab::are_near(h, forecast.last_h());
-    if (solved && is_near(trial_h_)) {
-      slab.continue_trial(h / trial_h_);
-    } else if (is_near(forecast.last_h())) {
-      slab.continue_from(forecast, h);
-    } else {
-      slab.begin_at_level();
-    }
+    slab.begin(forecast, h, solved ? trial_h_ : 0.0);
     const Status status = slab.solve(h, std::min(accuracy, tuning::loosest_trial), largest_, steady);
     iterations_ += slab.iterations() - counted;
     solved = status == Status::success;

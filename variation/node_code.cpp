@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
+#include <set>
 #include <stdexcept>
 
 #include <fmt/format.h>
@@ -28,14 +29,14 @@ std::size_t moved(std::size_t i, int by, std::size_t of) {
 NodeCode::NodeCode(std::span<const formula::Expression> outputs, std::span<const NodeInput> inputs,
                    const grids::Grid& grid)
     : cells_{grid.cells(0), grid.cells(1), grid.cells(2)}, outputs_(outputs.size()) {
+  std::set<std::size_t> read;
+  for (const formula::Expression& output : outputs) {
+    const auto numbers = formula::variables_of(output);
+    read.insert(numbers.begin(), numbers.end());
+  }
   std::vector<formula::Expression> variables;
   for (const NodeInput& input : inputs) {
-    const auto reads = [&](const formula::Expression& output) {
-      const auto numbers = formula::variables_of(output);
-      const auto own = formula::variables_of(input.variable);
-      return std::ranges::binary_search(numbers, own.front());
-    };
-    if (std::ranges::any_of(outputs, reads)) {
+    if (read.contains(formula::variables_of(input.variable).front())) {
       inputs_.push_back(input);
       variables.push_back(input.variable);
     }

@@ -36,9 +36,7 @@ NodeVariation::NodeVariation(LatticeAction action, const grids::Grid& grid)
                                             action_.dimensions, grid.dimensions()));
   }
   for (const StencilOperator& op : action_.operators) {
-    if (op.space.spectral_axis >= 0) {
-      throw std::invalid_argument("a spectral derivative reads all nodes, not the neighbours of one");
-    }
+    static_cast<void>(formulas_.weights(op.space));  // which says what is wrong with it
   }
   h_ = formulas_.uniform(number_of_h);
   rate_ = formulas_.uniform(number_of_rate);
@@ -84,10 +82,7 @@ Expression NodeVariation::value(const LatticeAction::Value& value, Offset cell, 
     return formulas_.graph().constant(0.0);
   }
   const auto at = [&](Level level) { return in_space(level, value.field, op.space, cell, !is_difference); };
-  if (motion == Motion::none) {
-    return at(Level::after);
-  }
-  if (in_slab || op.time == InTime::after) {
+  if (motion == Motion::none || in_slab || op.time == InTime::after) {
     return at(Level::after);
   }
   if (op.time == InTime::before) {
@@ -96,20 +91,25 @@ Expression NodeVariation::value(const LatticeAction::Value& value, Offset cell, 
   return is_difference ? rate_ * (at(Level::after) - at(Level::before)) : 0.5 * (at(Level::before) + at(Level::after));
 }
 
-/// ∂L/∂(L_o z) in a cell, in the values of nodes.
+/// Formulas of the action's variables in a cell, in the values of nodes.
+std::vector<Expression> NodeVariation::in_nodes(std::span<const Expression> formulas, Offset cell, Motion motion) {
+  std::vector<Expression> from, to;
+  for (const LatticeAction::Value& v : action_.values) {
+    from.push_back(v.variable);
+    to.push_back(value(v, cell, motion));
+  }
+  for (std::size_t j = 0; j < action_.places.size(); ++j) {
+    from.push_back(action_.places[j].variable);
+    to.push_back(place(j, cell));
+  }
+  return formula::substitute(formulas, formulas_.graph(), from, to);
+}
+
+/// ∂L/∂(L_o z) in a cell.
 std::span<const Expression> NodeVariation::derivatives_in(Offset cell, Motion motion) {
   const auto [found, is_new] = in_cells_.try_emplace({cell, motion});
   if (is_new) {
-    std::vector<Expression> from, to;
-    for (const LatticeAction::Value& v : action_.values) {
-      from.push_back(v.variable);
-      to.push_back(value(v, cell, motion));
-    }
-    for (std::size_t j = 0; j < action_.places.size(); ++j) {
-      from.push_back(action_.places[j].variable);
-      to.push_back(place(j, cell));
-    }
-    found->second = formula::substitute(derivatives_, formulas_.graph(), from, to);
+    found->second = in_nodes(derivatives_, cell, motion);
   }
   return found->second;
 }
@@ -153,16 +153,7 @@ NodeVariation::AtRest NodeVariation::at_rest(int field) {
 }
 
 Expression NodeVariation::energy() {
-  std::vector<Expression> from, to;
-  for (const LatticeAction::Value& v : action_.values) {
-    from.push_back(v.variable);
-    to.push_back(value(v, {}, Motion::between_levels));
-  }
-  for (std::size_t j = 0; j < action_.places.size(); ++j) {
-    from.push_back(action_.places[j].variable);
-    to.push_back(place(j, {}));
-  }
-  return formula::substitute(std::array{action_.energy()}, formulas_.graph(), from, to).front();
+  return in_nodes(std::array{action_.energy()}, {}, Motion::between_levels).front();
 }
 
 void NodeVariation::read(NodeCode& code, const grids::FieldSet& before, const grids::FieldSet& after, double h,

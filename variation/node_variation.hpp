@@ -67,6 +67,8 @@ private:
                                              bool with_slope);
   [[nodiscard]] formula::Expression value(const LatticeAction::Value& value, Offset cell, Motion motion);
   [[nodiscard]] formula::Expression place(std::size_t number, Offset cell);
+  [[nodiscard]] std::vector<formula::Expression> in_nodes(std::span<const formula::Expression> formulas, Offset cell,
+                                                          Motion motion);
   [[nodiscard]] std::span<const formula::Expression> derivatives_in(Offset cell, Motion motion);
   /// Of differences in time, and of all else without h.
   [[nodiscard]] AtRest parts(Level level, int field, Motion motion);
