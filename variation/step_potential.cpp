@@ -4,6 +4,7 @@
 #include <cmath>
 #include <iterator>
 #include <limits>
+#include <set>
 #include <span>
 #include <vector>
 
@@ -215,7 +216,8 @@ private:
   /// Potentials of one sign whose part of the energy is at most `limit`.
   [[nodiscard]] std::vector<StepPotential> potentials(double sign, double limit) const {
     std::vector<StepPotential> all;
-    for (const double exponent : {s_ + 1.0, s_ + 2.0, s_ + 4.0, 2.0 * s_ + 2.0, 3.0 * s_, 4.0 * s_}) {
+    const std::set<double> exponents = {s_ + 1.0, s_ + 2.0, s_ + 4.0, 2.0 * s_ + 2.0, 3.0 * s_, 4.0 * s_};
+    for (const double exponent : exponents) {
       for (double kappa = kappa_limit_; kappa >= least_kappa; kappa /= kappa_ratio) {
         const StepPotential potential = made(std::copysign(largest_, sign), kappa, exponent);
         if (std::abs(potential.energy(scouting_.step)) > limit) {

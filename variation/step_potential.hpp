@@ -80,6 +80,8 @@ struct Scouting {
 /// theory, section 9): with D = E - H(z_k),
 ///
 ///     (s+1) h^s η + f'(h) = D,    D ← D + h^s Δη.
+///
+/// Where η hardly changes from one step to the next, many steps that are alike are taken at once.
 struct LevelForecast {
   bool complete = false;  ///< every level exists and is well determined, and steps change slowly
   double steps = 0.0;     ///< needed for the scouted stretch

@@ -148,6 +148,13 @@ inline constexpr double dear = 2.0;
 
 // The choice of a step potential (step_potential.cpp)
 
+/// A forecast goes on in strides of steps that are alike: so many to a stretch between two steps of the scout, over
+/// which η changes by a tenth or so, and to a turn of what is made of it.
+inline constexpr double strides_in_piece = 8.0, strides_in_turn = 128.0;
+/// Between the ends of a stride, relative; else it was too long, and steps go on one by one.
+inline constexpr double alike_change = 0.03;
+/// A step of a forecast is solved for when Newton's method moves it by no more than this part of itself.
+inline constexpr double last_forecast_move = 1e-5;
 /// |ln(h_{k+1}/h_k)| up to which the levels' leading order is believed.
 inline constexpr double believed_change = 0.2;
 /// The levels have to exist for an η that much larger, too: the orbit will meet what the scout did not.
