@@ -17,12 +17,16 @@ namespace {
 /// Σ of the digits of scale·x, in units of 1, 2^-28, 2^-56, 2^-84, 2^-112. Hypothesis: |scale·x| < 2^27.
 /// Adding 1.5·2^52 units rounds to units (to an even number of them where two are as near), whatever was added before;
 /// all else is exact, and sums of less than 2^26 digits are.
-RUBATO_WIDE_VECTORS void add_digits(const double* values, std::size_t count, double scale, double* sums) {
+template <bool squared>
+[[gnu::always_inline]] inline void add_digits_of(const double* values, std::size_t count, double scale, double* sums) {
   constexpr std::size_t lanes = 8;
   EightLanes sum_0 = {}, sum_1 = {}, sum_2 = {}, sum_3 = {}, sum_4 = {};
   const auto take = [&](const double* from, std::size_t some) __attribute__((always_inline)) {
     EightLanes rest = {};
     std::memcpy(&rest, from, some * sizeof(double));
+    if constexpr (squared) {
+      rest *= rest;
+    }
     rest *= scale;
     const auto add_digit = [&rest](EightLanes & sum, double shift) __attribute__((always_inline)) {
       const EightLanes digit = (rest + shift) - shift;
@@ -50,6 +54,13 @@ RUBATO_WIDE_VECTORS void add_digits(const double* values, std::size_t count, dou
   sums[2] = total(sum_2);
   sums[3] = total(sum_3);
   sums[4] = total(sum_4);
+}
+
+RUBATO_WIDE_VECTORS void add_digits(const double* terms, std::size_t count, double scale, double* sums) {
+  add_digits_of<false>(terms, count, scale, sums);
+}
+RUBATO_WIDE_VECTORS void add_digits_of_squares(const double* values, std::size_t count, double scale, double* sums) {
+  add_digits_of<true>(values, count, scale, sums);
 }
 
 /// 2^exponent. Hypothesis: -1022 ≤ exponent ≤ 1023.
@@ -91,6 +102,31 @@ void DigitSum::add(std::span<const double> terms) {
     }
     return;  // what else there is does not matter any more
   }
+  add_finite<false>(terms, largest);
+}
+
+double DigitSum::add_squares(std::span<const double> values) {
+  constexpr std::size_t cached = 2048;  // in the first level, as they are read twice
+  double largest_of_all = 0.0;
+  for (; !values.empty(); values = values.subspan(std::min(cached, values.size()))) {
+    const std::span<const double> some = values.first(std::min(cached, values.size()));
+    double poison = 0.0;
+    const double largest = largest_magnitude(some.data(), some.size(), poison);
+    if (poison != 0.0 || !std::isfinite(largest * largest)) {
+      for (const double value : some) {
+        undefined_ = std::isfinite(value * value) ? undefined_ : sum_of_undefined(undefined_, value * value);
+      }
+    } else {
+      largest_of_all = std::max(largest_of_all, largest);
+      add_finite<true>(some, largest * largest);
+    }
+  }
+  return largest_of_all;
+}
+
+/// Hypothesis: no more than 2^25 terms, the largest of which this is.
+template <bool squared>
+void DigitSum::add_finite(std::span<const double> terms, double largest) {
   if (largest == 0.0) {
     return;
   }
@@ -98,7 +134,8 @@ void DigitSum::add(std::span<const double> terms) {
   const int exponent = static_cast<int>(std::bit_cast<std::uint64_t>(largest) >> 52) - 1022;
   raise(std::max(lowest, (exponent - lowest * width) / width + lowest));
   std::array<double, digits> sums{};
-  add_digits(terms.data(), terms.size(), power_of_two(-width * top_), sums.data());
+  const auto add_all = squared ? add_digits_of_squares : add_digits;
+  add_all(terms.data(), terms.size(), power_of_two(-width * top_), sums.data());
   for (std::size_t d = 0; d < sums.size(); ++d) {
     digits_[d] += static_cast<std::int64_t>(sums[d] * inverse_units[d]);
   }

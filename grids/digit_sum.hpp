@@ -18,6 +18,8 @@ public:
   static constexpr int width = 28, digits = 5;
 
   void add(std::span<const double> terms);
+  /// The squares, each rounded, of so many values. \return the largest magnitude of these, if all squares are finite
+  double add_squares(std::span<const double> values);
   void add(const DigitSum& other);
   /// The sum; with infinite terms that infinity, or NaN.
   [[nodiscard]] double value() const;
@@ -33,6 +35,8 @@ private:
   /// All numbers are multiples of the last unit of this, and smaller than half of what would be above its first.
   static constexpr int lowest = -36;
   void raise(int top);
+  template <bool squared>
+  void add_finite(std::span<const double> values, double largest);
 
   int top_ = lowest;  ///< digit d counts 2^(28 (top - d)); all terms are smaller than half of 2^(28 (top + 1))
   std::array<std::int64_t, digits> digits_{};

@@ -1,6 +1,8 @@
 #include <rubato/grids/reductions.hpp>
 
 #include <algorithm>
+#include <array>
+#include <cmath>
 #include <cstring>
 #include <iterator>
 
@@ -146,9 +148,15 @@ void max_abs(std::span<const std::span<const double>> rows, std::span<double> la
 namespace {
 
 Spread magnitudes_here(std::span<const double> values) {
-  const double squares = dot(values, values);
+  const ReductionBlocks pieces(values.size());
+  std::array<double, ReductionBlocks::most> largest_of;
+  const std::span largest = std::span(largest_of).first(std::max<std::size_t>(pieces.blocks, 1));
+  std::ranges::fill(largest, 0.0);
+  const double squares = detail::sum_of_pieces(values.size(), [&](DigitSum& sum, std::size_t begin, std::size_t end) {
+                           largest[begin / pieces.block] = sum.add_squares(values.subspan(begin, end - begin));
+                         }).value();
   if (std::isfinite(squares)) {
-    return Spread::of_magnitudes(max_abs(values), squares, static_cast<double>(values.size()), 0.0);
+    return Spread::of_magnitudes(*std::ranges::max_element(largest), squares, static_cast<double>(values.size()), 0.0);
   }
   Spread spread;
   for (const double value : values) {

@@ -464,7 +464,14 @@ Spread EdgeLaws::multisymplectic_residual(const TangentLevels& u, const TangentL
 
 std::unique_ptr<LawEvaluator> make_edge_laws(LawTables tables, Collocation collocation,
                                              std::shared_ptr<StageSource> stages) {
-  return std::make_unique<EdgeLaws>(std::move(tables), collocation, std::move(stages));
+  const auto make = [collocation](LawTables of, std::shared_ptr<StageSource> over) -> std::unique_ptr<LawEvaluator> {
+    return std::make_unique<EdgeLaws>(std::move(of), collocation, std::move(over));
+  };
+  if (stages != nullptr || collocation.has_elements()) {
+    return make(std::move(tables), std::move(stages));
+  }
+  return make_compact_laws(std::move(tables), collocation,
+                           [make](LawTables of) { return make(std::move(of), nullptr); });
 }
 
 }  // namespace rubato

@@ -1,69 +1,63 @@
-#include <algorithm>
+#include <array>
 #include <stdexcept>
 #include <utility>
 
-#include <rubato/grids/arrays.hpp>
 #include <rubato/grids/reductions.hpp>
-#include <rubato/grids/stencil.hpp>
 #include <rubato/pde/lattice_actions.hpp>
+#include <rubato/pde/law_codes.hpp>
 #include <rubato/pde/law_evaluator.hpp>
-#include <rubato/pde/same_bits.hpp>
 #include <rubato/variation/lattice_variation.hpp>
+#include <rubato/variation/node_variation.hpp>
 
 namespace rubato {
 
 namespace {
 
+using formula::Expression;
 using grids::FieldSet;
+using Level = NodeVariation::Level;
 
 /// The laws of euler-box: forward differences of the currents J^ν_ρ that its action has by variation, at the base
-/// corners. J^ν_t reads one level alone. The law of two tangent solutions is its two-form at a node between two slabs.
+/// corners, in two passes: the fluxes in space, then residuals. J^ν_t reads one level alone. The law of two tangent
+/// solutions is its two-form at a node between two slabs.
 class EulerBoxLaws final : public LawEvaluator {
 public:
   explicit EulerBoxLaws(LawTables tables)
-      : tables_(std::move(tables)),
-        variation_(euler_box_action(tables_.system), tables_.grid),
-        stencil_(tables_.grid),
-        known_(tables_.d, tables_.grid.size()),
-        density_(static_cast<int>(tables_.names.size()), tables_.grid.size()),
-        symmetries_(static_cast<int>(tables_.names.size()) - tables_.directions, tables_.grid.size()),
-        sum_(density_),
-        sources_(tables_.system.coordinates().empty() ? 0 : tables_.directions, tables_.grid.size()),
-        scratch_(1, tables_.grid.size()) {}
+      : tables_(std::move(tables)), variation_(euler_box_action(tables_.system), tables_.grid) {
+    find_currents();
+    const std::vector<Expression> before = currents(LawTables::time);
+    std::vector<Expression> sums = at_upper_level(before);
+    codes_.density = variation_.code(sums);
+    for (std::size_t law = 0; law < sums.size(); ++law) {
+      sums[law] = variation_.rate() * (sums[law] - before[law]);
+    }
+    const std::vector<Expression> fluxes = LawCodes::add_differences(
+        tables_.grid.dimensions(), [&](int a) { return currents(1 + a); },
+        [&](int array, int a) { return variation_.difference_of_other(array, a); }, sums);
+    codes_.fluxes = variation_.code(fluxes);
+    codes_.of_fluxes = FieldSet(static_cast<int>(fluxes.size()), tables_.grid.size());
+    for (const LatticeAction::Place& place : variation_.action().places) {
+      sums[static_cast<std::size_t>(1 + place.axis)] += variation_.by_place(place);
+    }
+    codes_.residuals = variation_.code(sums);
+  }
 
   [[nodiscard]] const LawTables& tables() const override { return tables_; }
 
   std::vector<Spread> residuals(const LatticeLevel& before, const LatticeLevel& after, double h,
                                 std::span<double* const> residuals) override {
-    take_level(after);
-    for (int l = 0; l < sum_.fields(); ++l) {
-      grids::combine(1.0 / h, std::as_const(density_).field(l), 0.0, std::as_const(density_).field(l), sum_.field(l));
-    }
-    variation_.take(before.fields, after.fields, h);
-    slab_is_whole_ = after.slopes.of_field.empty();
-    for_each_current(LawTables::time, before.fields,
-                     [&](int l, std::span<const double> current) { grids::add(-1.0 / h, current, sum_.field(l)); });
-    for (int mu = 1; mu < tables_.directions; ++mu) {
-      for_each_current(mu, before.fields, [&](int l, std::span<const double> current) {
-        stencil_.apply(along(mu), current.data(), scratch_.field(0).data());
-        grids::add(1.0, scratch_.field(0), sum_.field(l));
-      });
-    }
-    if (!tables_.system.coordinates().empty()) {
-      variation_.sources(sources_);
-      for (int nu = 1; nu < tables_.directions; ++nu) {
-        grids::add(1.0, std::as_const(sources_).field(nu), sum_.field(nu));
-      }
-    }
-    return tell_residuals(sum_, residuals);
+    const auto read = [&](NodeCode& code) {
+      variation_.read(code, before.fields, after.fields, h, after.slopes, codes_.of_fluxes);
+    };
+    return codes_.take(tables_.grid, tables_.names.size(), read, residuals);
   }
 
   std::vector<double> totals(const LatticeLevel& level) override {
-    take_level(level);
-    return grids::integrals(tables_.grid, density_);
+    const auto read = [&](NodeCode& code) {
+      variation_.read(code, level.fields, level.fields, 1.0, level.slopes, codes_.of_fluxes);
+    };
+    return codes_.totals(tables_.grid, tables_.names.size(), read);
   }
-
-  [[nodiscard]] LatticeVariation* slab() override { return slab_is_whole_ ? &variation_ : nullptr; }
 
   Spread multisymplectic_residual(const TangentLevels& u, const TangentLevels& v, double h, double* residual) override {
     if (u.earlier == nullptr || v.earlier == nullptr) {
@@ -94,42 +88,57 @@ public:
   }
 
 private:
-  static grids::SpaceOperator along(int mu) { return grids::SpaceOperator::forward_difference(mu - 1); }
-
-  /// use(l, J_μ of law l) of the slab that was taken, z at its lower level.
-  template <typename Use>
-  void for_each_current(int mu, const FieldSet& z, const Use& use) {
-    const FieldSet& currents = variation_.currents();
-    for (int nu = 0; nu < tables_.directions; ++nu) {
-      use(nu, currents.field(nu * tables_.directions + mu));
-    }
-    tables_.symmetry_currents(mu, z.size(), z.pointers(), {}, symmetries_.pointers());
-    for (int l = 0; l < symmetries_.fields(); ++l) {
-      use(tables_.directions + l, std::as_const(symmetries_).field(l));
+  /// J^ν_ρ, the sum over the parts of the action.
+  void find_currents() {
+    for (const LatticeAction::Part& part : variation_.action().parts) {
+      const std::vector<Expression> of_part = variation_.currents(part);
+      for (std::size_t i = 0; i < of_part.size(); ++i) {
+        if (currents_.size() <= i) {
+          currents_.push_back(of_part[i]);
+        } else {
+          currents_[i] += of_part[i];
+        }
+      }
     }
   }
-
-  /// J_t of a level, which needs no other, into density_: once for the step that leads there and its totals.
-  void take_level(const LatticeLevel& level) {
-    if (std::exchange(is_known_, true) && same_bits(std::as_const(known_).all(), level.fields.all())) {
-      return;
+  /// J_μ of all laws, of symmetries with z at the lower level.
+  [[nodiscard]] std::vector<Expression> currents(int mu) {
+    std::vector<Expression> sums(tables_.names.size());
+    for (int nu = 0; nu < tables_.directions; ++nu) {
+      sums[static_cast<std::size_t>(nu)] = currents_[static_cast<std::size_t>(nu * tables_.directions + mu)];
     }
-    slab_is_whole_ = false;
-    variation_.take(level.fields, level.fields, 1.0);
-    for_each_current(LawTables::time, level.fields, [&](int l, std::span<const double> current) {
-      std::ranges::copy(current, density_.field(l).begin());
-    });
-    known_.copy_from(level.fields);
+    for (const LawTerm& term : tables_.terms_of_currents(mu, false)) {
+      if (term.law >= static_cast<std::size_t>(tables_.directions)) {
+        const Expression left = variation_.node(Level::before, term.left.field);
+        add_weighted(sums[term.law], term.factor,
+                     term.right ? left * variation_.node(Level::before, term.right->field) : left);
+      }
+    }
+    for (Expression& sum : sums) {
+      sum = sum.valid() ? sum : variation_.graph().constant(0.0);
+    }
+    return sums;
+  }
+  /// The same with the upper level in the lower one's place.
+  [[nodiscard]] std::vector<Expression> at_upper_level(std::span<const Expression> of_lower) {
+    std::vector<Expression> from, to;
+    for (int f = 0; f < tables_.d; ++f) {
+      for (int a = -1; a < tables_.grid.dimensions(); ++a) {
+        std::array<int, 3> offset{};
+        if (a >= 0) {
+          offset[static_cast<std::size_t>(a)] = 1;
+        }
+        from.push_back(variation_.node(Level::before, f, offset));
+        to.push_back(variation_.node(Level::after, f, offset));
+      }
+    }
+    return formula::substitute(of_lower, variation_.graph(), from, to);
   }
 
   LawTables tables_;
-  LatticeVariation variation_;
-  grids::Stencil stencil_;
-  FieldSet known_;                       ///< the level that density_ is of
-  FieldSet density_, symmetries_, sum_;  ///< J_t of each law; J_μ of the symmetries; residuals
-  FieldSet sources_, scratch_;           ///< ∂L/∂x^ν, where S names coordinates
-  bool is_known_ = false;
-  bool slab_is_whole_ = false;  ///< variation_ is of the step that residuals() was asked for last
+  NodeVariation variation_;
+  std::vector<Expression> currents_;  ///< J^ν_ρ in ν·(1 + dimensions) + ρ
+  LawCodes codes_;
 };
 
 }  // namespace

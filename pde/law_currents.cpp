@@ -8,9 +8,14 @@ namespace rubato {
 namespace {
 
 /// out += factor·left·right.
-void add_term(double factor, const double* left, const double* right, std::size_t count, double* out) {
+void add_product(double factor, const double* left, const double* right, std::size_t count, double* out) {
   for (std::size_t c = 0; c < count; ++c) {
     out[c] += factor * left[c] * right[c];
+  }
+}
+void add(double factor, const double* left, std::size_t count, double* out) {
+  for (std::size_t c = 0; c < count; ++c) {
+    out[c] += factor * left[c];
   }
 }
 
@@ -23,54 +28,78 @@ std::vector<Spread> tell_residuals(const grids::FieldSet& of_laws, std::span<dou
   return grids::magnitudes(of_laws);
 }
 
-void LawTables::currents(int mu, std::size_t count, const LawPoints& points, std::span<double* const> out) const {
-  const std::span<const double* const> partner = points.partner.empty() ? points.z : points.partner;
-  const auto derivative = [&](int f, int nu) {
-    return points.derivatives[static_cast<std::size_t>(f)][static_cast<std::size_t>(nu)];
-  };
+std::vector<LawTerm> LawTables::terms_of_currents(int mu, bool has_partner) const {
+  using Kind = LawQuantity::Kind;
+  const Kind partner = has_partner ? Kind::partner : Kind::field;
+  std::vector<LawTerm> terms;
   for (int nu = 0; nu < directions; ++nu) {
-    double* to = out[static_cast<std::size_t>(nu)];
+    const auto law = static_cast<std::size_t>(nu);
     if (nu != mu) {
-      std::fill_n(to, count, 0.0);
       for (const MatrixTerm& term : plus[static_cast<std::size_t>(mu)]) {
-        add_term(-term.value, derivative(term.row, nu), partner[static_cast<std::size_t>(term.column)], count, to);
+        terms.push_back({law, -term.value, {Kind::derivative, term.row, nu}, LawQuantity{partner, term.column}});
       }
       continue;
     }
-    std::copy_n(points.S, count, to);
+    terms.push_back({.law = law, .left = {Kind::S}});
     for (int other = 0; other < directions; ++other) {
-      if (other != nu) {
-        for (const MatrixTerm& term : plus[static_cast<std::size_t>(other)]) {
-          add_term(term.value, derivative(term.row, other), points.z[static_cast<std::size_t>(term.column)], count, to);
+      for (const MatrixTerm& term : plus[static_cast<std::size_t>(other)]) {
+        if (other != nu) {
+          terms.push_back(
+              {law, term.value, {Kind::derivative, term.row, other}, LawQuantity{Kind::field, term.column}});
         }
       }
     }
   }
-  symmetry_currents(mu, count, points.z, points.partner, out.subspan(static_cast<std::size_t>(directions)));
+  auto law = static_cast<std::size_t>(directions);
+  for (const auto& symmetry : has_partner ? quadratic_plus : quadratic) {
+    for (const MatrixTerm& term : symmetry[static_cast<std::size_t>(mu)]) {
+      terms.push_back({law, term.value, {Kind::field, term.row}, LawQuantity{partner, term.column}});
+    }
+    ++law;
+  }
+  for (const auto& symmetry : linear) {
+    for (const MatrixTerm& term : symmetry[static_cast<std::size_t>(mu)]) {
+      terms.push_back({law, term.value, {Kind::field, term.column}});
+    }
+    ++law;
+  }
+  return terms;
+}
+
+void LawTables::currents(int mu, std::size_t count, const LawPoints& points, std::span<double* const> out) const {
+  add_terms(mu, 0, count, points, out);
 }
 
 void LawTables::symmetry_currents(int mu, std::size_t count, std::span<const double* const> z,
                                   std::span<const double* const> partner, std::span<double* const> out) const {
-  const auto direction = static_cast<std::size_t>(mu);
-  std::size_t law = 0;
-  for (const auto& symmetry : partner.empty() ? quadratic : quadratic_plus) {
-    double* to = out[law++];
-    std::fill_n(to, count, 0.0);
-    for (const MatrixTerm& term : symmetry[direction]) {
-      const double* left = z[static_cast<std::size_t>(term.row)];
-      const double* right = (partner.empty() ? z : partner)[static_cast<std::size_t>(term.column)];
-      for (std::size_t c = 0; c < count; ++c) {
-        to[c] += term.value * left[c] * right[c];
-      }
+  add_terms(mu, static_cast<std::size_t>(directions), count, {.z = z, .derivatives = {}, .partner = partner}, out);
+}
+
+/// Of the laws from `first` on.
+void LawTables::add_terms(int mu, std::size_t first, std::size_t count, const LawPoints& points,
+                          std::span<double* const> out) const {
+  const auto values = [&](const LawQuantity& quantity) {
+    const auto field = static_cast<std::size_t>(quantity.field);
+    switch (quantity.kind) {
+      case LawQuantity::Kind::field: return points.z[field];
+      case LawQuantity::Kind::partner: return points.partner[field];
+      case LawQuantity::Kind::derivative:
+        return points.derivatives[field][static_cast<std::size_t>(quantity.direction)];
+      case LawQuantity::Kind::S: break;
     }
-  }
-  for (const auto& symmetry : linear) {
-    double* to = out[law++];
+    return points.S;
+  };
+  for (double* const to : out) {
     std::fill_n(to, count, 0.0);
-    for (const MatrixTerm& term : symmetry[direction]) {
-      const double* field = z[static_cast<std::size_t>(term.column)];
-      for (std::size_t c = 0; c < count; ++c) {
-        to[c] += term.value * field[c];
+  }
+  for (const LawTerm& term : terms_[points.partner.empty() ? 0 : 1][static_cast<std::size_t>(mu)]) {
+    if (term.law >= first) {
+      double* const to = out[term.law - first];
+      const double* const left = values(term.left);
+      if (term.right) {
+        add_product(term.factor, left, values(*term.right), count, to);
+      } else {
+        add(term.factor, left, count, to);
       }
     }
   }

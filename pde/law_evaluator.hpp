@@ -1,15 +1,18 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
+#include <functional>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
 
+#include <rubato/pde/cell_sweep.hpp>
 #include <rubato/pde/local_laws.hpp>
 #include <rubato/pde/matrix_terms.hpp>
 #include <rubato/pde/stage_source.hpp>
-#include <rubato/variation/lattice_variation.hpp>
 
 namespace rubato {
 
@@ -23,6 +26,25 @@ struct LawPoints {
   std::span<const std::array<const double*, 4>> derivatives;  ///< of each field in direction ν
   const double* S = nullptr;
   std::span<const double* const> partner;  ///< z where fluxes join the points with others; empty: z
+};
+
+/// What currents are made of, at a point.
+struct LawQuantity {
+  enum class Kind {
+    field,       ///< z_f
+    partner,     ///< z_f where fluxes join the point with another
+    derivative,  ///< D_ν z_f
+    S
+  };
+  Kind kind = Kind::field;
+  int field = 0, direction = 0;
+};
+/// factor·left·right is one of the terms of a law's current, or factor·left.
+struct LawTerm {
+  std::size_t law = 0;
+  double factor = 1.0;
+  LawQuantity left;
+  std::optional<LawQuantity> right = std::nullopt;
 };
 
 /// What the laws of a system need to know of it, whatever the scheme: directions μ are 0 for time and 1 + a for axis a.
@@ -45,8 +67,10 @@ struct LawTables {
   std::vector<std::vector<MatrixTerms>> linear;          ///< bᵀΛ: [symmetry][direction], in `column`
   std::vector<std::string> names;
 
-  /// The currents J_μ of all laws into `out`; of the derivatives those in the directions ν ≠ μ are read, of fields
-  /// that are a row of some Λ₊.
+  /// The terms of the currents J_μ of all laws, one law after the other: where fluxes join points with others, or do
+  /// not. Of derivatives those in the directions ν ≠ μ are read, of fields that are a row of some Λ₊.
+  [[nodiscard]] std::vector<LawTerm> terms_of_currents(int mu, bool has_partner) const;
+  /// These currents into `out`.
   void currents(int mu, std::size_t count, const LawPoints& points, std::span<double* const> out) const;
   /// The currents J_μ of the symmetries alone, linear ones first.
   void symmetry_currents(int mu, std::size_t count, std::span<const double* const> z,
@@ -54,6 +78,10 @@ struct LawTables {
 
 private:
   void add_affine_symmetries();
+  void add_terms(int mu, std::size_t first, std::size_t count, const LawPoints& points,
+                 std::span<double* const> out) const;
+
+  std::array<std::vector<std::vector<LawTerm>>, 2> terms_;  ///< [has_partner][μ]
 };
 
 /// Residuals of each law in each cell as LocalLaws tells them: their magnitudes, and themselves where there is room.
@@ -75,8 +103,6 @@ public:
   virtual std::vector<double> totals(const LatticeLevel& level) = 0;
   virtual Spread multisymplectic_residual(const TangentLevels& u, const TangentLevels& v, double h,
                                           double* residual) = 0;
-  /// The variation of the scheme's action over the step that residuals() has seen last, where the laws are made of it.
-  [[nodiscard]] virtual LatticeVariation* slab() { return nullptr; }
 };
 
 /// On the faces of cells, or of elements. Here and below: with the fluxes integrated over the stages of a step, from
@@ -88,5 +114,11 @@ public:
                                                            std::shared_ptr<StageSource> stages = nullptr);
 /// On cells with their values at the base corner: Collocation::corners.
 [[nodiscard]] std::unique_ptr<LawEvaluator> make_euler_box_laws(LawTables tables);
+
+/// The same laws as those of make_edge_laws() and make_node_laws() of Collocation::cells and corners with the fluxes at
+/// the middle of a step, by formulas of a node and its neighbours; those that `general` makes where stages are shared,
+/// and for tangent solutions.
+[[nodiscard]] std::unique_ptr<LawEvaluator> make_compact_laws(
+    LawTables tables, Collocation collocation, std::function<std::unique_ptr<LawEvaluator>(LawTables)> general);
 
 }  // namespace rubato

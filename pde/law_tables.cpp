@@ -41,6 +41,10 @@ LawTables::LawTables(const MultisymplecticSystem& s, const grids::Grid& g,
     }
   }
   add_affine_symmetries();
+  for (int mu = 0; mu < directions; ++mu) {
+    terms_[0].push_back(terms_of_currents(mu, false));
+    terms_[1].push_back(terms_of_currents(mu, true));
+  }
 }
 
 /// Those whose density bᵀMz is not zero: (bᵀMz)_t + … = 0 is mass in KdV.

@@ -85,10 +85,6 @@ std::vector<double> LocalLaws::totals(const LatticeLevel& level) {
   return engine_->totals(level);
 }
 
-LatticeVariation* LocalLaws::slab() {
-  return engine_->slab();
-}
-
 Spread LocalLaws::multisymplectic_residual(const TangentLevels& u, const TangentLevels& v, double h, double* residual) {
   return engine_->multisymplectic_residual(u, v, h, residual);
 }

@@ -33,7 +33,6 @@ struct TangentLevels {
   std::span<const grids::FieldSet> stages = {};
 };
 
-class LatticeVariation;
 class LawEvaluator;
 class StageSource;
 
@@ -107,9 +106,6 @@ public:
   /// `residual` may be null. \throws std::invalid_argument for euler-box without the earlier levels, for Gauss
   /// collocation without the stages
   Spread multisymplectic_residual(const TangentLevels& u, const TangentLevels& v, double h, double* residual = nullptr);
-
-  /// See LawEvaluator.
-  [[nodiscard]] LatticeVariation* slab();
 
 private:
   std::unique_ptr<LawEvaluator> engine_;

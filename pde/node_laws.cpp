@@ -331,7 +331,14 @@ std::vector<double> NodeLaws::totals(const LatticeLevel& level) {
 
 std::unique_ptr<LawEvaluator> make_node_laws(LawTables tables, Collocation collocation,
                                              std::shared_ptr<StageSource> stages) {
-  return std::make_unique<NodeLaws>(std::move(tables), collocation, std::move(stages));
+  const auto make = [collocation](LawTables of, std::shared_ptr<StageSource> over) -> std::unique_ptr<LawEvaluator> {
+    return std::make_unique<NodeLaws>(std::move(of), collocation, std::move(over));
+  };
+  if (stages != nullptr || collocation != Collocation::corners) {
+    return make(std::move(tables), std::move(stages));
+  }
+  return make_compact_laws(std::move(tables), collocation,
+                           [make](LawTables of) { return make(std::move(of), nullptr); });
 }
 
 }  // namespace rubato

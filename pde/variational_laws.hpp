@@ -6,12 +6,12 @@
 
 #include <rubato/pde/initial_level.hpp>
 #include <rubato/pde/local_laws.hpp>
-#include <rubato/variation/lattice_variation.hpp>
+#include <rubato/variation/coordinate_variation.hpp>
 
 namespace rubato {
 
 /// The local laws that varying the place of one node gives (theory, section 5, "Local laws"): at every node of a level
-/// between two steps, with the currents J^ν_ρ of LatticeVariation,
+/// between two steps, with the currents J^ν_ρ of the action,
 ///
 ///     ∂𝕊/∂x^ν(node) = -Σ_ρ D_ρᵀ h ΔV J^ν_ρ,  the sum over both steps:
 ///
@@ -28,9 +28,7 @@ public:
 
   /// Takes the next step. Unless it is the first since construction or reset(): the sizes of the residuals at the
   /// level `before`, which residual(law) then holds, one for each node.
-  /// \param taken the variation of the same action over this step, if another has taken it
-  std::optional<std::vector<Spread>> take(const LatticeLevel& before, const LatticeLevel& after, double h,
-                                          LatticeVariation* taken = nullptr);
+  std::optional<std::vector<Spread>> take(const LatticeLevel& before, const LatticeLevel& after, double h);
   [[nodiscard]] std::span<const double> residual(std::size_t law) const {
     return residual_.field(static_cast<int>(law));
   }
@@ -38,9 +36,8 @@ public:
   void reset() { started_ = false; }
 
 private:
-  LatticeVariation variation_;
+  CoordinateVariation variation_;
   std::vector<std::string> names_;
-  LatticeVariation::Parts parts_;  ///< of the step taken last
   grids::FieldSet residual_;
   bool started_ = false;
 };

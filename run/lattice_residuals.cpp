@@ -62,19 +62,13 @@ void LatticeResiduals::take_in_cells(const LatticeLevel& before, const LatticeLe
   has_cells_ = wanted == Part::all;
 }
 
-std::optional<std::vector<Spread>> LatticeResiduals::take_at_nodes(const LatticeLevel& before,
-                                                                   const LatticeLevel& after, double h, Part wanted) {
-  // Where laws in cells were taken before, they may have varied the action already.
-  return variational_->take(before, after, h, wanted == Part::all ? local_.slab() : nullptr);
-}
-
 void LatticeResiduals::take(const LatticeLevel& before, const LatticeLevel& after, double h, Part wanted) {
   clear();
   take_in_cells(before, after, h, wanted);
   if (variational_ && wanted == Part::none) {
     variational_->reset();
   } else if (variational_) {
-    if (const auto sizes = take_at_nodes(before, after, h, wanted); sizes && wanted == Part::all) {
+    if (const auto sizes = variational_->take(before, after, h); sizes && wanted == Part::all) {
       set(at_nodes_, *sizes);
     }
   }
@@ -106,7 +100,7 @@ void LatticeResiduals::restore(StateReader& state, const LatticeLevel& before, c
       variational_->reset();
     }
     if (variational_ && wanted != Part::none) {
-      static_cast<void>(take_at_nodes(before, after, h, wanted));
+      static_cast<void>(variational_->take(before, after, h));
     }
   }
 }

@@ -59,8 +59,6 @@ public:
 private:
   void clear();
   void take_in_cells(const LatticeLevel& before, const LatticeLevel& after, double h, Part wanted);
-  std::optional<std::vector<Spread>> take_at_nodes(const LatticeLevel& before, const LatticeLevel& after, double h,
-                                                   Part wanted);
 
   LocalLaws& local_;
   std::optional<VariationalLaws> variational_;

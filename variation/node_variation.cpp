@@ -65,6 +65,11 @@ Expression NodeVariation::difference(Level level, int field, int axis, bool forw
                   true);
 }
 
+Expression NodeVariation::difference_of_other(int array, int axis) {
+  return formulas_.in_cell(grids::SpaceOperator::forward_difference(axis),
+                           2 * action_.fields + places_.fields() + array);
+}
+
 /// The operator of a field in a cell.
 Expression NodeVariation::in_space(Level level, int field, const grids::SpaceOperator& op, Offset cell,
                                    bool with_slope) {
@@ -156,9 +161,18 @@ Expression NodeVariation::energy() {
   return in_nodes(std::array{action_.energy()}, {}, Motion::between_levels).front();
 }
 
+std::vector<Expression> NodeVariation::currents(const LatticeAction::Part& part) {
+  return in_nodes(action_.currents(part), {}, Motion::between_levels);
+}
+
+Expression NodeVariation::by_place(const LatticeAction::Place& place) {
+  return in_nodes(formula::gradient(action_.lagrangian(), std::array{place.variable}), {}, Motion::between_levels)
+      .front();
+}
+
 void NodeVariation::read(NodeCode& code, const grids::FieldSet& before, const grids::FieldSet& after, double h,
-                         const PotentialSlopes& slopes) const {
-  code.read({&before, &after, &places_}, std::array{h, 1.0 / h}, slopes);
+                         const PotentialSlopes& slopes, const grids::FieldSet& others) const {
+  code.read({&before, &after, &places_, &others}, std::array{h, 1.0 / h}, slopes);
 }
 
 }  // namespace rubato

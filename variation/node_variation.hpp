@@ -27,6 +27,7 @@ namespace rubato {
 /// | values(level, f) | ∂𝕊/∂z_f(node)/ΔV at one of the two levels of the slab                                |
 /// | at_rest(f)       | momentum + h force = ∂𝕊/∂z_f(node)/ΔV at the lower level if both are the upper level |
 /// | energy()         | -∂𝕊/∂h/ΔV, the part of a cell                                                        |
+/// | currents(part)   | J^ν_ρ in a cell, what the variation of places is made of (CoordinateVariation)       |
 class NodeVariation {
 public:
   enum class Level { before, after };
@@ -42,6 +43,13 @@ public:
   [[nodiscard]] AtRest at_rest(int field);
   [[nodiscard]] formula::Expression energy();
 
+  /// In the cell of the node: J^ν_ρ of a part, as LatticeAction::currents() orders them; ∂L/∂(L_o x^ν).
+  ///@{
+  [[nodiscard]] std::vector<formula::Expression> currents(const LatticeAction::Part& part);
+  [[nodiscard]] formula::Expression by_place(const LatticeAction::Place& place);
+  ///@}
+  [[nodiscard]] const LatticeAction& action() const { return action_; }
+
   /// What formulas are made of: z_f at a node that is so far from this one; a difference of z_f there along an axis, of
   /// potentials their slope as well; and h.
   ///@{
@@ -50,13 +58,17 @@ public:
   }
   [[nodiscard]] formula::Expression difference(Level level, int field, int axis, bool forward);
   [[nodiscard]] formula::Expression step() const { return h_; }
+  [[nodiscard]] formula::Expression rate() const { return rate_; }  ///< 1/h
   ///@}
+  /// δ_a⁺ of an array beside the fields.
+  [[nodiscard]] formula::Expression difference_of_other(int array, int axis);
+  [[nodiscard]] formula::Graph& graph() { return formulas_.graph(); }
 
   /// Such formulas as code.
   [[nodiscard]] NodeCode code(std::span<const formula::Expression> outputs) const { return formulas_.code(outputs); }
-  /// Lets code read the slab from `before` to `after`, h apart, which have to stay there.
+  /// Lets code read the slab from `before` to `after`, h apart, and other arrays, all of which have to stay there.
   void read(NodeCode& code, const grids::FieldSet& before, const grids::FieldSet& after, double h,
-            const PotentialSlopes& slopes) const;
+            const PotentialSlopes& slopes, const grids::FieldSet& others = {}) const;
 
 private:
   using Offset = std::array<int, 3>;

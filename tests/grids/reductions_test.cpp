@@ -108,6 +108,40 @@ TEST_CASE("A sum has the same bits in every order and in all parts", "[reduction
   CHECK(std::isnan(high.value()));
 }
 
+TEST_CASE("Sums of squares are those of the squares, bit by bit, whatever the sizes", "[reductions]") {
+  constexpr double nan = std::numeric_limits<double>::quiet_NaN(), infinity = std::numeric_limits<double>::infinity();
+  std::mt19937_64 random(11);
+  for (const std::size_t count :
+       {std::size_t{0}, std::size_t{1}, std::size_t{7}, std::size_t{100}, std::size_t{2049}, std::size_t{70000}}) {
+    for (const int range : {1, 40, 1000}) {
+      std::vector<double> values(count), squares(count);
+      for (std::size_t i = 0; i < count; ++i) {
+        values[i] = std::ldexp(std::uniform_real_distribution<double>(-1.0, 1.0)(random),
+                               static_cast<int>(random() % static_cast<unsigned>(range)) - range / 2);
+        squares[i] = values[i] * values[i];
+      }
+      CAPTURE(count, range);
+      DigitSum sum;
+      CHECK(sum.add_squares(values) == largest_of(values));
+      CHECK(sum.value() == rubato::grids::sum(squares));
+      const rubato::Spread spread = magnitudes(values);
+      CHECK(spread.largest() == largest_of(values));
+      CHECK(spread.squares == rubato::grids::sum(squares));
+      if (count > 0) {
+        // The twin: one value that is the largest by far.
+        values[count / 2] = 2.0 * spread.largest();
+        CHECK(magnitudes(values).squares != spread.squares);
+        for (const double bad : {infinity, -infinity, nan, 1e200}) {
+          values[count / 2] = bad;
+          DigitSum undefined;
+          undefined.add_squares(values);
+          CHECK((std::isnan(bad) ? std::isnan(undefined.value()) : undefined.value() == infinity));
+        }
+      }
+    }
+  }
+}
+
 TEST_CASE("Maxima in vectors find every place, and values that are not finite", "[reductions]") {
   constexpr double nan = std::numeric_limits<double>::quiet_NaN(), infinity = std::numeric_limits<double>::infinity();
   for (const std::size_t count :

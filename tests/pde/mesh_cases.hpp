@@ -5,6 +5,7 @@
 #include <vector>
 
 #include <rubato/grids/field_set.hpp>
+#include <rubato/pde/lattice_method.hpp>
 
 #include "equations.hpp"
 

@@ -1,6 +1,8 @@
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <optional>
+#include <stdexcept>
 #include <string>
 #include <utility>
 #include <vector>
@@ -12,6 +14,7 @@
 #include <rubato/pde/corner_energy.hpp>
 #include <rubato/pde/lattice_actions.hpp>
 #include <rubato/pde/lattice_method.hpp>
+#include <rubato/variation/coordinate_variation.hpp>
 #include <rubato/variation/lattice_variation.hpp>
 #include <rubato/variation/node_variation.hpp>
 
@@ -160,4 +163,53 @@ TEST_CASE("the energy at corners by one formula is that of a sweep") {
     }
     CHECK(std::abs(energy(level, slopes) - expected) > scale);
   }
+}
+
+TEST_CASE("the variation in the place of a node by formulas is that of the lattice") {
+  const double h = 0.13, next_h = 0.09;
+  int actions = 0, places = 0;
+  for (const auto& [system, grid] : cases()) {
+    const int d = system.field_count(), rows = 1 + grid.dimensions();
+    const FieldSet first = random_fields(d, grid.size(), 1), second = random_fields(d, grid.size(), 2),
+                   third = random_fields(d, grid.size(), 3);
+    const PotentialSlopes slopes = some_slopes(system, grid);
+    for (const LatticeAction& action : actions_of(system)) {
+      if (!has_neighbours_alone(action)) {
+        continue;
+      }
+      ++actions;
+      places += action.places.empty() ? 0 : 1;
+      LatticeVariation variation(action, grid);
+      LatticeVariation::Parts earlier(rows, grid.size()), later(earlier);
+      variation.take(first, second, h, slopes);
+      variation.coordinates(earlier);
+      variation.take(second, third, next_h, slopes);
+      variation.coordinates(later);
+      CoordinateVariation formulas(action, grid);
+      formulas.take(first, second, h, slopes);
+      formulas.take(second, third, next_h, slopes);
+      FieldSet between(rows, grid.size()), other(between);
+      formulas.between(between);
+      // The twin: a slab of another length.
+      formulas.take(second, third, 1.01 * next_h, slopes);
+      formulas.between(other);
+      for (int nu = 0; nu < rows; ++nu) {
+        double worst = 0.0, size = 0.0, change = 0.0;
+        for (std::size_t i = 0; i < grid.size(); ++i) {
+          const double expected = earlier.after.field(nu)[i] + later.before.field(nu)[i];
+          worst = std::max(worst, std::abs(between.field(nu)[i] - expected));
+          size = std::max(size, std::abs(earlier.after.field(nu)[i]) + std::abs(later.before.field(nu)[i]));
+          change = std::max(change, std::abs(other.field(nu)[i] - expected));
+        }
+        CHECK(worst <= rounding * std::max(size, 1.0));
+        CHECK(change > 1e-4);
+      }
+    }
+  }
+  CHECK(actions >= 12);
+  CHECK(places >= 3);
+  // Only neighbours: a spectral derivative is refused.
+  const grids::Grid line({{"x", 0, 2, 8}});
+  CHECK_THROWS_AS(CoordinateVariation(make_lattice_method({.name = "fourier"})->action(sine_gordon()).value(), line),
+                  std::invalid_argument);
 }
