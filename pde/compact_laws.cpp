@@ -187,7 +187,8 @@ public:
         coordinates_(placed_coordinates(tables_.system, tables_.grid, collocation == Collocation::cells)) {
     const bool on_cells = collocation == Collocation::cells;
     LawFormulas formulas(tables_, on_cells);
-    codes_.density = formulas.code(formulas.currents({}, When::after));
+    const std::vector<Expression> densities = formulas.currents({}, When::after);
+    codes_.density = formulas.code(densities);
     std::vector<Expression> residuals = changes_of_densities(formulas);
     if (on_cells && !tables_.system.coordinates().empty()) {
       add_flows(formulas, residuals);
@@ -199,6 +200,7 @@ public:
       codes_.of_fluxes = FieldSet(static_cast<int>(fluxes.size()), tables_.grid.size());
     }
     subtract_sources(formulas, residuals);
+    residuals.insert(residuals.end(), densities.begin(), densities.end());
     codes_.residuals = formulas.code(residuals);
   }
 
@@ -227,10 +229,14 @@ public:
     if (over_stages_) {
       return general().totals(level);
     }
-    const auto read = [&](NodeCode& code) {
-      code.read({&level.fields, &level.fields, &coordinates_, &codes_.of_fluxes}, {}, level.slopes);
-    };
-    return codes_.totals(tables_.grid, tables_.names.size(), read);
+    return codes_.totals(tables_.grid, tables_.names.size(), [&](NodeCode& code) { read_level(code, level); });
+  }
+
+  std::vector<double> totals_after(const LatticeLevel& after) override {
+    if (over_stages_) {
+      return general().totals_after(after);
+    }
+    return codes_.totals_after(tables_.grid, tables_.names.size(), [&](NodeCode& code) { read_level(code, after); });
   }
 
   Spread multisymplectic_residual(const TangentLevels& u, const TangentLevels& v, double h, double* residual) override {
@@ -265,6 +271,9 @@ private:
     }
   }
 
+  void read_level(NodeCode& code, const LatticeLevel& level) const {
+    code.read({&level.fields, &level.fields, &coordinates_, &codes_.of_fluxes}, {}, level.slopes);
+  }
   [[nodiscard]] LawEvaluator& general() {
     if (general_ == nullptr) {
       general_ = general_from_(tables_);

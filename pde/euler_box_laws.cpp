@@ -26,8 +26,9 @@ public:
       : tables_(std::move(tables)), variation_(euler_box_action(tables_.system), tables_.grid) {
     find_currents();
     const std::vector<Expression> before = currents(LawTables::time);
-    std::vector<Expression> sums = at_upper_level(before);
-    codes_.density = variation_.code(sums);
+    const std::vector<Expression> densities = at_upper_level(before);
+    codes_.density = variation_.code(densities);
+    std::vector<Expression> sums = densities;
     for (std::size_t law = 0; law < sums.size(); ++law) {
       sums[law] = variation_.rate() * (sums[law] - before[law]);
     }
@@ -39,6 +40,7 @@ public:
     for (const LatticeAction::Place& place : variation_.action().places) {
       sums[static_cast<std::size_t>(1 + place.axis)] += variation_.by_place(place);
     }
+    sums.insert(sums.end(), densities.begin(), densities.end());
     codes_.residuals = variation_.code(sums);
   }
 
@@ -53,10 +55,10 @@ public:
   }
 
   std::vector<double> totals(const LatticeLevel& level) override {
-    const auto read = [&](NodeCode& code) {
-      variation_.read(code, level.fields, level.fields, 1.0, level.slopes, codes_.of_fluxes);
-    };
-    return codes_.totals(tables_.grid, tables_.names.size(), read);
+    return codes_.totals(tables_.grid, tables_.names.size(), [&](NodeCode& code) { read_level(code, level); });
+  }
+  std::vector<double> totals_after(const LatticeLevel& after) override {
+    return codes_.totals_after(tables_.grid, tables_.names.size(), [&](NodeCode& code) { read_level(code, after); });
   }
 
   Spread multisymplectic_residual(const TangentLevels& u, const TangentLevels& v, double h, double* residual) override {
@@ -88,6 +90,10 @@ public:
   }
 
 private:
+  void read_level(NodeCode& code, const LatticeLevel& level) const {
+    variation_.read(code, level.fields, level.fields, 1.0, level.slopes, codes_.of_fluxes);
+  }
+
   /// J^ν_ρ, the sum over the parts of the action.
   void find_currents() {
     for (const LatticeAction::Part& part : variation_.action().parts) {

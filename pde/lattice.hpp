@@ -78,6 +78,8 @@ public:
   std::vector<Spread> residuals(std::span<double* const> cells = {});
   /// Σ ΔV of their densities at the present level.
   std::vector<double> totals() { return laws_.totals(level()); }
+  /// The same if the laws' residuals were asked for of the last step, and of no other since.
+  std::vector<double> totals_after_residuals() { return laws_.totals_after(level()); }
 
   void save(StateWriter& state) const override;
   void restore(StateReader& state) override;

@@ -20,7 +20,7 @@ namespace rubato {
 struct LawCodes {
   NodeCode density;    ///< J_t of each law
   NodeCode fluxes;     ///< those J_a that are not zero
-  NodeCode residuals;  ///< of each law; it reads `of_fluxes` besides
+  NodeCode residuals;  ///< of each law, then J_t of each at the upper level; it reads `of_fluxes` besides
   grids::FieldSet of_fluxes;
 
   /// sums += D_a J_a. \return the formulas of the fluxes, in the order of their arrays. \param current(a) J_a of all
@@ -50,10 +50,15 @@ struct LawCodes {
       fluxes(of_fluxes.pointers());
     }
     read(residuals);
-    const std::span<double* const> arrays = out.empty() ? own_arrays(grid, laws).pointers() : out;
-    residuals(arrays);
+    if (out.empty()) {
+      out = arrays_of(own_, grid, laws).pointers();
+    }
+    std::vector<double*> outputs(out.begin(), out.end());
+    std::ranges::copy(arrays_of(densities_, grid, laws).pointers(), std::back_inserter(outputs));
+    residuals(outputs);
+    are_of_step_ = true;
     std::vector<std::span<const double>> rows;
-    std::ranges::transform(arrays, std::back_inserter(rows),
+    std::ranges::transform(out, std::back_inserter(rows),
                            [&](const double* row) { return std::span(row, grid.size()); });
     return grids::magnitudes(rows);
   }
@@ -61,18 +66,26 @@ struct LawCodes {
   template <class Read>
   std::vector<double> totals(const grids::Grid& grid, std::size_t laws, const Read& read) {
     read(density);
-    density(own_arrays(grid, laws).pointers());
-    return grids::integrals(grid, own_);
+    density(arrays_of(densities_, grid, laws).pointers());
+    are_of_step_ = false;
+    return grids::integrals(grid, densities_);
+  }
+  /// The same of the upper level of the step taken last, by what that found, or as totals() has them.
+  template <class Read>
+  std::vector<double> totals_after(const grids::Grid& grid, std::size_t laws, const Read& read) {
+    return are_of_step_ ? grids::integrals(grid, densities_) : totals(grid, laws, read);
   }
 
 private:
-  grids::FieldSet& own_arrays(const grids::Grid& grid, std::size_t laws) {
-    if (own_.fields() == 0) {
-      own_ = grids::FieldSet(static_cast<int>(laws), grid.size());
+  static grids::FieldSet& arrays_of(grids::FieldSet& set, const grids::Grid& grid, std::size_t laws) {
+    if (set.fields() == 0) {
+      set = grids::FieldSet(static_cast<int>(laws), grid.size());
     }
-    return own_;
+    return set;
   }
-  grids::FieldSet own_;
+  grids::FieldSet own_;        ///< residuals that nobody else keeps
+  grids::FieldSet densities_;  ///< of the level that was asked for last
+  bool are_of_step_ = false;   ///< and that is the upper one of the step taken last
 };
 
 }  // namespace rubato

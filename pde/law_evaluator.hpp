@@ -101,6 +101,8 @@ public:
   virtual std::vector<Spread> residuals(const LatticeLevel& before, const LatticeLevel& after, double h,
                                         std::span<double* const> residuals) = 0;
   virtual std::vector<double> totals(const LatticeLevel& level) = 0;
+  /// The same of the level that was `after` for residuals() the last time, which may know them.
+  virtual std::vector<double> totals_after(const LatticeLevel& after) { return totals(after); }
   virtual Spread multisymplectic_residual(const TangentLevels& u, const TangentLevels& v, double h,
                                           double* residual) = 0;
 };

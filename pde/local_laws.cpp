@@ -85,6 +85,10 @@ std::vector<double> LocalLaws::totals(const LatticeLevel& level) {
   return engine_->totals(level);
 }
 
+std::vector<double> LocalLaws::totals_after(const LatticeLevel& after) {
+  return engine_->totals_after(after);
+}
+
 Spread LocalLaws::multisymplectic_residual(const TangentLevels& u, const TangentLevels& v, double h, double* residual) {
   return engine_->multisymplectic_residual(u, v, h, residual);
 }

@@ -95,6 +95,8 @@ public:
 
   /// Σ ΔV J_t over the level: total energy 𝓔(z_k), momenta, charges.
   std::vector<double> totals(const LatticeLevel& level);
+  /// The same of the level that was `after` for residuals() the last time, which may have found them.
+  std::vector<double> totals_after(const LatticeLevel& after);
 
   /// D_t(UᵀMV) + Σ D_a(UᵀK_aV) in every cell, for two tangent solutions over the same step: UᵀMV averaged in x at
   /// levels, UᵀK_aV in t on the faces between cells; over the stages, if there are several. For euler-box, at the node

@@ -49,6 +49,9 @@ public:
   [[nodiscard]] std::span<const Law> laws() const { return laws_; }
   ///@}
 
+  /// Whether those in cells are of the step taken last.
+  [[nodiscard]] bool has_cells() const { return has_cells_; }
+
   /// What became of the tangent solutions, if their step could not be solved: they end there.
   [[nodiscard]] Status tangent_status() const { return tangent_status_; }
 

@@ -72,7 +72,7 @@ public:
     if (laws_.none()) {
       return {};
     }
-    total_values_ = lattice_.totals();
+    total_values_ = residuals_.has_cells() ? lattice_.totals_after_residuals() : lattice_.totals();
     return std::span<const double>(total_values_).subspan(1);
   }
 

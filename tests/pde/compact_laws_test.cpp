@@ -105,6 +105,12 @@ TEST_CASE("laws by formulas of a node are those in passes, on any states") {
         CHECK(totals[law] == Approx(expected_totals[law]).margin(1e-12));
       }
       CHECK(compact->totals(before) != totals);
+      // Of the level that the last step led to, by that step or, where another level was asked for since, anew.
+      CHECK(compact->totals_after(after) == totals);
+      static_cast<void>(compact->residuals(before, after, h, {}));
+      CHECK(compact->totals_after(after) == totals);
+      static_cast<void>(compact->residuals(after, before, h, {}));
+      CHECK(compact->totals_after(before) == compact->totals(before));
       // Where stages are shared the laws are taken over these, and at the middle again without.
       compact->share(std::make_shared<Middle>(system, nodes));
       static_cast<void>(compact->residuals(before, after, h, other.pointers()));
