@@ -8,12 +8,12 @@ namespace rubato {
 namespace {
 
 /// out += factor·left·right.
-void add_product(double factor, const double* left, const double* right, std::size_t count, double* out) {
+void add_term_of_two(double factor, const double* left, const double* right, std::size_t count, double* out) {
   for (std::size_t c = 0; c < count; ++c) {
     out[c] += factor * left[c] * right[c];
   }
 }
-void add(double factor, const double* left, std::size_t count, double* out) {
+void add_term_of_one(double factor, const double* left, std::size_t count, double* out) {
   for (std::size_t c = 0; c < count; ++c) {
     out[c] += factor * left[c];
   }
@@ -97,9 +97,9 @@ void LawTables::add_terms(int mu, std::size_t first, std::size_t count, const La
       double* const to = out[term.law - first];
       const double* const left = values(term.left);
       if (term.right) {
-        add_product(term.factor, left, values(*term.right), count, to);
+        add_term_of_two(term.factor, left, values(*term.right), count, to);
       } else {
-        add(term.factor, left, count, to);
+        add_term_of_one(term.factor, left, count, to);
       }
     }
   }

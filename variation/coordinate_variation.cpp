@@ -10,7 +10,7 @@ namespace {
 using formula::Expression;
 
 /// Uniform numbers of the second formula.
-constexpr int number_of_earlier_h = 0, number_of_h = 1;
+constexpr int number_of_earlier_h = 0, number_of_last_h = 1;
 
 }  // namespace
 
@@ -52,7 +52,7 @@ void CoordinateVariation::find_rows() {
 void CoordinateVariation::find_balance() {
   const LatticeAction& action = this->action();
   NodeFormulas formulas(grid_);
-  const Expression h = formulas.uniform(number_of_h), earlier_h = formulas.uniform(number_of_earlier_h);
+  const Expression h = formulas.uniform(number_of_last_h), earlier_h = formulas.uniform(number_of_earlier_h);
   const int count = static_cast<int>(rows_.size());
   std::vector<Expression> sums;
   for (int nu = 0; nu <= action.dimensions; ++nu) {
