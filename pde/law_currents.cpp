@@ -67,17 +67,6 @@ std::vector<LawTerm> LawTables::terms_of_currents(int mu, bool has_partner) cons
 }
 
 void LawTables::currents(int mu, std::size_t count, const LawPoints& points, std::span<double* const> out) const {
-  add_terms(mu, 0, count, points, out);
-}
-
-void LawTables::symmetry_currents(int mu, std::size_t count, std::span<const double* const> z,
-                                  std::span<const double* const> partner, std::span<double* const> out) const {
-  add_terms(mu, static_cast<std::size_t>(directions), count, {.z = z, .derivatives = {}, .partner = partner}, out);
-}
-
-/// Of the laws from `first` on.
-void LawTables::add_terms(int mu, std::size_t first, std::size_t count, const LawPoints& points,
-                          std::span<double* const> out) const {
   const auto values = [&](const LawQuantity& quantity) {
     const auto field = static_cast<std::size_t>(quantity.field);
     switch (quantity.kind) {
@@ -93,14 +82,11 @@ void LawTables::add_terms(int mu, std::size_t first, std::size_t count, const La
     std::fill_n(to, count, 0.0);
   }
   for (const LawTerm& term : terms_[points.partner.empty() ? 0 : 1][static_cast<std::size_t>(mu)]) {
-    if (term.law >= first) {
-      double* const to = out[term.law - first];
-      const double* const left = values(term.left);
-      if (term.right) {
-        add_term_of_two(term.factor, left, values(*term.right), count, to);
-      } else {
-        add_term_of_one(term.factor, left, count, to);
-      }
+    const double* const left = values(term.left);
+    if (term.right) {
+      add_term_of_two(term.factor, left, values(*term.right), count, out[term.law]);
+    } else {
+      add_term_of_one(term.factor, left, count, out[term.law]);
     }
   }
 }

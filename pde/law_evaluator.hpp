@@ -72,14 +72,9 @@ struct LawTables {
   [[nodiscard]] std::vector<LawTerm> terms_of_currents(int mu, bool has_partner) const;
   /// These currents into `out`.
   void currents(int mu, std::size_t count, const LawPoints& points, std::span<double* const> out) const;
-  /// The currents J_μ of the symmetries alone, linear ones first.
-  void symmetry_currents(int mu, std::size_t count, std::span<const double* const> z,
-                         std::span<const double* const> partner, std::span<double* const> out) const;
 
 private:
   void add_affine_symmetries();
-  void add_terms(int mu, std::size_t first, std::size_t count, const LawPoints& points,
-                 std::span<double* const> out) const;
 
   std::array<std::vector<std::vector<LawTerm>>, 2> terms_;  ///< [has_partner][μ]
 };
