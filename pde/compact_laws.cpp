@@ -189,7 +189,7 @@ public:
     LawFormulas formulas(tables_, on_cells);
     const std::vector<Expression> densities = formulas.currents({}, When::after);
     codes_.density = formulas.code(densities);
-    std::vector<Expression> residuals = changes_of_densities(formulas);
+    std::vector<Expression> residuals = changes(formulas, densities);
     if (on_cells && !tables_.system.coordinates().empty()) {
       add_flows(formulas, residuals);
     } else {
@@ -246,9 +246,9 @@ public:
 private:
   using When = LawFormulas::When;
 
-  [[nodiscard]] static std::vector<Expression> changes_of_densities(LawFormulas& formulas) {
+  /// Of the densities, from those of the lower level.
+  [[nodiscard]] static std::vector<Expression> changes(LawFormulas& formulas, std::vector<Expression> changes) {
     const std::vector<Expression> before = formulas.currents({}, When::before);
-    std::vector<Expression> changes = formulas.currents({}, When::after);
     for (std::size_t law = 0; law < changes.size(); ++law) {
       changes[law] = formulas.rate() * (changes[law] - before[law]);
     }

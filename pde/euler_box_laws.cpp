@@ -96,14 +96,11 @@ private:
 
   /// J^ν_ρ, the sum over the parts of the action.
   void find_currents() {
+    currents_.resize(static_cast<std::size_t>(tables_.directions * tables_.directions));
     for (const LatticeAction::Part& part : variation_.action().parts) {
       const std::vector<Expression> of_part = variation_.currents(part);
       for (std::size_t i = 0; i < of_part.size(); ++i) {
-        if (currents_.size() <= i) {
-          currents_.push_back(of_part[i]);
-        } else {
-          currents_[i] += of_part[i];
-        }
+        add_weighted(currents_[i], 1.0, of_part[i]);
       }
     }
   }

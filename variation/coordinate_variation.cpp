@@ -87,8 +87,7 @@ void CoordinateVariation::find_balance() {
     Expression sum;
     for (const auto& [part, factor] : {std::pair(differences, Expression()), {earlier_means, earlier_h}, {means, h}}) {
       if (part.valid()) {
-        const Expression term = factor.valid() ? factor * part : part;
-        sum = sum.valid() ? sum + term : term;
+        add_weighted(sum, 1.0, factor.valid() ? factor * part : part);
       }
     }
     sums.push_back(sum.valid() ? grid_.cell_volume() * sum : formulas.graph().constant(0.0));
