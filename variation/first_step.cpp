@@ -51,8 +51,8 @@ public:
     }
     if (good == 0.0) {
       throw std::invalid_argument(
-          fmt::format("no first step was found with which the node energy keeps within {} of the discrete energy, down "
-                      "to h = {:.3g}; give the step as a number",
+          fmt::format("no first step was found with which the node energy keeps within {} of the discrete energy of "
+                      "that step, down to h = {:.3g}; give the step as a number",
                       tolerance, bad));
     }
     return good;
@@ -74,13 +74,15 @@ double starting_scale(const TimeLevels& levels) {
 
 TrialRun trial_run(Integrator& integrator, std::size_t most_steps) {
   double low = integrator.bare_node().energy;
-  double high = low;
+  double high = low, potential = 0.0;
   TrialRun result;
   for (std::size_t k = 0; k < most_steps && !integrator.finished(); ++k) {
-    result.status = integrator.step().status;
+    const StepReport step = integrator.step();
+    result.status = step.status;
     if (result.status != Status::success) {
       return result;
     }
+    potential = k == 0 ? step.potential : potential;
     const double energy = integrator.bare_node().energy;
     low = std::min(low, energy);
     high = std::max(high, energy);
@@ -88,7 +90,7 @@ TrialRun trial_run(Integrator& integrator, std::size_t most_steps) {
   result.whole = integrator.finished();
   // While the run still waits beside a zero of Γ there is no E yet.
   const double set = integrator.levels().bare_energy();
-  const double E = std::isnan(set) ? 0.5 * (low + high) : set;
+  const double E = std::isnan(set) ? 0.5 * (low + high) : set - potential;
   const double scale = integrator.levels().energy_scale();
   result.deviation = scale == 0.0 ? 0.0 : std::max(high - E, E - low) / scale;
   return result;

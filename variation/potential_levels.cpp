@@ -4,6 +4,7 @@
 
 #include <rubato/base/limits.hpp>
 #include <rubato/variation/energy_profile.hpp>
+#include <rubato/variation/equal_steps.hpp>
 #include <rubato/variation/power_of.hpp>
 #include <rubato/variation/scout.hpp>
 #include <rubato/variation/sign.hpp>
@@ -50,7 +51,7 @@ void TimeLevels::choose_potential() {
   if (given) {
     set_potential(make_step_potential(scouting, choice.kappa, choice.exponent));
   } else if (short_run) {
-    set_potential(nearly_equal_steps(scouting, choice.largest_step));
+    set_potential(nearly_equal_steps(scouting).value());
   } else {
     const PricedPotential chosen = choose_priced_potential(scouting, choice.largest_step);
     set_potential(chosen.potential);

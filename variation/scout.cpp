@@ -7,6 +7,7 @@
 #include <limits>
 #include <vector>
 
+#include <rubato/variation/equal_steps.hpp>
 #include <rubato/variation/sign.hpp>
 #include <rubato/variation/tuning.hpp>
 
@@ -19,7 +20,11 @@ using namespace tuning;
 /// The scout's log so far, and whether it has seen enough.
 class Watch {
 public:
-  explicit Watch(Scouting& log, std::size_t most) : log_(log), most_(most), look_at_(least_stretch * log.step) {}
+  explicit Watch(Scouting& log, std::size_t most)
+      : log_(log),
+        most_(most),
+        look_at_(least_stretch * log.step),
+        early_look_(log.order >= order_with_zeros ? first_look : least_stretch) {}
 
   void add(double eta, double length) {
     log_.time.push_back(log_.duration + 0.5 * length);
@@ -36,8 +41,20 @@ public:
       return true;
     }
     // A little less: what rounding makes of a sum of steps decides nothing.
-    if (log_.duration < look_at_ * (1.0 - 1e-9)) {
+    const double seen = log_.duration * (1.0 + 1e-9);
+    if (looks_early() && seen >= early_look_ * log_.step) {
+      const bool is_all = log_.knows_step() ? repeats(log_) : held_ && early_look_ >= second_look;
+      if (is_all && equal_steps_do(log_)) {
+        return true;
+      }
+      early_look_ *= 2.0;
+    }
+    if (seen < look_at_) {
       return false;
+    }
+    if (log_.order >= order_with_zeros && !log_.knows_step()) {
+      look_at_ = 2.0 * log_.duration;
+      return held_ || seen >= longest_stretch_untold * log_.step;
     }
     look_at_ = look_again * log_.duration;
     const auto half = std::ranges::upper_bound(log_.time, 0.5 * log_.duration) - log_.time.begin();
@@ -46,10 +63,23 @@ public:
     return comes_back && largest_at_ <= seen_before * log_.duration;
   }
 
+  /// A longer stride told something else, or cost too much: first steps are about as long as the motion's own time.
+  void hold() { held_ = true; }
+
+  /// In first steps.
+  [[nodiscard]] double longest_stride() const {
+    return looks_early() ? early_look_ / strides_in_look : tuning::longest_stride;
+  }
+
+  /// Whether it has not yet seen what it sees at least, and may need no more.
+  [[nodiscard]] bool looks_early() const { return early_look_ < least_stretch; }
+
 private:
   Scouting& log_;
   std::size_t most_;
   double look_at_;
+  double early_look_;  ///< in first steps
+  bool held_ = false;
   double largest_ = 0.0, largest_at_ = 0.0;
 };
 
@@ -72,7 +102,13 @@ public:
   [[nodiscard]] bool is_dear(double stride, int iterations) {
     const auto k = static_cast<std::size_t>(std::ilogb(stride));
     last_[k] = iterations / stride;
-    return iterations > many_iterations && last_[k] > dear * *std::min_element(last_.begin(), last_.begin() + k);
+    return iterations > many_iterations && last_[k] > dear * least_of_shorter(k);
+  }
+  /// Whether it took no fewer, all in all, than shorter ones did: then it is not far from where an iteration no longer
+  /// contracts, which costs much more.
+  [[nodiscard]] bool saves_little(double stride) const {
+    const auto k = static_cast<std::size_t>(std::ilogb(stride));
+    return last_[k] > saving * least_of_shorter(k);
   }
 
 private:
@@ -80,6 +116,9 @@ private:
   static_assert(longest_stride < 1U << most);
   std::array<double, most> last_ = filled();
 
+  [[nodiscard]] double least_of_shorter(std::size_t k) const {
+    return *std::min_element(last_.begin(), last_.begin() + static_cast<std::ptrdiff_t>(k));
+  }
   static constexpr std::array<double, most> filled() {
     std::array<double, most> nothing{};
     nothing.fill(std::numeric_limits<double>::infinity());
@@ -98,7 +137,7 @@ Scouting scout(LevelScheme& scheme, double first_step, bool one_step, double tol
                             : std::clamp(most_steps * small_state / std::max<std::size_t>(size, 1), most_large_steps,
                                          most_steps));
   Prices prices;
-  double stride = 1.0, longest = longest_stride;
+  double stride = 1.0, longest = longest_stride, longest_early = longest_stride;
   int until_tried = 0;
   while (!watch.seen_enough()) {
     const double h = stride * first_step;
@@ -111,11 +150,18 @@ Scouting scout(LevelScheme& scheme, double first_step, bool one_step, double tol
     }
     if (prices.is_dear(stride, scheme.iterations() - counted)) {
       longest = 0.5 * stride;
+      watch.hold();
+    } else if (stride > 1.0 && taken && watch.looks_early() && prices.saves_little(stride)) {
+      longest_early = std::min(longest_early, stride);
+      watch.hold();
     }
     const bool good = taken && std::isfinite(eta);
-    if (stride > 1.0 && !(good && change <= changed_much)) {
+    // Of the node energy, as equal steps of that length would be.
+    const double off = (log.order + 1.0) * std::abs(eta) * std::pow(std::abs(h), log.order);
+    if (stride > 1.0 && !(good && change <= changed_much && off <= off_much * log.energy_size)) {
       stride *= 0.5;
       until_tried = steps_until_tried_again;
+      watch.hold();
       continue;
     }
     if (!good) {
@@ -133,7 +179,7 @@ Scouting scout(LevelScheme& scheme, double first_step, bool one_step, double tol
     if (change < hardly_changed && until_tried == 0 && log.eta.size() > 1) {
       stride *= 2.0;
     }
-    stride = std::min(stride, longest);
+    stride = std::min({stride, longest, watch.looks_early() ? longest_early : longest, watch.longest_stride()});
   }
   StateReader reader(before);
   scheme.restore(reader);

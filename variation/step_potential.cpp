@@ -9,6 +9,7 @@
 #include <vector>
 
 #include <rubato/base/limits.hpp>
+#include <rubato/variation/equal_steps.hpp>
 #include <rubato/variation/level_forecasts.hpp>
 #include <rubato/variation/power_of.hpp>
 #include <rubato/variation/tuning.hpp>
@@ -19,32 +20,12 @@ namespace {
 
 using namespace tuning;
 
-double largest_of(std::span<const double> eta) {
-  double largest = 0.0;
-  for (const double value : eta) {
-    largest = std::max(largest, std::abs(value));
-  }
-  return largest;
-}
-
-/// To two digits, so that what rounding makes of η, or another statement of the same problem, changes no potential.
-double rounded(double value) {
-  const double unit = std::pow(10.0, std::floor(std::log10(std::abs(value))) - 1.0);
-  return std::round(value / unit) * unit;
-}
-
 StepPotential with_kappa(const Scouting& scouting, double eta, double kappa, double exponent) {
   const double s = scouting.order;
   const double size = (s + 1.0) * std::abs(eta) * std::pow(scouting.step, s);
   const double least = std::max(least_strength, least_strength_by_tolerance * scouting.tolerance) *
                        (scouting.energy_size > 0.0 ? scouting.energy_size : 1.0);
   return {.strength = std::copysign(std::max(size, least), eta), .length = kappa * scouting.step, .exponent = exponent};
-}
-
-/// Whether K tells one step from another, anywhere.
-bool knows_step(const Scouting& scouting) {
-  const double s = scouting.order;
-  return s * (s + 1.0) * largest_of(scouting.eta) * std::pow(scouting.step, s) >= scouting.resolved_slope();
 }
 
 /// Whether what the second half of a scouted stretch showed is what the first half did.
@@ -99,6 +80,27 @@ double Scouting::resolved_slope() const {
   return std::max(least_slope, least_slope_by_tolerance * tolerance) * energy_size;
 }
 
+double Scouting::least_told() const {
+  return resolved_slope() / (order * (order + 1.0) * std::pow(step, order));
+}
+
+bool Scouting::knows_step() const {
+  return largest_eta() >= least_told();
+}
+
+double Scouting::largest_eta() const {
+  double largest = 0.0;
+  for (const double value : eta) {
+    largest = std::max(largest, std::abs(value));
+  }
+  return largest;
+}
+
+double rounded_strength(double strength) {
+  const double unit = std::pow(10.0, std::floor(std::log10(std::abs(strength))) - 1.0);
+  return std::round(strength / unit) * unit;
+}
+
 LevelForecast forecast_levels(const Scouting& scouting, const StepPotential& potential, const EtaDoubt& doubt) {
   const ForecastJob job{.potential = potential, .doubt = doubt};
   return forecast_side_by_side(scouting, EtaPieces(scouting), {&job, 1}).front();
@@ -125,7 +127,7 @@ double price_of(const Scouting& scouting, double steps) {
 }  // namespace
 
 double price_in_steps(const Scouting& scouting, const StepPotential& potential) {
-  if (!knows_step(scouting)) {
+  if (!scouting.knows_step()) {
     return 1.0;  // any steps would do
   }
   const LevelForecast forecast = forecast_levels(scouting, potential);
@@ -134,18 +136,6 @@ double price_in_steps(const Scouting& scouting, const StepPotential& potential) 
 
 StepPotential make_step_potential(const Scouting& scouting, double kappa, double exponent) {
   return with_kappa(scouting, scouting.eta.front(), kappa, exponent);
-}
-
-bool is_short_run(int order, double first_step, double run_length) {
-  return order >= order_with_zeros && run_length < short_run * least_stretch * std::abs(first_step);
-}
-
-StepPotential nearly_equal_steps(const Scouting& first, std::optional<double> largest_step) {
-  const double s = first.order, eta = first.eta.front();
-  const double size = std::max(stiff_part * (first.energy_size > 0.0 ? first.energy_size : 1.0),
-                               stiff_margin * (s + 1.0) * std::abs(eta) * std::pow(first.step, s));
-  const double kappa = largest_step ? std::min(1.0, *largest_step / first.step) : 1.0;
-  return {.strength = rounded(std::copysign(size, eta)), .length = kappa * first.step, .exponent = 4.0 * s};
 }
 
 namespace {
@@ -162,7 +152,7 @@ struct Candidate {
 class Choice {
 public:
   Choice(const Scouting& scouting, std::optional<double> largest_step)
-      : scouting_(scouting), pieces_(scouting), s_(scouting.order), largest_(largest_of(scouting.eta)) {
+      : scouting_(scouting), pieces_(scouting), s_(scouting.order), largest_(scouting.largest_eta()) {
     strayed_ = std::abs(made(largest_, 1.0, s_).strength);
     if (scouting.first_size > 0.0) {
       most_ = most_of_terms * scouting.first_size;
@@ -174,7 +164,12 @@ public:
 
   PricedPotential operator()() {
     const double side = std::copysign(1.0, scouting_.eta.front());
-    if (!knows_step(scouting_)) {
+    const std::optional<StepPotential> equal =
+        s_ >= order_with_zeros ? nearly_equal_steps(scouting_) : std::optional<StepPotential>();
+    if (equal && equal_steps_do(scouting_)) {
+      return of_equal_steps(*equal);
+    }
+    if (!scouting_.knows_step()) {
       return with_price(made(0.0, 1.0, s_ + 1.0));  // K hardly knows h: steps are as long as the first
     }
     const bool definite = std::ranges::all_of(scouting_.eta, [&](double eta) { return eta * side >= 0.0; });
@@ -194,22 +189,31 @@ public:
       }
       if (!candidates_.empty()) {
         const Candidate chosen = limit == usual ? best() : weakest();
+        if (equal && work(forecast_levels(scouting_, *equal)) <= (1.0 + as_good) * chosen.work) {
+          return of_equal_steps(*equal);
+        }
         return {chosen.potential, price_of(scouting_, chosen.steps)};
       }
     }
+    if (equal) {
+      return of_equal_steps(*equal);
+    }
     // Nothing is forecast to last: steps that are nearly equal.
-    StepPotential equal = made(std::copysign(largest_, side), last_resort, s_ + 1.0);
-    equal.strength /= std::max(1.0, std::abs(equal.energy(scouting_.step)) / most_);
-    return with_price(equal);
+    StepPotential last = made(std::copysign(largest_, side), last_resort, s_ + 1.0);
+    last.strength /= std::max(1.0, std::abs(last.energy(scouting_.step)) / most_);
+    return with_price(last);
   }
 
 private:
+  [[nodiscard]] PricedPotential of_equal_steps(const StepPotential& potential) const {
+    return {potential, scouting_.knows_step() ? price_of(scouting_, scouting_.duration / scouting_.step) : 1.0};
+  }
   [[nodiscard]] PricedPotential with_price(const StepPotential& potential) const {
     return {potential, price_in_steps(scouting_, potential)};
   }
   [[nodiscard]] StepPotential made(double eta, double kappa, double exponent) const {
     StepPotential potential = with_kappa(scouting_, eta, kappa, exponent);
-    potential.strength = rounded(potential.strength);
+    potential.strength = rounded_strength(potential.strength);
     return potential;
   }
 

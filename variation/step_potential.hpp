@@ -72,8 +72,13 @@ struct Scouting {
   double first_size = 0.0;   ///< the same of the first step: beside a larger f' they would be lost; 0 if not known
   double tolerance = 1e-13;  ///< that levels will be solved to, relative to energy_size
 
+  [[nodiscard]] double largest_eta() const;  ///< max |η|
   /// What |h dE/dh| has to be, to tell one step from another.
   [[nodiscard]] double resolved_slope() const;
+  /// The smallest |η| that K tells of in a first step: its |h dE/dh| there is that.
+  [[nodiscard]] double least_told() const;
+  /// Whether K tells one step from another, anywhere.
+  [[nodiscard]] bool knows_step() const;
 };
 
 /// What a potential makes of the levels along a scouted orbit, by the levels' own leading order (the surrogate of
@@ -97,12 +102,13 @@ struct EtaDoubt {
 [[nodiscard]] LevelForecast forecast_levels(const Scouting& scouting, const StepPotential& potential,
                                             const EtaDoubt& doubt = {});
 
-/// The potential for a scouted orbit. Both signs, several exponents, and lengths from steps that are nearly equal to
-/// steps that hardly feel it are tried; those count with which all levels are forecast to exist, with a margin. What
-/// their steps are worth is steps · max|D - D_0|^(1/s), the number of steps it takes for an error. Of those not much
-/// worse than the best, and at order 4 and more, or where η did something new in the second half of the stretch, of
-/// those that would last if it changed its sign as well, one that is hardly felt is taken; if there is none the weakest
-/// of those about as good as the best. Hypothesis: at least one η, all finite.
+/// The potential for a scouted orbit. At order 4 and more that of steps that are nearly equal, where equal ones do as
+/// well as those that follow η (equal_steps.hpp). Else both signs, several exponents, and lengths from steps that are
+/// nearly equal to steps that hardly feel it are tried; those count with which all levels are forecast to exist, with a
+/// margin. What their steps are worth is steps · max|D - D_0|^(1/s), the number of steps it takes for an error. Of
+/// those not much worse than the best, and at order 4 and more, or where η did something new in the second half of the
+/// stretch, of those that would last if it changed its sign as well, one that is hardly felt is taken; if there is none
+/// the weakest of those about as good as the best. Hypothesis: at least one η, all finite.
 [[nodiscard]] StepPotential choose_step_potential(const Scouting& scouting, std::optional<double> largest_step);
 
 /// How many times as many steps a potential takes over a scouted stretch as the law does without one, whose steps are,
@@ -117,17 +123,10 @@ struct PricedPotential {
 };
 [[nodiscard]] PricedPotential choose_priced_potential(const Scouting& scouting, std::optional<double> largest_step);
 
-/// Whether a run is too short for a scout: at order 4 and more η changes its sign on almost every orbit, so that
-/// potentials with which levels last let steps vary little, and a scout costs more than that saves.
-[[nodiscard]] bool is_short_run(int order, double first_step, double run_length);
-/// The potential of a run that is too short for a scout, of which `first` saw one step: steps are nearly equal, and
-/// found in hardly more than two trials. f' is a thousandth of the terms of K, or a hundred times what the first step
-/// says that the node energy is off by, (s+1)|η|h^s, and its p = 4s is the largest that is tried where there is a
-/// scout. Levels exist as long as s(s+1) h^s |η| < p f': while the node energy is off by less than 4f'. Hypothesis: at
-/// least one η.
-[[nodiscard]] StepPotential nearly_equal_steps(const Scouting& first, std::optional<double> largest_step);
-
 /// The potential of StepPotentialChoice::Kind::given.
 [[nodiscard]] StepPotential make_step_potential(const Scouting& scouting, double kappa, double exponent);
+
+/// To two digits, so that what rounding makes of η, or another statement of the same problem, changes no potential.
+[[nodiscard]] double rounded_strength(double strength);
 
 }  // namespace rubato

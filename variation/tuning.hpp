@@ -121,6 +121,14 @@ inline constexpr double largest_crossing_ratio = 16.0;
 inline constexpr double least_stretch = 400.0;
 /// Steps it takes at most, if the state is as small as an orbit's, and if it is large.
 inline constexpr std::size_t most_steps = 3200, most_large_steps = 400;
+/// At order_with_zeros and more it looks after so many first steps, and again whenever it has seen twice as much,
+/// whether it has seen enough to take equal steps; with strides of which a look has eight at least. Where K tells
+/// nothing by the second look it is enough if no longer strides can be taken; as they can far out on an eccentric
+/// orbit, where as many first steps are looked through for what is to come.
+inline constexpr double first_look = 16.0, second_look = 32.0, strides_in_look = 8.0;
+inline constexpr double longest_stretch_untold = 6400.0;
+/// And no stride is longer than one that takes more than this part of the iterations that shorter ones do.
+inline constexpr double saving = 0.9;
 /// Values of a state beyond which it is not small.
 inline constexpr std::size_t small_state = 100;
 /// |η| largest beyond this part of the stretch: more is to come.
@@ -141,6 +149,8 @@ inline constexpr double scout_accuracy = 1e-5;
 inline constexpr double hardly_changed = 0.05, changed_much = 0.2;
 inline constexpr int steps_until_tried_again = 8;
 inline constexpr double longest_stride = 1024.0;
+/// A stride that leaves the energy off by this part of its terms tells nothing of the motion: it passes over it.
+inline constexpr double off_much = 0.1;
 /// A stride that takes more than so many iterations, and so many times those of a shorter one for the same time, is not
 /// tried again, nor is a longer one: where a fixed point no longer contracts there are thousands in a step.
 inline constexpr int many_iterations = 100;
@@ -188,11 +198,25 @@ inline constexpr double negligible = 0.01;
 /// Where η vanishes, K is the same for every h, and the potential alone tells one step from another: f' is at least
 /// this part of the terms of K then, well above what rounding makes of them.
 inline constexpr double least_strength = 1e-6, least_strength_by_tolerance = 100.0;
+
+// Steps that are nearly equal (equal_steps.cpp)
+
 /// A run of fewer first steps than so many times least_stretch is short: a scout would cost a quarter of it and more.
 inline constexpr double short_run = 4.0;
-/// f' of nearly equal steps: this part of the terms of K, a hundredth of what a user is warned of, and at least so many
-/// times what the first step says that the node energy is off by.
-inline constexpr double stiff_part = 1e-3, stiff_margin = 100.0;
+/// A gain by following η that is worth a choice among hundreds of potentials, which allow for steps that change fast
+/// and for what was not seen, and so seldom gain more than half of it.
+inline constexpr double worth_following = 1.5;
+/// A stretch shows what repeats where η turned so often, by more than this part of itself, and was no more than so many
+/// times larger in its second half.
+inline constexpr int turns_of_repetition = 4;
+inline constexpr double turn_of_eta = 0.1, growth_of_repetition = 1.5;
+/// f' of nearly equal steps where a scout saw them: this part of the terms of K, so that levels exist until the node
+/// energy is off by four times that, whatever is to come; or so many times what it was seen to be off by, but no more
+/// than a part of the terms that is half of what a user is warned of, if that is so many times what was seen.
+inline constexpr double stiff_part = 1e-4, stiff_margin = 10.0, most_stiff_part = 0.05, least_stiff_margin = 2.0;
+/// And where one step was all that was seen: this part of the terms of K, a hundredth of what a user is warned of, and
+/// at least so many times what the node energy was off by.
+inline constexpr double stiff_part_of_first = 1e-3, stiff_margin_of_first = 100.0;
 
 // Levels with a step potential (potential_levels.cpp)
 

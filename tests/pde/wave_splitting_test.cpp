@@ -158,7 +158,7 @@ TEST_CASE("levels of splittings on lattices keep the discrete energy, and their 
   variable.potential.kind = StepPotentialChoice::Kind::automatic;
   variable.until = 400;  // a run worth a scout
   LatticeIntegrator run(system, fine, initial, variable);
-  CHECK(check_energy_is_kept(run, 2).longest > 0.21);
+  CHECK(check_energy_is_kept(run, 2).longest > 0.2 * (1.0 + 1e-5));  // with f' ten times what the energy is off by
   std::vector<double> worst;
   for (const double h : {0.2, 0.1, 0.05}) {
     LatticeOptions fixed = options;
@@ -210,12 +210,11 @@ TEST_CASE(
   CHECK(std::abs(seen.steps - 74) <= 1);
   CHECK(seen.trials <= 2.6 * seen.steps);
   CHECK(seen.longest < 1.005 * seen.shortest);
-  // The twin: a run worth a scout, as far as the same time.
+  // The twin: a run worth a scout, as far as the same time, whose potential is as weak as what was seen allows.
   LatticeOptions long_run = short_run;
   long_run.until = 1000;
   const Seen scouted = run(long_run);
-  CHECK(scouted.trials > 2.8 * scouted.steps);
-  CHECK(scouted.longest > 1.05 * scouted.shortest);
+  CHECK(scouted.longest - scouted.shortest > 2.0 * (seen.longest - seen.shortest));
 }
 
 TEST_CASE("what a splitting on a lattice cannot split is refused with the reason") {

@@ -17,7 +17,7 @@ using namespace rubato;
 
 namespace {
 
-/// A scheme of order 2 of which only η(t) is known: dK/dh = 6 h η, η in the middle of the step.
+/// A scheme of order s of which only η(t) is known: dK/dh = s(s+1) h^(s-1) η, η in the middle of the step.
 class KnownEta final : public LevelScheme {
 public:
   explicit KnownEta(std::function<double(double)> eta, double longest = infinity, std::size_t size = 1)
@@ -31,7 +31,10 @@ public:
   }
   [[nodiscard]] double discrete_energy() const override { return 1.0; }
   [[nodiscard]] formula::SumSize energy_size() override { return {.terms = 1.0}; }
-  [[nodiscard]] double discrete_energy_slope() const override { return 6.0 * h_ * eta_(time + 0.5 * h_); }
+  [[nodiscard]] double discrete_energy_slope() const override {
+    return s * (s + 1.0) * std::pow(h_, s - 1) * eta_(time + 0.5 * h_);
+  }
+  [[nodiscard]] int order() const override { return s; }
   [[nodiscard]] NodeEnergy node() override { return {}; }
   [[nodiscard]] NodeEnergy trial_node() override { return {}; }
   [[nodiscard]] int iterations() const override { return iterations_; }
@@ -46,6 +49,7 @@ public:
     }
   }
 
+  int s = 2;
   double time = 5.0;
   int tried = 0, all_iterations = 0;
   double dear_from = infinity;  ///< a step longer than this takes so many iterations
@@ -64,14 +68,14 @@ constexpr double h = 0.01;
 }  // namespace
 
 TEST_CASE("A scout takes no strides that cost more than they save") {
-  KnownEta steady([](double) { return -2.0; });
+  KnownEta steady([](double) { return -2e-4; });
   steady.dear_from = 10.0 * h;
   steady.dear = 1000;
   const Scouting seen = scout(steady, h, false, 1e-13);
   CHECK(seen.duration >= 400.0 * h * (1.0 - 1e-9));
   // 1, 2, 4, 8 steps at once, then 16, once, which are dear; then 8, 46 times.
   CHECK(steady.all_iterations < 1100);
-  KnownEta saving([](double) { return -2.0; });
+  KnownEta saving([](double) { return -2e-4; });
   saving.dear_from = 10.0 * h;
   saving.dear = 2;  // twice the iterations for twice the time, and less for more
   (void)scout(saving, h, false, 1e-13);
@@ -79,11 +83,11 @@ TEST_CASE("A scout takes no strides that cost more than they save") {
 }
 
 TEST_CASE("A scout sees 400 first steps in a few where η stays, and goes back") {
-  KnownEta steady([](double) { return -2.0; });
+  KnownEta steady([](double) { return -2e-4; });
   const Scouting seen = scout(steady, h, false, 1e-13);
   CHECK(seen.duration >= 400.0 * h * (1.0 - 1e-9));
   CHECK(seen.eta.size() <= 10);  // 1 + 1 + 2 + 4 + … + 128 first steps, and one more
-  CHECK(seen.eta.front() == Approx(-2.0));
+  CHECK(seen.eta.front() == Approx(-2e-4));
   CHECK(seen.time.front() == Approx(0.5 * h));
   CHECK(steady.time == 5.0);
   // Where it changes as fast as first steps resolve, the steps are those.
@@ -92,7 +96,7 @@ TEST_CASE("A scout sees 400 first steps in a few where η stays, and goes back")
   CHECK(taken >= 400);
   CHECK(taken <= 500);  // a little longer where a peak happens to be at the end
   // Backward in time it is the same.
-  KnownEta backward([](double) { return -2.0; });
+  KnownEta backward([](double) { return -2e-4; });
   CHECK(scout(backward, -h, false, 1e-13).eta.size() == seen.eta.size());
 }
 
@@ -130,6 +134,41 @@ TEST_CASE("A scout's long steps are those that can be taken; its first decides w
   CHECK(scout(never, h, false, 1e-13).eta.empty());
   KnownEta one([](double) { return 1.0; });
   CHECK(scout(one, h, true, 1e-13).eta.size() == 1);
+}
+
+TEST_CASE("A scout takes no strides that pass over the motion") {
+  // (s+1)|η|h² is a thousandth of K in a first step, and a tenth in one of ten.
+  KnownEta coarse([](double) { return 1e-3 / (3.0 * h * h); });
+  const Scouting seen = scout(coarse, h, false, 1e-13);
+  CHECK(seen.eta.size() >= 400 / 8);
+  CHECK(seen.eta.size() <= 400 / 8 + 4);
+}
+
+TEST_CASE("At order 4 a scout looks no longer than it takes to see what repeats, or that K tells nothing") {
+  const auto size_of = [](double period, double eta) {
+    KnownEta swinging([=](double t) { return eta * std::cos(2.0 * std::numbers::pi * (t - 5.0) / period); });
+    swinging.s = 4;
+    return scout(swinging, h, false, 1e-13).duration / h;
+  };
+  const double eta = 1e-6 / (5.0 * std::pow(h, 4));
+  CHECK(size_of(6.0 * h, eta) == Approx(16.0));
+  CHECK(size_of(11.0 * h, eta) == Approx(32.0));
+  CHECK(size_of(40.0 * h, eta) == Approx(128.0).margin(8.0));
+  CHECK(size_of(300.0 * h, eta) >= 400.0);  // not seen to turn four times
+  // Where K tells nothing, as of 1e-15, it sees hundreds of times as much in strides, unless they cost as much as first
+  // steps, or cannot be taken.
+  CHECK(size_of(40.0 * h, 1e-9 * eta) > 6400.0);
+  for (const bool is_dear : {true, false}) {
+    KnownEta none([](double) { return 0.0; }, is_dear ? infinity : 3.0 * h);
+    none.s = 4;
+    none.dear_from = is_dear ? 3.0 * h : infinity;
+    none.dear = 5;
+    CHECK(scout(none, h, false, 1e-13).duration < 40.0 * h);
+    CHECK(none.all_iterations < 40);
+  }
+  // The twin: at order 2, where steps may follow, all of it is looked at.
+  KnownEta second([](double t) { return std::cos(t / h); });
+  CHECK(scout(second, h, false, 1e-13).duration >= 400.0 * h * (1.0 - 1e-9));
 }
 
 TEST_CASE("A scout does not look beyond a blow-up") {

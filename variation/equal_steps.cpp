@@ -1,0 +1,105 @@
+#include <rubato/variation/equal_steps.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include <rubato/variation/tuning.hpp>
+
+namespace rubato {
+
+namespace {
+
+using namespace tuning;
+
+/// The same for a potential of one sign, with which η̃ = side · η + μ is positive.
+double gain_with(const Scouting& scouting, double side) {
+  const double s = scouting.order;
+  double least = std::numeric_limits<double>::infinity(), most = -least;
+  for (const double eta : scouting.eta) {
+    least = std::min(least, side * eta);
+    most = std::max(most, side * eta);
+  }
+  if (!(most > 0.0) || !(most > least)) {
+    return 1.0;
+  }
+  const double mu = std::max(0.0, -eta_margin * least);
+  double mean = 0.0, before = 0.0;
+  double least_root = std::numeric_limits<double>::infinity(), most_root = 0.0;
+  for (std::size_t i = 0; i < scouting.eta.size(); ++i) {
+    const double after =
+        i + 1 < scouting.eta.size() ? 0.5 * (scouting.time[i] + scouting.time[i + 1]) : scouting.duration;
+    const double root = std::pow(side * scouting.eta[i] + mu, 1.0 / (s + 1.0));
+    mean += root * (after - before) / scouting.duration;
+    least_root = std::min(least_root, root);
+    most_root = std::max(most_root, root);
+    before = after;
+  }
+  const double following = mean * std::pow((s + 1.0) * (most_root - least_root), 1.0 / s);
+  return following > 0.0 ? std::pow(most - least, 1.0 / s) / following : 1.0;
+}
+
+/// What the node energy is off by with equal steps, where η is largest, (s+1)|η|h^s.
+double strayed(const Scouting& scouting) {
+  return (scouting.order + 1.0) * scouting.largest_eta() * std::pow(scouting.step, scouting.order);
+}
+
+}  // namespace
+
+double gain_of_following(const Scouting& scouting) {
+  return std::max(gain_with(scouting, 1.0), gain_with(scouting, -1.0));
+}
+
+int turns_of_eta(const Scouting& scouting) {
+  const double told = scouting.least_told();
+  double extreme = scouting.eta.front(), direction = 0.0;
+  int turns = 0;
+  for (const double eta : scouting.eta) {
+    const double moved = eta - extreme;
+    if (direction * moved > 0.0) {
+      extreme = eta;
+    } else if (std::abs(moved) > std::max(turn_of_eta * std::max(std::abs(eta), std::abs(extreme)), told)) {
+      turns += direction == 0.0 ? 0 : 1;
+      direction = std::copysign(1.0, moved);
+      extreme = eta;
+    }
+  }
+  return turns;
+}
+
+bool repeats(const Scouting& scouting) {
+  double first = 0.0, second = 0.0;  // the largest |η| of either half
+  for (std::size_t i = 0; i < scouting.eta.size(); ++i) {
+    double& largest = scouting.time[i] < 0.5 * scouting.duration ? first : second;
+    largest = std::max(largest, std::abs(scouting.eta[i]));
+  }
+  return second <= growth_of_repetition * first && turns_of_eta(scouting) >= turns_of_repetition;
+}
+
+bool equal_steps_do(const Scouting& scouting) {
+  return (!scouting.knows_step() || gain_of_following(scouting) < worth_following) &&
+         nearly_equal_steps(scouting).has_value();
+}
+
+std::optional<StepPotential> nearly_equal_steps(const Scouting& scouting) {
+  const double s = scouting.order;
+  const double terms = scouting.energy_size > 0.0 ? scouting.energy_size : 1.0;
+  const double off = strayed(scouting), most = most_stiff_part * terms;
+  const bool is_scouted = scouting.eta.size() > 1;
+  const double least =
+      terms * std::max(is_scouted ? stiff_part : stiff_part_of_first, least_strength_by_tolerance * scouting.tolerance);
+  const bool is_lost = scouting.first_size > 0.0 && least > most_of_terms * scouting.first_size;
+  if (is_scouted && (least_stiff_margin * off > most || is_lost)) {
+    return std::nullopt;
+  }
+  const double size = is_scouted ? std::min(stiff_margin * off, most) : stiff_margin_of_first * off;
+  return StepPotential{.strength = rounded_strength(std::copysign(std::max(least, size), scouting.eta.front())),
+                       .length = scouting.step,
+                       .exponent = 4.0 * s};
+}
+
+bool is_short_run(int order, double first_step, double run_length) {
+  return order >= order_with_zeros && run_length < short_run * least_stretch * std::abs(first_step);
+}
+
+}  // namespace rubato
