@@ -12,9 +12,11 @@ namespace rubato {
 ///
 /// It sees some hundred first steps, the time in which an orbit does what it does, if they resolve it; and goes on
 /// where |η| is largest near the end, as when two waves are about to meet, or where the second half of what was seen
-/// has nothing like the largest, as on an eccentric orbit that has left its pericentre. It knows nothing of how long
-/// the run is to be, since a run may be continued. \param one_step  the first step is all that is wanted \param
-/// tolerance that levels will be solved to
+/// has nothing like the largest, as on an eccentric orbit that has left its pericentre. At order 4 and more it ends
+/// much sooner where the orbit repeats itself and equal steps do as well as any (equal_steps.hpp), or where K tells
+/// nothing of steps, and longer ones cost as much or cannot be taken. It knows nothing of how long the run is to be,
+/// since a run may be continued. \param one_step the first step is all that is wanted \param tolerance that levels will
+/// be solved to
 [[nodiscard]] Scouting scout(LevelScheme& scheme, double first_step, bool one_step, double tolerance);
 
 }  // namespace rubato

@@ -114,10 +114,10 @@ const std::vector<Settings> schemes_with_transforms = {{"scheme.lagrangian=split
 
 }  // namespace
 
-TEST_CASE("ranks carry tangent solutions along a lattice with the bits of one") {
+namespace {
+
+void check_tangents_of_ranks(const std::string& every) {
   const Folder folder;
-  // Where every level is stored they are checked, too.
-  const std::string every = GENERATE("1", "7");
   SECTION("on a torus and in space") {
     const Settings scheme = GENERATE(Settings{}, Settings{"scheme.lagrangian=leapfrog"},
                                      Settings{"scheme.lagrangian=leapfrog", "scheme.levels=variable"});
@@ -149,6 +149,17 @@ TEST_CASE("ranks carry tangent solutions along a lattice with the bits of one") 
           "0.006", {2, 3}, true);
     }
   }
+}
+
+}  // namespace
+
+// Where every level is stored they are checked, too.
+TEST_CASE("ranks carry tangent solutions along a lattice with the bits of one") {
+  check_tangents_of_ranks("1");
+}
+
+TEST_CASE("ranks carry tangent solutions along a lattice of which few levels are stored", "[long]") {
+  check_tangents_of_ranks("7");
 }
 
 TEST_CASE("what is wrong with tangent solutions of ranks is seen in their law alone, and found by a check") {
