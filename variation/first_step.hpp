@@ -14,12 +14,12 @@ struct TrialRun {
   /// max |H(z_k) - E| / TimeLevels::energy_scale(), the first level included; of E without the first step's f', which
   /// is K_h there.
   double deviation = 0.0;
-  bool whole = false;      ///< whether it came to the end of the run
+  bool whole = false;  ///< whether it came to the end of the run
 };
 
 /// A first step h_0 with which the node energy H(z_k) stays within `tolerance` of the discrete energy E, its own step
-/// potential f'(h_0) left out, relative to TimeLevels::energy_scale, which knows no zero of H, and not by much more than it has to: between 0.7 and 1 times the
-/// tolerance where trials settle. No longer than a tenth of the run.
+/// potential f'(h_0) left out, relative to TimeLevels::energy_scale, which knows no zero of H, and not by much more
+/// than it has to: between 0.7 and 1 times the tolerance where trials settle. No longer than a tenth of the run.
 ///
 /// By the node law the largest deviation is c·max|Γ|^(1/(s+1)) with c proportional to h_0^s (theory, section 3), so
 /// that one trial tells the next step: h_0 (tolerance/deviation)^(1/s). Γ at the start says little about its largest

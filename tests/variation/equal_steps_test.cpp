@@ -186,8 +186,8 @@ TEST_CASE("Steps are chosen to be equal where that does as well, and to follow w
 }
 
 TEST_CASE("Nearly equal steps tell what they cost beside the law's own") {
-  // η is a millionth for nine tenths of the time, where the law's steps are 1e6^(1/5) = 16 times as long: too much of
-  // the energy is off for a choice to find any that follow.
+  // η is a millionth for nine tenths of the time, where the law's steps are 1e6^(1/5) = 16 times as long; it falls
+  // there at once, faster than any steps could follow.
   const Scouting scouting = seen(4, 400, [](int k) { return k < 40 ? 1e-5 : 1e-11; });
   const double price = choose_priced_potential(scouting, std::nullopt).price_in_steps;
   const LevelForecast forecast = forecast_levels(scouting, choose_step_potential(scouting, std::nullopt));
