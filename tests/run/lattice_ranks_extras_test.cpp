@@ -263,7 +263,9 @@ const Settings of_times = {"multisymplectic.S=(v^2 - a^2 - b^2)/2 + 1 - cos(u) +
 
 }  // namespace
 
-TEST_CASE("ranks share lattices whose S names coordinates, or t, with the bits of one") {
+namespace {
+
+void check_shared_places(const std::vector<std::string>& rows_apart) {
   const Folder folder;
   SECTION("on a torus") {
     const Settings S = GENERATE(of_places, of_times);
@@ -273,7 +275,7 @@ TEST_CASE("ranks share lattices whose S names coordinates, or t, with the bits o
       return;  // leapfrog is for wave equations, and time is none
     }
     INFO(fmt::format("{} {}", fmt::join(scheme, " "), S.front()));
-    for (const std::string every : {"1", "7"}) {
+    for (const std::string& every : rows_apart) {
       const Settings settings = joined(joined(scheme, S), {"output.every=" + every});
       check_shared_run(folder, [&](const Settings& more) { return wave_on_torus(40, 37, joined(settings, more)); },
                        "0.11", {2, 3});
@@ -332,6 +334,16 @@ until = 0.4
       CHECK(checked.status == ExitStatus::done);
     }
   }
+}
+
+}  // namespace
+
+TEST_CASE("ranks share lattices whose S names coordinates, or t, with the bits of one") {
+  check_shared_places({"1"});
+}
+
+TEST_CASE("ranks share lattices whose S names coordinates, or t, of which few levels are stored", "[long]") {
+  check_shared_places({"7"});
 }
 
 TEST_CASE("schemes with transforms share what S says of coordinates and t to rounding") {
@@ -394,11 +406,13 @@ const Settings levels_output = {"output.quantities.power=v*b", "output.quantitie
 
 }  // namespace
 
-TEST_CASE("ranks find the events of a lattice, and tell it between levels, with the bits of one") {
+namespace {
+
+void check_shared_events(const std::vector<std::string>& rows_apart) {
   const Folder folder;
   const Settings scheme = GENERATE(Settings{}, Settings{"scheme.lagrangian=leapfrog", "scheme.levels=variable"});
   SECTION("events") {
-    for (const std::string every : {"1", "7"}) {
+    for (const std::string& every : rows_apart) {
       INFO(fmt::format("{}, every {}", fmt::join(scheme, " "), every));
       const Settings settings = joined(joined(scheme, some_events), {"output.every=" + every});
       check_shared_run(folder, [&](const Settings& more) { return wave_on_torus(24, 23, joined(settings, more)); },
@@ -418,7 +432,7 @@ TEST_CASE("ranks find the events of a lattice, and tell it between levels, with 
   }
   SECTION("output") {
     for (const Settings& output : {some_output, levels_output}) {
-      for (const std::string every : {"1", "7"}) {
+      for (const std::string& every : rows_apart) {
         INFO(fmt::format("{}, every {}", fmt::join(scheme, " "), every));
         const Settings settings = joined(joined(scheme, output), {"output.every=" + every});
         check_shared_run(folder, [&](const Settings& more) { return wave_on_torus(24, 23, joined(settings, more)); },
@@ -429,6 +443,16 @@ TEST_CASE("ranks find the events of a lattice, and tell it between levels, with 
         folder, [&](const Settings& more) { return wave_on_torus(9, 7, joined(joined(scheme, some_output), more)); },
         "0.11", {7});
   }
+}
+
+}  // namespace
+
+TEST_CASE("ranks find the events of a lattice, and tell it between levels, with the bits of one") {
+  check_shared_events({"1"});
+}
+
+TEST_CASE("ranks find the events of a lattice of which few levels are stored, and tell it between levels", "[long]") {
+  check_shared_events({"7"});
 }
 
 TEST_CASE("as many quantities as a part has nodes are no field") {
