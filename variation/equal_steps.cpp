@@ -24,24 +24,16 @@ double gain_with(const Scouting& scouting, double side) {
     return 1.0;
   }
   const double mu = std::max(0.0, -eta_margin * least);
-  double mean = 0.0, before = 0.0;
+  double mean = 0.0;
   double least_root = std::numeric_limits<double>::infinity(), most_root = 0.0;
   for (std::size_t i = 0; i < scouting.eta.size(); ++i) {
-    const double after =
-        i + 1 < scouting.eta.size() ? 0.5 * (scouting.time[i] + scouting.time[i + 1]) : scouting.duration;
     const double root = std::pow(side * scouting.eta[i] + mu, 1.0 / (s + 1.0));
-    mean += root * (after - before) / scouting.duration;
+    mean += root * scouting.time_of(i) / scouting.duration;
     least_root = std::min(least_root, root);
     most_root = std::max(most_root, root);
-    before = after;
   }
   const double following = mean * std::pow((s + 1.0) * (most_root - least_root), 1.0 / s);
   return following > 0.0 ? std::pow(most - least, 1.0 / s) / following : 1.0;
-}
-
-/// What the node energy is off by with equal steps, where η is largest, (s+1)|η|h^s.
-double strayed(const Scouting& scouting) {
-  return (scouting.order + 1.0) * scouting.largest_eta() * std::pow(scouting.step, scouting.order);
 }
 
 }  // namespace
@@ -82,9 +74,8 @@ bool equal_steps_do(const Scouting& scouting) {
 }
 
 std::optional<StepPotential> nearly_equal_steps(const Scouting& scouting) {
-  const double s = scouting.order;
   const double terms = scouting.energy_size > 0.0 ? scouting.energy_size : 1.0;
-  const double off = strayed(scouting), most = most_stiff_part * terms;
+  const double off = scouting.off(scouting.largest_eta(), scouting.step), most = most_stiff_part * terms;
   const bool is_scouted = scouting.eta.size() > 1;
   const double least =
       terms * std::max(is_scouted ? stiff_part : stiff_part_of_first, least_strength_by_tolerance * scouting.tolerance);
@@ -95,7 +86,7 @@ std::optional<StepPotential> nearly_equal_steps(const Scouting& scouting) {
   const double size = is_scouted ? std::min(stiff_margin * off, most) : stiff_margin_of_first * off;
   return StepPotential{.strength = rounded_strength(std::copysign(std::max(least, size), scouting.eta.front())),
                        .length = scouting.step,
-                       .exponent = 4.0 * s};
+                       .exponent = 4.0 * scouting.order};
 }
 
 bool is_short_run(int order, double first_step, double run_length) {

@@ -65,10 +65,15 @@ public:
 
   /// A longer stride told something else, or cost too much: first steps are about as long as the motion's own time.
   void hold() { held_ = true; }
+  /// Of a longer one than this nothing is to be saved, as long as it looks early.
+  void hold_to(double stride) {
+    hold();
+    longest_early_ = std::min(longest_early_, stride);
+  }
 
   /// In first steps.
   [[nodiscard]] double longest_stride() const {
-    return looks_early() ? early_look_ / strides_in_look : tuning::longest_stride;
+    return looks_early() ? std::min(early_look_ / strides_in_look, longest_early_) : tuning::longest_stride;
   }
 
   /// Whether it has not yet seen what it sees at least, and may need no more.
@@ -79,6 +84,7 @@ private:
   std::size_t most_;
   double look_at_;
   double early_look_;  ///< in first steps
+  double longest_early_ = tuning::longest_stride;
   bool held_ = false;
   double largest_ = 0.0, largest_at_ = 0.0;
 };
@@ -91,8 +97,8 @@ double slope_of_one(const Scouting& log, double length) {
 
 /// Of η, relative; one that K hardly knows h for is as good as 0.
 double change_between(const Scouting& log, double eta, double last) {
-  const double unseen = log.resolved_slope() / (slope_of_one(log, log.step) * log.step);
-  return std::abs(eta - last) / std::max({std::abs(eta), std::abs(last), unseen, std::numeric_limits<double>::min()});
+  return std::abs(eta - last) /
+         std::max({std::abs(eta), std::abs(last), log.least_told(), std::numeric_limits<double>::min()});
 }
 
 /// Iterations for the time of a first step, of the last stride of each length, 2^k first steps.
@@ -137,7 +143,7 @@ Scouting scout(LevelScheme& scheme, double first_step, bool one_step, double tol
                             : std::clamp(most_steps * small_state / std::max<std::size_t>(size, 1), most_large_steps,
                                          most_steps));
   Prices prices;
-  double stride = 1.0, longest = longest_stride, longest_early = longest_stride;
+  double stride = 1.0, longest = longest_stride;
   int until_tried = 0;
   while (!watch.seen_enough()) {
     const double h = stride * first_step;
@@ -152,13 +158,10 @@ Scouting scout(LevelScheme& scheme, double first_step, bool one_step, double tol
       longest = 0.5 * stride;
       watch.hold();
     } else if (stride > 1.0 && taken && watch.looks_early() && prices.saves_little(stride)) {
-      longest_early = std::min(longest_early, stride);
-      watch.hold();
+      watch.hold_to(stride);
     }
     const bool good = taken && std::isfinite(eta);
-    // Of the node energy, as equal steps of that length would be.
-    const double off = (log.order + 1.0) * std::abs(eta) * std::pow(std::abs(h), log.order);
-    if (stride > 1.0 && !(good && change <= changed_much && off <= off_much * log.energy_size)) {
+    if (stride > 1.0 && !(good && change <= changed_much && log.off(eta, std::abs(h)) <= off_much * log.energy_size)) {
       stride *= 0.5;
       until_tried = steps_until_tried_again;
       watch.hold();
@@ -179,7 +182,7 @@ Scouting scout(LevelScheme& scheme, double first_step, bool one_step, double tol
     if (change < hardly_changed && until_tried == 0 && log.eta.size() > 1) {
       stride *= 2.0;
     }
-    stride = std::min({stride, longest, watch.looks_early() ? longest_early : longest, watch.longest_stride()});
+    stride = std::min({stride, longest, watch.longest_stride()});
   }
   StateReader reader(before);
   scheme.restore(reader);

@@ -21,11 +21,11 @@ namespace {
 using namespace tuning;
 
 StepPotential with_kappa(const Scouting& scouting, double eta, double kappa, double exponent) {
-  const double s = scouting.order;
-  const double size = (s + 1.0) * std::abs(eta) * std::pow(scouting.step, s);
   const double least = std::max(least_strength, least_strength_by_tolerance * scouting.tolerance) *
                        (scouting.energy_size > 0.0 ? scouting.energy_size : 1.0);
-  return {.strength = std::copysign(std::max(size, least), eta), .length = kappa * scouting.step, .exponent = exponent};
+  return {.strength = std::copysign(std::max(scouting.off(eta, scouting.step), least), eta),
+          .length = kappa * scouting.step,
+          .exponent = exponent};
 }
 
 /// Whether what the second half of a scouted stretch showed is what the first half did.
@@ -80,6 +80,15 @@ double Scouting::resolved_slope() const {
   return std::max(least_slope, least_slope_by_tolerance * tolerance) * energy_size;
 }
 
+double Scouting::off(double value, double length) const {
+  return (order + 1.0) * std::abs(value) * std::pow(length, order);
+}
+
+double Scouting::time_of(std::size_t i) const {
+  const double before = i == 0 ? 0.0 : 0.5 * (time[i - 1] + time[i]);
+  return (i + 1 < eta.size() ? 0.5 * (time[i] + time[i + 1]) : duration) - before;
+}
+
 double Scouting::least_told() const {
   return resolved_slope() / (order * (order + 1.0) * std::pow(step, order));
 }
@@ -113,15 +122,16 @@ double price_of(const Scouting& scouting, double steps) {
   const auto steps_in_time = [&](std::size_t i) {
     return std::pow(std::abs(scouting.eta[i] / scouting.eta.front()), 1.0 / (scouting.order + 1.0)) / scouting.step;
   };
-  double of_law = 1.0, before = 0.0;
+  double of_law = 1.0;
   for (std::size_t i = 0; i < scouting.eta.size(); ++i) {
-    const double after =
-        i + 1 < scouting.eta.size() ? 0.5 * (scouting.time[i] + scouting.time[i + 1]) : scouting.duration;
-    of_law += steps_in_time(i) * (after - before);
+    of_law += steps_in_time(i) * scouting.time_of(i);
     of_law += i > 0 && scouting.eta[i] * scouting.eta[i - 1] < 0.0 ? 1.0 : 0.0;
-    before = after;
   }
   return steps / of_law;
+}
+
+PricedPotential with_price_of_equal_steps(const Scouting& scouting, const StepPotential& potential) {
+  return {potential, scouting.knows_step() ? price_of(scouting, scouting.duration / scouting.step) : 1.0};
 }
 
 }  // namespace
@@ -164,14 +174,11 @@ public:
 
   PricedPotential operator()() {
     const double side = std::copysign(1.0, scouting_.eta.front());
-    const std::optional<StepPotential> equal =
-        s_ >= order_with_zeros ? nearly_equal_steps(scouting_) : std::optional<StepPotential>();
-    if (equal && equal_steps_do(scouting_)) {
-      return of_equal_steps(*equal);
-    }
     if (!scouting_.knows_step()) {
       return with_price(made(0.0, 1.0, s_ + 1.0));  // K hardly knows h: steps are as long as the first
     }
+    const std::optional<StepPotential> equal =
+        s_ >= order_with_zeros ? nearly_equal_steps(scouting_) : std::optional<StepPotential>();
     const bool definite = std::ranges::all_of(scouting_.eta, [&](double eta) { return eta * side >= 0.0; });
     const double usual = std::min(largest_part * strayed_, most_);
     for (const double limit : {usual, most_}) {
@@ -190,13 +197,13 @@ public:
       if (!candidates_.empty()) {
         const Candidate chosen = limit == usual ? best() : weakest();
         if (equal && work(forecast_levels(scouting_, *equal)) <= (1.0 + as_good) * chosen.work) {
-          return of_equal_steps(*equal);
+          return with_price_of_equal_steps(scouting_, *equal);
         }
         return {chosen.potential, price_of(scouting_, chosen.steps)};
       }
     }
     if (equal) {
-      return of_equal_steps(*equal);
+      return with_price_of_equal_steps(scouting_, *equal);
     }
     // Nothing is forecast to last: steps that are nearly equal.
     StepPotential last = made(std::copysign(largest_, side), last_resort, s_ + 1.0);
@@ -205,9 +212,6 @@ public:
   }
 
 private:
-  [[nodiscard]] PricedPotential of_equal_steps(const StepPotential& potential) const {
-    return {potential, scouting_.knows_step() ? price_of(scouting_, scouting_.duration / scouting_.step) : 1.0};
-  }
   [[nodiscard]] PricedPotential with_price(const StepPotential& potential) const {
     return {potential, price_in_steps(scouting_, potential)};
   }
@@ -403,6 +407,9 @@ private:
 }  // namespace
 
 PricedPotential choose_priced_potential(const Scouting& scouting, std::optional<double> largest_step) {
+  if (scouting.order >= order_with_zeros && equal_steps_do(scouting)) {
+    return with_price_of_equal_steps(scouting, nearly_equal_steps(scouting).value());
+  }
   return Choice(scouting, largest_step)();
 }
 

@@ -73,6 +73,10 @@ struct Scouting {
   double tolerance = 1e-13;  ///< that levels will be solved to, relative to energy_size
 
   [[nodiscard]] double largest_eta() const;  ///< max |η|
+  /// What the node energy is off by in a step of that length with that η, (s+1)|η|h^s (theory, section 8).
+  [[nodiscard]] double off(double value, double length) const;
+  /// The time that η[i] stands for: from half way to the one before to half way to the next.
+  [[nodiscard]] double time_of(std::size_t i) const;
   /// What |h dE/dh| has to be, to tell one step from another.
   [[nodiscard]] double resolved_slope() const;
   /// The smallest |η| that K tells of in a first step: its |h dE/dh| there is that.

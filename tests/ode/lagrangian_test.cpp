@@ -366,8 +366,8 @@ TEST_CASE("variable levels of three quadratures keep the discrete energy to roun
       CHECK(orbit.discrete_energy_deviation() <= 1e-13);
       CHECK(orbit.node_energy_deviation() > 1e-10);  // it is another number than H(z_k)
       const auto [least, most] = std::ranges::minmax(orbit.h);
-      // Equal steps would leave E off by p f' dh/h, 16e-4 · 1e-7 of its terms, or by much more at order 2.
-      CHECK(most > (1.0 + 1e-7) * least);
+      // At higher orders steps are nearly equal; equal ones would leave E off by p f' dh/h, 16e-4 · 1e-7 of its terms.
+      CHECK(most > (std::holds_alternative<Trapezoid>(scheme) ? 1.001 : 1.0 + 1e-7) * least);
     }
   }
 }

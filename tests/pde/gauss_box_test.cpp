@@ -162,8 +162,9 @@ TEST_CASE("levels of Gauss collocation on cells keep the discrete energy, with a
                                .until = 1000,  // a run worth a scout
                                .potential = {.kind = StepPotentialChoice::Kind::automatic}});
     const auto [shortest, longest] = check_energy_is_kept(lattice, 20);
-    // Levels that vary, else nothing is shown: equal ones would leave E off by p f' dh/h, 24e-4 · 1e-7 of it or more.
-    CHECK(longest > (1.0 + 1e-7) * shortest);
+    // Levels that vary, else nothing is shown: from order 4 on they are nearly equal, and equal ones would leave E off
+    // by p f' dh/h, 16e-4 · 1e-7 of it or more.
+    CHECK(longest > (stages == 1 ? 1.001 : 1.0 + 1e-7) * shortest);
   }
 }
 

@@ -175,7 +175,7 @@ TEST_CASE("levels of Gauss collocation on lattices keep the discrete energy, wit
                                .until = 1000,  // a run worth a scout
                                .potential = {.kind = StepPotentialChoice::Kind::automatic}});
     const auto [shortest, longest] = check_energy_is_kept(lattice, 20);
-    // Levels that vary, else nothing is shown: equal ones would leave E off by p f' dh/h, 24e-4 · 1e-7 of it or more.
+    // Levels that vary, else nothing is shown: equal ones would leave E off by p f' dh/h, 16e-4 · 1e-7 of it or more.
     CHECK(longest > (1.0 + 1e-7) * shortest);
   }
 }
