@@ -1,6 +1,6 @@
-// One level of sine-Gordon by box with variable levels, in one and two dimensions, per cell: beside one streaming pass
-// (read z_k, write z_{k+1}), and beside the same Newton iteration with Eigen's SparseLU, and with KLU where that is
-// there.
+// One level of sine-Gordon by box, in one and two dimensions, per cell: beside one streaming pass (read z_k, write
+// z_{k+1}), beside the same Newton iteration with Eigen's SparseLU, and with KLU where that is there, and beside a code
+// that has PETSc's SNES solve the same step.
 #include <benchmark/benchmark.h>
 #include <omp.h>
 
@@ -15,6 +15,9 @@
 #include <klu.h>
 
 #include <Eigen/SparseCore>
+#endif
+#if RUBATO_HAS_PETSC
+#include "peers/snes.hpp"
 #endif
 
 #include <rubato/grids/field_set.hpp>
@@ -75,15 +78,17 @@ void count_cells(benchmark::State& state, std::size_t cells) {
       1e-9 * static_cast<double>(cells), benchmark::Counter::kIsIterationInvariantRate | benchmark::Counter::kInvert);
 }
 
+constexpr int warm_ups = 5;  ///< until the predictors have their history
+
 /// range(0): cells along an axis; range(1): threads.
-template <int dimensions>
+template <int dimensions, Levels kind>
 void one_level(benchmark::State& state) {
   omp_set_num_threads(static_cast<int>(state.range(1)));
   const auto system = sine_gordon(dimensions);
   const auto grid = make_grid(dimensions, static_cast<std::size_t>(state.range(0)));
   const auto scheme = make_box_scheme(system, grid, first_level(system, grid), step);
-  TimeLevels levels(*scheme, {.on_singular = OnSingular::stop, .tolerance = 1e-12}, 0.0, step);
-  for (int warm_up = 0; warm_up < 5; ++warm_up) {  // until the predictors have their history
+  TimeLevels levels(*scheme, {.levels = kind, .on_singular = OnSingular::stop, .tolerance = 1e-12}, 0.0, step);
+  for (int warm_up = 0; warm_up < warm_ups; ++warm_up) {
     if (levels.step().status != Status::success) {
       state.SkipWithError("the step failed");
       return;
@@ -126,9 +131,9 @@ int iterations_of_a_level(const MultisymplecticSystem& system, const grids::Grid
   const auto scheme = make_box_scheme(system, grid, first_level(system, grid), step);
   TimeLevels levels(*scheme, {.on_singular = OnSingular::stop, .tolerance = 1e-12}, 0.0, step);
   int iterations = 0;
-  for (int k = 0; k < 5 + steps; ++k) {
+  for (int k = 0; k < warm_ups + steps; ++k) {
     const StepReport report = levels.step();
-    iterations += k < 5 ? 0 : report.iterations;
+    iterations += k < warm_ups ? 0 : report.iterations;
   }
   return (iterations + steps / 2) / steps;
 }
@@ -293,8 +298,49 @@ private:
 };
 #endif
 
+#if RUBATO_HAS_PETSC
+/// Equal steps of the same scheme from the same start, and to the same u.
+void one_level_with_snes(benchmark::State& state) {
+  const auto cells = static_cast<std::size_t>(state.range(0));
+  const auto system = sine_gordon(1);
+  const auto grid = make_grid(1, cells);
+  const double width = std::sqrt(0.75);
+  peers::SnesBox peer(
+      {-period / 2, period, cells}, [](double) { return 0.0; },
+      [width](double x) { return 4 * width / std::cosh(width * x); }, step);
+  const auto scheme = make_box_scheme(system, grid, first_level(system, grid), step);
+  TimeLevels levels(*scheme, {.levels = Levels::fixed, .on_singular = OnSingular::stop, .tolerance = 1e-12}, 0.0, step);
+  double apart = 0.0;
+  for (int warm_up = 0; warm_up < warm_ups; ++warm_up) {
+    if (!peer.step() || levels.step().status != Status::success) {
+      state.SkipWithError("the step failed");
+      return;
+    }
+    const auto u = scheme->level().fields.field(0);
+    for (std::size_t i = 0; i < cells; ++i) {
+      apart = std::max(apart, std::abs(u[i] - peer.u()[i]));
+    }
+  }
+  // Rounding of second differences in space, which each of a few steps is solved to, of a u of a few units.
+  if (!(apart < 1e-9)) {
+    state.SkipWithError("the peer solves something else");
+    return;
+  }
+  const int before = peer.iterations();
+  for (auto _ : state) {
+    if (!peer.step()) {
+      state.SkipWithError("the step failed");
+      return;
+    }
+  }
+  state.counters["iterations"] =
+      benchmark::Counter(static_cast<double>(peer.iterations() - before), benchmark::Counter::kAvgIterations);
+  count_cells(state, cells);
+}
+#endif
+
 BENCHMARK(streaming_pass)->ArgNames({"cells", "threads"})->Args({1'000'001, 1})->Args({10'000'001, 1})->UseRealTime();
-BENCHMARK(one_level<1>)
+BENCHMARK(one_level<1, Levels::variable>)
     ->Name("one_level")
     ->ArgNames({"cells", "threads"})
     ->Args({100'001, 1})
@@ -309,11 +355,16 @@ void on_one_thread(benchmark::internal::Benchmark* run, long cells) {
 void on_a_long_line(benchmark::internal::Benchmark* run) {
   on_one_thread(run, 100'001);
 }
+constexpr int same_levels = 60;  ///< to t = 3.25: what a level takes changes as the breather moves
+BENCHMARK(one_level<1, Levels::fixed>)->Name("one_fixed_level")->Apply(on_a_long_line)->Iterations(same_levels);
 BENCHMARK(one_level_with<SparseLu>)->Name("one_level_with_sparse_lu")->Apply(on_a_long_line);
 #if RUBATO_HAS_KLU
 BENCHMARK(one_level_with<Klu>)->Name("one_level_with_klu")->Apply(on_a_long_line);
 #endif
-BENCHMARK(one_level<2>)->Name("one_level_2d")->Apply([](auto* run) { on_one_thread(run, 511); });
+#if RUBATO_HAS_PETSC
+BENCHMARK(one_level_with_snes)->Apply(on_a_long_line)->Iterations(same_levels);
+#endif
+BENCHMARK(one_level<2, Levels::variable>)->Name("one_level_2d")->Apply([](auto* run) { on_one_thread(run, 525); });
 
 }  // namespace
 
