@@ -10,45 +10,18 @@
 
 #include <fmt/format.h>
 
-#include <rubato/formula/arithmetic.hpp>
-#include <rubato/formula/operations.hpp>
-#include <rubato/formula/special.hpp>
+#include <rubato/formula/rounding_steps.hpp>
 #include <rubato/formula/sum.hpp>
 
 namespace rubato::formula {
 
 namespace {
 
-constexpr double unit = 0.5 * std::numeric_limits<double>::epsilon();
+using rounding_steps::function_error;
+using rounding_steps::unit;
 
 /// Terms that cancel by more than this make a sum that is small by accident.
 constexpr double least_part = 0.03;
-
-/// Of Bessel and elliptic functions, in units of their size and slope: near a zero the error is that of the argument.
-constexpr double special_error = 16.0;
-
-double slope_of(OpCode function, double parameter, double x) {
-  std::array<double, 2> coefficients{};
-  scaled_derivatives(function, parameter, x, coefficients);
-  return coefficients[1];
-}
-
-/// Of functions that are not rounded correctly, in units of u·|result|.
-constexpr double function_error = 2.0;
-
-/// Error of an argument by the derivative there; no error is none, however steep the function.
-double carried(double derivative, double error) {
-  return error == 0.0 ? 0.0 : std::abs(derivative) * error;
-}
-
-/// Of √a = v. Where a is not known better than its size the derivative says nothing: |√(a + δ) - √a| ≤ √δ.
-double of_square_root(double v, double da) {
-  return (da == 0.0 ? 0.0 : std::min(0.5 / v * da, std::sqrt(da / unit))) + v;
-}
-double of_cube_root(double v, double a, double da) {
-  return (da == 0.0 ? 0.0 : std::min(std::abs(v / (3.0 * a)) * da, 2.0 * std::cbrt(da * unit) / unit)) +
-         2.0 * std::abs(v);
-}
 
 }  // namespace
 
@@ -59,104 +32,10 @@ RoundingEvaluator::RoundingEvaluator(const Bytecode& code)
 
 void RoundingEvaluator::run(std::span<const double> inputs, std::span<const double> errors) {
   assert(inputs.size() == code_.input_count() && errors.size() == code_.input_count());
-  double* const value = values_.data();
-  double* const bound = bounds_.data();
-  std::ranges::copy(inputs, value);
-  std::ranges::copy(errors, bound);
+  std::ranges::copy(inputs, values_.begin());
+  std::ranges::copy(errors, bounds_.begin());
   for (const Instruction& step : code_.instructions()) {
-    const double a = value[step.a];
-    const double da = bound[step.a];
-    double v = 0.0;
-    double e = 0.0;
-    // One argument: v = f(a), its derivative there, and the error of f itself in units of u·|v|.
-    const auto set = [&](double result, double derivative, double own) {
-      v = result;
-      e = carried(derivative, da) + own * std::abs(v);
-    };
-    // The errors that operations.inc names: of a value v with these slopes, in its two arguments or in one.
-    const auto by_both = [&](double in_a, double in_b, double own) {
-      return carried(in_a, da) + carried(in_b, bound[step.b]) + own * std::abs(v);
-    };
-    const auto by = [&](double in_a, double own) { return carried(in_a, da) + own * std::abs(v); };
-    const auto of_bessel = [&](double n, double x, double dx) {
-      const double slope = slope_of(step.code, n, x);
-      return carried(slope, dx) + special_error * (std::abs(v) + std::abs(slope));
-    };
-    const auto of_jacobi = [&](double m, double u, double du) {
-      const double slope = slope_of(step.code, m, u);
-      return carried(slope, du) + special_error * (std::abs(v) + std::abs(u * slope));
-    };
-    switch (step.code) {
-      case OpCode::add:
-        v = a + value[step.b];
-        e = da + bound[step.b] + std::abs(v);
-        break;
-      case OpCode::subtract:
-        v = a - value[step.b];
-        e = da + bound[step.b] + std::abs(v);
-        break;
-      case OpCode::multiply:
-        v = a * value[step.b];
-        e = carried(value[step.b], da) + carried(a, bound[step.b]) + std::abs(v);
-        break;
-      case OpCode::divide:
-        v = a / value[step.b];
-        e = carried(1.0 / value[step.b], da) + carried(v / value[step.b], bound[step.b]) + std::abs(v);
-        break;
-      case OpCode::negate: set(-a, 1.0, 0.0); break;
-      case OpCode::multiply_add:
-      case OpCode::multiply_subtract:
-      case OpCode::negative_multiply_add: {
-        const double product = a * value[step.b];
-        const double c = value[step.c];
-        v = step.code == OpCode::multiply_add        ? product + c
-            : step.code == OpCode::multiply_subtract ? product - c
-                                                     : c - product;
-        e = carried(value[step.b], da) + carried(a, bound[step.b]) + std::abs(product) + bound[step.c] + std::abs(v);
-        break;
-      }
-      case OpCode::square: set(a * a, 2.0 * a, 1.0); break;
-      case OpCode::integer_power: {
-        const auto n = std::bit_cast<std::int32_t>(step.b);
-        set(integer_power(a, n), n * integer_power(a, n - 1), std::abs(static_cast<double>(n)));
-        break;
-      }
-      case OpCode::power: {
-        const double exponent = value[step.b];
-        v = std::pow(a, exponent);
-        e = carried(exponent * std::pow(a, exponent - 1.0), da) + carried(v * std::log(std::abs(a)), bound[step.b]) +
-            function_error * std::abs(v);
-        break;
-      }
-      case OpCode::sincos: {
-        const double sine = std::sin(a);
-        const double cosine = std::cos(a);
-        value[step.b] = cosine;
-        bound[step.b] = carried(sine, da) + function_error * std::abs(cosine);
-        set(sine, cosine, function_error);
-        break;
-      }
-#define RUBATO_FUNCTION(id, name, form, is, symmetry, f, error, ...) \
-  case OpCode::id: {                                                 \
-    constexpr bool of_two = arity_of(Form::form) == 2;               \
-    [[maybe_unused]] const double b = of_two ? value[step.b] : 0.0;  \
-    [[maybe_unused]] const double db = of_two ? bound[step.b] : 0.0; \
-    v = f;                                                           \
-    e = error;                                                       \
-    break;                                                           \
-  }
-#include <rubato/formula/operations.inc>
-      case OpCode::where_positive:
-        v = where_positive(a, value[step.b]);
-        e = where_positive(a, bound[step.b]);
-        break;
-      case OpCode::where_negative:
-        v = where_negative(a, value[step.b]);
-        e = where_negative(a, bound[step.b]);
-        break;
-    }
-    value[step.target] = v;
-    bound[step.target] = e;
+    take_rounded_step(step, values_.data(), bounds_.data());
   }
 }
 
@@ -169,7 +48,7 @@ Bytecode sum_size_code(Expression sum, std::span<const Expression> inputs) {
 namespace {
 
 /// A value, and its bound unless that is 0 for certain.
-struct Rounded {
+struct RoundedExpression {
   Expression value;
   std::optional<Expression> bound = {};
 };
@@ -178,30 +57,30 @@ struct Rounded {
 class RoundingFormula {
 public:
   /// The result of an instruction, of a sincos the sine; none of those that are not foreseen.
-  std::optional<Rounded> operator()(const Instruction& step, std::span<const Rounded> registers) {
-    const Rounded& a = registers[step.a];
-    const auto b = [&]() -> const Rounded& { return registers[step.b]; };
+  std::optional<RoundedExpression> operator()(const Instruction& step, std::span<const RoundedExpression> registers) {
+    const RoundedExpression& a = registers[step.a];
+    const auto b = [&]() -> const RoundedExpression& { return registers[step.b]; };
     switch (step.code) {
       case OpCode::add: return sum(a.value + b().value, a, b());
       case OpCode::subtract: return sum(a.value - b().value, a, b());
       case OpCode::multiply: {
         const Expression v = a.value * b().value;
-        return Rounded{v, plus(plus(carried(b().value, a), carried(a.value, b())), abs(v))};
+        return RoundedExpression{v, plus(plus(carried(b().value, a), carried(a.value, b())), abs(v))};
       }
       case OpCode::divide: {
         const Expression v = a.value / b().value;
-        return Rounded{v, plus(plus(carried(1.0 / b().value, a), carried(v / b().value, b())), abs(v))};
+        return RoundedExpression{v, plus(plus(carried(1.0 / b().value, a), carried(v / b().value, b())), abs(v))};
       }
-      case OpCode::negate: return Rounded{-a.value, a.bound};
+      case OpCode::negate: return RoundedExpression{-a.value, a.bound};
       case OpCode::multiply_add:
       case OpCode::multiply_subtract:
       case OpCode::negative_multiply_add: {
-        const Rounded& c = registers[step.c];
+        const RoundedExpression& c = registers[step.c];
         const Expression product = a.value * b().value;
         const Expression v = step.code == OpCode::multiply_add        ? product + c.value
                              : step.code == OpCode::multiply_subtract ? product - c.value
                                                                       : c.value - product;
-        return Rounded{
+        return RoundedExpression{
             v, plus(plus(plus(plus(carried(b().value, a), carried(a.value, b())), abs(product)), c.bound), abs(v))};
       }
       case OpCode::square: return of_one(a.value * a.value, 2.0 * a.value, a, 1.0);
@@ -209,11 +88,11 @@ public:
         const auto n = std::bit_cast<std::int32_t>(step.b);
         return of_one(pow(a.value, n), n * pow(a.value, n - 1), a, std::abs(static_cast<double>(n)));
       }
-      case OpCode::abs: return Rounded{abs(a.value), a.bound};
+      case OpCode::abs: return RoundedExpression{abs(a.value), a.bound};
       case OpCode::sqrt: {
         const Expression v = sqrt(a.value);
-        return Rounded{v,
-                       plus(a.bound ? std::optional(min(0.5 / v * *a.bound, sqrt(*a.bound / unit))) : std::nullopt, v)};
+        return RoundedExpression{
+            v, plus(a.bound ? std::optional(min(0.5 / v * *a.bound, sqrt(*a.bound / unit))) : std::nullopt, v)};
       }
       case OpCode::sincos:
       case OpCode::sin: return of_one(sin(a.value), cos(a.value), a, function_error);
@@ -223,27 +102,46 @@ public:
       default: return std::nullopt;
     }
   }
-  Rounded cosine(const Rounded& a) { return of_one(cos(a.value), sin(a.value), a, function_error); }
+  RoundedExpression cosine(const RoundedExpression& a) { return of_one(cos(a.value), sin(a.value), a, function_error); }
 
 private:
   static std::optional<Expression> plus(const std::optional<Expression>& a, const std::optional<Expression>& b) {
     return a && b ? std::optional(*a + *b) : a ? a : b;
   }
-  static std::optional<Expression> carried(Expression derivative, const Rounded& a) {
+  static std::optional<Expression> carried(Expression derivative, const RoundedExpression& a) {
     return a.bound ? std::optional(abs(derivative) * *a.bound) : std::nullopt;
   }
-  static Rounded sum(Expression v, const Rounded& a, const Rounded& b) {
+  static RoundedExpression sum(Expression v, const RoundedExpression& a, const RoundedExpression& b) {
     return {v, plus(plus(a.bound, b.bound), abs(v))};
   }
-  static Rounded of_one(Expression v, Expression derivative, const Rounded& a, double own) {
+  static RoundedExpression of_one(Expression v, Expression derivative, const RoundedExpression& a, double own) {
     return {v, plus(carried(derivative, a), own * abs(v))};
   }
 };
 
+/// Of the outputs but the first, the i-th magnitude being of(i): in as many sums as go side by side, then of these.
+template <typename Number, typename Magnitude>
+Number sum_of_magnitudes(std::size_t outputs, const Number& zero, const Magnitude& of) {
+  std::array<Number, 8> sums;
+  sums.fill(zero);
+  std::size_t i = 1;
+  for (; i + sums.size() <= outputs; i += sums.size()) {
+    for (std::size_t k = 0; k < sums.size(); ++k) {
+      sums[k] = sums[k] + of(i + k);
+    }
+  }
+  for (std::size_t k = 0; i < outputs; ++i, ++k) {
+    sums[k] = sums[k] + of(i);
+  }
+  for (std::size_t k = 1; k < sums.size(); ++k) {
+    sums[0] = sums[0] + sums[k];
+  }
+  return sums[0];
+}
+
 /// Instructions of formulas whose machine code is made at once, and of those for which it is made at all.
 constexpr std::size_t short_formula = 1000, longest_with_formula = 100'000;
-/// It takes about as long as so many evaluations by the interpreter, of which it leaves hardly any time: 40 ms for the
-/// 20 000 instructions of a chain of 1023 masses, of which one evaluation takes 14 µs.
+/// It takes about as long as so many evaluations by the interpreter, of which it leaves hardly any time.
 constexpr std::size_t evaluations_worth_code = 3000;
 
 }  // namespace
@@ -251,7 +149,7 @@ constexpr std::size_t evaluations_worth_code = 3000;
 std::optional<Bytecode> rounding_code(const Bytecode& code) {
   Graph graph;
   RoundingFormula rounding;
-  std::vector<Rounded> registers(code.register_count());
+  std::vector<RoundedExpression> registers(code.register_count());
   std::vector<Expression> inputs;
   for (const char* const name : {"x{}", "e{}"}) {
     for (std::size_t i = 0; i < code.input_count(); ++i) {
@@ -265,7 +163,7 @@ std::optional<Bytecode> rounding_code(const Bytecode& code) {
     registers[code.input_count() + k] = {graph.constant(code.constants()[k])};
   }
   for (const Instruction& step : code.instructions()) {
-    const std::optional<Rounded> result = rounding(step, registers);
+    const std::optional<RoundedExpression> result = rounding(step, registers);
     if (!result) {
       return std::nullopt;
     }
@@ -275,11 +173,9 @@ std::optional<Bytecode> rounding_code(const Bytecode& code) {
     registers[step.target] = *result;
   }
   const auto outputs = code.outputs();
-  Expression terms = graph.constant(0.0);
-  for (std::size_t i = 1; i < outputs.size(); ++i) {
-    terms += abs(registers[outputs[i]].value);
-  }
-  const Rounded& first = registers[outputs[0]];
+  const Expression terms = sum_of_magnitudes(outputs.size(), graph.constant(0.0),
+                                             [&](std::size_t i) { return abs(registers[outputs[i]].value); });
+  const RoundedExpression& first = registers[outputs[0]];
   const std::array all{first.value, terms, first.bound ? *first.bound : graph.constant(0.0)};
   return Bytecode(all, inputs);
 }
@@ -288,12 +184,12 @@ SumSizeEvaluator::SumSizeEvaluator(const Bytecode& code) : evaluator_(code), err
 
 void SumSizeEvaluator::prepare() {
   const std::size_t length = evaluator_.code().instructions().size();
-  if (formula_ || length > longest_with_formula) {
+  if (formula_ || rolled_ || length > longest_with_formula) {
     return;
   }
   if (length <= short_formula) {
     make_formula();
-  } else {
+  } else if (rolled_ = RolledRounding::of(evaluator_.code()); !rolled_) {
     until_formula_ = evaluations_worth_code;
   }
 }
@@ -320,12 +216,18 @@ SumSize SumSizeEvaluator::operator()(std::span<const double> inputs, std::span<c
       return size_of(formula_->output(0), formula_->output(1), formula_->output(2));
     }
   }
-  evaluator_.run(inputs, errors);
-  double terms = 0.0;
-  for (std::size_t i = 1; i < evaluator_.output_count(); ++i) {
-    terms += std::abs(evaluator_.value(i));
+  const auto by = [&](auto& evaluator) {
+    evaluator.run(inputs, errors);
+    const double terms =
+        sum_of_magnitudes(evaluator.output_count(), 0.0, [&](std::size_t i) { return std::abs(evaluator.value(i)); });
+    return size_of(evaluator.value(0), terms, evaluator.bound(0));
+  };
+  if (rolled_) {
+    if (const SumSize size = by(*rolled_); std::isfinite(rolled_->bound(0))) {
+      return size;
+    }
   }
-  return size_of(evaluator_.value(0), terms, evaluator_.bound(0));
+  return by(evaluator_);
 }
 
 SumSize SumSizeEvaluator::operator()(std::span<const double> inputs) {

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include <rubato/formula/bytecode.hpp>
+#include <rubato/formula/rolled_rounding.hpp>
 
 namespace rubato::formula {
 
@@ -55,9 +56,9 @@ public:
   explicit SumSizeEvaluator(const Bytecode& code);
   SumSizeEvaluator() = default;
 
-  /// For those who ask often: the bound by a formula of its own, which machine code is made of, where there is one. Of
-  /// a long one it is made when it has been asked for so often that this pays, and of a very long one never. No result
-  /// changes.
+  /// For those who ask often: the bound by a formula of its own, which machine code is made of, where there is one. A
+  /// long one is rolled up instead; where it cannot be the machine code is made when it has been asked for so often
+  /// that this pays, and of a very long one never. No result changes.
   void prepare();
 
   /// At `inputs` that are off by u·`errors`. Where the bound is not finite, rounding is that of the terms.
@@ -70,6 +71,7 @@ private:
 
   RoundingEvaluator evaluator_;
   std::optional<ScalarEvaluator> formula_;
+  std::optional<RolledRounding> rolled_;
   std::size_t until_formula_ = 0;  ///< how often it is asked for before the formula is made; 0: no more of this
   std::vector<double> errors_;
 };

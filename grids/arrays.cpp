@@ -1,7 +1,7 @@
 #include <rubato/grids/arrays.hpp>
 
+#include <rubato/base/wide_vectors.hpp>
 #include <rubato/grids/parallel.hpp>
-#include <rubato/grids/wide_vectors.hpp>
 
 namespace rubato::grids {
 

@@ -5,8 +5,8 @@
 
 #include <fmt/core.h>
 #include <rubato/base/compensated_sum.hpp>
+#include <rubato/base/wide_vectors.hpp>
 #include <rubato/grids/parallel.hpp>
-#include <rubato/grids/wide_vectors.hpp>
 
 namespace rubato::grids {
 namespace {

@@ -7,8 +7,8 @@
 #include <limits>
 
 #include <rubato/base/compensated_sum.hpp>
+#include <rubato/base/wide_vectors.hpp>
 #include <rubato/grids/largest.hpp>
-#include <rubato/grids/wide_vectors.hpp>
 
 namespace rubato::grids {
 

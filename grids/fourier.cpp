@@ -6,12 +6,12 @@
 #include <optional>
 #include <stdexcept>
 
+#include <rubato/base/wide_vectors.hpp>
 #include <rubato/grids/buffer.hpp>
 #include <rubato/grids/fftw_plan.hpp>
 #include <rubato/grids/parallel.hpp>
 #include <rubato/grids/transposition.hpp>
 #include <rubato/grids/whole.hpp>
-#include <rubato/grids/wide_vectors.hpp>
 
 namespace rubato::grids {
 

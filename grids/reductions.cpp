@@ -6,8 +6,8 @@
 #include <cstring>
 #include <iterator>
 
+#include <rubato/base/wide_vectors.hpp>
 #include <rubato/grids/largest.hpp>
-#include <rubato/grids/wide_vectors.hpp>
 
 namespace rubato::grids {
 

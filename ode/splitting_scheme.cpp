@@ -78,7 +78,7 @@ public:
   [[nodiscard]] int order() const override { return composition_.order; }
   [[nodiscard]] bool has_node_law() const override { return composition_.has_node_law(); }
 
-  [[nodiscard]] bool is_explicit() const override { return true; }
+  [[nodiscard]] bool solves_fully() const override { return true; }
   [[nodiscard]] Status advance(double h, double) override {
     trial_h_ = h;
     ++iterations_;
@@ -98,11 +98,7 @@ public:
   [[nodiscard]] bool slope_to_leading_order() const override { return true; }
   [[nodiscard]] formula::SumSize energy_size() override {
     // After a step was taken its ends have changed places.
-    for (std::size_t i = 0; i < 2 * n_; ++i) {
-      const double here = here_->z[i], there = there_->z[i];
-      point_[i] = 0.5 * (here + there);
-      errors_[i] = 2.0 * (std::abs(point_[i]) + std::abs(there - here));
-    }
+    middle_of_states(2 * n_, here_->z, there_->z, point_.data(), errors_.data());
     formula::SumSize size = energy_size_(point_, errors_);
     size.rounding *= magnitude_;
     return size;

@@ -1,10 +1,11 @@
 #include <rubato/ode/state_kernels.hpp>
 
 #include <bit>
+#include <cmath>
 #include <cstdint>
 #include <limits>
 
-#include <rubato/grids/wide_vectors.hpp>
+#include <rubato/base/wide_vectors.hpp>
 
 namespace rubato {
 
@@ -18,6 +19,15 @@ RUBATO_WIDE_VECTORS void add_to_state(std::size_t n, const double* __restrict de
     const double rounded = sum + rest;
     high[i] = rounded;
     low[i] = rest - (rounded - sum);
+  }
+}
+
+RUBATO_WIDE_VECTORS void middle_of_states(std::size_t n, const double* __restrict here, const double* __restrict there,
+                                          double* __restrict middle, double* __restrict errors) {
+  for (std::size_t i = 0; i < n; ++i) {
+    const double mean = 0.5 * (here[i] + there[i]);
+    middle[i] = mean;
+    errors[i] = 2.0 * (std::abs(mean) + std::abs(there[i] - here[i]));
   }
 }
 

@@ -8,9 +8,9 @@
 #include <limits>
 #include <utility>
 
+#include <rubato/base/wide_vectors.hpp>
 #include <rubato/grids/buffer.hpp>
 #include <rubato/grids/reductions.hpp>
-#include <rubato/grids/wide_vectors.hpp>
 #include <rubato/pde/matrix_terms.hpp>
 #include <rubato/pde/node_derivative.hpp>
 #include <rubato/pde/placed_coordinates.hpp>

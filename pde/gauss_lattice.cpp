@@ -45,6 +45,7 @@ public:
 
   [[nodiscard]] std::shared_ptr<StageSource> stages() override { return slab_; }
   [[nodiscard]] int order() const override { return 2 * stages_; }
+  [[nodiscard]] bool solves_fully() const override { return true; }
 
   [[nodiscard]] Status advance(double h, double accuracy) override {
     if (slab_->stamp() != stamp_) {

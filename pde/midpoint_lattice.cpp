@@ -11,9 +11,9 @@
 
 #include <rubato/base/larger.hpp>
 #include <rubato/base/limits.hpp>
+#include <rubato/base/wide_vectors.hpp>
 #include <rubato/grids/reductions.hpp>
 #include <rubato/grids/whole.hpp>
-#include <rubato/grids/wide_vectors.hpp>
 #include <rubato/pde/cell_solver.hpp>
 #include <rubato/pde/gauss_slab.hpp>
 #include <rubato/pde/kernel_conditions.hpp>
@@ -195,11 +195,15 @@ public:
   [[nodiscard]] const grids::Grid& grid() const override { return grid_; }
   [[nodiscard]] const LatticeLevel& level() const override { return level_; }
 
+  [[nodiscard]] bool solves_fully() const override { return waves_ != nullptr; }
   [[nodiscard]] Status advance(double h, double accuracy) override {
     if (!std::isfinite(h)) {
       return Status::undefined;
     }
     find_start_velocity();
+    if (waves_ != nullptr && waves_->solved && h == trial_h_) {
+      return Status::success;
+    }
     if (waves_ != nullptr && solve_on_waves(h, accuracy) == Status::success) {
       trial_h_ = h;
       return Status::success;

@@ -4,7 +4,7 @@
 #include <array>
 #include <cstring>
 
-#include <rubato/grids/wide_vectors.hpp>
+#include <rubato/base/wide_vectors.hpp>
 #include <rubato/pde/tuning.hpp>
 #include <rubato/variation/gauss_tableau.hpp>
 
@@ -14,7 +14,6 @@ namespace {
 
 using namespace tuning::stage_loops;
 
-using grids::EightLanes;
 constexpr std::size_t lanes = PackedMatrices::lanes;
 
 [[gnu::always_inline]] inline void take(const double* from, std::size_t count, EightLanes& to) {

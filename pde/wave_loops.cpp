@@ -2,7 +2,7 @@
 
 #include <cstring>
 
-#include <rubato/grids/wide_vectors.hpp>
+#include <rubato/base/wide_vectors.hpp>
 
 namespace rubato {
 
@@ -24,7 +24,7 @@ RUBATO_WIDE_VECTORS void add(double value, const double* re, const double* im, s
 
 namespace {
 
-inline double sum_of_lanes(const grids::EightLanes& sums) {
+inline double sum_of_lanes(const EightLanes& sums) {
   return ((sums[0] + sums[1]) + (sums[2] + sums[3])) + ((sums[4] + sums[5]) + (sums[6] + sums[7]));
 }
 
@@ -78,7 +78,7 @@ template <bool kicks, bool sums>
 [[gnu::always_inline]] inline double turn_all(const PairMatrices& matrices, const PairMatrices& rests,
                                               const BeforeTurn& before, std::size_t count, const RowPair& rows) {
   constexpr std::size_t lanes = 8;
-  grids::EightLanes sum = {};
+  EightLanes sum = {};
   std::size_t w = 0;
   for (; w + lanes <= count; w += lanes) {
     turn_some<kicks, sums>(matrices, rests, before, rows, w, sum);
@@ -281,7 +281,7 @@ RUBATO_WIDE_VECTORS void add_form(const double* g_re, const double* g_im, const 
 RUBATO_WIDE_VECTORS double sum_form(const double* g, const double* l_re, const double* l_im, const double* r_re,
                                     const double* r_im, std::size_t count) {
   constexpr std::size_t lanes = 8;
-  grids::EightLanes sums = {}, weight, a, b, c, d;
+  EightLanes sums = {}, weight, a, b, c, d;
   std::size_t w = 0;
   for (; w + lanes <= count; w += lanes) {
     std::memcpy(&weight, g + w, sizeof weight);
@@ -328,7 +328,7 @@ RUBATO_WIDE_VECTORS double weighted_sum(const double* weights, const double* val
 
 RUBATO_WIDE_VECTORS double sum_of_values(const double* values, std::size_t count) {
   constexpr std::size_t lanes = 8;
-  grids::EightLanes even = {}, odd = {}, term;
+  EightLanes even = {}, odd = {}, term;
   std::size_t i = 0;
   for (; i + 2 * lanes <= count; i += 2 * lanes) {
     load(values + i, term);

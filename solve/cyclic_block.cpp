@@ -12,10 +12,10 @@
 #include <fmt/core.h>
 #include <rubato/base/compensated_sum.hpp>
 #include <rubato/base/limits.hpp>
+#include <rubato/base/wide_vectors.hpp>
 #include <rubato/grids/buffer.hpp>
 #include <rubato/grids/reductions.hpp>
 #include <rubato/grids/slab.hpp>
-#include <rubato/grids/wide_vectors.hpp>
 #include <rubato/solve/block_qr_reduction.hpp>
 #include <rubato/solve/cyclic_parts.hpp>
 #include <rubato/solve/cyclic_sparse.hpp>

@@ -119,7 +119,7 @@ Status TimeLevels::solve_level(double guess) {
 
   RootBracket bracket;
   SlopeOfTrials slopes(scheme_.order(), scheme_.slope_to_leading_order());
-  const bool full = scheme_.is_explicit();
+  const bool full = scheme_.solves_fully();
   Trial now{.length = std::abs(guess), .full = full};
   double best = infinity;
   bool newton = true;  // whether this length came from the last slope, not from halving a bracket

@@ -8,7 +8,7 @@
 #include <limits>
 #include <numbers>
 
-#include <rubato/grids/wide_vectors.hpp>
+#include <rubato/base/wide_vectors.hpp>
 #include <rubato/variation/power_of.hpp>
 #include <rubato/variation/tuning.hpp>
 

@@ -31,8 +31,8 @@ public:
   /// Solves (3.3) for the step of length h ≠ 0. `accuracy` is the relative size of the last correction at which the
   /// iteration may stop; 0 asks for stagnation, that is for all that rounding allows.
   [[nodiscard]] virtual Status advance(double h, double accuracy) = 0;
-  /// Whether that iterates nothing, so that any accuracy leaves what rounding leaves.
-  [[nodiscard]] virtual bool is_explicit() const { return false; }
+  /// Whether any accuracy leaves what rounding leaves: nothing is iterated, or always to the end.
+  [[nodiscard]] virtual bool solves_fully() const { return false; }
 
   /// E_k of the trial step, (3.4).
   [[nodiscard]] virtual double discrete_energy() const = 0;

@@ -140,7 +140,7 @@ Status TimeLevels::solve_with_potential(double guess) {
   const std::optional<Root> near = goes_abreast() ? root_abreast(foreseen) : std::nullopt;
   double length = near ? near->length : foreseen, last_length = 0.0, last_miss = 0.0, best = infinity;
   double below = 0.0, above = infinity, last_slope = 0.0;
-  bool full = scheme_.is_explicit() || first_miss_ <= tolerance, last_full = false;
+  bool full = scheme_.solves_fully() || first_miss_ <= tolerance, last_full = false;
   int stalls = 0;
   double slope_ratio = foreseen_slope_ratio();
   bool ratio_is_told = false;
@@ -152,7 +152,7 @@ Status TimeLevels::solve_with_potential(double guess) {
         return status;
       }
       length = shorter;
-      full = scheme_.is_explicit();
+      full = scheme_.solves_fully();
       continue;
     }
     const double h = side * length;

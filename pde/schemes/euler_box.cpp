@@ -27,7 +27,7 @@ public:
   [[nodiscard]] const grids::Grid& grid() const override { return grid_; }
   [[nodiscard]] const LatticeLevel& level() const override { return level_; }
 
-  [[nodiscard]] bool is_explicit() const override { return true; }
+  [[nodiscard]] bool solves_fully() const override { return true; }
   [[nodiscard]] Status advance(double h, double) override {
     there_.reset();
     const int counted = map_.evaluations();

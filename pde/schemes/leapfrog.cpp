@@ -8,10 +8,10 @@
 
 #include <fmt/format.h>
 
+#include <rubato/base/wide_vectors.hpp>
 #include <rubato/grids/reductions.hpp>
 #include <rubato/grids/slab.hpp>
 #include <rubato/grids/stencil.hpp>
-#include <rubato/grids/wide_vectors.hpp>
 #include <rubato/pde/family_lattice.hpp>
 #include <rubato/pde/lattice_method.hpp>
 #include <rubato/pde/matrix_terms.hpp>
@@ -391,7 +391,7 @@ public:
         step_(system, grid),
         trial_(level_.fields) {}
 
-  [[nodiscard]] bool is_explicit() const override { return true; }
+  [[nodiscard]] bool solves_fully() const override { return true; }
   [[nodiscard]] Status advance(double h, double) override {
     forget_trial();
     count_iterations(1);

@@ -32,7 +32,7 @@ public:
 
   [[nodiscard]] int order() const override { return composition_.order; }
 
-  [[nodiscard]] bool is_explicit() const override { return true; }
+  [[nodiscard]] bool solves_fully() const override { return true; }
   [[nodiscard]] Status advance(double h, double) override {
     forget_trial();
     count_iterations(1);

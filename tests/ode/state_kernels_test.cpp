@@ -47,6 +47,15 @@ TEST_CASE("kernels over states do what their loops say, bit for bit, of every le
     CHECK(wrong == 0);
     CHECK((n < 20 || twins > 0));
 
+    Numbers middle(n), errors(n);
+    rubato::middle_of_states(n, high.data(), delta.data(), middle.data(), errors.data());
+    for (std::size_t i = 0; i < n; ++i) {
+      const double mean = 0.5 * (high[i] + delta[i]);
+      CHECK(middle[i] == mean);
+      CHECK(errors[i] == 2.0 * (std::abs(mean) + std::abs(delta[i] - high[i])));
+      CHECK(errors[i] != 2.0 * std::abs(mean));  // the twin
+    }
+
     CHECK(rubato::all_finite(n, high.data()));
     for (std::size_t i = 0; i < n; ++i) {
       for (const double bad : {std::numeric_limits<double>::infinity(), -std::numeric_limits<double>::infinity(),

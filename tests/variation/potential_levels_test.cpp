@@ -150,7 +150,7 @@ public:
   enum class Abreast { none, right, wrong, without_root, undefined };
   explicit Turns(Abreast kind) : kind_(kind) {}
 
-  [[nodiscard]] bool is_explicit() const override { return true; }
+  [[nodiscard]] bool solves_fully() const override { return true; }
   [[nodiscard]] Status advance(double step, double) override {
     h_ = step;
     ++trials;

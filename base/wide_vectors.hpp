@@ -9,10 +9,10 @@
 #define RUBATO_WIDE_VECTORS
 #endif
 
-namespace rubato::grids {
+namespace rubato {
 
 /// Eight numbers that loops add to: the compiler keeps these in registers, and an array of eight often not. Loaded with
 /// std::memcpy, from wherever.
 using EightLanes [[gnu::vector_size(64)]] = double;
 
-}  // namespace rubato::grids
+}  // namespace rubato
