@@ -208,7 +208,7 @@ public:
       trial_h_ = h;
       return Status::success;
     }
-    if (trial_h_ == 0.0) {
+    if (trial_h_ == 0.0 || waves_ != nullptr) {
       history_.predict(h, delta_);
     } else {
       history_.shift(trial_h_, h, delta_);
@@ -222,6 +222,7 @@ public:
   /// It changes slowly, and costs more than a sweep: taken anew now and then.
   [[nodiscard]] formula::SumSize energy_size() override {
     if (size_age_ >= tuning::size_period) {
+      tell_increment();
       const grids::FieldSet& point = point_;
       make_point(0.5);
       size_of_energy_ = sweep_.energy_size(point.pointers(), level_.slopes, terms_at_start_);
@@ -231,7 +232,7 @@ public:
   }
   [[nodiscard]] double discrete_energy_slope() const override {
     if (!slope_known_) {
-      slope_ = sweep_slope();
+      slope_ = waves_->slab.quadratic_form() / (4.0 * trial_h_);
       slope_known_ = true;
     }
     return slope_;
@@ -251,12 +252,14 @@ public:
   }
 
   [[nodiscard]] NodeEnergy trial_node() override {
+    tell_increment();
     history_.velocity_after(trial_h_, delta_, correction_);
     make_point(1.0);
     return level_node(point_);
   }
 
   void accept() override {
+    tell_increment();
     if (waves_ != nullptr && waves_->solved) {
       waves_->slab.keep(waves_->forecast);
     } else if (waves_ != nullptr) {
@@ -358,7 +361,7 @@ private:
   /// One stage of Gauss collocation is the midpoint rule: the step by iteration on what S leaves, wave by wave
   /// (GaussSlab), which takes a transform there and one back of the fields that S'' varies with.
   [[nodiscard]] Status solve_on_waves(double h, double accuracy) {
-    auto& [slab, forecast, stands, solved] = *waves_;
+    auto& [slab, forecast, stands, solved, told] = *waves_;
     if (!std::exchange(stands, true)) {
       slab.stand(level_.fields, &low_, level_.slopes);
     }
@@ -369,7 +372,7 @@ private:
     iterations_ += slab.iterations() - counted;
     solved = status == Status::success;
     if (solved) {
-      slab.increment(delta_);
+      told = false;
       energy_ = slab.energy();
       slope_known_ = false;
       solved = std::isfinite(energy_);
@@ -378,13 +381,11 @@ private:
     return status;
   }
 
-  /// dE/dh of the trial step, of a step that was solved on waves.
-  [[nodiscard]] double sweep_slope() const {
-    make_point(0.5);
-    EvolvingRates rates;
-    const grids::FieldSet& point = point_;
-    const SweepResult result = sweep_(point.pointers(), level_.slopes, evolving(delta_, rates), 1.0 / trial_h_, {}, {});
-    return result.quadratic / (4.0 * trial_h_);
+  /// What the trial step changes, of one that was solved on waves.
+  void tell_increment() {
+    if (waves_ != nullptr && waves_->solved && !std::exchange(waves_->told, true)) {
+      waves_->slab.increment(delta_);
+    }
   }
 
   /// point = z + scale·δ at every node; fields at midpoints have z = 0.
@@ -600,6 +601,7 @@ private:
     RestForecast forecast;
     bool stands = false;  ///< slab, at this level
     bool solved = false;  ///< the trial
+    bool told = false;    ///< delta_, of that
   };
   std::unique_ptr<Waves> waves_;  ///< at nodes
 

@@ -172,6 +172,17 @@ Status TimeLevels::solve_with_potential(double guess) {
     if (last_length > 0.0 && last_length != length && std::abs(last_miss) > tolerance) {
       left_of_miss_ = std::max(memory * left_of_miss_, std::max(0.0, std::abs(miss) - tolerance) / std::abs(last_miss));
     }
+    // Where a scheme knows its slope to leading order differences between trials tell the rest, and what they told on
+    // the last steps.
+    const double secant = (miss - last_miss) / (length - last_length);
+    const double ratio = secant / (0.5 * (slope + last_slope));
+    const double pair_error = full && last_full ? 2.0 * rounding_ : loose_energy * std::abs(slope) * length;
+    const bool is_near = last_length > 0.0 && std::abs(length - last_length) < nearby * length;
+    if (scheme_.slope_to_leading_order() && is_near && std::abs(miss - last_miss) > standing_out * pair_error &&
+        ratio < largest_slope_ratio && ratio > 1.0 / largest_slope_ratio) {
+      slope_ratio = ratio;
+      ratio_is_told = true;
+    }
     stalls = full && std::abs(miss) >= 0.5 * best ? stalls + 1 : 0;
     if (stalls >= 2) {
       measure(h);  // rounding may be more than at the last level
@@ -207,17 +218,6 @@ Status TimeLevels::solve_with_potential(double guess) {
       below = std::max(below, length);
     } else if (reliable) {
       above = std::min(above, length);
-    }
-    // Where a scheme knows its slope to leading order differences between trials tell the rest, and what they told on
-    // the last steps.
-    const double secant = (miss - last_miss) / (length - last_length);
-    const double ratio = secant / (0.5 * (slope + last_slope));
-    const double pair_error = full && last_full ? 2.0 * rounding_ : loose_energy * std::abs(slope) * length;
-    const bool is_near = last_length > 0.0 && std::abs(length - last_length) < nearby * length;
-    if (scheme_.slope_to_leading_order() && is_near && std::abs(miss - last_miss) > standing_out * pair_error &&
-        ratio < largest_slope_ratio && ratio > 1.0 / largest_slope_ratio) {
-      slope_ratio = ratio;
-      ratio_is_told = true;
     }
     const bool measured =
         is_near && stalls > 0 && full && last_full && secant > 0.0 && std::abs(miss - last_miss) > pair_error;
