@@ -28,9 +28,10 @@ Problem shared(const std::string& ensemble, const std::vector<std::string>& sett
   return parse_problem(pendulum + "[ensemble]\n" + ensemble + "\n", "t.toml", settings);
 }
 
-Problem twenty_members(const std::string& until = "60") {
+/// So long that no rank is through with all of them while another one waits for a processor.
+Problem twenty_members() {
   return shared("random = { count = 20, seed = 3, initial.p = \"normal(0, 1)\", parameters.k = \"uniform(1, 2)\" }",
-                {"scheme.until=" + until, "events.top=p", "output.interval=7"});
+                {"scheme.until=300", "events.top=p", "output.interval=7"});
 }
 
 /// Of one thread each.
@@ -70,8 +71,7 @@ TEST_CASE("the record of an ensemble is the same for every number of ranks") {
 
 TEST_CASE("an ensemble is checked, interrupted and continued on other numbers of ranks") {
   const Folder folder;
-  // So long that no rank is through with all of them while another one waits for a processor.
-  const Problem problem = twenty_members("300");
+  const Problem problem = twenty_members();
   static_cast<void>(run_ensemble(problem, {.output = folder / "one.h5", .threads = 1}));
 
   // The last rank is interrupted once it has been sent its third message: the work, and a member or two.

@@ -59,6 +59,9 @@ void check_shared_run(const Folder& folder, const Make& make, const std::string&
     CHECK(all.warnings == one.warnings);
     const Outcome checked = with_ranks(size, [&](auto& rank) { return check(alone, {.ranks = &rank}); });
     CHECK(to_json(checked) == to_json(sound));
+    if (size != sizes.back()) {  // lattice_ranks_test.cpp has other numbers continued by others
+      continue;
+    }
     static_cast<void>(with_ranks(size, [&](auto& rank) { return run(part, shared_by(rank, continued)); }));
     const Outcome resumed = with_ranks(size == 2 ? 1 : 2, [&](auto& rank) {
       return resume(continued, whole.scheme.until, {.threads = 1, .ranks = &rank});

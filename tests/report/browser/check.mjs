@@ -426,11 +426,20 @@ async function withBrowser(colorScheme, use) {
 const names = readdirSync(folder).filter((file) => file.endsWith(".html")).map((file) => file.replace(/\.html$/, "")).sort();
 let wrong = 0;
 const seen = {};
+const atOnce = 2;  // some of the time of a page goes in waiting for what it draws
 for (const scheme of ["light", "dark"]) {
   await withBrowser(scheme, async (context) => {
-    for (const name of names) {
-      if (scheme === "dark" && !inTheDark.includes(name)) continue;
-      const { failures, milliseconds, looked, background } = await checkPage(context, name);
+    const shown = names.filter((name) => scheme === "light" || inTheDark.includes(name));
+    const left = [...shown];
+    const results = {};
+    await Promise.all(Array.from({ length: atOnce }, async () => {
+      while (left.length > 0) {
+        const name = left.shift();
+        results[name] = await checkPage(context, name);
+      }
+    }));
+    for (const name of shown) {
+      const { failures, milliseconds, looked, background } = results[name];
       if (expected[name]) {
         const found = failures.some(({ kind }) => kind === expected[name]);
         console.log(`${found ? "found" : "MISSED"}  ${name} (${looked} ms): ${failures.map(({ text }) => text).join("; ").slice(0, 120)}`);
