@@ -42,11 +42,11 @@ template <std::size_t width>
 }
 RUBATO_WIDE_VECTORS void take_many(const Instruction& step, const Rows& a, const Rows& b, const Rows& c,
                                    const Rows& to) {
-  take_members<32>(step, a, b, c, to);
+  take_members<RolledRounding::many>(step, a, b, c, to);
 }
 RUBATO_WIDE_VECTORS void take_few(const Instruction& step, const Rows& a, const Rows& b, const Rows& c,
                                   const Rows& to) {
-  take_members<8>(step, a, b, c, to);
+  take_members<RolledRounding::few>(step, a, b, c, to);
 }
 
 }  // namespace
@@ -58,7 +58,6 @@ public:
       : code_(code), assigned_(assigned), rolled_(rolled), fixed_(code.input_count() + code.constants().size()) {}
 
   RolledRounding plan() {
-    result_.inputs_ = code_.input_count();
     size_ = (code_.input_count() + few - 1) / few * few;
     for (std::size_t k = 0; k < code_.constants().size(); ++k) {
       constants_.push_back(room(many));

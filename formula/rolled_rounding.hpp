@@ -17,6 +17,9 @@ namespace rubato::formula {
 /// infinitely steep.
 class RolledRounding {
 public:
+  /// Members of a run that are taken at once, and at least.
+  static constexpr std::size_t many = 32, few = 8;
+
   /// None where too little of the code is in runs.
   [[nodiscard]] static std::optional<RolledRounding> of(const Bytecode& code);
 
@@ -29,8 +32,6 @@ public:
 private:
   class Planner;
 
-  /// Members of a run that are taken at once, and at least.
-  static constexpr std::size_t many = 32, few = 8;
   static constexpr std::uint32_t nowhere = std::numeric_limits<std::uint32_t>::max();
 
   struct alignas(64) Line {  ///< keeps vectors aligned when this is copied
@@ -61,7 +62,6 @@ private:
   RolledRounding() = default;
   void run_loop(const Loop& loop);
 
-  std::size_t inputs_ = 0;
   std::vector<Spread> common_;  ///< inputs that are the same for all members
   std::vector<Phase> phases_;
   std::vector<std::uint32_t> outputs_;  ///< where each stands

@@ -37,17 +37,11 @@ std::complex<double> derivative_symbol(std::ptrdiff_t k, const Axis& axis) {
 }
 
 std::size_t good_odd_count(std::size_t least) {
-  for (std::size_t n = least | 1U;; n += 2) {
-    std::size_t rest = n;
-    for (const std::size_t prime : {3U, 5U, 7U}) {
-      while (rest % prime == 0) {
-        rest /= prime;
-      }
-    }
-    if (rest == 1) {
-      return n;
-    }
+  std::size_t n = least | 1U;
+  while (!has_small_factors(n)) {
+    n += 2;
   }
+  return n;
 }
 
 namespace {

@@ -17,18 +17,22 @@ constexpr std::array radices = {8, 7, 5, 4, 3, 2};
 
 }  // namespace
 
-bool ShortTransform::serves(std::size_t n) {
-#if defined(__x86_64__)
-  if (!__builtin_cpu_supports("avx512f") || n % 8 != 0 || n > most_nodes || n < 56) {
-    return false;
-  }
-  std::size_t rest = n;
+bool has_small_factors(std::size_t n) {
   for (const std::size_t prime : {2U, 3U, 5U, 7U}) {
-    while (rest % prime == 0) {
-      rest /= prime;
+    while (n > 1 && n % prime == 0) {
+      n /= prime;
     }
   }
-  return rest == 1;
+  return n == 1;
+}
+
+bool ShortTransform::is_made_for(std::size_t n) {
+  return n % lanes == 0 && n >= least_nodes && n <= most_nodes && has_small_factors(n);
+}
+
+bool ShortTransform::serves(std::size_t n) {
+#if defined(__x86_64__)
+  return __builtin_cpu_supports("avx512f") && is_made_for(n);
 #else
   static_cast<void>(n);
   return false;

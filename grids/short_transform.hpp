@@ -7,6 +7,9 @@
 
 namespace rubato::grids {
 
+/// Whether n has no prime factor beyond 7: transforms of lengths that have larger ones take longer.
+[[nodiscard]] bool has_small_factors(std::size_t n);
+
 /// The transforms of Fourier for one short line, real and imaginary parts of its waves apart: û(k) = Σ_j u_j e^{-2πi
 /// jk/n}, k = 0 … n/2, and back with the factor 1/n.
 ///
@@ -19,9 +22,11 @@ namespace rubato::grids {
 /// for processors that have them alone: others take FFTW's transforms.
 class ShortTransform {
 public:
-  static constexpr std::size_t most_nodes = 1024;
+  static constexpr std::size_t lanes = 8, least_nodes = 56, most_nodes = 1024;
 
-  /// Whether there is one: a processor with AVX-512, n = 8L up to most_nodes, L ≥ 7 without prime factors beyond 7.
+  /// Whether there is one on some processor: n = 8L from 56 to 1024 without prime factors beyond 7.
+  [[nodiscard]] static bool is_made_for(std::size_t n);
+  /// Whether there is one: on a processor with AVX-512.
   [[nodiscard]] static bool serves(std::size_t n);
   /// For an n that is served.
   explicit ShortTransform(std::size_t n);

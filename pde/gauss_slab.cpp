@@ -764,17 +764,23 @@ void GaussSlab::end_rows() {
   }
 }
 
-double GaussSlab::energy_at_end() {
+/// ẑ_{k+1} - ẑ_k in scratch_, 0 for fields at midpoints.
+const WaveRows& GaussSlab::change_of_levels() {
   end_rows();
-  WaveRows& level = scratch_;
-  std::ranges::copy(std::as_const(end_.re).all(), level.re.all().begin());
-  std::ranges::copy(std::as_const(end_.im).all(), level.im.all().begin());
+  WaveRows& change = scratch_;
+  std::ranges::copy(std::as_const(end_.re).all(), change.re.all().begin());
+  std::ranges::copy(std::as_const(end_.im).all(), change.im.all().begin());
   for (int f = 0; f < d_; ++f) {
     if (at_midpoints_[static_cast<std::size_t>(f)]) {
-      std::ranges::fill(level.re.field(f), 0.0);
-      std::ranges::fill(level.im.field(f), 0.0);
+      std::ranges::fill(change.re.field(f), 0.0);
+      std::ranges::fill(change.im.field(f), 0.0);
     }
   }
+  return change;
+}
+
+double GaussSlab::energy_at_end() {
+  const WaveRows& level = change_of_levels();
   double energy = wave_energy(level, std::array{1.0});
   if (!F_.empty()) {
     grids::FieldSet& end = end_F_;
@@ -792,17 +798,7 @@ double GaussSlab::energy_at_end() {
 }
 
 double GaussSlab::quadratic_form() {
-  end_rows();
-  WaveRows& change = scratch_;
-  std::ranges::copy(std::as_const(end_.re).all(), change.re.all().begin());
-  std::ranges::copy(std::as_const(end_.im).all(), change.im.all().begin());
-  for (int f = 0; f < d_; ++f) {
-    if (at_midpoints_[static_cast<std::size_t>(f)]) {
-      std::ranges::fill(change.re.field(f), 0.0);
-      std::ranges::fill(change.im.field(f), 0.0);
-    }
-  }
-  const double form = -2.0 * wave_energy(change, std::array{1.0}, true);
+  const double form = -2.0 * wave_energy(change_of_levels(), std::array{1.0}, true);
   if (F_.empty()) {
     return form;
   }

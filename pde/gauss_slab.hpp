@@ -160,6 +160,7 @@ private:
   template <typename RightSide>
   void solve_on_waves(const RightSide& right_side, WaveRows& x);
   void end_rows();
+  const WaveRows& change_of_levels();
   [[nodiscard]] double wave_energy(const WaveRows& rows, std::span<const double> weights, bool alone = false) const;
   void subtract_middle(std::span<const double* const> of);
   [[nodiscard]] double rest_energy(std::span<const double* const> fields);

@@ -6,6 +6,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <rubato/grids/short_transform.hpp>
 #include <rubato/pde/space_collocation.hpp>
 #include <rubato/variation/gauss_tableau.hpp>
 
@@ -26,6 +27,26 @@ bool LatticeMethod::begins_in_parts(const MultisymplecticSystem& system, const s
 
 std::optional<LatticeMethod::OtherCount> LatticeMethod::other_count(std::size_t, int) const {
   return std::nullopt;
+}
+
+std::size_t LatticeMethod::count_near(std::size_t wanted, int dimensions) const {
+  using grids::ShortTransform;
+  constexpr std::size_t least = 3;
+  const bool transforms = has_transforms(dimensions);
+  const bool on_short_lines = dimensions == 1 && !other_count(ShortTransform::least_nodes, dimensions);
+  const auto is_quick = [&](std::size_t n) {
+    const bool is_short = on_short_lines && n >= ShortTransform::least_nodes && n <= ShortTransform::most_nodes;
+    return !transforms || (is_short ? ShortTransform::is_made_for(n) : grids::has_small_factors(n));
+  };
+  const auto is_good = [&](std::size_t n) { return n >= least && !other_count(n, dimensions) && is_quick(n); };
+  for (std::size_t away = 0;; ++away) {
+    if (is_good(wanted + away)) {
+      return wanted + away;
+    }
+    if (away < wanted && is_good(wanted - away)) {
+      return wanted - away;
+    }
+  }
 }
 
 std::span<const LatticeMethodEntry> lattice_methods() {

@@ -52,6 +52,12 @@ public:
     std::string_view reason;
   };
   [[nodiscard]] virtual std::optional<OtherCount> other_count(std::size_t cells, int dimensions) const;
+  /// Whether it takes transforms, whose time depends on the prime factors of the numbers of cells.
+  [[nodiscard]] virtual bool has_transforms(int /*dimensions*/) const { return false; }
+  /// The number of cells nearest to `wanted` that the method takes and, where it has transforms, is quick with: without
+  /// prime factors beyond 7; and on a line from 56 to 1024 a multiple of 8, if even numbers are taken, which some
+  /// processors have transforms for (grids::ShortTransform). The same on all processors. Of two as near the larger one.
+  [[nodiscard]] std::size_t count_near(std::size_t wanted, int dimensions) const;
   /// Why the method cannot be taken in so many dimensions, and what to do; empty where it can.
   [[nodiscard]] virtual std::string_view other_dimensions(int /*dimensions*/) const { return {}; }
   /// Whether there are values in the middle of steps: see MultisymplecticSystem::at_levels.

@@ -10,6 +10,7 @@
 
 #include <rubato/catalogue/catalogue.hpp>
 #include <rubato/formula/parse.hpp>
+#include <rubato/problem/cell_counts.hpp>
 #include <rubato/problem/initial_record.hpp>
 
 namespace rubato {
@@ -220,7 +221,8 @@ EffectiveDocument effective_document(std::string_view text, const std::string& s
     change->apply(document.root);
   }
   const bool from_record = resolve_initial_record(document.root);
-  const bool changed = !changes.empty() || from_system || from_lagrangian || from_equation || from_record;
+  const bool cells = choose_cells(document.root);
+  const bool changed = !changes.empty() || from_system || from_lagrangian || from_equation || from_record || cells;
   document.text = changed ? write_document(document.root) : std::string(text);
   return document;
 }

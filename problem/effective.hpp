@@ -15,7 +15,8 @@ struct EffectiveDocument {
 };
 
 /// Reads `text`, carries out `settings` ("table.key=value"), and puts the catalogue's entries in the place of
-/// `system = "…"` and `equation = "…"`; the user's parameters go before the catalogue's.
+/// `system = "…"` and `equation = "…"`, and numbers in that of `cells = "about …"`; the user's parameters go before the
+/// catalogue's.
 /// \throws ProblemError
 [[nodiscard]] EffectiveDocument effective_document(std::string_view text, const std::string& source,
                                                    std::span<const std::string> settings);

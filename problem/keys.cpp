@@ -151,8 +151,9 @@ std::vector<KeyEntry> make_keys() {
       {"grid", "z", "table", none, "The third direction."},
       {"grid.x", "from", "number", required, "Where the period begins: the first node."},
       {"grid.x", "to", "number", required, "Where it ends: the first node again."},
-      {"grid.x", "cells", "integer, at least 3", required,
-       "Nodes in a period. \"box\" needs odd numbers; transforms are fast with small prime factors."},
+      {"grid.x", "cells", "integer, at least 3, or \"about N\"", required,
+       "Nodes in a period. \"box\" needs odd numbers; transforms are fast with small prime factors. \"about N\" is the "
+       "number nearest to N that the scheme takes and is quick with."},
 
       {"initial", "t", "number", "0", "The time of the start."},
       {"initial", "from", "text", none,

@@ -24,13 +24,13 @@ public:
     if (objection.empty()) {
       return std::nullopt;
     }
-    // In planes and volumes, and with several stages, there are transforms, which like small prime factors.
     constexpr std::size_t largest_plane = 1'000'000;
     const auto stages = static_cast<std::size_t>(space_.stages);
     const std::size_t elements = (cells + stages - 1) / stages;
-    const bool transforms = (dimensions > 1 || !is_box()) && cells < largest_plane;
+    const bool transforms = has_transforms(dimensions) && cells < largest_plane;
     return OtherCount{stages * (transforms ? grids::good_odd_count(elements) : elements + 1 - elements % 2), objection};
   }
+  [[nodiscard]] bool has_transforms(int dimensions) const override { return dimensions > 1 || !is_box(); }
   [[nodiscard]] std::string_view other_dimensions(int dimensions) const override {
     return dimensions > 1 && space_.stages > 1
                ? "several stages in space are made for a line; leave space_stages out, or write lagrangian = "

@@ -175,6 +175,7 @@ public:
 
   [[nodiscard]] int order() const override { return composition_.order; }
   [[nodiscard]] bool has_bridges() const override { return false; }
+  [[nodiscard]] bool has_transforms(int /*dimensions*/) const override { return true; }
   [[nodiscard]] bool has_variational_laws() const override { return false; }
   [[nodiscard]] std::string_view not_shared_in(int dimensions) const override {
     return dimensions > 1 ? "" : "its transforms along a line take the whole of it";

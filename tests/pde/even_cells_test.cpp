@@ -4,12 +4,14 @@
 #include <complex>
 #include <functional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <catch2/catch.hpp>
 
 #include <rubato/grids/fourier.hpp>
 #include <rubato/pde/lattice.hpp>
+#include <rubato/pde/lattice_method.hpp>
 
 #include "equations.hpp"
 
@@ -164,6 +166,35 @@ TEST_CASE("a sawtooth that a potential cannot have is taken out of the data, and
   (*initial[1])[7] += 0.05;
   const auto used = prepare_initial_level(system, odd, initial, Collocation::nodes);
   CHECK(largest_difference(used.level.fields.field(1), *initial[1]) == 0.0);
+}
+
+TEST_CASE("a count near another is one that the scheme takes and is quick with, and there is none nearer") {
+  struct Counts {
+    LatticeMethodChoice choice;
+    int dimensions;
+    std::vector<std::pair<std::size_t, std::size_t>> counts;  ///< wanted, found
+  };
+  const LatticeMethodChoice box{.name = "box"}, two{.name = "box", .stages = 2},
+      in_threes{.name = "box", .space_stages = 3}, fourier{.name = "fourier"}, splitting{.name = "splitting"},
+      leapfrog{.name = "leapfrog"};
+  const Counts all[] = {
+      {box, 1, {{3, 3}, {500, 501}, {511, 511}, {512, 513}}},  // no transforms: odd
+      {box, 2, {{512, 525}, {500, 525}, {63, 63}, {4, 5}}},    // odd, 3ᵃ5ᵇ7ᶜ
+      {two, 1, {{500, 525}, {130, 135}}},                      // with transforms on a line, too
+      {in_threes, 1, {{500, 525}, {200, 189}, {3, 3}}},        // odd multiples of three, with transforms
+      {fourier, 1, {{500, 504}, {128, 128}, {100, 96}, {55, 56}, {53, 54}, {1030, 1029}, {57, 56}}},
+      {splitting, 2, {{500, 500}, {511, 512}, {97, 98}}},
+      {leapfrog, 1, {{500, 500}, {511, 511}}},  // any
+  };
+  for (const auto& [choice, dimensions, counts] : all) {
+    const auto method = make_lattice_method(choice);
+    for (const auto& [wanted, found] : counts) {
+      INFO(choice.name << ", " << choice.stages << " stages, " << dimensions << " dimensions, about " << wanted);
+      CHECK(method->count_near(wanted, dimensions) == found);
+      CHECK(method->count_near(found, dimensions) == found);
+      CHECK_FALSE(method->other_count(found, dimensions).has_value());
+    }
+  }
 }
 
 TEST_CASE("good odd counts have no prime factor beyond 7") {

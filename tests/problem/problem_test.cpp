@@ -185,6 +185,40 @@ TEST_CASE("a setting changes the effective problem, which reads back the same", 
   CHECK(read(breather, {"grid.x.cells=201"}).multisymplectic()->axes[0].cells == 201);
 }
 
+TEST_CASE("cells may be about a number, and the effective problem has the one that was chosen", "[problem]") {
+  const auto cells = [](const std::vector<std::string>& settings) {
+    const Problem problem = read(breather, settings);
+    const std::int64_t chosen = problem.multisymplectic()->axes.front().cells;
+    CHECK(problem.text.find("about") == std::string::npos);
+    CHECK(parse_problem(problem.text, "again.toml").multisymplectic()->axes.front().cells == chosen);
+    return chosen;
+  };
+  CHECK(cells({"grid.x.cells=about 500"}) == 501);
+  CHECK(cells({"grid.x.cells=\" about\t500 \""}) == 501);
+  CHECK(cells({"grid.x.cells=about 500", "scheme.lagrangian=fourier"}) == 504);
+  CHECK(cells({"grid.x.cells=about 500", "scheme.lagrangian=fourier", "scheme.stages=3"}) == 504);
+  CHECK(cells({"grid.x.cells=about 500", "scheme.lagrangian=box", "scheme.stages=2"}) == 525);
+  CHECK(cells({"grid.x.cells=about 500", "scheme.lagrangian=splitting"}) == 504);
+  CHECK(cells({"grid.x.cells=about 500", "scheme.lagrangian=leapfrog"}) == 500);
+  // What is wrong elsewhere is said there, and what is no number here.
+  const auto refusal = [](const std::string& setting, const std::string& more = "scheme.step=0.1") -> std::string {
+    try {
+      static_cast<void>(read(breather, {setting, more}));
+      return "";
+    } catch (const ProblemError& error) {
+      return error.what();
+    }
+  };
+  using Catch::Contains;
+  CHECK_THAT(refusal("grid.x.cells=about 500", "scheme.lagrangian=bocks"), Contains("\"bocks\" is not known"));
+  CHECK_THAT(refusal("grid.x.cells=about 500", "scheme.stages=99"), Contains("stages"));
+  for (const std::string wrong : {"about", "about many", "about 2", "about 12.5", "about -5", "about 99999999999"}) {
+    INFO(wrong);
+    CHECK_THAT(refusal("grid.x.cells=" + wrong), Contains("cells = \"" + wrong + "\": after \"about\" goes a whole"));
+  }
+  CHECK_THAT(refusal("grid.x.cells=aboutness"), Contains("unknown name"));
+}
+
 TEST_CASE("any text is read back as it was written", "[problem]") {
   std::string text = "Schwingung \\ \" ' <é>";
   for (char c = 1; c <= 0x20; ++c) {
