@@ -216,18 +216,16 @@ SumSize SumSizeEvaluator::operator()(std::span<const double> inputs, std::span<c
       return size_of(formula_->output(0), formula_->output(1), formula_->output(2));
     }
   }
-  const auto by = [&](auto& evaluator) {
-    evaluator.run(inputs, errors);
-    const double terms =
-        sum_of_magnitudes(evaluator.output_count(), 0.0, [&](std::size_t i) { return std::abs(evaluator.value(i)); });
-    return size_of(evaluator.value(0), terms, evaluator.bound(0));
-  };
   if (rolled_) {
-    if (const SumSize size = by(*rolled_); std::isfinite(rolled_->bound(0))) {
-      return size;
+    rolled_->run(inputs, errors);
+    if (std::isfinite(rolled_->bound(0))) {
+      return size_of(rolled_->value(0), rolled_->terms(), rolled_->bound(0));
     }
   }
-  return by(evaluator_);
+  evaluator_.run(inputs, errors);
+  const double terms =
+      sum_of_magnitudes(evaluator_.output_count(), 0.0, [&](std::size_t i) { return std::abs(evaluator_.value(i)); });
+  return size_of(evaluator_.value(0), terms, evaluator_.bound(0));
 }
 
 SumSize SumSizeEvaluator::operator()(std::span<const double> inputs) {
