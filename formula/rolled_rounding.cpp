@@ -1,9 +1,7 @@
 #include <rubato/formula/rolled_rounding.hpp>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <numeric>
 #include <unordered_map>
 
 #include <rubato/base/wide_vectors.hpp>
@@ -52,16 +50,8 @@ RUBATO_WIDE_VECTORS void take_few(const Instruction& step, const Rows& a, const 
   take_members<RolledRounding::few>(step, a, b, c, to);
 }
 
-/// sums[k] += Σ |values| at places k, k + 8, …, of so many whole eights.
-RUBATO_WIDE_VECTORS void add_magnitudes(const double* values, const std::uint32_t* places, std::size_t eights,
-                                        std::array<double, 8>& sums) {
-  double of[8] = {};
-  for (std::size_t e = 0; e < eights; ++e) {
-    for (std::size_t k = 0; k < 8; ++k) {
-      of[k] += std::abs(values[places[8 * e + k]]);
-    }
-  }
-  std::ranges::copy(of, sums.begin());
+RUBATO_WIDE_VECTORS double magnitudes_at(const double* values, const std::uint32_t* places, std::size_t count) {
+  return rounding_steps::sum_in_eights(count, 0.0, [=](std::size_t i) { return std::abs(values[places[i]]); });
 }
 
 }  // namespace
@@ -238,15 +228,7 @@ void RolledRounding::run_loop(const Loop& loop) {
 }
 
 double RolledRounding::terms() const {
-  const double* const values = values_.front().numbers;
-  const std::span<const std::uint32_t> places = std::span(outputs_).subspan(1);
-  const std::size_t eights = places.size() / 8;
-  std::array<double, 8> sums{};
-  add_magnitudes(values, places.data(), eights, sums);
-  for (std::size_t i = 8 * eights; i < places.size(); ++i) {
-    sums[i - 8 * eights] += std::abs(values[places[i]]);
-  }
-  return std::accumulate(sums.begin() + 1, sums.end(), sums[0]);
+  return magnitudes_at(values_.front().numbers, outputs_.data() + 1, outputs_.size() - 1);
 }
 
 void RolledRounding::run(std::span<const double> inputs, std::span<const double> errors) {

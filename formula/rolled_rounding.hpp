@@ -28,7 +28,7 @@ public:
   [[nodiscard]] double value(std::size_t output) const { return values_.front().numbers[outputs_[output]]; }
   [[nodiscard]] double bound(std::size_t output) const { return bounds_.front().numbers[outputs_[output]]; }
   [[nodiscard]] std::size_t output_count() const { return outputs_.size(); }
-  /// Σ|output| but for the first, of which there is one: eight sums, of every eighth, and then of these in turn.
+  /// Σ|output| but for the first, of which there is one, as rounding_steps::sum_in_eights() adds up.
   [[nodiscard]] double terms() const;
 
 private:

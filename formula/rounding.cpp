@@ -18,6 +18,7 @@ namespace rubato::formula {
 namespace {
 
 using rounding_steps::function_error;
+using rounding_steps::sum_in_eights;
 using rounding_steps::unit;
 
 /// Terms that cancel by more than this make a sum that is small by accident.
@@ -119,26 +120,6 @@ private:
   }
 };
 
-/// Of the outputs but the first, the i-th magnitude being of(i): in as many sums as go side by side, then of these.
-template <typename Number, typename Magnitude>
-Number sum_of_magnitudes(std::size_t outputs, const Number& zero, const Magnitude& of) {
-  std::array<Number, 8> sums;
-  sums.fill(zero);
-  std::size_t i = 1;
-  for (; i + sums.size() <= outputs; i += sums.size()) {
-    for (std::size_t k = 0; k < sums.size(); ++k) {
-      sums[k] = sums[k] + of(i + k);
-    }
-  }
-  for (std::size_t k = 0; i < outputs; ++i, ++k) {
-    sums[k] = sums[k] + of(i);
-  }
-  for (std::size_t k = 1; k < sums.size(); ++k) {
-    sums[0] = sums[0] + sums[k];
-  }
-  return sums[0];
-}
-
 /// Instructions of formulas whose machine code is made at once, and of those for which it is made at all.
 constexpr std::size_t short_formula = 1000, longest_with_formula = 100'000;
 /// It takes about as long as so many evaluations by the interpreter, of which it leaves hardly any time.
@@ -173,8 +154,8 @@ std::optional<Bytecode> rounding_code(const Bytecode& code) {
     registers[step.target] = *result;
   }
   const auto outputs = code.outputs();
-  const Expression terms = sum_of_magnitudes(outputs.size(), graph.constant(0.0),
-                                             [&](std::size_t i) { return abs(registers[outputs[i]].value); });
+  const Expression terms = sum_in_eights(outputs.size() - 1, graph.constant(0.0),
+                                         [&](std::size_t i) { return abs(registers[outputs[1 + i]].value); });
   const RoundedExpression& first = registers[outputs[0]];
   const std::array all{first.value, terms, first.bound ? *first.bound : graph.constant(0.0)};
   return Bytecode(all, inputs);
@@ -223,8 +204,8 @@ SumSize SumSizeEvaluator::operator()(std::span<const double> inputs, std::span<c
     }
   }
   evaluator_.run(inputs, errors);
-  const double terms =
-      sum_of_magnitudes(evaluator_.output_count(), 0.0, [&](std::size_t i) { return std::abs(evaluator_.value(i)); });
+  const double terms = sum_in_eights(evaluator_.output_count() - 1, 0.0,
+                                     [&](std::size_t i) { return std::abs(evaluator_.value(1 + i)); });
   return size_of(evaluator_.value(0), terms, evaluator_.bound(0));
 }
 

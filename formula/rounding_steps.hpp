@@ -173,6 +173,26 @@ template <typename Read>
   return {v, e};
 }
 
+/// of(0) + of(1) + …, so many: eight sums, of every eighth, which go side by side, and then of these in turn.
+template <typename Number, typename Term>
+[[gnu::always_inline]] inline Number sum_in_eights(std::size_t terms, const Number& zero, const Term& of) {
+  std::array<Number, 8> sums;
+  sums.fill(zero);
+  std::size_t i = 0;
+  for (; i + sums.size() <= terms; i += sums.size()) {
+    for (std::size_t k = 0; k < sums.size(); ++k) {
+      sums[k] = sums[k] + of(i + k);
+    }
+  }
+  for (std::size_t k = 0; i < terms; ++i, ++k) {
+    sums[k] = sums[k] + of(i);
+  }
+  for (std::size_t k = 1; k < sums.size(); ++k) {
+    sums[0] = sums[0] + sums[k];
+  }
+  return sums[0];
+}
+
 }  // namespace rounding_steps
 
 /// What an instruction makes of the numbers in its registers, and of their bounds.

@@ -28,11 +28,14 @@ using Catch::Contains;
 
 namespace {
 
+enum class Continued { all, last };
+
 /// Compares runs of a problem on ranks with that of one process: record, tables, checks, and what is continued on
-/// another number of ranks. `make(more)` states the problem, with more settings.
+/// another number of ranks: of all, or of the last of `sizes` alone. `make(more)` states the problem, with more
+/// settings.
 template <typename Make>
 void check_shared_run(const Folder& folder, const Make& make, const std::string& sooner, const std::vector<int>& sizes,
-                      bool tangents = false) {
+                      bool tangents = false, Continued continue_by = Continued::all) {
   const Problem whole = make({}), part = make({"scheme.until=" + sooner});
   const std::string alone = folder / "one.h5", shared = folder / "all.h5", continued = folder / "part.h5";
   const Outcome one = run(whole, {.output = alone, .overwrite = true, .threads = 1, .tangents = tangents});
@@ -59,7 +62,7 @@ void check_shared_run(const Folder& folder, const Make& make, const std::string&
     CHECK(all.warnings == one.warnings);
     const Outcome checked = with_ranks(size, [&](auto& rank) { return check(alone, {.ranks = &rank}); });
     CHECK(to_json(checked) == to_json(sound));
-    if (size != sizes.back()) {  // lattice_ranks_test.cpp has other numbers continued by others
+    if (continue_by == Continued::last && size != sizes.back()) {
       continue;
     }
     static_cast<void>(with_ranks(size, [&](auto& rank) { return run(part, shared_by(rank, continued)); }));
@@ -119,7 +122,7 @@ const std::vector<Settings> schemes_with_transforms = {{"scheme.lagrangian=split
 
 namespace {
 
-void check_tangents_of_ranks(const std::string& every) {
+void check_tangents_of_ranks(const std::string& every, Continued continue_by) {
   const Folder folder;
   SECTION("on a torus and in space") {
     const Settings scheme = GENERATE(Settings{}, Settings{"scheme.lagrangian=leapfrog"},
@@ -129,12 +132,13 @@ void check_tangents_of_ranks(const std::string& every) {
     // 9 × 7: parts thinner than their ghosts.
     check_shared_run(
         folder, [&](const Settings& more) { return wave_on_torus(24, 23, joined(settings, more)); }, "0.11", {2, 3},
-        true);
+        true, continue_by);
     check_shared_run(
-        folder, [&](const Settings& more) { return wave_on_torus(9, 7, joined(settings, more)); }, "0.11", {3, 7},
-        true);
+        folder, [&](const Settings& more) { return wave_on_torus(9, 7, joined(settings, more)); }, "0.11", {3, 7}, true,
+        continue_by);
     check_shared_run(
-        folder, [&](const Settings& more) { return wave_in_space(joined(settings, more)); }, "0.11", {3}, true);
+        folder, [&](const Settings& more) { return wave_in_space(joined(settings, more)); }, "0.11", {3}, true,
+        continue_by);
   }
   SECTION("on a line, by elimination") {
     const std::string levels = GENERATE("fixed", "variable");
@@ -149,7 +153,7 @@ void check_tangents_of_ranks(const std::string& every) {
                                       "output.every=" + every, fmt::format("scheme.until={}", until)},
                                      more));
           },
-          "0.006", {2, 3}, true);
+          "0.006", {2, 3}, true, continue_by);
     }
   }
 }
@@ -158,11 +162,13 @@ void check_tangents_of_ranks(const std::string& every) {
 
 // Where every level is stored they are checked, too.
 TEST_CASE("ranks carry tangent solutions along a lattice with the bits of one") {
-  check_tangents_of_ranks("1");
+  check_tangents_of_ranks("1", Continued::last);
 }
 
-TEST_CASE("ranks carry tangent solutions along a lattice of which few levels are stored", "[long]") {
-  check_tangents_of_ranks("7");
+TEST_CASE("ranks carry tangent solutions along a lattice of which few levels are stored, and continue them all",
+          "[long]") {
+  const std::string every = GENERATE("1", "7");
+  check_tangents_of_ranks(every, Continued::all);
 }
 
 TEST_CASE("what is wrong with tangent solutions of ranks is seen in their law alone, and found by a check") {
@@ -268,7 +274,7 @@ const Settings of_times = {"multisymplectic.S=(v^2 - a^2 - b^2)/2 + 1 - cos(u) +
 
 namespace {
 
-void check_shared_places(const std::vector<std::string>& rows_apart) {
+void check_shared_places(const std::vector<std::string>& rows_apart, Continued continue_by) {
   const Folder folder;
   SECTION("on a torus") {
     const Settings S = GENERATE(of_places, of_times);
@@ -280,12 +286,13 @@ void check_shared_places(const std::vector<std::string>& rows_apart) {
     INFO(fmt::format("{} {}", fmt::join(scheme, " "), S.front()));
     for (const std::string& every : rows_apart) {
       const Settings settings = joined(joined(scheme, S), {"output.every=" + every});
-      check_shared_run(folder, [&](const Settings& more) { return wave_on_torus(40, 37, joined(settings, more)); },
-                       "0.11", {2, 3});
+      check_shared_run(
+          folder, [&](const Settings& more) { return wave_on_torus(40, 37, joined(settings, more)); }, "0.11", {2, 3},
+          false, continue_by);
     }
     check_shared_run(
         folder, [&](const Settings& more) { return wave_on_torus(9, 7, joined(joined(scheme, S), more)); }, "0.11", {7},
-        true);
+        true, continue_by);
     check_found_by_ranks(folder / "one.h5", "/states/u", 9 * 7 + 40, 1e-3);
   }
   SECTION("on a line") {
@@ -320,7 +327,7 @@ until = 0.4
     };
     // With the time and the work there are five fields, of which tangent solutions are solved for in other chunks.
     const bool other_chunks = scheme == "box" && S.find("sin(t)") != std::string::npos;
-    check_shared_run(folder, make, "0.1", {2, 3}, !other_chunks);
+    check_shared_run(folder, make, "0.1", {2, 3}, !other_chunks, continue_by);
     check_found_by_ranks(folder / "one.h5", "/states/u", 201 * 3 + 150, 1e-4);
     if (other_chunks) {
       CHECK_THROWS_WITH(with_ranks(2,
@@ -342,11 +349,12 @@ until = 0.4
 }  // namespace
 
 TEST_CASE("ranks share lattices whose S names coordinates, or t, with the bits of one") {
-  check_shared_places({"1"});
+  check_shared_places({"1"}, Continued::last);
 }
 
-TEST_CASE("ranks share lattices whose S names coordinates, or t, of which few levels are stored", "[long]") {
-  check_shared_places({"7"});
+TEST_CASE("ranks share lattices whose S names coordinates, or t, of which few levels are stored, and continue them all",
+          "[long]") {
+  check_shared_places({"1", "7"}, Continued::all);
 }
 
 TEST_CASE("schemes with transforms share what S says of coordinates and t to rounding") {
@@ -411,26 +419,28 @@ const Settings levels_output = {"output.quantities.power=v*b", "output.quantitie
 
 namespace {
 
-void check_shared_events(const std::vector<std::string>& rows_apart) {
+void check_shared_events(const std::vector<std::string>& rows_apart, Continued continue_by) {
   const Folder folder;
   const Settings scheme = GENERATE(Settings{}, Settings{"scheme.lagrangian=leapfrog", "scheme.levels=variable"});
   SECTION("events") {
     for (const std::string& every : rows_apart) {
       INFO(fmt::format("{}, every {}", fmt::join(scheme, " "), every));
       const Settings settings = joined(joined(scheme, some_events), {"output.every=" + every});
-      check_shared_run(folder, [&](const Settings& more) { return wave_on_torus(24, 23, joined(settings, more)); },
-                       "0.11", {2, 3});
+      check_shared_run(
+          folder, [&](const Settings& more) { return wave_on_torus(24, 23, joined(settings, more)); }, "0.11", {2, 3},
+          false, continue_by);
     }
     const record::Reader reader(folder / "one.h5");
     CHECK(reader.rows("/events/slow/t") > 0);
     CHECK(reader.rows("/events/steep/t") > 0);
     // An event that ends the run, at all ranks.
-    check_shared_run(folder,
-                     [&](const Settings& more) {
-                       Settings all = joined({R"x(events.end={crossing="integral(v^2) > 51", stop=true})x"}, scheme);
-                       return wave_on_torus(9, 7, joined(all, more));
-                     },
-                     "0.02", {3, 7});
+    check_shared_run(
+        folder,
+        [&](const Settings& more) {
+          Settings all = joined({R"x(events.end={crossing="integral(v^2) > 51", stop=true})x"}, scheme);
+          return wave_on_torus(9, 7, joined(all, more));
+        },
+        "0.02", {3, 7}, false, continue_by);
     CHECK(record::Reader(folder / "one.h5").rows("/events/end/t") == 1);
   }
   SECTION("output") {
@@ -438,24 +448,27 @@ void check_shared_events(const std::vector<std::string>& rows_apart) {
       for (const std::string& every : rows_apart) {
         INFO(fmt::format("{}, every {}", fmt::join(scheme, " "), every));
         const Settings settings = joined(joined(scheme, output), {"output.every=" + every});
-        check_shared_run(folder, [&](const Settings& more) { return wave_on_torus(24, 23, joined(settings, more)); },
-                         "0.11", {2, 3});
+        check_shared_run(
+            folder, [&](const Settings& more) { return wave_on_torus(24, 23, joined(settings, more)); }, "0.11", {2, 3},
+            false, continue_by);
       }
     }
     check_shared_run(
         folder, [&](const Settings& more) { return wave_on_torus(9, 7, joined(joined(scheme, some_output), more)); },
-        "0.11", {7});
+        "0.11", {7}, false, continue_by);
   }
 }
 
 }  // namespace
 
 TEST_CASE("ranks find the events of a lattice, and tell it between levels, with the bits of one") {
-  check_shared_events({"1"});
+  check_shared_events({"1"}, Continued::last);
 }
 
-TEST_CASE("ranks find the events of a lattice of which few levels are stored, and tell it between levels", "[long]") {
-  check_shared_events({"7"});
+TEST_CASE(
+    "ranks find the events of a lattice of which few levels are stored, tell it between levels, and continue them all",
+    "[long]") {
+  check_shared_events({"1", "7"}, Continued::all);
 }
 
 TEST_CASE("as many quantities as a part has nodes are no field") {
