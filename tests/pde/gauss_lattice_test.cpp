@@ -130,6 +130,30 @@ TEST_CASE("a lattice with Gauss collocation continues bit by bit from its saved 
   CHECK(std::ranges::equal(a.all(), b.all()));
 }
 
+TEST_CASE("the slope of the midpoint rule's energy is found in waves as by a sweep over the nodes") {
+  const double h = 0.05;
+  for (const Example& example : examples()) {
+    INFO(example.name);
+    const LatticeLevel first = first_level(example);
+    GaussSlab slab(example.system, example.grid, 1, first);
+    REQUIRE(slab.take(first, first, h) == Status::success);
+    CellSweep sweep(example.system, example.grid, Collocation::nodes);
+    grids::FieldSet z = first.fields, rate = z;
+    slab.stage(0, z, rate);
+    const auto by_sweep = [&] {
+      return h * h *
+             sweep(std::as_const(z).pointers(), first.slopes, std::as_const(rate).pointers(), 0.0, {}, {}).quadratic;
+    };
+    const double expected = by_sweep(), found = slab.quadratic_form();
+    // Sums over some hundred nodes of terms that cancel to some hundredths.
+    CHECK(found == Approx(expected).epsilon(1e-11).margin(1e-13));
+    for (int f = 0; f < rate.fields(); ++f) {
+      rate.field(f)[3] += 0.1 * (f + 1);  // the twin: other rates at one node
+    }
+    CHECK(std::abs(by_sweep() - found) > 1e-8 * std::abs(found));
+  }
+}
+
 TEST_CASE("the squares of the Korteweg-de Vries equation stay what they are, however many stages") {
   // Σ u² is quadratic and its flow is kept, so that a symplectic scheme keeps it at any step. A tableau that is off by
   // d moves it by about d in every step: with eight stages VΛV⁻¹ is off by 1e-12 of A⁻¹, and 200 steps by 3e-12. What
