@@ -19,9 +19,10 @@ namespace {
 
 constexpr std::array<OperationTraits, 8> arithmetic{
     {{"constant", 0}, {"variable", 0}, {"+", 2}, {"-", 2}, {"*", 2}, {"/", 2}, {"-", 1}, {"^", 2}}};
+enum class Is { called, machine };
 constexpr std::array functions_of_users = {
 #define RUBATO_FUNCTION(id, name, form, is, symmetry, ...) \
-  OperationTraits{#name, arity_of(Form::form), Form::form, Symmetry::symmetry},
+  OperationTraits{#name, arity_of(Form::form), Form::form, Symmetry::symmetry, Is::is == Is::called},
 #include <rubato/formula/operations.inc>
 };
 static_assert(arithmetic.size() == static_cast<std::size_t>(Operation::power) + 1);

@@ -191,8 +191,8 @@ Expression where(Condition condition, Expression a, Expression b);
 /// Numbers of the variables on which `expression` depends, ascending.
 [[nodiscard]] std::vector<std::size_t> variables_of(Expression expression);
 
-/// `expression` with each `from[i]` (variables of its graph) replaced by `to[i]`; all `to` in one graph, which may be
-/// another one: then every variable not replaced is carried over by name.
+/// `expression` with each `from[i]` (variables, or other parts, of its graph) replaced by `to[i]`, the largest parts
+/// first; all `to` in one graph, which may be another one: then every variable not replaced is carried over by name.
 [[nodiscard]] Expression substitute(Expression expression, std::span<const Expression> from,
                                     std::span<const Expression> to);
 /// The same for several expressions at once, sharing what they share. `into` is the graph of the results.

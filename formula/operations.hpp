@@ -21,6 +21,7 @@ struct OperationTraits {
   int arity = 0;
   Form form = Form::two;
   Symmetry symmetry = Symmetry::none;
+  bool is_called = false;  ///< of a function: none of the machine's own instructions does it
 };
 [[nodiscard]] const OperationTraits& traits_of(Operation operation);
 /// Of a function's instruction.

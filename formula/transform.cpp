@@ -119,7 +119,7 @@ std::vector<Expression> substitute(std::span<const Expression> expressions, Grap
                                    std::span<const Expression> from, std::span<const Expression> to) {
   if (from.size() != to.size()) {
     throw std::invalid_argument(
-        fmt::format("substitute: {} variables to replace, but {} replacements", from.size(), to.size()));
+        fmt::format("substitute: {} parts to replace, but {} replacements", from.size(), to.size()));
   }
   if (expressions.empty()) {
     return {};
@@ -128,9 +128,9 @@ std::vector<Expression> substitute(std::span<const Expression> expressions, Grap
   Graph& source = *expressions.front().graph();
   std::vector<Expression> image(order.empty() ? 0 : order.back() + 1);
   for (std::size_t i = 0; i < from.size(); ++i) {
-    if (from[i].graph() != &source || source.node(from[i].index()).operation != Operation::variable) {
+    if (from[i].graph() != &source) {
       throw std::invalid_argument(
-          fmt::format("substitute: '{}' is not a variable of the expressions' graph", to_string(from[i])));
+          fmt::format("substitute: '{}' is not in the graph of the expressions", to_string(from[i])));
     }
     if (to[i].graph() != &into) {
       throw std::invalid_argument(

@@ -79,8 +79,15 @@ public:
         on_cells_ ? SpaceOperator::forward_difference(axis) : SpaceOperator::backward_difference(axis), array);
   }
   [[nodiscard]] const Expression& rate() const { return rate_; }
-  /// The first of the arrays that are no fields and no coordinates.
+  /// The first of the arrays that are no fields and no coordinates; and LevelValues of formulas that read so many.
+  ///@{
   [[nodiscard]] int other_arrays() const { return first_coordinate({tables_.grid.dimensions(), true}) + coordinates(); }
+  [[nodiscard]] LevelValues keep(int others, std::span<const Expression> always,
+                                 std::initializer_list<std::vector<Expression>*> formulas) {
+    const int of_level = tables_.d, kept = other_arrays() + others;
+    return {formulas_, {of_level, other_arrays() - 2 * of_level, kept}, always, formulas};
+  }
+  ///@}
 
   [[nodiscard]] NodeCode code(std::span<const Expression> outputs) const { return formulas_.code(outputs); }
 
@@ -178,6 +185,12 @@ private:
 /// cells where S names coordinates, which end at the seam, what flows out of a cell is not what flows into the next
 /// one: both fluxes of a cell are part of its residual then.
 class CompactLaws final : public LawEvaluator {
+  [[nodiscard]] auto reads_level(const PotentialSlopes& slopes) const {
+    return [this, &slopes](NodeCode& code, const FieldSet& level) {
+      code.read({&level, &level, &coordinates_}, {}, slopes);
+    };
+  }
+
 public:
   using General = std::function<std::unique_ptr<LawEvaluator>(LawTables)>;
 
@@ -188,20 +201,16 @@ public:
     const bool on_cells = collocation == Collocation::cells;
     LawFormulas formulas(tables_, on_cells);
     const std::vector<Expression> densities = formulas.currents({}, When::after);
-    codes_.density = formulas.code(densities);
-    std::vector<Expression> residuals = changes(formulas, densities);
+    std::vector<Expression> fluxes, residuals = changes(formulas, densities);
     if (on_cells && !tables_.system.coordinates().empty()) {
       add_flows(formulas, residuals);
     } else {
-      const std::vector<Expression> fluxes = LawCodes::add_differences(
+      fluxes = LawCodes::add_differences(
           tables_.grid.dimensions(), [&](int a) { return formulas.currents({1 + a}, When::middle); },
           [&](int array, int a) { return formulas.difference(a, formulas.other_arrays() + array); }, residuals);
-      codes_.fluxes = formulas.code(fluxes);
-      codes_.of_fluxes = FieldSet(static_cast<int>(fluxes.size()), tables_.grid.size());
     }
     subtract_sources(formulas, residuals);
-    residuals.insert(residuals.end(), densities.begin(), densities.end());
-    codes_.residuals = formulas.code(residuals);
+    codes_ = {formulas, tables_.grid, densities, fluxes, residuals};
   }
 
   [[nodiscard]] const LawTables& tables() const override { return tables_; }
@@ -215,28 +224,25 @@ public:
 
   std::vector<Spread> residuals(const LatticeLevel& before, const LatticeLevel& after, double h,
                                 std::span<double* const> residuals) override {
-    if (over_stages_) {
-      return general().residuals(before, after, h, residuals);
-    }
-    const std::array numbers{1.0 / h};
-    const auto read = [&](NodeCode& code) {
-      code.read({&before.fields, &after.fields, &coordinates_, &codes_.of_fluxes}, numbers, after.slopes);
-    };
-    return codes_.take(tables_.grid, tables_.names.size(), read, residuals);
+    return take(before, after, h, residuals, false);
+  }
+  std::vector<Spread> next_residuals(const LatticeLevel& before, const LatticeLevel& after, double h,
+                                     std::span<double* const> residuals) override {
+    return take(before, after, h, residuals, true);
   }
 
   std::vector<double> totals(const LatticeLevel& level) override {
     if (over_stages_) {
       return general().totals(level);
     }
-    return codes_.totals(tables_.grid, tables_.names.size(), [&](NodeCode& code) { read_level(code, level); });
+    return codes_.totals(tables_.grid, tables_.names.size(), level, reads_level(level.slopes));
   }
 
   std::vector<double> totals_after(const LatticeLevel& after) override {
     if (over_stages_) {
       return general().totals_after(after);
     }
-    return codes_.totals_after(tables_.grid, tables_.names.size(), [&](NodeCode& code) { read_level(code, after); });
+    return codes_.totals_after(tables_.grid, tables_.names.size(), after, reads_level(after.slopes));
   }
 
   Spread multisymplectic_residual(const TangentLevels& u, const TangentLevels& v, double h, double* residual) override {
@@ -271,8 +277,19 @@ private:
     }
   }
 
-  void read_level(NodeCode& code, const LatticeLevel& level) const {
-    code.read({&level.fields, &level.fields, &coordinates_, &codes_.of_fluxes}, {}, level.slopes);
+  std::vector<Spread> take(const LatticeLevel& before, const LatticeLevel& after, double h,
+                           std::span<double* const> residuals, bool follows) {
+    if (over_stages_) {
+      return general().residuals(before, after, h, residuals);
+    }
+    const std::array numbers{1.0 / h};
+    const auto read = [&](NodeCode& code) {
+      code.read({&before.fields, &after.fields, &coordinates_, &codes_.of_fluxes, &codes_.levels.lower(),
+                 &codes_.levels.upper()},
+                numbers, after.slopes);
+    };
+    return codes_.take(tables_.grid, tables_.names.size(), before, after, follows, reads_level(after.slopes), read,
+                       residuals);
   }
   [[nodiscard]] LawEvaluator& general() {
     if (general_ == nullptr) {

@@ -13,8 +13,8 @@ namespace {
 using formula::Expression;
 using grids::SpaceOperator;
 
-/// Uniform numbers of the code.
-constexpr int number_of_h = 0, number_of_inverse = 1;
+/// The uniform number of the code.
+constexpr int number_of_inverse = 0;
 constexpr int lower_level = 0, upper_level = 1;
 
 }  // namespace
@@ -63,9 +63,13 @@ Expression EulerBoxFormulas::row(int number, const std::vector<int>& arrays) {
   return sum;
 }
 
-NodeCode EulerBoxFormulas::kick(int number, int column, double value) {
-  const Expression factor = 1.0 / value * formulas_.uniform(number_of_h);
-  return formulas_.code(std::array{formulas_.node(column) + factor * row(number, arrays_of(lower_level))});
+NodeCode EulerBoxFormulas::at_level(std::span<const int> rows) {
+  std::vector<Expression> outputs;
+  for (const int number : rows) {
+    outputs.push_back(row(number, arrays_of(lower_level)));
+  }
+  outputs.push_back(energy_density());
+  return formulas_.code(outputs);
 }
 
 NodeCode EulerBoxFormulas::solve(int number, int field) {
@@ -74,7 +78,7 @@ NodeCode EulerBoxFormulas::solve(int number, int field) {
   return formulas_.code(std::array{formulas_.node(field) - formulas_.uniform(number_of_inverse) * row(number, arrays)});
 }
 
-NodeCode EulerBoxFormulas::energy() {
+Expression EulerBoxFormulas::energy_density() {
   const std::vector<Expression> z = values(arrays_of(lower_level));
   Expression density =
       formula::substitute(std::array{system_.expression()}, formulas_.graph(), system_.variables(), z).front();
@@ -85,13 +89,13 @@ NodeCode EulerBoxFormulas::energy() {
           z[static_cast<std::size_t>(term.row)] * formulas_.in_cell(SpaceOperator::forward_difference(a), term.column));
     }
   }
-  return formulas_.code(std::array{density});
+  return density;
 }
 
-void EulerBoxFormulas::read(NodeCode& code, double h, double inverse, const grids::FieldSet& lower,
+void EulerBoxFormulas::read(NodeCode& code, double inverse, const grids::FieldSet& lower,
                             const grids::FieldSet& upper) const {
   static const PotentialSlopes none;
-  code.read({&lower, &upper, &coordinates_}, std::array{h, inverse}, none);
+  code.read({&lower, &upper, &coordinates_}, std::array{inverse}, none);
 }
 
 }  // namespace rubato

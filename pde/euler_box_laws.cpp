@@ -21,13 +21,16 @@ using Level = NodeVariation::Level;
 /// corners, in two passes: the fluxes in space, then residuals. J^ν_t reads one level alone. The law of two tangent
 /// solutions is its two-form at a node between two slabs.
 class EulerBoxLaws final : public LawEvaluator {
+  [[nodiscard]] auto reads_level(const PotentialSlopes& slopes) const {
+    return [this, &slopes](NodeCode& code, const FieldSet& level) { variation_.read(code, level, level, 1.0, slopes); };
+  }
+
 public:
   explicit EulerBoxLaws(LawTables tables)
       : tables_(std::move(tables)), variation_(euler_box_action(tables_.system), tables_.grid) {
     find_currents();
     const std::vector<Expression> before = currents(LawTables::time);
     const std::vector<Expression> densities = at_upper_level(before);
-    codes_.density = variation_.code(densities);
     std::vector<Expression> sums = densities;
     for (std::size_t law = 0; law < sums.size(); ++law) {
       sums[law] = variation_.rate() * (sums[law] - before[law]);
@@ -35,30 +38,28 @@ public:
     const std::vector<Expression> fluxes = LawCodes::add_differences(
         tables_.grid.dimensions(), [&](int a) { return currents(1 + a); },
         [&](int array, int a) { return variation_.difference_of_other(array, a); }, sums);
-    codes_.fluxes = variation_.code(fluxes);
-    codes_.of_fluxes = FieldSet(static_cast<int>(fluxes.size()), tables_.grid.size());
     for (const LatticeAction::Place& place : variation_.action().places) {
       sums[static_cast<std::size_t>(1 + place.axis)] += variation_.by_place(place);
     }
-    sums.insert(sums.end(), densities.begin(), densities.end());
-    codes_.residuals = variation_.code(sums);
+    codes_ = {variation_, tables_.grid, densities, fluxes, sums};
   }
 
   [[nodiscard]] const LawTables& tables() const override { return tables_; }
 
   std::vector<Spread> residuals(const LatticeLevel& before, const LatticeLevel& after, double h,
                                 std::span<double* const> residuals) override {
-    const auto read = [&](NodeCode& code) {
-      variation_.read(code, before.fields, after.fields, h, after.slopes, codes_.of_fluxes);
-    };
-    return codes_.take(tables_.grid, tables_.names.size(), read, residuals);
+    return take(before, after, h, residuals, false);
+  }
+  std::vector<Spread> next_residuals(const LatticeLevel& before, const LatticeLevel& after, double h,
+                                     std::span<double* const> residuals) override {
+    return take(before, after, h, residuals, true);
   }
 
   std::vector<double> totals(const LatticeLevel& level) override {
-    return codes_.totals(tables_.grid, tables_.names.size(), [&](NodeCode& code) { read_level(code, level); });
+    return codes_.totals(tables_.grid, tables_.names.size(), level, reads_level(level.slopes));
   }
   std::vector<double> totals_after(const LatticeLevel& after) override {
-    return codes_.totals_after(tables_.grid, tables_.names.size(), [&](NodeCode& code) { read_level(code, after); });
+    return codes_.totals_after(tables_.grid, tables_.names.size(), after, reads_level(after.slopes));
   }
 
   Spread multisymplectic_residual(const TangentLevels& u, const TangentLevels& v, double h, double* residual) override {
@@ -90,8 +91,14 @@ public:
   }
 
 private:
-  void read_level(NodeCode& code, const LatticeLevel& level) const {
-    variation_.read(code, level.fields, level.fields, 1.0, level.slopes, codes_.of_fluxes);
+  std::vector<Spread> take(const LatticeLevel& before, const LatticeLevel& after, double h,
+                           std::span<double* const> residuals, bool follows) {
+    const auto read = [&](NodeCode& code) {
+      variation_.read(code, before.fields, after.fields, h, after.slopes,
+                      {&codes_.of_fluxes, &codes_.levels.lower(), &codes_.levels.upper()});
+    };
+    return codes_.take(tables_.grid, tables_.names.size(), before, after, follows, reads_level(after.slopes), read,
+                       residuals);
   }
 
   /// J^ν_ρ, the sum over the parts of the action.

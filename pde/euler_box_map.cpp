@@ -12,7 +12,9 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <rubato/base/wide_vectors.hpp>
 #include <rubato/grids/box_operators.hpp>
+#include <rubato/grids/parallel.hpp>
 #include <rubato/grids/reductions.hpp>
 #include <rubato/grids/slab.hpp>
 #include <rubato/pde/tuning.hpp>
@@ -48,6 +50,15 @@ void add_product(double factor, std::span<const double> a, std::span<const doubl
   }
 }
 
+/// to = from + factor force, at these nodes.
+RUBATO_WIDE_VECTORS void move(double factor, const double* from, const double* force, std::size_t begin,
+                              std::size_t end, double* to) {
+#pragma GCC ivdep
+  for (std::size_t i = begin; i < end; ++i) {
+    to[i] = from[i] + factor * force[i];
+  }
+}
+
 }  // namespace
 
 EulerBoxMap::EulerBoxMap(const MultisymplecticSystem& system, const grids::Grid& grid)
@@ -77,11 +88,37 @@ Status EulerBoxMap::start(grids::FieldSet& fields) {
   return Status::success;
 }
 
-Status EulerBoxMap::advance(double h, const grids::FieldSet& before, grids::FieldSet& after) {
-  for (Kick& entry : kicks_) {
-    formulas_.read(entry.step, h, 0.0, before, after);
-    double* const out[] = {after.field(entry.column).data()};
-    const auto take = [&](std::size_t begin, std::size_t end) { entry.step(begin, end, out); };
+EulerBoxMap::AtLevel EulerBoxMap::room() const {
+  return {grids::FieldSet(static_cast<int>(kicks_.size()), grid_.size()), 0.0};
+}
+
+EulerBoxMap::AtLevel EulerBoxMap::at_level(const grids::FieldSet& fields) {
+  AtLevel at = room();
+  find(fields, at);
+  return at;
+}
+
+void EulerBoxMap::find(const grids::FieldSet& fields, AtLevel& at) {
+  formulas_.read(at_level_, 0.0, fields, fields);
+  std::array<double*, MultisymplecticSystem::most_fields + 1> outputs{};
+  const auto end = std::ranges::copy(at.forces.pointers(), outputs.begin()).out;
+  *end = row_.field(0).data();
+  at_level_(std::span(outputs.begin(), end + 1));
+  at.energy = grid_.cell_volume() * grids::sum(std::as_const(row_).field(0));
+}
+
+Status EulerBoxMap::advance(double h, const grids::FieldSet& before, const AtLevel& at_before, grids::FieldSet& after) {
+  for (std::size_t k = 0; k < kicks_.size(); ++k) {
+    const Kick& entry = kicks_[k];
+    const double *const from = before.field(entry.column).data(), *const force =
+                                                                      at_before.forces.field(static_cast<int>(k))
+                                                                          .data();
+    double* const to = after.field(entry.column).data();
+    const auto take = [&](std::size_t begin, std::size_t end) {
+      grids::for_each_block(end - begin, grids::nodes_per_block, [&](std::size_t first, std::size_t last) {
+        move(h / entry.value, from, force, begin + first, begin + last, to);
+      });
+    };
     if (is_renewed(entry.column)) {
       grids::compute_and_refresh(after, std::span(&entry.column, 1), halo_.planes, take);
     } else {
@@ -105,7 +142,7 @@ Status EulerBoxMap::step(LocalSolve& solve, double h, const grids::FieldSet& bef
     return run(solve, h, before, after);
   }
   const double slope = system_.constant_hessian()(solve.row, solve.field) + solve.rate / h;
-  formulas_.read(solve.step, h, 1.0 / slope, before, after);
+  formulas_.read(solve.step, 1.0 / slope, before, after);
   double* const out[] = {after.field(solve.field).data()};
   solve.step(out);
   ++evaluations_;
@@ -157,12 +194,6 @@ void EulerBoxMap::residual(double h, const grids::FieldSet& before, const grids:
   }
 }
 
-double EulerBoxMap::energy(const grids::FieldSet& fields) {
-  formulas_.read(energy_, 1.0, 0.0, fields, fields);
-  energy_(row_.pointers());
-  return grid_.cell_volume() * grids::sum(std::as_const(row_).field(0));
-}
-
 /// Finds an order in which each equation of a level has one unknown, which it holds at the node itself.
 void EulerBoxMap::plan() {
   const auto& M_plus = system_.structure().M_plus;
@@ -179,7 +210,7 @@ void EulerBoxMap::plan() {
         refuse(fmt::format("its part M+ of M couples {} to more than one field",
                            system_.fields()[static_cast<std::size_t>(r)]));
       }
-      kicks_.push_back({.row = r, .column = c, .value = M_plus(r, c), .step = {}});
+      kicks_.push_back({.row = r, .column = c, .value = M_plus(r, c)});
       known[static_cast<std::size_t>(c)] = true;
       used[static_cast<std::size_t>(r)] = true;
     }
@@ -323,9 +354,10 @@ void EulerBoxMap::compile() {
     codes_.push_back({formula::BatchEvaluator(formula::Bytecode(outputs, system_.variables())), outputs.size()});
     return codes_.size() - 1;
   };
+  std::vector<int> rows;
   for (Kick& kick : kicks_) {
     kick.code = add(kick.row, std::nullopt);
-    kick.step = formulas_.kick(kick.row, kick.column, kick.value);
+    rows.push_back(kick.row);
   }
   for (auto* solves : {&start_solves_, &solves_}) {
     for (LocalSolve& solve : *solves) {
@@ -336,7 +368,7 @@ void EulerBoxMap::compile() {
       }
     }
   }
-  energy_ = formulas_.energy();
+  at_level_ = formulas_.at_level(rows);
 }
 
 /// row_ = ∇S of one row, and S'' with the field that it gives into derivative_ if that varies.

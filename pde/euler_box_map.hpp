@@ -27,17 +27,23 @@ public:
 
   /// Computes the algebraic fields of a first level from the others, by the constraints at its nodes.
   [[nodiscard]] Status start(grids::FieldSet& fields);
-  [[nodiscard]] Status advance(double h, const grids::FieldSet& before, grids::FieldSet& after);
+  /// What a level says: its energy 𝓔 = Σ ΔV [S - Σ_a zᵀK₊δ_a⁺z], and what drives the step from it.
+  struct AtLevel {
+    grids::FieldSet forces;  ///< R of each row of M₊ (EulerBoxFormulas)
+    double energy = 0.0;
+  };
+  [[nodiscard]] AtLevel at_level(const grids::FieldSet& fields);
+  [[nodiscard]] AtLevel room() const;  ///< for find()
+  void find(const grids::FieldSet& fields, AtLevel& at);
+  [[nodiscard]] Status advance(double h, const grids::FieldSet& before, const AtLevel& at_before,
+                               grids::FieldSet& after);
   /// What two levels, h apart, leave of the equations that the map solves: of each row of M₊ at the level `before`, of
   /// the other rows at `after`; 0 to rounding if `after` is the image of `before`.
   void residual(double h, const grids::FieldSet& before, const grids::FieldSet& after, grids::FieldSet& rows);
   /// Takes a solution u of the linearised equation over the step from `before` to `after`.
   [[nodiscard]] Status tangent(double h, const grids::FieldSet& before, const grids::FieldSet& after,
                                const grids::FieldSet& u_before, grids::FieldSet& u_after);
-  /// E = Σ ΔV [S - Σ_a zᵀK₊δ_a⁺z] of a level.
-  [[nodiscard]] double energy(const grids::FieldSet& fields);
-
-  [[nodiscard]] int evaluations() const { return evaluations_; }  ///< of S and its derivatives, since construction
+  [[nodiscard]] int evaluations() const { return evaluations_; }  ///< of rows of the equation, since construction
 
   /// What a step makes of ghosts that are all right (grids::Slab): advance() and tangent() renew those of the fields
   /// that go on from level to level and that neighbours read, as far as they are wrong.
@@ -55,7 +61,6 @@ private:
     int column = 0;
     double value = 0.0;
     std::size_t code = 0;  ///< of codes_
-    NodeCode step;         ///< what the field becomes
   };
   /// The equation of `row` at one level gives `field` there, node by node; `rate` is the entry of M₊ that multiplies
   /// its increment (0 for a constraint).
@@ -111,7 +116,7 @@ private:
   std::vector<const double*> inputs_;  ///< the fields, then the coordinates
   formula::BatchEvaluator evaluate_;   ///< all of outputs_
   EulerBoxFormulas formulas_;
-  NodeCode energy_;
+  NodeCode at_level_;
   std::vector<RowCode> codes_;  ///< what kicks and solves take
   std::vector<Kick> kicks_;
   std::vector<LocalSolve> solves_, start_solves_;

@@ -90,6 +90,7 @@ StepReport LatticeIntegrator::step() {
       std::swap(previous_.fields, before_);
     }
     previous_is_told_ = told;
+    of_step_before_ = std::exchange(of_last_step_, LocalLaws::none);
   }
   return report;
 }
@@ -103,7 +104,9 @@ const LatticeLevel& LatticeIntegrator::previous() const {
 }
 
 std::vector<Spread> LatticeIntegrator::residuals(std::span<double* const> cells) {
-  return laws_.residuals(previous(), level(), levels().last_step(), cells);
+  auto sizes = laws_.residuals(previous(), level(), levels().last_step(), cells, of_step_before_);
+  of_last_step_ = laws_.last_question();
+  return sizes;
 }
 
 void LatticeIntegrator::save(StateWriter& state) const {
@@ -115,6 +118,7 @@ void LatticeIntegrator::restore(StateReader& state) {
   Integrator::restore(state);
   grids::restore_whole(state, previous_.fields);
   previous_is_told_ = true;
+  of_step_before_ = of_last_step_ = LocalLaws::none;
 }
 
 }  // namespace rubato

@@ -92,7 +92,9 @@ private:
   LocalLaws laws_;
   mutable LatticeLevel previous_;
   mutable bool previous_is_told_ = true;  ///< else the scheme has it
-  grids::FieldSet before_;                ///< of the step under way, what becomes previous_ if it succeeds
+  /// What laws were asked of the step before the last one, and of the last.
+  LocalLaws::Question of_step_before_ = LocalLaws::none, of_last_step_ = LocalLaws::none;
+  grids::FieldSet before_;  ///< of the step under way, what becomes previous_ if it succeeds
 };
 
 }  // namespace rubato

@@ -95,6 +95,12 @@ public:
   virtual void share(std::shared_ptr<StageSource> /*stages*/) {}
   virtual std::vector<Spread> residuals(const LatticeLevel& before, const LatticeLevel& after, double h,
                                         std::span<double* const> residuals) = 0;
+  /// The same where `before` is the level that was `after` for this the last time, and no other was asked for since:
+  /// what is known of it need not be found again.
+  virtual std::vector<Spread> next_residuals(const LatticeLevel& before, const LatticeLevel& after, double h,
+                                             std::span<double* const> residuals) {
+    return this->residuals(before, after, h, residuals);
+  }
   virtual std::vector<double> totals(const LatticeLevel& level) = 0;
   /// The same of the level that was `after` for residuals() the last time, which may know them.
   virtual std::vector<double> totals_after(const LatticeLevel& after) { return totals(after); }

@@ -68,6 +68,7 @@ LocalLaws& LocalLaws::operator=(LocalLaws&&) noexcept = default;
 
 void LocalLaws::share(std::shared_ptr<StageSource> stages) {
   if (stages != nullptr) {
+    ++asked_;
     engine_->share(std::move(stages));
   }
 }
@@ -77,11 +78,15 @@ const std::vector<std::string>& LocalLaws::names() const {
 }
 
 std::vector<Spread> LocalLaws::residuals(const LatticeLevel& before, const LatticeLevel& after, double h,
-                                         std::span<double* const> residuals) {
-  return engine_->residuals(before, after, h, residuals);
+                                         std::span<double* const> residuals, Question earlier) {
+  const bool follows = earlier != none && earlier == asked_;
+  ++asked_;
+  return follows ? engine_->next_residuals(before, after, h, residuals)
+                 : engine_->residuals(before, after, h, residuals);
 }
 
 std::vector<double> LocalLaws::totals(const LatticeLevel& level) {
+  ++asked_;
   return engine_->totals(level);
 }
 

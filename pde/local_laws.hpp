@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstdint>
 #include <memory>
 #include <span>
 #include <string>
@@ -72,6 +73,10 @@ class StageSource;
 /// Laws are computed from two levels and h alone, so a run and its record give the same numbers.
 class LocalLaws {
 public:
+  /// Numbers of what has been asked, none of them 0.
+  using Question = std::uint64_t;
+  static constexpr Question none = 0;
+
   /// Those of a method: see make_local_laws() of lattice_method.hpp.
   explicit LocalLaws(std::unique_ptr<LawEvaluator> engine);
   ~LocalLaws();
@@ -90,8 +95,11 @@ public:
   /// The residual of every law in every cell of the step from `before` to `after`, h apart, into residuals[law], one
   /// value for each cell (an empty span if only sizes are wanted).
   /// \return the magnitudes of each over the cells
+  /// \param earlier what last_question() was after the same of the step that led to `before`: then, if nothing else was
+  /// asked since, what that found of the level is not found again
   std::vector<Spread> residuals(const LatticeLevel& before, const LatticeLevel& after, double h,
-                                std::span<double* const> residuals = {});
+                                std::span<double* const> residuals = {}, Question earlier = none);
+  [[nodiscard]] Question last_question() const { return asked_; }
 
   /// Σ ΔV J_t over the level: total energy 𝓔(z_k), momenta, charges.
   std::vector<double> totals(const LatticeLevel& level);
@@ -111,6 +119,7 @@ public:
 
 private:
   std::unique_ptr<LawEvaluator> engine_;
+  Question asked_ = none;
 };
 
 }  // namespace rubato

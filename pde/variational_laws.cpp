@@ -19,8 +19,9 @@ VariationalLaws::VariationalLaws(LatticeAction action, const grids::Grid& grid)
 
 std::optional<std::vector<Spread>> VariationalLaws::take(const LatticeLevel& before, const LatticeLevel& after,
                                                          double h) {
-  variation_.take(before.fields, after.fields, h, after.slopes);
-  if (!std::exchange(started_, true)) {
+  const bool follows = std::exchange(started_, true);
+  variation_.take(before.fields, after.fields, h, after.slopes, follows);
+  if (!follows) {
     return std::nullopt;
   }
   variation_.between(residual_);

@@ -20,7 +20,7 @@ void set(std::span<Law> laws, const std::vector<Spread>& sizes) {
 
 LatticeResiduals::LatticeResiduals(const LatticeMethod& method, LocalLaws& laws, const MultisymplecticSystem& system,
                                    const grids::Grid& grid, Wanted wanted)
-    : local_(laws), cells_(static_cast<int>(laws.count()), grid.size()) {
+    : local_(laws), steps_follow_(wanted.variational), cells_(static_cast<int>(laws.count()), grid.size()) {
   cells_.fill(std::numeric_limits<double>::quiet_NaN());
   for (std::size_t i = 0; i < laws.count(); ++i) {
     laws_.emplace_back(laws.names()[i], std::as_const(cells_).field(static_cast<int>(i)));
@@ -55,11 +55,12 @@ void LatticeResiduals::clear() {
 
 void LatticeResiduals::take_in_cells(const LatticeLevel& before, const LatticeLevel& after, double h, Part wanted) {
   if (wanted == Part::all) {
-    set(in_cells_, local_.residuals(before, after, h, cells_.pointers()));
+    set(in_cells_, local_.residuals(before, after, h, cells_.pointers(), of_last_step_));
   } else if (has_cells_) {
     cells_.fill(std::numeric_limits<double>::quiet_NaN());
   }
   has_cells_ = wanted == Part::all;
+  of_last_step_ = has_cells_ && steps_follow_ ? local_.last_question() : LocalLaws::none;
 }
 
 void LatticeResiduals::take(const LatticeLevel& before, const LatticeLevel& after, double h, Part wanted) {
@@ -93,6 +94,7 @@ void LatticeResiduals::restore(StateReader& state, const LatticeLevel& before, c
     tangent_status_ = static_cast<Status>(static_cast<int>(state.read()));
     tangents_->restore(state);
   }
+  of_last_step_ = LocalLaws::none;
   if (h != 0.0) {
     clear();
     take_in_cells(before, after, h, wanted);

@@ -64,6 +64,8 @@ private:
   void take_in_cells(const LatticeLevel& before, const LatticeLevel& after, double h, Part wanted);
 
   LocalLaws& local_;
+  bool steps_follow_;
+  LocalLaws::Question of_last_step_ = LocalLaws::none;  ///< what laws were asked of the step taken last
   std::optional<VariationalLaws> variational_;
   std::optional<TangentPair> tangents_;
   Status tangent_status_ = Status::success;

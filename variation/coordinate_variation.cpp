@@ -1,6 +1,8 @@
 #include <rubato/variation/coordinate_variation.hpp>
 
+#include <algorithm>
 #include <array>
+#include <map>
 #include <utility>
 
 namespace rubato {
@@ -20,28 +22,56 @@ CoordinateVariation::CoordinateVariation(LatticeAction action, const grids::Grid
   find_balance();
 }
 
-/// The currents of all parts, and derivatives by places, without those that are zero.
+/// The currents of all parts, and derivatives by places, without those that are zero. What goes to the same nodes, or
+/// does when it is counted to another cell, is one row: so a backward difference is a forward one of the cell before.
 void CoordinateVariation::find_rows() {
   const LatticeAction& action = this->action();
   std::vector<Expression> formulas;
-  const auto add = [&](const Expression& formula, Row row) {
-    if (!formula.is_constant() || formula.constant_value() != 0.0) {
-      formulas.push_back(formula);
-      rows_.push_back(row);
+  const auto add = [&](int nu, int op, double sign, const auto& formula_in) {
+    const StencilOperator& stencil = action.operators[static_cast<std::size_t>(op)];
+    Row row{nu, stencil.time, variation_.weights(stencil.space)};
+    std::ranges::sort(row.weights);
+    const std::array<int, 3> first = row.weights.front().first;
+    std::array<int, 3> cell{};
+    for (std::size_t a = 0; a < cell.size(); ++a) {
+      cell[a] = -first[a];
+      for (auto& [offset, weight] : row.weights) {
+        offset[a] -= first[a];
+      }
     }
+    const Expression formula = formula_in(cell);
+    if (formula.is_constant() && formula.constant_value() == 0.0) {
+      return;
+    }
+    const auto known = std::ranges::find(rows_, row);
+    const auto number = static_cast<std::size_t>(known - rows_.begin());
+    if (known == rows_.end()) {
+      rows_.push_back(std::move(row));
+      formulas.emplace_back();
+    }
+    add_weighted(formulas[number], sign, formula);
   };
   for (const LatticeAction::Part& part : action.parts) {
-    const std::vector<Expression> currents = variation_.currents(part);
+    std::map<std::array<int, 3>, std::vector<Expression>> in_cell;
     std::size_t current = 0;
     for (int nu = 0; nu <= action.dimensions; ++nu) {
       for (const int derivative : part.derivatives) {
-        add(currents[current++], {.nu = nu, .op = derivative, .sign = -1.0});
+        add(nu, derivative, -1.0, [&](const std::array<int, 3>& cell) {
+          std::vector<Expression>& currents = in_cell[cell];
+          if (currents.empty()) {
+            currents = variation_.currents(part, cell);
+          }
+          return currents[current];
+        });
+        ++current;
       }
     }
   }
   for (const LatticeAction::Place& place : action.places) {
-    add(variation_.by_place(place), {.nu = 1 + place.axis, .op = place.op, .sign = 1.0});
+    add(1 + place.axis, place.op, 1.0,
+        [&](const std::array<int, 3>& cell) { return variation_.by_place(place, cell); });
   }
+  levels_ = variation_.keep(0, {}, {&formulas});
   in_cells_ = variation_.code(formulas);
   last_.in_cells = grids::FieldSet(static_cast<int>(rows_.size()), grid_.size());
   earlier_.in_cells = last_.in_cells;
@@ -62,25 +92,23 @@ void CoordinateVariation::find_balance() {
       if (row.nu != nu) {
         continue;
       }
-      const StencilOperator& op = action.operators[static_cast<std::size_t>(row.op)];
-      for (const auto& [offset, weight] : formulas.weights(op.space)) {
+      for (const auto& [offset, weight] : row.weights) {
         std::array<int, 3> cell{};
         for (std::size_t a = 0; a < cell.size(); ++a) {
           cell[a] = -offset[a];
         }
         const Expression later = formulas.node(count + r, cell), earlier = formulas.node(r, cell);
-        const double to = row.sign * weight;
-        switch (op.time) {
+        switch (row.time) {
           case InTime::difference:
-            add_weighted(differences, to, earlier);
-            add_weighted(differences, -to, later);
+            add_weighted(differences, weight, earlier);
+            add_weighted(differences, -weight, later);
             break;
           case InTime::mean:
-            add_weighted(earlier_means, 0.5 * to, earlier);
-            add_weighted(means, 0.5 * to, later);
+            add_weighted(earlier_means, 0.5 * weight, earlier);
+            add_weighted(means, 0.5 * weight, later);
             break;
-          case InTime::after: add_weighted(earlier_means, to, earlier); break;
-          case InTime::before: add_weighted(means, to, later); break;
+          case InTime::after: add_weighted(earlier_means, weight, earlier); break;
+          case InTime::before: add_weighted(means, weight, later); break;
         }
       }
     }
@@ -96,10 +124,12 @@ void CoordinateVariation::find_balance() {
 }
 
 void CoordinateVariation::take(const grids::FieldSet& before, const grids::FieldSet& after, double h,
-                               const PotentialSlopes& slopes) {
+                               const PotentialSlopes& slopes, bool follows) {
   std::swap(last_, earlier_);
   last_.h = h;
-  variation_.read(in_cells_, before, after, h, slopes);
+  levels_.take(before, after, follows,
+               [&](NodeCode& code, const grids::FieldSet& level) { variation_.read(code, level, level, 1.0, slopes); });
+  variation_.read(in_cells_, before, after, h, slopes, {&levels_.lower(), &levels_.upper()});
   in_cells_(last_.in_cells.pointers());
 }
 

@@ -25,8 +25,9 @@ public:
   CoordinateVariation(LatticeAction action, const grids::Grid& grid);
 
   [[nodiscard]] const LatticeAction& action() const { return variation_.action(); }
-  /// Takes the next slab, from `before` to `after`, h apart.
-  void take(const grids::FieldSet& before, const grids::FieldSet& after, double h, const PotentialSlopes& slopes);
+  /// Takes the next slab, from `before` to `after`, h apart. \param follows `before` is the level that was `after`
+  void take(const grids::FieldSet& before, const grids::FieldSet& after, double h, const PotentialSlopes& slopes,
+            bool follows);
   /// ∂𝕊/∂x^ν at the nodes between the slab taken last and the one before it, row ν, 0 for time.
   void between(grids::FieldSet& out);
 
@@ -35,11 +36,13 @@ private:
     grids::FieldSet in_cells;  ///< of each row
     double h = 0.0;
   };
-  /// What of a cell goes to its nodes, by which operator, with which sign, for which ν.
+  /// What of a cell goes to its nodes, with which weights, in time as an operator does, for which ν.
   struct Row {
-    int nu;
-    int op;
-    double sign;
+    int nu = 0;
+    InTime time = InTime::mean;
+    NodeFormulas::Weights weights;
+
+    bool operator==(const Row&) const = default;
   };
 
   void find_rows();
@@ -48,6 +51,7 @@ private:
   NodeVariation variation_;
   grids::Grid grid_;
   std::vector<Row> rows_;
+  LevelValues levels_;
   NodeCode in_cells_, between_;
   Slab last_, earlier_;
 };

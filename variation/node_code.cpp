@@ -1,7 +1,9 @@
 #include <rubato/variation/node_code.hpp>
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
+#include <cstdint>
 #include <functional>
 #include <set>
 #include <stdexcept>
@@ -14,6 +16,7 @@ namespace rubato {
 
 namespace {
 
+/// The place so much further on a line that closes.
 std::size_t moved(std::size_t i, int by, std::size_t of) {
   auto j = static_cast<std::ptrdiff_t>(i) + by;
   const auto n = static_cast<std::ptrdiff_t>(of);
@@ -44,7 +47,7 @@ NodeCode::NodeCode(std::span<const formula::Expression> outputs, std::span<const
   prototype_ = formula::BatchEvaluator(formula::Bytecode(outputs, variables));
 }
 
-void NodeCode::read(std::initializer_list<const grids::FieldSet*> arrays, std::span<const double> numbers,
+void NodeCode::read(std::span<const grids::FieldSet* const> arrays, std::span<const double> numbers,
                     const PotentialSlopes& slopes) {
   arrays_.clear();
   for (const grids::FieldSet* part : arrays) {
@@ -57,14 +60,21 @@ void NodeCode::read(std::initializer_list<const grids::FieldSet*> arrays, std::s
     work.code = prototype_;
     work.in.resize(inputs_.size());
     work.out.resize(outputs_);
-    work.copies.resize(inputs_.size());
+    work.copies.resize(inputs_.size());  // all of them 0
   }
   for (Workspace& work : workspaces_) {
     for (std::size_t j = 0; j < inputs_.size(); ++j) {
       if (inputs_[j].kind == NodeInput::Kind::uniform) {
-        work.copies[j].fill(numbers_[static_cast<std::size_t>(inputs_[j].number)]);
+        work.fill(j, numbers_[static_cast<std::size_t>(inputs_[j].number)]);
       }
     }
+  }
+}
+
+void NodeCode::Workspace::fill(std::size_t input, double value) {
+  // They are the same from piece to piece, and mostly from level to level.
+  if (std::bit_cast<std::uint64_t>(copies[input].front()) != std::bit_cast<std::uint64_t>(value)) {
+    copies[input].fill(value);
   }
 }
 
@@ -91,7 +101,7 @@ void NodeCode::evaluate(Workspace& work, std::size_t line, std::size_t begin, st
     work.in[j] = copy;
     const std::size_t other = moved(layer, input.offset[2], layers) * rows + moved(row, input.offset[1], rows);
     if (input.kind == NodeInput::Kind::slope) {
-      std::fill_n(copy, count, slopes_->at(input.number, other));
+      work.fill(j, slopes_->at(input.number, other));
     } else if (input.kind == NodeInput::Kind::node) {
       const double* const start = arrays_[static_cast<std::size_t>(input.number)] + other * n;
       const auto from = static_cast<std::ptrdiff_t>(begin) + input.offset[0];
@@ -100,8 +110,11 @@ void NodeCode::evaluate(Workspace& work, std::size_t line, std::size_t begin, st
         work.in[j] = start + from;
         continue;
       }
-      for (std::size_t i = 0; i < count; ++i) {
-        copy[i] = start[moved(begin + i, input.offset[0], n)];
+      for (std::size_t done = 0; done < count;) {  // in pieces between seams
+        const std::size_t place = moved(begin + done, input.offset[0], n);
+        const std::size_t some = std::min(count - done, n - place);
+        std::copy_n(start + place, some, copy + done);
+        done += some;
       }
     }
   }

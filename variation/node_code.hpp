@@ -42,8 +42,14 @@ public:
 
   /// What evaluations read from now on: it has to stay there. Arrays are the fields of one set after those of the
   /// other.
-  void read(std::initializer_list<const grids::FieldSet*> arrays, std::span<const double> numbers,
+  ///@{
+  void read(std::span<const grids::FieldSet* const> arrays, std::span<const double> numbers,
             const PotentialSlopes& slopes);
+  void read(std::initializer_list<const grids::FieldSet*> arrays, std::span<const double> numbers,
+            const PotentialSlopes& slopes) {
+    read(std::span(arrays.begin(), arrays.size()), numbers, slopes);
+  }
+  ///@}
   /// outputs[j][i] at the nodes i in [begin, end). No output may be an array that is read.
   void operator()(std::size_t begin, std::size_t end, std::span<double* const> outputs);
   void operator()(std::span<double* const> outputs) { (*this)(0, cells_[0] * cells_[1] * cells_[2], outputs); }
@@ -57,6 +63,8 @@ private:
     std::vector<const double*> in;
     std::vector<double*> out;
     std::vector<std::array<double, piece>> copies;  ///< of each input
+    /// Makes all of a copy this number.
+    void fill(std::size_t input, double value);
   };
   void evaluate(Workspace& work, std::size_t line, std::size_t begin, std::size_t count,
                 std::span<double* const> outputs) const;
@@ -96,6 +104,9 @@ public:
   /// What a box operator takes of the nodes around a cell.
   using Weights = std::vector<std::pair<std::array<int, 3>, double>>;
   [[nodiscard]] Weights weights(const grids::SpaceOperator& op) const;
+
+  /// What has been asked for.
+  [[nodiscard]] std::span<const NodeInput> inputs() const { return inputs_; }
 
   /// Such formulas as code.
   [[nodiscard]] NodeCode code(std::span<const formula::Expression> outputs) const { return {outputs, inputs_, grid_}; }

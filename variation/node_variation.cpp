@@ -66,8 +66,12 @@ Expression NodeVariation::difference(Level level, int field, int axis, bool forw
 }
 
 Expression NodeVariation::difference_of_other(int array, int axis) {
-  return formulas_.in_cell(grids::SpaceOperator::forward_difference(axis),
-                           2 * action_.fields + places_.fields() + array);
+  return formulas_.in_cell(grids::SpaceOperator::forward_difference(axis), first_other() + array);
+}
+
+LevelValues NodeVariation::keep(int others, std::span<const Expression> always,
+                                std::initializer_list<std::vector<Expression>*> formulas) {
+  return {formulas_, {action_.fields, places_.fields(), first_other() + others}, always, formulas};
 }
 
 /// The operator of a field in a cell.
@@ -161,18 +165,20 @@ Expression NodeVariation::energy() {
   return in_nodes(std::array{action_.energy()}, {}, Motion::between_levels).front();
 }
 
-std::vector<Expression> NodeVariation::currents(const LatticeAction::Part& part) {
-  return in_nodes(action_.currents(part), {}, Motion::between_levels);
+std::vector<Expression> NodeVariation::currents(const LatticeAction::Part& part, Offset cell) {
+  return in_nodes(action_.currents(part), cell, Motion::between_levels);
 }
 
-Expression NodeVariation::by_place(const LatticeAction::Place& place) {
-  return in_nodes(formula::gradient(action_.lagrangian(), std::array{place.variable}), {}, Motion::between_levels)
+Expression NodeVariation::by_place(const LatticeAction::Place& place, Offset cell) {
+  return in_nodes(formula::gradient(action_.lagrangian(), std::array{place.variable}), cell, Motion::between_levels)
       .front();
 }
 
 void NodeVariation::read(NodeCode& code, const grids::FieldSet& before, const grids::FieldSet& after, double h,
-                         const PotentialSlopes& slopes, const grids::FieldSet& others) const {
-  code.read({&before, &after, &places_, &others}, std::array{h, 1.0 / h}, slopes);
+                         const PotentialSlopes& slopes, std::initializer_list<const grids::FieldSet*> others) const {
+  std::array<const grids::FieldSet*, 8> all{&before, &after, &places_};
+  const auto end = std::ranges::copy(others, all.begin() + 3).out;
+  code.read(std::span(all.begin(), end), std::array{h, 1.0 / h}, slopes);
 }
 
 }  // namespace rubato

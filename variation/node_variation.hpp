@@ -1,6 +1,7 @@
 #pragma once
 
 #include <array>
+#include <initializer_list>
 #include <map>
 #include <span>
 #include <tuple>
@@ -11,6 +12,7 @@
 #include <rubato/grids/field_set.hpp>
 #include <rubato/grids/grid.hpp>
 #include <rubato/variation/lattice_action.hpp>
+#include <rubato/variation/level_values.hpp>
 #include <rubato/variation/node_code.hpp>
 
 namespace rubato {
@@ -43,10 +45,12 @@ public:
   [[nodiscard]] AtRest at_rest(int field);
   [[nodiscard]] formula::Expression energy();
 
-  /// In the cell of the node: J^ν_ρ of a part, as LatticeAction::currents() orders them; ∂L/∂(L_o x^ν).
+  /// In the cell of the node, or one so far from it: J^ν_ρ of a part, as LatticeAction::currents() orders them;
+  /// ∂L/∂(L_o x^ν).
   ///@{
-  [[nodiscard]] std::vector<formula::Expression> currents(const LatticeAction::Part& part);
-  [[nodiscard]] formula::Expression by_place(const LatticeAction::Place& place);
+  [[nodiscard]] std::vector<formula::Expression> currents(const LatticeAction::Part& part,
+                                                          std::array<int, 3> cell = {});
+  [[nodiscard]] formula::Expression by_place(const LatticeAction::Place& place, std::array<int, 3> cell = {});
   ///@}
   [[nodiscard]] const LatticeAction& action() const { return action_; }
 
@@ -60,15 +64,22 @@ public:
   [[nodiscard]] formula::Expression step() const { return h_; }
   [[nodiscard]] formula::Expression rate() const { return rate_; }  ///< 1/h
   ///@}
-  /// δ_a⁺ of an array beside the fields.
+  /// The first of the arrays beside the fields and the places of nodes; and δ_a⁺ of one of these.
+  ///@{
+  [[nodiscard]] int first_other() const { return 2 * action_.fields + places_.fields(); }
   [[nodiscard]] formula::Expression difference_of_other(int array, int axis);
+  ///@}
+  [[nodiscard]] NodeFormulas::Weights weights(const grids::SpaceOperator& op) const { return formulas_.weights(op); }
   [[nodiscard]] formula::Graph& graph() { return formulas_.graph(); }
+  /// Keeps what formulas have of one level alone, in arrays after so many others: see LevelValues.
+  [[nodiscard]] LevelValues keep(int others, std::span<const formula::Expression> always,
+                                 std::initializer_list<std::vector<formula::Expression>*> formulas);
 
   /// Such formulas as code.
   [[nodiscard]] NodeCode code(std::span<const formula::Expression> outputs) const { return formulas_.code(outputs); }
   /// Lets code read the slab from `before` to `after`, h apart, and other arrays, all of which have to stay there.
   void read(NodeCode& code, const grids::FieldSet& before, const grids::FieldSet& after, double h,
-            const PotentialSlopes& slopes, const grids::FieldSet& others = {}) const;
+            const PotentialSlopes& slopes, std::initializer_list<const grids::FieldSet*> others = {}) const;
 
 private:
   using Offset = std::array<int, 3>;

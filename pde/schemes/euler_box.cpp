@@ -1,7 +1,6 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -21,7 +20,13 @@ namespace {
 class EulerBoxScheme final : public LatticeScheme {
 public:
   EulerBoxScheme(const MultisymplecticSystem& system, const grids::Grid& grid, LatticeLevel first)
-      : system_(system), grid_(grid), map_(system, grid), level_(std::move(first)), trial_(level_.fields) {}
+      : system_(system),
+        grid_(grid),
+        map_(system, grid),
+        level_(std::move(first)),
+        trial_(level_.fields),
+        here_(map_.at_level(level_.fields)),
+        there_(here_) {}
 
   [[nodiscard]] const MultisymplecticSystem& system() const override { return system_; }
   [[nodiscard]] const grids::Grid& grid() const override { return grid_; }
@@ -29,64 +34,55 @@ public:
 
   [[nodiscard]] bool solves_fully() const override { return true; }
   [[nodiscard]] Status advance(double h, double) override {
-    there_.reset();
     const int counted = map_.evaluations();
-    const Status status = map_.advance(h, level_.fields, trial_);
+    const Status status = map_.advance(h, level_.fields, here_, trial_);
     iterations_ += map_.evaluations() - counted;
     if (status != Status::success) {
       return status;
     }
-    energy_ = energy_here();
-    slope_ = (energy_there() - energy_) / h;
+    map_.find(trial_, there_);
+    slope_ = (there_.energy - here_.energy) / h;
     return std::isfinite(slope_) ? Status::success : Status::undefined;
   }
 
   [[nodiscard]] int order() const override { return 1; }
-  [[nodiscard]] double discrete_energy() const override { return energy_; }
+  /// It reads one level.
+  [[nodiscard]] double discrete_energy() const override { return here_.energy; }
   /// Levels are fixed: nothing is solved to it.
   [[nodiscard]] formula::SumSize energy_size() override {
-    return {.terms = std::abs(energy_), .rounding = std::numeric_limits<double>::epsilon() * std::abs(energy_)};
+    const double size = std::abs(here_.energy);
+    return {.terms = size, .rounding = std::numeric_limits<double>::epsilon() * size};
   }
   [[nodiscard]] double discrete_energy_slope() const override { return slope_; }
   [[nodiscard]] bool has_gamma() const override { return false; }
-  [[nodiscard]] NodeEnergy node() override { return {energy_here(), 0.0}; }
-  [[nodiscard]] NodeEnergy trial_node() override { return {energy_there(), 0.0}; }
+  [[nodiscard]] NodeEnergy node() override { return {here_.energy, 0.0}; }
+  [[nodiscard]] NodeEnergy trial_node() override { return {there_.energy, 0.0}; }
   [[nodiscard]] int iterations() const override { return iterations_; }
 
   void accept() override {
     std::swap(level_.fields, trial_);
-    here_ = std::exchange(there_, std::nullopt);
+    std::swap(here_, there_);
     iterations_ = 0;
   }
   void stand(const LatticeLevel& level, const LatticeLevel&, double) override {
     level_.fields.copy_from(level.fields);
-    here_.reset();
+    map_.find(level_.fields, here_);
     iterations_ = 0;
   }
   void save(StateWriter& state) const override { grids::save_whole(state, level_.fields); }
   void restore(StateReader& state) override {
     grids::restore_whole(state, level_.fields);
-    here_.reset();
+    map_.find(level_.fields, here_);
     iterations_ = 0;
   }
 
 private:
-  [[nodiscard]] double energy_here() { return known(here_, level_.fields); }
-  [[nodiscard]] double energy_there() { return known(there_, trial_); }
-  [[nodiscard]] double known(std::optional<double>& energy, const grids::FieldSet& fields) {
-    if (!energy) {
-      energy = map_.energy(fields);
-    }
-    return *energy;
-  }
-
   MultisymplecticSystem system_;
   grids::Grid grid_;
   EulerBoxMap map_;
-  std::optional<double> here_, there_;  ///< energies of the present level and of the trial one
   LatticeLevel level_;
   grids::FieldSet trial_;
-  double energy_ = 0.0;
+  EulerBoxMap::AtLevel here_, there_;  ///< of the present level and of the trial one
   double slope_ = 0.0;
   int iterations_ = 0;
 };
@@ -94,9 +90,9 @@ private:
 class EulerBoxEquation final : public StepEquation {
 public:
   EulerBoxEquation(const MultisymplecticSystem& system, const grids::Grid& grid)
-      : StepEquation(system.field_count(), grid.size()), map_(system, grid) {}
+      : StepEquation(system.field_count(), grid.size()), map_(system, grid), at_level_(map_.room()) {}
 
-  [[nodiscard]] NodeEnergy node(const LatticeLevel& level) override { return {map_.energy(level.fields), 0.0}; }
+  [[nodiscard]] NodeEnergy node(const LatticeLevel& level) override { return {energy(level), 0.0}; }
 
   [[nodiscard]] StepLaw judge(const LatticeLevel& before, const LatticeLevel& after, double h) override {
     return measure(before, after, h);
@@ -104,11 +100,17 @@ public:
 
   [[nodiscard]] StepLaw measure(const LatticeLevel& before, const LatticeLevel& after, double h) override {
     map_.residual(h, before.fields, after.fields, rows_);
-    return {map_.energy(before.fields), 0.0, grids::magnitudes(rows().all())};
+    return {energy(before), 0.0, grids::magnitudes(rows().all())};
   }
 
 private:
+  [[nodiscard]] double energy(const LatticeLevel& level) {
+    map_.find(level.fields, at_level_);
+    return at_level_.energy;
+  }
+
   EulerBoxMap map_;
+  EulerBoxMap::AtLevel at_level_;
 };
 
 class EulerBoxMethod final : public LatticeMethod {

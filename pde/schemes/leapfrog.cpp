@@ -471,7 +471,12 @@ public:
                                 std::span<double* const> residuals) override {
     return laws_->residuals(before, after, h, residuals);
   }
+  std::vector<Spread> next_residuals(const LatticeLevel& before, const LatticeLevel& after, double h,
+                                     std::span<double* const> residuals) override {
+    return laws_->next_residuals(before, after, h, residuals);
+  }
   std::vector<double> totals(const LatticeLevel& level) override { return laws_->totals(level); }
+  std::vector<double> totals_after(const LatticeLevel& after) override { return laws_->totals_after(after); }
 
   Spread multisymplectic_residual(const TangentLevels& u, const TangentLevels& v, double h, double* residual) override {
     LatticeVariation::Parts of_u(u.before.fields(), u.before.size()), of_v(of_u), form(1, u.before.size());

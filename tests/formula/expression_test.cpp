@@ -122,7 +122,20 @@ TEST_CASE("substitution") {
   CHECK(there.graph() == &other);
 
   CHECK_THROWS_AS(substitute(f, std::array{x, y}, std::array{x}), std::invalid_argument);
-  CHECK_THROWS_AS(substitute(f, std::array{sin(x)}, std::array{x}), std::invalid_argument);
+  CHECK_THROWS_AS(substitute(f, std::array{other.variable("x")}, std::array{y}), std::invalid_argument);
+  CHECK_THROWS_AS(substitute(f, std::array{x}, std::array{there, y}), std::invalid_argument);
+}
+
+TEST_CASE("parts of a formula are substituted, the largest first") {
+  Graph graph;
+  const Expression x = graph.variable("x");
+  const Expression y = graph.variable("y");
+  const Expression f = parse("x*sin(y) + cos(sin(y) + y)", graph, xyz);
+  CHECK(substitute(f, std::array{sin(y)}, std::array{x}) == parse("x*x + cos(x + y)", graph, xyz));
+  CHECK(substitute(f, std::array{sin(y), cos(sin(y) + y), y}, std::array{x, y, x}) == parse("x*x + y", graph, xyz));
+  CHECK(substitute(f, std::array{f}, std::array{y}) == y);
+  // A part that it has not.
+  CHECK(substitute(f, std::array{sin(y) + x}, std::array{y}) == f);
 }
 
 TEST_CASE("substitution commutes with evaluation") {

@@ -430,8 +430,8 @@ TEST_CASE("varying the values of the euler-box action gives its map") {
     REQUIRE(map.start(first) == Status::success);
     FieldSet second(first), third(first);
     const double h = 0.03;
-    REQUIRE(map.advance(h, first, second) == Status::success);
-    REQUIRE(map.advance(h, second, third) == Status::success);
+    REQUIRE(map.advance(h, first, map.at_level(first), second) == Status::success);
+    REQUIRE(map.advance(h, second, map.at_level(second), third) == Status::success);
     LatticeVariation mesh(euler_box_action(system), grid);
     Parts into(d, grid.size()), from(into);
     mesh.take(first, second, h);

@@ -116,6 +116,42 @@ TEST_CASE("every local law is told of cells and of their sizes alike, from two l
   }
 }
 
+TEST_CASE("what laws know of a level from the step that led to it changes nothing") {
+  int told_wrongly = 0;
+  for (const Lawful& lawful : lawful_systems()) {
+    const grids::Grid& grid = lawful.problem.grid;
+    for_each_scheme(lawful, [&](LocalLaws& laws, const MultisymplecticSystem& system) {
+      const LatticeLevel first = level_of(system, grid, 3), second = level_of(system, grid, 4),
+                         third = level_of(system, grid, 5);
+      FieldSet plain(static_cast<int>(laws.count()), grid.size()), next(plain);
+      const auto residuals = [&](const LatticeLevel& before, const LatticeLevel& after, FieldSet& cells,
+                                 LocalLaws::Question earlier) {
+        static_cast<void>(laws.residuals(before, after, step, cells.pointers(), earlier));
+        return laws.last_question();
+      };
+      static_cast<void>(residuals(second, third, plain, LocalLaws::none));
+      const auto totals = laws.totals(third);
+      const auto question = residuals(first, second, next, LocalLaws::none);
+      CHECK(question != LocalLaws::none);
+      static_cast<void>(laws.totals_after(second));  // which leaves what is known
+      const auto following = residuals(second, third, next, question);
+      CHECK(std::ranges::equal(next.all(), plain.all()));
+      CHECK(laws.totals_after(third) == totals);
+      // Something else was asked for since: what is known is of that, and is not taken.
+      static_cast<void>(laws.totals(first));
+      static_cast<void>(residuals(second, third, next, following));
+      CHECK(std::ranges::equal(next.all(), plain.all()));
+      static_cast<void>(residuals(first, second, next, LocalLaws::none));
+      static_cast<void>(residuals(second, third, next, question));
+      CHECK(std::ranges::equal(next.all(), plain.all()));
+      // The twin: a step that does not follow, said to, of laws that keep something.
+      static_cast<void>(residuals(second, third, next, residuals(second, first, next, LocalLaws::none)));
+      told_wrongly += std::ranges::equal(next.all(), plain.all()) ? 0 : 1;
+    });
+  }
+  CHECK(told_wrongly >= 4);
+}
+
 TEST_CASE("every local law adds up to the rate of its total, on any levels: fluxes leave nothing on a ring") {
   for (const Lawful& lawful : lawful_systems()) {
     const grids::Grid& grid = lawful.problem.grid;

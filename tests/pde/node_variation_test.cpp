@@ -186,12 +186,18 @@ TEST_CASE("the variation in the place of a node by formulas is that of the latti
       variation.take(second, third, next_h, slopes);
       variation.coordinates(later);
       CoordinateVariation formulas(action, grid);
-      formulas.take(first, second, h, slopes);
-      formulas.take(second, third, next_h, slopes);
+      formulas.take(first, second, h, slopes, false);
+      formulas.take(second, third, next_h, slopes, true);
       FieldSet between(rows, grid.size()), other(between);
       formulas.between(between);
+      // What is kept of the level between is what is found anew.
+      CoordinateVariation anew(action, grid);
+      anew.take(first, second, h, slopes, false);
+      anew.take(second, third, next_h, slopes, false);
+      anew.between(other);
+      CHECK(std::ranges::equal(other.all(), between.all()));
       // The twin: a slab of another length.
-      formulas.take(second, third, 1.01 * next_h, slopes);
+      formulas.take(second, third, 1.01 * next_h, slopes, false);
       formulas.between(other);
       for (int nu = 0; nu < rows; ++nu) {
         double worst = 0.0, size = 0.0, change = 0.0;
