@@ -22,21 +22,31 @@ CornerEnergy::CornerEnergy(const MultisymplecticSystem& system, const grids::Gri
   for (int c = 0; c < coordinates_.fields(); ++c) {
     z.push_back(formulas.node(system.field_count() + c));
   }
+  code_ = formulas.code(std::array{density(system, z, [&](int f, int axis) {
+    const Expression periodic = formulas.in_cell(grids::SpaceOperator::backward_difference(axis), f);
+    return axis == 0 ? periodic + formulas.slope(f) : periodic;
+  })});
+}
+
+formula::Expression CornerEnergy::density(const MultisymplecticSystem& system, Variables z,
+                                          const Difference& difference) {
+  using formula::Expression;
+  const auto is_absent = [&](int f) { return system.structure().at_midpoints(f); };
   Expression density =
-      formula::substitute(std::array{system.expression()}, formulas.graph(), system.variables(), z).front();
-  for (int a = 0; a < grid.dimensions(); ++a) {
+      formula::substitute(std::array{system.expression()}, *z.front().graph(), system.variables(), z).front();
+  for (int a = 0; a < system.directions(); ++a) {
     for (const MatrixTerm& term : terms_of(system.structure().K_plus[static_cast<std::size_t>(a)])) {
       if (is_absent(term.row) || is_absent(term.column)) {
         continue;
       }
-      Expression derivative = formulas.in_cell(grids::SpaceOperator::backward_difference(a), term.row);
-      if (a == 0) {
-        derivative += formulas.slope(term.row);
+      const Expression derivative = difference(term.row, a);
+      if (!derivative.valid()) {
+        return {};
       }
       add_weighted(density, term.value, derivative * z[static_cast<std::size_t>(term.column)]);
     }
   }
-  code_ = formulas.code(std::array{density});
+  return density;
 }
 
 double CornerEnergy::operator()(const grids::FieldSet& fields, const PotentialSlopes& slopes) {

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <functional>
+#include <span>
 #include <vector>
 
 #include <rubato/grids/field_set.hpp>
@@ -15,6 +17,13 @@ namespace rubato {
 class CornerEnergy {
 public:
   CornerEnergy(const MultisymplecticSystem& system, const grids::Grid& grid);
+
+  /// S + Σ_a (δ_a⁻z)ᵀK₊z by formulas of what the system's variables are, and δ_a⁻ of fields with the slope of a
+  /// potential: difference(f, a). Empty if one of these is (there is none).
+  using Variables = std::span<const formula::Expression>;
+  using Difference = std::function<formula::Expression(int field, int axis)>;
+  [[nodiscard]] static formula::Expression density(const MultisymplecticSystem& system, Variables z,
+                                                   const Difference& difference);
 
   [[nodiscard]] double operator()(const grids::FieldSet& fields, const PotentialSlopes& slopes);
 

@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <optional>
 #include <span>
 #include <string>
 #include <utility>
@@ -12,6 +13,7 @@
 #include <rubato/grids/reductions.hpp>
 #include <rubato/grids/slab.hpp>
 #include <rubato/grids/stencil.hpp>
+#include <rubato/pde/corner_energy.hpp>
 #include <rubato/pde/family_lattice.hpp>
 #include <rubato/pde/lattice_method.hpp>
 #include <rubato/pde/matrix_terms.hpp>
@@ -177,11 +179,13 @@ public:
         next_force_(force_),
         density_(1, grid.size()) {
     using Level = NodeVariation::Level;
-    std::vector<formula::Expression> outputs;
+    std::vector<formula::Expression> outputs, level(static_cast<std::size_t>(system.field_count()));
     for (const MovingPair& pair : pairs_) {
       moving_.push_back(pair.u);
       told_.push_back(pair.v);
       outputs.push_back(variation_.values(Level::after, pair.u) / pair.m);
+      level[static_cast<std::size_t>(pair.u)] = variation_.node(Level::after, pair.u);
+      level[static_cast<std::size_t>(pair.v)] = outputs.back();
     }
     for (const SlopeField& slope : wave_type(system).slopes) {
       formula::Expression sum = formula::constant_like(variation_.step(), -slope.row.b / slope.row.a);
@@ -190,6 +194,7 @@ public:
       }
       told_.push_back(slope.w);
       outputs.push_back(sum);
+      level[static_cast<std::size_t>(slope.w)] = sum;
     }
     for (const MovingPair& pair : pairs_) {
       const auto [momentum, force] = variation_.at_rest(pair.u);
@@ -197,6 +202,10 @@ public:
       outputs.push_back(force);
     }
     outputs.push_back(variation_.energy());
+    if (const formula::Expression density = density_of_level(system, level); density.valid()) {
+      outputs.push_back(density);
+      density_of_level_ = density_;
+    }
     code_ = variation_.code(outputs);
     momenta_.resize(moving_.size());
     largest_.resize(moving_.size());
@@ -229,23 +238,54 @@ public:
     return is_finite(after);
   }
   /// The last step leads to the level that the next is taken from.
-  void accept() { std::swap(force_, next_force_); }
+  void accept() {
+    std::swap(force_, next_force_);
+    stands_at_end_ = true;
+  }
   /// The next step is taken from another level.
-  void forget() { force_is_known_ = false; }
+  void forget() { force_is_known_ = stands_at_end_ = false; }
 
   /// E_k = -∂𝕊/∂h of the last step.
   [[nodiscard]] double energy() const { return volume_ * grids::sum(density_.field(0)); }
+  /// 𝓔 of the level that it leads to, if its density is made of what the step has there; and of the level that the next
+  /// is taken from, if that is the same.
+  ///@{
+  [[nodiscard]] std::optional<double> energy_at_end() const {
+    return density_of_level_.fields() == 0 ? std::nullopt
+                                           : std::optional(volume_ * grids::sum(density_of_level_.field(0)));
+  }
+  [[nodiscard]] std::optional<double> energy_at_start() const {
+    return stands_at_end_ ? energy_at_end() : std::nullopt;
+  }
+  ///@}
 
 private:
+  /// CornerEnergy of the upper level by what the fields are made of, so that S is evaluated once. Of fields that are told
+  /// here there are no differences, and of coordinates no values: then empty.
+  [[nodiscard]] formula::Expression density_of_level(const MultisymplecticSystem& system,
+                                                     std::span<const formula::Expression> level) {
+    if (!system.coordinates().empty() || !std::ranges::all_of(level, &formula::Expression::valid)) {
+      return {};
+    }
+    return CornerEnergy::density(system, level, [&](int field, int axis) {
+      const bool moves = std::ranges::find(moving_, field) != moving_.end();
+      return moves ? variation_.difference(NodeVariation::Level::after, field, axis, false) : formula::Expression();
+    });
+  }
+
   /// Momenta and differences at the upper level, into `out`; what the next step begins from; and the energy.
   void evaluate(const grids::FieldSet& lower, const grids::FieldSet& upper, double h, const PotentialSlopes& slopes,
                 grids::FieldSet& out) {
+    stands_at_end_ = false;
     outputs_.clear();
     for (const int f : told_) {
       outputs_.push_back(out.field(f).data());
     }
     outputs_.insert(outputs_.end(), next_force_.pointers().begin(), next_force_.pointers().end());
     outputs_.push_back(density_.field(0).data());
+    if (density_of_level_.fields() > 0) {
+      outputs_.push_back(density_of_level_.field(0).data());
+    }
     variation_.read(code_, lower, upper, h, slopes);
     code_(outputs_);
   }
@@ -265,7 +305,8 @@ private:
   std::vector<double> momentum_at_rest_;
   grids::FieldSet force_, next_force_;  ///< of slabs at rest, of both levels
   grids::FieldSet density_;             ///< of E
-  bool force_is_known_ = false;
+  grids::FieldSet density_of_level_;    ///< of 𝓔 at the upper level, or none
+  bool force_is_known_ = false, stands_at_end_ = false;
   std::vector<double*> outputs_;
   std::vector<std::span<const double>> momenta_;
   std::vector<double> largest_;
@@ -420,7 +461,14 @@ public:
   }
 
 private:
-  [[nodiscard]] double energy_at_end() const override { return energy_of(trial_); }
+  [[nodiscard]] double energy_at_end() const override {
+    const auto known = step_.energy_at_end();
+    return known ? *known : energy_of(trial_);
+  }
+  [[nodiscard]] double energy_at_start() const override {
+    const auto known = step_.energy_at_start();
+    return known ? *known : energy_of(level_.fields);
+  }
 
   LeapfrogStep step_;
   grids::FieldSet trial_;

@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <memory>
 #include <optional>
 #include <stdexcept>
 #include <string>
@@ -163,6 +164,43 @@ TEST_CASE("the energy at corners by one formula is that of a sweep") {
     }
     CHECK(std::abs(energy(level, slopes) - expected) > scale);
   }
+}
+
+TEST_CASE("leapfrog tells the energy of a level from the step that led to it as the level alone does") {
+  const double h = 0.01;
+  int schemes = 0;
+  for (const auto& [system, grid] : cases()) {
+    const auto method = make_lattice_method({.name = "leapfrog"});
+    LatticeLevel level{random_fields(system.field_count(), grid.size(), 4), some_slopes(system, grid)};
+    std::unique_ptr<LatticeScheme> scheme;
+    try {
+      scheme = method->scheme(system, grid, level, h);
+    } catch (const std::invalid_argument&) {
+      continue;  // not of wave type
+    }
+    CornerEnergy energy(system, grid);
+    CHECK(scheme->node().energy == energy(level.fields, level.slopes));
+    for (int k = 0; k < 3; ++k) {
+      REQUIRE(scheme->advance(h, 0.0) == Status::success);
+      const double next = scheme->trial_node().energy;
+      CHECK(scheme->node().energy == energy(scheme->level().fields, level.slopes));
+      REQUIRE(scheme->advance(1.5 * h, 0.0) == Status::success);
+      CHECK(scheme->trial_node().energy != next);  // the twin
+      if (k > 0) {
+        REQUIRE(scheme->advance(h, 0.0) == Status::success);
+        CHECK(scheme->trial_node().energy == next);
+      }
+      scheme->accept();
+      if (k < 2) {
+        CHECK(scheme->node().energy == energy(scheme->level().fields, level.slopes));
+      }
+    }
+    // The last level has been asked for nothing, and is left.
+    scheme->stand(level, level, h);
+    CHECK(scheme->node().energy == energy(level.fields, level.slopes));
+    ++schemes;
+  }
+  CHECK(schemes >= 3);
 }
 
 TEST_CASE("the variation in the place of a node by formulas is that of the lattice") {
