@@ -19,6 +19,7 @@ struct Input {
   enum class Kind { time, axis, field, number } kind = Kind::time;
   int number = 0;                ///< of the axis, the field or the number
   std::vector<int> derivatives;  ///< axes, the innermost first
+  std::vector<double> places;    ///< of the nodes along the axis
 };
 
 }  // namespace
@@ -85,6 +86,10 @@ struct NodeFormula::Storage {
     if (input.derivatives.empty() && find_axis(name) >= 0) {
       input.kind = Input::Kind::axis;
       input.number = find_axis(name);
+      input.places.resize(grid.size());
+      for (std::size_t i = 0; i < grid.size(); ++i) {
+        input.places[i] = grid.axis(input.number).node(i / grid.stride(input.number) % grid.cells(input.number));
+      }
       return input;
     }
     throw std::invalid_argument(
@@ -102,27 +107,30 @@ struct NodeFormula::Storage {
     return -1;
   }
 
-  /// The values of one input at every node.
-  std::vector<double> values_of(const Input& input, std::span<const double* const> values, double t,
-                                const PotentialSlopes& slopes, std::span<const double> constants) const {
-    const bool is_number = input.kind == Input::Kind::number;
-    std::vector<double> result(grid.size(), is_number ? constants[static_cast<std::size_t>(input.number)] : t);
-    if (input.kind == Input::Kind::axis) {
-      for (std::size_t i = 0; i < result.size(); ++i) {
-        result[i] = grid.axis(input.number).node(i / grid.stride(input.number) % grid.cells(input.number));
-      }
-    } else if (input.kind == Input::Kind::field) {
-      std::copy_n(values[static_cast<std::size_t>(input.number)], result.size(), result.begin());
-      for (const int axis : input.derivatives) {
-        derivative(axis, result.data(), result.data());
-      }
-      if (input.derivatives == std::vector<int>{0}) {
-        for (std::size_t i = 0; i < result.size(); ++i) {
-          result[i] += slopes.at(input.number, i / grid.cells(0));
+  /// The values of one input at every node, made in `room` where they are nowhere else.
+  [[nodiscard]] const double* values_of(const Input& input, std::span<const double* const> values, double t,
+                                        const PotentialSlopes& slopes, std::span<const double> constants,
+                                        std::vector<double>& room) const {
+    const auto number = static_cast<std::size_t>(input.number);
+    switch (input.kind) {
+      case Input::Kind::time: room.assign(grid.size(), t); break;
+      case Input::Kind::number: room.assign(grid.size(), constants[number]); break;
+      case Input::Kind::axis: return input.places.data();
+      case Input::Kind::field:
+        if (input.derivatives.empty()) {
+          return values[number];
         }
-      }
+        room.assign(values[number], values[number] + grid.size());
+        for (const int axis : input.derivatives) {
+          derivative(axis, room.data(), room.data());
+        }
+        if (input.derivatives == std::vector<int>{0}) {
+          for (std::size_t i = 0; i < room.size(); ++i) {
+            room[i] += slopes.at(input.number, i / grid.cells(0));
+          }
+        }
     }
-    return result;
+    return room.data();
   }
 };
 
@@ -137,11 +145,10 @@ std::vector<std::vector<double>> NodeFormula::operator()(std::span<const double*
                                                          const PotentialSlopes& slopes,
                                                          std::span<const double> numbers) {
   Storage& s = *storage_;
-  std::vector<std::vector<double>> inputs;
+  std::vector<std::vector<double>> rooms(s.inputs.size());
   std::vector<const double*> in;
-  for (const Input& input : s.inputs) {
-    inputs.push_back(s.values_of(input, values, t, slopes, numbers));
-    in.push_back(inputs.back().data());
+  for (std::size_t i = 0; i < rooms.size(); ++i) {
+    in.push_back(s.values_of(s.inputs[i], values, t, slopes, numbers, rooms[i]));
   }
   std::vector<std::vector<double>> results(s.outputs, std::vector<double>(s.grid.size()));
   std::vector<double*> out;
@@ -161,7 +168,7 @@ std::vector<std::vector<double>> NodeFormula::operator()(const LatticeLevel& lev
 std::vector<double> NodeFormula::at_point(const LatticeLevel& level, double t, const grids::PointInterpolation& point,
                                           std::span<const double> numbers) {
   Storage& s = *storage_;
-  std::vector<double> inputs;
+  std::vector<double> inputs, room;
   for (const Input& input : s.inputs) {
     const auto number = static_cast<std::size_t>(input.number);
     switch (input.kind) {
@@ -169,7 +176,8 @@ std::vector<double> NodeFormula::at_point(const LatticeLevel& level, double t, c
       case Input::Kind::number: inputs.push_back(numbers[number]); break;
       case Input::Kind::axis: inputs.push_back(point.coordinates()[number]); break;
       case Input::Kind::field:
-        inputs.push_back(point(s.values_of(input, level.fields.pointers(), t, level.slopes, numbers)));
+        inputs.push_back(point(std::span(
+            s.values_of(input, level.fields.pointers(), t, level.slopes, numbers, room), s.grid.size())));
     }
   }
   std::vector<const double*> in;
