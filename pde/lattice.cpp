@@ -68,8 +68,10 @@ LatticeIntegrator::LatticeIntegrator(const MultisymplecticSystem& system, const 
       system_(method_->seen(system)),
       scheme_(make_scheme(*method_, system_.without_constant(), grid, initial, options, cautions_)),
       laws_(make_local_laws(*method_, system_, part_of(grid, options), options.symmetries)),
-      previous_(scheme_->level()),
-      before_(previous_.fields) {
+      previous_(scheme_->level()) {
+  if (scheme_->previous() == nullptr) {
+    before_ = previous_.fields;
+  }
   laws_.share(scheme_->stages());
   const double constant = system.constant() * grid.cell_volume() * static_cast<double>(grid.size());
   LevelOptions levels = level_options(options, true, constant);
@@ -80,7 +82,7 @@ LatticeIntegrator::LatticeIntegrator(const MultisymplecticSystem& system, const 
 StepReport LatticeIntegrator::step() {
   // The scheme overwrites its level only when the step is accepted, but a copy is needed before that. A step that fails
   // leaves the level before as it was, too.
-  const bool told = scheme_->level_is_told();
+  const bool told = scheme_->level_is_told() && scheme_->previous() == nullptr;
   if (told) {
     before_.copy_from(scheme_->level().fields);
   }
@@ -96,6 +98,9 @@ StepReport LatticeIntegrator::step() {
 }
 
 const LatticeLevel& LatticeIntegrator::previous() const {
+  if (const LatticeLevel* const kept = previous_is_told_ ? nullptr : scheme_->previous()) {
+    return *kept;
+  }
   if (!previous_is_told_) {
     scheme_->tell_previous(previous_.fields);
     previous_is_told_ = true;

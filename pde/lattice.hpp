@@ -91,10 +91,11 @@ private:
   std::unique_ptr<LatticeScheme> scheme_;
   LocalLaws laws_;
   mutable LatticeLevel previous_;
-  mutable bool previous_is_told_ = true;  ///< else the scheme has it
+  mutable bool previous_is_told_ = true;  ///< in previous_; else the scheme has it
   /// What laws were asked of the step before the last one, and of the last.
   LocalLaws::Question of_step_before_ = LocalLaws::none, of_last_step_ = LocalLaws::none;
-  grids::FieldSet before_;  ///< of the step under way, what becomes previous_ if it succeeds
+  grids::FieldSet
+      before_;  ///< of the step under way, what becomes previous_ if it succeeds; none if the scheme keeps it
 };
 
 }  // namespace rubato

@@ -135,10 +135,98 @@ private:
   std::map<std::pair<NodeIndex, Offset>, Expression> moved_;
 };
 
-/// Which part is kept, and at which node of its own its array has it.
-struct Kept {
-  int number = 0;
-  Offset anchor{};
+/// Which parts are kept, and read in the place of which.
+class Choice {
+public:
+  Choice(NodeFormulas& formulas, LevelValues::Arrays arrays, std::span<const Expression> always,
+         std::span<const Expression> outputs)
+      : graph_(formulas.graph()), parts_(formulas, arrays), kept_(always.begin(), always.end()) {
+    std::vector<Expression> everything(outputs.begin(), outputs.end());
+    everything.insert(everything.end(), always.begin(), always.end());
+    parts_.find(everything);
+    note(outputs, 0);
+    note(always, Parts::both);
+    for (std::size_t k = 0; k < always.size(); ++k) {
+      const Operation operation = graph_.node(always[k].index()).operation;
+      if (operation != Operation::variable && operation != Operation::constant) {  // these are read as they are
+        places_.try_emplace(parts_.canonical(always[k].index()).index(),
+                            Place{static_cast<int>(k), parts_.anchor(always[k].index())});
+      }
+    }
+    find_reads(outputs);
+  }
+
+  /// Formulas of the upper level.
+  [[nodiscard]] const std::vector<Expression>& kept() const { return kept_; }
+
+  /// A part, and what is kept of it: at the node so far from this one, of the lower or the upper level.
+  struct Read {
+    Expression part;
+    int number = 0;
+    bool is_lower = false;
+    Offset offset{};
+  };
+  [[nodiscard]] const std::vector<Read>& reads() const { return reads_; }
+
+private:
+  /// Where a part is kept: its number, and at which node of its own.
+  struct Place {
+    int number = 0;
+    Offset anchor{};
+  };
+
+  /// Of which levels parts that call functions are asked for, these and `more`.
+  void note(std::span<const Expression> formulas, unsigned more) {
+    for (const NodeIndex index : formulas.empty() ? std::vector<NodeIndex>() : formula::reachable(formulas)) {
+      if (parts_.is_of_one_level(index) && parts_.calls(index)) {
+        const Parts::Level level = parts_.level(index);
+        levels_[parts_.canonical(index).index()] |= level == Parts::steady ? Parts::both : level | more;
+      }
+    }
+  }
+  /// The largest parts, from the outputs down.
+  void find_reads(std::span<const Expression> outputs) {
+    std::map<NodeIndex, bool> is_needed;
+    for (const Expression& output : outputs) {
+      is_needed[output.index()] = true;
+    }
+    const std::vector<NodeIndex> order = outputs.empty() ? std::vector<NodeIndex>() : formula::reachable(outputs);
+    for (const NodeIndex index : std::ranges::reverse_view(order)) {
+      if (!is_needed[index]) {
+        continue;
+      }
+      if (const auto place = place_of(index)) {
+        reads_.push_back({Expression(&graph_, index), place->number, parts_.level(index) == Parts::lower,
+                          sum(parts_.anchor(index), place->anchor, -1)});
+        continue;
+      }
+      const Node node = graph_.node(index);
+      for (int k = 0; k < formula::arity(node.operation); ++k) {
+        is_needed[k == 0 ? node.a : node.b] = true;
+      }
+    }
+  }
+  [[nodiscard]] std::optional<Place> place_of(NodeIndex index) {
+    if (!parts_.is_of_one_level(index)) {
+      return std::nullopt;
+    }
+    const Expression canonical = parts_.canonical(index);
+    if (const auto known = places_.find(canonical.index()); known != places_.end()) {
+      return known->second;
+    }
+    if (!parts_.calls(index) || levels_[canonical.index()] != Parts::both) {
+      return std::nullopt;
+    }
+    kept_.push_back(canonical);
+    return places_[canonical.index()] = {static_cast<int>(kept_.size()) - 1, {}};
+  }
+
+  formula::Graph& graph_;
+  Parts parts_;
+  std::map<NodeIndex, unsigned> levels_;  ///< by canonical forms, as all here
+  std::map<NodeIndex, Place> places_;
+  std::vector<Expression> kept_;
+  std::vector<Read> reads_;
 };
 
 }  // namespace
@@ -149,77 +237,22 @@ LevelValues::LevelValues(NodeFormulas& formulas, Arrays arrays, std::span<const 
   for (const std::vector<Expression>* some : outputs) {
     all.insert(all.end(), some->begin(), some->end());
   }
-  Parts parts(formulas, arrays);
-  std::vector<Expression> everything(all);
-  everything.insert(everything.end(), always.begin(), always.end());
-  if (everything.empty()) {
+  if (all.empty() && always.empty()) {
     return;
   }
-  parts.find(everything);
-
-  // Of which levels each part is asked for; by its canonical form.
-  std::map<NodeIndex, unsigned> levels;
-  const auto note = [&](std::span<const Expression> of, unsigned more) {
-    for (const NodeIndex index : of.empty() ? std::vector<NodeIndex>() : formula::reachable(of)) {
-      if (parts.is_of_one_level(index) && parts.calls(index)) {
-        const Parts::Level level = parts.level(index);
-        levels[parts.canonical(index).index()] |= level == Parts::steady ? Parts::both : level | more;
-      }
-    }
-  };
-  note(all, 0);
-  note(always, Parts::both);
-
-  std::vector<Expression> kept(always.begin(), always.end());
-  std::map<NodeIndex, Kept> of_canonical;
-  for (std::size_t k = 0; k < always.size(); ++k) {
-    const NodeIndex index = always[k].index();
-    const Operation operation = formulas.graph().node(index).operation;
-    if (operation != Operation::variable && operation != Operation::constant) {
-      of_canonical.try_emplace(parts.canonical(index).index(), Kept{static_cast<int>(k), parts.anchor(index)});
-    }
-  }
-  // The largest parts, from the outputs down.
-  std::vector<std::pair<NodeIndex, Kept>> reads;
-  const std::vector<NodeIndex> order = all.empty() ? std::vector<NodeIndex>() : formula::reachable(all);
-  std::map<NodeIndex, bool> is_needed;
-  for (const Expression& output : all) {
-    is_needed[output.index()] = true;
-  }
-  for (const NodeIndex index : std::ranges::reverse_view(order)) {
-    if (!is_needed[index]) {
-      continue;
-    }
-    if (parts.is_of_one_level(index)) {
-      const Expression canonical = parts.canonical(index);
-      auto found = of_canonical.find(canonical.index());
-      if (found == of_canonical.end() && parts.calls(index) && levels[canonical.index()] == Parts::both) {
-        found = of_canonical.emplace(canonical.index(), Kept{static_cast<int>(kept.size())}).first;
-        kept.push_back(canonical);
-      }
-      if (found != of_canonical.end()) {
-        reads.emplace_back(index, found->second);
-        continue;
-      }
-    }
-    const Node node = formulas.graph().node(index);
-    for (int k = 0; k < formula::arity(node.operation); ++k) {
-      is_needed[k == 0 ? node.a : node.b] = true;
-    }
-  }
+  const Choice choice(formulas, arrays, always, all);
+  const auto count = static_cast<int>(choice.kept().size());
   std::vector<Expression> from, to;
-  for (const auto& [index, read] : reads) {
-    const bool is_lower = parts.level(index) == Parts::lower;
-    from.emplace_back(&formulas.graph(), index);
-    to.push_back(formulas.node(arrays.kept + read.number + (is_lower ? 0 : static_cast<int>(kept.size())),
-                               sum(parts.anchor(index), read.anchor, -1)));
+  for (const Choice::Read& read : choice.reads()) {
+    from.push_back(read.part);
+    to.push_back(formulas.node(arrays.kept + read.number + (read.is_lower ? 0 : count), read.offset));
   }
   for (std::vector<Expression>* some : outputs) {
     *some = formula::substitute(*some, formulas.graph(), from, to);
   }
-  if (!kept.empty()) {
-    code_ = formulas.code(kept);
-    lower_ = grids::FieldSet(static_cast<int>(kept.size()), formulas.grid().size());
+  if (count > 0) {
+    code_ = formulas.code(choice.kept());
+    lower_ = grids::FieldSet(count, formulas.grid().size());
     upper_ = lower_;
   }
 }

@@ -25,6 +25,7 @@ public:
         map_(system, grid),
         level_(std::move(first)),
         trial_(level_.fields),
+        previous_(level_),
         here_(map_.at_level(level_.fields)),
         there_(here_) {}
 
@@ -59,8 +60,10 @@ public:
   [[nodiscard]] NodeEnergy trial_node() override { return {there_.energy, 0.0}; }
   [[nodiscard]] int iterations() const override { return iterations_; }
 
+  [[nodiscard]] const LatticeLevel* previous() const override { return &previous_; }
   void accept() override {
     std::swap(level_.fields, trial_);
+    std::swap(previous_.fields, trial_);
     std::swap(here_, there_);
     iterations_ = 0;
   }
@@ -82,6 +85,7 @@ private:
   EulerBoxMap map_;
   LatticeLevel level_;
   grids::FieldSet trial_;
+  LatticeLevel previous_;
   EulerBoxMap::AtLevel here_, there_;  ///< of the present level and of the trial one
   double slope_ = 0.0;
   int iterations_ = 0;

@@ -260,8 +260,8 @@ public:
   ///@}
 
 private:
-  /// CornerEnergy of the upper level by what the fields are made of, so that S is evaluated once. Of fields that are told
-  /// here there are no differences, and of coordinates no values: then empty.
+  /// CornerEnergy of the upper level by what the fields are made of, so that S is evaluated once. Of fields that are
+  /// told here there are no differences, and of coordinates no values: then empty.
   [[nodiscard]] formula::Expression density_of_level(const MultisymplecticSystem& system,
                                                      std::span<const formula::Expression> level) {
     if (!system.coordinates().empty() || !std::ranges::all_of(level, &formula::Expression::valid)) {
@@ -430,7 +430,8 @@ public:
   LeapfrogLattice(const MultisymplecticSystem& system, const grids::Grid& grid, LatticeLevel first)
       : FamilyLattice(system, grid, std::move(first), Collocation::corners),
         step_(system, grid),
-        trial_(level_.fields) {}
+        trial_(level_.fields),
+        previous_(level_) {}
 
   [[nodiscard]] bool solves_fully() const override { return true; }
   [[nodiscard]] Status advance(double h, double) override {
@@ -443,8 +444,10 @@ public:
     set_trial(h, energy);
     return std::isfinite(energy) ? Status::success : Status::undefined;
   }
+  [[nodiscard]] const LatticeLevel* previous() const override { return &previous_; }
   void accept() override {
     std::swap(level_.fields, trial_);
+    std::swap(previous_.fields, trial_);
     step_.accept();
     grow_older();
     move();
@@ -472,6 +475,7 @@ private:
 
   LeapfrogStep step_;
   grids::FieldSet trial_;
+  LatticeLevel previous_;
 };
 
 class LeapfrogEquation final : public FamilyEquation {
