@@ -1,5 +1,6 @@
 // What every scheme for lattices has to do, for every one that the registry has: a new one is here by being registered.
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <numbers>
@@ -8,6 +9,7 @@
 
 #include <catch2/catch.hpp>
 
+#include <rubato/pde/lattice.hpp>
 #include <rubato/pde/lattice_method.hpp>
 #include <rubato/variation/composition.hpp>
 #include <rubato/variation/lattice_variation.hpp>
@@ -293,5 +295,33 @@ TEST_CASE("every scheme for lattices has local laws, small on its steps and larg
       value += 0.05;
     }
     CHECK(laws.residuals(before, after, h).front().largest() > 3.0 * sound);
+  }
+}
+
+TEST_CASE("every scheme for lattices has the level before, after a step that fails, too") {
+  // u_tt - u_xx = 1/(2 - u), which drives u to 2, where S ends.
+  const MultisymplecticSystem system = wave_equation("log(2 - u)");
+  for (const LatticeMethodEntry& entry : lattice_methods()) {
+    INFO(entry.name);
+    LatticeIntegrator lattice(
+        system, line,
+        {sampled(line, [](double x) { return 1.0 + 0.3 * std::cos(std::numbers::pi * x / 8); }),
+         sampled(line, [](double) { return 0.5; }), std::nullopt},
+        {.lagrangian = std::string(entry.name), .step = 0.1, .until = 100.0, .levels = Levels::fixed});
+    const auto equal = [](const LatticeLevel& a, const LatticeLevel& b) {
+      return std::ranges::equal(a.fields.all(), b.fields.all());
+    };
+    LatticeLevel before = lattice.level(), earlier = before;
+    int steps = 0;
+    for (; steps < 100 && lattice.step().status == Status::success; ++steps) {
+      CHECK(equal(lattice.previous(), before));
+      earlier = before;
+      before = lattice.level();
+      CHECK_FALSE(equal(lattice.previous(), before));  // the twin
+    }
+    CHECK(steps > 3);
+    CHECK(steps < 100);
+    CHECK(equal(lattice.level(), before));
+    CHECK(equal(lattice.previous(), earlier));
   }
 }
