@@ -110,9 +110,8 @@ void EulerBoxMap::find(const grids::FieldSet& fields, AtLevel& at) {
 Status EulerBoxMap::advance(double h, const grids::FieldSet& before, const AtLevel& at_before, grids::FieldSet& after) {
   for (std::size_t k = 0; k < kicks_.size(); ++k) {
     const Kick& entry = kicks_[k];
-    const double *const from = before.field(entry.column).data(), *const force =
-                                                                      at_before.forces.field(static_cast<int>(k))
-                                                                          .data();
+    const double* const from = before.field(entry.column).data();
+    const double* const force = at_before.forces.field(static_cast<int>(k)).data();
     double* const to = after.field(entry.column).data();
     const auto take = [&](std::size_t begin, std::size_t end) {
       grids::for_each_block(end - begin, grids::nodes_per_block, [&](std::size_t first, std::size_t last) {

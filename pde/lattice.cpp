@@ -68,9 +68,10 @@ LatticeIntegrator::LatticeIntegrator(const MultisymplecticSystem& system, const 
       system_(method_->seen(system)),
       scheme_(make_scheme(*method_, system_.without_constant(), grid, initial, options, cautions_)),
       laws_(make_local_laws(*method_, system_, part_of(grid, options), options.symmetries)),
-      previous_(scheme_->level()) {
+      previous_{{}, scheme_->level().slopes} {
   if (scheme_->previous() == nullptr) {
-    before_ = previous_.fields;
+    before_ = scheme_->level().fields;
+    previous_.fields = before_;
   }
   laws_.share(scheme_->stages());
   const double constant = system.constant() * grid.cell_volume() * static_cast<double>(grid.size());
@@ -91,19 +92,22 @@ StepReport LatticeIntegrator::step() {
     if (told) {
       std::swap(previous_.fields, before_);
     }
-    previous_is_told_ = told;
+    where_ = told ? Previous::here : Previous::of_scheme;
     of_step_before_ = std::exchange(of_last_step_, LocalLaws::none);
   }
   return report;
 }
 
 const LatticeLevel& LatticeIntegrator::previous() const {
-  if (const LatticeLevel* const kept = previous_is_told_ ? nullptr : scheme_->previous()) {
-    return *kept;
+  if (where_ == Previous::none) {
+    return level();
   }
-  if (!previous_is_told_) {
+  if (where_ == Previous::of_scheme) {
+    if (const LatticeLevel* const kept = scheme_->previous()) {
+      return *kept;
+    }
     scheme_->tell_previous(previous_.fields);
-    previous_is_told_ = true;
+    where_ = Previous::here;
   }
   return previous_;
 }
@@ -121,8 +125,11 @@ void LatticeIntegrator::save(StateWriter& state) const {
 
 void LatticeIntegrator::restore(StateReader& state) {
   Integrator::restore(state);
+  if (previous_.fields.size() == 0) {
+    previous_.fields = level().fields;
+  }
   grids::restore_whole(state, previous_.fields);
-  previous_is_told_ = true;
+  where_ = Previous::here;
   of_step_before_ = of_last_step_ = LocalLaws::none;
 }
 

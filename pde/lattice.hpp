@@ -90,12 +90,14 @@ private:
   MultisymplecticSystem system_;
   std::unique_ptr<LatticeScheme> scheme_;
   LocalLaws laws_;
+  /// Where the level before is: that is the present one at the start, or it stands in previous_, or the scheme has it.
+  enum class Previous { none, here, of_scheme };
+  mutable Previous where_ = Previous::none;
   mutable LatticeLevel previous_;
-  mutable bool previous_is_told_ = true;  ///< in previous_; else the scheme has it
   /// What laws were asked of the step before the last one, and of the last.
   LocalLaws::Question of_step_before_ = LocalLaws::none, of_last_step_ = LocalLaws::none;
-  grids::FieldSet
-      before_;  ///< of the step under way, what becomes previous_ if it succeeds; none if the scheme keeps it
+  /// Of the step under way, what becomes previous_ if it succeeds; none if the scheme keeps it.
+  grids::FieldSet before_;
 };
 
 }  // namespace rubato

@@ -20,7 +20,7 @@ using formula::NodeIndex;
 using formula::Operation;
 using Offset = std::array<int, 3>;
 
-Offset sum(Offset a, const Offset& b, int sign = 1) {
+Offset shifted(Offset a, const Offset& b, int sign = 1) {
   for (std::size_t i = 0; i < a.size(); ++i) {
     a[i] += sign * b[i];
   }
@@ -28,11 +28,11 @@ Offset sum(Offset a, const Offset& b, int sign = 1) {
 }
 
 /// The parts of formulas that are of one level, and the same parts at other nodes and of the other level.
-class Parts {
+class LevelParts {
 public:
   enum Level : unsigned { steady = 0, lower = 1, upper = 2, both = 3 };
 
-  Parts(NodeFormulas& formulas, LevelValues::Arrays arrays) : formulas_(formulas), arrays_(arrays) {}
+  LevelParts(NodeFormulas& formulas, LevelValues::Arrays arrays) : formulas_(formulas), arrays_(arrays) {}
 
   /// Has to be called before others are asked of any part of these.
   void find(std::span<const Expression> outputs) {
@@ -113,7 +113,7 @@ private:
     Expression result(&graph(), index);
     if (node.operation == Operation::variable) {
       const NodeInput input = inputs_.at(index);
-      const Offset offset = sum(input.offset, by, -1);
+      const Offset offset = shifted(input.offset, by, -1);
       result = input.kind == NodeInput::Kind::slope
                    ? formulas_.slope(input.number, offset)
                    : formulas_.node(input.number < arrays_.of_level ? input.number + arrays_.of_level : input.number,
@@ -145,7 +145,7 @@ public:
     everything.insert(everything.end(), always.begin(), always.end());
     parts_.find(everything);
     note(outputs, 0);
-    note(always, Parts::both);
+    note(always, LevelParts::both);
     for (std::size_t k = 0; k < always.size(); ++k) {
       const Operation operation = graph_.node(always[k].index()).operation;
       if (operation != Operation::variable && operation != Operation::constant) {  // these are read as they are
@@ -179,8 +179,8 @@ private:
   void note(std::span<const Expression> formulas, unsigned more) {
     for (const NodeIndex index : formulas.empty() ? std::vector<NodeIndex>() : formula::reachable(formulas)) {
       if (parts_.is_of_one_level(index) && parts_.calls(index)) {
-        const Parts::Level level = parts_.level(index);
-        levels_[parts_.canonical(index).index()] |= level == Parts::steady ? Parts::both : level | more;
+        const LevelParts::Level level = parts_.level(index);
+        levels_[parts_.canonical(index).index()] |= level == LevelParts::steady ? LevelParts::both : level | more;
       }
     }
   }
@@ -196,8 +196,8 @@ private:
         continue;
       }
       if (const auto place = place_of(index)) {
-        reads_.push_back({Expression(&graph_, index), place->number, parts_.level(index) == Parts::lower,
-                          sum(parts_.anchor(index), place->anchor, -1)});
+        reads_.push_back({Expression(&graph_, index), place->number, parts_.level(index) == LevelParts::lower,
+                          shifted(parts_.anchor(index), place->anchor, -1)});
         continue;
       }
       const Node node = graph_.node(index);
@@ -214,7 +214,7 @@ private:
     if (const auto known = places_.find(canonical.index()); known != places_.end()) {
       return known->second;
     }
-    if (!parts_.calls(index) || levels_[canonical.index()] != Parts::both) {
+    if (!parts_.calls(index) || levels_[canonical.index()] != LevelParts::both) {
       return std::nullopt;
     }
     kept_.push_back(canonical);
@@ -222,7 +222,7 @@ private:
   }
 
   formula::Graph& graph_;
-  Parts parts_;
+  LevelParts parts_;
   std::map<NodeIndex, unsigned> levels_;  ///< by canonical forms, as all here
   std::map<NodeIndex, Place> places_;
   std::vector<Expression> kept_;
