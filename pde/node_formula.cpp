@@ -176,8 +176,8 @@ std::vector<double> NodeFormula::at_point(const LatticeLevel& level, double t, c
       case Input::Kind::number: inputs.push_back(numbers[number]); break;
       case Input::Kind::axis: inputs.push_back(point.coordinates()[number]); break;
       case Input::Kind::field:
-        inputs.push_back(point(std::span(
-            s.values_of(input, level.fields.pointers(), t, level.slopes, numbers, room), s.grid.size())));
+        inputs.push_back(point(
+            std::span(s.values_of(input, level.fields.pointers(), t, level.slopes, numbers, room), s.grid.size())));
     }
   }
   std::vector<const double*> in;
