@@ -41,13 +41,15 @@ public:
   /// level) lets a code read a level, as both of its slab
   template <class Read>
   void take(const grids::FieldSet& before, const grids::FieldSet& after, bool follows, const Read& read) {
-    std::swap(lower_, upper_);
+    go_on();
     if (!follows) {
       find(before, lower_, read);
     }
     find(after, upper_, read);
   }
-  /// Of a level that no slab leads to.
+  /// What was the upper level is the lower one of what comes.
+  void go_on() { std::swap(lower_, upper_); }
+  /// Of a level that no slab leads to, or another upper level.
   template <class Read>
   void take(const grids::FieldSet& level, const Read& read) {
     find(level, upper_, read);

@@ -175,11 +175,9 @@ public:
       : pairs_(wave_type(system).pairs),
         volume_(grid.cell_volume()),
         variation_(leapfrog_action(system), grid),
-        force_(static_cast<int>(pairs_.size()), grid.size()),
-        next_force_(force_),
         density_(1, grid.size()) {
     using Level = NodeVariation::Level;
-    std::vector<formula::Expression> outputs, level(static_cast<std::size_t>(system.field_count()));
+    std::vector<formula::Expression> forces, outputs, level(static_cast<std::size_t>(system.field_count()));
     for (const MovingPair& pair : pairs_) {
       moving_.push_back(pair.u);
       told_.push_back(pair.v);
@@ -199,13 +197,14 @@ public:
     for (const MovingPair& pair : pairs_) {
       const auto [momentum, force] = variation_.at_rest(pair.u);
       momentum_at_rest_.push_back(momentum.constant_value());  // the row of v being linear in it
-      outputs.push_back(force);
+      forces.push_back(force);
     }
     outputs.push_back(variation_.energy());
     if (const formula::Expression density = density_of_level(system, level); density.valid()) {
       outputs.push_back(density);
       density_of_level_ = density_;
     }
+    levels_ = variation_.keep(0, forces, {&outputs});
     code_ = variation_.code(outputs);
     momenta_.resize(moving_.size());
     largest_.resize(moving_.size());
@@ -219,15 +218,15 @@ public:
   /// false if a value is not finite.
   [[nodiscard]] bool advance(double h, const LatticeLevel& before, grids::FieldSet& after) {
     if (!force_is_known_) {
-      evaluate(before.fields, before.fields, h, before.slopes, after);
-      std::swap(force_, next_force_);
+      find_level(before.fields, before.slopes);
+      levels_.go_on();
       force_is_known_ = true;
     }
     grids::compute_and_refresh(after, moving_, reach, [&](std::size_t begin, std::size_t end) {
       for (std::size_t p = 0; p < pairs_.size(); ++p) {
         const auto& [u, v, m, row] = pairs_[p];
         const double *const from = before.fields.field(u).data(), *const momentum = before.fields.field(v).data(),
-                            *const force = std::as_const(force_).field(static_cast<int>(p)).data();
+                            *const force = levels_.lower().field(static_cast<int>(p)).data();
         double* const to = after.field(u).data();
         grids::for_each_block(end - begin, grids::nodes_per_block, [&](std::size_t first, std::size_t last) {
           move(h * row.a / (m * m), m, momentum_at_rest_[p], h, from, momentum, force, begin + first, begin + last, to);
@@ -239,7 +238,7 @@ public:
   }
   /// The last step leads to the level that the next is taken from.
   void accept() {
-    std::swap(force_, next_force_);
+    levels_.go_on();
     stands_at_end_ = true;
   }
   /// The next step is taken from another level.
@@ -273,20 +272,26 @@ private:
     });
   }
 
+  /// What a level says alone: what a step begins from, and functions.
+  void find_level(const grids::FieldSet& fields, const PotentialSlopes& slopes) {
+    levels_.take(fields, [&](NodeCode& code, const grids::FieldSet& level) {
+      variation_.read(code, level, level, 1.0, slopes);
+    });
+  }
   /// Momenta and differences at the upper level, into `out`; what the next step begins from; and the energy.
   void evaluate(const grids::FieldSet& lower, const grids::FieldSet& upper, double h, const PotentialSlopes& slopes,
                 grids::FieldSet& out) {
     stands_at_end_ = false;
+    find_level(upper, slopes);
     outputs_.clear();
     for (const int f : told_) {
       outputs_.push_back(out.field(f).data());
     }
-    outputs_.insert(outputs_.end(), next_force_.pointers().begin(), next_force_.pointers().end());
     outputs_.push_back(density_.field(0).data());
     if (density_of_level_.fields() > 0) {
       outputs_.push_back(density_of_level_.field(0).data());
     }
-    variation_.read(code_, lower, upper, h, slopes);
+    variation_.read(code_, lower, upper, h, slopes, {&levels_.lower(), &levels_.upper()});
     code_(outputs_);
   }
 
@@ -303,9 +308,9 @@ private:
   NodeCode code_;
   std::vector<int> moving_, told_;  ///< the fields u; those that the code tells
   std::vector<double> momentum_at_rest_;
-  grids::FieldSet force_, next_force_;  ///< of slabs at rest, of both levels
-  grids::FieldSet density_;             ///< of E
-  grids::FieldSet density_of_level_;    ///< of 𝓔 at the upper level, or none
+  LevelValues levels_;                ///< the forces of slabs at rest first
+  grids::FieldSet density_;           ///< of E
+  grids::FieldSet density_of_level_;  ///< of 𝓔 at the upper level, or none
   bool force_is_known_ = false, stands_at_end_ = false;
   std::vector<double*> outputs_;
   std::vector<std::span<const double>> momenta_;
