@@ -356,8 +356,8 @@ async function checkColours(page, checker) {
   });
 }
 
-/** What a page that is ready shows and, in the light, how it answers: that has no colours. */
-async function lookAt(page, name, scheme, checker) {
+/** What a page that is ready shows, and how it answers. */
+async function lookAt(page, name, checker) {
   await page.waitForTimeout(100);
   const colours = await page.evaluate(coloursOfCanvases);
   checker.check("drawn", colours.length >= 5, `only ${colours.length} pictures`);
@@ -371,14 +371,12 @@ async function lookAt(page, name, scheme, checker) {
   checker.check("names", await page.evaluate(nameless) === 0, `${await page.evaluate(nameless)} controls or pictures without a name`);
   const ratios = await page.evaluate(contrasts);
   checker.check("contrast", Math.min(...ratios) >= 4.5, `contrasts of text: ${ratios}`);
-  if (scheme === "light") {
-    await page.emulateMedia({ media: "print" });
-    checker.check("print", !(await page.locator(".player").isVisible()), "the player is printed");
-    await page.emulateMedia({ media: "screen" });
-    await checkClock(page, checker);
-    await checkCurve(page, checker);
-    await checkPlane(page, checker);
-  }
+  await page.emulateMedia({ media: "print" });
+  checker.check("print", !(await page.locator(".player").isVisible()), "the player is printed");
+  await page.emulateMedia({ media: "screen" });
+  await checkClock(page, checker);
+  await checkCurve(page, checker);
+  await checkPlane(page, checker);
   const background = () => page.evaluate(() => getComputedStyle(document.body).backgroundColor);
   const first = await background();
   await page.locator("header button").click();
@@ -388,7 +386,7 @@ async function lookAt(page, name, scheme, checker) {
   checker.check("scheme", await page.evaluate(() => window.bad === undefined), "text of the record was run");
 }
 
-async function checkPage(context, name, scheme) {
+async function checkPage(context, name) {
   const checker = new Checker(expected[name]);
   const page = await context.newPage();
   const url = pathToFileURL(join(folder, `${name}.html`)).href;
@@ -404,7 +402,7 @@ async function checkPage(context, name, scheme) {
   const milliseconds = Date.now() - begin;
   try {
     checker.check("errors", ready !== null, "the page does not become ready");
-    if (ready) await lookAt(page, name, scheme, checker);
+    if (ready) await lookAt(page, name, checker);
     checker.check("requests", requests.length === 1 && requests[0] === url, `requests: ${requests.slice(0, 5)}`);
     checker.check("errors", errors.length === 0, `errors: ${errors.slice(0, 3)}`);
   } catch (reason) {
@@ -441,7 +439,7 @@ for (const scheme of ["light", "dark"]) {
   await Promise.all(Array.from({ length: atOnce }, () => withBrowser(scheme, async (context) => {
     while (left.length > 0) {
       const name = left.shift();
-      results[name] = await checkPage(context, name, scheme);
+      results[name] = await checkPage(context, name);
     }
   })));
   for (const name of shown) {
