@@ -32,14 +32,10 @@ void CoordinateVariation::find_rows() {
     Row row{nu, stencil.time, variation_.weights(stencil.space)};
     std::ranges::sort(row.weights);
     const std::array<int, 3> first = row.weights.front().first;
-    std::array<int, 3> cell{};
-    for (std::size_t a = 0; a < cell.size(); ++a) {
-      cell[a] = -first[a];
-      for (auto& [offset, weight] : row.weights) {
-        offset[a] -= first[a];
-      }
+    for (auto& [offset, weight] : row.weights) {
+      offset = shifted(offset, first, -1);
     }
-    const Expression formula = formula_in(cell);
+    const Expression formula = formula_in(shifted({}, first, -1));
     if (formula.is_constant() && formula.constant_value() == 0.0) {
       return;
     }
@@ -93,10 +89,7 @@ void CoordinateVariation::find_balance() {
         continue;
       }
       for (const auto& [offset, weight] : row.weights) {
-        std::array<int, 3> cell{};
-        for (std::size_t a = 0; a < cell.size(); ++a) {
-          cell[a] = -offset[a];
-        }
+        const std::array<int, 3> cell = shifted({}, offset, -1);
         const Expression later = formulas.node(count + r, cell), earlier = formulas.node(r, cell);
         switch (row.time) {
           case InTime::difference:

@@ -20,13 +20,6 @@ using formula::NodeIndex;
 using formula::Operation;
 using Offset = std::array<int, 3>;
 
-Offset shifted(Offset a, const Offset& b, int sign = 1) {
-  for (std::size_t i = 0; i < a.size(); ++i) {
-    a[i] += sign * b[i];
-  }
-  return a;
-}
-
 /// The parts of formulas that are of one level, and the same parts at other nodes and of the other level.
 class LevelParts {
 public:

@@ -17,6 +17,14 @@
 
 namespace rubato {
 
+/// A place `by` further than `offset` or, with sign = -1, before it; in nodes along each axis.
+[[nodiscard]] inline std::array<int, 3> shifted(std::array<int, 3> offset, const std::array<int, 3>& by, int sign = 1) {
+  for (std::size_t a = 0; a < offset.size(); ++a) {
+    offset[a] += sign * by[a];
+  }
+  return offset;
+}
+
 /// What a variable of a NodeCode stands for at a node.
 struct NodeInput {
   enum class Kind {

@@ -16,13 +16,6 @@ using formula::Expression;
 /// Uniform numbers of the code.
 constexpr int number_of_h = 0, number_of_rate = 1;
 
-std::array<int, 3> sum(std::array<int, 3> a, const std::array<int, 3>& b, int sign = 1) {
-  for (std::size_t i = 0; i < a.size(); ++i) {
-    a[i] += sign * b[i];
-  }
-  return a;
-}
-
 bool is_zero(const Expression& e) {
   return e.is_constant() && e.constant_value() == 0.0;
 }
@@ -140,7 +133,7 @@ NodeVariation::AtRest NodeVariation::parts(Level level, int field, Motion motion
       continue;
     }
     for (const auto& [offset, weight] : formulas_.weights(op.space)) {
-      const Expression derivative = derivatives_in(sum({}, offset, -1), motion)[j];
+      const Expression derivative = derivatives_in(shifted({}, offset, -1), motion)[j];
       if (op.time == InTime::difference) {
         add_weighted(momentum, upper ? weight : -weight, derivative);
       } else {
