@@ -9,11 +9,34 @@
 
 namespace rubato::grids {
 
+namespace {
+
+/// Is there somebody to share with? Within a region of others (members of an ensemble) every thread has work of its
+/// own.
+bool has_threads() {
+  return omp_get_max_threads() > 1 && omp_in_parallel() == 0;
+}
+
+}  // namespace
+
+void detail::for_each_index(std::size_t count, void (*call)(void*, std::size_t, std::size_t), void* function) {
+  if (!has_threads()) {
+    for (std::size_t index = 0; index < count; ++index) {
+      call(function, index, 0);
+    }
+    return;
+  }
+#pragma omp parallel for schedule(static)
+  for (std::ptrdiff_t index = 0; index < static_cast<std::ptrdiff_t>(count); ++index) {
+    call(function, static_cast<std::size_t>(index), static_cast<std::size_t>(omp_get_thread_num()));
+  }
+}
+
 void detail::for_each_block(std::size_t count, std::size_t block, void (*call)(void*, std::size_t, std::size_t),
                             void* function) {
   const auto blocks = static_cast<std::ptrdiff_t>((count + block - 1) / block);
-  // A parallel region costs about a microsecond even where it has one thread.
-  if (blocks <= 1 || omp_get_max_threads() == 1) {
+  // A parallel region costs about a microsecond even where it has one thread, whose barrier is a call of the system.
+  if (blocks <= 1 || !has_threads()) {
     for (std::size_t begin = 0; begin < count; begin += block) {
       call(function, begin, std::min(begin + block, count));
     }

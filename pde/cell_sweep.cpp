@@ -1,7 +1,5 @@
 #include <rubato/pde/cell_sweep.hpp>
 
-#include <omp.h>
-
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -10,6 +8,7 @@
 
 #include <rubato/base/wide_vectors.hpp>
 #include <rubato/grids/buffer.hpp>
+#include <rubato/grids/parallel.hpp>
 #include <rubato/grids/reductions.hpp>
 #include <rubato/pde/matrix_terms.hpp>
 #include <rubato/pde/node_derivative.hpp>
@@ -395,9 +394,17 @@ struct CellSweep::Storage {
   }
 
   void prepare_workspaces() {
-    while (workspaces.size() < static_cast<std::size_t>(omp_get_max_threads())) {
+    while (workspaces.size() < static_cast<std::size_t>(grids::thread_count())) {
       workspaces.push_back(make_workspace());
     }
+  }
+
+  /// Calls use(block, workspace) for every block of cells, in parallel.
+  template <class Use>
+  void for_each_block(Use&& use) {
+    prepare_workspaces();
+    grids::for_each_index(blocks.count(), blocks.count() > 8,
+                          [&](std::size_t block, std::size_t thread) { use(block, *workspaces[thread]); });
   }
 
   std::unique_ptr<Workspace> make_workspace() const {
@@ -795,15 +802,11 @@ SweepResult CellSweep::operator()(std::span<const double* const> point, const Po
                                   std::span<const double* const> rate, double inverse_h,
                                   std::span<double* const> residual, std::span<double* const> hessian) {
   Storage& s = *storage_;
-  s.prepare_workspaces();
   s.make(point, s.of_point);
   s.make(rate, s.of_rate);
-  const auto blocks = static_cast<std::ptrdiff_t>(s.blocks.count());
-#pragma omp parallel for schedule(static) if (blocks > 8)
-  for (std::ptrdiff_t block = 0; block < blocks; ++block) {
-    s.run_block(static_cast<std::size_t>(block), *s.workspaces[static_cast<std::size_t>(omp_get_thread_num())], point,
-                slopes, rate, inverse_h, residual, hessian);
-  }
+  s.for_each_block([&](std::size_t block, Workspace& work) {
+    s.run_block(block, work, point, slopes, rate, inverse_h, residual, hessian);
+  });
 
   SweepResult total;
   if (s.sums_by_node()) {
@@ -839,13 +842,8 @@ EnergyChange CellSweep::energy_change(std::span<const double* const> rate, doubl
                                       std::span<const double* const> residual,
                                       std::span<const double* const> correction) {
   Storage& s = *storage_;
-  s.prepare_workspaces();
-  const auto blocks = static_cast<std::ptrdiff_t>(s.blocks.count());
-#pragma omp parallel for schedule(static) if (blocks > 8)
-  for (std::ptrdiff_t block = 0; block < blocks; ++block) {
-    s.energy_change(static_cast<std::size_t>(block), *s.workspaces[static_cast<std::size_t>(omp_get_thread_num())],
-                    rate, inverse_h, residual, correction);
-  }
+  s.for_each_block(
+      [&](std::size_t block, Workspace& work) { s.energy_change(block, work, rate, inverse_h, residual, correction); });
   const auto go_on = [&s](std::size_t block, std::span<double> carried) {
     std::array<double, 3> sums;
     for (std::size_t row = 0; row < sums.size(); ++row) {
@@ -897,14 +895,8 @@ std::vector<double> CellSweep::mean_terms(std::span<const double* const> point, 
 formula::SumSize CellSweep::energy_size(std::span<const double* const> point, const PotentialSlopes& slopes,
                                         std::span<const double> references) {
   Storage& s = *storage_;
-  s.prepare_workspaces();
   s.make(point, s.of_point);
-  const auto blocks = static_cast<std::ptrdiff_t>(s.blocks.count());
-#pragma omp parallel for schedule(static) if (blocks > 8)
-  for (std::ptrdiff_t block = 0; block < blocks; ++block) {
-    s.energy_size(static_cast<std::size_t>(block), *s.workspaces[static_cast<std::size_t>(omp_get_thread_num())], point,
-                  slopes, references);
-  }
+  s.for_each_block([&](std::size_t block, Workspace& work) { s.energy_size(block, work, point, slopes, references); });
   std::array<double, rows_by_node> sums{};
   double pieces = static_cast<double>(s.blocks.whole_count());
   if (s.sums_by_node()) {

@@ -1,5 +1,3 @@
-#include <omp.h>
-
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -9,6 +7,7 @@
 #include <rubato/base/compensated_sum.hpp>
 #include <rubato/formula/batch.hpp>
 #include <rubato/grids/buffer.hpp>
+#include <rubato/grids/parallel.hpp>
 #include <rubato/grids/reductions.hpp>
 #include <rubato/pde/face_gather.hpp>
 #include <rubato/pde/law_evaluator.hpp>
@@ -94,7 +93,7 @@ struct FaceOperators : LawTables {
   }
 
   void prepare_workspaces() {
-    while (workspaces.size() < static_cast<std::size_t>(omp_get_max_threads())) {
+    while (workspaces.size() < static_cast<std::size_t>(grids::thread_count())) {
       auto work = std::make_unique<Workspace>();
       const auto fields = static_cast<std::size_t>(d);
       const std::size_t arrays =
@@ -319,13 +318,10 @@ struct FaceOperators : LawTables {
   template <typename Use>
   void for_each_block_of_cells(Use&& use) {
     prepare_workspaces();
-    const auto count = static_cast<std::ptrdiff_t>(blocks.count());
-#pragma omp parallel for schedule(static) if (count > 8)
-    for (std::ptrdiff_t b = 0; b < count; ++b) {
-      const auto block = static_cast<std::size_t>(b);
+    grids::for_each_index(blocks.count(), blocks.count() > 8, [&](std::size_t block, std::size_t thread) {
       const CellBlocks::Block at = blocks[block];
-      use(block, at.line, at.begin, at.count, *workspaces[static_cast<std::size_t>(omp_get_thread_num())]);
-    }
+      use(block, at.line, at.begin, at.count, *workspaces[thread]);
+    });
   }
 };
 

@@ -14,6 +14,7 @@
 #include <rubato/base/limits.hpp>
 #include <rubato/base/wide_vectors.hpp>
 #include <rubato/grids/buffer.hpp>
+#include <rubato/grids/parallel.hpp>
 #include <rubato/grids/reductions.hpp>
 #include <rubato/grids/slab.hpp>
 #include <rubato/solve/block_qr_reduction.hpp>
@@ -88,11 +89,10 @@ double residual_at_seam(const CyclicBidiagonal& a, const CyclicBorder& border, c
 template <class Use>
 void for_each_residual(const CyclicBidiagonal& a, const CyclicBorder& border, const double* const* rhs,
                        const double* const* z, const double* y, bool closed, Use&& use) {
-  const auto blocks = static_cast<std::ptrdiff_t>((a.cells + residual_block - 1) / residual_block);
-#pragma omp parallel for schedule(static) if (blocks > 8)
-  for (std::ptrdiff_t block = 0; block < blocks; ++block) {
+  const std::size_t blocks = (a.cells + residual_block - 1) / residual_block;
+  grids::for_each_index(blocks, blocks > 8, [&](std::size_t block, std::size_t) {
     double out[residual_block];
-    const std::size_t begin = static_cast<std::size_t>(block) * residual_block;
+    const std::size_t begin = block * residual_block;
     const std::size_t end = std::min(begin + residual_block, a.cells);
     for (int row = 0; row < a.block; ++row) {
       const double* r = rhs != nullptr ? rhs[row] : nullptr;
@@ -104,7 +104,7 @@ void for_each_residual(const CyclicBidiagonal& a, const CyclicBorder& border, co
       }
       use(begin, end - begin, row, out);
     }
-  }
+  });
 }
 
 /// max |values[i]|, eight side by side; infinity if one of them is not finite.
@@ -135,8 +135,11 @@ RUBATO_WIDE_VECTORS double largest_in_block(const double* values, std::size_t co
 
 double largest_of(const double* values, std::size_t count) {
   const auto blocks = static_cast<std::ptrdiff_t>((count + 4095) / 4096);
+  if (blocks <= 8) {
+    return largest_in_block(values, count);
+  }
   double result = 0.0;
-#pragma omp parallel for schedule(static) reduction(max : result) if (blocks > 8)
+#pragma omp parallel for schedule(static) reduction(max : result)
   for (std::ptrdiff_t block = 0; block < blocks; ++block) {
     const std::size_t begin = static_cast<std::size_t>(block) * 4096;
     result = std::max(result, largest_in_block(values + begin, std::min<std::size_t>(4096, count - begin)));
@@ -291,12 +294,11 @@ chunks::System CyclicBlockSolver::Storage::system_of(const Task& task, std::size
 template <class Work>
 void CyclicBlockSolver::Storage::for_each_group(const Task& task, const chunks::System& system, Work&& work) {
   const std::size_t first = system.first_chunk(), count = system.end_chunk() - first;
-  const auto groups = static_cast<std::ptrdiff_t>((count + kernels.lanes - 1) / kernels.lanes);
+  const std::size_t groups = (count + kernels.lanes - 1) / kernels.lanes;
   // Below some 0.1 ms of work the threads cost more than they save, much more so where something else runs as well.
-#pragma omp parallel for schedule(static) if (task.matrix.cells >= 4096 && groups > 4)
-  for (std::ptrdiff_t group = 0; group < groups; ++group) {
-    work(first + static_cast<std::size_t>(group) * kernels.lanes, workspaces[omp_get_thread_num()].data());
-  }
+  grids::for_each_index(groups, task.matrix.cells >= 4096 && groups > 4, [&](std::size_t group, std::size_t thread) {
+    work(first + group * kernels.lanes, workspaces[thread].data());
+  });
 }
 
 void CyclicBlockSolver::Storage::reduce(const Task& task, std::size_t t, double* reduced) {
