@@ -181,7 +181,8 @@ void check_shared_potentials(bool by_all) {
 
 }  // namespace
 
-TEST_CASE("potentials in the plane and in space are shared, equal to rounding, and continued with the same bits") {
+TEST_CASE("potentials in the plane and in space are shared, equal to rounding, and continued with the same bits",
+          "[long]") {
   check_shared_potentials(false);
 }
 

@@ -161,7 +161,7 @@ void check_tangents_of_ranks(const std::string& every, Continued continue_by) {
 }  // namespace
 
 // Where every level is stored they are checked, too.
-TEST_CASE("ranks carry tangent solutions along a lattice with the bits of one") {
+TEST_CASE("ranks carry tangent solutions along a lattice with the bits of one", "[long]") {
   check_tangents_of_ranks("1", Continued::last);
 }
 
@@ -357,7 +357,7 @@ TEST_CASE("ranks share lattices whose S names coordinates, or t, of which few le
   check_shared_places({"1", "7"}, Continued::all);
 }
 
-TEST_CASE("schemes with transforms share what S says of coordinates and t to rounding") {
+TEST_CASE("schemes with transforms share what S says of coordinates and t to rounding", "[long]") {
   const Folder folder;
   const Settings S = GENERATE(of_places, of_times);
   const Settings scheme = GENERATE(from_range(schemes_with_transforms));
@@ -461,7 +461,7 @@ void check_shared_events(const std::vector<std::string>& rows_apart, Continued c
 
 }  // namespace
 
-TEST_CASE("ranks find the events of a lattice, and tell it between levels, with the bits of one") {
+TEST_CASE("ranks find the events of a lattice, and tell it between levels, with the bits of one", "[long]") {
   check_shared_events({"1"}, Continued::last);
 }
 
@@ -535,7 +535,7 @@ TEST_CASE("what ranks tell of events and between levels is checked by ranks") {
   CHECK(std::ranges::find(different, "/states/u") == different.end());
 }
 
-TEST_CASE("schemes with transforms share events and output to rounding") {
+TEST_CASE("schemes with transforms share events and output to rounding", "[long]") {
   const Folder folder;
   const Settings scheme = GENERATE(from_range(schemes_with_transforms));
   INFO(fmt::format("{}", fmt::join(scheme, " ")));
