@@ -100,6 +100,40 @@ public:
     return rest;
   }
 
+  static constexpr std::size_t wide_block = 256;  ///< the same with vectors of 64 bytes
+
+  [[nodiscard]] static bool is_wide() {
+    static const bool wide = __builtin_cpu_supports("avx512f") != 0 && __builtin_cpu_supports("vpclmulqdq") != 0;
+    return wide;
+  }
+
+  /// Bytes that may stand, behind what leaves 0, for all whole wide blocks of `bytes` behind what left `state`. One
+  /// block at least.
+  __attribute__((target("avx512f,vpclmulqdq"))) static std::array<std::byte, wide_block> fold_wide(
+      std::uint64_t state, std::span<const std::byte> bytes) {
+    constexpr auto low = static_cast<long long>(power(2111)), high = static_cast<long long>(power(2047));
+    const __m512i powers = _mm512_set_epi64(high, low, high, low, high, low, high, low);
+    const std::byte* from = bytes.data();
+    __m512i sum[4];
+    for (int i = 0; i < 4; ++i) {
+      sum[i] = _mm512_loadu_si512(from + 64 * i);
+    }
+    sum[0] = _mm512_xor_si512(sum[0], _mm512_set_epi64(0, 0, 0, 0, 0, 0, 0, static_cast<long long>(state)));
+    const std::byte* const end = from + bytes.size() / wide_block * wide_block;
+    for (from += wide_block; from != end; from += wide_block) {
+      for (int i = 0; i < 4; ++i) {
+        const __m512i moved = _mm512_xor_si512(_mm512_clmulepi64_epi128(sum[i], powers, 0x00),
+                                               _mm512_clmulepi64_epi128(sum[i], powers, 0x11));
+        sum[i] = _mm512_xor_si512(moved, _mm512_loadu_si512(from + 64 * i));
+      }
+    }
+    std::array<std::byte, wide_block> rest;
+    for (std::size_t i = 0; i < 4; ++i) {
+      _mm512_storeu_si512(rest.data() + 64 * i, sum[i]);
+    }
+    return rest;
+  }
+
 private:
   __attribute__((target("pclmul"))) static __m128i load(const std::byte* from) {
     return _mm_loadu_si128(reinterpret_cast<const __m128i*>(from));
@@ -131,6 +165,11 @@ std::uint64_t by_tables(std::uint64_t state, std::span<const std::byte> bytes) {
 void Checksum::add(std::span<const std::byte> bytes) {
   bytes_ += bytes.size();
 #if defined(__x86_64__)
+  if (bytes.size() >= 2 * Folding::wide_block && Folding::is_supported() && Folding::is_wide()) {
+    const auto rest = Folding::fold_wide(state_, bytes);
+    state_ = by_tables(0, Folding::fold(0, rest));
+    bytes = bytes.last(bytes.size() % Folding::wide_block);
+  }
   if (bytes.size() >= Folding::block && Folding::is_supported()) {
     state_ = by_tables(0, Folding::fold(state_, bytes));
     bytes = bytes.last(bytes.size() % Folding::block);

@@ -6,6 +6,7 @@
 #include <cstring>
 #include <utility>
 
+#include <rubato/base/wide_vectors.hpp>
 #include <rubato/record/detail/structure.hpp>
 
 namespace rubato::record::detail {
@@ -16,6 +17,26 @@ constexpr std::uint64_t modulus = 0xFFFF;
 
 /// Modulo 2^16 - 1 a number of two bytes is 256 times the one with its bytes in the other order.
 constexpr std::uint64_t turn = std::endian::native == std::endian::little ? 256 : 1;
+
+/// 16 numbers of two bytes, and as many sums, which stay in registers.
+constexpr std::size_t lanes = 16;
+using Numbers [[gnu::vector_size(2 * lanes)]] = std::uint16_t;
+using LaneSums [[gnu::vector_size(4 * lanes)]] = std::uint32_t;
+static_assert(sizeof(Numbers) == 2 * lanes && sizeof(LaneSums) == 4 * lanes);
+
+/// Of number r of each lane, r = 0, …, R - 1, the sum and the one with weights R - r.
+RUBATO_WIDE_VECTORS void add_in_lanes(const std::byte* bytes, std::size_t rounds, std::uint32_t* sums,
+                                      std::uint32_t* weighted) {
+  LaneSums sum = {}, weighted_sum = {};
+  for (std::size_t r = 0; r < rounds; ++r) {
+    Numbers numbers;
+    std::memcpy(&numbers, bytes + r * sizeof numbers, sizeof numbers);
+    sum += __builtin_convertvector(numbers, LaneSums);
+    weighted_sum += sum;
+  }
+  std::memcpy(sums, &sum, sizeof sum);
+  std::memcpy(weighted, &weighted_sum, sizeof weighted_sum);
+}
 
 /// Σ w_i and Σ (n - i) w_i of numbers of two bytes as the processor has them.
 class Sums {
@@ -28,15 +49,8 @@ public:
 
   /// 16 sums side by side: number i = 16 r + l of n = 16 R has the weight n - i = 16 (R - r) - l.
   void add_side_by_side(const std::byte* bytes, std::size_t rounds) {
-    std::array<std::uint32_t, lanes> sums{}, weighted{};
-    for (std::size_t r = 0; r < rounds; ++r) {
-      std::array<std::uint16_t, lanes> numbers;
-      std::memcpy(numbers.data(), bytes + r * sizeof numbers, sizeof numbers);
-      for (std::size_t l = 0; l < lanes; ++l) {
-        sums[l] += numbers[l];
-        weighted[l] += sums[l];
-      }
-    }
+    std::array<std::uint32_t, lanes> sums, weighted;
+    add_in_lanes(bytes, rounds, sums.data(), weighted.data());
     weighted_ += lanes * rounds * sum_;
     for (std::size_t l = 0; l < lanes; ++l) {
       weighted_ += std::uint64_t{lanes} * weighted[l] - l * sums[l];
@@ -53,7 +67,6 @@ public:
     return half(weighted_) << 16 | half(sum_);
   }
 
-  static constexpr std::size_t lanes = 16;
   /// The weighted sum of a lane, of 2^16 r (r + 1)/2 at most, fits into 32 bits.
   static constexpr std::size_t most_rounds = 256;
 
@@ -70,13 +83,18 @@ private:
 
 }  // namespace
 
-std::uint32_t fletcher32(std::span<const std::byte> bytes) {
-  constexpr std::size_t round_bytes = 2 * Sums::lanes;
+std::uint32_t fletcher32(std::span<const std::byte> bytes, std::byte* copy) {
+  constexpr std::size_t round_bytes = 2 * lanes;
   Sums sums;
   for (std::size_t rounds; (rounds = std::min(Sums::most_rounds, bytes.size() / round_bytes)) > 0;) {
-    sums.add_side_by_side(bytes.data(), rounds);
-    bytes = bytes.subspan(rounds * round_bytes);
+    const auto piece = bytes.first(rounds * round_bytes);
+    sums.add_side_by_side(piece.data(), rounds);
+    if (copy != nullptr)
+      copy = std::ranges::copy(piece, copy).out;  // of 8 KiB, which the nearest cache still holds
+    bytes = bytes.subspan(piece.size());
   }
+  if (copy != nullptr)
+    std::ranges::copy(bytes, copy);
   for (; !bytes.empty(); bytes = bytes.subspan(std::min<std::size_t>(2, bytes.size()))) {
     std::uint16_t number = 0;
     std::memcpy(&number, bytes.data(), std::min(sizeof number, bytes.size()));
@@ -126,9 +144,14 @@ std::size_t ChunkWriter::bytes_at(std::size_t place) const {
 
 void ChunkWriter::write(std::size_t place, std::span<const std::byte> bytes) {
   const std::size_t size = stored_.size() - sizeof(std::uint32_t);
-  const auto rest = std::ranges::copy(bytes, stored_.begin()).out;
-  std::fill(rest, stored_.begin() + static_cast<std::ptrdiff_t>(size), std::byte{0});  // beyond the edge
-  const std::uint32_t checksum = fletcher32(std::span(stored_).first(size));
+  std::uint32_t checksum = 0;
+  if (bytes.size() == size) {
+    checksum = fletcher32(bytes, stored_.data());
+  } else {  // the last of a row, which ends beyond its edge
+    const auto rest = std::ranges::copy(bytes, stored_.begin()).out;
+    std::fill(rest, stored_.begin() + static_cast<std::ptrdiff_t>(size), std::byte{0});
+    checksum = fletcher32(std::span(stored_).first(size));
+  }
   std::memcpy(stored_.data() + size, &checksum, sizeof checksum);
   std::vector<hsize_t> first(shape_.size(), 0);
   first[0] = place / row_bytes_;

@@ -11,6 +11,7 @@
 
 #include <fmt/format.h>
 
+#include <rubato/base/wide_vectors.hpp>
 #include <rubato/record/detail/checksum.hpp>
 #include <rubato/record/detail/chunks.hpp>
 #include <rubato/record/detail/files.hpp>
@@ -98,6 +99,23 @@ std::vector<Gathered> columns_of(const Layout& layout) {
     set_chunk(columns.back(), layout, detail::chunk_shape(layout, dataset));
   }
   return columns;
+}
+
+RUBATO_WIDE_VECTORS bool are_finite(std::span<const double> values) {
+  constexpr std::size_t lanes = sizeof(EightLanes) / sizeof(double);
+  EightLanes poison = {};  // 0 x is no number where x is none, or infinite
+  std::size_t i = 0;
+  for (; i + lanes <= values.size(); i += lanes) {
+    EightLanes some;
+    std::memcpy(&some, values.data() + i, sizeof some);
+    poison += 0.0 * some;
+  }
+  double sum = 0.0;
+  for (std::size_t l = 0; l < lanes; ++l)
+    sum += poison[l];
+  for (; i < values.size(); ++i)
+    sum += 0.0 * values[i];
+  return sum == 0.0;
 }
 
 /// Fewer bytes are not worth looking whether their chunks can be written as they are.
@@ -414,7 +432,7 @@ private:
   }
   /// A row, or a part of one.
   void add(Gathered& column, std::span<const double> values, const Checksum* checksum = nullptr) {
-    if (!column.description.may_be_undefined)
+    if (!column.description.may_be_undefined && !are_finite(values))
       for (std::size_t i = 0; i < values.size(); ++i)
         if (!std::isfinite(values[i]))
           throw NotFinite(column.description, column.appended, column.begun() / sizeof(double) + i, values[i]);

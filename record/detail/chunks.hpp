@@ -13,7 +13,8 @@ namespace rubato::record::detail {
 /// The 32 bits of Fletcher's checksum as HDF5's filter makes them: with the numbers w_0, …, w_{n-1} of two bytes each,
 /// the higher one first, Σ w_i in the lower half and Σ (n - i) w_i in the higher, both modulo 2^16 - 1 and 0 written as
 /// 2^16 - 1 unless all w are 0. To a single last byte belongs a lower one that is 0.
-[[nodiscard]] std::uint32_t fletcher32(std::span<const std::byte> bytes);
+/// \param copy where as many bytes are copied to on the way, if anywhere
+[[nodiscard]] std::uint32_t fletcher32(std::span<const std::byte> bytes, std::byte* copy = nullptr);
 
 /// Writes whole chunks of a dataset of which Fletcher's checksum is the only filter, without the copies that HDF5 makes
 /// of them in its cache and for its filter.

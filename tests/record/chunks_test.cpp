@@ -91,6 +91,11 @@ TEST_CASE("Fletcher's checksum is the one of its definition and of HDF5") {
       const std::uint32_t checksum = detail::fletcher32(bytes);
       CHECK(checksum == by_definition(bytes));
       CHECK(checksum == by_hdf5(bytes));
+      Bytes copied(size + 1, std::byte{0x55});
+      CHECK(detail::fletcher32(bytes, copied.data()) == checksum);
+      CHECK(copied.back() == std::byte{0x55});  // nothing is written beyond
+      copied.pop_back();
+      CHECK(copied == bytes);
       Bytes other = bytes;
       other[random() % size] ^= std::byte{0x40};
       CHECK(detail::fletcher32(other) != checksum);
