@@ -19,6 +19,7 @@
 #include <rubato/record/detail/hdf5.hpp>
 #include <rubato/record/detail/seal.hpp>
 #include <rubato/record/detail/structure.hpp>
+#include <rubato/record/detail/waiting_bytes.hpp>
 #include <rubato/record/together.hpp>
 #include <rubato/record/writer.hpp>
 
@@ -42,7 +43,7 @@ struct Gathered {
   Checksum checksum = {};    ///< of these
   std::size_t appended = 0;
   Checksum checksum_of_all = {};  ///< of these, and of what has come of the next one
-  std::vector<std::byte> waiting = {};
+  detail::WaitingBytes waiting{};
 
   [[nodiscard]] std::size_t end() const { return flushed + waiting.size(); }
   /// What has come of a row that is not whole yet.
@@ -53,7 +54,7 @@ struct Gathered {
       checksum_of_all.append(*known);
     else
       checksum_of_all.add(bytes);
-    waiting.insert(waiting.end(), bytes.begin(), bytes.end());
+    waiting.append(bytes);
     appended = end() / row_bytes;
   }
 
@@ -74,7 +75,7 @@ struct Gathered {
   }
   void drop_incomplete() {
     const std::size_t left = complete * row_bytes;
-    waiting.resize(left > flushed ? left - flushed : 0);  // what is in the file already is written again
+    waiting.keep_front(left > flushed ? left - flushed : 0);  // what is in the file already is written again
     flushed = std::min(flushed, left);
     appended = complete;
     checksum_of_all = checksum;
@@ -89,7 +90,8 @@ void set_chunk(Gathered& column, const Layout& layout, const std::vector<hsize_t
     column.block_bytes = chunk.at(1) * (column.row_bytes / shape.front());
 }
 
-std::vector<Gathered> columns_of(const Layout& layout) {
+/// \param buffer_bytes how much waits of all of them before it is written
+std::vector<Gathered> columns_of(const Layout& layout, std::size_t buffer_bytes) {
   std::vector<Gathered> columns;
   for (const auto& dataset : layout.datasets) {
     const std::size_t bytes = detail::size_of(dataset.type);
@@ -98,6 +100,14 @@ std::vector<Gathered> columns_of(const Layout& layout) {
     columns.back().together = dataset.together && layout.compression == 0 && is_long(layout, dataset);
     set_chunk(columns.back(), layout, detail::chunk_shape(layout, dataset));
   }
+  std::size_t level_bytes = 0;
+  for (const Gathered& column : columns)
+    level_bytes += column.row_bytes;
+  // Each a share of that, the row that is too many, and the rows of a chunk that is not whole.
+  for (Gathered& column : columns)
+    column.waiting = detail::WaitingBytes(
+        std::min(buffer_bytes,
+                 (buffer_bytes / std::max<std::size_t>(level_bytes, 1) + 1 + column.chunk_rows) * column.row_bytes));
   return columns;
 }
 
@@ -211,7 +221,7 @@ public:
         overwrite_(overwrite),
         policy_(policy),
         layout_(layout),
-        columns_(columns_of(layout)) {
+        columns_(columns_of(layout, policy.buffer_bytes)) {
     detail::remove_leftovers(path_);
     working_.emplace(path_, "partial");
   }
@@ -477,8 +487,8 @@ private:
     column.complete = column.appended = static_cast<std::size_t>(rows);
     column.flushed = column.flushable(Gathered::Of::whole_levels);
     const std::size_t in_file = column.flushed / column.row_bytes, left_over = column.complete - in_file;
-    column.waiting.resize(left_over * column.row_bytes);
-    detail::read_rows(dataset, detail::memory_type(column.description.type), in_file, left_over, column.waiting.data());
+    detail::read_rows(dataset, detail::memory_type(column.description.type), in_file, left_over,
+                      column.waiting.append(left_over * column.row_bytes));
     sizes.front() = in_file;
     detail::check(H5Dset_extent(dataset, sizes.data()), "shortening a dataset");
   }
@@ -498,8 +508,7 @@ private:
     working_->trim();
     for (auto& column : columns_) {
       const std::size_t end = column.flushable(of);
-      column.waiting.erase(column.waiting.begin(),
-                           column.waiting.begin() + static_cast<std::ptrdiff_t>(end - column.flushed));
+      column.waiting.drop_front(end - column.flushed);
       column.flushed = end;
     }
   }
