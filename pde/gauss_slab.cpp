@@ -374,12 +374,26 @@ bool GaussSlab::prepare(double h) {
   if (is_far) {
     radius_ = size;
   }
-  if (is_far || !resolvent_) {
-    resolvent_.emplace(system_, space_.derivatives(), whole_, radius_);
-    is_solvable_ = grids::agreed_by_all(grid_, resolvent_->status() == Status::success);
-    inverted_h_ = maps_h_ = 0.0;
+  if (!has_resolvent()) {
+    take_last_resolvent();
+    if (!has_resolvent()) {
+      resolvent_.emplace(system_, space_.derivatives(), whole_, radius_);
+    }
   }
-  return is_solvable_;
+  if (!is_solvable_) {
+    is_solvable_ = grids::agreed_by_all(grid_, resolvent_->status() == Status::success);
+  }
+  return *is_solvable_;
+}
+
+bool GaussSlab::has_resolvent() const {
+  return resolvent_ && resolvent_->radius() == radius_;
+}
+
+void GaussSlab::take_last_resolvent() {
+  std::swap(resolvent_, last_resolvent_);
+  is_solvable_.reset();
+  inverted_h_ = maps_h_ = 0.0;
 }
 
 bool GaussSlab::are_near(double h, double other) {
@@ -926,7 +940,10 @@ void GaussSlab::restore(StateReader& state) {
     grids::restore_whole(state, newton_->kept);
     newton_->any_kept = true;
   }
-  resolvent_.reset();
+  if (!has_resolvent()) {
+    take_last_resolvent();
+  }
+  last_resolvent_.reset();
   solved_ = false;
   restored_ = true;
 }

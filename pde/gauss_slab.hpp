@@ -128,6 +128,8 @@ private:
   void compile();
   void add_slopes(const PotentialSlopes& slopes);
   [[nodiscard]] bool prepare(double h);
+  [[nodiscard]] bool has_resolvent() const;
+  void take_last_resolvent();
   void invert(double h);
   void make_maps();
   [[nodiscard]] bool by_maps() const { return steady_ && !base_map_.empty(); }
@@ -205,8 +207,9 @@ private:
   std::vector<double> a_inverse_high_, a_inverse_low_;  ///< by rows
   std::vector<std::complex<double>> V_by_rows_, V_inverse_by_rows_;
 
-  std::optional<WaveResolvent> resolvent_;
-  bool is_solvable_ = false;  ///< by the resolvents of all ranks
+  std::optional<WaveResolvent> resolvent_;       ///< about radius_, once has_resolvent() is true
+  std::optional<WaveResolvent> last_resolvent_;  ///< before it: a scout goes from short steps to long ones and back
+  std::optional<bool> is_solvable_;              ///< by resolvent_ of all ranks, if that is known
   double radius_ = 0.0;
 
   std::uint64_t stamp_ = 0;

@@ -32,6 +32,7 @@ public:
   WaveResolvent(const MultisymplecticSystem& system, std::span<const std::vector<double>> derivatives,
                 const Eigen::MatrixXd& L, double radius);
   static constexpr double reach = 8.0;
+  [[nodiscard]] double radius() const { return radius_; }
 
   [[nodiscard]] std::size_t waves() const { return waves_; }
   /// Success, or `undefined` where P is singular on some wave in spite of the conditions.
