@@ -36,8 +36,9 @@ struct Gathered {
   std::size_t row_size;
   std::size_t row_bytes;
   std::size_t chunk_rows = 1;
-  std::size_t block_bytes = 1;  ///< of a row: what chunks divide it into along its slowest dimension
-  bool together = false;        ///< ranks can write its rows
+  std::size_t block_bytes = 1;    ///< of a row: what chunks divide it into along its slowest dimension
+  std::size_t first_of_axis = 0;  ///< number of the first dataset along its axis
+  bool together = false;          ///< ranks can write its rows
   std::size_t flushed = 0;
   std::size_t complete = 0;  ///< rows of whole levels
   Checksum checksum = {};    ///< of these
@@ -100,6 +101,9 @@ std::vector<Gathered> columns_of(const Layout& layout, std::size_t buffer_bytes)
     columns.back().together = dataset.together && layout.compression == 0 && is_long(layout, dataset);
     set_chunk(columns.back(), layout, detail::chunk_shape(layout, dataset));
   }
+  std::map<std::string_view, std::size_t> first;
+  for (std::size_t i = 0; i < columns.size(); ++i)
+    columns[i].first_of_axis = first.try_emplace(columns[i].description.axis, i).first->second;
   std::size_t level_bytes = 0;
   for (const Gathered& column : columns)
     level_bytes += column.row_bytes;
@@ -451,11 +455,10 @@ private:
 
   /// Which datasets of one axis are not of one length; empty if none.
   [[nodiscard]] std::string different_rows() const {
-    std::map<std::string_view, const Gathered*> axes;
     for (const auto& column : columns_) {
       if (column.begun() > 0)
         return fmt::format("a part of a row of '{}' is missing", column.description.path);
-      const Gathered& first = *axes.try_emplace(column.description.axis, &column).first->second;
+      const Gathered& first = columns_[column.first_of_axis];
       if (first.appended != column.appended)
         return fmt::format("'{}' has {} rows, but '{}' has {}", first.description.path, first.appended,
                            column.description.path, column.appended);
