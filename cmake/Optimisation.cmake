@@ -12,7 +12,7 @@ set(rubato_sources_loops
   ode/splitting_energies.cpp ode/splitting_lanes.cpp ode/state_kernels.cpp
   grids/arrays.cpp grids/box_operators.cpp grids/digit_sum.cpp grids/fourier.cpp grids/reductions.cpp grids/spectral_derivative.cpp grids/stencil.cpp
   solve/band_solver.cpp solve/cyclic_block.cpp solve/fourier_preconditioner.cpp solve/gmres.cpp
-  pde/cell_sweep.cpp pde/euler_box_map.cpp pde/face_gather.cpp pde/law_currents.cpp pde/midpoint_lattice.cpp pde/stage_loops.cpp pde/wave_loops.cpp
+  pde/cell_sweep.cpp pde/euler_box_map.cpp pde/face_gather.cpp pde/law_currents.cpp pde/level_fields.cpp pde/level_history.cpp pde/midpoint_lattice.cpp pde/stage_loops.cpp pde/wave_loops.cpp
   pde/schemes/leapfrog.cpp
   record/checksum.cpp record/chunks.cpp)
 foreach(kernel IN ITEMS

@@ -225,24 +225,21 @@ void GaussSlab::stand(const grids::FieldSet& high, const grids::FieldSet* low, c
   base_.re.fill(0.0);
   base_.im.fill(0.0);
   for_each_wave_block(level_.waves(), [&](std::size_t begin, std::size_t end) {
+    const auto add_to_row = [&](const MatrixTerm& term, const WaveRows& from, const auto& add_column) {
+      const auto row = static_cast<std::size_t>(term.row);
+      add_column(from.re.field(term.column).data() + begin, from.im.field(term.column).data() + begin, end - begin,
+                 base_.re.pointers()[row] + begin, base_.im.pointers()[row] + begin);
+    };
+    const auto add_times = [](double value) { return [value](auto... arrays) { add(value, arrays...); }; };
     for (const MatrixTerm& term : L_terms_) {
-      for (std::size_t w = begin; w < end; ++w) {
-        base_.re.pointers()[static_cast<std::size_t>(term.row)][w] += term.value * level_.re.field(term.column)[w];
-        base_.im.pointers()[static_cast<std::size_t>(term.row)][w] += term.value * level_.im.field(term.column)[w];
-      }
+      add_to_row(term, level_, add_times(term.value));
     }
     for (std::size_t a = 0; a < K_.size(); ++a) {
       for (const MatrixTerm& term : K_[a]) {
-        double* re = base_.re.pointers()[static_cast<std::size_t>(term.row)];
-        double* im = base_.im.pointers()[static_cast<std::size_t>(term.row)];
-        for (std::size_t w = begin; w < end; ++w) {
-          const double k = term.value * space_.derivatives()[a][w];
-          re[w] += k * level_.im.field(term.column)[w];
-          im[w] -= k * level_.re.field(term.column)[w];
-        }
-        for (std::size_t w = begin; a == 0 && slopes_.rows() > 0 && w < end; ++w) {
-          re[w] -= term.value * slopes_.re.field(term.column)[w];
-          im[w] -= term.value * slopes_.im.field(term.column)[w];
+        const double* k = space_.derivatives()[a].data() + begin;
+        add_to_row(term, level_, [&](auto... arrays) { add_derivative(-term.value, k, arrays...); });
+        if (a == 0 && slopes_.rows() > 0) {
+          add_to_row(term, slopes_, add_times(-term.value));
         }
       }
     }

@@ -2,9 +2,33 @@
 
 #include <algorithm>
 
+#include <rubato/base/wide_vectors.hpp>
 #include <rubato/grids/parallel.hpp>
 
 namespace rubato {
+
+namespace {
+
+RUBATO_WIDE_VECTORS void halve_changes(const double* change, std::size_t begin, std::size_t end, double* z) {
+#pragma GCC ivdep
+  for (std::size_t n = begin; n < end; ++n) {
+    z[n] = 0.5 * change[n];
+  }
+}
+
+/// z += change, with what rounding has left out of z so far, which `rest_of` becomes.
+RUBATO_WIDE_VECTORS void add_changes(const double* change, std::size_t begin, std::size_t end, double* z,
+                                     double* rest_of) {
+#pragma GCC ivdep
+  for (std::size_t n = begin; n < end; ++n) {
+    const double rest = rest_of[n] + change[n];
+    const double sum = z[n] + rest;
+    rest_of[n] = rest - (sum - z[n]);
+    z[n] = sum;
+  }
+}
+
+}  // namespace
 
 void add_increment(const grids::FieldSet& delta, const std::vector<bool>& at_midpoints, grids::FieldSet& high,
                    grids::FieldSet& low) {
@@ -14,15 +38,10 @@ void add_increment(const grids::FieldSet& delta, const std::vector<bool>& at_mid
     const double* change = delta.field(f).data();
     const bool midpoint = at_midpoints[static_cast<std::size_t>(f)];
     grids::for_each_block(delta.size(), grids::nodes_per_block, [=](std::size_t begin, std::size_t end) {
-      for (std::size_t n = begin; n < end; ++n) {
-        if (midpoint) {
-          z[n] = 0.5 * change[n];
-          continue;
-        }
-        const double rest = rest_of[n] + change[n];
-        const double sum = z[n] + rest;
-        rest_of[n] = rest - (sum - z[n]);
-        z[n] = sum;
+      if (midpoint) {
+        halve_changes(change, begin, end, z);
+      } else {
+        add_changes(change, begin, end, z, rest_of);
       }
     });
   }

@@ -3,9 +3,33 @@
 #include <algorithm>
 #include <stdexcept>
 
+#include <rubato/base/wide_vectors.hpp>
 #include <rubato/grids/slab.hpp>
 
 namespace rubato {
+
+namespace {
+
+RUBATO_WIDE_VECTORS void scale_rates(double factor, const double* from, std::size_t begin, std::size_t end,
+                                     double* to) {
+#pragma GCC ivdep
+  for (std::size_t i = begin; i < end; ++i) {
+    to[i] = factor * from[i];
+  }
+}
+
+/// to = keep to + Σ_s w_s from_s, at these nodes.
+RUBATO_WIDE_VECTORS void add_weighted_rates(const double* w, const double* const* from, double keep, std::size_t begin,
+                                            std::size_t end, double* to) {
+  const double w_0 = w[0], w_1 = w[1], w_2 = w[2], w_3 = w[3];
+  const double *const z_0 = from[0], *const z_1 = from[1], *const z_2 = from[2], *const z_3 = from[3];
+#pragma GCC ivdep
+  for (std::size_t i = begin; i < end; ++i) {
+    to[i] = keep * to[i] + ((w_0 * z_0[i] + w_1 * z_1[i]) + (w_2 * z_2[i] + w_3 * z_3[i]));
+  }
+}
+
+}  // namespace
 
 LevelHistory::LevelHistory(std::vector<bool> at_midpoints, std::size_t nodes) : at_midpoints_(std::move(at_midpoints)) {
   for (Sample& sample : samples_) {
@@ -21,11 +45,8 @@ void LevelHistory::record(double time, double h, const grids::FieldSet& delta) {
     const double factor = at_midpoints_[static_cast<std::size_t>(f)] ? 0.5 : 1.0 / h;
     const double* in = delta.field(f).data();
     double* out = sample.rate.field(f).data();
-    grids::for_each_block(delta.size(), grids::nodes_per_block, [=](std::size_t begin, std::size_t end) {
-      for (std::size_t i = begin; i < end; ++i) {
-        out[i] = factor * in[i];
-      }
-    });
+    grids::for_each_block(delta.size(), grids::nodes_per_block,
+                          [=](std::size_t begin, std::size_t end) { scale_rates(factor, in, begin, end, out); });
   }
   known_ = std::min(known_ + 1, most);
 }
@@ -57,11 +78,9 @@ void LevelHistory::combine(const Weights& evolving, const Weights& midpoint, dou
     for (std::size_t s = 0; s < most; ++s) {
       from[s] = samples_[s].rate.field(f).data();
     }
-    grids::for_each_block(out.size(), grids::nodes_per_block, [=](std::size_t begin, std::size_t end) {
-      for (std::size_t i = begin; i < end; ++i) {
-        const double predicted = (w[0] * from[0][i] + w[1] * from[1][i]) + (w[2] * from[2][i] + w[3] * from[3][i]);
-        to[i] = keep * to[i] + predicted;
-      }
+    static_assert(most == 4);
+    grids::for_each_block(out.size(), grids::nodes_per_block, [&](std::size_t begin, std::size_t end) {
+      add_weighted_rates(w.data(), from.data(), keep, begin, end, to);
     });
   }
 }

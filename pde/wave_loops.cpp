@@ -21,6 +21,14 @@ RUBATO_WIDE_VECTORS void add(double value, const double* re, const double* im, s
     out_im[w] += value * im[w];
   }
 }
+RUBATO_WIDE_VECTORS void add_derivative(double value, const double* k, const double* re, const double* im,
+                                        std::size_t count, double* __restrict out_re, double* __restrict out_im) {
+  for (std::size_t w = 0; w < count; ++w) {
+    const double factor = value * k[w];
+    out_re[w] -= factor * im[w];
+    out_im[w] += factor * re[w];
+  }
+}
 
 namespace {
 

@@ -14,6 +14,9 @@ void add(std::complex<double> value, const double* re, const double* im, std::si
          double* out_im);
 /// The same with a real value.
 void add(double value, const double* re, const double* im, std::size_t count, double* out_re, double* out_im);
+/// out += value·ik·in.
+void add_derivative(double value, const double* k, const double* re, const double* im, std::size_t count,
+                    double* out_re, double* out_im);
 /// A real matrix (a b; c d) for each wave, or what its entries have beyond other ones.
 struct PairMatrices {
   double *a, *b, *c, *d;
