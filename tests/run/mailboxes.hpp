@@ -25,7 +25,7 @@ public:
 
   explicit Mailboxes(
       int size, Censor censor = [](ranks::Message&) {})
-      : boxes_(static_cast<std::size_t>(size)), censor_(std::move(censor)) {}
+      : has_come_(static_cast<std::size_t>(size)), boxes_(static_cast<std::size_t>(size)), censor_(std::move(censor)) {}
 
   class Rank final : public ranks::Communicator {
   public:
@@ -50,13 +50,15 @@ public:
     }
     void begin_exchange(std::span<const Outgoing> out, std::span<const Incoming> in) override {
       for (const Outgoing& numbers : out) {
-        const std::scoped_lock lock(all_.mutex_);
-        auto& box = all_.numbers_[{rank_, numbers.to}];
-        box.emplace_back(numbers.values.begin(), numbers.values.end());
-        all_.tamper_(rank_, box.back());
-        all_.sent_ += numbers.values.size();
-        ++all_.exchanges_;
-        all_.has_come_.notify_all();
+        {
+          const std::scoped_lock lock(all_.mutex_);
+          auto& box = all_.numbers_[{rank_, numbers.to}];
+          box.emplace_back(numbers.values.begin(), numbers.values.end());
+          all_.tamper_(rank_, box.back());
+          all_.sent_ += numbers.values.size();
+          ++all_.exchanges_;
+        }
+        all_.has_come_[static_cast<std::size_t>(numbers.to)].notify_one();
       }
       expected_.assign(in.begin(), in.end());
     }
@@ -64,7 +66,13 @@ public:
       for (const Incoming& numbers : expected_) {
         std::unique_lock lock(all_.mutex_);
         auto& box = all_.numbers_[{numbers.from, rank_}];
-        if (!all_.has_come_.wait_for(lock, std::chrono::seconds(60), [&box] { return !box.empty(); })) {
+        for (int turn = 0; box.empty() && turn < turns_before_sleep; ++turn) {  // going to sleep takes longer
+          lock.unlock();
+          std::this_thread::yield();
+          lock.lock();
+        }
+        if (!all_.has_come_[static_cast<std::size_t>(rank_)].wait_for(lock, std::chrono::seconds(60),
+                                                                      [&box] { return !box.empty(); })) {
           throw std::runtime_error("ranks wait for each other");
         }
         if (box.front().size() != numbers.values.size()) {
@@ -90,8 +98,10 @@ public:
   [[nodiscard]] std::size_t exchanges() const { return exchanges_; }
 
 private:
+  static constexpr int turns_before_sleep = 50;
+
   std::mutex mutex_;
-  std::condition_variable has_come_;
+  std::vector<std::condition_variable> has_come_;  ///< for each rank
   std::map<std::pair<int, int>, std::deque<std::vector<double>>> numbers_;
   Tamper tamper_ = [](int, std::vector<double>&) {};
   std::size_t sent_ = 0, exchanges_ = 0;
