@@ -8,6 +8,7 @@ endif()
 # The kernels of cmake/FormulaKernels.cmake, solve/block_qr_reduction_*.cpp and ode/stage_kernels_*.cpp have options of their
 # own.
 set(rubato_sources_loops
+  base/all_finite.cpp
   formula/evaluate.cpp formula/rolled_rounding.cpp
   ode/splitting_energies.cpp ode/splitting_lanes.cpp ode/state_kernels.cpp
   grids/arrays.cpp grids/box_operators.cpp grids/digit_sum.cpp grids/fourier.cpp grids/reductions.cpp grids/spectral_derivative.cpp grids/stencil.cpp

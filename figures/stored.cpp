@@ -6,6 +6,8 @@
 
 #include <fmt/format.h>
 
+#include <rubato/base/all_finite.hpp>
+
 namespace rubato::figures {
 
 namespace {
@@ -180,8 +182,7 @@ private:
         quantities.emplace(reader_, path, reader_.info(path).row_size());
       }
       for (std::size_t row = 0; row < rows; ++row) {
-        const bool defined =
-            !quantities || std::ranges::all_of(quantities->row(row), [](double value) { return std::isfinite(value); });
+        const bool defined = !quantities || all_finite(quantities->row(row));
         event.add(t.at(row), stops && stops->at(row) != 0.0, defined);
       }
       Column missed = column(group + "/missed", steps());

@@ -5,6 +5,8 @@
 #include <limits>
 #include <utility>
 
+#include <rubato/base/all_finite.hpp>
+
 namespace rubato {
 
 OrbitBetween::OrbitBetween(const Hamiltonian& hamiltonian, const SegmentLagrangian& lagrangian, bool starting_pair,
@@ -37,7 +39,7 @@ Status OrbitBetween::at(std::span<const double> z_k, std::span<const double> z_n
       }
     }
   }
-  const bool finite = std::ranges::all_of(out, [](double value) { return std::isfinite(value); });
+  const bool finite = all_finite(out);
   if (status != Status::success || !finite) {
     std::ranges::fill(out, std::numeric_limits<double>::quiet_NaN());
     return status == Status::success ? Status::undefined : status;

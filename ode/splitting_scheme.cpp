@@ -11,6 +11,7 @@
 
 #include <fmt/format.h>
 
+#include <rubato/base/all_finite.hpp>
 #include <rubato/formula/machine_code.hpp>
 #include <rubato/ode/node_law.hpp>
 #include <rubato/ode/separable.hpp>
@@ -85,7 +86,7 @@ public:
     there_->energy.reset();
     there_->node.reset();
     energy_ = whole_ ? by_whole(h) : (*passes_)(h, here_->numbers.data(), there_->numbers.data());
-    return std::isfinite(energy_) && all_finite(2 * n_, there_->z) ? Status::success : Status::undefined;
+    return std::isfinite(energy_) && all_finite(std::span(there_->z, 2 * n_)) ? Status::success : Status::undefined;
   }
 
   [[nodiscard]] double discrete_energy() const override { return energy_; }

@@ -1,9 +1,6 @@
 #include <rubato/ode/state_kernels.hpp>
 
-#include <bit>
 #include <cmath>
-#include <cstdint>
-#include <limits>
 
 #include <rubato/base/wide_vectors.hpp>
 
@@ -29,15 +26,6 @@ RUBATO_WIDE_VECTORS void middle_of_states(std::size_t n, const double* __restric
     middle[i] = mean;
     errors[i] = 2.0 * (std::abs(mean) + std::abs(there[i] - here[i]));
   }
-}
-
-RUBATO_WIDE_VECTORS bool all_finite(std::size_t n, const double* __restrict numbers) {
-  std::uint64_t largest = 0;
-  for (std::size_t i = 0; i < n; ++i) {
-    const std::uint64_t magnitude = std::bit_cast<std::uint64_t>(numbers[i]) << 1U;
-    largest = largest > magnitude ? largest : magnitude;
-  }
-  return largest < std::bit_cast<std::uint64_t>(std::numeric_limits<double>::infinity()) << 1U;
 }
 
 }  // namespace rubato

@@ -14,7 +14,5 @@ void add_to_state(std::size_t n, const double* delta, double* high, double* low)
 /// The middle of two states, and the bound of its error that a mean of rounded sums has, in units of u: 2(|middle| +
 /// |there - here|).
 void middle_of_states(std::size_t n, const double* here, const double* there, double* middle, double* errors);
-/// Whether all numbers are finite.
-[[nodiscard]] bool all_finite(std::size_t n, const double* numbers);
 
 }  // namespace rubato

@@ -12,6 +12,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <rubato/base/all_finite.hpp>
 #include <rubato/base/wide_vectors.hpp>
 #include <rubato/grids/box_operators.hpp>
 #include <rubato/grids/parallel.hpp>
@@ -526,7 +527,7 @@ LatticeLevel euler_box_level(const MultisymplecticSystem& system, const grids::G
       throw std::invalid_argument(
           fmt::format("the initial {} has {} values; the grid has {} nodes", name, values->size(), grid.size()));
     }
-    if (values && !std::ranges::all_of(*values, [](double x) { return std::isfinite(x); })) {
+    if (values && !all_finite(*values)) {
       throw std::invalid_argument(fmt::format("the initial {} is not finite everywhere", name));
     }
     if (values) {

@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <rubato/base/all_finite.hpp>
 #include <rubato/grids/resample.hpp>
 #include <rubato/problem/problem.hpp>
 #include <rubato/record/arrays.hpp>
@@ -34,7 +35,7 @@ std::optional<std::size_t> level_number(const record::ArrayFile& file, const std
     return std::nullopt;
   }
   const std::vector<double> t = file.read("t").values;
-  if (t.empty() || !std::ranges::all_of(t, [](double time) { return std::isfinite(time); })) {
+  if (t.empty() || !all_finite(t)) {
     refuse_array(location, from, "t has no times, or one that is not finite");
   }
   if (!at) {
@@ -90,7 +91,7 @@ void check_nodes(const record::ArrayFile& file, const grids::Axis& axis, const s
 
 void check_finite(const record::Array& array, const std::string& name, const std::string& from,
                   const Location& location) {
-  if (!std::ranges::all_of(array.values, [](double value) { return std::isfinite(value); })) {
+  if (!all_finite(array.values)) {
     refuse_array(location, from, fmt::format("{} has a value that is not finite", name));
   }
 }

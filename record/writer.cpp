@@ -11,7 +11,7 @@
 
 #include <fmt/format.h>
 
-#include <rubato/base/wide_vectors.hpp>
+#include <rubato/base/all_finite.hpp>
 #include <rubato/record/detail/checksum.hpp>
 #include <rubato/record/detail/chunks.hpp>
 #include <rubato/record/detail/files.hpp>
@@ -113,23 +113,6 @@ std::vector<Gathered> columns_of(const Layout& layout, std::size_t buffer_bytes)
         std::min(buffer_bytes,
                  (buffer_bytes / std::max<std::size_t>(level_bytes, 1) + 1 + column.chunk_rows) * column.row_bytes));
   return columns;
-}
-
-RUBATO_WIDE_VECTORS bool are_finite(std::span<const double> values) {
-  constexpr std::size_t lanes = sizeof(EightLanes) / sizeof(double);
-  EightLanes poison = {};  // 0 x is no number where x is none, or infinite
-  std::size_t i = 0;
-  for (; i + lanes <= values.size(); i += lanes) {
-    EightLanes some;
-    std::memcpy(&some, values.data() + i, sizeof some);
-    poison += 0.0 * some;
-  }
-  double sum = 0.0;
-  for (std::size_t l = 0; l < lanes; ++l)
-    sum += poison[l];
-  for (; i < values.size(); ++i)
-    sum += 0.0 * values[i];
-  return sum == 0.0;
 }
 
 /// Fewer bytes are not worth looking whether their chunks can be written as they are.
@@ -446,7 +429,7 @@ private:
   }
   /// A row, or a part of one.
   void add(Gathered& column, std::span<const double> values, const Checksum* checksum = nullptr) {
-    if (!column.description.may_be_undefined && !are_finite(values))
+    if (!column.description.may_be_undefined && !all_finite(values))
       for (std::size_t i = 0; i < values.size(); ++i)
         if (!std::isfinite(values[i]))
           throw NotFinite(column.description, column.appended, column.begun() / sizeof(double) + i, values[i]);

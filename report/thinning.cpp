@@ -9,6 +9,7 @@
 
 #include <fmt/format.h>
 
+#include <rubato/base/all_finite.hpp>
 #include <rubato/base/limits.hpp>
 
 namespace rubato::report {
@@ -57,7 +58,7 @@ std::vector<std::size_t> envelope_within(std::span<const double> y, std::size_t 
   if (y.size() <= points) {
     return envelope(y, y.size() + 1);
   }
-  const bool has_gaps = !std::ranges::all_of(y, [](double value) { return std::isfinite(value); });
+  const bool has_gaps = !all_finite(y);
   return envelope(y, (points - 2) / (has_gaps ? 3 : 2));  // with both ends
 }
 

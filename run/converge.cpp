@@ -9,6 +9,7 @@
 
 #include <fmt/format.h>
 
+#include <rubato/base/all_finite.hpp>
 #include <rubato/figures/text.hpp>
 #include <rubato/grids/resample.hpp>
 #include <rubato/problem/effective.hpp>
@@ -177,7 +178,7 @@ double difference(const std::vector<double>& a, const std::vector<double>& b) {
 Refinement compare(const std::vector<double>& whole, const std::vector<double>& half,
                    const std::vector<double>& quarter, double size) {
   for (const std::vector<double>* values : {&whole, &half, &quarter}) {
-    if (!std::ranges::all_of(*values, [](double value) { return std::isfinite(value); })) {
+    if (!all_finite(*values)) {
       constexpr double unknown = std::numeric_limits<double>::quiet_NaN();
       return {.coarse = unknown, .fine = unknown};
     }

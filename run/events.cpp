@@ -5,6 +5,8 @@
 
 #include <fmt/format.h>
 
+#include <rubato/base/all_finite.hpp>
+
 namespace rubato {
 
 EventTeller::EventTeller(const Problem& problem)
@@ -104,7 +106,7 @@ void EventTeller::append_row(RowSink& sink, std::size_t event, const OutputStep&
   if (!problem_.events[event].quantities.empty()) {
     const std::vector<double> values = finder_->quantities(event, t);
     sink.append(columns.quantities, std::span<const double>(values));
-    defined = std::ranges::all_of(values, [](double value) { return std::isfinite(value); });
+    defined = all_finite(values);
   }
   figures.value.add(t, stops, defined);
 }

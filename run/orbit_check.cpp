@@ -12,6 +12,7 @@
 
 #include <fmt/format.h>
 
+#include <rubato/base/all_finite.hpp>
 #include <rubato/ode/discrete_lagrangian.hpp>
 #include <rubato/ode/integrate.hpp>
 #include <rubato/problem/formula_table.hpp>
@@ -54,10 +55,6 @@ private:
   std::size_t n_;
   StoredRows q_, p_;
 };
-
-bool all_finite(const std::vector<double>& values) {
-  return std::ranges::all_of(values, [](double value) { return std::isfinite(value); });
-}
 
 class OrbitCheck {
 public:

@@ -6,6 +6,7 @@
 
 #include <fmt/core.h>
 
+#include <rubato/base/all_finite.hpp>
 #include <rubato/solve/elimination.hpp>
 
 namespace rubato::solve {
@@ -25,7 +26,7 @@ void BandSolver::clear() {
 }
 
 Status BandSolver::factor() {
-  if (!std::ranges::all_of(entries_, [](double value) { return std::isfinite(value); })) {
+  if (!all_finite(entries_)) {
     return Status::undefined;
   }
   const std::size_t along = stride_ - 1;  // from one column to the next within a row

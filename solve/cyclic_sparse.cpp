@@ -5,15 +5,13 @@
 
 #include <Eigen/SparseLU>
 
+#include <rubato/base/all_finite.hpp>
+
 namespace rubato::solve {
 namespace {
 
-bool all_finite(const double* values, std::size_t count) {
-  return values == nullptr || std::all_of(values, values + count, [](double v) { return std::isfinite(v); });
-}
-
-bool all_finite(std::span<const double> values) {
-  return all_finite(values.data(), values.size());
+bool column_is_finite(const double* values, std::size_t count) {
+  return values == nullptr || all_finite(std::span(values, count));
 }
 
 double value_of(const CyclicCoefficient& c, std::size_t i) {
@@ -25,16 +23,16 @@ double value_of(const CyclicCoefficient& c, std::size_t i) {
 bool cyclic_is_finite(const CyclicBidiagonal& a, const CyclicBorder& border, std::span<const double* const> rhs,
                       std::span<const double> border_rhs) {
   const auto finite = [&](const CyclicCoefficient& c) {
-    return std::isfinite(c.constant) && all_finite(c.values, a.cells);
+    return std::isfinite(c.constant) && column_is_finite(c.values, a.cells);
   };
   return all_finite(a.left) && all_finite(a.right) && all_finite(border.corner) && all_finite(border_rhs) &&
          std::all_of(a.entries.begin(), a.entries.end(),
                      [&](const CyclicEntry& e) {
-                       return all_finite(e.values, a.cells) && std::isfinite(e.left) && std::isfinite(e.right);
+                       return column_is_finite(e.values, a.cells) && std::isfinite(e.left) && std::isfinite(e.right);
                      }) &&
          std::all_of(border.columns.begin(), border.columns.end(), finite) &&
          std::all_of(border.rows.begin(), border.rows.end(), finite) &&
-         std::all_of(rhs.begin(), rhs.end(), [&](const double* r) { return all_finite(r, a.cells); });
+         std::all_of(rhs.begin(), rhs.end(), [&](const double* r) { return column_is_finite(r, a.cells); });
 }
 
 Status solve_cyclic_by_sparse_lu(const CyclicBidiagonal& a, const CyclicBorder& border,

@@ -9,6 +9,7 @@
 
 #include <fmt/format.h>
 
+#include <rubato/base/all_finite.hpp>
 #include <rubato/base/wide_vectors.hpp>
 #include <rubato/grids/reductions.hpp>
 #include <rubato/grids/slab.hpp>
@@ -299,7 +300,7 @@ private:
   [[nodiscard]] bool is_finite(const grids::FieldSet& fields) {
     std::ranges::transform(pairs_, momenta_.begin(), [&](const MovingPair& pair) { return fields.field(pair.v); });
     grids::max_abs(momenta_, largest_);
-    return std::ranges::all_of(largest_, [](double value) { return std::isfinite(value); });
+    return all_finite(largest_);
   }
 
   std::vector<MovingPair> pairs_;
