@@ -171,10 +171,13 @@ void SpectralDerivative::operator()(int axis, std::span<const double* const> in,
           starts[l] = start(first + l);
         }
         const double* from = in[field];
-        for (std::size_t l = 0; stride == 1 && l < count; ++l) {
-          std::copy_n(from + starts[l], n, lines + l * padded);
+        if (stride == 1) {
+          for (std::size_t l = 0; l < count; ++l) {
+            std::copy_n(from + starts[l], n, lines + l * padded);
+          }
+          return;
         }
-        for (std::size_t i = 0; stride > 1 && i < n; ++i) {
+        for (std::size_t i = 0; i < n; ++i) {
           for (std::size_t l = 0; l < count; ++l) {
             lines[l * padded + i] = from[starts[l] + i * stride];
           }
@@ -186,10 +189,13 @@ void SpectralDerivative::operator()(int axis, std::span<const double* const> in,
           starts[l] = start(first + l);
         }
         double* to = out[field];
-        for (std::size_t l = 0; stride == 1 && l < count; ++l) {
-          std::copy_n(lines + l * padded, n, to + starts[l]);
+        if (stride == 1) {
+          for (std::size_t l = 0; l < count; ++l) {
+            std::copy_n(lines + l * padded, n, to + starts[l]);
+          }
+          return;
         }
-        for (std::size_t i = 0; stride > 1 && i < n; ++i) {
+        for (std::size_t i = 0; i < n; ++i) {
           for (std::size_t l = 0; l < count; ++l) {
             to[starts[l] + i * stride] = lines[l * padded + i];
           }

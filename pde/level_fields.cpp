@@ -4,17 +4,11 @@
 
 #include <rubato/base/wide_vectors.hpp>
 #include <rubato/grids/parallel.hpp>
+#include <rubato/pde/wave_loops.hpp>
 
 namespace rubato {
 
 namespace {
-
-RUBATO_WIDE_VECTORS void halve_changes(const double* change, std::size_t begin, std::size_t end, double* z) {
-#pragma GCC ivdep
-  for (std::size_t n = begin; n < end; ++n) {
-    z[n] = 0.5 * change[n];
-  }
-}
 
 /// z += change, with what rounding has left out of z so far, which `rest_of` becomes.
 RUBATO_WIDE_VECTORS void add_changes(const double* change, std::size_t begin, std::size_t end, double* z,
@@ -39,7 +33,7 @@ void add_increment(const grids::FieldSet& delta, const std::vector<bool>& at_mid
     const bool midpoint = at_midpoints[static_cast<std::size_t>(f)];
     grids::for_each_block(delta.size(), grids::nodes_per_block, [=](std::size_t begin, std::size_t end) {
       if (midpoint) {
-        halve_changes(change, begin, end, z);
+        multiply(0.5, change + begin, end - begin, z + begin);
       } else {
         add_changes(change, begin, end, z, rest_of);
       }

@@ -5,18 +5,11 @@
 
 #include <rubato/base/wide_vectors.hpp>
 #include <rubato/grids/slab.hpp>
+#include <rubato/pde/wave_loops.hpp>
 
 namespace rubato {
 
 namespace {
-
-RUBATO_WIDE_VECTORS void scale_rates(double factor, const double* from, std::size_t begin, std::size_t end,
-                                     double* to) {
-#pragma GCC ivdep
-  for (std::size_t i = begin; i < end; ++i) {
-    to[i] = factor * from[i];
-  }
-}
 
 /// to = keep to + Σ_s w_s from_s, at these nodes.
 RUBATO_WIDE_VECTORS void add_weighted_rates(const double* w, const double* const* from, double keep, std::size_t begin,
@@ -45,8 +38,9 @@ void LevelHistory::record(double time, double h, const grids::FieldSet& delta) {
     const double factor = at_midpoints_[static_cast<std::size_t>(f)] ? 0.5 : 1.0 / h;
     const double* in = delta.field(f).data();
     double* out = sample.rate.field(f).data();
-    grids::for_each_block(delta.size(), grids::nodes_per_block,
-                          [=](std::size_t begin, std::size_t end) { scale_rates(factor, in, begin, end, out); });
+    grids::for_each_block(delta.size(), grids::nodes_per_block, [=](std::size_t begin, std::size_t end) {
+      multiply(factor, in + begin, end - begin, out + begin);
+    });
   }
   known_ = std::min(known_ + 1, most);
 }

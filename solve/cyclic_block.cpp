@@ -14,6 +14,7 @@
 #include <rubato/base/limits.hpp>
 #include <rubato/base/wide_vectors.hpp>
 #include <rubato/grids/buffer.hpp>
+#include <rubato/grids/largest.hpp>
 #include <rubato/grids/parallel.hpp>
 #include <rubato/grids/reductions.hpp>
 #include <rubato/grids/slab.hpp>
@@ -107,30 +108,11 @@ void for_each_residual(const CyclicBidiagonal& a, const CyclicBorder& border, co
   });
 }
 
-/// max |values[i]|, eight side by side; infinity if one of them is not finite.
-RUBATO_WIDE_VECTORS double largest_in_block(const double* values, std::size_t count) {
-  constexpr std::size_t lanes = 8;
-  double sizes[lanes] = {};
-  double poison[lanes] = {};  // 0 · x is NaN when x is not finite
-  const auto take = [&](std::size_t lane, double value) {
-    const double size = std::abs(value);
-    sizes[lane] = size > sizes[lane] ? size : sizes[lane];
-    poison[lane] += 0.0 * size;
-  };
-  std::size_t i = 0;
-  for (; i + lanes <= count; i += lanes) {
-    for (std::size_t l = 0; l < lanes; ++l) {
-      take(l, values[i + l]);
-    }
-  }
-  for (; i < count; ++i) {
-    take(0, values[i]);
-  }
-  double largest = 0.0;
-  for (std::size_t l = 0; l < lanes; ++l) {
-    largest = poison[l] == 0.0 ? std::max(largest, sizes[l]) : std::numeric_limits<double>::infinity();
-  }
-  return largest;
+/// max |values[i]|; infinity if one of them is not finite.
+double largest_in_block(const double* values, std::size_t count) {
+  double poison = 0.0;
+  const double largest = grids::largest_magnitude(values, count, poison);
+  return poison == 0.0 ? largest : std::numeric_limits<double>::infinity();
 }
 
 double largest_of(const double* values, std::size_t count) {
