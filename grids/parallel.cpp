@@ -9,18 +9,11 @@
 
 namespace rubato::grids {
 
-namespace {
-
-/// Is there somebody to share with? Within a region of others (members of an ensemble) every thread has work of its
-/// own.
-bool has_threads() {
-  return omp_get_max_threads() > 1 && omp_in_parallel() == 0;
-}
-
-}  // namespace
-
-void detail::for_each_index(std::size_t count, void (*call)(void*, std::size_t, std::size_t), void* function) {
-  if (!has_threads()) {
+void detail::for_each_index(std::size_t count, bool worth_threads, void (*call)(void*, std::size_t, std::size_t),
+                            void* function) {
+  // A parallel region costs about a microsecond even where it has one thread, whose barrier is a call of the system.
+  // Within a region of others (members of an ensemble) every thread has work of its own.
+  if (!worth_threads || omp_get_max_threads() == 1 || omp_in_parallel() != 0) {
     for (std::size_t index = 0; index < count; ++index) {
       call(function, index, 0);
     }
@@ -29,23 +22,6 @@ void detail::for_each_index(std::size_t count, void (*call)(void*, std::size_t, 
 #pragma omp parallel for schedule(static)
   for (std::ptrdiff_t index = 0; index < static_cast<std::ptrdiff_t>(count); ++index) {
     call(function, static_cast<std::size_t>(index), static_cast<std::size_t>(omp_get_thread_num()));
-  }
-}
-
-void detail::for_each_block(std::size_t count, std::size_t block, void (*call)(void*, std::size_t, std::size_t),
-                            void* function) {
-  const auto blocks = static_cast<std::ptrdiff_t>((count + block - 1) / block);
-  // A parallel region costs about a microsecond even where it has one thread, whose barrier is a call of the system.
-  if (blocks <= 1 || !has_threads()) {
-    for (std::size_t begin = 0; begin < count; begin += block) {
-      call(function, begin, std::min(begin + block, count));
-    }
-    return;
-  }
-#pragma omp parallel for schedule(static)
-  for (std::ptrdiff_t b = 0; b < blocks; ++b) {
-    const std::size_t begin = static_cast<std::size_t>(b) * block;
-    call(function, begin, std::min(begin + block, count));
   }
 }
 
@@ -62,9 +38,6 @@ void parallel_fill(double* values, std::size_t count, double value) {
 
 int thread_count() {
   return omp_get_max_threads();
-}
-int thread_number() {
-  return omp_get_thread_num();
 }
 
 }  // namespace rubato::grids

@@ -103,8 +103,8 @@ struct SpectralDerivative::Storage {
                  const Write& write) {
     const std::size_t groups = (lines + together - 1) / together;
     for_each_block(fields * groups, std::max<std::size_t>(1, nodes_per_block / (n * direction.lines)),
-                   [&](std::size_t begin, std::size_t end) {
-                     double* space = workspaces[thread_number()].data();
+                   [&](std::size_t begin, std::size_t end, std::size_t thread) {
+                     double* space = workspaces[thread].data();
                      for (std::size_t unit = begin; unit < end; ++unit) {
                        const std::size_t field = unit / groups, first = unit % groups * together;
                        const std::size_t count = std::min(together, lines - first);

@@ -147,11 +147,11 @@ void NodeLaws::prepare_workspaces() {
 template <typename Use>
 void NodeLaws::for_each_block_of_nodes(Use&& use) {
   prepare_workspaces();
-  grids::for_each_block(blocks_.count(), blocks_at_once, [&](std::size_t first, std::size_t last) {
+  grids::for_each_block(blocks_.count(), blocks_at_once, [&](std::size_t first, std::size_t last, std::size_t thread) {
     for (std::size_t block = first; block < last; ++block) {
       const std::size_t line = block / blocks_.per_line, begin = block % blocks_.per_line * CellBlocks::most;
-      use(workspaces_[static_cast<std::size_t>(grids::thread_number())], line, begin,
-          std::min(CellBlocks::most, blocks_.line - begin), line * blocks_.line + begin);
+      use(workspaces_[thread], line, begin, std::min(CellBlocks::most, blocks_.line - begin),
+          line * blocks_.line + begin);
     }
   });
 }

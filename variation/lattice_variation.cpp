@@ -61,8 +61,7 @@ public:
       in_.emplace_back(inputs.size());
       out_.emplace_back(outputs.size());
     }
-    grids::for_each_block(cells, piece, [&](std::size_t begin, std::size_t end) {
-      const auto thread = static_cast<std::size_t>(grids::thread_number());
+    grids::for_each_block(cells, piece, [&](std::size_t begin, std::size_t end, std::size_t thread) {
       for (std::size_t j = 0; j < inputs.size(); ++j) {
         in_[thread][j] = inputs[j] + begin;
       }

@@ -80,15 +80,16 @@ void NodeCode::Workspace::fill(std::size_t input, double value) {
 
 void NodeCode::operator()(std::size_t begin, std::size_t end, std::span<double* const> outputs) {
   const std::size_t line = cells_[0];
-  grids::for_each_block(end - begin, grids::nodes_per_block, [&](std::size_t first, std::size_t last) {
-    Workspace& work = workspaces_[static_cast<std::size_t>(grids::thread_number())];
-    for (std::size_t node = begin + first; node < begin + last;) {
-      const std::size_t place = node % line;
-      const std::size_t count = std::min({piece, line - place, begin + last - node});
-      evaluate(work, node / line, place, count, outputs);
-      node += count;
-    }
-  });
+  grids::for_each_block(end - begin, grids::nodes_per_block,
+                        [&](std::size_t first, std::size_t last, std::size_t thread) {
+                          Workspace& work = workspaces_[thread];
+                          for (std::size_t node = begin + first; node < begin + last;) {
+                            const std::size_t place = node % line;
+                            const std::size_t count = std::min({piece, line - place, begin + last - node});
+                            evaluate(work, node / line, place, count, outputs);
+                            node += count;
+                          }
+                        });
 }
 
 void NodeCode::evaluate(Workspace& work, std::size_t line, std::size_t begin, std::size_t count,

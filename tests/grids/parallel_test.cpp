@@ -56,9 +56,9 @@ TEST_CASE("Threads of one loop do loops of their own alone") {
       sums[member] += index;
       alone[member] = alone[member] != 0 && thread == 0 && std::this_thread::get_id() == own;
     });
-    grids::for_each_block(count, 10, [&](std::size_t begin, std::size_t end) {
+    grids::for_each_block(count, 10, [&](std::size_t begin, std::size_t end, std::size_t thread) {
       sums[member] += end - begin;
-      alone[member] = alone[member] != 0 && std::this_thread::get_id() == own;
+      alone[member] = alone[member] != 0 && thread == 0 && std::this_thread::get_id() == own;
     });
   });
   for (std::size_t member = 0; member < members; ++member) {
