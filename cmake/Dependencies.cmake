@@ -1,4 +1,42 @@
 # Every package the product needs, found once. Debian's names are in packages.txt beside this file.
+include(CheckCXXSourceCompiles)
+
+# rubato_link(<target> <name> SOURCE <source> SHARED <libraries or targets> [STATIC <libraries>…] [INCLUDES <folders>…]).
+# To load shared libraries is a good part of what a short run takes. Programs of ours, targets with RUBATO_OWN_LIBRARIES,
+# have the static ones in themselves, of which they link what they use, if <source> can be linked with these: what they need
+# may be missing, or not be named. RUBATO_<name>_IS_STATIC says so. Others that link rubato may be libraries, and have the
+# shared ones.
+function(rubato_link target name)
+  cmake_parse_arguments(PARSE_ARGV 2 arg "" "SOURCE" "SHARED;STATIC;INCLUDES")
+  set(CMAKE_REQUIRED_INCLUDES ${arg_INCLUDES})
+  set(CMAKE_REQUIRED_LIBRARIES ${arg_STATIC})
+  if(arg_STATIC)
+    check_cxx_source_compiles("${arg_SOURCE}" RUBATO_${name}_IS_STATIC)
+  endif()
+  set(libraries ${arg_SHARED})
+  if(arg_STATIC AND RUBATO_${name}_IS_STATIC)
+    set(own $<BOOL:$<TARGET_PROPERTY:RUBATO_OWN_LIBRARIES>>)
+    set(libraries $<IF:${own},${arg_STATIC},${arg_SHARED}>)
+    target_link_options(${target} INTERFACE "$<BUILD_INTERFACE:$<${own}:LINKER:--as-needed>>")
+  endif()
+  target_link_libraries(${target} INTERFACE "$<BUILD_INTERFACE:${libraries}>" "$<INSTALL_INTERFACE:${arg_SHARED}>")
+endfunction()
+
+# rubato_archives(<variable> <names> <libraries>…): those libraries, static ones in place of the shared ones of which the
+# name is one of <names>, a|b|c, and beside which they lie.
+function(rubato_archives variable names)
+  set(archives)
+  foreach(library IN LISTS ARGN)
+    string(REGEX REPLACE "(/lib(${names}))\\.so$" "\\1.a" archive "${library}")
+    if(EXISTS "${archive}")
+      list(APPEND archives "${archive}")
+    else()
+      list(APPEND archives "${library}")
+    endif()
+  endforeach()
+  set(${variable} ${archives} PARENT_SCOPE)
+endfunction()
+
 find_package(fmt REQUIRED)
 find_package(Eigen3 3.4 REQUIRED NO_MODULE)
 find_package(OpenMP REQUIRED COMPONENTS CXX)
@@ -24,12 +62,21 @@ if(RUBATO_JIT AND CMAKE_SYSTEM_PROCESSOR MATCHES "^(x86_64|AMD64|amd64)$")
 endif()
 install(TARGETS rubato_asmjit EXPORT rubato-targets)
 
+# OpenMP's own library looks at the environment when it is loaded: one that a program has in itself can be told before.
+add_library(rubato_openmp INTERFACE)
+set_target_properties(rubato_openmp PROPERTIES EXPORT_NAME openmp)
+rubato_archives(archives gomp ${OpenMP_CXX_LIBRARIES})
+rubato_link(rubato_openmp OPENMP SHARED OpenMP::OpenMP_CXX STATIC ${archives}
+  SOURCE "extern \"C\" int omp_get_max_threads(); int main() { return omp_get_max_threads(); }")
+install(TARGETS rubato_openmp EXPORT rubato-targets)
+
 find_package(PkgConfig REQUIRED)
 pkg_check_modules(FFTW REQUIRED fftw3)   # Debian's FFTW has no CMake config file
-find_library(FFTW_OMP fftw3_omp HINTS ${FFTW_LIBRARY_DIRS} REQUIRED)
 add_library(rubato_fftw INTERFACE)
 set_target_properties(rubato_fftw PROPERTIES EXPORT_NAME fftw)
-target_link_libraries(rubato_fftw INTERFACE ${FFTW_OMP} ${FFTW_LINK_LIBRARIES})
+rubato_archives(archives fftw3 ${FFTW_LINK_LIBRARIES})
+rubato_link(rubato_fftw FFTW SHARED ${FFTW_LINK_LIBRARIES} STATIC ${archives} m
+  SOURCE "extern \"C\" void fftw_cleanup(); int main() { fftw_cleanup(); }")
 install(TARGETS rubato_fftw EXPORT rubato-targets)
 
 if(RUBATO_MPI)
@@ -60,33 +107,22 @@ endif()
 add_library(rubato_hdf5 INTERFACE)
 set_target_properties(rubato_hdf5 PROPERTIES EXPORT_NAME hdf5)
 target_include_directories(rubato_hdf5 INTERFACE $<BUILD_INTERFACE:${HDF5_INCLUDE_DIRS}>)
-# HDF5 may read from the web, and its shared library loads all that takes: thirty libraries, half the time that a short
-# run takes. A program has the static one in its place, where there is one, of which it links what it uses: targets with
-# RUBATO_OWN_HDF5. Others that link rubato, and may be libraries, have the shared one.
+# HDF5 may read from the web, and its shared library loads all that takes: thirty libraries.
 set(libraries ${HDF5_HL_LIBRARIES} ${HDF5_LIBRARIES})
-set(own ${libraries})
+set(archives)
 if(NOT RUBATO_MPI)
-  list(TRANSFORM own REPLACE "(/libhdf5[^/]*)\\.so$" "\\1.a")
+  set(names "hdf5|hdf5_hl|z")
+  find_library(AEC_ARCHIVE libaec.a)   # what sz is made of
+  if(AEC_ARCHIVE)
+    string(APPEND names "|sz")
+  endif()
+  rubato_archives(archives "${names}" ${libraries})
+  list(TRANSFORM archives REPLACE "^(.*/libsz\\.a)$" "\\1;${AEC_ARCHIVE}")
 endif()
-if(NOT "${own}" STREQUAL "${libraries}")
-  include(CheckCXXSourceCompiles)   # what the static one needs may be missing, or not be named
-  set(CMAKE_REQUIRED_INCLUDES ${HDF5_INCLUDE_DIRS})
-  set(CMAKE_REQUIRED_LIBRARIES ${own})
-  check_cxx_source_compiles("
+rubato_link(rubato_hdf5 HDF5 SHARED ${libraries} STATIC ${archives} INCLUDES ${HDF5_INCLUDE_DIRS} SOURCE "
     #include <hdf5.h>
     #include <hdf5_hl.h>
-    int main() { return H5open() + H5Fclose(H5Fcreate(\"a\", 0, 0, 0)) + H5DSset_scale(H5Dopen2(0, \"a\", 0), \"a\"); }"
-    RUBATO_HDF5_IS_STATIC)
-  unset(CMAKE_REQUIRED_INCLUDES)
-  unset(CMAKE_REQUIRED_LIBRARIES)
-  if(NOT RUBATO_HDF5_IS_STATIC)
-    set(own ${libraries})
-  endif()
-endif()
-set(chosen $<BOOL:$<TARGET_PROPERTY:RUBATO_OWN_HDF5>>)
-target_link_libraries(rubato_hdf5 INTERFACE
-  "$<BUILD_INTERFACE:$<IF:${chosen},${own},${libraries}>>" "$<INSTALL_INTERFACE:${libraries}>")
-target_link_options(rubato_hdf5 INTERFACE "$<BUILD_INTERFACE:$<${chosen}:LINKER:--as-needed>>")
+    int main() { return H5open() + H5Fclose(H5Fcreate(\"a\", 0, 0, 0)) + H5DSset_scale(H5Dopen2(0, \"a\", 0), \"a\"); }")
 if(RUBATO_MPI AND HDF5_IS_PARALLEL)
   target_link_libraries(rubato_hdf5 INTERFACE rubato_mpi)
 endif()

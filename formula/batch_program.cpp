@@ -74,7 +74,7 @@ std::shared_ptr<const BatchProgram> BatchProgram::compile(const Bytecode& code, 
 }
 
 BatchProgram::Function BatchProgram::at(std::size_t offset) const {
-  return std::bit_cast<Function>(static_cast<std::byte*>(memory_.begin()) + offset);
+  return std::bit_cast<Function>(memory_.begin() + offset);
 }
 
 BatchProgram::Function BatchProgram::in_one_go(std::size_t points) const {

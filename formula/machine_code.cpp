@@ -16,7 +16,7 @@ const MachineCode* Bytecode::machine_code() const {
 }
 
 MachineCode::Function MachineCode::function() const {
-  return std::bit_cast<Function>(static_cast<std::byte*>(memory_.begin()) + layout_.entry);
+  return std::bit_cast<Function>(memory_.begin() + layout_.entry);
 }
 
 MachineCode::Function MachineCode::whole() const {

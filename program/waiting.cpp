@@ -21,6 +21,15 @@ namespace {
 /// machine 20,000 cost nothing that could be measured, 4000 a third.
 constexpr const char* looks = "20000";
 
+#ifdef RUBATO_OWN_OPENMP
+/// An OpenMP that the program has in itself reads its environment after this.
+[[gnu::constructor(101)]] void say_how_to_wait() {
+  if (std::getenv("OMP_WAIT_POLICY") == nullptr) {
+    setenv("GOMP_SPINCOUNT", looks, 0);
+  }
+}
+#endif
+
 using Words = std::span<char* const>;
 
 /// Those of main().
