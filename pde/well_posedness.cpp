@@ -91,15 +91,24 @@ std::vector<Complex> roots_of_monic(const std::vector<Complex>& a) {
   return roots;
 }
 
-/// e^{2πi m/n}.
-Complex unit_root(std::size_t m, std::size_t n) {
-  return std::polar(1.0, 2.0 * std::numbers::pi * static_cast<double>(m % n) / static_cast<double>(n));
+/// e^{2πi m/n}, m = 0, …, n - 1.
+std::vector<Complex> unit_roots(std::size_t n) {
+  std::vector<Complex> roots;
+  for (std::size_t m = 0; m < n; ++m) {
+    roots.push_back(std::polar(1.0, 2.0 * std::numbers::pi * static_cast<double>(m) / static_cast<double>(n)));
+  }
+  return roots;
 }
 
 /// Σ c_j σ^j, found from values on circles. Numbers of any size: each with a logarithm of its own.
 class Polynomial {
 public:
-  explicit Polynomial(std::size_t size) : coefficient_(size, 0.0), logarithm_(size, 0.0), share_(size, significant) {}
+  /// \param circle unit_roots(size of the polynomial), which it reads
+  explicit Polynomial(const std::vector<Complex>& circle)
+      : circle_(circle),
+        coefficient_(circle.size(), 0.0),
+        logarithm_(circle.size(), 0.0),
+        share_(circle.size(), significant) {}
 
   [[nodiscard]] std::size_t size() const { return coefficient_.size(); }
 
@@ -109,12 +118,16 @@ public:
     if (!std::isfinite(largest)) {
       return;
     }
+    std::vector<Complex> scaled;
+    for (std::size_t m = 0; m < size(); ++m) {
+      scaled.push_back(values[m] * std::exp(logs[m] - largest));
+    }
     std::vector<Complex> terms;  // c_j radius^j / e^largest
     double most = 0.0;
     for (std::size_t j = 0; j < size(); ++j) {
       Complex sum = 0.0;
       for (std::size_t m = 0; m < size(); ++m) {
-        sum += values[m] * std::exp(logs[m] - largest) * std::conj(unit_root(j * m, size()));
+        sum += scaled[m] * std::conj(circle_[j * m % size()]);
       }
       terms.push_back(sum / static_cast<double>(size()));
       most = std::max(most, std::abs(terms.back()));
@@ -175,6 +188,7 @@ private:
     return low;
   }
 
+  const std::vector<Complex>& circle_;
   std::vector<Complex> coefficient_;
   std::vector<double> logarithm_;  ///< of a factor beside each
   std::vector<double> share_;      ///< of the circle that showed it best
@@ -184,13 +198,15 @@ private:
 class Pencil {
 public:
   Pencil(const MatrixXd& M, const MatrixXd& kernel)
-      : Z_(basis_with_kernel(kernel, M.rows())), M_(congruent(Z_, M.cast<Complex>())) {}
+      : Z_(basis_with_kernel(kernel, M.rows())),
+        M_(congruent(Z_, M.cast<Complex>())),
+        circle_(unit_roots(static_cast<std::size_t>(M.rows()) + 1)) {}
 
   /// The polynomial det(σM - B) is known by its values on circles, each of which shows the coefficients that matter
   /// there; one more, through the roots' geometric mean, shows those of roots alike in size best.
   [[nodiscard]] std::vector<Complex> roots(const MatrixXcd& matrix) const {
     const MatrixXcd B = congruent(Z_, matrix);
-    Polynomial polynomial(static_cast<std::size_t>(M_.rows()) + 1);
+    Polynomial polynomial(circle_);
     for (int power = -8; power <= 24; power += 2) {
       observe(polynomial, std::pow(10.0, power), B);
     }
@@ -231,11 +247,10 @@ private:
   }
 
   void observe(Polynomial& polynomial, double radius, const MatrixXcd& B) const {
-    const std::size_t count = polynomial.size();
     std::vector<Complex> values;
     std::vector<double> logs;
-    for (std::size_t m = 0; m < count; ++m) {
-      const auto [value, log] = determinant(radius * unit_root(m, count) * M_ - B);
+    for (const Complex& root : circle_) {
+      const auto [value, log] = determinant(radius * root * M_ - B);
       values.push_back(value);
       logs.push_back(log);
     }
@@ -244,6 +259,7 @@ private:
 
   MatrixXd Z_;
   MatrixXcd M_;
+  std::vector<Complex> circle_;
 };
 
 /// The axes and, in more dimensions, the diagonals, as factors of the largest wave number along each.

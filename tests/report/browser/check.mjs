@@ -1,6 +1,7 @@
 // Opens the pages of make_pages in a headless browser and looks at them as a reader would:
-//   node check.mjs FOLDER_OF_PLAYWRIGHT CHROMIUM FOLDER_OF_PAGES
-// Pages named broken-… are wrong in one way each: the same checks have to find it.
+//   node check.mjs FOLDER_OF_PLAYWRIGHT CHROMIUM FOLDER_OF_PAGES [all]
+// Pages named broken-… are wrong in one way each: the same checks have to find it. Without `all` those are left out that show
+// nothing that others do not, in other numbers or the other scheme.
 
 import { createRequire } from "node:module";
 import { mkdtempSync, readdirSync, rmSync } from "node:fs";
@@ -8,7 +9,7 @@ import { tmpdir } from "node:os";
 import { join } from "node:path";
 import { pathToFileURL } from "node:url";
 
-const [, , playwright, executablePath, folder] = process.argv;
+const [, , playwright, executablePath, folder, which] = process.argv;
 const { chromium } = createRequire(join(playwright, "index.js"))("playwright-core");
 
 /** What each broken page has to be found out by. */
@@ -36,7 +37,9 @@ const defineReading = () => {
 };
 
 /** Pages that show all there is; they are looked at in the dark scheme, too. */
-const inTheDark = ["orbit", "bodies", "comparison", "lattice", "holes", "quiet", "plane"];
+const inTheDark = which === "all" ? ["orbit", "bodies", "comparison", "lattice", "holes", "quiet", "plane"] : ["orbit", "holes"];
+/** Pages that show what others show, in other numbers. */
+const moreOfTheSame = which === "all" ? [] : ["short", "section", "huge", "tiny", "long-orbit", "large-lattice", "lattice-comparison"];
 
 /** How many colours each canvas has that is not merely a layer for cursors, counted to ten. */
 const coloursOfCanvases = () => [...document.querySelectorAll(".plane canvas:first-child, .uplot canvas")].map((canvas) => {
@@ -428,7 +431,8 @@ async function withBrowser(colorScheme, use) {
   }
 }
 
-const names = readdirSync(folder).filter((file) => file.endsWith(".html")).map((file) => file.replace(/\.html$/, "")).sort();
+const names = readdirSync(folder).filter((file) => file.endsWith(".html")).map((file) => file.replace(/\.html$/, ""))
+  .filter((name) => !moreOfTheSame.includes(name)).sort();
 let wrong = 0;
 const seen = {};
 const atOnce = 2;  // each in a browser of its own: what is behind another page is hardly drawn

@@ -1,9 +1,10 @@
 #!/usr/bin/env bash
-# Opens pages in a headless browser: run.sh MAKE_PAGES FOLDER…, where one of the folders has node_modules/playwright-core.
+# Opens pages in a headless browser: run.sh all|some MAKE_PAGES FOLDER…, where one of the folders has node_modules/playwright-core.
 # Ends with 77 (skipped) where Node, Chromium or playwright-core is missing; `./bootstrap --dev` installs them.
 set -euo pipefail
-make_pages=$1
-shift
+which=$1
+make_pages=$2
+shift 2
 
 skip() {
   echo "skipped: $*"
@@ -24,4 +25,4 @@ done
 pages=$(mktemp -d)
 trap 'rm -rf "$pages"' EXIT
 "$make_pages" "$pages"
-"$node" "$(dirname "${BASH_SOURCE[0]}")/check.mjs" "$playwright" "$chromium" "$pages"
+"$node" "$(dirname "${BASH_SOURCE[0]}")/check.mjs" "$playwright" "$chromium" "$pages" "$which"
