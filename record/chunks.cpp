@@ -83,18 +83,13 @@ private:
 
 }  // namespace
 
-std::uint32_t fletcher32(std::span<const std::byte> bytes, std::byte* copy) {
+std::uint32_t fletcher32(std::span<const std::byte> bytes) {
   constexpr std::size_t round_bytes = 2 * lanes;
   Sums sums;
   for (std::size_t rounds; (rounds = std::min(Sums::most_rounds, bytes.size() / round_bytes)) > 0;) {
-    const auto piece = bytes.first(rounds * round_bytes);
-    sums.add_side_by_side(piece.data(), rounds);
-    if (copy != nullptr)
-      copy = std::ranges::copy(piece, copy).out;  // of 8 KiB, which the nearest cache still holds
-    bytes = bytes.subspan(piece.size());
+    sums.add_side_by_side(bytes.data(), rounds);
+    bytes = bytes.subspan(rounds * round_bytes);
   }
-  if (copy != nullptr)
-    std::ranges::copy(bytes, copy);
   for (; !bytes.empty(); bytes = bytes.subspan(std::min<std::size_t>(2, bytes.size()))) {
     std::uint16_t number = 0;
     std::memcpy(&number, bytes.data(), std::min(sizeof number, bytes.size()));
@@ -132,7 +127,6 @@ ChunkWriter::ChunkWriter(hid_t dataset, std::vector<hsize_t> shape, const std::v
   for (std::size_t i = 1; i < sizes.size(); ++i)
     row_bytes_ *= sizes[i];
   block_bytes_ = shape_.size() < 2 ? row_bytes_ : plane_bytes_ * shape_[1];
-  stored_.resize(rows_ * block_bytes_ + sizeof(std::uint32_t));
 }
 
 std::size_t ChunkWriter::bytes_at(std::size_t place) const {
@@ -142,22 +136,50 @@ std::size_t ChunkWriter::bytes_at(std::size_t place) const {
   return begin % block_bytes_ == 0 ? std::min(block_bytes_, row_bytes_ - begin) : 0;
 }
 
-void ChunkWriter::write(std::size_t place, std::span<const std::byte> bytes) {
-  const std::size_t size = stored_.size() - sizeof(std::uint32_t);
-  std::uint32_t checksum = 0;
-  if (bytes.size() == size) {
-    checksum = fletcher32(bytes, stored_.data());
-  } else {  // the last of a row, which ends beyond its edge
-    const auto rest = std::ranges::copy(bytes, stored_.begin()).out;
-    std::fill(rest, stored_.begin() + static_cast<std::ptrdiff_t>(size), std::byte{0});
-    checksum = fletcher32(std::span(stored_).first(size));
-  }
-  std::memcpy(stored_.data() + size, &checksum, sizeof checksum);
+std::vector<hsize_t> ChunkWriter::first_of(std::size_t place) const {
   std::vector<hsize_t> first(shape_.size(), 0);
   first[0] = place / row_bytes_;
   if (first.size() > 1)
     first[1] = place % row_bytes_ / plane_bytes_;
-  check(H5Dwrite_chunk(dataset_, H5P_DEFAULT, 0, first.data(), stored_.size(), stored_.data()), "writing rows");
+  return first;
+}
+
+Checksum ChunkWriter::write(std::size_t place, std::span<std::byte> bytes, const Checksum* known) {
+  const std::size_t size = rows_ * block_bytes_;
+  if (bytes.size() < size) {  // the last of a row
+    padded_.assign(size + room_behind, std::byte{0});
+    std::ranges::copy(bytes, padded_.begin());
+    bytes = std::span(padded_).first(size);
+    known = nullptr;
+  }
+  Checksum stored;
+  if (known != nullptr)
+    stored = *known;
+  else
+    stored.add(bytes);
+  // The filter's sum follows the bytes: its place is borrowed from what stands there.
+  const std::span<std::byte> behind(bytes.data() + size, room_behind);
+  std::array<std::byte, room_behind> borrowed;
+  std::ranges::copy(behind, borrowed.begin());
+  const std::uint32_t sum = fletcher32(bytes);
+  std::memcpy(behind.data(), &sum, sizeof sum);
+  stored.add(behind);
+  const std::vector<hsize_t> first = first_of(place);
+  const herr_t status = H5Dwrite_chunk(dataset_, H5P_DEFAULT, 0, first.data(), size + room_behind, bytes.data());
+  std::ranges::copy(borrowed, behind.begin());
+  check(status, "writing rows");
+  return stored;
+}
+
+std::optional<KnownPiece> ChunkWriter::find(std::size_t place, const Checksum& stored) const {
+  const std::vector<hsize_t> first = first_of(place);
+  unsigned skipped = 0;
+  haddr_t address = HADDR_UNDEF;
+  hsize_t size = 0;
+  check(H5Dget_chunk_info_by_coord(dataset_, first.data(), &skipped, &address, &size), "looking for a chunk");
+  if (address == HADDR_UNDEF || size != stored.bytes())
+    return std::nullopt;
+  return KnownPiece{address, stored};
 }
 
 }  // namespace rubato::record::detail

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <cstring>
+#include <utility>
 
 #include <sys/mman.h>
 #include <unistd.h>
@@ -23,35 +25,40 @@ void ask_for_pages([[maybe_unused]] std::byte* bytes, [[maybe_unused]] std::size
 #endif
 }
 
+/// In one call whatever this source is compiled with.
+void move_bytes(std::byte* to, const std::byte* from, std::size_t count) {
+  if (count > 0)
+    std::memmove(to, from, count);
+}
+
 }  // namespace
 
-void WaitingBytes::make_room(std::size_t count) {
-  const std::size_t size = bytes_.size() + count;
-  if (size > bytes_.capacity()) {
-    bytes_.reserve(std::max({size, expected_, 2 * bytes_.capacity()}));
-    asked_for_ = bytes_.size();
+std::byte* WaitingBytes::append(std::size_t count) {
+  const std::size_t size = size_ + count;
+  if (size > capacity_) {
+    capacity_ = std::max({size, expected_, 2 * capacity_});
+    auto larger = std::make_unique_for_overwrite<std::byte[]>(capacity_ + room_behind);
+    move_bytes(larger.get(), bytes_.get(), size_);
+    bytes_ = std::move(larger);
+    asked_for_ = size_;
   }
   if (size > asked_for_) {
-    const std::size_t ahead = std::clamp(bytes_.size(), least_ahead, most_ahead);
-    const std::size_t end = std::min(size + ahead, bytes_.capacity());
-    ask_for_pages(bytes_.data() + asked_for_, end - asked_for_);
+    const std::size_t ahead = std::clamp(size_, least_ahead, most_ahead);
+    const std::size_t end = std::min(size + ahead, capacity_);
+    ask_for_pages(bytes_.get() + asked_for_, end - asked_for_);
     asked_for_ = end;
   }
+  return bytes_.get() + std::exchange(size_, size);
 }
 
 void WaitingBytes::append(std::span<const std::byte> bytes) {
-  make_room(bytes.size());
-  bytes_.insert(bytes_.end(), bytes.begin(), bytes.end());
-}
-
-std::byte* WaitingBytes::append(std::size_t count) {
-  make_room(count);
-  bytes_.resize(bytes_.size() + count);
-  return bytes_.data() + (bytes_.size() - count);
+  std::byte* const place = append(bytes.size());
+  move_bytes(place, bytes.data(), bytes.size());
 }
 
 void WaitingBytes::drop_front(std::size_t count) {
-  bytes_.erase(bytes_.begin(), bytes_.begin() + static_cast<std::ptrdiff_t>(count));
+  size_ -= count;
+  move_bytes(bytes_.get(), bytes_.get() + count, size_);
 }
 
 }  // namespace rubato::record::detail

@@ -1,12 +1,14 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <iterator>
 #include <limits>
 #include <map>
 #include <optional>
 #include <span>
 #include <stdexcept>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <fmt/format.h>
@@ -29,6 +31,13 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
+/// Fewer bytes are not worth looking whether their chunks can be written as they are.
+constexpr std::size_t least_directly = std::size_t{16} << 10;
+
+/// Checksums of chunks that were written whole, as they are in the file, by where they begin behind the begin of all
+/// rows.
+using ChunkSums = std::map<std::size_t, Checksum>;
+
 /// A growing dataset on its way to the file. The bytes of its rows, one row after the other, are in the working file up
 /// to `flushed`; the rest is in `waiting`.
 struct Gathered {
@@ -43,20 +52,47 @@ struct Gathered {
   std::size_t complete = 0;  ///< rows of whole levels
   Checksum checksum = {};    ///< of these
   std::size_t appended = 0;
-  Checksum checksum_of_all = {};  ///< of these, and of what has come of the next one
+  Checksum checksum_of_all = {};  ///< of these, and of what has come of the next one unless checksum_of_row is
+  Checksum checksum_of_row = {};  ///< of what has come of a row that is a chunk
+  std::vector<Checksum> checksums_of_rows = {};  ///< of those that wait, if each is a chunk
   detail::WaitingBytes waiting{};
+  ChunkSums chunk_sums = {};  ///< of what is in the working file, as far as they are known
 
   [[nodiscard]] std::size_t end() const { return flushed + waiting.size(); }
   /// What has come of a row that is not whole yet.
   [[nodiscard]] std::size_t begun() const { return end() - appended * row_bytes; }
 
+  /// Of such rows the checksum is found once, for the rows and for the file.
+  [[nodiscard]] bool has_long_rows_as_chunks() const {
+    return chunk_rows == 1 && block_bytes == row_bytes && row_bytes >= least_directly;
+  }
+
   void add(std::span<const std::byte> bytes, const Checksum* known) {
+    Checksum& checksum_so_far = has_long_rows_as_chunks() ? checksum_of_row : checksum_of_all;
     if (known != nullptr)
-      checksum_of_all.append(*known);
+      checksum_so_far.append(*known);
     else
-      checksum_of_all.add(bytes);
+      checksum_so_far.add(bytes);
     waiting.append(bytes);
     appended = end() / row_bytes;
+    if (has_long_rows_as_chunks() && begun() == 0) {
+      checksum_of_all.append(checksum_of_row);
+      checksums_of_rows.push_back(std::exchange(checksum_of_row, {}));
+    }
+  }
+
+  /// Of the row that begins there, if it waits and is a chunk.
+  [[nodiscard]] const Checksum* checksum_of_row_at(std::size_t place) const {
+    const std::size_t row = (place - flushed) / row_bytes;
+    return row < checksums_of_rows.size() ? &checksums_of_rows[row] : nullptr;
+  }
+
+  /// What waits up to there is in the working file.
+  void flush_to(std::size_t place) {
+    waiting.drop_front(place - flushed);
+    const std::size_t rows = std::min((place - flushed) / row_bytes, checksums_of_rows.size());
+    checksums_of_rows.erase(checksums_of_rows.begin(), checksums_of_rows.begin() + static_cast<std::ptrdiff_t>(rows));
+    flushed = place;
   }
 
   /// Up to where bytes go into the working file. Every chunk in it is compressed and written once, so that versions do
@@ -80,6 +116,8 @@ struct Gathered {
     flushed = std::min(flushed, left);
     appended = complete;
     checksum_of_all = checksum;
+    checksum_of_row = {};
+    checksums_of_rows.resize(std::min(checksums_of_rows.size(), waiting.size() / row_bytes));
   }
 };
 
@@ -115,11 +153,20 @@ std::vector<Gathered> columns_of(const Layout& layout, std::size_t buffer_bytes)
   return columns;
 }
 
-/// Fewer bytes are not worth looking whether their chunks can be written as they are.
-constexpr std::size_t least_directly = std::size_t{16} << 10;
+/// Leaves those of chunks that end at `place` or before.
+void forget_from(std::size_t place, ChunkSums& sums) {
+  auto first = sums.lower_bound(place);
+  if (first != sums.begin())
+    if (const auto last = std::prev(first);
+        last->first + last->second.bytes() - detail::ChunkWriter::room_behind > place)
+      first = last;
+  sums.erase(first, sums.end());
+}
 
 /// Lets a dataset have `rows` rows, and writes what waits of their bytes up to `end`.
-void write_column(hid_t dataset, const Gathered& column, std::size_t rows, std::size_t end) {
+/// \param sums those of the dataset's chunks in this file, which are kept true
+void write_column(hid_t dataset, Gathered& column, std::size_t rows, std::size_t end, ChunkSums& sums) {
+  static_assert(detail::ChunkWriter::room_behind <= detail::WaitingBytes::room_behind);
   auto sizes = detail::extent(dataset);
   sizes.front() = rows;
   detail::check(H5Dset_extent(dataset, sizes.data()), "extending a dataset");
@@ -127,10 +174,11 @@ void write_column(hid_t dataset, const Gathered& column, std::size_t rows, std::
   const std::size_t value_bytes = column.row_bytes / column.row_size;
   auto chunks =
       end - column.flushed < least_directly ? std::nullopt : detail::ChunkWriter::of(dataset, column.description.type);
+  forget_from(column.flushed, sums);
   for (std::size_t place = column.flushed; place < end;) {
-    const std::byte* const bytes = column.waiting.data() + (place - column.flushed);
+    std::byte* const bytes = column.waiting.data() + (place - column.flushed);
     if (const std::size_t count = chunks ? chunks->bytes_at(place) : 0; count > 0 && place + count <= end) {
-      chunks->write(place, std::span(bytes, count));
+      sums[place] = chunks->write(place, std::span(bytes, count), column.checksum_of_row_at(place));
       place += count;
       continue;
     }
@@ -147,6 +195,16 @@ void write_column(hid_t dataset, const Gathered& column, std::size_t rows, std::
       place += count;
     }
   }
+}
+
+/// Where the chunks are in the file of which the checksums are known.
+void find_chunks(hid_t dataset, const Gathered& column, const ChunkSums& sums, std::vector<detail::KnownPiece>& found) {
+  if (sums.empty())
+    return;
+  const auto chunks = detail::ChunkWriter::of(dataset, column.description.type);
+  for (const auto& [place, sum] : sums)
+    if (const auto piece = chunks ? chunks->find(place, sum) : std::nullopt)
+      found.push_back(*piece);
 }
 
 template <class Integer>
@@ -288,9 +346,11 @@ public:
       flush(Gathered::Of::all);
       detail::Handle file = open(*working_);
       working_->reserve(bytes + structure_bytes());
-      for (const std::size_t dataset : datasets)
-        write_column(detail::open_dataset(file, columns_[dataset].description.path), columns_[dataset],
-                     columns_[dataset].appended + 1, columns_[dataset].flushed);
+      for (const std::size_t dataset : datasets) {
+        Gathered& column = columns_[dataset];
+        write_column(detail::open_dataset(file, column.description.path), column, column.appended + 1, column.flushed,
+                     column.chunk_sums);
+      }
       file.close("writing the working file");
       return std::optional(working_->path());
     });
@@ -486,17 +546,14 @@ private:
       return;
     detail::Handle file = open(*working_);
     working_->reserve(waiting_bytes() + structure_bytes());
-    for (const auto& column : columns_)
+    for (auto& column : columns_)
       if (const std::size_t end = column.flushable(of); end > column.flushed)
         write_column(detail::open_dataset(file, column.description.path), column,
-                     (end + column.row_bytes - 1) / column.row_bytes, end);
+                     (end + column.row_bytes - 1) / column.row_bytes, end, column.chunk_sums);
     file.close("writing the working file");
     working_->trim();
-    for (auto& column : columns_) {
-      const std::size_t end = column.flushable(of);
-      column.waiting.drop_front(end - column.flushed);
-      column.flushed = end;
-    }
+    for (auto& column : columns_)
+      column.flush_to(column.flushable(of));
   }
 
   /// Adds to a file with whole chunks what makes it a record of all complete levels.
@@ -509,11 +566,14 @@ private:
         checkpoint_bytes += 4096 + std::visit([](const auto& a) { return a.size() * sizeof(a[0]); }, array);
     version.reserve(waiting_bytes() + structure_bytes() + checkpoint_bytes);
     std::map<std::string, Checksum> checksums;
-    for (const auto& column : columns_) {
+    std::vector<detail::KnownPiece> known;
+    for (auto& column : columns_) {
       const detail::Handle dataset = detail::open_dataset(file, column.description.path);
       // The last version shows provisional rows too; the attribute tells `resume` where the whole levels end.
       const std::size_t end = last ? column.appended : column.complete;
-      write_column(dataset, column, end, end * column.row_bytes);
+      ChunkSums sums = column.chunk_sums;  // of this version, while those of the working file stay
+      write_column(dataset, column, end, end * column.row_bytes, sums);
+      find_chunks(dataset, column, sums, known);
       checksums[column.description.path] = last ? column.checksum_of_all : column.checksum;
       detail::write_attribute(dataset, detail::rows_attribute, Type::i64, static_cast<std::int64_t>(column.complete));
     }
@@ -523,7 +583,7 @@ private:
     detail::write_seal(file, checksums);
     file.close("writing the record");
     version.trim();
-    detail::mark(version);
+    detail::mark(version, std::move(known));
   }
 
   Claim claim_;

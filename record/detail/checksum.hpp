@@ -1,5 +1,8 @@
 #pragma once
 
+#include <cstdint>
+#include <vector>
+
 #include <rubato/base/checksum.hpp>
 
 namespace rubato::record::detail {
@@ -18,7 +21,14 @@ enum class Integrity {
 
 class TemporaryFile;
 
+/// A piece of a file of which the checksum is known.
+struct KnownPiece {
+  std::uint64_t place;
+  Checksum checksum;
+};
+
 /// Appends the mark. Throws Failure.
-void mark(TemporaryFile& file);
+/// \param known what need not be read for it
+void mark(TemporaryFile& file, std::vector<KnownPiece> known = {});
 
 }  // namespace rubato::record::detail

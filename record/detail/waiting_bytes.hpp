@@ -1,8 +1,8 @@
 #pragma once
 
 #include <cstddef>
+#include <memory>
 #include <span>
-#include <vector>
 
 namespace rubato::record::detail {
 
@@ -10,9 +10,12 @@ namespace rubato::record::detail {
 ///
 /// They stand in memory that is set aside for as many as are expected, so that it need not be copied into more, and of
 /// which the system is asked for several pages ahead: one at a time costs some microseconds each, more than all else
-/// that is done with a page of a record.
+/// that is done with a page of a record. Behind them there is always room for a few bytes more.
 class WaitingBytes {
 public:
+  /// How many bytes behind those that wait may be written to, and are lost when others come.
+  static constexpr std::size_t room_behind = 8;
+
   /// \param expected how many wait at most, as a rule
   explicit WaitingBytes(std::size_t expected = 0) : expected_(expected) {}
 
@@ -21,18 +24,18 @@ public:
   [[nodiscard]] std::byte* append(std::size_t count);
   void drop_front(std::size_t count);
   /// Leaves the first `count` alone.
-  void keep_front(std::size_t count) { bytes_.resize(count); }
+  void keep_front(std::size_t count) { size_ = count; }
 
-  [[nodiscard]] const std::byte* data() const { return bytes_.data(); }
-  [[nodiscard]] std::size_t size() const { return bytes_.size(); }
-  [[nodiscard]] bool empty() const { return bytes_.empty(); }
+  [[nodiscard]] const std::byte* data() const { return bytes_.get(); }
+  [[nodiscard]] std::byte* data() { return bytes_.get(); }
+  [[nodiscard]] std::size_t size() const { return size_; }
+  [[nodiscard]] bool empty() const { return size_ == 0; }
 
 private:
-  void make_room(std::size_t count);
-
   std::size_t expected_;
-  std::size_t asked_for_ = 0;  ///< bytes of bytes_' capacity whose pages are there
-  std::vector<std::byte> bytes_;
+  std::size_t size_ = 0, capacity_ = 0;
+  std::size_t asked_for_ = 0;  ///< bytes whose pages are there
+  std::unique_ptr<std::byte[]> bytes_;
 };
 
 }  // namespace rubato::record::detail

@@ -79,13 +79,15 @@ CheckpointInParts in_parts(const Checkpoint& checkpoint, std::size_t size) {
 
 TEST_CASE("rows in parts make the record that whole rows make") {
   const Folder folder;
-  // Long rows, which go to the working file before they are whole; short ones, of which a chunk has many.
+  // Long rows, which go to the working file before they are whole; those that are a chunk each; short ones, of which a
+  // chunk has some, or many.
   struct Case {
     std::size_t cells, part, buffer;
     int compression;
   };
   for (const Case& c : {Case{cells, 7'001, 100'000, 4}, Case{cells, 50'000, 1, 0}, Case{cells, 150'000, 1'000'000, 0},
-                        Case{5, 4, 1, 4}}) {
+                        Case{20'000, 7'001, 100'000, 0}, Case{20'000, 60'000, 1'500'000, 0},
+                        Case{2'000, 6'000, 200'000, 0}, Case{5, 4, 1, 4}}) {
     INFO(c.cells << " cells in parts of " << c.part << " numbers");
     Layout layout = sample::layout(c.cells);
     layout.compression = c.compression;
