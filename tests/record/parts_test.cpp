@@ -6,7 +6,11 @@
 #include <cmath>
 #include <functional>
 #include <optional>
+#include <random>
 
+#include <rubato/record/detail/checksum.hpp>
+#include <rubato/record/detail/files.hpp>
+#include <rubato/record/detail/seal.hpp>
 #include <rubato/record/reader.hpp>
 
 #include "sample.hpp"
@@ -126,6 +130,49 @@ TEST_CASE("rows in parts make the record that whole rows make") {
       writer.finish(Writer::Completion::complete);
       CHECK(sample::difference(folder / "whole.h5", folder / "parts.h5").empty() != is_twin);
       CHECK(Reader(folder / "parts.h5").checkpoint() == checkpoint);
+    }
+  }
+}
+
+TEST_CASE("what was given up is in no checksum of rows, chunks or the file") {
+  const Folder folder;
+  const detail::Session session;
+  std::mt19937 random(17);
+  const auto is_whole = [&](const std::filesystem::path& path) {
+    const detail::Descriptor descriptor = detail::open_regular(path);
+    const detail::Handle file = detail::open_file(path, H5F_ACC_RDONLY);
+    return detail::integrity_of(descriptor.number()) == detail::Integrity::intact &&
+           detail::altered_names(file).empty();
+  };
+  // Rows that are a chunk each, that chunks divide, and of which a chunk has some.
+  for (const std::size_t width : {std::size_t{10'000}, cells, std::size_t{1'000}}) {
+    for (const std::size_t buffer : {std::size_t{1}, std::size_t{600'000}, std::size_t{100'000'000}}) {
+      INFO(width << " cells, " << buffer << " bytes wait");
+      Layout layout = sample::layout(width);
+      layout.compression = 0;
+      const std::filesystem::path path = folder / "a.h5";
+      auto writer = Writer::create(path, layout, true, {.buffer_bytes = buffer});
+      const std::vector<double> wrong = field_of(99, 3 * width);
+      for (std::int64_t k = 0; k <= 15; ++k) {
+        if (k % 3 == 0) {  // begun with a row that is whole, half or neither, and given up
+          writer.append_part(sample::u, wrong);
+          if (random() % 2 == 0)
+            writer.append_part(sample::flux, std::span(wrong).first(random() % (3 * width)));
+          writer.drop_level();
+        }
+        write_in_parts(writer, k, 1 + random() % (3 * width), 3 * width);
+        if (random() % 4 == 0) {
+          writer.commit(large_checkpoint(k, 10));
+          CHECK(is_whole(path));
+        }
+      }
+      if (random() % 2 == 0) {  // given up at the end, where fewer rows are left than were written
+        writer.append_part(sample::u, wrong);
+        writer.drop_level();
+      }
+      writer.finish(large_checkpoint(15, 10), Writer::Completion::complete);
+      CHECK(is_whole(path));
+      CHECK(Reader(path).read("/states/u", 5, 1) == field_of(15, 3 * width));
     }
   }
 }
