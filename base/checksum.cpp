@@ -179,12 +179,17 @@ void Checksum::add(std::span<const std::byte> bytes) {
 }
 
 void Checksum::append(const Checksum& other) {
-  std::uint64_t shift = one;
-  std::size_t k = 3;  // of bits
-  for (std::uint64_t bytes = other.bytes_; bytes != 0; bytes >>= 1, ++k)
-    if ((bytes & 1) != 0)
-      shift = product(shift, squares.at(k));
-  state_ = ~(product(shift, value()) ^ other.value());
+  // Rows of a dataset are of one length.
+  thread_local std::uint64_t last_bytes = 0, last_shift = one;
+  if (other.bytes_ != last_bytes) {
+    last_shift = one;
+    std::size_t k = 3;  // of bits
+    for (std::uint64_t bytes = other.bytes_; bytes != 0; bytes >>= 1, ++k)
+      if ((bytes & 1) != 0)
+        last_shift = product(last_shift, squares.at(k));
+    last_bytes = other.bytes_;
+  }
+  state_ = ~(product(last_shift, value()) ^ other.value());
   bytes_ += other.bytes_;
 }
 

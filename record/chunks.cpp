@@ -144,31 +144,30 @@ std::vector<hsize_t> ChunkWriter::first_of(std::size_t place) const {
   return first;
 }
 
-Checksum ChunkWriter::write(std::size_t place, std::span<std::byte> bytes, const Checksum* known) {
+void ChunkWriter::write(std::size_t place, std::span<std::byte> bytes, Checksum* sum) {
   const std::size_t size = rows_ * block_bytes_;
   if (bytes.size() < size) {  // the last of a row
     padded_.assign(size + room_behind, std::byte{0});
     std::ranges::copy(bytes, padded_.begin());
+    if (sum != nullptr && sum->bytes() > 0)
+      sum->add(std::span(padded_).subspan(bytes.size(), size - bytes.size()));
     bytes = std::span(padded_).first(size);
-    known = nullptr;
   }
-  Checksum stored;
-  if (known != nullptr)
-    stored = *known;
-  else
-    stored.add(bytes);
   // The filter's sum follows the bytes: its place is borrowed from what stands there.
   const std::span<std::byte> behind(bytes.data() + size, room_behind);
   std::array<std::byte, room_behind> borrowed;
   std::ranges::copy(behind, borrowed.begin());
-  const std::uint32_t sum = fletcher32(bytes);
-  std::memcpy(behind.data(), &sum, sizeof sum);
-  stored.add(behind);
+  const std::uint32_t filtered = fletcher32(bytes);
+  std::memcpy(behind.data(), &filtered, sizeof filtered);
+  if (sum != nullptr) {
+    if (sum->bytes() == 0)
+      sum->add(bytes);
+    sum->add(behind);
+  }
   const std::vector<hsize_t> first = first_of(place);
   const herr_t status = H5Dwrite_chunk(dataset_, H5P_DEFAULT, 0, first.data(), size + room_behind, bytes.data());
   std::ranges::copy(borrowed, behind.begin());
   check(status, "writing rows");
-  return stored;
 }
 
 std::optional<KnownPiece> ChunkWriter::find(std::size_t place, const Checksum& stored) const {

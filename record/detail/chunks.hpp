@@ -33,9 +33,9 @@ public:
   /// The chunk that begins there, within the extent of the dataset.
   /// \param bytes bytes_at(place), as they are stored; as many as `room_behind` behind them are written to, and are as
   /// before in the end
-  /// \param known their checksum, if it is known
-  /// \return that of all that was stored
-  Checksum write(std::size_t place, std::span<std::byte> bytes, const Checksum* known = nullptr);
+  /// \param sum becomes the checksum of all that is stored, if it is wanted: begun as that of nothing, or as that of
+  /// `bytes` where it is known
+  void write(std::size_t place, std::span<std::byte> bytes, Checksum* sum = nullptr);
 
   /// Where in the file the chunk is that begins there, if it has as many bytes as this checksum is of.
   [[nodiscard]] std::optional<KnownPiece> find(std::size_t place, const Checksum& stored) const;
