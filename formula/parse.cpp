@@ -4,7 +4,6 @@
 #include <array>
 #include <cmath>
 #include <limits>
-#include <numeric>
 #include <unordered_set>
 #include <utility>
 
@@ -12,6 +11,7 @@
 
 #include <rubato/base/draws.hpp>
 #include <rubato/formula/special.hpp>
+#include <rubato/formula/sum.hpp>
 #include <rubato/formula/tokens.hpp>
 
 namespace rubato::formula {
@@ -495,28 +495,7 @@ private:
       fail(token_.offset, "sum takes one term");
     }
     close(opening);
-    return summands.empty() ? graph_.constant(0.0) : folded(std::move(summands));
-  }
-
-  /// Short sums from left to right. Of long ones the two halves are added, term by term, until one is left: their
-  /// rounding grows with the logarithm of their length (Higham, Accuracy and Stability of Numerical Algorithms, 4.1),
-  /// and several at a time can be added side by side.
-  static Expression folded(std::vector<Expression> terms) {
-    constexpr std::size_t longest_in_order = 16;
-    if (terms.size() < longest_in_order) {
-      return std::accumulate(terms.begin() + 1, terms.end(), terms.front());
-    }
-    while (terms.size() > 1) {
-      const std::size_t half = terms.size() / 2, odd = terms.size() % 2;
-      for (std::size_t i = 0; i < half; ++i) {
-        terms[i] += terms[i + half];
-      }
-      if (odd != 0) {
-        terms[half] = terms.back();
-      }
-      terms.erase(terms.begin() + static_cast<std::ptrdiff_t>(half + odd), terms.end());
-    }
-    return terms.front();
+    return summands.empty() ? graph_.constant(0.0) : folded_sum(std::move(summands));
   }
 
   /// Of an empty sum: names in it need not exist.

@@ -1,6 +1,7 @@
 #include <rubato/formula/sum.hpp>
 
 #include <cmath>
+#include <numeric>
 #include <optional>
 #include <set>
 #include <unordered_map>
@@ -145,6 +146,24 @@ std::vector<Expression> terms_of(Expression expression) {
     }
   }
   return terms;
+}
+
+Expression folded_sum(std::vector<Expression> terms) {
+  constexpr std::size_t longest_in_order = 16;
+  if (terms.size() < longest_in_order) {
+    return std::accumulate(terms.begin() + 1, terms.end(), terms.front());
+  }
+  while (terms.size() > 1) {
+    const std::size_t half = terms.size() / 2, odd = terms.size() % 2;
+    for (std::size_t i = 0; i < half; ++i) {
+      terms[i] += terms[i + half];
+    }
+    if (odd != 0) {
+      terms[half] = terms.back();
+    }
+    terms.erase(terms.begin() + static_cast<std::ptrdiff_t>(half + odd), terms.end());
+  }
+  return terms.front();
 }
 
 }  // namespace rubato::formula

@@ -26,4 +26,9 @@ struct WithoutConstant {
 /// one term.
 [[nodiscard]] std::vector<Expression> terms_of(Expression expression);
 
+/// The sum of these, at least one. Short sums are added up from left to right. Of long ones the two halves are added,
+/// term by term, until one is left: their rounding grows with the logarithm of their length (Higham, Accuracy and
+/// Stability of Numerical Algorithms, 4.1), and several at a time can be added side by side.
+[[nodiscard]] Expression folded_sum(std::vector<Expression> terms);
+
 }  // namespace rubato::formula

@@ -1,7 +1,10 @@
 #include <rubato/ode/hamiltonian.hpp>
 
 #include <algorithm>
+#include <array>
+#include <map>
 #include <set>
+#include <span>
 #include <stdexcept>
 
 #include <fmt/format.h>
@@ -59,6 +62,37 @@ std::vector<std::string> Hamiltonian::numbered(std::string_view stem, std::size_
   return names;
 }
 
+namespace {
+
+using formula::Expression;
+
+Expression gamma_of(std::span<const Expression> gradient, std::span<const formula::HessianEntry> entries) {
+  const std::size_t dimension = gradient.size(), n = dimension / 2;
+  std::vector<Expression> f;
+  for (std::size_t i = 0; i < dimension; ++i) {
+    f.push_back(i < n ? gradient[n + i] : -gradient[i - n]);
+  }
+  // Both triangles, the columns of each row in their order.
+  std::vector<std::map<std::size_t, Expression>> rows(dimension);
+  for (const auto& [row, column, entry] : entries) {
+    rows[row].emplace(column, entry);
+    rows[column].emplace(row, entry);
+  }
+  std::vector<Expression> sums;
+  for (std::size_t i = 0; i < dimension; ++i) {
+    std::vector<Expression> terms;
+    for (const auto& [column, entry] : rows[i]) {
+      terms.push_back(entry * f[column]);
+    }
+    if (!terms.empty()) {
+      sums.push_back(f[i] * formula::folded_sum(std::move(terms)));
+    }
+  }
+  return sums.empty() ? gradient.front().graph()->constant(0.0) : formula::folded_sum(std::move(sums));
+}
+
+}  // namespace
+
 void Hamiltonian::compile() {
   if (q_names_.empty() || q_names_.size() != p_names_.size()) {
     throw std::invalid_argument(fmt::format(
@@ -83,8 +117,11 @@ void Hamiltonian::compile() {
   value_ = std::make_shared<formula::Bytecode>(outputs, variables_);
   std::ranges::copy(formula::gradient(expression_, variables_), std::back_inserter(outputs));
   gradient_ = std::make_shared<formula::Bytecode>(outputs, variables_);
+  const std::vector<formula::HessianEntry> entries = formula::hessian_entries(expression_, variables_);
+  gamma_expression_ = gamma_of(std::span(outputs).subspan(1), entries);
+  gamma_ = std::make_shared<formula::Bytecode>(std::array{expression_, gamma_expression_}, variables_);
   std::vector<Place> places;
-  for (const auto& [row, column, entry] : formula::hessian_entries(expression_, variables_)) {
+  for (const auto& [row, column, entry] : entries) {
     outputs.push_back(entry);
     places.push_back({row, column});
   }
@@ -97,21 +134,8 @@ HamiltonianEvaluator::HamiltonianEvaluator(const Hamiltonian& hamiltonian)
       value_(hamiltonian.value_code()),
       gradient_(hamiltonian.gradient_code()),
       hessian_(hamiltonian.hessian_code()),
-      places_(hamiltonian.hessian_places()),
-      rows_(dimension_),
-      work_(dimension_) {
-  // Both triangles, the columns of each row in their order: a sum over a row is that over all columns, bit by bit.
-  for (std::size_t k = 0; k < places_.size(); ++k) {
-    const auto [row, column] = places_[k];
-    rows_[row].push_back({column, 1 + dimension_ + k});
-    if (row != column) {
-      rows_[column].push_back({row, 1 + dimension_ + k});
-    }
-  }
-  for (std::vector<Entry>& row : rows_) {
-    std::ranges::sort(row, {}, &Entry::column);
-  }
-}
+      gamma_(hamiltonian.gamma_code()),
+      places_(hamiltonian.hessian_places()) {}
 
 double HamiltonianEvaluator::value(const double* z) {
   return *value_.at(z);
@@ -139,23 +163,9 @@ std::span<const double> HamiltonianEvaluator::hessian_entries(const double* z) {
 }
 
 double HamiltonianEvaluator::gamma(const double* z, double& energy) {
-  const std::size_t n = dimension_ / 2;
-  const double* const outputs = hessian_.at(z);
+  const double* const outputs = gamma_.at(z);
   energy = outputs[0];
-  double* f = work_.data();
-  for (std::size_t i = 0; i < n; ++i) {
-    f[i] = outputs[1 + n + i];
-    f[n + i] = -outputs[1 + i];
-  }
-  double sum = 0.0;
-  for (std::size_t i = 0; i < dimension_; ++i) {
-    double row = 0.0;
-    for (const Entry& entry : rows_[i]) {
-      row += outputs[entry.output] * f[entry.column];
-    }
-    sum += f[i] * row;
-  }
-  return sum;
+  return outputs[1];
 }
 
 }  // namespace rubato

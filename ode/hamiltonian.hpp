@@ -58,6 +58,12 @@ public:
   [[nodiscard]] const formula::Bytecode& hessian_code() const { return *hessian_; }
   [[nodiscard]] const std::vector<Place>& hessian_places() const { return *places_; }
   ///@}
+  /// H, then Γ = fᵀH_zz f with f = J∇H (theory, section 3): the sum over rows of f_i (H_zz f)_i, each a sum over its
+  /// entries.
+  ///@{
+  [[nodiscard]] const formula::Bytecode& gamma_code() const { return *gamma_; }
+  [[nodiscard]] formula::Expression gamma() const { return gamma_expression_; }
+  ///@}
   /// For a formula::SumSizeEvaluator: how large the terms of H are, and what rounding makes of H.
   [[nodiscard]] const formula::Bytecode& size_code() const { return *size_; }
 
@@ -68,10 +74,10 @@ private:
   std::shared_ptr<formula::Graph> graph_;
   std::vector<std::string> q_names_, p_names_;
   std::vector<formula::Expression> variables_;
-  formula::Expression expression_;
+  formula::Expression expression_, gamma_expression_;
   double constant_ = 0.0;
   std::shared_ptr<const Hamiltonian> reduced_;  ///< H - c, if c is not 0
-  std::shared_ptr<const formula::Bytecode> value_, gradient_, hessian_, size_;
+  std::shared_ptr<const formula::Bytecode> value_, gradient_, hessian_, gamma_, size_;
   std::shared_ptr<const std::vector<Place>> places_;
 };
 
@@ -115,16 +121,9 @@ public:
   [[nodiscard]] std::size_t dimension() const { return dimension_; }  ///< 2n
 
 private:
-  /// An entry of H_zz in one row: its column, and its output of the code.
-  struct Entry {
-    std::size_t column, output;
-  };
-
   std::size_t dimension_;
-  formula::ScalarEvaluator value_, gradient_, hessian_;
+  formula::ScalarEvaluator value_, gradient_, hessian_, gamma_;
   std::vector<Hamiltonian::Place> places_;
-  std::vector<std::vector<Entry>> rows_;
-  std::vector<double> work_;
 };
 
 }  // namespace rubato

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <map>
 #include <stdexcept>
 
 #include <fmt/format.h>
@@ -25,35 +24,12 @@ using formula::Expression;
 
 constexpr std::size_t chunk = 8;
 
-/// H, and fᵀH_zz f as HamiltonianEvaluator::gamma() adds it up, and what is observed: formulas of `variables`.
+/// H, Γ and what is observed: formulas of the Hamiltonian's variables.
 std::vector<Expression> seen_at_levels(const Hamiltonian& hamiltonian, bool gamma,
                                        std::span<const Expression> observed) {
-  const std::span<const Expression> variables = hamiltonian.variables();
   std::vector<Expression> seen = {hamiltonian.expression()};
   if (gamma) {
-    formula::Graph& graph = *hamiltonian.graph();
-    const std::size_t n = hamiltonian.degrees_of_freedom();
-    const auto gradient = formula::gradient(hamiltonian.expression(), variables);
-    std::vector<Expression> f(2 * n, graph.constant(0.0));
-    for (std::size_t i = 0; i < n; ++i) {
-      f[i] = gradient[n + i];
-      f[n + i] = -gradient[i];
-    }
-    // Both triangles, the columns of each row in their order.
-    std::vector<std::map<std::size_t, Expression>> rows(2 * n);
-    for (const auto& [i, j, entry] : formula::hessian_entries(hamiltonian.expression(), variables)) {
-      rows[i].emplace(j, entry);
-      rows[j].emplace(i, entry);
-    }
-    Expression sum = graph.constant(0.0);
-    for (std::size_t i = 0; i < 2 * n; ++i) {
-      Expression row = graph.constant(0.0);
-      for (const auto& [j, entry] : rows[i]) {
-        row += entry * f[j];
-      }
-      sum += f[i] * row;
-    }
-    seen.push_back(sum);
+    seen.push_back(hamiltonian.gamma());
   }
   seen.insert(seen.end(), observed.begin(), observed.end());
   return seen;
