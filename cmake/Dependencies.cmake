@@ -23,7 +23,7 @@ function(rubato_link target name)
 endfunction()
 
 # rubato_archives(<variable> <names> <libraries>…): those libraries, static ones in place of the shared ones of which the
-# name is one of <names>, a|b|c, and beside which they lie.
+# name is one of <names>, a|b|c, and beside which they lie; none if there is no static one.
 function(rubato_archives variable names)
   set(archives)
   foreach(library IN LISTS ARGN)
@@ -34,6 +34,9 @@ function(rubato_archives variable names)
       list(APPEND archives "${library}")
     endif()
   endforeach()
+  if(archives STREQUAL ARGN)
+    set(archives)
+  endif()
   set(${variable} ${archives} PARENT_SCOPE)
 endfunction()
 
@@ -75,7 +78,10 @@ pkg_check_modules(FFTW REQUIRED fftw3)   # Debian's FFTW has no CMake config fil
 add_library(rubato_fftw INTERFACE)
 set_target_properties(rubato_fftw PROPERTIES EXPORT_NAME fftw)
 rubato_archives(archives fftw3 ${FFTW_LINK_LIBRARIES})
-rubato_link(rubato_fftw FFTW SHARED ${FFTW_LINK_LIBRARIES} STATIC ${archives} m
+if(archives)
+  list(APPEND archives m)
+endif()
+rubato_link(rubato_fftw FFTW SHARED ${FFTW_LINK_LIBRARIES} STATIC ${archives}
   SOURCE "extern \"C\" void fftw_cleanup(); int main() { fftw_cleanup(); }")
 install(TARGETS rubato_fftw EXPORT rubato-targets)
 
