@@ -7,6 +7,7 @@
 #include <optional>
 #include <stdexcept>
 #include <unordered_map>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -81,12 +82,17 @@ public:
   }
 
   ValueId operation(OpCode code, ValueId a, ValueId b = 0) {
-    const auto [entry, is_new] = operations_.try_emplace(Key{code, a, b}, 0);
-    if (is_new) {
-      values_.push_back({.kind = Kind::operation, .code = code, .a = a, .b = b});
-      entry->second = last();
+    const Value value{.kind = Kind::operation, .code = code, .a = a, .b = b};
+    const std::size_t slot = slot_of(value);
+    if (slots_[slot] != no_value) {
+      return slots_[slot];
     }
-    return entry->second;
+    values_.push_back(value);
+    slots_[slot] = last();
+    if (++operations_ > slots_.size() / 2) {
+      make_room();
+    }
+    return last();
   }
 
   ValueId divide(ValueId a, ValueId b) {
@@ -121,17 +127,27 @@ private:
   static constexpr double largest_integer_power = 64.0;
   static constexpr std::int32_t largest_product = 8;
 
-  struct Key {
-    OpCode code;
-    ValueId a, b;
-    bool operator==(const Key&) const = default;
-  };
-  struct KeyHash {
-    std::size_t operator()(const Key& key) const {
-      const std::uint64_t pair = (std::uint64_t{key.a} << 32U) | key.b;
-      return static_cast<std::size_t>((pair + static_cast<std::uint64_t>(key.code)) * 0x9e3779b97f4a7c15U >> 16U);
+  /// Where the operation is, or the free slot where it belongs.
+  [[nodiscard]] std::size_t slot_of(const Value& value) const {
+    const auto is_it = [&](const Value& other) {
+      return other.code == value.code && other.a == value.a && other.b == value.b;
+    };
+    const std::uint64_t words = ((std::uint64_t{value.a} << 32U) | value.b) + static_cast<std::uint64_t>(value.code);
+    const std::size_t mask = slots_.size() - 1;
+    std::size_t slot = static_cast<std::size_t>(words * 0x9e3779b97f4a7c15U >> 16U) & mask;
+    while (slots_[slot] != no_value && !is_it(values_[slots_[slot]])) {
+      slot = (slot + 1) & mask;
     }
-  };
+    return slot;
+  }
+  void make_room() {
+    slots_.assign(2 * slots_.size(), no_value);
+    for (ValueId id = 0; id < values_.size(); ++id) {
+      if (values_[id].kind == Kind::operation) {
+        slots_[slot_of(values_[id])] = id;
+      }
+    }
+  }
 
   [[nodiscard]] ValueId last() const { return static_cast<ValueId>(values_.size() - 1); }
 
@@ -171,7 +187,9 @@ private:
 
   std::vector<Value> values_;
   std::unordered_map<std::uint64_t, ValueId> constants_;
-  std::unordered_map<Key, ValueId, KeyHash> operations_;
+  /// Of operations, each at its hash or behind it: a power of two, half of them free.
+  std::vector<ValueId> slots_ = std::vector<ValueId>(64, no_value);
+  std::size_t operations_ = 0;
 };
 
 OpCode code_of(Operation operation) {
@@ -278,8 +296,14 @@ std::vector<ValueId> pair_sines_and_cosines(const std::vector<Lowering::Value>& 
 
 Bytecode::Bytecode(std::span<const Expression> outputs, std::span<const Expression> inputs, bool reuse_registers)
     : input_count_(inputs.size()), machine_code_(std::make_shared<LazyMachineCode>()) {
+  const std::vector<NodeIndex> order = reachable(outputs);
+  NodeIndex last = order.empty() ? 0 : order.back();
+  for (const Expression input : inputs) {
+    last = std::max(last, input.valid() ? input.index() : 0);
+  }
+  std::vector<ValueId> id_of(last + 1, no_value);  // by node
   Lowering lowering;
-  std::unordered_map<NodeIndex, ValueId> id_of;
+  std::uint32_t next_input = 0;
   for (const Expression input : inputs) {
     const bool is_variable = input.valid() && input.graph()->node(input.index()).operation == Operation::variable &&
                              (outputs.empty() || input.graph() == outputs.front().graph());
@@ -287,18 +311,16 @@ Bytecode::Bytecode(std::span<const Expression> outputs, std::span<const Expressi
       throw std::invalid_argument(
           fmt::format("compiling a formula: the input '{}' is not a variable of its graph", to_string(input)));
     }
-    const ValueId id = lowering.input(static_cast<std::uint32_t>(id_of.size()));
-    if (!id_of.emplace(input.index(), id).second) {
+    if (std::exchange(id_of[input.index()], lowering.input(next_input++)) != no_value) {
       throw std::invalid_argument(fmt::format("compiling a formula: the input '{}' is given twice", to_string(input)));
     }
   }
 
-  const std::vector<NodeIndex> order = reachable(outputs);
   for (const NodeIndex index : order) {
     const Graph& graph = *outputs.front().graph();
     const Node& node = graph.node(index);
     if (node.operation == Operation::variable) {
-      if (!id_of.contains(index)) {
+      if (id_of[index] == no_value) {
         throw std::invalid_argument(
             fmt::format("compiling a formula: it depends on '{}', which is not an input", graph.variable_name(node.a)));
       }
@@ -307,21 +329,20 @@ Bytecode::Bytecode(std::span<const Expression> outputs, std::span<const Expressi
     ValueId id = no_value;
     switch (node.operation) {
       case Operation::constant: id = lowering.constant(node.value); break;
-      case Operation::divide: id = lowering.divide(id_of.at(node.a), id_of.at(node.b)); break;
-      case Operation::power: id = lowering.power(id_of.at(node.a), id_of.at(node.b)); break;
+      case Operation::divide: id = lowering.divide(id_of[node.a], id_of[node.b]); break;
+      case Operation::power: id = lowering.power(id_of[node.a], id_of[node.b]); break;
       default:
-        id = arity(node.operation) == 1
-                 ? lowering.operation(code_of(node.operation), id_of.at(node.a))
-                 : lowering.operation(code_of(node.operation), id_of.at(node.a), id_of.at(node.b));
+        id = arity(node.operation) == 1 ? lowering.operation(code_of(node.operation), id_of[node.a])
+                                        : lowering.operation(code_of(node.operation), id_of[node.a], id_of[node.b]);
         break;
     }
-    id_of.emplace(index, id);
+    id_of[index] = id;
   }
 
   std::vector<ValueId> output_ids;
   output_ids.reserve(outputs.size());
   for (const Expression output : outputs) {
-    output_ids.push_back(id_of.at(output.index()));
+    output_ids.push_back(id_of[output.index()]);
   }
   std::vector<Lowering::Value>& values = lowering.values();
   count_uses(values, output_ids);

@@ -165,13 +165,22 @@ SumSizeEvaluator::SumSizeEvaluator(const Bytecode& code) : evaluator_(code), err
 
 void SumSizeEvaluator::prepare() {
   const std::size_t length = evaluator_.code().instructions().size();
-  if (formula_ || rolled_ || length > longest_with_formula) {
+  if (formula_ || length > longest_with_formula) {
     return;
   }
   if (length <= short_formula) {
     make_formula();
-  } else if (rolled_ = RolledRounding::of(evaluator_.code()); !rolled_) {
+    return;
+  }
+  roll();
+  if (!rolled_) {
     until_formula_ = evaluations_worth_code;
+  }
+}
+
+void SumSizeEvaluator::roll() {
+  if (!rolled_) {
+    rolled_ = RolledRounding::of(evaluator_.code());
   }
 }
 

@@ -60,6 +60,9 @@ public:
   /// long one is rolled up instead; where it cannot be the machine code is made when it has been asked for so often
   /// that this pays, and of a very long one never. No result changes.
   void prepare();
+  /// What takes less time than some tens of evaluations do: rolled code, where there is much to roll. No result
+  /// changes.
+  void roll();
 
   /// At `inputs` that are off by u·`errors`. Where the bound is not finite, rounding is that of the terms.
   [[nodiscard]] SumSize operator()(std::span<const double> inputs, std::span<const double> errors);

@@ -43,6 +43,12 @@ std::vector<Expression> one_after_another(std::initializer_list<std::span<const 
 std::vector<Expression> SplittingState::all() const {
   return one_after_another({low_q_, q_, p_, low_p_});
 }
+std::vector<Expression> SplittingState::positions() const {
+  return one_after_another({low_q_, q_});
+}
+std::vector<Expression> SplittingState::momenta() const {
+  return one_after_another({p_, low_p_});
+}
 std::vector<Expression> SplittingState::high() const {
   return one_after_another({q_, p_});
 }
@@ -50,17 +56,21 @@ std::vector<Expression> SplittingState::low() const {
   return one_after_another({low_q_, low_p_});
 }
 
-Expression SplittingState::move(const SplittingHalf& half, bool drift, Expression length) {
-  const auto value = half.at(drift ? p_ : q_, *length.graph());
+std::vector<Expression> SplittingState::move(const SplittingHalf& half, bool drift, Expression length) {
+  std::vector<Expression> value = half.at(drift ? p_ : q_, *length.graph());
+  move_along(std::span(value).subspan(1), drift, length);
+  return value;
+}
+
+void SplittingState::move_along(std::span<const Expression> gradient, bool drift, Expression length) {
   auto& moved = drift ? q_ : p_;
   auto& low = drift ? low_q_ : low_p_;
   for (std::size_t i = 0; i < moved.size(); ++i) {
-    const Expression change = low[i] + length * value[1 + i];
+    const Expression change = low[i] + length * gradient[i];
     const Expression sum = moved[i] + change;
     low[i] = change - (sum - moved[i]);
     moved[i] = sum;
   }
-  return value[0];
 }
 
 std::vector<Expression> SplittingFormula::inputs() const {
@@ -91,7 +101,8 @@ std::optional<SplittingFormula> splitting_formula(const SplittingHalf& T, const 
       .graph = shared, .here = here, .there = here, .h = graph.variable("h"), .energy = graph.constant(0.0)};
   for (const Composition::Part& part : composition.parts) {
     const SplittingHalf& half = part.drift ? T : V;
-    step.energy += part.length * step.there.move(half, part.drift, (part.drift ? part.length : -part.length) * step.h);
+    const Expression value = step.there.move(half, part.drift, (part.drift ? part.length : -part.length) * step.h)[0];
+    step.energy += part.length * value;
   }
   return step;
 }

@@ -44,9 +44,16 @@ public:
   [[nodiscard]] std::vector<formula::Expression> high() const;
   [[nodiscard]] std::vector<formula::Expression> low() const;
   ///@}
+  /// What a drift moves, and what a kick does: numbers and low digits as they stand in all().
+  ///@{
+  [[nodiscard]] std::vector<formula::Expression> positions() const;
+  [[nodiscard]] std::vector<formula::Expression> momenta() const;
+  ///@}
 
-  /// Adds `length` times the gradient of T to q (a drift), or of V to p. \return T or V
-  formula::Expression move(const SplittingHalf& half, bool drift, formula::Expression length);
+  /// Adds `length` times the gradient of T to q (a drift), or of V to p. \return T or V, and the gradient
+  std::vector<formula::Expression> move(const SplittingHalf& half, bool drift, formula::Expression length);
+  /// The same by a gradient that is known.
+  void move_along(std::span<const formula::Expression> gradient, bool drift, formula::Expression length);
 
 private:
   std::vector<formula::Expression> q_, p_, low_q_, low_p_;

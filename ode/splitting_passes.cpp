@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <memory>
+#include <tuple>
 
 #include <fmt/format.h>
 
@@ -13,60 +14,111 @@ using formula::Bytecode;
 using formula::Expression;
 using formula::ScalarEvaluator;
 
-/// Where a state ends: the lengths h of a pass, of the kick and of the drift; and then V and T where it began.
-constexpr std::size_t tail = 2;
+/// Lengths of parts in front of a state, at most; and numbers behind it, V and T.
+constexpr std::size_t most_lengths = 3, values_behind = 2;
 
-/// (z in its parts, the two lengths) ↦ (z in its parts, V, T), without those numbers that a part alone leaves as they
-/// are.
-Bytecode parts_code(const SplittingHalf& T, const SplittingHalf& V, bool kicks, bool drifts) {
+enum class Part { kick, kick_by_kept, drift };
+
+/// How the numbers of a state stand: as those of a SplittingState, or those that a kick moves before those that a drift
+/// does.
+enum class Order { level, between };
+
+struct PassCode {
+  std::vector<Part> parts;
+  Order from, to;
+};
+
+void append(std::vector<Expression>& all, const std::vector<Expression>& further) {
+  all.insert(all.end(), further.begin(), further.end());
+}
+
+std::vector<Expression> in_order(const SplittingState& z, Order order) {
+  const std::vector<Expression> q = z.positions(), p = z.momenta();
+  const auto& [first, second] = order == Order::level ? std::tie(q, p) : std::tie(p, q);
+  std::vector<Expression> all = first;
+  append(all, second);
+  return all;
+}
+
+/// (the lengths of the parts, z in its parts, ∇V where it is kept) ↦ (z in its parts, V and T where there is a kick): V
+/// at the kick, T at the momenta before it. Of one kick alone the outputs are what it moves, ∇V, V and T.
+Bytecode code_of(const PassCode& pass, const SplittingHalf& T, const SplittingHalf& V) {
   formula::Graph graph;
   const std::size_t n = V.variables.size();
+  const auto named = [&](const char* name, std::size_t count) {
+    std::vector<Expression> variables;
+    for (std::size_t i = 0; i < count; ++i) {
+      variables.push_back(graph.variable(fmt::format("{}{}", name, i)));
+    }
+    return variables;
+  };
   SplittingState z(n, graph);
-  std::vector<Expression> inputs = z.all();
-  const Expression kick = graph.variable("kick"), drift = graph.variable("drift");
-  inputs.insert(inputs.end(), {kick, drift});
-  std::vector<Expression> values;
-  if (kicks) {
-    const Expression before = T.at(std::span(inputs).subspan(2 * n, n), graph)[0];
-    values = {z.move(V, false, kick), before};
+  const std::vector<Expression> lengths = named("length", pass.parts.size());
+  std::vector<Expression> inputs = lengths, kept, values;
+  append(inputs, in_order(z, pass.from));
+  if (pass.parts.front() == Part::kick_by_kept) {
+    kept = named("f", n);
+    append(inputs, kept);
   }
-  if (drifts) {
-    z.move(T, true, drift);
+  const bool is_kick = pass.parts.size() == 1;
+  for (std::size_t k = 0; k < pass.parts.size(); ++k) {
+    if (pass.parts[k] == Part::kick_by_kept) {
+      z.move_along(kept, false, lengths[k]);
+    } else if (pass.parts[k] == Part::drift) {
+      z.move(T, true, lengths[k]);
+    } else {
+      const Expression before = T.at(std::span<const Expression>(z.momenta()).first(n), graph)[0];
+      const std::vector<Expression> value = z.move(V, false, lengths[k]);
+      if (is_kick) {
+        values.assign(value.begin() + 1, value.end());
+      }
+      values.insert(values.end(), {value[0], before});
+    }
   }
-  std::vector<Expression> outputs = z.all();
-  const auto half = outputs.begin() + static_cast<std::ptrdiff_t>(2 * n);
-  if (!drifts) {
-    outputs.erase(outputs.begin(), half);
-  } else if (!kicks) {
-    outputs.erase(half, outputs.end());
-  }
-  outputs.insert(outputs.end(), values.begin(), values.end());
+  std::vector<Expression> outputs = is_kick ? z.momenta() : in_order(z, pass.to);
+  append(outputs, values);
   return {outputs, inputs};
 }
 
 }  // namespace
 
 SplittingPasses::SplittingPasses(const SplittingHalf& T, const SplittingHalf& V, const Composition& composition)
-    : composition_(&composition), n_(V.variables.size()), pass_(parts_code(T, V, true, true)) {
-  if (composition.parts.front().drift) {
-    drift_.emplace(parts_code(T, V, false, true));
-    T_.emplace(Bytecode(std::span(T.outputs).first(1), T.variables));
+    : composition_(&composition), n_(V.variables.size()), kicks_first_(!composition.parts.front().drift) {
+  const auto half = static_cast<std::ptrdiff_t>(2 * n_);
+  const auto place_of = [&](Order order) { return order == Order::level ? 0 : -half; };
+  const auto pass_of = [&](const PassCode& pass) {
+    return Pass{.evaluate = ScalarEvaluator(code_of(pass, T, V)),
+                .parts = pass.parts.size(),
+                .from = place_of(pass.from),
+                .to = place_of(pass.to) + (pass.parts.size() == 1 ? half : 0)};
+  };
+  const Order order = kicks_first_ ? Order::between : Order::level;
+  if (kicks_first_) {
+    V_.emplace(V.code);
+    first_ = pass_of({{Part::kick_by_kept, Part::drift}, Order::level, order});
+    last_ = pass_of({{Part::kick}, order, Order::level});
   } else {
-    kick_.emplace(parts_code(T, V, true, false));
+    first_ = pass_of({{Part::drift, Part::kick, Part::drift}, Order::level, order});
+    T_.emplace(Bytecode(std::span(T.outputs).first(1), T.variables));
+  }
+  if (composition.parts.size() > 3) {
+    inner_ = pass_of({{Part::kick, Part::drift}, order, order});
   }
   // What is written to one is not to stand where the next numbers of another are read from, by the last twelve bits of
   // addresses, which is all that processors look at before they let a load go ahead of a store.
   constexpr std::size_t line = 8, page = 512, third = 21 * line;
-  const std::size_t size = SplittingState::parts * n_ + tail;
+  const std::size_t before = most_lengths + 2 * n_, behind = (SplittingState::parts + 1) * n_ + values_behind;
+  const std::size_t size = before + behind;
   memory_.resize(4 * (size + page) + line);
   void* begin = memory_.data();
   std::size_t space = memory_.size() * sizeof(double);
   auto* const first = static_cast<double*>(std::align(line * sizeof(double), size * sizeof(double), begin, space));
   std::size_t next = 0;
   const auto take = [&](std::size_t remainder) {
+    next += before;
     next += (remainder + page - next % page) % page;
     double* const room = first + next;
-    next += size;
+    next += behind;
     return room;
   };
   between_[0] = take(0);
@@ -75,47 +127,57 @@ SplittingPasses::SplittingPasses(const SplittingHalf& T, const SplittingHalf& V,
 }
 
 std::array<std::span<double>, 2> SplittingPasses::levels() {
-  const std::size_t size = SplittingState::parts * n_ + tail;
+  const std::size_t size = SplittingState::parts * n_;
   return {std::span(levels_[0], size), std::span(levels_[1], size)};
+}
+
+/// Where a step begins and it is not kept from the step before.
+void SplittingPasses::know_potential(double* level) {
+  std::optional<double>& potential = potential_of(level);
+  if (!potential) {
+    const double* const values = V_->at(level + n_);
+    std::copy_n(values + 1, n_, level + SplittingState::parts * n_);
+    potential = values[0];
+  }
 }
 
 double SplittingPasses::operator()(double h, double* here, double* there) {
   std::span<const Composition::Part> parts(composition_->parts);
-  const std::size_t size = SplittingState::parts * n_ + tail, half = 2 * n_;
-  double* from = here;
-  const auto go = [&](ScalarEvaluator& evaluate, double kick, double drift, std::span<double> to) {
-    from[size - 2] = -(kick * h);
-    from[size - 1] = drift * h;
-    evaluate({from, size}, to);
-  };
-  double energy = 0.0;
+  double energy = 0.0, potential = 0.0;
   std::optional<double> drifted;  // with the p that stands there, and is not in E yet
-  if (drift_) {
-    std::copy_n(here + half, half, between_[1] + half);
-    go(*drift_, 0.0, parts.front().length, {between_[1], half});
-    from = between_[1];
-    drifted = parts.front().length;
-    parts = parts.subspan(1);
+  if (kicks_first_) {
+    know_potential(here);
+    energy += parts.front().length * *potential_of(here);
   }
-  const auto add = [&](double kick, const double* to) {
-    if (drifted) {
-      energy += *drifted * to[size - 1];
+  for (double* from = here; !parts.empty();) {
+    Pass& pass = from == here ? first_ : parts.size() == last_.parts ? last_ : inner_;
+    const std::span<const Composition::Part> gone = parts.first(pass.parts);
+    parts = parts.subspan(pass.parts);
+    double* const to = parts.size() <= last_.parts ? there : from == between_[0] ? between_[1] : between_[0];
+    double* const inputs = from + pass.from - gone.size();
+    for (std::size_t k = 0; k < gone.size(); ++k) {
+      inputs[k] = (gone[k].drift ? gone[k].length : -gone[k].length) * h;
     }
-    energy += kick * to[size - 2];
-  };
-  for (; parts.size() > 1; parts = parts.subspan(2)) {
-    double* const to = parts.size() == 2 ? there : from == between_[0] ? between_[1] : between_[0];
-    go(pass_, parts[0].length, parts[1].length, {to, size});
+    const std::span<double> outputs(to + pass.to, pass.evaluate.code().output_count());
+    pass.evaluate({inputs, pass.evaluate.code().input_count()}, outputs);
+    const double* const values = outputs.last(values_behind).data();  // V and T
+    for (const Composition::Part& part : gone) {
+      if (part.drift) {
+        drifted = part.length;
+      } else if (!kicks_first_ || &part != composition_->parts.data()) {
+        if (drifted) {
+          energy += *drifted * values[1];
+        }
+        potential = values[0];
+        energy += part.length * potential;
+      }
+    }
     from = to;
-    add(parts[0].length, to);
-    drifted = parts[1].length;
   }
-  if (kick_) {
-    std::copy_n(from, half, there);
-    go(*kick_, parts.front().length, 0.0, {there + half, size - half});
-    add(parts.front().length, there);
+  if (kicks_first_) {
+    potential_of(there) = potential;
   } else {
-    energy += *drifted * *T_->at(there + half);
+    energy += *drifted * *T_->at(there + 2 * n_);
   }
   return energy;
 }

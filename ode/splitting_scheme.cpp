@@ -63,6 +63,7 @@ public:
       rooms = {std::span(memory_).first(room), std::span(memory_).last(room)};
     } else {
       passes_.emplace(T, V, composition);
+      energy_size_.roll();
       rooms = passes_->levels();
     }
     for (std::size_t i = 0; i < 2; ++i) {
@@ -105,7 +106,7 @@ public:
     return size;
   }
   [[nodiscard]] std::size_t energy_size_period() const override {
-    return 2 * n_ <= tuning::small_state ? tuning::size_period : tuning::large_size_period;
+    return 2 * n_ <= tuning::small_state && !passes_ ? tuning::size_period : tuning::large_size_period;
   }
   [[nodiscard]] double prepare_abreast() override {
     energy_size_.prepare();
@@ -177,6 +178,9 @@ private:
   }
   /// No step is known, from where it may be.
   void stand_here() {
+    if (passes_) {
+      passes_->forget();
+    }
     std::copy_n(here_->z, 2 * n_, there_->z);
     for (Level& level : levels_) {
       level.energy.reset();
