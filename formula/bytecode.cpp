@@ -67,6 +67,9 @@ public:
     bool absorbed = false;  ///< a product that lives inside the sum using it
   };
 
+  /// Of about so many values.
+  explicit Lowering(std::size_t count) : slots_(std::bit_ceil(2 * count + 64), no_value) { values_.reserve(count); }
+
   ValueId input(std::uint32_t number) {
     values_.push_back({.kind = Kind::input, .a = number});
     return last();
@@ -134,7 +137,7 @@ private:
     };
     const std::uint64_t words = ((std::uint64_t{value.a} << 32U) | value.b) + static_cast<std::uint64_t>(value.code);
     const std::size_t mask = slots_.size() - 1;
-    std::size_t slot = static_cast<std::size_t>(words * 0x9e3779b97f4a7c15U >> 16U) & mask;
+    std::size_t slot = static_cast<std::size_t>(words * 0x9e3779b97f4a7c15U >> 32U) & mask;
     while (slots_[slot] != no_value && !is_it(values_[slots_[slot]])) {
       slot = (slot + 1) & mask;
     }
@@ -188,7 +191,7 @@ private:
   std::vector<Value> values_;
   std::unordered_map<std::uint64_t, ValueId> constants_;
   /// Of operations, each at its hash or behind it: a power of two, half of them free.
-  std::vector<ValueId> slots_ = std::vector<ValueId>(64, no_value);
+  std::vector<ValueId> slots_;
   std::size_t operations_ = 0;
 };
 
@@ -302,7 +305,7 @@ Bytecode::Bytecode(std::span<const Expression> outputs, std::span<const Expressi
     last = std::max(last, input.valid() ? input.index() : 0);
   }
   std::vector<ValueId> id_of(last + 1, no_value);  // by node
-  Lowering lowering;
+  Lowering lowering(inputs.size() + order.size());
   std::uint32_t next_input = 0;
   for (const Expression input : inputs) {
     const bool is_variable = input.valid() && input.graph()->node(input.index()).operation == Operation::variable &&

@@ -7,6 +7,12 @@
 
 namespace rubato {
 
+namespace {
+
+constexpr std::size_t steps_of_recurrence = 3;
+
+}  // namespace
+
 RestForecast::RestForecast(const GaussTableau& tableau, int fields, std::size_t waves)
     : tableau_(tableau),
       m_(tableau.stages),
@@ -15,12 +21,19 @@ RestForecast::RestForecast(const GaussTableau& tableau, int fields, std::size_t 
       foreseen_(ways * fields, waves),
       off_(ways * fields, waves),
       seen_(1, waves) {
-  past_.fill(WaveRows(fields * m_, waves));
+  past_.assign(m_ == 1 ? StageForecast::most_steps : steps_of_recurrence, WaveRows(fields * m_, waves));
   for (int i = 0; i < m_; ++i) {
     for (int j = 0; j < m_; ++j) {
       onward_.push_back(tableau.lagrange(j, 1.0 + tableau.c[i]));
     }
   }
+}
+
+void RestForecast::forget() {
+  known_ = 0;
+  judged_ = told_ = false;
+  last_h_ = 0.0;
+  off_.fill(0.0);
 }
 
 void RestForecast::add(double h) {
@@ -51,22 +64,47 @@ void RestForecast::add(double h) {
 void RestForecast::foresee(WaveRows& rests) {
   for_each_wave_block(rests.waves(), [&](std::size_t begin, std::size_t end) {
     for (int f = 0; f < fields_; ++f) {
-      WaveForecast forecast{};
-      for (int back = 0; back < known_; ++back) {
-        forecast.past[static_cast<std::size_t>(back)] =
-            rows_from(std::as_const(past_[place(static_cast<std::size_t>(back))]), f * m_, begin);
+      if (m_ == 1) {
+        foresee_one_stage(f, begin, end - begin, rests);
+      } else {
+        foresee_stages(f, begin, end - begin, rests);
       }
-      forecast.judged = judged_;
-      for (int way = 0; way < ways; ++way) {
-        const int row = way * fields_ + f;
-        forecast.off.at(static_cast<std::size_t>(way)) = std::as_const(off_).field(row).data() + begin;
-        forecast.last.at(static_cast<std::size_t>(way)) = rows_from(foreseen_, row, begin);
-      }
-      forecast.stages = rows_from(rests, f * m_, begin);
-      foresee_waves(m_, onward_.data(), forecast, end - begin);
     }
   });
   told_ = true;
+}
+
+void RestForecast::foresee_stages(int field, std::size_t begin, std::size_t count, WaveRows& rests) {
+  WaveForecast forecast{};
+  for (int back = 0; back < known_; ++back) {
+    forecast.past[static_cast<std::size_t>(back)] =
+        rows_from(std::as_const(past_[place(static_cast<std::size_t>(back))]), field * m_, begin);
+  }
+  forecast.judged = judged_;
+  for (int way = 0; way < ways; ++way) {
+    const int row = way * fields_ + field;
+    forecast.off.at(static_cast<std::size_t>(way)) = std::as_const(off_).field(row).data() + begin;
+    forecast.last.at(static_cast<std::size_t>(way)) = rows_from(foreseen_, row, begin);
+  }
+  forecast.stages = rows_from(rests, field * m_, begin);
+  foresee_waves(m_, onward_.data(), forecast, count);
+}
+
+void RestForecast::foresee_one_stage(int field, std::size_t begin, std::size_t count, WaveRows& rests) {
+  StageForecast forecast{};
+  forecast.known = known_;
+  for (std::size_t back = 0; back < static_cast<std::size_t>(known_); ++back) {
+    const WaveRows& past = past_[place(back)];
+    forecast.re.at(back) = past.re.field(field).data() + begin;
+    forecast.im.at(back) = past.im.field(field).data() + begin;
+  }
+  for (int way = 0; way < ways; ++way) {
+    const int row = way * fields_ + field;
+    forecast.off.at(static_cast<std::size_t>(way)) = std::as_const(off_).field(row).data() + begin;
+    forecast.last.at(static_cast<std::size_t>(way)) = rows_from(foreseen_, row, begin);
+  }
+  forecast.stage = rows_from(rests, field, begin);
+  foresee_steps(forecast, count);
 }
 
 void RestForecast::save(StateWriter& state, const grids::Fourier& fourier) const {

@@ -11,9 +11,9 @@
 
 namespace rubato {
 
-/// What the rests of the next step's stages are likely to be, from those G of up to three steps before: where the
-/// iteration for them begins. On each wave one of three ways is taken, the one that came nearest to the last stage of
-/// the step before:
+/// What the rests of the next step's stages are likely to be, from those G of the steps before: where the iteration for
+/// them begins. On each wave one of three ways is taken, the one that came nearest to the last stage of the step
+/// before. Of several stages, from up to three steps:
 ///
 /// - the polynomial in time through the last step's stages, continued;
 /// - a recurrence from step to step, G_i^{n+1} = α G_i^n + β G_i^{n-1}, whose α and β fit the stages of the last three
@@ -22,14 +22,18 @@ namespace rubato {
 ///   waves of either direction. Two steps tell α alone;
 /// - the same, and the polynomial through what it leaves of the last step, continued.
 ///
+/// Of one stage the polynomials through the last step, the last four, the last eight, or as many as are known: steps of
+/// second order are short beside what moves, and recurrences no better where they are not. Stages of several steps lie
+/// on no such polynomial, as each is off by an error of its own.
+///
 /// What is foreseen is of a step as long as the last one, and from steps that are taken to be equally long. Where they
-/// are not, the recurrence is as far off as it is found to be.
+/// are not, each way is as far off as it is found to be.
 class RestForecast {
 public:
   /// Of so many fields.
   RestForecast(const GaussTableau& tableau, int fields, std::size_t waves);
 
-  void forget() { known_ = 0, judged_ = told_ = false, last_h_ = 0.0; }
+  void forget();
   /// Of the last step; 0: none is known.
   [[nodiscard]] double last_h() const { return last_h_; }
 
@@ -49,19 +53,22 @@ private:
   /// Where the step so many before the last one is.
   [[nodiscard]] std::size_t place(std::size_t back) const { return (newest_ + back) % past_.size(); }
 
+  void foresee_stages(int field, std::size_t begin, std::size_t count, WaveRows& rests);
+  void foresee_one_stage(int field, std::size_t begin, std::size_t count, WaveRows& rests);
+
   const GaussTableau tableau_;
   int m_, fields_;
-  std::vector<double> onward_;    ///< ℓ_j(1 + c_i), by rows
-  std::vector<double> at_last_;   ///< ℓ_j at the time for which the last stage was foreseen, in the step taken
-  std::array<WaveRows, 3> past_;  ///< the last step's first
-  WaveRows foreseen_;             ///< the last stage, row way·fields + f
-  grids::FieldSet off_;           ///< and how far it was off the last time, in these rows
-  WaveRows seen_;                 ///< one row
+  std::vector<double> onward_;   ///< ℓ_j(1 + c_i), by rows
+  std::vector<double> at_last_;  ///< ℓ_j at the time for which the last stage was foreseen, in the step taken
+  std::vector<WaveRows> past_;   ///< the last step's first
+  WaveRows foreseen_;            ///< the last stage, row way·fields + f
+  grids::FieldSet off_;          ///< and how far it was off the last time, in these rows
+  WaveRows seen_;                ///< one row
   std::size_t newest_ = 0;
   int known_ = 0;
   double last_h_ = 0.0;
   bool told_ = false;    ///< foreseen_ is of the next step
-  bool judged_ = false;  ///< off_ is of recurrences, too
+  bool judged_ = false;  ///< off_ is of recurrences, too, which one stage has not
 };
 
 }  // namespace rubato

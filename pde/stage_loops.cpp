@@ -360,6 +360,55 @@ using LaneStages = std::array<LaneNumbers, GaussTableau::most_stages>;
   }
 }
 
+/// The polynomial through its values at -1, -2, …, at 0: the weight of the k-th of so many is -(-1)^k times a binomial
+/// coefficient.
+constexpr auto weights_of_steps = [] {
+  std::array<std::array<double, StageForecast::most_steps>, StageForecast::most_steps + 1> weights{};
+  for (std::size_t points = 1; points <= StageForecast::most_steps; ++points) {
+    double binomial = 1.0;
+    for (std::size_t k = 1; k <= points; ++k) {
+      binomial *= static_cast<double>(points + 1 - k) / static_cast<double>(k);
+      weights[points][k - 1] = k % 2 == 1 ? binomial : -binomial;
+    }
+  }
+  return weights;
+}();
+
+[[gnu::always_inline]] inline void foresee_steps_block(const StageForecast& forecast, std::size_t w,
+                                                       std::size_t count) {
+  const auto weights = [&](int points) {
+    return weights_of_steps[static_cast<std::size_t>(std::min(points, forecast.known))].data();
+  };
+  const double *of_few = weights(StageForecast::points[1]), *of_many = weights(StageForecast::points[2]);
+  LaneNumbers one, few, many, x;
+  take(forecast.re[0] + w, count, one.re);
+  take(forecast.im[0] + w, count, one.im);
+  few = many = one;
+  multiply_by(of_few[0] + EightLanes{}, few);
+  multiply_by(of_many[0] + EightLanes{}, many);
+  for (std::size_t k = 1; k < static_cast<std::size_t>(forecast.known); ++k) {
+    take(forecast.re[k] + w, count, x.re);
+    take(forecast.im[k] + w, count, x.im);
+    few.re += of_few[k] * x.re;
+    few.im += of_few[k] * x.im;
+    many.re += of_many[k] * x.re;
+    many.im += of_many[k] * x.im;
+  }
+  give_number(one, forecast.last[0], 0, w, count);
+  give_number(few, forecast.last[1], 0, w, count);
+  give_number(many, forecast.last[2], 0, w, count);
+  EightLanes off_one, off_few, off_many;
+  take(forecast.off[0] + w, count, off_one);
+  take(forecast.off[1] + w, count, off_few);
+  take(forecast.off[2] + w, count, off_many);
+  const EightLanes off_two = off_many <= off_few ? off_many : off_few;
+  few.re = off_many <= off_few ? many.re : few.re;
+  few.im = off_many <= off_few ? many.im : few.im;
+  one.re = off_two <= off_one ? few.re : one.re;
+  one.im = off_two <= off_one ? few.im : one.im;
+  give_number(one, forecast.stage, 0, w, count);
+}
+
 }  // namespace
 
 PackedMatrices::PackedMatrices(int rows, int columns, std::size_t waves)
@@ -456,6 +505,16 @@ RUBATO_WIDE_VECTORS void foresee_waves(int m, const double* onward, const WaveFo
       foresee_block(m, onward, forecast, w, lanes);
     } else {
       foresee_block(m, onward, forecast, w, count - w);
+    }
+  }
+}
+
+RUBATO_WIDE_VECTORS void foresee_steps(const StageForecast& forecast, std::size_t count) {
+  for (std::size_t w = 0; w < count; w += lanes) {
+    if (count - w >= lanes) {
+      foresee_steps_block(forecast, w, lanes);
+    } else {
+      foresee_steps_block(forecast, w, count - w);
     }
   }
 }

@@ -86,6 +86,21 @@ struct WaveForecast {
 /// \param onward what the polynomial through m stages is at those of the next step, by rows
 void foresee_waves(int m, const double* onward, const WaveForecast& forecast, std::size_t count);
 
+/// A field's rows for RestForecast, of one stage.
+struct StageForecast {
+  static constexpr std::size_t most_steps = 8, ways = 3;
+  /// Points of each way's polynomial.
+  static constexpr std::array<int, ways> points = {1, 4, most_steps};
+
+  int known;                                     ///< steps, one at least
+  std::array<const double*, most_steps> re, im;  ///< the stage of the last step, and of those before it
+  std::array<const double*, ways> off;           ///< how far each way was off
+  std::array<Strided<double>, ways> last;        ///< what each says
+  Strided<double> stage;                         ///< by the best way
+};
+/// By polynomials through the last steps, which are taken to be equally long.
+void foresee_steps(const StageForecast& forecast, std::size_t count);
+
 /// The largest |y| and |y - last| of what was placed; NaN with a value that is not finite.
 struct StageSizes {
   double moved = 0.0;

@@ -83,6 +83,26 @@ TEST_CASE("rests of waves that turn with one or two frequencies are foreseen") {
   }
 }
 
+TEST_CASE("rests of one stage are foreseen by as many steps as are known, eight at most") {
+  const auto power = [](int degree) {
+    return [degree](std::size_t wave, double t) {
+      return std::complex<double>(std::pow(1.0 + 0.1 * t, degree), 0.1 * static_cast<double>(wave));
+    };
+  };
+  for (const int steps : {1, 4, 8, 12}) {
+    INFO(steps << " steps");
+    // The binomial coefficients of eight are 255 in all. Values are up to 2.25^7 < 300 and off by two units, and each
+    // of the eight sums rounds. (Through fewer points than eight or four the polynomials are the same.)
+    constexpr double rounding = 255.0 * 300.0 * 10.0 * 1.2e-16;
+    const int points = std::min(steps, 8);
+    CHECK(error_after(steps, power(points - 1), 1) < rounding);
+    CHECK(error_after(steps, power(points), 1) > 1e3 * rounding);  // the twin: Δ^n (0.1 t)^n is n!/10^n
+  }
+  // What turns too far in a step for polynomials is begun where it was: off by no more than what it moves by.
+  CHECK(error_after(12, turning(1), 1) < 2.0 * 2.0);
+  CHECK(error_after(12, turning(1), 1) > 0.1);
+}
+
 TEST_CASE("rests that are polynomials in time are foreseen from one step") {
   const auto power = [](int degree) {
     return [degree](std::size_t wave, double t) {
