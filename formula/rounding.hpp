@@ -57,8 +57,8 @@ public:
   SumSizeEvaluator() = default;
 
   /// For those who ask often: the bound by a formula of its own, which machine code is made of, where there is one. A
-  /// long one is rolled up instead; where it cannot be the machine code is made when it has been asked for so often
-  /// that this pays, and of a very long one never. No result changes.
+  /// long one is rolled up first, where it can be, and its machine code is made when it has been asked for so often
+  /// that this pays; of a very long one never. No result changes.
   void prepare();
   /// What takes less time than some tens of evaluations do: rolled code, where there is much to roll. No result
   /// changes.

@@ -331,7 +331,7 @@ TEST_CASE("rolled up, the bound of a chain stays what it was, and those of all i
     at[7] += 0.5;  // the twin: elsewhere it is another
     rolled->run(at, errors);
     CHECK(rolled->bound(0) != plain.bound(0));
-    check_same_bounds(code, 10);
+    check_same_bounds(code, rolled_up == 1 ? 10'100 : 10);  // machine code is made after 10 000
   }
   CHECK(rolled_up >= 4);
 }
