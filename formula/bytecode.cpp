@@ -68,7 +68,7 @@ public:
   };
 
   /// Of about so many values.
-  explicit Lowering(std::size_t count) : slots_(std::bit_ceil(2 * count + 64), no_value) { values_.reserve(count); }
+  explicit Lowering(std::size_t count) : operations_(count) { values_.reserve(count); }
 
   ValueId input(std::uint32_t number) {
     values_.push_back({.kind = Kind::input, .a = number});
@@ -85,17 +85,12 @@ public:
   }
 
   ValueId operation(OpCode code, ValueId a, ValueId b = 0) {
-    const Value value{.kind = Kind::operation, .code = code, .a = a, .b = b};
-    const std::size_t slot = slot_of(value);
-    if (slots_[slot] != no_value) {
-      return slots_[slot];
+    const auto [entry, is_new] = operations_.try_emplace(Key{code, a, b}, 0);
+    if (is_new) {
+      values_.push_back({.kind = Kind::operation, .code = code, .a = a, .b = b});
+      entry->second = last();
     }
-    values_.push_back(value);
-    slots_[slot] = last();
-    if (++operations_ > slots_.size() / 2) {
-      make_room();
-    }
-    return last();
+    return entry->second;
   }
 
   ValueId divide(ValueId a, ValueId b) {
@@ -130,27 +125,17 @@ private:
   static constexpr double largest_integer_power = 64.0;
   static constexpr std::int32_t largest_product = 8;
 
-  /// Where the operation is, or the free slot where it belongs.
-  [[nodiscard]] std::size_t slot_of(const Value& value) const {
-    const auto is_it = [&](const Value& other) {
-      return other.code == value.code && other.a == value.a && other.b == value.b;
-    };
-    const std::uint64_t words = ((std::uint64_t{value.a} << 32U) | value.b) + static_cast<std::uint64_t>(value.code);
-    const std::size_t mask = slots_.size() - 1;
-    std::size_t slot = static_cast<std::size_t>(words * 0x9e3779b97f4a7c15U >> 32U) & mask;
-    while (slots_[slot] != no_value && !is_it(values_[slots_[slot]])) {
-      slot = (slot + 1) & mask;
+  struct Key {
+    OpCode code;
+    ValueId a, b;
+    bool operator==(const Key&) const = default;
+  };
+  struct KeyHash {
+    std::size_t operator()(const Key& key) const {
+      const std::uint64_t pair = (std::uint64_t{key.a} << 32U) | key.b;
+      return static_cast<std::size_t>((pair + static_cast<std::uint64_t>(key.code)) * 0x9e3779b97f4a7c15U >> 16U);
     }
-    return slot;
-  }
-  void make_room() {
-    slots_.assign(2 * slots_.size(), no_value);
-    for (ValueId id = 0; id < values_.size(); ++id) {
-      if (values_[id].kind == Kind::operation) {
-        slots_[slot_of(values_[id])] = id;
-      }
-    }
-  }
+  };
 
   [[nodiscard]] ValueId last() const { return static_cast<ValueId>(values_.size() - 1); }
 
@@ -190,9 +175,7 @@ private:
 
   std::vector<Value> values_;
   std::unordered_map<std::uint64_t, ValueId> constants_;
-  /// Of operations, each at its hash or behind it: a power of two, half of them free.
-  std::vector<ValueId> slots_;
-  std::size_t operations_ = 0;
+  std::unordered_map<Key, ValueId, KeyHash> operations_;
 };
 
 OpCode code_of(Operation operation) {

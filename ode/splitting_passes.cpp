@@ -161,10 +161,11 @@ double SplittingPasses::operator()(double h, double* here, double* there) {
     const std::span<double> outputs(to + pass.to, pass.evaluate.code().output_count());
     pass.evaluate({inputs, pass.evaluate.code().input_count()}, outputs);
     const double* const values = outputs.last(values_behind).data();  // V and T
-    for (const Composition::Part& part : gone) {
+    const bool has_kept = kicks_first_ && from == here;               // a kick that is in E already
+    for (const Composition::Part& part : gone.subspan(has_kept ? 1 : 0)) {
       if (part.drift) {
         drifted = part.length;
-      } else if (!kicks_first_ || &part != composition_->parts.data()) {
+      } else {
         if (drifted) {
           energy += *drifted * values[1];
         }

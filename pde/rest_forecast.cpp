@@ -7,21 +7,15 @@
 
 namespace rubato {
 
-namespace {
-
-constexpr std::size_t steps_of_recurrence = 3;
-
-}  // namespace
-
 RestForecast::RestForecast(const GaussTableau& tableau, int fields, std::size_t waves)
     : tableau_(tableau),
       m_(tableau.stages),
       fields_(fields),
       at_last_(static_cast<std::size_t>(m_)),
-      foreseen_(ways * fields, waves),
-      off_(ways * fields, waves),
+      foreseen_(static_cast<int>(ways_onward) * fields, waves),
+      off_(static_cast<int>(ways_onward) * fields, waves),
       seen_(1, waves) {
-  past_.assign(m_ == 1 ? StageForecast::most_steps : steps_of_recurrence, WaveRows(fields * m_, waves));
+  past_.assign(m_ == 1 ? StageForecast{}.past.size() : WaveForecast{}.past.size(), WaveRows(fields * m_, waves));
   for (int i = 0; i < m_; ++i) {
     for (int j = 0; j < m_; ++j) {
       onward_.push_back(tableau.lagrange(j, 1.0 + tableau.c[i]));
@@ -48,8 +42,8 @@ void RestForecast::add(double h) {
         const std::size_t count = end - begin;
         const Strided<double> seen = {seen_.re.all().data() + begin, seen_.im.all().data() + begin, rests.waves()};
         mix(1, m_, at_last_.data(), rows_from(rests, f * m_, begin), count, seen);
-        for (int way = 0; way < ways; ++way) {
-          const int row = way * fields_ + f;
+        for (std::size_t way = 0; way < ways_onward; ++way) {
+          const int row = row_of(way, f);
           measure_distance({seen.re, seen.im, seen.stride}, rows_from(std::as_const(foreseen_), row, begin), count,
                            off_.field(row).data() + begin);
         }
@@ -61,50 +55,32 @@ void RestForecast::add(double h) {
   last_h_ = h;
 }
 
+template <typename Rows>
+Rows RestForecast::rows_of(int field, std::size_t begin, WaveRows& rests) {
+  Rows rows{};
+  rows.known = known_;
+  for (std::size_t back = 0; back < static_cast<std::size_t>(known_); ++back) {
+    rows.past.at(back) = rows_from(std::as_const(past_[place(back)]), field * m_, begin);
+  }
+  for (std::size_t way = 0; way < ways_onward; ++way) {
+    rows.off.at(way) = std::as_const(off_).field(row_of(way, field)).data() + begin;
+    rows.last.at(way) = rows_from(foreseen_, row_of(way, field), begin);
+  }
+  rows.stages = rows_from(rests, field * m_, begin);
+  return rows;
+}
+
 void RestForecast::foresee(WaveRows& rests) {
   for_each_wave_block(rests.waves(), [&](std::size_t begin, std::size_t end) {
     for (int f = 0; f < fields_; ++f) {
       if (m_ == 1) {
-        foresee_one_stage(f, begin, end - begin, rests);
+        foresee_steps(rows_of<StageForecast>(f, begin, rests), end - begin);
       } else {
-        foresee_stages(f, begin, end - begin, rests);
+        foresee_waves(m_, onward_.data(), rows_of<WaveForecast>(f, begin, rests), judged_, end - begin);
       }
     }
   });
   told_ = true;
-}
-
-void RestForecast::foresee_stages(int field, std::size_t begin, std::size_t count, WaveRows& rests) {
-  WaveForecast forecast{};
-  for (int back = 0; back < known_; ++back) {
-    forecast.past[static_cast<std::size_t>(back)] =
-        rows_from(std::as_const(past_[place(static_cast<std::size_t>(back))]), field * m_, begin);
-  }
-  forecast.judged = judged_;
-  for (int way = 0; way < ways; ++way) {
-    const int row = way * fields_ + field;
-    forecast.off.at(static_cast<std::size_t>(way)) = std::as_const(off_).field(row).data() + begin;
-    forecast.last.at(static_cast<std::size_t>(way)) = rows_from(foreseen_, row, begin);
-  }
-  forecast.stages = rows_from(rests, field * m_, begin);
-  foresee_waves(m_, onward_.data(), forecast, count);
-}
-
-void RestForecast::foresee_one_stage(int field, std::size_t begin, std::size_t count, WaveRows& rests) {
-  StageForecast forecast{};
-  forecast.known = known_;
-  for (std::size_t back = 0; back < static_cast<std::size_t>(known_); ++back) {
-    const WaveRows& past = past_[place(back)];
-    forecast.re.at(back) = past.re.field(field).data() + begin;
-    forecast.im.at(back) = past.im.field(field).data() + begin;
-  }
-  for (int way = 0; way < ways; ++way) {
-    const int row = way * fields_ + field;
-    forecast.off.at(static_cast<std::size_t>(way)) = std::as_const(off_).field(row).data() + begin;
-    forecast.last.at(static_cast<std::size_t>(way)) = rows_from(foreseen_, row, begin);
-  }
-  forecast.stage = rows_from(rests, field, begin);
-  foresee_steps(forecast, count);
 }
 
 void RestForecast::save(StateWriter& state, const grids::Fourier& fourier) const {

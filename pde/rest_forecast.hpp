@@ -49,12 +49,13 @@ public:
   void restore(StateReader& state, const grids::Fourier& fourier);
 
 private:
-  static constexpr int ways = 3;
+  /// Of foreseen_ and off_.
+  [[nodiscard]] int row_of(std::size_t way, int field) const { return static_cast<int>(way) * fields_ + field; }
   /// Where the step so many before the last one is.
   [[nodiscard]] std::size_t place(std::size_t back) const { return (newest_ + back) % past_.size(); }
 
-  void foresee_stages(int field, std::size_t begin, std::size_t count, WaveRows& rests);
-  void foresee_one_stage(int field, std::size_t begin, std::size_t count, WaveRows& rests);
+  template <typename Rows>
+  [[nodiscard]] Rows rows_of(int field, std::size_t begin, WaveRows& rests);
 
   const GaussTableau tableau_;
   int m_, fields_;

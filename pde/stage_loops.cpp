@@ -296,11 +296,11 @@ using LaneStages = std::array<LaneNumbers, GaussTableau::most_stages>;
   subtract_product(along, beta, alpha);
 }
 
-[[gnu::always_inline]] inline void foresee_block(int m, const double* onward, const WaveForecast& forecast,
+[[gnu::always_inline]] inline void foresee_block(int m, const double* onward, const WaveForecast& forecast, bool judged,
                                                  std::size_t w, std::size_t count) {
   const EightLanes none = {};
   const double* to_last = onward + (m - 1) * m;
-  const bool recurs = forecast.past[1].re != nullptr;
+  const bool recurs = forecast.known > 1;
   LaneStages z, base;
   LaneNumbers last = {};
   take_stages(m, forecast.past[0], w, count, z);
@@ -313,7 +313,7 @@ using LaneStages = std::array<LaneNumbers, GaussTableau::most_stages>;
     LaneStages x, y, left;
     LaneNumbers alpha, beta;
     take_stages(m, forecast.past[1], w, count, x);
-    if (forecast.past[2].re != nullptr) {
+    if (forecast.known > 2) {
       take_stages(m, forecast.past[2], w, count, y);
       fit_recurrence(m, z, x, &y, alpha, beta);
     } else {
@@ -336,7 +336,7 @@ using LaneStages = std::array<LaneNumbers, GaussTableau::most_stages>;
     give_number(last, forecast.last[2], 0, w, count);
     EightLanes off_polynomial, off_recurrence, off_both;
     take(forecast.off[0] + w, count, off_polynomial);
-    if (forecast.judged) {
+    if (judged) {
       take(forecast.off[1] + w, count, off_recurrence);
       take(forecast.off[2] + w, count, off_both);
     } else {
@@ -363,8 +363,9 @@ using LaneStages = std::array<LaneNumbers, GaussTableau::most_stages>;
 /// The polynomial through its values at -1, -2, …, at 0: the weight of the k-th of so many is -(-1)^k times a binomial
 /// coefficient.
 constexpr auto weights_of_steps = [] {
-  std::array<std::array<double, StageForecast::most_steps>, StageForecast::most_steps + 1> weights{};
-  for (std::size_t points = 1; points <= StageForecast::most_steps; ++points) {
+  constexpr std::size_t most = std::tuple_size_v<decltype(StageForecast::past)>;
+  std::array<std::array<double, most>, most + 1> weights{};
+  for (std::size_t points = 1; points <= most; ++points) {
     double binomial = 1.0;
     for (std::size_t k = 1; k <= points; ++k) {
       binomial *= static_cast<double>(points + 1 - k) / static_cast<double>(k);
@@ -376,19 +377,19 @@ constexpr auto weights_of_steps = [] {
 
 [[gnu::always_inline]] inline void foresee_steps_block(const StageForecast& forecast, std::size_t w,
                                                        std::size_t count) {
-  const auto weights = [&](int points) {
-    return weights_of_steps[static_cast<std::size_t>(std::min(points, forecast.known))].data();
+  const auto weights = [&](std::size_t way) {
+    return weights_of_steps[static_cast<std::size_t>(std::min(steps_of_way[way], forecast.known))].data();
   };
-  const double *of_few = weights(StageForecast::points[1]), *of_many = weights(StageForecast::points[2]);
+  const double *of_few = weights(1), *of_many = weights(2);
   LaneNumbers one, few, many, x;
-  take(forecast.re[0] + w, count, one.re);
-  take(forecast.im[0] + w, count, one.im);
+  take(forecast.past[0].re + w, count, one.re);
+  take(forecast.past[0].im + w, count, one.im);
   few = many = one;
   multiply_by(of_few[0] + EightLanes{}, few);
   multiply_by(of_many[0] + EightLanes{}, many);
   for (std::size_t k = 1; k < static_cast<std::size_t>(forecast.known); ++k) {
-    take(forecast.re[k] + w, count, x.re);
-    take(forecast.im[k] + w, count, x.im);
+    take(forecast.past[k].re + w, count, x.re);
+    take(forecast.past[k].im + w, count, x.im);
     few.re += of_few[k] * x.re;
     few.im += of_few[k] * x.im;
     many.re += of_many[k] * x.re;
@@ -406,7 +407,7 @@ constexpr auto weights_of_steps = [] {
   few.im = off_many <= off_few ? many.im : few.im;
   one.re = off_two <= off_one ? few.re : one.re;
   one.im = off_two <= off_one ? few.im : one.im;
-  give_number(one, forecast.stage, 0, w, count);
+  give_number(one, forecast.stages, 0, w, count);
 }
 
 }  // namespace
@@ -499,12 +500,13 @@ RUBATO_WIDE_VECTORS void measure_distance(Strided<const double> x, Strided<const
   }
 }
 
-RUBATO_WIDE_VECTORS void foresee_waves(int m, const double* onward, const WaveForecast& forecast, std::size_t count) {
+RUBATO_WIDE_VECTORS void foresee_waves(int m, const double* onward, const WaveForecast& forecast, bool judged,
+                                       std::size_t count) {
   for (std::size_t w = 0; w < count; w += lanes) {
     if (count - w >= lanes) {
-      foresee_block(m, onward, forecast, w, lanes);
+      foresee_block(m, onward, forecast, judged, w, lanes);
     } else {
-      foresee_block(m, onward, forecast, w, count - w);
+      foresee_block(m, onward, forecast, judged, w, count - w);
     }
   }
 }

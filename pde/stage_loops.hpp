@@ -75,30 +75,28 @@ void subtract(double value, const double* x, std::size_t count, double* out);
 /// out = max(|Re(x - y)|, |Im(x - y)|), of one row.
 void measure_distance(Strided<const double> x, Strided<const double> y, std::size_t count, double* out);
 
-/// A field's rows for RestForecast.
-struct WaveForecast {
-  std::array<Strided<const double>, 3> past;  ///< stages of the last step, and of those before it; null where unknown
-  bool judged;                                ///< `off` tells of all ways; else of the first alone
-  std::array<const double*, 3> off;           ///< how far each way was off
-  std::array<Strided<double>, 3> last;        ///< what each says of the last stage
-  Strided<double> stages;                     ///< by the best way
+/// Ways in which a RestForecast goes on.
+inline constexpr std::size_t ways_onward = 3;
+
+/// A field's rows for RestForecast, those of steps for up to so many of these.
+template <std::size_t Steps>
+struct ForecastRows {
+  std::array<Strided<const double>, Steps> past;  ///< stages of the last step, and of those before it
+  int known;                                      ///< of these, one at least
+  std::array<const double*, ways_onward> off;     ///< how far each way was off
+  std::array<Strided<double>, ways_onward> last;  ///< what each says of the last stage
+  Strided<double> stages;                         ///< by the best way
 };
+
+/// Of several stages.
+using WaveForecast = ForecastRows<3>;
 /// \param onward what the polynomial through m stages is at those of the next step, by rows
-void foresee_waves(int m, const double* onward, const WaveForecast& forecast, std::size_t count);
+/// \param judged whether `off` tells of all ways; else of the first alone
+void foresee_waves(int m, const double* onward, const WaveForecast& forecast, bool judged, std::size_t count);
 
-/// A field's rows for RestForecast, of one stage.
-struct StageForecast {
-  static constexpr std::size_t most_steps = 8, ways = 3;
-  /// Points of each way's polynomial.
-  static constexpr std::array<int, ways> points = {1, 4, most_steps};
-
-  int known;                                     ///< steps, one at least
-  std::array<const double*, most_steps> re, im;  ///< the stage of the last step, and of those before it
-  std::array<const double*, ways> off;           ///< how far each way was off
-  std::array<Strided<double>, ways> last;        ///< what each says
-  Strided<double> stage;                         ///< by the best way
-};
-/// By polynomials through the last steps, which are taken to be equally long.
+/// Of one stage, by polynomials through the last steps, which are taken to be equally long: so many for each way.
+using StageForecast = ForecastRows<8>;
+inline constexpr std::array<int, ways_onward> steps_of_way = {1, 4, 8};
 void foresee_steps(const StageForecast& forecast, std::size_t count);
 
 /// The largest |y| and |y - last| of what was placed; NaN with a value that is not finite.
