@@ -31,6 +31,9 @@
 #include <rubato/report/page.hpp>
 #include <rubato/report/xdmf.hpp>
 #include <rubato/run/check.hpp>
+#include <rubato/run/converge.hpp>
+#include <rubato/run/ensemble.hpp>
+#include <rubato/run/memory_record.hpp>
 #include <rubato/run/record_notes.hpp>
 #include <rubato/run/run.hpp>
 #include <rubato/run/version.hpp>

@@ -6,26 +6,25 @@
 
 namespace rubato {
 
-/// CRC-64/XZ (ECMA-182, reflected), as the tools `xz` and `7z` compute it: finds every error of up to 64 neighbouring
-/// bits, and others but for one in 2^64. It is no protection against intent. Of bytes that lie in several places it is
-/// put together out of those of the pieces.
+/// CRC-64/XZ (ECMA-182, reflected), as the tools `xz` and `7z` compute it. It detects every error of up to 64
+/// neighbouring bits, and all but one in 2^64 of the others. It does not protect against intent.
 class Checksum {
 public:
   Checksum() = default;
-  /// Of `bytes` bytes whose value() was `value`.
-  explicit Checksum(std::uint64_t value, std::uint64_t bytes = 0) : state_(~value), bytes_(bytes) {}
+  /// The checksum of `bytes` bytes whose value() was `value`.
+  explicit Checksum(std::uint64_t value, std::uint64_t bytes = 0) : value_(value), bytes_(bytes) {}
 
   void add(std::span<const std::byte> bytes);
-  /// Goes on with bytes that `other` is the checksum of, all of them: appending so many zeros multiplies the remainder
-  /// by a power of x modulo the polynomial, and what is not zero in them adds what it leaves by itself.
+  /// Continues with the bytes of `other`, all of them: appending n bytes multiplies the remainder by x^(8n) modulo the
+  /// polynomial.
   void append(const Checksum& other);
 
-  [[nodiscard]] std::uint64_t value() const { return ~state_; }
-  /// How many were added, those before the value that it began with only if they were told.
+  [[nodiscard]] std::uint64_t value() const { return value_; }
+  /// The number of bytes added, including those given at construction.
   [[nodiscard]] std::uint64_t bytes() const { return bytes_; }
 
 private:
-  std::uint64_t state_ = ~std::uint64_t{0};
+  std::uint64_t value_ = 0;
   std::uint64_t bytes_ = 0;
 };
 

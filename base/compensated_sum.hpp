@@ -19,6 +19,11 @@ struct CompensatedSum {
     high = sum;
   }
 
+  void add(const CompensatedSum& other) {
+    add(other.high);
+    low += other.low;
+  }
+
   /// Moves what the low part can give into the high part, so that `high` is the rounded value of the sum.
   void normalize() {
     const double sum = high + low;
@@ -26,7 +31,8 @@ struct CompensatedSum {
     high = sum;
   }
 
-  [[nodiscard]] double value() const { return high + low; }
+  /// An infinity, or NaN, where terms or partial sums are not finite.
+  [[nodiscard]] double value() const { return std::isfinite(high) ? high + low : high; }
 };
 
 }  // namespace rubato

@@ -1,5 +1,6 @@
-// The tables of docs/levels.md: equal steps, the levels of the law with bridges, those with a step potential, and Gauss
-// collocation that keeps H at equal steps (peers/energy_preserving_gauss.hpp), on the same orbits. Prints Markdown.
+// The tables of docs/levels.md: equal steps, the levels of the pure law where they all exist, those with a step
+// potential, and Gauss collocation that keeps H at equal steps (peers/energy_preserving_gauss.hpp), on the same orbits.
+// Prints Markdown.
 //
 //     build/benchmarks/benchmark_levels [repeats]
 //
@@ -203,7 +204,7 @@ void count_steps(Run& run, Row& row, const After& after) {
     start = row.steps == 0 ? cpu_seconds() : start;
     ++row.steps;
     row.evaluations += report.iterations;
-    row.off += report.bridged ? 1 : 0;
+    row.off += report.off_law ? 1 : 0;
     after(report);
   }
   row.cpu = std::min(row.cpu, cpu_seconds() - start);
@@ -339,16 +340,13 @@ void measure(const Case& problem, int repeats, bool with_rival) {
   TrueOrbit truth(problem, fine);
   TrueOrbit finer(problem, 0.6 * fine);
   const int order = std::holds_alternative<Midpoint>(problem.scheme) ? 2 : 4;
-  const bool bridges = !std::holds_alternative<Gauss>(problem.scheme);
 
   const Row equal = run_library(problem, truth, repeats, rubato::Levels::fixed, {.kind = Kind::none}, "equal");
   print(problem.name, equal, equal, order);
-  Row law = run_library(problem, truth, repeats, rubato::Levels::variable, {.kind = Kind::none},
-                        bridges ? "bridges" : "pure law");
-  if (bridges && law.off == 0 && std::isnan(law.ended)) {
-    law.levels = "pure law, no bridge needed";
+  const Row law = run_library(problem, truth, repeats, rubato::Levels::variable, {.kind = Kind::none}, "pure law");
+  if (law.off == 0 && std::isnan(law.ended)) {
+    print("", law, equal, order);
   }
-  print("", law, equal, order);
   print("", run_library(problem, truth, repeats, rubato::Levels::variable, {.kind = Kind::automatic}, "potential"),
         equal, order);
   if (with_rival) {
@@ -362,20 +360,20 @@ void measure(const Case& problem, int repeats, bool with_rival) {
 }
 
 /// What becomes of a run with first steps that differ by 1e-7 of themselves.
-void vary(Case problem, TrueOrbit& truth, Kind potential, const char* levels) {
+void vary(Case problem, TrueOrbit& truth) {
   const double step = problem.step;
   std::size_t least = std::numeric_limits<std::size_t>::max(), most = 0;
   double nearest = std::numeric_limits<double>::infinity(), farthest = 0.0;
   for (int i = -3; i <= 3; ++i) {
     problem.step = step * (1.0 + 1e-7 * i);
-    const Row row = run_library(problem, truth, 1, rubato::Levels::variable, {.kind = potential}, levels);
+    const Row row = run_library(problem, truth, 1, rubato::Levels::variable, {.kind = Kind::automatic}, "potential");
     least = std::min(least, row.off);
     most = std::max(most, row.off);
     nearest = std::min(nearest, row.energy);
     farthest = std::max(farthest, row.energy);
   }
-  std::printf("%s, %s, first steps that differ by 1e-7: %zu to %zu steps off the law, H off by %s to %s\n",
-              problem.name.c_str(), levels, least, most, number(nearest).c_str(), number(farthest).c_str());
+  std::printf("%s, potential, first steps that differ by 1e-7: %zu to %zu steps off the law, H off by %s to %s\n",
+              problem.name.c_str(), least, most, number(nearest).c_str(), number(farthest).c_str());
 }
 
 /// A kink and an antikink on a ring, which meet: the lattice of the catalogue with spectral derivatives in space.
@@ -393,7 +391,6 @@ void measure_kinks(int repeats) {
   };
   const Row equal = run_with("equal", "scheme.levels=fixed");
   print("kink and antikink, `fourier`, h = 0.1", equal, equal, 2);
-  print("", run_with("bridges", "scheme.step_potential=none"), equal, 2);
   print("", run_with("potential", "scheme.step_potential=auto"), equal, 2);
 }
 
@@ -511,10 +508,7 @@ int main(int count, char** arguments) {
     const Case problem = kepler(
         fmt::format("Kepler, e = {}, {}, {}", e, midpoint ? "midpoint" : "Gauss, 2 stages", part), e, scheme, part);
     TrueOrbit truth(problem, problem.step);
-    if (midpoint) {
-      vary(problem, truth, Kind::none, "bridges");
-    }
-    vary(problem, truth, Kind::automatic, "potential");
+    vary(problem, truth);
   }
   return EXIT_SUCCESS;
 }

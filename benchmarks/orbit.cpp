@@ -123,7 +123,7 @@ public:
   bool step() {
     const rubato::StepReport report = levels_.step();
     iterations_ = report.iterations;
-    return report.status == rubato::Status::success && !report.bridged;
+    return report.status == rubato::Status::success && !report.off_law;
   }
   [[nodiscard]] auto state() const { return scheme_->state(); }
   [[nodiscard]] double time() const { return levels_.time(); }

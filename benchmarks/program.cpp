@@ -1,6 +1,6 @@
 // What a run of the program costs beside its steps: starting, local laws at every level, storing every level, beside
-// HDF5 alone; and two threads where something else uses a processor. Prints tables of medians; docs/performance.md has
-// them.
+// HDF5 alone; orbits beside loops by hand; and two threads where something else uses a processor. Prints tables of
+// medians; docs/performance.md has them.
 //
 //     build/benchmarks/benchmark_program build/rubato directory-for-records [repeats]
 #include <hdf5.h>
@@ -22,6 +22,8 @@
 #include <vector>
 
 #include <fmt/format.h>
+
+#include "peers/orbits/loop.hpp"
 
 namespace {
 
@@ -197,7 +199,7 @@ void laws_and_records(const Program& program, int repeats) {
 }
 
 /// Datasets of rows, written one row after the other, each a chunk: what HDF5 alone takes.
-int write_plainly(const std::string& path, hsize_t rows, hsize_t cells, int datasets, bool checked) {
+int write_plainly(const std::string& path, hsize_t rows, hsize_t cells, int datasets) {
   const std::vector<double> row(cells, 1.25);
   const hid_t access = H5Pcreate(H5P_FILE_ACCESS);
   H5Pset_libver_bounds(access, H5F_LIBVER_V110, H5F_LIBVER_LATEST);
@@ -205,9 +207,6 @@ int write_plainly(const std::string& path, hsize_t rows, hsize_t cells, int data
   const hsize_t none[2] = {0, cells}, most[2] = {H5S_UNLIMITED, cells}, chunk[2] = {1, cells};
   const hid_t space = H5Screate_simple(2, none, most), kind = H5Pcreate(H5P_DATASET_CREATE);
   H5Pset_chunk(kind, 2, chunk);
-  if (checked) {
-    H5Pset_fletcher32(kind);
-  }
   std::vector<hid_t> all;
   for (int i = 0; i < datasets; ++i) {
     all.push_back(
@@ -239,10 +238,8 @@ void beside_plain_hdf5(const Program& program, int repeats) {
   constexpr hsize_t rows = 101, cells = 100'001;
   constexpr int datasets = 6;
   const double megabytes = 1e-6 * 8.0 * static_cast<double>(rows * cells) * datasets;
-  const auto plainly = [&](bool checked) {
-    return [&, checked] {
-      return measured(true, [&] { return write_plainly(program.record(), rows, cells, datasets, checked); });
-    };
+  const auto plainly = [&] {
+    return measured(true, [&] { return write_plainly(program.record(), rows, cells, datasets); });
   };
   const auto run = [&](const std::string& every) {
     return [&, every] {
@@ -252,13 +249,65 @@ void beside_plain_hdf5(const Program& program, int repeats) {
                {every}));
     };
   };
-  const auto costs = in_turns(repeats, {plainly(false), plainly(true), run(store_none), run(store_all)});
+  const auto costs = in_turns(repeats, {plainly, run(store_none), run(store_all)});
   std::filesystem::remove(program.record());
-  const double stored = costs[3].megabytes - costs[2].megabytes, seconds = costs[3].cpu - costs[2].cpu;
+  const double stored = costs[2].megabytes - costs[1].megabytes, seconds = costs[2].cpu - costs[1].cpu;
   fmt::print("\n| 10⁵ cells | MB a CPU second |\n|---|---|\n");
-  fmt::print("| HDF5 alone, {:.0f} MB | {:.0f} |\n| HDF5 alone with its Fletcher checksums | {:.0f} |\n", megabytes,
-             megabytes / costs[0].cpu, megabytes / costs[1].cpu);
+  fmt::print("| HDF5 alone, {:.0f} MB | {:.0f} |\n", megabytes, megabytes / costs[0].cpu);
   fmt::print("| `rubato run`, {:.0f} MB more by storing every level | {:.0f} |\n", stored, stored / seconds);
+}
+
+/// Orbits of a million steps by a loop for that system and scheme, and by runs.
+void beside_loops(const Program& program, int repeats) {
+  constexpr long steps = 1'000'000;
+  struct Orbit {
+    const char *problem, *scheme;
+    double step;
+    std::function<bool()> by_hand;
+    std::vector<std::string> settings;
+  };
+  using Kepler = orbits::Kepler<600>;
+  using orbits::HenonHeiles;
+  constexpr double short_step = 0.02, long_step = 0.1;
+  const auto splitting = [](const char* problem, double step, std::function<bool()> by_hand) {
+    return Orbit{problem,
+                 "Blanes and Moan, order 4",
+                 step,
+                 std::move(by_hand),
+                 {"scheme.lagrangian=splitting", "scheme.composition=blanes-moan-4"}};
+  };
+  const auto gauss = [](const char* problem, int stages, double step, std::function<bool()> by_hand) {
+    return Orbit{problem,
+                 stages == 3 ? "Gauss, 3 stages" : "Gauss, 4 stages",
+                 step,
+                 std::move(by_hand),
+                 {"scheme.lagrangian=gauss", fmt::format("scheme.stages={}", stages)}};
+  };
+  const Orbit all[] = {
+      splitting("kepler", short_step, [] { return orbits::split<Kepler>(steps, short_step); }),
+      splitting("henon-heiles", long_step, [] { return orbits::split<HenonHeiles>(steps, long_step); }),
+      gauss("kepler", 3, short_step, [] { return orbits::collocate<Kepler, 3>(steps, short_step); }),
+      gauss("henon-heiles", 3, long_step, [] { return orbits::collocate<HenonHeiles, 3>(steps, long_step); }),
+      gauss("kepler", 4, short_step, [] { return orbits::collocate<Kepler, 4>(steps, short_step); }),
+      gauss("henon-heiles", 4, long_step, [] { return orbits::collocate<HenonHeiles, 4>(steps, long_step); })};
+  fmt::print(
+      "\n| 10⁶ steps | CPU ms by hand | fixed levels | every level stored | variable levels | / by hand | stored / by "
+      "hand | variable / fixed |\n|---|---|---|---|---|---|---|---|\n");
+  for (const Orbit& orbit : all) {
+    const auto run = [&](const std::string& levels, const std::string& store) {
+      std::vector<std::string> settings = orbit.settings;
+      settings.insert(settings.end(), {"scheme.levels=" + levels, fmt::format("scheme.step={}", orbit.step),
+                                       fmt::format("scheme.until={}", orbit.step * steps), store});
+      return program.run(with(orbit.problem, settings, {}));
+    };
+    const auto costs =
+        in_turns(repeats, {[&] { return measured(true, [&] { return orbit.by_hand() ? 0 : 1; }); },
+                           [&] { return run("fixed", store_none); }, [&] { return run("fixed", store_all); },
+                           [&] { return run("variable", store_none); }});
+    fmt::print("| {}, {} | {:.0f} | {:.0f} | {:.0f} | {:.0f} | **{:.2f}** | **{:.2f}** | **{:.2f}** |\n", orbit.problem,
+               orbit.scheme, 1e3 * costs[0].cpu, 1e3 * costs[1].cpu, 1e3 * costs[2].cpu, 1e3 * costs[3].cpu,
+               costs[1].cpu / costs[0].cpu, costs[2].cpu / costs[0].cpu, costs[3].cpu / costs[1].cpu);
+  }
 }
 
 void threads_beside_others(const Program& program, int repeats) {
@@ -301,5 +350,6 @@ int main(int argc, char** argv) {
   starting(program, repeats);
   laws_and_records(program, repeats);
   beside_plain_hdf5(program, repeats);
+  beside_loops(program, repeats);
   threads_beside_others(program, repeats);
 }

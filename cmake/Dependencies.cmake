@@ -56,7 +56,11 @@ if(RUBATO_JIT AND CMAKE_SYSTEM_PROCESSOR MATCHES "^(x86_64|AMD64|amd64)$")
   find_library(ASMJIT_LIBRARY asmjit)
   find_path(ASMJIT_INCLUDE_DIR asmjit/x86.h)
   if(ASMJIT_LIBRARY AND ASMJIT_INCLUDE_DIR)
-    target_link_libraries(rubato_asmjit INTERFACE ${ASMJIT_LIBRARY} rt)
+    # Debian's archive is for programs. Targets with RUBATO_ASMJIT, which are loaded into a process, link the one that this
+    # property names (python/CMakeLists.txt).
+    set(other $<TARGET_PROPERTY:RUBATO_ASMJIT>)
+    target_link_libraries(rubato_asmjit INTERFACE "$<BUILD_INTERFACE:$<IF:$<BOOL:${other}>,${other},${ASMJIT_LIBRARY}>>"
+      "$<INSTALL_INTERFACE:${ASMJIT_LIBRARY}>" rt)
     target_compile_definitions(rubato_asmjit INTERFACE $<BUILD_INTERFACE:RUBATO_ASMJIT> $<BUILD_INTERFACE:ASMJIT_STATIC>)
     target_include_directories(rubato_asmjit SYSTEM INTERFACE $<BUILD_INTERFACE:${ASMJIT_INCLUDE_DIR}>)
   else()
@@ -84,6 +88,12 @@ endif()
 rubato_link(rubato_fftw FFTW SHARED ${FFTW_LINK_LIBRARIES} STATIC ${archives}
   SOURCE "extern \"C\" void fftw_cleanup(); int main() { fftw_cleanup(); }")
 install(TARGETS rubato_fftw EXPORT rubato-targets)
+
+pkg_check_modules(ISAL REQUIRED libisal)   # Debian's ISA-L has no CMake config file
+add_library(rubato_isal INTERFACE)
+set_target_properties(rubato_isal PROPERTIES EXPORT_NAME isal)
+target_link_libraries(rubato_isal INTERFACE ${ISAL_LINK_LIBRARIES})
+install(TARGETS rubato_isal EXPORT rubato-targets)
 
 if(RUBATO_MPI)
   find_package(MPI REQUIRED COMPONENTS C)

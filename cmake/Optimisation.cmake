@@ -5,32 +5,23 @@ if(CMAKE_CXX_COMPILER_ID MATCHES "GNU|Clang" AND PROJECT_IS_TOP_LEVEL)
   string(REPLACE "-O3" "-O2" CMAKE_CXX_FLAGS_RELEASE "${CMAKE_CXX_FLAGS_RELEASE}")
 endif()
 
-# The kernels of cmake/FormulaKernels.cmake, solve/block_qr_reduction_*.cpp and ode/stage_kernels_*.cpp have options of their
-# own.
+# The kernels of cmake/FormulaKernels.cmake have options of their own.
 set(rubato_sources_loops
   base/all_finite.cpp
-  formula/evaluate.cpp formula/rolled_rounding.cpp
-  ode/splitting_energies.cpp ode/splitting_lanes.cpp ode/state_kernels.cpp
-  grids/arrays.cpp grids/box_operators.cpp grids/digit_sum.cpp grids/fourier.cpp grids/reductions.cpp grids/spectral_derivative.cpp grids/stencil.cpp
-  solve/band_solver.cpp solve/cyclic_block.cpp solve/fourier_preconditioner.cpp solve/gmres.cpp
+  formula/evaluate.cpp
+  ode/splitting_lanes.cpp ode/stage_kernels.cpp ode/state_kernels.cpp
+  grids/arrays.cpp grids/box_operators.cpp grids/fourier.cpp grids/reductions.cpp grids/spectral_derivative.cpp grids/stencil.cpp
+  solve/band_solver.cpp solve/block_qr_reduction.cpp solve/cyclic_block.cpp solve/cyclic_residual.cpp solve/fourier_preconditioner.cpp solve/gmres.cpp
   pde/cell_sweep.cpp pde/euler_box_map.cpp pde/face_gather.cpp pde/law_currents.cpp pde/level_fields.cpp pde/level_history.cpp pde/midpoint_lattice.cpp pde/stage_loops.cpp pde/wave_loops.cpp
   pde/schemes/leapfrog.cpp
-  record/checksum.cpp record/chunks.cpp)
-foreach(kernel IN ITEMS
-    grids/short_transform_avx512
-    ode/stage_kernels_portable ode/stage_kernels_avx2 ode/stage_kernels_avx512
-    solve/block_qr_reduction_avx2 solve/block_qr_reduction_avx512)
-  set_source_files_properties(${PROJECT_SOURCE_DIR}/${kernel}.cpp PROPERTIES
-    COMPILE_OPTIONS $<$<CONFIG:Release>:-O3> SKIP_PRECOMPILE_HEADERS ON)
-endforeach()
-
+  record/checksum.cpp)
 # Where a room's sources are of two kinds, those that are not of its first.
 set(rubato_sources_once
   formula/batch_program.cpp formula/bytecode.cpp formula/differentiate.cpp formula/executable_memory.cpp formula/expression.cpp
-  formula/language.cpp formula/machine_code.cpp formula/parse.cpp formula/partials.cpp formula/reachable.cpp
+  formula/language.cpp formula/machine_code.cpp formula/parse.cpp formula/parse_error.cpp formula/partials.cpp formula/reachable.cpp
   formula/single_assignment.cpp formula/sum.cpp formula/taylor_program.cpp formula/tokens.cpp formula/transform.cpp
   solve/cyclic_sparse.cpp   # a fallback for rare systems, and most of a large library
-  variation/action_quadrature.cpp variation/bridge_causes.cpp variation/composition.cpp variation/first_step.cpp
+  variation/action_quadrature.cpp variation/composition.cpp variation/first_step.cpp
   variation/formula_action.cpp variation/lattice_action.cpp variation/run_span.cpp
   variation/total_variation.cpp
   ode/darboux.cpp ode/discrete_lagrangian.cpp ode/first_step.cpp ode/flow_map.cpp ode/legendre.cpp
@@ -44,7 +35,7 @@ set(rubato_sources_steps
   figures/statistics.cpp
   record/writer.cpp
   run/chronicle.cpp run/ensemble_lanes.cpp run/ensemble_member.cpp run/events.cpp run/lattice_events.cpp run/lattice_residuals.cpp run/lattice_simulation.cpp
-  run/law.cpp run/orbit_events.cpp run/orbit_simulation.cpp run/recorder.cpp run/run.cpp)
+  run/law.cpp run/memory_record.cpp run/orbit_events.cpp run/orbit_simulation.cpp run/recorder.cpp run/run.cpp)
 # rubato_kind_of(<source> <default> <variable>)
 function(rubato_kind_of source default result)
   foreach(kind IN ITEMS loops once steps)

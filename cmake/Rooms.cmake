@@ -69,7 +69,7 @@ function(rubato_test_room room)
   target_include_directories(test_${room} PRIVATE ${PROJECT_SOURCE_DIR}/tests)
   target_precompile_headers(test_${room} REUSE_FROM rubato_test_header)
   set_target_properties(test_${room} PROPERTIES RUBATO_OWN_LIBRARIES ON)   # each test case begins the program anew
-  catch_discover_tests(test_${room} TEST_PREFIX "${room}: " TEST_SPEC "~[long]~[.]" PROPERTIES TIMEOUT 240)
+  catch_discover_tests(test_${room} TEST_PREFIX "${room}: " TEST_SPEC "~[long]~[.]" PROPERTIES TIMEOUT 900)
   add_test(NAME "${room}: long" CONFIGURATIONS Long COMMAND test_${room} [long])
   set_tests_properties("${room}: long" PROPERTIES LABELS long TIMEOUT 7200)
 endfunction()

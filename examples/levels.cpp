@@ -27,7 +27,7 @@ rubato::Orbit rotation(const rubato::StepPotentialChoice& potential) {
 }
 
 std::size_t flagged(const rubato::Orbit& orbit) {
-  return static_cast<std::size_t>(std::accumulate(orbit.bridged.begin(), orbit.bridged.end(), 0));
+  return static_cast<std::size_t>(std::accumulate(orbit.off_law.begin(), orbit.off_law.end(), 0));
 }
 
 /// Steps at their middles; those that are off the law apart.
@@ -36,7 +36,7 @@ void draw(Figure& figure, const rubato::Orbit& orbit, const std::string& colour,
   for (std::size_t k = 0; k < orbit.steps(); ++k) {
     const Point step{orbit.t[k] + 0.5 * orbit.h[k], orbit.h[k]};
     steps.push_back(step);
-    if (orbit.bridged[k]) {
+    if (orbit.off_law[k]) {
       off.push_back(step);
     }
   }
@@ -57,7 +57,7 @@ int main(int count, char** arguments) {
     std::size_t flagged = 0;
   };
   std::vector<Line> lines = {
-      {"none: bridges (dots) are off the law", {.kind = Kind::none}, grey},
+      {"none: dots are off the law", {.kind = Kind::none}, grey},
       {"kappa = 3, p = 8", {.kind = Kind::given, .kappa = 3.0, .exponent = 8.0}, red},
       {"auto", {.kind = Kind::automatic}, blue},
       {"kappa = 1, p = 3", {.kind = Kind::given, .kappa = 1.0, .exponent = 3.0}, green},
@@ -76,9 +76,9 @@ int main(int count, char** arguments) {
   if (count > 1) {
     figure.write(std::filesystem::path(arguments[1]) / "potentials.svg");
   }
-  // Without a potential two turns cross Γ = 0 four times; with one no step is off the law, and the stronger it is the
-  // less the steps follow the motion.
-  const bool as_told = lines[0].flagged == 4 && lines[1].flagged + lines[2].flagged + lines[3].flagged == 0 &&
+  // Without a potential two turns cross Γ = 0 four times, and some steps are off the law; with one no step is off the
+  // law, and the stronger it is the less the steps follow the motion.
+  const bool as_told = lines[0].flagged >= 4 && lines[1].flagged + lines[2].flagged + lines[3].flagged == 0 &&
                        lines[1].spread > lines[2].spread && lines[2].spread > lines[3].spread;
   return as_told ? 0 : 1;
 }

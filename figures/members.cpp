@@ -20,7 +20,7 @@ constexpr std::array labelled = {
     Labelled{"discrete_energy/max_relative_deviation", "discrete energy, relative deviation"},
     Labelled{"discrete_energy/max_deviation", "discrete energy, deviation"},
     Labelled{"node_energy/max_deviation", "node energy, deviation"},
-    Labelled{"bridges/steps", "steps on bridges"},
+    Labelled{"off_law/steps", "steps off the law"},
     Labelled{"step_condition/max", "step condition"},
     Labelled{"stopped/t", "ended by an event at"},
 };

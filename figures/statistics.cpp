@@ -1,7 +1,10 @@
 #include <rubato/figures/statistics.hpp>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <stdexcept>
+#include <type_traits>
 
 #include <fmt/format.h>
 
@@ -66,17 +69,16 @@ void Statistics::add_step(const StepFigures& step) {
   h.add(step.h);
   energies_.add(step.energy);
   // With fixed levels nothing sets E but the first step.
-  const double target = std::isnan(step.target) && !step.bridged ? energy() : step.target;
+  const double target = std::isnan(step.target) && !step.off_law ? energy() : step.target;
   if (std::isnan(target)) {
     before_law_.add(step.energy);
   } else {
     one_energy_ = one_energy_ && (!has_law() || target == energy_);
     energy_ = has_law() ? energy_ : target;
-    (step.bridged ? bridge_misses_ : misses_).add(step.energy - target);
+    (step.off_law ? off_law_misses_ : misses_).add(step.energy - target);
   }
-  bridges += step.crossing ? 1 : 0;
-  bridge_steps += step.bridged ? 1 : 0;
-  if (!step.bridged) {
+  off_law_steps += step.off_law ? 1 : 0;
+  if (!step.off_law) {
     condition.add(step.condition);
   }
   rounding.add(step.rounding);
@@ -93,8 +95,8 @@ double Statistics::potential_kappa() const {
   return potential_length / std::abs(first_h);
 }
 
-double Statistics::bridge_deviation() const {
-  return std::max(bridge_misses_.largest(), before_law_.farthest(energy()));
+double Statistics::off_law_deviation() const {
+  return std::max(off_law_misses_.largest(), before_law_.farthest(energy()));
 }
 
 double Statistics::energy_scale() const {
@@ -158,6 +160,12 @@ std::vector<std::string> Statistics::undefined_quantities() const {
                       "counted as crossings",
                       name, value.jumps, steps));
     }
+    if (value.several > 0) {
+      sentences.push_back(
+          fmt::format("event {} has several crossings within {} of {} steps: pairs of crossings may be missing; "
+                      "compare with half the step",
+                      name, value.several, steps));
+    }
     if (value.incomplete > 0) {
       sentences.push_back(
           fmt::format("at {} of {} crossings of event {} a quantity is not defined: correct its formula",
@@ -188,8 +196,7 @@ void Statistics::visit(Self& self, Visitor&& visitor) {
   visitor(self.first_h);
   deviation(self.node_energy);
   spread(self.gamma);
-  visitor(self.bridges);
-  visitor(self.bridge_steps);
+  visitor(self.off_law_steps);
   spread(self.condition);
   spread(self.rounding);
   spread(self.potential);
@@ -199,7 +206,7 @@ void Statistics::visit(Self& self, Visitor&& visitor) {
   visitor(self.one_energy_);
   deviation(self.energies_);
   spread(self.misses_);
-  spread(self.bridge_misses_);
+  spread(self.off_law_misses_);
   spread(self.before_law_);
   for (auto& [name, value] : self.residuals) {
     spread(value);
@@ -216,6 +223,7 @@ void Statistics::visit(Self& self, Visitor&& visitor) {
     visitor(value.stopped);
     visitor(value.undefined);
     visitor(value.jumps);
+    visitor(value.several);
     visitor(value.incomplete);
   }
 }
@@ -225,7 +233,86 @@ void Statistics::save(StateWriter& state) const {
 }
 
 void Statistics::restore(StateReader& state) {
-  visit(*this, [&state](auto& value) { state.read(value); });
+  visit(*this, [&state]<typename T>(T& value) {
+    const double number = state.read();
+    if constexpr (std::is_same_v<T, std::size_t>) {
+      constexpr double most = 0x1p53;  // from there on doubles are not all whole numbers
+      value = number >= 0.0 && number < most ? static_cast<T>(number) : 0;
+    } else {
+      value = static_cast<T>(number);
+    }
+  });
+}
+
+std::vector<double> Statistics::values() const {
+  StateWriter state;
+  state.write(static_cast<double>(laws_every));
+  save(state);
+  return state.values();
+}
+
+namespace {
+
+/// The lists, in the order of Statistics::name().
+constexpr std::array<std::string_view, 4> list_words = {"invariant", "total", "residual", "event"};
+
+}  // namespace
+
+std::string Statistics::names_text() const {
+  std::string text;
+  const auto add = [&text](std::string_view word, const auto& list) {
+    for (const auto& [name, value] : list) {
+      text += fmt::format("{} {}\n", word, name);
+    }
+  };
+  add(list_words[0], invariants);
+  add(list_words[1], totals);
+  add(list_words[2], residuals);
+  add(list_words[3], events);
+  return text;
+}
+
+Statistics Statistics::of(std::span<const double> values, std::string_view names_text) {
+  std::array<std::vector<std::string>, list_words.size()> names;
+  while (!names_text.empty()) {
+    const std::string_view line = names_text.substr(0, names_text.find('\n'));
+    const auto list = std::ranges::find(list_words, line.substr(0, line.find(' ')));
+    if (list == list_words.end() || line.size() <= list->size() || line.size() == names_text.size()) {
+      throw std::invalid_argument("these are not the names of statistics");
+    }
+    names[static_cast<std::size_t>(list - list_words.begin())].emplace_back(line.substr(list->size() + 1));
+    names_text.remove_prefix(line.size() + 1);
+  }
+  Statistics statistics;
+  statistics.name(names[0], names[1], names[2], names[3]);
+  StateReader state{values};
+  statistics.laws_every = static_cast<std::size_t>(std::fmin(std::fmax(state.read(), 0.0), 0x1p53));
+  statistics.restore(state);
+  if (!state.done()) {
+    throw std::invalid_argument("saved statistics are longer than their names say");
+  }
+  return statistics;
+}
+
+std::vector<std::pair<std::string, Spread>> Statistics::spreads() const {
+  std::vector<std::pair<std::string, Spread>> all = {{"/levels/node_energy", node_energy.values},
+                                                     {"/levels/gamma", gamma},
+                                                     {"/levels/h", h},
+                                                     {"/levels/energy", energies_.values},
+                                                     {"/levels/rounding", rounding},
+                                                     {"/levels/step_condition", condition},
+                                                     {"/levels/step_potential", potential},
+                                                     {"/levels/iterations", iterations}};
+  for (const auto& [name, value] : invariants) {
+    all.emplace_back("/laws/" + name, value.values);
+  }
+  for (const auto& [name, value] : totals) {
+    all.emplace_back("/laws/totals/" + name, value.values);
+  }
+  for (const auto& [name, value] : residuals) {
+    all.emplace_back(fmt::format("/laws/{}_max", name), value);
+  }
+  return all;
 }
 
 }  // namespace rubato::figures

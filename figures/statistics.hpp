@@ -6,18 +6,27 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include <rubato/base/spread.hpp>
 #include <rubato/base/state.hpp>
+#include <rubato/figures/verdict.hpp>
 
 namespace rubato::figures {
 
 /// Of a record in which laws were not taken at every level: 1 where they were.
 inline constexpr std::string_view laws_taken = "/levels/laws";
 
+/// The physical times of the levels, of a record in fictitious time.
+inline constexpr std::string_view level_times = "/levels/time";
+
 /// Strength, length and exponent of the step potential of a run that has one.
 inline constexpr std::string_view step_potential_path = "/checkpoint/step_potential";
+
+/// Where a checkpoint keeps the statistics of its run, and the names of their four lists (Statistics::names_text).
+inline constexpr std::string_view statistics_name = "statistics";
+inline constexpr std::string_view statistics_names_name = "statistics_names";
 
 /// A quantity under its name, in the order of the problem file.
 template <typename T>
@@ -60,8 +69,7 @@ struct StepFigures {
   double rounding = 0.0;                                        ///< of E_k, absolute
   double potential = 0.0;                                       ///< f'(h), the step potential's part of E_k
   double iterations = 0.0;
-  bool bridged = false;
-  bool crossing = false;
+  bool off_law = false;  ///< E_k is not the target
 };
 
 /// The magnitudes of a local residual over the cells of a step, as a record keeps them: what `run` adds up step by step
@@ -83,6 +91,7 @@ struct EventFigures {
   double stopped = std::numeric_limits<double>::quiet_NaN();  ///< of the one that ended the run
   std::size_t undefined = 0;                                  ///< steps in which its formula was not defined everywhere
   std::size_t jumps = 0;                                      ///< steps in which it jumped through zero
+  std::size_t several = 0;                                    ///< steps with more than one crossing
   std::size_t incomplete = 0;                                 ///< crossings at which a quantity was not defined
 
   void add(double t, bool stops, bool defined) {
@@ -92,10 +101,11 @@ struct EventFigures {
     ++count;
     incomplete += defined ? 0 : 1;
   }
-  /// `missed`: 0, 1 where it is not defined, 2 where it jumps.
+  /// `missed`: 0, 1 where it is not defined, 2 where it jumps, 3 where it crosses several times.
   void add_step(int missed) {
     undefined += missed == 1 ? 1 : 0;
     jumps += missed == 2 ? 1 : 0;
+    several += missed == 3 ? 1 : 0;
   }
   [[nodiscard]] bool stops() const { return stopped == stopped; }
 };
@@ -108,7 +118,7 @@ inline constexpr std::string_view work_momentum = "minus_work";
 /// print is computed here, from the same numbers, level by level and step by step, be it along the run or from its
 /// record (stored_statistics).
 ///
-/// The *energy law* is E_k = E with one E for the run, which its first step that is no bridge sets. Steps before that
+/// The *energy law* is E_k = E with one E for the run, which the first step on the law sets. Steps before that
 /// one are measured by the E that came later.
 class Statistics {
 public:
@@ -116,13 +126,15 @@ public:
   bool balance = false;  ///< the system is driven: H is that of work_momentum, and E_k = E the energy balance (3.4)
   double t = 0.0;
   double start = 0.0;
+  /// The physical times of the last level and of the start, of a run in fictitious time, which t and start are of then;
+  /// else not numbers.
+  double clock = std::numeric_limits<double>::quiet_NaN(), clock_start = std::numeric_limits<double>::quiet_NaN();
   Spread h;
   double first_h = std::numeric_limits<double>::quiet_NaN();
   Deviation node_energy;  ///< of H(z_k)
   Spread gamma;           ///< at levels
-  std::size_t bridges = 0;
-  std::size_t bridge_steps = 0;
-  Spread condition;  ///< of the steps that are no bridges
+  std::size_t off_law_steps = 0;
+  Spread condition;  ///< of the steps on the law
   Spread rounding;   ///< of E_k, absolute
   Spread potential;  ///< f'(h), the step potential's part of E_k; 0 without one
   /// f' = strength (|h| / potential_length)^potential_exponent; not numbers without one, or where a record does not
@@ -140,6 +152,7 @@ public:
   std::vector<Named<Deviation>> totals;  ///< of the densities of local laws
   std::vector<Named<EventFigures>> events;
   std::vector<Named<Spread>> errors;  ///< magnitudes, at the last level
+  Measures measures;                  ///< for the verdict; saved apart from the rest
 
   /// Begins the four lists with their names.
   void name(const std::vector<std::string>& invariant_names, const std::vector<std::string>& total_names,
@@ -151,13 +164,14 @@ public:
   void add_step(const StepFigures& step);
   void add_residual(std::size_t residual, const ResidualFigures& figures);
 
+  [[nodiscard]] bool has_clock() const { return clock == clock; }
   [[nodiscard]] bool has_laws() const { return !(residuals.empty() && invariants.empty() && totals.empty()); }
   /// Whether there are levels at which no laws were taken, although they were at others.
   [[nodiscard]] bool has_gaps() const { return laws_every > 1; }
   /// How many steps' laws were taken.
   [[nodiscard]] std::size_t law_steps_taken() const { return laws_every == 0 ? 0 : steps / laws_every; }
   /// Whether h was chosen by the law: false with fixed levels.
-  [[nodiscard]] bool variable_levels() const { return condition.any() || bridge_steps > 0; }
+  [[nodiscard]] bool variable_levels() const { return condition.any() || off_law_steps > 0; }
   /// Whether E_k has to equal one number for the run; not so for an 𝕃 that depends on t.
   [[nodiscard]] bool autonomous() const { return one_energy_; }
   /// Whether any step met the law, so that there is an E.
@@ -166,15 +180,15 @@ public:
   [[nodiscard]] double energy() const { return has_law() ? energy_ : energies_.initial; }
   [[nodiscard]] double first_energy() const { return energies_.initial; }    ///< E_0
   [[nodiscard]] const Spread& energies() const { return energies_.values; }  ///< all E_k
-  /// Steps that are no bridges.
-  [[nodiscard]] std::size_t law_steps() const { return steps - bridge_steps; }
+  /// Steps that met the law.
+  [[nodiscard]] std::size_t law_steps() const { return steps - off_law_steps; }
   /// κ of the step potential: its length over that of the first step.
   [[nodiscard]] double potential_kappa() const;
-  /// max |E_k - target| over the steps that are no bridges, and over bridges. Those before the law was first met count
+  /// max |E_k - target| over the steps on the law, and over those off it. Those before the law was first met count
   /// against energy().
   ///@{
   [[nodiscard]] double energy_deviation() const { return misses_.largest(); }
-  [[nodiscard]] double bridge_deviation() const;
+  [[nodiscard]] double off_law_deviation() const;
   ///@}
 
   /// max(|E|, max |H| on the orbit): what energies are relative to.
@@ -184,7 +198,7 @@ public:
   /// A deviation of energy over energy_scale(), if there is one.
   [[nodiscard]] std::optional<double> relative(double deviation) const;
   [[nodiscard]] std::optional<double> relative_energy_deviation() const { return relative(energy_deviation()); }
-  [[nodiscard]] std::optional<double> relative_bridge_deviation() const { return relative(bridge_deviation()); }
+  [[nodiscard]] std::optional<double> relative_off_law_deviation() const { return relative(off_law_deviation()); }
 
   /// The event that ended the run: of several in its last step the first. Null if none did.
   [[nodiscard]] const Named<EventFigures>* stopped_by() const;
@@ -197,13 +211,26 @@ public:
   /// The names must be in place already.
   void restore(StateReader& state);
 
+  /// The same with laws_every before them, and with the names, as a record keeps them.
+  ///@{
+  [[nodiscard]] std::vector<double> values() const;
+  [[nodiscard]] std::string names_text() const;
+  /// \throws std::invalid_argument unless these are values() and names_text() of some statistics
+  [[nodiscard]] static Statistics of(std::span<const double> values, std::string_view names_text);
+  ///@}
+  /// The number of steps in values().
+  static constexpr std::size_t place_of_steps = 1;
+
+  /// What rows of a record are parts of: the numbers of all levels or steps, by dataset.
+  [[nodiscard]] std::vector<std::pair<std::string, Spread>> spreads() const;
+
 private:
   double energy_ = std::numeric_limits<double>::quiet_NaN();
   bool one_energy_ = true;
-  Deviation energies_;    ///< E_k of all steps
-  Spread misses_;         ///< E_k - target on steps that are no bridges
-  Spread bridge_misses_;  ///< the same on bridges
-  Spread before_law_;     ///< E_k of bridges before the law was first met
+  Deviation energies_;     ///< E_k of all steps
+  Spread misses_;          ///< E_k - target on steps on the law
+  Spread off_law_misses_;  ///< the same of steps off the law
+  Spread before_law_;      ///< E_k of steps before the law was first met
 
   template <typename Self, typename Visitor>
   static void visit(Self& self, Visitor&& visitor);

@@ -2,15 +2,21 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <optional>
+#include <stdexcept>
 
 #include <fmt/format.h>
 
 #include <rubato/base/all_finite.hpp>
+#include <rubato/record/run_shape.hpp>
 
 namespace rubato::figures {
 
 namespace {
+
+const std::string checkpoint_group = "/checkpoint/";
+const std::string statistics_path = checkpoint_group + std::string(statistics_name);
 
 /// Values of one dataset in memory: many rows of a small grid, so that no chunk is read again and again.
 constexpr std::size_t values_at_once = std::size_t{1} << 18;
@@ -47,30 +53,79 @@ public:
   Reading(const record::Reader& reader, const Names& names, const Corrections& corrections)
       : reader_(reader), names_(names), corrections_(corrections), levels_(reader.rows("/levels/t")) {}
 
-  Statistics run() {
+  Statistics of_rows() {
     if (levels_ == 0) {
       throw record::Error(reader_.file(), "it has no level");
     }
     statistics_.name(names_.invariants, names_.totals, names_.residuals, names_.events);
+    find_levels_of_laws();
+    add_levels();
+    if (levels_ > 1 || reader_.has("/levels/h")) {
+      add_steps();
+      add_residuals();
+    }
+    add_events();
+    add_others();
+    return std::move(statistics_);
+  }
+
+  /// Nothing if it has none.
+  std::optional<Statistics> of_checkpoint() {
+    if (!reader_.has(statistics_path)) {
+      return std::nullopt;
+    }
+    try {
+      std::string names;
+      for (const std::int64_t character :
+           reader_.read_integers(checkpoint_group + std::string(statistics_names_name))) {
+        names += static_cast<char>(character);
+      }
+      statistics_ = Statistics::of(reader_.read(statistics_path), names);
+      take(statistics_.invariants, names_.invariants);
+      take(statistics_.totals, names_.totals);
+      take(statistics_.residuals, names_.residuals);
+      take(statistics_.events, names_.events);
+    } catch (const std::invalid_argument& error) {
+      throw record::Error(reader_.file(), fmt::format("{}: {}", statistics_path, error.what()));
+    }
+    add_others();
+    return std::move(statistics_);
+  }
+
+private:
+  /// Leaves those of a list that are wanted, in their order.
+  template <typename T>
+  static void take(std::vector<Named<T>>& list, const std::vector<std::string>& wanted) {
+    std::vector<Named<T>> taken;
+    for (const std::string& name : wanted) {
+      const auto found = std::ranges::find(list, name, &Named<T>::name);
+      if (found == list.end()) {
+        throw std::invalid_argument(fmt::format("there is nothing of '{}'", name));
+      }
+      taken.push_back(*found);
+    }
+    list = std::move(taken);
+  }
+
+  /// What no row and no sum tells of.
+  void add_others() {
     if (reader_.has("/states/momentum")) {
       const std::vector<std::string> momenta = reader_.read_strings("/states/momentum");
       statistics_.balance = !momenta.empty() && momenta.back() == work_momentum;
     } else {  // a lattice, whose fields have datasets of their own
       statistics_.balance = reader_.has(fmt::format("/states/{}", work_momentum));
     }
-    find_levels_of_laws();
-    add_levels();
-    if (levels_ > 1 || reader_.has("/levels/h")) {
-      add_steps();
-      read_potential();
-      add_residuals();
+    read_potential();
+    if (const std::string times(level_times); reader_.has(times)) {
+      statistics_.clock_start = reader_.read(times, 0, 1).at(0);
+      statistics_.clock = reader_.read(times, reader_.rows(times) - 1, 1).at(0);
     }
-    add_events();
     add_errors();
-    return std::move(statistics_);
+    if (const std::string path(measures_path); reader_.has(path)) {
+      statistics_.measures = measures_of(reader_.read(path));
+    }
   }
 
-private:
   Column column(const std::string& path, std::size_t rows) { return {reader_, path, rows, corrections_}; }
   std::optional<Column> optional_column(const std::string& path, std::size_t rows) {
     return reader_.has(path) ? std::optional(column(path, rows)) : std::nullopt;
@@ -114,20 +169,17 @@ private:
 
   void add_steps() {
     Column h = column("/levels/h", steps()), energy = column("/levels/energy", steps()),
-           bridged = column("/levels/bridged", steps()), condition = column("/levels/step_condition", steps()),
-           iterations = column("/levels/iterations", steps());
+           off_law = column(record::off_law_path(reader_), steps()),
+           condition = column("/levels/step_condition", steps()), iterations = column("/levels/iterations", steps());
     std::optional<Column> target = optional_column("/levels/target", steps()),
-                          crossing = optional_column("/levels/crossing", steps()),
                           rounding = optional_column("/levels/rounding", steps()),
                           potential = optional_column("/levels/step_potential", steps());
-    bool was_bridged = false;
     for (std::size_t k = 0; k < steps(); ++k) {
       StepFigures step{.h = h.at(k),
                        .energy = energy.at(k),
                        .condition = condition.at(k),
                        .iterations = iterations.at(k),
-                       .bridged = bridged.at(k) != 0.0};
-      step.crossing = crossing ? crossing->at(k) != 0.0 : step.bridged && !was_bridged;
+                       .off_law = off_law.at(k) != 0.0};
       step.rounding = rounding ? rounding->at(k) : 0.0;
       step.potential = potential ? potential->at(k) : 0.0;
       if (target) {
@@ -135,7 +187,6 @@ private:
       } else if (statistics_.has_law()) {
         step.target = statistics_.energy();
       }
-      was_bridged = step.bridged;
       statistics_.add_step(step);
     }
   }
@@ -265,8 +316,30 @@ std::size_t stored_cells(const record::Reader& reader) {
   return cells;
 }
 
-Statistics stored_statistics(const record::Reader& reader, const Names& names, const Corrections& corrections) {
-  return Reading(reader, names, corrections).run();
+Statistics statistics_of_rows(const record::Reader& reader, const Names& names, const Corrections& corrections) {
+  return Reading(reader, names, corrections).of_rows();
+}
+
+Statistics stored_statistics(const record::Reader& reader, const Names& names) {
+  const Corrections none;
+  if (auto statistics = Reading(reader, names, none).of_checkpoint()) {
+    return *std::move(statistics);
+  }
+  return statistics_of_rows(reader, names);
+}
+
+std::optional<std::size_t> stored_last_level(const record::Reader& reader) {
+  if (!reader.has(statistics_path)) {
+    return std::nullopt;
+  }
+  const std::vector<double> steps = reader.rows(statistics_path) > Statistics::place_of_steps
+                                        ? reader.read(statistics_path, Statistics::place_of_steps, 1)
+                                        : std::vector<double>();
+  constexpr double most = 0x1p53;
+  if (steps.empty() || !(steps.front() >= 0.0 && steps.front() < most) || steps.front() != std::floor(steps.front())) {
+    throw Mismatch(reader.file(), statistics_path, fmt::format("{} has no number of steps", statistics_path));
+  }
+  return static_cast<std::size_t>(steps.front());
 }
 
 }  // namespace rubato::figures

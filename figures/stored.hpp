@@ -3,6 +3,7 @@
 #include <cstddef>
 #include <filesystem>
 #include <map>
+#include <optional>
 #include <span>
 #include <string>
 #include <utility>
@@ -58,13 +59,22 @@ struct Names {
 /// What to take in place of a stored number: by dataset, by row.
 using Corrections = std::map<std::string, std::map<std::size_t, double>>;
 
-/// The figures of a run from what its record tells of every level and step: the same numbers, added up in the same
-/// order by the same code, so that they are what the run told, bit by bit. Errors are of the last stored level.
-///
-/// Records of earlier versions have no /levels/target: there E is the energy of the first step that is no bridge.
+/// The figures of a run as its record has them: the running statistics in the checkpoint, which are of all levels and
+/// steps. Errors are of the last stored level. A record of an earlier version has none: there they are of its rows.
 /// \throws record::Error if the record cannot be read, or the lengths of its datasets contradict each other
-[[nodiscard]] Statistics stored_statistics(const record::Reader& reader, const Names& names,
-                                           const Corrections& corrections = {});
+[[nodiscard]] Statistics stored_statistics(const record::Reader& reader, const Names& names);
+
+/// The same from the rows under /levels, /laws and /events: the same numbers, added up in the same order by the same
+/// code. Where every level has a row they are the figures of the run, bit by bit; else they are those of a part of it.
+///
+/// Records of earlier versions have no /levels/target: there E is the energy of the first step on the law.
+/// \throws record::Error likewise
+[[nodiscard]] Statistics statistics_of_rows(const record::Reader& reader, const Names& names,
+                                            const Corrections& corrections = {});
+
+/// Number of the last level of a run, which need not have a row; nothing in records of earlier versions, in which every
+/// level has one. \throws record::Error if it is no number of a level
+[[nodiscard]] std::optional<std::size_t> stored_last_level(const record::Reader& reader);
 
 /// The number of cells of a record's grid; 1 without one.
 [[nodiscard]] std::size_t stored_cells(const record::Reader& reader);

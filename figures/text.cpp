@@ -99,10 +99,10 @@ JsonObject energy_json(const Statistics& statistics) {
   return object.count("law_steps", statistics.law_steps()).count("steps", statistics.steps);
 }
 
-JsonObject bridges_json(const Statistics& statistics) {
+JsonObject off_law_json(const Statistics& statistics) {
   JsonObject object;
-  object.count("count", statistics.bridges).count("steps", statistics.bridge_steps);
-  const double deviation = statistics.bridge_deviation();
+  object.count("steps", statistics.off_law_steps);
+  const double deviation = statistics.off_law_deviation();
   if (const auto relative = statistics.relative(deviation)) {
     return object.number("max_deviation", *relative);
   }
@@ -162,21 +162,18 @@ std::string energy_text(const Statistics& statistics) {
                        statistics.energies().max);
   }
   const std::string deviation = energy_deviation_text(statistics, statistics.energy_deviation());
-  return statistics.law_steps() < statistics.bridge_steps
-             ? fmt::format("{:.15g}, met on {} of {} steps only ({}); see bridges", statistics.energy(),
-                           statistics.law_steps(), statistics.steps, deviation)
+  return statistics.law_steps() < statistics.off_law_steps
+             ? fmt::format("{:.15g}, met on {} of {} steps only ({})", statistics.energy(), statistics.law_steps(),
+                           statistics.steps, deviation)
              : fmt::format("{:.15g}, {}", statistics.energy(), deviation);
 }
 
-std::string bridges_text(const Statistics& statistics) {
-  if (statistics.bridge_steps == 0) {
-    return "none";
-  }
-  const double deviation = statistics.bridge_deviation();
+std::string off_law_text(const Statistics& statistics) {
+  const double deviation = statistics.off_law_deviation();
   const auto relative = statistics.relative(deviation);
-  return fmt::format("{} crossings in {} steps, {} energy deviation {:.2g} on them{}", statistics.bridges,
-                     statistics.bridge_steps, relative ? "relative" : "absolute", relative.value_or(deviation),
-                     statistics.has_law() ? "" : " (from that of the first step)");
+  return fmt::format("{} of {}, {} deviation {:.2g} on them{}", statistics.off_law_steps, statistics.steps,
+                     relative ? "relative" : "absolute", relative.value_or(deviation),
+                     statistics.has_law() ? "" : " (from the first step)");
 }
 
 }  // namespace
@@ -231,9 +228,41 @@ JsonObject& JsonObject::raw(std::string_view key, std::string_view value) {
   return *this;
 }
 
+JsonObject json(const Reason& reason) {
+  JsonObject object;
+  return object.text("what", to_string(reason.kind))
+      .text("verdict", to_string(reason.verdict))
+      .number("value", reason.value)
+      .text("finding", reason.finding)
+      .text("remedy", reason.remedy);
+}
+
+namespace {
+
+std::vector<JsonObject> json(const std::vector<Reason>& reasons) {
+  std::vector<JsonObject> objects;
+  for (const Reason& reason : reasons) {
+    objects.push_back(figures::json(reason));
+  }
+  return objects;
+}
+
+void add_verdict(JsonObject& object, const Statistics& statistics) {
+  const Judgement judgement = judge(statistics);
+  object.text("verdict", to_string(judgement.verdict)).objects("reasons", json(judgement.reasons));
+  if (!judgement.accepted.empty()) {
+    object.objects("accepted", json(judgement.accepted));
+  }
+}
+
+}  // namespace
+
 void add_figures(JsonObject& object, const Statistics& statistics) {
   object.count("steps", statistics.steps);
-  object.number("t", statistics.t);
+  object.number("t", statistics.has_clock() ? statistics.clock : statistics.t);
+  if (statistics.has_clock()) {
+    object.number("fictitious_time", statistics.t);
+  }
   if (statistics.steps > 0) {
     object.object("h", range(statistics.h));
     object.object("discrete_energy", energy_json(statistics));
@@ -243,7 +272,7 @@ void add_figures(JsonObject& object, const Statistics& statistics) {
   }
   object.object("node_energy", json(statistics.node_energy));
   if (statistics.variable_levels()) {
-    object.object("bridges", bridges_json(statistics));
+    object.object("off_law", off_law_json(statistics));
   }
   if (has_gamma(statistics)) {
     JsonObject gamma = range(statistics.gamma);
@@ -273,6 +302,10 @@ void add_figures(JsonObject& object, const Statistics& statistics) {
     object.object("stopped", stopped);
   }
   object.object("error", json(statistics.errors));
+  if (const Measures& measures = statistics.measures; measures.seam > 0.0) {
+    object.object("seam", JsonObject().number("max", measures.seam).number("t", measures.seam_t));
+  }
+  add_verdict(object, statistics);
 }
 
 std::vector<Line> lines_of(const Statistics& statistics) {
@@ -281,10 +314,17 @@ std::vector<Line> lines_of(const Statistics& statistics) {
     lines.push_back({std::move(label), std::move(value), std::move(remark), is_headline});
   };
   constexpr bool headline = true;
-  add("steps", fmt::format("{}, to t = {:.10g}", statistics.steps, statistics.t),
-      fmt::format("from t = {:.10g}", statistics.start), headline);
+  if (statistics.has_clock()) {
+    add("steps",
+        fmt::format("{}, to t = {:.10g}, in fictitious time {:.10g}", statistics.steps, statistics.clock, statistics.t),
+        fmt::format("from t = {:.10g}", statistics.clock_start), headline);
+  } else {
+    add("steps", fmt::format("{}, to t = {:.10g}", statistics.steps, statistics.t),
+        fmt::format("from t = {:.10g}", statistics.start), headline);
+  }
   if (statistics.steps > 0) {
-    add("h", fmt::format("{:.6g} to {:.6g}", statistics.h.min, statistics.h.max), "step length", headline);
+    add("h", fmt::format("{:.6g} to {:.6g}", statistics.h.min, statistics.h.max),
+        statistics.has_clock() ? "step length, in fictitious time" : "step length", headline);
     if (statistics.balance) {
       add("energy less work", energy_text(statistics), "E_k - W, which the balance (3.4) of a driven system keeps",
           headline);
@@ -296,16 +336,18 @@ std::vector<Line> lines_of(const Statistics& statistics) {
     add("step potential", fmt::format("{:.3g} to {:.3g} of it", statistics.potential.min, statistics.potential.max),
         "f'(h), contained in the discrete energy", headline);
   }
-  add(statistics.balance ? "H(z_k, t_k) less work" : "node energy H(z_k)", deviation_text(statistics.node_energy),
-      "at the levels", headline);
+  add(statistics.balance       ? "H(z_k, t_k) less work"
+      : statistics.has_clock() ? "node energy g(H - E)"
+                               : "node energy H(z_k)",
+      deviation_text(statistics.node_energy), "at the levels", headline);
   if (has_gamma(statistics)) {
     add("Gamma",
         with_undefined(fmt::format("{:.6g} to {:.6g}", statistics.gamma.min, statistics.gamma.max), statistics.gamma,
                        "levels"),
         "at the levels", headline);
   }
-  if (statistics.variable_levels()) {
-    add("bridges", bridges_text(statistics), "where the law has no solution", headline);
+  if (statistics.off_law_steps > 0) {
+    add("steps off the law", off_law_text(statistics), "plain steps, where the law has no solution", headline);
   }
   if (statistics.condition.any()) {
     add("step condition", fmt::format("{:.2g}", statistics.condition.max), "relative error of h, at most");
@@ -342,6 +384,12 @@ std::vector<Line> lines_of(const Statistics& statistics) {
         fmt::format("{:.3g} on average, at most {:.0f}",
                     statistics.all_iterations / static_cast<double>(statistics.steps), statistics.iterations.max));
   }
+  if (const Measures& measures = statistics.measures; measures.seam > 0.0) {
+    add("at the seam",
+        fmt::format("the wave reached it: up to {:.2g} of its largest, at t = {:.6g}", measures.seam, measures.seam_t),
+        "where the period begins again");
+  }
+  add("verdict", text_of(judge(statistics)), "by the measures of this run", headline);
   return lines;
 }
 

@@ -37,6 +37,9 @@ private:
   std::vector<std::pair<std::string, double>> numbers_;  ///< all there are, with the keys on the way to them
 };
 
+/// what, verdict, value, finding, remedy.
+[[nodiscard]] JsonObject json(const Reason& reason);
+
 /// Adds every figure under its key: absent where it does not apply, never NaN; values that are not defined are counted
 /// under "undefined".
 void add_figures(JsonObject& object, const Statistics& statistics);

@@ -57,6 +57,9 @@ struct Constant {
 [[nodiscard]] const Word* find_word(std::string_view name);
 [[nodiscard]] const Operator* find_operator(char symbol);
 [[nodiscard]] const Constant* find_constant(std::string_view name);
+
+/// What to write here for a name that other languages have, such as pow or ln; empty if there is nothing to say.
+[[nodiscard]] std::string_view foreign_advice(std::string_view name);
 ///@}
 
 }  // namespace rubato::formula

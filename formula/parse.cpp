@@ -20,7 +20,6 @@ namespace {
 
 constexpr int deepest_nesting = 1000;
 constexpr std::size_t most_terms = 1'000'000;
-constexpr std::size_t excerpt_width = 80;
 
 /// Of an operator; 0 for everything else. A loop over operators of at least a given strength reads each level of the
 /// grammar.
@@ -421,17 +420,22 @@ private:
     const std::array arguments{graph_.constant(static_cast<double>(seed)),
                                graph_.constant(static_cast<double>(parse_integer("the number of waves")))};
     close(opening);
+    if (const auto result = call(called, arguments)) {
+      return *result;
+    }
+    fail(called.offset,
+         "noise(seed, waves) is a function of x in [initial] and S of a lattice; noise(seed) is a number");
+  }
+
+  /// What the caller has for the name; what it refuses is wrong there.
+  std::optional<Expression> call(const Token& called, std::span<const Expression> arguments) const {
     try {
-      if (const auto result = context_.call ? context_.call(called.text, arguments) : std::nullopt) {
-        return *result;
-      }
+      return context_.call ? context_.call(called.text, arguments) : std::nullopt;
     } catch (const ParseError&) {
       throw;
     } catch (const std::invalid_argument& error) {
       fail(called.offset, error.what());
     }
-    fail(called.offset,
-         "noise(seed, waves) is a function of x in [initial] and S of a lattice; noise(seed) is a number");
   }
 
   /// ellipk ( m ) and ellipe ( m ), numbers.
@@ -522,6 +526,9 @@ private:
     if (find_function(token.text) != nullptr) {
       fail(token.offset, fmt::format("{0} is a function: write {0}(...)", token.text));
     }
+    if (const std::string_view advice = foreign_advice(token.text); !advice.empty()) {
+      fail(token.offset, fmt::format("unknown name '{}': {}", token.text, advice));
+    }
     fail(token.offset, fmt::format("unknown name '{}'{}", token.text, suggestion(token.text)));
   }
 
@@ -547,7 +554,7 @@ private:
     }
     close(opening);
     if (function == nullptr) {
-      if (const auto result = context_.call(called.text, arguments)) {
+      if (const auto result = call(called, arguments)) {
         return *result;
       }
       refuse_call(called);
@@ -588,8 +595,8 @@ private:
     if (find_constant(called.text) != nullptr || context_.resolve(called.text)) {
       fail(called.offset, fmt::format("'{0}' is not a function: for a product write {0}*(...)", called.text));
     }
-    if (called.text == "ln") {
-      fail(called.offset, "unknown function 'ln': the natural logarithm is log");
+    if (const std::string_view advice = foreign_advice(called.text); !advice.empty()) {
+      fail(called.offset, fmt::format("unknown function '{}': {}", called.text, advice));
     }
     auto nearest = nearest_name(called.text, reserved_names());
     if (!nearest) {
@@ -651,110 +658,7 @@ private:
   std::size_t terms_ = 0;
 };
 
-// ---- messages -------------------------------------------------------------------------------------------------------
-
-struct Place {
-  std::size_t line = 1, column = 1;
-  std::string_view line_text;
-};
-
-Place place_of(std::string_view text, std::size_t offset) {
-  offset = std::min(offset, text.size());
-  const std::string_view before = text.substr(0, offset);
-  const std::size_t newline = before.rfind('\n');
-  const std::size_t begin = newline == std::string_view::npos ? 0 : newline + 1;
-  const std::string_view left = before.substr(begin);
-  std::string_view line = text.substr(begin, text.find('\n', offset) - begin);
-  if (line.ends_with('\r')) {
-    line.remove_suffix(1);
-  }
-  return {1 + static_cast<std::size_t>(std::count(before.begin(), before.end(), '\n')),
-          1 + static_cast<std::size_t>(std::count_if(left.begin(), left.end(), begins_character)), line};
-}
-
-/// The line around `column`, at most excerpt_width characters of it, and a caret below the column.
-std::string excerpt(std::string_view line, std::size_t column) {
-  std::vector<std::string_view> characters;
-  for (std::size_t begin = 0; begin < line.size();) {
-    std::size_t end = begin + 1;
-    while (end < line.size() && !begins_character(line[end])) {
-      ++end;
-    }
-    characters.push_back(line.substr(begin, end - begin));
-    begin = end;
-  }
-  const std::size_t place = column - 1;
-  std::size_t first = 0;
-  std::size_t last = characters.size();
-  if (last > excerpt_width) {
-    first = std::min(place > excerpt_width / 2 ? place - excerpt_width / 2 : 0, last - excerpt_width);
-    last = first + excerpt_width;
-  }
-  std::string shown = first > 0 ? "  ..." : "  ";
-  const std::string caret = std::string(shown.size() + (place - first), ' ') + '^';
-  for (std::size_t i = first; i < last; ++i) {
-    const bool is_control = characters[i].size() == 1 && static_cast<unsigned char>(characters[i].front()) < 0x20U;
-    shown += is_control ? std::string_view(" ") : characters[i];
-  }
-  return shown + (last < characters.size() ? "...\n" : "\n") + caret;
-}
-
-std::string message(std::string_view text, std::size_t offset, const std::string& reason) {
-  const Place place = place_of(text, offset);
-  return reason + '\n' + excerpt(place.line_text, place.column);
-}
-
-char lower(char c) {
-  return c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
-}
-
-/// Number of insertions, deletions, replacements and exchanges of neighbours (case aside) that turn x into y.
-std::size_t edit_distance(std::string_view x, std::string_view y) {
-  std::vector<std::size_t> before(y.size() + 1), above(y.size() + 1), row(y.size() + 1);
-  for (std::size_t j = 0; j <= y.size(); ++j) {
-    above[j] = j;
-  }
-  for (std::size_t i = 1; i <= x.size(); ++i) {
-    row[0] = i;
-    for (std::size_t j = 1; j <= y.size(); ++j) {
-      const auto same = [&](std::size_t k, std::size_t l) { return lower(x[k - 1]) == lower(y[l - 1]); };
-      row[j] = std::min({above[j] + 1, row[j - 1] + 1, above[j - 1] + (same(i, j) ? 0 : 1)});
-      if (i > 1 && j > 1 && same(i, j - 1) && same(i - 1, j)) {
-        row[j] = std::min(row[j], before[j - 2] + 1);
-      }
-    }
-    std::swap(before, above);
-    std::swap(above, row);
-  }
-  return above[y.size()];
-}
-
 }  // namespace
-
-ParseError::ParseError(std::string_view text, std::size_t offset, const std::string& reason)
-    : std::invalid_argument(message(text, offset, reason)), offset_(offset), reason_(reason) {
-  const Place place = place_of(text, offset);
-  line_ = place.line;
-  column_ = place.column;
-}
-
-std::optional<std::string> nearest_name(std::string_view name, std::span<const std::string> known) {
-  constexpr std::size_t farthest = 2;
-  std::size_t least = farthest + 1;
-  std::optional<std::string> nearest;
-  for (const std::string& candidate : known) {
-    const std::size_t gap =
-        candidate.size() > name.size() ? candidate.size() - name.size() : name.size() - candidate.size();
-    if (gap >= least) {
-      continue;
-    }
-    if (const std::size_t distance = edit_distance(name, candidate); distance < least && 2 * distance < name.size()) {
-      least = distance;
-      nearest = candidate;
-    }
-  }
-  return nearest;
-}
 
 Expression parse(std::string_view text, Graph& graph, const ParseContext& context) {
   if (!context.resolve) {

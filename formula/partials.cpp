@@ -294,7 +294,7 @@ FirstPartials first_partials(Graph& graph, NodeIndex index, bool of_a, bool of_b
     }
     case Operation::sinh: d.a = build(cosh(a)); break;
     case Operation::cosh: d.a = build(sinh(a)); break;
-    case Operation::tanh: d.a = build(1.0 - v * v); break;
+    case Operation::tanh: d.a = build(pow(sech(a), 2.0)); break;
     case Operation::asinh: d.a = build.inverse(sqrt(1.0 + a * a)); break;
     case Operation::acosh: d.a = build.inverse(sqrt(a - 1.0) * sqrt(a + 1.0)); break;
     case Operation::atanh: d.a = build.inverse((1.0 - a) * (1.0 + a)); break;
@@ -385,7 +385,7 @@ SecondPartials second_partials(Graph& graph, NodeIndex index, bool of_a, bool of
     }
     case Operation::atan: {
       const Expression g = build.reciprocal(1.0 + a * a);
-      d.aa = product(-2.0, build(a), build(g * g));
+      d.aa = build(-2.0, (a * g) * g);
       break;
     }
     case Operation::atan2: {  // y = a, x = b, q = 1/(x² + y²): -2xyq², (y² - x²)q², 2xyq²
@@ -399,15 +399,15 @@ SecondPartials second_partials(Graph& graph, NodeIndex index, bool of_a, bool of
     }
     case Operation::sinh:
     case Operation::cosh: d.aa = build(v); break;
-    case Operation::tanh: d.aa = product(-2.0, build(v), build(1.0 - v * v)); break;
+    case Operation::tanh: d.aa = product(-2.0, build(v), build(pow(sech(a), 2.0))); break;
     case Operation::asinh: {
       const Expression g = build.reciprocal(sqrt(1.0 + a * a));
-      d.aa = product(-1.0, build(a), build(pow(g, 3.0)));
+      d.aa = build(-1.0, (a * g) * pow(g, 2.0));
       break;
     }
     case Operation::acosh: {
       const Expression g = build.reciprocal(sqrt(a - 1.0) * sqrt(a + 1.0));
-      d.aa = product(-1.0, build(a), build(pow(g, 3.0)));
+      d.aa = build(-1.0, (a * g) * pow(g, 2.0));
       break;
     }
     case Operation::atanh: {
@@ -434,9 +434,12 @@ SecondPartials second_partials(Graph& graph, NodeIndex index, bool of_a, bool of
     case Operation::bessel_y:
     case Operation::bessel_i:
     case Operation::bessel_k: d.bb = build.of_neighbours(index, 2.0); break;
-    case Operation::jacobi_sn: d.aa = times(graph, build(v), build(2.0 * m * (v * v) - (1.0 + m))); break;
-    case Operation::jacobi_cn: d.aa = times(graph, build(v), build((2.0 * m - 1.0) - 2.0 * m * (v * v))); break;
-    case Operation::jacobi_dn: d.aa = times(graph, build(v), build((2.0 - m) - 2.0 * (v * v))); break;
+    // Without the differences of numbers near each other that a polynomial in v has.
+    case Operation::jacobi_sn:
+      d.aa = product(-1.0, build(v), build(pow(dn(a, m), 2.0) + m * pow(cn(a, m), 2.0)));
+      break;
+    case Operation::jacobi_cn: d.aa = times(graph, build(v), build(m * pow(sn(a, m), 2.0) - pow(dn(a, m), 2.0))); break;
+    case Operation::jacobi_dn: d.aa = product(m, build(v), build(pow(sn(a, m), 2.0) - pow(cn(a, m), 2.0))); break;
     case Operation::sech: d.aa = times(graph, build(v), build(1.0 - 2.0 * (v * v))); break;
     case Operation::csch: d.aa = times(graph, build(v), build(1.0 + 2.0 * (v * v))); break;
   }

@@ -5,24 +5,95 @@
 #include <bit>
 #include <cassert>
 #include <cmath>
+#include <cstdint>
+#include <iterator>
 #include <limits>
 #include <numbers>
 
-#include <fmt/format.h>
-
-#include <rubato/formula/rounding_steps.hpp>
+#include <rubato/formula/arithmetic.hpp>
+#include <rubato/formula/operations.hpp>
+#include <rubato/formula/special.hpp>
 #include <rubato/formula/sum.hpp>
 
 namespace rubato::formula {
 
 namespace {
 
-using rounding_steps::function_error;
-using rounding_steps::sum_in_eights;
-using rounding_steps::unit;
+constexpr double unit = 0.5 * std::numeric_limits<double>::epsilon();
+/// Of functions that are not rounded correctly, in units of u·|result|.
+constexpr double function_error = 2.0;
+/// Of Bessel and elliptic functions, in units of their size and slope: near a zero the error is that of the argument.
+constexpr double special_error = 16.0;
 
-/// Terms that cancel by more than this make a sum that is small by accident.
-constexpr double least_part = 0.03;
+/// A value, and the bound of its error in units of u.
+struct Rounded {
+  double value = 0.0, bound = 0.0;
+};
+
+/// Error of an argument by the derivative there; no error is none, however steep the function.
+double carried(double derivative, double error) {
+  return error == 0.0 ? 0.0 : std::abs(derivative) * error;
+}
+
+double slope_of(OpCode function, double parameter, double x) {
+  std::array<double, 2> coefficients{};
+  scaled_derivatives(function, parameter, x, coefficients);
+  return coefficients[1];
+}
+
+/// Of √a = v. Where a is not known better than its size the derivative says nothing: |√(a + δ) - √a| ≤ √δ.
+double of_square_root(double v, double da) {
+  return (da == 0.0 ? 0.0 : std::min(0.5 / v * da, std::sqrt(da / unit))) + v;
+}
+double of_cube_root(double v, double a, double da) {
+  return (da == 0.0 ? 0.0 : std::min(std::abs(v / (3.0 * a)) * da, 2.0 * std::cbrt(da * unit) / unit)) +
+         2.0 * std::abs(v);
+}
+
+/// A value with this derivative, and an error of its own in units of u·|value|.
+Rounded of_one(double value, double derivative, const Rounded& a, double own) {
+  return {value, carried(derivative, a.bound) + own * std::abs(value)};
+}
+Rounded sum(double value, const Rounded& a, const Rounded& b) {
+  return {value, a.bound + b.bound + std::abs(value)};
+}
+Rounded product(const Rounded& a, const Rounded& b) {
+  const double v = a.value * b.value;
+  return {v, carried(b.value, a.bound) + carried(a.value, b.bound) + std::abs(v)};
+}
+
+/// The result of a function of one number or two, as operations.inc has its value and the error of that.
+[[gnu::noinline]] Rounded of_function(OpCode code, const Rounded& first, const Rounded* second) {
+  const double a = first.value, da = first.bound;
+  [[maybe_unused]] double b = 0.0, db = 0.0;
+  double v = 0.0, e = 0.0;
+  const auto by = [&](double in_a, double own) { return carried(in_a, da) + own * std::abs(v); };
+  const auto by_both = [&](double in_a, double in_b, double own) {
+    return carried(in_a, da) + carried(in_b, db) + own * std::abs(v);
+  };
+  const auto of_bessel = [&](double n, double x, double dx) {
+    const double slope = slope_of(code, n, x);
+    return carried(slope, dx) + special_error * (std::abs(v) + std::abs(slope));
+  };
+  const auto of_jacobi = [&](double m, double u, double du) {
+    const double slope = slope_of(code, m, u);
+    return carried(slope, du) + special_error * (std::abs(v) + std::abs(u * slope));
+  };
+  switch (code) {
+#define RUBATO_FUNCTION(id, name, form, is, symmetry, f, error, ...) \
+  case OpCode::id:                                                   \
+    if constexpr (arity_of(Form::form) == 2) {                       \
+      b = second->value;                                             \
+      db = second->bound;                                            \
+    }                                                                \
+    v = f;                                                           \
+    e = error;                                                       \
+    break;
+#include <rubato/formula/operations.inc>
+    default: break;
+  }
+  return {v, e};
+}
 
 }  // namespace
 
@@ -35,8 +106,82 @@ void RoundingEvaluator::run(std::span<const double> inputs, std::span<const doub
   assert(inputs.size() == code_.input_count() && errors.size() == code_.input_count());
   std::ranges::copy(inputs, values_.begin());
   std::ranges::copy(errors, bounds_.begin());
+  const auto read = [this](std::uint32_t at) { return Rounded{values_[at], bounds_[at]}; };
+  const auto write = [this](std::uint32_t at, const Rounded& result) {
+    values_[at] = result.value;
+    bounds_[at] = result.bound;
+  };
   for (const Instruction& step : code_.instructions()) {
-    take_rounded_step(step, values_.data(), bounds_.data());
+    const Rounded a = read(step.a);
+    switch (step.code) {
+      case OpCode::add: {
+        const Rounded b = read(step.b);
+        write(step.target, sum(a.value + b.value, a, b));
+        break;
+      }
+      case OpCode::subtract: {
+        const Rounded b = read(step.b);
+        write(step.target, sum(a.value - b.value, a, b));
+        break;
+      }
+      case OpCode::multiply: write(step.target, product(a, read(step.b))); break;
+      case OpCode::divide: {
+        const Rounded b = read(step.b);
+        const double v = a.value / b.value;
+        write(step.target, {v, carried(1.0 / b.value, a.bound) + carried(v / b.value, b.bound) + std::abs(v)});
+        break;
+      }
+      case OpCode::negate: write(step.target, of_one(-a.value, 1.0, a, 0.0)); break;
+      case OpCode::multiply_add: {
+        const Rounded ab = product(a, read(step.b)), c = read(step.c);
+        write(step.target, sum(ab.value + c.value, ab, c));
+        break;
+      }
+      case OpCode::multiply_subtract: {
+        const Rounded ab = product(a, read(step.b)), c = read(step.c);
+        write(step.target, sum(ab.value - c.value, ab, c));
+        break;
+      }
+      case OpCode::negative_multiply_add: {
+        const Rounded ab = product(a, read(step.b)), c = read(step.c);
+        write(step.target, sum(c.value - ab.value, ab, c));
+        break;
+      }
+      case OpCode::square: write(step.target, of_one(a.value * a.value, 2.0 * a.value, a, 1.0)); break;
+      case OpCode::integer_power: {
+        const auto n = std::bit_cast<std::int32_t>(step.b);
+        write(step.target, of_one(integer_power(a.value, n), n * integer_power(a.value, n - 1), a,
+                                  std::abs(static_cast<double>(n))));
+        break;
+      }
+      case OpCode::power: {
+        const Rounded b = read(step.b);
+        const double v = std::pow(a.value, b.value);
+        write(step.target, {v, carried(b.value * std::pow(a.value, b.value - 1.0), a.bound) +
+                                   carried(v * std::log(std::abs(a.value)), b.bound) + function_error * std::abs(v)});
+        break;
+      }
+      case OpCode::sincos: {
+        const double sine = std::sin(a.value), cosine = std::cos(a.value);
+        write(step.b, of_one(cosine, sine, a, function_error));
+        write(step.target, of_one(sine, cosine, a, function_error));
+        break;
+      }
+      case OpCode::where_positive: {
+        const Rounded b = read(step.b);
+        write(step.target, {where_positive(a.value, b.value), where_positive(a.value, b.bound)});
+        break;
+      }
+      case OpCode::where_negative: {
+        const Rounded b = read(step.b);
+        write(step.target, {where_negative(a.value, b.value), where_negative(a.value, b.bound)});
+        break;
+      }
+      default: {
+        const Rounded b = operand_count(step.code) == 2 ? read(step.b) : Rounded{};
+        write(step.target, of_function(step.code, a, &b));
+      }
+    }
   }
 }
 
@@ -46,177 +191,18 @@ Bytecode sum_size_code(Expression sum, std::span<const Expression> inputs) {
   return {outputs, inputs};
 }
 
-namespace {
-
-/// A value, and its bound unless that is 0 for certain.
-struct RoundedExpression {
-  Expression value;
-  std::optional<Expression> bound = {};
-};
-
-/// The operations of RoundingEvaluator::run() as formulas.
-class RoundingFormula {
-public:
-  /// The result of an instruction, of a sincos the sine; none of those that are not foreseen.
-  std::optional<RoundedExpression> operator()(const Instruction& step, std::span<const RoundedExpression> registers) {
-    const RoundedExpression& a = registers[step.a];
-    const auto b = [&]() -> const RoundedExpression& { return registers[step.b]; };
-    switch (step.code) {
-      case OpCode::add: return sum(a.value + b().value, a, b());
-      case OpCode::subtract: return sum(a.value - b().value, a, b());
-      case OpCode::multiply: {
-        const Expression v = a.value * b().value;
-        return RoundedExpression{v, plus(plus(carried(b().value, a), carried(a.value, b())), abs(v))};
-      }
-      case OpCode::divide: {
-        const Expression v = a.value / b().value;
-        return RoundedExpression{v, plus(plus(carried(1.0 / b().value, a), carried(v / b().value, b())), abs(v))};
-      }
-      case OpCode::negate: return RoundedExpression{-a.value, a.bound};
-      case OpCode::multiply_add:
-      case OpCode::multiply_subtract:
-      case OpCode::negative_multiply_add: {
-        const RoundedExpression& c = registers[step.c];
-        const Expression product = a.value * b().value;
-        const Expression v = step.code == OpCode::multiply_add        ? product + c.value
-                             : step.code == OpCode::multiply_subtract ? product - c.value
-                                                                      : c.value - product;
-        return RoundedExpression{
-            v, plus(plus(plus(plus(carried(b().value, a), carried(a.value, b())), abs(product)), c.bound), abs(v))};
-      }
-      case OpCode::square: return of_one(a.value * a.value, 2.0 * a.value, a, 1.0);
-      case OpCode::integer_power: {
-        const auto n = std::bit_cast<std::int32_t>(step.b);
-        return of_one(pow(a.value, n), n * pow(a.value, n - 1), a, std::abs(static_cast<double>(n)));
-      }
-      case OpCode::abs: return RoundedExpression{abs(a.value), a.bound};
-      case OpCode::sqrt: {
-        const Expression v = sqrt(a.value);
-        return RoundedExpression{
-            v, plus(a.bound ? std::optional(min(0.5 / v * *a.bound, sqrt(*a.bound / unit))) : std::nullopt, v)};
-      }
-      case OpCode::sincos:
-      case OpCode::sin: return of_one(sin(a.value), cos(a.value), a, function_error);
-      case OpCode::cos: return of_one(cos(a.value), sin(a.value), a, function_error);
-      case OpCode::exp: return of_one(exp(a.value), exp(a.value), a, function_error);
-      case OpCode::log: return of_one(log(a.value), 1.0 / a.value, a, function_error);
-      default: return std::nullopt;
-    }
-  }
-  RoundedExpression cosine(const RoundedExpression& a) { return of_one(cos(a.value), sin(a.value), a, function_error); }
-
-private:
-  static std::optional<Expression> plus(const std::optional<Expression>& a, const std::optional<Expression>& b) {
-    return a && b ? std::optional(*a + *b) : a ? a : b;
-  }
-  static std::optional<Expression> carried(Expression derivative, const RoundedExpression& a) {
-    return a.bound ? std::optional(abs(derivative) * *a.bound) : std::nullopt;
-  }
-  static RoundedExpression sum(Expression v, const RoundedExpression& a, const RoundedExpression& b) {
-    return {v, plus(plus(a.bound, b.bound), abs(v))};
-  }
-  static RoundedExpression of_one(Expression v, Expression derivative, const RoundedExpression& a, double own) {
-    return {v, plus(carried(derivative, a), own * abs(v))};
-  }
-};
-
-/// Instructions of formulas whose machine code is made at once, and of those for which it is made at all.
-constexpr std::size_t short_formula = 1000, longest_with_formula = 100'000;
-/// It takes about as long as so many evaluations by the interpreter, of which it leaves hardly any time; and as so many
-/// times what it saves beside rolled code, two thirds.
-constexpr std::size_t evaluations_worth_code = 3000, rolled_evaluations_worth_code = 10'000;
-
-}  // namespace
-
-std::optional<Bytecode> rounding_code(const Bytecode& code) {
-  Graph graph;
-  RoundingFormula rounding;
-  std::vector<RoundedExpression> registers(code.register_count());
-  std::vector<Expression> inputs;
-  for (const char* const name : {"x{}", "e{}"}) {
-    for (std::size_t i = 0; i < code.input_count(); ++i) {
-      inputs.push_back(graph.variable(fmt::format(fmt::runtime(name), i)));
-    }
-  }
-  for (std::size_t i = 0; i < code.input_count(); ++i) {
-    registers[i] = {inputs[i], inputs[code.input_count() + i]};
-  }
-  for (std::size_t k = 0; k < code.constants().size(); ++k) {
-    registers[code.input_count() + k] = {graph.constant(code.constants()[k])};
-  }
-  for (const Instruction& step : code.instructions()) {
-    const std::optional<RoundedExpression> result = rounding(step, registers);
-    if (!result) {
-      return std::nullopt;
-    }
-    if (step.code == OpCode::sincos) {
-      registers[step.b] = rounding.cosine(registers[step.a]);
-    }
-    registers[step.target] = *result;
-  }
-  const auto outputs = code.outputs();
-  const Expression terms = sum_in_eights(outputs.size() - 1, graph.constant(0.0),
-                                         [&](std::size_t i) { return abs(registers[outputs[1 + i]].value); });
-  const RoundedExpression& first = registers[outputs[0]];
-  const std::array all{first.value, terms, first.bound ? *first.bound : graph.constant(0.0)};
-  return Bytecode(all, inputs);
-}
-
 SumSizeEvaluator::SumSizeEvaluator(const Bytecode& code) : evaluator_(code), errors_(code.input_count(), 0.0) {}
 
-void SumSizeEvaluator::prepare() {
-  const std::size_t length = evaluator_.code().instructions().size();
-  if (formula_ || length > longest_with_formula) {
-    return;
-  }
-  if (length <= short_formula) {
-    make_formula();
-    return;
-  }
-  roll();
-  if (until_formula_ == 0) {
-    until_formula_ = rolled_ ? rolled_evaluations_worth_code : evaluations_worth_code;
-  }
-}
-
-void SumSizeEvaluator::roll() {
-  if (!rolled_) {
-    rolled_ = RolledRounding::of(evaluator_.code());
-  }
-}
-
-void SumSizeEvaluator::make_formula() {
-  if (const std::optional<Bytecode> code = rounding_code(evaluator_.code())) {
-    formula_.emplace(*code);
-  }
-}
-
 SumSize SumSizeEvaluator::operator()(std::span<const double> inputs, std::span<const double> errors) {
-  const auto size_of = [](double sum, double terms, double bound) {
-    return SumSize{.terms = std::max(std::abs(sum), least_part * terms),
-                   .rounding = unit * (std::isfinite(bound) ? bound : terms)};
-  };
-  if (until_formula_ > 0 && --until_formula_ == 0) {
-    make_formula();
-  }
-  if (formula_) {
-    std::ranges::copy(errors, std::ranges::copy(inputs, formula_->inputs().begin()).out);
-    formula_->run();
-    // An error of 0 times an infinite derivative is the evaluator's to judge.
-    if (std::isfinite(formula_->output(2))) {
-      return size_of(formula_->output(0), formula_->output(1), formula_->output(2));
-    }
-  }
-  if (rolled_) {
-    rolled_->run(inputs, errors);
-    if (std::isfinite(rolled_->bound(0))) {
-      return size_of(rolled_->value(0), rolled_->terms(), rolled_->bound(0));
-    }
-  }
   evaluator_.run(inputs, errors);
-  const double terms = sum_in_eights(evaluator_.output_count() - 1, 0.0,
-                                     [&](std::size_t i) { return std::abs(evaluator_.value(1 + i)); });
-  return size_of(evaluator_.value(0), terms, evaluator_.bound(0));
+  const double sum = evaluator_.value(0), bound = evaluator_.bound(0);
+  double terms = 0.0;
+  for (std::size_t i = 1; i < evaluator_.output_count(); ++i) {
+    terms += std::abs(evaluator_.value(i));
+  }
+  return {.terms = std::max(std::abs(sum), part_that_counts * terms),
+          .cancelled = part_that_counts * std::max(terms - std::abs(sum), 0.0),
+          .rounding = unit * (std::isfinite(bound) ? bound : terms)};
 }
 
 SumSize SumSizeEvaluator::operator()(std::span<const double> inputs) {

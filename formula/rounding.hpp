@@ -1,11 +1,9 @@
 #pragma once
 
-#include <optional>
 #include <span>
 #include <vector>
 
 #include <rubato/formula/bytecode.hpp>
-#include <rubato/formula/rolled_rounding.hpp>
 
 namespace rubato::formula {
 
@@ -18,7 +16,8 @@ namespace rubato::formula {
 /// sqrt are taken to round correctly, the other functions to within 2 u of the result (4 u for tan and the hyperbolic
 /// ones), which the C libraries in use keep to. Where a derivative is infinite (log at 0, …) the bound may be, too.
 ///
-/// Costs some three times an evaluation. Holds the registers; no allocation in run().
+/// Costs some three times an evaluation by the interpreter: callers that need it often look at it every 16th or 96th
+/// step. Holds the registers; no allocation in run().
 class RoundingEvaluator {
 public:
   explicit RoundingEvaluator(const Bytecode& code);  ///< copies the code
@@ -38,17 +37,13 @@ private:
 
 /// How large a sum is at a point, and what rounding makes of it.
 struct SumSize {
-  double terms = 0.0;     ///< |sum|, or 3 % of the sum of the magnitudes of its terms where that is more
-  double rounding = 0.0;  ///< bound of the sum's error, absolute
+  double terms = 0.0;      ///< |sum|, or 3 % of the sum of the magnitudes of its terms where that is more
+  double cancelled = 0.0;  ///< 3 % of what cancels in the sum, Σ|terms| - |sum|
+  double rounding = 0.0;   ///< bound of the sum's error, absolute
 };
 
 /// Code for a SumSizeEvaluator: the sum, then its terms. `inputs`: variables of its graph.
 [[nodiscard]] Bytecode sum_size_code(Expression sum, std::span<const Expression> inputs);
-
-/// What RoundingEvaluator does as a formula, whose inputs are those of the code and then their errors, and whose
-/// outputs are the code's first, Σ|others|, and the bound of the first: with the same roundings. None of code with
-/// functions other than sqrt, sin, cos, exp and log.
-[[nodiscard]] std::optional<Bytecode> rounding_code(const Bytecode& code);
 
 /// Both for the formula of a sum_size_code().
 class SumSizeEvaluator {
@@ -56,26 +51,13 @@ public:
   explicit SumSizeEvaluator(const Bytecode& code);
   SumSizeEvaluator() = default;
 
-  /// For those who ask often: the bound by a formula of its own, which machine code is made of, where there is one. A
-  /// long one is rolled up first, where it can be, and its machine code is made when it has been asked for so often
-  /// that this pays; of a very long one never. No result changes.
-  void prepare();
-  /// What takes less time than some tens of evaluations do: rolled code, where there is much to roll. No result
-  /// changes.
-  void roll();
-
   /// At `inputs` that are off by u·`errors`. Where the bound is not finite, rounding is that of the terms.
   [[nodiscard]] SumSize operator()(std::span<const double> inputs, std::span<const double> errors);
   /// At `inputs` that are means of rounded values, and rounded themselves: off by 2u·|input|.
   [[nodiscard]] SumSize operator()(std::span<const double> inputs);
 
 private:
-  void make_formula();
-
   RoundingEvaluator evaluator_;
-  std::optional<ScalarEvaluator> formula_;
-  std::optional<RolledRounding> rolled_;
-  std::size_t until_formula_ = 0;  ///< how often it is asked for before the formula is made; 0: no more of this
   std::vector<double> errors_;
 };
 

@@ -10,8 +10,12 @@ namespace rubato::formula {
 
 namespace {
 
-/// Sums that share their parts (x + x with x = y + y …) have more terms than anybody wants to see one by one.
-constexpr std::size_t most_summands = 100'000;
+/// Nodes of a formula that are looked at for terms: sums that share their parts (x + x with x = y + y …) have more
+/// terms than anybody wants to see one by one.
+constexpr std::size_t most_looks = 200'000;
+/// Products that are expanded, and the terms of one: two factors of n terms make n² of them.
+constexpr std::size_t most_expansions = 4096;
+constexpr int deepest_product = 64;
 
 /// Through which arguments of a node its value is linear with constant coefficients.
 struct Linear {
@@ -114,36 +118,77 @@ WithoutConstant separate_constant(Expression expression) {
   return {whole.rest.value_or(graph.constant(0.0)), whole.constant};
 }
 
-std::vector<Expression> terms_of(Expression expression) {
+namespace {
+
+struct Term {
+  Expression expression;
+  double factor;
+};
+
+class Splitter {
+public:
+  Splitter(Graph& graph, Products products) : graph_(graph), products_(products) {}
+
+  [[nodiscard]] std::vector<Term> split(Expression formula, int depth = 0) {
+    std::vector<Term> terms, open = {{formula, 1.0}};
+    while (!open.empty()) {
+      const auto [part, factor] = open.back();
+      open.pop_back();
+      const Node node = graph_.node(part.index());
+      const Linear linear = looks_++ < most_looks ? linear_arguments(graph_, node) : Linear{};
+      const auto value_of = [&](NodeIndex index) { return graph_.node(index).value; };
+      if (node.operation == Operation::multiply && (linear.a || linear.b)) {
+        open.push_back({at(linear.a ? node.a : node.b), factor * value_of(linear.a ? node.b : node.a)});
+      } else if (node.operation == Operation::divide && linear.a) {
+        open.push_back({at(node.a), factor / value_of(node.b)});
+      } else if (linear.a) {
+        if (linear.b) {
+          open.push_back({at(node.b), node.operation == Operation::subtract ? -factor : factor});
+        }
+        open.push_back({at(node.a), node.operation == Operation::negate ? -factor : factor});
+      } else if (!expand(node, factor, depth, terms)) {
+        terms.push_back({part, factor});
+      }
+    }
+    return terms;
+  }
+
+private:
+  [[nodiscard]] Expression at(NodeIndex index) const { return {&graph_, index}; }
+
+  /// Multiplies out a product of sums, or a quotient of one. \return false if it is none, or has too many terms
+  bool expand(const Node& node, double factor, int depth, std::vector<Term>& terms) {
+    const bool is_product = node.operation == Operation::multiply;
+    if (products_ == Products::kept || !(is_product || node.operation == Operation::divide) ||
+        depth == deepest_product || expansions_ == most_expansions) {
+      return false;
+    }
+    ++expansions_;
+    const std::vector<Term> left = split(at(node.a), depth + 1);
+    const std::vector<Term> right = is_product ? split(at(node.b), depth + 1) : std::vector<Term>{{at(node.b), 1.0}};
+    if (left.size() * right.size() == 1 || left.size() * right.size() > most_expansions) {
+      return false;
+    }
+    for (const Term& a : left) {
+      for (const Term& b : right) {
+        terms.push_back({graph_.make(node.operation, a.expression, b.expression), factor * a.factor * b.factor});
+      }
+    }
+    return true;
+  }
+
+  Graph& graph_;
+  Products products_;
+  std::size_t looks_ = 0, expansions_ = 0;
+};
+
+}  // namespace
+
+std::vector<Expression> terms_of(Expression expression, Products products) {
   Graph& graph = *expression.graph();
   std::vector<Expression> terms;
-  struct Term {
-    NodeIndex index;
-    double factor;
-  };
-  std::vector<Term> next = {{expression.index(), 1.0}};
-  while (!next.empty()) {
-    if (terms.size() + next.size() > most_summands) {
-      return {expression};
-    }
-    const auto [index, factor] = next.back();
-    next.pop_back();
-    const Node node = graph.node(index);
-    const Linear linear = linear_arguments(graph, node);
-    const Expression whole(&graph, index);
-    if (node.operation == Operation::multiply && (linear.a || linear.b)) {
-      const NodeIndex constant = linear.a ? node.b : node.a;
-      next.push_back({linear.a ? node.a : node.b, factor * graph.node(constant).value});
-    } else if (node.operation == Operation::divide && linear.a) {
-      next.push_back({node.a, factor / graph.node(node.b).value});
-    } else if (linear.a || linear.b) {
-      next.push_back({node.a, factor});
-      if (linear.b) {
-        next.push_back({node.b, factor});
-      }
-    } else {
-      terms.push_back(factor == 1.0 ? whole : graph.constant(factor) * whole);
-    }
+  for (const auto& [term, factor] : Splitter(graph, products).split(expression)) {
+    terms.push_back(factor == 1.0 ? term : factor == -1.0 ? -term : graph.constant(factor) * term);
   }
   return terms;
 }

@@ -21,10 +21,16 @@ struct WithoutConstant {
 /// there is no such constant; a formula that is a constant itself leaves 0.
 [[nodiscard]] WithoutConstant separate_constant(Expression expression);
 
-/// The terms of the sum, up to sign: through sums, differences, signs, and products and quotients with constants (whose
-/// factor each term then has). Together they are what the value can cancel from. A formula with more than 100,000 is
-/// one term.
-[[nodiscard]] std::vector<Expression> terms_of(Expression expression);
+/// Whether a product with a sum is one term, as it is evaluated, or the terms of the product multiplied out.
+enum class Products { kept, expanded };
+
+/// Formulas whose sum is `expression`: through sums, differences, signs, and products and quotients with constants,
+/// which each term then has; where products are expanded, through products of sums and quotients of a sum, too. A power
+/// or a function of a sum is one term. Of what has more than some 100,000 terms, the rest stays as it is.
+[[nodiscard]] std::vector<Expression> terms_of(Expression expression, Products products = Products::kept);
+
+/// The part of the magnitudes of a sum's terms that counts where they cancel.
+inline constexpr double part_that_counts = 0.03;
 
 /// The sum of these, at least one. Short sums are added up from left to right. Of long ones the two halves are added,
 /// term by term, until one is left: their rounding grows with the logarithm of their length (Higham, Accuracy and

@@ -267,8 +267,8 @@ bool TaylorEvaluator::start_lane(std::size_t lane) {
         second = std::cosh(a);
         break;
       case Kind::tangent:
-        target = step.factor > 0.0 ? std::tan(a) : std::tanh(a);
-        second = 1.0 + step.factor * target * target;
+        target = std::tan(a);
+        second = 1.0 + target * target;
         break;
       case Kind::secant:
         target = step.factor > 0.0 ? sech(a) : csch(a);

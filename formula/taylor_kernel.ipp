@@ -192,7 +192,7 @@ struct Recurrence {
         break;
       case Kind::tangent:
         set(s.target, integral(s.a, s.b, 1.0));
-        set(s.b, s.factor * squares(s.target, 0));
+        set(s.b, squares(s.target, 0));
         break;
       case Kind::secant:  // D sech = -sech tanh D a, D tanh = sech² D a; D csch = -csch coth D a, D coth = -csch² D a
         set(s.target, integral(s.a, s.c, -1.0));

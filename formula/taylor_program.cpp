@@ -205,6 +205,13 @@ private:
   void with_derivative(Kind kind, std::uint32_t target, std::uint32_t partner) {
     emit(kind, target, base_.a, partner).c = new_series();
   }
+  /// sech and tanh together (factor 1): by 1 - tanh² a slope would be lost where tanh is near 1. Csch and coth (-1).
+  void secant(double factor, std::uint32_t target, std::uint32_t partner) {
+    Step& step = emit(Kind::secant, target, base_.a, partner);
+    step.factor = factor;
+    step.c = new_series();
+    step.d = new_series();
+  }
   void integral(double factor, std::uint32_t denominator) {
     emit(Kind::quotient_integral, base_.target, base_.a, denominator).factor = factor;
   }
@@ -291,15 +298,9 @@ void Lowering::lower(const Instruction& instruction) {
     case OpCode::sinh: with_derivative(Kind::hyperbolic, base_.target, new_series()); return;
     case OpCode::cosh: with_derivative(Kind::hyperbolic, new_series(), base_.target); return;
     case OpCode::tan: emit(Kind::tangent, base_.target, base_.a, new_series()); return;
-    case OpCode::tanh: emit(Kind::tangent, base_.target, base_.a, new_series()).factor = -1.0; return;
-    case OpCode::sech:
-    case OpCode::csch: {
-      Step& step = emit(Kind::secant, base_.target, base_.a, new_series());
-      step.factor = instruction.code == OpCode::sech ? 1.0 : -1.0;
-      step.c = new_series();
-      step.d = new_series();
-      return;
-    }
+    case OpCode::tanh: secant(1.0, new_series(), base_.target); return;
+    case OpCode::sech: secant(1.0, base_.target, new_series()); return;
+    case OpCode::csch: secant(-1.0, base_.target, new_series()); return;
     case OpCode::asin: integral(1.0, root_of(quadratic(1.0, -1.0))); return;
     case OpCode::acos: integral(-1.0, root_of(quadratic(1.0, -1.0))); return;
     case OpCode::atan: integral(1.0, quadratic(1.0, 1.0)); return;

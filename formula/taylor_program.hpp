@@ -26,7 +26,7 @@ enum class Kind : std::uint8_t {
   quotient_integral,  // D target = factor·(D a)/b
   circular,           // target = sin a, b = cos a
   hyperbolic,         // target = sinh a, b = cosh a
-  tangent,            // target = tan a (factor 1) or tanh a (factor -1); b = 1 + factor·target²
+  tangent,            // target = tan a; b = 1 + target²
   secant,             // target = sech a, b = tanh a (factor 1); csch a, coth a (factor -1); c = target·b, d = target²
   argument,           // atan2(a, b); c = a² + b²
   absolute,

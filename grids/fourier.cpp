@@ -36,6 +36,15 @@ std::complex<double> derivative_symbol(std::ptrdiff_t k, const Axis& axis) {
   return {0.0, 2.0 * std::numbers::pi * static_cast<double>(k) / axis.length()};
 }
 
+bool has_small_factors(std::size_t n) {
+  for (const std::size_t prime : {2U, 3U, 5U, 7U}) {
+    while (n > 1 && n % prime == 0) {
+      n /= prime;
+    }
+  }
+  return n == 1;
+}
+
 std::size_t good_odd_count(std::size_t least) {
   std::size_t n = least | 1U;
   while (!has_small_factors(n)) {
@@ -75,7 +84,6 @@ struct Fourier::Storage {
   std::size_t first_node = 0;
   Buffer across;
   Plan across_forward, across_inverse;
-  std::optional<ShortTransform> own;
   Plan pair_forward, pair_inverse, row_forward, row_inverse, y_forward, y_inverse, z_forward, z_inverse;
 
   Storage(const Grid& g, int n)
@@ -94,8 +102,6 @@ struct Fourier::Storage {
     const Slab* const slab = Slab::of(g);
     if (slab != nullptr) {
       share(*slab, g.dimensions());
-    } else if (ny * nz == 1 && ShortTransform::serves(nx)) {
-      own.emplace(nx);
     }
     const int length = static_cast<int>(nx);
     row_forward = make_plan([&] { return fftw_plan_dft_r2c_1d(length, real.data(), spectrum(0), FFTW_ESTIMATE); });
@@ -275,10 +281,6 @@ std::size_t Fourier::row_length() const {
 
 const Transposition* Fourier::transposition() const {
   return storage_->transposed ? &*storage_->transposed : nullptr;
-}
-
-const ShortTransform* Fourier::short_transform() const {
-  return storage_->own ? &*storage_->own : nullptr;
 }
 
 std::array<std::ptrdiff_t, 3> Fourier::wave(std::size_t mode) const {

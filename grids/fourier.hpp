@@ -5,7 +5,6 @@
 #include <span>
 
 #include <rubato/grids/grid.hpp>
-#include <rubato/grids/short_transform.hpp>
 
 namespace rubato::grids {
 
@@ -21,6 +20,9 @@ class Transposition;
 /// ∂: i 2π k / length, and 0 for the Nyquist mode 2|k| = n, whose derivative no real grid function represents.
 [[nodiscard]] std::complex<double> derivative_symbol(std::ptrdiff_t k, const Axis& axis);
 ///@}
+
+/// True if n has no prime factor beyond 7: transforms of other lengths take longer.
+[[nodiscard]] bool has_small_factors(std::size_t n);
 
 /// The least odd number from `least` on that has no prime factor beyond 7: a good number of cells where an even one
 /// will not do, for transforms whose lengths have larger ones take longer.
@@ -60,9 +62,6 @@ public:
 
   /// Which modes this rank has; null for all.
   [[nodiscard]] const Transposition* transposition() const;
-  /// The transform of a field on its own, which leaves the coefficients here alone; null where there is none for this
-  /// grid and processor.
-  [[nodiscard]] const ShortTransform* short_transform() const;
 
   /// Transforms one array of grid values for each field, or for the first few.
   void forward(std::span<const double* const> values);

@@ -1,12 +1,12 @@
 #include <rubato/grids/grid.hpp>
 
-#include <unistd.h>
-
 #include <cmath>
 #include <stdexcept>
 #include <utility>
 
 #include <fmt/core.h>
+
+#include <rubato/base/memory.hpp>
 
 namespace rubato::grids {
 namespace {
@@ -40,19 +40,10 @@ void check(const std::vector<Axis>& axes) {
     }
     total *= static_cast<double>(axis.cells);
   }
-  require_memory(total, fmt::format("a grid of {:.6g} nodes", total));
+  require_memory(total * static_cast<double>(sizeof(double)), fmt::format("a grid of {:.6g} nodes", total));
 }
 
 }  // namespace
-
-void require_memory(double doubles, const std::string& what) {
-  const double available = static_cast<double>(sysconf(_SC_PHYS_PAGES)) * static_cast<double>(sysconf(_SC_PAGE_SIZE));
-  const double needed = doubles * static_cast<double>(sizeof(double));
-  if (needed > available) {
-    throw std::invalid_argument(fmt::format("{} would take {:.3g} GB of memory, and this machine has {:.3g} GB", what,
-                                            needed * 1e-9, available * 1e-9));
-  }
-}
 
 Grid::Grid(std::vector<Axis> axes) : axes_(std::move(axes)) {
   check(axes_);

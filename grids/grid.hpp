@@ -33,8 +33,8 @@ struct Axis {
 class Grid {
 public:
   /// Throws std::invalid_argument (naming axis and values) unless there are 1 to 3 axes with different names, from < to
-  /// finite, at least 3 cells each (but of a part of an axis), and one field of all nodes fits into this machine's
-  /// memory.
+  /// finite, at least 3 cells each (but of a part of an axis), and one field of all nodes fits into the memory
+  /// that is available.
   explicit Grid(std::vector<Axis> axes);
 
   [[nodiscard]] int dimensions() const { return static_cast<int>(axes_.size()); }
@@ -62,9 +62,5 @@ private:
   std::array<std::size_t, 3> strides_{};
   std::size_t size_ = 1;
 };
-
-/// Throws std::invalid_argument, saying how much `doubles` doubles take and how much there is, if they exceed this
-/// machine's memory. `what` begins the message.
-void require_memory(double doubles, const std::string& what);
 
 }  // namespace rubato::grids

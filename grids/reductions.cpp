@@ -5,8 +5,9 @@
 #include <cmath>
 #include <cstring>
 #include <iterator>
+#include <type_traits>
 
-#include <rubato/base/wide_vectors.hpp>
+#include <rubato/base/lanes.hpp>
 #include <rubato/grids/largest.hpp>
 
 namespace rubato::grids {
@@ -15,54 +16,111 @@ namespace {
 
 constexpr std::size_t lanes = detail::reduction_lanes;
 
-/// The largest |a| or, with b, |a - b|; `poison` becomes NaN with a value that is not finite. In four times as many
-/// lanes, to hide what a comparison takes: their number does not matter to a maximum.
-template <bool has_second>
-[[gnu::always_inline]] inline double largest_of(const double* a, const double* b, std::size_t count, double& poison) {
-  constexpr std::size_t chains = 4;
-  EightLanes sizes[chains] = {}, poisons[chains] = {}, value, other;
+template <bool squared, int native>
+void add_in_lanes(std::span<const double> values, double* highs, double* lows) {
+  using V = typename VectorOf<native>::type;
+  constexpr std::size_t parts = lanes / native;
+  V high[parts], low[parts];
+  std::memcpy(high, highs, sizeof high);
+  std::memcpy(low, lows, sizeof low);
+  const auto take = [&](const double* from) {
+    for (std::size_t p = 0; p < parts; ++p) {
+      V term;
+      std::memcpy(&term, from + p * native, sizeof term);
+      if constexpr (squared) {
+        term *= term;
+      }
+      const V sum = high[p] + term, part = sum - high[p];
+      low[p] += (high[p] - (sum - part)) + (term - part);
+      high[p] = sum;
+    }
+  };
   std::size_t i = 0;
-  const auto take = [&](std::size_t c, std::size_t values) __attribute__((always_inline)) {
-    value = other = EightLanes{};
+  for (; i + lanes <= values.size(); i += lanes) {
+    take(values.data() + i);
+  }
+  if (i < values.size()) {
+    std::array<double, lanes> rest{};
+    std::memcpy(rest.data(), values.data() + i, (values.size() - i) * sizeof(double));
+    take(rest.data());
+  }
+  std::memcpy(highs, high, sizeof high);
+  std::memcpy(lows, low, sizeof low);
+}
+
+/// The largest |a| or, with b, |a - b|; `poison` becomes NaN with a value that is not finite. In several vectors, to
+/// hide what a comparison takes: their number does not matter to a maximum.
+template <bool has_second, int native>
+double largest_of(const double* a, const double* b, std::size_t count, double& poison) {
+  using V = typename VectorOf<native>::type;
+  constexpr std::size_t chains = 4;
+  V sizes[chains] = {}, poisons[chains] = {};
+  std::size_t i = 0;
+  const auto take = [&](std::size_t c, std::size_t values) {
+    V value = {}, other = {};
     std::memcpy(&value, a + i, values * sizeof(double));
     if constexpr (has_second) {
       std::memcpy(&other, b + i, values * sizeof(double));
       value -= other;
     }
-    const EightLanes size = value < 0.0 ? -value : value;
+    const V size = value < 0.0 ? -value : value;
     sizes[c] = size > sizes[c] ? size : sizes[c];
     poisons[c] += 0.0 * value;
     i += values;
   };
-  while (i + chains * lanes <= count) {
-    take(0, lanes);
-    take(1, lanes);
-    take(2, lanes);
-    take(3, lanes);
+  while (i + chains * native <= count) {
+    take(0, native);
+    take(1, native);
+    take(2, native);
+    take(3, native);
   }
-  while (i + lanes <= count) {
-    take(0, lanes);
+  while (i + native <= count) {
+    take(0, native);
   }
   if (i < count) {
     take(0, count - i);
   }
   double largest = 0.0;
   for (std::size_t c = 0; c < chains; ++c) {
-    for (std::size_t l = 0; l < lanes; ++l) {
+    for (int l = 0; l < native; ++l) {
       largest = sizes[c][l] > largest ? sizes[c][l] : largest;
       poison += poisons[c][l];
     }
   }
   return largest;
 }
-RUBATO_WIDE_VECTORS double largest_difference(const double* a, const double* b, std::size_t count, double& poison) {
-  return largest_of<true>(a, b, count, poison);
+
+template <bool has_second>
+double largest_in_vectors(const double* a, const double* b, std::size_t count, double& poison) {
+  return in_vectors(vector_lanes(), [=, &poison]<int native>(std::integral_constant<int, native>) {
+    return largest_of<has_second, native>(a, b, count, poison);
+  });
 }
 
 }  // namespace
 
-RUBATO_WIDE_VECTORS double largest_magnitude(const double* values, std::size_t count, double& poison) {
-  return largest_of<false>(values, nullptr, count, poison);
+void LaneSum::add(std::span<const double> terms) {
+  in_vectors(vector_lanes(), [=, this]<int native>(std::integral_constant<int, native>) {
+    add_in_lanes<false, native>(terms, high_.data(), low_.data());
+  });
+}
+
+void LaneSum::add_squares(std::span<const double> values) {
+  in_vectors(vector_lanes(), [=, this]<int native>(std::integral_constant<int, native>) {
+    add_in_lanes<true, native>(values, high_.data(), low_.data());
+  });
+}
+
+CompensatedSum LaneSum::total() const {
+  CompensatedSum sum;
+  for (std::size_t l = 0; l < lanes; ++l) {
+    sum.add(CompensatedSum(high_[l], low_[l]));
+  }
+  return sum;
+}
+
+double largest_magnitude(const double* values, std::size_t count, double& poison) {
+  return largest_in_vectors<false>(values, nullptr, count, poison);
 }
 
 double sum(std::span<const double> values) {
@@ -70,7 +128,7 @@ double sum(std::span<const double> values) {
     return sum_of(values.size(), [v = values.data()](std::size_t i) { return v[i]; });
   }
   return detail::sum_of_pieces(values.size(),
-                               [values](DigitSum& sum, std::size_t begin, std::size_t end) {
+                               [values](LaneSum& sum, std::size_t begin, std::size_t end) {
                                  sum.add(values.subspan(begin, end - begin));
                                })
       .value();
@@ -92,7 +150,7 @@ double max_abs_difference(std::span<const double> a, std::span<const double> b) 
   const ReductionBlocks pieces(a.size());
   if (pieces.blocks == 1 && Slab::of(a.size()) == nullptr) {
     double poison = 0.0;
-    const double largest = largest_difference(a.data(), b.data(), a.size(), poison);
+    const double largest = largest_in_vectors<true>(a.data(), b.data(), a.size(), poison);
     if (poison == 0.0) {
       return largest;
     }
@@ -152,8 +210,15 @@ Spread magnitudes_here(std::span<const double> values) {
   std::array<double, ReductionBlocks::most> largest_of;
   const std::span largest = std::span(largest_of).first(std::max<std::size_t>(pieces.blocks, 1));
   std::ranges::fill(largest, 0.0);
-  const double squares = detail::sum_of_pieces(values.size(), [&](DigitSum& sum, std::size_t begin, std::size_t end) {
-                           largest[begin / pieces.block] = sum.add_squares(values.subspan(begin, end - begin));
+  const double squares = detail::sum_of_pieces(values.size(), [&](LaneSum& sum, std::size_t begin, std::size_t end) {
+                           constexpr std::size_t cached = 2048;  // in the first level, as they are read twice
+                           double& most = largest[begin / pieces.block];
+                           for (; begin < end; begin += cached) {
+                             const auto some = values.subspan(begin, std::min(cached, end - begin));
+                             double poison = 0.0;
+                             most = std::max(most, largest_magnitude(some.data(), some.size(), poison));
+                             sum.add_squares(some);
+                           }
                          }).value();
   if (std::isfinite(squares)) {
     return Spread::of_magnitudes(*std::ranges::max_element(largest), squares, static_cast<double>(values.size()), 0.0);
@@ -166,7 +231,7 @@ Spread magnitudes_here(std::span<const double> values) {
 }
 
 std::vector<Spread> magnitudes_over(const Slab& slab, std::span<const std::span<const double>> rows) {
-  std::vector<DigitSum> squares;
+  std::vector<CompensatedSum> squares;
   std::vector<double> largest;
   for (const std::span<const double> row : rows) {
     const auto value = [v = row.data()](std::size_t i) { return v[i]; };

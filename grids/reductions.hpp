@@ -4,12 +4,11 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
-#include <optional>
 #include <span>
 #include <vector>
 
+#include <rubato/base/compensated_sum.hpp>
 #include <rubato/base/spread.hpp>
-#include <rubato/grids/digit_sum.hpp>
 #include <rubato/grids/parallel.hpp>
 #include <rubato/grids/slab.hpp>
 
@@ -24,6 +23,19 @@ struct ReductionBlocks {
   explicit ReductionBlocks(std::size_t count)
       : block(std::max<std::size_t>(4096, ((count + most - 1) / most + 7) / 8 * 8)),
         blocks((count + block - 1) / block) {}
+};
+
+/// A sum in eight lanes, term i in lane i mod 8, each of which carries its rounding errors along (Knuth's two-sum). Its
+/// error is one rounding of the sum and n ε² Σ|terms|.
+class LaneSum {
+public:
+  void add(std::span<const double> terms);
+  /// The squares, each rounded, of so many values.
+  void add_squares(std::span<const double> values);
+  [[nodiscard]] CompensatedSum total() const;
+
+private:
+  std::array<double, 8> high_{}, low_{};
 };
 
 namespace detail {
@@ -46,7 +58,7 @@ void take_in_lanes(std::size_t begin, std::size_t end, F& f, const Take& take) {
 
 /// Adds f(begin), …, f(end - 1).
 template <class F>
-void add_terms(DigitSum& sum, std::size_t begin, std::size_t end, F& f) {
+void add_terms(LaneSum& sum, std::size_t begin, std::size_t end, F& f) {
   std::array<double, 512> terms;  // what a first-level cache holds beside what f reads
   for (; begin < end; begin += terms.size()) {
     const std::size_t count = std::min(terms.size(), end - begin);
@@ -57,31 +69,35 @@ void add_terms(DigitSum& sum, std::size_t begin, std::size_t end, F& f) {
   }
 }
 
-/// The sum of what add(sum, begin, end) adds for pieces of [0, count), in parallel.
+/// The sum of what add(sum, begin, end) adds for pieces of [0, count), in parallel: the pieces' sums in their order.
 template <class Add>
-DigitSum sum_of_pieces(std::size_t count, const Add& add) {
+CompensatedSum sum_of_pieces(std::size_t count, const Add& add) {
+  const auto sum_of_piece = [&add](std::size_t begin, std::size_t end) {
+    LaneSum sum;
+    add(sum, begin, end);
+    return sum.total();
+  };
   const ReductionBlocks pieces(count);
-  DigitSum total;
-  if (pieces.blocks <= 1 || thread_count() == 1) {
-    add(total, 0, count);
-    return total;
+  if (pieces.blocks <= 1) {
+    return sum_of_piece(0, count);
   }
-  std::array<std::optional<DigitSum>, ReductionBlocks::most> partial;
+  std::array<CompensatedSum, ReductionBlocks::most> partial;
   grids::for_each_block(count, pieces.block, [&](std::size_t begin, std::size_t end) {
-    add(partial[begin / pieces.block].emplace(), begin, end);
+    partial[begin / pieces.block] = sum_of_piece(begin, end);
   });
+  CompensatedSum total;
   for (std::size_t b = 0; b < pieces.blocks; ++b) {
-    total.add(*partial[b]);
+    total.add(partial[b]);
   }
   return total;
 }
 
 /// Σ f(i) over the values of arrays of `count` that this rank owns.
 template <class F>
-DigitSum sum_of_part(const Slab& slab, std::size_t count, F& f) {
-  DigitSum total;
+CompensatedSum sum_of_part(const Slab& slab, std::size_t count, F& f) {
+  CompensatedSum total;
   for (std::size_t first = slab.first_node(); first < count; first += slab.size()) {
-    total.add(sum_of_pieces(slab.owned(), [&f, first](DigitSum& sum, std::size_t begin, std::size_t end) {
+    total.add(sum_of_pieces(slab.owned(), [&f, first](LaneSum& sum, std::size_t begin, std::size_t end) {
       add_terms(sum, first + begin, first + end, f);
     }));
   }
@@ -90,19 +106,19 @@ DigitSum sum_of_part(const Slab& slab, std::size_t count, F& f) {
 
 }  // namespace detail
 
-/// Σ_i f(i) for i in [0, count), in parallel, as DigitSum has it: the same bit by bit for every number of threads and,
-/// where this thread has a Slab, over the whole lattice, for every number of ranks. NaN and infinite terms give NaN or
-/// an infinity.
+/// Σ_i f(i) for i in [0, count), in parallel, by LaneSum: the same bit by bit for every number of threads. Where this
+/// thread has a Slab it is over the whole lattice, and to one rounding of the sum and n ε² Σ|f(i)| the same for every
+/// number of ranks. Terms that are not finite, and sums that overflow, give NaN or an infinity.
 template <class F>
 double sum_of(std::size_t count, F&& f) {
   if (const Slab* const slab = Slab::of(count)) {
-    DigitSum total = detail::sum_of_part(*slab, count, f);
+    CompensatedSum total = detail::sum_of_part(*slab, count, f);
     double sum = 0.0;
     slab->reduce(std::span(&total, 1), std::span(&sum, 1), {});
     return sum;
   }
   return detail::sum_of_pieces(
-             count, [&f](DigitSum& sum, std::size_t begin, std::size_t end) { detail::add_terms(sum, begin, end, f); })
+             count, [&f](LaneSum& sum, std::size_t begin, std::size_t end) { detail::add_terms(sum, begin, end, f); })
       .value();
 }
 
@@ -110,7 +126,7 @@ double sum_of(std::size_t count, F&& f) {
 template <class F>
 void sums_of(std::size_t count, F&& f, std::span<double> sums) {
   const Slab* const slab = Slab::of(count);
-  std::array<DigitSum, 32> totals;
+  std::array<CompensatedSum, 32> totals;
   for (std::size_t first = 0; first < sums.size(); first += totals.size()) {
     const auto some = sums.subspan(first, std::min(totals.size(), sums.size() - first));
     for (std::size_t row = 0; row < some.size(); ++row) {

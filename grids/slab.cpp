@@ -302,8 +302,7 @@ void Slab::pass_along(std::span<double> numbers, const std::function<void()>& ad
 }
 
 double Slab::sum_over_ranks(double here) const {
-  DigitSum sum;
-  sum.add(std::span(&here, 1));
+  CompensatedSum sum(here);
   reduce(std::span(&sum, 1), std::span(&here, 1), {});
   return here;
 }
@@ -349,10 +348,8 @@ void Slab::broadcast(std::span<double> values, int root) const {
 }
 
 /// The tree of broadcast(), from its leaves to rank 0 and back; there the sums are numbers that all ranks need.
-void Slab::reduce(std::span<DigitSum> sums, std::span<double> totals, std::span<double> largest) const {
-  constexpr std::size_t packed = std::tuple_size_v<DigitSum::Packed>;
-  const std::size_t numbers = packed * sums.size();
-  const auto packed_sum = [this](std::size_t row) { return std::span(sums_).subspan(packed * row).first<packed>(); };
+void Slab::reduce(std::span<CompensatedSum> sums, std::span<double> totals, std::span<double> largest) const {
+  const std::size_t numbers = 2 * sums.size();
   sums_.resize(numbers + largest.size());
   const int size = ranks_.size(), mine = ranks_.rank();
   int bit = 1;
@@ -362,7 +359,7 @@ void Slab::reduce(std::span<DigitSum> sums, std::span<double> totals, std::span<
     }
     ranks_.exchange({}, std::array{Communicator::Incoming{mine + bit, sums_}});
     for (std::size_t row = 0; row < sums.size(); ++row) {
-      sums[row].add(DigitSum::unpacked(packed_sum(row)));
+      sums[row].add(CompensatedSum(sums_[2 * row], sums_[2 * row + 1]));
     }
     for (std::size_t i = 0; i < largest.size(); ++i) {
       const double other = sums_[numbers + i];
@@ -371,7 +368,8 @@ void Slab::reduce(std::span<DigitSum> sums, std::span<double> totals, std::span<
   }
   if (mine != 0) {
     for (std::size_t row = 0; row < sums.size(); ++row) {
-      std::ranges::copy(sums[row].packed(), packed_sum(row).begin());
+      sums_[2 * row] = sums[row].high;
+      sums_[2 * row + 1] = sums[row].low;
     }
     std::ranges::copy(largest, sums_.begin() + static_cast<std::ptrdiff_t>(numbers));
     ranks_.exchange(std::array{Communicator::Outgoing{mine - bit, sums_}}, {});
@@ -379,7 +377,7 @@ void Slab::reduce(std::span<DigitSum> sums, std::span<double> totals, std::span<
   sums_.resize(totals.size() + largest.size());
   const auto results = std::span(sums_);
   if (mine == 0) {
-    std::ranges::transform(sums, sums_.begin(), [](const DigitSum& sum) { return sum.value(); });
+    std::ranges::transform(sums, sums_.begin(), [](const CompensatedSum& sum) { return sum.value(); });
     std::ranges::copy(largest, results.subspan(totals.size()).begin());
   }
   broadcast(results);

@@ -7,9 +7,9 @@
 #include <span>
 #include <vector>
 
+#include <rubato/base/compensated_sum.hpp>
 #include <rubato/base/spread.hpp>
 #include <rubato/base/state.hpp>
-#include <rubato/grids/digit_sum.hpp>
 #include <rubato/grids/field_set.hpp>
 #include <rubato/grids/grid.hpp>
 #include <rubato/ranks/communicator.hpp>
@@ -27,8 +27,7 @@ struct Ghosts {
 /// are right. refresh() makes them right. What the owned nodes hold is then the same, bit by bit, as on one rank.
 ///
 /// Reductions (grids/reductions.hpp) of a thread that has a slab, over arrays of the part, are over the owned nodes of
-/// all ranks, which must all take part. Each sums up what it owns, and the sums are added up along a tree, in whatever
-/// order that is: DigitSum has the same bits for every number of ranks.
+/// all ranks: collective calls. Each rank sums up what it owns, and the compensated sums are added up along a tree.
 class Slab {
 public:
   /// \param first_planes of each rank, and how many planes there are, in increasing order; with none, planes are shared
@@ -122,7 +121,7 @@ public:
   void in_turn(std::span<double> numbers, const std::function<void()>& add) const;
   /// The same, of which the last rank alone has the numbers of all.
   void pass_along(std::span<double> numbers, const std::function<void()>& add) const;
-  /// The sum, as DigitSum has it, and the largest, NaN if one is, of all ranks' numbers.
+  /// The compensated sum, and the largest, NaN if one is, of all ranks' numbers.
   ///@{
   [[nodiscard]] double sum_over_ranks(double here) const;
   [[nodiscard]] double largest_over_ranks(double here) const;
@@ -134,7 +133,7 @@ public:
 
   /// For reductions: `totals` of the sums of all ranks, which are used up, and of `largest` the largest of all, NaN if
   /// one is; along a tree and back, with two messages of each rank but one.
-  void reduce(std::span<DigitSum> sums, std::span<double> totals, std::span<double> largest) const;
+  void reduce(std::span<CompensatedSum> sums, std::span<double> totals, std::span<double> largest) const;
   /// Of values that are not all finite.
   [[nodiscard]] Spread magnitudes(std::span<const double> values) const;
 

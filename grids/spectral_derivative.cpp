@@ -23,24 +23,11 @@ struct SpectralDerivative::Storage {
     std::size_t lines = 1;                     ///< so many are taken together
     std::size_t padded = 0;                    ///< doubles from one line to the next in a workspace
     std::vector<std::complex<double>> symbol;  ///< with the factor 1/n
-    std::optional<ShortTransform> own;         ///< in place of the plans, where there is one
     Plan forward;
     Plan inverse;
 
-    /// The derivative of a line of n values, in place; `modes` has room for n + 2.
-    void along(double* line, std::size_t n, double* modes) const {
-      if (own) {
-        double *re = modes, *im = modes + symbol.size();
-        own->forward(line, re, im);
-        for (std::size_t k = 0; k < symbol.size(); ++k) {
-          const double factor = symbol[k].imag() * static_cast<double>(n);  // i times it; back there is a factor 1/n
-          const double real = re[k];
-          re[k] = -factor * im[k];
-          im[k] = factor * real;
-        }
-        own->inverse(re, im, line);
-        return;
-      }
+    /// The derivative of a line of values, in place; `modes` has room for two more.
+    void along(double* line, double* modes) const {
       fftw_execute_dft_r2c(forward.get(), line, reinterpret_cast<fftw_complex*>(modes));
       for (std::size_t k = 0; k < symbol.size(); ++k) {
         const double factor = symbol[k].imag();  // i times it
@@ -80,9 +67,6 @@ struct SpectralDerivative::Storage {
       const int n = static_cast<int>(axis.cells);
       direction.forward = make_plan([&] { return fftw_plan_dft_r2c_1d(n, lines, modes, FFTW_ESTIMATE); });
       direction.inverse = make_plan([&] { return fftw_plan_dft_c2r_1d(n, modes, lines, FFTW_ESTIMATE); });
-      if (ShortTransform::serves(axis.cells)) {
-        direction.own.emplace(axis.cells);
-      }
       for (std::size_t k = 0; k < axis.cells / 2 + 1; ++k) {
         direction.symbol.push_back(derivative_symbol(static_cast<std::ptrdiff_t>(k), axis) /
                                    static_cast<double>(axis.cells));
@@ -110,7 +94,7 @@ struct SpectralDerivative::Storage {
                        const std::size_t count = std::min(together, lines - first);
                        read(field, first, count, space);
                        for (std::size_t l = 0; l < count; ++l) {
-                         direction.along(space + l * direction.padded, n, space + direction.lines * direction.padded);
+                         direction.along(space + l * direction.padded, space + direction.lines * direction.padded);
                        }
                        write(field, first, count, space);
                      }

@@ -6,6 +6,7 @@
 #include <rubato/ode/increment.hpp>
 #include <rubato/ode/taylor_code.hpp>
 #include <rubato/ode/tuning.hpp>
+#include <rubato/variation/power_of.hpp>
 
 namespace rubato {
 
@@ -44,18 +45,28 @@ Status FlowMap::start(const Eigen::VectorXd& z, double h) {
         return status;
       }
     }
-    double first = 0.0;
-    double last = 0.0;
-    for (std::size_t m = 0; m < flow_.dimension(); ++m) {
-      first = std::max(first, std::abs(flow_.coefficient(m, 1) * part_));
-      last = std::max(last, std::abs(flow_.coefficient(m, order_)) * std::pow(std::abs(part_), order_));
-    }
-    if (last <= resolved * first) {
+    if (is_resolved()) {
       break;
     }
   }
   parts_ = std::min(parts_, most_parts);
   return Status::success;
+}
+
+/// Whether the last terms of coordinates, and those of momenta, are small beside the first: their units differ.
+bool FlowMap::is_resolved() const {
+  const std::size_t n = flow_.dimension() / 2;
+  const auto largest = [&](std::size_t begin, int j) {
+    double size = 0.0;
+    for (std::size_t m = begin; m < begin + n; ++m) {
+      size = std::max(size, std::abs(flow_.coefficient(m, j)) * power_of(std::abs(part_), j));
+    }
+    return size;
+  };
+  const auto is_block_resolved = [&](std::size_t begin) {
+    return largest(begin, order_) <= resolved * std::max(largest(begin, 1), largest(begin, 2));
+  };
+  return is_block_resolved(0) && is_block_resolved(n);
 }
 
 void FlowMap::increment(double h, Eigen::VectorXd& delta) const {
@@ -65,16 +76,18 @@ void FlowMap::increment(double h, Eigen::VectorXd& delta) const {
 
 FlowTangent::FlowTangent(const Hamiltonian& hamiltonian, int order)
     : order_(order), flow_(flow_code(hamiltonian), order, 2) {
-  points_[0] = points_[1] = last_terms_ = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(flow_.dimension()));
+  points_[0] = points_[1] = last_terms_ = displaced_ =
+      Eigen::VectorXd::Zero(static_cast<Eigen::Index>(flow_.dimension()));
 }
 
 /// Moves both points through all parts; adds up the last terms.
 Status FlowTangent::follow(const Eigen::VectorXd& z, const Eigen::VectorXd& v, double part, int parts) {
   points_[0] = z + v;
   points_[1] = z - v;
+  displaced_ = 0.5 * (points_[0] - points_[1]);
   last_terms_.setZero();
   const double* const starts[] = {points_[0].data(), points_[1].data()};
-  const double last_power = std::pow(std::abs(part), order_);
+  const double last_power = power_of(std::abs(part), order_);
   for (int k = 0; k < parts; ++k) {
     if (const Status status = flow_(starts); status != Status::success) {
       return status;
@@ -111,7 +124,7 @@ Status FlowTangent::apply(const Eigen::VectorXd& z, const Eigen::VectorXd& v, do
     if (const Status status = follow(z, v, h / parts, parts); status != Status::success) {
       return status;
     }
-    result = 0.5 * (points_[0] - points_[1]) - v;
+    result = 0.5 * (points_[0] - points_[1]) - displaced_;
     if (resolved_in(v, result)) {
       break;
     }

@@ -26,6 +26,7 @@ public:
 
 private:
   void add_part(double h, Eigen::VectorXd& delta) const;
+  [[nodiscard]] bool is_resolved() const;
 
   int order_;
   formula::TaylorFlow flow_;
@@ -52,6 +53,7 @@ private:
   int order_;
   formula::TaylorFlow flow_;  ///< from z + v and from z - v
   Eigen::VectorXd points_[2], last_terms_;
+  Eigen::VectorXd displaced_;  ///< v as far as it is not rounded away
 };
 
 }  // namespace rubato

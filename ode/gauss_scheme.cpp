@@ -34,7 +34,6 @@ public:
   GaussScheme(const Hamiltonian& hamiltonian, int stages, std::span<const double> z_0)
       : OneStepState(hamiltonian, z_0),
         tableau_(stages),
-        kernels_(stages::kernels(stages)),
         m_(stages),
         size_(static_cast<Index>(z_0.size())),
         Z_(zero_rows(size_)),
@@ -107,13 +106,21 @@ public:
         status = approach(h);
       }
     }
-    trial_h_ = h;
-    if (status == Status::success) {
-      finish(h);
-      remember(h);
-      return std::isfinite(energy_) ? status : Status::undefined;
+    return end_trial(status, h);
+  }
+
+  [[nodiscard]] Status advance_to(std::span<const double> z_1, double h) override {
+    forget_trial();
+    Status status = Status::not_converged;
+    for (const bool newton : {false, true}) {
+      if (status != Status::success && (!newton || stage_newton_.has_value())) {
+        newton_ = newton;
+        newton_step_ = std::abs(h);
+        start_on_cubic(z_1, h);
+        status = iterate(h, 0.0);
+      }
     }
-    return status;
+    return end_trial(status, h);
   }
 
   [[nodiscard]] double discrete_energy() const override { return energy_; }
@@ -136,7 +143,7 @@ public:
     missed_ = last_h_ != 0.0 && near(trial_h_ / last_h_);
     if (missed_) {
       continue_last(trial_h_);
-      kernels_.subtract(static_cast<std::size_t>(begun()), Y_.data(), base_.data(), miss_.data());
+      miss_.topRows(begun()) = Y_.topRows(begun()) - base_.topRows(begun());
       miss_.bottomRows(size_ - begun()).setZero();
     }
     take(lost_);
@@ -189,6 +196,17 @@ private:
     return {evaluator_.value(z.data()), std::numeric_limits<double>::quiet_NaN()};
   }
 
+  /// What the iteration found, as the trial.
+  [[nodiscard]] Status end_trial(Status status, double h) {
+    trial_h_ = h;
+    if (status != Status::success) {
+      return status;
+    }
+    finish(h);
+    remember(h);
+    return std::isfinite(energy_) ? status : Status::undefined;
+  }
+
   void start_level() {
     known_ = replaced_ = 0;
     contraction_ = std::numeric_limits<double>::infinity();
@@ -198,7 +216,9 @@ private:
   }
 
   /// Rows for so many components, or stages.
-  [[nodiscard]] Rows zero_rows(Index count) const { return Rows::Zero(count, kernels_.lanes); }
+  [[nodiscard]] Rows zero_rows(Index count) const {
+    return Rows::Zero(count, stages::row_length(static_cast<int>(m_)));
+  }
   /// Whether stages of q alone are iterated, with those of p between: H = T(p) + V(q), by fixed-point iteration, which
   /// then contracts by the square of what it does else.
   [[nodiscard]] bool by_halves() const { return slopes_.has_halves() && !newton_; }
@@ -214,20 +234,21 @@ private:
 
   /// to_r = factor Σ_j from_rj table_j, of the first `rows` rows.
   void combine(Index rows, const Rows& from, const Rows& table, double factor, Rows& to) const {
-    kernels_.combine(static_cast<std::size_t>(rows), static_cast<int>(m_), from.data(), table.data(), nullptr, factor,
-                     to.data());
+    stages::combine(static_cast<std::size_t>(rows), static_cast<int>(m_), from.data(), table.data(), nullptr, factor,
+                    to.data());
   }
   /// h A f of `rows` rows from the one numbered `first`.
   void collocate(Index first, Index rows, double h, Rows& to) {
-    kernels_.combine(static_cast<std::size_t>(rows), static_cast<int>(m_), f_.row(first).data(), first_.data(),
-                     second_.data(), h, to.row(first).data());
+    stages::combine(static_cast<std::size_t>(rows), static_cast<int>(m_), f_.row(first).data(), first_.data(),
+                    second_.data(), h, to.row(first).data());
   }
   void place_stages(Index first, Index rows) {
-    kernels_.place(static_cast<std::size_t>(rows), z_.value().data() + first, z_.low().data() + first,
-                   Y_.row(first).data(), Z_.row(first).data());
+    stages::place(static_cast<std::size_t>(rows), static_cast<int>(m_), z_.value().data() + first,
+                  z_.low().data() + first, Y_.row(first).data(), Z_.row(first).data());
   }
   [[nodiscard]] double relative_size(const Rows& correction) const {
-    return kernels_.relative_size(static_cast<std::size_t>(iterated()), Y_.data(), correction.data(), floor_.data());
+    return stages::relative_size(static_cast<std::size_t>(iterated()), static_cast<int>(m_), Y_.data(),
+                                 correction.data(), floor_.data());
   }
 
   /// The stages to begin with: by the trials already made at this level, by the last step's polynomial, or on the
@@ -249,7 +270,7 @@ private:
   /// Weights of stage slopes by which the collocation polynomial leads to the stages of a step `ratio` times as long:
   /// column i has ∫_o^{o+θc_i} ℓ_j, from the powers of θc_i.
   void tabulate(const Rows& about, double ratio, Rows& table) {
-    const Index lanes = kernels_.lanes;
+    const Index lanes = stages::row_length(static_cast<int>(m_));
     double* power = powers_.data();
     for (Index i = 0; i < lanes; ++i) {
       power[i] = ratio * nodes_(0, i);
@@ -281,8 +302,8 @@ private:
   /// And Y_, with so many times what that left of the last step's.
   void continue_last(double h, double weight) {
     tabulate_end(h);
-    kernels_.begin(static_cast<std::size_t>(begun()), static_cast<int>(m_), last_f_.data(), end_table_.data(), last_h_,
-                   miss_.data(), weight, base_.data(), Y_.data());
+    stages::begin(static_cast<std::size_t>(begun()), static_cast<int>(m_), last_f_.data(), end_table_.data(), last_h_,
+                  miss_.data(), weight, base_.data(), Y_.data());
     base_h_ = h;
     base_rows_ = begun();
   }
@@ -334,6 +355,21 @@ private:
     apply_j(gradient_, point_);
     Y_.setZero();  // also where there are no stages: an iteration may have left anything there
     Y_.leftCols(m_).noalias() = h * point_ * tableau_.c.transpose();
+  }
+  /// Hermite's, with J∇H at both ends.
+  void start_on_cubic(std::span<const double> z_1, double h) {
+    evaluator_.gradient(z_1.data(), gradient_.data());
+    apply_j(gradient_, errors_);
+    evaluator_.gradient(z_.value().data(), gradient_.data());
+    apply_j(gradient_, point_);
+    Y_.setZero();
+    for (Index r = 0; r < size_; ++r) {
+      const double change = z_1[static_cast<std::size_t>(r)] - z_.value()[r];
+      for (Index i = 0; i < m_; ++i) {
+        const double c = tableau_.c[i], rest = 1.0 - c;
+        Y_(r, i) = c * (change + rest * (rest * (h * point_[r] - change) - c * (h * errors_[r] - change)));
+      }
+    }
   }
   /// A step that is found from nowhere else, through steps that double, of which the polynomial of each begins the
   /// next: along those solutions that begin at h = 0.
@@ -419,7 +455,10 @@ private:
         return Status::success;
       }
       const auto verdict = test.judge(size, residual);
-      if (verdict == StagnationTest::Verdict::done || (verdict == StagnationTest::Verdict::stalled && is_rounding(h))) {
+      // Newton's corrections that shrink slowly may be rounding errors of a component that is 0 but for them.
+      const bool may_be_rounding =
+          verdict == StagnationTest::Verdict::stalled || (newton_ && verdict == StagnationTest::Verdict::slow);
+      if (verdict == StagnationTest::Verdict::done || (may_be_rounding && is_rounding(h))) {
         if (!newton_ && accuracy == 0.0) {
           settle(h, std::min(rate, slowest_contraction), std::min(expected, lost_correction));
         }
@@ -429,7 +468,7 @@ private:
       const bool is_slow =
           size > slow_ * last && size > slow_ * slow_ * before_last[0] && size > slow_ * slow_ * slow_ * before_last[1];
       if (!newton_ && iteration > 1 && is_slow && verdict != StagnationTest::Verdict::again) {
-        return Status::not_converged;
+        return is_rounding(h) ? Status::success : Status::not_converged;
       }
       before_last = {last, before_last[0]};
       if (newton_ && verdict == StagnationTest::Verdict::slow && iteration > most_gauss_iterations / 2) {
@@ -456,18 +495,18 @@ private:
   double sweep(double h) {
     ++iterations_;
     const auto correct = [&](Index rows) {
-      return kernels_.correct(static_cast<std::size_t>(rows), static_cast<int>(m_), f_.data(), first_.data(),
-                              second_.data(), h, floor_.data(), z_.value().data(), z_.low().data(), Y_.data(),
-                              next_.data(), Z_.data());
+      return stages::correct(static_cast<std::size_t>(rows), static_cast<int>(m_), f_.data(), first_.data(),
+                             second_.data(), h, floor_.data(), z_.value().data(), z_.low().data(), Y_.data(),
+                             next_.data(), Z_.data());
     };
     if (at_once()) {
       const auto n = static_cast<std::size_t>(size_ / 2);
       slopes_.evaluate_forces();
-      kernels_.gather(n, static_cast<int>(m_), f_.row(size_ / 2).data(), square_first_.data(), square_second_.data(), h,
-                      carried_.data(), carried_rest_.data(), slopes_.momenta().data());
+      stages::gather(n, static_cast<int>(m_), f_.row(size_ / 2).data(), square_first_.data(), square_second_.data(), h,
+                     carried_.data(), carried_rest_.data(), slopes_.momenta().data());
       slopes_.evaluate_linear_velocities();
-      return kernels_.mend(n, slopes_.velocities().data(), h, floor_.data(), z_.value().data(), z_.low().data(),
-                           Y_.data(), next_.data(), Z_.data());
+      return stages::mend(n, static_cast<int>(m_), slopes_.velocities().data(), h, floor_.data(), z_.value().data(),
+                          z_.low().data(), Y_.data(), next_.data(), Z_.data());
     }
     if (by_halves()) {
       slopes_.evaluate_forces();
@@ -510,7 +549,8 @@ private:
     }
     for (Index i = 0; i < m_; ++i) {
       for (Index r = 0; r < iterated(); ++r) {
-        if (!(std::abs(next_(r, i)) <= 2.0 * unit * (collected(r, i) + 4.0 * std::abs(Y_(r, i))))) {
+        const double allowed = 2.0 * unit * (collected(r, i) + 4.0 * std::abs(Y_(r, i)));
+        if (!std::isfinite(allowed) || !(std::abs(next_(r, i)) <= allowed)) {
           return false;
         }
       }
@@ -597,7 +637,6 @@ private:
   }
 
   GaussTableau tableau_;
-  stages::Kernels kernels_;
   Index m_, size_;
   Rows Z_, f_;  ///< z_k + Y_i and J∇H there
   StageSlopes slopes_;

@@ -28,8 +28,8 @@ namespace rubato {
 /// ones, unless it is a trial.
 ///
 /// The slope of E_k comes from the node laws at both ends of the step, E_k - H = (s+1) h^s η + O(h^(s+1)) with signs
-/// that agree: dE/dh = s (E_k - (H(z_k) + H(z_{k+1}))/2)/h (1 + O(h²)). There is no node law in closed form, so that a
-/// run ends where the level equation has no solution: bridges are for other schemes. \throws std::invalid_argument if
+/// that agree: dE/dh = s (E_k - (H(z_k) + H(z_{k+1}))/2)/h (1 + O(h²)). There is no node law in closed form.
+/// \throws std::invalid_argument if
 /// sizes do not fit, `stages` is not in 1 … 8, or H is not finite at z_0
 [[nodiscard]] std::unique_ptr<OneStepScheme> make_gauss_scheme(const Hamiltonian& hamiltonian, int stages,
                                                                std::span<const double> z_0);

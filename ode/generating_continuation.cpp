@@ -3,6 +3,7 @@
 #include <rubato/ode/tuning.hpp>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 namespace rubato {
 
@@ -39,16 +40,17 @@ bool OrbitContinuation::increment(const GeneratingFunction& generating, double h
   }
   const Index all = terms_ * lane_stride_;
   const Index last = std::min<Index>(terms_, 2) * lane_stride_;
-  double largest = 0.0;
-  double largest_last = 0.0;
+  // Coordinates and momenta apart: their units differ.
+  std::array<double, 2> largest{}, largest_last{};
   for (Index m = 0; m < delta.size(); ++m) {
     const Eigen::Map<const Eigen::VectorXd> slopes(generating.slopes(static_cast<std::size_t>(m)).data(), all);
     const double tail = slopes.tail(last).dot(weights_.segment(all - last, last));
     delta[m] = slopes.head(all - last).dot(weights_.head(all - last)) + tail;
-    largest = std::max(largest, std::abs(delta[m]));
-    largest_last = std::max(largest_last, std::abs(tail));
+    const std::size_t block = m < delta.size() / 2 ? 0 : 1;
+    largest[block] = std::max(largest[block], std::abs(delta[m]));
+    largest_last[block] = std::max(largest_last[block], std::abs(tail));
   }
-  return largest_last <= converged * largest;
+  return largest_last[0] <= converged * largest[0] && largest_last[1] <= converged * largest[1];
 }
 
 }  // namespace rubato

@@ -16,7 +16,9 @@
 #include <rubato/ode/generating_forecast.hpp>
 #include <rubato/ode/generating_function.hpp>
 #include <rubato/ode/increment.hpp>
+#include <rubato/ode/node_law.hpp>
 #include <rubato/ode/tuning.hpp>
+#include <rubato/variation/power_of.hpp>
 
 namespace rubato {
 
@@ -29,7 +31,7 @@ using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
 /// -24 φ^(s+1), which the step law of order s has in place of Γ.
-constexpr double gamma_factor = -24.0;
+constexpr double gamma_by_eta = -24.0;
 
 class GeneratingScheme final : public OneStepScheme {
 public:
@@ -46,6 +48,7 @@ public:
         energy_evaluator_(hamiltonian),
         energy_size_(hamiltonian.size_code()),
         gradient_rounding_(hamiltonian.gradient_code()),
+        gamma_factor_(NodeLaw::gamma_factor(F, order.order)),
         plain_(generating_.odd()),
         size_(F.rows()),
         weight_(plain_ ? MatrixXd() : darboux_weight(F)),
@@ -62,6 +65,7 @@ public:
   [[nodiscard]] std::size_t dimension() const override { return static_cast<std::size_t>(size_); }
   [[nodiscard]] std::span<const double> state() const override { return as_span(z_.value()); }
   [[nodiscard]] int order() const override { return order_.order; }
+  [[nodiscard]] double gamma_factor() const override { return gamma_factor_; }
 
   [[nodiscard]] Status advance(double h, double accuracy) override {
     if (const Status status = predict(h); status != Status::success) {
@@ -79,17 +83,17 @@ public:
         return fail(Status::undefined);
       }
       if (previous > measurable_correction) {
-        surprise_ = std::max(surprise_, (size - rounding) / (previous * estimate_));
+        surprise_ = std::max({surprise_, 1.0, (size - rounding) / (previous * estimate_)});
       }
       if (iteration == 0) {
         first = std::max(size, forecast_size_);
       }
       estimate_ = displacement_error + tangent_error_ + first;
       previous = size;
-      const double rate = std::min(1.0, rate_margin * surprise_ * estimate_);
+      const double rate = surprise_ > 0.0 ? std::min(1.0, rate_margin * surprise_ * estimate_) : 1.0;
       const auto verdict = test.judge(size, relative_size(residual_));
       if (verdict == StagnationTest::Verdict::done || rate * size <= 0.25 * epsilon ||
-          (verdict == StagnationTest::Verdict::stalled && residual_is_rounding(h))) {
+          (verdict != StagnationTest::Verdict::again && residual_is_rounding(h))) {
         return finish(h);
       }
     }
@@ -108,7 +112,7 @@ public:
   /// s(s+1) h^(s-1) φ^(s+1)(w), to leading order.
   [[nodiscard]] double discrete_energy_slope() const override {
     const int s = order_.order;
-    return s * (s + 1.0) * std::pow(trial_h_, s - 1) * tail_;
+    return s * (s + 1.0) * power_of(trial_h_, s - 1) * tail_;
   }
   [[nodiscard]] bool slope_to_leading_order() const override { return true; }
   [[nodiscard]] int iterations() const override { return iterations_; }
@@ -120,11 +124,6 @@ public:
       node_known_ = true;
     }
     return node_;
-  }
-
-  [[nodiscard]] NodeEnergy trial_node() override {
-    z_.displaced(1.0, delta_, point_);
-    return node_at(point_);
   }
 
   void accept() override {
@@ -174,7 +173,7 @@ public:
     z_ = CompensatedState<VectorXd>(VectorXd(Eigen::Map<const VectorXd>(z.data(), size_)));
     history_ = VelocityHistory<VectorXd>(size_);
     prediction_error_.restart();
-    surprise_ = 1.0;
+    surprise_ = 0.0;
     continued_h_ = 0.0;
     start_level();
   }
@@ -247,7 +246,7 @@ private:
     apply_j(slope_, residual_);
     residual_ = -residual_ - delta_;
     correction_ = residual_;
-    if (const double size = relative_size(residual_); size > 0.0) {
+    if (const double size = displaced_size(h); size > 0.0) {
       FlowTangent& tangent = size <= small_residual ? small_tangent_ : tangent_;
       const double scale = displacement / size;
       weigh(residual_);
@@ -265,16 +264,34 @@ private:
     return Status::success;
   }
 
+  /// The bound of the rounding errors of the rate of component i, over ½ε, as evaluated last.
+  [[nodiscard]] double rate_bound(Index i) const {
+    const Index n = size_ / 2;
+    return gradient_rounding_.bound(static_cast<std::size_t>(1 + (i < n ? n + i : i - n)));
+  }
+
+  /// The relative size of the residual, to displace by. A component that is 0 but for rounding errors would leave the
+  /// others next to no displacement: it is measured by the terms of its rate.
+  double displaced_size(double h) {
+    const double size = relative_size(residual_);
+    if (size <= large_residual) {
+      return size;
+    }
+    rounding_point_ = w_.cwiseAbs();
+    gradient_rounding_.run(as_span(w_), as_span(rounding_point_));
+    for (Index i = 0; i < size_; ++i) {
+      moved_[i] = std::max(std::abs(delta_[i]), std::abs(h) * rate_bound(i));
+    }
+    return history_.relative_size(residual_, moved_, z_.value());
+  }
+
   /// Whether the last residual, -J∇Φ_s(w, h) - δ, was no more than its evaluation rounds at: that of its first term,
   /// hJ∇H(w), with w itself rounded, and as much again from each of the others.
   bool residual_is_rounding(double h) {
     rounding_point_ = w_.cwiseAbs() + delta_.cwiseAbs();
     gradient_rounding_.run(as_span(w_), as_span(rounding_point_));
-    const auto n = static_cast<std::size_t>(size_) / 2;
-    for (std::size_t i = 0; i < 2 * n; ++i) {
-      const auto row = static_cast<Index>(i);
-      const double slope_bound = gradient_rounding_.bound(1 + (i < n ? n + i : i - n));
-      const double bound = order_.terms * std::abs(h) * slope_bound + 4.0 * std::abs(delta_[row]);
+    for (Index row = 0; row < size_; ++row) {
+      const double bound = order_.terms * std::abs(h) * rate_bound(row) + 4.0 * std::abs(delta_[row]);
       if (!(std::abs(residual_[row]) <= epsilon * bound)) {
         return false;
       }
@@ -312,7 +329,7 @@ private:
   NodeEnergy node_at(const VectorXd& z) {
     NodeEnergy node{energy_evaluator_.value(z.data()), std::numeric_limits<double>::quiet_NaN()};
     if (at_node_.expand(as_span(z)) == Status::success) {
-      node.gamma = gamma_factor * at_node_.coefficient(order_.order + 1);
+      node.gamma = gamma_by_eta * at_node_.coefficient(order_.order + 1);
     } else {
       reason_ = at_node_.failure();
     }
@@ -328,6 +345,7 @@ private:
   HamiltonianEvaluator energy_evaluator_;
   formula::SumSizeEvaluator energy_size_;
   formula::RoundingEvaluator gradient_rounding_;
+  double gamma_factor_;
   bool plain_;  ///< F = 0
   Index size_;
   MatrixXd weight_;  ///< E_F, unless it is ½
@@ -346,7 +364,7 @@ private:
   double tangent_error_ = 0.0;  ///< of the tangent that made the last correction, relative
   double estimate_ = 0.0;       ///< of how much smaller than the last correction the next will be: by the errors of the
                                 ///< tangent, and by what truncation and curvature make of the first correction
-  double surprise_ = 1.0;       ///< the largest factor so far by which it was larger than that
+  double surprise_ = 0.0;       ///< the largest factor so far by which it was larger than that; 0: not measured
   bool predicted_ = false;
   double trial_h_ = 0.0;
   double energy_ = 0.0;

@@ -137,14 +137,15 @@ public:
     }
   }
 
-  /// max_i |v_i| / max(|δ_i|, largest |δ_i| so far, ε|z_i|): components of different magnitude weigh the same. NaN if
-  /// any is.
+  /// max_i |v_i| / max(|δ_i|, largest |δ_i| so far, ε|z_i|, |v_i|), no more than 1: components of different magnitude
+  /// weigh the same, and one that is 0 has no unit but v. NaN if any is.
   [[nodiscard]] double relative_size(const Vector& v, const Vector& delta, const Vector& z) const {
     double result = 0.0;
     for (Eigen::Index i = 0; i < v.size(); ++i) {
+      const double size = std::abs(v[i]);
       const double scale =
-          std::max({std::abs(delta[i]), largest_[i], std::numeric_limits<double>::epsilon() * std::abs(z[i])});
-      const double ratio = v[i] == 0.0 ? 0.0 : std::abs(v[i]) / scale;
+          std::max({std::abs(delta[i]), largest_[i], std::numeric_limits<double>::epsilon() * std::abs(z[i]), size});
+      const double ratio = size == 0.0 ? 0.0 : size / scale;
       result = larger(result, ratio);
     }
     return result;

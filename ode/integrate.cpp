@@ -147,11 +147,6 @@ OrbitIntegrator::OrbitIntegrator(const Hamiltonian& hamiltonian, const InitialSt
   check_stability(initial, options);
   auto [scheme, energy_constant] = make_scheme(hamiltonian, initial, options);
   scheme_ = std::move(scheme);
-  if (method_of(options.lagrangian).is_map() && !scheme_->has_node_law()) {
-    bridged_ =
-        "a scheme that has them: splitting = \"golden\" with lagrangian = \"splitting\", where H is T(p) + V(q), or "
-        "\"midpoint\"";
-  }
   HamiltonianEvaluator evaluator(hamiltonian.without_constant());
   std::vector<double> gradient(scheme_->dimension());
   evaluator.gradient(scheme_->state().data(), gradient.data());
@@ -169,9 +164,6 @@ OrbitIntegrator::OrbitIntegrator(const Lagrangian& lagrangian, const InitialMoti
   }
   const Lagrangian& bare = lagrangian.without_constant();
   scheme_ = make_one_step_scheme(bare, options.lagrangian, initial.q, initial.q_dot);
-  if (!scheme_->has_node_law()) {
-    bridged_ = "\"midpoint\", which has them";
-  }
   // At rest where no force acts.
   std::vector<double> at = initial.q, gradient(scheme_->dimension());
   at.insert(at.end(), initial.q_dot.begin(), initial.q_dot.end());
@@ -238,8 +230,8 @@ public:
     first_node_ = nodes_.count() == 0.0 ? node_energy : first_node_;
     nodes_.add(node_energy);
   }
-  void add_step(double energy, bool bridged) {
-    if (!bridged) {
+  void add_step(double energy, bool off_law) {
+    if (!off_law) {
       E_ = law_.count() == 0.0 ? energy : E_;
       law_.add(energy);
     }
@@ -268,7 +260,7 @@ HeldLaws laws_of(const Orbit& orbit) {
     laws.add_level(value);
   }
   for (std::size_t k = 0; k < orbit.energy.size(); ++k) {
-    laws.add_step(orbit.energy[k], orbit.bridged[k] != 0);
+    laws.add_step(orbit.energy[k], orbit.off_law[k] != 0);
   }
   return laws;
 }
@@ -424,7 +416,7 @@ Orbit run(OrbitIntegrator integrator, std::unique_ptr<EventLog> events, const In
     orbit.h.push_back(report.h);
     orbit.energy.push_back(report.energy);
     orbit.condition.push_back(report.condition);
-    orbit.bridged.push_back(report.bridged ? 1 : 0);
+    orbit.off_law.push_back(report.off_law ? 1 : 0);
     record_level();
     if (events != nullptr) {
       stopped =
@@ -458,7 +450,7 @@ OrbitEnd run_to_end(OrbitIntegrator& integrator, EventLog* events, const Integra
       break;
     }
     ++end.steps;
-    laws.add_step(report.energy, report.bridged);
+    laws.add_step(report.energy, report.off_law);
     laws.add_level(integrator.node().energy);
     if (events != nullptr) {
       stopped = events->follow(integrator.scheme().state(), before, integrator.t(), report.h, crossings);

@@ -47,8 +47,7 @@ struct IntegrationOptions {
   double until =
       0.0;  ///< the run ends at the first level at or past it; no step is shortened to hit it; has to be given
   Levels levels = Levels::variable;
-  std::optional<OnSingular> on_singular = std::nullopt;  ///< bridge; stated, it stands in place of the usual potential
-  std::optional<BridgeRule> bridge = std::nullopt;       ///< anchored; likewise
+  std::optional<OnSingular> on_singular = std::nullopt;  ///< plain; stated, it stands in place of the usual potential
   /// That makes levels exist everywhere. Usually chosen by a scout, but for forward and custom 𝕃: none there.
   StepPotentialChoice potential = {.kind = StepPotentialChoice::Kind::usual};
   double tolerance = 1e-13;  ///< of the level equation, relative
@@ -115,7 +114,7 @@ struct Orbit {
   std::vector<double> q_dot;                  ///< the same, of a problem that is stated by L
   std::vector<double> h, energy, condition;   ///< per step
   std::vector<EventCrossings> events;         ///< in the order of the options
-  std::vector<unsigned char> bridged;         ///< per step
+  std::vector<unsigned char> off_law;         ///< per step: 1 where E_k is not E
   Status status = Status::success;            ///< why it ended: success at `until`
   std::string message;                        ///< for people, empty on success
   std::vector<std::string> cautions;          ///< OrbitIntegrator::cautions()
@@ -127,7 +126,7 @@ struct Orbit {
   [[nodiscard]] std::span<const double> p_at(std::size_t level) const {
     return {p.data() + level * degrees_of_freedom, degrees_of_freedom};
   }
-  /// max_k |E_k - E| / max(|E|, max |H|), over the steps that are not bridges; E is that of the first of them.
+  /// max_k |E_k - E| / max(|E|, max |H|), over the steps on the law; E is that of the first of them.
   [[nodiscard]] double discrete_energy_deviation() const;
   /// max_k |H(z_k) - H(z_0)|
   [[nodiscard]] double node_energy_deviation() const;

@@ -84,7 +84,6 @@ public:
   }
 
   [[nodiscard]] Status advance(double h, double accuracy) override {
-    there_.reset();
     trial_h_ = h;
     if (!std::isfinite(node().energy)) {
       return Status::undefined;
@@ -102,22 +101,21 @@ public:
       status = iterate_nearby(h, accuracy);
       status = status == Status::success ? status : approach(h, accuracy);
     }
-    if (status != Status::success) {
-      return status;
+    return end_trial(status, h);
+  }
+
+  [[nodiscard]] Status advance_to(std::span<const double> z_1, double h) override {
+    trial_h_ = h;
+    if (!std::isfinite(node().energy) || !start_on_cubic(z_1, h)) {
+      return Status::undefined;
     }
-    finish(h);
-    if (!known_) {
-      trial_Y_ = Y_;
-      known_trial_h_ = h;
-      known_ = true;
-    }
-    return std::isfinite(trial_node().energy) ? Status::success : Status::undefined;
+    return end_trial(iterate(h, 0.0), h);
   }
 
   [[nodiscard]] double discrete_energy() const override { return energy_; }
   /// By the node laws at both ends, E - H = (s+1) h^s η + O(h^(s+1)) with signs that agree (theory, section 8).
   [[nodiscard]] double discrete_energy_slope() const override {
-    return order() * (energy_ - 0.5 * (here_->energy + there_->energy)) / trial_h_;
+    return order() * (energy_ - 0.5 * (here_->energy + there_.energy)) / trial_h_;
   }
   [[nodiscard]] bool slope_to_leading_order() const override { return true; }
   [[nodiscard]] formula::SumSize energy_size() override {
@@ -140,14 +138,6 @@ public:
     }
     return *here_;
   }
-  [[nodiscard]] NodeEnergy trial_node() override {
-    if (!there_) {
-      static_cast<void>(node());
-      z_.displaced(1.0, delta_, end_);
-      there_ = read(end_, velocity_, trial_velocity_);
-    }
-    return *there_;
-  }
 
   void accept() override {
     largest_ = largest_.cwiseMax(delta_.cwiseAbs());
@@ -167,6 +157,17 @@ public:
     largest_.setZero();
     last_h_ = 0.0;
     start_level();
+  }
+
+  /// The velocities near which those of the next level are sought, and the usual increments.
+  void save_guesses(StateWriter& state) const override {
+    state.write(as_span(here_ && std::isfinite(here_->energy) ? velocity_ : seed_));
+    state.write(as_span(usual_));
+  }
+  void restore_guesses(StateReader& state) override {
+    here_.reset();
+    state.read(as_span(seed_));
+    state.read(as_span(usual_));
   }
 
   void save(StateWriter& state) const override {
@@ -206,11 +207,26 @@ public:
 private:
   void start_level() {
     here_.reset();
-    there_.reset();
     known_ = false;
     failure_ = Failure::none;
     trial_h_ = 0.0;
     iterations_ = 0;
+  }
+
+  /// What the iteration found, as the trial.
+  [[nodiscard]] Status end_trial(Status status, double h) {
+    if (status != Status::success) {
+      return status;
+    }
+    finish(h);
+    if (!known_) {
+      trial_Y_ = Y_;
+      known_trial_h_ = h;
+      known_ = true;
+    }
+    z_.displaced(1.0, delta_, end_);
+    there_ = read(end_, velocity_, trial_velocity_);
+    return std::isfinite(there_.energy) ? Status::success : Status::undefined;
   }
 
   /// H and Γ at z, and the velocities there, found from `from`.
@@ -278,6 +294,22 @@ private:
       const double time = h * quadrature_.control[i + 1];
       Y_.col(i) += 0.5 * time * time * acceleration_;
     }
+  }
+  /// Hermite's, with the velocities at both ends. \return false if there are none at z_1
+  [[nodiscard]] bool start_on_cubic(std::span<const double> z_1, double h) {
+    VectorXd& velocity = seed_at_level_;
+    velocity = velocity_;
+    if (transform_.solve(z_1.data(), z_1.data() + n_, velocity.data()) != Status::success) {
+      return false;
+    }
+    for (Index i = 0; i < d_; ++i) {
+      const double c = quadrature_.control[i + 1], rest = 1.0 - c;
+      for (Index r = 0; r < n_; ++r) {
+        const double change = z_1[static_cast<std::size_t>(r)] - z_.value()[r];
+        Y_(r, i) = c * (change + rest * (rest * (h * velocity_[r] - change) - c * (h * velocity[r] - change)));
+      }
+    }
+    return true;
   }
   [[nodiscard]] static bool near(double ratio) {
     return ratio > 1.0 / tuning::longest_continuation && ratio < tuning::longest_continuation;
@@ -488,7 +520,8 @@ private:
   VectorXd seed_;                          ///< velocities that those at this level are found from
   VectorXd velocity_, trial_velocity_;     ///< at both levels, where here_ and there_ are known
   VectorXd acceleration_, seed_at_level_;  ///< at this level, where steps begin on a parabola
-  std::optional<NodeEnergy> here_, there_;
+  std::optional<NodeEnergy> here_;
+  NodeEnergy there_;
   MatrixXd Y_, last_Y_, trial_Y_;  ///< q at the control points but the first, less q_k; of the last step; of a trial
   MatrixXd begun_, shorter_;       ///< where an iteration began; of a shorter step, to continue
   bool far_ = false;               ///< whether the last iteration ended far from where it began

@@ -18,9 +18,9 @@ namespace rubato {
 /// sense (theory, sections 2 and 8). The polynomial's values are found by Newton's method with the Hessian of L in
 /// every iteration, from the last step's polynomial continued; increments are kept with what their rounding loses.
 ///
-/// One Gauss point is the midpoint rule for H, whose node law, with Γ = fᵀH_zz f, it has, and bridges with it. The
+/// One Gauss point is the midpoint rule for H, whose node law, with Γ = fᵀH_zz f, it has. The
 /// others have no node law in closed form; the slope of E_k comes from the energies of both ends (make_gauss_scheme).
-/// node() and trial_node() read H(q, p) by LegendreTransform; velocities() are those of that.
+/// node() reads H(q, p) by LegendreTransform; velocities() are those of that.
 /// \throws std::invalid_argument, SingularLagrangianError as momenta()
 [[nodiscard]] std::unique_ptr<OneStepScheme> make_lagrangian_scheme(const Lagrangian& lagrangian,
                                                                     const ActionQuadrature& quadrature,

@@ -13,10 +13,11 @@ namespace {
 
 using namespace tuning::legendre;
 
+/// Powers of two, so that scaling rounds nothing.
 void scale(const Eigen::Ref<const Eigen::MatrixXd>& masses, Eigen::VectorXd& scales) {
   for (Eigen::Index i = 0; i < masses.rows(); ++i) {
     const double largest = masses.row(i).cwiseAbs().maxCoeff();
-    scales[i] = largest > 0.0 ? 1.0 / std::sqrt(largest) : 1.0;
+    scales[i] = largest > 0.0 ? std::ldexp(1.0, -std::ilogb(largest) / 2) : 1.0;
   }
 }
 

@@ -83,7 +83,7 @@ public:
       contraction_ = *test.contraction();
       last_size_ = size;
       if (verdict == StagnationTest::Verdict::done ||
-          (verdict == StagnationTest::Verdict::stalled && residual_is_rounding(h))) {
+          (verdict != StagnationTest::Verdict::again && residual_is_rounding(h))) {
         energy_ += 0.5 * gradient_.dot(correction_);  // to first order, at the corrected midpoint
         rate_ = f_;
         matrix_.solve(rate_.data());

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <limits>
 #include <optional>
 #include <string>
 
@@ -20,15 +21,23 @@ public:
   /// \throws std::invalid_argument as generating_order and GeneratingFunction
   NodeLaw(const Hamiltonian& hamiltonian, const Eigen::MatrixXd& F, int order)
       : evaluator_(hamiltonian),
+        factor_(gamma_factor(F, generating_order(order, F).order)),
         order_(generating_order(order, F).order),
         generating_(std::in_place, hamiltonian, F, order_) {}
 
+  /// What it has as Γ over fᵀH_zz f; NaN where that is no multiple of it, or not known.
+  [[nodiscard]] double gamma_factor() const { return factor_; }
   /// The exponent s of the step law.
   [[nodiscard]] int order() const { return order_; }
   /// At z (2n entries). Γ is NaN where H has no Taylor expansion, for the caller to judge.
   [[nodiscard]] NodeEnergy operator()(const double* z);
   /// Why Γ was last NaN.
   [[nodiscard]] std::string failure_reason() const { return generating_ ? generating_->failure() : std::string(); }
+
+  /// Of a generating function's scheme of that order: -24 φ³ is Γ for F = 0.
+  [[nodiscard]] static double gamma_factor(const Eigen::MatrixXd& F, int order) {
+    return F.isZero(0.0) && order == 2 ? 1.0 : std::numeric_limits<double>::quiet_NaN();
+  }
 
 private:
   HamiltonianEvaluator evaluator_;

@@ -26,12 +26,6 @@ public:
     }
     return *here_.node;
   }
-  [[nodiscard]] NodeEnergy trial_node() override {
-    if (!there_.node) {
-      there_.node = node_at(end());
-    }
-    return *there_.node;
-  }
 
 protected:
   OneStepState(const Hamiltonian& hamiltonian, std::span<const double> z_0)

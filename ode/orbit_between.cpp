@@ -47,6 +47,18 @@ Status OrbitBetween::at(std::span<const double> z_k, std::span<const double> z_n
   return Status::success;
 }
 
+void OrbitBetween::save(StateWriter& state) const {
+  if (map_ != nullptr) {
+    map_->save_guesses(state);
+  }
+}
+
+void OrbitBetween::restore(StateReader& state) {
+  if (map_ != nullptr) {
+    map_->restore_guesses(state);
+  }
+}
+
 Status OrbitBetween::step(std::span<const double> z, double h, std::span<double> out) {
   map_->restart(z);
   Status status = map_->advance(h, 0.0);

@@ -32,6 +32,12 @@ public:
   [[nodiscard]] Status at(std::span<const double> z_k, std::span<const double> z_next, double h, double fraction,
                           std::span<double> out);
 
+  /// What other steps left to begin from: after restore() the next state is the same to the bit.
+  ///@{
+  void save(StateWriter& state) const;
+  void restore(StateReader& state);
+  ///@}
+
 private:
   [[nodiscard]] Status step(std::span<const double> z, double h, std::span<double> out);
   [[nodiscard]] Status hermite(std::span<const double> z_k, std::span<const double> z_next, double h, double fraction,

@@ -117,11 +117,19 @@ void OrbitEvents::save(StateWriter& state) const {
   for (const Event& event : events_) {
     event.search.save(state);
   }
+  between_.save(state);
+  if (velocities_ != nullptr) {
+    velocities_->save_guesses(state);
+  }
 }
 
 void OrbitEvents::restore(StateReader& state) {
   for (Event& event : events_) {
     event.search.restore(state);
+  }
+  between_.restore(state);
+  if (velocities_ != nullptr) {
+    velocities_->restore_guesses(state);
   }
 }
 

@@ -26,7 +26,7 @@ struct OrbitStep {
 /// Zeros of formulas g(q, p, t) along an orbit, located on its dense output (OrbitBetween) to rounding, so that their
 /// times are off by what the orbit is off by: as its scheme's order says.
 ///
-/// What is found in a step follows from its two levels, and from the signs before.
+/// What is found in a step follows from its two levels, and from what save() writes of the steps before.
 class OrbitEvents {
 public:
   /// `arguments`: the variables of all formulas: coordinates, velocities where `velocities` tells them, momenta, and t,

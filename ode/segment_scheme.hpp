@@ -20,8 +20,16 @@ public:
 /// nothing else.
 class OneStepScheme : public SegmentScheme {
 public:
-  /// Stands at z (2n finite entries), with no past.
+  /// Stands at z (2n finite entries), with no past but its guesses.
   virtual void restart(std::span<const double> z) = 0;
+  /// advance(h, 0) for a step that is there and leads to z_1: the iteration begins with the cubic through both ends, so
+  /// that it verifies the step where a search from the start finds none, or another one.
+  [[nodiscard]] virtual Status advance_to(std::span<const double> /*z_1*/, double h) { return advance(h, 0.0); }
+  /// What the next restart() keeps: after restore_guesses() it leads to the same bits.
+  ///@{
+  virtual void save_guesses(StateWriter& /*state*/) const {}
+  virtual void restore_guesses(StateReader& /*state*/) {}
+  ///@}
 };
 
 /// What every one-step scheme asks of z_0. \throws std::invalid_argument, with the values, if it has not 2n entries or

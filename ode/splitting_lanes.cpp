@@ -285,11 +285,11 @@ void SplittingLanes::see(const double* __restrict values, const Seen& seen, bool
   double* const __restrict odd = odd_;
   if (first) {
     for (std::size_t m = 0; m < width_; ++m) {
-      seen.first[m] = least[m] = greatest[m] = scale * (values[m] + constant);
+      seen.first[m] = least[m] = greatest[m] = scale * (values[m] + constant) / scale;
     }
   }
   for (std::size_t m = 0; m < width_; ++m) {
-    const double value = scale * (values[m] + constant);
+    const double value = scale * (values[m] + constant) / scale;
     least[m] = value < least[m] ? value : least[m];
     greatest[m] = value > greatest[m] ? value : greatest[m];
     odd[m] += value - value;

@@ -90,7 +90,8 @@ private:
   struct alignas(64) Chunk {
     double values[8];
   };
-  /// What was seen of a quantity, for all orbits: with `scale` (x + constant) for each value x.
+  /// What was seen of a quantity, for all orbits: of each value x that is scale (x + constant)/scale, rounded as
+  /// Integrator::told_node() rounds it.
   struct Seen {
     double *first, *least, *greatest;
     double constant = 0.0, scale = 1.0;

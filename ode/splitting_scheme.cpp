@@ -15,7 +15,6 @@
 #include <rubato/formula/machine_code.hpp>
 #include <rubato/ode/node_law.hpp>
 #include <rubato/ode/separable.hpp>
-#include <rubato/ode/splitting_energies.hpp>
 #include <rubato/ode/splitting_formula.hpp>
 #include <rubato/ode/splitting_passes.hpp>
 #include <rubato/ode/state_kernels.hpp>
@@ -63,7 +62,6 @@ public:
       rooms = {std::span(memory_).first(room), std::span(memory_).last(room)};
     } else {
       passes_.emplace(T, V, composition);
-      energy_size_.roll();
       rooms = passes_->levels();
     }
     for (std::size_t i = 0; i < 2; ++i) {
@@ -98,6 +96,7 @@ public:
   }
   [[nodiscard]] bool slope_costs_more() const override { return true; }
   [[nodiscard]] bool slope_to_leading_order() const override { return true; }
+  [[nodiscard]] double gamma_factor() const override { return law_.gamma_factor(); }
   [[nodiscard]] formula::SumSize energy_size() override {
     // After a step was taken its ends have changed places.
     middle_of_states(2 * n_, here_->z, there_->z, point_.data(), errors_.data());
@@ -107,17 +106,6 @@ public:
   }
   [[nodiscard]] std::size_t energy_size_period() const override {
     return 2 * n_ <= tuning::small_state && !passes_ ? tuning::size_period : tuning::large_size_period;
-  }
-  [[nodiscard]] double prepare_abreast() override {
-    energy_size_.prepare();
-    if (!abreast_) {
-      abreast_.emplace(T_, V_, composition_);
-    }
-    return abreast_->price();
-  }
-  void energies_abreast(std::span<const double, abreast> h, std::span<double, abreast> energies) override {
-    (*abreast_)(state(), h, energies);
-    ++iterations_;
   }
   [[nodiscard]] int iterations() const override { return iterations_; }
 
@@ -144,7 +132,6 @@ public:
   }
 
   [[nodiscard]] NodeEnergy node() override { return node_at(*here_); }
-  [[nodiscard]] NodeEnergy trial_node() override { return node_at(*there_); }
 
 private:
   struct Level {
@@ -202,7 +189,6 @@ private:
   std::size_t n_;
   std::shared_ptr<const formula::Graph> graph_;  ///< of the formulas of T and V
   SplittingHalf T_, V_;
-  std::optional<SplittingEnergies> abreast_;
   std::optional<formula::ScalarEvaluator> whole_;
   std::optional<SplittingPasses> passes_;  ///< in its place
   std::vector<double> memory_;             ///< of whole steps

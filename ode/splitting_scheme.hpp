@@ -18,11 +18,9 @@ namespace rubato {
 /// extended sense.
 ///
 /// The golden splitting obeys the midpoint rule's step law, with E_k - H = ((7 - 3√5)/16) h²Γ + O(h⁴): its Γ, in the
-/// terms of NodeEnergy, is -((7 - 3√5)/2) fᵀH_zz f, and bridges cross its zeros. The others have no node law in closed
-/// form: a run with variable levels ends where the level equation has no solution. The slope dE/dh is that of
-/// make_gauss_scheme().
-/// \throws std::invalid_argument if H is not separable, naming the term; if T is not quadratic where the composition
-/// needs it; if sizes do not fit or H is not finite at z_0
+/// terms of NodeEnergy, is -((7 - 3√5)/2) fᵀH_zz f. The others have no node law in closed form. The slope dE/dh is that
+/// of make_gauss_scheme(). \throws std::invalid_argument if H is not separable, naming the term; if T is not quadratic
+/// where the composition needs it; if sizes do not fit or H is not finite at z_0
 [[nodiscard]] std::unique_ptr<OneStepScheme> make_splitting_scheme(const Hamiltonian& hamiltonian,
                                                                    const Composition& composition,
                                                                    std::span<const double> z_0);

@@ -1,60 +1,41 @@
 #pragma once
 
 #include <cstddef>
-#include <span>
-
-namespace rubato::stages {
 
 /// What a sweep over the stages of collocation does beside evaluating ∇H: sums over stages. A row is a component of the
-/// state, its stages side by side in `lanes` places, of which those past the last stage are 0 (in `from`: are not
-/// read); rows follow one another. Every instruction set does the same roundings in the same order.
-struct Kernels {
-  int lanes = 0;  ///< of a row: 2, 4 or 8
+/// state, its stages side by side in row_length(stages) places, of which those past the last stage are 0 (in `from`:
+/// are not read); rows follow one another. Every instruction set does the same roundings in the same order.
+namespace rubato::stages {
 
-  /// to_r = factor (Σ_j from_rj first_j + Σ_j from_rj second_j) for each of `rows` rows; first_j and second_j are rows
-  /// of tables, one for each of `stages` stages. No second sum where `second` is null.
-  void (*combine)(std::size_t rows, int stages, const double* from, const double* first, const double* second,
-                  double factor, double* to);
-  /// A correction of Y by fixed-point iteration: the same sums less Y into `correction`, and the sums into Y; to_r are
-  /// the stages high_r + (low_r + Y_r), of a state in two parts. \return relative_size() of it beside Y as it was
-  double (*correct)(std::size_t rows, int stages, const double* from, const double* first, const double* second,
-                    double factor, const double* floor, const double* high, const double* low, double* Y,
-                    double* correction, double* to);
-  /// to_r = base_r + (rest_r + factor (Σ_j from_rj first_j + Σ_j from_rj second_j)): the same sums added to rows that
-  /// are told in two parts.
-  void (*gather)(std::size_t rows, int stages, const double* from, const double* first, const double* second,
-                 double factor, const double* base, const double* rest, double* to);
-  /// The same where Y_r becomes factor from_r.
-  double (*mend)(std::size_t rows, const double* from, double factor, const double* floor, const double* high,
-                 const double* low, double* Y, double* correction, double* to);
-  /// to_r = high_r + (low_r + Y_r).
-  void (*place)(std::size_t rows, const double* high, const double* low, const double* Y, double* to);
-  /// base_r = factor Σ_j from_rj first_j, and to_r = base_r + weight more_r.
-  void (*begin)(std::size_t rows, int stages, const double* from, const double* first, double factor,
-                const double* more, double weight, double* base, double* to);
-  /// to_r = from_r - less_r; and x_r = -x_r.
-  ///@{
-  void (*subtract)(std::size_t rows, const double* from, const double* less, double* to);
-  void (*negate)(std::size_t rows, double* x);
-  ///@}
-  /// The largest over the rows of |correction_r| / max(|Y_r|, |correction_r|, floor_r), in each the largest over its
-  /// places; NaN once a correction is.
-  double (*relative_size)(std::size_t rows, const double* Y, const double* correction, const double* floor);
-};
+/// Places of a row of so many stages (1 … 8): 2, 4 or 8.
+[[nodiscard]] constexpr int row_length(int stages) {
+  return stages <= 2 ? 2 : stages <= 4 ? 4 : 8;
+}
 
-/// For rows of so many stages (1 … 8), of the widest instruction set that this machine has (base/lanes.hpp).
-[[nodiscard]] Kernels kernels(int stages);
-
-/// All that there are, for tests.
-struct NamedKernels {
-  const char* name;
-  Kernels (*make)(int stages);
-  bool supported;  ///< by this machine
-};
-[[nodiscard]] std::span<const NamedKernels> all_kernels();
-
-Kernels kernels_portable(int stages);
-Kernels kernels_avx2(int stages);
-Kernels kernels_avx512(int stages);
+/// to_r = factor (Σ_j from_rj first_j + Σ_j from_rj second_j) for each of `rows` rows; first_j and second_j are rows of
+/// tables, one for each of `stages` stages. No second sum where `second` is null.
+void combine(std::size_t rows, int stages, const double* from, const double* first, const double* second, double factor,
+             double* to);
+/// A correction of Y by fixed-point iteration: the same sums less Y into `correction`, and the sums into Y; to_r are
+/// the stages high_r + (low_r + Y_r), of a state in two parts. \return relative_size() of it beside Y as it was
+double correct(std::size_t rows, int stages, const double* from, const double* first, const double* second,
+               double factor, const double* floor, const double* high, const double* low, double* Y, double* correction,
+               double* to);
+/// to_r = base_r + (rest_r + factor (Σ_j from_rj first_j + Σ_j from_rj second_j)): the same sums added to rows in two
+/// parts.
+void gather(std::size_t rows, int stages, const double* from, const double* first, const double* second, double factor,
+            const double* base, const double* rest, double* to);
+/// The same as correct() where Y_r becomes factor from_r.
+double mend(std::size_t rows, int stages, const double* from, double factor, const double* floor, const double* high,
+            const double* low, double* Y, double* correction, double* to);
+/// to_r = high_r + (low_r + Y_r).
+void place(std::size_t rows, int stages, const double* high, const double* low, const double* Y, double* to);
+/// base_r = factor Σ_j from_rj first_j, and to_r = base_r + weight more_r.
+void begin(std::size_t rows, int stages, const double* from, const double* first, double factor, const double* more,
+           double weight, double* base, double* to);
+/// The largest over the rows of |correction_r| / max(|Y_r|, |correction_r|, floor_r), in each the largest over its
+/// places; NaN once a correction is.
+[[nodiscard]] double relative_size(std::size_t rows, int stages, const double* Y, const double* correction,
+                                   const double* floor);
 
 }  // namespace rubato::stages

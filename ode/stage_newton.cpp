@@ -26,7 +26,7 @@ std::optional<StageNewton> StageNewton::of(const GaussTableau& tableau, const Ha
 }
 
 StageNewton::StageNewton(const GaussTableau& tableau, Index size, std::optional<HessianBand> band)
-    : size_(size), band_(std::move(band)) {
+    : size_(size), band_(std::move(band)), units_(static_cast<std::size_t>(size)) {
   const GaussTableau::Eigenbasis& basis = tableau.inverse_eigenbasis();
   bool any_single = false;
   for (Index e = 0; e < basis.values.size(); ++e) {
@@ -74,6 +74,7 @@ Status StageNewton::factor(HamiltonianEvaluator& hamiltonian, const double* poin
   } else {
     hamiltonian.hessian(point, gradient_.data(), hessian_.data());
   }
+  find_units(entries);
   for (Part& part : parts_) {
     if (const Status status = band_ ? factor_band(part, h, entries) : factor_whole(part, h);
         status != Status::success) {
@@ -83,11 +84,34 @@ Status StageNewton::factor(HamiltonianEvaluator& hamiltonian, const double* poin
   return Status::success;
 }
 
+void StageNewton::find_units(std::span<const double> entries) {
+  units_.begin(1.0);
+  units_.find([&](const auto& use) {
+    if (band_) {
+      for (const auto& [row, column, number, sign] : band_->entries) {
+        use(row, column, entries[number]);
+      }
+      return;
+    }
+    const Index n = size_ / 2;
+    for (Index j = 0; j < size_; ++j) {
+      for (Index i = 0; i < size_; ++i) {
+        use(i, j, hessian_(i < n ? i + n : i - n, j));
+      }
+    }
+  });
+}
+
 Status StageNewton::factor_whole(Part& part, double h) {
   const Index n = size_ / 2;
   const auto shifted = [&](auto block) {  // Re λ - h J H_zz
     block.topRows(n) = -h * hessian_.bottomRows(n);
     block.bottomRows(n) = h * hessian_.topRows(n);
+    for (Index j = 0; units_.differ() && j < size_; ++j) {
+      for (Index i = 0; i < size_; ++i) {
+        block(i, j) *= units_.of_entry(static_cast<std::size_t>(i), static_cast<std::size_t>(j));
+      }
+    }
     block.diagonal().array() += part.value.real();
   };
   auto& factors = std::get<solve::DenseSolver>(part.factors);
@@ -107,8 +131,9 @@ Status StageNewton::factor_band(Part& part, double h, std::span<const double> en
   const int copies = part.is_pair() ? 2 : 1;  // a component's real and imaginary part stand side by side
   factors.clear();
   for (const auto& [row, column, number, sign] : band_->entries) {
+    const double unit = units_.of_entry(static_cast<std::size_t>(row), static_cast<std::size_t>(column));
     for (int copy = 0; copy < copies; ++copy) {
-      factors.entry(copies * row + copy, copies * column + copy) = -h * sign * entries[number];
+      factors.entry(copies * row + copy, copies * column + copy) = -h * sign * entries[number] * unit;
     }
   }
   for (int i = 0; i < factors.size(); ++i) {
@@ -137,21 +162,23 @@ void StageNewton::solve(Rows& right) {
   for (Part& part : parts_) {
     rhs_.setZero();
     for (Index r = 0; r < size_; ++r) {
+      const double unit = units_[unit_of(r)];
       double& real = rhs_[place(part, r, false)];
       for (Index i = 0; i < m; ++i) {
-        real += part.from_stages[i].real() * right(r, i);
+        real += part.from_stages[i].real() * right(r, i) / unit;
       }
       if (part.is_pair()) {
         double& imaginary = rhs_[place(part, r, true)];
         for (Index i = 0; i < m; ++i) {
-          imaginary += part.from_stages[i].imag() * right(r, i);
+          imaginary += part.from_stages[i].imag() * right(r, i) / unit;
         }
       }
     }
     std::visit([this](auto& factors) { factors.solve(rhs_.data()); }, part.factors);
     for (Index r = 0; r < size_; ++r) {
-      const double real = rhs_[place(part, r, false)];
-      const double imaginary = part.is_pair() ? rhs_[place(part, r, true)] : 0.0;
+      const double unit = units_[unit_of(r)];
+      const double real = rhs_[place(part, r, false)] * unit;
+      const double imaginary = part.is_pair() ? rhs_[place(part, r, true)] * unit : 0.0;
       for (Index i = 0; i < m; ++i) {
         result_(r, i) += part.to_stages[i].real() * real;
         if (part.is_pair()) {

@@ -9,6 +9,7 @@
 #include <Eigen/Core>
 
 #include <rubato/base/status.hpp>
+#include <rubato/ode/component_units.hpp>
 #include <rubato/ode/hamiltonian.hpp>
 #include <rubato/ode/hessian_band.hpp>
 #include <rubato/solve/band_solver.hpp>
@@ -58,12 +59,18 @@ private:
 
   /// Where component r of the state, or of the imaginary part, stands in a right-hand side.
   [[nodiscard]] Eigen::Index place(const Part& part, Eigen::Index r, bool imaginary) const;
+  /// Where the unit of component r stands.
+  [[nodiscard]] std::size_t unit_of(Eigen::Index r) const {
+    return static_cast<std::size_t>(band_ ? band_->places[static_cast<std::size_t>(r)] : r);
+  }
+  void find_units(std::span<const double> entries);
   [[nodiscard]] Status factor_whole(Part& part, double h);
   [[nodiscard]] Status factor_band(Part& part, double h, std::span<const double> entries);
 
   Eigen::Index size_;
   std::optional<HessianBand> band_;
   std::vector<Part> parts_;
+  ComponentUnits units_;                       ///< of the components, in the numbering of the band if there is one
   Eigen::MatrixXd hessian_, matrix_, single_;  ///< H_zz, and the matrices of a pair and of a real eigenvalue
   Eigen::VectorXd gradient_, rhs_;
   Rows result_;

@@ -4,7 +4,6 @@
 #include <span>
 
 #include <rubato/ode/separable.hpp>
-#include <rubato/ode/stage_kernels.hpp>
 
 namespace rubato {
 
@@ -39,7 +38,7 @@ bool is_quadratic_form(Expression T, std::span<const Expression> momenta, const 
 }  // namespace
 
 StageSlopes::StageSlopes(const Hamiltonian& hamiltonian, const Rows& Z, Rows& f)
-    : Z_(Z), f_(f), energies_(Rows::Zero(3, Z.cols())), negate_(stages::kernels(static_cast<int>(Z.cols())).negate) {
+    : Z_(Z), f_(f), energies_(Rows::Zero(3, Z.cols())) {
   const Index n = Z.rows() / 2;
   const auto part = [&](const Bytecode& code, Index energy, Index first, Index count) {
     std::vector<const double*> in;
@@ -81,7 +80,7 @@ StageSlopes::StageSlopes(const Hamiltonian& hamiltonian, const Rows& Z, Rows& f)
 void StageSlopes::evaluate() {
   whole_.run();
   const Index n = Z_.rows() / 2;
-  negate_(static_cast<std::size_t>(n), f_.row(n).data());
+  f_.bottomRows(n) = -f_.bottomRows(n);
 }
 
 std::size_t StageSlopes::instructions() const {

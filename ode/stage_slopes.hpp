@@ -65,7 +65,6 @@ private:
   const Rows& Z_;
   Rows& f_;
   Rows energies_;  ///< of H, T and V
-  void (*negate_)(std::size_t rows, double* x);
   formula::BatchEvaluator whole_;
   std::optional<Halves> halves_;
   std::optional<Linear> linear_;

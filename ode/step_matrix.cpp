@@ -7,13 +7,21 @@ namespace rubato {
 BandStepMatrix::BandStepMatrix(HessianBand band)
     : band_(std::move(band)),
       factors_(static_cast<int>(band_.places.size()), band_.width, band_.width),
-      ordered_(band_.places.size()) {}
+      ordered_(band_.places.size()),
+      units_(band_.places.size()) {}
 
 Status BandStepMatrix::factor(HamiltonianEvaluator& hamiltonian, const double* point, double h) {
   const std::span<const double> values = hamiltonian.hessian_entries(point);
   factors_.clear();
+  units_.begin(1.0);
+  units_.find([&](const auto& use) {
+    for (const auto& [row, column, number, sign] : band_.entries) {
+      use(row, column, values[number]);
+    }
+  });
   for (const auto& [row, column, number, sign] : band_.entries) {
-    factors_.entry(row, column) = -0.5 * h * sign * values[number];
+    const double unit = units_.of_entry(static_cast<std::size_t>(row), static_cast<std::size_t>(column));
+    factors_.entry(row, column) = -0.5 * h * sign * values[number] * unit;
   }
   double sum = 0.0;
   for (const auto& [row, column, number, sign] : band_.entries) {
@@ -28,11 +36,13 @@ Status BandStepMatrix::factor(HamiltonianEvaluator& hamiltonian, const double* p
 
 void BandStepMatrix::solve(double* rhs) {
   for (std::size_t i = 0; i < ordered_.size(); ++i) {
-    ordered_[static_cast<std::size_t>(band_.places[i])] = rhs[i];
+    const auto place = static_cast<std::size_t>(band_.places[i]);
+    ordered_[place] = rhs[i] / units_[place];
   }
   factors_.solve(ordered_.data());
   for (std::size_t i = 0; i < ordered_.size(); ++i) {
-    rhs[i] = ordered_[static_cast<std::size_t>(band_.places[i])];
+    const auto place = static_cast<std::size_t>(band_.places[i]);
+    rhs[i] = ordered_[place] * units_[place];
   }
 }
 

@@ -104,6 +104,8 @@ inline constexpr double displacement_error = 1e-9;
 /// Up to this relative size of a residual a tangent of a few orders corrects it to far below rounding. It cannot be
 /// left out: what is smooth in a correction, however small, adds up in one direction for the whole run.
 inline constexpr double small_residual = 1e-13;
+/// Up to this one the displacement leaves no more of a tangent's rounding errors than a tenth of an ε of the state.
+inline constexpr double large_residual = 1e-6;
 /// A correction at least this large shows, by the next one, how fast corrections contract.
 inline constexpr double measurable_correction = 1e-12;
 /// Relative size of a correction that rounding alone may make.
@@ -178,17 +180,6 @@ inline constexpr int most_midpoint_iterations = 50;
 
 }  // namespace rubato::tuning::midpoint
 
-/// E_k of several lengths at once (splitting_energies.cpp).
-namespace rubato::tuning::splitting_energies {
-
-/// What eight take beside one: where one waits for every result, about as long; where it is made of parts that keep the
-/// machine busy by themselves, somewhat longer.
-inline constexpr double price_of_whole = 1.0, price_of_parts = 1.7;
-/// Instructions of V beyond which eight of each number are more than the fastest cache holds.
-inline constexpr std::size_t longest_formula = 2000;
-
-}  // namespace rubato::tuning::splitting_energies
-
 /// Splittings side by side (splitting_lanes.cpp).
 namespace rubato::tuning::lanes_of_splitting {
 
@@ -213,5 +204,7 @@ namespace rubato::tuning::two_step {
 inline constexpr int most_iterations = 50;
 /// Corrections by Newton's own matrix, renewed each time, that do not shrink: rounding is all that is left.
 inline constexpr int rounding_stalls = 3;
+/// Units in the last place of the terms of a row that some products and sums round at.
+inline constexpr double roundings = 16.0;
 
 }  // namespace rubato::tuning::two_step

@@ -93,11 +93,15 @@ public:
       }
       const auto verdict = test.judge(size, residual);
       stalls += verdict == StagnationTest::Verdict::stalled ? 1 : 0;
-      if (verdict == StagnationTest::Verdict::done || stalls == rounding_stalls) {
-        // E at the corrected point, to first order; its total derivative follows dz_1/dh along the solved step.
-        energy_ = gradient_[time(0)] + energy_row_.dot(correction_);
+      if (verdict == StagnationTest::Verdict::done || stalls == rounding_stalls ||
+          (verdict != StagnationTest::Verdict::again && is_rounding())) {
+        // E at the corrected point; its total derivative follows dz_1/dh along the solved step.
+        place(h);
+        action_->gradient(corners_, gradient_);
+        ++iterations_;
+        energy_ = gradient_[time(0)];
         slope_ = energy_slope_ + energy_row_.dot(rate_);
-        return Status::success;
+        return std::isfinite(energy_) ? Status::success : Status::undefined;
       }
       if (verdict != StagnationTest::Verdict::again && !factor(h)) {
         return Status::undefined;
@@ -118,15 +122,13 @@ public:
   }
   [[nodiscard]] int order() const override { return law_ ? law_->order() : 2; }
   [[nodiscard]] bool has_gamma() const override { return law_.has_value(); }
+  [[nodiscard]] double gamma_factor() const override {
+    return law_ ? law_->gamma_factor() : std::numeric_limits<double>::quiet_NaN();
+  }
   [[nodiscard]] int iterations() const override { return iterations_; }
   [[nodiscard]] bool has_node_law() const override { return false; }
 
   [[nodiscard]] NodeEnergy node() override { return node_at(z_.value()); }
-
-  [[nodiscard]] NodeEnergy trial_node() override {
-    z_.displaced(1.0, delta_, point_);
-    return node_at(point_);
-  }
 
   void accept() override {
     place(trial_h_);
@@ -176,6 +178,23 @@ private:
     corners.segment(first_value(0), size_) = z_.value();
     z_.displaced(1.0, delta_, point_);
     corners.segment(first_value(1), size_) = point_;
+  }
+
+  /// True if the last digits of the corners and of the terms of each row explain ∂A/∂z_0 + p as evaluated last.
+  [[nodiscard]] bool is_rounding() const {
+    const Eigen::Map<const VectorXd> corners(corners_.data(), static_cast<Index>(corners_.size()));
+    for (Index i = 0; i < size_; ++i) {
+      const Index row = first_value(0) + i;
+      double bound = std::abs(momentum_[i]) + std::abs(gradient_[row]);
+      for (const std::size_t corner : {std::size_t{0}, std::size_t{1}}) {
+        const Index first = first_value(corner);
+        bound += hessian_.row(row).segment(first, size_).cwiseAbs().dot(corners.segment(first, size_).cwiseAbs());
+      }
+      if (!(std::abs(gradient_[row] + momentum_[i]) <= roundings * std::numeric_limits<double>::epsilon() * bound)) {
+        return false;
+      }
+    }
+    return true;
   }
 
   /// Factors ∂²A/∂z_0∂z_1 at the present δ, and takes what dE/dh needs from the same second variation.

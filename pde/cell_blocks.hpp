@@ -7,7 +7,6 @@
 #include <vector>
 
 #include <rubato/base/compensated_sum.hpp>
-#include <rubato/grids/digit_sum.hpp>
 #include <rubato/grids/grid.hpp>
 #include <rubato/grids/slab.hpp>
 
@@ -71,8 +70,8 @@ public:
   void tell(std::span<double> numbers) const;  ///< the last rank's, to all
   /// What the blocks of all ranks come to, the same at every rank: sums[r] = Σ sum_of(block, r), and the largest
   /// largest[r] of largest_of(block, r) >= 0, NaN left out. Pieces are gone on from as in add_up(); sum_of() is asked
-  /// where a block ends, largest_of() of each piece. Of one process, and of a line, sums are compensated, in the order
-  /// of the blocks; in a plane or in space on ranks they are DigitSums, which have no order.
+  /// where a block ends, largest_of() of each piece. Sums are compensated, in the order of the blocks; in a plane or in
+  /// space each rank adds up its own.
   template <class GoOn, class SumOf, class LargestOf>
   void total(std::size_t carried, const GoOn& go_on, std::span<double> sums, const SumOf& sum_of,
              std::span<double> largest, const LargestOf& largest_of) const;
@@ -93,9 +92,9 @@ private:
   const grids::Slab* line_slab_ = nullptr;  ///< the same of a line
   std::size_t first_line_ = 0, end_line_ = 0;
   std::vector<Block> parts_;
-  // What goes on from block to block, and from rank to rank; and sums without an order.
+  // What goes on from block to block, and from rank to rank; and sums of this rank.
   mutable std::vector<double> numbers_;
-  mutable std::vector<grids::DigitSum> digits_;
+  mutable std::vector<CompensatedSum> sums_;
 };
 
 template <class GoOn, class Add>
@@ -131,18 +130,17 @@ void SharedCellBlocks::total(std::size_t carried, const GoOn& go_on, std::span<d
   };
   if (slab_ != nullptr && line_slab_ == nullptr) {
     std::ranges::fill(largest, 0.0);
-    digits_.assign(sums.size(), grids::DigitSum());
+    sums_.assign(sums.size(), CompensatedSum());
     for (std::size_t block = 0; block < count(); ++block) {
       if (!(*this)[block].is_told) {
         continue;
       }
       for (std::size_t r = 0; r < sums.size(); ++r) {
-        const double term = sum_of(block, r);
-        digits_[r].add(std::span(&term, 1));
+        sums_[r].add(sum_of(block, r));
       }
       add_largest(largest, block);
     }
-    slab_->reduce(digits_, sums, largest);
+    slab_->reduce(sums_, sums, largest);
     return;
   }
   // Maxima, then sums: of these two numbers are added up, and one is told.

@@ -923,7 +923,9 @@ formula::SumSize CellSweep::energy_size(std::span<const double* const> point, co
   const auto& [terms, sum, squares, magnitudes] = sums;
   // A block is summed in eight lanes of up to 32 cells, whose partial sums are rounded, too.
   const double summing = std::numeric_limits<double>::epsilon() * magnitudes / std::sqrt(pieces);
-  return {.terms = s.volume * terms, .rounding = s.volume * (std::min(sum, 4.0 * std::sqrt(squares)) + summing)};
+  return {.terms = s.volume * terms,
+          .cancelled = s.volume * terms,
+          .rounding = s.volume * (std::min(sum, 4.0 * std::sqrt(squares)) + summing)};
 }
 
 }  // namespace rubato

@@ -47,7 +47,6 @@ public:
   }
 
   [[nodiscard]] NodeEnergy node() final { return {energy_here(), std::numeric_limits<double>::quiet_NaN()}; }
-  [[nodiscard]] NodeEnergy trial_node() final { return {energy_there(), std::numeric_limits<double>::quiet_NaN()}; }
 
 protected:
   /// \throws std::invalid_argument if S is not finite at the first level

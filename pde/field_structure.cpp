@@ -24,11 +24,6 @@ using Eigen::MatrixXcd;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-/// 2^k next to the inverse root of x; 1 for 0.
-double inverse_root(double x) {
-  return x > 0.0 ? std::ldexp(1.0, -std::ilogb(x) / 2) : 1.0;
-}
-
 /// Fields and equations have units of their own (c² of a wave equation may be 1 or 9e16): ranks are those of the matrix
 /// with its rows and columns scaled until the largest entry of each is about 1 (Ruiz), by powers of two. Rows and
 /// columns that are 0 have to be exactly 0.
@@ -38,13 +33,9 @@ Matrix null_space_of(Matrix matrix) {
   if (matrix.rows() == 0 || columns == 0) {
     return Matrix::Identity(columns, columns);
   }
-  VectorXd scale = VectorXd::Ones(columns);
-  for (int sweep = 0; sweep < equilibration_sweeps; ++sweep) {
-    const VectorXd rows = matrix.cwiseAbs().rowwise().maxCoeff().unaryExpr(&inverse_root);
-    const VectorXd cols = matrix.cwiseAbs().colwise().maxCoeff().transpose().unaryExpr(&inverse_root);
-    matrix = (rows.asDiagonal() * matrix * cols.asDiagonal()).eval();
-    scale.array() *= cols.array();
-  }
+  const solve::Equilibration equilibration = solve::equilibrate(matrix.cwiseAbs());
+  const VectorXd& scale = equilibration.columns;
+  matrix = (equilibration.rows.asDiagonal() * matrix * scale.asDiagonal()).eval();
   const auto [values, vectors, images] = solve::singular_values(matrix);
   Index rank = 0;
   while (rank < values.size() && values[rank] > rank_threshold * values[0]) {
@@ -208,6 +199,21 @@ MatrixXd select(const MatrixXd& candidates, Keep&& keep) {
   return result;
 }
 
+/// The names of the fields that ∂²S/∂z_f∂z_g depends on.
+std::vector<std::string> fields_in_entry(const MultisymplecticSystem& system, Index f, Index g) {
+  const std::span<const formula::Expression> z(system.variables().data(), system.fields().size());
+  const auto slopes = formula::gradient(system.expression(), z);
+  const auto row = formula::gradient(slopes[static_cast<std::size_t>(f)], z);
+  std::vector<std::string> names;
+  for (const std::size_t variable : formula::variables_of(row[static_cast<std::size_t>(g)])) {
+    if (const std::string& name = system.graph()->variable_name(variable);
+        std::ranges::find(system.fields(), name) != system.fields().end()) {
+      names.push_back(name);
+    }
+  }
+  return names;
+}
+
 /// The energy of a level holds S with all its fields. One that exists at midpoints only drops out if S is linear in it:
 /// its factor is then what its row says of the other fields, and vanishes.
 void refuse_nonlinear_at_levels(const MultisymplecticSystem& system, const MatrixXd& hessian,
@@ -216,6 +222,17 @@ void refuse_nonlinear_at_levels(const MultisymplecticSystem& system, const Matri
     for (Index g = 0; g <= f; ++g) {
       const auto i = static_cast<std::size_t>(f);
       if (structure.nonlinear[i] && structure.nonlinear[static_cast<std::size_t>(g)] && hessian(f, g) != 0.0) {
+        const std::vector<std::string> names = fields_in_entry(system, f, g);
+        const bool is_linear = !names.empty() && std::ranges::none_of(names, [&](const std::string& name) {
+          return structure.nonlinear[static_cast<std::size_t>(system.field(name))];
+        });
+        if (is_linear) {
+          throw std::invalid_argument(fmt::format(
+              "the constraint that determines {0} has a coefficient that depends on {1}: the scheme knows {0} in the "
+              "middle of steps only, and the energy of a level would need it there; choose fields for which the "
+              "coefficient is constant (where S holds c*{0}^2 and {0} comes from a field u: u/sqrt(c) in place of u)",
+              system.fields()[i], fmt::join(names, ", ")));
+        }
         throw std::invalid_argument(fmt::format(
             "the constraint that determines {0} is not linear, and S is not linear in {0}: the scheme knows {0} in the "
             "middle of steps only, and the energy of a level would need it there; put what its row gives for {0} into "

@@ -92,6 +92,7 @@ public:
     low_.fill(0.0);
     std::ranges::fill(largest_, 0.0);
     forecast_.forget();
+    slab_->forget_steps();
     stamp_ = nowhere;
     start_level();
   }

@@ -168,8 +168,9 @@ void GaussSlab::compile() {
   if (!F_.empty()) {
     const PotentialRest rest = rest_of_potential(system_, system_.constant_hessian(), F_);
     rest_value_ = formula::BatchEvaluator(formula::Bytecode(std::array{rest.value}, rest.inputs));
-    rest_gradient_ =
-        formula::BatchEvaluator(formula::Bytecode(formula::gradient(rest.value, rest.variables), rest.inputs));
+    const formula::Bytecode gradient(formula::gradient(rest.value, rest.variables), rest.inputs);
+    rest_gradient_ = formula::BatchEvaluator(gradient);
+    rest_rounding_ = LargestRounding(gradient);
   }
   // ∂S/∂z_f of the other fields is linear in z.
   const std::vector<double> slopes = potential_slopes_at_zero(system_);
@@ -215,6 +216,7 @@ void GaussSlab::stand(const grids::FieldSet& high, const grids::FieldSet* low, c
     }
   }
   level_sizes_.resize(F_.size());
+  changes_.resize(F_.size());
   for (std::size_t f = 0; f < F_.size(); ++f) {
     level_sizes_[f] = grids::max_abs(std::as_const(level_F_).field(static_cast<int>(f)));
   }
@@ -507,6 +509,36 @@ void GaussSlab::iterate_waves() {
   });
 }
 
+/// What rounding of N' at the stages placed last makes of each varying field: a field that is 0 but for that has no
+/// other size, and its corrections never shrink.
+void GaussSlab::measure_noise() {
+  std::array<double, MultisymplecticSystem::most_fields> of_rest{};
+  std::array<const double*, MultisymplecticSystem::most_fields> in{};
+  const std::size_t n = F_.size();
+  for (int i = 0; i < m_; ++i) {
+    for (std::size_t f = 0; f < n; ++f) {
+      in[f] = std::as_const(point_).field(varying(static_cast<int>(f), i)).data();
+    }
+    rest_rounding_(grid_.size(), places_.after(std::span(in).first(n), inputs_), std::span(of_rest).first(n));
+  }
+  noise_.assign(n, 0.0);
+  for (int f = 0; f < static_cast<int>(n); ++f) {
+    double& sum = noise_[static_cast<std::size_t>(f)];
+    for (int i = 0; i < m_; ++i) {
+      double of_stage = 0.0;
+      for (int g = 0; g < static_cast<int>(n); ++g) {
+        for (int j = 0; j < m_; ++j) {
+          of_stage += transfer_.largest(varying(f, i), varying(g, j)) * of_rest[static_cast<std::size_t>(g)];
+        }
+      }
+      sum = std::max(sum, of_stage);
+    }
+    if (const grids::Slab* const slab = grids::Slab::of(grid_)) {
+      sum = slab->largest_over_ranks(sum);
+    }
+  }
+}
+
 /// The stages z + y_, and y_ - y_last_, what the stages before left of their equation, beside the increments.
 GaussSlab::Correction GaussSlab::place_stages(std::span<const double> largest) {
   const grids::ReductionBlocks pieces(grid_.size());
@@ -539,6 +571,11 @@ GaussSlab::Correction GaussSlab::place_stages(std::span<const double> largest) {
   for (std::size_t f = 0; f < F_.size(); ++f) {
     const double moved = found[2 * f], change = found[2 * f + 1];
     const int field = F_[f];
+    const double last = std::exchange(changes_[f], change);
+    if (!noise_.empty() && change > 0.5 * last &&
+        change <= roundings * epsilon * (level_sizes_[f] + moved + noise_[f])) {
+      continue;  // no sign of what the others have to go
+    }
     const double scale =
         std::max({largest.empty() ? 0.0 : largest[static_cast<std::size_t>(field)], epsilon * level_sizes_[f], moved});
     result.size = larger(result.size, change == 0.0 ? 0.0 : change / scale);
@@ -596,6 +633,9 @@ Status GaussSlab::iterate_to_fixed_point(std::span<const double> largest) {
     if (iteration == 0) {
       continue;
     }
+    if (iteration > 1 && noise_.empty() && !tangent_ && size > no_contraction * last) {
+      measure_noise();
+    }
     if (!std::isfinite(size)) {
       // R at the stages before was not: at those that it began with, or the iterates have run away.
       return iteration == 1 ? Status::undefined : Status::not_converged;
@@ -624,6 +664,7 @@ Status GaussSlab::iterate_to_fixed_point(std::span<const double> largest) {
 Status GaussSlab::solve(double h, double accuracy, std::span<const double> largest, bool steady) {
   solved_ = complete_ = end_known_ = false;
   steady_ = steady;
+  noise_.clear();
   const bool starts_solved = std::exchange(starts_solved_, false);
   if (!prepare(h)) {
     return Status::undefined;
@@ -731,7 +772,7 @@ double GaussSlab::wave_energy(const WaveRows& rows, std::span<const double> weig
 
 double GaussSlab::rest_energy(std::span<const double* const> fields) {
   if (F_.empty()) {
-    return 0.0;
+    return system_.constant() * grid_.cell_volume() * static_cast<double>(grids::whole_of(grid_).size());
   }
   double* const out[] = {work_.field(0).data()};
   rest_value_(grid_.size(), places_.after(fields, inputs_), out);
@@ -793,7 +834,9 @@ const WaveRows& GaussSlab::change_of_levels() {
 double GaussSlab::energy_at_end() {
   const WaveRows& level = change_of_levels();
   double energy = wave_energy(level, std::array{1.0});
-  if (!F_.empty()) {
+  if (F_.empty()) {
+    energy += rest_energy({});
+  } else {
     grids::FieldSet& end = end_F_;
     points_F_.to_points(level, F_, end.pointers());
     for (int f = 0; f < end.fields(); ++f) {
@@ -913,6 +956,16 @@ void GaussSlab::stage(int stage, grids::FieldSet& z, grids::FieldSet& rate) {
   to_grid(rows, std::span(which).first(count), fourier_all_, std::span(to).first(count));
   grids::refresh_ghosts(z);
   grids::refresh_ghosts(rate);
+}
+
+void GaussSlab::forget_steps() {
+  radius_ = reference_h_ = 0.0;
+  fixed_point_fails_at_ = std::numeric_limits<double>::infinity();
+  since_fixed_point_ = 0;
+  if (newton_) {
+    newton_->any_kept = newton_->any_start = false;
+  }
+  solved_ = starts_solved_ = restored_ = false;
 }
 
 void GaussSlab::save(StateWriter& state) const {

@@ -21,6 +21,7 @@
 #include <rubato/pde/multisymplectic_system.hpp>
 #include <rubato/pde/placed_coordinates.hpp>
 #include <rubato/pde/rest_forecast.hpp>
+#include <rubato/pde/row_rounding.hpp>
 #include <rubato/pde/space_collocation.hpp>
 #include <rubato/pde/stage_loops.hpp>
 #include <rubato/pde/stage_source.hpp>
@@ -64,6 +65,8 @@ public:
 
   /// The level z = high + low that steps are taken from; fields at midpoints count as 0. `low` may be null.
   void stand(const grids::FieldSet& high, const grids::FieldSet* low, const PotentialSlopes& slopes);
+  /// Discards what the steps solved so far left: the next one depends on its level and h alone.
+  void forget_steps();
   /// Changes with every stand().
   [[nodiscard]] std::uint64_t stamp() const { return stamp_; }
 
@@ -138,6 +141,7 @@ private:
     double rounding = 0.0;  ///< the size that rounding explains
   };
   void iterate_waves();
+  void measure_noise();
   [[nodiscard]] Correction place_stages(std::span<const double> largest);
   void evaluate_rests();
   void multiply_by_curvature(std::span<const double* const> of);
@@ -217,6 +221,9 @@ private:
   grids::FieldSet level_F_;  ///< its varying fields, and what they have beyond double precision
   grids::FieldSet low_F_;
   std::vector<double> level_sizes_;  ///< max |z| of level_F_
+  LargestRounding rest_rounding_;    ///< of rest_gradient_
+  std::vector<double> changes_;      ///< of each varying field, by the last correction
+  std::vector<double> noise_;        ///< of each varying field, what rounding of N' makes of it; empty: not measured
   WaveRows level_;                   ///< ẑ_k, as all rows at the points
   WaveRows slopes_;                  ///< of potentials, in their own rows; none if there are none
   WaveRows base_;                    ///< b of P Y = b + N'

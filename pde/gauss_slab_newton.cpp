@@ -231,6 +231,9 @@ Status GaussSlab::iterate_by_newton(double accuracy, std::span<const double> lar
         return Status::not_converged;
       }
     }
+    if (noise_.empty() && !tangent_ && made.size > 0.5 * last) {
+      measure_noise();
+    }
     // The next correction is as much smaller as what it is to mend, or as this was: what hardly makes a residual, as a
     // slow motion of all, is told by the second alone.
     const double next = made.size * std::max(residual / before, made.size / last);

@@ -120,7 +120,8 @@ private:
     for (int a = 1; a < grid_.dimensions(); ++a) {
       const MatrixXd& C = matrix.difference[static_cast<std::size_t>(a)];
       free[static_cast<std::size_t>(a) - 1] =
-          solve::product(transposed ? MatrixXd(C.transpose()) : C, vectors).isZero(1e-9);
+          solve::annihilates((transposed ? MatrixXd(C.transpose()) : C).cast<std::complex<double>>(),
+                             vectors.cast<std::complex<double>>());
     }
     return {grid_, collocation_, free};
   }

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <complex>
 #include <string>
 #include <utility>
 #include <vector>
@@ -107,7 +108,8 @@ private:
   void remove_free_means(Values& values) const {
     std::array<bool, 2> free{};
     for (int a = 1; a < grid_.dimensions(); ++a) {
-      free[static_cast<std::size_t>(a) - 1] = solve::product(rows_.transpose(), system_.K(a).col(field_)).isZero(1e-9);
+      free[static_cast<std::size_t>(a) - 1] = solve::annihilates(rows_.transpose().cast<std::complex<double>>(),
+                                                                 system_.K(a).col(field_).cast<std::complex<double>>());
     }
     const StillWaves waves(grid_, collocation_, free);
     const std::size_t line = grid_.cells(0);

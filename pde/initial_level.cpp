@@ -21,6 +21,8 @@
 #include <rubato/pde/kernel_conditions.hpp>
 #include <rubato/pde/periodicity.hpp>
 #include <rubato/pde/placed_coordinates.hpp>
+#include <rubato/pde/row_rounding.hpp>
+#include <rubato/pde/shared_slopes.hpp>
 #include <rubato/pde/tuning.hpp>
 #include <rubato/solve/small_matrices.hpp>
 
@@ -130,6 +132,7 @@ public:
         grid_(grid),
         plan_(plan),
         sweep_(system, grid, collocation),
+        row_rounding_(system, grid),
         size_(static_cast<int>(plan.unknowns.size())),
         lines_(grid.size() / grid.cells(0)),
         residual_(system.field_count(), grid.size()),
@@ -179,8 +182,8 @@ public:
 
   [[nodiscard]] Status run(LatticeLevel& level) {
     std::vector<double> y(static_cast<std::size_t>(conditions_.count()) * lines_);
-    double last = std::numeric_limits<double>::infinity();
-    double first = 0.0;
+    RowRounding::Sizes last, first{};
+    last.fill(std::numeric_limits<double>::infinity());
     bool stalled = false;
     for (int iteration = 0; iteration < most_level_iterations; ++iteration) {
       const grids::FieldSet& fields = level.fields;
@@ -193,18 +196,23 @@ public:
         combine_rows(u);
       }
       const grids::FieldSet& rhs = rhs_;
-      const double size = grids::max_abs(rhs.all());
-      first = iteration == 0 ? size : first;
+      bool is_nothing = true;
+      for (int u = 0; u < size_; ++u) {
+        const double size = grids::max_abs(rhs.field(u));
+        double& at_first = first[static_cast<std::size_t>(u)];
+        at_first = iteration == 0 ? size : at_first;
+        is_nothing = is_nothing && size <= 1e-14 * at_first;
+      }
       if (stalled && is_rounding(level)) {
         return Status::success;
       }
       const Status status = solver_->solve(matrix_, conditions_, rhs.pointers(), correction_.pointers(), y);
       if (status != Status::success) {
         // Where the solution is 0 and the start was not, what is left may be rounding that no solver makes smaller.
-        return size <= 1e-14 * first ? Status::success : status;
+        return is_nothing || is_rounding(level) ? Status::success : status;
       }
-      double change = 0.0;
-      double scale = 0.0;
+      bool is_unchanged = true;
+      stalled = true;
       if (!solver_->finds_ghosts()) {
         grids::refresh_ghosts(correction_);
       }
@@ -214,8 +222,10 @@ public:
         for (std::size_t i = 0; i < values.size(); ++i) {
           values[i] += correction[i];
         }
-        change = std::max(change, grids::max_abs(correction));
-        scale = std::max(scale, grids::max_abs(values));
+        const double change = grids::max_abs(correction);
+        is_unchanged = is_unchanged && change <= rounding_correction * grids::max_abs(values);
+        stalled = stalled && (change == 0.0 || change >= stall * last[static_cast<std::size_t>(u)]);
+        last[static_cast<std::size_t>(u)] = change;
       }
       for (std::size_t b = 0; b < pinned_.size(); ++b) {
         auto& slope = level.slopes.of_field[static_cast<std::size_t>(pinned_[b])];
@@ -224,60 +234,34 @@ public:
           slope[line] += y[b * lines_ + line];
         }
       }
-      if (change <= 1e-15 * scale) {
+      if (is_unchanged) {
         return Status::success;
       }
-      stalled = change >= 0.25 * last;
-      last = change;
     }
     return Status::not_converged;
   }
 
 private:
-  /// Whether nothing but rounding is left of each constraint: of its terms, and of the fields they are made from.
-  [[nodiscard]] bool is_rounding(const LatticeLevel& level) const {
-    std::vector<double> terms(static_cast<std::size_t>(system_.field_count()));  // of each row of the equation
-    for (int row = 0; row < system_.field_count(); ++row) {
-      double& sum = terms[static_cast<std::size_t>(row)];
-      for (int f = 0; f < system_.field_count(); ++f) {
-        const double value = grids::max_abs(level.fields.field(f));
-        const double largest_slope = largest_of(level.slopes.of_field[static_cast<std::size_t>(f)]);
-        sum += std::abs(system_.constant_hessian()(row, f)) * value;
-        for (int a = 0; a < system_.directions(); ++a) {
-          const double slope = a == 0 ? largest_slope : 0.0;
-          sum += std::abs(system_.K(a)(row, f)) * (2.0 / grid_.spacing(a) * value + slope);
-        }
-      }
+  /// True if rounding errors explain what is left of the constraints.
+  [[nodiscard]] bool is_rounding(const LatticeLevel& level) {
+    RowRounding::Values values;
+    for (int f = 0; f < system_.field_count(); ++f) {
+      const auto i = static_cast<std::size_t>(f);
+      values.point[i] = grids::max_abs(level.fields.field(f));
+      values.slope[i] = largest_slope(level.slopes, i, grid_);
     }
-    for (std::size_t e = 0; e < system_.varying_hessian().size(); ++e) {
-      const auto [row, column] = system_.varying_hessian()[e];
-      const double entry = grids::max_abs(hessian_.field(static_cast<int>(e)));
-      terms[static_cast<std::size_t>(row)] += entry * grids::max_abs(level.fields.field(column));
-      terms[static_cast<std::size_t>(column)] += entry * grids::max_abs(level.fields.field(row));
-    }
+    row_rounding_.measure_gradient(level.fields, values);
+    const RowRounding::Sizes bounds = row_rounding_(values, 0.0, hessian_);
     for (int u = 0; u < size_; ++u) {
-      double sum = 0.0;
+      double bound = 0.0;
       for (int row = 0; row < system_.field_count(); ++row) {
-        sum += std::abs(plan_.rows(row, u)) * terms[static_cast<std::size_t>(row)];
+        bound += std::abs(plan_.rows(row, u)) * bounds[static_cast<std::size_t>(row)];
       }
-      // A dozen products and sums, half a unit in the last place each, of terms that may be larger than what they add
-      // up to; what derivatives by transforms round is of that order, too.
-      constexpr double roundings = 64.0;
-      if (grids::max_abs(rhs_.field(u)) > roundings * std::numeric_limits<double>::epsilon() * sum) {
+      if (!(grids::max_abs(std::as_const(rhs_).field(u)) <= solved * bound)) {
         return false;
       }
     }
     return true;
-  }
-
-  /// max |slope| of all lines.
-  [[nodiscard]] double largest_of(const std::vector<double>& slopes) const {
-    double largest = 0.0;
-    for (const double slope : slopes) {
-      largest = std::max(largest, std::abs(slope));
-    }
-    const grids::Slab* const slab = slopes.empty() ? nullptr : grids::Slab::of(grid_);
-    return slab == nullptr ? largest : slab->largest_over_ranks(largest);
   }
 
   void add_entries(int row, int column, const double* values) {
@@ -310,6 +294,7 @@ private:
   const grids::Grid& grid_;
   const Plan& plan_;
   CellSweep sweep_;
+  RowRounding row_rounding_;
   int size_;
   std::size_t lines_;
   grids::FieldSet residual_, hessian_, rhs_, correction_;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <complex>
 #include <utility>
 
 #include <rubato/base/limits.hpp>
@@ -55,7 +56,8 @@ private:
   static std::array<bool, 2> free_directions(const MultisymplecticSystem& system, const MatrixXd& left) {
     std::array<bool, 2> free{};
     for (int a = 1; a < system.directions(); ++a) {
-      free[static_cast<std::size_t>(a) - 1] = solve::product(system.K(a), left).isZero(1e-9);
+      free[static_cast<std::size_t>(a) - 1] =
+          solve::annihilates(system.K(a).cast<std::complex<double>>(), left.cast<std::complex<double>>());
     }
     return free;
   }
@@ -107,8 +109,8 @@ private:
     });
     waves_.add_ranks({sums.data(), static_cast<std::size_t>(sums.size())}, static_cast<std::size_t>(sums.rows()));
     sums /= static_cast<double>(waves_.members());
-    const auto amplitudes = solve::quotient(solve::product(slope.transpose(), slope), std::move(sums),
-                                            epsilon * static_cast<double>(slope.cols()));
+    const auto amplitudes =
+        solve::quotient(solve::product(slope.transpose(), slope), sums, epsilon * static_cast<double>(slope.cols()));
     if (!amplitudes) {
       return false;
     }

@@ -28,16 +28,19 @@ struct LatticeOptions {
       0.0;  ///< the run ends at the first level at or past it; no step is shortened to hit it; has to be given
   std::optional<double> begun_until = std::nullopt;  ///< of a run that was begun with another `until` (is_short_run)
   Levels levels = Levels::variable;
-  std::optional<OnSingular> on_singular = std::nullopt;  ///< this, and the next two, as IntegrationOptions has them
+  std::optional<OnSingular> on_singular = std::nullopt;  ///< this, and the next, as IntegrationOptions has them
   StepPotentialChoice potential = {.kind = StepPotentialChoice::Kind::usual};
-  std::optional<BridgeRule> bridge = std::nullopt;
   double tolerance = 1e-13;  ///< of the level equation, relative
   std::vector<LinearSymmetry> symmetries = {};
   /// The part of the lattice that this rank has, the grid being the whole; null for all of it. Its reductions are then
   /// those of this thread (grids::Slab::Shared), for as long as the integrator lives.
   const grids::Slab* slab = nullptr;
   bool initial_is_part = false;  ///< the initial fields are of that part, too: LatticeMethod::begins_in_parts()
-  [[nodiscard]] LatticeMethodChoice method() const { return {lagrangian, stages, composition, space, space_stages}; }
+  std::shared_ptr<const CornerDensity> density = nullptr;  ///< custom: the density of its action
+  std::shared_ptr<const SecondLevel> next = nullptr;       ///< custom: a second level, where it is given
+  [[nodiscard]] LatticeMethodChoice method() const {
+    return {lagrangian, stages, composition, space, space_stages, density, next};
+  }
 };
 
 /// Steps a lattice, level by level:

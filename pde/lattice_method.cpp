@@ -6,7 +6,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include <rubato/grids/short_transform.hpp>
+#include <rubato/grids/fourier.hpp>
 #include <rubato/pde/space_collocation.hpp>
 #include <rubato/variation/gauss_tableau.hpp>
 
@@ -30,15 +30,11 @@ std::optional<LatticeMethod::OtherCount> LatticeMethod::other_count(std::size_t,
 }
 
 std::size_t LatticeMethod::count_near(std::size_t wanted, int dimensions) const {
-  using grids::ShortTransform;
   constexpr std::size_t least = 3;
   const bool transforms = has_transforms(dimensions);
-  const bool on_short_lines = dimensions == 1 && !other_count(ShortTransform::least_nodes, dimensions);
-  const auto is_quick = [&](std::size_t n) {
-    const bool is_short = on_short_lines && n >= ShortTransform::least_nodes && n <= ShortTransform::most_nodes;
-    return !transforms || (is_short ? ShortTransform::is_made_for(n) : grids::has_small_factors(n));
+  const auto is_good = [&](std::size_t n) {
+    return n >= least && !other_count(n, dimensions) && (!transforms || grids::has_small_factors(n));
   };
-  const auto is_good = [&](std::size_t n) { return n >= least && !other_count(n, dimensions) && is_quick(n); };
   for (std::size_t away = 0;; ++away) {
     if (is_good(wanted + away)) {
       return wanted + away;
@@ -59,6 +55,9 @@ std::span<const LatticeMethodEntry> lattice_methods() {
 }
 
 const LatticeMethodEntry& lattice_method_entry(std::string_view name) {
+  if (name == custom_lattice_method().name) {
+    return custom_lattice_method();
+  }
   const auto all = lattice_methods();
   const auto found = std::ranges::find(all, name, &LatticeMethodEntry::name);
   if (found == all.end()) {
@@ -66,6 +65,7 @@ const LatticeMethodEntry& lattice_method_entry(std::string_view name) {
     for (const LatticeMethodEntry& entry : all) {
       names.push_back(entry.name);
     }
+    names.push_back(custom_lattice_method().name);
     throw std::invalid_argument(
         fmt::format("\"{}\" is no scheme for lattices; there are \"{}\"", name, fmt::join(names, "\", \"")));
   }

@@ -14,6 +14,7 @@
 #include <rubato/pde/local_laws.hpp>
 #include <rubato/pde/step_equation.hpp>
 #include <rubato/pde/tangent.hpp>
+#include <rubato/variation/corner_density.hpp>
 #include <rubato/variation/lattice_action.hpp>
 
 namespace rubato {
@@ -21,13 +22,21 @@ namespace rubato {
 /// Derivatives in space: spectral, or differences of neighbours.
 inline constexpr std::array<std::string_view, 2> space_words = {"fourier", "differences"};
 
+/// A level that is given beside the first one, h after it.
+struct SecondLevel {
+  InitialFields fields;
+  double h = 0.0;
+};
+
 /// What a problem says of the scheme it wants.
 struct LatticeMethodChoice {
-  std::string name = "box";            ///< of lattice_methods()
-  int stages = 1;                      ///< of Gauss collocation in time, where the method has them
-  std::string composition = "golden";  ///< of compositions(), where the method has them
-  std::string space = "fourier";       ///< of space_words, where the method has a choice
-  int space_stages = 1;                ///< of Gauss collocation in space, where the method has them
+  std::string name = "box";                                ///< of lattice_methods()
+  int stages = 1;                                          ///< of Gauss collocation in time, where the method has them
+  std::string composition = "golden";                      ///< of compositions(), where the method has them
+  std::string space = "fourier";                           ///< of space_words, where the method has a choice
+  int space_stages = 1;                                    ///< of Gauss collocation in space, where the method has them
+  std::shared_ptr<const CornerDensity> density = nullptr;  ///< of custom
+  std::shared_ptr<const SecondLevel> next = nullptr;       ///< of custom, where it is given
 };
 
 /// A discretisation of M z_t + Σ_a K_a z_{x_a} = ∇S(z), with all that the integrator, the check of records, the
@@ -44,8 +53,6 @@ public:
   [[nodiscard]] virtual int order() const { return 2; }
   /// Why levels cannot be variable; empty where they can.
   [[nodiscard]] virtual std::string_view fixed_levels_only() const { return {}; }
-  /// Whether there is a Γ that governs the step law and bridges; without, a step potential keeps levels in existence.
-  [[nodiscard]] virtual bool has_bridges() const { return true; }
   /// The number of cells to take in place of `cells`, and why, where the method cannot take that one.
   struct OtherCount {
     std::size_t cells = 0;
@@ -54,17 +61,16 @@ public:
   [[nodiscard]] virtual std::optional<OtherCount> other_count(std::size_t cells, int dimensions) const;
   /// Whether it takes transforms, whose time depends on the prime factors of the numbers of cells.
   [[nodiscard]] virtual bool has_transforms(int /*dimensions*/) const { return false; }
-  /// The number of cells nearest to `wanted` that the method takes and, where it has transforms, is quick with: without
-  /// prime factors beyond 7; and on a line from 56 to 1024 a multiple of 8, if even numbers are taken, which some
-  /// processors have transforms for (grids::ShortTransform). The same on all processors. Of two as near the larger one.
+  /// The number of cells nearest to `wanted` that the method takes; where it has transforms, one without prime factors
+  /// beyond 7. Of two equally near numbers the larger one.
   [[nodiscard]] std::size_t count_near(std::size_t wanted, int dimensions) const;
   /// Why the method cannot be taken in so many dimensions, and what to do; empty where it can.
   [[nodiscard]] virtual std::string_view other_dimensions(int /*dimensions*/) const { return {}; }
   /// Whether there are values in the middle of steps: see MultisymplecticSystem::at_levels.
-  [[nodiscard]] virtual bool has_midpoints() const { return true; }
+  [[nodiscard]] virtual bool has_midpoints(const MultisymplecticSystem& /*system*/) const { return true; }
   /// The system as the method has it.
   [[nodiscard]] MultisymplecticSystem seen(const MultisymplecticSystem& system) const {
-    return has_midpoints() ? system : system.at_levels();
+    return has_midpoints(system) ? system : system.at_levels();
   }
   /// Whether local laws live in the middle of cells; else at nodes.
   [[nodiscard]] virtual bool laws_in_cells() const { return false; }
@@ -123,8 +129,10 @@ struct LatticeMethodEntry {
   std::unique_ptr<LatticeMethod> (*make)(const LatticeMethodChoice& choice) = nullptr;
 };
 
-/// All there are, the default first: pde/schemes/registry.inc.
+/// All that are built in, the default first: pde/schemes/registry.inc.
 [[nodiscard]] std::span<const LatticeMethodEntry> lattice_methods();
+/// The one beside them, whose action the problem states.
+[[nodiscard]] const LatticeMethodEntry& custom_lattice_method();
 /// \throws std::invalid_argument for a name that is not there, with the list
 [[nodiscard]] const LatticeMethodEntry& lattice_method_entry(std::string_view name);
 /// \throws std::invalid_argument for a name that is not there, stages, a composition or a `space` that it cannot have

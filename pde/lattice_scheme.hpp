@@ -35,7 +35,7 @@ public:
   virtual void tell_previous(grids::FieldSet& fields) const { static_cast<void>(fields); }
   ///@}
   /// The level before the one that accept() has moved to last, where the scheme keeps it; it stands until the next
-  /// accept(). A scheme keeps it always or never, and then has no bridges, whose search accepts steps.
+  /// accept(). A scheme keeps it always or never.
   [[nodiscard]] virtual const LatticeLevel* previous() const { return nullptr; }
   /// The stages of the step accepted last, for laws that need them; null for schemes whose laws two levels give.
   [[nodiscard]] virtual std::shared_ptr<StageSource> stages() { return nullptr; }

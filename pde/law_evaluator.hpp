@@ -7,6 +7,7 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <rubato/pde/cell_sweep.hpp>
@@ -106,6 +107,27 @@ public:
   virtual std::vector<double> totals_after(const LatticeLevel& after) { return totals(after); }
   virtual Spread multisymplectic_residual(const TangentLevels& u, const TangentLevels& v, double h,
                                           double* residual) = 0;
+};
+
+/// The laws of another evaluator, with a law of two tangent solutions of its own.
+class LawsWithTangents : public LawEvaluator {
+public:
+  explicit LawsWithTangents(std::unique_ptr<LawEvaluator> laws) : laws_(std::move(laws)) {}
+
+  [[nodiscard]] const LawTables& tables() const final { return laws_->tables(); }
+  std::vector<Spread> residuals(const LatticeLevel& before, const LatticeLevel& after, double h,
+                                std::span<double* const> residuals) final {
+    return laws_->residuals(before, after, h, residuals);
+  }
+  std::vector<Spread> next_residuals(const LatticeLevel& before, const LatticeLevel& after, double h,
+                                     std::span<double* const> residuals) final {
+    return laws_->next_residuals(before, after, h, residuals);
+  }
+  std::vector<double> totals(const LatticeLevel& level) final { return laws_->totals(level); }
+  std::vector<double> totals_after(const LatticeLevel& after) final { return laws_->totals_after(after); }
+
+private:
+  std::unique_ptr<LawEvaluator> laws_;
 };
 
 /// On the faces of cells, or of elements. Here and below: with the fluxes integrated over the stages of a step, from

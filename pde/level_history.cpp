@@ -104,29 +104,6 @@ void LevelHistory::velocity(grids::FieldSet& rate) const {
   combine(weights(0.0), {}, 0.0, rate);
 }
 
-void LevelHistory::velocity_after(double h, const grids::FieldSet& delta, grids::FieldSet& rate) const {
-  // Lagrange extrapolation over the trial's velocity and all samples but the oldest of four.
-  const std::size_t used = std::min(known_, most - 1);
-  double trial = 1.0 / h;
-  Weights w{};
-  for (std::size_t i = 0; i < used; ++i) {
-    trial *= (h - samples_[i].time) / (0.5 * h - samples_[i].time);
-    w[i] = 0.5 * h / (samples_[i].time - 0.5 * h);
-    for (std::size_t j = 0; j < used; ++j) {
-      if (j != i) {
-        w[i] *= (h - samples_[j].time) / (samples_[i].time - samples_[j].time);
-      }
-    }
-  }
-  rate.copy_from(delta);
-  for (int f = 0; f < rate.fields(); ++f) {
-    if (at_midpoints_[static_cast<std::size_t>(f)]) {
-      std::ranges::fill(rate.field(f), 0.0);
-    }
-  }
-  combine(w, {}, trial, rate);
-}
-
 void LevelHistory::save(StateWriter& state) const {
   state.write(static_cast<double>(known_));
   for (std::size_t i = 0; i < known_; ++i) {

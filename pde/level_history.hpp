@@ -30,8 +30,6 @@ public:
   void shift(double from, double h, grids::FieldSet& delta) const;
   /// Velocities at the current level (0 for fields at midpoints).
   void velocity(grids::FieldSet& rate) const;
-  /// Velocities at the end of a trial step of length h with increment δ, which counts as one more sample.
-  void velocity_after(double h, const grids::FieldSet& delta, grids::FieldSet& rate) const;
 
   void save(StateWriter& state) const;
   void restore(StateReader& state);

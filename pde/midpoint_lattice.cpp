@@ -21,6 +21,7 @@
 #include <rubato/pde/level_fields.hpp>
 #include <rubato/pde/level_history.hpp>
 #include <rubato/pde/newton_contraction.hpp>
+#include <rubato/pde/row_rounding.hpp>
 #include <rubato/pde/shared_slopes.hpp>
 #include <rubato/pde/static_condensation.hpp>
 #include <rubato/pde/tuning.hpp>
@@ -149,6 +150,7 @@ public:
         level_(std::move(first)),
         at_midpoints_(system.structure().at_midpoints()),
         sweep_(system, grid, collocation),
+        row_rounding_(system, grid),
         low_(system.field_count(), grid.size()),
         point_(low_),
         delta_(low_),
@@ -251,13 +253,6 @@ public:
     return node_;
   }
 
-  [[nodiscard]] NodeEnergy trial_node() override {
-    tell_increment();
-    history_.velocity_after(trial_h_, delta_, correction_);
-    make_point(1.0);
-    return level_node(point_);
-  }
-
   void accept() override {
     tell_increment();
     if (waves_ != nullptr && waves_->solved) {
@@ -289,6 +284,7 @@ public:
     contraction_ = NewtonContraction();
     if (waves_ != nullptr) {
       waves_->forecast.forget();
+      waves_->slab.forget_steps();
     }
     start_tried_ = true;
     for (int f = 0; f < system_.field_count(); ++f) {
@@ -489,6 +485,8 @@ private:
     const grids::FieldSet& point = point_;
     double last = std::numeric_limits<double>::infinity();  // the size of the last correction
     double error = std::numeric_limits<double>::infinity();
+    added_.fill(std::numeric_limits<double>::infinity());
+    bool stalled = false;  // the corrections of all fields
     for (int iteration = 0;; ++iteration) {
       make_point(0.5);
       const SweepResult result =
@@ -503,7 +501,8 @@ private:
       // What the corrections tell of their error rests on S'' at single points: where it changes fast, a correction is
       // small and mends nothing. A step that may be accepted is therefore looked at once more.
       const bool is_trial = accuracy > 0.0;
-      if (result.residual <= residual_floor || (error <= enough && (is_trial || result.backward_error <= solved))) {
+      if (result.residual <= residual_floor || (error <= enough && (is_trial || result.backward_error <= solved)) ||
+          (stalled && is_rounding(h))) {
         return Status::success;
       }
       if (iteration == most_iterations) {
@@ -520,14 +519,14 @@ private:
         grids::refresh_ghosts(correction_, condensation_.free());
       }
       condensation_.correct(h, correction_);
-      const double size = add_correction();
+      const double size = add_correction(stalled);
       if (!std::isfinite(size)) {
         return Status::undefined;
       }
-      if (size > 1e3 && size > last) {
+      if (size > 1e3 && size > last && !is_rounding(h)) {
         return Status::not_converged;
       }
-      if (iteration > 0) {
+      if (iteration > 0 && !stalled) {
         contraction_.observe(last, size, h);
       }
       error = contraction_.error_after(size, h) + solver_->error() * size;
@@ -543,6 +542,31 @@ private:
     }
   }
 
+  /// True if rounding errors explain the residuals of the last sweep.
+  [[nodiscard]] bool is_rounding(double h) {
+    RowRounding::Values values;
+    for (int f = 0; f < system_.field_count(); ++f) {
+      const auto i = static_cast<std::size_t>(f);
+      const double increment = grids::max_abs(std::as_const(delta_).field(f));
+      values.point[i] = (at_midpoints_[i] ? 0.0 : level_size(f)) + 0.5 * increment;
+      values.increment[i] = at_midpoints_[i] ? 0.0 : increment;
+      values.slope[i] = largest_slope(level_.slopes, i, grid_);
+    }
+    if (is_within(row_rounding_(values, 1.0 / h, hessian_))) {
+      return true;
+    }
+    row_rounding_.measure_gradient(point_, values);
+    return is_within(row_rounding_(values, 1.0 / h, hessian_));
+  }
+  [[nodiscard]] bool is_within(const RowRounding::Sizes& bounds) const {
+    for (int row = 0; row < system_.field_count(); ++row) {
+      if (!(grids::max_abs(residual_.field(row)) <= solved * bounds[static_cast<std::size_t>(row)])) {
+        return false;
+      }
+    }
+    return true;
+  }
+
   /// max |z| of a field at the present level.
   [[nodiscard]] double level_size(int f) {
     double& size = level_sizes_[static_cast<std::size_t>(f)];
@@ -553,12 +577,16 @@ private:
   }
 
   /// δ += 2 c; the largest relative size of c over the fields.
-  double add_correction() {
+  /// \param stalled becomes true if no field's correction is much smaller than the last one of this step
+  double add_correction(bool& stalled) {
     std::array<Sizes, MultisymplecticSystem::most_fields> all;
     add_twice(correction_, delta_, std::span(all).first(at_midpoints_.size()));
     double size = 0.0;
+    stalled = true;
     for (int f = 0; f < system_.field_count(); ++f) {
       const Sizes& sizes = all[static_cast<std::size_t>(f)];
+      const double last = std::exchange(added_[static_cast<std::size_t>(f)], sizes.added);
+      stalled = stalled && (sizes.added == 0.0 || sizes.added >= stall * last);
       if (sizes.added != 0.0) {
         const double scale = std::max({sizes.sum, largest_[static_cast<std::size_t>(f)], epsilon * level_size(f)});
         size = larger(size, sizes.added / scale);
@@ -572,12 +600,14 @@ private:
   LatticeLevel level_;
   std::vector<bool> at_midpoints_;
   mutable CellSweep sweep_;
+  RowRounding row_rounding_;
   grids::FieldSet low_;  ///< the fields are level_.fields + low_
   mutable grids::FieldSet point_;
   grids::FieldSet delta_, residual_, correction_, hessian_;
   LevelHistory history_;
   std::vector<double> largest_;      ///< of |δ| of each field so far
   std::vector<double> level_sizes_;  ///< max |z| of each field; -1: not known yet
+  RowRounding::Sizes added_{};       ///< max |2 c| of each field in the last correction of a step
   double start_step_;
   bool start_tried_ = false;
   NewtonContraction contraction_;

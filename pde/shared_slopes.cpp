@@ -1,9 +1,11 @@
 #include <rubato/pde/shared_slopes.hpp>
 
 #include <algorithm>
+#include <cmath>
 #include <span>
 #include <vector>
 
+#include <rubato/base/larger.hpp>
 #include <rubato/grids/field_set.hpp>
 #include <rubato/grids/whole.hpp>
 
@@ -77,6 +79,18 @@ bool has_slope(const PotentialSlopes& slopes, const grids::Grid& grid) {
     any = any || has_slope(slopes, field, grid);
   }
   return any;
+}
+
+double largest_slope(const PotentialSlopes& slopes, std::size_t field, const grids::Grid& grid) {
+  if (field >= slopes.of_field.size() || slopes.of_field[field].empty()) {
+    return 0.0;  // at every rank
+  }
+  double largest = 0.0;
+  for (const double slope : slopes.of_field[field]) {
+    largest = larger(largest, std::abs(slope));
+  }
+  const grids::Slab* const slab = sharing(grid);
+  return slab == nullptr ? largest : slab->largest_over_ranks(largest);
 }
 
 void save_slopes(StateWriter& state, const PotentialSlopes& slopes, const grids::Grid& grid) {

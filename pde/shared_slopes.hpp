@@ -19,6 +19,8 @@ void refresh_slopes(PotentialSlopes& slopes, const grids::Grid& grid);
 ///@{
 [[nodiscard]] bool has_slope(const PotentialSlopes& slopes, std::size_t field, const grids::Grid& grid);
 [[nodiscard]] bool has_slope(const PotentialSlopes& slopes, const grids::Grid& grid);
+/// max |slope| of a field over all lines, 0 without any. Collective.
+[[nodiscard]] double largest_slope(const PotentialSlopes& slopes, std::size_t field, const grids::Grid& grid);
 ///@}
 /// As grids::save_whole() and grids::restore_whole() do with fields: in a record those of all lines.
 ///@{

@@ -2,8 +2,10 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstring>
 
+#include <rubato/base/larger.hpp>
 #include <rubato/base/wide_vectors.hpp>
 #include <rubato/pde/tuning.hpp>
 #include <rubato/variation/gauss_tableau.hpp>
@@ -421,6 +423,19 @@ PackedMatrices::PackedMatrices(int rows, int columns, std::size_t waves)
 
 void PackedMatrices::clear() {
   std::fill_n(entries_.data(), entries_.size(), 0.0);
+}
+
+double PackedMatrices::largest(int row, int column) const {
+  const auto block = static_cast<std::size_t>(rows_ * columns_) * 2 * lanes;
+  const auto place = static_cast<std::size_t>(column * rows_ + row) * 2 * lanes;
+  double square = 0.0;
+  for (std::size_t begin = place; begin < entries_.size(); begin += block) {
+    for (std::size_t l = 0; l < lanes; ++l) {
+      const double re = entries_.data()[begin + l], im = entries_.data()[begin + lanes + l];
+      square = larger(square, re * re + im * im);
+    }
+  }
+  return std::sqrt(square);
 }
 
 void PackedMatrices::add(int row, int column, std::complex<double> value, const double* re, const double* im,

@@ -20,6 +20,8 @@ public:
 
   [[nodiscard]] bool empty() const { return entries_.size() == 0; }
   void clear();
+  /// max |entry| over all waves.
+  [[nodiscard]] double largest(int row, int column) const;
   /// Adds value·(re + i im) to the entry on the waves [begin, begin + count), begin a multiple of `lanes`.
   void add(int row, int column, std::complex<double> value, const double* re, const double* im, std::size_t begin,
            std::size_t count);

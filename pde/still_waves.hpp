@@ -1,10 +1,13 @@
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
+#include <iterator>
 #include <span>
 #include <vector>
 
+#include <rubato/base/compensated_sum.hpp>
 #include <rubato/grids/grid.hpp>
 #include <rubato/grids/slab.hpp>
 #include <rubato/grids/whole.hpp>
@@ -61,10 +64,8 @@ public:
       return;
     }
     const auto some = sums.first(numbers * (free_[0] ? ny_ : 1));  // the groups of a plane
-    std::vector<grids::DigitSum> of_ranks(some.size());
-    for (std::size_t i = 0; i < some.size(); ++i) {
-      of_ranks[i].add(some.subspan(i, 1));
-    }
+    std::vector<CompensatedSum> of_ranks;
+    std::ranges::transform(some, std::back_inserter(of_ranks), [](double sum) { return CompensatedSum(sum); });
     shared_->reduce(of_ranks, some, {});
   }
   [[nodiscard]] bool owns(std::size_t line) const { return line >= first_line_ && line < end_line_; }

@@ -18,6 +18,33 @@ inline constexpr int rows_by_node = 4;
 
 }  // namespace rubato::tuning::cell_sweep
 
+/// Steps by the rows of an action (action_step.cpp).
+namespace rubato::tuning::action_step {
+
+/// Operations behind a value of the energy's density whose rounding errors add up; twice as many make levels accept
+/// twice the deviation where that is all rounding.
+inline constexpr double roundings = 8.0;
+
+}  // namespace rubato::tuning::action_step
+
+/// Newton's method for them (action_newton.cpp). Corrections are relative to the largest value of their field.
+namespace rubato::tuning::action_newton {
+
+inline constexpr int most_iterations = 50;
+inline constexpr double action_enough = 2.0 * epsilon;  ///< a correction of which nothing is left
+inline constexpr double action_rounding = 1e-8;         ///< below this a correction that no longer falls is rounding
+inline constexpr double linear_rounding = 1e-6;         ///< the same of directions
+inline constexpr double stall = 0.3;                    ///< of the last correction: it no longer falls
+inline constexpr double slow = 0.1;                     ///< of the last correction: the matrix is made anew
+inline constexpr double action_nearby = 0.03;           ///< steps that differ by this share a matrix
+inline constexpr double part_of_others = 0.01;          ///< of the largest field, in units of each: what counts as size
+inline constexpr int krylov_restart = 30;               ///< vectors that GMRES keeps
+inline constexpr double krylov_tolerance = 1e-9;        ///< of a correction; the next one mends what is left
+inline constexpr double krylov_acceptable = 1e-3;       ///< the same where GMRES stagnates
+inline constexpr double diverged = 1e6;                 ///< corrections of so many times a field lead nowhere
+
+}  // namespace rubato::tuning::action_newton
+
 /// Steps of euler-box (euler_box_map.cpp).
 namespace rubato::tuning::euler_box {
 
@@ -30,7 +57,6 @@ namespace rubato::tuning::field_structure {
 
 inline constexpr double rank_threshold = 1e-10;    ///< of the largest singular value
 inline constexpr double support_threshold = 1e-7;  ///< of a unit vector's components
-inline constexpr int equilibration_sweeps = 12;    ///< each takes the root of the ratio that is left
 inline constexpr double cancelled = 1e-13;         ///< of the sum of |terms|
 
 }  // namespace rubato::tuning::field_structure
@@ -98,6 +124,13 @@ inline constexpr double rounding_share = 1e-9;
 namespace rubato::tuning::initial_level {
 
 inline constexpr int most_level_iterations = 30;
+/// A correction, relative to the field, that is certainly nothing but rounding; and one, relative to the last, that
+/// mends nothing.
+inline constexpr double rounding_correction = 1e-15;
+inline constexpr double stall = 0.25;
+/// Rounding errors of a constraint: a dozen products and sums, half a unit in the last place each, of terms that may be
+/// larger than what they add up to; derivatives by transforms round as much.
+inline constexpr double solved = 64.0 * epsilon;
 
 }  // namespace rubato::tuning::initial_level
 
@@ -146,6 +179,8 @@ inline constexpr double residual_floor = 4.0 * epsilon;
 /// The backward error that a step may be accepted with: a dozen products and sums of each row and some evaluations
 /// within ∇S, half a unit in the last place each, of terms that may be a few times what is left of them.
 inline constexpr double solved = 64.0 * epsilon;
+/// Beside the correction before it, one that is as large as this mends nothing: Newton's method squares them.
+inline constexpr double stall = 0.25;
 
 }  // namespace rubato::tuning::midpoint_lattice
 

@@ -165,8 +165,7 @@ WaveResolvent::WaveResolvent(const MultisymplecticSystem& system, std::span<cons
       const MatrixXcd D = symbols.derivatives(wave);
       const MatrixXcd constant = D - symbols.L();
       Border border{MatrixXcd(d, 0), MatrixXcd(0, d)};
-      if (conditions.count() > 0 &&
-          solve::product(D, conditions.kernel.cast<Complex>()).isZero(1e-9 * (1.0 + D.norm()))) {
+      if (conditions.count() > 0 && solve::annihilates(D, conditions.kernel.cast<Complex>())) {
         border.columns = null_space(MatrixXcd((radius * M + constant).adjoint()));
         border.rows = conditions.pins.cast<Complex>();
       }
@@ -178,11 +177,14 @@ WaveResolvent::WaveResolvent(const MultisymplecticSystem& system, std::span<cons
       MatrixXcd P = MatrixXcd::Zero(size, size);
       P.topRightCorner(d, size - d) = border.columns;
       P.bottomLeftCorner(size - d, d) = border.rows;
+      P.topLeftCorner(d, d) = constant + radius * M;
+      // Pivots are compared, in units of the rows and fields in which entries are about 1.
+      const solve::Equilibration units = solve::equilibrate(P.cwiseAbs());
       double scale = 0.0;
       for (int j = 0; j < points; ++j) {
         P.topLeftCorner(d, d) = constant + roots[static_cast<std::size_t>(j)] * radius * M;
         Elimination& inverse = inverses[static_cast<std::size_t>(j)];
-        inverse.take(P);
+        inverse.take(units.rows.asDiagonal() * P * units.columns.asDiagonal());
         inverse.invert();
         failed[wave] = failed[wave] || !inverse.is_regular();
         scale = std::max(scale, std::abs(inverse.determinant()));
@@ -198,7 +200,8 @@ WaveResolvent::WaveResolvent(const MultisymplecticSystem& system, std::span<cons
           determinant_.im.field(k)[wave] += b;
           for (int r = 0; r < fields_; ++r) {
             for (int c = 0; c < fields_; ++c) {
-              const Complex entry = inverse.entry(static_cast<std::size_t>(r), static_cast<std::size_t>(c));
+              const Complex entry = units.columns[r] * units.rows[c] *
+                                    inverse.entry(static_cast<std::size_t>(r), static_cast<std::size_t>(c));
               WaveRows& to = adjoint_[place(r, c)];
               to.re.pointers()[static_cast<std::size_t>(k)][wave] += a * entry.real() - b * entry.imag();
               to.im.pointers()[static_cast<std::size_t>(k)][wave] += a * entry.imag() + b * entry.real();

@@ -9,26 +9,7 @@
 
 namespace rubato {
 
-namespace {
-
-template <typename F>
-void for_each_line(std::size_t count, std::size_t nodes, F&& f) {
-  grids::for_each_block(count, std::max<std::size_t>(1, grids::nodes_per_block / nodes),
-                        [&](std::size_t begin, std::size_t end) {
-                          for (std::size_t i = begin; i < end; ++i) {
-                            f(i);
-                          }
-                        });
-}
-
-}  // namespace
-
 void from_grid(std::span<const double* const> fields, grids::Fourier& fourier, WaveRows& rows) {
-  if (const grids::ShortTransform* own = fourier.short_transform()) {
-    for_each_line(fields.size(), own->nodes(),
-                  [&](std::size_t f) { own->forward(fields[f], rows.re.pointers()[f], rows.im.pointers()[f]); });
-    return;
-  }
   fourier.forward(fields);
   const std::size_t length = std::max<std::size_t>(1, fourier.row_length());  // a rank may have no waves
   grids::for_each_block(
@@ -45,12 +26,6 @@ void from_grid(std::span<const double* const> fields, grids::Fourier& fourier, W
 
 void to_grid(const WaveRows& rows, std::span<const int> which, grids::Fourier& fourier,
              std::span<double* const> fields) {
-  if (const grids::ShortTransform* own = fourier.short_transform()) {
-    for_each_line(which.size(), own->nodes(), [&](std::size_t f) {
-      own->inverse(rows.re.field(which[f]).data(), rows.im.field(which[f]).data(), fields[f]);
-    });
-    return;
-  }
   const std::size_t length = std::max<std::size_t>(1, fourier.row_length());  // a rank may have no waves
   grids::for_each_block(
       which.size() * (rows.waves() / length), std::max<std::size_t>(1, grids::nodes_per_block / length),

@@ -15,6 +15,7 @@
 #include <fmt/format.h>
 
 #include <rubato/base/compensated_sum.hpp>
+#include <rubato/base/larger.hpp>
 #include <rubato/grids/reductions.hpp>
 #include <rubato/grids/slab.hpp>
 #include <rubato/grids/transposition.hpp>
@@ -266,7 +267,7 @@ void WaveSplitting::reduce() {
     MatrixXcd G = -part(B, evolving_, evolving_);
     if (o > 0) {
       const MatrixXcd B22 = part(B, others_, others_);
-      const solve::Inverse inverse = solve::inverse_of(B22);
+      const solve::Inverse inverse = solve::equilibrated_inverse_of(B22);
       if (!(inverse.smallest_pivot > 1e-12 * (1.0 + inverse.largest_pivot))) {
         unsolved = fourier_.wave(w)[0];
         break;
@@ -385,7 +386,11 @@ void WaveSplitting::compile_rest() {
     varying_.push_back(0);
     fields.push_back(evolving_.front());
   }
-  if (fields.empty()) {
+  if (fields.empty()) {  // S is quadratic but for a constant
+    const Expression N = rest_of_potential(system_, L_, fields).value;
+    const grids::Slab* const slab = grids::Slab::of(grid_);
+    const std::size_t nodes = slab != nullptr ? slab->whole().size() : grid_.size();
+    constant_rest_ = N.is_constant() ? cell_volume_ * static_cast<double>(nodes) * N.constant_value() : 0.0;
     return;
   }
   const auto [graph, varying, arguments, N] = rest_of_potential(system_, L_, fields);
@@ -460,11 +465,14 @@ bool WaveSplitting::is_turn() const {
       if (inverse_M_(varying_[static_cast<std::size_t>(i)], varying_[static_cast<std::size_t>(j)]) == 0.0) {
         continue;
       }
+      double difference = 0.0, size = 0.0;
       for (std::size_t x = 0; x < points; ++x) {
         const double left = at.field(i)[x] * outputs.field(1 + j)[x], right = at.field(j)[x] * outputs.field(1 + i)[x];
-        if (!(std::abs(left - right) <= 1e-10 * (1.0 + std::abs(left)))) {
-          return false;
-        }
+        difference = larger(difference, std::abs(left - right));
+        size = std::max(size, std::abs(left));
+      }
+      if (!(difference <= 1e-10 * size)) {
+        return false;
       }
     }
   }
@@ -835,7 +843,7 @@ double WaveSplitting::node_energy(std::span<const double> N) const {
 /// N and ∇N of these rows.
 bool WaveSplitting::evaluate_rest(const WaveRows& rows, At at) {
   if (varying_.empty()) {
-    rest_energy_ = 0.0;
+    rest_energy_ = constant_rest_;
     return true;
   }
   if (rest_at_ == at) {

@@ -198,6 +198,7 @@ private:
   grids::FieldSet turned_;             ///< N and that
   std::vector<int> all_;
   double rest_energy_ = 0.0;           ///< Σ ΔV N as last evaluated
+  double constant_rest_ = 0.0;         ///< the same where N depends on no field
   At rest_at_ = At::nowhere;           ///< what values_ and outputs_ are of
   bool rest_energy_is_known_ = false;  ///< rest_energy_ is of moved_
   bool rest_rows_are_known_ = false;   ///< rest_rows_ are of moved_

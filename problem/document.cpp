@@ -35,7 +35,7 @@ public:
     return {source_, static_cast<int>(position.line), static_cast<int>(position.column)};
   }
 
-  [[nodiscard]] Value convert(const toml::node& node) const {
+  [[nodiscard]] Value convert(const toml::node& node) {
     Value value{{}, location(node.source().begin)};
     if (const auto* table = node.as_table()) {
       value.data = convert_table(*table);
@@ -65,7 +65,7 @@ public:
   }
 
 private:
-  [[nodiscard]] Value::Table convert_table(const toml::table& table) const {
+  [[nodiscard]] Value::Table convert_table(const toml::table& table) {
     Value::Table entries;
     for (const auto& [key, node] : table) {
       entries.push_back({std::string(key.str()), location(key.source().begin), convert(node)});
@@ -77,13 +77,17 @@ private:
   }
 
   /// The first character inside the quotes of a string that opens at `opening`.
-  [[nodiscard]] Location content_of_string(Location opening) const {
+  [[nodiscard]] Location content_of_string(Location opening) {
     const auto line = static_cast<std::size_t>(opening.line) - 1;
     if (line >= lines_.size()) {
       return opening;
     }
-    std::string_view rest = lines_[line];
-    for (int column = 1; column < opening.column && !rest.empty(); ++column) {  // columns count characters, not bytes
+    // From the last string on, where that stands before in the same line: a line may hold very many.
+    if (opening.line != last_.line || opening.column < last_.column) {
+      last_ = {opening.line, 1, lines_[line]};
+    }
+    std::string_view& rest = last_.rest;
+    for (; last_.column < opening.column && !rest.empty(); ++last_.column) {  // columns count characters, not bytes
       rest.remove_prefix(1);
       while (!rest.empty() && (static_cast<unsigned char>(rest.front()) & 0xC0) == 0x80) {
         rest.remove_prefix(1);
@@ -98,8 +102,15 @@ private:
     return opening;
   }
 
+  /// A place in a line, and what stands from there on.
+  struct Place {
+    int line = 0, column = 1;
+    std::string_view rest;
+  };
+
   const std::string& source_;
   std::vector<std::string_view> lines_;
+  Place last_;
 };
 
 /// The parser's message without its preamble ("Error while parsing key-value pair: "), in one line fit for a terminal.
@@ -195,7 +206,7 @@ Value read_document(std::string_view text, const std::string& source) {
     text.remove_prefix(byte_order_mark.size());
   }
   precheck_toml(text, source);
-  const Converter converter(text, source);
+  Converter converter(text, source);
   try {
     const toml::table table = toml::parse(text, source);
     Value root = converter.convert(table);

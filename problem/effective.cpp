@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cctype>
+#include <optional>
 #include <vector>
 
 #include <fmt/format.h>
@@ -49,74 +50,94 @@ void relocate(Value& value, const Location& location) {
   }
 }
 
-/// One `--set table.key=value`.
-struct Setting {
-  Location location;
-  std::vector<std::string> path;
-  Value value;
-
-  explicit Setting(const std::string& text) : location{"--set " + text.substr(0, 200), 0, 0} {
-    const std::size_t equals = text.find('=');
+/// One `--set table.key=value`, or one `--unset table.key`, which is "-table.key".
+class Setting {
+public:
+  explicit Setting(const std::string& text) {
+    const bool sets = !text.starts_with('-');
+    const std::size_t first = sets ? 0 : 1, equals = sets ? text.find('=') : text.size();
+    location_.file = (sets ? "--set " : "--unset ") + text.substr(first, 200);
     if (equals == std::string::npos) {
-      throw ProblemError(location, "expected table.key=value");
+      throw ProblemError(location_, "expected table.key=value");
     }
-    for (std::size_t begin = 0; begin <= equals;) {
-      const std::size_t end = std::min(text.find('.', begin), equals);
-      path.push_back(without_blanks(text.substr(begin, end - begin)));
-      if (path.back().empty()) {
-        throw ProblemError(location, "expected table.key=value, with a name on each side of every dot");
+    const std::size_t length = equals;
+    for (std::size_t begin = first; begin <= length;) {
+      const std::size_t end = std::min(text.find('.', begin), length);
+      path_.push_back(without_blanks(text.substr(begin, end - begin)));
+      if (path_.back().empty()) {
+        throw ProblemError(location_, fmt::format("expected table.key{}, with a name on each side of every dot",
+                                                  sets ? "=value" : ""));
       }
       begin = end + 1;
     }
-    if (path.size() > 100) {
-      throw ProblemError(location, "keys nested deeper than 100 levels");
+    if (path_.size() > 100) {
+      throw ProblemError(location_, "keys nested deeper than 100 levels");
     }
-    value = read_setting_value(text.substr(equals + 1), location.file);
-    relocate(value, location);
+    if (sets) {
+      value_ = read_setting_value(text.substr(equals + 1), location_.file);
+      relocate(*value_, location_);
+    }
   }
 
+  [[nodiscard]] bool removes() const { return !value_; }
   [[nodiscard]] bool names_catalogue_entry() const {
-    return path == std::vector<std::string>{"hamiltonian", "system"} ||
-           path == std::vector<std::string>{"lagrangian", "system"} ||
-           path == std::vector<std::string>{"multisymplectic", "equation"};
+    return !removes() && (path_ == std::vector<std::string>{"hamiltonian", "system"} ||
+                          path_ == std::vector<std::string>{"lagrangian", "system"} ||
+                          path_ == std::vector<std::string>{"multisymplectic", "equation"});
   }
 
   /// Puts the value in its place. A key that the problem's format does not know is found later, where every unknown key
   /// is; tables whose names are free may only be changed here, since a misspelt name would go unnoticed.
-  void apply(Value& root) {
+  void apply(Value& root) const {
     static constexpr std::array free_tables = {"parameters", "definitions", "invariants", "symmetries"};
     Value* place = &root;
-    for (std::size_t i = 0; i < path.size(); ++i) {
-      Value::Table* table = place->table();
-      if (table == nullptr) {
-        throw ProblemError(location,
-                           fmt::format("unknown path: {} is {}, not a table", path[i - 1], place->type_name()));
-      }
-      Entry* entry = find(*table, path[i]);
+    for (std::size_t i = 0; i < path_.size(); ++i) {
+      Value::Table& table = table_at(*place, i);
+      Entry* entry = find(table, path_[i]);
       if (entry == nullptr) {
-        const bool free = i == 1 && std::find(free_tables.begin(), free_tables.end(), path[0]) != free_tables.end();
-        if (free) {
-          throw ProblemError(location, unknown_name(*table, i));
+        const bool free = i == 1 && std::find(free_tables.begin(), free_tables.end(), path_[0]) != free_tables.end();
+        if (free || removes()) {
+          throw ProblemError(location_, unknown_name(table, i));
         }
-        entry = &table->emplace_back(Entry{path[i], location, Value{Value::Table{}, location}});
+        entry = &table.emplace_back(Entry{path_[i], location_, Value{Value::Table{}, location_}});
+      }
+      if (removes() && i + 1 == path_.size()) {
+        table.erase(table.begin() + (entry - table.data()));
+        return;
       }
       place = &entry->value;
     }
-    *place = value;
+    *place = *value_;
   }
 
 private:
+  /// The table that entry number `level` of the path is in.
+  [[nodiscard]] Value::Table& table_at(Value& place, std::size_t level) const {
+    Value::Table* table = place.table();
+    if (table == nullptr) {
+      throw ProblemError(location_,
+                         fmt::format("unknown path: {} is {}, not a table", path_[level - 1], place.type_name()));
+    }
+    return *table;
+  }
+
   [[nodiscard]] std::string unknown_name(const Value::Table& table, std::size_t level) const {
     std::vector<std::string> names;
     for (const Entry& entry : table) {
       names.push_back(entry.key);
     }
-    const auto nearest = formula::nearest_name(path[level], names);
-    return fmt::format("the problem has nothing called {} in [{}]; {}", path[level], path[0],
+    const auto nearest = formula::nearest_name(path_[level], names);
+    const std::vector<std::string> above(path_.begin(), path_.begin() + static_cast<std::ptrdiff_t>(level));
+    return fmt::format("the problem has nothing called {}{}; {}", path_[level],
+                       above.empty() ? "" : fmt::format(" in [{}]", fmt::join(above, ".")),
                        nearest         ? fmt::format("did you mean {}?", *nearest)
                        : names.empty() ? "that table is empty or absent"
                                        : fmt::format("it has {}", fmt::join(names, ", ")));
   }
+
+  Location location_;
+  std::vector<std::string> path_;
+  std::optional<Value> value_;
 };
 
 /// Puts the catalogue's entries `keys` of [`table_name`] in the place of `reference` ("system", "equation").
@@ -208,8 +229,10 @@ EffectiveDocument effective_document(std::string_view text, const std::string& s
   for (const std::string& setting : settings) {
     changes.emplace_back(setting);
   }
-  // First those that name a catalogue entry, so that the others can change what it brings.
-  std::stable_partition(changes.begin(), changes.end(), [](const Setting& s) { return s.names_catalogue_entry(); });
+  // First those that name a catalogue entry, so that the others can change what it brings; then what is removed.
+  std::ranges::stable_sort(changes, {}, [](const Setting& s) {
+    return s.names_catalogue_entry() ? 0 : s.removes() ? 1 : 2;
+  });
   auto change = changes.begin();
   for (; change != changes.end() && change->names_catalogue_entry(); ++change) {
     change->apply(document.root);

@@ -14,10 +14,9 @@ struct EffectiveDocument {
   std::string text;  ///< the user's own text where nothing was changed
 };
 
-/// Reads `text`, carries out `settings` ("table.key=value"), and puts the catalogue's entries in the place of
-/// `system = "…"` and `equation = "…"`, and numbers in that of `cells = "about …"`; the user's parameters go before the
-/// catalogue's.
-/// \throws ProblemError
+/// Reads `text`, carries out `settings` ("table.key=value" changes an entry, "-table.key" removes one, before the
+/// others change any), and puts the catalogue's entries in the place of `system = "…"` and `equation = "…"`, and
+/// numbers in that of `cells = "about …"`; the user's parameters go before the catalogue's. \throws ProblemError
 [[nodiscard]] EffectiveDocument effective_document(std::string_view text, const std::string& source,
                                                    std::span<const std::string> settings);
 

@@ -47,8 +47,7 @@ void collect(const Value::Table& table, const std::string& prefix, std::vector<V
 }
 
 /// "from:to:count", each a number or a formula of the parameters.
-std::vector<std::string> read_range(const Value& value, const std::string& path,
-                                    std::span<const Parameter> parameters) {
+std::vector<std::string> read_range(const Value& value, const std::string& path, const Parameters& parameters) {
   const std::string& text = *value.string();
   const std::size_t first = text.find(':'), second = first == std::string::npos ? first : text.find(':', first + 1);
   if (second == std::string::npos || text.find(':', second + 1) != std::string::npos) {
@@ -84,7 +83,7 @@ std::vector<std::string> read_range(const Value& value, const std::string& path,
   return values;
 }
 
-void read_grid(const Value& value, std::span<const Parameter> parameters, Ensemble& ensemble) {
+void read_grid(const Value& value, const Parameters& parameters, Ensemble& ensemble) {
   if (value.table() == nullptr) {
     wrong_type(value, "grid", "a table such as { initial.p = \"0:2:21\" }");
   }
@@ -150,8 +149,7 @@ void read_members(const Value& value, Ensemble& ensemble) {
 /// A formula in which uniform(a, b) and normal(mean, deviation) are drawn anew for every member.
 class RandomFormula {
 public:
-  RandomFormula(const Value& value, const std::string& path, std::span<const Parameter> parameters,
-                std::uint64_t& draws)
+  RandomFormula(const Value& value, const std::string& path, const Parameters& parameters, std::uint64_t& draws)
       : first_(draws), path_(path), location_(value.location) {
     const FormulaText text = read_formula(value, path);
     formula::Graph graph;
@@ -166,10 +164,9 @@ public:
     }
     const formula::ParseContext context{
         .resolve = [&](std::string_view name) -> std::optional<formula::Expression> {
-          const auto parameter = std::ranges::find(parameters, name, &Parameter::name);
-          return parameter == parameters.end() || parameter->definition
-                     ? std::nullopt
-                     : std::optional(graph.constant(parameter->value));
+          const Parameter* const parameter = parameters.find(name);
+          return parameter == nullptr || parameter->definition ? std::nullopt
+                                                               : std::optional(graph.constant(parameter->value));
         },
         .call = [&](std::string_view name,
                     std::span<const formula::Expression> arguments) -> std::optional<formula::Expression> {
@@ -217,7 +214,7 @@ private:
   formula::ScalarEvaluator evaluate_;
 };
 
-void read_random(Section& random, std::span<const Parameter> parameters, Ensemble& ensemble) {
+void read_random(Section& random, const Parameters& parameters, Ensemble& ensemble) {
   const std::int64_t count = read_integer(random.require("count", "how many members").value, "count", parameters, 1);
   const Entry* seed = random.take("seed");
   const std::int64_t number = seed == nullptr ? 1 : read_integer(seed->value, "seed", parameters, 0);
@@ -254,7 +251,7 @@ std::string Ensemble::described(std::size_t member) const {
   return fmt::format("{}", fmt::join(parts, ", "));
 }
 
-std::optional<Ensemble> read_ensemble(Section& root, std::span<const Parameter> parameters) {
+std::optional<Ensemble> read_ensemble(Section& root, const Parameters& parameters) {
   auto section = root.take_section("ensemble");
   if (!section) {
     return std::nullopt;

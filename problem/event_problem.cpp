@@ -49,14 +49,12 @@ public:
   EventReader(const Entry& entry, std::string name, const Problem& problem) : problem_(problem) {
     event_.name = std::move(name);
     event_.location = entry.location;
+    event_.stop_after = event_.name == "stop" ? 1 : 0;
   }
 
   /// An entry of [events] that is no table.
   StatedEvent read_short(const Entry& entry) {
     read_crossing(entry.value, entry.key);
-    if (entry.key == "stop") {
-      event_.stop_after = 1;
-    }
     check();
     return std::move(event_);
   }

@@ -27,6 +27,17 @@ public:
     evaluator_ = formula::ScalarEvaluator(formula::Bytecode(outputs, variables));
   }
 
+  /// Formulas without names, of a graph whose variables the inputs are.
+  FormulaTable(formula::Graph& graph, const std::vector<formula::Expression>& formulas,
+               const std::vector<std::string>& inputs)
+      : values_(formulas.size()) {
+    std::vector<formula::Expression> variables;
+    for (const std::string& name : inputs) {
+      variables.push_back(graph.variable(name));
+    }
+    evaluator_ = formula::ScalarEvaluator(formula::Bytecode(formulas, variables));
+  }
+
   [[nodiscard]] const std::vector<std::string>& names() const { return names_; }
   std::span<const double> operator()(std::span<const double> inputs) {
     evaluator_(inputs, values_);

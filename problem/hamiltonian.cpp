@@ -14,15 +14,16 @@ namespace {
 
 /// Every coordinate and momentum, and the time, from a table such as [initial].
 PhasePoint read_point(Section& section, const NameList& q, const NameList& p, double default_time,
-                      std::span<const Parameter> parameters) {
+                      const Parameters& parameters) {
   PhasePoint point;
   point.location = section.location();
   const Entry* time = section.take("t");
   point.t = time == nullptr ? default_time : read_number(time->value, "t", parameters);
 
+  const Parameters at_time = with_time(parameters, point.t, point.location);
   std::vector<std::string> missing;
-  take_numbers(section, q, parameters, point.q, missing);
-  take_numbers(section, p, parameters, point.p, missing);
+  take_numbers(section, q, at_time, point.q, missing);
+  take_numbers(section, p, at_time, point.p, missing);
   section.finish();  // before what is missing, so that a misspelt name is called that
   if (!missing.empty()) {
     throw ProblemError(point.location, fmt::format("{} gives no value for {}; every coordinate and momentum needs one",
@@ -35,9 +36,12 @@ PhasePoint read_point(Section& section, const NameList& q, const NameList& p, do
 /// minus the work done on it, so that H + minus_work is the energy of the start.
 constexpr std::string_view clock = clock_name, clock_energy = "minus_energy", clock_work = work_name;
 
+/// The invariant that H itself is with time_scale, where the energy of the levels is that of g (H - E).
+constexpr std::string_view physical_energy = "energy";
+
 /// At a point and its time; `names` are those of q and p, and then t.
 double value_at(const PhasePoint& point, const FormulaText& formula, std::span<const std::string> names,
-                std::span<const Parameter> parameters) {
+                const Parameters& parameters) {
   formula::Graph graph;
   const std::array outputs = {build_formula(formula, graph, {names}, parameters)};
   std::vector<formula::Expression> inputs;
@@ -51,7 +55,7 @@ double value_at(const PhasePoint& point, const FormulaText& formula, std::span<c
 }
 
 /// One more pair: the time, and its momentum with the value `w` at the start. In formulas, t stands for the time.
-void add_clock(HamiltonianProblem& ode, std::string_view momentum, double w, std::vector<Parameter>& parameters) {
+void add_clock(HamiltonianProblem& ode, std::string_view momentum, double w, Parameters& parameters) {
   ode.q.emplace_back(clock);
   ode.p.emplace_back(momentum);
   ode.initial.q.push_back(ode.initial.t);
@@ -61,14 +65,14 @@ void add_clock(HamiltonianProblem& ode, std::string_view momentum, double w, std
 
 /// A driven system, H(q, p, t), in its extended phase space: H(q, p, time) + w, time' = 1, w' = -∂H/∂t. What it
 /// conserves in a step is the balance (3.4) of the driven one.
-void extend(HamiltonianProblem& ode, std::vector<Parameter>& parameters) {
+void extend(HamiltonianProblem& ode, Parameters& parameters) {
   ode.H.text = fmt::format("({}) + {}", ode.H.text, clock_work);
   add_clock(ode, clock_work, 0.0, parameters);
 }
 
 /// The problem in fictitious time s, dt = g ds (theory, section 9): g(q, p)·(H(q, p) + w) of the coordinates q, time
 /// and the momenta p, w, where w = -H(z_0) is -E, a constant.
-void take_fictitious_time(HamiltonianProblem& ode, const FormulaText& g, std::vector<Parameter>& parameters) {
+void take_fictitious_time(HamiltonianProblem& ode, const FormulaText& g, Parameters& parameters) {
   std::vector<std::string> names = ode.names();
   names.emplace_back("t");
   const double scale = value_at(ode.initial, g, names, parameters);
@@ -157,6 +161,7 @@ void read_hamiltonian(Section& root, Section& section, Problem& problem) {
     g = read_formula(time_scale->value, "time_scale");
     check_formula(*g, {names}, parameters);
   }
+  const FormulaText H = ode.H;
   section.finish();
   if (ode.driven && !g) {
     for (const std::string_view name : {clock, clock_work}) {
@@ -200,6 +205,10 @@ void read_hamiltonian(Section& root, Section& section, Problem& problem) {
   }
   const auto all_names = ode.names();
   ode.invariants = read_invariants(root, {all_names}, parameters);
+  const bool is_taken = std::ranges::find(ode.invariants, physical_energy, &NamedFormula::name) != ode.invariants.end();
+  if (g && !is_taken) {
+    ode.invariants.insert(ode.invariants.begin(), {std::string(physical_energy), H});
+  }
   static const std::vector<std::string> time = {"t"};
   ode.exact = read_exact(root, std::array{q, p}, time, parameters);
   for (const std::string_view other : {"grid", "symmetries"}) {

@@ -127,9 +127,9 @@ std::string formulas() {
   where("L of [lagrangian]", "coordinates, and velocities: coordinates with _dot");
   where("S of [multisymplectic]", "fields");
   where("L of [scheme]", "t_0, t_1, and coordinates and momenta with _0 and _1");
-  where("[initial] of an orbit", "nothing else");
-  where("[initial] of a lattice",
-        fmt::format("{}; {} of other initial fields", fmt::join(axis_letters, ", "), fmt::join(derivatives, ", ")));
+  where("[initial] of an orbit", "t, the start");
+  where("[initial] of a lattice", fmt::format("{}, t, the start; {} of other initial fields and of formulas",
+                                              fmt::join(axis_letters, ", "), fmt::join(derivatives, ", ")));
   where("[invariants] of an orbit", "coordinates and momenta");
   where("  with [lagrangian]", "coordinates, velocities, and momenta: coordinates after p_");
   where("[invariants] of a lattice",
@@ -155,6 +155,28 @@ std::string key_text(const KeyEntry& key) {
   return text;
 }
 
+/// A table of the problem file with its keys; those that are tables of the file itself go to `tables`.
+std::string table_text(const TableEntry& table, std::vector<std::string>& tables) {
+  std::string text = table.name.empty() ? "The file\n" : fmt::format("[{}]\n", table.name);
+  text += wrapped(table.meaning, 2);
+  for (const KeyEntry& key : problem_keys()) {
+    if (key.table != table.name) {
+      continue;
+    }
+    if (table.name.empty() && key.type == "table") {
+      tables.push_back(
+          fmt::format("[{}]{}", key.name, key.fallback == "none" ? "" : fmt::format(" ({})", key.fallback)));
+    } else {
+      text += key_text(key);
+    }
+  }
+  text += tables.empty() ? "" : wrapped(fmt::format("Tables: {}.", fmt::join(tables, ", ")), 2);
+  if (!table.names_what.empty()) {
+    text += fmt::format("  {:<18}the value of {}\n", "NAME", table.names_what);
+  }
+  return text;
+}
+
 std::string problem() {
   std::string text =
       "Problem files\n\n" +
@@ -162,27 +184,11 @@ std::string problem() {
           "A problem is a TOML file. `rubato show NAME` prints a complete one to start from, `rubato list` the names, "
           "and `rubato help formulas` what a formula may hold. A number may be written as a formula of the "
           "parameters, in quotes. Keys that are not listed here are errors. `rubato run FILE --set "
-          "table.key=value` changes one entry.",
+          "table.key=value` changes one entry, and `--unset table.key` removes one.",
           0);
   for (const TableEntry& table : problem_tables()) {
-    text += table.name.empty() ? "\nThe file\n" : fmt::format("\n[{}]\n", table.name);
-    text += wrapped(table.meaning, 2);
     std::vector<std::string> tables;
-    for (const KeyEntry& key : problem_keys()) {
-      if (key.table != table.name) {
-        continue;
-      }
-      if (table.name.empty() && key.type == "table") {
-        tables.push_back(
-            fmt::format("[{}]{}", key.name, key.fallback == "none" ? "" : fmt::format(" ({})", key.fallback)));
-      } else {
-        text += key_text(key);
-      }
-    }
-    text += tables.empty() ? "" : wrapped(fmt::format("Tables: {}.", fmt::join(tables, ", ")), 2);
-    if (!table.names_what.empty()) {
-      text += fmt::format("  {:<18}the value of {}\n", "NAME", table.names_what);
-    }
+    text += "\n" + table_text(table, tables);
   }
   return text;
 }
@@ -190,7 +196,15 @@ std::string problem() {
 }  // namespace
 
 const std::vector<std::string>& help_topics() {
-  static const std::vector<std::string> topics = {"formulas", "problem"};
+  static const std::vector<std::string> topics = [] {
+    std::vector<std::string> all = {"formulas", "problem"};
+    for (const TableEntry& table : problem_tables()) {
+      if (!table.name.empty()) {
+        all.emplace_back(table.name);
+      }
+    }
+    return all;
+  }();
   return topics;
 }
 
@@ -201,10 +215,15 @@ std::string help_text(std::string_view topic) {
   if (topic == "problem") {
     return problem();
   }
+  if (const auto table = std::ranges::find(problem_tables(), topic, &TableEntry::name);
+      !topic.empty() && table != problem_tables().end()) {
+    std::vector<std::string> tables;
+    return table_text(*table, tables);
+  }
   const std::string guess = did_you_mean(topic, help_topics());
   throw std::invalid_argument(
       fmt::format("there is no help on {}; {}", topic.substr(0, 100),
-                  guess.empty() ? fmt::format("topics are {}", fmt::join(help_topics(), " and ")) : guess));
+                  guess.empty() ? fmt::format("topics are {}", fmt::join(help_topics(), ", ")) : guess));
 }
 
 }  // namespace rubato

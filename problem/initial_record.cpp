@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <filesystem>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -13,11 +14,14 @@
 #include <rubato/problem/keys.hpp>
 #include <rubato/problem/reader.hpp>
 #include <rubato/problem/stored.hpp>
+#include <rubato/record/arrays.hpp>
 #include <rubato/record/reader.hpp>
 
 namespace rubato {
 
 namespace {
+
+void (*probe_source)(const std::filesystem::path& file) = nullptr;
 
 /// A stored level of another run.
 struct StoredState {
@@ -29,8 +33,14 @@ template <typename Action>
 auto at_source(const Location& location, const Action& action) {
   try {
     return action();
-  } catch (const record::Error& error) {
+  } catch (const record::NoSuchGroup& error) {
     throw ProblemError(location, fmt::format("from: {}", error.what()));
+  } catch (const record::Error& error) {
+    const ProblemError refusal(location, fmt::format("from: {}", error.what()));
+    if (!std::filesystem::exists(error.file())) {
+      throw refusal;
+    }
+    throw FileError(refusal.what());
   }
 }
 
@@ -204,6 +214,10 @@ void resolve_arrays(const std::string& from, const Section& root, const Entry* o
 
 }  // namespace
 
+void probe_sources_with(void (*probe)(const std::filesystem::path& file)) {
+  probe_source = probe;
+}
+
 bool resolve_initial_record(Value& root) {
   Entry* section = find(*root.table(), "initial");
   Value::Table* initial = section == nullptr ? nullptr : section->value.table();
@@ -214,6 +228,11 @@ bool resolve_initial_record(Value& root) {
   const Location location = from->value.location;
   const std::string file = read_string(from->value, "from");
   const Entry* at = find(*initial, "at");
+  const bool is_resolved = find(*initial, "take") != nullptr && at != nullptr;
+  if (!is_resolved && !is_table(file) && probe_source != nullptr &&
+      std::filesystem::is_regular_file(read_array_source(file).file)) {
+    at_source(location, [&] { probe_source(read_array_source(file).file); });
+  }
   if (find(*initial, "take") != nullptr) {
     const bool is_new = at == nullptr && (is_table(file) || at_source(location, [&] { return is_array_source(file); }));
     if (is_new) {
@@ -270,6 +289,14 @@ bool resolve_initial_record(Value& root) {
 }
 
 std::vector<std::vector<double>> read_initial_fields(const InitialRecord& source, const grids::Grid& grid) {
+  if (!source.arrays.empty()) {
+    std::vector<std::vector<double>> fields;
+    for (const std::string& name : source.take) {
+      const std::span<const double> values = source.arrays.at(name);
+      fields.emplace_back(values.begin(), values.end());
+    }
+    return fields;
+  }
   if (is_table(source.file) && !source.own_start) {
     const InitialTable table = read_table(source.file, source.location);
     std::vector<std::vector<double>> fields;

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <filesystem>
 #include <optional>
 #include <string>
 #include <vector>
@@ -10,6 +11,11 @@
 
 /// [initial] from = "old.h5": a stored state of another run as the start.
 namespace rubato {
+
+/// What is called with a file of [initial] from before it is opened; none unless it is set. Damage may crash the HDF5
+/// library: the program tries the file in a process of its own. It throws record::Error for a file that is not to be
+/// opened.
+void probe_sources_with(void (*probe)(const std::filesystem::path& file));
 
 /// Resolves [initial] from in a problem's tree, so that its record does not depend on the other one. Of an orbit the
 /// numbers themselves take its place. Of a lattice `at`, the time of the stored level nearest to the one asked for,

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
+#include <filesystem>
 #include <fstream>
 #include <optional>
 
@@ -54,7 +55,12 @@ std::optional<double> number_of(std::string_view text) {
 /// Reads one file, and knows where in it it is.
 class TableReader {
 public:
-  TableReader(const std::string& file, const Location& location) : file_(file), location_(location), in_(file) {
+  TableReader(const std::string& file, const Location& location) : file_(file), location_(location) {
+    // Without opening what may never end, or be waited for.
+    if (std::filesystem::exists(file_) && !std::filesystem::is_regular_file(file_)) {
+      throw FileError(ProblemError(location_, fmt::format("from: {} is not a regular file", file_)).what());
+    }
+    in_.open(file_);
     if (!in_) {
       throw ProblemError(location_, fmt::format("from: {} cannot be read", file_));
     }

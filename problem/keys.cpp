@@ -15,13 +15,17 @@ namespace rubato {
 
 namespace {
 
-constexpr std::array<TableEntry, 24> all_tables{{
-    {"", "one of [hamiltonian], [lagrangian] and [multisymplectic] says what is to be solved"},
+constexpr std::array<TableEntry, 27> all_tables{{
+    {"", "one of [hamiltonian], [lagrangian], [multisymplectic] and [field] says what is to be solved"},
     {"hamiltonian", "an orbit: q' = dH/dp, p' = -dH/dq"},
     {"lagrangian",
      "an orbit, too: d/dt dL/dq_dot = dL/dq; the velocity of q is called q_dot, and its momentum, dL/dq_dot, p_q"},
     {"multisymplectic", "a lattice: M z_t + K.x z_x (+ K.y z_y + K.z z_z) = grad S(z)"},
     {"multisymplectic.K", "the matrices of the space derivatives, one for each direction of the grid"},
+    {"field",
+     "a lattice, too, by the density of its Lagrangian or Hamiltonian: M, K and S are derived. A derivative is a "
+     "field's "
+     "name with the directions behind it, u_t, u_xx; one that becomes a field has that name in [initial], too"},
     {"grid", "the periodic grid of a lattice"},
     {"grid.x", "one direction, and so grid.y, grid.z: nodes from + i*(to - from)/cells, i = 0 ... cells-1"},
     {"parameters", "numbers and formulas of each other, in any order", "a parameter"},
@@ -33,8 +37,10 @@ constexpr std::array<TableEntry, 24> all_tables{{
      "where the run starts: for an orbit a number for every coordinate and momentum, or, with [lagrangian], every "
      "coordinate and velocity; for a lattice formulas of x, y, z for the fields that no constraint determines",
      "a coordinate, a momentum, a velocity or a field"},
-    {"initial.next", "a second level for an orbit, in place of a midpoint step to it: the two-step form of a scheme",
-     "a coordinate or a momentum"},
+    {"initial.next",
+     "a second level, in place of a first step to it: of an orbit for the two-step form of a scheme, of a lattice for "
+     "custom",
+     "a coordinate, a momentum or a field"},
     {"invariants",
      "formulas that are reported along the run: of q and p, with [lagrangian] of q, q_dot and p_q; on a lattice "
      "densities, summed over the nodes",
@@ -49,7 +55,9 @@ constexpr std::array<TableEntry, 24> all_tables{{
     {"scheme.step_potential",
      "a step potential by its numbers: f'(h) = +-(s+1) |eta| h0^s (|h|/(kappa h0))^p, of the first step h0"},
     {"laws", "how often the laws are looked at"},
+    {"verdict", "what the verdict on the run leaves out"},
     {"output", "the record"},
+    {"levels", "what the record tells of levels and steps"},
     {"output.quantities",
      "formulas that are told at the output times, or at the levels that are stored: of q, p and t; on a lattice of "
      "fields, dx(f), t and x, y, z, with integral(f); at one point of it { formula = ..., at = { x = ... } }",
@@ -102,6 +110,7 @@ std::vector<KeyEntry> make_keys() {
       {"", "hamiltonian", "table", none, ""},
       {"", "lagrangian", "table", none, ""},
       {"", "multisymplectic", "table", none, ""},
+      {"", "field", "table", none, ""},
       {"", "grid", "table", "required for a lattice", ""},
       {"", "parameters", "table", none, ""},
       {"", "definitions", "table", none, ""},
@@ -111,7 +120,9 @@ std::vector<KeyEntry> make_keys() {
       {"", "symmetries", "table", none, ""},
       {"", "scheme", "table", required, ""},
       {"", "laws", "table", none, ""},
+      {"", "verdict", "table", none, ""},
       {"", "output", "table", none, ""},
+      {"", "levels", "table", none, ""},
       {"", "events", "table", none, ""},
       {"", "section", "table", none, ""},
       {"", "ensemble", "table", none, ""},
@@ -146,6 +157,27 @@ std::vector<KeyEntry> make_keys() {
       {"multisymplectic.K", "y", "matrix", "required if the grid has y", "Of z_y."},
       {"multisymplectic.K", "z", "matrix", "required if the grid has z", "Of z_z."},
 
+      {"field", "equation", "text or list of texts", "required without L and H",
+       "The equation itself, \"u_tt = u_xx - sin(u)\", or one for each field: a Lagrangian is looked for. Complex: "
+       "\"i*psi_t + "
+       "psi_xx + 2*abs2(psi)*psi = 0\", with psi."},
+      {"field", "fields", "list of names", "required without equation",
+       "The fields that the density is of; \"r[3]\" declares r1, r2, r3."},
+      {"field", "L", "formula", "required without H and equation",
+       "The Lagrangian density, of the fields, their derivatives, x, y, z, t and parameters: \"u_t^2/2 - u_x^2/2 - (1 "
+       "- "
+       "cos(u))\"."},
+      {"field", "H", "formula", "required without L and equation",
+       "The Hamiltonian density, of the same, without derivatives by t."},
+      {"field", "structure", "word", "required with H",
+       "How H moves the fields: canonical, u_t = dH/dv, v_t = -dH/du; dx, u_t = d/dx dH/du; schroedinger, i psi_t = "
+       "dH/d(conjugate psi); dx/(1-dxx), u_t - u_xxt = d/dx dH/du.",
+       structure_words},
+      {"field", "pairs", "list of pairs", none,
+       "The pairs [\"u\", \"v\"] of canonical; with dx, u_t = d/dx dH/dv, v_t = d/dx dH/du."},
+      {"field", "psi", "two names", "required with schroedinger",
+       "The real and the imaginary part of psi; with an equation in psi, too."},
+
       {"grid", "x", "table", required, "See [grid.x]; written x = { from = ..., to = ..., cells = ... }."},
       {"grid", "y", "table", none, "The second direction."},
       {"grid", "z", "table", none, "The third direction."},
@@ -165,7 +197,7 @@ std::vector<KeyEntry> make_keys() {
        "Of from: the stored level nearest to this time; of datasets, by their t."},
       {"initial", "take", "list of names", "those that it was given itself",
        "Of from, on a lattice: the fields that are taken, by waves where the number of cells differs."},
-      {"initial", "next", "table", none, "See [initial.next]; for orbits."},
+      {"initial", "next", "table", none, "See [initial.next]."},
       {"initial.next", "t", "number", required, "The time of the second level."},
 
       {"scheme", "lagrangian", "word",
@@ -183,14 +215,12 @@ std::vector<KeyEntry> make_keys() {
       {"scheme", "energy_tolerance", "number between 0 and 1", "required by step = \"auto\"",
        "How far the energy at the nodes may stray, relative to it."},
       {"scheme", "on_singular", "word", std::string(to_string(scheme.on_singular)),
-       "What to do where no step keeps the energy: bridge the gap, take steps of fixed length over it, or end the run.",
+       "What to do where no step keeps the energy: take plain steps, which are counted as off the law, or end the run.",
        on_singular_words},
-      {"scheme", "bridge", "word", std::string(to_string(scheme.bridge)),
-       "Bridges that keep the run's own node law, or those that a run backward finds again.", bridge_words},
       {"scheme", "step_potential", "word, or table",
-       fmt::format("{}; {} where on_singular or bridge is given", potential_words[1], potential_words[0]),
-       "A function of the step alone that is part of the conserved energy and makes a next level exist everywhere, "
-       "so that there are no bridges: chosen by a scout along the orbit, or by its numbers.",
+       fmt::format("{}; {} where on_singular is given", potential_words[1], potential_words[0]),
+       "A function of the step alone that is part of the conserved energy and makes a next level exist everywhere: "
+       "chosen by a scout along the orbit, or by its numbers.",
        potential_words},
       {"scheme", "largest_step", "number", none, "How long steps may become, about; for step_potential = \"auto\"."},
       {"scheme", "time_scale", "formula", none, "The same as in [hamiltonian]."},
@@ -213,7 +243,11 @@ std::vector<KeyEntry> make_keys() {
       {"scheme", "darboux", "word, or matrix", std::string(darboux_words[0]),
        "The type of a generating function; as a matrix a symmetric 2n x 2n one, in full.", darboux_words},
       {"scheme", "L", "formula", "required by custom",
-       "The discrete Lagrangian, of t_0, t_1 and every coordinate and momentum with _0 and _1: q_0, q_1."},
+       "The discrete Lagrangian, of t_0, t_1 and every coordinate and momentum with _0 and _1: q_0, q_1. On a lattice "
+       "a "
+       "density of the corners of a cell: u_00, u_01, u_10, u_11 (level, node; in the plane u_000: level, y, x), h, "
+       "dx, "
+       "dy, dz, x, y, z."},
       {"scheme", "allow_unstable", "true or false", scheme.allow_unstable ? "true" : "false",
        "Lets forward run for more than a few steps, over which it is unstable."},
       {"scheme", "max_steps", "integer, at least 1", fmt::format("{}", scheme.max_steps),
@@ -223,6 +257,11 @@ std::vector<KeyEntry> make_keys() {
 
       {"laws", "every", "integer, at least 1, or false (\"off\")", "1",
        "Local laws, totals and invariants are taken at every n-th level and step, or never; the energy always."},
+
+      {"verdict", "accept", "list of words", none,
+       fmt::format("Reasons that do not count in the verdict: {}. The run names those that it found.",
+                   fmt::join(figures::reason_words, ", ")),
+       figures::reason_words},
 
       {"output", "file", "text", "the problem's name with .h5", "The record, relative to the current folder."},
       {"output", "every", "integer, at least 1", fmt::format("{}", output.every),
@@ -238,15 +277,18 @@ std::vector<KeyEntry> make_keys() {
       {"output", "compression", "integer from 0 to 9", fmt::format("{}", output.compression),
        "How hard the record is compressed: 0 is not at all, and fastest."},
 
+      {"levels", "every", "integer, at least 1", "output.every",
+       "The record has a row of every n-th level, and of the step that ends there; and of the last. The figures of the "
+       "run are of all levels."},
+
       {"events", "stop", "formula or comparison", none,
-       "The run ends with the step in which it is met: \"x^2 + y^2 > 100\". The same as { crossing = ..., stop = true "
-       "}."},
+       "The run ends with the step in which it is met: \"x^2 + y^2 > 100\", or { crossing = ... } with more entries."},
       {"events.NAME", "crossing", "formula or comparison", required, "What passes zero, or becomes true."},
       {"events.NAME", "direction", "word", std::string(direction_words[0]), "Which way it passes zero, along the run.",
        direction_words},
       {"events.NAME", "at", "table", "required for fields",
        "On a lattice, the point at which fields are meant: { x = 3.5 }."},
-      {"events.NAME", "stop", "true, false, or integer, at least 1", "false",
+      {"events.NAME", "stop", "true, false, or integer, at least 1", "false (true if called stop)",
        "The run ends with the step of the first crossing, or of that number."},
       {"events.NAME", "quantities", "list of formulas", none,
        "What is told of each crossing, besides the time and the state of an orbit; on a lattice numbers."},
@@ -283,7 +325,11 @@ std::span<const std::string_view> quadratures() {
   return words;
 }
 std::span<const std::string_view> lattice_lagrangians() {
-  static const std::vector<std::string_view> words = names_of(lattice_methods());
+  static const std::vector<std::string_view> words = [] {
+    std::vector<std::string_view> names = names_of(lattice_methods());
+    names.push_back(custom_lattice_method().name);
+    return names;
+  }();
   return words;
 }
 std::span<const std::string_view> composition_words() {

@@ -39,10 +39,10 @@ struct KeyEntry {
 
 // In the order of the enumerations.
 inline constexpr std::array<std::string_view, 2> levels_words = {"variable", "fixed"};
-inline constexpr std::array<std::string_view, 3> on_singular_words = {"bridge", "fixed", "stop"};
-inline constexpr std::array<std::string_view, 2> bridge_words = {"anchored", "reversible"};
+inline constexpr std::array<std::string_view, 2> on_singular_words = {"plain", "stop"};
 inline constexpr std::array<std::string_view, 2> potential_words = {"none", "auto"};
 inline constexpr std::array<std::string_view, 3> darboux_words = {"midpoint", "euler-a", "euler-b"};
+inline constexpr std::array<std::string_view, 4> structure_words = {"canonical", "dx", "schroedinger", "dx/(1-dxx)"};
 inline constexpr std::array<std::string_view, 3> direction_words = {"both", "up", "down"};
 /// The schemes for problems of [hamiltonian], of [lagrangian] and for lattices, and the compositions of explicit
 /// splittings, by what the library calls them.

@@ -67,7 +67,7 @@ void refuse_strangers(const Section& root, const Section& section) {
 }
 
 PhasePoint read_start(Section& section, const NameList& q, const NameList& q_dot, const NameList& p,
-                      std::span<const Parameter> parameters) {
+                      const Parameters& parameters) {
   PhasePoint point;
   point.location = section.location();
   if (const Entry* next = find(section.entries(), "next")) {
@@ -77,9 +77,10 @@ PhasePoint read_start(Section& section, const NameList& q, const NameList& q_dot
   }
   const Entry* time = section.take("t");
   point.t = time == nullptr ? 0.0 : read_number(time->value, "t", parameters);
+  const Parameters at_time = with_time(parameters, point.t, point.location);
   std::vector<std::string> missing;
-  take_numbers(section, q, parameters, point.q, missing);
-  take_numbers(section, q_dot, parameters, point.q_dot, missing);
+  take_numbers(section, q, at_time, point.q, missing);
+  take_numbers(section, q_dot, at_time, point.q_dot, missing);
   for (const Entry& entry : section.entries()) {
     const bool names_momentum =
         entry.key == "p" || std::ranges::find(p.names, entry.key) != p.names.end() ||

@@ -21,10 +21,6 @@ namespace rubato {
 
 namespace {
 
-/// Doubles per cell and field that the leanest scheme and its laws keep: two levels, the rounding they carry, the
-/// increment, residual, correction and four rates for prediction.
-constexpr double least_doubles = 14.0;
-
 Eigen::MatrixXd dense(const Matrix& matrix) {
   using Rows = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
   const auto size = static_cast<Eigen::Index>(matrix.size);
@@ -37,10 +33,12 @@ std::string differentiated_field(const std::string& name) {
   return open == std::string::npos ? name : name.substr(open + 1, name.find(')') - open - 1);
 }
 
-std::vector<std::string> fields_in(const formula::Graph& graph, formula::Expression expression) {
+std::vector<std::string> fields_in(const formula::Graph& graph, std::span<const formula::Expression> expressions) {
   std::vector<std::string> fields;
-  for (const std::size_t variable : formula::variables_of(expression)) {
-    fields.push_back(differentiated_field(graph.variable_name(variable)));
+  for (const formula::Expression expression : expressions) {
+    for (const std::size_t variable : formula::variables_of(expression)) {
+      fields.push_back(differentiated_field(graph.variable_name(variable)));
+    }
   }
   return fields;
 }
@@ -87,25 +85,34 @@ private:
   bool evaluate(std::size_t f) {
     const FormulaText& text = *pde_.initial[f];
     auto graph = std::make_shared<formula::Graph>();
-    const formula::Expression expression = problem_.build(text, *graph, pde_.axis_names(), pde_.fields);
+    // The formula comes last, after all that is differentiated in it, each of those that came before.
+    std::vector<formula::Expression> parts;
+    parts.push_back(build_initial(text, *graph, pde_, problem_.parameters, parts));
     std::vector<const double*> known(values_.size(), nullptr);
     for (std::size_t i = 0; i < values_.size(); ++i) {
       known[i] = values_[i] ? values_[i]->data() : nullptr;
     }
-    for (const std::string& name : fields_in(*graph, expression)) {
+    for (const std::string& name : fields_in(*graph, parts)) {
       const auto needed = static_cast<std::size_t>(std::ranges::find(pde_.fields, name) - pde_.fields.begin());
       if (needed < values_.size() && known[needed] == nullptr) {
         return false;
       }
     }
-    NodeFormula formula(graph, {expression}, pde_.fields, grid_);
-    values_[f] = std::move(formula(known, pde_.start).front());
-    if (const auto wrong = grids::first_undefined(*values_[f])) {
-      const auto [node, value] = *wrong;
-      throw ProblemError(text.location, fmt::format("the initial {} is {} at {}", pde_.fields[f], value,
-                                                    place_of(grids::whole_of(grid_), node)));
+    std::vector<std::string> names = pde_.fields;
+    std::vector<std::vector<double>> results(parts.size());
+    for (std::size_t i = 0; i < parts.size(); ++i) {
+      results[i] = std::move(NodeFormula(graph, {parts[i]}, names, grid_)(known, pde_.start).front());
+      if (const auto wrong = grids::first_undefined(results[i])) {
+        const auto [node, value] = *wrong;
+        const std::string_view what = i + 1 < parts.size() ? "what is differentiated in the initial " : "the initial ";
+        throw ProblemError(text.location, fmt::format("{}{} is {} at {}", what, pde_.fields[f], value,
+                                                      place_of(grids::whole_of(grid_), node)));
+      }
+      refresh(results[i]);
+      names.push_back(expression_name(i));
+      known.push_back(results[i].data());
     }
-    refresh(*values_[f]);
+    values_[f] = std::move(results.back());
     return true;
   }
 
@@ -230,17 +237,13 @@ MultisymplecticSystem make_system(const Problem& problem) {
       pde.M.location, [&] { return MultisymplecticSystem(graph, pde.fields, dense(pde.M), std::move(K), S); }));
 }
 
-grids::Grid make_grid(const Problem& problem, int ranks) {
+grids::Grid make_grid(const Problem& problem) {
   const MultisymplecticProblem& pde = *problem.multisymplectic();
   return at_location(pde.axes.front().location, [&] {
     std::vector<grids::Axis> axes;
-    double nodes = 1.0;
     for (const GridAxis& axis : pde.axes) {
       axes.push_back({axis.name, axis.from, axis.to, static_cast<std::size_t>(axis.cells)});
-      nodes *= static_cast<double>(axis.cells);
     }
-    grids::require_memory(least_doubles * nodes * static_cast<double>(pde.fields.size()) / ranks,
-                          fmt::format("a run with {} fields on {:.6g} nodes", pde.fields.size(), nodes));
     return grids::Grid(std::move(axes));
   });
 }
@@ -260,6 +263,25 @@ InitialFields whole_initial_fields(const Problem& problem, const grids::Grid& gr
 
 }  // namespace
 
+namespace {
+
+/// [initial.next], evaluated as the first level is; null without it.
+std::shared_ptr<const SecondLevel> make_second_level(const Problem& problem) {
+  const MultisymplecticProblem& pde = *problem.multisymplectic();
+  if (!pde.next) {
+    return nullptr;
+  }
+  Problem later = problem;
+  auto& its = std::get<MultisymplecticProblem>(later.system);
+  its.initial = pde.next->fields;
+  its.start = pde.next->t;
+  its.initial_record.reset();
+  return std::make_shared<SecondLevel>(
+      SecondLevel{whole_initial_fields(later, make_grid(problem)), pde.next->t - pde.start});
+}
+
+}  // namespace
+
 LatticeOptions make_lattice_options(const Problem& problem, const MultisymplecticSystem& system) {
   const MultisymplecticProblem& pde = *problem.multisymplectic();
   const Scheme& scheme = problem.scheme;
@@ -269,6 +291,8 @@ LatticeOptions make_lattice_options(const Problem& problem, const Multisymplecti
                          .composition = scheme.composition,
                          .space = scheme.space,
                          .start = pde.start};
+  options.density = scheme.density;
+  options.next = make_second_level(problem);
   set_run_options(scheme, options);
   for (const StatedSymmetry& symmetry : pde.symmetries) {
     options.symmetries.push_back({symmetry.name, dense(symmetry.B)});
@@ -285,7 +309,7 @@ auto with_initial_fields(const Problem& problem, const MultisymplecticSystem& sy
   LatticeOptions options = make_lattice_options(problem, system);
   options.begun_until = problem.scheme.begun_until;
   options.slab = grids::Slab::present();
-  const grids::Grid grid = make_grid(problem, options.slab == nullptr ? 1 : options.slab->ranks());
+  const grids::Grid grid = make_grid(problem);
   options.initial_is_part = options.slab != nullptr && begins_in_parts(problem, system);
   const InitialFields initial = options.initial_is_part ? make_initial_fields(problem, options.slab->grid())
                                                         : whole_initial_fields(problem, grid);
@@ -306,7 +330,9 @@ LatticeIntegrator make_lattice(const Problem& problem) {
 }
 
 std::unique_ptr<LatticeMethod> make_method(const Problem& problem) {
-  return make_lattice_method(method_choice(problem.scheme));
+  LatticeMethodChoice choice = method_choice(problem.scheme);
+  choice.next = make_second_level(problem);
+  return make_lattice_method(choice);
 }
 
 LatticeLevel make_initial_level(const Problem& problem, const MultisymplecticSystem& system, const grids::Grid& grid) {
@@ -348,8 +374,8 @@ NodeTable make_invariants(const Problem& problem, const MultisymplecticSystem& s
   const MultisymplecticProblem& pde = *problem.multisymplectic();
   for (const NamedFormula& invariant : pde.invariants) {
     formula::Graph graph;
-    for (const std::string& field :
-         fields_in(graph, problem.build(invariant.formula, graph, quantity_names(pde), pde.fields))) {
+    const std::array density = {problem.build(invariant.formula, graph, quantity_names(pde), pde.fields)};
+    for (const std::string& field : fields_in(graph, density)) {
       if (std::ranges::find(pde.fields, field) == pde.fields.end()) {
         continue;  // a coordinate, or the time
       }

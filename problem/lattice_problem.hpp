@@ -16,9 +16,7 @@ namespace rubato {
 /// terms. All throw ProblemError at the place in the problem that is wrong.
 ///@{
 [[nodiscard]] MultisymplecticSystem make_system(const Problem& problem);
-/// Also refuses a grid whose fields, as many as a run needs at least, do not fit into this machine's memory: the part
-/// of one of so many ranks.
-[[nodiscard]] grids::Grid make_grid(const Problem& problem, int ranks = 1);
+[[nodiscard]] grids::Grid make_grid(const Problem& problem);
 /// The formulas of [initial] at the nodes; those that differentiate other fields after these.
 [[nodiscard]] InitialFields make_initial_fields(const Problem& problem, const grids::Grid& grid);
 [[nodiscard]] LatticeOptions make_lattice_options(const Problem& problem, const MultisymplecticSystem& system);

@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <iterator>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -17,7 +18,7 @@ const std::vector<std::string> all_axes(axis_letters.begin(), axis_letters.end()
 /// Reads M, K.x or a symmetry's B: triples (row, column, value) or a full array.
 class MatrixReader {
 public:
-  MatrixReader(const std::vector<std::string>& fields, std::span<const Parameter> parameters)
+  MatrixReader(const std::vector<std::string>& fields, const Parameters& parameters)
       : fields_(fields), parameters_(parameters) {}
 
   /// Each triple also gives the transposed entry its opposite; a full array has to be skew.
@@ -53,9 +54,8 @@ private:
 
   [[nodiscard]] bool is_label(const Value& value) const {
     const std::string* text = value.string();
-    const auto is_parameter = [&](const Parameter& parameter) { return parameter.name == *text; };
     return text != nullptr && is_identifier(*text) && !formula::is_reserved_name(*text) &&
-           std::none_of(parameters_.begin(), parameters_.end(), is_parameter);
+           parameters_.find(*text) == nullptr;
   }
 
   [[nodiscard]] Matrix read(const Value& value, const std::string& what, bool skew) const {
@@ -136,10 +136,10 @@ private:
   }
 
   const std::vector<std::string>& fields_;
-  std::span<const Parameter> parameters_;
+  const Parameters& parameters_;
 };
 
-std::vector<GridAxis> read_grid(Section& root, const Section& owner, std::span<const Parameter> parameters) {
+std::vector<GridAxis> read_grid(Section& root, const Section& owner, const Parameters& parameters) {
   auto grid = root.take_section("grid");
   if (!grid) {
     throw ProblemError(owner.location(),
@@ -206,15 +206,15 @@ std::vector<Matrix> read_K(Section& section, const std::vector<std::string>& axe
 /// [initial]: a formula for some of the fields, in the grid's coordinates and in derivatives of other initial fields.
 class InitialReader {
 public:
-  InitialReader(MultisymplecticProblem& pde, const NameList& fields, const std::vector<std::string>& axes,
-                std::span<const Parameter> parameters)
-      : pde_(pde), fields_(fields), axes_(axes), parameters_(parameters), needs_(fields.names.size()) {}
+  InitialReader(MultisymplecticProblem& pde, const NameList& fields, const Parameters& parameters)
+      : pde_(pde), fields_(fields), parameters_(parameters), needs_(fields.names.size()) {}
 
   void read(Section& section) {
     pde_.initial_location = section.location();
     if (const Entry* time = section.take("t")) {
       pde_.start = read_number(time->value, "t", parameters_);
     }
+    auto next = section.take_section("next");
     const auto values = take_values(section, fields_);
     read_record(section);
     for (const Value* value : values) {
@@ -228,9 +228,30 @@ public:
       }
     }
     refuse_cycles();
+    if (next) {
+      read_next(*next);
+    }
   }
 
 private:
+  void read_next(Section& section) {
+    NextLevel next{.t = read_number(section.require("t", "the time of the second level").value, "t", parameters_),
+                   .fields = {},
+                   .location = section.location()};
+    const Parameters known = with_time(parameters_, next.t, section.location());
+    for (const Value* value : take_values(section, fields_)) {
+      const std::string& name = fields_.names[next.fields.size()];
+      next.fields.push_back(value == nullptr ? std::nullopt : std::optional(read_formula(*value, name)));
+      if (next.fields.back()) {
+        formula::Graph graph;
+        std::vector<formula::Expression> parts;
+        static_cast<void>(build_initial(*next.fields.back(), graph, pde_, known, parts));
+      }
+    }
+    section.finish();
+    pde_.next = std::move(next);
+  }
+
   [[nodiscard]] bool is_taken(const std::string& field) const {
     const auto& record = pde_.initial_record;
     return record && std::ranges::find(record->take, field) != record->take.end();
@@ -274,30 +295,36 @@ private:
   void find_needs(std::size_t i) {
     const FormulaText& text = *pde_.initial[i];
     formula::Graph graph;
-    const auto expression = build_formula(
-        text, graph, {.names = axes_, .differentiable = fields_.names, .axes = axes_, .periods = pde_.axes},
-        parameters_);
-    for (const std::size_t variable : formula::variables_of(expression)) {
-      const std::string& name = graph.variable_name(variable);
-      if (std::find(axes_.begin(), axes_.end(), name) != axes_.end()) {
-        continue;
+    std::vector<formula::Expression> parts;
+    parts.push_back(build_initial(text, graph, pde_, parameters_, parts));
+    const std::vector<std::string> arguments = argument_names(pde_);
+    for (const formula::Expression part : parts) {
+      for (const std::size_t variable : formula::variables_of(part)) {
+        const std::string& name = graph.variable_name(variable);
+        if (std::ranges::find(arguments, name) == arguments.end() && name.find(' ') == std::string::npos) {
+          need(i, name);  // neither a coordinate, nor a derivative of one of the parts
+        }
       }
-      const std::size_t open = name.rfind('(');
-      if (open == std::string::npos) {
-        throw ProblemError(text.location,
-                           fmt::format("the initial {} names the field {}: only its derivatives, such as "
-                                       "dx({}), are available here",
-                                       fields_.names[i], name, name));
-      }
-      const std::string field = name.substr(open + 1, name.find(')') - open - 1);
-      const auto other = static_cast<std::size_t>(std::find(fields_.names.begin(), fields_.names.end(), field) -
-                                                  fields_.names.begin());
-      if (!pde_.initial[other] && !is_taken(field)) {
-        throw ProblemError(text.location, fmt::format("the initial {} holds {}, but [initial] gives no {}",
-                                                      fields_.names[i], name, field));
-      }
-      needs_[i].push_back(other);
     }
+  }
+
+  /// The formula of field i names a field, or a derivative of one.
+  void need(std::size_t i, const std::string& name) {
+    const FormulaText& text = *pde_.initial[i];
+    const std::size_t open = name.rfind('(');
+    if (open == std::string::npos) {
+      throw ProblemError(text.location, fmt::format("the initial {} names the field {}: only its derivatives, such as "
+                                                    "dx({}), are available here",
+                                                    fields_.names[i], name, name));
+    }
+    const std::string field = name.substr(open + 1, name.find(')') - open - 1);
+    const auto other =
+        static_cast<std::size_t>(std::find(fields_.names.begin(), fields_.names.end(), field) - fields_.names.begin());
+    if (!pde_.initial[other] && !is_taken(field)) {
+      throw ProblemError(text.location, fmt::format("the initial {} holds {}, but [initial] gives no {}",
+                                                    fields_.names[i], name, field));
+    }
+    needs_[i].push_back(other);
   }
 
   void refuse_cycles() const {
@@ -318,8 +345,7 @@ private:
 
   MultisymplecticProblem& pde_;
   const NameList& fields_;
-  const std::vector<std::string>& axes_;
-  std::span<const Parameter> parameters_;
+  const Parameters& parameters_;
   std::vector<std::vector<std::size_t>> needs_;
 };
 
@@ -403,9 +429,25 @@ void extend_by_time(MultisymplecticProblem& pde) {
   }
   pde.initial.emplace_back(FormulaText{fmt::format("{:.17g}", pde.start), pde.S.location});
   pde.initial.emplace_back(FormulaText{"0", pde.S.location});
+  if (pde.next) {
+    pde.next->fields.emplace_back(FormulaText{fmt::format("{:.17g}", pde.next->t), pde.S.location});
+    pde.next->fields.emplace_back();
+  }
 }
 
 }  // namespace
+
+formula::Expression build_initial(const FormulaText& text, formula::Graph& graph, const MultisymplecticProblem& pde,
+                                  const Parameters& parameters, std::vector<formula::Expression>& differentiated) {
+  const std::vector<std::string> axes = pde.axis_names(), arguments = argument_names(pde);
+  return build_formula(text, graph,
+                       {.names = arguments,
+                        .differentiable = pde.fields,
+                        .axes = axes,
+                        .periods = pde.axes,
+                        .differentiated = &differentiated},
+                       parameters);
+}
 
 std::vector<std::string> MultisymplecticProblem::axis_names() const {
   std::vector<std::string> names;
@@ -415,7 +457,7 @@ std::vector<std::string> MultisymplecticProblem::axis_names() const {
   return names;
 }
 
-void read_multisymplectic(Section& root, Section& section, Problem& problem) {
+Names names_of_lattice(const Section& root) {
   Names taken;
   taken.know_sizes(root);
   taken.reserve("t", "it is the time");
@@ -423,6 +465,11 @@ void read_multisymplectic(Section& root, Section& section, Problem& problem) {
     taken.reserve(axis, "it is a coordinate of the grid");
     taken.reserve("d" + axis, "it is a derivative");
   }
+  return taken;
+}
+
+void read_multisymplectic(Section& root, Section& section, Problem& problem) {
+  Names taken = names_of_lattice(root);
   const Value& names = section.require("fields", R"(the names of the fields, such as ["u", "v", "w"])").value;
   const NameList fields = read_names(names, "fields", "a field", taken);
   check_field_names(*names.array());
@@ -434,7 +481,15 @@ void read_multisymplectic(Section& root, Section& section, Problem& problem) {
   pde.axes = read_grid(root, section, parameters);
   const auto axes = pde.axis_names();
   const std::vector<std::string> quantities = quantity_names(pde);
-  add_definitions(root, taken, {.names = quantities, .differentiable = pde.fields, .axes = axes, .periods = pde.axes},
+  std::vector<formula::Expression> differentiated;  // where such a definition is used decides whether there is dx(f)
+  std::vector<std::string> definable = quantities;
+  std::ranges::copy(corner_names(pde.fields, static_cast<int>(axes.size())), std::back_inserter(definable));
+  add_definitions(root, taken,
+                  {.names = definable,
+                   .differentiable = pde.fields,
+                   .axes = axes,
+                   .periods = pde.axes,
+                   .differentiated = &differentiated},
                   parameters);
   const MatrixReader matrices(pde.fields, parameters);
   pde.M = matrices.skew(section.require("M", R"(the matrix of z_t, such as [["u", "v", -1]])").value, "M");
@@ -453,7 +508,7 @@ void read_multisymplectic(Section& root, Section& section, Problem& problem) {
     throw ProblemError(section.location(),
                        "there is no [initial]: give a formula for the fields, such as u = \"cos(x)\"");
   }
-  InitialReader(pde, fields, axes, parameters).read(*initial);
+  InitialReader(pde, fields, parameters).read(*initial);
   pde.invariants = read_invariants(
       root, {.names = quantities, .differentiable = pde.fields, .axes = axes, .periods = pde.axes}, parameters);
   pde.exact = read_exact(root, std::array{fields}, argument_names(pde), parameters);

@@ -151,8 +151,13 @@ std::vector<const Value*> take_values(Section& section, const NameList& list) {
   return values;
 }
 
-void take_numbers(Section& section, const NameList& list, std::span<const Parameter> parameters,
-                  std::vector<double>& into, std::vector<std::string>& missing) {
+Parameters with_time(Parameters parameters, double t, const Location& location) {
+  parameters.push_back({.name = "t", .value = t, .location = location});
+  return parameters;
+}
+
+void take_numbers(Section& section, const NameList& list, const Parameters& parameters, std::vector<double>& into,
+                  std::vector<std::string>& missing) {
   const auto values = take_values(section, list);
   for (std::size_t i = 0; i < values.size(); ++i) {
     if (values[i] == nullptr) {

@@ -65,15 +65,20 @@ SegmentLagrangian make_discretisation(const Problem& problem) {
   }
 }
 
+IntegrationOptions make_integration_options(const Problem& problem) {
+  IntegrationOptions options{.lagrangian = make_discretisation(problem),
+                             .max_steps = static_cast<std::size_t>(problem.scheme.max_steps)};
+  set_run_options(problem.scheme, options);
+  if (const std::optional<PhasePoint>& next = problem.hamiltonian()->next) {
+    options.next = InitialState{.q = next->q, .p = next->p, .t = next->t};
+  }
+  return options;
+}
+
 OrbitIntegrator make_integrator(const Problem& problem) {
   const HamiltonianProblem& orbit = *problem.hamiltonian();
   const Scheme& scheme = problem.scheme;
-  IntegrationOptions options{.lagrangian = make_discretisation(problem),
-                             .max_steps = static_cast<std::size_t>(scheme.max_steps)};
-  set_run_options(scheme, options);
-  if (orbit.next) {
-    options.next = InitialState{.q = orbit.next->q, .p = orbit.next->p, .t = orbit.next->t};
-  }
+  IntegrationOptions options = make_integration_options(problem);
   const auto make = [&](const auto& system, const auto& initial) {
     if (!scheme.step) {
       options.step = choose_first_step(system, initial, options, *scheme.energy_tolerance);

@@ -10,6 +10,8 @@ namespace rubato {
 /// Of a problem stated by L.
 [[nodiscard]] Lagrangian make_lagrangian(const Problem& problem);
 [[nodiscard]] SegmentLagrangian make_discretisation(const Problem& problem);
+/// Without events; `step` is 0 for step = "auto".
+[[nodiscard]] IntegrationOptions make_integration_options(const Problem& problem);
 /// \throws ProblemError at the place in the problem that is wrong
 [[nodiscard]] OrbitIntegrator make_integrator(const Problem& problem);
 

@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -51,7 +52,10 @@ private:
       throw ProblemError(value.location,
                          fmt::format("times has {} entries, and may have {}; use interval", list.size(), most_times));
     }
-    const double start = problem_.start(), until = problem_.scheme.until;
+    // With time_scale nothing tells the physical time of the end.
+    const double start = problem_.clock_start(), until = problem_.clock()
+                                                             ? direction() * std::numeric_limits<double>::infinity()
+                                                             : problem_.scheme.until;
     for (const Value& item : list) {
       const double t = read_number(item, "times", problem_.parameters);
       if (direction() * (t - start) < 0.0 || direction() * (t - until) > 0.0) {
@@ -93,7 +97,9 @@ private:
 
   void read_quantities(const Section& section) {
     // Under /output/quantities, with what its axes are called.
-    static constexpr std::array<std::string_view, 4> names_in_record = {"t", "x", "y", "z"};
+    const MultisymplecticProblem* const pde = problem_.multisymplectic();
+    const std::vector<std::string> names_in_record =
+        pde != nullptr ? argument_names(*pde) : std::vector<std::string>{"t"};
     for (const Entry& entry : section.entries()) {
       if (!is_identifier(entry.key)) {
         refuse_name(entry, "a quantity", malformed_name);
@@ -186,9 +192,9 @@ std::vector<double> read_point_of_grid(const Entry& at, const Problem& problem) 
   return point;
 }
 
-std::vector<std::string> quantity_names(const HamiltonianProblem& ode, std::span<const Parameter> parameters) {
+std::vector<std::string> quantity_names(const HamiltonianProblem& ode, const Parameters& parameters) {
   std::vector<std::string> names = ode.formula_names();
-  if (std::ranges::find(parameters, "t", &Parameter::name) == parameters.end()) {
+  if (parameters.find("t") == nullptr) {
     names.emplace_back("t");
   }
   return names;

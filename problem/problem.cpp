@@ -19,8 +19,16 @@ namespace {
 constexpr std::size_t largest_file = 64 << 20;
 
 /// The bytes of a file; absent if there is no such file.
-/// \throws FileError if there is one and it cannot be read
+/// \throws FileError if there is one and it cannot be read, or is neither a regular file nor standard input nor an open
+/// pipe
 std::optional<std::string> read_file(const std::string& path) {
+  std::error_code ignored;
+  const std::filesystem::file_status status = std::filesystem::status(path, ignored);
+  const bool is_open = path == "/dev/stdin" ||
+                       (std::filesystem::is_fifo(status) && (path.starts_with("/dev/") || path.starts_with("/proc/")));
+  if (std::filesystem::exists(status) && !std::filesystem::is_regular_file(status) && !is_open) {
+    throw FileError(fmt::format("{}: is not a regular file", path));
+  }
   errno = 0;
   const std::unique_ptr<std::FILE, int (*)(std::FILE*)> file(std::fopen(path.c_str(), "rb"), &std::fclose);
   if (!file && (errno == ENOENT || errno == ENOTDIR || errno == ENAMETOOLONG)) {
@@ -68,6 +76,26 @@ void read_laws(Section& root, Problem& problem) {
   }
 }
 
+/// [verdict] accept.
+std::vector<figures::ReasonKind> read_accepted(Section& root) {
+  std::vector<figures::ReasonKind> accepted;
+  auto section = root.take_section("verdict");
+  if (!section) {
+    return accepted;
+  }
+  if (const Entry* accept = section->take("accept")) {
+    const Value::Array* words = accept->value.array();
+    if (words == nullptr) {
+      throw ProblemError(accept->value.location, "accept has to be a list of words, as [\"spectrum\"]");
+    }
+    for (const Value& word : *words) {
+      accepted.push_back(static_cast<figures::ReasonKind>(read_word(word, "accept", figures::reason_words)));
+    }
+  }
+  section->finish();
+  return accepted;
+}
+
 void read_output(Section& root, Problem& problem) {
   problem.output.file = problem.name + ".h5";
   problem.output.file_location = root.location();
@@ -99,6 +127,17 @@ void read_output(Section& root, Problem& problem) {
   }
 }
 
+/// [levels]; without it as many levels have rows as have states.
+void read_levels(Section& root, Problem& problem) {
+  problem.levels.every = problem.output.every;
+  if (auto section = root.take_section("levels")) {
+    if (const Entry* every = section->take("every")) {
+      problem.levels.every = read_integer(every->value, "every", problem.parameters, 1);
+    }
+    section->finish();
+  }
+}
+
 /// A misspelt table says more than a missing one, so that all names are looked at first.
 void check_tables(Section root) {
   for (const std::string_view key : keys_of("")) {
@@ -107,7 +146,7 @@ void check_tables(Section root) {
   root.finish();
 }
 
-/// [hamiltonian], [lagrangian] or [multisymplectic], whichever is there.
+/// [hamiltonian], [lagrangian], [multisymplectic] or [field], whichever is there.
 void read_system(Section& root, Problem& problem) {
   std::optional<Section> found;
   const auto take = [&](std::string_view key) {
@@ -123,15 +162,19 @@ void read_system(Section& root, Problem& problem) {
   take("hamiltonian");
   take("lagrangian");
   take("multisymplectic");
+  take("field");
   if (!found) {
-    throw ProblemError(root.location(),
-                       "there is neither [hamiltonian] nor [multisymplectic], nor [lagrangian]; `rubato show pendulum` "
-                       "prints a complete problem to start from");
+    throw ProblemError(
+        root.location(),
+        "there is none of [hamiltonian], [lagrangian], [multisymplectic] and [field]; `rubato show pendulum` "
+        "prints a complete problem to start from");
   }
   if (found->name() == "[hamiltonian]") {
     read_hamiltonian(root, *found, problem);
   } else if (found->name() == "[lagrangian]") {
     read_lagrangian(root, *found, problem);
+  } else if (found->name() == "[field]") {
+    read_field(root, *found, problem);
   } else {
     read_multisymplectic(root, *found, problem);
   }
@@ -155,7 +198,9 @@ Problem read_effective(EffectiveDocument document, const std::string& source) {
   read_system(root, problem);
   problem.scheme = read_scheme(root, problem);
   read_laws(root, problem);
+  problem.accepted = read_accepted(root);
   read_output(root, problem);
+  read_levels(root, problem);
   problem.events = read_events(root, problem);
   problem.ensemble = read_ensemble(root, problem.parameters);
   if (problem.ensemble) {
@@ -169,6 +214,16 @@ Problem read_effective(EffectiveDocument document, const std::string& source) {
 double Problem::start() const {
   const auto* ode = hamiltonian();
   return ode != nullptr ? ode->initial.t : multisymplectic()->start;
+}
+
+std::optional<std::size_t> Problem::clock() const {
+  const auto* ode = hamiltonian();
+  return ode != nullptr && !output.in_fictitious_time ? ode->clock() : std::nullopt;
+}
+
+double Problem::clock_start() const {
+  const auto place = clock();
+  return place ? hamiltonian()->initial.q[*place] : start();
 }
 
 formula::Expression Problem::build(const FormulaText& formula, formula::Graph& graph,
@@ -196,6 +251,16 @@ formula::Expression Problem::build_quantity(const FormulaText& formula, formula:
 }
 
 Problem parse_problem(std::string_view text, const std::string& source, std::span<const std::string> settings) {
+  Problem problem = parse_recorded(text, source, settings);
+  if (problem.scheme.outdated) {
+    throw ProblemError(*problem.scheme.outdated,
+                       "bridges are not available: with a step potential, which is the default, every step keeps the "
+                       "energy; leave this out, or write on_singular = \"plain\" or \"stop\"");
+  }
+  return problem;
+}
+
+Problem parse_recorded(std::string_view text, const std::string& source, std::span<const std::string> settings) {
   return read_effective(effective_document(text, source, settings), source);
 }
 
@@ -215,6 +280,9 @@ Problem member_problem(const Problem& problem, std::size_t member) {
 }
 
 Problem read_problem(const std::string& problem, std::span<const std::string> settings) {
+  if (problem == "-") {
+    return parse_problem(read_file("/dev/stdin").value_or(""), "stdin", settings);
+  }
   std::error_code ignored;
   const bool is_folder = std::filesystem::is_directory(problem, ignored);
   if (!is_folder) {

@@ -3,6 +3,8 @@
 #include <array>
 #include <cstdint>
 #include <limits>
+#include <map>
+#include <memory>
 #include <optional>
 #include <span>
 #include <string>
@@ -10,9 +12,11 @@
 #include <variant>
 #include <vector>
 
+#include <rubato/figures/verdict.hpp>
 #include <rubato/formula/expression.hpp>
 #include <rubato/problem/location.hpp>
 #include <rubato/record/layout.hpp>
+#include <rubato/variation/corner_density.hpp>
 #include <rubato/variation/crossing.hpp>
 #include <rubato/variation/time_levels.hpp>
 
@@ -38,6 +42,28 @@ struct Parameter {
   double value = 0.0;  ///< of a parameter
   Location location;
   std::optional<FormulaText> definition = {};  ///< of a definition
+  std::vector<std::string> needs = {};         ///< of a definition: the other definitions that it names
+};
+
+/// All parameters and definitions of a problem, found by their names.
+class Parameters {
+public:
+  void push_back(Parameter parameter) {
+    places_.emplace(parameter.name, all_.size());
+    all_.push_back(std::move(parameter));
+  }
+  /// The entry of this name, or null. The pointer is valid until the next push_back().
+  [[nodiscard]] const Parameter* find(std::string_view name) const {
+    const auto place = places_.find(name);
+    return place == places_.end() ? nullptr : &all_[place->second];
+  }
+  [[nodiscard]] std::size_t size() const { return all_.size(); }
+  [[nodiscard]] auto begin() const { return all_.begin(); }
+  [[nodiscard]] auto end() const { return all_.end(); }
+
+private:
+  std::vector<Parameter> all_;
+  std::map<std::string, std::size_t, std::less<>> places_;
 };
 
 /// Dense square matrix, row by row.
@@ -78,6 +104,12 @@ struct HamiltonianProblem {
   std::vector<NamedFormula> invariants;  ///< in q, p, in the order of the file
   std::vector<NamedFormula> exact;       ///< in t; names of some coordinates and momenta, in the order q, p
 
+  /// With time_scale, which coordinate is the physical time; else t of the levels is that. In (q, p) it has the same
+  /// place.
+  [[nodiscard]] std::optional<std::size_t> clock() const {
+    return fictitious_time ? std::optional(q.size() - 1) : std::nullopt;
+  }
+
   /// q followed by p.
   [[nodiscard]] std::vector<std::string> names() const;
   /// q followed by q_dot.
@@ -111,6 +143,16 @@ struct InitialRecord {
   double at = 0.0;                     ///< the time of a stored level
   std::vector<std::string> take = {};  ///< names of fields
   bool own_start = false;              ///< the first state of `file`, whatever `at` is
+  /// In place of `file`: values at the nodes, x fastest, for each of `take`; they have to outlive the problem.
+  std::map<std::string, std::span<const double>> arrays = {};
+  Location location;
+};
+
+/// [initial.next] of a lattice: a second level.
+struct NextLevel {
+  double t = 0.0;
+  /// Per field, as MultisymplecticProblem::initial.
+  std::vector<std::optional<FormulaText>> fields;
   Location location;
 };
 
@@ -127,10 +169,12 @@ struct MultisymplecticProblem {
   /// Per field, in the grid's coordinates; may hold dx(f), dy(f), dz(f) of other fields. A field may be left out.
   std::vector<std::optional<FormulaText>> initial;
   std::optional<InitialRecord> initial_record;
+  std::optional<NextLevel> next;
   Location initial_location;
   std::vector<NamedFormula> invariants;  ///< densities in the fields, with dx(f) …
   std::vector<NamedFormula> exact;       ///< in the grid's coordinates and t; names of some fields, in their order
   std::vector<StatedSymmetry> symmetries;
+  std::string derived;  ///< of a problem stated by [field]: the [multisymplectic] that was derived, as TOML
 
   [[nodiscard]] std::vector<std::string> axis_names() const;
 };
@@ -142,7 +186,6 @@ enum class LagrangianName { midpoint, forward, generating, custom, gauss, splitt
 [[nodiscard]] std::string_view to_string(LagrangianName lagrangian);
 [[nodiscard]] std::string_view to_string(Levels levels);
 [[nodiscard]] std::string_view to_string(OnSingular on_singular);
-[[nodiscard]] std::string_view to_string(BridgeRule bridge);
 
 /// The normal Darboux matrix of a generating function: F = 0, ±[[0, I], [I, 0]], or the user's symmetric 2n×2n F.
 enum class DarbouxKind { midpoint, euler_a, euler_b, matrix };
@@ -152,8 +195,9 @@ struct Scheme {
   LagrangianName lagrangian = LagrangianName::midpoint;
   std::string method;  ///< a lattice's: a name of lattice_methods()
   Levels levels = Levels::variable;
-  OnSingular on_singular = OnSingular::bridge;
-  BridgeRule bridge = BridgeRule::anchored;
+  OnSingular on_singular = OnSingular::plain;
+  /// A word or key of an earlier version for singular points that records may have, and problem files may not.
+  std::optional<Location> outdated;
   StepPotentialChoice potential = {};
   bool usual_potential = false;  ///< the problem says nothing of it, nor of singular points
   /// t_1 - t_0, finite, nonzero, with the sign of until - start. Absent for step = "auto" only (then energy_tolerance
@@ -172,6 +216,7 @@ struct Scheme {
   DarbouxKind darboux = DarbouxKind::midpoint;
   std::optional<Matrix> darboux_matrix;
   std::optional<FormulaText> L;  ///< custom: in t_0, t_1 and every coordinate and momentum with suffix _0 and _1
+  std::shared_ptr<const CornerDensity> density;  ///< custom of a lattice: L, of the corners of a cell
   bool allow_unstable = false;
   std::int64_t max_steps = 100'000'000;
   double tolerance = 1e-13;
@@ -196,6 +241,15 @@ struct Laws {
   }
 };
 
+/// [levels]: which levels have rows in the record.
+struct LevelRowsChoice {
+  std::int64_t every = 1;  ///< every n-th, and the last
+
+  [[nodiscard]] bool stored_at(std::size_t level) const { return level % static_cast<std::size_t>(every) == 0; }
+  /// False where there are levels without a row.
+  [[nodiscard]] bool all() const { return every == 1; }
+};
+
 /// [output.quantities]: a formula that is told at the output times.
 struct OutputQuantity {
   std::string name;
@@ -211,6 +265,8 @@ struct Output {
   bool states = true;              ///< of levels; if not, those of the first and the last
   std::vector<double> times;       ///< strictly monotone in the direction of the run
   std::optional<double> interval;  ///< positive; in place of times
+  /// With time_scale: times are those of the levels, not physical ones. No entry of problem files.
+  bool in_fictitious_time = false;
   std::vector<OutputQuantity> quantities;
 
   /// Whether there are times of their own.
@@ -257,15 +313,17 @@ struct Ensemble {
 
 /// A whole problem, read and validated: names, types, signs, sizes and the syntax of every formula are in order.
 struct Problem {
-  std::string name;                   ///< of the file without folder and extension, or of the catalogue entry
-  std::string title;                  ///< default: the name
-  std::string source;                 ///< the file as the user named it
-  std::string text;                   ///< the whole effective problem, TOML: reading it again gives the same problem
-  std::vector<Parameter> parameters;  ///< and definitions
+  std::string name;       ///< of the file without folder and extension, or of the catalogue entry
+  std::string title;      ///< default: the name
+  std::string source;     ///< the file as the user named it
+  std::string text;       ///< the whole effective problem, TOML: reading it again gives the same problem
+  Parameters parameters;  ///< and definitions
   std::variant<HamiltonianProblem, MultisymplecticProblem> system;
   Scheme scheme;
   Laws laws;
+  std::vector<figures::ReasonKind> accepted;  ///< [verdict] accept: reasons that do not count
   Output output;
+  LevelRowsChoice levels;
   std::vector<StatedEvent> events;   ///< of [events] and [section], in alphabetical order
   std::optional<Ensemble> ensemble;  ///< the problem itself is then what its members have in common
 
@@ -275,6 +333,10 @@ struct Problem {
   }
   /// Start time.
   [[nodiscard]] double start() const;
+  /// Which coordinate has the times of outputs and events; nothing where t of the levels is that.
+  [[nodiscard]] std::optional<std::size_t> clock() const;
+  /// The first of these times.
+  [[nodiscard]] double clock_start() const;
 
   /// The formula as an expression of `graph` in the variables `names` (made in that order if they are new), parameters
   /// put in as constants. With `derivatives`, dx(f), dy(f), dz(f) of one of `differentiable` stand for a variable
@@ -303,6 +365,9 @@ struct Problem {
 /// \throws ProblemError
 [[nodiscard]] Problem parse_problem(std::string_view text, const std::string& source,
                                     std::span<const std::string> settings = {});
+/// The same of a record's problem, which an earlier version may have written (Scheme::outdated).
+[[nodiscard]] Problem parse_recorded(std::string_view text, const std::string& source,
+                                     std::span<const std::string> settings = {});
 
 /// g of an event as an expression; `integrands` as of Problem::build_quantity. \throws ProblemError
 [[nodiscard]] formula::Expression build_event(const StatedEvent& event, const Problem& problem, formula::Graph& graph,

@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <stdexcept>
+#include <unordered_set>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -14,7 +15,11 @@
 namespace rubato {
 
 Section::Section(const Value::Table& table, Location location, std::string name)
-    : table_(&table), location_(std::move(location)), name_(std::move(name)) {}
+    : table_(&table), location_(std::move(location)), name_(std::move(name)) {
+  for (const Entry& entry : table) {
+    entries_.emplace(entry.key, &entry);
+  }
+}
 
 const Entry* Section::take(std::string_view key) {
   const std::string_view table =
@@ -23,7 +28,16 @@ const Entry* Section::take(std::string_view key) {
     throw std::logic_error(fmt::format("{} in [{}] is not in the table of keys", key, table));
   }
   known_.emplace_back(key);
-  return find(*table_, key);
+  const auto found = entries_.find(key);
+  return found == entries_.end() ? nullptr : found->second;
+}
+
+const Entry* Section::take_outdated(std::string_view key) {
+  const Entry* entry = find(*table_, key);
+  if (entry != nullptr) {
+    known_.emplace_back(key);
+  }
+  return entry;
 }
 
 const Entry& Section::require(std::string_view key, std::string_view purpose) {
@@ -55,8 +69,9 @@ std::optional<Section> Section::take_section(std::string_view key) {
 }
 
 void Section::finish() const {
+  const std::unordered_set<std::string_view> known(known_.begin(), known_.end());
   for (const Entry& entry : *table_) {
-    if (std::find(known_.begin(), known_.end(), entry.key) != known_.end()) {
+    if (known.contains(entry.key)) {
       continue;
     }
     const auto nearest = formula::nearest_name(entry.key, known_);
@@ -114,30 +129,7 @@ FormulaText read_formula(const Value& value, std::string_view what) {
   wrong_type(value, what, "a formula or a number");
 }
 
-double read_number(const Value& value, std::string_view what, std::span<const Parameter> parameters) {
-  if (const auto* integer = std::get_if<std::int64_t>(&value.data)) {
-    return static_cast<double>(*integer);
-  }
-  if (const auto* real = std::get_if<double>(&value.data)) {
-    if (!std::isfinite(*real)) {
-      throw ProblemError(value.location, fmt::format("{}: {} is not a finite number", what, *real));
-    }
-    return *real;
-  }
-  if (value.string() == nullptr) {
-    wrong_type(value, what, "a number or a formula");
-  }
-  formula::Graph graph;
-  const auto result = build_formula(read_formula(value, what), graph, {}, parameters);
-  if (!result.is_constant() || !std::isfinite(result.constant_value())) {
-    throw ProblemError(value.location,
-                       fmt::format("{}: \"{}\" has no finite value", what, value.string()->substr(0, 200)));
-  }
-  return result.constant_value();
-}
-
-std::int64_t read_integer(const Value& value, std::string_view what, std::span<const Parameter> parameters,
-                          std::int64_t least) {
+std::int64_t read_integer(const Value& value, std::string_view what, const Parameters& parameters, std::int64_t least) {
   if (const auto* integer = std::get_if<std::int64_t>(&value.data)) {
     if (*integer < least) {
       throw ProblemError(value.location,
@@ -174,8 +166,7 @@ void refuse_name(const Entry& entry, std::string_view role, std::string_view rea
   throw ProblemError(entry.location, fmt::format("\"{}\" cannot name {}: {}", entry.key.substr(0, 100), role, reason));
 }
 
-std::vector<NamedFormula> read_invariants(Section& root, const Vocabulary& vocabulary,
-                                          std::span<const Parameter> parameters) {
+std::vector<NamedFormula> read_invariants(Section& root, const Vocabulary& vocabulary, const Parameters& parameters) {
   static constexpr std::array<std::string_view, 4> names_in_record = {"t", "step", "totals", "fields"};  // under /laws
   std::vector<NamedFormula> invariants;
   if (const auto section = root.take_section("invariants")) {
@@ -194,7 +185,7 @@ std::vector<NamedFormula> read_invariants(Section& root, const Vocabulary& vocab
 }
 
 std::vector<NamedFormula> read_exact(Section& root, std::span<const NameList> lists,
-                                     std::span<const std::string> arguments, std::span<const Parameter> parameters) {
+                                     std::span<const std::string> arguments, const Parameters& parameters) {
   std::vector<NamedFormula> exact;
   if (auto section = root.take_section("exact")) {
     for (const NameList& list : lists) {

@@ -7,6 +7,7 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <unordered_map>
 #include <vector>
 
 #include <rubato/figures/statistics.hpp>
@@ -28,6 +29,8 @@ public:
   /// The entry called `key`, if it is there. The key has to be in the table of keys (keys.hpp), which is what people
   /// are told.
   const Entry* take(std::string_view key);
+  /// The same for a key of an earlier version, which is in no table of keys.
+  const Entry* take_outdated(std::string_view key);
   /// The same for an entry that must be there; `purpose` says what it is for.
   const Entry& require(std::string_view key, std::string_view purpose);
   /// The table called `key`, if it is there; an entry of another type is an error.
@@ -46,6 +49,7 @@ private:
   const Value::Table* table_;
   Location location_;
   std::string name_;
+  std::unordered_map<std::string_view, const Entry*> entries_;
   std::vector<std::string> known_;
   std::vector<std::shared_ptr<const Value>> kept_;
 };
@@ -59,10 +63,10 @@ private:
 /// A formula given as a string or as a number.
 [[nodiscard]] FormulaText read_formula(const Value& value, std::string_view what);
 /// A finite number, given as a number or as a formula of the parameters.
-[[nodiscard]] double read_number(const Value& value, std::string_view what, std::span<const Parameter> parameters);
+[[nodiscard]] double read_number(const Value& value, std::string_view what, const Parameters& parameters);
 /// The same, with an integer value from `least` on: any written as an integer, a formula's up to 2^53.
-[[nodiscard]] std::int64_t read_integer(const Value& value, std::string_view what,
-                                        std::span<const Parameter> parameters, std::int64_t least);
+[[nodiscard]] std::int64_t read_integer(const Value& value, std::string_view what, const Parameters& parameters,
+                                        std::int64_t least);
 /// One of `words`; the answer is its place among them.
 [[nodiscard]] std::size_t read_word(const Value& value, std::string_view what, std::span<const std::string_view> words);
 
@@ -88,6 +92,9 @@ private:
   std::map<std::string, std::int64_t, std::less<>> sizes_;
 };
 
+/// The names of a lattice's problem before it declares any: t, the coordinates of the grid and dx, dy, dz are taken.
+[[nodiscard]] Names names_of_lattice(const Section& root);
+
 /// Whether it matches `[A-Za-z_][A-Za-z0-9_]*`.
 [[nodiscard]] bool is_identifier(std::string_view name);
 
@@ -109,13 +116,15 @@ struct NameList {
 /// The values given in `section` for the names of `list`: `r = [..]` or `r1 = .., r2 = ..`, not both. Those left out
 /// are null.
 [[nodiscard]] std::vector<const Value*> take_values(Section& section, const NameList& list);
+/// Parameters, and t with its value.
+[[nodiscard]] Parameters with_time(Parameters parameters, double t, const Location& location);
 /// The same as numbers, at the end of `into`; names of those left out go to `missing`.
-void take_numbers(Section& section, const NameList& list, std::span<const Parameter> parameters,
-                  std::vector<double>& into, std::vector<std::string>& missing);
+void take_numbers(Section& section, const NameList& list, const Parameters& parameters, std::vector<double>& into,
+                  std::vector<std::string>& missing);
 
 /// [parameters]: numbers and formulas that may refer to each other in any order.
 /// \throws ProblemError also for a cycle, naming it
-[[nodiscard]] std::vector<Parameter> read_parameters(Section& root, Names& names);
+[[nodiscard]] Parameters read_parameters(Section& root, Names& names);
 
 /// What a formula may speak of, beside parameters and functions.
 struct Vocabulary {
@@ -126,46 +135,57 @@ struct Vocabulary {
   std::vector<formula::Expression>* integrands = nullptr;
   /// The periods of the grid, where noise(seed, waves) is a function of its coordinates.
   std::span<const GridAxis> periods = {};
+  /// Where the formulas go that dx() and its like are applied to; dx() of number i is a variable
+  /// "dx(" + expression_name(i) + ")". Null where only fields are differentiated.
+  std::vector<formula::Expression>* differentiated = nullptr;
 };
+
+/// The name that expression number i of Vocabulary::differentiated has as an argument of dx(). No user's name is such.
+[[nodiscard]] std::string expression_name(std::size_t number);
 
 /// [definitions]: formulas of `names`, parameters and each other. Names that are not known where a definition is used
 /// are an error there, so that one of x serves [initial] and one of the fields S.
 /// \throws ProblemError also for a cycle, naming it
-void add_definitions(Section& root, Names& taken, const Vocabulary& vocabulary, std::vector<Parameter>& parameters);
+void add_definitions(Section& root, Names& taken, const Vocabulary& vocabulary, Parameters& parameters);
 
 /// A formula as an expression; see Problem::build.
 /// \throws ProblemError at the place in the file
 [[nodiscard]] formula::Expression build_formula(const FormulaText& text, formula::Graph& graph,
-                                                const Vocabulary& vocabulary, std::span<const Parameter> parameters);
+                                                const Vocabulary& vocabulary, const Parameters& parameters);
+
+/// The initial formula of a field: of the grid's coordinates, t, which is the start, and derivatives of the other
+/// initial fields and of formulas; see Vocabulary::differentiated. \throws ProblemError at the place in the file
+[[nodiscard]] formula::Expression build_initial(const FormulaText& text, formula::Graph& graph,
+                                                const MultisymplecticProblem& pde, const Parameters& parameters,
+                                                std::vector<formula::Expression>& differentiated);
 
 /// The place in the file of character `column` of line `line` of a formula that begins at `start`.
 [[nodiscard]] Location place_in_file(const Location& start, std::size_t line, std::size_t column);
 
 /// \throws ProblemError at the first term of H that depends on coordinates and momenta, if there is one
-void check_separable(const HamiltonianProblem& orbit, std::span<const Parameter> parameters);
+void check_separable(const HamiltonianProblem& orbit, const Parameters& parameters);
 /// \throws ProblemError at `location`, of the composition, if that needs a T(p) of degree two and this one is not.
 /// Hypothesis: check_separable() passed.
-void check_kinetic_energy(const HamiltonianProblem& orbit, std::span<const Parameter> parameters,
-                          const Composition& composition, const Location& location);
+void check_kinetic_energy(const HamiltonianProblem& orbit, const Parameters& parameters, const Composition& composition,
+                          const Location& location);
 
 /// Whether a formula names t, itself or through a definition.
-[[nodiscard]] bool names_time(const FormulaText& text, const Vocabulary& vocabulary,
-                              std::span<const Parameter> parameters);
+[[nodiscard]] bool names_time(const FormulaText& text, const Vocabulary& vocabulary, const Parameters& parameters);
 
 /// The pair that an extended phase space adds for a driven system: the time, and minus the work done.
 inline constexpr std::string_view clock_name = "time", work_name = figures::work_momentum;
 
 /// Checks a formula by building it in a graph of its own.
-void check_formula(const FormulaText& text, const Vocabulary& vocabulary, std::span<const Parameter> parameters);
+void check_formula(const FormulaText& text, const Vocabulary& vocabulary, const Parameters& parameters);
 
 /// [invariants]: every entry a formula.
 [[nodiscard]] std::vector<NamedFormula> read_invariants(Section& root, const Vocabulary& vocabulary,
-                                                        std::span<const Parameter> parameters);
+                                                        const Parameters& parameters);
 
 /// [exact]: formulas of `arguments` for some of the names of `lists`.
 [[nodiscard]] std::vector<NamedFormula> read_exact(Section& root, std::span<const NameList> lists,
                                                    std::span<const std::string> arguments,
-                                                   std::span<const Parameter> parameters);
+                                                   const Parameters& parameters);
 
 // ---- the parts of a problem -----------------------------------------------------------------------------------------
 
@@ -174,8 +194,10 @@ void check_formula(const FormulaText& text, const Vocabulary& vocabulary, std::s
 void read_hamiltonian(Section& root, Section& section, Problem& problem);
 void read_lagrangian(Section& root, Section& section, Problem& problem);
 void read_multisymplectic(Section& root, Section& section, Problem& problem);
+/// [field]: derives [multisymplectic], and reads that.
+void read_field(Section& root, Section& section, Problem& problem);
 /// [ensemble], if there is one. Whether the entries that it changes exist is seen when its members are read.
-[[nodiscard]] std::optional<Ensemble> read_ensemble(Section& root, std::span<const Parameter> parameters);
+[[nodiscard]] std::optional<Ensemble> read_ensemble(Section& root, const Parameters& parameters);
 /// The part of [output] that says what is told, and when; needs all but it.
 void read_output_times(Section& section, Problem& problem);
 /// A quantity that is told at times: a formula, or { formula = "u", at = { x = 3.5 } }. `what` is what messages call
@@ -188,8 +210,7 @@ void read_output_times(Section& section, Problem& problem);
 /// What a quantity may name. Of an orbit coordinates and momenta, and t after them, unless that is known already as a
 /// coordinate of the extended phase space; on a lattice fields, coordinates of the grid, t.
 ///@{
-[[nodiscard]] std::vector<std::string> quantity_names(const HamiltonianProblem& ode,
-                                                      std::span<const Parameter> parameters);
+[[nodiscard]] std::vector<std::string> quantity_names(const HamiltonianProblem& ode, const Parameters& parameters);
 [[nodiscard]] std::vector<std::string> quantity_names(const MultisymplecticProblem& pde);
 /// Of these the coordinates of the grid, and t.
 [[nodiscard]] std::vector<std::string> argument_names(const MultisymplecticProblem& pde);

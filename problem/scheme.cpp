@@ -107,35 +107,24 @@ private:
       scheme_.levels = static_cast<Levels>(read_word(entry->value, "levels", levels_words));
       scheme_.levels_location = entry->value.location;
     }
-    if (const Entry* entry = section_.take("on_singular")) {
-      scheme_.on_singular = static_cast<OnSingular>(read_word(entry->value, "on_singular", on_singular_words));
+    if (const Entry* entry = section_.take_outdated("bridge")) {
+      scheme_.outdated = entry->location;
     }
-    if (const Entry* entry = section_.take("bridge")) {
-      scheme_.bridge = static_cast<BridgeRule>(read_word(entry->value, "bridge", bridge_words));
-      if (!has_bridges()) {
-        throw ProblemError(entry->location,
-                           fmt::format("bridge applies to schemes whose Gamma is known, and that of {} is not, so that "
-                                       "it has no bridges; leave it out",
-                                       family_name()));
-      }
-      if (scheme_.on_singular != OnSingular::bridge) {
-        throw ProblemError(entry->location, fmt::format("bridge applies to on_singular = \"bridge\", and this problem "
-                                                        "has \"{}\"; leave it out",
-                                                        to_string(scheme_.on_singular)));
+    if (const Entry* entry = section_.take("on_singular")) {
+      const auto* const word = entry->value.string();
+      if (word != nullptr && (*word == "bridge" || *word == "fixed")) {
+        scheme_.outdated = entry->location;
+      } else {
+        scheme_.on_singular = static_cast<OnSingular>(read_word(entry->value, "on_singular", on_singular_words));
       }
     }
   }
 
   /// Whether a step potential is chosen where the problem says nothing of it.
   [[nodiscard]] bool has_usual_potential() const {
-    return scheme_.levels == Levels::variable && takes_potential() && !says("bridge") &&
-           (!says("on_singular") || misses_bridges());
+    return scheme_.levels == Levels::variable && takes_potential() && (!says("on_singular") || scheme_.outdated);
   }
   [[nodiscard]] bool says(std::string_view key) const { return find(section_.entries(), key) != nullptr; }
-  /// Bridges are asked for, and it is a family for most of which none can be built.
-  [[nodiscard]] bool misses_bridges() const { return is_family() && scheme_.on_singular == OnSingular::bridge; }
-  /// Whether it is a family of symplectic maps that has its discrete energy from theory, section 8.
-  [[nodiscard]] bool is_family() const { return lattice_entry() != nullptr ? !has_bridges() : orbit_method().is_map(); }
   [[nodiscard]] bool takes_potential() const { return lattice_entry() != nullptr || orbit_method().takes_potential; }
 
   void read_potential() {
@@ -172,9 +161,6 @@ private:
                            "step_potential = \"auto\" is not for lagrangian = \"forward\", which is unstable over the "
                            "steps that choose one; give kappa and p, or leave it out");
       }
-      if (says("bridge")) {
-        throw ProblemError(entry->location, "with a step potential there are no bridges; leave bridge out");
-      }
     }
     if (const Entry* largest = section_.take("largest_step")) {
       if (scheme_.potential.kind != Kind::automatic) {
@@ -201,6 +187,7 @@ private:
   [[nodiscard]] const LatticeMethodEntry* lattice_entry() const {
     return scheme_.method.empty() ? nullptr : &lattice_method_entry(scheme_.method);
   }
+  [[nodiscard]] bool is_custom_lattice() const { return lattice_entry() == &custom_lattice_method(); }
   [[nodiscard]] const OrbitMethod& orbit_method() const { return registered(scheme_.lagrangian); }
   /// The lagrangians that have stages.
   [[nodiscard]] std::string stages_owners() const {
@@ -368,14 +355,6 @@ private:
     }
   }
 
-  /// Whether levels that do not exist are crossed: not by families of which no node law is known in closed form.
-  [[nodiscard]] bool has_bridges() const {
-    if (lattice_entry() != nullptr) {
-      return make_lattice_method(method_choice(scheme_))->has_bridges();
-    }
-    return has_compositions() ? composition(scheme_.composition).has_node_law() : !orbit_method().is_map();
-  }
-
   Matrix read_darboux_matrix(const Value& value) {
     const std::size_t size = 2 * problem_.hamiltonian()->q.size();
     const auto& rows = *value.array();
@@ -417,6 +396,10 @@ private:
                          "lagrangian = \"custom\" states its own dependence on t, in t_0 and t_1, and needs H for the "
                          "first step and the reports: one that does not name t");
     }
+    if (problem_.multisymplectic() != nullptr) {
+      read_density();
+      return;
+    }
     if (const Entry* entry = take_only_for("L", LagrangianName::custom)) {
       scheme_.L = read_formula(entry->value, "L");
       check_formula(*scheme_.L, {custom_names(entry->location)}, parameters_);
@@ -427,14 +410,91 @@ private:
     }
   }
 
+  /// L of a lattice, a density of the corners of a cell.
+  void read_density() {
+    const MultisymplecticProblem& pde = *problem_.multisymplectic();
+    const Entry* entry = take_only_for("L", is_custom_lattice(), custom_lattice_method().name);
+    if (!is_custom_lattice()) {
+      return;
+    }
+    const int dimensions = static_cast<int>(pde.axes.size());
+    std::vector<std::string> names = corner_names(pde.fields, dimensions);
+    if (entry == nullptr) {
+      throw ProblemError(
+          scheme_.location,
+          fmt::format("lagrangian = \"custom\" needs L: a density of the values at the corners of a cell, "
+                      "{}, …, {} (level, {}), and of h, dx",
+                      names.front(), names[(2U << dimensions) - 1],
+                      dimensions == 1   ? "node"
+                      : dimensions == 2 ? "y, x"
+                                        : "z, y, x"));
+    }
+    for (const std::string& name : names) {
+      if (parameters_.find(name) != nullptr) {
+        throw ProblemError(
+            entry->location,
+            fmt::format("L cannot tell the parameter {0} from the {0} of a cell; rename the parameter", name));
+      }
+    }
+    const FormulaText text = read_formula(entry->value, "L");
+    scheme_.L = text;
+    scheme_.lagrangian_location = text.location;
+    CornerDensity density = corner_variables(pde.fields, dimensions);
+    if (pde.driven) {
+      names.emplace_back("t");
+    }
+    density.L = build_formula(text, *density.graph, {names}, parameters_);
+    check_density(pde, text, density);
+    scheme_.density = std::make_shared<CornerDensity>(std::move(density));
+  }
+
+  void check_density(const MultisymplecticProblem& pde, const FormulaText& text, CornerDensity& density) const {
+    bool names_any = false;
+    for (int f = 0; f < density.fields; ++f) {
+      names_any = names_any || density.names(f);
+    }
+    if (!names_any) {
+      throw ProblemError(text.location,
+                         fmt::format("L names no value of a field: those at the corners of a cell are {}, …",
+                                     corner_names(pde.fields, density.dimensions).front()));
+    }
+    formula::Graph graph;
+    const std::vector<std::string> quantities = quantity_names(pde);
+    const auto of_S = formula::variables_of(problem_.build(pde.S, graph, quantities));
+    for (int a = 0; a < density.dimensions; ++a) {
+      const std::string& axis = pde.axes[static_cast<std::size_t>(a)].name;
+      const auto number = formula::variables_of(graph.variable(axis)).front();
+      if (density.names_place(a) && std::ranges::find(of_S, number) == of_S.end()) {
+        throw ProblemError(
+            text.location,
+            fmt::format("L names {0}, and S does not: the equation is the same at every {0}, so leave {0} "
+                        "out of L",
+                        axis));
+      }
+    }
+    if (pde.driven) {
+      extend_by_time(density);
+    }
+  }
+
+  /// Of a driven system: t, which is that of the lower level, by the field `time`, and the part of `time` and
+  /// `minus_work`, the last two fields.
+  static void extend_by_time(CornerDensity& density) {
+    const int clock = density.fields - 2, work = density.fields - 1, upper = density.corner_count() / 2;
+    const formula::Expression t = density.graph->variable("t"), h = density.spacings.front();
+    const auto mean = [&](int field) { return 0.5 * (density.corner(field, 0) + density.corner(field, upper)); };
+    density.L = formula::substitute(density.L, std::array{t}, std::array{mean(clock) - 0.5 * h}) +
+                mean(work) * ((density.corner(clock, upper) - density.corner(clock, 0)) / h - 1.0);
+  }
+
   /// The names in a custom 𝕃, which no parameter may hide.
   std::vector<std::string> custom_names(const Location& location) const {
     std::vector<std::string> names = custom_lagrangian_names(*problem_.hamiltonian());
-    for (const Parameter& parameter : parameters_) {
-      if (std::find(names.begin(), names.end(), parameter.name) != names.end()) {
+    for (const std::string& name : names) {
+      if (parameters_.find(name) != nullptr) {
         throw ProblemError(location, fmt::format("L cannot tell the parameter {0} from the {0} of a step; rename the "
                                                  "parameter",
-                                                 parameter.name));
+                                                 name));
       }
     }
     return names;
@@ -490,10 +550,21 @@ private:
     }
   }
 
+  /// When, and where in the file, [initial.next] is.
+  struct SecondPoint {
+    double t = 0.0;
+    Location location;
+  };
+  [[nodiscard]] std::optional<SecondPoint> second_point() const {
+    const auto of = [](const auto& next) {
+      return next ? std::optional(SecondPoint{next->t, next->location}) : std::nullopt;
+    };
+    return problem_.hamiltonian() != nullptr ? of(problem_.hamiltonian()->next) : of(problem_.multisymplectic()->next);
+  }
+
   void read_step(double length) {
-    const auto* ode = problem_.hamiltonian();
-    const std::optional<PhasePoint> next = ode == nullptr ? std::nullopt : ode->next;
-    if (next && orbit_method().is_map()) {
+    const std::optional<SecondPoint> next = second_point();
+    if (next && (problem_.hamiltonian() != nullptr ? orbit_method().is_map() : !is_custom_lattice())) {
       throw ProblemError(
           next->location,
           fmt::format("[initial.next] begins a two-step form, and lagrangian = \"{}\" is a one-step map; "
@@ -546,7 +617,7 @@ private:
   }
 
   /// The starting pair sets the first step; a step that says otherwise contradicts it.
-  void check_against_next(const PhasePoint& next) {
+  void check_against_next(const SecondPoint& next) {
     const double between = next.t - problem_.start();
     constexpr double rounding = 1e-9;
     if (scheme_.step && std::abs(*scheme_.step - between) > rounding * std::abs(between)) {
@@ -588,7 +659,7 @@ private:
 
   Section section_;
   const Problem& problem_;
-  const std::vector<Parameter>& parameters_;
+  const Parameters& parameters_;
   const Entry* energy_tolerance_ = nullptr;
   Scheme scheme_;
 };
@@ -606,17 +677,14 @@ LatticeMethodChoice method_choice(const Scheme& scheme) {
           .stages = scheme.stages.value_or(1),
           .composition = scheme.composition,
           .space = scheme.space,
-          .space_stages = scheme.space_stages};
+          .space_stages = scheme.space_stages,
+          .density = scheme.density};
 }
 std::string_view to_string(Levels levels) {
   return levels_words[static_cast<std::size_t>(levels)];
 }
 std::string_view to_string(OnSingular on_singular) {
   return on_singular_words[static_cast<std::size_t>(on_singular)];
-}
-
-std::string_view to_string(BridgeRule bridge) {
-  return bridge_words[static_cast<std::size_t>(bridge)];
 }
 
 std::vector<std::string> custom_lagrangian_names(const HamiltonianProblem& problem) {

@@ -11,7 +11,6 @@ void set_run_options(const Scheme& scheme, Options& options) {
   options.until = scheme.until;
   options.levels = scheme.levels;
   options.on_singular = scheme.on_singular;
-  options.bridge = scheme.bridge;
   options.potential = scheme.potential;
   options.tolerance = scheme.tolerance;
 }

@@ -63,7 +63,7 @@ std::string shortened(const std::string& term) {
 
 /// \param graph where its parts are, with the names as variables
 Separation separation_in(formula::Graph& graph, const FormulaText& H, const std::vector<std::string>& names,
-                         std::span<const Parameter> parameters) {
+                         const Parameters& parameters) {
   std::vector<formula::Expression> variables;
   for (const std::string& name : names) {
     variables.push_back(graph.variable(name));
@@ -71,15 +71,14 @@ Separation separation_in(formula::Graph& graph, const FormulaText& H, const std:
   return separate(build_formula(H, graph, {names, {}, {}}, parameters), variables);
 }
 
-std::string mixed_term(const FormulaText& H, const std::vector<std::string>& names,
-                       std::span<const Parameter> parameters) {
+std::string mixed_term(const FormulaText& H, const std::vector<std::string>& names, const Parameters& parameters) {
   formula::Graph graph;
   return separation_in(graph, H, names, parameters).mixed;
 }
 
 /// Where in the text the first term stands that is mixed by itself; at its beginning if it cannot be told.
 std::size_t place_of_mixed(const HamiltonianProblem& orbit, const std::vector<std::string>& names,
-                           std::span<const Parameter> parameters) {
+                           const Parameters& parameters) {
   const std::string& text = orbit.H.text;
   for (const Term& term : terms_of(text)) {
     try {
@@ -96,7 +95,7 @@ std::size_t place_of_mixed(const HamiltonianProblem& orbit, const std::vector<st
 
 }  // namespace
 
-void check_separable(const HamiltonianProblem& orbit, std::span<const Parameter> parameters) {
+void check_separable(const HamiltonianProblem& orbit, const Parameters& parameters) {
   const std::vector<std::string> names = orbit.names();
   const std::string mixed = mixed_term(orbit.H, names, parameters);
   if (mixed.empty()) {
@@ -110,8 +109,8 @@ void check_separable(const HamiltonianProblem& orbit, std::span<const Parameter>
   throw ProblemError(place_in_file(orbit.H.location, error.line(), error.column()), error.what());
 }
 
-void check_kinetic_energy(const HamiltonianProblem& orbit, std::span<const Parameter> parameters,
-                          const Composition& composition, const Location& location) {
+void check_kinetic_energy(const HamiltonianProblem& orbit, const Parameters& parameters, const Composition& composition,
+                          const Location& location) {
   if (!composition.of_quadratic_kinetic_energy) {
     return;
   }

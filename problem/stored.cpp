@@ -6,35 +6,70 @@
 
 namespace rubato {
 
-StoredLevels::StoredLevels(const record::Reader& reader, std::size_t stored_every)
-    : t(reader.read("/levels/t")),
+std::optional<std::vector<std::size_t>> every_nth(std::size_t count, std::size_t every, std::size_t last) {
+  const std::size_t regular = last / every + 1;
+  if (count != regular && (count != regular + 1 || last % every == 0)) {
+    return std::nullopt;
+  }
+  std::vector<std::size_t> numbers;
+  for (std::size_t row = 0; row < count; ++row) {
+    numbers.push_back(row < regular ? row * every : last);
+  }
+  return numbers;
+}
+
+StoredLevels::StoredLevels(const record::Reader& reader, const Problem& problem)
+    : told_step(reader.read("/levels/step")),
+      t(reader.read("/levels/t")),
+      clock(reader.has(std::string(figures::level_times)) ? reader.read(std::string(figures::level_times)) : t),
       h(reader.read("/levels/h")),
-      bridged(reader.read("/levels/bridged")),
+      off_law(reader.read(record::off_law_path(reader))),
       state_t(reader.read("/states/t")),
       told_level(reader.read("/states/level")),
-      every(stored_every),
+      last(figures::stored_last_level(reader).value_or(h.size())),
+      every(static_cast<std::size_t>(problem.output.states_every())),
+      rows_every(static_cast<std::size_t>(problem.levels.every)),
       sparse(reader.has("/states/previous/t")) {
-  // Every n-th level is stored; the last one, too, unless the run still goes on.
-  const std::size_t regular = t.empty() ? 0 : h.size() / every + 1;
-  const bool fits = state_t.size() == regular || (state_t.size() == regular + 1 && h.size() % every != 0);
+  if (reader.has("/levels/step_potential")) {
+    potential = reader.read("/levels/step_potential");
+  }
+  if (sparse) {
+    previous_t = reader.read("/states/previous/t");
+  }
   const auto unfit = [&] {
     return fmt::format("{} levels, {} steps and {} stored states do not fit together", t.size(), h.size(),
                        state_t.size());
   };
-  if (reader.has("/levels/step_potential")) {
-    potential = reader.read("/levels/step_potential");
-  }
   const bool fits_potential = potential.empty() || potential.size() == h.size();
-  if (t.size() != h.size() + 1 || bridged.size() != h.size() || !fits_potential ||
-      told_level.size() != state_t.size()) {
+  const bool fits_previous = !sparse || previous_t.size() == state_t.size();
+  if (t.size() != h.size() + 1 || clock.size() != t.size() || off_law.size() != h.size() ||
+      told_step.size() != h.size() || !fits_potential || !fits_previous || told_level.size() != state_t.size()) {
     throw record::Error(reader.file(), unfit());
   }
-  if (!fits || (every > 1 && !sparse)) {
+  const auto rows = every_nth(t.size(), rows_every, last);
+  if (!rows) {
+    throw figures::Mismatch(reader.file(), "/levels/step",
+                            fmt::format("with a row of every {}-th of {} levels, {}", rows_every, last + 1, unfit()));
+  }
+  level = *rows;
+  const auto states = every_nth(state_t.size(), every, last);
+  if (!states || (every > 1 && !sparse)) {
     throw figures::Mismatch(reader.file(), "/states/level", fmt::format("with every = {}, {}", every, unfit()));
   }
-  for (std::size_t row = 0; row < state_t.size(); ++row) {
-    state_level.push_back(row < regular ? row * every : h.size());
+  state_level = *states;
+}
+
+std::optional<std::size_t> StoredLevels::row_of(std::size_t number) const {
+  if (number == level.back()) {
+    return level.size() - 1;
   }
+  const std::size_t row = number / rows_every;
+  return number % rows_every == 0 && row < level.size() ? std::optional(row) : std::nullopt;
+}
+
+std::optional<std::size_t> StoredLevels::step_to(std::size_t state_row) const {
+  const auto row = row_of(state_level[state_row]);
+  return row && *row > 0 ? std::optional(*row - 1) : std::nullopt;
 }
 
 namespace {
@@ -75,7 +110,7 @@ void require_fit(const Problem& problem, const record::Reader& reader) {
 }  // namespace
 
 Problem parse_stored(const std::string& text, const std::string& file, std::span<const std::string> settings) {
-  Problem problem = parse_problem(text, file, settings);
+  Problem problem = parse_recorded(text, file, settings);
   if (auto* pde = std::get_if<MultisymplecticProblem>(&problem.system); pde != nullptr && pde->initial_record) {
     pde->initial_record->file = file;
     pde->initial_record->own_start = true;
@@ -83,13 +118,25 @@ Problem parse_stored(const std::string& text, const std::string& file, std::span
   return problem;
 }
 
+void keep_to_version_of(const record::Reader& reader, Problem& problem) {
+  if (problem.scheme.usual_potential && !reader.has("/levels/step_potential")) {
+    problem.scheme.potential = {};
+  }
+  if (!figures::stored_last_level(reader)) {
+    problem.levels.every = 1;
+  }
+  if (problem.clock() && !reader.has(std::string(figures::level_times))) {
+    problem.output.in_fictitious_time = true;
+    auto& invariants = std::get<HamiltonianProblem>(problem.system).invariants;
+    std::erase_if(invariants, [&](const NamedFormula& one) { return !reader.has("/laws/" + one.name); });
+  }
+}
+
 Problem stored_problem(const record::Reader& reader) {
   record::require_run(reader);
   try {
     Problem problem = parse_stored(reader.header().problem, reader.file().string());
-    if (problem.scheme.usual_potential && !reader.has("/levels/step_potential")) {
-      problem.scheme.potential = {};  // from before there was a usual one
-    }
+    keep_to_version_of(reader, problem);
     require_fit(problem, reader);
     return problem;
   } catch (const ProblemError& error) {

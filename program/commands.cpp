@@ -15,11 +15,9 @@
 #include <rubato/run/ensemble.hpp>
 
 #include "beside.hpp"
-#include "heap.hpp"
 #include "probe.hpp"
 #include "signals.hpp"
 #include "terminal.hpp"
-#include "waiting.hpp"
 
 namespace rubato::program {
 namespace {
@@ -68,8 +66,11 @@ void write_xdmf(rubato::Outcome& outcome) {
 template <typename Work>
 auto with_progress(const Reporting& reporting, rubato::RunOptions options, std::vector<std::string>& said,
                    const Work& work) {
+  Interruption& interruption = catch_interrupts();
   options.threads = reporting.threads;
-  options.interrupt = &catch_interrupts();
+  options.lock = !reporting.no_lock;
+  options.interrupt = &interruption.asked;
+  options.storing = &interruption.storing;
   options.ranks = other_ranks;
   ProgressLine line;
   if (!reporting.quiet) {
@@ -79,6 +80,7 @@ auto with_progress(const Reporting& reporting, rubato::RunOptions options, std::
     };
   }
   if (line.is_shown() && !reporting.quiet) {
+    line.begin();
     options.progress = [&line](const rubato::Progress& progress) { line.update(progress); };
   }
   return work(options);
@@ -94,6 +96,11 @@ rubato::ExitStatus report_members(const Reporting& reporting, const rubato::RunO
     print(rubato::to_json(outcome) + "\n");
   } else if (!reporting.quiet) {
     print(rubato::to_table(outcome, rows));
+  }
+  if (!reporting.quiet) {
+    for (const std::string& warning : outcome.findings.warnings("members")) {
+      print_warning(warning);
+    }
   }
   if (!outcome.message.empty()) {
     print_error(outcome.message);
@@ -140,8 +147,6 @@ void share_with(ranks::Communicator* ranks) {
 
 rubato::ExitStatus run(const RunCommand& command) {
   const rubato::Problem problem = rubato::read_problem(command.problem, command.settings);
-  wait_briefly_for(problem, command.problem);
-  prepare_heap();
   rubato::RunOptions options;
   options.output = command.output;
   options.overwrite = command.force;
@@ -174,12 +179,17 @@ rubato::ExitStatus converge(const ConvergeCommand& command) {
   std::vector<std::string> said;
   const Reporting quiet{.json = command.reporting.json, .quiet = true, .threads = command.reporting.threads};
   const rubato::ConvergenceOutcome outcome = with_progress(quiet, {}, said, [&](const rubato::RunOptions& options) {
+    const rubato::Storing storing(options.storing);  // its folder of records is removed by it, whatever ends it
     return rubato::converge(problem, command.tolerance, options);
   });
+  if (outcome.ended) {
+    print(command.reporting.json ? rubato::to_json(outcome) + "\n" : rubato::to_table(outcome));
+  }
+  for (const std::string& warning : outcome.findings.warnings("runs")) {
+    print_warning(warning);
+  }
   if (!outcome.message.empty()) {
     print_error(outcome.message);
-  } else {
-    print(command.reporting.json ? rubato::to_json(outcome) + "\n" : rubato::to_table(outcome));
   }
   return outcome.status;
 }
@@ -230,8 +240,20 @@ rubato::ExitStatus list() {
   return rubato::ExitStatus::done;
 }
 
-rubato::ExitStatus show(const std::string& name) {
-  print(rubato::show_catalogue(name));
+rubato::ExitStatus show(const std::string& name, std::span<const std::string> settings) {
+  const std::string text(rubato::show_catalogue(name));
+  print(rubato::effective_document(text, name + ".toml (built-in)", settings).text);
+  return rubato::ExitStatus::done;
+}
+
+rubato::ExitStatus show_form(const std::string& problem, std::span<const std::string> settings) {
+  const rubato::Problem read = rubato::read_problem(problem, settings);
+  const auto* pde = read.multisymplectic();
+  if (pde == nullptr || pde->derived.empty()) {
+    throw std::invalid_argument(
+        fmt::format("{}: nothing is derived: --form prints the M, K and S of a problem with [field]", problem));
+  }
+  print(pde->derived);
   return rubato::ExitStatus::done;
 }
 

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -14,6 +15,7 @@ namespace rubato::program {
 struct Reporting {
   bool json = false;
   bool quiet = false;
+  bool no_lock = false;
   int threads = 0;
 };
 
@@ -59,6 +61,8 @@ void share_with(ranks::Communicator* ranks);
 [[nodiscard]] rubato::ExitStatus resume(const ResumeCommand& command);
 [[nodiscard]] rubato::ExitStatus check(const CheckCommand& command);
 [[nodiscard]] rubato::ExitStatus list();
-[[nodiscard]] rubato::ExitStatus show(const std::string& name);
+[[nodiscard]] rubato::ExitStatus show(const std::string& name, std::span<const std::string> settings);
+/// The [multisymplectic] of a problem, as it was derived from [field].
+[[nodiscard]] rubato::ExitStatus show_form(const std::string& problem, std::span<const std::string> settings);
 
 }  // namespace rubato::program

@@ -1,5 +1,6 @@
 #include "completion.hpp"
 
+#include <algorithm>
 #include <stdexcept>
 #include <vector>
 
@@ -8,6 +9,7 @@
 
 #include <rubato/problem/browse.hpp>
 #include <rubato/problem/help.hpp>
+#include <rubato/problem/keys.hpp>
 
 namespace rubato::program {
 
@@ -73,6 +75,25 @@ std::string catalogue_names() {
   return names_of(rubato::list_catalogue());
 }
 
+/// Every entry of a problem file that --set can change, with spaces between them: "scheme.step". Of tables with names
+/// of the user's, the table and a dot.
+std::string entries_of_problems(std::string_view ending) {
+  std::string entries;
+  const auto add = [&](const std::string& entry) { entries += (entries.empty() ? "" : " ") + entry; };
+  for (const rubato::TableEntry& table : rubato::problem_tables()) {
+    const bool of_any_name = table.name.ends_with(".NAME");
+    if (!table.names_what.empty() && !of_any_name) {
+      add(fmt::format("{}.", table.name));
+    }
+    for (const rubato::KeyEntry& key : rubato::problem_keys()) {
+      if (key.table == table.name && !of_any_name && !table.name.empty()) {
+        add(fmt::format("{}.{}{}", table.name, key.name, ending));
+      }
+    }
+  }
+  return entries;
+}
+
 std::string option_names(const Command& command) {
   std::vector<std::string> names;
   for (const Option& option : command.options) {
@@ -93,7 +114,12 @@ std::string quoted(const std::string& text) {
 std::string bash_script(const std::vector<Command>& commands) {
   std::string text =
       "# bash completion of rubato\n_rubato() {\n  local word=\"${COMP_WORDS[COMP_CWORD]}\" words=''\n"
-      "  if [ \"$COMP_CWORD\" -eq 1 ]; then\n";
+      "  if [ \"${COMP_WORDS[COMP_CWORD - 1]}\" = --set ]; then\n";
+  text += fmt::format(
+      "    words='{}'; compopt -o nospace 2>/dev/null\n  elif [ \"${{COMP_WORDS[COMP_CWORD - 1]}}\" = --unset ]; "
+      "then\n",
+      entries_of_problems("="));
+  text += fmt::format("    words='{}'\n  elif [ \"$COMP_CWORD\" -eq 1 ]; then\n", entries_of_problems(""));
   text +=
       fmt::format("    words='{} --help --version'\n  else\n    case \"${{COMP_WORDS[1]}}\" in\n", names_of(commands));
   for (const Command& command : commands) {
@@ -117,7 +143,11 @@ std::string zsh_script(const std::vector<Command>& commands) {
   for (const Command& command : commands) {
     text += "    " + quoted(command.name + ":" + command.description) + "\n";
   }
-  text += "  )\n  if (( CURRENT == 2 )); then _describe command commands; return; fi\n  case $words[2] in\n";
+  text += "  )\n  if (( CURRENT == 2 )); then _describe command commands; return; fi\n";
+  text += fmt::format(
+      "  case $words[CURRENT-1] in\n    --set) compadd -S '' -- {}; return ;;\n    --unset) compadd -- {}; "
+      "return ;;\n  esac\n  case $words[2] in\n",
+      entries_of_problems("="), entries_of_problems(""));
   for (const Command& command : commands) {
     text += fmt::format("    {})\n", command.name);
     if (!command.options.empty()) {
@@ -146,7 +176,11 @@ std::string fish_script(const std::vector<Command>& commands) {
       for (const std::string& name : option.names) {
         text += name.starts_with("--") ? " -l " + name.substr(2) : " -s " + name.substr(1);
       }
-      text += fmt::format("{} -d {}\n", option.takes_value ? " -r" : "", quoted(option.description));
+      const bool sets = std::ranges::find(option.names, "--set") != option.names.end();
+      const bool unsets = std::ranges::find(option.names, "--unset") != option.names.end();
+      text += option.takes_value ? " -r" : "";
+      text += sets || unsets ? fmt::format(" -f -a '{}'", entries_of_problems(sets ? "=" : "")) : "";
+      text += fmt::format(" -d {}\n", quoted(option.description));
     }
     if (command.takes_catalogue_name) {
       text += fmt::format("{}{} -a '{}'\n", here, command.takes_file ? "" : " -f", catalogue_names());

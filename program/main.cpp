@@ -12,8 +12,10 @@
 #include <fmt/ranges.h>
 #include <CLI/CLI.hpp>
 
+#include <rubato/base/memory.hpp>
 #include <rubato/problem/browse.hpp>
 #include <rubato/problem/help.hpp>
+#include <rubato/problem/initial_record.hpp>
 #include <rubato/ranks/communicator.hpp>
 #include <rubato/record/error.hpp>
 #include <rubato/run/ensemble_ranks.hpp>
@@ -22,12 +24,18 @@
 
 #include "commands.hpp"
 #include "completion.hpp"
+#include "probe.hpp"
 #include "report_command.hpp"
 #include "signals.hpp"
 #include "terminal.hpp"
-#include "waiting.hpp"
 
 namespace {
+
+/// Lets waiting threads sleep: threads that spin take the processor from those they wait for. OpenMP reads its
+/// environment before main(), but after this if the program links OpenMP's static library.
+[[gnu::constructor(101)]] void wait_passively() {
+  setenv("OMP_WAIT_POLICY", "passive", 0);
+}
 
 using rubato::ExitStatus;
 using rubato::program::print_error;
@@ -53,13 +61,16 @@ constexpr const char* examples =
     "\n"
     "Exit status: 0 done; 2 input or usage wrong; 3 stopped at a singular point of the step\n"
     "equation; 4 the solver failed; 5 a file could not be read or written; 6 (check) the record\n"
-    "contradicts itself; 130 interrupted.\n";
+    "contradicts itself; 7 the run reached its end, but its result is lost (see the verdict);\n"
+    "130 interrupted.\n";
 
 constexpr const char* run_examples =
     "Examples:\n"
     "  rubato run mine.toml\n"
     "  rubato run pendulum --set scheme.step=0.05 --set scheme.until=20*pi\n"
     "  rubato run pendulum --set scheme.levels=fixed -o fixed.h5 --force\n"
+    "  rubato run mine.toml --set scheme.lagrangian=midpoint --unset scheme.stages -o midpoint.h5\n"
+    "  generate | rubato run - -o mine.h5\n"
     "  rubato run pendulum --json | python3 -m json.tool\n";
 
 /// A whole number of threads, or the reason why not.
@@ -84,6 +95,12 @@ std::string check_positive(const std::string& text) {
              : text + " is not a number above 0";
 }
 
+std::string check_removal(const std::string& text) {
+  return text.find('=') == std::string::npos
+             ? ""
+             : fmt::format("{}: expected table.key, without a value; --set changes one", text.substr(0, 200));
+}
+
 std::string check_not_empty(const std::string& text) {
   return text.empty() ? "the name is empty" : "";
 }
@@ -91,9 +108,13 @@ std::string check_not_empty(const std::string& text) {
 void add_reporting(CLI::App& command, rubato::program::Reporting& reporting) {
   command.add_flag("--json", reporting.json, "Print one JSON object, and nothing else, on standard output");
   command.add_flag("-q,--quiet", reporting.quiet, "No progress line, table or warnings");
-  command.add_option("--threads", reporting.threads, "Number of threads (default: OpenMP's)")
+  command
+      .add_option("--threads", reporting.threads,
+                  "Number of threads (default: OMP_NUM_THREADS, or all processors where that helps)")
       ->option_text("N")
       ->check(check_threads);
+  command.add_flag("--no-lock", reporting.no_lock,
+                   "Write without a lock, on a file system that has none; no other run may write the record then");
 }
 
 /// The command line: its options are stored where the commands find them, and the command chosen is carried out by
@@ -102,7 +123,6 @@ class CommandLine {
 public:
   CommandLine() : app_(description, "rubato") {
     app_.set_version_flag("--version", fmt::format("rubato {}", rubato::version()));
-    app_.footer(examples);
     app_.require_subcommand(1);
     add_run();
     add_scan();
@@ -110,17 +130,27 @@ public:
     add_resume();
     add_check();
     reports_.add_to(app_);
-    app_.add_subcommand("list", "List the catalogue");
+    app_.add_subcommand("list", "List the catalogue")
+        ->footer("Every name is a problem that `rubato run NAME` runs and `rubato show NAME` prints.\n");
     CLI::App& show = *app_.add_subcommand("show", "Print a complete problem file of the catalogue");
-    show.add_option("name", name_, "A catalogue name")->option_text("NAME")->required();
-    CLI::App& help = *app_.add_subcommand("help", "Explain formulas, problem files or a command");
-    help.add_option("topic", name_, "formulas, problem, or a command")->option_text("TOPIC");
+    show.add_option("name", name_, "A catalogue name; with --form, a problem file as well")
+        ->option_text("NAME")
+        ->required();
+    show.add_flag("--form", form_, "Print the M, K and S that are derived from [field]");
+    add_changes(show, show_settings_);
+    show.footer(
+        "Examples:\n  rubato show pendulum > mine.toml\n"
+        "  rubato show kepler --set parameters.e=0.3 --unset exact > mine.toml\n"
+        "  rubato show --form mine.toml\n");
+    CLI::App& help = *app_.add_subcommand("help", "Explain formulas, problem files, a table of one or a command");
+    help.add_option("topic", name_, "formulas, problem, a table such as scheme, or a command")->option_text("TOPIC");
     help.footer(
         "Examples:\n  rubato help formulas   functions, operators, names\n  rubato help problem    every key of a "
-        "problem file\n");
+        "problem file\n  rubato help scheme     every key of one of its tables\n");
     CLI::App& completion = *app_.add_subcommand("completion", "Print a script that makes a shell complete commands");
     completion.add_option("shell", name_, "bash, zsh or fish")->option_text("SHELL")->required();
     completion.footer("Example:\n  source <(rubato completion bash)\n");
+    app_.footer(examples);  // last: a command would inherit it
   }
 
   [[nodiscard]] ExitStatus act(int argc, char** argv) {
@@ -156,7 +186,9 @@ public:
       rubato::program::print(rubato::program::completion(app_, name_));
       return ExitStatus::done;
     }
-    return app_.got_subcommand("list") ? rubato::program::list() : rubato::program::show(name_);
+    return app_.got_subcommand("list") ? rubato::program::list()
+           : form_                     ? rubato::program::show_form(name_, show_settings_)
+                                       : rubato::program::show(name_, show_settings_);
   }
 
   /// The records that the command chosen reads, "a.h5, b.h5"; empty if none.
@@ -185,9 +217,10 @@ private:
     } else {
       known.insert(known.end(), topics.begin(), topics.end());
       const std::string guess = rubato::did_you_mean(name_, known);
-      print_error(fmt::format("there is no help on {}; {}\nTopics: {}. Commands: see rubato --help",
-                              name_.substr(0, 100), guess.empty() ? "it is neither a topic nor a command" : guess,
-                              fmt::join(topics, ", ")));
+      print_error(
+          fmt::format("there is no help on {}; {}\nTopics: {}. Commands: see rubato --help", name_.substr(0, 100),
+                      guess.empty() ? "it is neither a topic, nor a table of problem files, nor a command" : guess,
+                      fmt::join(topics, ", ")));
       return ExitStatus::wrong_input;
     }
     return ExitStatus::done;
@@ -203,18 +236,45 @@ private:
     return files;
   }
 
-  /// What commands that run a problem have in common.
-  static void add_problem(CLI::App& command, rubato::program::RunCommand& run, const std::string& default_file) {
-    command.add_option("problem", run.problem, "A problem file, or a catalogue name")
+  static void add_source(CLI::App& command, std::string& problem, std::vector<std::string>& settings) {
+    command.add_option("problem", problem, "A problem file, a catalogue name, or - for standard input")
         ->option_text("PROBLEM")
         ->check(check_not_empty)
         ->required();
+    add_changes(command, settings);
+  }
+
+  /// --set and --unset, both of which are settings of a problem.
+  static void add_changes(CLI::App& command, std::vector<std::string>& settings) {
+    command
+        .add_option_function<std::vector<std::string>>(
+            "--set",
+            [&settings](const std::vector<std::string>& changes) {
+              settings.insert(settings.end(), changes.begin(), changes.end());
+            },
+            "Change one entry of the problem; repeatable")
+        ->option_text("table.key=value")
+        ->allow_extra_args(false);
+    command
+        .add_option_function<std::vector<std::string>>(
+            "--unset",
+            [&settings](const std::vector<std::string>& removed) {
+              for (const std::string& entry : removed) {
+                settings.push_back("-" + entry);
+              }
+            },
+            "Remove one entry of the problem, or a table; repeatable; before any --set")
+        ->option_text("table.key")
+        ->check(check_removal)
+        ->allow_extra_args(false);
+  }
+
+  /// What commands that write the record of a problem have in common.
+  static void add_problem(CLI::App& command, rubato::program::RunCommand& run, const std::string& default_file) {
+    add_source(command, run.problem, run.settings);
     command.add_option("-o,--output", run.output, fmt::format("The record to write (default: {})", default_file))
         ->option_text("OUT.h5")
         ->check(check_not_empty);
-    command.add_option("--set", run.settings, "Change one entry of the problem; repeatable")
-        ->option_text("table.key=value")
-        ->allow_extra_args(false);
     command.add_flag("-f,--force", run.force, "Overwrite an existing record");
   }
 
@@ -235,13 +295,7 @@ private:
   void add_converge() {
     CLI::App& command =
         *app_.add_subcommand("converge", "Estimate errors by runs with halves and quarters of the step");
-    command.add_option("problem", converge_.problem, "A problem file, or a catalogue name")
-        ->option_text("PROBLEM")
-        ->check(check_not_empty)
-        ->required();
-    command.add_option("--set", converge_.settings, "Change one entry of the problem; repeatable")
-        ->option_text("table.key=value")
-        ->allow_extra_args(false);
+    add_source(command, converge_.problem, converge_.settings);
     command
         .add_option("--tolerance", converge_.tolerance,
                     "Say which step would reach this error, relative to each quantity")
@@ -273,6 +327,11 @@ private:
         ->option_text("T")
         ->check(check_finite);
     add_reporting(command, resume_.reporting);
+    command.footer(
+        "The record goes on as if it had never stopped; the problem is that of the record.\n"
+        "Examples:\n"
+        "  rubato resume mine.h5                 to the problem's until\n"
+        "  rubato resume mine.h5 --until 200     further\n");
   }
 
   void add_check() {
@@ -316,6 +375,8 @@ private:
   rubato::program::CheckCommand check_;
   rubato::program::ReportCommands reports_;
   std::string name_, records_;
+  std::vector<std::string> show_settings_;
+  bool form_ = false;
 };
 
 /// What is wrong although nothing checked for it: with a record, or else with the problem that is run.
@@ -326,9 +387,14 @@ ExitStatus unforeseen(const std::string& records, std::string_view reason) {
   return records.empty() ? ExitStatus::failed : ExitStatus::file_error;
 }
 
+std::string no_memory() {
+  const rubato::AvailableMemory available = rubato::available_memory();
+  return fmt::format("not enough memory: the process held {:.3g} GB, and {:.3g} GB is available ({})",
+                     rubato::peak_memory() * 1e-9, available.bytes * 1e-9, available.limit);
+}
+
 ExitStatus guarded(int argc, char** argv) {
   CommandLine line;
-  constexpr const char* no_memory = "there is not enough memory for what it holds";
   try {
     return line.act(argc, argv);
   } catch (const rubato::record::AlreadyExists& error) {
@@ -344,11 +410,9 @@ ExitStatus guarded(int argc, char** argv) {
     print_error(error.what());
     return ExitStatus::wrong_input;
   } catch (const std::bad_alloc&) {
-    return unforeseen(line.records(),
-                      line.records().empty() ? "there is not enough memory for this problem" : no_memory);
+    return unforeseen(line.records(), no_memory());
   } catch (const std::length_error&) {
-    return unforeseen(line.records(),
-                      line.records().empty() ? "there is not enough memory for this problem" : no_memory);
+    return unforeseen(line.records(), no_memory());
   } catch (const std::exception& error) {
     return unforeseen(line.records(), error.what());
   }
@@ -367,7 +431,9 @@ ExitStatus by_ranks(int argc, char** argv) {
       status = guarded(argc, argv);
       rubato::dismiss(*ranks);
     } else {
-      rubato::help_rank_0(*ranks, &rubato::program::catch_interrupts());
+      rubato::program::Interruption& interruption = rubato::program::catch_interrupts();
+      interruption.storing = true;  // what rank 0 stores may be at stake
+      rubato::help_rank_0(*ranks, &interruption.asked);
     }
     std::fflush(nullptr);  // some launchers end all where one ends with another status than 0
     // With HDF5 for MPI the end of the job is that of HDF5: see main(). The launcher then ends the others.
@@ -384,9 +450,10 @@ ExitStatus by_ranks(int argc, char** argv) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  rubato::program::wait_briefly({argv, static_cast<std::size_t>(argc)});
   rubato::program::keep_standard_streams();
   rubato::program::survive_file_limits();
+  rubato::fail_beyond_available_memory();
+  rubato::probe_sources_with(&rubato::program::probe_record);
   const ExitStatus status = by_ranks(argc, argv);
   if (status == ExitStatus::file_error) {
     // HDF5, at the end of the process, takes up again what it could not write or read, and may crash there.

@@ -12,6 +12,7 @@
 
 #include <fmt/format.h>
 
+#include <rubato/record/arrays.hpp>
 #include <rubato/record/reader.hpp>
 
 namespace rubato::program {
@@ -19,7 +20,7 @@ namespace rubato::program {
 namespace {
 
 /// Processor time that the structure of a record may take. Its checksums are read at hundreds of megabytes a second.
-constexpr rlim_t seconds_of_work = 20, bytes_a_second = 100'000'000;
+constexpr rlim_t seconds_of_work = 5, bytes_a_second = 100'000'000;
 
 [[noreturn]] void read_and_leave(const std::filesystem::path& file) {
   std::error_code none;
@@ -36,7 +37,11 @@ constexpr rlim_t seconds_of_work = 20, bytes_a_second = 100'000'000;
     dup2(nowhere, STDERR_FILENO);
   }
   try {
-    const record::Reader reader(file, record::Altered::told);  // which leaves what datasets hold to the command
+    if (record::is_record(file)) {
+      const record::Reader reader(file, record::Altered::told);  // which leaves what datasets hold to the command
+    } else {
+      const record::ArrayFile arrays(file);
+    }
   } catch (const std::exception&) {
     // The command will find the same, and say it.
   }

@@ -82,6 +82,8 @@ void ReportCommands::add_report(CLI::App& app) {
   report_->add_option("file", file_, "A record")->option_text("OUT.h5")->required();
   report_->add_option("-o,--output", output_, "The page to write (default: OUT.html)")->option_text("OUT.html");
   add_size(*report_);
+  report_->add_option("--field", field_, "Of a plane or a volume, the field to draw at every node where there is room")
+      ->option_text("NAME");
   report_->add_flag("-f,--force", force_, "Overwrite a file that is no report");
   report_->footer(report_examples);
 }
@@ -132,7 +134,9 @@ void ReportCommands::report() const {
   const record::Reader reader(file_);
   const std::string output = output_.value_or(beside(file_, ".html"));
   refuse_replacing(file_, output);
-  const std::string page = report::page(reader, page_options(max_size_, full_));
+  report::PageOptions options = page_options(max_size_, full_);
+  options.field = field_;
+  const std::string page = report::page(reader, options);
   report::write_page(output, page, force_);
   print(fmt::format("{} ({:.1f} MB)\n", output, static_cast<double>(page.size()) / 1e6));
 }

@@ -32,6 +32,7 @@ private:
   CLI::App* export_ = nullptr;
   std::string file_, other_file_;
   std::optional<std::string> output_;
+  std::string field_;
   double max_size_ = 5.0;
   bool full_ = false, force_ = false, json_ = false, xdmf_ = false;
 };

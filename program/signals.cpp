@@ -15,11 +15,18 @@
 namespace rubato::program {
 namespace {
 
-std::atomic<bool> interrupted = false;
+Interruption interruption;
 static_assert(std::atomic<bool>::is_always_lock_free, "a signal handler may only touch lock-free atomics");
 
+/// Only what is allowed in a signal handler.
 extern "C" void on_signal(int /*number*/) {
-  interrupted = true;
+  if (interruption.storing) {
+    interruption.asked = true;
+    return;
+  }
+  constexpr std::string_view message = "\nrubato: error: interrupted\n";
+  static_cast<void>(!write(STDERR_FILENO, message.data(), message.size()));
+  _exit(static_cast<int>(rubato::ExitStatus::interrupted));
 }
 
 /// Made beforehand: a signal handler may not.
@@ -33,7 +40,7 @@ extern "C" void on_crash(int /*number*/) {
 
 }  // namespace
 
-const std::atomic<bool>& catch_interrupts() {
+Interruption& catch_interrupts() {
   struct sigaction action = {};
   action.sa_handler = &on_signal;
   action.sa_flags = static_cast<int>(SA_RESETHAND);
@@ -44,7 +51,7 @@ const std::atomic<bool>& catch_interrupts() {
   if (sigaction(SIGHUP, nullptr, &hangup) == 0 && hangup.sa_handler != SIG_IGN) {
     sigaction(SIGHUP, &action, nullptr);
   }
-  return interrupted;
+  return interruption;
 }
 
 void explain_crashes(std::string_view files) {

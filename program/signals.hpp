@@ -5,9 +5,16 @@
 
 namespace rubato::program {
 
-/// From now on SIGINT, SIGTERM and SIGHUP (unless it is ignored, as under nohup) set the flag returned, so that a run
-/// can end with a whole record. A second signal ends the process at once.
-[[nodiscard]] const std::atomic<bool>& catch_interrupts();
+/// How SIGINT, SIGTERM and SIGHUP reach a run.
+struct Interruption {
+  std::atomic<bool> asked = false;    ///< set by the first signal while the run is storing levels
+  std::atomic<bool> storing = false;  ///< set by the run; where it is not, a signal ends the process at once
+};
+
+/// From now on SIGINT, SIGTERM and SIGHUP (unless it is ignored, as under nohup) set `asked` of what is returned, so
+/// that a run can end with a whole record; while no run stores levels they end the process at once, with status 130,
+/// since there is nothing to lose. So does a second signal.
+[[nodiscard]] Interruption& catch_interrupts();
 
 /// From now on a crash ends the program with a message that the records it reads, `files`, may be damaged, and the
 /// status of that: HDF5 refuses most damaged files, but a few crash it.

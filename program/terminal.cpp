@@ -68,20 +68,29 @@ ProgressLine::~ProgressLine() {
   }
 }
 
+void ProgressLine::begin() {
+  std::fputs("\r\x1b[Kpreparing the first step", stderr);
+  std::fflush(stderr);
+  is_dirty_ = true;
+}
+
 void ProgressLine::update(const rubato::Progress& progress) {
   if (!is_terminal_) {
     return;
   }
-  if (!is_dirty_) {
+  if (!is_updated_) {
     first_t_ = progress.t;
   }
+  is_updated_ = true;
   const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - begin_;
   const double done = (progress.t - first_t_) / (progress.until - first_t_);
   const std::string left = done > 0.001 ? duration(elapsed.count() * (1 - done) / done) + " left" : "";
-  const std::string bridges = progress.bridges > 0 ? fmt::format("  {} bridges", progress.bridges) : "";
+  const std::string off_law = progress.off_law > 0 ? fmt::format("  {} off the law", progress.off_law) : "";
   const std::string line =
-      fmt::format("\r\x1b[Kt = {:.6g} of {:.6g}  {} steps  h = {:.3g}  energy {:.1e}{}  {}", progress.t, progress.until,
-                  progress.steps, progress.h, progress.energy_deviation, bridges, left);
+      progress.members > 0
+          ? fmt::format("\r\x1b[K{} of {} members  {}", progress.steps, progress.members, left)
+          : fmt::format("\r\x1b[Kt = {:.6g} of {:.6g}  {} steps  h = {:.3g}  energy {:.1e}{}  {}", progress.t,
+                        progress.until, progress.steps, progress.h, progress.energy_deviation, off_law, left);
   std::fputs(line.c_str(), stderr);
   std::fflush(stderr);
   is_dirty_ = true;

@@ -25,13 +25,15 @@ public:
   ~ProgressLine();  ///< wipes the line
 
   [[nodiscard]] bool is_shown() const { return is_terminal_; }
+  /// Says that the run has been taken up, before it has a level to report.
+  void begin();
   void update(const rubato::Progress& progress);
 
 private:
   std::chrono::steady_clock::time_point begin_;
   double first_t_ = 0.0;  ///< where this process began, which after `resume` is not the start of the run
   bool is_terminal_;
-  bool is_dirty_ = false;
+  bool is_dirty_ = false, is_updated_ = false;
 };
 
 }  // namespace rubato::program

@@ -42,6 +42,21 @@ std::vector<std::string> number_arrays(hid_t group) {
   return links;
 }
 
+/// Deflate makes at most 1032 bytes out of one: what claims more is damaged, or would fill the memory with nothing.
+void require_stored(hid_t dataset, const std::filesystem::path& file) {
+  constexpr double most_deflation = 1032.0;
+  const detail::Handle type(H5Dget_type(dataset), H5Tclose, "reading a type");
+  double claimed = static_cast<double>(H5Tget_size(type));
+  for (const hsize_t size : detail::extent(dataset)) {
+    claimed *= static_cast<double>(size);
+  }
+  const double stored = std::min(static_cast<double>(H5Dget_storage_size(dataset)),
+                                 static_cast<double>(std::filesystem::file_size(file)));
+  if (claimed > most_deflation * stored) {
+    throw detail::Failure(fmt::format("it claims {:.3g} bytes, but the file holds {:.3g} of it", claimed, stored));
+  }
+}
+
 }  // namespace
 
 class ArrayFile::Implementation {
@@ -49,7 +64,12 @@ public:
   Implementation(std::filesystem::path path, const std::string& group) : path_(std::move(path)) {
     file_ = open_hdf5(path_);
     if (group != "/" && H5Lexists(file_, group.c_str(), H5P_DEFAULT) <= 0) {
-      throw Error(path_, fmt::format("has no group {}", group));
+      throw NoSuchGroup(path_, fmt::format("has no group {}", group));
+    }
+    H5O_info_t info;
+    if (H5Oget_info_by_name2(file_, group.c_str(), &info, H5O_INFO_BASIC, H5P_DEFAULT) < 0 ||
+        info.type != H5O_TYPE_GROUP) {
+      throw NoSuchGroup(path_, fmt::format("{} is not a group", group));
     }
     group_ = detail::Handle(H5Gopen2(file_, group.c_str(), H5P_DEFAULT), H5Gclose, "opening the group " + group);
     names_ = number_arrays(group_);
@@ -65,7 +85,15 @@ public:
   [[nodiscard]] const std::vector<std::string>& names() const { return names_; }
   template <class Read>
   auto in_dataset(const std::string& name, Read&& read) const {
-    return detail::with_file(path_, [&] { return read(detail::open_dataset(group_, name)); });
+    return detail::with_file(path_, [&] {
+      const detail::Handle dataset = detail::open_dataset(group_, name);
+      try {
+        require_stored(dataset, path_);
+        return read(dataset);
+      } catch (const detail::Failure& failure) {
+        throw detail::Failure(fmt::format("dataset {}: {}", name, failure.what()));
+      }
+    });
   }
 
 private:
@@ -130,8 +158,9 @@ Array ArrayFile::read(const std::string& name, std::size_t row) const {
 bool is_record(const std::filesystem::path& file) {
   return detail::with_file(file, [&] {
     const detail::Handle opened = open_hdf5(file);
-    return detail::has_attribute(opened, "format") &&
-           detail::read_text_attribute(opened, "format").starts_with("rubato");
+    // By their presence: texts of a file that may be damaged are read behind the gate of records only.
+    return detail::has_attribute(opened, "format") && detail::has_attribute(opened, "problem") &&
+           detail::has_attribute(opened, "compiler");
   });
 }
 

@@ -16,6 +16,12 @@ struct Array {
   std::vector<double> values;
 };
 
+/// A file has no group of the name that was asked for.
+class NoSuchGroup : public Error {
+public:
+  using Error::Error;
+};
+
 /// The arrays of numbers directly in a group of an HDF5 file that need not be a record. Integers and numbers of other
 /// precision are read as doubles. All functions throw Error.
 class ArrayFile {

@@ -118,14 +118,15 @@ Handle array_for(hid_t group, const std::string& name, const Bytes& bytes) {
     check(H5Ldelete(group, name.c_str(), H5P_DEFAULT), writing);
   }
   const Handle space(H5Screate_simple(1, &bytes.count, nullptr), H5Sclose, writing);
-  return {H5Dcreate2(group, name.c_str(), bytes.stored, space, H5P_DEFAULT,
-                     checked_storage(bytes.count, H5Tget_size(bytes.stored)), H5P_DEFAULT),
-          H5Dclose, writing};
+  return {H5Dcreate2(group, name.c_str(), bytes.stored, space, H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT), H5Dclose,
+          writing};
 }
 
 void write_array(hid_t group, const std::string& name, const CheckpointArray& array) {
   const Bytes bytes = bytes_of(array);
-  write_rows(array_for(group, name, bytes), bytes.memory, 0, bytes.count, bytes.data);
+  const Handle dataset = array_for(group, name, bytes);
+  write_rows(dataset, bytes.memory, 0, bytes.count, bytes.data);
+  check(H5Dflush(dataset), writing);  // what fails when it is closed is not reported
 }
 
 }  // namespace
@@ -143,8 +144,9 @@ void write_checkpoint(hid_t file, const CheckpointInParts& checkpoint) {
   const Bytes bytes{H5T_IEEE_F64LE, H5T_NATIVE_DOUBLE, checkpoint.size, nullptr};
   const Handle dataset = array_for(group, checkpoint.name, bytes);
   std::size_t written = 0;
-  std::vector<double> chunk;  // each is written once
-  chunk.reserve(checkpoint.size == 0 ? 0 : chunk_of(dataset).front());
+  std::vector<double> chunk;                          // each is written once
+  constexpr std::size_t most = std::size_t{1} << 17;  // 1 MiB of numbers at a time
+  chunk.reserve(std::min<std::size_t>(checkpoint.size, most));
   const auto write = [&] {
     write_rows(dataset, bytes.memory, written, chunk.size(), chunk.data());
     written += chunk.size();
@@ -162,6 +164,7 @@ void write_checkpoint(hid_t file, const CheckpointInParts& checkpoint) {
     }
   });
   write();
+  check(H5Dflush(dataset), writing);
   if (written != checkpoint.size)
     throw Failure("fewer numbers came for the checkpoint than were announced");
   Checkpoint all = checkpoint.others();

@@ -43,29 +43,16 @@ void read_exactly(int descriptor, std::span<std::byte> bytes, std::uint64_t plac
   }
 }
 
-void add_bytes(Checksum& checksum, int descriptor, std::uint64_t begin, std::uint64_t end) {
+/// The checksum of the first `size` bytes.
+std::uint64_t checksum_of(int descriptor, std::uint64_t size) {
   constexpr std::uint64_t longest = std::uint64_t{1} << 17;
-  std::vector<std::byte> block(std::min(longest, end - begin));
-  for (std::uint64_t place = begin; place < end; place += block.size()) {
-    const auto part = std::span(block).first(std::min<std::uint64_t>(block.size(), end - place));
+  std::vector<std::byte> block(std::min(longest, size));
+  Checksum checksum;
+  for (std::uint64_t place = 0; place < size; place += block.size()) {
+    const auto part = std::span(block).first(std::min<std::uint64_t>(block.size(), size - place));
     read_exactly(descriptor, part, place);
     checksum.add(part);
   }
-}
-
-/// Of the first `size` bytes, of which those of pieces that are known are not read.
-std::uint64_t checksum_of(int descriptor, std::uint64_t size, std::vector<KnownPiece> known) {
-  std::ranges::sort(known, {}, &KnownPiece::place);
-  Checksum checksum;
-  std::uint64_t place = 0;
-  for (const KnownPiece& piece : known) {
-    if (piece.place < place || piece.place > size || piece.checksum.bytes() > size - piece.place)
-      continue;  // of something else: what is there is read
-    add_bytes(checksum, descriptor, place, piece.place);
-    checksum.append(piece.checksum);
-    place = piece.place + piece.checksum.bytes();
-  }
-  add_bytes(checksum, descriptor, place, size);
   return checksum.value();
 }
 
@@ -81,15 +68,15 @@ Integrity integrity_of(int descriptor) {
       std::memcmp(end.data(), signature.data(), width) == 0 && little_endian(end.data() + width) == size - mark_size;
   if (!is_marked)
     return Integrity::unknown;
-  return checksum_of(descriptor, size - mark_size, {}) == little_endian(end.data() + 2 * width) ? Integrity::intact
-                                                                                                : Integrity::damaged;
+  return checksum_of(descriptor, size - mark_size) == little_endian(end.data() + 2 * width) ? Integrity::intact
+                                                                                            : Integrity::damaged;
 }
 
-void mark(TemporaryFile& file, std::vector<KnownPiece> known) {
+void mark(TemporaryFile& file) {
   const std::uint64_t size = size_of(file.descriptor());
   std::string text(signature);
   append_little_endian(text, size);
-  append_little_endian(text, checksum_of(file.descriptor(), size, std::move(known)));
+  append_little_endian(text, checksum_of(file.descriptor(), size));
   file.append(text);
 }
 

@@ -33,8 +33,14 @@ public:
 class NotFinite : public std::invalid_argument {
 public:
   NotFinite(const Dataset& dataset, std::size_t row, std::size_t place, double value)
-      : std::invalid_argument(
-            fmt::format("record: value {} of row {} of '{}' is {}", place, row, dataset.path, value)) {}
+      : std::invalid_argument(fmt::format("record: value {} of row {} of '{}' is {}", place, row, dataset.path, value)),
+        what_is_(fmt::format("a value of {} is {}", dataset.path, value)) {}
+
+  /// "a value of /levels/energy is nan"
+  [[nodiscard]] const std::string& what_is() const { return what_is_; }
+
+private:
+  std::string what_is_;
 };
 
 }  // namespace rubato::record

@@ -26,6 +26,26 @@ constexpr std::size_t random_digits = 12;
   throw Failure(doing + ": " + std::generic_category().message(errno));
 }
 
+std::filesystem::path folder_of(const std::filesystem::path& file) {
+  return file.has_parent_path() ? file.parent_path() : std::filesystem::path(".");
+}
+
+/// A new file cannot be made.
+[[noreturn]] void fail_to_make(const std::filesystem::path& file, const std::string& doing) {
+  const int error = errno;
+  std::error_code ignored;
+  if (error == ENOENT && !std::filesystem::exists(folder_of(file), ignored))
+    throw Failure(fmt::format("the folder '{}' does not exist; create it", folder_of(file).string()));
+  errno = error;
+  fail_with_errno(doing);
+}
+
+/// Whether flock() failed since the file system has no locks.
+bool has_no_locks(int error) {
+  constexpr int not_supported = 524;  // ENOTSUPP, which some file systems let through from the kernel
+  return error == ENOLCK || error == ENOSYS || error == EOPNOTSUPP || error == not_supported;
+}
+
 struct stat status_of(int descriptor) {
   struct stat status {};
   if (::fstat(descriptor, &status) != 0)
@@ -61,10 +81,6 @@ bool is_temporary(std::string_view name, std::string_view target) {
          (ending == ".partial" || ending == ".next");
 }
 
-std::filesystem::path folder_of(const std::filesystem::path& file) {
-  return file.has_parent_path() ? file.parent_path() : std::filesystem::path(".");
-}
-
 /// Opens the file of a lock, made by this program or by nobody: regular and empty.
 Descriptor open_lock(const std::filesystem::path& file) {
   const std::string name = "'" + file.filename().string() + "'";
@@ -79,7 +95,7 @@ Descriptor open_lock(const std::filesystem::path& file) {
     number = ::open(file.c_str(), flags | O_CREAT, 0666);
   }
   if (number < 0)
-    fail_with_errno("making the lock " + name);
+    fail_to_make(file, "making the lock " + name);
   Descriptor descriptor(number);
   const struct stat status = status_of(number);
   if (!S_ISREG(status.st_mode) || status.st_size != 0)
@@ -147,6 +163,12 @@ FileLock::FileLock(std::filesystem::path file) : file_(std::move(file)) {
     if (::flock(descriptor.number(), LOCK_EX | LOCK_NB) != 0) {
       if (errno == EWOULDBLOCK)
         throw Failure("another run is writing this record");
+      if (has_no_locks(errno)) {
+        ::unlink(file_.c_str());
+        throw Failure(
+            "the file system of its folder has no locks; --no-lock writes without one (then let no other run write "
+            "this record)");
+      }
       fail_with_errno("locking '" + file_.filename().string() + "'");
     }
     // The one who had it may have removed the file between our opening and locking it.
@@ -178,7 +200,7 @@ TemporaryFile::TemporaryFile(const std::filesystem::path& target, std::string_vi
       return;
     }
     if (errno != EEXIST)
-      fail_with_errno("making a working file beside it");
+      fail_to_make(target, "making a working file beside it");
   }
 }
 

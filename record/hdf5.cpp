@@ -71,14 +71,22 @@ Session::~Session() {
 }
 
 void fail(const std::string& doing) {
-  std::string reason;
-  const auto keep_first = [](unsigned position, const H5E_error2_t* error, void* text) -> herr_t {
+  struct First {
+    std::string reason;
+    bool no_memory = false;
+  } first;
+  const auto keep_first = [](unsigned position, const H5E_error2_t* error, void* kept) -> herr_t {
+    First& all = *static_cast<First*>(kept);
     if (position == 0 && error->desc)
-      *static_cast<std::string*>(text) = error->desc;
+      all.reason = error->desc;
+    all.no_memory = all.no_memory || error->maj_num == H5E_RESOURCE || error->min_num == H5E_CANTALLOC;
     return 0;
   };
-  H5Ewalk2(H5E_DEFAULT, H5E_WALK_UPWARD, keep_first, &reason);
-  throw Failure(reason.empty() ? doing : doing + ": " + essence(reason));
+  H5Ewalk2(H5E_DEFAULT, H5E_WALK_UPWARD, keep_first, &first);
+  const std::string text = first.reason.empty() ? doing : doing + ": " + essence(first.reason);
+  if (first.no_memory)
+    throw NoMemoryFailure(text);
+  throw Failure(text);
 }
 
 Handle create_file(const std::filesystem::path& file) {

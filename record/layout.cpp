@@ -132,6 +132,19 @@ std::vector<hsize_t> chunk_shape(const Layout& layout, const Dataset& dataset) {
 
 namespace rubato::record {
 
+std::optional<double> expected_bytes(const Layout& layout) {
+  double bytes = 0.0;
+  for (const Dataset& dataset : layout.datasets) {
+    if (!dataset.expected_rows)
+      return std::nullopt;
+    if (dataset.axis.starts_with("/events/"))
+      continue;  // their rows are a guess
+    bytes += static_cast<double>(*dataset.expected_rows) *
+             static_cast<double>(detail::row_size(layout, dataset) * detail::size_of(dataset.type));
+  }
+  return bytes;
+}
+
 bool is_long(const Layout& layout, const Dataset& dataset) {
   return detail::row_size(layout, dataset) * detail::size_of(dataset.type) >= detail::target_bytes;
 }

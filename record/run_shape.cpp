@@ -19,14 +19,16 @@ struct Required {
   bool per_step;
 };
 
-constexpr std::array<Required, 8> required{{
+constexpr const char* flags = "/levels/off_law";
+constexpr const char* earlier_flags = "/levels/bridged";
+
+constexpr std::array<Required, 7> required{{
     {"/levels/gamma", Type::f64, false},
     {"/levels/node_energy", Type::f64, false},
     {"/levels/step", Type::i64, true},
     {"/levels/h", Type::f64, true},
     {"/levels/energy", Type::f64, true},
     {"/levels/iterations", Type::i32, true},
-    {"/levels/bridged", Type::u8, true},
     {"/levels/step_condition", Type::f64, true},
 }};
 
@@ -44,6 +46,8 @@ public:
     for (const Required& one : required) {
       require_rows(std::string(one.path), rows_of(std::string(one.path), one.type), one.per_step);
     }
+    const std::string off_law = all_.contains(earlier_flags) ? earlier_flags : flags;
+    require_rows(off_law, rows_of(off_law, Type::u8), true);
     if (const std::size_t rows = rows_of("/states/level", Type::i64); rows != stored_) {
       refuse("/states/level", fmt::format("has {} rows, and {} levels are stored", rows, stored_));
     }
@@ -229,17 +233,28 @@ void require_run(const Reader& reader) {
         "it is the record of an ensemble, not of one run; `rubato check`, `resume`, `report` and `export` take it");
   }
   Shapes(reader).require();
-  const std::size_t levels = reader.rows("/levels/t");
   std::int64_t last = -1;
   for (const std::int64_t level : reader.read_integers("/states/level")) {
-    if (level <= last || level >= static_cast<std::int64_t>(levels) || (last < 0 && level != 0)) {
-      throw Error(reader.file(),
-                  fmt::format("dataset '/states/level' goes from level {} to level {}, and the record has "
-                              "{} levels",
-                              last, level, levels));
+    if (level <= last || (last < 0 && level != 0)) {
+      throw Error(reader.file(), fmt::format("dataset '/states/level' goes from level {} to level {}", last, level));
     }
     last = level;
   }
+}
+
+bool is_of_earlier_version(const Reader& reader) {
+  return reader.has(earlier_flags) || reader.has("/members/bridges/steps");
+}
+
+void refuse_earlier_version(const Reader& reader) {
+  if (is_of_earlier_version(reader)) {
+    throw Error(reader.file(),
+                "an earlier version wrote it, and this one cannot continue its run: run its problem again");
+  }
+}
+
+std::string off_law_path(const Reader& reader) {
+  return reader.has(earlier_flags) ? earlier_flags : flags;
 }
 
 }  // namespace rubato::record

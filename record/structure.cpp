@@ -38,10 +38,7 @@ void create_scale(hid_t file, const Scale& scale) {
   const std::string doing = "writing scale '" + scale.path + "'";
   const auto create = [&](hid_t type, hsize_t count) {
     const Handle space(H5Screate_simple(1, &count, nullptr), H5Sclose, doing);
-    // HDF5 has no checksums for texts of variable length.
-    const Handle properties = H5Tget_class(type) == H5T_STRING ? Handle(H5Pcreate(H5P_DATASET_CREATE), H5Pclose, doing)
-                                                               : checked_storage(count, H5Tget_size(type));
-    return Handle(H5Dcreate2(file, scale.path.c_str(), type, space, creating_groups(), properties, H5P_DEFAULT),
+    return Handle(H5Dcreate2(file, scale.path.c_str(), type, space, creating_groups(), H5P_DEFAULT, H5P_DEFAULT),
                   H5Dclose, doing);
   };
   Handle dataset;
@@ -79,8 +76,6 @@ void create_dataset(hid_t file, const Layout& layout, const Dataset& description
   if (description.together && layout.compression == 0 && is_long(layout, description)) {
     check(H5Pset_alloc_time(properties, H5D_ALLOC_TIME_EARLY), doing);
     check(H5Pset_fill_time(properties, H5D_FILL_TIME_NEVER), doing);
-  } else {
-    check(H5Pset_fletcher32(properties), doing);
   }
   const Handle dataset(H5Dcreate2(file, description.path.c_str(), stored_type(description.type), space,
                                   creating_groups(), properties, H5P_DEFAULT),
@@ -160,17 +155,6 @@ bool is_for_ranks(hid_t dataset) {
   H5D_alloc_time_t time = H5D_ALLOC_TIME_DEFAULT;
   check(H5Pget_alloc_time(properties, &time), doing);
   return time == H5D_ALLOC_TIME_EARLY && H5Pget_nfilters(properties) == 0;
-}
-
-Handle checked_storage(hsize_t count, std::size_t value_bytes) {
-  constexpr hsize_t most_bytes = hsize_t{1} << 20;
-  Handle properties(H5Pcreate(H5P_DATASET_CREATE), H5Pclose, "preparing a dataset");
-  if (count == 0)
-    return properties;
-  const hsize_t chunk = std::min(count, most_bytes / value_bytes);
-  check(H5Pset_chunk(properties, 1, &chunk), "preparing a dataset");
-  check(H5Pset_fletcher32(properties), "preparing a dataset");
-  return properties;
 }
 
 std::vector<std::string> read_texts(hid_t dataset) {

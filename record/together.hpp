@@ -10,8 +10,7 @@
 
 /// Rows that the ranks of a job write into one working file together, each the part that it has, with one collective
 /// write for each dataset. They are rows so long that each fills chunks by itself; all else is for Writer, at rank 0.
-/// HDF5 1.10 does not write chunks through filters together that have no place in the file yet: such datasets are made
-/// without Fletcher32, for which the checksums of the record stand in, and their chunks get places before.
+/// The chunks of such datasets get their places in the file before.
 namespace rubato::record {
 
 /// Whether rows of this dataset are so long: of 128 KiB at least, in a chunk or several.

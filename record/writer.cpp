@@ -1,7 +1,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
-#include <iterator>
 #include <limits>
 #include <map>
 #include <optional>
@@ -15,13 +14,11 @@
 
 #include <rubato/base/all_finite.hpp>
 #include <rubato/record/detail/checksum.hpp>
-#include <rubato/record/detail/chunks.hpp>
 #include <rubato/record/detail/files.hpp>
 #include <rubato/record/detail/gate.hpp>
 #include <rubato/record/detail/hdf5.hpp>
 #include <rubato/record/detail/seal.hpp>
 #include <rubato/record/detail/structure.hpp>
-#include <rubato/record/detail/waiting_bytes.hpp>
 #include <rubato/record/together.hpp>
 #include <rubato/record/writer.hpp>
 
@@ -31,21 +28,8 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-/// Fewer bytes are not worth looking whether their chunks can be written as they are.
-constexpr std::size_t least_directly = std::size_t{16} << 10;
-
-/// Checksums of chunks that were written whole, as they are in the file, by where they begin behind the begin of all
-/// rows.
-using ChunkSums = std::map<std::size_t, Checksum>;
-
-/// Where chunk number k is in the file HDF5 finds by looking at those before it, in 20 ns each; to read a chunk takes
-/// 0.12 ns a byte (both measured). So many chunks are found sooner than they are read.
-constexpr std::size_t chunks_worth_finding(std::size_t chunk_bytes) {
-  return chunk_bytes / 160;
-}
-
 /// A growing dataset on its way to the file. The bytes of its rows, one row after the other, are in the working file up
-/// to `flushed`; the rest is in `waiting`.
+/// to `flushed`; the rest is in `waiting`. Checksums are computed when bytes leave, of many rows at once.
 struct Gathered {
   Dataset description;
   std::size_t row_size;
@@ -55,52 +39,44 @@ struct Gathered {
   std::size_t first_of_axis = 0;  ///< number of the first dataset along its axis
   bool together = false;          ///< ranks can write its rows
   std::size_t flushed = 0;
-  std::size_t complete = 0;  ///< rows of whole levels
-  Checksum checksum = {};    ///< of these
+  Checksum checksum_of_flushed = {};
+  std::size_t complete = 0;            ///< rows of whole levels
+  Checksum checksum_of_complete = {};  ///< of these, where more than these is flushed
   std::size_t appended = 0;
-  Checksum checksum_of_all = {};  ///< of these, and of what has come of the next one unless rows are long
-  Checksum checksum_of_row = {};  ///< of what has come of a long row
-  std::vector<Checksum> checksums_of_rows = {};  ///< of long ones that wait
-  detail::WaitingBytes waiting{};
-  ChunkSums chunk_sums = {};  ///< of what is in the working file, as far as they are known
+  std::vector<std::byte> waiting{};
 
   [[nodiscard]] std::size_t end() const { return flushed + waiting.size(); }
   /// What has come of a row that is not whole yet.
   [[nodiscard]] std::size_t begun() const { return end() - appended * row_bytes; }
 
-  /// Rows whose checksums are found once, for the dataset and for the file.
-  [[nodiscard]] bool has_long_rows() const { return block_bytes == row_bytes && row_bytes >= least_directly; }
-
-  void add(std::span<const std::byte> bytes, const Checksum* known) {
-    Checksum& checksum_so_far = has_long_rows() ? checksum_of_row : checksum_of_all;
-    if (known != nullptr)
-      checksum_so_far.append(*known);
-    else
-      checksum_so_far.add(bytes);
-    waiting.append(bytes);
+  void add(std::span<const std::byte> bytes) {
+    waiting.insert(waiting.end(), bytes.begin(), bytes.end());
     appended = end() / row_bytes;
-    if (has_long_rows() && begun() == 0) {
-      checksum_of_all.append(checksum_of_row);
-      checksums_of_rows.push_back(std::exchange(checksum_of_row, {}));
-    }
   }
 
-  /// Of whole rows that wait, from `place` on; of nothing where those of rows are not kept.
-  [[nodiscard]] Checksum checksum_of_rows(std::size_t place, std::size_t bytes) const {
-    Checksum sum;
-    if (has_long_rows())
-      for (std::size_t at = place; at < place + bytes; at += row_bytes)
-        sum.append(checksums_of_rows.at((at - flushed) / row_bytes));
-    return sum;
+  /// The checksum of the first `rows` rows, all that are complete or all there are.
+  [[nodiscard]] Checksum checksum_of(std::size_t rows) const {
+    const std::size_t place = rows * row_bytes;
+    if (place < flushed)
+      return checksum_of_complete;
+    Checksum checksum = checksum_of_flushed;
+    checksum.add(std::span(waiting).first(place - flushed));
+    return checksum;
   }
 
   /// What waits up to there is in the working file.
   void flush_to(std::size_t place) {
-    waiting.drop_front(place - flushed);
-    if (has_long_rows())
-      checksums_of_rows.erase(checksums_of_rows.begin(),
-                              checksums_of_rows.begin() + static_cast<std::ptrdiff_t>((place - flushed) / row_bytes));
+    keep_checksum_before(place);
+    checksum_of_flushed.add(std::span(waiting).first(place - flushed));
+    waiting.erase(waiting.begin(), waiting.begin() + static_cast<std::ptrdiff_t>(place - flushed));
     flushed = place;
+  }
+  /// The next row is in the working file, which nothing waits for.
+  void flush_written(const Checksum& row) {
+    keep_checksum_before(flushed + row_bytes);
+    checksum_of_flushed.append(row);
+    flushed += row_bytes;
+    appended += 1;
   }
 
   /// Up to where bytes go into the working file. Every chunk in it is compressed and written once, so that versions do
@@ -114,19 +90,22 @@ struct Gathered {
     return std::max(flushed, rows + begun() / block_bytes * block_bytes);
   }
 
-  void complete_all() {
-    checksum = checksum_of_all;
-    complete = appended;
-  }
+  void complete_all() { complete = appended; }
   void drop_incomplete() {
     const std::size_t left = complete * row_bytes;
-    waiting.keep_front(left > flushed ? left - flushed : 0);  // what is in the file already is written again
-    flushed = std::min(flushed, left);
+    if (flushed > left) {  // what is in the file already is written again
+      checksum_of_flushed = checksum_of_complete;
+      flushed = left;
+    }
+    waiting.resize(left - flushed);
     appended = complete;
-    checksum_of_all = checksum;
-    checksum_of_row = {};
-    if (has_long_rows())
-      checksums_of_rows.resize(waiting.size() / row_bytes);
+  }
+
+private:
+  /// Before bytes up to `place` are flushed.
+  void keep_checksum_before(std::size_t place) {
+    if (place > complete * row_bytes && flushed <= complete * row_bytes)
+      checksum_of_complete = checksum_of(complete);
   }
 };
 
@@ -138,8 +117,7 @@ void set_chunk(Gathered& column, const Layout& layout, const std::vector<hsize_t
     column.block_bytes = chunk.at(1) * (column.row_bytes / shape.front());
 }
 
-/// \param buffer_bytes how much waits of all of them before it is written
-std::vector<Gathered> columns_of(const Layout& layout, std::size_t buffer_bytes) {
+std::vector<Gathered> columns_of(const Layout& layout) {
   std::vector<Gathered> columns;
   for (const auto& dataset : layout.datasets) {
     const std::size_t bytes = detail::size_of(dataset.type);
@@ -151,54 +129,20 @@ std::vector<Gathered> columns_of(const Layout& layout, std::size_t buffer_bytes)
   std::map<std::string_view, std::size_t> first;
   for (std::size_t i = 0; i < columns.size(); ++i)
     columns[i].first_of_axis = first.try_emplace(columns[i].description.axis, i).first->second;
-  std::size_t level_bytes = 0;
-  for (const Gathered& column : columns)
-    level_bytes += column.row_bytes;
-  // Each a share of that, the row that is too many, and the rows of a chunk that is not whole.
-  for (Gathered& column : columns)
-    column.waiting = detail::WaitingBytes(
-        std::min(buffer_bytes,
-                 (buffer_bytes / std::max<std::size_t>(level_bytes, 1) + 1 + column.chunk_rows) * column.row_bytes));
   return columns;
 }
 
-/// Leaves those of chunks that end at `place` or before.
-void forget_from(std::size_t place, ChunkSums& sums) {
-  auto first = sums.lower_bound(place);
-  if (first != sums.begin())
-    if (const auto last = std::prev(first);
-        last->first + last->second.bytes() - detail::ChunkWriter::room_behind > place)
-      first = last;
-  sums.erase(first, sums.end());
-}
-
 /// Lets a dataset have `rows` rows, and writes what waits of their bytes up to `end`.
-/// \param sums those of the dataset's chunks in this file, which are kept true
-void write_column(hid_t dataset, Gathered& column, std::size_t rows, std::size_t end, ChunkSums& sums) {
-  static_assert(detail::ChunkWriter::room_behind <= detail::WaitingBytes::room_behind);
+void write_column(hid_t dataset, const Gathered& column, std::size_t rows, std::size_t end) {
   auto sizes = detail::extent(dataset);
   sizes.front() = rows;
   detail::check(H5Dset_extent(dataset, sizes.data()), "extending a dataset");
   const hid_t memory = detail::memory_type(column.description.type);
   const std::size_t value_bytes = column.row_bytes / column.row_size;
-  auto chunks =
-      end - column.flushed < least_directly ? std::nullopt : detail::ChunkWriter::of(dataset, column.description.type);
-  forget_from(column.flushed, sums);
   for (std::size_t place = column.flushed; place < end;) {
-    std::byte* const bytes = column.waiting.data() + (place - column.flushed);
-    if (const std::size_t count = chunks ? chunks->bytes_at(place) : 0; count > 0 && place + count <= end) {
-      const bool keep = sums.size() < chunks_worth_finding(count);
-      Checksum sum = keep ? column.checksum_of_rows(place, count) : Checksum();
-      chunks->write(place, std::span(bytes, count), keep ? &sum : nullptr);
-      if (keep)
-        sums[place] = sum;
-      place += count;
-      continue;
-    }
+    const std::byte* const bytes = column.waiting.data() + (place - column.flushed);
     const std::size_t row = place / column.row_bytes, begin = place % column.row_bytes;
-    std::size_t whole = (end - place) / column.row_bytes;
-    if (chunks)
-      whole = std::min(whole, column.chunk_rows - row % column.chunk_rows);  // and on with whole chunks
+    const std::size_t whole = (end - place) / column.row_bytes;
     if (begin == 0 && whole > 0) {
       detail::write_rows(dataset, memory, row, whole, bytes);
       place += whole * column.row_bytes;
@@ -208,16 +152,7 @@ void write_column(hid_t dataset, Gathered& column, std::size_t rows, std::size_t
       place += count;
     }
   }
-}
-
-/// Where the chunks are in the file of which the checksums are known.
-void find_chunks(hid_t dataset, const Gathered& column, const ChunkSums& sums, std::vector<detail::KnownPiece>& found) {
-  if (sums.empty())
-    return;
-  const auto chunks = detail::ChunkWriter::of(dataset, column.description.type);
-  for (const auto& [place, sum] : sums)
-    if (const auto piece = chunks ? chunks->find(place, sum) : std::nullopt)
-      found.push_back(*piece);
+  detail::check(H5Dflush(dataset), "writing rows");  // what fails when it is closed is not reported
 }
 
 template <class Integer>
@@ -258,13 +193,15 @@ private:
   detail::FileLock lock_;
 };
 
-Claim::Claim(const std::filesystem::path& file) : file_(file) {
+Claim::Claim(const std::filesystem::path& file, Locking locking) : file_(file) {
   detail::with_file(file, [&] {
     (void)is_there(file);  // no lock beside a folder or a device
     target_ = std::filesystem::weakly_canonical(std::filesystem::absolute(file));
     std::filesystem::path lock = target_;
     lock += ".lock";
-    lock_ = std::make_unique<Lock>(lock);
+    if (locking == Locking::yes) {
+      lock_ = std::make_unique<Lock>(lock);
+    }
   });
 }
 Claim::Claim(Claim&&) noexcept = default;
@@ -279,7 +216,7 @@ public:
         overwrite_(overwrite),
         policy_(policy),
         layout_(layout),
-        columns_(columns_of(layout, policy.buffer_bytes)) {
+        columns_(columns_of(layout)) {
     detail::remove_leftovers(path_);
     working_.emplace(path_, "partial");
   }
@@ -315,11 +252,11 @@ public:
       throw detail::Failure(contradiction);
   }
 
-  void append(std::size_t dataset, std::span<const double> row, const Checksum* checksum) {
-    Gathered& column = column_for(dataset, row.size());
+  void append(std::size_t dataset, std::span<const double> values, std::size_t rows) {
+    Gathered& column = column_for(dataset, values.size(), rows);
     if (column.description.type != Type::f64)
       throw std::invalid_argument(fmt::format("record: '{}' takes integers", column.description.path));
-    add(column, row, checksum);
+    add(column, values);
   }
 
   void append_part(std::size_t dataset, std::span<const double> part) {
@@ -334,17 +271,17 @@ public:
       detail::with_file(path_, [&] { flush(Gathered::Of::all); });
   }
 
-  void append(std::size_t dataset, std::span<const std::int64_t> row) {
-    Gathered& column = column_for(dataset, row.size());
+  void append(std::size_t dataset, std::span<const std::int64_t> values, std::size_t rows) {
+    Gathered& column = column_for(dataset, values.size(), rows);
     const std::string& path = column.description.path;
-    std::vector<std::byte> converted(column.row_bytes);
+    converted_.resize(rows * column.row_bytes);
     switch (column.description.type) {
       case Type::f64: throw std::invalid_argument(fmt::format("record: '{}' takes floating-point numbers", path));
-      case Type::i64: store<std::int64_t>(row, path, converted.data()); break;
-      case Type::i32: store<std::int32_t>(row, path, converted.data()); break;
-      case Type::u8: store<std::uint8_t>(row, path, converted.data()); break;
+      case Type::i64: store<std::int64_t>(values, path, converted_.data()); break;
+      case Type::i32: store<std::int32_t>(values, path, converted_.data()); break;
+      case Type::u8: store<std::uint8_t>(values, path, converted_.data()); break;
     }
-    add(column, std::span<const std::byte>(converted));
+    add(column, std::span<const std::byte>(converted_));
   }
 
   [[nodiscard]] std::optional<std::filesystem::path> make_room(std::span<const std::size_t> datasets) {
@@ -361,8 +298,7 @@ public:
       working_->reserve(bytes + structure_bytes());
       for (const std::size_t dataset : datasets) {
         Gathered& column = columns_[dataset];
-        write_column(detail::open_dataset(file, column.description.path), column, column.appended + 1, column.flushed,
-                     column.chunk_sums);
+        write_column(detail::open_dataset(file, column.description.path), column, column.appended + 1, column.flushed);
       }
       file.close("writing the working file");
       return std::optional(working_->path());
@@ -374,9 +310,7 @@ public:
     if (!column.together || !column.waiting.empty() || row.bytes() != column.row_bytes)
       throw std::invalid_argument(
           fmt::format("record: what was written is not the next row of '{}'", column.description.path));
-    column.flushed += column.row_bytes;
-    column.appended += 1;
-    column.checksum_of_all.append(row);
+    column.flush_written(row);
   }
 
   [[nodiscard]] std::size_t rows(std::size_t dataset) const { return columns_.at(dataset).appended; }
@@ -486,27 +420,28 @@ private:
     return bytes;
   }
 
-  Gathered& column_for(std::size_t dataset, std::size_t size) {
+  Gathered& column_for(std::size_t dataset, std::size_t size, std::size_t rows) {
     Gathered& column = columns_.at(dataset);
     if (column.begun() > 0)
       throw std::invalid_argument(fmt::format("record: a row of '{}' is begun in parts", column.description.path));
-    if (size != column.row_size)
-      throw std::invalid_argument(
-          fmt::format("record: a row of '{}' has {} values, not {}", column.description.path, column.row_size, size));
+    if (size != rows * column.row_size)
+      throw std::invalid_argument(fmt::format("record: a row of '{}' has {} values, not {}", column.description.path,
+                                              column.row_size, static_cast<double>(size) / static_cast<double>(rows)));
     return column;
   }
 
-  void add(Gathered& column, std::span<const std::byte> bytes, const Checksum* checksum = nullptr) {
+  void add(Gathered& column, std::span<const std::byte> bytes) {
     bytes_since_flush_ += bytes.size();
-    column.add(bytes, checksum);
+    column.add(bytes);
   }
-  /// A row, or a part of one.
-  void add(Gathered& column, std::span<const double> values, const Checksum* checksum = nullptr) {
+  /// Rows, or a part of one.
+  void add(Gathered& column, std::span<const double> values) {
     if (!column.description.may_be_undefined && !all_finite(values))
       for (std::size_t i = 0; i < values.size(); ++i)
         if (!std::isfinite(values[i]))
-          throw NotFinite(column.description, column.appended, column.begun() / sizeof(double) + i, values[i]);
-    add(column, std::as_bytes(values), checksum);
+          throw NotFinite(column.description, column.appended + i / column.row_size,
+                          (column.begun() / sizeof(double) + i) % column.row_size, values[i]);
+    add(column, std::as_bytes(values));
   }
 
   /// Which datasets of one axis are not of one length; empty if none.
@@ -536,20 +471,17 @@ private:
           fmt::format("dataset '{}' should have {} rows, but has {}", column.description.path, rows, sizes.front()));
     set_chunk(column, layout_, detail::chunk_of(dataset));
     column.together = is_long(layout_, column.description) && detail::is_for_ranks(dataset);
-    std::uint64_t left = static_cast<std::uint64_t>(rows) * column.row_bytes;
-    detail::read_through(dataset, [&](std::span<const std::byte> bytes) {  // provisional rows are behind the others
-      const auto part = bytes.first(std::min<std::uint64_t>(left, bytes.size()));
-      column.checksum.add(part);
-      left -= part.size();
-    });
-    column.checksum_of_all = column.checksum;
     column.complete = column.appended = static_cast<std::size_t>(rows);
     column.flushed = column.flushable(Gathered::Of::whole_levels);
+    std::uint64_t left = column.flushed;
+    detail::read_through(dataset, [&](std::span<const std::byte> bytes) {
+      const auto part = bytes.first(std::min<std::uint64_t>(left, bytes.size()));
+      column.checksum_of_flushed.add(part);
+      left -= part.size();
+    });
     const std::size_t in_file = column.flushed / column.row_bytes, left_over = column.complete - in_file;
-    std::byte* const left_rows = column.waiting.append(left_over * column.row_bytes);
-    detail::read_rows(dataset, detail::memory_type(column.description.type), in_file, left_over, left_rows);
-    for (std::size_t i = 0; column.has_long_rows() && i < left_over; ++i)
-      column.checksums_of_rows.emplace_back().add(std::span(left_rows + i * column.row_bytes, column.row_bytes));
+    column.waiting.resize(left_over * column.row_bytes);
+    detail::read_rows(dataset, detail::memory_type(column.description.type), in_file, left_over, column.waiting.data());
     sizes.front() = in_file;
     detail::check(H5Dset_extent(dataset, sizes.data()), "shortening a dataset");
   }
@@ -564,7 +496,7 @@ private:
     for (auto& column : columns_)
       if (const std::size_t end = column.flushable(of); end > column.flushed)
         write_column(detail::open_dataset(file, column.description.path), column,
-                     (end + column.row_bytes - 1) / column.row_bytes, end, column.chunk_sums);
+                     (end + column.row_bytes - 1) / column.row_bytes, end);
     file.close("writing the working file");
     working_->trim();
     for (auto& column : columns_)
@@ -581,15 +513,12 @@ private:
         checkpoint_bytes += 4096 + std::visit([](const auto& a) { return a.size() * sizeof(a[0]); }, array);
     version.reserve(waiting_bytes() + structure_bytes() + checkpoint_bytes);
     std::map<std::string, Checksum> checksums;
-    std::vector<detail::KnownPiece> known;
     for (auto& column : columns_) {
       const detail::Handle dataset = detail::open_dataset(file, column.description.path);
       // The last version shows provisional rows too; the attribute tells `resume` where the whole levels end.
       const std::size_t end = last ? column.appended : column.complete;
-      ChunkSums sums = column.chunk_sums;  // of this version, while those of the working file stay
-      write_column(dataset, column, end, end * column.row_bytes, sums);
-      find_chunks(dataset, column, sums, known);
-      checksums[column.description.path] = last ? column.checksum_of_all : column.checksum;
+      write_column(dataset, column, end, end * column.row_bytes);
+      checksums[column.description.path] = column.checksum_of(end);
       detail::write_attribute(dataset, detail::rows_attribute, Type::i64, static_cast<std::int64_t>(column.complete));
     }
     if (checkpoint != nullptr)
@@ -598,7 +527,7 @@ private:
     detail::write_seal(file, checksums);
     file.close("writing the record");
     version.trim();
-    detail::mark(version, std::move(known));
+    detail::mark(version);
   }
 
   Claim claim_;
@@ -607,6 +536,7 @@ private:
   CommitPolicy policy_;
   Layout layout_;
   std::vector<Gathered> columns_;
+  std::vector<std::byte> converted_;  ///< rows of integers
   Checkpoint checkpoint_;
   bool is_staged_ = false, published_ = false;
   std::optional<detail::TemporaryFile> working_;
@@ -624,7 +554,7 @@ Writer Writer::create(const std::filesystem::path& file, const Layout& layout, b
   detail::validate(layout);
   return detail::with_file(file, [&] {
     require_leave(file, overwrite);  // before a lock is made beside it
-    Claim claim(file);
+    Claim claim(file, policy.locking);
     require_leave(file, overwrite);
     auto implementation = std::make_unique<Implementation>(std::move(claim), layout, overwrite, policy);
     implementation->start();
@@ -650,11 +580,11 @@ Writer Writer::resume(Claim claim, const Layout& layout, CommitPolicy policy, co
   });
 }
 
-void Writer::append(std::size_t dataset, std::span<const double> row, const Checksum* checksum) {
-  implementation_->append(dataset, row, checksum);
+void Writer::append(std::size_t dataset, std::span<const double> values, std::size_t rows) {
+  implementation_->append(dataset, values, rows);
 }
-void Writer::append(std::size_t dataset, std::span<const std::int64_t> row) {
-  implementation_->append(dataset, row);
+void Writer::append(std::size_t dataset, std::span<const std::int64_t> values, std::size_t rows) {
+  implementation_->append(dataset, values, rows);
 }
 void Writer::append_part(std::size_t dataset, std::span<const double> part) {
   implementation_->append_part(dataset, part);

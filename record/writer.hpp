@@ -16,6 +16,13 @@
 
 namespace rubato::record {
 
+/// About how many bytes the rows of a record take uncompressed, events left out. Empty if the number of rows is
+/// unknown.
+[[nodiscard]] std::optional<double> expected_bytes(const Layout& layout);
+
+/// Whether a writer takes the lock of its record: file systems without locks have writers without one.
+enum class Locking { yes, no };
+
 /// When a run publishes what it has computed.
 struct CommitPolicy {
   /// At least this long between two commits, …
@@ -31,14 +38,17 @@ struct CommitPolicy {
   bool durable = true;
   /// The first commit of a new record is due after so long.
   std::chrono::duration<double> first = std::chrono::seconds(2);
+  /// Of Writer::create(); those who resume have a Claim.
+  Locking locking = Locking::yes;
 };
 
 /// The right to write a record: while it lasts, no other process or thread that asks for it gets it, so that what is
 /// seen of the record does not change. It is a lock on the file `NAME.lock` beside the record, which ends with the
-/// process at the latest. Throws Error if another one has it, or if no file can be made there.
+/// process at the latest. Throws Error if another one has it, if no file can be made there, or if the file system has
+/// no locks; with Locking::no the caller sees to it that there is one writer.
 class Claim {
 public:
-  explicit Claim(const std::filesystem::path& file);
+  explicit Claim(const std::filesystem::path& file, Locking locking = Locking::yes);
   Claim(Claim&&) noexcept;
   Claim& operator=(Claim&&) noexcept;
   ~Claim();
@@ -99,14 +109,13 @@ public:
   Writer& operator=(Writer&&) noexcept;
   ~Writer();
 
-  /// Appends one row to the dataset number `dataset` of the layout. Throws std::invalid_argument if the size is not
-  /// that of a row or if the dataset is of another type; NotFinite if a value is not finite and the dataset does not
-  /// say that it may be.
-  /// \param checksum of its bytes, by who has it already
-  void append(std::size_t dataset, std::span<const double> row, const Checksum* checksum = nullptr);
+  /// Appends rows, one after the other, to the dataset number `dataset` of the layout. Throws std::invalid_argument if
+  /// the size is not that of the rows or if the dataset is of another type; NotFinite if a value is not finite and the
+  /// dataset does not say that it may be.
+  void append(std::size_t dataset, std::span<const double> values, std::size_t rows = 1);
 
   /// The same for the integer types; a value outside the stored type's range is refused too.
-  void append(std::size_t dataset, std::span<const std::int64_t> row);
+  void append(std::size_t dataset, std::span<const std::int64_t> values, std::size_t rows = 1);
 
   /// Appends a row in parts, which follow one another as in the row; it is a row with the last of them. Of long rows
   /// what goes beyond CommitPolicy::buffer_bytes moves to the working file at once. Throws as append, and

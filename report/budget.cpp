@@ -11,12 +11,12 @@ namespace rubato::report {
 
 namespace {
 
-constexpr std::size_t least_points = 40, least_states = 200, least_bridges = 40, least_crossings = 200;
+constexpr std::size_t least_points = 40, least_states = 200, least_off_law = 40, least_crossings = 200;
 /// x in double and y in single precision, in base 64.
 constexpr std::size_t point_bytes = 16, point_padding = 8;
 
 /// Two doubles in base 64.
-constexpr std::size_t bridge_bytes = 22, bridge_frame = 300;
+constexpr std::size_t off_law_bytes = 22, off_law_frame = 300;
 
 std::size_t thinned_curves(std::size_t curves, std::size_t points) {
   return curves * (point_bytes * points + point_padding);
@@ -34,9 +34,9 @@ Demand demand_of_curves(const record::Reader& reader, const Contents& contents, 
   return {std::min(whole, frames + thinned_curves(curves, least_points)), whole};
 }
 
-Demand demand_of_bridges(const record::Reader& reader) {
-  const std::size_t spans = bridge_spans(reader).size();
-  return {bridge_frame + bridge_bytes * std::min(spans, least_bridges), bridge_frame + bridge_bytes * spans};
+Demand demand_of_off_law(const record::Reader& reader) {
+  const std::size_t spans = off_law_spans(reader).size();
+  return {off_law_frame + off_law_bytes * std::min(spans, least_off_law), off_law_frame + off_law_bytes * spans};
 }
 
 /// Of all sections together.
@@ -118,7 +118,7 @@ Needs::Needs(const record::Reader& reader, const Contents& contents)
     }
   }
   demands_.push_back(demand_of_curves(reader, contents, curve_frames_));
-  demands_.push_back(demand_of_bridges(reader));
+  demands_.push_back(demand_of_off_law(reader));
   const SectionSizes sections = sizes_of_sections(reader, contents);
   section_columns_ = sections.columns;
   section_frames_ = sections.frames;
@@ -127,10 +127,15 @@ Needs::Needs(const record::Reader& reader, const Contents& contents)
   };
   demands_.push_back({section_bytes(std::min(sections.rows, least_crossings)), section_bytes(sections.rows), pictures});
   if (!is_orbit_) {
-    const record::DatasetInfo info = reader.info(contents.fields.front().path);
-    Demand maps = contents.axes.size() < 2 ? SpaceTimeMap::demand(info, contents) : Film::demand(info, contents);
-    maps.weight = pictures;
-    demands_.push_back(maps);
+    const auto add_maps = [&](const Contents& drawn) {
+      const record::DatasetInfo info = reader.info(drawn.fields.front().path);
+      demands_.push_back(drawn.axes.size() < 2 ? SpaceTimeMap::demand(info, drawn) : Film::demand(info, drawn));
+      demands_.back().weight = pictures;
+    };
+    add_maps(contents);
+    if (!contents.node_quantities.empty()) {
+      add_maps(with_quantities_as_fields(contents));
+    }
     return;
   }
   const std::vector<StateColumn> columns = state_columns(contents);
@@ -151,11 +156,14 @@ Resolution Needs::resolution(std::span<const std::size_t> shares) const {
     resolution.curve_points = (shares[0] - curve_frames_) / std::max<std::size_t>(curves_, 1) / point_bytes - 1;
   }
   if (shares[1] < demands_[1].whole) {
-    resolution.bridges = (shares[1] - bridge_frame) / bridge_bytes;
+    resolution.off_law = (shares[1] - off_law_frame) / off_law_bytes;
   }
   if (shares[2] < demands_[2].whole) {
     constexpr std::size_t padding = 4;
     resolution.crossings = entries_in((shares[2] - section_frames_) / section_columns_ - padding, 4);
+  }
+  if (shares.size() > 4 && shares[4] < demands_[4].whole) {
+    resolution.quantity_bytes = shares[4];
   }
   if (shares[3] >= demands_[3].whole) {
     return resolution;

@@ -40,12 +40,13 @@ enum class Frame : std::size_t { column = 380, curve = 420, map = 1200 };
 
 /// How finely a page shows what it shows of one record; no_limit: in full.
 struct Resolution {
-  std::size_t curve_points = no_limit;   ///< of each curve over levels, steps or stored levels
-  std::size_t bridges = no_limit;        ///< marks of bridges
-  std::size_t path_states = no_limit;    ///< of an orbit's path
-  std::size_t column_points = no_limit;  ///< of each coordinate and momentum against time, if the path is thinned
-  std::size_t map_bytes = no_limit;      ///< of the page, for all maps together
-  std::size_t crossings = no_limit;      ///< points of each section
+  std::size_t curve_points = no_limit;    ///< of each curve over levels, steps or stored levels
+  std::size_t off_law = no_limit;         ///< marks of times off the law
+  std::size_t path_states = no_limit;     ///< of an orbit's path
+  std::size_t column_points = no_limit;   ///< of each coordinate and momentum against time, if the path is thinned
+  std::size_t map_bytes = no_limit;       ///< of the page, for all maps of fields together
+  std::size_t quantity_bytes = no_limit;  ///< of the page, for all maps of node quantities together
+  std::size_t crossings = no_limit;       ///< points of each section
 };
 
 /// What a record's figures need.
@@ -58,8 +59,8 @@ public:
   [[nodiscard]] Resolution resolution(std::span<const std::size_t> shares) const;
 
 private:
-  std::vector<Demand>
-      demands_;  ///< of curves, bridges, sections, and the path and the columns of an orbit, or the maps of a lattice
+  std::vector<Demand> demands_;  ///< of curves, times off the law, sections, and the path and the columns of an orbit,
+                                 ///< or the maps of a lattice's fields and of its node quantities
   bool is_orbit_;
   std::size_t curves_, curve_frames_, section_columns_, section_frames_, columns_, column_frames_;
 };

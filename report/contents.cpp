@@ -2,6 +2,7 @@
 
 #include <optional>
 #include <string_view>
+#include <utility>
 
 #include <rubato/record/run_shape.hpp>
 
@@ -40,7 +41,9 @@ Contents contents_of(const record::Reader& reader) {
     } else if (const auto exact = name_in("/exact/", info.path); exact && lies_along(info, "t")) {
       contents.exact.push_back(*exact);
     } else if (const auto quantity = name_in("/output/quantities/", info.path); quantity && lies_along(info, "t")) {
-      if (!is_field) {
+      if (is_field) {
+        contents.node_quantities.push_back({*quantity, info.path, false});
+      } else {
         contents.quantities.push_back(*quantity);
       }
     } else if (const auto event = name_in("/events/", info.path.substr(0, info.path.rfind('/'))); event && info.grows) {
@@ -67,6 +70,16 @@ Contents contents_of(const record::Reader& reader) {
       contents.velocities = reader.read_strings("/states/velocity");
     }
   }
+  return contents;
+}
+
+Contents with_quantities_as_fields(Contents contents) {
+  contents.fields = std::move(contents.node_quantities);
+  contents.node_quantities.clear();
+  contents.field_group = "quantity";
+  contents.field_times = "/output/t";
+  contents.exact.clear();
+  contents.residual_fields.clear();
   return contents;
 }
 

@@ -22,6 +22,8 @@ struct Contents {
     bool at_midpoints = false;
   };
   std::vector<Field> fields;
+  std::string field_group = "field", field_times = "/states/t";  ///< what these are, and the times of their rows
+  std::vector<Field> node_quantities;        ///< those of /output/quantities with a value at every node
   std::vector<std::string> axes;             ///< of a lattice's grid, slowest first: "z", "y", "x"
   std::vector<std::string> exact;            ///< names under /exact
   std::vector<std::string> invariants;       ///< names under /laws, one number per level
@@ -34,6 +36,9 @@ struct Contents {
 };
 
 [[nodiscard]] Contents contents_of(const record::Reader& reader);
+
+/// The same record with the node quantities in place of fields, and without errors and residuals.
+[[nodiscard]] Contents with_quantities_as_fields(Contents contents);
 
 /// The figures that the run told, from its record. \throws record::Error
 [[nodiscard]] figures::Statistics summarise(const record::Reader& reader, const Contents& contents);

@@ -2,10 +2,14 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
+#include <iterator>
+#include <set>
 #include <string>
 
 #include <fmt/format.h>
 
+#include <rubato/record/run_shape.hpp>
 #include <rubato/report/contents.hpp>
 #include <rubato/report/output_file.hpp>
 
@@ -26,6 +30,12 @@ std::string csv_field(const std::string& name) {
     }
   }
   return text + '"';
+}
+
+std::string in_lower_case(std::string text) {
+  std::ranges::transform(text, text.begin(),
+                         [](char c) { return c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c; });
+  return text;
 }
 
 /// A dataset with one or more columns, as part of a table.
@@ -50,10 +60,16 @@ public:
     }
   }
 
-  /// Datasets with equally many rows, side by side; `number` counts the rows from 0.
-  void table(const std::string& name, const std::string& number, const std::vector<TableSource>& sources) {
-    OutputFile file(folder_ / name, overwrite_);
-    std::string text = number;
+  /// What the rows of a table are numbered by, in its first column.
+  struct Numbers {
+    std::string name;
+    std::vector<std::int64_t> values;
+  };
+
+  /// Datasets with equally many rows, side by side.
+  void table(const std::string& name, const Numbers& numbers, const std::vector<TableSource>& sources) {
+    OutputFile file(path_of(name), overwrite_);
+    std::string text = numbers.name;
     for (const TableSource& source : sources) {
       for (const std::string& column : source.names) {
         text += text.empty() ? "" : ",";
@@ -71,9 +87,9 @@ public:
         values.push_back(reader_.read(source.path, first, count));
       }
       for (std::size_t row = 0; row < count; ++row) {
-        bool is_first = number.empty();
+        bool is_first = numbers.name.empty();
         if (!is_first) {
-          text += fmt::format("{}", first + row);
+          text += fmt::format("{}", numbers.values.at(first + row));
         }
         for (std::size_t i = 0; i < sources.size(); ++i) {
           const std::size_t width = sources[i].names.size();
@@ -89,12 +105,12 @@ public:
       text.clear();
     }
     file.write(text);
-    finish(file, name);
+    finish(file);
   }
 
   /// A grid function over all stored levels, or at other times.
   void field(const std::string& name, const std::string& path, const std::string& times = "/states/t") {
-    OutputFile file(folder_ / name, overwrite_);
+    OutputFile file(path_of(name), overwrite_);
     const record::DatasetInfo info = reader_.info(path);
     std::vector<std::vector<double>> axes;
     for (std::size_t i = 1; i < info.dimensions.size(); ++i) {
@@ -117,44 +133,67 @@ public:
       }
       file.write(text + '\n');
     }
-    finish(file, name);
+    finish(file);
   }
 
   [[nodiscard]] std::vector<std::filesystem::path> files() && { return std::move(files_); }
 
 private:
-  void finish(OutputFile& file, const std::string& name) {
+  void finish(OutputFile& file) {
     file.finish();
-    files_.push_back(folder_ / name);
+    files_.push_back(path_);
+  }
+
+  /// Of the next file: names that differ by case alone are one on some file systems, so that all but the first of them
+  /// have a number.
+  const std::filesystem::path& path_of(const std::string& name) {
+    const std::size_t dot = name.rfind('.');
+    std::string unique = name;
+    for (int i = 2; !taken_.insert(in_lower_case(unique)).second; ++i) {
+      unique = fmt::format("{}_{}{}", name.substr(0, dot), i, name.substr(dot));
+    }
+    path_ = folder_ / unique;
+    return path_;
   }
 
   const record::Reader& reader_;
   std::filesystem::path folder_;
   bool overwrite_;
+  std::filesystem::path path_;  ///< of the file that is written
+  std::set<std::string> taken_;
   std::vector<std::filesystem::path> files_;
 };
 
-void export_levels(Exporter& exporter, const Contents& contents) {
+void export_levels(Exporter& exporter, const record::Reader& reader, const Contents& contents) {
   std::vector<TableSource> levels{
       {"/levels/t", {"t"}}, {"/levels/gamma", {"gamma"}}, {"/levels/node_energy", {"node_energy"}}};
+  if (const std::string physical(figures::level_times); reader.has(physical)) {
+    levels.insert(levels.begin() + 1, {physical, {"time"}});
+  }
   for (const std::string& name : contents.invariants) {
     levels.push_back({"/laws/" + name, {name}});
   }
   for (const std::string& name : contents.totals) {
     levels.push_back({"/laws/totals/" + name, {"total_" + name}});
   }
-  exporter.table("levels.csv", "level", levels);
+  // A step has the number of the level that it begins at.
+  const std::vector<std::int64_t> of_steps = reader.read_integers("/levels/step");
+  std::vector<std::int64_t> of_levels = {0};
+  std::ranges::transform(of_steps, std::back_inserter(of_levels), [](std::int64_t step) { return step + 1; });
+  exporter.table("levels.csv", {"level", std::move(of_levels)}, levels);
 
   std::vector<TableSource> steps;
-  for (const char* name : {"h", "energy", "iterations", "bridged", "step_condition"}) {
+  for (const char* name : {"h", "energy", "iterations"}) {
     steps.push_back({std::string("/levels/") + name, {name}});
   }
+  steps.push_back({record::off_law_path(reader), {"off_law"}});
+  steps.push_back({"/levels/step_condition", {"step_condition"}});
   for (const std::string& name : contents.residuals) {
     for (const char* suffix : {"_max", "_rms"}) {
       steps.push_back({"/laws/" + name + suffix, {name + suffix}});
     }
   }
-  exporter.table("steps.csv", "step", steps);
+  exporter.table("steps.csv", {"step", of_steps}, steps);
 }
 
 void export_states(Exporter& exporter, const Contents& contents) {
@@ -168,7 +207,7 @@ void export_states(Exporter& exporter, const Contents& contents) {
   for (const std::string& name : contents.exact) {
     states.push_back({"/exact/" + name, {"exact_" + name}});
   }
-  exporter.table("states.csv", "", states);
+  exporter.table("states.csv", {}, states);
 }
 
 /// What an ensemble tells of each member: all that is one number, and the last states of orbits.
@@ -187,7 +226,7 @@ void export_members(Exporter& exporter, const record::Reader& reader) {
           {info.path, reader.read_strings(info.path.ends_with('q') ? "/states/coordinate" : "/states/momentum")});
     }
   }
-  exporter.table("members.csv", "", members);
+  exporter.table("members.csv", {}, members);
 }
 
 /// What is told at output times.
@@ -213,7 +252,7 @@ void export_output(Exporter& exporter, const record::Reader& reader, const Conte
       exporter.field((is_quantity ? "output_quantity_" : "output_") + name + ".csv", info.path, times);
     }
   }
-  exporter.table("output.csv", "", numbers);
+  exporter.table("output.csv", {}, numbers);
 }
 
 /// What an ensemble tells at output times, all members one after the other: orbits, and quantities that are numbers.
@@ -234,7 +273,7 @@ void export_member_outputs(Exporter& exporter, const record::Reader& reader) {
       columns.push_back({info.path, {info.path.substr(info.path.rfind('/') + 1)}});
     }
   }
-  exporter.table("output.csv", "", columns);
+  exporter.table("output.csv", {}, columns);
 }
 
 /// The crossings of each event; in an ensemble of each member.
@@ -259,7 +298,7 @@ void export_events(Exporter& exporter, const record::Reader& reader) {
     add("q", "/states/coordinate");
     add("p", "/states/momentum");
     add("quantities", group + "/quantity");
-    exporter.table("events_" + group.substr(events.size()) + ".csv", "", columns);
+    exporter.table("events_" + group.substr(events.size()) + ".csv", {}, columns);
   }
 }
 
@@ -276,7 +315,7 @@ std::vector<std::filesystem::path> export_csv(const record::Reader& reader, cons
   }
   const Contents contents = contents_of(reader);
   Exporter exporter(reader, folder, overwrite);
-  export_levels(exporter, contents);
+  export_levels(exporter, reader, contents);
   export_events(exporter, reader);
   if (contents.kind == Contents::Kind::orbit) {
     export_states(exporter, contents);

@@ -10,7 +10,7 @@ namespace rubato::report {
 /// Writes a record as text for spreadsheets and other programs, into a folder that is made if there is none:
 ///
 ///     levels.csv        level, t, gamma, node_energy, each invariant, total_NAME of each density
-///     steps.csv         step, h, energy, iterations, bridged, step_condition, NAME_max and NAME_rms of each residual
+///     steps.csv         step, h, energy, iterations, off_law, step_condition, NAME_max and NAME_rms of each residual
 ///     states.csv        of an orbit: level, t, each coordinate and momentum, exact_NAME
 ///     field_NAME.csv    of a lattice, one file for each field, exact_NAME.csv and residual_NAME.csv likewise: one row
 ///                       of coordinates for each axis of the grid, then a row for each stored level; the first column

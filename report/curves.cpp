@@ -6,6 +6,7 @@
 #include <fmt/format.h>
 
 #include <rubato/record/error.hpp>
+#include <rubato/record/run_shape.hpp>
 #include <rubato/report/page_data.hpp>
 
 namespace rubato::report {
@@ -15,6 +16,21 @@ namespace {
 /// What the values of a curve belong to: levels, the middle of steps, or stored levels.
 enum class Axis { levels, steps, states };
 constexpr std::array axis_names{"levels", "steps", "states"};
+
+/// Both ends of every step that has a row: from the level before, or, where that has none, by its length.
+std::vector<std::pair<double, double>> steps_of(const record::Reader& reader) {
+  const std::vector<double> t = level_times(reader), number = reader.read("/levels/step");
+  std::vector<double> h = reader.read("/levels/h");
+  if (reader.has(std::string(figures::level_times))) {
+    h.assign(h.size(), 0.0);  // steps are of fictitious time
+  }
+  std::vector<std::pair<double, double>> steps;
+  for (std::size_t k = 0; k < std::min({h.size(), number.size(), t.size() - std::min<std::size_t>(t.size(), 1)}); ++k) {
+    const bool follows = number[k] == (k == 0 ? 0.0 : number[k - 1] + 1.0);
+    steps.emplace_back(follows ? t[k] : t[k + 1] - h[k], t[k + 1]);
+  }
+  return steps;
+}
 
 /// The first value that there is; 0 if there is none.
 double first_defined(std::span<const double> values) {
@@ -26,11 +42,11 @@ class CurveWriter {
 public:
   CurveWriter(Json& json, const Source& source, const Resolution& resolution)
       : json_(json), source_(source), points_(resolution.curve_points) {
-    std::vector<double>& levels = times_[0] = source.reader.read("/levels/t");
-    for (std::size_t k = 0; k + 1 < levels.size(); ++k) {
-      times_[1].push_back(levels[k] + (levels[k + 1] - levels[k]) / 2);
+    times_[0] = level_times(source.reader);
+    for (const auto& [from, to] : steps_of(source.reader)) {
+      times_[1].push_back(from + (to - from) / 2);
     }
-    times_[2] = source.reader.read("/states/t");
+    times_[2] = state_times(source.reader);
     if (const std::string path(figures::laws_taken); source.reader.has(path)) {
       const std::vector<double> taken = source.reader.read(path);
       for (std::size_t k = 0; k < taken.size(); ++k) {
@@ -147,6 +163,24 @@ void write_errors(CurveWriter& curves, const Source& source) {
 
 }  // namespace
 
+std::vector<double> level_times(const record::Reader& reader) {
+  const std::string physical(figures::level_times);
+  return reader.read(reader.has(physical) ? physical : "/levels/t");
+}
+
+std::vector<double> state_times(const record::Reader& reader) {
+  std::vector<double> t = reader.read("/states/t");
+  if (!reader.has(std::string(figures::level_times))) {
+    return t;
+  }
+  const std::vector<double> q = read_rows(reader, "/states/q", t.size(), 0);
+  const std::size_t stride = q.size() / t.size();
+  for (std::size_t row = 0; row < t.size(); ++row) {
+    t[row] = q[row * stride + stride - 1];  // the physical time is the last coordinate
+  }
+  return t;
+}
+
 std::size_t count_curves(const Contents& contents) {
   constexpr std::size_t always = 6;
   return always + contents.quantities.size() + contents.invariants.size() + contents.totals.size() +
@@ -182,36 +216,38 @@ void write_curves(Json& json, const Source& source, const Resolution& resolution
   }
   json.end_array();
   curves.write_times();
+  json.key("level_rows").begin_object().entry("rows", source.reader.rows("/levels/t"));
+  json.entry("levels", summary.steps + 1).end_object();
 }
 
-std::vector<std::pair<double, double>> bridge_spans(const record::Reader& reader) {
-  const std::vector<double> t = reader.read("/levels/t");
-  const std::vector<double> bridged =
-      reader.has("/levels/bridged") ? reader.read("/levels/bridged") : std::vector<double>();
+std::vector<std::pair<double, double>> off_law_spans(const record::Reader& reader) {
+  const std::vector<std::pair<double, double>> steps = steps_of(reader);
+  const std::vector<double> flags =
+      reader.has(record::off_law_path(reader)) ? reader.read(record::off_law_path(reader)) : std::vector<double>();
   std::vector<std::pair<double, double>> spans;
-  for (std::size_t k = 0; k < bridged.size(); ++k) {
-    if (bridged[k] == 0.0) {
+  for (std::size_t k = 0; k < std::min(flags.size(), steps.size()); ++k) {
+    if (flags[k] == 0.0) {
       continue;
     }
-    if (k > 0 && bridged[k - 1] != 0.0) {
-      spans.back().second = t[k + 1];
+    if (!spans.empty() && spans.back().second == steps[k].first) {
+      spans.back().second = steps[k].second;
     } else {
-      spans.emplace_back(t[k], t[k + 1]);
+      spans.push_back(steps[k]);
     }
   }
   return spans;
 }
 
-void write_bridges(Json& json, const record::Reader& reader, const Resolution& resolution) {
-  const std::vector<std::pair<double, double>> spans = bridge_spans(reader);
+void write_off_law(Json& json, const record::Reader& reader, const Resolution& resolution) {
+  const std::vector<std::pair<double, double>> spans = off_law_spans(reader);
   // More marks than there is room for are joined with their neighbours.
-  const std::size_t joined = spans.empty() ? 1 : (spans.size() - 1) / resolution.bridges + 1;
+  const std::size_t joined = spans.empty() ? 1 : (spans.size() - 1) / resolution.off_law + 1;
   std::vector<double> from, to;
   for (std::size_t i = 0; i < spans.size(); i += joined) {
     from.push_back(spans[i].first);
     to.push_back(spans[std::min(i + joined, spans.size()) - 1].second);
   }
-  json.entry("bridge_count", spans.size()).key("bridges").begin_object().key("from");
+  json.entry("off_law_count", spans.size()).key("off_law").begin_object().key("from");
   write_f64(json, from);
   json.key("to");
   write_f64(json, to);

@@ -18,11 +18,12 @@ namespace rubato::report {
 /// What is drawn of one grid function over all stored levels.
 struct Drawing {
   std::string name;
-  std::string group;                 ///< "field", "error", "exact", "residual"
+  std::string group;                 ///< "field", "quantity", "error", "exact", "residual"
   bool logarithmic = false;          ///< log10 of its magnitude
   bool starts_late = false;          ///< no value before the first step: not to be counted as undefined
   bool has_gaps = false;             ///< no value at some levels, likewise
   std::optional<double> rounding{};  ///< size of what rounding alone leaves of it
+  bool is_first = false;             ///< of the field that comes first: drawn in full where the page has room
 };
 
 /// How many values there are, and how many of them are none.

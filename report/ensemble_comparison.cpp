@@ -117,7 +117,10 @@ EnsembleComparison compare_ensembles(const record::Reader& a, const record::Read
     const std::vector<double> left = read_column(a, column), right = read_column(b, *other);
     if (column.name == "status") {
       const auto ended = [](const std::vector<double>& status) {
-        return static_cast<std::size_t>(std::ranges::count_if(status, [](double value) { return value != 0.0; }));
+        return static_cast<std::size_t>(std::ranges::count_if(status, [](double value) {
+          constexpr double done = 0.0, lost = 7.0;  // exit statuses of runs that reached their end
+          return value != done && value != lost;
+        }));
       };
       comparison.ended_early = {ended(left), ended(right)};
     }

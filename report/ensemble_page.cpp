@@ -1,6 +1,7 @@
 #include <rubato/report/ensemble_page.hpp>
 
 #include <algorithm>
+#include <array>
 #include <limits>
 #include <map>
 
@@ -244,6 +245,9 @@ bool is_ensemble(const record::Reader& reader) {
   return reader.has(std::string(members_axis));
 }
 
+/// The exit status of a run that reached its end with the verdict "lost".
+constexpr int lost_status = 7;
+
 void write_ensemble_summary(Json& json, const record::Reader& reader) {
   json.key("summary").begin_array();
   const auto line = [&json](const figures::Line& of) {
@@ -256,9 +260,17 @@ void write_ensemble_summary(Json& json, const record::Reader& reader) {
   }
   line({"members", fmt::format("{}", count), "", true});
   for (const auto& [status, members] : ended) {
-    if (status != 0) {
+    if (status != 0 && status != lost_status) {
       line({"ended early", fmt::format("{}", members), fmt::format("with exit status {}", status), true});
     }
+  }
+  if (const std::string path = "/members/verdict"; reader.has(path)) {
+    std::array<std::size_t, 3> verdicts{};
+    for (const double verdict : read_one(reader, path, count, 0)) {
+      ++verdicts.at(static_cast<std::size_t>(std::clamp(verdict, 0.0, 2.0)));
+    }
+    line({"verdict", fmt::format("{} good, {} doubtful, {} lost", verdicts[0], verdicts[1], verdicts[2]),
+          "by the measures of each member", true});
   }
   for (const MemberColumn& column : member_columns(reader)) {
     if (column.group != "figure" || column.name == "status") {

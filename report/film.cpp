@@ -9,6 +9,10 @@ namespace {
 
 constexpr std::size_t film_value_bytes = 2, enough_frames = 24, smallest_side = 32, least_frames = 2,
                       least_extremes = 40;
+/// The first field is drawn in full where its part of the room has so many pictures; with more, the others would have
+/// fewer pictures, or less detail.
+constexpr std::size_t enough_full_frames = 8;
+constexpr double part_of_first = 0.6;
 /// A point of the extremes: t in double, two values in single precision; two envelopes select points.
 constexpr std::size_t extremes_bytes = packed_size(2 * (8 + 4 + 4)), film_padding = 16;
 
@@ -41,9 +45,12 @@ Film::Plan Film::plan(const record::DatasetInfo& field, const Contents& contents
             .slices = field.row_size() / (height * width),
             .rows = {height, height},
             .columns = {width, width},
+            .first_rows = {height, height},
+            .first_columns = {width, width},
             .frames = {},
             .levels = levels,
-            .extremes_points = no_limit};
+            .extremes_points = no_limit,
+            .times = contents.field_times};
   std::size_t frames = levels;
   if (bytes < demand(field, contents).whole) {
     // Curves of extremes take at most an eighth.
@@ -52,16 +59,36 @@ Film::Plan Film::plan(const record::DatasetInfo& field, const Contents& contents
     const std::size_t left = room - std::min(levels, plan.extremes_points) * extremes_bytes - film_padding;
     // What is given to the times of the pictures is no more than to one value each.
     const std::size_t values = left / 4 * 3 / film_value_bytes;
-    const double picture = static_cast<double>(values) / static_cast<double>(std::min(levels, enough_frames));
+    const std::size_t whole = height * width, small = std::min(height, smallest_side) * std::min(width, smallest_side);
     // Blocks are squares of nodes, all of the same size but at the border.
-    const double block = std::ceil(std::sqrt(static_cast<double>(height * width) / picture));
-    const auto reduced = [&](std::size_t size) {
-      const auto wanted = static_cast<std::size_t>(std::ceil(static_cast<double>(size) / std::max(1.0, block)));
-      return Partition(size, std::max(wanted, std::min(size, smallest_side)));
+    const auto divide = [&](double values_of_picture) {
+      const double block = std::max(1.0, std::ceil(std::sqrt(static_cast<double>(whole) / values_of_picture)));
+      const auto reduced = [block](std::size_t size) {
+        const auto wanted = static_cast<std::size_t>(std::ceil(static_cast<double>(size) / block));
+        return Partition(size, std::max(wanted, std::min(size, smallest_side)));
+      };
+      plan.rows = reduced(height);
+      plan.columns = reduced(width);
     };
-    plan.rows = reduced(height);
-    plan.columns = reduced(width);
-    frames = std::clamp<std::size_t>(values / (plan.rows.parts() * plan.columns.parts() + 4), least_frames, levels);
+    divide(static_cast<double>(values) / static_cast<double>(std::min(levels, enough_frames)));
+    frames = values / (plan.rows.parts() * plan.columns.parts() + 4);
+    // `values` are for one film; all have as many pictures.
+    const std::size_t all = values * films, others = films - 1;
+    const std::size_t full = std::min({static_cast<std::size_t>(part_of_first * static_cast<double>(all)) / (whole + 4),
+                                       all / (whole + 4 + others * (small + 4)), levels});
+    const bool is_whole = plan.rows.is_whole() && plan.columns.is_whole();
+    if (!is_whole && others > 0 && full >= std::min(levels, enough_full_frames)) {
+      frames = full;
+      divide(static_cast<double>((all - frames * (whole + 4)) / others) / static_cast<double>(frames) - 4.0);
+      const std::size_t used = plan.rows.parts() * plan.columns.parts() + 4;
+      frames = all / (whole + 4 + others * used);  // what blocks of whole nodes leave goes into more pictures
+    } else if (!is_whole && others == 0 && values / (whole + 4) >= std::min(levels, enough_full_frames)) {
+      frames = values / (whole + 4);
+    } else {
+      plan.first_rows = plan.rows;
+      plan.first_columns = plan.columns;
+    }
+    frames = std::clamp<std::size_t>(frames, least_frames, levels);
   }
   for (std::size_t i = 0; i < frames; ++i) {
     plan.frames.push_back(frames == 1 ? 0 : i * (levels - 1) / (frames - 1));
@@ -69,9 +96,9 @@ Film::Plan Film::plan(const record::DatasetInfo& field, const Contents& contents
   return plan;
 }
 
-void Film::write_times(Json& json, const record::Reader& reader, const Plan& plan) {
-  json.key("map_times").begin_object().key("first");
-  write_f64(json, pick(reader.read("/states/t"), plan.frames));
+void Film::write_times(Json& json, std::string_view key, const record::Reader& reader, const Plan& plan) {
+  json.key(key).begin_object().key("first");
+  write_f64(json, pick(reader.read(plan.times), plan.frames));
   json.end_object();
 }
 
@@ -83,7 +110,7 @@ void Film::add(std::size_t level, std::span<const double> values) {
   if (!std::ranges::binary_search(plan_.frames, level)) {
     return;
   }
-  BlockEnvelope picture(plan_.rows, plan_.columns);
+  BlockEnvelope picture(rows_, columns_);
   const auto slice = values.subspan(plan_.slices / 2 * plan_.height * plan_.width, plan_.height * plan_.width);
   for (std::size_t row = 0; row < plan_.height; ++row) {
     picture.add_row(slice.subspan(row * plan_.width, plan_.width));
@@ -93,14 +120,14 @@ void Film::add(std::size_t level, std::span<const double> values) {
 }
 
 void Film::write(Json& json, const record::Reader& reader, const std::vector<std::string>& dimensions) const {
-  const std::vector<double> t = reader.read("/states/t");
+  const std::vector<double> t = reader.read(plan_.times);
   json.begin_object();
   write_drawing(json, drawing_, census_);
   json.entry("shape", "film");
-  json.entry("thinned", !plan_.rows.is_whole() || !plan_.columns.is_whole());
+  json.entry("thinned", !rows_.is_whole() || !columns_.is_whole());
   json.key("levels").begin_object().entry("count", plan_.levels).entry("parts", plan_.frames.size()).end_object();
-  write_axis(json, "y", reader, dimensions[dimensions.size() - 2], plan_.rows);
-  write_axis(json, "x", reader, dimensions.back(), plan_.columns);
+  write_axis(json, "y", reader, dimensions[dimensions.size() - 2], rows_);
+  write_axis(json, "x", reader, dimensions.back(), columns_);
   if (plan_.slices > 1) {
     const std::vector<double> across = reader.read("/grid/" + dimensions.front());
     json.key("slice").begin_object().entry("axis", display_name(dimensions.front()));

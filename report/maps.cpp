@@ -14,9 +14,10 @@ namespace {
 
 /// Calls `use(row, values)` for each row of datasets of equal shape, reading some megabytes at a time.
 template <typename Use>
-void for_each_row(const record::Reader& reader, const std::vector<std::string>& paths, const Use& use) {
+void for_each_row(const record::Reader& reader, const std::string& times, const std::vector<std::string>& paths,
+                  const Use& use) {
   constexpr std::size_t slab_values = std::size_t{1} << 20;
-  const std::size_t rows = reader.rows("/states/t");
+  const std::size_t rows = reader.rows(times);
   const std::size_t size = reader.info(paths.front()).row_size();
   for (const std::string& path : paths) {
     const record::DatasetInfo info = reader.info(path);
@@ -51,21 +52,25 @@ public:
         reader_(source.reader),
         notes_(source.notes),
         plan_(plan),
+        group_(source.contents.field_group),
+        first_(source.contents.fields.front().path),
         shape_(reader_.info(source.contents.fields.front().path).shape) {}
 
   void field(const Contents::Field& field) {
     const record::DatasetInfo info = shape_of(field.path);
-    Map map({.name = field.name, .group = "field", .starts_late = field.at_midpoints}, plan_);
+    Map map({.name = field.name, .group = group_, .starts_late = field.at_midpoints, .is_first = field.path == first_},
+            plan_);
     const std::string exact_path = "/exact/" + field.name;
-    if (field.at_midpoints || !reader_.has(exact_path)) {
-      for_each_row(reader_, {field.path}, [&](std::size_t level, const auto& values) { map.add(level, values[0]); });
+    if (field.at_midpoints || group_ != "field" || !reader_.has(exact_path)) {
+      for_each_row(reader_, plan_.times, {field.path},
+                   [&](std::size_t level, const auto& values) { map.add(level, values[0]); });
       write(map, info);
       return;
     }
     constexpr bool draws_exact = std::is_same_v<Map, SpaceTimeMap>;
     Map exact({.name = field.name, .group = "exact"}, plan_), error({.name = field.name, .group = "error"}, plan_);
     std::vector<double> difference(info.row_size());
-    for_each_row(reader_, {field.path, exact_path}, [&](std::size_t level, const auto& values) {
+    for_each_row(reader_, plan_.times, {field.path, exact_path}, [&](std::size_t level, const auto& values) {
       std::ranges::transform(values[0], values[1], difference.begin(), std::minus());
       map.add(level, values[0]);
       if (draws_exact) {
@@ -93,7 +98,7 @@ public:
     }
     Map map(drawing, plan_);
     std::vector<double> magnitude(info.row_size());
-    for_each_row(reader_, {path}, [&](std::size_t level, const auto& values) {
+    for_each_row(reader_, plan_.times, {path}, [&](std::size_t level, const auto& values) {
       std::ranges::transform(values[0], magnitude.begin(), [](double value) { return std::abs(value); });
       map.add(level, magnitude);
     });
@@ -118,22 +123,23 @@ private:
   const record::Reader& reader_;
   const Notes& notes_;
   const typename Map::Plan& plan_;
+  std::string group_;
+  std::string first_;  ///< path of the first field
   std::vector<std::size_t> shape_;
 };
 
 template <typename Map>
-void write_all(Json& json, const Source& source, const Resolution& resolution) {
+void write_all(Json& json, const Source& source, std::size_t bytes, const std::string& name) {
   const Contents& contents = source.contents;
-  const typename Map::Plan plan =
-      Map::plan(source.reader.info(contents.fields.front().path), contents, resolution.map_bytes);
-  Map::write_times(json, source.reader, plan);
+  const typename Map::Plan plan = Map::plan(source.reader.info(contents.fields.front().path), contents, bytes);
+  Map::write_times(json, name + "_times", source.reader, plan);
   MapWriter<Map> writer(json, source, plan);
-  json.key("maps").begin_array();
+  json.key(name + "s").begin_array();
   for (const Contents::Field& field : contents.fields) {
     writer.field(field);
   }
-  for (const std::string& name : contents.residual_fields) {
-    writer.residual(name);
+  for (const std::string& residual : contents.residual_fields) {
+    writer.residual(residual);
   }
   json.end_array();
 }
@@ -141,10 +147,11 @@ void write_all(Json& json, const Source& source, const Resolution& resolution) {
 }  // namespace
 
 void write_maps(Json& json, const Source& source, const Resolution& resolution) {
-  if (source.contents.axes.size() < 2) {
-    write_all<SpaceTimeMap>(json, source, resolution);
-  } else {
-    write_all<Film>(json, source, resolution);
+  const auto write = source.contents.axes.size() < 2 ? &write_all<SpaceTimeMap> : &write_all<Film>;
+  write(json, source, resolution.map_bytes, "map");
+  if (!source.contents.node_quantities.empty()) {
+    const Contents quantities = with_quantities_as_fields(source.contents);
+    write(json, {source.reader, quantities, source.summary, source.notes}, resolution.quantity_bytes, "quantity_map");
   }
 }
 

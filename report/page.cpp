@@ -4,11 +4,13 @@
 #include <array>
 #include <cmath>
 #include <fstream>
+#include <iterator>
 #include <limits>
 #include <stdexcept>
 #include <tuple>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <rubato/figures/text.hpp>
 #include <rubato/report/assets.hpp>
@@ -57,9 +59,11 @@ public:
         notes_(options.notes ? options.notes(reader) : Notes()),
         needs_(reader, contents_) {
     std::ranges::stable_sort(contents_.fields, {}, [&](const Contents::Field& field) {
-      return std::tuple(std::ranges::find(notes_.fields, field.name) - notes_.fields.begin(), !has_exact(field.name),
+      return std::tuple(field.name != options.field,
+                        std::ranges::find(notes_.fields, field.name) - notes_.fields.begin(), !has_exact(field.name),
                         field.at_midpoints);
     });
+    require_field(options.field);
   }
 
   [[nodiscard]] const Needs& needs() const { return needs_; }
@@ -72,7 +76,7 @@ public:
     const Source source{reader_, contents_, summary_, notes_};
     const Resolution resolution = shares.empty() ? Resolution() : needs_.resolution(shares);
     write_curves(json, source, resolution);
-    write_bridges(json, reader_, resolution);
+    write_off_law(json, reader_, resolution);
     write_sections(json, source, resolution);
     if (contents_.kind == Contents::Kind::orbit) {
       write_states(json, source, resolution);
@@ -82,6 +86,15 @@ public:
   }
 
 private:
+  void require_field(const std::string& name) const {
+    if (!name.empty() && std::ranges::find(contents_.fields, name, &Contents::Field::name) == contents_.fields.end()) {
+      std::vector<std::string> names;
+      std::ranges::transform(contents_.fields, std::back_inserter(names), &Contents::Field::name);
+      throw std::invalid_argument(
+          fmt::format("--field {}: the record has no such field; {}", name,
+                      names.empty() ? "it is not of a lattice" : fmt::format("it has {}", fmt::join(names, ", "))));
+    }
+  }
   [[nodiscard]] bool has_exact(const std::string& name) const {
     return std::ranges::find(contents_.exact, name) != contents_.exact.end();
   }

@@ -25,6 +25,8 @@ struct PageOptions {
   std::size_t max_bytes = 5'000'000;
   /// Nothing is thinned, however large the page becomes.
   bool full = false;
+  /// The field of a lattice that is drawn first, and in full where there is room; empty: the first of the notes.
+  std::string field = {};
   /// Asked once for each record; none: fields in the order of the record, and no levels of rounding.
   std::function<Notes(const record::Reader&)> notes = {};
 };

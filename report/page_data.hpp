@@ -24,17 +24,24 @@ struct Source {
   const Notes& notes;
 };
 
+/// The times of the levels that have a row, and of the stored ones, that users read: with time_scale physical ones.
+///@{
+[[nodiscard]] std::vector<double> level_times(const record::Reader& reader);
+[[nodiscard]] std::vector<double> state_times(const record::Reader& reader);
+///@}
+
 /// "curves": what every record has per level and per step, its laws, and the errors of an orbit: [{"name", "group",
 /// "initial", "count", "undefined", "rounding", "axis" or "x", "y"}, …]. Energies, totals and invariants are deviations
 /// from "initial". "count" is the number of values, of which "undefined" are none; "axis" names one of "times" where
 /// all are there. "rounding" is the size of what rounding leaves, where that is known.
+/// "level_rows": {"rows", "levels"}: how many of the levels have a row in the record.
 void write_curves(Json& json, const Source& source, const Resolution& resolution);
 
-/// The times between which steps were bridging, bridges that touch as one.
-[[nodiscard]] std::vector<std::pair<double, double>> bridge_spans(const record::Reader& reader);
+/// The times between which steps are off the law, those that touch as one.
+[[nodiscard]] std::vector<std::pair<double, double>> off_law_spans(const record::Reader& reader);
 
-/// "bridges": {"from", "to"}: the times between which steps were bridging; "bridge_count": how many there are.
-void write_bridges(Json& json, const record::Reader& reader, const Resolution& resolution);
+/// "off_law": {"from", "to"}: the times between which steps are off the law; "off_law_count": how many of them.
+void write_off_law(Json& json, const record::Reader& reader, const Resolution& resolution);
 
 /// "sections": of each event with two quantities or more [{"name", "count", "columns": [{"name", "values"}]}].
 void write_sections(Json& json, const Source& source, const Resolution& resolution);
@@ -55,7 +62,8 @@ struct StateColumn {
 /// of them, each against time by its own.
 void write_states(Json& json, const Source& source, const Resolution& resolution);
 
-/// "map_times" and "maps": a lattice's fields, errors and residual fields over space and time.
+/// "map_times" and "maps": a lattice's fields, errors and residual fields over space and time; "quantity_map_times" and
+/// "quantity_maps": its node quantities.
 void write_maps(Json& json, const Source& source, const Resolution& resolution);
 
 /// How many curves write_curves() writes.

@@ -42,28 +42,30 @@ Demand SpaceTimeMap::demand(const record::DatasetInfo& field, const Contents& co
 SpaceTimeMap::Plan SpaceTimeMap::plan(const record::DatasetInfo& field, const Contents& contents, std::size_t bytes) {
   const std::size_t levels = field.shape[0], cells = field.shape[1];
   if (bytes >= demand(field, contents).whole) {
-    return {{levels, levels}, {cells, cells}};
+    return {{levels, levels}, {cells, cells}, contents.field_times};
   }
   const MapCounts counts(contents);
   const std::size_t room = (bytes - counts.frames - padding * (block_arrays(counts) + 2)) / 4 * 3;
   constexpr std::size_t enough_rows = 256;
   if (const std::size_t rows = room / row_bytes(whole_cell_arrays(counts), cells); rows >= enough_rows) {
-    return {{levels, rows}, {cells, cells}};
+    return {{levels, rows}, {cells, cells}, contents.field_times};
   }
   const std::size_t blocks = room / (block_arrays(counts) * value_bytes);
   const auto side = static_cast<std::size_t>(std::sqrt(static_cast<double>(blocks)));
   const std::size_t columns = std::min(cells, std::max({side, blocks / levels, least_columns}));
-  return {{levels, std::max<std::size_t>(1, room / row_bytes(block_arrays(counts), columns))}, {cells, columns}};
+  return {{levels, std::max<std::size_t>(1, room / row_bytes(block_arrays(counts), columns))},
+          {cells, columns},
+          contents.field_times};
 }
 
-void SpaceTimeMap::write_times(Json& json, const record::Reader& reader, const Plan& plan) {
-  const std::vector<double> t = reader.read("/states/t");
+void SpaceTimeMap::write_times(Json& json, std::string_view key, const record::Reader& reader, const Plan& plan) {
+  const std::vector<double> t = reader.read(plan.times);
   std::vector<double> first, last;
   for (std::size_t part = 0; part < plan.levels.parts(); ++part) {
     first.push_back(t[plan.levels.begin(part)]);
     last.push_back(t[plan.levels.end(part) - 1]);
   }
-  json.key("map_times").begin_object().key("first");
+  json.key(key).begin_object().key("first");
   write_f64(json, first);
   json.key("last");
   write_f64(json, last);

@@ -15,7 +15,7 @@ constexpr std::size_t most_coordinates = 48;
 /// The datasets of an orbit's states, each read once.
 class States {
 public:
-  explicit States(const record::Reader& reader) : t_(reader.read("/states/t")), reader_(reader) {}
+  explicit States(const record::Reader& reader) : t_(state_times(reader)), reader_(reader) {}
 
   [[nodiscard]] const std::vector<double>& t() const { return t_; }
   [[nodiscard]] const double* column(const StateColumn& column) { return dataset(column).data() + column.offset; }

@@ -50,11 +50,12 @@ bool describes(const std::filesystem::path& file, const record::Reader& reader) 
 class Xdmf {
 public:
   Xdmf(const record::Reader& reader, const std::filesystem::path& file)
-      : reader_(reader), reference_(reference_to(name_of_record(reader, file))), t_(reader.read("/states/t")) {}
+      : reader_(reader), reference_(reference_to(name_of_record(reader, file))) {}
 
-  /// One grid for each stored level, all with the same nodes. Axes are slowest first, as in the record.
-  void collection(const std::string& name, const std::vector<std::string>& axes,
+  /// One grid for each of these times, all with the same nodes. Axes are slowest first, as in the record.
+  void collection(const std::string& name, const std::string& times, const std::vector<std::string>& axes,
                   const std::vector<Attribute>& attributes) {
+    const std::vector<double> t = reader_.read(times);
     std::vector<std::size_t> sizes;
     std::vector<double> origin, spacing;
     for (const std::string& axis : axes) {
@@ -72,7 +73,7 @@ public:
     const std::string dimensions = fmt::format("{}", fmt::join(sizes, " "));
     const bool is_flat = sizes.size() == 2;
     text_ += fmt::format(R"(    <Grid Name="{}" GridType="Collection" CollectionType="Temporal">)", name) + "\n";
-    for (std::size_t level = 0; level < t_.size(); ++level) {
+    for (std::size_t level = 0; level < t.size(); ++level) {
       text_ += fmt::format(R"(      <Grid Name="{0} {1}" GridType="Uniform">
         <Time Value="{2}"/>
         <Topology TopologyType="{3}" Dimensions="{4}"/>
@@ -81,7 +82,7 @@ public:
           <DataItem Dimensions="{6}" Format="XML">{8}</DataItem>
         </Geometry>
 )",
-                           name, level, t_[level], is_flat ? "2DCoRectMesh" : "3DCoRectMesh", dimensions,
+                           name, level, t[level], is_flat ? "2DCoRectMesh" : "3DCoRectMesh", dimensions,
                            is_flat ? "ORIGIN_DXDY" : "ORIGIN_DXDYDZ", sizes.size(), fmt::join(origin, " "),
                            fmt::join(spacing, " "));
       for (const Attribute& attribute : attributes) {
@@ -117,7 +118,6 @@ private:
 
   const record::Reader& reader_;
   std::string reference_;
-  std::vector<double> t_;
   std::string text_;
 };
 
@@ -140,10 +140,18 @@ void export_xdmf(const record::Reader& reader, const std::filesystem::path& file
     residuals.push_back({"residual of " + name, "/laws/fields/" + name});
   }
   Xdmf xdmf(reader, file);
-  xdmf.collection("fields", contents.axes, fields);
+  xdmf.collection("fields", contents.field_times, contents.axes, fields);
   if (!residuals.empty()) {
     const std::vector<std::string> dimensions = reader.info(residuals.front().path).dimensions;
-    xdmf.collection("residuals", {dimensions.begin() + 1, dimensions.end()}, residuals);
+    xdmf.collection("residuals", contents.field_times, {dimensions.begin() + 1, dimensions.end()}, residuals);
+  }
+  if (!contents.node_quantities.empty()) {
+    const Contents quantities = with_quantities_as_fields(contents);
+    std::vector<Attribute> attributes;
+    for (const Contents::Field& quantity : quantities.fields) {
+      attributes.push_back({quantity.name, quantity.path});
+    }
+    xdmf.collection("quantities", quantities.field_times, contents.axes, attributes);
   }
   OutputFile output(file, overwrite || describes(file, reader));
   output.write(xdmf.text());

@@ -1,10 +1,13 @@
 #include <rubato/run/check.hpp>
 
+#include <algorithm>
 #include <cmath>
 #include <optional>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
+#include <rubato/record/run_shape.hpp>
 #include <rubato/run/checkpoint_check.hpp>
 #include <rubato/run/lattice_check.hpp>
 #include <rubato/run/lattice_ranks.hpp>
@@ -50,7 +53,7 @@ figures::Names names_in(const record::Reader& reader, const Chronicle& chronicle
 class RecordCheck {
 public:
   RecordCheck(const record::Reader& reader, const CheckOptions& options)
-      : reader_(reader), options_(options), problem_(stored_problem(reader)) {
+      : reader_(reader), options_(options), problem_(stored_problem(reader)), threads_(0, problem_) {
     outcome_.title = problem_.title;
     outcome_.file = reader.file().string();
     outcome_.variable_levels = problem_.scheme.levels == Levels::variable;
@@ -88,7 +91,7 @@ private:
   }
 
   void recompute() {
-    const StoredLevels levels(reader_, static_cast<std::size_t>(problem_.output.states_every()));
+    const StoredLevels levels(reader_, problem_);
     share();
     const LatticeLeader* const leader = leader_ ? &*leader_ : nullptr;
     std::optional<Chronicle> chronicle;
@@ -101,26 +104,73 @@ private:
     const Spread equation = problem_.hamiltonian() != nullptr
                                 ? check_orbit(reader_, levels, problem_, has_gamma, findings_)
                                 : check_lattice_of(levels, has_gamma);
-    if (options_.replay) {
+    if (options_.replay && !is_of_earlier_version_) {
       replay(reader_, levels, problem_, findings_);
+    } else if (!findings_.doubtful().empty()) {
+      resolve_doubts(levels);
     }
-    outcome_.statistics = figures::stored_statistics(reader_, names, findings_.corrections());
+    outcome_.statistics = levels.rows_every == 1 ? figures::statistics_of_rows(reader_, names, findings_.corrections())
+                                                 : figures::stored_statistics(reader_, names);
     outcome_.statistics.laws_every = static_cast<std::size_t>(problem_.laws.every);
+    outcome_.judgement = figures::judge(outcome_.statistics);
     if (equation.count() > 0.0) {
       outcome_.statistics.residuals.push_back({"step_equation", equation});
     }
-    outcome_.warnings = outcome_.statistics.undefined_quantities();
-    if (levels.sparse && !options_.replay) {
+    const std::vector<std::string> undefined = outcome_.statistics.undefined_quantities();
+    outcome_.warnings.insert(outcome_.warnings.end(), undefined.begin(), undefined.end());
+    if (!levels.complete() && (!options_.replay || is_of_earlier_version_)) {
+      outcome_.warnings.push_back(about_parts(levels));
+    }
+    if (!checkpoint.is_checked) {
       outcome_.warnings.push_back(fmt::format(
-          "the record keeps {} and its predecessor: {} of {} steps were recomputed; what the record "
-          "tells of the others was compared with the digests of the run only (--replay takes all steps again)",
-          problem_.output.states ? fmt::format("every {}-th state", problem_.output.every) : "the last state",
-          levels.state_level.size() - 1, levels.steps()));
+          "the record was written by an earlier version: its checkpoint, and what cannot be recomputed from its "
+          "states, was not checked{}",
+          options_.replay ? "; its steps were not taken again" : ""));
     }
-    if (!checkpoint.has_digests) {
-      outcome_.warnings.emplace_back(
-          "the record was written by an earlier version, without digests: what cannot be recomputed was not checked");
+  }
+
+  /// What a record without every level leaves to be believed.
+  [[nodiscard]] std::string about_parts(const StoredLevels& levels) const {
+    std::size_t recomputed = 0;
+    for (std::size_t row = 1; row < levels.state_level.size(); ++row) {
+      recomputed += levels.step_to(row) ? 1 : 0;
     }
+    std::vector<std::string> kept;
+    if (levels.sparse) {
+      kept.push_back(fmt::format("{} and its predecessor", problem_.output.states
+                                                               ? fmt::format("every {}-th state", levels.every)
+                                                               : "the last state"));
+    }
+    if (levels.rows_every > 1) {
+      kept.push_back(fmt::format("a row of every {}-th level", levels.rows_every));
+    }
+    return fmt::format(
+        "the record keeps {}: {} of {} steps were recomputed; {} (--replay takes all steps again)",
+        fmt::join(kept, ", and "), recomputed, levels.steps(),
+        levels.rows_every > 1
+            ? "extremes, means and counts are of all steps, as the checkpoint has them: the rows lie within them"
+            : "what the record tells of the others was compared with its checksums only");
+  }
+
+  /// Steps that were not found again from their states: whether the run taken again leads there, to the bit. If that
+  /// leaves the record before it comes to them (on another machine, or of another version), they stay unverified.
+  void resolve_doubts(const StoredLevels& levels) {
+    const std::vector<std::size_t>& rows = findings_.doubtful();
+    const std::size_t reproduced =
+        is_of_earlier_version_ ? 0 : reproduced_states(reader_, levels, problem_, rows.back());
+    const bool contradicts = std::ranges::find(rows, reproduced) != rows.end();
+    for (const std::size_t row : rows) {
+      if (contradicts && row >= reproduced) {
+        findings_.add({.dataset = "/states",
+                       .row = row,
+                       .reason = "neither the equation of the step nor the run taken again leads there"});
+      }
+    }
+    outcome_.warnings.push_back(
+        fmt::format("{} of {} steps were not found again from the states around them; {}", rows.size(), levels.steps(),
+                    contradicts                ? "the run taken again does not lead there"
+                    : reproduced > rows.back() ? "the run taken again leads there, to the bit"
+                                               : "they were not verified: the run taken again has other bits"));
   }
 
   /// With other ranks, where they could have run the problem together.
@@ -146,7 +196,9 @@ private:
 
   const record::Reader& reader_;
   CheckOptions options_;
+  bool is_of_earlier_version_ = record::is_of_earlier_version(reader_);
   Problem problem_;
+  const ThreadCount threads_;
   std::optional<LatticeLeader> leader_;  ///< before all that ranks have parts of
   Findings findings_;
   Outcome outcome_;
@@ -155,7 +207,6 @@ private:
 }  // namespace
 
 Outcome check(const std::string& file, const CheckOptions& options) {
-  use_threads(0);
   const record::Reader reader(file, record::Altered::told);
   return blame_record(file, [&] { return RecordCheck(reader, options).run(); });
 }

@@ -8,6 +8,8 @@
 
 #include <fmt/format.h>
 
+#include <rubato/base/interrupt.hpp>
+#include <rubato/record/run_shape.hpp>
 #include <rubato/run/gathering_sink.hpp>
 #include <rubato/run/recorder.hpp>
 #include <rubato/run/shared_rows.hpp>
@@ -85,51 +87,6 @@ private:
   std::vector<Compared> columns_;
 };
 
-Digest digest_of(const record::Reader& reader, const std::string& path, std::size_t rows) {
-  const record::DatasetInfo info = reader.info(path);
-  Digest digest;
-  if (info.row_size() <= small_row) {
-    StoredRows stored(reader, path, info.row_size());
-    for (std::size_t row = 0; row < std::min(rows, stored.rows()); ++row) {
-      digest.add_row(stored.row(row));
-    }
-    return digest;
-  }
-  for (std::size_t row = 0; row < std::min(rows, reader.rows(path)); ++row) {
-    read_in_parts(reader, info, row, [&](std::span<const double> part) { digest.add_part(part, false); });
-    digest.add_part(std::span<const double>(), true);
-  }
-  return digest;
-}
-
-/// Of the state in the checkpoint, some of it at a time.
-Digest digest_of_state(const record::Reader& reader) {
-  const std::size_t size = reader.rows(state_path);
-  Digest digest;
-  for (std::size_t first = 0; first < size; first += small_row) {
-    const std::vector<double> some = reader.read(state_path, first, std::min(small_row, size - first));
-    digest.add_part(std::span<const double>(some), false);
-  }
-  digest.add_part(std::span<const double>(), true);
-  return digest;
-}
-
-void check_digests(const record::Reader& reader, const Chronicle& chronicle, const Digests& digests,
-                   Findings& findings) {
-  for (std::size_t i = 0; i < digests.size(); ++i) {
-    const std::string& path = chronicle.layout().datasets[i].path;
-    if (!reader.has(path)) {
-      findings.add({.dataset = path, .reason = "it is missing"});
-      continue;
-    }
-    findings.count(1);
-    if (digest_of(reader, path, static_cast<std::size_t>(std::max<std::int64_t>(0, digests[i].rows()))) != digests[i]) {
-      findings.add(
-          {.dataset = path, .reason = "it is not what the run wrote, by the digest in /checkpoint/row_digests"});
-    }
-  }
-}
-
 void compare_arrays(std::span<const double> stored, std::span<const double> expected, std::size_t offset,
                     const char* reason, Findings& findings) {
   for (std::size_t i = 0; i < stored.size(); ++i) {
@@ -149,6 +106,84 @@ void check_potential(const record::Reader& reader, const StepPotential& potentia
   }
 }
 
+/// The row of the level of the checkpoint, where the record has it.
+void check_last_row(const record::Reader& reader, const StoredLevels& levels, Chronicle& chronicle,
+                    Findings& findings) {
+  const auto row = levels.row_of(levels.steps());
+  if (!row) {
+    return;
+  }
+  Comparison comparison(
+      reader, chronicle.layout(), findings, "the row in the checkpoint", [](const std::string&) { return true; },
+      [&](const record::Dataset& dataset) { return dataset.axis == "/levels/step" ? *row - 1 : *row; });
+  chronicle.tell_row(comparison);
+}
+
+/// The statistics that readers take, against those that `resume` takes.
+void check_copy(const record::Reader& reader, const figures::Statistics& statistics, Findings& findings) {
+  const std::string path = "/checkpoint/" + std::string(figures::statistics_name);
+  if (!reader.has(path)) {
+    return;  // an earlier version
+  }
+  const std::vector<double> stored = reader.read(path), expected = statistics.values();
+  findings.count(1);
+  if (stored.size() != expected.size()) {
+    findings.add({.dataset = path, .reason = "it is not of the names in the problem"});
+    return;
+  }
+  for (std::size_t i = 0; i < stored.size(); ++i) {
+    findings.same(path, i, {}, stored[i], expected[i], "the statistics in " + std::string(state_path));
+  }
+}
+
+/// What the rows add up to is a part of the statistics of all levels and steps: counts and extremes go no further.
+void check_within(const figures::Statistics& part, const figures::Statistics& whole, Findings& findings) {
+  constexpr const char* reason = "the rows go beyond the statistics of all levels, in the checkpoint";
+  const auto parts = part.spreads(), wholes = whole.spreads();
+  for (std::size_t i = 0; i < parts.size(); ++i) {
+    const auto& [path, some] = parts[i];
+    const Spread& all = wholes[i].second;
+    findings.count(4);
+    if (some.defined > all.defined || some.undefined > all.undefined) {
+      findings.add({.dataset = path, .stored = some.count(), .recomputed = all.count(), .reason = reason});
+    } else if (some.any() && some.min < all.min) {
+      findings.add({.dataset = path, .stored = some.min, .recomputed = all.min, .reason = reason});
+    } else if (some.any() && some.max > all.max) {
+      findings.add({.dataset = path, .stored = some.max, .recomputed = all.max, .reason = reason});
+    }
+  }
+}
+
+/// What the statistics say of the same, once or more often; and of levels and events that have all their rows.
+void check_counts(const StoredLevels& levels, const figures::Statistics& part, const Chronicle& chronicle,
+                  Findings& findings) {
+  const figures::Statistics& whole = chronicle.statistics();
+  const auto same = [&](double stored, double expected, const char* reason) {
+    findings.same(state_path, 0, {}, stored, expected, reason);
+  };
+  const auto steps = static_cast<double>(whole.steps);
+  same(steps, static_cast<double>(levels.steps()), "the number of steps in the statistics of the checkpoint");
+  same(whole.t, chronicle.simulation().t(), "the level of the checkpoint");
+  same(whole.start, levels.t.front(), "the start in /levels/t");
+  same(whole.node_energy.initial, part.node_energy.initial, "the start in /levels/node_energy");
+  for (const Spread* per_level : {&whole.node_energy.values, &whole.gamma}) {
+    same(per_level->count(), steps + 1.0, "there is one for each level");
+  }
+  for (const Spread* per_step : {&whole.h, &whole.energies(), &whole.rounding, &whole.potential, &whole.iterations}) {
+    same(per_step->count(), steps, "there is one for each step");
+  }
+  if (part.has_law() && part.autonomous() && whole.autonomous()) {
+    same(whole.energy(), part.energy(), "E in /levels/target");
+  }
+  for (std::size_t i = 0; i < whole.events.size(); ++i) {
+    const figures::EventFigures &event = whole.events[i].value, &rows = part.events[i].value;
+    same(static_cast<double>(event.count), static_cast<double>(rows.count), "the crossings of the event");
+    same(event.first, rows.first, "the first crossing of the event");
+    same(event.last, rows.last, "the last crossing of the event");
+    same(event.stopped, rows.stopped, "the crossing that ended the run");
+  }
+}
+
 /// What the checkpoint says of the level it is at, against what the record says of it.
 void check_state(const record::Reader& reader, const StoredLevels& levels, const figures::Names& names,
                  Chronicle& chronicle, const LatticeLeader* leader, Findings& findings) {
@@ -159,26 +194,32 @@ void check_state(const record::Reader& reader, const StoredLevels& levels, const
   }
   Simulation& simulation = chronicle.simulation();
   const NodeEnergy node = simulation.node();
-  const auto at_last = [&](const char* path, double expected) {
-    const double stored = reader.read(path, last, 1).front();
+  if (const auto row = levels.row_of(last)) {
+    findings.same("/levels/t", *row, {}, levels.t[*row], simulation.t(), "the level of the checkpoint");
     // Bits may differ between machines whose elementary functions round differently.
     findings.compare(
-        path, last, {}, stored, expected,
+        "/levels/node_energy", *row, {}, reader.read("/levels/node_energy", *row, 1).front(), node.energy,
         [&] {
           return Rounding::unit *
-                 std::max({std::abs(expected), chronicle.statistics().energy_scale(), simulation.energy_terms()});
+                 std::max({std::abs(node.energy), chronicle.statistics().energy_scale(), simulation.energy_terms()});
         },
         "the level of the checkpoint");
-  };
-  findings.same("/levels/t", last, {}, levels.t.back(), simulation.t(), "the level of the checkpoint");
-  at_last("/levels/node_energy", node.energy);
+  }
 
-  const figures::Statistics made = figures::stored_statistics(reader, names);
-  StateWriter stored, expected;
+  const figures::Statistics made = figures::statistics_of_rows(reader, names);
+  StateWriter stored;
   chronicle.statistics().save(stored);
-  made.save(expected);
   const std::size_t offset = reader.rows(state_path) - chronicle.values_after_statistics() - stored.values().size();
-  compare_arrays(stored.values(), expected.values(), offset, "the statistics of /levels and /laws", findings);
+  if (levels.rows_every == 1) {
+    StateWriter expected;
+    made.save(expected);
+    compare_arrays(stored.values(), expected.values(), offset, "the statistics of /levels and /laws", findings);
+  } else {
+    check_within(made, chronicle.statistics(), findings);
+    check_counts(levels, made, chronicle, findings);
+    check_last_row(reader, levels, chronicle, findings);
+  }
+  check_copy(reader, chronicle.statistics(), findings);
 
   findings.same(state_path, offset + stored.values().size(), {}, static_cast<double>(chronicle.last_stored()),
                 static_cast<double>(last / levels.every * levels.every), "the last of every n-th level");
@@ -199,23 +240,22 @@ void check_state(const record::Reader& reader, const StoredLevels& levels, const
   }
 }
 
-/// Brings a chronicle to the checkpoint, with other ranks where there are some. Nothing if it is not one of the
-/// problem.
-std::optional<Digests> restore(const record::Reader& reader, const record::Checkpoint& others, Chronicle& chronicle,
-                               const LatticeLeader* leader) {
+/// Brings a chronicle to the checkpoint, with other ranks where there are some. False if it is not one of the problem.
+bool restored(const record::Reader& reader, const record::Checkpoint& others, Chronicle& chronicle,
+              const LatticeLeader* leader) {
   if (leader == nullptr) {
-    return restored(others, chronicle);
+    return restore(others, chronicle);
   }
   if (!reader.has(state_path)) {
-    return std::nullopt;
+    return false;
   }
   const std::size_t size = reader.rows(state_path);
   leader->order_restore(size);
   SharedState source(leader->slab(), &reader);
   StateReader state(source, size);
-  auto digests = restored(others, state, chronicle);
+  const bool done = restore(others, state, chronicle);
   source.rethrow();
-  return digests;
+  return done;
 }
 
 }  // namespace
@@ -223,24 +263,16 @@ std::optional<Digests> restore(const record::Reader& reader, const record::Check
 CheckpointFindings check_checkpoint(const record::Reader& reader, const StoredLevels& levels,
                                     const figures::Names& names, Chronicle& chronicle, const LatticeLeader* leader,
                                     Findings& findings) {
+  if (record::is_of_earlier_version(reader)) {
+    return {};
+  }
   const record::Checkpoint checkpoint = reader.checkpoint(leader == nullptr ? "" : "state");
-  if (!checkpoint.contains(Digest::array)) {
-    return {};  // a record of an earlier version
-  }
-  const std::optional<Digests> digests = restore(reader, checkpoint, chronicle, leader);
-  if (!digests) {
+  if (!restored(reader, checkpoint, chronicle, leader)) {
     findings.add({.dataset = state_path, .reason = "it is not the checkpoint of the problem in the record"});
-    return {.has_digests = true};
+    return {.is_checked = true};
   }
-  const auto& numbers = std::get<std::vector<std::int64_t>>(checkpoint.at(Digest::array));
-  findings.count(1);
-  if (digest_of_state(reader) != Digest(numbers[numbers.size() - 2], numbers.back())) {
-    findings.add(
-        {.dataset = state_path, .reason = "it is not what the run wrote, by the digest in /checkpoint/row_digests"});
-  }
-  check_digests(reader, chronicle, *digests, findings);
   check_potential(reader, chronicle.simulation().step_potential(), findings);
-  CheckpointFindings result{.has_digests = true,
+  CheckpointFindings result{.is_checked = true,
                             .energy_terms = chronicle.simulation().energy_terms(),
                             .potential = chronicle.simulation().step_potential()};
   check_state(reader, levels, names, chronicle, leader, findings);
@@ -248,6 +280,14 @@ CheckpointFindings check_checkpoint(const record::Reader& reader, const StoredLe
 }
 
 namespace {
+
+/// Chronicle::take(). \throws Interrupted from a look-ahead
+void take(Chronicle& chronicle, std::size_t most) {
+  chronicle.take(most);
+  if (chronicle.simulation().interrupted()) {
+    throw Interrupted();
+  }
+}
 
 /// The problem with which the run began: if its step potential is not the one that is chosen for a run to `until`, but
 /// that of one that is too short for a scout, it was continued (is_short_run).
@@ -259,7 +299,7 @@ Problem as_begun(const record::Reader& reader, const Problem& problem) {
   const std::vector<double> stored = reader.read(path);
   const auto is_chosen = [&](const Problem& tried) {
     Chronicle chronicle(tried, false);
-    (void)chronicle.simulation().step();  // the first chooses
+    take(chronicle, 1);  // the first chooses
     const StepPotential& potential = chronicle.simulation().step_potential();
     return stored == std::vector{potential.strength, potential.length, potential.exponent};
   };
@@ -275,6 +315,32 @@ Problem as_begun(const record::Reader& reader, const Problem& problem) {
 
 }  // namespace
 
+std::size_t reproduced_states(const record::Reader& reader, const StoredLevels& levels, const Problem& problem,
+                              std::size_t last) {
+  const Problem begun = as_begun(reader, problem);
+  Chronicle chronicle(begun, reader.has("/laws/multisymplectic_max"));
+  Findings findings;
+  Comparison comparison(
+      reader, chronicle.layout(), findings, "the step taken again",
+      [](const std::string& path) { return path.starts_with("/states/") || path == "/levels/energy"; },
+      [](const record::Dataset&) { return std::size_t{0}; });
+  chronicle.tell_start(comparison);
+  std::size_t row = findings.disagreements() == 0 ? 1 : 0;
+  for (std::size_t k = 0; k < levels.state_level[last] && findings.disagreements() == 0; ++k) {
+    take(chronicle, 1);
+    if (chronicle.simulation().taken().empty()) {
+      break;
+    }
+    chronicle.tell_steps(comparison);
+    row += findings.disagreements() == 0 && chronicle.last_stored() == k + 1 ? 1 : 0;
+  }
+  if (row == last) {  // the last level, which is stored in addition to every n-th
+    chronicle.tell_last(comparison);
+    row += findings.disagreements() == 0 ? 1 : 0;
+  }
+  return row;
+}
+
 void replay(const record::Reader& reader, const StoredLevels& levels, const Problem& problem, Findings& findings) {
   const Problem begun = as_begun(reader, problem);
   Chronicle chronicle(begun, reader.has("/laws/multisymplectic_max"));
@@ -282,16 +348,17 @@ void replay(const record::Reader& reader, const StoredLevels& levels, const Prob
       reader, chronicle.layout(), findings, "the step taken again", [](const std::string&) { return true; },
       [](const record::Dataset&) { return std::size_t{0}; });
   chronicle.tell_start(comparison);
-  for (std::size_t k = 0; k < levels.steps(); ++k) {
-    const StepReport report = chronicle.simulation().step();
-    if (report.status != Status::success) {
+  const Simulation& simulation = chronicle.simulation();
+  while (chronicle.statistics().steps < levels.steps()) {
+    const std::size_t steps = chronicle.statistics().steps;
+    take(chronicle, levels.steps() - steps);
+    if (simulation.taken().empty()) {
       findings.add({.dataset = "/levels/h",
-                    .row = k,
-                    .stored = levels.h[k],
-                    .reason = fmt::format("the step taken again ended: {}", to_string(report.status))});
+                    .row = steps,
+                    .reason = fmt::format("the step taken again ended: {}", to_string(simulation.report().status))});
       return;
     }
-    chronicle.tell_step(report, comparison);
+    chronicle.tell_steps(comparison);
   }
   const record::Checkpoint checkpoint = reader.checkpoint();
   const auto found = checkpoint.find("state");

@@ -15,7 +15,7 @@ namespace {
 
 std::string about_gamma(const Problem& problem, const Simulation& simulation) {
   if (!simulation.has_gamma()) {
-    return "Gamma(z_k) is not defined for this scheme";
+    return "not a number: the step law of this scheme is not that of Gamma (theory, section 3)";
   }
   return problem.hamiltonian() != nullptr
              ? "Gamma(z_k) (theory, section 3)"
@@ -33,7 +33,7 @@ std::optional<std::size_t> expected_levels(const Problem& problem) {
 
 std::size_t expected_rows(const Problem& problem, std::string_view axis, std::size_t levels) {
   if (axis.starts_with("/levels/")) {
-    return levels;
+    return levels / static_cast<std::size_t>(problem.levels.every) + 1;
   }
   if (axis.starts_with("/events/")) {  // more of them are rare
     constexpr std::size_t levels_per_crossing = 16;
@@ -58,8 +58,11 @@ Chronicle::Chronicle(const Problem& problem, bool tangents)
       simulation_(make_simulation(problem, tangents)),
       output_(make_output(problem)),
       events_(make_events(problem)),
-      times_(problem) {
+      times_(problem),
+      meter_(problem) {
   describe(omp_get_max_threads());
+  rows_.describe(layout_, simulation_->levels_kept());
+  may_stop_ = std::ranges::any_of(problem.events, [](const StatedEvent& event) { return event.stop_after > 0; });
   statistics_.name(simulation_->invariant_names(), simulation_->total_names(), simulation_->law_names(),
                    events_ == nullptr ? std::vector<std::string>() : events_->names());
   const HamiltonianProblem* orbit = problem.hamiltonian();
@@ -68,7 +71,7 @@ Chronicle::Chronicle(const Problem& problem, bool tangents)
   statistics_.laws_every = static_cast<std::size_t>(problem.laws.every);
 }
 
-/// The columns that every record has, in the order of its digests.
+/// The columns that every record has.
 void Chronicle::describe(int threads) {
   using record::Type;
   layout_ = {.title = problem_.title,
@@ -82,18 +85,21 @@ void Chronicle::describe(int threads) {
     return layout_.add({std::move(path), axis, {}, type, std::move(description), may_be_undefined});
   };
   constexpr auto levels = "/levels/t", steps = "/levels/step", states = "/states/t";
+  const std::string which =
+      problem_.levels.all() ? "every level" : fmt::format("every {}-th level, and the last", problem_.levels.every);
   columns_ = {
-      .t = add(levels, "/levels/t", Type::f64, "time of every level"),
+      .t = add(levels, "/levels/t", Type::f64, "time of " + which),
       .gamma = add(levels, "/levels/gamma", Type::f64, about_gamma(problem_, *simulation_), true),
       .node_energy = add(levels, "/levels/node_energy", Type::f64, "H(z_k)", true),
-      .step = add(steps, "/levels/step", Type::i64, "number of the step from level k to k+1"),
+      .step = add(steps, "/levels/step", Type::i64,
+                  problem_.levels.all() ? "number of the step from level k to k+1"
+                                        : "number k of the step from level k to the next, which has a row"),
       .h = add(steps, "/levels/h", Type::f64, "t_{k+1} - t_k"),
       .energy = add(steps, "/levels/energy", Type::f64, "discrete energy E_k (3.4)"),
       .target = add(steps, "/levels/target", Type::f64, "what E_k has to equal; undefined before E is set", true),
       .rounding = add(steps, "/levels/rounding", Type::f64, "a bound of what rounding makes of E_k"),
       .iterations = add(steps, "/levels/iterations", Type::i32, "evaluations of the gradient or Hessian in the step"),
-      .bridged = add(steps, "/levels/bridged", Type::u8, "1 on bridging steps, which do not meet the energy law"),
-      .crossing = add(steps, "/levels/crossing", Type::u8, "1 on the first step of each bridge"),
+      .off_law = add(steps, "/levels/off_law", Type::u8, "1 on plain steps, which do not meet the energy law"),
       .condition = add(steps, "/levels/step_condition", Type::f64,
                        "relative error of h: what is left of the level equation, and rounding in E_k, by |h dE/dh|; "
                        "undefined with fixed levels",
@@ -101,18 +107,20 @@ void Chronicle::describe(int threads) {
   if (problem_.scheme.potential.kind != StepPotentialChoice::Kind::none) {
     columns_.potential = add(steps, "/levels/step_potential", Type::f64, "f'(h), a part of E_k");
   }
+  if (problem_.clock()) {
+    columns_.time = add(levels, std::string(figures::level_times), Type::f64, "physical time of " + which);
+  }
   const bool gaps = problem_.laws.every > 1;
   if (gaps) {
     columns_.laws_taken = add(levels, std::string(figures::laws_taken), Type::u8,
                               "1 on levels whose laws were taken, with those of the step that led there");
   }
   for (const std::string& name : simulation_->invariant_names()) {
-    columns_.invariants.push_back(
-        add(levels, "/laws/" + name, Type::f64, "invariant " + name + " at every level", true));
+    columns_.invariants.push_back(add(levels, "/laws/" + name, Type::f64, "invariant " + name + " at " + which, true));
   }
   for (const std::string& name : simulation_->total_names()) {
     columns_.totals.push_back(
-        add(levels, "/laws/totals/" + name, Type::f64, "total of the density of " + name + " at every level", true));
+        add(levels, "/laws/totals/" + name, Type::f64, "total of the density of " + name + " at " + which, true));
   }
   for (Law& law : simulation_->laws()) {
     law.describe(layout_, gaps);
@@ -135,29 +143,33 @@ void Chronicle::describe(int threads) {
 }
 
 void Chronicle::tell_start(RowSink& sink) {
-  tell_level(0, sink);
+  rows_.pass_on_to(sink);
+  const NodeEnergy node = simulation_->node();
+  take_level(0, {.t = simulation_->t(), .node_energy = node.energy, .gamma = node.gamma}, 0.0);
+  tell_row(sink);
   tell_state(sink);
-  tell_outputs(sink);
+  tell_outputs(sink, 0);
   if (events_ != nullptr) {
     const OutputStep start = simulation_->last();
     events_->begin(sink, start.z_1, start.t_1, statistics_.events);
   }
 }
 
-void Chronicle::tell_level(std::size_t number, RowSink& sink) {
-  const NodeEnergy node = simulation_->node();
-  const figures::LevelFigures level{.t = simulation_->t(), .node_energy = node.energy, .gamma = node.gamma};
+void Chronicle::take_level(std::size_t number, const figures::LevelFigures& level, double rounding) {
   statistics_.add_level(level);
-  sink.append(columns_.t, level.t);
-  sink.append(columns_.gamma, level.gamma);
-  sink.append(columns_.node_energy, level.node_energy);
+  rows_.put(columns_.t, level.t);
+  if (columns_.time) {
+    rows_.put(*columns_.time, simulation_->clock());
+  }
+  rows_.put(columns_.gamma, level.gamma);
+  rows_.put(columns_.node_energy, level.node_energy);
   const bool taken = problem_.laws.taken_at(number);
   if (columns_.laws_taken) {
-    sink.append(*columns_.laws_taken, taken ? 1 : 0);
+    rows_.put(*columns_.laws_taken, taken ? 1.0 : 0.0);
   }
-  const auto tell = [&](const std::vector<record::Column>& columns, std::span<const double> values) {
+  const auto put = [&](const std::vector<record::Column>& columns, std::span<const double> values) {
     for (std::size_t i = 0; i < columns.size(); ++i) {
-      sink.append(columns[i], taken ? values[i] : std::numeric_limits<double>::quiet_NaN());
+      rows_.put(columns[i], taken ? values[i] : std::numeric_limits<double>::quiet_NaN());
     }
   };
   const auto invariants = taken ? simulation_->invariants() : std::span<const double>();
@@ -165,54 +177,85 @@ void Chronicle::tell_level(std::size_t number, RowSink& sink) {
   if (taken) {
     statistics_.add_laws(invariants, totals);
   }
-  tell(columns_.invariants, invariants);
-  tell(columns_.totals, totals);
+  put(columns_.invariants, invariants);
+  put(columns_.totals, totals);
+  meter_.add_level(*simulation_, number, level.node_energy, rounding);
 }
 
-void Chronicle::tell_step(const StepReport& report, RowSink& sink) {
-  tell_level(statistics_.steps + 1, sink);
+void Chronicle::take_step(const TakenStep& taken) {
+  const StepReport& report = taken.report;
   causes_.add(report);
   const figures::StepFigures step{.h = report.h,
                                   .energy = report.energy,
                                   .target = report.target,
                                   .condition = report.condition,
-                                  .rounding = simulation_->energy_rounding(),
+                                  .rounding = taken.rounding,
                                   .potential = report.potential,
                                   .iterations = static_cast<double>(report.iterations),
-                                  .bridged = report.bridged,
-                                  .crossing = report.crossing};
+                                  .off_law = report.off_law};
   statistics_.add_step(step);
-  sink.append(columns_.step, statistics_.steps - 1);
-  sink.append(columns_.h, step.h);
-  sink.append(columns_.energy, step.energy);
-  sink.append(columns_.target, step.target);
-  sink.append(columns_.rounding, step.rounding);
-  sink.append(columns_.iterations, report.iterations);
-  sink.append(columns_.bridged, step.bridged ? 1 : 0);
-  sink.append(columns_.crossing, step.crossing ? 1 : 0);
-  sink.append(columns_.condition, step.condition);
+  rows_.put(columns_.step, static_cast<double>(statistics_.steps - 1));
+  rows_.put(columns_.h, step.h);
+  rows_.put(columns_.energy, step.energy);
+  rows_.put(columns_.target, step.target);
+  rows_.put(columns_.rounding, step.rounding);
+  rows_.put(columns_.iterations, step.iterations);
+  rows_.put(columns_.off_law, step.off_law ? 1.0 : 0.0);
+  rows_.put(columns_.condition, step.condition);
   if (columns_.potential) {
-    sink.append(*columns_.potential, step.potential);
+    rows_.put(*columns_.potential, step.potential);
   }
   const auto laws = simulation_->laws();
   for (std::size_t i = 0; i < laws.size(); ++i) {
     if (problem_.laws.taken_at(statistics_.steps)) {
       statistics_.add_residual(i, laws[i].figures());
     }
-    laws[i].append(sink);
+    laws[i].append(rows_);
   }
-  if (statistics_.steps % static_cast<std::size_t>(problem_.output.states_every()) == 0) {
-    tell_state(sink);
+}
+
+void Chronicle::tell_steps(RowSink& sink) {
+  const std::span<const TakenStep> taken = simulation_->taken();
+  const std::size_t before = statistics_.steps, count = taken.size();
+  rows_.pass_on_to(sink);
+  for (std::size_t place = 0; place < count; ++place) {
+    look_at(place);
+    take_level(before + place + 1, taken[place].level, taken[place].rounding);
+    take_step(taken[place]);
   }
-  tell_outputs(sink);
-  if (events_ != nullptr) {
-    events_->append(sink, simulation_->last(), statistics_.events);
+  rows_.require_finite(count, before + 1);
+  // tell(number, count): of every n-th level in the block, if there are any
+  const auto of_every = [&](std::int64_t n, const auto& tell) {
+    const auto every = static_cast<std::size_t>(n);
+    const std::size_t first = every - before % every;  // steps from there
+    if (first <= count) {
+      look_at(first - 1);
+      tell(before + first, (count - first) / every + 1, every);
+    }
+  };
+  of_every(problem_.output.states_every(), [&](std::size_t number, std::size_t stored, std::size_t every) {
+    tell_states(sink, number, stored, every);
+  });
+  for (std::size_t place = 0; place < count && (output_ != nullptr || events_ != nullptr); ++place) {
+    look_at(place);
+    tell_outputs(sink, before + place + 1);
+    if (events_ != nullptr) {
+      events_->append(rows_, simulation_->last(), statistics_.events);
+    }
   }
+  of_every(problem_.levels.every,
+           [&](std::size_t, std::size_t stored, std::size_t every) { rows_.append_to(sink, false, stored, every); });
+  look_at(count - 1);
 }
 
 figures::Statistics Chronicle::final_statistics() {
   figures::Statistics result = statistics_;
   result.errors = simulation_->errors();
+  result.measures = final_measures();
+  if (problem_.clock()) {
+    result.clock = simulation_->clock();
+    result.clock_start = problem_.clock_start();
+  }
   if (const StepPotential& f = simulation_->step_potential(); f.active()) {
     result.potential_length = f.length;
     result.potential_exponent = f.exponent;
@@ -220,20 +263,20 @@ figures::Statistics Chronicle::final_statistics() {
   return result;
 }
 
-void Chronicle::tell_outputs(RowSink& sink) {
+void Chronicle::tell_outputs(RowSink& sink, std::size_t number) {
   if (output_ == nullptr) {
     return;
   }
   const OutputStep step = simulation_->last();
   if (!problem_.output.has_times()) {
-    if (statistics_.steps % static_cast<std::size_t>(problem_.output.every) == 0) {
+    if (number % static_cast<std::size_t>(problem_.output.every) == 0) {
       tell_output_of_level(sink);
     }
     return;
   }
-  while (const auto t = times_.due(outputs_, step.t_1, statistics_.steps == 0 ? 0.0 : step.h)) {
+  while (const auto t = times_.due(outputs_, step.end(), number == 0 ? 0.0 : step.length())) {
     sink.append(columns_.output_t, *t);
-    const bool defined = statistics_.steps == 0 ? output_->append(sink, step.z_1, *t) : output_->append(sink, step, *t);
+    const bool defined = number == 0 ? output_->append(sink, step.z_1, *t) : output_->append(sink, step, *t);
     undefined_outputs_ += defined ? 0 : 1;
     ++outputs_;
   }
@@ -241,12 +284,15 @@ void Chronicle::tell_outputs(RowSink& sink) {
 
 void Chronicle::tell_output_of_level(RowSink& sink) {
   const OutputStep step = simulation_->last();
-  sink.append(columns_.output_t, step.t_1);
-  undefined_outputs_ += output_->append(sink, step.z_1, step.t_1) ? 0 : 1;
+  sink.append(columns_.output_t, step.end());
+  undefined_outputs_ += output_->append(sink, step.z_1, step.end()) ? 0 : 1;
   ++outputs_;
 }
 
 void Chronicle::tell_last(RowSink& sink) {
+  if (!problem_.levels.stored_at(statistics_.steps)) {
+    tell_row(sink);
+  }
   if (stored_ != statistics_.steps) {
     tell_state(sink);
   }
@@ -256,33 +302,43 @@ void Chronicle::tell_last(RowSink& sink) {
   }
 }
 
-void Chronicle::tell_state(RowSink& sink) {
-  sink.append(columns_.state_t, simulation_->t());
-  sink.append(columns_.state_level, statistics_.steps);
-  simulation_->append_state(sink);
-  stored_ = statistics_.steps;
+void Chronicle::tell_states(RowSink& sink, std::size_t number, std::size_t count, std::size_t stride) {
+  sink.append_rows(columns_.state_t, count, rows_.values(columns_.t, count, stride));
+  numbers_of_states_.resize(count);
+  for (std::size_t i = 0; i < count; ++i) {
+    numbers_of_states_[i] = static_cast<std::int64_t>(number + i * stride);
+  }
+  sink.append_rows(columns_.state_level, count, numbers_of_states_);
+  simulation_->append_states(sink, count, stride);
+  stored_ = number + (count - 1) * stride;
 }
 
 void Chronicle::save(StateWriter& state) const {
   simulation_->save(state);
   causes_.save(state);
   statistics_.save(state);
+  save_output(state);
+}
+
+void Chronicle::save_output(StateWriter& state) const {
   state.write(static_cast<double>(stored_));
   if (output_ != nullptr) {
     state.write(static_cast<double>(outputs_));
     state.write(static_cast<double>(undefined_outputs_));
+    output_->save(state);
   }
   if (events_ != nullptr) {
     events_->save(state);
   }
+  if (!problem_.levels.all()) {  // else the row is in the record
+    rows_.save(state);
+  }
 }
 
 std::size_t Chronicle::values_after_statistics() const {
-  StateWriter events;
-  if (events_ != nullptr) {
-    events_->save(events);
-  }
-  return (output_ == nullptr ? 1 : 3) + events.values().size();
+  StateWriter output;
+  save_output(output);
+  return output.values().size();
 }
 
 void Chronicle::restore(StateReader& state) {
@@ -293,9 +349,16 @@ void Chronicle::restore(StateReader& state) {
   if (output_ != nullptr) {
     state.read(outputs_);
     state.read(undefined_outputs_);
+    output_->restore(state);
   }
   if (events_ != nullptr) {
     events_->restore(state);
+  }
+  rows_.look_at(0);
+  if (!problem_.levels.all()) {
+    rows_.restore(state);
+  } else {
+    rows_.put(columns_.t, simulation_->t());
   }
 }
 

@@ -9,15 +9,17 @@
 #include <rubato/problem/problem.hpp>
 #include <rubato/record/layout.hpp>
 #include <rubato/run/events.hpp>
+#include <rubato/run/level_rows.hpp>
 #include <rubato/run/output.hpp>
 #include <rubato/run/output_times.hpp>
 #include <rubato/run/row_sink.hpp>
 #include <rubato/run/simulation.hpp>
-#include <rubato/variation/bridge_causes.hpp>
+#include <rubato/run/verdict_meter.hpp>
+#include <rubato/variation/off_law_causes.hpp>
 
 namespace rubato {
 
-/// A simulation and all that is told of it, level by level: the rows of its record, and the statistics, which are made
+/// A simulation and all that is told of it, block by block: the rows of its record, and the statistics, which are made
 /// of the same numbers. `run` sends the rows into the record; `check --replay` compares them with one.
 class Chronicle {
 public:
@@ -30,21 +32,31 @@ public:
   [[nodiscard]] figures::Statistics& statistics() { return statistics_; }
   /// What is told of a run that ends here: the statistics, with the errors and the step potential of its simulation.
   [[nodiscard]] figures::Statistics final_statistics();
-  [[nodiscard]] const BridgeCauses& causes() const { return causes_; }
+  /// The measures of the verdict: of the levels so far, and for saving; those of a run that ends here.
+  ///@{
+  [[nodiscard]] VerdictMeter& meter() { return meter_; }
+  [[nodiscard]] const VerdictMeter& meter() const { return meter_; }
+  [[nodiscard]] figures::Measures final_measures() { return meter_.measures_to(*simulation_, statistics_.steps); }
+  ///@}
+  [[nodiscard]] const OffLawCauses& causes() const { return causes_; }
   [[nodiscard]] const record::Layout& layout() const { return layout_; }
   /// Number of the last level whose state went to a sink.
   [[nodiscard]] std::size_t last_stored() const { return stored_; }
 
   /// The level that the simulation starts from, and its state.
   void tell_start(RowSink& sink);
-  /// The step just taken, the level it led to, and its state if it is one of every n-th.
-  void tell_step(const StepReport& report, RowSink& sink);
+  /// Simulation::take(); one step where an event may end the run with it.
+  const StepReport& take(std::size_t most) { return simulation_->take(may_stop_ ? 1 : most); }
+  /// The steps taken and the levels they led to: rows of those that have some, and states of every n-th.
+  /// \throws record::NotFinite where a record would refuse the row of a level, whether it has one or not
+  void tell_steps(RowSink& sink);
   /// The state of the present level.
-  void tell_state(RowSink& sink);
-  /// What is told of the last level of a run, if it was not yet: its state, and its quantities where they are told at
-  /// levels.
+  void tell_state(RowSink& sink) { tell_states(sink, statistics_.steps, 1, 1); }
+  /// The row of the present level.
+  void tell_row(RowSink& sink) { rows_.append_to(sink, statistics_.steps == 0, 1, 1); }
+  /// What is told of the last level of a run, if it was not yet: its row, its state, and its quantities where they are
+  /// told at levels.
   void tell_last(RowSink& sink);
-  [[nodiscard]] bool told_last() const { return stored_ == statistics_.steps; }
   /// Whether an event has ended the run.
   [[nodiscard]] bool stopped() const { return statistics_.stopped_by() != nullptr; }
   /// How many rows there are under /output, and in how many of them something is not defined.
@@ -60,10 +72,21 @@ public:
   void restore(StateReader& state);
 
 private:
+  void save_output(StateWriter& state) const;
   void describe(int threads);
-  void tell_level(std::size_t number, RowSink& sink);
-  /// At the output times that the last step has come to, or at its level.
-  void tell_outputs(RowSink& sink);
+  /// Fills in the row of the level that is looked at, and of the step to it.
+  ///@{
+  void take_level(std::size_t number, const figures::LevelFigures& level, double rounding);
+  void take_step(const TakenStep& step);
+  ///@}
+  void look_at(std::size_t place) {
+    simulation_->look_at(place);
+    rows_.look_at(place);
+  }
+  /// Of the level that is looked at, of this number, and of every `stride`-th after it, `count` in all.
+  void tell_states(RowSink& sink, std::size_t number, std::size_t count, std::size_t stride);
+  /// At the output times that the step to the level has come to, or at the level.
+  void tell_outputs(RowSink& sink, std::size_t number);
   void tell_output_of_level(RowSink& sink);
 
   const Problem& problem_;
@@ -74,14 +97,18 @@ private:
   record::Layout layout_;
   struct Columns {
     record::Column t, gamma, node_energy;  ///< of levels
-    record::Column step, h, energy, target, rounding, iterations, bridged, crossing, condition;
-    std::optional<record::Column> potential = {}, laws_taken = {};  ///< where there are such
+    record::Column step, h, energy, target, rounding, iterations, off_law, condition;
+    std::optional<record::Column> potential = {}, laws_taken = {}, time = {};  ///< where there are such
     std::vector<record::Column> invariants = {}, totals = {};
     record::Column state_t = {}, state_level = {}, output_t = {};
   };
   Columns columns_;
+  LevelRows rows_;
   figures::Statistics statistics_;
-  BridgeCauses causes_;
+  VerdictMeter meter_;
+  OffLawCauses causes_;
+  bool may_stop_ = false;  ///< by an event
+  std::vector<std::int64_t> numbers_of_states_;
   std::size_t stored_ = 0;
   std::size_t outputs_ = 0, undefined_outputs_ = 0;
 };

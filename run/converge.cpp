@@ -52,8 +52,7 @@ using State = std::vector<std::vector<double>>;  ///< the values of each quantit
 /// The problem with another step, or other numbers of cells, and the state at `until` as its only output.
 Problem refined(const Problem& problem, int step_halvings, int grid_halvings) {
   std::vector<std::string> settings = {fmt::format("scheme.step={}", *problem.scheme.step / std::exp2(step_halvings)),
-                                       fmt::format("output.times=[{}]", problem.scheme.until), "output.states=true",
-                                       "output.every=1000000000"};
+                                       "output.states=true", "output.every=1000000000"};
   if (const MultisymplecticProblem* pde = problem.multisymplectic()) {
     for (const GridAxis& axis : pde->axes) {
       const std::int64_t cells = axis.cells * (std::int64_t{1} << grid_halvings);
@@ -65,10 +64,13 @@ Problem refined(const Problem& problem, int step_halvings, int grid_halvings) {
   }
   // Events would end runs before the time at which these are compared.
   std::string text = problem.text;
-  for (const char* const entry : {"events", "section", "output.interval"}) {
+  for (const char* const entry : {"events", "section", "output.interval", "output.times"}) {
     text = without(text, problem.source, entry);
   }
-  return parse_problem(text, problem.source, settings);
+  Problem result = parse_problem(text, problem.source, settings);
+  result.output.times = {problem.scheme.until};
+  result.output.in_fictitious_time = true;  // with time_scale every run comes to `until`, at a time of its own
+  return result;
 }
 
 class RefinedRuns {
@@ -104,11 +106,13 @@ public:
     options.output = folder_ / "run.h5";
     options.overwrite = true;
     const Outcome run = rubato::run(problem, options);
-    if (run.status != ExitStatus::done) {
+    const std::string which =
+        fmt::format("{} of the step{}", fraction(step_halvings),
+                    grid_halvings > 0 ? fmt::format(" and {} of the spacings", fraction(grid_halvings)) : "");
+    outcome.findings.add(0, which, run.warnings, run.judgement, run.complete);
+    if (!run.complete) {
       outcome.status = run.status;
-      outcome.message = fmt::format(
-          "with {} of the step{}: {}", fraction(step_halvings),
-          grid_halvings > 0 ? fmt::format(" and {} of the spacings", fraction(grid_halvings)) : "", run.message);
+      outcome.message = fmt::format("with {}: {}", which, run.message);
       return std::nullopt;
     }
     if (!potential_ && problem.scheme.potential.kind == StepPotentialChoice::Kind::automatic) {
@@ -246,6 +250,11 @@ ConvergenceOutcome converge(const Problem& problem, std::optional<double> tolera
       grids.push_back(*std::move(state));
     }
   }
+  outcome.ended = true;
+  if (outcome.findings.all_lost()) {
+    outcome.status = ExitStatus::lost;
+    outcome.message = fmt::format("every run is lost: {}", outcome.findings.verdict_text("runs"));
+  }
   double factor = std::numeric_limits<double>::infinity();
   for (std::size_t i = 0; i < comparison.names().size(); ++i) {
     Convergence& quantity = outcome.quantities.emplace_back();
@@ -289,6 +298,10 @@ std::string to_json(const ConvergenceOutcome& outcome) {
   if (outcome.step_for_tolerance) {
     object.number("step_for_tolerance", *outcome.step_for_tolerance);
   }
+  outcome.findings.add_to(object, "runs");
+  if (!outcome.message.empty()) {
+    object.text("message", outcome.message);
+  }
   return object.number("wall_seconds", outcome.wall_seconds).str();
 }
 
@@ -310,7 +323,7 @@ std::string to_table(const ConvergenceOutcome& outcome) {
                  : fmt::format("  which step would reach {:.3g} cannot be said: no order is seen, or all is rounding\n",
                                *outcome.tolerance);
   }
-  return table;
+  return table + fmt::format("  verdict: {}\n", outcome.findings.verdict_text("runs"));
 }
 
 }  // namespace rubato

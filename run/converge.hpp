@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include <rubato/run/member_findings.hpp>
 #include <rubato/run/run.hpp>
 
 /// How accurate a run is: what the laws do not tell, since they can be perfect on an orbit that is wrong.
@@ -29,6 +30,8 @@ struct Convergence {
 struct ConvergenceOutcome {
   ExitStatus status = ExitStatus::done;
   std::string message = {};
+  bool ended = false;            ///< whether all runs reached their end, so that there is something to compare
+  MemberFindings findings = {};  ///< their warnings and verdicts
   std::string title;
   double until = 0.0;
   double step = 0.0;

@@ -17,12 +17,13 @@
 #include <rubato/problem/document.hpp>
 #include <rubato/problem/reader.hpp>
 #include <rubato/problem/stored.hpp>
+#include <rubato/record/run_shape.hpp>
 #include <rubato/record/writer.hpp>
 #include <rubato/run/chronicle.hpp>
-#include <rubato/run/digest.hpp>
 #include <rubato/run/ensemble_lanes.hpp>
 #include <rubato/run/ensemble_member.hpp>
 #include <rubato/run/ensemble_ranks.hpp>
+#include <rubato/run/memory_estimate.hpp>
 #include <rubato/run/recorder.hpp>
 #include <rubato/run/threads.hpp>
 #include <rubato/run/version.hpp>
@@ -80,12 +81,20 @@ private:
   std::vector<std::string> words_;
 };
 
+constexpr const char* verdicts_path = "/members/verdict";  ///< records of earlier versions have none
+constexpr const char* findings_array = "findings";         ///< of the checkpoint
+
 /// The members of a problem, and their record.
 class EnsembleDriver final : private MemberDesk {
 public:
-  EnsembleDriver(const Problem& problem, const RunOptions& options, std::string file)
-      : problem_(problem), ensemble_(*problem.ensemble), options_(options) {
-    use_threads(options.threads);
+  /// \param continued the record to go on with, or to check
+  EnsembleDriver(const Problem& problem, const RunOptions& options, std::string file,
+                 const record::Reader* continued = nullptr)
+      : problem_(problem),
+        ensemble_(*problem.ensemble),
+        options_(options),
+        threads_(options.threads),
+        keeps_verdicts_(continued == nullptr || continued->has(verdicts_path)) {
     outcome_.title = problem.title;
     outcome_.file = std::move(file);
     outcome_.members = ensemble_.members();
@@ -98,6 +107,9 @@ public:
     for (std::size_t m = 0; m < read; ++m) {
       const Problem member = member_problem(problem, m);
       if (m == 0) {
+        require_memory_for(member, false,
+                           static_cast<double>(std::min<std::size_t>(static_cast<std::size_t>(omp_get_max_threads()),
+                                                                     ensemble_.members())));
         names_ = figure_names(member);
         first_ = shape_of(member);
         first_events_ = events_of(member);
@@ -116,8 +128,7 @@ public:
   }
 
   EnsembleOutcome start() {
-    recorder_.emplace(record::Writer::create(outcome_.file, layout_, options_.overwrite, policy()),
-                      Digests(layout_.datasets.size()));
+    recorder_.emplace(record::Writer::create(outcome_.file, layout_, options_.overwrite, policy()));
     return loop();
   }
 
@@ -125,14 +136,18 @@ public:
     auto writer = record::Writer::resume(std::move(claim), layout_, policy());
     const record::Reader reader(outcome_.file);
     take_stored(reader);
-    Digests digests = stored_digests(reader);
-    recorder_.emplace(std::move(writer), std::move(digests));
+    recorder_.emplace(std::move(writer));
     return loop();
   }
 
   EnsembleOutcome check(const record::Reader& reader) {
-    compared_with_ = &reader;
     stored_ = reader.rows("/members/number");
+    if (record::is_of_earlier_version(reader)) {
+      outcome_.finished = stored_;
+      outcome_.message = "an earlier version wrote it: its members were not run again, its checksums were compared";
+      return altered_or(std::move(outcome_), reader);
+    }
+    compared_with_ = &reader;
     finished_only_ = stored_;
     EnsembleOutcome outcome = loop();
     outcome.compared = compared_;
@@ -144,6 +159,14 @@ public:
                                       outcome.file, path, reader.rows(path), rows_[i]);
       }
     }
+    return altered_or(std::move(outcome), reader);
+  }
+
+private:
+  using Clock = std::chrono::steady_clock;
+
+  /// The outcome of a check, unless a checksum contradicts it.
+  [[nodiscard]] static EnsembleOutcome altered_or(EnsembleOutcome outcome, const record::Reader& reader) {
     if (const auto altered = reader.altered(); outcome.status != ExitStatus::contradiction && !altered.empty()) {
       outcome.status = ExitStatus::contradiction;
       outcome.message = fmt::format("{} contradicts itself: {} is not what was written, by its checksum in the record",
@@ -152,10 +175,9 @@ public:
     return outcome;
   }
 
-private:
-  using Clock = std::chrono::steady_clock;
-
-  [[nodiscard]] record::CommitPolicy policy() const { return {.durable = problem_.output.durable}; }
+  [[nodiscard]] record::CommitPolicy policy() const {
+    return {.durable = problem_.output.durable, .locking = locking_of(options_)};
+  }
 
   /// What has to be the same for states of different members to be rows of one dataset.
   [[nodiscard]] static std::vector<std::int64_t> shape_of(const Problem& problem) {
@@ -201,6 +223,9 @@ private:
     layout_.datasets = {
         {axis, axis, {}, record::Type::i64, "number of the member"},
         {"/members/status", axis, {}, record::Type::i32, "how it ended: 0 complete, or an exit status"}};
+    if (keeps_verdicts_) {
+      layout_.datasets.push_back({verdicts_path, axis, {}, record::Type::i32, "verdict: 0 good, 1 doubtful, 2 lost"});
+    }
     for (std::size_t i = 0; i < ensemble_.paths.size(); ++i) {
       layout_.datasets.push_back({"/members/values/" + ensemble_.paths[i],
                                   axis,
@@ -284,8 +309,9 @@ private:
   // ---- running ------------------------------------------------------------------------------------------------------
 
   EnsembleOutcome loop() {
+    const Storing storing(options_.storing);
     const auto begin = Clock::now();
-    last_progress_ = begin;
+    show_progress();
     next_ = written_;
     if (recorder_ && written_ == 0) {
       recorder_->writer().commit(checkpoint());
@@ -308,6 +334,11 @@ private:
       outcome_.status = ExitStatus::interrupted;
       outcome_.message = fmt::format("interrupted after {} of {} members; continue with `rubato resume {}`", written_,
                                      ensemble_.members(), outcome_.file);
+    }
+    if (complete && compared_with_ == nullptr && outcome_.findings.all_lost()) {
+      outcome_.status = ExitStatus::lost;
+      outcome_.message = fmt::format("{}{}every member that reached its end is lost: {}", outcome_.message,
+                                     outcome_.message.empty() ? "" : "; ", outcome_.findings.verdict_text("members"));
     }
     outcome_.finished = written_;
     summarise();
@@ -339,6 +370,7 @@ private:
   [[nodiscard]] bool halted() const override {
     return halted_.load() || (options_.interrupt != nullptr && options_.interrupt->load());
   }
+  [[nodiscard]] const std::atomic<bool>* interrupt() const override { return options_.interrupt; }
 
   /// What is finished goes into the record in the order of the members.
   void publish() {
@@ -357,6 +389,9 @@ private:
     std::size_t next = 0;
     append(next++, static_cast<double>(member));
     append(next++, static_cast<double>(result.status));
+    if (keeps_verdicts_) {
+      append(next++, static_cast<double>(result.judgement.verdict));
+    }
     for (const EntryColumn& column : columns_) {
       append(next++, column.at(member));
     }
@@ -372,7 +407,12 @@ private:
     if (recorder_) {
       recorder_->writer().end_level();
     }
+    outcome_.findings.add(member, "", result.warnings, result.judgement, is_end(result.status));
     tell(result.status, result.message, std::move(result.figures));
+  }
+  /// Whether a run with this status reached its end.
+  [[nodiscard]] static bool is_end(ExitStatus status) {
+    return status == ExitStatus::done || status == ExitStatus::lost;
   }
 
   /// Into the record, or compared with it.
@@ -411,10 +451,10 @@ private:
     outcome_.figures.push_back(std::move(figures));
     outcome_.statuses.push_back(status);
     // The gravest of the members is that of the ensemble; only a contradiction, of the record itself, is graver.
-    if (compared_with_ == nullptr && status > outcome_.status) {
+    if (compared_with_ == nullptr && !is_end(status) && status > outcome_.status) {
       outcome_.status = status;
     }
-    if (status != ExitStatus::done) {
+    if (!is_end(status)) {
       if (failed_++ == 0) {
         first_failure_ =
             message.empty() ? "" : fmt::format("member {} ({}): {}", member, ensemble_.described(member), message);
@@ -437,7 +477,7 @@ private:
   }
 
   void show_progress() {
-    if (!options_.progress || Clock::now() - last_progress_ < std::chrono::milliseconds(100)) {
+    if (!options_.progress || Clock::now() - last_progress_ < options_.progress_interval) {
       return;
     }
     last_progress_ = Clock::now();
@@ -446,33 +486,14 @@ private:
                        .until = static_cast<double>(ensemble_.members()),
                        .h = 1.0,
                        .steps = written_,
-                       .bridges = 0,
-                       .energy_deviation = 0.0});
+                       .off_law = 0,
+                       .energy_deviation = 0.0,
+                       .members = ensemble_.members()});
   }
 
   // ---- the record ---------------------------------------------------------------------------------------------------
 
-  [[nodiscard]] record::Checkpoint checkpoint() const {
-    std::vector<std::int64_t> numbers;
-    for (const Digest& digest : recorder_->digests()) {
-      numbers.insert(numbers.end(), {digest.rows(), digest.value()});
-    }
-    return {{Digest::array, std::move(numbers)}};
-  }
-
-  [[nodiscard]] Digests stored_digests(const record::Reader& reader) const {
-    const record::Checkpoint checkpoint = reader.checkpoint();
-    const auto found = checkpoint.find(Digest::array);
-    const auto* numbers = found == checkpoint.end() ? nullptr : std::get_if<std::vector<std::int64_t>>(&found->second);
-    if (numbers == nullptr || numbers->size() != 2 * layout_.datasets.size()) {
-      throw record::Error(outcome_.file, "its checkpoint is not that of its problem: the ensemble cannot be continued");
-    }
-    Digests digests;
-    for (std::size_t i = 0; i < numbers->size(); i += 2) {
-      digests.emplace_back((*numbers)[i], (*numbers)[i + 1]);
-    }
-    return digests;
-  }
+  [[nodiscard]] record::Checkpoint checkpoint() const { return {{findings_array, outcome_.findings.saved()}}; }
 
   /// The members that the record has already.
   void take_stored(const record::Reader& reader) {
@@ -486,7 +507,19 @@ private:
       throw record::Error(outcome_.file,
                           fmt::format("it has {} members; its problem has {}", members, ensemble_.members()));
     }
+    std::vector<std::int64_t> verdicts(members, 0);
+    if (keeps_verdicts_) {
+      verdicts = reader.read_integers(verdicts_path);
+      const record::Checkpoint checkpoint = reader.checkpoint();
+      if (const auto found = checkpoint.find(findings_array); found != checkpoint.end()) {
+        if (const auto* text = std::get_if<std::string>(&found->second)) {
+          outcome_.findings.restore(*text);
+        }
+      }
+    }
     for (std::size_t m = 0; m < members; ++m) {
+      outcome_.findings.add_verdict(static_cast<figures::Verdict>(verdicts.at(m)),
+                                    is_end(static_cast<ExitStatus>(status[m])));
       std::vector<double> figures;
       for (const std::vector<double>& column : columns) {
         figures.push_back(column.at(m));
@@ -498,11 +531,13 @@ private:
   const Problem& problem_;
   const Ensemble& ensemble_;
   const RunOptions& options_;
+  const ThreadCount threads_;
   std::vector<std::string> names_;
   std::vector<EntryColumn> columns_;
   std::vector<std::int64_t> first_;
   record::Layout states_, layout_;
   std::vector<std::string> first_events_;
+  bool keeps_verdicts_ = true;
   bool keeps_states_ = false;                     ///< all members have states of one shape
   bool keeps_series_ = false;                     ///< and events of one
   std::vector<std::size_t> series_, members_of_;  ///< numbers of their datasets, and of those with the members'
@@ -525,7 +560,7 @@ private:
 Problem stored_ensemble(const record::Reader& reader) {
   return blame_record(reader.file().string(), [&] {
     const std::string file = reader.file().string();
-    Problem problem = parse_problem(reader.header().problem, file);
+    Problem problem = parse_recorded(reader.header().problem, file);
     if (!problem.ensemble) {
       throw record::Error(reader.file(), "it has members, and its problem has no [ensemble]");
     }
@@ -533,7 +568,7 @@ Problem stored_ensemble(const record::Reader& reader) {
       const std::vector<double> largest = reader.read(told);
       if (!largest.empty() && std::ranges::all_of(largest, [](double value) { return std::isnan(value); })) {
         // From before there was a usual potential.
-        return parse_problem(reader.header().problem, file, std::array<std::string, 1>{"scheme.step_potential=none"});
+        return parse_recorded(reader.header().problem, file, std::array<std::string, 1>{"scheme.step_potential=none"});
       }
     }
     return problem;
@@ -555,15 +590,17 @@ EnsembleOutcome run_ensemble(const Problem& problem, const RunOptions& options) 
 }
 
 EnsembleOutcome resume_ensemble(const std::string& file, const RunOptions& options) {
-  record::Claim claim(file);
-  const Problem problem = stored_ensemble(record::Reader(file));
-  return blame_record(file, [&] { return EnsembleDriver(problem, options, file).resume(std::move(claim)); });
+  record::Claim claim(file, locking_of(options));
+  const record::Reader reader(file);
+  record::refuse_earlier_version(reader);
+  const Problem problem = stored_ensemble(reader);
+  return blame_record(file, [&] { return EnsembleDriver(problem, options, file, &reader).resume(std::move(claim)); });
 }
 
 EnsembleOutcome check_ensemble(const std::string& file, const RunOptions& options) {
   const record::Reader reader(file, record::Altered::told);
   const Problem problem = stored_ensemble(reader);
-  return blame_record(file, [&] { return EnsembleDriver(problem, options, file).check(reader); });
+  return blame_record(file, [&] { return EnsembleDriver(problem, options, file, &reader).check(reader); });
 }
 
 }  // namespace rubato

@@ -5,6 +5,7 @@
 
 #include <rubato/figures/members.hpp>
 #include <rubato/record/reader.hpp>
+#include <rubato/run/member_findings.hpp>
 #include <rubato/run/run.hpp>
 
 /// Many runs of one problem: [ensemble] of its file.
@@ -21,7 +22,9 @@ struct EnsembleFigure {
 };
 
 struct EnsembleOutcome {
-  ExitStatus status = ExitStatus::done;  ///< the gravest of the members', or that of the whole
+  /// The gravest of the members', or that of the whole; ExitStatus::lost only if it is that of every member that
+  /// reached its end.
+  ExitStatus status = ExitStatus::done;
   std::string title;
   std::string file;
   std::size_t members = 0;                       ///< that the problem has
@@ -31,7 +34,8 @@ struct EnsembleOutcome {
   std::vector<ExitStatus> statuses;              ///< of those finished
   std::vector<std::vector<double>> figures;      ///< of those finished, one number for each of `summary`
   std::vector<EnsembleFigure> summary;
-  std::string message;  ///< why it ended early, or the first member that did; empty when all is well
+  MemberFindings findings;  ///< the warnings and verdicts of those finished
+  std::string message;      ///< why it ended early, or the first member that did; empty when all is well
   std::optional<double> wall_seconds;
   std::size_t compared = 0;  ///< by `check`
 };

@@ -294,10 +294,17 @@ private:
     return watched.stopped() ? SplittingLanes::Verdict::end : SplittingLanes::Verdict::go_on;
   }
 
-  [[nodiscard]] MemberResult result(std::size_t place, const SplittingLanes::Start& start,
-                                    const SplittingLanes::End& end, const std::vector<std::string>& names) const {
+  /// Nothing where the node energy strays so far that the run has to be judged by measures taken along it.
+  [[nodiscard]] std::optional<MemberResult> result(std::size_t place, const SplittingLanes::Start& start,
+                                                   const SplittingLanes::End& end,
+                                                   const std::vector<std::string>& names) const {
     figures::Statistics statistics =
         statistics_of(start, end, lanes_->has_gamma(), static_cast<std::size_t>(problem_.laws.every), invariants_);
+    constexpr double clearly_good = 1e-3;
+    const std::optional<double> strays = statistics.relative(statistics.node_energy.max());
+    if (!strays || !(*strays < clearly_good)) {
+      return std::nullopt;
+    }
     MemberResult result;
     if (!watched_.empty()) {
       const Watched& watched = *watched_[place];
@@ -308,6 +315,7 @@ private:
         }
       }
     }
+    result.warnings = statistics.undefined_quantities();
     figures::JsonObject told;
     figures::add_figures(told, statistics);
     for (const std::string& name : names) {

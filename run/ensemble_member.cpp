@@ -10,10 +10,13 @@
 
 #include <fmt/format.h>
 
+#include <rubato/base/interrupt.hpp>
 #include <rubato/figures/text.hpp>
+#include <rubato/record/error.hpp>
 #include <rubato/run/chronicle.hpp>
 #include <rubato/run/ensemble_lanes.hpp>
 #include <rubato/run/last_rows.hpp>
+#include <rubato/run/warnings.hpp>
 
 namespace rubato {
 
@@ -22,20 +25,30 @@ namespace {
 /// A run of one member to its end. \throws ProblemError
 class Member {
 public:
-  Member(const Problem& problem, const std::vector<std::string>& figures, const MemberDesk& desk)
-      : problem_(problem), names_(figures), desk_(desk), chronicle_(problem, false), rows_(chronicle_.layout()) {}
+  Member(const Problem& problem, const std::vector<std::string>& figures, const MemberDesk& desk, std::size_t at_once)
+      : problem_(problem),
+        names_(figures),
+        desk_(desk),
+        at_once_(at_once),
+        chronicle_(problem, false),
+        rows_(chronicle_.layout()) {}
 
   [[nodiscard]] const record::Layout& layout() const { return chronicle_.layout(); }
 
-  MemberResult run() {
+  /// \return nothing where something is not a number among the steps taken at once: which shows one by one
+  std::optional<MemberResult> run() {
     try {
       chronicle_.tell_start(rows_);
       while (result_.status == ExitStatus::done && !simulation().finished() && !chronicle_.stopped()) {
-        one_step();
+        next_steps();
       }
     } catch (const LastRows::Undefined& undefined) {
-      result_.status = ExitStatus::failed;
-      result_.message = fmt::format("{} at t = {:.10g}", undefined.what, simulation().t());
+      end_undefined(undefined.what);
+    } catch (const record::NotFinite& undefined) {
+      end_undefined(undefined.what_is());
+    }
+    if (is_undefined_ && simulation().taken().size() > 1) {
+      return std::nullopt;
     }
     finish();
     return std::move(result_);
@@ -44,28 +57,43 @@ public:
 private:
   [[nodiscard]] Simulation& simulation() { return chronicle_.simulation(); }
 
-  void one_step() {
+  void end_undefined(const std::string& what) {
+    result_.status = ExitStatus::failed;
+    result_.message = fmt::format("{} at t = {:.10g}", what, simulation().t());
+    is_undefined_ = true;
+  }
+
+  void next_steps() {
     if (desk_.halted()) {
       result_.status = ExitStatus::interrupted;
       return;
     }
-    if (chronicle_.statistics().steps >= static_cast<std::size_t>(problem_.scheme.max_steps)) {
+    const std::size_t steps = chronicle_.statistics().steps, most = static_cast<std::size_t>(problem_.scheme.max_steps);
+    if (steps >= most) {
       result_.status = ExitStatus::failed;
       result_.message =
           fmt::format("max_steps = {} reached at t = {:.10g}", problem_.scheme.max_steps, simulation().t());
       return;
     }
-    const StepReport report = simulation().step();
+    const Interruptible here(desk_.interrupt());
+    chronicle_.take(std::min(most - steps, at_once_));
+    if (simulation().interrupted()) {
+      result_.status = ExitStatus::interrupted;
+      return;
+    }
+    if (!simulation().taken().empty()) {
+      chronicle_.tell_steps(rows_);
+      if (!simulation().is_defined()) {
+        result_.status = ExitStatus::failed;
+        result_.message = fmt::format("the node energy or Gamma is not finite at t = {:.10g}", simulation().t());
+        return;
+      }
+    }
+    const StepReport& report = simulation().report();
     if (report.status != Status::success) {
       const bool singular = report.status == Status::singular || report.status == Status::ill_conditioned;
       result_.status = singular ? ExitStatus::singular : ExitStatus::failed;
       result_.message = simulation().integrator().explain(report);
-      return;
-    }
-    chronicle_.tell_step(report, rows_);
-    const NodeEnergy node = simulation().node();
-    if (!std::isfinite(node.energy) || (simulation().has_gamma() && !std::isfinite(node.gamma))) {
-      throw LastRows::Undefined{"the node energy or Gamma is not finite"};
     }
   }
 
@@ -77,8 +105,17 @@ private:
     } catch (const LastRows::Undefined&) {
       result_.status = ExitStatus::failed;
     }
+    const figures::Statistics statistics = chronicle_.final_statistics();
+    result_.warnings = simulation().cautions();
+    for (std::string& sentence : warnings_of(problem_, chronicle_, statistics)) {
+      result_.warnings.push_back(std::move(sentence));
+    }
+    result_.judgement = figures::judge(statistics);
+    if (result_.status == ExitStatus::done && result_.judgement.verdict == figures::Verdict::lost) {
+      result_.status = ExitStatus::lost;
+    }
     figures::JsonObject figures;
-    figures::add_figures(figures, chronicle_.final_statistics());
+    figures::add_figures(figures, statistics);
     for (const std::string& name : names_) {
       result_.figures.push_back(figures.find(name).value_or(std::numeric_limits<double>::quiet_NaN()));
     }
@@ -95,6 +132,8 @@ private:
   const Problem& problem_;
   const std::vector<std::string>& names_;
   const MemberDesk& desk_;
+  std::size_t at_once_;
+  bool is_undefined_ = false;
   Chronicle chronicle_;
   LastRows rows_;
   MemberResult result_;
@@ -104,11 +143,14 @@ private:
 bool take_alone(const Problem& ensemble, std::size_t number, const std::vector<std::string>& figures,
                 MemberDesk& desk) {
   const Problem problem = member_problem(ensemble, number);
-  MemberResult result = Member(problem, figures, desk).run();
-  if (result.status == ExitStatus::interrupted) {
+  std::optional<MemberResult> result = Member(problem, figures, desk, std::numeric_limits<std::size_t>::max()).run();
+  if (!result) {
+    result = Member(problem, figures, desk, 1).run();
+  }
+  if (result->status == ExitStatus::interrupted) {
     return false;
   }
-  desk.hand_in(number, std::move(result));
+  desk.hand_in(number, std::move(*result));
   return true;
 }
 
@@ -175,9 +217,8 @@ std::vector<std::string> figure_names(const Problem& member) {
                                     "step_potential/to",
                                     "node_energy/initial",
                                     "node_energy/max_deviation",
-                                    "bridges/count",
-                                    "bridges/steps",
-                                    "bridges/max_deviation",
+                                    "off_law/steps",
+                                    "off_law/max_deviation",
                                     "gamma/min",
                                     "gamma/max",
                                     "step_condition/max",

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <atomic>
 #include <exception>
 #include <optional>
 #include <span>
@@ -16,6 +17,8 @@ namespace rubato {
 struct MemberResult {
   ExitStatus status = ExitStatus::done;
   std::string message;
+  std::vector<std::string> warnings;
+  figures::Judgement judgement;
   std::vector<double> figures;              ///< one for each name asked for; NaN where the run has none
   std::vector<std::vector<double>> states;  ///< the last one, in the order of the layout
   std::vector<std::vector<double>> series;  ///< of each dataset that is kept whole all rows, likewise
@@ -46,6 +49,8 @@ public:
   virtual void halt() = 0;
   /// Whether they are to: their results are not asked for any more.
   [[nodiscard]] virtual bool halted() const = 0;
+  /// The flag that interrupts all; may be null.
+  [[nodiscard]] virtual const std::atomic<bool>* interrupt() const = 0;
 };
 
 /// Runs members on all threads until there are no more: each by one thread from beginning to end. `figures`: the names

@@ -96,8 +96,8 @@ std::string to_json(const EnsembleOutcome& outcome) {
   figures::JsonObject object;
   object.count("status", static_cast<std::size_t>(outcome.status));
   object.count("members", outcome.members).count("finished", outcome.finished);
-  const auto failed = static_cast<std::size_t>(
-      std::ranges::count_if(outcome.statuses, [](ExitStatus status) { return status != ExitStatus::done; }));
+  const auto failed = static_cast<std::size_t>(std::ranges::count_if(
+      outcome.statuses, [](ExitStatus status) { return status != ExitStatus::done && status != ExitStatus::lost; }));
   object.count("ended_early", failed);
   for (std::size_t next = 0; next < outcome.summary.size();) {
     const std::string& name = outcome.summary[next].name;
@@ -114,6 +114,10 @@ std::string to_json(const EnsembleOutcome& outcome) {
   }
   if (outcome.compared > 0) {
     object.count("compared", outcome.compared);
+  }
+  outcome.findings.add_to(object, "members");
+  if (!outcome.message.empty()) {
+    object.text("message", outcome.message);
   }
   return object.text("file", outcome.file).str();
 }
@@ -137,6 +141,7 @@ std::string to_table(const EnsembleOutcome& outcome, bool rows) {
     const figures::Line line = figures::line_of(label, figure.values);
     row(label, line.remark.empty() ? line.value : fmt::format("{}; {}", line.value, line.remark));
   }
+  row("verdict", outcome.findings.verdict_text("members"));
   if (outcome.wall_seconds) {
     row("time taken", fmt::format("{:.3g} s", *outcome.wall_seconds));
   }

@@ -45,6 +45,15 @@ constexpr std::chrono::milliseconds patience{200};
 
 void put(Packet& packet, const MemberResult& result) {
   packet.number(static_cast<std::uint64_t>(result.status)).text(result.message).numbers(result.figures);
+  packet.number(result.warnings.size());
+  for (const std::string& warning : result.warnings) {
+    packet.text(warning);
+  }
+  packet.number(static_cast<std::uint64_t>(result.judgement.verdict)).number(result.judgement.reasons.size());
+  for (const figures::Reason& reason : result.judgement.reasons) {
+    packet.number(static_cast<std::uint64_t>(reason.kind)).number(static_cast<std::uint64_t>(reason.verdict));
+    packet.numbers(std::vector<double>{reason.value}).text(reason.finding).text(reason.remedy);
+  }
   for (const auto* rows : {&result.states, &result.series}) {
     packet.number(rows->size());
     for (const std::vector<double>& row : *rows) {
@@ -58,6 +67,19 @@ MemberResult take_result(PacketReader& packet) {
   result.status = static_cast<ExitStatus>(packet.number());
   result.message = packet.text();
   result.figures = packet.numbers();
+  result.warnings.resize(packet.number());
+  for (std::string& warning : result.warnings) {
+    warning = packet.text();
+  }
+  result.judgement.verdict = static_cast<figures::Verdict>(packet.number());
+  result.judgement.reasons.resize(packet.number());
+  for (figures::Reason& reason : result.judgement.reasons) {
+    reason.kind = static_cast<figures::ReasonKind>(packet.number());
+    reason.verdict = static_cast<figures::Verdict>(packet.number());
+    reason.value = packet.numbers().front();
+    reason.finding = packet.text();
+    reason.remedy = packet.text();
+  }
   for (auto* rows : {&result.states, &result.series}) {
     for (std::uint64_t left = packet.number(); left > 0; --left) {
       rows->push_back(packet.numbers());
@@ -233,6 +255,7 @@ public:
   }
   void halt() override { halted_ = true; }
   [[nodiscard]] bool halted() const override { return halted_.load() || interrupted(); }
+  [[nodiscard]] const std::atomic<bool>* interrupt() const override { return interrupt_; }
   [[nodiscard]] bool interrupted() const { return interrupt_ != nullptr && interrupt_->load(); }
 
 private:
@@ -301,12 +324,12 @@ bool carry_out(ranks::Communicator& ranks, const Message& message, const std::at
           fmt::format("this is rubato {}, and rank 0 is {}: all have to be the same", build_of_ranks(), other));
     }
     const std::string text = packet.text(), source = packet.text();
-    use_threads(static_cast<int>(packet.number()));
+    const ThreadCount threads(static_cast<int>(packet.number()));
     std::vector<std::string> figures(packet.number());
     for (std::string& name : figures) {
       name = packet.text();
     }
-    run_members(parse_problem(text, source), figures, desk);
+    run_members(parse_recorded(text, source), figures, desk);
   } catch (...) {
     desk.fail(std::current_exception());
   }

@@ -30,7 +30,8 @@ EventCheck::EventCheck(const SharedRecord& record, const StoredLevels& levels, c
                        std::size_t components, Findings& findings)
     : levels_(levels),
       findings_(findings),
-      teller_(levels.sparse ? nullptr : make_events(problem)),
+      clock_(problem.clock()),
+      teller_(levels.complete() ? make_events(problem) : nullptr),
       scales_(record.slab(), components) {
   if (teller_ == nullptr) {
     return;
@@ -57,30 +58,44 @@ void EventCheck::begin(std::span<const double> z) {
       sound, [&]() -> const std::vector<Rows>& { return none; }, "from the start");
 }
 
-void EventCheck::check_step(std::size_t level, std::span<const double> before, std::span<const double> z) {
+void EventCheck::check_step(std::size_t state_row, std::span<const double> before, std::span<const double> z) {
   if (teller_ == nullptr) {
     return;
   }
   scales_.see(z);
-  OutputStep step{
-      .z_0 = before, .z_1 = z, .t_0 = levels_.t[level - 1], .t_1 = levels_.t[level], .h = levels_.h[level - 1]};
+  OutputStep step{.z_0 = before,
+                  .z_1 = z,
+                  .t_0 = levels_.t[state_row - 1],
+                  .t_1 = levels_.t[state_row],
+                  .h = levels_.h[state_row - 1],
+                  .clock = clock_};
   StateWriter signs_before, signs_after;
   teller_->save(signs_before);
   Rows sound(columns_.size());
   std::vector<EventFigures> after = figures_;
   teller_->append(sound, step, after);
   teller_->save(signs_after);
-  // What rounding makes of the rows.
+  // The rows of displaced states: at the same fractions, since a crossing that is located anew hides the rounding of
+  // what is zero there; and located anew.
   std::vector<Rows> moved;
   const auto make_moved = [&]() -> const std::vector<Rows>& {
-    for (int attempt = 0; moved.size() < std::size_t{Rounding::displacements}; ++attempt) {
-      const std::vector<double> z_0 = scales_.displaced(before, attempt, 0), z_1 = scales_.displaced(z, attempt, 1);
-      OutputStep other = step;
-      other.z_0 = z_0;
-      other.z_1 = z_1;
-      restore(signs_before);
-      std::vector<EventFigures> ignored = figures_;
-      teller_->append(moved.emplace_back(columns_.size()), other, ignored);
+    if (!moved.empty()) {
+      return moved;
+    }
+    for (const bool anew : {false, true}) {
+      for (int attempt = 0; attempt < Rounding::displacements; ++attempt) {
+        const std::vector<double> z_0 = scales_.displaced(before, attempt, 0), z_1 = scales_.displaced(z, attempt, 1);
+        OutputStep other = step;
+        other.z_0 = z_0;
+        other.z_1 = z_1;
+        std::vector<EventFigures> ignored = figures_;
+        if (anew) {
+          restore(signs_before);
+          teller_->append(moved.emplace_back(columns_.size()), other, ignored);
+        } else {
+          teller_->append_again(moved.emplace_back(columns_.size()), other, ignored);
+        }
+      }
     }
     restore(signs_after);
     return moved;

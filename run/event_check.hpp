@@ -3,6 +3,7 @@
 #include <cstddef>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -13,8 +14,8 @@
 
 namespace rubato {
 
-/// What a record tells under /events, made anew from its levels, where all of them are stored: the signs that decide on
-/// crossings go from step to step.
+/// What a record tells under /events, made anew from its levels, where all of them have a state and a row: the signs
+/// that decide on crossings go from step to step.
 class EventCheck {
 public:
   /// \param components how many numbers of a state have one scale: a field's, or one
@@ -25,7 +26,7 @@ public:
   /// In the order of the levels.
   ///@{
   void begin(std::span<const double> z);
-  void check_step(std::size_t level, std::span<const double> before, std::span<const double> z);
+  void check_step(std::size_t state_row, std::span<const double> before, std::span<const double> z);
   ///@}
   /// After the last one: whether the record has more crossings.
   void finish();
@@ -38,6 +39,7 @@ private:
 
   const StoredLevels& levels_;
   Findings& findings_;
+  std::optional<std::size_t> clock_;  ///< Problem::clock()
   std::unique_ptr<EventTeller> teller_;
   record::Layout layout_;
   std::vector<EventFigures> figures_;

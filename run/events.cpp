@@ -35,7 +35,7 @@ void EventTeller::describe(record::Layout& layout) {
                                  {},
                                  Type::u8,
                                  "1 on steps in which the formula is not defined, 2 on those in which it jumps through "
-                                 "zero"});
+                                 "zero, 3 on those with several crossings"});
     columns.t = layout.add({t, t, {}, Type::f64, "times of the crossings, by dense output"});
     columns.direction = layout.add({at + "/direction", t, {}, Type::i32, "1 up, -1 down, in the direction of the run"});
     if (event.stop_after > 0) {
@@ -55,7 +55,7 @@ void EventTeller::describe(record::Layout& layout) {
 void EventTeller::begin(RowSink& sink, std::span<const double> z, double t, std::span<EventFigures> figures) {
   std::vector<double> values(problem_.events.size());
   finder_->begin(z, t, values);
-  const OutputStep start{.z_0 = z, .z_1 = z, .t_0 = t, .t_1 = t, .h = 0.0};
+  const OutputStep start{.z_0 = z, .z_1 = z, .t_0 = t, .t_1 = t, .h = 0.0, .clock = problem_.clock()};
   for (std::size_t i = 0; i < values.size(); ++i) {
     if (problem_.events[i].stop_after > 0 && problem_.events[i].is_condition() && values[i] > 0.0) {
       append_row(sink, i, start, {.fraction = 1.0}, figures[i]);
@@ -65,26 +65,28 @@ void EventTeller::begin(RowSink& sink, std::span<const double> z, double t, std:
 
 void EventTeller::append(RowSink& sink, const OutputStep& step, std::span<EventFigures> figures) {
   finder_->follow(step);
-  append_found(sink, step, figures);
+  append_again(sink, step, figures);
 }
 
 void EventTeller::append(RowSink& sink, const OutputStep& step, std::span<const CrossingSearch::Sample> from,
                          std::span<const CrossingSearch::Sample> to, std::span<EventFigures> figures) {
   finder_->follow(step, from, to);
-  append_found(sink, step, figures);
+  append_again(sink, step, figures);
 }
 
-void EventTeller::append_found(RowSink& sink, const OutputStep& step, std::span<EventFigures> figures) {
+void EventTeller::append_again(RowSink& sink, const OutputStep& step, std::span<EventFigures> figures) {
   for (std::size_t i = 0; i < problem_.events.size(); ++i) {
     bool jumps = false;
+    int crossings = 0;
     for (const Crossing& crossing : finder_->crossings(i)) {
       if (crossing.jump && !problem_.events[i].is_condition()) {
         jumps = true;
       } else {
         append_row(sink, i, step, crossing, figures[i]);
+        ++crossings;
       }
     }
-    const int missed = finder_->undefined(i) ? 1 : jumps ? 2 : 0;
+    const int missed = finder_->undefined(i) ? 1 : jumps ? 2 : crossings > 1 ? 3 : 0;
     sink.append(columns_[i].missed, missed);
     figures[i].value.add_step(missed);
   }
@@ -92,7 +94,7 @@ void EventTeller::append_found(RowSink& sink, const OutputStep& step, std::span<
 
 void EventTeller::append_row(RowSink& sink, std::size_t event, const OutputStep& step, const Crossing& crossing,
                              EventFigures& figures) {
-  const double t = step.time(crossing.fraction);
+  const double t = finder_->time(step, crossing.fraction);
   const auto last = static_cast<std::size_t>(problem_.events[event].stop_after);
   const bool stops = last > 0 && figures.value.count + 1 >= last;
   const Columns& columns = columns_[event];

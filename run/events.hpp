@@ -36,6 +36,9 @@ public:
   [[nodiscard]] virtual bool undefined(std::size_t event) const = 0;
   ///@}
 
+  /// The time at a fraction of a step that users read.
+  [[nodiscard]] virtual double time(const OutputStep& step, double fraction) { return step.time(fraction); }
+
   /// Adds the columns of a crossing's row that are of its state, in the group of the event, and appends to them.
   ///@{
   virtual void describe(std::size_t event, const std::string& group, record::Layout& layout) = 0;
@@ -70,13 +73,14 @@ public:
   void append(RowSink& sink, const OutputStep& step, std::span<EventFigures> figures);
   void append(RowSink& sink, const OutputStep& step, std::span<const CrossingSearch::Sample> from,
               std::span<const CrossingSearch::Sample> to, std::span<EventFigures> figures);
+  /// The crossings of the last step, at the same fractions of another one.
+  void append_again(RowSink& sink, const OutputStep& step, std::span<EventFigures> figures);
 
   [[nodiscard]] std::vector<std::string> names() const;
   void save(StateWriter& state) const { finder_->save(state); }
   void restore(StateReader& state) { finder_->restore(state); }
 
 private:
-  void append_found(RowSink& sink, const OutputStep& step, std::span<EventFigures> figures);
   void append_row(RowSink& sink, std::size_t event, const OutputStep& step, const Crossing& crossing,
                   EventFigures& figures);
   [[nodiscard]] std::string group(std::size_t event) const;

@@ -63,6 +63,9 @@ public:
         dataset, row, index, stored, recomputed, [] { return 0.0; }, reason);
   }
   void count(std::size_t compared) { compared_ += compared; }
+  /// A stored state whose step from the row before was not found again: neither verified nor contradicted.
+  void doubt(std::size_t row) { doubtful_.push_back(row); }
+  [[nodiscard]] const std::vector<std::size_t>& doubtful() const { return doubtful_; }
 
   [[nodiscard]] std::size_t compared() const { return compared_; }
   [[nodiscard]] std::size_t disagreements() const { return disagreements_; }
@@ -73,6 +76,7 @@ public:
 
 private:
   std::size_t compared_ = 0, disagreements_ = 0;
+  std::vector<std::size_t> doubtful_;
   std::vector<Disagreement> listed_;
   std::map<std::string, std::size_t> listed_of_;
   figures::Corrections corrections_;
@@ -94,6 +98,11 @@ public:
   /// another few; and a formula may round numbers between that are larger than what is displaced here tells.
   static constexpr double roundings = 64.0;
   static constexpr double unit = roundings * std::numeric_limits<double>::epsilon();
+
+  /// What a run and a check may round in the sum of both energies, K + f'(h), each once.
+  [[nodiscard]] static double of_sum(double energy, double potential) {
+    return 2.0 * std::numeric_limits<double>::epsilon() * (std::abs(energy) + std::abs(potential));
+  }
 
   /// +1 or -1, at random, the same everywhere; for one number at several levels of consecutive steps (0, 1, 2) the same
   /// but for one of the levels, another in each attempt after the first.

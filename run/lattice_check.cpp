@@ -9,6 +9,7 @@
 
 #include <fmt/format.h>
 
+#include <rubato/base/interrupt.hpp>
 #include <rubato/grids/reductions.hpp>
 #include <rubato/grids/whole.hpp>
 #include <rubato/problem/lattice_problem.hpp>
@@ -132,8 +133,8 @@ public:
         law_levels_(problem.laws),
         laws_(make_local_laws(*method_, system_, grid_, make_lattice_options(problem, system_).symmetries)),
         residuals_(*method_, laws_, system_, grid_,
-                   {.variational = !levels.sparse && !law_levels_.none(),
-                    .tangents = !levels.sparse && record.has("/laws/multisymplectic_max")}),
+                   {.variational = levels.complete() && !law_levels_.none(),
+                    .tangents = levels.complete() && record.has("/laws/multisymplectic_max")}),
         invariants_(make_invariants(problem, system_, grid_)),
         exact_(make_exact(problem, system_, grid_)),
         stored_(record, system_, grid_.size(), levels, findings),
@@ -170,7 +171,7 @@ public:
     const grids::FieldSet initial = after_.fields;
     bool whole = stored_.load(0, after_.fields);
     check_start(initial);
-    const bool in_turn = !levels_.sparse && levels_.steps() > 0;
+    const bool in_turn = levels_.complete() && levels_.steps() > 0;
     law_slack_ = make_lattice_options(problem_, system_).stages > 1 ? solver_slack : 1.0;
     equation_ = method_->equation(system_, grid_, after_, in_turn ? levels_.h.front() : 0.0);
     check_level(0, in_turn);
@@ -178,6 +179,7 @@ public:
     events_.begin(std::as_const(after_.fields).all());
     bool start_known = true;
     for (std::size_t row = 1; row < levels_.state_level.size(); ++row) {
+      Interruptible::end_if_asked();
       if (levels_.sparse) {
         whole = check_previous(row);
       } else {
@@ -187,15 +189,16 @@ public:
       whole = stored_.load(row, after_.fields);
       grow_scales();
       start_known = start_known && whole && before_whole;
-      const std::size_t level = levels_.state_level[row];
       if (whole && before_whole) {
-        check_step(row);
-        output_.check_step(level, std::as_const(before_.fields).all(), std::as_const(after_.fields).all());
-        events_.check_step(level, std::as_const(before_.fields).all(), std::as_const(after_.fields).all());
+        if (const auto step = levels_.step_to(row)) {
+          check_step(row, *step);
+        }
+        output_.check_step(row, std::as_const(before_.fields).all(), std::as_const(after_.fields).all());
+        events_.check_step(row, std::as_const(before_.fields).all(), std::as_const(after_.fields).all());
       }
       if (whole) {
         check_level(row, in_turn && start_known);
-        output_.check_level(level, std::as_const(after_.fields).all());
+        output_.check_level(row, std::as_const(after_.fields).all());
       }
     }
     events_.finish();
@@ -316,31 +319,11 @@ private:
     return result;
   }
 
-  /// Node energy, Γ, totals and invariants.
+  /// The row of a stored level, where it has one, and the exact solution there.
   void check_level(std::size_t row, bool gamma_known) {
-    const std::size_t level = levels_.state_level[row];
     const double t = levels_.state_t[row];
-    const auto evaluate = [&](LatticeLevel& at) {
-      std::vector<double> values = laws_.totals(at);
-      const std::vector<double> invariants = invariants_.integrals(at, t);
-      values.insert(values.end(), invariants.begin(), invariants.end());
-      return values;
-    };
-    std::vector<double> found = evaluate(after_), allowed;
-    const NodeEnergy node = equation_->node(after_);
-    const auto tolerance = [&](std::size_t i) {
-      return [&, i] {
-        if (allowed.empty()) {
-          allowed = tolerances_of_energy_first([&](const LatticeLevel&, LatticeLevel& at) { return evaluate(at); });
-        }
-        return allowed[i];
-      };
-    };
-    const char* reason = "from the state at that level";
-    findings_.compare("/levels/node_energy", level, {}, node_energy_.at(level), node.energy, tolerance(0), reason);
-    check_totals(level, found, tolerance);
-    if (has_gamma_ && gamma_known) {
-      check_gamma(level, node.gamma);
+    if (const auto at = levels_.row_of(levels_.state_level[row])) {
+      check_row(row, *at, gamma_known);
     }
     const std::vector<std::vector<double>> exact = exact_.at(after_, t);
     for (std::size_t i = 0; i < exact.size(); ++i) {
@@ -349,9 +332,38 @@ private:
     }
   }
 
+  /// Node energy, Γ, totals and invariants. \param at the row of the level under /levels
+  void check_row(std::size_t row, std::size_t at, bool gamma_known) {
+    const std::size_t level = levels_.state_level[row];
+    const double t = levels_.state_t[row];
+    const auto evaluate = [&](LatticeLevel& there) {
+      std::vector<double> values = laws_.totals(there);
+      const std::vector<double> invariants = invariants_.integrals(there, t);
+      values.insert(values.end(), invariants.begin(), invariants.end());
+      return values;
+    };
+    std::vector<double> found = evaluate(after_), allowed;
+    const NodeEnergy node = equation_->node(after_);
+    const auto tolerance = [&](std::size_t i) {
+      return [&, i] {
+        if (allowed.empty()) {
+          allowed =
+              tolerances_of_energy_first([&](const LatticeLevel&, LatticeLevel& there) { return evaluate(there); });
+        }
+        return allowed[i];
+      };
+    };
+    const char* reason = "from the state at that level";
+    findings_.compare("/levels/node_energy", at, {}, node_energy_.at(at), node.energy, tolerance(0), reason);
+    check_totals(level, at, found, tolerance);
+    if (has_gamma_ && gamma_known) {
+      check_gamma(at, node.gamma);
+    }
+  }
+
   /// Totals and invariants; `found` and `tolerance` tell of the node energy first.
   template <typename Tolerance>
-  void check_totals(std::size_t level, std::vector<double>& found, Tolerance&& tolerance) {
+  void check_totals(std::size_t level, std::size_t at, std::vector<double>& found, Tolerance&& tolerance) {
     const bool taken = law_levels_.taken_at(level);
     const char* reason = taken ? "from the state at that level" : "[laws] every of the problem";
     if (!taken) {
@@ -359,22 +371,22 @@ private:
     }
     std::size_t next = 1;
     for (SharedRows& rows : totals_) {
-      findings_.compare(rows.path(), level, {}, rows.at(level), found[next], tolerance(next), reason);
+      findings_.compare(rows.path(), at, {}, rows.at(at), found[next], tolerance(next), reason);
       ++next;
     }
     for (SharedRows& rows : stored_invariants_) {
-      findings_.compare(rows.path(), level, {}, rows.at(level), found[next], tolerance(next), reason);
+      findings_.compare(rows.path(), at, {}, rows.at(at), found[next], tolerance(next), reason);
       ++next;
     }
   }
 
   /// Γ at a level is a quadratic form of rates that are extrapolated from differences of stored levels, which have lost
   /// digits: at the first levels two steps of a hundredth of h.
-  void check_gamma(std::size_t level, double gamma) {
+  void check_gamma(std::size_t at, double gamma) {
     constexpr double lost_digits = 1e4;
     gamma_scale_ = std::max(gamma_scale_, std::abs(gamma));
     findings_.compare(
-        "/levels/gamma", level, {}, gamma_.at(level), gamma,
+        "/levels/gamma", at, {}, gamma_.at(at), gamma,
         [&] { return lost_digits * Rounding::unit * std::max(gamma_scale_, energy_rate_scale()); },
         "from the states at that level and before");
   }
@@ -397,10 +409,14 @@ private:
   static constexpr double long_slack = 8192.0;
 
   /// E_k, what the step leaves of the scheme's equation, and the local laws.
-  void check_step(std::size_t row) {
-    const std::size_t step = levels_.step_to(row);
+  /// \param step the row of the step
+  void check_step(std::size_t row, std::size_t step) {
     const double h = levels_.h[step];
     const StepLaw law = equation_->judge(before_, after_, h);
+    if (!std::isfinite(law.energy)) {
+      findings_.doubt(row);
+      return;
+    }
     std::vector<double> allowed;
     const auto tolerance = [&](std::size_t i) {
       return [&, i] {
@@ -413,8 +429,10 @@ private:
         return allowed[i];
       };
     };
-    findings_.compare("/levels/energy", step, {}, energy_.at(step), law.energy + levels_.potential_of(step),
-                      tolerance(0), "from the states around the step");
+    const double potential = levels_.potential_of(step);
+    findings_.compare(
+        "/levels/energy", step, {}, energy_.at(step), law.energy + potential,
+        [&] { return tolerance(0)() + Rounding::of_sum(law.energy, potential); }, "from the states around the step");
     residual_.add(law.residual);
     findings_.count(grids::whole_of(grid_).size());
     if (law.residual.undefined > 0.0 || law.residual.largest() > equation_tolerance_) {

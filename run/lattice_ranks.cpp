@@ -54,7 +54,7 @@ grids::Ghosts ghosts_of(const Problem& problem, const MultisymplecticSystem& sys
 }
 
 grids::Slab make_slab(ranks::Communicator& ranks, const Problem& problem, bool tangents) {
-  const grids::Grid whole = make_grid(problem, ranks.size());
+  const grids::Grid whole = make_grid(problem);
   const MultisymplecticSystem system = make_system(problem);
   const grids::Ghosts ghosts = ghosts_of(problem, system);
   const double direction = problem.scheme.until < problem.start() ? -1.0 : 1.0;  // of a step to be chosen
@@ -118,12 +118,11 @@ private:
   }
   void step() {
     Simulation& simulation = chronicle_->simulation();
-    const StepReport report = simulation.step();
-    if (report.status == Status::success) {
-      gathered([&](RowSink& sink) { chronicle_->tell_step(report, sink); });
-      static_cast<void>(simulation.node());
+    chronicle_->take(1);
+    if (!simulation.taken().empty()) {
+      gathered([&](RowSink& sink) { chronicle_->tell_steps(sink); });
     } else {
-      static_cast<void>(simulation.integrator().explain(report));
+      static_cast<void>(simulation.integrator().explain(simulation.report()));
     }
   }
   void save() {
@@ -278,9 +277,10 @@ void follow_leader(ranks::Communicator& ranks, std::span<const std::byte> messag
           fmt::format("this is rubato {}, and rank 0 is {}: all have to be the same", build_of_ranks(), other));
     }
     const std::string text = packet.text(), source = packet.text();
-    use_threads(static_cast<int>(packet.number()));
+    const int threads = static_cast<int>(packet.number());
     const bool tangents = packet.number() != 0;
-    const Problem problem = parse_problem(text, source);
+    const Problem problem = parse_recorded(text, source);
+    const ThreadCount thread_count(threads, problem);
     const SharedLattice lattice(ranks, problem, tangents);
     Follower follower(problem, tangents, lattice.slab());
     for (Order order = take_order(lattice.slab()); order != Order::end; order = take_order(lattice.slab())) {

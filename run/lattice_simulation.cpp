@@ -1,10 +1,14 @@
 #include <algorithm>
+#include <cmath>
 #include <limits>
 
 #include <fmt/format.h>
 
 #include <rubato/pde/shared_slopes.hpp>
+#include <rubato/problem/energy_terms.hpp>
 #include <rubato/problem/lattice_problem.hpp>
+#include <rubato/run/exact_measures.hpp>
+#include <rubato/run/lattice_meter.hpp>
 #include <rubato/run/lattice_residuals.hpp>
 #include <rubato/run/simulation.hpp>
 
@@ -21,26 +25,18 @@ public:
                    {.variational = !laws_.none(), .tangents = tangents}),
         invariants_(make_invariants(problem, lattice_.system(), lattice_.grid())),
         exact_(make_exact(problem, lattice_.system(), lattice_.grid())),
+        energy_terms_(make_energy_terms(lattice_.system(), lattice_.grid())),
+        meter_(problem, lattice_.system(), lattice_.grid()),
         previous_t_(lattice_.t()) {
+    step_by(lattice_);
+    for (const auto& formula : problem.multisymplectic()->initial) {
+      given_.push_back(formula.has_value());
+    }
     if (tangents && laws_.none()) {
       throw ProblemError(laws_.location,
                          "[laws] every = false takes no laws, and --tangents asks for one: leave out one");
     }
   }
-
-  [[nodiscard]] StepReport step() override {
-    const double before = lattice_.t();
-    const StepReport report = lattice_.step();
-    if (report.status == Status::success) {
-      previous_t_ = before;
-      last_h_ = report.h;
-      ++steps_;
-      residuals_.take(lattice_.previous(), lattice_.level(), report.h, LatticeResiduals::part(laws_, steps_));
-    }
-    return report;
-  }
-  [[nodiscard]] Integrator& integrator() override { return lattice_; }
-  [[nodiscard]] const Integrator& integrator() const override { return lattice_; }
 
   [[nodiscard]] std::vector<std::string> warnings() const override {
     std::vector<std::string> warnings;
@@ -56,6 +52,21 @@ public:
   [[nodiscard]] std::vector<std::string> invariant_names() const override { return invariants_.names(); }
   [[nodiscard]] std::span<const double> invariants() override {
     return invariant_values_ = invariants_.integrals(lattice_.level(), t());
+  }
+
+  [[nodiscard]] std::span<const double> energy_term_values() override {
+    energy_values_ = energy_terms_.integrals(lattice_.level(), t());
+    return energy_values_;
+  }
+
+  void measure(std::size_t number, figures::Measures& measures) override {
+    if (grids::Slab::present() != nullptr) {
+      return;
+    }
+    meter_.measure(lattice_.level(), number, t(), last_h_, measures);
+    if (number < 2) {
+      measure_exact(number == 0, measures);
+    }
   }
 
   [[nodiscard]] std::vector<std::string> total_names() const override {
@@ -143,7 +154,7 @@ public:
     }
   }
 
-  void append_state(RowSink& sink) override {
+  void append_states(RowSink& sink, std::size_t /*count*/, std::size_t /*stride*/) override {
     const std::vector<double> undefined(last_h_ == 0.0 ? lattice_.grid().size() : 0,
                                         std::numeric_limits<double>::quiet_NaN());
     for (std::size_t f = 0; f < field_columns_.size(); ++f) {
@@ -195,7 +206,60 @@ public:
     residuals_.restore(state, lattice_.previous(), lattice_.level(), last_h_, LatticeResiduals::part(laws_, steps_));
   }
 
+protected:
+  [[nodiscard]] StepReport step(std::size_t /*place*/) override {
+    const double before = lattice_.t();
+    const StepReport report = lattice_.step();
+    if (report.status == Status::success) {
+      previous_t_ = before;
+      last_h_ = report.h;
+      ++steps_;
+      residuals_.take(lattice_.previous(), lattice_.level(), report.h, LatticeResiduals::part(laws_, steps_));
+    }
+    return report;
+  }
+
 private:
+  /// At the start, of the fields that are given there; or after the first step.
+  void measure_exact(bool is_start, figures::Measures& measures) {
+    if (exact_.names().empty()) {
+      return;
+    }
+    const auto exact = exact_.at(lattice_.level(), t());
+    const auto exact_before = is_start ? exact : exact_.at(lattice_.previous(), previous_t_);
+    // A field that turns at the start moves by the square of the step, and the error of the grid in the rates of
+    // others.
+    constexpr double turning = 0.1;
+    std::vector<double> moved;
+    for (std::size_t i = 0; i < exact.size(); ++i) {
+      double increment = 0.0, size = 0.0;
+      for (std::size_t node = 0; node < exact[i].size(); ++node) {
+        increment = std::max(increment, std::abs(exact[i][node] - exact_before[i][node]));
+        size = std::max(size, std::abs(exact[i][node]));
+      }
+      moved.push_back(size > 0.0 ? increment / size : 0.0);
+    }
+    const double most = *std::ranges::max_element(moved);
+    for (std::size_t i = 0; i < exact.size(); ++i) {
+      const int field = lattice_.system().field(exact_.names()[i]);
+      const std::span<const double> now = lattice_.field(field);
+      if (has_slope(lattice_.level().slopes, static_cast<std::size_t>(field), lattice_.grid())) {
+        continue;  // states have the periodic part alone
+      }
+      if (!is_start && moved[i] >= turning * most) {
+        compare_increments(now, lattice_.previous().fields.field(field), exact[i], exact_before[i],
+                           measures.exact_residual);
+      } else if (is_start && given_[static_cast<std::size_t>(field)]) {
+        double size = 0.0, error = 0.0;
+        for (std::size_t node = 0; node < now.size(); ++node) {
+          size = std::max({size, std::abs(now[node]), std::abs(exact[i][node])});
+          error = std::max(error, std::abs(now[node] - exact[i][node]));
+        }
+        compare_exact(error, 0.0, size, measures.exact_start);
+      }
+    }
+  }
+
   [[nodiscard]] bool at_midpoints(int field) const { return lattice_.system().structure().at_midpoints(field); }
 
   /// Of a potential only the periodic part is a grid function.
@@ -208,7 +272,10 @@ private:
   LatticeIntegrator lattice_;
   LatticeResiduals residuals_;
   NodeTable invariants_, exact_;
-  std::vector<double> invariant_values_, total_values_;
+  NodeFormula energy_terms_;
+  LatticeMeter meter_;
+  std::vector<bool> given_;  ///< the fields with initial data of their own
+  std::vector<double> invariant_values_, total_values_, energy_values_;
   double previous_t_;
   double last_h_ = 0.0;  ///< of the step taken last; 0 before the first
   std::size_t steps_ = 0;

@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 
 #include <rubato/base/limits.hpp>
+#include <rubato/record/run_shape.hpp>
 
 namespace rubato {
 
@@ -36,6 +37,8 @@ public:
   }
 
 private:
+  [[nodiscard]] std::size_t step_rows() const { return levels_.h.size(); }
+
   void refuse(const std::string& dataset, std::size_t row, double stored, const std::string& reason) {
     findings_.add({.dataset = dataset, .row = row, .stored = stored, .reason = reason});
   }
@@ -51,22 +54,30 @@ private:
       largest = std::isfinite(time) ? std::max(largest, std::abs(time)) : largest;
     }
     const auto rounding = [largest] { return 2.0 * epsilon * largest; };
+    const double direction = problem_.scheme.until < problem_.start() ? -1.0 : 1.0;
     for (std::size_t k = 0; k < h.size(); ++k) {
       if (fixed_ && step) {
         findings_.same("/levels/h", k, {}, h[k], *step, "the step of the problem");
-        findings_.same("/levels/t", k + 1, {}, t[k + 1], problem_.start() + static_cast<double>(k + 1) * *step,
-                       "start + k step");
+        findings_.same("/levels/t", k + 1, {}, t[k + 1],
+                       problem_.start() + static_cast<double>(levels_.level[k + 1]) * *step, "start + k step");
         continue;
       }
-      findings_.compare("/levels/t", k + 1, {}, t[k + 1], t[k] + h[k], rounding, "t_k + h_k, from /levels/h");
-      if (!(std::abs(t[k + 1] - (t[k] + h[k])) <= rounding())) {
-        findings_.compare("/levels/h", k, {}, h[k], t[k + 1] - t[k], rounding, "t_{k+1} - t_k, from /levels/t");
+      if (levels_.level[k] + 1 == levels_.level[k + 1]) {
+        findings_.compare("/levels/t", k + 1, {}, t[k + 1], t[k] + h[k], rounding, "t_k + h_k, from /levels/h");
+        if (!(std::abs(t[k + 1] - (t[k] + h[k])) <= rounding())) {
+          findings_.compare("/levels/h", k, {}, h[k], t[k + 1] - t[k], rounding, "t_{k+1} - t_k, from /levels/t");
+        }
+      } else {
+        findings_.count(1);
+        if (!(std::abs(h[k]) <= std::abs(t[k + 1] - t[k]) + rounding())) {
+          refuse("/levels/h", k, h[k], "a step is no longer than all those since the level of the row before");
+        }
       }
-      if (!(h[k] * h.front() > 0.0)) {
+      if (!(h[k] * direction > 0.0 && (t[k + 1] - t[k]) * direction > 0.0)) {
         refuse("/levels/h", k, h[k], "levels go one way");
       }
     }
-    if (!h.empty() && step && !fixed_) {
+    if (!h.empty() && step && !fixed_ && levels_.level[1] == 1) {
       // The first step is taken as it is; the rounding of start + step is not in it.
       findings_.same("/levels/h", 0, {}, h.front(), *step, "the step of the problem");
     }
@@ -77,16 +88,27 @@ private:
       const std::size_t level = levels_.state_level[row];
       findings_.same("/states/level", row, {}, levels_.told_level[row], static_cast<double>(level),
                      "every n-th level is stored, and the last");
-      findings_.same("/states/t", row, {}, levels_.state_t[row], levels_.t[level], "/levels/t of that level");
-    }
-    if (levels_.sparse) {
-      StoredRows before(reader_, "/states/previous/t");
-      require_rows(before, levels_.state_level.size());
-      for (std::size_t row = 0; row < levels_.state_level.size(); ++row) {
-        const std::size_t level = levels_.state_level[row];
-        findings_.same("/states/previous/t", row, {}, before.at(row), levels_.t[level == 0 ? 0 : level - 1],
-                       "/levels/t of the level before");
+      if (const auto at = levels_.row_of(level)) {
+        findings_.same("/states/t", row, {}, levels_.state_t[row], levels_.t[*at], "/levels/t of that level");
       }
+      if (levels_.sparse) {
+        check_previous_time(row);
+      }
+    }
+  }
+
+  void check_previous_time(std::size_t row) {
+    constexpr const char* path = "/states/previous/t";
+    const std::size_t level = levels_.state_level[row];
+    const double stored = levels_.previous_t[row];
+    if (const auto at = levels_.row_of(level == 0 ? 0 : level - 1)) {
+      findings_.same(path, row, {}, stored, levels_.t[*at], "/levels/t of the level before");
+    } else if (const auto step = levels_.step_to(row)) {
+      const double expected = levels_.state_t[row] - levels_.h[*step];
+      findings_.compare(
+          path, row, {}, stored, expected,
+          [&] { return 2.0 * epsilon * std::max(std::abs(levels_.state_t[row]), std::abs(expected)); },
+          "the stored level less its step, /levels/h");
     }
   }
 
@@ -95,50 +117,41 @@ private:
       return;
     }
     StoredRows taken(reader_, std::string(figures::laws_taken));
-    require_rows(taken, levels_.steps() + 1);
+    require_rows(taken, levels_.t.size());
     for (std::size_t k = 0; k < taken.rows(); ++k) {
-      findings_.same(taken.path(), k, {}, taken.at(k), problem_.laws.taken_at(k) ? 1.0 : 0.0,
+      findings_.same(taken.path(), k, {}, taken.at(k), problem_.laws.taken_at(levels_.level[k]) ? 1.0 : 0.0,
                      "[laws] every of the problem");
     }
   }
 
   void check_flags() {
-    StoredRows number(reader_, "/levels/step"), crossing(reader_, "/levels/crossing"),
-        iterations(reader_, "/levels/iterations");
-    for (StoredRows* rows : {&number, &crossing, &iterations}) {
-      require_rows(*rows, levels_.steps());
-    }
-    bool was_bridged = false;
-    for (std::size_t k = 0; k < levels_.steps(); ++k) {
-      findings_.same("/levels/step", k, {}, number.at(k), static_cast<double>(k), "steps are numbered from 0");
-      const double bridged = levels_.bridged[k], crosses = crossing.at(k);
-      findings_.count(3);
-      if ((bridged != 0.0 && bridged != 1.0) || (fixed_ && bridged != 0.0)) {
-        refuse("/levels/bridged", k, bridged, fixed_ ? "fixed levels have no bridges" : "it is 0 or 1");
-      }
-      if (crosses != 0.0 && crosses != 1.0) {
-        refuse("/levels/crossing", k, crosses, "it is 0 or 1");
-      } else if (crosses != 0.0 && bridged == 0.0) {
-        refuse("/levels/crossing", k, crosses, "it is 1 on bridges only: see /levels/bridged");
-        refuse("/levels/bridged", k, bridged, "/levels/crossing is 1 there");
-      } else if (bridged != 0.0 && !was_bridged && crosses == 0.0) {
-        refuse("/levels/crossing", k, crosses, "a bridge begins with a crossing: see /levels/bridged");
-        refuse("/levels/bridged", k, bridged, "a bridge begins with a crossing: see /levels/crossing");
+    StoredRows iterations(reader_, "/levels/iterations");
+    require_rows(iterations, step_rows());
+    const std::string flags = record::off_law_path(reader_);
+    for (std::size_t k = 0; k < step_rows(); ++k) {
+      findings_.same("/levels/step", k, {}, levels_.told_step[k], static_cast<double>(levels_.level[k + 1] - 1),
+                     levels_.rows_every == 1 ? "steps are numbered from 0"
+                                             : "that of the step to every n-th level, and to the last");
+      const double off_law = levels_.off_law[k];
+      findings_.count(2);
+      if ((off_law != 0.0 && off_law != 1.0) || (fixed_ && off_law != 0.0)) {
+        refuse(flags, k, off_law, fixed_ ? "fixed levels have no law to be off" : "it is 0 or 1");
       }
       if (!(iterations.at(k) >= 0.0)) {
         refuse("/levels/iterations", k, iterations.at(k), "it counts");
       }
-      was_bridged = bridged != 0.0;
     }
   }
 
-  /// What a step that is no bridge may be off E by, as TimeLevels has it: the tolerance, or where that is less what
+  /// What a step on the law may be off E by, as TimeLevels has it: the tolerance, or where that is less what
   /// rounding in E_k and in h leaves; |h dE/dh| follows from the step condition. The law is judged before a constant is
   /// added to the energies.
   [[nodiscard]] double allowed(double energy, double target, double rounding, double condition) const {
     const double miss = std::abs(energy - target);
     const double slope = condition > 0.0 ? (miss + rounding) / condition : 0.0;
-    const double terms = std::max(checkpoint_.energy_terms, std::abs(target));
+    // Without a checkpoint the size of the terms is at least as large as their rounding says.
+    const double of_terms = checkpoint_.is_checked ? checkpoint_.energy_terms : rounding / epsilon;
+    const double terms = std::max(of_terms, std::abs(target));
     return 1.01 * std::max(problem_.scheme.tolerance * terms, 2.0 * (rounding + epsilon * slope)) +
            4.0 * epsilon * std::abs(target);
   }
@@ -150,48 +163,48 @@ private:
     StoredRows energy(reader_, "/levels/energy"), target(reader_, "/levels/target"),
         rounding(reader_, "/levels/rounding"), condition(reader_, "/levels/step_condition");
     for (StoredRows* rows : {&energy, &target, &rounding, &condition}) {
-      require_rows(*rows, levels_.steps());
+      require_rows(*rows, step_rows());
     }
     double law = none;
     bool one_law = true;
-    for (std::size_t k = 0; k < levels_.steps(); ++k) {
+    for (std::size_t k = 0; k < step_rows(); ++k) {
       const double E = target.at(k);
       one_law = one_law && (std::isnan(law) || std::isnan(E) || E == law);
       law = std::isnan(law) ? E : law;
     }
     const bool autonomous = is_autonomous();
     bool met = false;
-    for (std::size_t k = 0; k < levels_.steps(); ++k) {
-      const bool bridged = levels_.bridged[k] != 0.0;
+    for (std::size_t k = 0; k < step_rows(); ++k) {
+      const bool off_law = levels_.off_law[k] != 0.0;
       const double E = target.at(k);
       if (autonomous && !one_law) {
         findings_.same("/levels/target", k, {}, E, std::isnan(E) && !met ? E : law, "there is one E for the run");
       }
-      if (std::isnan(E) && (met || !bridged)) {
-        refuse("/levels/target", k, E, "a step that is no bridge has set E");
+      if (std::isnan(E) && (met || !off_law)) {
+        refuse("/levels/target", k, E, "a step on the law has set E");
       }
       met = met || !std::isnan(E);
       if (!(rounding.at(k) >= 0.0) || !std::isfinite(rounding.at(k))) {
         refuse("/levels/rounding", k, rounding.at(k), "it is a bound");
       }
       const double c = condition.at(k);
-      if (fixed_ ? !std::isnan(c) : !bridged && !(c >= 0.0 && std::isfinite(c))) {
+      if (fixed_ ? !std::isnan(c) : !off_law && !(c >= 0.0 && std::isfinite(c))) {
         refuse("/levels/step_condition", k, c, fixed_ ? "fixed levels have none" : "it is finite on steps of the law");
       }
-      if (!fixed_ && !bridged) {
+      if (!fixed_ && !off_law) {
         findings_.compare(
             "/levels/energy", k, {}, energy.at(k), E, [&] { return allowed(energy.at(k), E, rounding.at(k), c); },
-            "E of the law in /levels/target, which a step that is no bridge meets");
+            "E of the law in /levels/target, which a step that is not in " + record::off_law_path(reader_) + " meets");
       }
     }
   }
 
   /// f'(h) of every step. Elementary functions may round differently on another machine.
   void check_potential() {
-    if (levels_.potential.empty() || !checkpoint_.has_digests) {
+    if (levels_.potential.empty() || !checkpoint_.is_checked) {
       return;
     }
-    for (std::size_t k = 0; k < levels_.steps(); ++k) {
+    for (std::size_t k = 0; k < step_rows(); ++k) {
       const double expected = checkpoint_.potential.energy(levels_.h[k]);
       findings_.compare(
           "/levels/step_potential", k, {}, levels_.potential[k], expected,

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <limits>
 #include <memory>
 #include <optional>
@@ -13,6 +14,9 @@
 #include <fmt/format.h>
 
 #include <rubato/base/all_finite.hpp>
+#include <rubato/base/interrupt.hpp>
+#include <rubato/base/larger.hpp>
+#include <rubato/formula/rounding.hpp>
 #include <rubato/ode/discrete_lagrangian.hpp>
 #include <rubato/ode/integrate.hpp>
 #include <rubato/problem/formula_table.hpp>
@@ -74,6 +78,7 @@ public:
         invariants_(problem, orbit_.invariants, orbit_.formula_names()),
         exact_(problem, orbit_.exact, {"t"}),
         states_(reader, "/states", n_, levels.state_level.size()),
+        size_(2 * n_, 0.0),
         scale_(2 * n_, 0.0),
         node_energy_(reader, "/levels/node_energy"),
         gamma_(reader, "/levels/gamma"),
@@ -89,6 +94,7 @@ public:
       velocities_.emplace(reader, "/states/q_dot", n_);
     } else {
       const Hamiltonian hamiltonian = make_hamiltonian(problem);
+      gradient_size_.emplace(hamiltonian.gradient_code());
       law_.emplace(make_node_law(hamiltonian, lagrangian));
       if (method_of(lagrangian).is_map()) {
         map_ = make_one_step_scheme(hamiltonian, lagrangian, initial_state());
@@ -113,6 +119,7 @@ public:
     output_.check_times();
     std::vector<double> last;
     for (std::size_t row = 0; row < levels_.state_level.size(); ++row) {
+      Interruptible::end_if_asked();
       const std::vector<double> z = states_.z(row);
       const bool whole = require_finite(states_, row, z);
       if (row == 0) {
@@ -128,16 +135,18 @@ public:
       if (whole) {
         check_node(z, levels_.state_level[row]);
         check_velocities(z, row);
-        output_.check_level(levels_.state_level[row], z);
+        output_.check_level(row, z);
         if (row == 0) {
           events_.begin(z);
         }
       }
       check_exact(row);
       if (row > 0 && whole && !previous.empty() && all_finite(previous)) {
-        map_ ? check_map(row, previous, z) : check_step(row, previous, z);
-        output_.check_step(levels_.state_level[row], previous, z);
-        events_.check_step(levels_.state_level[row], previous, z);
+        if (const auto step = levels_.step_to(row)) {
+          map_ ? check_map(row, *step, previous, z) : check_step(row, *step, previous, z);
+        }
+        output_.check_step(row, previous, z);
+        events_.check_step(row, previous, z);
       } else {
         last_corners_.clear();
       }
@@ -148,11 +157,25 @@ public:
   }
 
 private:
+  /// The largest magnitude of each component, or of the terms that it changes by in a step where these cancel: no step
+  /// determines a component better than their rounding error.
   void find_scales() {
+    const auto enlarge = [this](std::size_t i, double value) {
+      scale_[i] = std::isfinite(value) ? std::max(scale_[i], std::abs(value)) : scale_[i];
+    };
+    const std::vector<double> exact(2 * n_, 0.0);
     for (std::size_t row = 0; row < levels_.state_level.size(); ++row) {
       const std::vector<double> z = states_.z(row);
       for (std::size_t i = 0; i < z.size(); ++i) {
-        scale_[i] = std::isfinite(z[i]) ? std::max(scale_[i], std::abs(z[i])) : scale_[i];
+        size_[i] = std::isfinite(z[i]) ? std::max(size_[i], std::abs(z[i])) : size_[i];
+        enlarge(i, z[i]);
+      }
+      if (gradient_size_ && row > 0) {
+        const double h = levels_.state_t[row] - levels_.t_before(row);
+        gradient_size_->run(z, exact);
+        for (std::size_t i = 0; i < z.size(); ++i) {  // the bound is in units of 2⁻⁵³, half of epsilon
+          enlarge(i, 0.5 * h * gradient_size_->bound(1 + (i < n_ ? i + n_ : i - n_)));
+        }
       }
     }
   }
@@ -245,13 +268,17 @@ private:
     }
   }
 
-  /// H, Γ and the invariants at a level.
+  /// H, Γ and the invariants at a level, where it has a row.
   void check_node(const std::vector<double>& z, std::size_t level) {
+    const auto at = levels_.row_of(level);
+    if (!at) {
+      return;
+    }
     const std::size_t outputs = 2 + laws_.size();
     const auto evaluate = [this](const std::vector<double>& state, std::vector<double>& out) {
       const NodeEnergy node = node_at(state);
       out[0] = node.energy;
-      out[1] = node.gamma;
+      out[1] = law_ ? node.gamma / law_->gamma_factor() : node.gamma;
       std::ranges::copy(invariants_(formula_inputs(state)), out.begin() + 2);
     };
     std::vector<double> found(outputs), tolerances;
@@ -265,13 +292,13 @@ private:
       };
     };
     const char* reason = "from the state at that level";
-    findings_.compare("/levels/node_energy", level, {}, node_energy_.at(level), found[0], tolerance(0), reason);
+    findings_.compare("/levels/node_energy", *at, {}, node_energy_.at(*at), found[0], tolerance(0), reason);
     if (has_gamma_) {
-      findings_.compare("/levels/gamma", level, {}, gamma_.at(level), found[1], tolerance(1), reason);
+      findings_.compare("/levels/gamma", *at, {}, gamma_.at(*at), found[1], tolerance(1), reason);
     }
     const bool taken = problem_.laws.taken_at(level);
     for (std::size_t i = 0; i < laws_.size(); ++i) {
-      findings_.compare(laws_[i].path(), level, {}, laws_[i].at(level),
+      findings_.compare(laws_[i].path(), *at, {}, laws_[i].at(*at),
                         taken ? found[2 + i] : std::numeric_limits<double>::quiet_NaN(), tolerance(2 + i),
                         taken ? reason : "[laws] every of the problem");
     }
@@ -334,23 +361,46 @@ private:
     return false;
   }
 
-  /// E_k, and after it ψ_h(z_0): the step of a one-step map taken again, with no past to begin it from; not numbers
-  /// where it cannot be taken.
-  [[nodiscard]] std::vector<double> map_step(std::span<const double> z_0, double h) {
-    std::vector<double> result(1 + 2 * n_, std::numeric_limits<double>::quiet_NaN());
+  /// E_k, and after it z_1 - ψ_h(z_0): the step of a one-step map taken again, begun with the cubic through both ends,
+  /// and, where that does not lead to z_1, from nothing; not numbers where it cannot be taken.
+  [[nodiscard]] std::vector<double> map_step(std::span<const double> z_0, std::span<const double> z_1, double h) {
     map_->restart(z_0);
-    if (solve_from_nothing(h)) {
+    std::vector<double> joining = taken(map_->advance_to(z_1, h) == Status::success, z_1);
+    if (distance(joining) <= elsewhere) {
+      return joining;
+    }
+    map_->restart(z_0);
+    std::vector<double> searched = taken(solve_from_nothing(h), z_1);
+    return distance(searched) <= elsewhere || !std::isfinite(joining[0]) ? searched : joining;
+  }
+  [[nodiscard]] std::vector<double> taken(bool solved, std::span<const double> z_1) {
+    std::vector<double> result(1 + 2 * n_, std::numeric_limits<double>::quiet_NaN());
+    if (solved) {
       result[0] = map_->discrete_energy();
       map_->accept();
-      std::ranges::copy(map_->state(), result.begin() + 1);
+      std::ranges::transform(z_1, map_->state(), result.begin() + 1, std::minus());
     }
     return result;
   }
+  /// A long step may have several solutions. One that ends so far from the stored state, in units of each component's
+  /// size, is another one.
+  static constexpr double elsewhere = 1e-3;
+  /// Of what check_map() finds, how far the step taken again is from the stored state; not a number where there is
+  /// none.
+  [[nodiscard]] double distance(const std::vector<double>& found) const {
+    double largest = std::isfinite(found[0]) ? 0.0 : std::numeric_limits<double>::quiet_NaN();
+    for (std::size_t i = 0; i < 2 * n_; ++i) {
+      const double size = std::max({size_[i], Rounding::unit * scale_[i], std::numeric_limits<double>::min()});
+      largest = larger(largest, std::abs(found[1 + i]) / size);
+    }
+    return largest;
+  }
 
   /// The step of a one-step map: E_k, and z_1 - ψ_h(z_0). For what rounding makes of it: z_0 and h, z_1 and nothing.
-  void check_map(std::size_t row, const std::vector<double>& z_0, const std::vector<double>& z_1) {
+  /// \param step the row of the step
+  void check_map(std::size_t row, std::size_t step, const std::vector<double>& z_0, const std::vector<double>& z_1) {
     const std::size_t size = 2 * n_;
-    const double h = levels_.h[levels_.step_to(row)];
+    const double h = levels_.h[step];
     std::vector<double> inputs = z_0, scales = scale_;
     inputs.push_back(h);
     scales.push_back(std::abs(h));
@@ -358,20 +408,23 @@ private:
     scales.insert(scales.end(), scale_.begin(), scale_.end());
     inputs.push_back(0.0);
     scales.push_back(0.0);
-    const std::vector<double> sound = map_step(z_0, h);
-    compare_step(row, inputs, scales, 1 + size, [&](const std::vector<double>& at, std::vector<double>& out) {
+    const std::vector<double> sound = map_step(z_0, z_1, h);
+    compare_step(row, step, inputs, scales, 1 + size, [&](const std::vector<double>& at, std::vector<double>& out) {
       const bool moved = !std::equal(at.begin(), at.begin() + static_cast<std::ptrdiff_t>(size) + 1, inputs.begin());
-      out = moved ? map_step(std::span(at).first(size), at[size]) : sound;
+      if (moved) {
+        out = map_step(std::span(at).first(size), std::span(at).subspan(size + 1, size), at[size]);
+        return;
+      }
+      out = sound;
       for (std::size_t i = 0; i < size; ++i) {
-        out[1 + i] = at[size + 1 + i] - out[1 + i];
+        out[1 + i] += at[size + 1 + i] - z_1[i];
       }
     });
   }
 
-  void check_step(std::size_t row, const std::vector<double>& z_0, const std::vector<double>& z_1) {
-    const std::size_t step = levels_.step_to(row);
+  void check_step(std::size_t row, std::size_t step, const std::vector<double>& z_0, const std::vector<double>& z_1) {
     // Where t does not matter it is left out: t_{k+1} - t_k would lose digits of h.
-    const double t = autonomous_ ? 0.0 : levels_.t[step], h = levels_.h[step];
+    const double t = autonomous_ ? 0.0 : levels_.t_before(row), h = levels_.h[step];
     std::vector<double> corners = {t}, scales = {std::abs(t)};
     corners.insert(corners.end(), z_0.begin(), z_0.end());
     corners.push_back(t + h);
@@ -381,12 +434,12 @@ private:
     scales.insert(scales.end(), scale_.begin(), scale_.end());
     if (!autonomous_ && !std::exchange(autonomous_known_, true) && is_autonomous(*action_, corners)) {
       autonomous_ = true;
-      check_step(row, z_0, z_1);
+      check_step(row, step, z_0, z_1);
       return;
     }
-    compare_step(row, corners, scales, one_step_ ? 1 + 2 * n_ : 1,
+    compare_step(row, step, corners, scales, one_step_ ? 1 + 2 * n_ : 1,
                  [this](const std::vector<double>& at, std::vector<double>& out) { evaluate_step(at, out); });
-    if (!one_step_ && !levels_.sparse) {
+    if (!one_step_ && levels_.complete()) {
       check_two_steps(row, corners, scales);
     }
     last_corners_ = corners;
@@ -394,9 +447,8 @@ private:
 
   /// E_k of the step to a stored level, and what it leaves of its equations: evaluate(inputs, outputs).
   template <typename Evaluate>
-  void compare_step(std::size_t row, const std::vector<double>& inputs, const std::vector<double>& scales,
-                    std::size_t outputs, Evaluate&& evaluate) {
-    const std::size_t step = levels_.step_to(row);
+  void compare_step(std::size_t row, std::size_t step, const std::vector<double>& inputs,
+                    const std::vector<double>& scales, std::size_t outputs, Evaluate&& evaluate) {
     std::vector<double> found(outputs), tolerances;
     evaluate(inputs, found);
     const auto tolerance = [&](std::size_t output) {
@@ -407,10 +459,17 @@ private:
         return tolerances[output];
       };
     };
+    const double potential = levels_.potential_of(step);
+    if (map_ && !(distance(found) <= elsewhere)) {
+      findings_.doubt(row);
+      return;
+    }
     // What rounding made of E_k when the step was taken may have grown inside H, where no displaced state shows it.
     findings_.compare(
-        "/levels/energy", step, {}, energy_.at(step), found[0] + levels_.potential_of(step),
-        [&] { return tolerance(0)() + (rounding_ ? 2.0 * rounding_->at(step) : 0.0); },
+        "/levels/energy", step, {}, energy_.at(step), found[0] + potential,
+        [&] {
+          return tolerance(0)() + Rounding::of_sum(found[0], potential) + (rounding_ ? 2.0 * rounding_->at(step) : 0.0);
+        },
         "from the states around the step");
     for (std::size_t i = 0; i + 1 < outputs; ++i) {
       equation_.add(std::abs(found[1 + i]));
@@ -482,7 +541,9 @@ private:
   std::optional<StoredStates> before_;
   std::optional<StoredRows> velocities_;  ///< of a problem stated by L
   std::vector<double> inputs_;
-  std::vector<double> scale_;  ///< largest magnitude of each component
+  std::optional<formula::RoundingEvaluator> gradient_size_;  ///< of ∇H; of a problem stated by L none
+  std::vector<double> size_;                                 ///< the largest magnitude of each component
+  std::vector<double> scale_;                                ///< of each component: see find_scales()
   StoredRows node_energy_, gamma_, energy_;
   std::optional<StoredRows> rounding_;
   std::vector<StoredRows> laws_, exacts_;

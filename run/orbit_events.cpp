@@ -49,6 +49,10 @@ public:
   }
   [[nodiscard]] bool undefined(std::size_t event) const override { return events_.undefined(event); }
 
+  [[nodiscard]] double time(const OutputStep& step, double fraction) override {
+    return step.clock ? events_.state(as_orbit(step), fraction)[*step.clock] : step.time(fraction);
+  }
+
   void describe(std::size_t event, const std::string& group, record::Layout& layout) override {
     const std::string t = group + "/t";
     columns_.resize(std::max(columns_.size(), event + 1));

@@ -3,6 +3,7 @@
 #include <optional>
 #include <vector>
 
+#include <rubato/base/limits.hpp>
 #include <rubato/problem/formula_table.hpp>
 #include <rubato/problem/reader.hpp>
 #include <rubato/run/orbit_levels.hpp>
@@ -61,7 +62,7 @@ public:
   }
 
   bool append(RowSink& sink, const OutputStep& step, double t) override {
-    const double fraction = fraction_of(step, t);
+    const double fraction = step.clock ? fraction_at(step, t) : fraction_of(step, t);
     const bool known = between_->at(step.z_0, step.z_1, step.h, fraction, z_) == Status::success;
     return tell(sink, t) && known;
   }
@@ -69,8 +70,61 @@ public:
     std::ranges::copy(z, z_.begin());
     return tell(sink, t);
   }
+  void save(StateWriter& state) const override {
+    if (between_) {
+      between_->save(state);
+    }
+    if (reads_velocities_) {
+      reads_velocities_->save_guesses(state);
+    }
+  }
+  void restore(StateReader& state) override {
+    if (between_) {
+      between_->restore(state);
+    }
+    if (reads_velocities_) {
+      reads_velocities_->restore_guesses(state);
+    }
+  }
 
 private:
+  /// The fraction of a step in fictitious time at which the physical time, which grows along it, is t: by regula falsi,
+  /// with the Illinois rule, to rounding.
+  [[nodiscard]] double fraction_at(const OutputStep& step, double t) {
+    const double linear = fraction_of(step, t);
+    if (!(linear > 0.0 && linear < 1.0)) {
+      return linear;
+    }
+    constexpr int most = 60;
+    const double rounding = 4.0 * epsilon * std::max(std::abs(step.begin()), std::abs(step.end()));
+    double low = 0.0, high = 1.0, at_low = step.begin() - t, at_high = step.end() - t;
+    double fraction = linear;
+    for (int i = 0; i < most; ++i) {
+      if (between_->at(step.z_0, step.z_1, step.h, fraction, z_) != Status::success) {
+        return fraction;
+      }
+      const double miss = z_[*step.clock] - t;
+      if (std::abs(miss) <= rounding) {
+        break;
+      }
+      if ((miss < 0.0) == (at_low < 0.0)) {
+        low = fraction;
+        at_low = miss;
+        at_high *= 0.5;
+      } else {
+        high = fraction;
+        at_high = miss;
+        at_low *= 0.5;
+      }
+      const double next = low - at_low * (high - low) / (at_high - at_low);
+      if (next == fraction || !(next > low && next < high)) {
+        break;
+      }
+      fraction = next;
+    }
+    return fraction;
+  }
+
   bool tell(RowSink& sink, double t) {
     const std::size_t n = z_.size() / 2;
     if (with_states_) {

@@ -1,9 +1,14 @@
 #include <algorithm>
 #include <cmath>
+#include <numbers>
+#include <optional>
 
 #include <rubato/ode/integrate.hpp>
+#include <rubato/problem/energy_terms.hpp>
 #include <rubato/problem/formula_table.hpp>
 #include <rubato/problem/orbit_problem.hpp>
+#include <rubato/run/exact_measures.hpp>
+#include <rubato/run/local_frequency.hpp>
 #include <rubato/run/simulation.hpp>
 
 namespace rubato {
@@ -14,38 +19,49 @@ class OrbitSimulation final : public Simulation {
 public:
   explicit OrbitSimulation(const Problem& problem)
       : orbit_(*problem.hamiltonian()),
+        clock_(problem.clock()),
         integrator_(make_integrator(problem)),
         invariants_(problem, orbit_.invariants, orbit_.formula_names()),
-        exact_(problem, orbit_.exact, {"t"}) {
+        exact_(problem, orbit_.exact, {"t"}),
+        energy_terms_(make_energy_terms(problem)),
+        frequency_(problem) {
     const std::vector<std::string> names = orbit_.formula_names();
     for (const NamedFormula& formula : orbit_.exact) {
       exact_index_.push_back(static_cast<std::size_t>(std::ranges::find(names, formula.name) - names.begin()));
     }
-    const auto z = integrator_.scheme().state();
-    previous_.assign(z.begin(), z.end());
-    previous_t_ = integrator_.t();
+    step_by(integrator_);
+    const std::size_t size = integrator_.scheme().state().size();
+    levels_kept_ = std::clamp<std::size_t>(most_numbers / size, 1, most_levels);
+    levels_.resize(levels_kept_ + 2);
+    for (Level& level : levels_) {
+      level.z.resize(size);
+    }
+    keep(levels_[0]);
+    keep(levels_[1]);
   }
 
-  [[nodiscard]] StepReport step() override {
-    const auto z = integrator_.scheme().state();
-    before_.assign(z.begin(), z.end());
-    const double before_t = integrator_.t();
-    const StepReport report = integrator_.step();
-    if (report.status == Status::success) {
-      previous_.swap(before_);
-      previous_t_ = before_t;
-    }
-    return report;
-  }
-  [[nodiscard]] Integrator& integrator() override { return integrator_; }
-  [[nodiscard]] const Integrator& integrator() const override { return integrator_; }
+  [[nodiscard]] std::size_t levels_kept() const override { return levels_kept_; }
+  void look_at(std::size_t place) override { at_ = place + 2; }
 
   [[nodiscard]] std::vector<std::string> invariant_names() const override { return invariants_.names(); }
   [[nodiscard]] std::span<const double> invariants() override { return invariants_(formula_inputs()); }
 
+  [[nodiscard]] std::span<const double> energy_term_values() override { return energy_terms_(formula_inputs()); }
+
+  void measure(std::size_t number, figures::Measures& measures) override {
+    if (number < 2 && !exact_.names().empty()) {
+      measure_exact(number == 0, measures);
+    }
+    const double h = level().h;
+    const double turn = 2.0 * std::numbers::pi / (frequency_(level().z, h) * std::abs(h));
+    if (std::isfinite(turn) && !(turn >= measures.turn)) {
+      measures.turn = turn;
+      measures.turn_t = clock();
+    }
+  }
+
   [[nodiscard]] std::vector<Named<Spread>> errors() override {
-    const double now = t();
-    const std::span<const double> exact = exact_({&now, 1});
+    const std::span<const double> exact = exact_({&level().t, 1});
     const std::span<const double> inputs = formula_inputs();
     std::vector<Named<Spread>> errors;
     for (std::size_t i = 0; i < exact.size(); ++i) {
@@ -87,67 +103,141 @@ public:
     }
   }
 
-  void append_state(RowSink& sink) override {
-    sink.append(columns_.q, integrator_.q());
-    sink.append(columns_.p, integrator_.p());
+  void append_states(RowSink& sink, std::size_t count, std::size_t stride) override {
+    // of_level(level): one row
+    const auto append = [&](record::Column column, std::size_t levels_before, const auto& of_level) {
+      rows_.clear();
+      for (std::size_t i = 0; i < count; ++i) {
+        const std::span<const double> row = of_level(levels_[at_ + i * stride - levels_before]);
+        rows_.insert(rows_.end(), row.begin(), row.end());
+      }
+      sink.append_rows(column, count, rows_);
+    };
+    const std::size_t n = level().z.size() / 2;
+    const auto append_both = [&](const PhaseColumns& columns, std::size_t levels_before) {
+      append(columns.q, levels_before, [n](const Level& level) { return std::span(level.z).first(n); });
+      append(columns.p, levels_before, [n](const Level& level) { return std::span(level.z).last(n); });
+    };
+    append_both(columns_, 0);
     if (orbit_.L) {
-      sink.append(q_dot_, integrator_.q_dot());
+      append(q_dot_, 0, [](const Level& level) { return std::span(level.q_dot); });
     }
     if (previous_columns_) {
-      const std::size_t n = previous_.size() / 2;
-      sink.append(previous_t_column_, previous_t_);
-      sink.append(previous_columns_->q, std::span<const double>(previous_).first(n));
-      sink.append(previous_columns_->p, std::span<const double>(previous_).last(n));
+      append(previous_t_column_, 1, [](const Level& level) { return std::span(&level.t, 1); });
+      append_both(*previous_columns_, 1);
     }
-    const double now = t();
-    const std::span<const double> exact = exact_({&now, 1});
-    for (std::size_t i = 0; i < exact.size(); ++i) {
-      sink.append(exact_columns_[i], exact[i]);
+    for (std::size_t i = 0; i < exact_columns_.size(); ++i) {
+      append(exact_columns_[i], 0, [&](const Level& level) { return exact_({&level.t, 1}).subspan(i, 1); });
     }
   }
 
   [[nodiscard]] OutputStep last() const override {
-    return {.z_0 = previous_, .z_1 = integrator_.scheme().state(), .t_0 = previous_t_, .t_1 = t(), .h = last_step()};
+    const Level& before = levels_[at_ - 1];
+    return {.z_0 = before.z, .z_1 = level().z, .t_0 = before.t, .t_1 = level().t, .h = level().h, .clock = clock_};
   }
 
   void save(StateWriter& state) const override {
     integrator_.save(state);
-    state.write(previous_t_);
-    for (const double value : previous_) {
-      state.write(value);
-    }
+    state.write(levels_[at_ - 1].t);
+    state.write(levels_[at_ - 1].z);
   }
   void restore(StateReader& state) override {
     integrator_.restore(state);
-    state.read(previous_t_);
-    for (double& value : previous_) {
-      state.read(value);
+    state.read(levels_[0].t);
+    state.read(std::span<double>(levels_[0].z));
+    at_ = 1;
+    keep(levels_[1]);
+  }
+
+protected:
+  [[nodiscard]] StepReport step(std::size_t place) override {
+    if (place == 0) {
+      std::swap(levels_[0], levels_[at_ - 1]);
+      std::swap(levels_[1], levels_[at_]);
+      at_ = 1;
     }
+    const StepReport report = integrator_.step();
+    if (report.status == Status::success) {
+      keep(levels_[++at_]);
+    }
+    return report;
   }
 
 private:
+  /// Numbers of the states of a block, and its steps at most: it stays in the cache.
+  static constexpr std::size_t most_numbers = std::size_t{1} << 14, most_levels = 256;
+
+  struct Level {
+    double t = 0.0, h = 0.0;  ///< h: of the step to it
+    std::vector<double> z, q_dot = {};
+  };
   struct PhaseColumns {
     record::Column q, p;
   };
-  /// At the present level: what HamiltonianProblem::formula_names() names.
+  [[nodiscard]] const Level& level() const { return levels_[at_]; }
+  /// The level where the integrator stands.
+  void keep(Level& level) {
+    level.t = integrator_.t();
+    level.h = integrator_.levels().last_step();
+    std::ranges::copy(integrator_.scheme().state(), level.z.begin());
+    if (orbit_.L) {
+      const std::span<const double> velocities = integrator_.q_dot();
+      level.q_dot.assign(velocities.begin(), velocities.end());
+    }
+  }
+  /// At the start, or after the first step.
+  void measure_exact(bool is_start, figures::Measures& measures) {
+    const auto values_at = [&](double time, std::span<const double> z) {
+      std::vector<double> values;
+      const std::size_t n = z.size() / 2;
+      for (const std::size_t index : exact_index_) {
+        // Velocities are not among the states.
+        const std::size_t place = orbit_.L && index >= n ? index - n : index;
+        const bool is_velocity = orbit_.L && index >= n && index < 2 * n;
+        values.push_back(is_velocity ? figures::Measures::none : z[place]);
+      }
+      const std::span<const double> exact = exact_({&time, 1});
+      return std::pair(values, std::vector<double>(exact.begin(), exact.end()));
+    };
+    const auto [now, exact] = values_at(level().t, level().z);
+    const auto [before, exact_before] = values_at(levels_[at_ - 1].t, levels_[at_ - 1].z);
+    constexpr double rounding = 1e-12;  // what is left of a 0
+    double largest = 0.0;
+    for (std::size_t i = 0; i < now.size(); ++i) {
+      largest = std::max({largest, std::abs(now[i]), std::abs(exact[i])});
+    }
+    for (std::size_t i = 0; i < now.size(); ++i) {
+      if (is_start) {
+        const double size = std::max(std::abs(now[i]), std::abs(exact[i]));
+        compare_exact(now[i], exact[i], std::max(size, rounding * largest), measures.exact_start);
+      } else {
+        compare_increments(now[i], before[i], exact[i], exact_before[i], measures.exact_residual);
+      }
+    }
+  }
+
+  /// What HamiltonianProblem::formula_names() names.
   [[nodiscard]] std::span<const double> formula_inputs() {
+    const Level& level = this->level();
     if (!orbit_.L) {
-      return integrator_.scheme().state();
+      return level.z;
     }
-    inputs_.clear();
-    for (const std::span<const double> part : {integrator_.q(), integrator_.q_dot(), integrator_.p()}) {
-      inputs_.insert(inputs_.end(), part.begin(), part.end());
-    }
+    inputs_ = level.z;
+    inputs_.insert(inputs_.begin() + static_cast<std::ptrdiff_t>(level.q_dot.size()), level.q_dot.begin(),
+                   level.q_dot.end());
     return inputs_;
   }
 
   const HamiltonianProblem& orbit_;
+  std::optional<std::size_t> clock_;  ///< Problem::clock()
   OrbitIntegrator integrator_;
-  FormulaTable invariants_, exact_;
+  FormulaTable invariants_, exact_, energy_terms_;
+  LocalFrequency frequency_;
   std::vector<std::size_t> exact_index_;
-  std::vector<double> inputs_;
-  std::vector<double> previous_, before_;  ///< the level before this one; what it is while a step is tried
-  double previous_t_ = 0.0;
+  std::vector<double> inputs_, rows_;
+  std::vector<Level> levels_;  ///< the two before a block, and those of its steps
+  std::size_t levels_kept_ = 1;
+  std::size_t at_ = 1;  ///< the level that is looked at
   PhaseColumns columns_;
   record::Column q_dot_, previous_t_column_;
   std::optional<PhaseColumns> previous_columns_;  ///< where states are stored with their predecessors

@@ -47,6 +47,9 @@ std::string to_json(const Outcome& outcome) {
     }
     object.objects("disagreements", disagreements);
   }
+  if (!outcome.message.empty()) {
+    object.text("message", outcome.message);
+  }
   return object.texts("warnings", outcome.warnings).str();
 }
 

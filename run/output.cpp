@@ -16,11 +16,11 @@ std::unique_ptr<OutputMaker> make_output(const Problem& problem) {
 
 double fraction_of(const OutputStep& step, double t) {
   // Times of levels and times asked for are both rounded: those that differ by that alone are the same.
-  const double rounding = 4.0 * epsilon * std::max(std::abs(step.t_0), std::abs(step.t_1));
-  if (std::abs(t - step.t_1) <= rounding) {
+  const double rounding = 4.0 * epsilon * std::max(std::abs(step.begin()), std::abs(step.end()));
+  if (std::abs(t - step.end()) <= rounding) {
     return 1.0;
   }
-  return std::abs(t - step.t_0) <= rounding ? 0.0 : (t - step.t_0) / step.h;
+  return std::abs(t - step.begin()) <= rounding ? 0.0 : (t - step.begin()) / step.length();
 }
 
 }  // namespace rubato

@@ -2,8 +2,10 @@
 
 #include <cstddef>
 #include <memory>
+#include <optional>
 #include <span>
 
+#include <rubato/base/state.hpp>
 #include <rubato/problem/problem.hpp>
 #include <rubato/record/layout.hpp>
 #include <rubato/run/row_sink.hpp>
@@ -15,6 +17,14 @@ struct OutputStep {
   std::span<const double> z_0, z_1;
   double t_0 = 0.0, t_1 = 0.0;
   double h = 0.0;
+  std::optional<std::size_t> clock = {};  ///< Problem::clock()
+
+  /// The times of both ends that users read, and of the step: physical ones.
+  ///@{
+  [[nodiscard]] double begin() const { return clock ? z_0[*clock] : t_0; }
+  [[nodiscard]] double end() const { return clock ? z_1[*clock] : t_1; }
+  [[nodiscard]] double length() const { return clock ? end() - begin() : h; }
+  ///@}
 
   [[nodiscard]] double time(double fraction) const {
     return fraction == 0.0 ? t_0 : fraction == 1.0 ? t_1 : t_0 + fraction * h;
@@ -35,6 +45,11 @@ public:
   virtual bool append(RowSink& sink, const OutputStep& step, double t) = 0;
   virtual bool append(RowSink& sink, std::span<const double> z, double t) = 0;
   ///@}
+  /// What earlier rows left to begin from: after restore() the next row is the same to the bit.
+  ///@{
+  virtual void save(StateWriter& /*state*/) const {}
+  virtual void restore(StateReader& /*state*/) {}
+  ///@}
 };
 
 /// Nothing where the problem asks for nothing. \throws ProblemError at the place in the problem that is wrong
@@ -44,7 +59,7 @@ public:
 [[nodiscard]] std::unique_ptr<OutputMaker> make_lattice_output(const Problem& problem);
 ///@}
 
-/// Where t is in a step, as a share of it; 0 and 1 are the levels themselves.
+/// Where the time t of users is in a step, as a share of its length(); 0 and 1 are the levels themselves.
 [[nodiscard]] double fraction_of(const OutputStep& step, double t);
 
 }  // namespace rubato

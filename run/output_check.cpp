@@ -2,6 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
+
+#include <fmt/format.h>
 
 namespace rubato {
 
@@ -47,39 +50,72 @@ OutputCheck::OutputCheck(const SharedRecord& record, const StoredLevels& levels,
   if (maker_ == nullptr) {
     return;
   }
-  find_places();
   record::Layout layout;
   maker_->describe(layout);
   for (const record::Dataset& dataset : layout.datasets) {
     columns_.emplace_back(record_, dataset);
+  }
+  const std::size_t rows = columns_.front().rows();
+  const bool fits = find_places(rows);
+  for (const SharedRows& column : columns_) {
     record_.at_rank_0([&] {
-      if (columns_.back().rows() != places_.size()) {
-        throw figures::Mismatch(record_.reader()->file(), dataset.path,
-                                fmt::format("{} has {} rows; by the problem and the levels it should have {}",
-                                            dataset.path, columns_.back().rows(), places_.size()));
+      if (!fits || column.rows() != rows) {
+        throw figures::Mismatch(record_.reader()->file(), column.path(),
+                                fmt::format("{} has {} rows, which the problem and the levels do not lead to",
+                                            column.path(), column.rows()));
       }
     });
   }
 }
 
-void OutputCheck::find_places() {
-  const std::vector<double>& t = levels_.t;
-  if (!problem_.output.has_times()) {
-    const auto every = static_cast<std::size_t>(problem_.output.every);
-    for (std::size_t level = 0; level < t.size(); ++level) {
-      if (level % every == 0 || level + 1 == t.size()) {
-        places_.push_back({level, t[level]});
+bool OutputCheck::find_places(std::size_t rows) {
+  return problem_.output.has_times() ? find_times(rows) : find_levels(rows);
+}
+
+bool OutputCheck::find_levels(std::size_t rows) {
+  const auto levels = every_nth(rows, static_cast<std::size_t>(problem_.output.every), levels_.last);
+  if (!levels) {
+    return false;
+  }
+  std::size_t state = 0;
+  for (std::size_t row = 0; row < rows; ++row) {
+    const std::size_t level = (*levels)[row];
+    while (state < levels_.state_level.size() && levels_.state_level[state] < level) {
+      ++state;
+    }
+    if (const auto at = levels_.row_of(level)) {
+      places_.push_back({level, levels_.clock[*at], row});
+    } else if (state < levels_.state_level.size() && levels_.state_level[state] == level && !problem_.clock()) {
+      places_.push_back({level, levels_.state_t[state], row});
+    }
+  }
+  return true;
+}
+
+bool OutputCheck::find_times(std::size_t rows) {
+  // Whether a time so near to the level before belongs to this step depends on the length of the step before.
+  constexpr double doubtful = 1e-6;
+  const OutputTimes times(problem_);
+  std::size_t next = 0;
+  for (std::size_t row = 0; row < levels_.t.size(); ++row) {
+    const bool follows = row == 0 || levels_.level[row - 1] + 1 == levels_.level[row];
+    const double t = levels_.clock[row];
+    double h = row == 0 ? 0.0 : levels_.h[row - 1];
+    if (problem_.clock()) {  // of a step from a level without a row it is not known
+      h = row > 0 && follows ? t - levels_.clock[row - 1] : 0.0;
+    }
+    for (; const auto time = times.due(next, t, h); ++next) {
+      if (follows || std::abs(*time - t) < (1.0 - doubtful) * std::abs(h)) {
+        places_.push_back({levels_.level[row], *time, next});
       }
     }
-    return;
   }
-  const OutputTimes times(problem_);
-  for (std::size_t level = 0; level < t.size(); ++level) {
-    const double h = level == 0 ? 0.0 : levels_.h[level - 1];
-    while (const auto time = times.due(places_.size(), t[level], h)) {
-      places_.push_back({level, *time});
-    }
+  // Behind the last level with a row there may be more.
+  if (levels_.level.back() != levels_.last) {
+    return rows >= next;
   }
+  const bool may_have_one_more = problem_.clock() && !levels_.complete();
+  return rows == next || (may_have_one_more && rows == next + 1);
 }
 
 void OutputCheck::check_times() {
@@ -88,13 +124,22 @@ void OutputCheck::check_times() {
   }
   record_.at_rank_0([&] {
     StoredRows stored(*record_.reader(), "/output/t");
-    if (stored.rows() != places_.size()) {
+    constexpr const char* reason = "[output] of the problem";
+    if (stored.rows() != columns_.front().rows()) {
       throw figures::Mismatch(record_.reader()->file(), stored.path(),
-                              fmt::format("{} has {} rows; by the problem and the levels it should have {}",
-                                          stored.path(), stored.rows(), places_.size()));
+                              fmt::format("{} has {} rows, and {} has {}", stored.path(), stored.rows(),
+                                          columns_.front().path(), columns_.front().rows()));
     }
-    for (std::size_t row = 0; row < places_.size(); ++row) {
-      findings_.same(stored.path(), row, {}, stored.at(row), places_[row].t, "[output] of the problem");
+    if (!problem_.output.has_times()) {
+      for (const Place& place : places_) {
+        findings_.same(stored.path(), place.row, {}, stored.at(place.row), place.t, reason);
+      }
+      return;
+    }
+    const OutputTimes times(problem_);
+    for (std::size_t row = 0; row < stored.rows(); ++row) {
+      constexpr double none = std::numeric_limits<double>::quiet_NaN();
+      findings_.same(stored.path(), row, {}, stored.at(row), times.time(row).value_or(none), reason);
     }
   });
 }
@@ -153,32 +198,39 @@ void OutputCheck::compare(std::size_t row, Make&& make) {
   }
 }
 
-void OutputCheck::check_level(std::size_t level, std::span<const double> z) {
+void OutputCheck::check_level(std::size_t state_row, std::span<const double> z) {
   if (maker_ == nullptr) {
     return;
   }
   scales_.see(z);
+  const std::size_t level = levels_.state_level[state_row];
   if (problem_.output.has_times() && level > 0) {
     return;
   }
   const auto begin = std::ranges::lower_bound(places_, level, {}, &Place::level);
   for (auto place = begin; place != places_.end() && place->level == level; ++place) {
-    compare(static_cast<std::size_t>(place - places_.begin()), [&](RowSink& sink, int attempt) {
+    compare(place->row, [&](RowSink& sink, int attempt) {
       static_cast<void>(attempt < 0 ? maker_->append(sink, z, place->t)
                                     : maker_->append(sink, scales_.displaced(z, attempt, 1), place->t));
     });
   }
 }
 
-void OutputCheck::check_step(std::size_t level, std::span<const double> before, std::span<const double> z) {
-  if (maker_ == nullptr || !problem_.output.has_times()) {
+void OutputCheck::check_step(std::size_t state_row, std::span<const double> before, std::span<const double> z) {
+  const auto step_row = levels_.step_to(state_row);
+  if (maker_ == nullptr || !problem_.output.has_times() || !step_row) {
     return;
   }
-  OutputStep step{
-      .z_0 = before, .z_1 = z, .t_0 = levels_.t[level - 1], .t_1 = levels_.t[level], .h = levels_.h[level - 1]};
+  const std::size_t level = levels_.state_level[state_row];
+  OutputStep step{.z_0 = before,
+                  .z_1 = z,
+                  .t_0 = levels_.t_before(state_row),
+                  .t_1 = levels_.state_t[state_row],
+                  .h = levels_.h[*step_row],
+                  .clock = problem_.clock()};
   const auto begin = std::ranges::lower_bound(places_, level, {}, &Place::level);
   for (auto place = begin; place != places_.end() && place->level == level; ++place) {
-    compare(static_cast<std::size_t>(place - places_.begin()), [&](RowSink& sink, int attempt) {
+    compare(place->row, [&](RowSink& sink, int attempt) {
       if (attempt < 0) {
         static_cast<void>(maker_->append(sink, step, place->t));
         return;

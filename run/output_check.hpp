@@ -26,18 +26,26 @@ public:
   /// The times themselves.
   void check_times();
   /// What is told at a stored level, and in the step that leads there from the level before.
+  /// \param state_row of the level among the stored states
   ///@{
-  void check_level(std::size_t level, std::span<const double> z);
-  void check_step(std::size_t level, std::span<const double> before, std::span<const double> z);
+  void check_level(std::size_t state_row, std::span<const double> z);
+  void check_step(std::size_t state_row, std::span<const double> before, std::span<const double> z);
   ///@}
 
 private:
+  /// A row of the output.
   struct Place {
     std::size_t level;  ///< at it, or in the step that leads to it
     double t;
+    std::size_t row;
   };
 
-  void find_places();
+  /// \return whether there have to be so many rows
+  ///@{
+  [[nodiscard]] bool find_places(std::size_t rows);
+  [[nodiscard]] bool find_levels(std::size_t rows);
+  [[nodiscard]] bool find_times(std::size_t rows);
+  ///@}
   template <typename Make>
   void compare(std::size_t row, Make&& make);
 
@@ -47,7 +55,7 @@ private:
   Findings& findings_;
   PartFindings parts_;
   std::unique_ptr<OutputMaker> maker_;
-  std::vector<Place> places_;
+  std::vector<Place> places_;  ///< those of which the record tells the level, in order
   std::vector<SharedRows> columns_;
   StateScales scales_;
 };

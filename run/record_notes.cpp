@@ -125,15 +125,15 @@ public:
         S_(system.expression(), system.variables()),
         invariants_(make_invariants(problem, system, tables_.grid)),
         level_(make_initial_level(problem, system, tables_.grid)),
-        every_(static_cast<std::size_t>(problem.output.states_every())),
+        problem_(problem),
         places_(system, tables_.grid, Within::node),
         z_(system.variables().size()) {}
 
   std::map<std::string, double> take(const record::Reader& reader) {
-    const StoredLevels stored(reader, every_);
+    const StoredLevels stored(reader, problem_);
     for (const std::size_t row : sample(stored.state_level.size())) {
       load(reader, row);
-      see_laws(std::abs(stored.h.at(stored.state_level[row] - 1)));
+      see_laws(std::abs(stored.state_t[row] - stored.t_before(row)));
       see_invariants(stored.state_t[row]);
     }
     return levels_.take();
@@ -243,7 +243,7 @@ private:
   Magnitude S_;
   NodeTable invariants_;
   LatticeLevel level_;
-  std::size_t every_;
+  const Problem& problem_;
   PlacedCoordinates places_;
   std::vector<double> z_;
   RecordedLevels levels_;

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <concepts>
 #include <cstddef>
 #include <cstdint>
@@ -20,6 +21,13 @@ public:
   virtual ~RowSink() = default;
   virtual void append(record::Column column, std::span<const double> row) = 0;
   virtual void append(record::Column column, std::span<const std::int64_t> row) = 0;
+  /// Rows of one length, one after the other.
+  virtual void append_rows(record::Column column, std::size_t rows, std::span<const double> values) {
+    append_one_by_one(column, rows, values);
+  }
+  virtual void append_rows(record::Column column, std::size_t rows, std::span<const std::int64_t> values) {
+    append_one_by_one(column, rows, values);
+  }
   /// A row in parts, which follow one another as in the row, and nothing else in between.
   virtual void append_part(record::Column column, std::span<const double> part, bool is_last) {
     parts_.insert(parts_.end(), part.begin(), part.end());
@@ -57,6 +65,14 @@ public:
   }
 
 private:
+  template <typename Number>
+  void append_one_by_one(record::Column column, std::size_t rows, std::span<const Number> values) {
+    const std::size_t size = values.size() / std::max<std::size_t>(rows, 1);
+    for (std::size_t i = 0; i < rows; ++i) {
+      append(column, values.subspan(i * size, size));
+    }
+  }
+
   std::vector<double> parts_;
 };
 

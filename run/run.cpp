@@ -9,16 +9,25 @@
 
 #include <fmt/format.h>
 
+#include <rubato/base/interrupt.hpp>
+#include <rubato/base/memory.hpp>
 #include <rubato/ode/integrate.hpp>
 #include <rubato/problem/lattice_problem.hpp>
 #include <rubato/problem/stored.hpp>
+#include <rubato/record/no_memory.hpp>
 #include <rubato/record/reader.hpp>
+#include <rubato/record/run_shape.hpp>
 #include <rubato/record/writer.hpp>
 #include <rubato/run/gathering_sink.hpp>
 #include <rubato/run/lattice_ranks.hpp>
+#include <rubato/run/memory_estimate.hpp>
+#include <rubato/run/memory_record.hpp>
+#include <rubato/run/pace.hpp>
 #include <rubato/run/recorder.hpp>
 #include <rubato/run/shared_rows.hpp>
 #include <rubato/run/threads.hpp>
+#include <rubato/run/warnings.hpp>
+#include <rubato/variation/first_step.hpp>
 
 namespace rubato {
 
@@ -33,46 +42,34 @@ constexpr double large_potential = 0.1;
 /// So many times the steps of the law without a potential are told as a price that need not be paid.
 constexpr double high_price = 5.0;
 
-/// Keeps digests of rows that a record has already.
-class DigestSink final : public RowSink {
+/// Takes rows that a record has already.
+class NoSink final : public RowSink {
 public:
-  explicit DigestSink(Digests& digests) : digests_(digests) {}
-  void append(record::Column column, std::span<const double> row) override { digests_[column.number].add_row(row); }
-  void append(record::Column column, std::span<const std::int64_t> row) override {
-    digests_[column.number].add_row(row);
-  }
-  void append_part(record::Column column, std::span<const double> part, bool is_last) override {
-    digests_[column.number].add_part(part, is_last);
-  }
+  using RowSink::append;
+
+  void append(record::Column /*column*/, std::span<const double> /*row*/) override {}
+  void append(record::Column /*column*/, std::span<const std::int64_t> /*row*/) override {}
+  void append_part(record::Column /*column*/, std::span<const double> /*part*/, bool /*is_last*/) override {}
   InParts in_parts(std::span<const record::Column> /*columns*/) override {
     return {.wanted = InParts::Wanted::checksum, .file = {}, .rows = {}};
   }
-  void append_checksum(record::Column column, const Checksum& row) override { digests_[column.number].add_row(row); }
-
-private:
-  Digests& digests_;
+  void append_checksum(record::Column /*column*/, const Checksum& /*row*/) override {}
 };
 
-/// How the energy that bridges leave open depends on the step: like the error of the node energy, which is of the order
-/// of the scheme.
-std::string how_it_falls(const Scheme& scheme, int order) {
-  if (scheme.lagrangian == LagrangianName::custom || scheme.lagrangian == LagrangianName::forward) {
-    return "smaller steps make this smaller";
-  }
-  return order == 1   ? "this falls in proportion to the step"
-         : order == 2 ? "this falls as the square of the step"
-         : order == 3 ? "this falls as the cube of the step"
-                      : fmt::format("this falls as the {}th power of the step", order);
+std::string about_lost(const figures::Judgement& judgement) {
+  return fmt::format("the run reached its end, but its result is {}", figures::text_of(judgement));
 }
 
 /// A run under way: the simulation, what is known of it so far, and its record.
 class Driver {
 public:
-  Driver(const Problem& problem, const RunOptions& options, std::string file) : problem_(problem), options_(options) {
-    use_threads(options.threads);  // has to be known before anything allocates work space for each of them
+  /// \param memory takes the rows in place of a record in `file`; null where there is a file
+  Driver(const Problem& problem, const RunOptions& options, std::string file, MemoryRecord* memory = nullptr)
+      : problem_(problem), options_(options), memory_(memory), threads_(options.threads, problem) {
     if (options.ranks != nullptr && options.ranks->size() > 1) {
       leader_.emplace(*options.ranks, problem, options.threads, options.tangents);
     }
+    require_memory_for(problem, options.tangents, 1.0 / (options.ranks == nullptr ? 1 : options.ranks->size()));
     make_chronicle();
     outcome_.title = problem.title;
     outcome_.file = std::move(file);
@@ -83,16 +80,22 @@ public:
   }
 
   Outcome start() {
-    recorder_.emplace(record::Writer::create(outcome_.file, layout_of_record(), options_.overwrite, commit_policy()),
-                      Digests(chronicle_->layout().datasets.size()));
+    const Storing storing(options_.storing);
+    if (memory_ != nullptr) {
+      require_room();
+      memory_->begin(chronicle_->layout());
+    } else {
+      measure_disk();
+      recorder_.emplace(record::Writer::create(outcome_.file, layout_of_record(), options_.overwrite, commit_policy()));
+    }
     try {
       order(Order::start);
-      tell(*recorder_, [this](RowSink& sink) { chronicle_->tell_start(sink); });
+      tell(rows(), [this](RowSink& sink) { chronicle_->tell_start(sink); });
     } catch (const record::NotFinite& error) {
       return undefined_at_start(error);
     }
-    writer().end_level();
-    if (leader_ || Clock::now() - begun_ >= short_run) {
+    end_level();
+    if (recorder_ && (leader_ || Clock::now() - begun_ >= short_run)) {
       commit();
     }
     return loop();
@@ -101,9 +104,10 @@ public:
   /// Nobody else can have written the record since it was claimed: the problem that this driver was made for, the
   /// checkpoint and the rows are of one version.
   Outcome resume(record::Claim claim) {
+    const Storing storing(options_.storing);
     auto continued = record::Writer::resume(std::move(claim), chronicle_->layout(), commit_policy(), state_apart());
-    Digests digests = restore(continued.checkpoint());
-    recorder_.emplace(std::move(continued), std::move(digests));
+    restore(continued.checkpoint());
+    recorder_.emplace(std::move(continued));
     const bool stopped = chronicle_->stopped(), at_end = simulation().finished() && !stopped;
     Outcome outcome = loop();
     if (stopped) {
@@ -127,18 +131,28 @@ private:
 
   [[nodiscard]] Simulation& simulation() { return chronicle_->simulation(); }
   [[nodiscard]] const Statistics& statistics() const { return chronicle_->statistics(); }
-  [[nodiscard]] const BridgeCauses& causes() const { return chronicle_->causes(); }
+  [[nodiscard]] const OffLawCauses& causes() const { return chronicle_->causes(); }
   [[nodiscard]] record::Writer& writer() { return recorder_->writer(); }
+  /// Takes the rows of the run.
+  [[nodiscard]] RowSink& rows() { return memory_ != nullptr ? static_cast<RowSink&>(*memory_) : *recorder_; }
+  void end_level() {
+    if (memory_ != nullptr) {
+      memory_->end_level();
+    } else if (recorder_->take_appended()) {
+      writer().end_level();
+    }
+  }
+  [[nodiscard]] bool published() { return recorder_ && writer().published(); }
   /// The checkpoint goes into the record as the parts of the ranks come, where there are others.
   void stage_checkpoint() {
-    writer().stage(make_checkpoint_in_parts(*chronicle_, recorder_->digests(), [this] { order(Order::save); }));
+    writer().stage(make_checkpoint_in_parts(*chronicle_, [this] { order(Order::save); }));
   }
   void commit() {
     if (leader_) {
       stage_checkpoint();
       writer().commit();
     } else {
-      writer().commit(make_checkpoint(*chronicle_, recorder_->digests()));
+      writer().commit(make_checkpoint(*chronicle_));
     }
   }
 
@@ -165,6 +179,48 @@ private:
     }
   }
 
+  /// Whether as many levels are stored as are expected.
+  [[nodiscard]] bool stores_as_expected() const {
+    return problem_.scheme.levels == Levels::fixed &&
+           std::ranges::none_of(problem_.events, [](const auto& event) { return event.stop_after > 0; });
+  }
+
+  /// \throws ProblemError if the rows of a run in memory certainly do not fit there
+  void require_room() const {
+    constexpr double little = 1e8;  // there is as much, and to look takes time
+    if (const auto bytes = record::expected_bytes(chronicle_->layout());
+        bytes && *bytes > little && stores_as_expected()) {
+      try {
+        require_memory(*bytes, "the rows of the run");
+      } catch (const std::invalid_argument& error) {
+        throw ProblemError(problem_.output.location,
+                           fmt::format("{}; store less (output.every), or in a file", error.what()));
+      }
+    }
+  }
+
+  /// Compares the size of the record with the free space of its disk.
+  /// \throws FileError if the record certainly takes more
+  void measure_disk() {
+    constexpr double copies = 3.0;  // a published version, the working file, and the next version
+    const auto bytes = record::expected_bytes(chronicle_->layout());
+    std::error_code unknown;
+    const std::filesystem::path folder = std::filesystem::absolute(outcome_.file).parent_path();
+    const double available = static_cast<double>(std::filesystem::space(folder, unknown).available);
+    if (unknown || !bytes || copies * *bytes <= available) {
+      return;
+    }
+    const std::string sizes = fmt::format(
+        "the record takes about {:.3g} GB, up to three times as much while it is written, "
+        "and {:.3g} GB are free in '{}'",
+        1e-9 * *bytes, 1e-9 * available, folder.string());
+    constexpr const char* remedy = "store less (output.every, output.compression), or elsewhere (-o)";
+    if (*bytes > available && stores_as_expected() && problem_.output.compression == 0) {
+      throw FileError(fmt::format("{}: {}: {}", outcome_.file, sizes, remedy));
+    }
+    about_disk_ = fmt::format("{}: {}", sizes, remedy);
+  }
+
   /// Ranks write long rows of nodes together.
   [[nodiscard]] record::Layout layout_of_record() const {
     record::Layout layout = chronicle_->layout();
@@ -176,7 +232,10 @@ private:
 
   /// Of a shared lattice no more rows wait in memory than this rank's part of a field takes, or a megabyte.
   [[nodiscard]] record::CommitPolicy commit_policy() const {
-    record::CommitPolicy policy{.durable = problem_.output.durable, .first = short_run};
+    record::CommitPolicy policy{.interval = options_.commit_interval,
+                                .durable = problem_.output.durable,
+                                .first = short_run,
+                                .locking = locking_of(options_)};
     if (leader_) {
       policy.buffer_bytes =
           std::clamp(leader_->slab().owned() * sizeof(double), std::size_t{1} << 20, policy.buffer_bytes);
@@ -188,13 +247,8 @@ private:
   [[nodiscard]] const char* state_apart() const { return leader_ ? "state" : ""; }
 
   /// \param checkpoint that of the record, but for state_apart()
-  Digests restore(const record::Checkpoint& checkpoint) {
-    if (!checkpoint.contains(Digest::array)) {
-      throw record::Error(outcome_.file,
-                          "it was written by an earlier version, whose checkpoints this one does not go on from: run "
-                          "its problem again");
-    }
-    std::optional<Digests> digests;
+  void restore(const record::Checkpoint& checkpoint) {
+    bool restored = false;
     if (leader_) {
       const record::Reader record(outcome_.file);
       if (record.has(shared_state)) {
@@ -202,44 +256,39 @@ private:
         leader_->order_restore(size);
         SharedState source(leader_->slab(), &record);
         StateReader state(source, size);
-        digests = restored(checkpoint, state, *chronicle_);
+        restored = rubato::restore(checkpoint, state, *chronicle_);
         source.rethrow();
       }
     } else {
-      digests = restored(checkpoint, *chronicle_);
+      restored = rubato::restore(checkpoint, *chronicle_);
     }
-    if (!digests) {
+    if (!restored) {
       throw record::Error(outcome_.file, "its checkpoint is not that of its problem: the run cannot be continued");
     }
-    return *std::move(digests);
   }
 
   /// Where a level begins that cannot be stored, the run ends with the one before it: the simulation is taken back to
   /// the last checkpoint published, or its start, and repeats the steps since then, so that what is stored last is a
   /// state of the record.
   void go_back_to(std::size_t steps) {
-    writer().drop_level();
+    const Interruptible to_the_end(nullptr);
+    memory_ != nullptr ? memory_->drop_level() : writer().drop_level();
     make_chronicle();
-    Digests digests(chronicle_->layout().datasets.size());
-    DigestSink sink(digests);
-    if (writer().published()) {
-      digests = restore(record::Reader(outcome_.file).checkpoint(state_apart()));
+    NoSink sink;
+    if (published()) {
+      restore(record::Reader(outcome_.file).checkpoint(state_apart()));
     } else {
       order(Order::start);
       tell(sink, [this](RowSink& rows) { chronicle_->tell_start(rows); });
     }
     while (statistics().steps < steps) {
       order(Order::step);
-      const StepReport report = simulation().step();
-      if (report.status != Status::success) {
+      chronicle_->take(steps - statistics().steps);
+      if (simulation().taken().empty()) {
         throw std::logic_error("a step that was taken before cannot be repeated");
       }
-      tell(sink, [&](RowSink& rows) {
-        chronicle_->tell_step(report, rows);
-        static_cast<void>(simulation().node());  // as all ranks do
-      });
+      tell(sink, [this](RowSink& rows) { chronicle_->tell_steps(rows); });
     }
-    recorder_->set_digests(std::move(digests));
   }
 
   [[nodiscard]] std::string cause_of_undefined() {
@@ -249,6 +298,9 @@ private:
 
   Outcome undefined_at_start(const record::NotFinite& error) {
     recorder_.reset();  // nothing was written
+    if (memory_ != nullptr) {
+      memory_->drop_level();
+    }
     const auto* orbit = problem_.hamiltonian();
     const Location& place = orbit != nullptr ? orbit->initial.location : problem_.multisymplectic()->initial_location;
     outcome_.status = ExitStatus::failed;
@@ -271,50 +323,110 @@ private:
     const auto begin = Clock::now();
     last_progress_ = begin;
     outcome_.warnings = simulation().cautions();
+    if (!about_disk_.empty()) {
+      outcome_.warnings.push_back(about_disk_);
+    }
     for (const std::string& sentence : outcome_.warnings) {
       if (options_.caution) {
         options_.caution(sentence);
       }
     }
     while (outcome_.status == ExitStatus::done && !simulation().finished() && !chronicle_->stopped()) {
-      one_step();
+      try {
+        next_steps();
+      } catch (const std::bad_alloc&) {
+        if (leader_) {
+          throw;
+        }
+        return out_of_memory();
+      } catch (const record::NoMemory&) {
+        if (leader_) {
+          throw;
+        }
+        return out_of_memory();
+      }
     }
     outcome_.complete = outcome_.status == ExitStatus::done;
     finish();
     order(Order::finish);
     outcome_.statistics = chronicle_->final_statistics();
+    if (leader_) {
+      outcome_.statistics.measures = chronicle_->meter().measures();
+    }
+    outcome_.judgement = figures::judge(outcome_.statistics);
+    if (outcome_.complete && outcome_.judgement.verdict == figures::Verdict::lost) {
+      outcome_.status = ExitStatus::lost;
+      outcome_.message = about_lost(outcome_.judgement);
+    }
     outcome_.wall_seconds = std::chrono::duration<double>(Clock::now() - begin).count();
-    add_warnings();
+    for (std::string& sentence : warnings_of(problem_, *chronicle_, outcome_.statistics)) {
+      outcome_.warnings.push_back(std::move(sentence));
+    }
     outcome_.step_potential = simulation().step_potential();
     outcome_.order = simulation().order();
     return std::move(outcome_);
   }
 
+  /// The record stays as it was committed last.
+  Outcome out_of_memory() {
+    reserve_ = {};
+    outcome_.status = ExitStatus::failed;
+    outcome_.message = fmt::format("{}: not enough memory after t = {:.10g}, where the process held {:.3g} GB; ",
+                                   problem_.scheme.location.file, simulation().t(), peak_memory() * 1e-9);
+    if (memory_ != nullptr) {
+      memory_->drop_level();
+      outcome_.message += "levels up to there are kept";
+    } else if (published()) {
+      outcome_.message +=
+          fmt::format("the record is whole up to its last commit: continue with `rubato resume {}`", outcome_.file);
+    } else {
+      outcome_.message += "nothing was written: take fewer cells";
+      outcome_.file.clear();
+    }
+    outcome_.statistics = statistics();  // the final ones take memory to compute
+    return std::move(outcome_);
+  }
+
   void finish() {
+    if (memory_ != nullptr) {
+      chronicle_->tell_last(*memory_);
+      memory_->end_level();
+      return;
+    }
     std::optional<record::Checkpoint> last;
     if (leader_) {
       stage_checkpoint();
     } else {
-      last = make_checkpoint(*chronicle_, recorder_->digests());
+      last = make_checkpoint(*chronicle_);
     }
     // The last state is always stored. Where it is not one of every n-th it is provisional: `resume` drops it again, so
     // that a run continued is the same as one never stopped.
     order(Order::last);
     tell(*recorder_, [this](RowSink& sink) { chronicle_->tell_last(sink); });
+    if (last) {  // ranks keep the measures of the last level in the sample
+      last->insert_or_assign(std::string(figures::measures_name), figures::to_values(chronicle_->final_measures()));
+    }
     const auto completion =
         outcome_.complete ? record::Writer::Completion::complete : record::Writer::Completion::interrupted;
     last ? writer().finish(*last, completion) : writer().finish(completion);
   }
 
-  void one_step() {
+  void interrupted() {
+    outcome_.status = ExitStatus::interrupted;
+    outcome_.message = fmt::format("interrupted at t = {:.10g}; ", simulation().t());
+    outcome_.message +=
+        memory_ != nullptr
+            ? "levels up to there are kept"
+            : fmt::format("the record is whole up to there: continue with `rubato resume {}`", outcome_.file);
+  }
+
+  void next_steps() {
     if (options_.interrupt != nullptr && options_.interrupt->load()) {
-      outcome_.status = ExitStatus::interrupted;
-      outcome_.message =
-          fmt::format("interrupted at t = {:.10g}; the record is whole up to there: continue with `rubato resume {}`",
-                      simulation().t(), outcome_.file);
+      interrupted();
       return;
     }
-    if (statistics().steps >= static_cast<std::size_t>(problem_.scheme.max_steps)) {
+    const std::size_t steps = statistics().steps, most = static_cast<std::size_t>(problem_.scheme.max_steps);
+    if (steps >= most) {
       outcome_.status = ExitStatus::failed;
       outcome_.message = fmt::format(
           "max_steps = {} reached at t = {:.10g}, before until = {:.10g}: raise scheme.max_steps, or take a larger "
@@ -322,42 +434,61 @@ private:
           problem_.scheme.max_steps, simulation().t(), problem_.scheme.until);
       return;
     }
-    order(Order::step);
-    const StepReport report = simulation().step();
-    if (report.status != Status::success) {
-      const bool singular = report.status == Status::singular || report.status == Status::ill_conditioned;
-      outcome_.status = singular ? ExitStatus::singular : ExitStatus::failed;
-      outcome_.message = simulation().integrator().explain(report);
-      return;
+    const std::size_t last = std::min(most, steps + pace_.steps());
+    const Interruptible here(leader_ ? nullptr : options_.interrupt);  // ranks look ahead together, to the end
+    do {
+      order(Order::step);
+      const StepReport& report = chronicle_->take(last - statistics().steps);
+      if (!simulation().taken().empty() && !tell_steps()) {
+        return;
+      }
+      if (simulation().interrupted()) {
+        interrupted();
+        return;
+      }
+      if (report.status != Status::success) {
+        const bool singular = report.status == Status::singular || report.status == Status::ill_conditioned;
+        outcome_.status = singular ? ExitStatus::singular : ExitStatus::failed;
+        outcome_.message = simulation().integrator().explain(report);
+        return;
+      }
+    } while (statistics().steps < last && !simulation().finished() && !chronicle_->stopped() &&
+             !Interruptible::asked());
+    pace_.look();
+    if (recorder_ && writer().commit_due()) {
+      commit();
     }
-    const std::size_t steps = statistics().steps;
-    NodeEnergy node;
+    show_progress(simulation().report());
+  }
+
+  /// Stores the steps taken. \return whether the run goes on
+  bool tell_steps() {
+    const std::size_t steps = statistics().steps, count = simulation().taken().size();
     try {
-      tell(*recorder_, [&](RowSink& sink) {
-        chronicle_->tell_step(report, sink);
-        node = simulation().node();
-      });
+      tell(rows(), [this](RowSink& sink) { chronicle_->tell_steps(sink); });
     } catch (const record::NotFinite& error) {
+      if (count > 1) {  // which of them it is shows one by one
+        pace_.keep_to_one();
+        go_back_to(steps);
+        return false;
+      }
       outcome_.status = ExitStatus::failed;
       outcome_.message = fmt::format(
           "{}: a value is not finite at t = {:.10g}{}: {}. The solution left the domain of a formula, or of its "
           "derivatives, or grew without bound; the record ends with the level before",
           problem_.scheme.location.file, simulation().t(), cause_of_undefined(), explained(error));
       go_back_to(steps);
-      return;
+      return false;
     }
-    writer().end_level();
-    if (!std::isfinite(node.energy) || (simulation().has_gamma() && !std::isfinite(node.gamma))) {
+    end_level();
+    if (!simulation().is_defined()) {
       outcome_.status = ExitStatus::failed;
       outcome_.message = fmt::format(
           "{}: the node energy or Gamma is not finite at t = {:.10g}: the orbit left the domain of the formula{}",
           problem_.scheme.location.file, simulation().t(), cause_of_undefined());
-      return;
+      return false;
     }
-    if (writer().commit_due()) {
-      commit();
-    }
-    show_progress(report);
+    return true;
   }
 
   void show_progress(const StepReport& report) {
@@ -365,7 +496,7 @@ private:
       return;
     }
     const auto now = Clock::now();
-    if (now - last_progress_ < std::chrono::milliseconds(100)) {
+    if (now - last_progress_ < options_.progress_interval) {
       return;
     }
     last_progress_ = now;
@@ -376,19 +507,54 @@ private:
          .until = problem_.scheme.until,
          .h = report.h,
          .steps = statistics.steps,
-         .bridges = statistics.bridges,
+         .off_law = statistics.off_law_steps,
          .energy_deviation = statistics.relative_energy_deviation().value_or(statistics.energy_deviation())});
   }
+
+  const Problem& problem_;
+  const RunOptions& options_;
+  MemoryRecord* const memory_;
+  const ThreadCount threads_;            ///< before what allocates work space for each
+  std::optional<LatticeLeader> leader_;  ///< before all that ranks have parts of
+  std::optional<Chronicle> chronicle_;
+  std::optional<Recorder> recorder_;
+  const Clock::time_point begun_ = Clock::now();
+  Clock::time_point last_progress_;
+  Pace pace_{options_.progress_interval};
+  Outcome outcome_;
+  std::string about_disk_;  ///< a warning; empty for none
+  /// Memory for the report that memory ran out. Blocks of this size come from the heap, which keeps them when they are
+  /// freed: larger ones go back to the system, which may give nothing any more.
+  std::unique_ptr<char[]> reserve_ = std::make_unique<char[]>(std::size_t{96} << 10);
+};
+
+/// What there is to warn of at the end of a run.
+class RunWarnings {
+public:
+  RunWarnings(const Problem& problem, const Chronicle& chronicle, const Statistics& statistics)
+      : problem_(problem), chronicle_(chronicle) {
+    outcome_.statistics = statistics;
+  }
+
+  std::vector<std::string> take() {
+    add_warnings();
+    return std::move(outcome_.warnings);
+  }
+
+private:
+  [[nodiscard]] const Simulation& simulation() const { return chronicle_.simulation(); }
+  [[nodiscard]] const Statistics& statistics() const { return outcome_.statistics; }
+  [[nodiscard]] const OffLawCauses& causes() const { return chronicle_.causes(); }
 
   void add_warnings() {
     for (std::string& sentence : simulation().warnings()) {
       outcome_.warnings.push_back(std::move(sentence));
     }
-    if (chronicle_->undefined_outputs() > 0) {
+    if (chronicle_.undefined_outputs() > 0) {
       outcome_.warnings.push_back(
           fmt::format("at {} of {} output times something is not defined: a formula of [output.quantities] left its "
                       "domain, or the step to that time could not be solved",
-                      chronicle_->undefined_outputs(), chronicle_->outputs()));
+                      chronicle_.undefined_outputs(), chronicle_.outputs()));
     }
     const Statistics& statistics = outcome_.statistics;
     const Scheme& scheme = problem_.scheme;
@@ -402,11 +568,14 @@ private:
                       "generating function vanish, so that orders are even; write order = {1}",
                       *scheme.order, order));
     }
-    if (statistics.bridge_steps > 0) {
-      outcome_.warnings.push_back(about_bridges());
+    if (statistics.off_law_steps > 0) {
+      outcome_.warnings.push_back(about_off_law());
     }
     // What rounding leaves of energies that cancel is no measure of f', their terms are.
-    if (const double part = statistics.potential.largest() / simulation().energy_terms(); part > large_potential) {
+    const double terms = std::max(
+        simulation().energy_terms(),
+        node_energy_scale(statistics.node_energy.values.largest(), simulation().integrator().levels().sizes()));
+    if (const double part = statistics.potential.largest() / terms; part > large_potential) {
       outcome_.warnings.push_back(fmt::format(
           "the first step is too long for this orbit: to keep the energy law the step potential had to become "
           "{:.2g}, which is {:.2g} of what the energy is made of; take a smaller step",
@@ -416,9 +585,8 @@ private:
       const bool takes_scale = problem_.hamiltonian() != nullptr && !problem_.hamiltonian()->fictitious_time;
       outcome_.warnings.push_back(fmt::format(
           "the step potential holds all steps near those where the motion is fastest: at the start it takes about "
-          "{:.2g} "
-          "times as many as the law would without it; {}step_potential = \"none\" lets steps follow the motion, with "
-          "bridges where the law has no solution",
+          "{:.2g} times as many as the law would without it; {}step_potential = \"none\" lets steps follow the "
+          "motion, with plain steps where the law has no solution",
           *price, takes_scale ? "hamiltonian.time_scale has as few, every one of them on the law; " : ""));
     }
     if (statistics.condition.any() && statistics.condition.max > condition_warning) {
@@ -429,20 +597,27 @@ private:
     }
   }
 
-  /// Why there were bridging steps, by what they show (BridgeCauses), and what to do.
-  [[nodiscard]] std::string about_bridges() const {
+  /// Why there were steps off the law, by what they show (OffLawCauses), and what to do.
+  [[nodiscard]] std::string about_off_law() {
     const Statistics& statistics = this->statistics();
-    const std::string count = fmt::format("{} of {} steps", statistics.bridge_steps, statistics.steps);
+    const std::string count = fmt::format("{} of {} steps", statistics.off_law_steps, statistics.steps);
+    const std::string off =
+        fmt::format("{:.2g}{}", statistics.relative_off_law_deviation().value_or(statistics.off_law_deviation()),
+                    statistics.relative_off_law_deviation() ? " (relative)" : "");
     const HamiltonianProblem* orbit = problem_.hamiltonian();
+    if (problem_.scheme.potential.kind != StepPotentialChoice::Kind::none && statistics.potential.largest() == 0.0) {
+      return fmt::format(
+          "on {} the discrete energy is off that of the first by up to {}: where the run begins it does not depend "
+          "on the step, so that every step is as long as the first; begin the run later, or use levels = \"fixed\"",
+          count, off);
+    }
     if (problem_.scheme.potential.kind != StepPotentialChoice::Kind::none) {
       const bool stated = problem_.scheme.potential.kind == StepPotentialChoice::Kind::given;
       return fmt::format(
           "on {} the level equation had no solution in spite of the step potential: {}; these steps are plain ones, "
-          "off the law by up to {:.2g}{}; a smaller step or {} may mend it{}",
+          "off the law by up to {}; a smaller step or {} may mend it{}",
           count, stated ? "the one that is stated is too weak there" : "the orbit went beyond what that was chosen for",
-          statistics.relative_bridge_deviation().value_or(statistics.bridge_deviation()),
-          statistics.relative_bridge_deviation() ? " (relative)" : "",
-          stated ? "a smaller kappa, or step_potential = \"auto\"," : "a smaller largest_step",
+          off, stated ? "a smaller kappa, or step_potential = \"auto\"," : "a smaller largest_step",
           orbit != nullptr && !orbit->fictitious_time
               ? ", or hamiltonian.time_scale where the motion is fast in places, as on an eccentric orbit"
               : "");
@@ -459,24 +634,19 @@ private:
           "the first step is too long to set the law: {}, and {} plain; E is {}; take a smaller step", too_long(),
           count, causes().steps() == statistics.steps ? "not set yet" : "that of the first step that meets the law");
     }
-    const std::string off = fmt::format(
-        "{} bridge{} in {} steps, on which the discrete energy is off by up to {:.2g} "
-        "(relative); {}",
-        statistics.bridges, statistics.bridges == 1 ? "" : "s", statistics.steps,
-        statistics.relative_bridge_deviation().value_or(statistics.bridge_deviation()),
-        how_it_falls(problem_.scheme, chronicle_->simulation().order()));
+    const std::string plain = fmt::format("{} are plain ones, off the law by up to {}", count, off);
     if (causes().crossings() == 0 && !nears_zero()) {
-      return fmt::format("the step is too long for this orbit: {}; {}", too_long(), off);
+      return fmt::format("the step is too long for this orbit: {}; {}; take a smaller step", too_long(), plain);
     }
-    const bool long_bridges = !causes().from_slopes() && statistics.bridge_steps > 2 * statistics.bridges;
-    return fmt::format("{}: {}{}",
-                       causes().crossings() > 0 ? told_of_gamma() + " changes sign on this orbit" : nearly_zero(), off,
-                       long_bridges ? ". Here a bridge takes many steps, which smaller steps mend too" : "");
+    return fmt::format("{}, where the pure law has no solution: {}; {} keeps every step on its law",
+                       causes().crossings() > 0 ? gamma_name() + " changes sign on this orbit" : nearly_zero(), plain,
+                       problem_.scheme.lagrangian == LagrangianName::custom ? "a step potential, -f(t_1 - t_0) in L,"
+                                                                            : "step_potential = \"auto\"");
   }
 
   /// Γ, or what the slopes of steps have in its place.
-  [[nodiscard]] std::string told_of_gamma() const {
-    return causes().from_slopes() ? slope_name(chronicle_->simulation().order()) : "Gamma";
+  [[nodiscard]] std::string gamma_name() {
+    return simulation().has_gamma() ? "Gamma" : slope_name(simulation().order());
   }
 
   /// The smallest |Γ| of the run beside the largest.
@@ -491,27 +661,49 @@ private:
     const Spread& gamma = statistics().gamma;
     return fmt::format("Gamma nears 0 on this orbit ({:.3g} to {:.3g})", gamma.min, gamma.max);
   }
-  [[nodiscard]] std::string too_long() const {
-    return fmt::format("{} goes from {:.4g} to {:.4g} in one step", told_of_gamma(), causes().gamma_before(),
+  [[nodiscard]] std::string too_long() {
+    return fmt::format("{} goes from {:.4g} to {:.4g} in one step", gamma_name(), causes().gamma_before(),
                        causes().gamma_after());
   }
 
   const Problem& problem_;
-  const RunOptions& options_;
-  std::optional<LatticeLeader> leader_;  ///< before all that ranks have parts of
-  std::optional<Chronicle> chronicle_;
-  std::optional<Recorder> recorder_;
-  const Clock::time_point begun_ = Clock::now();
-  Clock::time_point last_progress_;
+  const Chronicle& chronicle_;
   Outcome outcome_;
 };
 
 }  // namespace
 
+const StepReport& Simulation::take(std::size_t most) {
+  const bool needs_gamma = has_gamma();
+  taken_.clear();
+  is_defined_ = true;
+  interrupted_ = false;
+  most = std::min(most, levels_kept());
+  try {
+    while (taken_.size() < most && is_defined_ && (taken_.empty() || !(finished() || Interruptible::asked()))) {
+      const StepReport report = step(taken_.size());
+      if (report.status != Status::success) {
+        return report_ = report;
+      }
+      const NodeEnergy now = node();
+      taken_.push_back({report, energy_rounding(), {.t = t(), .node_energy = now.energy, .gamma = now.gamma}});
+      is_defined_ = std::isfinite(now.energy) && (!needs_gamma || std::isfinite(now.gamma));
+    }
+    report_ = taken_.back().report;
+  } catch (const Interrupted&) {
+    interrupted_ = true;
+  }
+  return report_;
+}
+
 std::vector<std::string> Simulation::law_names() const {
   std::vector<std::string> names;
   std::ranges::transform(laws(), std::back_inserter(names), &Law::name);
   return names;
+}
+
+std::vector<std::string> warnings_of(const Problem& problem, const Chronicle& chronicle, const Statistics& statistics) {
+  return RunWarnings(problem, chronicle, statistics).take();
 }
 
 std::unique_ptr<Simulation> make_simulation(const Problem& problem, bool tangents) {
@@ -537,21 +729,33 @@ Outcome run(const Problem& problem, const RunOptions& options) {
   return Driver(problem, options, options.output.value_or(problem.output.file)).start();
 }
 
+Outcome run(const Problem& problem, MemoryRecord& record, const RunOptions& options) {
+  refuse_unshared(problem, options);
+  return Driver(problem, options, {}, &record).start();
+}
+
 Outcome resume(const std::string& file, std::optional<double> until, const RunOptions& options) {
-  record::Claim claim(file);  // before anything is read: a run that is just ending would change it
+  record::Claim claim(file, locking_of(options));  // before anything is read: a run that is just ending would change it
   Problem problem;
   RunOptions as_begun = options;
+  std::vector<std::string> settings;
   {
     const record::Reader reader(file);
     as_begun.tangents = reader.has("/laws/multisymplectic_max");
     problem = stored_problem(reader);
-  }
-  if (until) {
-    const std::vector<std::string> settings = {fmt::format("scheme.until={:.17g}", *until)};
-    problem = parse_stored(problem.text, file, settings);
+    record::refuse_earlier_version(reader);
+    if (problem.levels.every != problem.output.every && !figures::stored_last_level(reader)) {
+      settings.push_back(fmt::format("levels.every={}", problem.levels.every));  // as the version that wrote it
+    }
+    if (until) {
+      settings.push_back(fmt::format("scheme.until={:.17g}", *until));
+    }
+    if (!settings.empty()) {
+      problem = parse_stored(problem.text, file, settings);
+      keep_to_version_of(reader, problem);
+    }
   }
   refuse_unshared(problem, as_begun);
-  use_threads(options.threads);
   return blame_record(file, [&] { return Driver(problem, as_begun, file).resume(std::move(claim)); });
 }
 

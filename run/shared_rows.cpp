@@ -52,17 +52,24 @@ StoredLevels shared_levels(const SharedRecord& record, const StoredLevels* level
     record.slab()->broadcast(numbers);
     values.assign(numbers.begin(), numbers.end());
   };
+  share(shared.level);
+  share(shared.told_step);
   share(shared.t);
+  share(shared.clock);
   share(shared.h);
-  share(shared.bridged);
+  share(shared.off_law);
   share(shared.potential);
   share(shared.state_t);
   share(shared.state_level);
   share(shared.told_level);
-  std::array<double, 2> others = {static_cast<double>(shared.every), shared.sparse ? 1.0 : 0.0};
+  share(shared.previous_t);
+  std::array<double, 4> others = {static_cast<double>(shared.every), static_cast<double>(shared.rows_every),
+                                  static_cast<double>(shared.last), shared.sparse ? 1.0 : 0.0};
   record.slab()->broadcast(others);
   shared.every = static_cast<std::size_t>(others[0]);
-  shared.sparse = others[1] != 0.0;
+  shared.rows_every = static_cast<std::size_t>(others[1]);
+  shared.last = static_cast<std::size_t>(others[2]);
+  shared.sparse = others[3] != 0.0;
   return shared;
 }
 

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstddef>
 #include <memory>
 #include <optional>
 #include <span>
@@ -19,25 +20,49 @@ namespace rubato {
 
 using figures::Named;
 
-/// What a run does level by level, be it an orbit or a lattice: the driver in run.cpp knows no more than this.
+/// A step that was taken, with the level that it led to.
+struct TakenStep {
+  StepReport report;
+  double rounding = 0.0;  ///< a bound of what rounding makes of E_k
+  figures::LevelFigures level;
+};
+
+/// What a run does, be it an orbit or a lattice: the driver in run.cpp knows no more than this. Steps are taken in
+/// blocks; what is asked of a level is that of look_at(), after a block its last one, where the simulation stands.
 class Simulation {
 public:
   virtual ~Simulation() = default;
 
-  [[nodiscard]] virtual StepReport step() = 0;
+  /// Takes up to `most` steps, no more than levels_kept(): taken(). The block ends early with a step that fails, at
+  /// `until`, with a level at which the node energy or Γ is not a number, or where the flag of this thread's
+  /// Interruptible is set. \return report()
+  const StepReport& take(std::size_t most);
+  [[nodiscard]] std::span<const TakenStep> taken() const { return taken_; }
+  /// The report of the last step that was tried: why it failed, if it did.
+  [[nodiscard]] const StepReport& report() const { return report_; }
+  /// True if a look-ahead was interrupted in place of a further step.
+  [[nodiscard]] bool interrupted() const { return interrupted_; }
+  /// False where the block ended with a level at which the node energy is not a number, or Γ where node() knows it.
+  [[nodiscard]] bool is_defined() const { return is_defined_; }
+  /// The most steps of a block.
+  [[nodiscard]] virtual std::size_t levels_kept() const { return 1; }
+  /// \param place of a step in the block
+  virtual void look_at(std::size_t /*place*/) {}
+
   /// What takes the steps, and chooses the levels.
   ///@{
-  [[nodiscard]] virtual Integrator& integrator() = 0;
-  [[nodiscard]] virtual const Integrator& integrator() const = 0;
+  [[nodiscard]] Integrator& integrator() { return *integrator_; }
+  [[nodiscard]] const Integrator& integrator() const { return *integrator_; }
   ///@}
 
   [[nodiscard]] bool finished() const { return integrator().finished(); }
   [[nodiscard]] double t() const { return integrator().t(); }
-  [[nodiscard]] NodeEnergy node() { return integrator().node(); }  ///< H(z_k) and Γ(z_k)
+  /// The time of the present level that users read: with time_scale the physical one.
+  [[nodiscard]] double clock() const { return last().end(); }
+  [[nodiscard]] NodeEnergy node() { return integrator().told_node(); }  ///< H(z_k) and Γ(z_k), where it stands
   [[nodiscard]] bool autonomous() const { return integrator().autonomous(); }
   /// Whether node() knows Γ: not for an arbitrary 𝕃, nor where no levels are chosen by it.
   [[nodiscard]] bool has_gamma() const { return integrator().has_gamma(); }
-  [[nodiscard]] double last_step() const { return integrator().levels().last_step(); }
   /// A bound of what rounding makes of E_k of the step just taken, and the largest sum of the magnitudes of its terms
   /// so far, which the tolerance of the law is relative to.
   ///@{
@@ -48,12 +73,12 @@ public:
   [[nodiscard]] std::optional<double> potential_price() const { return integrator().levels().potential_price(); }
   [[nodiscard]] const StepPotential& step_potential() const { return integrator().levels().potential(); }
   /// The order of the scheme in time.
-  [[nodiscard]] int order() const { return integrator().traits().order; }
+  [[nodiscard]] int order() const { return integrator().order(); }
 
   [[nodiscard]] virtual std::vector<std::string> invariant_names() const = 0;
-  /// At the present level. Valid until the next call.
+  /// Valid until the next call.
   [[nodiscard]] virtual std::span<const double> invariants() = 0;
-  /// |z - exact| at the present level, one entry per name of [exact].
+  /// |z - exact|, one entry per name of [exact].
   [[nodiscard]] virtual std::vector<Named<Spread>> errors() = 0;
 
   /// What to tell the user at the start: what is doubtful about the problem, each one sentence with the remedy.
@@ -61,8 +86,15 @@ public:
   /// What to tell the user at the end, each one sentence with the remedy.
   [[nodiscard]] virtual std::vector<std::string> warnings() const { return {}; }
 
-  /// Totals over the domain of the densities of the local laws at the present level, but for energy, which node()
-  /// gives. Valid until the next call.
+  /// The terms that the node energy is a sum of at the level, as EnergyExchange takes them; on a lattice their totals.
+  /// None where they are not defined at levels. Valid until the next call. Collective on a shared lattice.
+  [[nodiscard]] virtual std::span<const double> energy_term_values() { return {}; }
+
+  /// Adds what the level, of this number, shows to the measures of the verdict. Of a shared lattice, nothing.
+  virtual void measure(std::size_t number, figures::Measures& measures) = 0;
+
+  /// Totals over the domain of the densities of the local laws at the level, but for energy, which node() gives.
+  /// Valid until the next call.
   [[nodiscard]] virtual std::vector<std::string> total_names() const { return {}; }
   [[nodiscard]] virtual std::span<const double> totals() { return {}; }
 
@@ -76,14 +108,26 @@ public:
   /// Adds the columns of a stored state (under /states, /states/previous when `with_previous`, /exact) and their
   /// scales.
   virtual void describe_states(record::Layout& layout, bool with_previous) = 0;
-  /// Appends one row to each of them.
-  virtual void append_state(RowSink& sink) = 0;
+  /// Appends rows to each of them: of the level, and of every `stride`-th after it, `count` in all.
+  virtual void append_states(RowSink& sink, std::size_t count, std::size_t stride) = 0;
 
-  /// The step taken last, as its record has it. Valid until the next step.
+  /// The step to the level, as its record has it. Valid until the next block.
   [[nodiscard]] virtual OutputStep last() const = 0;
 
   virtual void save(StateWriter& state) const = 0;
   virtual void restore(StateReader& state) = 0;
+
+protected:
+  /// To be called by constructors. \param integrator has to live as long as this
+  void step_by(Integrator& integrator) { integrator_ = &integrator; }
+  /// One step; its level is kept at this place of the block.
+  [[nodiscard]] virtual StepReport step(std::size_t place) = 0;
+
+private:
+  Integrator* integrator_ = nullptr;
+  std::vector<TakenStep> taken_;
+  StepReport report_;
+  bool is_defined_ = true, interrupted_ = false;
 };
 
 /// \throws ProblemError at the place in the problem that is wrong

@@ -73,16 +73,6 @@ struct Solution {
   double* nodes = nullptr;
 };
 
-/// The two passes over a group of `lanes` chunks that begins with chunk `first`.
-struct Kernels {
-  int lanes = 0;
-  /// Eliminates the interior nodes; the records of the reduced cells go to reduced[chunk · record], a part's chunks
-  /// counted from its first.
-  void (*reduce)(const System&, std::size_t first, double* workspace, double* reduced) = nullptr;
-  /// Repeats that and computes the interior nodes from the chunk's ends.
-  void (*expand)(const System&, std::size_t first, double* workspace, const Solution&) = nullptr;
-};
-
 /// Doubles of workspace for chunks of at most `cells_per_chunk` cells, for any kernel; to be aligned to 64 bytes.
 inline std::size_t workspace_size(const Shape& shape, std::size_t cells_per_chunk) {
   constexpr std::size_t widest = 8;
@@ -90,25 +80,14 @@ inline std::size_t workspace_size(const Shape& shape, std::size_t cells_per_chun
                    4 * static_cast<std::size_t>(shape.d + 1) * shape.extras());
 }
 
-/// Kernels for blocks of d, in the widest instruction set of this machine or as many lanes as asked for
-/// (base/lanes.hpp). They differ in speed alone: a chunk's results do not depend on the chunks beside it, nor on their
-/// number.
-Kernels kernels(int d);
-
-/// Those of one kind, for the tests to compare.
-struct NamedKernels {
-  const char* name;
-  Kernels (*of)(int d);
-  bool supported;  ///< by this machine
-};
-/// All kinds. Besides those of the instruction sets there are 4 and 8 lanes for any machine, so that every machine can
-/// test them.
-std::span<const NamedKernels> all_kernels();
-
-Kernels kernels_portable(int d);
-Kernels kernels_portable_4(int d);
-Kernels kernels_portable_8(int d);
-Kernels kernels_avx2(int d);
-Kernels kernels_avx512(int d);
+/// The two passes over a group of `lanes` chunks that begins with chunk `first` (base/lanes.hpp). A chunk's results do
+/// not depend on the chunks beside it, nor on their number.
+///@{
+/// Eliminates the interior nodes; the records of the reduced cells go to reduced[chunk · record], a part's chunks
+/// counted from its first.
+void reduce(int lanes, const System& system, std::size_t first, double* workspace, double* reduced);
+/// Repeats that and computes the interior nodes from the chunk's ends.
+void expand(int lanes, const System& system, std::size_t first, double* workspace, const Solution& solution);
+///@}
 
 }  // namespace rubato::solve::chunks

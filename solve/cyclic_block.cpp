@@ -11,8 +11,8 @@
 
 #include <fmt/core.h>
 #include <rubato/base/compensated_sum.hpp>
+#include <rubato/base/lanes.hpp>
 #include <rubato/base/limits.hpp>
-#include <rubato/base/wide_vectors.hpp>
 #include <rubato/grids/buffer.hpp>
 #include <rubato/grids/largest.hpp>
 #include <rubato/grids/parallel.hpp>
@@ -20,6 +20,7 @@
 #include <rubato/grids/slab.hpp>
 #include <rubato/solve/block_qr_reduction.hpp>
 #include <rubato/solve/cyclic_parts.hpp>
+#include <rubato/solve/cyclic_residual.hpp>
 #include <rubato/solve/cyclic_sparse.hpp>
 #include <rubato/solve/dense_solver.hpp>
 #include <rubato/solve/tuning.hpp>
@@ -28,85 +29,7 @@ namespace rubato::solve {
 namespace {
 
 using namespace tuning::cyclic_block;
-
-/// out[j] = rhs - (A z + B y) of equation `row` at cells begin + j, j < count, none of which is the last cell.
-RUBATO_WIDE_VECTORS void residual_of_row(const CyclicBidiagonal& a, const CyclicBorder& border, const double* rhs,
-                                         const double* const* z, const double* y, int row, std::size_t begin,
-                                         std::size_t count, double* out) {
-  const int d = a.block;
-  for (std::size_t j = 0; j < count; ++j) {
-    out[j] = rhs != nullptr ? rhs[begin + j] : 0.0;
-  }
-  for (int c = 0; c < d; ++c) {
-    const double left = a.left[row * d + c];
-    const double right = a.right[row * d + c];
-    if (left != 0.0 || right != 0.0) {
-      const double* zc = z[c] + begin;
-      for (std::size_t j = 0; j < count; ++j) {
-        out[j] -= left * zc[j] + right * zc[j + 1];
-      }
-    }
-  }
-  for (const CyclicEntry& e : a.entries) {
-    if (e.row == row) {
-      const double* zc = z[e.column] + begin;
-      const double* v = e.values + begin;
-      for (std::size_t j = 0; j < count; ++j) {
-        out[j] -= v[j] * (e.left * zc[j] + e.right * zc[j + 1]);
-      }
-    }
-  }
-  for (int b = 0; b < border.count; ++b) {
-    const CyclicCoefficient& column = border.columns[b * d + row];
-    for (std::size_t j = 0; j < count; ++j) {
-      out[j] -= (column.constant + (column.values != nullptr ? column.values[begin + j] : 0.0)) * y[b];
-    }
-  }
-}
-
-/// The same at the last cell, whose right node is node 0.
-double residual_at_seam(const CyclicBidiagonal& a, const CyclicBorder& border, const double* rhs,
-                        const double* const* z, const double* y, int row) {
-  const int d = a.block;
-  const std::size_t i = a.cells - 1;
-  double out = rhs != nullptr ? rhs[i] : 0.0;
-  for (int c = 0; c < d; ++c) {
-    out -= a.left[row * d + c] * z[c][i] + a.right[row * d + c] * z[c][0];
-  }
-  for (const CyclicEntry& e : a.entries) {
-    if (e.row == row) {
-      out -= e.values[i] * (e.left * z[e.column][i] + e.right * z[e.column][0]);
-    }
-  }
-  for (int b = 0; b < border.count; ++b) {
-    const CyclicCoefficient& column = border.columns[b * d + row];
-    out -= (column.constant + (column.values != nullptr ? column.values[i] : 0.0)) * y[b];
-  }
-  return out;
-}
-
-/// Calls use(begin, count, row, residuals) for every row of every block of cells, in parallel. `closed`: the node
-/// behind the last cell is the first one; else it is in the arrays.
-template <class Use>
-void for_each_residual(const CyclicBidiagonal& a, const CyclicBorder& border, const double* const* rhs,
-                       const double* const* z, const double* y, bool closed, Use&& use) {
-  const std::size_t blocks = (a.cells + residual_block - 1) / residual_block;
-  grids::for_each_index(blocks, blocks > 8, [&](std::size_t block, std::size_t) {
-    double out[residual_block];
-    const std::size_t begin = block * residual_block;
-    const std::size_t end = std::min(begin + residual_block, a.cells);
-    for (int row = 0; row < a.block; ++row) {
-      const double* r = rhs != nullptr ? rhs[row] : nullptr;
-      const bool has_seam = closed && end == a.cells;
-      const std::size_t inner = end - begin - (has_seam ? 1 : 0);
-      residual_of_row(a, border, r, z, y, row, begin, inner, out);
-      if (has_seam) {
-        out[inner] = residual_at_seam(a, border, r, z, y, row);
-      }
-      use(begin, end - begin, row, out);
-    }
-  });
-}
+using residuals::for_each_residual;
 
 /// max |values[i]|; infinity if one of them is not finite.
 double largest_in_block(const double* values, std::size_t count) {
@@ -133,16 +56,12 @@ double largest_of(const CyclicCoefficient& c, std::size_t count) {
   return std::abs(c.constant) + (c.values != nullptr ? largest_of(c.values, count) : 0.0);
 }
 
-/// Σ_i (constant + values[i]) z[i]
+/// Adds Σ_i (constant + values[i]) z[i].
 void add_product(const CyclicCoefficient& c, const double* z, std::size_t count, CompensatedSum& sum) {
-  for (std::size_t i = 0; i < count; ++i) {
-    sum.add((c.constant + (c.values != nullptr ? c.values[i] : 0.0)) * z[i]);
-  }
-}
-/// The same in any order.
-void add_product(const CyclicCoefficient& c, const double* z, std::size_t count, grids::DigitSum& sum) {
-  auto term = [&](std::size_t i) { return (c.constant + (c.values != nullptr ? c.values[i] : 0.0)) * z[i]; };
-  grids::detail::add_terms(sum, 0, count, term);
+  const auto term = [&](std::size_t i) { return (c.constant + (c.values != nullptr ? c.values[i] : 0.0)) * z[i]; };
+  grids::LaneSum product;
+  grids::detail::add_terms(product, 0, count, term);
+  sum.add(product.total());
 }
 
 /// What one field adds to a border's row; most add nothing.
@@ -169,9 +88,9 @@ struct CyclicBlockSolver::Storage {
     grids::Buffer before;    ///< of a part, the record before the first, as far as it is known
   };
 
-  chunks::Shape largest;  ///< what memory is there for
-  std::size_t cells = 0;  ///< here
-  chunks::Kernels kernels;
+  chunks::Shape largest;       ///< what memory is there for
+  std::size_t cells = 0;       ///< here
+  int lanes = vector_lanes();  ///< chunks that are eliminated side by side
   std::vector<Level> levels;
   grids::Buffer last_record;
   grids::Buffer last_solution;
@@ -193,7 +112,7 @@ struct CyclicBlockSolver::Storage {
   std::vector<double> row_scales;
   std::vector<double> largest_residuals;
   std::vector<double> all_sizes;
-  std::vector<grids::DigitSum> all_products;
+  std::vector<CompensatedSum> products;
   std::vector<double> product_values;
 
   void prepare_workspaces() {
@@ -208,23 +127,6 @@ struct CyclicBlockSolver::Storage {
   [[nodiscard]] std::size_t whole_cells() const { return levels.front().cells; }
   [[nodiscard]] bool agreed(bool said) const {
     return slab == nullptr ? said : slab->largest_over_ranks(said ? 0.0 : 1.0) == 0.0;
-  }
-  /// add() where the terms of a sum are, in the order of the cells.
-  template <class Add>
-  void in_turn(CompensatedSum& sum, const Add& add) const {
-    if (slab == nullptr) {
-      add();
-      return;
-    }
-    std::array<double, 2> numbers = {sum.high, sum.low};
-    slab->in_turn(numbers, [&] {
-      sum.high = numbers[0];
-      sum.low = numbers[1];
-      add();
-      numbers = {sum.high, sum.low};
-    });
-    sum.high = numbers[0];
-    sum.low = numbers[1];
   }
 
   /// One solve: its arguments, and the systems of the levels.
@@ -254,6 +156,7 @@ struct CyclicBlockSolver::Storage {
                     const double* border_rhs, std::span<double* const> solution, double* border_solution, int columns,
                     double& rcond);
   /// The largest residual in units of row scales; sets `undefined` if an input is not finite.
+  void add_products(const CyclicBorder& border, const double* const* z, std::span<double> sizes);
   double backward_error(const CyclicBidiagonal& matrix, const CyclicBorder& border, const double* const* rhs,
                         const double* border_rhs, const double* const* z, const double* y, bool& undefined);
 };
@@ -276,17 +179,17 @@ chunks::System CyclicBlockSolver::Storage::system_of(const Task& task, std::size
 template <class Work>
 void CyclicBlockSolver::Storage::for_each_group(const Task& task, const chunks::System& system, Work&& work) {
   const std::size_t first = system.first_chunk(), count = system.end_chunk() - first;
-  const std::size_t groups = (count + kernels.lanes - 1) / kernels.lanes;
+  const std::size_t groups = (count + lanes - 1) / lanes;
   // Below some 0.1 ms of work the threads cost more than they save, much more so where something else runs as well.
   grids::for_each_index(groups, task.matrix.cells >= 4096 && groups > 4, [&](std::size_t group, std::size_t thread) {
-    work(first + group * kernels.lanes, workspaces[thread].data());
+    work(first + group * lanes, workspaces[thread].data());
   });
 }
 
 void CyclicBlockSolver::Storage::reduce(const Task& task, std::size_t t, double* reduced) {
   const chunks::System system = system_of(task, t);
   for_each_group(task, system,
-                 [&](std::size_t first, double* space) { kernels.reduce(system, first, space, reduced); });
+                 [&](std::size_t first, double* space) { chunks::reduce(lanes, system, first, space, reduced); });
 }
 
 void CyclicBlockSolver::Storage::expand(const Task& task, std::size_t t, const double* from) {
@@ -299,7 +202,8 @@ void CyclicBlockSolver::Storage::expand(const Task& task, std::size_t t, const d
   } else {
     to.nodes = levels[t].solution.data();
   }
-  for_each_group(task, system, [&](std::size_t first, double* space) { kernels.expand(system, first, space, to); });
+  for_each_group(task, system,
+                 [&](std::size_t first, double* space) { chunks::expand(lanes, system, first, space, to); });
 }
 
 Status CyclicBlockSolver::Storage::solve_once(const CyclicBidiagonal& matrix, const CyclicBorder& border,
@@ -437,6 +341,24 @@ Status CyclicBlockSolver::Storage::solve_last(const Task& task, double& rcond) {
   return Status::success;
 }
 
+/// C z over all cells, as product_values, and of all ranks the largest of `sizes`.
+void CyclicBlockSolver::Storage::add_products(const CyclicBorder& border, const double* const* z,
+                                              std::span<double> sizes) {
+  const auto d = static_cast<std::size_t>(largest.d);
+  products.assign(static_cast<std::size_t>(border.count), {});
+  for (std::size_t j = 0; j < border.rows.size(); ++j) {
+    if (!is_zero(border.rows[j])) {
+      add_product(border.rows[j], z[j % d], cells, products[j / d]);
+    }
+  }
+  product_values.resize(products.size());
+  if (slab != nullptr) {
+    slab->reduce(products, product_values, sizes);
+  } else {
+    std::ranges::transform(products, product_values.begin(), [](const CompensatedSum& sum) { return sum.value(); });
+  }
+}
+
 double CyclicBlockSolver::Storage::backward_error(const CyclicBidiagonal& a, const CyclicBorder& border,
                                                   const double* const* rhs, const double* border_rhs,
                                                   const double* const* z, const double* y, bool& undefined) {
@@ -470,19 +392,7 @@ double CyclicBlockSolver::Storage::backward_error(const CyclicBidiagonal& a, con
       sizes.push_back(largest_of(c, cells));
     }
   }
-  std::vector<grids::DigitSum>& products = all_products;
-  products.assign(borders, {});
-  for (std::size_t j = 0; j < border.rows.size(); ++j) {
-    if (!is_zero(border.rows[j])) {
-      add_product(border.rows[j], z[j % d], cells, products[j / d]);
-    }
-  }
-  product_values.resize(borders);
-  if (slab != nullptr) {
-    slab->reduce(products, product_values, sizes);
-  } else {
-    std::ranges::transform(products, product_values.begin(), [](const grids::DigitSum& sum) { return sum.value(); });
-  }
+  add_products(border, z, sizes);
 
   bool finite = true;
   const auto seen = [&](double value) {
@@ -572,7 +482,6 @@ CyclicBlockSolver::CyclicBlockSolver(int block, std::size_t cells, int borders, 
   Storage& s = *storage_;
   s.largest = {block, borders, max_columns};
   s.cells = cells;
-  s.kernels = chunks::kernels(block);
   for (const std::size_t n : cyclic_levels(block, cells)) {
     if (!s.levels.empty()) {
       s.levels.back().chunks = n;
@@ -693,13 +602,9 @@ CyclicOutcome CyclicBlockSolver::solve(const CyclicBidiagonal& matrix, const Cyc
                           s.slab == nullptr, [&](std::size_t begin, std::size_t count, int row, const double* out) {
                             std::copy_n(out, count, s.residual.data() + (c * d + row) * room + begin);
                           });
+        s.add_products(border, &solution[c * d], {});
         for (int b = 0; b < k; ++b) {
-          CompensatedSum product;
-          for (int f = 0; f < d; ++f) {
-            if (!is_zero(border.rows[b * d + f])) {
-              s.in_turn(product, [&] { add_product(border.rows[b * d + f], solution[c * d + f], s.cells, product); });
-            }
-          }
+          CompensatedSum product(s.product_values[b]);
           for (int j = 0; j < k; ++j) {
             product.add(border.corner[b * k + j] * border_solution[c * k + j]);
           }
@@ -755,14 +660,6 @@ double CyclicBlockSolver::memory_per_cell() const {
   }
   total += s.workspaces.size() * s.workspace + s.largest_residuals.size();
   return static_cast<double>(total) / static_cast<double>(s.cells);
-}
-
-void cyclic_residual(const CyclicBidiagonal& matrix, const CyclicBorder& border, std::span<const double* const> rhs,
-                     std::span<const double* const> z, std::span<const double> y, std::span<double* const> out) {
-  for_each_residual(matrix, border, rhs.empty() ? nullptr : rhs.data(), z.data(), y.data(), true,
-                    [&](std::size_t begin, std::size_t count, int row, const double* values) {
-                      std::copy_n(values, count, out[row] + begin);
-                    });
 }
 
 }  // namespace rubato::solve

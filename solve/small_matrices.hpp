@@ -6,8 +6,8 @@
 #include <Eigen/Core>
 
 /// \file
-/// Algorithms for matrices of a few rows and columns, compiled once. Eigen's own are templates made for large matrices:
-/// each takes a second or more to compile wherever it is used, for every kind of argument. Not for the inside of loops.
+/// Eigen's decompositions of small dense matrices, instantiated in one source because each takes seconds to compile.
+/// They allocate: not for the inside of loops.
 
 namespace rubato::solve {
 
@@ -20,24 +20,37 @@ template <typename Left, typename Right>
   return product_of(Matrix(A), Matrix(B));
 }
 
-/// A⁻¹B by elimination with complete pivoting. Nothing if a pivot is 0, below `threshold` times the largest one, or not
-/// finite. Hypothesis: A is square and has as many rows as B.
-[[nodiscard]] std::optional<Eigen::MatrixXd> quotient(Eigen::MatrixXd A, Eigen::MatrixXd B, double threshold = 0.0);
+/// True if all entries of AB are 0 but for rounding errors of their terms.
+[[nodiscard]] bool annihilates(const Eigen::MatrixXcd& A, const Eigen::MatrixXcd& B);
 
-/// A⁻¹ and what elimination with partial pivoting says of A. Hypothesis: A is square.
+/// Powers of 2 that make the largest entry of each row and column about 1 when rows and columns are multiplied by them
+/// (Ruiz 2001): equations and unknowns have units of their own. Those of zeros keep 1.
+struct Equilibration {
+  Eigen::VectorXd rows, columns;
+};
+/// The equilibration of the matrix with these absolute values.
+[[nodiscard]] Equilibration equilibrate(Eigen::MatrixXd sizes);
+
+/// Returns A⁻¹B by LU factorisation with complete pivoting; nothing if an entry of A is not finite or a pivot is not
+/// above `threshold` times the largest one. Precondition: A is square and has as many rows as B.
+[[nodiscard]] std::optional<Eigen::MatrixXd> quotient(const Eigen::MatrixXd& A, const Eigen::MatrixXd& B,
+                                                      double threshold = 0.0);
+
+/// The inverse, the determinant and the pivots of a square matrix, by LU factorisation with partial pivoting.
 struct Inverse {
   Eigen::MatrixXcd matrix;  ///< not finite where a pivot is 0
   std::complex<double> determinant = 1.0;
   double smallest_pivot = 0.0, largest_pivot = 0.0;
 };
-[[nodiscard]] Inverse inverse_of(Eigen::MatrixXcd A);
+[[nodiscard]] Inverse inverse_of(const Eigen::MatrixXcd& A);
+/// The same by elimination in the equilibrated matrix, whose determinant and pivots are returned.
+[[nodiscard]] Inverse equilibrated_inverse_of(const Eigen::MatrixXcd& A);
 
-/// exp(A), by Taylor's series of A/2ᵏ and k squarings.
-[[nodiscard]] Eigen::MatrixXcd exponential_of(Eigen::MatrixXcd A);
+/// Returns exp(A), by Padé approximation with scaling and squaring; NaN in every entry if one of A is not finite.
+[[nodiscard]] Eigen::MatrixXcd exponential_of(const Eigen::MatrixXcd& A);
 
-/// max |λ| over the eigenvalues λ of A, by Gelfand's formula lim |Aᵏ|^(1/k) over squarings of A; to about 1e-8 where
-/// eigenvalues are multiple, as for any method. NaN if an entry is not finite.
-[[nodiscard]] double spectral_radius(Eigen::MatrixXd A);
+/// Returns max |λ| over the eigenvalues λ of A: to about 1e-8 where they are multiple. NaN if an entry is not finite.
+[[nodiscard]] double spectral_radius(const Eigen::MatrixXd& A);
 
 /// A = UΣVᴴ as AV = UΣ.
 template <typename Matrix>
@@ -47,9 +60,8 @@ struct SingularValues {
   Matrix images;           ///< AV, whose columns are orthogonal
 };
 
-/// By Hestenes' one-sided rotations: small values come with small relative errors as far as A has them. Hypothesis: all
-/// entries are finite, none beyond 1e150.
-[[nodiscard]] SingularValues<Eigen::MatrixXd> singular_values(Eigen::MatrixXd A);
-[[nodiscard]] SingularValues<Eigen::MatrixXcd> singular_values(Eigen::MatrixXcd A);
+/// Returns the singular values of A by two-sided Jacobi rotations. Precondition: all entries are finite.
+[[nodiscard]] SingularValues<Eigen::MatrixXd> singular_values(const Eigen::MatrixXd& A);
+[[nodiscard]] SingularValues<Eigen::MatrixXcd> singular_values(const Eigen::MatrixXcd& A);
 
 }  // namespace rubato::solve

@@ -32,6 +32,14 @@ inline constexpr int largest_unblocked = 16;
 
 }  // namespace rubato::tuning::dense
 
+/// Small matrices (small_matrices.cpp).
+namespace rubato::tuning::small_matrices {
+
+inline constexpr int equilibration_sweeps = 12;    ///< each takes the root of the ratio that is left
+inline constexpr double cancelled_product = 1e-9;  ///< of the sum of |terms|
+
+}  // namespace rubato::tuning::small_matrices
+
 /// The Fourier preconditioner (fourier_preconditioner.cpp).
 namespace rubato::tuning::preconditioner {
 

@@ -36,7 +36,7 @@ void CoordinateVariation::find_rows() {
       offset = shifted(offset, first, -1);
     }
     const Expression formula = formula_in(shifted({}, first, -1));
-    if (formula.is_constant() && formula.constant_value() == 0.0) {
+    if (is_zero(formula)) {
       return;
     }
     const auto known = std::ranges::find(rows_, row);

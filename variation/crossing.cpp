@@ -116,8 +116,8 @@ void CrossingSearch::set_rates(double h, Sample& from, Sample& to, const Functio
   }
 }
 
-/// Looks at g where it may turn beyond zero, or nearly so: where the cubic turns nearer to zero than a fourth of how
-/// much it varies, which is more than it is off by.
+/// Looks at g where it may turn beyond zero, or nearly so: where the cubic turns between zeros, or nearer to zero than
+/// a fourth of how much it varies, which is more than it is off by.
 void CrossingSearch::refine(const Sample& a, const Sample& b, int depth, const Function& g) {
   if (depth == 0) {
     return;
@@ -132,15 +132,21 @@ void CrossingSearch::refine(const Sample& a, const Sample& b, int depth, const F
       high = std::max(high, cubic(s));
     }
   }
+  // Whether the cubic passes zero more often than its ends show.
+  int changes = 0, before = sign_of(a.value);
+  for (const double value :
+       {turns[0] > 0.0 ? cubic(turns[0]) : a.value, turns[1] > 0.0 ? cubic(turns[1]) : b.value, b.value}) {
+    changes += sign_of(value) != before ? 1 : 0;
+    before = sign_of(value);
+  }
+  const bool passes_more = changes > (sign_of(a.value) != sign_of(b.value) ? 1 : 0);
   Sample last = a;
   const double length = b.fraction - a.fraction;
   for (const double s : turns) {
     if (!(s > 0.0)) {
       continue;
     }
-    const double value = cubic(s);
-    const bool beyond = sign_of(value) != sign_of(a.value) && sign_of(value) != sign_of(b.value);
-    if (!beyond && std::abs(value) > near * (high - low)) {
+    if (!passes_more && std::abs(cubic(s)) > near * (high - low)) {
       continue;
     }
     Sample found = g(a.fraction + s * length);

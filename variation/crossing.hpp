@@ -26,11 +26,11 @@ struct Crossing {
 /// (T. R. Chandrupatla, A new hybrid quadratic/bisection algorithm for finding the zero of a nonlinear function without
 /// using derivatives, Adv. Eng. Software 28, 1997).
 ///
-/// Two crossings within one step are seen where the cubic through g and its rate at both ends turns beyond zero, or
-/// nearer to it than a fourth of how much it varies in the step: there g is looked at itself, and so twice more between
-/// the places found. Rates that are not given are those of the parabola through the last three levels. What is missed
-/// are pairs of crossings in a step that is too long for the cubic to follow g as far as that: it is off by a 384th of
-/// the fourth derivative by the fraction, the parabola by a 15th of the third.
+/// Several crossings within one step are seen where the cubic through g and its rate at both ends turns between zeros,
+/// or nearer to zero than a fourth of how much it varies in the step: there g is looked at itself, and so twice more
+/// between the places found. Rates that are not given are those of the parabola through the last three levels. What is
+/// missed are pairs of crossings in a step that is too long for the cubic to follow g as far as that: it is off by a
+/// 384th of the fourth derivative by the fraction, the parabola by a 15th of the third.
 class CrossingSearch {
 public:
   struct Sample {

@@ -74,7 +74,7 @@ bool equal_steps_do(const Scouting& scouting) {
 }
 
 std::optional<StepPotential> nearly_equal_steps(const Scouting& scouting) {
-  const double terms = scouting.energy_size > 0.0 ? scouting.energy_size : 1.0;
+  const double terms = scouting.energy_size;
   const double off = scouting.off(scouting.largest_eta(), scouting.step), most = most_stiff_part * terms;
   const bool is_scouted = scouting.eta.size() > 1;
   const double least =

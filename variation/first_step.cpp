@@ -8,6 +8,7 @@
 
 #include <fmt/format.h>
 
+#include <rubato/base/limits.hpp>
 #include <rubato/variation/tuning.hpp>
 
 namespace rubato {
@@ -65,16 +66,43 @@ private:
   double direction_;
 };
 
-/// The size of H's terms at the start, or of what their rounding says of them, where they all happen to vanish.
-double starting_scale(const TimeLevels& levels) {
-  return std::max(levels.energy_scale(), levels.energy_rounding() / std::numeric_limits<double>::epsilon());
-}
+/// Of an integrator's levels so far.
+class NodeEnergies {
+public:
+  explicit NodeEnergies(Integrator& integrator) : integrator_(integrator) { add(); }
+
+  void add() {
+    const double bare = integrator_.bare_node().energy;
+    low_ = std::min(low_, bare);
+    high_ = std::max(high_, bare);
+    largest_ = std::max(largest_, std::abs(integrator_.node().energy));
+  }
+  [[nodiscard]] double middle() const { return 0.5 * (low_ + high_); }
+  [[nodiscard]] double farthest(double E) const { return std::max(high_ - E, E - low_); }
+  [[nodiscard]] double scale() const {
+    const double largest = std::min(largest_, std::max(std::abs(low_), std::abs(high_)));
+    return node_energy_scale(largest, integrator_.levels().sizes());
+  }
+
+private:
+  Integrator& integrator_;
+  double low_ = std::numeric_limits<double>::infinity(), high_ = -low_, largest_ = 0.0;
+};
 
 }  // namespace
 
+double node_energy_scale(double largest, const formula::SumSize& sizes) {
+  constexpr double certain = 100.0;     // what is known to two digits is no rounding
+  constexpr double vanishing = 3.0e-3;  // of 3 % of what cancels
+  if (largest > std::max(vanishing * sizes.cancelled, certain * sizes.rounding)) {
+    return largest;
+  }
+  return sizes.cancelled > certain * sizes.rounding ? sizes.cancelled : sizes.rounding / epsilon;
+}
+
 TrialRun trial_run(Integrator& integrator, std::size_t most_steps) {
-  double low = integrator.bare_node().energy;
-  double high = low, potential = 0.0;
+  NodeEnergies energies(integrator);
+  double potential = 0.0;
   TrialRun result;
   for (std::size_t k = 0; k < most_steps && !integrator.finished(); ++k) {
     const StepReport step = integrator.step();
@@ -83,16 +111,14 @@ TrialRun trial_run(Integrator& integrator, std::size_t most_steps) {
       return result;
     }
     potential = k == 0 ? step.potential : potential;
-    const double energy = integrator.bare_node().energy;
-    low = std::min(low, energy);
-    high = std::max(high, energy);
+    energies.add();
   }
   result.whole = integrator.finished();
   // While the run still waits beside a zero of Γ there is no E yet.
   const double set = integrator.levels().bare_energy();
-  const double E = std::isnan(set) ? 0.5 * (low + high) : set - potential;
-  const double scale = integrator.levels().energy_scale();
-  result.deviation = scale == 0.0 ? 0.0 : std::max(high - E, E - low) / scale;
+  const double E = std::isnan(set) ? energies.middle() : set - potential;
+  const double scale = energies.scale();
+  result.deviation = scale == 0.0 ? 0.0 : energies.farthest(E) / scale;
   return result;
 }
 
@@ -103,12 +129,15 @@ double choose_first_step(const std::function<std::unique_ptr<Integrator>(double)
     throw std::invalid_argument(
         fmt::format("the tolerance of the node energy is relative and has to be between 0 and 1; got {}", tolerance));
   }
-  const int order = start->traits().order;
+  const int order = start->order();
   const Search search([&](double step) { return trial_run(*make(step), most_steps); }, order, length);
   double reached = std::max(tolerance, coarse_tolerance);
   // |H - E| = (s+1)/24 h^s |Γ| at the start
-  const double law = 24.0 * reached * starting_scale(start->levels()) / ((order + 1.0) * std::abs(start->node().gamma));
-  const double guess = std::pow(law, 1.0 / order);
+  const double law =
+      24.0 * reached * NodeEnergies(*start).scale() / ((order + 1.0) * std::abs(start->bare_node().gamma));
+  // The root in units of 2^e, about the run's length, so that other units of time change no digit of it.
+  const int e = std::ilogb(length);
+  const double guess = std::ldexp(std::pow(std::ldexp(law, -e * order), 1.0 / order), e);
   double step = search(std::isfinite(guess) && guess > 0.0 ? guess : 0.1 * std::abs(length), reached, true);
   while (reached > tolerance) {
     const double next = std::max(tolerance, refinement * reached);

@@ -11,15 +11,20 @@ namespace rubato {
 /// What a trial run from some first step found.
 struct TrialRun {
   Status status = Status::success;
-  /// max |H(z_k) - E| / TimeLevels::energy_scale(), the first level included; of E without the first step's f', which
-  /// is K_h there.
+  /// max |H(z_k) - E| over the scale of the node energy, the first level included; of E without the first step's f',
+  /// which is K_h there.
   double deviation = 0.0;
   bool whole = false;  ///< whether it came to the end of the run
 };
 
+/// The scale of the node energy: max |H(z_k)|; where that is nothing beside what cancels among the terms of H, 3 % of
+/// the latter. Where both are rounding the size that this says of the terms takes their place.
+[[nodiscard]] double node_energy_scale(double largest, const formula::SumSize& sizes);
+
 /// A first step h_0 with which the node energy H(z_k) stays within `tolerance` of the discrete energy E, its own step
-/// potential f'(h_0) left out, relative to TimeLevels::energy_scale, which knows no zero of H, and not by much more
-/// than it has to: between 0.7 and 1 times the tolerance where trials settle. No longer than a tenth of the run.
+/// potential f'(h_0) left out, relative to node_energy_scale(), and by not much less: between 0.7 and 1 times the
+/// tolerance where trials settle. |H| is with the constants that are added to H or without them, whichever is less. No
+/// longer than a tenth of the run.
 ///
 /// By the node law the largest deviation is c·max|Γ|^(1/(s+1)) with c proportional to h_0^s (theory, section 3), so
 /// that one trial tells the next step: h_0 (tolerance/deviation)^(1/s). Γ at the start says little about its largest

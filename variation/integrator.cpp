@@ -4,7 +4,7 @@
 
 #include <fmt/format.h>
 
-#include <rubato/variation/bridge_causes.hpp>
+#include <rubato/variation/off_law_causes.hpp>
 
 namespace rubato {
 
@@ -19,9 +19,15 @@ NodeEnergy Integrator::node() {
   return node;
 }
 
+NodeEnergy Integrator::told_node() {
+  NodeEnergy told = node();
+  told.gamma /= level_scheme_->gamma_factor();
+  return told;
+}
+
 std::string Integrator::explain(const StepReport& failed) {
-  return describe_failure(failed, t(), node(), levels_->last_step(), levels_->options().on_singular, failure_reason(),
-                          traits());
+  return describe_failure(failed, t(), told_node(), levels_->last_step(), levels_->options(), order(),
+                          failure_reason());
 }
 
 void Integrator::save(StateWriter& state) const {
@@ -36,41 +42,30 @@ void Integrator::restore(StateReader& state) {
 
 namespace {
 
-std::string gamma_name(const StepReport& report, int order) {
-  return report.gamma_from_slope ? slope_name(order) : "Gamma";
+std::string gamma_name(bool has_gamma, int order) {
+  return has_gamma ? "Gamma" : slope_name(order);
 }
 
-std::string trend_of(const StepReport& report, int order) {
-  return fmt::format("{} went from {:.4g} to {:.4g} over the last step", gamma_name(report, order), report.gamma_before,
-                     report.gamma_after);
+std::string trend_of(const StepReport& report, bool has_gamma, int order) {
+  return fmt::format("{} went from {:.4g} to {:.4g} over the last step", gamma_name(has_gamma, order),
+                     report.gamma_before, report.gamma_after);
 }
 
-/// `has_gamma`: whether the scheme knows its Γ, so that there are bridges (with stop, the report has it from slopes all
-/// the same, since no level before is kept).
-std::string why_singular(const StepReport& report, OnSingular on_singular, bool has_gamma, const SchemeTraits& scheme) {
+std::string why_singular(const StepReport& report, const LevelOptions& options, bool has_gamma, int order) {
   const GammaTrend trend{report.gamma_before, report.gamma_after};
-  const bool bridging = on_singular == OnSingular::bridge && has_gamma;
-  const bool plain = on_singular == OnSingular::fixed;
+  const bool pure = options.potential.kind == StepPotentialChoice::Kind::none;
+  const std::string plain = options.on_singular == OnSingular::stop ? "on_singular = \"plain\", " : "";
   if (trend.meets_zero()) {
-    const std::string what = fmt::format("{} nears 0 there ({}; theory, section {})", gamma_name(report, scheme.order),
-                                         trend_of(report, scheme.order), has_gamma ? 3 : 8);
-    if (bridging) {
-      return what + ", and no bridge over it was found; use another step, or levels = \"fixed\"";
-    }
-    if (!scheme.bridged.empty()) {
-      return fmt::format(
-          "{}, and this scheme has no bridges; use step_potential = \"auto\", {}levels = \"fixed\", or {}", what,
-          plain ? "" : "on_singular = \"fixed\", ", scheme.bridged);
-    }
-    return what + (!has_gamma || plain ? "; use another step, or levels = \"fixed\""
-                                       : "; use on_singular = \"bridge\" or \"fixed\", or levels = \"fixed\"");
+    return fmt::format("{} nears 0 there ({}; theory, section {}); use {}{}levels = \"fixed\"",
+                       gamma_name(has_gamma, order), trend_of(report, has_gamma, order), has_gamma ? 3 : 8,
+                       pure ? "step_potential = \"auto\", " : "another step, ", plain.empty() ? "or " : plain + "or ");
   }
   if (trend.known() && trend.ratio() > GammaTrend::changes_much) {
-    return fmt::format("the step is too long for the motion: {}; take a smaller step", trend_of(report, scheme.order));
+    return fmt::format("the step is too long for the motion: {}; take a smaller step",
+                       trend_of(report, has_gamma, order));
   }
-  return fmt::format(
-      "E(h) turns back, or leaves the branch the run is on, before it comes to E; take a smaller step, {}",
-      scheme.bridged.empty() ? "or levels = \"fixed\"" : fmt::format("levels = \"fixed\", or {}", scheme.bridged));
+  return "E(h) turns back, or leaves the branch the run is on, before it comes to E; take a smaller step, or levels = "
+         "\"fixed\"";
 }
 
 }  // namespace
@@ -82,16 +77,16 @@ std::string slope_name(int order) {
 }
 
 std::string describe_failure(const StepReport& report, double t, const NodeEnergy& node, double last_step,
-                             OnSingular on_singular, std::string_view reason, const SchemeTraits& scheme) {
+                             const LevelOptions& options, int order, std::string_view reason) {
+  const bool has_gamma = std::isfinite(node.gamma);
   const std::string where =
-      std::isfinite(node.gamma)
-          ? fmt::format("at t = {:.10g}, Gamma = {:.4g}, last step h = {:.4g}", t, node.gamma, last_step)
-          : fmt::format("at t = {:.10g}, last step h = {:.4g}", t, last_step);
+      has_gamma ? fmt::format("at t = {:.10g}, Gamma = {:.4g}, last step h = {:.4g}", t, node.gamma, last_step)
+                : fmt::format("at t = {:.10g}, last step h = {:.4g}", t, last_step);
   switch (report.status) {
     case Status::success: return {};
     case Status::singular:
       return fmt::format("the step equation has no solution with the required energy {}: {}", where,
-                         why_singular(report, on_singular, std::isfinite(node.gamma), scheme));
+                         why_singular(report, options, has_gamma, order));
     case Status::ill_conditioned:
       if (report.condition <= LevelOptions{}.condition_limit) {
         return fmt::format(
@@ -109,7 +104,7 @@ std::string describe_failure(const StepReport& report, double t, const NodeEnerg
                  ? fmt::format(
                        "the step could not be solved {}: it is too long for a motion that speeds up like this "
                        "({}); take a smaller step, and end the run before the motion blows up, if it does",
-                       where, trend_of(report, scheme.order))
+                       where, trend_of(report, has_gamma, order))
                  : fmt::format("the step could not be solved {}: the iteration did not settle; take a smaller step",
                                where);
     }

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cmath>
 #include <memory>
 #include <string>
 #include <string_view>
@@ -10,23 +11,16 @@
 
 namespace rubato {
 
-/// What the account of a failure has to know of a scheme.
-struct SchemeTraits {
-  int order = 2;
-  std::string_view bridged = {};  ///< what to use in its place where it has no bridges; as an option of [scheme]
-};
-
 /// What an orbit's options and a lattice's say of the choice of levels, in the same words.
 /// \param has_usual whether a step potential is chosen where they say nothing of it, nor of singular points
 /// \param energy_constant what the constant that was added to H, or to S, adds to discrete energies
 template <typename Options>
 [[nodiscard]] LevelOptions level_options(const Options& options, bool has_usual, double energy_constant) {
   return {.levels = options.levels,
-          .on_singular = options.on_singular.value_or(OnSingular::bridge),
-          .bridge = options.bridge.value_or(BridgeRule::anchored),
+          .on_singular = options.on_singular.value_or(OnSingular::plain),
           .tolerance = options.tolerance,
           .energy_constant = energy_constant,
-          .potential = with_usual(options.potential, has_usual && !options.on_singular && !options.bridge)};
+          .potential = with_usual(options.potential, has_usual && !options.on_singular)};
 }
 
 /// Steps an orbit or a lattice, level by level: a scheme, and the levels that are chosen for it.
@@ -43,15 +37,20 @@ public:
   [[nodiscard]] bool finished() const;
 
   [[nodiscard]] double t() const { return levels_->time(); }
-  [[nodiscard]] NodeEnergy node();  ///< H(z_k), or 𝓔(z_k), and Γ(z_k); Γ is NaN where the scheme has none
+  [[nodiscard]] NodeEnergy node();  ///< H(z_k), or 𝓔(z_k), and -24 η(z_k); NaN where the scheme has none
+  /// The same with Γ = fᵀH_zz f itself (theory, section 3); NaN where -24 η is no multiple of it.
+  [[nodiscard]] NodeEnergy told_node();
   /// The same of H, or S, without the constant that was added to it.
   [[nodiscard]] NodeEnergy bare_node() { return level_scheme_->node(); }
-  [[nodiscard]] bool has_gamma() const { return level_scheme_->has_gamma(); }
+  /// Whether told_node() has Γ.
+  [[nodiscard]] bool has_gamma() const {
+    return level_scheme_->has_gamma() && !std::isnan(level_scheme_->gamma_factor());
+  }
   /// Whether E_k is one constant for the run; if not (𝕃 depends on t), energy_balance() is what (3.4) leaves.
   [[nodiscard]] bool autonomous() const { return !level_scheme_->energy_target().has_value(); }
   [[nodiscard]] const TimeLevels& levels() const { return *levels_; }
   [[nodiscard]] TimeLevels& levels() { return *levels_; }
-  [[nodiscard]] SchemeTraits traits() const { return {.order = level_scheme_->order(), .bridged = bridged_}; }
+  [[nodiscard]] int order() const { return level_scheme_->order(); }
   /// What these options do badly although they can, or what is doubtful about the problem, with a remedy: sentences for
   /// people.
   [[nodiscard]] virtual std::vector<std::string> cautions() const { return {}; }
@@ -77,8 +76,6 @@ protected:
     node_constant_ = node_constant;
   }
 
-  std::string_view bridged_ = {};  ///< SchemeTraits::bridged
-
 private:
   LevelScheme* level_scheme_ = nullptr;
   std::unique_ptr<TimeLevels> levels_;
@@ -87,13 +84,14 @@ private:
   double node_constant_ = 0.0;
 };
 
-/// One sentence on why a step failed at time t, with the values that matter and what to do, given what the run does
-/// already where Γ vanishes. `reason`: what of the formula was not defined, where that is known.
+/// Returns one sentence on why a step failed at time t, with the values that matter and a remedy.
+/// \param node at that level; its Γ is NaN where the scheme has none
+/// \param order of the scheme
+/// \param reason the part of the formula that was not defined, if known
 [[nodiscard]] std::string describe_failure(const StepReport& report, double t, const NodeEnergy& node, double last_step,
-                                           OnSingular on_singular, std::string_view reason = {},
-                                           const SchemeTraits& scheme = {});
+                                           const LevelOptions& options, int order, std::string_view reason = {});
 
-/// What is told in place of Γ where the slopes of steps are all that is known: "-(4/h) dE/dh" for order 2, and for
+/// Returns the name of the number that stands for Γ where the scheme has none: "-(4/h) dE/dh" for order 2, and for
 /// order s -24/(s(s+1) h^(s-1)) dE/dh, which is -24 η to leading order (theory, section 8).
 [[nodiscard]] std::string slope_name(int order);
 

@@ -20,6 +20,9 @@ formula::Expression LatticeAction::lagrangian() const {
 }
 
 std::vector<formula::Expression> LatticeAction::currents(const Part& part) const {
+  if (!part.currents.empty()) {
+    return part.currents;
+  }
   std::vector<formula::Expression> variables, all;
   for (const Value& value : values) {
     variables.push_back(value.variable);

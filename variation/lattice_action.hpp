@@ -11,6 +11,11 @@
 
 namespace rubato {
 
+/// True if a formula is the constant 0: a term that need not be computed.
+[[nodiscard]] inline bool is_zero(const formula::Expression& e) {
+  return e.is_constant() && e.constant_value() == 0.0;
+}
+
 /// What a stencil does in time, over the slab between two levels.
 enum class InTime {
   before,      ///< z_k
@@ -73,6 +78,8 @@ struct LatticeAction {
     std::vector<int> derivatives;  ///< D_ρ as numbers of `operators`: time, then the directions of space
     formula::Expression density;   ///< V
     std::vector<OneForm> forms;    ///< Q^μ; there may be several for one μ
+    /// J^ν_ρ, ν·(1 + dimensions) + ρ, where they are stated and not derived from density and forms.
+    std::vector<formula::Expression> currents;
   };
 
   std::shared_ptr<formula::Graph> graph;
@@ -85,6 +92,10 @@ struct LatticeAction {
   std::vector<StencilOperator> operators;
   std::vector<Value> values;  ///< all that `value` of the builder was asked for
   std::vector<Place> places;  ///< all that `place` of the builder was asked for
+  /// Variables of L that stand for h, Δx, Δy, Δz; empty where it names none. Then -∂(hL)/∂h is the energy of a cell.
+  std::vector<formula::Expression> spacings;
+  /// Fields whose value at the next node along x counts from this one, with a slope on the way; empty: none.
+  std::vector<bool> potential;
 
   /// Σ_parts V + Σ_μ Q^μ_μ, on a rectangle.
   [[nodiscard]] formula::Expression lagrangian() const;

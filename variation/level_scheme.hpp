@@ -1,9 +1,7 @@
 #pragma once
 
 #include <cstddef>
-#include <limits>
 #include <optional>
-#include <span>
 #include <string>
 
 #include <rubato/base/state.hpp>
@@ -13,8 +11,8 @@
 
 namespace rubato {
 
-/// What the choice of time levels reads at a level: the node energy H(z_k) and Γ(z_k) (theory, section 3; for order s
-/// Γ stands for -24 φ^(s+1), which is Γ itself for s = 2).
+/// What the choice of time levels reads at a level: the node energy H(z_k) and what the law of the scheme has as Γ,
+/// -24 η (theory, section 8), which is LevelScheme::gamma_factor() times Γ.
 struct NodeEnergy {
   double energy = 0.0;
   double gamma = 0.0;
@@ -40,7 +38,8 @@ public:
   /// the scale of the tolerance, and the error of h. Where E_k was last evaluated; at the current level if it has not
   /// been yet.
   [[nodiscard]] virtual formula::SumSize energy_size() = 0;
-  /// For how many steps that serves where levels are fixed and nothing is solved to it.
+  /// For how many steps of fixed levels that serves, a multiple of tuning::size_period; with variable levels, for as
+  /// many as it is multiples.
   [[nodiscard]] virtual std::size_t energy_size_period() const { return tuning::size_period; }
   /// Total derivative dE_k/dh along the solved step; -(h/4)Γ for the midpoint 𝕃, -s h^(s-1) (s+1)Γ/24 for order s.
   [[nodiscard]] virtual double discrete_energy_slope() const = 0;
@@ -48,27 +47,20 @@ public:
   [[nodiscard]] virtual bool slope_costs_more() const { return !has_node_law(); }
   /// Whether it is the leading term of the derivative alone, off by a factor that hardly depends on h.
   [[nodiscard]] virtual bool slope_to_leading_order() const { return false; }
-  /// E_k of several steps from the current level, where a scheme finds them quicker side by side than one after the
-  /// other. The trial level is as it was. Results are those of advance() to rounding, and the same on every machine.
-  ///@{
-  static constexpr std::size_t abreast = 8;
-  /// Gets ready for levels that are solved for. \return what that many energies take, in steps, about; infinite where
-  /// they are not found side by side
-  [[nodiscard]] virtual double prepare_abreast() { return std::numeric_limits<double>::infinity(); }
-  virtual void energies_abreast(std::span<const double, abreast> /*h*/, std::span<double, abreast> /*energies*/) {}
-  ///@}
   /// What E_k must equal when it is not one constant for the run (𝕃 depending on t explicitly), else nothing.
   [[nodiscard]] virtual std::optional<double> energy_target() const { return std::nullopt; }
   /// The exponent s of the step law h^(s+1) Γ = const.
   [[nodiscard]] virtual int order() const { return 2; }
 
-  /// Whether the Γ of node() governs this scheme: the step law, and the node law H - E = (s+1)/24 h^s Γ + …, on which
-  /// bridges stand. Not so for an arbitrary 𝕃.
+  /// Whether the Γ of node() governs this scheme: the step law, and the node law H - E = (s+1)/24 h^s Γ + …
+  /// Not so for an arbitrary 𝕃.
   [[nodiscard]] virtual bool has_node_law() const { return true; }
 
-  [[nodiscard]] virtual NodeEnergy node() = 0;        ///< at the current level
-  [[nodiscard]] virtual NodeEnergy trial_node() = 0;  ///< at the trial level
-  [[nodiscard]] virtual int iterations() const = 0;   ///< solver iterations since the last accept()
+  [[nodiscard]] virtual NodeEnergy node() = 0;       ///< at the current level
+  [[nodiscard]] virtual int iterations() const = 0;  ///< solver iterations since the last accept()
+
+  /// What node() has as Γ, over fᵀH_zz f (theory, section 3); NaN where it is no multiple of that.
+  [[nodiscard]] virtual double gamma_factor() const { return 1.0; }
 
   /// Whether node() knows Γ, the quantity that dE_k/dh of this scheme is proportional to; else it is NaN there.
   [[nodiscard]] virtual bool has_gamma() const { return has_node_law(); }

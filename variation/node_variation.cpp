@@ -13,12 +13,8 @@ namespace {
 
 using formula::Expression;
 
-/// Uniform numbers of the code.
-constexpr int number_of_h = 0, number_of_rate = 1;
-
-bool is_zero(const Expression& e) {
-  return e.is_constant() && e.constant_value() == 0.0;
-}
+/// The uniform number of the code beside h.
+constexpr int number_of_rate = 1;
 
 }  // namespace
 
@@ -71,8 +67,18 @@ LevelValues NodeVariation::keep(int others, std::span<const Expression> always,
 Expression NodeVariation::in_space(Level level, int field, const grids::SpaceOperator& op, Offset cell,
                                    bool with_slope) {
   const Expression periodic = formulas_.in_cell(op, array_of(level, field), cell);
-  const bool slopes = with_slope && op.box[0] == grids::Along::difference;
-  return slopes ? periodic + formulas_.slope(field, cell) : periodic;
+  if (with_slope && op.box[0] == grids::Along::difference) {
+    return periodic + formulas_.slope(field, cell);
+  }
+  const bool counts_from_here = !action_.potential.empty() && action_.potential[static_cast<std::size_t>(field)];
+  if (with_slope && counts_from_here && op.box[0] == grids::Along::next) {
+    Offset there = cell;
+    for (std::size_t a = 1; a < there.size(); ++a) {
+      there[a] += op.box[a] == grids::Along::next ? 1 : 0;
+    }
+    return periodic + formulas_.grid().spacing(0) * formulas_.slope(field, there);
+  }
+  return periodic;
 }
 
 /// L_o z in a cell.
@@ -103,6 +109,10 @@ std::vector<Expression> NodeVariation::in_nodes(std::span<const Expression> form
   for (std::size_t j = 0; j < action_.places.size(); ++j) {
     from.push_back(action_.places[j].variable);
     to.push_back(place(j, cell));
+  }
+  for (std::size_t j = 0; j < action_.spacings.size(); ++j) {
+    from.push_back(action_.spacings[j]);
+    to.push_back(j == 0 ? h_ : formulas_.graph().constant(formulas_.grid().spacing(static_cast<int>(j) - 1)));
   }
   return formula::substitute(formulas, formulas_.graph(), from, to);
 }

@@ -52,6 +52,10 @@ public:
                                                           std::array<int, 3> cell = {});
   [[nodiscard]] formula::Expression by_place(const LatticeAction::Place& place, std::array<int, 3> cell = {});
   ///@}
+  /// A formula of the action's variables in the cell of the node, or one so far from it.
+  [[nodiscard]] formula::Expression in_cell(formula::Expression formula, std::array<int, 3> cell = {}) {
+    return in_nodes(std::array{formula}, cell, Motion::between_levels).front();
+  }
   [[nodiscard]] const LatticeAction& action() const { return action_; }
 
   /// What formulas are made of: z_f at a node that is so far from this one; a difference of z_f there along an axis, of
@@ -71,6 +75,14 @@ public:
   ///@}
   [[nodiscard]] NodeFormulas::Weights weights(const grids::SpaceOperator& op) const { return formulas_.weights(op); }
   [[nodiscard]] formula::Graph& graph() { return formulas_.graph(); }
+  /// A node's value of an array beside the fields, numbered from 0.
+  [[nodiscard]] formula::Expression other(int array, std::array<int, 3> offset = {}) {
+    return formulas_.node(first_other() + array, offset);
+  }
+  /// What formulas so far are made of. Fields of the lower level are the arrays from 0, of the upper one from fields.
+  [[nodiscard]] std::span<const NodeInput> inputs() const { return formulas_.inputs(); }
+  /// The number of h among the uniform ones.
+  static constexpr int number_of_h = 0;
   /// Keeps what formulas have of one level alone, in arrays after so many others: see LevelValues.
   [[nodiscard]] LevelValues keep(int others, std::span<const formula::Expression> always,
                                  std::initializer_list<std::vector<formula::Expression>*> formulas);

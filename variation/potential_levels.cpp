@@ -1,11 +1,8 @@
 #include <algorithm>
-#include <array>
 #include <cmath>
 
 #include <rubato/base/limits.hpp>
-#include <rubato/variation/energy_profile.hpp>
 #include <rubato/variation/equal_steps.hpp>
-#include <rubato/variation/power_of.hpp>
 #include <rubato/variation/scout.hpp>
 #include <rubato/variation/sign.hpp>
 #include <rubato/variation/time_levels.hpp>
@@ -25,12 +22,6 @@ double move_to_root(double miss, double rate, double curvature) {
   return -2.0 * miss / (rate * (1.0 + (bend > 0.25 ? std::sqrt(bend) : 1.0)));
 }
 
-/// The same by P. L. Chebyshev's iteration, of third order, without a root.
-double profile_move(double miss, double rate, double curvature) {
-  const double inverse = 1.0 / rate, newton = -miss * inverse;
-  return newton * (1.0 - std::clamp(newton * curvature * inverse, -0.5, 0.5));
-}
-
 }  // namespace
 
 void TimeLevels::choose_potential() {
@@ -44,19 +35,49 @@ void TimeLevels::choose_potential() {
   }
   const bool given = choice.kind == StepPotentialChoice::Kind::given;
   const bool short_run = !given && is_short_run(scheme_.order(), fixed_h_, options_.run_length);
-  const Scouting scouting = scout(scheme_, fixed_h_, given || short_run, options_.tolerance);
+  const double to_end =
+      std::isfinite(options_.run_length) ? options_.run_length : longest_stretch_untold * std::abs(fixed_h_);
+  const Scouting scouting = scout(scheme_, fixed_h_, given || short_run, options_.tolerance, to_end);
   if (scouting.eta.empty()) {
     return;  // the first step will tell why
   }
+  // A little less: what rounding makes of a sum of steps decides nothing.
+  if (!scouting.depends_on_step() && scouting.duration >= (1.0 - 1e-9) * to_end) {
+    return;  // every length will do
+  }
   if (given) {
     set_potential(make_step_potential(scouting, choice.kappa, choice.exponent));
-  } else if (short_run) {
+  } else if (short_run && scouting.eta.size() == 1) {
     set_potential(nearly_equal_steps(scouting).value());
   } else {
     const PricedPotential chosen = choose_priced_potential(scouting, choice.largest_step);
     set_potential(chosen.potential);
     potential_price_ = chosen.price_in_steps;
   }
+}
+
+/// A step of the first length, where K does not depend on it; flagged if it is off E after all.
+StepReport TimeLevels::steady_step() {
+  StepReport result = plain_step(fixed_h_);
+  if (result.status != Status::success) {
+    return result;
+  }
+  if (std::isnan(energy_)) {
+    set_energy(result);
+    result.target = scheme_.energy_target().value_or(energy_);
+  }
+  law_scale_ = law_scale_ > 0.0 ? law_scale_ : energy_scale_;  // at rest, of the first step that has terms
+  if (!(std::abs(result.energy - result.target) <= allowed_miss(result))) {
+    if (options_.on_singular == OnSingular::stop) {
+      result.status = Status::singular;
+      return result;
+    }
+    return flagged(result);
+  }
+  singular_ = false;
+  result.condition = 0.0;  // no error of E_k is one of h
+  take(result);
+  return result;
 }
 
 /// dE/dh by differences over the scheme's: as the steps up to the last let expect, or the last that is known.
@@ -69,76 +90,13 @@ double TimeLevels::foreseen_slope_ratio() {
                           : slope_ratios_.newest();
 }
 
-/// Whether lengths side by side lead to the next level sooner than one after the other, as those before were foreseen.
-bool TimeLevels::goes_abreast() const {
-  const double trials = misforeseen_ < nearly_foreseen ? 2.0 : misforeseen_ < hardly_foreseen ? 3.0 : 4.0;
-  return price_abreast_ + 1.0 < trials;
-}
-
-/// The root of K_h + f'(h) = E, with K_h by its values at eight lengths around the one foreseen: as near, mostly, as
-/// rounding lets it be. None where the polynomial has none near them, or on the wrong branch.
-std::optional<TimeLevels::Root> TimeLevels::root_abreast(double foreseen) {
-  const double side = sign(regular_step_);
-  const double part = std::clamp(around_foreseen * misforeseen_, narrowest_abreast, widest_abreast);
-  double middle = foreseen;
-  for (int batch = 0; batch < most_batches; ++batch) {
-    std::array<double, LevelScheme::abreast> h{}, misses{};
-    for (std::size_t i = 0; i < h.size(); ++i) {
-      h[i] = side * middle * (1.0 + part * EnergyProfile::places[i]);
-    }
-    scheme_.energies_abreast(h, misses);
-    for (double& miss : misses) {
-      miss = direction_ * (miss - energy_);
-    }
-    const EnergyProfile profile(misses);
-    // f' at the middle times (1 + part x)^p.
-    const double p = potential_.exponent, energy = direction_ * potential_.energy(middle);
-    // The first move is from the middle, where there is little to evaluate.
-    const EnergyProfile::Point here = profile.middle();
-    double x = profile_move(here.value + energy, here.slope + p * part * energy,
-                            0.5 * (here.bend + p * (p - 1.0) * part * part * energy));
-    if (!(here.slope + p * part * energy > 0.0) || !(std::abs(x) < farthest_abreast)) {
-      x = 0.0;
-    }
-    for (int iteration = 0; iteration < most_iterations_abreast; ++iteration) {
-      const double ratio = 1.0 + part * x;
-      const EnergyProfile::Point K = profile.at(x);
-      const double bend = energy * power_of(ratio, p - 2.0);
-      const double miss = K.value + bend * ratio * ratio;
-      const double rate = K.slope + p * part * bend * ratio;
-      const double curvature = 0.5 * (K.bend + p * (p - 1.0) * part * part * bend);
-      if (!(rate > 0.0)) {
-        return std::nullopt;
-      }
-      const double move = profile_move(miss, rate, curvature);
-      x += move;
-      if (!(std::abs(x) < farthest_abreast)) {
-        x = std::copysign(farthest_abreast, x);
-        break;
-      }
-      if (std::abs(move) < last_move_abreast) {
-        if (std::abs(x) <= 1.0 || batch + 1 == most_batches) {
-          return Root{.length = middle * (1.0 + part * x), .slope = rate / (part * middle)};
-        }
-        break;
-      }
-    }
-    if (!std::isfinite(x)) {
-      return std::nullopt;
-    }
-    middle *= 1.0 + part * x;
-  }
-  return std::nullopt;
-}
-
 /// Newton's iteration on h ↦ K_h + f'(h), with the curvature of both, kept between lengths known to be too short and
 /// too long. A root is taken only where E_k grows to the side of the potential.
 Status TimeLevels::solve_with_potential(double guess) {
   const double side = sign(guess);
   const double foreseen = std::abs(guess);
   const double tolerance = solved_to();
-  const std::optional<Root> near = goes_abreast() ? root_abreast(foreseen) : std::nullopt;
-  double length = near ? near->length : foreseen, last_length = 0.0, last_miss = 0.0, best = infinity;
+  double length = foreseen, last_length = 0.0, last_miss = 0.0, best = infinity;
   double below = 0.0, above = infinity, last_slope = 0.0;
   bool full = scheme_.solves_fully() || first_miss_ <= tolerance, last_full = false;
   int stalls = 0;
@@ -165,9 +123,6 @@ Status TimeLevels::solve_with_potential(double guess) {
     }
     if (trial == 0) {
       first_miss_ = std::max(std::abs(miss), std::isfinite(first_miss_) ? memory * first_miss_ : 0.0);
-    }
-    if (trial == 0 && near && scheme_.slope_to_leading_order()) {
-      slope_ratio = std::clamp(near->slope / slope, 1.0 / largest_slope_ratio, largest_slope_ratio);
     }
     if (last_length > 0.0 && last_length != length && std::abs(last_miss) > tolerance) {
       left_of_miss_ = std::max(memory * left_of_miss_, std::max(0.0, std::abs(miss) - tolerance) / std::abs(last_miss));
@@ -201,7 +156,6 @@ Status TimeLevels::solve_with_potential(double guess) {
         since_ratio_ = 0.0;
       }
       since_ratio_ += length;
-      misforeseen_ = std::max(std::abs(length - foreseen) / length, memory_of_foresight * misforeseen_);
       return slope > 0.0 ? Status::success : Status::singular;
     }
     if (!full && std::abs(miss) <= enough) {
@@ -245,41 +199,6 @@ Status TimeLevels::solve_with_potential(double guess) {
     length = next;
   }
   return Status::not_converged;
-}
-
-/// The law again, if it can be met from here; else a plain step.
-StepReport TimeLevels::resumed_with_potential() {
-  const StepReport result = ordinary_step(regular_step_);
-  if (result.status != Status::success) {
-    return plain_instead(result);
-  }
-  StepReport taken = result;
-  singular_ = false;
-  forecast_.restart();
-  slope_ratios_ = {};
-  take_ordinary(taken);
-  return taken;
-}
-
-/// A plain step, flagged, where the law was not met: of the last length that met it or, where that is too long for the
-/// step's own equation, of half of it, and so on as far as the first step's. One that has another energy altogether is
-/// none: the motion blows up, and there is nothing beyond. Where a longer one, or the trials for the law, left the
-/// domain of H that is told from less, as shorter steps would only lead across.
-StepReport TimeLevels::plain_instead(const StepReport& failed) {
-  const double first = std::abs(fixed_h_);
-  double length = std::abs(regular_step_);
-  bool doubtful = failed.status == Status::undefined;
-  for (;;) {
-    const StepReport plain = plain_step(std::copysign(length, regular_step_));
-    if (plain.status == Status::success) {
-      return !doubtful || std::abs(plain.energy - energy_) <= law_scale_ ? flagged(plain) : failed;
-    }
-    if (!(length > first)) {
-      return plain;
-    }
-    length = std::max(0.5 * length, first);
-    doubtful = true;
-  }
 }
 
 }  // namespace rubato

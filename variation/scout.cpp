@@ -7,7 +7,9 @@
 #include <limits>
 #include <vector>
 
+#include <rubato/base/interrupt.hpp>
 #include <rubato/variation/equal_steps.hpp>
+#include <rubato/variation/power_of.hpp>
 #include <rubato/variation/sign.hpp>
 #include <rubato/variation/tuning.hpp>
 
@@ -20,9 +22,12 @@ using namespace tuning;
 /// The scout's log so far, and whether it has seen enough.
 class Watch {
 public:
-  explicit Watch(Scouting& log, std::size_t most)
+  /// \param one_step the first is enough, if K depends on h there
+  Watch(Scouting& log, std::size_t most, bool one_step, double run_length)
       : log_(log),
         most_(most),
+        one_step_(one_step),
+        to_end_(std::isfinite(run_length) ? run_length : longest_stretch_untold * log.step),
         look_at_(least_stretch * log.step),
         early_look_(log.order >= order_with_zeros ? first_look : least_stretch) {}
 
@@ -32,6 +37,7 @@ public:
     log_.duration += length;
     if (std::abs(eta) > std::abs(largest_)) {
       largest_ = eta;
+      depends_ = log_.depends_on_step();
       largest_at_ = log_.time.back();
     }
   }
@@ -40,11 +46,38 @@ public:
     if (log_.eta.size() >= most_) {
       return true;
     }
+    const auto seen = static_cast<double>(log_.eta.size());
+    return seen_what_repeats() && (depends_ || log_.duration >= to_end_ || (held_ && seen >= least_stretch));
+  }
+
+  /// A longer stride told something else, or cost too much: first steps are about as long as the motion's own time.
+  void hold() { held_ = true; }
+  /// Of a longer one than this nothing is to be saved, as long as it looks early.
+  void hold_to(double stride) {
+    hold();
+    longest_early_ = std::min(longest_early_, stride);
+  }
+
+  /// Whether K depends on h in what was seen so far.
+  [[nodiscard]] bool depends_on_step() const { return depends_; }
+  /// In first steps.
+  [[nodiscard]] double longest_stride() const {
+    return looks_early() ? std::min(early_look_ / strides_in_look, longest_early_) : tuning::longest_stride;
+  }
+
+  /// Whether it has not yet seen what it sees at least, and may need no more.
+  [[nodiscard]] bool looks_early() const { return early_look_ < least_stretch; }
+
+private:
+  [[nodiscard]] bool seen_what_repeats() {
+    if (one_step_ && depends_) {
+      return true;
+    }
     // A little less: what rounding makes of a sum of steps decides nothing.
     const double seen = log_.duration * (1.0 + 1e-9);
     if (looks_early() && seen >= early_look_ * log_.step) {
       const bool is_all = log_.knows_step() ? repeats(log_) : held_ && early_look_ >= second_look;
-      if (is_all && equal_steps_do(log_)) {
+      if (depends_ && is_all && equal_steps_do(log_)) {
         return true;
       }
       early_look_ *= 2.0;
@@ -63,25 +96,11 @@ public:
     return comes_back && largest_at_ <= seen_before * log_.duration;
   }
 
-  /// A longer stride told something else, or cost too much: first steps are about as long as the motion's own time.
-  void hold() { held_ = true; }
-  /// Of a longer one than this nothing is to be saved, as long as it looks early.
-  void hold_to(double stride) {
-    hold();
-    longest_early_ = std::min(longest_early_, stride);
-  }
-
-  /// In first steps.
-  [[nodiscard]] double longest_stride() const {
-    return looks_early() ? std::min(early_look_ / strides_in_look, longest_early_) : tuning::longest_stride;
-  }
-
-  /// Whether it has not yet seen what it sees at least, and may need no more.
-  [[nodiscard]] bool looks_early() const { return early_look_ < least_stretch; }
-
-private:
   Scouting& log_;
   std::size_t most_;
+  bool one_step_;
+  bool depends_ = false;  ///< K on h, in what was seen
+  double to_end_;         ///< how far it looks where K does not
   double look_at_;
   double early_look_;  ///< in first steps
   double longest_early_ = tuning::longest_stride;
@@ -91,8 +110,7 @@ private:
 
 /// dK/d|h| = s(s+1)|h|^(s-1) η, for η = 1.
 double slope_of_one(const Scouting& log, double length) {
-  const double s = log.order;
-  return s * (s + 1.0) * std::pow(length, s - 1.0);
+  return log.order * (log.order + 1.0) * power_of(length, log.order - 1);
 }
 
 /// Of η, relative; one that K hardly knows h for is as good as 0.
@@ -134,21 +152,23 @@ private:
 
 }  // namespace
 
-Scouting scout(LevelScheme& scheme, double first_step, bool one_step, double tolerance) {
+Scouting scout(LevelScheme& scheme, double first_step, bool one_step, double tolerance, double run_length) {
   StateWriter before(StateWriter::For::going_back);
   scheme.save(before);
   Scouting log{.order = scheme.order(), .step = std::abs(first_step), .tolerance = tolerance};
   const std::size_t size = before.size();
-  Watch watch(log, one_step ? 1
-                            : std::clamp(most_steps * small_state / std::max<std::size_t>(size, 1), most_large_steps,
-                                         most_steps));
+  Watch watch(log, std::clamp(most_steps * small_state / std::max<std::size_t>(size, 1), most_large_steps, most_steps),
+              one_step, run_length);
   Prices prices;
+  double begun_with = 0.0;  // the terms of the first step that has any
   double stride = 1.0, longest = longest_stride;
   int until_tried = 0;
-  while (!watch.seen_enough()) {
+  while (!watch.seen_enough() && !Interruptible::asked()) {
     const double h = stride * first_step;
     const int counted = scheme.iterations();  // since the last level
-    const bool taken = scheme.advance(h, scout_accuracy) == Status::success;
+    // As long as K does not depend on h, what a loosely solved step leaves would look as if it did.
+    const double accuracy = watch.depends_on_step() ? scout_accuracy : 0.0;
+    const bool taken = scheme.advance(h, accuracy) == Status::success;
     double eta = 0.0, change = 0.0;
     if (taken) {
       eta = scheme.discrete_energy_slope() * sign(h) / slope_of_one(log, std::abs(h));
@@ -170,12 +190,17 @@ Scouting scout(LevelScheme& scheme, double first_step, bool one_step, double tol
     if (!good) {
       break;
     }
-    const double size_of_energy = scheme.energy_size().terms;
-    if (!log.eta.empty() && size_of_energy > blown_up * log.first_size) {
+    const formula::SumSize size_of_energy = scheme.energy_size();
+    begun_with = begun_with > 0.0 ? begun_with : size_of_energy.terms;
+    if (size_of_energy.terms > blown_up * begun_with) {
       break;
     }
-    log.energy_size = std::max(log.energy_size, size_of_energy);
-    log.first_size = log.eta.empty() ? log.energy_size : log.first_size;
+    log.energy_size = std::max(log.energy_size, size_of_energy.terms);
+    log.rounding = std::max(log.rounding, size_of_energy.rounding);
+    // A motion that begins from rest has hardly any terms in its first step.
+    if (log.duration < first_look * log.step) {
+      log.first_size = log.energy_size;
+    }
     watch.add(eta, std::abs(h));
     scheme.accept();
     until_tried = std::max(until_tried - 1, 0);
@@ -186,6 +211,7 @@ Scouting scout(LevelScheme& scheme, double first_step, bool one_step, double tol
   }
   StateReader reader(before);
   scheme.restore(reader);
+  Interruptible::end_if_asked();
   return log;
 }
 

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <limits>
+
 #include <rubato/variation/level_scheme.hpp>
 #include <rubato/variation/step_potential.hpp>
 
@@ -14,9 +16,12 @@ namespace rubato {
 /// where |η| is largest near the end, as when two waves are about to meet, or where the second half of what was seen
 /// has nothing like the largest, as on an eccentric orbit that has left its pericentre. At order 4 and more it ends
 /// much sooner where the orbit repeats itself and equal steps do as well as any (equal_steps.hpp), or where K tells
-/// nothing of steps, and longer ones cost as much or cannot be taken. It knows nothing of how long the run is to be,
-/// since a run may be continued. \param one_step the first step is all that is wanted \param tolerance that levels will
-/// be solved to
-[[nodiscard]] Scouting scout(LevelScheme& scheme, double first_step, bool one_step, double tolerance);
+/// nothing of steps, and longer ones cost as much or cannot be taken. How long the run is to be is nothing to it, since
+/// a run may be continued, but where K does not depend on h: then it looks to the end. \param one_step the first step
+/// is all that is wanted, if K depends on h there \param tolerance that levels will be solved to \param run_length
+/// |until - start|; infinite if that is not known
+/// \throws Interrupted (base/interrupt.hpp), with the scheme where it stood
+[[nodiscard]] Scouting scout(LevelScheme& scheme, double first_step, bool one_step, double tolerance,
+                             double run_length = std::numeric_limits<double>::infinity());
 
 }  // namespace rubato

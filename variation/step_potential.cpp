@@ -4,13 +4,12 @@
 #include <cmath>
 #include <iterator>
 #include <limits>
-#include <set>
 #include <span>
 #include <vector>
 
 #include <rubato/base/limits.hpp>
 #include <rubato/variation/equal_steps.hpp>
-#include <rubato/variation/level_forecasts.hpp>
+#include <rubato/variation/level_forecast.hpp>
 #include <rubato/variation/power_of.hpp>
 #include <rubato/variation/tuning.hpp>
 
@@ -21,8 +20,8 @@ namespace {
 using namespace tuning;
 
 StepPotential with_kappa(const Scouting& scouting, double eta, double kappa, double exponent) {
-  const double least = std::max(least_strength, least_strength_by_tolerance * scouting.tolerance) *
-                       (scouting.energy_size > 0.0 ? scouting.energy_size : 1.0);
+  const double least =
+      std::max(least_strength, least_strength_by_tolerance * scouting.tolerance) * scouting.energy_size;
   return {.strength = std::copysign(std::max(scouting.off(eta, scouting.step), least), eta),
           .length = kappa * scouting.step,
           .exponent = exponent};
@@ -81,7 +80,7 @@ double Scouting::resolved_slope() const {
 }
 
 double Scouting::off(double value, double length) const {
-  return (order + 1.0) * std::abs(value) * std::pow(length, order);
+  return (order + 1.0) * std::abs(value) * power_of(length, order);
 }
 
 double Scouting::time_of(std::size_t i) const {
@@ -90,7 +89,11 @@ double Scouting::time_of(std::size_t i) const {
 }
 
 double Scouting::least_told() const {
-  return resolved_slope() / (order * (order + 1.0) * std::pow(step, order));
+  return resolved_slope() / (order * (order + 1.0) * power_of(step, order));
+}
+
+bool Scouting::depends_on_step() const {
+  return off(largest_eta(), step) > std::max(unfelt_by_levels * tolerance * energy_size, 2.0 * rounding);
 }
 
 bool Scouting::knows_step() const {
@@ -106,13 +109,10 @@ double Scouting::largest_eta() const {
 }
 
 double rounded_strength(double strength) {
-  const double unit = std::pow(10.0, std::floor(std::log10(std::abs(strength))) - 1.0);
-  return std::round(strength / unit) * unit;
-}
-
-LevelForecast forecast_levels(const Scouting& scouting, const StepPotential& potential, const EtaDoubt& doubt) {
-  const ForecastJob job{.potential = potential, .doubt = doubt};
-  return forecast_side_by_side(scouting, EtaPieces(scouting), {&job, 1}).front();
+  constexpr int bits = 6;
+  int exponent = 0;
+  const double mantissa = std::frexp(strength, &exponent);
+  return std::ldexp(std::nearbyint(std::ldexp(mantissa, bits)), exponent - bits);
 }
 
 namespace {
@@ -140,7 +140,7 @@ double price_in_steps(const Scouting& scouting, const StepPotential& potential) 
   if (!scouting.knows_step()) {
     return 1.0;  // any steps would do
   }
-  const LevelForecast forecast = forecast_levels(scouting, potential);
+  const LevelForecast forecast = LevelForecaster(scouting)(potential);
   return price_of(scouting, forecast.complete ? forecast.steps : scouting.duration / scouting.step);
 }
 
@@ -162,7 +162,7 @@ struct Candidate {
 class Choice {
 public:
   Choice(const Scouting& scouting, std::optional<double> largest_step)
-      : scouting_(scouting), pieces_(scouting), s_(scouting.order), largest_(scouting.largest_eta()) {
+      : scouting_(scouting), forecast_(scouting), s_(scouting.order), largest_(scouting.largest_eta()) {
     strayed_ = std::abs(made(largest_, 1.0, s_).strength);
     if (scouting.first_size > 0.0) {
       most_ = most_of_terms * scouting.first_size;
@@ -175,7 +175,7 @@ public:
   PricedPotential operator()() {
     const double side = std::copysign(1.0, scouting_.eta.front());
     if (!scouting_.knows_step()) {
-      return with_price(made(0.0, 1.0, s_ + 1.0));  // K hardly knows h: steps are as long as the first
+      return with_price(within_most(made(0.0, 1.0, s_ + 1.0)));  // K hardly knows h: steps are as long as the first
     }
     const std::optional<StepPotential> equal =
         s_ >= order_with_zeros ? nearly_equal_steps(scouting_) : std::optional<StepPotential>();
@@ -184,19 +184,13 @@ public:
     for (const double limit : {usual, most_}) {
       // An η that was seen with one sign only may grow beyond what was seen: a potential of the other sign would not
       // last.
-      const bool is_last = limit != usual;
-      std::vector<StepPotential> all = potentials(side, limit);
-      const std::vector<StepPotential> others = potentials(-side, limit);
-      if (!definite) {
-        all.insert(all.end(), others.begin(), others.end());
-      }
-      try_all(all, limit, is_last);
-      if (definite && candidates_.empty()) {
-        try_all(others, limit, is_last);
+      try_all(side, limit);
+      if (!definite || candidates_.empty()) {
+        try_all(-side, limit);
       }
       if (!candidates_.empty()) {
         const Candidate chosen = limit == usual ? best() : weakest();
-        if (equal && work(forecast_levels(scouting_, *equal)) <= (1.0 + as_good) * chosen.work) {
+        if (equal && work(forecast_(*equal)) <= (1.0 + as_good) * chosen.work) {
           return with_price_of_equal_steps(scouting_, *equal);
         }
         return {chosen.potential, price_of(scouting_, chosen.steps)};
@@ -206,9 +200,7 @@ public:
       return with_price_of_equal_steps(scouting_, *equal);
     }
     // Nothing is forecast to last: steps that are nearly equal.
-    StepPotential last = made(std::copysign(largest_, side), last_resort, s_ + 1.0);
-    last.strength /= std::max(1.0, std::abs(last.energy(scouting_.step)) / most_);
-    return with_price(last);
+    return with_price(within_most(made(std::copysign(largest_, side), last_resort, s_ + 1.0)));
   }
 
 private:
@@ -221,150 +213,40 @@ private:
     return potential;
   }
 
-  /// Potentials of one sign whose part of the energy is at most `limit`.
-  [[nodiscard]] std::vector<StepPotential> potentials(double sign, double limit) const {
-    std::vector<StepPotential> all;
-    const std::set<double> exponents = {s_ + 1.0, s_ + 2.0, s_ + 4.0, 2.0 * s_ + 2.0, 3.0 * s_, 4.0 * s_};
-    for (const double exponent : exponents) {
+  [[nodiscard]] StepPotential within_most(StepPotential potential) const {
+    potential.strength /= std::max(1.0, std::abs(potential.energy(scouting_.step)) / most_);
+    return potential;
+  }
+
+  /// Tries potentials of one sign whose part of the energy is at most `limit`: each is forecast, and then, if its
+  /// levels exist, for a larger η.
+  void try_all(double sign, double limit) {
+    for (const double exponent : {s_ + 2.0, 4.0 * s_}) {
       for (double kappa = kappa_limit_; kappa >= least_kappa; kappa /= kappa_ratio) {
         const StepPotential potential = made(std::copysign(largest_, sign), kappa, exponent);
         if (std::abs(potential.energy(scouting_.step)) > limit) {
           break;  // and those that are shorter all the more
         }
-        all.push_back(potential);
-      }
-    }
-    return all;
-  }
-
-  /// Each is forecast, and then, if its levels exist, for a larger η: all side by side, so that few wait for one. Those
-  /// that keep_best() will not leave need not be followed to their end, and are soon known where some from all over the
-  /// range come first. At the last limit all that are forecast to last count, but for those that cost too much beside
-  /// what was tried before them.
-  class Trials final : public ForecastQueue {
-  public:
-    Trials(Choice& choice, std::span<const StepPotential> all, double limit, bool is_last)
-        : choice_(choice), all_(all), limit_(limit), is_last_(is_last), trials_(all.size()) {
-      const std::size_t apart = is_last ? 1 : 3;
-      for (std::size_t first = 0; first < apart; ++first) {
-        for (std::size_t i = first; i < all.size(); i += apart) {
-          order_.push_back(i);
+        const LevelForecast forecast = forecast_(potential, {}, limit);
+        if (forecast.complete && forecast_(potential, {.factor = eta_margin}).complete) {
+          candidates_.push_back(
+              {.potential = potential, .steps = forecast.steps, .work = work(forecast), .part = forecast.potential});
         }
       }
     }
-
-    std::optional<Next> next() override {
-      if (!to_doubt_.empty()) {
-        const std::size_t i = to_doubt_.back();
-        to_doubt_.pop_back();
-        return Next{all_.size() + i, {.potential = all_[i], .doubt = {.factor = eta_margin, .turn = 0.0}}};
-      }
-      if (begun_ < order_.size()) {
-        const std::size_t i = order_[begun_++];
-        return Next{i, {.potential = all_[i], .limit = limit_}};
-      }
-      return std::nullopt;
-    }
-    /// Asked now and then, as a power costs more than a step.
-    [[nodiscard]] std::size_t period() const override { return is_last_ ? 64 : 16; }
-    bool too_much(std::size_t number, const LevelForecast& so_far) override {
-      if (number >= all_.size()) {
-        return false;
-      }
-      trials_[number].asked = choice_.work(so_far);
-      return costs_too_much(number, trials_[number].asked);
-    }
-    void finished(std::size_t number, const LevelForecast& forecast) override {
-      if (number < all_.size()) {
-        Trial& trial = trials_[number];
-        trial.steps = forecast.steps;
-        trial.work = choice_.work(forecast);
-        trial.part = forecast.potential;
-        if (forecast.complete && forecast.potential <= limit_ &&
-            !costs_too_much(number, is_last_ ? trial.asked : trial.work)) {
-          to_doubt_.push_back(number);
-        }
-      } else if (forecast.complete) {
-        trials_[number - all_.size()].lasts = true;
-        if (!is_last_) {
-          choice_.least_work_ = std::min(choice_.least_work_, trials_[number - all_.size()].work);
-        }
-      }
-    }
-
-    /// In their order.
-    void add_candidates() {
-      for (std::size_t i = 0; i < all_.size(); ++i) {
-        const Trial& trial = trials_[i];
-        if (trial.lasts && !(is_last_ && costs_too_much(i, trial.asked))) {
-          choice_.candidates_.push_back(
-              {.potential = all_[i], .steps = trial.steps, .work = trial.work, .part = trial.part});
-        }
-      }
-      for (const Trial& trial : trials_) {
-        if (trial.lasts) {
-          choice_.least_work_ = std::min(choice_.least_work_, trial.work);
-        }
-      }
-    }
-
-  private:
-    struct Trial {
-      double steps = 0.0, work = 0.0, part = 0.0;
-      double asked = 0.0;  ///< its work when it was asked for last
-      bool lasts = false;
-    };
-
-    /// More than keep_best() will leave; at the last limit, than that beside those before it, as far as they are known.
-    [[nodiscard]] bool costs_too_much(std::size_t number, double work) const {
-      double least = choice_.least_work_;
-      for (std::size_t i = 0; is_last_ && i < number; ++i) {
-        least = trials_[i].lasts ? std::min(least, trials_[i].work) : least;
-      }
-      return work > (1.0 + price_of_the_law) * least;
-    }
-
-    Choice& choice_;
-    std::span<const StepPotential> all_;
-    double limit_;
-    bool is_last_;
-    std::vector<Trial> trials_;
-    std::vector<std::size_t> order_, to_doubt_;
-    std::size_t begun_ = 0;
-  };
-  void try_all(std::span<const StepPotential> all, double limit, bool is_last) {
-    Trials trials(*this, all, limit, is_last);
-    forecast_side_by_side(scouting_, pieces_, trials);
-    trials.add_candidates();
   }
 
   /// What the steps take for an error, which falls with their power s.
   [[nodiscard]] double work(const LevelForecast& forecast) const {
     return forecast.steps * std::pow(std::max(forecast.energy, negligible * strayed_), 1.0 / s_);
   }
-  /// Those with which levels would exist for a larger η, which changes its sign so often.
-  [[nodiscard]] std::vector<Candidate> lasting(std::span<const Candidate> all, double turns) const {
-    const double turn = turns > 0.0 ? scouting_.duration / turns : 0.0;
-    std::vector<ForecastJob> jobs;
-    for (const Candidate& one : all) {
-      jobs.push_back({.potential = one.potential, .doubt = {.factor = eta_margin, .turn = turn}});
-    }
-    const std::vector<LevelForecast> forecasts = forecast_side_by_side(scouting_, pieces_, jobs);
-    std::vector<Candidate> kept;
-    for (std::size_t i = 0; i < all.size(); ++i) {
-      if (forecasts[i].complete) {
-        kept.push_back(all[i]);
-      }
-    }
-    return kept;
-  }
-
   [[nodiscard]] Candidate weakest() const { return *std::ranges::min_element(candidates_, {}, &Candidate::part); }
   [[nodiscard]] Candidate best() {
     keep_best(price_of_the_law);
     // At high orders η changes its sign on almost every orbit: a stretch where it does not tells little of the rest.
     if (s_ >= order_with_zeros || !shows_all(scouting_)) {
-      leave(lasting(candidates_, unseen_turns));
+      const EtaDoubt unseen{.factor = eta_margin, .turn = scouting_.duration / unseen_turns};
+      keep([&](const Candidate& one) { return forecast_(one.potential, unseen).complete; });
     }
     // Of those that are hardly felt the one that begins soonest beyond what was seen.
     if (keep([&](const Candidate& one) { return one.part <= unfelt * strayed_; })) {
@@ -383,24 +265,20 @@ private:
   bool keep(const Condition& condition) {
     std::vector<Candidate> kept;
     std::ranges::copy_if(candidates_, std::back_inserter(kept), condition);
-    return leave(std::move(kept));
-  }
-  bool leave(std::vector<Candidate> kept) {
-    if (!kept.empty()) {
-      candidates_ = std::move(kept);
-      return true;
+    if (kept.empty()) {
+      return false;
     }
-    return false;
+    candidates_ = std::move(kept);
+    return true;
   }
 
   const Scouting& scouting_;
-  EtaPieces pieces_;
+  LevelForecaster forecast_;
   double s_;
   double largest_;
   double strayed_ = 0.0;                                   ///< about what the node energy is off with equal steps
   double most_ = std::numeric_limits<double>::infinity();  ///< beside a larger f' the terms of K are lost
   double kappa_limit_ = largest_kappa;
-  double least_work_ = std::numeric_limits<double>::infinity();  ///< of the candidates
   std::vector<Candidate> candidates_;
 };
 

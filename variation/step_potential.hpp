@@ -71,6 +71,7 @@ struct Scouting {
   double energy_size = 0.0;  ///< of the terms of K: what a potential has to be seen beside where η vanishes
   double first_size = 0.0;   ///< the same of the first step: beside a larger f' they would be lost; 0 if not known
   double tolerance = 1e-13;  ///< that levels will be solved to, relative to energy_size
+  double rounding = 0.0;     ///< bound of what rounding makes of K
 
   [[nodiscard]] double largest_eta() const;  ///< max |η|
   /// What the node energy is off by in a step of that length with that η, (s+1)|η|h^s (theory, section 8).
@@ -81,33 +82,15 @@ struct Scouting {
   [[nodiscard]] double resolved_slope() const;
   /// The smallest |η| that K tells of in a first step: its |h dE/dh| there is that.
   [[nodiscard]] double least_told() const;
+  /// Whether K depends on h at all: else every first step leaves K and H the same, to a tenth of the tolerance or to
+  /// rounding.
+  [[nodiscard]] bool depends_on_step() const;
   /// Whether K tells one step from another, anywhere.
   [[nodiscard]] bool knows_step() const;
 };
 
-/// What a potential makes of the levels along a scouted orbit, by the levels' own leading order (the surrogate of
-/// theory, section 9): with D = E - H(z_k),
-///
-///     (s+1) h^s η + f'(h) = D,    D ← D + h^s Δη.
-///
-/// Where η hardly changes from one step to the next, many steps that are alike are taken at once.
-struct LevelForecast {
-  bool complete = false;  ///< every level exists and is well determined, and steps change slowly
-  double steps = 0.0;     ///< needed for the scouted stretch
-  double shortest = 0.0, longest = 0.0;
-  double energy = 0.0;     ///< max |D - D_0|, how far the node energy strays
-  double potential = 0.0;  ///< max |f'|
-};
-/// What a forecast makes of η instead of what was seen: factor · cos(2πt/turn) times that; turn = 0: no cosine.
-struct EtaDoubt {
-  double factor = 1.0;
-  double turn = 0.0;
-};
-[[nodiscard]] LevelForecast forecast_levels(const Scouting& scouting, const StepPotential& potential,
-                                            const EtaDoubt& doubt = {});
-
 /// The potential for a scouted orbit. At order 4 and more that of steps that are nearly equal, where equal ones do as
-/// well as those that follow η (equal_steps.hpp). Else both signs, several exponents, and lengths from steps that are
+/// well as those that follow η (equal_steps.hpp). Else both signs, two exponents, and lengths from steps that are
 /// nearly equal to steps that hardly feel it are tried; those count with which all levels are forecast to exist, with a
 /// margin. What their steps are worth is steps · max|D - D_0|^(1/s), the number of steps it takes for an error. Of
 /// those not much worse than the best, and at order 4 and more, or where η did something new in the second half of the
@@ -116,7 +99,7 @@ struct EtaDoubt {
 [[nodiscard]] StepPotential choose_step_potential(const Scouting& scouting, std::optional<double> largest_step);
 
 /// How many times as many steps a potential takes over a scouted stretch as the law does without one, whose steps are,
-/// by the step law (theory, section 3.2), h_0 (|η_0|/|η|)^(1/(s+1)), bridges counted as one step each; 1 where K hardly
+/// by the step law (theory, section 3.2), h_0 (|η_0|/|η|)^(1/(s+1)); 1 where K hardly
 /// knows h.
 [[nodiscard]] double price_in_steps(const Scouting& scouting, const StepPotential& potential);
 
@@ -130,7 +113,8 @@ struct PricedPotential {
 /// The potential of StepPotentialChoice::Kind::given.
 [[nodiscard]] StepPotential make_step_potential(const Scouting& scouting, double kappa, double exponent);
 
-/// To two digits, so that what rounding makes of η, or another statement of the same problem, changes no potential.
+/// The strength rounded to six binary digits, within 1.6 %: rounding in η changes no potential, nor do units that
+/// differ by powers of two.
 [[nodiscard]] double rounded_strength(double strength);
 
 }  // namespace rubato

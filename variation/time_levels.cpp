@@ -16,6 +16,15 @@ namespace rubato {
 
 using namespace tuning;
 
+namespace {
+
+/// True if Γ is so near a zero that it changes by as much as itself over a step.
+bool changes_much(double at_start, double at_end) {
+  return at_start * at_end <= 0.0 || std::min(std::abs(at_start), std::abs(at_end)) < 0.5 * std::abs(at_end - at_start);
+}
+
+}  // namespace
+
 TimeLevels::TimeLevels(LevelScheme& scheme, const LevelOptions& options, double start, double first_step)
     : scheme_(scheme), options_(options), start_(start), fixed_h_(first_step), time_(start), last_step_(first_step) {
   if (!std::isfinite(start) || !std::isfinite(first_step) || first_step == 0.0) {
@@ -34,20 +43,11 @@ TimeLevels::TimeLevels(LevelScheme& scheme, const LevelOptions& options, double 
                       scheme.order(), choice.kappa, choice.exponent));
     }
   }
-  if (options_.on_singular == OnSingular::bridge) {
-    const bool potential = options_.potential.kind != StepPotentialChoice::Kind::none;
-    options_.on_singular = potential               ? OnSingular::fixed
-                           : scheme.has_node_law() ? OnSingular::bridge
-                                                   : OnSingular::stop;
-  }
   if (!(options.tolerance > 0.0)) {
     throw std::invalid_argument(
         fmt::format("the tolerance of the level equation must be positive; got {}", options.tolerance));
   }
   measure(first_step);
-  if (options_.potential.kind != StepPotentialChoice::Kind::none) {
-    price_abreast_ = scheme_.prepare_abreast();
-  }
 }
 
 StepReport TimeLevels::step() {
@@ -63,14 +63,17 @@ StepReport TimeLevels::step() {
 }
 
 /// What the terms of E_k and its rounding are at the trial step; of a step potential its own rounding, and that of the
-/// sum. With fixed levels nothing is solved to it.
+/// sum.
 void TimeLevels::measure(double h) {
-  if (options_.levels == Levels::fixed && steps_ % scheme_.energy_size_period() != 0) {
-    return;
-  }
   const formula::SumSize size = scheme_.energy_size();
   if (std::isfinite(size.terms) && std::isfinite(size.rounding)) {
-    energy_scale_ = std::max(energy_scale_, size.terms);
+    // Where f' is large K is as large, and E is what is left of both.
+    const bool is_set = potential_.active() && !std::isnan(energy_);
+    const double scale = is_set ? std::min(size.terms, std::max(std::abs(energy_), size.cancelled)) : size.terms;
+    energy_scale_ = std::max(energy_scale_, scale);
+    sizes_.terms = std::max(sizes_.terms, size.terms);
+    sizes_.cancelled = std::max(sizes_.cancelled, size.cancelled);
+    sizes_.rounding = std::max(sizes_.rounding, size.rounding);
     rounding_ = size.rounding;
     if (potential_.active()) {
       const double potential = potential_at(h).energy;
@@ -86,7 +89,11 @@ StepReport TimeLevels::report(Status status, double h) {
   result.iterations = scheme_.iterations();
   result.target = scheme_.energy_target().value_or(energy_);
   if (status == Status::success) {
-    measure(h);
+    // With fixed levels nothing is solved to it; with variable ones whoever stalls looks again.
+    const std::size_t period = scheme_.energy_size_period();
+    if (steps_ % (options_.levels == Levels::fixed ? period : period / size_period) == 0) {
+      measure(h);
+    }
     result.potential = potential_at(h).energy;
     result.energy = scheme_.discrete_energy() + result.potential;
     result.slope = options_.levels == Levels::fixed && scheme_.slope_costs_more()
@@ -98,12 +105,12 @@ StepReport TimeLevels::report(Status status, double h) {
   return result;
 }
 
-/// What may be left of the level equation, and of the node law at the end of a bridge. A part of the tolerance, so that
-/// what is reported stays within it, and further down to what rounding makes of E_k at this level, or to as many times
-/// that as the tolerance is coarser than the usual one: the tolerance is relative to the largest terms of the run,
-/// beside which H - E itself may be nothing where terms are small, as far out on an eccentric orbit. A trial more is
-/// cheap, and what is left of the equation is part of the error of h. Never less than the last place of E, which is far
-/// more than that of the terms of K beside a large step potential.
+/// What may be left of the level equation. A part of the tolerance, so that what is reported stays within it, and
+/// further down to what rounding makes of E_k at this level, or to as many times that as the tolerance is coarser than
+/// the usual one: the tolerance is relative to the largest terms of the run, beside which H - E itself may be nothing
+/// where terms are small, as far out on an eccentric orbit. A trial more is cheap, and what is left of the equation is
+/// part of the error of h. Never less than the last place of E, which is far more than that of the terms of K beside a
+/// large step potential.
 double TimeLevels::solved_to() const {
   const double rounding = std::max(rounding_, epsilon * std::abs(energy_));
   const double coarser = std::max(1.0, options_.tolerance / LevelOptions{}.tolerance);
@@ -124,18 +131,13 @@ double TimeLevels::gamma_of(const StepReport& step) const {
   return -24.0 * (step.slope - potential_at(step.h).slope) / (s * (s + 1.0) * power);
 }
 
-void TimeLevels::add_evidence(StepReport& failed) {
-  failed.gamma_from_slope = !scheme_.has_gamma() || std::isnan(last_node_.gamma);
-  failed.gamma_before = failed.gamma_from_slope ? slope_gamma_[1] : last_node_.gamma;
-  failed.gamma_after = failed.gamma_from_slope ? slope_gamma_[0] : scheme_.node().gamma;
+void TimeLevels::add_evidence(StepReport& failed) const {
+  failed.gamma_before = told_gamma(scheme_.has_gamma() && steps_ < 2 ? slope_gamma_[0] : slope_gamma_[1]);
+  failed.gamma_after = told_gamma(scheme_.has_gamma() ? scheme_.node().gamma : slope_gamma_[0]);
 }
 
 void TimeLevels::take(StepReport& result) {
   slope_gamma_ = {gamma_of(result), slope_gamma_[0]};
-  if (options_.levels == Levels::variable &&
-      (options_.on_singular == OnSingular::bridge || (potential_.active() && scheme_.has_gamma()))) {
-    last_node_ = scheme_.node();
-  }
   scheme_.accept();
   ++steps_;
   if (options_.levels == Levels::fixed) {
@@ -166,12 +168,14 @@ StepReport TimeLevels::fixed_step() {
 
 StepReport TimeLevels::first_step() {
   choose_potential();
+  if (is_steady()) {
+    return steady_step();
+  }
   const NodeEnergy here = scheme_.node();
   StepReport result = plain_step(fixed_h_);
   if (result.status != Status::success) {
     return result;
   }
-  const NodeEnergy next = scheme_.trial_node();
   const bool ill_conditioned = !(result.condition <= options_.condition_limit);
   if (potential_.active()) {
     if (ill_conditioned) {
@@ -189,9 +193,12 @@ StepReport TimeLevels::first_step() {
       result.status = Status::ill_conditioned;
       return result;
     }
-  } else if (ill_conditioned || (scheme_.has_node_law() && (here.gamma * next.gamma <= 0.0 ||
-                                                            std::min(std::abs(here.gamma), std::abs(next.gamma)) <
-                                                                0.5 * std::abs(next.gamma - here.gamma)))) {
+  } else if (const double middle = gamma_of(result);
+             ill_conditioned ||
+             (scheme_.has_node_law() &&
+              // From the middle of the step before to that of this one; of the first from end to end.
+              (steps_ > 0 ? changes_much(slope_gamma_[0], middle)
+                          : changes_much(here.gamma, 2.0 * middle - here.gamma)))) {
     // Too near a zero of Γ for this step to set the law's constants: go on with plain steps until one can.
     return flagged(result);
   }
@@ -200,10 +207,8 @@ StepReport TimeLevels::first_step() {
   result.target = scheme_.energy_target().value_or(energy_);
   direction_ = sign(result.slope * result.h);
   const double s = scheme_.order();
-  // From dE/dh = -s(s+1)/24 h^(s-1) Γ: |h^(s+1) Γ| = 24 h²|dE/dh| / (s(s+1)), and c by the node law H - E = (s+1)/24
-  // h^s Γ.
+  // From dE/dh = -s(s+1)/24 h^(s-1) Γ: |h^(s+1) Γ| = 24 h²|dE/dh| / (s(s+1)).
   step_constant_ = 24.0 * result.h * result.h * std::abs(result.slope) / (s * (s + 1.0));
-  law_constant_ = (s + 1.0) / 24.0 * std::pow(step_constant_, s / (s + 1.0));
   take_ordinary(result);
   return result;
 }
@@ -224,8 +229,11 @@ StepReport TimeLevels::ordinary_step(double guess) {
 }
 
 StepReport TimeLevels::variable_step() {
+  if (is_steady()) {
+    return steady_step();
+  }
   if (singular_) {
-    return potential_.active() ? resumed_with_potential() : wait_step();
+    return resumed();
   }
   StepReport result = ordinary_step(predicted_step());
   if (result.status != Status::success && potential_.active()) {
@@ -237,18 +245,75 @@ StepReport TimeLevels::variable_step() {
       }
     }
   }
-  // Near the zero of Γ the step may be so long that its own equation cannot be solved either; with a potential a plain
-  // step tells whether the length is to blame.
-  const bool lost = result.status != Status::success &&
-                    (result.status != Status::undefined || potential_.active() || crossing_is_near(result));
-  const bool near =
-      result.status == Status::success && options_.on_singular == OnSingular::bridge && crossing_is_near(result);
-  if (near || (lost && options_.on_singular != OnSingular::stop)) {
-    return potential_.active() ? plain_instead(result) : singular_step(result);
+  if (result.status != Status::success && options_.on_singular == OnSingular::plain) {
+    return plain_instead(result);
   }
   if (result.status == Status::success) {
     take_ordinary(result);
   }
+  return result;
+}
+
+/// The law again, if it can be met from here; else a plain step. The pure law is not met again by a step that differs
+/// much from what the step law asks for: the amplitude of H - E would wander away.
+StepReport TimeLevels::resumed() {
+  const double gamma = slope_gamma_[0];
+  if (!potential_.active() && std::isfinite(gamma)) {
+    // Beyond the zero of Γ the law may hold again: dE/d|h| = -s(s+1)/24 |h|^(s-1) sign(h)^s Γ.
+    direction_ = -sign(gamma) * (scheme_.order() % 2 == 0 ? 1.0 : sign(last_step_));
+  }
+  StepReport result = ordinary_step(plain_length());
+  const double misfit = std::abs(result.h) / law_step(gamma);
+  const bool fits = potential_.active() || (misfit < largest_misfit && misfit > 1.0 / largest_misfit);
+  if (result.status != Status::success || !fits) {
+    return plain_instead(result);
+  }
+  singular_ = false;
+  forecast_.restart();
+  slope_ratios_ = {};
+  remembered_ = 0;
+  take_ordinary(result);
+  return result;
+}
+
+/// The last step that met the law, or what the pure law asks for here where that is shorter.
+double TimeLevels::plain_length() const {
+  const double longest = std::abs(regular_step_);
+  return std::copysign(potential_.active() ? longest : std::min(longest, law_step(slope_gamma_[0])), regular_step_);
+}
+
+/// A plain step, flagged, where the law was not met: of plain_length() or, where that is too long for the
+/// step's own equation, of half of it, and so on as far as the first step's. One that has another energy altogether is
+/// none: the motion blows up, and there is nothing beyond. Where a longer one, or the trials for the law, left the
+/// domain of H that is told from less, as shorter steps would only lead across.
+StepReport TimeLevels::plain_instead(const StepReport& failed) {
+  const double first = std::abs(fixed_h_);
+  double length = std::abs(plain_length());
+  bool doubtful = failed.status == Status::undefined;
+  for (;;) {
+    const StepReport plain = plain_step(std::copysign(length, regular_step_));
+    if (plain.status == Status::success) {
+      return !doubtful || std::abs(plain.energy - plain.target) <= law_scale_ ? flagged(plain) : failed;
+    }
+    if (!(length > first)) {  // shorter steps are not tried
+      return plain;
+    }
+    length = std::max(0.5 * length, first);
+    doubtful = true;
+  }
+}
+
+/// Takes a plain step, which does not meet the law.
+StepReport TimeLevels::flagged(StepReport result) {
+  if (std::abs(result.energy - result.target) > another_energy * law_scale_) {
+    result.status = Status::not_converged;  // the motion blows up: there is nothing beyond
+    return result;
+  }
+  result.off_law = true;
+  singular_ = true;
+  result.gamma_before = told_gamma(steps_ == 0 && scheme_.has_gamma() ? scheme_.node().gamma : slope_gamma_[0]);
+  result.gamma_after = told_gamma(gamma_of(result));
+  take(result);
   return result;
 }
 
@@ -278,11 +343,6 @@ void TimeLevels::remember(double h, double slope) {
 
 double TimeLevels::law_step(double gamma) const {
   return std::pow(step_constant_ / std::abs(gamma), 1.0 / (scheme_.order() + 1.0));
-}
-
-void TimeLevels::set_direction(double gamma) {
-  // dE/d|h| = -s(s+1)/24 |h|^(s-1) sign(h)^s Γ
-  direction_ = -sign(gamma) * (scheme_.order() % 2 == 0 ? 1.0 : sign(last_step_));
 }
 
 double TimeLevels::density_at(double time) const {
@@ -324,30 +384,11 @@ void TimeLevels::save(StateWriter& state) const {
   state.write(since_ratio_);
   state.write(first_miss_);
   state.write(left_of_miss_);
-  state.write(misforeseen_);
   state.write(time_.high);
   state.write(time_.low);
-  for (const double value : {static_cast<double>(steps_),
-                             energy_,
-                             energy_scale_,
-                             law_scale_,
-                             rounding_,
-                             law_constant_,
-                             step_constant_,
-                             last_step_,
-                             regular_step_,
-                             direction_,
-                             static_cast<double>(singular_),
-                             static_cast<double>(waited_),
-                             bridge_.h,
-                             static_cast<double>(bridge_.count),
-                             bridge_.end.energy,
-                             bridge_.end.gamma,
-                             last_node_.energy,
-                             last_node_.gamma,
-                             slope_gamma_[0],
-                             slope_gamma_[1],
-                             static_cast<double>(remembered_)}) {
+  for (const double value : {static_cast<double>(steps_), energy_, energy_scale_, law_scale_, rounding_, step_constant_,
+                             last_step_, regular_step_, direction_, static_cast<double>(singular_), slope_gamma_[0],
+                             slope_gamma_[1], static_cast<double>(remembered_)}) {
     state.write(value);
   }
   for (const Sample& sample : history_) {
@@ -365,7 +406,6 @@ void TimeLevels::restore(StateReader& state) {
   state.read(since_ratio_);
   state.read(first_miss_);
   state.read(left_of_miss_);
-  state.read(misforeseen_);
   state.read(time_.high);
   state.read(time_.low);
   state.read(steps_);
@@ -373,19 +413,11 @@ void TimeLevels::restore(StateReader& state) {
   state.read(energy_scale_);
   state.read(law_scale_);
   state.read(rounding_);
-  state.read(law_constant_);
   state.read(step_constant_);
   state.read(last_step_);
   state.read(regular_step_);
   state.read(direction_);
   state.read(singular_);
-  state.read(waited_);
-  state.read(bridge_.h);
-  state.read(bridge_.count);
-  state.read(bridge_.end.energy);
-  state.read(bridge_.end.gamma);
-  state.read(last_node_.energy);
-  state.read(last_node_.gamma);
   state.read(slope_gamma_[0]);
   state.read(slope_gamma_[1]);
   state.read(remembered_);

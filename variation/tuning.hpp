@@ -36,8 +36,8 @@ inline constexpr double longest_continuation = 3.0;
 inline constexpr double margin = 0.1;
 /// What a step may be off E by however large its terms have become, beside those that E was set with.
 inline constexpr double largest_miss_of_terms = 1e-3;
-/// With fixed levels, steps for which the size of the energy's terms serves; and of a large state (small_state), whose
-/// bound of rounding takes as long as some steps.
+/// Steps for which the size of the energy's terms serves, with fixed levels; and of a large state (small_state), whose
+/// bound of rounding takes as long as some steps. With variable levels a sixteenth: 1 and 6.
 inline constexpr std::size_t size_period = 16, large_size_period = 96;
 
 // Where the next step is looked for first (step_forecast.cpp, extrapolation.cpp)
@@ -65,50 +65,15 @@ inline constexpr double aim = 0.9;
 inline constexpr double largest_rise = 4.0;
 inline constexpr double largest_cut = 0.1;
 
-// Bridges (bridge.cpp; theory, section 3.1)
+// Steps off the law (time_levels.cpp)
 
-/// A step this many times longer than the one before tells that Γ is about to vanish, or of a root beyond its zero.
-inline constexpr double sudden_growth = 1.5;
-/// A flagged step that is off E by so many times the terms that E was set with has another energy altogether.
+/// A step that is off E by so many times the terms that E was set with has another energy altogether.
 inline constexpr double another_energy = 1e3;
-/// Where to look for the zero of Γ, in ordinary steps. Bridges start from levels up to 1.45 steps away from it.
-inline constexpr std::array look_ahead = {1.0, 1.25, 1.5, 1.75, 2.0};
-/// Accuracy asked of trial steps while a bridge is being looked for.
-inline constexpr double trial_accuracy = 1e-9;
-/// Lengths tried for the n equal steps of a bridge, in units of the last regular step. Over plain steps of length κh
-/// H changes by (κh)²ΔΓ/24; from Γ to -Γ the node law asks for 2(h²/8)Γ, that is κ = √3, and for a return to the same Γ
-/// (Γ only touches zero) any κ but 1 will do: at κ = 1 the law is met to second order, and not crossed.
-inline constexpr std::array lengths = {0.3, 0.5, 0.7,  0.85, 1.0,  1.2, 1.4, 1.6,
-                                       1.8, 2.0, 2.25, 2.5,  2.75, 3.0, 3.3, 3.6};
-/// A plain step longer than this, relative to what the step law asks for at its ends, does not belong to a bridge: Γ is
-/// large there, and the law must be met before.
-inline constexpr double longest_for_gamma = 3.5;
-/// Steps tried while no bridge is found, relative to the step law: whichever leaves the smallest defect of the node
-/// law.
-inline constexpr std::array waiting_lengths = {0.6, 1.0, 1.5};
-/// How much longer than the last one plain steps may become.
-inline constexpr double largest_growth = 1.5;
-/// A bridge across a simple zero has values of Γ at its ends whose ratio is 4 at most. A root of the node law's
-/// equation with a more lopsided one is another: the cube root is so steep beside the zero that it has two there.
-inline constexpr double largest_imbalance = 32.0;
-/// How far the end of a bridge may be off the node law, relative to H - E, where none meets it.
-inline constexpr double largest_miss = 0.5;
-/// With `fixed`, or after `longest_wait` plain steps, the first step that meets the energy law again may
-/// differ from the step law by this factor; after twice as many by its square. Where Γ hardly changes no plain step
-/// makes a defect of the node law smaller, and it would be waited for in vain.
+/// The first step that meets the pure law again may differ from the step law by this factor: one farther off would let
+/// the amplitude of H - E wander away.
 inline constexpr double largest_misfit = 1.5;
-inline constexpr int longest_wait = 8;
-/// The reversible rule believes no measured amplitude that differs from the last one by more than this factor.
-inline constexpr double largest_change = 4.0;
-/// The largest change of a bridge's length at once while it is made to meet the law one step later, and how many.
-inline constexpr double longest_polish = 0.2;
-inline constexpr int most_polishing = 20;
-/// A relative change of a bridge's length that no longer makes the defect smaller: rounding.
-inline constexpr double stagnation_polish = 1e-10;
-/// Numbers of steps tried where no single step leads across.
-inline constexpr std::array counts = {1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 20, 24, 32};
 
-// What is said of bridges (bridge_causes.cpp)
+// What is said of steps off the law (off_law_causes.cpp)
 
 /// How many steps ahead a zero of Γ explains why a step does not exist: the step law has h grow without bound there.
 inline constexpr double steps_ahead = 3.0;
@@ -165,6 +130,8 @@ inline constexpr double strides_in_piece = 8.0, strides_in_turn = 128.0;
 inline constexpr double alike_change = 0.03;
 /// A step of a forecast is solved for when Newton's method moves it by no more than this part of itself.
 inline constexpr double last_forecast_move = 1e-5;
+/// Newton's iterations for it: as a rule two or three.
+inline constexpr int most_forecast_steps = 20;
 /// |ln(h_{k+1}/h_k)| up to which the levels' leading order is believed.
 inline constexpr double believed_change = 0.2;
 /// The levels have to exist for an η that much larger, too: the orbit will meet what the scout did not.
@@ -174,13 +141,15 @@ inline constexpr double eta_margin = 1.5;
 /// much better than to it (TimeLevels::solved_to).
 inline constexpr double least_slope = 1e-10, least_slope_by_tolerance = 10.0;
 /// κ tried: from steps as long as the orbit lets them be to steps that are nearly equal.
-inline constexpr double largest_kappa = 60.0, least_kappa = 1.0 / 16.0, kappa_ratio = 1.3;
+inline constexpr double largest_kappa = 48.0, least_kappa = 0.5, kappa_ratio = 1.4;
 /// κ where none of them is forecast to last.
 inline constexpr double last_resort = 0.5;
 /// How large f' may become, beside what the node energy is off with equal steps.
 inline constexpr double largest_part = 4.0;
 /// And beside the size of the terms of K, which is |K| or some hundredths of the sum of their magnitudes.
 inline constexpr double most_of_terms = 30.0;
+/// K does not depend on h where all that a first step makes of K - H is this part of the tolerance of the levels.
+inline constexpr double unfelt_by_levels = 0.1;
 /// Potentials are as good as the best up to this part of its work.
 inline constexpr double as_good = 0.1;
 /// So much more work may one be that is hardly felt, as the law without a potential is.
@@ -203,7 +172,7 @@ inline constexpr double least_strength = 1e-6, least_strength_by_tolerance = 100
 
 /// A run of fewer first steps than so many times least_stretch is short: a scout would cost a quarter of it and more.
 inline constexpr double short_run = 4.0;
-/// A gain by following η that is worth a choice among hundreds of potentials, which allow for steps that change fast
+/// A gain by following η that is worth a choice among many potentials, which allow for steps that change fast
 /// and for what was not seen, and so seldom gain more than half of it.
 inline constexpr double worth_following = 1.5;
 /// A stretch shows what repeats where η turned so often, by more than this part of itself, and was no more than so many
@@ -225,21 +194,6 @@ inline constexpr int most_potential_trials = 40;
 inline constexpr double farthest_root = 2.0;
 /// How far one trial may be from the last, and how near they are for a secant to be a slope.
 inline constexpr double longest_move = 1.25, nearby = 0.05;
-/// Where lengths were foreseen this well of late, relative, two trials lead to the root; a third does up to the other.
-inline constexpr double nearly_foreseen = 1e-6, hardly_foreseen = 1e-3;
-/// How much of a length that was badly foreseen counts one step later.
-inline constexpr double memory_of_foresight = 0.7;
-/// Lengths tried side by side reach this many times as far as those of late were off, within these parts of a length:
-/// nothing is gained by less, and up to the most the polynomial through them still has ten digits where a period has
-/// some eight steps.
-inline constexpr double around_foreseen = 2.0, narrowest_abreast = 0.05, widest_abreast = 0.08;
-/// A root may be so far out, where the ends of the lengths are at 1; one that is beyond them is looked for again around
-/// where it is thought to be.
-inline constexpr double farthest_abreast = 2.0;
-inline constexpr int most_batches = 2;
-/// Moves of third order: the next would be this to the third.
-inline constexpr double last_move_abreast = 1e-4;
-inline constexpr int most_iterations_abreast = 8;
 /// An h off by this part of itself is as good as exact: the motion's own terms, which it moves by as much of what they
 /// change in a step, are rounded by more.
 inline constexpr double unfelt_in_step = 1e-12;

@@ -17,7 +17,6 @@ public:
   BoxMethod(int stages, int space_stages) : stages_(stages), space_{.stages = space_stages} {}
 
   [[nodiscard]] int order() const override { return 2 * stages_; }
-  [[nodiscard]] bool has_bridges() const override { return is_box(); }
   [[nodiscard]] bool has_variational_laws() const override { return is_box(); }
   [[nodiscard]] std::optional<OtherCount> other_count(std::size_t cells, int dimensions) const override {
     const std::string_view objection = space_rule_objection(space_, cells);

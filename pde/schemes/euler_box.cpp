@@ -57,7 +57,6 @@ public:
   [[nodiscard]] double discrete_energy_slope() const override { return slope_; }
   [[nodiscard]] bool has_gamma() const override { return false; }
   [[nodiscard]] NodeEnergy node() override { return {here_.energy, 0.0}; }
-  [[nodiscard]] NodeEnergy trial_node() override { return {there_.energy, 0.0}; }
   [[nodiscard]] int iterations() const override { return iterations_; }
 
   [[nodiscard]] const LatticeLevel* previous() const override { return &previous_; }
@@ -124,7 +123,7 @@ public:
     return "its discrete energy reads one level, so that the equation for the next step is singular at every turning "
            "point and on every travelling wave, and with varying levels it drops to first order";
   }
-  [[nodiscard]] bool has_midpoints() const override { return false; }
+  [[nodiscard]] bool has_midpoints(const MultisymplecticSystem& /*system*/) const override { return false; }
   /// Laws read the currents of a neighbour, which reads its own; energies read one neighbour.
   [[nodiscard]] grids::Ghosts ghosts(const MultisymplecticSystem& system) const override {
     const EulerBoxMap::Halo halo = EulerBoxMap::halo(system);

@@ -16,7 +16,6 @@ public:
   explicit FourierMethod(int stages) : stages_(stages) {}
 
   [[nodiscard]] int order() const override { return 2 * stages_; }
-  [[nodiscard]] bool has_bridges() const override { return stages_ == 1; }
   [[nodiscard]] bool has_transforms(int /*dimensions*/) const override { return true; }
   [[nodiscard]] std::optional<LatticeAction> action(const MultisymplecticSystem& system) const override {
     return stages_ == 1 ? std::optional(fourier_action(system)) : std::nullopt;

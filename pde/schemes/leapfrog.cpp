@@ -516,25 +516,12 @@ private:
 
 /// The laws at nodes; and of two tangent solutions, with ω = m (U_u V_v - U_v V_u) at a level and Ω the two-form of the
 /// slab's action at the node, at both levels together a divergence in space: (ω_{k+1} - ω_k)/h - Ω/(h ΔV).
-class LeapfrogLaws final : public LawEvaluator {
+class LeapfrogLaws final : public LawsWithTangents {
 public:
-  explicit LeapfrogLaws(LawTables tables)
-      : pairs_(wave_type(tables.system).pairs),
-        volume_(tables.grid.cell_volume()),
-        variation_(leapfrog_action(tables.system, false), tables.grid),
-        laws_(make_node_laws(std::move(tables), Collocation::corners)) {}
-
-  [[nodiscard]] const LawTables& tables() const override { return laws_->tables(); }
-  std::vector<Spread> residuals(const LatticeLevel& before, const LatticeLevel& after, double h,
-                                std::span<double* const> residuals) override {
-    return laws_->residuals(before, after, h, residuals);
-  }
-  std::vector<Spread> next_residuals(const LatticeLevel& before, const LatticeLevel& after, double h,
-                                     std::span<double* const> residuals) override {
-    return laws_->next_residuals(before, after, h, residuals);
-  }
-  std::vector<double> totals(const LatticeLevel& level) override { return laws_->totals(level); }
-  std::vector<double> totals_after(const LatticeLevel& after) override { return laws_->totals_after(after); }
+  explicit LeapfrogLaws(LawTables of)
+      : LawsWithTangents(make_node_laws(std::move(of), Collocation::corners)),
+        pairs_(wave_type(tables().system).pairs),
+        volume_(tables().grid.cell_volume()) {}
 
   Spread multisymplectic_residual(const TangentLevels& u, const TangentLevels& v, double h, double* residual) override {
     LatticeVariation::Parts of_u(u.before.fields(), u.before.size()), of_v(of_u), form(1, u.before.size());
@@ -542,8 +529,11 @@ public:
     of_u.after = u.after;
     of_v.before = v.before;
     of_v.after = v.after;
-    variation_.take(u.before, u.after, h);  // S'' is symmetric and drops out at every node: of any fields
-    variation_.two_form(of_u, of_v, form);
+    if (!variation_) {  // large, and nothing else uses it
+      variation_.emplace(leapfrog_action(tables().system, false), tables().grid);
+    }
+    variation_->take(u.before, u.after, h);  // S'' is symmetric and drops out at every node: of any fields
+    variation_->two_form(of_u, of_v, form);
     const auto sum = form.after.field(0);
     for (std::size_t i = 0; i < sum.size(); ++i) {
       sum[i] = -(sum[i] + form.before.field(0)[i]) / (h * volume_);
@@ -563,15 +553,13 @@ public:
 private:
   std::vector<MovingPair> pairs_;
   double volume_;
-  LatticeVariation variation_;
-  std::unique_ptr<LawEvaluator> laws_;
+  std::optional<LatticeVariation> variation_;
 };
 
 /// Leapfrog in time and space, from leapfrog_action() alone: step, energy, equation and variational laws are variations
 /// of it.
 class LeapfrogMethod final : public LatticeMethod {
 public:
-  [[nodiscard]] bool has_bridges() const override { return false; }
   /// Laws take the divergence of currents that are made of differences.
   [[nodiscard]] grids::Ghosts ghosts(const MultisymplecticSystem&) const override {
     constexpr std::size_t planes = 2 + LeapfrogStep::reach;

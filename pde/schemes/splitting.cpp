@@ -174,7 +174,6 @@ public:
       : composition_(composition), collocation_(collocation) {}
 
   [[nodiscard]] int order() const override { return composition_.order; }
-  [[nodiscard]] bool has_bridges() const override { return false; }
   [[nodiscard]] bool has_transforms(int /*dimensions*/) const override { return true; }
   [[nodiscard]] bool has_variational_laws() const override { return false; }
   [[nodiscard]] std::string_view not_shared_in(int dimensions) const override {

@@ -21,14 +21,7 @@ enum class Integrity {
 
 class TemporaryFile;
 
-/// A piece of a file of which the checksum is known.
-struct KnownPiece {
-  std::uint64_t place;
-  Checksum checksum;
-};
-
 /// Appends the mark. Throws Failure.
-/// \param known what need not be read for it
-void mark(TemporaryFile& file, std::vector<KnownPiece> known = {});
+void mark(TemporaryFile& file);
 
 }  // namespace rubato::record::detail

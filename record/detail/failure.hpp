@@ -10,4 +10,10 @@ public:
   using std::runtime_error::runtime_error;
 };
 
+/// One for lack of memory. Becomes NoMemory.
+class NoMemoryFailure : public Failure {
+public:
+  using Failure::Failure;
+};
+
 }  // namespace rubato::record::detail

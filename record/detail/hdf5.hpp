@@ -17,6 +17,7 @@
 #include <rubato/record/detail/failure.hpp>
 #include <rubato/record/error.hpp>
 #include <rubato/record/layout.hpp>
+#include <rubato/record/no_memory.hpp>
 
 namespace rubato::record::detail {
 
@@ -82,6 +83,8 @@ auto with_file(const std::filesystem::path& file, Action&& action) {
   const Session session;
   try {
     return std::forward<Action>(action)();
+  } catch (const NoMemoryFailure& failure) {
+    throw NoMemory(file, failure.what());
   } catch (const Failure& failure) {
     throw Error(file, failure.what());
   } catch (const std::filesystem::filesystem_error& failure) {

@@ -58,10 +58,6 @@ void check_format(hid_t file);
 /// Paths of all datasets in alphabetical order, hard links included.
 [[nodiscard]] std::vector<std::string> dataset_paths(hid_t file);
 
-/// How a row of so many numbers of fixed extent is stored: in chunks of at most 1 MiB, each with its checksum
-/// (Fletcher32).
-[[nodiscard]] Handle checked_storage(hsize_t count, std::size_t value_bytes);
-
 [[nodiscard]] std::vector<std::string> read_texts(hid_t dataset);
 
 }  // namespace rubato::record::detail

@@ -16,7 +16,7 @@ rubato.comparison = (data) => {
   else rubato.comparedLattices(records, letter);
 
   const curves = records.map(rubato.commonCurves.unpack);
-  const bridges = records.flatMap(rubato.commonCurves.bridges);
+  const offLaw = records.flatMap(rubato.commonCurves.offLaw);
   const titles = { energy: "Energy", h: "Time levels", gamma: "Time levels", condition: "Time levels", iterations: "Time levels",
     error: "Errors", residual: "Local laws, step by step", total: "Totals and invariants", invariant: "Totals and invariants" };
   const logarithmic = ["energy", "condition", "residual"];
@@ -31,7 +31,7 @@ rubato.comparison = (data) => {
     const names = { h: "Step length", gamma: "\u0393", "step condition": "Step condition", iterations: "Iterations of the step" };
     const title = group === "error" ? `Error in ${name}` : group === "energy" ? `Deviation of the ${name}` : (group === "total" ? `Total ${name}` : names[name] || name);
     rubato.commonCurves.show(grids[section], title, isLogarithmic ? both.map(rubato.commonCurves.magnitude) : both,
-      { logarithmic: isLogarithmic, yLabel: ["invariant", "total"].includes(group) ? "deviation" : name, bridges });
+      { logarithmic: isLogarithmic, yLabel: ["invariant", "total"].includes(group) ? "deviation" : name, offLaw });
   });
 
   rubato.tables.laws(["Law or figure", labels[0], labels[1]], data.lines.map((row) => row.map((text) => text || "\u2013")));

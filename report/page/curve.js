@@ -6,7 +6,7 @@
  *   series   [{ label, x, y, dash?, fill? }], NaN and null are gaps; each has its own x
  *   xLabel, yLabel, logarithmic, height
  *   time     whether x is time: cursors and zoom are then shared with all other curves over time
- *   bridges  [[t, t], …] to be marked
+ *   offLaw  [[t, t], …] to be marked
  *   rounding the size below which values are rounding: shaded, and never the whole picture
  * answers { plot, replace(series), reset(), remove() }.
  */
@@ -37,11 +37,11 @@ rubato.curve = (() => {
     return hovered;
   };
 
-  const markBridges = (bridges) => (plot) => {
+  const markOffLaw = (offLaw) => (plot) => {
     const { ctx } = plot;
     ctx.save();
-    ctx.fillStyle = rubato.theme.colour("bridge");
-    bridges.forEach(([from, to]) => {
+    ctx.fillStyle = rubato.theme.colour("off-law");
+    offLaw.forEach(([from, to]) => {
       const left = plot.valToPos(from, "x", true);
       const right = plot.valToPos(to, "x", true);
       const width = Math.max(Math.abs(right - left), 2 * devicePixelRatio);
@@ -140,7 +140,7 @@ rubato.curve = (() => {
   });
 
   return (host, options) => {
-    const { label, series, xLabel = "t", yLabel = "", logarithmic = false, height = 230, time = true, bridges = [], right = 24, rounding = 0 } = options;
+    const { label, series, xLabel = "t", yLabel = "", logarithmic = false, height = 230, time = true, offLaw = [], right = 24, rounding = 0 } = options;
     const range = rounding > 0 ? withRounding(rounding, logarithmic, options.range || padded) : options.range || padded;
     const holder = rubato.element("div", { class: "curve", tabindex: "0", role: "group",
       "aria-label": `${label}. Arrow keys move the cursor, plus and minus zoom, 0 shows all.` });
@@ -166,7 +166,7 @@ rubato.curve = (() => {
         sync: time ? { key: "t", scales: ["x", null], setSeries: false } : undefined,
         points: { size: 6 },
       },
-      hooks: { drawClear: [...(rounding > 0 ? [markRounding(rounding, logarithmic)] : []), markBridges(bridges)], setScale: time ? [spreadZoom] : [], draw: [(self) => { moveClock(self); }] },
+      hooks: { drawClear: [...(rounding > 0 ? [markRounding(rounding, logarithmic)] : []), markOffLaw(offLaw)], setScale: time ? [spreadZoom] : [], draw: [(self) => { moveClock(self); }] },
     }, prepared(series), holder);
 
     let isGone = false;

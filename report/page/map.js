@@ -3,10 +3,13 @@
 /** Maps: blocks of a lattice's values over space and time, or over the plane at one time, as colours. */
 
 /** All maps of a record. */
-rubato.unpackMaps = ({ maps, map_times: times }) => {
-  const first = rubato.unpack.array(times.first);
-  const last = times.last ? rubato.unpack.array(times.last) : first;
-  return maps.map((packed) => rubato.unpackMap(packed, first, last));
+rubato.unpackMaps = (data) => {
+  const unpacked = (maps, times) => {
+    const first = rubato.unpack.array(times.first);
+    const last = times.last ? rubato.unpack.array(times.last) : first;
+    return maps.map((packed) => rubato.unpackMap(packed, first, last));
+  };
+  return [...unpacked(data.maps, data.map_times), ...(data.quantity_maps ? unpacked(data.quantity_maps, data.quantity_map_times) : [])];
 };
 
 /**

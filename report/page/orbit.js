@@ -8,9 +8,9 @@ rubato.commonCurves = (() => {
     return data.curves.map((curve) => ({ ...curve, x: curve.axis ? times[curve.axis] : rubato.unpack.array(curve.x), y: rubato.unpack.array(curve.y) }));
   };
   const magnitude = (curve) => ({ ...curve, y: Float64Array.from(curve.y, (value) => (value === 0 ? NaN : Math.abs(value))) });
-  const bridges = (data) => {
-    const to = rubato.unpack.array(data.bridges.to);
-    return Array.from(rubato.unpack.array(data.bridges.from), (from, i) => [from, to[i]]);
+  const offLaw = (data) => {
+    const to = rubato.unpack.array(data.off_law.to);
+    return Array.from(rubato.unpack.array(data.off_law.from), (from, i) => [from, to[i]]);
   };
   const roundingNote = (rounding) => (rounding > 0
     ? `Shaded: up to ${rubato.format.number(rounding, 2)}, what rounding alone leaves (\u03b5 times the terms of the law).` : null);
@@ -26,7 +26,7 @@ rubato.commonCurves = (() => {
     const thinned = curves.find((curve) => curve.count > curve.y.length);
     const undefinedOnes = curves.filter((curve) => curve.undefined > 0)
       .map((curve) => rubato.undefinedNote(curve.undefined, curve.count, curves.length > 1 ? `values of ${curve.label || curve.name}` : "values"));
-    [options.note, roundingNote(rounding), ...undefinedOnes, thinned ? rubato.thinningNote(thinned.count, thinned.y.length, "values") : null]
+    [options.note, options.rowsNote, roundingNote(rounding), ...undefinedOnes, thinned ? rubato.thinningNote(thinned.count, thinned.y.length, "values") : null]
       .filter(Boolean).forEach(card.note);
   };
 
@@ -34,9 +34,11 @@ rubato.commonCurves = (() => {
     const curves = unpack(data);
     const group = (name) => curves.filter((curve) => curve.group === name);
     const byName = (name) => curves.filter((curve) => curve.name === name);
-    const bridged = bridges(data);
-    const common = { bridges: bridged };
-    const bridgeNote = data.bridge_count > 0 ? `Shaded: ${data.bridge_count} bridge${data.bridge_count === 1 ? "" : "s"}, where the energy law is not met.` : null;
+    const { rows, levels: levelCount } = data.level_rows;
+    const rowsNote = rows < levelCount
+      ? `The record has a row of ${rubato.format.count(rows)} of ${rubato.format.count(levelCount)} levels, which are drawn; the figures at the top are of all.` : null;
+    const common = { offLaw: offLaw(data), rowsNote };
+    const offLawNote = data.off_law_count > 0 ? `Shaded: steps off the energy law, in ${data.off_law_count} place${data.off_law_count === 1 ? "" : "s"}.` : null;
     const grid = rubato.section("Energy", "energy");
     const energies = group("energy").map((curve, index) => ({ ...curve, colour: index, label: curve.name === "discrete energy" ? "E\u2096 \u2212 E" : "H(z\u2096) \u2212 H(z\u2080)" }));
     show(grid, "Both energies: size of the deviation", energies.map(magnitude).map((curve) => ({ ...curve, label: `|${curve.label}|` })),
@@ -45,8 +47,8 @@ rubato.commonCurves = (() => {
     energies.forEach((curve) => show(grid, curve.name === "discrete energy" ? "Discrete energy" : "Node energy", [curve],
       { ...common, yLabel: curve.label, note: `Deviation from ${rubato.format.number(curve.initial, 15)}.` }));
     const levels = rubato.section("Time levels", "levels");
-    show(levels, "Step length", byName("h").map((curve) => ({ ...curve, label: "h\u2096", colour: 2 })), { ...common, yLabel: "h\u2096", note: bridgeNote });
-    show(levels, "\u0393", byName("gamma").map((curve) => ({ ...curve, label: "\u0393(z\u2096)", colour: 5 })), { ...common, yLabel: "\u0393", note: bridgeNote });
+    show(levels, "Step length", byName("h").map((curve) => ({ ...curve, label: "h\u2096", colour: 2 })), { ...common, yLabel: "h\u2096", note: offLawNote });
+    show(levels, "\u0393", byName("gamma").map((curve) => ({ ...curve, label: "\u0393(z\u2096)", colour: 5 })), { ...common, yLabel: "\u0393", note: offLawNote });
     const gamma = byName("gamma").map(magnitude);
     const sizes = gamma.flatMap((curve) => Array.from(curve.y)).filter(Number.isFinite);
     const [smallest, largest] = sizes.reduce(([low, high], size) => [Math.min(low, size), Math.max(high, size)], [Infinity, 0]);
@@ -71,10 +73,10 @@ rubato.commonCurves = (() => {
     }
     if (group("output").length > 0) {
       const outputs = rubato.section("Quantities at the output times", "quantities");
-      group("output").forEach((curve) => show(outputs, curve.name, [{ ...curve, colour: 1 }], { ...common, yLabel: curve.name }));
+      group("output").forEach((curve) => show(outputs, curve.name, [{ ...curve, colour: 1 }], { ...common, rowsNote: null, yLabel: curve.name }));
     }
   };
-  return { all, show, unpack, magnitude, bridges };
+  return { all, show, unpack, magnitude, offLaw };
 })();
 
 /** The states of an orbit as packed by states.cpp. */
@@ -108,7 +110,7 @@ rubato.bodiesOf = (q) => {
 };
 
 /** Coordinates, momenta and, of a problem stated by L, velocities against time, as many at once as the reader ticks. */
-rubato.coordinates = (grid, states, bridges) => {
+rubato.coordinates = (grid, states, offLaw) => {
   const own = states.columns.filter((column) => column.group !== "exact");
   const exact = states.columns.filter((column) => column.group === "exact");
   const q = own.filter((column) => column.group === "q");
@@ -127,7 +129,7 @@ rubato.coordinates = (grid, states, bridges) => {
     picture = null;
     if (series.length > 0) {
       picture = rubato.curve(card.body, { label: "Coordinates against time", series, yLabel: names.slice(0, 6).join(", ") + (names.length > 6 ? ", \u2026" : ""),
-        bridges, height: q.length > 1 ? 280 : 340 });
+        offLaw, height: q.length > 1 ? 280 : 340 });
     }
     const shown = Math.max(0, ...series.map(({ x }) => x.length));
     note.textContent = [series.length === 0 ? "Nothing is chosen." : null, rubato.thinningNote(states.count, shown || states.count, "states"),
@@ -146,14 +148,15 @@ rubato.orbit = (data) => {
   const states = rubato.unpackStates(data.states);
   const q = states.columns.filter((column) => column.group === "q");
   const p = states.columns.filter((column) => column.group === "p");
-  states.bodies = rubato.bodiesOf(q);
+  const isClocked = p.some(({ name }) => name === "minus_energy" || name === "minus_work");
+  states.bodies = rubato.bodiesOf(isClocked ? q.filter(({ name }) => name !== "time") : q);
 
   const grid = rubato.section("Orbit", "orbit");
   const draw = (title, chosen) => rubato.portrait(rubato.card(grid, title), [states], { ...chosen, title });
   if (states.bodies.length > 0) draw("Configuration, all bodies", { bodies: [0, 1] });
   else if (q.length > 1) draw("Configuration", { x: q[0].name, y: q[1].name });
   draw("Phase portrait", { x: q[0].name, y: p[0].name });
-  rubato.coordinates(grid, states, rubato.commonCurves.bridges(data));
+  rubato.coordinates(grid, states, rubato.commonCurves.offLaw(data));
   rubato.commonCurves.unpack(data).filter((curve) => curve.group === "error").forEach((curve) => {
     rubato.commonCurves.show(grid, `Error in ${curve.name}`, [{ ...curve, label: "error", colour: 3 }], { yLabel: `${curve.name} \u2212 exact` });
   });

@@ -12,9 +12,13 @@ namespace audit {
 
 namespace {
 
-/// The statuses of a run that leave a record.
+/// The statuses of a run that reached its end; 7: with a result that is lost.
+bool is_complete(int status) {
+  return status == 0 || status == 7;
+}
+/// Those of a run that leaves a record.
 bool leaves_record(int status) {
-  return status == 0 || status == 3 || status == 4;
+  return is_complete(status) || status == 3 || status == 4;
 }
 
 class CaseAudit {
@@ -63,7 +67,7 @@ private:
     const double left = direction * (rules_.until - t.back());
     const double slack = h.empty() ? 0.0 : 2e-9 * std::abs(h.back());
     const bool reached = left <= slack;
-    if ((run.status == 0) != reached) {
+    if (is_complete(run.status) != reached) {
       findings_.add("status", fmt::format("{} with {} left of the time", run.status, left));
     }
     if (h.size() > 1 && direction * (rules_.until - t[t.size() - 2]) < -slack) {
@@ -107,7 +111,7 @@ private:
       return;
     }
     const Call first = call_run(case_.problem, "resumed", fmt::format("{:.17g}", middle));
-    if (first.status != 0) {
+    if (!is_complete(first.status)) {
       findings_.add("resume", fmt::format("the run to t = {} ends with {}: {}", middle, first.status, first.errors));
       return;
     }
@@ -151,7 +155,7 @@ private:
   void compare_steps(double constant, const Stored& shifted) {
     constexpr long double inherited = 100.0L;
     const std::vector<double>&h = record_["/levels/h"], &h_shifted = shifted["/levels/h"];
-    const std::vector<double>&flags = record_["/levels/bridged"], &flags_shifted = shifted["/levels/bridged"];
+    const std::vector<double>&flags = record_["/levels/off_law"], &flags_shifted = shifted["/levels/off_law"];
     const std::vector<double>&condition = record_["/levels/step_condition"],
           &condition_shifted = shifted["/levels/step_condition"];
     // The condition is ε·scale/|h dE/dh| with a scale of at least |H|, and so bounds what the tolerance does.
@@ -169,7 +173,7 @@ private:
       const long double worst = std::max(condition[k], condition_shifted[k]);
       uncertain += worst * (rules_.tolerance / (2 * unit_roundoff) + 8);
       if (flags[k] != 0.0 || flags_shifted[k] != 0.0) {
-        uncertain = std::max(uncertain, 1e-12L) * 10;  // a bridge is found to some accuracy only
+        uncertain = std::max(uncertain, 1e-12L) * 10;  // when the law is met again depends on last digits
       }
       const long double limit = inherited * (uncertain + 8 * unit_roundoff);
       if (!(limit < 1e-3L)) {

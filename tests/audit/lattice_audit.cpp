@@ -286,7 +286,7 @@ int lattice_twins(const std::string& program) {
   of_families.push_back({"step potential", "/levels/step_potential", 4, 1 + 1e-12});
   using Lagrangian = LatticeProblem::Lagrangian;
   const auto box = [](const LatticeProblem& problem) {
-    return problem.lagrangian == Lagrangian::box && !problem.has_step_potential() && problem.on_singular == "bridge";
+    return problem.lagrangian == Lagrangian::box && !problem.has_step_potential() && problem.on_singular.empty();
   };
   const auto stages = [](const LatticeProblem& problem) { return problem.stages > 2 && problem.has_step_potential(); };
   const auto splitting = [](const LatticeProblem& problem) {

@@ -229,7 +229,7 @@ private:
       choose_step_potential();
     }
     if (!explicit_scheme && random_.chance(0.25)) {
-      problem_.on_singular = random_.chance(0.5) ? "fixed" : "stop";
+      problem_.on_singular = random_.chance(0.5) ? "plain" : "stop";
     }
     if (random_.chance(0.4)) {
       const Expression t = Expression::variable(problem_.axes.size());
@@ -269,7 +269,7 @@ int LatticeProblem::order_of_scheme() const {
 
 bool LatticeProblem::has_step_potential() const {
   using Kind = PotentialRule::Kind;
-  return !fixed && (step_potential.kind == Kind::unsaid ? on_singular == "bridge" : step_potential.kind != Kind::none);
+  return !fixed && (step_potential.kind == Kind::unsaid ? on_singular.empty() : step_potential.kind != Kind::none);
 }
 
 LevelRules LatticeProblem::rules() const {
@@ -319,8 +319,8 @@ std::string LatticeProblem::toml() const {
   text += fixed ? "levels = \"fixed\"\n" : "";
   text += step_potential.toml();
   text += tolerance_given ? fmt::format("tolerance = {}\n", tolerance) : "";
-  text += on_singular != "bridge" ? fmt::format("on_singular = \"{}\"\n", on_singular) : "";
-  text += fmt::format("[output]\nevery = {}\n", every);
+  text += !on_singular.empty() ? fmt::format("on_singular = \"{}\"\n", on_singular) : "";
+  text += fmt::format("[output]\nevery = {}\n[levels]\nevery = 1\n", every);
   return text;
 }
 

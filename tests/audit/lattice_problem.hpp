@@ -52,7 +52,7 @@ struct LatticeProblem {
   double step = 0.0, until = 0.0;
   double tolerance = 1e-13;
   bool tolerance_given = false;
-  std::string on_singular = "bridge";
+  std::string on_singular;  ///< empty: left out
   int max_steps = 300;
   int every = 1;
 

@@ -25,9 +25,9 @@ void LevelsJudge::add_scale(long double value) {
 bool LevelsJudge::judge_levels() {
   t_ = record_["/levels/t"];
   h_ = record_["/levels/h"];
-  bridged_ = record_["/levels/bridged"];
+  off_law_ = record_["/levels/off_law"];
   energies_ = record_["/levels/energy"];
-  if (t_.size() != h_.size() + 1 || bridged_.size() != h_.size() || energies_.size() != h_.size()) {
+  if (t_.size() != h_.size() + 1 || off_law_.size() != h_.size() || energies_.size() != h_.size()) {
     findings_.add("shape", fmt::format("{} levels, {} steps", t_.size(), h_.size()));
     return false;
   }
@@ -86,6 +86,9 @@ bool LevelsJudge::judge_potential() {
     return true;
   }
   potential_ = record_[path];
+  if (potential_.size() == h_.size() && std::ranges::all_of(potential_, [](double part) { return part == 0.0; })) {
+    return false;  // K does not depend on the step: f' is 0
+  }
   if (potential_.size() != h_.size() || potential_[0] == 0.0) {
     findings_.add("step potential", fmt::format("{} values for {} steps", potential_.size(), h_.size()));
     return false;
@@ -166,7 +169,7 @@ void LevelsJudge::compare(const std::string& kind, double value, const Bounded& 
 void LevelsJudge::judge_energy(std::size_t k, const Bounded& energy_of_scheme) {
   const Bounded energy = rules_.potential ? energy_of_scheme + potential_of(k) : energy_of_scheme;
   compare("stored energy", energies_[k], energy, k, roundings_.energy);
-  if (rules_.fixed || !told_.has("discrete_energy.value") || bridged_[k] != 0.0) {
+  if (rules_.fixed || !told_.has("discrete_energy.value") || off_law_[k] != 0.0) {
     return;
   }
   const long double target = told_["discrete_energy.value"];
@@ -187,7 +190,7 @@ void LevelsJudge::judge_equation(const std::vector<Bounded>& rows, std::size_t k
   for (std::size_t row = 0; row < rows.size(); ++row) {
     findings_.within("step equation", std::abs(rows[row].value), evaluations * rows[row].error, [&] {
       return fmt::format("step {} of {}{}, h = {}, row {}: {:.3g} in place of {:.3g}", k, h_.size(),
-                         bridged_[k] != 0.0 ? " (flagged)" : "", h_[k], row, static_cast<double>(rows[row].value),
+                         off_law_[k] != 0.0 ? " (flagged)" : "", h_[k], row, static_cast<double>(rows[row].value),
                          static_cast<double>(evaluations * rows[row].error));
     });
   }
@@ -219,9 +222,7 @@ void LevelsJudge::judge_told() {
   exactly("h.min", *std::ranges::min_element(h_));
   exactly("h.max", *std::ranges::max_element(h_));
   if (!rules_.fixed) {
-    const std::vector<double>& crossing = record_["/levels/crossing"];
-    exactly("bridges.steps", static_cast<double>(std::ranges::count(bridged_, 1.0)));
-    exactly("bridges.count", static_cast<double>(std::ranges::count(crossing, 1.0)));
+    exactly("off_law.steps", static_cast<double>(std::ranges::count(off_law_, 1.0)));
   }
   if (rules_.potential) {
     const auto [least, greatest] = std::ranges::minmax(potential_);
@@ -265,11 +266,11 @@ void LevelsJudge::judge_told() {
   const double target = told_["discrete_energy.value"];
   long double off[2] = {0.0L, 0.0L};
   for (std::size_t k = 0; k < h_.size(); ++k) {
-    long double& largest = off[bridged_[k] != 0.0 ? 1 : 0];
+    long double& largest = off[off_law_[k] != 0.0 ? 1 : 0];
     largest = std::max(largest, std::abs(static_cast<long double>(energies_[k]) - target));
   }
   deviation_told("discrete_energy.max_relative_deviation", off[0]);
-  deviation_told("bridges.max_deviation", off[1]);
+  deviation_told("off_law.max_deviation", off[1]);
 }
 
 void LevelsJudge::exactly(const std::string& key, double value) {

@@ -42,7 +42,7 @@ public:
   [[nodiscard]] const std::vector<std::size_t>& stored_levels() const { return levels_; }
   [[nodiscard]] double h(std::size_t step) const { return h_[step]; }
   [[nodiscard]] double t(std::size_t level) const { return t_[level]; }
-  [[nodiscard]] bool flagged(std::size_t step) const { return bridged_[step] != 0.0; }
+  [[nodiscard]] bool flagged(std::size_t step) const { return off_law_[step] != 0.0; }
   [[nodiscard]] Findings& findings() { return findings_; }
   [[nodiscard]] Roundings& roundings() { return roundings_; }
   /// A scale of the energy that has been seen: |H|, or the magnitudes of its terms.
@@ -59,7 +59,7 @@ private:
   const Json& told_;
   Findings& findings_;
   Roundings roundings_;
-  std::vector<double> t_, h_, bridged_, energies_, potential_;
+  std::vector<double> t_, h_, off_law_, energies_, potential_;
   long double exponent_ = 0.0L;  ///< of the step potential
   std::vector<std::size_t> levels_;
 };

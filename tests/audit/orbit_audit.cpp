@@ -80,7 +80,7 @@ int missed_of(const OrbitProblem& problem, const Stored& record, const Json& tol
 }  // namespace
 
 int orbit_twins(const std::string& program) {
-  // A rotating pendulum: some of its steps are bridges.
+  // A rotating pendulum: some of its steps are off the law.
   OrbitProblem problem = {};
   problem.family = "twins";
   problem.names = {"q", "p"};
@@ -93,14 +93,14 @@ int orbit_twins(const std::string& program) {
   problem.max_steps = 1000;
   problem.potential = {.kind = PotentialRule::Kind::none};
   const auto [record, told] = run_of(program, problem);
-  const auto bridge =
-      static_cast<std::size_t>(std::ranges::find(record["/levels/bridged"], 1.0) - record["/levels/bridged"].begin());
+  const auto plain =
+      static_cast<std::size_t>(std::ranges::find(record["/levels/off_law"], 1.0) - record["/levels/off_law"].begin());
   // Each by a few units of what rounding may be at that place.
   const Twin twins[] = {
       {"step equation", [](Stored& r, Json&) { value_of(r, "/states/q", 9) += 1e-14; }},
-      {"step equation", [&](Stored& r, Json&) { value_of(r, "/states/p", bridge + 1) += 1e-13; }},
+      {"step equation", [&](Stored& r, Json&) { value_of(r, "/states/p", plain + 1) += 1e-13; }},
       {"step equation", [](Stored& r, Json&) { value_of(r, "/levels/h", 9) *= 1 + 1e-13; }},
-      {"energy law", [&](Stored& r, Json&) { value_of(r, "/levels/bridged", bridge) = 0; }},
+      {"energy law", [&](Stored& r, Json&) { value_of(r, "/levels/off_law", plain) = 0; }},
       {"energy law", [](Stored&, Json& j) { j.numbers["discrete_energy.value"] *= 1 + 1e-12; }},
       {"stored energy", [](Stored& r, Json&) { value_of(r, "/levels/energy", 5) += 4e-14; }},
       {"node energy", [](Stored& r, Json&) { value_of(r, "/levels/node_energy", 5) *= 1 + 2e-14; }},
@@ -110,8 +110,8 @@ int orbit_twins(const std::string& program) {
       {"sign of h", [](Stored& r, Json&) { value_of(r, "/levels/h", 20) *= -1; }},
       {"stored levels", [](Stored& r, Json&) { value_of(r, "/states/level", 20) += 1; }},
       {"told steps", [](Stored&, Json& j) { j.numbers["steps"] += 1; }},
-      {"told bridges.steps", [](Stored&, Json& j) { j.numbers["bridges.steps"] = 0; }},
-      {"told bridges.max_deviation", [](Stored&, Json& j) { j.numbers["bridges.max_deviation"] = 0; }},
+      {"told off_law.steps", [](Stored&, Json& j) { j.numbers["off_law.steps"] = 0; }},
+      {"told off_law.max_deviation", [](Stored&, Json& j) { j.numbers["off_law.max_deviation"] = 0; }},
       {"told gamma.min", [](Stored&, Json& j) { j.numbers["gamma.min"] += 1e-12; }},
       {"told node_energy.max_deviation", [](Stored&, Json& j) { j.numbers["node_energy.max_deviation"] = 0; }},
   };
@@ -120,7 +120,7 @@ int orbit_twins(const std::string& program) {
   // Gauss collocation, where the stages have to be found again.
   problem.lagrangian = OrbitProblem::Lagrangian::gauss;
   problem.stages = 3;
-  problem.on_singular = "fixed";
+  problem.on_singular = "plain";
   const Twin collocated[] = {
       {"step equation", [](Stored& r, Json&) { value_of(r, "/states/q", 9) += 1e-14; }},
       {"step equation", [](Stored& r, Json&) { value_of(r, "/levels/h", 9) *= 1 + 1e-13; }},
@@ -132,7 +132,7 @@ int orbit_twins(const std::string& program) {
   // A splitting with a step potential of given numbers.
   problem.lagrangian = OrbitProblem::Lagrangian::splitting;
   problem.composition = "kahan-li-6";
-  problem.on_singular = "bridge";
+  problem.on_singular.clear();
   problem.potential = {.kind = PotentialRule::Kind::given, .kappa = 1.5, .exponent = 8.5};
   const Twin composed[] = {
       {"step equation", [](Stored& r, Json&) { value_of(r, "/states/p", 9) += 1e-12; }},

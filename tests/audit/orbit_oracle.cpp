@@ -422,12 +422,10 @@ std::optional<Bounded> OrbitOracle::gamma(std::span<const double> z) const {
       line.emplace_back(Shape::of(1, 2), state[i]);
       line.back()[1] = velocity[i];
     }
-    // Of the golden splitting -φ⁻⁴ as much, φ the golden ratio.
-    const long double factor = golden ? -std::pow(std::numbers::phi_v<long double>, -4.0L) : 1.0L;
-    return Bounded(2.0L * factor) * problem_.H(std::span<const Series>(line))[2];
+    return Bounded(2.0L) * problem_.H(std::span<const Series>(line))[2];
   }
-  if (problem_.lagrangian == Lagrangian::generating) {
-    const std::size_t power = problem_.F.empty() ? terms() + 1 : terms();  // of t in φ_t: the first left out
+  if (problem_.lagrangian == Lagrangian::generating && problem_.F.empty() && terms() == 1) {
+    constexpr std::size_t power = 2;  // of t in φ_t, the first left out: Γ is -24 φ_3
     const Generated phi = generate(state, power);
     return Bounded(-24.0L / static_cast<long double>(power + 1)) * phi.rate.coefficient(z.size(), power);
   }

@@ -603,12 +603,8 @@ private:
     if (!problem_.fixed && !custom && !forward) {
       choose_potential();
     }
-    const bool potential = problem_.potential.kind == PotentialRule::Kind::automatic ||
-                           problem_.potential.kind == PotentialRule::Kind::given;
     if (random_.chance(0.25)) {
-      problem_.on_singular = random_.chance(0.5) ? "fixed" : "stop";
-    } else if (random_.chance(0.25) && problem_.has_bridges() && !potential) {
-      problem_.reversible = true;
+      problem_.on_singular = random_.chance(0.5) ? "plain" : "stop";
     }
     const bool two_steps = !problem_.is_stated_by_L() && !forward && !custom && !problem_.is_family();
     if (random_.chance(0.15) && problem_.F.empty() && (two_steps || custom)) {
@@ -683,14 +679,9 @@ bool OrbitProblem::is_family() const {
          (is_stated_by_L() && quadrature != Quadrature::midpoint);
 }
 
-bool OrbitProblem::has_bridges() const {
-  return !is_family() || (lagrangian == Lagrangian::splitting && composition == "golden");
-}
-
 bool OrbitProblem::has_potential() const {
   using Kind = PotentialRule::Kind;
-  const bool usual =
-      on_singular == "bridge" && !reversible && lagrangian != Lagrangian::custom && lagrangian != Lagrangian::forward;
+  const bool usual = on_singular.empty() && lagrangian != Lagrangian::custom && lagrangian != Lagrangian::forward;
   return !fixed && (potential.kind == Kind::unsaid ? usual : potential.kind != Kind::none);
 }
 
@@ -798,9 +789,8 @@ std::string OrbitProblem::toml() const {
   }
   text += fmt::format("until = {}\n", until);
   text += tolerance_given ? fmt::format("tolerance = {}\n", tolerance) : "";
-  text += on_singular != "bridge" ? fmt::format("on_singular = \"{}\"\n", on_singular) : "";
-  text += reversible ? "bridge = \"reversible\"\n" : "";
-  text += fmt::format("max_steps = {}\n[output]\nevery = {}\n", max_steps, every);
+  text += !on_singular.empty() ? fmt::format("on_singular = \"{}\"\n", on_singular) : "";
+  text += fmt::format("max_steps = {}\n[output]\nevery = {}\n[levels]\nevery = 1\n", max_steps, every);
   return text;
 }
 

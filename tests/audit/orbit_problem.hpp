@@ -42,8 +42,7 @@ struct OrbitProblem {
   double until = 0.0;
   double tolerance = 1e-13;
   bool tolerance_given = false;
-  std::string on_singular = "bridge";
-  bool reversible = false;
+  std::string on_singular;  ///< empty: left out
   PotentialRule potential;
   int max_steps = 0;
   int every = 1;
@@ -51,7 +50,6 @@ struct OrbitProblem {
   [[nodiscard]] bool is_stated_by_L() const { return quadrature != Quadrature::none; }
   /// One of the families that take a step potential where nothing is said of it.
   [[nodiscard]] bool is_family() const;
-  [[nodiscard]] bool has_bridges() const;  ///< its Γ is known
   [[nodiscard]] bool has_potential() const;
   [[nodiscard]] int order_of_scheme() const;
   [[nodiscard]] std::size_t degrees_of_freedom() const { return start.size() / 2; }

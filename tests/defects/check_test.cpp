@@ -30,24 +30,9 @@ using namespace rubato;
 using Catch::Matchers::Contains;
 using Catch::Matchers::StartsWith;
 using rubato::defect_tests::defect_file;
+using rubato::tests::Folder;
 
 namespace {
-
-/// A folder of its own for one test, removed afterwards.
-class Folder {
-public:
-  Folder() {
-    std::string name = (std::filesystem::temp_directory_path() / "rubato-defects-XXXXXX").string();
-    path_ = ::mkdtemp(name.data());
-  }
-  Folder(const Folder&) = delete;
-  Folder& operator=(const Folder&) = delete;
-  ~Folder() { std::filesystem::remove_all(path_); }
-  [[nodiscard]] std::string operator/(const std::string& name) const { return (path_ / name).string(); }
-
-private:
-  std::filesystem::path path_;
-};
 
 Outcome run_file(const std::string& name, const std::string& file, const std::vector<std::string>& settings = {},
                  bool tangents = false) {
@@ -194,7 +179,7 @@ TEST_CASE("with fixed levels and every = 7 states off by 1e-4 are found", "[defe
     alter(file, path, 5, [](double value) { return value + 1e-4; });
     const Outcome checked = check(file);
     CHECK(names(checked, path));
-    // Not by its digest alone: the step between the two stored levels does not solve its equation.
+    // Not by its checksum alone: the step between the two stored levels does not solve its equation.
     CHECK_THAT(found_wrong(checked), Contains("leaves of its equation"));
   }
 }
@@ -205,35 +190,35 @@ TEST_CASE("plain steps before the law are measured by its E", "[defects]") {
   static_cast<void>(run_file(defect_file("start-plain-90.toml"), file));
   const record::Reader reader(file);
   const std::vector<double> energy = reader.read("/levels/energy"), target = reader.read("/levels/target"),
-                            bridged = reader.read("/levels/bridged");
+                            off_law = reader.read("/levels/off_law");
   const figures::Statistics& told = check(file).statistics;
-  if (const auto first = std::ranges::find(bridged, 0.0); first != bridged.end()) {
-    const double E = energy[static_cast<std::size_t>(first - bridged.begin())];
+  if (const auto first = std::ranges::find(off_law, 0.0); first != off_law.end()) {
+    const double E = energy[static_cast<std::size_t>(first - off_law.begin())];
     CHECK(told.energy() == E);
     double worst = 0.0;
     for (std::size_t k = 0; k < energy.size(); ++k) {
-      worst = bridged[k] != 0.0 ? std::max(worst, std::abs(energy[k] - E)) : worst;
+      worst = off_law[k] != 0.0 ? std::max(worst, std::abs(energy[k] - E)) : worst;
     }
-    CHECK(told.bridge_deviation() == worst);
-    CHECK(std::isnan(target.front()) == (bridged.front() != 0.0));
+    CHECK(told.off_law_deviation() == worst);
+    CHECK(std::isnan(target.front()) == (off_law.front() != 0.0));
   } else {
     CHECK_THAT(lines_without(told), Contains("no step met the energy law"));
   }
 }
 
-TEST_CASE("where every step is a bridge no deviation of 0 is told", "[defects]") {
+TEST_CASE("where every step is off the law no deviation of 0 is told", "[defects]") {
   const Folder folder;
   const std::string file = folder / "a.h5";
-  const Outcome ran = run_file(defect_file("every-step-bridges.toml"), file);
+  const Outcome ran = run_file(defect_file("every-step-off-law.toml"), file);
   const std::vector<double> energy = record::Reader(file).read("/levels/energy");
   const auto [least, greatest] = std::ranges::minmax(energy);
-  if (ran.statistics.bridge_steps == ran.statistics.steps) {
-    CHECK(ran.statistics.bridge_deviation() ==
+  if (ran.statistics.off_law_steps == ran.statistics.steps) {
+    CHECK(ran.statistics.off_law_deviation() ==
           std::max(std::abs(least - energy.front()), std::abs(greatest - energy.front())));
     CHECK_THAT(to_table(ran), Contains("no step met the energy law"));
     CHECK_THAT(to_json(ran), !Contains("max_relative_deviation"));
   } else {
-    CHECK(ran.statistics.bridge_deviation() >= 0.5 * (greatest - least) - 1e-9);
+    CHECK(ran.statistics.off_law_deviation() >= 0.5 * (greatest - least) - 1e-9);
   }
   CHECK(found_wrong(check(file)).empty());
 }
@@ -257,7 +242,7 @@ TEST_CASE("run, check, compare and report tell the same figures of a record", "[
   };
   const std::vector<Case> cases = {
       {"pendulum-rotation", {"scheme.until=20"}},
-      {"pendulum-rotation", {"scheme.until=20", "scheme.on_singular=fixed"}},
+      {"pendulum-rotation", {"scheme.until=20", "scheme.on_singular=plain"}},
       {"kepler", {"parameters.e=0.85", "scheme.until=7"}},
       {"kepler", {"scheme.until=7", "scheme.levels=fixed"}},
       {"henon-heiles", {"scheme.until=10", "scheme.lagrangian=generating", "scheme.order=4"}},
@@ -267,7 +252,7 @@ TEST_CASE("run, check, compare and report tell the same figures of a record", "[
       {"kdv", {"grid.x.cells=51", "scheme.until=0.2", "scheme.lagrangian=fourier"}},
       {defect_file("undefined-law.toml"), {}},
       {defect_file("start-plain-90.toml"), {}},
-      {defect_file("every-step-bridges.toml"), {}},
+      {defect_file("every-step-off-law.toml"), {}},
   };
   for (const Case& one : cases) {
     for (const char* every : {"1", "3", "16"}) {
@@ -310,6 +295,70 @@ TEST_CASE("records that nobody altered agree with themselves", "[defects]") {
       CHECK(found_wrong(check(file)).empty());
       static_cast<void>(resume(file, std::nullopt, {.threads = 1}));
       settings.pop_back();
+    }
+  }
+}
+
+TEST_CASE("energies of a custom L with a long prediction agree with their states", "[defects]") {
+  // The prediction is off by the size of the state, and so was the derivative by which E was corrected.
+  const Folder folder;
+  const std::string file = folder / "a.h5";
+  const Problem problem = parse_problem(R"toml(
+[hamiltonian]
+q = ["x"]
+p = ["u"]
+H = "(x^2 + 1)*(u^2 + 1)/2"
+[initial]
+x = 1.004
+u = 1.175
+[scheme]
+lagrangian = "custom"
+L = "(u_0 + u_1)/2*(x_1 - x_0)/(t_1 - t_0) - 0.5*((x_0^2 + 1)*(u_0^2 + 1)/2 + (x_1^2 + 1)*(u_1^2 + 1)/2)"
+levels = "fixed"
+step = -0.1816
+until = -11.44
+)toml",
+                                        "a.toml");
+  REQUIRE(run(problem, {.output = file, .threads = 1}).status == ExitStatus::lost);  // long steps on purpose
+  CHECK(found_wrong(check(file)).empty());
+  alter(file, "/levels/energy", 29, [](double value) { return value + 3e-12; });
+  CHECK(names(check(file), "/levels/energy"));
+}
+
+TEST_CASE("linear waves with a constant in S agree with themselves", "[defects]") {
+  const Folder folder;
+  const std::string file = folder / "a.h5";
+  for (const char* S : {"(v^2 - w^2 + u^2)/2 - 700", "(v^2 - w^2 + u^2)/2"}) {
+    for (const char* stages : {"1", "3"}) {
+      INFO(S << ", stages " << stages);
+      REQUIRE(run_file("sine-gordon", file,
+                       {std::string("multisymplectic.S=\"") + S + "\"", "grid.x.cells=31", "scheme.until=1",
+                        "scheme.lagrangian=fourier", std::string("scheme.stages=") + stages})
+                  .status == ExitStatus::done);
+      CHECK(found_wrong(check(file)).empty());
+      alter(file, "/levels/energy", 2, [](double value) { return value + 1e-4; });
+      CHECK(names(check(file), "/levels/energy"));
+    }
+  }
+}
+
+TEST_CASE("sound records of steps that are hard to find again are not accused", "[defects]") {
+  const Folder folder;
+  const std::string sound = folder / "sound.h5", file = folder / "a.h5";
+  for (const char* name :
+       {"check-false-alarm", "check-false-alarm-3", "check-false-alarm-4", "check-false-alarm-lattice"}) {
+    INFO(name);
+    static_cast<void>(run_file(defect_file(fmt::format("{}.toml", name)), sound));  // one ends with status 4
+    const Outcome checked = check(sound);
+    CHECK(found_wrong(checked).empty());
+    // What is altered is found all the same: by more than rounding, the sizes being about 1.
+    const bool is_lattice = std::string(name).ends_with("lattice");
+    for (const std::string path : {is_lattice ? "/states/u" : "/states/p", "/levels/energy", "/levels/node_energy"}) {
+      std::filesystem::copy_file(sound, file, std::filesystem::copy_options::overwrite_existing);
+      const record::Reader reader(sound);
+      const std::size_t last = reader.rows(path) * reader.info(path).row_size() - 1;
+      alter(file, path, last, [](double value) { return value * (1.0 + 1e-4); });
+      CHECK(names(check(file), path));
     }
   }
 }
@@ -371,7 +420,7 @@ void check_altered_numbers(int part, int least) {
     const Outcome ran = lattice
                             ? run_file("nls", sound, {"grid.x.cells=15", "scheme.until=0.2", "output.every=3"}, true)
                             : run_file("pendulum-rotation", sound, {"scheme.until=6", "output.every=3"});
-    REQUIRE(ran.status == ExitStatus::done);
+    REQUIRE(ran.complete);
     REQUIRE(found_wrong(check(sound)).empty());
     int altered = 0, number = 0;
     const record::Reader reader(sound);

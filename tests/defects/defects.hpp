@@ -2,6 +2,8 @@
 
 #include <string>
 
+#include "../folder.hpp"
+
 /// Files that were once handled wrongly, one folder for all of them.
 namespace rubato::defect_tests {
 

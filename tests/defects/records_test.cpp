@@ -136,8 +136,7 @@ TEST_CASE("what the problem in a record claims is compared with its datasets bef
   const sample::Folder folder;
   const std::string file = (folder / "lattice.h5").string();
   const std::vector<std::string> settings{"scheme.until=0.2", "grid.x.cells=21"};
-  REQUIRE(rubato::run(rubato::read_problem("sine-gordon", settings), {.output = file, .threads = 1}).status ==
-          rubato::ExitStatus::done);
+  REQUIRE(rubato::run(rubato::read_problem("sine-gordon", settings), {.output = file, .threads = 1}).complete);
   std::string problem = record::Reader(file).header().problem;
   const std::size_t place = problem.find("cells = 21");
   REQUIRE(place != std::string::npos);

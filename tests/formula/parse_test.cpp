@@ -262,3 +262,28 @@ TEST_CASE("to_string is read back as the same expression") {
   const Expression difference = parse("x - (y - z)", graph, xyz);
   CHECK_FALSE(parse("x - y - z", graph, xyz) == difference);
 }
+
+TEST_CASE("names of other languages are answered by what to write") {
+  const auto message = [](const std::string& text) {
+    Graph graph;
+    const std::vector<std::string> names = {"x", "y"};
+    try {
+      (void)parse(text, graph, names);
+    } catch (const ParseError& error) {
+      return error.reason();
+    }
+    return std::string("accepted");
+  };
+  CHECK(message("pow(x, 2)") == "unknown function 'pow': write a^b");
+  CHECK(message("2*ln(x)") == "unknown function 'ln': the natural logarithm is log");
+  CHECK(message("fabs(x)") == "unknown function 'fabs': write abs(x)");
+  CHECK(message("arctan(x) + 1") == "unknown function 'arctan': write atan(x)");
+  CHECK(message("x + heaviside(y)") == "unknown function 'heaviside': write where(x > 0, 1, 0)");
+  CHECK(message("1 + pow") == "unknown name 'pow': write a^b");
+  CHECK(message("x**2") == "** is not an operator: use ^ for a power");
+  // The twins: other names get the nearest one, and a user's own is no foreign one.
+  CHECK(message("coss(x)") == "unknown function 'coss': did you mean 'cos'?");
+  Graph graph;
+  const std::vector<std::string> names = {"pow", "ln"};
+  CHECK_NOTHROW((void)parse("pow + 2*ln", graph, names));
+}

@@ -25,7 +25,7 @@ namespace {
 using namespace rubato;
 
 /// A chain of n anharmonic oscillators. H is convex, so that Γ = fᵀ H_zz f has no zero but at equilibria and no step
-/// needs a bridge.
+/// is off the law.
 Hamiltonian chain(std::size_t n) {
   return Hamiltonian(n, [n](auto q, auto p) {
     auto H = p[0] * p[0] / 2;
@@ -58,7 +58,7 @@ std::size_t allocations_in_steps(SegmentScheme& scheme, Levels kind, Extra extra
       before = allocations;
     }
     const StepReport report = levels.step();
-    made = made && report.status == Status::success && !report.bridged;
+    made = made && report.status == Status::success && !report.off_law;
     made = made && std::isfinite(scheme.node().energy);
     extra(scheme);
   }
@@ -110,25 +110,22 @@ TEST_CASE("a step of a quadrature of the action allocates nothing") {
   }
 }
 
-TEST_CASE("a step by energies of lengths side by side allocates nothing") {
+TEST_CASE("a step of a splitting with a step potential allocates nothing") {
   const systems::System system = systems::henon_heiles();
   std::vector<double> z = system.initial.q;
   z.insert(z.end(), system.initial.p.begin(), system.initial.p.end());
   const auto scheme = make_splitting_scheme(system.hamiltonian, composition("blanes-moan-rkn-6"), z);
-  const LevelOptions options{.on_singular = OnSingular::fixed,
+  const LevelOptions options{.on_singular = OnSingular::plain,
                              .potential = {.kind = StepPotentialChoice::Kind::automatic}};
   TimeLevels levels(*scheme, options, 0.0, 0.83);
   std::size_t allocated = 0;
-  int evaluations = 0;
   for (int k = 0; k < 105; ++k) {
     const std::size_t before = allocations;
     const StepReport report = levels.step();
     allocated += k < 5 ? 0 : allocations - before;
     REQUIRE(report.status == Status::success);
-    evaluations += report.iterations;
   }
   CHECK(allocated == 0);
-  CHECK(evaluations < 230);  // one of eight lengths and one of a step; one after the other they are four
 }
 
 TEST_CASE("an allocation in a step would be counted") {

@@ -331,30 +331,6 @@ TEST_CASE("with variable levels the discrete energy of every family that keeps a
   }
 }
 
-TEST_CASE("the golden splitting crosses the zeros of its Gamma by bridges") {
-  VectorXd z(2);
-  z << 0.0, 2.2;
-  const Hamiltonian H({"q"}, {"p"}, "p^2/2 - cos(q)");
-  const auto scheme = make_splitting_scheme(H, composition("golden"), span_of(z));
-  TimeLevels levels(*scheme, {}, 0.0, 0.05);
-  int bridged = 0, steps = 0;
-  double deviation = 0.0;
-  HamiltonianEvaluator evaluator(H);
-  const double start = evaluator.value(z.data());
-  while (levels.time() < 300.0) {
-    const StepReport report = levels.step();
-    REQUIRE(report.status == Status::success);
-    bridged += report.bridged;
-    ++steps;
-    deviation = std::max(deviation, std::abs(evaluator.value(scheme->state().data()) - start));
-  }
-  // Γ changes its sign twice a turn, one bridging step each; the node energy's amplitude is (7-3√5)/16 h²Γ of the first
-  // step, 1.2e-4, times what |Γ| grows to, less than four.
-  CHECK(bridged > 100);
-  CHECK(bridged < steps / 20);
-  CHECK(deviation < 5e-4);
-}
-
 TEST_CASE("a family's run goes on bit for bit from its saved state, and a trial that is not taken leaves no trace") {
   VectorXd z(4);
   z << 0.1, 0.2, 0.3, 0.1;

@@ -77,7 +77,7 @@ Orbit run(const Hamiltonian& hamiltonian, const InitialState& start, Generating 
                     .step = step,
                     .until = until,
                     .levels = levels,
-                    .on_singular = OnSingular::bridge});
+                    .on_singular = OnSingular::plain});
 }
 
 /// Error at the end of a run against the exact flow there.
@@ -165,7 +165,7 @@ TEST_CASE("orders of the schemes, with variable levels") {
       const Orbit orbit =
           run(kepler(), start, {.order = c.order, .darboux = c.type}, steps.back(), until, Levels::variable);
       REQUIRE(orbit.status == Status::success);
-      CHECK(std::ranges::none_of(orbit.bridged, [](auto bridged) { return bridged != 0; }));
+      CHECK(std::ranges::none_of(orbit.off_law, [](auto off_law) { return off_law != 0; }));
       errors.push_back(distance(last_state(orbit), exact_flow(kepler(), z, orbit.t.back())));
       condition = std::max(condition, std::ranges::max(orbit.condition));
     }
@@ -204,7 +204,7 @@ TEST_CASE("order 2 with F = 0 is the midpoint rule") {
     const InitialState start = kepler_start(0.3);
     const Orbit own = run(kepler(), start, {.order = 2}, 0.05, 2.0, levels);
     const Orbit midpoint =
-        integrate(kepler(), start, {.step = 0.05, .until = 2.0, .levels = levels, .on_singular = OnSingular::bridge});
+        integrate(kepler(), start, {.step = 0.05, .until = 2.0, .levels = levels, .on_singular = OnSingular::plain});
     REQUIRE(own.steps() == midpoint.steps());
     // Rounding of 40 steps, each solved to stagnation; with variable levels its effect on h, the step condition
     // (1e-11 here), enters through the state's velocity.
@@ -257,7 +257,7 @@ TEST_CASE("step law h^(2m+1) φ^(2m+1) and node law, where φ^(2m+1) keeps its s
     for (const double step : {coarse, 0.5 * coarse}) {
       const Orbit orbit = run(kepler(), kepler_start(0.3), {.order = order}, step, 13.0, Levels::variable);
       REQUIRE(orbit.status == Status::success);
-      REQUIRE(std::ranges::count(orbit.bridged, 0) == static_cast<long>(orbit.steps()));
+      REQUIRE(std::ranges::count(orbit.off_law, 0) == static_cast<long>(orbit.steps()));
       GeneratingFunction generating(kepler(), MatrixXd::Zero(4, 4), order);
       std::vector<double> laws;
       for (std::size_t k = 0; k < orbit.steps(); ++k) {

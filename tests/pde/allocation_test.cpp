@@ -49,7 +49,7 @@ TEST_CASE("a step of a lattice allocates nothing") {
       const auto step = [&](double h) {
         const std::size_t before = allocations;
         const Status status = scheme->advance(h, 0.0);
-        const double told = scheme->discrete_energy() + scheme->discrete_energy_slope() + scheme->trial_node().energy;
+        const double told = scheme->discrete_energy() + scheme->discrete_energy_slope() + scheme->node().energy;
         scheme->accept();
         counted = allocations - before;
         stepped = stepped && status == Status::success && std::isfinite(told);

@@ -12,6 +12,7 @@
 
 #include <rubato/pde/cell_sweep.hpp>
 #include <rubato/pde/lattice_method.hpp>
+#include <rubato/pde/row_rounding.hpp>
 
 #include "equations.hpp"
 
@@ -107,4 +108,33 @@ TEST_CASE("the backward error of a step tells a step that is solved from one tha
     CHECK(backward_error(0.0) < 16.0 * epsilon);
     CHECK(backward_error(1e-13) > 64.0 * epsilon);
   }
+}
+
+TEST_CASE("the rounding of a row is that of the values it is computed from, in any units") {
+  const grids::Grid line({{"x", -8, 8, 45}});
+  const MultisymplecticSystem system = sine_gordon();  // fields u, v, w; rows -v_t + w_x - sin u, u_t - v, -u_x + w
+  const RowRounding rounding(system, line);
+  grids::FieldSet hessian(static_cast<int>(system.varying_hessian().size()), line.size());
+  hessian.fill(1.0);
+  const double h = 0.5;
+  RowRounding::Values values;
+  // The middle of a step from v = 1 to v = -1 at u = 0: no term is left of the second row, and v is rounded on the way.
+  values.point[1] = 1.0;
+  values.increment[1] = 2.0;
+  const RowRounding::Sizes bounds = rounding(values, 1.0 / h, hessian);
+  CHECK(bounds[1] >= 1.0);
+  // The first row holds 2/h, and the coefficients of 2/h, 2/Δx and 1 carry three times as much.
+  CHECK(bounds[0] >= 2.0 / h);
+  CHECK(bounds[0] <= 5.0 * 2.0 / h);
+  // A unit of the fields that is 2^20 times larger makes the bounds as many times smaller, and nothing else.
+  for (std::size_t f = 0; f < 3; ++f) {
+    values.point[f] = std::ldexp(values.point[f], -20);
+    values.increment[f] = std::ldexp(values.increment[f], -20);
+  }
+  const RowRounding::Sizes scaled = rounding(values, 1.0 / h, hessian);
+  for (std::size_t f = 0; f < 3; ++f) {
+    CHECK(std::ldexp(scaled[f], 20) == bounds[f]);
+  }
+  // Fields that are 0 explain no residual.
+  CHECK(rounding({}, 1.0 / h, hessian)[1] == 0.0);
 }

@@ -69,7 +69,7 @@ std::vector<double> run(const Case& example, const grids::Grid& grid, double ste
   while (!lattice.finished()) {
     const StepReport report = lattice.step();
     REQUIRE(report.status == Status::success);
-    if (levels == Levels::variable && !report.bridged) {
+    if (levels == Levels::variable && !report.off_law) {
       energy = steps++ == 0 ? report.energy : energy;
       CHECK(std::abs(report.energy - energy) <= 1e-12 * std::abs(energy));
     }
@@ -182,7 +182,7 @@ TEST_CASE("a count near another is one that the scheme takes and is quick with, 
       {box, 2, {{512, 525}, {500, 525}, {63, 63}, {4, 5}}},    // odd, 3ᵃ5ᵇ7ᶜ
       {two, 1, {{500, 525}, {130, 135}}},                      // with transforms on a line, too
       {in_threes, 1, {{500, 525}, {200, 189}, {3, 3}}},        // odd multiples of three, with transforms
-      {fourier, 1, {{500, 504}, {128, 128}, {100, 96}, {55, 56}, {53, 54}, {1030, 1029}, {57, 56}}},
+      {fourier, 1, {{500, 500}, {128, 128}, {100, 100}, {55, 56}, {53, 54}, {1030, 1029}, {57, 56}}},
       {splitting, 2, {{500, 500}, {511, 512}, {97, 98}}},
       {leapfrog, 1, {{500, 500}, {511, 511}}},  // any
   };

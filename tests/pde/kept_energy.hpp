@@ -22,7 +22,7 @@ inline StepLengths check_energy_is_kept(LatticeIntegrator& lattice,
   while (!lattice.finished() && lattice.t() < end) {
     const StepReport report = lattice.step();
     REQUIRE(report.status == Status::success);
-    REQUIRE_FALSE(report.bridged);
+    REQUIRE_FALSE(report.off_law);
     energy = energy == 0.0 ? report.energy : energy;
     CHECK(std::abs(report.energy - energy) <= 1e-12 * std::abs(energy));
     lengths.shortest = std::min(lengths.shortest, report.h);

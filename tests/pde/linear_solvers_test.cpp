@@ -547,6 +547,24 @@ TEST_CASE("every solver of linear systems gives the same bits for every number o
   }
 }
 
+TEST_CASE("unknowns that are coupled to no others get no rounding errors of theirs") {
+  // Of a field and what is conjugate to it, each is in the equation at the other's place.
+  const grids::Grid grid({{"x", 0.0, 1.0, 33}});
+  const auto largest_of_second = [&](double coupling) {
+    CellMatrix matrix{.mean = MatrixXd::Zero(2, 2), .difference = {MatrixXd::Zero(2, 2)}, .entries = {}};
+    matrix.mean << coupling, -20.0, 20.0, 0.0;
+    const VectorXd b = random_matrix(33, 1, 7), zero = VectorXd::Zero(33);
+    VectorXd first(33), second(33);
+    const std::vector<const double*> rhs = {zero.data(), b.data()};
+    const std::vector<double*> solution = {first.data(), second.data()};
+    REQUIRE(make_cyclic_cell_solver(grid, 2, 0)->solve(matrix, {}, rhs, solution, {}) == Status::success);
+    CHECK(first.norm() > 0.01);
+    return second.cwiseAbs().maxCoeff();
+  };
+  CHECK(largest_of_second(0.0) == 0.0);
+  CHECK(largest_of_second(1e-6) > 1e-10);  // the twin: one that is coupled
+}
+
 TEST_CASE("no solver of linear systems is missing here") {
   // A header declares one if something in it solves, factors or inverts and returns how that went.
   const std::regex declares(R"((Status|Outcome|optional<Eigen::MatrixXd>|Inverse|unique_ptr<CellSolver>)\s+)"

@@ -182,17 +182,16 @@ TEST_CASE("leapfrog tells the energy of a level from the step that led to it as 
     CHECK(scheme->node().energy == energy(level.fields, level.slopes));
     for (int k = 0; k < 3; ++k) {
       REQUIRE(scheme->advance(h, 0.0) == Status::success);
-      const double next = scheme->trial_node().energy;
-      CHECK(scheme->node().energy == energy(scheme->level().fields, level.slopes));
+      const double before = scheme->node().energy;
+      CHECK(before == energy(scheme->level().fields, level.slopes));
       REQUIRE(scheme->advance(1.5 * h, 0.0) == Status::success);
-      CHECK(scheme->trial_node().energy != next);  // the twin
       if (k > 0) {
         REQUIRE(scheme->advance(h, 0.0) == Status::success);
-        CHECK(scheme->trial_node().energy == next);
       }
       scheme->accept();
       if (k < 2) {
         CHECK(scheme->node().energy == energy(scheme->level().fields, level.slopes));
+        CHECK(scheme->node().energy != before);  // the twin
       }
     }
     // The last level has been asked for nothing, and is left.

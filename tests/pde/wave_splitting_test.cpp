@@ -195,7 +195,7 @@ TEST_CASE(
     while (lattice.t() < 12.0 - 1e-6) {
       const StepReport report = lattice.step();
       REQUIRE(report.status == Status::success);
-      REQUIRE_FALSE(report.bridged);
+      REQUIRE_FALSE(report.off_law);
       energy = seen.steps == 0 ? report.energy : energy;
       // The tolerance, 1e-13 of the terms of E_k.
       REQUIRE(std::abs(report.energy - energy) <= 1e-13 * lattice.levels().energy_scale());
@@ -249,7 +249,7 @@ TEST_CASE("a splitting goes on in waves, the same whether its levels are looked 
           REQUIRE(scheme.advance(h, 0.0) == Status::success);
           told.push_back(scheme.discrete_energy());
           if (look) {
-            static_cast<void>(scheme.trial_node());
+            static_cast<void>(scheme.node());
           }
           scheme.accept();
           CHECK_FALSE(scheme.level_is_told());

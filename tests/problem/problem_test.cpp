@@ -76,7 +76,7 @@ TEST_CASE("an ODE problem is read as it is written", "[problem]") {
   CHECK(problem.start() == 0.0);
   CHECK(problem.scheme.lagrangian == LagrangianName::midpoint);
   CHECK(problem.scheme.levels == Levels::variable);
-  CHECK(problem.scheme.on_singular == OnSingular::bridge);
+  CHECK(problem.scheme.on_singular == OnSingular::plain);
   CHECK(problem.scheme.max_steps == 100'000'000);
   CHECK(problem.scheme.tolerance == 1e-13);
 }
@@ -185,6 +185,41 @@ TEST_CASE("a setting changes the effective problem, which reads back the same", 
   CHECK(read(breather, {"grid.x.cells=201"}).multisymplectic()->axes[0].cells == 201);
 }
 
+TEST_CASE("a setting with a minus sign removes an entry or a table", "[problem]") {
+  const std::string gauss = replaced(pendulum, "step = 0.1", "lagrangian = \"gauss\"\nstages = 2\nstep = 0.1");
+  // Two schemes of one file: the other one has no stages.
+  const Problem problem = read(gauss, {"scheme.lagrangian=midpoint", "-scheme.stages"});
+  CHECK(problem.scheme.lagrangian == LagrangianName::midpoint);
+  CHECK(same(problem, read(problem.text)));
+  CHECK_THROWS_WITH(read(gauss, {"scheme.lagrangian=midpoint"}), Catch::Contains("stages"));  // the twin
+  // Removed before others are set, in whatever order they are given.
+  CHECK(read(gauss, {"scheme.step=0.2", "scheme.until=3", "-scheme"}).scheme.step == 0.2);
+  CHECK(read("[hamiltonian]\nsystem = \"kepler\"\n[initial]\nx = 1\ny = 0\nu = 0\nv = 1\n[exact]\nx = \"cos(t)\"\n"
+             "[scheme]\nstep = 0.1\nuntil = 1\n",
+             {"-exact"})
+            .hamiltonian()
+            ->exact.empty());
+  // Of a table inside another.
+  CHECK(read(breather, {"-invariants.topological_charge"}).multisymplectic()->invariants.empty());
+  const auto refusal = [&](const std::string& removed) -> std::string {
+    try {
+      static_cast<void>(read(gauss, {"-" + removed}));
+      return "";
+    } catch (const ProblemError& error) {
+      return error.what();
+    }
+  };
+  using Catch::Contains;
+  CHECK_THAT(
+      refusal("scheme.stagse"),
+      Contains("--unset scheme.stagse: the problem has nothing called stagse in [scheme]; did you mean stages?"));
+  CHECK_THAT(refusal("shceme.stages"), Contains("nothing called shceme; did you mean scheme?"));
+  CHECK_THAT(refusal("scheme.order"), Contains("nothing called order in [scheme]; it has lagrangian, stages, step"));
+  CHECK_THAT(refusal("title.x"), Contains("unknown path: title is a string, not a table"));
+  CHECK_THAT(refusal("scheme..step"), Contains("a name on each side of every dot"));
+  CHECK_THAT(refusal("scheme.step"), Contains("step"));
+}
+
 TEST_CASE("cells may be about a number, and the effective problem has the one that was chosen", "[problem]") {
   const auto cells = [](const std::vector<std::string>& settings) {
     const Problem problem = read(breather, settings);
@@ -195,10 +230,10 @@ TEST_CASE("cells may be about a number, and the effective problem has the one th
   };
   CHECK(cells({"grid.x.cells=about 500"}) == 501);
   CHECK(cells({"grid.x.cells=\" about\t500 \""}) == 501);
-  CHECK(cells({"grid.x.cells=about 500", "scheme.lagrangian=fourier"}) == 504);
-  CHECK(cells({"grid.x.cells=about 500", "scheme.lagrangian=fourier", "scheme.stages=3"}) == 504);
+  CHECK(cells({"grid.x.cells=about 500", "scheme.lagrangian=fourier"}) == 500);
+  CHECK(cells({"grid.x.cells=about 500", "scheme.lagrangian=fourier", "scheme.stages=3"}) == 500);
   CHECK(cells({"grid.x.cells=about 500", "scheme.lagrangian=box", "scheme.stages=2"}) == 525);
-  CHECK(cells({"grid.x.cells=about 500", "scheme.lagrangian=splitting"}) == 504);
+  CHECK(cells({"grid.x.cells=about 500", "scheme.lagrangian=splitting"}) == 500);
   CHECK(cells({"grid.x.cells=about 500", "scheme.lagrangian=leapfrog"}) == 500);
   // What is wrong elsewhere is said there, and what is no number here.
   const auto refusal = [](const std::string& setting, const std::string& more = "scheme.step=0.1") -> std::string {

@@ -10,6 +10,7 @@
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
+#include <limits>
 #include <random>
 #include <string>
 #include <thread>
@@ -51,6 +52,7 @@ bool opens_read_only(const std::filesystem::path& file) {
 struct Growing {
   std::filesystem::path file;
   std::string dataset;
+  std::size_t most = std::numeric_limits<std::size_t>::max();  ///< with more, no process is killed
 
   [[nodiscard]] std::size_t rows() const {
     return std::filesystem::exists(file) ? rubato::record::Reader(file).rows(dataset) : 0;
@@ -69,16 +71,16 @@ bool wait_for_rows(const Growing& record, std::size_t rows) {
   return false;
 }
 
-/// Kills processes that run `problem`, or go on with it, into the record; `options` are theirs. Returns how many of
-/// them had added rows.
+/// Kills processes that run `problem`, or go on with it, into the record, until it has `most` rows; `options` are
+/// theirs. Returns how many of them had added rows.
 int kill_again_and_again(const std::string& program, const std::string& problem, const Growing& record,
                          const std::vector<std::string>& options, std::mt19937& random) {
   const std::string killed = record.file.string();
   // Commits come every 2 seconds; what happens about them and between two of them is to be hit.
   std::uniform_int_distribution<int> milliseconds(1, 2500);
-  int grown = 0;
+  int grown = 0, kill = 0;
   std::size_t levels = 0;
-  for (int kill = 0; kill < kills; ++kill) {
+  for (; kill < kills && levels <= record.most; ++kill) {
     const bool is_new = !std::filesystem::exists(killed);
     auto arguments = is_new ? std::vector<std::string>{"run", problem, "-o", killed, "--quiet"}
                             : std::vector<std::string>{"resume", killed, "--quiet"};
@@ -104,7 +106,7 @@ int kill_again_and_again(const std::string& program, const std::string& problem,
     grown += now > levels ? 1 : 0;
     levels = now;
   }
-  expect(grown >= kills / 2, fmt::format("half of the {} processes added something; {} did", kills, grown));
+  expect(grown >= kill / 2, fmt::format("half of the {} processes added something; {} did", kill, grown));
   return grown;
 }
 
@@ -146,12 +148,12 @@ void kill_and_resume_ensemble(const std::string& program, const sample::Folder& 
   const std::string problem = (folder / "problem.toml").string();
   const std::string killed = (folder / "killed.h5").string();
   const std::string never = (folder / "never.h5").string();
-  // They last for about twice as many kills.
   const std::size_t all = side_by_side ? 6000 : 1000;
   (side_by_side ? slow_problems::write_members_side_by_side : slow_problems::write_ensemble)(problem,
                                                                                              static_cast<int>(all));
   kills = std::min(kills, 20);
-  const Growing record{killed, "/members/number"};
+  // On a fast machine fewer processes are killed: four fifths are left for the last ones.
+  const Growing record{killed, "/members/number", all / 5};
   // One thread, so that there are members left however fast the machine is; the run never stopped takes all.
   const int grown = kill_again_and_again(program, problem, record, {"--threads", "1"}, random);
   const std::size_t members = record.rows();

@@ -60,13 +60,22 @@ until = 1e9
 END
 }
 
-# wait_for_record FILE SECONDS: until the record is there, and a while longer.
-wait_for_record() {
-  for _ in $(seq 200); do
-    [ -s "$1" ] && break
+# The version of a record: a commit replaces the file by another.
+version() { stat -c '%i %y %s' "$1" 2>/dev/null; }
+
+# wait_for_version FILE VERSION: until the record is there and of another version, at most five minutes.
+wait_for_version() {
+  for _ in $(seq 6000); do
+    [ -s "$1" ] && [ "$(version "$1")" != "$2" ] && return
     sleep 0.05
   done
-  sleep "$2"
+  check "a new version of $1 within five minutes" false
+}
+
+# wait_for_levels FILE: until the record has more than its first level, which is a version of its own.
+wait_for_levels() {
+  wait_for_version "$1" ''
+  wait_for_version "$1" "$(version "$1")"
 }
 
 write_problem() {
@@ -120,38 +129,14 @@ case $case_name in
     check 'such libraries would be noticed' test $? -ne 0
     ;;
   waiting)
-    # The run of a lattice lets threads wait briefly, which OpenMP reads before main() begins, and tells if it is asked to. Where
-    # it is a shared library the program begins again for it, but for an orbit, which has nothing to share, and for what comes
-    # through a pipe, which cannot be read again.
+    # Waiting threads sleep, unless the environment says otherwise. A program with OpenMP in itself sets that before OpenMP
+    # reads it.
     unset OMP_WAIT_POLICY GOMP_SPINCOUNT
-    write_lattice
-    begin() {   # how often the program begins, and how often a waiting thread looks again, by its last beginning
-      OMP_DISPLAY_ENV=verbose "$rubato" run "$@" --set scheme.until=0.2 --quiet --force -o waiting.h5 >told 2>&1
-      check "$1 runs" test $? -eq 0
-      begun=$(grep -c 'DISPLAY ENVIRONMENT BEGIN' told)
-      looks=$(sed -n "s/.*GOMP_SPINCOUNT = '\([^']*\)'.*/\1/p" told | tail -n 1)
+    policy() {
+      OMP_DISPLAY_ENV=true "$rubato" list 2>&1 >/dev/null | sed -n "s/.*OMP_WAIT_POLICY = '\([^']*\)'.*/\1/p"
     }
-    begin lattice.toml --threads 2
-    check 'a lattice lets threads wait briefly' test "$looks" = 20000
-    if ldd "$rubato" | grep -q libgomp; then
-      check 'it begins again for it' test "$begun" -eq 2
-    else
-      check 'it begins once' test "$begun" -eq 1
-    fi
-    begin lattice.toml --threads 1
-    check 'with one thread it begins once' test "$begun" -eq 1
-    begin pendulum
-    check 'so does an orbit' test "$begun" -eq 1
-    begin <(cat lattice.toml)
-    check 'and what comes from a pipe' test "$begun" -eq 1
-    export GOMP_SPINCOUNT=7
-    begin lattice.toml
-    check 'what the environment says stands' test "$looks" = 7
-    unset GOMP_SPINCOUNT
-    export OMP_WAIT_POLICY=active
-    begin lattice.toml
-    check 'how it says to wait is told' test -n "$looks"
-    check 'and stands' test "$looks" != 20000
+    ldd "$rubato" | grep -q libgomp || check 'threads sleep' test "$(policy)" = PASSIVE
+    check 'the environment decides' test "$(OMP_WAIT_POLICY=active policy)" = ACTIVE
     ;;
   usage)
     run --help
@@ -484,6 +469,10 @@ case $case_name in
     check "and nothing else" test -z "$(complete_words rubato run --nonsense)"
     check "topics of help" test "$(complete_words rubato help fo)" = formulas
     check "and commands" test "$(complete_words rubato help res)" = resume
+    check "entries that --set changes" test "$(complete_words rubato run mine.toml --set scheme.comp)" = scheme.composition=
+    check "tables with any names" test "$(complete_words rubato run --set param)" = parameters.
+    check "entries that --unset removes" test "$(complete_words rubato run --unset output.ti)" = output.times
+    check "and nothing else there" test -z "$(complete_words rubato run --unset output.tii)"
     ;;
   help)
     run help
@@ -495,6 +484,39 @@ case $case_name in
     check "lines fit a terminal" test "$(wc -L <out)" -le 100
     run help run
     expect 0 'Usage: rubato run'
+    for table in scheme grid.x events.NAME output.quantities; do
+      run help "$table"
+      expect 0 "[$table]"
+    done
+    run help scheme
+    expect 0 'step_potential'
+    check "of one table alone" test -z "$(grep -F '[output]' out)"
+    run help schem
+    expect 2 'did you mean scheme?'
+    for command in list show resume check help completion run scan converge report compare export; do
+      run "$command" --help
+      expect 0 "Usage: rubato $command"
+      check "a text of its own: $command" test "$(grep -c 'rubato scan kepler\|a problem file to start from' out)" -lt 2
+    done
+    run resume --help
+    expect 0 'rubato resume mine.h5 --until 200'
+    run show pendulum --set scheme.step=0.25 --unset title
+    expect 0 'step = 0.25'
+    check "without what was removed" test -z "$(grep title out)"
+    run run pendulum --unset scheme.stpe
+    expect 2 'did you mean step?'
+    run run pendulum --unset scheme.step=1
+    expect 2 'expected table.key, without a value'
+    run run pendulum --set scheme.step
+    expect 2 'expected table.key=value'
+    "$rubato" show pendulum | "$rubato" run - --set scheme.until=1 --unset title -o piped.h5 >out 2>err
+    check "a problem on standard input" test -f piped.h5
+    check "called so" grep -q '^stdin' out
+    rm -f piped.h5
+    echo 'x = ' | "$rubato" run - >out 2>err
+    check "its place in messages" grep -q '^rubato: error: stdin:1:' err
+    run run -
+    expect 2 'the file is empty'
     run help formula
     expect 2 'did you mean formulas?'
     run help xyzzy
@@ -514,12 +536,16 @@ case $case_name in
   warnings)
     cp "$source_folder"/tests/defects/files/not-periodic.toml .
     run run not-periodic.toml
+    expect 7
+    check "what is lost, in an error" grep -q 'its result is lost: .* steps are off the energy law' err
+    accepted='verdict.accept=["law", "spectrum", "period"]'
+    run run not-periodic.toml --force --set "$accepted"
     expect 0
     check "a warning, once" test "$(grep -c 'is not periodic in x' err)" -eq 1
-    run run not-periodic.toml --force --json
+    run run not-periodic.toml --force --set "$accepted" --json
     check "JSON alone on standard output" test "$(grep -vc '^{.*}$' out)" -eq 0
     check "with the warning in it" grep -q '"warnings": \["the initial u is not periodic' out
-    run run not-periodic.toml --force --quiet
+    run run not-periodic.toml --force --set "$accepted" --quiet
     check "nothing when quiet" test ! -s err
     ;;
   interrupt)
@@ -527,7 +553,7 @@ case $case_name in
       rm -f long.h5
       "$rubato" run pendulum --set scheme.until=1e7 -o long.h5 --json >out 2>err &
       process=$!
-      wait_for_record long.h5 0.3
+      wait_for_levels long.h5
       kill -$signal "$process"
       wait "$process"
       status=$?
@@ -564,10 +590,23 @@ case $case_name in
     run compare a.h5 a.h5
     expect 0
     ;;
+  sources)
+    # In the library one crashes, and the other has no end.
+    for name in crash hang; do
+      sed "s|^from = .*|from = \"$source_folder/tests/defects/files/rel-from-$name.h5\"|" \
+        "$source_folder/tests/defects/files/rel-from-$name.toml" >from.toml
+      run run from.toml -o from.h5
+      expect 5 "rel-from-$name.h5: is damaged"
+      check "writes no record" test ! -e from.h5
+    done
+    run run pendulum --set scheme.until=5 -o a.h5 --quiet
+    run run pendulum --set 'initial.from="a.h5"' --set scheme.until=6 -o from.h5 --quiet
+    expect 0
+    ;;
   lattice)
     run run sine-gordon --set grid.x.cells=101 --set scheme.until=2 --tangents -o a.h5 --json
     expect 0
-    for key in h discrete_energy node_energy bridges gamma step_condition newton_iterations residuals energy momentum \
+    for key in h discrete_energy node_energy off_law gamma step_condition newton_iterations residuals energy momentum \
       variational_energy variational_momentum multisymplectic invariants topological_charge totals error u; do
       check "the key $key" grep -q "\"$key\": {\"" out
     done
@@ -638,7 +677,7 @@ case $case_name in
     write_lattice
     "$rubato" run lattice.toml -o killed.h5 --quiet --threads 1 2>err &
     process=$!
-    wait_for_record killed.h5 3 # the second version comes after two seconds
+    wait_for_levels killed.h5
     kill -KILL "$process"
     wait "$process" 2>/dev/null
     last="rubato run, then SIGKILL"
@@ -646,16 +685,17 @@ case $case_name in
     expect 0 step_equation
     check "levels were kept" test "$(json steps)" -gt 0
     killed=$(json steps)
+    before=$(version killed.h5)
     "$rubato" resume killed.h5 --quiet --threads 1 >out 2>err &
     process=$!
-    sleep 0.5
+    wait_for_version killed.h5 "$before"
     kill -INT "$process"
     wait "$process"
     status=$?
     last="rubato resume, then SIGINT"
     check "status 130" test "$status" -eq 130
     run check killed.h5 --json
-    check "no level is lost" test "$(json steps)" -ge "$killed"
+    check "levels were added" test "$(json steps)" -gt "$killed"
     end=$(awk "BEGIN { print $(json t) + 2 }")
     run resume killed.h5 --until "$end" --json --threads 1
     expect 0
@@ -666,6 +706,35 @@ case $case_name in
     run run lattice.toml --set scheme.until="$end" --set scheme.step=0.10000000000000002 -o whole.h5 --force --json \
       --threads 1
     check "another step is told apart" test "$(sed 's/"wall_seconds.*//' out)" != "$resumed"
+    ;;
+  memory)
+    # Beforehand: the number, and what limits it.
+    plane=(sine-gordon-2d --set scheme.until=0.2)
+    (ulimit -v 3000000; "$rubato" run "${plane[@]}" --set grid.x.cells=4001 --set grid.y.cells=4001 -o never.h5 2>err)
+    status=$?
+    last='a run that does not fit under ulimit -v'
+    expect 2 'bytes a node'
+    check "names the limit" grep -q 'GB is available (ulimit -v)' err
+    nothing_written
+    (ulimit -v 3000000; "$rubato" run "${plane[@]}" --set grid.x.cells=45 --set grid.y.cells=45 --quiet -o fits.h5)
+    check "the twin: a small one fits" test $? -eq 0
+    # Later: memory taken away while the run is going.
+    write_lattice
+    "$rubato" run lattice.toml --set grid.x.cells=20001 -o short.h5 --quiet --threads 1 2>err &
+    process=$!
+    wait_for_levels short.h5
+    if prlimit --pid "$process" --data=1000000 2>/dev/null; then
+      wait "$process"
+      status=$?
+      last='a run that runs out of memory'
+      expect 4 'not enough memory after t = '
+      check "names the record" grep -q 'continue with `rubato resume short.h5`' err
+      run check short.h5 --json
+      check "the record is whole" test "$(json steps)" -gt 0
+    else
+      kill -KILL "$process"
+      wait "$process" 2>/dev/null
+    fi
     ;;
   example)
     run run "$source_folder/examples/pendulum.toml" --json

@@ -1,9 +1,10 @@
 #include <catch2/catch.hpp>
 
-#include <algorithm>
+#include <array>
 #include <csignal>
 #include <random>
 
+#include <fcntl.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -20,9 +21,31 @@ namespace {
 
 constexpr std::int64_t last_level = 60000;
 
+/// A pipe through which a child reports the levels that it has appended.
+class Beats {
+public:
+  static constexpr std::int64_t levels = 50;  ///< of one beat
+
+  Beats() { REQUIRE(::pipe2(ends_.data(), O_CLOEXEC) == 0); }
+  Beats(const Beats&) = delete;
+  Beats& operator=(const Beats&) = delete;
+  ~Beats() {
+    ::close(ends_[0]);
+    ::close(ends_[1]);
+  }
+  void send() const { static_cast<void>(::write(ends_[1], "", 1)); }
+  void wait_for(int count) const {
+    for (char beat = 0; count > 0; --count)
+      REQUIRE(::read(ends_[0], &beat, 1) == 1);
+  }
+
+private:
+  std::array<int, 2> ends_{};
+};
+
 /// Goes on from whatever is there, committing all the time, and never comes back. Exit status 0 when the run is done; a
 /// child that is to be killed waits for it at the last level, if it gets that far.
-[[noreturn]] void run_in_child(const std::filesystem::path& file, bool to_be_killed) {
+[[noreturn]] void run_in_child(const std::filesystem::path& file, const Beats* to_be_killed) {
   try {
     constexpr CommitPolicy often{
         .interval = std::chrono::seconds(0), .times_last_commit = 0.0, .buffer_bytes = 50000, .durable = false};
@@ -37,14 +60,20 @@ constexpr std::int64_t last_level = 60000;
       const auto checkpoint = Reader(file).checkpoint();
       run.k = std::get<std::vector<std::int64_t>>(checkpoint.at("level")).at(0);
     }
+    if (to_be_killed != nullptr)
+      to_be_killed->send();
     while (run.k < last_level) {
       ++run.k;
       run.write(writer);
+      if (to_be_killed != nullptr && run.k % Beats::levels == 0)
+        to_be_killed->send();
       if (run.k % 1500 == 0)
         writer.commit(run.checkpoint());
     }
-    while (to_be_killed)
-      ::pause();
+    while (to_be_killed != nullptr) {
+      to_be_killed->send();
+      ::usleep(1000);
+    }
     writer.finish(run.checkpoint(), Writer::Completion::complete);
     { const Writer done = std::move(writer); }  // gives up its claim: _exit() destroys nothing
     ::_exit(0);
@@ -83,18 +112,20 @@ TEST_CASE("a record killed at 24 random moments is always whole and ends bit for
   const Folder folder;
   const auto file = folder / "killed.h5";
   std::mt19937 random(20);  // a fixed seed; the machine's load makes the moments random all the same
-  // On a busy machine a child needs longer to get anywhere.
-  int longest = 100;
-
+  // Most children get past a commit, which comes after 1500 levels, and 24 of them stay short of the last level.
+  std::uniform_int_distribution<int> beats(1, 2 * static_cast<int>(last_level / Beats::levels) / 24);
+  std::uniform_int_distribution<useconds_t> microseconds(0, 1000);  // then the kill is not always behind a beat
   int kills = 0;
   int seen_whole = 0;
   std::size_t rows_at_kill = 0;
   while (true) {
+    const Beats beat;
     const pid_t child = ::fork();
     if (child == 0)
-      run_in_child(file, kills < 24);
+      run_in_child(file, kills < 24 ? &beat : nullptr);
     if (kills < 24) {
-      ::usleep(1000 * static_cast<useconds_t>(std::uniform_int_distribution<int>(1, longest)(random)));
+      beat.wait_for(beats(random));
+      ::usleep(microseconds(random));
       ::kill(child, SIGKILL);
     }
     int status = 0;
@@ -102,10 +133,6 @@ TEST_CASE("a record killed at 24 random moments is always whole and ends bit for
     if (!WIFSIGNALED(status)) {
       REQUIRE(WEXITSTATUS(status) == 0);
       break;
-    }
-    if (!std::filesystem::exists(file)) {  // killed before level 0
-      longest = std::min(2 * longest, 10'000);
-      continue;
     }
     ++kills;
     REQUIRE(opens_read_only(file));

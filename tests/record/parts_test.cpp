@@ -39,7 +39,7 @@ void write_in_parts(Writer& writer, std::int64_t k, std::size_t size, std::size_
     writer.append(sample::step, k - 1);
     writer.append(sample::h, 0.1 + 1e-3 * std::sin(number));
     writer.append(sample::energy, -0.5 + 1e-16 * number);
-    writer.append(sample::bridged, k % 10 == 0);
+    writer.append(sample::off_law, k % 10 == 0);
   }
   if (k % 3 == 0) {
     writer.append(sample::state_t, 0.1 * number);

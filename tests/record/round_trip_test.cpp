@@ -31,9 +31,9 @@ TEST_CASE("what is written is read back") {
   CHECK(reader.read("/levels/t")[7] == 0.1 * 7.0);
   CHECK(std::isnan(reader.read("/levels/gamma")[0]));
   CHECK(reader.read_integers("/levels/step")[99] == 99);
-  CHECK(reader.read_integers("/levels/bridged")[9] == 1);
-  CHECK(reader.read_integers("/levels/bridged")[10] == 0);
-  CHECK(reader.read("/levels/bridged")[9] == 1.0);
+  CHECK(reader.read_integers("/levels/off_law")[9] == 1);
+  CHECK(reader.read_integers("/levels/off_law")[10] == 0);
+  CHECK(reader.read("/levels/off_law")[9] == 1.0);
   CHECK(reader.read_strings("/states/coordinate") == std::vector<std::string>{"θ", "q2"});
   CHECK(reader.read("/grid/x").size() == 5);
 

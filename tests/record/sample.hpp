@@ -31,7 +31,7 @@ private:
 };
 
 // Numbers of the datasets in the layout below.
-enum Id : std::size_t { level_t, gamma, step, h, energy, bridged, state_t, q, previous_t, previous_q, u, flux };
+enum Id : std::size_t { level_t, gamma, step, h, energy, off_law, state_t, q, previous_t, previous_q, u, flux };
 
 /// A layout with everything that the interface asks of records: an orbit and a 2D lattice at once.
 inline record::Layout layout(std::size_t cells = 5) {
@@ -52,7 +52,7 @@ inline record::Layout layout(std::size_t cells = 5) {
                        {"/levels/step", "/levels/step", {}, record::Type::i64, "number of the step"},
                        {"/levels/h", "/levels/step"},
                        {"/levels/energy", "/levels/step"},
-                       {"/levels/bridged", "/levels/step", {}, record::Type::u8},
+                       {"/levels/off_law", "/levels/step", {}, record::Type::u8},
                        {"/states/t", "/states/t"},
                        {"/states/q", "/states/t", {"/states/coordinate"}},
                        {"/states/previous/t", "/states/previous/t"},
@@ -82,7 +82,7 @@ struct Run {
       writer.append(step, k - 1);
       writer.append(h, 0.1 + 1e-3 * std::sin(number));
       writer.append(energy, -0.5 + 1e-16 * number);
-      writer.append(bridged, k % 10 == 0);
+      writer.append(off_law, k % 10 == 0);
     }
     if (k % 3 == 0) {
       writer.append(state_t, 0.1 * number);

@@ -34,7 +34,7 @@ record::Layout common_layout(const std::string& title, const std::string& proble
                        {"/levels/h", "/levels/step"},
                        {"/levels/energy", "/levels/step"},
                        {"/levels/iterations", "/levels/step", {}, Type::i32},
-                       {"/levels/bridged", "/levels/step", {}, Type::u8},
+                       {"/levels/off_law", "/levels/step", {}, Type::u8},
                        {"/levels/step_condition", "/levels/step", {}, Type::f64, "", true},
                        {"/laws/momentum", "/levels/t", {}, Type::f64, "", true},
                        {"/laws/energy_max", "/levels/step"},
@@ -49,7 +49,7 @@ double time_of(std::size_t level) {
 }
 
 /// What belongs to the level, to the step that led to it, and to its stored state; answers the next dataset's number.
-std::size_t append_common(record::Writer& writer, std::size_t level, bool bridged, double node_energy,
+std::size_t append_common(record::Writer& writer, std::size_t level, bool off_law, double node_energy,
                           bool is_momentum_undefined = false) {
   const double t = time_of(level);
   writer.append(0, t);
@@ -58,9 +58,9 @@ std::size_t append_common(record::Writer& writer, std::size_t level, bool bridge
   if (level > 0) {
     writer.append(3, static_cast<std::int64_t>(level - 1));
     writer.append(4, t - time_of(level - 1));
-    writer.append(5, 0.5 + 1e-15 * std::sin(37.0 * t) + (bridged ? 1e-4 : 0.0));
+    writer.append(5, 0.5 + 1e-15 * std::sin(37.0 * t) + (off_law ? 1e-4 : 0.0));
     writer.append(6, static_cast<std::int64_t>(5 + level % 3));
-    writer.append(7, bridged ? 1 : 0);
+    writer.append(7, off_law ? 1 : 0);
     writer.append(8, 1e-13 * (1.5 + std::cos(t)));
     writer.append(10, 1e-4 * (1.1 + std::sin(t)));
     writer.append(11, 1e-5 * (1.1 + std::sin(t)));
@@ -98,9 +98,9 @@ void write_orbit(const std::filesystem::path& file, const OrbitRecord& orbit) {
   auto writer = record::Writer::create(file, layout, true, once);
   for (std::size_t level = 0; level <= orbit.steps; ++level) {
     const double t = time_of(level);
-    const bool bridged = orbit.with_bridges && level % 100 >= 50 && level % 100 < 53;
+    const bool off_law = orbit.with_off_law && level % 100 >= 50 && level % 100 < 53;
     const double energy = 0.5 + 1e-3 * std::cos(t) + (orbit.spike != 0 && level == orbit.spike ? 1.0 : 0.0);
-    std::size_t next = append_common(writer, level, bridged, energy);
+    std::size_t next = append_common(writer, level, off_law, energy);
     std::vector<double> position, momentum;
     for (std::size_t i = 1; i <= orbit.dimension; ++i) {
       const double phase = orbit.frequency * static_cast<double>(i) * t;

@@ -16,7 +16,7 @@ struct OrbitRecord {
   std::string problem = "title = \"An orbit\"\n";
   double frequency = 1.0;
   bool with_exact = true;
-  bool with_bridges = true;
+  bool with_off_law = true;
   std::size_t spike = 0;                ///< number of a level at which H jumps by 1, if not 0
   std::vector<std::string> names = {};  ///< of the coordinates, if not q1, q2, …
   double size = 1.0;                    ///< of the coordinates

@@ -53,7 +53,7 @@ TEST_CASE("types that are no good for variable levels or for starting pairs are 
   const std::string H = "p^2/2 - cos(q)";
   // The angle grows throughout, but φ² = ∓½q'p' changes sign at every turning point of p; the run ends before one.
   const auto with_levels = [&](const std::string& levels, const std::string& darboux) {
-    std::string text = problem_text(H, "order = 1\ndarboux = \"" + darboux + "\"\non_singular = \"fixed\"\n");
+    std::string text = problem_text(H, "order = 1\ndarboux = \"" + darboux + "\"\non_singular = \"plain\"\n");
     const std::string fixed = "levels = \"fixed\"";
     text.replace(text.find(fixed), fixed.size(), "levels = \"" + levels + "\"");
     return run_text(text).warnings;

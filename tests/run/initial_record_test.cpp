@@ -198,7 +198,7 @@ TEST_CASE("a start may be read from a table") {
     values += fmt::format("0,{}\n", i);
   }
   write_file(table, values);
-  REQUIRE(run_text(beginning(lattice, from), folder / "plain.h5").status == ExitStatus::done);
+  REQUIRE(run_text(beginning(lattice, from), folder / "plain.h5").complete);
   CHECK(record::Reader(folder / "plain.h5").read("/states/v", 0, 1)[7] == 7.0);
 }
 

@@ -124,6 +124,9 @@ TEST_CASE("an orbit stated by L is the one stated by H", "[run]") {
     if (settings[0].ends_with("gauss")) {
       settings.emplace_back("scheme.stages=3");
       settings.emplace_back("scheme.levels=fixed");  // the law of order 6 fixes h to a few digits only
+    } else {
+      settings.emplace_back(
+          "scheme.step_potential=none");  // a potential's strength is as accurate as the estimate of η
     }
     const Outcome by_L = run_text(magnetic, folder / "l.h5", settings);
     const Outcome by_H = run_text(magnetic_by_H, folder / "h.h5", settings);
@@ -301,7 +304,6 @@ TEST_CASE("a problem stated by L with one thing wrong is refused at that place",
            {"step =", "lagrangian = \"gauss\"\nstep =", "10:2", "needs stages, from 1 to 8"},
            {"step =", "lagrangian = \"gauss\"\nstages = 9\nstep =", "12:10", "1 to 8 stages"},
            {"step =", "stages = 3\nstep =", "11:1", "\"gauss\" and \"lobatto\", and this problem has \"midpoint\""},
-           {"step =", "lagrangian = \"trapezoid\"\nbridge = \"anchored\"\nstep =", "12:1", "it has no bridges"},
            {"step =", "L = \"q_0\"\nstep =", "11:1", "L applies to lagrangian = \"custom\""},
        }) {
     INFO(c.from << " -> " << c.to);

@@ -57,8 +57,8 @@ void check_shared_run(const Folder& folder, const Make& make, const std::string&
     INFO(size << " ranks");
     const Outcome all = with_ranks(size, [&](auto& rank) { return run(whole, shared_by(rank, shared)); });
     CHECK(all.status == ExitStatus::done);
-    CHECK(different_datasets(alone, shared) == Names{});
-    CHECK(differences(one, all) == Names{});
+    CHECK(different_on_ranks(alone, shared) == Names{});
+    CHECK(differences_on_ranks(one, all) == Names{});
     CHECK(all.warnings == one.warnings);
     const Outcome checked = with_ranks(size, [&](auto& rank) { return check(alone, {.ranks = &rank}); });
     CHECK(to_json(checked) == to_json(sound));
@@ -70,7 +70,7 @@ void check_shared_run(const Folder& folder, const Make& make, const std::string&
       return resume(continued, whole.scheme.until, {.threads = 1, .ranks = &rank});
     });
     CHECK(resumed.status == ExitStatus::done);
-    CHECK(different_datasets(ended, continued) == Names{});
+    CHECK(different_on_ranks(ended, continued) == Names{});
   }
 }
 
@@ -182,7 +182,9 @@ TEST_CASE("what is wrong with tangent solutions of ranks is seen in their law al
   int found = 0;
   tampered.tamper_with([&found](int from, std::vector<double>& numbers) {
     if (from == 0 && numbers.size() == 2 * 40 && found++ % 3 == 1) {
-      numbers.front() *= 1.0 + 1e-9;
+      for (double& number : numbers) {
+        number += 1e-3;
+      }
     }
   });
   static_cast<void>(with_ranks(tampered, [&](auto& rank) {
@@ -191,9 +193,9 @@ TEST_CASE("what is wrong with tangent solutions of ranks is seen in their law al
     return run(problem, options);
   }));
   CHECK(found >= 3 * 30);
-  const Names different = different_datasets(file, folder / "all.h5");
+  const Names different = different_on_ranks(file, folder / "all.h5");
   CAPTURE(different);
-  CHECK(std::ranges::find(different, "/laws/multisymplectic_rms") != different.end());
+  CHECK(std::ranges::find(different, "/laws/multisymplectic_max") != different.end());
   CHECK(std::ranges::all_of(different, [](const std::string& path) {
     return path.starts_with("/laws/multisymplectic") || path.starts_with("/checkpoint");
   }));
@@ -225,7 +227,7 @@ TEST_CASE("ranks carry tangent solutions of box schemes along, which keep their 
     CHECK(with_ranks(size, [&](auto& rank) { return check(all, {.ranks = &rank}); }).status == ExitStatus::done);
     static_cast<void>(with_ranks(size, [&](auto& rank) { return run(make("0.11"), with_tangents(rank, part)); }));
     static_cast<void>(with_ranks(size, [&](auto& rank) { return resume(part, 0.2, {.threads = 1, .ranks = &rank}); }));
-    CHECK(different_datasets(all, part) == Names{});
+    CHECK(different_on_ranks(all, part) == Names{});
   }
   // The twin: planes of all four fields on their way to a neighbour, each time otherwise: as linear systems see them,
   // which then may not converge, and as tangent solutions have them.
@@ -479,6 +481,7 @@ TEST_CASE("as many quantities as a part has nodes are no field") {
                              "scheme.step=0.02",
                              "scheme.until=0.2",
                              "grid.x.cells=9",
+                             R"(verdict.accept=["spectrum"])",
                              R"x(events.early={crossing="t - 0.05", at={x=1}, )x"
                              R"x(quantities=["1", "2", "3", "4", "5", "6", "7", "u", "integral(v)"]})x"};
   check_shared_run(folder, [&](const Settings& more) { return read_problem("sine-gordon", joined(settings, more)); },
@@ -530,7 +533,7 @@ TEST_CASE("what ranks tell of events and between levels is checked by ranks") {
     }
   });
   static_cast<void>(with_ranks(at_points, [&](auto& rank) { return run(problem, on(rank, folder / "all.h5")); }));
-  const Names different = different_datasets(folder / "one.h5", folder / "all.h5");
+  const Names different = different_on_ranks(folder / "one.h5", folder / "all.h5");
   CHECK(std::ranges::find(different, "/output/quantities/here") != different.end());
   CHECK(std::ranges::find(different, "/states/u") == different.end());
 }
@@ -616,7 +619,7 @@ TEST_CASE("ranks begin from a record that rank 0 reads") {
   static_cast<void>(
       with_ranks(tampered, [&](auto& rank) { return run(from(old, scheme), on(rank, folder / "all.h5")); }));
   static_cast<void>(run(from(old, scheme), {.output = folder / "one.h5", .overwrite = true, .threads = 1}));
-  CHECK_FALSE(different_datasets(folder / "one.h5", folder / "all.h5").empty());
+  CHECK_FALSE(different_on_ranks(folder / "one.h5", folder / "all.h5").empty());
   // What cannot be read is said once.
   CHECK_THROWS_WITH(with_ranks(2,
                                [&](auto& rank) {

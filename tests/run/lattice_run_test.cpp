@@ -114,7 +114,7 @@ TEST_CASE("a lattice run that is stopped and resumed is the same, bit by bit", "
   check_resumes("sine-gordon", {"grid.x.cells=64", "scheme.lagrangian=leapfrog"}, 0.5, 1.0);
   check_resumes("sine-gordon", {"grid.x.cells=101", "scheme.lagrangian=euler-box", "scheme.levels=fixed"}, 1.3, 3.0,
                 true);
-  check_resumes("sine-gordon-kinks", {}, 17.5, 30.0);  // inside a bridge
+  check_resumes("sine-gordon-kinks", {}, 17.5, 30.0);
   check_resumes_at_start("sine-gordon", {});
   check_resumes_at_start("bbm", {});
   check_resumes_at_start("sine-gordon", {"scheme.lagrangian=euler-box", "scheme.levels=fixed"});

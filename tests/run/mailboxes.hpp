@@ -71,7 +71,7 @@ public:
           std::this_thread::yield();
           lock.lock();
         }
-        if (!all_.has_come_[static_cast<std::size_t>(rank_)].wait_for(lock, std::chrono::seconds(60),
+        if (!all_.has_come_[static_cast<std::size_t>(rank_)].wait_for(lock, std::chrono::minutes(10),
                                                                       [&box] { return !box.empty(); })) {
           throw std::runtime_error("ranks wait for each other");
         }

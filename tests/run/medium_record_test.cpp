@@ -206,7 +206,7 @@ TEST_CASE("the energy balance of a driven lattice holds on every step, and its r
     const Outcome ran = run_problem("josephson-junction", straight, until(6));
     REQUIRE(ran.status == ExitStatus::done);
     CHECK(ran.statistics.balance);
-    CHECK(ran.statistics.bridge_steps == 0);
+    CHECK(ran.statistics.off_law_steps == 0);
     // The tolerance, 1e-13, is relative to an energy of 16 η = 12.8.
     CHECK(ran.statistics.energy_deviation() <= 2e-12);
     REQUIRE(run_problem("josephson-junction", stopped, until(3)).status == ExitStatus::done);

@@ -78,6 +78,13 @@ inline RunOptions on(ranks::Communicator& ranks, const std::string& file) {
   return {.output = file, .overwrite = true, .threads = 1, .ranks = &ranks};
 }
 
+/// The same without versions of the record along the way, whose number depends on the speed of the machine.
+inline RunOptions uncommitted_on(ranks::Communicator& ranks, const std::string& file) {
+  RunOptions options = on(ranks, file);
+  options.commit_interval = std::chrono::hours(24);
+  return options;
+}
+
 /// A problem of the catalogue on a line, with the box scheme and fixed levels.
 inline Problem line(const std::string& name, Settings more) {
   more.insert(more.begin(), {"scheme.lagrangian=box", "scheme.levels=fixed", "output.every=3"});

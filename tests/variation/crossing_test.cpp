@@ -215,3 +215,19 @@ TEST_CASE("where a function is clear of zero, nothing is looked for", "[variatio
   CHECK_FALSE(is_clear_of_zero(0.0, 0.0, 0.0, 0.0));
   CHECK_FALSE(is_clear_of_zero(1.0, 0.0, -1.0, 0.0));
 }
+
+TEST_CASE("five crossings within one step are found", "[variation]") {
+  const auto g = [](double t) { return t * (t * t * (t * t - 0.5) + 0.05); };
+  const auto slope = [](double t) { return t * t * (5.0 * t * t - 1.5) + 0.05; };
+  // t² = 0.25 ± sqrt(0.0125)
+  const double inner = std::sqrt(0.25 - std::sqrt(0.0125)), outer = std::sqrt(0.25 + std::sqrt(0.0125));
+  const Run run = follow(g, slope, -1.0, 2.0, 1);
+  REQUIRE(run.t.size() == 5);
+  const double zeros[] = {-outer, -inner, 0.0, inner, outer};
+  for (std::size_t i = 0; i < 5; ++i) {
+    CHECK(std::abs(run.t[i] - zeros[i]) < 1e-14);  // rounding of g by its slope there, 0.05 to 0.36
+    CHECK(run.direction[i] == (i % 2 == 0 ? 1 : -1));
+  }
+  const auto raised = [&](double t) { return g(t) + 0.5; };  // the twin: one zero
+  CHECK(follow(raised, slope, -1.0, 2.0, 1).t.size() == 1);
+}

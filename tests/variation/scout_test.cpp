@@ -4,12 +4,14 @@
 #include <catch2/catch.hpp>
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <functional>
 #include <numbers>
 #include <utility>
 #include <vector>
 
+#include <rubato/base/interrupt.hpp>
 #include <rubato/base/limits.hpp>
 #include <rubato/variation/scout.hpp>
 
@@ -36,7 +38,6 @@ public:
   }
   [[nodiscard]] int order() const override { return s; }
   [[nodiscard]] NodeEnergy node() override { return {}; }
-  [[nodiscard]] NodeEnergy trial_node() override { return {}; }
   [[nodiscard]] int iterations() const override { return iterations_; }
   void accept() override {
     all_iterations += std::exchange(iterations_, 0);
@@ -159,13 +160,18 @@ TEST_CASE("At order 4 a scout looks no longer than it takes to see what repeats,
   // steps, or cannot be taken.
   CHECK(size_of(40.0 * h, 1e-9 * eta) > 6400.0);
   for (const bool is_dear : {true, false}) {
-    KnownEta none([](double) { return 0.0; }, is_dear ? infinity : 3.0 * h);
+    KnownEta none([eta](double) { return 1e-6 * eta; }, is_dear ? infinity : 3.0 * h);
     none.s = 4;
     none.dear_from = is_dear ? 3.0 * h : infinity;
     none.dear = 5;
     CHECK(scout(none, h, false, 1e-13).duration < 40.0 * h);
     CHECK(none.all_iterations < 40);
   }
+  // Where K does not depend on the step it looks to the end of the run, in strides.
+  KnownEta exact([](double) { return 0.0; });
+  exact.s = 4;
+  CHECK(scout(exact, h, false, 1e-13, 1e5 * h).duration >= 1e5 * h);
+  CHECK(exact.all_iterations < 400);
   // The twin: at order 2, where steps may follow, all of it is looked at.
   KnownEta second([](double t) { return std::cos(t / h); });
   CHECK(scout(second, h, false, 1e-13).duration >= 400.0 * h * (1.0 - 1e-9));
@@ -183,7 +189,6 @@ TEST_CASE("A scout does not look beyond a blow-up") {
     [[nodiscard]] formula::SumSize energy_size() override { return {.terms = terms_}; }
     [[nodiscard]] double discrete_energy_slope() const override { return terms_ * h_; }
     [[nodiscard]] NodeEnergy node() override { return {}; }
-    [[nodiscard]] NodeEnergy trial_node() override { return {}; }
     [[nodiscard]] int iterations() const override { return 1; }
     void accept() override { terms_ *= 1e40; }
     void save(StateWriter& state) const override { state.write(terms_); }
@@ -196,4 +201,24 @@ TEST_CASE("A scout does not look beyond a blow-up") {
   const Scouting seen = scout(scheme, h, false, 1e-13);
   CHECK(seen.eta.size() == 3);  // terms of 1, 1e40 and 1e80
   CHECK(seen.energy_size == Approx(1e80));
+}
+
+TEST_CASE("a scout that is interrupted leaves the scheme where it stood") {
+  std::atomic<bool> asked = false;
+  int seen = 0;
+  KnownEta scheme([&](double) {
+    asked = ++seen == 5;
+    return 1.0 + 0.5 * std::sin(0.1 * seen);
+  });
+  const double start = scheme.time;
+  {
+    const Interruptible here(&asked);
+    CHECK_THROWS_AS(scout(scheme, 0.01, false, 1e-13), Interrupted);
+  }
+  CHECK(seen == 5);
+  CHECK(scheme.time == start);
+  // The twin: outside of its scope the flag ends nothing.
+  seen = 0;
+  asked = false;
+  CHECK(scout(scheme, 0.01, false, 1e-13).eta.size() > 5);
 }

@@ -1,0 +1,194 @@
+#include <rubato/figures/verdict.hpp>
+
+#include <algorithm>
+#include <cmath>
+
+#include <fmt/format.h>
+
+#include <rubato/figures/statistics.hpp>
+
+namespace rubato::figures {
+
+namespace {
+
+/// Of the energy exchanged, what an error of the node energy may be: above the first a run is doubtful, above the
+/// second lost.
+constexpr double doubtful_energy = 0.1, lost_energy = 0.5;
+/// Of a field's power, the share in the last third of its waves.
+constexpr double doubtful_waves = 1e-6, lost_waves = 1e-2;
+/// Breaks of slope or value at the seam below this are less than truncation errors usually are.
+constexpr double doubtful_period = 1e-3;
+/// Errors of an exact solution at the start are rounding; those of its first increment the error of one step.
+constexpr double wrong_start = 1e-6, wrong_residual = 0.2;
+/// Relative deviations of E_k below this are rounding: the law does not determine h there, and any step meets it.
+constexpr double least_off_law = 1e-9;
+/// So are those of so many rounding errors of H where the energy is 0: E_k sums up the stages or parts of a step.
+constexpr double most_roundings = 100.0;
+
+/// What of the pure law is expected to be off: steps near each zero of Γ, by errors of the scheme.
+constexpr double few_off_law = 0.5, small_off_law = 0.02;
+
+class Judge {
+public:
+  explicit Judge(const Statistics& statistics) : statistics_(statistics), measures_(statistics.measures) {}
+
+  Judgement run() {
+    judge_energy();
+    judge_law();
+    judge_waves();
+    judge_period();
+    judge_exact();
+    judge_resolution();
+    for (const Reason& reason : result_.reasons) {
+      result_.verdict = std::max(result_.verdict, reason.verdict);
+    }
+    return std::move(result_);
+  }
+
+private:
+  void add(Reason reason) {
+    (measures_.accepts(reason.kind) ? result_.accepted : result_.reasons).push_back(std::move(reason));
+  }
+
+  void judge_energy() {
+    if (!(measures_.energy > doubtful_energy)) {
+      return;
+    }
+    add({.kind = ReasonKind::energy,
+         .verdict = measures_.energy > lost_energy ? Verdict::lost : Verdict::doubtful,
+         .value = measures_.energy,
+         .finding = fmt::format("the {} strays by {:.2g} of the energy that is exchanged (at t = {:.6g})",
+                                statistics_.balance ? "node energy less the work" : "node energy", measures_.energy,
+                                measures_.energy_t),
+         .remedy = "take smaller steps, or a scheme of higher order"});
+  }
+
+  void judge_law() {
+    const std::size_t steps = statistics_.off_law_steps;
+    const double deviation = statistics_.off_law_deviation(), scale = statistics_.energy_scale();
+    if (steps == 0 || !(deviation > std::max(least_off_law * scale, most_roundings * statistics_.rounding.largest()))) {
+      return;
+    }
+    const bool few = static_cast<double>(steps) < few_off_law * static_cast<double>(statistics_.steps);
+    if (measures_.pure_law != 0.0 && few && deviation < small_off_law * scale) {
+      return;  // steps over the singular set, which the problem asks for
+    }
+    add({.kind = ReasonKind::law,
+         .verdict = Verdict::doubtful,
+         .value = static_cast<double>(steps),
+         .finding =
+             fmt::format("{} of {} steps are off the energy law, by up to {:.2g}", steps, statistics_.steps, deviation),
+         .remedy = "take smaller steps, or step_potential = \"auto\""});
+  }
+
+  void judge_waves() {
+    if (measures_.frozen > doubtful_waves) {
+      add({.kind = ReasonKind::spectrum,
+           .verdict = measures_.frozen > lost_waves && measures_.rough == 0.0 ? Verdict::lost : Verdict::doubtful,
+           .value = measures_.frozen,
+           .finding = fmt::format("{:.2g} of a field's power at the start is in the shortest wave of an even number of "
+                                  "cells, which spectral derivatives leave as it is",
+                                  measures_.frozen),
+           .remedy = "take an odd number of cells, or more of them"});
+    }
+    if (measures_.waves > doubtful_waves) {
+      add({.kind = ReasonKind::spectrum,
+           .verdict = measures_.waves > lost_waves && measures_.rough == 0.0 ? Verdict::lost : Verdict::doubtful,
+           .value = measures_.waves,
+           .finding =
+               fmt::format("the spectrum is full: {:.2g} of a field's power is in the last third of the waves of "
+                           "the grid (at t = {:.6g})",
+                           measures_.waves, measures_.waves_t),
+           .remedy = "take more cells, or end the run before"});
+    }
+  }
+
+  void judge_period() {
+    if (measures_.period > doubtful_period) {
+      add({.kind = ReasonKind::period,
+           .verdict = Verdict::doubtful,
+           .value = measures_.period,
+           .finding = fmt::format("the data, or S as a function of place, do not close on the period: they break by "
+                                  "{:.2g} of their size at the seam",
+                                  measures_.period),
+           .remedy = "take a period at whose ends they agree, or one so long that the fields vanish there"});
+    }
+  }
+
+  void judge_exact() {
+    if (measures_.exact_start > wrong_start) {
+      add({.kind = ReasonKind::exact,
+           .verdict = Verdict::doubtful,
+           .value = measures_.exact_start,
+           .finding =
+               fmt::format("[exact] differs from [initial] at the start by {:.2g} of its size", measures_.exact_start),
+           .remedy = "correct the formula of [exact], or the initial data"});
+    }
+    if (measures_.exact_residual > wrong_residual) {
+      add({.kind = ReasonKind::exact,
+           .verdict = Verdict::doubtful,
+           .value = measures_.exact_residual,
+           .finding = fmt::format("[exact] does not solve the equation: its first increment is off by {:.2g} of itself",
+                                  measures_.exact_residual),
+           .remedy = "correct the formula of [exact]"});
+    }
+  }
+
+  void judge_resolution() {
+    if (measures_.turn < measures_.turn_least) {
+      add({.kind = ReasonKind::resolution,
+           .verdict = Verdict::doubtful,
+           .value = measures_.turn,
+           .finding = fmt::format("the steps do not resolve the motion: {:.2g} steps per turn of the fastest frequency "
+                                  "(at t = {:.6g})",
+                                  measures_.turn, measures_.turn_t),
+           .remedy = fmt::format("take at least {:.2g} steps per turn", measures_.turn_least)});
+    }
+  }
+
+  const Statistics& statistics_;
+  const Measures& measures_;
+  Judgement result_;
+};
+
+}  // namespace
+
+std::string_view to_string(Verdict verdict) {
+  constexpr std::array<std::string_view, 3> words = {"good", "doubtful", "lost"};
+  return words[static_cast<std::size_t>(verdict)];
+}
+
+std::vector<double> to_values(const Measures& measures) {
+  std::vector<double> values;
+  Measures::visit(measures, [&values](double value) { values.push_back(value); });
+  return values;
+}
+
+Measures measures_of(std::span<const double> values) {
+  Measures measures;
+  std::size_t next = 0;
+  Measures::visit(measures, [&](double& value) {
+    if (next < values.size()) {
+      value = values[next++];
+    }
+  });
+  return measures;
+}
+
+Judgement judge(const Statistics& statistics) {
+  return Judge(statistics).run();
+}
+
+std::string text_of(const Judgement& judgement) {
+  std::string text(to_string(judgement.verdict));
+  for (const Reason& reason : judgement.reasons) {
+    text += fmt::format("{}{}; {}", &reason == judgement.reasons.data() ? ": " : ". ", reason.finding, reason.remedy);
+  }
+  for (const Reason& reason : judgement.accepted) {
+    text +=
+        fmt::format("{}accepted by [verdict]: {}", &reason == judgement.accepted.data() ? " (" : "; ", reason.finding);
+  }
+  return text + (judgement.accepted.empty() ? "" : ")");
+}
+
+}  // namespace rubato::figures

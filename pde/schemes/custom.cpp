@@ -1,0 +1,128 @@
+#include <stdexcept>
+#include <utility>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <rubato/pde/action_consistency.hpp>
+#include <rubato/pde/action_scheme.hpp>
+#include <rubato/pde/lattice_method.hpp>
+
+namespace rubato {
+
+namespace {
+
+/// What is wrong with L is a refusal of the scheme.
+template <class Make>
+auto refused(const Make& make) {
+  try {
+    return make();
+  } catch (const SchemeRefusal&) {
+    throw;
+  } catch (const std::invalid_argument& error) {
+    throw SchemeRefusal(error.what());
+  }
+}
+
+/// The scheme of a density that the problem states.
+class CustomMethod final : public LatticeMethod {
+public:
+  CustomMethod(std::shared_ptr<const CornerDensity> density, std::shared_ptr<const SecondLevel> next)
+      : density_(std::move(density)), next_(std::move(next)), reads_one_level_(density_->energy_reads_one_level()) {
+    for (int f = 0; f < density_->fields; ++f) {
+      if (density_->names(f)) {
+        named_.push_back(f);
+      }
+    }
+  }
+
+  [[nodiscard]] std::string_view fixed_levels_only() const override {
+    return reads_one_level_
+               ? "the discrete energy -d(h L)/dh, or a row of the variation of L, reads one level alone, so "
+                 "that no length of the next step follows from it"
+               : "";
+  }
+  /// Fields that a constraint which is not linear binds are at midpoints if L reads means of them.
+  [[nodiscard]] bool has_midpoints(const MultisymplecticSystem& system) const override {
+    for (int f = 0; f < system.field_count(); ++f) {
+      if (system.structure().nonlinear[static_cast<std::size_t>(f)] && !density_->reads_middle(f)) {
+        return false;
+      }
+    }
+    return true;
+  }
+  [[nodiscard]] bool laws_in_cells() const override { return names_all() && !reads_one_level_; }
+  [[nodiscard]] std::string_view not_shared_in(int) const override {
+    return "the rows of a stated action are solved on the whole lattice";
+  }
+  [[nodiscard]] std::optional<LatticeAction> action(const MultisymplecticSystem& system) const override {
+    return corner_action(*density_, system.structure().at_midpoints(), system.structure().potential);
+  }
+  [[nodiscard]] InitialLevel first_level(const MultisymplecticSystem& system, const grids::Grid& grid,
+                                         const InitialFields& given) const override {
+    const LatticeMethodChoice box{.name = "box"};
+    bool is_odd = true;
+    for (int a = 0; a < grid.dimensions(); ++a) {
+      is_odd = is_odd && !make_lattice_method(box)->other_count(grid.cells(a), grid.dimensions());
+    }
+    InitialLevel level = prepare_initial_level(system, grid, given, is_odd ? Collocation::cells : Collocation::nodes);
+    const double h = grid.spacing(0);
+    refused([&] {
+      ActionStep step(system, grid, *density_, h);
+      step.constrain(h, level.level);
+      if (const std::vector<std::string> held = step.held(); !held.empty()) {
+        level.cautions.push_back(fmt::format("L leaves {} undetermined, and steps hold {}", fmt::join(held, ", "),
+                                             held.size() == 1 ? "it" : "them"));
+      }
+      if (const std::vector<std::string> wrong = inconsistent_rows(system, *density_); !wrong.empty()) {
+        level.cautions.push_back(
+            fmt::format("L does not approximate the equation: the variation by {} does not approach the row of {} in "
+                        "M z_t + K z_x = grad S as steps and cells get smaller",
+                        fmt::join(wrong, ", "), wrong.size() == 1 ? "it" : "them"));
+      }
+      return 0;
+    });
+    return level;
+  }
+  [[nodiscard]] std::unique_ptr<LatticeScheme> scheme(const MultisymplecticSystem& system, const grids::Grid& grid,
+                                                      LatticeLevel first, double first_step) const override {
+    return refused([&] { return make_action_scheme(system, grid, *density_, next_, std::move(first), first_step); });
+  }
+  [[nodiscard]] std::unique_ptr<LawEvaluator> laws(LawTables tables) const override {
+    return make_action_laws(laws_in_cells() ? make_edge_laws(std::move(tables), Collocation::cells)
+                                            : make_node_laws(std::move(tables), Collocation::corners),
+                            named_);
+  }
+  [[nodiscard]] std::unique_ptr<StepEquation> equation(const MultisymplecticSystem& system, const grids::Grid& grid,
+                                                       const LatticeLevel& first, double first_step) const override {
+    return make_action_equation(system, grid, *density_, next_, first, first_step);
+  }
+  [[nodiscard]] std::unique_ptr<TangentStep> tangents(const MultisymplecticSystem& system,
+                                                      const grids::Grid& grid) const override {
+    return make_action_tangents(system, grid, *density_);
+  }
+
+private:
+  [[nodiscard]] bool names_all() const { return static_cast<int>(named_.size()) == density_->fields; }
+  std::shared_ptr<const CornerDensity> density_;
+  std::shared_ptr<const SecondLevel> next_;
+  std::vector<int> named_;
+  bool reads_one_level_;
+};
+
+}  // namespace
+
+const LatticeMethodEntry& custom_lattice_method() {
+  static const LatticeMethodEntry entry{
+      .name = "custom",
+      .summary = "a discrete action that the problem states: L, of the values at the corners of a cell",
+      .make = [](const LatticeMethodChoice& choice) -> std::unique_ptr<LatticeMethod> {
+        if (choice.density == nullptr) {
+          throw std::invalid_argument("lagrangian = \"custom\" needs L, the density of the discrete action");
+        }
+        return std::make_unique<CustomMethod>(choice.density, choice.next);
+      }};
+  return entry;
+}
+
+}  // namespace rubato

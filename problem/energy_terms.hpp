@@ -1,0 +1,18 @@
+#pragma once
+
+#include <rubato/pde/multisymplectic_system.hpp>
+#include <rubato/pde/node_formula.hpp>
+#include <rubato/problem/formula_table.hpp>
+#include <rubato/problem/problem.hpp>
+
+namespace rubato {
+
+/// The terms of H of an orbit (formula::terms_of), in HamiltonianProblem::formula_names(); with a Lagrangian those
+/// of p·q_dot - L.
+[[nodiscard]] FormulaTable make_energy_terms(const Problem& problem);
+
+/// The terms of the energy density S(z) + Σ z_{x_a}ᵀ K₊ z of a lattice (FieldStructure::K_plus). Fields that exist in
+/// the middle of steps only count as 0: multipliers drop out of the density.
+[[nodiscard]] NodeFormula make_energy_terms(const MultisymplecticSystem& system, const grids::Grid& grid);
+
+}  // namespace rubato

@@ -1,0 +1,419 @@
+"""What a run gives back: its numbers by name, how it ended, pictures."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+
+import numpy as np
+
+from . import _core, _toml
+
+
+class _Arrays:
+    """Datasets that were read before, as a source: what a pickled result has."""
+
+    def __init__(self, datasets: list, arrays: dict):
+        self._datasets, self._arrays = datasets, arrays
+
+    def datasets(self) -> list:
+        return self._datasets
+
+    def read(self, path: str):
+        return self._arrays[path]
+
+
+class Columns(Mapping):
+    """Columns below a path of the record, by name, as items or as attributes."""
+
+    def __init__(self, result: "Result", prefix: str):
+        self._result, self._prefix = result, prefix
+
+    def _names(self) -> list:
+        return [path[len(self._prefix):] for path in self._result.paths if path.startswith(self._prefix)]
+
+    def __getitem__(self, name: str):
+        if self._prefix + name not in self._result._info:
+            raise KeyError(f"{name!r}{_toml.suggestion(name, self._names())}")
+        return self._result._read(self._prefix + name)
+
+    def __getattr__(self, name: str):
+        if name.startswith("__"):
+            raise AttributeError(name)
+        try:
+            return self[name]
+        except KeyError as error:
+            raise AttributeError(f"there is no {error.args[0]}") from None
+
+    def __iter__(self):
+        return iter(self._names())
+
+    def __len__(self):
+        return len(self._names())
+
+    def __repr__(self):
+        return f"<{self._prefix}: {', '.join(self._names())}>"
+
+    def __dir__(self):
+        return self._names()
+
+
+class Crossings:
+    """The crossings of one event: times `t`, states `y` (a column for each), directions, quantities."""
+
+    def __init__(self, result: "Result", name: str):
+        self.name = name
+        prefix = f"/events/{name}/"
+        read = lambda last: result._read(prefix + last) if prefix + last in result._info else None
+        self.t, self.direction, self.quantities = read("t"), read("direction"), read("quantities")
+        q, p = read("q"), read("p")
+        self.y = None if q is None else np.concatenate([q, p], axis=1).T
+
+    def __len__(self):
+        return len(self.t)
+
+    def __repr__(self):
+        return f"<{len(self)} crossings of {self.name}>"
+
+
+class Result:
+    """A run in memory, or a record.
+
+    Attributes
+    ----------
+    t : array
+        Times of the stored levels, or those of `t_eval`.
+    y : array, shape (2n, len(t))
+        Of an orbit the states at `t`: coordinates, then momenta.
+    sol : callable
+        Of an orbit, ``sol(t)``: states in between, by dense output of the scheme's own order.
+    energy, h : array
+        The discrete energy and the length of each step.
+    laws : mapping
+        Local residuals (NAME_max, NAME_rms), totals and invariants.
+    t_events, y_events : list of arrays
+        The crossings of each event; `events` has them by name.
+    success, status, message : how the run ended; `status` is that of the program, 0 is done.
+    verdict, reasons : "good", "doubtful" or "lost", and why.
+    warnings : list of str
+    figures : dict
+        What ``rubato run --json`` prints.
+
+    Columns are found by name, ``r["x"]`` or ``r.x``: coordinates, momenta, fields, invariants, quantities; H is the
+    energy at the levels. ``r["/levels/gamma"]`` has any dataset by its path (docs/records.md). An attribute of the
+    list above hides a column of its name, which ``r["y"]`` still finds.
+    """
+
+    def __init__(self, source, problem, ending=None, *, file=None, names=()):
+        self._source = source
+        self._problem = problem
+        self._cache: dict = {}
+        self._info = {path: (dimensions, description, text)
+                      for path, dimensions, description, text in source.datasets()}
+        self._event_order = list(names)
+        self.file = file
+        self.title = problem.title
+        self.problem = problem.text
+        if ending is None:
+            self.status, self.message, self.warnings, self.verdict = 0, "", [], ""
+            self.table, self._json = "", None
+        else:
+            self.status, self.message, self.warnings = ending.status, ending.message, ending.warnings
+            self.verdict, self.table, self._json = ending.verdict, ending.table, ending.json
+        self._columns = self._find_columns()
+
+    # -- datasets
+
+    @property
+    def paths(self) -> list:
+        """The paths of all datasets."""
+        return list(self._info)
+
+    def _read(self, path: str):
+        if path not in self._cache:
+            self._cache[path] = self._source.read(path)
+        return self._cache[path]
+
+    def _find_columns(self) -> dict:
+        columns = {}
+        where = "/output/" if self._has_output_states() else "/states/"
+        if not self._problem.is_lattice:
+            for group, names in (("q", self._problem.q), ("p", self._problem.p), ("q_dot", self._problem.q_dot)):
+                path = (where if f"{where}{group}" in self._info else "/states/") + group
+                if path in self._info:
+                    columns.update({name: (path, i) for i, name in enumerate(names)})
+        else:
+            for name, *_ in self._problem.axes:
+                columns[name] = (f"/grid/{name}", None)
+            for name in self._problem.fields:
+                for path in (f"{where}{name}", f"/states/{name}", f"/states/midpoints/{name}"):
+                    if path in self._info:
+                        columns.setdefault(name, (path, None))
+        for path in self._info:
+            group, _, name = path.rpartition("/")
+            if group in ("/laws", "/output/quantities"):
+                columns.setdefault(name, (path, None))
+        for name, path in (("H", "/levels/node_energy"), ("E", "/levels/energy"), ("h", "/levels/h"),
+                           ("gamma", "/levels/gamma"), ("off_law", "/levels/off_law"),
+                           ("step_potential", "/levels/step_potential")):
+            if path in self._info:
+                columns.setdefault(name, (path, None))
+        return columns
+
+    def _has_output_states(self) -> bool:
+        return "/output/q" in self._info or any(f"/output/{name}" in self._info for name in self._problem.fields)
+
+    def __getitem__(self, name: str):
+        if name in self._columns:
+            path, place = self._columns[name]
+            values = self._read(path)
+            return values if place is None else values[:, place]
+        if name in self._info:
+            return self._read(name)
+        if name == "t":
+            return self.t
+        raise KeyError(f"{name!r}{_toml.suggestion(str(name), list(self._columns) + self.paths)}")
+
+    def __getattr__(self, name: str):
+        if name.startswith("_") or "_columns" not in self.__dict__:
+            raise AttributeError(name)
+        if name in self._columns:
+            return self[name]
+        known = list(self._columns) + [word for word in dir(type(self)) if not word.startswith("_")]
+        raise AttributeError(f"the result has no {name!r}{_toml.suggestion(name, known)}")
+
+    def __dir__(self):
+        return list(super().__dir__()) + list(self._columns)
+
+    def __contains__(self, name) -> bool:
+        return name in self._columns or name in self._info
+
+    # -- scipy's names
+
+    @property
+    def t(self):
+        return self._read("/output/t" if self._has_output_states() else "/states/t")
+
+    @property
+    def y(self):
+        if self._problem.is_lattice:
+            if "y" in self._columns:
+                return self["y"]
+            raise AttributeError("a lattice has its fields by name")
+        if "y of scipy" not in self._cache:
+            where = "/output/" if self._has_output_states() else "/states/"
+            self._cache["y of scipy"] = np.concatenate([self._read(where + "q"), self._read(where + "p")], axis=1).T
+        return self._cache["y of scipy"]
+
+    @property
+    def success(self) -> bool:
+        return self.status == 0
+
+    @property
+    def sol(self):
+        if self._problem.is_lattice:
+            raise AttributeError("states of a lattice between levels: give t_eval")
+        levels, states = self._read("/levels/t"), self._read("/states/t")
+        if len(levels) != len(states):
+            raise AttributeError("sol needs the states of all levels: leave out every")
+        dense = _core.DenseOutput(self._problem, states, self._read("/states/q"), self._read("/states/p"),
+                                  self._read("/levels/h"))
+
+        def sol(t):
+            """Returns the states at the times t, one column for each."""
+            times = np.asarray(t, dtype=float)
+            rows = dense.at(np.atleast_1d(times).ravel())
+            return rows[0] if times.ndim == 0 else rows.T
+
+        return sol
+
+    @property
+    def events(self) -> dict:
+        names = self._event_order or self._problem.events
+        return {name: Crossings(self, name) for name in names}
+
+    @property
+    def t_events(self):
+        return [crossings.t for crossings in self.events.values()] or None
+
+    @property
+    def y_events(self):
+        return [crossings.y for crossings in self.events.values()] or None
+
+    # -- ours
+
+    @property
+    def energy(self):
+        return self._read("/levels/energy")
+
+    @property
+    def h(self):
+        return self._read("/levels/h")
+
+    @property
+    def laws(self) -> Columns:
+        return Columns(self, "/laws/")
+
+    @property
+    def levels(self) -> Columns:
+        return Columns(self, "/levels/")
+
+    @property
+    def exact(self) -> Columns:
+        return Columns(self, "/exact/")
+
+    @property
+    def form(self) -> str:
+        """M, K and S as they were derived from an equation or a density."""
+        return self._problem.form
+
+    @property
+    def figures(self) -> dict:
+        if self._json is None:
+            self._json = json.dumps(json.loads(_core.compare(self.file, self.file)[0])["records"][0])
+        return json.loads(self._json) if self._json else {}
+
+    @property
+    def reasons(self) -> list:
+        return self.figures.get("reasons", [])
+
+    def to_xarray(self):
+        """Returns an xarray.Dataset of the states, with named dimensions, coordinates and descriptions."""
+        import xarray
+
+        where = "/output/" if self._has_output_states() else "/states/"
+        data, coordinates = {}, {"t": ("t", self.t)}
+        axes = [name for name, *_ in self._problem.axes]
+        for name in axes:
+            coordinates[name] = (name, self._read(f"/grid/{name}"))
+        for name in self._problem.fields or self._problem.q + self._problem.p:
+            path, place = self._columns[name]
+            if path.startswith(where):
+                data[name] = (["t"] + axes[::-1], self[name], {"description": self._info[path][1]})
+        if not axes:  # a coordinate of an orbit may be called t as well, or as a dimension
+            data = {name: entry for name, entry in data.items() if name != "t"}
+        return xarray.Dataset(data, coordinates, {"title": self.title, "problem": self.problem})
+
+    def to_dict(self) -> dict:
+        """Returns all datasets by their paths."""
+        return {path: self._read(path) for path in self.paths}
+
+    def plot(self, what=None, **options):
+        """Draws the result with matplotlib: see rubato.plot."""
+        from . import _plots
+
+        return _plots.plot(self, what, **options)
+
+    def page(self, file=None):
+        """Returns the report of a record as one page of HTML, or writes it into `file`."""
+        if self.file is None:
+            raise ValueError("a report is made of a record: give the run a file")
+        text = _core.Reader(self.file).page()
+        if file is None:
+            return text
+        with open(file, "w", encoding="utf-8") as page:
+            page.write(text)
+        return file
+
+    def __repr__(self) -> str:
+        end = f"t = {self.t[-1]:.10g}" if len(self.t) else "nothing"
+        parts = [f"<rubato.Result of {self.title!r} to {end}", f"{len(self.energy)} steps"]
+        if self.verdict:
+            parts.append(self.verdict)
+        if self.message:
+            parts.append(self.message)
+        return ", ".join(parts) + ">"
+
+    def _repr_html_(self) -> str:
+        from . import _plots
+
+        return _plots.html(self)
+
+    # -- pickling
+
+    def __getstate__(self) -> dict:
+        state = {key: value for key, value in self.__dict__.items() if key not in ("_source", "_problem", "_cache")}
+        state["arrays"] = {path: np.array(value) if isinstance(value, np.ndarray) else value
+                           for path, value in self.to_dict().items()}
+        state["datasets"] = self._source.datasets()
+        return state
+
+    def __setstate__(self, state: dict):
+        arrays, datasets = state.pop("arrays"), state.pop("datasets")
+        self.__dict__.update(state)
+        self._source = _Arrays(datasets, arrays)
+        self._cache = {}
+        self._problem = _core.parse_problem(self.problem, "pickled", [], {})
+
+
+class EnsembleResult:
+    """The last levels of many orbits of one Hamiltonian.
+
+    Attributes
+    ----------
+    y : array, shape (members, 2n)
+    t, energy, energy_deviation, node_energy_deviation, steps, status : array, shape (members,)
+        `status` is 0 for a member that reached its end; `messages` has the reasons of the others.
+    """
+
+    def __init__(self, names: list, numbers: dict):
+        self.names = names
+        self.__dict__.update(numbers)
+
+    @property
+    def success(self) -> bool:
+        return not self.status.any()
+
+    def __getitem__(self, name: str):
+        if name in self.names:
+            return self.y[:, self.names.index(name)]
+        raise KeyError(f"{name!r}{_toml.suggestion(name, self.names)}")
+
+    def __getattr__(self, name: str):
+        if name != "names" and "names" in self.__dict__ and name in self.names:
+            return self[name]
+        raise AttributeError(f"the ensemble has no {name!r}")
+
+    def __len__(self):
+        return len(self.t)
+
+    def __repr__(self):
+        return f"<rubato.EnsembleResult of {len(self)} members, {int((self.status != 0).sum())} ended early>"
+
+
+class Summary:
+    """What a check, a comparison, a scan or a study of convergence found.
+
+    `figures` is the program's JSON, and `summary["KEY"]` one of its entries; `table` is for people.
+    """
+
+    def __init__(self, table: str, figures: str, *, status: int = 0, message: str = "", warnings=(), file=None):
+        self.table = table
+        self.figures = json.loads(figures) if figures else {}
+        self.status, self.message, self.warnings, self.file = status, message, list(warnings), file
+
+    @property
+    def success(self) -> bool:
+        return self.status == 0
+
+    def __getitem__(self, name: str):
+        if name not in self.figures:
+            raise KeyError(f"{name!r}{_toml.suggestion(name, list(self.figures))}")
+        return self.figures[name]
+
+    def plot(self, *, axes=None):
+        """Draws the estimated errors of a study of convergence over the step, by the observed orders."""
+        from . import _plots
+
+        return _plots.convergence(self, axes)
+
+    def __str__(self) -> str:
+        return self.table
+
+    def __repr__(self) -> str:
+        return self.table.rstrip("\n") or f"<rubato.Summary: {self.message}>"
+
+    def _repr_html_(self) -> str:
+        import html
+
+        return f"<pre>{html.escape(self.table)}</pre>"

@@ -1,0 +1,373 @@
+"""Running: integrate, run, resume, check, scan, converge, compare, open."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+import warnings
+
+import numpy as np
+
+from . import _core, _toml
+from ._events import as_events
+from ._problem import build, numbers, path_of, real, span, threads_of
+from ._result import EnsembleResult, Result, Summary
+from ._systems import Hamiltonian, Lagrangian, Lattice
+
+
+class RubatoWarning(UserWarning):
+    """What a run warns of: each one sentence, with the remedy."""
+
+
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C ended a run: `result` has the levels up to there."""
+
+    def __init__(self, result):
+        super().__init__(result.message)
+        self.result = result
+
+
+class _Bar:
+    """A progress line on standard error, of runs that take longer than a second."""
+
+    def __init__(self, wanted):
+        self.wanted = sys.stderr.isatty() or "ipykernel" in sys.modules if wanted is None else bool(wanted)
+        self.begun = time.monotonic()
+        self.shown = False
+
+    def __call__(self, t, start, until, steps, members):
+        passed = time.monotonic() - self.begun
+        if passed < 1.0:
+            return
+        done = t / members if members else (t - start) / (until - start)
+        left = passed * (1.0 - done) / done if done > 0 else 0.0
+        where = f"{int(t)} of {members} members" if members else f"t = {t:.6g} of {until:.6g}, {steps} steps"
+        sys.stderr.write(f"\r{100.0 * done:5.1f} %  {where}, {left:.0f} s left \x1b[K")
+        sys.stderr.flush()
+        self.shown = True
+
+    def close(self):
+        if self.shown:
+            sys.stderr.write("\r\x1b[K")
+
+
+def _with_progress(progress, work):
+    """Calls work(callback or None)."""
+    if callable(progress):
+        return work(lambda t, start, until, steps, members: progress(t, until))
+    bar = _Bar(progress)
+    try:
+        return work(bar if bar.wanted else None)
+    finally:
+        bar.close()
+
+
+def _finish(result: Result, stacklevel: int = 3) -> Result:
+    for sentence in result.warnings:
+        warnings.warn(sentence, RubatoWarning, stacklevel=stacklevel + 1)
+    if result.status == 130:
+        raise Interrupted(result)
+    return result
+
+
+def _run(problem, *, file=None, overwrite=False, threads=0, progress=None, tangents=False, names=()) -> Result:
+    threads = threads_of(threads)
+    if file is None and not problem.is_ensemble:
+        ending, rows = _with_progress(progress, lambda tell: _core.run_in_memory(problem, tangents, threads, tell))
+        return Result(_core.Memory(rows), problem, ending, names=names)
+    path = path_of(file)
+    ending = _with_progress(progress, lambda tell: _core.run(problem, path, overwrite, tangents, threads, tell))
+    if problem.is_ensemble:
+        return _of_members(_core.Reader(path), ending, path)
+    return Result(_core.Reader(path), problem, ending, file=path, names=names)
+
+
+def _of_members(reader, ending=None, file=None) -> Summary:
+    """What the record of an ensemble holds: `members` has each of its columns."""
+    how = {} if ending is None else dict(status=ending.status, message=ending.message, warnings=ending.warnings)
+    table = ending.table if ending else ""
+    if file is None:  # the record is gone
+        table = "".join(line for line in table.splitlines(True) if not line.startswith("  record "))
+    summary = Summary(table, ending.json if ending else "", file=file, **how)
+    summary.members = {path[len("/members/"):]: reader.read(path) for path, *_ in reader.datasets()
+                       if path.startswith("/members/")}
+    return summary
+
+
+def integrate(system, initial=None, t_span=None, *, step=None, scheme=None, stages=None, levels=None, t_eval=None,
+              events=None, every=None, quantities=None, settings=None, file=None, overwrite=False, threads=0,
+              progress=None, **options):
+    """Integrates a system and returns a Result.
+
+    Parameters
+    ----------
+    system : Hamiltonian, Lagrangian or Lattice
+    initial : array, shape (2n,), or dict
+        Coordinates, then momenta (of a Lagrangian velocities); or numbers and formulas by name. An array of shape
+        (members, 2n) is an ensemble: the last levels come back as an EnsembleResult. A Lattice has its own.
+    t_span : (start, end)
+    step : float
+        The first step; "auto" chooses it for the keyword `energy_tolerance`.
+    scheme : str
+        "gauss" (of Hamiltonians, with 3 stages, order 6, unless `stages` says otherwise), "midpoint", "splitting", ...
+    levels : {"variable", "fixed"}
+    t_eval : array, optional
+        Times of the states that come back; otherwise those of the levels.
+    events : Event, callable, str, list or dict of these, optional
+    every : int, optional
+        Every n-th level is stored.
+    quantities : dict, optional
+        Formulas that are stored at the same times.
+    settings : list of str, optional
+        Entries of the problem by path, as of ``rubato run --set``: ``["laws.every=10"]``.
+    file : path, optional
+        The record to write; in memory otherwise. `overwrite` replaces one.
+    threads : int, optional
+    progress : bool or callable, optional
+        A progress line, or what is called as progress(t, end).
+    **options
+        The keys of [scheme] and [output] of problem files: `composition`, `step_potential`, `order`, `tolerance`, ...
+
+    Examples
+    --------
+    >>> import numpy as np, rubato as rb
+    >>> pendulum = rb.Hamiltonian("q", "p", lambda q, p: p**2/2 - np.cos(q))
+    >>> r = rb.integrate(pendulum, [0, 1.9], (0, 20), step=0.1)
+    >>> bool(np.ptp(r.energy) < 1e-12)
+    True
+    >>> r.y.shape == (2, len(r.t))
+    True
+    """
+    listed = as_events(events)
+    common = dict(step=step, scheme=scheme, stages=stages, levels=levels, t_eval=t_eval, every=every,
+                  quantities=quantities, options=options, settings=settings)
+    if isinstance(system, Hamiltonian) and not isinstance(initial, dict) and np.ndim(initial) == 2:
+        return _ensemble(system, initial, t_span, listed, threads, common)
+    problem = build(system, initial, t_span, events=listed, **common)
+    names = [event.name for event in listed]
+    if any(event.reset is not None for event in listed):
+        if not isinstance(system, Hamiltonian):
+            raise ValueError("reset is for Hamiltonians: other systems do not begin from the state of a crossing")
+        if file is not None or t_eval is not None or every is not None:
+            raise ValueError("with reset leave out file, t_eval and every")
+        return _with_resets(system, problem, t_span, listed, threads, progress, common)
+    return _finish(_run(problem, file=file, overwrite=overwrite, threads=threads, progress=progress, names=names))
+
+
+def _ensemble(system, initial, t_span, events, threads, common) -> EnsembleResult:
+    states = np.asarray(initial)
+    if states.dtype == object or states.dtype.kind not in "fiu":
+        raise TypeError(f"initial takes real numbers, and not {states.dtype}")
+    if states.shape[0] < 1 or not np.isfinite(states).all():
+        raise ValueError("initial takes one finite state for each member")
+    if events or common["t_eval"] is not None or common["quantities"] or common["every"] is not None:
+        raise ValueError("an ensemble from an array has its last levels alone: leave out events, t_eval, quantities "
+                         "and every")
+    problem = build(system, states[0], t_span, events=(), **common)
+    numbers = _core.ends(problem, np.ascontiguousarray(states, dtype=float), threads_of(threads))
+    return EnsembleResult(problem.q + problem.p, numbers)
+
+
+def _with_resets(system, problem, t_span, events, threads, progress, common):
+    """Runs up to each crossing with a reset, and on from the state that it returns."""
+    from ._joined import join
+
+    start, end = span(t_span)
+    parts, resets, t = [], [], start
+    while True:
+        part = _run(problem, threads=threads, progress=progress, names=[event.name for event in events])
+        parts.append(part)
+        hit = [(crossings.t[-1], event, crossings) for event, crossings in
+               zip(events, part.events.values()) if event.reset is not None and len(crossings)]
+        if part.status != 0 or not hit:
+            break
+        t, event, crossings = min(hit, key=lambda entry: abs(entry[0] - t))
+        state = event.reset(float(t), crossings.y[:, -1].copy())
+        if state is None:
+            break
+        state = numbers(state, 2 * len(problem.q), "what reset returns")
+        resets.append((float(t), crossings.y[:, -1], np.array(state)))
+        if (end - t) * (end - start) <= 0:
+            break
+        problem = build(system, state, (float(t), end), events=events, **dict(common, step=float(part.h[-1])))
+    return _finish(join(parts, resets))
+
+
+def _settings(overrides: dict, settings) -> list:
+    """Keywords of rubato.run as entries of --set: step, or parameters__c for parameters.c."""
+    tables = {}
+    for table in ("scheme", "output", "laws", "grid", "initial", "parameters"):
+        for key in _toml.keys(table):
+            tables.setdefault(key, []).append(table)
+    listed = list(settings or ())
+    for key, value in overrides.items():
+        if "__" in key:
+            path = key.replace("__", ".")
+        else:
+            where = [table for table in tables.get(key, []) if table in ("scheme", "output")]
+            if len(where) != 1:
+                known = [name for name, its in tables.items() if its[0] in ("scheme", "output")]
+                raise _toml.unknown_keyword("run", key, known + list(_run_keywords)) from None
+            path = f"{where[0]}.{key}"
+        listed.append(f"{path}={_toml.value_text(value)}")
+    return listed
+
+
+def _problem_of(problem, overrides: dict, settings, function: str):
+    """The problem of run() and its like: of a file, of the catalogue, or of a system with keywords of integrate()."""
+    if isinstance(problem, (Hamiltonian, Lagrangian, Lattice)):
+        how = {name: overrides.pop(name, None) for name in ("step", "scheme", "stages", "levels")}
+        return build(problem, overrides.pop("initial", None), overrides.pop("t_span", None), options=overrides,
+                     settings=settings, function=function, **how)
+    return _core.read_problem(path_of(problem), _settings(overrides, settings))
+
+
+_run_keywords = ("output", "overwrite", "settings", "threads", "progress", "tangents")
+
+
+def run(problem, output=None, *, overwrite=False, settings=None, threads=0, progress=None, tangents=False, **overrides):
+    """Runs a problem file, or a problem of the catalogue, and returns a Result.
+
+    Parameters
+    ----------
+    problem : path or str, or a system with `initial`, `t_span` and other keywords of integrate()
+    output : path, optional
+        The record to write. Without it the run stays in memory, but that of a problem with [ensemble].
+    settings : list of str, optional
+        As of ``rubato run --set``: ``["parameters.c=0.9"]``.
+    tangents : bool
+        Carries two tangent solutions along a lattice.
+    **overrides
+        Keys of [scheme] and [output], and any other entry with two underscores for the dot: ``parameters__c=0.9``.
+
+    Examples
+    --------
+    >>> import rubato as rb
+    >>> r = rb.run("kepler", parameters__e=0.3, until=20)
+    >>> r.verdict
+    'good'
+    """
+    read = _problem_of(problem, overrides, settings, "run")
+    if output is None and read.is_ensemble:
+        output = read.file
+    return _finish(_run(read, file=output, overwrite=overwrite, threads=threads, progress=progress, tangents=tangents))
+
+
+def open(file) -> Result:
+    """Opens a record as a Result, that of an ensemble as a Summary; numbers are read when they are asked for."""
+    path = path_of(file)
+    reader = _core.Reader(path)
+    if reader.is_ensemble:
+        return _of_members(reader, file=path)
+    problem = _core.parse_problem(reader.header["problem"], path, [], {})
+    return Result(reader, problem, file=path)
+
+
+def resume(file, until=None, *, threads=0, progress=None) -> Result:
+    """Continues a record from its last level, bit for bit as if it had never stopped, and returns its Result."""
+    path = path_of(file)
+    until = None if until is None else real(until, "until")
+    ending = _with_progress(progress, lambda tell: _core.resume(path, until, threads_of(threads), tell))
+    reader = _core.Reader(path)
+    if reader.is_ensemble:
+        return _finish(_of_members(reader, ending, path))
+    problem = _core.parse_problem(reader.header["problem"], path, [], {})
+    return _finish(Result(reader, problem, ending, file=path))
+
+
+def check(file, *, replay=False) -> Summary:
+    """Recomputes all that a record stores from its states and compares: `status` 6 where something disagrees."""
+    ending = _core.check(path_of(file), bool(replay))
+    return Summary(ending.table, ending.json, status=ending.status, message=ending.message, warnings=ending.warnings,
+                   file=path_of(file))
+
+
+def scan(problem, values: dict, output=None, *, overwrite=False, settings=None, threads=0, progress=None, **overrides):
+    """Runs a problem for all combinations of values of its entries, and returns a Summary with one row for each.
+
+    Parameters
+    ----------
+    problem : as of run()
+    values : dict
+        For each entry its values, or "from:to:count": ``{"initial.p": np.linspace(0.1, 3, 30)}``.
+    output : path, optional
+        The record of the ensemble; without it a temporary one is made and removed.
+
+    Examples
+    --------
+    >>> import rubato as rb
+    >>> table = rb.scan("pendulum", {"initial.p": [1.0, 1.5]}, until=10)
+    >>> table["members"]
+    2
+    """
+    if not isinstance(values, dict) or not values:
+        raise TypeError('values has entries and their values: {"initial.p": [1.0, 1.5]}')
+    grid = [f"ensemble.grid.{path}={_toml.value_text(these)}" for path, these in values.items()]
+    read = _problem_of(problem, overrides, [*(settings or ()), *grid], "scan")
+    with _Place(output) as place:
+        ending = _with_progress(progress, lambda tell: _core.run(read, place, overwrite or output is None, False,
+                                                                 threads_of(threads), tell))
+        return _finish(_of_members(_core.Reader(place), ending, None if output is None else place))
+
+
+class _Place:
+    """The path of a record: the one asked for, or one in a temporary folder."""
+
+    def __init__(self, output):
+        self.output, self.folder = output, None
+
+    def __enter__(self) -> str:
+        if self.output is not None:
+            return path_of(self.output)
+        import tempfile
+
+        self.folder = tempfile.TemporaryDirectory(prefix="rubato-")
+        return os.path.join(self.folder.name, "record.h5")
+
+    def __exit__(self, *_):
+        if self.folder is not None:
+            self.folder.cleanup()
+
+
+def converge(problem, tolerance=None, *, settings=None, threads=0, progress=None, **overrides) -> Summary:
+    """Runs a problem with its step, a half and a quarter of it, and estimates how accurate it is.
+
+    `problem` and the keywords are those of run(); `tolerance` asks for the step that would reach it.
+
+    Examples
+    --------
+    >>> import rubato as rb
+    >>> study = rb.converge("pendulum", until=5)
+    >>> study.success
+    True
+    """
+    read = _problem_of(problem, overrides, settings, "converge")
+    if tolerance is not None and real(tolerance, "tolerance") <= 0:
+        raise ValueError(f"tolerance is above 0, and not {tolerance!r}")
+    ending = _with_progress(progress, lambda tell: _core.converge(read, tolerance, threads_of(threads), tell))
+    return Summary(ending.table, ending.json, status=ending.status, message=ending.message, warnings=ending.warnings)
+
+
+def compare(a, b) -> Summary:
+    """Compares two records: figures side by side, and the lines in which their problems differ."""
+    files = [value.file if isinstance(value, Result) else path_of(value) for value in (a, b)]
+    if None in files:
+        raise ValueError("records are compared: give the run a file")
+    figures, table = _core.compare(*files)
+    return Summary(table, figures)
+
+
+def catalogue() -> dict:
+    """Returns the problems of the catalogue, name: title."""
+    return {name: title for name, title, _ in _core.catalogue()}
+
+
+def show(name: str) -> str:
+    """Returns a problem of the catalogue as text, to start from."""
+    return _core.show(name, [])
+
+
+def help(topic: str = "problem") -> str:
+    """Returns what `rubato help TOPIC` prints."""
+    return _core.help_text(topic)

@@ -1,0 +1,222 @@
+"""Runs in memory and in files: the program's numbers, scipy's names."""
+
+import importlib.util
+import os
+import pickle
+import subprocess
+import tempfile
+import unittest
+import warnings
+
+import numpy as np
+
+import rubato as rb
+
+PROGRAM = os.environ.get("RUBATO_PROGRAM")
+PENDULUM = rb.Hamiltonian("q", "p", lambda q, p: p ** 2 / 2 - np.cos(q))
+
+
+def setUpModule():
+    warnings.simplefilter("ignore", rb.RubatoWarning)
+
+
+class Memory(unittest.TestCase):
+    def setUp(self):
+        self.folder = tempfile.TemporaryDirectory()
+        self.addCleanup(self.folder.cleanup)
+
+    def path(self, name):
+        return os.path.join(self.folder.name, name)
+
+    @unittest.skipUnless(PROGRAM, "RUBATO_PROGRAM is not set")
+    def test_the_catalogue_has_the_bits_of_the_program(self):
+        for name in rb.catalogue():
+            text = rb.show(name)
+            short = ["scheme.until=" + repr(self.short(name))]
+            file = self.path(name + ".h5")
+            subprocess.run([PROGRAM, "run", name, "--quiet", "--set", short[0], "-o", file], check=False,
+                           stderr=subprocess.DEVNULL)
+            memory = rb.run(name, settings=short)
+            record = rb.open(file)
+            compared = 0
+            for path in memory.paths:
+                if memory._info[path][2]:
+                    continue
+                np.testing.assert_array_equal(memory[path], record[path], err_msg=f"{name} {path}")
+                compared += np.size(memory[path])
+            self.assertGreater(compared, 50, name)
+            self.assertEqual(text, rb.show(name))
+
+    @staticmethod
+    def short(name):
+        """A few steps: the sizes of what is compared are what counts."""
+        problem = rb._core.read_problem(name, [])
+        step = problem.step if problem.step is not None else 0.01
+        return problem.start + 5 * step
+
+    def test_a_file_and_memory_hold_the_same(self):
+        file = self.path("pendulum.h5")
+        stored = rb.integrate(PENDULUM, [0, 1.9], (0, 20), step=0.1, file=file)
+        memory = rb.integrate(PENDULUM, [0, 1.9], (0, 20), step=0.1)
+        for path in memory.paths:
+            np.testing.assert_array_equal(memory[path], stored[path])
+        self.assertEqual(memory.figures["discrete_energy"], stored.figures["discrete_energy"])
+        self.assertEqual(rb.check(file).status, 0)
+        self.assertEqual(rb.open(file).figures["steps"], memory.figures["steps"])
+        with self.assertRaises(FileExistsError):
+            rb.integrate(PENDULUM, [0, 1.9], (0, 20), step=0.1, file=file)
+        rb.integrate(PENDULUM, [0, 1.9], (0, 10), step=0.1, file=file, overwrite=True)
+        longer = rb.resume(file, 20)
+        np.testing.assert_array_equal(longer.y[:, :5], memory.y[:, :5])
+        self.assertGreaterEqual(longer.t[-1], 20)
+        self.assertIn("steps", str(rb.compare(file, file)))
+        self.assertIn("<html", longer.page()[:500].lower())
+
+    def test_scipys_names(self):
+        t_eval = np.linspace(0, 20, 41)
+        r = rb.integrate(PENDULUM, [0, 1.9], (0, 20), step=0.1, t_eval=t_eval, events=lambda t, y: y[0])
+        np.testing.assert_array_equal(r.t, t_eval)
+        self.assertEqual(r.y.shape, (2, 41))
+        self.assertTrue(r.success)
+        self.assertEqual(r.status, 0)
+        self.assertEqual(r.message, "")
+        every = rb.integrate(PENDULUM, [0, 1.9], (0, 20), step=0.1)
+        np.testing.assert_allclose(every.sol(t_eval), r.y, atol=1e-12)
+        np.testing.assert_array_equal(every.sol(every.t[7]), every.y[:, 7])
+        self.assertEqual(len(r.t_events), 1)
+        np.testing.assert_allclose(every.sol(r.t_events[0])[0], 0, atol=1e-9)
+        self.assertGreater(len(r.t_events[0]), 2)
+        with self.assertRaises(ValueError):
+            every.sol(25.0)
+        np.testing.assert_array_equal(r.q, r.y[0])
+        self.assertLess(np.ptp(every.energy), 1e-12)
+        self.assertGreater(np.ptp(every.H), 1e-11)
+
+    def test_terminal_events(self):
+        def down(t, y):
+            return y[0]
+
+        down.terminal, down.direction = True, -1
+        r = rb.integrate(PENDULUM, [0, 1.9], (0, 20), step=0.1, events=down)
+        self.assertLess(r.t[-1], 10)
+        self.assertEqual(len(r.t_events[0]), 1)
+        self.assertTrue(r.success)
+
+    def test_a_ball_bounces(self):
+        ball = rb.Hamiltonian("x", "v", "v^2/2 + x")
+        floor = rb.Event("x", direction=-1, reset=lambda t, y: [0.0, -0.9 * y[1]])
+        r = rb.integrate(ball, [1, 0], (0, 6), step=0.01, levels="fixed", events={"floor": floor})
+        self.assertGreaterEqual(len(r.resets), 2)
+        np.testing.assert_allclose(r.resets[0][0], np.sqrt(2), atol=1e-9)
+        np.testing.assert_allclose(r.energies[1] / r.energies[0], 0.81, atol=1e-9)
+        self.assertGreaterEqual(r.x.min(), -1e-9)
+        self.assertTrue((np.diff(r.t) >= 0).all())
+        without = rb.integrate(ball, [1, 0], (0, 6), step=0.01, levels="fixed")
+        self.assertLess(without.x.min(), -1)
+
+    def test_ensembles(self):
+        states = np.column_stack([np.zeros(50), np.linspace(0.5, 1.5, 50)])
+        common = dict(step=0.1, scheme="splitting", levels="fixed")
+        many = rb.integrate(PENDULUM, states, (0, 10), **common)
+        self.assertEqual(many.y.shape, (50, 2))
+        for m in (0, 17, 49):
+            one = rb.integrate(PENDULUM, states[m], (0, 10), **common)
+            np.testing.assert_array_equal(one.y[:, -1], many.y[m])
+        self.assertTrue(many.success)
+        np.testing.assert_array_equal(many.q, many.y[:, 0])
+
+    def test_scan_and_converge(self):
+        table = rb.scan("pendulum", {"initial.p": [1.0, 1.5, 1.8]}, until=10)
+        self.assertEqual(table["members"], 3)
+        self.assertTrue(table.success)
+        np.testing.assert_array_equal(np.array(table.members["values/initial.p"], dtype=float), [1.0, 1.5, 1.8])
+        self.assertEqual(table.members["last/q"].shape, (3, 1))
+        self.assertNotIn("record.h5", str(table))
+        file = self.path("scan.h5")
+        rb.scan("pendulum", {"initial.p": [1.0, 1.5, 1.8]}, file, until=10)
+        np.testing.assert_array_equal(rb.open(file).members["last/q"], table.members["last/q"])
+        self.assertEqual(rb.check(file).status, 0)
+        stated = rb.scan(PENDULUM, {"initial.p": [1.0, 1.5, 1.8]}, initial=[0, 1], t_span=(0, 10), step=0.1,
+                         scheme="midpoint")
+        np.testing.assert_array_equal(stated.members["last/q"], table.members["last/q"])
+        stated = rb.converge(PENDULUM, initial=[0, 1.9], t_span=(0, 5), step=0.1)
+        self.assertLess(abs(stated["quantities"]["q"]["step"]["order"] - 6), 0.5)
+        study = rb.converge("pendulum", until=5)
+        self.assertTrue(study.success)
+        self.assertIn("q", str(study))
+
+    def test_what_does_not_fit_into_memory_is_refused(self):
+        chain = rb.Hamiltonian("x[99]", "p[99]", lambda x, p: (p @ p + x @ x) / 2)
+        with self.assertRaisesRegex(rb.ProblemError, "memory.*every"):
+            rb.integrate(chain, np.ones(198), (0, 1e8), step=1, levels="fixed", scheme="splitting", max_steps=10 ** 9)
+
+    def test_pickles(self):
+        r = rb.integrate(PENDULUM, [0, 1.9], (0, 5), step=0.1)
+        again = pickle.loads(pickle.dumps(r))
+        np.testing.assert_array_equal(again.y, r.y)
+        self.assertEqual(again.verdict, r.verdict)
+        np.testing.assert_array_equal(again.sol(1.234), r.sol(1.234))
+        self.assertEqual(pickle.loads(pickle.dumps(PENDULUM)), PENDULUM)
+
+    def test_results_outlive_their_run(self):
+        y = rb.integrate(PENDULUM, [0, 1.9], (0, 5), step=0.1).q
+        import gc
+
+        gc.collect()
+        junk = [np.ones(1000) for _ in range(100)]
+        self.assertEqual(y[0], 0.0)
+        self.assertTrue(np.isfinite(y).all() and len(junk) == 100)
+
+    def test_a_lattice_that_begins_from_arrays_is_recorded(self):
+        wave = rb.Field(equation="u_tt = u_xx - sin(u)")
+        x = -10 + np.arange(101) * (20 / 101)
+        line = rb.Lattice(wave, {"x": (-10, 10, 101)}, {"u": np.exp(-x ** 2), "u_t": 0 * x})
+        file = self.path("wave.h5")
+        rb.integrate(line, (0, 1), step=0.1, file=file)
+        self.assertEqual(rb.check(file).status, 0)
+        longer = rb.resume(file, 2)
+        memory = rb.integrate(line, (0, 2), step=0.1)
+        np.testing.assert_array_equal(longer.u, memory.u)
+        again = pickle.loads(pickle.dumps(memory))
+        np.testing.assert_array_equal(again.u, memory.u)
+
+    def test_planes(self):
+        wave = rb.Field("u", lambda u, u_t, u_x, u_y: (u_t ** 2 - u_x ** 2 - u_y ** 2) / 2 - (1 - np.cos(u)))
+        grid = {"x": (-5, 5, 21), "y": (-4, 4, 17)}
+        traced = rb.Lattice(wave, grid, {"u": lambda x, y: np.exp(-x ** 2 - 2 * y ** 2), "u_t": 0})
+        self.assertEqual(traced.shape, (17, 21))
+        x, y = traced.coordinates
+        arrays = rb.Lattice(wave, grid, {"u": np.exp(-x ** 2 - 2 * y ** 2), "u_t": np.zeros((17, 21))})
+        one, other = (rb.integrate(lattice, (0, 0.3), step=0.1) for lattice in (traced, arrays))
+        np.testing.assert_allclose(one.u, other.u, atol=1e-12)
+        self.assertEqual(one.u.shape[1:], (17, 21))
+        self.assertFalse(np.allclose(one.u[0], one.u[0].T[:17, :17].mean()))
+
+    def test_a_lagrangian(self):
+        pendulum = rb.Lagrangian("q", lambda q, q_dot: q_dot ** 2 / 2 + np.cos(q))
+        r = rb.integrate(pendulum, {"q": 0, "q_dot": 1.9}, (0, 5), step=0.1)
+        self.assertEqual(r.y.shape, (2, len(r.t)))
+        self.assertEqual(r.q_dot.shape, r.q.shape)
+        np.testing.assert_array_equal(r.sol(r.t[3]), r.y[:, 3])
+        vectors = rb.Lagrangian("r[2]", lambda r, r_dot: r_dot @ r_dot / 2 - r @ r / 2)
+        r = rb.integrate(vectors, [1, 0, 0, 1], (0, 1), step=0.1)
+        self.assertLess(np.abs(np.hypot(r.r1, r.r2) - 1).max(), 1e-2)
+
+    def test_lattices(self):
+        r = rb.run("sine-gordon", until=0.5)
+        self.assertIn("energy_max", r.laws)
+        self.assertEqual(r.u.shape[0], len(r.t))
+        self.assertEqual(r["x"].shape[0], r.u.shape[1])
+        self.assertIn("good", r._repr_html_())
+
+    @unittest.skipUnless(importlib.util.find_spec("xarray"), "xarray is not installed")
+    def test_xarray(self):
+        plane = rb.run("sine-gordon-2d", settings=["grid.x.cells=15", "grid.y.cells=13"], until=0.1).to_xarray()
+        self.assertEqual(plane.u.dims, ("t", "y", "x"))
+        self.assertEqual(plane.u.shape[1:], (13, 15))
+        orbit = rb.run("kepler", until=2).to_xarray()
+        self.assertEqual(len(orbit.data_vars), 4)
+
+
+if __name__ == "__main__":
+    unittest.main()

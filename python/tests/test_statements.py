@@ -1,0 +1,185 @@
+"""Systems stated by functions, texts and SymPy expressions are the same problem."""
+
+import importlib.util
+import unittest
+
+import numpy as np
+
+import rubato as rb
+
+
+class Tracing(unittest.TestCase):
+    def formula(self, function, names="x y"):
+        momenta = " ".join("p" + name for name in names.split())
+        return rb.Hamiltonian(names, momenta, function)._tables["hamiltonian"]["H"]
+
+    def test_operators_keep_their_order(self):
+        x, y, z = rb.symbols("x y z")
+        for symbol, text in [
+            (x - (y - z), "x - (y - z)"),
+            (x - y - z, "x - y - z"),
+            ((x + y) * z, "(x + y)*z"),
+            (x / (y * z), "x/(y*z)"),
+            (x / y * z, "x/y*z"),
+            (-(x ** 2), "-x^2"),
+            ((-x) ** 2, "(-x)^2"),
+            (x ** y ** z, "x^(y^z)"),
+            ((x ** y) ** z, "(x^y)^z"),
+            (2 ** -x, "2^(-x)"),
+            (x * -y, "x*(-y)"),
+            (x - 0.1, "x - 0.1"),
+            (x * -2, "x*(-2)"),
+            (1e-300 * x, "1e-300*x"),
+        ]:
+            self.assertEqual(str(symbol), text)
+
+    def test_a_traced_formula_has_the_value_of_the_function(self):
+        functions = [
+            lambda x, y: x - (y - x / (y * 3.7)) ** 2,
+            lambda x, y: np.sqrt(np.hypot(x, y)) * np.exp(-x ** 2) / (1 + np.abs(y)),
+            lambda x, y: np.arctan2(x, y) + np.minimum(x, y) * np.maximum(x, 2) - np.log1p(x * x),
+            lambda x, y: -x ** 2 * -(y - 1) / -3,
+            lambda x, y: rb.sech(x) + rb.csch(y) + np.expm1(x / 3) + np.reciprocal(2 + y * y) + np.square(x),
+        ]
+        free = rb.Hamiltonian("x y", "u v", "u^2/2 + v^2/2")
+        for function in functions:
+            r = rb.integrate(free, [0.3, 0.7, 0.1, -0.2], (0, 0.2), step=0.1,
+                             quantities={"f": lambda x, y, f=function: f(x, y)})
+            expected = [function(x, y) for x, y in zip(r.x, r["y"])]
+            np.testing.assert_allclose(r["f"], expected, rtol=1e-14, atol=0)
+            # The comparison is one.
+            self.assertFalse(np.allclose(r["f"], np.array(expected) + 1e-9, rtol=1e-14, atol=0))
+
+    def test_choices_and_special_functions(self):
+        x, y = rb.symbols("x y")
+        self.assertEqual(str(np.where(x > 0, x ** 2, -y)), "where(x > 0, x^2, -y)")
+        self.assertEqual(str(rb.where(np.float64(1) >= x + y, 0, 1)), "where(1 >= x + y, 0, 1)")
+        np.testing.assert_array_equal(rb.where(np.array([True, False]), 1, 2), [1, 2])
+        self.assertEqual(str(np.expm1(x) + np.log1p(y)), "expm1(x) + log1p(y)")
+        for wrong in (lambda: (x > 0) + 1, lambda: (x > 0) > y, lambda: bool(x > 0), lambda: rb.where(x > 0, x < 1, 2),
+                      lambda: np.sin(x > 0), lambda: rb.Hamiltonian("x", "y", lambda x, y: x > y) and rb.integrate(
+                          rb.Hamiltonian("x", "y", lambda x, y: x > y), [0, 1], (0, 1), step=0.1)):
+            with self.assertRaises((TypeError, rb.ProblemError)):
+                wrong()
+        wall = rb.Hamiltonian("q", "p", lambda q, p: p ** 2 / 2 + np.where(q > 1, 50 * (q - 1) ** 2, 0))
+        r = rb.integrate(wall, [0, 1], (0, 1.5), step=0.01, events={"far": lambda q, p: q > 1.05})
+        self.assertLess(r.q.max(), 1.2)
+        self.assertEqual(len(r.events["far"]), 1)
+
+    @unittest.skipUnless(importlib.util.find_spec("scipy"), "SciPy is not installed")
+    def test_scipys_functions(self):
+        from scipy import special
+
+        x, y = rb.symbols("x y")
+        self.assertEqual(str(special.erf(x) + special.jv(2, y)), "erf(x) + besselj(2, y)")
+        with self.assertRaisesRegex(TypeError, "gamma"):
+            special.gamma(x)
+
+    def test_vectors_and_parameters(self):
+        kepler = rb.Hamiltonian("r[2]", "v[2]", lambda r, v, m: v @ v / 2 - m / np.sqrt(r @ r), m=1)
+        self.assertEqual(kepler.names, ["r1", "r2", "v1", "v2"])
+        r = rb.integrate(kepler, [1, 0, 0, 1], (0, 1), step=0.1)
+        self.assertLess(np.abs(np.hypot(r.r1, r.r2) - 1).max(), 1e-6)
+
+    @unittest.skipUnless(importlib.util.find_spec("sympy"), "SymPy is not installed")
+    def test_three_ways_are_one(self):
+        import sympy
+
+        q, p = sympy.symbols("q p")
+        ways = [lambda q, p: p ** 2 / 2 - np.cos(q), "p^2/2 - cos(q)", p ** 2 / 2 - sympy.cos(q)]
+        results = [rb.integrate(rb.Hamiltonian("q", "p", way), [0, 1.9], (0, 5), step=0.1) for way in ways]
+        for r in results[:2]:
+            np.testing.assert_array_equal(r.y, results[0].y)
+        np.testing.assert_allclose(results[2].y, results[0].y, rtol=0, atol=1e-12)
+
+    def test_long_sums_and_shared_parts(self):
+        chain = rb.Hamiltonian("x[300]", "p[300]", lambda x, p: sum(p * p) / 2 + sum((x[1:] - x[:-1]) ** 2) / 2)
+        self.assertEqual(len(chain.names), 600)
+
+        def doubled(q, p):
+            for _ in range(40):
+                q = q * q + 1e-3 * q
+            return p * p / 2 + q
+
+        self.assertLess(len(rb.Hamiltonian("q", "p", doubled).text), 5000)
+        r = rb.integrate(rb.Hamiltonian("q", "p", doubled), [0.1, 0.1], (0, 0.1), step=0.05, levels="fixed")
+        self.assertTrue(r.success)
+
+    def test_what_has_no_formula_is_refused(self):
+        import math
+
+        for function in [lambda x, y: math.sin(x), lambda x, y: x if x > 0 else y, lambda x, y: np.floor(x),
+                         lambda x, y: 1j * x, lambda x, y: "x", lambda x, y: None, lambda w: w,
+                         lambda x, y: x == y, lambda x, y: (x > y) * 2,
+                         lambda x, y: np.array([x, y]), lambda x, y: x + "1"]:
+            with self.assertRaises(TypeError):
+                self.formula(function)
+        with self.assertRaises(ValueError):
+            self.formula(lambda x, y, px, py: x * float("nan"))
+
+    def test_other_tables(self):
+        coarse = rb.Hamiltonian("q", "p", "p^2/2 - cos(q)", tables={"verdict": {"accept": ["resolution"]}})
+        self.assertIn('accept = ["resolution"]', rb.integrate(coarse, [0, 1], (0, 1), step=0.1).problem)
+        for wrong in (5, {"verdict": 5}):
+            with self.assertRaisesRegex(TypeError, "tables"):
+                rb.Hamiltonian("q", "p", "p^2/2", tables=wrong)
+        with self.assertRaisesRegex(rb.ProblemError, "verdict"):
+            rb.integrate(rb.Hamiltonian("q", "p", "p^2/2", tables={"verdit": {"accept": []}}), [0, 1], (0, 1), step=0.1)
+
+    def test_misspelt_words(self):
+        with self.assertRaisesRegex(TypeError, "title"):
+            rb.Hamiltonian("q", "p", "p^2/2", tittle="x")
+        with self.assertRaisesRegex(TypeError, "stages"):
+            rb.integrate(rb.Hamiltonian("q", "p", "p^2/2 + q^2"), [0, 1], (0, 1), step=0.1, stagse=2)
+        with self.assertRaisesRegex(AttributeError, "integrate"):
+            rb.integrat
+        r = rb.integrate(rb.Hamiltonian("q", "p", "p^2/2 + q^2"), [0, 1], (0, 1), step=0.1)
+        with self.assertRaisesRegex(AttributeError, "energy"):
+            r.enregy
+        with self.assertRaisesRegex(KeyError, "gamma"):
+            r["gama"]
+        with self.assertRaisesRegex(rb.ProblemError, "did you mean"):
+            rb.Hamiltonian("q", "p", "p^2/2 + coz(q)") and rb.integrate(
+                rb.Hamiltonian("q", "p", "p^2/2 + coz(q)"), [0, 1], (0, 1), step=0.1)
+
+
+class Fields(unittest.TestCase):
+    def test_four_statements_of_one_equation(self):
+        grid, initial = {"x": (-10, 10, 101)}, {"u": lambda x: 0.5 * rb.sech(x)}
+        statements = [
+            rb.Field("u", lambda u, u_t, u_x: u_t ** 2 / 2 - u_x ** 2 / 2 - (1 - np.cos(u))),
+            rb.Field("u", "u_t^2/2 - u_x^2/2 - (1 - cos(u))"),
+            rb.Field(equation="u_tt = u_xx - sin(u)"),
+        ]
+        results = [rb.integrate(rb.Lattice(system, grid, dict(initial, u_t=0)), (0, 1), step=0.1)
+                   for system in statements]
+        named = rb.Multisymplectic("u v w", [["u", "v", -1]], [["u", "w", 1]],
+                                   lambda u, v, w: (v ** 2 - w ** 2) / 2 + 1 - np.cos(u))
+        results.append(rb.integrate(rb.Lattice(named, grid, dict(initial, v=0)), (0, 1), step=0.1))
+        for r in results:
+            self.assertEqual(r.u.shape, (len(r.t), 101))
+            np.testing.assert_allclose(r.u, results[0].u, atol=1e-9)
+        self.assertGreater(np.abs(results[0].u[-1] - results[0].u[0]).max(), 1e-3)
+
+    def test_initial_data_as_arrays_functions_and_texts(self):
+        wave = rb.Field(equation="u_tt = u_xx - sin(u)")
+        grid = {"x": (-10, 10, 101)}
+        x = -10 + np.arange(101) * (20 / 101)
+        traced = rb.Lattice(wave, grid, {"u": lambda x: np.exp(-x ** 2), "u_t": "0"})
+        text = rb.Lattice(wave, grid, {"u": "exp(-x^2)", "u_t": 0})
+        array = rb.Lattice(wave, grid, {"u": np.exp(-x ** 2), "u_t": np.zeros(101)})
+        called = rb.Lattice(wave, grid, {"u": lambda x: np.interp(x, x, np.exp(-x ** 2)), "u_t": 0})
+        results = [rb.integrate(lattice, (0, 1), step=0.1) for lattice in (traced, text, array, called)]
+        np.testing.assert_array_equal(results[0].u, results[1].u)
+        np.testing.assert_array_equal(results[2].u, results[3].u)
+        np.testing.assert_allclose(results[2].u, results[0].u, atol=1e-10)
+        with self.assertRaisesRegex(ValueError, "shape"):
+            rb.integrate(rb.Lattice(wave, grid, {"u": np.zeros(100), "u_t": 0}), (0, 1), step=0.1)
+        with self.assertRaisesRegex(ValueError, "nan at node 3"):
+            bad = np.zeros(101)
+            bad[3] = np.nan
+            rb.integrate(rb.Lattice(wave, grid, {"u": bad, "u_t": 0}), (0, 1), step=0.1)
+
+
+if __name__ == "__main__":
+    unittest.main()

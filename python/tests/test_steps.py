@@ -1,0 +1,233 @@
+"""Stepping by hand, interruption, threads."""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+import unittest
+import warnings
+
+import numpy as np
+
+import rubato as rb
+
+KEPLER = rb.Hamiltonian("x y", "u v", "(u^2 + v^2)/2 - 1/sqrt(x^2 + y^2)")
+START = [0.4, 0, 0, 2]
+WAVE = rb.Field(equation="u_tt = u_xx - sin(u)")
+
+
+def setUpModule():
+    warnings.simplefilter("ignore", rb.RubatoWarning)
+
+
+class Steps(unittest.TestCase):
+    def test_steps_are_those_of_integrate(self):
+        r = rb.integrate(KEPLER, START, (0, 5), step=0.02)
+        orbit = rb.Integrator(KEPLER, START, (0, 5), step=0.02)
+        steps = list(orbit)
+        np.testing.assert_array_equal([step.t for step in steps], r.t[1:])
+        np.testing.assert_array_equal(np.array([step.y for step in steps]).T, r.y[:, 1:])
+        np.testing.assert_array_equal([step.energy for step in steps], r.energy)
+        np.testing.assert_array_equal([step.h for step in steps], r.h)
+        self.assertTrue(orbit.finished)
+        self.assertEqual(orbit.steps, len(steps))
+        np.testing.assert_array_equal(orbit.y, r.y[:, -1])
+        self.assertEqual(list(orbit), [])
+
+    def test_a_state_that_is_assigned(self):
+        orbit = rb.Integrator(KEPLER, START, (0, 50), step=0.02)
+        before = next(orbit)
+        energy = before.energy
+        orbit.y = orbit.y * [1, 1, 1.1, 1.1]
+        after = next(orbit)
+        self.assertGreater(abs(after.energy - energy), 1e-3)
+        self.assertLess(abs(next(orbit).energy - after.energy), 1e-13)
+        self.assertAlmostEqual(after.t - before.t, before.h, delta=0.1 * before.h)
+        orbit["x"] = 0.5
+        self.assertEqual(orbit["x"], 0.5)
+        for wrong in ([1, 2], "abcd", [1, 2, 3, np.nan], None):
+            with self.assertRaises((ValueError, TypeError)):
+                orbit.y = wrong
+        self.assertEqual(orbit["x"], 0.5)
+
+    def test_states_within_the_last_step(self):
+        orbit = rb.Integrator(KEPLER, START, (0, 5), step=0.02)
+        first = next(orbit)
+        np.testing.assert_array_equal(orbit.state_at(first.t), first.y)
+        middle = orbit.state_at(first.t - first.h / 2)
+        self.assertTrue(np.isfinite(middle).all())
+        with self.assertRaises(ValueError):
+            orbit.state_at(first.t + first.h)
+
+    def test_a_lattice(self):
+        line = rb.Lattice(WAVE, {"x": (-10, 10, 101)}, {"u": lambda x: 0.5 * rb.sech(x), "u_t": 0})
+        r = rb.integrate(line, (0, 1), step=0.1)
+        steps = rb.Integrator(line, (0, 1), step=0.1)
+        for step in steps:
+            pass
+        np.testing.assert_array_equal(steps["u"], r.u[-1])
+        again = rb.Integrator(line, (0, 1), step=0.1)
+        next(again)
+        again["u"] = again["u"] * 0
+        self.assertEqual(np.abs(again["u"]).max(), 0)
+        next(again)
+        self.assertGreater(np.abs(again["u"]).max(), 0)
+
+    def test_objects_keep_what_they_need(self):
+        import gc
+
+        step = next(rb.Integrator(KEPLER, START, (0, 5), step=0.02))
+        sol = rb.integrate(KEPLER, START, (0, 5), step=0.02).sol
+        gc.collect()
+        self.assertEqual(step.y.shape, (4,))
+        self.assertTrue(np.isfinite(sol(1.0)).all())
+
+    def test_two_threads(self):
+        alone = rb.integrate(KEPLER, START, (0, 50), step=0.02)
+        found = {}
+
+        def work(number):
+            steps = [step.y for step in rb.Integrator(KEPLER, START, (0, 50), step=0.02)]
+            found[number] = np.array(steps).T
+
+        threads = [threading.Thread(target=work, args=(i,)) for i in range(2)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        for states in found.values():
+            np.testing.assert_array_equal(states, alone.y[:, 1:])
+
+    def test_an_integrator_is_for_one_thread_at_a_time(self):
+        line = rb.Lattice(WAVE, {"x": (-10, 10, 20001)}, {"u": lambda x: 0.5 * rb.sech(x), "u_t": 0})
+        steps = rb.Integrator(line, (0, 1), step=5e-4, scheme="leapfrog", levels="fixed")
+        refused, states = [], []
+
+        def work():
+            try:
+                for _ in range(200):
+                    next(steps)
+                    states.append(steps["u"][0])
+            except RuntimeError as error:
+                refused.append(str(error))
+
+        threads = [threading.Thread(target=work) for _ in range(4)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        self.assertTrue(np.isfinite(states).all())
+        for words in refused:
+            self.assertIn("another thread", words)
+        self.assertGreater(len(states), 0)
+        self.assertTrue(np.isfinite(next(steps).energy))
+
+    def test_ctrl_c_ends_an_ensemble(self):
+        pendulum = rb.Hamiltonian("q", "p", "p^2/2 - cos(q)")
+        states = np.column_stack([np.zeros(2000), np.linspace(0.1, 1.9, 2000)])
+        timer = threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT))
+        timer.start()
+        try:
+            with self.assertRaises(KeyboardInterrupt):
+                for _ in range(10000):
+                    rb.integrate(pendulum, states, (0, 100), step=0.1, scheme="splitting", levels="fixed")
+        finally:
+            timer.join()
+
+    def test_ctrl_c_ends_a_check(self):
+        with tempfile.TemporaryDirectory() as folder:
+            file = os.path.join(folder, "long.h5")
+            rb.integrate(KEPLER, START, (0, 200), step=0.01, file=file)
+            timer = threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT))
+            timer.start()
+            try:
+                with self.assertRaises(KeyboardInterrupt):
+                    for _ in range(10000):
+                        rb.check(file)
+            finally:
+                timer.join()
+            self.assertEqual(rb.check(file).status, 0)
+
+    def test_the_lock_is_released(self):
+        """Another thread goes on while a run lasts."""
+        counted = []
+        done = threading.Event()
+
+        def count():
+            while not done.is_set():
+                counted.append(1)
+                time.sleep(0.001)
+
+        thread = threading.Thread(target=count)
+        thread.start()
+        try:
+            while not counted:
+                time.sleep(0.001)
+            for _ in range(1000):  # until the system lets the other thread run during one of them
+                before = len(counted)
+                rb.integrate(KEPLER, START, (0, 500), step=0.02, every=1000)
+                if len(counted) > before:
+                    break
+            else:
+                self.fail("the other thread stood still")
+        finally:
+            done.set()
+            thread.join()
+
+    def test_ctrl_c_leaves_what_was_computed(self):
+        def press(t, end):
+            if not pressed:
+                pressed.append(t)
+                os.kill(os.getpid(), signal.SIGINT)
+
+        pressed = []
+        with self.assertRaises(rb.Interrupted) as caught:
+            rb.integrate(KEPLER, START, (0, 1e9), step=0.02, every=100000, progress=press)
+        r = caught.exception.result
+        self.assertGreater(r.t[-1], 0)
+        self.assertEqual(r.status, 130)
+        self.assertFalse(r.success)
+        self.assertIsInstance(caught.exception, KeyboardInterrupt)
+        self.assertTrue(rb.integrate(KEPLER, START, (0, 1), step=0.02).success)  # the next one is not interrupted
+
+    def test_what_a_callback_raises(self):
+        def fail(t, end):
+            raise RuntimeError("of the callback")
+
+        with self.assertRaisesRegex(RuntimeError, "of the callback"):
+            rb.integrate(KEPLER, START, (0, 1e9), step=0.02, every=100000, progress=fail)
+
+
+PROGRAM = """
+import locale, sys
+import numpy as np, rubato as rb
+locale.setlocale(locale.LC_ALL, sys.argv[1])
+comma = locale.localeconv()["decimal_point"]
+kepler = rb.Hamiltonian("x y", "u v", lambda x, y, u, v: (u**2 + v**2)/2 - 1.0/np.sqrt(x**2 + y**2 + 0.0625))
+r = rb.integrate(kepler, [0.4, 0, 0, 2.0], (0, 1.5), step=0.02, quantities={"half": "x*0.5"})
+figures = r.figures
+del figures["wall_seconds"]
+print(comma, r.y.tobytes().hex(), r.half.tobytes().hex(), kepler.text, figures)
+"""
+
+
+class Locale(unittest.TestCase):
+    @unittest.skipUnless(shutil.which("localedef") and os.path.exists("/usr/share/i18n/locales/de_DE"),
+                         "there is no locale de_DE")
+    def test_a_decimal_comma_changes_nothing(self):
+        with tempfile.TemporaryDirectory() as folder:
+            subprocess.run(["localedef", "-i", "de_DE", "-f", "UTF-8", os.path.join(folder, "de_DE.UTF-8")], check=True)
+            printed = [subprocess.run([sys.executable, "-c", PROGRAM, name], env=dict(os.environ, LOCPATH=folder),
+                                      capture_output=True, text=True, check=True).stdout
+                       for name in ("C", "de_DE.UTF-8")]
+        self.assertEqual(printed[0][0], ".")
+        self.assertEqual(printed[1][0], ",")
+        self.assertEqual(printed[0][1:], printed[1][1:])
+
+
+if __name__ == "__main__":
+    unittest.main()

@@ -1,0 +1,265 @@
+#include <rubato/run/lattice_meter.hpp>
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <memory>
+#include <numbers>
+
+#include <rubato/pde/periodicity.hpp>
+#include <rubato/pde/well_posedness.hpp>
+
+namespace rubato {
+
+namespace {
+
+/// A field with less than this part of the energy is rounding errors, and so is a wave with less of a field's power.
+constexpr double least_energy = 1e-10, least_power = 1e-20;
+/// The highest wave that counts has so much of the energy.
+constexpr double counting_wave = 1e-3;
+/// A field that is smaller than this at the seam, of its largest, is at rest there; larger than that it has come there.
+constexpr double at_rest = 1e-4, arrived = 1e-2;
+
+void raise(double value, double t, double& largest, double& when) {
+  if (value > largest || (std::isnan(largest) && std::isfinite(value))) {
+    largest = value;
+    when = t;
+  }
+}
+
+double largest_of(std::span<const double> values) {
+  double largest = 0.0;
+  for (const double value : values) {
+    largest = std::max(largest, std::abs(value));
+  }
+  return largest;
+}
+
+bool names_noise(const Problem& problem) {
+  const auto names_it = [](const FormulaText& formula) { return formula.text.find("noise(") != std::string::npos; };
+  return std::ranges::any_of(problem.multisymplectic()->initial,
+                             [&](const auto& formula) { return formula && names_it(*formula); }) ||
+         std::ranges::any_of(problem.parameters,
+                             [&](const Parameter& one) { return one.definition && names_it(*one.definition); });
+}
+
+}  // namespace
+
+LatticeMeter::LatticeMeter(const Problem& problem, const MultisymplecticSystem& system, const grids::Grid& grid)
+    : system_(system), grid_(grid) {
+  for (int f = 0; f < system.field_count(); ++f) {
+    moves_.push_back(!system.M().row(f).isZero() && !system.structure().at_midpoints(f));
+  }
+  const Scheme& scheme = problem.scheme;
+  const bool by_waves = scheme.method == "fourier" || (scheme.method == "splitting" && scheme.space == "fourier");
+  // Differences of neighbours on a spacing of 1 are the equation of a chain.
+  const bool is_chain =
+      !by_waves && std::ranges::all_of(grid.axes(), [](const grids::Axis& axis) { return axis.spacing() == 1.0; });
+  rough_ = is_chain || names_noise(problem);
+  freezes_alternating_ = by_waves;
+  moves_waves_exactly_ = scheme.method == "splitting";
+  if (!system.coordinates().empty()) {
+    const std::span<const formula::Expression> fields =
+        std::span(system.variables()).first(static_cast<std::size_t>(system.field_count()));
+    gradient_.emplace(system.graph(), formula::gradient(system.expression(), fields), system.fields(), grid);
+  }
+}
+
+LatticeMeter::Spectrum LatticeMeter::spectrum_of(std::span<const double> values) {
+  constexpr std::size_t small = std::size_t{1} << 18;
+  if (!waves_) {
+    waves_.emplace(grid_, 1);
+  }
+  grids::Fourier& waves = *waves_;
+  const double* const arrays[] = {values.data()};
+  waves.forward(arrays);
+  Spectrum spectrum;
+  for (int a = 0; a < grid_.dimensions(); ++a) {
+    spectrum.along.emplace_back(grid_.cells(a) / 2 + 1, 0.0);
+  }
+  const auto cells_x = static_cast<std::ptrdiff_t>(grid_.cells(0));
+  for (std::size_t mode = 0; mode < waves.modes(); ++mode) {
+    const auto k = waves.wave(mode);
+    // Half of the modes along x are kept: the others are their conjugates.
+    const double power = std::norm(waves.at(0, mode)) * (k[0] == 0 || 2 * k[0] == cells_x ? 1.0 : 2.0);
+    bool is_last = false, alternates = false, is_mean = true;
+    for (int a = 0; a < grid_.dimensions(); ++a) {
+      const auto index = static_cast<std::size_t>(std::abs(k[static_cast<std::size_t>(a)]));
+      spectrum.along[static_cast<std::size_t>(a)][index] += power;
+      is_last = is_last || 3 * index > grid_.cells(a);
+      alternates = alternates || 2 * index == grid_.cells(a);
+      is_mean = is_mean && index == 0;
+    }
+    (is_mean ? spectrum.mean : spectrum.power) += power;
+    spectrum.last += is_last ? power : 0.0;
+    spectrum.alternating += alternates ? power : 0.0;
+  }
+  if (grid_.size() > small) {
+    waves_.reset();
+  }
+  return spectrum;
+}
+
+/// S'' at the state whose fields have their root mean squares, in the middle of the domain.
+Eigen::MatrixXd LatticeMeter::hessian_of(const std::vector<Spectrum>& spectra) const {
+  std::vector<double> point;
+  const auto nodes = static_cast<double>(grid_.size());
+  for (const Spectrum& spectrum : spectra) {
+    point.push_back(std::sqrt(spectrum.mean + spectrum.power) / nodes);
+  }
+  for (const int axis : system_.coordinates()) {
+    point.push_back(0.5 * (grid_.axis(axis).from + grid_.axis(axis).to));
+  }
+  Eigen::MatrixXd hessian = system_.hessian(point);
+  return hessian.allFinite() ? hessian : system_.constant_hessian();
+}
+
+void LatticeMeter::measure(const LatticeLevel& level, std::size_t number, double t, double h,
+                           figures::Measures& measures) {
+  const bool is_start = h == 0.0;
+  measures.rough = rough_ ? 1.0 : 0.0;
+  const auto count = static_cast<std::size_t>(system_.field_count());
+  std::vector<Spectrum> spectra;
+  for (int f = 0; f < system_.field_count(); ++f) {
+    const bool has_waves = !system_.structure().at_midpoints(f);
+    spectra.push_back(has_waves ? spectrum_of(level.fields.field(f)) : Spectrum{});
+  }
+  const Eigen::MatrixXd hessian = hessian_of(spectra);
+  Eigen::MatrixXd weights = hessian.cwiseAbs();
+  for (int axis = 0; axis < system_.directions(); ++axis) {
+    for (std::size_t g = 0; g < count; ++g) {
+      double squares = 0.0;
+      if (!spectra[g].along.empty() && spectra[g].power > 0.0) {
+        const std::vector<double>& along = spectra[g].along[static_cast<std::size_t>(axis)];
+        for (std::size_t k = 1; k < along.size(); ++k) {
+          squares += static_cast<double>(k * k) * along[k] / spectra[g].power;
+        }
+      }
+      const double wave_number = 2.0 * std::numbers::pi / grid_.axis(axis).length() * std::sqrt(squares);
+      weights.col(static_cast<Eigen::Index>(g)) +=
+          wave_number * system_.K(axis).col(static_cast<Eigen::Index>(g)).cwiseAbs();
+    }
+  }
+  std::vector<double> energies(count, 0.0);
+  double largest = 0.0;
+  for (std::size_t f = 0; f < count; ++f) {
+    for (std::size_t g = 0; g < count; ++g) {
+      energies[f] += weights(static_cast<Eigen::Index>(f), static_cast<Eigen::Index>(g)) * std::sqrt(spectra[f].power) *
+                     std::sqrt(spectra[g].power);
+    }
+    largest = std::max(largest, energies[f]);
+  }
+  std::vector<bool> counts(count, false);
+  for (std::size_t f = 0; f < count; ++f) {
+    const Spectrum& spectrum = spectra[f];
+    counts[f] = moves_[f] && energies[f] >= least_energy * largest &&
+                spectrum.power > least_power * (spectrum.mean + spectrum.power);
+    if (!counts[f]) {
+      continue;
+    }
+    // A field that is only about to move, as v at the start from rest, counts by its part.
+    const double part = largest > 0.0 ? std::min(1.0, energies[f] / largest) : 1.0;
+    raise(part * spectrum.last / spectrum.power, t, measures.waves, measures.waves_t);
+    if (is_start && freezes_alternating_) {
+      const double share = spectrum.alternating / spectrum.power;
+      measures.frozen = std::isnan(measures.frozen) ? share : std::max(measures.frozen, share);
+    }
+  }
+  if (std::has_single_bit(number)) {
+    measure_turn(spectra, hessian, energies, t, h, measures);
+  }
+  measure_period(level, t, is_start, measures);
+  measure_seam(level, counts, t, is_start, measures);
+}
+
+void LatticeMeter::measure_turn(const std::vector<Spectrum>& spectra, const Eigen::MatrixXd& hessian,
+                                const std::vector<double>& energies, double t, double h,
+                                figures::Measures& measures) const {
+  if (h == 0.0 || moves_waves_exactly_) {
+    return;
+  }
+  for (int axis = 0; axis < grid_.dimensions(); ++axis) {
+    std::vector<double> energy(grid_.cells(axis) / 2 + 1, 0.0);
+    double all = 0.0;
+    for (std::size_t f = 0; f < spectra.size(); ++f) {
+      if (!(spectra[f].power > 0.0)) {
+        continue;
+      }
+      const std::vector<double>& along = spectra[f].along[static_cast<std::size_t>(axis)];
+      for (std::size_t k = 1; k < along.size(); ++k) {
+        energy[k] += energies[f] * along[k] / spectra[f].power;
+        all += energies[f] * along[k] / spectra[f].power;
+      }
+    }
+    std::size_t highest = energy.size() - 1;
+    while (highest > 0 && !(energy[highest] > counting_wave * all)) {
+      --highest;
+    }
+    const double k = 2.0 * std::numbers::pi / grid_.axis(axis).length() * static_cast<double>(highest);
+    const Eigen::MatrixXcd B = hessian.cast<std::complex<double>>() -
+                               std::complex<double>(0.0, k) * system_.K(axis).cast<std::complex<double>>();
+    double fastest = 0.0;
+    for (const std::complex<double>& rate : finite_roots(system_.M(), system_.structure().kernel, B)) {
+      fastest = std::max(fastest, std::abs(rate));
+    }
+    const double turn = 2.0 * std::numbers::pi / (fastest * std::abs(h));
+    if (std::isfinite(turn) && !(turn >= measures.turn)) {
+      measures.turn = turn;
+      measures.turn_t = t;
+    }
+  }
+}
+
+void LatticeMeter::measure_period(const LatticeLevel& level, double t, bool is_start, figures::Measures& measures) {
+  const auto look_at = [&](std::span<const double> values) {
+    if (const auto broken = find_seam_break(grid_, values)) {
+      const double slope = broken->jump ? 1.0 : grid_.spacing(broken->axis);
+      const double share = std::abs(broken->across) * slope / largest_of(values);
+      measures.period = measures.period >= share ? measures.period : share;
+    }
+  };
+  if (is_start) {
+    for (int f = 0; f < system_.field_count(); ++f) {
+      if (moves(f)) {
+        look_at(level.fields.field(f));
+      }
+    }
+  }
+  if (gradient_) {
+    for (const std::vector<double>& values : (*gradient_)(level, t)) {
+      look_at(values);
+    }
+  }
+}
+
+void LatticeMeter::measure_seam(const LatticeLevel& level, const std::vector<bool>& counts, double t, bool is_start,
+                                figures::Measures& measures) const {
+  // Where the wave is not at rest at the seam to begin with, it is no pulse in a window.
+  if (!is_start && std::isnan(measures.seam)) {
+    return;
+  }
+  double most = 0.0;
+  for (int f = 0; f < system_.field_count(); ++f) {
+    if (!counts[static_cast<std::size_t>(f)]) {
+      continue;
+    }
+    const std::span<const double> values = level.fields.field(f);
+    double beside = 0.0;
+    for (std::size_t node = 0; node < values.size(); ++node) {
+      const auto place = grid_.place(node);
+      for (int a = 0; a < grid_.dimensions(); ++a) {
+        if (place[static_cast<std::size_t>(a)] == 0) {
+          beside = std::max(beside, std::abs(values[node]));
+        }
+      }
+    }
+    most = std::max(most, beside / largest_of(values));
+  }
+  if (is_start) {
+    measures.seam = most < at_rest ? 0.0 : figures::Measures::none;
+  } else if (most > arrived) {
+    raise(most, t, measures.seam, measures.seam_t);
+  }
+}
+
+}  // namespace rubato

@@ -1,0 +1,59 @@
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include <rubato/figures/verdict.hpp>
+#include <rubato/grids/fourier.hpp>
+#include <rubato/grids/grid.hpp>
+#include <rubato/pde/initial_level.hpp>
+#include <rubato/pde/multisymplectic_system.hpp>
+#include <rubato/pde/node_formula.hpp>
+#include <rubato/problem/problem.hpp>
+
+namespace rubato {
+
+/// What a level of a lattice shows for the verdict: how full the spectrum is, whether the steps resolve its waves,
+/// whether the data close on the period, and how large the wave is at the seam.
+///
+/// Only fields with an equation of motion are looked at, and of these not the ones that are rounding errors: a field's
+/// part in the energy is bounded by e_f = Σ_g (|S''_fg| + |K_fg| k_g) |z_f| |z_g|, a number that no unit changes.
+class LatticeMeter {
+public:
+  LatticeMeter(const Problem& problem, const MultisymplecticSystem& system, const grids::Grid& grid);
+
+  /// \param number of the level; the steps are compared with the waves where it is a power of two, which is enough to
+  /// see waves come up \param h of the step that led to the level; 0 at the start
+  void measure(const LatticeLevel& level, std::size_t number, double t, double h, figures::Measures& measures);
+
+private:
+  /// The power of a field's waves.
+  struct Spectrum {
+    double mean = 0.0;   ///< of the constant
+    double power = 0.0;  ///< of all others
+    double last = 0.0;   ///< of those in the last third along some axis
+    double alternating = 0.0;
+    std::vector<std::vector<double>> along;  ///< for each axis by |k|
+  };
+  [[nodiscard]] Spectrum spectrum_of(std::span<const double> values);
+  [[nodiscard]] Eigen::MatrixXd hessian_of(const std::vector<Spectrum>& spectra) const;
+  void measure_turn(const std::vector<Spectrum>& spectra, const Eigen::MatrixXd& hessian,
+                    const std::vector<double>& energies, double t, double h, figures::Measures& measures) const;
+  void measure_period(const LatticeLevel& level, double t, bool is_start, figures::Measures& measures);
+  void measure_seam(const LatticeLevel& level, const std::vector<bool>& counts, double t, bool is_start,
+                    figures::Measures& measures) const;
+  [[nodiscard]] bool moves(int field) const { return moves_[static_cast<std::size_t>(field)]; }
+
+  const MultisymplecticSystem& system_;
+  const grids::Grid& grid_;
+  std::vector<bool> moves_;              ///< the fields with an equation of motion, at levels
+  std::optional<NodeFormula> gradient_;  ///< ∇S, where S names a coordinate
+  bool rough_ = false;                   ///< Measures::rough
+  bool freezes_alternating_ = false;     ///< the scheme's derivative of the shortest wave of an even number is 0
+  bool moves_waves_exactly_ = false;
+  std::optional<grids::Fourier> waves_;  ///< kept of a small lattice
+};
+
+}  // namespace rubato

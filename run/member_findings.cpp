@@ -1,0 +1,180 @@
+#include <rubato/run/member_findings.hpp>
+
+#include <algorithm>
+#include <cctype>
+#include <charconv>
+
+#include <fmt/format.h>
+
+namespace rubato {
+
+namespace {
+
+using figures::Verdict;
+
+bool is_digit(char c) {
+  return std::isdigit(static_cast<unsigned char>(c)) != 0;
+}
+
+/// The sentence with # for each number.
+std::string without_numbers(std::string_view sentence) {
+  constexpr std::string_view inside = "0123456789.eE+-";
+  std::string kind;
+  for (std::size_t i = 0; i < sentence.size();) {
+    if (!is_digit(sentence[i])) {
+      kind += sentence[i++];
+      continue;
+    }
+    const std::size_t end = std::min(sentence.find_first_not_of(inside, i), sentence.size());
+    kind += '#';
+    i = end;
+  }
+  return kind;
+}
+
+constexpr char between = '\t', ending = '\n';
+
+std::string line_of(std::initializer_list<std::string> parts) {
+  std::string line;
+  for (std::string part : parts) {
+    std::ranges::replace_if(
+        part, [](char c) { return c == between || c == ending; }, ' ');
+    line += part + between;
+  }
+  line.back() = ending;
+  return line;
+}
+
+std::vector<std::string> parts_of(std::string_view text, char separator) {
+  std::vector<std::string> parts;
+  while (!text.empty()) {
+    const std::size_t end = std::min(text.find(separator), text.size());
+    parts.emplace_back(text.substr(0, end));
+    text.remove_prefix(std::min(end + 1, text.size()));
+  }
+  return parts;
+}
+
+template <typename Number>
+Number number_of(const std::string& text) {
+  Number number{};
+  std::from_chars(text.data(), text.data() + text.size(), number);
+  return number;
+}
+
+}  // namespace
+
+void MemberFindings::add(std::size_t number, const std::string& label, const std::vector<std::string>& warnings,
+                         const figures::Judgement& judgement, bool ended) {
+  const std::string which = label.empty() ? fmt::format("{}", number) : label;
+  std::vector<std::string> seen;  // a run counts once
+  for (const std::string& sentence : warnings) {
+    std::string kind = without_numbers(sentence);
+    if (std::ranges::find(seen, kind) != seen.end()) {
+      continue;
+    }
+    seen.push_back(kind);
+    const auto found = std::ranges::find(warnings_, kind, &Warning::kind);
+    if (found == warnings_.end()) {
+      warnings_.push_back({.kind = std::move(kind), .members = 1, .first = which, .sentence = sentence});
+    } else {
+      ++found->members;
+    }
+  }
+  for (const figures::Reason& reason : judgement.reasons) {
+    const auto found =
+        std::ranges::find_if(causes_, [&](const Cause& cause) { return cause.worst.kind == reason.kind; });
+    if (found == causes_.end()) {
+      causes_.push_back({.worst = reason, .members = 1, .which = which});
+      continue;
+    }
+    ++found->members;
+    if (reason.verdict > found->worst.verdict) {
+      found->worst = reason;
+      found->which = which;
+    }
+  }
+  add_verdict(judgement.verdict, ended);
+}
+
+void MemberFindings::add_verdict(Verdict verdict, bool ended) {
+  ++runs_;
+  verdicts_[static_cast<std::size_t>(verdict)] += ended ? 1 : 0;
+}
+
+Verdict MemberFindings::verdict() const {
+  const auto worst = std::ranges::find_if(verdicts_.rbegin(), verdicts_.rend(), [](std::size_t n) { return n > 0; });
+  return worst == verdicts_.rend() ? Verdict::good : static_cast<Verdict>(verdicts_.rend() - worst - 1);
+}
+
+bool MemberFindings::all_lost() const {
+  return verdicts_[2] > 0 && verdicts_[0] == 0 && verdicts_[1] == 0;
+}
+
+std::vector<std::string> MemberFindings::warnings(std::string_view plural) const {
+  std::vector<std::string> sentences;
+  for (const Warning& warning : warnings_) {
+    sentences.push_back(fmt::format("in {} of {} {}, the first: {}: {}", warning.members, runs_, plural, warning.first,
+                                    warning.sentence));
+  }
+  return sentences;
+}
+
+std::string MemberFindings::verdict_text(std::string_view plural) const {
+  std::string text = fmt::format("{} ({} good, {} doubtful, {} lost)", figures::to_string(verdict()), verdicts_[0],
+                                 verdicts_[1], verdicts_[2]);
+  for (const Cause& cause : causes_) {
+    text += fmt::format("{}in {} of {} {}, the worst: {}: {}; {}", &cause == causes_.data() ? ": " : ". ",
+                        cause.members, runs_, plural, cause.which, cause.worst.finding, cause.worst.remedy);
+  }
+  return text;
+}
+
+void MemberFindings::add_to(figures::JsonObject& object, std::string_view plural) const {
+  object.text("verdict", figures::to_string(verdict()));
+  figures::JsonObject counts;
+  counts.count("good", verdicts_[0]).count("doubtful", verdicts_[1]).count("lost", verdicts_[2]);
+  object.object("verdicts", counts);
+  std::vector<figures::JsonObject> reasons;
+  for (const Cause& cause : causes_) {
+    reasons.push_back(figures::json(cause.worst));
+    reasons.back().count("members", cause.members).text("worst", cause.which);
+  }
+  object.objects("reasons", reasons).texts("warnings", warnings(plural));
+}
+
+std::string MemberFindings::saved() const {
+  std::string text;
+  for (const Warning& warning : warnings_) {
+    text += line_of({"warning", fmt::format("{}", warning.members), warning.first, warning.sentence});
+  }
+  for (const Cause& cause : causes_) {
+    text += line_of({"reason", fmt::format("{}", cause.members), cause.which,
+                     fmt::format("{}", static_cast<int>(cause.worst.kind)),
+                     fmt::format("{}", static_cast<int>(cause.worst.verdict)), fmt::format("{}", cause.worst.value),
+                     cause.worst.finding, cause.worst.remedy});
+  }
+  return text;
+}
+
+void MemberFindings::restore(std::string_view text) {
+  for (const std::string& line : parts_of(text, ending)) {
+    const std::vector<std::string> parts = parts_of(line, between);
+    if (parts.size() == 4 && parts[0] == "warning") {
+      warnings_.push_back({.kind = without_numbers(parts[3]),
+                           .members = number_of<std::size_t>(parts[1]),
+                           .first = parts[2],
+                           .sentence = parts[3]});
+    } else if (parts.size() == 8 && parts[0] == "reason") {
+      causes_.push_back({.worst = {.kind = static_cast<figures::ReasonKind>(number_of<int>(parts[3])),
+                                   .verdict = static_cast<Verdict>(number_of<int>(parts[4])),
+                                   .value = number_of<double>(parts[5]),
+                                   .finding = parts[6],
+                                   .remedy = parts[7]},
+                         .members = number_of<std::size_t>(parts[1]),
+                         .which = parts[2]});
+    }
+  }
+}
+
+}  // namespace rubato

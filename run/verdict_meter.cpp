@@ -1,0 +1,83 @@
+#include <rubato/run/verdict_meter.hpp>
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <limits>
+
+#include <rubato/grids/slab.hpp>
+
+namespace rubato {
+
+namespace {
+
+/// The first so many levels are in the sample, and at least half as many of k, ..., 2k. Doubled, the sample is twice as
+/// large.
+constexpr std::size_t orbit_density = 128, lattice_density = 16;
+
+/// Of a scheme of this order: its phase error is a tenth of the turn or so.
+double fewest_steps_per_turn(int order) {
+  return order <= 2 ? 4.0 : order <= 4 ? 2.5 : 2.0;
+}
+
+}  // namespace
+
+VerdictMeter::VerdictMeter(const Problem& problem)
+    : dense_(problem.hamiltonian() != nullptr ? orbit_density : lattice_density),
+      stored_(std::numeric_limits<std::size_t>::max()) {
+  const auto stored = static_cast<std::size_t>(problem.output.states_every());
+  if (problem.hamiltonian() == nullptr && stored >= lattice_density) {
+    stored_ = stored;
+  }
+  measures_.pure_law = problem.scheme.potential.kind == StepPotentialChoice::Kind::none ? 1.0 : 0.0;
+  for (const figures::ReasonKind kind : problem.accepted) {
+    measures_.accepted += std::exp2(static_cast<double>(kind));
+  }
+}
+
+bool VerdictMeter::samples(std::size_t number) const {
+  const std::size_t distance = std::bit_floor(std::max<std::size_t>(1, number / dense_ * 2));
+  return number % distance == 0 || number % stored_ == 0;
+}
+
+void VerdictMeter::add_level(Simulation& simulation, std::size_t number, double node_energy, double rounding) {
+  if (samples(number)) {
+    take(simulation, number, node_energy, rounding);
+  }
+}
+
+void VerdictMeter::take(Simulation& simulation, std::size_t number, double node_energy, double rounding) {
+  if (grids::Slab::present() != nullptr) {
+    return;
+  }
+  energy_.add(simulation.energy_term_values(), node_energy, rounding, simulation.clock(), static_cast<double>(number));
+  measures_.turn_least = fewest_steps_per_turn(simulation.order());
+  simulation.measure(number, measures_);
+}
+
+figures::Measures VerdictMeter::measures() const {
+  figures::Measures measures = measures_;
+  energy_.measure(measures);
+  return measures;
+}
+
+figures::Measures VerdictMeter::measures_to(Simulation& simulation, std::size_t number) const {
+  if (samples(number)) {
+    return measures();
+  }
+  VerdictMeter meter = *this;
+  meter.take(simulation, number, simulation.node().energy, number == 0 ? 0.0 : simulation.energy_rounding());
+  return meter.measures();
+}
+
+void VerdictMeter::save(StateWriter& state) const {
+  figures::Measures::visit(measures_, [&state](double value) { state.write(value); });
+  energy_.save(state);
+}
+
+void VerdictMeter::restore(StateReader& state) {
+  figures::Measures::visit(measures_, [&state](double& value) { state.read(value); });
+  energy_.restore(state);
+}
+
+}  // namespace rubato

@@ -1,0 +1,42 @@
+#pragma once
+
+#include <cstddef>
+
+#include <rubato/base/state.hpp>
+#include <rubato/figures/verdict.hpp>
+#include <rubato/problem/problem.hpp>
+#include <rubato/run/energy_exchange.hpp>
+#include <rubato/run/simulation.hpp>
+
+namespace rubato {
+
+/// Takes the measures of the verdict along a run. It looks at a sample of the levels, so that its cost is small beside
+/// that of the steps: each of the first ones, then levels at distances in proportion to their number, and on a
+/// lattice all that are stored, if these are few. A lattice that ranks share is
+/// not measured: its verdict rests on the energy law alone.
+class VerdictMeter {
+public:
+  explicit VerdictMeter(const Problem& problem);
+
+  /// The level that the simulation looks at, in order from number 0.
+  /// \param rounding a bound of what rounding makes of E_k of the step to it; 0 at the start
+  void add_level(Simulation& simulation, std::size_t number, double node_energy, double rounding);
+  /// Of the levels so far.
+  [[nodiscard]] figures::Measures measures() const;
+  /// The same and the present level, if that is not in the sample.
+  [[nodiscard]] figures::Measures measures_to(Simulation& simulation, std::size_t number) const;
+
+  void save(StateWriter& state) const;
+  void restore(StateReader& state);
+
+private:
+  [[nodiscard]] bool samples(std::size_t number) const;
+  void take(Simulation& simulation, std::size_t number, double node_energy, double rounding);
+
+  std::size_t dense_;   ///< the first so many levels are all in the sample
+  std::size_t stored_;  ///< and every n-th
+  EnergyExchange energy_;
+  figures::Measures measures_;
+};
+
+}  // namespace rubato

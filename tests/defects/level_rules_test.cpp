@@ -1,0 +1,194 @@
+// What the rules of levels are relative to: units, energies that vanish, steps that are exact, tolerances, Γ.
+
+#include <catch2/catch.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include <fmt/format.h>
+
+#include <rubato/problem/problem.hpp>
+#include <rubato/record/reader.hpp>
+#include <rubato/run/check.hpp>
+#include <rubato/run/ensemble.hpp>
+#include <rubato/run/run.hpp>
+
+#include "defects.hpp"
+
+using namespace rubato;
+using rubato::defect_tests::defect_file;
+using rubato::tests::Folder;
+
+namespace {
+struct Told {
+  Outcome outcome;
+  ExitStatus checked;
+  std::vector<double> t, energy, node_energy, gamma, off_law;
+
+  [[nodiscard]] bool is_quiet() const {
+    return outcome.status == ExitStatus::done && outcome.warnings.empty() && outcome.message.empty();
+  }
+  [[nodiscard]] std::size_t flagged() const { return static_cast<std::size_t>(std::ranges::count(off_law, 1.0)); }
+  /// max |H(z_k) - E_0| over the larger of |E_0| and max |H(z_k)|, of E without f'.
+  [[nodiscard]] double strayed() const {
+    const double E = energy.front();
+    double scale = std::abs(E), farthest = 0.0;
+    for (const double H : node_energy) {
+      scale = std::max(scale, std::abs(H));
+      farthest = std::max(farthest, std::abs(H - E));
+    }
+    return farthest / scale;
+  }
+};
+
+Told run_of(const Problem& problem) {
+  const Folder folder;
+  Told told;
+  told.outcome = run(problem, {.output = (folder / "record.h5"), .threads = 1});
+  told.checked = check((folder / "record.h5")).status;
+  const record::Reader reader((folder / "record.h5"));
+  told.t = reader.read("/levels/t");
+  told.energy = reader.read("/levels/energy");
+  told.node_energy = reader.read("/levels/node_energy");
+  told.gamma = reader.read("/levels/gamma");
+  told.off_law = reader.read("/levels/off_law");
+  return told;
+}
+
+Told run_of(const std::string& name, const std::vector<std::string>& settings = {}) {
+  return run_of(read_problem(defect_file(name + ".toml"), settings));
+}
+
+}  // namespace
+
+TEST_CASE("an orbit takes the same steps in all units of length, mass and time") {
+  for (const char* const scheme : {"scheme.lagrangian=midpoint", "scheme.lagrangian=splitting"}) {
+    const Folder folder;
+    const EnsembleOutcome all =
+        run_ensemble(read_problem(defect_file("p14-units.toml"), std::vector<std::string>{scheme}),
+                     {.output = (folder / "record.h5"), .threads = 1});
+    REQUIRE(all.status == ExitStatus::done);
+    const auto steps = std::ranges::find(all.summary, std::string("steps"), &EnsembleFigure::name);
+    REQUIRE(steps != all.summary.end());
+    CHECK(steps->values.min == steps->values.max);
+  }
+}
+
+TEST_CASE("a first step is found where H is 0 along the orbit") {
+  const Told vortices = run_of("p32-auto-where-H-is-zero");
+  CHECK(vortices.is_quiet());
+  CHECK(vortices.flagged() == 0);
+  // Half to twice 0.02: the scale of H is known by what rounding says of its terms alone.
+  CHECK(vortices.t[1] > 0.01);
+  CHECK(vortices.t[1] < 0.04);
+  // A constant that is added to H changes nothing.
+  const Told raised = run_of("p32-auto-where-H-is-zero", {"hamiltonian.H=-log((x1-x2)^2+(y1-y2)^2)/(4*pi) + 3"});
+  CHECK(raised.t == vortices.t);
+}
+
+TEST_CASE("a first step is found where a motion begins from rest") {
+  const Told driven = run_of("p32-auto-from-rest");
+  CHECK(driven.outcome.status == ExitStatus::done);
+  CHECK(driven.flagged() == 0);
+  CHECK(driven.t[1] > 1e-4);
+  CHECK(driven.checked == ExitStatus::done);
+}
+
+TEST_CASE("where the energy does not depend on the step the run is quiet, and the discrete energy is H") {
+  struct Case {
+    const char* name;
+    double energy;
+    std::vector<std::string> settings = {};
+  };
+  const std::vector<Case> cases = {{"user-equilibrium", 0.0},
+                                   {"user-equilibrium", 0.0, {"scheme.lagrangian=gauss", "scheme.stages=2"}},
+                                   {"user-equilibrium", 0.0, {"scheme.lagrangian=generating", "scheme.order=4"}},
+                                   {"user-equilibrium", 0.0, {"scheme.lagrangian=splitting"}},
+                                   {"user-equilibrium", -1.0, {"hamiltonian.H=v^2/2 - cos(x)"}},
+                                   {"user-equilibrium", 0.5, {"hamiltonian.H=v^2/2", "initial.v=1"}},
+                                   {"p08-false-warning-free-fall", 9.81},
+                                   {"p08-false-warning-free-fall", 9.81, {"scheme.stages=2"}},
+                                   {"p08-false-warning-free-fall", 9.81, {"scheme.until=100"}},
+                                   {"p08-false-warning-zero-energy", 0.0}};
+  for (const Case& one : cases) {
+    const Told told = run_of(one.name, one.settings);
+    INFO(one.name << ", " << fmt::format("{}", fmt::join(one.settings, ", ")) << ": "
+                  << fmt::format("{}", fmt::join(told.outcome.warnings, "; ")));
+    CHECK(told.is_quiet());
+    CHECK(told.checked == ExitStatus::done);
+    CHECK(told.flagged() == 0);
+    CHECK(told.outcome.statistics.potential.largest() == 0.0);
+    const double h = told.t[1] - told.t[0];
+    for (std::size_t k = 0; k < told.energy.size(); ++k) {
+      REQUIRE(told.energy[k] ==
+              Approx(one.energy).epsilon(1e-13).margin(2.0 * told.outcome.statistics.rounding.largest()));
+      REQUIRE(told.t[k + 1] - told.t[k] == Approx(h).epsilon(1e-12));
+    }
+  }
+  // The twin: where a force sets in that is no polynomial, steps that are off the law are flagged, and told of.
+  const Told late = run_of("user-equilibrium", {"hamiltonian.H=v^2/2 + exp(4*(x-900))", "initial.v=1",
+                                                "scheme.until=905", "scheme.lagrangian=gauss", "scheme.stages=2"});
+  CHECK(late.flagged() > 0);
+  CHECK(late.flagged() < late.energy.size() / 2);
+  CHECK(late.outcome.warnings.size() == 1);
+}
+
+TEST_CASE("energy_tolerance is kept by orbits and lattices, with fixed and variable levels") {
+  struct Case {
+    const char* name;
+    double tolerance;
+    std::vector<std::string> settings = {};
+  };
+  const std::vector<Case> cases = {{"auto-tolerance-lattice", 1e-3},
+                                   {"auto-tolerance-orbit", 1e-4},
+                                   {"auto-tolerance-orbit", 1e-4, {"scheme.stages=2"}}};
+  for (const Case& one : cases) {
+    const Told told = run_of(one.name, one.settings);
+    INFO(one.name << ", " << fmt::format("{}", fmt::join(one.settings, ", ")));
+    CHECK(told.outcome.status == ExitStatus::done);
+    CHECK(told.strayed() <= one.tolerance);
+    CHECK(told.strayed() > 0.5 * one.tolerance);
+    // The twin: twice the step does not.
+    Problem problem = read_problem(defect_file(std::string(one.name) + ".toml"), one.settings);
+    problem.scheme.step = 2.0 * (told.t[1] - told.t[0]);
+    problem.scheme.energy_tolerance.reset();
+    CHECK(run_of(problem).strayed() > one.tolerance);
+  }
+}
+
+TEST_CASE("a step that is not flagged meets the law, however coarse it is") {
+  const Told told = run_of("law-off-coarse");
+  REQUIRE(told.outcome.status == ExitStatus::lost);  // by how many steps are flagged
+  CHECK(told.checked == ExitStatus::done);
+  CHECK(told.flagged() > 0);
+  const double E = told.outcome.statistics.energy();
+  for (std::size_t k = 0; k < told.energy.size(); ++k) {
+    if (told.off_law[k] == 0.0) {
+      CHECK(std::abs(told.energy[k] - E) <= 1e-12);
+    }
+  }
+}
+
+TEST_CASE("Gamma is f^T H_zz f, or not told") {
+  const Told golden = run_of("golden-gamma");
+  CHECK(golden.gamma.front() == Approx(1.9 * 1.9).epsilon(1e-14));  // f = (p, -sin q), H_zz = diag(cos q, 1)
+  CHECK(golden.outcome.statistics.gamma.max == Approx(3.61).epsilon(1e-3));
+  CHECK(golden.outcome.statistics.gamma.min > 0.0);
+  CHECK(golden.checked == ExitStatus::done);
+  CHECK(run_of("golden-gamma", {"scheme.lagrangian=midpoint"}).gamma.front() == Approx(3.61).epsilon(1e-14));
+  for (const char* const order : {"scheme.order=2", "scheme.order=4"}) {
+    const Told told = run_of("golden-gamma", {"scheme.lagrangian=generating", order});
+    CHECK(told.checked == ExitStatus::done);
+    if (std::string(order) == "scheme.order=2") {
+      CHECK(told.gamma.front() == Approx(3.61).epsilon(1e-14));
+    } else {
+      CHECK(std::ranges::all_of(told.gamma, [](double x) { return std::isnan(x); }));
+      CHECK(to_table(told.outcome).find("  Gamma ") == std::string::npos);
+      CHECK(to_json(told.outcome).find("\"gamma\"") == std::string::npos);
+    }
+  }
+}

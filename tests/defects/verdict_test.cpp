@@ -1,0 +1,211 @@
+// Results that mean nothing, or not what they seem to: each is found, and its twin, which is sound, is not.
+
+#include <catch2/catch.hpp>
+
+#include <algorithm>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include <rubato/problem/problem.hpp>
+#include <rubato/run/check.hpp>
+#include <rubato/run/converge.hpp>
+#include <rubato/run/ensemble.hpp>
+#include <rubato/run/run.hpp>
+
+#include "defects.hpp"
+
+using namespace rubato;
+using figures::ReasonKind;
+using figures::Verdict;
+using rubato::defect_tests::defect_file;
+using rubato::tests::Folder;
+
+namespace {
+using Settings = std::vector<std::string>;
+
+Outcome run_file(const Folder& folder, const std::string& name, const Settings& settings = {}) {
+  return run(read_problem(defect_file(name + ".toml"), settings),
+             {.output = (folder / "record.h5"), .overwrite = true, .threads = 1});
+}
+
+bool has(const figures::Judgement& judgement, ReasonKind kind) {
+  return std::ranges::any_of(judgement.reasons, [kind](const figures::Reason& reason) { return reason.kind == kind; });
+}
+
+std::string line_of(const std::string& table, const std::string& label) {
+  const std::size_t at = table.find("  " + label + " ");
+  return at == std::string::npos ? "" : table.substr(at, table.find('\n', at) - at);
+}
+
+/// The problems of a file, each below its name: "## NAME".
+std::vector<std::pair<std::string, std::string>> problems_in(const std::string& name) {
+  std::ifstream file(defect_file(name));
+  const std::string text{std::istreambuf_iterator<char>(file), {}};
+  constexpr std::string_view heading = "## ";
+  std::vector<std::pair<std::string, std::string>> problems;
+  for (std::size_t at = text.find(heading); at != std::string::npos;) {
+    const std::size_t line = text.find('\n', at), next = text.find("\n## ", at);
+    problems.emplace_back(text.substr(at + heading.size(), line - at - heading.size()), text.substr(line, next - line));
+    at = next == std::string::npos ? next : next + 1;
+  }
+  return problems;
+}
+
+struct Found {
+  std::string file;
+  Settings settings;
+  Verdict verdict;
+  ReasonKind kind;
+  Settings twin;  ///< which makes it sound
+};
+
+}  // namespace
+
+TEST_CASE("a lost result is found, its status is 7, and its sound twin is good") {
+  const auto found = GENERATE(values<Found>({
+      {"p18-ejected-untold", {}, Verdict::lost, ReasonKind::energy, {"initial.x=1", "initial.v=1"}},
+      {"p23-long-steps-untold", {}, Verdict::lost, ReasonKind::energy, {"scheme.step=0.001", "scheme.until=2"}},
+      {"p29-over-the-pole", {}, Verdict::lost, ReasonKind::energy, {"scheme.until=1.5"}},
+      {"user-pythagorean-lost-energy", {"scheme.until=5"}, Verdict::lost, ReasonKind::energy, {"scheme.until=1"}},
+      {"p39-full-spectrum-untold",
+       {"grid.x.cells=64", "grid.y.cells=64"},
+       Verdict::lost,
+       ReasonKind::spectrum,
+       {"grid.x.cells=64", "grid.y.cells=64", "scheme.until=0.1"}},
+      {"p38-sawtooth", {}, Verdict::lost, ReasonKind::spectrum, {"grid.x.cells=33"}},
+  }));
+  INFO(found.file);
+  const Folder folder;
+  const Outcome bad = run_file(folder, found.file, found.settings);
+  INFO(figures::text_of(bad.judgement));
+  CHECK(bad.judgement.verdict == found.verdict);
+  CHECK(has(bad.judgement, found.kind));
+  CHECK(bad.status == ExitStatus::lost);
+  CHECK(bad.complete);
+  CHECK(to_json(bad).find("\"verdict\": \"lost\"") != std::string::npos);
+  for (const figures::Reason& reason : bad.judgement.reasons) {
+    CHECK_FALSE(reason.remedy.empty());
+  }
+  // The record alone has the same verdict.
+  const Outcome checked = check((folder / "record.h5"));
+  CHECK(checked.status == ExitStatus::done);
+  CHECK(line_of(to_table(checked), "verdict") == line_of(to_table(bad), "verdict"));
+
+  const Outcome good = run_file(folder, found.file, found.twin);
+  INFO(figures::text_of(good.judgement));
+  CHECK(good.judgement.verdict == Verdict::good);
+  CHECK(good.status == ExitStatus::done);
+}
+
+TEST_CASE("thirty good runs are good, and thirty bad ones are not or end early", "[long]") {
+  const bool are_good = GENERATE(true, false);
+  const auto problems = problems_in(are_good ? "verdict-good.txt" : "verdict-bad.txt");
+  REQUIRE(problems.size() == 30);
+  const Folder folder;
+  for (const auto& [name, text] : problems) {
+    INFO(name);
+    const Outcome outcome =
+        run(parse_problem(text, name + ".toml"), {.output = (folder / "record.h5"), .overwrite = true, .threads = 1});
+    INFO(figures::text_of(outcome.judgement));
+    const bool found = outcome.judgement.verdict != Verdict::good;
+    CHECK((found || !outcome.complete) == !are_good);
+  }
+}
+
+TEST_CASE("a collapse in the plane is lost", "[long]") {
+  const Folder folder;
+  const Outcome outcome = run_file(folder, "user-nls-collapse-silent");
+  CHECK(outcome.status == ExitStatus::lost);
+}
+
+TEST_CASE("[verdict] accept turns a reason off, and the run names it") {
+  const Folder folder;
+  const Outcome outcome = run_file(folder, "p29-over-the-pole", {"verdict.accept=[\"energy\",\"resolution\"]"});
+  CHECK(outcome.status == ExitStatus::done);
+  CHECK(outcome.judgement.verdict == Verdict::good);
+  CHECK(line_of(to_table(outcome), "verdict").find("accepted") != std::string::npos);
+  CHECK(to_json(outcome).find("\"accepted\"") != std::string::npos);
+  CHECK(line_of(to_table(check((folder / "record.h5"))), "verdict") == line_of(to_table(outcome), "verdict"));
+  CHECK_THROWS_AS(run_file(folder, "p29-over-the-pole", {"verdict.accept=[\"enregy\"]"}), ProblemError);
+}
+
+TEST_CASE("steps whose energies differ from 0 by rounding are no finding") {
+  const Folder folder;
+  const auto verdict = [&](const std::string& step, const std::string& until) {
+    const Problem problem = parse_problem(
+        "[hamiltonian]\nq = [\"x\"]\np = [\"u\"]\nH = \"u^2/2 - cos(x)\"\n[initial]\nx = 0\nu = \"sqrt(2)\"\n"
+        "[scheme]\nlagrangian = \"splitting\"\ncomposition = \"kahan-li-6\"\nstep_potential = \"none\"\n",
+        "t.toml", Settings{"scheme.step=" + step, "scheme.until=" + until});
+    const Outcome outcome = run(problem, {.output = folder / "record.h5", .overwrite = true});
+    CHECK(outcome.status == ExitStatus::done);
+    CHECK(outcome.statistics.off_law_steps > 0);
+    return outcome.judgement.verdict;
+  };
+  CHECK(verdict("0.005", "2") == Verdict::good);
+  CHECK(verdict("0.3", "20") == Verdict::doubtful);  // the twin: steps over zeros of Gamma, off by 3e-6
+}
+
+TEST_CASE("a run continued has the verdict of a run never stopped") {
+  const Folder folder;
+  const Outcome whole = run_file(folder, "p18-ejected-untold");
+  Outcome part = run_file(folder, "p18-ejected-untold", {"scheme.until=77"});
+  part = resume((folder / "record.h5"), 200.0, {.threads = 1});
+  CHECK(part.status == whole.status);
+  CHECK(figures::text_of(part.judgement) == figures::text_of(whole.judgement));
+}
+
+TEST_CASE("a wave that comes to the seam is a remark, and none where it does not") {
+  const Folder folder;
+  const Outcome small = run_file(folder, "p40-window-too-small", {"scheme.until=2"});
+  CHECK(small.judgement.verdict == Verdict::good);
+  CHECK(line_of(to_table(small), "at the seam").find("reached") != std::string::npos);
+  const Outcome large =
+      run_file(folder, "p40-window-too-small",
+               {"scheme.until=1", "grid.x.from=-40", "grid.x.to=40", "grid.x.cells=512", "scheme.step=0.01"});
+  CHECK(line_of(to_table(large), "at the seam").empty());
+}
+
+TEST_CASE("an ensemble carries the warnings and verdicts of its members") {
+  const Folder folder;
+  const auto ensemble = [&](const std::string& name, const Settings& settings = {}) {
+    return run_ensemble(read_problem(defect_file(name + ".toml"), settings),
+                        {.output = (folder / "record.h5"), .overwrite = true, .threads = 1});
+  };
+  const auto has_warning = [](const EnsembleOutcome& outcome, const std::string& part) {
+    return to_json(outcome).find(part) != std::string::npos;
+  };
+  const EnsembleOutcome hidden = ensemble("p22-ensemble-hides-warnings");
+  CHECK(hidden.status == ExitStatus::done);
+  CHECK(has_warning(hidden, "in 2 of 2 members, the first: 0: the formula of event e is not defined"));
+  CHECK(has_warning(hidden, "output times something is not defined"));
+  CHECK(has_warning(hidden, "\"verdicts\": {\"good\": 2, \"doubtful\": 0, \"lost\": 0}"));
+
+  const EnsembleOutcome ill_posed = ensemble("p22-ill-posed-in-ensemble");
+  CHECK(ill_posed.findings.warnings("members").size() >= 2);
+
+  const Settings grid = {"ensemble.grid.scheme.until=[1.5, 2]"};
+  const EnsembleOutcome one_lost = ensemble("p29-over-the-pole", grid);
+  CHECK(one_lost.status == ExitStatus::done);
+  CHECK(one_lost.findings.verdict() == Verdict::lost);
+  CHECK(has_warning(one_lost, "\"verdicts\": {\"good\": 1, \"doubtful\": 0, \"lost\": 1}"));
+  CHECK(one_lost.statuses == std::vector{ExitStatus::done, ExitStatus::lost});
+  // The record has the verdicts, and a check agrees with them.
+  const EnsembleOutcome checked = check_ensemble((folder / "record.h5"), {.threads = 1});
+  CHECK(checked.status == ExitStatus::done);
+  CHECK(checked.findings.verdict() == Verdict::lost);
+
+  const EnsembleOutcome all_lost = ensemble("p29-over-the-pole", {"ensemble.grid.scheme.until=[2, 2.5]"});
+  CHECK(all_lost.status == ExitStatus::lost);
+}
+
+TEST_CASE("converge carries the warnings and verdicts of its runs") {
+  const ConvergenceOutcome lost = converge(read_problem(defect_file("p18-ejected-untold.toml")), {}, {.threads = 1});
+  CHECK(lost.findings.verdict() == Verdict::lost);
+  CHECK(to_json(lost).find("\"verdicts\"") != std::string::npos);
+}

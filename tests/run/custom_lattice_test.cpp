@@ -1,0 +1,127 @@
+// lagrangian = "custom" on lattices, from problem files.
+
+#include <catch2/catch.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+#include <vector>
+
+#include <rubato/problem/lattice_problem.hpp>
+#include <rubato/record/reader.hpp>
+#include <rubato/run/check.hpp>
+#include <rubato/run/converge.hpp>
+#include <rubato/run/run.hpp>
+
+#include "problem/problem_texts.hpp"
+#include "run/records.hpp"
+
+using namespace rubato;
+using namespace rubato::run_tests;
+using Catch::Contains;
+
+namespace {
+
+const std::string nine_points = R"toml(
+[multisymplectic]
+fields = ["u", "v", "w"]
+M = [["u", "v", -1]]
+K.x = [["u", "w", 1]]
+S = "(v^2 - w^2)/2 + 1 - cos(u)"
+
+[parameters]
+g = "sqrt(0.75)"
+
+[grid]
+x = { from = -20, to = 20, cells = 101 }
+
+[initial]
+u = "0"
+v = "4*g*sech(g*x)"
+
+[definitions]
+rate = "(u_10 + u_11 - u_00 - u_01)/(2*h)"
+slope = "(u_01 + u_11 - u_00 - u_10)/(2*dx)"
+
+[scheme]
+lagrangian = "custom"
+L = "rate^2/2 - slope^2/2 - 1 + cos((u_00 + u_01 + u_10 + u_11)/4)"
+step = 0.1
+until = 6
+)toml";
+
+/// A density of the phase space, asymmetric in time: it keeps momenta and begins with a step of another scheme.
+const std::string two_step_density =
+    "L = \"v_00*(u_10 - u_00)/h - (v_00^2 + v_10^2)/4 - ((u_01 - u_00)/dx)^2/2 - 1 + (cos(u_00) + cos(u_10))/2\"";
+
+}  // namespace
+
+TEST_CASE("a run of a stated action is checked and resumed to the bit", "[run][custom]") {
+  const Folder folder;
+  const std::string whole = folder / "whole.h5", parts = folder / "parts.h5";
+  for (const std::string levels : {"variable", "fixed"}) {
+    INFO(levels);
+    const std::string text = nine_points + "levels = \"" + levels + "\"\n";
+    const RunOptions to_whole{.output = whole, .overwrite = true, .tangents = true};
+    const Outcome ran = run(parse_problem(text, "f.toml"), to_whole);
+    REQUIRE(ran.status == ExitStatus::done);
+    const Outcome checked = check(whole);
+    CHECK(checked.status == ExitStatus::done);
+    CHECK(run(parse_problem(text, "f.toml", std::vector<std::string>{"scheme.until=3"}),
+              {.output = parts, .overwrite = true, .tangents = true})
+              .status == ExitStatus::done);
+    CHECK(resume(parts, 6.0).status == ExitStatus::done);
+    if (levels == "fixed") {  // a step potential is chosen by the length of the run
+      CHECK(different_datasets(whole, parts) == Names{});
+    }
+    falsify(whole, "/states/u", 5 * 101 + 7, 1e-6);
+    CHECK(check(whole).status == ExitStatus::contradiction);
+  }
+}
+
+TEST_CASE("converge sees the order of a stated action", "[run][custom]") {
+  const Problem problem = parse_problem(
+      nine_points, "f.toml", std::vector<std::string>{"scheme.until=2", "scheme.levels=fixed", "grid.x.cells=201"});
+  const ConvergenceOutcome outcome = converge(problem, std::nullopt);
+  REQUIRE(outcome.status == ExitStatus::done);
+  CHECK(outcome.quantities.front().step.order().value() == Approx(2.0).margin(0.1));
+  CHECK(outcome.quantities.front().grid->order().value() == Approx(2.0).margin(0.1));
+  CHECK(to_table(outcome).find("does not approximate") == std::string::npos);
+
+  const std::string wrong = replaced(nine_points, "- 1 + cos", "- slope^2/50 - 1 + cos");
+  const ConvergenceOutcome of_wrong = converge(
+      parse_problem(wrong, "f.toml", std::vector<std::string>{"scheme.until=1", "scheme.levels=fixed"}), std::nullopt);
+  CHECK_THAT(to_json(of_wrong), Contains("L does not approximate the equation: the variation by u"));
+}
+
+TEST_CASE("a second level of the problem begins a stated action", "[run][custom]") {
+  const Folder folder;
+  const std::string file = folder / "next.h5";
+  std::string text = replaced(nine_points, "[definitions]",
+                              "[initial.next]\nt = 0.05\nu = \"4*atan(g/0.5*sin(0.5*t)*sech(g*x))\"\n[definitions]");
+  text = replaced(text, "step = 0.1\n", "levels = \"fixed\"\n");
+  REQUIRE(run(parse_problem(text, "f.toml"), {.output = file}).status == ExitStatus::done);
+  CHECK(check(file).status == ExitStatus::done);
+  const record::Reader reader(file);
+  CHECK(reader.read("/levels/h").front() == Approx(0.05));
+  // The nodes nearest to x = 0 are half a spacing off.
+  const std::vector<double> second = reader.read("/states/u", 1, 1);
+  CHECK(*std::ranges::max_element(second) ==
+        Approx(4.0 * std::atan(std::sqrt(0.75) / 0.5 * std::sin(0.025))).epsilon(2e-2));
+}
+
+TEST_CASE("a stated action with momenta of its own begins with a step of the box", "[run][custom]") {
+  const Folder folder;
+  const std::string file = folder / "kept.h5";
+  const std::size_t begin = nine_points.find("L = "), end = nine_points.find('\n', begin);
+  std::string text = nine_points;
+  text.replace(begin, end - begin, two_step_density);
+  text += "levels = \"fixed\"\n";
+  for (const std::string cells : {"101", "100"}) {  // by the Fourier scheme on an even number
+    const Outcome ran =
+        run(parse_problem(text, "f.toml", std::vector<std::string>{"grid.x.cells=" + cells, "scheme.until=2"}),
+            {.output = file, .overwrite = true});
+    REQUIRE(ran.status == ExitStatus::done);
+    CHECK(check(file).status == ExitStatus::done);
+  }
+}

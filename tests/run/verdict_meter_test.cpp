@@ -1,0 +1,124 @@
+// What the verdict rests on: terms of H, the energy that they exchange, local frequencies, findings of many runs.
+
+#include <catch2/catch.hpp>
+
+#include <array>
+#include <cmath>
+#include <numbers>
+#include <string>
+#include <vector>
+
+#include <rubato/formula/bytecode.hpp>
+#include <rubato/formula/parse.hpp>
+#include <rubato/formula/sum.hpp>
+#include <rubato/problem/problem.hpp>
+#include <rubato/run/energy_exchange.hpp>
+#include <rubato/run/local_frequency.hpp>
+#include <rubato/run/member_findings.hpp>
+
+using namespace rubato;
+using figures::Verdict;
+
+TEST_CASE("the terms of a formula add up to it") {
+  for (const auto& [text, count] : std::vector<std::pair<std::string, std::size_t>>{
+           {"p^2/2 - cos(q)", 2},
+           {"(p^2 + q^2)/2", 2},
+           {"-(p - q*(p + 1))/2 - exp(q + p)", 4},
+           {"(p + q)*(p - q) - (-(p + 1))", 6},
+           {"(p + q)^2", 1},
+       }) {
+    INFO(text);
+    formula::Graph graph;
+    const formula::Expression q = graph.variable("q"), p = graph.variable("p");
+    const formula::Expression whole = formula::parse(text, graph, std::array<std::string, 2>{"q", "p"});
+    std::vector<formula::Expression> outputs = formula::terms_of(whole, formula::Products::expanded);
+    CHECK(outputs.size() == count);
+    outputs.push_back(whole);
+    formula::ScalarEvaluator evaluator{formula::Bytecode(outputs, std::array{q, p})};
+    std::vector<double> values(outputs.size());
+    const std::array inputs = {0.7, -1.3};
+    evaluator(inputs, values);
+    double sum = 0.0;
+    for (std::size_t i = 0; i + 1 < values.size(); ++i) {
+      sum += values[i];
+    }
+    CHECK(sum == Approx(values.back()).epsilon(1e-14));
+  }
+}
+
+TEST_CASE("an error of the energy is measured by what the terms exchange") {
+  const auto worst = [](double error) {
+    EnergyExchange exchange;
+    constexpr int levels = 100;
+    for (int k = 0; k <= levels; ++k) {
+      // T and V of an oscillator; the error comes half-way and stays.
+      const double t = 0.1 * k, T = std::pow(std::sin(t), 2) + (2 * k > levels ? error : 0.0);
+      const std::array terms = {T, std::pow(std::cos(t), 2)};
+      exchange.add(terms, terms[0] + terms[1], 1e-16, t, k);
+    }
+    figures::Measures measures;
+    exchange.measure(measures);
+    return measures.energy;
+  };
+  CHECK(worst(0.0) == 0.0);
+  CHECK(worst(1e-3) < 0.1);
+  CHECK(worst(0.4) > 0.1);
+  CHECK(worst(100.0) > 0.5);
+}
+
+TEST_CASE("an energy of one term at 0, or constant to rounding, has no error") {
+  EnergyExchange exchange;
+  for (int k = 0; k < 10; ++k) {
+    exchange.add(std::array{1e-17 * k}, 1e-17 * k, 1e-16, k, k);
+  }
+  figures::Measures measures;
+  exchange.measure(measures);
+  CHECK_FALSE(measures.energy > 0.0);
+}
+
+TEST_CASE("the local frequency is the largest eigenvalue of J H''") {
+  const auto frequency = [](const std::string& q, const std::string& p, const std::string& H,
+                            const std::vector<double>& z) {
+    const std::string text = "[hamiltonian]\nq = [" + q + "]\np = [" + p + "]\nH = \"" + H +
+                             "\"\n[initial]\nx = 1\ny = 1\nu = 0\nv = 0\n[scheme]\nstep = 0.1\nuntil = 1\n";
+    return LocalFrequency(parse_problem(text, "test.toml"))(z, 0.1);
+  };
+  const auto of = [&](const std::string& H, const std::vector<double>& z) {
+    return frequency("\"x\", \"y\"", "\"u\", \"v\"", H, z);
+  };
+  // The power iteration leaves (smaller/larger)^12 of the smaller frequency.
+  CHECK(of("(u^2 + v^2 + x^2 + 100*y^2)/2", {1, 1, 0, 0}) == Approx(10.0).epsilon(1e-3));
+  CHECK(of("1e30*(u^2 + v^2)/2 + 1e-30*(x^2 + 9*y^2)/2", {1, 1, 0, 0}) == Approx(3.0).epsilon(1e-2));
+  const double r = 0.05;  // the fastest rate of Kepler's problem is sqrt(2/r^3)
+  CHECK(of("(u^2 + v^2)/2 - 1/sqrt(x^2 + y^2)", {r, 0, 0, 6}) == Approx(std::sqrt(2.0 / (r * r * r))).epsilon(0.1));
+  CHECK(of("(u^2 + v^2)/2 + 9.8*x", {1, 1, 0, 0}) == 0.0);
+}
+
+TEST_CASE("findings of members are gathered, and come back from a checkpoint") {
+  MemberFindings findings;
+  const figures::Judgement lost{.verdict = Verdict::lost,
+                                .reasons = {{.kind = figures::ReasonKind::energy,
+                                             .verdict = Verdict::lost,
+                                             .value = 0.75,
+                                             .finding = "the energy strays",
+                                             .remedy = "take smaller steps"}},
+                                .accepted = {}};
+  findings.add(0, "", {"at 6 of 11 times it is undefined"}, {}, true);
+  findings.add(1, "", {"at 7 of 11 times it is undefined"}, lost, true);
+  findings.add(2, "", {}, {}, true);
+  CHECK(findings.verdict() == Verdict::lost);
+  CHECK_FALSE(findings.all_lost());
+  CHECK(findings.warnings("members") ==
+        std::vector<std::string>{"in 2 of 3 members, the first: 0: at 6 of 11 times it is undefined"});
+  MemberFindings restored;
+  restored.restore(findings.saved());
+  restored.add_verdict(Verdict::good, true);
+  restored.add_verdict(Verdict::lost, true);
+  restored.add_verdict(Verdict::good, true);
+  CHECK(restored.warnings("members") == findings.warnings("members"));
+  CHECK(restored.verdict_text("members") == findings.verdict_text("members"));
+  figures::JsonObject one, other;
+  findings.add_to(one, "members");
+  restored.add_to(other, "members");
+  CHECK(one.str() == other.str());
+}
