@@ -65,7 +65,10 @@ private:
 
   void judge_law() {
     const std::size_t steps = statistics_.off_law_steps;
-    const double deviation = statistics_.off_law_deviation(), scale = statistics_.energy_scale();
+    // Where E and H are near 0, as at the edge of escape, the energy exchanged is what a deviation is small or large
+    // by.
+    const double deviation = statistics_.off_law_deviation(),
+                 scale = std::fmax(statistics_.energy_scale(), measures_.exchanged);
     if (steps == 0 || !(deviation > std::max(least_off_law * scale, most_roundings * statistics_.rounding.largest()))) {
       return;
     }

@@ -36,6 +36,7 @@ struct Measures {
       0.0;  ///< 1 where the problem asks for the law without a step potential, which has no step everywhere
   /// The largest |H(z_k) - H(z_0)| over the energy exchanged between the terms of H, and its level (EnergyExchange).
   double energy = none, energy_t = none;
+  double exchanged = none;  ///< that energy, its mean over the run
   /// The fewest steps per turn of the fastest motion (LocalFrequency, WaveMeter), the level, and the fewest that the
   /// scheme resolves.
   double turn = none, turn_t = none, turn_least = none;
@@ -60,7 +61,7 @@ struct Measures {
   static void visit(Self& self, Visitor&& visitor) {
     for (auto* value : {&self.accepted, &self.pure_law, &self.energy, &self.energy_t, &self.turn, &self.turn_t,
                         &self.turn_least, &self.waves, &self.waves_t, &self.rough, &self.frozen, &self.period,
-                        &self.seam, &self.seam_t, &self.exact_start, &self.exact_residual}) {
+                        &self.seam, &self.seam_t, &self.exact_start, &self.exact_residual, &self.exchanged}) {
       visitor(*value);
     }
   }

@@ -40,6 +40,7 @@ void EnergyExchange::measure(figures::Measures& measures) const {
   for (const Level& level : levels_) {
     mean += level.exchanged / static_cast<double>(levels_.size());
   }
+  measures.exchanged = mean;
   for (const Level& level : levels_) {
     const double scale = std::max(level.exchanged, mean);
     if (scale > least_exchange * size_ && !(level.error / scale <= measures.energy)) {

@@ -413,7 +413,7 @@ private:
 
   void interrupted() {
     outcome_.status = ExitStatus::interrupted;
-    outcome_.message = fmt::format("interrupted at t = {:.10g}; ", simulation().t());
+    outcome_.message = fmt::format("interrupted at t = {:.10g}; ", simulation().clock());
     outcome_.message +=
         memory_ != nullptr
             ? "levels up to there are kept"
