@@ -25,17 +25,17 @@ FormulaTable make_energy_terms(const Problem& problem) {
   return {graph, terms, names};
 }
 
-NodeFormula make_energy_terms(const MultisymplecticSystem& system, const grids::Grid& grid) {
-  auto graph = std::make_shared<formula::Graph>();
+std::vector<formula::Expression> energy_density_terms(const MultisymplecticSystem& system, const grids::Grid& grid,
+                                                      formula::Graph& graph) {
   std::vector<formula::Expression> absent, zeros;
   for (int f = 0; f < system.field_count(); ++f) {
     if (system.structure().at_midpoints(f)) {
       absent.push_back(system.variables()[static_cast<std::size_t>(f)]);
-      zeros.push_back(graph->constant(0.0));
+      zeros.push_back(graph.constant(0.0));
     }
   }
   std::vector<formula::Expression> terms = formula::terms_of(
-      formula::substitute(std::array{system.expression()}, *graph, absent, zeros).front(), formula::Products::expanded);
+      formula::substitute(std::array{system.expression()}, graph, absent, zeros).front(), formula::Products::expanded);
   for (int direction = 0; direction < system.directions(); ++direction) {
     const Eigen::MatrixXd& K = system.structure().K_plus[static_cast<std::size_t>(direction)];
     for (int a = 0; a < system.field_count(); ++a) {
@@ -43,11 +43,17 @@ NodeFormula make_energy_terms(const MultisymplecticSystem& system, const grids::
         if (K(a, b) != 0.0 && !system.structure().at_midpoints(a) && !system.structure().at_midpoints(b)) {
           const auto name = [&](int field) { return system.fields()[static_cast<std::size_t>(field)]; };
           const std::string slope = fmt::format("d{}({})", grid.axis(direction).name, name(a));
-          terms.push_back(K(a, b) * graph->variable(slope) * graph->variable(name(b)));
+          terms.push_back(K(a, b) * graph.variable(slope) * graph.variable(name(b)));
         }
       }
     }
   }
+  return terms;
+}
+
+NodeFormula make_energy_terms(const MultisymplecticSystem& system, const grids::Grid& grid) {
+  auto graph = std::make_shared<formula::Graph>();
+  std::vector<formula::Expression> terms = energy_density_terms(system, grid, *graph);
   return NodeFormula(graph, std::move(terms), system.fields(), grid);
 }
 

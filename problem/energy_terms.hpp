@@ -11,6 +11,9 @@ namespace rubato {
 /// of p·q_dot - L.
 [[nodiscard]] FormulaTable make_energy_terms(const Problem& problem);
 
+/// The terms of the energy density of a lattice as expressions of `graph`; see the next.
+[[nodiscard]] std::vector<formula::Expression> energy_density_terms(const MultisymplecticSystem& system,
+                                                                    const grids::Grid& grid, formula::Graph& graph);
 /// The terms of the energy density S(z) + Σ z_{x_a}ᵀ K₊ z of a lattice (FieldStructure::K_plus). Fields that exist in
 /// the middle of steps only count as 0: multipliers drop out of the density.
 [[nodiscard]] NodeFormula make_energy_terms(const MultisymplecticSystem& system, const grids::Grid& grid);

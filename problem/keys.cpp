@@ -15,7 +15,7 @@ namespace rubato {
 
 namespace {
 
-constexpr std::array<TableEntry, 27> all_tables{{
+constexpr std::array<TableEntry, 29> all_tables{{
     {"", "one of [hamiltonian], [lagrangian], [multisymplectic] and [field] says what is to be solved"},
     {"hamiltonian", "an orbit: q' = dH/dp, p' = -dH/dq"},
     {"lagrangian",
@@ -54,6 +54,11 @@ constexpr std::array<TableEntry, 27> all_tables{{
     {"scheme", "how it is solved"},
     {"scheme.step_potential",
      "a step potential by its numbers: f'(h) = +-(s+1) |eta| h0^s (|h|/(kappa h0))^p, of the first step h0"},
+    {"scheme.frame",
+     "a frame that moves with the waves of a periodic lattice, where steps may be longer: states are of the frame, at x "
+     "= "
+     "node + /frame/shift; output at times, events and invariants are of the laboratory"},
+    {"scheme.frame.phase", "phase = { charge = 0.5 }: how fast the frame turns in a symmetry", "an entry of [symmetries]"},
     {"laws", "how often the laws are looked at"},
     {"verdict", "what the verdict on the run leaves out"},
     {"output", "the record"},
@@ -224,6 +229,12 @@ std::vector<KeyEntry> make_keys() {
        potential_words},
       {"scheme", "largest_step", "number", none, "How long steps may become, about; for step_potential = \"auto\"."},
       {"scheme", "time_scale", "formula", none, "The same as in [hamiltonian]."},
+      {"scheme", "frame", "table", none, "Of a lattice, see [scheme.frame]."},
+      {"scheme.frame", "velocity", "number, list, or \"fit\"", "0",
+       "That of the frame; of two and three dimensions a list, [c_x, c_y]; \"fit\" takes the one in which the initial "
+       "fields change least.",
+       fit_words},
+      {"scheme.frame", "phase", "table", none, "See [scheme.frame.phase]; its entry is a number, or \"fit\"."},
       {"scheme.step_potential", "kappa", "number", required, "kappa h0 is about the largest step."},
       {"scheme.step_potential", "p", "number greater than the order", required, "How suddenly it is felt."},
       {"scheme", "order", "integer", "required by generating",

@@ -13,6 +13,7 @@
 #include <rubato/grids/slab.hpp>
 #include <rubato/grids/whole.hpp>
 #include <rubato/pde/first_step.hpp>
+#include <rubato/problem/energy_terms.hpp>
 #include <rubato/problem/initial_record.hpp>
 #include <rubato/problem/reader.hpp>
 #include <rubato/problem/scheme_options.hpp>
@@ -220,7 +221,10 @@ auto at_initial(const Problem& problem, const Make& make) {
 
 }  // namespace
 
-MultisymplecticSystem make_system(const Problem& problem) {
+namespace {
+
+/// Without [scheme] frame.
+MultisymplecticSystem make_laboratory_system(const Problem& problem) {
   const MultisymplecticProblem& pde = *problem.multisymplectic();
   auto graph = std::make_shared<formula::Graph>();
   formula::Expression S = problem.build(pde.S, *graph, quantity_names(pde));
@@ -233,8 +237,32 @@ MultisymplecticSystem make_system(const Problem& problem) {
   for (const Matrix& matrix : pde.K) {
     K.push_back(dense(matrix));
   }
-  return make_method(problem)->seen(at_location(
-      pde.M.location, [&] { return MultisymplecticSystem(graph, pde.fields, dense(pde.M), std::move(K), S); }));
+  return at_location(pde.M.location,
+                     [&] { return MultisymplecticSystem(graph, pde.fields, dense(pde.M), std::move(K), S); });
+}
+
+}  // namespace
+
+MultisymplecticSystem make_system(const Problem& problem) {
+  const MultisymplecticSystem laboratory = make_laboratory_system(problem);
+  const std::optional<MovingFrame> frame = make_frame(problem);
+  return make_method(problem)->seen(
+      frame ? at_location(problem.scheme.frame->location, [&] { return frame->seen(laboratory); }) : laboratory);
+}
+
+std::optional<MovingFrame> make_frame(const Problem& problem) {
+  if (!problem.scheme.frame) {
+    return std::nullopt;
+  }
+  const StatedFrame& stated = *problem.scheme.frame;
+  const MultisymplecticProblem& pde = *problem.multisymplectic();
+  MovingFrame frame{.velocity = stated.velocity.value_or(std::vector<double>(pde.axes.size(), 0.0)),
+                    .rate = stated.rate.value_or(0.0),
+                    .start = pde.start};
+  if (!stated.symmetry.empty()) {
+    frame.B = dense(std::ranges::find(pde.symmetries, stated.symmetry, &StatedSymmetry::name)->B);
+  }
+  return frame;
 }
 
 grids::Grid make_grid(const Problem& problem) {
@@ -347,8 +375,26 @@ LatticeLevel make_initial_level(const Problem& problem, const MultisymplecticSys
   return at_initial(problem, [&] { return make_method(problem)->first_level(system, grid, initial).level; });
 }
 
+namespace {
+
+/// x + c (t - t_0) for x.
+std::vector<formula::Expression> at_moving_nodes(const MovingFrame& frame, const grids::Grid& grid,
+                                                 formula::Graph& graph,
+                                                 const std::vector<formula::Expression>& outputs) {
+  std::vector<formula::Expression> coordinates, moving;
+  for (int a = 0; a < grid.dimensions(); ++a) {
+    coordinates.push_back(graph.variable(grid.axis(a).name));
+    moving.push_back(coordinates.back() +
+                     frame.velocity[static_cast<std::size_t>(a)] * (graph.variable("t") - frame.start));
+  }
+  return formula::substitute(outputs, graph, coordinates, moving);
+}
+
+}  // namespace
+
 NodeTable::NodeTable(const Problem& problem, const std::vector<NamedFormula>& formulas,
-                     const std::vector<std::string>& fields, const grids::Grid& grid) {
+                     const std::vector<std::string>& fields, const grids::Grid& grid, bool with_energy)
+    : reads_fields_(!fields.empty()) {
   std::vector<std::string> names = fields;
   std::ranges::copy(argument_names(*problem.multisymplectic()), std::back_inserter(names));
   auto graph = std::make_shared<formula::Graph>();
@@ -357,17 +403,35 @@ NodeTable::NodeTable(const Problem& problem, const std::vector<NamedFormula>& fo
     names_.push_back(formula.name);
     outputs.push_back(problem.build(formula.formula, *graph, names, fields));
   }
-  if (!outputs.empty()) {
-    formula_.emplace(graph, std::move(outputs), fields, grid);
+  std::optional<MovingFrame> frame = make_frame(problem);
+  if (frame && with_energy) {
+    names_.emplace_back("laboratory_energy");
+    formula::Expression energy = graph->constant(0.0);
+    for (const formula::Expression term : energy_density_terms(make_laboratory_system(problem), grid, *graph)) {
+      energy = energy + term;
+    }
+    outputs.push_back(energy);
   }
+  if (outputs.empty()) {
+    return;
+  }
+  if (frame) {
+    if (!reads_fields_) {
+      outputs = at_moving_nodes(*frame, grid, *graph, outputs);
+    }
+    laboratory_.emplace(std::move(*frame), grid);
+  }
+  formula_.emplace(graph, std::move(outputs), fields, grid);
 }
 
 std::vector<std::vector<double>> NodeTable::at(const LatticeLevel& level, double t) {
-  return formula_ ? (*formula_)(level, t) : std::vector<std::vector<double>>();
+  return formula_ ? (*formula_)(laboratory_ && reads_fields_ ? (*laboratory_)(level, t) : level, t)
+                  : std::vector<std::vector<double>>();
 }
 
 std::vector<double> NodeTable::integrals(const LatticeLevel& level, double t) {
-  return formula_ ? formula_->integrals(level, t) : std::vector<double>();
+  return formula_ ? formula_->integrals(laboratory_ && reads_fields_ ? (*laboratory_)(level, t) : level, t)
+                  : std::vector<double>();
 }
 
 NodeTable make_invariants(const Problem& problem, const MultisymplecticSystem& system, const grids::Grid& grid) {
@@ -386,7 +450,7 @@ NodeTable make_invariants(const Problem& problem, const MultisymplecticSystem& s
       }
     }
   }
-  return {problem, pde.invariants, pde.fields, grid};
+  return {problem, pde.invariants, pde.fields, grid, !problem.laws.none()};
 }
 
 NodeTable make_exact(const Problem& problem, const MultisymplecticSystem& system, const grids::Grid& grid) {
@@ -405,9 +469,15 @@ std::vector<figures::Named<Spread>> lattice_errors(NodeTable& exact, const Multi
                                                    const LatticeLevel& level, double t) {
   std::vector<figures::Named<Spread>> errors;
   const std::vector<std::vector<double>> values = exact.at(level, t);
+  std::optional<grids::FieldSet> turned;
+  if (exact.frame() != nullptr && exact.frame()->phase(t) != 0.0) {
+    turned = level.fields;
+    exact.frame()->turn(t, *turned);
+  }
+  const grids::FieldSet& fields = turned ? *turned : level.fields;
   for (std::size_t i = 0; i < values.size(); ++i) {
     errors.push_back({exact.names()[i], {}});
-    const std::span<const double> field = level.fields.field(system.field(exact.names()[i]));
+    const std::span<const double> field = fields.field(system.field(exact.names()[i]));
     std::vector<double> error(field.size());
     for (std::size_t node = 0; node < field.size(); ++node) {
       error[node] = std::abs(field[node] - values[i][node]);

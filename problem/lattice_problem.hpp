@@ -7,6 +7,7 @@
 
 #include <rubato/figures/statistics.hpp>
 #include <rubato/pde/lattice.hpp>
+#include <rubato/pde/moving_frame.hpp>
 #include <rubato/pde/node_formula.hpp>
 #include <rubato/problem/problem.hpp>
 
@@ -15,7 +16,10 @@ namespace rubato {
 /// What [multisymplectic], [grid], [initial], [symmetries] and [scheme] of a problem stand for in the library's own
 /// terms. All throw ProblemError at the place in the problem that is wrong.
 ///@{
+/// The equation that the scheme solves; with [scheme] frame that of the frame.
 [[nodiscard]] MultisymplecticSystem make_system(const Problem& problem);
+/// Numbers that are still to be fitted are 0. Nothing without a frame.
+[[nodiscard]] std::optional<MovingFrame> make_frame(const Problem& problem);
 [[nodiscard]] grids::Grid make_grid(const Problem& problem);
 /// The formulas of [initial] at the nodes; those that differentiate other fields after these.
 [[nodiscard]] InitialFields make_initial_fields(const Problem& problem, const grids::Grid& grid);
@@ -29,26 +33,33 @@ namespace rubato {
                                               const grids::Grid& grid);
 ///@}
 
-/// Formulas of one section of a lattice problem, evaluated together at every node.
+/// Formulas of one section of a lattice problem, evaluated together at every node. With a frame, levels are those of the
+/// frame, and formulas speak of the laboratory.
 class NodeTable {
 public:
   /// \param fields the names of the fields that the formulas may name, with dx() and its like; empty: the grid's
   /// coordinates and t instead
+  /// \param with_energy of the laboratory, as `laboratory_energy`, with a frame
   NodeTable(const Problem& problem, const std::vector<NamedFormula>& formulas, const std::vector<std::string>& fields,
-            const grids::Grid& grid);
+            const grids::Grid& grid, bool with_energy = false);
 
   [[nodiscard]] const std::vector<std::string>& names() const { return names_; }
-  /// One array of node values for each name.
+  /// One array for each name: formulas of coordinates and t at the nodes of the frame, others at those of the
+  /// laboratory.
   [[nodiscard]] std::vector<std::vector<double>> at(const LatticeLevel& level, double t);
-  /// Σ ΔV of each over the nodes.
+  /// Σ ΔV of each over the nodes of the laboratory.
   [[nodiscard]] std::vector<double> integrals(const LatticeLevel& level, double t);
+  /// The frame, if there is one.
+  [[nodiscard]] const MovingFrame* frame() const { return laboratory_ ? &laboratory_->frame() : nullptr; }
 
 private:
   std::vector<std::string> names_;
   std::optional<NodeFormula> formula_;  ///< absent when there is nothing to evaluate
+  std::optional<LaboratoryView> laboratory_;
+  bool reads_fields_;
 };
 
-/// The invariants of a problem. \throws ProblemError also for one that reads a field which exists at midpoints only
+/// The invariants of a problem; with a frame, whose energy is another, `laboratory_energy` after them. \throws ProblemError also for one that reads a field which exists at midpoints only
 [[nodiscard]] NodeTable make_invariants(const Problem& problem, const MultisymplecticSystem& system,
                                         const grids::Grid& grid);
 /// Its exact solutions. \throws ProblemError also for that of a field which exists at midpoints only

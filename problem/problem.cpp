@@ -205,6 +205,8 @@ Problem read_effective(EffectiveDocument document, const std::string& source) {
   problem.ensemble = read_ensemble(root, problem.parameters);
   if (problem.ensemble) {
     problem.ensemble->common = without(problem.text, source, "ensemble");
+  } else if (problem.scheme.frame && problem.scheme.frame->is_fitted()) {
+    return read_effective(effective_document(problem.text, source, fitted_frame(problem)), source);
   }
   return problem;
 }

@@ -190,6 +190,17 @@ enum class LagrangianName { midpoint, forward, generating, custom, gauss, splitt
 /// The normal Darboux matrix of a generating function: F = 0, ±[[0, I], [I, 0]], or the user's symmetric 2n×2n F.
 enum class DarbouxKind { midpoint, euler_a, euler_b, matrix };
 
+/// [scheme] frame of a lattice: see MovingFrame (pde/moving_frame.hpp).
+struct StatedFrame {
+  /// One for each direction; absent for "fit".
+  std::optional<std::vector<double>> velocity;
+  std::string symmetry = {};   ///< in which the frame turns: an entry of [symmetries]; empty where it does not
+  std::optional<double> rate = {};  ///< absent for "fit"
+  Location location;
+
+  [[nodiscard]] bool is_fitted() const { return !velocity || (!symmetry.empty() && !rate); }
+};
+
 /// [scheme]
 struct Scheme {
   LagrangianName lagrangian = LagrangianName::midpoint;
@@ -217,6 +228,7 @@ struct Scheme {
   std::optional<Matrix> darboux_matrix;
   std::optional<FormulaText> L;  ///< custom: in t_0, t_1 and every coordinate and momentum with suffix _0 and _1
   std::shared_ptr<const CornerDensity> density;  ///< custom of a lattice: L, of the corners of a cell
+  std::optional<StatedFrame> frame;              ///< of a lattice
   bool allow_unstable = false;
   std::int64_t max_steps = 100'000'000;
   double tolerance = 1e-13;

@@ -215,6 +215,11 @@ void read_output_times(Section& section, Problem& problem);
 /// Of these the coordinates of the grid, and t.
 [[nodiscard]] std::vector<std::string> argument_names(const MultisymplecticProblem& pde);
 ///@}
+/// [scheme] frame, with its own location, if there is one.
+[[nodiscard]] std::optional<StatedFrame> read_frame(Section& scheme, const Problem& problem);
+/// The values of `--set` that put fitted numbers in the place of "fit". \throws ProblemError where a first step of the
+/// problem in the laboratory fails
+[[nodiscard]] std::vector<std::string> fitted_frame(const Problem& problem);
 /// [scheme]; needs the rest of the problem.
 [[nodiscard]] Scheme read_scheme(Section& root, const Problem& problem);
 

@@ -47,6 +47,7 @@ public:
     if (const Entry* entry = section_.take("time_scale"); entry != nullptr && problem_.hamiltonian() == nullptr) {
       throw ProblemError(entry->location, "time_scale is for orbits ([hamiltonian]); leave it out");
     }
+    scheme_.frame = read_frame(section_, problem_);
     read_limits();
     read_times();
     section_.finish();

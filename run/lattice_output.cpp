@@ -25,6 +25,9 @@ public:
     for (const OutputQuantity& quantity : problem.output.quantities) {
       quantities_.emplace_back(problem, quantity, system_, grid_);
     }
+    if (auto frame = make_frame(problem)) {
+      laboratory_.emplace(std::move(*frame), grid_);
+    }
     if (problem.output.has_times()) {
       const double direction = problem.scheme.until < problem.start() ? -1.0 : 1.0;
       between_.emplace(*method_, system_, grid_, level_, problem.scheme.step.value_or(direction));
@@ -76,9 +79,10 @@ private:
 
   bool tell(RowSink& sink, const LatticeLevel& level, double t) {
     if (with_states_) {
+      const LatticeLevel& shown = laboratory_ ? (*laboratory_)(level, t) : level;
       auto column = columns_.begin();
       for (const int f : told()) {
-        sink.append(*column++, level.fields.field(f));
+        sink.append(*column++, shown.fields.field(f));
       }
     }
     bool defined = true;
@@ -97,6 +101,7 @@ private:
   std::unique_ptr<LatticeMethod> method_;
   LatticeLevel level_, next_;
   std::vector<LatticeQuantity> quantities_;
+  std::optional<LaboratoryView> laboratory_;  ///< output times are of the laboratory
   std::vector<record::Column> columns_, quantity_columns_;  ///< of the fields told, and of the quantities
   std::optional<LatticeBetween> between_;
 };

@@ -67,9 +67,13 @@ LatticeQuantity::LatticeQuantity(const Problem& problem, const OutputQuantity& q
     integrands_.emplace(graph, std::move(integrands), pde.fields, grid);
   }
   value_.emplace(graph, std::vector{value}, pde.fields, grid, std::move(numbers));
+  if (auto frame = make_frame(problem)) {
+    laboratory_.emplace(std::move(*frame), grid);
+  }
 }
 
-std::vector<double> LatticeQuantity::at(const LatticeLevel& level, double t) {
+std::vector<double> LatticeQuantity::at(const LatticeLevel& of_frame, double t) {
+  const LatticeLevel& level = laboratory_ ? (*laboratory_)(of_frame, t) : of_frame;
   const std::vector<double> numbers = integrands_ ? integrands_->integrals(level, t) : std::vector<double>();
   return point_ ? value_->at_point(level, t, *point_, numbers) : std::move((*value_)(level, t, numbers).front());
 }

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include <rubato/pde/multisymplectic_system.hpp>
+#include <rubato/pde/moving_frame.hpp>
 #include <rubato/pde/node_formula.hpp>
 #include <rubato/problem/problem.hpp>
 
@@ -22,6 +23,7 @@ public:
 
   [[nodiscard]] const std::string& name() const { return name_; }
   [[nodiscard]] bool is_field() const { return is_field_; }
+  /// \param level of the frame, where there is one; the quantity is of the laboratory
   [[nodiscard]] std::vector<double> at(const LatticeLevel& level, double t);
 
 private:
@@ -29,6 +31,7 @@ private:
   bool is_field_ = false;
   std::optional<NodeFormula> integrands_, value_;
   std::optional<grids::PointInterpolation> point_;
+  std::optional<LaboratoryView> laboratory_;
 };
 
 }  // namespace rubato

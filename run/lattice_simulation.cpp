@@ -25,6 +25,7 @@ public:
                    {.variational = !laws_.none(), .tangents = tangents}),
         invariants_(make_invariants(problem, lattice_.system(), lattice_.grid())),
         exact_(make_exact(problem, lattice_.system(), lattice_.grid())),
+        frame_(make_frame(problem)),
         energy_terms_(make_energy_terms(lattice_.system(), lattice_.grid())),
         meter_(problem, lattice_.system(), lattice_.grid()),
         previous_t_(lattice_.t()) {
@@ -64,7 +65,8 @@ public:
       return;
     }
     meter_.measure(lattice_.level(), number, t(), last_h_, measures);
-    if (number < 2) {
+    // A wave that rests in the frame shows no increment.
+    if (number < (frame_ ? 1U : 2U)) {
       measure_exact(number == 0, measures);
     }
   }
@@ -147,6 +149,21 @@ public:
     for (const std::string& name : exact_.names()) {
       exact_columns_.push_back(describe("/exact/" + name, "/states/t", nodes, "exact solution, from [exact]", true));
     }
+    if (frame_) {
+      shift_column_ = describe("/frame/shift", "/states/t",
+                               grid.dimensions() == 1 ? std::vector<std::string>() : std::vector<std::string>{"/frame/direction"},
+                               "how far the nodes of the frame have moved at the stored levels: x = node + shift");
+      phase_column_ = describe("/frame/phase", "/states/t", std::vector<std::string>(),
+                               "the angle by which the frame has turned: fields of the laboratory are exp(phase B) times "
+                               "the stored ones");
+      if (grid.dimensions() > 1) {
+        std::vector<double> directions;
+        for (int a = 0; a < grid.dimensions(); ++a) {
+          directions.push_back(static_cast<double>(a));
+        }
+        layout.scales.push_back({"/frame/direction", directions, "0 is x, 1 is y, 2 is z"});
+      }
+    }
     for (Law& law : laws()) {
       if (law.has_cells()) {
         law.describe_cells(layout, lattice_.method().laws_in_cells() ? cells : nodes, laws_.every != 1);
@@ -171,6 +188,11 @@ public:
     const auto exact = exact_.at(lattice_.level(), t());
     for (std::size_t i = 0; i < exact.size(); ++i) {
       sink.append(exact_columns_[i], std::span<const double>(exact[i]));
+    }
+    if (frame_) {
+      const auto shift = frame_->shift(t());
+      sink.append(shift_column_, std::span(shift).first(static_cast<std::size_t>(lattice_.grid().dimensions())));
+      sink.append(phase_column_, frame_->phase(t()));
     }
     for (const Law& law : laws()) {
       if (law.has_cells()) {
@@ -272,6 +294,7 @@ private:
   LatticeIntegrator lattice_;
   LatticeResiduals residuals_;
   NodeTable invariants_, exact_;
+  std::optional<MovingFrame> frame_;
   NodeFormula energy_terms_;
   LatticeMeter meter_;
   std::vector<bool> given_;  ///< the fields with initial data of their own
@@ -280,7 +303,7 @@ private:
   double last_h_ = 0.0;  ///< of the step taken last; 0 before the first
   std::size_t steps_ = 0;
   std::vector<record::Column> field_columns_, exact_columns_;
-  record::Column previous_t_column_;
+  record::Column previous_t_column_, shift_column_, phase_column_;
   std::vector<std::pair<int, record::Column>> previous_columns_;  ///< of the fields at levels, where they are stored
 };
 
