@@ -38,11 +38,15 @@ std::array<double, 3> MovingFrame::shift(double t) const {
   return result;
 }
 
+Eigen::MatrixXd MovingFrame::turn(double t) const {
+  return solve::exponential_of((phase(t) * B).cast<std::complex<double>>()).real();
+}
+
 void MovingFrame::turn(double t, grids::FieldSet& fields) const {
   if (phase(t) == 0.0) {
     return;
   }
-  const Eigen::MatrixXd turn = solve::exponential_of((phase(t) * B).cast<std::complex<double>>()).real();
+  const Eigen::MatrixXd turn = this->turn(t);
   Eigen::VectorXd z(turn.rows());
   for (std::size_t node = 0; node < fields.size(); ++node) {
     for (int f = 0; f < fields.fields(); ++f) {

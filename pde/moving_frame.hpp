@@ -33,7 +33,9 @@ struct MovingFrame {
   [[nodiscard]] std::array<double, 3> shift(double t) const;
   /// ω (t - t_0).
   [[nodiscard]] double phase(double t) const { return rate * (t - start); }
-  /// The fields at t turned into those of the laboratory, where they are: exp(ω (t - t_0) B).
+  /// exp(ω (t - t_0) B).
+  [[nodiscard]] Eigen::MatrixXd turn(double t) const;
+  /// The fields at t turned into those of the laboratory, where they are.
   void turn(double t, grids::FieldSet& fields) const;
 };
 

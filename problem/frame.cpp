@@ -60,18 +60,16 @@ std::optional<StatedFrame> read_frame(Section& scheme, const Problem& problem) {
     if (entry->value.array() != nullptr) {
       const Value::Array& components = *entry->value.array();
       if (components.size() != directions) {
-        throw ProblemError(entry->value.location, fmt::format("velocity has {} components, and the grid {} direction{}",
-                                                              components.size(), directions,
-                                                              directions == 1 ? "" : "s"));
+        throw ProblemError(entry->value.location,
+                           fmt::format("velocity has {} components, and the grid {} direction{}", components.size(),
+                                       directions, directions == 1 ? "" : "s"));
       }
-      std::ranges::transform(components, frame.velocity->begin(), [&](const Value& value) {
-        return read_number(value, "velocity", problem.parameters);
-      });
+      std::ranges::transform(components, frame.velocity->begin(),
+                             [&](const Value& value) { return read_number(value, "velocity", problem.parameters); });
     } else if (const auto speed = read_rate(entry->value, "velocity", problem.parameters)) {
       if (directions > 1) {
-        throw ProblemError(entry->value.location,
-                           fmt::format("velocity needs {} components here, such as [{}, 0{}]", directions, *speed,
-                                       directions == 3 ? ", 0" : ""));
+        throw ProblemError(entry->value.location, fmt::format("velocity needs {} components here, such as [{}, 0{}]",
+                                                              directions, *speed, directions == 3 ? ", 0" : ""));
       }
       frame.velocity->front() = *speed;
     } else {
@@ -123,9 +121,10 @@ std::vector<std::string> fitted_frame(const Problem& problem) {
   const LatticeLevel before = lattice.level();
   const StepReport report = lattice.step();
   if (report.status != Status::success) {
-    throw ProblemError(frame.location, fmt::format("nothing can be fitted, for a first step fails: {}. Give velocity as "
-                                                   "a number",
-                                                   lattice.explain(report)));
+    throw ProblemError(frame.location,
+                       fmt::format("nothing can be fitted, for a first step fails: {}. Give velocity as "
+                                   "a number",
+                                   lattice.explain(report)));
   }
   MovingFrame fitted = *make_frame(problem);
   fit_frame(lattice.system(), lattice.grid(), before, lattice.level(), report.h, !frame.velocity,

@@ -332,6 +332,14 @@ std::vector<std::vector<double>> read_initial_fields(const InitialRecord& source
       }
       return fmt::format("{}", fmt::join(sides, ", "));
     };
+    if (other.scheme.frame && !source.own_start && state.row != 0) {
+      throw ProblemError(
+          source.location,
+          fmt::format("from: the states of {} are of a moving frame, at x = node + /frame/shift; take its "
+                      "start, or give [output] times to that run and read the fields of the laboratory "
+                      "from an array",
+                      source.file));
+    }
     if (box(old) != box(grid)) {
       throw ProblemError(source.location,
                          fmt::format("from: {} has {}, and this problem {}: only the number of cells may differ",

@@ -55,10 +55,12 @@ constexpr std::array<TableEntry, 29> all_tables{{
     {"scheme.step_potential",
      "a step potential by its numbers: f'(h) = +-(s+1) |eta| h0^s (|h|/(kappa h0))^p, of the first step h0"},
     {"scheme.frame",
-     "a frame that moves with the waves of a periodic lattice, where steps may be longer: states are of the frame, at x "
+     "a frame that moves with the waves of a periodic lattice, where steps may be longer: states are of the frame, at "
+     "x "
      "= "
      "node + /frame/shift; output at times, events and invariants are of the laboratory"},
-    {"scheme.frame.phase", "phase = { charge = 0.5 }: how fast the frame turns in a symmetry", "an entry of [symmetries]"},
+    {"scheme.frame.phase", "phase = { charge = 0.5 }: how fast the frame turns in a symmetry",
+     "an entry of [symmetries]"},
     {"laws", "how often the laws are looked at"},
     {"verdict", "what the verdict on the run leaves out"},
     {"output", "the record"},

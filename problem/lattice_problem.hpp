@@ -33,8 +33,8 @@ namespace rubato {
                                               const grids::Grid& grid);
 ///@}
 
-/// Formulas of one section of a lattice problem, evaluated together at every node. With a frame, levels are those of the
-/// frame, and formulas speak of the laboratory.
+/// Formulas of one section of a lattice problem, evaluated together at every node. With a frame, levels are those of
+/// the frame, and formulas speak of the laboratory.
 class NodeTable {
 public:
   /// \param fields the names of the fields that the formulas may name, with dx() and its like; empty: the grid's
@@ -59,7 +59,8 @@ private:
   bool reads_fields_;
 };
 
-/// The invariants of a problem; with a frame, whose energy is another, `laboratory_energy` after them. \throws ProblemError also for one that reads a field which exists at midpoints only
+/// The invariants of a problem; with a frame, whose energy is another, `laboratory_energy` after them. \throws
+/// ProblemError also for one that reads a field which exists at midpoints only
 [[nodiscard]] NodeTable make_invariants(const Problem& problem, const MultisymplecticSystem& system,
                                         const grids::Grid& grid);
 /// Its exact solutions. \throws ProblemError also for that of a field which exists at midpoints only

@@ -194,7 +194,7 @@ enum class DarbouxKind { midpoint, euler_a, euler_b, matrix };
 struct StatedFrame {
   /// One for each direction; absent for "fit".
   std::optional<std::vector<double>> velocity;
-  std::string symmetry = {};   ///< in which the frame turns: an entry of [symmetries]; empty where it does not
+  std::string symmetry = {};        ///< in which the frame turns: an entry of [symmetries]; empty where it does not
   std::optional<double> rate = {};  ///< absent for "fit"
   Location location;
 

@@ -43,6 +43,65 @@ void for_each_row(const record::Reader& reader, const std::string& times, const 
   }
 }
 
+/// Where the stored states are of a moving frame: what takes their rows to the laboratory, at the nearest nodes.
+class Laboratory {
+public:
+  /// \param shape of a dataset of a field, levels first, then the directions of the grid, x last
+  Laboratory(const record::Reader& reader, const std::vector<std::string>& dimensions,
+             const std::vector<std::size_t>& shape)
+      : reader_(reader), cells_(shape.begin() + 1, shape.end()) {
+    if (!reader.has("/frame/shift")) {
+      return;
+    }
+    const std::vector<double> shift = reader.read("/frame/shift");
+    const std::size_t directions = cells_.size();
+    if (shift.size() != shape.front() * directions) {
+      throw record::Error(reader.file(), "/frame/shift has not one row for each stored level");
+    }
+    for (std::size_t level = 0; level < shape.front(); ++level) {
+      for (std::size_t a = 0; a < directions; ++a) {  // of x first
+        const std::vector<double> nodes = reader.read("/grid/" + dimensions[directions - 1 - a], 0, 2);
+        const auto cells = static_cast<double>(cells_[directions - 1 - a]);
+        const double moved = std::round(shift[level * directions + a] / (nodes.at(1) - nodes.at(0)));
+        by_.push_back(static_cast<std::size_t>(moved - cells * std::floor(moved / cells)));
+      }
+    }
+  }
+
+  [[nodiscard]] bool moves() const { return !by_.empty(); }
+  /// What fields are multiplied by at a stored level, row by row; empty where the frame does not turn.
+  [[nodiscard]] std::vector<double> turn(std::size_t level) const {
+    return reader_.has("/frame/turn") ? reader_.read("/frame/turn", level, 1) : std::vector<double>();
+  }
+  [[nodiscard]] bool turns() const { return reader_.has("/frame/turn"); }
+
+  /// A row at the nodes of the laboratory.
+  [[nodiscard]] std::span<const double> operator()(std::size_t level, std::span<const double> values) {
+    if (!moves()) {
+      return values;
+    }
+    moved_.resize(values.size());
+    const std::size_t directions = cells_.size();
+    for (std::size_t node = 0; node < values.size(); ++node) {
+      std::size_t rest = node, target = 0, stride = 1;
+      for (std::size_t a = 0; a < directions; ++a) {
+        const std::size_t n = cells_[directions - 1 - a];
+        target += (rest % n + by_[level * directions + a]) % n * stride;
+        rest /= n;
+        stride *= n;
+      }
+      moved_[target] = values[node];
+    }
+    return moved_;
+  }
+
+private:
+  const record::Reader& reader_;
+  std::vector<std::size_t> cells_;
+  std::vector<std::size_t> by_;  ///< whole cells, for each level and direction
+  std::vector<double> moved_;
+};
+
 /// Writes the drawings of all fields and residuals as maps of one kind, each dataset read once.
 template <typename Map>
 class MapWriter {
@@ -54,29 +113,39 @@ public:
         plan_(plan),
         group_(source.contents.field_group),
         first_(source.contents.fields.front().path),
-        shape_(reader_.info(source.contents.fields.front().path).shape) {}
+        shape_(reader_.info(first_).shape),
+        laboratory_(reader_, grid_of(reader_.info(first_)), shape_) {
+    if (group_ == "field" && laboratory_.turns()) {
+      std::ranges::transform(source.contents.fields, std::back_inserter(turned_), &Contents::Field::path);
+    }
+  }
 
   void field(const Contents::Field& field) {
     const record::DatasetInfo info = shape_of(field.path);
     Map map({.name = field.name, .group = group_, .starts_late = field.at_midpoints, .is_first = field.path == first_},
             plan_);
     const std::string exact_path = "/exact/" + field.name;
+    std::vector<std::string> paths = {field.path};
+    paths.insert(paths.end(), turned_.begin(), turned_.end());
     if (field.at_midpoints || group_ != "field" || !reader_.has(exact_path)) {
-      for_each_row(reader_, plan_.times, {field.path},
-                   [&](std::size_t level, const auto& values) { map.add(level, values[0]); });
+      for_each_row(reader_, plan_.times, paths, [&](std::size_t level, const auto& values) {
+        map.add(level, group_ == "field" ? laboratory_(level, turned(level, field, values)) : values[0]);
+      });
       write(map, info);
       return;
     }
     constexpr bool draws_exact = std::is_same_v<Map, SpaceTimeMap>;
     Map exact({.name = field.name, .group = "exact"}, plan_), error({.name = field.name, .group = "error"}, plan_);
     std::vector<double> difference(info.row_size());
-    for_each_row(reader_, plan_.times, {field.path, exact_path}, [&](std::size_t level, const auto& values) {
-      std::ranges::transform(values[0], values[1], difference.begin(), std::minus());
-      map.add(level, values[0]);
+    paths.push_back(exact_path);
+    for_each_row(reader_, plan_.times, paths, [&](std::size_t level, const auto& values) {
+      const std::span<const double> here = turned(level, field, values);
+      std::ranges::transform(here, values.back(), difference.begin(), std::minus());
+      map.add(level, laboratory_(level, here));
       if (draws_exact) {
-        exact.add(level, values[1]);
+        exact.add(level, laboratory_(level, values.back()));
       }
-      error.add(level, difference);
+      error.add(level, laboratory_(level, difference));
     });
     write(map, info);
     if (draws_exact) {
@@ -100,12 +169,38 @@ public:
     std::vector<double> magnitude(info.row_size());
     for_each_row(reader_, plan_.times, {path}, [&](std::size_t level, const auto& values) {
       std::ranges::transform(values[0], magnitude.begin(), [](double value) { return std::abs(value); });
-      map.add(level, magnitude);
+      map.add(level, laboratory_(level, magnitude));
     });
     write(map, info);
   }
 
 private:
+  /// The directions of the grid in the shape of a field.
+  [[nodiscard]] static std::vector<std::string> grid_of(const record::DatasetInfo& field) {
+    return {field.dimensions.begin() + 1, field.dimensions.end()};
+  }
+
+  /// A field as the laboratory has it; `values` are the field's own, then those of all fields where the frame turns.
+  [[nodiscard]] std::span<const double> turned(std::size_t level, const Contents::Field& field,
+                                               std::span<const std::span<const double>> values) {
+    if (turned_.empty()) {
+      return values[0];
+    }
+    const std::vector<double> turn = laboratory_.turn(level);
+    const std::size_t fields = turned_.size();
+    const auto row = static_cast<std::size_t>(std::ranges::find(turned_, field.path) - turned_.begin());
+    if (turn.size() != fields * fields) {
+      throw record::Error(reader_.file(), "/frame/turn has not one entry for each pair of fields");
+    }
+    in_laboratory_.assign(values[0].size(), 0.0);
+    for (std::size_t other = 0; other < fields; ++other) {
+      for (std::size_t node = 0; node < in_laboratory_.size(); ++node) {
+        in_laboratory_[node] += turn[row * fields + other] * values[1 + other][node];
+      }
+    }
+    return in_laboratory_;
+  }
+
   /// \throws record::Error if it is not that of the first field, which the plan is for
   [[nodiscard]] record::DatasetInfo shape_of(const std::string& path) const {
     record::DatasetInfo info = reader_.info(path);
@@ -126,6 +221,9 @@ private:
   std::string group_;
   std::string first_;  ///< path of the first field
   std::vector<std::size_t> shape_;
+  Laboratory laboratory_;
+  std::vector<std::string> turned_;  ///< the paths of all fields, where the frame turns
+  std::vector<double> in_laboratory_;
 };
 
 template <typename Map>

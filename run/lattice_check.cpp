@@ -166,7 +166,10 @@ public:
   }
 
   Spread run() {
-    record_.at_rank_0([this] { check_grid(); });
+    record_.at_rank_0([this] {
+      check_grid();
+      check_frame();
+    });
     output_.check_times();
     const grids::FieldSet initial = after_.fields;
     bool whole = stored_.load(0, after_.fields);
@@ -220,6 +223,42 @@ private:
       for (std::size_t i = 0; i < grid.cells(a); ++i) {
         findings_.same(nodes.path(), i, {}, nodes.at(i), axis.node(i), "[grid] of the problem");
         findings_.same(cells.path(), i, {}, cells.at(i), axis.centre(i), "[grid] of the problem");
+      }
+    }
+  }
+
+  void check_frame() {
+    const std::optional<MovingFrame> frame = make_frame(problem_);
+    if (!frame) {
+      return;
+    }
+    const std::size_t states = levels_.state_t.size(), directions = frame->velocity.size();
+    const record::Reader& reader = *record_.reader();
+    StoredRows shift(reader, "/frame/shift", directions);
+    for (std::size_t row = 0; row < states; ++row) {
+      const std::array<double, 3> expected = frame->shift(levels_.state_t[row]);
+      const std::span<const double> found = shift.row(row);
+      for (std::size_t a = 0; a < directions; ++a) {
+        findings_.same(shift.path(), row, a, found[a], expected[a], "[scheme] frame of the problem");
+      }
+    }
+    if (frame->rate == 0.0) {
+      return;
+    }
+    StoredRows phase(reader, "/frame/phase");
+    const auto fields = static_cast<std::size_t>(system_.field_count());
+    StoredRows turns(reader, "/frame/turn", fields * fields);
+    for (std::size_t row = 0; row < states; ++row) {
+      const double t = levels_.state_t[row];
+      findings_.same(phase.path(), row, {}, phase.at(row), frame->phase(t), "[scheme] frame of the problem");
+      const Eigen::MatrixXd turn = frame->turn(t);
+      const std::span<const double> found = turns.row(row);
+      for (std::size_t i = 0; i < found.size(); ++i) {
+        // The exponential of an angle is squared as often as that has binary digits, which doubles its rounding error.
+        findings_.compare(
+            turns.path(), row, i, found[i],
+            turn(static_cast<Eigen::Index>(i / fields), static_cast<Eigen::Index>(i % fields)),
+            [&] { return Rounding::unit * (1.0 + std::abs(frame->phase(t))); }, "[scheme] frame of the problem");
       }
     }
   }

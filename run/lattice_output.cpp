@@ -101,7 +101,7 @@ private:
   std::unique_ptr<LatticeMethod> method_;
   LatticeLevel level_, next_;
   std::vector<LatticeQuantity> quantities_;
-  std::optional<LaboratoryView> laboratory_;  ///< output times are of the laboratory
+  std::optional<LaboratoryView> laboratory_;                ///< output times are of the laboratory
   std::vector<record::Column> columns_, quantity_columns_;  ///< of the fields told, and of the quantities
   std::optional<LatticeBetween> between_;
 };

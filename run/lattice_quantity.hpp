@@ -4,8 +4,8 @@
 #include <string>
 #include <vector>
 
-#include <rubato/pde/multisymplectic_system.hpp>
 #include <rubato/pde/moving_frame.hpp>
+#include <rubato/pde/multisymplectic_system.hpp>
 #include <rubato/pde/node_formula.hpp>
 #include <rubato/problem/problem.hpp>
 

@@ -150,19 +150,7 @@ public:
       exact_columns_.push_back(describe("/exact/" + name, "/states/t", nodes, "exact solution, from [exact]", true));
     }
     if (frame_) {
-      shift_column_ = describe("/frame/shift", "/states/t",
-                               grid.dimensions() == 1 ? std::vector<std::string>() : std::vector<std::string>{"/frame/direction"},
-                               "how far the nodes of the frame have moved at the stored levels: x = node + shift");
-      phase_column_ = describe("/frame/phase", "/states/t", std::vector<std::string>(),
-                               "the angle by which the frame has turned: fields of the laboratory are exp(phase B) times "
-                               "the stored ones");
-      if (grid.dimensions() > 1) {
-        std::vector<double> directions;
-        for (int a = 0; a < grid.dimensions(); ++a) {
-          directions.push_back(static_cast<double>(a));
-        }
-        layout.scales.push_back({"/frame/direction", directions, "0 is x, 1 is y, 2 is z"});
-      }
+      describe_frame(layout);
     }
     for (Law& law : laws()) {
       if (law.has_cells()) {
@@ -192,7 +180,11 @@ public:
     if (frame_) {
       const auto shift = frame_->shift(t());
       sink.append(shift_column_, std::span(shift).first(static_cast<std::size_t>(lattice_.grid().dimensions())));
-      sink.append(phase_column_, frame_->phase(t()));
+      if (frame_->rate != 0.0) {
+        sink.append(phase_column_, frame_->phase(t()));
+        const Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> turn = frame_->turn(t());
+        sink.append(turn_column_, std::span<const double>(turn.data(), static_cast<std::size_t>(turn.size())));
+      }
     }
     for (const Law& law : laws()) {
       if (law.has_cells()) {
@@ -282,6 +274,38 @@ private:
     }
   }
 
+  void describe_frame(record::Layout& layout) {
+    const auto numbers = [&](const std::string& path, int count, const std::string& description) {
+      std::vector<double> values;
+      for (int i = 0; i < count; ++i) {
+        values.push_back(static_cast<double>(i));
+      }
+      layout.scales.push_back({path, values, description});
+    };
+    const int directions = lattice_.grid().dimensions();
+    if (directions > 1) {
+      numbers("/frame/direction", directions, "0 is x, 1 is y, 2 is z");
+    }
+    shift_column_ = layout.add(
+        {"/frame/shift", "/states/t",
+         directions > 1 ? std::vector<std::string>{"/frame/direction"} : std::vector<std::string>(), record::Type::f64,
+         "how far the nodes of the frame have moved at the stored levels: x = node + shift"});
+    if (frame_->rate != 0.0) {
+      numbers("/frame/row", lattice_.system().field_count(), "the number of a field");
+      numbers("/frame/column", lattice_.system().field_count(), "the number of a field");
+      phase_column_ = layout.add({"/frame/phase",
+                                  "/states/t",
+                                  {},
+                                  record::Type::f64,
+                                  "the angle by which the frame has turned at the stored levels"});
+      turn_column_ = layout.add({"/frame/turn",
+                                 "/states/t",
+                                 {"/frame/row", "/frame/column"},
+                                 record::Type::f64,
+                                 "exp(phase B): times the stored fields the fields of the laboratory"});
+    }
+  }
+
   [[nodiscard]] bool at_midpoints(int field) const { return lattice_.system().structure().at_midpoints(field); }
 
   /// Of a potential only the periodic part is a grid function.
@@ -303,7 +327,7 @@ private:
   double last_h_ = 0.0;  ///< of the step taken last; 0 before the first
   std::size_t steps_ = 0;
   std::vector<record::Column> field_columns_, exact_columns_;
-  record::Column previous_t_column_, shift_column_, phase_column_;
+  record::Column previous_t_column_, shift_column_, phase_column_, turn_column_;
   std::vector<std::pair<int, record::Column>> previous_columns_;  ///< of the fields at levels, where they are stored
 };
 

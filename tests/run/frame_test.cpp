@@ -1,0 +1,270 @@
+// [scheme] frame: the equation in a frame that moves with the wave, and what is told of the laboratory.
+
+#include <catch2/catch.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include <fmt/format.h>
+
+#include <rubato/problem/problem.hpp>
+#include <rubato/record/reader.hpp>
+#include <rubato/run/check.hpp>
+#include <rubato/run/run.hpp>
+
+#include "records.hpp"
+#include "run/mailboxes.hpp"
+#include "run/shared_lattices.hpp"
+
+using namespace rubato;
+using namespace rubato::run_tests;
+using Catch::Matchers::Contains;
+
+namespace {
+
+using Settings = std::vector<std::string>;
+
+Settings joined(Settings one, const Settings& other) {
+  one.insert(one.end(), other.begin(), other.end());
+  return one;
+}
+
+const Settings soliton = {"scheme.lagrangian=fourier", "scheme.step=0.02", "scheme.until=2"};
+const Settings schroedinger = {"scheme.lagrangian=fourier", "grid.x.cells=151", "scheme.step=0.05"};
+constexpr const char* with_the_wave = "scheme.frame.velocity=4*pi/L";  // of nls, one wave of the phase over the period
+constexpr const char* with_its_phase = "scheme.frame.phase.charge=1+c^2/4";
+
+/// u = 2 (log F)_xx, speeds 1.44 and 3.24.
+constexpr const char* two_solitons = R"toml(
+[multisymplectic]
+equation = "kdv"
+[parameters]
+L = 60
+k = 1.8
+l = 1.2
+a = "((k - l)/(k + l))^2"
+[definitions]
+e = "exp(k*x - k^3*t)"
+f = "exp(l*x - l^3*t)"
+F = "1 + e + f + a*e*f"
+F_x = "k*e + l*f + a*(k + l)*e*f"
+U = "2*((k^2*e + l^2*f + a*(k + l)^2*e*f)/F - (F_x/F)^2)"
+[grid]
+x = { from = "-L/2", to = "L/2", cells = 257 }
+[initial]
+t = -4
+u = "U"
+[exact]
+u = "U"
+[scheme]
+lagrangian = "fourier"
+stages = 4
+levels = "fixed"
+step = 0.1
+until = 2
+)toml";
+
+/// A name of the catalogue, or the text of a problem.
+Problem problem_of(const std::string& problem, const Settings& settings) {
+  return problem.find('\n') == std::string::npos ? read_problem(problem, settings)
+                                                 : parse_problem(problem, "problem.toml", settings);
+}
+
+/// The largest error of the first field of [exact].
+double error_of(const std::string& problem, const Settings& settings) {
+  const Folder folder;
+  const Outcome outcome = run(problem_of(problem, settings), {.output = folder / "a.h5", .threads = 1});
+  REQUIRE(outcome.status == ExitStatus::done);
+  return outcome.statistics.errors.front().value.largest();
+}
+
+double largest_distance(const std::vector<double>& a, const std::vector<double>& b) {
+  REQUIRE(a.size() == b.size());
+  double result = 0.0;
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    result = std::max(result, std::abs(a[i] - b[i]));
+  }
+  return result;
+}
+
+std::vector<double> last_row(const record::Reader& reader, const std::string& path) {
+  return reader.read(path, reader.info(path).shape.front() - 1, 1);
+}
+
+}  // namespace
+
+TEST_CASE("a wave that rests in the frame has no error of the step") {
+  // The published soliton is not quite periodic: its tail at the seam, 4 exp(-L) = 8e-9, is what is left.
+  CHECK(error_of("kdv", joined(soliton, {"scheme.frame.velocity=4"})) < 1e-7);
+  const double laboratory = error_of("kdv", soliton);
+  CHECK(laboratory > 1e-2);
+  // Twins: the other way round, and a frame that does not turn with the phase.
+  CHECK(error_of("kdv", joined(soliton, {"scheme.frame.velocity=-4"})) > laboratory);
+  CHECK(error_of("nls", joined(schroedinger, {with_the_wave, with_its_phase})) < 1e-8);
+  CHECK(error_of("nls", joined(schroedinger, {with_the_wave})) > 0.9 * error_of("nls", schroedinger));
+}
+
+TEST_CASE("two solitons gain in the frame between them") {
+  const double laboratory = error_of(two_solitons, {"scheme.frame.velocity=0"});
+  CHECK(error_of(two_solitons, {"scheme.frame.velocity=2.3"}) < laboratory / 500.0);
+  CHECK(error_of(two_solitons, {"scheme.frame.velocity=-1"}) > laboratory);
+}
+
+TEST_CASE("a frame that rests changes no bit") {
+  const Folder folder;
+  for (const char* scheme : {"box", "fourier"}) {
+    const Settings settings = {std::string("scheme.lagrangian=") + scheme, "scheme.until=0.2"};
+    static_cast<void>(run(read_problem("kdv", settings), {.output = folder / "plain.h5", .overwrite = true}));
+    static_cast<void>(run(read_problem("kdv", joined(settings, {"scheme.frame.velocity=0"})),
+                          {.output = folder / "frame.h5", .overwrite = true}));
+    static_cast<void>(run(read_problem("kdv", joined(settings, {"scheme.frame.velocity=1e-9"})),
+                          {.output = folder / "twin.h5", .overwrite = true}));
+    const auto states = [&](const char* name) { return record::Reader(folder / name).read("/states/u"); };
+    CHECK(states("plain.h5") == states("frame.h5"));
+    CHECK(states("plain.h5") != states("twin.h5"));
+  }
+}
+
+TEST_CASE("the velocity and the rate of a frame are fitted, and the record has the numbers") {
+  const Problem one = read_problem("kdv", joined(soliton, {"scheme.frame.velocity=fit"}));
+  REQUIRE(one.scheme.frame);
+  // By midpoints of a step of h/64: c is off by its error, (h/64)²/24 of the cube of the fastest rate, about 10.
+  CHECK(one.scheme.frame->velocity->front() == Approx(4.0).margin(1e-4));
+  CHECK_THAT(one.text, !Contains("fit\""));
+  const Problem other =
+      read_problem("nls", joined(schroedinger, {"scheme.frame.velocity=fit", "scheme.frame.phase.charge=fit"}));
+  const double c = 0.1 * 3.14159265358979323846;  // 4π/L
+  CHECK(other.scheme.frame->velocity->front() == Approx(c).margin(1e-5));
+  CHECK(*other.scheme.frame->rate == Approx(1.0 + c * c / 4.0).margin(1e-5));
+  // With the velocity given the rate alone is fitted.
+  const Problem third =
+      read_problem("nls", joined(schroedinger, {"scheme.frame.velocity=0.25", "scheme.frame.phase.charge=fit"}));
+  CHECK(third.scheme.frame->velocity->front() == 0.25);
+  // Two solitons of speeds 1.44 and 3.24: between them, nearer to the taller one.
+  const Problem two = problem_of(two_solitons, {"scheme.frame.velocity=fit"});
+  CHECK(two.scheme.frame->velocity->front() == Approx(3.03).margin(0.05));
+}
+
+TEST_CASE("states are of the frame; output at times, points, events and invariants are of the laboratory") {
+  const Folder folder;
+  const std::string file = folder / "frame.h5";
+  // The crest of u = 2 sech²(x - 4 t) comes to x = 3.2 at t = 0.8, which is a level: between levels
+  // output has an error of its own.
+  const Settings told = joined(
+      soliton, {"scheme.frame.velocity=4", "output.times=[0.8, 1.6]",
+                "output.quantities={ u = \"u\", here = { formula = \"u\", at = { x = 3.2 } }, all = \"integral(u)\" }",
+                "events={ crest = { crossing = \"dx(u)\", at = { x = 3.2 }, direction = \"up\" } }",
+                "invariants={ moment = \"x*u\" }"});
+  const Outcome outcome = run(read_problem("kdv", told), {.output = file, .threads = 1});
+  REQUIRE(outcome.status == ExitStatus::done);
+  auto reader = std::make_unique<record::Reader>(file);
+  const std::vector<double> x = reader->read("/grid/x"), u = reader->read("/output/quantities/u"),
+                            here = reader->read("/output/quantities/here"), crest = reader->read("/events/crest/t");
+  // With its images: the period is 20.
+  const auto wave = [](double place) {
+    return 2.0 / std::pow(std::cosh(place), 2) + 2.0 / std::pow(std::cosh(place + 20.0), 2) +
+           2.0 / std::pow(std::cosh(place - 20.0), 2);
+  };
+  double distance = 0.0, unmoved = 0.0;
+  for (std::size_t i = 0; i < x.size(); ++i) {
+    distance = std::max(distance, std::abs(u[i] - wave(x[i] - 3.2)));
+    unmoved = std::max(unmoved, std::abs(u[i] - wave(x[i])));
+  }
+  CHECK(distance < 1e-7);  // as the error of the run
+  CHECK(unmoved > 1.0);    // the twin: it is not what the frame has
+  CHECK(here[0] == Approx(2.0).margin(1e-7));
+  CHECK(here[1] == Approx(wave(3.2)).margin(1e-7));
+  REQUIRE(crest.size() == 1);
+  CHECK(crest[0] == Approx(0.8).margin(1e-6));
+
+  // The stored state has moved by nothing, its nodes by 4 t.
+  const std::vector<double> shift = reader->read("/frame/shift"), t = reader->read("/states/t");
+  CHECK(shift.back() == 4.0 * t.back());
+  CHECK(largest_distance(reader->read("/states/u", 0, 1), last_row(*reader, "/states/u")) < 1e-7);
+  CHECK(largest_distance(last_row(*reader, "/exact/u"), last_row(*reader, "/states/u")) < 1e-7);
+
+  // ∫xu = 4·4t while the wave is far from the seam.
+  const std::vector<double> moment = reader->read("/laws/moment"), levels = reader->read("/levels/t");
+  const auto at = static_cast<std::size_t>(std::ranges::find(levels, 0.5) - levels.begin());
+  REQUIRE(at < levels.size());
+  CHECK(moment[at] == Approx(8.0).margin(1e-4));
+
+  CHECK(check(file).status == ExitStatus::done);
+  reader.reset();
+  falsify(file, "/frame/shift", 1, 1e-9);
+  CHECK(check(file).status == ExitStatus::contradiction);
+}
+
+TEST_CASE("the energy of a frame is that of the laboratory with momentum and charge, and both are told") {
+  const Folder folder;
+  const auto outcome = [&](const Settings& more) {
+    return run(read_problem("nls", joined(schroedinger, more)),
+               {.output = folder / "a.h5", .overwrite = true, .threads = 1});
+  };
+  const Outcome plain = outcome({}), frame = outcome({with_the_wave, with_its_phase});
+  const auto& invariants = frame.statistics.invariants;
+  const auto told = std::ranges::find(invariants, "laboratory_energy", &figures::Named<figures::Deviation>::name);
+  REQUIRE(told != invariants.end());
+  const double lab = plain.statistics.node_energy.initial;
+  CHECK(told->value.initial == Approx(lab).margin(1e-14));
+  CHECK(frame.statistics.node_energy.initial != Approx(lab).margin(0.1));
+  CHECK(frame.statistics.relative_energy_deviation().value() < 1e-13);
+  CHECK(std::ranges::find(plain.statistics.invariants, "laboratory_energy",
+                          &figures::Named<figures::Deviation>::name) == plain.statistics.invariants.end());
+  CHECK(check(folder / "a.h5").status == ExitStatus::done);
+  falsify(folder / "a.h5", "/frame/turn", 20, 1e-6);
+  CHECK(check(folder / "a.h5").status == ExitStatus::contradiction);
+}
+
+TEST_CASE("a run in a frame that is resumed has the bits of one never stopped, with variable levels, too") {
+  const Folder folder;
+  const Settings settings = joined(schroedinger, {with_the_wave, with_its_phase, "scheme.levels=variable"});
+  static_cast<void>(run(read_problem("nls", joined(settings, {"scheme.until=1"})), {.output = folder / "whole.h5"}));
+  static_cast<void>(run(read_problem("nls", joined(settings, {"scheme.until=0.5"})), {.output = folder / "part.h5"}));
+  static_cast<void>(resume(folder / "part.h5", 1.0));
+  const auto states = [&](const char* name) { return record::Reader(folder / name).read("/states/p"); };
+  CHECK(states("whole.h5") == states("part.h5"));
+}
+
+TEST_CASE("ranks share a lattice in a frame") {
+  const Folder folder;
+  const Settings settings = {"scheme.lagrangian=fourier", "scheme.frame.velocity=[0.5, -0.25]",
+                             "output.times=[0.1, 0.25]", "invariants.mass=u^2 + sin(x)*u"};
+  const Problem problem = wave_on_torus(20, 15, settings);
+  const Outcome one = run(problem, {.output = folder / "one.h5", .threads = 1});
+  REQUIRE(one.status == ExitStatus::done);
+  const Outcome all = with_ranks(3, [&](auto& rank) { return run(problem, on(rank, folder / "all.h5")); });
+  CHECK(all.status == ExitStatus::done);
+  const auto read = [&](const char* name, const char* path) { return record::Reader(folder / name).read(path); };
+  // Transforms of several ranks round otherwise; each of the few steps is solved to some roundings.
+  for (const char* path : {"/output/u", "/states/u", "/laws/mass", "/frame/shift"}) {
+    INFO(path);
+    CHECK(largest_distance(read("one.h5", path), read("all.h5", path)) < 1e-11);
+  }
+  CHECK(check(folder / "all.h5").status == ExitStatus::done);
+}
+
+TEST_CASE("a frame that cannot be is refused, with place and remedy") {
+  const auto message = [](const std::string& name, const Settings& settings) {
+    try {
+      static_cast<void>(read_problem(name, settings));
+    } catch (const ProblemError& error) {
+      return std::string(error.what());
+    }
+    return std::string();
+  };
+  CHECK_THAT(message("kdv", {"scheme.frame.velocity=[1, 2]"}),
+             Contains("velocity has 2 components") && Contains("1 direction"));
+  CHECK_THAT(message("kdv", {"scheme.frame.velocity=\"best\""}), Contains("best"));
+  CHECK_THAT(message("kdv", {"scheme.frame.speed=4"}), Contains("speed") && Contains("velocity"));
+  CHECK_THAT(message("nls", {"scheme.frame.phase.chrage=1"}), Contains("did you mean charge?"));
+  CHECK_THAT(message("kdv", {"scheme.frame.phase.charge=1"}),
+             Contains("no entry of [symmetries]") && Contains("state it there"));
+  CHECK_THAT(message("sine-gordon-2d", {"scheme.frame.velocity=1"}), Contains("such as [1, 0]"));
+  CHECK_THAT(message("trapped-condensate", {"scheme.frame.velocity=1"}), Contains("S names x"));
+  CHECK_THAT(message("pendulum", {"scheme.frame.velocity=1"}), Contains("frame is for lattices"));
+  CHECK(message("kdv", {"scheme.frame.velocity=1"}).empty());
+}
