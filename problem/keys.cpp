@@ -234,8 +234,7 @@ std::vector<KeyEntry> make_keys() {
       {"scheme", "frame", "table", none, "Of a lattice, see [scheme.frame]."},
       {"scheme.frame", "velocity", "number, list, or \"fit\"", "0",
        "That of the frame; of two and three dimensions a list, [c_x, c_y]; \"fit\" takes the one in which the initial "
-       "fields change least.",
-       fit_words},
+       "fields change least."},
       {"scheme.frame", "phase", "table", none, "See [scheme.frame.phase]; its entry is a number, or \"fit\"."},
       {"scheme.step_potential", "kappa", "number", required, "kappa h0 is about the largest step."},
       {"scheme.step_potential", "p", "number greater than the order", required, "How suddenly it is felt."},
