@@ -60,7 +60,7 @@ constexpr std::array<TableEntry, 29> all_tables{{
      "= "
      "node + /frame/shift; output at times, events and invariants are of the laboratory"},
     {"scheme.frame.phase", "phase = { charge = 0.5 }: how fast the frame turns in a symmetry",
-     "an entry of [symmetries]"},
+     "a symmetry of the problem"},
     {"laws", "how often the laws are looked at"},
     {"verdict", "what the verdict on the run leaves out"},
     {"output", "the record"},
