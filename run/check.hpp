@@ -26,7 +26,7 @@ struct CheckOptions {
 ///
 /// The record is read level by level. It may be that of a run still going, or of one that was killed.
 /// \throws record::Error if it cannot be read, or its datasets do not fit together; Interrupted where an Interruptible
-/// of this thread asks for it, but for a replay
+/// of this thread asks for it
 [[nodiscard]] Outcome check(const std::string& file, const CheckOptions& options = {});
 
 }  // namespace rubato

@@ -281,8 +281,9 @@ CheckpointFindings check_checkpoint(const record::Reader& reader, const StoredLe
 
 namespace {
 
-/// Chronicle::take(). \throws Interrupted from a look-ahead
+/// Chronicle::take(). \throws Interrupted where this thread's Interruptible asks for it
 void take(Chronicle& chronicle, std::size_t most) {
+  Interruptible::end_if_asked();
   chronicle.take(most);
   if (chronicle.simulation().interrupted()) {
     throw Interrupted();

@@ -9,6 +9,8 @@
 #include <vector>
 
 #include <rubato/base/interrupt.hpp>
+#include <rubato/problem/stored.hpp>
+#include <rubato/run/checkpoint_check.hpp>
 #include <rubato/run/run.hpp>
 
 #include "records.hpp"
@@ -50,4 +52,22 @@ TEST_CASE("a run that is interrupted in its look-ahead has no step, and goes on 
   REQUIRE(resume(file, std::nullopt, options).status == ExitStatus::done);
   REQUIRE(run(problem, {.output = whole}).status == ExitStatus::done);
   CHECK(different_datasets(file, whole) == Names{});
+}
+
+TEST_CASE("a replay ends where it is asked to", "[run]") {
+  const Folder folder;
+  const std::string file = folder / "pendulum.h5";
+  REQUIRE(run(read_problem("pendulum", std::vector<std::string>{"scheme.until=5"}), {.output = file}).status ==
+          ExitStatus::done);
+  const record::Reader reader(file);
+  const Problem problem = stored_problem(reader);
+  const StoredLevels levels(reader, problem);
+  Findings findings;
+  std::atomic<bool> asked = false;
+  const Interruptible here(&asked);
+  CHECK_NOTHROW(replay(reader, levels, problem, findings));
+  asked = true;
+  CHECK_THROWS_AS(replay(reader, levels, problem, findings), Interrupted);
+  CHECK_THROWS_AS(reproduced_states(reader, levels, problem, 3), Interrupted);
+  CHECK(findings.disagreements() == 0);
 }
