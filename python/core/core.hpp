@@ -3,9 +3,11 @@
 #include <csignal>
 
 #include <atomic>
+#include <exception>
 #include <memory>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <pybind11/numpy.h>
@@ -50,6 +52,55 @@ template <typename Number>
   return py::array_t<Number>(std::move(shape), kept->data(), owner);
 }
 
+/// How a run, a check, an ensemble or a convergence study ended: what the program would print.
+struct Ending {
+  ExitStatus status = ExitStatus::done;
+  std::string json = {}, table = {}, message = {}, file = {}, title = {};
+  std::vector<std::string> warnings = {};
+  std::string verdict = {};
+};
+
+[[nodiscard]] Ending ending_of(const Outcome& outcome);
+
+/// What a caller may ask of a run.
+struct Wishes {
+  int threads = 0;
+  py::object progress;  ///< called with (t, start, until, steps, members), or None
+};
+
+/// Carries out `work` without the lock of the interpreter: `progress` is called with it, and what that raises ends the
+/// work and is raised again. \return what `work` returns, which has a status
+template <typename Work>
+auto carry_out(const Wishes& wishes, RunOptions options, const Work& work) {
+  CatchInterrupt interrupt;
+  std::exception_ptr raised;
+  options.threads = wishes.threads;
+  options.interrupt = &interrupt.asked();
+  if (!wishes.progress.is_none()) {
+    options.progress = [&](const Progress& now) {
+      const py::gil_scoped_acquire acquired;
+      try {
+        wishes.progress(now.t, now.start, now.until, now.steps, now.members);
+      } catch (...) {
+        raised = std::current_exception();
+        interrupt.asked() = true;
+      }
+    };
+  }
+  auto outcome = [&] {
+    const py::gil_scoped_release released;
+    return work(std::as_const(options));
+  }();
+  if (raised) {
+    std::rethrow_exception(raised);
+  }
+  if (interrupt.asked() && outcome.status != ExitStatus::interrupted) {
+    PyErr_SetInterrupt();  // what cannot be interrupted, or had ended
+  }
+  return outcome;
+}
+
+void define_many(py::module_& module);
 void define_problems(py::module_& module);
 void define_records(py::module_& module);
 void define_runs(py::module_& module);

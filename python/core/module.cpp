@@ -67,6 +67,7 @@ PYBIND11_MODULE(_core, module) {
   describe(py::register_exception<rubato::record::AlreadyExists>(
                module, "RecordExists", py::make_tuple(record_error, py::handle(PyExc_FileExistsError))),
            "A record is where a new one was to be written; overwrite=True replaces it.");
+  define_many(module);
   define_problems(module);
   define_records(module);
   define_runs(module);

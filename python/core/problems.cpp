@@ -93,6 +93,12 @@ void define_problems(py::module_& module) {
       .def_property_readonly("p", [=](const BoundProblem& bound) { return orbit(bound) ? orbit(bound)->p : Names(); })
       .def_property_readonly("q_dot",
                              [=](const BoundProblem& bound) { return orbit(bound) ? orbit(bound)->q_dot : Names(); })
+      .def_property_readonly("pairs",
+                             [=](const BoundProblem& bound) {
+                               const HamiltonianProblem& stated = *orbit(bound);
+                               return stated.q.size() - (stated.driven || stated.fictitious_time ? 1 : 0);
+                             })
+      .def_property_readonly("has_clock", [](const BoundProblem& bound) { return bound.problem.clock().has_value(); })
       .def_property_readonly("fields",
                              [=](const BoundProblem& bound) { return pde(bound) ? pde(bound)->fields : Names(); })
       .def_property_readonly("form", [=](const BoundProblem& bound) { return pde(bound) ? pde(bound)->derived : ""; })

@@ -15,8 +15,9 @@ _os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # threads that wait leave 
 
 from ._core import FileError, ProblemError, RecordError, RecordExists
 from ._core import version as __version__
+from ._ensemble import EnsembleResult
 from ._events import Event
-from ._result import EnsembleResult, Result, Summary
+from ._result import Result, Summary
 from ._run import (Interrupted, RubatoWarning, catalogue, check, compare, converge, help, integrate, open, resume, run,
                    scan, show)
 from ._steps import Integrator

@@ -21,8 +21,9 @@ class Event:
     terminal : bool or int
         Ends the run with the step of the first crossing, or of that number.
     reset : callable, optional
-        Of a Hamiltonian: ``reset(t, y)`` returns the state to go on from, or None to end there. The run goes on from
-        the crossing with a discrete energy of its own. A body that bounces back within one step falls through.
+        Of an orbit: ``reset(t, y)`` returns the state to go on from, in the form of `initial`, or None to end there.
+        The run goes on from the crossing with a discrete energy of its own. A body that bounces back within one step
+        falls through.
     quantities : list, optional
         Formulas that are stored at each crossing.
     at : dict, optional
@@ -37,18 +38,21 @@ class Event:
         self.crossing, self.direction, self.terminal, self.reset = crossing, direction, terminal, reset
         self.quantities, self.at, self.name = quantities, at, name
 
-    def table(self, names: list, parameters: list) -> dict:
-        """Returns the event as a table of a problem file."""
+    def table(self, declared: list, others: list) -> dict:
+        """Returns the event as a table of a problem file.
+
+        Functions are called with the declared names of the state, vectors among them, and others that they name.
+        """
         crossing = self.crossing
         if callable(crossing) and not isinstance(crossing, _symbols.Symbol):
-            crossing = _scipy_form(crossing, names)
-        table = {"crossing": _symbols.as_text(crossing, names, [*parameters, "t"], f"event {self.name}")}
+            crossing = _scipy_form(crossing, [part for name in declared for part in _symbols.components(name)])
+        table = {"crossing": _symbols.as_text(crossing, declared, others, f"event {self.name}")}
         if self.direction:
             table["direction"] = "up" if self.direction > 0 else "down"
         if self.terminal or self.reset is not None:
             table["stop"] = 1 if self.reset is not None or self.terminal is True else int(self.terminal)
         if self.quantities:
-            table["quantities"] = [_symbols.as_text(q, names, [*parameters, "t"], "quantity") for q in self.quantities]
+            table["quantities"] = [_symbols.as_text(q, declared, others, "quantity") for q in self.quantities]
         if self.at is not None:
             table["at"] = self.at
         return table

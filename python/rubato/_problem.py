@@ -80,7 +80,7 @@ def build(system, initial, t_span, *, step, scheme=None, stages=None, levels=Non
         raise TypeError(f"{function} takes step, the length of the first one, or step=\"auto\" with energy_tolerance")
     start, end = span(t_span)
     stated = system.system if is_lattice else system
-    names, parameters = stated.names, list(stated._parameters)
+    names, others = stated.names, [*stated._parameters, "t", *stated.names]
     tables = system.tables()
     if "title" not in tables[""]:
         tables[""] = {"title": _title(stated)}
@@ -96,10 +96,10 @@ def build(system, initial, t_span, *, step, scheme=None, stages=None, levels=Non
         tables[known[key]][key] = value
     if quantities:
         tables["output.quantities"] = {
-            name: _symbols.as_text(value, names, [*parameters, "t"], f"quantity {name}")
+            name: _symbols.as_text(value, stated._names, others, f"quantity {name}")
             for name, value in quantities.items()}
     for event in events:
-        tables["section" if event.name == "section" else f"events.{event.name}"] = event.table(names, parameters)
+        tables["section" if event.name == "section" else f"events.{event.name}"] = event.table(stated._names, others)
     return _core.parse_problem(_toml.text(tables), "rubato." + function, list(settings or ()),
                                system._arrays if is_lattice else {})
 

@@ -67,7 +67,7 @@ class Crossings:
         read = lambda last: result._read(prefix + last) if prefix + last in result._info else None
         self.t, self.direction, self.quantities = read("t"), read("direction"), read("quantities")
         q, p = read("q"), read("p")
-        self.y = None if q is None else np.concatenate([q, p], axis=1).T
+        self.y = None if q is None else result._states(q, p)
 
     def __len__(self):
         return len(self.t)
@@ -82,13 +82,13 @@ class Result:
     Attributes
     ----------
     t : array
-        Times of the stored levels, or those of `t_eval`.
+        Times of the stored levels, or those of `t_eval`: physical ones, with `time_scale`, too.
     y : array, shape (2n, len(t))
-        Of an orbit the states at `t`: coordinates, then momenta.
+        Of an orbit the states at `t`: coordinates, then momenta; of a Lagrangian coordinates, then velocities.
     sol : callable
         Of an orbit, ``sol(t)``: states in between, by dense output of the scheme's own order.
     energy, h : array
-        The discrete energy and the length of each step.
+        The discrete energy and the length of each step; with `every`, of those that lead to stored levels.
     laws : mapping
         Local residuals (NAME_max, NAME_rms), totals and invariants.
     t_events, y_events : list of arrays
@@ -179,6 +179,8 @@ class Result:
             raise AttributeError(name)
         if name in self._columns:
             return self[name]
+        if name in ("y", "sol"):  # the property had none
+            raise AttributeError(self._why_no_states(name))
         known = list(self._columns) + [word for word in dir(type(self)) if not word.startswith("_")]
         raise AttributeError(f"the result has no {name!r}{_toml.suggestion(name, known)}")
 
@@ -192,18 +194,35 @@ class Result:
 
     @property
     def t(self):
-        return self._read("/output/t" if self._has_output_states() else "/states/t")
+        if self._has_output_states():
+            return self._read("/output/t")
+        return self._read("/states/q")[:, -1] if self._problem.has_clock else self._read("/states/t")
+
+    def _why_no_states(self, name: str) -> str:
+        if not self._problem.is_lattice:
+            return "sol needs the states of all levels: leave out every"
+        field = self._problem.fields[0]
+        return f"a lattice has no sol: give t_eval for the times of the states, r[\"{field}\"]" if name == "sol" else \
+            f"a lattice has its fields by name: r[\"{field}\"]"
 
     @property
     def y(self):
         if self._problem.is_lattice:
             if "y" in self._columns:
                 return self["y"]
-            raise AttributeError("a lattice has its fields by name")
+            raise AttributeError(self._why_no_states("y"))
         if "y of scipy" not in self._cache:
             where = "/output/" if self._has_output_states() else "/states/"
-            self._cache["y of scipy"] = np.concatenate([self._read(where + "q"), self._read(where + "p")], axis=1).T
+            velocities = self._read(where + "q_dot") if where + "q_dot" in self._info else None
+            self._cache["y of scipy"] = self._states(self._read(where + "q"), self._read(where + "p"), velocities)
         return self._cache["y of scipy"]
+
+    def _states(self, q, p, velocities=None):
+        """States in the form of `y`."""
+        if self._problem.q_dot and velocities is None:
+            return _core.read_states(self._problem, q, p).T
+        pairs = self._problem.pairs
+        return np.concatenate([q[:, :pairs], (p if velocities is None else velocities)[:, :pairs]], axis=1).T
 
     @property
     def success(self) -> bool:
@@ -212,18 +231,36 @@ class Result:
     @property
     def sol(self):
         if self._problem.is_lattice:
-            raise AttributeError("states of a lattice between levels: give t_eval")
-        levels, states = self._read("/levels/t"), self._read("/states/t")
-        if len(levels) != len(states):
-            raise AttributeError("sol needs the states of all levels: leave out every")
-        dense = _core.DenseOutput(self._problem, states, self._read("/states/q"), self._read("/states/p"),
-                                  self._read("/levels/h"))
+            raise AttributeError(self._why_no_states("sol"))
+        if "parts" in self.__dict__:
+            return self._sol_of_parts()
+        t = self._read("/states/q")[:, -1] if self._problem.has_clock else self._read("/states/t")
+        if self._read("/states/level")[-1] != len(t) - 1:
+            raise AttributeError(self._why_no_states("sol"))
+        q, p = self._read("/states/q"), self._read("/states/p")
+        y = self._states(q, p, self._read("/states/q_dot") if self._problem.q_dot else None).T
+        dense = _core.DenseOutput(self._problem, t, q, p, self._read("/levels/h"), y)
 
         def sol(t):
             """Returns the states at the times t, one column for each."""
             times = np.asarray(t, dtype=float)
             rows = dense.at(np.atleast_1d(times).ravel())
             return rows[0] if times.ndim == 0 else rows.T
+
+        return sol
+
+    def _sol_of_parts(self):
+        """Of a run that was reset: at a reset the state after it."""
+        pieces, resets = [part.sol for part in self.parts], np.array([t for t, *_ in self.resets])
+        direction = 1.0 if self.t[-1] >= self.t[0] else -1.0
+
+        def sol(t):
+            """Returns the states at the times t, one column for each."""
+            times = np.atleast_1d(np.asarray(t, dtype=float))
+            which = np.searchsorted(direction * resets, direction * times.ravel(), side="right")
+            which = np.minimum(which, len(pieces) - 1)
+            columns = [pieces[i](time) for i, time in zip(which, times.ravel())]
+            return columns[0] if np.ndim(t) == 0 else np.array(columns).T
 
         return sol
 
@@ -286,7 +323,8 @@ class Result:
         axes = [name for name, *_ in self._problem.axes]
         for name in axes:
             coordinates[name] = (name, self._read(f"/grid/{name}"))
-        for name in self._problem.fields or self._problem.q + self._problem.p:
+        pairs = 0 if axes else self._problem.pairs
+        for name in self._problem.fields or self._problem.q[:pairs] + self._problem.p[:pairs]:
             path, place = self._columns[name]
             if path.startswith(where):
                 data[name] = (["t"] + axes[::-1], self[name], {"description": self._info[path][1]})
@@ -344,41 +382,6 @@ class Result:
         self._source = _Arrays(datasets, arrays)
         self._cache = {}
         self._problem = _core.parse_problem(self.problem, "pickled", [], {})
-
-
-class EnsembleResult:
-    """The last levels of many orbits of one Hamiltonian.
-
-    Attributes
-    ----------
-    y : array, shape (members, 2n)
-    t, energy, energy_deviation, node_energy_deviation, steps, status : array, shape (members,)
-        `status` is 0 for a member that reached its end; `messages` has the reasons of the others.
-    """
-
-    def __init__(self, names: list, numbers: dict):
-        self.names = names
-        self.__dict__.update(numbers)
-
-    @property
-    def success(self) -> bool:
-        return not self.status.any()
-
-    def __getitem__(self, name: str):
-        if name in self.names:
-            return self.y[:, self.names.index(name)]
-        raise KeyError(f"{name!r}{_toml.suggestion(name, self.names)}")
-
-    def __getattr__(self, name: str):
-        if name != "names" and "names" in self.__dict__ and name in self.names:
-            return self[name]
-        raise AttributeError(f"the ensemble has no {name!r}")
-
-    def __len__(self):
-        return len(self.t)
-
-    def __repr__(self):
-        return f"<rubato.EnsembleResult of {len(self)} members, {int((self.status != 0).sum())} ended early>"
 
 
 class Summary:

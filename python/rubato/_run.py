@@ -10,9 +10,11 @@ import warnings
 import numpy as np
 
 from . import _core, _toml
+from ._ensemble import EnsembleResult, integrate_many
 from ._events import as_events
 from ._problem import build, numbers, path_of, real, span, threads_of
-from ._result import EnsembleResult, Result, Summary
+from ._result import Result, Summary
+from ._steps import refuse_resets
 from ._systems import Hamiltonian, Lagrangian, Lattice
 
 
@@ -21,19 +23,21 @@ class RubatoWarning(UserWarning):
 
 
 class Interrupted(KeyboardInterrupt):
-    """Ctrl-C ended a run: `result` has the levels up to there."""
+    """Ctrl-C ended a run: `result` has the levels up to there, of an ensemble the members that were done."""
 
     def __init__(self, result):
-        super().__init__(result.message)
+        super().__init__(getattr(result, "message", "") or f"{(result.status == 130).sum()} members were not finished")
         self.result = result
 
 
 class _Bar:
-    """A progress line on standard error, of runs that take longer than a second."""
+    """Progress of runs that take longer than a second: a line in a terminal, a bar in a notebook."""
 
     def __init__(self, wanted):
-        self.wanted = sys.stderr.isatty() or "ipykernel" in sys.modules if wanted is None else bool(wanted)
+        self.in_notebook = "ipykernel" in sys.modules
+        self.wanted = sys.stderr.isatty() or self.in_notebook if wanted is None else bool(wanted)
         self.begun = time.monotonic()
+        self.display = None
         self.shown = False
 
     def __call__(self, t, start, until, steps, members):
@@ -43,13 +47,28 @@ class _Bar:
         done = t / members if members else (t - start) / (until - start)
         left = passed * (1.0 - done) / done if done > 0 else 0.0
         where = f"{int(t)} of {members} members" if members else f"t = {t:.6g} of {until:.6g}, {steps} steps"
-        sys.stderr.write(f"\r{100.0 * done:5.1f} %  {where}, {left:.0f} s left \x1b[K")
-        sys.stderr.flush()
+        self._show(done, f"{where}, {left:.0f} s left")
         self.shown = True
 
+    def _show(self, done, text):
+        if not self.in_notebook:
+            sys.stderr.write(f"\r{100.0 * done:5.1f} %  {text} \x1b[K")
+            sys.stderr.flush()
+            return
+        from IPython.display import HTML, display
+
+        bar = HTML(f'<progress value="{done:.4f}" max="1"></progress> {text}' if text else "")
+        if self.display is None:
+            self.display = display(bar, display_id=True)
+        else:
+            self.display.update(bar)
+
     def close(self):
-        if self.shown:
+        if self.shown and self.in_notebook:
+            self._show(1.0, "")
+        elif self.shown:
             sys.stderr.write("\r\x1b[K")
+            sys.stderr.flush()
 
 
 def _with_progress(progress, work):
@@ -63,9 +82,17 @@ def _with_progress(progress, work):
         bar.close()
 
 
-def _finish(result: Result, stacklevel: int = 3) -> Result:
-    for sentence in result.warnings:
-        warnings.warn(sentence, RubatoWarning, stacklevel=stacklevel + 1)
+def _warn(sentences):
+    """Warnings of the line outside of the package that called it."""
+    frame, level = sys._getframe(1), 2
+    while frame is not None and frame.f_globals.get("__name__", "").partition(".")[0] == "rubato":
+        frame, level = frame.f_back, level + 1
+    for sentence in sentences:
+        warnings.warn(sentence, RubatoWarning, stacklevel=level)
+
+
+def _finish(result: Result) -> Result:
+    _warn(result.warnings)
     if result.status == 130:
         raise Interrupted(result)
     return result
@@ -105,7 +132,7 @@ def integrate(system, initial=None, t_span=None, *, step=None, scheme=None, stag
     system : Hamiltonian, Lagrangian or Lattice
     initial : array, shape (2n,), or dict
         Coordinates, then momenta (of a Lagrangian velocities); or numbers and formulas by name. An array of shape
-        (members, 2n) is an ensemble: the last levels come back as an EnsembleResult. A Lattice has its own.
+        (members, 2n) is an ensemble, and an EnsembleResult comes back. A Lattice has its own.
     t_span : (start, end)
     step : float
         The first step; "auto" chooses it for the keyword `energy_tolerance`.
@@ -142,31 +169,28 @@ def integrate(system, initial=None, t_span=None, *, step=None, scheme=None, stag
     listed = as_events(events)
     common = dict(step=step, scheme=scheme, stages=stages, levels=levels, t_eval=t_eval, every=every,
                   quantities=quantities, options=options, settings=settings)
-    if isinstance(system, Hamiltonian) and not isinstance(initial, dict) and np.ndim(initial) == 2:
-        return _ensemble(system, initial, t_span, listed, threads, common)
+    if isinstance(system, (Hamiltonian, Lagrangian)) and not isinstance(initial, dict) and np.ndim(initial) == 2:
+        if file is not None:
+            raise ValueError("an ensemble from an array stays in memory: leave out file, or use rubato.scan")
+        many = _with_progress(progress, lambda tell: integrate_many(system, initial, t_span, events=listed,
+                                                                    threads=threads, tell=tell, common=common))
+        return _finish_many(many)
     problem = build(system, initial, t_span, events=listed, **common)
     names = [event.name for event in listed]
     if any(event.reset is not None for event in listed):
-        if not isinstance(system, Hamiltonian):
-            raise ValueError("reset is for Hamiltonians: other systems do not begin from the state of a crossing")
+        refuse_resets(system, listed)
         if file is not None or t_eval is not None or every is not None:
-            raise ValueError("with reset leave out file, t_eval and every")
+            raise ValueError("with reset leave out file, t_eval and every: the result's sol(t) has states at any time")
         return _with_resets(system, problem, t_span, listed, threads, progress, common)
     return _finish(_run(problem, file=file, overwrite=overwrite, threads=threads, progress=progress, names=names))
 
 
-def _ensemble(system, initial, t_span, events, threads, common) -> EnsembleResult:
-    states = np.asarray(initial)
-    if states.dtype == object or states.dtype.kind not in "fiu":
-        raise TypeError(f"initial takes real numbers, and not {states.dtype}")
-    if states.shape[0] < 1 or not np.isfinite(states).all():
-        raise ValueError("initial takes one finite state for each member")
-    if events or common["t_eval"] is not None or common["quantities"] or common["every"] is not None:
-        raise ValueError("an ensemble from an array has its last levels alone: leave out events, t_eval, quantities "
-                         "and every")
-    problem = build(system, states[0], t_span, events=(), **common)
-    numbers = _core.ends(problem, np.ascontiguousarray(states, dtype=float), threads_of(threads))
-    return EnsembleResult(problem.q + problem.p, numbers)
+def _finish_many(many: EnsembleResult) -> EnsembleResult:
+    if many._judgement is not None:
+        _warn(many.warnings)
+    if (many.status == 130).any():
+        raise Interrupted(many)
+    return many
 
 
 def _with_resets(system, problem, t_span, events, threads, progress, common):
@@ -174,24 +198,26 @@ def _with_resets(system, problem, t_span, events, threads, progress, common):
     from ._joined import join
 
     start, end = span(t_span)
-    parts, resets, t = [], [], start
+    parts, resets, reset_by, t = [], [], [], start
     while True:
         part = _run(problem, threads=threads, progress=progress, names=[event.name for event in events])
         parts.append(part)
-        hit = [(crossings.t[-1], event, crossings) for event, crossings in
+        hit = [(crossings.t[0], event, crossings) for event, crossings in
                zip(events, part.events.values()) if event.reset is not None and len(crossings)]
         if part.status != 0 or not hit:
             break
         t, event, crossings = min(hit, key=lambda entry: abs(entry[0] - t))
-        state = event.reset(float(t), crossings.y[:, -1].copy())
+        before = crossings.y[:, 0]
+        state = event.reset(float(t), before.copy())
         if state is None:
             break
-        state = numbers(state, 2 * len(problem.q), "what reset returns")
-        resets.append((float(t), crossings.y[:, -1], np.array(state)))
+        state = numbers(state, len(system.names), "what reset returns")
+        resets.append((float(t), before, np.array(state)))
+        reset_by.append(event.name)
         if (end - t) * (end - start) <= 0:
             break
         problem = build(system, state, (float(t), end), events=events, **dict(common, step=float(part.h[-1])))
-    return _finish(join(parts, resets))
+    return _finish(join(parts, resets, reset_by))
 
 
 def _settings(overrides: dict, settings) -> list:

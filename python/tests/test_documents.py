@@ -17,9 +17,9 @@ import rubato as rb
 SOURCES = Path(os.environ.get("RUBATO_SOURCES", Path(__file__).parents[2]))
 
 
-def has_matplotlib():
+def has_all():
     """Whether all that the documents use is there."""
-    if not all(importlib.util.find_spec(name) for name in ("matplotlib", "xarray")):
+    if not all(importlib.util.find_spec(name) for name in ("matplotlib", "xarray", "scipy")):
         return False
     import matplotlib
 
@@ -42,7 +42,7 @@ class Documents(unittest.TestCase):
 
     @staticmethod
     def close_figures():
-        if has_matplotlib():
+        if has_all():
             from matplotlib import pyplot
 
             pyplot.close("all")
@@ -52,17 +52,52 @@ class Documents(unittest.TestCase):
         text = (SOURCES / document).read_text(encoding="utf-8")
         return re.findall(r"^```python\n(.*?)^```$", text, re.M | re.S)
 
-    @unittest.skipUnless(has_matplotlib(), "matplotlib or xarray is not installed")
+    @unittest.skipUnless(has_all(), "matplotlib, xarray or SciPy is not installed")
     def test_the_page(self):
         blocks = self.blocks("docs/python.md")
         self.assertGreater(len(blocks), 5)
-        names = {}
+        from scipy.integrate import solve_ivp
+
+        names = {"solve_ivp": solve_ivp}
         for block in blocks:
             exec(compile(block, "docs/python.md", "exec"), names)
         self.assertGreater(len(names["data"].data_vars), 0)
         self.assertLessEqual(len((SOURCES / "docs/python.md").read_text(encoding="utf-8").split()), 1200)
 
-    @unittest.skipUnless(has_matplotlib(), "matplotlib or xarray is not installed")
+    #: Of each task SciPy's answer and ours, and by how much they may differ.
+    SAME = [
+        (lambda names: (names["s"].y[:, -1], names["r"].sol(100)), 1e-6),
+        (lambda names: (names["s"].y[:, -1], names["r"].sol(100)), 1e-6),
+        (lambda names: (names["s"].sol(2.5), names["r"].sol(2.5)), 1e-7),
+        (lambda names: (names["s"], names["many"].y[:, :, 0]), 1e-5),
+        (lambda names: (names["s"].y[:401, -1], names["r"].u[-1]), 0.01),
+    ]
+
+    @unittest.skipUnless(has_all(), "matplotlib, xarray or SciPy is not installed")
+    def test_what_others_write(self):
+        """The same answers, in at most as many lines."""
+        from scipy.integrate import solve_ivp
+
+        text = (SOURCES / "docs/python.md").read_text(encoding="utf-8")
+        tasks = text[text.index("## What others write"):].split("\n**")[1:]
+        self.assertEqual(len(tasks), len(self.SAME))
+        names = {"np": np, "rb": rb, "solve_ivp": solve_ivp,
+                 "pendulum": rb.Hamiltonian("q", "p", "p^2/2 - cos(q)")}
+        packages = set()
+        for task, (both, tolerance) in zip(tasks, self.SAME):
+            blocks = dict(re.findall(r"^```(?:python|text)\n# (\S+)\n(.*?)^```$", task, re.M | re.S))
+            packages.update(blocks)
+            lines = {package: len(block.splitlines()) for package, block in blocks.items()}
+            self.assertLessEqual(lines["Rubato"], min(lines.values()), task)
+            for package in ("SciPy", "Rubato"):
+                exec(compile(blocks[package], "docs/python.md", "exec"), names)
+            theirs, ours = (np.asarray(value) for value in both(names))
+            self.assertEqual(theirs.shape, ours.shape)
+            self.assertLess(np.abs(theirs - ours).max(), tolerance, task)
+            self.assertGreater(np.abs(theirs).max(), 20 * tolerance)  # a state of rest would not do
+        self.assertEqual(packages, {"SciPy", "heyoka.py", "REBOUND", "Dedalus", "Rubato"})
+
+    @unittest.skipUnless(has_all(), "matplotlib, xarray or SciPy is not installed")
     def test_the_example_of_the_readme(self):
         block, = self.blocks("README.md")
         self.assertLessEqual(len(block.splitlines()), 12)
@@ -72,7 +107,8 @@ class Documents(unittest.TestCase):
 
     def test_docstrings(self):
         tried = 0
-        for name in ("rubato", "rubato._run", "rubato._systems", "rubato._steps", "rubato._result", "rubato._symbols"):
+        for name in ("rubato", "rubato._run", "rubato._systems", "rubato._steps", "rubato._result", "rubato._symbols",
+                     "rubato._ensemble"):
             module = importlib.import_module(name)
             result = doctest.testmod(module, optionflags=doctest.ELLIPSIS)
             self.assertEqual(result.failed, 0, name)
@@ -83,7 +119,7 @@ class Documents(unittest.TestCase):
         for name in rb.__all__:
             self.assertTrue((getattr(rb, name).__doc__ or "").strip(), name)
 
-    @unittest.skipUnless(has_matplotlib(), "matplotlib or xarray is not installed")
+    @unittest.skipUnless(has_all(), "matplotlib, xarray or SciPy is not installed")
     def test_notebooks(self):
         notebooks = sorted((SOURCES / "examples/python").glob("*.ipynb"))
         self.assertEqual(len(notebooks), 4)
@@ -94,7 +130,7 @@ class Documents(unittest.TestCase):
                 if cell["cell_type"] == "code":
                     exec(compile("".join(cell["source"]), f"{notebook.name}, cell {number}", "exec"), names)
 
-    @unittest.skipUnless(has_matplotlib(), "matplotlib or xarray is not installed")
+    @unittest.skipUnless(has_all(), "matplotlib, xarray or SciPy is not installed")
     def test_every_picture(self):
         orbit = rb.run("henon-heiles-section", until=50)
         lattice = rb.run("sine-gordon", until=1)

@@ -46,16 +46,17 @@ class Malloc(ctypes.Structure):
                                                      "fsmblks", "uordblks", "fordblks", "keepcost")]
 
 
-def growth(work, cycles):
-    """By how many bytes of malloc, and blocks of Python, so many cycles grow, after as many to warm up."""
+def held():
+    """The bytes of malloc and the blocks of Python in use."""
     ask = ctypes.CDLL(None).mallinfo2
     ask.restype = Malloc
+    gc.collect()
+    now = ask()
+    return now.uordblks + now.hblkhd, sys.getallocatedblocks()
 
-    def held():
-        gc.collect()
-        now = ask()
-        return now.uordblks + now.hblkhd, sys.getallocatedblocks()
 
+def growth(work, cycles):
+    """By how many bytes of malloc, and blocks of Python, so many cycles grow, after as many to warm up."""
     for _ in range(cycles):
         work()
     before = held()
@@ -146,6 +147,45 @@ class Package(unittest.TestCase):
         size, blocks = growth(leaking, cycles)
         self.assertGreater(size, cycles * 512)
         self.assertGreaterEqual(blocks, cycles)
+
+    @unittest.skipUnless(hasattr(ctypes.CDLL(None), "mallinfo2"), "this C library does not count its memory")
+    def test_arrays_of_a_lattice_are_not_copied(self):
+        from rubato import _problem
+
+        cells = 1_000_000
+        u = np.zeros(cells)
+        wave = rb.Field(equation="u_tt = u_xx - sin(u)")
+
+        def taken(*arrays):
+            """How many arrays of such a size a problem takes beside the ones it is given."""
+            before, _ = held()
+            lattice = rb.Lattice(wave, {"x": (0, 1000, cells)}, {"u": arrays[0], "u_t": arrays[-1]})
+            kept = _problem.build(lattice, (0, 1e-3), None, step=1e-3, levels="fixed", scheme="leapfrog")
+            size = held()[0] - before
+            return size / u.nbytes if kept else None
+
+        self.assertLess(taken(u), 0.1)
+        self.assertGreater(taken(u, u.astype("f4")), 0.9)  # other numbers have to be converted
+        lattice = rb.Lattice(wave, {"x": (0, 1000, cells)}, {"u": u, "u_t": u})
+        r = rb.integrate(lattice, (0, 1e-3), step=1e-3, levels="fixed", scheme="leapfrog", settings=["laws.every=false"])
+        before, _ = held()
+        column = r.u
+        self.assertEqual(column.shape, (2, cells))
+        self.assertLess(held()[0] - before, u.nbytes / 10)
+        copy = column.copy()
+        self.assertGreater(held()[0] - before, copy.nbytes * 0.9)
+
+    def test_import_is_quick(self):
+        """At most 50 ms beside NumPy, of the processor's time, the best of some runs."""
+        code = ("import time, numpy; begun = time.process_time(); {}; print(time.process_time() - begun)")
+
+        def best(statement):
+            return min(float(subprocess.run([sys.executable, "-c", code.format(statement)], capture_output=True,
+                                            text=True, check=True).stdout) for _ in range(7))
+
+        self.assertLess(best("import rubato"), 0.05)
+        self.assertGreater(best("import rubato; rubato.integrate(rubato.Hamiltonian('q', 'p', 'p^2 + q^2'), [0, 1], "
+                                "(0, 2000), step=0.01, levels='fixed')"), 0.05)
 
     def test_nothing_heavy_is_imported(self):
         code = ("import sys, numpy; before = set(sys.modules); import rubato; "

@@ -125,6 +125,74 @@ class Memory(unittest.TestCase):
         self.assertTrue(many.success)
         np.testing.assert_array_equal(many.q, many.y[:, 0])
 
+    def test_stored_levels_of_an_ensemble(self):
+        states = np.column_stack([np.zeros(5), np.linspace(0.5, 1.9, 5)])
+        t_eval = np.linspace(0, 10, 21)
+        many = rb.integrate(PENDULUM, states, (0, 10), step=0.1, t_eval=t_eval, events={"turn": rb.Event("p")})
+        self.assertEqual(many.y.shape, (5, 2, 21))
+        np.testing.assert_array_equal(many.t, t_eval)
+        levels = rb.integrate(PENDULUM, states, (0, 10), step=0.1, every=3, scheme="midpoint")
+        self.assertEqual(levels.y.shape[:2], (5, 2))
+        ends = np.isfinite(levels.t).sum(axis=1)
+        self.assertGreater(len(set(ends)), 1)  # variable levels: as many as each orbit has
+        for m in range(5):
+            one = rb.integrate(PENDULUM, states[m], (0, 10), step=0.1, t_eval=t_eval, events={"turn": rb.Event("p")})
+            np.testing.assert_array_equal(many.y[m], one.y)
+            np.testing.assert_array_equal(many[m].y, one.y)
+            np.testing.assert_array_equal(many[m].events["turn"].t, one.events["turn"].t)
+            self.assertEqual(many[m].verdict, one.verdict)
+            self.assertIn(f"p = {float(states[m, 1])!r}", many[m].problem)
+            one = rb.integrate(PENDULUM, states[m], (0, 10), step=0.1, every=3, scheme="midpoint")
+            np.testing.assert_array_equal(levels.y[m, :, :ends[m]], one.y)
+            np.testing.assert_array_equal(levels.t[m, :ends[m]], one.t)
+            np.testing.assert_array_equal(levels.last[m], one.y[:, -1])
+            self.assertTrue(np.isnan(levels.y[m, :, ends[m]:]).all())
+            self.assertEqual(levels.steps[m], one.figures["steps"])
+        self.assertEqual(many.verdict, "good")
+        np.testing.assert_array_equal(many.q, many.y[:, 0])
+        again = pickle.loads(pickle.dumps(many))
+        np.testing.assert_array_equal(again.y, many.y)
+        self.assertEqual(again.verdicts, many.verdicts)
+        with self.assertRaisesRegex(TypeError, "pickled"):
+            again[0]
+        with self.assertRaisesRegex(AttributeError, "verdict"):
+            many.verdic
+
+    def test_members_that_end_early_and_verdicts(self):
+        quartic = rb.Hamiltonian("q", "p", "p^2/2 - q^4/4")
+        states = np.array([[0.5, 0.0], [0.7, 0.0], [1.5, 0.0]])  # the last one is at infinity before t = 1.24
+        many = rb.integrate(quartic, states, (0, 2), step=0.01, levels="fixed", t_eval=[0, 1, 2])
+        self.assertEqual(list(many.status == 0), [True, True, False])
+        self.assertFalse(many.success)
+        self.assertTrue(many.messages[2])
+        self.assertTrue(np.isfinite(many.y[:2]).all())
+        self.assertTrue(np.isnan(many.y[2, :, 2]).all())
+        self.assertTrue(np.isfinite(many.y[2, :, 1]).all())
+
+    def test_verdicts_of_orbits_side_by_side(self):
+        states = np.column_stack([np.zeros(20), np.linspace(0.1, 1.9, 20)])
+        how = dict(scheme="splitting", levels="fixed", composition="verlet")
+        for step, expected in ((0.01, {"good"}), (1.2, {"good", "doubtful"})):
+            many = rb.integrate(PENDULUM, states, (0, 50), step=step, **how)
+            alone = [rb.integrate(PENDULUM, state, (0, 50), step=step, **how).verdict for state in states]
+            self.assertEqual(many.verdicts, alone)
+            self.assertLessEqual(set(alone), expected | {"lost"})
+        self.assertNotEqual(many.verdict, "good")
+        self.assertEqual(pickle.loads(pickle.dumps(many)).verdicts, alone)
+
+    def test_ensembles_of_lagrangians_and_of_driven_systems(self):
+        stated = rb.Lagrangian("q", lambda q, q_dot: 2 * (q_dot ** 2 / 2 + np.cos(q)))
+        driven = rb.Hamiltonian("q", "p", lambda q, p, t: p ** 2 / 2 - np.cos(q) + 0.1 * q * np.sin(t))
+        states = np.array([[0.0, 1.0], [0.1, 1.5]])
+        for system in (stated, driven):
+            many = rb.integrate(system, states, (0, 5), step=0.1)
+            for m in range(2):
+                np.testing.assert_array_equal(many.last[m], rb.integrate(system, states[m], (0, 5), step=0.1).y[:, -1])
+            self.assertEqual(many.y.shape[0], 2)
+        for wrong in (dict(file="a.h5"), dict(events=rb.Event("q", reset=lambda t, y: y)), dict(quantities={"a": "q"})):
+            with self.assertRaises(ValueError):
+                rb.integrate(PENDULUM, states, (0, 5), step=0.1, **wrong)
+
     def test_scan_and_converge(self):
         table = rb.scan("pendulum", {"initial.p": [1.0, 1.5, 1.8]}, until=10)
         self.assertEqual(table["members"], 3)
@@ -198,9 +266,72 @@ class Memory(unittest.TestCase):
         self.assertEqual(r.y.shape, (2, len(r.t)))
         self.assertEqual(r.q_dot.shape, r.q.shape)
         np.testing.assert_array_equal(r.sol(r.t[3]), r.y[:, 3])
+        np.testing.assert_array_equal(r.y[:, 0], [0, 1.9])
+        np.testing.assert_array_equal(r.y[1], r.q_dot)
         vectors = rb.Lagrangian("r[2]", lambda r, r_dot: r_dot @ r_dot / 2 - r @ r / 2)
         r = rb.integrate(vectors, [1, 0, 0, 1], (0, 1), step=0.1)
         self.assertLess(np.abs(np.hypot(r.r1, r.r2) - 1).max(), 1e-2)
+
+    def test_velocities_are_read_everywhere(self):
+        heavy = rb.Lagrangian("q", lambda q, q_dot: 3 * (q_dot ** 2 / 2 + np.cos(q)))  # p = 3 q'
+        light = rb.Hamiltonian("q", "p", lambda q, p: p ** 2 / 2 - np.cos(q))
+        how = dict(step=0.01, scheme="gauss", stages=3, events={"top": rb.Event("q", direction=1)})
+        r, one = rb.integrate(heavy, [0.1, 1.9], (0, 15), **how), rb.integrate(light, [0.1, 1.9], (0, 15), **how)
+        self.assertEqual(len(one.t_events[0]), 1)
+        np.testing.assert_allclose(r.y_events[0], one.y_events[0], atol=1e-8)
+        np.testing.assert_allclose(r.sol([1.005, 2.5]), one.sol([1.005, 2.5]), atol=1e-8)
+        np.testing.assert_allclose(r.p_q, 3 * r.q_dot, rtol=1e-14)
+        at = rb.integrate(heavy, [0.1, 1.9], (0, 15), t_eval=[0, 1.005, 2.5], **how)
+        np.testing.assert_allclose(at.y, r.sol([0, 1.005, 2.5]), atol=1e-12)
+        again = pickle.loads(pickle.dumps(at))
+        np.testing.assert_array_equal(again.y, at.y)
+
+    def test_the_state_of_a_driven_system_and_of_one_with_time_scale(self):
+        """What was stated is read; the pair of the time, which the run carries, has columns of its own."""
+        driven = rb.Hamiltonian("q", "p", lambda q, p, t: p ** 2 / 2 - np.cos(q) + 0.1 * q * np.sin(t))
+        scaled = rb.Hamiltonian("x y", "u v", "(u^2 + v^2)/2 - 1/sqrt(x^2 + y^2)", time_scale="sqrt(x^2 + y^2)")
+        for system, start, event in ((driven, [0.1, 1.0], "p"), (scaled, [0.4, 0, 0, 2.0], "y")):
+            n = len(start)
+            r = rb.integrate(system, start, (0, 6), step=0.1, events=event)
+            self.assertEqual(r.y.shape, (n, len(r.t)))
+            np.testing.assert_array_equal(r.y[:, 0], start)
+            np.testing.assert_allclose(r["time"], r.t, rtol=1e-15)
+            self.assertEqual(r.y_events[0].shape[0], n)
+            np.testing.assert_allclose(r.sol(r.t_events[0]), r.y_events[0], atol=1e-9)
+            at = rb.integrate(system, start, (0, 6), step=0.1, t_eval=[0.5, 1.234])
+            np.testing.assert_array_equal(r.sol([0.5, 1.234]), at.y)
+            steps = list(rb.Integrator(system, start, (0, 6), step=0.1, events=event))
+            np.testing.assert_array_equal([step.t for step in steps], r.t[1:])
+            np.testing.assert_array_equal(np.array([step.y for step in steps]).T, r.y[:, 1:])
+            self.assertEqual([c.t for step in steps for c in step.events], list(r.t_events[0]))
+            many = rb.integrate(system, [start, start], (0, 6), step=0.1)
+            np.testing.assert_array_equal(many.last[1], r.y[:, -1])
+            self.assertEqual(many.t_last[0], r.t[-1])
+        kick = rb.Event("p", reset=lambda t, y: [y[0], 0.5])
+        r = rb.integrate(driven, [0.1, 1.0], (0, 6), step=0.1, events=kick)
+        self.assertEqual(r.resets[0][1].shape, (2,))
+        np.testing.assert_allclose(r.sol(r.resets[0][0]), r.resets[0][2])
+        orbit = rb.Integrator(driven, [0.1, 1.0], (0, 6), step=0.1, events=kick)
+        np.testing.assert_allclose([t for t, *_ in [list(orbit), orbit.resets][1]], [t for t, *_ in r.resets], atol=1e-12)
+        with self.assertRaisesRegex(ValueError, "time_scale"):
+            rb.integrate(scaled, [0.4, 0, 0, 2.0], (0, 6), step=0.1, events=rb.Event("y", reset=lambda t, y: y))
+        with self.assertRaisesRegex(ValueError, "time_scale"):
+            rb.Integrator(scaled, [0.4, 0, 0, 2.0], (0, 6), step=0.1).y = [0.4, 0, 0, 2.0]
+
+    def test_resets_of_a_lagrangian(self):
+        ball = rb.Lagrangian("x", lambda x, x_dot: 2 * (x_dot ** 2 / 2 - x))
+        floor = rb.Event("x", direction=-1, reset=lambda t, y: [0.0, -0.9 * y[1]])
+        r = rb.integrate(ball, [1, 0], (0, 6), step=0.01, events={"floor": floor})
+        self.assertGreaterEqual(len(r.resets), 2)
+        np.testing.assert_allclose(r.resets[0][0], np.sqrt(2), atol=1e-4)
+        np.testing.assert_allclose(r.energies[1] / r.energies[0], 0.81, atol=1e-3)
+        self.assertGreaterEqual(r.x.min(), -1e-9)
+        self.assertIn("reset", r.message)
+        t = r.resets[0][0]
+        np.testing.assert_allclose(r.sol(t), r.resets[0][2], atol=1e-12)
+        np.testing.assert_allclose(r.sol([t - 1e-9, t + 1e-9])[1], [-np.sqrt(2), 0.9 * np.sqrt(2)], atol=1e-4)
+        self.assertEqual(r.y.shape, (2, len(r.t)))
+        np.testing.assert_array_equal(r.x_dot, r.y[1])
 
     def test_lattices(self):
         r = rb.run("sine-gordon", until=0.5)
@@ -208,6 +339,11 @@ class Memory(unittest.TestCase):
         self.assertEqual(r.u.shape[0], len(r.t))
         self.assertEqual(r["x"].shape[0], r.u.shape[1])
         self.assertIn("good", r._repr_html_())
+        for name, words in (("y", "fields by name"), ("sol", "t_eval"), ("yy", "has no 'yy'")):
+            with self.assertRaisesRegex(AttributeError, words):
+                getattr(r, name)
+        with self.assertRaisesRegex(AttributeError, "leave out every"):
+            rb.integrate(PENDULUM, [0, 1.9], (0, 5), step=0.1, every=3).sol
 
     @unittest.skipUnless(importlib.util.find_spec("xarray"), "xarray is not installed")
     def test_xarray(self):
@@ -216,6 +352,23 @@ class Memory(unittest.TestCase):
         self.assertEqual(plane.u.shape[1:], (13, 15))
         orbit = rb.run("kepler", until=2).to_xarray()
         self.assertEqual(len(orbit.data_vars), 4)
+        driven = rb.Hamiltonian("q", "p", lambda q, p, t: p ** 2 / 2 + q * np.sin(t))
+        self.assertEqual(list(rb.integrate(driven, [0, 1], (0, 1), step=0.1).to_xarray().data_vars), ["q", "p"])
+
+    def test_warnings_name_the_line_of_the_caller(self):
+        kepler = rb.Hamiltonian("x y", "u v", "(u^2 + v^2)/2 - 1/sqrt(x^2 + y^2)")
+        turn = rb.Event("y", terminal=9, reset=lambda t, y: None)
+        calls = [lambda: rb.integrate(kepler, [0.2, 0, 0, 3], (0, 5), step=0.01),
+                 lambda: rb.integrate(kepler, [0.2, 0, 0, 3], (0, 5), step=0.01, events=turn),
+                 lambda: rb.integrate(kepler, [[0.2, 0, 0, 3]] * 2, (0, 5), step=0.01)]
+        for call in calls:
+            with warnings.catch_warnings(record=True) as caught:
+                warnings.simplefilter("always")
+                call()
+            self.assertGreater(len(caught), 0)
+            for warning in caught:
+                self.assertEqual(warning.filename, __file__)
+                self.assertIs(warning.category, rb.RubatoWarning)
 
 
 if __name__ == "__main__":

@@ -80,6 +80,14 @@ class Tracing(unittest.TestCase):
         self.assertEqual(kepler.names, ["r1", "r2", "v1", "v2"])
         r = rb.integrate(kepler, [1, 0, 0, 1], (0, 1), step=0.1)
         self.assertLess(np.abs(np.hypot(r.r1, r.r2) - 1).max(), 1e-6)
+        functions = [lambda r, v: r @ v, lambda r1, v1, r2, v2: r1 * v1 + r2 * v2, lambda t, y: y[:2] @ y[2:],
+                     lambda a, b: a @ b]
+        found = [rb.integrate(kepler, [0.4, 0, 0, 2], (0, 5), step=0.1, events=function, quantities={"L": lambda r, v: (
+            r[0] * v[1] - r[1] * v[0])}) for function in functions]
+        for one in found:
+            self.assertEqual(len(one.t_events[0]), 1)
+            np.testing.assert_allclose(one.t_events[0], found[0].t_events[0], rtol=1e-14)
+            np.testing.assert_allclose(one.L, 0.8, rtol=1e-12)
 
     @unittest.skipUnless(importlib.util.find_spec("sympy"), "SymPy is not installed")
     def test_three_ways_are_one(self):

@@ -70,6 +70,10 @@ class Steps(unittest.TestCase):
         for step in steps:
             pass
         np.testing.assert_array_equal(steps["u"], r.u[-1])
+        with self.assertRaisesRegex(AttributeError, "fields by name"):
+            steps.y
+        with self.assertRaisesRegex(AttributeError, "fields by name"):
+            step.y
         again = rb.Integrator(line, (0, 1), step=0.1)
         next(again)
         again["u"] = again["u"] * 0
@@ -138,6 +142,52 @@ class Steps(unittest.TestCase):
         finally:
             timer.join()
 
+    def test_ctrl_c_leaves_the_members_that_were_done(self):
+        pendulum = rb.Hamiltonian("q", "p", "p^2/2 - cos(q)")
+        states = np.column_stack([np.zeros(100000), np.linspace(0.1, 1.9, 100000)])
+
+        def press(done, members):
+            if not pressed:
+                pressed.append(done)
+                os.kill(os.getpid(), signal.SIGINT)
+
+        for how in (dict(scheme="splitting", levels="fixed"), dict(t_eval=[0, 10])):
+            pressed = []
+            with self.assertRaises(rb.Interrupted) as caught:
+                rb.integrate(pendulum, states, (0, 10), step=0.1, progress=press, **how)
+            many = caught.exception.result
+            self.assertEqual(len(many), len(states))
+            self.assertGreater((many.status == 0).sum(), 0)
+            self.assertGreater((many.status == 130).sum(), 0)
+            self.assertTrue(np.isfinite(many.last[many.status == 0]).all())
+
+    def test_ctrl_c_ends_a_replay(self):
+        """Within a second of a long one: another thread waits until it is under way."""
+        with tempfile.TemporaryDirectory() as folder:
+            file = os.path.join(folder, "long.h5")
+            rb.integrate(KEPLER, START, (0, 2000), step=0.002, every=1000, file=file, scheme="splitting", levels="fixed")
+            begun = time.monotonic()
+            rb.check(file)
+            alone = time.monotonic() - begun
+            begun = time.monotonic()
+            rb.check(file, replay=True)
+            whole = time.monotonic() - begun
+            pressed = []
+
+            def press():
+                pressed.append(time.monotonic())
+                os.kill(os.getpid(), signal.SIGINT)
+
+            timer = threading.Timer(alone + (whole - alone) / 4, press)
+            timer.start()
+            try:
+                with self.assertRaises(KeyboardInterrupt):
+                    for _ in range(1000):
+                        rb.check(file, replay=True)
+                self.assertLess(time.monotonic() - pressed[0], max(1.0, (whole - alone) / 2))
+            finally:
+                timer.join()
+
     def test_ctrl_c_ends_a_check(self):
         with tempfile.TemporaryDirectory() as folder:
             file = os.path.join(folder, "long.h5")
@@ -200,6 +250,160 @@ class Steps(unittest.TestCase):
 
         with self.assertRaisesRegex(RuntimeError, "of the callback"):
             rb.integrate(KEPLER, START, (0, 1e9), step=0.02, every=100000, progress=fail)
+
+
+class Crossings(unittest.TestCase):
+    BALL = rb.Hamiltonian("x", "v", "v^2/2 + x")
+
+    def test_steps_have_the_crossings_of_integrate(self):
+        events = {"up": rb.Event("y", direction=1, quantities=["x", "u"]), "far": rb.Event("x < -1.5")}
+        r = rb.integrate(KEPLER, START, (0, 20), step=0.02, events=events)
+        found = [crossing for step in rb.Integrator(KEPLER, START, (0, 20), step=0.02, events=events)
+                 for crossing in step.events]
+        self.assertGreater(len(found), 4)
+        for name, crossings in r.events.items():
+            mine = [crossing for crossing in found if crossing.name == name]
+            np.testing.assert_array_equal([crossing.t for crossing in mine], crossings.t)
+            np.testing.assert_array_equal([crossing.direction for crossing in mine], crossings.direction)
+            np.testing.assert_array_equal(np.array([crossing.y for crossing in mine]).T, crossings.y)
+        np.testing.assert_array_equal([c.quantities for c in found if c.name == "up"], r.events["up"].quantities)
+
+    def test_a_terminal_event_ends_the_steps(self):
+        orbit = rb.Integrator(KEPLER, START, (0, 1000), step=0.02, events={"far": rb.Event("y", terminal=3)})
+        steps = list(orbit)
+        self.assertEqual(sum(len(step.events) for step in steps), 3)
+        self.assertEqual(len(steps[-1].events), 1)
+        self.assertEqual(orbit.stopped, "far")
+        self.assertTrue(orbit.finished)
+        r = rb.integrate(KEPLER, START, (0, 1000), step=0.02, events={"far": rb.Event("y", terminal=3)})
+        self.assertEqual(steps[-1].t, r.t[-1])
+        self.assertEqual(rb.Integrator(KEPLER, START, (0, 1), step=0.02).stopped, "")
+
+    def test_a_ball_bounces(self):
+        bounce = rb.Event("x", direction=-1, reset=lambda t, y: [0, -0.9 * y[1]])
+        ball = rb.Integrator(self.BALL, [1, 0], (0, 6), step=0.01, levels="fixed", events={"floor": bounce})
+        steps = list(ball)
+        r = rb.integrate(self.BALL, [1, 0], (0, 6), step=0.01, levels="fixed", events={"floor": bounce})
+        self.assertEqual(len(ball.resets), len(r.resets))
+        np.testing.assert_allclose([t for t, *_ in ball.resets], [t for t, *_ in r.resets], atol=1e-12)
+        np.testing.assert_allclose(ball.resets[0][0], np.sqrt(2), atol=1e-9)
+        at = [step for step in steps if step.events]
+        self.assertEqual([step.t for step in at], [t for t, *_ in ball.resets])
+        np.testing.assert_array_equal([step.y for step in at], [before for _, before, _ in ball.resets])
+        self.assertGreaterEqual(min(step.y[0] for step in steps), -1e-9)
+        self.assertTrue((np.diff([step.t for step in steps]) > 0).all())
+        after = steps[steps.index(at[0]) + 1]
+        self.assertAlmostEqual(after.energy / at[0].energy, 0.81, delta=1e-9)
+
+    def test_a_reset_may_end_the_steps_or_fail(self):
+        once = rb.Integrator(self.BALL, [1, 0], (0, 6), step=0.01, events={"floor": rb.Event("x", reset=lambda t, y: None)})
+        self.assertAlmostEqual(list(once)[-1].t, np.sqrt(2), delta=1e-9)
+        self.assertEqual(once.stopped, "floor")
+        self.assertEqual(once.resets, [])
+        for wrong in (lambda t, y: [1], lambda t, y: 1 / 0, lambda t, y: [np.nan, 0]):
+            ball = rb.Integrator(self.BALL, [1, 0], (0, 6), step=0.01, events={"floor": rb.Event("x", reset=wrong)})
+            with self.assertRaises((ValueError, TypeError, ZeroDivisionError)):
+                list(ball)
+
+    def test_a_lagrangian(self):
+        stated = rb.Lagrangian("x", lambda x, x_dot: 2 * (x_dot ** 2 / 2 - x))  # its momentum is twice its velocity
+        bounce = rb.Event("x", direction=-1, reset=lambda t, y: [0, -0.9 * y[1]])
+        ball = rb.Integrator(stated, [1, 0], (0, 6), step=0.01, events={"floor": bounce})
+        steps = list(ball)
+        self.assertEqual(len(ball.resets), 2)
+        np.testing.assert_allclose(ball.resets[0][1], [0, -np.sqrt(2)], atol=1e-4)
+        np.testing.assert_array_equal(ball.resets[0][2][1], -0.9 * ball.resets[0][1][1])
+        np.testing.assert_allclose(steps[-1].p, 2 * steps[-1].y[1:], rtol=1e-14)
+        ball = rb.Integrator(stated, [1, 0], (0, 6), step=0.01)
+        np.testing.assert_allclose(ball.y, [1, 0])
+        ball.y = [2, 3]
+        np.testing.assert_allclose(ball.y, [2, 3])
+        ball.x_dot = -3
+        self.assertAlmostEqual(ball["x_dot"], -3)
+        next(ball)
+        self.assertLess(ball.x, 2)
+
+    def test_on_a_lattice(self):
+        line = rb.Lattice(WAVE, {"x": (-10, 10, 101)}, {"u": lambda x: 0.5 * rb.sech(x), "u_t": 0})
+        middle = rb.Event("u", at={"x": 0}, terminal=True)
+        r = rb.integrate(line, (0, 10), step=0.1, events={"middle": middle})
+        steps = list(rb.Integrator(line, (0, 10), step=0.1, events={"middle": middle}))
+        self.assertEqual(steps[-1].t, r.t[-1])
+        self.assertEqual(steps[-1].events[0].t, r.t_events[0][0])
+        for function in (rb.integrate, rb.Integrator):
+            with self.assertRaisesRegex(ValueError, "lattice.*assign the fields"):
+                function(line, (0, 10), step=0.1, events=rb.Event("u", at={"x": 0}, reset=lambda t, y: y))
+
+    def test_names(self):
+        orbit = rb.Integrator(KEPLER, START, (0, 5), step=0.02)
+        self.assertEqual(orbit.x, 0.4)
+        orbit.x = 0.5
+        self.assertEqual(orbit.y[0], 0.5)
+        with self.assertRaisesRegex(AttributeError, "steps"):
+            orbit.stps
+        with self.assertRaisesRegex(AttributeError, "no 'Y'"):
+            orbit.Y = [1, 2, 3, 4]
+
+
+class Bar(unittest.TestCase):
+    """Progress is shown of what takes longer than a second."""
+
+    def bar(self, modules):
+        from unittest import mock
+
+        from rubato import _run
+
+        with mock.patch.dict(sys.modules, modules):
+            bar = _run._Bar(True)
+        bar.begun -= 2.0
+        return bar
+
+    def test_in_a_terminal(self):
+        import contextlib
+        import io
+
+        with contextlib.redirect_stderr(io.StringIO()) as printed:
+            bar = self.bar({})
+            bar(2.5, 0.0, 10.0, 17, 0)
+            self.assertIn("25.0 %", printed.getvalue())
+            self.assertIn("17 steps, 6 s left", printed.getvalue())
+            bar(30, 0, 0, 0, 40)
+            self.assertIn("30 of 40 members", printed.getvalue())
+            bar.close()
+            self.assertTrue(printed.getvalue().endswith("\r\x1b[K"))
+        with contextlib.redirect_stderr(io.StringIO()) as printed:
+            short = self.bar({})
+            short.begun = time.monotonic()
+            short(2.5, 0.0, 10.0, 17, 0)
+            short.close()
+            self.assertEqual(printed.getvalue(), "")
+
+    def test_in_a_notebook(self):
+        import types
+
+        shown = []
+
+        class Handle:
+            def update(self, bar):
+                shown.append(bar)
+
+        def display(bar, display_id):
+            shown.append(bar)
+            return Handle()
+
+        module = types.ModuleType("IPython.display")
+        module.HTML, module.display = str, display
+        from unittest import mock
+
+        with mock.patch.dict(sys.modules, {"IPython": types.ModuleType("IPython"), "IPython.display": module}):
+            bar = self.bar({"ipykernel": types.ModuleType("ipykernel")})
+            bar(2.5, 0.0, 10.0, 17, 0)
+            bar(5.0, 0.0, 10.0, 34, 0)
+            bar.close()
+        self.assertEqual(len(shown), 3)
+        self.assertIn('value="0.2500"', shown[0])
+        self.assertIn('value="0.5000"', shown[1])
+        self.assertEqual(shown[2], "")
 
 
 PROGRAM = """
