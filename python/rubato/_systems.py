@@ -293,7 +293,8 @@ class Lattice:
         For each direction (from, to, cells), or a table as in problem files: ``{"x": (-20, 20, 401)}``.
     initial : dict
         For each field an array of the grid's shape (z, y, x), a formula, a number, or a function of the coordinates.
-        A function is traced into a formula where that is possible, and called with arrays otherwise.
+        A function is traced into a formula where that is possible, and called with arrays otherwise. A complex unknown,
+        `psi` of Field, may be given as one: by a complex array, or a function that returns one.
     t : float
         The time of the start.
 
@@ -328,6 +329,13 @@ class Lattice:
             self._take(name, value)
 
     def _take(self, name: str, value):
+        pair = self.system._tables.get("field", {}).get("psi") if name == "psi" else None
+        if pair is not None and not isinstance(value, str):
+            values = np.asarray(value(*self.coordinates) if callable(value) else value, dtype=complex)
+            values = values if values.ndim else np.full(self.shape, values)
+            for part, its in zip(pair, (values.real, values.imag)):
+                self._take(part, its)
+            return
         if callable(value) and not isinstance(value, _symbols.Symbol):
             try:
                 value = _symbols.trace(value, list(self._grid), list(self.system._parameters), f"initial {name}")

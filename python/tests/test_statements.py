@@ -181,6 +181,17 @@ class Fields(unittest.TestCase):
         np.testing.assert_array_equal(results[0].u, results[1].u)
         np.testing.assert_array_equal(results[2].u, results[3].u)
         np.testing.assert_allclose(results[2].u, results[0].u, atol=1e-10)
+        schroedinger = rb.Field(equation="i*psi_t + psi_xx/2 = 0", psi=["p", "q"])
+        parts = {"p": np.exp(-x ** 2) * np.cos(x), "q": np.exp(-x ** 2) * np.sin(x)}
+        results = [rb.integrate(rb.Lattice(schroedinger, grid, start), (0, 0.5), step=0.1)
+                   for start in (parts, {"psi": parts["p"] + 1j * parts["q"]},
+                                 {"psi": lambda x: np.exp(-x ** 2) * np.cos(x) + 1j * np.exp(-x ** 2) * np.sin(x)})]
+        for r in results:
+            np.testing.assert_array_equal(r.q, results[0].q)
+        self.assertGreater(np.abs(results[0].q[-1]).max(), 0.1)
+        for wrong in ({"psi": np.zeros(7, dtype=complex)}, {"psi": "abc"}, {"psi": None}):
+            with self.assertRaises((TypeError, ValueError)):
+                rb.integrate(rb.Lattice(schroedinger, grid, wrong), (0, 0.5), step=0.1)
         with self.assertRaisesRegex(ValueError, "shape"):
             rb.integrate(rb.Lattice(wave, grid, {"u": np.zeros(100), "u_t": 0}), (0, 1), step=0.1)
         with self.assertRaisesRegex(ValueError, "nan at node 3"):

@@ -53,7 +53,7 @@ def calls(random):
     def integrate(**wrong):
         arguments = dict(initial=[0.1, 1.0], t_span=(0, 0.3), step=0.1)
         arguments.update(wrong)
-        of_integrate = {"t_eval", "events", "every", "file", "progress", "quantities"}
+        of_integrate = {"t_eval", "every", "file", "progress", "quantities"}
         function = rb.integrate if set(wrong) & of_integrate else random.choice([rb.integrate, rb.Integrator])
         return lambda: function(PENDULUM, **arguments)
 
@@ -78,6 +78,21 @@ def calls(random):
                    {"x": {"from": 0}}]
     choices = [
         ("initial", lambda: integrate(initial=random.choice(WRONG_STATES))),
+        ("members", lambda: (lambda states, how: lambda: rb.integrate(PENDULUM, states, (0, 0.3), step=0.1, **how))(
+            *random.choice([(np.zeros((0, 2)), {}), (np.ones((2, 3)), {}), (np.full((2, 2), np.nan), {}),
+                            (np.ones((2, 2)) * 1j, {}), (np.ones((2, 2), dtype=object), {}), ([["a", "b"]], {}),
+                            (np.ones((2, 2)), {"t_eval": [5.0]}), (np.ones((2, 2)), {"every": 0}),
+                            (np.ones((2, 2)), {"file": "a.h5"}), (np.ones((2, 2)), {"quantities": {"a": "q"}}),
+                            (np.ones((2, 2)), {"events": "q +"}), (np.ones((2, 2)), {"threads": -1}),
+                                                        (np.ones((2, 2)), {"events": rb.Event("q", reset=lambda t, y: y)})]))),
+        ("a step's event", lambda: (lambda reset: lambda: list(rb.Integrator(
+            PENDULUM, [0.1, 1], (0, 5), step=0.1, events=rb.Event("p", reset=reset))))(
+            random.choice([lambda t, y: [1], lambda t, y: "ab", lambda t, y: y[5], lambda: None, lambda t, y: y * np.nan,
+                           lambda t, y: {"q": 1}, lambda t, y: [[1, 2]]]))),
+        ("assignment", lambda: (lambda name, value: lambda: setattr(
+            rb.Integrator(PENDULUM, [0.1, 1], (0, 5), step=0.1), name, value))(
+            *random.choice([("y", [1]), ("y", None), ("y", "ab"), ("y", [np.nan, 1]), ("Y", [1, 2]), ("q", "a"), ("q", np.nan),
+                            ("q", [1, 2]), ("t", 1.0), ("h", 0.1), ("energy", 1)]))),
         ("t_span", lambda: integrate(t_span=random.choice(WRONG_SPANS))),
         ("step", lambda: integrate(step=random.choice(WRONG_NUMBERS + [0, -0.1, "auto"]))),
         ("scheme", lambda: integrate(scheme=random.choice(WRONG_WORDS[1:] + ["box", "splittin", "custom"]))),
