@@ -355,7 +355,7 @@ class Result:
 
     def __repr__(self) -> str:
         end = f"t = {self.t[-1]:.10g}" if len(self.t) else "nothing"
-        parts = [f"<rubato.Result of {self.title!r} to {end}", f"{len(self.energy)} steps"]
+        parts = [f"<rubato.Result of {self.title!r} to {end}", f"{self.figures.get('steps', len(self.energy))} steps"]
         if self.verdict:
             parts.append(self.verdict)
         if self.message:

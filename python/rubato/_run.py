@@ -287,7 +287,11 @@ def open(file) -> Result:
     if reader.is_ensemble:
         return _of_members(reader, file=path)
     problem = _core.parse_problem(reader.header["problem"], path, [], {})
-    return Result(reader, problem, file=path)
+    result = Result(reader, problem, file=path)
+    result.verdict = result.figures.get("verdict", "")
+    if not reader.header["finished"]:
+        result.status, result.message = 130, "the run has not come to its end: rubato.resume goes on with it"
+    return result
 
 
 def resume(file, until=None, *, threads=0, progress=None) -> Result:

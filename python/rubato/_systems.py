@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 
-from . import _symbols, _toml
+from . import _core, _symbols, _toml
 from ._symbols import as_formula, components
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
@@ -357,9 +357,20 @@ class Lattice:
     @property
     def coordinates(self) -> list:
         """Arrays of the coordinates of all nodes, x first, each of the shape of the grid."""
-        axes = [float(table["from"]) + np.arange(int(table["cells"])) *
-                ((float(table["to"]) - float(table["from"])) / int(table["cells"])) for table in self._grid.values()]
+        axes = []
+        for table in self._grid.values():
+            start, end, cells = self._number(table["from"]), self._number(table["to"]), int(table["cells"])
+            axes.append(start + np.arange(cells) * ((end - start) / cells))
         return [axis.copy() for axis in np.meshgrid(*reversed(axes), indexing="ij")][::-1]
+
+    def _number(self, value) -> float:
+        """The number that an end of the grid is, which may be a formula of the parameters."""
+        if not isinstance(value, str):
+            return float(value)
+        tables = {"hamiltonian": {"q": ["grid_q"], "p": ["grid_p"], "H": "grid_p^2"},
+                  "parameters": self.system._parameters, "initial": {"t": value, "grid_q": 0, "grid_p": 1},
+                  "scheme": {"step": 1, "until": f"({value}) + 1"}}
+        return _core.parse_problem(_toml.text(tables), "rubato.Lattice", [], {}).start
 
     def tables(self) -> dict:
         tables = self.system.tables()

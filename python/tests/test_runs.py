@@ -62,7 +62,10 @@ class Memory(unittest.TestCase):
             np.testing.assert_array_equal(memory[path], stored[path])
         self.assertEqual(memory.figures["discrete_energy"], stored.figures["discrete_energy"])
         self.assertEqual(rb.check(file).status, 0)
-        self.assertEqual(rb.open(file).figures["steps"], memory.figures["steps"])
+        opened = rb.open(file)
+        self.assertEqual(opened.figures["steps"], memory.figures["steps"])
+        self.assertEqual((opened.verdict, opened.status, opened.message), ("good", 0, ""))
+        self.assertIn(f"{len(memory.h)} steps, good", repr(opened))
         with self.assertRaises(FileExistsError):
             rb.integrate(PENDULUM, [0, 1.9], (0, 20), step=0.1, file=file)
         rb.integrate(PENDULUM, [0, 1.9], (0, 10), step=0.1, file=file, overwrite=True)

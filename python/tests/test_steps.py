@@ -242,6 +242,15 @@ class Steps(unittest.TestCase):
         self.assertEqual(r.status, 130)
         self.assertFalse(r.success)
         self.assertIsInstance(caught.exception, KeyboardInterrupt)
+        with tempfile.TemporaryDirectory() as folder:
+            file = os.path.join(folder, "half.h5")
+            pressed.clear()
+            with self.assertRaises(rb.Interrupted):
+                rb.integrate(KEPLER, START, (0, 1e9), step=0.02, every=100000, progress=press, file=file)
+            half = rb.open(file)
+            self.assertEqual((half.success, half.status), (False, 130))
+            self.assertIn("resume", half.message)
+            self.assertIn(f"{half.figures['steps']} steps", repr(half))
         self.assertTrue(rb.integrate(KEPLER, START, (0, 1), step=0.02).success)  # the next one is not interrupted
 
     def test_what_a_callback_raises(self):
