@@ -6,7 +6,7 @@ import inspect
 
 import numpy as np
 
-from . import _symbols
+from . import _symbols, _toml
 
 
 class Event:
@@ -30,6 +30,7 @@ class Event:
         On a lattice the point at which fields are meant: ``{"x": 3.5}``.
     """
 
+    @_toml.suggesting
     def __init__(self, crossing, *, direction=0, terminal=False, reset=None, quantities=None, at=None, name=None):
         if direction not in (-1, 0, 1):
             raise ValueError(f"direction is 0, 1 or -1, and not {direction!r}")

@@ -8,6 +8,8 @@ import io
 
 import numpy as np
 
+from . import _toml
+
 
 def _figure(axes, **options):
     if axes is not None:
@@ -26,6 +28,7 @@ def kinds(result) -> list:
     return ["orbit", "energy", "steps"] + (["section"] if result._problem.events else [])
 
 
+@_toml.suggesting
 def plot(result, what=None, *, axes=None, name=None, x=None, y=None):
     """Draws a result and returns matplotlib's axes.
 

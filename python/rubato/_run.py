@@ -294,6 +294,7 @@ def open(file) -> Result:
     return result
 
 
+@_toml.suggesting
 def resume(file, until=None, *, threads=0, progress=None) -> Result:
     """Continues a record from its last level, bit for bit as if it had never stopped, and returns its Result."""
     path = path_of(file)
@@ -306,6 +307,7 @@ def resume(file, until=None, *, threads=0, progress=None) -> Result:
     return _finish(Result(reader, problem, ending, file=path))
 
 
+@_toml.suggesting
 def check(file, *, replay=False) -> Summary:
     """Recomputes all that a record stores from its states and compares: `status` 6 where something disagrees."""
     ending = _core.check(path_of(file), bool(replay))

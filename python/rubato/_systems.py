@@ -305,6 +305,7 @@ class Lattice:
     >>> line = rb.Lattice(wave, {"x": (-20, 20, 401)}, initial={"u": 0, "u_t": lambda x: 2*rb.sech(x)})
     """
 
+    @_toml.suggesting
     def __init__(self, system, grid, initial, *, t=0.0):
         if not isinstance(system, (Field, Multisymplectic)):
             raise TypeError(f"a lattice is of a Field or a Multisymplectic system, and not of {type(system).__name__}")

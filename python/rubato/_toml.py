@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import inspect
 import json
 import math
 import numbers
@@ -70,3 +72,18 @@ def suggestion(word: str, known) -> str:
 
 def unknown_keyword(function: str, word: str, known) -> TypeError:
     return TypeError(f"{function} takes no keyword {word!r}{suggestion(word, known)}")
+
+
+def suggesting(function):
+    """The function, which answers an unknown keyword with a suggestion."""
+    known = [p.name for p in inspect.signature(function).parameters.values() if p.name != "self"]
+    name = function.__qualname__.replace(".__init__", "").rpartition(".")[2]
+
+    @functools.wraps(function)
+    def call(*arguments, **keywords):
+        for word in keywords:
+            if word not in known:
+                raise unknown_keyword(name, word, known)
+        return function(*arguments, **keywords)
+
+    return call
