@@ -66,11 +66,6 @@ public:
       renormalise();
     }
   }
-  /// Another state, for this one.
-  void exchange(Vector& high, Vector& low) {
-    high_.swap(high);
-    low_.swap(low);
-  }
   /// δ and what it lost when it was rounded.
   void add(const Vector& delta, const Vector& lost) {
     two_sum(delta);

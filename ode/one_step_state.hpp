@@ -66,16 +66,6 @@ protected:
     there_ = {};
     end_known_ = false;
   }
-  /// Where z_{k+1} is written, rounded, by who has it without δ; what rounding leaves is their own until it is taken.
-  ///@{
-  Vector& trial_end() { return end_; }
-  void end_is_known() { end_known_ = true; }
-  void take_with(Vector& low) {
-    z_.exchange(end_, low);
-    here_ = there_;
-    forget_trial();
-  }
-  ///@}
   /// The trial level becomes the present one.
   ///@{
   void take() {

@@ -56,12 +56,10 @@ constexpr std::array<TableEntry, 29> all_tables{{
      "a step potential by its numbers: f'(h) = +-(s+1) |eta| h0^s (|h|/(kappa h0))^p, of the first step h0"},
     {"scheme.frame",
      "a frame that moves with the waves of a periodic lattice, where steps may be longer: states are of the frame, at "
-     "x "
-     "= "
-     "node + /frame/shift; output at times, events and invariants are of the laboratory"},
+     "x = node + /frame/shift; output at times, events and invariants are of the laboratory"},
     {"scheme.frame.phase", "phase = { charge = 0.5 }: how fast the frame turns in a symmetry",
      "a symmetry of the problem"},
-    {"laws", "how often the laws are looked at"},
+    {"laws", "local laws: at which levels they are evaluated, and what the record has of them"},
     {"verdict", "what the verdict on the run leaves out"},
     {"output", "the record"},
     {"levels", "what the record tells of levels and steps"},
@@ -269,6 +267,8 @@ std::vector<KeyEntry> make_keys() {
 
       {"laws", "every", "integer, at least 1, or false (\"off\")", "1",
        "Local laws, totals and invariants are taken at every n-th level and step, or never; the energy always."},
+      {"laws", "fields", "true or false", "false",
+       "The record has the residual of each local law in every cell, over the step to each stored level."},
 
       {"verdict", "accept", "list of words", none,
        fmt::format("Reasons that do not count in the verdict: {}. The run names those that it found.",
@@ -279,7 +279,8 @@ std::vector<KeyEntry> make_keys() {
       {"output", "every", "integer, at least 1", fmt::format("{}", output.every),
        "Every n-th level is stored, and the first and the last."},
       {"output", "states", "true or false", output.states ? "true" : "false",
-       "false: only the first and the last level are stored, and quantities take the place of states at output times."},
+       "false: only the first and the last level are stored (of a lattice the fields with an equation of motion), and "
+       "quantities take the place of states at output times."},
       {"output", "times", "list of numbers", none,
        "Times at which states are told, too, whatever the levels are: no step is shortened."},
       {"output", "interval", "number", none, "In place of times: the start, and so on by equal intervals."},

@@ -392,6 +392,12 @@ std::vector<formula::Expression> at_moving_nodes(const MovingFrame& frame, const
 
 }  // namespace
 
+bool is_stored_alone(const MultisymplecticSystem& system, int field, const std::vector<std::string>& exact) {
+  const std::string& name = system.fields()[static_cast<std::size_t>(field)];
+  return (!system.M().row(field).isZero() && !system.structure().at_midpoints(field)) ||
+         std::ranges::find(exact, name) != exact.end();
+}
+
 NodeTable::NodeTable(const Problem& problem, const std::vector<NamedFormula>& formulas,
                      const std::vector<std::string>& fields, const grids::Grid& grid, bool with_energy)
     : reads_fields_(!fields.empty()) {

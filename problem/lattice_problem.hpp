@@ -33,6 +33,11 @@ namespace rubato {
                                               const grids::Grid& grid);
 ///@}
 
+/// True for a field that the record has of the first and the last level where it has no other states: one that has an
+/// equation of motion and exists at levels, or an exact solution.
+[[nodiscard]] bool is_stored_alone(const MultisymplecticSystem& system, int field,
+                                   const std::vector<std::string>& exact);
+
 /// Formulas of one section of a lattice problem, evaluated together at every node. With a frame, levels are those of
 /// the frame, and formulas speak of the laboratory.
 class NodeTable {

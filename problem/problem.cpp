@@ -70,6 +70,15 @@ void read_laws(Section& root, Problem& problem) {
     }
     problem.laws.every = word != nullptr || off ? 0 : read_integer(every->value, "every", problem.parameters, 1);
   }
+  if (const Entry* fields = section->take("fields")) {
+    problem.laws.fields = read_boolean(fields->value, "fields");
+    if (problem.laws.fields && problem.multisymplectic() == nullptr) {
+      throw ProblemError(fields->value.location, "fields = true: an orbit has no cells; leave it out");
+    }
+    if (problem.laws.fields && problem.laws.none()) {
+      throw ProblemError(fields->value.location, "fields = true asks for laws, and every = false takes none");
+    }
+  }
   section->finish();
   if (problem.laws.none()) {
     std::visit([](auto& system) { system.invariants.clear(); }, problem.system);

@@ -244,6 +244,7 @@ struct Scheme {
 /// [laws]: at which levels and steps local laws, their totals and invariants are taken.
 struct Laws {
   std::int64_t every = 1;  ///< at every n-th; 0: at none
+  bool fields = false;     ///< whether the record has the residual in every cell, over the steps to stored levels
   Location location;
 
   [[nodiscard]] bool none() const { return every == 0; }
@@ -274,7 +275,10 @@ struct OutputQuantity {
 struct Output {
   std::string file;  ///< default: the problem's name with .h5
   std::int64_t every = 1;
-  bool states = true;              ///< of levels; if not, those of the first and the last
+  bool states = true;  ///< of levels; if not, those of the first and the last
+  /// Without states of levels: those two have all fields of a lattice, and the level before, as earlier versions stored
+  /// them; else only the fields that evolve. No entry of problem files.
+  bool all_fields = false;
   std::vector<double> times;       ///< strictly monotone in the direction of the run
   std::optional<double> interval;  ///< positive; in place of times
   /// With time_scale: times are those of the levels, not physical ones. No entry of problem files.
@@ -342,6 +346,10 @@ struct Problem {
   [[nodiscard]] const HamiltonianProblem* hamiltonian() const { return std::get_if<HamiltonianProblem>(&system); }
   [[nodiscard]] const MultisymplecticProblem* multisymplectic() const {
     return std::get_if<MultisymplecticProblem>(&system);
+  }
+  /// True if the record has the first and the last state of a lattice's evolving fields, and no other state.
+  [[nodiscard]] bool stores_evolving_alone() const {
+    return multisymplectic() != nullptr && !output.states && !output.all_fields;
   }
   /// Start time.
   [[nodiscard]] double start() const;

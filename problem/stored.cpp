@@ -1,5 +1,7 @@
 #include <rubato/problem/stored.hpp>
 
+#include <algorithm>
+
 #include <fmt/format.h>
 
 #include <rubato/record/run_shape.hpp>
@@ -29,11 +31,13 @@ StoredLevels::StoredLevels(const record::Reader& reader, const Problem& problem)
       last(figures::stored_last_level(reader).value_or(h.size())),
       every(static_cast<std::size_t>(problem.output.states_every())),
       rows_every(static_cast<std::size_t>(problem.levels.every)),
-      sparse(reader.has("/states/previous/t")) {
+      sparse(every > 1),
+      evolving_alone(problem.stores_evolving_alone()) {
   if (reader.has("/levels/step_potential")) {
     potential = reader.read("/levels/step_potential");
   }
-  if (sparse) {
+  const bool needs_previous = sparse && !evolving_alone, has_previous = reader.has("/states/previous/t");
+  if (needs_previous && has_previous) {
     previous_t = reader.read("/states/previous/t");
   }
   const auto unfit = [&] {
@@ -41,7 +45,7 @@ StoredLevels::StoredLevels(const record::Reader& reader, const Problem& problem)
                        state_t.size());
   };
   const bool fits_potential = potential.empty() || potential.size() == h.size();
-  const bool fits_previous = !sparse || previous_t.size() == state_t.size();
+  const bool fits_previous = !needs_previous || !has_previous || previous_t.size() == state_t.size();
   if (t.size() != h.size() + 1 || clock.size() != t.size() || off_law.size() != h.size() ||
       told_step.size() != h.size() || !fits_potential || !fits_previous || told_level.size() != state_t.size()) {
     throw record::Error(reader.file(), unfit());
@@ -53,7 +57,7 @@ StoredLevels::StoredLevels(const record::Reader& reader, const Problem& problem)
   }
   level = *rows;
   const auto states = every_nth(state_t.size(), every, last);
-  if (!states || (every > 1 && !sparse)) {
+  if (!states || (needs_previous && !has_previous)) {
     throw figures::Mismatch(reader.file(), "/states/level", fmt::format("with every = {}, {}", every, unfit()));
   }
   state_level = *states;
@@ -99,6 +103,9 @@ void require_fit(const Problem& problem, const record::Reader& reader) {
   }
   for (const std::string& field : pde.fields) {
     const bool at_midpoints = reader.has("/states/midpoints/" + field);
+    if (problem.stores_evolving_alone() && !at_midpoints && !reader.has("/states/" + field)) {
+      continue;
+    }
     const record::DatasetInfo info = reader.info((at_midpoints ? "/states/midpoints/" : "/states/") + field);
     if (info.is_text || info.shape.size() != pde.axes.size() + 1) {
       throw record::Error(reader.file(),
@@ -124,6 +131,12 @@ void keep_to_version_of(const record::Reader& reader, Problem& problem) {
   }
   if (!figures::stored_last_level(reader)) {
     problem.levels.every = 1;
+  }
+  if (problem.multisymplectic() != nullptr) {
+    const std::vector<record::DatasetInfo> all = reader.datasets();
+    problem.laws.fields =
+        std::ranges::any_of(all, [](const auto& info) { return info.path.starts_with("/laws/fields/"); });
+    problem.output.all_fields = reader.has("/states/previous/t");
   }
   if (problem.clock() && !reader.has(std::string(figures::level_times))) {
     problem.output.in_fictitious_time = true;

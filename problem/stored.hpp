@@ -33,11 +33,12 @@ struct StoredLevels {
   std::vector<double> state_t;           ///< of the stored states
   std::vector<std::size_t> state_level;  ///< their levels, as `every` and the number of levels have them
   std::vector<double> told_level;        ///< their levels as stored
-  std::vector<double> previous_t;        ///< of the level before each of them, where sparse
+  std::vector<double> previous_t;        ///< of the level before each of them, where that is stored
   std::size_t last = 0;                  ///< number of the last level of the run
   std::size_t every = 1;                 ///< every n-th level has a state
   std::size_t rows_every = 1;            ///< every n-th level has a row
-  bool sparse = false;                   ///< not every level is stored, but the one before each that is
+  bool sparse = false;                   ///< not every level is stored, but the one before each that is, unless
+  bool evolving_alone = false;           ///< the first and the last are, without it and of the evolving fields alone
 
   StoredLevels() = default;
   /// \throws record::Error if the lengths of these datasets contradict each other
@@ -54,7 +55,7 @@ struct StoredLevels {
   [[nodiscard]] double potential_of(std::size_t step_row) const {
     return potential.empty() ? 0.0 : potential[step_row];
   }
-  /// Time of the level before that of a stored state, which is not the first.
+  /// Time of the level before that of a stored state, which is not the first; nothing of the evolving fields alone.
   [[nodiscard]] double t_before(std::size_t state_row) const {
     return sparse ? previous_t[state_row] : state_t[state_row - 1];
   }
@@ -64,8 +65,8 @@ struct StoredLevels {
   }
 };
 
-/// Leaves out of a problem what the version that wrote its record did not have: rows of some levels only, physical
-/// times.
+/// Lets a problem have what the version that wrote its record stored: rows of all levels, no physical times, residuals
+/// in every cell, all fields of the first and the last level.
 void keep_to_version_of(const record::Reader& reader, Problem& problem);
 
 /// The problem that a record says it is of. \throws record::Error if that text cannot be read

@@ -13,6 +13,7 @@
 #include <rubato/run/check.hpp>
 #include <rubato/run/converge.hpp>
 #include <rubato/run/ensemble.hpp>
+#include <rubato/run/run_estimate.hpp>
 
 #include "beside.hpp"
 #include "probe.hpp"
@@ -151,6 +152,15 @@ rubato::ExitStatus run(const RunCommand& command) {
   options.output = command.output;
   options.overwrite = command.force;
   options.tangents = command.tangents;
+  if (command.dry_run) {
+    options.threads = command.reporting.threads;
+    options.ranks = other_ranks;
+    const rubato::RunEstimate estimate = rubato::dry_run(problem, options);
+    if (command.reporting.json || !command.reporting.quiet) {
+      print(command.reporting.json ? rubato::to_json(estimate) + "\n" : rubato::to_table(estimate));
+    }
+    return rubato::ExitStatus::done;
+  }
   refuse_replacing(command.problem, command.output.value_or(problem.output.file));
   if (problem.ensemble) {
     return report_members(command.reporting, options, false,

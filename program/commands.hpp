@@ -25,6 +25,7 @@ struct RunCommand {
   std::optional<std::string> output;
   bool force = false;
   bool tangents = false;
+  bool dry_run = false;
   Reporting reporting;
 };
 

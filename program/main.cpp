@@ -71,7 +71,8 @@ constexpr const char* run_examples =
     "  rubato run pendulum --set scheme.levels=fixed -o fixed.h5 --force\n"
     "  rubato run mine.toml --set scheme.lagrangian=midpoint --unset scheme.stages -o midpoint.h5\n"
     "  generate | rubato run - -o mine.h5\n"
-    "  rubato run pendulum --json | python3 -m json.tool\n";
+    "  rubato run pendulum --json | python3 -m json.tool\n"
+    "  rubato run mine.toml --dry-run       whether it fits, and how long it takes\n";
 
 /// A whole number of threads, or the reason why not.
 std::string check_threads(const std::string& text) {
@@ -316,6 +317,8 @@ private:
     add_problem(command, run_, "as the problem says");
     command.add_flag("--tangents", run_.tangents,
                      "Carry two random tangent solutions along a lattice: reports the multisymplectic residual");
+    command.add_flag("--dry-run", run_.dry_run,
+                     "Run nothing: estimate memory, time and the size of the record from a few steps");
     add_reporting(command, run_.reporting);
     command.footer(run_examples);
   }

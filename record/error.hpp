@@ -2,6 +2,7 @@
 
 #include <cstddef>
 #include <filesystem>
+#include <span>
 #include <stdexcept>
 #include <string>
 
@@ -42,5 +43,10 @@ public:
 private:
   std::string what_is_;
 };
+
+/// Throws NotFinite at the first value that is not finite, unless the dataset may have such values.
+/// \param values of rows of `row_size` values each, one row after the other
+/// \param before the number of values of the dataset that precede them
+void require_finite(const Dataset& dataset, std::span<const double> values, std::size_t row_size, std::size_t before);
 
 }  // namespace rubato::record

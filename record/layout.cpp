@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <cmath>
 #include <map>
 #include <stdexcept>
 
@@ -92,13 +93,6 @@ std::vector<hsize_t> row_shape(const Layout& layout, const Dataset& dataset) {
   return shape;
 }
 
-std::size_t row_size(const Layout& layout, const Dataset& dataset) {
-  std::size_t size = 1;
-  for (const auto extent : row_shape(layout, dataset))
-    size *= extent;
-  return size;
-}
-
 namespace {
 
 /// Chunks are of about so many bytes.
@@ -132,21 +126,34 @@ std::vector<hsize_t> chunk_shape(const Layout& layout, const Dataset& dataset) {
 
 namespace rubato::record {
 
-std::optional<double> expected_bytes(const Layout& layout) {
+std::size_t row_size(const Layout& layout, const Dataset& dataset) {
+  std::size_t size = 1;
+  for (const auto extent : detail::row_shape(layout, dataset))
+    size *= extent;
+  return size;
+}
+
+std::optional<double> expected_bytes(const Layout& layout, std::span<const std::optional<std::size_t>> rows) {
+  constexpr double header = 2048.0;
   double bytes = 0.0;
-  for (const Dataset& dataset : layout.datasets) {
-    if (!dataset.expected_rows)
+  for (std::size_t i = 0; i < layout.datasets.size(); ++i) {
+    const Dataset& dataset = layout.datasets[i];
+    const auto expected = rows.empty() ? dataset.expected_rows : rows[i];
+    if (!expected)
       return std::nullopt;
+    bytes += header;
     if (dataset.axis.starts_with("/events/"))
       continue;  // their rows are a guess
-    bytes += static_cast<double>(*dataset.expected_rows) *
-             static_cast<double>(detail::row_size(layout, dataset) * detail::size_of(dataset.type));
+    const auto of_chunk = static_cast<double>(detail::chunk_shape(layout, dataset).front());
+    const double all = layout.compression > 0 ? static_cast<double>(*expected)
+                                              : std::ceil(static_cast<double>(*expected) / of_chunk) * of_chunk;
+    bytes += all * static_cast<double>(row_size(layout, dataset) * detail::size_of(dataset.type));
   }
   return bytes;
 }
 
 bool is_long(const Layout& layout, const Dataset& dataset) {
-  return detail::row_size(layout, dataset) * detail::size_of(dataset.type) >= detail::target_bytes;
+  return row_size(layout, dataset) * detail::size_of(dataset.type) >= detail::target_bytes;
 }
 
 }  // namespace rubato::record

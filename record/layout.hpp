@@ -78,6 +78,9 @@ struct Layout {
   }
 };
 
+/// The number of values in one row of a dataset. Throws std::invalid_argument if the layout has none of its scales.
+[[nodiscard]] std::size_t row_size(const Layout& layout, const Dataset& dataset);
+
 /// Named arrays that `resume` needs, stored under /checkpoint and replaced as a whole. A string is stored as bytes.
 using CheckpointArray = std::variant<std::vector<double>, std::vector<std::int64_t>, std::string>;
 using Checkpoint = std::map<std::string, CheckpointArray>;

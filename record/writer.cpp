@@ -1,5 +1,4 @@
 #include <algorithm>
-#include <cmath>
 #include <cstring>
 #include <limits>
 #include <map>
@@ -12,7 +11,6 @@
 
 #include <fmt/format.h>
 
-#include <rubato/base/all_finite.hpp>
 #include <rubato/record/detail/checksum.hpp>
 #include <rubato/record/detail/files.hpp>
 #include <rubato/record/detail/gate.hpp>
@@ -109,6 +107,9 @@ private:
   }
 };
 
+/// Longer rows are taken over in parts of so many bytes, so that no more of one waits in memory than may.
+constexpr std::size_t most_waiting_of_a_row = std::size_t{1} << 20;
+
 /// What the chunks of a dataset divide its rows into.
 void set_chunk(Gathered& column, const Layout& layout, const std::vector<hsize_t>& chunk) {
   column.chunk_rows = chunk.front();
@@ -121,7 +122,7 @@ std::vector<Gathered> columns_of(const Layout& layout) {
   std::vector<Gathered> columns;
   for (const auto& dataset : layout.datasets) {
     const std::size_t bytes = detail::size_of(dataset.type);
-    const std::size_t row_size = detail::row_size(layout, dataset);
+    const std::size_t row_size = record::row_size(layout, dataset);
     columns.push_back({dataset, row_size, row_size * bytes});
     columns.back().together = dataset.together && layout.compression == 0 && is_long(layout, dataset);
     set_chunk(columns.back(), layout, detail::chunk_shape(layout, dataset));
@@ -256,7 +257,13 @@ public:
     Gathered& column = column_for(dataset, values.size(), rows);
     if (column.description.type != Type::f64)
       throw std::invalid_argument(fmt::format("record: '{}' takes integers", column.description.path));
-    add(column, values);
+    require_finite(column.description, values, column.row_size, column.end() / sizeof(double));
+    if (rows > 1 || column.row_bytes <= most_waiting_of_a_row) {
+      add(column, std::as_bytes(values));
+      return;
+    }
+    for (std::size_t place = 0; place < values.size(); place += most_waiting_of_a_row / sizeof(double))
+      add_part(column, values.subspan(place, std::min(most_waiting_of_a_row / sizeof(double), values.size() - place)));
   }
 
   void append_part(std::size_t dataset, std::span<const double> part) {
@@ -266,9 +273,8 @@ public:
     if (part.size_bytes() > column.row_bytes - column.begun())
       throw std::invalid_argument(
           fmt::format("record: parts go beyond a row of '{}', of {} values", column.description.path, column.row_size));
-    add(column, part);
-    if (bytes_since_flush_ > policy_.buffer_bytes)
-      detail::with_file(path_, [&] { flush(Gathered::Of::all); });
+    require_finite(column.description, part, column.row_size, column.end() / sizeof(double));
+    add_part(column, part);
   }
 
   void append(std::size_t dataset, std::span<const std::int64_t> values, std::size_t rows) {
@@ -328,7 +334,7 @@ public:
       column.drop_incomplete();
   }
 
-  [[nodiscard]] const Checkpoint& checkpoint() const { return checkpoint_; }
+  [[nodiscard]] Checkpoint take_checkpoint() { return std::exchange(checkpoint_, {}); }
 
   [[nodiscard]] bool commit_due() const {
     const auto pause =
@@ -339,26 +345,23 @@ public:
   void stage(const CheckpointInParts& checkpoint) {
     detail::with_file(path_, [&] {
       detail::Handle file = open(*working_);
-      working_->reserve(structure_bytes() + checkpoint.size * (sizeof(double) + 1));
+      working_->reserve(structure_bytes() + bytes_of(checkpoint));
       is_staged_ = true;
       detail::write_checkpoint(file, checkpoint);
       file.close("writing the working file");
       working_->trim();
     });
   }
-  void require_staged() const {
-    if (!is_staged_)
-      throw std::logic_error("record: there is no checkpoint to publish");
-  }
 
-  /// \param checkpoint null: the one that is staged
-  void commit(const Checkpoint* checkpoint) {
+  /// The checkpoint goes into the version alone: in the working file one after the other would leave dead space.
+  template <typename Stored>
+  void commit(const Stored& checkpoint) {
     const auto begin = Clock::now();
     detail::with_file(path_, [&] {
       flush();
       detail::TemporaryFile next(path_, "next");
       next.copy_from(working_->descriptor());
-      complete_version(next, checkpoint, Completion::interrupted, false);
+      complete_version(next, &checkpoint, Completion::interrupted, false);
       publish(next, policy_.durable);
     });
     published_ = true;
@@ -368,7 +371,10 @@ public:
 
   [[nodiscard]] bool published() const { return published_; }
 
+  /// \param checkpoint null: the one that is staged
   void finish(const Checkpoint* checkpoint, Completion completion) {
+    if (checkpoint == nullptr && !is_staged_)
+      throw std::logic_error("record: there is no checkpoint to publish");
     detail::with_file(path_, [&] {
       flush();
       check_axes();
@@ -434,14 +440,11 @@ private:
     bytes_since_flush_ += bytes.size();
     column.add(bytes);
   }
-  /// Rows, or a part of one.
-  void add(Gathered& column, std::span<const double> values) {
-    if (!column.description.may_be_undefined && !all_finite(values))
-      for (std::size_t i = 0; i < values.size(); ++i)
-        if (!std::isfinite(values[i]))
-          throw NotFinite(column.description, column.appended + i / column.row_size,
-                          (column.begun() / sizeof(double) + i) % column.row_size, values[i]);
-    add(column, std::as_bytes(values));
+  /// Moves what waits to the working file where it is too much.
+  void add_part(Gathered& column, std::span<const double> part) {
+    add(column, std::as_bytes(part));
+    if (bytes_since_flush_ > policy_.buffer_bytes)
+      detail::with_file(path_, [&] { flush(Gathered::Of::all); });
   }
 
   /// Which datasets of one axis are not of one length; empty if none.
@@ -503,15 +506,21 @@ private:
       column.flush_to(column.flushable(of));
   }
 
+  [[nodiscard]] static std::uint64_t bytes_of(const Checkpoint& checkpoint) {
+    std::uint64_t bytes = 0;
+    for (const auto& [name, array] : checkpoint)
+      bytes += 4096 + std::visit([](const auto& a) { return a.size() * sizeof(a[0]); }, array);
+    return bytes;
+  }
+  [[nodiscard]] static std::uint64_t bytes_of(const CheckpointInParts& checkpoint) {
+    return checkpoint.size * (sizeof(double) + 1);
+  }
+
   /// Adds to a file with whole chunks what makes it a record of all complete levels.
-  void complete_version(detail::TemporaryFile& version, const Checkpoint* checkpoint, Completion completion,
-                        bool last) {
+  template <typename Stored>
+  void complete_version(detail::TemporaryFile& version, const Stored* checkpoint, Completion completion, bool last) {
     detail::Handle file = open(version);
-    std::uint64_t checkpoint_bytes = 0;
-    if (checkpoint != nullptr)
-      for (const auto& [name, array] : *checkpoint)
-        checkpoint_bytes += 4096 + std::visit([](const auto& a) { return a.size() * sizeof(a[0]); }, array);
-    version.reserve(waiting_bytes() + structure_bytes() + checkpoint_bytes);
+    version.reserve(waiting_bytes() + structure_bytes() + (checkpoint != nullptr ? bytes_of(*checkpoint) : 0));
     std::map<std::string, Checksum> checksums;
     for (auto& column : columns_) {
       const detail::Handle dataset = detail::open_dataset(file, column.description.path);
@@ -598,8 +607,8 @@ void Writer::append_written(std::size_t dataset, const Checksum& row) {
 std::size_t Writer::rows(std::size_t dataset) const {
   return implementation_->rows(dataset);
 }
-const Checkpoint& Writer::checkpoint() const {
-  return implementation_->checkpoint();
+Checkpoint Writer::take_checkpoint() {
+  return implementation_->take_checkpoint();
 }
 void Writer::end_level() {
   implementation_->end_level();
@@ -614,11 +623,10 @@ bool Writer::published() const {
   return implementation_->published();
 }
 void Writer::commit(const Checkpoint& checkpoint) {
-  implementation_->commit(&checkpoint);
+  implementation_->commit(checkpoint);
 }
-void Writer::commit() {
-  implementation_->require_staged();
-  implementation_->commit(nullptr);
+void Writer::commit(const CheckpointInParts& checkpoint) {
+  implementation_->commit(checkpoint);
 }
 void Writer::stage(const CheckpointInParts& checkpoint) {
   implementation_->stage(checkpoint);
@@ -627,7 +635,6 @@ void Writer::finish(const Checkpoint& checkpoint, Completion completion) {
   implementation_->finish(&checkpoint, completion);
 }
 void Writer::finish(Completion completion) {
-  implementation_->require_staged();
   implementation_->finish(nullptr, completion);
 }
 

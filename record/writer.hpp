@@ -16,9 +16,10 @@
 
 namespace rubato::record {
 
-/// About how many bytes the rows of a record take uncompressed, events left out. Empty if the number of rows is
-/// unknown.
-[[nodiscard]] std::optional<double> expected_bytes(const Layout& layout);
+/// About how many bytes the rows of a record take uncompressed, events left out, in whole chunks. Empty if the number
+/// of rows is unknown. \param rows of each dataset; none: those that it expects
+[[nodiscard]] std::optional<double> expected_bytes(const Layout& layout,
+                                                   std::span<const std::optional<std::size_t>> rows = {});
 
 /// Whether a writer takes the lock of its record: file systems without locks have writers without one.
 enum class Locking { yes, no };
@@ -141,8 +142,8 @@ public:
     append(dataset, std::span<const std::int64_t>(&number, 1));
   }
 
-  /// The checkpoint of the record that is resumed, read together with its rows.
-  [[nodiscard]] const Checkpoint& checkpoint() const;
+  /// The checkpoint of the record that is resumed, read together with its rows; once.
+  [[nodiscard]] Checkpoint take_checkpoint();
 
   /// The number of rows appended to a dataset so far, those of earlier runs included.
   [[nodiscard]] std::size_t rows(std::size_t dataset) const;
@@ -161,13 +162,16 @@ public:
   /// Whether there is a version for readers: one that was published, or that is resumed.
   [[nodiscard]] bool published() const;
 
-  /// Publishes everything up to the last `end_level`, with the checkpoint that belongs to it.
+  /// Publishes everything up to the last `end_level`, with the checkpoint that belongs to it. What functions of the
+  /// checkpoint throw is passed on.
+  ///@{
   void commit(const Checkpoint& checkpoint);
+  void commit(const CheckpointInParts& checkpoint);
+  ///@}
 
-  /// Puts a checkpoint into the working file part by part, for the next commit() or finish() without one. What the
-  /// checkpoint's functions throw is passed on.
+  /// Puts a checkpoint into the working file, for finish() without one: what is appended in between is not part of what
+  /// it describes. What its functions throw is passed on.
   void stage(const CheckpointInParts& checkpoint);
-  void commit();
 
   enum class Completion { interrupted, complete };
 

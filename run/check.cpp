@@ -133,13 +133,13 @@ private:
   [[nodiscard]] std::string about_parts(const StoredLevels& levels) const {
     std::size_t recomputed = 0;
     for (std::size_t row = 1; row < levels.state_level.size(); ++row) {
-      recomputed += levels.step_to(row) ? 1 : 0;
+      recomputed += levels.step_to(row) && !levels.evolving_alone ? 1 : 0;
     }
     std::vector<std::string> kept;
     if (levels.sparse) {
-      kept.push_back(fmt::format("{} and its predecessor", problem_.output.states
-                                                               ? fmt::format("every {}-th state", levels.every)
-                                                               : "the last state"));
+      const std::string which =
+          problem_.output.states ? fmt::format("every {}-th state", levels.every) : "the last state";
+      kept.push_back(levels.evolving_alone ? which + " of the fields that evolve" : which + " and its predecessor");
     }
     if (levels.rows_every > 1) {
       kept.push_back(fmt::format("a row of every {}-th level", levels.rows_every));

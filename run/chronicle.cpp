@@ -22,16 +22,7 @@ std::string about_gamma(const Problem& problem, const Simulation& simulation) {
              : "Gamma(z_k) (theory, section 5), from velocities extrapolated over the last steps: an approximation";
 }
 
-/// About how many levels there will be: as many as equal steps make.
-std::optional<std::size_t> expected_levels(const Problem& problem) {
-  if (!problem.scheme.step) {
-    return std::nullopt;
-  }
-  const double steps = std::ceil((problem.scheme.until - problem.start()) / *problem.scheme.step);
-  return static_cast<std::size_t>(std::clamp(steps, 0.0, static_cast<double>(problem.scheme.max_steps))) + 1;
-}
-
-std::size_t expected_rows(const Problem& problem, std::string_view axis, std::size_t levels) {
+std::size_t rows_along(std::string_view axis, const Problem& problem, std::size_t levels) {
   if (axis.starts_with("/levels/")) {
     return levels / static_cast<std::size_t>(problem.levels.every) + 1;
   }
@@ -52,6 +43,23 @@ std::size_t expected_rows(const Problem& problem, std::string_view axis, std::si
 }
 
 }  // namespace
+
+std::optional<std::size_t> expected_levels(const Problem& problem) {
+  if (!problem.scheme.step) {
+    return std::nullopt;
+  }
+  const double steps = std::ceil((problem.scheme.until - problem.start()) / *problem.scheme.step);
+  return static_cast<std::size_t>(std::clamp(steps, 0.0, static_cast<double>(problem.scheme.max_steps))) + 1;
+}
+
+std::vector<std::optional<std::size_t>> expected_rows(const record::Layout& layout, const Problem& problem,
+                                                      std::size_t levels) {
+  std::vector<std::optional<std::size_t>> rows;
+  for (const record::Dataset& dataset : layout.datasets) {
+    rows.emplace_back(rows_along(dataset.axis, problem, levels));
+  }
+  return rows;
+}
 
 Chronicle::Chronicle(const Problem& problem, bool tangents)
     : problem_(problem),
@@ -136,8 +144,9 @@ void Chronicle::describe(int threads) {
     events_->describe(layout_);
   }
   if (const auto count = expected_levels(problem_)) {
-    for (record::Dataset& dataset : layout_.datasets) {
-      dataset.expected_rows = expected_rows(problem_, dataset.axis, *count);
+    const auto rows = expected_rows(layout_, problem_, *count);
+    for (std::size_t i = 0; i < rows.size(); ++i) {
+      layout_.datasets[i].expected_rows = rows[i];
     }
   }
 }

@@ -19,6 +19,12 @@
 
 namespace rubato {
 
+/// About how many levels a run has: as many as equal steps make. Nothing if its step is to be chosen.
+[[nodiscard]] std::optional<std::size_t> expected_levels(const Problem& problem);
+/// About how many rows each dataset of a layout has after a run of so many levels.
+[[nodiscard]] std::vector<std::optional<std::size_t>> expected_rows(const record::Layout& layout,
+                                                                    const Problem& problem, std::size_t levels);
+
 /// A simulation and all that is told of it, block by block: the rows of its record, and the statistics, which are made
 /// of the same numbers. `run` sends the rows into the record; `check --replay` compares them with one.
 class Chronicle {

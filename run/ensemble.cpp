@@ -23,8 +23,8 @@
 #include <rubato/run/ensemble_lanes.hpp>
 #include <rubato/run/ensemble_member.hpp>
 #include <rubato/run/ensemble_ranks.hpp>
-#include <rubato/run/memory_estimate.hpp>
 #include <rubato/run/recorder.hpp>
+#include <rubato/run/run_estimate.hpp>
 #include <rubato/run/threads.hpp>
 #include <rubato/run/version.hpp>
 
@@ -107,7 +107,7 @@ public:
     for (std::size_t m = 0; m < read; ++m) {
       const Problem member = member_problem(problem, m);
       if (m == 0) {
-        require_memory_for(member, false,
+        require_memory_for(member, {.threads = 1},
                            static_cast<double>(std::min<std::size_t>(static_cast<std::size_t>(omp_get_max_threads()),
                                                                      ensemble_.members())));
         names_ = figure_names(member);
@@ -285,7 +285,7 @@ private:
     auto members = members_of_.begin();
     for (std::size_t i = 0; i < series_.size(); ++i) {
       const record::Dataset& dataset = layout_.datasets[series_[i]];
-      const std::size_t size = record_size(dataset);
+      const std::size_t size = record::row_size(layout_, dataset);
       for (std::size_t at = 0; at < series[i].size(); at += size) {
         append(series_[i], std::span<const double>(series[i]).subspan(at, size));
         if (dataset.path == dataset.axis) {
@@ -294,16 +294,6 @@ private:
       }
       members += dataset.path == dataset.axis ? 1 : 0;
     }
-  }
-
-  /// How many numbers a row has.
-  [[nodiscard]] std::size_t record_size(const record::Dataset& dataset) const {
-    std::size_t size = 1;
-    for (const std::string& path : dataset.dimensions) {
-      const auto scale = std::ranges::find(layout_.scales, path, &record::Scale::path);
-      size *= std::visit([](const auto& values) { return values.size(); }, scale->values);
-    }
-    return size;
   }
 
   // ---- running ------------------------------------------------------------------------------------------------------

@@ -288,7 +288,7 @@ private:
       watched.teller.append(watched.rows,
                             {.z_0 = step.z_0, .z_1 = step.z_1, .t_0 = step.t_0, .t_1 = step.t_1, .h = step.h}, from_,
                             to_, watched.figures);
-    } catch (const LastRows::Undefined&) {
+    } catch (const record::NotFinite&) {
       return SplittingLanes::Verdict::alone;
     }
     return watched.stopped() ? SplittingLanes::Verdict::end : SplittingLanes::Verdict::go_on;

@@ -42,8 +42,6 @@ public:
       while (result_.status == ExitStatus::done && !simulation().finished() && !chronicle_.stopped()) {
         next_steps();
       }
-    } catch (const LastRows::Undefined& undefined) {
-      end_undefined(undefined.what);
     } catch (const record::NotFinite& undefined) {
       end_undefined(undefined.what_is());
     }
@@ -102,7 +100,7 @@ private:
       if (result_.status != ExitStatus::failed && chronicle_.last_stored() != chronicle_.statistics().steps) {
         chronicle_.tell_state(rows_);
       }
-    } catch (const LastRows::Undefined&) {
+    } catch (const record::NotFinite&) {
       result_.status = ExitStatus::failed;
     }
     const figures::Statistics statistics = chronicle_.final_statistics();

@@ -1,13 +1,9 @@
 #pragma once
 
-#include <algorithm>
-#include <cmath>
 #include <cstdint>
-#include <string>
 #include <vector>
 
-#include <fmt/format.h>
-
+#include <rubato/record/error.hpp>
 #include <rubato/run/ensemble_member.hpp>
 #include <rubato/run/row_sink.hpp>
 
@@ -23,11 +19,7 @@ public:
   }
   using RowSink::append;
   void append(record::Column column, std::span<const double> row) override {
-    const record::Dataset& description = layout_.datasets[column.number];
-    const auto wrong = std::ranges::find_if(row, [](double value) { return !std::isfinite(value); });
-    if (wrong != row.end() && !description.may_be_undefined) {
-      throw Undefined{fmt::format("a value of {} is {}", description.path, *wrong)};
-    }
+    record::require_finite(layout_.datasets[column.number], row, row.size(), 0);
     keep(column.number, row);
   }
   void append(record::Column column, std::span<const std::int64_t> row) override { keep(column.number, row); }
@@ -38,10 +30,6 @@ public:
   }
   /// The last row of a state; of what is kept whole all, one after the other.
   [[nodiscard]] const std::vector<double>& kept(std::size_t dataset) const { return rows_[dataset]; }
-
-  struct Undefined {
-    std::string what;
-  };
 
 private:
   enum class Kept : std::uint8_t { none, last, all };

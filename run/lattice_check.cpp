@@ -25,36 +25,41 @@ namespace {
 /// The stored levels of a lattice, one at a time.
 class StoredLattice {
 public:
-  StoredLattice(const SharedRecord& record, const MultisymplecticSystem& system, std::size_t nodes,
-                const StoredLevels& levels, Findings& findings)
-      : system_(system), findings_(record.slab(), findings) {
+  StoredLattice(const SharedRecord& record, const MultisymplecticSystem& system, const NodeTable& exact,
+                std::size_t nodes, const StoredLevels& levels, Findings& findings)
+      : system_(system), findings_(record.slab(), findings), fields_(static_cast<std::size_t>(system.field_count())) {
+    const auto open = [&](const std::string& path) {
+      SharedRows rows(record, path, nodes);
+      record.at_rank_0([&] {
+        if (rows.rows() != levels.state_level.size()) {
+          throw record::Error(record.reader()->file(),
+                              fmt::format("{} has {} rows; {} stored levels do not fit together with that", path,
+                                          rows.rows(), levels.state_level.size()));
+        }
+      });
+      return rows;
+    };
     for (int f = 0; f < system.field_count(); ++f) {
       const std::string& name = system.fields()[static_cast<std::size_t>(f)];
       const bool at_midpoints = system.structure().at_midpoints(f);
-      fields_.emplace_back(record, (at_midpoints ? "/states/midpoints/" : "/states/") + name, nodes);
-      if (levels.sparse && !at_midpoints) {
-        previous_.emplace_back(record, "/states/previous/" + name, nodes);
+      if (!levels.evolving_alone || is_stored_alone(system, f, exact.names())) {
+        fields_[static_cast<std::size_t>(f)] = open((at_midpoints ? "/states/midpoints/" : "/states/") + name);
       }
-    }
-    for (const auto* all : {&fields_, &previous_}) {
-      for (const SharedRows& rows : *all) {
-        record.at_rank_0([&] {
-          if (rows.rows() != levels.state_level.size()) {
-            throw record::Error(record.reader()->file(),
-                                fmt::format("{} has {} rows; {} stored levels do not fit together with that",
-                                            rows.path(), rows.rows(), levels.state_level.size()));
-          }
-        });
+      if (levels.sparse && !levels.evolving_alone && !at_midpoints) {
+        previous_.push_back(open("/states/previous/" + name));
       }
     }
   }
 
   /// Of fields at midpoints the value in the middle of the step that led there; 0 at the start, where there is none.
-  /// \return false, and the findings say so, where it is not finite
+  /// Fields that are not stored stay as they are. \return false, and the findings say so, where it is not finite
   bool load(std::size_t row, grids::FieldSet& level) {
     bool whole = true;
     for (int f = 0; f < system_.field_count(); ++f) {
-      SharedRows& rows = fields_[static_cast<std::size_t>(f)];
+      if (!is_stored(f)) {
+        continue;
+      }
+      SharedRows& rows = *fields_[static_cast<std::size_t>(f)];
       if (row == 0 && system_.structure().at_midpoints(f)) {
         std::ranges::fill(level.field(f), 0.0);
         findings_.compare(
@@ -81,7 +86,8 @@ public:
     grids::refresh_ghosts(level);
     return whole;
   }
-  [[nodiscard]] const std::string& path(int field) const { return fields_[static_cast<std::size_t>(field)].path(); }
+  [[nodiscard]] bool is_stored(int field) const { return fields_[static_cast<std::size_t>(field)].has_value(); }
+  [[nodiscard]] const std::string& path(int field) const { return fields_[static_cast<std::size_t>(field)]->path(); }
   /// Of the level before, for fields that are at levels.
   [[nodiscard]] std::string previous_path(int field) const {
     return "/states/previous/" + system_.fields()[static_cast<std::size_t>(field)];
@@ -96,7 +102,8 @@ private:
 
   const MultisymplecticSystem& system_;
   PartFindings findings_;
-  std::vector<SharedRows> fields_, previous_;
+  std::vector<std::optional<SharedRows>> fields_;
+  std::vector<SharedRows> previous_;
 };
 
 /// A local law, and where its numbers are stored.
@@ -134,10 +141,11 @@ public:
         laws_(make_local_laws(*method_, system_, grid_, make_lattice_options(problem, system_).symmetries)),
         residuals_(*method_, laws_, system_, grid_,
                    {.variational = levels.complete() && !law_levels_.none(),
-                    .tangents = levels.complete() && record.has("/laws/multisymplectic_max")}),
+                    .tangents = levels.complete() && record.has("/laws/multisymplectic_max"),
+                    .cells = law_levels_.fields}),
         invariants_(make_invariants(problem, system_, grid_)),
         exact_(make_exact(problem, system_, grid_)),
-        stored_(record, system_, grid_.size(), levels, findings),
+        stored_(record, system_, exact_, grid_.size(), levels, findings),
         after_(make_initial_level(problem, system_, grid_)),
         before_(after_),
         moved_before_(after_),
@@ -183,6 +191,11 @@ public:
     bool start_known = true;
     for (std::size_t row = 1; row < levels_.state_level.size(); ++row) {
       Interruptible::end_if_asked();
+      if (levels_.evolving_alone) {  // the checkpoint has the other fields, and is compared with these
+        static_cast<void>(stored_.load(row, after_.fields));
+        check_exact(row);
+        continue;
+      }
       if (levels_.sparse) {
         whole = check_previous(row);
       } else {
@@ -269,7 +282,7 @@ private:
 
   void check_start(const grids::FieldSet& initial) {
     for (int f = 0; f < system_.field_count(); ++f) {
-      if (system_.structure().at_midpoints(f)) {
+      if (system_.structure().at_midpoints(f) || !stored_.is_stored(f)) {
         continue;
       }
       const auto expected = initial.field(f);
@@ -279,7 +292,7 @@ private:
           [&] { return start_tolerance * grids::max_abs(expected); }, "the initial level of the problem");
     }
     grow_scales();
-    if (levels_.sparse && stored_.load_previous(0, before_.fields)) {
+    if (levels_.sparse && !levels_.evolving_alone && stored_.load_previous(0, before_.fields)) {
       compare_levels(0, "the first row repeats the start");
     }
   }
@@ -360,10 +373,14 @@ private:
 
   /// The row of a stored level, where it has one, and the exact solution there.
   void check_level(std::size_t row, bool gamma_known) {
-    const double t = levels_.state_t[row];
     if (const auto at = levels_.row_of(levels_.state_level[row])) {
       check_row(row, *at, gamma_known);
     }
+    check_exact(row);
+  }
+
+  void check_exact(std::size_t row) {
+    const double t = levels_.state_t[row];
     const std::vector<std::vector<double>> exact = exact_.at(after_, t);
     for (std::size_t i = 0; i < exact.size(); ++i) {
       compare_row(stored_exact_[i], row, exact[i], "[exact] of the problem",
@@ -511,7 +528,7 @@ private:
       const figures::ResidualFigures figures = stored.law.figures();
       const auto tolerance = [&] {
         law_tolerances();
-        const double own = stored.cells ? allowed[i] : *std::ranges::max_element(allowed);
+        const double own = i < laws_.count() ? allowed[i] : *std::ranges::max_element(allowed);
         return slack * own + Rounding::unit * (std::isfinite(figures.max) ? figures.max : 0.0);
       };
       const char* reason = law_levels_.taken_at(levels_.state_level[row]) ? "from the states around the step"

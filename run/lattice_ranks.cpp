@@ -196,7 +196,9 @@ LatticeLeader::LatticeLeader(ranks::Communicator& ranks, const Problem& problem,
       .text(problem.text)
       .text(problem.source)
       .number(static_cast<std::uint64_t>(threads))
-      .number(tangents ? 1 : 0);
+      .number(tangents ? 1 : 0)
+      .number(problem.laws.fields ? 1 : 0)
+      .number(problem.output.all_fields ? 1 : 0);
   for (int rank = 1; rank < ranks.size(); ++rank) {
     ranks.send(rank, lattice_to_do, packet.bytes());
   }
@@ -279,7 +281,9 @@ void follow_leader(ranks::Communicator& ranks, std::span<const std::byte> messag
     const std::string text = packet.text(), source = packet.text();
     const int threads = static_cast<int>(packet.number());
     const bool tangents = packet.number() != 0;
-    const Problem problem = parse_recorded(text, source);
+    Problem problem = parse_recorded(text, source);
+    problem.laws.fields = packet.number() != 0;
+    problem.output.all_fields = packet.number() != 0;
     const ThreadCount thread_count(threads, problem);
     const SharedLattice lattice(ranks, problem, tangents);
     Follower follower(problem, tangents, lattice.slab());

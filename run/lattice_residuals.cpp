@@ -20,10 +20,13 @@ void set(std::span<Law> laws, const std::vector<Spread>& sizes) {
 
 LatticeResiduals::LatticeResiduals(const LatticeMethod& method, LocalLaws& laws, const MultisymplecticSystem& system,
                                    const grids::Grid& grid, Wanted wanted)
-    : local_(laws), steps_follow_(wanted.variational), cells_(static_cast<int>(laws.count()), grid.size()) {
-  cells_.fill(std::numeric_limits<double>::quiet_NaN());
+    : local_(laws), steps_follow_(wanted.variational) {
+  if (wanted.cells) {
+    cells_.emplace(static_cast<int>(laws.count()), grid.size()).fill(std::numeric_limits<double>::quiet_NaN());
+  }
   for (std::size_t i = 0; i < laws.count(); ++i) {
-    laws_.emplace_back(laws.names()[i], std::as_const(cells_).field(static_cast<int>(i)));
+    laws_.emplace_back(laws.names()[i],
+                       cells_ ? std::as_const(*cells_).field(static_cast<int>(i)) : std::span<const double>());
   }
   if (wanted.variational && method.has_variational_laws()) {
     variational_.emplace(method.action(system).value(), grid);
@@ -55,12 +58,13 @@ void LatticeResiduals::clear() {
 
 void LatticeResiduals::take_in_cells(const LatticeLevel& before, const LatticeLevel& after, double h, Part wanted) {
   if (wanted == Part::all) {
-    set(in_cells_, local_.residuals(before, after, h, cells_.pointers(), of_last_step_));
-  } else if (has_cells_) {
-    cells_.fill(std::numeric_limits<double>::quiet_NaN());
+    const std::span<double* const> cells = cells_ ? cells_->pointers() : std::span<double* const>();
+    set(in_cells_, local_.residuals(before, after, h, cells, of_last_step_));
+  } else if (took_cells_ && cells_) {
+    cells_->fill(std::numeric_limits<double>::quiet_NaN());
   }
-  has_cells_ = wanted == Part::all;
-  of_last_step_ = has_cells_ && steps_follow_ ? local_.last_question() : LocalLaws::none;
+  took_cells_ = wanted == Part::all;
+  of_last_step_ = took_cells_ && steps_follow_ ? local_.last_question() : LocalLaws::none;
 }
 
 void LatticeResiduals::take(const LatticeLevel& before, const LatticeLevel& after, double h, Part wanted) {

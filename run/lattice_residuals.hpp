@@ -24,6 +24,7 @@ public:
   struct Wanted {
     bool variational = true;  ///< steps follow each other
     bool tangents = false;
+    bool cells = false;  ///< laws in cells have the residual in every one, Law::cells()
   };
 
   /// Variational laws where the method has them, too. \throws SchemeRefusal if tangents are wanted that it has
@@ -48,9 +49,11 @@ public:
   [[nodiscard]] std::span<Law> laws() { return laws_; }
   [[nodiscard]] std::span<const Law> laws() const { return laws_; }
   ///@}
+  /// The first of them, those of LocalLaws.
+  [[nodiscard]] std::span<const Law> in_cells() const { return in_cells_; }
 
-  /// Whether those in cells are of the step taken last.
-  [[nodiscard]] bool has_cells() const { return has_cells_; }
+  /// True if those in cells are of the step taken last.
+  [[nodiscard]] bool took_cells() const { return took_cells_; }
 
   /// What became of the tangent solutions, if their step could not be solved: they end there.
   [[nodiscard]] Status tangent_status() const { return tangent_status_; }
@@ -69,8 +72,8 @@ private:
   std::optional<VariationalLaws> variational_;
   std::optional<TangentPair> tangents_;
   Status tangent_status_ = Status::success;
-  grids::FieldSet cells_;
-  bool has_cells_ = false;
+  std::optional<grids::FieldSet> cells_;  ///< the residual of each law in every cell, where that is wanted
+  bool took_cells_ = false;
   std::vector<Law> laws_;
   std::span<Law> in_cells_, at_nodes_, of_tangents_;  ///< parts of them
 };

@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <limits>
 
 #include <fmt/format.h>
@@ -20,9 +21,10 @@ class LatticeSimulation final : public Simulation {
 public:
   LatticeSimulation(const Problem& problem, bool tangents)
       : laws_(problem.laws),
+        evolving_alone_(problem.stores_evolving_alone()),
         lattice_(make_lattice(problem)),
         residuals_(lattice_.method(), lattice_.laws(), lattice_.system(), lattice_.grid(),
-                   {.variational = !laws_.none(), .tangents = tangents}),
+                   {.variational = !laws_.none(), .tangents = tangents, .cells = laws_.fields}),
         invariants_(make_invariants(problem, lattice_.system(), lattice_.grid())),
         exact_(make_exact(problem, lattice_.system(), lattice_.grid())),
         frame_(make_frame(problem)),
@@ -72,12 +74,9 @@ public:
   }
 
   [[nodiscard]] std::vector<std::string> total_names() const override {
-    // Of laws in cells; the first is energy, which node() gives.
     std::vector<std::string> names;
-    for (const Law& law : laws().subspan(laws_.none() ? 0 : 1)) {
-      if (law.has_cells()) {
-        names.push_back(law.name());
-      }
+    if (!laws_.none()) {  // the first is energy, which node() gives
+      std::ranges::transform(residuals_.in_cells().subspan(1), std::back_inserter(names), &Law::name);
     }
     return names;
   }
@@ -85,7 +84,7 @@ public:
     if (laws_.none()) {
       return {};
     }
-    total_values_ = residuals_.has_cells() ? lattice_.totals_after_residuals() : lattice_.totals();
+    total_values_ = residuals_.took_cells() ? lattice_.totals_after_residuals() : lattice_.totals();
     return std::span<const double>(total_values_).subspan(1);
   }
 
@@ -122,19 +121,22 @@ public:
     };
     for (int f = 0; f < lattice_.system().field_count(); ++f) {
       const std::string& name = lattice_.system().fields()[static_cast<std::size_t>(f)];
+      if (evolving_alone_ && !is_stored_alone(lattice_.system(), f, exact_.names())) {
+        continue;
+      }
       if (at_midpoints(f)) {
-        field_columns_.push_back(
-            describe("/states/midpoints/" + name, "/states/t", nodes,
-                     "field " + name +
-                         " in the middle of the step that led to the stored level, where alone it exists; "
-                         "undefined at the start",
-                     true));
+        field_columns_.emplace_back(
+            f, describe("/states/midpoints/" + name, "/states/t", nodes,
+                        "field " + name +
+                            " in the middle of the step that led to the stored level, where alone it exists; "
+                            "undefined at the start",
+                        true));
       } else {
-        field_columns_.push_back(describe("/states/" + name, "/states/t", nodes,
-                                          "field " + name + " at the stored levels" + slope_remark(f)));
+        field_columns_.emplace_back(f, describe("/states/" + name, "/states/t", nodes,
+                                                "field " + name + " at the stored levels" + slope_remark(f)));
       }
     }
-    if (with_previous) {
+    if (with_previous && !evolving_alone_) {
       const std::string before = "one level before each stored one (the first row repeats the start)";
       previous_t_column_ =
           describe("/states/previous/t", "/states/previous/t", std::vector<std::string>(), "time " + before);
@@ -162,10 +164,9 @@ public:
   void append_states(RowSink& sink, std::size_t /*count*/, std::size_t /*stride*/) override {
     const std::vector<double> undefined(last_h_ == 0.0 ? lattice_.grid().size() : 0,
                                         std::numeric_limits<double>::quiet_NaN());
-    for (std::size_t f = 0; f < field_columns_.size(); ++f) {
-      const int field = static_cast<int>(f);
+    for (const auto& [field, column] : field_columns_) {
       const bool missing = at_midpoints(field) && last_h_ == 0.0;
-      sink.append(field_columns_[f], missing ? std::span<const double>(undefined) : lattice_.field(field));
+      sink.append(column, missing ? std::span<const double>(undefined) : lattice_.field(field));
     }
     if (!previous_columns_.empty()) {
       sink.append(previous_t_column_, previous_t_);
@@ -315,6 +316,7 @@ private:
   }
 
   const Laws& laws_;
+  const bool evolving_alone_;
   LatticeIntegrator lattice_;
   LatticeResiduals residuals_;
   NodeTable invariants_, exact_;
@@ -326,7 +328,8 @@ private:
   double previous_t_;
   double last_h_ = 0.0;  ///< of the step taken last; 0 before the first
   std::size_t steps_ = 0;
-  std::vector<record::Column> field_columns_, exact_columns_;
+  std::vector<record::Column> exact_columns_;
+  std::vector<std::pair<int, record::Column>> field_columns_;  ///< of the fields that are stored
   record::Column previous_t_column_, shift_column_, phase_column_, turn_column_;
   std::vector<std::pair<int, record::Column>> previous_columns_;  ///< of the fields at levels, where they are stored
 };

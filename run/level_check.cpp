@@ -91,7 +91,7 @@ private:
       if (const auto at = levels_.row_of(level)) {
         findings_.same("/states/t", row, {}, levels_.state_t[row], levels_.t[*at], "/levels/t of that level");
       }
-      if (levels_.sparse) {
+      if (levels_.sparse && !levels_.evolving_alone) {
         check_previous_time(row);
       }
     }

@@ -1,9 +1,5 @@
 #include <rubato/run/level_rows.hpp>
 
-#include <algorithm>
-#include <cmath>
-
-#include <rubato/base/all_finite.hpp>
 #include <rubato/record/error.hpp>
 
 namespace rubato {
@@ -18,7 +14,7 @@ void LevelRows::describe(const record::Layout& layout, std::size_t levels) {
     const bool of_step = dataset.axis == "/levels/step";
     if (of_step || dataset.axis == "/levels/t") {
       is_kept_[i] = true;
-      kept_.push_back({{i}, of_step, dataset.type != record::Type::f64, dataset.may_be_undefined});
+      kept_.push_back({{i}, of_step, dataset.type != record::Type::f64});
     }
   }
 }
@@ -68,12 +64,8 @@ void LevelRows::append_to(RowSink& sink, bool is_start, std::size_t count, std::
 
 void LevelRows::require_finite(std::size_t count, std::size_t level) const {
   for (const Kept& kept : kept_) {
-    const std::span<const double> values(&rows_[kept.column.number * levels_], count);
-    if (!kept.may_be_undefined && !all_finite(values)) {
-      const auto wrong = std::ranges::find_if_not(values, [](double value) { return std::isfinite(value); });
-      throw record::NotFinite(layout_->datasets[kept.column.number],
-                              level + static_cast<std::size_t>(wrong - values.begin()), 0, *wrong);
-    }
+    record::require_finite(layout_->datasets[kept.column.number], {&rows_[kept.column.number * levels_], count}, 1,
+                           level);
   }
 }
 

@@ -51,7 +51,6 @@ private:
     record::Column column;
     bool of_step;
     bool is_integer;
-    bool may_be_undefined;
   };
   [[nodiscard]] bool keeps(record::Column column) const { return is_kept_[column.number]; }
 

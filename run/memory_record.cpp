@@ -1,10 +1,8 @@
 #include <rubato/run/memory_record.hpp>
 
 #include <algorithm>
-#include <cmath>
 #include <utility>
 
-#include <rubato/base/all_finite.hpp>
 #include <rubato/record/error.hpp>
 
 namespace rubato {
@@ -26,11 +24,7 @@ void MemoryRecord::begin(record::Layout layout) {
   values_.clear();
   row_sizes_.clear();
   for (const record::Dataset& dataset : layout_.datasets) {
-    std::size_t size = 1;
-    for (const std::string& path : dataset.dimensions) {
-      const auto scale = std::ranges::find(layout_.scales, path, &record::Scale::path);
-      size *= std::visit([](const auto& places) { return places.size(); }, scale->values);
-    }
+    const std::size_t size = record::row_size(layout_, dataset);
     row_sizes_.push_back(size);
     dataset.type == record::Type::f64 ? values_.emplace_back(std::vector<double>())
                                       : values_.emplace_back(std::vector<std::int64_t>());
@@ -42,15 +36,9 @@ void MemoryRecord::begin(record::Layout layout) {
 }
 
 void MemoryRecord::append(record::Column column, std::span<const double> row) {
-  const record::Dataset& dataset = layout_.datasets[column.number];
   auto& values = std::get<std::vector<double>>(values_[column.number]);
   appended_ = true;
-  if (!dataset.may_be_undefined && !all_finite(row)) {
-    const auto wrong = std::ranges::find_if(row, [](double value) { return !std::isfinite(value); });
-    const std::size_t place = values.size() + static_cast<std::size_t>(wrong - row.begin());
-    const std::size_t row_size = row_sizes_[column.number];
-    throw record::NotFinite(dataset, place / row_size, place % row_size, *wrong);
-  }
+  record::require_finite(layout_.datasets[column.number], row, row_sizes_[column.number], values.size());
   values.insert(values.end(), row.begin(), row.end());
 }
 

@@ -133,7 +133,7 @@ public:
     const StoredLevels stored(reader, problem_);
     for (const std::size_t row : sample(stored.state_level.size())) {
       load(reader, row);
-      see_laws(std::abs(stored.state_t[row] - stored.t_before(row)));
+      see_laws(std::abs(stored.evolving_alone ? stored.h.back() : stored.state_t[row] - stored.t_before(row)));
       see_invariants(stored.state_t[row]);
     }
     return levels_.take();
@@ -141,14 +141,23 @@ public:
 
 private:
   void load(const record::Reader& reader, std::size_t row) {
+    InitialFields stored(static_cast<std::size_t>(level_.fields.fields()));
     for (int f = 0; f < level_.fields.fields(); ++f) {
       const std::string& name = tables_.system.fields()[static_cast<std::size_t>(f)];
       const bool at_midpoints = tables_.system.structure().at_midpoints(f);
-      const std::vector<double> values = reader.read((at_midpoints ? "/states/midpoints/" : "/states/") + name, row, 1);
+      const std::string path = (at_midpoints ? "/states/midpoints/" : "/states/") + name;
+      if (problem_.stores_evolving_alone() && !reader.has(path)) {
+        continue;
+      }
+      std::vector<double> values = reader.read(path, row, 1);
       if (values.size() != tables_.grid.size()) {
         throw record::Error(reader.file(), "the states are not those of its problem");
       }
       std::ranges::copy(values, level_.fields.field(f).begin());
+      stored[static_cast<std::size_t>(f)] = std::move(values);
+    }
+    if (!std::ranges::all_of(stored, [](const auto& values) { return values.has_value(); })) {
+      level_ = make_method(problem_)->first_level(tables_.system, tables_.grid, stored).level;
     }
   }
 

@@ -21,7 +21,7 @@ const Values* array_of(const record::Checkpoint& checkpoint, const char* name) {
 }
 
 /// All but the state.
-record::Checkpoint others_of(const Chronicle& chronicle) {
+record::Checkpoint others_of(const Chronicle& chronicle, const figures::Measures& measures) {
   record::Checkpoint checkpoint;
   if (const StepPotential& f = chronicle.simulation().step_potential(); f.active()) {
     checkpoint.emplace("step_potential", std::vector<double>{f.strength, f.length, f.exponent});
@@ -34,7 +34,7 @@ record::Checkpoint others_of(const Chronicle& chronicle) {
   checkpoint.emplace(meter_array, meter.values());
   checkpoint.emplace(figures::statistics_name, chronicle.statistics().values());
   checkpoint.emplace(figures::statistics_names_name, chronicle.statistics().names_text());
-  checkpoint.emplace(figures::measures_name, figures::to_values(chronicle.meter().measures()));
+  checkpoint.emplace(figures::measures_name, figures::to_values(measures));
   return checkpoint;
 }
 
@@ -55,17 +55,19 @@ RowSink::InParts Recorder::in_parts(std::span<const record::Column> columns) {
   return wish;
 }
 
-record::Checkpoint make_checkpoint(const Chronicle& chronicle) {
-  StateWriter state;
-  chronicle.save(state);
-  record::Checkpoint checkpoint = others_of(chronicle);
-  checkpoint.emplace("state", state.values());
-  return checkpoint;
+std::optional<double> expected_record_bytes(const Chronicle& chronicle) {
+  const auto rows = record::expected_bytes(chronicle.layout());
+  return rows ? std::optional(*rows + static_cast<double>(size_of_state(chronicle) * sizeof(double))) : std::nullopt;
 }
 
-record::CheckpointInParts make_checkpoint_in_parts(const Chronicle& chronicle, std::function<void()> begin) {
+std::size_t size_of_state(const Chronicle& chronicle) {
   StateWriter count(StateWriter::For::going_back, nullptr);
   chronicle.save(count);
+  return count.size();
+}
+
+record::CheckpointInParts make_checkpoint(const Chronicle& chronicle, std::function<void()> begin,
+                                          std::function<figures::Measures()> measures) {
   const auto hand_over = [&chronicle, begin = std::move(begin)](const record::CheckpointInParts::Take& take) {
     std::exception_ptr thrown;  // other ranks are not left alone with what they send
     StateWriter state(StateWriter::For::record, [&](std::span<const double> part) {
@@ -83,9 +85,10 @@ record::CheckpointInParts make_checkpoint_in_parts(const Chronicle& chronicle, s
       std::rethrow_exception(thrown);
     }
   };
-  return {.name = "state", .size = count.size(), .hand_over = hand_over, .others = [&chronicle] {
-            return others_of(chronicle);
-          }};
+  return {.name = "state",
+          .size = size_of_state(chronicle),
+          .hand_over = hand_over,
+          .others = [&chronicle, measures = std::move(measures)] { return others_of(chronicle, measures()); }};
 }
 
 bool restore(const record::Checkpoint& checkpoint, Chronicle& chronicle) {

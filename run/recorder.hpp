@@ -52,13 +52,16 @@ private:
   bool appended_ = false;
 };
 
-/// All that `resume` needs.
-[[nodiscard]] record::Checkpoint make_checkpoint(const Chronicle& chronicle);
+/// About how many bytes the record of a run takes: its rows and one checkpoint. Empty if the number of rows is unknown.
+[[nodiscard]] std::optional<double> expected_record_bytes(const Chronicle& chronicle);
+/// Numbers in the state that a checkpoint of it has.
+[[nodiscard]] std::size_t size_of_state(const Chronicle& chronicle);
 
-/// The same, but for those who have no room for the whole state: of a chronicle that ranks share, and that has to stay
-/// as it is meanwhile. `begin` is called before they all save.
-[[nodiscard]] record::CheckpointInParts make_checkpoint_in_parts(const Chronicle& chronicle,
-                                                                 std::function<void()> begin);
+/// All that `resume` needs, for record::Writer: the state is written part by part, and never copied as a
+/// whole. The chronicle has to stay as it is meanwhile. \param begin called before the state is saved, by all ranks
+/// that share it \param measures those of the verdict, asked for after that
+[[nodiscard]] record::CheckpointInParts make_checkpoint(const Chronicle& chronicle, std::function<void()> begin,
+                                                        std::function<figures::Measures()> measures);
 
 /// Brings a chronicle to where the checkpoint was made. False, and the chronicle in no state to be used, if the
 /// checkpoint is not one of its problem.

@@ -20,41 +20,20 @@
 #include <rubato/record/writer.hpp>
 #include <rubato/run/gathering_sink.hpp>
 #include <rubato/run/lattice_ranks.hpp>
-#include <rubato/run/memory_estimate.hpp>
 #include <rubato/run/memory_record.hpp>
+#include <rubato/run/no_sink.hpp>
 #include <rubato/run/pace.hpp>
 #include <rubato/run/recorder.hpp>
+#include <rubato/run/run_estimate.hpp>
 #include <rubato/run/shared_rows.hpp>
 #include <rubato/run/threads.hpp>
 #include <rubato/run/warnings.hpp>
-#include <rubato/variation/first_step.hpp>
 
 namespace rubato {
 
 namespace {
 
 using Clock = std::chrono::steady_clock;
-
-/// Above this step condition the energy law still holds to the tolerance but its levels carry visible rounding.
-constexpr double condition_warning = 1e-6;
-/// A step potential of this part of the terms of the energy is told as one: it is meant to be of the size of errors.
-constexpr double large_potential = 0.1;
-/// So many times the steps of the law without a potential are told as a price that need not be paid.
-constexpr double high_price = 5.0;
-
-/// Takes rows that a record has already.
-class NoSink final : public RowSink {
-public:
-  using RowSink::append;
-
-  void append(record::Column /*column*/, std::span<const double> /*row*/) override {}
-  void append(record::Column /*column*/, std::span<const std::int64_t> /*row*/) override {}
-  void append_part(record::Column /*column*/, std::span<const double> /*part*/, bool /*is_last*/) override {}
-  InParts in_parts(std::span<const record::Column> /*columns*/) override {
-    return {.wanted = InParts::Wanted::checksum, .file = {}, .rows = {}};
-  }
-  void append_checksum(record::Column /*column*/, const Checksum& /*row*/) override {}
-};
 
 std::string about_lost(const figures::Judgement& judgement) {
   return fmt::format("the run reached its end, but its result is {}", figures::text_of(judgement));
@@ -69,7 +48,7 @@ public:
     if (options.ranks != nullptr && options.ranks->size() > 1) {
       leader_.emplace(*options.ranks, problem, options.threads, options.tangents);
     }
-    require_memory_for(problem, options.tangents, 1.0 / (options.ranks == nullptr ? 1 : options.ranks->size()));
+    require_memory_for(problem, options, 1.0 / (options.ranks == nullptr ? 1 : options.ranks->size()));
     make_chronicle();
     outcome_.title = problem.title;
     outcome_.file = std::move(file);
@@ -85,7 +64,7 @@ public:
       require_room();
       memory_->begin(chronicle_->layout());
     } else {
-      measure_disk();
+      about_disk_ = require_disk_for(problem_, outcome_.file, expected_record_bytes(*chronicle_));
       recorder_.emplace(record::Writer::create(outcome_.file, layout_of_record(), options_.overwrite, commit_policy()));
     }
     try {
@@ -106,7 +85,7 @@ public:
   Outcome resume(record::Claim claim) {
     const Storing storing(options_.storing);
     auto continued = record::Writer::resume(std::move(claim), chronicle_->layout(), commit_policy(), state_apart());
-    restore(continued.checkpoint());
+    restore(continued.take_checkpoint());
     recorder_.emplace(std::move(continued));
     const bool stopped = chronicle_->stopped(), at_end = simulation().finished() && !stopped;
     Outcome outcome = loop();
@@ -143,17 +122,13 @@ private:
     }
   }
   [[nodiscard]] bool published() { return recorder_ && writer().published(); }
-  /// The checkpoint goes into the record as the parts of the ranks come, where there are others.
-  void stage_checkpoint() {
-    writer().stage(make_checkpoint_in_parts(*chronicle_, [this] { order(Order::save); }));
+  /// It goes into the file as it is made, of other ranks as their parts come.
+  [[nodiscard]] record::CheckpointInParts checkpoint(std::function<figures::Measures()> measures) const {
+    return make_checkpoint(
+        *chronicle_, [this] { order(Order::save); }, std::move(measures));
   }
   void commit() {
-    if (leader_) {
-      stage_checkpoint();
-      writer().commit();
-    } else {
-      writer().commit(make_checkpoint(*chronicle_));
-    }
+    writer().commit(checkpoint([this] { return chronicle_->meter().measures(); }));
   }
 
   /// What all ranks do together, where there are others.
@@ -179,17 +154,11 @@ private:
     }
   }
 
-  /// Whether as many levels are stored as are expected.
-  [[nodiscard]] bool stores_as_expected() const {
-    return problem_.scheme.levels == Levels::fixed &&
-           std::ranges::none_of(problem_.events, [](const auto& event) { return event.stop_after > 0; });
-  }
-
   /// \throws ProblemError if the rows of a run in memory certainly do not fit there
   void require_room() const {
     constexpr double little = 1e8;  // there is as much, and to look takes time
     if (const auto bytes = record::expected_bytes(chronicle_->layout());
-        bytes && *bytes > little && stores_as_expected()) {
+        bytes && *bytes > little && stores_as_expected(problem_)) {
       try {
         require_memory(*bytes, "the rows of the run");
       } catch (const std::invalid_argument& error) {
@@ -197,28 +166,6 @@ private:
                            fmt::format("{}; store less (output.every), or in a file", error.what()));
       }
     }
-  }
-
-  /// Compares the size of the record with the free space of its disk.
-  /// \throws FileError if the record certainly takes more
-  void measure_disk() {
-    constexpr double copies = 3.0;  // a published version, the working file, and the next version
-    const auto bytes = record::expected_bytes(chronicle_->layout());
-    std::error_code unknown;
-    const std::filesystem::path folder = std::filesystem::absolute(outcome_.file).parent_path();
-    const double available = static_cast<double>(std::filesystem::space(folder, unknown).available);
-    if (unknown || !bytes || copies * *bytes <= available) {
-      return;
-    }
-    const std::string sizes = fmt::format(
-        "the record takes about {:.3g} GB, up to three times as much while it is written, "
-        "and {:.3g} GB are free in '{}'",
-        1e-9 * *bytes, 1e-9 * available, folder.string());
-    constexpr const char* remedy = "store less (output.every, output.compression), or elsewhere (-o)";
-    if (*bytes > available && stores_as_expected() && problem_.output.compression == 0) {
-      throw FileError(fmt::format("{}: {}: {}", outcome_.file, sizes, remedy));
-    }
-    about_disk_ = fmt::format("{}: {}", sizes, remedy);
   }
 
   /// Ranks write long rows of nodes together.
@@ -393,22 +340,14 @@ private:
       memory_->end_level();
       return;
     }
-    std::optional<record::Checkpoint> last;
-    if (leader_) {
-      stage_checkpoint();
-    } else {
-      last = make_checkpoint(*chronicle_);
-    }
+    // Ranks keep the measures of the last level in the sample.
+    writer().stage(
+        checkpoint([this] { return leader_ ? chronicle_->meter().measures() : chronicle_->final_measures(); }));
     // The last state is always stored. Where it is not one of every n-th it is provisional: `resume` drops it again, so
     // that a run continued is the same as one never stopped.
     order(Order::last);
     tell(*recorder_, [this](RowSink& sink) { chronicle_->tell_last(sink); });
-    if (last) {  // ranks keep the measures of the last level in the sample
-      last->insert_or_assign(std::string(figures::measures_name), figures::to_values(chronicle_->final_measures()));
-    }
-    const auto completion =
-        outcome_.complete ? record::Writer::Completion::complete : record::Writer::Completion::interrupted;
-    last ? writer().finish(*last, completion) : writer().finish(completion);
+    writer().finish(outcome_.complete ? record::Writer::Completion::complete : record::Writer::Completion::interrupted);
   }
 
   void interrupted() {
@@ -528,149 +467,6 @@ private:
   std::unique_ptr<char[]> reserve_ = std::make_unique<char[]>(std::size_t{96} << 10);
 };
 
-/// What there is to warn of at the end of a run.
-class RunWarnings {
-public:
-  RunWarnings(const Problem& problem, const Chronicle& chronicle, const Statistics& statistics)
-      : problem_(problem), chronicle_(chronicle) {
-    outcome_.statistics = statistics;
-  }
-
-  std::vector<std::string> take() {
-    add_warnings();
-    return std::move(outcome_.warnings);
-  }
-
-private:
-  [[nodiscard]] const Simulation& simulation() const { return chronicle_.simulation(); }
-  [[nodiscard]] const Statistics& statistics() const { return outcome_.statistics; }
-  [[nodiscard]] const OffLawCauses& causes() const { return chronicle_.causes(); }
-
-  void add_warnings() {
-    for (std::string& sentence : simulation().warnings()) {
-      outcome_.warnings.push_back(std::move(sentence));
-    }
-    if (chronicle_.undefined_outputs() > 0) {
-      outcome_.warnings.push_back(
-          fmt::format("at {} of {} output times something is not defined: a formula of [output.quantities] left its "
-                      "domain, or the step to that time could not be solved",
-                      chronicle_.undefined_outputs(), chronicle_.outputs()));
-    }
-    const Statistics& statistics = outcome_.statistics;
-    const Scheme& scheme = problem_.scheme;
-    for (std::string& sentence : statistics.undefined_quantities()) {
-      outcome_.warnings.push_back(std::move(sentence));
-    }
-    if (const int order = simulation().order();
-        scheme.lagrangian == LagrangianName::generating && order != *scheme.order) {
-      outcome_.warnings.push_back(
-          fmt::format("order = {0} rounds up to {1}: with darboux = \"midpoint\" the even coefficients of the "
-                      "generating function vanish, so that orders are even; write order = {1}",
-                      *scheme.order, order));
-    }
-    if (statistics.off_law_steps > 0) {
-      outcome_.warnings.push_back(about_off_law());
-    }
-    // What rounding leaves of energies that cancel is no measure of f', their terms are.
-    const double terms = std::max(
-        simulation().energy_terms(),
-        node_energy_scale(statistics.node_energy.values.largest(), simulation().integrator().levels().sizes()));
-    if (const double part = statistics.potential.largest() / terms; part > large_potential) {
-      outcome_.warnings.push_back(fmt::format(
-          "the first step is too long for this orbit: to keep the energy law the step potential had to become "
-          "{:.2g}, which is {:.2g} of what the energy is made of; take a smaller step",
-          statistics.potential.largest(), part));
-    }
-    if (const std::optional<double> price = simulation().potential_price(); price && *price >= high_price) {
-      const bool takes_scale = problem_.hamiltonian() != nullptr && !problem_.hamiltonian()->fictitious_time;
-      outcome_.warnings.push_back(fmt::format(
-          "the step potential holds all steps near those where the motion is fastest: at the start it takes about "
-          "{:.2g} times as many as the law would without it; {}step_potential = \"none\" lets steps follow the "
-          "motion, with plain steps where the law has no solution",
-          *price, takes_scale ? "hamiltonian.time_scale has as few, every one of them on the law; " : ""));
-    }
-    if (statistics.condition.any() && statistics.condition.max > condition_warning) {
-      outcome_.warnings.push_back(
-          fmt::format("the step condition reached {:.2g}: rounding in H moves the levels by that relative amount; "
-                      "larger steps make it smaller",
-                      statistics.condition.max));
-    }
-  }
-
-  /// Why there were steps off the law, by what they show (OffLawCauses), and what to do.
-  [[nodiscard]] std::string about_off_law() {
-    const Statistics& statistics = this->statistics();
-    const std::string count = fmt::format("{} of {} steps", statistics.off_law_steps, statistics.steps);
-    const std::string off =
-        fmt::format("{:.2g}{}", statistics.relative_off_law_deviation().value_or(statistics.off_law_deviation()),
-                    statistics.relative_off_law_deviation() ? " (relative)" : "");
-    const HamiltonianProblem* orbit = problem_.hamiltonian();
-    if (problem_.scheme.potential.kind != StepPotentialChoice::Kind::none && statistics.potential.largest() == 0.0) {
-      return fmt::format(
-          "on {} the discrete energy is off that of the first by up to {}: where the run begins it does not depend "
-          "on the step, so that every step is as long as the first; begin the run later, or use levels = \"fixed\"",
-          count, off);
-    }
-    if (problem_.scheme.potential.kind != StepPotentialChoice::Kind::none) {
-      const bool stated = problem_.scheme.potential.kind == StepPotentialChoice::Kind::given;
-      return fmt::format(
-          "on {} the level equation had no solution in spite of the step potential: {}; these steps are plain ones, "
-          "off the law by up to {}; a smaller step or {} may mend it{}",
-          count, stated ? "the one that is stated is too weak there" : "the orbit went beyond what that was chosen for",
-          off, stated ? "a smaller kappa, or step_potential = \"auto\"," : "a smaller largest_step",
-          orbit != nullptr && !orbit->fictitious_time
-              ? ", or hamiltonian.time_scale where the motion is fast in places, as on an eccentric orbit"
-              : "");
-    }
-    // Where most of them are flat any h keeps the energy: H is linear, or the order so high that its errors vanish.
-    if (2 * causes().flat() > causes().steps()) {
-      return fmt::format(
-          "on {} the discrete energy is the same to rounding whatever h is: h was left as it was there; larger steps, "
-          "a lower order or levels = \"fixed\" may suit this problem better",
-          count);
-    }
-    if (causes().starting() == causes().steps()) {
-      return fmt::format(
-          "the first step is too long to set the law: {}, and {} plain; E is {}; take a smaller step", too_long(),
-          count, causes().steps() == statistics.steps ? "not set yet" : "that of the first step that meets the law");
-    }
-    const std::string plain = fmt::format("{} are plain ones, off the law by up to {}", count, off);
-    if (causes().crossings() == 0 && !nears_zero()) {
-      return fmt::format("the step is too long for this orbit: {}; {}; take a smaller step", too_long(), plain);
-    }
-    return fmt::format("{}, where the pure law has no solution: {}; {} keeps every step on its law",
-                       causes().crossings() > 0 ? gamma_name() + " changes sign on this orbit" : nearly_zero(), plain,
-                       problem_.scheme.lagrangian == LagrangianName::custom ? "a step potential, -f(t_1 - t_0) in L,"
-                                                                            : "step_potential = \"auto\"");
-  }
-
-  /// Γ, or what the slopes of steps have in its place.
-  [[nodiscard]] std::string gamma_name() {
-    return simulation().has_gamma() ? "Gamma" : slope_name(simulation().order());
-  }
-
-  /// The smallest |Γ| of the run beside the largest.
-  [[nodiscard]] bool nears_zero() const {
-    constexpr double near = 0.02;
-    const Spread& gamma = statistics().gamma;
-    return gamma.any() &&
-           (gamma.min * gamma.max <= 0.0 || std::min(std::abs(gamma.min), std::abs(gamma.max)) <
-                                                near * std::max(std::abs(gamma.min), std::abs(gamma.max)));
-  }
-  [[nodiscard]] std::string nearly_zero() const {
-    const Spread& gamma = statistics().gamma;
-    return fmt::format("Gamma nears 0 on this orbit ({:.3g} to {:.3g})", gamma.min, gamma.max);
-  }
-  [[nodiscard]] std::string too_long() {
-    return fmt::format("{} goes from {:.4g} to {:.4g} in one step", gamma_name(), causes().gamma_before(),
-                       causes().gamma_after());
-  }
-
-  const Problem& problem_;
-  const Chronicle& chronicle_;
-  Outcome outcome_;
-};
-
 }  // namespace
 
 const StepReport& Simulation::take(std::size_t most) {
@@ -700,10 +496,6 @@ std::vector<std::string> Simulation::law_names() const {
   std::vector<std::string> names;
   std::ranges::transform(laws(), std::back_inserter(names), &Law::name);
   return names;
-}
-
-std::vector<std::string> warnings_of(const Problem& problem, const Chronicle& chronicle, const Statistics& statistics) {
-  return RunWarnings(problem, chronicle, statistics).take();
 }
 
 std::unique_ptr<Simulation> make_simulation(const Problem& problem, bool tangents) {

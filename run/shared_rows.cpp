@@ -63,13 +63,15 @@ StoredLevels shared_levels(const SharedRecord& record, const StoredLevels* level
   share(shared.state_level);
   share(shared.told_level);
   share(shared.previous_t);
-  std::array<double, 4> others = {static_cast<double>(shared.every), static_cast<double>(shared.rows_every),
-                                  static_cast<double>(shared.last), shared.sparse ? 1.0 : 0.0};
+  std::array<double, 5> others = {static_cast<double>(shared.every), static_cast<double>(shared.rows_every),
+                                  static_cast<double>(shared.last), shared.sparse ? 1.0 : 0.0,
+                                  shared.evolving_alone ? 1.0 : 0.0};
   record.slab()->broadcast(others);
   shared.every = static_cast<std::size_t>(others[0]);
   shared.rows_every = static_cast<std::size_t>(others[1]);
   shared.last = static_cast<std::size_t>(others[2]);
   shared.sparse = others[3] != 0.0;
+  shared.evolving_alone = others[4] != 0.0;
   return shared;
 }
 

@@ -24,7 +24,6 @@ void validate(const Layout& layout);
 
 /// The sizes of one row's dimensions, slowest first.
 [[nodiscard]] std::vector<hsize_t> row_shape(const Layout& layout, const Dataset& dataset);
-[[nodiscard]] std::size_t row_size(const Layout& layout, const Dataset& dataset);
 
 /// Sizes of the chunks of a new dataset, rows first: about 128 KiB of whole rows, at most 16384 of them; where fewer
 /// are expected that many, but 4 KiB at least, for a run that goes on longer. A row of more than 1 MiB (the size of

@@ -320,7 +320,7 @@ std::string LatticeProblem::toml() const {
   text += step_potential.toml();
   text += tolerance_given ? fmt::format("tolerance = {}\n", tolerance) : "";
   text += !on_singular.empty() ? fmt::format("on_singular = \"{}\"\n", on_singular) : "";
-  text += fmt::format("[output]\nevery = {}\n[levels]\nevery = 1\n", every);
+  text += fmt::format("[output]\nevery = {}\n[levels]\nevery = 1\n[laws]\nfields = true\n", every);
   return text;
 }
 

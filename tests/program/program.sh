@@ -736,6 +736,38 @@ case $case_name in
       wait "$process" 2>/dev/null
     fi
     ;;
+  dry_run)
+    run run pendulum --dry-run
+    expect 0 'nothing was run'
+    for line in coordinates steps memory record time; do
+      check "has a line: $line" grep -q "^  $line  *[a0-9]" out
+    done
+    run run pendulum --dry-run --quiet
+    check "--quiet prints nothing" test ! -s out
+    plane=(sine-gordon-2d --set scheme.lagrangian=euler-box --set scheme.levels=fixed --set scheme.until=0.2)
+    run run "${plane[@]}" --dry-run --json -o plane.h5
+    expect 0 '"dry_run": true'
+    check "names the cells" grep -q '"cells": {"x": [0-9]*, "y": [0-9]*}' out
+    check "names the file" grep -q '"file": "plane.h5"' out
+    run run pendulum --set 'ensemble.grid.initial.p="0.1:1.5:30"' --dry-run --json
+    expect 0 '"members": 30'
+    nothing_written
+    # The numbers of a run that does not fit, as the run itself has them; and a size that nobody can run.
+    for option in --dry-run --quiet; do
+      (ulimit -v 3000000
+        "$rubato" run "${plane[@]}" --set grid.x.cells=4001 --set grid.y.cells=4001 -o never.h5 $option >out 2>err)
+      status=$?
+      last="run $option of what does not fit"
+      expect 2 'bytes a node'
+      check "says all" grep -qE 'GB is available \(ulimit -v\); its record would take .*B; .* steps would take about' err
+      check "prints nothing" test ! -s out
+    done
+    run run "${plane[@]}" --dry-run --set grid.x.cells=3000001 --set grid.y.cells=3000001
+    expect 2 '9.00001e+12 nodes'
+    run run pendulum --dry-run --set scheme.step=0
+    expect 2 'step'
+    nothing_written
+    ;;
   example)
     run run "$source_folder/examples/pendulum.toml" --json
     expect 0 max_relative_deviation

@@ -3,7 +3,9 @@
 #include <catch2/catch.hpp>
 
 #include <cerrno>
+#include <optional>
 #include <string>
+#include <vector>
 
 #include <sys/file.h>
 #include <sys/syscall.h>
@@ -83,7 +85,17 @@ TEST_CASE("the rows that are expected have a size") {
     }
     values += row;
   }
-  CHECK(expected_bytes(layout) == 1000.0 * values);
+  const auto datasets = static_cast<double>(layout.datasets.size());
+  constexpr double header = 2048.0, page = 4096.0;
+  layout.compression = 1;
+  CHECK(expected_bytes(layout) == 1000.0 * values + header * datasets);
+  const std::vector<std::optional<std::size_t>> fewer(layout.datasets.size(), 10);
+  CHECK(expected_bytes(layout, fewer) == 10.0 * values + header * datasets);
+  // In whole chunks, where they are not compressed: of as many rows as are expected, or a page.
+  layout.compression = 0;
+  CHECK(*expected_bytes(layout) >= 1000.0 * values + header * datasets);
+  CHECK(*expected_bytes(layout) < 1000.0 * values + (header + page) * datasets);
+  CHECK(*expected_bytes(layout, fewer) > 10.0 * values + header * datasets);
   layout.datasets.front().expected_rows.reset();
   CHECK_FALSE(expected_bytes(layout).has_value());
 }

@@ -115,8 +115,7 @@ TEST_CASE("rows in parts make the record that whole rows make") {
         }
         write_in_parts(writer, k, c.part, 3 * c.cells);
         const Checkpoint checkpoint = large_checkpoint(k, k < 4 ? 300'000 : 200'000);
-        writer.stage(in_parts(checkpoint, c.part));
-        writer.commit();
+        writer.commit(in_parts(checkpoint, c.part));
         CHECK(Reader(folder / "parts.h5").checkpoint() == checkpoint);
         CHECK(Reader(folder / "parts.h5").rows("/states/u") == static_cast<std::size_t>(k / 3 + 1));
       }
@@ -210,9 +209,8 @@ TEST_CASE("wrong parts are refused, and nothing of them is published") {
   auto writer = Writer::create(folder / "a.h5", sample::layout(cells), false, {.buffer_bytes = 1000});
   write_in_parts(writer, 0, 5000);
   const Checkpoint checkpoint = large_checkpoint(0, 100);
-  CHECK_THROWS_AS(writer.commit(), std::logic_error);  // with what checkpoint?
-  writer.stage(in_parts(checkpoint, 30));
-  writer.commit();
+  CHECK_THROWS_AS(writer.finish(Writer::Completion::complete), std::logic_error);  // with what checkpoint?
+  writer.commit(in_parts(checkpoint, 30));
   std::vector<double> part(100'000, 1.0);
   writer.append_part(sample::u, part);
   CHECK_THROWS_AS(writer.end_level(), std::logic_error);
@@ -233,6 +231,28 @@ TEST_CASE("wrong parts are refused, and nothing of them is published") {
   CHECK(Reader(folder / "a.h5").checkpoint() == checkpoint);
 }
 
+TEST_CASE("checkpoints of versions before take no room in a record") {
+  const Folder folder;
+  const auto size_of_record = [&](const std::function<void(Writer&, const CheckpointInParts&)>& before) {
+    auto writer = Writer::create(folder / "a.h5", sample::layout(), true);
+    for (const std::int64_t k : {0, 1, 2, 3}) {
+      sample::Run{k}.write(writer);
+      const Checkpoint checkpoint = large_checkpoint(k, 50'000 * static_cast<std::size_t>(4 - k));
+      k < 3 ? before(writer, in_parts(checkpoint, 7'001)) : writer.stage(in_parts(checkpoint, 7'001));
+    }
+    writer.finish(Writer::Completion::complete);
+    return std::filesystem::file_size(folder / "a.h5");
+  };
+  const auto smallest = size_of_record([](Writer&, const CheckpointInParts&) {});
+  const auto committed =
+      size_of_record([](Writer& writer, const CheckpointInParts& checkpoint) { writer.commit(checkpoint); });
+  CHECK(committed < smallest + 10'000);
+  // The twin: in the working file they would.
+  const auto staged =
+      size_of_record([](Writer& writer, const CheckpointInParts& checkpoint) { writer.stage(checkpoint); });
+  CHECK(staged > smallest + 10'000);
+}
+
 TEST_CASE("a checkpoint is read without its large array, which is looked at all the same") {
   const Folder folder;
   {
@@ -245,5 +265,5 @@ TEST_CASE("a checkpoint is read without its large array, which is looked at all 
   others.erase("state");
   CHECK(reader.checkpoint("state") == others);
   CHECK(reader.read("/checkpoint/state", 100'000, 3)[2] == field_of(0, 200'000)[100'002]);
-  CHECK(Writer::resume(Claim(folder / "a.h5"), sample::layout(), {}, "state").checkpoint() == others);
+  CHECK(Writer::resume(Claim(folder / "a.h5"), sample::layout(), {}, "state").take_checkpoint() == others);
 }

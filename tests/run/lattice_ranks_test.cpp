@@ -157,7 +157,7 @@ void require_checked_together(const std::string& every) {
   const Folder folder;
   const std::string file = folder / "checked.h5";
   Settings settings = scheme;
-  settings.insert(settings.end(), {"output.every=" + every, "scheme.until=0.11"});
+  settings.insert(settings.end(), {"output.every=" + every, "scheme.until=0.11", "laws.fields=true"});
   static_cast<void>(run(wave_on_torus(13, 11, settings), {.output = file, .threads = 1}));
   const auto told = [](const Outcome& outcome) {
     std::vector<std::string> all = {to_json(outcome)};
@@ -301,7 +301,7 @@ TEST_CASE("what goes from rank to rank on a line is what the record is made of")
 TEST_CASE("ranks find what one finds in a falsified record of a line, and are stopped by what stops one") {
   const Folder folder;
   const std::string file = folder / "line.h5";
-  const Problem kdv = line("kdv", {"grid.x.cells=129", "scheme.until=0.05", "output.every=1"});
+  const Problem kdv = line("kdv", {"grid.x.cells=129", "scheme.until=0.05", "output.every=1", "laws.fields=true"});
   for (const auto& [dataset, index, change] : {std::tuple{"/states/u", 129 * 3 + 40, 1e-6},
                                                {"/states/u", 129 * 3 + 100, 1e-6},
                                                {"/states/midpoints/w", 129 * 2 + 65, 1e-3},
