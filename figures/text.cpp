@@ -1,6 +1,7 @@
 #include <rubato/figures/text.hpp>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include <fmt/format.h>
@@ -308,88 +309,163 @@ void add_figures(JsonObject& object, const Statistics& statistics) {
   add_verdict(object, statistics);
 }
 
+namespace {
+
+using Kind = LineKind;
+
+constexpr std::array entries = {
+    LineEntry{Kind::steps, "steps", "Number of steps, and the time of the last level."},
+    LineEntry{Kind::h, "h", "The shortest and the longest step."},
+    LineEntry{
+        Kind::discrete_energy, "discrete energy",
+        "E_k, the energy of a step by its discrete Lagrangian, and its largest deviation, relative where that says "
+        "something. Variable levels keep it to rounding errors."},
+    LineEntry{Kind::energy_less_work, "energy less work",
+              "Of a problem that depends on t: E_k without the work done so far, which the balance of energy keeps."},
+    LineEntry{Kind::step_potential, "step potential",
+              "Range of f'(h), the part of the discrete energy that the step potential adds."},
+    LineEntry{Kind::node_energy, "node energy H(z_k)",
+              "H at the levels: the first value, and the largest deviation, which is a truncation error."},
+    LineEntry{Kind::node_energy_in_fictitious_time, "node energy g(H - E)",
+              "The same with time_scale: of the Hamiltonian whose time is the fictitious one."},
+    LineEntry{Kind::node_energy_less_work, "H(z_k, t_k) less work", "The same of a problem that depends on t."},
+    LineEntry{
+        Kind::gamma, "Gamma",
+        "Range of Gamma at the levels, from which the lengths of variable steps follow. The pure law has no solution "
+        "where it is 0."},
+    LineEntry{Kind::off_law, "steps off the law",
+              "Plain steps, taken where no step keeps the discrete energy; and its largest deviation on them."},
+    LineEntry{Kind::step_condition, "step condition",
+              "The largest relative error of h that rounding errors of H cause."},
+    LineEntry{Kind::laws, "laws", "With [laws] every: of how many steps the lines below are."},
+    LineEntry{
+        Kind::residual, "residual NAME",
+        "Residual of a local law in one cell over one step: the largest, and the root mean square over all cells and "
+        "steps. Laws of energy, momentum and symmetries; variational_ laws belong to single nodes, multisymplectic "
+        "to two tangent solutions (--tangents); step_equation (check) is the scheme's own equation."},
+    LineEntry{Kind::total, "total NAME",
+              "Density of a local law, summed over the grid: first value and largest deviation."},
+    LineEntry{Kind::invariant, "NAME", "An entry of [invariants]: first value and largest deviation."},
+    LineEntry{Kind::event, "event NAME", "Number of crossings of an event, and the times of the first and the last."},
+    LineEntry{Kind::ended_by, "ended by", "The event that ended the run."},
+    LineEntry{Kind::error, "error in NAME",
+              "Difference from [exact] at the last level: the largest, and the root mean square over the nodes."},
+    LineEntry{Kind::iterations, "iterations per step",
+              "Evaluations or sweeps that a step takes: mean and largest number."},
+    LineEntry{Kind::seam, "at the seam", "How large the wave became where the period of the grid begins again."},
+    LineEntry{Kind::verdict, "verdict",
+              "good, doubtful or lost, with the reasons and what to do. It rests on measures of the run, not on an "
+              "estimate of the error."},
+    LineEntry{Kind::time_taken, "time taken", "Wall time of the run."},
+    LineEntry{Kind::accuracy, "accuracy", "Where there is no [exact]: the command that estimates errors."},
+    LineEntry{Kind::record, "record", "The file that was written."},
+};
+static_assert(std::ranges::all_of(entries, [](const LineEntry& entry) {
+  return &entry == &entries[static_cast<std::size_t>(entry.kind)];
+}));
+
+}  // namespace
+
+std::span<const LineEntry> line_entries() {
+  return entries;
+}
+
+std::string label_of(LineKind kind, std::string_view name) {
+  std::string label(entries[static_cast<std::size_t>(kind)].label);
+  constexpr std::string_view placeholder = "NAME";
+  if (const std::size_t place = label.find(placeholder); place != std::string::npos) {
+    label.replace(place, placeholder.size(), name);
+  }
+  return label;
+}
+
 std::vector<Line> lines_of(const Statistics& statistics) {
   std::vector<Line> lines;
-  const auto add = [&lines](std::string label, std::string value, std::string remark = {}, bool is_headline = false) {
-    lines.push_back({std::move(label), std::move(value), std::move(remark), is_headline});
+  const auto add_named = [&lines](LineKind kind, std::string_view name, std::string value, std::string remark = {},
+                                  bool is_headline = false) {
+    lines.push_back({label_of(kind, name), std::move(value), std::move(remark), is_headline});
+  };
+  const auto add = [&add_named](LineKind kind, std::string value, std::string remark = {}, bool is_headline = false) {
+    add_named(kind, {}, std::move(value), std::move(remark), is_headline);
   };
   constexpr bool headline = true;
   if (statistics.has_clock()) {
-    add("steps",
+    add(Kind::steps,
         fmt::format("{}, to t = {:.10g}, in fictitious time {:.10g}", statistics.steps, statistics.clock, statistics.t),
         fmt::format("from t = {:.10g}", statistics.clock_start), headline);
   } else {
-    add("steps", fmt::format("{}, to t = {:.10g}", statistics.steps, statistics.t),
+    add(Kind::steps, fmt::format("{}, to t = {:.10g}", statistics.steps, statistics.t),
         fmt::format("from t = {:.10g}", statistics.start), headline);
   }
   if (statistics.steps > 0) {
-    add("h", fmt::format("{:.6g} to {:.6g}", statistics.h.min, statistics.h.max),
+    add(Kind::h, fmt::format("{:.6g} to {:.6g}", statistics.h.min, statistics.h.max),
         statistics.has_clock() ? "step length, in fictitious time" : "step length", headline);
     if (statistics.balance) {
-      add("energy less work", energy_text(statistics), "E_k - W, which the balance (3.4) of a driven system keeps",
+      add(Kind::energy_less_work, energy_text(statistics), "E_k - W, which the balance (3.4) of a driven system keeps",
           headline);
     } else {
-      add("discrete energy", energy_text(statistics), "E_k, which the law keeps", headline);
+      add(Kind::discrete_energy, energy_text(statistics), "E_k, which the law keeps", headline);
     }
   }
   if (statistics.potential.largest() > 0.0) {
-    add("step potential", fmt::format("{:.3g} to {:.3g} of it", statistics.potential.min, statistics.potential.max),
+    add(Kind::step_potential, fmt::format("{:.3g} to {:.3g} of it", statistics.potential.min, statistics.potential.max),
         "f'(h), contained in the discrete energy", headline);
   }
-  add(statistics.balance       ? "H(z_k, t_k) less work"
-      : statistics.has_clock() ? "node energy g(H - E)"
-                               : "node energy H(z_k)",
+  add(statistics.balance       ? Kind::node_energy_less_work
+      : statistics.has_clock() ? Kind::node_energy_in_fictitious_time
+                               : Kind::node_energy,
       deviation_text(statistics.node_energy), "at the levels", headline);
   if (has_gamma(statistics)) {
-    add("Gamma",
+    add(Kind::gamma,
         with_undefined(fmt::format("{:.6g} to {:.6g}", statistics.gamma.min, statistics.gamma.max), statistics.gamma,
                        "levels"),
         "at the levels", headline);
   }
   if (statistics.off_law_steps > 0) {
-    add("steps off the law", off_law_text(statistics), "plain steps, where the law has no solution", headline);
+    add(Kind::off_law, off_law_text(statistics), "plain steps, where the law has no solution", headline);
   }
   if (statistics.condition.any()) {
-    add("step condition", fmt::format("{:.2g}", statistics.condition.max), "relative error of h, at most");
+    add(Kind::step_condition, fmt::format("{:.2g}", statistics.condition.max), "relative error of h, at most");
   }
   if (statistics.has_gaps() && statistics.has_laws()) {
-    add("laws", fmt::format("of {} of {} steps", statistics.law_steps_taken(), statistics.steps),
+    add(Kind::laws, fmt::format("of {} of {} steps", statistics.law_steps_taken(), statistics.steps),
         "what follows is of these, and of the levels they lead to");
   }
   for (const auto& [name, value] : statistics.residuals) {
-    add("residual " + name, with_undefined(max_rms(value), value,
-                                           statistics.has_gaps() ? "cells (of these steps)" : "cells (of all steps)"));
+    add_named(Kind::residual, name,
+              with_undefined(max_rms(value), value,
+                             statistics.has_gaps() ? "cells (of these steps)" : "cells (of all steps)"));
   }
   for (const auto& [name, value] : statistics.totals) {
-    add("total " + name, deviation_text(value));
+    add_named(Kind::total, name, deviation_text(value));
   }
   for (const auto& [name, value] : statistics.invariants) {
-    add(name, deviation_text(value));
+    add_named(Kind::invariant, name, deviation_text(value));
   }
   for (const auto& [name, value] : statistics.events) {
-    add("event " + name, event_text(value, statistics.steps), "crossings, by dense output");
+    add_named(Kind::event, name, event_text(value, statistics.steps), "crossings, by dense output");
   }
   if (const auto* event = statistics.stopped_by()) {
-    add("ended by", fmt::format("event {} at t = {:.10g}", event->name, event->value.stopped),
+    add(Kind::ended_by, fmt::format("event {} at t = {:.10g}", event->name, event->value.stopped),
         "the levels go to the end of that step", headline);
   }
   for (const auto& [name, value] : statistics.errors) {
-    add("error in " + name,
-        value.undefined == value.count() ? "undefined at the last level"
-                                         : with_undefined(max_rms(value), value, "nodes") + " at the last level",
-        "", headline);
+    add_named(Kind::error, name,
+              value.undefined == value.count() ? "undefined at the last level"
+                                               : with_undefined(max_rms(value), value, "nodes") + " at the last level",
+              "", headline);
   }
   if (statistics.all_iterations > 0.0) {
-    add("iterations per step",
+    add(Kind::iterations,
         fmt::format("{:.3g} on average, at most {:.0f}",
                     statistics.all_iterations / static_cast<double>(statistics.steps), statistics.iterations.max));
   }
   if (const Measures& measures = statistics.measures; measures.seam > 0.0) {
-    add("at the seam",
+    add(Kind::seam,
         fmt::format("the wave reached it: up to {:.2g} of its largest, at t = {:.6g}", measures.seam, measures.seam_t),
         "where the period begins again");
   }
-  add("verdict", text_of(judge(statistics)), "by the measures of this run", headline);
+  add(Kind::verdict, text_of(judge(statistics)), "by the measures of this run", headline);
   return lines;
 }
 

@@ -2,6 +2,7 @@
 
 #include <cstddef>
 #include <optional>
+#include <span>
 #include <string>
 #include <string_view>
 #include <utility>
@@ -43,6 +44,43 @@ private:
 /// Adds every figure under its key: absent where it does not apply, never NaN; values that are not defined are counted
 /// under "undefined".
 void add_figures(JsonObject& object, const Statistics& statistics);
+
+/// The kinds of lines in the table that a run prints.
+enum class LineKind {
+  steps,
+  h,
+  discrete_energy,
+  energy_less_work,
+  step_potential,
+  node_energy,
+  node_energy_in_fictitious_time,
+  node_energy_less_work,
+  gamma,
+  off_law,
+  step_condition,
+  laws,
+  residual,
+  total,
+  invariant,
+  event,
+  ended_by,
+  error,
+  iterations,
+  seam,
+  verdict,
+  time_taken,
+  accuracy,
+  record,
+};
+/// What stands in front of a line, with NAME for a name of the problem, and what the line means.
+struct LineEntry {
+  LineKind kind;
+  std::string_view label, meaning;
+};
+/// All kinds, in the order of the table.
+[[nodiscard]] std::span<const LineEntry> line_entries();
+/// The label of a line. \param name in place of NAME
+[[nodiscard]] std::string label_of(LineKind kind, std::string_view name = {});
 
 /// A line of the table a person reads: what, its value, and a remark or nothing. Headlines are what to look at first.
 struct Line {

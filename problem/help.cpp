@@ -6,6 +6,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <rubato/figures/text.hpp>
 #include <rubato/formula/language.hpp>
 #include <rubato/problem/browse.hpp>
 #include <rubato/problem/keys.hpp>
@@ -193,11 +194,24 @@ std::string problem() {
   return text;
 }
 
+std::string table_of_run() {
+  std::string text = "The table that a run prints\n\n" +
+                     wrapped(
+                         "A line stands only where it applies. NAME is a name of the problem. Figures are of all steps "
+                         "and levels, whatever the record stores. `--json` prints the same numbers.",
+                         0) +
+                     "\n";
+  for (const figures::LineEntry& line : figures::line_entries()) {
+    text += fmt::format("  {}\n", line.label) + wrapped(line.meaning, 6);
+  }
+  return text;
+}
+
 }  // namespace
 
 const std::vector<std::string>& help_topics() {
   static const std::vector<std::string> topics = [] {
-    std::vector<std::string> all = {"formulas", "problem"};
+    std::vector<std::string> all = {"formulas", "problem", "table"};
     for (const TableEntry& table : problem_tables()) {
       if (!table.name.empty()) {
         all.emplace_back(table.name);
@@ -214,6 +228,9 @@ std::string help_text(std::string_view topic) {
   }
   if (topic == "problem") {
     return problem();
+  }
+  if (topic == "table") {
+    return table_of_run();
   }
   if (const auto table = std::ranges::find(problem_tables(), topic, &TableEntry::name);
       !topic.empty() && table != problem_tables().end()) {

@@ -57,7 +57,8 @@ constexpr const char* examples =
     "  rubato report mine.h5                writes mine.html: plots of all of it, for a browser\n"
     "  rubato compare mine.h5 fixed.h5      two records side by side\n"
     "  rubato export mine.h5                CSV files, for spreadsheets and other programs\n"
-    "  rubato help formulas                 what a formula may hold; help problem: every key of a file\n"
+    "  rubato help formulas                 what a formula may hold; help problem: every key of a file;\n"
+    "                                       help table: every line of the table that a run prints\n"
     "\n"
     "Exit status: 0 done; 2 input or usage wrong; 3 stopped at a singular point of the step\n"
     "equation; 4 the solver failed; 5 a file could not be read or written; 6 (check) the record\n"
@@ -144,10 +145,12 @@ public:
         "  rubato show kepler --set parameters.e=0.3 --unset exact > mine.toml\n"
         "  rubato show --form mine.toml\n");
     CLI::App& help = *app_.add_subcommand("help", "Explain formulas, problem files, a table of one or a command");
-    help.add_option("topic", name_, "formulas, problem, a table such as scheme, or a command")->option_text("TOPIC");
+    help.add_option("topic", name_, "formulas, problem, table, a table of a problem file such as scheme, or a command")
+        ->option_text("TOPIC");
     help.footer(
         "Examples:\n  rubato help formulas   functions, operators, names\n  rubato help problem    every key of a "
-        "problem file\n  rubato help scheme     every key of one of its tables\n");
+        "problem file\n  rubato help scheme     every key of one of its tables\n  rubato help table      every line "
+        "of the table that a run prints\n");
     CLI::App& completion = *app_.add_subcommand("completion", "Print a script that makes a shell complete commands");
     completion.add_option("shell", name_, "bash, zsh or fish")->option_text("SHELL")->required();
     completion.footer("Example:\n  source <(rubato completion bash)\n");

@@ -58,6 +58,7 @@ std::string to_table(const Outcome& outcome) {
   const auto row = [&table](std::string_view name, std::string_view value) {
     table += fmt::format("  {:<26} {}\n", name, value);
   };
+  using figures::label_of, figures::LineKind;
   if (!outcome.title.empty()) {
     table += outcome.title + "\n";
   }
@@ -65,13 +66,13 @@ std::string to_table(const Outcome& outcome) {
     row(line.label, line.value);
   }
   if (outcome.wall_seconds) {
-    row("time taken", fmt::format("{:.3g} s", *outcome.wall_seconds));
+    row(label_of(LineKind::time_taken), fmt::format("{:.3g} s", *outcome.wall_seconds));
   }
   if (outcome.wall_seconds && outcome.statistics.errors.empty()) {
-    row("accuracy", "not told by the laws: `rubato converge` estimates it");
+    row(label_of(LineKind::accuracy), "not told by the laws: `rubato converge` estimates it");
   }
   if (!outcome.file.empty()) {
-    row("record", outcome.file);
+    row(label_of(LineKind::record), outcome.file);
   }
   if (outcome.compared > 0 || outcome.disagreement_count > 0) {
     table += outcome.disagreement_count == 0

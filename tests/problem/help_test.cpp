@@ -150,7 +150,7 @@ TEST_CASE("every function, operator and constant that help formulas lists is par
 
 TEST_CASE("help on what there is none for names the nearest") {
   CHECK_THROWS_WITH(help_text("formula"), Contains("did you mean formulas?"));
-  CHECK_THROWS_WITH(help_text("xyz"), Contains("topics are formulas, problem, "));
+  CHECK_THROWS_WITH(help_text("xyz"), Contains("topics are formulas, problem, table, "));
   for (const std::string& topic : help_topics()) {
     const std::string text = help_text(topic);
     CHECK(text.size() > 100);
