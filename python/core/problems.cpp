@@ -98,6 +98,8 @@ void define_problems(py::module_& module) {
                                const HamiltonianProblem& stated = *orbit(bound);
                                return stated.q.size() - (stated.driven || stated.fictitious_time ? 1 : 0);
                              })
+      .def_property_readonly("has_frame",
+                             [](const BoundProblem& bound) { return bound.problem.scheme.frame.has_value(); })
       .def_property_readonly("has_clock", [](const BoundProblem& bound) { return bound.problem.clock().has_value(); })
       .def_property_readonly("fields",
                              [=](const BoundProblem& bound) { return pde(bound) ? pde(bound)->fields : Names(); })

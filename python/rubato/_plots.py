@@ -101,11 +101,14 @@ def _first_field(result, name):
 def _map(result, axes, *, name=None, **_):
     name = _first_field(result, name)
     (axis, *_rest), = result._problem.axes
-    values = result[name]
-    if len(values) > 1000:
-        values = values[:: len(values) // 500]
-    t = np.linspace(result.t[0], result.t[-1], len(values)) if len(values) != len(result.t) else result.t
-    image = axes.pcolormesh(result[axis], t, values, shading="nearest", cmap="RdBu_r", rasterized=True)
+    rows = slice(None, None, max(1, len(result.t) // 500))
+    values, t, x, shift = result[name][rows], result.t[rows], result[axis], result.shift(axis)
+    if shift is None:
+        image = axes.pcolormesh(x, t, values, shading="nearest", cmap="RdBu_r", rasterized=True)
+    else:  # each row where its nodes are in the laboratory
+        places = x[None, :] + shift[rows, None]
+        image = axes.pcolormesh(places, np.broadcast_to(t[:, None], places.shape), values, shading="gouraud",
+                                cmap="RdBu_r", rasterized=True)
     axes.set(xlabel=axis, ylabel="t", title=result.title)
     axes.figure.colorbar(image, ax=axes, label=name)
 

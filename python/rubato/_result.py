@@ -323,6 +323,9 @@ class Result:
         axes = [name for name, *_ in self._problem.axes]
         for name in axes:
             coordinates[name] = (name, self._read(f"/grid/{name}"))
+            shift = self.shift(name)
+            if shift is not None:
+                coordinates[f"{name}_shift"] = ("t", shift, {"description": f"the nodes are at {name} + {name}_shift"})
         pairs = 0 if axes else self._problem.pairs
         for name in self._problem.fields or self._problem.q[:pairs] + self._problem.p[:pairs]:
             path, place = self._columns[name]
@@ -331,6 +334,13 @@ class Result:
         if not axes:  # a coordinate of an orbit may be called t as well, or as a dimension
             data = {name: entry for name, entry in data.items() if name != "t"}
         return xarray.Dataset(data, coordinates, {"title": self.title, "problem": self.problem})
+
+    def shift(self, axis: str = "x"):
+        """How far the nodes of a moving frame are from `axis` at the times `t`; None without one, and with `t_eval`."""
+        if "/frame/shift" not in self._info or self._has_output_states():
+            return None
+        shifts = self._read("/frame/shift")
+        return shifts if shifts.ndim == 1 else shifts[:, [name for name, *_ in self._problem.axes].index(axis)]
 
     def to_dict(self) -> dict:
         """Returns all datasets by their paths."""

@@ -103,8 +103,9 @@ class Integrator(_core.Stepper):
             raise AttributeError(f"an integrator has no {name!r}{_toml.suggestion(name, [*self._names, 'y'])}")
 
     def _restart(self, system, state, t: float):
-        if self._problem.has_clock:
-            raise ValueError("with time_scale a state is not assigned: begin another Integrator from it")
+        if self._problem.has_clock or self._problem.has_frame:
+            raise ValueError(f"with {'time_scale' if self._problem.has_clock else 'a moving frame'} a state is not "
+                             "assigned: begin another Integrator from it")
         if (self._problem.until - t) * self.h <= 0:
             raise ValueError(f"the run is at its end, t = {t:.10g}: begin another Integrator from there")
         step = self.h if self.steps else self._problem.step

@@ -32,9 +32,10 @@ class Memory(unittest.TestCase):
     def test_the_catalogue_has_the_bits_of_the_program(self):
         for name in rb.catalogue():
             text = rb.show(name)
-            short = ["scheme.until=" + repr(self.short(name))]
+            short = self.short(name)
             file = self.path(name + ".h5")
-            subprocess.run([PROGRAM, "run", name, "--quiet", "--set", short[0], "-o", file], check=False,
+            setting = ["--set", *short] if short else []
+            subprocess.run([PROGRAM, "run", name, "--quiet", *setting, "-o", file], check=False,
                            stderr=subprocess.DEVNULL)
             memory = rb.run(name, settings=short)
             record = rb.open(file)
@@ -49,10 +50,10 @@ class Memory(unittest.TestCase):
 
     @staticmethod
     def short(name):
-        """A few steps: the sizes of what is compared are what counts."""
+        """Orbits are run to their ends, lattices for a few steps."""
         problem = rb._core.read_problem(name, [])
         step = problem.step if problem.step is not None else 0.01
-        return problem.start + 5 * step
+        return [f"scheme.until={problem.start + 5 * step!r}"] if problem.is_lattice else []
 
     def test_a_file_and_memory_hold_the_same(self):
         file = self.path("pendulum.h5")
@@ -335,6 +336,27 @@ class Memory(unittest.TestCase):
         np.testing.assert_allclose(r.sol([t - 1e-9, t + 1e-9])[1], [-np.sqrt(2), 0.9 * np.sqrt(2)], atol=1e-4)
         self.assertEqual(r.y.shape, (2, len(r.t)))
         np.testing.assert_array_equal(r.x_dot, r.y[1])
+
+    def test_a_moving_frame(self):
+        wave = rb.Field(equation="u_tt = u_xx - sin(u)")
+        hump_of = {"u": lambda x: np.exp(-x ** 2), "u_t": lambda x: x * np.exp(-x ** 2)}
+        hump = rb.Lattice(wave, {"x": (-20, 20, 101)}, hump_of)
+        r = rb.integrate(hump, (0, 2), step=0.05, levels="fixed", frame={"velocity": 0.5})
+        np.testing.assert_allclose(r.shift(), 0.5 * r.t, rtol=1e-14)
+        np.testing.assert_array_equal(r.to_xarray().x_shift, r.shift())
+        self.assertTrue(r.plot("map").has_data())
+
+        def states(cells, **how):
+            line = rb.Lattice(wave, {"x": (-20, 20, cells)}, hump_of)
+            return rb.integrate(line, (0, 2), step=20 / cells, levels="fixed", t_eval=[1, 2], **how)
+
+        self.assertIsNone(states(101).shift())
+        self.assertIsNone(states(101, frame={"velocity": 0.5}).shift())
+        # Both are of the laboratory: they differ by errors of order 2.
+        apart = [np.abs(states(cells).u - states(cells, frame={"velocity": 0.5}).u).max() for cells in (201, 603)]
+        self.assertLess(apart[1], apart[0] / 6)
+        with self.assertRaisesRegex(ValueError, "moving frame"):
+            rb.Integrator(hump, (0, 2), step=0.05, frame={"velocity": 0.5}).u = np.zeros(101)
 
     def test_lattices(self):
         r = rb.run("sine-gordon", until=0.5)
