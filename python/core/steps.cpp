@@ -92,11 +92,7 @@ public:
   }
   /// The crossings of a step, in the order of the run.
   [[nodiscard]] std::vector<FoundCrossing> follow(const OutputStep& step) {
-    try {
-      teller_.append(rows_, step, figures_);
-    } catch (const LastRows::Undefined& undefined) {
-      throw std::runtime_error(undefined.what);
-    }
+    teller_.append(rows_, step, figures_);
     std::vector<FoundCrossing> found = take();
     std::ranges::stable_sort(found, [&](const FoundCrossing& a, const FoundCrossing& b) {
       return step.length() < 0.0 ? a.t > b.t : a.t < b.t;
