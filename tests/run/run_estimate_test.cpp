@@ -112,10 +112,13 @@ TEST_CASE("a run that does not fit into memory is refused with the bytes that it
 
 TEST_CASE("the size of a record is estimated, and the time as that of its steps") {
   const Folder folder;
+  // Equal steps: how many steps of variable levels are timed depends on the machine, and so does their mean.
   const auto [name, settings, other] = GENERATE(table<std::string, std::vector<std::string>, std::string>(
-      {{"kepler", {"scheme.until=100"}, "scheme.until=40"},
-       {"kepler", {"scheme.until=400", "output.every=50", "output.interval=0.1"}, "output.every=1"},
-       {"sine-gordon", {}, "output.every=4"},
+      {{"kepler", {"scheme.until=100", "scheme.levels=fixed"}, "scheme.until=40"},
+       {"kepler",
+        {"scheme.until=400", "output.every=50", "output.interval=0.1", "scheme.levels=fixed"},
+        "output.every=1"},
+       {"sine-gordon", {"scheme.levels=fixed"}, "output.every=4"},
        {"sine-gordon", {"output.every=20", "laws.fields=true", "scheme.levels=fixed"}, "output.every=100"},
        {"sine-gordon-2d",
         {"output.states=false", "grid.x.cells=151", "grid.y.cells=151", "scheme.until=1", "scheme.lagrangian=euler-box",
