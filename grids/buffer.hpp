@@ -1,31 +1,21 @@
 #pragma once
 
 #include <cstddef>
-#include <cstdlib>
 #include <memory>
-#include <new>
 #include <span>
 
 namespace rubato::grids {
 
-/// An owned, uninitialised array of doubles, aligned to 64 bytes (a cache line, the widest vector register). Pages that
-/// nobody has written belong to nobody: who writes them first decides where they live, so large arrays should be
-/// filled by the threads that will use them (`parallel_fill`).
+/// An owned array of zeros, aligned to 64 bytes (a cache line, the widest vector register). Memory is taken page by
+/// page, when a page is first written: an array that nothing is written to takes none, and the thread that writes a
+/// page first decides where it lives.
 class Buffer {
 public:
   static constexpr std::size_t alignment = 64;
 
   Buffer() = default;
   /// Throws std::bad_alloc.
-  explicit Buffer(std::size_t size) : size_(size) {
-    if (size > 0) {
-      const std::size_t bytes = (size * sizeof(double) + alignment - 1) / alignment * alignment;
-      data_.reset(static_cast<double*>(std::aligned_alloc(alignment, bytes)));
-      if (data_ == nullptr) {
-        throw std::bad_alloc();
-      }
-    }
-  }
+  explicit Buffer(std::size_t size);
 
   [[nodiscard]] double* data() { return data_.get(); }
   [[nodiscard]] const double* data() const { return data_.get(); }
@@ -37,9 +27,12 @@ public:
 
 private:
   struct Free {
-    void operator()(double* p) const { std::free(p); }
+    void* block;            ///< what was allocated
+    std::size_t of_system;  ///< bytes of a mapping; 0: of the heap
+    void operator()(double* p) const;
   };
-  std::unique_ptr<double, Free> data_;
+  using Owned = std::unique_ptr<double, Free>;
+  Owned data_;
   std::size_t size_ = 0;
 };
 

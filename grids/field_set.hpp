@@ -11,7 +11,7 @@
 namespace rubato::grids {
 
 /// `fields` arrays of `size` values each, one after the other without gaps (structure of arrays): value i of field f is
-/// data()[f·size + i]. Zero at the start.
+/// data()[f·size + i]. Zero at the start, which takes no memory before something is written (Buffer).
 class FieldSet {
 public:
   FieldSet() = default;
@@ -21,7 +21,6 @@ public:
       pointers_.push_back(buffer_.data() + static_cast<std::size_t>(f) * size);
       const_pointers_.push_back(pointers_.back());
     }
-    fill(0.0);
   }
   FieldSet(const FieldSet& other) : FieldSet(other.fields(), other.size_) { copy_from(other); }
   FieldSet(FieldSet&&) noexcept = default;

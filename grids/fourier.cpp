@@ -97,8 +97,6 @@ struct Fourier::Storage {
         complex_row((half + together - 1) / together * together),
         real(static_cast<std::size_t>(n) * ny * nz * real_row),
         complex(2 * static_cast<std::size_t>(n) * ny * nz * complex_row) {
-    parallel_fill(real.data(), real.size(), 0.0);
-    parallel_fill(complex.data(), complex.size(), 0.0);
     const Slab* const slab = Slab::of(g);
     if (slab != nullptr) {
       share(*slab, g.dimensions());
@@ -149,7 +147,6 @@ struct Fourier::Storage {
     const std::size_t size = transposed->mine().size();
     across =
         Buffer(std::max<std::size_t>(2 * together, 2 * static_cast<std::size_t>(fields) * transposed->planes() * size));
-    parallel_fill(across.data(), across.size(), 0.0);
     if (size == 0) {
       return;
     }

@@ -51,7 +51,6 @@ Gmres::Gmres(std::size_t size, int restart) : size_(size), restart_(restart) {
   basis_ = grids::Buffer((m + 1) * size);
   scratch_ = grids::Buffer(size);
   image_ = grids::Buffer(size);
-  grids::parallel_fill(basis_.data(), basis_.size(), 0.0);
   hessenberg_.resize((m + 1) * m);
   cosines_.resize(m);
   sines_.resize(m);
