@@ -13,7 +13,6 @@ set(rubato_sources_loops
   grids/arrays.cpp grids/box_operators.cpp grids/fourier.cpp grids/reductions.cpp grids/spectral_derivative.cpp grids/stencil.cpp
   solve/band_solver.cpp solve/block_qr_reduction.cpp solve/cyclic_block.cpp solve/cyclic_residual.cpp solve/fourier_preconditioner.cpp solve/gmres.cpp
   pde/cell_sweep.cpp pde/euler_box_map.cpp pde/face_gather.cpp pde/law_currents.cpp pde/level_fields.cpp pde/level_history.cpp pde/midpoint_lattice.cpp pde/stage_loops.cpp pde/wave_loops.cpp
-  pde/schemes/leapfrog.cpp
   record/checksum.cpp)
 # Where a room's sources are of two kinds, those that are not of its first.
 set(rubato_sources_once
@@ -30,7 +29,7 @@ set(rubato_sources_once
   pde/kernel_conditions.cpp pde/lattice.cpp pde/lattice_actions.cpp pde/lattice_between.cpp pde/lattice_method.cpp
   pde/law_tables.cpp pde/local_laws.cpp pde/multisymplectic_system.cpp pde/periodicity.cpp pde/potential_rest.cpp
   pde/well_posedness.cpp pde/schemes/box.cpp pde/schemes/euler_box.cpp pde/schemes/fourier.cpp
-  pde/schemes/splitting.cpp)
+  pde/schemes/leapfrog.cpp pde/schemes/splitting.cpp)
 set(rubato_sources_steps
   figures/statistics.cpp
   record/writer.cpp

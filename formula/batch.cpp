@@ -126,8 +126,11 @@ void BatchEvaluator::operator()(std::size_t points, std::span<const double* cons
       functions_ == BatchFunctions::vector ? batch::best_kernel().run : batch::run_with_scalar_functions;
   const auto instructions = code_.instructions();
   const auto registers_of_outputs = code_.outputs();
-  for (std::size_t start = 0; start < points; start += block_points) {
-    const std::size_t count = std::min(block_points, points - start);
+  for (std::size_t start = 0, count = 0; start < points; start += count) {
+    count = std::min(block_points, points - start);
+    if (count > widest_vector && !in_place(count)) {
+      count -= count % widest_vector;  // the rest, which is copied, alone
+    }
     const bool whole = in_place(count);
     const std::size_t padded = whole ? count : (count + widest_vector - 1) / widest_vector * widest_vector;
     for (std::size_t m = 0; m < inputs.size(); ++m) {

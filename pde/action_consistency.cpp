@@ -30,10 +30,10 @@ constexpr double nothing = 1e-5;
 /// Smooth fields; those that L does not name from their rows, which are linear in them.
 class SmoothFields {
 public:
-  SmoothFields(const MultisymplecticSystem& system, const CornerDensity& density) : system_(system) {
+  SmoothFields(const MultisymplecticSystem& system, const StatedAction& stated) : system_(system) {
     for (int f = 0; f < system.field_count(); ++f) {
-      rows_.push_back(density.names(f) ? std::nullopt : linear_row(system, f));
-      known_.push_back(density.names(f));
+      rows_.push_back(stated.names(f) ? std::nullopt : linear_row(system, f));
+      known_.push_back(stated.names(f));
     }
   }
 
@@ -97,8 +97,8 @@ private:
 };
 
 /// Rows of the variation at the centre for steps and cells of about this size, field by field.
-std::vector<double> rows_at(const MultisymplecticSystem& system, const CornerDensity& density,
-                            const SmoothFields& fields, double size) {
+std::vector<double> rows_at(const MultisymplecticSystem& system, const StatedAction& stated, const SmoothFields& fields,
+                            double size) {
   std::vector<grids::Axis> axes;
   constexpr std::array names = {"x", "y", "z"};
   constexpr std::size_t cells = 5;
@@ -106,18 +106,13 @@ std::vector<double> rows_at(const MultisymplecticSystem& system, const CornerDen
     axes.push_back({names[a], 0.0, static_cast<double>(cells) * size * (0.8 - 0.1 * static_cast<double>(a)), cells});
   }
   const grids::Grid grid(axes);
-  const ActionRows rows(system, grid, density);
+  const ActionRows rows(system, grid, stated);
   std::vector<Expression> formulas;
   for (const ActionRows::Row& row : rows.rows()) {
     formulas.insert(formulas.end(), {row.lower, row.upper});
   }
   const int d = system.field_count();
-  std::vector<int> places;
-  for (int a = 0; a < density.dimensions; ++a) {
-    if (density.names_place(a)) {
-      places.push_back(a);
-    }
-  }
+  const std::vector<LatticeAction::Place>& places = stated.action.places;
   const auto of_slab = [&](double begin) {
     return rows.values(formulas, [&](const NodeInput& input) {
       if (input.kind == NodeInput::Kind::uniform) {
@@ -131,7 +126,7 @@ std::vector<double> rows_at(const MultisymplecticSystem& system, const CornerDen
         at[static_cast<std::size_t>(1 + a)] += grid.spacing(a) * input.offset[static_cast<std::size_t>(a)];
       }
       if (input.number >= 2 * d) {
-        return at[static_cast<std::size_t>(1 + places[static_cast<std::size_t>(input.number - 2 * d)])];
+        return at[static_cast<std::size_t>(1 + places[static_cast<std::size_t>(input.number - 2 * d)].axis)];
       }
       const bool in_slab = system.structure().at_midpoints(input.number % d);
       at[0] += begin + (in_slab ? 0.5 : input.number < d ? 0.0 : 1.0) * size;
@@ -149,8 +144,8 @@ std::vector<double> rows_at(const MultisymplecticSystem& system, const CornerDen
 
 }  // namespace
 
-std::vector<std::string> inconsistent_rows(const MultisymplecticSystem& system, const CornerDensity& density) {
-  const SmoothFields fields(system, density);
+std::vector<std::string> inconsistent_rows(const MultisymplecticSystem& system, const StatedAction& stated) {
+  const SmoothFields fields(system, stated);
   if (!fields.are_known()) {
     return {};
   }
@@ -163,12 +158,12 @@ std::vector<std::string> inconsistent_rows(const MultisymplecticSystem& system, 
   }
   formula::ScalarEvaluator(system.gradient_code())(point, gradient);
   constexpr double coarse = 1.0 / 16.0;
-  const std::vector<double> at_coarse = rows_at(system, density, fields, coarse),
-                            at_fine = rows_at(system, density, fields, 0.5 * coarse);
+  const std::vector<double> at_coarse = rows_at(system, stated, fields, coarse),
+                            at_fine = rows_at(system, stated, fields, 0.5 * coarse);
   std::vector<std::string> wrong;
   std::size_t row = 0;
   for (int f = 0; f < system.field_count(); ++f) {
-    if (!density.names(f)) {
+    if (!stated.names(f)) {
       continue;
     }
     const double moved = fields.moved(f, centre), forced = gradient[static_cast<std::size_t>(1 + f)];

@@ -11,7 +11,6 @@
 #include <fmt/format.h>
 
 #include <rubato/formula/bytecode.hpp>
-#include <rubato/formula/sum.hpp>
 #include <rubato/pde/matrix_terms.hpp>
 #include <rubato/variation/random_values.hpp>
 
@@ -26,39 +25,13 @@ using Level = NodeVariation::Level;
 constexpr double rounding_of_terms = 1e-11;
 constexpr int trials = 4;
 
-/// Without the constant that L is a sum with: the energy's zero is that of S without its own.
-CornerDensity without_constant(CornerDensity density) {
-  density.L = formula::separate_constant(density.L).rest;
-  return density;
-}
-
-/// Whether 𝕊 of a step is minus that of the step back.
-bool is_symmetric_in_time(const CornerDensity& density) {
-  std::vector<Expression> from = density.corners, to;
-  const int half = density.corner_count() / 2;
-  for (int f = 0; f < density.fields; ++f) {
-    for (int c = 0; c < density.corner_count(); ++c) {
-      to.push_back(density.corner(f, (c + half) % density.corner_count()));
-    }
-  }
-  from.push_back(density.spacings.front());
-  to.push_back(-density.spacings.front());
-  const Expression back = formula::substitute(density.L, from, to);
-  return vanishes_at_random(density.L - back, std::array{density.L, back});
-}
-
 }  // namespace
 
-ActionRows::ActionRows(const MultisymplecticSystem& system, const grids::Grid& grid, const CornerDensity& density,
+ActionRows::ActionRows(const MultisymplecticSystem& system, const grids::Grid& grid, const StatedAction& stated,
                        bool two_step)
-    : system_(system),
-      grid_(grid),
-      variation_(
-          corner_action(without_constant(density), system.structure().at_midpoints(), system.structure().potential),
-          grid),
-      symmetric_(is_symmetric_in_time(density)) {
+    : system_(system), grid_(grid), variation_(stated.action, grid), symmetric_(stated.is_symmetric) {
   for (int f = 0; f < system_.field_count(); ++f) {
-    if (!density.names(f)) {
+    if (!stated.names(f)) {
       continue;
     }
     Row row{.field = f,
@@ -71,7 +44,7 @@ ActionRows::ActionRows(const MultisymplecticSystem& system, const grids::Grid& g
       row.momentum = variation_.graph().constant(0.0);
       row.row = row.upper;
     } else {
-      find_momentum(density, two_step, row);
+      find_momentum(stated, two_step, row);
     }
     rows_.push_back(row);
   }
@@ -80,11 +53,11 @@ ActionRows::ActionRows(const MultisymplecticSystem& system, const grids::Grid& g
       row.row = row.lower + (row.kept >= 0 ? kept_momentum(row.kept) : row.momentum);
     }
   }
-  factor(density);
-  find_derived(density);
+  factor(stated.cell_equations);
+  find_derived(stated);
 }
 
-void ActionRows::factor(const CornerDensity& density) {
+void ActionRows::factor(std::span<const Expression> equations) {
   for (int a = 0; a < grid_.dimensions(); ++a) {
     if (grid_.cells(a) % 2 == 0) {
       return;
@@ -93,7 +66,6 @@ void ActionRows::factor(const CornerDensity& density) {
   if (!std::ranges::all_of(rows_, [](const Row& row) { return row.in_slab || row.is_one_step; })) {
     return;
   }
-  const std::vector<Expression> equations = cell_equations(without_constant(density));
   if (equations.empty()) {
     return;
   }
@@ -127,7 +99,7 @@ void ActionRows::factor(const CornerDensity& density) {
   }
 }
 
-void ActionRows::find_momentum(const CornerDensity& density, bool two_step, Row& row) {
+void ActionRows::find_momentum(const StatedAction& stated, bool two_step, Row& row) {
   const bool constrains = system_.M().row(row.field).isZero(0.0);
   if ((!two_step || constrains) && has_level_momentum(row)) {
     const Expression sum = 0.5 * (row.upper - row.lower);
@@ -154,8 +126,9 @@ void ActionRows::find_momentum(const CornerDensity& density, bool two_step, Row&
     row.momentum = lowered(row.upper);
     return;
   }
-  if (const auto v = momentum_field(density, row.field)) {
+  if (const auto v = momentum_field(stated, row.field)) {
     row.momentum = system_.M()(*v, row.field) * variation_.node(Level::before, *v);
+    row.momentum_field = *v;
     has_momentum_fields_ = true;
     return;
   }
@@ -206,21 +179,21 @@ bool ActionRows::has_level_momentum(const Row& row) const {
 }
 
 /// v with m f_t = ∂S/∂v as its row, and the only one that M couples with f.
-std::optional<int> ActionRows::momentum_field(const CornerDensity& density, int field) const {
+std::optional<int> ActionRows::momentum_field(const StatedAction& stated, int field) const {
   const MatrixTerms partners = terms_of(system_.M().row(field));
-  if (partners.size() != 1 || density.names(partners.front().column)) {
+  if (partners.size() != 1 || stated.names(partners.front().column)) {
     return std::nullopt;
   }
   const int v = partners.front().column;
   return terms_of(system_.M().row(v)).size() == 1 && !is_in_slab(v) ? std::optional(v) : std::nullopt;
 }
 
-void ActionRows::find_derived(const CornerDensity& density) {
+void ActionRows::find_derived(const StatedAction& stated) {
   const int d = system_.field_count();
   std::vector<bool> known(static_cast<std::size_t>(d), false);
   for (const Row& row : rows_) {
     known[static_cast<std::size_t>(row.field)] = true;
-    if (const auto v = momentum_field(density, row.field); v && !row.in_slab) {
+    if (const auto v = momentum_field(stated, row.field); v && !row.in_slab) {
       derived_.push_back({.field = *v, .value = row.upper / system_.M()(*v, row.field), .turn = 0});
       known[static_cast<std::size_t>(*v)] = true;
     }
@@ -281,19 +254,13 @@ std::optional<ActionRows::Derived> ActionRows::difference_field(const std::vecto
   return found;
 }
 
-std::vector<NodeInput> ActionRows::inputs_of(Expression formula) const {
-  std::vector<NodeInput> found;
-  const auto numbers = formula::variables_of(formula);
-  for (const NodeInput& input : variation_.inputs()) {
-    if (std::ranges::binary_search(numbers, formula::variables_of(input.variable).front())) {
-      found.push_back(input);
-    }
-  }
-  return found;
+Expression ActionRows::at_rest(const Row& row) {
+  const auto [momentum, force] = variation_.at_rest(row.field);
+  return lowered(is_zero(momentum) ? variation_.step() * force : momentum + variation_.step() * force) + row.momentum;
 }
 
 std::vector<NodeInput> ActionRows::upper_inputs(Expression formula) const {
-  std::vector<NodeInput> found = inputs_of(formula);
+  std::vector<NodeInput> found = variation_.inputs_of(formula);
   const int d = system_.field_count();
   std::erase_if(found, [d](const NodeInput& input) {
     return input.kind != NodeInput::Kind::node || input.number < d || input.number >= 2 * d;
@@ -303,7 +270,7 @@ std::vector<NodeInput> ActionRows::upper_inputs(Expression formula) const {
 
 bool ActionRows::reads_lower(Expression formula) const {
   const int d = system_.field_count();
-  return std::ranges::any_of(inputs_of(formula), [d](const NodeInput& input) {
+  return std::ranges::any_of(variation_.inputs_of(formula), [d](const NodeInput& input) {
     return input.kind == NodeInput::Kind::node && input.number < d;
   });
 }
@@ -311,7 +278,7 @@ bool ActionRows::reads_lower(Expression formula) const {
 Expression ActionRows::raised(Expression formula) {
   const int d = system_.field_count();
   std::vector<Expression> from, to;
-  for (const NodeInput& input : inputs_of(formula)) {
+  for (const NodeInput& input : variation_.inputs_of(formula)) {
     if (input.kind == NodeInput::Kind::node && input.number < d) {
       from.push_back(input.variable);
       to.push_back(variation_.node(Level::after, input.number, input.offset));
@@ -333,7 +300,7 @@ Expression ActionRows::lowered(Expression formula) {
 Expression ActionRows::along(Expression formula, bool lower, bool upper) {
   const int d = system_.field_count();
   std::vector<Expression> variables, directions;
-  for (const NodeInput& input : inputs_of(formula)) {
+  for (const NodeInput& input : variation_.inputs_of(formula)) {
     if (input.kind != NodeInput::Kind::node || input.number >= 2 * d) {
       continue;
     }

@@ -7,13 +7,13 @@
 #include <vector>
 
 #include <rubato/pde/multisymplectic_system.hpp>
-#include <rubato/variation/corner_density.hpp>
+#include <rubato/pde/stated_action.hpp>
 #include <rubato/variation/node_variation.hpp>
 
 namespace rubato {
 
-/// What the variation of a density by the values at a node gives a step to solve: one row for each field that the
-/// density names, as formulas of a node and its neighbours.
+/// What the variation of an action by the values at a node gives a step to solve: one row for each field that the
+/// action names, as formulas of a node and its neighbours.
 ///
 /// The discrete Euler–Lagrange equation at a level joins two slabs. It is stepped in momentum form,
 ///
@@ -27,13 +27,13 @@ namespace rubato {
 /// those of the two-step form without its parasite (theory, section 2.1) | | -∂𝕊/∂z_k, its row is that of k+1  |
 /// ∂𝕊/∂z_k reads no upper level: a constraint of each level, steps being equal   | | ∂𝕊/∂z_k of the slab before | that
 /// reads its upper level alone                                              | | m v_k                             | v
-/// is the field that M couples with f alone, and the density does not name it  | | kept from step to step            |
+/// is the field that M couples with f alone, and the action does not name it  | | kept from step to step            |
 /// otherwise: the two-step form                                                  |
 ///
 /// Where the one-step rows of all fields are means of the equation R of the cells around a node (cell_equations), and
 /// every number of cells is odd, the rows are R: averages have an inverse there, and rounding does not meet it twice.
 ///
-/// Fields that the density does not name follow: v = π/m, and w of any row Σ_a K_a δ_a z = c w + b by one-sided
+/// Fields that the action does not name follow: v = π/m, and w of any row Σ_a K_a δ_a z = c w + b by one-sided
 /// differences, forward where K₊ has the entry. Fields that live in the slab have the row ∂𝕊/∂z = 0.
 class ActionRows {
 public:
@@ -43,6 +43,7 @@ public:
     formula::Expression lower, upper;  ///< ∂𝕊/∂z_f/ΔV at the two levels
     formula::Expression momentum;      ///< π of the lower level's fields; invalid: kept
     int kept = -1;                     ///< the number of a momentum that is kept
+    int momentum_field = -1;           ///< the field v that π is a multiple of
     bool in_slab = false, is_one_step = false;
   };
   struct Derived {
@@ -52,25 +53,29 @@ public:
   };
 
   /// \param two_step keep all momenta that the one-step form has as G
-  /// \throws std::invalid_argument naming a field that the density neither names nor gives
-  ActionRows(const MultisymplecticSystem& system, const grids::Grid& grid, const CornerDensity& density,
+  /// \throws std::invalid_argument naming a field that the action neither names nor gives
+  ActionRows(const MultisymplecticSystem& system, const grids::Grid& grid, const StatedAction& stated,
              bool two_step = false);
 
   [[nodiscard]] const MultisymplecticSystem& system() const { return system_; }
   [[nodiscard]] const grids::Grid& grid() const { return grid_; }
   [[nodiscard]] NodeVariation& variation() { return variation_; }
+  [[nodiscard]] const NodeVariation& variation() const { return variation_; }
   [[nodiscard]] const std::vector<Row>& rows() const { return rows_; }
   [[nodiscard]] const std::vector<Derived>& derived() const { return derived_; }
   [[nodiscard]] int kept() const { return kept_; }
   [[nodiscard]] bool has_late_rows() const { return has_late_rows_; }
   /// True if one level is enough to begin from with the accuracy of the steps: no momentum is kept, and where one is a
-  /// field the density is the same backward in time.
+  /// field the action is the same backward in time.
   [[nodiscard]] bool begins_from_one_level() const { return kept_ == 0 && !(has_momentum_fields_ && !symmetric_); }
   [[nodiscard]] bool is_symmetric() const { return symmetric_; }  ///< 𝕊 of a step is minus that of the step back
   [[nodiscard]] bool has_one_step_form() const { return has_one_step_form_; }
   [[nodiscard]] bool has_momentum_fields() const { return has_momentum_fields_; }
-  /// True if the density names every field that levels have.
+  /// True if the action names every field that levels have.
   [[nodiscard]] bool names_all() const { return derived_.empty(); }
+
+  /// A row ∂𝕊/∂z_k + π_k where both levels are the lower one.
+  [[nodiscard]] formula::Expression at_rest(const Row& row);
 
   /// Arrays beside the fields, in this order: kept momenta; a direction at the lower level, one value for each field;
   /// the same at the upper level.
@@ -108,15 +113,14 @@ public:
 
 private:
   [[nodiscard]] formula::Expression along(formula::Expression formula, bool lower, bool upper);
-  [[nodiscard]] std::vector<NodeInput> inputs_of(formula::Expression formula) const;
   [[nodiscard]] bool is_in_slab(int field) const { return system_.structure().at_midpoints(field); }
   [[nodiscard]] bool reads_upper(formula::Expression formula) const { return !upper_inputs(formula).empty(); }
   [[nodiscard]] bool reads_lower(formula::Expression formula) const;
   [[nodiscard]] bool has_level_momentum(const Row& row) const;
-  [[nodiscard]] std::optional<int> momentum_field(const CornerDensity& density, int field) const;
-  void find_momentum(const CornerDensity& density, bool two_step, Row& row);
-  void factor(const CornerDensity& density);
-  void find_derived(const CornerDensity& density);
+  [[nodiscard]] std::optional<int> momentum_field(const StatedAction& stated, int field) const;
+  void find_momentum(const StatedAction& stated, bool two_step, Row& row);
+  void factor(std::span<const formula::Expression> equations);
+  void find_derived(const StatedAction& stated);
   [[nodiscard]] std::optional<Derived> difference_field(const std::vector<bool>& known, int row);
 
   MultisymplecticSystem system_;

@@ -1,8 +1,10 @@
 #include <rubato/pde/action_scheme.hpp>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
+#include <span>
 #include <stdexcept>
 #include <utility>
 
@@ -23,8 +25,11 @@ constexpr double largest_miss = 1e-9;
 /// Relative: lengths that are meant to be the same.
 constexpr double same_length = 1e-9;
 
+/// Of the whole lattice.
 double constant_energy(const MultisymplecticSystem& system, const grids::Grid& grid) {
-  return system.constant() * grid.cell_volume() * static_cast<double>(grid.size());
+  const grids::Slab* const slab = grids::Slab::of(grid);
+  const std::size_t nodes = slab == nullptr ? grid.size() : slab->whole().size();
+  return system.constant() * grid.cell_volume() * static_cast<double>(nodes);
 }
 
 InitialFields fields_given(const MultisymplecticSystem& system, const LatticeLevel& level, bool potentials) {
@@ -109,11 +114,11 @@ Status ActionStart::operator()(double h, const LatticeLevel& first, const Action
   return Status::success;
 }
 
-ActionMap::ActionMap(const MultisymplecticSystem& system, const grids::Grid& grid, const CornerDensity& density,
+ActionMap::ActionMap(const MultisymplecticSystem& system, const grids::Grid& grid, const StatedAction& stated,
                      std::shared_ptr<const SecondLevel> next, const LatticeLevel& first, double first_step)
     : grid_(grid), constant_(constant_energy(system, grid)), start_(system, grid, std::move(next)) {
   const double h = first_step == 0.0 ? grid.spacing(0) : first_step;
-  step_ = std::make_unique<ActionStep>(system, grid, density, h);
+  step_ = std::make_unique<ActionStep>(system, grid, stated, h);
   if (start_.is_given()) {
     start_.complete(*step_, first);
   }
@@ -124,7 +129,7 @@ ActionMap::ActionMap(const MultisymplecticSystem& system, const grids::Grid& gri
     if (start_(h, first, rows(), second.fields) == Status::success) {
       step_->imply(h, first, second.fields, kept);
       if (!(step_->relative_miss(h, first, second, kept) <= largest_miss)) {
-        step_ = std::make_unique<ActionStep>(system, grid, density, h, true);
+        step_ = std::make_unique<ActionStep>(system, grid, stated, h, true);
       }
     }
   }
@@ -135,18 +140,23 @@ namespace {
 
 class ActionLattice final : public LatticeScheme {
 public:
-  ActionLattice(const MultisymplecticSystem& system, const grids::Grid& grid, const CornerDensity& density,
+  ActionLattice(const MultisymplecticSystem& system, const grids::Grid& grid, const StatedAction& stated,
                 std::shared_ptr<const SecondLevel> next, LatticeLevel first, double first_step)
       : system_(system),
         grid_(grid),
-        map_(system, grid, density, std::move(next), first, first_step),
+        map_(system, grid, stated, std::move(next), first, first_step),
         level_(std::move(first)),
-        previous_(level_),
-        trial_(level_.fields),
+        previous_{FieldSet(system.field_count(), grid.size()), level_.slopes},
+        trial_(system.field_count(), grid.size()),
         kept_(map_.room_for_momenta()),
-        next_kept_(kept_),
+        next_kept_(map_.room_for_momenta()),
         symmetric_order_(map_.rows().is_symmetric() ? 2 : 1),
         last_h_(first_step) {
+    map_.step().begin(level_);
+    if (!is_its_level()) {
+      previous_.fields.copy_from(level_.fields);
+      trial_.copy_from(level_.fields);
+    }
     if (!std::isfinite(energy_here())) {
       throw std::invalid_argument("the discrete energy of L is not finite at the initial level");
     }
@@ -154,28 +164,29 @@ public:
 
   [[nodiscard]] const MultisymplecticSystem& system() const override { return system_; }
   [[nodiscard]] const grids::Grid& grid() const override { return grid_; }
-  [[nodiscard]] const LatticeLevel& level() const override { return level_; }
-  [[nodiscard]] const LatticeLevel* previous() const override { return &previous_; }
+  [[nodiscard]] const LatticeLevel& level() const override { return told(level_, level_is_told_); }
+  [[nodiscard]] const LatticeLevel* previous() const override { return &told(previous_, previous_is_told_); }
 
   [[nodiscard]] bool solves_fully() const override { return map_.step().is_explicit(); }
   [[nodiscard]] Status advance(double h, double accuracy) override {
     ++iterations_;
     const bool starts = at_start_ && map_.needs_start();
-    if (!tried_) {
+    if (!tried_ && !map_.step().is_explicit()) {
       foresee(h);
     }
-    const Status status =
-        starts ? map_.start()(h, level_, map_.rows(), trial_) : map_.step().solve(h, level_, kept_, accuracy, trial_);
-    if (status != Status::success) {
-      tried_ = false;
-      return status;
-    }
+    tried_ = false;
     if (starts) {
+      if (const Status status = map_.start()(h, level_, map_.rows(), trial_); status != Status::success) {
+        return status;
+      }
       map_.step().imply(h, level_, trial_, kept_);
+      map_.step().derive(h, level_, trial_, trial_);
+    } else if (const Status status = map_.step().advance(h, level_, kept_, accuracy, trial_);
+               status != Status::success) {
+      return status;
     }
     tried_ = true;
     trial_h_ = h;
-    map_.step().derive(h, level_, trial_);
     energy_ = map_.step().energy() + map_.energy_constant();
     return std::isfinite(energy_) ? Status::success : Status::undefined;
   }
@@ -183,12 +194,18 @@ public:
   [[nodiscard]] double discrete_energy() const override { return energy_; }
   [[nodiscard]] formula::SumSize energy_size() override {
     return tried_ ? map_.step().energy_size(trial_h_, level_, trial_)
-                  : map_.step().energy_size(last_h_, previous_, level_.fields);
+                  : map_.step().energy_size(last_h_, is_its_level() ? level_ : previous_, level_.fields);
   }
   [[nodiscard]] std::size_t energy_size_period() const override { return tuning::large_size_period; }
+  /// Where steps find 𝓔 of their levels: E - 𝓔 = (s+1) h^s η + O(h^(s+1)) at both ends with signs that agree (theory,
+  /// section 8), so that dE/dh is s (E - (𝓔_k + 𝓔_{k+1})/2)/h to leading order.
   [[nodiscard]] double discrete_energy_slope() const override {
-    return map_.step().energy_slope(trial_h_, level_, kept_, trial_);
+    const ActionStep& step = map_.step();
+    return slope_to_leading_order()
+               ? order() * (step.energy() - 0.5 * (step.energy_at_begin() + step.energy_at_end())) / trial_h_
+               : map_.step().energy_slope(trial_h_, level_, kept_, trial_);
   }
+  [[nodiscard]] bool slope_to_leading_order() const override { return map_.step().finds_energy_of_levels(); }
   [[nodiscard]] bool has_node_law() const override { return false; }
   [[nodiscard]] int order() const override { return symmetric_order_; }
   [[nodiscard]] NodeEnergy node() override { return {energy_here(), std::numeric_limits<double>::quiet_NaN()}; }
@@ -199,47 +216,62 @@ public:
     std::swap(kept_, next_kept_);
     std::swap(level_.fields, trial_);
     std::swap(previous_.fields, trial_);
+    previous_is_told_ = std::exchange(level_is_told_, map_.rows().names_all());
     last_h_ = trial_h_;
     at_start_ = false;
-    here_.reset();
-    begin_level();
+    map_.step().move();
+    start_level();
   }
   void stand(const LatticeLevel& level, const LatticeLevel& next, double h) override {
     level_.fields.copy_from(level.fields);
+    level_is_told_ = true;
     // So that what is foreseen at h is `next`.
     for (int f = 0; f < system_.field_count(); ++f) {
       const auto here = level.fields.field(f), there = next.fields.field(f);
       std::ranges::transform(here, there, previous_.fields.field(f).begin(),
                              [](double a, double b) { return 2.0 * a - b; });
     }
+    previous_is_told_ = true;
     last_h_ = h;
     at_start_ = true;
-    here_.reset();
-    begin_level();
+    map_.step().begin(level_);
+    start_level();
   }
 
   void save(StateWriter& state) const override {
-    for (const FieldSet* set : {&level_.fields, &previous_.fields, &kept_}) {
-      if (set->fields() > 0) {
+    grids::save_whole(state, level().fields);
+    for (const FieldSet* set : {&std::as_const(previous_.fields), &kept_}) {
+      if (is_saved(*set)) {
         grids::save_whole(state, *set);
       }
     }
     save_slopes(state, level_.slopes, grid_);
+    if (is_its_level()) {
+      state.write(std::array<double, room_after_level>{});
+      return;
+    }
     state.write(last_h_);
     state.write(at_start_ ? 1.0 : 0.0);
   }
   void restore(StateReader& state) override {
-    for (FieldSet* set : {&level_.fields, &previous_.fields, &kept_}) {
-      if (set->fields() > 0) {
+    grids::restore_whole(state, level_.fields);
+    for (FieldSet* set : {&previous_.fields, &kept_}) {
+      if (is_saved(*set)) {
         grids::restore_whole(state, *set);
       }
     }
     restore_slopes(state, level_.slopes, grid_);
     previous_.slopes = level_.slopes;
-    state.read(last_h_);
-    at_start_ = state.read() != 0.0;
-    here_.reset();
-    begin_level();
+    if (is_its_level()) {
+      std::array<double, room_after_level> unused{};
+      state.read(std::span<double>(unused));
+    } else {
+      state.read(last_h_);
+      at_start_ = state.read() != 0.0;
+    }
+    level_is_told_ = previous_is_told_ = true;
+    map_.step().begin(level_);
+    start_level();
   }
 
 private:
@@ -253,12 +285,29 @@ private:
                              [step](double a, double b) { return a + step * (a - b); });
     }
   }
-  void begin_level() {
+  /// A state is a level and no more, for which records have room of some numbers beside.
+  [[nodiscard]] bool is_its_level() const { return map_.step().finds_energy_of_levels(); }
+  static constexpr std::size_t room_after_level = 5;
+  [[nodiscard]] bool is_saved(const FieldSet& set) const {
+    return set.fields() > 0 && (&set != &previous_.fields || !is_its_level());
+  }
+  void start_level() {
+    here_.reset();
     tried_ = false;
     iterations_ = 0;
-    map_.step().leave_level();
+  }
+  /// A level with the fields that steps do not find.
+  [[nodiscard]] const LatticeLevel& told(LatticeLevel& level, bool& is_told) const {
+    if (!is_told) {
+      map_.step().tell(level);
+      is_told = true;
+    }
+    return level;
   }
   [[nodiscard]] double energy_here() {
+    if (map_.step().finds_energy_of_levels()) {
+      return map_.step().energy_at_begin() + map_.energy_constant();
+    }
     if (!here_) {
       here_ = map_.energy()(map_.step(), level_);
     }
@@ -268,7 +317,8 @@ private:
   MultisymplecticSystem system_;
   grids::Grid grid_;
   mutable ActionMap map_;
-  LatticeLevel level_, previous_;
+  mutable LatticeLevel level_, previous_;
+  mutable bool level_is_told_ = true, previous_is_told_ = true;
   FieldSet trial_, kept_, next_kept_;
   int symmetric_order_;
   double last_h_, trial_h_ = 0.0, energy_ = 0.0;
@@ -279,16 +329,19 @@ private:
 
 class ActionEquation final : public StepEquation {
 public:
-  ActionEquation(const MultisymplecticSystem& system, const grids::Grid& grid, const CornerDensity& density,
+  ActionEquation(const MultisymplecticSystem& system, const grids::Grid& grid, const StatedAction& stated,
                  std::shared_ptr<const SecondLevel> next, const LatticeLevel& first, double first_step)
       : StepEquation(system.field_count(), grid.size()),
-        map_(system, grid, density, std::move(next), first, first_step),
+        map_(system, grid, stated, std::move(next), first, first_step),
         kept_(map_.room_for_momenta()),
         in_turn_(first_step != 0.0),
         scratch_(first.fields) {}
 
   [[nodiscard]] NodeEnergy node(const LatticeLevel& level) override {
-    return {map_.energy()(map_.step(), level), std::numeric_limits<double>::quiet_NaN()};
+    map_.step().begin(level);
+    const double energy = map_.step().finds_energy_of_levels() ? map_.step().energy_at_begin() + map_.energy_constant()
+                                                               : map_.energy()(map_.step(), level);
+    return {energy, std::numeric_limits<double>::quiet_NaN()};
   }
   [[nodiscard]] StepLaw judge(const LatticeLevel& before, const LatticeLevel& after, double h) override {
     StepLaw law = measure(before, after, h);
@@ -337,13 +390,12 @@ private:
 
 class ActionTangents final : public TangentStep {
 public:
-  ActionTangents(const MultisymplecticSystem& system, const grids::Grid& grid, const CornerDensity& density)
-      : step_(system, grid, density, grid.spacing(0)),
+  ActionTangents(const MultisymplecticSystem& system, const grids::Grid& grid, const StatedAction& stated)
+      : step_(system, grid, stated, grid.spacing(0)),
         forms_(1, FieldSet(4 * static_cast<int>(step_.rows().rows().size()), grid.size())) {}
 
   [[nodiscard]] Status operator()(const LatticeLevel& before, const LatticeLevel& after, double h,
                                   const FieldSet& u_before, FieldSet& u_after) override {
-    step_.leave_level();
     return step_.tangent(h, before, after, u_before, u_after, forms_.front());
   }
   [[nodiscard]] std::span<const FieldSet> stages() const override { return forms_; }
@@ -395,21 +447,20 @@ private:
 }  // namespace
 
 std::unique_ptr<LatticeScheme> make_action_scheme(const MultisymplecticSystem& system, const grids::Grid& grid,
-                                                  const CornerDensity& density, std::shared_ptr<const SecondLevel> next,
+                                                  const StatedAction& stated, std::shared_ptr<const SecondLevel> next,
                                                   LatticeLevel first, double first_step) {
-  return std::make_unique<ActionLattice>(system, grid, density, std::move(next), std::move(first), first_step);
+  return std::make_unique<ActionLattice>(system, grid, stated, std::move(next), std::move(first), first_step);
 }
 
 std::unique_ptr<StepEquation> make_action_equation(const MultisymplecticSystem& system, const grids::Grid& grid,
-                                                   const CornerDensity& density,
-                                                   std::shared_ptr<const SecondLevel> next, const LatticeLevel& first,
-                                                   double first_step) {
-  return std::make_unique<ActionEquation>(system, grid, density, std::move(next), first, first_step);
+                                                   const StatedAction& stated, std::shared_ptr<const SecondLevel> next,
+                                                   const LatticeLevel& first, double first_step) {
+  return std::make_unique<ActionEquation>(system, grid, stated, std::move(next), first, first_step);
 }
 
 std::unique_ptr<TangentStep> make_action_tangents(const MultisymplecticSystem& system, const grids::Grid& grid,
-                                                  const CornerDensity& density) {
-  auto tangents = std::make_unique<ActionTangents>(system, grid, density);
+                                                  const StatedAction& stated) {
+  auto tangents = std::make_unique<ActionTangents>(system, grid, stated);
   return tangents->has_law() ? std::move(tangents) : nullptr;
 }
 

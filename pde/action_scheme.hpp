@@ -9,9 +9,9 @@
 
 namespace rubato {
 
-/// 𝓔 of a level, with the constant of S, beside the steps of an action: E of a step that rests, z_{k+1} = z_k, where
-/// the action is one of the phase space; else, where momenta are fields, that of the system at the nodes
-/// (CornerEnergy).
+/// 𝓔 of a level, with the constant of S, where steps of an action do not find it: E of a step that rests,
+/// z_{k+1} = z_k, where the action is one of the phase space; else, where momenta are fields, that of the system at the
+/// nodes (CornerEnergy).
 class ActionEnergy {
 public:
   ActionEnergy(const MultisymplecticSystem& system, const grids::Grid& grid, const ActionRows& rows, double h);
@@ -20,7 +20,6 @@ public:
 private:
   std::optional<CornerEnergy> at_corners_;
   double h_, constant_;
-  LatticeLevel at_rest_;
 };
 
 /// The second level of an action whose steps do not begin from one: that which is given, or one step of the box, or of
@@ -35,7 +34,7 @@ public:
   void complete(ActionStep& step, const LatticeLevel& first);
 
   [[nodiscard]] bool is_given() const { return next_ != nullptr; }
-  /// The fields that the density names, into `after`. Status::not_converged if another length is asked for than that of
+  /// The fields that the action names, into `after`. Status::not_converged if another length is asked for than that of
   /// the level that is given.
   [[nodiscard]] Status operator()(double h, const LatticeLevel& first, const ActionRows& rows, grids::FieldSet& after);
 
@@ -52,7 +51,7 @@ private:
 class ActionMap {
 public:
   /// \throws std::invalid_argument as ActionStep
-  ActionMap(const MultisymplecticSystem& system, const grids::Grid& grid, const CornerDensity& density,
+  ActionMap(const MultisymplecticSystem& system, const grids::Grid& grid, const StatedAction& stated,
             std::shared_ptr<const SecondLevel> next, const LatticeLevel& first, double first_step);
 
   [[nodiscard]] ActionStep& step() { return *step_; }
@@ -76,18 +75,18 @@ private:
 /// A scheme from an action alone (ActionRows): its steps, discrete energy E_k = -∂𝕊/∂h and slope dE/dh, with fixed
 /// levels or variable ones.
 [[nodiscard]] std::unique_ptr<LatticeScheme> make_action_scheme(const MultisymplecticSystem& system,
-                                                                const grids::Grid& grid, const CornerDensity& density,
+                                                                const grids::Grid& grid, const StatedAction& stated,
                                                                 std::shared_ptr<const SecondLevel> next,
                                                                 LatticeLevel first, double first_step);
 /// The equation that it solves. Where momenta are kept, steps have to be judged one after the other from `first`; with
 /// first_step = 0 they are not, and nothing but their energy is told.
 [[nodiscard]] std::unique_ptr<StepEquation> make_action_equation(const MultisymplecticSystem& system,
-                                                                 const grids::Grid& grid, const CornerDensity& density,
+                                                                 const grids::Grid& grid, const StatedAction& stated,
                                                                  std::shared_ptr<const SecondLevel> next,
                                                                  const LatticeLevel& first, double first_step);
 /// Null where momenta are kept.
 [[nodiscard]] std::unique_ptr<TangentStep> make_action_tangents(const MultisymplecticSystem& system,
-                                                                const grids::Grid& grid, const CornerDensity& density);
+                                                                const grids::Grid& grid, const StatedAction& stated);
 /// Local laws: those of `inner`, and of two tangent solutions (ω_{k+1} - ω_k)/h - Ω/(h ΔV) at every node, with
 /// ω = Σ_f (U_f δ_Vπ_f - V_f δ_Uπ_f) of a level and Ω the two-form of the slab's action there, at both levels together
 /// a divergence in space.

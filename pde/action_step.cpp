@@ -10,7 +10,9 @@
 #include <rubato/base/limits.hpp>
 #include <rubato/formula/sum.hpp>
 #include <rubato/grids/reductions.hpp>
+#include <rubato/grids/slab.hpp>
 #include <rubato/pde/tuning.hpp>
+#include <rubato/variation/weighted_terms.hpp>
 
 namespace rubato {
 
@@ -21,17 +23,12 @@ using grids::FieldSet;
 using Level = NodeVariation::Level;
 
 /// Into these fields, in their order.
-void evaluate(NodeCode& code, const std::vector<int>& fields, FieldSet& out) {
+void evaluate_into(NodeCode& code, const std::vector<int>& fields, FieldSet& out) {
   std::vector<double*> outputs;
   for (const int f : fields) {
     outputs.push_back(out.field(f).data());
   }
   code(outputs);
-}
-
-bool depends_on(Expression formula, Expression variable) {
-  const auto numbers = formula::variables_of(formula);
-  return std::ranges::binary_search(numbers, formula::variables_of(variable).front());
 }
 
 Expression magnitude_sum(std::span<const Expression> terms) {
@@ -44,39 +41,41 @@ Expression magnitude_sum(std::span<const Expression> terms) {
   return sum.valid() ? sum : constant_like(terms.front(), 0.0);
 }
 
-bool is_finite(const FieldSet& fields, std::span<const int> which) {
-  return std::ranges::all_of(which, [&](int f) { return std::isfinite(grids::max_abs(fields.field(f))); });
+Expression sum_of(Expression a, Expression b) {
+  return is_zero(a) ? b : is_zero(b) ? a : a + b;
 }
 
 }  // namespace
 
-ActionStep::ActionStep(const MultisymplecticSystem& system, const grids::Grid& grid, const CornerDensity& density,
+ActionStep::ActionStep(const MultisymplecticSystem& system, const grids::Grid& grid, const StatedAction& stated,
                        double h, bool two_step)
-    : rows_(system, grid, density, two_step),
-      density_(1, grid.size()),
+    : rows_(system, grid, stated, two_step),
       lower_(system.field_count(), grid.size()),
-      upper_(lower_),
+      upper_(system.field_count(), grid.size()),
       row_values_(static_cast<int>(rows_.rows().size()), grid.size()),
       volume_(grid.cell_volume()) {
-  std::vector<int> fields;
-  std::vector<Expression> rows;
-  for (const ActionRows::Row& row : rows_.rows()) {
-    fields.push_back(row.field);
-    rows.push_back(row.row);
-  }
-  equations_ = action_equations(rows_, std::move(fields), std::move(rows));
   find_stages();
+  find_turns();
   if (stages_.empty()) {
-    kernel_ = find_kernel(rows_, equations_, h);
-    newton_.emplace(rows_, equations_, kernel_);
+    std::vector<int> fields;
+    std::vector<Expression> rows;
+    for (const ActionRows::Row& row : rows_.rows()) {
+      fields.push_back(row.field);
+      rows.push_back(row.row);
+    }
+    implicit_.emplace();
+    implicit_->equations = action_equations(rows_, std::move(fields), std::move(rows));
+    implicit_->kernel = find_kernel(rows_, implicit_->equations, h);
+    implicit_->newton.emplace(rows_, implicit_->equations, implicit_->kernel);
   }
-  compile();
 }
 
 std::vector<std::string> ActionStep::held() const {
   std::vector<std::string> names;
-  for (const KernelMode& mode : kernel_.modes) {
-    names.push_back(describe(mode, rows_, equations_));
+  if (implicit_) {
+    for (const KernelMode& mode : implicit_->kernel.modes) {
+      names.push_back(describe(mode, rows_, implicit_->equations));
+    }
   }
   return names;
 }
@@ -107,12 +106,15 @@ void ActionStep::constrain(double h, LatticeLevel& level) {
       level.fields.copy_from(found);
     }
   }
-  for (const ActionRows::Derived& derived : rows_.derived()) {
-    if (rows_.system().M().row(derived.field).isZero(0.0)) {
-      NodeCode code = rows_.variation().code(std::array{derived.value});
-      double* const out[] = {level.fields.field(derived.field).data()};
-      read(code, h, level, level.fields, no_momenta_);
-      code(out);
+  tell(level);
+}
+
+void ActionStep::tell(LatticeLevel& level) {
+  for (Turn& turn : turns_) {
+    if (!turn.is_momenta) {
+      NodeCode& code = made(turn.value, [&] { return turn.values; });
+      read(code, 1.0, level, level.fields, no_momenta_);
+      evaluate_into(code, turn.fields, level.fields);
     }
   }
 }
@@ -126,17 +128,18 @@ void ActionStep::find_stages() {
   std::vector<Stage> stages;
   while (left > 0) {
     Stage stage;
-    std::vector<Expression> values;
     for (std::size_t i = 0; i < used.size(); ++i) {
       if (used[i]) {
         continue;
       }
-      const Expression row = rows_.rows()[i].row;
+      const ActionRows::Row& one = rows_.rows()[i];
+      const Expression row = one.row;
       int field = -1;
-      bool fits = true;
+      bool fits = true, reads_it_alone = true;
       for (const NodeInput& input : rows_.upper_inputs(row)) {
         const int f = input.number - d;
         if (solved[static_cast<std::size_t>(f)] && std::ranges::find(stage.fields, f) == stage.fields.end()) {
+          reads_it_alone = false;
           continue;
         }
         fits = fits && (field < 0 || field == f) && input.offset == std::array<int, 3>{};
@@ -152,7 +155,13 @@ void ActionStep::find_stages() {
       }
       const std::vector<Expression> at_base =
           formula::substitute(std::array{row, slope}, variation.graph(), std::array{unknown}, std::array{base});
-      values.push_back(base - at_base[0] / at_base[1]);
+      const bool rests =
+          reads_it_alone && field == one.field && one.momentum.valid() && row == one.lower + one.momentum;
+      const Expression of_row = rests ? rows_.at_rest(one) : at_base[0];
+      const WeightedTerms slopes(at_base[1]);
+      const bool is_rate = slopes.terms().size() == 1 && slopes.terms().front().first == variation.rate();
+      stage.values.push_back(is_rate ? base - variation.step() / slopes.terms().front().second * of_row
+                                     : base - of_row / slopes.sum());
       stage.fields.push_back(field);
       solved[static_cast<std::size_t>(field)] = used[i] = true;
       --left;
@@ -160,153 +169,218 @@ void ActionStep::find_stages() {
     if (stage.fields.empty()) {
       return;
     }
-    std::vector<Expression> tangent, by_step;
-    for (const Expression& value : values) {
-      tangent.push_back(rows_.along_both(value));
-      by_step.push_back(rows_.by_step(value) + rows_.along_upper(value));
-    }
-    stage.values = variation.code(values);
-    stage.tangent = variation.code(tangent);
-    stage.by_step = variation.code(by_step);
+    stage.reach = reach(stage.values);
     stages.push_back(std::move(stage));
   }
   stages_ = std::move(stages);
 }
 
+/// The planes that formulas read on either side.
+std::size_t ActionStep::reach(std::span<const Expression> formulas) const {
+  const auto last = static_cast<std::size_t>(rows_.grid().dimensions() - 1);
+  int far = 0;
+  for (const Expression& formula : formulas) {
+    for (const NodeInput& input : rows_.variation().inputs_of(formula)) {
+      far = std::max(far, std::abs(input.offset[last]));
+    }
+  }
+  return static_cast<std::size_t>(far);
+}
+
 void ActionStep::find_turns() {
-  std::size_t count = 0;
-  for (const ActionRows::Derived& one : rows_.derived()) {
-    count = std::max(count, one.turn + 1);
-  }
-  turns_.resize(count);
-  for (std::size_t turn = 0; turn < count; ++turn) {
-    std::vector<Expression> values, tangent;
+  const auto moves = [&](const ActionRows::Derived& one) { return !rows_.system().M().row(one.field).isZero(0.0); };
+  const auto add = [&](bool momenta, std::size_t turn) {
+    Turn found{.fields = {}, .values = {}, .is_momenta = momenta, .value = {}, .tangent = {}};
     for (const ActionRows::Derived& one : rows_.derived()) {
-      if (one.turn == turn) {
-        turns_[turn].fields.push_back(one.field);
-        values.push_back(one.value);
-        tangent.push_back(rows_.along_both(one.value));
+      if (moves(one) == momenta && one.turn == turn) {
+        found.fields.push_back(one.field);
+        found.values.push_back(one.value);
       }
     }
-    turns_[turn].values = rows_.variation().code(values);
-    turns_[turn].tangent = rows_.variation().code(tangent);
+    if (!found.fields.empty()) {
+      turns_.push_back(std::move(found));
+    }
+  };
+  add(true, 0);
+  for (std::size_t turn = 0; turn < rows_.derived().size(); ++turn) {
+    add(false, turn);
+  }
+  if (!turns_.empty() && turns_.front().is_momenta) {
+    momenta_ = turns_.front().fields;
   }
 }
 
-void ActionStep::follow(double h, const LatticeLevel& before, const FieldSet& after, FieldSet& out) {
-  for (Turn& turn : turns_) {
-    read(turn.values, h, before, after, no_momenta_);
-    evaluate(turn.values, turn.fields, out);
+/// 𝓔 by the momenta as fields; invalid where steps have none that is theirs.
+formula::Expression ActionStep::energy_of_level() {
+  if (!is_explicit() || !rows_.is_symmetric() || rows_.kept() > 0) {
+    return {};
   }
+  const int d = rows_.system().field_count();
+  std::vector<Expression> momenta(static_cast<std::size_t>(d));
+  for (const ActionRows::Row& row : rows_.rows()) {
+    if (const int v = row.momentum_field; v >= 0) {
+      momenta[static_cast<std::size_t>(row.field)] =
+          rows_.system().M()(v, row.field) * rows_.variation().node(Level::after, v);
+    }
+  }
+  const Expression energy = rows_.variation().energy_of_level(momenta, rows_.upper_direction(0));
+  if (!energy.valid()) {
+    return {};
+  }
+  const auto terms = rows_.variation().in_sum(energy);
+  return sum_of(terms.of_slab, terms.of_upper);
 }
 
-void ActionStep::compile() {
+void ActionStep::prepare_pass() {
   NodeVariation& variation = rows_.variation();
-  std::vector<Expression> row, kept, implied, along_upper, along_lower, by_step, forms;
-  find_turns();
-  const Expression energy = variation.energy();
-  energy_code_ = variation.code(std::array{energy});
-  has_tangents_ = rows_.kept() == 0;
-  for (const ActionRows::Row& one : rows_.rows()) {
-    row.push_back(one.row);
-    along_upper.push_back(rows_.along_upper(one.row));
-    along_lower.push_back(rows_.along_lower(one.row));
-    by_step.push_back(rows_.by_step(one.row));
-    if (one.kept >= 0) {
-      kept.push_back(one.upper);
-      implied.push_back(-one.lower);
+  const grids::Grid& grid = rows_.grid();
+  const int d = rows_.system().field_count();
+  const int others = rows_.kept() + 2 * d;
+  const auto energy = variation.in_sum(variation.energy());
+  const Expression of_level = energy_of_level();
+  finds_energy_of_levels_ = of_level.valid();
+
+  std::vector<Expression> outputs;
+  std::vector<int> written;
+  std::size_t lost = 0;
+  for (const Turn& turn : turns_) {
+    if (turn.is_momenta) {
+      outputs = turn.values;
+      lost = reach(outputs);
     }
   }
-  row_code_ = variation.code(row);
-  if (!kept.empty()) {
-    keep_ = variation.code(kept);
-    imply_ = variation.code(implied);
+  for (const int f : momenta_) {
+    written.push_back(d + f);
   }
-  row_along_upper_ = variation.code(along_upper);
-  row_along_lower_ = variation.code(along_lower);
-  row_by_step_ = variation.code(by_step);
-  slope_code_ = variation.code(std::array{rows_.by_step(energy) + rows_.along_upper(energy)});
-  if (has_tangents_) {
-    using Take = Expression (*)(const ActionRows::Row&, ActionRows&);
-    constexpr std::array<Take, 4> takes = {
-        [](const ActionRows::Row& one, ActionRows& rows) { return rows.along_both(one.lower); },
-        [](const ActionRows::Row& one, ActionRows& rows) { return rows.along_both(one.upper); },
-        [](const ActionRows::Row& one, ActionRows& rows) { return rows.along_lower(one.momentum); },
-        [](const ActionRows::Row& one, ActionRows& rows) { return rows.along_upper(rows.raised(one.momentum)); }};
-    for (const Take take : takes) {
-      for (const ActionRows::Row& one : rows_.rows()) {
-        forms.push_back(take(one, rows_));
+  const std::size_t momenta = outputs.size();
+
+  pass_ = NodePass(grid);
+  for (const Stage& stage : stages_) {
+    std::vector<Expression> values = stage.values;
+    if (&stage == &stages_.front()) {
+      levels_ = variation.keep_of_lower(others, values);
+    }
+    std::vector<int> fields;
+    for (const int f : stage.fields) {
+      fields.push_back(d + f);
+    }
+    pass_.add(variation.code(values), fields, std::max(lost, stage.reach));
+  }
+  const auto kept = levels_.kept();
+  for (std::size_t k = 0; k < kept.size(); ++k) {
+    outputs.push_back(kept[k]);
+    written.push_back(variation.first_other() + others + static_cast<int>(kept.size() + k));
+  }
+  // Of the sums the first two are E but for the lower level's part.
+  std::vector<Expression> sums = {energy.of_slab, energy.of_upper};
+  place_of_lower_ = energy.of_lower == energy.of_upper ? 1 : sums.size();
+  if (place_of_lower_ > 1) {
+    sums.push_back(energy.of_lower);
+  }
+  if (of_level.valid()) {
+    // The momenta are being written.
+    std::vector<Expression> from, to;
+    for (const NodeInput& input : variation.inputs_of(of_level)) {
+      const auto momentum = std::ranges::find(momenta_, input.number - d);
+      if (input.kind == NodeInput::Kind::node && momentum != momenta_.end()) {
+        from.push_back(input.variable);
+        to.push_back(variation.at_node(outputs[static_cast<std::size_t>(momentum - momenta_.begin())], input.offset));
       }
     }
-    forms_code_ = variation.code(forms);
-  }
-  // |∂e/∂z z| is what the rounding of a value makes of e.
-  std::vector<Expression> variables, products;
-  for (const NodeInput& input : variation.inputs()) {
-    if (input.kind == NodeInput::Kind::node && depends_on(energy, input.variable)) {
-      variables.push_back(input.variable);
+    sums.push_back(formula::substitute(of_level, from, to));
+  } else if (is_explicit()) {
+    Expression none = variation.graph().constant(0.0);  // becomes NaN with the first value that is not finite
+    for (const Stage& stage : stages_) {
+      for (const int f : stage.fields) {
+        none = none + 0.0 * variation.node(Level::after, f);
+      }
     }
+    for (std::size_t k = 0; k < momenta; ++k) {
+      none = none + 0.0 * outputs[k];
+    }
+    sums.push_back(none);
   }
-  const std::vector<Expression> first = formula::gradient(energy, variables);
-  for (std::size_t j = 0; j < first.size(); ++j) {
-    products.push_back(first[j] * variables[j]);
+  outputs.insert(outputs.end(), sums.begin(), sums.end());
+  pass_.add(variation.code(outputs), written);
+  begin_ = NodePass(grid);
+  std::vector<Expression> of_begin = {energy.of_lower};
+  if (of_level.valid()) {
+    of_begin.push_back(of_level);
   }
-  const std::vector<Expression> terms = formula::terms_of(energy);
-  size_code_ =
-      variation.code(std::array{energy, magnitude_sum(terms), products.empty() ? energy : magnitude_sum(products)});
+  begin_.add(variation.code(of_begin), {});
 }
 
 void ActionStep::read(NodeCode& code, double h, const LatticeLevel& before, const FieldSet& after,
                       const FieldSet& kept) const {
-  rows_.read(code, before.fields, after, h, before.slopes, {&kept, &lower_, &upper_});
+  rows_.read(code, before.fields, after, h, before.slopes,
+             {&kept, &lower_, &upper_, &levels_.lower(), &levels_.upper()});
 }
 
-void ActionStep::leave_level() {
-  if (newton_) {
-    newton_->leave_level();
+void ActionStep::begin(const LatticeLevel& level) {
+  if (pass_.size() == 0) {
+    prepare_pass();
+  }
+  const auto read_level = [&](NodeCode& code, const FieldSet& fields) { read(code, 1.0, level, fields, no_momenta_); };
+  levels_.take(level.fields, level.fields, false, read_level);
+  read(begin_.code(0), 1.0, level, level.fields, no_momenta_);
+  begin_(0);
+  below_.of_energy = begin_.sums().front();
+  below_.energy = begin_.sums().back();
+  if (implicit_) {
+    implicit_->newton->leave_level();
   }
 }
 
-Status ActionStep::solve(double h, const LatticeLevel& before, const FieldSet& kept, double accuracy, FieldSet& after) {
-  return newton_ ? newton_->solve(
-                       h, accuracy, before.fields, after, [&](NodeCode& code) { read(code, h, before, after, kept); },
-                       row_code_, row_values_)
-                 : solve_by_stages(h, before, kept, after);
+void ActionStep::move() {
+  levels_.go_on();
+  below_ = above_;
+  if (implicit_) {
+    implicit_->newton->leave_level();
+  }
 }
 
-Status ActionStep::solve_by_stages(double h, const LatticeLevel& before, const FieldSet& kept, FieldSet& after) {
-  for (Stage& stage : stages_) {
-    read(stage.values, h, before, after, kept);
-    evaluate(stage.values, stage.fields, after);
-  }
-  for (const Stage& stage : stages_) {
-    if (!is_finite(after, stage.fields)) {
-      return Status::undefined;
+bool ActionStep::evaluate(std::size_t first_stage, double h, const LatticeLevel& before, const FieldSet& kept,
+                          const FieldSet& after, FieldSet& out) {
+  for (std::size_t s = first_stage; s < pass_.size(); ++s) {
+    read(pass_.code(s), h, before, after, kept);
+    if (s < stages_.size()) {
+      pass_.write(s, out, stages_[s].fields);
+    } else {
+      pass_.write(s, out, momenta_, levels_.upper().pointers());
     }
   }
-  return Status::success;
+  pass_(first_stage);
+  const std::span<const double> sums = pass_.sums();
+  of_slab_ = sums[0] + sums[1];
+  above_ = {.of_energy = sums[place_of_lower_], .energy = sums.back()};
+  return std::ranges::all_of(sums, [](double sum) { return std::isfinite(sum); });
 }
 
-void ActionStep::derive(double h, const LatticeLevel& before, FieldSet& after) {
-  follow(h, before, after, after);
-  find_energy(h, before, after);
+Status ActionStep::advance(double h, const LatticeLevel& before, const FieldSet& kept, double accuracy,
+                           FieldSet& after) {
+  if (implicit_) {
+    const Status status = implicit_->newton->solve(
+        h, accuracy, before.fields, after, [&](NodeCode& code) { read(code, h, before, after, kept); },
+        made_of_rows(codes_.row, [](const ActionRows::Row& row) { return row.row; }), row_values_);
+    if (status != Status::success) {
+      return status;
+    }
+  }
+  return evaluate(0, h, before, kept, after, after) ? Status::success : Status::undefined;
 }
 
-void ActionStep::find_energy(double h, const LatticeLevel& before, const FieldSet& after) {
-  double* const out[] = {density_.field(0).data()};
-  read(energy_code_, h, before, after, no_momenta_);
-  energy_code_(out);
-}
-
-double ActionStep::energy() const {
-  return volume_ * grids::sum(density_.field(0));
+void ActionStep::derive(double h, const LatticeLevel& before, const FieldSet& after, FieldSet& momenta) {
+  static_cast<void>(evaluate(pass_.size() - 1, h, before, no_momenta_, after, momenta));
 }
 
 double ActionStep::energy_at_rest(double h, const LatticeLevel& level) {
-  double* const out[] = {row_values_.field(0).data()};
-  read(energy_code_, h, level, level.fields, no_momenta_);
-  energy_code_(out);
-  return volume_ * grids::sum(std::as_const(row_values_).field(0));
+  if (rest_.size() == 0) {
+    rest_ = NodePass(rows_.grid());
+    rest_.add(rows_.variation().code(std::array{rows_.variation().energy()}), {});
+  }
+  read(rest_.code(0), h, level, level.fields, no_momenta_);
+  rest_(0);
+  return volume_ * rest_.sums().front();
 }
 
 double ActionStep::relative_miss(double h, const LatticeLevel& before, const LatticeLevel& after,
@@ -330,15 +404,30 @@ double ActionStep::relative_miss(double h, const LatticeLevel& before, const Lat
 }
 
 formula::SumSize ActionStep::energy_size(double h, const LatticeLevel& before, const FieldSet& after) {
-  FieldSet out(3, after.size());
-  read(size_code_, h, before, after, no_momenta_);
-  size_code_(out.pointers());
-  const FieldSet& found = out;
-  const double sum = volume_ * std::abs(grids::sum(found.field(0)));
-  const double magnitudes = volume_ * grids::sum(found.field(1));
+  NodeVariation& variation = rows_.variation();
+  if (size_.size() == 0) {
+    const Expression energy = WeightedTerms(variation.energy()).sum();
+    // |∂e/∂z z| is what the rounding of a value makes of e.
+    std::vector<Expression> variables, products;
+    for (const NodeInput& input : variation.inputs_of(energy)) {
+      if (input.kind == NodeInput::Kind::node) {
+        variables.push_back(input.variable);
+      }
+    }
+    const std::vector<Expression> first = formula::gradient(energy, variables);
+    for (std::size_t j = 0; j < first.size(); ++j) {
+      products.push_back(first[j] * variables[j]);
+    }
+    const Expression terms = magnitude_sum(formula::terms_of(energy));
+    const Expression roundings = products.empty() ? energy : magnitude_sum(products);
+    size_ = NodePass(rows_.grid());
+    size_.add(variation.code(std::array{energy, terms, roundings * roundings + terms * terms}), {});
+  }
+  read(size_.code(0), h, before, after, no_momenta_);
+  size_(0);
+  const double sum = volume_ * std::abs(size_.sums()[0]), magnitudes = volume_ * size_.sums()[1];
   // Rounding errors of nodes are independent of each other.
-  const double spread =
-      volume_ * std::sqrt(grids::dot(found.field(2), found.field(2)) + grids::dot(found.field(1), found.field(1)));
+  const double spread = volume_ * std::sqrt(size_.sums()[2]);
   return {.terms = std::max(sum, formula::part_that_counts * magnitudes),
           .cancelled = formula::part_that_counts * std::max(magnitudes - sum, 0.0),
           .rounding = tuning::action_step::roundings * 0.5 * epsilon * (spread + sum)};
@@ -346,60 +435,99 @@ formula::SumSize ActionStep::energy_size(double h, const LatticeLevel& before, c
 
 bool ActionStep::solve_linear(NodeCode& right, double h, const LatticeLevel& before, const FieldSet& kept,
                               const FieldSet& after) {
-  return newton_->solve_linear(
-      h, upper_, [&](NodeCode& code) { read(code, h, before, after, kept); }, right, row_along_upper_, row_values_);
+  NodeCode& along =
+      made_of_rows(codes_.along_upper, [&](const ActionRows::Row& row) { return rows_.along_upper(row.row); });
+  return implicit_->newton->solve_linear(
+      h, upper_, [&](NodeCode& code) { read(code, h, before, after, kept); }, right, along, row_values_);
+}
+
+void ActionStep::move_direction(NodeCode& code, const Stage& stage) {
+  FieldSet found(static_cast<int>(stage.fields.size()), upper_.size());
+  code(found.pointers());
+  for (std::size_t i = 0; i < stage.fields.size(); ++i) {
+    std::ranges::copy(std::as_const(found).field(static_cast<int>(i)), upper_.field(stage.fields[i]).begin());
+  }
+  grids::refresh_ghosts(upper_, stage.fields, stage.reach);
 }
 
 double ActionStep::energy_slope(double h, const LatticeLevel& before, const FieldSet& kept, const FieldSet& after) {
   upper_.fill(0.0);
-  if (newton_) {
-    if (!solve_linear(row_by_step_, h, before, kept, after)) {
+  if (implicit_) {
+    NodeCode& by_step =
+        made_of_rows(codes_.by_step, [&](const ActionRows::Row& row) { return rows_.by_step(row.row); });
+    if (!solve_linear(by_step, h, before, kept, after)) {
       return std::numeric_limits<double>::quiet_NaN();
     }
   } else {
     for (Stage& stage : stages_) {
-      std::vector<double*> out;
-      FieldSet found(static_cast<int>(stage.fields.size()), after.size());
-      read(stage.by_step, h, before, after, kept);
-      stage.by_step(found.pointers());
-      for (std::size_t i = 0; i < stage.fields.size(); ++i) {
-        std::ranges::copy(std::as_const(found).field(static_cast<int>(i)), upper_.field(stage.fields[i]).begin());
-      }
+      NodeCode& code = made(stage.by_step, [&] {
+        std::vector<Expression> by_step;
+        for (const Expression& value : stage.values) {
+          by_step.push_back(rows_.by_step(value) + rows_.along_upper(value));
+        }
+        return by_step;
+      });
+      read(code, h, before, after, kept);
+      move_direction(code, stage);
     }
   }
+  NodeCode& slope = made(codes_.slope, [&] {
+    const Expression energy = rows_.variation().energy();
+    return std::vector{rows_.by_step(energy) + rows_.along_upper(energy)};
+  });
   double* const out[] = {row_values_.field(0).data()};
-  read(slope_code_, h, before, after, kept);
-  slope_code_(out);
+  read(slope, h, before, after, kept);
+  slope(out);
   return volume_ * grids::sum(std::as_const(row_values_).field(0));
 }
 
-void ActionStep::keep(double h, const LatticeLevel& before, const FieldSet& after, FieldSet& kept) {
+template <class Of>
+void ActionStep::keep_by(LateCode& code, const Of& of, double h, const LatticeLevel& before, const FieldSet& after,
+                         FieldSet& kept) {
   if (rows_.kept() > 0) {
-    read(keep_, h, before, after, no_momenta_);
-    keep_(kept.pointers());
+    NodeCode& momenta = made(code, [&] {
+      std::vector<Expression> formulas;
+      for (const ActionRows::Row& row : rows_.rows()) {
+        if (row.kept >= 0) {
+          formulas.push_back(of(row));
+        }
+      }
+      return formulas;
+    });
+    read(momenta, h, before, after, no_momenta_);
+    momenta(kept.pointers());
   }
 }
 
+void ActionStep::keep(double h, const LatticeLevel& before, const FieldSet& after, FieldSet& kept) {
+  keep_by(
+      codes_.keep, [](const ActionRows::Row& row) { return row.upper; }, h, before, after, kept);
+}
+
 void ActionStep::imply(double h, const LatticeLevel& before, const FieldSet& after, FieldSet& kept) {
-  if (rows_.kept() > 0) {
-    read(imply_, h, before, after, no_momenta_);
-    imply_(kept.pointers());
-  }
+  keep_by(
+      codes_.imply, [](const ActionRows::Row& row) { return -row.lower; }, h, before, after, kept);
 }
 
 void ActionStep::measure(double h, const LatticeLevel& before, const LatticeLevel& after, const FieldSet& kept,
                          FieldSet& out) {
-  read(row_code_, h, before, after.fields, kept);
-  row_code_(row_values_.pointers());
+  NodeCode& row = made_of_rows(codes_.row, [](const ActionRows::Row& one) { return one.row; });
+  read(row, h, before, after.fields, kept);
+  row(row_values_.pointers());
   out.fill(0.0);
   for (std::size_t i = 0; i < rows_.rows().size(); ++i) {
     const auto from = std::as_const(row_values_).field(static_cast<int>(i));
     const auto to = out.field(rows_.rows()[i].field);
     std::ranges::transform(from, to.begin(), [h](double value) { return value / h; });
   }
-  follow(h, before, after.fields, out);
-  find_energy(h, before, after.fields);
-  for (const Turn& turn : turns_) {
+  begin(before);
+  derive(h, before, after.fields, out);
+  for (Turn& turn : turns_) {
+    if (!turn.is_momenta) {
+      NodeCode& code = made(turn.value, [&] { return turn.values; });
+      read(code, h, before, after.fields, no_momenta_);
+      evaluate_into(code, turn.fields, out);
+    }
     for (const int f : turn.fields) {
       const auto found = after.fields.field(f);
       const auto to = out.field(f);
@@ -412,29 +540,37 @@ Status ActionStep::tangent(double h, const LatticeLevel& before, const LatticeLe
                            FieldSet& u_after, FieldSet& forms) {
   lower_.copy_from(u_before);
   upper_.fill(0.0);
-  if (newton_) {
-    if (!solve_linear(row_along_lower_, h, before, no_momenta_, after.fields)) {
+  if (implicit_) {
+    implicit_->newton->leave_level();
+    NodeCode& along =
+        made_of_rows(codes_.along_lower, [&](const ActionRows::Row& row) { return rows_.along_lower(row.row); });
+    if (!solve_linear(along, h, before, no_momenta_, after.fields)) {
       return Status::not_converged;
     }
-  } else {
-    for (Stage& stage : stages_) {
-      FieldSet found(static_cast<int>(stage.fields.size()), upper_.size());
-      read(stage.tangent, h, before, after.fields, no_momenta_);
-      stage.tangent(found.pointers());
-      for (std::size_t i = 0; i < stage.fields.size(); ++i) {
-        std::ranges::copy(std::as_const(found).field(static_cast<int>(i)), upper_.field(stage.fields[i]).begin());
-      }
+  }
+  const auto tangents = [&](std::span<const Expression> values) {
+    std::vector<Expression> along;
+    for (const Expression& value : values) {
+      along.push_back(rows_.along_both(value));
     }
+    return along;
+  };
+  for (Stage& stage : stages_) {
+    NodeCode& code = made(stage.tangent, [&] { return tangents(stage.values); });
+    read(code, h, before, after.fields, no_momenta_);
+    move_direction(code, stage);
   }
   for (Turn& turn : turns_) {
-    read(turn.tangent, h, before, after.fields, no_momenta_);
-    evaluate(turn.tangent, turn.fields, u_after);
+    NodeCode& code = made(turn.tangent, [&] { return tangents(turn.values); });
+    read(code, h, before, after.fields, no_momenta_);
+    evaluate_into(code, turn.fields, u_after);
     for (const int f : turn.fields) {
       std::ranges::copy(std::as_const(u_after).field(f), upper_.field(f).begin());
     }
   }
-  read(forms_code_, h, before, after.fields, no_momenta_);
-  forms_code_(forms.pointers());
+  NodeCode& of_forms = made(codes_.forms, [&] { return forms_of_rows(); });
+  read(of_forms, h, before, after.fields, no_momenta_);
+  of_forms(forms.pointers());
   u_after.copy_from(upper_);
   for (int f = 0; f < u_after.fields(); ++f) {
     if (!std::isfinite(grids::max_abs(std::as_const(u_after).field(f)))) {
@@ -442,6 +578,22 @@ Status ActionStep::tangent(double h, const LatticeLevel& before, const LatticeLe
     }
   }
   return Status::success;
+}
+
+std::vector<formula::Expression> ActionStep::forms_of_rows() {
+  std::vector<Expression> forms;
+  using Take = Expression (*)(const ActionRows::Row&, ActionRows&);
+  constexpr std::array<Take, 4> takes = {
+      [](const ActionRows::Row& one, ActionRows& rows) { return rows.along_both(one.lower); },
+      [](const ActionRows::Row& one, ActionRows& rows) { return rows.along_both(one.upper); },
+      [](const ActionRows::Row& one, ActionRows& rows) { return rows.along_lower(one.momentum); },
+      [](const ActionRows::Row& one, ActionRows& rows) { return rows.along_upper(rows.raised(one.momentum)); }};
+  for (const Take take : takes) {
+    for (const ActionRows::Row& one : rows_.rows()) {
+      forms.push_back(take(one, rows_));
+    }
+  }
+  return forms;
 }
 
 }  // namespace rubato

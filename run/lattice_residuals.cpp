@@ -56,15 +56,31 @@ void LatticeResiduals::clear() {
   }
 }
 
-void LatticeResiduals::take_in_cells(const LatticeLevel& before, const LatticeLevel& after, double h, Part wanted) {
-  if (wanted == Part::all) {
-    const std::span<double* const> cells = cells_ ? cells_->pointers() : std::span<double* const>();
-    set(in_cells_, local_.residuals(before, after, h, cells, of_last_step_));
-  } else if (took_cells_ && cells_) {
+void LatticeResiduals::forget_cells() {
+  if (took_cells_ && cells_) {
     cells_->fill(std::numeric_limits<double>::quiet_NaN());
   }
-  took_cells_ = wanted == Part::all;
-  of_last_step_ = took_cells_ && steps_follow_ ? local_.last_question() : LocalLaws::none;
+  took_cells_ = false;
+  of_last_step_ = LocalLaws::none;
+}
+
+void LatticeResiduals::skip() {
+  clear();
+  forget_cells();
+  if (variational_) {
+    variational_->reset();
+  }
+}
+
+void LatticeResiduals::take_in_cells(const LatticeLevel& before, const LatticeLevel& after, double h, Part wanted) {
+  if (wanted != Part::all) {
+    forget_cells();
+    return;
+  }
+  const std::span<double* const> cells = cells_ ? cells_->pointers() : std::span<double* const>();
+  set(in_cells_, local_.residuals(before, after, h, cells, of_last_step_));
+  took_cells_ = true;
+  of_last_step_ = steps_follow_ ? local_.last_question() : LocalLaws::none;
 }
 
 void LatticeResiduals::take(const LatticeLevel& before, const LatticeLevel& after, double h, Part wanted) {

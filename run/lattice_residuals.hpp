@@ -43,6 +43,10 @@ public:
 
   /// Takes the step from `before` to `after`. Tangent solutions go on whatever is wanted.
   void take(const LatticeLevel& before, const LatticeLevel& after, double h, Part wanted);
+  /// True if a step of which so much is wanted need not be taken, for which its levels would have to be found: skip()
+  /// does as well.
+  [[nodiscard]] bool may_skip(Part wanted) const { return wanted == Part::none && !tangents_; }
+  void skip();
 
   /// Of the step taken last; those in every cell are not numbers before the first one, and where none was wanted.
   ///@{
@@ -64,6 +68,7 @@ public:
 
 private:
   void clear();
+  void forget_cells();
   void take_in_cells(const LatticeLevel& before, const LatticeLevel& after, double h, Part wanted);
 
   LocalLaws& local_;

@@ -229,7 +229,11 @@ protected:
       previous_t_ = before;
       last_h_ = report.h;
       ++steps_;
-      residuals_.take(lattice_.previous(), lattice_.level(), report.h, LatticeResiduals::part(laws_, steps_));
+      if (const LatticeResiduals::Part wanted = LatticeResiduals::part(laws_, steps_); residuals_.may_skip(wanted)) {
+        residuals_.skip();
+      } else {
+        residuals_.take(lattice_.previous(), lattice_.level(), report.h, wanted);
+      }
     }
     return report;
   }

@@ -40,7 +40,7 @@ public:
   [[nodiscard]] bool is_of_one_level(NodeIndex index) const { return known_.at(index).level.has_value(); }
   [[nodiscard]] Level level(NodeIndex index) const { return *known_.at(index).level; }
   [[nodiscard]] bool calls(NodeIndex index) const { return known_.at(index).calls; }
-  /// The first node that it reads.
+  /// The first node that its functions read, so that those of one value stay together; else that it reads.
   [[nodiscard]] Offset anchor(NodeIndex index) const { return known_.at(index).anchor.value_or(Offset{}); }
   /// The same of the upper level, where the first node is the node itself.
   [[nodiscard]] Expression canonical(NodeIndex index) { return moved(index, anchor(index)); }
@@ -61,8 +61,13 @@ private:
     }
     Part part;
     part.calls = is_call(node);
+    const auto argument_of = [&](int k) -> const Part& { return known_.at(k == 0 ? node.a : node.b); };
+    bool functions_alone = false;
+    for (int k = 0; k < formula::arity(node.operation) && !part.calls; ++k) {
+      functions_alone = functions_alone || argument_of(k).calls;
+    }
     for (int k = 0; k < formula::arity(node.operation); ++k) {
-      const Part& argument = known_.at(k == 0 ? node.a : node.b);
+      const Part& argument = argument_of(k);
       if (!part.level || !argument.level) {
         part.level.reset();
       } else {
@@ -70,7 +75,7 @@ private:
         part.level = level == both ? std::nullopt : std::optional(level);
       }
       part.calls = part.calls || argument.calls;
-      if (argument.anchor) {
+      if (argument.anchor && (argument.calls || !functions_alone)) {
         part.anchor = part.anchor ? std::min(*part.anchor, *argument.anchor) : argument.anchor;
       }
     }
@@ -132,12 +137,12 @@ private:
 class Choice {
 public:
   Choice(NodeFormulas& formulas, LevelValues::Arrays arrays, std::span<const Expression> always,
-         std::span<const Expression> outputs)
+         std::span<const Expression> outputs, bool of_one_level)
       : graph_(formulas.graph()), parts_(formulas, arrays), kept_(always.begin(), always.end()) {
     std::vector<Expression> everything(outputs.begin(), outputs.end());
     everything.insert(everything.end(), always.begin(), always.end());
     parts_.find(everything);
-    note(outputs, 0);
+    note(outputs, of_one_level ? LevelParts::both : 0U);
     note(always, LevelParts::both);
     for (std::size_t k = 0; k < always.size(); ++k) {
       const Operation operation = graph_.node(always[k].index()).operation;
@@ -189,7 +194,7 @@ private:
         continue;
       }
       if (const auto place = place_of(index)) {
-        reads_.push_back({Expression(&graph_, index), place->number, parts_.level(index) == LevelParts::lower,
+        reads_.push_back({Expression(&graph_, index), place->number, parts_.level(index) != LevelParts::upper,
                           shifted(parts_.anchor(index), place->anchor, -1)});
         continue;
       }
@@ -226,6 +231,16 @@ private:
 
 LevelValues::LevelValues(NodeFormulas& formulas, Arrays arrays, std::span<const Expression> always,
                          std::initializer_list<std::vector<Expression>*> outputs) {
+  keep(formulas, arrays, always, std::span(outputs.begin(), outputs.end()), false);
+}
+
+LevelValues::LevelValues(NodeFormulas& formulas, Arrays arrays, std::vector<Expression>& of_lower) {
+  std::vector<Expression>* const outputs[] = {&of_lower};
+  keep(formulas, arrays, {}, outputs, true);
+}
+
+void LevelValues::keep(NodeFormulas& formulas, Arrays arrays, std::span<const Expression> always,
+                       std::span<std::vector<Expression>* const> outputs, bool of_one_level) {
   std::vector<Expression> all;
   for (const std::vector<Expression>* some : outputs) {
     all.insert(all.end(), some->begin(), some->end());
@@ -233,7 +248,8 @@ LevelValues::LevelValues(NodeFormulas& formulas, Arrays arrays, std::span<const 
   if (all.empty() && always.empty()) {
     return;
   }
-  const Choice choice(formulas, arrays, always, all);
+  const Choice choice(formulas, arrays, always, all, of_one_level);
+  kept_ = choice.kept();
   const auto count = static_cast<int>(choice.kept().size());
   std::vector<Expression> from, to;
   for (const Choice::Read& read : choice.reads()) {
@@ -244,9 +260,9 @@ LevelValues::LevelValues(NodeFormulas& formulas, Arrays arrays, std::span<const 
     *some = formula::substitute(*some, formulas.graph(), from, to);
   }
   if (count > 0) {
-    code_ = formulas.code(choice.kept());
+    code_ = formulas.code(kept_);
     lower_ = grids::FieldSet(count, formulas.grid().size());
-    upper_ = lower_;
+    upper_ = grids::FieldSet(count, formulas.grid().size());
   }
 }
 

@@ -36,6 +36,9 @@ public:
   /// and that the formulas have, perhaps at other nodes, of both levels, or of one and in `always`
   LevelValues(NodeFormulas& formulas, Arrays arrays, std::span<const formula::Expression> always,
               std::initializer_list<std::vector<formula::Expression>*> outputs);
+  /// For formulas of slabs whose upper level's values others find as well (kept()): all parts that call functions and
+  /// are of the lower level become reads.
+  LevelValues(NodeFormulas& formulas, Arrays arrays, std::vector<formula::Expression>& of_lower);
 
   /// Takes the next slab. \param follows `before` is the level that was `after` of the last one \param read(code,
   /// level) lets a code read a level, as both of its slab
@@ -57,6 +60,9 @@ public:
 
   [[nodiscard]] const grids::FieldSet& lower() const { return lower_; }
   [[nodiscard]] const grids::FieldSet& upper() const { return upper_; }
+  [[nodiscard]] grids::FieldSet& upper() { return upper_; }
+  /// What is kept, as formulas of the upper level at a node.
+  [[nodiscard]] std::span<const formula::Expression> kept() const { return kept_; }
 
 private:
   template <class Read>
@@ -67,6 +73,10 @@ private:
     }
   }
 
+  void keep(NodeFormulas& formulas, Arrays arrays, std::span<const formula::Expression> always,
+            std::span<std::vector<formula::Expression>* const> outputs, bool of_one_level);
+
+  std::vector<formula::Expression> kept_;
   NodeCode code_;  ///< of the upper level
   grids::FieldSet lower_, upper_;
 };

@@ -79,21 +79,48 @@ void NodeCode::Workspace::fill(std::size_t input, double value) {
 }
 
 void NodeCode::operator()(std::size_t begin, std::size_t end, std::span<double* const> outputs) {
-  const std::size_t line = cells_[0];
   grids::for_each_block(end - begin, grids::nodes_per_block,
                         [&](std::size_t first, std::size_t last, std::size_t thread) {
-                          Workspace& work = workspaces_[thread];
-                          for (std::size_t node = begin + first; node < begin + last;) {
-                            const std::size_t place = node % line;
-                            const std::size_t count = std::min({piece, line - place, begin + last - node});
-                            evaluate(work, node / line, place, count, outputs);
-                            node += count;
-                          }
+                          evaluate(thread, begin + first, begin + last, outputs);
                         });
 }
 
-void NodeCode::evaluate(Workspace& work, std::size_t line, std::size_t begin, std::size_t count,
-                        std::span<double* const> outputs) const {
+void NodeCode::evaluate(std::size_t thread, std::size_t begin, std::size_t end, std::span<double* const> outputs,
+                        std::span<double* const> from_begin) {
+  const std::size_t line = cells_[0];
+  Workspace& work = workspaces_[thread];
+  for (std::size_t node = begin; node < end;) {
+    const std::size_t place = node % line;
+    const std::size_t count = std::min({piece, line - place, end - node});
+    place_inputs(work, node / line, place, count);
+    for (std::size_t j = 0; j < outputs.size(); ++j) {
+      work.out[j] = outputs[j] + node;
+    }
+    for (std::size_t k = 0; k < from_begin.size(); ++k) {
+      work.out[outputs.size() + k] = from_begin[k] + (node - begin);
+    }
+    work.code(count, work.in, work.out);
+    node += count;
+  }
+}
+
+std::optional<std::size_t> NodeCode::reach(std::span<const int> arrays) const {
+  const std::size_t last = cells_[2] > 1 ? 2 : cells_[1] > 1 ? 1 : 0;
+  const std::size_t stride = last == 2 ? cells_[0] * cells_[1] : last == 1 ? cells_[0] : 1;
+  std::optional<std::size_t> found;
+  for (const NodeInput& input : inputs_) {
+    if (input.kind == NodeInput::Kind::node && std::ranges::find(arrays, input.number) != arrays.end()) {
+      const bool crosses_seams = std::any_of(input.offset.begin(), input.offset.begin() + static_cast<int>(last),
+                                             [](int by) { return by != 0; });
+      const std::size_t far =
+          (static_cast<std::size_t>(std::abs(input.offset[last])) + (crosses_seams ? 1 : 0)) * stride;
+      found = std::max(found.value_or(0), far);
+    }
+  }
+  return found;
+}
+
+void NodeCode::place_inputs(Workspace& work, std::size_t line, std::size_t begin, std::size_t count) const {
   const auto [n, rows, layers] = cells_;
   const std::size_t row = line % rows, layer = line / rows;
   for (std::size_t j = 0; j < inputs_.size(); ++j) {
@@ -119,10 +146,6 @@ void NodeCode::evaluate(Workspace& work, std::size_t line, std::size_t begin, st
       }
     }
   }
-  for (std::size_t j = 0; j < outputs_; ++j) {
-    work.out[j] = outputs[j] + line * n + begin;
-  }
-  work.code(count, work.in, work.out);
 }
 
 formula::Expression NodeFormulas::variable(NodeInput input) {

@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <initializer_list>
 #include <memory>
+#include <optional>
 #include <span>
 #include <utility>
 #include <vector>
@@ -61,6 +62,15 @@ public:
   /// outputs[j][i] at the nodes i in [begin, end). No output may be an array that is read.
   void operator()(std::size_t begin, std::size_t end, std::span<double* const> outputs);
   void operator()(std::span<double* const> outputs) { (*this)(0, cells_[0] * cells_[1] * cells_[2], outputs); }
+  /// The same by the thread of this number alone. Outputs after the first ones, as many as `from_begin` has, are told
+  /// from the first node of the range on: from_begin[k][i - begin].
+  void evaluate(std::size_t thread, std::size_t begin, std::size_t end, std::span<double* const> outputs,
+                std::span<double* const> from_begin = {});
+
+  [[nodiscard]] std::size_t outputs() const { return outputs_; }
+  /// How far in the order of nodes, but for the seams of the last axis, the nodes of some arrays are that it reads at a
+  /// node; nothing if it reads none of these arrays.
+  [[nodiscard]] std::optional<std::size_t> reach(std::span<const int> arrays) const;
 
 private:
   static constexpr std::size_t piece = 256;
@@ -74,8 +84,8 @@ private:
     /// Makes all of a copy this number.
     void fill(std::size_t input, double value);
   };
-  void evaluate(Workspace& work, std::size_t line, std::size_t begin, std::size_t count,
-                std::span<double* const> outputs) const;
+  /// Lets the code read `count` nodes of a line.
+  void place_inputs(Workspace& work, std::size_t line, std::size_t begin, std::size_t count) const;
 
   std::array<std::size_t, 3> cells_{};
   std::vector<NodeInput> inputs_;

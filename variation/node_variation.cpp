@@ -2,10 +2,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <stdexcept>
 #include <utility>
 
 #include <fmt/format.h>
+
+#include <rubato/variation/weighted_terms.hpp>
 
 namespace rubato {
 
@@ -58,6 +61,10 @@ Expression NodeVariation::difference_of_other(int array, int axis) {
   return formulas_.in_cell(grids::SpaceOperator::forward_difference(axis), first_other() + array);
 }
 
+LevelValues NodeVariation::keep_of_lower(int others, std::vector<Expression>& formulas) {
+  return {formulas_, {action_.fields, places_.fields(), first_other() + others}, formulas};
+}
+
 LevelValues NodeVariation::keep(int others, std::span<const Expression> always,
                                 std::initializer_list<std::vector<Expression>*> formulas) {
   return {formulas_, {action_.fields, places_.fields(), first_other() + others}, always, formulas};
@@ -89,8 +96,11 @@ Expression NodeVariation::value(const LatticeAction::Value& value, Offset cell, 
   if (is_difference && (in_slab || motion == Motion::none)) {
     return formulas_.graph().constant(0.0);
   }
+  if (is_difference && motion == Motion::at_rates) {
+    return formulas_.in_cell(op.space, first_other() + first_rate_ + value.field, cell);
+  }
   const auto at = [&](Level level) { return in_space(level, value.field, op.space, cell, !is_difference); };
-  if (motion == Motion::none || in_slab || op.time == InTime::after) {
+  if (motion != Motion::between_levels || in_slab || op.time == InTime::after) {
     return at(Level::after);
   }
   if (op.time == InTime::before) {
@@ -151,8 +161,11 @@ NodeVariation::AtRest NodeVariation::parts(Level level, int field, Motion motion
       }
     }
   }
-  const auto or_zero = [&](const Expression& sum) { return sum.valid() ? sum : formulas_.graph().constant(0.0); };
-  return {or_zero(momentum), or_zero(force)};
+  const auto collected = [&](const Expression& sum) {
+    const Expression once = sum.valid() ? WeightedTerms(sum).sum() : sum;
+    return once.valid() ? once : formulas_.graph().constant(0.0);
+  };
+  return {collected(momentum), collected(force)};
 }
 
 Expression NodeVariation::values(Level level, int field) {
@@ -166,6 +179,105 @@ NodeVariation::AtRest NodeVariation::at_rest(int field) {
 
 Expression NodeVariation::energy() {
   return in_nodes(std::array{action_.energy()}, {}, Motion::between_levels).front();
+}
+
+Expression NodeVariation::energy_of_level(std::span<const Expression> momenta, int first_spare) {
+  if (!action_.spacings.empty()) {
+    return {};
+  }
+  first_rate_ = first_spare;
+  std::vector<Expression> rates(momenta.size());
+  Expression energy = in_nodes(std::array{action_.energy()}, {}, Motion::at_rates).front();
+  const int first = first_other() + first_spare;
+  std::vector<Expression> from, to;
+  for (const NodeInput& input : inputs_of(energy)) {
+    const int field = input.number - first;
+    if (input.kind != NodeInput::Kind::node || field < 0) {
+      continue;
+    }
+    Expression& rate = rates[static_cast<std::size_t>(field)];
+    if (!rate.valid()) {
+      const Expression unknown = formulas_.node(input.number), given = momenta[static_cast<std::size_t>(field)];
+      const Expression momentum = parts(Level::after, field, Motion::at_rates).momentum;
+      const Expression slope = formula::derivative(momentum, unknown);
+      if (!given.valid() || !slope.is_constant() || is_zero(slope)) {
+        return {};
+      }
+      const std::array zero{formulas_.graph().constant(0.0)};
+      const Expression at_rest = formula::substitute(momentum, std::array{unknown}, zero);
+      if (!at_rest.is_constant()) {
+        return {};
+      }
+      rate = (given - at_rest) / slope;
+    }
+    from.push_back(input.variable);
+    to.push_back(at_node(rate, input.offset));
+  }
+  return formula::substitute(energy, from, to);
+}
+
+std::vector<NodeInput> NodeVariation::inputs_of(Expression formula) const {
+  std::vector<NodeInput> found;
+  const auto numbers = formula::variables_of(formula);
+  for (const NodeInput& input : formulas_.inputs()) {
+    if (std::ranges::binary_search(numbers, formula::variables_of(input.variable).front())) {
+      found.push_back(input);
+    }
+  }
+  return found;
+}
+
+Expression NodeVariation::at_node(Expression formula, const Offset& further) {
+  std::vector<Expression> from, to;
+  for (const NodeInput& input : inputs_of(formula)) {
+    if (input.kind != NodeInput::Kind::uniform) {
+      const Offset there = shifted(input.offset, further);
+      from.push_back(input.variable);
+      to.push_back(input.kind == NodeInput::Kind::slope ? formulas_.slope(input.number, there)
+                                                        : formulas_.node(input.number, there));
+    }
+  }
+  return from.empty() ? formula : formula::substitute(formula, from, to);
+}
+
+NodeVariation::Summed NodeVariation::in_sum(Expression formula) {
+  const int d = action_.fields;
+  const WeightedTerms all(formula);
+  WeightedTerms of_slab, of_lower, of_upper;
+  for (const auto& [term, weight] : all.terms()) {
+    bool reads_lower = false, reads_upper = false, reads_slab = false;
+    std::optional<Offset> first;
+    for (const NodeInput& input : inputs_of(term)) {
+      if (input.kind == NodeInput::Kind::node) {
+        first = first ? std::min(*first, input.offset) : input.offset;
+        const bool in_slab = input.number < 2 * d && action_.at_midpoints[static_cast<std::size_t>(input.number % d)];
+        reads_slab = reads_slab || in_slab || input.number >= first_other();
+        reads_lower = reads_lower || input.number < d;
+        reads_upper = reads_upper || (input.number >= d && input.number < 2 * d);
+      }
+      reads_slab = reads_slab || input.kind == NodeInput::Kind::uniform;
+    }
+    const Expression moved = first ? at_node(term, shifted({}, *first, -1)) : term;
+    if (reads_slab || (reads_lower && reads_upper)) {
+      of_slab.add(moved, weight);
+    } else if (reads_lower) {
+      std::vector<Expression> from, to;
+      for (const NodeInput& input : inputs_of(moved)) {
+        if (input.kind == NodeInput::Kind::node && input.number < d) {
+          from.push_back(input.variable);
+          to.push_back(node(Level::after, input.number, input.offset));
+        }
+      }
+      of_lower.add(formula::substitute(moved, from, to), weight);
+    } else {
+      of_upper.add(moved, weight);
+    }
+  }
+  const auto or_zero = [&](const WeightedTerms& terms) {
+    const Expression sum = terms.sum();
+    return sum.valid() ? sum : formulas_.graph().constant(0.0);
+  };
+  return {or_zero(of_slab), or_zero(of_lower), or_zero(of_upper)};
 }
 
 std::vector<Expression> NodeVariation::currents(const LatticeAction::Part& part, Offset cell) {

@@ -44,6 +44,22 @@ public:
   };
   [[nodiscard]] AtRest at_rest(int field);
   [[nodiscard]] formula::Expression energy();
+  /// The same of a slab of no length at the upper level, in which every field moves at the rate that its momentum
+  /// there, ∂𝕊/∂z_f(node)/ΔV = momenta[f], says, as the action's own node alone has it. Invalid where the action names
+  /// h, or a momentum is not linear in its rate, and in that alone.
+  /// \param first_spare of so many arrays beside the fields as there are fields, which nothing is read of
+  [[nodiscard]] formula::Expression energy_of_level(std::span<const formula::Expression> momenta, int first_spare);
+
+  /// A formula at a node so much further.
+  [[nodiscard]] formula::Expression at_node(formula::Expression formula, const std::array<int, 3>& further);
+  /// A formula of which the sum over all nodes is wanted alone: its terms, each at the place where its first node is
+  /// the node itself, and each once. Σ formula = Σ (of_slab + of_lower + of_upper).
+  struct Summed {
+    formula::Expression of_slab;   ///< reads both levels, or h
+    formula::Expression of_lower;  ///< of the lower level alone, as a formula of the upper one
+    formula::Expression of_upper;  ///< of the upper level alone, or of none
+  };
+  [[nodiscard]] Summed in_sum(formula::Expression formula);
 
   /// In the cell of the node, or one so far from it: J^ν_ρ of a part, as LatticeAction::currents() orders them;
   /// ∂L/∂(L_o x^ν).
@@ -81,11 +97,15 @@ public:
   }
   /// What formulas so far are made of. Fields of the lower level are the arrays from 0, of the upper one from fields.
   [[nodiscard]] std::span<const NodeInput> inputs() const { return formulas_.inputs(); }
+  /// Those of them that a formula depends on.
+  [[nodiscard]] std::vector<NodeInput> inputs_of(formula::Expression formula) const;
   /// The number of h among the uniform ones.
   static constexpr int number_of_h = 0;
   /// Keeps what formulas have of one level alone, in arrays after so many others: see LevelValues.
   [[nodiscard]] LevelValues keep(int others, std::span<const formula::Expression> always,
                                  std::initializer_list<std::vector<formula::Expression>*> formulas);
+  /// The same of the lower level: see the second form of LevelValues.
+  [[nodiscard]] LevelValues keep_of_lower(int others, std::vector<formula::Expression>& formulas);
 
   /// Such formulas as code.
   [[nodiscard]] NodeCode code(std::span<const formula::Expression> outputs) const { return formulas_.code(outputs); }
@@ -95,7 +115,7 @@ public:
 
 private:
   using Offset = std::array<int, 3>;
-  enum class Motion { between_levels, none };
+  enum class Motion { between_levels, none, at_rates };
 
   [[nodiscard]] int array_of(Level level, int field) const;
   [[nodiscard]] formula::Expression in_space(Level level, int field, const grids::SpaceOperator& op, Offset cell,
@@ -114,6 +134,7 @@ private:
   std::vector<formula::Expression> derivatives_;  ///< ∂L/∂(L_o z), in the variables of the action
   std::map<std::tuple<Offset, Motion>, std::vector<formula::Expression>> in_cells_;
   grids::FieldSet places_;
+  int first_rate_ = 0;  ///< of the arrays beside the fields, for Motion::at_rates
 };
 
 }  // namespace rubato

@@ -68,13 +68,14 @@ public:
     InitialLevel level = prepare_initial_level(system, grid, given, is_odd ? Collocation::cells : Collocation::nodes);
     const double h = grid.spacing(0);
     refused([&] {
-      ActionStep step(system, grid, *density_, h);
+      const StatedAction stated = state_action(system, *density_);
+      ActionStep step(system, grid, stated, h);
       step.constrain(h, level.level);
       if (const std::vector<std::string> held = step.held(); !held.empty()) {
         level.cautions.push_back(fmt::format("L leaves {} undetermined, and steps hold {}", fmt::join(held, ", "),
                                              held.size() == 1 ? "it" : "them"));
       }
-      if (const std::vector<std::string> wrong = inconsistent_rows(system, *density_); !wrong.empty()) {
+      if (const std::vector<std::string> wrong = inconsistent_rows(system, stated); !wrong.empty()) {
         level.cautions.push_back(
             fmt::format("L does not approximate the equation: the variation by {} does not approach the row of {} in "
                         "M z_t + K z_x = grad S as steps and cells get smaller",
@@ -86,7 +87,9 @@ public:
   }
   [[nodiscard]] std::unique_ptr<LatticeScheme> scheme(const MultisymplecticSystem& system, const grids::Grid& grid,
                                                       LatticeLevel first, double first_step) const override {
-    return refused([&] { return make_action_scheme(system, grid, *density_, next_, std::move(first), first_step); });
+    return refused([&] {
+      return make_action_scheme(system, grid, state_action(system, *density_), next_, std::move(first), first_step);
+    });
   }
   [[nodiscard]] std::unique_ptr<LawEvaluator> laws(LawTables tables) const override {
     return make_action_laws(laws_in_cells() ? make_edge_laws(std::move(tables), Collocation::cells)
@@ -95,11 +98,11 @@ public:
   }
   [[nodiscard]] std::unique_ptr<StepEquation> equation(const MultisymplecticSystem& system, const grids::Grid& grid,
                                                        const LatticeLevel& first, double first_step) const override {
-    return make_action_equation(system, grid, *density_, next_, first, first_step);
+    return make_action_equation(system, grid, state_action(system, *density_), next_, first, first_step);
   }
   [[nodiscard]] std::unique_ptr<TangentStep> tangents(const MultisymplecticSystem& system,
                                                       const grids::Grid& grid) const override {
-    return make_action_tangents(system, grid, *density_);
+    return make_action_tangents(system, grid, state_action(system, *density_));
   }
 
 private:

@@ -62,7 +62,7 @@ const std::map<std::string, Assembly, std::less<>> assemblies = {
          }
        }
      }},
-    // m v + ∂𝕊/∂u of the step after, m v - ∂𝕊/∂u of the step before.
+    // m v + ∂𝕊/∂u of the step after, v - ∂𝕊/∂u/m of the step before.
     {"leapfrog",
      [](const MeshCase& of, const FieldSet& rows, double h, Parts& out) {
        out.before.fill(0.0);
@@ -73,7 +73,7 @@ const std::map<std::string, Assembly, std::less<>> assemblies = {
            const bool moves = !of.system.K(0).row(u).isZero(0.0);
            for (std::size_t i = 0; i < rows.size() && pair && moves; ++i) {
              out.before.field(u)[i] = h * of.grid.cell_volume() * rows.field(u)[i];
-             out.after.field(u)[i] = -h * of.grid.cell_volume() * rows.field(v)[i];
+             out.after.field(u)[i] = -h * of.grid.cell_volume() * of.system.M()(v, u) * rows.field(v)[i];
            }
          }
        }
