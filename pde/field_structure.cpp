@@ -75,26 +75,6 @@ MatrixXcd product(const MatrixXcd& A, const MatrixXcd& B, const MatrixXcd& C) {
   return result;
 }
 
-/// The column space of `basis` in reduced column echelon form.
-MatrixXd echelon(MatrixXd basis) {
-  Index column = 0;
-  for (Index row = 0; row < basis.rows() && column < basis.cols(); ++row) {
-    Index pivot = 0;
-    if (basis.row(row).tail(basis.cols() - column).cwiseAbs().maxCoeff(&pivot) < support_threshold) {
-      continue;
-    }
-    basis.col(column).swap(basis.col(column + pivot));
-    basis.col(column) /= basis(row, column);
-    for (Index other = 0; other < basis.cols(); ++other) {
-      if (other != column) {
-        basis.col(other) -= basis(row, other) * basis.col(column);
-      }
-    }
-    ++column;
-  }
-  return basis.unaryExpr([](double x) { return std::abs(x) < 1e-9 ? 0.0 : x; });
-}
-
 /// Fields that occur in some vector of the space spanned by the columns.
 template <typename Matrix>
 std::vector<bool> support(const Matrix& basis) {
@@ -183,7 +163,7 @@ MatrixXd find_affine_symmetries(const MultisymplecticSystem& system, std::mt1993
       gradients(f, f) = std::ranges::find(used, number) == used.end() ? 0.0 : 1.0;
     }
   }
-  return gradients.isZero(0.0) ? MatrixXd::Identity(d, d) : echelon(null_space(gradients));
+  return gradients.isZero(0.0) ? MatrixXd::Identity(d, d) : column_echelon(null_space(gradients));
 }
 
 /// The columns of `candidates` for which keep(column) holds.
@@ -274,6 +254,25 @@ MatrixXd generic_hessian(const MultisymplecticSystem& system, std::mt19937_64& r
   return hessian;
 }
 
+MatrixXd column_echelon(MatrixXd basis) {
+  Index column = 0;
+  for (Index row = 0; row < basis.rows() && column < basis.cols(); ++row) {
+    Index pivot = 0;
+    if (basis.row(row).tail(basis.cols() - column).cwiseAbs().maxCoeff(&pivot) < support_threshold) {
+      continue;
+    }
+    basis.col(column).swap(basis.col(column + pivot));
+    basis.col(column) /= basis(row, column);
+    for (Index other = 0; other < basis.cols(); ++other) {
+      if (other != column) {
+        basis.col(other) -= basis(row, other) * basis.col(column);
+      }
+    }
+    ++column;
+  }
+  return basis.unaryExpr([](double x) { return std::abs(x) < 1e-9 ? 0.0 : x; });
+}
+
 FieldStructure analyse(const MultisymplecticSystem& system) {
   std::mt19937_64 random(20);  // any seed: the exceptional points have measure zero
   const MatrixXd hessian = generic_hessian(system, random);
@@ -281,7 +280,7 @@ FieldStructure analyse(const MultisymplecticSystem& system) {
 
   const Index d = system.field_count();
   FieldStructure result;
-  result.kernel = system.M().isZero(0.0) ? MatrixXd::Identity(d, d) : echelon(null_space(system.M()));
+  result.kernel = system.M().isZero(0.0) ? MatrixXd::Identity(d, d) : column_echelon(null_space(system.M()));
   result.affine_symmetries = find_affine_symmetries(system, random);
   const auto used = formula::variables_of(system.expression());
   for (Index f = 0; f < d; ++f) {

@@ -62,5 +62,7 @@ struct FieldStructure {
 [[nodiscard]] Eigen::MatrixXcd null_space(const Eigen::MatrixXcd& matrix);
 [[nodiscard]] Eigen::MatrixXd null_space(const Eigen::MatrixXd& matrix);
 [[nodiscard]] Eigen::Index rank(const Eigen::MatrixXcd& matrix);
+/// The column space of `basis` in reduced column echelon form; entries below 1e-9 are 0.
+[[nodiscard]] Eigen::MatrixXd column_echelon(Eigen::MatrixXd basis);
 
 }  // namespace rubato

@@ -15,8 +15,10 @@
 
 #include <rubato/formula/parse.hpp>
 #include <rubato/pde/inverse_problem.hpp>
+#include <rubato/pde/linear_symmetries.hpp>
 #include <rubato/pde/multisymplectic_form.hpp>
 #include <rubato/problem/keys.hpp>
+#include <rubato/problem/lattice_problem.hpp>
 #include <rubato/problem/reader.hpp>
 
 namespace rubato {
@@ -214,6 +216,13 @@ public:
     } catch (const std::invalid_argument& error) {
       throw ProblemError(stated.value.location, error.what());
     }
+  }
+
+  /// The real and imaginary part of a complex unknown, or none.
+  [[nodiscard]] std::vector<std::string> psi() const {
+    std::vector<std::string> names;
+    std::ranges::transform(psi_, std::back_inserter(names), [this](std::size_t f) { return density_.fields[f]; });
+    return names;
   }
 
 private:
@@ -420,7 +429,9 @@ private:
 
   std::vector<std::array<std::size_t, 2>> read_psi() {
     const Entry& psi = section_.require("psi", R"(its real and imaginary part, such as ["p", "q"])");
-    return {read_pair(psi.value, "psi")};
+    const auto pair = read_pair(psi.value, "psi");
+    psi_.assign(pair.begin(), pair.end());
+    return {pair};
   }
 
   static constexpr DerivativeOrder by_t = {1, 0, 0, 0}, by_x = {0, 1, 0, 0};
@@ -490,12 +501,71 @@ private:
 
 }  // namespace
 
+namespace {
+
+/// Adds the linear symmetries of the equation to those that the problem states, whose names are free: that of the phase
+/// of psi as `charge`, others as `symmetry_1` and so on. \return them as a table
+Value::Table find_symmetries(const std::vector<std::string>& psi, const Location& place, Problem& problem) {
+  auto& pde = std::get<MultisymplecticProblem>(problem.system);
+  const MultisymplecticSystem system = make_laboratory_system(problem);
+  const LinearSymmetries all(system);
+  std::vector<Eigen::MatrixXd> known;
+  for (const StatedSymmetry& symmetry : pde.symmetries) {
+    known.push_back(dense(symmetry.B));
+  }
+  Value::Table table;
+  const auto is_free = [&](const std::string& name) {
+    return std::ranges::find(pde.symmetries, name, &StatedSymmetry::name) == pde.symmetries.end() &&
+           std::ranges::find(pde.invariants, name, &NamedFormula::name) == pde.invariants.end();
+  };
+  const auto add = [&](const std::string& name, const Eigen::MatrixXd& B) {
+    const std::size_t d = pde.fields.size();
+    Matrix matrix{d, {}, place};
+    Value::Array triples;
+    for (std::size_t i = 0; i < d; ++i) {
+      for (std::size_t j = 0; j < d; ++j) {
+        const double entry = B(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j));
+        matrix.entries.push_back(entry);
+        if (entry != 0.0) {
+          triples.push_back({Value::Array{{pde.fields[i], place}, {pde.fields[j], place}, {entry, place}}, place});
+        }
+      }
+    }
+    pde.symmetries.push_back({name, std::move(matrix)});
+    table.push_back({name, place, {triples, place}});
+    known.push_back(B);
+  };
+  if (!psi.empty()) {
+    const auto B = all.phase(system.field(psi[0]), system.field(psi[1]));
+    if (B && is_free("charge") && LinearSymmetries::is_beside(*B, known)) {
+      add("charge", *B);
+    }
+  }
+  for (const Eigen::MatrixXd& B : all.beside(known)) {
+    std::size_t number = 1;
+    while (!is_free(fmt::format("symmetry_{}", number))) {
+      ++number;
+    }
+    add(fmt::format("symmetry_{}", number), B);
+  }
+  return table;
+}
+
+}  // namespace
+
 void read_field(Section& root, Section& section, Problem& problem) {
-  const Entry derived = FieldReader(root, section).derive();
+  FieldReader reader(root, section);
+  const Entry derived = reader.derive();
   Section form(*derived.value.table(), section.location(), "[multisymplectic]");
   read_multisymplectic(root, form, problem);
-  std::get<MultisymplecticProblem>(problem.system).derived =
-      write_document({Value::Table{derived}, section.location()});
+  auto& pde = std::get<MultisymplecticProblem>(problem.system);
+  Value::Table text = {derived};
+  if (!pde.driven) {
+    if (Value::Table found = find_symmetries(reader.psi(), section.location(), problem); !found.empty()) {
+      text.push_back({"symmetries", section.location(), {std::move(found), section.location()}});
+    }
+  }
+  pde.derived = write_document({std::move(text), section.location()});
 }
 
 }  // namespace rubato

@@ -83,7 +83,10 @@ std::optional<StatedFrame> read_frame(Section& scheme, const Problem& problem) {
                                                         "phase = {{ charge = 0.5 }}",
                                                         rates.size()));
     }
-    const Entry& rate = rates.front();
+    Entry rate = rates.front();
+    if (!pde->derived.empty() && rate.key == "psi") {
+      rate.key = "charge";  // the symmetry of the phase of psi that [field] finds
+    }
     std::vector<std::string> names;
     std::ranges::transform(pde->symmetries, std::back_inserter(names), &StatedSymmetry::name);
     if (std::ranges::find(names, rate.key) == names.end()) {

@@ -22,12 +22,6 @@ namespace rubato {
 
 namespace {
 
-Eigen::MatrixXd dense(const Matrix& matrix) {
-  using Rows = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-  const auto size = static_cast<Eigen::Index>(matrix.size);
-  return Eigen::Map<const Rows>(matrix.entries.data(), size, size);
-}
-
 /// The field in "dx(dy(f))", or the name itself.
 std::string differentiated_field(const std::string& name) {
   const std::size_t open = name.rfind('(');
@@ -221,9 +215,12 @@ auto at_initial(const Problem& problem, const Make& make) {
 
 }  // namespace
 
-namespace {
+Eigen::MatrixXd dense(const Matrix& matrix) {
+  using Rows = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+  const auto size = static_cast<Eigen::Index>(matrix.size);
+  return Eigen::Map<const Rows>(matrix.entries.data(), size, size);
+}
 
-/// Without [scheme] frame.
 MultisymplecticSystem make_laboratory_system(const Problem& problem) {
   const MultisymplecticProblem& pde = *problem.multisymplectic();
   auto graph = std::make_shared<formula::Graph>();
@@ -240,8 +237,6 @@ MultisymplecticSystem make_laboratory_system(const Problem& problem) {
   return at_location(pde.M.location,
                      [&] { return MultisymplecticSystem(graph, pde.fields, dense(pde.M), std::move(K), S); });
 }
-
-}  // namespace
 
 MultisymplecticSystem make_system(const Problem& problem) {
   const MultisymplecticSystem laboratory = make_laboratory_system(problem);

@@ -18,6 +18,9 @@ namespace rubato {
 ///@{
 /// The equation that the scheme solves; with [scheme] frame that of the frame.
 [[nodiscard]] MultisymplecticSystem make_system(const Problem& problem);
+[[nodiscard]] Eigen::MatrixXd dense(const Matrix& matrix);
+/// The equation as the problem states it: without a frame, and for no scheme in particular.
+[[nodiscard]] MultisymplecticSystem make_laboratory_system(const Problem& problem);
 /// Numbers that are still to be fitted are 0. Nothing without a frame.
 [[nodiscard]] std::optional<MovingFrame> make_frame(const Problem& problem);
 [[nodiscard]] grids::Grid make_grid(const Problem& problem);
