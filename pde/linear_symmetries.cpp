@@ -22,8 +22,16 @@ constexpr double no_rounding = 1e-9;
 VectorXd flat(const MatrixXd& B) {
   return B.transpose().reshaped();
 }
+/// Twelfths are put in the place of what differs from them by rounding.
 MatrixXd square(const VectorXd& flat, Index size) {
-  return flat.reshaped(size, size).transpose();
+  constexpr double parts = 12.0;
+  return flat
+      .unaryExpr([](double x) {
+        const double near = std::round(x * parts) / parts;
+        return std::abs(x - near) < no_rounding ? near : x;
+      })
+      .reshaped(size, size)
+      .transpose();
 }
 
 /// (MB)_ij = (MB)_ji for i < j, as rows of equations for the entries of B.
@@ -129,8 +137,7 @@ std::optional<MatrixXd> LinearSymmetries::phase(int p, int q) const {
   if ((rows * weights - wanted).norm() > no_rounding) {
     return std::nullopt;
   }
-  const VectorXd B = basis_ * weights;
-  return square(B.unaryExpr([](double x) { return std::abs(x) < no_rounding ? 0.0 : x; }), d);
+  return square(basis_ * weights, d);
 }
 
 }  // namespace rubato

@@ -298,7 +298,9 @@ std::optional<double> bytes_of_members(const Problem& member, const Ensemble& en
   }
   constexpr std::size_t of_every_member = 3;  // number, status and verdict
   const record::Layout& one = *estimator.layout();
-  record::Layout all{.compression = one.compression, .scales = one.scales};
+  record::Layout all;
+  all.compression = one.compression;
+  all.scales = one.scales;
   std::vector<std::optional<std::size_t>> rows;
   const auto add = [&](record::Dataset dataset, std::optional<std::size_t> expected, std::size_t count) {
     dataset.expected_rows = expected;

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <memory>
 #include <string>
 #include <vector>
@@ -227,6 +228,29 @@ TEST_CASE("a run in a frame that is resumed has the bits of one never stopped, w
   static_cast<void>(resume(folder / "part.h5", 1.0));
   const auto states = [&](const char* name) { return record::Reader(folder / name).read("/states/p"); };
   CHECK(states("whole.h5") == states("part.h5"));
+}
+
+TEST_CASE("the phase of a complex unknown needs no symmetry that the problem states") {
+  const auto stated = [](const std::string& more) {
+    return "[field]\nequation = \"i*psi_t + psi_xx + 2*abs2(psi)*psi = 0\"\npsi = [\"p\", \"q\"]\n"
+           "[grid]\nx = { from = -20, to = 20, cells = 151 }\n[parameters]\nc = \"pi/10\"\n"
+           "[initial]\np = \"sech(x)*cos(c*x/2)\"\nq = \"sech(x)*sin(c*x/2)\"\n"
+           "[exact]\np = \"sech(x - c*t)*cos(c*x/2 + (1 - c^2/4)*t)\"\n" +
+           more + "[scheme]\nlagrangian = \"fourier\"\nlevels = \"fixed\"\nstep = 0.05\nuntil = 2\n";
+  };
+  const std::string frame = "scheme.frame={ velocity = \"c\", phase = { psi = \"1 + c^2/4\" } }";
+  CHECK(error_of(stated(""), {frame}) < 1e-8);
+  CHECK(error_of(stated(""), {}) > 1e-4);
+  // One that is stated is not found again.
+  const auto names = [](const Problem& problem) {
+    std::vector<std::string> result;
+    std::ranges::transform(problem.multisymplectic()->symmetries, std::back_inserter(result), &StatedSymmetry::name);
+    return result;
+  };
+  CHECK(names(problem_of(stated(""), {})) == std::vector<std::string>{"charge"});
+  CHECK(names(problem_of(stated("[symmetries]\nturn = [[\"p\", \"q\", -2], [\"q\", \"p\", 2], [\"p_x\", \"q_x\", -2], "
+                                "[\"q_x\", \"p_x\", 2]]\n"),
+                         {})) == std::vector<std::string>{"turn"});
 }
 
 TEST_CASE("ranks share a lattice in a frame") {
