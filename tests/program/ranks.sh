@@ -187,7 +187,7 @@ case $case_name in
       check "resumed on as many ranks" same shared.h5 part.h5
     done
     # The disk of the rank that writes is full, here: no file may be so long there.
-    ring=(run sine-gordon-2d "${explicit[@]}" --set scheme.until=0.2 --set output.every=1)
+    ring=(run sine-gordon-2d "${explicit[@]}" --set scheme.until=0.2 --set output.every=1 --set laws.fields=true)
     "$rubato" "${ring[@]}" --set scheme.until=0.1 -o full.h5 --quiet
     cp full.h5 before.h5
     cat >limited <<'LIMITED'
