@@ -46,38 +46,51 @@ void for_each_row(const record::Reader& reader, const std::string& times, const 
 /// Where the stored states are of a moving frame: what takes their rows to the laboratory, at the nearest nodes.
 class Laboratory {
 public:
+  /// Of rows that are of the laboratory already.
+  Laboratory() = default;
   /// \param shape of a dataset of a field, levels first, then the directions of the grid, x last
   Laboratory(const record::Reader& reader, const std::vector<std::string>& dimensions,
              const std::vector<std::size_t>& shape)
-      : reader_(reader), cells_(shape.begin() + 1, shape.end()) {
+      : cells_(shape.rbegin(), shape.rend() - 1) {
     if (!reader.has("/frame/shift")) {
       return;
     }
     const std::vector<double> shift = reader.read("/frame/shift");
-    const std::size_t directions = cells_.size();
-    if (shift.size() != shape.front() * directions) {
+    const std::size_t directions = cells_.size(), levels = shape.front();
+    if (shift.size() != levels * directions) {
       throw record::Error(reader.file(), "/frame/shift has not one row for each stored level");
     }
-    for (std::size_t level = 0; level < shape.front(); ++level) {
-      for (std::size_t a = 0; a < directions; ++a) {  // of x first
-        const std::vector<double> nodes = reader.read("/grid/" + dimensions[directions - 1 - a], 0, 2);
-        const auto cells = static_cast<double>(cells_[directions - 1 - a]);
-        const double moved = std::round(shift[level * directions + a] / (nodes.at(1) - nodes.at(0)));
-        by_.push_back(static_cast<std::size_t>(moved - cells * std::floor(moved / cells)));
+    by_.resize(shift.size());
+    for (std::size_t a = 0; a < directions; ++a) {  // of x first
+      const std::vector<double> nodes = reader.read("/grid/" + dimensions[directions - 1 - a], 0, 2);
+      const auto cells = static_cast<double>(cells_[a]);
+      for (std::size_t i = a; i < shift.size(); i += directions) {
+        const double moved = std::round(shift[i] / (nodes.at(1) - nodes.at(0)));
+        by_[i] = static_cast<std::size_t>(moved - cells * std::floor(moved / cells));
+      }
+    }
+    if (reader.has("/frame/turn")) {
+      names_ = reader.read_strings("/frame/row");
+      turn_ = reader.read("/frame/turn");
+      if (turn_.size() != levels * names_.size() * names_.size()) {
+        throw record::Error(reader.file(), "/frame/turn has not one entry for each pair of fields and stored level");
       }
     }
   }
 
-  [[nodiscard]] bool moves() const { return !by_.empty(); }
-  /// What fields are multiplied by at a stored level, row by row; empty where the frame does not turn.
-  [[nodiscard]] std::vector<double> turn(std::size_t level) const {
-    return reader_.has("/frame/turn") ? reader_.read("/frame/turn", level, 1) : std::vector<double>();
+  [[nodiscard]] bool turns() const { return !names_.empty(); }
+  /// What a field is multiplied by at a stored level to be a part of field `of` of the laboratory. Hypothesis: turns().
+  [[nodiscard]] double factor(std::size_t level, const std::string& of, const std::string& field) const {
+    const auto number = [this](const std::string& name) {
+      return static_cast<std::size_t>(std::ranges::find(names_, name) - names_.begin());
+    };
+    const std::size_t row = number(of), column = number(field), fields = names_.size();
+    return std::max(row, column) < fields ? turn_[(level * fields + row) * fields + column] : 0.0;
   }
-  [[nodiscard]] bool turns() const { return reader_.has("/frame/turn"); }
 
   /// A row at the nodes of the laboratory.
   [[nodiscard]] std::span<const double> operator()(std::size_t level, std::span<const double> values) {
-    if (!moves()) {
+    if (by_.empty()) {
       return values;
     }
     moved_.resize(values.size());
@@ -85,10 +98,9 @@ public:
     for (std::size_t node = 0; node < values.size(); ++node) {
       std::size_t rest = node, target = 0, stride = 1;
       for (std::size_t a = 0; a < directions; ++a) {
-        const std::size_t n = cells_[directions - 1 - a];
-        target += (rest % n + by_[level * directions + a]) % n * stride;
-        rest /= n;
-        stride *= n;
+        target += (rest % cells_[a] + by_[level * directions + a]) % cells_[a] * stride;
+        rest /= cells_[a];
+        stride *= cells_[a];
       }
       moved_[target] = values[node];
     }
@@ -96,9 +108,10 @@ public:
   }
 
 private:
-  const record::Reader& reader_;
-  std::vector<std::size_t> cells_;
-  std::vector<std::size_t> by_;  ///< whole cells, for each level and direction
+  std::vector<std::size_t> cells_;  ///< of x first
+  std::vector<std::size_t> by_;     ///< whole cells, for each level and direction; none where nothing moves
+  std::vector<std::string> names_;  ///< of the fields, in the order of rows and columns of turn_
+  std::vector<double> turn_;
   std::vector<double> moved_;
 };
 
@@ -113,10 +126,14 @@ public:
         plan_(plan),
         group_(source.contents.field_group),
         first_(source.contents.fields.front().path),
-        shape_(reader_.info(first_).shape),
-        laboratory_(reader_, grid_of(reader_.info(first_)), shape_) {
-    if (group_ == "field" && laboratory_.turns()) {
-      std::ranges::transform(source.contents.fields, std::back_inserter(turned_), &Contents::Field::path);
+        shape_(reader_.info(first_).shape) {
+    if (group_ != "field") {
+      return;  // quantities are of the laboratory
+    }
+    const record::DatasetInfo info = reader_.info(first_);
+    laboratory_ = Laboratory(reader_, {info.dimensions.begin() + 1, info.dimensions.end()}, shape_);
+    if (laboratory_.turns()) {
+      turned_ = source.contents.fields;
     }
   }
 
@@ -126,10 +143,10 @@ public:
             plan_);
     const std::string exact_path = "/exact/" + field.name;
     std::vector<std::string> paths = {field.path};
-    paths.insert(paths.end(), turned_.begin(), turned_.end());
+    std::ranges::transform(turned_, std::back_inserter(paths), &Contents::Field::path);
     if (field.at_midpoints || group_ != "field" || !reader_.has(exact_path)) {
       for_each_row(reader_, plan_.times, paths, [&](std::size_t level, const auto& values) {
-        map.add(level, group_ == "field" ? laboratory_(level, turned(level, field, values)) : values[0]);
+        map.add(level, laboratory_(level, turned(level, field, values)));
       });
       write(map, info);
       return;
@@ -175,27 +192,17 @@ public:
   }
 
 private:
-  /// The directions of the grid in the shape of a field.
-  [[nodiscard]] static std::vector<std::string> grid_of(const record::DatasetInfo& field) {
-    return {field.dimensions.begin() + 1, field.dimensions.end()};
-  }
-
   /// A field as the laboratory has it; `values` are the field's own, then those of all fields where the frame turns.
   [[nodiscard]] std::span<const double> turned(std::size_t level, const Contents::Field& field,
                                                std::span<const std::span<const double>> values) {
     if (turned_.empty()) {
       return values[0];
     }
-    const std::vector<double> turn = laboratory_.turn(level);
-    const std::size_t fields = turned_.size();
-    const auto row = static_cast<std::size_t>(std::ranges::find(turned_, field.path) - turned_.begin());
-    if (turn.size() != fields * fields) {
-      throw record::Error(reader_.file(), "/frame/turn has not one entry for each pair of fields");
-    }
     in_laboratory_.assign(values[0].size(), 0.0);
-    for (std::size_t other = 0; other < fields; ++other) {
-      for (std::size_t node = 0; node < in_laboratory_.size(); ++node) {
-        in_laboratory_[node] += turn[row * fields + other] * values[1 + other][node];
+    for (std::size_t other = 0; other < turned_.size(); ++other) {
+      const double factor = laboratory_.factor(level, field.name, turned_[other].name);
+      for (std::size_t node = 0; factor != 0.0 && node < in_laboratory_.size(); ++node) {
+        in_laboratory_[node] += factor * values[1 + other][node];
       }
     }
     return in_laboratory_;
@@ -222,7 +229,7 @@ private:
   std::string first_;  ///< path of the first field
   std::vector<std::size_t> shape_;
   Laboratory laboratory_;
-  std::vector<std::string> turned_;  ///< the paths of all fields, where the frame turns
+  std::vector<Contents::Field> turned_;  ///< all fields, where the frame turns
   std::vector<double> in_laboratory_;
 };
 

@@ -280,24 +280,21 @@ private:
   }
 
   void describe_frame(record::Layout& layout) {
-    const auto numbers = [&](const std::string& path, int count, const std::string& description) {
-      std::vector<double> values;
-      for (int i = 0; i < count; ++i) {
-        values.push_back(static_cast<double>(i));
-      }
-      layout.scales.push_back({path, values, description});
-    };
     const int directions = lattice_.grid().dimensions();
     if (directions > 1) {
-      numbers("/frame/direction", directions, "0 is x, 1 is y, 2 is z");
+      std::vector<std::string> axes;
+      for (const grids::Axis& axis : lattice_.grid().axes()) {
+        axes.push_back(axis.name);
+      }
+      layout.scales.push_back({"/frame/direction", axes, "names of the directions"});
     }
     shift_column_ = layout.add(
         {"/frame/shift", "/states/t",
          directions > 1 ? std::vector<std::string>{"/frame/direction"} : std::vector<std::string>(), record::Type::f64,
          "how far the nodes of the frame have moved at the stored levels: x = node + shift"});
     if (frame_->rate != 0.0) {
-      numbers("/frame/row", lattice_.system().field_count(), "the number of a field");
-      numbers("/frame/column", lattice_.system().field_count(), "the number of a field");
+      layout.scales.push_back({"/frame/row", lattice_.system().fields(), "names of the fields"});
+      layout.scales.push_back({"/frame/column", lattice_.system().fields(), "names of the fields"});
       phase_column_ = layout.add({"/frame/phase",
                                   "/states/t",
                                   {},

@@ -13,10 +13,12 @@
 
 #include <rubato/problem/problem.hpp>
 #include <rubato/record/reader.hpp>
+#include <rubato/report/page.hpp>
 #include <rubato/run/check.hpp>
 #include <rubato/run/run.hpp>
 
 #include "records.hpp"
+#include "report/page_reader.hpp"
 #include "run/mailboxes.hpp"
 #include "run/shared_lattices.hpp"
 
@@ -251,6 +253,30 @@ TEST_CASE("the phase of a complex unknown needs no symmetry that the problem sta
   CHECK(names(problem_of(stated("[symmetries]\nturn = [[\"p\", \"q\", -2], [\"q\", \"p\", 2], [\"p_x\", \"q_x\", -2], "
                                 "[\"q_x\", \"p_x\", 2]]\n"),
                          {})) == std::vector<std::string>{"turn"});
+}
+
+TEST_CASE("the page of a run in a frame is of the laboratory") {
+  const Folder folder;
+  const auto page_of = [&](const Settings& more) {
+    const std::string file = folder / "a.h5";
+    const Settings settings = joined(schroedinger, joined({"scheme.until=2"}, more));
+    static_cast<void>(run(read_problem("nls", settings), {.output = file, .overwrite = true, .threads = 1}));
+    return report::page(record::Reader(file));
+  };
+  const auto codes = [](const std::string& page) {
+    return sample::numbers_after(page, {R"("maps":)", R"("name":"q","group":"field")", R"("values":)"});
+  };
+  const std::string turning = "scheme.frame={ velocity = 0, phase = { charge = 1 } }";
+  const std::vector<double> plain = codes(page_of({}));
+  // Of 65,535 codes: errors of a few thousandths of the field, and of the range of codes.
+  CHECK(largest_distance(plain, codes(page_of({turning}))) < 1000.0);
+  CHECK(largest_distance(plain, codes(page_of({"scheme.frame={ velocity = 0, phase = { charge = -1 } }"}))) < 1000.0);
+  // The twin: half a period away.
+  CHECK(largest_distance(plain, codes(page_of({"scheme.frame.velocity=0", "initial.p=-sech(x)"}))) > 10000.0);
+  // With quantities at times of their own, which are of the laboratory already, and with few fields stored.
+  CHECK(codes(page_of({turning, "output.times=[0.5, 1]", "output.quantities={ d = \"p^2 + q^2\" }"})).size() ==
+        plain.size());
+  CHECK_FALSE(codes(page_of({turning, "output.states=false"})).empty());
 }
 
 TEST_CASE("ranks share a lattice in a frame") {
