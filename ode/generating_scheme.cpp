@@ -92,8 +92,10 @@ public:
       previous = size;
       const double rate = surprise_ > 0.0 ? std::min(1.0, rate_margin * surprise_ * estimate_) : 1.0;
       const auto verdict = test.judge(size, relative_size(residual_));
-      if (verdict == StagnationTest::Verdict::done || rate * size <= 0.25 * epsilon ||
-          (verdict != StagnationTest::Verdict::again && residual_is_rounding(h))) {
+      // A correction as large as δ itself was made for another one, whose residual is small only beside the new δ.
+      constexpr double same = 0.5;
+      if (size < same && (verdict == StagnationTest::Verdict::done || rate * size <= 0.25 * epsilon ||
+                          (verdict != StagnationTest::Verdict::again && residual_is_rounding(h)))) {
         return finish(h);
       }
     }

@@ -266,6 +266,9 @@ StepReport TimeLevels::resumed() {
   const double misfit = std::abs(result.h) / law_step(gamma);
   const bool fits = potential_.active() || (misfit < largest_misfit && misfit > 1.0 / largest_misfit);
   if (result.status != Status::success || !fits) {
+    if (result.status == Status::success) {
+      result.status = Status::not_converged;  // it is not taken
+    }
     return plain_instead(result);
   }
   singular_ = false;
