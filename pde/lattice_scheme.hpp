@@ -5,6 +5,7 @@
 #include <stdexcept>
 
 #include <rubato/pde/initial_level.hpp>
+#include <rubato/pde/level_history.hpp>
 #include <rubato/pde/multisymplectic_system.hpp>
 #include <rubato/pde/space_collocation.hpp>
 #include <rubato/pde/stage_source.hpp>
@@ -80,6 +81,10 @@ public:
 [[nodiscard]] std::unique_ptr<LatticeScheme> make_fourier_scheme(const MultisymplecticSystem& system,
                                                                  const grids::Grid& grid, LatticeLevel first,
                                                                  double first_step);
+
+/// The rates at the start of both, for which a short step forward and one back stand; empty where these fail.
+[[nodiscard]] LevelHistory midpoint_start(const MultisymplecticSystem& system, const grids::Grid& grid,
+                                          Collocation collocation, const LatticeLevel& first, double first_step);
 
 /// Gauss collocation of order 2·stages in time (GaussSlab; theory, section 8.3), in space as the Fourier scheme or,
 /// with a Gauss rule, as the box: E_k is the Hamiltonian that generates the family of maps in h. No node law in closed

@@ -9,13 +9,10 @@
 #include <rubato/pde/lattice_scheme.hpp>
 #include <rubato/pde/level_fields.hpp>
 #include <rubato/pde/level_history.hpp>
-#include <rubato/pde/tuning.hpp>
 
 namespace rubato {
 
 namespace {
-
-using namespace tuning::midpoint_start;
 
 class MidpointEquation final : public StepEquation {
 public:
@@ -27,21 +24,8 @@ public:
         sweep_(system, grid, collocation),
         point_(rows_),
         delta_(rows_),
-        history_(at_midpoints_, grid.size()) {
-    const double h = start_ratio * first_step;
-    const auto make = collocation == Collocation::nodes ? make_fourier_scheme : make_box_scheme;
-    if (h != 0.0 && short_step(*make(system, grid, first, h), first, h, delta_) &&
-        short_step(*make(system, grid, first, -h), first, -h, point_)) {
-      for (int f = 0; f < system.field_count(); ++f) {
-        const auto forward = delta_.field(f);
-        const auto back = std::as_const(point_).field(f);
-        for (std::size_t i = 0; i < forward.size(); ++i) {
-          forward[i] = is_at_midpoints(f) ? 0.5 * (forward[i] + back[i]) : forward[i] - back[i];
-        }
-      }
-      history_.record(0.0, 2.0 * h, delta_);
-    }
-  }
+        history_(first_step != 0.0 ? midpoint_start(system, grid, collocation, first, first_step)
+                                   : LevelHistory(at_midpoints_, grid.size())) {}
 
   [[nodiscard]] NodeEnergy node(const LatticeLevel& level) override {
     copy_level(level.fields, at_midpoints_, point_);
@@ -98,16 +82,6 @@ private:
         out[i] = is_at_midpoints(f) ? 2.0 * z_1[i] : z_1[i] - z_0[i];
       }
     }
-  }
-
-  [[nodiscard]] bool short_step(LatticeScheme& scheme, const LatticeLevel& first, double h,
-                                grids::FieldSet& delta) const {
-    if (scheme.advance(h, 0.0) != Status::success) {
-      return false;
-    }
-    scheme.accept();
-    set_increment(first.fields, scheme.level().fields, delta);
-    return true;
   }
 
   const MultisymplecticSystem& system_;

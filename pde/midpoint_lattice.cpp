@@ -253,6 +253,12 @@ public:
     return node_;
   }
 
+  /// The rates at the start, if they can be found.
+  [[nodiscard]] LevelHistory start() {
+    find_start_velocity();
+    return std::move(history_);
+  }
+
   void accept() override {
     tell_increment();
     if (waves_ != nullptr && waves_->solved) {
@@ -648,6 +654,11 @@ private:
 };
 
 }  // namespace
+
+LevelHistory midpoint_start(const MultisymplecticSystem& system, const grids::Grid& grid, Collocation collocation,
+                            const LatticeLevel& first, double first_step) {
+  return MidpointLattice(system, grid, collocation, first, first_step).start();
+}
 
 int box_unknowns(const MultisymplecticSystem& system, double h) {
   return static_cast<int>(condensation_of(system, step_conditions(system, h)).free().size());

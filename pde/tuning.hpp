@@ -155,10 +155,10 @@ inline constexpr int most_refinements = 5;
 
 }  // namespace rubato::tuning::krylov
 
-/// The velocity at the start (midpoint_equation.cpp).
+/// The velocity at the start (midpoint_lattice.cpp).
 namespace rubato::tuning::midpoint_start {
 
-/// Length of the two short steps, relative to the first step; as in a run, so that the Γ of the first levels agrees.
+/// Length of the two short steps, relative to the first step.
 inline constexpr double start_ratio = 1e-2;
 
 }  // namespace rubato::tuning::midpoint_start

@@ -183,7 +183,7 @@ public:
     bool whole = stored_.load(0, after_.fields);
     check_start(initial);
     const bool in_turn = levels_.complete() && levels_.steps() > 0;
-    law_slack_ = make_lattice_options(problem_, system_).stages > 1 ? solver_slack : 1.0;
+    law_slack_ = make_lattice_options(problem_, system_).stages > 1 ? stage_slack : 1.0;
     equation_ = method_->equation(system_, grid_, after_, in_turn ? levels_.h.front() : 0.0);
     check_level(0, in_turn);
     output_.check_level(0, std::as_const(after_.fields).all());
@@ -371,6 +371,36 @@ private:
     return result;
   }
 
+  /// What the residual of each law in cells may differ by in any of them: the largest residual changes by less where
+  /// the cell that has it is one that rounding leaves alone.
+  std::vector<double> tolerances_in_cells(double h) {
+    const std::size_t cells = grid_.size();
+    std::vector<std::vector<double>> sound(laws_.count(), std::vector<double>(cells)), moved = sound;
+    const auto take = [&](const LatticeLevel& before, const LatticeLevel& after,
+                          std::vector<std::vector<double>>& all) {
+      std::vector<double*> pointers;
+      std::ranges::transform(all, std::back_inserter(pointers), [](std::vector<double>& law) { return law.data(); });
+      static_cast<void>(laws_.residuals(before, after, h, pointers));
+    };
+    take(before_, after_, sound);
+    std::vector<double> result(sound.size(), 0.0);
+    for (int attempt = 0; attempt < Rounding::displacements; ++attempt) {
+      displace(before_, attempt, 0, moved_before_);
+      displace(after_, attempt, 1, moved_after_);
+      take(moved_before_, moved_after_, moved);
+      for (std::size_t law = 0; law < sound.size(); ++law) {
+        for (std::size_t c = 0; c < cells; ++c) {
+          const double change = std::abs(moved[law][c] - sound[law][c]) / Rounding::displacement;
+          result[law] = change > result[law] ? change : result[law];
+        }
+      }
+    }
+    for (std::size_t law = 0; law < sound.size(); ++law) {
+      result[law] = Rounding::unit * (result[law] + grids::magnitudes(sound[law]).largest());
+    }
+    return result;
+  }
+
   /// The row of a stored level, where it has one, and the exact solution there.
   void check_level(std::size_t row, bool gamma_known) {
     if (const auto at = levels_.row_of(levels_.state_level[row])) {
@@ -459,6 +489,9 @@ private:
   /// Newton's iteration ends where the error that its last correction left, as the contraction measured so far tells
   /// it, is below rounding: an estimate that is off by the contraction's own variation from one correction to the next.
   static constexpr double solver_slack = 16.0;
+  /// Where a law is evaluated at stages they are solved anew: both solutions end like that, and each wave's stages are
+  /// taken apart in a basis of their own (4).
+  static constexpr double stage_slack = 4.0 * solver_slack;
   /// In long steps, of h|N''| ≫ 1, a slow motion of all makes h² of what transforms and S round at, which is more than
   /// what rounding moves the levels by: by the logarithm of the nodes (8), the stages that it comes from (8), the
   /// terms that cancel (2) and the basis in which stages are taken apart (4).
@@ -514,13 +547,7 @@ private:
     std::vector<double> allowed;  // of the largest residual of each law in cells
     const auto law_tolerances = [&] {
       if (allowed.empty()) {
-        allowed = tolerances([&](const LatticeLevel& before, const LatticeLevel& after) {
-          std::vector<double> values;
-          for (const Spread& size : laws_.residuals(before, after, h)) {
-            values.push_back(size.largest());
-          }
-          return values;
-        });
+        allowed = tolerances_in_cells(h);
       }
     };
     for (std::size_t i = 0; i < stored_laws_.size(); ++i) {
