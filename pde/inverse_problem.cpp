@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <limits>
+#include <iterator>
 #include <map>
 #include <numeric>
 #include <optional>
@@ -12,8 +12,10 @@
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
+#include <Eigen/SVD>
 
 #include <rubato/formula/sum.hpp>
+#include <rubato/pde/field_structure.hpp>
 #include <rubato/pde/polynomials.hpp>
 
 namespace rubato {
@@ -95,6 +97,18 @@ JetPolynomial euler_operator(const JetPolynomial& L, std::size_t field) {
   return sum;
 }
 
+/// The direction by which one differentiates more often than the other by most: φ φ_xxyy is to become (φ_xy)², not
+/// φ_xx φ_yy, whose derivatives need twice the fields. Of equal ones the last of x, y, z, and t before these.
+std::size_t most_apart(const DerivativeOrder& more, const DerivativeOrder& less) {
+  std::size_t found = last_direction(more);
+  for (std::size_t mu = more.size(); mu-- > 0;) {
+    if (more.at(mu) - less.at(mu) > more.at(found) - less.at(found)) {
+      found = mu;
+    }
+  }
+  return found;
+}
+
 /// The same density with derivatives moved by parts: of two factors to both alike; of more, one that occurs once is
 /// taken off where it is the highest.
 JetPolynomial reduced(const JetPolynomial& L) {
@@ -107,7 +121,7 @@ JetPolynomial reduced(const JetPolynomial& L) {
     if (is_high && monomial.size() == 2) {
       const Jet other = monomial[highest == monomial.begin() ? 1 : 0];
       if (total(*highest) - total(other) >= 2) {
-        const std::size_t mu = last_direction(highest->order);
+        const std::size_t mu = most_apart(highest->order, other.order);
         add(left, JetMonomial{shifted(*highest, mu, -1), shifted(other, mu)}, -coefficient);
         continue;
       }
@@ -170,12 +184,13 @@ std::optional<JetPolynomial> integrated_by_x(JetPolynomial polynomial) {
   return polynomial.empty() ? std::optional(G) : std::nullopt;
 }
 
-/// The same polynomial of the potential, u = φ_x.
-JetPolynomial of_potential(const JetPolynomial& polynomial) {
+/// The same polynomial of the potential of a field, u = φ_x.
+JetPolynomial of_potential(const JetPolynomial& polynomial, std::size_t field) {
   JetPolynomial result;
   for (const auto& [monomial, coefficient] : polynomial) {
     JetMonomial moved = monomial;
-    std::ranges::transform(moved, moved.begin(), [](const Jet& jet) { return shifted(jet, 1); });
+    std::ranges::transform(moved, moved.begin(),
+                           [field](const Jet& jet) { return jet.field == field ? shifted(jet, 1) : jet; });
     add(result, moved, coefficient);
   }
   return result;
@@ -197,12 +212,8 @@ public:
   }
 
   FieldDensity density() {
-    const std::optional<double> damping = take_damping();
-    FieldDensity density = undamped();
-    if (damping) {
-      density.L = exp(*damping * graph_.variable("t")) * density.L;
-    }
-    return density;
+    damping_ = take_damping().value_or(0.0);
+    return undamped();
   }
 
 private:
@@ -230,25 +241,58 @@ private:
   }
 
   FieldDensity undamped() {
-    std::vector<std::size_t> row_of(rows_.size());
-    std::iota(row_of.begin(), row_of.end(), std::size_t{0});
-    do {
-      if (auto found = directly(row_of)) {
+    if (auto found = in_any_order(rows_, std::nullopt)) {
+      return *std::move(found);
+    }
+    for (std::size_t f = 0; f < rows_.size(); ++f) {
+      if (auto found = by_potential(f)) {
         return *std::move(found);
-      }
-    } while (std::ranges::next_permutation(row_of).found);
-    if (rows_.size() == 1 && rows_.front().others.empty()) {
-      const JetPolynomial E = of_potential(rows_.front().terms);
-      if (const auto L = lagrangian(E)) {
-        return with_potential(*L);
-      }
-      if (const auto F = integrated_by_x(E)) {
-        if (const auto L = lagrangian(*F)) {
-          return with_potential(*L);
-        }
       }
     }
     refuse();
+  }
+
+  /// Rows are the equations of the fields in some order.
+  [[nodiscard]] std::optional<FieldDensity> in_any_order(const std::vector<Row>& rows,
+                                                         std::optional<std::size_t> potential) {
+    std::vector<std::size_t> order(rows.size());
+    std::iota(order.begin(), order.end(), std::size_t{0});
+    do {
+      std::vector<Row> of_fields;
+      for (const std::size_t row : order) {
+        of_fields.push_back(rows[row]);
+      }
+      if (auto found = directly(of_fields, potential)) {
+        return found;
+      }
+    } while (std::ranges::next_permutation(order).found);
+    return std::nullopt;
+  }
+
+  /// With field f as ∂_x of what is varied, one of the equations as it is or integrated by x.
+  [[nodiscard]] std::optional<FieldDensity> by_potential(std::size_t f) {
+    std::vector<Row> rows = rows_;
+    for (Row& row : rows) {
+      if (std::ranges::any_of(row.others, [&](Expression term) { return has(term, field(f)); })) {
+        return std::nullopt;
+      }
+      row.terms = of_potential(row.terms, f);
+    }
+    if (auto found = in_any_order(rows, f)) {
+      return found;
+    }
+    for (std::size_t r = 0; r < rows.size(); ++r) {
+      const auto integral = rows[r].others.empty() ? integrated_by_x(rows[r].terms) : std::nullopt;
+      if (!integral) {
+        continue;
+      }
+      std::vector<Row> integrated = rows;
+      integrated[r].terms = *integral;
+      if (auto found = in_any_order(integrated, f)) {
+        return found;
+      }
+    }
+    return std::nullopt;
   }
 
   void name_jets() {
@@ -291,122 +335,92 @@ private:
     }
   }
 
-  /// Row row_of[f] as the equation of field f.
-  [[nodiscard]] std::optional<FieldDensity> directly(const std::vector<std::size_t>& row_of) {
-    const std::optional<std::vector<double>> factors = factors_of(row_of);
-    if (!factors) {
-      return std::nullopt;
-    }
-    JetPolynomial L;
-    for (std::size_t f = 0; f < row_of.size(); ++f) {
-      for (const auto& [monomial, coefficient] : rows_[row_of[f]].terms) {
+  /// Row f as the equation of field f, which is the derivative of a potential if it is the one that is given.
+  [[nodiscard]] std::optional<FieldDensity> directly(const std::vector<Row>& rows,
+                                                     std::optional<std::size_t> potential) {
+    std::vector<JetPolynomial> of_rows;  // Vainberg's formula for each of them
+    for (std::size_t f = 0; f < rows.size(); ++f) {
+      JetPolynomial& L = of_rows.emplace_back();
+      for (const auto& [monomial, coefficient] : rows[f].terms) {
         JetMonomial with_u = monomial;
         with_u.push_back({f, {}});
-        add(L, with_u, (*factors)[f] * coefficient / static_cast<double>(monomial.size() + 1));
+        add(L, with_u, coefficient / static_cast<double>(monomial.size() + 1));
       }
     }
-    for (std::size_t f = 0; f < row_of.size(); ++f) {
+    const auto [factors, are_exact] = factors_of(rows, of_rows);
+    JetPolynomial L;
+    for (std::size_t f = 0; f < rows.size(); ++f) {
+      add(L, of_rows[f], factors[f]);
+    }
+    for (std::size_t f = 0; f < rows.size() && !are_exact && !potential; ++f) {
       JetPolynomial difference = euler_operator(L, f);
-      add(difference, rows_[row_of[f]].terms, -(*factors)[f]);
-      if (!is_zero(difference, rows_[row_of[f]].terms)) {
-        remember(difference);
-        return std::nullopt;
-      }
+      add(difference, rows[f].terms, -factors[f]);
+      remember(without_rounding(std::move(difference)));
+    }
+    if (!are_exact) {
+      return std::nullopt;
     }
     Expression rest = graph_.constant(0.0);
-    for (std::size_t f = 0; f < row_of.size(); ++f) {
-      for (const Expression term : rows_[row_of[f]].others) {
+    for (std::size_t f = 0; f < rows.size(); ++f) {
+      for (const Expression term : rows[f].others) {
         const auto integral = antiderivative(term, f);
         if (!integral) {
           return std::nullopt;
         }
-        rest = rest + (*factors)[f] * *integral;
+        rest = rest + factors[f] * *integral;
       }
     }
-    return density_from(reduced(L), rest, {});
+    return density_from(reduced(L), rest, potential);
   }
 
-  /// L with the equation E of a potential; nothing if there is none.
-  [[nodiscard]] std::optional<JetPolynomial> lagrangian(const JetPolynomial& E) {
-    JetPolynomial L;
-    for (const auto& [monomial, coefficient] : E) {
-      JetMonomial with_u = monomial;
-      with_u.push_back({0, {}});
-      add(L, with_u, coefficient / static_cast<double>(monomial.size() + 1));
-    }
-    JetPolynomial difference = euler_operator(L, 0);
-    add(difference, E, -1.0);
-    if (!is_zero(difference, E)) {
-      return std::nullopt;
-    }
-    return reduced(L);
-  }
-
-  [[nodiscard]] static bool is_zero(const JetPolynomial& difference, const JetPolynomial& of) {
+  /// The factors a of the rows E with which Σ a_g L_g has the rows a_f E_f, L_g of E_g alone: linear equations, one for
+  /// each monomial of each row. If they have no solution without zeros, those that come nearest to one.
+  struct Factors {
+    std::vector<double> values;
+    bool are_exact = false;
+  };
+  [[nodiscard]] static Factors factors_of(const std::vector<Row>& rows, const std::vector<JetPolynomial>& of_rows) {
+    const auto n = static_cast<Eigen::Index>(rows.size());
+    std::vector<Eigen::VectorXd> equations;
     double size = 0.0;
-    for (const auto& [monomial, coefficient] : of) {
-      size = std::max(size, std::abs(coefficient));
+    for (std::size_t f = 0; f < rows.size(); ++f) {
+      std::map<JetMonomial, Eigen::VectorXd> by_monomial;
+      const auto put = [&](const JetPolynomial& polynomial, std::size_t g, double factor) {
+        for (const auto& [monomial, coefficient] : polynomial) {
+          const auto place = by_monomial.try_emplace(monomial, Eigen::VectorXd::Zero(n)).first;
+          place->second(static_cast<Eigen::Index>(g)) += factor * coefficient;
+          size = std::max(size, std::abs(coefficient));
+        }
+      };
+      for (std::size_t g = 0; g < rows.size(); ++g) {
+        put(euler_operator(of_rows[g], f), g, 1.0);
+      }
+      put(rows[f].terms, f, -1.0);
+      std::ranges::transform(by_monomial, std::back_inserter(equations),
+                             &std::pair<const JetMonomial, Eigen::VectorXd>::second);
+    }
+    Eigen::MatrixXd matrix = Eigen::MatrixXd::Zero(std::max<Eigen::Index>(n, std::ssize(equations)), n);
+    for (std::size_t i = 0; i < equations.size(); ++i) {
+      matrix.row(static_cast<Eigen::Index>(i)) = equations[i].transpose();
     }
     constexpr double rounding = 1e-12;
-    return std::ranges::all_of(difference,
-                               [&](const auto& entry) { return std::abs(entry.second) <= rounding * size; });
+    const Eigen::JacobiSVD<Eigen::MatrixXd> svd(matrix, Eigen::ComputeFullV);
+    const Eigen::Index kernel = (svd.singularValues().array() <= rounding * size).count();
+    // Equations that share nothing have a factor each; the first row of each is taken as it is.
+    const Eigen::MatrixXd basis =
+        kernel > 0 ? column_echelon(svd.matrixV().rightCols(kernel)) : svd.matrixV().rightCols(1);
+    Eigen::VectorXd factors = basis.rowwise().sum();
+    factors /= factors(0) != 0.0 ? factors(0) : 1.0;
+    return {{factors.begin(), factors.end()}, kernel > 0 && (factors.array() != 0.0).all()};
   }
-
-  /// The factors of the rows, by which the linear terms of two fields in each other's rows agree, or else what else the
-  /// rows share.
-  [[nodiscard]] std::optional<std::vector<double>> factors_of(const std::vector<std::size_t>& row_of) const {
-    const std::size_t n = row_of.size();
-    std::vector<double> factors(n, 0.0);
-    for (std::size_t first = 0; first < n; ++first) {
-      if (factors[first] != 0.0) {
-        continue;
-      }
-      factors[first] = 1.0;
-      for (bool any = true; any;) {
-        any = false;
-        for (std::size_t f = 0; f < n; ++f) {
-          for (std::size_t g = 0; g < n; ++g) {
-            if (factors[f] == 0.0 || factors[g] != 0.0) {
-              continue;
-            }
-            const double ratio = ratio_of(row_of[f], f, row_of[g], g);
-            if (std::isnan(ratio)) {
-              return std::nullopt;
-            }
-            if (ratio != 0.0) {
-              factors[g] = factors[f] * ratio;
-              any = true;
-            }
-          }
-        }
-      }
+  [[nodiscard]] static JetPolynomial without_rounding(JetPolynomial difference) {
+    constexpr double rounding = 1e-12;
+    double size = 0.0;
+    for (const auto& [monomial, coefficient] : difference) {
+      size = std::max(size, std::abs(coefficient));
     }
-    return factors;
-  }
-  /// a_g/a_f; 0 where the rows share nothing, not a number where they contradict.
-  [[nodiscard]] double ratio_of(std::size_t row_f, std::size_t f, std::size_t row_g, std::size_t g) const {
-    for (const auto& [monomial, coefficient] : rows_[row_f].terms) {
-      // ∂M/∂u_f of a term M of L has in the other row ∂M/∂u_g: of M = u_g,J u_f or of products of fields.
-      const auto at = std::ranges::find(monomial, g, &Jet::field);
-      const bool linear = monomial.size() == 1;
-      const bool plain = std::ranges::all_of(monomial, [](const Jet& jet) { return total(jet) == 0; });
-      if (at == monomial.end() || (!linear && !plain)) {
-        continue;
-      }
-      JetMonomial other = monomial;
-      other.erase(other.begin() + (at - monomial.begin()));
-      other.push_back({f, at->order});
-      std::ranges::sort(other);
-      const auto found = rows_[row_g].terms.find(other);
-      if (found == rows_[row_g].terms.end()) {
-        return std::numeric_limits<double>::quiet_NaN();
-      }
-      const double of_f = static_cast<double>(std::ranges::count(monomial, Jet{f, {}}) + 1),
-                   of_g = static_cast<double>(std::ranges::count(other, Jet{g, {}}) + 1);
-      const double sign = total(*at) % 2 == 0 ? 1.0 : -1.0;
-      return linear ? sign * coefficient / found->second : (coefficient / of_f) / (found->second / of_g);
-    }
-    return 0.0;
+    std::erase_if(difference, [&](const auto& entry) { return std::abs(entry.second) <= rounding * size; });
+    return difference;
   }
 
   /// ∫ term du_f, of a term that depends on no other field.
@@ -430,6 +444,7 @@ private:
         formula::substitute(std::array{*integral}, graph_, std::array{u}, std::array{zero}).front();
     return at_zero.is_constant() ? *integral - at_zero : *integral;
   }
+  [[nodiscard]] Expression field(std::size_t f) const { return graph_.variable(stated_.fields[f]); }
   [[nodiscard]] bool has(Expression e, Expression u) const {
     const std::vector<std::size_t> variables = formula::variables_of(e);
     return std::ranges::find(variables, graph_.node(u.index()).a) != variables.end();
@@ -459,6 +474,15 @@ private:
       case Operation::multiply:
         return !has(a, u) ? scaled(integral_of(b, u), a) : !has(b, u) ? scaled(integral_of(a, u), b) : std::nullopt;
       case Operation::divide: return !has(b, u) ? scaled(integral_of(a, u), 1.0 / b) : std::nullopt;
+      case Operation::max:
+      case Operation::min: {  // one-sided: a rope that only pulls
+        const Expression other = a.is_constant(0.0) ? b : a;
+        const Expression slope = formula::derivative(other, u);
+        if ((!a.is_constant(0.0) && !b.is_constant(0.0)) || has(slope, u)) {
+          return std::nullopt;
+        }
+        return pow(e, 2.0) / (2.0 * slope);
+      }
       default: break;
     }
     // A function of a u + b.
@@ -488,34 +512,36 @@ private:
     }
   }
 
-  [[nodiscard]] FieldDensity with_potential(const JetPolynomial& L) {
-    FieldDensity density = density_from(L, graph_.constant(0.0), FieldDensity::Potential{0, 1});
-    return density;
-  }
-
-  /// The density with the sign that is wanted. Of a potential, field 1, derivatives by x are those of field 0.
+  /// The density with the sign that is wanted. A field that is ∂_x of what is varied has that as another field, its
+  /// potential.
   [[nodiscard]] FieldDensity density_from(const JetPolynomial& L, Expression rest,
-                                          std::optional<FieldDensity::Potential> potential) {
+                                          std::optional<std::size_t> potential) {
     FieldDensity density;
     density.graph = stated_.graph;
     density.fields = stated_.fields;
     density.dimensions = stated_.dimensions;
     if (potential) {
-      density.fields.push_back("potential_" + stated_.fields.front());
-      density.potentials.push_back(*potential);
+      density.potentials.push_back({*potential, density.fields.size()});
+      density.fields.push_back("potential_" + stated_.fields[*potential]);
     }
     const double sign = sign_of(L, potential.has_value());
     std::map<Jet, Expression> named;
     Expression sum = sign * rest;
-    for (const auto& [monomial, coefficient] : L) {
+    if (damping_ != 0.0) {
+      sum = scale(density, sum);
+    }
+    for (const auto& [monomial, coefficient] : damping_ != 0.0 ? scaled(L) : L) {
       Expression product = graph_.constant(sign * coefficient);
+      if (damping_ != 0.0 && monomial.size() != 2) {
+        product = product * exp(damping_ * (1.0 - static_cast<double>(monomial.size()) / 2.0) * graph_.variable("t"));
+      }
       for (auto from = monomial.begin(); from != monomial.end();) {
         const auto to = std::upper_bound(from, monomial.end(), *from);
         Jet jet = *from;
-        if (potential && jet.order[1] > 0) {
+        if (potential == jet.field && jet.order[1] > 0) {
           jet = shifted(jet, 1, -1);
-        } else if (potential) {
-          jet.field = potential->potential;
+        } else if (potential == jet.field) {
+          jet.field = density.potentials.front().potential;
         }
         product = product * pow(variable_of(jet, density, named), static_cast<double>(to - from));
         from = to;
@@ -524,6 +550,25 @@ private:
     }
     density.L = sum;
     return density;
+  }
+  /// Makes the density one of w = exp(at/2) u. \return exp(at) times the rest of L, of w
+  [[nodiscard]] Expression scale(FieldDensity& density, Expression rest) {
+    const Expression t = graph_.variable("t"), u = field(0);
+    density.damping = damping_;
+    density.fields.front() = "scaled_" + stated_.fields.front();
+    const Expression w = graph_.variable(density.fields.front());
+    return exp(damping_ * t) *
+           formula::substitute(std::array{rest}, graph_, std::array{u}, std::array{exp(-0.5 * damping_ * t) * w})
+               .front();
+  }
+  /// exp(at) u_t² is (w_t - aw/2)², which is w_t² + a²w²/4 but for a derivative by t.
+  [[nodiscard]] JetPolynomial scaled(const JetPolynomial& L) const {
+    JetPolynomial result = L;
+    const auto square = L.find({Jet{0, {1, 0, 0, 0}}, Jet{0, {1, 0, 0, 0}}});
+    if (square != L.end()) {
+      add(result, JetMonomial{Jet{0, {}}, Jet{0, {}}}, 0.25 * damping_ * damping_ * square->second);
+    }
+    return result;
   }
   [[nodiscard]] Expression variable_of(const Jet& jet, FieldDensity& density, std::map<Jet, Expression>& named) {
     if (total(jet) == 0) {
@@ -579,8 +624,8 @@ private:
           fmt::format("{} has no integral in closed form here: state the density, L or H", without_integral_));
     }
     throw std::invalid_argument(
-        fmt::format("there is no Lagrangian of these fields, nor of a potential of one: no density has the term {} in "
-                    "its equations",
+        fmt::format("there is no Lagrangian of these fields, nor of a potential of one, nor with a factor exp(a t): no "
+                    "density has the term {} in its equations",
                     without_lagrangian_.empty() ? "that joins two equations" : without_lagrangian_));
   }
 
@@ -589,6 +634,7 @@ private:
   std::vector<Jet> jets_;
   std::map<formula::NodeIndex, std::size_t> number_;
   std::vector<Row> rows_;
+  double damping_ = 0.0;
   std::string without_integral_, without_lagrangian_;
 };
 

@@ -34,6 +34,8 @@ struct FieldDensity {
     std::size_t field = 0, potential = 0;
   };
   std::vector<Potential> potentials;
+  /// The fields are exp(damping t/2) times those of the equations that the density was found for: of u_tt + damping u_t.
+  double damping = 0.0;
 };
 
 /// M z_t + Σ_a K_a z_{x_a} = ∇S(z), as a problem file states it.

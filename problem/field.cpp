@@ -17,6 +17,7 @@
 #include <rubato/pde/inverse_problem.hpp>
 #include <rubato/pde/linear_symmetries.hpp>
 #include <rubato/pde/multisymplectic_form.hpp>
+#include <rubato/problem/complex_parts.hpp>
 #include <rubato/problem/keys.hpp>
 #include <rubato/problem/lattice_problem.hpp>
 #include <rubato/problem/reader.hpp>
@@ -83,74 +84,6 @@ std::optional<NamedDerivative> derivative_of(const std::string& name, const std:
   return std::nullopt;
 }
 
-/// A complex number of formulas; no imaginary part: 0.
-struct Complex {
-  formula::Expression re;
-  std::optional<formula::Expression> im;
-};
-
-/// A formula with the variables i and psi, psi_x, … in its real and imaginary part.
-class ComplexParts {
-public:
-  /// \param parts what variables stand for that are not real, by their nodes
-  ComplexParts(formula::Graph& graph, std::map<formula::NodeIndex, Complex> parts)
-      : graph_(graph), parts_(std::move(parts)) {}
-
-  /// \throws std::invalid_argument at a function of a complex number
-  [[nodiscard]] Complex operator()(formula::Expression e) {
-    if (const auto part = parts_.find(e.index()); part != parts_.end()) {
-      return part->second;
-    }
-    const formula::Node node = graph_.node(e.index());
-    const int arguments = formula::arity(node.operation);
-    if (arguments == 0) {
-      return {e, std::nullopt};
-    }
-    const formula::Expression first(&graph_, node.a), second(&graph_, node.b);
-    const Complex a = (*this)(first), b = arguments == 2 ? (*this)(second) : Complex{first, std::nullopt};
-    using formula::Operation;
-    if (!a.im && !b.im) {
-      return {arguments == 2 ? graph_.make(node.operation, a.re, b.re) : graph_.make(node.operation, a.re),
-              std::nullopt};
-    }
-    const auto either = [](const auto& one, const auto& other, double sign) {
-      return !other ? one : !one ? std::optional(sign * *other) : std::optional(*one + sign * *other);
-    };
-    switch (node.operation) {
-      case Operation::add: return {a.re + b.re, either(a.im, b.im, 1.0)};
-      case Operation::subtract: return {a.re - b.re, either(a.im, b.im, -1.0)};
-      case Operation::negate: return {-a.re, either(std::optional<formula::Expression>(), a.im, -1.0)};
-      case Operation::multiply: return product(a, b);
-      case Operation::divide:
-        if (!b.im) {
-          return {a.re / b.re, *a.im / b.re};
-        }
-        break;
-      case Operation::power:
-        if (second.is_constant() && (second.constant_value() == 2.0 || second.constant_value() == 3.0)) {
-          return second.constant_value() == 2.0 ? product(a, a) : product(a, product(a, a));
-        }
-        break;
-      default: break;
-    }
-    throw std::invalid_argument(
-        fmt::format("{} of a complex number: only sums, products and squares are known; abs2(psi) "
-                    "is its squared modulus",
-                    formula::name(node.operation)));
-  }
-
-private:
-  static Complex product(const Complex& a, const Complex& b) {
-    if (!a.im || !b.im) {
-      return {a.re * b.re, a.im ? *a.im * b.re : a.re * *b.im};
-    }
-    return {a.re * b.re - *a.im * *b.im, a.re * *b.im + *a.im * b.re};
-  }
-
-  formula::Graph& graph_;
-  std::map<formula::NodeIndex, Complex> parts_;
-};
-
 /// The names of equations that have derivatives, in the order in which they come.
 std::vector<std::string> fields_in(const std::vector<const Value*>& equations) {
   std::vector<std::pair<std::size_t, std::string>> places;
@@ -173,6 +106,8 @@ std::vector<std::string> fields_in(const std::vector<const Value*>& equations) {
   }
   return fields;
 }
+
+constexpr DerivativeOrder by_t = {1, 0, 0, 0};
 
 /// [field]: L, H with its structure, or equations, as a density.
 class FieldReader {
@@ -210,7 +145,9 @@ public:
         L != nullptr ? void(density_.L = density) : take_structure(density, *H, structure);
       }
       section_.finish();
-      return {"multisymplectic", stated.location, table_of(multisymplectic_form(density_), stated.value.location)};
+      form_ = multisymplectic_form(density_);
+      root_.rewrite(data());
+      return {"multisymplectic", stated.location, table_of(form_, stated.value.location)};
     } catch (const ProblemError&) {
       throw;
     } catch (const std::invalid_argument& error) {
@@ -218,11 +155,27 @@ public:
     }
   }
 
-  /// The real and imaginary part of a complex unknown, or none.
-  [[nodiscard]] std::vector<std::string> psi() const {
-    std::vector<std::string> names;
-    std::ranges::transform(psi_, std::back_inserter(names), [this](std::size_t f) { return density_.fields[f]; });
+  /// The real and imaginary parts of complex unknowns.
+  [[nodiscard]] std::vector<std::array<std::string, 2>> psi() const {
+    std::vector<std::array<std::string, 2>> names;
+    for (const auto& [re, im] : psi_) {
+      names.push_back({density_.fields[re], density_.fields[im]});
+    }
     return names;
+  }
+
+  /// Fields of the form that are given by their derivatives by x: potential_u_t by u_t.
+  [[nodiscard]] std::vector<InitialSlope> slopes() const {
+    std::vector<InitialSlope> all;
+    for (const auto& [field, potential] : density_.potentials) {
+      for (const std::string& name : form_.fields) {
+        if (const auto of_potential = derivative_of(name, {density_.fields[potential]});
+            of_potential && of_potential->order == by_t) {
+          all.push_back({derivative_name(density_.fields[field], by_t), name});
+        }
+      }
+    }
+    return all;
   }
 
 private:
@@ -242,19 +195,20 @@ private:
       read_fields(fields->value);
     } else {
       for (const std::string& name : fields_in(texts)) {
-        if (psi == nullptr || name != complex_name) {
+        if (psi == nullptr || !is_complex_name(name, pairs_of_psi(*psi).size())) {
           taken_.declare(name, "a field", value.location);
           density_.fields.push_back(name);
         }
       }
     }
     if (psi != nullptr) {
-      for (const std::string& name : read_names(psi->value, "psi", "a field", taken_).names) {
-        psi_.push_back(density_.fields.size());
-        density_.fields.push_back(name);
-      }
-      if (psi_.size() != 2) {
-        throw ProblemError(psi->value.location, fmt::format("psi: expected two fields, got {}", psi_.size()));
+      for (const Value* pair : pairs_of_psi(*psi)) {
+        const std::vector<std::string> both = read_names(*pair, "psi", "a field", taken_).names;
+        if (both.size() != 2) {
+          throw ProblemError(pair->location, fmt::format("psi: expected two fields, got {}", both.size()));
+        }
+        psi_.push_back({density_.fields.size(), density_.fields.size() + 1});
+        density_.fields.insert(density_.fields.end(), both.begin(), both.end());
       }
     }
     parameters_ = read_parameters(root_, taken_);
@@ -264,9 +218,36 @@ private:
     }
     equations.derivatives = density_.derivatives;
     density_ = density_of(equations);
+    if (density_.damping != 0.0) {
+      damped_ = equations.fields.front();
+    }
   }
 
-  static constexpr std::string_view complex_name = "psi", modulus_name = "abs2_psi_";
+  /// What `psi` gives: one pair of fields, or several.
+  static std::vector<const Value*> pairs_of_psi(const Entry& psi) {
+    const Value::Array* const pairs = psi.value.array();
+    if (pairs == nullptr || pairs->empty() || pairs->front().array() == nullptr) {
+      return {&psi.value};
+    }
+    std::vector<const Value*> all;
+    std::ranges::transform(*pairs, std::back_inserter(all), [](const Value& pair) { return &pair; });
+    return all;
+  }
+  /// The i-th of so many complex unknowns: psi, or psi1, psi2, …
+  static std::string complex_name(std::size_t i, std::size_t count) {
+    return count == 1 ? "psi" : fmt::format("psi{}", i + 1);
+  }
+  static bool is_complex_name(std::string_view name, std::size_t count) {
+    for (std::size_t i = 0; i < count; ++i) {
+      if (name == complex_name(i, count)) {
+        return true;
+      }
+    }
+    return false;
+  }
+  static std::string modulus_name(std::size_t i) {
+    return fmt::format("abs2_psi{}_", i == 0 ? "" : fmt::format("{}", i));
+  }
 
   void add_equation(const Value& value, std::vector<formula::Expression>& equations) {
     std::string text = read_string(value, "equation");
@@ -288,9 +269,13 @@ private:
     std::map<formula::NodeIndex, Complex> parts;
     formula::Graph& graph = *density_.graph;
     parts[graph.variable("i").index()] = {graph.constant(0.0), graph.constant(1.0)};
-    parts[graph.variable(modulus_name).index()] = {pow(field(psi_[0]), 2.0) + pow(field(psi_[1]), 2.0), std::nullopt};
-    for (const auto& [name, order] : complex_names_) {
-      parts[graph.variable(name).index()] = {derivative(psi_[0], order), derivative(psi_[1], order)};
+    for (std::size_t i = 0; i < psi_.size(); ++i) {
+      const auto& [re, im] = psi_[i];
+      parts[graph.variable(modulus_name(i)).index()] = {pow(field(re), 2.0) + pow(field(im), 2.0), std::nullopt};
+    }
+    for (const auto& [name, found] : complex_names_) {
+      const auto& [re, im] = psi_[found.field];
+      parts[graph.variable(name).index()] = {derivative(re, found.order), derivative(im, found.order)};
     }
     const Complex whole = ComplexParts(graph, std::move(parts))(difference);
     equations.push_back(whole.re);
@@ -299,12 +284,14 @@ private:
     }
   }
   /// Puts a name in the place of abs2(psi), with spaces to the same length, so that later errors keep their columns.
-  static void name_modulus(std::string& text) {
-    static const std::regex modulus(R"(\babs2\(\s*psi\s*\))");
-    for (std::smatch found; std::regex_search(text, found, modulus);) {
-      std::string name(modulus_name);
-      name.resize(static_cast<std::size_t>(found.length()), ' ');
-      text.replace(static_cast<std::size_t>(found.position()), name.size(), name);
+  void name_modulus(std::string& text) const {
+    for (std::size_t i = 0; i < psi_.size(); ++i) {
+      const std::regex modulus(fmt::format(R"(\babs2\(\s*{}\s*\))", complex_name(i, psi_.size())));
+      for (std::smatch found; std::regex_search(text, found, modulus);) {
+        std::string name = modulus_name(i);
+        name.resize(static_cast<std::size_t>(found.length()), ' ');
+        text.replace(static_cast<std::size_t>(found.position()), name.size(), name);
+      }
     }
   }
 
@@ -330,22 +317,29 @@ private:
             density_.derivatives.end()) {
           density_.derivatives.push_back({found->field, found->order, variable});
         }
-      } else if (!psi_.empty() && word == complex_name) {
-        complex_names_[word] = {};
-      } else if (const auto complex = derivative_of(word, {std::string(complex_name)}); complex && !psi_.empty()) {
-        complex_names_[word] = complex->order;
+        continue;
+      }
+      for (std::size_t i = 0; i < psi_.size(); ++i) {
+        const std::string name = complex_name(i, psi_.size());
+        if (word == name) {
+          complex_names_[word] = {word, i, {}};
+        } else if (const auto complex = derivative_of(word, {name})) {
+          complex_names_[word] = {word, i, complex->order};
+        }
       }
     }
   }
   formula::Expression build(const FormulaText& text) {
     std::vector<std::string> names = density_.fields;
     names.insert(names.end(), names_.begin(), names_.end());
-    for (const auto& [name, order] : complex_names_) {
+    for (const auto& [name, found] : complex_names_) {
       names.push_back(name);
     }
     if (!psi_.empty()) {
       names.emplace_back("i");
-      names.emplace_back(modulus_name);
+    }
+    for (std::size_t i = 0; i < psi_.size(); ++i) {
+      names.push_back(modulus_name(i));
     }
     names.insert(names.end(), axes_.begin(), axes_.end());
     names.emplace_back("t");
@@ -359,6 +353,124 @@ private:
     return build_formula(text, *density_.graph, {.names = names}, parameters_);
   }
 
+  /// Calls `make`; what it refuses is wrong at `location`.
+  template <typename Make>
+  static auto at(const Location& location, const Make& make) {
+    try {
+      return make();
+    } catch (const ProblemError&) {
+      throw;
+    } catch (const std::invalid_argument& error) {
+      throw ProblemError(location, error.what());
+    }
+  }
+
+  /// The problem with [initial] and [exact] of psi by its parts, and with [initial] of [exact] where there is none.
+  Value::Table data() {
+    Value::Table root = root_.entries();
+    Entry *const exact = find(root, "exact"), *initial = find(root, "initial");
+    for (Entry* const table : {exact, initial}) {
+      if (table == nullptr || table->value.table() == nullptr) {
+        continue;
+      }
+      take_apart(*table->value.table());
+      scale(*table->value.table());
+      if (Entry* next = find(*table->value.table(), "next"); next != nullptr && next->value.table() != nullptr) {
+        take_apart(*next->value.table());
+      }
+    }
+    if (initial == nullptr && exact != nullptr && exact->value.table() != nullptr) {
+      Entry start{"initial", exact->location, exact->value};
+      add_rates(*start.value.table());
+      root.push_back(std::move(start));
+    }
+    if (!damped_.empty()) {
+      add_damped(root);
+    }
+    return root;
+  }
+
+  /// u = "…" of a damped equation becomes scaled_u = "exp(at/2)*(…)", and so does u_t.
+  void scale(Value::Table& table) const {
+    if (damped_.empty()) {
+      return;
+    }
+    const std::string rate = derivative_name(damped_, by_t), grown = fmt::format("exp({}*t)*(", density_.damping / 2.0);
+    const Entry* const stated = find(table, damped_);
+    const std::string whole = stated == nullptr ? "" : read_formula(stated->value, damped_).text;
+    for (Entry& entry : table) {
+      if (entry.key != damped_ && entry.key != rate) {
+        continue;
+      }
+      const std::string text = grown + read_formula(entry.value, entry.key).text;
+      if (entry.key == rate && stated == nullptr) {
+        throw ProblemError(entry.location, fmt::format("{} needs {} beside it", rate, damped_));
+      }
+      const std::string more = entry.key == rate ? fmt::format(" + {}*({})", density_.damping / 2.0, whole) : "";
+      Location location = entry.value.location;
+      location.column -= static_cast<int>(grown.size());  // messages count from the beginning of the formula
+      entry = {"scaled_" + entry.key, entry.location, {text + more + ")", location}};
+    }
+  }
+  /// Defines u and its derivatives by what the form has in their places.
+  void add_damped(Value::Table& root) const {
+    if (find(root, "definitions") == nullptr) {
+      root.push_back({"definitions", section_.location(), {Value::Table{}, section_.location()}});
+    }
+    Value::Table& definitions = *find(root, "definitions")->value.table();
+    const std::string shrunk = fmt::format("exp(-{}*t)", density_.damping / 2.0);
+    const auto define = [&](const std::string& name, const std::string& text) {
+      definitions.push_back({name, section_.location(), {shrunk + "*" + text, section_.location()}});
+    };
+    define(damped_, "scaled_" + damped_);
+    for (const std::string& name : form_.fields) {
+      const auto derivative = derivative_of(name, {"scaled_" + damped_});
+      if (derivative && derivative->order == by_t) {
+        define(derivative_name(damped_, by_t),
+               fmt::format("({} - {}*scaled_{})", name, density_.damping / 2.0, damped_));
+      } else if (derivative && derivative->order[0] == 0) {
+        define(derivative_name(damped_, derivative->order), name);
+      }
+    }
+  }
+  /// psi = "…" becomes p = "…" and q = "…".
+  void take_apart(Value::Table& table) {
+    for (std::size_t i = 0; i < psi_.size(); ++i) {
+      const std::string name = complex_name(i, psi_.size());
+      const auto place = std::ranges::find(table, name, &Entry::key);
+      if (place == table.end()) {
+        continue;
+      }
+      const Entry whole = *place;
+      const FormulaText text = read_formula(whole.value, name);
+      formula::Graph& graph = *density_.graph;
+      std::map<formula::NodeIndex, Complex> parts;
+      parts[graph.variable("i").index()] = {graph.constant(0.0), graph.constant(1.0)};
+      const Complex value = at(text.location, [&] { return ComplexParts(graph, std::move(parts))(build(text)); });
+      const auto entry = [&](std::size_t f, formula::Expression e) {
+        return Entry{density_.fields[f], whole.location, {formula::to_string(e), whole.value.location}};
+      };
+      *place = entry(psi_[i][0], value.re);
+      table.insert(std::ranges::find(table, density_.fields[psi_[i][0]], &Entry::key) + 1,
+                   entry(psi_[i][1], value.im.value_or(graph.constant(0.0))));
+    }
+  }
+  /// Adds u_t, the derivative of u = "…" by t, where the form has it and the table has not.
+  void add_rates(Value::Table& table) {
+    const Value::Table given = table;
+    std::vector<std::string> wanted = form_.fields;
+    std::ranges::transform(slopes(), std::back_inserter(wanted), &InitialSlope::name);
+    for (const std::string& name : wanted) {
+      const auto rate = derivative_of(name, density_.fields);
+      const Entry* const of = rate && rate->order == by_t ? find(given, density_.fields[rate->field]) : nullptr;
+      if (of == nullptr || find(given, name) != nullptr || of->value.table() != nullptr) {
+        continue;
+      }
+      const FormulaText text = read_formula(of->value, of->key);
+      const formula::Expression by_time = formula::derivative(build(text), density_.graph->variable("t"));
+      table.push_back({name, of->location, {formula::to_string(by_time), of->value.location}});
+    }
+  }
   formula::Expression field(std::size_t f) { return density_.graph->variable(density_.fields[f]); }
   /// Its derivative, of that order.
   formula::Expression derivative(std::size_t f, const DerivativeOrder& order) {
@@ -429,12 +541,13 @@ private:
 
   std::vector<std::array<std::size_t, 2>> read_psi() {
     const Entry& psi = section_.require("psi", R"(its real and imaginary part, such as ["p", "q"])");
-    const auto pair = read_pair(psi.value, "psi");
-    psi_.assign(pair.begin(), pair.end());
-    return {pair};
+    for (const Value* pair : pairs_of_psi(psi)) {
+      psi_.push_back(read_pair(*pair, "psi"));
+    }
+    return psi_;
   }
 
-  static constexpr DerivativeOrder by_t = {1, 0, 0, 0}, by_x = {0, 1, 0, 0};
+  static constexpr DerivativeOrder by_x = {0, 1, 0, 0};
 
   /// u_t = ∂_x δH/δu has L = ½ φ_t φ_x - H, u = φ_x; of a pair, u_t = ∂_x δH/δv, it is φ_t v - H. With (1 - ∂_xx)⁻¹ the
   /// term ½ u_t u_x more.
@@ -491,11 +604,13 @@ private:
   Section& section_;
   Names taken_;
   std::vector<std::string> axes_;
-  std::vector<std::size_t> psi_;                          ///< the two fields of a complex unknown, or none
+  std::vector<std::array<std::size_t, 2>> psi_;           ///< the two fields of each complex unknown
   std::set<std::string> names_;                           ///< of derivatives
-  std::map<std::string, DerivativeOrder> complex_names_;  ///< psi and its derivatives
+  std::map<std::string, NamedDerivative> complex_names_;  ///< psi and its derivatives
   bool has_definitions_ = false;
+  std::string damped_;  ///< the field of a damped equation, of which the form has a multiple
   FieldDensity density_;
+  MultisymplecticForm form_;
   Parameters parameters_;
 };
 
@@ -504,8 +619,10 @@ private:
 namespace {
 
 /// Adds the linear symmetries of the equation to those that the problem states, whose names are free: that of the phase
-/// of psi as `charge`, others as `symmetry_1` and so on. \return them as a table
-Value::Table find_symmetries(const std::vector<std::string>& psi, const Location& place, Problem& problem) {
+/// of psi as `charge`, of psi1, psi2 as `charge_1`, `charge_2`, others as `symmetry_1` and so on. \return them as a
+/// table
+Value::Table find_symmetries(const std::vector<std::array<std::string, 2>>& psi, const Location& place,
+                             Problem& problem) {
   auto& pde = std::get<MultisymplecticProblem>(problem.system);
   const MultisymplecticSystem system = make_laboratory_system(problem);
   const LinearSymmetries all(system);
@@ -535,10 +652,11 @@ Value::Table find_symmetries(const std::vector<std::string>& psi, const Location
     table.push_back({name, place, {triples, place}});
     known.push_back(B);
   };
-  if (!psi.empty()) {
-    const auto B = all.phase(system.field(psi[0]), system.field(psi[1]));
-    if (B && is_free("charge") && LinearSymmetries::is_beside(*B, known)) {
-      add("charge", *B);
+  for (std::size_t i = 0; i < psi.size(); ++i) {
+    const std::string name = psi.size() == 1 ? "charge" : fmt::format("charge_{}", i + 1);
+    const auto B = all.phase(system.field(psi[i][0]), system.field(psi[i][1]));
+    if (B && is_free(name) && LinearSymmetries::is_beside(*B, known)) {
+      add(name, *B);
     }
   }
   for (const Eigen::MatrixXd& B : all.beside(known)) {
@@ -557,7 +675,7 @@ void read_field(Section& root, Section& section, Problem& problem) {
   FieldReader reader(root, section);
   const Entry derived = reader.derive();
   Section form(*derived.value.table(), section.location(), "[multisymplectic]");
-  read_multisymplectic(root, form, problem);
+  read_multisymplectic(root, form, problem, reader.slopes());
   auto& pde = std::get<MultisymplecticProblem>(problem.system);
   Value::Table text = {derived};
   if (!pde.driven) {

@@ -84,8 +84,8 @@ std::optional<StatedFrame> read_frame(Section& scheme, const Problem& problem) {
                                                         rates.size()));
     }
     Entry rate = rates.front();
-    if (!pde->derived.empty() && rate.key == "psi") {
-      rate.key = "charge";  // the symmetry of the phase of psi that [field] finds
+    if (!pde->derived.empty() && rate.key.starts_with("psi")) {  // the symmetry of its phase that [field] finds
+      rate.key = rate.key == "psi" ? "charge" : "charge_" + rate.key.substr(3);
     }
     std::vector<std::string> names;
     std::ranges::transform(pde->symmetries, std::back_inserter(names), &StatedSymmetry::name);

@@ -10,6 +10,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <rubato/grids/fourier.hpp>
 #include <rubato/grids/slab.hpp>
 #include <rubato/grids/whole.hpp>
 #include <rubato/pde/first_step.hpp>
@@ -72,6 +73,12 @@ public:
         again = (pde_.initial[f] && !values_[f] && evaluate(f)) || again;
       }
     }
+    for (const InitialSlope& slope : pde_.slopes) {
+      const auto field = std::ranges::find(pde_.fields, slope.name);
+      if (field != pde_.fields.end()) {  // u_t is a field, too: that of the potential's rate
+        take_waves(*values_[static_cast<std::size_t>(field - pde_.fields.begin())], false);
+      }
+    }
     return std::move(values_);
   }
 
@@ -107,8 +114,40 @@ private:
       names.push_back(expression_name(i));
       known.push_back(results[i].data());
     }
+    if (std::ranges::find(pde_.slopes, pde_.fields[f], &InitialSlope::field) != pde_.slopes.end()) {
+      integrate(results.back(), f);
+    }
     values_[f] = std::move(results.back());
     return true;
+  }
+
+  /// Puts the antiderivative by x of mean 0 in the place of a slope.
+  void integrate(std::vector<double>& values, std::size_t f) const {
+    constexpr double truncation = 1e-3;  // of data that close on the period but for their tails
+    if (take_waves(values, true) > truncation) {
+      const InitialSlope& slope = *std::ranges::find(pde_.slopes, pde_.fields[f], &InitialSlope::field);
+      throw ProblemError(pde_.initial[f]->location,
+                         fmt::format("the mean of the initial {0} along x is not 0: no periodic {1} has {0} as its "
+                                     "derivative by x, and the mean of the field cannot change",
+                                     slope.name, slope.field));
+    }
+  }
+
+  /// Keeps the waves of a slope that are derivatives by x of a grid function, or puts that function in its place.
+  /// \return the largest of the waves without one that belong to a mean along x, over the largest of all
+  double take_waves(std::vector<double>& values, bool integrated) const {
+    grids::Fourier waves(grid_, 1);
+    waves.forward(std::array<const double*, 1>{values.data()});
+    double mean = 0.0, size = 0.0;
+    for (std::size_t mode = 0; mode < waves.modes(); ++mode) {
+      std::complex<double>& value = waves.at(0, mode);
+      const std::complex<double> symbol = grids::derivative_symbol(waves.wave(mode)[0], grid_.axis(0));
+      size = std::max(size, std::abs(value));
+      mean = std::max(mean, waves.wave(mode)[0] == 0 ? std::abs(value) : 0.0);
+      value = symbol == 0.0 ? 0.0 : integrated ? value / symbol : value;
+    }
+    waves.inverse(std::array<double*, 1>{values.data()});
+    return size > 0.0 ? mean / size : 0.0;
   }
 
   /// The same at ranks, of which the first one alone reads, one field after the other.
@@ -174,6 +213,9 @@ private:
 /// LatticeMethod::begins_in_parts() of what is given.
 bool begins_in_parts(const Problem& problem, const MultisymplecticSystem& system) {
   const MultisymplecticProblem& pde = *problem.multisymplectic();
+  if (!pde.slopes.empty()) {
+    return false;  // slopes are integrated along whole lines
+  }
   std::vector<bool> given;
   for (std::size_t f = 0; f < pde.fields.size(); ++f) {
     const bool is_read = pde.initial_record &&

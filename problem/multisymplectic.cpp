@@ -215,7 +215,8 @@ public:
       pde_.start = read_number(time->value, "t", parameters_);
     }
     auto next = section.take_section("next");
-    const auto values = take_values(section, fields_);
+    auto values = take_values(section, fields_);
+    take_slopes(section, values);
     read_record(section);
     for (const Value* value : values) {
       const std::string& name = fields_.names[pde_.initial.size()];
@@ -234,6 +235,26 @@ public:
   }
 
 private:
+  /// Fields that are given by their derivatives by x.
+  void take_slopes(Section& section, std::vector<const Value*>& values) {
+    std::vector<InitialSlope> given;
+    for (const InitialSlope& slope : pde_.slopes) {
+      const Entry* const entry = section.take(slope.name);
+      if (entry == nullptr) {
+        continue;
+      }
+      const auto field = std::ranges::find(fields_.names, slope.field) - fields_.names.begin();
+      if (values[static_cast<std::size_t>(field)] != nullptr) {
+        throw ProblemError(entry->location,
+                           fmt::format("{0} is the derivative of {1} by x, and both are given: leave one of them out",
+                                       slope.name, slope.field));
+      }
+      values[static_cast<std::size_t>(field)] = &entry->value;
+      given.push_back(slope);
+    }
+    pde_.slopes = std::move(given);
+  }
+
   void read_next(Section& section) {
     NextLevel next{.t = read_number(section.require("t", "the time of the second level").value, "t", parameters_),
                    .fields = {},
@@ -468,7 +489,7 @@ Names names_of_lattice(const Section& root) {
   return taken;
 }
 
-void read_multisymplectic(Section& root, Section& section, Problem& problem) {
+void read_multisymplectic(Section& root, Section& section, Problem& problem, std::vector<InitialSlope> slopes) {
   Names taken = names_of_lattice(root);
   const Value& names = section.require("fields", R"(the names of the fields, such as ["u", "v", "w"])").value;
   const NameList fields = read_names(names, "fields", "a field", taken);
@@ -478,6 +499,7 @@ void read_multisymplectic(Section& root, Section& section, Problem& problem) {
 
   MultisymplecticProblem pde;
   pde.fields = fields.names;
+  pde.slopes = std::move(slopes);
   pde.axes = read_grid(root, section, parameters);
   const auto axes = pde.axis_names();
   const std::vector<std::string> quantities = quantity_names(pde);
@@ -504,9 +526,13 @@ void read_multisymplectic(Section& root, Section& section, Problem& problem) {
   }
 
   auto initial = root.take_section("initial");
-  if (!initial) {
-    throw ProblemError(section.location(),
-                       "there is no [initial]: give a formula for the fields, such as u = \"cos(x)\"");
+  if (!initial) {  // [exact] at the start
+    const Entry* const exact = find(root.entries(), "exact");
+    if (exact == nullptr || exact->value.table() == nullptr) {
+      throw ProblemError(section.location(),
+                         "there is no [initial]: give a formula for the fields, such as u = \"cos(x)\", or [exact]");
+    }
+    initial.emplace(*exact->value.table(), exact->location, "[initial]");
   }
   InitialReader(pde, fields, parameters).read(*initial);
   pde.invariants = read_invariants(

@@ -156,6 +156,13 @@ struct NextLevel {
   Location location;
 };
 
+/// A field that [initial] gives by its derivative by x, which has a name: potential_u_t by u_t where u = ∂_x
+/// potential_u.
+struct InitialSlope {
+  std::string name;
+  std::string field;
+};
+
 /// [multisymplectic]: M z_t + K_x z_x (+ K_y z_y + K_z z_z) = ∇S(z) on a periodic grid.
 struct MultisymplecticProblem {
   std::vector<std::string> fields;
@@ -168,6 +175,7 @@ struct MultisymplecticProblem {
   double start = 0.0;
   /// Per field, in the grid's coordinates; may hold dx(f), dy(f), dz(f) of other fields. A field may be left out.
   std::vector<std::optional<FormulaText>> initial;
+  std::vector<InitialSlope> slopes;  ///< that are given
   std::optional<InitialRecord> initial_record;
   std::optional<NextLevel> next;
   Location initial_location;

@@ -21,6 +21,14 @@ Section::Section(const Value::Table& table, Location location, std::string name)
   }
 }
 
+void Section::rewrite(Value::Table table) {
+  table_ = keep({std::move(table), location_}).table();
+  entries_.clear();
+  for (const Entry& entry : *table_) {
+    entries_.emplace(entry.key, &entry);
+  }
+}
+
 const Entry* Section::take(std::string_view key) {
   const std::string_view table =
       name_.empty() ? std::string_view() : std::string_view(name_).substr(1, name_.size() - 2);

@@ -38,6 +38,9 @@ public:
   /// \throws ProblemError at the first key that nobody asked for, with the nearest of those that were
   void finish() const;
 
+  /// Has `table` in place of the entries; what was asked for stays asked for.
+  void rewrite(Value::Table table);
+
   /// Keeps a value that stands for a part of another, as long as the section.
   const Value& keep(Value value) { return *kept_.emplace_back(std::make_shared<const Value>(std::move(value))); }
 
@@ -193,7 +196,8 @@ void check_formula(const FormulaText& text, const Vocabulary& vocabulary, const 
 /// [invariants], [exact], and for the last [grid] and [symmetries]. They set the problem's `parameters` and `system`.
 void read_hamiltonian(Section& root, Section& section, Problem& problem);
 void read_lagrangian(Section& root, Section& section, Problem& problem);
-void read_multisymplectic(Section& root, Section& section, Problem& problem);
+/// \param slopes fields that [initial] may give by their derivatives
+void read_multisymplectic(Section& root, Section& section, Problem& problem, std::vector<InitialSlope> slopes = {});
 /// [field]: derives [multisymplectic], and reads that.
 void read_field(Section& root, Section& section, Problem& problem);
 /// [ensemble], if there is one. Whether the entries that it changes exist is seen when its members are read.
