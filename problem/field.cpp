@@ -164,6 +164,8 @@ public:
     return names;
   }
 
+  /// L, as it is stated or was found.
+  [[nodiscard]] std::string density() const { return formula::to_string(density_.L); }
   /// Fields of the form that are given by their derivatives by x: potential_u_t by u_t.
   [[nodiscard]] std::vector<InitialSlope> slopes() const {
     std::vector<InitialSlope> all;
@@ -684,6 +686,7 @@ void read_field(Section& root, Section& section, Problem& problem) {
     }
   }
   pde.derived = write_document({std::move(text), section.location()});
+  pde.density = reader.density();
 }
 
 }  // namespace rubato

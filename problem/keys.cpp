@@ -180,8 +180,8 @@ std::vector<KeyEntry> make_keys() {
        structure_words},
       {"field", "pairs", "list of pairs", none,
        "The pairs [\"u\", \"v\"] of canonical; with dx, u_t = d/dx dH/dv, v_t = d/dx dH/du."},
-      {"field", "psi", "two names", "required with schroedinger",
-       "The real and the imaginary part of psi; with an equation in psi, too."},
+      {"field", "psi", "two names, or list of such pairs", "required with schroedinger",
+       "The real and the imaginary part of psi, or of psi1, psi2, ...; with an equation in psi, too."},
 
       {"grid", "x", "table", required, "See [grid.x]; written x = { from = ..., to = ..., cells = ... }."},
       {"grid", "y", "table", none, "The second direction."},

@@ -182,7 +182,8 @@ struct MultisymplecticProblem {
   std::vector<NamedFormula> invariants;  ///< densities in the fields, with dx(f) …
   std::vector<NamedFormula> exact;       ///< in the grid's coordinates and t; names of some fields, in their order
   std::vector<StatedSymmetry> symmetries;
-  std::string derived;  ///< of a problem stated by [field]: the [multisymplectic] that was derived, as TOML
+  /// Of a problem stated by [field]: the [multisymplectic] that was derived, as TOML, and the Lagrangian density L.
+  std::string derived, density;
 
   [[nodiscard]] std::vector<std::string> axis_names() const;
 };

@@ -7,6 +7,7 @@
 #include <rubato/base/quoted.hpp>
 #include <rubato/problem/browse.hpp>
 #include <rubato/problem/effective.hpp>
+#include <rubato/problem/form.hpp>
 #include <rubato/record/error.hpp>
 #include <rubato/record/reader.hpp>
 #include <rubato/report/xdmf.hpp>
@@ -256,14 +257,10 @@ rubato::ExitStatus show(const std::string& name, std::span<const std::string> se
   return rubato::ExitStatus::done;
 }
 
-rubato::ExitStatus show_form(const std::string& problem, std::span<const std::string> settings) {
-  const rubato::Problem read = rubato::read_problem(problem, settings);
-  const auto* pde = read.multisymplectic();
-  if (pde == nullptr || pde->derived.empty()) {
-    throw std::invalid_argument(
-        fmt::format("{}: nothing is derived: --form prints the M, K and S of a problem with [field]", problem));
-  }
-  print(pde->derived);
+rubato::ExitStatus show_form(const std::string& problem, const std::string& style,
+                             std::span<const std::string> settings) {
+  const auto place = std::ranges::find(rubato::form_styles, style) - rubato::form_styles.begin();
+  print(rubato::form_of(rubato::read_problem(problem, settings), static_cast<rubato::FormStyle>(place)));
   return rubato::ExitStatus::done;
 }
 

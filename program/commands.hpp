@@ -64,6 +64,7 @@ void share_with(ranks::Communicator* ranks);
 [[nodiscard]] rubato::ExitStatus list();
 [[nodiscard]] rubato::ExitStatus show(const std::string& name, std::span<const std::string> settings);
 /// The [multisymplectic] of a problem, as it was derived from [field].
-[[nodiscard]] rubato::ExitStatus show_form(const std::string& problem, std::span<const std::string> settings);
+[[nodiscard]] rubato::ExitStatus show_form(const std::string& problem, const std::string& style,
+                                           std::span<const std::string> settings);
 
 }  // namespace rubato::program

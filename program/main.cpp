@@ -14,6 +14,7 @@
 
 #include <rubato/base/memory.hpp>
 #include <rubato/problem/browse.hpp>
+#include <rubato/problem/form.hpp>
 #include <rubato/problem/help.hpp>
 #include <rubato/problem/initial_record.hpp>
 #include <rubato/ranks/communicator.hpp>
@@ -138,12 +139,18 @@ public:
     show.add_option("name", name_, "A catalogue name; with --form, a problem file as well")
         ->option_text("NAME")
         ->required();
-    show.add_flag("--form", form_, "Print the M, K and S that are derived from [field]");
+    CLI::Option* form = show.add_flag("--form", form_,
+                                      "Print what was made of a field equation: densities, M, K and S, constraints, "
+                                      "symmetries, dispersion, schemes");
+    show.add_option("--as", form_style_, "How --form is printed: text, toml (to put in place of [field]) or latex")
+        ->option_text("STYLE")
+        ->needs(form)
+        ->check(CLI::IsMember(std::vector<std::string>(rubato::form_styles.begin(), rubato::form_styles.end())));
     add_changes(show, show_settings_);
     show.footer(
         "Examples:\n  rubato show pendulum > mine.toml\n"
         "  rubato show kepler --set parameters.e=0.3 --unset exact > mine.toml\n"
-        "  rubato show --form mine.toml\n");
+        "  rubato show --form mine.toml\n  rubato show --form --as latex mine.toml\n");
     CLI::App& help = *app_.add_subcommand("help", "Explain formulas, problem files, a table of one or a command");
     help.add_option("topic", name_, "formulas, problem, table, a table of a problem file such as scheme, or a command")
         ->option_text("TOPIC");
@@ -191,7 +198,7 @@ public:
       return ExitStatus::done;
     }
     return app_.got_subcommand("list") ? rubato::program::list()
-           : form_                     ? rubato::program::show_form(name_, show_settings_)
+           : form_                     ? rubato::program::show_form(name_, form_style_, show_settings_)
                                        : rubato::program::show(name_, show_settings_);
   }
 
@@ -383,6 +390,7 @@ private:
   std::string name_, records_;
   std::vector<std::string> show_settings_;
   bool form_ = false;
+  std::string form_style_ = "text";
 };
 
 /// What is wrong although nothing checked for it: with a record, or else with the problem that is run.
