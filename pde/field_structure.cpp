@@ -130,9 +130,11 @@ void refuse_undetermined(const MultisymplecticSystem& system, const MatrixXd& he
     }
   }
   throw std::invalid_argument(fmt::format(
-      fmt::runtime(names.size() == 1
-                       ? "the field {} is not determined: its rows of M and K and its part of S leave it free"
-                       : "the fields {} are not determined: the equations leave a combination of them free"),
+      fmt::runtime(
+          names.size() == 1
+              ? "the field {} is not determined: its rows of M and K and its part of S leave it free"
+              : "the fields {} are not determined: the equations leave a combination of them free (a gauge); leave "
+                "one of them out, or give it an equation"),
       fmt::join(names, ", ")));
 }
 

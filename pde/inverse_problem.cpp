@@ -618,10 +618,35 @@ private:
       without_lagrangian_ = text_of(worst->first);
     }
   }
+  /// Of a single equation of first order in time the first linear term of even order in space; or none.
+  [[nodiscard]] std::string even_derivative() const {
+    std::string even;
+    bool moves = false;
+    for (const auto& [monomial, coefficient] : rows_.front().terms) {
+      if (rows_.size() > 1 || monomial.size() != 1) {
+        continue;
+      }
+      const Jet& jet = monomial.front();
+      moves = moves || jet.order[0] == 1;
+      if (jet.order[0] > 1) {
+        return "";
+      }
+      if (jet.order[0] == 0 && total(jet) > 0 && total(jet) % 2 == 0 && even.empty()) {
+        even = text_of(monomial);
+      }
+    }
+    return moves ? even : "";
+  }
   [[noreturn]] void refuse() const {
     if (!without_integral_.empty()) {
       throw std::invalid_argument(
           fmt::format("{} has no integral in closed form here: state the density, L or H", without_integral_));
+    }
+    if (const std::string dissipation = even_derivative(); !dissipation.empty()) {
+      throw std::invalid_argument(fmt::format(
+          "{0} beside a first derivative by t is diffusion (or growth): no action in {1} or a potential of it has "
+          "that, whatever factor of t it is given. An odd derivative in its place, or a second one by t, has an action",
+          dissipation, stated_.fields.front()));
     }
     throw std::invalid_argument(
         fmt::format("there is no Lagrangian of these fields, nor of a potential of one, nor with a factor exp(a t): no "

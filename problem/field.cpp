@@ -141,6 +141,7 @@ public:
         parameters_ = read_parameters(root_, taken_);
         const FormulaText text = read_formula(stated.value, stated.key);
         name_derivatives(text.text);
+        check_rates(L != nullptr ? 1 : 0);
         const formula::Expression density = build(text);
         L != nullptr ? void(density_.L = density) : take_structure(density, *H, structure);
       }
@@ -182,6 +183,20 @@ public:
 
 private:
   void read_fields(const Value& value) { density_.fields = read_names(value, "fields", "a field", taken_).names; }
+
+  /// \throws std::invalid_argument if a derivative of a density has more than so many by t
+  void check_rates(int most) const {
+    for (const auto& [field, order, variable] : density_.derivatives) {
+      if (order[0] > most) {
+        throw std::invalid_argument(fmt::format(
+            "{} is {}", derivative_name(density_.fields[field], order),
+            most == 0
+                ? "a derivative by t, and H has none: structure says how fields move; write L in place of H"
+                : "of second order in time, and L has first derivatives by t: integrate by parts, or name the rate "
+                  "as a field v with its multiplier, L = ... + p*(u_t - v)"));
+      }
+    }
+  }
 
   void read_equations(const Value& value) {
     std::vector<const Value*> texts;
@@ -252,6 +267,7 @@ private:
   }
 
   void add_equation(const Value& value, std::vector<formula::Expression>& equations) {
+    is_equation_ = true;
     std::string text = read_string(value, "equation");
     const std::size_t sign = text.find('=');
     if (sign == std::string::npos || text.find('=', sign + 1) != std::string::npos) {
@@ -311,6 +327,17 @@ private:
     for (const std::string& word : words) {
       if (parameters_.find(word) != nullptr) {
         continue;
+      }
+      if (const std::size_t bar = word.rfind('_');
+          bar != std::string::npos && parameters_.find(word.substr(0, bar)) != nullptr &&
+          std::ranges::find(density_.fields, word.substr(0, bar)) == density_.fields.end() && bar + 1 < word.size() &&
+          word.find_first_not_of("txyz", bar + 1) == std::string::npos) {
+        throw std::invalid_argument(
+            fmt::format("{} is a derivative of the parameter {}, which has none", word, word.substr(0, bar)));
+      }
+      if (word == "i" && psi_.empty() && is_equation_) {
+        throw std::invalid_argument(
+            R"(i is the imaginary unit of a complex unknown: call that psi, and give psi = ["p", "q"])");
       }
       if (const auto found = derivative_of(word, density_.fields)) {
         names_.insert(word);
@@ -609,7 +636,7 @@ private:
   std::vector<std::array<std::size_t, 2>> psi_;           ///< the two fields of each complex unknown
   std::set<std::string> names_;                           ///< of derivatives
   std::map<std::string, NamedDerivative> complex_names_;  ///< psi and its derivatives
-  bool has_definitions_ = false;
+  bool has_definitions_ = false, is_equation_ = false;
   std::string damped_;  ///< the field of a damped equation, of which the form has a multiple
   FieldDensity density_;
   MultisymplecticForm form_;

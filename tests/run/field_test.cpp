@@ -339,7 +339,8 @@ TEST_CASE("a damped equation is that of a scaled field, and speaks of the user's
                                           "[initial]\nu = \"sech(x)\"\nu_t = 0\n[output]\ninterval = 0.1\n"
                                           "[output.quantities]\nU = \"u\"\nV = \"u_t\"\nW = \"u_x\""),
                                      "damped");
-  CHECK(read.multisymplectic()->fields == std::vector<std::string>{"scaled_u", "scaled_u_x", "scaled_u_t", "time", "minus_work"});
+  CHECK(read.multisymplectic()->fields ==
+        std::vector<std::string>{"scaled_u", "scaled_u_x", "scaled_u_t", "time", "minus_work"});
 }
 
 TEST_CASE("psi is given whole at the start, and [exact] gives the start where [initial] is left out") {
@@ -393,7 +394,8 @@ TEST_CASE("what a density or an equation lacks is said with its place") {
   CHECK_THAT(refusal("fields = [\"u\"]"), Contains("a Lagrangian density L, a Hamiltonian density H, or an equation"));
   CHECK(refusal("equation = \"u_tt = u_xx\"") == "accepted");
   CHECK_THAT(refusal("equation = \"u_tt - u_xx\""), Contains("p.toml:2:13: ") && Contains("is no equation"));
-  CHECK_THAT(refusal("equation = \"u_t = u_xx\""), Contains("p.toml:2:13: there is no Lagrangian"));
+  CHECK_THAT(refusal("equation = \"u_t = u_xx\""),
+             Contains("p.toml:2:13: u_xx beside a first derivative by t is diffusion"));
   CHECK_THAT(refusal("equation = \"u_tt = u_xx + u_xxx\""), Contains("no density has the term u_xxx"));
   CHECK_THAT(refusal("equation = \"u_tt = u_xx - v\""), Contains("p.toml:2:27: unknown name 'v'"));
   CHECK_THAT(refusal("equation = [\"u_tt = u_xx\", \"u = 0\"]"), Contains("2 equations for 1 fields"));
@@ -412,5 +414,13 @@ TEST_CASE("what a density or an equation lacks is said with its place") {
   CHECK_THAT(refusal("fields = [\"u\"]\nL = \"u_t^2 - u_y^2\""), Contains("p.toml:3:6: u_y is a derivative by y"));
   CHECK_THAT(refusal("fields = [\"u\"]\nL = \"u_t^2 - v_x^2\""), Contains("p.toml:3:14: ") && Contains("v_x"));
   CHECK_THAT(refusal("fields = [\"u\"]\nL = \"u_t^2/2 - u_q\""), Contains("u_q"));
+  CHECK_THAT(refusal("fields = [\"u\"]\nL = \"u_tt^2/2 - u_x^2/2\""),
+             Contains("p.toml:3:6: u_tt is of second order in time"));
+  CHECK_THAT(refusal("fields = [\"u\"]\nH = \"u_t^2/2\"\nstructure = \"dx\""),
+             Contains("p.toml:3:6: u_t is a derivative by t, and H has none"));
+  CHECK_THAT(refusal("fields = [\"u\"]\nL = \"u_t^2/2 - a_x^2\"\n[parameters]\na = 1"),
+             Contains("a_x is a derivative of the parameter a"));
+  CHECK_THAT(refusal("equation = \"i*u_t + u_xx = 0\""), Contains("i is the imaginary unit of a complex unknown"));
+  CHECK_THAT(refusal("fields = [\"u\", \"v\"]\nL = \"(u_t - v_x)^2/2\""), Contains("a gauge"));
   CHECK_THAT(refusal("fields = [\"u\"]\nL = \"u_t^2/2\"\nN = 1"), Contains("unknown key N"));
 }
