@@ -20,6 +20,7 @@
 #include <rubato/ode/orbit_events.hpp>
 #include <rubato/ode/separable.hpp>
 #include <rubato/ode/splitting_scheme.hpp>
+#include <rubato/pde/field_system.hpp>
 #include <rubato/pde/first_step.hpp>
 #include <rubato/pde/lattice.hpp>
 #include <rubato/problem/browse.hpp>

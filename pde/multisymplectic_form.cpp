@@ -344,6 +344,25 @@ std::string derivative_name(std::string_view field, const DerivativeOrder& order
   return name;
 }
 
+std::optional<NamedDerivative> derivative_named(std::string_view name, const std::vector<std::string>& fields) {
+  for (std::size_t f = 0; f < fields.size(); ++f) {
+    const std::string begin = fields[f] + "_";
+    if (!name.starts_with(begin) || name.size() == begin.size()) {
+      continue;
+    }
+    const std::string_view suffix = name.substr(begin.size());
+    if (suffix.find_first_not_of(letters) != std::string_view::npos) {
+      continue;
+    }
+    NamedDerivative found{std::string(name), f, {}};
+    for (const char letter : suffix) {
+      ++found.order.at(letters.find(letter));
+    }
+    return found;
+  }
+  return std::nullopt;
+}
+
 MultisymplecticForm multisymplectic_form(const FieldDensity& density) {
   return FormDerivation(density).derive();
 }

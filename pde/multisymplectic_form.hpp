@@ -3,6 +3,7 @@
 #include <array>
 #include <cstddef>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -34,7 +35,8 @@ struct FieldDensity {
     std::size_t field = 0, potential = 0;
   };
   std::vector<Potential> potentials;
-  /// The fields are exp(damping t/2) times those of the equations that the density was found for: of u_tt + damping u_t.
+  /// The fields are exp(damping t/2) times those of the equations that the density was found for: of u_tt + damping
+  /// u_t.
   double damping = 0.0;
 };
 
@@ -56,6 +58,15 @@ struct MultisymplecticForm {
 [[nodiscard]] std::size_t last_direction(const DerivativeOrder& order);
 /// "u_xxt" and its like: the name of a derivative.
 [[nodiscard]] std::string derivative_name(std::string_view field, const DerivativeOrder& order);
+
+/// The derivative that a name says, "u_xt": of which field, and how often by each direction. Nothing if it is none.
+struct NamedDerivative {
+  std::string name;
+  std::size_t field = 0;
+  DerivativeOrder order = {};
+};
+[[nodiscard]] std::optional<NamedDerivative> derivative_named(std::string_view name,
+                                                              const std::vector<std::string>& fields);
 
 /// Derives M, K and S of the Euler–Lagrange equations of L (theory, section 5), with E = ∫ Σ u_t ∂L/∂u_t - L:
 ///

@@ -59,31 +59,6 @@ std::set<std::string> names_in(std::string_view text) {
   return names;
 }
 
-/// The derivative that a name says, "u_xt": of which field, and how often by each direction.
-struct NamedDerivative {
-  std::string name;
-  std::size_t field = 0;
-  DerivativeOrder order = {};
-};
-std::optional<NamedDerivative> derivative_of(const std::string& name, const std::vector<std::string>& fields) {
-  constexpr std::string_view letters = "txyz";
-  for (std::size_t f = 0; f < fields.size(); ++f) {
-    if (!name.starts_with(fields[f] + "_") || name.size() == fields[f].size() + 1) {
-      continue;
-    }
-    NamedDerivative found{name, f, {}};
-    const std::string_view suffix = std::string_view(name).substr(fields[f].size() + 1);
-    if (suffix.find_first_not_of(letters) != std::string_view::npos) {
-      continue;
-    }
-    for (const char letter : suffix) {
-      ++found.order.at(letters.find(letter));
-    }
-    return found;
-  }
-  return std::nullopt;
-}
-
 /// The names of equations that have derivatives, in the order in which they come.
 std::vector<std::string> fields_in(const std::vector<const Value*>& equations) {
   std::vector<std::pair<std::size_t, std::string>> places;
@@ -172,7 +147,7 @@ public:
     std::vector<InitialSlope> all;
     for (const auto& [field, potential] : density_.potentials) {
       for (const std::string& name : form_.fields) {
-        if (const auto of_potential = derivative_of(name, {density_.fields[potential]});
+        if (const auto of_potential = derivative_named(name, {density_.fields[potential]});
             of_potential && of_potential->order == by_t) {
           all.push_back({derivative_name(density_.fields[field], by_t), name});
         }
@@ -339,7 +314,7 @@ private:
         throw std::invalid_argument(
             R"(i is the imaginary unit of a complex unknown: call that psi, and give psi = ["p", "q"])");
       }
-      if (const auto found = derivative_of(word, density_.fields)) {
+      if (const auto found = derivative_named(word, density_.fields)) {
         names_.insert(word);
         const formula::Expression variable = density_.graph->variable(word);
         if (std::ranges::find(density_.derivatives, variable, &FieldDensity::Derivative::variable) ==
@@ -352,7 +327,7 @@ private:
         const std::string name = complex_name(i, psi_.size());
         if (word == name) {
           complex_names_[word] = {word, i, {}};
-        } else if (const auto complex = derivative_of(word, {name})) {
+        } else if (const auto complex = derivative_named(word, {name})) {
           complex_names_[word] = {word, i, complex->order};
         }
       }
@@ -453,7 +428,7 @@ private:
     };
     define(damped_, "scaled_" + damped_);
     for (const std::string& name : form_.fields) {
-      const auto derivative = derivative_of(name, {"scaled_" + damped_});
+      const auto derivative = derivative_named(name, {"scaled_" + damped_});
       if (derivative && derivative->order == by_t) {
         define(derivative_name(damped_, by_t),
                fmt::format("({} - {}*scaled_{})", name, density_.damping / 2.0, damped_));
@@ -490,7 +465,7 @@ private:
     std::vector<std::string> wanted = form_.fields;
     std::ranges::transform(slopes(), std::back_inserter(wanted), &InitialSlope::name);
     for (const std::string& name : wanted) {
-      const auto rate = derivative_of(name, density_.fields);
+      const auto rate = derivative_named(name, density_.fields);
       const Entry* const of = rate && rate->order == by_t ? find(given, density_.fields[rate->field]) : nullptr;
       if (of == nullptr || find(given, name) != nullptr || of->value.table() != nullptr) {
         continue;

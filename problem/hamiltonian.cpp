@@ -128,6 +128,17 @@ void read_hamiltonian(Section& root, Section& section, Problem& problem) {
   Names taken;
   taken.know_sizes(root);
   taken.reserve("t", "it is the time");
+  for (const std::string_view key : {"structure", "poisson"}) {
+    if (const Entry* structure = find(section.entries(), key)) {
+      throw ProblemError(
+          structure->location,
+          fmt::format("{}: an orbit is in canonical coordinates, q' = dH/dp and p' = -dH/dq. State a "
+                      "system with another Poisson bracket in its Darboux coordinates: a rigid body with "
+                      "angular momentum of length G by l and L, m = (sqrt(G^2 - L^2)*sin(l), "
+                      "sqrt(G^2 - L^2)*cos(l), L)",
+                      key));
+    }
+  }
   const Entry* time_scale = take_time_scale(root, section);
   if (time_scale != nullptr) {
     for (const std::string_view name : {clock, clock_energy}) {

@@ -81,6 +81,7 @@ TEST_CASE("an ODE problem with one thing wrong is refused at that place", "[prob
           {"[\"p\"]", "[\"t\"]", "4:7", "it is the time"},
           {"[\"p\"]", "[\"2p\"]", "4:7", "a name is a letter or _"},
           {"k = 1.0", "p = 1.0", "7:1", "already a momentum"},
+          {"p = [\"p\"]", "p = [\"p\"]\nstructure = [[0, 1], [-1, 0]]", "5:1", "in its Darboux coordinates"},
           {"[\"q\"]", "[\"q\", \"r\"]", "4:5", "every coordinate needs its momentum"},
           {"[\"q\"]", "[\"r[x]\"]", "3:7", "does not declare a vector"},
           // parameters
