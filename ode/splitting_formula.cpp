@@ -52,10 +52,6 @@ std::vector<Expression> SplittingState::momenta() const {
 std::vector<Expression> SplittingState::high() const {
   return one_after_another({q_, p_});
 }
-std::vector<Expression> SplittingState::low() const {
-  return one_after_another({low_q_, low_p_});
-}
-
 std::vector<Expression> SplittingState::move(const SplittingHalf& half, bool drift, Expression length) {
   std::vector<Expression> value = half.at(drift ? p_ : q_, *length.graph());
   move_along(std::span(value).subspan(1), drift, length);

@@ -39,11 +39,8 @@ public:
 
   /// All numbers, in their order.
   [[nodiscard]] std::vector<formula::Expression> all() const;
-  /// z, and what rounding left of it, 2n entries.
-  ///@{
+  /// z, 2n entries.
   [[nodiscard]] std::vector<formula::Expression> high() const;
-  [[nodiscard]] std::vector<formula::Expression> low() const;
-  ///@}
   /// What a drift moves, and what a kick does: numbers and low digits as they stand in all().
   ///@{
   [[nodiscard]] std::vector<formula::Expression> positions() const;

@@ -163,19 +163,6 @@ double SharedRows::at(std::size_t row) {
   return value;
 }
 
-void read_in_parts(const record::Reader& reader, const record::DatasetInfo& dataset, std::size_t row,
-                   const std::function<void(std::span<const double>)>& use) {
-  if (dataset.shape.size() < 2) {
-    use(reader.read(dataset.path, row, 1));
-    return;
-  }
-  const std::size_t planes = dataset.shape[1],
-                    some = grids::Slab::planes_at_once(dataset.row_size() / std::max<std::size_t>(1, planes));
-  for (std::size_t first = 0; first < planes; first += some) {
-    use(reader.read_part(dataset.path, row, first, std::min(some, planes - first)));
-  }
-}
-
 bool PartFindings::finite(const std::string& path, std::size_t row, std::span<const double> stored,
                           std::string_view reason) {
   constexpr double none = std::numeric_limits<double>::quiet_NaN();

@@ -71,10 +71,6 @@ private:
   std::vector<double> row_;           ///< of this rank, where there are others
 };
 
-/// Calls use(numbers) for a row of a dataset in parts of about a megabyte, or whole rows that are smaller.
-void read_in_parts(const record::Reader& reader, const record::DatasetInfo& dataset, std::size_t row,
-                   const std::function<void(std::span<const double>)>& use);
-
 /// Compares rows of which each rank has its part; rank 0 has the findings.
 class PartFindings {
 public:
