@@ -22,6 +22,9 @@ constexpr std::array labelled = {
     Labelled{"node_energy/max_deviation", "node energy, deviation"},
     Labelled{"off_law/steps", "steps off the law"},
     Labelled{"step_condition/max", "step condition"},
+    Labelled{"lyapunov/exponents/1", "largest Lyapunov exponent"},
+    Labelled{"lyapunov/megno", "MEGNO"},
+    Labelled{"symplecticity/max", "two-form, defect"},
     Labelled{"stopped/t", "ended by an event at"},
 };
 

@@ -42,7 +42,9 @@ Spread ResidualFigures::magnitudes() const {
 }
 
 void Statistics::name(const std::vector<std::string>& invariant_names, const std::vector<std::string>& total_names,
-                      const std::vector<std::string>& residual_names, const std::vector<std::string>& event_names) {
+                      const std::vector<std::string>& residual_names, const std::vector<std::string>& event_names,
+                      const std::vector<std::string>& vector_names) {
+  begin(growth, vector_names);
   begin(invariants, invariant_names);
   begin(totals, total_names);
   begin(residuals, residual_names);
@@ -91,6 +93,19 @@ void Statistics::add_residual(std::size_t residual, const ResidualFigures& figur
   residuals[residual].value.add(figures.magnitudes());
 }
 
+void Statistics::add_tangents(double length, std::span<const double> logarithms, double defect) {
+  const double size = std::abs(length), before = tangents.time;
+  for (std::size_t i = 0; i < growth.size(); ++i) {
+    growth[i].value += logarithms[i];
+  }
+  tangents.time += size;
+  tangents.weighted += (before + 0.5 * size) * logarithms[0];
+  tangents.megno += 2.0 * tangents.weighted / tangents.time * size;
+  if (growth.size() > 1) {
+    tangents.defect.add(defect);
+  }
+}
+
 double Statistics::potential_kappa() const {
   return potential_length / std::abs(first_h);
 }
@@ -129,6 +144,11 @@ const Named<EventFigures>* Statistics::stopped_by() const {
 
 std::vector<std::string> Statistics::undefined_quantities() const {
   std::vector<std::string> sentences;
+  if (!growth.empty() && !std::isfinite(growth.front().value)) {
+    sentences.emplace_back(
+        "the tangent of a step could not be taken, and there are no exponents: a second derivative of H is not defined "
+        "there, or the step degenerates; take smaller steps");
+  }
   for (const auto& [name, value] : residuals) {
     if (value.undefined > 0.0) {
       sentences.push_back(fmt::format(
@@ -216,6 +236,15 @@ void Statistics::visit(Self& self, Visitor&& visitor) {
       deviation(value);
     }
   }
+  for (auto& [name, value] : self.growth) {
+    visitor(value);
+  }
+  if (!self.growth.empty()) {
+    visitor(self.tangents.time);
+    visitor(self.tangents.weighted);
+    visitor(self.tangents.megno);
+    spread(self.tangents.defect);
+  }
   for (auto& [name, value] : self.events) {
     visitor(value.count);
     visitor(value.first);
@@ -226,6 +255,10 @@ void Statistics::visit(Self& self, Visitor&& visitor) {
     visitor(value.several);
     visitor(value.incomplete);
   }
+}
+
+std::string growth_path(std::string_view name) {
+  return fmt::format("/tangents/growth_{}", name);
 }
 
 void Statistics::save(StateWriter& state) const {
@@ -254,7 +287,7 @@ std::vector<double> Statistics::values() const {
 namespace {
 
 /// The lists, in the order of Statistics::name().
-constexpr std::array<std::string_view, 4> list_words = {"invariant", "total", "residual", "event"};
+constexpr std::array<std::string_view, 5> list_words = {"invariant", "total", "residual", "event", "vector"};
 
 }  // namespace
 
@@ -269,6 +302,7 @@ std::string Statistics::names_text() const {
   add(list_words[1], totals);
   add(list_words[2], residuals);
   add(list_words[3], events);
+  add(list_words[4], growth);
   return text;
 }
 
@@ -284,7 +318,7 @@ Statistics Statistics::of(std::span<const double> values, std::string_view names
     names_text.remove_prefix(line.size() + 1);
   }
   Statistics statistics;
-  statistics.name(names[0], names[1], names[2], names[3]);
+  statistics.name(names[0], names[1], names[2], names[3], names[4]);
   StateReader state{values};
   statistics.laws_every = static_cast<std::size_t>(std::fmin(std::fmax(state.read(), 0.0), 0x1p53));
   statistics.restore(state);
@@ -311,6 +345,9 @@ std::vector<std::pair<std::string, Spread>> Statistics::spreads() const {
   }
   for (const auto& [name, value] : residuals) {
     all.emplace_back(fmt::format("/laws/{}_max", name), value);
+  }
+  if (growth.size() > 1) {
+    all.emplace_back(two_form_path, tangents.defect);
   }
   return all;
 }

@@ -83,6 +83,21 @@ struct ResidualFigures {
   [[nodiscard]] Spread magnitudes() const;
 };
 
+/// What tangent vectors along an orbit add up to, besides the growth of each of them.
+struct TangentFigures {
+  double time = 0.0;  ///< Σ|t_{k+1} - t_k| of the steps that they were taken along
+  /// Of the first vector, v: ∫ t d ln|v|, and ∫ Y dt of Y(T) = (2/T) ∫_0^T t d ln|v| (Cincotta and Simó, Astron.
+  /// Astrophys. Suppl. 147, 2000), t counted from the start.
+  double weighted = 0.0, megno = 0.0;
+  Spread defect;  ///< of the two-form, of each step
+};
+
+/// Where a record has ln r_ii of vector NAME, of every step, and the defect of the two-form.
+///@{
+[[nodiscard]] std::string growth_path(std::string_view name);
+inline constexpr std::string_view two_form_path = "/tangents/two_form";
+///@}
+
 /// The crossings of an event along a run, and the steps in which some may have been missed.
 struct EventFigures {
   std::size_t count = 0;
@@ -151,18 +166,25 @@ public:
   std::vector<Named<Deviation>> invariants;
   std::vector<Named<Deviation>> totals;  ///< of the densities of local laws
   std::vector<Named<EventFigures>> events;
+  /// Of tangent vectors, which are called "1", "2" …: the sum of the logarithms of their growth.
+  std::vector<Named<double>> growth;
+  TangentFigures tangents;
   std::vector<Named<Spread>> errors;  ///< magnitudes, at the last level
   Measures measures;                  ///< for the verdict; saved apart from the rest
 
-  /// Begins the four lists with their names.
+  /// Begins the five lists with their names.
   void name(const std::vector<std::string>& invariant_names, const std::vector<std::string>& total_names,
-            const std::vector<std::string>& residual_names, const std::vector<std::string>& event_names);
+            const std::vector<std::string>& residual_names, const std::vector<std::string>& event_names,
+            const std::vector<std::string>& vector_names = {});
 
   void add_level(const LevelFigures& level);
   /// Of the level added last, where they are taken.
   void add_laws(std::span<const double> invariant_values, std::span<const double> total_values);
   void add_step(const StepFigures& step);
   void add_residual(std::size_t residual, const ResidualFigures& figures);
+  /// Of the step added last. \param length its length in the time of users \param logarithms of the growth of each
+  /// tangent vector \param defect of the two-form, not a number where there is one vector alone
+  void add_tangents(double length, std::span<const double> logarithms, double defect);
 
   [[nodiscard]] bool has_clock() const { return clock == clock; }
   [[nodiscard]] bool has_laws() const { return !(residuals.empty() && invariants.empty() && totals.empty()); }
@@ -182,6 +204,12 @@ public:
   [[nodiscard]] const Spread& energies() const { return energies_.values; }  ///< all E_k
   /// Steps that met the law.
   [[nodiscard]] std::size_t law_steps() const { return steps - off_law_steps; }
+  /// The Lyapunov exponent that tangent vector number i tells so far, and the mean exponential growth of nearby orbits,
+  /// MEGNO, averaged over the time: 2 on regular orbits, and λt/2 on chaotic ones. Not numbers before the first step.
+  ///@{
+  [[nodiscard]] double exponent(std::size_t i) const { return growth[i].value / tangents.time; }
+  [[nodiscard]] double megno() const { return tangents.megno / tangents.time; }
+  ///@}
   /// κ of the step potential: its length over that of the first step.
   [[nodiscard]] double potential_kappa() const;
   /// max |E_k - target| over the steps on the law, and over those off it. Those before the law was first met count

@@ -57,12 +57,17 @@ public:
     if (levels_ == 0) {
       throw record::Error(reader_.file(), "it has no level");
     }
-    statistics_.name(names_.invariants, names_.totals, names_.residuals, names_.events);
+    std::vector<std::string> vectors;
+    while (reader_.has(growth_path(fmt::format("{}", vectors.size() + 1)))) {
+      vectors.push_back(fmt::format("{}", vectors.size() + 1));
+    }
+    statistics_.name(names_.invariants, names_.totals, names_.residuals, names_.events, vectors);
     find_levels_of_laws();
     add_levels();
     if (levels_ > 1 || reader_.has("/levels/h")) {
       add_steps();
       add_residuals();
+      add_tangents();
     }
     add_events();
     add_others();
@@ -219,6 +224,25 @@ private:
         figures.defined = std::isnan(figures.rms) ? 0.0 : cells - figures.undefined;
         statistics_.add_residual(i, figures);
       }
+    }
+  }
+
+  void add_tangents() {
+    std::vector<Column> growth;
+    for (const auto& [name, value] : statistics_.growth) {
+      growth.push_back(column(growth_path(name), steps()));
+    }
+    if (growth.empty()) {
+      return;
+    }
+    std::optional<Column> defect = optional_column(std::string(two_form_path), steps());
+    std::optional<Column> times = optional_column(std::string(level_times), levels_);
+    Column h = column("/levels/h", steps());
+    std::vector<double> logarithms(growth.size());
+    for (std::size_t k = 0; k < steps(); ++k) {
+      std::ranges::transform(growth, logarithms.begin(), [k](Column& column) { return column.at(k); });
+      const double begin = times ? times->at(k) : 0.0;
+      statistics_.add_tangents(times ? times->at(k + 1) - begin : h.at(k), logarithms, defect ? defect->at(k) : 0.0);
     }
   }
 

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <rubato/base/quoted.hpp>
 
@@ -186,6 +187,15 @@ JsonObject& JsonObject::number(std::string_view key, double value) {
   numbers_.emplace_back(key, value);
   return raw(key, fmt::format("{:.17g}", value));
 }
+JsonObject& JsonObject::numbers(std::string_view key, const std::vector<double>& values) {
+  if (values.empty() || !std::ranges::all_of(values, [](double value) { return std::isfinite(value); })) {
+    return *this;
+  }
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    numbers_.emplace_back(fmt::format("{}/{}", key, i + 1), values[i]);
+  }
+  return raw(key, fmt::format("[{:.17g}]", fmt::join(values, ", ")));
+}
 JsonObject& JsonObject::count(std::string_view key, std::size_t value) {
   numbers_.emplace_back(key, static_cast<double>(value));
   return raw(key, fmt::format("{}", value));
@@ -248,6 +258,14 @@ std::vector<JsonObject> json(const std::vector<Reason>& reasons) {
   return objects;
 }
 
+std::vector<double> exponents_of(const Statistics& statistics) {
+  std::vector<double> exponents;
+  for (std::size_t i = 0; i < statistics.growth.size(); ++i) {
+    exponents.push_back(statistics.exponent(i));
+  }
+  return exponents;
+}
+
 void add_verdict(JsonObject& object, const Statistics& statistics) {
   const Judgement judgement = judge(statistics);
   object.text("verdict", to_string(judgement.verdict)).objects("reasons", json(judgement.reasons));
@@ -294,6 +312,16 @@ void add_figures(JsonObject& object, const Statistics& statistics) {
     object.object("laws", laws);
   }
   object.object("residuals", json(statistics.residuals));
+  if (!statistics.growth.empty() && statistics.tangents.time > 0.0) {
+    JsonObject lyapunov;
+    lyapunov.numbers("exponents", exponents_of(statistics)).number("megno", statistics.megno());
+    object.object("lyapunov", lyapunov);
+    JsonObject defect;
+    if (statistics.tangents.defect.any()) {
+      defect.number("max", statistics.tangents.defect.largest());
+    }
+    object.object("symplecticity", defect);
+  }
   object.object("invariants", json(statistics.invariants));
   object.object("totals", json(statistics.totals));
   object.object("events", json(statistics.events));
@@ -343,6 +371,15 @@ constexpr std::array entries = {
         "Residual of a local law in one cell over one step: the largest, and the root mean square over all cells and "
         "steps. Laws of energy, momentum and symmetries; variational_ laws belong to single nodes, multisymplectic "
         "to two tangent solutions (--tangents); step_equation (check) is the scheme's own equation."},
+    LineEntry{Kind::exponents, "Lyapunov exponents",
+              "With [scheme] tangents: mean growth rates of the tangent vectors, of all the time so far. They converge "
+              "slowly: of a regular orbit like ln(t)/t to 0."},
+    LineEntry{Kind::megno, "MEGNO",
+              "Mean exponential growth of nearby orbits, averaged over the time: about 2 on a regular orbit, and half "
+              "the largest exponent times t on a chaotic one."},
+    LineEntry{Kind::symplecticity, "two-form",
+              "How far a step's tangent fails to preserve dp^dq of two of these vectors, in units of their lengths: "
+              "rounding errors."},
     LineEntry{Kind::total, "total NAME",
               "Density of a local law, summed over the grid: first value and largest deviation."},
     LineEntry{Kind::invariant, "NAME", "An entry of [invariants]: first value and largest deviation."},
@@ -435,6 +472,19 @@ std::vector<Line> lines_of(const Statistics& statistics) {
     add_named(Kind::residual, name,
               with_undefined(max_rms(value), value,
                              statistics.has_gaps() ? "cells (of these steps)" : "cells (of all steps)"));
+  }
+  if (!statistics.growth.empty() && statistics.tangents.time > 0.0) {
+    const bool defined = std::isfinite(statistics.growth.front().value);
+    add(Kind::exponents,
+        defined ? fmt::format("{:.6g}", fmt::join(exponents_of(statistics), ", ")) : "undefined: a tangent is missing",
+        "of the tangent vectors, by QR", headline);
+    if (defined) {
+      add(Kind::megno, fmt::format("{:.6g}", statistics.megno()), "2 where the orbit is regular");
+    }
+    if (statistics.tangents.defect.any()) {
+      add(Kind::symplecticity, fmt::format("preserved but for {:.2g}", statistics.tangents.defect.largest()),
+          "dp^dq of tangent vectors, at most in a step");
+    }
   }
   for (const auto& [name, value] : statistics.totals) {
     add_named(Kind::total, name, deviation_text(value));

@@ -22,6 +22,8 @@ public:
   JsonObject& flag(std::string_view key, bool value);
   /// One without entries is left out too.
   JsonObject& object(std::string_view key, const JsonObject& value);
+  /// An array of numbers, found under "key/1", "key/2" …; left out without any, or if one is not finite.
+  JsonObject& numbers(std::string_view key, const std::vector<double>& values);
   /// An array of objects.
   JsonObject& objects(std::string_view key, const std::vector<JsonObject>& values);
   /// An array of texts; one without entries is left out.
@@ -60,6 +62,9 @@ enum class LineKind {
   step_condition,
   laws,
   residual,
+  exponents,
+  megno,
+  symplecticity,
   total,
   invariant,
   event,

@@ -14,6 +14,7 @@
 #include <rubato/ode/stage_kernels.hpp>
 #include <rubato/ode/stage_newton.hpp>
 #include <rubato/ode/stage_slopes.hpp>
+#include <rubato/ode/stage_tangent.hpp>
 #include <rubato/ode/tuning.hpp>
 #include <rubato/solve/small_matrices.hpp>
 #include <rubato/variation/gauss_tableau.hpp>
@@ -39,6 +40,7 @@ public:
         Z_(zero_rows(size_)),
         f_(zero_rows(size_)),
         slopes_(hamiltonian, Z_, f_),
+        tangent_(hamiltonian, tableau_),
         energy_size_(hamiltonian.size_code()),
         rounding_(hamiltonian.gradient_code()) {
     for (Rows* rows : {&Y_, &last_f_, &trial_f_, &base_, &miss_, &next_, &correction_, &bounds_, &next_bounds_}) {
@@ -121,6 +123,11 @@ public:
       }
     }
     return end_trial(status, h);
+  }
+
+  [[nodiscard]] Status tangent(std::span<double> columns) override {
+    place_stages(0, size_);
+    return tangent_(evaluator_, Z_, trial_h_, columns);
   }
 
   [[nodiscard]] double discrete_energy() const override { return energy_; }
@@ -640,6 +647,7 @@ private:
   Index m_, size_;
   Rows Z_, f_;  ///< z_k + Y_i and J∇H there
   StageSlopes slopes_;
+  StageTangent tangent_;
   formula::SumSizeEvaluator energy_size_;
   formula::RoundingEvaluator rounding_;
   Rows Y_, last_f_;      ///< Z_i - z_k; J∇H at the stages of the last step

@@ -18,6 +18,7 @@
 #include <rubato/ode/increment.hpp>
 #include <rubato/ode/node_law.hpp>
 #include <rubato/ode/tuning.hpp>
+#include <rubato/solve/small_matrices.hpp>
 #include <rubato/variation/power_of.hpp>
 
 namespace rubato {
@@ -100,6 +101,29 @@ public:
       }
     }
     return fail(Status::not_converged);
+  }
+
+  /// With G = ∂²Φ_s/∂w² and w = z_k + E_F δ: (J - G E_F)(V_1 - V_0) = G V_0.
+  [[nodiscard]] Status tangent(std::span<double> columns) override {
+    const Index count = static_cast<Index>(columns.size()) / size_, n = size_ / 2;
+    place();
+    MatrixXd curvature(size_, size_);
+    if (const Status status = generating_.hessian_sum(as_span(w_), trial_h_, order_.terms, curvature);
+        status != Status::success) {
+      reason_ = generating_.failure();
+      return status;
+    }
+    MatrixXd matrix = plain_ ? MatrixXd(-0.5 * curvature) : MatrixXd(-curvature.lazyProduct(weight_));
+    matrix.topRightCorner(n, n).diagonal().array() += 1.0;
+    matrix.bottomLeftCorner(n, n).diagonal().array() -= 1.0;
+    Eigen::Map<MatrixXd> all(columns.data(), size_, count);
+    const MatrixXd rhs = curvature.lazyProduct(all);
+    const auto changes = solve::quotient(matrix, rhs);
+    if (!changes) {
+      return Status::singular;
+    }
+    all += *changes;
+    return all.allFinite() ? Status::success : Status::undefined;
   }
 
   [[nodiscard]] double discrete_energy() const override { return energy_; }

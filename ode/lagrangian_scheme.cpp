@@ -10,6 +10,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <rubato/base/all_finite.hpp>
 #include <rubato/base/limits.hpp>
 #include <rubato/formula/rounding.hpp>
 #include <rubato/ode/increment.hpp>
@@ -110,6 +111,48 @@ public:
       return Status::undefined;
     }
     return end_trial(iterate(h, 0.0), h);
+  }
+
+  /// By the second variation of the action: that of its equations by the control points is the matrix of Newton's
+  /// method, that by q_k moves all points alike, and that by p_k is 1 in the first equation.
+  [[nodiscard]] Status tangent(std::span<double> columns) override {
+    if (!evaluate(trial_h_)) {
+      return Status::undefined;
+    }
+    assemble(trial_h_);
+    if (const Status status = factors_.factor(matrix_.data()); status != Status::success) {
+      return status;
+    }
+    const auto varied_point = [&](const auto& column, Index j) {  // of (q, q̇) at a quadrature point
+      changes_.head(n_).noalias() = correction_.lazyProduct(quadrature_.values.row(j).tail(d_).transpose());
+      changes_.head(n_) += column.head(n_);
+      changes_.tail(n_).noalias() = correction_.lazyProduct(quadrature_.rates.row(j).tail(d_).transpose());
+      changes_.tail(n_) /= trial_h_;
+      errors_.noalias() = hessians_.middleCols(2 * n_ * j, 2 * n_).lazyProduct(changes_);
+    };
+    for (std::size_t first = 0; first < columns.size(); first += dimension()) {
+      Eigen::Map<VectorXd> column(columns.data() + first, 2 * n_);
+      residual_.setZero();
+      residual_.col(0) = column.tail(n_);
+      correction_.setZero();
+      for (Index j = 0; j < m_; ++j) {
+        varied_point(column, j);
+        for (Index row = 0; row < d_; ++row) {
+          residual_.col(row) += quadrature_.weights[j] * (trial_h_ * quadrature_.values(j, row) * errors_.head(n_) +
+                                                          quadrature_.rates(j, row) * errors_.tail(n_));
+        }
+      }
+      correction_ = -residual_;
+      factors_.solve(correction_.data());
+      sums_.setZero();
+      for (Index j = 0; j < m_; ++j) {
+        varied_point(column, j);
+        sums_.tail(n_) += quadrature_.weights[j] * trial_h_ * errors_.head(n_);
+      }
+      sums_.head(n_) = correction_.col(d_ - 1);
+      column += sums_;
+    }
+    return all_finite(columns) ? Status::success : Status::undefined;
   }
 
   [[nodiscard]] double discrete_energy() const override { return energy_; }

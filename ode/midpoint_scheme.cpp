@@ -98,6 +98,28 @@ public:
     return Status::not_converged;
   }
 
+  [[nodiscard]] Status advance_to(std::span<const double> z_1, double h) override {
+    history_ = VelocityHistory<Vector>(size_);
+    point_ = Eigen::Map<const Vector>(z_1.data(), size_) - z_.value();
+    history_.record(h, point_);
+    start_level();
+    return advance(h, 0.0);
+  }
+
+  /// (I - A) V_1 = (I + A) V_0, A = ½hJH_zz at the midpoint: V_1 = 2(I - A)⁻¹V_0 - V_0.
+  [[nodiscard]] Status tangent(std::span<double> columns) override {
+    if (!factor(trial_h_)) {
+      return Status::undefined;
+    }
+    for (std::size_t first = 0; first < columns.size(); first += static_cast<std::size_t>(size_)) {
+      Eigen::Map<Vector> column(columns.data() + first, size_);
+      point_ = column;
+      matrix_.solve(point_.data());
+      column = 2.0 * point_ - column;
+    }
+    return Status::success;
+  }
+
   [[nodiscard]] double discrete_energy() const override { return energy_; }
   [[nodiscard]] formula::SumSize energy_size() override {
     z_.displaced(0.5, delta_, point_);

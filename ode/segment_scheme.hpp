@@ -25,6 +25,11 @@ public:
   /// advance(h, 0) for a step that is there and leads to z_1: the iteration begins with the cubic through both ends, so
   /// that it verifies the step where a search from the start finds none, or another one.
   [[nodiscard]] virtual Status advance_to(std::span<const double> /*z_1*/, double h) { return advance(h, 0.0); }
+  /// Replaces each of the columns (2n entries, one column after the other) by its image under the tangent of the trial
+  /// step at its length h, ∂ψ_h/∂z at z_k: the derivative of the map that the step solves, which preserves dp∧dq to
+  /// rounding errors. Hypothesis: the last advance succeeded, and was not accepted. Where it fails the columns are
+  /// undefined. Plain steps do nothing for it.
+  [[nodiscard]] virtual Status tangent(std::span<double> columns) = 0;
   /// What the next restart() keeps: after restore_guesses() it leads to the same bits.
   ///@{
   virtual void save_guesses(StateWriter& /*state*/) const {}

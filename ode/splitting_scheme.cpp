@@ -17,6 +17,7 @@
 #include <rubato/ode/separable.hpp>
 #include <rubato/ode/splitting_formula.hpp>
 #include <rubato/ode/splitting_passes.hpp>
+#include <rubato/ode/splitting_tangent.hpp>
 #include <rubato/ode/state_kernels.hpp>
 #include <rubato/variation/tuning.hpp>
 
@@ -86,6 +87,13 @@ public:
     there_->node.reset();
     energy_ = whole_ ? by_whole(h) : (*passes_)(h, here_->numbers.data(), there_->numbers.data());
     return std::isfinite(energy_) && all_finite(std::span(there_->z, 2 * n_)) ? Status::success : Status::undefined;
+  }
+
+  [[nodiscard]] Status tangent(std::span<double> columns) override {
+    if (!tangent_) {
+      tangent_.emplace(T_, V_, composition_);
+    }
+    return (*tangent_)({here_->z, 2 * n_}, trial_h_, columns);
   }
 
   [[nodiscard]] double discrete_energy() const override { return energy_; }
@@ -190,8 +198,9 @@ private:
   std::shared_ptr<const formula::Graph> graph_;  ///< of the formulas of T and V
   SplittingHalf T_, V_;
   std::optional<formula::ScalarEvaluator> whole_;
-  std::optional<SplittingPasses> passes_;  ///< in its place
-  std::vector<double> memory_;             ///< of whole steps
+  std::optional<SplittingPasses> passes_;    ///< in its place
+  std::optional<SplittingTangent> tangent_;  ///< where it was asked for
+  std::vector<double> memory_;               ///< of whole steps
   std::array<Level, 2> levels_;
   Level *here_ = &levels_[0], *there_ = &levels_[1];
   std::vector<double> point_, errors_;

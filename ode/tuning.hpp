@@ -198,6 +198,18 @@ inline constexpr double band_operation = 3.0;
 
 }  // namespace rubato::tuning::stage_newton
 
+/// Tangents of stages (stage_tangent.cpp).
+namespace rubato::tuning::stage_tangent {
+
+inline constexpr int most_sweeps = 60;
+/// Sweeps that shrink their changes less than that leave the work to a dense matrix, unless these are at stagnation
+/// already: some units in the last place, relative to the largest entry.
+inline constexpr double slowest = 0.5, stagnation = 1e-14;
+/// Where changes shrink steadily the sweep that would come next is left out if it changed less than that, relative.
+inline constexpr double beneath = 0.25 * std::numeric_limits<double>::epsilon();
+
+}  // namespace rubato::tuning::stage_tangent
+
 /// Two-step schemes (two_step_scheme.cpp).
 namespace rubato::tuning::two_step {
 

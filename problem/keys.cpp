@@ -15,7 +15,7 @@ namespace rubato {
 
 namespace {
 
-constexpr std::array<TableEntry, 29> all_tables{{
+constexpr std::array<TableEntry, 30> all_tables{{
     {"", "one of [hamiltonian], [lagrangian], [multisymplectic] and [field] says what is to be solved"},
     {"hamiltonian", "an orbit: q' = dH/dp, p' = -dH/dq"},
     {"lagrangian",
@@ -59,6 +59,8 @@ constexpr std::array<TableEntry, 29> all_tables{{
      "x = node + /frame/shift; output at times, events and invariants are of the laboratory"},
     {"scheme.frame.phase", "phase = { charge = 0.5 }: how fast the frame turns in a symmetry",
      "a symmetry of the problem"},
+    {"scheme.tangents",
+     "tangent vectors of an orbit with all that may be said of them: { vectors = \"all\", matrix = true }"},
     {"laws", "local laws: at which levels they are evaluated, and what the record has of them"},
     {"verdict", "what the verdict on the run leaves out"},
     {"output", "the record"},
@@ -230,6 +232,14 @@ std::vector<KeyEntry> make_keys() {
       {"scheme", "largest_step", "number", none, "How long steps may become, about; for step_potential = \"auto\"."},
       {"scheme", "time_scale", "formula", none, "The same as in [hamiltonian]."},
       {"scheme", "frame", "table", none, "Of a lattice, see [scheme.frame]."},
+      {"scheme", "tangents", "integer, \"all\", or table", "0",
+       "Of an orbit, so many tangent vectors are carried along: Lyapunov exponents, MEGNO, the defect of the "
+       "two-form."},
+      {"scheme.tangents", "vectors", "integer, or \"all\"", "0", "How many are made orthonormal after each step."},
+      {"scheme.tangents", "matrix", "true or false", "false",
+       "The record has the state-transition matrix, the derivative of each stored state by the first."},
+      {"scheme.tangents", "parameters", "list of names", none,
+       "The record has the derivatives of each stored state by these entries of [parameters]."},
       {"scheme.frame", "velocity", "number, list, or \"fit\"", "0",
        "That of the frame; of two and three dimensions a list, [c_x, c_y]; \"fit\" takes the one in which the initial "
        "fields change least."},

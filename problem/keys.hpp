@@ -42,6 +42,7 @@ inline constexpr std::array<std::string_view, 2> levels_words = {"variable", "fi
 inline constexpr std::array<std::string_view, 2> on_singular_words = {"plain", "stop"};
 inline constexpr std::array<std::string_view, 2> potential_words = {"none", "auto"};
 inline constexpr std::array<std::string_view, 1> fit_words = {"fit"};
+inline constexpr std::array<std::string_view, 1> all_words = {"all"};
 inline constexpr std::array<std::string_view, 3> darboux_words = {"midpoint", "euler-a", "euler-b"};
 inline constexpr std::array<std::string_view, 4> structure_words = {"canonical", "dx", "schroedinger", "dx/(1-dxx)"};
 inline constexpr std::array<std::string_view, 3> direction_words = {"both", "up", "down"};

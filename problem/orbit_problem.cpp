@@ -40,6 +40,24 @@ Hamiltonian make_hamiltonian(const Problem& problem) {
   return Hamiltonian(graph, orbit.q, orbit.p, H);
 }
 
+Hamiltonian make_hamiltonian(const Problem& problem, std::span<const std::string> parameters, bool as_momenta) {
+  const HamiltonianProblem& orbit = *problem.hamiltonian();
+  auto graph = std::make_shared<formula::Graph>();
+  std::vector<std::string> names = orbit.names(), q = orbit.q, p = orbit.p;
+  names.insert(names.end(), parameters.begin(), parameters.end());
+  const formula::Expression H = problem.build(orbit.H, *graph, names);
+  for (const std::string& name : parameters) {
+    (as_momenta ? p : q).push_back(name);
+    (as_momenta ? q : p).push_back("partner of " + name);  // no name of a user's
+  }
+  for (const std::vector<std::string>* list : {&q, &p}) {
+    for (const std::string& name : *list) {
+      static_cast<void>(graph->variable(name));
+    }
+  }
+  return Hamiltonian(graph, q, p, H);
+}
+
 Lagrangian make_lagrangian(const Problem& problem) {
   const HamiltonianProblem& orbit = *problem.hamiltonian();
   auto graph = std::make_shared<formula::Graph>();

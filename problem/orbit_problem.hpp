@@ -7,6 +7,9 @@ namespace rubato {
 
 /// What [hamiltonian], [initial] and [scheme] of a problem stand for in the library's own terms.
 [[nodiscard]] Hamiltonian make_hamiltonian(const Problem& problem);
+/// H with these parameters as variables: its last coordinates, or momenta, each with a partner that H does not name.
+[[nodiscard]] Hamiltonian make_hamiltonian(const Problem& problem, std::span<const std::string> parameters,
+                                           bool as_momenta);
 /// Of a problem stated by L.
 [[nodiscard]] Lagrangian make_lagrangian(const Problem& problem);
 [[nodiscard]] SegmentLagrangian make_discretisation(const Problem& problem);

@@ -101,8 +101,9 @@ struct HamiltonianProblem {
   ///@}
   PhasePoint initial;
   std::optional<PhasePoint> next;        ///< [initial.next]: the second level of a starting pair
-  std::vector<NamedFormula> invariants;  ///< in q, p, in the order of the file
+  std::vector<NamedFormula> invariants;  ///< in q, p, in the order of the file; of [symmetries] after them
   std::vector<NamedFormula> exact;       ///< in t; names of some coordinates and momenta, in the order q, p
+  std::vector<std::string> symmetries;   ///< those of the invariants that are momentum maps of [symmetries]
 
   /// With time_scale, which coordinate is the physical time; else t of the levels is that. In (q, p) it has the same
   /// place.
@@ -210,6 +211,16 @@ struct StatedFrame {
   [[nodiscard]] bool is_fitted() const { return !velocity || (!symmetry.empty() && !rate); }
 };
 
+/// [scheme] tangents of an orbit: what is carried along with it by the tangent of its scheme.
+struct StatedTangents {
+  std::size_t vectors = 0;                   ///< made orthonormal after each step, for exponents and the two-form
+  bool matrix = false;                       ///< ∂z_k/∂z_0
+  std::vector<std::string> parameters = {};  ///< of ∂z_k/∂parameter
+  Location location = {};
+
+  [[nodiscard]] bool any() const { return vectors > 0 || matrix || !parameters.empty(); }
+};
+
 /// [scheme]
 struct Scheme {
   LagrangianName lagrangian = LagrangianName::midpoint;
@@ -238,6 +249,7 @@ struct Scheme {
   std::optional<FormulaText> L;  ///< custom: in t_0, t_1 and every coordinate and momentum with suffix _0 and _1
   std::shared_ptr<const CornerDensity> density;  ///< custom of a lattice: L, of the corners of a cell
   std::optional<StatedFrame> frame;              ///< of a lattice
+  StatedTangents tangents;                       ///< of an orbit
   bool allow_unstable = false;
   std::int64_t max_steps = 100'000'000;
   double tolerance = 1e-13;

@@ -48,6 +48,7 @@ public:
       throw ProblemError(entry->location, "time_scale is for orbits ([hamiltonian]); leave it out");
     }
     scheme_.frame = read_frame(section_, problem_);
+    scheme_.tangents = read_tangents(section_, problem_);
     read_limits();
     read_times();
     section_.finish();

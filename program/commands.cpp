@@ -148,11 +148,19 @@ void share_with(ranks::Communicator* ranks) {
 }
 
 rubato::ExitStatus run(const RunCommand& command) {
-  const rubato::Problem problem = rubato::read_problem(command.problem, command.settings);
+  rubato::Problem problem = rubato::read_problem(command.problem, command.settings);
   rubato::RunOptions options;
   options.output = command.output;
   options.overwrite = command.force;
-  options.tangents = command.tangents;
+  if (!command.tangents.empty()) {
+    if (problem.hamiltonian() != nullptr) {  // an entry of the problem, which its record has
+      const std::string name = problem.name;
+      problem = rubato::parse_problem(problem.text, problem.source, std::vector{"scheme.tangents=" + command.tangents});
+      problem.name = name;
+    } else {
+      options.tangents = true;
+    }
+  }
   if (command.dry_run) {
     options.threads = command.reporting.threads;
     options.ranks = other_ranks;

@@ -24,7 +24,7 @@ struct RunCommand {
   std::vector<std::string> settings;
   std::optional<std::string> output;
   bool force = false;
-  bool tangents = false;
+  std::string tangents;  ///< how many, or "all"; empty for none
   bool dry_run = false;
   Reporting reporting;
 };

@@ -325,8 +325,12 @@ private:
   void add_run() {
     CLI::App& command = *app_.add_subcommand("run", "Run a problem and write its record");
     add_problem(command, run_, "as the problem says");
-    command.add_flag("--tangents", run_.tangents,
-                     "Carry two random tangent solutions along a lattice: reports the multisymplectic residual");
+    command
+        .add_flag(
+            "--tangents{2}", run_.tangents,
+            "Carry two tangent solutions along: of a lattice random ones, for the multisymplectic residual; of an "
+            "orbit so many tangent vectors (--tangents=4, --tangents=all), as [scheme] tangents")
+        ->option_text("[=K]");
     command.add_flag("--dry-run", run_.dry_run,
                      "Run nothing: estimate memory, time and the size of the record from a few steps");
     add_reporting(command, run_.reporting);

@@ -66,13 +66,15 @@ Chronicle::Chronicle(const Problem& problem, bool tangents)
       simulation_(make_simulation(problem, tangents)),
       output_(make_output(problem)),
       events_(make_events(problem)),
+      tangents_(make_tangents(problem)),
       times_(problem),
       meter_(problem) {
   describe(omp_get_max_threads());
   rows_.describe(layout_, simulation_->levels_kept());
   may_stop_ = std::ranges::any_of(problem.events, [](const StatedEvent& event) { return event.stop_after > 0; });
   statistics_.name(simulation_->invariant_names(), simulation_->total_names(), simulation_->law_names(),
-                   events_ == nullptr ? std::vector<std::string>() : events_->names());
+                   events_ == nullptr ? std::vector<std::string>() : events_->names(),
+                   tangents_ == nullptr ? std::vector<std::string>() : tangents_->names());
   const HamiltonianProblem* orbit = problem.hamiltonian();
   const MultisymplecticProblem* pde = problem.multisymplectic();
   statistics_.balance = orbit != nullptr ? orbit->p.back() == figures::work_momentum : pde != nullptr && pde->driven;
@@ -143,6 +145,9 @@ void Chronicle::describe(int threads) {
   if (events_ != nullptr) {
     events_->describe(layout_);
   }
+  if (tangents_ != nullptr) {
+    tangents_->describe(layout_);
+  }
   if (const auto count = expected_levels(problem_)) {
     const auto rows = expected_rows(layout_, problem_, *count);
     for (std::size_t i = 0; i < rows.size(); ++i) {
@@ -157,6 +162,9 @@ void Chronicle::tell_start(RowSink& sink) {
   take_level(0, {.t = simulation_->t(), .node_energy = node.energy, .gamma = node.gamma}, 0.0);
   tell_row(sink);
   tell_state(sink);
+  if (tangents_ != nullptr) {
+    tangents_->append_state(sink);
+  }
   tell_outputs(sink, 0);
   if (events_ != nullptr) {
     const OutputStep start = simulation_->last();
@@ -231,6 +239,9 @@ void Chronicle::tell_steps(RowSink& sink) {
     look_at(place);
     take_level(before + place + 1, taken[place].level, taken[place].rounding);
     take_step(taken[place]);
+    if (tangents_ != nullptr) {
+      take_tangents(sink);
+    }
   }
   rows_.require_finite(count, before + 1);
   // tell(number, count): of every n-th level in the block, if there are any
@@ -291,6 +302,17 @@ void Chronicle::tell_outputs(RowSink& sink, std::size_t number) {
   }
 }
 
+/// Of the step to the level that is looked at, which was counted already.
+void Chronicle::take_tangents(RowSink& sink) {
+  const OutputStep step = simulation_->last();
+  tangents_->take(step);
+  tangents_->append_step(rows_);
+  tangents_->add_to(statistics_, step);
+  if (statistics_.steps % static_cast<std::size_t>(problem_.output.states_every()) == 0) {
+    tangents_->append_state(sink);
+  }
+}
+
 void Chronicle::tell_output_of_level(RowSink& sink) {
   const OutputStep step = simulation_->last();
   sink.append(columns_.output_t, step.end());
@@ -304,6 +326,9 @@ void Chronicle::tell_last(RowSink& sink) {
   }
   if (stored_ != statistics_.steps) {
     tell_state(sink);
+    if (tangents_ != nullptr) {
+      tangents_->append_state(sink);
+    }
   }
   if (output_ != nullptr && !problem_.output.has_times() &&
       statistics_.steps % static_cast<std::size_t>(problem_.output.every) != 0) {
@@ -339,6 +364,9 @@ void Chronicle::save_output(StateWriter& state) const {
   if (events_ != nullptr) {
     events_->save(state);
   }
+  if (tangents_ != nullptr) {
+    tangents_->save(state);
+  }
   if (!problem_.levels.all()) {  // else the row is in the record
     rows_.save(state);
   }
@@ -362,6 +390,9 @@ void Chronicle::restore(StateReader& state) {
   }
   if (events_ != nullptr) {
     events_->restore(state);
+  }
+  if (tangents_ != nullptr) {
+    tangents_->restore(state);
   }
   rows_.look_at(0);
   if (!problem_.levels.all()) {

@@ -14,6 +14,7 @@
 #include <rubato/run/output_times.hpp>
 #include <rubato/run/row_sink.hpp>
 #include <rubato/run/simulation.hpp>
+#include <rubato/run/tangent_teller.hpp>
 #include <rubato/run/verdict_meter.hpp>
 #include <rubato/variation/off_law_causes.hpp>
 
@@ -93,12 +94,14 @@ private:
   void tell_states(RowSink& sink, std::size_t number, std::size_t count, std::size_t stride);
   /// At the output times that the step to the level has come to, or at the level.
   void tell_outputs(RowSink& sink, std::size_t number);
+  void take_tangents(RowSink& sink);
   void tell_output_of_level(RowSink& sink);
 
   const Problem& problem_;
   std::unique_ptr<Simulation> simulation_;
   std::unique_ptr<OutputMaker> output_;
   std::unique_ptr<EventTeller> events_;
+  std::unique_ptr<TangentTeller> tangents_;
   OutputTimes times_;
   record::Layout layout_;
   struct Columns {

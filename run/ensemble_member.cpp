@@ -232,6 +232,15 @@ std::vector<std::string> figure_names(const Problem& member) {
     }
   };
   add("residuals", simulation->law_names(), {"max", "rms"});
+  for (std::size_t i = 0; i < member.scheme.tangents.vectors; ++i) {
+    names.push_back(fmt::format("lyapunov/exponents/{}", i + 1));
+  }
+  if (member.scheme.tangents.vectors > 0) {
+    names.emplace_back("lyapunov/megno");
+  }
+  if (member.scheme.tangents.vectors > 1) {
+    names.emplace_back("symplecticity/max");
+  }
   add("invariants", simulation->invariant_names(), {"initial", "max_deviation"});
   add("totals", simulation->total_names(), {"initial", "max_deviation"});
   std::vector<std::string> events;

@@ -23,6 +23,7 @@
 #include <rubato/problem/orbit_problem.hpp>
 #include <rubato/run/event_check.hpp>
 #include <rubato/run/output_check.hpp>
+#include <rubato/run/tangent_check.hpp>
 #include <rubato/variation/total_variation.hpp>
 
 namespace rubato {
@@ -84,7 +85,8 @@ public:
         gamma_(reader, "/levels/gamma"),
         energy_(reader, "/levels/energy"),
         output_({nullptr, &reader}, levels, problem, 1, findings),
-        events_({nullptr, &reader}, levels, problem, 1, findings) {
+        events_({nullptr, &reader}, levels, problem, 1, findings),
+        tangents_(reader, levels, problem, findings) {
     if (reader.has("/levels/rounding")) {  // records of earlier versions have none
       rounding_.emplace(reader, "/levels/rounding");
     }
@@ -138,6 +140,7 @@ public:
         output_.check_level(row, z);
         if (row == 0) {
           events_.begin(z);
+          tangents_.begin();
         }
       }
       check_exact(row);
@@ -147,6 +150,7 @@ public:
         }
         output_.check_step(row, previous, z);
         events_.check_step(row, previous, z);
+        tangents_.check_step(row, previous, z);
       } else {
         last_corners_.clear();
       }
@@ -550,6 +554,7 @@ private:
   std::vector<double> last_corners_;
   OutputCheck output_;
   EventCheck events_;
+  TangentCheck tangents_;
   Spread equation_;
 };
 

@@ -76,6 +76,38 @@ class Crossings:
         return f"<{len(self)} crossings of {self.name}>"
 
 
+class Lyapunov:
+    """Growth of the tangent vectors along an orbit: [scheme] tangents, or ``tangents=4``.
+
+    Attributes
+    ----------
+    exponents : array
+        ln of the growth of each vector over the time, by QR; `sum` of them is 0 for all 2n vectors.
+    megno : float
+        MEGNO averaged over the time: about 2 on a regular orbit.
+    growth : array, shape (vectors, steps)
+        ln r_ii of each step that has a row.
+    two_form : array, shape (steps,)
+        Defect of dp^dq of the vectors in each step; None with one vector.
+    """
+
+    def __init__(self, result: "Result"):
+        paths = []
+        while f"/tangents/growth_{len(paths) + 1}" in result._info:
+            paths.append(f"/tangents/growth_{len(paths) + 1}")
+        if not paths:
+            raise LookupError("the run carried no tangent vectors: give tangents=4, or tangents=\"all\"")
+        figures = result.figures.get("lyapunov", {})
+        self.exponents = np.array(figures.get("exponents", [np.nan] * len(paths)))
+        self.megno = figures.get("megno", np.nan)
+        self.growth = np.array([result._read(path) for path in paths])
+        path = "/tangents/two_form"
+        self.two_form = result._read(path) if path in result._info else None
+
+    def __repr__(self):
+        return f"<exponents {self.exponents}, MEGNO {self.megno:.6g}>"
+
+
 class Result:
     """A run in memory, or a record.
 
@@ -91,6 +123,12 @@ class Result:
         The discrete energy and the length of each step; with `every`, of those that lead to stored levels.
     laws : mapping
         Local residuals (NAME_max, NAME_rms), totals and invariants.
+    lyapunov : Lyapunov
+        With tangents: exponents, MEGNO, and the growth of each tangent vector in each step.
+    tangent : array, shape (stored levels, 2n, 2n)
+        With ``tangents={"matrix": True}`` the state-transition matrix, the derivative of each stored state by the first.
+    sensitivities : dict
+        With ``tangents={"parameters": ["mu"]}`` the derivatives of the stored states by these parameters, as `y`.
     t_events, y_events : list of arrays
         The crossings of each event; `events` has them by name.
     success, status, message : how the run ended; `status` is that of the program, 0 is done.
@@ -278,6 +316,25 @@ class Result:
         return [crossings.y for crossings in self.events.values()] or None
 
     # -- ours
+
+    @property
+    def lyapunov(self) -> Lyapunov:
+        return Lyapunov(self)
+
+    @property
+    def tangent(self):
+        return self._read(self._tangents("/tangents/matrix", '{"matrix": True}'))
+
+    @property
+    def sensitivities(self) -> dict:
+        values = self._read(self._tangents("/tangents/sensitivities", '{"parameters": ["mu"]}'))
+        names = self._read("/tangents/parameter")
+        return {str(name): values[:, i, :].T for i, name in enumerate(names)}
+
+    def _tangents(self, path: str, how: str) -> str:
+        if path not in self._info:
+            raise LookupError(f"the run has no {path}: give tangents={how}")
+        return path
 
     @property
     def energy(self):

@@ -262,8 +262,9 @@ def run(problem, output=None, *, overwrite=False, settings=None, threads=0, prog
         The record to write. Without it the run stays in memory, but that of a problem with [ensemble].
     settings : list of str, optional
         As of ``rubato run --set``: ``["parameters.c=0.9"]``.
-    tangents : bool
-        Carries two tangent solutions along a lattice.
+    tangents : bool, int, "all" or dict
+        Of a lattice carries two tangent solutions along. Of an orbit the entry of [scheme]: so many tangent vectors
+        (True: two), or ``{"vectors": "all", "matrix": True, "parameters": ["mu"]}``.
     **overrides
         Keys of [scheme] and [output], and any other entry with two underscores for the dot: ``parameters__c=0.9``.
 
@@ -274,10 +275,15 @@ def run(problem, output=None, *, overwrite=False, settings=None, threads=0, prog
     >>> r.verdict
     'good'
     """
+    if tangents is not False and tangents is not None:
+        read = _problem_of(problem, dict(overrides), settings, "run")
+        if not read.is_lattice:  # an entry of the problem, which its record has
+            number = 2 if tangents is True else tangents
+            settings, tangents = [*(settings or ()), f"scheme.tangents={_toml.value_text(number)}"], False
     read = _problem_of(problem, overrides, settings, "run")
     if output is None and read.is_ensemble:
         output = read.file
-    return _finish(_run(read, file=output, overwrite=overwrite, threads=threads, progress=progress, tangents=tangents))
+    return _finish(_run(read, file=output, overwrite=overwrite, threads=threads, progress=progress, tangents=bool(tangents)))
 
 
 def open(file) -> Result:

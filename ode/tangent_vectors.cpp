@@ -1,0 +1,204 @@
+#include <rubato/ode/tangent_vectors.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <limits>
+#include <random>
+#include <stdexcept>
+
+#include <fmt/format.h>
+
+#include <rubato/base/larger.hpp>
+
+namespace rubato {
+
+namespace {
+
+constexpr double undefined = std::numeric_limits<double>::quiet_NaN();
+
+double dot(std::span<const double> u, std::span<const double> v) {
+  double sum = 0.0;
+  for (std::size_t i = 0; i < u.size(); ++i) {
+    sum += u[i] * v[i];
+  }
+  return sum;
+}
+
+/// (dp∧dq)(u, v)
+double form(std::span<const double> u, std::span<const double> v) {
+  const std::size_t half = u.size() / 2;
+  return dot(u.subspan(half), v.first(half)) - dot(u.first(half), v.subspan(half));
+}
+
+void add(double factor, std::span<const double> v, std::span<double> to) {
+  for (std::size_t i = 0; i < to.size(); ++i) {
+    to[i] += factor * v[i];
+  }
+}
+
+}  // namespace
+
+std::vector<double> symplectic_start(std::size_t degrees_of_freedom, std::size_t count) {
+  const std::size_t n = degrees_of_freedom, size = 2 * n;
+  std::mt19937_64 generator(1);
+  const auto draw = [&generator] {  // between -1 and 1, the same with every library
+    return static_cast<double>(generator() >> 11) * 0x1p-52 - 1.0;
+  };
+  // A vector (a, b) stands for a + ib, and J for the product with -i: unitary columns are orthonormal with their Jv.
+  std::vector<double> basis(n * size);
+  std::vector<double> turned(size);
+  const auto column = [&](std::size_t i) { return std::span(basis).subspan(i * size, size); };
+  const auto turn = [&](std::span<const double> v) {
+    std::copy(v.begin() + static_cast<std::ptrdiff_t>(n), v.end(), turned.begin());
+    std::transform(v.begin(), v.begin() + static_cast<std::ptrdiff_t>(n),
+                   turned.begin() + static_cast<std::ptrdiff_t>(n), std::negate());
+  };
+  const std::size_t needed = std::min(n, count);
+  for (std::size_t j = 0; j < needed; ++j) {
+    const auto v = column(j);
+    std::ranges::generate(v, draw);
+    for (int pass = 0; pass < 2; ++pass) {
+      for (std::size_t i = 0; i < j; ++i) {
+        const auto u = column(i);
+        turn(u);
+        const double along = dot(u, v), across = dot(turned, v);
+        add(-along, u, v);
+        add(-across, turned, v);
+      }
+      const double length = std::sqrt(dot(v, v));
+      std::ranges::transform(v, v.begin(), [length](double x) { return x / length; });
+    }
+  }
+  std::vector<double> vectors(basis.begin(), basis.begin() + static_cast<std::ptrdiff_t>(needed * size));
+  for (std::size_t j = needed; j < count; ++j) {
+    turn(column(size - 1 - j));
+    vectors.insert(vectors.end(), turned.begin(), turned.end());
+  }
+  return vectors;
+}
+
+bool orthonormalise(std::span<double> columns, std::size_t count, std::span<double> logarithms) {
+  const std::size_t size = count == 0 ? 0 : columns.size() / count;
+  bool all = true;
+  for (std::size_t j = 0; j < count; ++j) {
+    const auto v = columns.subspan(j * size, size);
+    double length = std::sqrt(dot(v, v)), logarithm = std::log(length);
+    for (double& x : v) {
+      x /= length;
+    }
+    for (int pass = 0; pass < 2 && j > 0; ++pass) {
+      for (std::size_t i = 0; i < j; ++i) {
+        const auto u = columns.subspan(i * size, size);
+        add(-dot(u, v), u, v);
+      }
+      length = std::sqrt(dot(v, v));
+      logarithm += std::log(length);
+      for (double& x : v) {
+        x /= length;
+      }
+    }
+    logarithms[j] = logarithm;
+    all = all && std::isfinite(logarithm);
+  }
+  return all;
+}
+
+double two_form_defect(std::span<const double> before, std::span<const double> after, std::size_t count) {
+  if (count < 2) {
+    return undefined;
+  }
+  const std::size_t size = before.size() / count;
+  double largest = 0.0;
+  for (std::size_t i = 0; i < count; ++i) {
+    const auto u = before.subspan(i * size, size), u_after = after.subspan(i * size, size);
+    for (std::size_t j = i + 1; j < count; ++j) {
+      const auto v = before.subspan(j * size, size), v_after = after.subspan(j * size, size);
+      const double unit = std::sqrt(std::max(dot(u, u) * dot(v, v), dot(u_after, u_after) * dot(v_after, v_after)));
+      largest = larger(largest, std::abs(form(u_after, v_after) - form(u, v)) / unit);
+    }
+  }
+  return largest;
+}
+
+TangentVectors::TangentVectors(std::unique_ptr<OrbitTangent> tangent, std::size_t dimension, std::size_t count,
+                               bool with_matrix)
+    : tangent_(std::move(tangent)), dimension_(dimension), count_(count), logarithms_(count, 0.0) {
+  if (count > dimension) {
+    throw std::invalid_argument(fmt::format(
+        "{} tangent vectors in a phase space of dimension {}: there are no more than that", count, dimension));
+  }
+  columns_ = symplectic_start(dimension / 2, count);
+  if (with_matrix) {
+    matrix_.resize(dimension * dimension);
+    columns_.resize((count + dimension) * dimension, 0.0);
+    for (std::size_t i = 0; i < dimension; ++i) {
+      columns_[(count + i) * dimension + i] = 1.0;
+    }
+    read_matrix();
+  }
+}
+
+Status TangentVectors::step(std::span<const double> z_0, std::span<const double> z_1, double t_0, double h) {
+  const std::size_t size = tangent_->size();
+  if (!begun_) {
+    before_ = columns_;
+    columns_.assign(columns_.size() / dimension_ * size, 0.0);
+    begun_ = true;
+    if (const Status status = tangent_->lift(z_0, z_1, t_0, h, before_, columns_); status != Status::success) {
+      return fail(status);
+    }
+    if (size != dimension_ && !orthonormalise(std::span(columns_).first(count_ * size), count_, logarithms_)) {
+      return fail(Status::singular);
+    }
+  }
+  before_ = columns_;
+  if (const Status status = tangent_->step(z_0, z_1, t_0, h, columns_); status != Status::success) {
+    return fail(status);
+  }
+  const auto vectors = std::span(columns_).first(count_ * size);
+  defect_ = two_form_defect(std::span(before_).first(count_ * size), vectors, count_);
+  if (!matrix_.empty()) {
+    read_matrix();
+  }
+  return orthonormalise(vectors, count_, logarithms_) ? Status::success : fail(Status::undefined);
+}
+
+Status TangentVectors::fail(Status status) {
+  std::ranges::fill(columns_, undefined);
+  std::ranges::fill(logarithms_, undefined);
+  std::ranges::fill(matrix_, undefined);
+  defect_ = undefined;
+  return status;
+}
+
+void TangentVectors::read_matrix() {
+  const std::size_t size = begun_ ? tangent_->size() : dimension_;
+  for (std::size_t column = 0; column < dimension_; ++column) {
+    for (std::size_t row = 0; row < dimension_; ++row) {
+      matrix_[row * dimension_ + column] = columns_[(count_ + column) * size + row];
+    }
+  }
+}
+
+void TangentVectors::save(StateWriter& state) const {
+  state.write(begun_ ? 1.0 : 0.0);
+  state.write(columns_);
+  tangent_->save(state);
+}
+
+void TangentVectors::restore(StateReader& state) {
+  const bool begun = state.read() != 0.0;
+  if (begun != begun_) {
+    columns_.resize(columns_.size() / (begun_ ? tangent_->size() : dimension_) *
+                    (begun ? tangent_->size() : dimension_));
+    begun_ = begun;
+  }
+  state.read(std::span<double>(columns_));
+  tangent_->restore(state);
+  if (!matrix_.empty()) {
+    read_matrix();
+  }
+}
+
+}  // namespace rubato
