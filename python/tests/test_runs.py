@@ -370,6 +370,27 @@ class Memory(unittest.TestCase):
         with self.assertRaisesRegex(AttributeError, "leave out every"):
             rb.integrate(PENDULUM, [0, 1.9], (0, 5), step=0.1, every=3).sol
 
+    def test_tangents(self):
+        r = rb.run("henon-heiles", tangents={"vectors": "all", "matrix": True}, until=20)
+        self.assertEqual(r.lyapunov.growth.shape, (4, len(r.h)))
+        np.testing.assert_allclose(r.lyapunov.exponents, r.lyapunov.growth.sum(axis=1) / (r.t[-1] - r.t[0]), rtol=1e-12)
+        self.assertLess(abs(r.lyapunov.exponents.sum()), 1e-14)
+        self.assertLess(r.lyapunov.two_form.max(), 1e-14)
+        matrix = r.tangent
+        self.assertEqual(matrix.shape, (len(r.t), 4, 4))
+        J = np.block([[np.zeros((2, 2)), np.eye(2)], [-np.eye(2), np.zeros((2, 2))]])
+        self.assertLess(abs(matrix[-1].T @ J @ matrix[-1] - J).max(), 1e-12 * abs(matrix[-1]).max() ** 2)
+        with self.assertRaisesRegex(LookupError, "parameters"):
+            r.sensitivities
+        by = rb.run("pendulum", tangents=1, until=5)
+        self.assertIsNone(by.lyapunov.two_form)
+        self.assertEqual(len(rb.run("henon-heiles", tangents=True, until=5).lyapunov.exponents), 2)
+        with self.assertRaisesRegex(LookupError, "tangents=4"):
+            rb.run("pendulum", until=5).lyapunov
+        one = rb.integrate(rb.Hamiltonian("q", "p", "p^2/2 + k*q^2/2", parameters={"k": 2.0}), [0, 1], (0, 3), step=0.1,
+                           levels="fixed", tangents={"parameters": ["k"]}).sensitivities["k"]
+        self.assertEqual(one.shape, (2, 31))
+
     @unittest.skipUnless(importlib.util.find_spec("xarray"), "xarray is not installed")
     def test_xarray(self):
         plane = rb.run("sine-gordon-2d", settings=["grid.x.cells=15", "grid.y.cells=13"], until=0.1).to_xarray()
