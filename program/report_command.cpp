@@ -56,7 +56,7 @@ std::string canonical(const std::string& problem) {
 report::Notes notes_on(const record::Reader& reader) {
   try {
     rubato::RecordNotes notes = rubato::notes_on(reader);
-    return {std::move(notes.fields), std::move(notes.rounding)};
+    return {std::move(notes.fields), std::move(notes.auxiliary), std::move(notes.rounding)};
   } catch (const std::logic_error&) {
     return {};
   } catch (const record::Error&) {

@@ -54,16 +54,15 @@ class Part {
 public:
   Part(const record::Reader& reader, const PageOptions& options)
       : reader_(reader),
-        contents_(contents_of(reader)),
-        summary_(summarise(reader, contents_)),
         notes_(options.notes ? options.notes(reader) : Notes()),
+        contents_(drawn(contents_of(reader), notes_, options.field)),
+        summary_(summarise(reader, contents_)),
         needs_(reader, contents_) {
     std::ranges::stable_sort(contents_.fields, {}, [&](const Contents::Field& field) {
       return std::tuple(field.name != options.field,
                         std::ranges::find(notes_.fields, field.name) - notes_.fields.begin(), !has_exact(field.name),
                         field.at_midpoints);
     });
-    require_field(options.field);
   }
 
   [[nodiscard]] const Needs& needs() const { return needs_; }
@@ -86,23 +85,28 @@ public:
   }
 
 private:
-  void require_field(const std::string& name) const {
-    if (!name.empty() && std::ranges::find(contents_.fields, name, &Contents::Field::name) == contents_.fields.end()) {
+  /// Without auxiliary fields, but for the one that is asked for.
+  static Contents drawn(Contents contents, const Notes& notes, const std::string& asked) {
+    if (!asked.empty() && std::ranges::find(contents.fields, asked, &Contents::Field::name) == contents.fields.end()) {
       std::vector<std::string> names;
-      std::ranges::transform(contents_.fields, std::back_inserter(names), &Contents::Field::name);
+      std::ranges::transform(contents.fields, std::back_inserter(names), &Contents::Field::name);
       throw std::invalid_argument(
-          fmt::format("--field {}: the record has no such field; {}", name,
+          fmt::format("--field {}: the record has no such field; {}", asked,
                       names.empty() ? "it is not of a lattice" : fmt::format("it has {}", fmt::join(names, ", "))));
     }
+    std::erase_if(contents.fields, [&](const Contents::Field& field) {
+      return field.name != asked && std::ranges::find(notes.auxiliary, field.name) != notes.auxiliary.end();
+    });
+    return contents;
   }
   [[nodiscard]] bool has_exact(const std::string& name) const {
     return std::ranges::find(contents_.exact, name) != contents_.exact.end();
   }
 
   const record::Reader& reader_;
+  Notes notes_;
   Contents contents_;
   figures::Statistics summary_;
-  Notes notes_;
   Needs needs_;
 };
 

@@ -15,6 +15,8 @@ namespace rubato::report {
 struct Notes {
   /// Names of fields in the order in which they are drawn: the unknown of the equation first. Those left out come last.
   std::vector<std::string> fields;
+  /// Those that are drawn only if PageOptions::field names them.
+  std::vector<std::string> auxiliary = {};
   /// By dataset ("/laws/energy_max", "/laws/fields/energy", "/levels/energy", "/laws/NAME"): the size of what rounding
   /// alone leaves of the law. Pictures say where it lies, and colours end there.
   std::map<std::string, double> rounding;

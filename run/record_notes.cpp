@@ -10,6 +10,7 @@
 #include <rubato/base/limits.hpp>
 #include <rubato/formula/bytecode.hpp>
 #include <rubato/pde/law_evaluator.hpp>
+#include <rubato/pde/multisymplectic_form.hpp>
 #include <rubato/pde/placed_coordinates.hpp>
 #include <rubato/problem/lattice_problem.hpp>
 #include <rubato/problem/stored.hpp>
@@ -283,15 +284,29 @@ std::vector<std::string> field_order(const Problem& problem, const Multisymplect
   return names;
 }
 
+std::vector<std::string> auxiliary_fields(const MultisymplecticProblem& pde) {
+  std::vector<std::string> names;
+  if (!pde.derived.empty()) {
+    std::ranges::copy_if(pde.fields, std::back_inserter(names), [&](const std::string& name) {
+      const auto derivative = derivative_named(name, pde.fields);
+      return name.starts_with("multiplier_") || name.starts_with("potential_") ||
+             (derivative && derivative->order[0] == 0);
+    });
+  }
+  return names;
+}
+
 }  // namespace
 
 RecordNotes notes_on(const record::Reader& reader) {
   const Problem problem = stored_problem(reader);
   if (problem.multisymplectic() == nullptr) {
-    return {.fields = {}, .rounding = orbit_levels(reader, problem)};
+    return {.fields = {}, .auxiliary = {}, .rounding = orbit_levels(reader, problem)};
   }
   const MultisymplecticSystem system = make_system(problem);
-  return {.fields = field_order(problem, system), .rounding = LatticeLevels(problem, system).take(reader)};
+  return {.fields = field_order(problem, system),
+          .auxiliary = auxiliary_fields(*problem.multisymplectic()),
+          .rounding = LatticeLevels(problem, system).take(reader)};
 }
 
 }  // namespace rubato

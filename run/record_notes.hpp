@@ -15,6 +15,9 @@ struct RecordNotes {
   /// the middle of steps only. Among equals a field that S knows by its square alone, as velocities and slopes are,
   /// comes after others; then the order of the problem decides.
   std::vector<std::string> fields;
+  /// Those among them that nobody stated: of [field] potentials, multipliers and derivatives by space, which are drawn
+  /// where they are asked for.
+  std::vector<std::string> auxiliary = {};
   /// By dataset: the size of what rounding alone leaves of a law. With ε = 2⁻⁵² and values z that carry a relative
   /// error of ε, a function f is known to
   ///

@@ -112,7 +112,7 @@ py::dict header_of(const record::Reader& reader) {
 report::PageOptions page_options() {
   return {.notes = [](const record::Reader& reader) {
     const RecordNotes notes = notes_on(reader);
-    return report::Notes{.fields = notes.fields, .rounding = notes.rounding};
+    return report::Notes{.fields = notes.fields, .auxiliary = notes.auxiliary, .rounding = notes.rounding};
   }};
 }
 

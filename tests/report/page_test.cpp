@@ -236,6 +236,20 @@ TEST_CASE("the unknown comes first, and what rounding leaves is told") {
         std::string_view::npos);
 }
 
+TEST_CASE("fields that nobody stated are drawn where they are asked for") {
+  const sample::Folder folder;
+  sample::write_lattice(folder / "lattice.h5", {.field = "u", .other_field = "a"});
+  const auto drawn = [&](const report::PageOptions& options) {
+    return count(sample::data_of(page_of(folder / "lattice.h5", options)), R"("name":"a","group":"field")");
+  };
+  const auto notes = [](const record::Reader&) {
+    return report::Notes{.fields = {"u"}, .auxiliary = {"a"}, .rounding = {}};
+  };
+  CHECK(drawn({}) == 1);
+  CHECK(drawn({.notes = notes}) == 0);
+  CHECK(drawn({.field = "a", .notes = notes}) == 1);
+}
+
 TEST_CASE("planes and volumes become films") {
   const sample::Folder folder;
   sample::write_lattice(folder / "plane.h5", {.levels = 30, .nx = 64, .ny = 48});
