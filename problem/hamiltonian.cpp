@@ -222,10 +222,9 @@ void read_hamiltonian(Section& root, Section& section, Problem& problem) {
   }
   static const std::vector<std::string> time = {"t"};
   ode.exact = read_exact(root, std::array{q, p}, time, parameters);
-  for (const std::string_view other : {"grid", "symmetries"}) {
-    if (const Entry* entry = root.take(other)) {
-      throw ProblemError(entry->location, fmt::format("[{}] belongs to a [multisymplectic] problem", other));
-    }
+  read_orbit_symmetries(root, ode, parameters);
+  if (const Entry* entry = root.take("grid")) {
+    throw ProblemError(entry->location, "[grid] belongs to a [multisymplectic] problem");
   }
   problem.system = std::move(ode);
 }

@@ -48,8 +48,11 @@ constexpr std::array<TableEntry, 30> all_tables{{
     {"exact", "the exact solution as formulas of t, on a lattice of x, y, z and t: the error is reported",
      "a coordinate, a momentum, a velocity or a field"},
     {"symmetries",
-     "linear symmetries z -> z + s B z of a lattice, each the entries [row, column, value] of B or the "
-     "whole of it: their local laws are reported",
+     "of a lattice linear ones, z -> z + s B z, each the entries [row, column, value] of B or the whole of it: their "
+     "local laws are reported. Of an orbit generators of coordinates, NAME = { x = \"-y\", y = \"x\" }, which move "
+     "momenta "
+     "as they have to, or linear ones of both: their momentum maps are reported as invariants, with their changes in "
+     "each step. find = true adds all other linear symmetries of H, as linear_1, linear_2 and so on",
      "a symmetry"},
     {"scheme", "how it is solved"},
     {"scheme.step_potential",

@@ -136,10 +136,9 @@ void read_lagrangian(Section& root, Section& section, Problem& problem) {
   orbit.invariants = read_invariants(root, {names}, parameters);
   static const std::vector<std::string> time = {"t"};
   orbit.exact = read_exact(root, std::array{q, q_dot, p}, time, parameters);
-  for (const std::string_view other : {"grid", "symmetries"}) {
-    if (const Entry* entry = root.take(other)) {
-      throw ProblemError(entry->location, fmt::format("[{}] belongs to a [multisymplectic] problem", other));
-    }
+  read_orbit_symmetries(root, orbit, parameters);
+  if (const Entry* entry = root.take("grid")) {
+    throw ProblemError(entry->location, "[grid] belongs to a [multisymplectic] problem");
   }
   problem.system = std::move(orbit);
   auto& read = std::get<HamiltonianProblem>(problem.system);

@@ -221,6 +221,8 @@ void read_output_times(Section& section, Problem& problem);
 ///@}
 /// [scheme] frame, with its own location, if there is one.
 [[nodiscard]] std::optional<StatedFrame> read_frame(Section& scheme, const Problem& problem);
+/// [symmetries] of an orbit: adds their momentum maps to its invariants, and their names. Needs the invariants.
+void read_orbit_symmetries(Section& root, HamiltonianProblem& orbit, const Parameters& parameters);
 /// [scheme] tangents, if there are any.
 [[nodiscard]] StatedTangents read_tangents(Section& scheme, const Problem& problem);
 /// The values of `--set` that put fitted numbers in the place of "fit". \throws ProblemError where a first step of the

@@ -226,6 +226,8 @@ void Chronicle::take_step(const TakenStep& taken) {
   for (std::size_t i = 0; i < laws.size(); ++i) {
     if (problem_.laws.taken_at(statistics_.steps)) {
       statistics_.add_residual(i, laws[i].figures());
+    } else {
+      laws[i].set({});
     }
     laws[i].append(rows_);
   }

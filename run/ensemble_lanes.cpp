@@ -47,8 +47,8 @@ bool is_plain_splitting(const Problem& problem) {
   const Scheme& scheme = problem.scheme;
   return orbit != nullptr && !orbit->L && !orbit->next && !orbit->fictitious_time && !orbit->driven &&
          scheme.lagrangian == LagrangianName::splitting && scheme.levels == Levels::fixed && scheme.step &&
-         !scheme.energy_tolerance && !scheme.tangents.any() && !problem.output.any() && orbit->exact.empty() &&
-         (problem.laws.every <= 1 || orbit->invariants.empty());
+         !scheme.energy_tolerance && !scheme.tangents.any() && orbit->symmetries.empty() && !problem.output.any() &&
+         orbit->exact.empty() && (problem.laws.every <= 1 || orbit->invariants.empty());
 }
 
 /// All that members side by side have to have in common, in words.

@@ -22,6 +22,8 @@
 #include <rubato/problem/formula_table.hpp>
 #include <rubato/problem/orbit_problem.hpp>
 #include <rubato/run/event_check.hpp>
+#include <rubato/run/law.hpp>
+#include <rubato/run/orbit_levels.hpp>
 #include <rubato/run/output_check.hpp>
 #include <rubato/run/tangent_check.hpp>
 #include <rubato/variation/total_variation.hpp>
@@ -78,6 +80,7 @@ public:
         autonomous_(problem.scheme.lagrangian != LagrangianName::custom),
         invariants_(problem, orbit_.invariants, orbit_.formula_names()),
         exact_(problem, orbit_.exact, {"t"}),
+        momentum_maps_(problem, momentum_maps_of(orbit_), orbit_.names()),
         states_(reader, "/states", n_, levels.state_level.size()),
         size_(2 * n_, 0.0),
         scale_(2 * n_, 0.0),
@@ -110,6 +113,10 @@ public:
     }
     for (const std::string& name : invariants_.names()) {
       laws_.emplace_back(reader, "/laws/" + name);
+    }
+    for (const std::string& name : momentum_maps_.names()) {
+      changes_.emplace_back(reader, Law(name).max_path());
+      changes_.emplace_back(reader, Law(name).rms_path());
     }
     for (const std::string& name : exact_.names()) {
       exacts_.emplace_back(reader, "/exact/" + name);
@@ -146,6 +153,7 @@ public:
       check_exact(row);
       if (row > 0 && whole && !previous.empty() && all_finite(previous)) {
         if (const auto step = levels_.step_to(row)) {
+          check_momentum_maps(row, *step, previous, z);
           map_ ? check_map(row, *step, previous, z) : check_step(row, *step, previous, z);
         }
         output_.check_step(row, previous, z);
@@ -305,6 +313,37 @@ private:
       findings_.compare(laws_[i].path(), *at, {}, laws_[i].at(*at),
                         taken ? found[2 + i] : std::numeric_limits<double>::quiet_NaN(), tolerance(2 + i),
                         taken ? reason : "[laws] every of the problem");
+    }
+  }
+
+  /// By how much each momentum map changes in the step to a stored level.
+  void check_momentum_maps(std::size_t row, std::size_t step, const std::vector<double>& z_0,
+                           const std::vector<double>& z_1) {
+    const std::size_t maps = changes_.size() / 2;
+    const bool taken = problem_.laws.taken_at(levels_.state_level[row]);
+    std::vector<double> inputs = z_0, scales = scale_, found(maps), tolerances;
+    inputs.insert(inputs.end(), z_1.begin(), z_1.end());
+    scales.insert(scales.end(), scale_.begin(), scale_.end());
+    const auto evaluate = [&](const std::vector<double>& at, std::vector<double>& out) {
+      const std::span<const double> values = momentum_maps_(std::span(at).first(2 * n_));
+      std::ranges::copy(values, out.begin());
+      const std::span<const double> after = momentum_maps_(std::span(at).last(2 * n_));
+      for (std::size_t i = 0; i < maps; ++i) {
+        out[i] = std::abs(after[i] - out[i]);
+      }
+    };
+    evaluate(inputs, found);
+    for (std::size_t i = 0; i < changes_.size(); ++i) {
+      findings_.compare(
+          changes_[i].path(), step, {}, changes_[i].at(step),
+          taken ? found[i / 2] : std::numeric_limits<double>::quiet_NaN(),
+          [&] {
+            if (tolerances.empty()) {
+              tolerances = Rounding::tolerances(inputs, scales, {0, 1}, maps, evaluate);
+            }
+            return tolerances[i / 2];
+          },
+          taken ? "from the states around the step" : "[laws] every of the problem");
     }
   }
 
@@ -540,7 +579,7 @@ private:
   bool autonomous_;
   bool autonomous_known_ = false;
   Eigen::VectorXd gradient_;
-  FormulaTable invariants_, exact_;
+  FormulaTable invariants_, exact_, momentum_maps_;
   StoredStates states_;
   std::optional<StoredStates> before_;
   std::optional<StoredRows> velocities_;  ///< of a problem stated by L
@@ -550,7 +589,7 @@ private:
   std::vector<double> scale_;                                ///< of each component: see find_scales()
   StoredRows node_energy_, gamma_, energy_;
   std::optional<StoredRows> rounding_;
-  std::vector<StoredRows> laws_, exacts_;
+  std::vector<StoredRows> laws_, exacts_, changes_;
   std::vector<double> last_corners_;
   OutputCheck output_;
   EventCheck events_;

@@ -1,5 +1,8 @@
 #include <rubato/run/orbit_levels.hpp>
 
+#include <algorithm>
+#include <iterator>
+
 #include <fmt/format.h>
 
 #include <rubato/ode/discrete_lagrangian.hpp>
@@ -37,6 +40,14 @@ std::unique_ptr<OneStepScheme> make_quadrature(const Problem& problem) {
 }
 
 }  // namespace
+
+std::vector<NamedFormula> momentum_maps_of(const HamiltonianProblem& orbit) {
+  std::vector<NamedFormula> maps;
+  std::ranges::copy_if(orbit.invariants, std::back_inserter(maps), [&](const NamedFormula& invariant) {
+    return std::ranges::find(orbit.symmetries, invariant.name) != orbit.symmetries.end();
+  });
+  return maps;
+}
 
 std::vector<double> start_of(const HamiltonianProblem& orbit) {
   std::vector<double> z = orbit.initial.q;

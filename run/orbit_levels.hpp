@@ -14,6 +14,9 @@ namespace rubato {
 /// What tells the velocities of a problem that is stated by L; null for others.
 [[nodiscard]] std::unique_ptr<OneStepScheme> make_velocities(const Problem& problem);
 
+/// The momentum maps of [symmetries], among the invariants.
+[[nodiscard]] std::vector<NamedFormula> momentum_maps_of(const HamiltonianProblem& orbit);
+
 /// (q, p) at the start.
 [[nodiscard]] std::vector<double> start_of(const HamiltonianProblem& orbit);
 

@@ -9,6 +9,7 @@
 #include <rubato/problem/orbit_problem.hpp>
 #include <rubato/run/exact_measures.hpp>
 #include <rubato/run/local_frequency.hpp>
+#include <rubato/run/orbit_levels.hpp>
 #include <rubato/run/simulation.hpp>
 
 namespace rubato {
@@ -24,7 +25,11 @@ public:
         invariants_(problem, orbit_.invariants, orbit_.formula_names()),
         exact_(problem, orbit_.exact, {"t"}),
         energy_terms_(make_energy_terms(problem)),
-        frequency_(problem) {
+        frequency_(problem),
+        momentum_maps_(problem, momentum_maps_of(orbit_), orbit_.names()) {
+    for (const std::string& name : momentum_maps_.names()) {
+      laws_.emplace_back(name);
+    }
     const std::vector<std::string> names = orbit_.formula_names();
     for (const NamedFormula& formula : orbit_.exact) {
       exact_index_.push_back(static_cast<std::size_t>(std::ranges::find(names, formula.name) - names.begin()));
@@ -47,6 +52,22 @@ public:
   [[nodiscard]] std::span<const double> invariants() override { return invariants_(formula_inputs()); }
 
   [[nodiscard]] std::span<const double> energy_term_values() override { return energy_terms_(formula_inputs()); }
+
+  /// How far each momentum map changes in the step: rounding errors where the discrete action has its symmetry.
+  [[nodiscard]] std::span<Law> laws() override {
+    if (!laws_.empty()) {
+      const std::span<const double> before = momentum_maps_(levels_[at_ - 1].z);
+      changes_.assign(before.begin(), before.end());
+      const std::span<const double> now = momentum_maps_(level().z);
+      for (std::size_t i = 0; i < laws_.size(); ++i) {
+        Spread change;
+        change.add(std::abs(now[i] - changes_[i]));
+        laws_[i].set(change);
+      }
+    }
+    return laws_;
+  }
+  [[nodiscard]] std::span<const Law> laws() const override { return laws_; }
 
   void measure(std::size_t number, figures::Measures& measures) override {
     if (number < 2 && !exact_.names().empty()) {
@@ -233,6 +254,9 @@ private:
   OrbitIntegrator integrator_;
   FormulaTable invariants_, exact_, energy_terms_;
   LocalFrequency frequency_;
+  FormulaTable momentum_maps_;
+  std::vector<Law> laws_;  ///< of each of them
+  std::vector<double> changes_;
   std::vector<std::size_t> exact_index_;
   std::vector<double> inputs_, rows_;
   std::vector<Level> levels_;  ///< the two before a block, and those of its steps
