@@ -1,6 +1,6 @@
 // What tangent vectors cost: a bare step of an orbit with k of them, beside one without. "over_plain" is the ratio of
-// the two within one benchmark. Of whole runs, with their records, it is at most about 1 + 2k, and 3.3 with one vector of Gauss 3; short explicit
-// steps exceed it here, since QR takes as long as they do.
+// the two within one benchmark. Of whole runs, with their records, it is at most about 1 + 2k, and 3.3 with one vector
+// of Gauss 3; short explicit steps exceed it here, since QR takes as long as they do.
 
 #include <chrono>
 #include <string>
