@@ -48,7 +48,8 @@ public:
     }
     for (const NodeIndex index : order) {
       const Node& node = graph_.node(index);
-      const int arguments = node.operation == Operation::sign ? 0 : arity(node.operation);
+      const bool is_flat = node.operation == Operation::sign || node.operation == Operation::floor;
+      const int arguments = is_flat ? 0 : arity(node.operation);
       active_[index] = number_.contains(index) || (arguments >= 1 && active_[node.a] != 0 && !is_choice(node)) ||
                        (arguments == 2 && active_[node.b] != 0);
     }

@@ -222,7 +222,7 @@ Expression Graph::make(Operation operation, Expression a, Expression b) {
   if (operation >= Operation::bessel_j && operation <= Operation::bessel_k) {
     return make_bessel(operation, a, b);
   }
-  if (operation >= Operation::jacobi_sn && operation <= Operation::jacobi_dn) {
+  if (operation >= Operation::jacobi_sn && operation <= Operation::jacobi_am) {
     check_elliptic_parameter(b);
   }
   if (a.is_constant() && b.is_constant()) {

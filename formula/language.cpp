@@ -27,11 +27,12 @@ constexpr std::array all_functions = {
 #include <rubato/formula/operations.inc>
 };
 
-constexpr std::array<Word, 7> all_words{{
+constexpr std::array<Word, 8> all_words{{
     {"ellipk", "m", "complete elliptic integral K of the parameter m, a known number, 0 <= m < 1"},
     {"ellipe", "m", "complete elliptic integral E of the parameter m, a known number, 0 <= m <= 1"},
     {"where", "c, a, b", "a where the comparison c holds, else b; see Choices"},
     {"noise", "seed", "a normal random number, by an integer that is known; see Random numbers"},
+    {"mod", "x, y", "x - y*floor(x/y): what is left of x, from 0 to y, where it goes round with the period y"},
     {"norm", "r", "length of a vector, or of the vector of two or more numbers; see Vectors"},
     {"dot", "r, s", "scalar product of two vectors; see Vectors"},
     {"sum", "i, 1, N, f", "the sum of f for i = 1, ..., N; see Vectors"},

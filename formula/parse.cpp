@@ -314,6 +314,7 @@ private:
            : called.text == "where" ? parse_where(called)
            : called.text == "norm"  ? parse_norm(called)
            : called.text == "dot"   ? parse_dot(called)
+           : called.text == "mod"   ? parse_mod(called)
            : called.text == "noise" ? parse_noise(called)
                                     : parse_elliptic_integral(called);
   }
@@ -378,6 +379,21 @@ private:
     }
     close(opening);
     return parts.size() == 1 ? abs(parts.front()) : sqrt(scalar_product(parts, parts));
+  }
+
+  /// mod ( x , y )
+  Expression parse_mod(const Token& called) {
+    constexpr std::string_view usage = "mod takes two numbers: mod(x, y)";
+    const std::size_t opening = token_.offset;
+    advance();
+    const Expression x = parse_number();
+    comma(called, usage);
+    const Expression y = parse_number();
+    if (token_.is(',')) {
+      fail(token_.offset, std::string(usage));
+    }
+    close(opening);
+    return x - y * floor(x / y);
   }
 
   /// dot ( vector , vector )

@@ -198,7 +198,7 @@ struct Builder {
 
   /// The number that an elliptic function has for a parameter; of other functions none.
   [[nodiscard]] double elliptic_parameter(const Node& node) const {
-    const bool elliptic = node.operation >= Operation::jacobi_sn && node.operation <= Operation::jacobi_dn;
+    const bool elliptic = node.operation >= Operation::jacobi_sn && node.operation <= Operation::jacobi_am;
     return elliptic ? graph.node(node.b).value : 0.0;
   }
 
@@ -248,7 +248,8 @@ FirstPartials first_partials(Graph& graph, NodeIndex index, bool of_a, bool of_b
   switch (node.operation) {
     case Operation::constant:
     case Operation::variable:
-    case Operation::sign: break;
+    case Operation::sign:
+    case Operation::floor: break;
     case Operation::add:
       d.a = {1.0, {}};
       d.b = {1.0, {}};
@@ -323,6 +324,7 @@ FirstPartials first_partials(Graph& graph, NodeIndex index, bool of_a, bool of_b
     case Operation::jacobi_sn: d.a = build(cn(a, m) * dn(a, m)); break;
     case Operation::jacobi_cn: d.a = build(-1.0, sn(a, m) * dn(a, m)); break;
     case Operation::jacobi_dn: d.a = build(-m, sn(a, m) * cn(a, m)); break;
+    case Operation::jacobi_am: d.a = build(dn(a, m)); break;
     case Operation::where_positive:
     case Operation::where_negative: break;  // the sweep takes these as a whole
   }
@@ -349,6 +351,7 @@ SecondPartials second_partials(Graph& graph, NodeIndex index, bool of_a, bool of
     case Operation::negate:
     case Operation::abs:
     case Operation::sign:
+    case Operation::floor:
     case Operation::min:
     case Operation::max:
     case Operation::where_positive:
@@ -440,6 +443,7 @@ SecondPartials second_partials(Graph& graph, NodeIndex index, bool of_a, bool of
       break;
     case Operation::jacobi_cn: d.aa = times(graph, build(v), build(m * pow(sn(a, m), 2.0) - pow(dn(a, m), 2.0))); break;
     case Operation::jacobi_dn: d.aa = product(m, build(v), build(pow(sn(a, m), 2.0) - pow(cn(a, m), 2.0))); break;
+    case Operation::jacobi_am: d.aa = build(-m, sn(a, m) * cn(a, m)); break;
     case Operation::sech: d.aa = times(graph, build(v), build(1.0 - 2.0 * (v * v))); break;
     case Operation::csch: d.aa = times(graph, build(v), build(1.0 + 2.0 * (v * v))); break;
   }

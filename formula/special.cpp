@@ -91,7 +91,7 @@ void expand_bessel(double (*function)(double, double), double a, double b, doubl
   }
 }
 
-/// sn' = cn dn, cn' = -sn dn, dn' = -m sn cn.
+/// sn' = cn dn, cn' = -sn dn, dn' = -m sn cn; am' = dn.
 void expand_jacobi(OpCode function, double m, double u, std::span<double> f) {
   const std::size_t orders = f.size();
   Room room;
@@ -111,6 +111,13 @@ void expand_jacobi(OpCode function, double m, double u, std::span<double> f) {
     s[k + 1] = cd / next;
     c[k + 1] = -sd / next;
     d[k + 1] = -m * sc / next;
+  }
+  if (function == OpCode::jacobi_am) {
+    f[0] = amplitude(u, m);
+    for (std::size_t k = 1; k < orders; ++k) {
+      f[k] = d[k - 1] / static_cast<double>(k);
+    }
+    return;
   }
   const auto& wanted = function == OpCode::jacobi_sn ? s : function == OpCode::jacobi_cn ? c : d;
   std::copy(wanted.begin(), wanted.end(), f.begin());
@@ -208,6 +215,15 @@ Jacobi jacobi(double u, double m) {
   return {sn, c * sn, dn};
 }
 
+double amplitude(double u, double m) {
+  const Jacobi at = jacobi(u, m);
+  const double angle = std::atan2(at.sn, at.cn);
+  const double quarter = elliptic_k(m);  // infinite for m = 1, where there is one branch
+  // am - πu/2K has the period 2K and stays below π/2, which tells the branch.
+  constexpr double turn = 2.0 * std::numbers::pi;
+  return std::isfinite(quarter) ? angle + turn * std::round((0.25 * u / quarter) - angle / turn) : angle;
+}
+
 double elliptic_k(double m) {
   return complete_integrals(m).k;
 }
@@ -220,13 +236,18 @@ void scaled_derivatives(OpCode function, double parameter, double x, std::span<d
     case OpCode::erf: return expand_erf(x, coefficients);
     case OpCode::expm1: return expand_expm1(x, coefficients);
     case OpCode::log1p: return expand_log1p(x, coefficients);
+    case OpCode::floor:
+      std::ranges::fill(coefficients, 0.0);
+      coefficients[0] = std::floor(x);
+      return;
     case OpCode::bessel_j: return expand_bessel(bessel_j, 1.0, -1.0, parameter, x, coefficients);
     case OpCode::bessel_y: return expand_bessel(bessel_y, 1.0, -1.0, parameter, x, coefficients);
     case OpCode::bessel_i: return expand_bessel(bessel_i, 1.0, 1.0, parameter, x, coefficients);
     case OpCode::bessel_k: return expand_bessel(bessel_k, -1.0, -1.0, parameter, x, coefficients);
     case OpCode::jacobi_sn:
     case OpCode::jacobi_cn:
-    case OpCode::jacobi_dn: return expand_jacobi(function, parameter, x, coefficients);
+    case OpCode::jacobi_dn:
+    case OpCode::jacobi_am: return expand_jacobi(function, parameter, x, coefficients);
     default: throw std::logic_error("scaled_derivatives: not one of its functions");
   }
 }

@@ -24,6 +24,8 @@ struct Jacobi {
   double sn, cn, dn;
 };
 [[nodiscard]] Jacobi jacobi(double u, double m);
+/// am(u, m), the angle whose sine is sn: grows by π over 2 K(m).
+[[nodiscard]] double amplitude(double u, double m);
 
 /// Complete elliptic integrals K(m) and E(m) of the parameter m = k²; NaN outside 0 <= m <= 1, and K(1) is infinite.
 ///@{

@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <numbers>
 #include <string>
 #include <vector>
 
@@ -83,6 +84,13 @@ TEST_CASE("special functions have the values that others found") {
       {"sn(0.3, 0)", 0.295520206661339564},
       {"cn(0.3, 1)", 0.956627911900248293},
       {"sn(0, 0.4)", 0.0},
+      {"am(0.3, 0)", 0.3},
+      {"am(ellipk(0.5), 0.5)", 1.57079632679489662},
+      {"am(-0.3, 1)", -0.29559867598460415},
+      {"floor(-0.5)", -1.0},
+      {"floor(2)", 2.0},
+      {"mod(-0.5, 2)", 1.5},
+      {"mod(1.75, 0.5)", 0.25},
       {"expm1(2^-40)*2^40", 1.00000000000045475},
       {"log1p(2^-40)*2^40", 0.999999999999545253},
   }));
@@ -99,10 +107,14 @@ TEST_CASE("elliptic functions are on their curves, and have their periods, for a
       const Jacobi f = jacobi(u, m);
       CHECK(std::abs(f.sn * f.sn + f.cn * f.cn - 1.0) < 1e-15);
       CHECK(std::abs(f.dn * f.dn + m * f.sn * f.sn - 1.0) < 3e-15);
+      CHECK(std::abs(std::sin(amplitude(u, m)) - f.sn) < 1e-14);
+      CHECK(std::abs(std::cos(amplitude(u, m)) - f.cn) < 1e-14);
       if (m < 1.0) {  // the rounding of the period, by a slope of at most 1
         const double period = 4.0 * elliptic_k(m);
         const double bound = 1e-14 * (1.0 + period);
         CHECK(std::abs(jacobi(u + period, m).sn - f.sn) < bound);
+        CHECK(std::abs(amplitude(u + 0.5 * period, m) - amplitude(u, m) - std::numbers::pi) < bound);
+        CHECK(std::abs(amplitude(u + 0.49 * period, m) - amplitude(u, m) - std::numbers::pi) > bound);
         CHECK(std::abs(jacobi(u + 0.99 * period, m).dn - f.dn) + std::abs(jacobi(u + 0.99 * period, m).sn - f.sn) >
               bound);
       }
@@ -126,12 +138,26 @@ TEST_CASE("the pendulum's elliptic solution solves its equation") {
 }
 
 TEST_CASE("derivatives of special functions and choices are their differences") {
-  for (const std::string text :
-       {"erf(x*y)", "besselj(0, x)", "besselj(2, x + y^2)", "besselj(-1, x)", "bessely(1, x)", "bessely(0, x)",
-        "besseli(0, x*y)", "besseli(3, x)", "besselk(0, x)", "besselk(2, x)", "sn(x + y, 0.8)", "cn(x - y, 0.3)",
-        "dn(2*x, 0.6)*y", "where(x > y, x^2*y, exp(x))", "where(x < y, x^2*y, exp(x)*y)",
-        "where(x > 0, sqrt(x)*y, 1)^2", "y*where(y >= 0, log(y), where(x <= 1, sin(x*y), x))", "norm(r - 2*s)*x",
-        "1/norm(x, y)"}) {
+  for (const std::string text : {"erf(x*y)",
+                                 "besselj(0, x)",
+                                 "besselj(2, x + y^2)",
+                                 "besselj(-1, x)",
+                                 "bessely(1, x)",
+                                 "bessely(0, x)",
+                                 "besseli(0, x*y)",
+                                 "besseli(3, x)",
+                                 "besselk(0, x)",
+                                 "besselk(2, x)",
+                                 "sn(x + y, 0.8)",
+                                 "am(x + y, 0.7)",
+                                 "cn(x - y, 0.3)",
+                                 "dn(2*x, 0.6)*y",
+                                 "where(x > y, x^2*y, exp(x))",
+                                 "where(x < y, x^2*y, exp(x)*y)",
+                                 "where(x > 0, sqrt(x)*y, 1)^2",
+                                 "y*where(y >= 0, log(y), where(x <= 1, sin(x*y), x))",
+                                 "norm(r - 2*s)*x",
+                                 "1/norm(x, y)"}) {
     INFO(text);
     Graph graph;
     const Expression f = read(graph, text);
