@@ -68,10 +68,8 @@ public:
   }
   /// ∂S/∂x_a at fixed z, of the middle of a cell, or at the node, and of the step, for each coordinate that S names.
   [[nodiscard]] std::vector<Expression> sources() {
-    const auto& variables = tables_.system.variables();
-    const std::vector<Expression> places(variables.begin() + tables_.d, variables.end());
-    return places.empty() ? std::vector<Expression>()
-                          : at_place(formula::gradient(tables_.system.expression(), places), {}, When::middle);
+    const std::vector<Expression>& sources = tables_.system.sources();
+    return sources.empty() ? std::vector<Expression>() : at_place(sources, {}, When::middle);
   }
   /// D_a of an array that is of the lower faces, or the nodes.
   [[nodiscard]] Expression difference(int axis, int array) {

@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <array>
 #include <stdexcept>
 #include <utility>
@@ -39,7 +40,12 @@ public:
         tables_.grid.dimensions(), [&](int a) { return currents(1 + a); },
         [&](int array, int a) { return variation_.difference_of_other(array, a); }, sums);
     for (const LatticeAction::Place& place : variation_.action().places) {
-      sums[static_cast<std::size_t>(1 + place.axis)] += variation_.by_place(place);
+      const auto momentum = static_cast<std::size_t>(1 + place.axis);
+      if (tables_.ramps.empty()) {
+        sums[momentum] += variation_.by_place(place);
+      } else if (tables_.system.has_source(place.axis)) {
+        sums[momentum] = sums[momentum] - source_at(place);
+      }
     }
     codes_ = {variation_, tables_.grid, densities, fluxes, sums};
   }
@@ -118,7 +124,7 @@ private:
       sums[static_cast<std::size_t>(nu)] = currents_[static_cast<std::size_t>(nu * tables_.directions + mu)];
     }
     for (const LawTerm& term : tables_.terms_of_currents(mu, false)) {
-      if (term.law >= static_cast<std::size_t>(tables_.directions)) {
+      if (term.law >= static_cast<std::size_t>(tables_.directions) || term.of_ramp) {
         const Expression left = variation_.node(Level::before, term.left.field);
         add_weighted(sums[term.law], term.factor,
                      term.right ? left * variation_.node(Level::before, term.right->field) : left);
@@ -128,6 +134,28 @@ private:
       sum = sum.valid() ? sum : variation_.graph().constant(0.0);
     }
     return sums;
+  }
+  /// The source that the medium has along the axis of a place, at the base corner.
+  [[nodiscard]] Expression source_at(const LatticeAction::Place& place) {
+    const MultisymplecticSystem& system = tables_.system;
+    const LatticeAction& action = variation_.action();
+    std::vector<Expression> from, to;
+    for (const LatticeAction::Value& value : action.values) {
+      if (value.op == place.op) {
+        from.push_back(system.variables()[static_cast<std::size_t>(value.field)]);
+        to.push_back(value.variable);
+      }
+    }
+    Expression source;
+    for (std::size_t c = 0; c < system.coordinates().size(); ++c) {
+      if (system.coordinates()[c] == place.axis) {
+        source = system.sources()[c];
+      }
+      const auto same = std::ranges::find(action.places, system.coordinates()[c], &LatticeAction::Place::axis);
+      from.push_back(system.variables()[static_cast<std::size_t>(tables_.d) + c]);
+      to.push_back(same->variable);
+    }
+    return variation_.in_cell(formula::substitute(std::array{source}, *action.graph, from, to).front());
   }
   /// The same with the upper level in the lower one's place.
   [[nodiscard]] std::vector<Expression> at_upper_level(std::span<const Expression> of_lower) {

@@ -34,6 +34,11 @@ std::vector<LawTerm> LawTables::terms_of_currents(int mu, bool has_partner) cons
   std::vector<LawTerm> terms;
   for (int nu = 0; nu < directions; ++nu) {
     const auto law = static_cast<std::size_t>(nu);
+    if (nu > 0 && !ramps.empty()) {  // s_ν·∇S, the source that a ramp makes, is the divergence of s_νᵀΛ_μ z
+      for (const MatrixTerm& term : ramps[law - 1][static_cast<std::size_t>(mu)]) {
+        terms.push_back({.law = law, .factor = -term.value, .left = {Kind::field, term.column}, .of_ramp = true});
+      }
+    }
     if (nu != mu) {
       for (const MatrixTerm& term : plus[static_cast<std::size_t>(mu)]) {
         terms.push_back({law, -term.value, {Kind::derivative, term.row, nu}, LawQuantity{partner, term.column}});

@@ -46,6 +46,7 @@ struct LawTerm {
   double factor = 1.0;
   LawQuantity left;
   std::optional<LawQuantity> right = std::nullopt;
+  bool of_ramp = false;  ///< what ramps add to momentum
 };
 
 /// What the laws of a system need to know of it, whatever the scheme: directions μ are 0 for time and 1 + a for axis a.
@@ -66,6 +67,7 @@ struct LawTables {
   std::vector<std::vector<MatrixTerms>> quadratic;       ///< ½ΛB: [symmetry][direction]
   std::vector<std::vector<MatrixTerms>> quadratic_plus;  ///< Λ₊B where it is -BᵀΛ₊, else ½ΛB: between neighbours
   std::vector<std::vector<MatrixTerms>> linear;          ///< bᵀΛ: [symmetry][direction], in `column`
+  std::vector<std::vector<MatrixTerms>> ramps;           ///< sᵀΛ of ramps: [axis][direction], in `column`
   std::vector<std::string> names;
 
   /// The terms of the currents J_μ of all laws, one law after the other: where fluxes join points with others, or do

@@ -1,7 +1,5 @@
 #include <rubato/pde/law_evaluator.hpp>
 
-#include <algorithm>
-
 #include <fmt/format.h>
 
 #include <rubato/solve/small_matrices.hpp>
@@ -23,8 +21,13 @@ LawTables::LawTables(const MultisymplecticSystem& s, const grids::Grid& g,
     plus.push_back(terms_of(mu == time ? structure.M_plus : structure.K_plus[static_cast<std::size_t>(mu) - 1]));
     full.push_back(terms_of(matrix(mu)));
     if (mu > 0) {
-      const bool has_source = std::ranges::find(s.coordinates(), mu - 1) != s.coordinates().end();
-      names.push_back(momentum_name(has_source, g, mu - 1));
+      names.push_back(momentum_name(s.has_source(mu - 1), g, mu - 1));
+    }
+  }
+  for (const Eigen::VectorXd& slope : s.ramps()) {
+    auto& terms = ramps.emplace_back();
+    for (int mu = 0; mu < directions; ++mu) {
+      terms.push_back(terms_of(solve::product(slope.transpose(), matrix(mu))));
     }
   }
   for (const LinearSymmetry& symmetry : symmetries) {

@@ -84,12 +84,20 @@ MultisymplecticSystem::MultisymplecticSystem(std::shared_ptr<formula::Graph> gra
                                              Eigen::MatrixXd M, std::vector<Eigen::MatrixXd> K, formula::Expression S)
     : MultisymplecticSystem(Traced{std::move(graph), std::move(fields), S}, std::move(M), std::move(K)) {}
 
-MultisymplecticSystem::MultisymplecticSystem(Traced traced, Eigen::MatrixXd M, std::vector<Eigen::MatrixXd> K)
+MultisymplecticSystem::MultisymplecticSystem(std::shared_ptr<formula::Graph> graph, std::vector<std::string> fields,
+                                             Eigen::MatrixXd M, std::vector<Eigen::MatrixXd> K, formula::Expression S,
+                                             Ramps ramps)
+    : MultisymplecticSystem(Traced{std::move(graph), std::move(fields), S}, std::move(M), std::move(K),
+                            std::move(ramps)) {}
+
+MultisymplecticSystem::MultisymplecticSystem(Traced traced, Eigen::MatrixXd M, std::vector<Eigen::MatrixXd> K,
+                                             Ramps ramps)
     : graph_(std::move(traced.graph)),
       fields_(std::move(traced.fields)),
       M_(std::move(M)),
       K_(std::move(K)),
-      S_(traced.S) {
+      S_(traced.S),
+      ramps_(std::move(ramps)) {
   check();
   compile();
   structure_ = std::make_shared<const FieldStructure>(analyse(*this));
@@ -102,6 +110,15 @@ int MultisymplecticSystem::field(std::string_view name) const {
         fmt::format("there is no field \"{}\"; the fields are {}", name, fmt::join(fields_, ", ")));
   }
   return static_cast<int>(found - fields_.begin());
+}
+
+bool MultisymplecticSystem::has_source(int axis) const {
+  const auto at = std::ranges::find(coordinates_, axis);
+  if (at == coordinates_.end() || ramps_.slopes.empty()) {
+    return at != coordinates_.end();
+  }
+  const formula::Expression source = ramps_.sources[static_cast<std::size_t>(axis)];
+  return !source.is_constant() || source.constant_value() != 0.0;
 }
 
 void MultisymplecticSystem::check() const {
@@ -152,7 +169,7 @@ void MultisymplecticSystem::compile() {
   const formula::WithoutConstant separated = formula::separate_constant(S_);
   if (separated.constant != 0.0) {
     constant_ = separated.constant;
-    reduced_ = std::make_shared<const MultisymplecticSystem>(graph_, fields_, M_, K_, separated.rest);
+    reduced_ = std::make_shared<const MultisymplecticSystem>(graph_, fields_, M_, K_, separated.rest, ramps_);
   }
   size_ = std::make_shared<const formula::Bytecode>(formula::sum_size_code(S_, variables_));
   std::vector<std::string> names_of_coordinates;
@@ -166,7 +183,13 @@ void MultisymplecticSystem::compile() {
     varies_in_space_.push_back(depends_on(*graph_, outputs[1 + f], names_of_coordinates));
   }
   gradient_ = std::make_shared<const formula::Bytecode>(outputs, variables_);
-  source_ = std::make_shared<const formula::Bytecode>(formula::gradient(S_, x), variables_);
+  if (ramps_.slopes.empty()) {
+    sources_ = formula::gradient(S_, x);
+  } else {
+    std::ranges::transform(coordinates_, std::back_inserter(sources_),
+                           [&](int axis) { return ramps_.sources[static_cast<std::size_t>(axis)]; });
+  }
+  source_ = std::make_shared<const formula::Bytecode>(sources_, variables_);
   const auto upper = formula::hessian_upper(S_, z);
   const int d = field_count();
   constant_hessian_ = Eigen::MatrixXd::Zero(d, d);

@@ -49,6 +49,16 @@ public:
   MultisymplecticSystem(std::shared_ptr<formula::Graph> graph, std::vector<std::string> fields, Eigen::MatrixXd M,
                         std::vector<Eigen::MatrixXd> K, formula::Expression S);
 
+  /// What is known of an S whose dependence on the coordinates comes from ramps, S(z + Σ_a x_a s_a, x): see Jumps.
+  struct Ramps {
+    std::vector<Eigen::VectorXd> slopes;       ///< s_a, one for each direction
+    std::vector<formula::Expression> sources;  ///< ∂S/∂x_a at fixed z + Σ_a x_a s_a, one for each direction
+  };
+  /// The same with ramps: by s_aᵀ(M z_t + Σ_b K_b z_{x_b}) = s_a·∇S the law of momentum along x_a is that of
+  /// z + Σ_a x_a s_a, with the source that the medium has alone, and nothing of the ramps in it.
+  MultisymplecticSystem(std::shared_ptr<formula::Graph> graph, std::vector<std::string> fields, Eigen::MatrixXd M,
+                        std::vector<Eigen::MatrixXd> K, formula::Expression S, Ramps ramps);
+
   /// S as a generic lambda `(auto z)`, called once with the vector of the fields' expressions.
   template <typename Function>
   requires std::is_invocable_v<Function, std::vector<formula::Expression>> MultisymplecticSystem(
@@ -71,6 +81,12 @@ public:
   [[nodiscard]] const std::vector<formula::Expression>& variables() const { return variables_; }
   /// The axes of the coordinates that S names (0 for x, …), ascending; none where the medium is the same everywhere.
   [[nodiscard]] const std::vector<int>& coordinates() const { return coordinates_; }
+  /// The slopes s_a of ramps, one for each direction; none where there are none.
+  [[nodiscard]] const std::vector<Eigen::VectorXd>& ramps() const { return ramps_.slopes; }
+  /// Whether momentum along the axis has a source, which makes a balance of its law.
+  [[nodiscard]] bool has_source(int axis) const;
+  /// ∂S/∂x_a at fixed z, or what Ramps have for it, for each of coordinates(): the sources of momentum.
+  [[nodiscard]] const std::vector<formula::Expression>& sources() const { return sources_; }
   /// Whether ∂S/∂z_f names a coordinate.
   [[nodiscard]] bool varies_in_space(int field) const { return varies_in_space_[static_cast<std::size_t>(field)]; }
 
@@ -90,7 +106,7 @@ public:
   /// Those of them that vary with the fields, not with the coordinates alone.
   [[nodiscard]] const std::vector<HessianEntry>& nonlinear_hessian() const { return nonlinear_; }
   [[nodiscard]] const Eigen::MatrixXd& constant_hessian() const { return constant_hessian_; }
-  /// ∂S/∂x_a at fixed z for each of coordinates(): the sources of momentum.
+  /// sources()
   [[nodiscard]] const formula::Bytecode& source_code() const { return *source_; }
   /// For a formula::SumSizeEvaluator: how large the terms of S are, and what rounding makes of S.
   [[nodiscard]] const formula::Bytecode& size_code() const { return *size_; }
@@ -119,7 +135,7 @@ private:
     }
   }
   static Traced parse(std::vector<std::string> fields, std::string_view S, const Parameters& parameters);
-  MultisymplecticSystem(Traced traced, Eigen::MatrixXd M, std::vector<Eigen::MatrixXd> K);
+  MultisymplecticSystem(Traced traced, Eigen::MatrixXd M, std::vector<Eigen::MatrixXd> K, Ramps ramps = {});
   void check() const;
   void find_coordinates();
   void compile();
@@ -129,7 +145,8 @@ private:
   Eigen::MatrixXd M_;
   std::vector<Eigen::MatrixXd> K_;
   formula::Expression S_;
-  std::vector<formula::Expression> variables_;
+  Ramps ramps_;
+  std::vector<formula::Expression> variables_, sources_;
   std::vector<int> coordinates_;
   std::vector<bool> varies_in_space_;
   std::vector<HessianEntry> varying_, nonlinear_;

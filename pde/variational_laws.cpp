@@ -8,12 +8,10 @@
 
 namespace rubato {
 
-VariationalLaws::VariationalLaws(LatticeAction action, const grids::Grid& grid)
+VariationalLaws::VariationalLaws(LatticeAction action, const MultisymplecticSystem& system, const grids::Grid& grid)
     : variation_(std::move(action), grid), names_{"variational_energy"}, residual_(1 + grid.dimensions(), grid.size()) {
   for (int a = 0; a < grid.dimensions(); ++a) {
-    const bool balance = std::ranges::find(variation_.action().places, a, &LatticeAction::Place::axis) !=
-                         variation_.action().places.end();
-    names_.push_back("variational_" + momentum_name(balance, grid, a));
+    names_.push_back("variational_" + momentum_name(system.has_source(a), grid, a));
   }
 }
 

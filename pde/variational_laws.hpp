@@ -21,7 +21,7 @@ namespace rubato {
 class VariationalLaws {
 public:
   /// \throws std::invalid_argument if the dimensions of action and grid differ
-  VariationalLaws(LatticeAction action, const grids::Grid& grid);
+  VariationalLaws(LatticeAction action, const MultisymplecticSystem& system, const grids::Grid& grid);
 
   /// "variational_energy", and "variational_" before each momentum_name().
   [[nodiscard]] const std::vector<std::string>& names() const { return names_; }

@@ -36,6 +36,9 @@ void refuse_places(const Problem& problem, const Location& location) {
                                                name));
     }
   }
+  if (pde.has_jumps()) {
+    throw ProblemError(location, "a frame moves, and [grid] has a jump, whose seam stays: leave one of them out");
+  }
   if (pde.next) {
     throw ProblemError(pde.next->location,
                        "[initial.next] is a level of the laboratory, and the frame moves: leave one of them out");

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include <rubato/grids/grid.hpp>
+#include <rubato/pde/jumps.hpp>
 #include <rubato/problem/document.hpp>
 
 /// [initial] from = "data.h5": datasets of an HDF5 file of another program as the start.
@@ -35,9 +36,10 @@ struct ArraySource {
 
 /// The dataset `name` at the nodes of `grid`: of shape [x], [y][x] or [z][y][x], with one index more in front where
 /// there is a dataset t of as many levels; of another number of cells by waves (grids::resampled). Where there are
-/// datasets x (y, z) they have to be the nodes of the box.
+/// datasets x (y, z) they have to be the nodes of the box. \param number of the field among those with jumps
 /// \throws ProblemError at `location`
 [[nodiscard]] std::vector<double> field_of_arrays(const std::string& from, const std::string& name, double at,
-                                                  const grids::Grid& grid, const Location& location);
+                                                  const grids::Grid& grid, const Jumps& jumps, int number,
+                                                  const Location& location);
 
 }  // namespace rubato

@@ -8,10 +8,10 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include <rubato/grids/resample.hpp>
 #include <rubato/problem/initial_arrays.hpp>
 #include <rubato/problem/initial_table.hpp>
 #include <rubato/problem/keys.hpp>
+#include <rubato/problem/lattice_problem.hpp>
 #include <rubato/problem/reader.hpp>
 #include <rubato/problem/stored.hpp>
 #include <rubato/record/arrays.hpp>
@@ -288,7 +288,11 @@ bool resolve_initial_record(Value& root) {
   return true;
 }
 
-std::vector<std::vector<double>> read_initial_fields(const InitialRecord& source, const grids::Grid& grid) {
+std::vector<std::vector<double>> read_initial_fields(const InitialRecord& source, const grids::Grid& grid,
+                                                     std::span<const std::string> names, const Jumps& jumps) {
+  const auto number = [&](const std::string& name) {
+    return static_cast<int>(std::ranges::find(names, name) - names.begin());
+  };
   if (!source.arrays.empty()) {
     std::vector<std::vector<double>> fields;
     for (const std::string& name : source.take) {
@@ -301,7 +305,7 @@ std::vector<std::vector<double>> read_initial_fields(const InitialRecord& source
     const InitialTable table = read_table(source.file, source.location);
     std::vector<std::vector<double>> fields;
     for (const std::string& name : source.take) {
-      fields.push_back(field_of_table(table, source.file, name, grid, source.location));
+      fields.push_back(field_of_table(table, source.file, name, grid, jumps, number(name), source.location));
     }
     return fields;
   }
@@ -309,7 +313,7 @@ std::vector<std::vector<double>> read_initial_fields(const InitialRecord& source
     if (!source.own_start && is_array_source(source.file)) {
       std::vector<std::vector<double>> fields;
       for (const std::string& name : source.take) {
-        fields.push_back(field_of_arrays(source.file, name, source.at, grid, source.location));
+        fields.push_back(field_of_arrays(source.file, name, source.at, grid, jumps, number(name), source.location));
       }
       return fields;
     }
@@ -345,12 +349,14 @@ std::vector<std::vector<double>> read_initial_fields(const InitialRecord& source
                          fmt::format("from: {} has {}, and this problem {}: only the number of cells may differ",
                                      source.file, box(old), box(grid)));
     }
+    const Jumps other_jumps = make_jumps(other);
     std::vector<std::vector<double>> fields;
     for (const std::string& name : source.take) {
       if (!reader.has("/states/" + name)) {
         throw ProblemError(source.location, fmt::format("from: {} has no field {} at its levels", source.file, name));
       }
-      fields.push_back(grids::resampled(reader.read("/states/" + name, state.row, 1), old, grid));
+      const auto field = static_cast<int>(std::ranges::find(pde->fields, name) - pde->fields.begin());
+      fields.push_back(other_jumps.resampled(field, reader.read("/states/" + name, state.row, 1), old, grid));
     }
     return fields;
   });

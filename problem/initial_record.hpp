@@ -2,10 +2,12 @@
 
 #include <filesystem>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
 #include <rubato/grids/grid.hpp>
+#include <rubato/pde/jumps.hpp>
 #include <rubato/problem/document.hpp>
 #include <rubato/problem/problem.hpp>
 
@@ -26,8 +28,10 @@ void probe_sources_with(void (*probe)(const std::filesystem::path& file));
 [[nodiscard]] bool resolve_initial_record(Value& root);
 
 /// The fields of `source.take` at the nodes of `grid`, interpolated by waves where the other grid has other cells.
+/// \param names of all fields \param jumps those of fields that arrays and tables give; a record has its own
 /// \throws ProblemError at the place in [initial]
-[[nodiscard]] std::vector<std::vector<double>> read_initial_fields(const InitialRecord& source,
-                                                                   const grids::Grid& grid);
+[[nodiscard]] std::vector<std::vector<double>> read_initial_fields(const InitialRecord& source, const grids::Grid& grid,
+                                                                   std::span<const std::string> names,
+                                                                   const Jumps& jumps);
 
 }  // namespace rubato

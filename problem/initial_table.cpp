@@ -10,7 +10,6 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include <rubato/grids/resample.hpp>
 #include <rubato/problem/reader.hpp>
 
 namespace rubato {
@@ -232,7 +231,7 @@ InitialTable read_table(const std::string& file, const Location& location) {
 }
 
 std::vector<double> field_of_table(const InitialTable& table, const std::string& file, const std::string& name,
-                                   const grids::Grid& grid, const Location& location) {
+                                   const grids::Grid& grid, const Jumps& jumps, int number, const Location& location) {
   const std::vector<double>* values = column_of(table, name);
   if (values == nullptr) {
     throw ProblemError(location,
@@ -248,7 +247,7 @@ std::vector<double> field_of_table(const InitialTable& table, const std::string&
     return *values;
   }
   const Nodes nodes(table, file, grid, location);
-  return grids::resampled(nodes.in_order(*values), nodes.grid(), grid);
+  return jumps.resampled(number, nodes.in_order(*values), nodes.grid(), grid);
 }
 
 }  // namespace rubato

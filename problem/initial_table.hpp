@@ -5,6 +5,7 @@
 #include <vector>
 
 #include <rubato/grids/grid.hpp>
+#include <rubato/pde/jumps.hpp>
 #include <rubato/problem/document.hpp>
 
 /// [initial] from = "start.csv": a table of numbers as the start.
@@ -27,10 +28,10 @@ struct InitialTable {
 
 /// The column `name` of a table at the nodes of `grid`. Columns x (y, z) say where each row is: the rows have to be the
 /// nodes of a grid of the same box, in any order, of other numbers of cells by waves (grids::resampled). Without them
-/// there is one row for each node, x fastest.
+/// there is one row for each node, x fastest. \param number of the field among those with jumps
 /// \throws ProblemError at `location`
 [[nodiscard]] std::vector<double> field_of_table(const InitialTable& table, const std::string& file,
-                                                 const std::string& name, const grids::Grid& grid,
-                                                 const Location& location);
+                                                 const std::string& name, const grids::Grid& grid, const Jumps& jumps,
+                                                 int number, const Location& location);
 
 }  // namespace rubato

@@ -15,7 +15,7 @@ namespace rubato {
 
 namespace {
 
-constexpr std::array<TableEntry, 30> all_tables{{
+constexpr std::array<TableEntry, 31> all_tables{{
     {"", "one of [hamiltonian], [lagrangian], [multisymplectic] and [field] says what is to be solved"},
     {"hamiltonian", "an orbit: q' = dH/dp, p' = -dH/dq"},
     {"lagrangian",
@@ -28,6 +28,11 @@ constexpr std::array<TableEntry, 30> all_tables{{
      "name with the directions behind it, u_t, u_xx; one that becomes a field has that name in [initial], too"},
     {"grid", "the periodic grid of a lattice"},
     {"grid.x", "one direction, and so grid.y, grid.z: nodes from + i*(to - from)/cells, i = 0 ... cells-1"},
+    {"grid.x.jump",
+     "jump = { u = \"2*pi\" }: by how much a field is larger at the end of the period than at its beginning, so that "
+     "one "
+     "kink can go round; S has to be the same there",
+     "a field"},
     {"parameters", "numbers and formulas of each other, in any order", "a parameter"},
     {"definitions",
      "formulas with a name, in any order: of the state, x, y, z, t, parameters and each other, wherever these are "
@@ -196,6 +201,7 @@ std::vector<KeyEntry> make_keys() {
       {"grid.x", "cells", "integer, at least 3, or \"about N\"", required,
        "Nodes in a period. \"box\" needs odd numbers; transforms are fast with small prime factors. \"about N\" is the "
        "number nearest to N that the scheme takes and is quick with."},
+      {"grid.x", "jump", "table", none, "See [grid.x.jump]; each entry is a number."},
 
       {"initial", "t", "number", "0", "The time of the start."},
       {"initial", "from", "text", none,

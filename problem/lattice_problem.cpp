@@ -54,15 +54,21 @@ class InitialValues {
 public:
   /// \param ranks those that evaluate them together, each in its part or all of them; null for one process
   InitialValues(const Problem& problem, const grids::Grid& grid, const grids::Slab* ranks)
-      : problem_(problem), pde_(*problem.multisymplectic()), grid_(grid), ranks_(ranks), values_(pde_.fields.size()) {}
+      : problem_(problem),
+        pde_(*problem.multisymplectic()),
+        grid_(grid),
+        ranks_(ranks),
+        values_(pde_.fields.size()),
+        jumps_(make_jumps(problem)) {}
 
   InitialFields take() {
     if (pde_.initial_record) {
       const InitialRecord& source = *pde_.initial_record;
       std::vector<std::vector<double>> fields =
-          ranks_ == nullptr ? read_initial_fields(source, grid_) : read_by_rank_0(source);
+          ranks_ == nullptr ? read_initial_fields(source, grid_, pde_.fields, jumps_) : read_by_rank_0(source);
       for (std::size_t i = 0; i < fields.size(); ++i) {
         const auto field = std::ranges::find(pde_.fields, source.take[i]) - pde_.fields.begin();
+        jumps_.subtract(static_cast<int>(field), grid_, fields[i]);
         values_[static_cast<std::size_t>(field)] = std::move(fields[i]);
       }
     }
@@ -100,6 +106,7 @@ private:
         return false;
       }
     }
+    parts = jumps_.seen(parts, *graph, pde_.fields);
     std::vector<std::string> names = pde_.fields;
     std::vector<std::vector<double>> results(parts.size());
     for (std::size_t i = 0; i < parts.size(); ++i) {
@@ -117,6 +124,7 @@ private:
     if (std::ranges::find(pde_.slopes, pde_.fields[f], &InitialSlope::field) != pde_.slopes.end()) {
       integrate(results.back(), f);
     }
+    jumps_.subtract(static_cast<int>(f), grid_, results.back());
     values_[f] = std::move(results.back());
     return true;
   }
@@ -163,7 +171,7 @@ private:
       if (ranks_->leads()) {
         try {
           const grids::Slab::Shared alone(nullptr);
-          read = std::move(read_initial_fields(one, whole).front());
+          read = std::move(read_initial_fields(one, whole, pde_.fields, jumps_).front());
         } catch (...) {
           thrown = std::current_exception();
         }
@@ -207,7 +215,8 @@ private:
   const MultisymplecticProblem& pde_;
   const grids::Grid& grid_;
   const grids::Slab* ranks_;
-  InitialFields values_;
+  InitialFields values_;  ///< without the ramps of jumps
+  Jumps jumps_;
 };
 
 /// LatticeMethod::begins_in_parts() of what is given.
@@ -284,7 +293,8 @@ MultisymplecticSystem make_system(const Problem& problem) {
   const MultisymplecticSystem laboratory = make_laboratory_system(problem);
   const std::optional<MovingFrame> frame = make_frame(problem);
   return make_method(problem)->seen(
-      frame ? at_location(problem.scheme.frame->location, [&] { return frame->seen(laboratory); }) : laboratory);
+      frame ? at_location(problem.scheme.frame->location, [&] { return frame->seen(laboratory); })
+            : make_jumps(problem).seen(laboratory));
 }
 
 std::optional<MovingFrame> make_frame(const Problem& problem) {
@@ -438,6 +448,8 @@ bool is_stored_alone(const MultisymplecticSystem& system, int field, const std::
 NodeTable::NodeTable(const Problem& problem, const std::vector<NamedFormula>& formulas,
                      const std::vector<std::string>& fields, const grids::Grid& grid, bool with_energy)
     : reads_fields_(!fields.empty()) {
+  const Jumps jumps = make_jumps(problem);
+  ramps_ = WithRamps(jumps, grid, static_cast<int>(problem.multisymplectic()->fields.size()));
   std::vector<std::string> names = fields;
   std::ranges::copy(argument_names(*problem.multisymplectic()), std::back_inserter(names));
   auto graph = std::make_shared<formula::Graph>();
@@ -463,6 +475,9 @@ NodeTable::NodeTable(const Problem& problem, const std::vector<NamedFormula>& fo
       outputs = at_moving_nodes(*frame, grid, *graph, outputs);
     }
     laboratory_.emplace(std::move(*frame), grid);
+  }
+  if (reads_fields_) {
+    outputs = jumps.seen(outputs, *graph, fields);
   }
   formula_.emplace(graph, std::move(outputs), fields, grid);
 }
@@ -520,10 +535,12 @@ std::vector<figures::Named<Spread>> lattice_errors(NodeTable& exact, const Multi
   const grids::FieldSet& fields = turned ? *turned : level.fields;
   for (std::size_t i = 0; i < values.size(); ++i) {
     errors.push_back({exact.names()[i], {}});
-    const std::span<const double> field = fields.field(system.field(exact.names()[i]));
+    const int f = system.field(exact.names()[i]);
+    const std::span<const double> field = fields.field(f);
+    const std::span<const double> with_ramp = exact.ramps()(f, field);
     std::vector<double> error(field.size());
     for (std::size_t node = 0; node < field.size(); ++node) {
-      error[node] = std::abs(field[node] - values[i][node]);
+      error[node] = std::abs(with_ramp[node] - values[i][node]);
     }
     const auto add = [&](std::span<const double> some) {
       for (const double value : some) {

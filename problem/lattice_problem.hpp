@@ -6,6 +6,7 @@
 #include <vector>
 
 #include <rubato/figures/statistics.hpp>
+#include <rubato/pde/jumps.hpp>
 #include <rubato/pde/lattice.hpp>
 #include <rubato/pde/moving_frame.hpp>
 #include <rubato/pde/node_formula.hpp>
@@ -16,15 +17,19 @@ namespace rubato {
 /// What [multisymplectic], [grid], [initial], [symmetries] and [scheme] of a problem stand for in the library's own
 /// terms. All throw ProblemError at the place in the problem that is wrong.
 ///@{
-/// The equation that the scheme solves; with [scheme] frame that of the frame.
+/// The equation that the scheme solves; with [scheme] frame that of the frame, with jumps that of the fields without
+/// their ramps.
 [[nodiscard]] MultisymplecticSystem make_system(const Problem& problem);
 [[nodiscard]] Eigen::MatrixXd dense(const Matrix& matrix);
 /// The equation as the problem states it: without a frame, and for no scheme in particular.
 [[nodiscard]] MultisymplecticSystem make_laboratory_system(const Problem& problem);
+/// Those of [grid]; none where no field jumps.
+[[nodiscard]] Jumps make_jumps(const Problem& problem);
 /// Numbers that are still to be fitted are 0. Nothing without a frame.
 [[nodiscard]] std::optional<MovingFrame> make_frame(const Problem& problem);
 [[nodiscard]] grids::Grid make_grid(const Problem& problem);
-/// The formulas of [initial] at the nodes; those that differentiate other fields after these.
+/// The formulas of [initial] at the nodes, without the ramps of jumps; those that differentiate other fields after
+/// these.
 [[nodiscard]] InitialFields make_initial_fields(const Problem& problem, const grids::Grid& grid);
 [[nodiscard]] LatticeOptions make_lattice_options(const Problem& problem, const MultisymplecticSystem& system);
 [[nodiscard]] LatticeIntegrator make_lattice(const Problem& problem);
@@ -42,7 +47,8 @@ namespace rubato {
                                    const std::vector<std::string>& exact);
 
 /// Formulas of one section of a lattice problem, evaluated together at every node. With a frame, levels are those of
-/// the frame, and formulas speak of the laboratory.
+/// the frame, and formulas speak of the laboratory; with jumps levels are without ramps, and formulas of the fields
+/// with them.
 class NodeTable {
 public:
   /// \param fields the names of the fields that the formulas may name, with dx() and its like; empty: the grid's
@@ -59,11 +65,14 @@ public:
   [[nodiscard]] std::vector<double> integrals(const LatticeLevel& level, double t);
   /// The frame, if there is one.
   [[nodiscard]] const MovingFrame* frame() const { return laboratory_ ? &laboratory_->frame() : nullptr; }
+  /// The ramps of jumps, which levels are without, at the nodes.
+  [[nodiscard]] WithRamps& ramps() { return ramps_; }
 
 private:
   std::vector<std::string> names_;
   std::optional<NodeFormula> formula_;  ///< absent when there is nothing to evaluate
   std::optional<LaboratoryView> laboratory_;
+  WithRamps ramps_;
   bool reads_fields_;
 };
 

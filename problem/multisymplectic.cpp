@@ -139,7 +139,8 @@ private:
   const Parameters& parameters_;
 };
 
-std::vector<GridAxis> read_grid(Section& root, const Section& owner, const Parameters& parameters) {
+std::vector<GridAxis> read_grid(Section& root, const Section& owner, std::span<const std::string> fields,
+                                const Parameters& parameters) {
   auto grid = root.take_section("grid");
   if (!grid) {
     throw ProblemError(owner.location(),
@@ -164,6 +165,7 @@ std::vector<GridAxis> read_grid(Section& root, const Section& owner, const Param
     axis.from = read_number(section->require("from", "where the period begins").value, "from", parameters);
     axis.to = read_number(section->require("to", "where the period ends").value, "to", parameters);
     axis.cells = read_integer(section->require("cells", "how many cells the period has").value, "cells", parameters, 3);
+    axis.jumps = read_jumps(*section, fields, parameters);
     section->finish();
     if (!(axis.from < axis.to) || !std::isfinite(axis.to - axis.from)) {
       throw ProblemError(axis.location,
@@ -478,6 +480,10 @@ std::vector<std::string> MultisymplecticProblem::axis_names() const {
   return names;
 }
 
+bool MultisymplecticProblem::has_jumps() const {
+  return std::ranges::any_of(axes, [](const GridAxis& axis) { return !axis.jumps.empty(); });
+}
+
 Names names_of_lattice(const Section& root) {
   Names taken;
   taken.know_sizes(root);
@@ -500,7 +506,7 @@ void read_multisymplectic(Section& root, Section& section, Problem& problem, std
   MultisymplecticProblem pde;
   pde.fields = fields.names;
   pde.slopes = std::move(slopes);
-  pde.axes = read_grid(root, section, parameters);
+  pde.axes = read_grid(root, section, pde.fields, parameters);
   const auto axes = pde.axis_names();
   const std::vector<std::string> quantities = quantity_names(pde);
   std::vector<formula::Expression> differentiated;  // where such a definition is used decides whether there is dx(f)
@@ -544,6 +550,7 @@ void read_multisymplectic(Section& root, Section& section, Problem& problem, std
     extend_by_time(pde);
   }
   problem.system = std::move(pde);
+  check_jumps(problem);
 }
 
 }  // namespace rubato

@@ -124,12 +124,20 @@ struct HamiltonianProblem {
 /// The names in a custom 𝕃: t_0, every name of q and p with suffix _0, t_1, and the same with suffix _1.
 [[nodiscard]] std::vector<std::string> custom_lagrangian_names(const HamiltonianProblem& problem);
 
+/// By how much a field differs from one period of an axis to the next.
+struct StatedJump {
+  std::string field;
+  double value = 0.0;
+  Location location = {};
+};
+
 /// One direction of the periodic grid: nodes from + i (to - from)/cells, i = 0 … cells-1.
 struct GridAxis {
   std::string name;  ///< "x", "y" or "z"
   double from = 0.0, to = 0.0;
   std::int64_t cells = 0;
   Location location;
+  std::vector<StatedJump> jumps = {};
 };
 
 /// A linear symmetry z -> z + s B z.
@@ -187,6 +195,8 @@ struct MultisymplecticProblem {
   std::string derived, density;
 
   [[nodiscard]] std::vector<std::string> axis_names() const;
+  /// Whether a field jumps along an axis.
+  [[nodiscard]] bool has_jumps() const;
 };
 
 /// Of an orbit, in the order of orbit_methods(). A lattice's scheme is one of lattice_methods(), by its name.

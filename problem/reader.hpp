@@ -198,6 +198,13 @@ void read_hamiltonian(Section& root, Section& section, Problem& problem);
 void read_lagrangian(Section& root, Section& section, Problem& problem);
 /// \param slopes fields that [initial] may give by their derivatives
 void read_multisymplectic(Section& root, Section& section, Problem& problem, std::vector<InitialSlope> slopes = {});
+/// jump = { FIELD = J } of a direction of the grid. \throws ProblemError
+[[nodiscard]] std::vector<StatedJump> read_jumps(Section& axis, std::span<const std::string> fields,
+                                                 const Parameters& parameters);
+/// \throws ProblemError if a field cannot jump, or the jumps change S or the density of an invariant, naming the term
+void check_jumps(const Problem& problem);
+/// The same of the density of a custom action.
+void check_density_jumps(const MultisymplecticProblem& pde, const FormulaText& text, const CornerDensity& density);
 /// [field]: derives [multisymplectic], and reads that.
 void read_field(Section& root, Section& section, Problem& problem);
 /// [ensemble], if there is one. Whether the entries that it changes exist is seen when its members are read.

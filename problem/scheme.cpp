@@ -447,7 +447,8 @@ private:
     }
     density.L = build_formula(text, *density.graph, {names}, parameters_);
     check_density(pde, text, density);
-    scheme_.density = std::make_shared<CornerDensity>(std::move(density));
+    check_density_jumps(pde, text, density);
+    scheme_.density = std::make_shared<CornerDensity>(make_jumps(problem_).seen(std::move(density)));
   }
 
   void check_density(const MultisymplecticProblem& pde, const FormulaText& text, CornerDensity& density) const {

@@ -127,12 +127,23 @@ public:
         }
       }
     }
+    const Jumps jumps = grid_ ? make_jumps(problem) : Jumps();
+    const auto field = [&](const std::string& name) {
+      const std::vector<std::string>& fields = problem.multisymplectic()->fields;
+      return static_cast<int>(std::ranges::find(fields, name) - fields.begin());
+    };
     for (std::size_t i = state.size(); i < names_.size(); ++i) {
       const std::string path = i < states_
                                    ? fmt::format("/output/{}", names_[i])
                                    : fmt::format("/output/quantities/{}", problem_.output.quantities[i - states_].name);
       const std::vector<double> values = reader.read(path, 0, 1);
-      state.push_back(values.size() == 1 ? values : grids::resampled(values, make_grid(problem), *grid_));
+      if (values.size() == 1) {
+        state.push_back(values);
+      } else {
+        const grids::Grid grid = make_grid(problem);
+        state.push_back(i < states_ ? jumps.resampled(field(names_[i]), values, grid, *grid_)
+                                    : grids::resampled(values, grid, *grid_));
+      }
     }
     return state;
   }

@@ -26,8 +26,11 @@ namespace {
 class StoredLattice {
 public:
   StoredLattice(const SharedRecord& record, const MultisymplecticSystem& system, const NodeTable& exact,
-                std::size_t nodes, const StoredLevels& levels, Findings& findings)
-      : system_(system), findings_(record.slab(), findings), fields_(static_cast<std::size_t>(system.field_count())) {
+                const WithRamps& ramps, std::size_t nodes, const StoredLevels& levels, Findings& findings)
+      : system_(system),
+        ramps_(ramps),
+        findings_(record.slab(), findings),
+        fields_(static_cast<std::size_t>(system.field_count())) {
     const auto open = [&](const std::string& path) {
       SharedRows rows(record, path, nodes);
       record.at_rank_0([&] {
@@ -66,7 +69,7 @@ public:
             rows.path(), row, rows.row(row), [](std::size_t) { return std::numeric_limits<double>::quiet_NaN(); },
             [] { return 0.0; }, "no step led to the start");
       } else {
-        whole = copy(rows, row, level.field(f)) && whole;
+        whole = copy(rows, row, f, level.field(f)) && whole;
       }
     }
     grids::refresh_ghosts(level);
@@ -80,7 +83,7 @@ public:
       if (system_.structure().at_midpoints(f)) {
         std::ranges::fill(level.field(f), 0.0);
       } else {
-        whole = copy(*rows++, row, level.field(f)) && whole;
+        whole = copy(*rows++, row, f, level.field(f)) && whole;
       }
     }
     grids::refresh_ghosts(level);
@@ -94,13 +97,15 @@ public:
   }
 
 private:
-  bool copy(SharedRows& rows, std::size_t row, std::span<double> out) {
+  bool copy(SharedRows& rows, std::size_t row, int field, std::span<double> out) {
     const std::span<const double> values = rows.row(row);
     std::ranges::copy(values, out.begin());
+    ramps_.remove(field, out);
     return findings_.finite(rows.path(), row, values, "a state is finite");
   }
 
   const MultisymplecticSystem& system_;
+  const WithRamps& ramps_;  ///< which the record has, and levels have not
   PartFindings findings_;
   std::vector<std::optional<SharedRows>> fields_;
   std::vector<SharedRows> previous_;
@@ -145,7 +150,7 @@ public:
                     .cells = law_levels_.fields}),
         invariants_(make_invariants(problem, system_, grid_)),
         exact_(make_exact(problem, system_, grid_)),
-        stored_(record, system_, exact_, grid_.size(), levels, findings),
+        stored_(record, system_, exact_, exact_.ramps(), grid_.size(), levels, findings),
         after_(make_initial_level(problem, system_, grid_)),
         before_(after_),
         moved_before_(after_),
@@ -289,7 +294,8 @@ private:
       const auto found = std::as_const(after_.fields).field(f);
       parts_.compare(
           stored_.path(f), 0, found, [&](std::size_t i) { return expected[i]; },
-          [&] { return start_tolerance * grids::max_abs(expected); }, "the initial level of the problem");
+          [&] { return start_tolerance * (grids::max_abs(expected) + largest_ramp(f)); },
+          "the initial level of the problem");
     }
     grow_scales();
     if (levels_.sparse && !levels_.evolving_alone && stored_.load_previous(0, before_.fields)) {
@@ -323,9 +329,12 @@ private:
       const auto values = std::as_const(after_.fields).field(f);
       const auto finite = [values](std::size_t i) { return std::isfinite(values[i]) ? values[i] : 0.0; };
       double& largest = largest_[static_cast<std::size_t>(f)];
-      largest = std::max(largest, grids::max_abs_of(values.size(), finite));
+      largest = std::max(largest, grids::max_abs_of(values.size(), finite) + largest_ramp(f));
     }
   }
+
+  /// A stored field is rounded with its ramp.
+  [[nodiscard]] double largest_ramp(int field) { return grids::max_abs(exact_.ramps().ramp(field)); }
 
   /// Fields displaced as Rounding says, by the largest magnitude of each so far.
   void displace(const LatticeLevel& state, int attempt, int level, LatticeLevel& moved) const {

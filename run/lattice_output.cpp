@@ -25,6 +25,7 @@ public:
     for (const OutputQuantity& quantity : problem.output.quantities) {
       quantities_.emplace_back(problem, quantity, system_, grid_);
     }
+    ramps_ = WithRamps(make_jumps(problem), grid_, system_.field_count());
     if (auto frame = make_frame(problem)) {
       laboratory_.emplace(std::move(*frame), grid_);
     }
@@ -82,7 +83,7 @@ private:
       const LatticeLevel& shown = laboratory_ ? (*laboratory_)(level, t) : level;
       auto column = columns_.begin();
       for (const int f : told()) {
-        sink.append(*column++, shown.fields.field(f));
+        sink.append(*column++, ramps_(f, shown.fields.field(f)));
       }
     }
     bool defined = true;
@@ -101,7 +102,8 @@ private:
   std::unique_ptr<LatticeMethod> method_;
   LatticeLevel level_, next_;
   std::vector<LatticeQuantity> quantities_;
-  std::optional<LaboratoryView> laboratory_;                ///< output times are of the laboratory
+  std::optional<LaboratoryView> laboratory_;  ///< output times are of the laboratory
+  WithRamps ramps_;
   std::vector<record::Column> columns_, quantity_columns_;  ///< of the fields told, and of the quantities
   std::optional<LatticeBetween> between_;
 };

@@ -41,12 +41,15 @@ LatticeQuantity::LatticeQuantity(const Problem& problem, const OutputQuantity& q
   const MultisymplecticProblem& pde = *problem.multisymplectic();
   auto graph = std::make_shared<formula::Graph>();
   std::vector<formula::Expression> integrands;
-  const formula::Expression value =
+  formula::Expression value =
       problem.build_quantity(quantity.formula, *graph, quantity_names(pde), pde.fields, integrands);
   for (const auto& formula : integrands) {
     refuse_midpoints(*graph, formula, quantity, system);
   }
   refuse_midpoints(*graph, value, quantity, system);
+  const Jumps jumps = make_jumps(problem);
+  value = jumps.seen({value}, *graph, pde.fields).front();
+  integrands = jumps.seen(integrands, *graph, pde.fields);
   std::vector<std::string> numbers;
   for (std::size_t i = 0; i < integrands.size(); ++i) {
     numbers.push_back(fmt::format("integral {}", i + 1));

@@ -29,7 +29,7 @@ LatticeResiduals::LatticeResiduals(const LatticeMethod& method, LocalLaws& laws,
                        cells_ ? std::as_const(*cells_).field(static_cast<int>(i)) : std::span<const double>());
   }
   if (wanted.variational && method.has_variational_laws()) {
-    variational_.emplace(method.action(system).value(), grid);
+    variational_.emplace(method.action(system).value(), system, grid);
     for (const std::string& name : variational_->names()) {
       laws_.emplace_back(name);
     }

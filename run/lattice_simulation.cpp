@@ -28,6 +28,7 @@ public:
         invariants_(make_invariants(problem, lattice_.system(), lattice_.grid())),
         exact_(make_exact(problem, lattice_.system(), lattice_.grid())),
         frame_(make_frame(problem)),
+        ramps_(make_jumps(problem), lattice_.grid(), lattice_.system().field_count()),
         energy_terms_(make_energy_terms(lattice_.system(), lattice_.grid())),
         meter_(problem, lattice_.system(), lattice_.grid()),
         previous_t_(lattice_.t()) {
@@ -166,12 +167,12 @@ public:
                                         std::numeric_limits<double>::quiet_NaN());
     for (const auto& [field, column] : field_columns_) {
       const bool missing = at_midpoints(field) && last_h_ == 0.0;
-      sink.append(column, missing ? std::span<const double>(undefined) : lattice_.field(field));
+      sink.append(column, missing ? std::span<const double>(undefined) : ramps_(field, lattice_.field(field)));
     }
     if (!previous_columns_.empty()) {
       sink.append(previous_t_column_, previous_t_);
       for (const auto& [field, column] : previous_columns_) {
-        sink.append(column, lattice_.previous().fields.field(field));
+        sink.append(column, ramps_(field, lattice_.previous().fields.field(field)));
       }
     }
     const auto exact = exact_.at(lattice_.level(), t());
@@ -269,10 +270,11 @@ private:
         compare_increments(now, lattice_.previous().fields.field(field), exact[i], exact_before[i],
                            measures.exact_residual);
       } else if (is_start && given_[static_cast<std::size_t>(field)]) {
+        const std::span<const double> with_ramp = ramps_(field, now);
         double size = 0.0, error = 0.0;
         for (std::size_t node = 0; node < now.size(); ++node) {
-          size = std::max({size, std::abs(now[node]), std::abs(exact[i][node])});
-          error = std::max(error, std::abs(now[node] - exact[i][node]));
+          size = std::max({size, std::abs(with_ramp[node]), std::abs(exact[i][node])});
+          error = std::max(error, std::abs(with_ramp[node] - exact[i][node]));
         }
         compare_exact(error, 0.0, size, measures.exact_start);
       }
@@ -322,6 +324,7 @@ private:
   LatticeResiduals residuals_;
   NodeTable invariants_, exact_;
   std::optional<MovingFrame> frame_;
+  WithRamps ramps_;
   NodeFormula energy_terms_;
   LatticeMeter meter_;
   std::vector<bool> given_;  ///< the fields with initial data of their own

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include <rubato/base/interrupt.hpp>
+#include <rubato/problem/lattice_problem.hpp>
 #include <rubato/run/events.hpp>
 #include <rubato/run/last_rows.hpp>
 #include <rubato/run/simulation.hpp>
@@ -226,7 +227,10 @@ public:
     for (const GridAxis& axis : pde->axes) {
       shape.insert(shape.begin(), static_cast<std::size_t>(axis.cells));
     }
-    return Array(shape, all.data() + static_cast<std::size_t>(place - pde->fields.begin()) * size);
+    const auto number = static_cast<std::size_t>(place - pde->fields.begin());
+    std::vector<double> values(all.data() + number * size, all.data() + (number + 1) * size);
+    make_jumps(bound_->problem).add(static_cast<int>(number), make_grid(bound_->problem), values);
+    return Array(shape, values.data());
   }
 
   /// Goes on from another problem: that of another state, at the present time.

@@ -38,6 +38,7 @@ const std::vector<Row>& rows() {
       {"maxwell", 3, 1, 0.4, 1, true},
       {"nls", 67, 17, 2, 7},
       {"sine-gordon", 67, 14, 4, 5},
+      {"sine-gordon-kink", 31, 9, 4, 3},
       {"zakharov-kuznetsov", 11, 2, 0.2, 3, true},
   };
   return all;

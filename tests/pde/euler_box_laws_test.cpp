@@ -187,7 +187,7 @@ TEST_CASE("the variational residuals of euler-box are the variations of its acti
   const grids::Grid grid({{"x", -6, 6, 60}});
   const double h = 0.1;
   LatticeIntegrator lattice(system, grid, bumps(system, grid), euler_box(h, 1));
-  VariationalLaws variational(euler_box_action(system), grid);
+  VariationalLaws variational(euler_box_action(system), system, grid);
   REQUIRE(lattice.step().status == Status::success);
   const LatticeLevel first = lattice.previous();
   const LatticeLevel second = lattice.level();

@@ -213,7 +213,7 @@ TEST_CASE("the variational node residuals are the variations of the action in th
   const auto system = GENERATE(sine_gordon(), wave_equation("(1 + x/10)*(1 - cos(u)) + x^2*u^2/20"));
   const grids::Grid grid({{"x", -6, 6, 61}});
   FreeRun run(system, grid, gaussians(system, grid), 0.1);
-  VariationalLaws variational(box_action(system), grid);
+  VariationalLaws variational(box_action(system), system, grid);
   run.step(0.1);
   const LatticeLevel first = run.previous;
   const LatticeLevel second = run.scheme->level();
