@@ -22,9 +22,9 @@ struct FieldEquations {
 ///
 ///     L = Σ u_i ∫₀¹ E_i(λu) dλ,
 ///
-/// with derivatives moved by parts so that none is higher than it has to be. One of the fields is also tried as u = φ_x,
-/// with the equations as they stand (Korteweg and de Vries) or one of them integrated by x (Boussinesq). u_tt + a u_t
-/// has the factor exp(a t) in L; the density that is given is of w = exp(at/2) u, FieldDensity::damping = a, named
+/// with derivatives moved by parts so that none is higher than it has to be. One of the fields is also tried as u =
+/// φ_x, with the equations as they stand (Korteweg and de Vries) or one of them integrated by x (Boussinesq). u_tt + a
+/// u_t has the factor exp(a t) in L; the density that is given is of w = exp(at/2) u, FieldDensity::damping = a, named
 /// scaled_u, with which coefficients of squares are constant. Terms with derivatives have to be polynomials with
 /// constant coefficients. A term without may be any function of its own field, x, y, z and t that is a sum of multiples
 /// of 1, u, and powers, sqrt, exp, log, sin, cos, tan, sinh, cosh and tanh of a u + b, and of min and max of 0 and

@@ -29,7 +29,7 @@ std::string data_of_run(const rubato::Problem& problem) {
   REQUIRE(rubato::run(problem, {.output = (folder / "record.h5").string()}).status == rubato::ExitStatus::done);
   const auto notes = [](const record::Reader& reader) {
     const rubato::RecordNotes known = rubato::notes_on(reader);
-    return report::Notes{known.fields, known.rounding};
+    return report::Notes{known.fields, known.auxiliary, known.rounding};
   };
   return sample::data_of(report::page(record::Reader(folder / "record.h5"), {.notes = notes}));
 }
