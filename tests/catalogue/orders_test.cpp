@@ -37,8 +37,8 @@ const std::vector<Row>& rows() {
       {"klein-gordon", 67, 9, 1, 9},
       {"maxwell", 3, 1, 0.4, 1, true},
       {"nls", 67, 17, 2, 7},
-      {"sine-gordon", 67, 14, 4, 5},
       {"sine-gordon-kink", 31, 9, 4, 3},
+      {"sine-gordon", 67, 14, 4, 5},
       {"zakharov-kuznetsov", 11, 2, 0.2, 3, true},
   };
   return all;
