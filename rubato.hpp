@@ -6,6 +6,8 @@
 /// serves as well, such as <rubato/ode/integrate.hpp>.
 
 #include <rubato/formula/parse.hpp>
+#include <rubato/ode/boundary_value.hpp>
+#include <rubato/ode/continuation.hpp>
 #include <rubato/ode/discrete_lagrangian.hpp>
 #include <rubato/ode/first_step.hpp>
 #include <rubato/ode/gauss_function.hpp>
@@ -18,6 +20,7 @@
 #include <rubato/ode/legendre.hpp>
 #include <rubato/ode/orbit_between.hpp>
 #include <rubato/ode/orbit_events.hpp>
+#include <rubato/ode/second_variation.hpp>
 #include <rubato/ode/separable.hpp>
 #include <rubato/ode/splitting_scheme.hpp>
 #include <rubato/pde/field_system.hpp>
@@ -37,6 +40,7 @@
 #include <rubato/run/memory_record.hpp>
 #include <rubato/run/record_notes.hpp>
 #include <rubato/run/run.hpp>
+#include <rubato/run/solve.hpp>
 #include <rubato/run/version.hpp>
 #include <rubato/variation/composition.hpp>
 #include <rubato/variation/crossing.hpp>

@@ -10,6 +10,55 @@
 /// The numbers of this room that were tuned, or chosen, with their reasons: here, so that whoever changes one sees the
 /// others. Those of the search for levels are in variation/tuning.hpp.
 
+/// Boundary-value problems (boundary_value.cpp, end_conditions.cpp).
+namespace rubato::tuning::boundary_value {
+
+/// Damping s beside a matrix of entries about 1 (DampedLeastSquares). At the least one a direction in which solutions
+/// are not isolated keeps seven digits free of rounding; a direction with the singular value 1e-6 converges by a factor
+/// of 1e-6 an iteration.
+inline constexpr double least_damping = 1e-9;
+/// More than the least one is tried, by this factor and up to the most, where no part of a correction helps.
+inline constexpr double damping_factor = 100.0, most_damping = 0.1;
+/// Of a correction that is tried.
+inline constexpr double least_fraction = 1e-3;
+/// Of free levels: the smallest |η| beside the largest at which the pure law is taken.
+inline constexpr double margin = 0.05;
+/// Else (μ beside the largest |η|): the bracket η + μ then varies by a factor of 3.
+inline constexpr double weight_of_potential = 2.0;
+/// From this order on following the motion gains nothing: f' so many times what the node energy is off by, ...
+inline constexpr int first_high_order = 4;
+inline constexpr double nearly_equal = 20.0;
+/// ... and at least so much of the energy, so that the level equation tells steps apart beyond rounding.
+inline constexpr double least_potential = 1e-3;
+/// Where the bracket of a stated potential vanishes: a start of the levels, no more.
+inline constexpr double smallest_bracket = 1e-2;
+/// |∇H| beside 1 + |H_zz| at what counts as an equilibrium, and |Re λ| beside the largest |λ| as off the imaginary
+/// axis.
+inline constexpr double at_rest = 1e-9;
+inline constexpr double hyperbolic = 1e-6;
+/// An eigenvalue of the second variation of a periodic orbit, in units of its mass times h/T², that counts as 0: those
+/// of long waves are 40, and rounding leaves 1e-16 (T/h)².
+inline constexpr double vanishing = 1e-4;
+
+}  // namespace rubato::tuning::boundary_value
+
+/// Branches of solutions (continuation.cpp).
+namespace rubato::tuning::continuation {
+
+/// The first step, as a part of the way of the parameter.
+inline constexpr double first_parts = 20.0;
+/// Steps grow where Newton's method takes few iterations (the start counts), and shrink where it takes many.
+inline constexpr std::size_t quick_iterations = 5, slow_iterations = 8;
+inline constexpr double growth = 1.5;
+/// A correction beside the step: beyond that another branch may have been met.
+inline constexpr double most_correction = 0.5;
+inline constexpr double least_step = 1e-9;  ///< beside the unknowns
+/// A fold's place beside the step that found it, and the slope of the parameter there: it is off by the square of that.
+inline constexpr double fold_accuracy = 1e-9;
+inline constexpr int most_fold_iterations = 40;
+
+}  // namespace rubato::tuning::continuation
+
 /// Darboux matrices (darboux.cpp).
 namespace rubato::tuning::darboux {
 

@@ -1,0 +1,352 @@
+#include <rubato/ode/boundary_value.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <stdexcept>
+
+#include <fmt/format.h>
+
+#include <rubato/ode/increment.hpp>
+#include <rubato/ode/integrate.hpp>
+#include <rubato/ode/tuning.hpp>
+#include <rubato/solve/damped_least_squares.hpp>
+
+namespace rubato {
+
+namespace {
+
+using namespace tuning::boundary_value;
+
+using Eigen::Index;
+using Eigen::VectorXd;
+
+double largest(const VectorXd& residual) {
+  return residual.size() == 0 ? 0.0 : residual.cwiseAbs().maxCoeff();
+}
+
+void check_guess(const Hamiltonian& hamiltonian, const NodesOfOrbit& guess) {
+  const std::size_t size = 2 * hamiltonian.degrees_of_freedom();
+  if (guess.dimension != size || guess.h.empty() || guess.z.size() != size * (guess.segments() + 1)) {
+    throw std::invalid_argument(
+        fmt::format("a guess has at least one step, and {} numbers at each of its nodes; this one has {} steps and {} "
+                    "numbers",
+                    size, guess.segments(), guess.z.size()));
+  }
+  const double sign = guess.h.front();
+  if (!std::ranges::all_of(guess.h, [sign](double h) { return std::isfinite(h) && h * sign > 0.0; }) ||
+      !std::ranges::all_of(guess.z, [](double z) { return std::isfinite(z); })) {
+    throw std::invalid_argument("a guess has finite numbers, and steps that all go forward or all go backward");
+  }
+}
+
+/// η at the middles of the steps, from E_k - (H_k + H_{k+1})/2 = (s+1) h^s η (theory, section 8).
+std::vector<double> curvatures(const Hamiltonian& hamiltonian, const NodesOfOrbit& orbit,
+                               std::span<const double> energies, int order) {
+  HamiltonianEvaluator evaluator(hamiltonian);
+  std::vector<double> eta;
+  double before = evaluator.value(orbit.node(0).data());
+  for (std::size_t k = 0; k < orbit.segments(); ++k) {
+    const double after = evaluator.value(orbit.node(k + 1).data());
+    eta.push_back((energies[k] - 0.5 * (before + after)) / ((order + 1) * std::pow(std::abs(orbit.h[k]), order)));
+    before = after;
+  }
+  return eta;
+}
+
+/// The potential of free levels on an orbit found with equal ones, and the lengths that the step law then has.
+struct LevelPlan {
+  StepPotential potential;
+  std::vector<double> h;
+};
+
+LevelPlan plan_levels(const Hamiltonian& hamiltonian, const NodesOfOrbit& orbit, std::span<const double> energies,
+                      int order, const StepPotentialChoice& choice) {
+  LevelPlan plan{.potential = {}, .h = orbit.h};
+  const std::vector<double> eta = curvatures(hamiltonian, orbit, energies, order);
+  const auto [least, most] = std::ranges::minmax(eta);
+  const double size = std::max(std::abs(least), std::abs(most)), h = std::abs(orbit.h.front());
+  const double sign = std::abs(least) > most ? -1.0 : 1.0;
+  const double off = (order + 1) * size * std::pow(h, order);
+  switch (choice.kind) {
+    case StepPotentialChoice::Kind::none: break;
+    case StepPotentialChoice::Kind::stated: plan.potential = choice.potential; break;
+    case StepPotentialChoice::Kind::given:
+      plan.potential = make_step_potential(
+          {.order = order, .step = h, .eta = {eta.front()}, .energy_size = energy_scale(hamiltonian, orbit)},
+          choice.kappa, choice.exponent);
+      break;
+    case StepPotentialChoice::Kind::automatic:
+    case StepPotentialChoice::Kind::usual:
+      if (order >= first_high_order) {
+        const double strength = std::max(nearly_equal * off, least_potential * energy_scale(hamiltonian, orbit));
+        plan.potential = {.strength = sign * strength, .length = h, .exponent = static_cast<double>(order)};
+      } else if (!(std::min(std::abs(least), std::abs(most)) > margin * size && least * most > 0.0)) {
+        plan.potential = {
+            .strength = sign * weight_of_potential * off, .length = h, .exponent = static_cast<double>(order)};
+      }
+      break;
+  }
+  // (η + f''/(s(s+1)h^(s-1))) h^(s+1) is constant where f' is a multiple of h^s; for others it is a start.
+  const double mu = plan.potential.slope(h) / (order * (order + 1) * std::pow(h, order - 1));
+  double sum = 0.0;
+  for (std::size_t k = 0; k < eta.size(); ++k) {
+    const double bracket = std::max((eta[k] + mu) / (sign * size + mu), smallest_bracket);
+    plan.h[k] = std::pow(bracket, -1.0 / (order + 1));
+    sum += plan.h[k];
+  }
+  const double scale = orbit.duration() / sum;
+  for (double& length : plan.h) {
+    length *= scale;
+  }
+  return plan;
+}
+
+/// The orbit on levels whose lengths are in the proportions of `lengths` where it has been: by cubics through nodes
+/// with their slopes.
+NodesOfOrbit at_levels(const Hamiltonian& hamiltonian, const NodesOfOrbit& orbit, std::span<const double> lengths) {
+  HamiltonianEvaluator evaluator(hamiltonian);
+  const std::size_t size = orbit.dimension, n = size / 2, steps = orbit.segments();
+  const auto slope_at = [&](std::size_t k) {
+    std::vector<double> gradient(size), slope(size);
+    evaluator.gradient(orbit.node(k).data(), gradient.data());
+    for (std::size_t i = 0; i < n; ++i) {
+      slope[i] = gradient[n + i];
+      slope[n + i] = -gradient[i];
+    }
+    return slope;
+  };
+  // `lengths` is a density on the old levels: new level number j lies where ∫ dk/lengths has come to j/N of its whole.
+  std::vector<double> density = {0.0}, time = {0.0};
+  for (std::size_t k = 0; k < steps; ++k) {
+    density.push_back(density.back() + orbit.h[k] / lengths[k]);
+    time.push_back(time.back() + orbit.h[k]);
+  }
+  NodesOfOrbit moved{.dimension = size, .z = {}, .h = {}};
+  double last = 0.0;
+  std::size_t k = 0;
+  for (std::size_t j = 0; j <= steps; ++j) {
+    const double wanted = density.back() * static_cast<double>(j) / static_cast<double>(steps);
+    while (k + 1 < steps && (wanted - density[k + 1]) * density.back() > 0.0) {
+      ++k;
+    }
+    const double x = j == steps ? 1.0 : (wanted - density[k]) / (density[k + 1] - density[k]), h = orbit.h[k];
+    const std::vector<double> before = slope_at(k), after = slope_at(k + 1);
+    for (std::size_t i = 0; i < size; ++i) {
+      const double z_0 = orbit.node(k)[i], z_1 = orbit.node(k + 1)[i];
+      moved.z.push_back((1.0 + 2.0 * x) * (1.0 - x) * (1.0 - x) * z_0 + x * x * (3.0 - 2.0 * x) * z_1 +
+                        h * x * (1.0 - x) * ((1.0 - x) * before[i] - x * after[i]));
+    }
+    const double t = j == steps ? time.back() : time[k] + x * h;
+    if (j > 0) {
+      moved.h.push_back(t - last);
+    }
+    last = t;
+  }
+  return moved;
+}
+
+/// K_k of every step; NaN where it is not defined.
+std::vector<double> energies_of(SegmentEquation& segments, const NodesOfOrbit& orbit) {
+  SegmentRows rows;
+  std::vector<double> energies;
+  for (std::size_t k = 0; k < orbit.segments(); ++k) {
+    const bool defined = segments.evaluate(orbit.node(k), orbit.node(k + 1), orbit.h[k], rows) == Status::success;
+    energies.push_back(defined ? rows.energy : std::numeric_limits<double>::quiet_NaN());
+  }
+  return energies;
+}
+
+/// Fills in what follows from the nodes and levels.
+void describe_solution(SegmentEquation& segments, BoundaryValueSolution& solution) {
+  const NodesOfOrbit& orbit = solution.orbit;
+  solution.energy = energies_of(segments, orbit);
+  double sum = 0.0, conserved = 0.0;
+  for (std::size_t k = 0; k < orbit.segments(); ++k) {
+    sum += orbit.h[k] * solution.energy[k];
+    solution.energy[k] += solution.potential.energy(orbit.h[k]);
+    conserved += solution.energy[k];
+  }
+  solution.mean_energy = sum / orbit.duration();
+  solution.conserved = conserved / static_cast<double>(orbit.segments());
+}
+
+}  // namespace
+
+namespace {
+
+/// A correction of Newton's method from where the equations were factored, as much of it as brings the next one down:
+/// the natural monotonicity test |J⁺F(u + λΔu)| <= (1 - λ/4)|Δu| (Deuflhard, Newton Methods for Nonlinear Problems,
+/// Springer 2004, section 3.3), which sees distances from the solution, and not residuals in units of their own.
+class DampedStep {
+public:
+  DampedStep(StationaryAction& equations, std::span<const LinearCondition> further)
+      : equations_(equations), further_(further) {}
+
+  /// Moves u. False where no part of the correction helps.
+  /// \param fraction λ of the last step; of this one when it returns
+  bool take(const Eigen::SparseMatrix<double>& jacobian, const VectorXd& residual, VectorXd& u, double& fraction) {
+    for (double damping = least_damping; damping <= most_damping; damping *= damping_factor) {
+      if (solver_.factor(jacobian, damping) != Status::success ||
+          solver_.solve(residual, correction_) != Status::success) {
+        continue;
+      }
+      for (double part = std::min(1.0, 4.0 * fraction); part >= least_fraction; part *= 0.5) {
+        trial_ = u + part * correction_;
+        if (equations_.evaluate(trial_, trial_residual_, nullptr, further_) == Status::success &&
+            solver_.solve(trial_residual_, next_) == Status::success &&
+            next_.norm() <= (1.0 - 0.25 * part) * correction_.norm()) {
+          u = trial_;
+          fraction = part;
+          return true;
+        }
+      }
+      fraction = 1.0;
+    }
+    return false;
+  }
+  [[nodiscard]] double size() const { return correction_.norm(); }
+  /// Of the residual where it led to.
+  [[nodiscard]] double residual() const { return largest(trial_residual_); }
+
+private:
+  StationaryAction& equations_;
+  std::span<const LinearCondition> further_;
+  solve::DampedLeastSquares solver_;
+  VectorXd correction_, trial_, trial_residual_, next_;
+};
+
+}  // namespace
+
+bool find_stationary(StationaryAction& equations, std::span<const LinearCondition> further, int stage,
+                     const BoundaryValueOptions& options, VectorXd& u, BoundaryValueSolution& solution) {
+  Eigen::SparseMatrix<double> jacobian;
+  VectorXd residual;
+  solution.status = equations.evaluate(u, residual, &jacobian, further);
+  if (solution.status != Status::success) {
+    solution.worst = fmt::format("the step from level {}", equations.failed_segment());
+    return false;
+  }
+  solution.history.push_back({.stage = stage, .residual = largest(residual)});
+  DampedStep step(equations, further);
+  double fraction = 1.0;
+  for (std::size_t iteration = 0; iteration < options.most_iterations && largest(residual) > 0.0; ++iteration) {
+    VectorXd next = u;
+    const double before = largest(residual), length = u.norm();
+    const bool moved = step.take(jacobian, residual, next, fraction);
+    // Below the tolerance it goes on as long as that makes it much smaller: down to rounding.
+    const bool rounding = before <= options.tolerance && (!moved || step.residual() > 0.25 * before);
+    if (!moved || (rounding && step.residual() >= before)) {
+      break;
+    }
+    u = next;
+    solution.status = equations.evaluate(u, residual, &jacobian, further);
+    solution.history.push_back({.stage = stage,
+                                .residual = largest(residual),
+                                .correction = step.size() / (length + std::numeric_limits<double>::min()),
+                                .fraction = fraction});
+    if (rounding) {
+      break;
+    }
+  }
+  Index row = 0;
+  solution.residual = residual.cwiseAbs().maxCoeff(&row);
+  solution.worst = equations.describe(row);
+  const bool found = solution.residual <= options.tolerance;
+  solution.status = found ? Status::success : Status::not_converged;
+  return found;
+}
+
+NodesOfOrbit guess_by_integrating(const Hamiltonian& hamiltonian, const SegmentLagrangian& lagrangian,
+                                  std::span<const double> z_0, double h, std::size_t steps) {
+  const std::size_t n = z_0.size() / 2;
+  const bool has_map = method_of(lagrangian).scheme != nullptr;
+  const Orbit orbit = integrate(hamiltonian,
+                                {.q = {z_0.begin(), z_0.begin() + static_cast<std::ptrdiff_t>(n)},
+                                 .p = {z_0.begin() + static_cast<std::ptrdiff_t>(n), z_0.end()}},
+                                {.lagrangian = has_map ? lagrangian : SegmentLagrangian(Midpoint{}),
+                                 .step = h,
+                                 .until = h * static_cast<double>(steps),
+                                 .levels = Levels::fixed,
+                                 .max_steps = steps});
+  NodesOfOrbit guess{.dimension = z_0.size(), .z = {}, .h = orbit.h};
+  for (std::size_t k = 0; k < orbit.t.size(); ++k) {
+    const auto q = orbit.q_at(k), p = orbit.p_at(k);
+    guess.z.insert(guess.z.end(), q.begin(), q.end());
+    guess.z.insert(guess.z.end(), p.begin(), p.end());
+  }
+  return guess;
+}
+
+BoundaryValueSolution boundary_value_residual(const Hamiltonian& hamiltonian, EndConditions ends,
+                                              const NodesOfOrbit& orbit, const StepPotential& potential,
+                                              const BoundaryValueOptions& options) {
+  check_guess(hamiltonian, orbit);
+  const auto segments = make_segment_equation(hamiltonian, options.lagrangian);
+  BoundaryValueSolution solution{.orbit = orbit, .potential = potential};
+  StationaryAction equations(
+      hamiltonian, *segments, ends, {.duration = options.duration, .energy = options.energy}, orbit,
+      options.levels == Levels::variable ? StationaryAction::Levels::free : StationaryAction::Levels::prescribed,
+      potential);
+  VectorXd residual;
+  solution.status = equations.evaluate(equations.pack(orbit), residual, nullptr);
+  if (solution.status != Status::success) {
+    solution.worst = fmt::format("the step from level {}", equations.failed_segment());
+    return solution;
+  }
+  describe_solution(*segments, solution);
+  Index row = 0;
+  solution.residual = residual.cwiseAbs().maxCoeff(&row);
+  solution.worst = equations.describe(row);
+  solution.status = solution.residual <= options.tolerance ? Status::success : Status::not_converged;
+  return solution;
+}
+
+BoundaryValueSolution solve_boundary_value(const Hamiltonian& hamiltonian, EndConditions ends,
+                                           const NodesOfOrbit& guess, const BoundaryValueOptions& options) {
+  check_guess(hamiltonian, guess);
+  const auto segments = make_segment_equation(hamiltonian, options.lagrangian);
+  const StationaryAction::Targets targets{.duration = options.duration, .energy = options.energy};
+  BoundaryValueSolution solution{.orbit = guess, .potential = {}};
+  const auto search = [&](StationaryAction::Levels levels, int stage) {
+    StationaryAction equations(hamiltonian, *segments, ends, targets, solution.orbit, levels, solution.potential);
+    VectorXd u = equations.pack(solution.orbit);
+    const bool found = find_stationary(equations, {}, stage, options, u, solution);
+    solution.orbit = equations.unpack(u);
+    return found;
+  };
+  const auto give_up = [&](std::string_view where) {
+    describe_solution(*segments, solution);
+    if (solution.status == Status::undefined) {
+      solution.message = fmt::format("{}: the equations are not defined at {}", where, solution.worst);
+    } else {
+      solution.message = fmt::format(
+          "{}: Newton's method did not converge; the residual is {:.3g} after {} iterations, the largest in {}", where,
+          solution.residual, solution.history.size(), solution.worst);
+    }
+    return solution;
+  };
+  if (!search(StationaryAction::Levels::prescribed, 0)) {
+    return give_up("with equal levels");
+  }
+  if (options.levels == Levels::variable) {
+    if (!segments->is_action()) {
+      const LevelPlan plan = plan_levels(hamiltonian, solution.orbit, energies_of(*segments, solution.orbit),
+                                         segments->order(), options.potential);
+      solution.orbit = at_levels(hamiltonian, solution.orbit, plan.h);
+      if (!search(StationaryAction::Levels::prescribed, 1)) {
+        return give_up("with levels by the step law");
+      }
+      solution.potential = plan.potential;
+    } else if (options.potential.kind == StepPotentialChoice::Kind::stated) {
+      solution.potential = options.potential.potential;
+    }
+    if (!search(StationaryAction::Levels::free, 2)) {
+      return give_up("with free levels");
+    }
+  }
+  describe_solution(*segments, solution);
+  return solution;
+}
+
+}  // namespace rubato

@@ -1,0 +1,21 @@
+#pragma once
+
+#include <Eigen/Core>
+
+/// \file
+/// Eigenvalues of small dense matrices, instantiated in one source (as small_matrices.hpp). They allocate.
+
+namespace rubato::solve {
+
+/// A v_i = λ_i v_i.
+struct Eigenvectors {
+  Eigen::VectorXcd values;
+  Eigen::MatrixXcd vectors;  ///< of length 1, a column for each
+};
+/// The eigenvalues and eigenvectors of a real square matrix; NaN if an entry is not finite.
+[[nodiscard]] Eigenvectors eigenvectors(const Eigen::MatrixXd& A);
+
+/// The eigenvalues of a symmetric matrix, increasing; its lower triangle is read. NaN if an entry is not finite.
+[[nodiscard]] Eigen::VectorXd symmetric_eigenvalues(const Eigen::MatrixXd& A);
+
+}  // namespace rubato::solve
