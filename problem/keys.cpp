@@ -9,13 +9,14 @@
 #include <rubato/ode/orbit_methods.hpp>
 #include <rubato/pde/lattice_method.hpp>
 #include <rubato/problem/problem.hpp>
+#include <rubato/problem/solve.hpp>
 #include <rubato/variation/composition.hpp>
 
 namespace rubato {
 
 namespace {
 
-constexpr std::array<TableEntry, 31> all_tables{{
+constexpr std::array<TableEntry, 38> all_tables{{
     {"", "one of [hamiltonian], [lagrangian], [multisymplectic] and [field] says what is to be solved"},
     {"hamiltonian", "an orbit: q' = dH/dp, p' = -dH/dq"},
     {"lagrangian",
@@ -83,6 +84,19 @@ constexpr std::array<TableEntry, 31> all_tables{{
      "an event: a formula, a comparison, or a table as the next one"},
     {"events.NAME", "an event with all that may be said of it"},
     {"section", "a Poincare section: an event that is drawn on the page, by its first two quantities"},
+    {"solve",
+     "a boundary-value problem of an orbit, for `rubato solve`: the action is made stationary between two ends. The "
+     "guess is [initial], integrated until the end of [scheme]"},
+    {"solve.ends", "ends = { q_0 = 0, q_1 = \"pi/2\" }: values at the start, NAME_0, and at the end, NAME_1",
+     "a coordinate or momentum with _0 or _1"},
+    {"solve.jump", "what coordinates and momenta grow by in a period: { q = \"2*pi\" }", "a coordinate or a momentum"},
+    {"solve.from", "the equilibrium that a connection leaves", "a coordinate or a momentum"},
+    {"solve.to", "the equilibrium that it comes to", "a coordinate or a momentum"},
+    {"solve.guess", "formulas of t, in place of [initial]; t is 0 at the start of the orbit",
+     "a coordinate or a momentum"},
+    {"solve.continue",
+     "continue = { parameter = \"energy\", to = 0.1 }: from the solution a branch of solutions is followed until its "
+     "parameter comes there, through folds"},
     {"ensemble", "many runs of the problem, each with some of its entries changed: members, grid or random"},
     {"ensemble.random",
      "random = { count = 100, seed = 1, initial.p = \"uniform(0, 2)\" }: what is drawn, by the path of the entry",
@@ -117,6 +131,7 @@ std::vector<std::string_view> all_lagrangians() {
 std::vector<KeyEntry> make_keys() {
   const Scheme scheme;
   const Output output;
+  const StatedSolve solve;
   const std::string required = "required";
   const std::string none = "none";
   static const std::vector<std::string_view> words = all_lagrangians();
@@ -140,6 +155,7 @@ std::vector<KeyEntry> make_keys() {
       {"", "levels", "table", none, ""},
       {"", "events", "table", none, ""},
       {"", "section", "table", none, ""},
+      {"", "solve", "table", none, ""},
       {"", "ensemble", "table", none, ""},
 
       {"hamiltonian", "q", "list of names", required, "The coordinates; \"r[3]\" declares the vector r1, r2, r3."},
@@ -329,6 +345,37 @@ std::vector<KeyEntry> make_keys() {
       {"section", "at", "table", "required for fields", "As of an event."},
       {"section", "stop", "true, false, or integer, at least 1", "false", "As of an event."},
       {"section", "quantities", "list of formulas", required, "The coordinates of the section: [\"y\", \"v\"]."},
+
+      {"solve", "ends", "word, table, or list of equations", required,
+       "periodic; symmetric, half of a periodic orbit, from one turn of the motion to the next; connection, between "
+       "two "
+       "equilibria; values at both ends, { q_0 = 0, q_1 = 1 }; or equations in these, [\"x_1 = -2*y_0\"].",
+       ends_words},
+      {"solve", "jump", "table", none, "Of periodic: see [solve.jump]."},
+      {"solve", "mirror", "list of names", "required by symmetric",
+       "What changes sign when the motion is reversed, one of each pair: [\"y\", \"px\"]. It is 0 at both ends of the "
+       "half."},
+      {"solve", "from", "table", "required by connection", "See [solve.from]; written from = { q = 0, p = 0 }."},
+      {"solve", "to", "table", "required by connection", "See [solve.to]."},
+      {"solve", "time", "number, or \"free\"", "until - t; free where an energy is given",
+       "From the start to the end, with ends that are not periodic or symmetric.", free_words},
+      {"solve", "period", "number, or \"free\"", "until - t; free where an energy is given", "Of an orbit that closes.",
+       free_words},
+      {"solve", "energy", "number, or a word", std::string(solve_energy_words[0]),
+       "Of the discrete energy K without its step potential, the mean over time; initial is H at [initial].",
+       solve_energy_words},
+      {"solve", "steps", "integer, at least 1", "(until - t)/step", "How many steps the orbit has."},
+      {"solve", "guess", "table", none, "See [solve.guess]."},
+      {"solve", "continue", "table", none, "See [solve.continue]."},
+      {"solve.continue", "parameter", "word, or name", required,
+       "energy; period, or time; or a number of [parameters] that H names."},
+      {"solve.continue", "to", "number", required, "Where the branch ends: the record has the solution there."},
+      {"solve.continue", "step", "number", "a twentieth of the way", "Of the parameter, in the first step; its sign is the direction in which the branch sets out."},
+      {"solve.continue", "points", "integer, at least 1", "500", "It ends after so many solutions."},
+      {"solve", "tolerance", "number between 0 and 1", fmt::format("{}", solve.tolerance),
+       "Of what the solution may leave of any equation, relative to the size of its terms."},
+      {"solve", "max_iterations", "integer, at least 1", fmt::format("{}", solve.most_iterations),
+       "Of Newton's method, each time that it is begun."},
 
       {"ensemble", "members", "list of tables", none,
        "One table for each member: [{ initial.p = 1 }, { initial.p = 1.5, parameters.k = 2 }]."},

@@ -12,6 +12,7 @@
 #include <rubato/problem/effective.hpp>
 #include <rubato/problem/keys.hpp>
 #include <rubato/problem/reader.hpp>
+#include <rubato/problem/solve.hpp>
 
 namespace rubato {
 namespace {
@@ -211,6 +212,7 @@ Problem read_effective(EffectiveDocument document, const std::string& source) {
   read_output(root, problem);
   read_levels(root, problem);
   problem.events = read_events(root, problem);
+  problem.solve = read_solve(root, problem);
   problem.ensemble = read_ensemble(root, problem.parameters);
   if (problem.ensemble) {
     problem.ensemble->common = without(problem.text, source, "ensemble");

@@ -358,6 +358,8 @@ struct Ensemble {
   [[nodiscard]] std::string described(std::size_t member) const;
 };
 
+struct StatedSolve;
+
 /// A whole problem, read and validated: names, types, signs, sizes and the syntax of every formula are in order.
 struct Problem {
   std::string name;       ///< of the file without folder and extension, or of the catalogue entry
@@ -371,8 +373,9 @@ struct Problem {
   std::vector<figures::ReasonKind> accepted;  ///< [verdict] accept: reasons that do not count
   Output output;
   LevelRowsChoice levels;
-  std::vector<StatedEvent> events;   ///< of [events] and [section], in alphabetical order
-  std::optional<Ensemble> ensemble;  ///< the problem itself is then what its members have in common
+  std::vector<StatedEvent> events;           ///< of [events] and [section], in alphabetical order
+  std::shared_ptr<const StatedSolve> solve;  ///< [solve]; null if there is none
+  std::optional<Ensemble> ensemble;          ///< the problem itself is then what its members have in common
 
   [[nodiscard]] const HamiltonianProblem* hamiltonian() const { return std::get_if<HamiltonianProblem>(&system); }
   [[nodiscard]] const MultisymplecticProblem* multisymplectic() const {

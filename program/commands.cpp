@@ -15,6 +15,7 @@
 #include <rubato/run/converge.hpp>
 #include <rubato/run/ensemble.hpp>
 #include <rubato/run/run_estimate.hpp>
+#include <rubato/run/solve.hpp>
 
 #include "beside.hpp"
 #include "probe.hpp"
@@ -205,6 +206,28 @@ rubato::ExitStatus converge(const ConvergeCommand& command) {
     print(command.reporting.json ? rubato::to_json(outcome) + "\n" : rubato::to_table(outcome));
   }
   for (const std::string& warning : outcome.findings.warnings("runs")) {
+    print_warning(warning);
+  }
+  if (!outcome.message.empty()) {
+    print_error(outcome.message);
+  }
+  return outcome.status;
+}
+
+rubato::ExitStatus solve(const SolveCommand& command) {
+  const rubato::Problem problem = rubato::read_problem(command.problem, command.settings);
+  const std::string file = command.output.value_or(problem.output.file);
+  refuse_replacing(command.problem, file);
+  const rubato::SolveOutcome outcome = rubato::solve_problem(problem, {.output = file,
+                                                                       .overwrite = command.force,
+                                                                       .lock = !command.reporting.no_lock,
+                                                                       .threads = command.reporting.threads});
+  if (command.reporting.json) {
+    print(rubato::to_json(outcome) + "\n");
+  } else if (!command.reporting.quiet) {
+    print(rubato::to_table(outcome));
+  }
+  for (const std::string& warning : outcome.warnings) {
     print_warning(warning);
   }
   if (!outcome.message.empty()) {

@@ -41,6 +41,14 @@ struct ConvergeCommand {
   Reporting reporting;
 };
 
+struct SolveCommand {
+  std::string problem;
+  std::vector<std::string> settings;
+  std::optional<std::string> output;
+  bool force = false;
+  Reporting reporting;
+};
+
 struct ResumeCommand {
   std::string file;
   std::optional<double> until;
@@ -59,6 +67,7 @@ void share_with(ranks::Communicator* ranks);
 [[nodiscard]] rubato::ExitStatus run(const RunCommand& command);
 [[nodiscard]] rubato::ExitStatus converge(const ConvergeCommand& command);
 [[nodiscard]] rubato::ExitStatus scan(const ScanCommand& command);
+[[nodiscard]] rubato::ExitStatus solve(const SolveCommand& command);
 [[nodiscard]] rubato::ExitStatus resume(const ResumeCommand& command);
 [[nodiscard]] rubato::ExitStatus check(const CheckCommand& command);
 [[nodiscard]] rubato::ExitStatus list();

@@ -53,6 +53,7 @@ constexpr const char* examples =
     "  rubato run kepler --set parameters.e=0.3 -o kepler.h5\n"
     "  rubato scan pendulum initial.p=0.1:3:30   a run for each value, and one table\n"
     "  rubato converge mine.toml            how accurate it is: runs with smaller steps\n"
+    "  rubato solve mine.toml               an orbit between two ends, or a periodic one\n"
     "  rubato resume mine.h5 --until 200    go on from the last level\n"
     "  rubato check mine.h5                 all of it again, from the states alone\n"
     "  rubato report mine.h5                writes mine.html: plots of all of it, for a browser\n"
@@ -130,6 +131,7 @@ public:
     add_run();
     add_scan();
     add_converge();
+    add_solve();
     add_resume();
     add_check();
     reports_.add_to(app_);
@@ -178,6 +180,9 @@ public:
     }
     if (app_.got_subcommand("converge")) {
       return rubato::program::converge(converge_);
+    }
+    if (app_.got_subcommand("solve")) {
+      return rubato::program::solve(solve_);
     }
     records_ = files_read(*app_.get_subcommands().front());
     rubato::program::explain_crashes(records_);  // all others read records
@@ -337,6 +342,23 @@ private:
     command.footer(run_examples);
   }
 
+  void add_solve() {
+    CLI::App& command =
+        *app_.add_subcommand("solve", "Solve a boundary-value problem of an orbit and write its record");
+    add_source(command, solve_.problem, solve_.settings);
+    command.add_option("-o,--output", solve_.output, "Write the record here (default: as the problem says)")
+        ->option_text("OUT.h5")
+        ->check(check_not_empty);
+    command.add_flag("-f,--force", solve_.force, "Replace an existing record");
+    add_reporting(command, solve_.reporting);
+    command.footer(
+        "[solve] of the problem says what holds at the ends: rubato help solve. The guess is [initial],\n"
+        "integrated until the end of [scheme]. Exit status 4: no solution was found, and nothing written.\n"
+        "Examples:\n"
+        "  rubato solve examples/pendulum-to-a-place.toml\n"
+        "  rubato solve examples/henon-heiles-orbit.toml --set solve.energy=0.1 --json\n");
+  }
+
   void add_resume() {
     CLI::App& command = *app_.add_subcommand("resume", "Continue a record from its last complete level");
     command.add_option("file", resume_.file, "A record")->option_text("OUT.h5")->check(check_not_empty)->required();
@@ -389,6 +411,7 @@ private:
   rubato::program::ScanCommand scan_;
   rubato::program::ConvergeCommand converge_;
   rubato::program::ResumeCommand resume_;
+  rubato::program::SolveCommand solve_;
   rubato::program::CheckCommand check_;
   rubato::program::ReportCommands reports_;
   std::string name_, records_;

@@ -13,6 +13,7 @@
 #include <rubato/run/lattice_ranks.hpp>
 #include <rubato/run/level_check.hpp>
 #include <rubato/run/orbit_check.hpp>
+#include <rubato/run/solve.hpp>
 #include <rubato/run/threads.hpp>
 
 namespace rubato {
@@ -208,6 +209,9 @@ private:
 
 Outcome check(const std::string& file, const CheckOptions& options) {
   const record::Reader reader(file, record::Altered::told);
+  if (is_solution(reader)) {
+    return blame_record(file, [&] { return check_solution(reader); });
+  }
   return blame_record(file, [&] { return RecordCheck(reader, options).run(); });
 }
 

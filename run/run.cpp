@@ -26,6 +26,7 @@
 #include <rubato/run/recorder.hpp>
 #include <rubato/run/run_estimate.hpp>
 #include <rubato/run/shared_rows.hpp>
+#include <rubato/run/solve.hpp>
 #include <rubato/run/threads.hpp>
 #include <rubato/run/warnings.hpp>
 
@@ -533,6 +534,11 @@ Outcome resume(const std::string& file, std::optional<double> until, const RunOp
   std::vector<std::string> settings;
   {
     const record::Reader reader(file);
+    if (is_solution(reader)) {
+      throw record::Error(file,
+                          "it is the solution of a boundary-value problem, which does not go on; to integrate from "
+                          "one of its states, run a problem with [initial] from");
+    }
     as_begun.tangents = reader.has("/laws/multisymplectic_max");
     problem = stored_problem(reader);
     record::refuse_earlier_version(reader);

@@ -1,6 +1,7 @@
 #include "core.hpp"
 
 #include <rubato/base/interrupt.hpp>
+#include <rubato/run/solve.hpp>
 
 namespace rubato::python {
 
@@ -36,6 +37,17 @@ Ending ending_of(const ConvergenceOutcome& outcome) {
           .message = outcome.message,
           .title = outcome.title,
           .warnings = outcome.findings.warnings("runs")};
+}
+
+Ending ending_of(const SolveOutcome& outcome) {
+  return {.status = outcome.status,
+          .json = to_json(outcome),
+          .table = to_table(outcome),
+          .message = outcome.message,
+          .file = outcome.file,
+          .title = outcome.title,
+          .warnings = outcome.warnings,
+          .verdict = outcome.status == ExitStatus::done ? "good" : ""};
 }
 
 Ending run_to_file(const SharedProblem& bound, const std::string& file, bool overwrite, bool tangents, int threads,
@@ -102,6 +114,14 @@ void define_runs(py::module_& module) {
   module.def("run_in_memory", &run_in_memory, py::arg("problem"), py::arg("tangents"), py::arg("threads"),
              py::arg("progress"));
   module.def("resume", &resume_file, py::arg("file"), py::arg("until"), py::arg("threads"), py::arg("progress"));
+  module.def(
+      "solve",
+      [](const SharedProblem& bound, const std::string& file, bool overwrite, int threads) {
+        return ending_of(
+            carry_out({threads, py::none()}, {.output = file, .overwrite = overwrite},
+                      [&](const RunOptions& complete) { return solve_problem(bound->problem, complete); }));
+      },
+      py::arg("problem"), py::arg("file"), py::arg("overwrite"), py::arg("threads"));
   module.def("check", &check_file, py::arg("file"), py::arg("replay"));
   module.def(
       "converge",

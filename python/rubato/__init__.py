@@ -19,7 +19,7 @@ from ._ensemble import EnsembleResult
 from ._events import Event
 from ._result import Result, Summary
 from ._run import (Interrupted, RubatoWarning, catalogue, check, compare, converge, help, integrate, open, resume, run,
-                   scan, show)
+                   scan, show, solve)
 from ._steps import Integrator
 from ._symbols import Symbol, csch, sech, symbols, where
 from ._systems import Field, Hamiltonian, Lagrangian, Lattice, Multisymplectic
@@ -28,7 +28,7 @@ __all__ = [
     "EnsembleResult", "Event", "Field", "FileError", "Hamiltonian", "Integrator", "Interrupted", "Lagrangian",
     "Lattice", "Multisymplectic", "ProblemError", "RecordError", "RecordExists", "Result", "RubatoWarning", "Summary",
     "Symbol", "catalogue", "check", "compare", "converge", "csch", "help", "integrate", "open", "resume", "run", "scan",
-    "sech", "show", "symbols", "where",
+    "sech", "show", "solve", "symbols", "where",
 ]
 
 

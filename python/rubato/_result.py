@@ -368,6 +368,17 @@ class Result:
         return json.loads(self._json) if self._json else {}
 
     @property
+    def solution(self) -> dict:
+        """What is known of the solution of a boundary-value problem (rubato.solve): `residual` and `correction` after
+        every iteration of Newton's method, `multipliers`, `conjugate_point`, `morse_index`; empty for a run."""
+        found = {path.rpartition("/")[2]: self._read(path) for path in self._info if path.startswith("/solve/")}
+        if "multiplier_real" in found:
+            found["multipliers"] = found.pop("multiplier_real") + 1j * found.pop("multiplier_imaginary")
+        if "morse_index" in found:
+            found["morse_index"] = int(found["morse_index"][0])
+        return found
+
+    @property
     def reasons(self) -> list:
         return self.figures.get("reasons", [])
 
@@ -433,6 +444,12 @@ class Result:
         from . import _plots
 
         return _plots.html(self)
+
+    def in_memory(self) -> "Result":
+        """Returns the same result without its record."""
+        copy = Result.__new__(Result)
+        copy.__setstate__({**self.__getstate__(), "file": None})
+        return copy
 
     # -- pickling
 

@@ -1,4 +1,4 @@
-"""Running: integrate, run, resume, check, scan, converge, compare, open."""
+"""Running: integrate, run, resume, check, scan, converge, solve, compare, open."""
 
 from __future__ import annotations
 
@@ -385,6 +385,44 @@ def converge(problem, tolerance=None, *, settings=None, threads=0, progress=None
         raise ValueError(f"tolerance is above 0, and not {tolerance!r}")
     ending = _with_progress(progress, lambda tell: _core.converge(read, tolerance, threads_of(threads), tell))
     return Summary(ending.table, ending.json, status=ending.status, message=ending.message, warnings=ending.warnings)
+
+
+def solve(problem, conditions=None, output=None, *, overwrite=False, settings=None, threads=0, **overrides):
+    """Solves a boundary-value problem of an orbit and returns its Result; a Summary where no solution was found.
+
+    Parameters
+    ----------
+    problem : path or str with [solve], or a Hamiltonian with `initial`, `t_span`, `step` and other keywords of
+        integrate(): the guess
+    conditions : dict
+        Entries of [solve], in place of those of a file: ``{"ends": "periodic", "energy": 1/12}``.
+    output : path, optional
+        The record to write; in memory otherwise.
+    settings, **overrides : as of run()
+
+    `success` tells whether there is a solution, `figures["solution"]` how the search went, and `solution` of a Result
+    what is known of it: residuals, Floquet multipliers, conjugate points, the Morse index.
+
+    Examples
+    --------
+    >>> import numpy as np, rubato as rb
+    >>> pendulum = rb.Hamiltonian("q", "p", lambda q, p: p**2/2 - np.cos(q))
+    >>> r = rb.solve(pendulum, {"ends": "periodic", "energy": -0.5}, initial=[1, 0], t_span=(0, 6.7), step=0.1)
+    >>> r.success
+    True
+    >>> bool(abs(r.t[-1] - 6.743001419250) < 1e-7)
+    True
+    """
+    stated = [f"solve.{key}={_toml.value_text(value)}" for key, value in (conditions or {}).items()]
+    read = _problem_of(problem, overrides, [*(settings or ()), *stated], "solve")
+    with _Place(output) as place:
+        ending = _core.solve(read, place, overwrite or output is None, threads_of(threads))
+        if ending.status != 0:
+            _warn(ending.warnings)
+            return Summary(ending.table, ending.json, status=ending.status, message=ending.message,
+                           warnings=ending.warnings)
+        result = Result(_core.Reader(place), read, ending, file=place)
+        return _finish(result if output is not None else result.in_memory())
 
 
 def compare(a, b) -> Summary:

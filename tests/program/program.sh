@@ -493,7 +493,7 @@ case $case_name in
     check "of one table alone" test -z "$(grep -F '[output]' out)"
     run help schem
     expect 2 'did you mean scheme?'
-    for command in list show resume check help completion run scan converge report compare export; do
+    for command in list show resume check help completion run scan converge solve report compare export; do
       run "$command" --help
       expect 0 "Usage: rubato $command"
       check "a text of its own: $command" test "$(grep -c 'rubato scan kepler\|a problem file to start from' out)" -lt 2

@@ -1,0 +1,54 @@
+#pragma once
+
+#include <complex>
+#include <cstddef>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <rubato/ode/boundary_value.hpp>
+#include <rubato/record/reader.hpp>
+#include <rubato/run/run.hpp>
+
+namespace rubato {
+
+/// A point of the branch that [solve] continue asks for.
+struct BranchRow {
+  double parameter = 0.0, duration = 0.0, energy = 0.0;
+  bool is_fold = false;
+};
+
+/// How a boundary-value problem ended.
+struct SolveOutcome {
+  ExitStatus status = ExitStatus::done;
+  std::string title;
+  std::string file;  ///< the record; empty where none was written
+  BoundaryValueSolution solution;
+  figures::Statistics statistics;                 ///< of its levels and steps
+  bool closes = false;                            ///< it is a periodic orbit
+  std::vector<std::complex<double>> multipliers;  ///< of one that closes (SecondVariation); empty where not known
+  std::optional<std::size_t> index;               ///< Morse's: of fixed ends, or of periodic orbits
+  std::vector<double> conjugate_points;           ///< times
+  std::string parameter;                          ///< of the branch
+  std::vector<BranchRow> branch;                  ///< the last one is the solution
+  std::string message;                            ///< why there is no solution, with the remedy; empty if there is
+  std::vector<std::string> warnings;
+  double wall_seconds = 0.0;
+};
+
+/// Solves the boundary-value problem that [solve] states, and writes the orbit as a record that is laid out as that of
+/// a run, with what is known of the solution under /solve. Where Newton's method fails nothing is written. \throws
+/// ProblemError, record::AlreadyExists (wrong input: nothing is written); record::Error
+[[nodiscard]] SolveOutcome solve_problem(const Problem& problem, const RunOptions& options = {});
+
+[[nodiscard]] std::string to_json(const SolveOutcome& outcome);
+[[nodiscard]] std::string to_table(const SolveOutcome& outcome);
+
+/// True if a record is that of a boundary-value problem, as solve_problem() writes it.
+[[nodiscard]] bool is_solution(const record::Reader& reader);
+
+/// Recomputes all that the record of a boundary-value problem tells from its states, and what these leave of its
+/// equations. \throws record::Error
+[[nodiscard]] Outcome check_solution(const record::Reader& reader);
+
+}  // namespace rubato
