@@ -370,7 +370,8 @@ std::vector<KeyEntry> make_keys() {
       {"solve.continue", "parameter", "word, or name", required,
        "energy; period, or time; or a number of [parameters] that H names."},
       {"solve.continue", "to", "number", required, "Where the branch ends: the record has the solution there."},
-      {"solve.continue", "step", "number", "a twentieth of the way", "Of the parameter, in the first step; its sign is the direction in which the branch sets out."},
+      {"solve.continue", "step", "number", "a twentieth of the way",
+       "Of the parameter, in the first step; its sign is the direction in which the branch sets out."},
       {"solve.continue", "points", "integer, at least 1", "500", "It ends after so many solutions."},
       {"solve", "tolerance", "number between 0 and 1", fmt::format("{}", solve.tolerance),
        "Of what the solution may leave of any equation, relative to the size of its terms."},
@@ -438,8 +439,10 @@ std::vector<std::string_view> keys_of(std::string_view table) {
 std::optional<std::string_view> table_of(std::string_view key) {
   std::optional<std::string_view> table;
   for (const KeyEntry& known : problem_keys()) {
-    const bool is_of_event = known.table == "events.NAME" || known.table == "section";  // [events] stands for them
-    if (known.name == key && !is_of_event) {
+    // [events] stands for those of events; those of [solve] that other tables have are likelier meant there.
+    const bool is_elsewhere =
+        known.table == "events.NAME" || known.table == "section" || known.table.starts_with("solve");
+    if (known.name == key && !is_elsewhere) {
       if (table) {
         return std::nullopt;
       }

@@ -9,6 +9,7 @@
 
 #include <rubato/formula/parse.hpp>
 #include <rubato/ode/orbit_methods.hpp>
+#include <rubato/problem/keys.hpp>
 #include <rubato/problem/reader.hpp>
 
 namespace rubato {
@@ -28,6 +29,14 @@ std::vector<std::string> end_names(const HamiltonianProblem& orbit) {
   return names;
 }
 
+/// A misspelt key says more than a missing one, so that all are looked at first.
+void refuse_unknown_keys(Section section, std::string_view table) {
+  for (const std::string_view key : keys_of(table)) {
+    static_cast<void>(section.take(key));
+  }
+  section.finish();
+}
+
 class SolveReader {
 public:
   SolveReader(Section& section, const Problem& problem)
@@ -35,6 +44,10 @@ public:
 
   StatedSolve read() {
     solve_.location = section_.location();
+    refuse_unknown_keys(section_, "solve");
+    if (auto section = section_.take_section("continue")) {
+      refuse_unknown_keys(*section, "solve.continue");
+    }
     refuse_systems();
     read_ends();
     read_duration();
