@@ -38,8 +38,8 @@ struct ContinuationOptions {
   BranchParameter parameter = {};
   double to = 0.0;  ///< the branch ends where the parameter comes to this
   std::size_t most_points = 500;
-  /// Of the parameter, in the first step; with its sign the branch sets out, be it away from `to`. Absent: a twentieth of
-  /// the way.
+  /// Of the parameter, in the first step; with its sign the branch sets out, be it away from `to`. Absent: a twentieth
+  /// of the way.
   std::optional<double> step = std::nullopt;
 };
 
