@@ -11,19 +11,19 @@ namespace rubato::formula {
 namespace {
 
 /// How tightly a text binds.
-enum Precedence : int { sum = 1, product = 2, prefix = 3, atom = 4 };
+enum class Binding { sum = 1, product = 2, prefix = 3, atom = 4 };
 
-struct Text {
+struct LatexText {
   std::string latex;
-  Precedence precedence = atom;
+  Binding binding = Binding::atom;
 
   /// In parentheses where it binds less tightly than it has to.
-  [[nodiscard]] std::string within(Precedence least) const {
-    return precedence < least ? "\\left(" + latex + "\\right)" : latex;
+  [[nodiscard]] std::string within(Binding least) const {
+    return binding < least ? "\\left(" + latex + "\\right)" : latex;
   }
 };
 
-bool is_greek(std::string_view name) {
+bool is_greek_letter(std::string_view name) {
   static constexpr std::array<std::string_view, 32> letters = {
       "alpha", "beta",  "gamma", "delta", "epsilon", "zeta",  "eta",   "theta",   "iota", "kappa", "lambda",
       "mu",    "nu",    "xi",    "pi",    "rho",     "sigma", "tau",   "upsilon", "phi",  "chi",   "psi",
@@ -34,13 +34,13 @@ bool is_greek(std::string_view name) {
 std::string letters_of(std::string_view name) {
   const std::size_t digits = name.find_last_not_of("0123456789") + 1;
   const std::string_view word = name.substr(0, digits);
-  const std::string letters = is_greek(word)    ? fmt::format("\\{}", word)
-                              : word.size() > 1 ? fmt::format("\\mathrm{{{}}}", word)
-                                                : std::string(word);
+  const std::string letters = is_greek_letter(word) ? fmt::format("\\{}", word)
+                              : word.size() > 1     ? fmt::format("\\mathrm{{{}}}", word)
+                                                    : std::string(word);
   return digits == name.size() ? letters : fmt::format("{}_{{{}}}", letters, name.substr(digits));
 }
 
-std::string number(double value) {
+std::string latex_number(double value) {
   const std::string text = fmt::format("{}", value);
   const std::size_t power = text.find('e');
   return power == std::string::npos
@@ -55,21 +55,25 @@ bool has_command(std::string_view function) {
   return std::ranges::find(known, function) != known.end();
 }
 
-class Writer {
+class LatexWriter {
 public:
-  explicit Writer(const Graph& graph) : graph_(graph) {}
+  explicit LatexWriter(const Graph& graph) : graph_(graph) {}
 
-  [[nodiscard]] Text of(NodeIndex index) const {
+  [[nodiscard]] LatexText of(NodeIndex index) const {
     const Node& node = graph_.node(index);
     switch (node.operation) {
-      case Operation::constant: return {number(node.value), std::signbit(node.value) ? prefix : atom};
+      case Operation::constant:
+        return {latex_number(node.value), std::signbit(node.value) ? Binding::prefix : Binding::atom};
       case Operation::variable: return {latex_name(graph_.variable_name(node.a))};
-      case Operation::add: return {of(node.a).within(sum) + " + " + of(node.b).within(product), sum};
-      case Operation::subtract: return {of(node.a).within(sum) + " - " + of(node.b).within(product), sum};
-      case Operation::negate: return {"-" + of(node.a).within(product), prefix};
-      case Operation::multiply: return {times(node.a, node.b), product};
+      case Operation::add:
+        return {of(node.a).within(Binding::sum) + " + " + of(node.b).within(Binding::product), Binding::sum};
+      case Operation::subtract:
+        return {of(node.a).within(Binding::sum) + " - " + of(node.b).within(Binding::product), Binding::sum};
+      case Operation::negate: return {"-" + of(node.a).within(Binding::product), Binding::prefix};
+      case Operation::multiply: return {times(node.a, node.b), Binding::product};
       case Operation::divide: return {fmt::format("\\frac{{{}}}{{{}}}", of(node.a).latex, of(node.b).latex)};
-      case Operation::power: return {fmt::format("{}^{{{}}}", of(node.a).within(atom), of(node.b).latex), product};
+      case Operation::power:
+        return {fmt::format("{}^{{{}}}", of(node.a).within(Binding::atom), of(node.b).latex), Binding::product};
       case Operation::sqrt: return {fmt::format("\\sqrt{{{}}}", of(node.a).latex)};
       case Operation::abs: return {fmt::format("\\left|{}\\right|", of(node.a).latex)};
       default: break;
@@ -93,12 +97,13 @@ private:
         const double numerator = factor.value * denominator;
         if (factor.value != std::round(factor.value) && std::abs(numerator - std::round(numerator)) < 1e-12) {
           return fmt::format("{}\\tfrac{{{}}}{{{}}} {}", numerator < 0.0 ? "-" : "", std::abs(std::round(numerator)),
-                             denominator, of(b).within(product));
+                             denominator, of(b).within(Binding::product));
         }
       }
-      return factor.value == -1.0 ? "-" + of(b).within(product) : of(a).latex + "\\, " + of(b).within(product);
+      return factor.value == -1.0 ? "-" + of(b).within(Binding::product)
+                                  : of(a).latex + "\\, " + of(b).within(Binding::product);
     }
-    return of(a).within(product) + "\\, " + of(b).within(product);
+    return of(a).within(Binding::product) + "\\, " + of(b).within(Binding::product);
   }
 
   const Graph& graph_;
@@ -122,7 +127,7 @@ std::string latex_name(std::string_view name) {
 }
 
 std::string to_latex(Expression expression) {
-  return expression.valid() ? Writer(*expression.graph()).of(expression.index()).latex : "";
+  return expression.valid() ? LatexWriter(*expression.graph()).of(expression.index()).latex : "";
 }
 
 }  // namespace rubato::formula

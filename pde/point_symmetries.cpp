@@ -18,7 +18,7 @@ using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-constexpr double no_rounding = 1e-9;  ///< relative to what is compared
+constexpr double of_symmetries = 1e-9;  ///< relative to what is compared
 
 /// S, its derivatives by the fields and by the coordinates that it names, at random points where they are finite.
 struct Sample {
@@ -59,7 +59,7 @@ std::vector<Sample> samples_of(const MultisymplecticSystem& system, Index wanted
 double rational(double x) {
   constexpr double parts = 12.0;
   const double near = std::round(x * parts) / parts;
-  return std::abs(x - near) < no_rounding ? near : x;
+  return std::abs(x - near) < of_symmetries ? near : x;
 }
 
 const MatrixXd& matrix_of(const MultisymplecticSystem& system, int mu) {
@@ -143,7 +143,7 @@ public:
       right(static_cast<Index>(i)) = right_[i];
     }
     const VectorXd x = matrix.colPivHouseholderQr().solve(right);  // zeros where it may be
-    if (!((matrix * x - right).norm() <= no_rounding * right.norm())) {
+    if (!((matrix * x - right).norm() <= of_symmetries * right.norm())) {
       return std::nullopt;
     }
     GalileiTransformation found{direction_, MatrixXd::Zero(d_, d_), MatrixXd(d_, d_), VectorXd::Zero(d_), VectorXd(d_)};

@@ -28,14 +28,14 @@ using Eigen::MatrixXd;
 using Eigen::VectorXd;
 using formula::Expression;
 
-constexpr std::string_view directions = "txyz";
+constexpr std::string_view form_letters = "txyz";
 
 /// The name of a field's derivative: u_t of u, u_tx of u_t.
 std::string rate_name(const std::string& field, std::size_t direction) {
   const std::size_t bar = field.rfind('_');
   const bool is_derivative = bar != std::string::npos && bar > 0 && bar + 1 < field.size() &&
-                             field.find_first_not_of(directions, bar + 1) == std::string::npos;
-  return fmt::format("{}{}{}", field, is_derivative ? "" : "_", directions[direction]);
+                             field.find_first_not_of(form_letters, bar + 1) == std::string::npos;
+  return fmt::format("{}{}{}", field, is_derivative ? "" : "_", form_letters[direction]);
 }
 
 class FormWriter {
@@ -207,7 +207,7 @@ private:
     for (std::size_t mu = 1; mu < rates_.size(); ++mu) {
       const auto& varying = system_.coordinates();
       const bool varies = std::ranges::find(varying, static_cast<int>(mu) - 1) != varying.end();
-      say(fmt::format("translation in {}: momentum{}", directions[mu], varies ? balance : ""));
+      say(fmt::format("translation in {}: momentum{}", form_letters[mu], varies ? balance : ""));
       line("density", -form(plus(0), rates(mu), fields()));
     }
     for (const StatedSymmetry& symmetry : pde_.symmetries) {
@@ -265,7 +265,7 @@ private:
       }
     };
     for (std::size_t mu = 0; mu < rates_.size(); ++mu) {
-      put(directions.substr(mu, 1), scaling.directions(static_cast<Index>(mu)));
+      put(form_letters.substr(mu, 1), scaling.directions(static_cast<Index>(mu)));
     }
     for (Index i = 0; i < d_; ++i) {
       put(system_.fields()[static_cast<std::size_t>(i)], scaling.fields(i));
@@ -279,7 +279,7 @@ private:
   }
   [[nodiscard]] std::string galilei_text(const GalileiTransformation& found) const {
     std::vector<std::string> parts;
-    const Expression x = graph_.variable(directions.substr(static_cast<std::size_t>(found.direction) + 1, 1));
+    const Expression x = graph_.variable(form_letters.substr(static_cast<std::size_t>(found.direction) + 1, 1));
     for (Index i = 0; i < d_; ++i) {
       Expression change = graph_.constant(found.c(i));
       for (Index j = 0; j < d_; ++j) {

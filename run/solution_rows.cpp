@@ -13,7 +13,7 @@ namespace {
 
 constexpr double undefined = std::numeric_limits<double>::quiet_NaN();
 /// Units in the last place of the terms of H that E_k is off by.
-constexpr double roundings = 4.0;
+constexpr double solution_roundings = 4.0;
 
 }  // namespace
 
@@ -39,7 +39,7 @@ SolutionRows::SolutionRows(const Problem& problem, const BoundaryValueSolution& 
       t.push_back(t.back() + orbit.h[k]);
     }
   }
-  rounding = roundings * std::numeric_limits<double>::epsilon() * energy_scale(hamiltonian, orbit);
+  rounding = solution_roundings * std::numeric_limits<double>::epsilon() * energy_scale(hamiltonian, orbit);
   const int order = make_segment_equation(hamiltonian, lagrangian)->order();
   h = orbit.h;
   energy = solution.energy;
