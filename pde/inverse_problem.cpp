@@ -205,6 +205,9 @@ public:
                                               stated.equations.size(), stated.fields.size(),
                                               fmt::join(stated.fields, ", ")));
     }
+    if (stated.fields.empty()) {
+      throw std::invalid_argument("there is no equation with a derivative of a field, such as u_tt");
+    }
     name_jets();
     for (std::size_t i = 0; i < rows_.size(); ++i) {
       take_apart(stated.equations[i], rows_[i]);

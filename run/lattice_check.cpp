@@ -383,29 +383,27 @@ private:
   /// What the residual of each law in cells may differ by in any of them: the largest residual changes by less where
   /// the cell that has it is one that rounding leaves alone.
   std::vector<double> tolerances_in_cells(double h) {
-    const std::size_t cells = grid_.size();
-    std::vector<std::vector<double>> sound(laws_.count(), std::vector<double>(cells)), moved = sound;
-    const auto take = [&](const LatticeLevel& before, const LatticeLevel& after,
-                          std::vector<std::vector<double>>& all) {
-      std::vector<double*> pointers;
-      std::ranges::transform(all, std::back_inserter(pointers), [](std::vector<double>& law) { return law.data(); });
-      static_cast<void>(laws_.residuals(before, after, h, pointers));
-    };
-    take(before_, after_, sound);
-    std::vector<double> result(sound.size(), 0.0);
+    const auto count = static_cast<int>(laws_.count());
+    grids::FieldSet sound(count, grid_.size()), moved(count, grid_.size());
+    static_cast<void>(laws_.residuals(before_, after_, h, sound.pointers()));
+    std::vector<double> result(laws_.count(), 0.0);
     for (int attempt = 0; attempt < Rounding::displacements; ++attempt) {
       displace(before_, attempt, 0, moved_before_);
       displace(after_, attempt, 1, moved_after_);
-      take(moved_before_, moved_after_, moved);
-      for (std::size_t law = 0; law < sound.size(); ++law) {
-        for (std::size_t c = 0; c < cells; ++c) {
-          const double change = std::abs(moved[law][c] - sound[law][c]) / Rounding::displacement;
-          result[law] = change > result[law] ? change : result[law];
-        }
+      static_cast<void>(laws_.residuals(moved_before_, moved_after_, h, moved.pointers()));
+      const auto from = std::as_const(sound).all();
+      const auto change = moved.all();
+      for (std::size_t i = 0; i < change.size(); ++i) {
+        change[i] -= from[i];
+      }
+      const std::vector<Spread> changes = grids::magnitudes(moved);
+      for (std::size_t law = 0; law < result.size(); ++law) {
+        result[law] = std::max(result[law], changes[law].largest() / Rounding::displacement);
       }
     }
-    for (std::size_t law = 0; law < sound.size(); ++law) {
-      result[law] = Rounding::unit * (result[law] + grids::magnitudes(sound[law]).largest());
+    const std::vector<Spread> sizes = grids::magnitudes(sound);
+    for (std::size_t law = 0; law < result.size(); ++law) {
+      result[law] = Rounding::unit * (result[law] + sizes[law].largest());
     }
     return result;
   }

@@ -420,6 +420,7 @@ private:
     std::vector<double> result(1 + 2 * n_, std::numeric_limits<double>::quiet_NaN());
     if (solved) {
       result[0] = map_->discrete_energy();
+      map_rounding_ = map_->energy_size().rounding;
       map_->accept();
       std::ranges::transform(z_1, map_->state(), result.begin() + 1, std::minus());
     }
@@ -498,11 +499,25 @@ private:
       return [&, output] {
         if (tolerances.empty()) {
           tolerances = Rounding::tolerances(inputs, scales, {0, 1}, outputs, evaluate);
+          // Beside states that a blow-up came to those of an earlier step are nothing, and a step from one displaced by
+          // a part of them is none.
+          constexpr double most = 1 << 20;
+          std::vector<double> near = scales;
+          const std::size_t share = inputs.size() / 2;
+          for (std::size_t i = 0; i < share; ++i) {
+            const double here = std::max(std::abs(inputs[i]), std::abs(inputs[share + i]));
+            near[i] = std::min(near[i], most * here);
+            near[share + i] = std::min(near[share + i], most * here);
+          }
+          if (near != scales) {
+            std::ranges::transform(tolerances, Rounding::tolerances(inputs, near, {0, 1}, outputs, evaluate),
+                                   tolerances.begin(), [](double a, double b) { return std::max(a, b); });
+          }
         }
         return tolerances[output];
       };
     };
-    const double potential = levels_.potential_of(step);
+    const double potential = levels_.potential_of(step), of_map = map_rounding_;
     if (map_ && !(distance(found) <= elsewhere)) {
       findings_.doubt(row);
       return;
@@ -511,7 +526,8 @@ private:
     findings_.compare(
         "/levels/energy", step, {}, energy_.at(step), found[0] + potential,
         [&] {
-          return tolerance(0)() + Rounding::of_sum(found[0], potential) + (rounding_ ? 2.0 * rounding_->at(step) : 0.0);
+          return tolerance(0)() + Rounding::of_sum(found[0], potential) +
+                 2.0 * std::max(rounding_ ? rounding_->at(step) : 0.0, of_map);
         },
         "from the states around the step");
     for (std::size_t i = 0; i + 1 < outputs; ++i) {
@@ -574,6 +590,7 @@ private:
   std::optional<NodeLaw> law_;
   std::unique_ptr<DiscreteAction> action_;  ///< what a step is judged by: this, or
   std::unique_ptr<OneStepScheme> map_;      ///< the map itself
+  double map_rounding_ = 0.0;               ///< of K in the step that it took last
   bool one_step_;
   std::size_t n_;
   bool autonomous_;

@@ -116,7 +116,7 @@ class Tracing(unittest.TestCase):
     def test_what_has_no_formula_is_refused(self):
         import math
 
-        for function in [lambda x, y: math.sin(x), lambda x, y: x if x > 0 else y, lambda x, y: np.floor(x),
+        for function in [lambda x, y: math.sin(x), lambda x, y: x if x > 0 else y, lambda x, y: np.ceil(x),
                          lambda x, y: 1j * x, lambda x, y: "x", lambda x, y: None, lambda w: w,
                          lambda x, y: x == y, lambda x, y: (x > y) * 2,
                          lambda x, y: np.array([x, y]), lambda x, y: x + "1"]:

@@ -233,4 +233,5 @@ TEST_CASE("what has no density is named") {
   CHECK_THAT(refusal(jets.equations({u_tt - u_xx + asin(u)})), Contains("asin(u) has no integral"));
   CHECK_THAT(refusal(jets.equations({u_tt - sin(u_x)})), Contains("sin(u_x)") && Contains("no polynomial"));
   CHECK_THAT(refusal(jets.equations({u_tt - u_xx, u})), Contains("2 equations for 1 fields"));
+  CHECK_THAT(refusal(Jets({}).equations({})), Contains("there is no equation"));
 }
