@@ -1,12 +1,9 @@
 #include <rubato/pde/linear_symmetries.hpp>
 
-#include <cmath>
-#include <random>
-
 #include <Eigen/QR>
 
-#include <rubato/formula/batch.hpp>
 #include <rubato/pde/field_structure.hpp>
+#include <rubato/pde/random_points.hpp>
 
 namespace rubato {
 
@@ -22,16 +19,8 @@ constexpr double no_rounding = 1e-9;
 VectorXd flat(const MatrixXd& B) {
   return B.transpose().reshaped();
 }
-/// Twelfths are put in the place of what differs from them by rounding.
 MatrixXd square(const VectorXd& flat, Index size) {
-  constexpr double parts = 12.0;
-  return flat
-      .unaryExpr([](double x) {
-        const double near = std::round(x * parts) / parts;
-        return std::abs(x - near) < no_rounding ? near : x;
-      })
-      .reshaped(size, size)
-      .transpose();
+  return flat.unaryExpr(&nearest_twelfth).reshaped(size, size).transpose();
 }
 
 /// (MB)_ij = (MB)_ji for i < j, as rows of equations for the entries of B.
@@ -74,25 +63,8 @@ LinearSymmetries::LinearSymmetries(const MultisymplecticSystem& system) : fields
   for (int a = 0; a < system.directions(); ++a) {
     require_symmetric(system.K(a), equations);
   }
-  std::mt19937_64 random(51);
-  std::uniform_real_distribution<double> value(-1.4, 1.4);
-  formula::ScalarEvaluator evaluate(system.gradient_code());
-  VectorXd point(static_cast<Index>(system.variables().size()));
-  std::vector<double> outputs(static_cast<std::size_t>(d) + 1);
-  const Index wanted = 2 * d * d;
-  // Where S is defined at few of the points positive ones may do.
-  for (Index attempt = 0, found = 0; found < wanted && attempt < 4 * wanted; ++attempt) {
-    const bool positive = attempt >= 2 * wanted;
-    for (double& component : point) {
-      component = positive ? std::abs(value(random)) : value(random);
-    }
-    evaluate({point.data(), static_cast<std::size_t>(point.size())}, outputs);
-    const Eigen::Map<const VectorXd> gradient(outputs.data() + 1, d);
-    if (!gradient.allFinite()) {
-      continue;
-    }
-    ++found;
-    const VectorXd row = flat(gradient * point.head(d).transpose());
+  for (const PotentialSample& sample : samples_of(system, 2 * d * d)) {
+    const VectorXd row = flat(sample.gradient * sample.point.head(d).transpose());
     if (row.norm() > 0.0) {
       equations.push_back(row.normalized());
     }

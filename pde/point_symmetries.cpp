@@ -1,14 +1,12 @@
 #include <rubato/pde/point_symmetries.hpp>
 
-#include <cmath>
-#include <random>
-#include <span>
+#include <algorithm>
 
 #include <Eigen/QR>
 
-#include <rubato/formula/batch.hpp>
 #include <rubato/pde/field_structure.hpp>
 #include <rubato/pde/linear_symmetries.hpp>
+#include <rubato/pde/random_points.hpp>
 
 namespace rubato {
 
@@ -19,48 +17,6 @@ using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
 constexpr double of_symmetries = 1e-9;  ///< relative to what is compared
-
-/// S, its derivatives by the fields and by the coordinates that it names, at random points where they are finite.
-struct Sample {
-  VectorXd point, gradient, sources;
-  double S = 0.0;
-};
-
-std::vector<Sample> samples_of(const MultisymplecticSystem& system, Index wanted) {
-  std::mt19937_64 random(52);
-  std::uniform_real_distribution<double> value(-1.4, 1.4);
-  const Index d = system.field_count(), coordinates = static_cast<Index>(system.coordinates().size());
-  formula::ScalarEvaluator gradient(system.gradient_code()), source(system.source_code());
-  std::vector<Sample> samples;
-  std::vector<double> outputs(static_cast<std::size_t>(d) + 1), sources(static_cast<std::size_t>(coordinates));
-  for (Index attempt = 0; static_cast<Index>(samples.size()) < wanted && attempt < 4 * wanted; ++attempt) {
-    Sample one;
-    one.point = VectorXd::NullaryExpr(static_cast<Index>(system.variables().size()), [&] { return value(random); });
-    if (attempt >= 2 * wanted) {
-      one.point = one.point.cwiseAbs();  // where S is defined at few of the points
-    }
-    const std::span<const double> at(one.point.data(), static_cast<std::size_t>(one.point.size()));
-    gradient(at, outputs);
-    one.S = outputs[0];
-    one.gradient = Eigen::Map<const VectorXd>(outputs.data() + 1, d);
-    one.sources = VectorXd::Zero(coordinates);
-    if (coordinates > 0) {
-      source(at, sources);
-      one.sources = Eigen::Map<const VectorXd>(sources.data(), coordinates);
-    }
-    if (std::isfinite(one.S) && one.gradient.allFinite() && one.sources.allFinite()) {
-      samples.push_back(std::move(one));
-    }
-  }
-  return samples;
-}
-
-/// The value nearest to x of those with a denominator up to 12 that divides 12, if x is it but for rounding.
-double rational(double x) {
-  constexpr double parts = 12.0;
-  const double near = std::round(x * parts) / parts;
-  return std::abs(x - near) < of_symmetries ? near : x;
-}
 
 const MatrixXd& matrix_of(const MultisymplecticSystem& system, int mu) {
   return mu == 0 ? system.M() : system.K(mu - 1);
@@ -86,7 +42,7 @@ std::vector<Scaling> scalings(const MultisymplecticSystem& all) {
       }
     }
   }
-  for (const Sample& sample : samples_of(system, 3 * size)) {
+  for (const PotentialSample& sample : samples_of(system, 3 * size)) {
     VectorXd row = VectorXd::Zero(size);
     row.segment(n, d) = sample.point.head(d).cwiseProduct(sample.gradient);
     for (std::size_t c = 0; c < system.coordinates().size(); ++c) {
@@ -107,7 +63,7 @@ std::vector<Scaling> scalings(const MultisymplecticSystem& all) {
   if (kernel.cols() == 0) {
     return result;
   }
-  const MatrixXd basis = column_echelon(kernel).unaryExpr(&rational);
+  const MatrixXd basis = column_echelon(kernel).unaryExpr(&nearest_twelfth);
   for (Index i = 0; i < basis.cols(); ++i) {
     result.push_back({basis.col(i).segment(n, d), basis.col(i).head(n), basis(size - 1, i)});
   }
@@ -130,7 +86,7 @@ public:
     for (int mu = 0; mu <= system.directions(); ++mu) {
       require_derivatives(mu);
     }
-    for (const Sample& sample : samples_of(system, 2 * size_ / d_ + 4)) {
+    for (const PotentialSample& sample : samples_of(system, 2 * size_ / d_ + 4)) {
       require_values(sample);
     }
   }
@@ -142,7 +98,13 @@ public:
       matrix.row(static_cast<Index>(i)) = rows_[i].transpose();
       right(static_cast<Index>(i)) = right_[i];
     }
-    const VectorXd x = matrix.colPivHouseholderQr().solve(right);  // zeros where it may be
+    VectorXd x = matrix.colPivHouseholderQr().solve(right);
+    // Less what else transforms solutions, such as the phase of psi, so that of δz as little as can be is left.
+    if (const MatrixXd others = null_space(matrix); others.cols() > 0) {
+      MatrixXd of_delta = others;
+      of_delta.middleRows(d_ * d_, d_ * d_).setZero();  // R is free
+      x -= others * of_delta.completeOrthogonalDecomposition().solve(x);
+    }
     if (!((matrix * x - right).norm() <= of_symmetries * right.norm())) {
       return std::nullopt;
     }
@@ -160,10 +122,10 @@ public:
       found.b += x(gamma(k)) * affine_.col(k);
     }
     for (MatrixXd* const part : {&found.B, &found.C}) {
-      *part = part->unaryExpr(&rational);
+      *part = part->unaryExpr(&nearest_twelfth);
     }
     for (VectorXd* const part : {&found.b, &found.c}) {
-      *part = part->unaryExpr(&rational);
+      *part = part->unaryExpr(&nearest_twelfth);
     }
     return found;
   }
@@ -197,7 +159,7 @@ private:
     }
   }
   /// K_a(Bz + b) - S''(z)(Cz + c) + R∇S(z) = 0.
-  void require_values(const Sample& sample) {
+  void require_values(const PotentialSample& sample) {
     const VectorXd z = sample.point.head(d_);
     const MatrixXd hessian = system_.hessian({sample.point.data(), static_cast<std::size_t>(sample.point.size())});
     const MatrixXd& K = system_.K(direction_);

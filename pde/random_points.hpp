@@ -1,0 +1,24 @@
+#pragma once
+
+#include <vector>
+
+#include <Eigen/Core>
+
+#include <rubato/pde/multisymplectic_system.hpp>
+
+namespace rubato {
+
+/// S, its derivatives by the fields, and those by the coordinates that it names, at a point of both.
+struct PotentialSample {
+  Eigen::VectorXd point, gradient, sources;
+  double S = 0.0;
+};
+
+/// As many samples at random points where all of them are finite, or fewer where S is defined at few: then positive
+/// points are tried, too. The same for every call.
+[[nodiscard]] std::vector<PotentialSample> samples_of(const MultisymplecticSystem& system, Eigen::Index wanted);
+
+/// The twelfth nearest to x, if x is it but for rounding errors: symmetries found by linear algebra have such numbers.
+[[nodiscard]] double nearest_twelfth(double x);
+
+}  // namespace rubato
