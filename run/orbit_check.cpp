@@ -6,6 +6,7 @@
 #include <limits>
 #include <memory>
 #include <optional>
+#include <ranges>
 #include <span>
 #include <utility>
 
@@ -319,6 +320,9 @@ private:
   /// By how much each momentum map changes in the step to a stored level.
   void check_momentum_maps(std::size_t row, std::size_t step, const std::vector<double>& z_0,
                            const std::vector<double>& z_1) {
+    if (changes_.empty()) {
+      return;
+    }
     const std::size_t maps = changes_.size() / 2;
     const bool taken = problem_.laws.taken_at(levels_.state_level[row]);
     std::vector<double> inputs = z_0, scales = scale_, found(maps), tolerances;
@@ -420,11 +424,26 @@ private:
     std::vector<double> result(1 + 2 * n_, std::numeric_limits<double>::quiet_NaN());
     if (solved) {
       result[0] = map_->discrete_energy();
-      map_rounding_ = map_->energy_size().rounding;
       map_->accept();
       std::ranges::transform(z_1, map_->state(), result.begin() + 1, std::minus());
     }
     return result;
+  }
+  /// What rounding makes of E_k in the step of check_map()'s inputs, the more of both ways in which map_step() takes
+  /// it.
+  [[nodiscard]] double rounding_of_map(std::span<const double> inputs) {
+    const std::size_t size = 2 * n_;
+    const double h = inputs[size];
+    double rounding = 0.0;
+    for (const bool joins : {true, false}) {
+      map_->restart(inputs.first(size));
+      const bool solved =
+          joins ? map_->advance_to(inputs.subspan(size + 1, size), h) == Status::success : solve_from_nothing(h);
+      if (solved) {
+        rounding = std::max(rounding, map_->energy_size().rounding);
+      }
+    }
+    return rounding;
   }
   /// A long step may have several solutions. One that ends so far from the stored state, in units of each component's
   /// size, is another one.
@@ -502,22 +521,24 @@ private:
           // Beside states that a blow-up came to those of an earlier step are nothing, and a step from one displaced by
           // a part of them is none.
           constexpr double most = 1 << 20;
-          std::vector<double> near = scales;
           const std::size_t share = inputs.size() / 2;
-          for (std::size_t i = 0; i < share; ++i) {
-            const double here = std::max(std::abs(inputs[i]), std::abs(inputs[share + i]));
-            near[i] = std::min(near[i], most * here);
-            near[share + i] = std::min(near[share + i], most * here);
-          }
-          if (near != scales) {
-            std::ranges::transform(tolerances, Rounding::tolerances(inputs, near, {0, 1}, outputs, evaluate),
+          const auto near = [&](std::size_t i) {
+            return most * std::max(std::abs(inputs[i % share]), std::abs(inputs[share + i % share]));
+          };
+          if (std::ranges::any_of(std::views::iota(std::size_t{0}, scales.size()),
+                                  [&](std::size_t i) { return near(i) < scales[i]; })) {
+            std::vector<double> capped = scales;
+            for (std::size_t i = 0; i < capped.size(); ++i) {
+              capped[i] = std::min(capped[i], near(i));
+            }
+            std::ranges::transform(tolerances, Rounding::tolerances(inputs, capped, {0, 1}, outputs, evaluate),
                                    tolerances.begin(), [](double a, double b) { return std::max(a, b); });
           }
         }
         return tolerances[output];
       };
     };
-    const double potential = levels_.potential_of(step), of_map = map_rounding_;
+    const double potential = levels_.potential_of(step);
     if (map_ && !(distance(found) <= elsewhere)) {
       findings_.doubt(row);
       return;
@@ -527,7 +548,7 @@ private:
         "/levels/energy", step, {}, energy_.at(step), found[0] + potential,
         [&] {
           return tolerance(0)() + Rounding::of_sum(found[0], potential) +
-                 2.0 * std::max(rounding_ ? rounding_->at(step) : 0.0, of_map);
+                 2.0 * std::max(rounding_ ? rounding_->at(step) : 0.0, map_ ? rounding_of_map(inputs) : 0.0);
         },
         "from the states around the step");
     for (std::size_t i = 0; i + 1 < outputs; ++i) {
@@ -590,7 +611,6 @@ private:
   std::optional<NodeLaw> law_;
   std::unique_ptr<DiscreteAction> action_;  ///< what a step is judged by: this, or
   std::unique_ptr<OneStepScheme> map_;      ///< the map itself
-  double map_rounding_ = 0.0;               ///< of K in the step that it took last
   bool one_step_;
   std::size_t n_;
   bool autonomous_;
