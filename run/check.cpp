@@ -1,4 +1,5 @@
 #include <rubato/run/check.hpp>
+#include <rubato/run/conclusion.hpp>
 
 #include <algorithm>
 #include <cmath>
@@ -67,30 +68,11 @@ public:
     } catch (const figures::Mismatch& mismatch) {  // with the problem, whatever else is true of the record
       findings_.add({.dataset = mismatch.dataset(), .reason = mismatch.reason()});
     }
-    add_altered();
-    outcome_.compared = findings_.compared();
-    outcome_.disagreement_count = findings_.disagreements();
-    outcome_.disagreements = findings_.listed();
-    if (findings_.disagreements() > 0) {
-      outcome_.status = ExitStatus::contradiction;
-      outcome_.message = fmt::format(
-          "{} contradicts itself: of {} numbers that were recomputed {} disagree; the first: {}", outcome_.file,
-          findings_.compared(), findings_.disagreements(), to_string(findings_.listed().front()));
-    }
+    conclude(reader_, findings_, outcome_);
     return std::move(outcome_);
   }
 
 private:
-  /// What only its checksum tells of: attributes, names of coordinates, axes, another record's dataset.
-  void add_altered() {
-    for (const std::string& name : reader_.altered()) {
-      if (!findings_.has(name)) {
-        findings_.add({.dataset = name.front() == '/' ? name : "attribute " + name,
-                       .reason = "it is not what was written, by its checksum in the record"});
-      }
-    }
-  }
-
   void recompute() {
     const StoredLevels levels(reader_, problem_);
     share();

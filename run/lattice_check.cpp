@@ -350,20 +350,28 @@ private:
     }
   }
 
+  /// Calls use(before, after) with both levels displaced as Rounding says, in each of its ways.
+  template <typename Use>
+  void for_each_displacement(Use&& use) {
+    for (int attempt = 0; attempt < Rounding::displacements; ++attempt) {
+      displace(before_, attempt, 0, moved_before_);
+      displace(after_, attempt, 1, moved_after_);
+      use(moved_before_, moved_after_);
+    }
+  }
+
   /// The tolerances of what `evaluate(before, after)` gives, one after the other.
   template <typename Evaluate>
   std::vector<double> tolerances(Evaluate&& evaluate) {
     const std::vector<double> sound = evaluate(before_, after_);
     std::vector<double> result(sound.size(), 0.0);
-    for (int attempt = 0; attempt < Rounding::displacements; ++attempt) {
-      displace(before_, attempt, 0, moved_before_);
-      displace(after_, attempt, 1, moved_after_);
-      const std::vector<double> moved = evaluate(moved_before_, moved_after_);
+    for_each_displacement([&](LatticeLevel& before, LatticeLevel& after) {
+      const std::vector<double> moved = evaluate(before, after);
       for (std::size_t i = 0; i < result.size(); ++i) {
         const double change = std::abs(moved[i] - sound[i]) / Rounding::displacement;
         result[i] = change > result[i] ? change : result[i];
       }
-    }
+    });
     for (std::size_t i = 0; i < result.size(); ++i) {
       result[i] = Rounding::unit * (result[i] + std::abs(sound[i]));
     }
@@ -387,10 +395,8 @@ private:
     grids::FieldSet sound(count, grid_.size()), moved(count, grid_.size());
     static_cast<void>(laws_.residuals(before_, after_, h, sound.pointers()));
     std::vector<double> result(laws_.count(), 0.0);
-    for (int attempt = 0; attempt < Rounding::displacements; ++attempt) {
-      displace(before_, attempt, 0, moved_before_);
-      displace(after_, attempt, 1, moved_after_);
-      static_cast<void>(laws_.residuals(moved_before_, moved_after_, h, moved.pointers()));
+    for_each_displacement([&](const LatticeLevel& before, const LatticeLevel& after) {
+      static_cast<void>(laws_.residuals(before, after, h, moved.pointers()));
       const auto from = std::as_const(sound).all();
       const auto change = moved.all();
       for (std::size_t i = 0; i < change.size(); ++i) {
@@ -400,7 +406,7 @@ private:
       for (std::size_t law = 0; law < result.size(); ++law) {
         result[law] = std::max(result[law], changes[law].largest() / Rounding::displacement);
       }
-    }
+    });
     const std::vector<Spread> sizes = grids::magnitudes(sound);
     for (std::size_t law = 0; law < result.size(); ++law) {
       result[law] = Rounding::unit * (result[law] + sizes[law].largest());

@@ -6,27 +6,11 @@
 
 #include <fmt/format.h>
 
+#include <rubato/run/kept_row.hpp>
+
 namespace rubato {
 
 namespace {
-
-/// The rows of one time, dataset by dataset.
-class Row final : public RowSink {
-public:
-  using RowSink::append;
-  explicit Row(std::size_t datasets) : values_(datasets) {}
-
-  void append(record::Column column, std::span<const double> row) override {
-    values_.at(column.number).assign(row.begin(), row.end());
-  }
-  void append(record::Column column, std::span<const std::int64_t> row) override {
-    values_.at(column.number).assign(row.begin(), row.end());
-  }
-  [[nodiscard]] const std::vector<double>& at(std::size_t dataset) const { return values_[dataset]; }
-
-private:
-  std::vector<std::vector<double>> values_;
-};
 
 double largest_of(std::span<const double> values) {
   double largest = 0.0;
@@ -147,11 +131,11 @@ void OutputCheck::check_times() {
 /// make(sink, attempt): the row, of states that are displaced unless `attempt` is negative.
 template <typename Make>
 void OutputCheck::compare(std::size_t row, Make&& make) {
-  Row sound(columns_.size());
+  KeptRow sound(columns_.size());
   make(sound, -1);
   // Of a row in parts what this rank has: ghosts are nobody's.
   const grids::Slab* const slab = record_.slab();
-  const auto here = [&](std::size_t i, const Row& made) {
+  const auto here = [&](std::size_t i, const KeptRow& made) {
     const std::span<const double> values = made.at(i);
     return columns_[i].are_in_parts() ? values.subspan(slab->first_node(), slab->owned()) : values;
   };
@@ -160,7 +144,7 @@ void OutputCheck::compare(std::size_t row, Make&& make) {
     if (allowed.empty()) {
       allowed.assign(columns_.size(), 0.0);
       for (int attempt = 0; attempt < Rounding::displacements; ++attempt) {
-        Row moved(columns_.size());
+        KeptRow moved(columns_.size());
         make(moved, attempt);
         for (std::size_t i = 0; i < columns_.size(); ++i) {
           const auto before = here(i, sound), after = here(i, moved);

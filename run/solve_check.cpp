@@ -5,6 +5,7 @@
 #include <rubato/problem/orbit_problem.hpp>
 #include <rubato/problem/solve.hpp>
 #include <rubato/problem/stored.hpp>
+#include <rubato/run/conclusion.hpp>
 #include <rubato/run/findings.hpp>
 #include <rubato/run/solution_rows.hpp>
 #include <rubato/run/solve.hpp>
@@ -63,12 +64,6 @@ public:
     if (found.energy.size() == stored.orbit.segments()) {
       compare(SolutionRows(problem_, found));
     }
-    for (const std::string& name : reader_.altered()) {
-      if (!findings_.has(name)) {
-        findings_.add({.dataset = name.front() == '/' ? name : "attribute " + name,
-                       .reason = "it is not what was written, by its checksum in the record"});
-      }
-    }
     return outcome(SolutionRows(problem_, found), found);
   }
 
@@ -103,7 +98,7 @@ private:
     }
   }
 
-  Outcome outcome(const SolutionRows& rows, const BoundaryValueSolution& found) const {
+  Outcome outcome(const SolutionRows& rows, const BoundaryValueSolution& found) {
     Outcome result;
     result.title = problem_.title;
     result.file = reader_.file().string();
@@ -114,15 +109,7 @@ private:
     residual.add(found.residual);
     result.statistics.residuals.push_back({"stationarity", residual});
     result.judgement = figures::judge(result.statistics);
-    result.compared = findings_.compared();
-    result.disagreement_count = findings_.disagreements();
-    result.disagreements = findings_.listed();
-    if (findings_.disagreements() > 0) {
-      result.status = ExitStatus::contradiction;
-      result.message = fmt::format(
-          "{} contradicts itself: of {} numbers that were recomputed {} disagree; the first: {}", result.file,
-          findings_.compared(), findings_.disagreements(), to_string(findings_.listed().front()));
-    }
+    conclude(reader_, findings_, result);
     return result;
   }
 

@@ -4,26 +4,9 @@
 #include <cmath>
 
 #include <rubato/base/limits.hpp>
+#include <rubato/run/kept_row.hpp>
 
 namespace rubato {
-
-/// Keeps what is appended.
-class TangentCheck::Row final : public RowSink {
-public:
-  using RowSink::append;
-  explicit Row(std::size_t datasets) : rows_(datasets) {}
-  void append(record::Column column, std::span<const double> row) override {
-    rows_.at(column.number).assign(row.begin(), row.end());
-  }
-  void append(record::Column column, std::span<const std::int64_t> row) override {
-    rows_.at(column.number).assign(row.begin(), row.end());
-  }
-  /// Empty where nothing was.
-  [[nodiscard]] const std::vector<double>& of(std::size_t dataset) const { return rows_[dataset]; }
-
-private:
-  std::vector<std::vector<double>> rows_;
-};
 
 TangentCheck::TangentCheck(const record::Reader& reader, const StoredLevels& levels, const Problem& problem,
                            Findings& findings)
@@ -44,11 +27,11 @@ void TangentCheck::begin() {
   if (teller_ == nullptr) {
     return;
   }
-  Row row(columns_.size());
+  KeptRow row(columns_.size());
   teller_->append_state(row);
   for (std::size_t i = 0; i < columns_.size(); ++i) {
-    if (!row.of(i).empty()) {
-      compare(i, 0, row.of(i), "of the start");
+    if (!row.at(i).empty()) {
+      compare(i, 0, row.at(i), "of the start");
     }
   }
 }
@@ -66,12 +49,12 @@ void TangentCheck::check_step(std::size_t state_row, std::span<const double> bef
   for (const double logarithm : teller_->logarithms()) {
     stretch_ = std::max(stretch_, std::exp(std::abs(logarithm)));
   }
-  Row row(columns_.size());
+  KeptRow row(columns_.size());
   teller_->append_step(row);
   teller_->append_state(row);
   for (std::size_t i = 0; i < columns_.size(); ++i) {
-    if (!row.of(i).empty()) {
-      compare(i, layout_.datasets[i].axis == "/levels/step" ? state_row - 1 : state_row, row.of(i),
+    if (!row.at(i).empty()) {
+      compare(i, layout_.datasets[i].axis == "/levels/step" ? state_row - 1 : state_row, row.at(i),
               "by the tangents of the steps to this level");
     }
   }

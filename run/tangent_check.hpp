@@ -26,7 +26,6 @@ public:
   ///@}
 
 private:
-  class Row;
   void compare(std::size_t dataset, std::size_t row, std::span<const double> found, const char* reason);
 
   const StoredLevels& levels_;
