@@ -108,15 +108,20 @@ MultisymplecticSystem field_system(std::vector<std::string> fields,
   return system_of(density_with(jets, density));
 }
 
+std::size_t sign_of_equation(std::string_view text) {
+  const std::size_t sign = text.find('=');
+  if (sign == std::string_view::npos || text.find('=', sign + 1) != std::string_view::npos) {
+    throw std::invalid_argument(fmt::format("\"{}\" is no equation: write left side = right side", text));
+  }
+  return sign;
+}
+
 MultisymplecticSystem equation_system(std::vector<std::string> fields, const std::vector<std::string>& equations,
                                       const MultisymplecticSystem::Parameters& parameters, int dimensions) {
   FieldJets jets(std::move(fields), dimensions);
   FieldEquations stated{jets.graph(), jets.fields(), {}, dimensions, {}};
   for (const std::string& text : equations) {
-    const std::size_t sign = text.find('=');
-    if (sign == std::string::npos || text.find('=', sign + 1) != std::string::npos) {
-      throw std::invalid_argument(fmt::format("\"{}\" is no equation: write left side = right side", text));
-    }
+    const std::size_t sign = sign_of_equation(text);
     const formula::Expression left = parse(std::string_view(text).substr(0, sign), jets, parameters);
     stated.equations.push_back(left - parse(std::string_view(text).substr(sign + 1), jets, parameters));
   }

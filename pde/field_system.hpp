@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstddef>
 #include <functional>
 #include <map>
 #include <optional>
@@ -53,8 +54,11 @@ private:
                                                  int dimensions = 1);
 ///@}
 
-/// The same of equations, "u_tt = u_xx - sin(u)", one for each field, whose density is looked for.
-/// \throws formula::ParseError; std::invalid_argument as density_of(), and if a text has not one sign =
+/// Where the one sign = of an equation stands. \throws std::invalid_argument unless there is one
+[[nodiscard]] std::size_t sign_of_equation(std::string_view text);
+
+/// The same as field_system() of equations, "u_tt = u_xx - sin(u)", one for each field, whose density is looked for.
+/// \throws formula::ParseError; std::invalid_argument as density_of() and sign_of_equation()
 [[nodiscard]] MultisymplecticSystem equation_system(std::vector<std::string> fields,
                                                     const std::vector<std::string>& equations,
                                                     const MultisymplecticSystem::Parameters& parameters = {},

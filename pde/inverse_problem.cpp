@@ -355,12 +355,12 @@ private:
     for (std::size_t f = 0; f < rows.size(); ++f) {
       add(L, of_rows[f], factors[f]);
     }
-    for (std::size_t f = 0; f < rows.size() && !are_exact && !potential; ++f) {
-      JetPolynomial difference = euler_operator(L, f);
-      add(difference, rows[f].terms, -factors[f]);
-      remember(without_rounding(std::move(difference)));
-    }
     if (!are_exact) {
+      for (std::size_t f = 0; f < rows.size() && !potential; ++f) {
+        JetPolynomial difference = euler_operator(L, f);
+        add(difference, rows[f].terms, -factors[f]);
+        remember(without_rounding(std::move(difference)));
+      }
       return std::nullopt;
     }
     Expression rest = graph_.constant(0.0);
@@ -621,19 +621,19 @@ private:
       without_lagrangian_ = text_of(worst->first);
     }
   }
-  /// Of a single equation of first order in time the first linear term of even order in space; or none.
+  /// Of a single equation of first order in time a linear term of even order in space; or none.
   [[nodiscard]] std::string even_derivative() const {
     std::string even;
     bool moves = false;
     for (const auto& [monomial, coefficient] : rows_.front().terms) {
-      if (rows_.size() > 1 || monomial.size() != 1) {
+      if (monomial.size() != 1) {
         continue;
       }
       const Jet& jet = monomial.front();
-      moves = moves || jet.order[0] == 1;
       if (jet.order[0] > 1) {
         return "";
       }
+      moves = moves || jet.order[0] == 1;
       if (jet.order[0] == 0 && total(jet) > 0 && total(jet) % 2 == 0 && even.empty()) {
         even = text_of(monomial);
       }
@@ -645,7 +645,7 @@ private:
       throw std::invalid_argument(
           fmt::format("{} has no integral in closed form here: state the density, L or H", without_integral_));
     }
-    if (const std::string dissipation = even_derivative(); !dissipation.empty()) {
+    if (const std::string dissipation = rows_.size() == 1 ? even_derivative() : ""; !dissipation.empty()) {
       throw std::invalid_argument(fmt::format(
           "{0} beside a first derivative by t is diffusion (or growth): no action in {1} or a potential of it has "
           "that, whatever factor of t it is given. An odd derivative in its place, or a second one by t, has an action",

@@ -14,6 +14,7 @@
 #include <fmt/ranges.h>
 
 #include <rubato/formula/parse.hpp>
+#include <rubato/pde/field_system.hpp>
 #include <rubato/pde/inverse_problem.hpp>
 #include <rubato/pde/linear_symmetries.hpp>
 #include <rubato/pde/multisymplectic_form.hpp>
@@ -123,7 +124,7 @@ public:
       section_.finish();
       form_ = multisymplectic_form(density_);
       root_.rewrite(data());
-      return {"multisymplectic", stated.location, table_of(form_, stated.value.location)};
+      return {"multisymplectic", stated.location, form_table(form_, axes_, stated.value.location)};
     } catch (const ProblemError&) {
       throw;
     } catch (const std::invalid_argument& error) {
@@ -244,10 +245,7 @@ private:
   void add_equation(const Value& value, std::vector<formula::Expression>& equations) {
     is_equation_ = true;
     std::string text = read_string(value, "equation");
-    const std::size_t sign = text.find('=');
-    if (sign == std::string::npos || text.find('=', sign + 1) != std::string::npos) {
-      throw ProblemError(value.location, fmt::format("\"{}\" is no equation: write left side = right side", text));
-    }
+    const std::size_t sign = at_location(value.location, [&] { return sign_of_equation(text); });
     if (!psi_.empty()) {
       name_modulus(text);
     }
@@ -357,18 +355,6 @@ private:
     return build_formula(text, *density_.graph, {.names = names}, parameters_);
   }
 
-  /// Calls `make`; what it refuses is wrong at `location`.
-  template <typename Make>
-  static auto at(const Location& location, const Make& make) {
-    try {
-      return make();
-    } catch (const ProblemError&) {
-      throw;
-    } catch (const std::invalid_argument& error) {
-      throw ProblemError(location, error.what());
-    }
-  }
-
   /// The problem with [initial] and [exact] of psi by its parts, and with [initial] of [exact] where there is none.
   Value::Table data() {
     Value::Table root = root_.entries();
@@ -422,7 +408,7 @@ private:
       root.push_back({"definitions", section_.location(), {Value::Table{}, section_.location()}});
     }
     Value::Table& definitions = *find(root, "definitions")->value.table();
-    const std::string shrunk = fmt::format("exp(-{}*t)", density_.damping / 2.0);
+    const std::string shrunk = fmt::format("exp({}*t)", -density_.damping / 2.0);
     const auto define = [&](const std::string& name, const std::string& text) {
       definitions.push_back({name, section_.location(), {shrunk + "*" + text, section_.location()}});
     };
@@ -450,7 +436,8 @@ private:
       formula::Graph& graph = *density_.graph;
       std::map<formula::NodeIndex, Complex> parts;
       parts[graph.variable("i").index()] = {graph.constant(0.0), graph.constant(1.0)};
-      const Complex value = at(text.location, [&] { return ComplexParts(graph, std::move(parts))(build(text)); });
+      const Complex value =
+          at_location(text.location, [&] { return ComplexParts(graph, std::move(parts))(build(text)); });
       const auto entry = [&](std::size_t f, formula::Expression e) {
         return Entry{density_.fields[f], whole.location, {formula::to_string(e), whole.value.location}};
       };
@@ -579,31 +566,6 @@ private:
     return sum;
   }
 
-  [[nodiscard]] Value table_of(const MultisymplecticForm& form, const Location& place) const {
-    const auto text = [&](std::string_view word) { return Value{std::string(word), place}; };
-    Value::Array fields;
-    for (const std::string& name : form.fields) {
-      fields.push_back(text(name));
-    }
-    const auto matrix = [&](std::size_t mu) {
-      Value::Array entries;
-      for (const auto& [row, column, value] : form.terms.at(mu)) {
-        entries.push_back(
-            {Value::Array{text(form.fields[row]), text(form.fields[column]), Value{value, place}}, place});
-      }
-      return Value{entries, place};
-    };
-    Value::Table K;
-    for (std::size_t a = 0; a < axes_.size(); ++a) {
-      K.push_back({axes_[a], place, matrix(1 + a)});
-    }
-    return {Value::Table{{"fields", place, {fields, place}},
-                         {"M", place, matrix(0)},
-                         {"K", place, {K, place}},
-                         {"S", place, text(formula::to_string(form.S))}},
-            place};
-  }
-
   Section& root_;
   Section& section_;
   Names taken_;
@@ -674,6 +636,30 @@ Value::Table find_symmetries(const std::vector<std::array<std::string, 2>>& psi,
 }
 
 }  // namespace
+
+Value form_table(const MultisymplecticForm& form, std::span<const std::string> axes, const Location& place) {
+  const auto text = [&](std::string_view word) { return Value{std::string(word), place}; };
+  Value::Array fields;
+  for (const std::string& name : form.fields) {
+    fields.push_back(text(name));
+  }
+  const auto matrix = [&](std::size_t mu) {
+    Value::Array entries;
+    for (const auto& [row, column, value] : form.terms.at(mu)) {
+      entries.push_back({Value::Array{text(form.fields[row]), text(form.fields[column]), Value{value, place}}, place});
+    }
+    return Value{entries, place};
+  };
+  Value::Table K;
+  for (std::size_t a = 0; a < axes.size(); ++a) {
+    K.push_back({axes[a], place, matrix(1 + a)});
+  }
+  return {Value::Table{{"fields", place, {fields, place}},
+                       {"M", place, matrix(0)},
+                       {"K", place, {K, place}},
+                       {"S", place, text(formula::to_string(form.S))}},
+          place};
+}
 
 void read_field(Section& root, Section& section, Problem& problem) {
   FieldReader reader(root, section);

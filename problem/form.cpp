@@ -4,6 +4,7 @@
 #include <cmath>
 #include <exception>
 #include <functional>
+#include <memory>
 #include <optional>
 #include <span>
 #include <stdexcept>
@@ -18,6 +19,7 @@
 #include <rubato/pde/multisymplectic_form.hpp>
 #include <rubato/pde/point_symmetries.hpp>
 #include <rubato/problem/lattice_problem.hpp>
+#include <rubato/problem/reader.hpp>
 
 namespace rubato {
 
@@ -46,6 +48,8 @@ public:
         system_(system),
         graph_(*system.graph()),
         d_(system.field_count()),
+        slopes_(
+            formula::gradient(system.expression(), std::span(system.variables()).first(static_cast<std::size_t>(d_)))),
         as_latex_(as_latex) {
     for (std::size_t mu = 0; mu <= static_cast<std::size_t>(system.directions()); ++mu) {
       auto& of_direction = rates_.emplace_back();
@@ -135,17 +139,15 @@ private:
   void equations() {
     title("Equations, M z_t + K z_x = grad S(z), and S");
     line("S", system_.expression());
-    const std::vector<Expression> slopes =
-        formula::gradient(system_.expression(), std::span(system_.variables()).first(static_cast<std::size_t>(d_)));
     for (Index i = 0; i < d_; ++i) {
-      row(VectorXd::Unit(d_, i), 0, slopes);
+      row(VectorXd::Unit(d_, i), 0);
     }
     if (!as_latex_) {
       say("M, K and S as a problem file has them: --as toml");
     }
   }
   /// The combination n of rows, from a direction on, with the sign that its first derivative has +.
-  void row(const VectorXd& n, std::size_t from, std::span<const Expression> slopes) {
+  void row(const VectorXd& n, std::size_t from) {
     double sign = 0.0;
     for (std::size_t mu = from; mu < rates_.size() && sign == 0.0; ++mu) {
       const VectorXd entries = matrix(mu).transpose() * n;
@@ -156,7 +158,7 @@ private:
     sign = sign == 0.0 ? 1.0 : sign;
     Expression right = graph_.constant(0.0);
     for (Index i = 0; i < d_; ++i) {
-      right = n(i) != 0.0 ? right + sign * n(i) * slopes[static_cast<std::size_t>(i)] : right;
+      right = n(i) != 0.0 ? right + sign * n(i) * slopes_[static_cast<std::size_t>(i)] : right;
     }
     equation(left_side(sign * n, from), right);
   }
@@ -177,10 +179,8 @@ private:
   void structure() {
     const FieldStructure& structure = system_.structure();
     title("Constraints: rows without a derivative by t");
-    const std::vector<Expression> slopes =
-        formula::gradient(system_.expression(), std::span(system_.variables()).first(static_cast<std::size_t>(d_)));
     for (Index c = 0; c < structure.kernel.cols(); ++c) {
-      row(structure.kernel.col(c), 1, slopes);
+      row(structure.kernel.col(c), 1);
     }
     if (structure.kernel.cols() == 0) {
       say("none");
@@ -347,34 +347,34 @@ private:
   const MultisymplecticSystem& system_;
   formula::Graph& graph_;
   Index d_;
+  std::vector<Expression> slopes_;  ///< ∇S
   bool as_latex_;
   std::vector<std::vector<Expression>> rates_;  ///< of each field, by direction
   std::string out_;
 };
 
-/// M or K.x as triples, and S, of a problem that states them.
-std::string stated_form(const MultisymplecticProblem& pde, const MultisymplecticSystem& system) {
-  const auto triples = [&](const MatrixXd& matrix) {
-    std::vector<std::string> entries;
-    for (Index i = 0; i < matrix.rows(); ++i) {
-      for (Index j = i + 1; j < matrix.cols(); ++j) {
+/// [multisymplectic] of a problem that states it, with numbers in place of parameters.
+std::string stated_form(const Problem& problem, const MultisymplecticSystem& system) {
+  const MultisymplecticProblem& pde = *problem.multisymplectic();
+  MultisymplecticForm form;
+  form.fields = pde.fields;
+  form.fields.resize(pde.fields.size() - (pde.driven ? 2 : 0));  // without the pair that an S of t adds
+  const auto graph = std::make_shared<formula::Graph>();
+  form.S = problem.build(pde.S, *graph, quantity_names(pde));
+  const auto d = static_cast<Index>(form.fields.size());
+  for (std::size_t mu = 0; mu <= static_cast<std::size_t>(system.directions()); ++mu) {
+    const MatrixXd& matrix = mu == 0 ? system.M() : system.K(static_cast<int>(mu) - 1);
+    for (Index i = 0; i < d; ++i) {
+      for (Index j = i + 1; j < d; ++j) {
         if (matrix(i, j) != 0.0) {
-          entries.push_back(fmt::format("[\"{}\", \"{}\", {}]", system.fields()[static_cast<std::size_t>(i)],
-                                        system.fields()[static_cast<std::size_t>(j)], matrix(i, j)));
+          form.terms.at(mu).push_back({static_cast<std::size_t>(i), static_cast<std::size_t>(j), matrix(i, j)});
         }
       }
     }
-    return fmt::format("[{}]", fmt::join(entries, ", "));
-  };
-  std::string text = "[multisymplectic]\nfields = [";
-  for (std::size_t f = 0; f < pde.fields.size(); ++f) {
-    text += fmt::format("{}\"{}\"", f == 0 ? "" : ", ", pde.fields[f]);
   }
-  text += fmt::format("]\nM = {}\n", triples(system.M()));
-  for (int a = 0; a < system.directions(); ++a) {
-    text += fmt::format("K.{} = {}\n", pde.axes[static_cast<std::size_t>(a)].name, triples(system.K(a)));
-  }
-  return text + fmt::format("S = \"{}\"\n", formula::to_string(system.expression()));
+  const Location& place = pde.S.location;
+  const std::vector<std::string> axes = pde.axis_names();
+  return write_document({Value::Table{{"multisymplectic", place, form_table(form, axes, place)}}, place});
 }
 
 }  // namespace
@@ -386,7 +386,7 @@ std::string form_of(const Problem& problem, FormStyle style) {
   }
   const MultisymplecticSystem system = make_laboratory_system(problem);
   if (style == FormStyle::toml) {
-    return pde->derived.empty() ? stated_form(*pde, system) : pde->derived;
+    return pde->derived.empty() ? stated_form(problem, system) : pde->derived;
   }
   return FormWriter(problem, system, style == FormStyle::latex).write();
 }

@@ -234,19 +234,7 @@ bool begins_in_parts(const Problem& problem, const MultisymplecticSystem& system
   return make_method(problem)->begins_in_parts(system, given);
 }
 
-/// Calls `make`; what the library refuses is wrong at `location`.
-template <typename Make>
-auto at_location(const Location& location, const Make& make) {
-  try {
-    return make();
-  } catch (const ProblemError&) {
-    throw;
-  } catch (const std::invalid_argument& error) {
-    throw ProblemError(location, error.what());
-  }
-}
-
-/// The same for what is made of [initial]: what is wrong with one field is wrong at its formula.
+/// at_location() for what is made of [initial]: what is wrong with one field is wrong at its formula.
 template <typename Make>
 auto at_initial(const Problem& problem, const Make& make) {
   const MultisymplecticProblem& pde = *problem.multisymplectic();

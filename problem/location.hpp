@@ -32,6 +32,18 @@ private:
   Location location_;
 };
 
+/// Calls `make`; what the library refuses is wrong at `location`.
+template <typename Make>
+auto at_location(const Location& location, const Make& make) {
+  try {
+    return make();
+  } catch (const ProblemError&) {
+    throw;
+  } catch (const std::invalid_argument& error) {
+    throw ProblemError(location, error.what());
+  }
+}
+
 /// A file could not be read or written. The program ends with status 5.
 class FileError : public std::runtime_error {
 public:

@@ -16,7 +16,8 @@
 
 namespace rubato {
 struct Composition;
-}
+struct MultisymplecticForm;
+}  // namespace rubato
 
 namespace rubato {
 
@@ -161,6 +162,10 @@ void add_definitions(Section& root, Names& taken, const Vocabulary& vocabulary, 
 [[nodiscard]] formula::Expression build_initial(const FormulaText& text, formula::Graph& graph,
                                                 const MultisymplecticProblem& pde, const Parameters& parameters,
                                                 std::vector<formula::Expression>& differentiated);
+
+/// [multisymplectic] of a form; `axes` names the directions of K.
+[[nodiscard]] Value form_table(const MultisymplecticForm& form, std::span<const std::string> axes,
+                               const Location& place);
 
 /// The place in the file of character `column` of line `line` of a formula that begins at `start`.
 [[nodiscard]] Location place_in_file(const Location& start, std::size_t line, std::size_t column);
