@@ -84,19 +84,6 @@ double error_of(const std::string& problem, const Settings& settings) {
   return outcome.statistics.errors.front().value.largest();
 }
 
-double largest_distance(const std::vector<double>& a, const std::vector<double>& b) {
-  REQUIRE(a.size() == b.size());
-  double result = 0.0;
-  for (std::size_t i = 0; i < a.size(); ++i) {
-    result = std::max(result, std::abs(a[i] - b[i]));
-  }
-  return result;
-}
-
-std::vector<double> last_row(const record::Reader& reader, const std::string& path) {
-  return reader.read(path, reader.info(path).shape.front() - 1, 1);
-}
-
 }  // namespace
 
 TEST_CASE("a wave that rests in the frame has no error of the step") {

@@ -137,6 +137,19 @@ Names different_on_ranks(const std::string& a, const std::string& b) {
   return found;
 }
 
+double largest_distance(const std::vector<double>& a, const std::vector<double>& b) {
+  REQUIRE(a.size() == b.size());
+  double result = 0.0;
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    result = std::max(result, std::abs(a[i] - b[i]));
+  }
+  return result;
+}
+
+std::vector<double> last_row(const record::Reader& reader, const std::string& path) {
+  return reader.read(path, reader.info(path).shape.front() - 1, 1);
+}
+
 void falsify(const std::string& file, const std::string& dataset, std::size_t index, double change) {
   const hid_t id = H5Fopen(file.c_str(), H5F_ACC_RDWR, H5P_DEFAULT);
   REQUIRE(id >= 0);

@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include <rubato/record/reader.hpp>
 #include <rubato/run/ensemble.hpp>
 #include <rubato/run/run.hpp>
 
@@ -36,6 +37,11 @@ Names different_datasets(const std::string& a, const std::string& b);
 /// The datasets of two records that do not agree to rounding, by path. Not of the checkpoint, which has digests, and
 /// measures of waves that a shared lattice does not have.
 Names different_on_ranks(const std::string& a, const std::string& b);
+
+/// The largest difference of two fields of as many numbers.
+double largest_distance(const std::vector<double>& a, const std::vector<double>& b);
+/// The last row of a dataset.
+std::vector<double> last_row(const rubato::record::Reader& reader, const std::string& path);
 
 /// Adds `change` to one number of a record.
 void falsify(const std::string& file, const std::string& dataset, std::size_t index, double change);
