@@ -69,7 +69,8 @@ std::string to_table(const Outcome& outcome) {
     row(label_of(LineKind::time_taken), fmt::format("{:.3g} s", *outcome.wall_seconds));
   }
   if (outcome.wall_seconds && outcome.statistics.errors.empty()) {
-    row(label_of(LineKind::accuracy), "not told by the laws: `rubato converge` estimates it");
+    row(label_of(LineKind::accuracy),
+        "unknown (conservation laws do not measure it); estimate it with `rubato converge`");
   }
   if (!outcome.file.empty()) {
     row(label_of(LineKind::record), outcome.file);
