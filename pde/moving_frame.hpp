@@ -17,7 +17,7 @@ namespace rubato {
 ///     z(t, x) = exp(ω (t - t_0) B) z~(t, x - c (t - t_0)),
 ///     M z~_t + Σ_a (K_a - c_a M) z~_{x_a} = ∇(S(z~) - ½ ω z~ᵀ M B z~)
 ///
-/// (theory, section 10.6). The energy of the equation in the frame is H + c·P - ωQ of the laboratory, P and Q the
+/// (theory, section 10). The energy of the equation in the frame is H + c·P - ωQ of the laboratory, P and Q the
 /// momentum and the charge of B. A step's error vanishes on waves that rest in the frame.
 struct MovingFrame {
   std::vector<double> velocity;  ///< c, one for each direction
