@@ -1,4 +1,4 @@
-"""Documents do what they say: docs/python.md, the README's example, docstrings, notebooks."""
+"""Documents do what they say: docs/python.md, the README's example and table, docstrings, notebooks."""
 
 import doctest
 import importlib.util
@@ -104,6 +104,18 @@ class Documents(unittest.TestCase):
         names = {}
         exec(compile(block, "README.md", "exec"), names)
         self.assertLess(np.ptp(names["r"].energy), 1e-11)
+
+    @unittest.skipUnless(has_all(), "matplotlib, xarray or SciPy is not installed")
+    def test_the_table_of_the_readme(self):
+        """The script that draws the README's picture prints the README's table."""
+        spec = importlib.util.spec_from_file_location("comet", SOURCES / "docs/figures/comet.py")
+        comet = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(comet)
+        table = comet.table()
+        readme = (SOURCES / "README.md").read_text(encoding="utf-8")
+        self.assertEqual(len(table.splitlines()), 6)
+        self.assertIn(table, readme)
+        self.assertNotIn(table.replace("7e-07", "8e-07"), readme)  # a changed figure is noticed
 
     def test_docstrings(self):
         tried = 0

@@ -1,5 +1,5 @@
-# Installs BUILD, moves the installation away, and from there configures, builds and runs the README's C++ program with
-# the README's CMakeLists.txt. Run with cmake -P; see CMakeLists.txt beside this file for the variables.
+# Installs BUILD, moves the installation away, and from there configures, builds and runs the C++ program
+# of docs/cpp.md with its CMakeLists.txt. Run with cmake -P; see CMakeLists.txt beside this file for the variables.
 cmake_minimum_required(VERSION 3.25)
 set(prefix ${FOLDER}/moved)
 set(project ${FOLDER}/project)
@@ -14,12 +14,12 @@ function(run)
   set(output "${output}" PARENT_SCOPE)
 endfunction()
 
-# The README's only block in `language`, as the file `name` of the project.
+# The page's first block in `language`, as the file `name` of the project.
 function(extract language name)
-  file(READ ${README} text)
+  file(READ ${PAGE} text)
   string(FIND "${text}" "\n```${language}\n" begin)
   if(begin EQUAL -1)
-    message(FATAL_ERROR "${README} has no ${language} block")
+    message(FATAL_ERROR "${PAGE} has no ${language} block")
   endif()
   string(LENGTH "\n```${language}\n" fence)
   math(EXPR begin "${begin} + ${fence}")
@@ -32,7 +32,8 @@ endfunction()
 # Neither the sources nor the build folder may be needed any more: the package names neither, and it is moved.
 run(${CMAKE_COMMAND} --install ${BUILD} --config ${CONFIG} --prefix ${FOLDER}/prefix)
 file(RENAME ${FOLDER}/prefix ${prefix})
-cmake_path(GET README PARENT_PATH source)
+cmake_path(GET PAGE PARENT_PATH docs)
+cmake_path(GET docs PARENT_PATH source)
 file(GLOB_RECURSE package_files ${prefix}/*.cmake)
 foreach(file IN LISTS package_files)
   file(READ ${file} text)
@@ -54,7 +55,7 @@ find_program(program orbit PATHS ${project}/build ${project}/build/Release NO_DE
 run(${program})
 # Two orbits; the level equation is solved to 1e-13 relative.
 if(NOT output MATCHES "^[0-9]+ steps, discrete energy constant to [0-9.]+e-1[3-9]\n[0-9]+ steps, discrete energy constant to [0-9.]+e-1[3-9]\n$")
-  message(FATAL_ERROR "the README's program printed: ${output}")
+  message(FATAL_ERROR "the page's program printed: ${output}")
 endif()
 message("${output}")
 
@@ -67,7 +68,7 @@ endif()
 file(READ ${project}/CMakeLists.txt text)
 string(REPLACE "find_package(rubato " "find_package(rubato 99." other "${text}")
 if(other STREQUAL text)
-  message(FATAL_ERROR "the README's CMakeLists.txt asks for no version")
+  message(FATAL_ERROR "the page's CMakeLists.txt asks for no version")
 endif()
 file(WRITE ${project}/CMakeLists.txt "${other}")
 execute_process(COMMAND ${configure} -B ${project}/build-other RESULT_VARIABLE status OUTPUT_QUIET ERROR_VARIABLE output)
