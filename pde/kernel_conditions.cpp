@@ -2,6 +2,7 @@
 
 #include <random>
 
+#include <rubato/pde/tuning.hpp>
 #include <rubato/solve/small_matrices.hpp>
 
 namespace rubato {
@@ -20,6 +21,16 @@ MatrixXd common_null_space(const MultisymplecticSystem& system, double theta, co
         solve::product(solve::product(rows.transpose(), theta * system.M() - hessian), columns);
   }
   return null_space(stacked);
+}
+
+KernelWaves::KernelWaves(const MatrixXd& M, const MatrixXd& kernel)
+    : kernel_(kernel.cast<std::complex<double>>()),
+      sizes_(kernel.cwiseAbs()),
+      off_range_(null_space(MatrixXd((M * kernel).transpose())).cast<std::complex<double>>()) {}
+
+bool KernelWaves::has(const Eigen::MatrixXcd& D) const {
+  return kernel_.cols() > 0 && (off_range_.adjoint() * (D * kernel_)).cwiseAbs().maxCoeff() <=
+                                   tuning::kernel_conditions::off_range * (D.cwiseAbs() * sizes_).maxCoeff();
 }
 
 std::vector<int> independent_rows(const Eigen::MatrixXcd& basis, const std::vector<int>& preferred) {

@@ -11,6 +11,21 @@ namespace rubato {
 /// "Traps"). The mean of each potential involved is held; the columns span the left kernel.
 [[nodiscard]] KernelConditions step_conditions(const MultisymplecticSystem& system, double h);
 
+/// Finds the waves on which the linear part μM + D - L, D = Σ_a ik_a K_a, may be singular for every μ: those on which D
+/// maps the kernel of θM - L into its image under M. Where D = sM there, the matrix is that of the constant, at μ + s:
+/// s = 0 where no derivative sees the kernel, and -i c·k in a frame of velocity c.
+class KernelWaves {
+public:
+  KernelWaves(const Eigen::MatrixXd& M, const Eigen::MatrixXd& kernel);
+  /// True if D is such a matrix; false where there is no kernel.
+  [[nodiscard]] bool has(const Eigen::MatrixXcd& D) const;
+
+private:
+  Eigen::MatrixXcd kernel_;
+  Eigen::MatrixXd sizes_;
+  Eigen::MatrixXcd off_range_;  ///< an orthonormal basis of what is normal to M·kernel, in columns
+};
+
 /// Null vectors common to rowsᵀ S''(z) columns at random z.
 [[nodiscard]] Eigen::MatrixXd common_null_space(const MultisymplecticSystem& system, double theta,
                                                 const Eigen::MatrixXd& rows, const Eigen::MatrixXd& columns);

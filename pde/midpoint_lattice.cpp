@@ -25,6 +25,7 @@
 #include <rubato/pde/shared_slopes.hpp>
 #include <rubato/pde/static_condensation.hpp>
 #include <rubato/pde/tuning.hpp>
+#include <rubato/solve/small_matrices.hpp>
 
 namespace rubato {
 
@@ -52,6 +53,22 @@ void check(const MultisymplecticSystem& system, const grids::Grid& grid, Colloca
     throw std::invalid_argument(fmt::format("the first level has {} fields of {} values; {} of {} are needed",
                                             first.fields.fields(), first.fields.size(), system.field_count(),
                                             grid.size()));
+  }
+}
+
+/// \throws SchemeRefusal where potentials that are held in the mean of every line would have to be held on
+/// waves across it: the Krylov solver's conditions are real, and these turn with the rate of each wave.
+void check_waves_of_kernel(const MultisymplecticSystem& system, const grids::Grid& grid, double h) {
+  const KernelConditions conditions = step_conditions(system, h);
+  const KernelWaves waves(system.M(), conditions.kernel);
+  for (int a = 0; a < system.directions() && system.directions() > 1 && conditions.count() > 0; ++a) {
+    const Eigen::MatrixXcd K = system.K(a).cast<std::complex<double>>();
+    if (waves.has(K) && !solve::annihilates(K, conditions.kernel.cast<std::complex<double>>())) {
+      throw SchemeRefusal(fmt::format(
+          "box cannot hold the potential of this equation in a frame that moves along {}; write lagrangian = "
+          "\"fourier\", or leave that component of the velocity out",
+          grid.axis(a).name));
+    }
   }
 }
 
@@ -667,6 +684,7 @@ int box_unknowns(const MultisymplecticSystem& system, double h) {
 std::unique_ptr<LatticeScheme> make_box_scheme(const MultisymplecticSystem& system, const grids::Grid& grid,
                                                LatticeLevel first, double first_step) {
   check(system, grid, Collocation::cells, first);
+  check_waves_of_kernel(system, grid, first_step);
   return std::make_unique<MidpointLattice>(system, grid, Collocation::cells, std::move(first), first_step);
 }
 

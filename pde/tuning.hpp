@@ -227,6 +227,15 @@ inline constexpr double singular = 1e-13;
 
 }  // namespace rubato::tuning::wave_resolvent
 
+/// The kernel of the linear part (kernel_conditions.cpp).
+namespace rubato::tuning::kernel_conditions {
+
+/// A vector with this part of its size, or less, off a space is counted as in it: between rounding, 1e-15, and the
+/// smallest ratio of wave numbers, 1e-7.
+inline constexpr double off_range = 1e-9;
+
+}  // namespace rubato::tuning::kernel_conditions
+
 /// Splittings of waves (wave_splitting.cpp).
 namespace rubato::tuning::wave_splitting {
 

@@ -149,6 +149,7 @@ WaveResolvent::WaveResolvent(const MultisymplecticSystem& system, std::span<cons
   degree_ = static_cast<int>(rank(M));  // even, so that the number of points is odd
   const int points = degree_ + 1;
   const KernelConditions conditions = step_conditions(system, 2.0 / radius);
+  const KernelWaves kernel_waves(system.M(), conditions.kernel);
   const auto d = static_cast<Index>(fields_);
   const std::size_t entries = static_cast<std::size_t>(fields_) * static_cast<std::size_t>(fields_);
   adjoint_.assign(entries, WaveRows(points, waves_));
@@ -165,9 +166,11 @@ WaveResolvent::WaveResolvent(const MultisymplecticSystem& system, std::span<cons
       const MatrixXcd D = symbols.derivatives(wave);
       const MatrixXcd constant = D - symbols.L();
       Border border{MatrixXcd(d, 0), MatrixXcd(0, d)};
-      if (conditions.count() > 0 && solve::annihilates(D, conditions.kernel.cast<Complex>())) {
+      if (kernel_waves.has(D)) {
         border.columns = null_space(MatrixXcd((radius * M + constant).adjoint()));
-        border.rows = conditions.pins.cast<Complex>();
+        if (border.columns.cols() > 0) {
+          border.rows = conditions.pins.cast<Complex>();
+        }
       }
       if (border.columns.cols() != border.rows.rows()) {
         failed[wave] = true;
