@@ -1,7 +1,7 @@
-// Draws the tables of docs/performance.md as diagrams of work and precision: what is drawn is what stands there.
+// Draws the tables of docs/performance-tables.md as diagrams of work and precision: what is drawn is what stands there.
 //
-//     benchmark_diagrams docs/performance.md docs/figures           writes the diagrams
-//     benchmark_diagrams docs/performance.md docs/figures --check   says whether they are those of the tables
+//     benchmark_diagrams docs/performance-tables.md docs/figures           writes the diagrams
+//     benchmark_diagrams docs/performance-tables.md docs/figures --check   says whether they are those of the tables
 
 #include <algorithm>
 #include <cmath>

@@ -1,4 +1,4 @@
-// The tables of docs/levels.md: equal steps, the levels of the pure law where they all exist, those with a step
+// The tables of docs/performance-tables.md: equal steps, the levels of the pure law where they all exist, those with a step
 // potential, and Gauss collocation that keeps H at equal steps (peers/energy_preserving_gauss.hpp), on the same orbits.
 // Prints Markdown.
 //

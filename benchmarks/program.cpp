@@ -1,6 +1,6 @@
 // What a run of the program costs beside its steps: starting, local laws at every level, storing every level, beside
 // HDF5 alone; orbits beside loops by hand; and two threads where something else uses a processor. Prints tables of
-// medians; docs/performance.md has them.
+// medians; docs/performance-tables.md has them.
 //
 //     build/benchmarks/benchmark_program build/rubato directory-for-records [repeats]
 #include <hdf5.h>

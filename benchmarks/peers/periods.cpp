@@ -1,5 +1,5 @@
 // Ten thousand periods of a breather and of a soliton on a ring: how far phase and shape are off, and what
-// energy and charge do, by Rubato and by codes written by hand, at about equal cost. One thread. docs/performance.md
+// energy and charge do, by Rubato and by codes written by hand, at about equal cost. One thread. docs/performance-tables.md
 // has what it prints.
 //
 //     build/benchmarks/benchmark_periods [periods]

@@ -1,5 +1,5 @@
 // Work against accuracy on lattices: Rubato's schemes of high order beside pseudospectral codes written by hand for one
-// equation each, with FFTW at its best plans. One thread. docs/performance.md has what it prints.
+// equation each, with FFTW at its best plans. One thread. docs/performance-tables.md has what it prints.
 //
 //     build/benchmarks/benchmark_waves [repeats [equation...]]
 #include <omp.h>

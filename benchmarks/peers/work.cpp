@@ -289,7 +289,7 @@ void report(const Study& study, const std::vector<Method>& methods, int repeats)
       std::printf("\n");
     }
     if (best.contains(Class::with_levels)) {
-      std::printf("%-24s", "  of it the scout");
+      std::printf("%-24s", "  of it the look-ahead");
       for (const std::size_t g : columns(m)) {
         const auto& candidates = best[Class::with_levels][g];
         if (candidates.empty()) {

@@ -1,5 +1,5 @@
 // Work against accuracy on orbits: Rubato's schemes beside libraries and codes written by hand for one problem each.
-// One thread. docs/performance.md has what it prints.
+// One thread. docs/performance-tables.md has what it prints.
 //
 //     build/benchmarks/benchmark_orbits [repeats [problem...]]
 #include <algorithm>
