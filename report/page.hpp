@@ -23,7 +23,7 @@ struct Notes {
 };
 
 struct PageOptions {
-  /// The most bytes a page has: it is thinned as far as that needs, and no further (docs/reports.md says how).
+  /// The most bytes a page has: it is thinned as far as that needs, and no further (docs/output.md says how).
   std::size_t max_bytes = 5'000'000;
   /// Nothing is thinned, however large the page becomes.
   bool full = false;
