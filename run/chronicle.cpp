@@ -100,22 +100,23 @@ void Chronicle::describe(int threads) {
   columns_ = {
       .t = add(levels, "/levels/t", Type::f64, "time of " + which),
       .gamma = add(levels, "/levels/gamma", Type::f64, about_gamma(problem_, *simulation_), true),
-      .node_energy = add(levels, "/levels/node_energy", Type::f64, "H(z_k)", true),
+      .node_energy = add(levels, "/levels/node_energy", Type::f64, "node energy H(z_k)", true),
       .step = add(steps, "/levels/step", Type::i64,
                   problem_.levels.all() ? "number of the step from level k to k+1"
                                         : "number k of the step from level k to the next, which has a row"),
-      .h = add(steps, "/levels/h", Type::f64, "t_{k+1} - t_k"),
+      .h = add(steps, "/levels/h", Type::f64, "length t_{k+1} - t_k of the step"),
       .energy = add(steps, "/levels/energy", Type::f64, "discrete energy E_k (3.4)"),
-      .target = add(steps, "/levels/target", Type::f64, "what E_k has to equal; undefined before E is set", true),
-      .rounding = add(steps, "/levels/rounding", Type::f64, "a bound of what rounding makes of E_k"),
+      .target = add(steps, "/levels/target", Type::f64,
+                    "value E that the law requires of E_k; undefined before it is set", true),
+      .rounding = add(steps, "/levels/rounding", Type::f64, "bound on the rounding error of E_k"),
       .iterations = add(steps, "/levels/iterations", Type::i32, "evaluations of the gradient or Hessian in the step"),
-      .off_law = add(steps, "/levels/off_law", Type::u8, "1 on plain steps, which do not meet the energy law"),
+      .off_law = add(steps, "/levels/off_law", Type::u8, "1 on plain steps, which do not satisfy the energy law"),
       .condition = add(steps, "/levels/step_condition", Type::f64,
-                       "relative error of h: what is left of the level equation, and rounding in E_k, by |h dE/dh|; "
+                       "relative error of h: residual of the level equation and rounding error of E_k, over |h dE/dh|; "
                        "undefined with fixed levels",
                        true)};
   if (problem_.scheme.potential.kind != StepPotentialChoice::Kind::none) {
-    columns_.potential = add(steps, "/levels/step_potential", Type::f64, "f'(h), a part of E_k");
+    columns_.potential = add(steps, "/levels/step_potential", Type::f64, "f'(h) of the step potential, a part of E_k");
   }
   if (problem_.clock()) {
     columns_.time = add(levels, std::string(figures::level_times), Type::f64, "physical time of " + which);

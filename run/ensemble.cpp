@@ -235,7 +235,7 @@ private:
     }
     for (const std::string& name : names_) {
       layout_.datasets.push_back(
-          {"/members/" + name, axis, {}, record::Type::f64, "as a run of the member tells it", true});
+          {"/members/" + name, axis, {}, record::Type::f64, "figure of the member, as a run of it reports", true});
     }
     if (keeps_states_) {
       layout_.scales = states_.scales;

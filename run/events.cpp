@@ -45,7 +45,7 @@ void EventTeller::describe(record::Layout& layout) {
     if (!event.quantities.empty()) {
       std::vector<std::string> names;
       std::ranges::transform(event.quantities, std::back_inserter(names), &OutputQuantity::name);
-      layout.scales.push_back({at + "/quantity", std::move(names), "what the quantities are"});
+      layout.scales.push_back({at + "/quantity", std::move(names), "formulas of the quantities"});
       columns.quantities =
           layout.add({at + "/quantities", t, {at + "/quantity"}, Type::f64, "quantities at the crossings", true});
     }

@@ -129,7 +129,7 @@ public:
         field_columns_.emplace_back(
             f, describe("/states/midpoints/" + name, "/states/t", nodes,
                         "field " + name +
-                            " in the middle of the step that led to the stored level, where alone it exists; "
+                            " in the middle of the step that led to the stored level, the only place where it exists; "
                             "undefined at the start",
                         true));
       } else {
@@ -306,7 +306,7 @@ private:
                                  "/states/t",
                                  {"/frame/row", "/frame/column"},
                                  record::Type::f64,
-                                 "exp(phase B): times the stored fields the fields of the laboratory"});
+                                 "exp(phase B), which takes the stored fields to those of the laboratory"});
     }
   }
 

@@ -94,8 +94,8 @@ record::Layout layout_of(const Problem& problem, const SolveOutcome& outcome, co
     }
   };
   numbers(solution_history, residuals, "largest scaled residual after every iteration of Newton's method");
-  numbers("/solve/correction", corrections, "its correction, relative; 0 where it began");
-  numbers("/solve/fraction", fractions, "how much of it was taken: 1 but for damping");
+  numbers("/solve/correction", corrections, "relative correction of every iteration; 0 at its start");
+  numbers("/solve/fraction", fractions, "damping factor of the correction");
   numbers("/solve/stage", stages, "0: equal levels, 1: levels by the step law, 2: free levels");
   const StepPotential& f = outcome.solution.potential;
   numbers(solution_potential, {f.strength, f.length, f.exponent}, "strength, length and exponent of f'");
@@ -104,8 +104,8 @@ record::Layout layout_of(const Problem& problem, const SolveOutcome& outcome, co
     real.push_back(multiplier.real());
     imaginary.push_back(multiplier.imag());
   }
-  numbers("/solve/multiplier_real", real, "Floquet multipliers, their real parts");
-  numbers("/solve/multiplier_imaginary", imaginary, "and their imaginary parts");
+  numbers("/solve/multiplier_real", real, "real parts of the Floquet multipliers");
+  numbers("/solve/multiplier_imaginary", imaginary, "imaginary parts of the Floquet multipliers");
   std::vector<double> parameters, durations, energies, folds;
   for (const BranchRow& row : outcome.branch) {
     parameters.push_back(row.parameter);
@@ -130,12 +130,12 @@ record::Layout layout_of(const Problem& problem, const SolveOutcome& outcome, co
   };
   add(levels, "/levels/t", Type::f64, "time of every level");
   add(levels, "/levels/gamma", Type::f64, "Gamma(z_k) (theory, section 3), where it is that of the scheme", true);
-  add(levels, "/levels/node_energy", Type::f64, "H(z_k)", true);
+  add(levels, "/levels/node_energy", Type::f64, "node energy H(z_k)", true);
   add(steps, "/levels/step", Type::i64, "number of the step from level k to k+1");
-  add(steps, "/levels/h", Type::f64, "t_{k+1} - t_k");
+  add(steps, "/levels/h", Type::f64, "length t_{k+1} - t_k of the step");
   add(steps, "/levels/energy", Type::f64, "discrete energy E_k (3.4)");
-  add(steps, "/levels/target", Type::f64, "what E_k has to equal; with equal levels their mean");
-  add(steps, "/levels/rounding", Type::f64, "what rounding makes of E_k");
+  add(steps, "/levels/target", Type::f64, "value E that the law requires of E_k; with equal levels their mean");
+  add(steps, "/levels/rounding", Type::f64, "bound on the rounding error of E_k");
   add(steps, "/levels/iterations", Type::i32, "0: all steps are solved for at once");
   add(steps, "/levels/off_law", Type::u8, "0: there are no plain steps");
   add(steps, "/levels/step_condition", Type::f64, "relative error of h; undefined with equal levels", true);

@@ -88,10 +88,10 @@ void TangentTeller::describe(record::Layout& layout) {
   const std::vector<std::string> components = problem_.hamiltonian()->names();
   constexpr auto component = "/tangents/component", by = "/tangents/by", parameter = "/tangents/parameter";
   if (tangents.matrix || sensitivities_) {
-    layout.scales.push_back({component, components, "coordinates and momenta, of which derivatives are"});
+    layout.scales.push_back({component, components, "coordinates and momenta that are differentiated"});
   }
   if (tangents.matrix) {
-    layout.scales.push_back({by, components, "coordinates and momenta at the start, by which they are"});
+    layout.scales.push_back({by, components, "coordinates and momenta of the start, with respect to which they are"});
     matrix_ = layout.add({"/tangents/matrix",
                           states,
                           {component, by},
