@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <stdexcept>
+#include <vector>
 
 #include <rubato/base/limits.hpp>
 #include <rubato/ode/tuning.hpp>
@@ -180,6 +182,59 @@ double LegendreTransform::gamma() {
   residual_.noalias() = hessian_.topLeftCorner(n_, n_).lazyProduct(q_dot);
   residual_.noalias() += hessian_.topRightCorner(n_, n_).lazyProduct(step_);
   return force.dot(step_) - q_dot.dot(residual_);
+}
+
+namespace {
+
+/// M = ∂²L/∂q̇² row by row. \throws std::invalid_argument if an entry depends on a velocity
+std::vector<formula::Expression> mass_formulas(formula::Expression L, std::span<const formula::Expression> q_dot) {
+  const std::size_t n = q_dot.size();
+  const formula::Expression zero = L.graph()->constant(0.0);
+  std::vector<formula::Expression> masses(n * n, zero);
+  const std::vector<formula::Expression> still(n, zero);
+  for (const formula::HessianEntry& entry : formula::hessian_entries(L, q_dot)) {
+    if (formula::substitute(entry.value, q_dot, still) != entry.value) {
+      throw std::invalid_argument("L is not quadratic in the velocities, and H(q, p) is then no formula");
+    }
+    masses[entry.row * n + entry.column] = masses[entry.column * n + entry.row] = entry.value;
+  }
+  return masses;
+}
+
+}  // namespace
+
+formula::Expression legendre_transform(formula::Expression L, std::span<const formula::Expression> q_dot,
+                                       std::span<const formula::Expression> p) {
+  const std::size_t n = q_dot.size();
+  std::vector<formula::Expression> masses = mass_formulas(L, q_dot);
+  const std::vector<formula::Expression> still(n, L.graph()->constant(0.0));
+  const std::vector<formula::Expression> slopes = formula::gradient(L, q_dot);
+  std::vector<formula::Expression> parts;  // of p - b
+  for (std::size_t i = 0; i < n; ++i) {
+    const formula::Expression b = formula::substitute(slopes[i], q_dot, still);
+    parts.push_back(b.is_constant() && b.constant_value() == 0.0 ? p[i] : p[i] - b);
+  }
+  formula::Expression H = -formula::substitute(L, q_dot, still);
+  for (std::size_t k = 0; k < n; ++k) {
+    const formula::Expression pivot = masses[k * n + k];
+    if (pivot.is_constant() && pivot.constant_value() == 0.0) {
+      throw std::invalid_argument("the elimination of the velocities meets a pivot that is 0");
+    }
+    H += 0.5 * parts[k] * parts[k] / pivot;
+    for (std::size_t i = k + 1; i < n; ++i) {
+      const formula::Expression below = masses[i * n + k];
+      if (below.is_constant(0.0)) {  // products with 0 stay in formulas, as the domain of the other factor
+        continue;
+      }
+      for (std::size_t j = k + 1; j < n; ++j) {
+        if (!masses[k * n + j].is_constant(0.0)) {
+          masses[i * n + j] = masses[i * n + j] - below * masses[k * n + j] / pivot;
+        }
+      }
+      parts[i] = parts[i] - below * parts[k] / pivot;
+    }
+  }
+  return H;
 }
 
 }  // namespace rubato

@@ -1,10 +1,12 @@
 #pragma once
 
+#include <span>
 #include <string>
 
 #include <Eigen/Core>
 
 #include <rubato/base/status.hpp>
+#include <rubato/formula/expression.hpp>
 #include <rubato/formula/rounding.hpp>
 #include <rubato/ode/lagrangian.hpp>
 #include <rubato/solve/dense_solver.hpp>
@@ -53,6 +55,16 @@ private:
   double energy_ = 0.0;
   bool singular_ = false;
 };
+
+/// H(q, p) as a formula, of an L that is quadratic in the velocities:
+///
+///     L = ½ q̇ᵀM(q)q̇ + b(q)·q̇ - V(q),      H = ½ (p - b)ᵀM⁻¹(p - b) + V,
+///
+/// with M eliminated in the order of the coordinates.
+/// \param q_dot variables of L \param p expressions of the same graph
+/// \throws std::invalid_argument if ∂²L/∂q̇² depends on a velocity, or the elimination meets a pivot that is 0
+[[nodiscard]] formula::Expression legendre_transform(formula::Expression L, std::span<const formula::Expression> q_dot,
+                                                     std::span<const formula::Expression> p);
 
 /// Factors d by which velocities are scaled so that d_i M_ij d_j has entries of about 1.
 [[nodiscard]] Eigen::VectorXd velocity_scales(const Eigen::MatrixXd& masses);

@@ -366,6 +366,10 @@ std::vector<KeyEntry> make_keys() {
        solve_energy_words},
       {"solve", "steps", "integer, at least 1", "(until - t)/step", "How many steps the orbit has."},
       {"solve", "guess", "table", none, "See [solve.guess]."},
+      {"solve", "starts", "list of tables", none,
+       "Further guesses, tried in order until one leads to a solution. Each has entries in place of those of "
+       "[initial], "
+       "or of guess: [{ p = 1.2 }, { p = 2.3 }]."},
       {"solve", "continue", "table", none, "See [solve.continue]."},
       {"solve.continue", "parameter", "word, or name", required,
        "energy; period, or time; or a number of [parameters] that H names."},

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <rubato/ode/first_step.hpp>
+#include <rubato/ode/legendre.hpp>
 #include <rubato/problem/scheme_options.hpp>
 
 namespace rubato {
@@ -33,19 +34,40 @@ Custom make_custom(const Problem& problem) {
 
 }  // namespace
 
+formula::Expression build_hamiltonian(const Problem& problem, formula::Graph& graph,
+                                      std::span<const std::string> parameters) {
+  const HamiltonianProblem& orbit = *problem.hamiltonian();
+  std::vector<std::string> names = orbit.L ? orbit.lagrangian_names() : orbit.names();
+  names.insert(names.end(), parameters.begin(), parameters.end());
+  const formula::Expression stated = problem.build(orbit.statement(), graph, names);
+  if (!orbit.L) {
+    return stated;
+  }
+  std::vector<formula::Expression> q_dot, p;
+  for (std::size_t i = 0; i < orbit.q.size(); ++i) {
+    q_dot.push_back(graph.variable(orbit.q_dot[i]));
+    p.push_back(graph.variable(orbit.p[i]));
+  }
+  try {
+    return legendre_transform(stated, q_dot, p);
+  } catch (const std::invalid_argument& error) {
+    throw ProblemError(orbit.L->location,
+                       fmt::format("{}: state the problem by its H, in [hamiltonian]", error.what()));
+  }
+}
+
 Hamiltonian make_hamiltonian(const Problem& problem) {
   const HamiltonianProblem& orbit = *problem.hamiltonian();
   auto graph = std::make_shared<formula::Graph>();
-  const formula::Expression H = problem.build(orbit.H, *graph, orbit.names());
+  const formula::Expression H = build_hamiltonian(problem, *graph);
   return Hamiltonian(graph, orbit.q, orbit.p, H);
 }
 
 Hamiltonian make_hamiltonian(const Problem& problem, std::span<const std::string> parameters, bool as_momenta) {
   const HamiltonianProblem& orbit = *problem.hamiltonian();
   auto graph = std::make_shared<formula::Graph>();
-  std::vector<std::string> names = orbit.names(), q = orbit.q, p = orbit.p;
-  names.insert(names.end(), parameters.begin(), parameters.end());
-  const formula::Expression H = problem.build(orbit.H, *graph, names);
+  std::vector<std::string> q = orbit.q, p = orbit.p;
+  const formula::Expression H = build_hamiltonian(problem, *graph, parameters);
   for (const std::string& name : parameters) {
     (as_momenta ? p : q).push_back(name);
     (as_momenta ? q : p).push_back("partner of " + name);  // no name of a user's

@@ -1,6 +1,7 @@
 #include <rubato/problem/solve.hpp>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <memory>
 
@@ -10,6 +11,7 @@
 #include <rubato/formula/parse.hpp>
 #include <rubato/ode/orbit_methods.hpp>
 #include <rubato/problem/keys.hpp>
+#include <rubato/problem/orbit_problem.hpp>
 #include <rubato/problem/reader.hpp>
 
 namespace rubato {
@@ -54,6 +56,7 @@ public:
     read_energy();
     read_steps();
     read_guess();
+    read_starts();
     read_continuation();
     if (const Entry* entry = section_.take("tolerance")) {
       solve_.tolerance = read_number(entry->value, "tolerance", problem_.parameters);
@@ -72,20 +75,19 @@ public:
 
 private:
   void refuse_systems() const {
-    if (orbit_.L) {
-      throw ProblemError(solve_.location,
-                         "boundary-value problems are stated by H: write [hamiltonian] with the momenta dL/dq_dot");
-    }
     if (orbit_.fictitious_time || orbit_.driven) {
       throw ProblemError(solve_.location, orbit_.driven
                                               ? "H names t, and boundary-value problems are for an H without t"
                                               : "boundary-value problems take no time_scale; leave it out");
     }
     const LagrangianName name = problem_.scheme.lagrangian;
-    if (name == LagrangianName::splitting) {
+    if (name == LagrangianName::splitting || name == LagrangianName::trapezoid || name == LagrangianName::lobatto) {
       throw ProblemError(problem_.scheme.lagrangian_location,
-                         "boundary-value problems are not available for splitting; use gauss, midpoint, generating, "
-                         "forward or custom");
+                         fmt::format("boundary-value problems are not available for {}; use gauss, midpoint{}",
+                                     problem_.scheme.word(), orbit_.L ? "" : ", generating, forward or custom"));
+    }
+    if (orbit_.L) {
+      static_cast<void>(make_hamiltonian(problem_));  // which refuses an L without a formula of H
     }
   }
 
@@ -288,6 +290,9 @@ private:
   }
 
   void read_guess() {
+    StatedSolve::Start& start = solve_.starts.emplace_back();
+    start.z = orbit_.initial.q;
+    start.z.insert(start.z.end(), orbit_.initial.p.begin(), orbit_.initial.p.end());
     const Entry* entry = section_.take("guess");
     if (entry == nullptr) {
       return;
@@ -296,18 +301,45 @@ private:
     if (table == nullptr) {
       wrong_type(entry->value, "guess", "a table of formulas of t, such as { q = \"sin(t)\", p = \"cos(t)\" }");
     }
-    solve_.guess.resize(names_.size());
+    start.formulas.resize(names_.size());
+    read_formulas_of_t(*table, start.formulas);
+    const auto missing = std::ranges::find(start.formulas, std::string(), &FormulaText::text);
+    if (missing != start.formulas.end()) {
+      throw ProblemError(entry->location,
+                         fmt::format("guess gives no formula for {}; every coordinate and momentum needs one",
+                                     names_[static_cast<std::size_t>(missing - start.formulas.begin())]));
+    }
+  }
+
+  void read_formulas_of_t(const Value::Table& table, std::vector<FormulaText>& formulas) const {
     static const std::vector<std::string> arguments = {"t"};
-    for (const Entry& one : *table) {
-      FormulaText& formula = solve_.guess[place_of(one)];
+    for (const Entry& one : table) {
+      FormulaText& formula = formulas[place_of(one)];
       formula = read_formula(one.value, one.key);
       check_formula(formula, {arguments}, problem_.parameters);
     }
-    const auto missing = std::ranges::find(solve_.guess, std::string(), &FormulaText::text);
-    if (missing != solve_.guess.end()) {
-      throw ProblemError(entry->location,
-                         fmt::format("guess gives no formula for {}; every coordinate and momentum needs one",
-                                     names_[static_cast<std::size_t>(missing - solve_.guess.begin())]));
+  }
+
+  /// starts = [{ p = 1 }, ...]: what takes the place of entries of the first guess.
+  void read_starts() {
+    const Entry* entry = section_.take("starts");
+    if (entry == nullptr) {
+      return;
+    }
+    for (const Value& value : read_array(entry->value, "starts", "tables")) {
+      const Value::Table* table = value.table();
+      if (table == nullptr) {
+        wrong_type(value, "an entry of starts", "a table such as { q = 0, p = 1 }");
+      }
+      StatedSolve::Start start = solve_.starts.front();
+      if (start.formulas.empty()) {
+        for (const Entry& one : *table) {
+          start.z[place_of(one)] = read_number(one.value, one.key, problem_.parameters);
+        }
+      } else {
+        read_formulas_of_t(*table, start.formulas);
+      }
+      solve_.starts.push_back(std::move(start));
     }
   }
 
@@ -498,11 +530,10 @@ EndConditions make_end_conditions(const Problem& problem, const Hamiltonian& ham
 Hamiltonian make_hamiltonian_beside(const Problem& problem, const std::string& parameter) {
   const HamiltonianProblem& orbit = *problem.hamiltonian();
   auto graph = std::make_shared<formula::Graph>();
-  std::vector<std::string> q = orbit.q, p = orbit.p, names = orbit.names();
+  std::vector<std::string> q = orbit.q, p = orbit.p;
   q.push_back(parameter);
   p.push_back(parameter + "_momentum");
-  names.push_back(parameter);
-  const formula::Expression H = problem.build(orbit.H, *graph, names);
+  const formula::Expression H = build_hamiltonian(problem, *graph, std::array{parameter});
   return Hamiltonian(graph, q, p, H);
 }
 

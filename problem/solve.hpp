@@ -15,6 +15,7 @@ namespace rubato {
 class Section;
 
 /// [solve]: a boundary-value problem of an orbit, whose guess is [initial] integrated over [scheme], or formulas of t.
+/// Further guesses may follow.
 struct StatedSolve {
   /// What `ends` says.
   enum class Ends {
@@ -50,7 +51,12 @@ struct StatedSolve {
   std::optional<double> energy;     ///< absent: free
   bool energy_of_start = false;     ///< energy = "initial": H at [initial]
   std::size_t steps = 0;
-  std::vector<FormulaText> guess;  ///< formulas of t for q, then p; none: [initial] is integrated
+  /// What Newton's method begins from: formulas of t for q, then p, or numbers, which are integrated.
+  struct Start {
+    std::vector<FormulaText> formulas;
+    std::vector<double> z;  ///< where there are no formulas
+  };
+  std::vector<Start> starts;  ///< tried in order; at least one
   std::optional<Continuation> continuation;
   double tolerance = 1e-12;
   std::size_t most_iterations = 100;

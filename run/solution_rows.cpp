@@ -27,11 +27,22 @@ SolutionRows::SolutionRows(const Problem& problem, const BoundaryValueSolution& 
   invariant_names = table.names();
   invariants.resize(invariant_names.size());
   t.push_back(problem.start());
+  HamiltonianEvaluator evaluator(hamiltonian);
+  const std::size_t n = system.q.size();
+  std::vector<double> gradient(orbit.dimension), inputs;
   for (std::size_t k = 0; k <= orbit.segments(); ++k) {
     const NodeEnergy node = law(orbit.node(k).data());
     gamma.push_back(node.gamma);
     node_energy.push_back(node.energy);
-    const std::span<const double> values = table(orbit.node(k));
+    const std::span<const double> z = orbit.node(k);
+    inputs.assign(z.begin(), z.end());
+    if (system.L) {
+      evaluator.gradient(z.data(), gradient.data());
+      const std::span<const double> velocities = std::span(gradient).last(n);  // q̇ = ∂H/∂p
+      q_dot.insert(q_dot.end(), velocities.begin(), velocities.end());
+      inputs.insert(inputs.begin() + static_cast<std::ptrdiff_t>(n), velocities.begin(), velocities.end());
+    }
+    const std::span<const double> values = table(inputs);
     for (std::size_t i = 0; i < values.size(); ++i) {
       invariants[i].push_back(values[i]);
     }

@@ -13,6 +13,7 @@ namespace rubato {
 /// from the states of the record.
 struct SolutionRows {
   std::vector<double> t, gamma, node_energy;            ///< of levels
+  std::vector<double> q_dot;                            ///< of levels, n each, of a problem stated by L
   std::vector<double> h, energy, potential, condition;  ///< of steps
   double rounding = 0.0;                                ///< of every E_k
   std::vector<std::string> invariant_names;

@@ -7,9 +7,7 @@
 #include <functional>
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
-#include <rubato/figures/text.hpp>
 #include <rubato/ode/continuation.hpp>
 #include <rubato/ode/second_variation.hpp>
 #include <rubato/problem/formula_table.hpp>
@@ -31,20 +29,18 @@ constexpr const char* guess_remedy =
     "begin nearer to the orbit ([initial], or [solve] guess), or with another number of steps";
 
 /// The nodes that Newton's method begins from, over half of the period for a symmetric orbit.
-NodesOfOrbit make_guess(const Problem& problem, const Hamiltonian& hamiltonian, const SegmentLagrangian& lagrangian) {
+NodesOfOrbit make_guess(const Problem& problem, const StatedSolve::Start& start, const Hamiltonian& hamiltonian,
+                        const SegmentLagrangian& lagrangian) {
   const StatedSolve& stated = *problem.solve;
-  const HamiltonianProblem& system = *problem.hamiltonian();
   const bool half = stated.ends == Ends::symmetric;
   const std::size_t steps = half ? stated.steps / 2 : stated.steps;
   const double duration = stated.duration.value_or(problem.scheme.until - problem.start()) * (half ? 0.5 : 1.0);
   const double h = duration / static_cast<double>(steps);
-  if (stated.guess.empty()) {
-    std::vector<double> z = system.initial.q;
-    z.insert(z.end(), system.initial.p.begin(), system.initial.p.end());
-    return guess_by_integrating(hamiltonian, lagrangian, z, h, steps);
+  if (start.formulas.empty()) {
+    return guess_by_integrating(hamiltonian, lagrangian, start.z, h, steps);
   }
   std::vector<NamedFormula> formulas;
-  for (const FormulaText& formula : stated.guess) {
+  for (const FormulaText& formula : start.formulas) {
     formulas.push_back({{}, formula});
   }
   FormulaTable table(problem, formulas, {"t"});
@@ -81,6 +77,9 @@ record::Layout layout_of(const Problem& problem, const SolveOutcome& outcome, co
                         .compression = problem.output.compression};
   layout.scales.push_back({"/states/coordinate", system.q, "names of the coordinates"});
   layout.scales.push_back({"/states/momentum", system.p, "names of the momenta"});
+  if (system.L) {
+    layout.scales.push_back({"/states/velocity", system.q_dot, "names of the velocities"});
+  }
   std::vector<double> residuals, corrections, fractions, stages;
   for (const NewtonIteration& iteration : outcome.solution.history) {
     residuals.push_back(iteration.residual);
@@ -117,6 +116,10 @@ record::Layout layout_of(const Problem& problem, const SolveOutcome& outcome, co
   numbers("/solve/branch_duration", durations, "period or time along the branch");
   numbers("/solve/branch_energy", energies, "mean of K along the branch");
   numbers("/solve/branch_fold", folds, "1 where the parameter turns round");
+  if (outcome.starts > 1) {
+    numbers("/solve/start", {static_cast<double>(outcome.start)},
+            "number of the guess that led to the solution, from 1");
+  }
   numbers("/solve/conjugate_point", outcome.conjugate_points, "times of the points conjugate to the start");
   if (outcome.index) {
     numbers("/solve/morse_index", {static_cast<double>(*outcome.index)}, "negative directions of the second variation");
@@ -149,6 +152,9 @@ record::Layout layout_of(const Problem& problem, const SolveOutcome& outcome, co
   add(states, "/states/level", Type::i64, "number of the stored level");
   layout.add({"/states/q", states, {"/states/coordinate"}, Type::f64, "coordinates"});
   layout.add({"/states/p", states, {"/states/momentum"}, Type::f64, "momenta"});
+  if (system.L) {
+    layout.add({"/states/q_dot", states, {"/states/velocity"}, Type::f64, "velocities, of q and p"});
+  }
   return layout;
 }
 
@@ -195,6 +201,9 @@ void write_record(const Problem& problem, const RunOptions& options, const Solve
       writer.append(column, orbit.node(k).subspan(momenta ? n : 0, n));
     }
     ++column;
+  }
+  for (std::size_t k = 0; k < rows.t.size() && !rows.q_dot.empty(); ++k) {
+    writer.append(column, std::span(rows.q_dot).subspan(k * n, n));
   }
   writer.end_level();
   record::Checkpoint checkpoint;
@@ -245,16 +254,10 @@ public:
 
   /// Fills in the solution and the branch. \return the problem that it solves; nothing, with the message, for none
   std::optional<Problem> run() {
-    const NodesOfOrbit guess = make_guess(problem_, hamiltonian_, settings_.lagrangian);
-    const std::size_t wanted = half_ ? stated_.steps / 2 : stated_.steps;
-    if (guess.segments() != wanted) {
-      outcome_.message = fmt::format("the guess: the integration from [initial] ended after {} of {} steps; {}",
-                                     guess.segments(), wanted, guess_remedy);
-      return std::nullopt;
+    outcome_.starts = stated_.starts.size();
+    while (outcome_.start < outcome_.starts && !solve_from(stated_.starts[outcome_.start++])) {
     }
-    outcome_.solution = solve_boundary_value(hamiltonian_, ends_, guess, settings_);
     if (!outcome_.solution.found()) {
-      outcome_.message = fmt::format("{}; {}", outcome_.solution.message, guess_remedy);
       return std::nullopt;
     }
     std::optional<Problem> solved = problem_;
@@ -266,6 +269,20 @@ public:
 
 private:
   using Kind = StatedSolve::Continuation::Kind;
+
+  /// \return false, with the message, for no solution
+  bool solve_from(const StatedSolve::Start& start) {
+    const NodesOfOrbit guess = make_guess(problem_, start, hamiltonian_, settings_.lagrangian);
+    const std::size_t wanted = half_ ? stated_.steps / 2 : stated_.steps;
+    if (guess.segments() != wanted) {
+      outcome_.message = fmt::format("the guess: the integration from [initial] ended after {} of {} steps; {}",
+                                     guess.segments(), wanted, guess_remedy);
+      return false;
+    }
+    outcome_.solution = solve_boundary_value(hamiltonian_, ends_, guess, settings_);
+    outcome_.message = outcome_.solution.found() ? "" : fmt::format("{}; {}", outcome_.solution.message, guess_remedy);
+    return outcome_.solution.found();
+  }
 
   std::optional<Problem> follow(const StatedSolve::Continuation& stated) {
     ContinuationOptions options{
@@ -449,133 +466,6 @@ SolveOutcome solve_problem(const Problem& problem, const RunOptions& options) {
   write_record(*solved, options, outcome, rows);
   outcome.wall_seconds = elapsed();
   return outcome;
-}
-
-std::string to_json(const SolveOutcome& outcome) {
-  figures::JsonObject object;
-  object.count("status", static_cast<std::size_t>(outcome.status));
-  const BoundaryValueSolution& solution = outcome.solution;
-  std::vector<figures::JsonObject> history;
-  for (const NewtonIteration& iteration : solution.history) {
-    figures::JsonObject one;
-    one.count("stage", static_cast<std::size_t>(iteration.stage)).number("residual", iteration.residual);
-    one.number("correction", iteration.correction).number("fraction", iteration.fraction);
-    history.push_back(one);
-  }
-  figures::JsonObject found;
-  found.number("residual", solution.residual).text("largest_in", solution.worst);
-  if (outcome.status == ExitStatus::done) {
-    found.number(outcome.closes ? "period" : "time", solution.orbit.duration());
-    found.number("energy", solution.mean_energy).number("conserved_energy", solution.conserved);
-    std::vector<figures::JsonObject> multipliers;
-    for (const std::complex<double>& multiplier : outcome.multipliers) {
-      figures::JsonObject one;
-      one.number("real", multiplier.real()).number("imaginary", multiplier.imag());
-      multipliers.push_back(one);
-    }
-    if (!multipliers.empty()) {
-      found.objects("multipliers", multipliers);
-    }
-    if (outcome.index) {
-      found.count("morse_index", *outcome.index);
-    }
-    std::vector<figures::JsonObject> points;
-    for (const double t : outcome.conjugate_points) {
-      figures::JsonObject one;
-      points.push_back(one.number("t", t));
-    }
-    if (!points.empty()) {
-      found.objects("conjugate_points", points);
-    }
-  }
-  found.objects("iterations", history);
-  object.object("solution", found);
-  if (!outcome.branch.empty()) {
-    std::vector<figures::JsonObject> points;
-    for (const BranchRow& point : outcome.branch) {
-      figures::JsonObject one;
-      one.number(outcome.parameter, point.parameter);
-      if (outcome.parameter != "energy") {
-        one.number("energy", point.energy);
-      }
-      if (const std::string_view duration = outcome.closes ? "period" : "time"; outcome.parameter != duration) {
-        one.number(duration, point.duration);
-      }
-      points.push_back(one.flag("fold", point.is_fold));
-    }
-    object.objects("branch", points);
-  }
-  if (outcome.status == ExitStatus::done) {
-    figures::add_figures(object, outcome.statistics);
-  }
-  object.number("wall_seconds", outcome.wall_seconds);
-  if (!outcome.file.empty()) {
-    object.text("file", outcome.file);
-  }
-  if (!outcome.message.empty()) {
-    object.text("message", outcome.message);
-  }
-  return object.texts("warnings", outcome.warnings).str();
-}
-
-std::string to_table(const SolveOutcome& outcome) {
-  std::string table = outcome.title + "\n";
-  const auto row = [&table](std::string_view name, std::string_view value) {
-    table += fmt::format("  {:<26} {}\n", name, value);
-  };
-  const BoundaryValueSolution& solution = outcome.solution;
-  constexpr std::array<std::string_view, 3> stages = {"equal levels", "levels by the step law", "free levels"};
-  for (std::size_t i = 0; i < solution.history.size();) {
-    const int stage = solution.history[i].stage;
-    std::vector<std::string> residuals;
-    for (; i < solution.history.size() && solution.history[i].stage == stage; ++i) {
-      residuals.push_back(fmt::format("{:.1e}", solution.history[i].residual));
-    }
-    constexpr std::size_t shown = 8;  // the last ones tell how it converged
-    if (residuals.size() > shown) {
-      residuals.erase(residuals.begin() + 1, residuals.end() - (shown - 2));
-      residuals[0] += ", ...";
-    }
-    row(stages[static_cast<std::size_t>(stage)], fmt::format("{}", fmt::join(residuals, ", ")));
-  }
-  if (!outcome.branch.empty()) {
-    row("branch", fmt::format("{} solutions, {} from {:.10g} to {:.10g}", outcome.branch.size(), outcome.parameter,
-                              outcome.branch.front().parameter, outcome.branch.back().parameter));
-    for (const BranchRow& point : outcome.branch) {
-      if (point.is_fold) {
-        row("fold", fmt::format("{} = {:.12g}", outcome.parameter, point.parameter));
-      }
-    }
-  }
-  if (outcome.status != ExitStatus::done) {
-    row("verdict", "not found");
-    return table;
-  }
-  row("steps", fmt::format("{}", solution.orbit.segments()));
-  row("h", fmt::format("{:.6g} ... {:.6g}", outcome.statistics.h.min, outcome.statistics.h.max));
-  row(outcome.closes ? "period" : "time", fmt::format("{:.15g}", solution.orbit.duration()));
-  row("energy", fmt::format("{:.15g}", solution.mean_energy));
-  if (solution.potential.active()) {
-    row("with the step potential", fmt::format("{:.15g} on every step", solution.conserved));
-  }
-  for (const auto& [name, invariant] : outcome.statistics.invariants) {
-    row("invariant " + name, fmt::format("{:.15g}, within {:.1e}", invariant.initial, invariant.max()));
-  }
-  for (const std::complex<double>& multiplier : outcome.multipliers) {
-    row("Floquet multiplier", multiplier.imag() == 0.0
-                                  ? fmt::format("{:.12g}", multiplier.real())
-                                  : fmt::format("{:.12g} {:+.12g} i", multiplier.real(), multiplier.imag()));
-  }
-  if (outcome.index) {
-    row("Morse index", fmt::format("{}", *outcome.index));
-  }
-  for (const double t : outcome.conjugate_points) {
-    row("conjugate point", fmt::format("t = {:.10g}", t));
-  }
-  row("verdict", fmt::format("found: the largest residual is {:.1e}", solution.residual));
-  row("time taken", fmt::format("{:.3g} s", outcome.wall_seconds));
-  row("record", outcome.file);
-  return table;
 }
 
 }  // namespace rubato

@@ -24,6 +24,7 @@ struct SolveOutcome {
   std::string title;
   std::string file;  ///< the record; empty where none was written
   BoundaryValueSolution solution;
+  std::size_t start = 0, starts = 1;              ///< the guess that was tried last, from 1, and how many there are
   figures::Statistics statistics;                 ///< of its levels and steps
   bool closes = false;                            ///< it is a periodic orbit
   std::vector<std::complex<double>> multipliers;  ///< of one that closes (SecondVariation); empty where not known

@@ -1,4 +1,6 @@
+#include <algorithm>
 #include <cmath>
+#include <numeric>
 
 #include <fmt/format.h>
 
@@ -78,9 +80,25 @@ private:
     if (reader_.has("/levels/step_potential")) {
       column("/levels/step_potential", rows.potential, [](double f) { return Rounding::unit * std::abs(f); });
     }
+    check_velocities(rows.q_dot);
     for (std::size_t i = 0; i < rows.invariant_names.size(); ++i) {
       column("/laws/" + rows.invariant_names[i], rows.invariants[i],
              [](double value) { return Rounding::unit * std::abs(value); });
+    }
+  }
+
+  void check_velocities(const std::vector<double>& recomputed) {
+    if (recomputed.empty()) {
+      return;
+    }
+    const std::size_t n = problem_.hamiltonian()->q.size();
+    StoredRows stored(reader_, "/states/q_dot", n);
+    const auto size = [](double largest, double value) { return std::max(largest, std::abs(value)); };
+    const double scale = std::accumulate(recomputed.begin(), recomputed.end(), 0.0, size);
+    for (std::size_t place = 0; place < recomputed.size(); ++place) {
+      findings_.compare(
+          stored.path(), place / n, place % n, stored.row(place / n)[place % n], recomputed[place],
+          [&] { return Rounding::unit * scale; }, "from the states");
     }
   }
 

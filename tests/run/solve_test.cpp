@@ -106,6 +106,56 @@ TEST_CASE("solve: symmetric orbits by half are the periodic ones, with any level
   CHECK_FALSE(std::filesystem::exists(folder.path() / "wrong.h5"));
 }
 
+TEST_CASE("solve: a problem stated by L has the solution of its H, and its velocities are checked") {
+  const Folder folder;
+  const std::vector<std::string> common = {"scheme.lagrangian=gauss", "scheme.stages=2"};
+  const auto by_L = [&](std::vector<std::string> more) {
+    more.insert(more.begin(), common.begin(), common.end());
+    std::string text = pendulum;
+    text.replace(text.find("[hamiltonian]"), text.find("[parameters]") - text.find("[hamiltonian]"),
+                 "[lagrangian]\nq = [\"q\"]\nL = \"(1 + 0.1*q^2)*q_dot^2/2 + 0.2*q*q_dot + cos(q)\"\n");
+    more.insert(more.end(), {"-initial.p", "initial.q_dot=0.2", "solve.ends={ p_q_0 = 0, q_1 = 0.5 }",
+                             "invariants.half=(1 + 0.1*q^2)*q_dot^2/2 - cos(q)"});
+    return parse_problem(text, "pendulum.toml", more);
+  };
+  const std::string file = folder / "L.h5";
+  const SolveOutcome stated_by_L = solve_problem(by_L({}), {.output = file});
+  REQUIRE(stated_by_L.status == ExitStatus::done);
+  // H = (p - 0.2 q)²/(2 (1 + 0.1 q²)) - cos q, by hand
+  std::vector<std::string> by_hand = common;
+  by_hand.emplace_back("hamiltonian.H=(p - 0.2*q)^2/(2*(1 + 0.1*q^2)) - cos(q)");
+  const SolveOutcome stated_by_H = solve_problem(problem_with(by_hand), {.output = folder / "H.h5"});
+  REQUIRE(stated_by_H.status == ExitStatus::done);
+  CHECK(stated_by_L.solution.orbit.duration() == Approx(stated_by_H.solution.orbit.duration()).epsilon(1e-13));
+  // The invariant is the energy at nodes, by velocities, which is off by O(h⁴).
+  CHECK(stated_by_L.statistics.invariants.front().value.initial == Approx(-0.2).epsilon(1e-4));
+  CHECK(check(file).status == ExitStatus::done);
+  falsify(file, "/states/q_dot", 7, 1e-9);
+  CHECK(check(file).status == ExitStatus::contradiction);
+  // Refused: what has no formula of H, and quadratures of L itself.
+  CHECK_THROWS_WITH(by_L({"lagrangian.L=-sqrt(1 - q_dot^2)", "initial.q_dot=0.2"}),
+                    Catch::Contains("not quadratic in the velocities"));
+  CHECK_THROWS_WITH(by_L({"scheme.lagrangian=lobatto", "scheme.stages=3"}), Catch::Contains("use gauss, midpoint"));
+}
+
+TEST_CASE("solve: further starts are tried in order") {
+  const Folder folder;
+  const auto solved = [&](const std::string& starts, const std::string& name) {
+    return solve_problem(problem_with({"solve.energy=-0.2", "initial.q=-3", "solve.max_iterations=8", starts}),
+                         {.output = folder / name});
+  };
+  const SolveOutcome found = solved("solve.starts=[{ q = -40 }, { q = -1.36 }]", "found.h5");
+  REQUIRE(found.status == ExitStatus::done);
+  CHECK(found.start == 3);
+  CHECK_THAT(to_table(found), Catch::Contains("3 of 3"));
+  CHECK(check(folder / "found.h5").status == ExitStatus::done);
+  const SolveOutcome none = solved("solve.starts=[{ q = -40 }]", "none.h5");  // twin
+  CHECK(none.status == ExitStatus::failed);
+  CHECK_THAT(to_json(none), Catch::Contains("\"starts\": 2"));
+  CHECK_THAT(error_of({"solve.starts=[{ r = 1 }]"}), Catch::Contains("r is no coordinate or momentum"));
+  CHECK_THAT(error_of({"solve.starts=[1]"}), Catch::Contains("a table such as"));
+}
+
 TEST_CASE("solve: what fails says where, and writes nothing") {
   const Folder folder;
   const std::string file = folder / "none.h5";
