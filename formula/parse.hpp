@@ -38,7 +38,7 @@ struct ParseContext {
   std::span<const std::string> known_names;  ///< for "did you mean …"
 };
 
-/// Reads a formula (interface.md section 2): `+ - * / ^`, unary minus, parentheses, numbers, `pi`, the functions of the
+/// Reads a formula (docs/formulas.md): `+ - * / ^`, unary minus, parentheses, numbers, `pi`, the functions of the
 /// language. `^` binds tighter than unary minus and associates to the right: -x^2 = -(x^2), 2^3^2 = 512.
 /// `r[i]`, with an integer i that is known, is the name r1, r2, …; `sum(i, from, to, term)` the sum of the terms for
 /// i = from, …, to, from left to right. `norm(r - s)` and `dot(r, s)` take vectors: r is r1, r2, … as far as there are

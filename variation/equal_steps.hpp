@@ -11,7 +11,7 @@ namespace rubato {
 
 /// How many times the work for an error is with equal steps what it is with those that follow η, where the law has
 /// the weakest potential with which they exist: f' = (s+1) μ |h|^s, the limit p → s of those that are tried. It adds μ
-/// to η, η̃ = η + μ, and the step law (theory, section 3.2) says
+/// to η, η̃ = η + μ, and the step law (theory, section 3) says
 ///
 ///     |h|^s = D/((s+1) η̃),  D ∝ η̃^(1/(s+1)),  D = E - H(z_k).
 ///

@@ -99,7 +99,7 @@ struct Scouting {
 [[nodiscard]] StepPotential choose_step_potential(const Scouting& scouting, std::optional<double> largest_step);
 
 /// How many times as many steps a potential takes over a scouted stretch as the law does without one, whose steps are,
-/// by the step law (theory, section 3.2), h_0 (|η_0|/|η|)^(1/(s+1)); 1 where K hardly
+/// by the step law (theory, section 3), h_0 (|η_0|/|η|)^(1/(s+1)); 1 where K hardly
 /// knows h.
 [[nodiscard]] double price_in_steps(const Scouting& scouting, const StepPotential& potential);
 

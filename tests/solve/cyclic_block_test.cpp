@@ -140,7 +140,7 @@ Field random_field(std::size_t cells, std::mt19937_64& engine, double from = -1.
   return f;
 }
 
-/// The box scheme's Newton matrix of u_tt = u_xx - V'(u) in (u, v, w) (equations.md, first row): with z averaged over
+/// The box scheme's Newton matrix of u_tt = u_xx - V'(u) in (u, v, w): with z averaged over
 /// four corners, L = M/(2h) - K/(2Δx) - S''/4, R = M/(2h) + K/(2Δx) - S''/4; V'' varies from cell to cell. Its transfer
 /// matrices have one growing, one decaying and one neutral (-1) mode.
 Problem wave(std::size_t cells, double h, double dx, int columns = 1) {

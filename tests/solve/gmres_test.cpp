@@ -25,8 +25,8 @@ namespace {
 
 const auto nothing = [](std::size_t n) { return [n](const double* in, double* out) { std::copy_n(in, n, out); }; };
 
-/// The box scheme's Newton matrix of the 2D wave equation u_tt = u_xx + u_yy - V'(u) in (u, v, a, b) (equations.md,
-/// second row), with V''(u) = 1 + strength · cos(3 u) of a given u at cell centres.
+/// The box scheme's Newton matrix of the 2D wave equation u_tt = u_xx + u_yy - V'(u) in (u, v, a, b), with
+/// V''(u) = 1 + strength · cos(3 u) of a given u at cell centres.
 struct Wave2D {
   Grid grid;
   double h;
