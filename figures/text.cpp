@@ -346,26 +346,33 @@ constexpr std::array entries = {
     LineEntry{Kind::h, "h", "The shortest and the longest step."},
     LineEntry{
         Kind::discrete_energy, "discrete energy",
-        "E_k, the energy of a step by its discrete Lagrangian, and its largest deviation, relative where that says "
-        "something. Variable levels keep it to rounding errors."},
+        "E_k, the energy of a step by its discrete Lagrangian, and its largest deviation, relative where the energy is "
+        "not zero. Variable levels keep it to rounding error; with equal levels it shows the truncation error."},
     LineEntry{Kind::energy_less_work, "energy less work",
-              "Of a problem that depends on t: E_k without the work done so far, which the balance of energy keeps."},
+              "For a problem that depends on t: E_k minus the work done so far. The balance of energy keeps it."},
     LineEntry{Kind::step_potential, "step potential",
-              "Range of f'(h), the part of the discrete energy that the step potential adds."},
-    LineEntry{Kind::node_energy, "node energy H(z_k)",
-              "H at the levels: the first value, and the largest deviation, which is a truncation error."},
+              "Range of f'(h), the part of the discrete energy that the step potential adds. Small beside the energy "
+              "is good."},
+    LineEntry{
+        Kind::node_energy, "node energy H(z_k)",
+        "H at the levels: the first value, and the largest deviation, which is a truncation error. It should not grow "
+        "with the length of the run."},
     LineEntry{Kind::node_energy_in_fictitious_time, "node energy g(H - E)",
-              "The same with time_scale: of the Hamiltonian whose time is the fictitious one."},
-    LineEntry{Kind::node_energy_less_work, "H(z_k, t_k) less work", "The same of a problem that depends on t."},
+              "The same with time_scale, for the Hamiltonian of fictitious time."},
+    LineEntry{Kind::node_energy_less_work, "H(z_k, t_k) less work", "The same for a problem that depends on t."},
     LineEntry{
         Kind::gamma, "Gamma",
-        "Range of Gamma at the levels, from which the lengths of variable steps follow. The pure law has no solution "
-        "where it is 0."},
-    LineEntry{Kind::off_law, "steps off the law",
-              "Plain steps, taken where no step keeps the discrete energy; and its largest deviation on them."},
+        "Range of Gamma at the levels, which sets the lengths of variable steps: long where it is small. Where it is 0 "
+        "only the step potential gives a solution."},
+    LineEntry{
+        Kind::off_law, "steps off the law",
+        "Number of plain steps, taken where no step keeps the discrete energy, and its largest deviation on them. None "
+        "is good."},
     LineEntry{Kind::step_condition, "step condition",
-              "The largest relative error of h that rounding errors of H cause."},
-    LineEntry{Kind::laws, "laws", "With [laws] every: of how many steps the lines below are."},
+              "The largest relative error of h, from the tolerance of the energy and from rounding errors. Above 1e-6 "
+              "the run "
+              "warns."},
+    LineEntry{Kind::laws, "laws", "With [laws] every: the number of steps in the lines below."},
     LineEntry{
         Kind::residual, "residual NAME",
         "Residual of a local law in one cell over one step: the largest, and the root mean square over all cells and "
@@ -377,9 +384,9 @@ constexpr std::array entries = {
     LineEntry{Kind::megno, "MEGNO",
               "Mean exponential growth of nearby orbits, averaged over the time: about 2 on a regular orbit, and half "
               "the largest exponent times t on a chaotic one."},
-    LineEntry{Kind::symplecticity, "two-form",
-              "How far a step's tangent fails to preserve dp^dq of two of these vectors, in units of their lengths: "
-              "rounding errors."},
+    LineEntry{
+        Kind::symplecticity, "two-form",
+        "The largest change of dp^dq of two of these vectors in a step, in units of their lengths: rounding error."},
     LineEntry{Kind::total, "total NAME",
               "Density of a local law, summed over the grid: first value and largest deviation."},
     LineEntry{Kind::invariant, "NAME", "An entry of [invariants]: first value and largest deviation."},
@@ -387,14 +394,15 @@ constexpr std::array entries = {
     LineEntry{Kind::ended_by, "ended by", "The event that ended the run."},
     LineEntry{Kind::error, "error in NAME",
               "Difference from [exact] at the last level: the largest, and the root mean square over the nodes."},
-    LineEntry{Kind::iterations, "iterations per step",
-              "Evaluations or sweeps that a step takes: mean and largest number."},
-    LineEntry{Kind::seam, "at the seam", "How large the wave became where the period of the grid begins again."},
+    LineEntry{Kind::iterations, "iterations per step", "Evaluations or sweeps of a step: mean and largest number."},
+    LineEntry{Kind::seam, "at the seam",
+              "The largest value of the wave at the ends of the grid, relative to its maximum."},
     LineEntry{Kind::verdict, "verdict",
-              "good, doubtful or lost, with the reasons and what to do. It rests on measures of the run, not on an "
-              "estimate of the error."},
+              "good, doubtful or lost, with reasons and remedies. It uses the laws of the run, which do not measure "
+              "the error "
+              "of the solution."},
     LineEntry{Kind::time_taken, "time taken", "Wall time of the run."},
-    LineEntry{Kind::accuracy, "accuracy", "Where there is no [exact]: the command that estimates errors."},
+    LineEntry{Kind::accuracy, "accuracy", "Without [exact]: the command that estimates the error."},
     LineEntry{Kind::record, "record", "The file that was written."},
 };
 static_assert(std::ranges::all_of(entries, [](const LineEntry& entry) {

@@ -47,19 +47,19 @@ constexpr const char* description =
 
 constexpr const char* examples =
     "Examples:\n"
-    "  rubato list                          what the catalogue has\n"
+    "  rubato list                          the built-in problems\n"
     "  rubato show pendulum > mine.toml     a problem file to start from\n"
     "  rubato run mine.toml                 run it: writes mine.h5 or the file it names\n"
     "  rubato run kepler --set parameters.e=0.3 -o kepler.h5\n"
     "  rubato scan pendulum initial.p=0.1:3:30   a run for each value, and one table\n"
-    "  rubato converge mine.toml            how accurate it is: runs with smaller steps\n"
+    "  rubato converge mine.toml            errors and orders, by runs with smaller steps\n"
     "  rubato solve mine.toml               an orbit between two ends, or a periodic one\n"
-    "  rubato resume mine.h5 --until 200    go on from the last level\n"
-    "  rubato check mine.h5                 all of it again, from the states alone\n"
-    "  rubato report mine.h5                writes mine.html: plots of all of it, for a browser\n"
+    "  rubato resume mine.h5 --until 200    continue from the last level\n"
+    "  rubato check mine.h5                 recompute every law from the stored states\n"
+    "  rubato report mine.h5                writes mine.html: a page of plots, for a browser\n"
     "  rubato compare mine.h5 fixed.h5      two records side by side\n"
     "  rubato export mine.h5                CSV files, for spreadsheets and other programs\n"
-    "  rubato help formulas                 what a formula may hold; help problem: every key of a file;\n"
+    "  rubato help formulas                 functions of formulas; help problem: every key of a file;\n"
     "                                       help table: every line of the table that a run prints\n"
     "\n"
     "Exit status: 0 done; 2 input or usage wrong; 3 stopped at a singular point of the step\n"
@@ -75,7 +75,7 @@ constexpr const char* run_examples =
     "  rubato run mine.toml --set scheme.lagrangian=midpoint --unset scheme.stages -o midpoint.h5\n"
     "  generate | rubato run - -o mine.h5\n"
     "  rubato run pendulum --json | python3 -m json.tool\n"
-    "  rubato run mine.toml --dry-run       whether it fits, and how long it takes\n";
+    "  rubato run mine.toml --dry-run       estimate memory and time\n";
 
 /// A whole number of threads, or the reason why not.
 std::string check_threads(const std::string& text) {
@@ -111,10 +111,10 @@ std::string check_not_empty(const std::string& text) {
 
 void add_reporting(CLI::App& command, rubato::program::Reporting& reporting) {
   command.add_flag("--json", reporting.json, "Print one JSON object, and nothing else, on standard output");
-  command.add_flag("-q,--quiet", reporting.quiet, "No progress line, table or warnings");
+  command.add_flag("-q,--quiet", reporting.quiet, "Print no progress line, table or warnings");
   command
       .add_option("--threads", reporting.threads,
-                  "Number of threads (default: OMP_NUM_THREADS, or all processors where that helps)")
+                  "Number of threads (default: OMP_NUM_THREADS; else one, or all processors for large problems)")
       ->option_text("N")
       ->check(check_threads);
   command.add_flag("--no-lock", reporting.no_lock,
@@ -141,9 +141,10 @@ public:
     show.add_option("name", name_, "A catalogue name; with --form, a problem file as well")
         ->option_text("NAME")
         ->required();
-    CLI::Option* form = show.add_flag("--form", form_,
-                                      "Print what was made of a field equation: densities, M, K and S, constraints, "
-                                      "symmetries, dispersion, schemes");
+    CLI::Option* form =
+        show.add_flag("--form", form_,
+                      "Print what is derived from a field equation: densities, M, K and S, constraints, "
+                      "symmetries, dispersion, schemes");
     show.add_option("--as", form_style_, "How --form is printed: text, toml (to put in place of [field]) or latex")
         ->option_text("STYLE")
         ->needs(form)
@@ -314,7 +315,7 @@ private:
     add_source(command, converge_.problem, converge_.settings);
     command
         .add_option("--tolerance", converge_.tolerance,
-                    "Say which step would reach this error, relative to each quantity")
+                    "Print the step that would reach this error, relative to each quantity")
         ->option_text("T")
         ->check(check_positive);
     command.add_flag("--json", converge_.reporting.json, "Print one JSON object, and nothing else, on standard output");
@@ -322,7 +323,7 @@ private:
         ->option_text("N")
         ->check(check_threads);
     command.footer(
-        "The laws can be perfect on an orbit that is wrong: their figures are no error estimate. This is one.\n"
+        "Conservation laws can hold on a wrong orbit, so they do not estimate the error. This command does.\n"
         "Example:\n"
         "  rubato converge kepler --tolerance 1e-3\n");
   }
@@ -331,10 +332,10 @@ private:
     CLI::App& command = *app_.add_subcommand("run", "Run a problem and write its record");
     add_problem(command, run_, "as the problem says");
     command
-        .add_flag(
-            "--tangents{2}", run_.tangents,
-            "Carry two tangent solutions along: of a lattice random ones, for the multisymplectic residual; of an "
-            "orbit so many tangent vectors (--tangents=4, --tangents=all), as [scheme] tangents")
+        .add_flag("--tangents{2}", run_.tangents,
+                  "Integrate tangent solutions as well: of a lattice two random ones, for the multisymplectic "
+                  "residual; of an "
+                  "orbit K tangent vectors (--tangents=4, --tangents=all), as [scheme] tangents")
         ->option_text("[=K]");
     command.add_flag("--dry-run", run_.dry_run,
                      "Run nothing: estimate memory, time and the size of the record from a few steps");
@@ -362,12 +363,12 @@ private:
   void add_resume() {
     CLI::App& command = *app_.add_subcommand("resume", "Continue a record from its last complete level");
     command.add_option("file", resume_.file, "A record")->option_text("OUT.h5")->check(check_not_empty)->required();
-    command.add_option("--until", resume_.until, "Run to this time, in place of the problem's")
+    command.add_option("--until", resume_.until, "Run to this time instead of the problem's")
         ->option_text("T")
         ->check(check_finite);
     add_reporting(command, resume_.reporting);
     command.footer(
-        "The record goes on as if it had never stopped; the problem is that of the record.\n"
+        "The result has the same bits as one uninterrupted run of the problem in the record.\n"
         "Examples:\n"
         "  rubato resume mine.h5                 to the problem's until\n"
         "  rubato resume mine.h5 --until 200     further\n");
@@ -375,13 +376,13 @@ private:
 
   void add_check() {
     CLI::App& command =
-        *app_.add_subcommand("check", "Recompute all of a record that its states tell again, and compare");
+        *app_.add_subcommand("check", "Recompute every derived quantity from the stored states and compare");
     command.add_option("file", check_.file, "A record")->option_text("OUT.h5")->check(check_not_empty)->required();
     command.add_flag("--json", check_.json, "Print one JSON object, and nothing else, on standard output");
     command.add_flag("--replay", check_.replay,
-                     "Take every step again as well and compare bit by bit: as long as the run was");
+                     "Repeat every step as well and compare bit by bit; takes as long as the run");
     command.footer(
-        "Everything stored that the stored states tell again is recomputed and compared.\n"
+        "Every stored quantity that follows from the stored states is recomputed and compared.\n"
         "Exit status 0: it agrees; 6: the record contradicts itself, and the table and\n"
         "\"disagreements\" in JSON name what disagrees; 5: it cannot be read.\n");
   }
