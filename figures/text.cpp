@@ -352,7 +352,7 @@ constexpr std::array entries = {
               "For a problem that depends on t: E_k minus the work done so far. The balance of energy keeps it."},
     LineEntry{Kind::step_potential, "step potential",
               "Range of f'(h), the part of the discrete energy that the step potential adds. Small beside the energy "
-              "is good."},
+              "is best."},
     LineEntry{
         Kind::node_energy, "node energy H(z_k)",
         "H at the levels: the first value, and the largest deviation, which is a truncation error. It should not grow "
@@ -366,8 +366,8 @@ constexpr std::array entries = {
         "only the step potential gives a solution."},
     LineEntry{
         Kind::off_law, "steps off the law",
-        "Number of plain steps, taken where no step keeps the discrete energy, and its largest deviation on them. None "
-        "is good."},
+        "Number of plain steps, taken where no step keeps the discrete energy, and its largest deviation on them. Zero "
+        "is best."},
     LineEntry{Kind::step_condition, "step condition",
               "The largest relative error of h, from the tolerance of the energy and from rounding errors. Above 1e-6 "
               "the run "

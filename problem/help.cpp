@@ -197,7 +197,7 @@ std::string problem() {
 std::string table_of_run() {
   std::string text = "The table that a run prints\n\n" +
                      wrapped(
-                         "A line stands only where it applies. NAME is a name of the problem. Figures are of all steps "
+                         "Lines appear only where they apply. NAME is a name of the problem. Figures are of all steps "
                          "and levels, whatever the record stores. `--json` prints the same numbers.",
                          0) +
                      "\n";

@@ -1,0 +1,48 @@
+#!/usr/bin/env bash
+# Holds every page, and the help of the program, against words.txt, and links against the files and headings that they
+# lead to. Usage: pages.sh RUBATO SOURCES [ANOTHER_PAGE]
+set -euo pipefail
+rubato=$1
+sources=$2
+failures=0 links=0
+fail() { echo "$*" >&2; failures=$((failures + 1)); }
+folder=$(mktemp -d)
+trap 'rm -rf "$folder"' EXIT
+
+"$rubato" --help >"$folder/rubato.md"
+for command in $(awk '/^Subcommands:/ { inside = 1; next } /^$/ { inside = 0 } inside { print $1 }' "$folder/rubato.md"); do
+  "$rubato" "$command" --help >"$folder/rubato-$command.md"
+done
+for topic in table problem formulas; do "$rubato" help "$topic" >"$folder/rubato-help-$topic.md"; done
+pages=("$sources"/*.md "$sources"/docs/*.md "$folder"/*.md "${@:3}")
+
+while read -r line; do
+  [[ -z $line || $line == \#* ]] && continue
+  word=${line%%  *} reason=${line#*  }
+  while IFS= read -r found; do
+    found=${found#"$sources"/}
+    fail "${found#"$folder"/}"$'\n'"  instead of \"$word\": ${reason#"${reason%%[! ]*}"}"
+  done < <(grep -nHwE -- "$word" "${pages[@]}")
+done <"$(dirname "${BASH_SOURCE[0]}")/words.txt"
+
+# The headings of a page as a browser names them: in small letters, without punctuation, with - for spaces.
+headings() { sed -nE 's/^#+ //p' "$1" | sed -E 's/[^[:alnum:]_ -]//g; s/ /-/g' | tr '[:upper:]' '[:lower:]'; }
+
+for page in "${pages[@]}"; do
+  while IFS= read -r link; do
+    links=$((links + 1))
+    file=${link%%#*} heading=
+    [[ $link == *\#* ]] && heading=${link#*#}
+    target=$page
+    [ -z "$file" ] || target=$(dirname "$page")/$file
+    if [ ! -e "$target" ]; then
+      fail "${page#"$sources"/}: $link leads nowhere"
+    elif [ -n "$heading" ] && ! headings "$target" | grep -qxF -- "$heading"; then
+      fail "${page#"$sources"/}: no heading $link"
+    fi
+  done < <(awk '/^ *```/ { inside = !inside } !inside' "$page" | grep -oE '\]\([^)]+\)' | sed -E 's/^..//; s/.$//' | grep -vE '^https?:')
+done
+
+[ "$links" -gt 0 ] || fail 'no link was found'
+[ "$failures" -eq 0 ] && echo "${#pages[@]} pages, $links links"
+exit $((failures > 0))
