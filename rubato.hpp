@@ -34,6 +34,7 @@
 #include <rubato/report/csv.hpp>
 #include <rubato/report/page.hpp>
 #include <rubato/report/xdmf.hpp>
+#include <rubato/run/advise.hpp>
 #include <rubato/run/check.hpp>
 #include <rubato/run/converge.hpp>
 #include <rubato/run/ensemble.hpp>

@@ -33,6 +33,7 @@ const OrbitMethod all_methods[] = {
      .takes_potential = false,
      .action = [](const Hamiltonian& H, const SegmentLagrangian&) { return stated(forward_action(H)); }},
     {.name = "generating",
+     .has_orders = true,
      .scheme = [](const Hamiltonian& H, const SegmentLagrangian& of,
                   std::span<const double> z_0) -> std::unique_ptr<OneStepScheme> {
        const auto& generating = std::get<Generating>(of);

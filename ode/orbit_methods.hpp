@@ -60,6 +60,7 @@ struct OrbitMethod {
   std::string_view name;
   bool has_stages = false;
   bool has_compositions = false;
+  bool has_orders = false;  ///< whether [scheme] has to give an order
   /// Whether a step potential is chosen where a problem says nothing of it, nor of singular points.
   bool takes_potential = true;
 

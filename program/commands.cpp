@@ -11,6 +11,7 @@
 #include <rubato/record/error.hpp>
 #include <rubato/record/reader.hpp>
 #include <rubato/report/xdmf.hpp>
+#include <rubato/run/advise.hpp>
 #include <rubato/run/check.hpp>
 #include <rubato/run/converge.hpp>
 #include <rubato/run/ensemble.hpp>
@@ -212,6 +213,23 @@ rubato::ExitStatus converge(const ConvergeCommand& command) {
     print_error(outcome.message);
   }
   return outcome.status;
+}
+
+rubato::ExitStatus advise(const ConvergeCommand& command) {
+  const rubato::Problem problem = rubato::read_problem(command.problem, command.settings);
+  std::vector<std::string> said;
+  const Reporting quiet{.json = command.reporting.json, .quiet = true, .threads = command.reporting.threads};
+  const rubato::Advice advice = with_progress(quiet, {}, said, [&](const rubato::RunOptions& options) {
+    const rubato::Storing storing(options.storing);  // as of converge()
+    return rubato::advise(problem, command.tolerance, options);
+  });
+  if (advice.status != rubato::ExitStatus::interrupted) {
+    print(command.reporting.json ? rubato::to_json(advice) + "\n" : rubato::to_table(advice));
+  }
+  if (!advice.message.empty()) {
+    print_error(advice.message);
+  }
+  return advice.status;
 }
 
 rubato::ExitStatus solve(const SolveCommand& command) {

@@ -34,6 +34,7 @@ struct ScanCommand {
   std::vector<std::string> entries;  ///< "path=from:to:count", or "path=a,b,c"
 };
 
+/// `converge` and `advise`.
 struct ConvergeCommand {
   std::string problem;
   std::vector<std::string> settings;
@@ -66,6 +67,7 @@ void share_with(ranks::Communicator* ranks);
 
 [[nodiscard]] rubato::ExitStatus run(const RunCommand& command);
 [[nodiscard]] rubato::ExitStatus converge(const ConvergeCommand& command);
+[[nodiscard]] rubato::ExitStatus advise(const ConvergeCommand& command);
 [[nodiscard]] rubato::ExitStatus scan(const ScanCommand& command);
 [[nodiscard]] rubato::ExitStatus solve(const SolveCommand& command);
 [[nodiscard]] rubato::ExitStatus resume(const ResumeCommand& command);

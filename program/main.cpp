@@ -53,6 +53,7 @@ constexpr const char* examples =
     "  rubato run kepler --set parameters.e=0.3 -o kepler.h5\n"
     "  rubato scan pendulum initial.p=0.1:3:30   a run for each value, and one table\n"
     "  rubato converge mine.toml            errors and orders, by runs with smaller steps\n"
+    "  rubato advise mine.toml              the cheapest schemes and steps, by trials\n"
     "  rubato solve mine.toml               an orbit between two ends, or a periodic one\n"
     "  rubato resume mine.h5 --until 200    continue from the last level\n"
     "  rubato check mine.h5                 recompute every law from the stored states\n"
@@ -131,6 +132,7 @@ public:
     add_run();
     add_scan();
     add_converge();
+    add_advise();
     add_solve();
     add_resume();
     add_check();
@@ -181,6 +183,9 @@ public:
     }
     if (app_.got_subcommand("converge")) {
       return rubato::program::converge(converge_);
+    }
+    if (app_.got_subcommand("advise")) {
+      return rubato::program::advise(advise_);
     }
     if (app_.got_subcommand("solve")) {
       return rubato::program::solve(solve_);
@@ -309,19 +314,33 @@ private:
         "  rubato scan kepler scheme.step=0.1,0.05,0.025 parameters.e=0:0.8:5 --json\n");
   }
 
+  /// Common options of the commands that run a problem several times and write nothing.
+  static void add_trials(CLI::App& command, rubato::program::ConvergeCommand& trials, const std::string& meaning) {
+    add_source(command, trials.problem, trials.settings);
+    command.add_option("--tolerance", trials.tolerance, meaning)->option_text("T")->check(check_positive);
+    command.add_flag("--json", trials.reporting.json, "Print one JSON object, and nothing else, on standard output");
+    command.add_option("--threads", trials.reporting.threads, "Number of threads (default: OpenMP's)")
+        ->option_text("N")
+        ->check(check_threads);
+  }
+
+  void add_advise() {
+    CLI::App& command = *app_.add_subcommand("advise", "Try schemes and steps on a problem, and rank them by cost");
+    add_trials(command, advise_,
+               "The error at which schemes are compared, relative to the largest coordinate, momentum or field "
+               "(default: that of the problem as it stands, at most 1e-3)");
+    command.footer(
+        "Every scheme that takes the problem gets the step (and cells) at which halves and quarters of the\n"
+        "step estimate that error, at the end of trials of about a second. The time is that of the whole run.\n"
+        "Examples:\n"
+        "  rubato advise kepler --tolerance 1e-6\n"
+        "  rubato advise sine-gordon --json\n");
+  }
+
   void add_converge() {
     CLI::App& command =
         *app_.add_subcommand("converge", "Estimate errors by runs with halves and quarters of the step");
-    add_source(command, converge_.problem, converge_.settings);
-    command
-        .add_option("--tolerance", converge_.tolerance,
-                    "Print the step that would reach this error, relative to each quantity")
-        ->option_text("T")
-        ->check(check_positive);
-    command.add_flag("--json", converge_.reporting.json, "Print one JSON object, and nothing else, on standard output");
-    command.add_option("--threads", converge_.reporting.threads, "Number of threads (default: OpenMP's)")
-        ->option_text("N")
-        ->check(check_threads);
+    add_trials(command, converge_, "Print the step that would reach this error, relative to each quantity");
     command.footer(
         "Conservation laws can hold on a wrong orbit, so they do not estimate the error. This command does.\n"
         "Example:\n"
@@ -410,7 +429,7 @@ private:
   CLI::App app_;
   rubato::program::RunCommand run_;
   rubato::program::ScanCommand scan_;
-  rubato::program::ConvergeCommand converge_;
+  rubato::program::ConvergeCommand converge_, advise_;
   rubato::program::ResumeCommand resume_;
   rubato::program::SolveCommand solve_;
   rubato::program::CheckCommand check_;

@@ -50,9 +50,10 @@ private:
 using State = std::vector<std::vector<double>>;  ///< the values of each quantity
 
 /// The problem with another step, or other numbers of cells, and the state at `until` as its only output.
-Problem refined(const Problem& problem, int step_halvings, int grid_halvings) {
+Problem refined(const Problem& problem, double until, int step_halvings, int grid_halvings) {
   std::vector<std::string> settings = {fmt::format("scheme.step={}", *problem.scheme.step / std::exp2(step_halvings)),
-                                       "output.states=true", "output.every=1000000000"};
+                                       fmt::format("scheme.until={}", until), "output.states=true",
+                                       "output.every=1000000000"};
   if (const MultisymplecticProblem* pde = problem.multisymplectic()) {
     for (const GridAxis& axis : pde->axes) {
       const std::int64_t cells = axis.cells * (std::int64_t{1} << grid_halvings);
@@ -68,16 +69,18 @@ Problem refined(const Problem& problem, int step_halvings, int grid_halvings) {
     text = without(text, problem.source, entry);
   }
   Problem result = parse_problem(text, problem.source, settings);
-  result.output.times = {problem.scheme.until};
+  result.output.times = {until};
   result.output.in_fictitious_time = true;  // with time_scale every run comes to `until`, at a time of its own
   return result;
 }
 
 class RefinedRuns {
 public:
-  RefinedRuns(const Problem& problem, const RunOptions& options) : problem_(problem), options_(options) {
+  RefinedRuns(const Problem& problem, const RunOptions& options, double until)
+      : problem_(problem), options_(options), until_(until) {
     if (const HamiltonianProblem* orbit = problem.hamiltonian()) {
       names_ = orbit->names();
+      coordinates_ = orbit->q.size();
     } else {
       const MultisymplecticSystem system = make_system(problem);
       for (const std::string& field : problem.multisymplectic()->fields) {
@@ -95,10 +98,14 @@ public:
   }
 
   [[nodiscard]] const std::vector<std::string>& names() const { return names_; }
+  /// Whether both are coordinates, momenta or fields.
+  [[nodiscard]] bool of_one_kind(std::size_t i, std::size_t j) const {
+    return i == j || (std::max(i, j) < states_ && (i < coordinates_) == (j < coordinates_));
+  }
 
   /// The state at `until`, on the problem's own grid; nothing, and why, where the run did not get there.
   std::optional<State> at_end(int step_halvings, int grid_halvings, ConvergenceOutcome& outcome) {
-    Problem problem = refined(problem_, step_halvings, grid_halvings);
+    Problem problem = refined(problem_, until_, step_halvings, grid_halvings);
     if (potential_) {
       problem.scheme.potential = scaled(*potential_, std::exp2(-step_halvings));
     }
@@ -109,6 +116,9 @@ public:
     const std::string which =
         fmt::format("{} of the step{}", fraction(step_halvings),
                     grid_halvings > 0 ? fmt::format(" and {} of the spacings", fraction(grid_halvings)) : "");
+    if (step_halvings == 0 && grid_halvings == 0) {
+      outcome.steps = run.statistics.steps;
+    }
     outcome.findings.add(0, which, run.warnings, run.judgement, run.complete);
     if (!run.complete) {
       outcome.status = run.status;
@@ -168,7 +178,8 @@ private:
   const RunOptions& options_;
   Workshop folder_;
   std::vector<std::string> names_;  ///< of what is compared: the state, then the quantities of [output.quantities]
-  std::size_t states_ = 0;
+  double until_;
+  std::size_t states_ = 0, coordinates_ = 0;
   std::optional<grids::Grid> grid_;
   std::optional<ChosenPotential> potential_;
 };
@@ -231,18 +242,27 @@ double Refinement::error() const {
   return p ? coarse * power / (power - 1.0) : std::max(coarse, fine);
 }
 
-ConvergenceOutcome converge(const Problem& problem, std::optional<double> tolerance, const RunOptions& options) {
+void require_refinable(const Problem& problem, const RunOptions& options, std::string_view command) {
   if (problem.ensemble) {
-    throw ProblemError(problem.ensemble->location, "converge compares runs of one problem; leave [ensemble] out");
+    throw ProblemError(problem.ensemble->location,
+                       fmt::format("{} compares runs of one problem; leave [ensemble] out", command));
   }
   refuse_ranks(options, problem.scheme.step_location);
   if (!problem.scheme.step) {
-    throw ProblemError(problem.scheme.step_location, "converge halves the step: give it as a number, not \"auto\"");
+    throw ProblemError(problem.scheme.step_location,
+                       fmt::format("{} changes the step: give it as a number, not \"auto\"", command));
   }
+}
+
+ConvergenceOutcome converge(const Problem& problem, std::optional<double> tolerance, const RunOptions& options,
+                            const ConvergeScope& scope) {
+  require_refinable(problem, options, "converge");
   const auto begin = std::chrono::steady_clock::now();
-  ConvergenceOutcome outcome{
-      .title = problem.title, .until = problem.scheme.until, .step = *problem.scheme.step, .tolerance = tolerance};
-  RefinedRuns comparison(problem, options);
+  ConvergenceOutcome outcome{.title = problem.title,
+                             .until = scope.until.value_or(problem.scheme.until),
+                             .step = *problem.scheme.step,
+                             .tolerance = tolerance};
+  RefinedRuns comparison(problem, options, outcome.until);
   std::vector<State> steps, grids;
   for (int halvings = 0; halvings < 3; ++halvings) {
     auto state = comparison.at_end(halvings, 0, outcome);
@@ -251,7 +271,7 @@ ConvergenceOutcome converge(const Problem& problem, std::optional<double> tolera
     }
     steps.push_back(*std::move(state));
   }
-  if (problem.multisymplectic() != nullptr) {
+  if (problem.multisymplectic() != nullptr && scope.grids) {
     grids.push_back(steps.front());
     for (int halvings = 1; halvings < 3; ++halvings) {
       auto state = comparison.at_end(0, halvings, outcome);
@@ -279,6 +299,13 @@ ConvergenceOutcome converge(const Problem& problem, std::optional<double> tolera
       const auto order = quantity.step.order();
       factor =
           !order ? 0.0 : std::min(factor, std::pow(*tolerance * quantity.size / quantity.step.error(), 1.0 / *order));
+    }
+  }
+  for (std::size_t i = 0; i < outcome.quantities.size(); ++i) {
+    for (std::size_t j = 0; j < outcome.quantities.size(); ++j) {
+      if (comparison.of_one_kind(i, j)) {
+        outcome.quantities[i].scale = std::max(outcome.quantities[i].scale, outcome.quantities[j].size);
+      }
     }
   }
   if (tolerance && factor > 0.0 && std::isfinite(factor)) {

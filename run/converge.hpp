@@ -2,6 +2,7 @@
 
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include <rubato/run/member_findings.hpp>
@@ -21,8 +22,9 @@ struct Refinement {
 };
 
 struct Convergence {
-  std::string name;   ///< of a coordinate, a momentum or a field, or of [output.quantities]
-  double size = 0.0;  ///< its largest magnitude at the end
+  std::string name;    ///< of a coordinate, a momentum or a field, or of [output.quantities]
+  double size = 0.0;   ///< its largest magnitude at the end
+  double scale = 0.0;  ///< the largest size among its kind: coordinates, momenta or fields; of a quantity its own
   Refinement step;
   std::optional<Refinement> grid;  ///< of a lattice
 };
@@ -35,6 +37,7 @@ struct ConvergenceOutcome {
   std::string title;
   double until = 0.0;
   double step = 0.0;
+  std::size_t steps = 0;  ///< that the run with the whole step took
   std::vector<Convergence> quantities = {};
   /// The step that would reach the tolerance asked for in every quantity relative to its size, if the order held.
   std::optional<double> step_for_tolerance = {};
@@ -42,13 +45,22 @@ struct ConvergenceOutcome {
   double wall_seconds = 0.0;
 };
 
+/// What `converge` refines, and to which time it runs.
+struct ConvergeScope {
+  std::optional<double> until = {};  ///< in place of the problem's
+  bool grids = true;                 ///< whether the spacings of a lattice are halved as well
+};
+
+/// \throws ProblemError for an ensemble, for step = "auto", and where ranks share the run; `command` says so
+void require_refinable(const Problem& problem, const RunOptions& options, std::string_view command);
+
 /// Runs the problem to `until` with its step, a half and a quarter of it, and a lattice also with half and a quarter of
 /// its spacings (with the next odd numbers of cells where the problem's are odd), and compares the states and what
 /// [output.quantities] holds at `until` (dense output; of other grids at the nodes of the problem's, by trigonometric
 /// interpolation). Nothing is written. \throws ProblemError for step = "auto", an ensemble, or a problem whose fields a
 /// record has not at its levels
 [[nodiscard]] ConvergenceOutcome converge(const Problem& problem, std::optional<double> tolerance,
-                                          const RunOptions& options = {});
+                                          const RunOptions& options = {}, const ConvergeScope& scope = {});
 
 [[nodiscard]] std::string to_json(const ConvergenceOutcome& outcome);
 [[nodiscard]] std::string to_table(const ConvergenceOutcome& outcome);

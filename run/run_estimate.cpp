@@ -366,14 +366,6 @@ std::string gigabytes(double bytes) {
   return bytes < 1e9 ? fmt::format("{:.3g} MB", 1e-6 * bytes) : fmt::format("{:.3g} GB", 1e-9 * bytes);
 }
 
-std::string duration(double seconds) {
-  constexpr double minute = 60.0, hour = 60.0 * minute, day = 24.0 * hour;
-  return seconds < 2.0 * minute ? fmt::format("{:.2g} s", seconds)
-         : seconds < 2.0 * hour ? fmt::format("{:.2g} min", seconds / minute)
-         : seconds < 2.0 * day  ? fmt::format("{:.2g} h", seconds / hour)
-                                : fmt::format("{:.3g} days", seconds / day);
-}
-
 std::string size_text(const RunEstimate& estimate) {
   std::vector<std::size_t> cells;
   for (const auto& [axis, count] : estimate.cells) {
@@ -399,13 +391,21 @@ void require_fitting_memory(const RunEstimate& estimate, const Problem& problem)
     text += fmt::format("; its record would take {}", gigabytes(*estimate.record));
   }
   if (estimate.seconds) {
-    text += fmt::format("; {:.6g} steps would take about {}", *estimate.steps, duration(*estimate.seconds));
+    text += fmt::format("; {:.6g} steps would take about {}", *estimate.steps, duration_text(*estimate.seconds));
   }
   throw ProblemError(pde == nullptr ? problem.scheme.location : pde->axes.front().location,
                      fmt::format("{}; take fewer {}", text, pde == nullptr ? "members at once (--threads)" : "cells"));
 }
 
 }  // namespace
+
+std::string duration_text(double seconds) {
+  constexpr double minute = 60.0, hour = 60.0 * minute, day = 24.0 * hour;
+  return seconds < 2.0 * minute ? fmt::format("{:.2g} s", seconds)
+         : seconds < 2.0 * hour ? fmt::format("{:.2g} min", seconds / minute)
+         : seconds < 2.0 * day  ? fmt::format("{:.2g} h", seconds / hour)
+                                : fmt::format("{:.3g} days", seconds / day);
+}
 
 double RunEstimate::nodes() const {
   double nodes = 1.0;
@@ -560,8 +560,8 @@ std::string to_table(const RunEstimate& estimate) {
   row("record",
       about(estimate.record, [&](double bytes) { return fmt::format("{}, {}", gigabytes(bytes), estimate.file); }));
   row("time", about(estimate.seconds, [&](double seconds) {
-        return fmt::format("{}, without writing: {} to start, {} a step", duration(seconds), duration(*estimate.start),
-                           duration(*estimate.a_step));
+        return fmt::format("{}, without writing: {} to start, {} a step", duration_text(seconds),
+                           duration_text(*estimate.start), duration_text(*estimate.a_step));
       }));
   return table + "nothing was run\n";
 }

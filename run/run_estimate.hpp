@@ -52,6 +52,9 @@ void require_memory_for(const Problem& problem, const RunOptions& options, doubl
 /// Whether a run stores as many levels as are expected.
 [[nodiscard]] bool stores_as_expected(const Problem& problem);
 
+/// "0.2 s", "3.4 h".
+[[nodiscard]] std::string duration_text(double seconds);
+
 /// One JSON object, and the table a person reads.
 ///@{
 [[nodiscard]] std::string to_json(const RunEstimate& estimate);

@@ -351,6 +351,28 @@ case $case_name in
     expect 2
     check "no record" test -z "$(ls ./*.h5 2>/dev/null)"
     ;;
+  advise)
+    run advise pendulum --set scheme.until=5 --tolerance 1e-4
+    expect 0 'lagrangian = "splitting"'
+    check "at least three with a cost" grep -q '^   3 ' out
+    sed -n '/^  1, in/,/^  2, in/s/^    //p' out >first.toml
+    check "the lines are TOML for [scheme]" grep -q '^step = ' first.toml
+    run show pendulum --unset scheme
+    { cat out; echo '[scheme]'; cat first.toml; echo 'until = 5'; } >mine.toml
+    run converge mine.toml --json
+    expect 0 '"verdict": "good"'
+    rm -f first.toml mine.toml
+    run advise pendulum --set scheme.until=5 --json
+    expect 0 '"schemes"'
+    check "no table beside it" test "$(grep -c 'in \[scheme\]' out)" -eq 0
+    run advise pendulum --tolerance 0
+    expect 2 "above 0"
+    run advise pendulum --set scheme.step=auto --set scheme.energy_tolerance=1e-3
+    expect 2 "give it as a number"
+    run advise missing
+    expect 2
+    nothing_written
+    ;;
   report)
     run run pendulum --set scheme.until=5 -o a.h5 --quiet
     run run pendulum --set scheme.until=5 --set scheme.levels=fixed -o b.h5 --quiet
@@ -493,7 +515,7 @@ case $case_name in
     check "of one table alone" test -z "$(grep -F '[output]' out)"
     run help schem
     expect 2 'did you mean scheme?'
-    for command in list show resume check help completion run scan converge solve report compare export; do
+    for command in list show resume check help completion run scan converge advise solve report compare export; do
       run "$command" --help
       expect 0 "Usage: rubato $command"
       check "a text of its own: $command" test "$(grep -c 'rubato scan kepler\|a problem file to start from' out)" -lt 2
