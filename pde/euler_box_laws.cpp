@@ -124,7 +124,7 @@ private:
       sums[static_cast<std::size_t>(nu)] = currents_[static_cast<std::size_t>(nu * tables_.directions + mu)];
     }
     for (const LawTerm& term : tables_.terms_of_currents(mu, false)) {
-      if (term.law >= static_cast<std::size_t>(tables_.directions) || term.of_ramp) {
+      if (term.law >= static_cast<std::size_t>(tables_.directions) || term.of_seam) {
         const Expression left = variation_.node(Level::before, term.left.field);
         add_weighted(sums[term.law], term.factor,
                      term.right ? left * variation_.node(Level::before, term.right->field) : left);

@@ -36,7 +36,16 @@ std::vector<LawTerm> LawTables::terms_of_currents(int mu, bool has_partner) cons
     const auto law = static_cast<std::size_t>(nu);
     if (nu > 0 && !ramps.empty()) {  // s_ν·∇S, the source that a ramp makes, is the divergence of s_νᵀΛ_μ z
       for (const MatrixTerm& term : ramps[law - 1][static_cast<std::size_t>(mu)]) {
-        terms.push_back({.law = law, .factor = -term.value, .left = {Kind::field, term.column}, .of_ramp = true});
+        terms.push_back({.law = law, .factor = -term.value, .left = {Kind::field, term.column}, .of_seam = true});
+      }
+    }
+    if (nu > 0 && !turns.empty()) {  // z_ν = R (z~_ν + G_ν z~)
+      for (const MatrixTerm& term : (has_partner ? turns_plus : turns)[law - 1][static_cast<std::size_t>(mu)]) {
+        terms.push_back({.law = law,
+                         .factor = term.value,
+                         .left = {Kind::field, term.row},
+                         .right = LawQuantity{partner, term.column},
+                         .of_seam = true});
       }
     }
     if (nu != mu) {

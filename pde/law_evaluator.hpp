@@ -46,7 +46,7 @@ struct LawTerm {
   double factor = 1.0;
   LawQuantity left;
   std::optional<LawQuantity> right = std::nullopt;
-  bool of_ramp = false;  ///< what ramps add to momentum
+  bool of_seam = false;  ///< what ramps and turns add to momentum
 };
 
 /// What the laws of a system need to know of it, whatever the scheme: directions μ are 0 for time and 1 + a for axis a.
@@ -68,6 +68,8 @@ struct LawTables {
   std::vector<std::vector<MatrixTerms>> quadratic_plus;  ///< Λ₊B where it is -BᵀΛ₊, else ½ΛB: between neighbours
   std::vector<std::vector<MatrixTerms>> linear;          ///< bᵀΛ: [symmetry][direction], in `column`
   std::vector<std::vector<MatrixTerms>> ramps;           ///< sᵀΛ of ramps: [axis][direction], in `column`
+  std::vector<std::vector<MatrixTerms>> turns;           ///< ½ΛG of turns: [axis][direction]
+  std::vector<std::vector<MatrixTerms>> turns_plus;      ///< the same between neighbours, as quadratic_plus
   std::vector<std::string> names;
 
   /// The terms of the currents J_μ of all laws, one law after the other: where fluxes join points with others, or do
@@ -77,6 +79,8 @@ struct LawTables {
   void currents(int mu, std::size_t count, const LawPoints& points, std::span<double* const> out) const;
 
 private:
+  void add_quadratic(const Eigen::MatrixXd& B, std::vector<std::vector<MatrixTerms>>& at_points,
+                     std::vector<std::vector<MatrixTerms>>& between);
   void add_affine_symmetries();
 
   std::array<std::vector<std::vector<LawTerm>>, 2> terms_;  ///< [has_partner][μ]

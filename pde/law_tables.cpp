@@ -33,20 +33,31 @@ LawTables::LawTables(const MultisymplecticSystem& s, const grids::Grid& g,
   for (const LinearSymmetry& symmetry : symmetries) {
     check_symmetry(system, symmetry);
     names.push_back(symmetry.name);
-    auto& terms = quadratic.emplace_back();
-    auto& between = quadratic_plus.emplace_back();
-    for (int mu = 0; mu < directions; ++mu) {
-      const Eigen::MatrixXd& half = mu == time ? structure.M_plus : structure.K_plus[static_cast<std::size_t>(mu) - 1];
-      const Eigen::MatrixXd product = solve::product(half, symmetry.B);
-      const Eigen::MatrixXd other = solve::product(symmetry.B.transpose(), half);
-      terms.push_back(terms_of(solve::product(0.5 * matrix(mu), symmetry.B)));
-      between.push_back((product + other).isZero(0.0) ? terms_of(product) : terms.back());
-    }
+    add_quadratic(symmetry.B, quadratic, quadratic_plus);
+  }
+  for (const Eigen::MatrixXd& G : s.turns()) {
+    add_quadratic(G, turns, turns_plus);
   }
   add_affine_symmetries();
   for (int mu = 0; mu < directions; ++mu) {
     terms_[0].push_back(terms_of_currents(mu, false));
     terms_[1].push_back(terms_of_currents(mu, true));
+  }
+}
+
+/// ½ΛB of each direction.
+void LawTables::add_quadratic(const Eigen::MatrixXd& B, std::vector<std::vector<MatrixTerms>>& at_points,
+                              std::vector<std::vector<MatrixTerms>>& between) {
+  auto& points = at_points.emplace_back();
+  auto& neighbours = between.emplace_back();
+  const FieldStructure& structure = system.structure();
+  for (int mu = 0; mu < directions; ++mu) {
+    const bool in_time = mu == time;
+    const Eigen::MatrixXd& half = in_time ? structure.M_plus : structure.K_plus[static_cast<std::size_t>(mu) - 1];
+    const Eigen::MatrixXd product = solve::product(half, B);
+    const Eigen::MatrixXd other = solve::product(B.transpose(), half);
+    points.push_back(terms_of(solve::product(0.5 * (in_time ? system.M() : system.K(mu - 1)), B)));
+    neighbours.push_back((product + other).isZero(0.0) ? terms_of(product) : points.back());
   }
 }
 

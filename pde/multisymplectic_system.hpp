@@ -53,6 +53,7 @@ public:
   struct Ramps {
     std::vector<Eigen::VectorXd> slopes;       ///< s_a, one for each direction
     std::vector<formula::Expression> sources;  ///< ∂S/∂x_a at fixed z + Σ_a x_a s_a, one for each direction
+    std::vector<Eigen::MatrixXd> turns;        ///< G_a of Twists, one for each direction; none where no field turns
   };
   /// The same with ramps: by s_aᵀ(M z_t + Σ_b K_b z_{x_b}) = s_a·∇S the law of momentum along x_a is that of
   /// z + Σ_a x_a s_a, with the source that the medium has alone, and nothing of the ramps in it.
@@ -83,6 +84,8 @@ public:
   [[nodiscard]] const std::vector<int>& coordinates() const { return coordinates_; }
   /// The slopes s_a of ramps, one for each direction; none where there are none.
   [[nodiscard]] const std::vector<Eigen::VectorXd>& ramps() const { return ramps_.slopes; }
+  /// The rates G_a at which fields turn along each direction (Twists); none where none does.
+  [[nodiscard]] const std::vector<Eigen::MatrixXd>& turns() const { return ramps_.turns; }
   /// Whether momentum along the axis has a source, which makes a balance of its law.
   [[nodiscard]] bool has_source(int axis) const;
   /// ∂S/∂x_a at fixed z, or what Ramps have for it, for each of coordinates(): the sources of momentum.

@@ -614,7 +614,7 @@ Value::Table find_symmetries(const std::vector<std::array<std::string, 2>>& psi,
         }
       }
     }
-    pde.symmetries.push_back({name, std::move(matrix)});
+    pde.symmetries.push_back({name, std::move(matrix), true});
     table.push_back({name, place, {triples, place}});
     known.push_back(B);
   };

@@ -39,6 +39,9 @@ void refuse_places(const Problem& problem, const Location& location) {
   if (pde.has_jumps()) {
     throw ProblemError(location, "a frame moves, and [grid] has a jump, whose seam stays: leave one of them out");
   }
+  if (pde.has_twists()) {
+    throw ProblemError(location, "a frame moves, and [grid] has a phase, whose seam stays: leave one of them out");
+  }
   if (pde.next) {
     throw ProblemError(pde.next->location,
                        "[initial.next] is a level of the laboratory, and the frame moves: leave one of them out");
@@ -46,6 +49,25 @@ void refuse_places(const Problem& problem, const Location& location) {
 }
 
 }  // namespace
+
+std::string symmetry_of_phase(const Entry& entry, const MultisymplecticProblem& pde) {
+  std::string name = entry.key;
+  if (!pde.derived.empty() && name.starts_with("psi")) {  // the symmetry of its phase that [field] finds
+    name = name == "psi" ? "charge" : "charge_" + name.substr(3);
+  }
+  std::vector<std::string> names;
+  std::ranges::transform(pde.symmetries, std::back_inserter(names), &StatedSymmetry::name);
+  if (std::ranges::find(names, name) == names.end()) {
+    const auto nearest = formula::nearest_name(name, names);
+    throw ProblemError(
+        entry.location,
+        fmt::format("{} is no entry of [symmetries]; {}", name,
+                    nearest         ? fmt::format("did you mean {}?", *nearest)
+                    : names.empty() ? "state it there, such as charge = [[\"p\", \"q\", 1], [\"q\", \"p\", -1]]"
+                                    : fmt::format("those are {}", fmt::join(names, ", "))));
+  }
+  return name;
+}
 
 std::optional<StatedFrame> read_frame(Section& scheme, const Problem& problem) {
   std::optional<Section> section = scheme.take_section("frame");
@@ -86,22 +108,8 @@ std::optional<StatedFrame> read_frame(Section& scheme, const Problem& problem) {
                                                         "phase = {{ charge = 0.5 }}",
                                                         rates.size()));
     }
-    Entry rate = rates.front();
-    if (!pde->derived.empty() && rate.key.starts_with("psi")) {  // the symmetry of its phase that [field] finds
-      rate.key = rate.key == "psi" ? "charge" : "charge_" + rate.key.substr(3);
-    }
-    std::vector<std::string> names;
-    std::ranges::transform(pde->symmetries, std::back_inserter(names), &StatedSymmetry::name);
-    if (std::ranges::find(names, rate.key) == names.end()) {
-      const auto nearest = formula::nearest_name(rate.key, names);
-      throw ProblemError(
-          rate.location,
-          fmt::format("{} is no entry of [symmetries]; {}", rate.key,
-                      nearest         ? fmt::format("did you mean {}?", *nearest)
-                      : names.empty() ? "state it there, such as charge = [[\"p\", \"q\", 1], [\"q\", \"p\", -1]]"
-                                      : fmt::format("those are {}", fmt::join(names, ", "))));
-    }
-    frame.symmetry = rate.key;
+    const Entry& rate = rates.front();
+    frame.symmetry = symmetry_of_phase(rate, *pde);
     frame.rate = read_rate(rate.value, "phase", problem.parameters);
   }
   section->finish();

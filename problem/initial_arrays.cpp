@@ -139,8 +139,8 @@ std::vector<double> numbers_of_array(const std::string& from, const std::string&
   return array.values;
 }
 
-std::vector<double> field_of_arrays(const std::string& from, const std::string& name, double at,
-                                    const grids::Grid& grid, const Jumps& jumps, int number, const Location& location) {
+FieldOnGrid field_of_arrays(const std::string& from, const std::string& name, double at, const grids::Grid& grid,
+                            const Location& location) {
   const record::ArrayFile file = open(from);
   const auto dimensions = static_cast<std::size_t>(grid.dimensions());
   const record::Array array = read_level(file, name, dimensions, at, from, location);
@@ -162,7 +162,7 @@ std::vector<double> field_of_arrays(const std::string& from, const std::string& 
     axes.push_back({axis.name, axis.from, axis.to, cells});
     check_nodes(file, axes.back(), from, location);
   }
-  return jumps.resampled(number, array.values, grids::Grid(axes), grid);
+  return {array.values, grids::Grid(axes)};
 }
 
 }  // namespace rubato

@@ -34,12 +34,11 @@ struct ArraySource {
 [[nodiscard]] std::vector<double> numbers_of_array(const std::string& from, const std::string& name, std::size_t count,
                                                    const std::optional<double>& at, const Location& location);
 
-/// The dataset `name` at the nodes of `grid`: of shape [x], [y][x] or [z][y][x], with one index more in front where
-/// there is a dataset t of as many levels; of another number of cells by waves (grids::resampled). Where there are
-/// datasets x (y, z) they have to be the nodes of the box. \param number of the field among those with jumps
+/// The dataset `name`, of shape [x], [y][x] or [z][y][x], with one index more in front where there is a dataset t of as
+/// many levels: the nodes are those of so many cells of the box of `grid`. Where there are datasets x (y, z) they have
+/// to be these nodes.
 /// \throws ProblemError at `location`
-[[nodiscard]] std::vector<double> field_of_arrays(const std::string& from, const std::string& name, double at,
-                                                  const grids::Grid& grid, const Jumps& jumps, int number,
-                                                  const Location& location);
+[[nodiscard]] FieldOnGrid field_of_arrays(const std::string& from, const std::string& name, double at,
+                                          const grids::Grid& grid, const Location& location);
 
 }  // namespace rubato

@@ -301,21 +301,22 @@ std::vector<std::vector<double>> read_initial_fields(const InitialRecord& source
     }
     return fields;
   }
+  std::vector<int> numbers;
+  std::ranges::transform(source.take, std::back_inserter(numbers), number);
+  std::vector<FieldOnGrid> fields;
   if (is_table(source.file) && !source.own_start) {
     const InitialTable table = read_table(source.file, source.location);
-    std::vector<std::vector<double>> fields;
     for (const std::string& name : source.take) {
-      fields.push_back(field_of_table(table, source.file, name, grid, jumps, number(name), source.location));
+      fields.push_back(field_of_table(table, source.file, name, grid, source.location));
     }
-    return fields;
+    return at_source(source.location, [&] { return jumps.resampled(numbers, fields, grid); });
   }
   return at_source(source.location, [&] {
     if (!source.own_start && is_array_source(source.file)) {
-      std::vector<std::vector<double>> fields;
       for (const std::string& name : source.take) {
-        fields.push_back(field_of_arrays(source.file, name, source.at, grid, jumps, number(name), source.location));
+        fields.push_back(field_of_arrays(source.file, name, source.at, grid, source.location));
       }
-      return fields;
+      return jumps.resampled(numbers, fields, grid);
     }
     const record::Reader reader(source.file);
     const StoredState state = source.own_start ? StoredState{} : find_state(reader, source.at, source.location);
@@ -349,16 +350,15 @@ std::vector<std::vector<double>> read_initial_fields(const InitialRecord& source
                          fmt::format("from: {} has {}, and this problem {}: only the number of cells may differ",
                                      source.file, box(old), box(grid)));
     }
-    const Jumps other_jumps = make_jumps(other);
-    std::vector<std::vector<double>> fields;
+    std::vector<int> others;
     for (const std::string& name : source.take) {
       if (!reader.has("/states/" + name)) {
         throw ProblemError(source.location, fmt::format("from: {} has no field {} at its levels", source.file, name));
       }
-      const auto field = static_cast<int>(std::ranges::find(pde->fields, name) - pde->fields.begin());
-      fields.push_back(other_jumps.resampled(field, reader.read("/states/" + name, state.row, 1), old, grid));
+      others.push_back(static_cast<int>(std::ranges::find(pde->fields, name) - pde->fields.begin()));
+      fields.push_back({reader.read("/states/" + name, state.row, 1), old});
     }
-    return fields;
+    return make_jumps(other).resampled(others, fields, grid);
   });
 }
 

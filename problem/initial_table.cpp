@@ -230,8 +230,8 @@ InitialTable read_table(const std::string& file, const Location& location) {
   return TableReader(file, location).read();
 }
 
-std::vector<double> field_of_table(const InitialTable& table, const std::string& file, const std::string& name,
-                                   const grids::Grid& grid, const Jumps& jumps, int number, const Location& location) {
+FieldOnGrid field_of_table(const InitialTable& table, const std::string& file, const std::string& name,
+                           const grids::Grid& grid, const Location& location) {
   const std::vector<double>* values = column_of(table, name);
   if (values == nullptr) {
     throw ProblemError(location,
@@ -244,10 +244,10 @@ std::vector<double> field_of_table(const InitialTable& table, const std::string&
           location, fmt::format("from: {} has {} rows, and the grid {} nodes; give columns of places, {}, too", file,
                                 values->size(), grid.size(), grid.axes().front().name));
     }
-    return *values;
+    return {*values, grid};
   }
   const Nodes nodes(table, file, grid, location);
-  return jumps.resampled(number, nodes.in_order(*values), nodes.grid(), grid);
+  return {nodes.in_order(*values), nodes.grid()};
 }
 
 }  // namespace rubato

@@ -26,12 +26,11 @@ struct InitialTable {
 /// \throws ProblemError at `location`, with line and column of the file
 [[nodiscard]] InitialTable read_table(const std::string& file, const Location& location);
 
-/// The column `name` of a table at the nodes of `grid`. Columns x (y, z) say where each row is: the rows have to be the
-/// nodes of a grid of the same box, in any order, of other numbers of cells by waves (grids::resampled). Without them
-/// there is one row for each node, x fastest. \param number of the field among those with jumps
+/// The column `name` of a table. Columns x (y, z) say where each row is: the rows have to be the nodes of a grid of the
+/// same box as `grid`, of any numbers of cells, in any order. Without them there is one row for each node of `grid`, x
+/// fastest.
 /// \throws ProblemError at `location`
-[[nodiscard]] std::vector<double> field_of_table(const InitialTable& table, const std::string& file,
-                                                 const std::string& name, const grids::Grid& grid, const Jumps& jumps,
-                                                 int number, const Location& location);
+[[nodiscard]] FieldOnGrid field_of_table(const InitialTable& table, const std::string& file, const std::string& name,
+                                         const grids::Grid& grid, const Location& location);
 
 }  // namespace rubato

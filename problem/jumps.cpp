@@ -1,72 +1,18 @@
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <random>
+#include <map>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include <rubato/formula/batch.hpp>
 #include <rubato/formula/parse.hpp>
-#include <rubato/formula/sum.hpp>
-#include <rubato/problem/keys.hpp>
+#include <rubato/problem/broken_term.hpp>
 #include <rubato/problem/lattice_problem.hpp>
 #include <rubato/problem/reader.hpp>
 
 namespace rubato {
 
 namespace {
-
-/// A term of a formula that is not the same at z and z + J, with the values that it has there.
-struct BrokenTerm {
-  std::string term;
-  double before = 0.0, after = 0.0;
-};
-
-/// Looks for one at random points; nothing where the formula is the same. `shifted` are the variables that are moved,
-/// each by its number in `by`.
-std::optional<BrokenTerm> find_broken_term(const formula::Graph& graph, formula::Expression formula,
-                                           const std::vector<std::string>& shifted, const std::vector<double>& by) {
-  std::vector<formula::Expression> terms = formula::terms_of(formula, formula::Products::expanded);
-  terms.push_back(formula);
-  const std::vector<std::size_t> numbers = formula::variables_of(formula);
-  std::vector<formula::Expression> variables;
-  std::vector<double> shift;
-  for (const std::size_t number : numbers) {
-    const std::string& name = graph.variable_name(number);
-    variables.push_back(formula.graph()->variable(name));
-    const auto at = std::ranges::find(shifted, name);
-    shift.push_back(at == shifted.end() ? 0.0 : by[static_cast<std::size_t>(at - shifted.begin())]);
-  }
-  formula::ScalarEvaluator evaluate(formula::Bytecode(terms, variables));
-  std::mt19937_64 random(20);
-  std::uniform_real_distribution<double> value(0.1, 1.4);
-  std::vector<double> point(variables.size()), moved(point), before(terms.size()), after(terms.size());
-  constexpr int points = 10;
-  // A difference of rounding: that of the argument, J, times the slope.
-  constexpr double same = 1e-11;
-  for (int attempt = 0; attempt < points; ++attempt) {
-    for (std::size_t i = 0; i < point.size(); ++i) {
-      point[i] = value(random);
-      moved[i] = point[i] + shift[i];
-    }
-    evaluate(point, before);
-    evaluate(moved, after);
-    double size = 0.0, most = 0.0;
-    std::size_t worst = 0;
-    for (std::size_t t = 0; t + 1 < terms.size(); ++t) {
-      size = std::max({size, std::abs(before[t]), std::abs(after[t])});
-      if (const double change = std::abs(after[t] - before[t]); change > most) {
-        most = change;
-        worst = t;
-      }
-    }
-    if (std::abs(after.back() - before.back()) > same * (1.0 + size)) {
-      return BrokenTerm{formula::to_string(terms[worst]), before[worst], after[worst]};
-    }
-  }
-  return std::nullopt;
-}
 
 std::string in_words(const StatedJump& jump) {
   return fmt::format("{0} -> {0} {1} {2:.6g}", jump.field, jump.value < 0.0 ? "-" : "+", std::abs(jump.value));
@@ -142,13 +88,17 @@ void check_jumps(const Problem& problem) {
     if (axis.jumps.empty()) {
       continue;
     }
-    if (const auto broken = find_broken_term(*system.graph(), system.expression(), fields, by)) {
+    const ImageOfVariable image = [&](const std::string& name, const ValueOfVariable& value) {
+      const auto at = std::ranges::find(fields, name);
+      return value(name) + (at == fields.end() ? 0.0 : by[static_cast<std::size_t>(at - fields.begin())]);
+    };
+    if (const auto broken = find_broken_term(*system.graph(), system.expression(), image)) {
       refuse(*broken, axis.jumps.front().location, "S");
     }
     for (const NamedFormula& invariant : pde.invariants) {
       formula::Graph graph;
       const formula::Expression density = problem.build(invariant.formula, graph, quantity_names(pde), pde.fields);
-      if (const auto broken = find_broken_term(graph, density, fields, by)) {
+      if (const auto broken = find_broken_term(graph, density, image)) {
         refuse(*broken, invariant.formula.location, "the density of an invariant");
       }
     }
@@ -157,18 +107,19 @@ void check_jumps(const Problem& problem) {
 
 void check_density_jumps(const MultisymplecticProblem& pde, const FormulaText& text, const CornerDensity& density) {
   for (const GridAxis& axis : pde.axes) {
-    std::vector<std::string> names;
-    std::vector<double> by;
-    for (const StatedJump& jump : axis.jumps) {
-      for (int corner = 0; corner < density.corner_count(); ++corner) {
-        names.push_back(jump.field + "_" + corner_suffix(corner, density.dimensions));
-        by.push_back(jump.value);
-      }
-    }
-    if (names.empty()) {
+    if (axis.jumps.empty()) {
       continue;
     }
-    if (const auto broken = find_broken_term(*density.graph, density.L, names, by)) {
+    std::map<std::string, double> by;
+    for (const StatedJump& jump : axis.jumps) {
+      for (int corner = 0; corner < density.corner_count(); ++corner) {
+        by[jump.field + "_" + corner_suffix(corner, density.dimensions)] = jump.value;
+      }
+    }
+    const ImageOfVariable image = [&](const std::string& name, const ValueOfVariable& value) {
+      return value(name) + (by.contains(name) ? by.at(name) : 0.0);
+    };
+    if (const auto broken = find_broken_term(*density.graph, density.L, image)) {
       throw ProblemError(text.location,
                          fmt::format("L has to be the same on both sides of the seam, and {} changes its term {} (from "
                                      "{:.6g} to {:.6g} at some values). Write it with differences of {}, or leave jump "
@@ -181,19 +132,23 @@ void check_density_jumps(const MultisymplecticProblem& pde, const FormulaText& t
 
 Jumps make_jumps(const Problem& problem) {
   const MultisymplecticProblem& pde = *problem.multisymplectic();
-  if (!pde.has_jumps()) {
+  if (!pde.has_jumps() && !pde.has_twists()) {
     return {};
   }
   std::vector<grids::Axis> axes;
   std::vector<Eigen::VectorXd> jumps;
+  const auto d = static_cast<Eigen::Index>(pde.fields.size());
   for (const GridAxis& axis : pde.axes) {
     axes.push_back({axis.name, axis.from, axis.to, static_cast<std::size_t>(axis.cells)});
-    jumps.emplace_back(Eigen::VectorXd::Zero(static_cast<Eigen::Index>(pde.fields.size())));
+    if (!pde.has_jumps()) {
+      continue;
+    }
+    jumps.emplace_back(Eigen::VectorXd::Zero(d));
     for (const StatedJump& jump : axis.jumps) {
       jumps.back()(std::ranges::find(pde.fields, jump.field) - pde.fields.begin()) = jump.value;
     }
   }
-  return {make_laboratory_system(problem), axes, jumps};
+  return {make_laboratory_system(problem), axes, jumps, make_twists(problem)};
 }
 
 }  // namespace rubato

@@ -16,7 +16,7 @@ namespace rubato {
 
 namespace {
 
-constexpr std::array<TableEntry, 38> all_tables{{
+constexpr std::array<TableEntry, 39> all_tables{{
     {"", "one of [hamiltonian], [lagrangian], [multisymplectic] and [field] says what is to be solved"},
     {"hamiltonian", "an orbit: q' = dH/dp, p' = -dH/dq"},
     {"lagrangian",
@@ -34,6 +34,11 @@ constexpr std::array<TableEntry, 38> all_tables{{
      "one "
      "kink can go round; S has to be the same there",
      "a field"},
+    {"grid.x.phase",
+     "phase = { psi = \"k*L\" }: the angle by which a complex unknown of [field], or what an entry of [symmetries] "
+     "turns, "
+     "has turned at the end of the period, psi(x + L) = exp(i k L) psi(x), as Bloch waves have",
+     "a complex unknown or a symmetry"},
     {"parameters", "numbers and formulas of each other, in any order", "a parameter"},
     {"definitions",
      "formulas with a name, in any order: of the state, x, y, z, t, parameters and each other, wherever these are "
@@ -216,6 +221,7 @@ std::vector<KeyEntry> make_keys() {
        "Nodes in a period. \"box\" needs odd numbers; transforms are fast with small prime factors. \"about N\" is the "
        "number nearest to N that the scheme takes and is quick with."},
       {"grid.x", "jump", "table", none, "See [grid.x.jump]; each entry is a number."},
+      {"grid.x", "phase", "table", none, "See [grid.x.phase]; each entry is an angle."},
 
       {"initial", "t", "number", "0", "The time of the start."},
       {"initial", "from", "text", none,

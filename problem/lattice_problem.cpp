@@ -5,6 +5,7 @@
 #include <cmath>
 #include <exception>
 #include <iterator>
+#include <map>
 #include <utility>
 
 #include <fmt/format.h>
@@ -68,17 +69,17 @@ public:
           ranks_ == nullptr ? read_initial_fields(source, grid_, pde_.fields, jumps_) : read_by_rank_0(source);
       for (std::size_t i = 0; i < fields.size(); ++i) {
         const auto field = std::ranges::find(pde_.fields, source.take[i]) - pde_.fields.begin();
-        jumps_.subtract(static_cast<int>(field), grid_, fields[i]);
-        values_[static_cast<std::size_t>(field)] = std::move(fields[i]);
+        take_whole(static_cast<std::size_t>(field), std::move(fields[i]));
       }
     }
     // The reader has made sure that no field depends on itself: every round settles at least one.
     for (bool again = true; again;) {
       again = false;
       for (std::size_t f = 0; f < values_.size(); ++f) {
-        again = (pde_.initial[f] && !values_[f] && evaluate(f)) || again;
+        again = (pde_.initial[f] && !values_[f] && !whole_.contains(static_cast<int>(f)) && evaluate(f)) || again;
       }
     }
+    require_partners();
     for (const InitialSlope& slope : pde_.slopes) {
       const auto field = std::ranges::find(pde_.fields, slope.name);
       if (field != pde_.fields.end()) {  // u_t is a field, too: that of the potential's rate
@@ -100,13 +101,13 @@ private:
     for (std::size_t i = 0; i < values_.size(); ++i) {
       known[i] = values_[i] ? values_[i]->data() : nullptr;
     }
+    parts = jumps_.seen(parts, *graph, pde_.fields);
     for (const std::string& name : fields_in(*graph, parts)) {
       const auto needed = static_cast<std::size_t>(std::ranges::find(pde_.fields, name) - pde_.fields.begin());
       if (needed < values_.size() && known[needed] == nullptr) {
         return false;
       }
     }
-    parts = jumps_.seen(parts, *graph, pde_.fields);
     std::vector<std::string> names = pde_.fields;
     std::vector<std::vector<double>> results(parts.size());
     for (std::size_t i = 0; i < parts.size(); ++i) {
@@ -124,9 +125,54 @@ private:
     if (std::ranges::find(pde_.slopes, pde_.fields[f], &InitialSlope::field) != pde_.slopes.end()) {
       integrate(results.back(), f);
     }
-    jumps_.subtract(static_cast<int>(f), grid_, results.back());
-    values_[f] = std::move(results.back());
+    take_whole(f, std::move(results.back()));
     return true;
+  }
+
+  /// Takes z_f, and finds z~ of the fields that turn with it as soon as all of them are there.
+  void take_whole(std::size_t f, std::vector<double> values) {
+    const std::vector<int> partners = jumps_.partners(static_cast<int>(f));
+    whole_[static_cast<int>(f)] = std::move(values);
+    if (!std::ranges::all_of(partners, [&](int partner) { return whole_.contains(partner); })) {
+      return;
+    }
+    std::vector<double> all(jumps_.has(static_cast<int>(f)) ? values_.size() * grid_.size() : 0);
+    for (const int partner : partners) {
+      std::vector<double>& field = whole_.at(partner);
+      if (!all.empty()) {
+        std::ranges::copy(field, all.begin() + static_cast<std::ptrdiff_t>(grid_.size()) * partner);
+      }
+    }
+    if (!all.empty()) {
+      WholeFields(jumps_, grid_, static_cast<int>(values_.size())).remove(all);
+    }
+    for (const int partner : partners) {
+      std::vector<double> field = std::move(whole_.at(partner));
+      if (!all.empty()) {
+        const auto first = all.begin() + static_cast<std::ptrdiff_t>(grid_.size()) * partner;
+        std::copy_n(first, grid_.size(), field.begin());
+      }
+      values_[static_cast<std::size_t>(partner)] = std::move(field);
+      whole_.erase(partner);
+    }
+  }
+
+  /// A field that turns with others is given with them, and by no derivative of itself.
+  void require_partners() const {
+    for (const auto& [f, values] : whole_) {
+      const auto& text = pde_.initial[static_cast<std::size_t>(f)];
+      std::vector<std::string> partners;
+      for (const int partner : jumps_.partners(f)) {
+        if (!values_[static_cast<std::size_t>(partner)] && !whole_.contains(partner)) {
+          partners.push_back(pde_.fields[static_cast<std::size_t>(partner)]);
+        }
+      }
+      throw ProblemError(text ? text->location : pde_.initial_location,
+                         fmt::format("{} turns from one period to the next, and so needs an initial {}, as a formula "
+                                     "without derivatives of {}",
+                                     pde_.fields[static_cast<std::size_t>(f)], fmt::join(partners, ", "),
+                                     pde_.fields[static_cast<std::size_t>(f)]));
+    }
   }
 
   /// Puts the antiderivative by x of mean 0 in the place of a slope.
@@ -166,6 +212,12 @@ private:
     for (const std::string& name : source.take) {
       InitialRecord one = source;
       one.take = {name};
+      for (const int partner : jumps_.partners(number_of(name))) {  // without which other cells cannot be filled
+        const std::string& other = pde_.fields[static_cast<std::size_t>(partner)];
+        if (other != name && std::ranges::find(source.take, other) != source.take.end()) {
+          one.take.push_back(other);
+        }
+      }
       std::vector<double> read;
       std::exception_ptr thrown;
       if (ranks_->leads()) {
@@ -201,6 +253,10 @@ private:
     return fields;
   }
 
+  [[nodiscard]] int number_of(const std::string& field) const {
+    return static_cast<int>(std::ranges::find(pde_.fields, field) - pde_.fields.begin());
+  }
+
   /// What others own of the values, which derivatives across planes, or reading, leave out.
   void refresh(std::vector<double>& values) const {
     if (grids::Slab::of(grid_) != nullptr) {
@@ -215,7 +271,8 @@ private:
   const MultisymplecticProblem& pde_;
   const grids::Grid& grid_;
   const grids::Slab* ranks_;
-  InitialFields values_;  ///< without the ramps of jumps
+  InitialFields values_;                           ///< periodic, as Jumps makes them
+  std::map<int, std::vector<double>> whole_ = {};  ///< z of fields that wait for those that turn with them
   Jumps jumps_;
 };
 
@@ -428,16 +485,18 @@ std::vector<formula::Expression> at_moving_nodes(const MovingFrame& frame, const
 }  // namespace
 
 bool is_stored_alone(const MultisymplecticSystem& system, int field, const std::vector<std::string>& exact) {
-  const std::string& name = system.fields()[static_cast<std::size_t>(field)];
-  return (!system.M().row(field).isZero() && !system.structure().at_midpoints(field)) ||
-         std::ranges::find(exact, name) != exact.end();
+  return std::ranges::any_of(mixed_fields(system.turns(), field), [&](int f) {  // which whole fields are made of
+    const std::string& name = system.fields()[static_cast<std::size_t>(f)];
+    return (!system.M().row(f).isZero() && !system.structure().at_midpoints(f)) ||
+           std::ranges::find(exact, name) != exact.end();
+  });
 }
 
 NodeTable::NodeTable(const Problem& problem, const std::vector<NamedFormula>& formulas,
                      const std::vector<std::string>& fields, const grids::Grid& grid, bool with_energy)
     : reads_fields_(!fields.empty()) {
   const Jumps jumps = make_jumps(problem);
-  ramps_ = WithRamps(jumps, grid, static_cast<int>(problem.multisymplectic()->fields.size()));
+  whole_ = WholeFields(jumps, grid, static_cast<int>(problem.multisymplectic()->fields.size()));
   std::vector<std::string> names = fields;
   std::ranges::copy(argument_names(*problem.multisymplectic()), std::back_inserter(names));
   auto graph = std::make_shared<formula::Graph>();
@@ -524,11 +583,10 @@ std::vector<figures::Named<Spread>> lattice_errors(NodeTable& exact, const Multi
   for (std::size_t i = 0; i < values.size(); ++i) {
     errors.push_back({exact.names()[i], {}});
     const int f = system.field(exact.names()[i]);
-    const std::span<const double> field = fields.field(f);
-    const std::span<const double> with_ramp = exact.ramps()(f, field);
+    const std::span<const double> field = exact.whole()(f, fields.all());
     std::vector<double> error(field.size());
     for (std::size_t node = 0; node < field.size(); ++node) {
-      error[node] = std::abs(with_ramp[node] - values[i][node]);
+      error[node] = std::abs(field[node] - values[i][node]);
     }
     const auto add = [&](std::span<const double> some) {
       for (const double value : some) {

@@ -17,19 +17,21 @@ namespace rubato {
 /// What [multisymplectic], [grid], [initial], [symmetries] and [scheme] of a problem stand for in the library's own
 /// terms. All throw ProblemError at the place in the problem that is wrong.
 ///@{
-/// The equation that the scheme solves; with [scheme] frame that of the frame, with jumps that of the fields without
-/// their ramps.
+/// The equation that the scheme solves; with [scheme] frame that of the frame, with jumps and twists that of the
+/// periodic fields.
 [[nodiscard]] MultisymplecticSystem make_system(const Problem& problem);
 [[nodiscard]] Eigen::MatrixXd dense(const Matrix& matrix);
 /// The equation as the problem states it: without a frame, and for no scheme in particular.
 [[nodiscard]] MultisymplecticSystem make_laboratory_system(const Problem& problem);
-/// Those of [grid]; none where no field jumps.
+/// The jumps and twists of [grid].
 [[nodiscard]] Jumps make_jumps(const Problem& problem);
+/// The twists of them.
+[[nodiscard]] Twists make_twists(const Problem& problem);
 /// Numbers that are still to be fitted are 0. Nothing without a frame.
 [[nodiscard]] std::optional<MovingFrame> make_frame(const Problem& problem);
 [[nodiscard]] grids::Grid make_grid(const Problem& problem);
-/// The formulas of [initial] at the nodes, without the ramps of jumps; those that differentiate other fields after
-/// these.
+/// The formulas of [initial] at the nodes, without the ramps and turns of Jumps; those that differentiate other fields
+/// after these.
 [[nodiscard]] InitialFields make_initial_fields(const Problem& problem, const grids::Grid& grid);
 [[nodiscard]] LatticeOptions make_lattice_options(const Problem& problem, const MultisymplecticSystem& system);
 [[nodiscard]] LatticeIntegrator make_lattice(const Problem& problem);
@@ -47,8 +49,8 @@ namespace rubato {
                                    const std::vector<std::string>& exact);
 
 /// Formulas of one section of a lattice problem, evaluated together at every node. With a frame, levels are those of
-/// the frame, and formulas speak of the laboratory; with jumps levels are without ramps, and formulas of the fields
-/// with them.
+/// the frame, and formulas speak of the laboratory; with jumps and twists levels are periodic, and formulas of the
+/// whole fields.
 class NodeTable {
 public:
   /// \param fields the names of the fields that the formulas may name, with dx() and its like; empty: the grid's
@@ -65,14 +67,14 @@ public:
   [[nodiscard]] std::vector<double> integrals(const LatticeLevel& level, double t);
   /// The frame, if there is one.
   [[nodiscard]] const MovingFrame* frame() const { return laboratory_ ? &laboratory_->frame() : nullptr; }
-  /// The ramps of jumps, which levels are without, at the nodes.
-  [[nodiscard]] WithRamps& ramps() { return ramps_; }
+  /// The fields with the ramps and turns that levels are without, at the nodes.
+  [[nodiscard]] WholeFields& whole() { return whole_; }
 
 private:
   std::vector<std::string> names_;
   std::optional<NodeFormula> formula_;  ///< absent when there is nothing to evaluate
   std::optional<LaboratoryView> laboratory_;
-  WithRamps ramps_;
+  WholeFields whole_;
   bool reads_fields_;
 };
 

@@ -166,6 +166,7 @@ std::vector<GridAxis> read_grid(Section& root, const Section& owner, std::span<c
     axis.to = read_number(section->require("to", "where the period ends").value, "to", parameters);
     axis.cells = read_integer(section->require("cells", "how many cells the period has").value, "cells", parameters, 3);
     axis.jumps = read_jumps(*section, fields, parameters);
+    axis.twists = read_twists(*section, parameters);
     section->finish();
     if (!(axis.from < axis.to) || !std::isfinite(axis.to - axis.from)) {
       throw ProblemError(axis.location,
@@ -482,6 +483,10 @@ std::vector<std::string> MultisymplecticProblem::axis_names() const {
 
 bool MultisymplecticProblem::has_jumps() const {
   return std::ranges::any_of(axes, [](const GridAxis& axis) { return !axis.jumps.empty(); });
+}
+
+bool MultisymplecticProblem::has_twists() const {
+  return std::ranges::any_of(axes, [](const GridAxis& axis) { return !axis.twists.empty(); });
 }
 
 Names names_of_lattice(const Section& root) {

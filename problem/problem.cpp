@@ -188,6 +188,9 @@ void read_system(Section& root, Problem& problem) {
   } else {
     read_multisymplectic(root, *found, problem);
   }
+  if (problem.multisymplectic() != nullptr) {
+    check_twists(problem);
+  }
 }
 
 Problem read_effective(EffectiveDocument document, const std::string& source) {

@@ -131,6 +131,14 @@ struct StatedJump {
   Location location = {};
 };
 
+/// By which angle fields turn from one period of an axis to the next.
+struct StatedTwist {
+  std::string name;    ///< as [grid] has it
+  double angle = 0.0;  ///< between -π and π where the turn by 2π is none
+  Location location = {};
+  std::string symmetry = {};  ///< the entry of [symmetries] that it is
+};
+
 /// One direction of the periodic grid: nodes from + i (to - from)/cells, i = 0 … cells-1.
 struct GridAxis {
   std::string name;  ///< "x", "y" or "z"
@@ -138,12 +146,14 @@ struct GridAxis {
   std::int64_t cells = 0;
   Location location;
   std::vector<StatedJump> jumps = {};
+  std::vector<StatedTwist> twists = {};
 };
 
 /// A linear symmetry z -> z + s B z.
 struct StatedSymmetry {
   std::string name;
   Matrix B;
+  bool is_found = false;  ///< of the equation of [field], which the problem does not state
 };
 
 /// [initial] from: a state of another run on a lattice, or of this one where its problem was read from its record.
@@ -197,6 +207,8 @@ struct MultisymplecticProblem {
   [[nodiscard]] std::vector<std::string> axis_names() const;
   /// Whether a field jumps along an axis.
   [[nodiscard]] bool has_jumps() const;
+  /// Whether fields turn along an axis.
+  [[nodiscard]] bool has_twists() const;
 };
 
 /// Of an orbit, in the order of orbit_methods(). A lattice's scheme is one of lattice_methods(), by its name.

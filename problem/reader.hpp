@@ -210,6 +210,17 @@ void read_multisymplectic(Section& root, Section& section, Problem& problem, std
 void check_jumps(const Problem& problem);
 /// The same of the density of a custom action.
 void check_density_jumps(const MultisymplecticProblem& pde, const FormulaText& text, const CornerDensity& density);
+/// phase = { NAME = θ } of a direction of the grid. \throws ProblemError
+[[nodiscard]] std::vector<StatedTwist> read_twists(Section& axis, const Parameters& parameters);
+/// Finds the symmetries of twists; leaves out symmetries that [field] has found and that do not turn with them. Needs
+/// [symmetries], stated and found. \throws ProblemError if fields cannot turn, naming the reason, or the density of an
+/// invariant does not turn with them
+void check_twists(Problem& problem);
+/// The same of the density of a custom action.
+void check_density_twists(const Problem& problem, const FormulaText& text, const CornerDensity& density);
+/// The entry of [symmetries] that an entry of `phase`, of [grid] or a frame, names: itself, or that of the phase of a
+/// complex unknown of [field]. \throws ProblemError
+[[nodiscard]] std::string symmetry_of_phase(const Entry& entry, const MultisymplecticProblem& pde);
 /// [field]: derives [multisymplectic], and reads that.
 void read_field(Section& root, Section& section, Problem& problem);
 /// [ensemble], if there is one. Whether the entries that it changes exist is seen when its members are read.

@@ -448,6 +448,7 @@ private:
     density.L = build_formula(text, *density.graph, {names}, parameters_);
     check_density(pde, text, density);
     check_density_jumps(pde, text, density);
+    check_density_twists(problem_, text, density);
     scheme_.density = std::make_shared<CornerDensity>(make_jumps(problem_).seen(std::move(density)));
   }
 

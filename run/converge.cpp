@@ -137,23 +137,26 @@ public:
         }
       }
     }
-    const Jumps jumps = grid_ ? make_jumps(problem) : Jumps();
-    const auto field = [&](const std::string& name) {
-      const std::vector<std::string>& fields = problem.multisymplectic()->fields;
-      return static_cast<int>(std::ranges::find(fields, name) - fields.begin());
+    const auto read = [&](std::size_t i) {
+      return reader.read(i < states_
+                             ? fmt::format("/output/{}", names_[i])
+                             : fmt::format("/output/quantities/{}", problem_.output.quantities[i - states_].name),
+                         0, 1);
     };
-    for (std::size_t i = state.size(); i < names_.size(); ++i) {
-      const std::string path = i < states_
-                                   ? fmt::format("/output/{}", names_[i])
-                                   : fmt::format("/output/quantities/{}", problem_.output.quantities[i - states_].name);
-      const std::vector<double> values = reader.read(path, 0, 1);
-      if (values.size() == 1) {
-        state.push_back(values);
-      } else {
-        const grids::Grid grid = make_grid(problem);
-        state.push_back(i < states_ ? jumps.resampled(field(names_[i]), values, grid, *grid_)
-                                    : grids::resampled(values, grid, *grid_));
+    if (grid_) {  // the fields, of which some may turn together from one period to the next
+      const std::vector<std::string>& all = problem.multisymplectic()->fields;
+      const grids::Grid grid = make_grid(problem);
+      std::vector<int> fields;
+      std::vector<FieldOnGrid> given;
+      for (std::size_t i = 0; i < states_; ++i) {
+        fields.push_back(static_cast<int>(std::ranges::find(all, names_[i]) - all.begin()));
+        given.push_back({read(i), grid});
       }
+      state = make_jumps(problem).resampled(fields, given, *grid_);
+    }
+    for (std::size_t i = state.size(); i < names_.size(); ++i) {
+      const std::vector<double> values = read(i);
+      state.push_back(values.size() == 1 ? values : grids::resampled(values, make_grid(problem), *grid_));
     }
     return state;
   }

@@ -26,9 +26,9 @@ namespace {
 class StoredLattice {
 public:
   StoredLattice(const SharedRecord& record, const MultisymplecticSystem& system, const NodeTable& exact,
-                const WithRamps& ramps, std::size_t nodes, const StoredLevels& levels, Findings& findings)
+                const WholeFields& whole_fields, std::size_t nodes, const StoredLevels& levels, Findings& findings)
       : system_(system),
-        ramps_(ramps),
+        whole_(whole_fields),
         findings_(record.slab(), findings),
         fields_(static_cast<std::size_t>(system.field_count())) {
     const auto open = [&](const std::string& path) {
@@ -72,6 +72,7 @@ public:
         whole = copy(rows, row, f, level.field(f)) && whole;
       }
     }
+    whole_.remove(level.all(), [this](int f) { return is_stored(f); });
     grids::refresh_ghosts(level);
     return whole;
   }
@@ -86,6 +87,7 @@ public:
         whole = copy(*rows++, row, f, level.field(f)) && whole;
       }
     }
+    whole_.remove(level.all());
     grids::refresh_ghosts(level);
     return whole;
   }
@@ -100,12 +102,11 @@ private:
   bool copy(SharedRows& rows, std::size_t row, int field, std::span<double> out) {
     const std::span<const double> values = rows.row(row);
     std::ranges::copy(values, out.begin());
-    ramps_.remove(field, out);
     return findings_.finite(rows.path(), row, values, "a state is finite");
   }
 
   const MultisymplecticSystem& system_;
-  const WithRamps& ramps_;  ///< which the record has, and levels have not
+  const WholeFields& whole_;  ///< which the record has; levels have the periodic ones
   PartFindings findings_;
   std::vector<std::optional<SharedRows>> fields_;
   std::vector<SharedRows> previous_;
@@ -150,7 +151,7 @@ public:
                     .cells = law_levels_.fields}),
         invariants_(make_invariants(problem, system_, grid_)),
         exact_(make_exact(problem, system_, grid_)),
-        stored_(record, system_, exact_, exact_.ramps(), grid_.size(), levels, findings),
+        stored_(record, system_, exact_, exact_.whole(), grid_.size(), levels, findings),
         after_(make_initial_level(problem, system_, grid_)),
         before_(after_),
         moved_before_(after_),
@@ -294,7 +295,7 @@ private:
       const auto found = std::as_const(after_.fields).field(f);
       parts_.compare(
           stored_.path(f), 0, found, [&](std::size_t i) { return expected[i]; },
-          [&] { return start_tolerance * (grids::max_abs(expected) + largest_ramp(f)); },
+          [&] { return start_tolerance * (grids::max_abs(expected) + largest_addend(f)); },
           "the initial level of the problem");
     }
     grow_scales();
@@ -329,12 +330,14 @@ private:
       const auto values = std::as_const(after_.fields).field(f);
       const auto finite = [values](std::size_t i) { return std::isfinite(values[i]) ? values[i] : 0.0; };
       double& largest = largest_[static_cast<std::size_t>(f)];
-      largest = std::max(largest, grids::max_abs_of(values.size(), finite) + largest_ramp(f));
+      largest = std::max(largest, grids::max_abs_of(values.size(), finite) + largest_addend(f));
     }
   }
 
-  /// A stored field is rounded with its ramp.
-  [[nodiscard]] double largest_ramp(int field) { return grids::max_abs(exact_.ramps().ramp(field)); }
+  /// A stored field is rounded with its ramp, and with those that it turns with.
+  [[nodiscard]] double largest_addend(int field) {
+    return exact_.whole().largest_addend(field, std::as_const(after_.fields).all());
+  }
 
   /// Fields displaced as Rounding says, by the largest magnitude of each so far.
   void displace(const LatticeLevel& state, int attempt, int level, LatticeLevel& moved) const {

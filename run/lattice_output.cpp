@@ -25,7 +25,7 @@ public:
     for (const OutputQuantity& quantity : problem.output.quantities) {
       quantities_.emplace_back(problem, quantity, system_, grid_);
     }
-    ramps_ = WithRamps(make_jumps(problem), grid_, system_.field_count());
+    whole_ = WholeFields(make_jumps(problem), grid_, system_.field_count());
     if (auto frame = make_frame(problem)) {
       laboratory_.emplace(std::move(*frame), grid_);
     }
@@ -83,7 +83,7 @@ private:
       const LatticeLevel& shown = laboratory_ ? (*laboratory_)(level, t) : level;
       auto column = columns_.begin();
       for (const int f : told()) {
-        sink.append(*column++, ramps_(f, shown.fields.field(f)));
+        sink.append(*column++, whole_(f, shown.fields.all()));
       }
     }
     bool defined = true;
@@ -103,7 +103,7 @@ private:
   LatticeLevel level_, next_;
   std::vector<LatticeQuantity> quantities_;
   std::optional<LaboratoryView> laboratory_;  ///< output times are of the laboratory
-  WithRamps ramps_;
+  WholeFields whole_;
   std::vector<record::Column> columns_, quantity_columns_;  ///< of the fields told, and of the quantities
   std::optional<LatticeBetween> between_;
 };

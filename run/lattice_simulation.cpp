@@ -28,7 +28,7 @@ public:
         invariants_(make_invariants(problem, lattice_.system(), lattice_.grid())),
         exact_(make_exact(problem, lattice_.system(), lattice_.grid())),
         frame_(make_frame(problem)),
-        ramps_(make_jumps(problem), lattice_.grid(), lattice_.system().field_count()),
+        whole_(make_jumps(problem), lattice_.grid(), lattice_.system().field_count()),
         energy_terms_(make_energy_terms(lattice_.system(), lattice_.grid())),
         meter_(problem, lattice_.system(), lattice_.grid()),
         previous_t_(lattice_.t()) {
@@ -167,12 +167,12 @@ public:
                                         std::numeric_limits<double>::quiet_NaN());
     for (const auto& [field, column] : field_columns_) {
       const bool missing = at_midpoints(field) && last_h_ == 0.0;
-      sink.append(column, missing ? std::span<const double>(undefined) : ramps_(field, lattice_.field(field)));
+      sink.append(column, missing ? std::span<const double>(undefined) : whole_(field, lattice_.level().fields.all()));
     }
     if (!previous_columns_.empty()) {
       sink.append(previous_t_column_, previous_t_);
       for (const auto& [field, column] : previous_columns_) {
-        sink.append(column, ramps_(field, lattice_.previous().fields.field(field)));
+        sink.append(column, whole_(field, lattice_.previous().fields.all()));
       }
     }
     const auto exact = exact_.at(lattice_.level(), t());
@@ -262,19 +262,20 @@ private:
     const double most = *std::ranges::max_element(moved);
     for (std::size_t i = 0; i < exact.size(); ++i) {
       const int field = lattice_.system().field(exact_.names()[i]);
-      const std::span<const double> now = lattice_.field(field);
       if (has_slope(lattice_.level().slopes, static_cast<std::size_t>(field), lattice_.grid())) {
         continue;  // states have the periodic part alone
       }
       if (!is_start && moved[i] >= turning * most) {
-        compare_increments(now, lattice_.previous().fields.field(field), exact[i], exact_before[i],
+        const std::span<const double> whole = whole_(field, lattice_.level().fields.all());
+        const std::vector<double> now(whole.begin(), whole.end());
+        compare_increments(now, whole_(field, lattice_.previous().fields.all()), exact[i], exact_before[i],
                            measures.exact_residual);
       } else if (is_start && given_[static_cast<std::size_t>(field)]) {
-        const std::span<const double> with_ramp = ramps_(field, now);
+        const std::span<const double> whole = whole_(field, lattice_.level().fields.all());
         double size = 0.0, error = 0.0;
-        for (std::size_t node = 0; node < now.size(); ++node) {
-          size = std::max({size, std::abs(with_ramp[node]), std::abs(exact[i][node])});
-          error = std::max(error, std::abs(with_ramp[node] - exact[i][node]));
+        for (std::size_t node = 0; node < whole.size(); ++node) {
+          size = std::max({size, std::abs(whole[node]), std::abs(exact[i][node])});
+          error = std::max(error, std::abs(whole[node] - exact[i][node]));
         }
         compare_exact(error, 0.0, size, measures.exact_start);
       }
@@ -324,7 +325,7 @@ private:
   LatticeResiduals residuals_;
   NodeTable invariants_, exact_;
   std::optional<MovingFrame> frame_;
-  WithRamps ramps_;
+  WholeFields whole_;
   NodeFormula energy_terms_;
   LatticeMeter meter_;
   std::vector<bool> given_;  ///< the fields with initial data of their own

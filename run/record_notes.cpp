@@ -157,6 +157,14 @@ private:
       std::ranges::copy(values, level_.fields.field(f).begin());
       stored[static_cast<std::size_t>(f)] = std::move(values);
     }
+    WholeFields(make_jumps(problem_), tables_.grid, level_.fields.fields()).remove(level_.fields.all(), [&](int f) {
+      return stored[static_cast<std::size_t>(f)].has_value();
+    });
+    for (int f = 0; f < level_.fields.fields(); ++f) {
+      if (auto& values = stored[static_cast<std::size_t>(f)]) {
+        std::ranges::copy(std::as_const(level_.fields).field(f), values->begin());
+      }
+    }
     if (!std::ranges::all_of(stored, [](const auto& values) { return values.has_value(); })) {
       level_ = make_method(problem_)->first_level(tables_.system, tables_.grid, stored).level;
     }

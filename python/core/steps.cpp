@@ -222,15 +222,13 @@ public:
       throw py::key_error(name);
     }
     const std::span<const double> all = simulation_->last().z_1;
-    const std::size_t size = all.size() / pde->fields.size();
     std::vector<std::size_t> shape;
     for (const GridAxis& axis : pde->axes) {
       shape.insert(shape.begin(), static_cast<std::size_t>(axis.cells));
     }
     const auto number = static_cast<std::size_t>(place - pde->fields.begin());
-    std::vector<double> values(all.data() + number * size, all.data() + (number + 1) * size);
-    make_jumps(bound_->problem).add(static_cast<int>(number), make_grid(bound_->problem), values);
-    return Array(shape, values.data());
+    WholeFields whole(make_jumps(bound_->problem), make_grid(bound_->problem), static_cast<int>(pde->fields.size()));
+    return Array(shape, whole(static_cast<int>(number), all).data());
   }
 
   /// Goes on from another problem: that of another state, at the present time.
