@@ -7,6 +7,7 @@
 #include <numbers>
 
 #include <rubato/pde/periodicity.hpp>
+#include <rubato/pde/twists.hpp>
 #include <rubato/pde/well_posedness.hpp>
 
 namespace rubato {
@@ -152,8 +153,11 @@ void LatticeMeter::measure(const LatticeLevel& level, std::size_t number, double
   std::vector<bool> counts(count, false);
   for (std::size_t f = 0; f < count; ++f) {
     const Spectrum& spectrum = spectra[f];
-    counts[f] = moves_[f] && energies[f] >= least_energy * largest &&
-                spectrum.power > least_power * (spectrum.mean + spectrum.power);
+    double size = 0.0;  // of the fields that it turns with, too, which are rounded together
+    for (const int partner : mixed_fields(system_.turns(), static_cast<int>(f))) {
+      size += spectra[static_cast<std::size_t>(partner)].mean + spectra[static_cast<std::size_t>(partner)].power;
+    }
+    counts[f] = moves_[f] && energies[f] >= least_energy * largest && spectrum.power > least_power * size;
     if (!counts[f]) {
       continue;
     }

@@ -80,7 +80,10 @@ WaveType wave_type(const MultisymplecticSystem& system) {
     const auto neighbours = terms_of(system.M().row(f));
     if (neighbours.empty()) {
       if (!linear_row(system, f)) {
-        refuse_leapfrog(system, f, "is not given by differences, its row of the equation being nonlinear");
+        refuse_leapfrog(system, f,
+                        "is not given by differences alone, its row of the equation being nonlinear or naming other "
+                        "fields (as [grid] phase "
+                        "makes it do)");
       }
       waves.slopes.push_back(slope_field(system, f, moves));
     } else if (neighbours.size() != 1 ||

@@ -381,6 +381,30 @@ class Memory(unittest.TestCase):
         with self.assertRaisesRegex(ValueError, "S has to be the same"):
             rb.integrate(kink(3), (0, 2), step=0.1)
 
+    def test_a_phase(self):
+        wave = rb.Field(equation="i*psi_t + psi_xx - abs2(psi)*psi = 0", psi=["p", "q"])
+
+        def plane(phase, k=1.3, cells=40):
+            grid = {"x": {"from": 0, "to": 5, "cells": cells, "phase": {"psi": phase}}}
+            return rb.Lattice(wave, grid, {"p": lambda x: np.cos(k * x), "q": lambda x: np.sin(k * x)})
+
+        r = rb.integrate(plane(1.3 * 5), (0, 1), step=0.01, scheme="fourier")
+        self.assertTrue(r.success)
+        x = np.arange(40) / 8
+        # The error of the step is (omega h)^2/12 of omega t, omega = k^2 + 1.
+        exact = np.exp(1j * (1.3 * x - (1.3**2 + 1) * r.t[-1]))
+        np.testing.assert_allclose(r.p[-1] + 1j * r.q[-1], exact, atol=1e-3)
+        by_hand = rb.Integrator(plane(1.3 * 5), (0, 1), step=0.01, scheme="fourier")
+        by_hand.step()
+        np.testing.assert_array_equal(by_hand.p, r.p[1])
+        # The twin: psi does not turn, so that the data are torn.
+        torn = rb.integrate(plane(0), (0, 1), step=0.01, scheme="splitting")
+        self.assertGreater(np.abs(torn.p[-1] + 1j * torn.q[-1] - exact).max(), 0.1)
+        with self.assertRaisesRegex(ValueError, "twice the ring"):
+            rb.integrate(rb.Lattice(rb.Field(equation="u_tt = u_xx - sin(u)"),
+                                    {"x": {"from": 0, "to": 5, "cells": 40, "phase": {"u": "pi"}}},
+                                    {"u": lambda x: 0 * x, "u_t": lambda x: 0 * x}), (0, 1), step=0.1)
+
     def test_lattices(self):
         r = rb.run("sine-gordon", until=0.5)
         self.assertIn("energy_max", r.laws)

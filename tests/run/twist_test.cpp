@@ -27,8 +27,8 @@ using Catch::Matchers::Contains;
 
 namespace {
 
-/// A Bloch wave of Schroedinger's equation: psi = dn(x - ct, m) exp(i(cx/2 + (2 - m - c²/4)t)) solves i psi_t + psi_xx +
-/// 2|psi|²psi = 0, and turns by cL/2 over the period L = 2K(m) of |psi|. The ring can begin anywhere, at x_0.
+/// A Bloch wave of Schroedinger's equation: psi = dn(x - ct, m) exp(i(cx/2 + (2 - m - c²/4)t)) solves i psi_t + psi_xx
+/// + 2|psi|²psi = 0, and turns by cL/2 over the period L = 2K(m) of |psi|. The ring can begin anywhere, at x_0.
 constexpr const char* bloch_wave = R"toml(
 [multisymplectic]
 fields = ["p", "q", "v", "w"]
@@ -66,9 +66,10 @@ const std::string stated_action = [] {
   const auto mean = [](char f) { return fmt::format("({0}_00 + {0}_01 + {0}_10 + {0}_11)/4", f); };
   const auto by_t = [](char f) { return fmt::format("({0}_10 + {0}_11 - {0}_00 - {0}_01)/(2*h)", f); };
   const auto by_x = [](char f) { return fmt::format("({0}_01 + {0}_11 - {0}_00 - {0}_10)/(2*dx)", f); };
-  return fmt::format("scheme.L=({0}*{1} - {2}*{3})/2 + {4}*{5} + {6}*{7} - (({4})^2 + ({6})^2)/2 - (({0})^2 + "
-                     "({2})^2)^2/2",
-                     mean('p'), by_t('q'), mean('q'), by_t('p'), mean('v'), by_x('p'), mean('w'), by_x('q'));
+  return fmt::format(
+      "scheme.L=({0}*{1} - {2}*{3})/2 + {4}*{5} + {6}*{7} - (({4})^2 + ({6})^2)/2 - (({0})^2 + "
+      "({2})^2)^2/2",
+      mean('p'), by_t('q'), mean('q'), by_t('p'), mean('v'), by_x('p'), mean('w'), by_x('q'));
 }();
 
 Problem problem_of(const Settings& settings, const std::string& text = bloch_wave) {
@@ -137,8 +138,8 @@ TEST_CASE("a Bloch wave has the order of each scheme") {
     std::vector<double> errors;
     for (std::size_t i = 0; i < one.cells.size(); ++i) {
       const double step = one.step / static_cast<double>(1 << i);
-      errors.push_back(error_of(joined(
-          one.scheme, {fmt::format("grid.x.cells={}", one.cells[i]), fmt::format("scheme.step={}", step)})));
+      errors.push_back(error_of(
+          joined(one.scheme, {fmt::format("grid.x.cells={}", one.cells[i]), fmt::format("scheme.step={}", step)})));
     }
     INFO("errors " << errors[0] << ", " << errors[1] << ", " << errors[2]);
     for (std::size_t i = 1; i < errors.size(); ++i) {
@@ -148,6 +149,57 @@ TEST_CASE("a Bloch wave has the order of each scheme") {
     CHECK(error_of(joined(one.scheme, {fmt::format("grid.x.cells={}", one.cells[0]),
                                        fmt::format("scheme.step={}", one.step), "grid.x.phase.charge=0"})) > 0.1);
   }
+}
+
+TEST_CASE("a complex wave that turns has the order of explicit schemes, too") {
+  // psi = A exp(i(kx - ωt)), ω² = k² + 1 + A², solves psi_tt = psi_xx - psi - |psi|²psi.
+  const std::string wave = R"toml(
+[field]
+equation = "psi_tt = psi_xx - psi - abs2(psi)*psi"
+psi = ["p", "q"]
+[parameters]
+A = 0.5
+L = 4
+k = "0.6 + 2*pi/L"
+omega = "sqrt(k^2 + 1 + A^2)"
+[grid]
+x = { from = 0, to = "L", cells = 41, phase = { psi = "k*L" } }
+[initial]
+p = "A*cos(k*x)"
+q = "A*sin(k*x)"
+p_t = "A*omega*sin(k*x)"
+q_t = "-A*omega*cos(k*x)"
+[exact]
+p = "A*cos(k*x - omega*t)"
+[scheme]
+lagrangian = "euler-box"
+levels = "fixed"
+step = 0.02
+until = 1
+)toml";
+  for (const auto& [scheme, order] : {std::pair("euler-box", 1.0), {"box", 2.0}, {"splitting", 2.0}}) {
+    INFO(scheme);
+    std::vector<double> errors;
+    for (int i = 0; i < 3; ++i) {
+      Settings settings = {fmt::format("scheme.lagrangian={}", scheme), fmt::format("grid.x.cells={}", (40 << i) + 1),
+                           fmt::format("scheme.step={}", 0.02 / (1 << i))};
+      if (std::string(scheme) == "splitting") {
+        settings.emplace_back("scheme.space=differences");
+      }
+      const Outcome outcome = outcome_of(settings, wave);
+      errors.push_back(outcome.statistics.errors.front().value.largest());
+      CHECK(named(outcome.statistics.totals, "charge").max() < 1e-12);
+    }
+    CHECK(std::log2(errors[0] / errors[1]) == Approx(order).margin(0.25));
+    CHECK(std::log2(errors[1] / errors[2]) == Approx(order).margin(0.25));
+  }
+}
+
+TEST_CASE("a wave that is constant but for its turn is no noise") {
+  const std::string plane =
+      with(with(with(bloch_wave, "dn(x, m)*cos", "cos"), "dn(x, m)*sin", "sin"), "[exact]", "[x]");
+  const std::string text = plane.substr(0, plane.find("[x]")) + plane.substr(plane.find("[symmetries]"));
+  CHECK(outcome_of({"scheme.lagrangian=fourier"}, text).judgement.verdict == figures::Verdict::good);
 }
 
 TEST_CASE("the angle counts but for whole turns") {
@@ -226,8 +278,8 @@ TEST_CASE("local laws of a Bloch wave are those of three periods on a longer rin
     INFO(scheme);
     const Settings settings = {fmt::format("scheme.lagrangian={}", scheme), "scheme.until=0.5"};
     const Outcome one = outcome_of(settings);
-    const Outcome three = outcome_of(
-        joined(settings, {"grid.x.cells=123", "grid.x.to=x_0 + 3*L", "grid.x.phase.charge=3*c*L/2"}));
+    const Outcome three =
+        outcome_of(joined(settings, {"grid.x.cells=123", "grid.x.to=x_0 + 3*L", "grid.x.phase.charge=3*c*L/2"}));
     REQUIRE(one.statistics.residuals.size() == three.statistics.residuals.size());
     for (std::size_t law = 0; law < one.statistics.residuals.size(); ++law) {
       INFO(one.statistics.residuals[law].name);
@@ -245,12 +297,11 @@ TEST_CASE("records of a Bloch wave have psi; check, resume, output and initial d
   const Folder folder;
   for (const char* scheme : {"box", "fourier", "splitting"}) {
     INFO(scheme);
-    const Settings settings = {fmt::format("scheme.lagrangian={}", scheme),
-                               "output.every=3",
-                               "output.times=[0.33]",
-                               "output.quantities={ there = { formula = \"q\", at = { x = 0.5 } }, current = "
-                               "\"integral(p*dx(q) - q*dx(p))\", bent = { formula = \"dx(dx(p))\", at = { x = 0.5 } } }",
-                               "events={ dark = { crossing = \"p - 0.9\", at = { x = 0.1 } } }"};
+    const Settings settings = {
+        fmt::format("scheme.lagrangian={}", scheme), "output.every=3", "output.times=[0.33]",
+        "output.quantities={ there = { formula = \"q\", at = { x = 0.5 } }, current = "
+        "\"integral(p*dx(q) - q*dx(p))\", bent = { formula = \"dx(dx(p))\", at = { x = 0.5 } } }",
+        "events={ dark = { crossing = \"p - 0.9\", at = { x = 0.1 } } }"};
     static_cast<void>(run(problem_of(settings), {.output = folder / "a.h5", .overwrite = true, .threads = 1}));
     const record::Reader reader(folder / "a.h5");
     CHECK(largest_distance(last_row(reader, "/states/p"), last_row(reader, "/exact/p")) < 0.05);
@@ -273,16 +324,15 @@ TEST_CASE("records of a Bloch wave have psi; check, resume, output and initial d
   falsify(folder / "a.h5", "/states/p", 60, 1e-9);
   CHECK(check(folder / "a.h5").status == ExitStatus::contradiction);
 
-  const std::string from =
-      with(with(bloch_wave, "p = \"dn(x, m)*cos(c*x/2)\"\nq = \"dn(x, m)*sin(c*x/2)\"",
-                fmt::format("from = \"{}\"", folder / "start.h5")),
-           "box", "fourier");
+  const std::string from = with(with(bloch_wave, "p = \"dn(x, m)*cos(c*x/2)\"\nq = \"dn(x, m)*sin(c*x/2)\"",
+                                     fmt::format("from = \"{}\"", folder / "start.h5")),
+                                "box", "fourier");
   static_cast<void>(run(problem_of({"scheme.lagrangian=fourier", "grid.x.cells=40", "scheme.until=0.5"}),
                         {.output = folder / "start.h5", .threads = 1}));
   for (const char* cells : {"40", "50"}) {
     const Folder here;
-    const Outcome outcome = run(problem_of({fmt::format("grid.x.cells={}", cells)}, from),
-                                {.output = here / "b.h5", .threads = 1});
+    const Outcome outcome =
+        run(problem_of({fmt::format("grid.x.cells={}", cells)}, from), {.output = here / "b.h5", .threads = 1});
     CHECK(outcome.status == ExitStatus::done);
     CHECK(outcome.statistics.errors.front().value.largest() < 2e-2);
     CHECK(check(here / "b.h5").status == ExitStatus::done);
@@ -290,8 +340,7 @@ TEST_CASE("records of a Bloch wave have psi; check, resume, output and initial d
 }
 
 TEST_CASE("convergence of a Bloch wave is estimated on other cells, too") {
-  const ConvergenceOutcome outcome =
-      converge(problem_of({"scheme.until=0.2"}), std::nullopt, {.threads = 1});
+  const ConvergenceOutcome outcome = converge(problem_of({"scheme.until=0.2"}), std::nullopt, {.threads = 1});
   CHECK(outcome.status == ExitStatus::done);
 }
 
@@ -321,8 +370,8 @@ every = 5
   const Outcome all = with_ranks(3, [&](auto& rank) { return run(problem, on(rank, folder / "all.h5")); });
   REQUIRE(all.status == ExitStatus::done);
   for (const char* field : {"/states/p", "/states/q"}) {
-    CHECK(largest_distance(record::Reader(folder / "one.h5").read(field), record::Reader(folder / "all.h5").read(field)) <
-          1e-12);
+    CHECK(largest_distance(record::Reader(folder / "one.h5").read(field),
+                           record::Reader(folder / "all.h5").read(field)) < 1e-12);
   }
   CHECK(check(folder / "all.h5").status == ExitStatus::done);
 }
@@ -338,7 +387,8 @@ TEST_CASE("twists are refused where they are none, with place, reason and remedy
   CHECK_THAT(message({}, with(bloch_wave, "phase = { charge = \"c*L/2\" }", "phase = {}")), Contains("names nothing"));
   CHECK_THAT(message({"invariants.mass=p^2"}), Contains("invariant") && Contains("p^2") && Contains("seam"));
   CHECK_THAT(message({"scheme.frame.velocity=0.5"}), Contains("frame") && Contains("phase"));
-  CHECK_THAT(message({}, with(bloch_wave, "(p^2 + q^2)^2/2", "(p^2 + q^2)^2/2 + p^4")), Contains("not a symmetry of S"));
+  CHECK_THAT(message({}, with(bloch_wave, "(p^2 + q^2)^2/2", "(p^2 + q^2)^2/2 + p^4")),
+             Contains("not a symmetry of S"));
   CHECK_THAT(message({"scheme.lagrangian=custom", stated_action + " + p_00^2/100"}),
              Contains("L has to be the same") && Contains("p_00"));
   CHECK_THAT(message({}, with(bloch_wave, "phase = {", "jump = { p = 1 }, phase = {")), Contains("jump"));
