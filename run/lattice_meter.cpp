@@ -115,6 +115,24 @@ Eigen::MatrixXd LatticeMeter::hessian_of(const std::vector<Spectrum>& spectra) c
   return hessian.allFinite() ? hessian : system_.constant_hessian();
 }
 
+/// The waves of a field that is constant but for rounding, its own and that of the fields that it turns with, are none.
+void LatticeMeter::remove_rounding(std::vector<Spectrum>& spectra) const {
+  const std::vector<Spectrum> all = spectra;
+  for (int f = 0; f < system_.field_count(); ++f) {
+    double size = 0.0;
+    for (const int partner : mixed_fields(system_.turns(), f)) {
+      size += all[static_cast<std::size_t>(partner)].mean + all[static_cast<std::size_t>(partner)].power;
+    }
+    Spectrum& spectrum = spectra[static_cast<std::size_t>(f)];
+    if (!(spectrum.power > least_power * size)) {
+      spectrum.power = spectrum.last = spectrum.alternating = 0.0;
+      for (std::vector<double>& along : spectrum.along) {
+        std::ranges::fill(along, 0.0);
+      }
+    }
+  }
+}
+
 void LatticeMeter::measure(const LatticeLevel& level, std::size_t number, double t, double h,
                            figures::Measures& measures) {
   const bool is_start = h == 0.0;
@@ -125,6 +143,7 @@ void LatticeMeter::measure(const LatticeLevel& level, std::size_t number, double
     const bool has_waves = !system_.structure().at_midpoints(f);
     spectra.push_back(has_waves ? spectrum_of(level.fields.field(f)) : Spectrum{});
   }
+  remove_rounding(spectra);
   const Eigen::MatrixXd hessian = hessian_of(spectra);
   Eigen::MatrixXd weights = hessian.cwiseAbs();
   for (int axis = 0; axis < system_.directions(); ++axis) {
@@ -153,11 +172,7 @@ void LatticeMeter::measure(const LatticeLevel& level, std::size_t number, double
   std::vector<bool> counts(count, false);
   for (std::size_t f = 0; f < count; ++f) {
     const Spectrum& spectrum = spectra[f];
-    double size = 0.0;  // of the fields that it turns with, too, which are rounded together
-    for (const int partner : mixed_fields(system_.turns(), static_cast<int>(f))) {
-      size += spectra[static_cast<std::size_t>(partner)].mean + spectra[static_cast<std::size_t>(partner)].power;
-    }
-    counts[f] = moves_[f] && energies[f] >= least_energy * largest && spectrum.power > least_power * size;
+    counts[f] = moves_[f] && energies[f] >= least_energy * largest && spectrum.power > 0.0;
     if (!counts[f]) {
       continue;
     }

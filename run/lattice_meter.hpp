@@ -38,6 +38,7 @@ private:
     std::vector<std::vector<double>> along;  ///< for each axis by |k|
   };
   [[nodiscard]] Spectrum spectrum_of(std::span<const double> values);
+  void remove_rounding(std::vector<Spectrum>& spectra) const;
   [[nodiscard]] Eigen::MatrixXd hessian_of(const std::vector<Spectrum>& spectra) const;
   void measure_turn(const std::vector<Spectrum>& spectra, const Eigen::MatrixXd& hessian,
                     const std::vector<double>& energies, double t, double h, figures::Measures& measures) const;
