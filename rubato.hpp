@@ -7,6 +7,7 @@
 
 #include <rubato/formula/parse.hpp>
 #include <rubato/ode/boundary_value.hpp>
+#include <rubato/ode/constraints.hpp>
 #include <rubato/ode/continuation.hpp>
 #include <rubato/ode/discrete_lagrangian.hpp>
 #include <rubato/ode/first_step.hpp>

@@ -33,11 +33,9 @@ struct Pattern {
   std::string_view before, after, label_before, label_after;
 };
 constexpr std::array patterns = {
-    Pattern{"events/", "/count", "event ", ""},
-    Pattern{"events/", "/first", "", ", first"},
-    Pattern{"residuals/", "/max", "residual ", ""},
-    Pattern{"error/", "/max", "error in ", ""},
-    Pattern{"invariants/", "/max_deviation", "", ", deviation"},
+    Pattern{"events/", "/count", "event ", ""},     Pattern{"events/", "/first", "", ", first"},
+    Pattern{"residuals/", "/max", "residual ", ""}, Pattern{"constraints/", "/max", "constraint ", ""},
+    Pattern{"error/", "/max", "error in ", ""},     Pattern{"invariants/", "/max_deviation", "", ", deviation"},
 };
 
 double quantile(std::span<const double> sorted, double part) {

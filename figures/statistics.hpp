@@ -24,6 +24,9 @@ inline constexpr std::string_view level_times = "/levels/time";
 /// Strength, length and exponent of the step potential of a run that has one.
 inline constexpr std::string_view step_potential_path = "/checkpoint/step_potential";
 
+/// What the names of constraints begin with among the residuals: constraints/NAME, and constraints/NAME_dot.
+inline constexpr std::string_view constraint_group = "constraints/";
+
 /// Where a checkpoint keeps the statistics of its run, and the names of their four lists (Statistics::names_text).
 inline constexpr std::string_view statistics_name = "statistics";
 inline constexpr std::string_view statistics_names_name = "statistics_names";

@@ -39,6 +39,25 @@ JsonObject json(const Spread& magnitudes) {
   return add_undefined(object, magnitudes);
 }
 
+/// The constraints among the residuals, without the name of their group; and all others.
+///@{
+std::vector<Named<Spread>> constraints_of(const Statistics& statistics) {
+  std::vector<Named<Spread>> constraints;
+  for (const auto& [name, value] : statistics.residuals) {
+    if (name.starts_with(constraint_group)) {
+      constraints.push_back({name.substr(constraint_group.size()), value});
+    }
+  }
+  return constraints;
+}
+std::vector<Named<Spread>> other_residuals(const Statistics& statistics) {
+  std::vector<Named<Spread>> others;
+  std::ranges::copy_if(statistics.residuals, std::back_inserter(others),
+                       [](const Named<Spread>& residual) { return !residual.name.starts_with(constraint_group); });
+  return others;
+}
+///@}
+
 JsonObject json(const Deviation& deviation) {
   JsonObject object;
   if (deviation.has_initial()) {
@@ -311,7 +330,8 @@ void add_figures(JsonObject& object, const Statistics& statistics) {
     laws.count("every", statistics.laws_every).count("steps", statistics.law_steps_taken());
     object.object("laws", laws);
   }
-  object.object("residuals", json(statistics.residuals));
+  object.object("constraints", json(constraints_of(statistics)));
+  object.object("residuals", json(other_residuals(statistics)));
   if (!statistics.growth.empty() && statistics.tangents.time > 0.0) {
     JsonObject lyapunov;
     lyapunov.numbers("exponents", exponents_of(statistics)).number("megno", statistics.megno());
@@ -378,6 +398,9 @@ constexpr std::array entries = {
         "Residual of a local law in one cell over one step: the largest, and the root mean square over all cells and "
         "steps. Laws of energy, momentum and symmetries; variational_ laws belong to single nodes, multisymplectic "
         "to two tangent solutions (--tangents); step_equation (check) is the scheme's own equation."},
+    LineEntry{Kind::constraint, "constraint NAME",
+              "An entry of [constraints], and with _dot its rate, the hidden constraint: the largest magnitude at a "
+              "level, and the root mean square."},
     LineEntry{Kind::exponents, "Lyapunov exponents",
               "With [scheme] tangents: mean growth rates of the tangent vectors, of all the time so far. They converge "
               "slowly: of a regular orbit like ln(t)/t to 0."},
@@ -476,7 +499,10 @@ std::vector<Line> lines_of(const Statistics& statistics) {
     add(Kind::laws, fmt::format("of {} of {} steps", statistics.law_steps_taken(), statistics.steps),
         "what follows is of these, and of the levels they lead to");
   }
-  for (const auto& [name, value] : statistics.residuals) {
+  for (const auto& [name, value] : constraints_of(statistics)) {
+    add_named(Kind::constraint, name, with_undefined(max_rms(value), value, "levels"));
+  }
+  for (const auto& [name, value] : other_residuals(statistics)) {
     add_named(Kind::residual, name,
               with_undefined(max_rms(value), value,
                              statistics.has_gaps() ? "cells (of these steps)" : "cells (of all steps)"));

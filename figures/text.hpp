@@ -62,6 +62,7 @@ enum class LineKind {
   step_condition,
   laws,
   residual,
+  constraint,
   exponents,
   megno,
   symplecticity,

@@ -129,6 +129,15 @@ void Hamiltonian::compile() {
   places_ = std::make_shared<const std::vector<Place>>(std::move(places));
 }
 
+Hamiltonian Hamiltonian::constrained(const Constraints& constraints) const {
+  Hamiltonian result = *this;
+  result.constraints_ = constraints;
+  if (reduced_) {
+    result.reduced_ = std::make_shared<Hamiltonian>(reduced_->constrained(constraints));
+  }
+  return result;
+}
+
 HamiltonianEvaluator::HamiltonianEvaluator(const Hamiltonian& hamiltonian)
     : dimension_(2 * hamiltonian.degrees_of_freedom()),
       value_(hamiltonian.value_code()),

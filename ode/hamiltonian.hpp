@@ -9,6 +9,7 @@
 
 #include <rubato/formula/bytecode.hpp>
 #include <rubato/formula/expression.hpp>
+#include <rubato/ode/constraints.hpp>
 
 namespace rubato {
 
@@ -47,6 +48,10 @@ public:
   [[nodiscard]] double constant() const { return constant_; }
   [[nodiscard]] const Hamiltonian& without_constant() const { return reduced_ ? *reduced_ : *this; }
 
+  /// The same H with the motion restricted to g(q) = 0 (theory, section 13).
+  [[nodiscard]] Hamiltonian constrained(const Constraints& constraints) const;
+  [[nodiscard]] const Constraints& constraints() const { return constraints_; }
+
   [[nodiscard]] const formula::Bytecode& value_code() const { return *value_; }
   [[nodiscard]] const formula::Bytecode& gradient_code() const { return *gradient_; }  ///< H, then ∇H
   /// H, ∇H, and the entries of the upper triangle of H_zz that do not vanish identically, at hessian_places(), row by
@@ -77,6 +82,7 @@ private:
   formula::Expression expression_, gamma_expression_;
   double constant_ = 0.0;
   std::shared_ptr<const Hamiltonian> reduced_;  ///< H - c, if c is not 0
+  Constraints constraints_;
   std::shared_ptr<const formula::Bytecode> value_, gradient_, hessian_, gamma_, size_;
   std::shared_ptr<const std::vector<Place>> places_;
 };

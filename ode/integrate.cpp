@@ -103,6 +103,7 @@ struct ReducedScheme {
 /// The midpoint 𝕃 has a one-step production form, and some are nothing else; every other one, and an arbitrary starting
 /// pair, is two-step.
 ReducedScheme make_scheme(const Hamiltonian& whole, const InitialState& initial, const IntegrationOptions& options) {
+  require_constrained(whole, options.lagrangian);
   const Hamiltonian& hamiltonian = whole.without_constant();
   const SegmentNode first{initial.t, joined(initial)};
   if (std::holds_alternative<Midpoint>(options.lagrangian) && !options.next) {

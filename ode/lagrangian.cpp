@@ -104,6 +104,15 @@ void Lagrangian::compile() {
   hessian_ = std::make_shared<formula::Bytecode>(outputs, variables_);
 }
 
+Lagrangian Lagrangian::constrained(const Constraints& constraints) const {
+  Lagrangian result = *this;
+  result.constraints_ = constraints;
+  if (reduced_) {
+    result.reduced_ = std::make_shared<Lagrangian>(reduced_->constrained(constraints));
+  }
+  return result;
+}
+
 LagrangianEvaluator::LagrangianEvaluator(const Lagrangian& lagrangian)
     : size_(2 * lagrangian.degrees_of_freedom()),
       gradient_(lagrangian.gradient_code()),

@@ -10,6 +10,7 @@
 
 #include <rubato/formula/bytecode.hpp>
 #include <rubato/formula/expression.hpp>
+#include <rubato/ode/constraints.hpp>
 
 namespace rubato {
 
@@ -50,6 +51,10 @@ public:
   [[nodiscard]] double constant() const { return constant_; }
   [[nodiscard]] const Lagrangian& without_constant() const { return reduced_ ? *reduced_ : *this; }
 
+  /// The same L with the motion restricted to g(q) = 0 (theory, section 13).
+  [[nodiscard]] Lagrangian constrained(const Constraints& constraints) const;
+  [[nodiscard]] const Constraints& constraints() const { return constraints_; }
+
   [[nodiscard]] const formula::Bytecode& gradient_code() const { return *gradient_; }  ///< L, ∂L/∂q, ∂L/∂q̇
   /// The same, then the upper triangle of the Hessian in (q, q̇).
   [[nodiscard]] const formula::Bytecode& hessian_code() const { return *hessian_; }
@@ -68,6 +73,7 @@ private:
   formula::Expression expression_, energy_;
   double constant_ = 0.0;
   std::shared_ptr<const Lagrangian> reduced_;  ///< L - c, if c is not 0
+  Constraints constraints_;
   std::shared_ptr<const formula::Bytecode> gradient_, hessian_, energy_size_;
 };
 

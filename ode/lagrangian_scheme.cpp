@@ -13,8 +13,10 @@
 #include <rubato/base/all_finite.hpp>
 #include <rubato/base/limits.hpp>
 #include <rubato/formula/rounding.hpp>
+#include <rubato/ode/constrained_lagrangian.hpp>
 #include <rubato/ode/increment.hpp>
 #include <rubato/ode/legendre.hpp>
+#include <rubato/ode/polynomial_action.hpp>
 #include <rubato/ode/tuning.hpp>
 #include <rubato/solve/dense_solver.hpp>
 
@@ -42,8 +44,7 @@ public:
   LagrangianScheme(const Lagrangian& lagrangian, const ActionQuadrature& quadrature, std::span<const double> q,
                    std::span<const double> q_dot)
       : lagrangian_(lagrangian),
-        quadrature_(quadrature),
-        evaluator_(lagrangian),
+        action_(lagrangian, quadrature),
         transform_(lagrangian),
         energy_size_(lagrangian.energy_size_code()),
         rounding_(lagrangian.gradient_code()),
@@ -56,12 +57,7 @@ public:
     for (MatrixXd* matrix : {&Y_, &last_Y_, &trial_Y_, &begun_, &shorter_, &correction_, &residual_, &bounds_}) {
       matrix->setZero(n_, d_);
     }
-    for (MatrixXd* matrix : {&points_, &gradients_}) {
-      matrix->setZero(2 * n_, m_);
-    }
-    hessians_.setZero(2 * n_, 2 * n_ * m_);
     changes_.setZero(2 * n_);
-    values_.setZero(m_);
     matrix_.setZero(n_ * d_, n_ * d_);
     weights_.setZero(d_ + 1);
     last_end_.setZero(n_);
@@ -79,9 +75,9 @@ public:
     static_cast<void>(node());
     return as_span(std::as_const(velocity_));
   }
-  [[nodiscard]] int order() const override { return quadrature_.order(); }
+  [[nodiscard]] int order() const override { return action_.quadrature.order(); }
   [[nodiscard]] bool has_node_law() const override {
-    return quadrature_.points == ActionQuadrature::Points::gauss && quadrature_.degree == 1;
+    return action_.quadrature.points == ActionQuadrature::Points::gauss && action_.quadrature.degree == 1;
   }
 
   [[nodiscard]] Status advance(double h, double accuracy) override {
@@ -124,11 +120,11 @@ public:
       return status;
     }
     const auto varied_point = [&](const auto& column, Index j) {  // of (q, q̇) at a quadrature point
-      changes_.head(n_).noalias() = correction_.lazyProduct(quadrature_.values.row(j).tail(d_).transpose());
+      changes_.head(n_).noalias() = correction_.lazyProduct(action_.quadrature.values.row(j).tail(d_).transpose());
       changes_.head(n_) += column.head(n_);
-      changes_.tail(n_).noalias() = correction_.lazyProduct(quadrature_.rates.row(j).tail(d_).transpose());
+      changes_.tail(n_).noalias() = correction_.lazyProduct(action_.quadrature.rates.row(j).tail(d_).transpose());
       changes_.tail(n_) /= trial_h_;
-      errors_.noalias() = hessians_.middleCols(2 * n_ * j, 2 * n_).lazyProduct(changes_);
+      errors_.noalias() = action_.hessians.middleCols(2 * n_ * j, 2 * n_).lazyProduct(changes_);
     };
     for (std::size_t first = 0; first < columns.size(); first += dimension()) {
       Eigen::Map<VectorXd> column(columns.data() + first, 2 * n_);
@@ -138,8 +134,9 @@ public:
       for (Index j = 0; j < m_; ++j) {
         varied_point(column, j);
         for (Index row = 0; row < d_; ++row) {
-          residual_.col(row) += quadrature_.weights[j] * (trial_h_ * quadrature_.values(j, row) * errors_.head(n_) +
-                                                          quadrature_.rates(j, row) * errors_.tail(n_));
+          residual_.col(row) +=
+              action_.quadrature.weights[j] * (trial_h_ * action_.quadrature.values(j, row) * errors_.head(n_) +
+                                               action_.quadrature.rates(j, row) * errors_.tail(n_));
         }
       }
       correction_ = -residual_;
@@ -147,7 +144,7 @@ public:
       sums_.setZero();
       for (Index j = 0; j < m_; ++j) {
         varied_point(column, j);
-        sums_.tail(n_) += quadrature_.weights[j] * trial_h_ * errors_.head(n_);
+        sums_.tail(n_) += action_.quadrature.weights[j] * trial_h_ * errors_.head(n_);
       }
       sums_.head(n_) = correction_.col(d_ - 1);
       column += sums_;
@@ -167,7 +164,7 @@ public:
       changes_ << z_.value().head(n_), velocity_;
       errors_.head(n_) = 2.0 * changes_.head(n_).cwiseAbs();
     } else {
-      changes_ = points_.col(m_ / 2);
+      changes_ = action_.points.col(m_ / 2);
       errors_.head(n_) = 2.0 * (changes_.head(n_).cwiseAbs() + Y_.col(d_ - 1).cwiseAbs());
     }
     errors_.tail(n_) = 4.0 * changes_.tail(n_).cwiseAbs();
@@ -314,14 +311,14 @@ private:
       last_end_ = Y.col(d_ - 1);
     }
     for (Index i = 0; i < d_; ++i) {
-      quadrature_.interpolation(origin + theta * quadrature_.control[i + 1], weights_);
+      action_.quadrature.interpolation(origin + theta * action_.quadrature.control[i + 1], weights_);
       Y_.col(i) = -last_end_;
       Y_.col(i).noalias() += Y.lazyProduct(weights_.tail(d_));
     }
   }
   void start_on_tangent(double h) {
     for (Index i = 0; i < d_; ++i) {
-      Y_.col(i) = h * quadrature_.control[i + 1] * velocity_;
+      Y_.col(i) = h * action_.quadrature.control[i + 1] * velocity_;
     }
   }
   /// Where the motion is fast to change, the tangent is no neighbour of the step.
@@ -334,7 +331,7 @@ private:
       return;
     }
     for (Index i = 0; i < d_; ++i) {
-      const double time = h * quadrature_.control[i + 1];
+      const double time = h * action_.quadrature.control[i + 1];
       Y_.col(i) += 0.5 * time * time * acceleration_;
     }
   }
@@ -346,7 +343,7 @@ private:
       return false;
     }
     for (Index i = 0; i < d_; ++i) {
-      const double c = quadrature_.control[i + 1], rest = 1.0 - c;
+      const double c = action_.quadrature.control[i + 1], rest = 1.0 - c;
       for (Index r = 0; r < n_; ++r) {
         const double change = z_1[static_cast<std::size_t>(r)] - z_.value()[r];
         Y_(r, i) = c * (change + rest * (rest * (h * velocity_[r] - change) - c * (h * velocity[r] - change)));
@@ -442,41 +439,13 @@ private:
   /// q and q̇ at the quadrature points, and L there with its derivatives; whether all are finite.
   bool evaluate(double h) {
     ++iterations_;
-    for (Index j = 0; j < m_; ++j) {
-      sums_.head(n_).noalias() = Y_.lazyProduct(quadrature_.values.row(j).tail(d_).transpose());
-      sums_.tail(n_).setZero();
-      z_.displaced(1.0, sums_, end_);
-      auto point = points_.col(j);
-      point.head(n_) = end_.head(n_);
-      point.tail(n_).noalias() = Y_.lazyProduct(quadrature_.rates.row(j).tail(d_).transpose());
-      point.tail(n_) /= h;
-      values_[j] = evaluator_.hessian(point.data(), gradients_.col(j).data(), hessians_.col(2 * n_ * j).data());
-    }
-    return values_.allFinite() && gradients_.allFinite() && hessians_.allFinite();
+    return action_.evaluate(z_, Y_, h);
   }
 
   /// What the polynomial leaves of p_k + ∂S/∂q_k = 0 and of ∂S/∂q = 0 at the control points between, and its
   /// derivatives by all control points but the first.
   void assemble(double h) {
-    const VectorXd& b = quadrature_.weights;
-    matrix_.setZero();
-    for (Index row = 0; row < d_; ++row) {
-      auto residual = residual_.col(row);
-      residual.setZero();
-      for (Index j = 0; j < m_; ++j) {
-        const double value = quadrature_.values(j, row), rate = quadrature_.rates(j, row);
-        residual += b[j] * (h * value * gradients_.col(j).head(n_) + rate * gradients_.col(j).tail(n_));
-        const auto hessian = hessians_.middleCols(2 * n_ * j, 2 * n_);
-        for (Index column = 0; column < d_; ++column) {
-          const double value_1 = quadrature_.values(j, column + 1), rate_1 = quadrature_.rates(j, column + 1);
-          auto block = matrix_.block(row * n_, column * n_, n_, n_);
-          block += (b[j] * h * value * value_1) * hessian.topLeftCorner(n_, n_);
-          block += (b[j] * value * rate_1) * hessian.topRightCorner(n_, n_);
-          block += (b[j] * rate * value_1) * hessian.bottomLeftCorner(n_, n_);
-          block += (b[j] / h * rate * rate_1) * hessian.bottomRightCorner(n_, n_);
-        }
-      }
-    }
+    action_.differentiate(h, residual_, matrix_);
     sums_.head(n_).setZero();
     sums_.tail(n_) = residual_.col(0);
     z_.displaced(1.0, sums_, end_);
@@ -502,18 +471,18 @@ private:
     bounds_.setZero();
     bounds_.col(0) = 2.0 * z_.value().tail(n_).cwiseAbs();
     for (Index j = 0; j < m_; ++j) {
-      changes_ = points_.col(j);
+      changes_ = action_.points.col(j);
       errors_ = 2.0 * changes_.cwiseAbs();
       for (Index i = 0; i < d_; ++i) {
-        errors_.tail(n_) += 2.0 / std::abs(h) * std::abs(quadrature_.rates(j, i + 1)) * Y_.col(i).cwiseAbs();
+        errors_.tail(n_) += 2.0 / std::abs(h) * std::abs(action_.quadrature.rates(j, i + 1)) * Y_.col(i).cwiseAbs();
       }
       rounding_.run(as_span(std::as_const(changes_)), as_span(std::as_const(errors_)));
       for (Index row = 0; row < d_; ++row) {
         for (Index a = 0; a < n_; ++a) {
           bounds_(a, row) +=
-              quadrature_.weights[j] *
-              (std::abs(h * quadrature_.values(j, row)) * rounding_.bound(static_cast<std::size_t>(1 + a)) +
-               std::abs(quadrature_.rates(j, row)) * rounding_.bound(static_cast<std::size_t>(1 + n_ + a)));
+              action_.quadrature.weights[j] *
+              (std::abs(h * action_.quadrature.values(j, row)) * rounding_.bound(static_cast<std::size_t>(1 + a)) +
+               std::abs(action_.quadrature.rates(j, row)) * rounding_.bound(static_cast<std::size_t>(1 + n_ + a)));
         }
       }
     }
@@ -528,32 +497,31 @@ private:
     lost_.tail(n_).setZero();
     sums_.setZero();
     for (Index j = 0; j < m_; ++j) {
-      changes_.head(n_).noalias() = correction_.lazyProduct(quadrature_.values.row(j).tail(d_).transpose());
-      changes_.tail(n_).noalias() = correction_.lazyProduct(quadrature_.rates.row(j).tail(d_).transpose());
+      changes_.head(n_).noalias() = correction_.lazyProduct(action_.quadrature.values.row(j).tail(d_).transpose());
+      changes_.tail(n_).noalias() = correction_.lazyProduct(action_.quadrature.rates.row(j).tail(d_).transpose());
       changes_.tail(n_) /= h;
-      const auto hessian = hessians_.middleCols(2 * n_ * j, 2 * n_);
+      const auto hessian = action_.hessians.middleCols(2 * n_ * j, 2 * n_);
       errors_.noalias() = hessian.lazyProduct(changes_);  // how ∇L changes
-      const double weight = quadrature_.weights[j];
+      const double weight = action_.quadrature.weights[j];
       for (Index a = 0; a < n_; ++a) {
         // The sum of ∂L/∂q with what it loses, by Knuth.
-        const double term = weight * h * (gradients_(a, j) + errors_[a]);
+        const double term = weight * h * (action_.gradients(a, j) + errors_[a]);
         const double sum = sums_[a] + term;
         const double part = sum - sums_[a];
         lost_[n_ + a] += (sums_[a] - (sum - part)) + (term - part);
         sums_[a] = sum;
-        energy += static_cast<long double>(weight) * static_cast<long double>(points_(n_ + a, j)) *
-                  static_cast<long double>(gradients_(n_ + a, j) + errors_[n_ + a]);
-        energy -= static_cast<long double>(weight) * static_cast<long double>(gradients_(a, j) * changes_[a]);
+        energy += static_cast<long double>(weight) * static_cast<long double>(action_.points(n_ + a, j)) *
+                  static_cast<long double>(action_.gradients(n_ + a, j) + errors_[n_ + a]);
+        energy -= static_cast<long double>(weight) * static_cast<long double>(action_.gradients(a, j) * changes_[a]);
       }
-      energy -= static_cast<long double>(weight) * static_cast<long double>(values_[j]);
+      energy -= static_cast<long double>(weight) * static_cast<long double>(action_.values[j]);
     }
     delta_.tail(n_) = sums_.head(n_);
     energy_ = static_cast<double>(energy);
   }
 
   Lagrangian lagrangian_;
-  ActionQuadrature quadrature_;
-  LagrangianEvaluator evaluator_;
+  PolynomialAction action_;
   LegendreTransform transform_;
   formula::SumSizeEvaluator energy_size_;
   formula::RoundingEvaluator rounding_;
@@ -569,8 +537,7 @@ private:
   MatrixXd begun_, shorter_;       ///< where an iteration began; of a shorter step, to continue
   bool far_ = false;               ///< whether the last iteration ended far from where it began
   MatrixXd correction_, residual_, bounds_;
-  MatrixXd points_, gradients_, hessians_;  ///< (q, q̇) at the quadrature points, and L's derivatives there
-  VectorXd values_, changes_, weights_, last_end_;
+  VectorXd changes_, weights_, last_end_;
   MatrixXd matrix_;
   VectorXd delta_, lost_, largest_, end_, sums_, errors_;
   VectorXd usual_;  ///< the largest increments since construction, of other runs of the scheme as well
@@ -587,6 +554,9 @@ private:
 
 std::unique_ptr<OneStepScheme> make_lagrangian_scheme(const Lagrangian& lagrangian, const ActionQuadrature& quadrature,
                                                       std::span<const double> q, std::span<const double> q_dot) {
+  if (!lagrangian.constraints().none()) {
+    return make_constrained_lagrangian(lagrangian, quadrature, q, q_dot);
+  }
   return std::make_unique<LagrangianScheme>(lagrangian, quadrature, q, q_dot);
 }
 

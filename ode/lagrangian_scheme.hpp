@@ -20,7 +20,8 @@ namespace rubato {
 ///
 /// One Gauss point is the midpoint rule for H, whose node law, with Γ = fᵀH_zz f, it has. The
 /// others have no node law in closed form; the slope of E_k comes from the energies of both ends (make_gauss_scheme).
-/// node() reads H(q, p) by LegendreTransform; velocities() are those of that.
+/// node() reads H(q, p) by LegendreTransform; velocities() are those of that. Where L has constraints it is
+/// make_constrained_lagrangian().
 /// \throws std::invalid_argument, SingularLagrangianError as momenta()
 [[nodiscard]] std::unique_ptr<OneStepScheme> make_lagrangian_scheme(const Lagrangian& lagrangian,
                                                                     const ActionQuadrature& quadrature,

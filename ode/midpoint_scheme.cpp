@@ -12,6 +12,7 @@
 #include <fmt/ranges.h>
 #include <Eigen/Core>
 
+#include <rubato/ode/constrained_midpoint.hpp>
 #include <rubato/ode/increment.hpp>
 #include <rubato/ode/one_step_state.hpp>
 #include <rubato/ode/step_matrix.hpp>
@@ -228,6 +229,9 @@ std::unique_ptr<OneStepScheme> dense_scheme(const Hamiltonian& hamiltonian, std:
 }  // namespace
 
 std::unique_ptr<OneStepScheme> make_midpoint_scheme(const Hamiltonian& hamiltonian, std::span<const double> z_0) {
+  if (!hamiltonian.constraints().none()) {
+    return make_constrained_midpoint(hamiltonian, z_0);
+  }
   check_initial_state(hamiltonian, z_0);
   switch (z_0.size()) {
     case 2: return dense_scheme<2>(hamiltonian, z_0);

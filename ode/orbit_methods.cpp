@@ -2,6 +2,10 @@
 
 #include <limits>
 #include <stdexcept>
+#include <vector>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <rubato/ode/discrete_lagrangian.hpp>
 #include <rubato/ode/gauss_scheme.hpp>
@@ -24,6 +28,7 @@ std::unique_ptr<DiscreteAction> stated(FormulaAction action) {
 // In the order of the alternatives of SegmentLagrangian; what is read of one is what it was made of.
 const OrbitMethod all_methods[] = {
     {.name = "midpoint",
+     .constrains_hamiltonian = true,
      .scheme = [](const Hamiltonian& H, const SegmentLagrangian&,
                   std::span<const double> z_0) { return make_midpoint_scheme(H, z_0); },
      .quadrature = [](const SegmentLagrangian&) { return ActionQuadrature(Points::gauss, 1); },
@@ -66,6 +71,7 @@ const OrbitMethod all_methods[] = {
                     const SegmentLagrangian&) { return NodeLaw(H, std::numeric_limits<double>::quiet_NaN()); }},
     {.name = "splitting",
      .has_compositions = true,
+     .constrains_hamiltonian = true,
      .scheme =
          [](const Hamiltonian& H, const SegmentLagrangian& of, std::span<const double> z_0) {
            return make_splitting_scheme(H, composition(std::get<Splitting>(of).composition), z_0);
@@ -96,6 +102,22 @@ std::span<const OrbitMethod> orbit_methods() {
   return all_methods;
 }
 
+void require_constrained(const Hamiltonian& hamiltonian, const SegmentLagrangian& lagrangian) {
+  if (hamiltonian.constraints().none() || method_of(lagrangian).constrains_hamiltonian) {
+    return;
+  }
+  std::vector<std::string_view> names;
+  for (const OrbitMethod& method : orbit_methods()) {
+    if (method.constrains_hamiltonian) {
+      names.push_back(method.name);
+    }
+  }
+  throw std::invalid_argument(
+      fmt::format("lagrangian = \"{}\" takes no constraints of a problem stated by H: use \"{}\", or state the problem "
+                  "by its Lagrangian",
+                  method_of(lagrangian).name, fmt::join(names, "\" or \"")));
+}
+
 const OrbitMethod& method_of(const SegmentLagrangian& lagrangian) {
   return all_methods[lagrangian.index()];
 }
@@ -103,6 +125,7 @@ const OrbitMethod& method_of(const SegmentLagrangian& lagrangian) {
 std::unique_ptr<OneStepScheme> make_one_step_scheme(const Hamiltonian& hamiltonian, const SegmentLagrangian& lagrangian,
                                                     std::span<const double> z_0) {
   const OrbitMethod& method = method_of(lagrangian);
+  require_constrained(hamiltonian, lagrangian);
   if (method.scheme == nullptr) {
     throw std::invalid_argument(
         method.of_lagrangian()
@@ -125,6 +148,9 @@ std::unique_ptr<OneStepScheme> make_one_step_scheme(const Lagrangian& lagrangian
 }
 
 std::unique_ptr<DiscreteAction> make_action(const Hamiltonian& hamiltonian, const SegmentLagrangian& lagrangian) {
+  if (!hamiltonian.constraints().none()) {
+    throw std::invalid_argument("with constraints a scheme is a one-step map: leave out what needs its action");
+  }
   if (method_of(lagrangian).is_map()) {
     throw std::invalid_argument("there is no action of a segment for this scheme");
   }

@@ -63,6 +63,8 @@ struct OrbitMethod {
   bool has_orders = false;  ///< whether [scheme] has to give an order
   /// Whether a step potential is chosen where a problem says nothing of it, nor of singular points.
   bool takes_potential = true;
+  /// Whether `scheme` takes an H with constraints; every quadrature takes an L with constraints.
+  bool constrains_hamiltonian = false;
 
   /// The one-step map, of a problem stated by H. \param z_0 where it starts
   std::unique_ptr<OneStepScheme> (*scheme)(const Hamiltonian&, const SegmentLagrangian&,
@@ -84,6 +86,9 @@ struct OrbitMethod {
 /// All there are, the default first.
 [[nodiscard]] std::span<const OrbitMethod> orbit_methods();
 [[nodiscard]] const OrbitMethod& method_of(const SegmentLagrangian& lagrangian);
+
+/// \throws std::invalid_argument if H has constraints that this scheme does not take
+void require_constrained(const Hamiltonian& hamiltonian, const SegmentLagrangian& lagrangian);
 
 /// \throws std::invalid_argument as the scheme's own function, or if there is no one-step form
 [[nodiscard]] std::unique_ptr<OneStepScheme> make_one_step_scheme(const Hamiltonian& hamiltonian,

@@ -49,6 +49,9 @@ double SplittingLanes::Along::farthest(double from) const {
 std::unique_ptr<SplittingLanes> SplittingLanes::make(const Hamiltonian& hamiltonian, const Composition& composition,
                                                      std::span<const Expression> observed, std::size_t width,
                                                      bool all) {
+  if (!hamiltonian.constraints().none()) {
+    return nullptr;
+  }
   const Hamiltonian& bare = hamiltonian.without_constant();
   const Separation halves = separate(bare);
   if (!halves.separable()) {

@@ -13,6 +13,7 @@
 
 #include <rubato/base/all_finite.hpp>
 #include <rubato/formula/machine_code.hpp>
+#include <rubato/ode/constrained_splitting.hpp>
 #include <rubato/ode/node_law.hpp>
 #include <rubato/ode/separable.hpp>
 #include <rubato/ode/splitting_formula.hpp>
@@ -212,6 +213,9 @@ private:
 
 std::unique_ptr<OneStepScheme> make_splitting_scheme(const Hamiltonian& hamiltonian, const Composition& composition,
                                                      std::span<const double> z_0) {
+  if (!hamiltonian.constraints().none()) {
+    return make_constrained_splitting(hamiltonian, composition, z_0);
+  }
   check_initial_state(hamiltonian, z_0);
   const Separation halves = separate(hamiltonian);
   if (!halves.separable()) {

@@ -19,8 +19,9 @@ namespace rubato {
 ///
 /// The golden splitting obeys the midpoint rule's step law, with E_k - H = ((7 - 3√5)/16) h²Γ + O(h⁴): its Γ, in the
 /// terms of NodeEnergy, is -((7 - 3√5)/2) fᵀH_zz f. The others have no node law in closed form. The slope dE/dh is that
-/// of make_gauss_scheme(). \throws std::invalid_argument if H is not separable, naming the term; if T is not quadratic
-/// where the composition needs it; if sizes do not fit or H is not finite at z_0
+/// of make_gauss_scheme(). Where H has constraints it is make_constrained_splitting(). \throws std::invalid_argument if
+/// H is not separable, naming the term; if T is not quadratic where the composition needs it; if sizes do not fit or H
+/// is not finite at z_0
 [[nodiscard]] std::unique_ptr<OneStepScheme> make_splitting_scheme(const Hamiltonian& hamiltonian,
                                                                    const Composition& composition,
                                                                    std::span<const double> z_0);

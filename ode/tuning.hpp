@@ -222,6 +222,26 @@ inline constexpr std::size_t most_side_by_side = 128;
 
 }  // namespace rubato::tuning::many_orbits
 
+/// Holonomic constraints (constraints.cpp and the constrained schemes).
+namespace rubato::tuning::constraints {
+
+/// Iterations of Newton's method for the multipliers; three are usual.
+inline constexpr int most_multiplier_iterations = 50;
+/// Rounding errors of coordinates, or velocities, that a start may be off the constraints by: formulas have some.
+inline constexpr double roundings_of_start = 8.0;
+/// The same of a step, where the multipliers are off by what is left over the length of the step. Mostly less is left.
+inline constexpr double roundings_of_step = 1.0;
+/// A matrix of multipliers serves as long as what is left shrinks by that.
+inline constexpr double slowest_multipliers = 0.01;
+/// What an iteration may leave where it stagnates, relative to the largest coordinate or velocity.
+inline constexpr double stagnant_constraint = 1e-12;
+/// Pivots of the multipliers' matrix that differ by more are those of dependent constraints.
+inline constexpr double least_multiplier_pivot = 1e-13;
+/// Gradients of length 1 that are closer to dependent ones are taken for dependent.
+inline constexpr double least_independence = 1e-10;
+
+}  // namespace rubato::tuning::constraints
+
 /// Steps of the midpoint rule (midpoint_scheme.cpp).
 namespace rubato::tuning::midpoint {
 

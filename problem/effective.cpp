@@ -89,7 +89,7 @@ public:
   /// Puts the value in its place. A key that the problem's format does not know is found later, where every unknown key
   /// is; tables whose names are free may only be changed here, since a misspelt name would go unnoticed.
   void apply(Value& root) const {
-    static constexpr std::array free_tables = {"parameters", "definitions", "invariants", "symmetries"};
+    static constexpr std::array free_tables = {"parameters", "definitions", "invariants", "symmetries", "constraints"};
     Value* place = &root;
     for (std::size_t i = 0; i < path_.size(); ++i) {
       Value::Table& table = table_at(*place, i);
@@ -180,11 +180,13 @@ bool expand(Value& root, std::string_view table_name, std::string_view reference
   }
   *table = std::move(merged);
 
-  if (Entry* defaults = find(*other.table(), "parameters"); defaults != nullptr) {
-    Entry* parameters = find(*root.table(), "parameters");
-    if (parameters == nullptr) {
+  for (const std::string_view key : {"parameters", "constraints"}) {
+    Entry* defaults = find(*other.table(), key);
+    Entry* entries = find(*root.table(), key);
+    if (defaults != nullptr && entries == nullptr) {
       root.table()->push_back(std::move(*defaults));
-    } else if (Value::Table* own = parameters->value.table()) {  // if it is no table, its reader says so
+    } else if (Value::Table* own = entries != nullptr && defaults != nullptr ? entries->value.table() : nullptr) {
+      // if it is no table, its reader says so
       for (Entry& value : *defaults->value.table()) {
         if (find(*own, value.key) == nullptr) {
           own->push_back(std::move(value));

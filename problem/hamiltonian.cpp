@@ -223,6 +223,7 @@ void read_hamiltonian(Section& root, Section& section, Problem& problem) {
   static const std::vector<std::string> time = {"t"};
   ode.exact = read_exact(root, std::array{q, p}, time, parameters);
   read_orbit_symmetries(root, ode, parameters);
+  read_constraints(root, ode, parameters);
   if (const Entry* entry = root.take("grid")) {
     throw ProblemError(entry->location, "[grid] belongs to a [multisymplectic] problem");
   }

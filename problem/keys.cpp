@@ -16,7 +16,7 @@ namespace rubato {
 
 namespace {
 
-constexpr std::array<TableEntry, 39> all_tables{{
+constexpr std::array<TableEntry, 40> all_tables{{
     {"", "one of [hamiltonian], [lagrangian], [multisymplectic] and [field] says what is to be solved"},
     {"hamiltonian", "an orbit: q' = dH/dp, p' = -dH/dq"},
     {"lagrangian",
@@ -64,6 +64,10 @@ constexpr std::array<TableEntry, 39> all_tables{{
      "as they have to, or linear ones of both: their momentum maps are reported as invariants, with their changes in "
      "each step. find = true adds all other linear symmetries of H, as linear_1, linear_2 and so on",
      "a symmetry"},
+    {"constraints",
+     "holonomic constraints of an orbit: formulas of the coordinates that vanish, NAME = \"x^2 + y^2 - 1\". With "
+     "[lagrangian] any scheme takes them, with [hamiltonian] midpoint does and, for H = T(p) + V(q), splitting",
+     "a constraint"},
     {"scheme", "how it is solved"},
     {"scheme.step_potential",
      "a step potential by its numbers: f'(h) = +-(s+1) |eta| h0^s (|h|/(kappa h0))^p, of the first step h0"},
@@ -151,6 +155,7 @@ std::vector<KeyEntry> make_keys() {
       {"", "invariants", "table", none, ""},
       {"", "exact", "table", none, ""},
       {"", "symmetries", "table", none, ""},
+      {"", "constraints", "table", none, ""},
       {"", "scheme", "table", required, ""},
       {"", "laws", "table", none, ""},
       {"", "verdict", "table", none, ""},

@@ -137,6 +137,7 @@ void read_lagrangian(Section& root, Section& section, Problem& problem) {
   static const std::vector<std::string> time = {"t"};
   orbit.exact = read_exact(root, std::array{q, q_dot, p}, time, parameters);
   read_orbit_symmetries(root, orbit, parameters);
+  read_constraints(root, orbit, parameters);
   if (const Entry* entry = root.take("grid")) {
     throw ProblemError(entry->location, "[grid] belongs to a [multisymplectic] problem");
   }

@@ -60,7 +60,7 @@ Hamiltonian make_hamiltonian(const Problem& problem) {
   const HamiltonianProblem& orbit = *problem.hamiltonian();
   auto graph = std::make_shared<formula::Graph>();
   const formula::Expression H = build_hamiltonian(problem, *graph);
-  return Hamiltonian(graph, orbit.q, orbit.p, H);
+  return Hamiltonian(graph, orbit.q, orbit.p, H).constrained(make_constraints(problem));
 }
 
 Hamiltonian make_hamiltonian(const Problem& problem, std::span<const std::string> parameters, bool as_momenta) {
@@ -84,7 +84,7 @@ Lagrangian make_lagrangian(const Problem& problem) {
   const HamiltonianProblem& orbit = *problem.hamiltonian();
   auto graph = std::make_shared<formula::Graph>();
   const formula::Expression L = problem.build(*orbit.L, *graph, orbit.lagrangian_names());
-  return {graph, orbit.q, orbit.q_dot, L};
+  return Lagrangian(graph, orbit.q, orbit.q_dot, L).constrained(make_constraints(problem));
 }
 
 SegmentLagrangian make_discretisation(const Problem& problem) {

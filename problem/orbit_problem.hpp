@@ -17,6 +17,8 @@ namespace rubato {
 [[nodiscard]] Hamiltonian make_hamiltonian(const Problem& problem, std::span<const std::string> parameters,
                                            bool as_momenta);
 ///@}
+/// [constraints], none where there is no such table.
+[[nodiscard]] Constraints make_constraints(const Problem& problem);
 /// Of a problem stated by L.
 [[nodiscard]] Lagrangian make_lagrangian(const Problem& problem);
 [[nodiscard]] SegmentLagrangian make_discretisation(const Problem& problem);

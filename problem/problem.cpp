@@ -191,6 +191,11 @@ void read_system(Section& root, Problem& problem) {
   if (problem.multisymplectic() != nullptr) {
     check_twists(problem);
   }
+  if (const Entry* constraints = root.take("constraints"); constraints != nullptr && problem.hamiltonian() == nullptr) {
+    throw ProblemError(constraints->location,
+                       "[constraints] is for orbits ([hamiltonian] or [lagrangian]); a constraint "
+                       "of a lattice is a row of S; leave it out");
+  }
 }
 
 Problem read_effective(EffectiveDocument document, const std::string& source) {
@@ -216,6 +221,7 @@ Problem read_effective(EffectiveDocument document, const std::string& source) {
   read_levels(root, problem);
   problem.events = read_events(root, problem);
   problem.solve = read_solve(root, problem);
+  check_constrained(problem);
   problem.ensemble = read_ensemble(root, problem.parameters);
   if (problem.ensemble) {
     problem.ensemble->common = without(problem.text, source, "ensemble");

@@ -100,10 +100,12 @@ struct HamiltonianProblem {
   bool driven = false;           ///< H names t
   ///@}
   PhasePoint initial;
-  std::optional<PhasePoint> next;        ///< [initial.next]: the second level of a starting pair
-  std::vector<NamedFormula> invariants;  ///< in q, p, in the order of the file; of [symmetries] after them
-  std::vector<NamedFormula> exact;       ///< in t; names of some coordinates and momenta, in the order q, p
-  std::vector<std::string> symmetries;   ///< those of the invariants that are momentum maps of [symmetries]
+  std::optional<PhasePoint> next;         ///< [initial.next]: the second level of a starting pair
+  std::vector<NamedFormula> invariants;   ///< in q, p, in the order of the file; of [symmetries] after them
+  std::vector<NamedFormula> exact;        ///< in t; names of some coordinates and momenta, in the order q, p
+  std::vector<std::string> symmetries;    ///< those of the invariants that are momentum maps of [symmetries]
+  std::vector<NamedFormula> constraints;  ///< formulas of q that vanish, in the order of the file
+  Location constraints_location;
 
   /// With time_scale, which coordinate is the physical time; else t of the levels is that. In (q, p) it has the same
   /// place.

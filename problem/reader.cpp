@@ -175,7 +175,8 @@ void refuse_name(const Entry& entry, std::string_view role, std::string_view rea
 }
 
 std::vector<NamedFormula> read_invariants(Section& root, const Vocabulary& vocabulary, const Parameters& parameters) {
-  static constexpr std::array<std::string_view, 4> names_in_record = {"t", "step", "totals", "fields"};  // under /laws
+  static constexpr std::array<std::string_view, 5> names_in_record = {"t", "step", "totals", "fields",
+                                                                      "constraints"};  // under /laws
   std::vector<NamedFormula> invariants;
   if (const auto section = root.take_section("invariants")) {
     for (const Entry& entry : section->entries()) {

@@ -246,6 +246,10 @@ void read_output_times(Section& section, Problem& problem);
 [[nodiscard]] std::optional<StatedFrame> read_frame(Section& scheme, const Problem& problem);
 /// [symmetries] of an orbit: adds their momentum maps to its invariants, and their names. Needs the invariants.
 void read_orbit_symmetries(Section& root, HamiltonianProblem& orbit, const Parameters& parameters);
+/// [constraints] of an orbit. Needs all of [hamiltonian] or [lagrangian] and [initial].
+void read_constraints(Section& root, HamiltonianProblem& orbit, const Parameters& parameters);
+/// \throws ProblemError at what a problem with constraints cannot have
+void check_constrained(const Problem& problem);
 /// [scheme] tangents, if there are any.
 [[nodiscard]] StatedTangents read_tangents(Section& scheme, const Problem& problem);
 /// The values of `--set` that put fitted numbers in the place of "fit". \throws ProblemError where a first step of the

@@ -341,6 +341,10 @@ private:
     if (problem_.hamiltonian() != nullptr) {
       check_separable(*problem_.hamiltonian(), parameters_);
     }
+    if (problem_.hamiltonian() != nullptr && !problem_.hamiltonian()->constraints.empty()) {
+      read_constrained_composition(name);
+      return;
+    }
     if (name == nullptr) {
       scheme_.composition = scheme_.order ? composition_of_order(*scheme_.order).name : scheme_.composition;
       return;
@@ -350,6 +354,35 @@ private:
       check_kinetic_energy(*problem_.hamiltonian(), parameters_, composition(scheme_.composition),
                            name->value.location);
     }
+    check_order_of_composition();
+  }
+
+  /// One of Verlet steps; of those the first of the order that is asked for.
+  void read_constrained_composition(const Entry* name) {
+    const std::vector<std::string_view> words = compositions_of_verlet_steps();
+    if (name != nullptr) {
+      scheme_.composition = composition_words()[read_word(name->value, "composition", composition_words())];
+      if (std::ranges::find(words, scheme_.composition) == words.end()) {
+        throw ProblemError(
+            name->value.location,
+            fmt::format("composition = \"{}\" needs exact flows of T(p), which [constraints] do not leave; "
+                        "use one of Verlet steps, {}",
+                        scheme_.composition, fmt::join(words, ", ")));
+      }
+      check_order_of_composition();
+      return;
+    }
+    const int order = scheme_.order.value_or(2);
+    const auto found = std::ranges::find(words, order, [](std::string_view word) { return composition(word).order; });
+    if (found == words.end()) {
+      throw ProblemError(scheme_.order_location,
+                         fmt::format("order = {}: with [constraints] there are compositions of Verlet steps, {}", order,
+                                     fmt::join(words, ", ")));
+    }
+    scheme_.composition = *found;
+  }
+
+  void check_order_of_composition() {
     if (const int order = composition(scheme_.composition).order; scheme_.order && *scheme_.order != order) {
       throw ProblemError(scheme_.order_location,
                          fmt::format("order = {}, and composition = \"{}\" is of order {}; leave one of them out",

@@ -104,8 +104,10 @@ void check_separable(const HamiltonianProblem& orbit, const Parameters& paramete
   const formula::ParseError error(
       orbit.H.text, place_of_mixed(orbit, names, parameters),
       fmt::format("lagrangian = \"splitting\" needs H = T(p) + V(q), and the term {} depends on coordinates and on "
-                  "momenta; use \"gauss\", \"midpoint\" or \"generating\"",
-                  shortened(mixed)));
+                  "momenta; {}",
+                  shortened(mixed),
+                  orbit.constraints.empty() ? "use \"gauss\", \"midpoint\" or \"generating\""
+                                            : "state the problem by its Lagrangian, in [lagrangian]"));
   throw ProblemError(place_in_file(orbit.H.location, error.line(), error.column()), error.what());
 }
 

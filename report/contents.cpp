@@ -54,6 +54,9 @@ Contents contents_of(const record::Reader& reader) {
       }
     } else if (const auto total = name_in("/laws/totals/", info.path); total && lies_along(info, "t")) {
       contents.totals.push_back(*total);
+    } else if (const auto constraint = name_in("/laws/constraints/", info.path);
+               constraint && info.grows && constraint->ends_with(suffix)) {
+      contents.residuals.push_back("constraints/" + constraint->substr(0, constraint->size() - suffix.size()));
     } else if (const auto residual = name_in("/laws/fields/", info.path); residual && is_field) {
       contents.residual_fields.push_back(*residual);
     } else if (const auto law = name_in("/laws/", info.path); law && lies_along(info, "t")) {

@@ -231,7 +231,16 @@ std::vector<std::string> figure_names(const Problem& member) {
       }
     }
   };
-  add("residuals", simulation->law_names(), {"max", "rms"});
+  std::vector<std::string> residuals;
+  for (const std::string& law : simulation->law_names()) {
+    if (law.starts_with(figures::constraint_group)) {
+      names.push_back(law + "/max");
+      names.push_back(law + "/rms");
+    } else {
+      residuals.push_back(law);
+    }
+  }
+  add("residuals", residuals, {"max", "rms"});
   for (std::size_t i = 0; i < member.scheme.tangents.vectors; ++i) {
     names.push_back(fmt::format("lyapunov/exponents/{}", i + 1));
   }

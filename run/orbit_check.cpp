@@ -82,6 +82,7 @@ public:
         invariants_(problem, orbit_.invariants, orbit_.formula_names()),
         exact_(problem, orbit_.exact, {"t"}),
         momentum_maps_(problem, momentum_maps_of(orbit_), orbit_.names()),
+        constraints_(make_constraint_table(problem)),
         states_(reader, "/states", n_, levels.state_level.size()),
         size_(2 * n_, 0.0),
         scale_(2 * n_, 0.0),
@@ -102,7 +103,7 @@ public:
       const Hamiltonian hamiltonian = make_hamiltonian(problem);
       gradient_size_.emplace(hamiltonian.gradient_code());
       law_.emplace(make_node_law(hamiltonian, lagrangian));
-      if (method_of(lagrangian).is_map()) {
+      if (method_of(lagrangian).is_map() || !orbit_.constraints.empty()) {
         map_ = make_one_step_scheme(hamiltonian, lagrangian, initial_state());
       } else {
         action_ = make_action(hamiltonian, lagrangian);
@@ -118,6 +119,10 @@ public:
     for (const std::string& name : momentum_maps_.names()) {
       changes_.emplace_back(reader, Law(name).max_path());
       changes_.emplace_back(reader, Law(name).rms_path());
+    }
+    for (const std::string& name : constraint_laws(orbit_)) {
+      constraint_columns_.emplace_back(reader, Law(name).max_path());
+      constraint_columns_.emplace_back(reader, Law(name).rms_path());
     }
     for (const std::string& name : exact_.names()) {
       exacts_.emplace_back(reader, "/exact/" + name);
@@ -155,6 +160,7 @@ public:
       if (row > 0 && whole && !previous.empty() && all_finite(previous)) {
         if (const auto step = levels_.step_to(row)) {
           check_momentum_maps(row, *step, previous, z);
+          check_constraint_values(row, *step, z);
           map_ ? check_map(row, *step, previous, z) : check_step(row, *step, previous, z);
         }
         output_.check_step(row, previous, z);
@@ -348,6 +354,36 @@ private:
             return tolerances[i / 2];
           },
           taken ? "from the states around the step" : "[laws] every of the problem");
+    }
+  }
+
+  /// The constraints and their rates at a stored level.
+  void check_constraint_values(std::size_t row, std::size_t step, const std::vector<double>& z) {
+    const std::size_t values = constraint_columns_.size() / 2;
+    if (values == 0) {
+      return;
+    }
+    const bool taken = problem_.laws.taken_at(levels_.state_level[row]);
+    const auto evaluate = [this](const std::vector<double>& state, std::vector<double>& out) {
+      if (orbit_.L) {
+        static_cast<void>(node_at(state));
+      }
+      std::ranges::transform(constraints_(formula_inputs(state)), out.begin(),
+                             [](double value) { return std::abs(value); });
+    };
+    std::vector<double> found(values), tolerances;
+    evaluate(z, found);
+    for (std::size_t i = 0; i < constraint_columns_.size(); ++i) {
+      findings_.compare(
+          constraint_columns_[i].path(), step, {}, constraint_columns_[i].at(step),
+          taken ? found[i / 2] : std::numeric_limits<double>::quiet_NaN(),
+          [&] {
+            if (tolerances.empty()) {
+              tolerances = Rounding::tolerances(z, scale_, {0}, values, evaluate);
+            }
+            return tolerances[i / 2];
+          },
+          taken ? "from the state at that level" : "[laws] every of the problem");
     }
   }
 
@@ -616,7 +652,7 @@ private:
   bool autonomous_;
   bool autonomous_known_ = false;
   Eigen::VectorXd gradient_;
-  FormulaTable invariants_, exact_, momentum_maps_;
+  FormulaTable invariants_, exact_, momentum_maps_, constraints_;
   StoredStates states_;
   std::optional<StoredStates> before_;
   std::optional<StoredRows> velocities_;  ///< of a problem stated by L
@@ -626,7 +662,7 @@ private:
   std::vector<double> scale_;                                ///< of each component: see find_scales()
   StoredRows node_energy_, gamma_, energy_;
   std::optional<StoredRows> rounding_;
-  std::vector<StoredRows> laws_, exacts_, changes_;
+  std::vector<StoredRows> laws_, exacts_, changes_, constraint_columns_;
   std::vector<double> last_corners_;
   OutputCheck output_;
   EventCheck events_;

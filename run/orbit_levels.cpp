@@ -5,6 +5,7 @@
 
 #include <fmt/format.h>
 
+#include <rubato/figures/statistics.hpp>
 #include <rubato/ode/discrete_lagrangian.hpp>
 #include <rubato/problem/orbit_problem.hpp>
 #include <rubato/variation/total_variation.hpp>
@@ -47,6 +48,48 @@ std::vector<NamedFormula> momentum_maps_of(const HamiltonianProblem& orbit) {
     return std::ranges::find(orbit.symmetries, invariant.name) != orbit.symmetries.end();
   });
   return maps;
+}
+
+FormulaTable make_constraint_table(const Problem& problem) {
+  const HamiltonianProblem& orbit = *problem.hamiltonian();
+  formula::Graph graph;
+  std::vector<formula::Expression> values, rates;
+  if (!orbit.constraints.empty()) {
+    std::vector<formula::Expression> q, velocities;
+    for (const std::string& name : orbit.q) {
+      q.push_back(graph.variable(name));
+    }
+    if (orbit.L) {
+      std::ranges::transform(orbit.q_dot, std::back_inserter(velocities),
+                             [&](const std::string& name) { return graph.variable(name); });
+    } else {
+      std::vector<formula::Expression> p;
+      std::ranges::transform(orbit.p, std::back_inserter(p),
+                             [&](const std::string& name) { return graph.variable(name); });
+      velocities = formula::gradient(problem.build(orbit.H, graph, orbit.names()), p);
+    }
+    for (const NamedFormula& constraint : orbit.constraints) {
+      values.push_back(problem.build(constraint.formula, graph, orbit.q));
+      const std::vector<formula::Expression> row = formula::gradient(values.back(), q);
+      formula::Expression rate = row.front() * velocities.front();
+      for (std::size_t a = 1; a < q.size(); ++a) {
+        rate = rate + row[a] * velocities[a];
+      }
+      rates.push_back(rate);
+    }
+    std::ranges::copy(rates, std::back_inserter(values));
+  }
+  return {graph, values, orbit.formula_names()};
+}
+
+std::vector<std::string> constraint_laws(const HamiltonianProblem& orbit) {
+  std::vector<std::string> names;
+  for (const char* suffix : {"", "_dot"}) {
+    for (const NamedFormula& constraint : orbit.constraints) {
+      names.push_back(fmt::format("{}{}{}", figures::constraint_group, constraint.name, suffix));
+    }
+  }
+  return names;
 }
 
 std::vector<double> start_of(const HamiltonianProblem& orbit) {

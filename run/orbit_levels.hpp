@@ -3,6 +3,7 @@
 #include <memory>
 
 #include <rubato/ode/orbit_between.hpp>
+#include <rubato/problem/formula_table.hpp>
 #include <rubato/problem/problem.hpp>
 
 namespace rubato {
@@ -16,6 +17,12 @@ namespace rubato {
 
 /// The momentum maps of [symmetries], among the invariants.
 [[nodiscard]] std::vector<NamedFormula> momentum_maps_of(const HamiltonianProblem& orbit);
+
+/// The constraints at a level, g and then dg/dt, as formulas of HamiltonianProblem::formula_names(); none if there are
+/// none.
+[[nodiscard]] FormulaTable make_constraint_table(const Problem& problem);
+/// Their names among the laws: constraints/NAME and constraints/NAME_dot.
+[[nodiscard]] std::vector<std::string> constraint_laws(const HamiltonianProblem& orbit);
 
 /// (q, p) at the start.
 [[nodiscard]] std::vector<double> start_of(const HamiltonianProblem& orbit);

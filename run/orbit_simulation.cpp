@@ -26,8 +26,12 @@ public:
         exact_(problem, orbit_.exact, {"t"}),
         energy_terms_(make_energy_terms(problem)),
         frequency_(problem),
-        momentum_maps_(problem, momentum_maps_of(orbit_), orbit_.names()) {
+        momentum_maps_(problem, momentum_maps_of(orbit_), orbit_.names()),
+        constraints_(make_constraint_table(problem)) {
     for (const std::string& name : momentum_maps_.names()) {
+      laws_.emplace_back(name);
+    }
+    for (const std::string& name : constraint_laws(orbit_)) {
       laws_.emplace_back(name);
     }
     const std::vector<std::string> names = orbit_.formula_names();
@@ -53,16 +57,22 @@ public:
 
   [[nodiscard]] std::span<const double> energy_term_values() override { return energy_terms_(formula_inputs()); }
 
-  /// How far each momentum map changes in the step: rounding errors where the discrete action has its symmetry.
+  /// How far each momentum map changes in the step: rounding errors where the discrete action has its symmetry. And the
+  /// constraints at its end.
   [[nodiscard]] std::span<Law> laws() override {
-    if (!laws_.empty()) {
+    const std::size_t maps = momentum_maps_.names().size();
+    if (maps > 0) {
       const std::span<const double> before = momentum_maps_(levels_[at_ - 1].z);
       changes_.assign(before.begin(), before.end());
       const std::span<const double> now = momentum_maps_(level().z);
-      for (std::size_t i = 0; i < laws_.size(); ++i) {
-        Spread change;
-        change.add(std::abs(now[i] - changes_[i]));
-        laws_[i].set(change);
+      for (std::size_t i = 0; i < maps; ++i) {
+        laws_[i].set(magnitude(now[i] - changes_[i]));
+      }
+    }
+    if (maps < laws_.size()) {
+      const std::span<const double> values = constraints_(formula_inputs());
+      for (std::size_t i = 0; i < values.size(); ++i) {
+        laws_[maps + i].set(magnitude(values[i]));
       }
     }
     return laws_;
@@ -196,6 +206,11 @@ private:
     record::Column q, p;
   };
   [[nodiscard]] const Level& level() const { return levels_[at_]; }
+  [[nodiscard]] static Spread magnitude(double value) {
+    Spread spread;
+    spread.add(std::abs(value));
+    return spread;
+  }
   /// The level where the integrator stands.
   void keep(Level& level) {
     level.t = integrator_.t();
@@ -254,7 +269,7 @@ private:
   OrbitIntegrator integrator_;
   FormulaTable invariants_, exact_, energy_terms_;
   LocalFrequency frequency_;
-  FormulaTable momentum_maps_;
+  FormulaTable momentum_maps_, constraints_;
   std::vector<Law> laws_;  ///< of each of them
   std::vector<double> changes_;
   std::vector<std::size_t> exact_index_;

@@ -91,6 +91,30 @@ double Composition::magnitude() const {
   return std::max(drifts, kicks);
 }
 
+bool Composition::is_of_verlet_steps() const {
+  constexpr double rounding = 1e-15;
+  for (std::size_t i = 0; i < parts.size(); ++i) {
+    if (parts[i].drift) {
+      continue;
+    }
+    const double around = (i > 0 ? parts[i - 1].length : 0.0) + (i + 1 < parts.size() ? parts[i + 1].length : 0.0);
+    if (!(std::abs(parts[i].length - 0.5 * around) <= rounding)) {
+      return false;
+    }
+  }
+  return !parts.empty() && !parts.front().drift && !parts.back().drift;
+}
+
+std::vector<std::string_view> compositions_of_verlet_steps() {
+  std::vector<std::string_view> names;
+  for (const Composition& one : compositions()) {
+    if (one.is_of_verlet_steps()) {
+      names.push_back(one.name);
+    }
+  }
+  return names;
+}
+
 std::span<const Composition> compositions() {
   static const std::vector<Composition> all = make_compositions();
   return all;

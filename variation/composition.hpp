@@ -30,6 +30,9 @@ struct Composition {
   /// The larger of Σ|a_i| and Σ|b_i|: how much more than that of H the terms of the discrete energy come to.
   [[nodiscard]] double magnitude() const;
   [[nodiscard]] bool has_node_law() const { return !std::isnan(gamma); }
+  /// True if it is made of Verlet steps: each kick is half the sum of the drifts beside it. Such a composition keeps
+  /// its order where a drift is of order 2, as it is with constraints.
+  [[nodiscard]] bool is_of_verlet_steps() const;
 };
 
 /// By name:
@@ -52,5 +55,8 @@ struct Composition {
 /// The one to be taken where only the order is asked for: golden, blanes-moan-4, kahan-li-6 or kahan-li-8. \throws
 /// std::invalid_argument for an order that none has, with those there are
 [[nodiscard]] const Composition& composition_of_order(int order);
+
+/// The names of those that is_of_verlet_steps(), in their order.
+[[nodiscard]] std::vector<std::string_view> compositions_of_verlet_steps();
 
 }  // namespace rubato

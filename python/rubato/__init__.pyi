@@ -75,14 +75,15 @@ class Hamiltonian(_System):
     def __init__(self, q: _Names, p: _Names, H: _Formula, *, title: str | None = ...,
                  parameters: _Formulas | None = ..., definitions: _Formulas | None = ...,
                  invariants: _Formulas | None = ..., exact: _Formulas | None = ...,
-                 time_scale: _Formula = ..., tables: _Tables = ..., **keywords: _Formula) -> None: ...
+                 constraints: _Formulas | None = ..., time_scale: _Formula = ..., tables: _Tables = ...,
+                 **keywords: _Formula) -> None: ...
 
 class Lagrangian(_System):
     q: list[str]
     q_dot: list[str]
     def __init__(self, q: _Names, L: _Formula, *, title: str | None = ..., parameters: _Formulas | None = ...,
                  definitions: _Formulas | None = ..., invariants: _Formulas | None = ..., exact: _Formulas | None = ...,
-                 tables: _Tables = ..., **keywords: _Formula) -> None: ...
+                 constraints: _Formulas | None = ..., tables: _Tables = ..., **keywords: _Formula) -> None: ...
 
 class Field(_System):
     def __init__(self, fields: _Names | None = ..., L: _Formula = ..., *, H: _Formula = ...,

@@ -34,7 +34,7 @@ class System:
     _keywords: tuple = ("title", "parameters", "definitions", "invariants", "exact", "tables")
 
     def __init__(self, tables: dict, names: list, *, title=None, parameters=None, definitions=None, invariants=None,
-                 exact=None, more=None, keywords=None, coordinates=()):
+                 exact=None, constraints=None, more=None, keywords=None, coordinates=(), positions=()):
         self._title = title
         self._names = list(names)
         self._definitions = dict(tables.pop("definitions", {}))
@@ -45,9 +45,11 @@ class System:
         self._add(self._parameters, "parameter", {**(parameters or {}), **(keywords or {})})
         self._invariants: dict = {}
         self._exact: dict = {}
+        self._constraints: dict = {}
         self._add(self._definitions, "definition", definitions)
         self._add(self._invariants, "invariant", invariants)
         self._add(self._exact, "exact", exact, [*coordinates, "t"])
+        self._add(self._constraints, "constraint", constraints, list(positions))
         for name in keywords or {}:
             self._require_use(name)
 
@@ -85,6 +87,8 @@ class System:
         tables["definitions"] = self._definitions
         tables["invariants"] = self._invariants
         tables["exact"] = self._exact
+        if self._constraints:
+            tables["constraints"] = self._constraints
         return tables
 
     @property
@@ -113,6 +117,8 @@ class Hamiltonian(System):
     title : str, optional
     parameters, definitions, invariants, exact : dict, optional
         As the tables of a problem file. Values may be functions, too.
+    constraints : dict, optional
+        Holonomic constraints by name: formulas, or functions, of the coordinates that vanish.
     time_scale : formula, optional
         A positive function g: the orbit in fictitious time, dt = g ds.
     tables : dict, optional
@@ -133,10 +139,10 @@ class Hamiltonian(System):
     >>> kepler = rb.Hamiltonian("r[2]", "v[2]", lambda r, v, m: v @ v/2 - m/np.sqrt(r @ r), m=1)
     """
 
-    _keywords = System._keywords + ("q", "p", "H", "time_scale")
+    _keywords = System._keywords + ("q", "p", "H", "constraints", "time_scale")
 
     def __init__(self, q, p, H, *, title=None, parameters=None, definitions=None, invariants=None, exact=None,
-                 time_scale=None, tables=None, **keywords):
+                 constraints=None, time_scale=None, tables=None, **keywords):
         q, p = _names(q, "q"), _names(p, "p")
         others = list(keywords) + list(parameters or {}) + list(definitions or {}) + ["t"]
         text, parts = as_formula(H, q + p, others, "H")
@@ -147,7 +153,8 @@ class Hamiltonian(System):
             parts.update(more)
         self.q, self.p = q, p
         super().__init__(stated, q + p, title=title, parameters=parameters, definitions=definitions,
-                         invariants=invariants, exact=exact, more=tables, keywords=keywords)
+                         invariants=invariants, exact=exact, constraints=constraints, more=tables, keywords=keywords,
+                         positions=q)
 
 
 class Lagrangian(System):
@@ -158,7 +165,7 @@ class Lagrangian(System):
     q : str or list of str
     L : callable, str or SymPy expression
         A function of the coordinates, then of the velocities; or by name.
-    title, parameters, definitions, invariants, exact, tables, **keywords
+    title, parameters, definitions, invariants, exact, constraints, tables, **keywords
         As of Hamiltonian.
 
     Examples
@@ -169,10 +176,10 @@ class Lagrangian(System):
     True
     """
 
-    _keywords = System._keywords + ("q", "L")
+    _keywords = System._keywords + ("q", "L", "constraints")
 
-    def __init__(self, q, L, *, title=None, parameters=None, definitions=None, invariants=None, exact=None, tables=None,
-                 **keywords):
+    def __init__(self, q, L, *, title=None, parameters=None, definitions=None, invariants=None, exact=None,
+                 constraints=None, tables=None, **keywords):
         q = _names(q, "q")
         dots = [f"{name}_dot" for name in q]
         others = list(keywords) + list(parameters or {}) + list(definitions or {})
@@ -180,7 +187,7 @@ class Lagrangian(System):
         self.q, self.q_dot = q, dots
         super().__init__({"lagrangian": {"q": q, "L": text}, "definitions": parts}, q + dots, title=title,
                          parameters=parameters, definitions=definitions, invariants=invariants, exact=exact,
-                         more=tables, keywords=keywords)
+                         constraints=constraints, more=tables, keywords=keywords, positions=q)
 
 
 class Field(System):

@@ -158,6 +158,28 @@ class Tracing(unittest.TestCase):
                 rb.Hamiltonian("q", "p", "p^2/2 + coz(q)"), [0, 1], (0, 1), step=0.1)
 
 
+class Constraints(unittest.TestCase):
+    def test_functions_and_texts_are_the_same_constraints(self):
+        def rod(length):
+            return rb.Hamiltonian("x y", "a b", "(a^2 + b^2)/2 + y", constraints={"length": length})
+
+        self.assertEqual(rod(lambda x, y: x**2 + y**2 - 1).text, rod("x^2 + y^2 - 1").text)
+        self.assertIn('[constraints]\nlength = "x^2 + y^2 - 1"', rod("x^2 + y^2 - 1").text)
+
+    def test_an_orbit_keeps_them(self):
+        rod = rb.Hamiltonian("x y", "a b", "(a^2 + b^2)/2 + y", constraints={"length": lambda x, y: x**2 + y**2 - 1})
+        result = rb.integrate(rod, [0.6, -0.8, 0.8, 0.6], (0, 10), step=0.1, scheme="splitting")
+        self.assertTrue(result.success)
+        self.assertLess(np.abs(result.y[0] ** 2 + result.y[1] ** 2 - 1).max(), 1e-14)
+        free = rb.Hamiltonian("x y", "a b", "(a^2 + b^2)/2 + y")
+        falling = rb.integrate(free, [0.6, -0.8, 0.8, 0.6], (0, 10), step=0.1, scheme="splitting")
+        self.assertGreater(np.abs(falling.y[0] ** 2 + falling.y[1] ** 2 - 1).max(), 1)
+        motion = rb.Lagrangian("x y", "(x_dot^2 + y_dot^2)/2 - y", constraints={"length": "x^2 + y^2 - 1"})
+        self.assertTrue(rb.integrate(motion, [0.6, -0.8, 0.8, 0.6], (0, 1), step=0.1).success)
+        with self.assertRaisesRegex(ValueError, "start from x = "):
+            rb.integrate(rod, [0.7, -0.8, 0.8, 0.6], (0, 1), step=0.1, scheme="splitting")
+
+
 class Fields(unittest.TestCase):
     def test_four_statements_of_one_equation(self):
         grid, initial = {"x": (-10, 10, 101)}, {"u": lambda x: 0.5 * rb.sech(x)}

@@ -1,0 +1,204 @@
+#include <rubato/ode/constraints.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <set>
+#include <stdexcept>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <Eigen/QR>
+
+#include <rubato/base/larger.hpp>
+#include <rubato/formula/parse.hpp>
+#include <rubato/ode/tuning.hpp>
+
+namespace rubato {
+
+using namespace tuning::constraints;
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+Constraints::Constraints(const std::vector<std::string>& q,
+                         const std::vector<std::pair<std::string, std::string>>& formulas,
+                         const std::map<std::string, double>& parameters) {
+  auto graph = std::make_shared<formula::Graph>();
+  std::vector<formula::Expression> variables, values;
+  std::vector<std::string> known = q, names;
+  for (const std::string& name : q) {
+    variables.push_back(graph->variable(name));
+  }
+  for (const auto& [name, value] : parameters) {
+    known.push_back(name);
+  }
+  const auto resolve = [&](std::string_view name) -> std::optional<formula::Expression> {
+    if (const auto found = parameters.find(std::string(name)); found != parameters.end()) {
+      return graph->constant(found->second);
+    }
+    const auto place = std::ranges::find(q, name);
+    return place == q.end() ? std::nullopt : std::optional(variables[static_cast<std::size_t>(place - q.begin())]);
+  };
+  for (const auto& [name, text] : formulas) {
+    names.push_back(name);
+    values.push_back(formula::parse(text, *graph, {.resolve = resolve, .known_names = known}));
+  }
+  *this = Constraints(graph, variables, std::move(names), values);
+}
+
+Constraints::Constraints(std::shared_ptr<formula::Graph> graph, std::span<const formula::Expression> q,
+                         std::vector<std::string> names, std::span<const formula::Expression> values) {
+  if (names.empty()) {
+    return;
+  }
+  if (std::set<std::string>(names.begin(), names.end()).size() != names.size()) {
+    throw std::invalid_argument(fmt::format("two constraints have the same name: {}", fmt::join(names, ", ")));
+  }
+  if (names.size() > q.size()) {
+    throw std::invalid_argument(
+        fmt::format("{} constraints ({}) on {} coordinates depend on each other: leave {} of them out", names.size(),
+                    fmt::join(names, ", "), q.size(), names.size() - q.size()));
+  }
+  auto stated = std::make_shared<Stated>();
+  std::vector<formula::Expression> outputs(values.begin(), values.end());
+  formula::Expression sum = graph->constant(0.0);
+  std::vector<formula::Expression> inputs(q.begin(), q.end());
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    const std::vector<formula::Expression> row = formula::gradient(values[i], q);
+    for (std::size_t a = 0; a < q.size(); ++a) {
+      if (!row[a].is_constant() || row[a].constant_value() != 0.0) {
+        outputs.push_back(row[a]);
+        stated->places.push_back({i, a});
+      }
+    }
+    inputs.push_back(graph->variable(fmt::format("multiplier of {}", names[i])));  // no name of a user's
+    sum = sum + inputs.back() * values[i];
+  }
+  stated->code = formula::Bytecode(outputs, q);
+  std::vector<formula::Expression> second;
+  for (const formula::HessianEntry& entry : formula::hessian_entries(sum, q)) {
+    second.push_back(entry.value);
+    stated->second_places.push_back({entry.row, entry.column});
+  }
+  stated->second = formula::Bytecode(second, inputs);
+  stated->graph = std::move(graph);
+  stated->names = std::move(names);
+  stated_ = std::move(stated);
+}
+
+ConstraintEvaluator::ConstraintEvaluator(const Constraints& constraints)
+    : constraints_(constraints), evaluator_(constraints.code()) {
+  const auto count = static_cast<Index>(constraints.count());
+  for (VectorXd* vector : {&g_, &bounds_, &sums_}) {
+    vector->setZero(count);
+  }
+  entries_.setZero(static_cast<Index>(constraints.places().size()));
+  G_.setZero(count, static_cast<Index>(constraints.code().input_count()));
+}
+
+void ConstraintEvaluator::evaluate(const double* q) {
+  const double* const outputs = evaluator_.at(q);
+  std::copy_n(outputs, g_.size(), g_.data());
+  std::copy_n(outputs + g_.size(), entries_.size(), entries_.data());
+  const double* entry = entries_.data();
+  for (const auto [row, column] : constraints_.places()) {
+    G_(static_cast<Index>(row), static_cast<Index>(column)) = *entry++;
+  }
+}
+
+void ConstraintEvaluator::kick(const VectorXd& entries, const VectorXd& mu, double* p) const {
+  const double* entry = entries.data();
+  for (const auto [row, column] : constraints_.places()) {
+    p[column] -= *entry++ * mu[static_cast<Index>(row)];
+  }
+}
+
+void ConstraintEvaluator::rates(const double* v, VectorXd& rates) const {
+  rates.setZero();
+  const double* entry = entries_.data();
+  for (const auto [row, column] : constraints_.places()) {
+    rates[static_cast<Index>(row)] += *entry++ * v[column];
+  }
+}
+
+ConstraintEvaluator::Left ConstraintEvaluator::left_of(const VectorXd& values, const double* factors) const {
+  constexpr double unit = 0.5 * std::numeric_limits<double>::epsilon();
+  bounds_.setZero();
+  sums_.setZero();
+  double largest = 0.0;
+  const double* entry = entries_.data();
+  for (const auto [row, column] : constraints_.places()) {
+    const double size = std::abs(*entry++), factor = std::abs(factors[column]);
+    bounds_[static_cast<Index>(row)] += size * factor;
+    sums_[static_cast<Index>(row)] += size;
+    largest = larger(largest, factor);
+  }
+  Left left;
+  for (Index i = 0; i < values.size(); ++i) {
+    if (values[i] != 0.0) {
+      left.in_roundings = larger(left.in_roundings, std::abs(values[i]) / (unit * bounds_[i]));
+      left.relative = larger(left.relative, std::abs(values[i]) / (sums_[i] * largest));
+    }
+  }
+  return left;
+}
+
+std::string ConstraintEvaluator::dependent() const {
+  MatrixXd scaled = G_.transpose();
+  for (Index i = 0; i < scaled.cols(); ++i) {
+    const double size = scaled.col(i).norm();
+    if (size == 0.0) {
+      return constraints_.names()[static_cast<std::size_t>(i)];
+    }
+    scaled.col(i) /= size;
+  }
+  Eigen::ColPivHouseholderQR<MatrixXd> factors(scaled);
+  factors.setThreshold(least_independence);
+  return factors.rank() == scaled.cols()
+             ? std::string()
+             : constraints_.names()[static_cast<std::size_t>(factors.colsPermutation().indices()[scaled.cols() - 1])];
+}
+
+std::string listed(std::span<const std::string> names, const VectorXd& values) {
+  std::vector<std::string> parts;
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    parts.push_back(fmt::format("{} = {}", names[i], values[static_cast<Index>(i)]));
+  }
+  return fmt::format("{}", fmt::join(parts, ", "));
+}
+
+void check_constraints(const Constraints& constraints, std::span<const std::string> q_names,
+                       std::span<const double> q) {
+  ConstraintEvaluator at(constraints);
+  VectorXd point = Eigen::Map<const VectorXd>(q.data(), static_cast<Index>(q.size()));
+  at.evaluate(point.data());
+  if (!at.is_finite()) {
+    throw std::invalid_argument(fmt::format("a constraint or its gradient is not finite at the start ({} there)",
+                                            listed(constraints.names(), at.g())));
+  }
+  if (const std::string name = at.dependent(); !name.empty()) {
+    throw std::invalid_argument(fmt::format(
+        "the gradient of the constraint {} {} at the start: {}", name,
+        constraints.count() == 1 ? "vanishes" : "vanishes, or depends on those of the others,",
+        constraints.count() == 1 ? "state it with a gradient that does not, without a power"
+                                 : "leave out what follows from the others, and state each without a power"));
+  }
+  if (at.left(point.data()).in_roundings <= roundings_of_start) {
+    return;
+  }
+  const std::string values = listed(constraints.names(), at.g());
+  std::string remedy = "start where they are 0";
+  for (int iteration = 0; iteration < most_multiplier_iterations && at.is_finite(); ++iteration) {
+    if (at.left(point.data()).in_roundings <= roundings_of_start) {
+      remedy = fmt::format("start from {}, which is near", listed(q_names, point));
+      break;
+    }
+    point -= at.G().transpose() * (at.G() * at.G().transpose()).colPivHouseholderQr().solve(at.g());
+    at.evaluate(point.data());
+  }
+  throw std::invalid_argument(fmt::format("the start does not satisfy the constraints: {}; {}", values, remedy));
+}
+
+}  // namespace rubato

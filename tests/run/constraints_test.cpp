@@ -1,0 +1,181 @@
+// [constraints] of orbits: what a run reports and records of them, its check, resume, and what is refused.
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+#include <vector>
+
+#include <catch2/catch.hpp>
+
+#include <rubato/problem/problem.hpp>
+#include <rubato/record/reader.hpp>
+#include <rubato/run/check.hpp>
+#include <rubato/run/run.hpp>
+
+#include "records.hpp"
+
+using namespace rubato;
+using namespace rubato::run_tests;
+using Catch::Matchers::Contains;
+using rubato::record::Reader;
+
+namespace {
+
+/// A mass on a rod; `more` are tables, `scheme` entries of [scheme].
+std::string rod(const std::string& constraint, const std::string& scheme = "lagrangian = \"splitting\"",
+                const std::string& more = "") {
+  return "[hamiltonian]\nq = [\"x\", \"y\"]\np = [\"a\", \"b\"]\nH = \"(a^2 + b^2)/2 + y\"\n[constraints]\n" +
+         constraint + "\n[initial]\nx = 0.6\ny = -0.8\na = 0.8\nb = 0.6\n[scheme]\n" + scheme +
+         "\nstep = 0.1\nuntil = 2\n" + more;
+}
+const std::string length = "length = \"x^2 + y^2 - 1\"";
+
+std::string refusal(const std::string& text, const std::vector<std::string>& settings = {}) {
+  try {
+    const Problem problem = parse_problem(text, "text.toml", settings);
+    const Folder folder;
+    static_cast<void>(run(problem, {.output = folder / "a.h5", .threads = 1}));
+  } catch (const ProblemError& error) {
+    return error.what();
+  }
+  return "";
+}
+
+const std::vector<std::pair<std::string, std::vector<std::string>>>& runs() {
+  static const std::vector<std::pair<std::string, std::vector<std::string>>> all = {
+      {"spherical-pendulum", {"scheme.until=20"}},
+      {"spherical-pendulum", {"scheme.until=20", "scheme.composition=kahan-li-6", "scheme.step=0.2"}},
+      {"spherical-pendulum", {"scheme.until=20", "scheme.lagrangian=midpoint"}},
+      {"double-pendulum-cartesian", {"scheme.until=10"}},
+      {"double-pendulum-cartesian", {"scheme.until=10", "scheme.lagrangian=midpoint", "-scheme.stages"}},
+      {"double-pendulum-cartesian", {"scheme.until=10", "scheme.lagrangian=lobatto", "output.every=7"}},
+      {"rigid-body", {"scheme.until=10"}},
+      {"rod-chain", {"scheme.until=2", "laws.every=4"}}};
+  return all;
+}
+
+}  // namespace
+
+TEST_CASE("constraints are reported, recorded and checked", "[run][constraints]") {
+  const Folder folder;
+  for (const auto& [name, settings] : runs()) {
+    CAPTURE(name, settings);
+    const std::string file = folder / "run.h5";
+    const Outcome outcome = run_problem(name, file, settings);
+    REQUIRE(outcome.status == ExitStatus::done);
+    std::size_t constraints = 0;
+    for (const auto& [law, size] : outcome.statistics.residuals) {
+      constraints += law.starts_with("constraints/") ? 1 : 0;
+      CHECK(size.largest() < 1e-14);
+    }
+    CHECK(constraints == 2 * read_problem(name).hamiltonian()->constraints.size());
+    CHECK_THAT(to_json(outcome), Contains("\"constraints\": {\""));
+    CHECK_THAT(to_json(outcome), Contains("_dot\": {\"max\""));
+    CHECK(check(file).status == ExitStatus::done);
+    CHECK(check(file, {.replay = true}).status == ExitStatus::done);
+
+    // The twins: a number that is not that of the states, and a state beside the constraint.
+    const std::string& first = outcome.statistics.residuals.front().name;
+    falsify(file, "/laws/" + first + "_max", 3, 1e-9);
+    falsify(file, "/states/q", 2 * read_problem(name).hamiltonian()->q.size(), 1e-9);
+    const Outcome found = check(file);
+    CHECK(found.status == ExitStatus::contradiction);
+    CHECK(std::ranges::any_of(found.disagreements,
+                              [&](const Disagreement& one) { return one.dataset == "/laws/" + first + "_max"; }));
+    CHECK(std::ranges::any_of(found.disagreements,
+                              [](const Disagreement& one) { return one.dataset.starts_with("/states/"); }));
+  }
+}
+
+TEST_CASE("a resumed run with constraints has the bits of one that never stopped", "[run][constraints]") {
+  const Folder folder;
+  for (auto [name, settings] : runs()) {
+    CAPTURE(name, settings);
+    const std::string whole = folder / "whole.h5", parts = folder / "parts.h5";
+    settings.emplace_back("output.interval=0.3");
+    if (read_problem(name).scheme.levels == Levels::variable) {  // one that does not depend on the length of the run
+      settings.emplace_back("scheme.step_potential={kappa=1.2,p=8}");
+    }
+    run_problem(name, whole, settings);
+    const double until = read_problem(name, settings).scheme.until;
+    settings.push_back("scheme.until=" + std::to_string(until / 2));
+    run_problem(name, parts, settings);
+    REQUIRE(resume(parts, until, {.threads = 1}).status == ExitStatus::done);
+    const Names different = different_datasets(whole, parts);
+    CHECK(std::ranges::count_if(different, [](const std::string& path) { return path.starts_with("/states"); }) == 0);
+  }
+}
+
+TEST_CASE("the double pendulum in Cartesian coordinates is that in angles", "[run][constraints]") {
+  // Gauss with 3 and with 6 stages to t = 5, before chaos: what is left is of order h⁶ of both.
+  const Folder folder;
+  const auto end_of = [&](const std::string& name, std::vector<std::string> settings) {
+    for (const char* more : {"scheme.levels=fixed", "scheme.until=5", "scheme.stages=6", "scheme.step=0.05"}) {
+      settings.emplace_back(more);
+    }
+    const std::string file = folder / "end.h5";
+    run_problem(name, file, settings);
+    return last_row(Reader(file), "/states/q");
+  };
+  const std::vector<double> angles = end_of("double-pendulum", {}), places = end_of("double-pendulum-cartesian", {});
+  const double x = std::sin(angles[0]), y = -std::cos(angles[0]);
+  const std::vector<double> expected = {x, y, x + std::sin(angles[1]), y - std::cos(angles[1])};
+  CHECK(largest_distance(places, expected) < 1e-11);
+  // The twin: another rod.
+  CHECK(largest_distance(end_of("double-pendulum-cartesian",
+                                {"constraints.second=\"(x2 - x1)^2 + (y2 - y1)^2 - 1 + 1e-6*(x2 - x1)*(y2 - y1)\""}),
+                         expected) > 1e-8);
+}
+
+TEST_CASE("events, ensembles and a catalogue's system have constraints", "[run][constraints]") {
+  const Folder folder;
+  const Outcome events = run_problem(
+      "spherical-pendulum", folder / "a.h5",
+      {"scheme.until=20", "events={low=\"z + 0.8\"}", "output.quantities={l=\"x^2+y^2+z^2\"}", "output.interval=0.37"});
+  CHECK(events.statistics.events.front().value.count > 3);
+  for (const double l : Reader(folder / "a.h5").read("/output/quantities/l")) {
+    CHECK(std::abs(l - 1.0) < 1e-14);  // dense output is a step of the scheme
+  }
+  CHECK(check(folder / "a.h5").status == ExitStatus::done);
+
+  const std::string text = rod(length, "lagrangian = \"splitting\"\nlevels = \"fixed\"",
+                               "[ensemble]\ngrid = { parameters.g = [1, 2] }\n[parameters]\ng = 1\n");
+  const Problem ensemble = parse_problem(text, "text.toml", {{"hamiltonian.H=(a^2 + b^2)/2 + g*y"}});
+  const EnsembleOutcome outcome = run_ensemble(ensemble, {.output = folder / "e.h5", .threads = 1});
+  CHECK(outcome.status == ExitStatus::done);
+  CHECK_THAT(to_json(outcome), Contains("length"));
+
+  const Problem from = parse_problem(
+      "[hamiltonian]\nsystem = \"spherical-pendulum\"\n[initial]\nx = 1\ny = 0\nz = 0\nu = 0\nv = 0\nw = 0\n"
+      "[scheme]\nlagrangian = \"splitting\"\nstep = 0.1\nuntil = 1\n",
+      "text.toml");
+  CHECK(from.hamiltonian()->constraints.size() == 1);
+}
+
+TEST_CASE("constraints that cannot be met are refused with a remedy", "[run][constraints]") {
+  CHECK(refusal(rod(length)).empty());
+  CHECK(refusal(rod(length, "")).empty());
+  CHECK(refusal(rod(length, "lagrangian = \"splitting\"\norder = 4")).empty());
+  const auto says = [](const std::string& text, const std::string& part,
+                       const std::vector<std::string>& settings = {}) {
+    INFO(part);
+    CHECK_THAT(refusal(text, settings), Contains(part) && Catch::StartsWith("text.toml:"));
+  };
+  says(rod("length = \"x^2 + y^2 - 2\""), "start from x = 0.84");
+  says(rod("length = \"x^2 + y^2 - 1\"\nlength_dot = \"x - 0.6\""), "rename one of them");
+  says(rod("length = \"x^2 + y^2 - 1\"\nheight = \"x - 0.6\""), "leave nothing to move");
+  says(rod("length = \"x^2 + t\""), "names t");
+  says(rod("length = \"x^2 + a\""), "names a");
+  says(rod("length = \"pi\""), "names no coordinate");
+  says(rod("length = \"x^2 + q\""), "q");
+  says(rod("length = \"(x^2 + y^2 - 1)^2\""), "without a power");
+  says(rod(length, "lagrangian = \"gauss\"\nstages = 2"), "use \"midpoint\" or \"splitting\"");
+  says(rod(length, "lagrangian = \"splitting\"\ncomposition = \"golden\""), "verlet, suzuki-4, kahan-li-6, kahan-li-8");
+  says(rod(length, "lagrangian = \"splitting\"\norder = 3"), "order = 3");
+  says(rod(length, "lagrangian = \"splitting\"\norder = 4\ncomposition = \"verlet\""), "is of order 2");
+  says(rod(length, "lagrangian = \"splitting\"\ntangents = 1"), "tangents are not available with [constraints]");
+  says(rod(length), "needs an H that does not name t", {"hamiltonian.H=\"(a^2 + b^2)/2 + y*cos(t)\""});
+  says(rod(length), "no time_scale", {"scheme.time_scale=\"2\""});
+  says(rod(length), "a = 0.73", {"initial.a=0.7"});
+  CHECK_THAT(refusal(rod(length), {"hamiltonian.H=\"(a^2 + b^2)*(1 + x^2)\""}), Contains("in [lagrangian]"));
+}
