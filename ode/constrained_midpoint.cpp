@@ -169,17 +169,18 @@ private:
     mu_.setZero();
   }
 
-  /// Newton's method for the increment from (q_k, p⁺) to (q_{k+1}, p⁻) and the multipliers.
+  /// Newton's method for the increment from (q_k, p⁺) to (q_{k+1}, p⁻) and the multipliers; its matrix is kept as long
+  /// as corrections shrink fast.
   [[nodiscard]] Status iterate(double h) {
     double last = 1.0;
-    bool settled = false;
+    bool settled = false, factored = false;
     for (int iteration = 0; iteration < most_multiplier_iterations; ++iteration) {
       ++iterations_;
       middle_ = z_.low() + 0.5 * increment_;
       at_.kick(first_entries_, mu_, middle_.data() + n_);
       middle_ += z_.value();
-      energy_ = evaluator_.hessian(middle_.data(), gradient_.data(), hessian_.data());
-      if (!std::isfinite(energy_) || !gradient_.allFinite() || !hessian_.allFinite()) {
+      energy_ = evaluator_.gradient(middle_.data(), gradient_.data());
+      if (!std::isfinite(energy_) || !gradient_.allFinite()) {
         return Status::undefined;
       }
       end_.head(n_) = z_.value().head(n_) + (z_.low().head(n_) + increment_.head(n_));
@@ -187,11 +188,16 @@ private:
       if (settled) {
         return Status::success;
       }
-      assemble(h);
-      if (solver_.factor(matrix_.data()) != Status::success) {
-        dependent_ = at_.dependent();
-        return Status::undefined;
+      if (!factored) {
+        assemble_matrix(h);
+        if (solver_.factor(matrix_.data()) != Status::success) {
+          dependent_ = at_.dependent();
+          return Status::undefined;
+        }
       }
+      unknown_.head(n_) = increment_.head(n_) - h * gradient_.tail(n_);
+      unknown_.segment(n_, n_) = increment_.tail(n_) + h * gradient_.head(n_);
+      unknown_.tail(c_) = at_.g();
       solver_.solve(unknown_.data());
       increment_ -= unknown_.head(2 * n_);
       mu_ -= unknown_.tail(c_);
@@ -200,7 +206,7 @@ private:
       if (!std::isfinite(size)) {
         return Status::undefined;
       }
-      // Newton's iteration converges faster than the last contraction says.
+      factored = size <= slowest_multipliers * last;
       settled = size / last * size <= tuning::least_leftover || size <= epsilon ||
                 (size >= 0.5 * last && size <= stagnant_constraint);
       last = size;
@@ -208,11 +214,9 @@ private:
     return Status::not_converged;
   }
 
-  /// What is left of the equations, into unknown_, and its derivatives.
-  void assemble(double h) {
-    unknown_.head(n_) = increment_.head(n_) - h * gradient_.tail(n_);
-    unknown_.segment(n_, n_) = increment_.tail(n_) + h * gradient_.head(n_);
-    unknown_.tail(c_) = at_.g();
+  /// The derivatives of what is left of the equations.
+  void assemble_matrix(double h) {
+    evaluator_.hessian(middle_.data(), gradient_.data(), hessian_.data());
     matrix_.setIdentity();
     matrix_.bottomRightCorner(c_, c_).setZero();
     matrix_.topLeftCorner(n_, 2 * n_) -= 0.5 * h * hessian_.bottomRows(n_);

@@ -126,19 +126,23 @@ void ConstraintEvaluator::rates(const double* v, VectorXd& rates) const {
 ConstraintEvaluator::Left ConstraintEvaluator::left_of(const VectorXd& values, const double* factors) const {
   constexpr double unit = 0.5 * std::numeric_limits<double>::epsilon();
   bounds_.setZero();
-  sums_.setZero();
-  double largest = 0.0;
   const double* entry = entries_.data();
   for (const auto [row, column] : constraints_.places()) {
-    const double size = std::abs(*entry++), factor = std::abs(factors[column]);
-    bounds_[static_cast<Index>(row)] += size * factor;
-    sums_[static_cast<Index>(row)] += size;
-    largest = larger(largest, factor);
+    bounds_[static_cast<Index>(row)] += std::abs(*entry++ * factors[column]);
   }
   Left left;
   for (Index i = 0; i < values.size(); ++i) {
     if (values[i] != 0.0) {
       left.in_roundings = larger(left.in_roundings, std::abs(values[i]) / (unit * bounds_[i]));
+    }
+  }
+  if (left.in_roundings <= roundings_of_step) {  // nobody asks for more
+    return left;
+  }
+  sums_ = G_.cwiseAbs().rowwise().sum();
+  const double largest = Eigen::Map<const VectorXd>(factors, G_.cols()).lpNorm<Eigen::Infinity>();
+  for (Index i = 0; i < values.size(); ++i) {
+    if (values[i] != 0.0) {
       left.relative = larger(left.relative, std::abs(values[i]) / (sums_[i] * largest));
     }
   }

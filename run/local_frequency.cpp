@@ -25,7 +25,7 @@ double length(std::span<const double> v) {
 
 LocalFrequency::LocalFrequency(const Problem& problem) {
   const HamiltonianProblem& orbit = *problem.hamiltonian();
-  if (orbit.L) {
+  if (orbit.L || !orbit.constraints.empty()) {
     return;
   }
   formula::Graph graph;

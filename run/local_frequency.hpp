@@ -17,7 +17,7 @@ public:
   explicit LocalFrequency(const Problem& problem);
 
   /// At z = (q, p), of a step of length h, which sets the size of the differences where z is 0. 0 where nothing turns
-  /// or grows, not a number for a problem that is stated by L, or where the gradient is not defined.
+  /// or grows, not a number for a problem that is stated by L or has constraints, or where the gradient is not defined.
   [[nodiscard]] double operator()(std::span<const double> z, double h);
 
 private:
