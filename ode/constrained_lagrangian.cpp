@@ -114,7 +114,7 @@ public:
         solver_(static_cast<int>((n_ + c_) * d_)),
         z_(phase_point(q, momenta(lagrangian, q, q_dot))),
         seed_(Eigen::Map<const VectorXd>(q_dot.data(), n_)) {
-    for (MatrixXd* matrix : {&Y_, &last_Y_, &residual_}) {
+    for (MatrixXd* matrix : {&Y_, &last_Y_, &begun_, &shorter_, &residual_}) {
       matrix->setZero(n_, d_);
     }
     for (MatrixXd* matrix : {&mu_, &last_mu_}) {
@@ -126,7 +126,7 @@ public:
     for (VectorXd* vector : {&delta_, &end_, &point_, &errors_}) {
       vector->setZero(2 * n_);
     }
-    for (VectorXd* vector : {&velocity_, &trial_velocity_, &node_, &kick_}) {
+    for (VectorXd* vector : {&velocity_, &trial_velocity_, &node_, &kick_, &usual_}) {
       vector->setZero(n_);
     }
     inputs_.setZero(n_ + c_);
@@ -153,10 +153,13 @@ public:
     at_.evaluate(node_.data());
     first_G_ = at_.G();
     const bool continued = start(h);
-    Status status = iterate(h);
+    Status status = iterate_nearby(h);
     if (status != Status::success && continued) {
       start_on_tangent(h);
-      status = iterate(h);
+      status = iterate_nearby(h);
+    }
+    if (status != Status::success) {
+      status = approach(h);
     }
     return status == Status::success ? finish(h) : status;
   }
@@ -190,6 +193,7 @@ public:
   }
 
   void accept() override {
+    usual_ = usual_.cwiseMax(delta_.head(n_).cwiseAbs());
     seed_ = trial_velocity_;
     z_.add(delta_);
     last_Y_ = Y_;
@@ -205,18 +209,21 @@ public:
     last_h_ = 0.0;
     start_level();
   }
-  /// The velocities near which those of the next level are sought.
+  /// The velocities near which those of the next level are sought, and the usual increments.
   void save_guesses(StateWriter& state) const override {
     state.write(as_span(here_ && std::isfinite(here_->energy) ? velocity_ : seed_));
+    state.write(as_span(usual_));
   }
   void restore_guesses(StateReader& state) override {
     here_.reset();
     state.read(as_span(seed_));
+    state.read(as_span(usual_));
   }
   void save(StateWriter& state) const override {
     z_.save(state);
     state.write(last_h_);
     state.write(as_span(seed_));
+    state.write(as_span(usual_));
     for (const MatrixXd* matrix : {&last_Y_, &last_mu_}) {
       state.write({matrix->data(), static_cast<std::size_t>(matrix->size())});
     }
@@ -225,6 +232,7 @@ public:
     z_.restore(state);
     state.read(last_h_);
     state.read(as_span(seed_));
+    state.read(as_span(usual_));
     for (MatrixXd* matrix : {&last_Y_, &last_mu_}) {
       state.read(std::span<double>(matrix->data(), static_cast<std::size_t>(matrix->size())));
     }
@@ -239,6 +247,8 @@ public:
   }
 
 private:
+  static constexpr double beside_others = 0.25;
+
   void start_level() {
     here_.reset();
     delta_.setZero();
@@ -261,19 +271,61 @@ private:
       start_on_tangent(h);
       return false;
     }
-    for (Index i = 0; i < d_; ++i) {
-      action_.quadrature.interpolation(1.0 + ratio * action_.quadrature.control[i + 1], weights_);
-      Y_.col(i) = -last_Y_.col(d_ - 1);
-      Y_.col(i).noalias() += last_Y_.lazyProduct(weights_.tail(d_));
-    }
+    continue_from(last_Y_, 1.0, ratio);
     mu_ = h * last_mu_;
     return true;
+  }
+  /// The polynomial of Y from σ = origin (0 or 1) on, over θ steps.
+  void continue_from(const MatrixXd& Y, double origin, double theta) {
+    for (Index i = 0; i < d_; ++i) {
+      action_.quadrature.interpolation(origin + theta * action_.quadrature.control[i + 1], weights_);
+      Y_.col(i) = -origin * Y.col(d_ - 1);
+      Y_.col(i).noalias() += Y.lazyProduct(weights_.tail(d_));
+    }
   }
   void start_on_tangent(double h) {
     for (Index i = 0; i < d_; ++i) {
       Y_.col(i) = h * action_.quadrature.control[i + 1] * velocity_;
     }
     mu_.setZero();
+  }
+
+  /// iterate(), unless it ends far from where it began, at a polynomial that no motion has anything to do with.
+  [[nodiscard]] Status iterate_nearby(double h) {
+    begun_ = Y_;
+    const Status status = iterate(h);
+    // A coordinate that has hardly moved yet is judged beside the others: constraints make it move with them.
+    const double others = beside_others * std::max(begun_.lpNorm<Eigen::Infinity>(), usual_.lpNorm<Eigen::Infinity>());
+    for (Index r = 0; r < n_ && status == Status::success; ++r) {
+      const double moved = (Y_.row(r) - begun_.row(r)).lpNorm<Eigen::Infinity>();
+      const double usual = std::max({begun_.row(r).lpNorm<Eigen::Infinity>(), usual_[r], others});
+      if (!usual_.isZero(0.0) && moved > tuning::of_lagrangian::lagrangian_farthest * usual) {
+        return Status::not_converged;
+      }
+    }
+    return status;
+  }
+
+  /// The step on the branch that begins with h = 0, from a shorter one in lengths that grow ever less.
+  [[nodiscard]] Status approach(double h) {
+    for (int parts = 2; parts <= tuning::of_lagrangian::lagrangian_finest_approach; parts *= 2) {
+      double share = 1.0 / parts;
+      const double growth = std::pow(share, -1.0 / parts);
+      start_on_tangent(share * h);
+      Status status = iterate_nearby(share * h);
+      for (int part = 0; part < parts && status == Status::success; ++part) {
+        const double next = part + 1 == parts ? 1.0 : share * growth;
+        shorter_ = Y_;
+        continue_from(shorter_, 0.0, next / share);
+        mu_ *= next / share;
+        share = next;
+        status = iterate_nearby(share * h);
+      }
+      if (status == Status::success) {
+        return status;
+      }
+    }
+    return Status::not_converged;
   }
 
   /// Newton's method for the polynomial and the multipliers; at its end `action_` is of what was found.
@@ -407,8 +459,10 @@ private:
   VectorXd velocity_, trial_velocity_;  ///< at both levels
   std::optional<NodeEnergy> here_;
   NodeEnergy there_;
-  MatrixXd Y_, last_Y_;    ///< q at the control points but the first, less q_k; of the last step
-  MatrixXd mu_, last_mu_;  ///< multipliers at the control points but the last; of the last step, over h
+  MatrixXd Y_, last_Y_;       ///< q at the control points but the first, less q_k; of the last step
+  MatrixXd begun_, shorter_;  ///< where an iteration began; of a shorter step, to continue
+  VectorXd usual_;            ///< the largest increments since construction
+  MatrixXd mu_, last_mu_;     ///< multipliers at the control points but the last; of the last step, over h
   MatrixXd first_G_, residual_, matrix_;
   VectorXd unknown_, delta_, end_, point_, errors_, node_, kick_, inputs_, weights_;
   double trial_h_ = 0.0, last_h_ = 0.0, energy_ = 0.0;

@@ -289,6 +289,19 @@ TEST_CASE("starts off the constraints and dependent constraints are refused with
   CHECK(names(complaint(rod, {{1.0, 0.0}, {0.0, 0.25}}, false, Gauss{2}), "use \"midpoint\" or \"splitting\""));
 }
 
+TEST_CASE("long steps with constraints stay on their branch") {
+  // Of so long a step Newton's method may find another solution, whose energy is none of the motion's.
+  const auto strays = [](const SegmentLagrangian& lagrangian) {
+    const Place level = cartesian(1.5707963267948966, 0.0, 0.0, 0.0);
+    const Orbit orbit =
+        integrate(double_pendulum_by_L(), InitialMotion{level.q, level.v, 0.0}, options_of(lagrangian, 0.5, 100.0));
+    REQUIRE(orbit.status == Status::success);
+    return orbit.node_energy_deviation();
+  };
+  CHECK(strays(Gauss{8}) < 1e-3);
+  CHECK(strays(Gauss{3}) > 1e-2);  // the twin: order 6 is not enough
+}
+
 TEST_CASE("the midpoint rule takes an H that is not separable with constraints") {
   // The rod in a frame that turns about the vertical, by H + w (b x - a y) in the horizontal plane of x and y.
   const std::vector<std::string> q = {"x", "y", "z"};
