@@ -174,6 +174,17 @@ std::string energy_deviation_text(const Statistics& statistics, double deviation
              : fmt::format("deviation {:.2g} (absolute: rounding leaves the energies at most two digits)", deviation);
 }
 
+/// The farthest from 0.
+double largest_of(const Deviation& lost) {
+  return -lost.values.min > lost.values.max ? lost.values.min : lost.values.max;
+}
+
+/// What a sponge has taken; null without one.
+const Deviation* energy_lost(const Statistics& statistics) {
+  const auto found = std::ranges::find(statistics.totals, energy_lost_name, &Named<Deviation>::name);
+  return found == statistics.totals.end() ? nullptr : &found->value;
+}
+
 std::string energy_text(const Statistics& statistics) {
   if (!statistics.autonomous()) {
     return fmt::format("depends on t; largest imbalance of (3.4): {:.2g}", statistics.energy_deviation());
@@ -344,6 +355,10 @@ void add_figures(JsonObject& object, const Statistics& statistics) {
   }
   object.object("invariants", json(statistics.invariants));
   object.object("totals", json(statistics.totals));
+  if (const auto* const lost = energy_lost(statistics)) {
+    JsonObject sponge;
+    object.object("sponge", sponge.number("energy_lost", largest_of(*lost)));
+  }
   object.object("events", json(statistics.events));
   if (const auto* event = statistics.stopped_by()) {
     JsonObject stopped;
@@ -410,6 +425,10 @@ constexpr std::array entries = {
     LineEntry{
         Kind::symplecticity, "two-form",
         "The largest change of dp^dq of two of these vectors in a step, in units of their lengths: rounding error."},
+    LineEntry{
+        Kind::sponge, "sponge",
+        "The energy that the layers of [grid] sponge have taken. E_k and H(z_k) are reported with it: their sum is "
+        "what the energy law keeps."},
     LineEntry{Kind::total, "total NAME",
               "Density of a local law, summed over the grid: first value and largest deviation."},
     LineEntry{Kind::invariant, "NAME", "An entry of [invariants]: first value and largest deviation."},
@@ -520,8 +539,14 @@ std::vector<Line> lines_of(const Statistics& statistics) {
           "dp^dq of tangent vectors, at most in a step");
     }
   }
+  if (const auto* const lost = energy_lost(statistics)) {
+    add(Kind::sponge, fmt::format("not Hamiltonian: {:.10g} of energy taken", largest_of(*lost)),
+        "E_k and H(z_k) include what was taken", headline);
+  }
   for (const auto& [name, value] : statistics.totals) {
-    add_named(Kind::total, name, deviation_text(value));
+    if (name != energy_lost_name) {
+      add_named(Kind::total, name, deviation_text(value));
+    }
   }
   for (const auto& [name, value] : statistics.invariants) {
     add_named(Kind::invariant, name, deviation_text(value));

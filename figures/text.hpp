@@ -12,6 +12,9 @@
 
 namespace rubato::figures {
 
+/// The total of what a sponge has taken from the energy.
+inline constexpr std::string_view energy_lost_name = "energy_lost";
+
 /// Builds one JSON object. A number that is not finite has no JSON form and is left out with its key.
 class JsonObject {
 public:
@@ -66,6 +69,7 @@ enum class LineKind {
   exponents,
   megno,
   symplecticity,
+  sponge,
   total,
   invariant,
   event,

@@ -64,7 +64,7 @@ std::unique_ptr<LatticeScheme> make_scheme(const LatticeMethod& method, const Mu
 
 LatticeIntegrator::LatticeIntegrator(const MultisymplecticSystem& system, const grids::Grid& grid,
                                      const InitialFields& initial, const LatticeOptions& options)
-    : method_(make_lattice_method(checked(options).method())),
+    : method_(with_sponge(make_lattice_method(checked(options).method()), options.sponge)),
       system_(method_->seen(system)),
       scheme_(make_scheme(*method_, system_.without_constant(), grid, initial, options, cautions_)),
       laws_(make_local_laws(*method_, system_, part_of(grid, options), options.symmetries)),
@@ -96,6 +96,11 @@ StepReport LatticeIntegrator::step() {
     of_step_before_ = std::exchange(of_last_step_, LocalLaws::none);
   }
   return report;
+}
+
+std::optional<double> LatticeIntegrator::energy_lost() const {
+  const auto* const sponge = dynamic_cast<const LosesEnergy*>(scheme_.get());
+  return sponge == nullptr ? std::nullopt : std::optional(sponge->energy_lost());
 }
 
 const LatticeLevel& LatticeIntegrator::previous() const {

@@ -12,6 +12,7 @@
 #include <rubato/pde/lattice_scheme.hpp>
 #include <rubato/pde/local_laws.hpp>
 #include <rubato/pde/multisymplectic_system.hpp>
+#include <rubato/pde/sponge.hpp>
 #include <rubato/variation/integrator.hpp>
 
 namespace rubato {
@@ -38,6 +39,7 @@ struct LatticeOptions {
   bool initial_is_part = false;  ///< the initial fields are of that part, too: LatticeMethod::begins_in_parts()
   std::shared_ptr<const CornerDensity> density = nullptr;  ///< custom: the density of its action
   std::shared_ptr<const SecondLevel> next = nullptr;       ///< custom: a second level, where it is given
+  std::shared_ptr<const Sponge> sponge = nullptr;          ///< null without one
   [[nodiscard]] LatticeMethodChoice method() const {
     return {lagrangian, stages, composition, space, space_stages, density, next};
   }
@@ -70,6 +72,9 @@ public:
   [[nodiscard]] const LatticeLevel& level() const { return scheme_->level(); }
   [[nodiscard]] const LatticeLevel& previous() const;
   [[nodiscard]] std::span<const double> field(int f) const { return level().fields.field(f); }
+
+  /// The energy that a sponge has taken so far; nothing without one.
+  [[nodiscard]] std::optional<double> energy_lost() const;
 
   /// What the user should know about this problem although it can be run, with the remedy: sentences for people. Data
   /// that do not repeat with the period, waves that grow without bound (prepare_initial_level, find_short_wave_growth).

@@ -16,7 +16,7 @@ namespace rubato {
 
 namespace {
 
-constexpr std::array<TableEntry, 40> all_tables{{
+constexpr std::array<TableEntry, 41> all_tables{{
     {"", "one of [hamiltonian], [lagrangian], [multisymplectic] and [field] says what is to be solved"},
     {"hamiltonian", "an orbit: q' = dH/dp, p' = -dH/dq"},
     {"lagrangian",
@@ -39,6 +39,11 @@ constexpr std::array<TableEntry, 40> all_tables{{
      "turns, "
      "has turned at the end of the period, psi(x + L) = exp(i k L) psi(x), as Bloch waves have",
      "a complex unknown or a symmetry"},
+    {"grid.x.sponge",
+     "layers at both ends of the range that damp what comes there, for waves that leave: fields with an equation of "
+     "motion are damped, at a rate that rises smoothly from 0 at the inner edge of a layer to strength at the end of "
+     "the "
+     "range. The run is not Hamiltonian; what the layers take is counted"},
     {"parameters", "numbers and formulas of each other, in any order", "a parameter"},
     {"definitions",
      "formulas with a name, in any order: of the state, x, y, z, t, parameters and each other, wherever these are "
@@ -227,6 +232,9 @@ std::vector<KeyEntry> make_keys() {
        "number nearest to N that the scheme takes and is quick with."},
       {"grid.x", "jump", "table", none, "See [grid.x.jump]; each entry is a number."},
       {"grid.x", "phase", "table", none, "See [grid.x.phase]; each entry is an angle."},
+      {"grid.x", "sponge", "table", none, "See [grid.x.sponge]; sponge = { width = 10, strength = 2 }."},
+      {"grid.x.sponge", "width", "number", required, "How far each layer reaches into the range: some wavelengths."},
+      {"grid.x.sponge", "strength", "number", required, "The largest rate of the damping, at the end of the range."},
 
       {"initial", "t", "number", "0", "The time of the start."},
       {"initial", "from", "text", none,

@@ -412,6 +412,7 @@ LatticeOptions make_lattice_options(const Problem& problem, const Multisymplecti
                          .space = scheme.space,
                          .start = pde.start};
   options.density = scheme.density;
+  options.sponge = make_sponge(problem);
   options.next = make_second_level(problem);
   set_run_options(scheme, options);
   for (const StatedSymmetry& symmetry : pde.symmetries) {
@@ -450,6 +451,10 @@ LatticeIntegrator make_lattice(const Problem& problem) {
 }
 
 std::unique_ptr<LatticeMethod> make_method(const Problem& problem) {
+  return with_sponge(make_bare_method(problem), make_sponge(problem));
+}
+
+std::unique_ptr<LatticeMethod> make_bare_method(const Problem& problem) {
   LatticeMethodChoice choice = method_choice(problem.scheme);
   choice.next = make_second_level(problem);
   return make_lattice_method(choice);

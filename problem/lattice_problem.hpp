@@ -10,6 +10,7 @@
 #include <rubato/pde/lattice.hpp>
 #include <rubato/pde/moving_frame.hpp>
 #include <rubato/pde/node_formula.hpp>
+#include <rubato/pde/sponge.hpp>
 #include <rubato/problem/problem.hpp>
 
 namespace rubato {
@@ -25,6 +26,8 @@ namespace rubato {
 [[nodiscard]] MultisymplecticSystem make_laboratory_system(const Problem& problem);
 /// The jumps and twists of [grid].
 [[nodiscard]] Jumps make_jumps(const Problem& problem);
+/// The layers of [grid] sponge; null where there are none.
+[[nodiscard]] std::shared_ptr<const Sponge> make_sponge(const Problem& problem);
 /// The twists of them.
 [[nodiscard]] Twists make_twists(const Problem& problem);
 /// Numbers that are still to be fitted are 0. Nothing without a frame.
@@ -35,9 +38,10 @@ namespace rubato {
 [[nodiscard]] InitialFields make_initial_fields(const Problem& problem, const grids::Grid& grid);
 [[nodiscard]] LatticeOptions make_lattice_options(const Problem& problem, const MultisymplecticSystem& system);
 [[nodiscard]] LatticeIntegrator make_lattice(const Problem& problem);
-/// The scheme of the problem.
+/// The scheme of the problem; make_bare_method() has no sponge.
 [[nodiscard]] LatticeMethodChoice method_choice(const Scheme& scheme);
 [[nodiscard]] std::unique_ptr<LatticeMethod> make_method(const Problem& problem);
+[[nodiscard]] std::unique_ptr<LatticeMethod> make_bare_method(const Problem& problem);
 /// The level that a run of the problem starts from; of a thread that has a slab its part.
 [[nodiscard]] LatticeLevel make_initial_level(const Problem& problem, const MultisymplecticSystem& system,
                                               const grids::Grid& grid);

@@ -6,6 +6,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <rubato/figures/text.hpp>
 #include <rubato/formula/parse.hpp>
 #include <rubato/problem/keys.hpp>
 #include <rubato/problem/reader.hpp>
@@ -167,6 +168,7 @@ std::vector<GridAxis> read_grid(Section& root, const Section& owner, std::span<c
     axis.cells = read_integer(section->require("cells", "how many cells the period has").value, "cells", parameters, 3);
     axis.jumps = read_jumps(*section, fields, parameters);
     axis.twists = read_twists(*section, parameters);
+    axis.sponge = read_sponge(*section, axis, parameters);
     section->finish();
     if (!(axis.from < axis.to) || !std::isfinite(axis.to - axis.from)) {
       throw ProblemError(axis.location,
@@ -374,8 +376,8 @@ private:
 };
 
 bool is_built_in_law(std::string_view name) {
-  static constexpr std::array<std::string_view, 5> laws = {"energy", "momentum", "variational_energy",
-                                                           "variational_momentum", "multisymplectic"};
+  static constexpr std::array<std::string_view, 6> laws = {
+      "energy", "momentum", "variational_energy", "variational_momentum", "multisymplectic", figures::energy_lost_name};
   return std::ranges::find(laws, name) != laws.end() || name.starts_with("momentum_") ||
          name.starts_with("variational_momentum_");  // in two and three dimensions
 }
@@ -487,6 +489,11 @@ bool MultisymplecticProblem::has_jumps() const {
 
 bool MultisymplecticProblem::has_twists() const {
   return std::ranges::any_of(axes, [](const GridAxis& axis) { return !axis.twists.empty(); });
+}
+
+const StatedSponge* MultisymplecticProblem::sponge() const {
+  const auto axis = std::ranges::find_if(axes, [](const GridAxis& one) { return one.sponge.has_value(); });
+  return axis == axes.end() ? nullptr : &*axis->sponge;
 }
 
 Names names_of_lattice(const Section& root) {

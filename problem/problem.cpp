@@ -220,6 +220,7 @@ Problem read_effective(EffectiveDocument document, const std::string& source) {
   read_output(root, problem);
   read_levels(root, problem);
   problem.events = read_events(root, problem);
+  check_sponge(problem);
   problem.solve = read_solve(root, problem);
   check_constrained(problem);
   problem.ensemble = read_ensemble(root, problem.parameters);

@@ -141,6 +141,12 @@ struct StatedTwist {
   std::string symmetry = {};  ///< the entry of [symmetries] that it is
 };
 
+/// Layers at both ends of an axis that damp what comes there: see Sponge (pde/sponge.hpp).
+struct StatedSponge {
+  double width = 0.0, strength = 0.0;
+  Location location = {};
+};
+
 /// One direction of the periodic grid: nodes from + i (to - from)/cells, i = 0 … cells-1.
 struct GridAxis {
   std::string name;  ///< "x", "y" or "z"
@@ -149,6 +155,7 @@ struct GridAxis {
   Location location;
   std::vector<StatedJump> jumps = {};
   std::vector<StatedTwist> twists = {};
+  std::optional<StatedSponge> sponge = {};
 };
 
 /// A linear symmetry z -> z + s B z.
@@ -211,6 +218,8 @@ struct MultisymplecticProblem {
   [[nodiscard]] bool has_jumps() const;
   /// Whether fields turn along an axis.
   [[nodiscard]] bool has_twists() const;
+  /// The first sponge of an axis; null where there is none.
+  [[nodiscard]] const StatedSponge* sponge() const;
 };
 
 /// Of an orbit, in the order of orbit_methods(). A lattice's scheme is one of lattice_methods(), by its name.

@@ -218,6 +218,11 @@ void check_density_jumps(const MultisymplecticProblem& pde, const FormulaText& t
 void check_twists(Problem& problem);
 /// The same of the density of a custom action.
 void check_density_twists(const Problem& problem, const FormulaText& text, const CornerDensity& density);
+/// sponge = { width, strength } of a direction of the grid, whose range has been read. \throws ProblemError
+[[nodiscard]] std::optional<StatedSponge> read_sponge(Section& section, const GridAxis& axis,
+                                                      const Parameters& parameters);
+/// \throws ProblemError if the problem cannot have its sponge, naming the reason; needs all of it
+void check_sponge(const Problem& problem);
 /// The entry of [symmetries] that an entry of `phase`, of [grid] or a frame, names: itself, or that of the phase of a
 /// complex unknown of [field]. \throws ProblemError
 [[nodiscard]] std::string symmetry_of_phase(const Entry& entry, const MultisymplecticProblem& pde);

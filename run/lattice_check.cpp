@@ -10,6 +10,7 @@
 #include <fmt/format.h>
 
 #include <rubato/base/interrupt.hpp>
+#include <rubato/figures/text.hpp>
 #include <rubato/grids/reductions.hpp>
 #include <rubato/grids/whole.hpp>
 #include <rubato/problem/lattice_problem.hpp>
@@ -69,7 +70,7 @@ public:
             rows.path(), row, rows.row(row), [](std::size_t) { return std::numeric_limits<double>::quiet_NaN(); },
             [] { return 0.0; }, "no step led to the start");
       } else {
-        whole = copy(rows, row, f, level.field(f)) && whole;
+        whole = copy(rows, row, level.field(f)) && whole;
       }
     }
     whole_.remove(level.all(), [this](int f) { return is_stored(f); });
@@ -84,7 +85,7 @@ public:
       if (system_.structure().at_midpoints(f)) {
         std::ranges::fill(level.field(f), 0.0);
       } else {
-        whole = copy(*rows++, row, f, level.field(f)) && whole;
+        whole = copy(*rows++, row, level.field(f)) && whole;
       }
     }
     whole_.remove(level.all());
@@ -99,7 +100,7 @@ public:
   }
 
 private:
-  bool copy(SharedRows& rows, std::size_t row, int field, std::span<double> out) {
+  bool copy(SharedRows& rows, std::size_t row, std::span<double> out) {
     const std::span<const double> values = rows.row(row);
     std::ranges::copy(values, out.begin());
     return findings_.finite(rows.path(), row, values, "a state is finite");
@@ -170,6 +171,11 @@ public:
     }
     for (std::size_t law = 1; law < laws_.count(); ++law) {  // the first is energy, the node energy
       totals_.emplace_back(record, "/laws/totals/" + laws_.names()[law]);
+    }
+    if (const auto sponge = make_sponge(problem)) {
+      bare_method_ = make_bare_method(problem);
+      loss_.emplace(*bare_method_, system_.without_constant(), grid_, *sponge);
+      lost_.emplace(record, fmt::format("/laws/totals/{}", figures::energy_lost_name));
     }
     for (const std::string& name : invariants_.names()) {
       stored_invariants_.emplace_back(record, "/laws/" + name);
@@ -245,6 +251,9 @@ private:
       }
     }
   }
+
+  /// What a sponge has taken before a level; 0 without one.
+  [[nodiscard]] double lost_at(std::size_t at) { return lost_ ? lost_->at(at) : 0.0; }
 
   void check_frame() {
     const std::optional<MovingFrame> frame = make_frame(problem_);
@@ -456,7 +465,8 @@ private:
       };
     };
     const char* reason = "from the state at that level";
-    findings_.compare("/levels/node_energy", at, {}, node_energy_.at(at), node.energy, tolerance(0), reason);
+    findings_.compare("/levels/node_energy", at, {}, node_energy_.at(at), node.energy + lost_at(at), tolerance(0),
+                      reason);
     check_totals(level, at, found, tolerance);
     if (has_gamma_ && gamma_known) {
       check_gamma(at, node.gamma);
@@ -528,16 +538,24 @@ private:
         if (allowed.empty()) {
           allowed = tolerances_of_energy_first([&](const LatticeLevel& before, const LatticeLevel& after) {
             const StepLaw moved = equation_->measure(before, after, h);
-            return std::vector<double>{moved.energy, moved.residual.largest()};
+            return std::vector<double>{moved.energy, moved.residual.largest(),
+                                       loss_ ? loss_->of_step(before, after, h) : 0.0};
           });
         }
         return allowed[i];
       };
     };
-    const double potential = levels_.potential_of(step);
+    const double others = levels_.potential_of(step) + lost_at(step);
     findings_.compare(
-        "/levels/energy", step, {}, energy_.at(step), law.energy + potential,
-        [&] { return tolerance(0)() + Rounding::of_sum(law.energy, potential); }, "from the states around the step");
+        "/levels/energy", step, {}, energy_.at(step), law.energy + others,
+        [&] { return tolerance(0)() + Rounding::of_sum(law.energy, others); }, "from the states around the step");
+    if (loss_) {
+      const double before = lost_at(step), taken = loss_->of_step(before_, after_, h);
+      findings_.compare(
+          lost_->path(), step + 1, {}, lost_->at(step + 1), before + taken,
+          [&] { return tolerance(0)() + tolerance(2)() + Rounding::of_sum(before, law.energy); },
+          "what the sponge takes from the states around the step");
+    }
     residual_.add(law.residual);
     findings_.count(grids::whole_of(grid_).size());
     if (law.residual.undefined > 0.0 || law.residual.largest() > equation_tolerance_) {
@@ -614,6 +632,9 @@ private:
   SharedRows node_energy_, gamma_, energy_;
   std::vector<SharedRows> totals_, stored_invariants_, stored_exact_;
   std::vector<StoredLaw> stored_laws_;
+  std::unique_ptr<LatticeMethod> bare_method_;
+  std::optional<SpongeLoss> loss_;
+  std::optional<SharedRows> lost_;
   std::unique_ptr<StepEquation> equation_;
   OutputCheck output_;
   EventCheck events_;

@@ -28,7 +28,7 @@ void raise(double value, double t, double& largest, double& when) {
   }
 }
 
-double largest_of(std::span<const double> values) {
+double largest_magnitude(std::span<const double> values) {
   double largest = 0.0;
   for (const double value : values) {
     largest = std::max(largest, std::abs(value));
@@ -233,7 +233,7 @@ void LatticeMeter::measure_period(const LatticeLevel& level, double t, bool is_s
   const auto look_at = [&](std::span<const double> values) {
     if (const auto broken = find_seam_break(grid_, values)) {
       const double slope = broken->jump ? 1.0 : grid_.spacing(broken->axis);
-      const double share = std::abs(broken->across) * slope / largest_of(values);
+      const double share = std::abs(broken->across) * slope / largest_magnitude(values);
       measures.period = measures.period >= share ? measures.period : share;
     }
   };
@@ -272,7 +272,7 @@ void LatticeMeter::measure_seam(const LatticeLevel& level, const std::vector<boo
         }
       }
     }
-    most = std::max(most, beside / largest_of(values));
+    most = std::max(most, beside / largest_magnitude(values));
   }
   if (is_start) {
     measures.seam = most < at_rest ? 0.0 : figures::Measures::none;

@@ -178,6 +178,9 @@ void refuse_unshared(const Problem& problem, const RunOptions& options) {
     refuse_sharing(problem.hamiltonian()->statement().location, ranks,
                    "it is one orbit; they share lattices, and the members of an [ensemble]");
   }
+  if (const StatedSponge* const sponge = pde->sponge()) {
+    refuse_sharing(sponge->location, ranks, "a sponge finds the constrained fields of each level on the whole lattice");
+  }
   const Location& scheme = problem.scheme.lagrangian_location;
   const int dimensions = static_cast<int>(pde->axes.size());
   if (const auto reason = make_method(problem)->not_shared_in(dimensions); !reason.empty()) {

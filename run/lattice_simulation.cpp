@@ -5,6 +5,7 @@
 
 #include <fmt/format.h>
 
+#include <rubato/figures/text.hpp>
 #include <rubato/pde/shared_slopes.hpp>
 #include <rubato/problem/energy_terms.hpp>
 #include <rubato/problem/lattice_problem.hpp>
@@ -78,6 +79,9 @@ public:
     std::vector<std::string> names;
     if (!laws_.none()) {  // the first is energy, which node() gives
       std::ranges::transform(residuals_.in_cells().subspan(1), std::back_inserter(names), &Law::name);
+      if (lattice_.energy_lost()) {
+        names.emplace_back(figures::energy_lost_name);
+      }
     }
     return names;
   }
@@ -86,6 +90,9 @@ public:
       return {};
     }
     total_values_ = residuals_.took_cells() ? lattice_.totals_after_residuals() : lattice_.totals();
+    if (const auto lost = lattice_.energy_lost()) {
+      total_values_.push_back(*lost);
+    }
     return std::span<const double>(total_values_).subspan(1);
   }
 

@@ -405,6 +405,19 @@ class Memory(unittest.TestCase):
                                     {"x": {"from": 0, "to": 5, "cells": 40, "phase": {"u": "pi"}}},
                                     {"u": lambda x: 0 * x, "u_t": lambda x: 0 * x}), (0, 1), step=0.1)
 
+    def test_a_sponge(self):
+        wave = rb.Field(equation="u_tt = u_xx")
+        grid = {"x": {"from": -15, "to": 15, "cells": 201, "sponge": {"width": 8, "strength": 1.5}}}
+        packet = {"u": lambda x: np.exp(-x**2 / 4) * np.cos(np.pi * x), "u_t": lambda x: 0 * x}
+        r = rb.integrate(rb.Lattice(wave, grid, packet), (0, 30), step=0.1, scheme="fourier")
+        self.assertTrue(r.success)
+        self.assertGreater(np.abs(r.u[0]).max(), 0.95)
+        self.assertLess(np.abs(r.u[-1]).max(), 1e-2)
+        self.assertGreater(r.figures["sponge"]["energy_lost"], 0.99 * r.H[0])
+        with self.assertRaisesRegex(ValueError, "half of"):
+            rb.integrate(rb.Lattice(wave, {"x": {**grid["x"], "sponge": {"width": 15, "strength": 1}}},
+                                    packet), (0, 1), step=0.1)
+
     def test_lattices(self):
         r = rb.run("sine-gordon", until=0.5)
         self.assertIn("energy_max", r.laws)

@@ -1,0 +1,204 @@
+// [grid] sponge: layers at both ends of the range that damp what comes there, and the balance of their energy.
+
+#include <catch2/catch.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+#include <vector>
+
+#include <fmt/format.h>
+
+#include <rubato/problem/lattice_problem.hpp>
+#include <rubato/record/reader.hpp>
+#include <rubato/run/check.hpp>
+#include <rubato/run/run.hpp>
+
+#include "records.hpp"
+#include "run/shared_lattices.hpp"
+
+using namespace rubato;
+using namespace rubato::run_tests;
+using Catch::Matchers::Contains;
+
+namespace {
+
+/// A packet of waves of length 2 that travels to the right, into a layer of four of them.
+constexpr const char* packet = R"toml(
+[multisymplectic]
+fields = ["u", "v", "w"]
+M = [["u", "v", -1]]
+K.x = [["u", "w", 1]]
+S = "(v^2 - w^2)/2 + g*u^4/4"
+[parameters]
+g = 0
+[grid]
+x = { from = -15, to = 15, cells = 301, sponge = { width = 8, strength = 1.5 } }
+[initial]
+u = "exp(-x^2/4)*cos(pi*x)"
+v = "-dx(u)"
+[invariants]
+energy_of_u = "(v^2 + dx(u)^2)/2 + g*u^4/4"
+[scheme]
+lagrangian = "fourier"
+levels = "fixed"
+step = 0.05
+until = 30
+)toml";
+
+Problem problem_of(const Settings& settings, const std::string& text = packet) {
+  return parse_problem(text, "packet.toml", settings);
+}
+
+Settings joined(Settings one, const Settings& other) {
+  one.insert(one.end(), other.begin(), other.end());
+  return one;
+}
+
+Outcome outcome_of(const Settings& settings, const std::string& text = packet) {
+  const Folder folder;
+  Outcome outcome = run(problem_of(settings, text), {.output = folder / "a.h5", .threads = 1});
+  REQUIRE(outcome.complete);
+  return outcome;
+}
+
+const figures::Deviation& named(const std::vector<figures::Named<figures::Deviation>>& all, const std::string& name) {
+  const auto found = std::ranges::find(all, name, &figures::Named<figures::Deviation>::name);
+  REQUIRE(found != all.end());
+  return found->value;
+}
+
+double lost(const Outcome& outcome) {
+  return named(outcome.statistics.totals, "energy_lost").max();
+}
+
+std::string message(const Settings& settings, const std::string& text = packet) {
+  try {
+    static_cast<void>(problem_of(settings, text));
+  } catch (const ProblemError& error) {
+    return error.what();
+  }
+  return "";
+}
+
+std::string with(std::string text, const std::string& from, const std::string& to) {
+  const std::size_t at = text.find(from);
+  REQUIRE(at != std::string::npos);
+  return text.replace(at, from.size(), to);
+}
+
+}  // namespace
+
+TEST_CASE("a pulse leaves through a sponge in each scheme") {
+  for (const char* scheme : {"fourier", "box", "splitting", "leapfrog", "euler-box"}) {
+    INFO(scheme);
+    const Outcome outcome = outcome_of({fmt::format("scheme.lagrangian={}", scheme), "scheme.step=0.04"});
+    const figures::Deviation& energy = named(outcome.statistics.invariants, "energy_of_u");
+    CHECK(energy.initial > 1.0);
+    // What is left of the energy was reflected, or has passed both layers: exp(-2·8·1.5) of it.
+    CHECK(std::abs(1.0 - energy.max() / energy.initial) < 1e-4);
+  }
+  // The twins: a layer that is short beside the wavelength reflects, and one that is weak lets pass.
+  const double energy = outcome_of({"scheme.until=0.1"}).statistics.node_energy.initial;
+  CHECK(lost(outcome_of({"grid.x.sponge.width=0.3", "grid.x.sponge.strength=40"})) / energy < 0.99);
+  CHECK(lost(outcome_of({"grid.x.sponge.strength=0.2"})) / energy < 0.99);
+}
+
+TEST_CASE("the energy that a sponge takes closes the balance") {
+  for (const char* scheme : {"fourier", "box"}) {
+    INFO(scheme);
+    const Outcome outcome = outcome_of(
+        {fmt::format("scheme.lagrangian={}", scheme), "parameters.g=1", "scheme.levels=variable", "scheme.until=15"});
+    REQUIRE(outcome.statistics.variable_levels());
+    CHECK(outcome.statistics.off_law_steps == 0);
+    CHECK(outcome.statistics.relative_energy_deviation().value() < 1e-12);
+    CHECK(lost(outcome) > 0.5 * outcome.statistics.node_energy.initial);
+    // The node energy H(z_k) with what was taken differs by the truncation error of the step.
+    CHECK(outcome.statistics.node_energy.max() < 0.02 * outcome.statistics.node_energy.initial);
+    // The twin: without it H changes by what was taken.
+    const auto& H = named(outcome.statistics.invariants, "energy_of_u");
+    CHECK(H.max() > 0.5 * outcome.statistics.node_energy.initial);
+  }
+}
+
+TEST_CASE("local laws of a step hold between the layers, and in them") {
+  const auto residuals = [](const std::string& text) {
+    const Folder folder;
+    static_cast<void>(
+        run(problem_of({"scheme.until=1", "laws.fields=true"}, text), {.output = folder / "a.h5", .threads = 1}));
+    return last_row(record::Reader(folder / "a.h5"), "/laws/fields/energy");
+  };
+  const std::vector<double> one = residuals(packet);
+  const std::vector<double> other = residuals(with(packet, ", sponge = { width = 8, strength = 1.5 }", ""));
+  double outside = 0.0;
+  for (std::size_t i = 0; i < one.size(); ++i) {
+    if (std::abs(-15.0 + 30.0 * static_cast<double>(i) / 301.0) < 7.0) {
+      outside = std::max(outside, std::abs(one[i] - other[i]));
+    }
+  }
+  // Rounding of densities of 10, over the step and the spacing.
+  CHECK(outside < 1e-11);
+
+  // Of the box, whose laws hold to rounding where S is quadratic, also while the packet is in the layer.
+  const Settings box = {"scheme.lagrangian=box", "scheme.until=9"};
+  for (const auto& law : outcome_of(box).statistics.residuals) {
+    INFO(law.name);
+    CHECK(law.value.max < 1e-10);
+  }
+  // The twin: from one level to the next, with the damping in it.
+  const Problem problem = problem_of(box);
+  LatticeIntegrator lattice = make_lattice(problem);
+  while (!lattice.finished()) {
+    REQUIRE(lattice.step().status == Status::success);
+  }
+  LocalLaws bare = make_local_laws(*make_bare_method(problem), lattice.system(), lattice.grid());
+  CHECK(bare.residuals(lattice.previous(), lattice.level(), lattice.levels().last_step()).front().largest() > 1e-2);
+}
+
+TEST_CASE("check and resume know of a sponge") {
+  const Folder folder;
+  for (const char* scheme : {"fourier", "box", "splitting", "leapfrog", "euler-box"}) {
+    for (const char* levels : {"fixed", "variable"}) {
+      if (std::string(levels) == "variable" && std::string(scheme) == "euler-box") {
+        continue;
+      }
+      INFO(scheme << " " << levels);
+      const Settings settings = {fmt::format("scheme.lagrangian={}", scheme),
+                                 fmt::format("scheme.levels={}", levels),
+                                 "scheme.until=12",
+                                 "parameters.g=0.5",
+                                 "output.every=2",
+                                 "levels.every=1",
+                                 "grid.x.cells=151",
+                                 "output.times=[7.03]"};
+      static_cast<void>(run(problem_of(settings), {.output = folder / "a.h5", .overwrite = true, .threads = 1}));
+      const auto found = check(folder / "a.h5");
+      CHECK(found.status == ExitStatus::done);
+      static_cast<void>(run(problem_of(joined(settings, {"scheme.until=8"})),
+                            {.output = folder / "part.h5", .overwrite = true, .threads = 1}));
+      static_cast<void>(resume(folder / "part.h5", 12.0));
+      const record::Reader whole(folder / "a.h5"), parts(folder / "part.h5");
+      for (const char* path : {"/levels/node_energy", "/laws/totals/energy_lost"}) {
+        CHECK(whole.read(path) == parts.read(path));
+      }
+    }
+  }
+  falsify(folder / "a.h5", "/laws/totals/energy_lost", 200, 1e-6);
+  CHECK(check(folder / "a.h5").status == ExitStatus::contradiction);
+}
+
+TEST_CASE("sponges are refused where there can be none, with place, reason and remedy") {
+  CHECK(message({}).empty());
+  CHECK_THAT(message({}, with(packet, "width = 8", "width = 15")), Contains("packet.toml:10:") && Contains("half of"));
+  CHECK_THAT(message({"grid.x.sponge.width=-1"}), Contains("width") && Contains("more than 0"));
+  CHECK_THAT(message({"grid.x.sponge.strength=-1"}), Contains("strength") && Contains("leave sponge out"));
+  CHECK_THAT(message({"grid.x.sponge.depth=-1"}), Contains("depth"));
+  CHECK_THAT(message({"scheme.frame.velocity=0.5"}), Contains("frame"));
+  CHECK_THAT(message({"grid.x.jump.u=0.5"}), Contains("jump"));
+  CHECK_THAT(message({"laws.every=2"}), Contains("every level"));
+  const std::string kdv =
+      "[multisymplectic]\nequation = \"kdv\"\n[grid]\nx = { from = 0, to = 6, cells = 31, sponge = { width = 1, "
+      "strength = 1 } }\n[initial]\nu = \"cos(pi*x/3)\"\n[scheme]\nlagrangian = \"box\"\nlevels = \"fixed\"\nstep = "
+      "0.01\nuntil = 0.1\n";
+  CHECK_THAT(message({}, kdv), Contains("u is a derivative of"));
+}
