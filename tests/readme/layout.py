@@ -47,7 +47,7 @@ RUNS = [
     ("Every record, and orbits", [
         ["run", "orbit.toml"], ["run", "orbit.toml", "--set", "output.every=2"], ["run", "double-pendulum", "--set", "scheme.until=0.3"],
         ["run", "kepler", "--set", "scheme.until=0.5", "--set", "hamiltonian.time_scale=1 + x^2", "--set", "scheme.step=0.1"],
-        ["run", "orbit.toml", "--unset", "output.interval"]]),
+        ["run", "orbit.toml", "--unset", "output.interval"], ["run", "spherical-pendulum", "--set", "scheme.until=1"]]),
     ("Lattices", [
         ["run", "sine-gordon", "--tangents", "--set", "scheme.until=0.3", "--set", "laws.fields=true", "--set", "laws.every=2",
          "--set", "output.interval=0.2"],
@@ -67,6 +67,7 @@ RULES = [
     (r"^/exact/\w+$", "/exact/NAME", None, None),
     (r"^/laws/\w+_(max|rms|undefined)$", r"/laws/LAW_\1", None, None),
     (r"^/laws/(fields|totals)/\w+$", r"/laws/\1/LAW", r"\bof \w+ (over|at)", r"of LAW \1"),
+    (r"^/laws/constraints/\w+_(max|rms|undefined)$", r"/laws/constraints/NAME_\1", None, None),
     (r"^/laws/[a-z]\w+$", "/laws/NAME", r"invariant \w+", "invariant NAME"),
     (r"^/tangents/growth_\d$", "/tangents/growth_I", r"vector \d", "vector I"),
     (r"^/members/values/.*$", "/members/values/PATH", r".*", "value of PATH in the member"),
