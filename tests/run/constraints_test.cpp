@@ -139,11 +139,19 @@ TEST_CASE("events, ensembles and a catalogue's system have constraints", "[run][
   CHECK(check(folder / "a.h5").status == ExitStatus::done);
 
   const std::string text = rod(length, "lagrangian = \"splitting\"\nlevels = \"fixed\"",
-                               "[ensemble]\ngrid = { parameters.g = [1, 2] }\n[parameters]\ng = 1\n");
+                               "[ensemble]\ngrid = { parameters.g = [1, 2, 3, 4, 5, 6] }\n[parameters]\ng = 1\n");
   const Problem ensemble = parse_problem(text, "text.toml", {{"hamiltonian.H=(a^2 + b^2)/2 + g*y"}});
   const EnsembleOutcome outcome = run_ensemble(ensemble, {.output = folder / "e.h5", .threads = 1});
   CHECK(outcome.status == ExitStatus::done);
   CHECK_THAT(to_json(outcome), Contains("length"));
+  // So many members on fixed levels would go side by side, which constraints do not: each keeps its length.
+  const auto found =
+      std::ranges::find_if(outcome.summary, [](const auto& figure) { return figure.name == "constraints/length/max"; });
+  REQUIRE(found != outcome.summary.end());
+  const auto place = static_cast<std::size_t>(found - outcome.summary.begin());
+  for (const std::vector<double>& figures : outcome.figures) {
+    CHECK(figures[place] < 1e-14);
+  }
 
   const Problem from = parse_problem(
       "[hamiltonian]\nsystem = \"spherical-pendulum\"\n[initial]\nx = 1\ny = 0\nz = 0\nu = 0\nv = 0\nw = 0\n"
