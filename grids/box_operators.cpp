@@ -143,11 +143,7 @@ void run(const Grid& grid, const BoxOperator& op, bool adjoint, const double* in
 }  // namespace
 
 double coordinate(const Axis& axis, std::size_t cell, Along along) {
-  if (along == Along::next) {  // of a part, too, the number of the cell in the whole axis, and then one more
-    const std::size_t number = axis.of == 0 ? cell : (axis.first + cell) % axis.of;
-    return axis.from + static_cast<double>(number + 1) * axis.spacing();
-  }
-  return along == Along::average ? axis.centre(cell) : axis.node(cell);
+  return along == Along::next ? axis.upper(cell) : along == Along::average ? axis.centre(cell) : axis.node(cell);
 }
 
 void apply(const Grid& grid, const BoxOperator& op, const double* in, double* out) {

@@ -1,5 +1,6 @@
 #include <rubato/grids/grid.hpp>
 
+#include <algorithm>
 #include <cmath>
 #include <stdexcept>
 #include <utility>
@@ -29,6 +30,13 @@ void check(const std::vector<Axis>& axes) {
     if (axis.cells < 3 && axis.of == 0) {
       throw std::invalid_argument(fmt::format("axis {}: at least 3 cells are needed, not {}", axis.name, axis.cells));
     }
+    if (axis.has_walls() != (axis.right != End::periodic)) {
+      throw std::invalid_argument(fmt::format("axis {}: a wall at one end needs one at the other", axis.name));
+    }
+    if (axis.has_walls() && (axis.cells < 4 || axis.of != 0)) {
+      throw std::invalid_argument(
+          fmt::format("axis {}: at least 3 cells are needed between walls, all of them in one part", axis.name));
+    }
     if (!(axis.from + axis.spacing() > axis.from)) {
       throw std::invalid_argument(fmt::format("axis {}: {} cells from {} to {} are closer than rounding", axis.name,
                                               axis.cells, axis.from, axis.to));
@@ -45,6 +53,15 @@ void check(const std::vector<Axis>& axes) {
 
 }  // namespace
 
+double Axis::folded(double place) const {
+  if (mirrored == 0) {
+    return place;
+  }
+  const double back = 2.0 * static_cast<double>(mirrored);
+  const double rest = std::fmod(place, back);
+  return std::min(rest, back - rest);
+}
+
 Grid::Grid(std::vector<Axis> axes) : axes_(std::move(axes)) {
   check(axes_);
   for (int a = 0; a < 3; ++a) {
@@ -59,6 +76,28 @@ double Grid::cell_volume() const {
     volume *= axis.spacing();
   }
   return volume;
+}
+
+double Grid::volume() const {
+  std::size_t cells = 1;
+  for (const Axis& axis : axes_) {
+    cells *= axis.cell_count();
+  }
+  return cell_volume() * static_cast<double>(cells);
+}
+
+bool Grid::has_walls() const {
+  return std::ranges::any_of(axes_, &Axis::has_walls);
+}
+
+double Grid::weight(std::size_t node) const {
+  const auto at = place(node);
+  double weight = 1.0;
+  for (std::size_t a = 0; a < axes_.size(); ++a) {
+    const bool on_wall = axes_[a].has_walls() && (at[a] == 0 || at[a] + 1 == axes_[a].cells);
+    weight *= on_wall ? 0.5 : 1.0;
+  }
+  return weight;
 }
 
 }  // namespace rubato::grids

@@ -7,29 +7,46 @@
 
 namespace rubato::grids {
 
-/// One periodic direction: nodes from + i Δx for i = 0 … cells-1, Δx = (to - from)/cells, and node `cells` is node 0.
+/// What an end of an axis is: where the next period begins, or a wall.
+enum class End {
+  periodic,
+  fixed,  ///< values are held
+  free    ///< values vary, and the boundary term of the variation vanishes
+};
+
+/// One direction. Periodic: nodes from + i Δx for i = 0 … cells-1, Δx = (to - from)/cells, and node `cells` is node 0.
+/// Between walls: both ends are nodes, so that `cells` nodes have one cell less between them.
 struct Axis {
   std::string name;
   double from = 0.0;
   double to = 1.0;
-  std::size_t cells = 0;
+  std::size_t cells = 0;  ///< nodes
   /// Of a part of an axis: how many cells the whole has, and the number there of the first; 0 and 0 for a whole axis.
   std::size_t of = 0, first = 0;
+  End left = End::periodic, right = End::periodic;  ///< both are walls, or none is
+  /// Of a ring that repeats the space between walls in their mirrors: nodes between the walls, their distance included;
+  /// 0 for others. Coordinates are those of the node or cell that is mirrored.
+  std::size_t mirrored = 0;
 
+  [[nodiscard]] bool has_walls() const { return left != End::periodic; }
+  /// How many cells there are between the ends.
+  [[nodiscard]] std::size_t cell_count() const { return has_walls() ? cells - 1 : cells; }
   [[nodiscard]] double length() const { return to - from; }
-  [[nodiscard]] double spacing() const { return (to - from) / static_cast<double>(of == 0 ? cells : of); }
-  [[nodiscard]] double node(std::size_t i) const {
-    return from + static_cast<double>(of == 0 ? i : (first + i) % of) * spacing();
-  }
+  [[nodiscard]] double spacing() const { return (to - from) / static_cast<double>(of == 0 ? cell_count() : of); }
+  [[nodiscard]] double node(std::size_t i) const { return from + folded(number(i)) * spacing(); }
+  /// The upper end of cell i: that of the last one is `to`.
+  [[nodiscard]] double upper(std::size_t i) const { return from + folded(number(i) + 1.0) * spacing(); }
   /// The middle of cell i, between nodes i and i + 1.
-  [[nodiscard]] double centre(std::size_t i) const {
-    return from + (static_cast<double>(of == 0 ? i : (first + i) % of) + 0.5) * spacing();
-  }
+  [[nodiscard]] double centre(std::size_t i) const { return from + folded(number(i) + 0.5) * spacing(); }
+
+private:
+  [[nodiscard]] double number(std::size_t i) const { return static_cast<double>(of == 0 ? i : (first + i) % of); }
+  [[nodiscard]] double folded(double place) const;
 };
 
-/// A periodic grid in 1 to 3 dimensions. Nodes are numbered with the first axis fastest: node (i, j, k) of axes x, y, z
-/// is i + n_x (j + n_y k), so that an array of nodes is [z][y][x] in C order. There are as many cells as nodes; cell
-/// (i, j, k) has the node (i, j, k) as its lower corner and carries its number.
+/// A grid in 1 to 3 dimensions, each direction periodic or between walls. Nodes are numbered with the first axis fastest: node (i, j, k) of axes x, y, z
+/// is i + n_x (j + n_y k), so that an array of nodes is [z][y][x] in C order. A periodic grid has as many cells as
+/// nodes; cell (i, j, k) has the node (i, j, k) as its lower corner and carries its number.
 class Grid {
 public:
   /// Throws std::invalid_argument (naming axis and values) unless there are 1 to 3 axes with different names, from < to
@@ -48,6 +65,11 @@ public:
   [[nodiscard]] double spacing(int a) const { return axes_[a].spacing(); }
   /// Δx Δy Δz.
   [[nodiscard]] double cell_volume() const;
+  /// That of all cells.
+  [[nodiscard]] double volume() const;
+  [[nodiscard]] bool has_walls() const;
+  /// The part of its cell that a node has in sums: one half for each wall that it is on.
+  [[nodiscard]] double weight(std::size_t node) const;
 
   [[nodiscard]] std::size_t index(std::size_t i, std::size_t j = 0, std::size_t k = 0) const {
     return i + j * strides_[1] + k * strides_[2];

@@ -1,5 +1,6 @@
 #include <rubato/grids/point_interpolation.hpp>
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 #include <stdexcept>
@@ -7,6 +8,7 @@
 
 #include <fmt/format.h>
 
+#include <rubato/grids/local_polynomial.hpp>
 #include <rubato/grids/slab.hpp>
 
 namespace rubato::grids {
@@ -45,7 +47,15 @@ PointInterpolation::PointInterpolation(const Grid& grid, std::vector<double> coo
         fmt::format("a point with {} coordinates on a grid of {} directions", coordinates_.size(), grid.dimensions()));
   }
   for (int a = 0; a < grid.dimensions(); ++a) {
-    weights_.push_back(kernel(grid.axis(a), coordinates_[static_cast<std::size_t>(a)]));
+    const Axis& axis = grid.axis(a);
+    const double x = coordinates_[static_cast<std::size_t>(a)];
+    if (axis.has_walls()) {
+      const LocalWeights near = local_weights(axis, x);
+      std::vector<double>& weights = weights_.emplace_back(axis.cells, 0.0);
+      std::ranges::copy(near.of, weights.begin() + static_cast<std::ptrdiff_t>(near.first));
+    } else {
+      weights_.push_back(kernel(axis, x));
+    }
   }
 }
 

@@ -181,7 +181,12 @@ void sums(std::span<const std::span<const double>> rows, std::span<double> sums)
 
 std::vector<double> integrals(const Grid& grid, std::span<const std::span<const double>> rows) {
   std::vector<double> result(rows.size());
-  sums(rows, result);
+  if (grid.has_walls()) {
+    sums_of(
+        grid.size(), [&](std::size_t row, std::size_t i) { return grid.weight(i) * rows[row][i]; }, result);
+  } else {
+    sums(rows, result);
+  }
   for (double& sum : result) {
     sum *= grid.cell_volume();
   }

@@ -221,7 +221,8 @@ double max_abs_difference(std::span<const double> a, std::span<const double> b);
 inline double dot(std::span<const double> a, std::span<const double> b) {
   return sum_of(a.size(), [p = a.data(), q = b.data()](std::size_t i) { return p[i] * q[i]; });
 }
-/// Σ values and max |values| of each row, which ranks exchange together; and Σ ΔV values.
+/// Σ values and max |values| of each row, which ranks exchange together; and Σ ΔV values,
+/// by Grid::weight() between walls.
 ///@{
 void sums(std::span<const std::span<const double>> rows, std::span<double> sums);
 [[nodiscard]] std::vector<double> integrals(const Grid& grid, std::span<const std::span<const double>> rows);

@@ -2,11 +2,14 @@
 
 #include <complex>
 #include <cstddef>
+#include <numeric>
+#include <optional>
 #include <stdexcept>
 
 #include <fmt/format.h>
 
 #include <rubato/grids/fourier.hpp>
+#include <rubato/grids/local_polynomial.hpp>
 
 namespace rubato::grids {
 
@@ -56,6 +59,29 @@ private:
   std::vector<double> in_, out_;
 };
 
+/// The same between walls.
+class PolynomialLine {
+public:
+  PolynomialLine(const Axis& from, const Axis& to) : in_(from.cells), out_(to.cells) {
+    for (std::size_t i = 0; i < to.cells; ++i) {
+      weights_.push_back(local_weights(from, to.node(i)));
+    }
+  }
+
+  std::vector<double>& in() { return in_; }
+  const std::vector<double>& run() {
+    for (std::size_t i = 0; i < out_.size(); ++i) {
+      out_[i] = std::inner_product(weights_[i].of.begin(), weights_[i].of.end(),
+                                   in_.begin() + static_cast<std::ptrdiff_t>(weights_[i].first), 0.0);
+    }
+    return out_;
+  }
+
+private:
+  std::vector<LocalWeights> weights_;
+  std::vector<double> in_, out_;
+};
+
 }  // namespace
 
 std::vector<double> resampled(std::span<const double> values, const Grid& from, const Grid& to) {
@@ -75,16 +101,26 @@ std::vector<double> resampled(std::span<const double> values, const Grid& from, 
     const Grid before(axes);
     axes[static_cast<std::size_t>(a)] = to.axis(a);
     const Grid after(axes);
-    ResamplingLine line(before.axis(a), after.axis(a));
+    if (from.axis(a).has_walls() != to.axis(a).has_walls()) {
+      throw std::invalid_argument("values cannot be interpolated between a period and the space between walls");
+    }
+    std::optional<ResamplingLine> waves;
+    std::optional<PolynomialLine> local;
+    if (from.axis(a).has_walls()) {
+      local.emplace(before.axis(a), after.axis(a));
+    } else {
+      waves.emplace(before.axis(a), after.axis(a));
+    }
+    std::vector<double>& in = waves ? waves->in() : local->in();
     std::vector<double> next(after.size());
     const std::size_t stride = before.stride(a), n = before.cells(a), m = after.cells(a);
     for (std::size_t first = 0; first < before.size() / n; ++first) {
       // The line's place among those of lower and of higher axes.
       const std::size_t low = first % stride, high = first / stride;
       for (std::size_t i = 0; i < n; ++i) {
-        line.in()[i] = present[low + stride * (i + n * high)];
+        in[i] = present[low + stride * (i + n * high)];
       }
-      const std::vector<double>& out = line.run();
+      const std::vector<double>& out = waves ? waves->run() : local->run();
       for (std::size_t i = 0; i < m; ++i) {
         next[low + stride * (i + m * high)] = out[i];
       }

@@ -238,6 +238,12 @@ public:
     start_level();
   }
 
+  void correct(const FieldSet& fields) override {
+    level_.fields.copy_from(fields);
+    level_is_told_ = true;
+    map_.step().begin(level_);
+  }
+
   void save(StateWriter& state) const override {
     grids::save_whole(state, level().fields);
     for (const FieldSet* set : {&std::as_const(previous_.fields), &kept_}) {

@@ -97,6 +97,12 @@ public:
     start_level();
   }
 
+  void correct(const grids::FieldSet& fields) override {
+    level_.fields.copy_from(fields);
+    low_.fill(0.0);
+    start_level();
+  }
+
   void save(StateWriter& state) const override {
     save_level(state);
     grids::save_whole(state, low_);

@@ -64,7 +64,7 @@ std::unique_ptr<LatticeScheme> make_scheme(const LatticeMethod& method, const Mu
 
 LatticeIntegrator::LatticeIntegrator(const MultisymplecticSystem& system, const grids::Grid& grid,
                                      const InitialFields& initial, const LatticeOptions& options)
-    : method_(with_sponge(make_lattice_method(checked(options).method()), options.sponge)),
+    : method_(with_sponge(make_lattice_method(checked(options).method(), grid), options.sponge)),
       system_(method_->seen(system)),
       scheme_(make_scheme(*method_, system_.without_constant(), grid, initial, options, cautions_)),
       laws_(make_local_laws(*method_, system_, part_of(grid, options), options.symmetries)),
@@ -74,7 +74,7 @@ LatticeIntegrator::LatticeIntegrator(const MultisymplecticSystem& system, const 
     previous_.fields = before_;
   }
   laws_.share(scheme_->stages());
-  const double constant = system.constant() * grid.cell_volume() * static_cast<double>(grid.size());
+  const double constant = system.constant() * grid.volume();
   LevelOptions levels = level_options(options, true, constant);
   levels.run_length = std::abs(options.begun_until.value_or(options.until) - options.start);
   begin(*scheme_, options, levels, options.start, constant);

@@ -7,6 +7,7 @@
 #include <fmt/ranges.h>
 
 #include <rubato/grids/fourier.hpp>
+#include <rubato/pde/mirrored_method.hpp>
 #include <rubato/pde/space_collocation.hpp>
 #include <rubato/variation/gauss_tableau.hpp>
 
@@ -101,6 +102,11 @@ std::unique_ptr<LatticeMethod> make_lattice_method(const LatticeMethodChoice& ch
                                                             : std::string("no choice of derivatives in space")));
   }
   return entry.make(choice);
+}
+
+std::unique_ptr<LatticeMethod> make_lattice_method(const LatticeMethodChoice& choice, const grids::Grid& grid) {
+  auto method = make_lattice_method(choice);
+  return grid.has_walls() ? make_mirrored_method(std::move(method), choice.name) : std::move(method);
 }
 
 LocalLaws make_local_laws(const LatticeMethod& method, const MultisymplecticSystem& system, const grids::Grid& grid,

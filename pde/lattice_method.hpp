@@ -75,6 +75,9 @@ public:
   /// Whether local laws live in the middle of cells; else at nodes.
   [[nodiscard]] virtual bool laws_in_cells() const { return false; }
 
+  /// The collocation with which the scheme is the same in a mirror, for walls; nothing where it is not.
+  [[nodiscard]] virtual std::optional<Collocation> in_mirror() const { return std::nullopt; }
+
   /// Where ranks share a lattice (grids::Slab).
   ///@{
   /// Why they cannot in so many dimensions; empty where they can.
@@ -137,6 +140,9 @@ struct LatticeMethodEntry {
 [[nodiscard]] const LatticeMethodEntry& lattice_method_entry(std::string_view name);
 /// \throws std::invalid_argument for a name that is not there, stages, a composition or a `space` that it cannot have
 [[nodiscard]] std::unique_ptr<LatticeMethod> make_lattice_method(const LatticeMethodChoice& choice);
+/// The same on a grid, which may have walls. \throws also SchemeRefusal if the method cannot have them
+[[nodiscard]] std::unique_ptr<LatticeMethod> make_lattice_method(const LatticeMethodChoice& choice,
+                                                                 const grids::Grid& grid);
 
 /// The local laws of a method. \throws std::invalid_argument if one of `symmetries` is none
 [[nodiscard]] LocalLaws make_local_laws(const LatticeMethod& method, const MultisymplecticSystem& system,

@@ -29,6 +29,8 @@ public:
   /// Stands at a level with no past, but for a step of length h that leads from there to `next`: what a solution may
   /// begin from. Levels of one run have the same slopes.
   virtual void stand(const LatticeLevel& level, const LatticeLevel& next, double h) = 0;
+  /// Puts fields that differ from those of level() by rounding errors in their place.
+  virtual void correct(const grids::FieldSet& fields) { static_cast<void>(fields); }
   /// False where level() has something to compute yet: whoever does not ask does not pay. Then tell_previous() has the
   /// fields of the level before after the next accept().
   ///@{

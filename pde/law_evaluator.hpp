@@ -17,8 +17,8 @@
 
 namespace rubato {
 
-/// "momentum", in more dimensions "momentum_x", …; where S names the coordinate, momentum has a source, and what is
-/// reported is its `balance`: "momentum_balance", "momentum_balance_x".
+/// "momentum", in more dimensions "momentum_x", …; where S names the coordinate, momentum has a source, and at walls
+/// a force: what is reported is its `balance`: "momentum_balance", "momentum_balance_x".
 [[nodiscard]] std::string momentum_name(bool balance, const grids::Grid& grid, int axis);
 
 /// The fields at `count` points, one after the other.
@@ -61,6 +61,7 @@ struct LawTables {
 
   MultisymplecticSystem system;
   grids::Grid grid;
+  std::vector<LinearSymmetry> symmetries;
   int d, directions;                                     ///< directions: 1 + dimensions
   std::vector<MatrixTerms> plus;                         ///< Λ₊ of each direction
   std::vector<MatrixTerms> full;                         ///< Λ of each direction, for the two-form

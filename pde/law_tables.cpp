@@ -12,8 +12,8 @@ std::string momentum_name(bool balance, const grids::Grid& grid, int axis) {
 }
 
 LawTables::LawTables(const MultisymplecticSystem& s, const grids::Grid& g,
-                     const std::vector<LinearSymmetry>& symmetries)
-    : system(s), grid(g), d(s.field_count()), directions(1 + g.dimensions()) {
+                     const std::vector<LinearSymmetry>& stated)
+    : system(s), grid(g), symmetries(stated), d(s.field_count()), directions(1 + g.dimensions()) {
   const FieldStructure& structure = system.structure();
   const auto matrix = [&](int mu) -> const Eigen::MatrixXd& { return mu == time ? s.M() : s.K(mu - 1); };
   names.emplace_back("energy");
@@ -21,7 +21,7 @@ LawTables::LawTables(const MultisymplecticSystem& s, const grids::Grid& g,
     plus.push_back(terms_of(mu == time ? structure.M_plus : structure.K_plus[static_cast<std::size_t>(mu) - 1]));
     full.push_back(terms_of(matrix(mu)));
     if (mu > 0) {
-      names.push_back(momentum_name(s.has_source(mu - 1), g, mu - 1));
+      names.push_back(momentum_name(s.has_source(mu - 1) || g.axis(mu - 1).has_walls(), g, mu - 1));
     }
   }
   for (const Eigen::VectorXd& slope : s.ramps()) {

@@ -323,6 +323,11 @@ public:
     start_level();
   }
 
+  void correct(const grids::FieldSet& fields) override {
+    level_.fields.copy_from(fields);
+    low_.fill(0.0);
+  }
+
   void save(StateWriter& state) const override {
     grids::save_whole(state, level_.fields);
     grids::save_whole(state, low_);

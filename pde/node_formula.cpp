@@ -8,6 +8,7 @@
 
 #include <rubato/formula/batch.hpp>
 #include <rubato/grids/fourier.hpp>
+#include <rubato/grids/local_polynomial.hpp>
 #include <rubato/grids/reductions.hpp>
 
 namespace rubato {
@@ -122,7 +123,11 @@ struct NodeFormula::Storage {
         }
         room.assign(values[number], values[number] + grid.size());
         for (const int axis : input.derivatives) {
-          derivative(axis, room.data(), room.data());
+          if (grid.axis(axis).has_walls()) {
+            grids::local_derivative(grid, axis, room.data(), room.data());
+          } else {
+            derivative(axis, room.data(), room.data());
+          }
         }
         if (input.derivatives == std::vector<int>{0}) {
           for (std::size_t i = 0; i < room.size(); ++i) {

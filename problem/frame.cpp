@@ -42,6 +42,9 @@ void refuse_places(const Problem& problem, const Location& location) {
   if (pde.has_twists()) {
     throw ProblemError(location, "a frame moves, and [grid] has a phase, whose seam stays: leave one of them out");
   }
+  if (pde.has_walls()) {
+    throw ProblemError(location, "a frame moves, and the walls of [grid] stay: leave one of them out");
+  }
   if (pde.next) {
     throw ProblemError(pde.next->location,
                        "[initial.next] is a level of the laboratory, and the frame moves: leave one of them out");

@@ -159,7 +159,8 @@ FieldOnGrid field_of_arrays(const std::string& from, const std::string& name, do
       refuse_array(location, from,
                    fmt::format("{} has {} nodes along {}; a grid has at least 3", name, cells, axis.name));
     }
-    axes.push_back({axis.name, axis.from, axis.to, cells});
+    axes.push_back(axis);
+    axes.back().cells = cells;
     check_nodes(file, axes.back(), from, location);
   }
   return {array.values, grids::Grid(axes)};

@@ -325,15 +325,12 @@ std::vector<std::vector<double>> read_initial_fields(const InitialRecord& source
     if (pde == nullptr) {
       throw ProblemError(source.location, fmt::format("from: {} is not the record of a lattice", source.file));
     }
-    std::vector<grids::Axis> axes;
-    for (const GridAxis& axis : pde->axes) {
-      axes.push_back({axis.name, axis.from, axis.to, static_cast<std::size_t>(axis.cells)});
-    }
-    const grids::Grid old(axes);
+    const grids::Grid old = make_grid(other);
     const auto box = [](const grids::Grid& of) {
       std::vector<std::string> sides;
       for (const grids::Axis& axis : of.axes()) {
-        sides.push_back(fmt::format("{} from {} to {}", axis.name, axis.from, axis.to));
+        sides.push_back(fmt::format("{} from {} to {}{}", axis.name, axis.from, axis.to,
+                                    axis.has_walls() ? " between walls" : ""));
       }
       return fmt::format("{}", fmt::join(sides, ", "));
     };

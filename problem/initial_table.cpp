@@ -144,7 +144,8 @@ public:
         throw ProblemError(location, fmt::format("from: {} has no column {}; name the place of each row by {}", file,
                                                  axis.name, names_of_axes(grid)));
       }
-      axes.push_back({axis.name, axis.from, axis.to, count_of(*x, axis)});
+      axes.push_back(axis);
+      axes.back().cells = count_of(*x, axis);
     }
     grid_.emplace(std::move(axes));
     place_rows();

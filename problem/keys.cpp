@@ -27,8 +27,10 @@ constexpr std::array<TableEntry, 41> all_tables{{
      "a lattice, too, by the density of its Lagrangian or Hamiltonian: M, K and S are derived. A derivative is a "
      "field's "
      "name with the directions behind it, u_t, u_xx; one that becomes a field has that name in [initial], too"},
-    {"grid", "the periodic grid of a lattice"},
-    {"grid.x", "one direction, and so grid.y, grid.z: nodes from + i*(to - from)/cells, i = 0 ... cells-1"},
+    {"grid", "the grid of a lattice: each direction is periodic, or between two walls"},
+    {"grid.x",
+     "one direction, and so grid.y, grid.z: nodes from + i*(to - from)/cells, i = 0 ... cells-1, and between walls "
+     "cells, too"},
     {"grid.x.jump",
      "jump = { u = \"2*pi\" }: by how much a field is larger at the end of the period than at its beginning, so that "
      "one "
@@ -235,6 +237,10 @@ std::vector<KeyEntry> make_keys() {
       {"grid.x", "sponge", "table", none, "See [grid.x.sponge]; sponge = { width = 10, strength = 2 }."},
       {"grid.x.sponge", "width", "number", required, "How far each layer reaches into the range: some wavelengths."},
       {"grid.x.sponge", "strength", "number", required, "The largest rate of the damping, at the end of the range."},
+      {"grid.x", "left", "\"fixed\" or \"free\"", "the period begins",
+       "The wall at from. A fixed one holds fields at their initial values there; at a free one they vary, and their "
+       "slope is 0."},
+      {"grid.x", "right", "\"fixed\" or \"free\"", "the period ends", "The wall at to; with left only."},
 
       {"initial", "t", "number", "0", "The time of the start."},
       {"initial", "from", "text", none,

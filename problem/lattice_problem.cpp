@@ -362,7 +362,12 @@ grids::Grid make_grid(const Problem& problem) {
   return at_location(pde.axes.front().location, [&] {
     std::vector<grids::Axis> axes;
     for (const GridAxis& axis : pde.axes) {
-      axes.push_back({axis.name, axis.from, axis.to, static_cast<std::size_t>(axis.cells)});
+      axes.push_back({.name = axis.name,
+                      .from = axis.from,
+                      .to = axis.to,
+                      .cells = static_cast<std::size_t>(axis.nodes()),
+                      .left = axis.left,
+                      .right = axis.right});
     }
     return grids::Grid(std::move(axes));
   });
@@ -457,7 +462,7 @@ std::unique_ptr<LatticeMethod> make_method(const Problem& problem) {
 std::unique_ptr<LatticeMethod> make_bare_method(const Problem& problem) {
   LatticeMethodChoice choice = method_choice(problem.scheme);
   choice.next = make_second_level(problem);
-  return make_lattice_method(choice);
+  return make_lattice_method(choice, make_grid(problem));
 }
 
 LatticeLevel make_initial_level(const Problem& problem, const MultisymplecticSystem& system, const grids::Grid& grid) {

@@ -169,6 +169,7 @@ std::vector<GridAxis> read_grid(Section& root, const Section& owner, std::span<c
     axis.jumps = read_jumps(*section, fields, parameters);
     axis.twists = read_twists(*section, parameters);
     axis.sponge = read_sponge(*section, axis, parameters);
+    read_walls(*section, fields, axis);
     section->finish();
     if (!(axis.from < axis.to) || !std::isfinite(axis.to - axis.from)) {
       throw ProblemError(axis.location,
@@ -483,6 +484,10 @@ std::vector<std::string> MultisymplecticProblem::axis_names() const {
   return names;
 }
 
+bool MultisymplecticProblem::has_walls() const {
+  return std::ranges::any_of(axes, &GridAxis::has_walls);
+}
+
 bool MultisymplecticProblem::has_jumps() const {
   return std::ranges::any_of(axes, [](const GridAxis& axis) { return !axis.jumps.empty(); });
 }
@@ -563,6 +568,7 @@ void read_multisymplectic(Section& root, Section& section, Problem& problem, std
   }
   problem.system = std::move(pde);
   check_jumps(problem);
+  check_walls(problem);
 }
 
 }  // namespace rubato

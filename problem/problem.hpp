@@ -14,6 +14,7 @@
 
 #include <rubato/figures/verdict.hpp>
 #include <rubato/formula/expression.hpp>
+#include <rubato/grids/grid.hpp>
 #include <rubato/problem/location.hpp>
 #include <rubato/record/layout.hpp>
 #include <rubato/variation/corner_density.hpp>
@@ -147,7 +148,7 @@ struct StatedSponge {
   Location location = {};
 };
 
-/// One direction of the periodic grid: nodes from + i (to - from)/cells, i = 0 … cells-1.
+/// One direction of the grid: nodes from + i (to - from)/cells, i = 0 … cells-1, and between walls i = cells, too.
 struct GridAxis {
   std::string name;  ///< "x", "y" or "z"
   double from = 0.0, to = 0.0;
@@ -156,6 +157,10 @@ struct GridAxis {
   std::vector<StatedJump> jumps = {};
   std::vector<StatedTwist> twists = {};
   std::optional<StatedSponge> sponge = {};
+  grids::End left = grids::End::periodic, right = grids::End::periodic;
+
+  [[nodiscard]] bool has_walls() const { return left != grids::End::periodic; }
+  [[nodiscard]] std::int64_t nodes() const { return cells + (has_walls() ? 1 : 0); }
 };
 
 /// A linear symmetry z -> z + s B z.
@@ -220,6 +225,8 @@ struct MultisymplecticProblem {
   [[nodiscard]] bool has_twists() const;
   /// The first sponge of an axis; null where there is none.
   [[nodiscard]] const StatedSponge* sponge() const;
+  /// Whether an axis is between walls.
+  [[nodiscard]] bool has_walls() const;
 };
 
 /// Of an orbit, in the order of orbit_methods(). A lattice's scheme is one of lattice_methods(), by its name.

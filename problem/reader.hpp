@@ -206,6 +206,12 @@ void read_multisymplectic(Section& root, Section& section, Problem& problem, std
 /// jump = { FIELD = J } of a direction of the grid. \throws ProblemError
 [[nodiscard]] std::vector<StatedJump> read_jumps(Section& axis, std::span<const std::string> fields,
                                                  const Parameters& parameters);
+/// left and right of a direction of the grid. \throws ProblemError
+void read_walls(Section& section, std::span<const std::string> fields, GridAxis& axis);
+/// \throws ProblemError if the equation cannot have its walls
+void check_walls(const Problem& problem);
+/// The same of the density of a custom action, which has to be the same in the mirror.
+void check_density_walls(const Problem& problem, const FormulaText& text, const CornerDensity& density);
 /// \throws ProblemError if a field cannot jump, or the jumps change S or the density of an invariant, naming the term
 void check_jumps(const Problem& problem);
 /// The same of the density of a custom action.

@@ -482,6 +482,7 @@ private:
     check_density(pde, text, density);
     check_density_jumps(pde, text, density);
     check_density_twists(problem_, text, density);
+    check_density_walls(problem_, text, density);
     scheme_.density = std::make_shared<CornerDensity>(make_jumps(problem_).seen(std::move(density)));
   }
 
@@ -677,6 +678,10 @@ private:
     if (const std::string_view reason = method->other_dimensions(static_cast<int>(pde.axes.size())); !reason.empty()) {
       throw ProblemError(scheme_.space_stages_location,
                          fmt::format("space_stages = {}: {}", scheme_.space_stages, reason));
+    }
+    if (pde.has_walls()) {
+      at_location(scheme_.lagrangian_location,
+                  [&] { return make_lattice_method(method_choice(scheme_), make_grid(problem_)); });
     }
     for (const GridAxis& axis : pde.axes) {
       if (const auto other =

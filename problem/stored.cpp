@@ -99,7 +99,7 @@ void require_fit(const Problem& problem, const record::Reader& reader) {
   }
   const MultisymplecticProblem& pde = *problem.multisymplectic();
   for (const GridAxis& axis : pde.axes) {
-    require("/grid/" + axis.name, static_cast<std::size_t>(axis.cells));
+    require("/grid/" + axis.name, static_cast<std::size_t>(axis.nodes()));
   }
   for (const std::string& field : pde.fields) {
     const bool at_midpoints = reader.has("/states/midpoints/" + field);

@@ -57,8 +57,8 @@ Problem refined(const Problem& problem, double until, int step_halvings, int gri
   if (const MultisymplecticProblem* pde = problem.multisymplectic()) {
     for (const GridAxis& axis : pde->axes) {
       const std::int64_t cells = axis.cells * (std::int64_t{1} << grid_halvings);
-      // An odd number of elements stays one.
-      const bool odd = axis.cells % 2 != 0 && grid_halvings > 0;
+      // An odd number of elements stays one; between walls any number will do.
+      const bool odd = axis.cells % 2 != 0 && grid_halvings > 0 && !axis.has_walls();
       settings.push_back(fmt::format("grid.{}.cells={}", axis.name, cells + (odd ? problem.scheme.space_stages : 0)));
     }
     settings.emplace_back("laws.every=false");

@@ -186,7 +186,7 @@ private:
     }
     std::vector<std::int64_t> shape;
     for (const GridAxis& axis : problem.multisymplectic()->axes) {
-      shape.push_back(axis.cells);
+      shape.push_back(axis.nodes());
     }
     return shape;
   }

@@ -240,13 +240,15 @@ private:
     for (int a = 0; a < grid.dimensions(); ++a) {
       const grids::Axis& axis = grid.axis(a);
       StoredRows nodes(reader, "/grid/" + axis.name), cells(reader, "/grid/" + axis.name + "_cell");
-      if (nodes.rows() != grid.cells(a) || cells.rows() != grid.cells(a)) {
+      if (nodes.rows() != grid.cells(a) || cells.rows() != axis.cell_count()) {
         throw figures::Mismatch(reader.file(), nodes.path(),
                                 fmt::format("{} has {} nodes; by the problem it should have {}", nodes.path(),
                                             nodes.rows(), grid.cells(a)));
       }
       for (std::size_t i = 0; i < grid.cells(a); ++i) {
         findings_.same(nodes.path(), i, {}, nodes.at(i), axis.node(i), "[grid] of the problem");
+      }
+      for (std::size_t i = 0; i < axis.cell_count(); ++i) {
         findings_.same(cells.path(), i, {}, cells.at(i), axis.centre(i), "[grid] of the problem");
       }
     }

@@ -267,7 +267,7 @@ void LatticeMeter::measure_seam(const LatticeLevel& level, const std::vector<boo
     for (std::size_t node = 0; node < values.size(); ++node) {
       const auto place = grid_.place(node);
       for (int a = 0; a < grid_.dimensions(); ++a) {
-        if (place[static_cast<std::size_t>(a)] == 0) {
+        if (place[static_cast<std::size_t>(a)] == 0 && grid_.axis(a).mirrored == 0) {
           beside = std::max(beside, std::abs(values[node]));
         }
       }

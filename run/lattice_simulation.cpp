@@ -6,6 +6,7 @@
 #include <fmt/format.h>
 
 #include <rubato/figures/text.hpp>
+#include <rubato/pde/mirrors.hpp>
 #include <rubato/pde/shared_slopes.hpp>
 #include <rubato/problem/energy_terms.hpp>
 #include <rubato/problem/lattice_problem.hpp>
@@ -17,6 +18,12 @@
 namespace rubato {
 
 namespace {
+
+std::optional<Mirrors> make_mirrors(const LatticeIntegrator& lattice) {
+  return lattice.grid().has_walls() ? std::optional<Mirrors>(std::in_place, lattice.system(), lattice.grid(),
+                                                             lattice.method().in_mirror().value_or(Collocation::nodes))
+                                    : std::nullopt;
+}
 
 class LatticeSimulation final : public Simulation {
 public:
@@ -31,7 +38,8 @@ public:
         frame_(make_frame(problem)),
         whole_(make_jumps(problem), lattice_.grid(), lattice_.system().field_count()),
         energy_terms_(make_energy_terms(lattice_.system(), lattice_.grid())),
-        meter_(problem, lattice_.system(), lattice_.grid()),
+        mirrors_(make_mirrors(lattice_)),
+        meter_(problem, lattice_.system(), mirrors_ ? mirrors_->ring() : lattice_.grid()),
         previous_t_(lattice_.t()) {
     step_by(lattice_);
     for (const auto& formula : problem.multisymplectic()->initial) {
@@ -68,7 +76,11 @@ public:
     if (grids::Slab::present() != nullptr) {
       return;
     }
-    meter_.measure(lattice_.level(), number, t(), last_h_, measures);
+    if (mirrors_) {
+      meter_.measure(mirrors_->extended(lattice_.level()), number, t(), last_h_, measures);
+    } else {
+      meter_.measure(lattice_.level(), number, t(), last_h_, measures);
+    }
     // A wave that rests in the frame shows no increment.
     if (number < (frame_ ? 1U : 2U)) {
       measure_exact(number == 0, measures);
@@ -117,6 +129,8 @@ public:
       std::vector<double> node, centre;
       for (std::size_t i = 0; i < grid.cells(a); ++i) {
         node.push_back(grid.axis(a).node(i));
+      }
+      for (std::size_t i = 0; i < grid.axis(a).cell_count(); ++i) {
         centre.push_back(grid.axis(a).centre(i));
       }
       layout.scales.push_back({"/grid/" + grid.axis(a).name, node, "coordinates of the nodes"});
@@ -334,6 +348,7 @@ private:
   std::optional<MovingFrame> frame_;
   WholeFields whole_;
   NodeFormula energy_terms_;
+  std::optional<Mirrors> mirrors_;  ///< between walls: what is periodic
   LatticeMeter meter_;
   std::vector<bool> given_;  ///< the fields with initial data of their own
   std::vector<double> invariant_values_, total_values_, energy_values_;

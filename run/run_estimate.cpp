@@ -41,7 +41,7 @@ double nodes_of(const Problem& problem) {
   double nodes = 1.0;
   if (const MultisymplecticProblem* const pde = problem.multisymplectic()) {
     for (const GridAxis& axis : pde->axes) {
-      nodes *= static_cast<double>(axis.cells);
+      nodes *= static_cast<double>(axis.nodes());
     }
   }
   return nodes;

@@ -52,6 +52,10 @@ public:
     return true;
   }
   [[nodiscard]] bool laws_in_cells() const override { return names_all() && !reads_one_level_; }
+  /// Where laws are at nodes. That L is the same in the mirror is for its reader to see to.
+  [[nodiscard]] std::optional<Collocation> in_mirror() const override {
+    return laws_in_cells() ? std::nullopt : std::optional(Collocation::corners);
+  }
   [[nodiscard]] std::string_view not_shared_in(int) const override {
     return "the rows of a stated action are solved on the whole lattice";
   }

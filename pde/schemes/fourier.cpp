@@ -21,6 +21,7 @@ public:
     return stages_ == 1 ? std::optional(fourier_action(system)) : std::nullopt;
   }
   [[nodiscard]] bool has_variational_laws() const override { return false; }
+  [[nodiscard]] std::optional<Collocation> in_mirror() const override { return Collocation::nodes; }
   [[nodiscard]] std::string_view not_shared_in(int dimensions) const override {
     return dimensions > 1 ? "" : "its transforms along a line take the whole of it";
   }

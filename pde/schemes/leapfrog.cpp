@@ -172,6 +172,7 @@ public:
   /// A step reads one neighbour of u and renews its ghost farthest out, so that other fields are right one ghost less
   /// far; laws take the divergence of currents that are made of differences.
   [[nodiscard]] grids::Ghosts ghosts(const MultisymplecticSystem&) const override { return {3, 3}; }
+  [[nodiscard]] std::optional<Collocation> in_mirror() const override { return Collocation::corners; }
   [[nodiscard]] std::optional<LatticeAction> action(const MultisymplecticSystem& system) const override {
     return leapfrog_action(system);
   }

@@ -54,6 +54,12 @@ public:
     splitting_.stand(level_);
     start_level();
   }
+  void correct(const grids::FieldSet& fields) override {
+    level_.fields.copy_from(fields);
+    told_ = true;
+    splitting_.stand(level_);
+    start_level();
+  }
   [[nodiscard]] bool level_is_told() const override { return told_; }
   void tell_previous(grids::FieldSet& fields) const override { splitting_.fields_before(fields); }
 
@@ -176,6 +182,7 @@ public:
   [[nodiscard]] int order() const override { return composition_.order; }
   [[nodiscard]] bool has_transforms(int /*dimensions*/) const override { return true; }
   [[nodiscard]] bool has_variational_laws() const override { return false; }
+  [[nodiscard]] std::optional<Collocation> in_mirror() const override { return collocation_; }
   [[nodiscard]] std::string_view not_shared_in(int dimensions) const override {
     return dimensions > 1 ? "" : "its transforms along a line take the whole of it";
   }

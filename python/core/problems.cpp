@@ -19,7 +19,7 @@ void take_arrays(BoundProblem& bound, const std::map<std::string, Array>& arrays
   }
   std::vector<std::size_t> shape;
   for (const GridAxis& axis : pde->axes) {
-    shape.insert(shape.begin(), static_cast<std::size_t>(axis.cells));
+    shape.insert(shape.begin(), static_cast<std::size_t>(axis.nodes()));
   }
   for (const auto& [name, array] : arrays) {
     const std::vector<std::size_t> given(array.shape(), array.shape() + array.ndim());

@@ -224,7 +224,7 @@ public:
     const std::span<const double> all = simulation_->last().z_1;
     std::vector<std::size_t> shape;
     for (const GridAxis& axis : pde->axes) {
-      shape.insert(shape.begin(), static_cast<std::size_t>(axis.cells));
+      shape.insert(shape.begin(), static_cast<std::size_t>(axis.nodes()));
     }
     const auto number = static_cast<std::size_t>(place - pde->fields.begin());
     WholeFields whole(make_jumps(bound_->problem), make_grid(bound_->problem), static_cast<int>(pde->fields.size()));

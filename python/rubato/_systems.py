@@ -297,7 +297,8 @@ class Lattice:
     ----------
     system : Field or Multisymplectic
     grid : dict
-        For each direction (from, to, cells), or a table as in problem files: ``{"x": (-20, 20, 401)}``.
+        For each direction (from, to, cells), or a table as in problem files: ``{"x": (-20, 20, 401)}``, or
+        ``{"x": {"from": 0, "to": 1, "cells": 64, "left": "fixed", "right": "free"}}`` between walls.
     initial : dict
         For each field an array of the grid's shape (z, y, x), a formula, a number, or a function of the coordinates.
         A function is traced into a formula where that is possible, and called with arrays otherwise. A complex unknown,
@@ -360,7 +361,12 @@ class Lattice:
     @property
     def shape(self) -> tuple:
         """The number of nodes in each direction, the last one x."""
-        return tuple(int(table["cells"]) for table in reversed(self._grid.values()))
+        return tuple(self._nodes(table) for table in reversed(self._grid.values()))
+
+    @staticmethod
+    def _nodes(table) -> int:
+        """The number of nodes in a direction: both ends are nodes between walls."""
+        return int(table["cells"]) + ("left" in table)
 
     @property
     def coordinates(self) -> list:
@@ -368,7 +374,7 @@ class Lattice:
         axes = []
         for table in self._grid.values():
             start, end, cells = self._number(table["from"]), self._number(table["to"]), int(table["cells"])
-            axes.append(start + np.arange(cells) * ((end - start) / cells))
+            axes.append(start + np.arange(self._nodes(table)) * ((end - start) / cells))
         return [axis.copy() for axis in np.meshgrid(*reversed(axes), indexing="ij")][::-1]
 
     def _number(self, value) -> float:

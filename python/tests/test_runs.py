@@ -418,6 +418,27 @@ class Memory(unittest.TestCase):
             rb.integrate(rb.Lattice(wave, {"x": {**grid["x"], "sponge": {"width": 15, "strength": 1}}},
                                     packet), (0, 1), step=0.1)
 
+    def test_walls(self):
+        wave = rb.Field(equation="u_tt = u_xx - u")
+        grid = {"x": {"from": 0, "to": 1, "cells": 32, "left": "fixed", "right": "free"}}
+
+        def string(u):
+            return rb.Lattice(wave, grid, {"u": u, "u_t": lambda x: 0 * x})
+
+        k = np.pi / 2
+        line = string(lambda x: np.sin(np.asarray(x) * k))
+        self.assertEqual(line.shape, (33,))
+        r = rb.integrate(line, (0, 1), step=0.02, lagrangian="fourier", levels="fixed")
+        self.assertTrue(r.success)
+        np.testing.assert_allclose(r["x"], np.linspace(0, 1, 33), atol=1e-15)
+        # The midpoint rule turns the wave by an angle that is off by (omega h)^2/12 of itself.
+        omega = np.sqrt(1 + k**2)
+        np.testing.assert_allclose(r.u[-1], np.sin(k * r["x"]) * np.cos(omega * r.t[-1]), atol=2 * (0.02 * omega)**2 / 12)
+        self.assertIn("momentum_balance_max", r.laws)
+        # The twin: a string that its wall does not hold.
+        with self.assertRaisesRegex(ValueError, "meet the wall"):
+            rb.integrate(string(lambda x: np.cos(np.asarray(x) * k)), (0, 1), step=0.02, lagrangian="fourier")
+
     def test_lattices(self):
         r = rb.run("sine-gordon", until=0.5)
         self.assertIn("energy_max", r.laws)

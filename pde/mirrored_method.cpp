@@ -1,0 +1,312 @@
+#include <rubato/pde/mirrored_method.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+#include <utility>
+
+#include <fmt/format.h>
+
+#include <rubato/formula/batch.hpp>
+#include <rubato/grids/fourier.hpp>
+#include <rubato/grids/reductions.hpp>
+#include <rubato/pde/mirrors.hpp>
+#include <rubato/pde/node_derivative.hpp>
+#include <rubato/pde/placed_coordinates.hpp>
+#include <rubato/pde/wall_data.hpp>
+
+namespace rubato {
+
+namespace {
+
+using grids::FieldSet;
+
+StepLaw between_walls(StepLaw law, double copies) {
+  law.energy /= copies;
+  law.gamma /= copies;
+  return law;
+}
+NodeEnergy between_walls(NodeEnergy node, double copies) {
+  return {node.energy / copies, node.gamma / copies};
+}
+
+class MirroredScheme final : public LatticeScheme {
+public:
+  MirroredScheme(const Mirrors& mirrors, std::unique_ptr<LatticeScheme> scheme, LatticeLevel first)
+      : mirrors_(mirrors),
+        scheme_(std::move(scheme)),
+        level_(std::move(first)),
+        ring_(level_.fields.fields(), mirrors.ring().size()) {}
+
+  [[nodiscard]] const MultisymplecticSystem& system() const override { return scheme_->system(); }
+  [[nodiscard]] const grids::Grid& grid() const override { return mirrors_.grid(); }
+  [[nodiscard]] const LatticeLevel& level() const override { return level_; }
+  void stand(const LatticeLevel& level, const LatticeLevel& next, double h) override {
+    scheme_->stand(mirrors_.extended(level), mirrors_.extended(next), h);
+    level_.fields.copy_from(level.fields);
+  }
+  [[nodiscard]] std::shared_ptr<StageSource> stages() override { return scheme_->stages(); }
+
+  [[nodiscard]] Status advance(double h, double accuracy) override { return scheme_->advance(h, accuracy); }
+  [[nodiscard]] bool solves_fully() const override { return scheme_->solves_fully(); }
+  [[nodiscard]] double discrete_energy() const override { return scheme_->discrete_energy() / copies(); }
+  [[nodiscard]] formula::SumSize energy_size() override {
+    const formula::SumSize size = scheme_->energy_size();
+    return {size.terms / copies(), size.cancelled / copies(), size.rounding / copies()};
+  }
+  [[nodiscard]] std::size_t energy_size_period() const override { return scheme_->energy_size_period(); }
+  [[nodiscard]] double discrete_energy_slope() const override { return scheme_->discrete_energy_slope() / copies(); }
+  [[nodiscard]] bool slope_costs_more() const override { return scheme_->slope_costs_more(); }
+  [[nodiscard]] bool slope_to_leading_order() const override { return scheme_->slope_to_leading_order(); }
+  [[nodiscard]] std::optional<double> energy_target() const override {
+    const std::optional<double> target = scheme_->energy_target();
+    return target ? std::optional(*target / copies()) : target;
+  }
+  [[nodiscard]] int order() const override { return scheme_->order(); }
+  [[nodiscard]] bool has_node_law() const override { return scheme_->has_node_law(); }
+  [[nodiscard]] NodeEnergy node() override { return between_walls(scheme_->node(), copies()); }
+  [[nodiscard]] int iterations() const override { return scheme_->iterations(); }
+  [[nodiscard]] double gamma_factor() const override { return scheme_->gamma_factor(); }
+  [[nodiscard]] bool has_gamma() const override { return scheme_->has_gamma(); }
+  [[nodiscard]] std::string failure_reason() const override { return scheme_->failure_reason(); }
+  void accept() override {
+    scheme_->accept();
+    mirrors_.restrict_within(scheme_->level().fields, level_.fields);
+    // What rounding makes of the mirrors would grow where solutions are unstable.
+    mirrors_.extend(level_.fields, ring_);
+    scheme_->correct(ring_);
+    mirrors_.restrict(ring_, level_.fields);
+  }
+  void save(StateWriter& state) const override { scheme_->save(state); }
+  void restore(StateReader& state) override {
+    scheme_->restore(state);
+    mirrors_.restrict_within(scheme_->level().fields, level_.fields);
+  }
+
+private:
+  [[nodiscard]] double copies() const { return mirrors_.copies(); }
+
+  Mirrors mirrors_;
+  std::unique_ptr<LatticeScheme> scheme_;
+  LatticeLevel level_;
+  FieldSet ring_;
+};
+
+class MirroredEquation final : public StepEquation {
+public:
+  MirroredEquation(const Mirrors& mirrors, std::unique_ptr<StepEquation> equation, const LatticeLevel& first)
+      : StepEquation(first.fields.fields(), mirrors.grid().size()),
+        mirrors_(mirrors),
+        equation_(std::move(equation)),
+        before_(mirrors.extended(first)),
+        after_(before_) {}
+
+  [[nodiscard]] NodeEnergy node(const LatticeLevel& level) override {
+    mirrors_.extend(level.fields, after_.fields);
+    return between_walls(equation_->node(after_), mirrors_.copies());
+  }
+  [[nodiscard]] StepLaw judge(const LatticeLevel& before, const LatticeLevel& after, double h) override {
+    take(before, after);
+    return taken(equation_->judge(before_, after_, h));
+  }
+  [[nodiscard]] StepLaw measure(const LatticeLevel& before, const LatticeLevel& after, double h) override {
+    take(before, after);
+    return taken(equation_->measure(before_, after_, h));
+  }
+
+private:
+  void take(const LatticeLevel& before, const LatticeLevel& after) {
+    mirrors_.extend(before.fields, before_.fields);
+    mirrors_.extend(after.fields, after_.fields);
+  }
+  StepLaw taken(const StepLaw& law) {
+    mirrors_.restrict(equation_->rows(), rows_);
+    return between_walls(law, mirrors_.copies());
+  }
+
+  Mirrors mirrors_;
+  std::unique_ptr<StepEquation> equation_;
+  LatticeLevel before_, after_;
+};
+
+/// Residuals are those on the ring at the nodes between the walls. Totals are integrals of the densities with spectral
+/// derivatives on the ring: those of momentum towards a wall vanish on the whole of it.
+class MirroredLaws final : public LawEvaluator {
+public:
+  MirroredLaws(const Mirrors& mirrors, LawTables tables, std::unique_ptr<LawEvaluator> laws)
+      : mirrors_(mirrors),
+        tables_(std::move(tables)),
+        laws_(std::move(laws)),
+        derivative_(mirrors.ring(), Collocation::nodes),
+        coordinates_(tables_.system, mirrors.ring(), Within::node),
+        before_{FieldSet(tables_.d, mirrors.ring().size()), {}},
+        after_(before_),
+        of_laws_(static_cast<int>(tables_.names.size()), mirrors.ring().size()),
+        between_(static_cast<int>(tables_.names.size()), mirrors.grid().size()),
+        S_values_(1, mirrors.ring().size()),
+        S_(tables_.system.value_code()) {
+    for (int f = 0; f < tables_.d; ++f) {
+      const auto is_row = [f](const MatrixTerms& terms) {
+        return std::ranges::any_of(terms, [f](const MatrixTerm& term) { return term.row == f; });
+      };
+      if (std::ranges::any_of(tables_.plus, is_row)) {
+        differentiated_.push_back(f);
+      }
+    }
+    along_.assign(static_cast<std::size_t>(mirrors.grid().dimensions()),
+                  FieldSet(static_cast<int>(differentiated_.size()), mirrors.ring().size()));
+  }
+
+  [[nodiscard]] const LawTables& tables() const override { return tables_; }
+  void share(std::shared_ptr<StageSource> stages) override { laws_->share(std::move(stages)); }
+
+  std::vector<Spread> residuals(const LatticeLevel& before, const LatticeLevel& after, double h,
+                                std::span<double* const> residuals) override {
+    mirrors_.extend(before.fields, before_.fields);
+    mirrors_.extend(after.fields, after_.fields);
+    static_cast<void>(laws_->residuals(before_, after_, h, of_laws_.pointers()));
+    return taken(residuals);
+  }
+  std::vector<Spread> next_residuals(const LatticeLevel&, const LatticeLevel& after, double h,
+                                     std::span<double* const> residuals) override {
+    std::swap(before_, after_);
+    mirrors_.extend(after.fields, after_.fields);
+    static_cast<void>(laws_->next_residuals(before_, after_, h, of_laws_.pointers()));
+    return taken(residuals);
+  }
+
+  std::vector<double> totals(const LatticeLevel& level) override {
+    mirrors_.extend(level.fields, after_.fields);
+    return totals_after(level);
+  }
+  std::vector<double> totals_after(const LatticeLevel&) override {
+    const std::size_t nodes = mirrors_.ring().size();
+    std::vector<const double*> z = coordinates_.after(std::as_const(after_.fields).pointers());
+    std::vector<const double*> rows;
+    for (const int f : differentiated_) {
+      rows.push_back(z[static_cast<std::size_t>(f)]);
+    }
+    std::vector<std::array<const double*, 4>> derivatives(static_cast<std::size_t>(tables_.d));
+    for (std::size_t a = 0; a < along_.size(); ++a) {
+      derivative_(static_cast<int>(a), rows, along_[a].pointers());
+      for (std::size_t r = 0; r < differentiated_.size(); ++r) {
+        derivatives[static_cast<std::size_t>(differentiated_[r])][1 + a] =
+            std::as_const(along_[a]).field(static_cast<int>(r)).data();
+      }
+    }
+    S_(nodes, z, S_values_.pointers());
+    tables_.currents(LawTables::time, nodes,
+                     {.z = std::span(z).first(static_cast<std::size_t>(tables_.d)),
+                      .derivatives = derivatives,
+                      .S = std::as_const(S_values_).field(0).data(),
+                      .partner = {}},
+                     of_laws_.pointers());
+    mirrors_.restrict(of_laws_, between_);
+    return grids::integrals(mirrors_.grid(), between_);
+  }
+
+  Spread multisymplectic_residual(const TangentLevels&, const TangentLevels&, double, double*) override {
+    throw std::invalid_argument("walls leave out the law of two tangent solutions");
+  }
+
+private:
+  std::vector<Spread> taken(std::span<double* const> residuals) {
+    mirrors_.restrict(of_laws_, between_);
+    return tell_residuals(between_, residuals);
+  }
+
+  Mirrors mirrors_;
+  LawTables tables_;
+  std::unique_ptr<LawEvaluator> laws_;
+  NodeDerivative derivative_;
+  PlacedCoordinates coordinates_;
+  std::vector<int> differentiated_;  ///< fields, the rows of every Λ₊
+  std::vector<FieldSet> along_;      ///< their derivatives along each axis
+  LatticeLevel before_, after_;      ///< of the ring
+  FieldSet of_laws_, between_, S_values_;
+  formula::BatchEvaluator S_;
+};
+
+class MirroredMethod final : public LatticeMethod {
+public:
+  MirroredMethod(std::unique_ptr<LatticeMethod> method, Collocation collocation)
+      : method_(std::move(method)), collocation_(collocation) {}
+
+  [[nodiscard]] int order() const override { return method_->order(); }
+  [[nodiscard]] std::string_view fixed_levels_only() const override { return method_->fixed_levels_only(); }
+  [[nodiscard]] bool has_transforms(int dimensions) const override { return method_->has_transforms(dimensions); }
+  [[nodiscard]] std::string_view other_dimensions(int dimensions) const override {
+    return method_->other_dimensions(dimensions);
+  }
+  [[nodiscard]] bool has_midpoints(const MultisymplecticSystem& system) const override {
+    return method_->has_midpoints(system);
+  }
+  [[nodiscard]] bool laws_in_cells() const override { return method_->laws_in_cells(); }
+  [[nodiscard]] std::optional<Collocation> in_mirror() const override { return collocation_; }
+  [[nodiscard]] std::string_view not_shared_in(int) const override { return "walls are for one process"; }
+  /// That of the ring.
+  [[nodiscard]] std::optional<LatticeAction> action(const MultisymplecticSystem& system) const override {
+    return method_->action(system);
+  }
+  [[nodiscard]] bool has_variational_laws() const override { return false; }
+
+  [[nodiscard]] InitialLevel first_level(const MultisymplecticSystem& system, const grids::Grid& grid,
+                                         const InitialFields& given) const override {
+    const Mirrors mirrors(system, grid, Collocation::nodes);  // what is given is given at nodes
+    InitialFields met = given;
+    std::vector<std::string> cautions = meet_walls(system, mirrors, met);
+    InitialFields on_ring(met.size());
+    for (std::size_t f = 0; f < met.size(); ++f) {
+      if (met[f]) {
+        mirrors.extend(static_cast<int>(f), *met[f], on_ring[f].emplace(mirrors.ring().size()));
+      }
+    }
+    InitialLevel ring = method_->first_level(system, mirrors.ring(), on_ring);
+    // A field that goes on in mirrors has no slope but that of rounding.
+    LatticeLevel level{FieldSet(system.field_count(), grid.size()), {}};
+    mirrors.restrict(ring.level.fields, level.fields);
+    const Mirrors own(system, grid, collocation_);
+    own.restrict(own.extended(level).fields, level.fields);
+    return {std::move(level), std::move(cautions)};
+  }
+  [[nodiscard]] std::unique_ptr<LatticeScheme> scheme(const MultisymplecticSystem& system, const grids::Grid& grid,
+                                                      LatticeLevel first, double first_step) const override {
+    const Mirrors mirrors(system, grid, collocation_);
+    auto scheme = method_->scheme(system, mirrors.ring(), mirrors.extended(first), first_step);
+    return std::make_unique<MirroredScheme>(mirrors, std::move(scheme), std::move(first));
+  }
+  [[nodiscard]] std::unique_ptr<LawEvaluator> laws(LawTables tables) const override {
+    const Mirrors mirrors(tables.system, tables.grid, collocation_);
+    auto laws = method_->laws(LawTables(tables.system, mirrors.ring(), tables.symmetries));
+    return std::make_unique<MirroredLaws>(mirrors, std::move(tables), std::move(laws));
+  }
+  [[nodiscard]] std::unique_ptr<StepEquation> equation(const MultisymplecticSystem& system, const grids::Grid& grid,
+                                                       const LatticeLevel& first, double first_step) const override {
+    const Mirrors mirrors(system, grid, collocation_);
+    return std::make_unique<MirroredEquation>(
+        mirrors, method_->equation(system, mirrors.ring(), mirrors.extended(first), first_step), first);
+  }
+  [[nodiscard]] std::unique_ptr<TangentStep> tangents(const MultisymplecticSystem&, const grids::Grid&) const override {
+    return nullptr;
+  }
+
+private:
+  std::unique_ptr<LatticeMethod> method_;
+  Collocation collocation_;
+};
+
+}  // namespace
+
+std::unique_ptr<LatticeMethod> make_mirrored_method(std::unique_ptr<LatticeMethod> method, std::string_view name) {
+  const std::optional<Collocation> collocation = method->in_mirror();
+  if (!collocation) {
+    throw SchemeRefusal(fmt::format(
+        "{} has no walls: they are for schemes that are the same in a mirror, which fourier, splitting, leapfrog "
+        "and actions that name no field without an equation of motion are. Take one of these, or leave left and right "
+        "out",
+        name));
+  }
+  return std::make_unique<MirroredMethod>(std::move(method), *collocation);
+}
+
+}  // namespace rubato

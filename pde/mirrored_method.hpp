@@ -1,0 +1,16 @@
+#pragma once
+
+#include <memory>
+
+#include <rubato/pde/lattice_method.hpp>
+
+namespace rubato {
+
+/// A method between walls: that of the ring on which fields go on in mirrors (Mirrors, theory, section 12), of which
+/// levels, laws and rows of the equation are the part between the walls. Energies are those of that part. The first
+/// level's cautions report data that do not meet the walls.
+/// \throws SchemeRefusal if the method is not the same in a mirror
+[[nodiscard]] std::unique_ptr<LatticeMethod> make_mirrored_method(std::unique_ptr<LatticeMethod> method,
+                                                                  std::string_view name);
+
+}  // namespace rubato

@@ -1,0 +1,257 @@
+#include <rubato/pde/mirrors.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include <fmt/format.h>
+
+#include <rubato/formula/batch.hpp>
+#include <rubato/formula/sum.hpp>
+#include <rubato/pde/lattice_scheme.hpp>
+#include <rubato/pde/random_points.hpp>
+
+namespace rubato {
+
+namespace {
+
+using grids::End;
+
+/// Relative to S and its terms, at random points.
+constexpr double same_in_mirror = 1e-9;
+constexpr Eigen::Index mirror_samples = 8;
+
+grids::Axis ring_of(const grids::Axis& axis, bool is_mixed) {
+  if (!axis.has_walls()) {
+    return axis;
+  }
+  const std::size_t between = axis.cells - 1, copies = is_mixed ? 4 : 2;
+  return {.name = axis.name,
+          .from = axis.from,
+          .to = axis.from + static_cast<double>(copies) * axis.length(),
+          .cells = copies * between,
+          .mirrored = between};
+}
+
+}  // namespace
+
+MirrorSigns::MirrorSigns(const MultisymplecticSystem& system, int axis, const std::string& name) {
+  const auto d = static_cast<std::size_t>(system.field_count());
+  of_field.assign(d, 0);
+  couples.assign(d, false);
+  // The sign that one field gives another; 0 where they are not coupled.
+  const auto relation = [&](std::size_t f, std::size_t g) {
+    const auto row = static_cast<Eigen::Index>(f), column = static_cast<Eigen::Index>(g);
+    int sign = system.M()(row, column) != 0.0 ? 1 : 0;
+    bool clash = false;
+    for (int a = 0; a < system.directions(); ++a) {
+      if (system.K(a)(row, column) != 0.0) {
+        const int here = a == axis ? -1 : 1;
+        clash = clash || (sign != 0 && sign != here);
+        sign = here;
+      }
+    }
+    return std::pair(sign, clash);
+  };
+  const auto moves = [&](std::size_t f) { return !system.M().row(static_cast<Eigen::Index>(f)).isZero(0.0); };
+  std::vector<std::size_t> order;
+  for (const bool moving : {true, false}) {
+    for (std::size_t f = 0; f < d; ++f) {
+      if (moves(f) == moving) {
+        order.push_back(f);
+      }
+    }
+  }
+  for (const std::size_t lead : order) {
+    if (of_field[lead] != 0) {
+      continue;
+    }
+    of_field[lead] = 1;
+    std::vector<std::size_t> joined = {lead};
+    bool any = false;
+    for (std::size_t i = 0; i < joined.size(); ++i) {
+      const std::size_t f = joined[i];
+      for (std::size_t g = 0; g < d; ++g) {
+        const auto [sign, clash] = relation(f, g);
+        if (sign == 0) {
+          continue;
+        }
+        any = any || system.K(axis)(static_cast<Eigen::Index>(f), static_cast<Eigen::Index>(g)) != 0.0;
+        if (of_field[g] == 0) {
+          of_field[g] = sign * of_field[f];
+          joined.push_back(g);
+        }
+        if (clash || of_field[g] != sign * of_field[f]) {
+          throw SchemeRefusal(
+              fmt::format("walls along {0} need an equation that is the same in a mirror, and M and K couple {1} with "
+                          "{2} so that no "
+                          "signs of the fields make it so: leave left and right out",
+                          name, system.fields()[f], system.fields()[g]));
+        }
+      }
+    }
+    for (const std::size_t f : joined) {
+      couples[f] = any;
+    }
+  }
+}
+
+Mirrors::Mirrors(const MultisymplecticSystem& system, const grids::Grid& grid, Collocation collocation)
+    : grid_(grid), ring_(grid) {
+  std::vector<grids::Axis> axes;
+  const FieldStructure& structure = system.structure();
+  for (int a = 0; a < grid.dimensions(); ++a) {
+    const grids::Axis& axis = grid.axis(a);
+    std::vector<int>& offsets = offsets_.emplace_back(static_cast<std::size_t>(system.field_count()), 0);
+    signs_.emplace_back();
+    bool is_mixed = false;
+    if (axis.has_walls()) {
+      const MirrorSigns& signs = signs_.back().emplace(system, a, axis.name);
+      const Eigen::MatrixXd& plus = structure.K_plus[static_cast<std::size_t>(a)];
+      for (int f = 0; f < system.field_count(); ++f) {
+        is_mixed = is_mixed || signs.at(f, axis.left) != signs.at(f, axis.right);
+        if (collocation == Collocation::corners && structure.algebraic[static_cast<std::size_t>(f)]) {
+          offsets[static_cast<std::size_t>(f)] = !plus.row(f).isZero(0.0) ? 1 : !plus.col(f).isZero(0.0) ? -1 : 0;
+        }
+      }
+      copies_ *= is_mixed ? 4.0 : 2.0;
+    }
+    axes.push_back(ring_of(axis, is_mixed));
+  }
+  ring_ = grids::Grid(std::move(axes));
+  for (std::size_t node = 0; node < grid.size(); ++node) {
+    const auto place = grid.place(node);
+    for (int a = 0; a < grid.dimensions(); ++a) {
+      const std::size_t at = place[static_cast<std::size_t>(a)];
+      const bool on_wall = grid.axis(a).has_walls() && (at == 0 || at + 1 == grid.cells(a));
+      for (int f = 0; on_wall && f < system.field_count(); ++f) {
+        if (is_at_nodes(a, f) && sign(a, f, at == 0 ? grid.axis(a).left : grid.axis(a).right) < 0) {
+          held_.emplace_back(f, node);
+        }
+      }
+    }
+  }
+}
+
+/// Continues what stands at the first places of an axis to its end; a place is a block of values.
+void Mirrors::extend_blocks(int axis, int field, std::size_t block, std::span<double> values) const {
+  const grids::Axis& of = grid_.axis(axis);
+  const int shift = offset(axis, field);
+  const std::size_t places = values.size() / block, between = of.cells - 1;
+  const auto at = [&](std::size_t place) { return values.data() + place * block; };
+  const auto mirror = [&](std::size_t wall, End end) {
+    const bool is_even = sign(axis, field, end) > 0;
+    const std::size_t first = shift > 0 ? 0 : 1, last = shift > 0 ? wall - 1 : wall;
+    for (std::size_t j = first; j <= last && wall + j < places; ++j) {
+      const double* const from = at(shift == 0 ? wall - j : shift > 0 ? wall - 1 - j : wall + 1 - j);
+      const double* const held = shift == 0 && wall < places ? at(wall) : from;
+      double* const to = at(wall + j);
+      for (std::size_t i = 0; i < block; ++i) {
+        to[i] = is_even ? from[i] : shift == 0 ? 2.0 * held[i] - from[i] : -from[i];
+      }
+    }
+  };
+  if (shift < 0) {
+    const double factor = sign(axis, field, of.left) > 0 ? 1.0 : -1.0;
+    std::transform(at(1), at(2), at(0), [factor](double value) { return factor * value; });
+  }
+  mirror(between, of.right);
+  if (places > 2 * between) {
+    mirror(2 * between, of.left);
+  }
+}
+
+void Mirrors::extend(int field, std::span<const double> between, std::span<double> ring) const {
+  int last = grid_.dimensions() - 1;
+  while (!grid_.axis(last).has_walls()) {
+    --last;
+  }
+  std::vector<double> scratch;
+  std::size_t stride = 1, lines = between.size();
+  for (int a = 0; a <= last; ++a) {
+    const std::size_t n = grid_.cells(a), m = ring_.cells(a);
+    lines /= n;
+    if (grid_.axis(a).has_walls()) {
+      std::vector<double> room(a == last ? 0 : stride * m * lines);
+      const std::span<double> out = a == last ? ring : std::span<double>(room);
+      for (std::size_t line = 0; line < lines; ++line) {
+        const std::span<double> of_line = out.subspan(line * m * stride, m * stride);
+        std::copy_n(between.begin() + static_cast<std::ptrdiff_t>(line * n * stride), std::min(n, m) * stride,
+                    of_line.begin());
+        extend_blocks(a, field, stride, of_line);
+      }
+      scratch = std::move(room);
+      between = scratch;
+    }
+    stride *= m;
+  }
+}
+
+void Mirrors::extend(const grids::FieldSet& between, grids::FieldSet& ring) const {
+  for (int f = 0; f < between.fields(); ++f) {
+    extend(f, between.field(f), ring.field(f));
+  }
+}
+
+LatticeLevel Mirrors::extended(const LatticeLevel& between) const {
+  LatticeLevel level{grids::FieldSet(between.fields.fields(), ring_.size()), between.slopes};
+  extend(between.fields, level.fields);
+  return level;
+}
+
+void Mirrors::restrict(std::span<const double> ring, std::span<double> between) const {
+  const std::size_t n = grid_.cells(0), lines = grid_.size() / n;
+  for (std::size_t line = 0; line < lines; ++line) {
+    const auto [_, j, k] = grid_.place(line * n);
+    std::copy_n(ring.data() + ring_.index(0, j, k), n, between.data() + line * n);
+  }
+}
+
+void Mirrors::restrict(const grids::FieldSet& ring, grids::FieldSet& between) const {
+  for (int f = 0; f < ring.fields(); ++f) {
+    restrict(ring.field(f), between.field(f));
+  }
+}
+
+void Mirrors::restrict_within(const grids::FieldSet& ring, grids::FieldSet& between) const {
+  std::vector<double> values;
+  for (const auto& [field, node] : held_) {
+    values.push_back(between.field(field)[node]);
+  }
+  restrict(ring, between);
+  for (std::size_t i = 0; i < held_.size(); ++i) {
+    between.field(held_[i].first)[held_[i].second] = values[i];
+  }
+}
+
+std::optional<ChangedTerm> find_changed_term(const MultisymplecticSystem& system, std::span<const int> signs,
+                                             std::span<const double> centre) {
+  std::vector<formula::Expression> terms = formula::terms_of(system.expression(), formula::Products::expanded);
+  terms.push_back(system.expression());
+  formula::ScalarEvaluator evaluate(formula::Bytecode(terms, system.variables()));
+  std::vector<double> before(terms.size()), after(terms.size());
+  for (const PotentialSample& sample : samples_of(system, mirror_samples)) {
+    Eigen::VectorXd mirrored = sample.point;
+    for (std::size_t f = 0; f < signs.size(); ++f) {
+      const auto i = static_cast<Eigen::Index>(f);
+      mirrored(i) = signs[f] > 0 ? mirrored(i) : 2.0 * centre[f] - mirrored(i);
+    }
+    evaluate({sample.point.data(), static_cast<std::size_t>(sample.point.size())}, before);
+    evaluate({mirrored.data(), static_cast<std::size_t>(mirrored.size())}, after);
+    double size = 1.0, most = 0.0;
+    std::size_t worst = 0;
+    for (std::size_t term = 0; term + 1 < terms.size(); ++term) {
+      size += std::abs(before[term]) + std::abs(after[term]);
+      if (const double change = std::abs(after[term] - before[term]); change > most) {
+        most = change;
+        worst = term;
+      }
+    }
+    if (!(std::abs(after.back() - before.back()) <= same_in_mirror * size)) {
+      return ChangedTerm{formula::to_string(terms[worst]), before[worst], after[worst]};
+    }
+  }
+  return std::nullopt;
+}
+
+}  // namespace rubato

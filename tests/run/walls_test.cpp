@@ -1,0 +1,362 @@
+// [grid] left and right: walls, by the mirrors of Mirrors.
+
+#include <catch2/catch.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+#include <vector>
+
+#include <fmt/format.h>
+#include <Eigen/Core>
+
+#include <rubato/problem/lattice_problem.hpp>
+#include <rubato/record/reader.hpp>
+#include <rubato/run/check.hpp>
+#include <rubato/run/run.hpp>
+
+#include "records.hpp"
+
+using namespace rubato;
+using namespace rubato::run_tests;
+using Catch::Matchers::Contains;
+
+namespace {
+
+using Settings = std::vector<std::string>;
+
+/// Kinks that collide: of two kinks u is odd in x, of a kink and an antikink it is even. Half of the solution is a kink
+/// that a wall at x = 0 returns, where it holds u or leaves it free. At x = 16 what is left of it is below 1e-4.
+constexpr const char* collision = R"toml(
+[multisymplectic]
+fields = ["u", "v", "w"]
+M = [["u", "v", -1]]
+K.x = [["u", "w", 1]]
+S = "(v^2 - w^2)/2 + 1 - cos(u)"
+[parameters]
+c = 0.5
+g = "1/sqrt(1 - c^2)"
+[grid]
+x = { from = 0, to = 16, cells = 80, left = "fixed", right = "free" }
+[initial]
+t = -2
+u = "4*atan(c*sinh(g*x)/cosh(g*c*t))"
+v = "-4*c^2*g*sinh(g*x)*sinh(g*c*t)/(cosh(g*c*t)^2 + c^2*sinh(g*x)^2)"
+[exact]
+u = "4*atan(c*sinh(g*x)/cosh(g*c*t))"
+[scheme]
+lagrangian = "leapfrog"
+levels = "fixed"
+step = 0.1
+until = 2
+)toml";
+
+/// Of a kink and an antikink, between free walls.
+const Settings free_walls = {"grid.x.left=free", "initial.u=4*atan(sinh(g*c*t)/(c*cosh(g*x)))",
+                             "initial.v=4*c^2*g*cosh(g*c*t)*cosh(g*x)/(c^2*cosh(g*x)^2 + sinh(g*c*t)^2)",
+                             "exact.u=4*atan(sinh(g*c*t)/(c*cosh(g*x)))"};
+
+/// Of u at the corners of a cell, the same in the mirror.
+constexpr const char* stated_action =
+    "scheme.L=((u_10 - u_00)^2 + (u_11 - u_01)^2)/(4*h^2) - ((u_01 - u_00)^2 + (u_11 - u_10)^2)/(4*dx^2) - 1 + "
+    "(cos(u_00) + cos(u_01) + cos(u_10) + cos(u_11))/4";
+
+Settings joined(Settings one, const Settings& other) {
+  one.insert(one.end(), other.begin(), other.end());
+  return one;
+}
+
+std::string with(std::string text, const std::string& from, const std::string& to) {
+  const std::size_t at = text.find(from);
+  REQUIRE(at != std::string::npos);
+  return text.replace(at, from.size(), to);
+}
+
+Outcome outcome_of(const Settings& settings, const std::string& problem = collision) {
+  const Folder folder;
+  Outcome outcome = run(parse_problem(problem, "walls.toml", settings), {.output = folder / "a.h5", .threads = 1});
+  REQUIRE(outcome.complete);
+  return outcome;
+}
+
+double error_of(const Settings& settings, const std::string& problem = collision) {
+  return outcome_of(settings, problem).statistics.errors.front().value.largest();
+}
+
+/// What reading or beginning a problem refuses.
+std::string refusal(const Settings& settings, const std::string& problem = collision) {
+  try {
+    static_cast<void>(make_lattice(parse_problem(problem, "walls.toml", settings)));
+  } catch (const ProblemError& error) {
+    return error.what();
+  }
+  return "";
+}
+
+}  // namespace
+
+TEST_CASE("a kink returns from a fixed wall and from a free one with the order of each scheme") {
+  struct Case {
+    Settings scheme;
+    double order;
+    double step = 0.1;
+    int cells = 80;
+    bool refines_cells = true;
+  };
+  const std::vector<Case> cases = {
+      {{"scheme.lagrangian=leapfrog"}, 2.0},
+      {{"scheme.lagrangian=fourier"}, 2.0, 0.1, 160, false},
+      {{"scheme.lagrangian=splitting"}, 2.0, 0.1, 160, false},
+      {{"scheme.lagrangian=splitting", "scheme.space=differences"}, 2.0},
+      {{"scheme.lagrangian=fourier", "scheme.stages=2"}, 4.0, 0.4, 160, false},
+      {{"scheme.lagrangian=custom", stated_action}, 2.0},
+  };
+  for (const bool free : {false, true}) {
+    for (const Case& one : cases) {
+      INFO((free ? "free, " : "fixed, ") << one.scheme.back());
+      const auto error = [&](int halvings) {
+        const int cells = one.refines_cells ? one.cells << halvings : one.cells;
+        return error_of(
+            joined(joined(free ? free_walls : Settings{}, one.scheme),
+                   {fmt::format("scheme.step={}", one.step / (1 << halvings)), fmt::format("grid.x.cells={}", cells)}));
+      };
+      const double whole = error(0), half = error(1), quarter = error(2);
+      INFO("errors " << whole << ", " << half << ", " << quarter);
+      CHECK(std::log2(whole / half) == Approx(one.order).margin(0.3));
+      CHECK(std::log2(half / quarter) == Approx(one.order).margin(0.3));
+    }
+  }
+  // The twin: the other wall turns the kink into what it is not.
+  CHECK(error_of({"grid.x.left=free"}) > 0.5);
+}
+
+TEST_CASE("walls are the middle of a ring of mirrors") {
+  const Folder folder;
+  for (const char* scheme : {"leapfrog", "fourier", "splitting"}) {
+    INFO(scheme);
+    const Settings settings = {fmt::format("scheme.lagrangian={}", scheme), "grid.x.cells=64"};
+    const Settings between = joined(joined(free_walls, settings), {});
+    const std::string ring = with(with(collision, ", left = \"fixed\", right = \"free\"", ""),
+                                  "from = 0, to = 16, cells = 80", "from = -16, to = 16, cells = 128");
+    Settings whole = joined(Settings(free_walls.begin() + 1, free_walls.end()), settings);
+    whole.back() = "grid.x.cells=128";
+    static_cast<void>(
+        run(parse_problem(collision, "a.toml", between), {.output = folder / "a.h5", .overwrite = true, .threads = 1}));
+    static_cast<void>(
+        run(parse_problem(ring, "b.toml", whole), {.output = folder / "b.h5", .overwrite = true, .threads = 1}));
+    const std::vector<double> a = last_row(record::Reader(folder / "a.h5"), "/states/u");
+    std::vector<double> b = last_row(record::Reader(folder / "b.h5"), "/states/u");
+    REQUIRE(a.size() == 65);
+    b.erase(b.begin(), b.begin() + 64);
+    b.push_back(last_row(record::Reader(folder / "b.h5"), "/states/u").front());
+    // 40 steps, each solved to some roundings of numbers of 6.
+    CHECK(largest_distance(a, b) < 1e-11);
+    // The twin: a node further on.
+    std::ranges::rotate(b, b.begin() + 1);
+    CHECK(largest_distance(a, b) > 0.01);
+  }
+}
+
+TEST_CASE("the energy law between walls holds to rounding with variable levels") {
+  for (const char* scheme : {"leapfrog", "fourier", "splitting"}) {
+    for (const bool free : {false, true}) {
+      INFO(scheme << (free ? ", free" : ", fixed"));
+      const Outcome outcome = outcome_of(
+          joined(free ? free_walls : Settings{}, {fmt::format("scheme.lagrangian={}", scheme), "scheme.levels=variable",
+                                                  "scheme.step=0.02", "scheme.until=8", "grid.x.cells=128"}));
+      CHECK(outcome.statistics.relative_energy_deviation().value() < 1e-13);
+      // The energy of one kink, 8γ, of which the lattice makes an error of the order of Δx².
+      CHECK(outcome.statistics.node_energy.initial == Approx(8.0 / std::sqrt(0.75)).epsilon(2e-3));
+      // The force of the wall turns the momentum, 8γc, round; at the start the kink and its mirror still overlap.
+      REQUIRE(outcome.statistics.totals.size() == 1);
+      CHECK(outcome.statistics.totals.front().name == "momentum_balance");
+      CHECK(outcome.statistics.totals.front().value.max() == Approx(8.0 / std::sqrt(0.75)).epsilon(0.15));
+    }
+  }
+  // The twin: of the whole ring.
+  const Outcome ring =
+      outcome_of(joined(Settings(free_walls.begin() + 1, free_walls.end()), {"scheme.lagrangian=fourier"}),
+                 with(with(collision, ", left = \"fixed\", right = \"free\"", ""), "from = 0,", "from = -16,"));
+  CHECK(ring.statistics.node_energy.initial == Approx(16.0 / std::sqrt(0.75)).epsilon(2e-3));
+  CHECK(ring.statistics.totals.front().name == "momentum");
+}
+
+TEST_CASE("local laws between walls are those of the ring") {
+  for (const char* scheme : {"leapfrog", "fourier", "splitting"}) {
+    INFO(scheme);
+    const Settings settings = {fmt::format("scheme.lagrangian={}", scheme), "grid.x.cells=64"};
+    const Outcome between = outcome_of(joined(free_walls, settings));
+    Settings whole = joined(Settings(free_walls.begin() + 1, free_walls.end()), settings);
+    whole.back() = "grid.x.cells=128";
+    const Outcome ring = outcome_of(
+        whole, with(with(collision, ", left = \"fixed\", right = \"free\"", ""), "from = 0,", "from = -16,"));
+    for (std::size_t law = 0; law < 2; ++law) {
+      const double here = between.statistics.residuals[law].value.max, there = ring.statistics.residuals[law].value.max;
+      // Rounding of a residual is that of densities over the step or the spacing. One-sided differences look another
+      // way in a mirror, so that the ring may have the largest residual there.
+      CHECK(here < there + 1e-10);
+      CHECK(here > (std::string(scheme) == "leapfrog" ? 0.9 * there : there - 1e-10));
+    }
+  }
+}
+
+TEST_CASE("momentum and the force on both walls balance with the local residuals") {
+  // Δx Σ_i r_i = (P_{k+1} - P_k)/h + F_N - F_0 over the cells, P = -Δx Σ (δ⁻z)ᵀM₊z, F = S(z̄) + (D_t z)ᵀM₊z̄ at a node.
+  const Folder folder;
+  const Problem problem =
+      parse_problem(collision, "walls.toml", Settings{"laws.fields=true", "scheme.until=0", "output.every=1"});
+  static_cast<void>(run(problem, {.output = folder / "a.h5", .threads = 1}));
+  const record::Reader reader(folder / "a.h5");
+  const MultisymplecticSystem system = make_system(problem);
+  const Eigen::MatrixXd& plus = system.structure().M_plus;
+  const std::size_t nodes = 81, levels = reader.read("/states/t").size();
+  const double dx = 0.2, h = 0.1;
+  std::vector<std::vector<double>> fields;
+  for (const std::string& name : system.fields()) {
+    fields.push_back(reader.read("/states/" + name));
+  }
+  const std::vector<double> residuals = reader.read("/laws/fields/momentum_balance");
+  const auto at = [&](std::size_t level, std::size_t node) {
+    return Eigen::Vector3d(fields[0][level * nodes + node], fields[1][level * nodes + node],
+                           fields[2][level * nodes + node]);
+  };
+  const auto momentum = [&](std::size_t level) {
+    double sum = 0.0;
+    for (std::size_t node = 1; node < nodes; ++node) {
+      sum -= (at(level, node) - at(level, node - 1)).dot(plus * at(level, node));
+    }
+    return sum;
+  };
+  const auto force = [&](std::size_t level, std::size_t node) {
+    const Eigen::Vector3d mean = 0.5 * (at(level, node) + at(level + 1, node));
+    const double S = (mean(1) * mean(1) - mean(2) * mean(2)) / 2.0 + 1.0 - std::cos(mean(0));
+    return S + ((at(level + 1, node) - at(level, node)) / h).dot(plus * mean);
+  };
+  double impulse = 0.0;
+  for (std::size_t level = 0; level + 1 < levels; ++level) {
+    double sum = 0.0;
+    for (std::size_t node = 1; node < nodes; ++node) {
+      sum += dx * residuals[(level + 1) * nodes + node];
+    }
+    const double change = (momentum(level + 1) - momentum(level)) / h;
+    const double forces = force(level, nodes - 1) - force(level, 0);
+    // Rounding of momenta of 5 over h, and of 80 residuals of the same.
+    CHECK(std::abs(sum - change - forces) < 1e-11);
+    impulse += h * std::abs(forces);
+  }
+  // The twin: without the forces nothing balances.
+  CHECK(impulse > 3.0);
+}
+
+TEST_CASE("a square drum, and a strip between walls in one direction, sound as they should") {
+  const std::string drum = R"toml(
+[multisymplectic]
+fields = ["u", "v", "a", "b"]
+M = [["u", "v", -1]]
+K.x = [["u", "a", 1]]
+K.y = [["u", "b", 1]]
+S = "(v^2 - a^2 - b^2)/2 + 1 - cos(u)"
+[grid]
+x = { from = 0, to = 1, cells = 8, left = "fixed", right = "fixed" }
+y = { from = 0, to = 1, cells = 8, left = "fixed", right = "fixed" }
+[parameters]
+kx = "2*pi"
+ky = "pi"
+e = 1e-5
+[initial]
+u = "e*sin(kx*x)*sin(ky*y)"
+v = "0"
+[exact]
+u = "e*sin(kx*x)*sin(ky*y)*cos(sqrt(1 + kx^2 + ky^2)*t)"
+[scheme]
+lagrangian = "leapfrog"
+levels = "fixed"
+step = 0.04
+until = 1
+)toml";
+  // So little that the sine adds e³ = 1e-15.
+  const Settings strip = {"grid.x.left=free", "grid.x.right=free", "initial.u=e*cos(kx*x)*sin(ky*y)",
+                          "exact.u=e*cos(kx*x)*sin(ky*y)*cos(sqrt(1 + kx^2 + ky^2)*t)"};
+  const std::string ring = with(drum, "cells = 8, left = \"fixed\", right = \"fixed\" }\ny", "cells = 8 }\ny");
+  for (const int kind : {0, 1, 2}) {
+    const auto error = [&](int halvings) {
+      return error_of(joined(kind == 1 ? strip : Settings{}, {fmt::format("scheme.step={}", 0.04 / (1 << halvings)),
+                                                              fmt::format("grid.x.cells={}", 8 << halvings),
+                                                              fmt::format("grid.y.cells={}", 8 << halvings)}),
+                      kind == 2 ? ring : drum);
+    };
+    const double whole = error(0), half = error(1), quarter = error(2);
+    INFO("kind " << kind << ": errors " << whole << ", " << half << ", " << quarter);
+    CHECK(std::log2(whole / half) == Approx(2.0).margin(0.3));
+    CHECK(std::log2(half / quarter) == Approx(2.0).margin(0.3));
+  }
+}
+
+TEST_CASE("records between walls have both ends; check, resume and output know of them") {
+  const Folder folder;
+  for (const char* scheme : {"leapfrog", "fourier", "splitting"}) {
+    INFO(scheme);
+    const Settings settings = {fmt::format("scheme.lagrangian={}", scheme),
+                               "scheme.until=-0.5",
+                               "output.every=3",
+                               "output.times=[-1.3333]",
+                               "output.quantities={ there = { formula = \"u\", at = { x = 1.234 } }, slope = "
+                               "\"integral(dx(u))\" }",
+                               "laws.fields=true"};
+    static_cast<void>(run(parse_problem(collision, "walls.toml", settings),
+                          {.output = folder / "a.h5", .overwrite = true, .threads = 1}));
+    const record::Reader reader(folder / "a.h5");
+    const std::vector<double> x = reader.read("/grid/x");
+    REQUIRE(x.size() == 81);
+    CHECK(x.back() == 16.0);
+    CHECK(reader.read("/grid/x_cell").size() == 80);
+    // ∫u_x is u at the right end, 2π but for 1e-4; the trapezium errs by the square of the spacing.
+    CHECK(reader.read("/output/quantities/slope").front() == Approx(6.28318).margin(0.02));
+    const double g = 1.0 / std::sqrt(0.75);
+    CHECK(reader.read("/output/quantities/there").front() ==
+          Approx(4.0 * std::atan(0.5 * std::sinh(g * 1.234) / std::cosh(0.5 * g * 1.3333))).margin(0.02));
+    CHECK(check(folder / "a.h5").status == ExitStatus::done);
+    static_cast<void>(run(parse_problem(collision, "walls.toml", joined(settings, {"scheme.until=-1.2"})),
+                          {.output = folder / "part.h5", .overwrite = true, .threads = 1}));
+    static_cast<void>(resume(folder / "part.h5", -0.5));
+    CHECK(record::Reader(folder / "part.h5").read("/levels/node_energy") == reader.read("/levels/node_energy"));
+    CHECK(last_row(record::Reader(folder / "part.h5"), "/states/u") == last_row(reader, "/states/u"));
+  }
+  falsify(folder / "a.h5", "/states/u", 100, 1e-9);
+  CHECK(check(folder / "a.h5").status == ExitStatus::contradiction);
+}
+
+TEST_CASE("data that do not meet a wall are reported with their size, or refused") {
+  const auto cautions = [](const Settings& settings) {
+    const std::vector<std::string> all = make_lattice(parse_problem(collision, "walls.toml", settings)).cautions();
+    return all.empty() ? std::string() : all.front();
+  };
+  CHECK(cautions({}).empty());
+  CHECK_THAT(cautions({"initial.u=4*atan(c*sinh(g*x)/cosh(g*c*t)) + 0.01*exp(-x)"}),
+             Contains("misses by 0.01") && Contains("x = 0"));
+  CHECK_THAT(cautions({"initial.u=4*atan(c*sinh(g*x)/cosh(g*c*t)) + 0.1*sin(x)"}),
+             Contains("slope of u") && Contains("x = 16"));
+  CHECK_THAT(refusal({"initial.v=cos(x)"}), Contains("v is up to 1") && Contains("holds it at 0"));
+  CHECK_THAT(refusal({"grid.x.right=fixed"}), Contains("x = 16") && Contains("meet the wall"));
+}
+
+TEST_CASE("walls are refused where they cannot be, with place, reason and remedy") {
+  CHECK(refusal({}).empty());
+  CHECK_THAT(refusal({"grid.x.left=periodic"}), Contains("left") && Contains("fixed"));
+  CHECK_THAT(refusal({}, with(collision, "left = \"fixed\", ", "")), Contains("walls.toml:11:") && Contains("left"));
+  CHECK_THAT(refusal({}, with(collision, "\"fixed\"", "{ u = \"sin(t)\" }")), Contains("depends on t"));
+  CHECK_THAT(refusal({"grid.x.jump.u=2*pi"}), Contains("jump"));
+  CHECK_THAT(refusal({"scheme.frame.velocity=0.5"}), Contains("walls"));
+  for (const char* scheme : {"box", "euler-box"}) {
+    CHECK_THAT(refusal({fmt::format("scheme.lagrangian={}", scheme), "grid.x.cells=81"}),
+               Contains("has no walls") && Contains("fourier"));
+  }
+  CHECK_THAT(refusal({"scheme.lagrangian=custom", std::string(stated_action) + " + (u_00*u_11 - u_01*u_10)/9"}),
+             Contains("mirror") && Contains("L"));
+  CHECK_THAT(refusal({"scheme.lagrangian=custom", std::string(stated_action) + " + w_00*w_01"}),
+             Contains("w has none"));
+  CHECK_THAT(refusal({}, with(collision, "1 - cos(u)", "u^2/2 + u^3/3")), Contains("u^3") && Contains("fixed"));
+  CHECK_THAT(
+      refusal({}, with(collision, "K.x = [[\"u\", \"w\", 1]]", "K.x = [[\"u\", \"w\", 1], [\"u\", \"v\", 0.5]]")),
+      Contains("mirror") && Contains("couple"));
+}
