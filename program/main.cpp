@@ -25,6 +25,7 @@
 
 #include "commands.hpp"
 #include "completion.hpp"
+#include "manual.hpp"
 #include "probe.hpp"
 #include "report_command.hpp"
 #include "signals.hpp"
@@ -159,6 +160,7 @@ public:
     CLI::App& help = *app_.add_subcommand("help", "Explain formulas, problem files, a table of one or a command");
     help.add_option("topic", name_, "formulas, problem, table, a table of a problem file such as scheme, or a command")
         ->option_text("TOPIC");
+    help.add_flag("--man", man_, "Print the manual page, for man -l");
     help.footer(
         "Examples:\n  rubato help formulas   functions, operators, names\n  rubato help problem    every key of a "
         "problem file\n  rubato help scheme     every key of one of its tables\n  rubato help table      every line "
@@ -202,6 +204,10 @@ public:
       return *status;
     }
     if (app_.got_subcommand("help")) {
+      if (man_) {
+        rubato::program::print(rubato::program::manual(app_));
+        return ExitStatus::done;
+      }
       return help();
     }
     if (app_.got_subcommand("completion")) {
@@ -436,7 +442,7 @@ private:
   rubato::program::ReportCommands reports_;
   std::string name_, records_;
   std::vector<std::string> show_settings_;
-  bool form_ = false;
+  bool form_ = false, man_ = false;
   std::string form_style_ = "text";
 };
 

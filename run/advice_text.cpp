@@ -62,7 +62,7 @@ std::string row_of_scheme(std::string_view number, std::size_t width, const Advi
   std::string row =
       fmt::format("  {:>2}  {:<{}}  {:<8}", number, label_of_scheme(scheme), width, levels_of_scheme(scheme));
   if (!scheme.failure.empty()) {
-    return row + "  " + scheme.failure.substr(0, scheme.failure.find(';')) + "\n";
+    return row + "  " + scheme.failure.substr(0, scheme.failure.find_first_of(";\n")) + "\n";
   }
   const auto number_text = [](const std::optional<double>& value) {
     return !value ? std::string() : *value == 0.0 ? "rounding" : fmt::format("{:.2g}", *value);
@@ -139,7 +139,7 @@ std::string to_table(const Advice& advice) {
     table += row_of_scheme(scheme.cost ? std::to_string(++number) : "-", width, scheme);
   }
   for (const auto& [method, reason] : advice.refused) {
-    table += fmt::format("  not {}: {}\n", unquoted(method), reason);
+    table += fmt::format("  not {}: {}\n", unquoted(method), reason.substr(0, reason.find('\n')));
   }
   for (std::size_t i = 0; i < std::min(number, shown); ++i) {
     table += fmt::format("  {}, in [scheme]:\n{}", i + 1, lines_of_scheme(advice.schemes[i], advice.present));

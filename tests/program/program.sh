@@ -510,6 +510,14 @@ case $case_name in
       run help "$table"
       expect 0 "[$table]"
     done
+    run help --man
+    expect 0 '.TH RUBATO 1'
+    cp out manual
+    for command in $("$rubato" --help | awk '/^Subcommands:/ { inside = 1; next } /^$/ { inside = 0 } inside { print $1 }'); do
+      check "the manual page has $command" grep -qx ".SS rubato $command" manual
+    done
+    check "and no command that is not there" test "$(grep -c '^.SS rubato ' manual)" -eq "$(grep -c . <("$rubato" --help | awk '/^Subcommands:/ { inside = 1; next } /^$/ { inside = 0 } inside'))"
+    check "no text of it is a request" test -z "$(grep -E "^[.']" manual | grep -vE '^\.(TH|SH|SS|TP|PP|nf|fi)( |$)')"
     run help scheme
     expect 0 'step_potential'
     check "of one table alone" test -z "$(grep -F '[output]' out)"
