@@ -30,6 +30,8 @@ constexpr double largest_change = 6.0;
 constexpr double aimed_part = 0.6, least_part = 0.1;
 /// Of fewer steps in a trial no order is seen.
 constexpr double fewest_steps = 10.0;
+/// The largest factor of the cells to extrapolate to: rough data need more, and other means.
+constexpr double most_refinement = 32.0;
 /// The range of a target that follows from the problem's own error.
 constexpr double least_target = 1e-10, most_target = 1e-3;
 
@@ -302,6 +304,11 @@ private:
     }
     const double factor = extrapolated_factor(last_.of_step), coarser = extrapolated_factor(last_.of_grid);
     const double step = in_three_digits(std::abs(scheme.step) * factor);
+    if (coarser * most_refinement < 1.0) {
+      scheme.failure = fmt::format("the error of the grid, {:.2g}, falls by order {:.1f} only", last_.of_grid.error,
+                                   last_.of_grid.order.value_or(0.0));
+      return found;
+    }
     found.problem = trials_.with(variant_, step, last_refinement_ / coarser);
     found.stages = variant_.stages * last_.steps / factor * numbers_of(found.problem);
     scheme.measured = false;
