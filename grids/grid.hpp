@@ -44,9 +44,10 @@ private:
   [[nodiscard]] double folded(double place) const;
 };
 
-/// A grid in 1 to 3 dimensions, each direction periodic or between walls. Nodes are numbered with the first axis fastest: node (i, j, k) of axes x, y, z
-/// is i + n_x (j + n_y k), so that an array of nodes is [z][y][x] in C order. A periodic grid has as many cells as
-/// nodes; cell (i, j, k) has the node (i, j, k) as its lower corner and carries its number.
+/// A grid in 1 to 3 dimensions, each direction periodic or between walls. Nodes are numbered with the first axis
+/// fastest: node (i, j, k) of axes x, y, z is i + n_x (j + n_y k), so that an array of nodes is [z][y][x] in C order. A
+/// periodic grid has as many cells as nodes; cell (i, j, k) has the node (i, j, k) as its lower corner and carries its
+/// number.
 class Grid {
 public:
   /// Throws std::invalid_argument (naming axis and values) unless there are 1 to 3 axes with different names, from < to

@@ -428,7 +428,7 @@ class Memory(unittest.TestCase):
         k = np.pi / 2
         line = string(lambda x: np.sin(np.asarray(x) * k))
         self.assertEqual(line.shape, (33,))
-        r = rb.integrate(line, (0, 1), step=0.02, lagrangian="fourier", levels="fixed")
+        r = rb.integrate(line, (0, 1), step=0.02, scheme="fourier", levels="fixed")
         self.assertTrue(r.success)
         np.testing.assert_allclose(r["x"], np.linspace(0, 1, 33), atol=1e-15)
         # The midpoint rule turns the wave by an angle that is off by (omega h)^2/12 of itself.
@@ -437,7 +437,7 @@ class Memory(unittest.TestCase):
         self.assertIn("momentum_balance_max", r.laws)
         # The twin: a string that its wall does not hold.
         with self.assertRaisesRegex(ValueError, "meet the wall"):
-            rb.integrate(string(lambda x: np.cos(np.asarray(x) * k)), (0, 1), step=0.02, lagrangian="fourier")
+            rb.integrate(string(lambda x: np.cos(np.asarray(x) * k)), (0, 1), step=0.02, scheme="fourier")
 
     def test_lattices(self):
         r = rb.run("sine-gordon", until=0.5)
