@@ -24,7 +24,7 @@ int main() {
   }
 
   // The level equation is solved to 1e-13 relative; equal steps of 0.1 leave h²/8·ΔΓ ≈ 1e-2/8·3 ≈ 4e-3 in the discrete
-  // energy, far above. So the first holds the law and the second does not, and the node energy strays by no more than
+  // energy, far above. So the first holds the law and the second does not, and the node energy deviates by no more than
   // that same h²/8·ΔΓ (theory, section 3) in both.
   const bool as_expected = variable.status == rubato::Status::success && fixed.status == rubato::Status::success &&
                            variable.discrete_energy_deviation() <= 1e-13 && fixed.discrete_energy_deviation() > 1e-6 &&

@@ -153,7 +153,7 @@ std::vector<std::string> Statistics::undefined_quantities() const {
     if (value.undefined > 0.0) {
       sentences.push_back(fmt::format(
           "the residual of {} has no value in {:.0f} of {:.0f} cells (of all steps together): a formula left its "
-          "domain there; what is told of it is of the other cells",
+          "domain there; its figures are of the other cells",
           name, value.undefined, value.count()));
     }
   }

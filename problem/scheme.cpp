@@ -468,7 +468,7 @@ private:
       if (parameters_.find(name) != nullptr) {
         throw ProblemError(
             entry->location,
-            fmt::format("L cannot tell the parameter {0} from the {0} of a cell; rename the parameter", name));
+            fmt::format("the name {0} means a parameter and a value of the cell in L; rename the parameter", name));
       }
     }
     const FormulaText text = read_formula(entry->value, "L");
@@ -530,9 +530,10 @@ private:
     std::vector<std::string> names = custom_lagrangian_names(*problem_.hamiltonian());
     for (const std::string& name : names) {
       if (parameters_.find(name) != nullptr) {
-        throw ProblemError(location, fmt::format("L cannot tell the parameter {0} from the {0} of a step; rename the "
-                                                 "parameter",
-                                                 name));
+        throw ProblemError(location,
+                           fmt::format("the name {0} means a parameter and a value of the step in L; rename the "
+                                       "parameter",
+                                       name));
       }
     }
     return names;

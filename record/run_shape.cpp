@@ -153,7 +153,7 @@ private:
                               : name == "quantities" ? "quantity"
                                                      : "";
     if (info.shape.size() != (along.empty() ? 1U : 2U) || (!along.empty() && info.dimensions[1] != along)) {
-      refuse(info.path, "does not have the shape of what is told of crossings");
+      refuse(info.path, "does not have the shape of a dataset of crossings");
     }
     if (!along.empty()) {
       require_scale(info, 1);

@@ -132,7 +132,7 @@ private:
         fmt::join(kept, ", and "), recomputed, levels.steps(),
         levels.rows_every > 1
             ? "extremes, means and counts are of all steps, as the checkpoint has them: the rows lie within them"
-            : "what the record tells of the others was compared with its checksums only");
+            : "the others were compared with their checksums only");
   }
 
   /// Steps that were not found again from their states: whether the run taken again leads there, to the bit. If that

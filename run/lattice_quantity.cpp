@@ -22,8 +22,9 @@ void refuse_midpoints(const formula::Graph& graph, formula::Expression formula, 
     }
     const auto found = std::ranges::find(system.fields(), name);
     if (found != system.fields().end() && system.structure().at_midpoints(system.field(name))) {
-      throw ProblemError(quantity.formula.location,
-                         fmt::format("{} exists in the middle of steps only, and quantities are told at times", name));
+      throw ProblemError(
+          quantity.formula.location,
+          fmt::format("{} exists in the middle of steps only, and a quantity needs its value at a level", name));
     }
   }
 }

@@ -140,8 +140,8 @@ class EnsembleResult:
         return {**self.__dict__, "_runs": None}
 
 
-def integrate_many(system, initial, t_span, *, events, threads, tell, common) -> EnsembleResult:
-    """Integrates from each of the states; `tell` is called with the number of those that are done."""
+def integrate_many(system, initial, t_span, *, events, threads, tick, common) -> EnsembleResult:
+    """Integrates from each of the states; `tick` is called with the number of those that are done."""
     states = np.asarray(initial)
     if states.dtype == object or states.dtype.kind not in "fiu":
         raise TypeError(f"initial takes real numbers, and not {states.dtype}")
@@ -161,11 +161,11 @@ def integrate_many(system, initial, t_span, *, events, threads, tell, common) ->
     is_plain = isinstance(system, Hamiltonian) and len(problem.q + problem.p) == len(names)
     is_splitting = common["scheme"] == "splitting" and common["levels"] == "fixed"
     if is_plain and is_splitting and not (has_times or events):
-        numbers = _core.ends(problem, states, threads, tell)
+        numbers = _core.ends(problem, states, threads, tick)
         return EnsembleResult(system, problem, states, threads, numbers=numbers)
     if not has_times:
         problem = build(system, states[0], t_span, events=events, **dict(common, every=1_000_000_000))
-    runs = _core.ManyRuns(problem, names, states, threads, tell)
+    runs = _core.ManyRuns(problem, names, states, threads, tick)
     result = EnsembleResult(system, problem, states, threads, runs, stored="/states/" if has_times else "",
                             event_names=[event.name for event in events])
     if common["t_eval"] is not None:

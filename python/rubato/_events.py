@@ -22,7 +22,7 @@ class Event:
         Ends the run with the step of the first crossing, or of that number.
     reset : callable, optional
         Of an orbit: ``reset(t, y)`` returns the state to go on from, in the form of `initial`, or None to end there.
-        The run goes on from the crossing with a discrete energy of its own. A body that bounces back within one step
+        The run continues from the crossing with a discrete energy of its own. A body that bounces back within one step
         falls through.
     quantities : list, optional
         Formulas that are stored at each crossing.

@@ -101,10 +101,10 @@ def _finish(result: Result) -> Result:
 def _run(problem, *, file=None, overwrite=False, threads=0, progress=None, tangents=False, names=()) -> Result:
     threads = threads_of(threads)
     if file is None and not problem.is_ensemble:
-        ending, rows = _with_progress(progress, lambda tell: _core.run_in_memory(problem, tangents, threads, tell))
+        ending, rows = _with_progress(progress, lambda tick: _core.run_in_memory(problem, tangents, threads, tick))
         return Result(_core.Memory(rows), problem, ending, names=names)
     path = path_of(file)
-    ending = _with_progress(progress, lambda tell: _core.run(problem, path, overwrite, tangents, threads, tell))
+    ending = _with_progress(progress, lambda tick: _core.run(problem, path, overwrite, tangents, threads, tick))
     if problem.is_ensemble:
         return _of_members(_core.Reader(path), ending, path)
     return Result(_core.Reader(path), problem, ending, file=path, names=names)
@@ -172,8 +172,8 @@ def integrate(system, initial=None, t_span=None, *, step=None, scheme=None, stag
     if isinstance(system, (Hamiltonian, Lagrangian)) and not isinstance(initial, dict) and np.ndim(initial) == 2:
         if file is not None:
             raise ValueError("an ensemble from an array stays in memory: leave out file, or use rubato.scan")
-        many = _with_progress(progress, lambda tell: integrate_many(system, initial, t_span, events=listed,
-                                                                    threads=threads, tell=tell, common=common))
+        many = _with_progress(progress, lambda tick: integrate_many(system, initial, t_span, events=listed,
+                                                                    threads=threads, tick=tick, common=common))
         return _finish_many(many)
     problem = build(system, initial, t_span, events=listed, **common)
     names = [event.name for event in listed]
@@ -296,7 +296,7 @@ def open(file) -> Result:
     result = Result(reader, problem, file=path)
     result.verdict = result.figures.get("verdict", "")
     if not reader.header["finished"]:
-        result.status, result.message = 130, "the run has not come to its end: rubato.resume goes on with it"
+        result.status, result.message = 130, "the run has not reached its end: rubato.resume continues it"
     return result
 
 
@@ -305,7 +305,7 @@ def resume(file, until=None, *, threads=0, progress=None) -> Result:
     """Continues a record from its last level, bit for bit as if it had never stopped, and returns its Result."""
     path = path_of(file)
     until = None if until is None else real(until, "until")
-    ending = _with_progress(progress, lambda tell: _core.resume(path, until, threads_of(threads), tell))
+    ending = _with_progress(progress, lambda tick: _core.resume(path, until, threads_of(threads), tick))
     reader = _core.Reader(path)
     if reader.is_ensemble:
         return _finish(_of_members(reader, ending, path))
@@ -344,8 +344,8 @@ def scan(problem, values: dict, output=None, *, overwrite=False, settings=None, 
     grid = [f"ensemble.grid.{path}={_toml.value_text(these)}" for path, these in values.items()]
     read = _problem_of(problem, overrides, [*(settings or ()), *grid], "scan")
     with _Place(output) as place:
-        ending = _with_progress(progress, lambda tell: _core.run(read, place, overwrite or output is None, False,
-                                                                 threads_of(threads), tell))
+        ending = _with_progress(progress, lambda tick: _core.run(read, place, overwrite or output is None, False,
+                                                                 threads_of(threads), tick))
         return _finish(_of_members(_core.Reader(place), ending, None if output is None else place))
 
 
@@ -383,7 +383,7 @@ def converge(problem, tolerance=None, *, settings=None, threads=0, progress=None
     read = _problem_of(problem, overrides, settings, "converge")
     if tolerance is not None and real(tolerance, "tolerance") <= 0:
         raise ValueError(f"tolerance is above 0, and not {tolerance!r}")
-    ending = _with_progress(progress, lambda tell: _core.converge(read, tolerance, threads_of(threads), tell))
+    ending = _with_progress(progress, lambda tick: _core.converge(read, tolerance, threads_of(threads), tick))
     return Summary(ending.table, ending.json, status=ending.status, message=ending.message, warnings=ending.warnings)
 
 
@@ -400,7 +400,7 @@ def solve(problem, conditions=None, output=None, *, overwrite=False, settings=No
         The record to write; in memory otherwise.
     settings, **overrides : as of run()
 
-    `success` tells whether there is a solution, `figures["solution"]` how the search went, and `solution` of a Result
+    `success` is True if there is a solution, `figures["solution"]` how the search went, and `solution` of a Result
     what is known of it: residuals, Floquet multipliers, conjugate points, the Morse index.
 
     Examples

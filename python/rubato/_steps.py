@@ -16,7 +16,7 @@ class Integrator(_core.Stepper):
     Parameters are those of integrate(), `events` too. Each step has `t`, `h`, `energy`, `events` (its crossings: `name`,
     `t`, `y`, `direction`, `quantities`) and, of an orbit, the state `y` (`q`, `p`) that it led to. In between the state
     may be read and assigned: ``integrator.y = ...``, ``integrator["x"] = ...``, of a lattice ``integrator["u"] = ...``.
-    The run goes on from a state that was assigned, at the same time and with the last step; it has a discrete energy of
+    The run continues from a state that is assigned, at the same time and with the last step; it has a discrete energy of
     its own.
 
     An event with `terminal` ends the steps; `stopped` is its name. One with `reset` ends its step at the crossing, with

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Holds every page, and the help of the program, against words.txt, and links against the files and headings that they
-# lead to. Usage: pages.sh RUBATO SOURCES [ANOTHER_PAGE]
+# Holds every page, and the help and the messages of the program, against words.txt; and every link against the file and
+# the heading that it leads to. Usage: pages.sh RUBATO SOURCES [ANOTHER_PAGE]
 set -euo pipefail
 rubato=$1
 sources=$2
@@ -14,6 +14,10 @@ for command in $(awk '/^Subcommands:/ { inside = 1; next } /^$/ { inside = 0 } i
   "$rubato" "$command" --help >"$folder/rubato-$command.md"
 done
 for topic in table problem formulas; do "$rubato" help "$topic" >"$folder/rubato-help-$topic.md"; done
+# Messages are text in quotes. Those with "bridge" name a key of earlier problem files, to say what to write now.
+for room in base formula grids solve variation ode pde ranks record figures catalogue problem run report program; do
+  { grep -rnHE --include='*.[ch]pp' -- '"' "$sources/$room" || true; } | { grep -vE '#include|bridge' || true; } >>"$folder/messages"
+done
 pages=("$sources"/*.md "$sources"/docs/*.md "$folder"/*.md "${@:3}")
 
 while read -r line; do
@@ -23,6 +27,9 @@ while read -r line; do
     found=${found#"$sources"/}
     fail "${found#"$folder"/}"$'\n'"  instead of \"$word\": ${reason#"${reason%%[! ]*}"}"
   done < <(grep -nHwE -- "$word" "${pages[@]}")
+  while IFS= read -r found; do
+    fail "${found#"$sources"/}"$'\n'"  instead of \"$word\": ${reason#"${reason%%[! ]*}"}"
+  done < <(grep -E -- "\"[^\"]*\b($word)\b[^\"]*\"" "$folder/messages")
 done <"$(dirname "${BASH_SOURCE[0]}")/words.txt"
 
 # The headings of a page as a browser names them: in small letters, without punctuation, with - for spaces.
