@@ -353,7 +353,7 @@ case $case_name in
     ;;
   advise)
     run advise pendulum --set scheme.until=5 --tolerance 1e-4
-    expect 0 'lagrangian = "splitting"'
+    expect 0 'splitting, composition = '
     check "at least three with a cost" grep -q '^   3 ' out
     sed -n '/^  1, in/,/^  2, in/s/^    //p' out >first.toml
     check "the lines are TOML for [scheme]" grep -q '^step = ' first.toml
